@@ -1,0 +1,66 @@
+//! Options with their units and defaults.
+
+use crate::error::{Error, Result};
+use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS};
+
+/// How a mesh is built.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BuildOptions {
+    /// Triangles per cluster, 16 to 128.
+    pub cluster_triangles: usize,
+    /// Vertices per cluster, 32 to 255.
+    pub cluster_vertices: usize,
+    /// Clusters a group aims at, 4 to 24. Groups may grow by a third to take in stragglers.
+    pub group_clusters: usize,
+    /// Weight of a unit of normal deviation against one mean edge length of distance.
+    pub normal_weight: f32,
+    /// Weight of a unit of colour (0 to 1) against one mean edge length of distance.
+    pub color_weight: f32,
+    /// Weight of a unit of UV against one mean edge length of distance.
+    pub uv_weight: f32,
+    /// Keep the map from level-0 triangles to rows of the caller's `faces`.
+    pub face_ids: bool,
+    /// Threads; 0 uses all cores. The result does not depend on it.
+    pub threads: usize,
+}
+
+impl Default for BuildOptions {
+    fn default() -> Self {
+        Self {
+            cluster_triangles: CLUSTER_MAX_TRIANGLES,
+            cluster_vertices: CLUSTER_MAX_VERTICES,
+            group_clusters: 16,
+            normal_weight: 0.5,
+            color_weight: 1.0,
+            uv_weight: 1.0,
+            face_ids: false,
+            threads: 0,
+        }
+    }
+}
+
+impl BuildOptions {
+    /// Checks every range; the error names the option.
+    pub fn validate(&self) -> Result<()> {
+        let range = |name: &'static str, value: usize, low: usize, high: usize| {
+            if (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                Err(Error::argument(name, format!("must be between {low} and {high}, not {value}")))
+            }
+        };
+        range("cluster_triangles", self.cluster_triangles, 16, CLUSTER_MAX_TRIANGLES)?;
+        range("cluster_vertices", self.cluster_vertices, 32, CLUSTER_MAX_VERTICES)?;
+        range("group_clusters", self.group_clusters, 4, GROUP_MAX_CLUSTERS * 3 / 4)?;
+        for (name, weight) in [
+            ("normal_weight", self.normal_weight),
+            ("color_weight", self.color_weight),
+            ("uv_weight", self.uv_weight),
+        ] {
+            if !(weight.is_finite() && weight >= 0.0) {
+                return Err(Error::argument(name, format!("must be finite and not negative, not {weight}")));
+            }
+        }
+        Ok(())
+    }
+}

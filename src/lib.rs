@@ -1,0 +1,12 @@
+//! Virtualized geometry: a mesh of any size becomes a cluster LOD DAG from which any view, any error or any
+//! triangle budget is a cheap, watertight cut, and a renderer whose cost follows the pixels.
+//!
+//! The map of the modules, their dependencies and the data flow is in `ARCHITECTURE.md`.
+
+pub mod config;
+pub mod error;
+pub mod limits;
+pub mod math;
+pub mod model;
+
+pub use error::{Error, Result};

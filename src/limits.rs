@@ -1,0 +1,28 @@
+//! Every constant that more than one stage, or Rust and WGSL, must agree on. One home each.
+
+/// Most triangles a cluster holds. A triangle's number inside its cluster takes [`TRIANGLE_BITS`].
+pub const CLUSTER_MAX_TRIANGLES: usize = 128;
+/// Most vertices a cluster holds, so that a corner is one byte and 255 stays free as a sentinel.
+pub const CLUSTER_MAX_VERTICES: usize = 255;
+/// Most clusters a group holds, so that a group always fits one page.
+pub const GROUP_MAX_CLUSTERS: usize = 32;
+/// Children of a hierarchy node.
+pub const NODE_WIDTH: usize = 8;
+
+/// Bytes of a page at most. A page holds whole groups of one level.
+pub const PAGE_MAX_BYTES: usize = 128 * 1024;
+/// Bits of a cluster address that number the slot inside its page; the rest number the page.
+pub const PAGE_SLOT_BITS: u32 = 8;
+/// Clusters of a page at most.
+pub const PAGE_MAX_CLUSTERS: usize = 1 << PAGE_SLOT_BITS;
+
+/// Sub-pixel bits of every rasterizer: vertices snap to 1/256 pixel.
+pub const SUBPIXEL_BITS: u32 = 8;
+/// Low bits of a visibility word: the triangle inside its cluster.
+pub const TRIANGLE_BITS: u32 = 7;
+/// Next bits of a visibility word: 1 + the index in the frame's visible list (0 is background).
+pub const VISIBLE_BITS: u32 = 25;
+
+const _: () = assert!(CLUSTER_MAX_TRIANGLES == 1 << TRIANGLE_BITS);
+const _: () = assert!(TRIANGLE_BITS + VISIBLE_BITS == 32);
+const _: () = assert!(GROUP_MAX_CLUSTERS <= PAGE_MAX_CLUSTERS);

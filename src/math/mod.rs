@@ -1,0 +1,11 @@
+//! Geometry without meshes: spheres, boxes, packing of directions, projection of errors.
+
+pub mod aabb;
+pub mod morton;
+pub mod octahedral;
+pub mod project;
+pub mod sphere;
+
+pub use aabb::Aabb;
+pub use project::{LodView, singular_value_bound};
+pub use sphere::Sphere;

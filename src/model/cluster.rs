@@ -1,0 +1,137 @@
+//! The packed cluster record and the streams it points at.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::limits::PAGE_SLOT_BITS;
+use crate::math::Sphere;
+
+/// Where a cluster lives: page number and slot in the page, in one word. The identity of a cluster.
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Pod, Zeroable)]
+pub struct ClusterAddress(pub u32);
+
+impl ClusterAddress {
+    /// Address of `slot` in `page`.
+    pub fn new(page: usize, slot: usize) -> Self {
+        debug_assert!(slot < 1 << PAGE_SLOT_BITS && page < 1 << (32 - PAGE_SLOT_BITS));
+        Self((page as u32) << PAGE_SLOT_BITS | slot as u32)
+    }
+
+    /// Page number.
+    pub fn page(self) -> usize {
+        (self.0 >> PAGE_SLOT_BITS) as usize
+    }
+
+    /// Slot in the page.
+    pub fn slot(self) -> usize {
+        (self.0 & ((1 << PAGE_SLOT_BITS) - 1)) as usize
+    }
+}
+
+/// One cluster as culling reads it: 16 words at the head of its page. All lengths in internal units.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct ClusterRecord {
+    /// Centre of the box and of the culling sphere.
+    pub center: [f32; 3],
+    /// Radius about `center` that holds every vertex, rounded up.
+    pub radius: f32,
+    /// Half extents of the box about `center`, rounded up.
+    pub extent: [f32; 3],
+    /// Backface cone: axis x, y, z and cutoff as signed bytes over 127. A cutoff of 127 never culls.
+    /// All triangles face away when dot(c − eye, axis) ≥ cutoff·|c − eye| + radius.
+    pub cone: [i8; 4],
+    /// Sphere at which `error` is projected: that of the group whose simplification made this cluster.
+    pub lod_sphere: Sphere,
+    /// Error of this cluster: −1 at level 0, positive above.
+    pub error: f32,
+    /// The group this cluster is a member of: it holds the parent error.
+    pub group: u32,
+    /// Number of vertices.
+    pub vertex_count: u8,
+    /// Number of triangles.
+    pub triangle_count: u8,
+    /// Times the surface was simplified to make this cluster; 0 is the source.
+    pub level: u8,
+    /// Zero.
+    pub reserved: u8,
+    /// Word offset of the streams from the start of the page.
+    pub data: u32,
+}
+
+/// Words of a [`ClusterRecord`].
+pub const RECORD_WORDS: usize = size_of::<ClusterRecord>() / 4;
+const _: () = assert!(RECORD_WORDS == 16);
+
+impl ClusterRecord {
+    /// Cone axis (not exactly unit) and cutoff.
+    pub fn cone(&self) -> ([f32; 3], f32) {
+        let [x, y, z, cutoff] = self.cone.map(|c| f32::from(c) / 127.0);
+        ([x, y, z], cutoff)
+    }
+}
+
+/// Which per-vertex streams a mesh carries, in the order in which they follow each other in a cluster:
+/// positions (3 × f32), normals (octahedral, 1 word), vertex identities (1 word), colours (RGBA8, 1 word),
+/// `uv_sets` × (2 × f32), then triangles (3 bytes each, padded to a word).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct AttributeLayout {
+    /// Vertex colours are present.
+    pub colors: bool,
+    /// Number of UV sets.
+    pub uv_sets: u8,
+}
+
+impl AttributeLayout {
+    /// Words per vertex.
+    pub fn vertex_words(self) -> usize {
+        5 + usize::from(self.colors) + 2 * usize::from(self.uv_sets)
+    }
+
+    /// Words of the streams of a cluster.
+    pub fn cluster_words(self, vertices: usize, triangles: usize) -> usize {
+        vertices * self.vertex_words() + (3 * triangles).div_ceil(4)
+    }
+}
+
+/// The streams of one cluster, borrowed from its page.
+#[derive(Clone, Copy, Debug)]
+pub struct ClusterGeometry<'a> {
+    /// Positions in internal units.
+    pub positions: &'a [[f32; 3]],
+    /// Octahedral normals, see [`crate::math::octahedral`].
+    pub normals: &'a [u32],
+    /// Vertex identities: two clusters share a vertex exactly when the identities are equal.
+    pub ids: &'a [u32],
+    /// RGBA8 colours, red in the low byte; empty when the mesh has none.
+    pub colors: &'a [[u8; 4]],
+    /// UV sets, one after the other; empty when the mesh has none.
+    pub uvs: &'a [[f32; 2]],
+    /// Corners of each triangle, counter-clockwise seen from the front.
+    pub triangles: &'a [[u8; 3]],
+}
+
+impl<'a> ClusterGeometry<'a> {
+    /// Splits the words of a cluster into its streams.
+    pub fn new(words: &'a [u32], layout: AttributeLayout, vertices: usize, triangles: usize) -> Self {
+        let (positions, rest) = words.split_at(3 * vertices);
+        let (normals, rest) = rest.split_at(vertices);
+        let (ids, rest) = rest.split_at(vertices);
+        let (colors, rest) = rest.split_at(if layout.colors { vertices } else { 0 });
+        let (uvs, rest) = rest.split_at(2 * usize::from(layout.uv_sets) * vertices);
+        let bytes: &[u8] = bytemuck::cast_slice(rest);
+        Self {
+            positions: bytemuck::cast_slice(positions),
+            normals,
+            ids,
+            colors: bytemuck::cast_slice(colors),
+            uvs: bytemuck::cast_slice(uvs),
+            triangles: bytemuck::cast_slice(&bytes[..3 * triangles]),
+        }
+    }
+
+    /// The corners of triangle `t`.
+    pub fn corners(&self, t: usize) -> [[f32; 3]; 3] {
+        self.triangles[t].map(|v| self.positions[usize::from(v)])
+    }
+}

@@ -1,0 +1,137 @@
+//! The whole of a built mesh.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
+use super::hierarchy::Node;
+use super::page::Pages;
+use super::report::BuildReport;
+use crate::math::{Aabb, Sphere};
+
+/// Clusters that are simplified together. A cluster is drawn when its group's error projects above the
+/// threshold and its own does not: see [`super::rule`].
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Group {
+    /// Encloses the LOD spheres of the members; the clusters made from this group inherit it.
+    pub lod_sphere: Sphere,
+    /// The parent error of the members: the error of what was made from this group; +∞ where nothing was.
+    pub error: f32,
+    /// Address of the first member; members are consecutive in one page.
+    pub first: ClusterAddress,
+    /// Number of members.
+    pub count: u32,
+    /// Round of grouping, 0 for the finest.
+    pub level: u32,
+    /// Centre of the box around the members.
+    pub center: [f32; 3],
+    /// Half extents of that box, rounded up.
+    pub extent: [f32; 3],
+    /// Zero.
+    pub reserved: [u32; 2],
+}
+
+const _: () = assert!(size_of::<Group>() == 64);
+
+impl Group {
+    /// Addresses of the members.
+    pub fn members(&self) -> impl Iterator<Item = ClusterAddress> + use<> {
+        let first = self.first.0;
+        (0..self.count).map(move |i| ClusterAddress(first + i))
+    }
+}
+
+/// How the mesh's internal space sits in the caller's: object = `origin` + `scale` · internal.
+///
+/// `scale` is a power of two, so that it changes no mantissa; `origin` is zero unless the source positions
+/// need more than f32.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Frame {
+    /// Position of the internal origin, object units.
+    pub origin: [f64; 3],
+    /// Object units per internal unit, a power of two.
+    pub scale: f64,
+    /// Largest distance, object units, by which storing a source position in f32 moved it, rounded up.
+    pub rounding: f64,
+}
+
+impl Frame {
+    /// Object-space position, exact for f32 sources.
+    pub fn to_object(&self, p: [f32; 3]) -> [f64; 3] {
+        std::array::from_fn(|k| self.origin[k] + self.scale * f64::from(p[k]))
+    }
+
+    /// True when object positions are exactly representable as f32.
+    pub fn is_f32(&self) -> bool {
+        self.origin == [0.0; 3] && self.rounding == 0.0
+    }
+}
+
+/// A cluster DAG with its culling hierarchy.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dag {
+    /// Internal to object space.
+    pub frame: Frame,
+    /// Internal box of the source surface.
+    pub bounds: Aabb,
+    /// All clusters.
+    pub pages: Pages,
+    /// All groups, coarsest level first, members in page order.
+    pub groups: Vec<Group>,
+    /// The hierarchy; node 0 is the root. Children have larger numbers than their parent.
+    pub nodes: Vec<Node>,
+    /// Number of vertex identities; identities are below it.
+    pub vertex_count: u32,
+    /// Triangles and vertices of the source after mending.
+    pub source_faces: u64,
+    /// Vertices of the source after welding.
+    pub source_vertices: u64,
+    /// For each level-0 triangle, in page order of the level-0 clusters, its row of the caller's `faces`;
+    /// only when asked for.
+    pub face_ids: Option<Vec<u32>>,
+    /// What building did.
+    pub report: BuildReport,
+}
+
+impl Dag {
+    /// Streams every cluster carries.
+    pub fn layout(&self) -> AttributeLayout {
+        self.pages.layout
+    }
+
+    /// One cluster's record.
+    pub fn record(&self, at: ClusterAddress) -> &ClusterRecord {
+        self.pages.record(at)
+    }
+
+    /// One cluster's streams.
+    pub fn geometry(&self, at: ClusterAddress) -> ClusterGeometry<'_> {
+        self.pages.geometry(at)
+    }
+
+    /// The group a cluster is a member of.
+    pub fn group_of(&self, at: ClusterAddress) -> &Group {
+        &self.groups[self.record(at).group as usize]
+    }
+
+    /// Number of clusters.
+    pub fn cluster_count(&self) -> usize {
+        self.pages.cluster_count()
+    }
+
+    /// Offset into `face_ids` of the first triangle of each dense cluster number (level 0 only; others hold
+    /// the offset they would have). One more entry than clusters.
+    pub fn face_id_offsets(&self) -> Vec<u32> {
+        let mut at = 0;
+        let mut offsets = Vec::with_capacity(self.cluster_count() + 1);
+        for address in self.pages.addresses() {
+            offsets.push(at);
+            let record = self.record(address);
+            if record.level == 0 {
+                at += u32::from(record.triangle_count);
+            }
+        }
+        offsets.push(at);
+        offsets
+    }
+}

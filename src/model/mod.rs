@@ -1,0 +1,16 @@
+//! The cluster DAG as plain data: what building writes, and what cutting, culling, raster and files read.
+//!
+//! Nothing here computes anything beyond addressing; the one exception is [`rule`], the rule of the cut.
+
+pub mod cluster;
+pub mod dag;
+pub mod hierarchy;
+pub mod page;
+pub mod report;
+pub mod rule;
+
+pub use cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
+pub use dag::{Dag, Frame, Group};
+pub use hierarchy::Node;
+pub use page::{PageEntry, Pages};
+pub use report::{BuildReport, LevelReport, StuckGroup, StuckReason};

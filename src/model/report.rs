@@ -1,0 +1,80 @@
+//! What a build did, in numbers.
+
+use serde::{Deserialize, Serialize};
+
+/// Why a group could not be simplified and its clusters wait for another round or stay roots.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StuckReason {
+    /// No step of the chain removed enough triangles.
+    TooFewCollapses,
+    /// Every result would have opened a crack to a neighbouring group.
+    BorderChanged,
+    /// Every result was empty.
+    Vanished,
+}
+
+/// A group that nothing was made from: its clusters are roots of the DAG.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StuckGroup {
+    /// Round of grouping.
+    pub level: u32,
+    /// Number of clusters.
+    pub clusters: u32,
+    /// Number of triangles.
+    pub triangles: u32,
+    /// Why.
+    pub reason: StuckReason,
+}
+
+/// One round of grouping.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LevelReport {
+    /// Clusters that entered the round.
+    pub clusters: u32,
+    /// Triangles in them.
+    pub triangles: u64,
+    /// Groups they were gathered into.
+    pub groups: u32,
+    /// Groups whose clusters went on to the next round unchanged.
+    pub retried: u32,
+    /// Groups simplified by each step of the chain: attributes, permissive, sloppy.
+    pub steps: [u32; 3],
+    /// Largest error made, object units.
+    pub max_error: f64,
+}
+
+/// Everything a build reports.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct BuildReport {
+    /// Faces given.
+    pub input_faces: u64,
+    /// Vertices given.
+    pub input_vertices: u64,
+    /// Faces dropped because two corners coincide.
+    pub degenerate_faces: u64,
+    /// Faces dropped because an identical face came before.
+    pub duplicate_faces: u64,
+    /// Vertices that no remaining face uses.
+    pub unreferenced_vertices: u64,
+    /// Vertices merged into a bit-identical one.
+    pub welded_vertices: u64,
+    /// Edges (by position) with more than two faces.
+    pub non_manifold_edges: u64,
+    /// Edges (by position) with one face.
+    pub border_edges: u64,
+    /// Given normals of zero length, replaced by computed ones.
+    pub mended_normals: u64,
+    /// Normals were computed.
+    pub computed_normals: bool,
+    /// Clusters of all levels.
+    pub clusters: u64,
+    /// Triangles of all levels.
+    pub triangles: u64,
+    /// Mean triangles per cluster over the most a cluster holds.
+    pub fill: f64,
+    /// One entry per round of grouping, finest first.
+    pub levels: Vec<LevelReport>,
+    /// Groups that stay roots besides the last one.
+    pub stuck: Vec<StuckGroup>,
+}
