@@ -8,5 +8,7 @@ pub mod error;
 pub mod limits;
 pub mod math;
 pub mod model;
+#[cfg(feature = "python")]
+mod python;
 
 pub use error::{Error, Result};

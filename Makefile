@@ -1,0 +1,113 @@
+# Each target sets up what it needs by itself, in .venv and target/, and does nothing twice.
+#
+#   make demo              build, cut and render a generated mesh into demo_output/
+#   make demo MESH=path    the same with a mesh of yours
+#   make test              cargo test, pytest, and the skipped tests with their reasons
+#   make test STRICT=1     fails when any test was skipped
+#   make lint              rustfmt, clippy, rustdoc, ruff, mypy, stubtest
+#   make bench             benchmarks/, Rust and Python
+#   make soak              the long property tests
+#   make clean             removes target/, .venv and what the targets wrote
+
+SHELL := bash
+.SHELLFLAGS := -euo pipefail -c
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+DEMO_OUTPUT ?= demo_output
+STRICT ?=
+MESH ?=
+PYTEST_ARGS ?=
+CARGO_TEST_ARGS ?=
+
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+RUST_SOURCES := $(shell find src shaders -type f 2>/dev/null) Cargo.toml Cargo.lock pyproject.toml
+REPORTS := target/test-reports
+
+export PYO3_PYTHON := $(abspath $(BIN)/python)
+export PYOPENGL_PLATFORM := osmesa
+
+.PHONY: help build demo test test-rust test-python lint fmt bench soak clean tools system
+
+help:
+	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
+
+# ---------------------------------------------------------------------------------------------- set-up
+
+# Rust, a C++ compiler (for meshoptimizer) and Python are all that a build needs.
+tools:
+	@tools/check-tools $(PYTHON)
+
+$(VENV)/.stamp-venv: | tools
+	@test -x $(BIN)/python || tools/make-venv $(PYTHON) $(VENV)
+	@touch $@
+
+$(VENV)/.stamp-build-requirements: requirements/build.txt $(VENV)/.stamp-venv
+	$(PIP) -r requirements/build.txt
+	@touch $@
+
+$(VENV)/.stamp-test-requirements: requirements/test.txt requirements/pyrender.txt $(VENV)/.stamp-build-requirements
+	$(PIP) -r requirements/test.txt
+	$(PIP) --no-deps -r requirements/pyrender.txt
+	@touch $@
+
+# The compiled module lands in python/nanite_rs/, which .venv then imports in place.
+$(VENV)/.stamp-module: $(RUST_SOURCES) $(VENV)/.stamp-build-requirements
+	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --quiet
+	@touch $@
+
+# libOSMesa for pyrender, the oracle of the image tests. The tests say so when it is missing.
+system:
+	@tools/system-packages $(BIN)/python
+
+build: $(VENV)/.stamp-module
+
+# -------------------------------------------------------------------------------------------- for users
+
+demo: build
+	$(BIN)/python -m nanite_rs demo --output $(DEMO_OUTPUT) $(if $(MESH),"$(MESH)")
+
+# ------------------------------------------------------------------------------------------------ tests
+
+test: test-rust test-python
+	@$(BIN)/python tools/skipped-tests.py $(REPORTS) $(if $(STRICT),--strict)
+
+test-rust: | tools
+	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/rust-*
+	@NANITE_SKIPS=$(abspath $(REPORTS))/rust-skips.txt cargo test --locked $(CARGO_TEST_ARGS) 2>&1 | tee $(REPORTS)/rust-log.txt
+
+test-python: build $(VENV)/.stamp-test-requirements system
+	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/python-*
+	@NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(BIN)/python -m pytest $(PYTEST_ARGS)
+
+soak: export NANITE_SOAK := 1
+soak: test
+
+lint: build $(VENV)/.stamp-test-requirements
+	cargo fmt --check
+	cargo clippy --locked --all-targets --quiet -- -D warnings
+	cargo clippy --locked --all-targets --quiet --features python -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --quiet
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest nanite_rs._core --ignore-disjoint-bases
+
+fmt: $(VENV)/.stamp-test-requirements
+	cargo fmt
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+# --------------------------------------------------------------------------------------------- measuring
+
+bench: build $(VENV)/.stamp-test-requirements system
+	cargo bench --locked
+	$(BIN)/python -m benchmarks.python
+
+clean:
+	rm -rf target $(VENV) $(DEMO_OUTPUT) .pytest_cache .mypy_cache .ruff_cache
+	rm -f python/nanite_rs/_core*.so python/nanite_rs/_core*.pyd
+	find python tests benchmarks -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,13 @@
+//! The extension module `nanite_rs._core`: thin, checked entry points. What users see, with docstrings and
+//! defaults, is Python over it (`python/nanite_rs/`).
+
+mod errors;
+
+use pyo3::prelude::*;
+
+/// The compiled part of nanite_rs. Use the package `nanite_rs`, not this module.
+#[pymodule]
+fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    Ok(())
+}

@@ -1,0 +1,72 @@
+"""Fixtures and habits of the Python tests.
+
+Real meshes are read from `../shared/data` (or `$NANITE_SHARED_DATA`); a test that needs one which is absent is
+skipped, and `make test` counts it. Skips are also written to `$NANITE_SKIPS`, one `test<TAB>reason` a line.
+"""
+
+from __future__ import annotations
+
+import ctypes.util
+import importlib
+import os
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
+
+ROOT = Path(__file__).resolve().parents[2]
+SHARED = Path(os.environ.get("NANITE_SHARED_DATA", ROOT.parent / "shared" / "data"))
+SOAK = bool(os.environ.get("NANITE_SOAK"))
+
+_skips: dict[str, str] = {}
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    if report.skipped and not hasattr(report, "wasxfail"):
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        _skips[report.nodeid] = reason.removeprefix("Skipped: ")
+
+
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    if report.skipped:
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        _skips[report.nodeid] = reason.removeprefix("Skipped: ")
+
+
+def pytest_sessionfinish() -> None:
+    target = os.environ.get("NANITE_SKIPS")
+    if target:
+        lines = (f"{test}\t{' '.join(reason.split())}\n" for test, reason in _skips.items())
+        Path(target).write_text("".join(lines))
+
+
+def shared_file(relative: str) -> Path:
+    """A file of the shared test meshes, or a skip that names it."""
+    path = SHARED / relative
+    if not path.exists():
+        pytest.skip(f"real meshes are absent ({SHARED.parent.name}/{SHARED.name}/{relative})")
+    return path
+
+
+@pytest.fixture(name="shared_file")
+def shared_file_fixture():
+    """`shared_file("scans/…")` gives a path or skips the test."""
+    return shared_file
+
+
+@pytest.fixture(scope="session")
+def soak() -> bool:
+    """True under `make soak`: property tests then run at full length."""
+    return SOAK
+
+
+@pytest.fixture(scope="session")
+def pyrender() -> ModuleType:
+    """pyrender on OSMesa: single sample per pixel, the oracle of the image tests."""
+    if ctypes.util.find_library("OSMesa") is None:
+        pytest.skip("libOSMesa is absent: apt-get install libosmesa6")
+    np.infty = np.inf  # pyrender 0.1.45 asks numpy 2 for it
+    return importlib.import_module("pyrender")

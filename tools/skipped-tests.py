@@ -1,0 +1,52 @@
+"""Print how many tests were skipped and why; with --strict, fail when any was.
+
+Reads what `make test` left in its report folder: skips of both languages as lines `test<TAB>reason` in
+`*-skips.txt`, and Rust's `#[ignore = "reason"]` from the log of `cargo test`.
+"""
+
+import argparse
+import re
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+IGNORED = re.compile(r"^test (?P<test>\S+) \.\.\. ignored(?:, (?P<reason>.*))?$")
+
+
+def skipped(reports: Path) -> list[tuple[str, str]]:
+    """Every skipped test with its reason."""
+    found = []
+    for file in sorted(reports.glob("*-skips.txt")):
+        for line in file.read_text().splitlines():
+            test, _, reason = line.partition("\t")
+            found.append((test, reason or "no reason given"))
+    log = reports / "rust-log.txt"
+    if log.exists():
+        for line in log.read_text().splitlines():
+            if match := IGNORED.match(line):
+                found.append((match["test"], match["reason"] or "no reason given"))
+    return found
+
+
+def main() -> int:
+    """Print the summary; the exit code says whether it is acceptable."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("reports", type=Path)
+    parser.add_argument("--strict", action="store_true")
+    arguments = parser.parse_args()
+
+    by_reason = defaultdict(list)
+    for test, reason in skipped(arguments.reports):
+        by_reason[reason].append(test)
+    total = sum(len(tests) for tests in by_reason.values())
+    print(f"skipped tests: {total}")
+    for reason, tests in sorted(by_reason.items(), key=lambda item: -len(item[1])):
+        print(f"  {len(tests)} × {reason}: {', '.join(tests[:3])}{', …' if len(tests) > 3 else ''}")
+    if total and arguments.strict:
+        print("STRICT=1: no test may be skipped", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
