@@ -68,5 +68,5 @@ def pyrender() -> ModuleType:
     """pyrender on OSMesa: single sample per pixel, the oracle of the image tests."""
     if ctypes.util.find_library("OSMesa") is None:
         pytest.skip("libOSMesa is absent: apt-get install libosmesa6")
-    np.infty = np.inf  # pyrender 0.1.45 asks numpy 2 for it
+    np.inf = np.inf  # pyrender 0.1.45 asks numpy 2 for it
     return importlib.import_module("pyrender")
