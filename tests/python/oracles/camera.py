@@ -1,4 +1,4 @@
-"""Cameras and poses, written out once in float64: OpenGL axes, −Z forward, +Y up, row 0 of an image on top."""
+"""Cameras and poses in float64: OpenGL axes, −Z forward, +Y up, row 0 of an image on top."""
 
 from __future__ import annotations
 
@@ -75,14 +75,18 @@ def pixel_centers(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def framing(
     vertices: np.ndarray,
     direction: tuple[float, float, float],
+    *,
     fill: float = 0.9,
     up: tuple[float, float, float] = (0.0, 1.0, 0.0),
     yfov: float = 0.8,
     width: int = 1280,
     height: int = 720,
 ) -> View:
-    """A view from ``direction`` on the middle of the vertices' box, as near as all of them stay within ``fill`` of
-    the image's half sizes. The near plane is at half the distance of the nearest vertex."""
+    """A view from ``direction`` on the middle of the vertices' box.
+
+    It is as near as all vertices stay within ``fill`` of the image's half sizes; the near plane is at
+    half the distance of the nearest vertex.
+    """
     v = np.asarray(vertices, np.float64)
     center = (v.min(axis=0) + v.max(axis=0)) / 2
     toward = np.asarray(direction, float) / np.linalg.norm(direction)

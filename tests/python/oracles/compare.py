@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _SQUARE = np.ones((3, 3), bool)
 
@@ -18,15 +21,15 @@ def outside_by_more_than_a_pixel(a: np.ndarray, b: np.ndarray) -> int:
 
 
 def holes(a: np.ndarray, b: np.ndarray) -> int:
-    """Pixels unset in one mask that lie inside the other shrunk by one pixel, both ways: the same test for gaps."""
+    """Pixels unset in one mask but inside the other shrunk by a pixel, both ways: the same test for gaps."""
     return outside_by_more_than_a_pixel(~a, ~b)
 
 
 def silhouettes(depth: np.ndarray, footprint: float, steps: float = 12.0) -> np.ndarray:
     """Pixels that touch the background or a jump in depth.
 
-    A jump is a step between neighbours of more than ``steps`` pixel footprints (``footprint`` = pixel size at unit
-    depth) that the steps on both of its sides do not foretell: a surface seen at a grazing angle is not a jump.
+    A jump is a step between neighbours of more than ``steps`` pixel footprints (``footprint`` = pixel size at
+    unit depth): surfaces seen at less than about 5 degrees count as silhouettes too.
     """
     mask = depth > 0
     edge = np.zeros_like(mask)
@@ -53,7 +56,8 @@ def away_from_silhouettes(depth: np.ndarray, footprint: float, pixels: int = 2) 
 def psnr(a: np.ndarray, b: np.ndarray, where: np.ndarray | None = None) -> float:
     """Peak signal to noise ratio in dB of 8-bit-scaled images over the given pixels."""
     assert a.shape == b.shape, (a.shape, b.shape)
-    assert np.isfinite(np.asarray(a, float)).all() and np.isfinite(np.asarray(b, float)).all()
+    assert np.isfinite(np.asarray(a, float)).all()
+    assert np.isfinite(np.asarray(b, float)).all()
     difference = np.asarray(a, np.float64) - np.asarray(b, np.float64)
     if where is not None:
         assert where.any(), "no pixels to compare"

@@ -1,4 +1,4 @@
-"""Real meshes. They are not part of the project: tests that need them skip, saying so, where they are absent."""
+"""Real meshes. They are no part of the project: tests that need them skip, and say so, without them."""
 
 from __future__ import annotations
 
@@ -41,20 +41,16 @@ class Mesh:
 
 
 def shared() -> Path | None:
-    """The folder of real meshes: ``$NANITE_SHARED/data``, or ``../shared/data`` beside the repository."""
-    given = os.environ.get("NANITE_SHARED")
-    base = Path(given) if given else _ROOT.parent / "shared"
-    for folder in (base / "data", base):
-        if (folder / "MANIFEST.md").is_file():
-            return folder
-    return None
+    """The folder of real meshes: ``$NANITE_SHARED_DATA``, or ``../shared/data`` beside the repository."""
+    folder = Path(os.environ.get("NANITE_SHARED_DATA", _ROOT.parent / "shared" / "data"))
+    return folder if folder.is_dir() else None
 
 
 def require(*parts: str) -> Path:
     """Path of a real mesh; skips the calling test when it is absent."""
     base = shared()
     if base is None:
-        pytest.skip("real meshes are absent: no ../shared/data and NANITE_SHARED names none")
+        pytest.skip("real meshes are absent: no ../shared/data, and NANITE_SHARED_DATA names none")
     path = base.joinpath(*parts)
     if not path.exists():
         pytest.skip(f"real mesh is absent: {'/'.join(parts)}")

@@ -38,5 +38,5 @@ def samples(vertices: np.ndarray, faces: np.ndarray, count: int, seed: int = 0) 
 def one_sided(
     a: tuple[np.ndarray, np.ndarray], b: tuple[np.ndarray, np.ndarray], count: int = 50_000
 ) -> np.ndarray:
-    """Distances of samples of surface ``a`` to surface ``b``: a lower bound of the true maximum by sampling."""
+    """Distances of samples of surface ``a`` to surface ``b``: their maximum is a lower bound."""
     return to_surface(samples(*a, count), *b)

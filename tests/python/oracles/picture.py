@@ -6,12 +6,15 @@ import os
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
-from .camera import View
+if TYPE_CHECKING:
+    from .camera import View
 
-np.inf = np.inf  # pyrender 0.1.45 still asks for it
+np.infty = np.inf  # noqa: NPY201  pyrender 0.1.45 still asks for it
 
 
 class Light:
@@ -56,8 +59,8 @@ _renderer = None
 
 
 def _offscreen(width: int, height: int):
-    """One renderer for the whole process: contexts share no meshes, and a resize makes a new context in place."""
-    global _renderer
+    """One renderer for the process: contexts share no meshes, and a resize makes a new one in place."""
+    global _renderer  # noqa: PLW0603
     pyrender = import_pyrender()
     if _renderer is None:
         try:

@@ -8,7 +8,7 @@ from embreex.mesh_construction import TriangleMesh
 
 
 class Rays:
-    """First hits on a mesh. Embree works in float32: the mesh is moved to its centre and scaled to about 1."""
+    """First hits on a mesh, which is moved to its centre and scaled to about 1: Embree works in float32."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
         used = np.asarray(vertices, np.float64)
@@ -22,9 +22,10 @@ class Rays:
     def first(
         self, origins: np.ndarray, directions: np.ndarray, cull_back: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Face (−1 for none) and distance in units of ``directions``. With ``cull_back``, rays pass back faces.
+        """Face (−1 for none) and distance in units of ``directions``.
 
-        The distance is recomputed in float64 from the plane of the face.
+        With ``cull_back``, rays pass through back faces. The distance is recomputed in float64 from the plane
+        of the face.
         """
         o = (np.broadcast_to(np.asarray(origins, np.float64), directions.shape) - self.center) * self.scale
         d = np.asarray(directions, np.float64)

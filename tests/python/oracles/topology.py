@@ -1,4 +1,4 @@
-"""Surfaces compared and counted by position alone: what a viewer of the result can verify without trusting it."""
+"""Surfaces compared and counted by position alone: what anyone can verify without trusting the maker."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _edge_keys(edges: np.ndarray) -> np.ndarray:
 
 
 def unbalanced_edges(faces: np.ndarray) -> int:
-    """Edges whose numbers of halves in the two directions differ: 0 for a closed, consistently oriented surface."""
+    """Edges with unequal numbers of halves in the two directions: 0 for a closed, oriented surface."""
     edges = half_edges(faces)
     swapped = edges[:, 0] > edges[:, 1]
     undirected = np.sort(edges, axis=1)
