@@ -3,10 +3,13 @@
 //!
 //! The map of the modules, their dependencies and the data flow is in `ARCHITECTURE.md`.
 
+pub mod build;
 pub mod config;
 pub mod error;
 pub mod limits;
+pub mod lod;
 pub mod math;
+pub mod mesh;
 pub mod model;
 #[cfg(feature = "python")]
 mod python;

@@ -15,7 +15,8 @@ pub fn code(point: [f32; 3], bounds: &Aabb) -> u64 {
     (0..3)
         .map(|k| {
             let extent = f64::from(bounds.max[k]) - f64::from(bounds.min[k]);
-            let t = if extent > 0.0 { (f64::from(point[k]) - f64::from(bounds.min[k])) / extent } else { 0.0 };
+            let t =
+                if extent > 0.0 { (f64::from(point[k]) - f64::from(bounds.min[k])) / extent } else { 0.0 };
             spread((t.clamp(0.0, 1.0) * 2_097_151.0) as u64) << k
         })
         .fold(0, |a, b| a | b)

@@ -77,8 +77,12 @@ mod tests {
 
     #[test]
     fn singular_value_of_scale_shear_and_rotation() {
-        assert!((singular_value_bound([[2.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, -5.0]]) - 5.0).abs() < 1e-9);
+        assert!(
+            (singular_value_bound([[2.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, -5.0]]) - 5.0).abs() < 1e-9
+        );
         let golden = f64::midpoint(1.0, 5f64.sqrt());
-        assert!((singular_value_bound([[1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) - golden).abs() < 1e-9);
+        assert!(
+            (singular_value_bound([[1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) - golden).abs() < 1e-9
+        );
     }
 }

@@ -28,7 +28,7 @@ impl ClusterAddress {
     }
 }
 
-/// One cluster as culling reads it: 16 words at the head of its page. All lengths in internal units.
+/// One cluster as culling reads it: 20 words at the head of its page. All lengths in internal units.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct ClusterRecord {
@@ -57,11 +57,20 @@ pub struct ClusterRecord {
     pub reserved: u8,
     /// Word offset of the streams from the start of the page.
     pub data: u32,
+    /// The group whose simplification made this cluster; [`NO_GROUP`] at level 0.
+    pub refined: u32,
+    /// Longest edge of the triangles, rounded up.
+    pub max_edge: f32,
+    /// Zero: keeps records on 16-byte boundaries.
+    pub reserved_words: [u32; 2],
 }
+
+/// No group: what [`ClusterRecord::refined`] holds at level 0.
+pub const NO_GROUP: u32 = u32::MAX;
 
 /// Words of a [`ClusterRecord`].
 pub const RECORD_WORDS: usize = size_of::<ClusterRecord>() / 4;
-const _: () = assert!(RECORD_WORDS == 16);
+const _: () = assert!(RECORD_WORDS == 20);
 
 impl ClusterRecord {
     /// Cone axis (not exactly unit) and cutoff.

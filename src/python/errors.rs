@@ -15,9 +15,10 @@ use crate::error::{Error, Result};
 fn class_name(error: &Error) -> Option<&'static str> {
     Some(match error {
         Error::Argument { .. } => "ArgumentError",
-        Error::NonFinite { .. } | Error::IndexOutOfRange { .. } | Error::EmptyMesh(_) | Error::TooLarge(_) => {
-            "MeshError"
-        }
+        Error::NonFinite { .. }
+        | Error::IndexOutOfRange { .. }
+        | Error::EmptyMesh(_)
+        | Error::TooLarge(_) => "MeshError",
         Error::Cancelled => return None,
         Error::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => "MissingFileError",
         Error::Io { .. } => "FileError",

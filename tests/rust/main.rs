@@ -1,1 +1,4 @@
-//! Integration tests.
+//! Integration tests: one binary.
+
+mod dag_invariants;
+mod shapes;

@@ -1,0 +1,267 @@
+//! From the grown graph to the final layout: groups in hierarchy order, clusters in pages, records packed and
+//! rounded outwards.
+
+use rayon::prelude::*;
+use rustc_hash::FxHashMap;
+
+use super::dag::{BuildCluster, Graph};
+use super::hierarchy;
+use super::store::VertexStore;
+use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
+use crate::math::sphere::round_up;
+use crate::math::{Aabb, octahedral};
+use crate::mesh::frame::center_extent;
+use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
+use crate::model::{BuildReport, ClusterAddress, ClusterRecord, Dag, Group, PageEntry, Pages};
+
+/// Lays the graph out.
+pub fn assemble(graph: Graph, mut report: BuildReport) -> Dag {
+    let store = &graph.store;
+    let cluster_boxes: Vec<Aabb> = graph
+        .clusters
+        .par_iter()
+        .map(|c| Aabb::of_points(c.mesh.vertices.iter().map(|v| &store.positions[*v as usize])))
+        .collect();
+    let boxes: Vec<Aabb> = graph
+        .groups
+        .iter()
+        .map(|g| g.members.iter().fold(Aabb::EMPTY, |b, c| b.union(&cluster_boxes[*c as usize])))
+        .collect();
+    let (nodes, order) = hierarchy::build(&graph.groups, &boxes);
+    let plan = plan_pages(&graph, &order);
+    let groups: Vec<Group> = order
+        .iter()
+        .zip(&plan.first)
+        .map(|(g, first)| {
+            let group = &graph.groups[*g as usize];
+            let (center, extent) = center_extent(&boxes[*g as usize]);
+            Group {
+                lod_sphere: group.lod_sphere,
+                error: group.error,
+                first: *first,
+                count: group.members.len() as u32,
+                level: group.level,
+                center,
+                extent,
+                reserved: [0; 2],
+            }
+        })
+        .collect();
+    let mut renamed = vec![0; order.len()];
+    order.iter().enumerate().for_each(|(new, old)| renamed[*old as usize] = new as u32);
+    let pages = write_pages(&graph, plan, &renamed);
+    let face_ids = graph.source.1.as_ref().map(|rows| face_ids(&pages, &graph.source.0, rows));
+    report.clusters = graph.clusters.len() as u64;
+    report.triangles = graph.clusters.iter().map(|c| c.mesh.triangles.len() as u64).sum();
+    report.fill = report.triangles as f64 / (report.clusters as usize * CLUSTER_MAX_TRIANGLES) as f64;
+    Dag {
+        frame: graph.frame,
+        bounds: graph.bounds,
+        pages,
+        groups,
+        nodes,
+        vertex_count: store.len() as u32,
+        source_faces: graph.source.0.len() as u64,
+        source_vertices: graph.source_vertices as u64,
+        face_ids,
+        report,
+    }
+}
+
+/// Which cluster goes where.
+struct Plan {
+    /// Address of the first member of each group, in the new order.
+    first: Vec<ClusterAddress>,
+    /// For each page its clusters as (cluster, new group number).
+    pages: Vec<Vec<(u32, u32)>>,
+    table: Vec<PageEntry>,
+}
+
+fn words_of(store: &VertexStore, cluster: &BuildCluster) -> usize {
+    RECORD_WORDS + store.layout.cluster_words(cluster.mesh.vertices.len(), cluster.mesh.triangles.len())
+}
+
+fn plan_pages(graph: &Graph, order: &[u32]) -> Plan {
+    let mut plan = Plan { first: Vec::new(), pages: Vec::new(), table: Vec::new() };
+    let mut level = u32::MAX;
+    let (mut offset, mut clusters) = (0u64, 0u32);
+    for (number, g) in order.iter().enumerate() {
+        let group = &graph.groups[*g as usize];
+        let words: usize =
+            group.members.iter().map(|c| words_of(&graph.store, &graph.clusters[*c as usize])).sum();
+        let fits = plan.table.last().is_some_and(|page| {
+            page.level == group.level
+                && 4 * (page.words as usize + words) <= PAGE_MAX_BYTES
+                && page.clusters as usize + group.members.len() <= PAGE_MAX_CLUSTERS
+        });
+        if !fits {
+            level = group.level;
+            plan.pages.push(Vec::new());
+            plan.table.push(PageEntry { offset, words: 0, clusters: 0, first_cluster: clusters, level });
+        }
+        debug_assert_eq!(level, group.level);
+        let page = plan.pages.len() - 1;
+        plan.first.push(ClusterAddress::new(page, plan.pages[page].len()));
+        plan.pages[page].extend(group.members.iter().map(|c| (*c, number as u32)));
+        let entry = &mut plan.table[page];
+        entry.words += words as u32;
+        entry.clusters += group.members.len() as u32;
+        offset += words as u64;
+        clusters += group.members.len() as u32;
+    }
+    plan
+}
+
+/// `renamed` maps groups of the graph to their final numbers.
+fn write_pages(graph: &Graph, plan: Plan, renamed: &[u32]) -> Pages {
+    let total = plan.table.last().map_or(0, |p| p.offset as usize + p.words as usize);
+    let mut words = vec![0u32; total];
+    let mut slices = Vec::with_capacity(plan.table.len());
+    let mut rest = words.as_mut_slice();
+    for entry in &plan.table {
+        let (page, tail) = rest.split_at_mut(entry.words as usize);
+        slices.push(page);
+        rest = tail;
+    }
+    slices.into_par_iter().zip(&plan.pages).for_each(|(page, clusters)| {
+        let mut at = clusters.len() * RECORD_WORDS;
+        for (slot, (cluster, group)) in clusters.iter().enumerate() {
+            let cluster = &graph.clusters[*cluster as usize];
+            let refined =
+                if cluster.refined == NO_GROUP { NO_GROUP } else { renamed[cluster.refined as usize] };
+            let record = record(&graph.store, cluster, *group, refined, at as u32);
+            page[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
+            let words = words_of(&graph.store, cluster) - RECORD_WORDS;
+            write_streams(&graph.store, cluster, &mut page[at..at + words]);
+            at += words;
+        }
+    });
+    Pages { words, table: plan.table, layout: graph.store.layout }
+}
+
+fn record(store: &VertexStore, cluster: &BuildCluster, group: u32, refined: u32, data: u32) -> ClusterRecord {
+    let points: Vec<[f32; 3]> = cluster.mesh.vertices.iter().map(|v| store.positions[*v as usize]).collect();
+    let (center, extent) = center_extent(&Aabb::of_points(&points));
+    let distance =
+        |p: &[f32; 3]| (0..3).map(|k| (f64::from(p[k]) - f64::from(center[k])).powi(2)).sum::<f64>().sqrt();
+    let radius = round_up(points.iter().map(distance).fold(0.0, f64::max));
+    ClusterRecord {
+        center,
+        radius,
+        extent,
+        cone: cone(&points, &cluster.mesh.triangles),
+        lod_sphere: cluster.lod_sphere,
+        error: cluster.error,
+        group,
+        vertex_count: cluster.mesh.vertices.len() as u8,
+        triangle_count: cluster.mesh.triangles.len() as u8,
+        level: cluster.level,
+        reserved: 0,
+        data,
+        refined,
+        max_edge: round_up(longest_edge(&points, &cluster.mesh.triangles)),
+        reserved_words: [0; 2],
+    }
+}
+
+fn longest_edge(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> f64 {
+    let squared = |a: u8, b: u8| {
+        let (a, b) = (points[usize::from(a)], points[usize::from(b)]);
+        (0..3).map(|k| (f64::from(a[k]) - f64::from(b[k])).powi(2)).sum::<f64>()
+    };
+    let edges =
+        triangles.iter().flat_map(|t| [squared(t[0], t[1]), squared(t[1], t[2]), squared(t[2], t[0])]);
+    edges.fold(0.0, f64::max).sqrt()
+}
+
+/// The backface cone: mean normal and the sine of the widest angle to it, in signed bytes rounded so that the
+/// test stays safe. A cone wider than a half space gets cutoff 127, which never culls.
+///
+/// Olano and Kuehne's normal cones in the form of meshoptimizer's bounds: all triangles face away from `eye`
+/// when dot(c − eye, axis) ≥ cutoff·|c − eye| + radius.
+fn cone(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> [i8; 4] {
+    const NEVER: [i8; 4] = [0, 0, 0, 127];
+    let normal = |t: &[u8; 3]| {
+        let p = t.map(|v| points[usize::from(v)].map(f64::from));
+        let u: [f64; 3] = std::array::from_fn(|k| p[1][k] - p[0][k]);
+        let v: [f64; 3] = std::array::from_fn(|k| p[2][k] - p[0][k]);
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        let size = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        (size > 0.0).then(|| n.map(|x| x / size))
+    };
+    // Triangles without area are never drawn.
+    let normals: Vec<[f64; 3]> = triangles.iter().filter_map(normal).collect();
+    let sum = normals.iter().fold([0.0; 3], |s, n| [s[0] + n[0], s[1] + n[1], s[2] + n[2]]);
+    let size = (sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]).sqrt();
+    if size < 1.0e-6 {
+        return NEVER;
+    }
+    let packed = sum.map(|x| (x / size * 127.0).round() as i8);
+    let axis = packed.map(|x| f64::from(x) / 127.0);
+    let length = (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]).sqrt();
+    let dot = |n: &[f64; 3]| (n[0] * axis[0] + n[1] * axis[1] + n[2] * axis[2]) / length;
+    let narrowest = normals.iter().map(dot).fold(1.0, f64::min);
+    // Below a tenth the cone covers nearly a half space and would never cull anything.
+    if narrowest <= 0.1 {
+        return NEVER;
+    }
+    // With a unit axis the cutoff is the sine; the stored axis has length `length`, and so has the left side of
+    // the test, while `radius` on its right side has not: divide where that is unsafe, then round up.
+    let cutoff = (1.0 - narrowest * narrowest).max(0.0).sqrt() * length.max(1.0) + (length - 1.0).max(0.0);
+    let stored = (cutoff * 127.0).ceil() + 1.0;
+    if stored >= 127.0 {
+        return NEVER;
+    }
+    [packed[0], packed[1], packed[2], stored as i8]
+}
+
+fn write_streams(store: &VertexStore, cluster: &BuildCluster, out: &mut [u32]) {
+    let count = cluster.mesh.vertices.len();
+    let layout = store.layout;
+    let (positions, rest) = out.split_at_mut(3 * count);
+    let (normals, rest) = rest.split_at_mut(count);
+    let (ids, rest) = rest.split_at_mut(count);
+    let (colors, rest) = rest.split_at_mut(if layout.colors { count } else { 0 });
+    let (uvs, rest) = rest.split_at_mut(2 * usize::from(layout.uv_sets) * count);
+    for (i, v) in cluster.mesh.vertices.iter().enumerate() {
+        positions[3 * i..3 * i + 3].copy_from_slice(&store.positions[*v as usize].map(f32::to_bits));
+        let row = store.row(*v);
+        normals[i] = octahedral::encode([row[0], row[1], row[2]]);
+        ids[i] = *v;
+        let mut at = 3;
+        if layout.colors {
+            let bytes = [0, 1, 2, 3].map(|k| (row[at + k].clamp(0.0, 1.0) * 255.0).round() as u8);
+            colors[i] = u32::from_le_bytes(bytes);
+            at += 4;
+        }
+        for set in 0..usize::from(layout.uv_sets) {
+            let pair = &mut uvs[2 * (set * count + i)..][..2];
+            pair.copy_from_slice(&[row[at + 2 * set].to_bits(), row[at + 2 * set + 1].to_bits()]);
+        }
+    }
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(rest);
+    for (t, triangle) in cluster.mesh.triangles.iter().enumerate() {
+        bytes[3 * t..3 * t + 3].copy_from_slice(triangle);
+    }
+}
+
+/// The caller's face row of every level-0 triangle, in page order. A clusterizer may turn a triangle's corners,
+/// never its orientation; and no two faces have the same corners in the same order.
+fn face_ids(pages: &Pages, faces: &[[u32; 3]], rows: &[u32]) -> Vec<u32> {
+    let canonical = |f: [u32; 3]| {
+        let turn = (0..3).fold(0, |best, k| if f[k] < f[best] { k } else { best });
+        [f[turn], f[(turn + 1) % 3], f[(turn + 2) % 3]]
+    };
+    let lookup: FxHashMap<[u32; 3], u32> =
+        faces.iter().zip(rows).map(|(f, row)| (canonical(*f), *row)).collect();
+    pages
+        .addresses()
+        .filter(|at| pages.record(*at).level == 0)
+        .flat_map(|at| {
+            let geometry = pages.geometry(at);
+            let corners: Vec<_> =
+                geometry.triangles.iter().map(|t| t.map(|v| geometry.ids[usize::from(v)])).collect();
+            corners.into_iter().map(|c| lookup[&canonical(c)])
+        })
+        .collect()
+}

@@ -1,0 +1,250 @@
+//! Every invariant of a built mesh, verified on the finished layout as culling reads it.
+
+use rayon::prelude::*;
+
+use super::lock_borders::border_kept;
+use crate::error::{Error, Result};
+use crate::mesh::hash;
+use crate::model::cluster::NO_GROUP;
+use crate::model::rule::{ERROR_STEP, ROOT_ERROR, SOURCE_ERROR};
+use crate::model::{ClusterAddress, ClusterRecord, Dag};
+
+/// What was verified.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CheckReport {
+    /// Clusters whose bounds, links, errors and streams hold.
+    pub clusters: usize,
+    /// Groups whose spheres, errors and borders hold.
+    pub groups: usize,
+    /// Nodes that enclose what is below them.
+    pub nodes: usize,
+    /// Vertex identities that have one position everywhere.
+    pub vertices: usize,
+    /// Groups whose boundary was compared before and after simplification.
+    pub borders: usize,
+}
+
+fn broken(what: String) -> Error {
+    Error::Invariant(what)
+}
+
+fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<()> {
+    if holds { Ok(()) } else { Err(broken(what())) }
+}
+
+/// Verifies a mesh; the error names the first cluster, group or node at fault.
+pub fn check(dag: &Dag) -> Result<CheckReport> {
+    links(dag)?;
+    let addresses: Vec<ClusterAddress> = dag.pages.addresses().collect();
+    addresses.par_iter().try_for_each(|at| cluster(dag, *at))?;
+    dag.groups.par_iter().enumerate().try_for_each(|(g, _)| group(dag, g))?;
+    nodes(dag)?;
+    let (positions, vertices) = identities(dag, &addresses)?;
+    let borders = borders(dag, &addresses, &positions)?;
+    Ok(CheckReport {
+        clusters: addresses.len(),
+        groups: dag.groups.len(),
+        nodes: dag.nodes.len(),
+        vertices,
+        borders,
+    })
+}
+
+/// Every cluster is a member of exactly the group it names.
+fn links(dag: &Dag) -> Result<()> {
+    let mut seen = vec![false; dag.cluster_count()];
+    for (g, group) in dag.groups.iter().enumerate() {
+        ensure(group.count > 0, || format!("group {g} is empty"))?;
+        for at in group.members() {
+            let index = dag.pages.dense_index(at);
+            ensure(!seen[index], || format!("cluster {at:?} is a member of two groups"))?;
+            seen[index] = true;
+            ensure(dag.record(at).group as usize == g, || {
+                format!("cluster {at:?} names group {}, but is a member of {g}", dag.record(at).group)
+            })?;
+        }
+    }
+    match seen.iter().position(|s| !s) {
+        Some(index) => Err(broken(format!("cluster number {index} is in no group"))),
+        None => Ok(()),
+    }
+}
+
+fn cluster(dag: &Dag, at: ClusterAddress) -> Result<()> {
+    let record = dag.record(at);
+    let geometry = dag.geometry(at);
+    let fail = |what: &str| Err(broken(format!("cluster {at:?}: {what}")));
+    if geometry.triangles.is_empty() || geometry.positions.len() < 3 {
+        return fail("no triangle");
+    }
+    if geometry.triangles.iter().flatten().any(|v| *v >= record.vertex_count) {
+        return fail("a triangle refers to a vertex that does not exist");
+    }
+    if record.level == 0 && (record.error != SOURCE_ERROR || record.refined != NO_GROUP) {
+        return fail("level 0 must carry the source error and no origin");
+    }
+    if record.level > 0 && !(record.error > 0.0 && record.error.is_finite()) {
+        return fail("errors above level 0 must be positive and finite");
+    }
+    if record.level > 0 {
+        let Some(origin) = dag.groups.get(record.refined as usize) else { return fail("no origin") };
+        if origin.error != record.error || origin.lod_sphere != record.lod_sphere {
+            return fail("error and sphere differ from those of the group that made it");
+        }
+    }
+    bounds(record, geometry.positions).or_else(|what| fail(what))
+}
+
+/// The stored box, sphere and longest edge hold the vertices.
+fn bounds(record: &ClusterRecord, positions: &[[f32; 3]]) -> std::result::Result<(), &'static str> {
+    for p in positions {
+        let d: [f64; 3] = std::array::from_fn(|k| f64::from(p[k]) - f64::from(record.center[k]));
+        if (0..3).any(|k| d[k].abs() > f64::from(record.extent[k])) {
+            return Err("a vertex lies outside the box");
+        }
+        if (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() > f64::from(record.radius) {
+            return Err("a vertex lies outside the sphere");
+        }
+    }
+    Ok(())
+}
+
+fn group(dag: &Dag, g: usize) -> Result<()> {
+    let group = &dag.groups[g];
+    let holds = |c: bool, what: &str| ensure(c, || format!("group {g}: {what}"));
+    holds(group.error > 0.0, "the error is not positive")?;
+    for at in group.members() {
+        let record = dag.record(at);
+        holds(group.lod_sphere.contains(&record.lod_sphere), "a member's sphere is not inside the group's")?;
+        holds(record.error.max(0.0) * ERROR_STEP <= group.error, "the error is not above a member's")?;
+        holds(record.error < group.error, "the error is not strictly above a member's")?;
+        let inside = boxes_nest(group.center, group.extent, record.center, record.extent);
+        holds(inside, "a member's box is not inside the group's")?;
+    }
+    Ok(())
+}
+
+/// Boxes by centre and half extents, up to the rounding of one addition.
+fn boxes_nest(center: [f32; 3], extent: [f32; 3], inner: [f32; 3], inner_extent: [f32; 3]) -> bool {
+    (0..3).all(|k| {
+        let reach = (f64::from(inner[k]) - f64::from(center[k])).abs() + f64::from(inner_extent[k]);
+        reach <= f64::from(extent[k]) + 4.0 * f64::from(f32::EPSILON)
+    })
+}
+
+/// Every group is below the root exactly once, and every node encloses all groups below it. (A node need not
+/// enclose its child nodes: its bounds are made from the groups, which is tighter.)
+fn nodes(dag: &Dag) -> Result<()> {
+    let mut reached = vec![false; dag.groups.len()];
+    let mut below: Vec<Vec<u32>> = vec![Vec::new(); dag.nodes.len()];
+    for (n, node) in dag.nodes.iter().enumerate().rev() {
+        let children = node.first..node.first + u32::from(node.count);
+        if node.is_leaf == 1 {
+            for g in children.clone() {
+                let Some(flag) = reached.get_mut(g as usize) else {
+                    return Err(broken(format!("node {n}: no group {g}")));
+                };
+                ensure(!std::mem::replace(flag, true), || format!("group {g} is reached twice"))?;
+            }
+            below[n].extend(children);
+        } else {
+            for child in children {
+                ensure(child as usize > n && (child as usize) < dag.nodes.len(), || {
+                    format!("node {n}: child {child} does not come after its parent")
+                })?;
+                let groups = std::mem::take(&mut below[child as usize]);
+                below[n].extend(groups);
+            }
+        }
+        for g in &below[n] {
+            let group = &dag.groups[*g as usize];
+            let enclosed = node.lod_sphere.contains(&group.lod_sphere)
+                && node.max_parent_error >= group.error * ERROR_STEP
+                && boxes_nest(node.center, node.extent, group.center, group.extent);
+            ensure(enclosed, || format!("node {n} does not enclose group {g}"))?;
+        }
+    }
+    match reached.iter().position(|r| !r) {
+        Some(g) => Err(broken(format!("group {g} is not in the hierarchy"))),
+        None => Ok(()),
+    }
+}
+
+/// For each identity its position as a number equal for equal positions; and how many identities are in use.
+fn identities(dag: &Dag, addresses: &[ClusterAddress]) -> Result<(Vec<u32>, usize)> {
+    let unset = [u32::MAX; 3];
+    let mut positions = vec![unset; dag.vertex_count as usize];
+    let mut used = 0;
+    for at in addresses {
+        let geometry = dag.geometry(*at);
+        for (id, p) in geometry.ids.iter().zip(geometry.positions) {
+            let bits = p.map(f32::to_bits);
+            let Some(known) = positions.get_mut(*id as usize) else {
+                return Err(broken(format!("cluster {at:?}: identity {id} is out of range")));
+            };
+            if *known == unset {
+                *known = bits;
+                used += 1;
+            }
+            ensure(*known == bits, || format!("cluster {at:?}: identity {id} has two positions"))?;
+        }
+    }
+    Ok((hash::first_equal(bytemuck::cast_slice(&positions), 3), used))
+}
+
+/// Each group's boundary towards other groups is the same before and after simplification.
+fn borders(dag: &Dag, addresses: &[ClusterAddress], positions: &[u32]) -> Result<usize> {
+    let round = |g: u32| dag.groups[g as usize].level;
+    let made: Vec<i64> = addresses
+        .iter()
+        .map(|at| match dag.record(*at).refined {
+            NO_GROUP => -1,
+            g => i64::from(round(g)),
+        })
+        .collect();
+    let mut outputs = vec![Vec::new(); dag.groups.len()];
+    for at in addresses {
+        if let Some(list) = outputs.get_mut(dag.record(*at).refined as usize) {
+            list.push(*at);
+        }
+    }
+    let top = dag.groups.iter().map(|g| g.level).max().unwrap_or(0);
+    let mut compared = 0;
+    for level in 0..=top {
+        // All clusters that took part in this round: those of its groups, and those that were stuck in it.
+        let mut owner = vec![u32::MAX; dag.vertex_count as usize];
+        let mut shared = vec![false; dag.vertex_count as usize];
+        for (at, made) in addresses.iter().zip(&made) {
+            let group = dag.record(*at).group;
+            if *made >= i64::from(level) || round(group) < level {
+                continue;
+            }
+            for id in dag.geometry(*at).ids {
+                let p = positions[*id as usize] as usize;
+                if owner[p] != u32::MAX && owner[p] != group {
+                    shared[p] = true;
+                }
+                owner[p] = group;
+            }
+        }
+        let groups: Vec<usize> = (0..dag.groups.len())
+            .filter(|g| dag.groups[*g].level == level && dag.groups[*g].error != ROOT_ERROR)
+            .collect();
+        compared += groups.len();
+        groups.par_iter().try_for_each(|g| {
+            let before: Vec<[u32; 3]> =
+                dag.groups[*g].members().flat_map(|at| corners(dag, at, positions)).collect();
+            let after: Vec<[u32; 3]> =
+                outputs[*g].iter().flat_map(|at| corners(dag, *at, positions)).collect();
+            ensure(!after.is_empty(), || format!("group {g}: has an error, but nothing was made from it"))?;
+            let kept = border_kept(before.into_iter(), after.into_iter(), |p| shared[p as usize]);
+            ensure(kept, || format!("group {g}: simplification changed its border to other groups"))
+        })?;
+    }
+    Ok(compared)
+}
+
+fn corners(dag: &Dag, at: ClusterAddress, positions: &[u32]) -> Vec<[u32; 3]> {
+    let geometry = dag.geometry(at);
+    geometry.triangles.iter().map(|t| t.map(|v| positions[geometry.ids[usize::from(v)] as usize])).collect()
+}

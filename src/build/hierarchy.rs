@@ -1,0 +1,97 @@
+//! The culling hierarchy and, with it, the order of groups: a wide tree per level, coarsest level first, under
+//! one super root. Mixing levels in one tree would inflate the bounds.
+
+use super::clusterize::median_split;
+use super::dag::BuildGroup;
+use crate::limits::NODE_WIDTH;
+use crate::math::{Aabb, Sphere};
+use crate::mesh::frame::center_extent;
+use crate::model::Node;
+use crate::model::rule::ERROR_STEP;
+
+/// Nodes, and the groups in the order in which the leaves refer to them.
+pub fn build(groups: &[BuildGroup], boxes: &[Aabb]) -> (Vec<Node>, Vec<u32>) {
+    let top = groups.iter().map(|g| g.level).max().unwrap_or(0);
+    let mut order = Vec::with_capacity(groups.len());
+    // Breadth first: (range of `order`, level) of nodes whose children are not laid out yet.
+    let mut ranges: Vec<(usize, usize, u32)> = vec![(0, groups.len(), top)];
+    let mut children: Vec<(u32, u16, bool)> = Vec::new();
+    for level in (0..=top).rev() {
+        let mut of_level: Vec<u32> =
+            (0..groups.len() as u32).filter(|g| groups[*g as usize].level == level).collect();
+        if of_level.is_empty() {
+            continue;
+        }
+        let start = order.len();
+        sort_spatially(&mut of_level, boxes);
+        order.append(&mut of_level);
+        ranges.push((start, order.len(), level));
+    }
+    children.push((1, (ranges.len() - 1) as u16, false));
+    let mut node = 1;
+    while node < ranges.len() {
+        let (start, end, level) = ranges[node];
+        if end - start <= NODE_WIDTH {
+            children.push((start as u32, (end - start) as u16, true));
+        } else {
+            let first = ranges.len();
+            split_range(start, end, NODE_WIDTH, &mut |a, b| ranges.push((a, b, level)));
+            children.push((first as u32, (ranges.len() - first) as u16, false));
+        }
+        node += 1;
+    }
+    let nodes = ranges
+        .iter()
+        .zip(&children)
+        .map(|(&(start, end, level), &(first, count, is_leaf))| {
+            let members = &order[start..end];
+            let bounds = members.iter().fold(Aabb::EMPTY, |b, g| b.union(&boxes[*g as usize]));
+            let (center, extent) = center_extent(&bounds);
+            let spheres: Vec<Sphere> = members.iter().map(|g| groups[*g as usize].lod_sphere).collect();
+            let largest = members.iter().map(|g| groups[*g as usize].error).fold(0.0, f32::max);
+            Node {
+                center,
+                extent,
+                lod_sphere: Sphere::of_spheres(&spheres),
+                max_parent_error: largest * ERROR_STEP,
+                first,
+                count,
+                is_leaf: u16::from(is_leaf),
+                level,
+            }
+        })
+        .collect();
+    (nodes, order)
+}
+
+/// Orders groups so that the ranges made by [`split_range`] are compact: medians along the longest axis.
+fn sort_spatially(order: &mut [u32], boxes: &[Aabb]) {
+    if order.len() <= NODE_WIDTH {
+        order.sort_unstable();
+        return;
+    }
+    let middle = split_middle(0, order.len(), NODE_WIDTH);
+    median_split(order, middle, |g| boxes[g as usize].center());
+    let (a, b) = order.split_at_mut(middle);
+    // A range is cut into NODE_WIDTH parts by three halvings, then each part again: every cut is a halving.
+    sort_spatially(a, boxes);
+    sort_spatially(b, boxes);
+}
+
+fn split_middle(start: usize, end: usize, parts: usize) -> usize {
+    debug_assert!(parts >= 2);
+    start + (end - start) / 2
+}
+
+/// Cuts a range into `parts` (a power of two) by halving.
+fn split_range(start: usize, end: usize, parts: usize, emit: &mut impl FnMut(usize, usize)) {
+    if parts == 1 || end - start <= 1 {
+        if end > start {
+            emit(start, end);
+        }
+        return;
+    }
+    let middle = split_middle(start, end, parts);
+    split_range(start, middle, parts / 2, emit);
+    split_range(middle, end, parts / 2, emit);
+}

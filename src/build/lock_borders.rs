@@ -1,0 +1,53 @@
+//! What may not move: vertices shared between groups, by position. The mesh's own border stays free.
+
+use rustc_hash::FxHashMap;
+
+use super::clusterize::ClusterMesh;
+use super::store::VertexStore;
+
+/// For each position id, whether clusters of two groups touch it.
+pub fn shared_positions(store: &VertexStore, clusters: &[&ClusterMesh], groups: &[Vec<u32>]) -> Vec<bool> {
+    let mut owner = vec![u32::MAX; store.len()];
+    let mut shared = vec![false; store.len()];
+    for (group, members) in groups.iter().enumerate() {
+        for v in members.iter().flat_map(|c| &clusters[*c as usize].vertices) {
+            let id = store.position_ids[*v as usize] as usize;
+            if owner[id] == u32::MAX {
+                owner[id] = group as u32;
+            } else if owner[id] != group as u32 {
+                shared[id] = true;
+            }
+        }
+    }
+    shared
+}
+
+/// Half-edges without an opposite: for each undirected edge (smaller end first), forward minus backward uses,
+/// zeros left out. A surface is closed exactly when this is empty.
+pub fn boundary(corners: impl Iterator<Item = [u32; 3]>) -> FxHashMap<(u32, u32), i32> {
+    let mut net = FxHashMap::default();
+    for [a, b, c] in corners {
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            if from < to {
+                *net.entry((from, to)).or_insert(0) += 1;
+            } else {
+                *net.entry((to, from)).or_insert(0) -= 1;
+            }
+        }
+    }
+    net.retain(|_, n| *n != 0);
+    net
+}
+
+/// True when replacing the triangles `before` by `after` (corners by position) opens no crack: every boundary
+/// half-edge between locked vertices is unchanged, and where *all* of the boundary is locked, none is added.
+pub fn border_kept(
+    before: impl Iterator<Item = [u32; 3]>,
+    after: impl Iterator<Item = [u32; 3]>,
+    locked: impl Fn(u32) -> bool,
+) -> bool {
+    let (before, after) = (boundary(before), boundary(after));
+    let inner = |e: &(u32, u32)| locked(e.0) && locked(e.1);
+    let kept = before.iter().filter(|(e, _)| inner(e)).all(|(e, n)| after.get(e) == Some(n));
+    kept && (after.len() == before.len() || !before.keys().all(inner))
+}

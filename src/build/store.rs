@@ -1,0 +1,122 @@
+//! The vertices of all levels. A vertex is an identity: what moves gets a new one, so that an identity has one
+//! position for ever and cuts weld by it.
+
+use crate::mesh::{WeldedMesh, attributes};
+use crate::model::AttributeLayout;
+
+/// Positions and attributes of every identity.
+#[derive(Debug, Default)]
+pub struct VertexStore {
+    /// Internal positions.
+    pub positions: Vec<[f32; 3]>,
+    /// Rows of `stride` floats.
+    pub attributes: Vec<f32>,
+    /// The smallest identity at the same position *and of the same origin*: what adjacency and locks go by.
+    pub position_ids: Vec<u32>,
+    /// Floats per attribute row.
+    pub stride: usize,
+    /// What the rows hold.
+    pub layout: AttributeLayout,
+}
+
+impl VertexStore {
+    /// The vertices of the source.
+    pub fn new(mesh: &mut WeldedMesh) -> Self {
+        Self {
+            positions: std::mem::take(&mut mesh.positions),
+            attributes: std::mem::take(&mut mesh.attributes),
+            position_ids: std::mem::take(&mut mesh.position_ids),
+            stride: attributes::stride(mesh.layout),
+            layout: mesh.layout,
+        }
+    }
+
+    /// Number of identities.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// The attribute row of a vertex.
+    pub fn row(&self, v: u32) -> &[f32] {
+        &self.attributes[v as usize * self.stride..][..self.stride]
+    }
+}
+
+/// A group's own copy of its vertices, numbered from 0, in order of first use.
+#[derive(Debug, Default)]
+pub struct LocalMesh {
+    /// Identity of each local vertex.
+    pub ids: Vec<u32>,
+    /// Internal positions.
+    pub positions: Vec<[f32; 3]>,
+    /// Attribute rows.
+    pub attributes: Vec<f32>,
+    /// The first local vertex with the same position id.
+    pub position_ids: Vec<u32>,
+    /// Three local vertices per triangle.
+    pub indices: Vec<u32>,
+}
+
+/// Numbers keys by first appearance: a small open-addressing table, reused.
+#[derive(Debug, Default)]
+pub struct Numbering {
+    table: Vec<(u32, u32)>,
+    count: u32,
+}
+
+impl Numbering {
+    const EMPTY: (u32, u32) = (u32::MAX, u32::MAX);
+
+    /// An empty numbering for at most `keys` keys below `u32::MAX`.
+    pub fn reset(&mut self, keys: usize) {
+        self.table.clear();
+        self.table.resize((2 * keys).next_power_of_two().max(16), Self::EMPTY);
+        self.count = 0;
+    }
+
+    /// The number of `key`, and whether it is new.
+    pub fn number(&mut self, key: u32) -> (u32, bool) {
+        let mask = self.table.len() - 1;
+        let mut slot = (key.wrapping_mul(0x9e37_79b1) as usize >> 7) & mask;
+        loop {
+            match &mut self.table[slot] {
+                entry if *entry == Self::EMPTY => {
+                    *entry = (key, self.count);
+                    self.count += 1;
+                    return (self.count - 1, true);
+                }
+                (k, number) if *k == key => return (*number, false),
+                _ => slot = (slot + 1) & mask,
+            }
+        }
+    }
+}
+
+impl LocalMesh {
+    /// Gathers the triangles of `corners` (identities, three per triangle).
+    pub fn gather(store: &VertexStore, corners: impl Iterator<Item = u32> + Clone) -> Self {
+        let mut numbering = Numbering::default();
+        let count = corners.clone().count();
+        numbering.reset(count.min(store.len()));
+        let mut local = Self::default();
+        for v in corners {
+            let (number, new) = numbering.number(v);
+            if new {
+                local.ids.push(v);
+            }
+            local.indices.push(number);
+        }
+        numbering.reset(local.ids.len());
+        let mut first = Vec::new();
+        for (i, v) in local.ids.iter().enumerate() {
+            local.positions.push(store.positions[*v as usize]);
+            local.attributes.extend_from_slice(store.row(*v));
+            let (number, new) = numbering.number(store.position_ids[*v as usize]);
+            if new {
+                first.push(i as u32);
+            }
+            local.position_ids.push(first[number as usize]);
+        }
+        local
+    }
+}

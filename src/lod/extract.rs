@@ -1,0 +1,67 @@
+//! The arrays of a cut.
+
+use crate::math::octahedral;
+use crate::model::{ClusterAddress, Dag};
+
+/// A cut as arrays: one mesh, welded by vertex identity.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CutArrays {
+    /// Internal positions.
+    pub positions: Vec<[f32; 3]>,
+    /// Unit normals.
+    pub normals: Vec<[f32; 3]>,
+    /// RGBA8, empty when the mesh has none.
+    pub colors: Vec<[u8; 4]>,
+    /// UV sets.
+    pub uvs: Vec<Vec<[f32; 2]>>,
+    /// Vertex identities.
+    pub ids: Vec<u32>,
+    /// Triangles.
+    pub faces: Vec<[u32; 3]>,
+    /// For each cluster its first triangle; one more entry than clusters.
+    pub first_face: Vec<u32>,
+}
+
+/// Concatenates clusters; vertices with the same identity become one, in order of first use.
+pub fn extract(dag: &Dag, clusters: &[ClusterAddress]) -> CutArrays {
+    let counts = clusters.iter().map(|at| {
+        let record = dag.record(*at);
+        (usize::from(record.vertex_count), usize::from(record.triangle_count))
+    });
+    let (vertices, triangles) = counts.fold((0, 0), |sum, c| (sum.0 + c.0, sum.1 + c.1));
+    let mut out = CutArrays::default();
+    out.positions.reserve(vertices);
+    out.normals.reserve(vertices);
+    out.ids.reserve(vertices);
+    out.faces.reserve(triangles);
+    out.first_face.reserve(clusters.len() + 1);
+    let sets = usize::from(dag.layout().uv_sets);
+    out.uvs = vec![Vec::new(); sets];
+    // Zeroed memory comes lazily from the system: only the parts that the cut touches cost anything.
+    let mut number = vec![0u32; dag.vertex_count as usize];
+    for at in clusters {
+        let geometry = dag.geometry(*at);
+        let count = geometry.positions.len();
+        let mut local = [0u32; crate::limits::CLUSTER_MAX_VERTICES];
+        for (i, id) in geometry.ids.iter().enumerate() {
+            let slot = &mut number[*id as usize];
+            if *slot == 0 {
+                out.positions.push(geometry.positions[i]);
+                out.normals.push(octahedral::decode(geometry.normals[i]));
+                out.ids.push(*id);
+                if let Some(color) = geometry.colors.get(i) {
+                    out.colors.push(*color);
+                }
+                for set in 0..sets {
+                    out.uvs[set].push(geometry.uvs[set * count + i]);
+                }
+                *slot = out.positions.len() as u32;
+            }
+            local[i] = *slot - 1;
+        }
+        out.first_face.push(out.faces.len() as u32);
+        out.faces.extend(geometry.triangles.iter().map(|t| t.map(|v| local[usize::from(v)])));
+    }
+    out.first_face.push(out.faces.len() as u32);
+    out
+}

@@ -1,0 +1,83 @@
+//! Which clusters make up a cut.
+
+use crate::model::rule::Threshold;
+use crate::model::{ClusterAddress, Dag};
+
+/// The clusters that the rule of the cut draws, in page order: exactly one over every piece of the surface.
+pub fn select(dag: &Dag, threshold: &Threshold) -> Vec<ClusterAddress> {
+    let mut clusters = Vec::new();
+    let mut stack = vec![0u32];
+    while let Some(n) = stack.pop() {
+        let node = &dag.nodes[n as usize];
+        if !threshold.exceeded_by(&node.lod_sphere, node.max_parent_error) {
+            continue;
+        }
+        let children = node.first..node.first + u32::from(node.count);
+        if node.is_leaf == 0 {
+            stack.extend(children);
+            continue;
+        }
+        for group in &dag.groups[children.start as usize..children.end as usize] {
+            if threshold.exceeded_by(&group.lod_sphere, group.error) {
+                let own = |at: &ClusterAddress| {
+                    let record = dag.record(*at);
+                    !threshold.exceeded_by(&record.lod_sphere, record.error)
+                };
+                clusters.extend(group.members().filter(own));
+            }
+        }
+    }
+    clusters.sort_unstable();
+    clusters
+}
+
+/// The largest error of a cut's clusters in object units, plus the rounding of the source positions; rounded up.
+pub fn cut_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
+    let largest = clusters.iter().map(|at| dag.record(*at).error).fold(0.0, f32::max);
+    let error = f64::from(largest) * dag.frame.scale + dag.frame.rounding;
+    if dag.frame.rounding > 0.0 { error.next_up() } else { error }
+}
+
+/// How many triangles the cut of each error has: found once, then any budget is a binary search.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FaceBudget {
+    /// Errors, increasing, internal units; the first is 0.
+    errors: Vec<f32>,
+    /// Triangles of the cut at each.
+    faces: Vec<u64>,
+}
+
+impl FaceBudget {
+    /// Tabulates a mesh. Costs one pass over the clusters.
+    pub fn new(dag: &Dag) -> Self {
+        // A cluster counts from its own error on, and no longer from its group's.
+        let mut steps: Vec<(f32, i64)> = Vec::with_capacity(2 * dag.cluster_count());
+        for group in &dag.groups {
+            for at in group.members() {
+                let record = dag.record(at);
+                let triangles = i64::from(record.triangle_count);
+                steps.push((record.error.max(0.0), triangles));
+                if group.error.is_finite() {
+                    steps.push((group.error, -triangles));
+                }
+            }
+        }
+        steps.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let mut budget = Self { errors: Vec::new(), faces: Vec::new() };
+        let mut count = 0;
+        for step in steps.chunk_by(|a, b| a.0 == b.0) {
+            count += step.iter().map(|s| s.1).sum::<i64>();
+            budget.errors.push(step[0].0);
+            budget.faces.push(count.max(0) as u64);
+        }
+        budget
+    }
+
+    /// The error of the finest cut with at most `target` triangles, or of the coarsest there is.
+    pub fn error_for(&self, target: u64) -> f32 {
+        // Counts fall with the error but for rare steps up by a few triangles: take the fullest that fits.
+        let fits = |i: &usize| self.faces[*i] <= target;
+        let best = (0..self.faces.len()).filter(fits).max_by_key(|i| (self.faces[*i], std::cmp::Reverse(*i)));
+        best.map_or_else(|| *self.errors.last().unwrap_or(&0.0), |i| self.errors[i])
+    }
+}

@@ -1,0 +1,58 @@
+//! Borrowed views of the caller's arrays.
+
+/// Vertex positions, object units.
+#[derive(Clone, Copy, Debug)]
+pub enum Positions<'a> {
+    /// Single precision.
+    F32(&'a [[f32; 3]]),
+    /// Double precision. Kept as f32 about an f64 origin unless every value is an f32 already.
+    F64(&'a [[f64; 3]]),
+}
+
+impl Positions<'_> {
+    /// Number of vertices.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::F32(p) => p.len(),
+            Self::F64(p) => p.len(),
+        }
+    }
+
+    /// True when there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// One position.
+    pub fn get(&self, i: usize) -> [f64; 3] {
+        match self {
+            Self::F32(p) => p[i].map(f64::from),
+            Self::F64(p) => p[i],
+        }
+    }
+}
+
+/// A triangle mesh as the caller has it. Nothing is trusted until [`super::validate::validate`] passed.
+#[derive(Clone, Debug)]
+pub struct SourceMesh<'a> {
+    /// N positions.
+    pub positions: Positions<'a>,
+    /// M triangles, counter-clockwise seen from the front.
+    pub faces: &'a [[u32; 3]],
+    /// N normals of any length; computed when missing.
+    pub normals: Option<&'a [[f32; 3]]>,
+    /// N RGBA8 colours.
+    pub colors: Option<&'a [[u8; 4]]>,
+    /// UV sets of N pairs each, at most [`SourceMesh::MAX_UV_SETS`].
+    pub uvs: Vec<&'a [[f32; 2]]>,
+}
+
+impl<'a> SourceMesh<'a> {
+    /// Most UV sets.
+    pub const MAX_UV_SETS: usize = 4;
+
+    /// Positions and faces alone.
+    pub fn new(positions: Positions<'a>, faces: &'a [[u32; 3]]) -> Self {
+        Self { positions, faces, normals: None, colors: None, uvs: Vec::new() }
+    }
+}

@@ -1,0 +1,68 @@
+//! What is refused, with the index and the value.
+
+use rayon::prelude::*;
+
+use super::source::{Positions, SourceMesh};
+use crate::error::{Error, Result};
+
+/// Most vertices and most faces: identities are 32-bit and new ones are made at every level.
+const MAX_ELEMENTS: usize = 1 << 30;
+
+fn finite<const N: usize, T: Copy + Into<f64> + Sync>(argument: &'static str, rows: &[[T; N]]) -> Result<()> {
+    let bad = rows.par_iter().position_first(|row| row.iter().any(|x| !(*x).into().is_finite()));
+    match bad {
+        Some(index) => Err(Error::NonFinite { argument, index, value: rows[index].map(Into::into).to_vec() }),
+        None => Ok(()),
+    }
+}
+
+fn same_length(argument: &'static str, found: usize, vertices: usize) -> Result<()> {
+    if found == vertices {
+        return Ok(());
+    }
+    Err(Error::argument(argument, format!("expected one row per vertex ({vertices}), found {found}")))
+}
+
+/// Checks sizes, indices and finiteness of everything. Later stages rely on it.
+pub fn validate(source: &SourceMesh<'_>) -> Result<()> {
+    let vertices = source.positions.len();
+    if source.faces.is_empty() {
+        return Err(Error::EmptyMesh("faces has no rows".into()));
+    }
+    if vertices == 0 {
+        return Err(Error::EmptyMesh("vertices has no rows".into()));
+    }
+    if vertices > MAX_ELEMENTS || source.faces.len() > MAX_ELEMENTS {
+        return Err(Error::TooLarge(format!(
+            "{vertices} vertices and {} faces; at most {MAX_ELEMENTS} of each are supported",
+            source.faces.len()
+        )));
+    }
+    let bad = source.faces.par_iter().position_first(|f| f.iter().any(|v| *v as usize >= vertices));
+    if let Some(face) = bad {
+        let index = source.faces[face].iter().find(|v| **v as usize >= vertices).copied().unwrap_or_default();
+        return Err(Error::IndexOutOfRange { face, index: i64::from(index), vertices });
+    }
+    match source.positions {
+        Positions::F32(p) => finite("vertices", p)?,
+        Positions::F64(p) => finite("vertices", p)?,
+    }
+    if let Some(normals) = source.normals {
+        same_length("normals", normals.len(), vertices)?;
+        finite("normals", normals)?;
+    }
+    if let Some(colors) = source.colors {
+        same_length("colors", colors.len(), vertices)?;
+    }
+    if source.uvs.len() > SourceMesh::MAX_UV_SETS {
+        return Err(Error::argument(
+            "uvs",
+            format!("at most {} sets are supported, found {}", SourceMesh::MAX_UV_SETS, source.uvs.len()),
+        ));
+    }
+    for set in &source.uvs {
+        same_length("uvs", set.len(), vertices)?;
+        finite("uvs", set)?;
+    }
+    Ok(())
+}

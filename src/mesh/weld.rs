@@ -1,0 +1,211 @@
+//! Welding and mending: bit-identical vertices become one, faces that cannot have area and repeated faces go.
+
+use rayon::prelude::*;
+
+use super::source::SourceMesh;
+use super::{attributes, frame, hash, validate};
+use crate::error::{Error, Result};
+use crate::math::Aabb;
+use crate::model::{AttributeLayout, BuildReport, Frame};
+
+/// A clean indexed mesh in internal space.
+#[derive(Clone, Debug)]
+pub struct WeldedMesh {
+    /// Internal to object space.
+    pub frame: Frame,
+    /// Box of the positions.
+    pub bounds: Aabb,
+    /// Positions.
+    pub positions: Vec<[f32; 3]>,
+    /// Which attributes there are.
+    pub layout: AttributeLayout,
+    /// Attribute rows, see [`super::attributes`].
+    pub attributes: Vec<f32>,
+    /// For each vertex, the smallest vertex at the same position.
+    pub position_ids: Vec<u32>,
+    /// Triangles: no two corners at one position, no face twice.
+    pub faces: Vec<[u32; 3]>,
+    /// For each face, its row in the caller's array.
+    pub face_rows: Vec<u32>,
+}
+
+/// Validates, frames, welds and mends. Counts what it did in `report`.
+pub fn weld(source: &SourceMesh<'_>, report: &mut BuildReport) -> Result<WeldedMesh> {
+    validate::validate(source)?;
+    report.input_faces = source.faces.len() as u64;
+    report.input_vertices = source.positions.len() as u64;
+    let (positions, frame) = frame::to_internal(source.positions);
+    let layout = attributes::layout(source);
+    let stride = attributes::stride(layout);
+    let rows = attributes::gather(source);
+
+    let position_ids = hash::first_equal(bytemuck::cast_slice(&positions), 3);
+    let vertex_ids = match (source.normals.is_none(), layout == AttributeLayout::default()) {
+        (true, true) => position_ids.clone(),
+        _ => hash::first_equal(&joined(&positions, &rows, stride), 3 + stride),
+    };
+
+    let (faces, face_rows) = mend(source.faces, &vertex_ids, &position_ids, report);
+    if faces.is_empty() {
+        return Err(Error::EmptyMesh("no face is left once faces without area are dropped".into()));
+    }
+    let mut mesh = compact(positions, rows, stride, &vertex_ids, &position_ids, faces, report);
+    let mended = attributes::fill_normals(
+        &mut mesh.attributes,
+        stride,
+        &mesh.positions,
+        &mesh.position_ids,
+        &mesh.faces,
+    );
+    report.computed_normals = source.normals.is_none();
+    report.mended_normals = if report.computed_normals { 0 } else { mended as u64 };
+    count_edges(&mesh.faces, &mesh.position_ids, report);
+    Ok(WeldedMesh { frame, bounds: frame::bounds(&mesh.positions), layout, face_rows, ..mesh })
+}
+
+fn joined(positions: &[[f32; 3]], rows: &[f32], stride: usize) -> Vec<u32> {
+    let mut words = vec![0u32; positions.len() * (3 + stride)];
+    words.par_chunks_mut(3 + stride).enumerate().for_each(|(i, out)| {
+        out[..3].copy_from_slice(bytemuck::cast_slice(&positions[i]));
+        out[3..].copy_from_slice(bytemuck::cast_slice(&rows[i * stride..][..stride]));
+    });
+    words
+}
+
+/// Drops faces with two corners at one position, and all but the first of faces with the same corners in the
+/// same cyclic order.
+fn mend(
+    faces: &[[u32; 3]],
+    vertex_ids: &[u32],
+    position_ids: &[u32],
+    report: &mut BuildReport,
+) -> (Vec<[u32; 3]>, Vec<u32>) {
+    let mut kept = Vec::with_capacity(faces.len());
+    let mut rows = Vec::with_capacity(faces.len());
+    for (row, face) in faces.iter().enumerate() {
+        let [a, b, c] = face.map(|v| position_ids[v as usize]);
+        if a != b && b != c && c != a {
+            kept.push(face.map(|v| vertex_ids[v as usize]));
+            rows.push(row as u32);
+        }
+    }
+    report.degenerate_faces = (faces.len() - kept.len()) as u64;
+    let canonical: Vec<[u32; 3]> = kept
+        .par_iter()
+        .map(|&[a, b, c]| {
+            if a < b && a < c {
+                [a, b, c]
+            } else if b < c {
+                [b, c, a]
+            } else {
+                [c, a, b]
+            }
+        })
+        .collect();
+    let first = hash::first_equal(bytemuck::cast_slice(&canonical), 3);
+    let before = kept.len();
+    let mut i = 0;
+    let mut unique = |_: &_| {
+        i += 1;
+        first[i - 1] as usize == i - 1
+    };
+    kept.retain(&mut unique);
+    i = 0;
+    rows.retain(|_| {
+        i += 1;
+        first[i - 1] as usize == i - 1
+    });
+    report.duplicate_faces = (before - kept.len()) as u64;
+    (kept, rows)
+}
+
+/// Keeps only vertices that faces use, in their order.
+fn compact(
+    positions: Vec<[f32; 3]>,
+    rows: Vec<f32>,
+    stride: usize,
+    vertex_ids: &[u32],
+    position_ids: &[u32],
+    mut faces: Vec<[u32; 3]>,
+    report: &mut BuildReport,
+) -> WeldedMesh {
+    let mut used = vec![false; positions.len()];
+    faces.iter().flatten().for_each(|v| used[*v as usize] = true);
+    let mut rename = vec![u32::MAX; positions.len()];
+    let mut order = Vec::new();
+    for v in 0..positions.len() {
+        if used[v] {
+            rename[v] = order.len() as u32;
+            order.push(v as u32);
+        }
+    }
+    let distinct = vertex_ids.iter().enumerate().filter(|(i, v)| **v as usize == *i).count();
+    report.welded_vertices = (positions.len() - distinct) as u64;
+    report.unreferenced_vertices = (distinct - order.len()) as u64;
+    faces.par_iter_mut().for_each(|f| *f = f.map(|v| rename[v as usize]));
+    // The representative of a position may itself be unused: take the first used one.
+    let mut first_used = vec![u32::MAX; positions.len()];
+    let ids = order
+        .iter()
+        .enumerate()
+        .map(|(new, old)| {
+            let first = &mut first_used[position_ids[*old as usize] as usize];
+            if *first == u32::MAX {
+                *first = new as u32;
+            }
+            *first
+        })
+        .collect();
+    let mut attributes = vec![0.0; order.len() * stride];
+    attributes
+        .par_chunks_mut(stride)
+        .zip(&order)
+        .for_each(|(out, old)| out.copy_from_slice(&rows[*old as usize * stride..][..stride]));
+    WeldedMesh {
+        frame: Frame { origin: [0.0; 3], scale: 1.0, rounding: 0.0 },
+        bounds: Aabb::EMPTY,
+        positions: order.par_iter().map(|v| positions[*v as usize]).collect(),
+        layout: AttributeLayout::default(),
+        attributes,
+        position_ids: ids,
+        faces,
+        face_rows: Vec::new(),
+    }
+}
+
+/// Counts edges, by position, with one face and with more than two.
+fn count_edges(faces: &[[u32; 3]], position_ids: &[u32], report: &mut BuildReport) {
+    // Bucket edges by their smaller end: buckets are short, so sorting them is cheap.
+    let vertices = position_ids.len();
+    let edge = |f: &[u32; 3], k: usize| {
+        let (a, b) = (position_ids[f[k] as usize], position_ids[f[(k + 1) % 3] as usize]);
+        (a.min(b), a.max(b))
+    };
+    let mut starts = vec![0u32; vertices + 1];
+    for f in faces {
+        (0..3).for_each(|k| starts[edge(f, k).0 as usize + 1] += 1);
+    }
+    for i in 0..vertices {
+        starts[i + 1] += starts[i];
+    }
+    let mut ends = starts.clone();
+    let mut others = vec![0u32; 3 * faces.len()];
+    for f in faces {
+        for k in 0..3 {
+            let (a, b) = edge(f, k);
+            others[ends[a as usize] as usize] = b;
+            ends[a as usize] += 1;
+        }
+    }
+    let (border, crowded) = (0..vertices)
+        .into_par_iter()
+        .map(|v| {
+            let mut bucket = others[starts[v] as usize..starts[v + 1] as usize].to_vec();
+            bucket.sort_unstable();
+            let runs = bucket.chunk_by(|a, b| a == b).map(<[u32]>::len);
+            runs.fold((0, 0), |(one, many), n| (one + u64::from(n == 1), many + u64::from(n > 2)))
+        })
+        .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+    report.border_edges = border;
+    report.non_manifold_edges = crowded;
+}
