@@ -22,9 +22,8 @@ def skipped(reports: Path) -> list[tuple[str, str]]:
             found.append((test, reason or "no reason given"))
     log = reports / "rust-log.txt"
     if log.exists():
-        for line in log.read_text().splitlines():
-            if match := IGNORED.match(line):
-                found.append((match["test"], match["reason"] or "no reason given"))
+        matches = filter(None, map(IGNORED.match, log.read_text().splitlines()))
+        found += [(match["test"], match["reason"] or "no reason given") for match in matches]
     return found
 
 

@@ -1,7 +1,8 @@
-"""Virtualized geometry: any mesh as a cluster LOD DAG, true cuts, and a renderer whose cost follows the pixels."""
+"""Virtualized geometry: a mesh of any size as a cluster LOD DAG, true cuts of it, and a renderer."""
 
 from __future__ import annotations
 
+from nanite_rs import shapes
 from nanite_rs._core import __version__
 from nanite_rs.exceptions import (
     ArgumentError,
@@ -32,4 +33,5 @@ __all__ = [
     "NaniteError",
     "StaleHandleError",
     "__version__",
+    "shapes",
 ]
