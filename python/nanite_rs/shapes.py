@@ -1,10 +1,10 @@
 """Procedural meshes of any size: for trying things out, for tests and for benchmarks.
 
 Every function returns ``(vertices, faces)``: float32 of shape (N, 3) and uint32 of shape (M, 3),
-counter-clockwise seen from outside, Y up where there is an up, about 2 units across. ``faces`` is the number of
-triangles aimed at; what comes back is the nearest that the construction allows. The same arguments give the
-same bytes on every machine: only correctly rounded operations are used, so no sine or power of a library takes
-part.
+counter-clockwise seen from outside, Y up where there is an up, about 2 units across. ``faces`` is the number
+of triangles aimed at; what comes back is the nearest that the construction allows. The same arguments give
+the same bytes on every machine: only correctly rounded operations are used, so no sine or power of a library
+takes part.
 
 Examples
 --------
@@ -256,7 +256,8 @@ def terrain(*, faces: int, seed: int = 0, height: float = 0.35, octaves: int = 1
         layer: Float32 = rows[:, cell] * (np.float32(1.0) - t) + rows[:, cell + 1] * t
         if octave < 3:
             layer = np.float32(0.5) - np.abs(layer)  # ridges
-        total += np.float32(height * 0.5**octave) * layer
+        layer *= np.float32(height * 0.5**octave)
+        total += layer
     points = np.empty((n + 1, n + 1, 3), np.float32)
     points[..., 0] = (2.0 * at - 1.0)[None, :]
     points[..., 1] = total

@@ -1,7 +1,7 @@
 """Fixtures and habits of the Python tests.
 
-Real meshes are read from `../shared/data` (or `$NANITE_SHARED_DATA`); a test that needs one which is absent is
-skipped, and `make test` counts it. Skips are also written to `$NANITE_SKIPS`, one `test<TAB>reason` a line.
+Real meshes are read from `../shared/data` (or `$NANITE_SHARED_DATA`); a test that needs one which is absent
+is skipped, and `make test` counts it. Skips are also written to `$NANITE_SKIPS`, one `test<TAB>reason` a line.
 """
 
 from __future__ import annotations
@@ -10,10 +10,13 @@ import ctypes.util
 import importlib
 import os
 from pathlib import Path
-from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+
+if TYPE_CHECKING:
+    from types import ModuleType
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
 
