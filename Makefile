@@ -56,7 +56,7 @@ $(VENV)/.stamp-test-requirements: requirements/test.txt requirements/pyrender.tx
 
 # The compiled module lands in python/nanite_rs/, which .venv then imports in place.
 $(VENV)/.stamp-module: $(RUST_SOURCES) $(VENV)/.stamp-build-requirements
-	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --quiet
+	VIRTUAL_ENV=$(abspath $(VENV)) PATH=$(abspath $(BIN)):$$PATH $(BIN)/maturin develop --release --locked --quiet
 	@touch $@
 
 # libOSMesa for pyrender, the oracle of the image tests. The tests say so when it is missing.

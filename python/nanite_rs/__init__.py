@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nanite_rs import shapes
 from nanite_rs._core import __version__
+from nanite_rs.cut import Cut
 from nanite_rs.exceptions import (
     ArgumentError,
     BackendError,
@@ -18,20 +19,30 @@ from nanite_rs.exceptions import (
     NaniteError,
     StaleHandleError,
 )
+from nanite_rs.mesh import BuildOptions, NaniteMesh, simplify
+from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 
 __all__ = [
     "ArgumentError",
     "BackendError",
+    "BuildOptions",
+    "BuildReport",
+    "CheckReport",
+    "Cut",
     "DependencyError",
     "DtypeError",
     "FileError",
     "FormatError",
     "InternalError",
     "InvariantError",
+    "LevelReport",
     "MeshError",
     "MissingFileError",
     "NaniteError",
+    "NaniteMesh",
     "StaleHandleError",
+    "StuckGroup",
     "__version__",
     "shapes",
+    "simplify",
 ]

@@ -250,12 +250,14 @@ def terrain(*, faces: int, seed: int = 0, height: float = 0.35, octaves: int = 1
         cells = 3 << octave
         lattice = (rng.random((cells + 2, cells + 2)) * 2.0 - 1.0).astype(np.float32)
         cell = np.minimum((at * cells).astype(np.int64), cells - 1)
-        t = (at * cells - cell).astype(np.float32)
-        t = t * t * t * (t * (t * np.float32(6.0) - np.float32(15.0)) + np.float32(10.0))
-        rows = lattice[cell] * (np.float32(1.0) - t)[:, None] + lattice[cell + 1] * t[:, None]
-        layer: Float32 = rows[:, cell] * (np.float32(1.0) - t) + rows[:, cell + 1] * t
+        t: Float32 = (at * cells - cell).astype(np.float32)
+        t *= t * t * (t * (t * np.float32(6.0) - np.float32(15.0)) + np.float32(10.0))
+        rest = np.float32(1.0) - t
+        rows = lattice[cell] * rest[:, None] + lattice[cell + 1] * t[:, None]
+        layer: Float32 = rows[:, cell] * rest + rows[:, cell + 1] * t
         if octave < 3:
-            layer = np.float32(0.5) - np.abs(layer)  # ridges
+            np.abs(layer, out=layer)  # ridges
+            np.subtract(np.float32(0.5), layer, out=layer)
         layer *= np.float32(height * 0.5**octave)
         total += layer
     points = np.empty((n + 1, n + 1, 3), np.float32)

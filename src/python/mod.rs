@@ -1,7 +1,9 @@
 //! The extension module `nanite_rs._core`: thin, checked entry points. What users see, with docstrings and
 //! defaults, is Python over it (`python/nanite_rs/`).
 
+mod arrays;
 mod errors;
+mod mesh;
 
 use pyo3::prelude::*;
 
@@ -9,5 +11,7 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<mesh::Mesh>()?;
+    module.add_class::<mesh::Cut>()?;
     Ok(())
 }

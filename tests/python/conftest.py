@@ -1,7 +1,7 @@
 """Fixtures and habits of the Python tests.
 
 Real meshes are read from `../shared/data` (or `$NANITE_SHARED_DATA`); a test that needs one which is absent
-is skipped, and `make test` counts it. Skips are also written to `$NANITE_SKIPS`, one `test<TAB>reason` a line.
+is skipped, and `make test` counts it. Skips are also written to `$NANITE_SKIPS` as `test<TAB>reason`.
 """
 
 from __future__ import annotations

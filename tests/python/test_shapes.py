@@ -95,7 +95,7 @@ def test_flat_shaded_normals_belong_to_the_faces():
         ("gyroid_shell", "0d623876028a4637"),
         ("islands", "0c89b2c7d32b1179"),
         ("soup", "fe2e64452e7d6c17"),
-        ("terrain", "ed3e2f53b0908d2e"),
+        ("terrain", "1b20a9ae0b92c8ce"),
         ("torus_knot", "25388c380a239e44"),
     ],
 )

@@ -1,0 +1,124 @@
+"""A cut: one mesh, picked out of all levels of detail by the rule of the cut."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import trimesh
+    from numpy.typing import NDArray
+
+    from nanite_rs import _core
+
+__all__ = ["Cut"]
+
+
+class Cut:
+    """The clusters of one threshold as a mesh. Made by `NaniteMesh.cut`.
+
+    Vertices are welded by stored identity, never by distance, so a cut is watertight where its source is. All
+    arrays are the caller's own: contiguous and writable.
+
+    Attributes
+    ----------
+    vertices : (N, 3) float32 or float64 array
+        Positions in the caller's space; float64 when the source needed it.
+    faces : (M, 3) int32 array
+        Triangles, counter-clockwise seen from the front.
+    normals : (N, 3) float32 array
+        Unit normals.
+    colors : (N, 4) uint8 array or None
+        Vertex colours.
+    uvs : list of (N, 2) float32 arrays
+        UV sets, as many as the source had.
+    error : float
+        No point of the cut stands for a piece of the source with a larger error, in the units of the mesh;
+        0 at full detail.
+    cluster_ids : (C,) uint32 array
+        Addresses of the clusters.
+    cluster_levels : (C,) uint8 array
+        Level of each cluster: times its surface was simplified, 0 for the source.
+    vertex_ids : (N,) uint32 array
+        Stored identities of the vertices: the same vertex has the same identity in every cut of a mesh.
+
+    Examples
+    --------
+    >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20_000))
+    >>> cut = mesh.cut(target_faces=1_000)
+    >>> len(cut) == len(cut.faces) <= 1_000
+    True
+    >>> cut.to_trimesh().is_watertight
+    True
+    """
+
+    __slots__ = (
+        "_first_face",
+        "cluster_ids",
+        "cluster_levels",
+        "colors",
+        "error",
+        "faces",
+        "normals",
+        "uvs",
+        "vertex_ids",
+        "vertices",
+    )
+
+    def __init__(self, core: _core.Cut) -> None:
+        self.vertices: NDArray[np.float32] | NDArray[np.float64] = core.vertices
+        self.faces: NDArray[np.int32] = core.faces
+        self.normals: NDArray[np.float32] = core.normals
+        self.colors: NDArray[np.uint8] | None = core.colors
+        self.uvs: list[NDArray[np.float32]] = core.uvs
+        self.error: float = core.error
+        self.cluster_ids: NDArray[np.uint32] = core.cluster_ids
+        self.cluster_levels: NDArray[np.uint8] = core.cluster_levels
+        self.vertex_ids: NDArray[np.uint32] = core.vertex_ids
+        self._first_face: NDArray[np.uint32] = core.first_face
+
+    def __len__(self) -> int:
+        """Return the number of triangles."""
+        return len(self.faces)
+
+    def __repr__(self) -> str:
+        """Sizes and error."""
+        return (
+            f"Cut({len(self.faces):,} faces, {len(self.vertices):,} vertices, "
+            f"{len(self.cluster_ids):,} clusters, error {self.error:.4g})"
+        )
+
+    @property
+    def face_clusters(self) -> NDArray[np.uint32]:
+        """For each face the row of its cluster in `cluster_ids`: (M,) uint32."""
+        counts = np.diff(self._first_face)
+        return np.repeat(np.arange(len(counts), dtype=np.uint32), counts)
+
+    @property
+    def face_levels(self) -> NDArray[np.uint8]:
+        """For each face the level of its cluster: (M,) uint8."""
+        return np.repeat(self.cluster_levels, np.diff(self._first_face))
+
+    def to_trimesh(self, *, process: bool = False) -> trimesh.Trimesh:
+        """Convert to a `trimesh.Trimesh` with normals, colours and the first UV set.
+
+        Parameters
+        ----------
+        process : bool
+            Let trimesh merge vertices by position. Off by default: a cut is clean already.
+        """
+        import trimesh
+
+        visual: Any = None
+        if self.colors is not None:
+            visual = trimesh.visual.ColorVisuals(vertex_colors=self.colors)
+        elif self.uvs:
+            visual = trimesh.visual.TextureVisuals(uv=self.uvs[0])
+        return trimesh.Trimesh(
+            vertices=self.vertices,
+            faces=self.faces,
+            vertex_normals=self.normals,
+            visual=visual,
+            process=process,
+        )

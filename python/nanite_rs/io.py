@@ -1,0 +1,230 @@
+"""Meshes in and out of files and trimesh objects."""
+
+from __future__ import annotations
+
+import errno
+import gzip
+import os
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from nanite_rs.exceptions import (
+    DependencyError,
+    DtypeError,
+    FileError,
+    FormatError,
+    MeshError,
+    MissingFileError,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import trimesh
+    from numpy.typing import NDArray
+
+__all__ = ["Source", "from_trimesh", "load"]
+
+#: Suffix of built meshes.
+NANITE_SUFFIX: Final = ".nanite"
+
+
+@dataclass
+class Source:
+    """Arrays of a mesh as `NaniteMesh.from_arrays` takes them."""
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    normals: NDArray[np.float32] | None = None
+    colors: NDArray[np.uint8] | None = None
+    uvs: list[NDArray[np.float32]] = field(default_factory=list)
+
+    def arrays(self) -> dict[str, Any]:
+        """Keyword arguments of `NaniteMesh.from_arrays`."""
+        return {
+            "vertices": self.vertices,
+            "faces": self.faces,
+            "normals": self.normals,
+            "colors": self.colors,
+            "uvs": self.uvs,
+        }
+
+
+def load(path: str | os.PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:
+    """Read a mesh file with trimesh, unprocessed, so that vertices stay as they are stored.
+
+    Parameters
+    ----------
+    path : path
+        Any format that trimesh reads; ``.gz`` is unpacked on the way.
+
+    Raises
+    ------
+    MissingFileError, FileError, FormatError, DependencyError
+        Each names the file.
+    """
+    import trimesh
+
+    path = Path(path)
+    packed = path.suffix.lower() == ".gz"
+    suffix = (Path(path.stem) if packed else path).suffix.lower().removeprefix(".")
+    known = sorted(trimesh.available_formats())
+    if path.is_dir():
+        raise FileError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not path.exists():
+        raise MissingFileError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    if suffix not in known:
+        found = f"extension .{suffix} is unknown" if suffix else "the name has no extension"
+        raise FormatError(f"{path}: {found}; trimesh reads {', '.join(known)}")
+    try:
+        if packed:
+            loaded = trimesh.load(
+                BytesIO(gzip.decompress(path.read_bytes())), file_type=suffix, process=False
+            )
+        else:
+            loaded = trimesh.load(path, process=False)
+    except ImportError as error:
+        package = error.name or "an optional package"
+        raise DependencyError(f"{path}: {package} is needed; pip install 'nanite-rs[io]'") from error
+    except OSError as error:
+        if isinstance(error, gzip.BadGzipFile) or error.errno is None:
+            raise FormatError(f"{path}: not a valid .{suffix} file: {error}") from error
+        raise FileError(error.errno, error.strerror, str(path)) from error
+    except Exception as error:  # whatever a loader trips over in a damaged file
+        message = f"{type(error).__name__}: {error}"
+        raise FormatError(f"{path}: not a valid .{suffix} file: {message}") from error
+    _refuse_undecoded(path, loaded)
+    return loaded
+
+
+def _refuse_undecoded(path: Path, loaded: object) -> None:
+    """Loaders return point clouds, paths or nothing where there is no triangle; say so with the file's name."""
+    import trimesh
+
+    if isinstance(loaded, trimesh.Scene):
+        loaded = list(loaded.geometry.values())
+    parts = loaded if isinstance(loaded, list) else [loaded]
+    if not any(isinstance(part, trimesh.Trimesh) and len(part.faces) for part in parts):
+        kinds = sorted({type(part).__name__ for part in parts}) or ["nothing"]
+        raise MeshError(f"{path}: no triangles in it, only {', '.join(kinds)}")
+
+
+def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Source:
+    """Take the arrays out of a trimesh object; a Scene is flattened with its transforms.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh or trimesh.Scene
+        The mesh.
+
+    Raises
+    ------
+    MeshError
+        No triangles in it.
+    DtypeError
+        It is something else.
+    """
+    import trimesh
+
+    if isinstance(mesh, trimesh.Trimesh):
+        return _single(mesh)
+    if not isinstance(mesh, trimesh.Scene):
+        raise DtypeError(f"mesh: expected trimesh.Trimesh or trimesh.Scene, not {type(mesh).__name__}")
+    parts = []
+    for node in mesh.graph.nodes_geometry:
+        transform, name = mesh.graph[node]
+        geometry = mesh.geometry[name]
+        if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
+            parts.append(_transformed(_single(geometry), np.asarray(transform, np.float64)))
+    if not parts:
+        raise MeshError("mesh: the scene has no triangles")
+    return _concatenated(parts)
+
+
+def _single(mesh: trimesh.Trimesh) -> Source:
+    source = Source(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    # Normals that came with the file lie in the cache; asking for `vertex_normals` would compute missing ones.
+    stored = mesh._cache.cache.get("vertex_normals")
+    if stored is not None and np.shape(stored) == np.shape(source.vertices):
+        source.normals = np.asarray(stored, np.float32)
+    visual = mesh.visual
+    if visual is None or not visual.defined:
+        return source
+    if visual.kind == "vertex":
+        source.colors = np.asarray(visual.vertex_colors, np.uint8)
+    elif visual.kind == "face":
+        # One colour per face: every face gets vertices of its own. Equal ones are welded again by the build.
+        corners = source.faces.reshape(-1)
+        source.vertices = source.vertices[corners]
+        if source.normals is not None:
+            source.normals = source.normals[corners]
+        source.colors = np.repeat(np.asarray(visual.face_colors, np.uint8), 3, axis=0)
+        source.faces = np.arange(len(corners)).reshape(-1, 3)
+    elif visual.kind == "texture" and getattr(visual, "uv", None) is not None:
+        if len(visual.uv) == len(source.vertices):
+            source.uvs = [np.asarray(visual.uv, np.float32)]
+        attribute = getattr(visual, "vertex_attributes", {}).get("color")
+        if attribute is not None and np.shape(attribute)[0] == len(source.vertices):
+            source.colors = _as_rgba(np.asarray(attribute))
+    return source
+
+
+def _as_rgba(colors: NDArray[Any]) -> NDArray[np.uint8]:
+    if colors.dtype.kind == "f":
+        colors = np.rint(np.clip(colors, 0.0, 1.0) * 255.0).astype(np.uint8)
+    rgba = np.full((len(colors), 4), 255, np.uint8)
+    rgba[:, : min(colors.shape[1], 4)] = colors[:, :4]
+    return rgba
+
+
+def _transformed(source: Source, transform: NDArray[np.float64]) -> Source:
+    if np.array_equal(transform, np.eye(4)):
+        return source
+    linear = transform[:3, :3]
+    source.vertices = source.vertices @ linear.T + transform[:3, 3]
+    determinant = np.linalg.det(linear)
+    if determinant < 0.0:
+        source.faces = source.faces[:, ::-1]
+    if source.normals is not None:
+        # The cofactor matrix is det · inverse transpose, and exists for flattened parts too.
+        rows = [np.cross(linear[(k + 1) % 3], linear[(k + 2) % 3]) for k in range(3)]
+        cofactor = np.array(rows) * (-1.0 if determinant < 0.0 else 1.0)
+        source.normals = (source.normals @ cofactor.T).astype(np.float32)
+    return source
+
+
+def _concatenated(parts: list[Source]) -> Source:
+    if len(parts) == 1:
+        return parts[0]
+    counts = [len(part.vertices) for part in parts]
+    offsets = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    out = Source(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=True)]),
+    )
+
+    def joined(rows: Iterable[NDArray[Any] | None], missing: NDArray[Any]) -> NDArray[Any] | None:
+        """Rows of all parts, with a constant where a part has none; None when no part has any."""
+        rows = list(rows)
+        if all(row is None for row in rows):
+            return None
+        filled = (
+            np.broadcast_to(missing, (count, len(missing))) if row is None else row
+            for row, count in zip(rows, counts, strict=True)
+        )
+        return np.concatenate(list(filled))
+
+    # A zero normal asks the build to compute it; a part without colour is white.
+    out.normals = joined((part.normals for part in parts), np.zeros(3, np.float32))
+    out.colors = joined((part.colors for part in parts), np.full(4, 255, np.uint8))
+    for number in range(max(len(part.uvs) for part in parts)):
+        sets = joined(
+            (part.uvs[number] if number < len(part.uvs) else None for part in parts), np.zeros(2, np.float32)
+        )
+        if sets is not None:
+            out.uvs.append(sets)
+    return out

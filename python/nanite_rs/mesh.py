@@ -1,0 +1,571 @@
+"""`NaniteMesh`: a triangle mesh as a cluster LOD DAG."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+import numpy as np
+
+from nanite_rs import io
+from nanite_rs._core import Mesh as CoreMesh
+from nanite_rs._progress import Progress, reporter
+from nanite_rs.cut import Cut
+from nanite_rs.exceptions import ArgumentError, DtypeError
+from nanite_rs.report import BuildReport, CheckReport
+
+if TYPE_CHECKING:
+    import trimesh
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["BuildOptions", "NaniteMesh", "simplify"]
+
+PathLike: TypeAlias = str | os.PathLike[str]
+
+
+class Camera(Protocol):
+    """Anything with a projection matrix, such as `PerspectiveCamera`."""
+
+    def projection_matrix(self, width: int, height: int) -> NDArray[np.float64]:
+        """Return the 4×4 OpenGL projection matrix for a viewport."""
+        ...
+
+
+@dataclass(frozen=True)
+class BuildOptions:
+    """How a mesh is built. The defaults suit scans, CAD and game assets alike.
+
+    Examples
+    --------
+    >>> vertices, faces = nrs.shapes.icosphere(faces=2_000)
+    >>> mesh = nrs.NaniteMesh.from_arrays(vertices, faces, options=nrs.BuildOptions(cluster_triangles=64))
+    >>> mesh.report.clusters > 30
+    True
+    """
+
+    cluster_triangles: int = 128
+    """Most triangles of a cluster, 16 to 128."""
+    cluster_vertices: int = 255
+    """Most vertices of a cluster, 32 to 255."""
+    group_clusters: int = 16
+    """Clusters that are simplified together, 4 to 24."""
+    normal_weight: float = 0.5
+    """Weight of a unit of normal deviation against one mean edge length of distance."""
+    color_weight: float = 1.0
+    """Weight of a unit of colour (0 to 1) against one mean edge length of distance."""
+    uv_weight: float = 1.0
+    """Weight of a unit of UV against one mean edge length of distance."""
+    face_ids: bool = False
+    """Keep the map from full-detail triangles to rows of the caller's ``faces``."""
+    threads: int = 0
+    """Threads; 0 uses all cores. The result does not depend on it."""
+
+
+def _array(value: object, name: str) -> NDArray[Any]:
+    """An array of what is one already; lists become float64 or integers."""
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise ArgumentError(f"{name}: {error}") from None
+    if not isinstance(value, np.ndarray) and name != "faces" and array.dtype.kind in "iu":
+        array = array.astype(np.float64)
+    return array
+
+
+def _vertex_floats(value: object, name: str) -> NDArray[np.float32]:
+    array = _array(value, name)
+    if array.dtype.kind != "f":
+        raise DtypeError(f"{name}: expected a floating-point dtype, not {array.dtype}")
+    return array.astype(np.float32, copy=False)
+
+
+def _colors(value: object) -> NDArray[np.uint8]:
+    """Colours as (N, 4) uint8 from uint8 or floats of 0 to 1, with or without alpha."""
+    array = _array(value, "colors")
+    if array.ndim != 2 or array.shape[1] not in (3, 4):
+        raise ArgumentError(f"colors: expected shape (N, 3) or (N, 4), found {array.shape}")
+    if array.dtype.kind == "f":
+        if not np.isfinite(array).all() or array.min(initial=0.0) < 0.0 or array.max(initial=0.0) > 1.0:
+            raise ArgumentError("colors: floating-point colours must lie between 0 and 1")
+        array = np.rint(array * 255.0).astype(np.uint8)
+    elif array.dtype != np.uint8:
+        raise DtypeError(f"colors: expected uint8 or a floating-point dtype, not {array.dtype}")
+    if array.shape[1] == 3:
+        array = np.concatenate([array, np.full((len(array), 1), 255, np.uint8)], axis=1)
+    return np.ascontiguousarray(array)
+
+
+def _uv_sets(value: object) -> list[NDArray[np.float32]]:
+    """UV sets as a list from one (N, 2) array or a sequence of them."""
+    if value is None:
+        return []
+    if isinstance(value, np.ndarray) and value.ndim == 2:
+        return [_vertex_floats(value, "uvs")]
+    if not isinstance(value, Sequence | np.ndarray):
+        raise DtypeError(f"uvs: expected an (N, 2) array or a sequence of them, not {type(value).__name__}")
+    return [_vertex_floats(item, "uvs") for item in value]
+
+
+def _real(value: object, name: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise DtypeError(f"{name}: expected a number, not {type(value).__name__}")
+    return float(value)
+
+
+class NaniteMesh:
+    """A triangle mesh of any size as a cluster LOD DAG: every level of detail at once.
+
+    Made by `from_arrays`, `from_trimesh`, `from_file` or `open`; immutable. ``len(mesh)`` is the number of source
+    triangles, ``==`` compares content, and meshes can be pickled.
+
+    Examples
+    --------
+    >>> import nanite_rs as nrs
+    >>> vertices, faces = nrs.shapes.displaced_icosphere(faces=50_000)
+    >>> mesh = nrs.NaniteMesh.from_arrays(vertices, faces)
+    >>> len(mesh)
+    50000
+    >>> coarse = mesh.cut(target_reduction=0.9)
+    >>> len(coarse) <= 5_000 and coarse.error > 0.0
+    True
+    >>> len(mesh.cut(error=0.0))
+    50000
+    """
+
+    __slots__ = ("_core", "_report")
+
+    _core: CoreMesh
+    _report: BuildReport | None
+
+    def __init__(self) -> None:
+        raise TypeError("use NaniteMesh.from_arrays, from_trimesh, from_file or open")
+
+    @classmethod
+    def _wrap(cls, core: CoreMesh) -> NaniteMesh:
+        mesh = object.__new__(cls)
+        mesh._core = core
+        mesh._report = None
+        return mesh
+
+    # ------------------------------------------------------------------------------------------ making
+
+    @classmethod
+    def from_arrays(
+        cls,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        normals: ArrayLike | None = None,
+        colors: ArrayLike | None = None,
+        uvs: ArrayLike | Sequence[ArrayLike] | None = None,
+        options: BuildOptions | None = None,
+        progress: Progress = None,
+    ) -> NaniteMesh:
+        """Build from arrays.
+
+        Degenerate and duplicate faces, unreferenced vertices and zero normals are mended and counted in `report`.
+        The interpreter lock is released, Ctrl-C works, and the same input gives the same bytes on any number of
+        threads. Do not modify the arrays while this runs.
+
+        Parameters
+        ----------
+        vertices : (N, 3) float32 or float64 array
+            Positions. float64 values that are no float32 are kept about a float64 origin.
+        faces : (M, 3) array of any integer type
+            Triangles, counter-clockwise seen from the front.
+        normals : (N, 3) floating-point array, optional
+            Vertex normals of any length; computed, weighted by angle, when missing.
+        colors : (N, 3) or (N, 4) array, optional
+            Vertex colours: uint8, or floating-point from 0 to 1.
+        uvs : (N, 2) floating-point array or a sequence of up to four, optional
+            Texture coordinates.
+        options : BuildOptions, optional
+            How to build.
+        progress : bool or callable, optional
+            True for a progress bar, False for none, a callable for ``(done, total)``; by default a bar when
+            the build takes longer than a second and stderr is a terminal. Raising in the callable stops the
+            build.
+
+        Raises
+        ------
+        MeshError
+            Not finite, an index out of range (with its row), nothing left to build from, or too large.
+        ArgumentError, DtypeError
+            An array or option has the wrong shape, dtype or range.
+        """
+        vertices = _array(vertices, "vertices")
+        faces = _array(faces, "faces")
+        with reporter(progress, "building") as report:
+            core = CoreMesh.build(
+                vertices,
+                faces,
+                normals=None if normals is None else _vertex_floats(normals, "normals"),
+                colors=None if colors is None else _colors(colors),
+                uvs=_uv_sets(uvs),
+                options=asdict(options or BuildOptions()),
+                progress=report,
+            )
+        return cls._wrap(core)
+
+    @classmethod
+    def from_trimesh(
+        cls,
+        mesh: trimesh.Trimesh | trimesh.Scene,
+        *,
+        options: BuildOptions | None = None,
+        progress: Progress = None,
+    ) -> NaniteMesh:
+        """Build from a `trimesh.Trimesh`, or from a `trimesh.Scene` flattened with its transforms.
+
+        Vertex and face colours, the UV set and normals that came with the mesh are carried along.
+
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh or trimesh.Scene
+            The mesh.
+        options, progress
+            As in `from_arrays`.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> len(nrs.NaniteMesh.from_trimesh(trimesh.creation.icosphere(subdivisions=3)))
+        1280
+        """
+        source = io.from_trimesh(mesh)
+        return cls.from_arrays(**source.arrays(), options=options, progress=progress)
+
+    @classmethod
+    def from_file(
+        cls, path: PathLike, *, options: BuildOptions | None = None, progress: Progress = None
+    ) -> NaniteMesh:
+        """Build from a file that trimesh reads: PLY, OBJ, STL, GLB, glTF, OFF and more, gzipped or not.
+
+        A ``.nanite`` file is opened as it is.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+        options, progress
+            As in `from_arrays`.
+
+        Raises
+        ------
+        MissingFileError
+            There is no such file.
+        FormatError
+            The extension is unknown, or the content is not what the extension says.
+        DependencyError
+            The file needs an optional package, such as DracoPy.
+        """
+        if str(os.fspath(path)).lower().endswith(io.NANITE_SUFFIX):
+            return cls.open(path)
+        return cls.from_trimesh(io.load(path), options=options, progress=progress)
+
+    @classmethod
+    def open(cls, path: PathLike) -> NaniteMesh:
+        """Read a ``.nanite`` file that `save` wrote.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Raises
+        ------
+        MissingFileError, FileError
+            The file cannot be read.
+        FormatError
+            The file is damaged, of a later version, or something else.
+        """
+        return cls._wrap(CoreMesh.open(path))
+
+    def save(self, path: PathLike) -> None:
+        """Write a ``.nanite`` file; an existing one is replaced in one step or not at all.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     mesh.save(pathlib.Path(folder) / "sphere.nanite")
+        ...     nrs.NaniteMesh.open(pathlib.Path(folder) / "sphere.nanite") == mesh
+        True
+        """
+        self._core.save(path)
+
+    # ----------------------------------------------------------------------------------------- cutting
+
+    def cut(
+        self,
+        *,
+        error: float | None = None,
+        target_faces: int | None = None,
+        target_reduction: float | None = None,
+        camera: Camera | None = None,
+        pose: ArrayLike | None = None,
+        viewport: tuple[int, int] | None = None,
+        pixel_error: float = 1.0,
+    ) -> Cut:
+        """Pick the clusters of one threshold. Give exactly one of the first four.
+
+        The hierarchy is walked, so the cost follows the cut and not the mesh.
+
+        Parameters
+        ----------
+        error : float
+            Largest error in the units of the mesh; 0 is full detail.
+        target_faces : int
+            At most so many triangles, or the coarsest cut there is.
+        target_reduction : float
+            Fraction of the triangles to remove, 0 to 1, as in fast-simplification.
+        camera : camera
+            With ``pose`` and ``viewport``: the cut for this view.
+        pose : (4, 4) array
+            Camera-to-mesh transform, OpenGL axes (the camera looks along −Z, Y up).
+        viewport : (int, int)
+            Width and height in pixels.
+        pixel_error : float
+            Largest error in pixels, anywhere on the screen; 0 is full detail.
+
+        Returns
+        -------
+        Cut
+
+        Examples
+        --------
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.torus_knot(faces=30_000))
+        >>> fine, coarse = mesh.cut(error=0.001), mesh.cut(error=0.01)
+        >>> len(mesh) > len(fine) > len(coarse)
+        True
+        >>> fine.error <= 0.001
+        True
+        """
+        selectors = {
+            "error": error,
+            "target_faces": target_faces,
+            "target_reduction": target_reduction,
+            "camera": camera,
+        }
+        given = [name for name, value in selectors.items() if value is not None]
+        if len(given) != 1:
+            found = " and ".join(given) or "none"
+            raise ArgumentError(f"cut: expected exactly one of {', '.join(selectors)}, found {found}")
+        if camera is not None:
+            return self._cut_view(camera, pose, viewport, pixel_error)
+        if pose is not None or viewport is not None:
+            raise ArgumentError("pose, viewport: these go with camera=")
+        if error is not None:
+            error = _real(error, "error")
+            if not error >= 0.0:
+                raise ArgumentError(f"error: must be 0 or more, not {error}")
+            return Cut(self._core.cut_error(error))
+        if target_faces is None:
+            reduction = _real(target_reduction, "target_reduction")
+            if not 0.0 <= reduction <= 1.0:
+                raise ArgumentError(f"target_reduction: must be between 0 and 1, not {reduction}")
+            # A fraction such as 0.9 is not exact: what is meant is the integer beside it.
+            target_faces = math.floor((1.0 - reduction) * len(self) + 1e-6)
+        elif isinstance(target_faces, bool) or not isinstance(target_faces, int | np.integer):
+            raise DtypeError(f"target_faces: expected an integer, not {type(target_faces).__name__}")
+        elif target_faces < 1:
+            raise ArgumentError(f"target_faces: must be 1 or more, not {target_faces}")
+        return Cut(self._core.cut_faces(min(int(target_faces), len(self))))
+
+    def _cut_view(
+        self, camera: Camera, pose: ArrayLike | None, viewport: tuple[int, int] | None, pixel_error: float
+    ) -> Cut:
+        if pose is None or viewport is None:
+            raise ArgumentError("camera: pose= and viewport= are needed with it")
+        try:
+            width, height = (int(side) for side in viewport)
+        except (TypeError, ValueError):
+            raise ArgumentError(f"viewport: expected (width, height), not {viewport!r}") from None
+        if not (1 <= width <= 65536 and 1 <= height <= 65536):
+            raise ArgumentError(f"viewport: sides must be between 1 and 65536, not {width} × {height}")
+        pixel_error = _real(pixel_error, "pixel_error")
+        if not pixel_error >= 0.0:
+            raise ArgumentError(f"pixel_error: must be 0 or more, not {pixel_error}")
+        projection = camera.projection_matrix(width, height)
+        return Cut(self._core.cut_view(projection, pose, (width, height), pixel_error))
+
+    # ------------------------------------------------------------------------------------------ asking
+
+    @property
+    def report(self) -> BuildReport:
+        """What building was given, mended and made."""
+        if self._report is None:
+            self._report = BuildReport._from_json(self._core.report_json())
+        return self._report
+
+    def check(self) -> CheckReport:
+        """Verify every invariant of the DAG.
+
+        Returns
+        -------
+        CheckReport
+            How much of everything was verified.
+
+        Raises
+        ------
+        InvariantError
+            With the first cluster, group or node at fault: a bug, or a damaged file.
+        """
+        return CheckReport(**self._core.check())
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Sizes and bounds as a dictionary of plain values.
+
+        Examples
+        --------
+        >>> info = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20)).info
+        >>> info["faces"], info["levels"], info["clusters"]
+        (20, 1, 1)
+        """
+        core = self._core
+        return {
+            "faces": core.source_faces,
+            "vertices": core.source_vertices,
+            "levels": core.level_count,
+            "clusters": core.cluster_count,
+            "groups": core.group_count,
+            "nodes": core.node_count,
+            "pages": core.page_count,
+            "bytes": core.nbytes,
+            "colors": core.has_colors,
+            "uv_sets": core.uv_sets,
+            "bounds": [list(corner) for corner in core.bounds],
+            "origin": list(core.origin),
+            "rounding": core.rounding,
+        }
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Smallest and largest corner of the source: (2, 3) float64."""
+        return np.array(self._core.bounds)
+
+    @property
+    def source_face_ids(self) -> NDArray[np.uint32] | None:
+        """For each face of the full-detail cut its row of the caller's ``faces``: (M,) uint32.
+
+        None unless built with ``BuildOptions(face_ids=True)``.
+        """
+        return self._core.source_face_ids()
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all levels in memory."""
+        return self._core.nbytes
+
+    def __len__(self) -> int:
+        """Return the number of source triangles, after mending."""
+        return self._core.source_faces
+
+    def __repr__(self) -> str:
+        """Sizes."""
+        core = self._core
+        return (
+            f"NaniteMesh({core.source_faces:,} faces, {core.source_vertices:,} vertices, "
+            f"{core.level_count} levels, {core.cluster_count:,} clusters, {core.nbytes / 1e6:,.1f} MB)"
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Compare content."""
+        if not isinstance(other, NaniteMesh):
+            return NotImplemented
+        return self._core.equals(other._core)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __copy__(self) -> NaniteMesh:
+        """Return itself: meshes are immutable."""
+        return self
+
+    def __deepcopy__(self, memo: object) -> NaniteMesh:
+        """Return itself: meshes are immutable."""
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle as the bytes of a ``.nanite`` file."""
+        return _from_bytes, (self._core.to_bytes(),)
+
+
+def _from_bytes(data: bytes) -> NaniteMesh:
+    return NaniteMesh._wrap(CoreMesh.from_bytes(data))
+
+
+def simplify(
+    points: ArrayLike,
+    triangles: ArrayLike,
+    target_reduction: float | None = None,
+    target_count: int | None = None,
+    agg: float = 7.0,
+    verbose: bool = False,
+    return_collapses: bool = False,
+    lossless: bool = False,
+    preserve_border: bool = False,
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Simplify a mesh once: the call of `fast_simplification.simplify`, with the same arguments and results.
+
+    Builds the whole DAG and cuts it. To cut more than once keep a `NaniteMesh`: its cuts cost next to nothing.
+
+    Parameters
+    ----------
+    points : (N, 3) array
+        Positions.
+    triangles : (M, 3) integer array
+        Triangles.
+    target_reduction : float, optional
+        Fraction of the triangles to remove, 0 to 1. Give this or ``target_count``.
+    target_count : int, optional
+        Triangles to keep at most.
+    agg : float
+        Accepted for compatibility; there is nothing to trade here.
+    verbose : bool
+        Show a progress bar.
+    return_collapses, lossless, preserve_border : bool
+        Not available; True raises.
+
+    Returns
+    -------
+    points : (N', 3) float64 array
+    triangles : (M', 3) int32 array
+
+    Examples
+    --------
+    >>> vertices, faces = nrs.shapes.icosphere(faces=20_000)
+    >>> points, triangles = nrs.simplify(vertices, faces, 0.9)
+    >>> 1_500 < len(triangles) <= 2_048
+    True
+    """
+    del agg
+    flags = {"return_collapses": return_collapses, "lossless": lossless, "preserve_border": preserve_border}
+    for name, wanted in flags.items():
+        if wanted:
+            raise ArgumentError(f"{name}: not available here")
+    if (target_reduction is None) == (target_count is None):
+        raise ArgumentError("simplify: expected exactly one of target_reduction and target_count")
+    vertices = _array(points, "points")
+    if vertices.dtype.kind != "f":
+        vertices = vertices.astype(np.float64)
+    faces = _array(triangles, "triangles")
+    if target_count is None:
+        reduction = _real(target_reduction, "target_reduction")
+        if not 0.0 <= reduction <= 1.0:
+            raise ArgumentError(f"target_reduction: must be between 0 and 1, not {reduction}")
+        target_count = math.floor((1.0 - reduction) * len(faces) + 1e-6)
+    elif not 0 <= target_count <= len(faces):
+        raise ArgumentError(f"target_count: must be between 0 and {len(faces)}, not {target_count}")
+    mesh = NaniteMesh.from_arrays(vertices, faces, progress=verbose)
+    cut = mesh.cut(target_faces=max(int(target_count), 1))
+    return cut.vertices.astype(np.float64), cut.faces

@@ -1,0 +1,400 @@
+//! `_core.Mesh` and `_core.Cut`: building, cutting, saving and checking from Python.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+use numpy::{PyArray1, PyArray2};
+use pyo3::IntoPyObjectExt;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::prelude::*;
+
+use super::arrays::{FaceArray, PositionArray, into_array, into_rows, matrix4, vertex_rows};
+use super::errors::{argument_error, detached, panic_to_python, to_python};
+use crate::build::{self, Progress};
+use crate::config::BuildOptions;
+use crate::error::{Error, Result};
+use crate::lod::{FaceBudget, cut_error, extract, select};
+use crate::math::LodView;
+use crate::mesh::SourceMesh;
+use crate::model::rule::Threshold;
+use crate::model::{ClusterAddress, Dag, Frame};
+
+/// How often a waiting call looks at signals and reports progress.
+const POLL: Duration = Duration::from_millis(50);
+/// Stack of the thread that builds.
+const STACK_BYTES: usize = 16 << 20;
+
+/// A built mesh.
+#[pyclass(frozen, module = "nanite_rs._core")]
+pub struct Mesh {
+    /// The cluster DAG.
+    pub dag: Arc<Dag>,
+    budget: OnceLock<FaceBudget>,
+}
+
+impl Mesh {
+    fn new(dag: Dag) -> Self {
+        Self { dag: Arc::new(dag), budget: OnceLock::new() }
+    }
+}
+
+/// Progress as the waiting thread sees it.
+#[derive(Default)]
+struct Shared {
+    done: AtomicU64,
+    total: AtomicU64,
+    cancelled: AtomicBool,
+}
+
+impl Progress for Shared {
+    fn update(&self, done: u64, total: u64) -> bool {
+        self.total.store(total, Ordering::Relaxed);
+        self.done.fetch_max(done, Ordering::Relaxed);
+        !self.cancelled.load(Ordering::Relaxed)
+    }
+}
+
+/// Runs `work` on a thread of its own, while this one, without the interpreter lock but for moments, looks at
+/// signals (so that Ctrl-C works) and calls `report(done, total)`. Either may stop the work by raising.
+fn watched<T: Send>(
+    py: Python<'_>,
+    report: Option<&Py<PyAny>>,
+    work: impl FnOnce(&dyn Progress) -> Result<T> + Send,
+) -> PyResult<T> {
+    let shared = Shared::default();
+    let watch = || -> PyResult<()> {
+        Python::attach(|py| {
+            py.check_signals()?;
+            let total = shared.total.load(Ordering::Relaxed);
+            if let Some(report) = report.filter(|_| total > 0) {
+                report.call1(py, (shared.done.load(Ordering::Relaxed), total))?;
+            }
+            Ok(())
+        })
+    };
+    let outcome = py.detach(|| {
+        std::thread::scope(|scope| {
+            let (sender, receiver) = channel::<()>();
+            let run = || {
+                let result = catch_unwind(AssertUnwindSafe(|| work(&shared)));
+                drop(sender);
+                result
+            };
+            let worker = std::thread::Builder::new()
+                .name("nanite-build".into())
+                .stack_size(STACK_BYTES)
+                .spawn_scoped(scope, run)
+                .map_err(|error| to_raise(Error::Io { path: "thread".into(), source: error }))?;
+            let mut raised = Ok(());
+            while raised.is_ok() && receiver.recv_timeout(POLL) == Err(RecvTimeoutError::Timeout) {
+                raised = watch();
+                shared.cancelled.store(raised.is_err(), Ordering::Relaxed);
+            }
+            let result = worker.join().unwrap_or_else(Err);
+            raised.map(|()| result)
+        })
+    });
+    match outcome? {
+        Ok(result) => {
+            let value = result.map_err(|error| to_python(py, error))?;
+            if report.is_some() {
+                watch()?;
+            }
+            Ok(value)
+        }
+        Err(payload) => Err(panic_to_python(py, &*payload)),
+    }
+}
+
+fn to_raise(error: Error) -> PyErr {
+    Python::attach(|py| to_python(py, error))
+}
+
+/// Options from keyword arguments; unknown names are refused.
+fn build_options(options: Option<&Bound<'_, PyDict>>) -> PyResult<BuildOptions> {
+    let mut out = BuildOptions::default();
+    let Some(options) = options else { return Ok(out) };
+    for (name, value) in options {
+        match name.extract::<String>()?.as_str() {
+            "cluster_triangles" => out.cluster_triangles = value.extract()?,
+            "cluster_vertices" => out.cluster_vertices = value.extract()?,
+            "group_clusters" => out.group_clusters = value.extract()?,
+            "normal_weight" => out.normal_weight = value.extract()?,
+            "color_weight" => out.color_weight = value.extract()?,
+            "uv_weight" => out.uv_weight = value.extract()?,
+            "face_ids" => out.face_ids = value.extract()?,
+            "threads" => out.threads = value.extract()?,
+            other => return Err(argument_error(name.py(), "options", format!("no option {other:?}"))),
+        }
+    }
+    Ok(out)
+}
+
+#[pymethods]
+impl Mesh {
+    /// Builds from arrays. See `nanite_rs.NaniteMesh.from_arrays`.
+    #[staticmethod]
+    #[pyo3(signature = (vertices, faces, *, normals=None, colors=None, uvs=vec![], options=None, progress=None))]
+    fn build<'py>(
+        py: Python<'py>,
+        vertices: &Bound<'py, PyAny>,
+        faces: &Bound<'py, PyAny>,
+        normals: Option<&Bound<'py, PyAny>>,
+        colors: Option<&Bound<'py, PyAny>>,
+        uvs: Vec<Bound<'py, PyAny>>,
+        options: Option<&Bound<'py, PyDict>>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Self> {
+        let options = build_options(options)?;
+        let positions = PositionArray::new(vertices, "vertices")?;
+        let count = positions.get().len();
+        let faces = FaceArray::new(faces, count)?;
+        let normals = normals.map(|n| vertex_rows::<f32, 3>(n, "normals", count)).transpose()?;
+        let colors = colors.map(|c| vertex_rows::<u8, 4>(c, "colors", count)).transpose()?;
+        let uvs: Vec<_> =
+            uvs.iter().map(|u| vertex_rows::<f32, 2>(u, "uvs", count)).collect::<PyResult<_>>()?;
+        let source = SourceMesh {
+            positions: positions.get(),
+            faces: faces.get(),
+            normals: normals.as_ref().map(|n| n.get()),
+            colors: colors.as_ref().map(|c| c.get()),
+            uvs: uvs.iter().map(|u| u.get()).collect(),
+        };
+        watched(py, progress.as_ref(), |progress| build::build(&source, &options, progress)).map(Self::new)
+    }
+
+    /// Verifies every invariant; returns what was counted.
+    fn check<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let report = detached(py, || build::check(&self.dag))?;
+        let out = PyDict::new(py);
+        out.set_item("clusters", report.clusters)?;
+        out.set_item("groups", report.groups)?;
+        out.set_item("nodes", report.nodes)?;
+        out.set_item("vertices", report.vertices)?;
+        out.set_item("borders", report.borders)?;
+        Ok(out)
+    }
+
+    /// What building did, as JSON.
+    fn report_json(&self, py: Python<'_>) -> PyResult<String> {
+        detached(py, || serde_json::to_string(&self.dag.report).map_err(|e| Error::Invariant(e.to_string())))
+    }
+
+    /// True when both hold the same content.
+    fn equals(&self, py: Python<'_>, other: &Self) -> PyResult<bool> {
+        let (a, b) = (Arc::clone(&self.dag), Arc::clone(&other.dag));
+        detached(py, move || Ok(Arc::ptr_eq(&a, &b) || a == b))
+    }
+
+    /// The cut for an error in object units.
+    fn cut_error(&self, py: Python<'_>, error: f64) -> PyResult<Cut> {
+        // Rounded down: the cut never takes more than was allowed.
+        let internal = ((error - self.dag.frame.rounding).max(0.0) / self.dag.frame.scale) as f32;
+        let internal =
+            if f64::from(internal) * self.dag.frame.scale > error { internal.next_down() } else { internal };
+        self.cut(py, &Threshold::Uniform(internal.max(0.0)))
+    }
+
+    /// The finest cut with at most so many triangles, or the coarsest there is.
+    fn cut_faces(&self, py: Python<'_>, target: u64) -> PyResult<Cut> {
+        let budget = detached(py, || Ok(self.budget.get_or_init(|| FaceBudget::new(&self.dag))))?;
+        self.cut(py, &Threshold::Uniform(budget.error_for(target)))
+    }
+
+    /// The cut for an error in pixels, from a camera with a projection matrix and a camera-to-mesh pose.
+    fn cut_view(
+        &self,
+        py: Python<'_>,
+        projection: &Bound<'_, PyAny>,
+        pose: &Bound<'_, PyAny>,
+        viewport: (u32, u32),
+        pixel_error: f32,
+    ) -> PyResult<Cut> {
+        let (projection, pose) = (matrix4(projection, "camera")?, matrix4(pose, "pose")?);
+        let view = lod_view(&self.dag.frame, projection, pose, viewport);
+        self.cut(py, &Threshold::View(view, pixel_error))
+    }
+
+    /// Row of the caller's `faces` for each level-0 triangle of the full-detail cut; `None` unless built with
+    /// `face_ids`.
+    fn source_face_ids(&self, py: Python<'_>) -> Option<Py<PyArray1<u32>>> {
+        self.dag.face_ids.as_ref().map(|ids| into_array(py, ids.clone()))
+    }
+
+    /// Triangles of the source after mending.
+    #[getter]
+    fn source_faces(&self) -> u64 {
+        self.dag.source_faces
+    }
+
+    /// Vertices of the source after welding.
+    #[getter]
+    fn source_vertices(&self) -> u64 {
+        self.dag.source_vertices
+    }
+
+    /// Clusters of all levels.
+    #[getter]
+    fn cluster_count(&self) -> usize {
+        self.dag.cluster_count()
+    }
+
+    /// Groups of all levels.
+    #[getter]
+    fn group_count(&self) -> usize {
+        self.dag.groups.len()
+    }
+
+    /// Nodes of the hierarchy.
+    #[getter]
+    fn node_count(&self) -> usize {
+        self.dag.nodes.len()
+    }
+
+    /// Pages.
+    #[getter]
+    fn page_count(&self) -> usize {
+        self.dag.pages.table.len()
+    }
+
+    /// Levels of detail, the source included.
+    #[getter]
+    fn level_count(&self) -> u32 {
+        1 + self.dag.pages.table.iter().map(|p| p.level).max().unwrap_or(0)
+    }
+
+    /// Bytes that clusters, groups and hierarchy take in memory.
+    #[getter]
+    fn nbytes(&self) -> usize {
+        let dag = &self.dag;
+        size_of_val(&dag.pages.words[..])
+            + size_of_val(&dag.pages.table[..])
+            + size_of_val(&dag.groups[..])
+            + size_of_val(&dag.nodes[..])
+            + dag.face_ids.as_ref().map_or(0, |f| size_of_val(&f[..]))
+    }
+
+    /// Vertex colours are present.
+    #[getter]
+    fn has_colors(&self) -> bool {
+        self.dag.layout().colors
+    }
+
+    /// Number of UV sets.
+    #[getter]
+    fn uv_sets(&self) -> u8 {
+        self.dag.layout().uv_sets
+    }
+
+    /// Smallest and largest corner of the source, object units.
+    #[getter]
+    fn bounds(&self) -> [[f64; 3]; 2] {
+        let Dag { frame, bounds, .. } = &*self.dag;
+        [frame.to_object(bounds.min), frame.to_object(bounds.max)]
+    }
+
+    /// Object-space origin of the stored positions; zero unless the source needed float64.
+    #[getter]
+    fn origin(&self) -> [f64; 3] {
+        self.dag.frame.origin
+    }
+
+    /// Largest distance by which storing a position moved it, object units.
+    #[getter]
+    fn rounding(&self) -> f64 {
+        self.dag.frame.rounding
+    }
+}
+
+impl Mesh {
+    fn cut(&self, py: Python<'_>, threshold: &Threshold) -> PyResult<Cut> {
+        let dag = &*self.dag;
+        let (clusters, arrays, error, positions) = detached(py, || {
+            let clusters = select(dag, threshold);
+            let mut arrays = extract(dag, &clusters);
+            let error = cut_error(dag, &clusters);
+            let positions = object_positions(std::mem::take(&mut arrays.positions), &dag.frame);
+            Ok((clusters, arrays, error, positions))
+        })?;
+        let vertices = match positions {
+            ObjectPositions::F32(rows) => into_rows(py, rows)?.into_py_any(py)?,
+            ObjectPositions::F64(rows) => into_rows(py, rows)?.into_py_any(py)?,
+        };
+        let faces = arrays.faces.into_iter().map(|face| face.map(u32::cast_signed)).collect();
+        let sets = arrays.uvs.into_iter().map(|set| into_rows(py, set)).collect::<PyResult<_>>()?;
+        Ok(Cut {
+            vertices,
+            faces: into_rows(py, faces)?,
+            normals: into_rows(py, arrays.normals)?,
+            colors: dag.layout().colors.then(|| into_rows(py, arrays.colors)).transpose()?,
+            uvs: sets,
+            vertex_ids: into_array(py, arrays.ids),
+            cluster_ids: into_array(py, clusters.iter().map(|at| at.0).collect()),
+            cluster_levels: into_array(py, levels(dag, &clusters)),
+            first_face: into_array(py, arrays.first_face),
+            error,
+        })
+    }
+}
+
+fn levels(dag: &Dag, clusters: &[ClusterAddress]) -> Vec<u8> {
+    clusters.iter().map(|at| dag.record(*at).level).collect()
+}
+
+enum ObjectPositions {
+    F32(Vec<[f32; 3]>),
+    F64(Vec<[f64; 3]>),
+}
+
+/// Positions in the caller's space and precision. Scaling by a power of two is exact.
+fn object_positions(mut internal: Vec<[f32; 3]>, frame: &Frame) -> ObjectPositions {
+    if !frame.is_f32() {
+        return ObjectPositions::F64(internal.into_par_iter().map(|p| frame.to_object(p)).collect());
+    }
+    // In two steps of f64, since the scale itself may lie outside f32.
+    internal.par_iter_mut().for_each(|p| *p = frame.to_object(*p).map(|x| x as f32));
+    ObjectPositions::F32(internal)
+}
+
+/// What the rule of the cut needs of a camera. DESIGN: f = max(P₀₀·W, P₁₁·H)/2, times sec² of the half diagonal.
+fn lod_view(frame: &Frame, p: [[f64; 4]; 4], pose: [[f64; 4]; 4], (width, height): (u32, u32)) -> LodView {
+    let focal = (p[0][0].abs() * f64::from(width)).max(p[1][1].abs() * f64::from(height)) / 2.0;
+    let (focal, near) = if p[3][3] == 0.0 {
+        let tangent = |row: usize| (1.0 + p[row][2].abs()) / p[row][row];
+        let secant_squared = 1.0 + tangent(0).powi(2) + tangent(1).powi(2);
+        (focal * secant_squared, p[2][3] / (p[2][2] - 1.0))
+    } else {
+        (focal, 0.0)
+    };
+    let row = |k: usize| -> [f32; 4] {
+        let mut out = [0.0; 4];
+        out[k] = frame.scale as f32;
+        out[3] = (frame.origin[k] - pose[k][3]) as f32;
+        out
+    };
+    LodView {
+        object_to_eye: [row(0), row(1), row(2)],
+        scale: frame.scale as f32,
+        focal: focal as f32,
+        near: near as f32,
+    }
+}
+
+/// The arrays of a cut.
+#[pyclass(frozen, get_all, module = "nanite_rs._core")]
+pub struct Cut {
+    vertices: Py<PyAny>,
+    faces: Py<PyArray2<i32>>,
+    normals: Py<PyArray2<f32>>,
+    colors: Option<Py<PyArray2<u8>>>,
+    uvs: Vec<Py<PyArray2<f32>>>,
+    vertex_ids: Py<PyArray1<u32>>,
+    cluster_ids: Py<PyArray1<u32>>,
+    cluster_levels: Py<PyArray1<u8>>,
+    first_face: Py<PyArray1<u32>>,
+    error: f64,
+}
