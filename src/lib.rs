@@ -6,6 +6,7 @@
 pub mod build;
 pub mod config;
 pub mod error;
+pub mod format;
 pub mod limits;
 pub mod lod;
 pub mod math;

@@ -6,6 +6,8 @@ pub const CLUSTER_MAX_TRIANGLES: usize = 128;
 pub const CLUSTER_MAX_VERTICES: usize = 255;
 /// Most clusters a group holds, so that a group always fits one page.
 pub const GROUP_MAX_CLUSTERS: usize = 32;
+/// Rounds of grouping at most; a mesh of 2^30 triangles takes about 25. What is left then stays a root.
+pub const MAX_ROUNDS: u32 = 255;
 /// Children of a hierarchy node.
 pub const NODE_WIDTH: usize = 8;
 

@@ -14,6 +14,7 @@ use super::simplify::{Simplified, simplify};
 use super::store::{LocalMesh, VertexStore};
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
+use crate::limits::MAX_ROUNDS;
 use crate::math::{Aabb, Sphere};
 use crate::mesh::WeldedMesh;
 use crate::model::cluster::NO_GROUP;
@@ -164,13 +165,16 @@ impl Growth {
             triangles: meshes.iter().map(|m| m.triangles.len() as u64).sum(),
             ..LevelReport::default()
         };
-        if pending.len() == 1 {
-            self.terminal(&pending, round);
-            level.groups = 1;
+        let groups = partition(store, &meshes, options.group_clusters);
+        if pending.len() == 1 || round + 1 == MAX_ROUNDS {
+            level.groups = groups.len() as u32;
+            for group in &groups {
+                let members: Vec<u32> = group.iter().map(|c| pending[*c as usize]).collect();
+                self.terminal(&members, round);
+            }
             report.levels.push(level);
             return Ok(Vec::new());
         }
-        let groups = partition(store, &meshes, options.group_clusters);
         let shared = shared_positions(store, &meshes, &groups);
         let outcomes: Vec<_> = groups
             .par_iter()

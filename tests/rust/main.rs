@@ -1,4 +1,5 @@
 //! Integration tests: one binary.
 
 mod dag_invariants;
+mod format_robust;
 mod shapes;

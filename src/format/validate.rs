@@ -1,0 +1,144 @@
+//! What readers of a [`Dag`] rely on: every address, count and index in range, every float finite, the
+//! hierarchy without cycles. Checksums find damage; this finds files that were made wrong on purpose.
+//! (That bounds bound and errors increase is `build::check`'s business: wrong ones give wrong pictures only.)
+
+use rayon::prelude::*;
+
+use super::file::Kind;
+use crate::limits::{
+    CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, MAX_ROUNDS, PAGE_MAX_CLUSTERS,
+};
+use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
+use crate::model::{Dag, PageEntry};
+
+type Fault = (Kind, String);
+
+fn ensure(holds: bool, section: Kind, message: impl FnOnce() -> String) -> Result<(), Fault> {
+    if holds { Ok(()) } else { Err((section, message())) }
+}
+
+/// Checks everything; the fault names its section.
+pub fn structure(dag: &Dag) -> Result<(), Fault> {
+    metadata(dag)?;
+    page_table(dag)?;
+    (0..dag.pages.table.len()).into_par_iter().try_for_each(|p| page(dag, p))?;
+    groups(dag)?;
+    nodes(dag)?;
+    let source: u64 = (0..dag.pages.table.len())
+        .flat_map(|p| dag.pages.records(p))
+        .filter(|r| r.level == 0)
+        .map(|r| u64::from(r.triangle_count))
+        .sum();
+    ensure(source == dag.source_faces, Kind::Pages, || {
+        format!("{source} triangles at level 0, but {} in the metadata", dag.source_faces)
+    })?;
+    let rows = dag.face_ids.as_ref().map_or(source, |r| r.len() as u64);
+    ensure(rows == source, Kind::FaceIds, || format!("{rows} rows for {source} triangles"))
+}
+
+fn finite(values: &[f32]) -> bool {
+    values.iter().all(|x| x.is_finite())
+}
+
+fn metadata(dag: &Dag) -> Result<(), Fault> {
+    let frame = &dag.frame;
+    let sound = frame.origin.iter().all(|x| x.is_finite())
+        && frame.scale.is_finite()
+        && frame.scale > 0.0
+        && frame.rounding.is_finite()
+        && frame.rounding >= 0.0
+        && finite(&dag.bounds.min)
+        && finite(&dag.bounds.max);
+    ensure(sound, Kind::Metadata, || "frame or bounds are not finite".into())?;
+    // Identities are used as indices: a file cannot make a reader allocate more than it holds itself.
+    let words = dag.pages.words.len();
+    ensure(dag.vertex_count as usize <= words, Kind::Metadata, || {
+        format!("{} vertices in pages of {words} words", dag.vertex_count)
+    })
+}
+
+fn page_table(dag: &Dag) -> Result<(), Fault> {
+    let mut next = PageEntry { offset: 0, words: 0, clusters: 0, first_cluster: 0, level: 0 };
+    for (p, entry) in dag.pages.table.iter().enumerate() {
+        let follows = entry.offset == next.offset && entry.first_cluster == next.first_cluster;
+        ensure(follows, Kind::PageTable, || format!("page {p} does not follow the one before"))?;
+        let fits = (1..=PAGE_MAX_CLUSTERS as u32).contains(&entry.clusters)
+            && entry.clusters as usize * RECORD_WORDS <= entry.words as usize
+            && entry.offset + u64::from(entry.words) <= dag.pages.words.len() as u64;
+        ensure(fits, Kind::PageTable, || format!("page {p} does not fit"))?;
+        next.offset += u64::from(entry.words);
+        // Bounded by the words of the file, so it cannot overflow.
+        next.first_cluster += entry.clusters;
+    }
+    let (end, words) = (next.offset, dag.pages.words.len());
+    ensure(end == words as u64, Kind::PageTable, || format!("pages end at {end} of {words} words"))
+}
+
+fn page(dag: &Dag, p: usize) -> Result<(), Fault> {
+    let words = dag.pages.page(p).len();
+    for (slot, record) in dag.pages.records(p).iter().enumerate() {
+        let at = crate::model::ClusterAddress::new(p, slot);
+        let fault =
+            |holds: bool, what: &str| ensure(holds, Kind::Pages, || format!("cluster {at:?}: {what}"));
+        let (vertices, triangles) = (usize::from(record.vertex_count), usize::from(record.triangle_count));
+        fault((1..=CLUSTER_MAX_TRIANGLES).contains(&triangles), "number of triangles")?;
+        fault((1..=CLUSTER_MAX_VERTICES).contains(&vertices), "number of vertices")?;
+        let streams = dag.layout().cluster_words(vertices, triangles);
+        fault((record.data as usize).checked_add(streams).is_some_and(|end| end <= words), "streams")?;
+        fault((record.group as usize) < dag.groups.len(), "group")?;
+        fault(record.refined == NO_GROUP || (record.refined as usize) < dag.groups.len(), "origin")?;
+        fault(
+            finite(&record.center) && finite(&record.extent) && finite(&record.lod_sphere.center),
+            "bounds",
+        )?;
+        let sizes = [record.radius, record.lod_sphere.radius, record.error, record.max_edge];
+        fault(finite(&sizes) && record.lod_sphere.radius >= 0.0, "sizes")?;
+        let geometry = dag.geometry(at);
+        fault(geometry.triangles.iter().flatten().all(|v| usize::from(*v) < vertices), "corners")?;
+        fault(geometry.ids.iter().all(|id| *id < dag.vertex_count), "identities")?;
+        fault(finite(geometry.positions.as_flattened()), "positions")?;
+        fault(finite(geometry.uvs.as_flattened()), "UVs")?;
+    }
+    Ok(())
+}
+
+fn groups(dag: &Dag) -> Result<(), Fault> {
+    for (g, group) in dag.groups.iter().enumerate() {
+        let fault = |holds: bool, what: &str| ensure(holds, Kind::Groups, || format!("group {g}: {what}"));
+        let (page, slot) = (group.first.page(), group.first.slot());
+        let clusters = dag.pages.table.get(page).map_or(0, |e| e.clusters as usize);
+        fault((1..=GROUP_MAX_CLUSTERS).contains(&(group.count as usize)), "number of members")?;
+        fault(slot + group.count as usize <= clusters, "members")?;
+        fault(finite(&group.center) && finite(&group.extent), "box")?;
+        fault(finite(&group.lod_sphere.center) && group.lod_sphere.radius.is_finite(), "sphere")?;
+        fault(group.error > 0.0, "error")?;
+        fault(group.level < MAX_ROUNDS, "level")?;
+    }
+    Ok(())
+}
+
+fn nodes(dag: &Dag) -> Result<(), Fault> {
+    ensure(!dag.nodes.is_empty(), Kind::Nodes, || "there is no root".into())?;
+    // Children come after their parents and belong to one parent: walks end, and visit nothing twice.
+    let mut next_node = 1u64;
+    let mut groups_seen = vec![false; dag.groups.len()];
+    for (n, node) in dag.nodes.iter().enumerate() {
+        let fault = |holds: bool, what: &str| ensure(holds, Kind::Nodes, || format!("node {n}: {what}"));
+        let (first, count) = (u64::from(node.first), u64::from(node.count));
+        if node.is_leaf == 1 {
+            fault(first + count <= dag.groups.len() as u64, "groups")?;
+            for g in first..first + count {
+                fault(!std::mem::replace(&mut groups_seen[g as usize], true), "a group is in two leaves")?;
+            }
+        } else {
+            fault(node.is_leaf == 0, "kind")?;
+            fault(first == next_node && first > n as u64, "children do not follow in order")?;
+            fault(first + count <= dag.nodes.len() as u64, "children")?;
+            next_node += count;
+        }
+        fault(finite(&node.center) && finite(&node.extent), "box")?;
+        fault(finite(&node.lod_sphere.center) && node.lod_sphere.radius.is_finite(), "sphere")?;
+        fault(!node.max_parent_error.is_nan(), "error")?;
+    }
+    Ok(())
+}
