@@ -1,6 +1,7 @@
 //! `_core.Mesh` and `_core.Cut`: building, cutting, saving and checking from Python.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, OnceLock};
@@ -9,7 +10,7 @@ use std::time::Duration;
 use numpy::{PyArray1, PyArray2};
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 use rayon::prelude::*;
 
 use super::arrays::{FaceArray, PositionArray, into_array, into_rows, matrix4, vertex_rows};
@@ -17,6 +18,7 @@ use super::errors::{argument_error, detached, panic_to_python, to_python};
 use crate::build::{self, Progress};
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
+use crate::format;
 use crate::lod::{FaceBudget, cut_error, extract, select};
 use crate::math::LodView;
 use crate::mesh::SourceMesh;
@@ -165,6 +167,29 @@ impl Mesh {
             uvs: uvs.iter().map(|u| u.get()).collect(),
         };
         watched(py, progress.as_ref(), |progress| build::build(&source, &options, progress)).map(Self::new)
+    }
+
+    /// Reads a `.nanite` file.
+    #[staticmethod]
+    fn open(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        detached(py, || format::open(&path)).map(Self::new)
+    }
+
+    /// Reads what `to_bytes` wrote.
+    #[staticmethod]
+    fn from_bytes(py: Python<'_>, data: &[u8]) -> PyResult<Self> {
+        detached(py, || format::from_bytes(data, "<bytes>")).map(Self::new)
+    }
+
+    /// Writes a `.nanite` file: to a temporary file beside it, which then takes its name.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        detached(py, || format::save(&self.dag, &path))
+    }
+
+    /// The bytes of a `.nanite` file.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = detached(py, || Ok(format::to_bytes(&self.dag)))?;
+        Ok(PyBytes::new(py, &bytes))
     }
 
     /// Verifies every invariant; returns what was counted.

@@ -2,4 +2,5 @@
 
 mod dag_invariants;
 mod format_robust;
+mod layering;
 mod shapes;
