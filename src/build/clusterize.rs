@@ -27,13 +27,6 @@ pub struct ClusterMesh {
     pub triangles: Vec<[u8; 3]>,
 }
 
-impl ClusterMesh {
-    /// Identities of all corners, three per triangle.
-    pub fn corners(&self) -> impl Iterator<Item = u32> + Clone + '_ {
-        self.triangles.iter().flatten().map(|c| self.vertices[usize::from(*c)])
-    }
-}
-
 /// Clusters of a whole mesh.
 pub fn clusterize(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOptions) -> Vec<ClusterMesh> {
     let centroids: Vec<[f32; 3]> = faces
@@ -51,8 +44,8 @@ pub fn clusterize(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOption
         .map(|block| {
             // The order inside a block is the caller's, which keeps what locality it has.
             block.sort_unstable();
-            let corners = block.iter().flat_map(|f| faces[*f as usize]);
-            clusterize_local(&LocalMesh::gather(store, corners), options)
+            let local = LocalMesh::of_faces(store, block.iter().map(|f| faces[*f as usize]));
+            clusterize_local(&local, options)
         })
         .flatten_iter()
         .collect()

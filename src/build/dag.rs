@@ -179,8 +179,7 @@ impl Growth {
         let outcomes: Vec<_> = groups
             .par_iter()
             .map(|members| {
-                let corners = members.iter().flat_map(|c| meshes[*c as usize].corners());
-                let local = LocalMesh::gather(store, corners);
+                let local = LocalMesh::of_clusters(store, members.iter().map(|c| meshes[*c as usize]));
                 let outcome = simplify_group(store, &local, &shared, options);
                 (meter.advance(local.indices.len() / 6), outcome)
             })

@@ -9,7 +9,7 @@ use meshopt::{
     SimplifyOptions, SimplifyVertex, VertexDataAdapter, simplify_sloppy_with_locks, simplify_with_update,
 };
 
-use super::lock_borders::border_kept;
+use super::lock_borders::{border_kept, locked_edges_kept};
 use super::store::LocalMesh;
 use crate::config::BuildOptions;
 use crate::math::Aabb;
@@ -57,6 +57,7 @@ pub fn simplify(
 ) -> Result<Simplified, StuckReason> {
     let triangles = mesh.indices.len() / 3;
     let mut reason = StuckReason::TooFewCollapses;
+    let before = by_position(mesh, &mesh.indices);
     for step in Step::CHAIN {
         let (result, error) = run(mesh, locked, layout, options, step);
         let left = result.indices.len() / 3;
@@ -67,21 +68,24 @@ pub fn simplify(
         if left as f32 > triangles as f32 * ACCEPT_RATIO {
             continue;
         }
-        let by_position = |m: &LocalMesh| {
-            let ids: Vec<[u32; 3]> = m
-                .indices
-                .chunks_exact(3)
-                .map(|t| [0, 1, 2].map(|k| mesh.position_ids[t[k] as usize]))
-                .collect();
-            ids.into_iter()
+        let after = by_position(mesh, &result.indices);
+        let is_locked = |v: u32| locked[v as usize];
+        let kept = match step {
+            Step::Sloppy => border_kept(before.iter().copied(), after.into_iter(), is_locked),
+            _ => locked_edges_kept(&before, &after, is_locked),
         };
-        if !border_kept(by_position(mesh), by_position(&result), |v| locked[v as usize]) {
+        if !kept {
             reason = StuckReason::BorderChanged;
             continue;
         }
         return Ok(Simplified { mesh: result, error, step });
     }
     Err(reason)
+}
+
+/// Triangles by the representatives of their corners' positions.
+fn by_position(mesh: &LocalMesh, indices: &[u32]) -> Vec<[u32; 3]> {
+    indices.chunks_exact(3).map(|t| [0, 1, 2].map(|k| mesh.position_ids[t[k] as usize])).collect()
 }
 
 /// Weights of the attribute row, unit-free: a unit of an attribute against one mean edge length. The

@@ -1,6 +1,8 @@
 //! The vertices of all levels. A vertex is an identity: what moves gets a new one, so that an identity has one
 //! position for ever and cuts weld by it.
 
+use super::clusterize::ClusterMesh;
+use crate::limits::CLUSTER_MAX_VERTICES;
 use crate::mesh::{WeldedMesh, attributes};
 use crate::model::AttributeLayout;
 
@@ -93,24 +95,65 @@ impl Numbering {
 }
 
 impl LocalMesh {
-    /// Gathers the triangles of `corners` (identities, three per triangle).
-    pub fn gather(store: &VertexStore, corners: impl Iterator<Item = u32> + Clone) -> Self {
-        let mut numbering = Numbering::default();
-        let count = corners.clone().count();
-        numbering.reset(count.min(store.len()));
-        let mut local = Self::default();
-        for v in corners {
-            let (number, new) = numbering.number(v);
-            if new {
-                local.ids.push(v);
+    /// Gathers whole clusters.
+    pub fn of_clusters<'a>(
+        store: &VertexStore,
+        clusters: impl Iterator<Item = &'a ClusterMesh> + Clone,
+    ) -> Self {
+        let mut gathering = Gathering::new(clusters.clone().map(|c| c.vertices.len()).sum());
+        for cluster in clusters {
+            let mut numbers = [0; CLUSTER_MAX_VERTICES];
+            for (number, v) in numbers.iter_mut().zip(&cluster.vertices) {
+                *number = gathering.number(*v);
             }
-            local.indices.push(number);
+            gathering
+                .local
+                .indices
+                .extend(cluster.triangles.iter().flatten().map(|c| numbers[usize::from(*c)]));
         }
+        gathering.finish(store)
+    }
+
+    /// Gathers triangles over identities.
+    pub fn of_faces(store: &VertexStore, faces: impl ExactSizeIterator<Item = [u32; 3]>) -> Self {
+        let mut gathering = Gathering::new(3 * faces.len());
+        for face in faces {
+            let face = face.map(|v| gathering.number(v));
+            gathering.local.indices.extend(face);
+        }
+        gathering.finish(store)
+    }
+}
+
+/// A [`LocalMesh`] in the making.
+struct Gathering {
+    local: LocalMesh,
+    numbering: Numbering,
+}
+
+impl Gathering {
+    fn new(corners: usize) -> Self {
+        let mut numbering = Numbering::default();
+        numbering.reset(corners);
+        Self { local: LocalMesh::default(), numbering }
+    }
+
+    fn number(&mut self, v: u32) -> u32 {
+        let (number, new) = self.numbering.number(v);
+        if new {
+            self.local.ids.push(v);
+        }
+        number
+    }
+
+    fn finish(self, store: &VertexStore) -> LocalMesh {
+        let Self { mut local, mut numbering } = self;
+        local.positions = local.ids.iter().map(|v| store.positions[*v as usize]).collect();
+        local.attributes.reserve(local.ids.len() * store.stride);
+        local.ids.iter().for_each(|v| local.attributes.extend_from_slice(store.row(*v)));
         numbering.reset(local.ids.len());
         let mut first = Vec::new();
         for (i, v) in local.ids.iter().enumerate() {
-            local.positions.push(store.positions[*v as usize]);
-            local.attributes.extend_from_slice(store.row(*v));
             let (number, new) = numbering.number(store.position_ids[*v as usize]);
             if new {
                 first.push(i as u32);
