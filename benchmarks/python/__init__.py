@@ -1,0 +1,1 @@
+"""Python benchmarks: ``python -m benchmarks.python``. What each measures: ``benchmarks/README.md``."""

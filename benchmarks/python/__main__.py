@@ -1,0 +1,44 @@
+"""Runs the Python benchmarks and writes Markdown and JSON into ``benchmarks/results``."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+from pathlib import Path
+
+from . import build, cut, frames, instances, machine, report
+
+BENCHMARKS = {"build": build, "cut": cut, "frames": frames, "instances": instances}
+RESULTS = Path(__file__).resolve().parents[1] / "results"
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.python", description=__doc__)
+    parser.add_argument(
+        "--only", nargs="+", choices=BENCHMARKS, default=list(BENCHMARKS), help="which to run"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="smaller meshes: to try the benchmarks, not to quote"
+    )
+    parser.add_argument("--output", type=Path, default=RESULTS, help="folder for the results (%(default)s)")
+    options = parser.parse_args()
+    results: dict[str, object] = {
+        "date": datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
+        "quick": options.quick,
+        "machine": machine.describe(),
+    }
+    for name in options.only:
+        print(f"{name} …", flush=True)
+        results[name] = BENCHMARKS[name].run(quick=options.quick)
+        print(report.section(name, results[name]), flush=True)
+    options.output.mkdir(parents=True, exist_ok=True)
+    stem = f"{results['date']}-python{'-quick' if options.quick else ''}"
+    (options.output / f"{stem}.json").write_text(json.dumps(results, indent=1) + "\n")
+    (options.output / f"{stem}.md").write_text(report.document(results))
+    print(f"wrote {options.output / stem}.md and .json")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""Cuts: a cut of a built mesh against ``fast_simplification.simplify`` to the same number of triangles.
+
+fast-simplification's thresholds are absolute, so it is run on the mesh as given and on the mesh scaled to a
+diagonal of 100, where it is at its best. Deviation: 100,000 samples each way, by libigl, in units of 1e-4 of
+the diagonal.
+"""
+
+from __future__ import annotations
+
+import fast_simplification
+import igl
+import numpy as np
+
+import nanite_rs as nrs
+
+from .measure import interleaved
+
+
+def run(*, quick: bool) -> dict[str, object]:
+    """Times and deviations; JSON-ready."""
+    vertices, faces = nrs.shapes.displaced_icosphere(faces=100_000 if quick else 1_000_000)
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    scaled = (vertices * (100 / diagonal)).astype(np.float32)
+    signed = faces.astype(np.int32)
+    mesh = nrs.NaniteMesh.from_arrays(vertices, faces, progress=False)
+    rows = []
+    for reduction in (0.5, 0.9, 0.99):
+        contestants = {
+            "nanite_rs cut": lambda _, r=reduction: mesh.cut(target_reduction=r),
+            "fast-simplification, as given": lambda _, r=reduction: fast_simplification.simplify(
+                vertices, signed, r
+            ),
+            "fast-simplification, diagonal 100": lambda _, r=reduction: fast_simplification.simplify(
+                scaled, signed, r
+            ),
+        }
+        times = interleaved(contestants, runs=3 if quick else 7)
+        for name, call in contestants.items():
+            result = call(0)
+            v, f = (result.vertices, result.faces) if hasattr(result, "vertices") else result[:2]
+            if name.endswith("100"):
+                v = v * (diagonal / 100)
+            rows.append(
+                {
+                    "removed": reduction,
+                    "method": name,
+                    "triangles": len(f),
+                    "ms": times[name]["median"] * 1e3,
+                    "times faster": times[name]["median"] / times["nanite_rs cut"]["median"],
+                    **_deviation(vertices, faces, v, f, diagonal),
+                }
+            )
+    return {"source triangles": len(faces), "rows": rows}
+
+
+def _deviation(
+    v: np.ndarray, f: np.ndarray, cut_v: np.ndarray, cut_f: np.ndarray, diagonal: float
+) -> dict[str, float]:
+    forward = _distances(v, f, cut_v, cut_f)
+    backward = _distances(cut_v, cut_f, v, f)
+    both = np.concatenate([forward, backward]) / diagonal * 1e4
+    return {"mean": float(both.mean()), "rms": float(np.sqrt((both**2).mean())), "max": float(both.max())}
+
+
+def _distances(v: np.ndarray, f: np.ndarray, other_v: np.ndarray, other_f: np.ndarray) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    t = np.asarray(v, np.float64)[np.asarray(f, np.int64)]
+    weights = np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
+    t = t[rng.choice(len(t), 100_000, p=weights / weights.sum())]
+    a, b = rng.random((2, len(t), 1))
+    flip = a + b > 1
+    a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
+    points = t[:, 0] + a * (t[:, 1] - t[:, 0]) + b * (t[:, 2] - t[:, 0])
+    squared, _, _ = igl.point_mesh_squared_distance(
+        np.ascontiguousarray(points), np.asarray(other_v, np.float64), np.asarray(other_f, np.int64)
+    )
+    return np.sqrt(np.maximum(squared, 0))

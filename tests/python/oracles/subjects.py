@@ -1,0 +1,91 @@
+"""The meshes under test by name: scans, procedural shapes, and small solids written out here."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from . import data
+from .data import Mesh
+
+
+def _mesh(name: str, arrays: tuple[np.ndarray, np.ndarray]) -> Mesh:
+    vertices, faces = np.asarray(arrays[0], np.float32), np.asarray(arrays[1], np.int64)
+    vertices.setflags(write=False)
+    faces.setflags(write=False)
+    return Mesh(name, vertices, faces)
+
+
+def grid(columns: int, rows: int, height: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """A rectangle in the plane y = ``height`` (+Y up) of 2·columns·rows triangles."""
+    x, z = np.meshgrid(np.linspace(-1, 1, columns + 1), np.linspace(-1, 1, rows + 1))
+    vertices = np.stack([x, np.full_like(x, height), z], axis=-1).reshape(-1, 3)
+    a = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+    b, c, d = a + columns + 1, a + columns + 2, a + 1
+    return vertices, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def cube(steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """The closed cube [−1, 1]³ of 12·steps² triangles: flat regions, sharp edges."""
+    vertices, faces = grid(steps, steps, 1.0)
+    sides = []
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            turned = np.roll(vertices, axis + 1, axis=1) * sign
+            order = faces if sign > 0 else faces[:, ::-1]
+            sides.append((turned, order))
+    offset = np.cumsum([0] + [len(v) for v, _ in sides[:-1]])
+    soup = np.concatenate([v for v, _ in sides])
+    all_faces = np.concatenate([f + o for (_, f), o in zip(sides, offset, strict=True)])
+    unique, inverse = np.unique(np.round(soup, 9), axis=0, return_inverse=True)
+    return unique, inverse.ravel()[all_faces]
+
+
+def soup_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same triangles, each with its own three vertices."""
+    return vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
+
+
+@functools.cache
+def generated(name: str) -> Mesh:
+    """A generated mesh by name."""
+    import nanite_rs as nrs
+
+    shapes = nrs.shapes
+    makers = {
+        "sphere": lambda: shapes.displaced_icosphere(faces=60_000, seed=3),
+        "small sphere": lambda: shapes.displaced_icosphere(faces=5_000, seed=4),
+        "knot": lambda: shapes.torus_knot(faces=60_000),
+        "gyroid": lambda: shapes.gyroid_shell(faces=60_000),
+        "terrain": lambda: shapes.terrain(faces=50_000, seed=5),
+        "part": lambda: shapes.cad_part(faces=30_000),
+        "flat sphere": lambda: shapes.flat_shaded(*shapes.displaced_icosphere(faces=20_000, seed=3)),
+        "soup": lambda: shapes.soup(faces=5_000, seed=6),
+        "cube": lambda: cube(48),
+        "cube soup": lambda: soup_of(*cube(32)),
+        "plane": lambda: grid(128, 128),
+        "ribbon": lambda: grid(4000, 3),
+    }
+    return _mesh(name, makers[name]())
+
+
+CLOSED = ("sphere", "knot", "gyroid", "cube")
+"""Generated meshes whose every edge has two opposite halves."""
+
+GENERATED = (*CLOSED, "terrain", "part", "flat sphere", "soup", "cube soup", "plane", "ribbon")
+"""All generated meshes that property tests walk."""
+
+
+def subject(name: str) -> Mesh:
+    """A scan or a generated mesh by name; skips the calling test when a scan is absent."""
+    return data.scan(name) if name in data.SCANS else generated(name)
+
+
+@functools.cache
+def built(name: str, **options):
+    """The built mesh of a subject."""
+    import nanite_rs as nrs
+
+    mesh = subject(name)
+    return nrs.NaniteMesh.from_arrays(mesh.vertices, mesh.faces, progress=False, **options)
