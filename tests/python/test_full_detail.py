@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from oracles import camera, subjects, topology
 
 import nanite_rs as nrs
+from oracles import camera, subjects, topology
 
 NAMES = [*subjects.GENERATED, "bunny", "armadillo", "lucy", "dragon", "horse", "turbine", "mountain"]
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from oracles import data, subjects, topology
 
 import nanite_rs as nrs
+from oracles import data, subjects, topology
 
 
 def build_or_refuse(vertices, faces, **options):

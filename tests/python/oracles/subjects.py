@@ -60,7 +60,7 @@ def generated(name: str) -> Mesh:
         "gyroid": lambda: shapes.gyroid_shell(faces=60_000),
         "terrain": lambda: shapes.terrain(faces=50_000, seed=5),
         "part": lambda: shapes.cad_part(faces=30_000),
-        "flat sphere": lambda: shapes.flat_shaded(*shapes.displaced_icosphere(faces=20_000, seed=3)),
+        "flat sphere": lambda: shapes.flat_shaded(*shapes.displaced_icosphere(faces=20_000, seed=3))[:2],
         "soup": lambda: shapes.soup(faces=5_000, seed=6),
         "cube": lambda: cube(48),
         "cube soup": lambda: soup_of(*cube(32)),

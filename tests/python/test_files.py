@@ -1,0 +1,189 @@
+"""`.nanite` files and pickles: equal after a round trip, and a typed error whatever happens to the bytes."""
+
+import copy
+import os
+import pickle
+
+import numpy as np
+import pytest
+
+import nanite_rs as nrs
+from oracles import subjects
+
+SOAK = bool(os.environ.get("NANITE_SOAK"))
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    v, f = subjects.cube(12)
+    colors = np.random.default_rng(0).integers(0, 255, (len(v), 4), np.uint8)
+    uvs = [np.asarray(v[:, :2], np.float32)]
+    return nrs.NaniteMesh.from_arrays(v, f, colors=colors, uvs=uvs, face_ids=True, progress=False)
+
+
+@pytest.fixture(scope="module")
+def blob(mesh, tmp_path_factory) -> bytes:
+    path = tmp_path_factory.mktemp("files") / "mesh.nanite"
+    mesh.save(path)
+    return path.read_bytes()
+
+
+def opened(data: bytes, folder):
+    path = folder / "damaged.nanite"
+    path.write_bytes(data)
+    return nrs.NaniteMesh.open(path)
+
+
+def test_saved_and_opened_is_equal(mesh, tmp_path) -> None:
+    path = tmp_path / "mesh.nanite"
+    mesh.save(path)
+    again = nrs.NaniteMesh.open(path)
+    assert again == mesh
+    assert not again != mesh
+    again.check()
+    again.save(tmp_path / "again.nanite")
+    assert (tmp_path / "again.nanite").read_bytes() == path.read_bytes()
+    for error in (0.0, 0.05, 10.0):
+        a, b = mesh.cut(error=error), again.cut(error=error)
+        for name in ("vertices", "faces", "normals", "colors", "cluster_ids"):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+        assert a.error == b.error
+    assert [p.name for p in tmp_path.iterdir() if "nanite" not in p.suffix] == []
+
+
+def test_pickled_and_copied_is_equal(mesh) -> None:
+    for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1):
+        assert pickle.loads(pickle.dumps(mesh, protocol)) == mesh
+    assert copy.deepcopy(mesh) == mesh
+    assert copy.copy(mesh) == mesh
+
+
+def test_meshes_that_differ_are_not_equal(mesh) -> None:
+    v, f = subjects.cube(12)
+    other = nrs.NaniteMesh.from_arrays(v * 1.0001, f, progress=False)
+    assert mesh != other
+    assert mesh != "mesh"
+    assert mesh is not None
+
+
+def test_pickles_travel_to_another_process(mesh, tmp_path) -> None:
+    import subprocess
+    import sys
+
+    path = tmp_path / "mesh.pickle"
+    path.write_bytes(pickle.dumps(mesh))
+    code = "import pickle, sys; m = pickle.load(open(sys.argv[1], 'rb')); m.check(); print(len(m.cut(error=0).faces))"
+    out = subprocess.run(
+        [sys.executable, "-c", code, path], capture_output=True, text=True, check=True
+    ).stdout
+    assert int(out) == len(mesh.cut(error=0).faces)
+
+
+def test_every_truncation_is_a_typed_error(blob: bytes, tmp_path) -> None:
+    """Every length up to 4 KiB and of the last 4 KiB, and a thousand between; every length at all under soak."""
+    if SOAK or len(blob) <= 9000:
+        lengths = np.arange(len(blob))
+    else:
+        middle = np.random.default_rng(1).choice(np.arange(4096, len(blob) - 4096), 1000, replace=False)
+        lengths = np.concatenate([np.arange(4096), np.sort(middle), np.arange(len(blob) - 4096, len(blob))])
+    for length in lengths:
+        with pytest.raises(nrs.FormatError):
+            opened(blob[:length], tmp_path)
+
+
+def test_flipped_bits_are_typed_errors(blob: bytes, tmp_path) -> None:
+    """Everything is under a checksum: no flipped bit goes unnoticed."""
+    rng = np.random.default_rng(2)
+    places = np.concatenate([np.arange(512), rng.integers(0, len(blob), 20_000 if SOAK else 2000)])
+    for at in places:
+        damaged = bytearray(blob)
+        damaged[at] ^= 1 << rng.integers(8)
+        with pytest.raises(nrs.FormatError):
+            opened(bytes(damaged), tmp_path)
+
+
+def test_overwritten_stretches_are_typed_errors(blob: bytes, tmp_path) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(3000 if SOAK else 500):
+        damaged = bytearray(blob)
+        start = int(rng.integers(0, len(blob) - 64))
+        stretch = int(rng.integers(1, 64))
+        fill = [b"\x00", b"\xff", bytes([rng.integers(256)])][rng.integers(3)]
+        damaged[start : start + stretch] = fill * stretch
+        if bytes(damaged) == blob:
+            continue
+        with pytest.raises(nrs.FormatError):
+            opened(bytes(damaged), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"\x00" * 4096, b"\xff" * 4096, b"ply\nformat ascii 1.0\n", b"PK\x03\x04", os.urandom(10_000)],
+    ids=["empty", "zeros", "ones", "ply", "zip", "random"],
+)  # fmt: skip
+def test_other_files_are_typed_errors(data: bytes, tmp_path) -> None:
+    with pytest.raises(nrs.FormatError) as caught:
+        opened(data, tmp_path)
+    assert isinstance(caught.value, ValueError)
+    assert "damaged.nanite" in str(caught.value)
+
+
+def test_trailing_bytes_are_a_typed_error(blob: bytes, tmp_path) -> None:
+    with pytest.raises(nrs.FormatError):
+        opened(blob + b"\x00", tmp_path)
+
+
+def test_missing_files_and_folders(mesh, tmp_path) -> None:
+    with pytest.raises(FileNotFoundError) as caught:
+        nrs.NaniteMesh.open(tmp_path / "none.nanite")
+    assert isinstance(caught.value, nrs.NaniteError)
+    assert "none.nanite" in str(caught.value)
+    with pytest.raises(OSError, match=r"none") as caught:
+        mesh.save(tmp_path / "none" / "mesh.nanite")
+    assert isinstance(caught.value, nrs.NaniteError)
+    with pytest.raises(OSError, match=tmp_path.name):
+        nrs.NaniteMesh.open(tmp_path)
+
+
+def test_a_failed_save_leaves_the_old_file(mesh, tmp_path) -> None:
+    """The write goes to a temporary file that is renamed: a full or read-only folder changes nothing."""
+    folder = tmp_path / "locked"
+    folder.mkdir()
+    path = folder / "mesh.nanite"
+    path.write_bytes(b"old")
+    if os.geteuid() == 0:  # permissions do not bind root: a target that cannot be replaced does
+        target = folder / "taken.nanite"
+        target.mkdir()
+        (target / "inside").write_bytes(b"x")
+        with pytest.raises(OSError, match="taken"):
+            mesh.save(target)
+        assert sorted(p.name for p in folder.iterdir()) == ["mesh.nanite", "taken.nanite"]
+    else:
+        folder.chmod(0o500)
+        with pytest.raises(OSError, match="locked"):
+            mesh.save(path)
+        folder.chmod(0o700)
+        assert [p.name for p in folder.iterdir()] == ["mesh.nanite"]
+    assert path.read_bytes() == b"old"
+
+
+def test_saving_over_an_open_mesh_is_safe(mesh, tmp_path) -> None:
+    path = tmp_path / "mesh.nanite"
+    mesh.save(path)
+    again = nrs.NaniteMesh.open(path)
+    again.save(path)
+    again.check()
+    assert nrs.NaniteMesh.open(path) == mesh
+
+
+def test_damaged_pickles_are_typed_errors(mesh) -> None:
+    blob = bytearray(pickle.dumps(mesh))
+    rng = np.random.default_rng(4)
+    caught = 0
+    for _ in range(200):
+        damaged = bytearray(blob)
+        damaged[int(rng.integers(len(blob) // 2, len(blob) - 64))] ^= 1 << rng.integers(8)
+        try:
+            pickle.loads(bytes(damaged))
+        except nrs.NaniteError:
+            caught += 1
+    assert caught == 200
