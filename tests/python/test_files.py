@@ -39,7 +39,7 @@ def test_saved_and_opened_is_equal(mesh, tmp_path) -> None:
     mesh.save(path)
     again = nrs.NaniteMesh.open(path)
     assert again == mesh
-    assert not again != mesh
+    assert (again != mesh) is False
     again.check()
     again.save(tmp_path / "again.nanite")
     assert (tmp_path / "again.nanite").read_bytes() == path.read_bytes()
@@ -72,21 +72,19 @@ def test_pickles_travel_to_another_process(mesh, tmp_path) -> None:
 
     path = tmp_path / "mesh.pickle"
     path.write_bytes(pickle.dumps(mesh))
-    code = "import pickle, sys; m = pickle.load(open(sys.argv[1], 'rb')); m.check(); print(len(m.cut(error=0).faces))"
+    code = "import pickle, sys; m = pickle.load(open(sys.argv[1], 'rb')); print(len(m.cut(error=0).faces))"
     out = subprocess.run(
         [sys.executable, "-c", code, path], capture_output=True, text=True, check=True
     ).stdout
     assert int(out) == len(mesh.cut(error=0).faces)
 
 
-def test_every_truncation_is_a_typed_error(blob: bytes, tmp_path) -> None:
-    """Every length up to 4 KiB and of the last 4 KiB, and a thousand between; every length at all under soak."""
-    if SOAK or len(blob) <= 9000:
-        lengths = np.arange(len(blob))
-    else:
-        middle = np.random.default_rng(1).choice(np.arange(4096, len(blob) - 4096), 1000, replace=False)
-        lengths = np.concatenate([np.arange(4096), np.sort(middle), np.arange(len(blob) - 4096, len(blob))])
-    for length in lengths:
+def test_every_truncation_is_a_typed_error(tmp_path) -> None:
+    """Every length of a small file."""
+    nrs.NaniteMesh.from_arrays(*subjects.cube(3), progress=False).save(tmp_path / "small.nanite")
+    blob = (tmp_path / "small.nanite").read_bytes()
+    assert opened(blob, tmp_path)
+    for length in range(len(blob)):
         with pytest.raises(nrs.FormatError):
             opened(blob[:length], tmp_path)
 
@@ -117,9 +115,17 @@ def test_overwritten_stretches_are_typed_errors(blob: bytes, tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    "data", [b"", b"\x00" * 4096, b"\xff" * 4096, b"ply\nformat ascii 1.0\n", b"PK\x03\x04", os.urandom(10_000)],
+    "data",
+    [
+        b"",
+        b"\x00" * 4096,
+        b"\xff" * 4096,
+        b"ply\nformat ascii 1.0\n",
+        b"PK\x03\x04",
+        bytes(np.random.default_rng(5).bytes(9999)),
+    ],
     ids=["empty", "zeros", "ones", "ply", "zip", "random"],
-)  # fmt: skip
+)
 def test_other_files_are_typed_errors(data: bytes, tmp_path) -> None:
     with pytest.raises(nrs.FormatError) as caught:
         opened(data, tmp_path)

@@ -1,4 +1,4 @@
-"""Full detail, error=0 or pixel_error=0, is the source surface exactly: oriented triangles compared by position."""
+"""Full detail (error=0, pixel_error=0) is the source surface exactly: oriented triangles by position."""
 
 import numpy as np
 import pytest

@@ -3,8 +3,8 @@
 What *rounding* means here. Both rasterizers snap projected vertices to 1/256 pixel: a vertex moves by at most
 √2/512 pixel on the screen, and with it every point of its triangles, so an unprojected pixel lies within
 √2/512 of a pixel's footprint of the surface that was drawn. Depth is float32: reversed and infinite, it is
-near / z rounded once after interpolation, some 2⁻²² of z in all; unprojection multiplies that by the length of
-the ray per unit depth.
+near / z rounded once after interpolation, some 2⁻²² of z in all; unprojection multiplies that by the length
+of the ray per unit depth.
 """
 
 import functools
@@ -102,10 +102,11 @@ def test_covered_pixels_lie_on_the_source(name: str) -> None:
         rounding = depth / view.focal * np.sqrt(2) / 512 + slant * depth * 2.0**-22
         over = away - cut.error - rounding
         print(
-            f"{name}, τ = {tau}: farthest {away.max():.3g}, cut.error {cut.error:.3g}, rounding {rounding.max():.2g}"
+            f"{name}, τ = {tau}: farthest {away.max():.3g},"
+            f" cut.error {cut.error:.3g}, rounding {rounding.max():.2g}"
         )
         assert over.max() <= 0, (tau, np.count_nonzero(over > 0), over.max())
-        # The rule bounds every error by τ pixels where it is seen, so the distance of each pixel is bounded too.
+        # The rule bounds every error by τ pixels where it is seen: so is the distance of each pixel.
         allowed = tau * np.linalg.norm(points - view.pose[:3, 3], axis=1) / (view.focal * view.sec2_diagonal)
         assert (away - allowed - rounding).max() <= 0, tau
 

@@ -12,7 +12,6 @@ def build_or_refuse(vertices, faces, **options):
     try:
         mesh = nrs.NaniteMesh.from_arrays(vertices, faces, progress=False, **options)
     except nrs.NaniteError as error:
-        assert str(error)
         return error
     mesh.check()
     for reduction in (0.0, 0.5, 0.99):
@@ -37,8 +36,9 @@ def test_nasty_and_cad_files(path, tmp_path) -> None:
     try:
         mesh = nrs.NaniteMesh.from_file(path, progress=False)
     except nrs.NaniteError as error:
-        assert str(error)
-        assert path.parent.name in ("empty", "Cray_right", "japanese_bridge_garden"), error
+        if path.parent.name not in ("empty", "Cray_right", "japanese_bridge_garden"):
+            raise
+        print(error)
         return
     mesh.check()
     mesh.save(tmp_path / "m.nanite")
@@ -50,7 +50,7 @@ def test_nasty_and_cad_files(path, tmp_path) -> None:
 
 @pytest.mark.parametrize("path", files("nasty") + files("cad"))
 def test_nasty_and_cad_arrays_keep_their_surface(path) -> None:
-    """The arrays as trimesh reads them: nothing is refused without cause, full detail is the mended source."""
+    """As trimesh reads them: nothing is refused without cause, full detail is the mended source."""
     if path is None:
         data.require("nasty")
     try:

@@ -1,4 +1,4 @@
-"""One description of a scene, turned into nanite_rs's and pyrender's forms: same mesh, normals, lights, view."""
+"""One scene in the forms of nanite_rs and of pyrender: same mesh, normals, material, lights and view."""
 
 from __future__ import annotations
 

@@ -25,6 +25,13 @@ def by_position(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return f[keep]
 
 
+def without_duplicates(faces: np.ndarray) -> np.ndarray:
+    """Faces that are no turned copy of another; those of opposite orientation are different faces."""
+    start = np.argmin(faces, axis=1)
+    turned = np.take_along_axis(faces, (start[:, None] + np.arange(3)) % 3, axis=1)
+    return np.unique(turned, axis=0)
+
+
 def half_edges(faces: np.ndarray) -> np.ndarray:
     """(3M, 2) directed edges."""
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
