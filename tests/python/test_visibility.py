@@ -53,9 +53,9 @@ def test_pixels_show_the_face_the_ray_hits(name: str) -> None:
     sorted_corners = np.sort(mesh.vertices[mesh.faces].view("V12")[..., 0], axis=1)
     same |= (sorted_corners[shown] == sorted_corners[np.maximum(hit, 0)]).all(axis=1) & (hit >= 0)
 
-    # Or the face passes within 1/128 pixel of the ray, and is really to be seen there: not behind what the ray
-    # hits, or hit itself by a ray that is moved by no more than that.
-    px, py, pz = view.project(mesh.vertices[mesh.faces[shown]])
+    # Or the face passes within 1/128 pixel of the ray, and is really to be seen there: not behind what the
+    # ray hits, or hit itself by a ray that is moved by no more than that.
+    px, py, _ = view.project(mesh.vertices[mesh.faces[shown]])
     near = distance_to_triangles(x, y, np.stack([px, py], axis=-1)) <= WITHIN
     depth = frame.depth[covered].astype(np.float64)
     in_front = (hit < 0) | (depth <= along * (1 + 1e-5))
