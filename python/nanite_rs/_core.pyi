@@ -7,6 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 __version__: str
 
+def cluster_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
+def group_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
+
 @final
 class Mesh:
     @staticmethod

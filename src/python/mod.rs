@@ -4,6 +4,7 @@
 mod arrays;
 mod errors;
 mod mesh;
+mod tables;
 
 use pyo3::prelude::*;
 
@@ -13,5 +14,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<mesh::Cut>()?;
+    module.add_function(wrap_pyfunction!(tables::cluster_table, module)?)?;
+    module.add_function(wrap_pyfunction!(tables::group_table, module)?)?;
     Ok(())
 }

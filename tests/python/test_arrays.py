@@ -25,12 +25,25 @@ def test_faces_of_every_integer_type_and_layout(dtype: str, order: str) -> None:
     assert nrs.NaniteMesh.from_arrays(vertices, given, progress=False) == expected
 
 
-@pytest.mark.parametrize("dtype", ["float16", "float32", "float64", ">f4", ">f8", "int32", "int64", "uint8"])
-def test_vertices_of_every_real_type(dtype: str) -> None:
+@pytest.mark.parametrize("dtype", ["float32", "float64", ">f4", ">f8"])
+@pytest.mark.parametrize("order", ["C", "F", "strided"])
+def test_vertices_of_both_float_types_and_every_layout(dtype: str, order: str) -> None:
     vertices, faces = subjects.cube(2)
     given = (vertices * 4 + 8).astype(dtype)
+    if order == "F":
+        given = np.asfortranarray(given)
+    elif order == "strided":
+        given = np.repeat(given, 2, axis=0)[::2]
+    given.setflags(write=False)
     cut = nrs.NaniteMesh.from_arrays(given, faces, progress=False).cut(error=0)
     assert topology.surface_difference((given.astype(float), faces), (cut.vertices, cut.faces)) == (0, 0)
+
+
+@pytest.mark.parametrize("dtype", ["float16", "longdouble", "int32", "uint8", "bool"])
+def test_vertices_of_other_types_are_refused_by_name(dtype: str) -> None:
+    vertices, faces = subjects.cube(2)
+    with pytest.raises(nrs.DtypeError, match=f"vertices.*{np.dtype(dtype).name}"):
+        nrs.NaniteMesh.from_arrays(vertices.astype(dtype), faces, progress=False)
 
 
 def test_lists_are_taken_like_arrays() -> None:
@@ -127,8 +140,8 @@ def test_attributes_are_exact_at_full_detail(painted_mesh) -> None:
     assert len(cut.uvs) == 2
     for ours, given in zip(cut.uvs, uvs, strict=True):
         np.testing.assert_array_equal(ours, given[at])
-    angle = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", cut.normals, normals[at]), -1, 1)))
-    assert angle.max() < 0.01  # 2 × 16 bits of an octahedron
+    apart = np.linalg.norm(cut.normals.astype(np.float64) - normals[at], axis=1)
+    assert apart.max() < 1e-4  # 2 × 16 bits of an octahedron
     np.testing.assert_allclose(np.linalg.norm(cut.normals, axis=1), 1, atol=1e-6)
 
 
@@ -163,8 +176,7 @@ def test_missing_normals_are_angle_weighted() -> None:
     source = subjects.subject("sphere")
     cut = subjects.built("sphere").cut(error=0)
     expected = topology.vertex_normals(np.asarray(cut.vertices), np.asarray(cut.faces, np.int64))
-    cosine = np.einsum("ij,ij->i", cut.normals, expected)
-    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 0.05
+    assert np.linalg.norm(cut.normals.astype(np.float64) - expected, axis=1).max() < 2e-4
     assert len(cut.vertices) == len(source.used)
 
 
@@ -203,7 +215,9 @@ def test_same_bytes_for_any_number_of_threads(name: str, tmp_path) -> None:
     source = subjects.subject(name)
     blobs = []
     for threads in (1, 2, 8, 2):
-        mesh = nrs.NaniteMesh.from_arrays(source.vertices, source.faces, threads=threads, progress=False)
+        mesh = nrs.NaniteMesh.from_arrays(
+            source.vertices, source.faces, options=nrs.BuildOptions(threads=threads), progress=False
+        )
         path = tmp_path / f"{threads}.nanite"
         mesh.save(path)
         blobs.append(path.read_bytes())
@@ -216,7 +230,7 @@ def test_progress_is_reported_and_reaches_the_end() -> None:
     nrs.NaniteMesh.from_arrays(
         source.vertices, source.faces, progress=lambda done, total: seen.append((done, total))
     )
-    assert len(seen) > 5
+    assert len(seen) >= 3
     fractions = [d / t for d, t in seen]
     assert fractions == sorted(fractions)
     assert fractions[-1] == pytest.approx(1, abs=0.05)

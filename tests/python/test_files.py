@@ -18,7 +18,9 @@ def mesh():
     v, f = subjects.cube(12)
     colors = np.random.default_rng(0).integers(0, 255, (len(v), 4), np.uint8)
     uvs = [np.asarray(v[:, :2], np.float32)]
-    return nrs.NaniteMesh.from_arrays(v, f, colors=colors, uvs=uvs, face_ids=True, progress=False)
+    return nrs.NaniteMesh.from_arrays(
+        v, f, colors=colors, uvs=uvs, options=nrs.BuildOptions(face_ids=True), progress=False
+    )
 
 
 @pytest.fixture(scope="module")

@@ -44,9 +44,10 @@ def test_pixel_error_zero_is_the_source(name: str) -> None:
 @pytest.mark.parametrize("name", ["cube", "plane", "part", "bunny"])
 def test_face_ids_name_the_source_faces(name: str) -> None:
     source = subjects.subject(name)
-    cut = subjects.built(name, face_ids=True).cut(error=0.0)
-    ids = np.asarray(cut.face_ids)
+    mesh = subjects.built(name, face_ids=True)
+    cut, ids = mesh.cut(error=0.0), mesh.source_face_ids
     assert ids.shape == (len(cut.faces),)
     assert len(np.unique(ids)) == len(ids)
+    assert subjects.built(name).source_face_ids is None
     given = topology.face_keys(source.vertices, source.faces[ids])
     np.testing.assert_array_equal(given, topology.face_keys(cut.vertices, cut.faces))

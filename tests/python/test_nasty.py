@@ -184,13 +184,10 @@ def test_degenerates_are_built_or_refused(name: str) -> None:
         with np.errstate(under="ignore"):
             given = np.asarray(vertices).astype(dtype)
         result = build_or_refuse(given, faces)
-        may_be_refused = name in (
-            "all in one point but distinct",
-            "scale of 1e-300",
-            "one huge and many tiny triangles",
-        )
         if isinstance(result, nrs.NaniteError):
-            assert may_be_refused, result
+            # Only where nothing with an area is left in the caller's own numbers.
+            area = topology.area(given, faces) if np.isfinite(given).all() else 0.0
+            assert name == "all in one point but distinct" or area == 0.0, result
         else:
             assert result.report.input_faces == len(faces)
             # Where the caller's numbers are float32 nothing may be lost but degenerate and duplicate faces.

@@ -6,7 +6,6 @@ import os
 import numpy as np
 import pytest
 
-import nanite_rs as nrs
 from oracles import camera, distance, subjects, topology
 from oracles.dag import Dag
 
@@ -76,13 +75,10 @@ def random_cut(mesh, source, rng: np.random.Generator):
         start + direction / np.linalg.norm(direction) * away, target, tuple(rng.normal(size=3))
     )
     if rng.random() < 0.2:
-        lens = nrs.OrthographicCamera(
-            xmag=source.diagonal * rng.uniform(0.01, 2), ymag=source.diagonal * rng.uniform(0.01, 2)
-        )
+        half = tuple(source.diagonal * rng.uniform(0.01, 2, 2))
+        lens = camera.Lens(znear=source.diagonal * 1e-3, half_size=half)
     else:
-        lens = nrs.PerspectiveCamera(
-            yfov=rng.uniform(0.1, 2.5), znear=source.diagonal * 10 ** rng.uniform(-5, -1)
-        )
+        lens = camera.Lens(rng.uniform(0.1, 2.5), source.diagonal * 10 ** rng.uniform(-5, -1))
     viewport = tuple(int(x) for x in rng.integers(1, 3000, 2))
     return mesh.cut(camera=lens, pose=pose, viewport=viewport, pixel_error=float(10 ** rng.uniform(-2, 2)))
 
@@ -164,15 +160,12 @@ def test_volume_is_kept(name: str) -> None:
         assert abs(topology.signed_volume(cut.vertices, cut.faces) - volume) <= area * cut.error
 
 
-@pytest.mark.parametrize("name", ["plane", "cube"])
-def test_flat_regions_cost_next_to_nothing(name: str) -> None:
-    mesh = subjects.built(name)
-    total = len(subjects.subject(name).faces)
-    cut = mesh.cut(error=subjects.subject(name).diagonal * 1e-4)
+def test_flat_regions_cost_next_to_nothing() -> None:
+    mesh, total = subjects.built("plane"), len(subjects.subject("plane").faces)
+    cut = mesh.cut(error=subjects.subject("plane").diagonal * 1e-4)
     assert len(cut.faces) < 0.05 * total
-    tau = cut.error + 1e-6
-    assert distance.one_sided((cut.vertices, cut.faces), arrays(name), 5000).max() <= tau
-    assert distance.one_sided(arrays(name), (cut.vertices, cut.faces), 5000).max() <= tau
+    assert distance.one_sided((cut.vertices, cut.faces), arrays("plane"), 5000).max() <= cut.error + 1e-6
+    assert distance.one_sided(arrays("plane"), (cut.vertices, cut.faces), 5000).max() <= cut.error + 1e-6
 
 
 def arrays(name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Dag:
-    """Clusters and groups of a built mesh, as `NaniteMesh.clusters` and `NaniteMesh.groups` give them."""
+    """Clusters and groups of a built mesh, as `_core.cluster_table` and `_core.group_table` give them."""
 
     ids: np.ndarray  # (C,) identities, as in cut.cluster_ids
     level: np.ndarray  # (C,)
@@ -24,7 +24,9 @@ class Dag:
     @classmethod
     def of(cls, mesh) -> Dag:
         """Reads the tables."""
-        c, g = mesh.clusters, mesh.groups
+        from nanite_rs import _core
+
+        c, g = _core.cluster_table(mesh._core), _core.group_table(mesh._core)
         return cls(
             ids=np.asarray(c["id"]),
             level=np.asarray(c["level"]),

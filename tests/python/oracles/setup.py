@@ -48,7 +48,7 @@ class Setup:
                 self.mesh.faces,
                 normals=self.normals,
                 colors=self.colors,
-                face_ids=True,
+                options=nrs.BuildOptions(face_ids=True),
                 progress=False,
             )
         return self._built

@@ -88,4 +88,6 @@ def built(name: str, **options):
     import nanite_rs as nrs
 
     mesh = subject(name)
-    return nrs.NaniteMesh.from_arrays(mesh.vertices, mesh.faces, progress=False, **options)
+    return nrs.NaniteMesh.from_arrays(
+        mesh.vertices, mesh.faces, options=nrs.BuildOptions(**options), progress=False
+    )

@@ -1,0 +1,52 @@
+//! The DAG as plain tables: for tests that verify it without its own rules, and for the curious.
+
+use numpy::PyArray2;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use super::arrays::{into_array, into_rows};
+use super::mesh::Mesh;
+use crate::math::Sphere;
+use crate::model::cluster::NO_GROUP;
+use crate::model::{ClusterRecord, Dag};
+
+/// Centre and radius in object units: rows of x, y, z, r.
+fn spheres(py: Python<'_>, dag: &Dag, of: impl Iterator<Item = Sphere>) -> PyResult<Py<PyArray2<f64>>> {
+    let rows = of.map(|sphere| {
+        let [x, y, z] = dag.frame.to_object(sphere.center);
+        [x, y, z, f64::from(sphere.radius) * dag.frame.scale]
+    });
+    into_rows(py, rows.collect())
+}
+
+/// Columns of all clusters, in page order. `origin` is the group a cluster was made from, −1 at level 0.
+#[pyfunction]
+pub(super) fn cluster_table(py: Python<'_>, mesh: &Mesh) -> PyResult<Py<PyDict>> {
+    let dag = &*mesh.dag;
+    let records: Vec<&ClusterRecord> = dag.pages.addresses().map(|at| dag.record(at)).collect();
+    let signed = |group: u32| if group == NO_GROUP { -1 } else { i64::from(group) };
+    let out = PyDict::new(py);
+    out.set_item("id", into_array(py, dag.pages.addresses().map(|at| at.0).collect()))?;
+    out.set_item("level", into_array(py, records.iter().map(|r| r.level).collect()))?;
+    out.set_item("group", into_array(py, records.iter().map(|r| signed(r.group)).collect()))?;
+    out.set_item("origin", into_array(py, records.iter().map(|r| signed(r.refined)).collect()))?;
+    let errors = records.iter().map(|r| f64::from(r.error) * dag.frame.scale);
+    out.set_item("error", into_array(py, errors.collect()))?;
+    out.set_item("triangles", into_array(py, records.iter().map(|r| u32::from(r.triangle_count)).collect()))?;
+    out.set_item("vertices", into_array(py, records.iter().map(|r| u32::from(r.vertex_count)).collect()))?;
+    out.set_item("sphere", spheres(py, dag, records.iter().map(|r| r.lod_sphere))?)?;
+    Ok(out.unbind())
+}
+
+/// Columns of all groups. `error` is that of what was made from the group, infinite where nothing was.
+#[pyfunction]
+pub(super) fn group_table(py: Python<'_>, mesh: &Mesh) -> PyResult<Py<PyDict>> {
+    let dag = &*mesh.dag;
+    let out = PyDict::new(py);
+    let errors = dag.groups.iter().map(|g| f64::from(g.error) * dag.frame.scale);
+    out.set_item("error", into_array(py, errors.collect()))?;
+    out.set_item("level", into_array(py, dag.groups.iter().map(|g| g.level).collect()))?;
+    out.set_item("count", into_array(py, dag.groups.iter().map(|g| g.count).collect()))?;
+    out.set_item("sphere", spheres(py, dag, dag.groups.iter().map(|g| g.lod_sphere))?)?;
+    Ok(out.unbind())
+}
