@@ -5,6 +5,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+__all__: list[str]
 __version__: str
 
 def cluster_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import gzip
+import json
 import os
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -19,6 +20,7 @@ from nanite_rs.exceptions import (
     FormatError,
     MeshError,
     MissingFileError,
+    NaniteError,
 )
 
 if TYPE_CHECKING:
@@ -31,6 +33,7 @@ __all__ = ["Source", "from_trimesh", "load"]
 
 #: Suffix of built meshes.
 NANITE_SUFFIX: Final = ".nanite"
+_GLTF: Final = ("glb", "gltf")
 
 
 @dataclass
@@ -81,27 +84,30 @@ def load(path: str | os.PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:
         found = f"extension .{suffix} is unknown" if suffix else "the name has no extension"
         raise FormatError(f"{path}: {found}; trimesh reads {', '.join(known)}")
     try:
+        content = path.read_bytes() if packed or suffix in _GLTF else b""
         if packed:
-            loaded = trimesh.load(
-                BytesIO(gzip.decompress(path.read_bytes())), file_type=suffix, process=False
-            )
-        else:
-            loaded = trimesh.load(path, process=False)
+            content = gzip.decompress(content)
+        if suffix in _GLTF:
+            _check_gltf(path, content)
+        source = BytesIO(content) if packed else path
+        loaded = trimesh.load(source, file_type=suffix if packed else None, process=False)
+    except NaniteError:
+        raise
     except ImportError as error:
         package = error.name or "an optional package"
         raise DependencyError(f"{path}: {package} is needed; pip install 'nanite-rs[io]'") from error
     except OSError as error:
         if isinstance(error, gzip.BadGzipFile) or error.errno is None:
-            raise FormatError(f"{path}: not a valid .{suffix} file: {error}") from error
+            raise FormatError(f"{path}: cannot be read as .{suffix}: {error}") from error
         raise FileError(error.errno, error.strerror, str(path)) from error
     except Exception as error:  # whatever a loader trips over in a damaged file
         message = f"{type(error).__name__}: {error}"
-        raise FormatError(f"{path}: not a valid .{suffix} file: {message}") from error
-    _refuse_undecoded(path, loaded)
+        raise FormatError(f"{path}: cannot be read as .{suffix}: {message}") from error
+    _refuse_empty(path, loaded)
     return loaded
 
 
-def _refuse_undecoded(path: Path, loaded: object) -> None:
+def _refuse_empty(path: Path, loaded: object) -> None:
     """Loaders return point clouds, paths or nothing where there is no triangle; say so with the file's name."""
     import trimesh
 
@@ -109,8 +115,26 @@ def _refuse_undecoded(path: Path, loaded: object) -> None:
         loaded = list(loaded.geometry.values())
     parts = loaded if isinstance(loaded, list) else [loaded]
     if not any(isinstance(part, trimesh.Trimesh) and len(part.faces) for part in parts):
-        kinds = sorted({type(part).__name__ for part in parts}) or ["nothing"]
-        raise MeshError(f"{path}: no triangles in it, only {', '.join(kinds)}")
+        kinds = ", ".join(sorted({type(part).__name__ for part in parts}))
+        raise MeshError(f"{path}: there are no triangles in it" + (f", only {kinds}" if kinds else ""))
+
+
+def _check_gltf(path: Path, data: bytes) -> None:
+    """Refuse compressed glTF that trimesh would read as zeros: it only logs what it cannot decode."""
+    try:
+        if data[:4] == b"glTF":
+            data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
+        required = set(json.loads(data).get("extensionsRequired", []))
+    except (ValueError, AttributeError):
+        return  # not glTF at all: the loader says so
+    if "KHR_draco_mesh_compression" in required:
+        try:
+            import DracoPy  # noqa: F401
+        except ImportError as error:
+            raise DependencyError(f"{path}: DracoPy is needed; pip install 'nanite-rs[io]'") from error
+    undecoded = sorted(name for name in required if "compression" in name and "draco" not in name)
+    if undecoded:
+        raise FormatError(f"{path}: it requires {', '.join(undecoded)}, which trimesh does not decode")
 
 
 def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Source:

@@ -1,0 +1,7 @@
+"""`python -m nanite_rs`."""
+
+import sys
+
+from nanite_rs.cli import main
+
+sys.exit(main())

@@ -1,0 +1,485 @@
+"""The command line: ``python -m nanite_rs`` and ``nanite-rs``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import numpy as np
+
+import nanite_rs as nrs
+from nanite_rs import io, shapes
+from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+T = TypeVar("T")
+
+EPILOG: Final = """\
+examples:
+  nanite-rs build dragon.ply                        write dragon.nanite
+  nanite-rs info dragon.nanite                      what is in it, and what building did
+  nanite-rs cut dragon.nanite -o small.ply --target-faces 10000
+  nanite-rs cut dragon.nanite -o close.obj --error 0.001
+  nanite-rs render dragon.nanite -o dragon.png --size 1920x1080
+  nanite-rs render dragon.nanite -o clusters.png --view clusters --pixel-error 4
+  nanite-rs demo                                    all of it, on a generated mesh
+  nanite-rs demo dragon.ply                         all of it, on yours
+
+INPUT is a .nanite file, any mesh file that trimesh reads (PLY, OBJ, STL, GLB, glTF, OFF, …, also .gz), or a
+generated mesh written as shape:NAME, shape:NAME:FACES or shape:NAME:FACES:SEED, where NAME is one of
+{shapes}.
+"""
+
+SHAPE_PREFIX: Final = "shape:"
+DEMO_SHAPE: Final = "shape:displaced_icosphere:2000000"
+VIEWS: Final = ("shaded", "triangles", "clusters", "groups", "levels", "overdraw")
+
+
+# ---------------------------------------------------------------------------------------------------- input
+
+
+def _generated(name: str) -> shapes.Mesh:
+    """The mesh that shape:NAME[:FACES[:SEED]] stands for."""
+    kind, *numbers = name.removeprefix(SHAPE_PREFIX).split(":")
+    if kind not in shapes.SHAPES:
+        raise ArgumentError(f"{name}: no such shape; choose from {', '.join(shapes.SHAPES)}")
+    try:
+        faces, seed = [*map(int, numbers), *(1_000_000, 0)[len(numbers) :]]
+    except ValueError:
+        raise ArgumentError(f"{name}: expected shape:NAME[:FACES[:SEED]]") from None
+    return shapes.SHAPES[kind](faces=faces, seed=seed)
+
+
+def _is_built(name: str) -> bool:
+    return name.lower().endswith(io.NANITE_SUFFIX)
+
+
+def _stem(name: str) -> str:
+    """A file name without folder and extension, for outputs."""
+    if name.startswith(SHAPE_PREFIX):
+        return name.split(":")[1]
+    stem = Path(name).name
+    return (stem[:-3] if stem.lower().endswith(".gz") else stem).rsplit(".", 1)[0]
+
+
+def _mesh(arguments: argparse.Namespace) -> nrs.NaniteMesh:
+    """The mesh that INPUT names, built unless it is built already."""
+    name: str = arguments.input
+    progress = False if arguments.quiet else None
+    if _is_built(name):
+        return nrs.NaniteMesh.open(name)
+    if name.startswith(SHAPE_PREFIX):
+        return nrs.NaniteMesh.from_arrays(*_generated(name), options=_options(arguments), progress=progress)
+    return nrs.NaniteMesh.from_file(name, options=_options(arguments), progress=progress)
+
+
+def _options(arguments: argparse.Namespace) -> nrs.BuildOptions:
+    known = asdict(nrs.BuildOptions())
+    given = {k: v for k, v in vars(arguments).items() if k in known and v is not None}
+    return nrs.BuildOptions(**given)
+
+
+# --------------------------------------------------------------------------------------------------- output
+
+
+def _megabytes(size: float) -> str:
+    return f"{size / 1e6:,.1f} MB"
+
+
+def _seconds(value: float) -> str:
+    if value < 0.1:
+        return f"{value * 1e3:.2f} ms"
+    return f"{value:.2f} s"
+
+
+def _table(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> str:
+    """Columns as wide as they need, the numbers of ``right`` flush right."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = [
+        "  ".join(
+            cell.rjust(width) if k in right else cell.ljust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+    lines.insert(1, "  ".join("─" * width for width in widths))
+    return "\n".join(lines)
+
+
+def _timed(work: Callable[[], T]) -> tuple[T, float]:
+    start = time.perf_counter()
+    result = work()
+    return result, time.perf_counter() - start
+
+
+# -------------------------------------------------------------------------------------------------- commands
+
+
+def _build(arguments: argparse.Namespace) -> int:
+    output = Path(arguments.output or f"{_stem(arguments.input)}{io.NANITE_SUFFIX}")
+    if not _is_built(str(output)):
+        raise ArgumentError(f"{output}: the output must end in {io.NANITE_SUFFIX}")
+    mesh, seconds = _timed(lambda: _mesh(arguments))
+    if arguments.check:
+        mesh.check()
+    mesh.save(output)
+    if not arguments.quiet:
+        checked = ", every invariant holds" if arguments.check else ""
+        print(f"{output}: {mesh}, {_megabytes(output.stat().st_size)} on disk, {_seconds(seconds)}{checked}")
+    return 0
+
+
+def _info(arguments: argparse.Namespace) -> int:
+    mesh = _mesh(arguments)
+    if arguments.json:
+        print(json.dumps({**mesh.info, "report": asdict(mesh.report)}, indent=2))
+        return 0
+    info = mesh.info
+    low, high = info["bounds"]
+    print(mesh)
+    print(f"{'bounds':>13}  {_triple(low)} to {_triple(high)}")
+    attributes = ["normals", *(["colours"] if info["colors"] else []), *(["UVs"] * bool(info["uv_sets"]))]
+    print(f"{'attributes':>13}  {', '.join(attributes)}")
+    if info["rounding"]:
+        print(f"{'rounding':>13}  positions moved by {info['rounding']:.3g} at most")
+    print(mesh.report)
+    if arguments.check:
+        print(mesh.check())
+    return 0
+
+
+def _triple(point: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"
+
+
+def _cut(arguments: argparse.Namespace) -> int:
+    import trimesh
+
+    output = Path(arguments.output)
+    known = sorted(set(trimesh.exchange.export._mesh_exporters) - {"dict", "dict64", "stl_ascii"})
+    if output.suffix.lower().removeprefix(".") not in known:
+        raise FormatError(f"{output}: cannot write that; trimesh writes {', '.join(known)}")
+    mesh = _mesh(arguments)
+    cut, seconds = _timed(
+        lambda: mesh.cut(
+            error=arguments.error,
+            target_faces=arguments.target_faces,
+            target_reduction=arguments.target_reduction,
+        )
+    )
+    cut.to_trimesh().export(output)
+    if not arguments.quiet:
+        print(f"{output}: {cut} of {len(mesh):,} faces, in {_seconds(seconds)}")
+    return 0
+
+
+def _render(arguments: argparse.Namespace) -> int:
+    mesh = _mesh(arguments)
+    frame = _picture(mesh, arguments, arguments.distance)
+    frame.save(arguments.output, view=arguments.view)
+    if not arguments.quiet:
+        print(f"{arguments.output}: {arguments.size[0]} × {arguments.size[1]}, {arguments.view}")
+    if arguments.stats:
+        print(frame.stats)
+    return 0
+
+
+# ---------------------------------------------------------------------------------------------------- views
+
+
+def _look_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Camera-to-world pose at ``eye``, looking at ``target``, Y up."""
+    back = (eye - target) / np.linalg.norm(eye - target)
+    right = np.cross([0.0, 1.0, 0.0] if abs(back[1]) < 0.999 else [0.0, 0.0, -np.sign(back[1])], back)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :4] = np.stack([right, np.cross(back, right), back, eye], axis=1)
+    return pose
+
+
+def _picture(mesh: nrs.NaniteMesh, arguments: argparse.Namespace, distance: float) -> Any:
+    """A frame of the mesh alone; ``distance`` 1 fills the picture."""
+    low, high = mesh.bounds
+    center, radius = (low + high) / 2.0, max(float(np.linalg.norm(high - low)) / 2.0, 1e-30)
+    width, height = arguments.size
+    yfov = np.radians(arguments.yfov)
+    half = min(yfov / 2.0, np.arctan(np.tan(yfov / 2.0) * width / height))
+    away = radius / np.sin(half) * 0.9 * distance
+    azimuth, elevation = np.radians([arguments.azimuth, arguments.elevation])
+    direction = np.array(
+        [np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)]
+    )
+    pose = _look_at(center + direction * away, center)
+    key = _look_at(center + (direction + pose[:3, 1] * 0.8 - pose[:3, 0] * 0.8) * away, center)
+    fill = _look_at(center + (direction * 0.5 + pose[:3, 0]) * away, center)
+
+    scene = nrs.Scene(ambient_light=(0.08, 0.08, 0.09), bg_color=(1.0, 1.0, 1.0))
+    scene.add(mesh)
+    scene.add(nrs.DirectionalLight(intensity=3.0), pose=key)
+    scene.add(nrs.DirectionalLight(intensity=0.8), pose=fill)
+    camera = nrs.PerspectiveCamera(yfov=yfov, znear=max(away - 1.5 * radius, away * 1e-3))
+    with nrs.Renderer(width, height, backend=arguments.backend) as renderer:
+        return renderer.render(scene, camera, pose, pixel_error=arguments.pixel_error)
+
+
+# ----------------------------------------------------------------------------------------------------- demo
+
+
+def _demo(arguments: argparse.Namespace) -> int:
+    folder = Path(arguments.output)
+    folder.mkdir(parents=True, exist_ok=True)
+    name = arguments.input
+    steps: list[tuple[str, str, str]] = [("step", "result", "time")]
+
+    def step(what: str, work: Callable[[], T], result: Callable[[T], str]) -> T:
+        if sys.stderr.isatty() and not arguments.quiet:
+            print(f"{what} …", file=sys.stderr)
+        value, seconds = _timed(work)
+        steps.append((what, result(value), _seconds(seconds)))
+        return value
+
+    mesh = _demo_mesh(name, arguments, step)
+    step(
+        "check", mesh.check, lambda r: f"{r.clusters:,} clusters, {r.groups:,} groups: every invariant holds"
+    )
+    path = folder / f"{_stem(name)}{io.NANITE_SUFFIX}"
+    step("save", lambda: mesh.save(path), lambda _: f"{path}, {_megabytes(path.stat().st_size)}")
+    mesh = step("open", lambda: nrs.NaniteMesh.open(path), lambda _: "the same mesh again")
+    for reduction in (0.9, 0.99, 0.999):
+        step(
+            f"cut, −{reduction:.1%}",
+            lambda reduction=reduction: mesh.cut(target_reduction=reduction),  # type: ignore[misc]
+            lambda cut: f"{len(cut):,} triangles, error {cut.error:.3g}",
+        )
+    _picture(mesh, arguments, 1.0)  # the first frame allocates; those below are timed without that
+
+    pictures: list[tuple[str, ...]] = [
+        ("picture", "in the source", "in the cut", "drawn", "covered pixels", "frame")
+    ]
+    for label, distance in (("near", 0.35), ("whole", 1.0), ("far", 8.0)):
+        frame = _picture(mesh, arguments, distance)
+        stats = frame.stats
+        drawn = stats.drawn_small + stats.drawn_large
+        pictures.append(
+            (
+                label,
+                f"{stats.source_triangles:,}",
+                f"{stats.triangles:,}",
+                f"{drawn:,}",
+                f"{stats.covered_pixels:,}",
+                f"{stats.total_ms:.1f} ms",
+            )
+        )
+        for view in ("shaded", "clusters", "levels"):
+            frame.save(folder / f"{label}_{view}.png", view=view)
+        if label == "whole":
+            (folder / "stages.txt").write_text(f"{stats}\n", encoding="utf-8")
+    lines = [
+        f"nanite_rs {nrs.__version__}, {platform.machine()}, {os.cpu_count()} cores, "
+        f"{arguments.size[0]} × {arguments.size[1]}, pixel error {arguments.pixel_error:g}",
+        "",
+        _table(steps, right=(2,)),
+        "",
+        "triangles",
+        _table(pictures, right=(1, 2, 3, 4, 5)),
+        "",
+    ]
+    (folder / "report.txt").write_text("\n".join(lines), encoding="utf-8")
+    print("\n".join(lines))
+    print(f"pictures in {folder}/: " + ", ".join(sorted(p.name for p in folder.glob("*.png"))))
+    return 0
+
+
+def _demo_mesh(name: str, arguments: argparse.Namespace, step: Callable[..., Any]) -> nrs.NaniteMesh:
+    """Load or generate, then build, as steps of the demo."""
+    if _is_built(name):
+        opened: nrs.NaniteMesh = step("open", lambda: nrs.NaniteMesh.open(name), str)
+        return opened
+    if name.startswith(SHAPE_PREFIX):
+        arrays = step(
+            "generate",
+            lambda: dict(zip(("vertices", "faces"), _generated(name), strict=True)),
+            lambda a: f"{name.split(':')[1]}, {len(a['faces']):,} triangles",
+        )
+    else:
+        arrays = step(
+            "load",
+            lambda: io.from_trimesh(io.load(name)).arrays(),
+            lambda a: f"{name}, {len(a['faces']):,} triangles",
+        )
+    built: nrs.NaniteMesh = step(
+        "build",
+        lambda: nrs.NaniteMesh.from_arrays(
+            **arrays, options=_options(arguments), progress=False if arguments.quiet else None
+        ),
+        lambda m: str(m).removeprefix("NaniteMesh(").removesuffix(")"),
+    )
+    return built
+
+
+# ------------------------------------------------------------------------------------------------- arguments
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().replace("×", "x").partition("x")
+    if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 1280x720, not {text!r}")
+    return int(width), int(height)
+
+
+INPUT_HELP: Final = ".nanite file, mesh file, or shape:NAME:FACES"
+
+
+def _formatter(prog: str) -> argparse.HelpFormatter:
+    return argparse.RawDescriptionHelpFormatter(prog, max_help_position=34, width=100)
+
+
+def _command(
+    commands: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, example: str
+) -> Any:
+    sub = commands.add_parser(
+        name, help=text, description=text, epilog=f"example:\n  {example}", formatter_class=_formatter
+    )
+    sub.set_defaults(run=run)
+    sub.add_argument("--quiet", "-q", action="store_true", help="no progress, no summary")
+    return sub
+
+
+def _add_building(sub: Any) -> None:
+    group = sub.add_argument_group("building, where INPUT is not built yet")
+    group.add_argument("--cluster-triangles", type=int, metavar="N", help="most triangles of a cluster (128)")
+    group.add_argument("--group-clusters", type=int, metavar="N", help="clusters simplified together (16)")
+    group.add_argument("--threads", type=int, metavar="N", help="threads; the result is the same (all cores)")
+
+
+def _add_viewing(sub: Any) -> None:
+    group = sub.add_argument_group("view")
+    group.add_argument("--size", type=_size, default=(1280, 720), metavar="WxH", help="pixels (1280x720)")
+    group.add_argument(
+        "--pixel-error", type=float, default=1.0, metavar="PX", help="largest error; 0 is full detail (1)"
+    )
+    group.add_argument("--yfov", type=float, default=45.0, metavar="DEG", help="vertical field of view (45)")
+    group.add_argument("--azimuth", type=float, default=30.0, metavar="DEG", help="around the Y axis (30)")
+    group.add_argument("--elevation", type=float, default=20.0, metavar="DEG", help="above the horizon (20)")
+    group.add_argument("--backend", default="auto", choices=("auto", "cpu", "gpu"), help="(auto)")
+
+
+def _add_build(commands: Any) -> None:
+    text = "Build a mesh and write it as a .nanite file."
+    sub = _command(commands, "build", _build, text, "nanite-rs build dragon.ply -o dragon.nanite")
+    sub.add_argument("input", metavar="INPUT", help="mesh file, or shape:NAME:FACES")
+    sub.add_argument("--output", "-o", metavar="FILE", help="the .nanite file (INPUT's name, in this folder)")
+    sub.add_argument("--check", action="store_true", help="verify every invariant")
+    _add_building(sub)
+
+
+def _add_info(commands: Any) -> None:
+    text = "Say what is in a mesh and what building did."
+    sub = _command(commands, "info", _info, text, "nanite-rs info dragon.nanite --check")
+    sub.add_argument("input", metavar="INPUT", help=INPUT_HELP)
+    sub.add_argument("--json", action="store_true", help="print JSON")
+    sub.add_argument("--check", action="store_true", help="verify every invariant")
+    _add_building(sub)
+
+
+def _add_cut(commands: Any) -> None:
+    text = "Cut a mesh for an error or a number of triangles, and write it with trimesh."
+    sub = _command(
+        commands, "cut", _cut, text, "nanite-rs cut dragon.nanite -o small.ply --target-reduction 0.99"
+    )
+    sub.add_argument("input", metavar="INPUT", help=INPUT_HELP)
+    sub.add_argument("--output", "-o", required=True, metavar="FILE", help="PLY, OBJ, STL, GLB, OFF, …")
+    selector = sub.add_mutually_exclusive_group(required=True)
+    selector.add_argument("--error", type=float, metavar="E", help="largest error, in units of the mesh")
+    selector.add_argument("--target-faces", type=int, metavar="N", help="most triangles")
+    selector.add_argument("--target-reduction", type=float, metavar="R", help="fraction to remove, 0 to 1")
+    _add_building(sub)
+
+
+def _add_render(commands: Any) -> None:
+    text = "Render a mesh into a PNG."
+    example = "nanite-rs render dragon.nanite -o levels.png --view levels --azimuth 200"
+    sub = _command(commands, "render", _render, text, example)
+    sub.add_argument("input", metavar="INPUT", help=INPUT_HELP)
+    sub.add_argument("--output", "-o", default="render.png", metavar="FILE", help="the picture (render.png)")
+    sub.add_argument("--view", choices=VIEWS, default="shaded", help="what to show (shaded)")
+    sub.add_argument(
+        "--stats", action="store_true", help="print what each stage received, passed on and took"
+    )
+    _add_viewing(sub)
+    sub.add_argument(
+        "--distance", type=float, default=1.0, metavar="D", help="camera distance; 1 fills the picture (1)"
+    )
+    _add_building(sub)
+
+
+def _add_demo(commands: Any) -> None:
+    text = "Build, save, open, cut and render a mesh; print what was skipped and how long it took."
+    sub = _command(commands, "demo", _demo, text, "nanite-rs demo dragon.ply --output dragon_demo")
+    sub.add_argument("input", metavar="INPUT", nargs="?", default=DEMO_SHAPE, help=f"as above ({DEMO_SHAPE})")
+    sub.add_argument("--output", "-o", default="demo_output", metavar="FOLDER", help="(demo_output)")
+    _add_viewing(sub)
+    _add_building(sub)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="nanite-rs",
+        description="Virtualized geometry: build a mesh into a cluster LOD DAG, cut it, render it.",
+        epilog=EPILOG.format(shapes=", ".join(shapes.SHAPES)),
+        formatter_class=_formatter,
+    )
+    parser.add_argument("--version", action="version", version=f"nanite-rs {nrs.__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    for add in (_add_build, _add_info, _add_cut, _add_render, _add_demo):
+        add(commands)
+    return parser
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return " ".join(str(error).split())
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; those of the process by default.
+
+    Returns
+    -------
+    int
+        0; 1 when something failed, in one line on stderr; 2 for wrong usage; 130 after Ctrl-C.
+    """
+    try:
+        arguments = _parser().parse_args(argv)
+    except SystemExit as stop:  # argparse has printed usage, help or version
+        return int(stop.code or 0)
+    try:
+        code: int = arguments.run(arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:  # such as `nanite-rs info x | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (NaniteError, OSError) as error:
+        print(f"nanite-rs: {_one_line(error)}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("nanite-rs: interrupted", file=sys.stderr)
+        return 130
+    return code

@@ -1,0 +1,177 @@
+"""The command line: what it writes, what it says, and how it fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import trimesh
+
+import nanite_rs as nrs
+from nanite_rs import cli
+
+
+@pytest.fixture
+def built(tmp_path):
+    path = tmp_path / "knot.nanite"
+    assert cli.main(["build", "shape:torus_knot:20000", "-o", str(path), "--quiet"]) == 0
+    return path
+
+
+def run(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "nanite_rs", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, **options)
+
+
+def test_build_says_what_it_did(tmp_path, capsys):
+    path = tmp_path / "part.nanite"
+    assert cli.main(["build", "shape:cad_part:5000:3", "--output", str(path), "--check"]) == 0
+    text = capsys.readouterr().out
+    assert "faces" in text
+    assert "MB on disk" in text
+    assert "every invariant holds" in text
+    assert len(nrs.NaniteMesh.open(path)) > 4_000
+
+
+def test_build_takes_its_name_from_the_input(tmp_path, monkeypatch):
+    trimesh.creation.icosphere(subdivisions=3).export(tmp_path / "ball.v2.ply")
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["build", "ball.v2.ply", "-q"]) == 0
+    assert len(nrs.NaniteMesh.open("ball.v2.nanite")) == 1280
+
+
+def test_build_options_reach_the_build(tmp_path):
+    sizes = []
+    for triangles in (32, 128):
+        path = tmp_path / f"{triangles}.nanite"
+        arguments = [
+            "build",
+            "shape:terrain:10000",
+            "-o",
+            str(path),
+            "--cluster-triangles",
+            str(triangles),
+            "-q",
+        ]
+        assert cli.main(arguments) == 0
+        sizes.append(nrs.NaniteMesh.open(path).report.clusters)
+    assert sizes[0] > 3 * sizes[1]
+
+
+def test_info_for_people_and_for_programs(built, capsys):
+    assert cli.main(["info", str(built), "--check"]) == 0
+    text = capsys.readouterr().out
+    assert "bounds" in text
+    assert "CheckReport" in text
+    assert cli.main(["info", str(built), "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["faces"] == data["report"]["input_faces"] == len(nrs.NaniteMesh.open(built))
+    assert len(data["report"]["levels"]) >= data["levels"] - 1
+
+
+def test_info_through_a_closed_pipe(built):
+    code = f"{sys.executable} -m nanite_rs info {built} | head -n 1"
+    result = subprocess.run(code, shell=True, capture_output=True, text=True, check=True)
+    assert result.stdout.startswith("NaniteMesh(")
+    assert result.stderr == ""
+
+
+@pytest.mark.parametrize("suffix", ["ply", "obj", "stl", "glb", "off"])
+def test_cut_writes_what_trimesh_reads(built, tmp_path, suffix):
+    output = tmp_path / f"small.{suffix}"
+    assert cli.main(["cut", str(built), "-o", str(output), "--target-faces", "2000"]) == 0
+    mesh = trimesh.load_mesh(output)
+    assert 500 < len(mesh.faces) <= 2_000
+    assert mesh.is_watertight
+
+
+def test_render_writes_the_picture_and_the_stages(built, tmp_path, capsys):
+    from PIL import Image
+
+    output = tmp_path / "levels.png"
+    arguments = ["render", str(built), "-o", str(output), "--size", "160x90", "--view", "levels", "--stats"]
+    assert cli.main(arguments) == 0
+    assert Image.open(output).size == (160, 90)
+    text = capsys.readouterr().out
+    assert "instance_cull" in text
+    assert "raster_small" in text
+
+
+def test_demo_on_a_small_mesh(tmp_path, capsys):
+    folder = tmp_path / "demo"
+    assert cli.main(["demo", "shape:gyroid_shell:50000", "-o", str(folder), "--size", "320x180"]) == 0
+    text = capsys.readouterr().out
+    for word in ("generate", "build", "check", "save", "open", "cut, −99.0%", "in the source", "drawn", "ms"):
+        assert word in text
+    pictures = {p.name for p in folder.glob("*.png")}
+    assert pictures == {
+        f"{a}_{b}.png" for a in ("near", "whole", "far") for b in ("shaded", "clusters", "levels")
+    }
+    assert (folder / "gyroid_shell.nanite").exists()
+    assert (folder / "report.txt").read_text(encoding="utf-8").strip() in text
+
+
+def test_help_teaches(capsys):
+    assert cli.main(["--help"]) == 0
+    text = capsys.readouterr().out
+    for example in ("nanite-rs build dragon.ply", "--target-faces 10000", "--view clusters", "shape:NAME"):
+        assert example in text
+    for command in ("build", "info", "cut", "render", "demo"):
+        assert cli.main([command, "--help"]) == 0
+        assert f"example:\n  nanite-rs {command}" in capsys.readouterr().out
+
+
+def test_version(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out.strip() == f"nanite-rs {nrs.__version__}"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["fly"], ["build"], ["cut", "x.nanite", "-o", "x.ply"], ["render", "x.ply", "--size", "12"]],
+)
+def test_wrong_usage_exits_with_two(arguments):
+    result = run(*arguments)
+    assert result.returncode == 2
+    assert result.stderr.startswith("usage: nanite-rs")
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["info", "nowhere.ply"], "nanite-rs: nowhere.ply: No such file or directory"),
+        (["info", "shape:banana"], "no such shape; choose from cad_part"),
+        (["info", "shape:soup:many"], "expected shape:NAME[:FACES[:SEED]]"),
+        (["build", "shape:soup:10", "-o", "x.ply"], "the output must end in .nanite"),
+        (["build", "shape:soup:10", "-o", "nowhere/x.nanite"], "nowhere/x.nanite: No such file or directory"),
+        (["build", "shape:soup:10", "--cluster-triangles", "7"], "cluster_triangles: must be between"),
+        (["cut", "shape:soup:10", "-o", "x.xyzzy", "--error", "0"], "trimesh writes"),
+        (["cut", "shape:soup:10", "-o", "x.ply", "--error", "-1"], "error: must be 0 or more"),
+    ],
+)
+def test_failures_are_one_line(tmp_path, arguments, message):
+    result = run(*arguments, cwd=tmp_path)
+    assert result.returncode == 1
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert result.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_stops_a_build(tmp_path):
+    command = [sys.executable, "-m", "nanite_rs", "build", "shape:displaced_icosphere:6000000", "-q"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    time.sleep(6.0)
+    os.kill(process.pid, signal.SIGINT)
+    start = time.monotonic()
+    _, text = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert text.strip() == "nanite-rs: interrupted"
+    assert time.monotonic() - start < 10.0
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,104 @@
+"""Every public name is documented, and every example in a docstring runs and prints what it says."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import inspect
+import pkgutil
+import re
+from pathlib import Path
+
+import pytest
+
+import nanite_rs as nrs
+
+MODULES = sorted(
+    m.name
+    for m in pkgutil.iter_modules(nrs.__path__, "nanite_rs.")
+    if not m.name.endswith(("_core", "__main__"))
+)
+README = Path(__file__).resolve().parents[2] / "README.md"
+
+
+def examples() -> list[doctest.DocTest]:
+    finder = doctest.DocTestFinder(exclude_empty=True)
+    found = {}
+    for name in ["nanite_rs", *MODULES]:
+        module = importlib.import_module(name)
+        for test in finder.find(module, extraglobs={"nrs": nrs}):
+            if test.examples:
+                found[test.name] = test
+    return list(found.values())
+
+
+@pytest.mark.parametrize("example", examples(), ids=lambda test: test.name)
+def test_examples_run(example, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    printed: list[str] = []
+    flags = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+    result = doctest.DocTestRunner(optionflags=flags).run(example, out=printed.append)
+    assert result.failed == 0, "".join(printed)
+
+
+def test_there_are_examples_for_the_main_names():
+    names = {test.name for test in examples()}
+    for name in ("mesh.NaniteMesh", "mesh.NaniteMesh.cut", "mesh.simplify", "cut.Cut", "report.BuildReport"):
+        assert f"nanite_rs.{name}" in names
+
+
+def public_objects() -> list[tuple[str, object]]:
+    found = []
+    for name in nrs.__all__:
+        value = getattr(nrs, name)
+        if not (inspect.isclass(value) or inspect.isfunction(value)):
+            continue
+        found.append((name, value))
+        if inspect.isclass(value):
+            for attribute, member in vars(value).items():
+                if not attribute.startswith("_") and (
+                    callable(member) or isinstance(member, property | classmethod)
+                ):
+                    found.append((f"{name}.{attribute}", getattr(value, attribute)))
+    return found
+
+
+@pytest.mark.parametrize(("name", "value"), public_objects(), ids=lambda v: v if isinstance(v, str) else "")
+def test_public_names_are_documented(name, value):
+    text = inspect.getdoc(value)
+    assert text, f"{name} has no docstring"
+    assert len(text) > 10
+
+
+@pytest.mark.parametrize(("name", "value"), public_objects(), ids=lambda v: v if isinstance(v, str) else "")
+def test_docstrings_name_every_parameter(name, value):
+    if not inspect.isfunction(value) and not inspect.ismethod(value):
+        return
+    text = inspect.getdoc(value) or ""
+    parameters = [p for p in inspect.signature(value).parameters if p not in ("self", "cls")]
+    if not parameters:
+        return
+    missing = [
+        p
+        for p in parameters
+        if not re.search(rf"^\s*([\w*]+, )*\*?{p}(, [\w*]+)*( :.*)?$", text, re.MULTILINE)
+    ]
+    assert not missing, f"{name}: {missing} not in its docstring"
+
+
+def test_everything_public_is_exported_and_sorted():
+    assert list(nrs.__all__) == sorted(nrs.__all__)
+    for name in nrs.__all__:
+        assert hasattr(nrs, name)
+
+
+def test_readme_code_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    nrs.NaniteMesh.from_arrays(*nrs.shapes.torus_knot(faces=20_000)).cut(error=0.0).to_trimesh().export(
+        "dragon.ply"
+    )
+    blocks = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    assert blocks
+    names: dict[str, object] = {}
+    for block in blocks:
+        exec(compile(block, "README.md", "exec"), names)
