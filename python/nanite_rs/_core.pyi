@@ -5,7 +5,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__: list[str]
+__all__ = ["Cut", "Mesh", "__version__"]
 __version__: str
 
 def cluster_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
