@@ -24,7 +24,9 @@ def run(*, quick: bool) -> dict[str, object]:
         times = []
         for _ in range(2 if quick else 3):
             start = time.perf_counter()
-            mesh = nrs.NaniteMesh.from_arrays(vertices, faces, options=nrs.BuildOptions(threads=threads), progress=False)
+            mesh = nrs.NaniteMesh.from_arrays(
+                vertices, faces, options=nrs.BuildOptions(threads=threads), progress=False
+            )
             times.append(time.perf_counter() - start)
             del mesh
         seconds = sorted(times)[len(times) // 2]

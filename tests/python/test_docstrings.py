@@ -9,6 +9,7 @@ import pkgutil
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import nanite_rs as nrs
@@ -26,7 +27,7 @@ def examples() -> list[doctest.DocTest]:
     found = {}
     for name in ["nanite_rs", *MODULES]:
         module = importlib.import_module(name)
-        for test in finder.find(module, extraglobs={"nrs": nrs}):
+        for test in finder.find(module, extraglobs={"nrs": nrs, "np": np}):
             if test.examples:
                 found[test.name] = test
     return list(found.values())
