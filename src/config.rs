@@ -64,3 +64,35 @@ impl BuildOptions {
         Ok(())
     }
 }
+
+/// How a frame is rendered.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RenderOptions {
+    /// Threshold of the cut, pixels: no surface point moves farther on the screen. 0 is full detail.
+    pub pixel_error: f32,
+    /// Skip what a first, near portion of the frame hides. The picture does not depend on it.
+    pub occlusion: bool,
+    /// Make the colour with the frame; otherwise when it is first read.
+    pub color: bool,
+    /// Make the depth with the frame; otherwise when it is first read.
+    pub depth: bool,
+}
+
+impl Default for RenderOptions {
+    fn default() -> Self {
+        Self { pixel_error: 1.0, occlusion: true, color: true, depth: true }
+    }
+}
+
+impl RenderOptions {
+    /// Checks every range; the error names the option.
+    pub fn validate(&self) -> Result<()> {
+        if self.pixel_error.is_finite() && self.pixel_error >= 0.0 {
+            return Ok(());
+        }
+        Err(Error::argument(
+            "pixel_error",
+            format!("must be finite and not negative, not {}", self.pixel_error),
+        ))
+    }
+}

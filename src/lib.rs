@@ -5,6 +5,7 @@
 
 pub mod build;
 pub mod config;
+pub mod cpu;
 pub mod error;
 pub mod format;
 pub mod limits;
@@ -14,5 +15,7 @@ pub mod mesh;
 pub mod model;
 #[cfg(feature = "python")]
 mod python;
+pub mod render;
+pub mod scene;
 
 pub use error::{Error, Result};

@@ -1,0 +1,142 @@
+//! Stage 3. Clusters of candidate groups → clusters to draw, in scene order: the second half of the rule of
+//! the cut, the picture's bounds, the depth pyramid and the backface cone. Each survivor goes to the small or
+//! the large rasterizer.
+
+use rayon::prelude::*;
+
+use super::hzb::Hzb;
+use super::node_cull::GroupCandidate;
+use super::project::{Footprint, InstanceView, Screen};
+use super::raster_small::MAX_SPAN;
+use super::visibility::Visible;
+use crate::math::Sphere;
+use crate::model::rule::Threshold;
+
+/// Groups per task.
+const CHUNK: usize = 8;
+
+/// Longest edge, pixels, at which a triangle still is for the small rasterizer.
+pub const SMALL_EDGE: f32 = 16.0;
+
+/// A cluster to draw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Candidate {
+    /// The cluster and its instance.
+    pub visible: Visible,
+    /// Where it lies.
+    pub footprint: Footprint,
+    /// For the large rasterizer.
+    pub large: bool,
+    /// Number of triangles.
+    pub triangles: u8,
+}
+
+/// What culling clusters found and cost.
+#[derive(Debug, Default)]
+pub struct Culled {
+    /// Survivors, in scene order.
+    pub candidates: Vec<Candidate>,
+    /// Clusters looked at.
+    pub visited: u64,
+}
+
+/// Culls the clusters of `groups`.
+pub fn run(
+    groups: &[GroupCandidate],
+    views: &[InstanceView],
+    screen: &Screen,
+    tau: f32,
+    hzb: Option<&Hzb>,
+) -> Culled {
+    let parts: Vec<Culled> = groups
+        .par_chunks(CHUNK)
+        .map(|chunk| {
+            let mut out = Culled::default();
+            for &group in chunk {
+                cull_group(group, views, screen, tau, hzb, &mut out);
+            }
+            out
+        })
+        .collect();
+    let mut all = Culled::default();
+    for mut part in parts {
+        all.candidates.append(&mut part.candidates);
+        all.visited += part.visited;
+    }
+    all
+}
+
+fn cull_group(
+    at: GroupCandidate,
+    views: &[InstanceView],
+    screen: &Screen,
+    tau: f32,
+    hzb: Option<&Hzb>,
+    out: &mut Culled,
+) {
+    let instance = &views[at.instance as usize];
+    let threshold = Threshold::View(instance.lod, tau);
+    let cones = !instance.material.double_sided;
+    for cluster in instance.mesh.groups[at.group as usize].members() {
+        out.visited += 1;
+        let record = instance.mesh.record(cluster);
+        if threshold.exceeded_by(&record.lod_sphere, record.error) {
+            continue;
+        }
+        let Some(footprint) = instance.footprint(screen, record.center, record.extent) else {
+            continue;
+        };
+        let sphere = Sphere { center: record.center, radius: record.radius };
+        if cones && instance.faces_away(screen.orthographic, &sphere, record.cone()) {
+            continue;
+        }
+        if hzb.is_some_and(|h| h.hides(&footprint)) {
+            continue;
+        }
+        // A patch of n triangles has some √(n/2) edges across.
+        let edge = f32::from(footprint.span) / (f32::from(record.triangle_count) * 0.5).sqrt().max(1.0);
+        let large = footprint.clipped || footprint.span > MAX_SPAN || edge > SMALL_EDGE;
+        let visible = Visible { instance: at.instance, cluster };
+        out.candidates.push(Candidate { visible, footprint, large, triangles: record.triangle_count });
+    }
+}
+
+/// Second pass over clusters that passed every other test: keeps those that the depth pyramid does not hide.
+pub fn unhidden(candidates: &[Candidate], hzb: &Hzb) -> Vec<Candidate> {
+    candidates.iter().filter(|c| !hzb.hides(&c.footprint)).copied().collect()
+}
+
+/// Splits off what is drawn before the depth pyramid is built: the nearest footprints that together could
+/// cover the picture's occupied part about once. Returns the smallest key of that part, or `None` when the
+/// footprints hardly overlap, so that there is nothing to gain.
+///
+/// `footprints` in any order; only keys and rectangles count, so the answer depends on neither order nor
+/// threads.
+pub fn nearest_portion(footprints: &[Footprint], screen: &Screen) -> Option<u32> {
+    const TILE: usize = 32;
+    const WORTHWHILE: f64 = 2.5;
+    let columns = (screen.width as usize).div_ceil(TILE);
+    let rows = (screen.height as usize).div_ceil(TILE);
+    let mut occupied = vec![false; columns * rows];
+    let mut total = 0u64;
+    for f in footprints {
+        let [x0, y0, x1, y1] = f.rect.map(|v| usize::from(v) / TILE);
+        for y in y0..=y1 {
+            occupied[y * columns + x0..=y * columns + x1].fill(true);
+        }
+        total += f.area();
+    }
+    let covered = (occupied.iter().filter(|o| **o).count() * TILE * TILE) as f64;
+    if (total as f64) < WORTHWHILE * covered {
+        return None;
+    }
+    let mut order: Vec<(u32, u64)> = footprints.iter().map(|f| (f.near_key, f.area())).collect();
+    order.par_sort_unstable_by(|a, b| b.cmp(a));
+    let budget = covered as u64;
+    let mut sum = 0;
+    let (key, _) = order.iter().find(|(_, area)| {
+        sum += area;
+        sum >= budget
+    })?;
+    Some(*key)
+}

@@ -1,0 +1,167 @@
+//! The depth pyramid: for every square of 2, 4, 8, … pixels the farthest depth key in it.
+//!
+//! Squares are aligned to multiples of their size, and the last row and column of a level may hang over the
+//! picture's edge, where no pixel is. So it is conservative for pictures of any size, odd ones included: a
+//! texel never stands for pixels outside its square and leaves none out.
+
+use rayon::prelude::*;
+
+use super::project::Footprint;
+
+/// Largest side, texels, of the block that a test reads.
+const REACH: u16 = 4;
+
+#[derive(Debug, Default)]
+struct Level {
+    columns: usize,
+    rows: usize,
+    keys: Vec<u32>,
+}
+
+/// The pyramid of one depth image.
+#[derive(Debug, Default)]
+pub struct Hzb {
+    levels: Vec<Level>,
+}
+
+impl Hzb {
+    /// Builds the pyramid of a visibility buffer of `width` × `height` words, reusing its memory.
+    pub fn build(&mut self, words: &[u64], width: usize, height: usize) {
+        assert_eq!(words.len(), width * height);
+        let (mut columns, mut rows) = (width, height);
+        let mut depth = 0;
+        while depth == 0 || columns > 1 || rows > 1 {
+            (columns, rows) = (columns.div_ceil(2), rows.div_ceil(2));
+            if self.levels.len() == depth {
+                self.levels.push(Level::default());
+            }
+            let (below, rest) = self.levels.split_at_mut(depth);
+            let level = &mut rest[0];
+            (level.columns, level.rows) = (columns, rows);
+            level.keys.resize(columns * rows, 0);
+            match below.last() {
+                None => reduce(&mut level.keys, columns, words, width, |w| (w >> 32) as u32),
+                Some(b) => reduce(&mut level.keys, columns, &b.keys, b.columns, |k| k),
+            }
+            depth += 1;
+        }
+        self.levels.truncate(depth);
+    }
+
+    /// Number of levels; level 0 has squares of 2 × 2 pixels.
+    pub fn depth(&self) -> usize {
+        self.levels.len()
+    }
+
+    /// The farthest key in the square of `column`, `row` at `level`.
+    pub fn key(&self, level: usize, column: usize, row: usize) -> u32 {
+        let l = &self.levels[level];
+        l.keys[row * l.columns + column]
+    }
+
+    /// True when everything drawn so far is nearer than the box on every pixel that the box may touch.
+    pub fn hides(&self, footprint: &Footprint) -> bool {
+        let [x0, y0, x1, y1] = footprint.rect;
+        let mut level = 0;
+        while level + 1 < self.levels.len()
+            && ((x1 >> (level + 1)) - (x0 >> (level + 1)) >= REACH
+                || (y1 >> (level + 1)) - (y0 >> (level + 1)) >= REACH)
+        {
+            level += 1;
+        }
+        let l = &self.levels[level];
+        let at = |v: u16| usize::from(v >> (level + 1));
+        (at(y0)..=at(y1)).all(|row| {
+            l.keys[row * l.columns + at(x0)..=row * l.columns + at(x1)]
+                .iter()
+                .all(|&k| footprint.near_key < k)
+        })
+    }
+}
+
+/// Minimum over 2 × 2 blocks; a block over the edge has fewer entries.
+fn reduce<T: Copy + Sync>(
+    out: &mut [u32],
+    columns: usize,
+    from: &[T],
+    width: usize,
+    key: impl Fn(T) -> u32 + Sync,
+) {
+    let reduce_row = |(row, out): (usize, &mut [u32])| {
+        let upper = &from[2 * row * width..][..width];
+        let lower = from.get((2 * row + 1) * width..(2 * row + 2) * width).unwrap_or(upper);
+        for (column, texel) in out.iter_mut().enumerate() {
+            let (a, b) = (2 * column, (2 * column + 1).min(width - 1));
+            *texel = key(upper[a]).min(key(upper[b])).min(key(lower[a])).min(key(lower[b]));
+        }
+    };
+    if out.len() < 1 << 13 {
+        out.chunks_mut(columns).enumerate().for_each(reduce_row);
+    } else {
+        out.par_chunks_mut(columns).enumerate().with_min_len(8).for_each(reduce_row);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn random(seed: &mut u64) -> u64 {
+        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        *seed >> 33
+    }
+
+    #[test]
+    fn every_texel_is_the_minimum_of_its_square_for_any_size() {
+        let mut seed = 1;
+        for (width, height) in [(1, 1), (1, 7), (2, 1), (3, 3), (17, 5), (64, 64), (127, 65), (255, 3)] {
+            let words: Vec<u64> = (0..width * height).map(|_| random(&mut seed) << 32 | 7).collect();
+            let mut hzb = Hzb::default();
+            hzb.build(&[5], 1, 1);
+            hzb.build(&words, width, height);
+            for level in 0..hzb.depth() {
+                let side = 2usize << level;
+                for row in 0..height.div_ceil(side) {
+                    for column in 0..width.div_ceil(side) {
+                        let expected = (row * side..height.min((row + 1) * side))
+                            .flat_map(|y| {
+                                (column * side..width.min((column + 1) * side)).map(move |x| (x, y))
+                            })
+                            .map(|(x, y)| (words[y * width + x] >> 32) as u32)
+                            .min();
+                        assert_eq!(Some(hzb.key(level, column, row)), expected);
+                    }
+                }
+            }
+            assert_eq!(hzb.levels.last().map(|l| l.keys.len()), Some(1));
+        }
+    }
+
+    #[test]
+    fn hides_only_what_is_farther_than_every_pixel_of_the_rectangle() {
+        let mut seed = 2;
+        let (width, height) = (101, 67);
+        let words: Vec<u64> = (0..width * height).map(|_| (random(&mut seed) % 1000) << 32 | 1).collect();
+        let mut hzb = Hzb::default();
+        hzb.build(&words, width, height);
+        let mut hidden = 0;
+        for _ in 0..20_000 {
+            let x0 = random(&mut seed) as usize % width;
+            let y0 = random(&mut seed) as usize % height;
+            let x1 = (x0 + random(&mut seed) as usize % 4).min(width - 1);
+            let y1 = (y0 + random(&mut seed) as usize % 4).min(height - 1);
+            let near_key = random(&mut seed) as u32 % 200;
+            let rect = [x0, y0, x1, y1].map(|v| v as u16);
+            let footprint = Footprint { rect, near_key, span: 1, clipped: false };
+            if hzb.hides(&footprint) {
+                hidden += 1;
+                for y in y0..=y1 {
+                    for x in x0..=x1 {
+                        assert!(words[y * width + x] >> 32 > u64::from(near_key));
+                    }
+                }
+            }
+        }
+        assert!(hidden > 500, "the test must test something: {hidden}");
+    }
+}

@@ -1,0 +1,41 @@
+//! Stage 1. Instances of the scene → instances on the screen, in scene order.
+
+use rayon::prelude::*;
+
+use super::hzb::Hzb;
+use super::project::{InstanceView, Screen};
+use crate::scene::{Instance, View};
+
+/// Instances per task.
+const CHUNK: usize = 64;
+
+/// Keeps the visible instances whose bounds meet the view, and derives their matrices. `instances` holds slot
+/// numbers and entries in scene order.
+pub fn run(instances: &[(u32, &Instance)], view: &View, screen: &Screen) -> Vec<InstanceView> {
+    let planes = view.planes();
+    let eye = view.eye();
+    let chunks: Vec<Vec<InstanceView>> = instances
+        .par_chunks(CHUNK)
+        .map(|chunk| {
+            chunk
+                .iter()
+                .filter_map(|&(slot, instance)| {
+                    let (center, radius) = instance.sphere();
+                    let to = center - eye;
+                    // f64: this much covers the rounding of the sphere and the test.
+                    let radius = radius + 1.0e-12 * (center.length() + eye.length());
+                    if !instance.visible || planes.iter().any(|(n, d)| n.dot(to) + d < -radius) {
+                        return None;
+                    }
+                    InstanceView::new(view, screen, slot, instance)
+                })
+                .collect()
+        })
+        .collect();
+    chunks.into_iter().flatten().collect()
+}
+
+/// Second pass: keeps the numbers of instances that the depth pyramid does not hide.
+pub fn unhidden(numbers: &[u32], views: &[InstanceView], hzb: &Hzb) -> Vec<u32> {
+    numbers.iter().copied().filter(|&i| !hzb.hides(&views[i as usize].footprint)).collect()
+}

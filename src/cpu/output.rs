@@ -1,0 +1,180 @@
+//! Stage 8. Visibility buffer → the arrays that a caller asks for: depth, normals, identities, debug views.
+//! Each is made on its own, so that nothing is made that nobody reads.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicU32;
+
+use rayon::prelude::*;
+use rustc_hash::FxHashMap;
+
+use super::project::InstanceView;
+use super::shade::{Pixels, Sampler};
+use super::visibility::{Counter, Hit, decode};
+use super::{raster_large, raster_small};
+use crate::model::Dag;
+use crate::scene::View;
+
+/// Rows per task.
+const ROWS: usize = 8;
+
+/// What `cluster_ids` holds where nothing is covered.
+pub const NO_CLUSTER: u32 = u32::MAX;
+
+/// A debug view: what pixels of equal colour have in common.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DebugView {
+    /// A triangle.
+    Triangles,
+    /// A cluster.
+    Clusters,
+    /// A group: clusters simplified together.
+    Groups,
+    /// A level of detail; warm is fine, cool is coarse.
+    Levels,
+}
+
+fn map<T: Send + Copy>(
+    pixels: Pixels<'_>,
+    background: T,
+    value: impl Fn(&mut Sampler<'_>, Hit, [f32; 2]) -> T + Sync,
+) -> Vec<T> {
+    let width = pixels.screen.width as usize;
+    let mut out = vec![background; pixels.words.len()];
+    out.par_chunks_mut(width * ROWS).zip(pixels.words.par_chunks(width * ROWS)).enumerate().for_each(
+        |(chunk, (out, words))| {
+            let mut sampler = Sampler::new(pixels);
+            for (i, (out, &word)) in out.iter_mut().zip(words).enumerate() {
+                if let Some(hit) = decode(word) {
+                    let point = [(i % width) as f32 + 0.5, (chunk * ROWS + i / width) as f32 + 0.5];
+                    *out = value(&mut sampler, hit, point);
+                }
+            }
+        },
+    );
+    out
+}
+
+/// Distance along the view axis, world units; 0 where nothing is covered.
+pub fn depth(pixels: Pixels<'_>, out: &mut [f32]) {
+    let screen = pixels.screen;
+    out.par_chunks_mut(1 << 14).zip(pixels.words.par_chunks(1 << 14)).for_each(|(out, words)| {
+        for (out, &word) in out.iter_mut().zip(words) {
+            *out = if word == 0 { 0.0 } else { screen.distance((word >> 32) as u32) };
+        }
+    });
+}
+
+/// Unit normals in world space; zero where nothing is covered.
+pub fn normals(pixels: Pixels<'_>, view: &View) -> Vec<[f32; 3]> {
+    let to_world = view.pose.matrix3.as_mat3();
+    map(pixels, [0.0; 3], |sampler, hit, point| {
+        let (sample, _) = sampler.sample(hit, point);
+        (to_world * glam::Vec3::from_array(sample.normal)).normalize_or_zero().to_array()
+    })
+}
+
+fn instance<'a>(pixels: Pixels<'a>, hit: Hit) -> &'a InstanceView {
+    &pixels.views[pixels.visible[hit.visible as usize].instance as usize]
+}
+
+/// Slot number of the instance; −1 where nothing is covered.
+pub fn instance_ids(pixels: Pixels<'_>) -> Vec<i32> {
+    map(pixels, -1, |_, hit, _| instance(pixels, hit).slot as i32)
+}
+
+/// Address of the cluster; [`NO_CLUSTER`] where nothing is covered.
+pub fn cluster_ids(pixels: Pixels<'_>) -> Vec<u32> {
+    map(pixels, NO_CLUSTER, |_, hit, _| pixels.visible[hit.visible as usize].cluster.0)
+}
+
+/// Number of the triangle inside its cluster; −1 where nothing is covered.
+pub fn triangle_ids(pixels: Pixels<'_>) -> Vec<i32> {
+    map(pixels, -1, |_, hit, _| hit.triangle as i32)
+}
+
+/// Row of the caller's faces; −1 where nothing is covered, where a coarser level is shown, and for meshes
+/// built without `face_ids`.
+pub fn face_ids(pixels: Pixels<'_>) -> Vec<i64> {
+    // By the mesh's address, which is stable while the frame holds it.
+    let name = |mesh: &Arc<Dag>| Arc::as_ptr(mesh).addr();
+    let mut offsets = FxHashMap::default();
+    for view in pixels.views {
+        if view.mesh.face_ids.is_some() {
+            offsets.entry(name(&view.mesh)).or_insert_with(|| view.mesh.face_id_offsets());
+        }
+    }
+    map(pixels, -1, |_, hit, _| {
+        let mesh = &instance(pixels, hit).mesh;
+        let cluster = pixels.visible[hit.visible as usize].cluster;
+        let (Some(faces), 0) = (&mesh.face_ids, mesh.record(cluster).level) else {
+            return -1;
+        };
+        let first = offsets[&name(mesh)][mesh.pages.dense_index(cluster)];
+        i64::from(faces[(first + hit.triangle) as usize])
+    })
+}
+
+/// Triangles that cover each pixel, hidden or not, among the clusters of the visible list.
+pub fn overdraw(pixels: Pixels<'_>, large: &[bool]) -> Vec<u32> {
+    let cells: Vec<AtomicU32> = (0..pixels.words.len()).map(|_| AtomicU32::new(0)).collect();
+    let (large, small): (Vec<u32>, Vec<u32>) =
+        (0..pixels.visible.len() as u32).partition(|&n| large[n as usize]);
+    raster_small::run(&small, pixels.visible, pixels.views, pixels.screen, &Counter(&cells));
+    raster_large::run(&large, pixels.visible, pixels.views, pixels.screen, &Counter(&cells));
+    cells.into_iter().map(AtomicU32::into_inner).collect()
+}
+
+/// A debug view in RGB, darkened where the surface turns away; black where nothing is covered.
+pub fn debug(pixels: Pixels<'_>, what: DebugView) -> Vec<[u8; 3]> {
+    map(pixels, [0; 3], |sampler, hit, point| {
+        let (sample, view) = sampler.sample(hit, point);
+        let at = pixels.visible[hit.visible as usize];
+        let record = view.mesh.record(at.cluster);
+        let color = match what {
+            DebugView::Triangles => hue(hash([view.slot, at.cluster.0, hit.triangle])),
+            DebugView::Clusters => hue(hash([view.slot, at.cluster.0, 1 << 8])),
+            DebugView::Groups => hue(hash([view.slot, record.group, 1 << 9])),
+            DebugView::Levels => ramp(f32::from(record.level) / 14.0),
+        };
+        let facing = 0.35 + 0.65 * sample.normal[2].abs();
+        color.map(|c| (c * facing * 255.0 + 0.5) as u8)
+    })
+}
+
+/// Overdraw in RGB: black none, then from blue (1) to red (8 and more).
+pub fn overdraw_colors(counts: &[u32]) -> Vec<[u8; 3]> {
+    counts
+        .par_iter()
+        .map(|&n| match n {
+            0 => [0; 3],
+            n => ramp(1.0 - (n.min(8) - 1) as f32 / 7.0).map(|c| (c * 255.0 + 0.5) as u8),
+        })
+        .collect()
+}
+
+fn hash(words: [u32; 3]) -> u32 {
+    words.iter().fold(0x9e37_79b9, |h, &w| {
+        let mut x = (h ^ w).wrapping_mul(0x85eb_ca6b);
+        x ^= x >> 15;
+        x = x.wrapping_mul(0xc2b2_ae35);
+        x ^ x >> 13
+    })
+}
+
+/// A bright colour from random bits.
+fn hue(bits: u32) -> [f32; 3] {
+    let h = (bits & 0xffff) as f32 / 65536.0;
+    let value = 0.7 + 0.3 * ((bits >> 16 & 0xff) as f32 / 255.0);
+    let saturation = 0.45 + 0.4 * ((bits >> 24) as f32 / 255.0);
+    [0.0, 1.0 / 3.0, 2.0 / 3.0].map(|shift| {
+        let t = ((h + shift).fract() * 6.0 - 3.0).abs() - 1.0;
+        value * (1.0 - saturation * (1.0 - t.clamp(0.0, 1.0)))
+    })
+}
+
+/// Red, orange, yellow, green, cyan, blue over 0 to 1.
+fn ramp(t: f32) -> [f32; 3] {
+    let h = t.clamp(0.0, 1.0) * 4.2;
+    let channel = |shift: f32| (((h + shift).rem_euclid(6.0) - 3.0).abs() - 1.0).clamp(0.0, 1.0);
+    [channel(0.0), channel(4.0), channel(2.0)].map(|c| 0.12 + 0.85 * c)
+}

@@ -1,0 +1,11 @@
+//! The renderer: a list of stages, the facade that runs them, and the frame that they leave.
+
+pub mod frame;
+pub mod renderer;
+pub mod stages;
+pub mod stats;
+
+pub use frame::{Frame, ImageView};
+pub use renderer::{Backend, Renderer};
+pub use stages::Stage;
+pub use stats::{FrameStats, StageStats};

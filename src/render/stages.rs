@@ -1,0 +1,77 @@
+//! The ordered list of stages, written once. Stage `x` is `src/cpu/x.rs`.
+
+/// A stage of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Stage {
+    /// Instances of the scene → instances on the screen.
+    InstanceCull,
+    /// Hierarchies of instances → groups whose clusters may be drawn.
+    NodeCull,
+    /// Clusters of groups → clusters to draw, small or large.
+    ClusterCull,
+    /// Triangles of small clusters → visibility buffer.
+    RasterSmall,
+    /// Triangles of large and clipped clusters → visibility buffer.
+    RasterLarge,
+    /// Visibility buffer → depth pyramid for the second pass of the stages before.
+    Hzb,
+    /// Visibility buffer → colour.
+    Shade,
+    /// Visibility buffer → depth and the other arrays.
+    Output,
+}
+
+/// All stages in the order in which they run. When the depth pyramid is built, the stages before it run a
+/// second time over what the first pass put off.
+pub const STAGES: [Stage; 8] = [
+    Stage::InstanceCull,
+    Stage::NodeCull,
+    Stage::ClusterCull,
+    Stage::RasterSmall,
+    Stage::RasterLarge,
+    Stage::Hzb,
+    Stage::Shade,
+    Stage::Output,
+];
+
+impl Stage {
+    /// Name of the stage and of its files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::InstanceCull => "instance_cull",
+            Self::NodeCull => "node_cull",
+            Self::ClusterCull => "cluster_cull",
+            Self::RasterSmall => "raster_small",
+            Self::RasterLarge => "raster_large",
+            Self::Hzb => "hzb",
+            Self::Shade => "shade",
+            Self::Output => "output",
+        }
+    }
+
+    /// What the stage's `received` and `passed` count.
+    pub fn counts(self) -> (&'static str, &'static str) {
+        match self {
+            Self::InstanceCull => ("instances", "instances"),
+            Self::NodeCull => ("nodes and groups", "groups"),
+            Self::ClusterCull => ("clusters", "clusters"),
+            Self::RasterSmall | Self::RasterLarge => ("triangles", "triangles"),
+            Self::Hzb => ("pixels", "texels"),
+            Self::Shade | Self::Output => ("pixels", "pixels"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_stage_has_its_cpu_twin() {
+        let source = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/cpu");
+        for (i, stage) in STAGES.iter().enumerate() {
+            assert_eq!(*stage as usize, i);
+            assert!(source.join(format!("{}.rs", stage.name())).is_file(), "{}", stage.name());
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! What a frame cost and skipped.
+
+use std::fmt;
+
+use super::stages::Stage;
+
+/// One stage of one pass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StageStats {
+    /// The stage.
+    pub stage: Stage,
+    /// 1, or 2 for what the first pass put off until the depth pyramid was there.
+    pub pass: u8,
+    /// What came in; [`Stage::counts`] says of what.
+    pub received: u64,
+    /// What went out.
+    pub passed: u64,
+    /// Wall time, milliseconds.
+    pub ms: f64,
+}
+
+/// Everything a frame reports.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameStats {
+    /// In the order in which they ran.
+    pub stages: Vec<StageStats>,
+    /// Triangles of all visible instances at full detail.
+    pub source_triangles: u64,
+    /// Clusters of the visible list.
+    pub clusters: u64,
+    /// Triangles of those clusters.
+    pub triangles: u64,
+    /// Triangles that faced the eye and could reach a pixel, by the small rasterizer.
+    pub drawn_small: u64,
+    /// The same by the large one.
+    pub drawn_large: u64,
+    /// Pixels that show a surface.
+    pub covered_pixels: u64,
+    /// Instances that the depth pyramid hid.
+    pub occluded_instances: u64,
+    /// Clusters that passed every other test of the first pass, and that the depth pyramid then hid.
+    pub occluded_clusters: u64,
+    /// Wall time of the whole frame, milliseconds.
+    pub total_ms: f64,
+}
+
+impl FrameStats {
+    /// Runs a stage and takes its time; `work` returns its result with the counts received and passed.
+    pub(super) fn time<T>(&mut self, stage: Stage, pass: u8, work: impl FnOnce() -> (T, u64, u64)) -> T {
+        let start = std::time::Instant::now();
+        let (result, received, passed) = work();
+        let ms = start.elapsed().as_secs_f64() * 1e3;
+        self.stages.push(StageStats { stage, pass, received, passed, ms });
+        result
+    }
+}
+
+impl fmt::Display for FrameStats {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{:<14} {:>4} {:>13} {:>13} {:>9}", "stage", "pass", "received", "passed", "ms")?;
+        for s in &self.stages {
+            let (stage, ms) = (s.stage.name(), s.ms);
+            writeln!(f, "{stage:<14} {:>4} {:>13} {:>13} {ms:>9.3}", s.pass, s.received, s.passed)?;
+        }
+        writeln!(f, "{:<14} {:>4} {:>13} {:>13} {:>9.3}", "frame", "", "", "", self.total_ms)?;
+        write!(
+            f,
+            "triangles: {} in the source, {} in the cut's clusters, {} rasterized small, {} large; {} pixels covered",
+            self.source_triangles, self.triangles, self.drawn_small, self.drawn_large, self.covered_pixels
+        )
+    }
+}

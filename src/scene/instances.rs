@@ -1,0 +1,202 @@
+//! The scene: many instances of many meshes, lights, ambient and background.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+
+use super::light::Light;
+use super::material::Material;
+use super::pose;
+use super::slots::{Handle, Slots};
+use crate::error::{Error, Result};
+use crate::math::singular_value_bound;
+use crate::model::Dag;
+
+/// Names an instance of a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct InstanceHandle(pub Handle);
+
+/// Names a light of a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct LightHandle(pub Handle);
+
+/// A mesh in the scene. The mesh itself is shared.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    /// The mesh.
+    pub mesh: Arc<Dag>,
+    /// Its look.
+    pub material: Material,
+    /// False hides it.
+    pub visible: bool,
+    pose: DAffine3,
+    /// Bound of the largest singular value of the pose's linear part.
+    scale: f64,
+    /// A sphere around the instance in the world: centre and radius.
+    sphere: (DVec3, f64),
+}
+
+impl Instance {
+    /// Object to world.
+    pub fn pose(&self) -> &DAffine3 {
+        &self.pose
+    }
+
+    /// An upper bound of how much the pose stretches any length.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// A sphere around the instance, world space: centre and radius.
+    pub fn sphere(&self) -> (DVec3, f64) {
+        self.sphere
+    }
+
+    fn set_pose(&mut self, pose: DAffine3) {
+        self.pose = pose;
+        self.scale = singular_value_bound(pose::linear_rows(&pose.matrix3));
+        let (frame, bounds) = (&self.mesh.frame, &self.mesh.bounds);
+        let center = pose.transform_point3(DVec3::from_array(frame.to_object(bounds.center())));
+        let radius = 0.5 * f64::from(bounds.diagonal()) * frame.scale * self.scale;
+        self.sphere = (center, radius * (1.0 + 1.0e-6));
+    }
+}
+
+/// Everything that is drawn. Every edit touches the one entry it names.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    instances: Slots<Instance>,
+    lights: Slots<Light>,
+    ambient_light: [f32; 3],
+    bg_color: [f32; 3],
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Self {
+            instances: Slots::new("instance"),
+            lights: Slots::new("light"),
+            ambient_light: [0.0; 3],
+            bg_color: [1.0; 3],
+        }
+    }
+}
+
+impl Scene {
+    /// An empty scene: white background, no light at all.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds an instance of a mesh at an object-to-world pose.
+    pub fn add(
+        &mut self,
+        mesh: Arc<Dag>,
+        pose: &[[f64; 4]; 4],
+        material: Material,
+    ) -> Result<InstanceHandle> {
+        material.validate()?;
+        let mut instance = Instance {
+            mesh,
+            material,
+            visible: true,
+            pose: DAffine3::IDENTITY,
+            scale: 1.0,
+            sphere: (DVec3::ZERO, 0.0),
+        };
+        instance.set_pose(pose::affine("pose", pose)?);
+        Ok(InstanceHandle(self.instances.insert(instance)?))
+    }
+
+    /// An instance.
+    pub fn instance(&self, handle: InstanceHandle) -> Result<&Instance> {
+        self.instances.get(handle.0)
+    }
+
+    /// Moves an instance.
+    pub fn set_pose(&mut self, handle: InstanceHandle, pose: &[[f64; 4]; 4]) -> Result<()> {
+        let pose = pose::affine("pose", pose)?;
+        self.instances.get_mut(handle.0)?.set_pose(pose);
+        Ok(())
+    }
+
+    /// Shows or hides an instance.
+    pub fn set_visible(&mut self, handle: InstanceHandle, visible: bool) -> Result<()> {
+        self.instances.get_mut(handle.0)?.visible = visible;
+        Ok(())
+    }
+
+    /// Changes the look of an instance.
+    pub fn set_material(&mut self, handle: InstanceHandle, material: Material) -> Result<()> {
+        material.validate()?;
+        self.instances.get_mut(handle.0)?.material = material;
+        Ok(())
+    }
+
+    /// Removes an instance; its handle is stale from now on.
+    pub fn remove(&mut self, handle: InstanceHandle) -> Result<Instance> {
+        self.instances.remove(handle.0)
+    }
+
+    /// All instances with their slot numbers, in slot order: the scene order.
+    pub fn instances(&self) -> &Slots<Instance> {
+        &self.instances
+    }
+
+    /// Adds a light.
+    pub fn add_light(&mut self, light: Light) -> Result<LightHandle> {
+        light.validate()?;
+        Ok(LightHandle(self.lights.insert(light)?))
+    }
+
+    /// A light.
+    pub fn light(&self, handle: LightHandle) -> Result<&Light> {
+        self.lights.get(handle.0)
+    }
+
+    /// Replaces a light.
+    pub fn set_light(&mut self, handle: LightHandle, light: Light) -> Result<()> {
+        light.validate()?;
+        *self.lights.get_mut(handle.0)? = light;
+        Ok(())
+    }
+
+    /// Removes a light; its handle is stale from now on.
+    pub fn remove_light(&mut self, handle: LightHandle) -> Result<Light> {
+        self.lights.remove(handle.0)
+    }
+
+    /// All lights, in slot order.
+    pub fn lights(&self) -> &Slots<Light> {
+        &self.lights
+    }
+
+    /// Constant light on every surface, linear RGB.
+    pub fn ambient_light(&self) -> [f32; 3] {
+        self.ambient_light
+    }
+
+    /// Sets the ambient light.
+    pub fn set_ambient_light(&mut self, color: [f32; 3]) -> Result<()> {
+        self.ambient_light = finite("ambient_light", color)?;
+        Ok(())
+    }
+
+    /// Colour of pixels that nothing covers, 0 to 1, not gamma-encoded.
+    pub fn bg_color(&self) -> [f32; 3] {
+        self.bg_color
+    }
+
+    /// Sets the background colour.
+    pub fn set_bg_color(&mut self, color: [f32; 3]) -> Result<()> {
+        self.bg_color = finite("bg_color", color)?;
+        Ok(())
+    }
+}
+
+fn finite(argument: &'static str, color: [f32; 3]) -> Result<[f32; 3]> {
+    match color.iter().find(|c| !(c.is_finite() && **c >= 0.0)) {
+        Some(bad) => Err(Error::argument(argument, format!("must be finite and not negative, not {bad}"))),
+        None => Ok(color),
+    }
+}

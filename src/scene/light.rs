@@ -1,0 +1,52 @@
+//! Lights. There is no default light: a scene without lights and ambient is black, as in pyrender.
+
+use glam::DAffine3;
+
+use crate::error::{Error, Result};
+
+/// Shape of a light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LightKind {
+    /// Shines along the −Z of its pose everywhere, with `intensity` in lux.
+    Directional,
+    /// Shines from the origin of its pose, with `intensity` in candela, falling off with the square of the
+    /// distance; with `range`, smoothly to zero there (glTF's window).
+    Point {
+        /// Distance at which the light ends; `None` never.
+        range: Option<f32>,
+    },
+}
+
+/// A light with its pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Light {
+    /// Shape.
+    pub kind: LightKind,
+    /// Linear RGB.
+    pub color: [f32; 3],
+    /// Lux or candela.
+    pub intensity: f32,
+    /// Light-to-world; only its rotation (directional) or its position (point) counts.
+    pub pose: DAffine3,
+}
+
+impl Light {
+    /// Checks every range; the error names the field.
+    pub fn validate(&self) -> Result<()> {
+        if let Some(bad) = self.color.iter().find(|c| !(c.is_finite() && **c >= 0.0)) {
+            return Err(Error::argument("color", format!("must be finite and not negative, not {bad}")));
+        }
+        if !(self.intensity.is_finite() && self.intensity >= 0.0) {
+            return Err(Error::argument(
+                "intensity",
+                format!("must be finite and not negative, not {}", self.intensity),
+            ));
+        }
+        if let LightKind::Point { range: Some(range) } = self.kind
+            && !(range.is_finite() && range > 0.0)
+        {
+            return Err(Error::argument("range", format!("must be positive, not {range}")));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,53 @@
+//! The look of an instance: one metallic-roughness material.
+
+use crate::error::{Error, Result};
+
+/// Factors of glTF's metallic-roughness model, linear.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Material {
+    /// Base colour, linear RGB, 0 to 1.
+    pub base_color: [f32; 3],
+    /// 0 dielectric to 1 metal.
+    pub metallic: f32,
+    /// Perceptual roughness, 0 to 1; clamped to 0.04 and above when shaded.
+    pub roughness: f32,
+    /// Light given off, linear RGB.
+    pub emissive: [f32; 3],
+    /// Draw back faces too.
+    pub double_sided: bool,
+    /// Shade with interpolated vertex normals; otherwise with the normal of each face.
+    pub smooth: bool,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            base_color: [0.8; 3],
+            metallic: 0.0,
+            roughness: 0.6,
+            emissive: [0.0; 3],
+            double_sided: false,
+            smooth: true,
+        }
+    }
+}
+
+impl Material {
+    /// Checks every range; the error names the field.
+    pub fn validate(&self) -> Result<()> {
+        let unit = |name: &'static str, value: f32| {
+            if (0.0..=1.0).contains(&value) {
+                Ok(())
+            } else {
+                Err(Error::argument(name, format!("must be between 0 and 1, not {value}")))
+            }
+        };
+        self.base_color.iter().try_for_each(|&c| unit("base_color", c))?;
+        unit("metallic", self.metallic)?;
+        unit("roughness", self.roughness)?;
+        if let Some(bad) = self.emissive.iter().find(|c| !(c.is_finite() && **c >= 0.0)) {
+            return Err(Error::argument("emissive", format!("must be finite and not negative, not {bad}")));
+        }
+        Ok(())
+    }
+}

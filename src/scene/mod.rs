@@ -1,0 +1,18 @@
+//! What is drawn: instances of meshes with poses and materials, lights, cameras. Plain host data in f64;
+//! nothing here knows how it is drawn.
+//!
+//! Conventions are OpenGL's and pyrender's: right-handed world, poses are object-to-world or camera-to-world
+//! 4×4 matrices, a camera looks along its −Z with +Y up, a directional light shines along its −Z.
+
+pub mod camera;
+pub mod instances;
+pub mod light;
+pub mod material;
+pub mod pose;
+pub mod slots;
+
+pub use camera::{Camera, Projection, View};
+pub use instances::{Instance, InstanceHandle, LightHandle, Scene};
+pub use light::{Light, LightKind};
+pub use material::Material;
+pub use slots::Handle;

@@ -1,0 +1,96 @@
+//! Checked 4×4 poses, rows first, as f64 affine maps.
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use crate::error::{Error, Result};
+
+/// How far the linear part of a camera's pose may be from a rotation: that of f32 arithmetic.
+const RIGID_TOLERANCE: f64 = 1.0e-4;
+
+/// An invertible affine map from its 4×4 matrix: any rotation, shear, non-uniform or negative scale.
+///
+/// `argument` names the matrix in the error.
+pub fn affine(argument: &'static str, rows: &[[f64; 4]; 4]) -> Result<DAffine3> {
+    for (i, row) in rows.iter().enumerate() {
+        if let Some(j) = row.iter().position(|v| !v.is_finite()) {
+            return Err(Error::argument(argument, format!("[{i}, {j}] must be finite, not {}", row[j])));
+        }
+    }
+    if rows[3] != [0.0, 0.0, 0.0, 1.0] {
+        return Err(Error::argument(argument, format!("the last row must be 0 0 0 1, not {:?}", rows[3])));
+    }
+    let column = |j: usize| DVec3::new(rows[0][j], rows[1][j], rows[2][j]);
+    let linear = DMat3::from_cols(column(0), column(1), column(2));
+    // Relative to the product of the column lengths, so that a uniformly tiny scale is no fault.
+    let lengths = column(0).length() * column(1).length() * column(2).length();
+    let determinant = linear.determinant();
+    let inverse_is_finite = linear.inverse().is_finite();
+    if !(determinant.abs() > 1.0e-12 * lengths && inverse_is_finite) {
+        return Err(Error::argument(
+            argument,
+            format!("the upper left 3×3 must be invertible, but its determinant is {determinant:e}"),
+        ));
+    }
+    Ok(DAffine3 { matrix3: linear, translation: column(3) })
+}
+
+/// A rotation (or reflection) and a translation.
+pub fn rigid(argument: &'static str, rows: &[[f64; 4]; 4]) -> Result<DAffine3> {
+    let pose = affine(argument, rows)?;
+    let product = pose.matrix3.transpose() * pose.matrix3;
+    if !(product - DMat3::IDENTITY).to_cols_array().iter().all(|v| v.abs() <= RIGID_TOLERANCE) {
+        return Err(Error::argument(
+            argument,
+            "a camera's pose must be a rotation and a translation, without scale or shear",
+        ));
+    }
+    Ok(pose)
+}
+
+/// The 4×4 matrix of an affine map, rows first.
+pub fn rows(pose: &DAffine3) -> [[f64; 4]; 4] {
+    let (m, t) = (pose.matrix3, pose.translation);
+    [
+        [m.x_axis.x, m.y_axis.x, m.z_axis.x, t.x],
+        [m.x_axis.y, m.y_axis.y, m.z_axis.y, t.y],
+        [m.x_axis.z, m.y_axis.z, m.z_axis.z, t.z],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+}
+
+/// The rows of a 3×3 matrix.
+pub fn linear_rows(m: &DMat3) -> [[f64; 3]; 3] {
+    m.transpose().to_cols_array_2d()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const IDENTITY: [[f64; 4]; 4] =
+        [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+
+    fn with(i: usize, j: usize, value: f64) -> [[f64; 4]; 4] {
+        let mut m = IDENTITY;
+        m[i][j] = value;
+        m
+    }
+
+    #[test]
+    fn bad_poses_are_named() {
+        for (bad, word) in [
+            (with(1, 3, f64::NAN), "[1, 3]"),
+            (with(0, 0, f64::INFINITY), "finite"),
+            (with(3, 0, 1.0), "last row"),
+            (with(2, 2, 0.0), "invertible"),
+        ] {
+            let message = affine("pose", &bad).unwrap_err().to_string();
+            assert!(message.starts_with("pose: ") && message.contains(word), "{message}");
+        }
+        assert!(affine("pose", &with(0, 1, 3.0)).is_ok());
+        assert!(affine("pose", &with(0, 0, -1e-9)).is_ok());
+        assert!(rigid("pose", &with(0, 0, 2.0)).is_err());
+        assert!(rigid("pose", &with(0, 3, 1e7)).is_ok());
+        assert_eq!(rows(&affine("pose", &with(0, 3, 5.0)).unwrap()), with(0, 3, 5.0));
+    }
+}
