@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nanite_rs import shapes
 from nanite_rs._core import __version__
+from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.cut import Cut
 from nanite_rs.exceptions import (
     ArgumentError,
@@ -20,26 +21,42 @@ from nanite_rs.exceptions import (
     StaleHandleError,
 )
 from nanite_rs.mesh import BuildOptions, NaniteMesh, simplify
+from nanite_rs.renderer import Frame, FrameStats, Renderer, StageStats
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
+from nanite_rs.scene import DirectionalLight, LightNode, Material, MeshNode, PointLight, Scene
 
 __all__ = [
     "ArgumentError",
     "BackendError",
     "BuildOptions",
     "BuildReport",
+    "Camera",
     "CheckReport",
     "Cut",
     "DependencyError",
+    "DirectionalLight",
     "DtypeError",
     "FileError",
     "FormatError",
+    "Frame",
+    "FrameStats",
     "InternalError",
+    "IntrinsicsCamera",
     "InvariantError",
     "LevelReport",
+    "LightNode",
+    "Material",
     "MeshError",
+    "MeshNode",
     "MissingFileError",
     "NaniteError",
     "NaniteMesh",
+    "OrthographicCamera",
+    "PerspectiveCamera",
+    "PointLight",
+    "Renderer",
+    "Scene",
+    "StageStats",
     "StaleHandleError",
     "StuckGroup",
     "__version__",

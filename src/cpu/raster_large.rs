@@ -219,7 +219,7 @@ fn fill<S: Sink>(setup: &Setup, first: i32, last: i32, screen: &Screen, sink: &S
 mod tests {
     use super::super::visibility::Counter;
     use super::*;
-    use std::sync::atomic::{AtomicU32, Ordering};
+    use std::sync::atomic::AtomicU32;
 
     fn counts(triangles: &[[[f32; 3]; 3]], screen: &Screen) -> Vec<u32> {
         let cells: Vec<AtomicU32> = (0..screen.width * screen.height).map(|_| AtomicU32::new(0)).collect();
@@ -265,7 +265,7 @@ mod tests {
             .map(|i| {
                 (0..=n)
                     .map(|j| {
-                        let inner = |k: usize| if k == 0 || k == n { 0.0 } else { random() - 0.5 };
+                        let mut inner = |k: usize| if k == 0 || k == n { 0.0 } else { random() - 0.5 };
                         let (u, v) = (i as f32 + inner(i), j as f32 + inner(j));
                         point((u / n as f32 - 0.5) * 400.0, (v / n as f32 - 0.4) * 200.0)
                     })

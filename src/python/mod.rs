@@ -4,6 +4,8 @@
 mod arrays;
 mod errors;
 mod mesh;
+mod renderer;
+mod scene;
 mod tables;
 
 use pyo3::prelude::*;
@@ -16,5 +18,9 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<mesh::Cut>()?;
     module.add_function(wrap_pyfunction!(tables::cluster_table, module)?)?;
     module.add_function(wrap_pyfunction!(tables::group_table, module)?)?;
+    module.add_class::<scene::Scene>()?;
+    module.add_class::<renderer::Renderer>()?;
+    module.add_class::<renderer::Frame>()?;
+    module.add_function(wrap_pyfunction!(renderer::check_camera, module)?)?;
     Ok(())
 }

@@ -1,0 +1,396 @@
+"""The renderer and its frames."""
+
+from __future__ import annotations
+
+import io
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from nanite_rs import _core
+from nanite_rs.camera import Camera
+from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, MissingFileError, NaniteError
+from nanite_rs.scene import Scene
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from types import TracebackType
+
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Frame", "FrameStats", "Renderer", "StageStats"]
+
+ViewName: TypeAlias = Literal["shaded", "triangles", "clusters", "groups", "levels", "overdraw"]
+OutputName: TypeAlias = Literal["color", "depth"]
+
+
+@dataclass(frozen=True)
+class StageStats:
+    """What one stage received, passed on, and took."""
+
+    stage: str
+    """Name of the stage."""
+    pass_number: int
+    """1, or 2 for what waited for the depth pyramid."""
+    received: int
+    """What came in, counted in `received_unit`."""
+    received_unit: str
+    passed: int
+    """What went out, counted in `passed_unit`."""
+    passed_unit: str
+    ms: float
+    """Wall time, milliseconds."""
+
+
+@dataclass(frozen=True)
+class FrameStats:
+    """What a frame cost and skipped: ``print(stats)`` shows a table, ``stats["shade"]`` is one stage."""
+
+    stages: tuple[StageStats, ...]
+    """Every stage in the order in which it ran."""
+    total_ms: float
+    """Wall time of the frame, milliseconds."""
+    source_triangles: int
+    """Triangles of the instances on the screen, at full detail."""
+    clusters: int
+    """Clusters that were drawn."""
+    triangles: int
+    """Triangles of those clusters."""
+    drawn_small: int
+    """Of these, drawn by the rasterizer for small triangles: facing the eye and near a pixel centre."""
+    drawn_large: int
+    """The same for large and clipped triangles."""
+    covered_pixels: int
+    """Pixels that show a surface."""
+    occluded_instances: int
+    """Instances that the depth pyramid hid."""
+    occluded_clusters: int
+    """Clusters of the first pass that the depth pyramid hid."""
+
+    def __getitem__(self, stage: str) -> StageStats:
+        """Return a stage by name, both passes taken together."""
+        found = [s for s in self.stages if s.stage == stage]
+        if not found:
+            raise KeyError(stage)
+        first = found[0]
+        received, passed = sum(s.received for s in found), sum(s.passed for s in found)
+        ms = sum(s.ms for s in found)
+        return StageStats(stage, 1, received, first.received_unit, passed, first.passed_unit, ms)
+
+    def __iter__(self) -> Iterator[StageStats]:
+        """Iterate over the stages in the order in which they ran."""
+        return iter(self.stages)
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the totals and, as ``<stage>_ms``, the time of each stage, for tables and data frames."""
+        totals = {k: v for k, v in vars(self).items() if k != "stages"}
+        times: dict[str, float] = {}
+        for s in self.stages:
+            times[f"{s.stage}_ms"] = times.get(f"{s.stage}_ms", 0.0) + s.ms
+        return totals | times
+
+    def __str__(self) -> str:
+        lines = [f"{'stage':<14}{'received':>16}{'passed on':>16}   {'of':<28}{'ms':>9}"]
+        for s in self.stages:
+            name = s.stage if s.pass_number == 1 else f"{s.stage} (2)"
+            unit = s.received_unit
+            if s.passed_unit != unit:
+                unit = f"{unit} → {s.passed_unit}"
+            lines.append(f"{name:<18}{s.received:>12,}{s.passed:>16,}   {unit:<28}{s.ms:>9.2f}")
+        lines.append(f"{'frame':<77}{self.total_ms:>9.2f}")
+        drawn = self.drawn_small + self.drawn_large
+        lines.append(
+            f"{self.source_triangles:,} triangles in the source → {self.triangles:,} in {self.clusters:,} clusters"
+            f" → {drawn:,} rasterized ({self.drawn_large:,} large) → {self.covered_pixels:,} pixels"
+        )
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return (
+            f"<FrameStats: {self.total_ms:.1f} ms, {self.source_triangles:,} source triangles, "
+            f"{self.triangles:,} in the cut, {self.covered_pixels:,} pixels>"
+        )
+
+
+class Frame:
+    """A rendered frame: arrays with row 0 on top, each made when first asked for unless rendered with the frame.
+
+    All arrays are owned, contiguous and writable; each is made once and then kept. A frame does not follow later
+    edits of the scene.
+
+    Examples
+    --------
+    >>> frame.color.shape, frame.color.dtype
+    ((72, 128, 3), dtype('uint8'))
+    >>> bool((frame.depth > 0).any())
+    True
+    """
+
+    def __init__(self, core: _core.Frame) -> None:
+        self._frame = core
+
+    @cached_property
+    def color(self) -> NDArray[np.uint8]:
+        """Shaded picture, (H, W, 3) uint8, gamma-encoded with the power 1/2.2 except for the background."""
+        return self._frame.color()
+
+    @cached_property
+    def depth(self) -> NDArray[np.float32]:
+        """Distance along the view axis, (H, W) float32 in world units; 0 where nothing is covered."""
+        return self._frame.depth()
+
+    @cached_property
+    def normal(self) -> NDArray[np.float32]:
+        """Unit surface normals in world space, (H, W, 3) float32; zero where nothing is covered."""
+        return self._frame.normal()
+
+    @cached_property
+    def instance_id(self) -> NDArray[np.int32]:
+        """``MeshNode.instance_id`` of what is shown, (H, W) int32; −1 where nothing is covered."""
+        return self._frame.instance_id()
+
+    @cached_property
+    def cluster_id(self) -> NDArray[np.uint32]:
+        """Address of the cluster inside its mesh, (H, W) uint32; 0xFFFFFFFF where nothing is covered."""
+        return self._frame.cluster_id()
+
+    @cached_property
+    def triangle_id(self) -> NDArray[np.int32]:
+        """Number of the triangle inside its cluster, (H, W) int32; −1 where nothing is covered."""
+        return self._frame.triangle_id()
+
+    @cached_property
+    def face_id(self) -> NDArray[np.int64]:
+        """Row of the source ``faces``, (H, W) int64.
+
+        −1 where nothing is covered, where a level other than the source is shown (render with ``pixel_error=0``),
+        and for meshes built without ``BuildOptions(face_ids=True)``.
+        """
+        return self._frame.face_id()
+
+    @cached_property
+    def overdraw(self) -> NDArray[np.uint32]:
+        """Triangles that cover each pixel, hidden ones included, among the clusters drawn; (H, W) uint32.
+
+        Counted by rasterizing them again.
+        """
+        return self._frame.overdraw()
+
+    @cached_property
+    def stats(self) -> FrameStats:
+        """What the frame cost and skipped."""
+        totals, total_ms = self._frame.totals()
+        stages = tuple(StageStats(*stage) for stage in self._frame.stages())
+        return FrameStats(stages=stages, total_ms=total_ms, **dict(totals))
+
+    @property
+    def width(self) -> int:
+        """Pixels in a row."""
+        return self._frame.size[0]
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self._frame.size[1]
+
+    def view(self, name: ViewName = "shaded") -> NDArray[np.uint8]:
+        """Return a picture, (H, W, 3) uint8.
+
+        Parameters
+        ----------
+        name : str
+            ``"shaded"`` (a copy of `color`), ``"triangles"``, ``"clusters"`` or ``"groups"`` (a colour for each),
+            ``"levels"`` (red is the finest level of detail, then towards blue), or ``"overdraw"`` (blue once, red
+            eight times or more).
+
+        Raises
+        ------
+        ArgumentError
+            For another name.
+        """
+        if name == "shaded":
+            return self.color.copy()
+        return self._frame.view(name)
+
+    def _png(self, name: ViewName) -> bytes:
+        from PIL import Image
+
+        buffer = io.BytesIO()
+        Image.fromarray(self.view(name)).save(buffer, format="PNG", compress_level=3)
+        return buffer.getvalue()
+
+    def save(self, path: str | os.PathLike[str], *, view: ViewName = "shaded") -> None:
+        """Write a picture as PNG.
+
+        Parameters
+        ----------
+        path : path
+            File to write; replaced if it exists.
+        view : str
+            Which picture, see `view`.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written.
+        """
+        data = self._png(view)
+        try:
+            with open(path, "wb") as file:
+                file.write(data)
+        except OSError as error:
+            kind = MissingFileError if isinstance(error, FileNotFoundError) else FileError
+            raise kind(error.errno, error.strerror, os.fspath(path)) from None
+
+    def _repr_png_(self) -> bytes:
+        return self._png("shaded")
+
+    def __repr__(self) -> str:
+        return f"<Frame {self.width}×{self.height}: {self.stats!r}>"
+
+
+class Renderer:
+    """Renders scenes into pictures of one size.
+
+    Memory is kept between frames; use it in a ``with`` block, or call `close`, to give it back at once.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the pictures in pixels, 1 to 8192.
+    backend : str
+        ``"cpu"``; ``"auto"``, the best there is; or ``"gpu"``, which this build does not have.
+
+    Raises
+    ------
+    ArgumentError
+        For a size out of range or an unknown backend.
+    BackendError
+        If the backend is not available.
+
+    Examples
+    --------
+    >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.displaced_icosphere(faces=20_000))
+    >>> scene = nrs.Scene(ambient_light=(0.1, 0.1, 0.1))
+    >>> node = scene.add(mesh)
+    >>> sun = scene.add(nrs.DirectionalLight(intensity=3.0))
+    >>> pose = np.eye(4)
+    >>> pose[2, 3] = 4.0
+    >>> with nrs.Renderer(128, 72) as renderer:
+    ...     frame = renderer.render(scene, nrs.PerspectiveCamera(yfov=0.8), pose)
+    >>> frame.stats.triangles < len(mesh)
+    True
+    """
+
+    def __init__(self, width: int, height: int, *, backend: Literal["auto", "cpu", "gpu"] = "auto") -> None:
+        self._size = _pixels(width, "width"), _pixels(height, "height")
+        self._core: _core.Renderer | None = _core.Renderer(*self._size, backend)
+        self._backend, self._reason = self._core.backend
+
+    @property
+    def width(self) -> int:
+        """Width of the pictures, pixels."""
+        return self._size[0]
+
+    @property
+    def height(self) -> int:
+        """Height of the pictures, pixels."""
+        return self._size[1]
+
+    @property
+    def backend(self) -> str:
+        """The backend in use."""
+        return self._backend
+
+    @property
+    def backend_reason(self) -> str:
+        """Why that backend."""
+        return self._reason
+
+    def render(
+        self,
+        scene: Scene,
+        camera: Camera,
+        pose: ArrayLike,
+        *,
+        pixel_error: float = 1.0,
+        occlusion: bool = True,
+        outputs: Sequence[OutputName] = ("color", "depth"),
+    ) -> Frame:
+        """Render a frame.
+
+        Parameters
+        ----------
+        scene : Scene
+            What to draw.
+        camera : PerspectiveCamera, IntrinsicsCamera or OrthographicCamera
+            How to project it.
+        pose : (4, 4) array
+            Camera-to-world matrix: a rotation and a translation. The camera looks along its −Z, +Y is up.
+        pixel_error : float
+            Threshold of the cut: the error of no cluster projects above so many pixels. 0 is full detail.
+        occlusion : bool
+            Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit.
+        outputs : sequence of str
+            What to make right away, of ``"color"`` and ``"depth"``; everything else, when first asked for.
+
+        Returns
+        -------
+        Frame
+
+        Raises
+        ------
+        ArgumentError
+            For a pose that is not finite or not rigid, or a threshold out of range.
+        NaniteError
+            If the renderer was closed.
+        """
+        if self._core is None:
+            raise NaniteError("the renderer was closed")
+        if not isinstance(scene, Scene):
+            raise DtypeError(f"scene: expected a Scene, not {type(scene).__name__}")
+        if not isinstance(camera, Camera):
+            raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
+        wanted = {outputs} if isinstance(outputs, str) else set(outputs)
+        if unknown := sorted(wanted - {"color", "depth"}):
+            raise ArgumentError(f'outputs: expected "color" and "depth", found {unknown}')
+        core = self._core.render(
+            scene._core,
+            camera._spec(),
+            pose,
+            pixel_error=float(pixel_error),
+            occlusion=bool(occlusion),
+            color="color" in wanted,
+            depth="depth" in wanted,
+        )
+        return Frame(core)
+
+    def close(self) -> None:
+        """Give the memory back. Frames stay valid."""
+        self._core = None
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        closed = ", closed" if self._core is None else ""
+        return f"<Renderer {self.width}×{self.height} on {self.backend}{closed}>"
+
+
+def _pixels(value: Any, name: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise DtypeError(f"{name}: expected an integer, not {type(value).__name__}")
+    if not 0 <= value < 1 << 32:
+        raise ArgumentError(f"{name}: must be between 1 and 8192, not {value}")
+    return int(value)

@@ -1,0 +1,363 @@
+"""Scenes: many instances of many meshes, lights, ambient light and background.
+
+Poses are 4×4 object-to-world matrices (float64), rows first, right-handed. Adding, moving, hiding and removing
+one instance costs the same in a scene of one as in a scene of a million.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
+
+import numpy as np
+
+from nanite_rs import _core
+from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError
+from nanite_rs.mesh import NaniteMesh
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["DirectionalLight", "LightNode", "Material", "MeshNode", "PointLight", "Scene"]
+
+Color: TypeAlias = "Sequence[float] | NDArray[Any]"
+Rgb: TypeAlias = tuple[float, float, float]
+Handle: TypeAlias = tuple[int, int]
+
+
+def _rgb(value: Color, name: str) -> Rgb:
+    """Three floats; a fourth (alpha) is accepted and ignored, as pyrender's users are used to give it."""
+    try:
+        array = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise DtypeError(f"{name}: expected three numbers, not {value!r}") from None
+    if array.shape not in {(3,), (4,)}:
+        raise ArgumentError(f"{name}: expected three numbers, found shape {array.shape}")
+    return float(array[0]), float(array[1]), float(array[2])
+
+
+@dataclass(frozen=True)
+class Material:
+    """Metallic-roughness factors, linear, for a whole instance.
+
+    Shading follows pyrender (glTF's model, output to the power 1/2.2). Vertex colours of the mesh multiply the
+    result after lighting, as there.
+
+    Examples
+    --------
+    >>> clay = nrs.Material(base_color=(0.7, 0.65, 0.6), metallic=0.1, roughness=0.5)
+    """
+
+    base_color: Color = (0.8, 0.8, 0.8)
+    """Linear RGB, 0 to 1."""
+    metallic: float = 0.0
+    """0 dielectric to 1 metal."""
+    roughness: float = 0.6
+    """Perceptual roughness, 0 to 1; below 0.04 it is shaded as 0.04."""
+    emissive: Color = (0.0, 0.0, 0.0)
+    """Light given off, linear RGB."""
+    double_sided: bool = False
+    """Draw back faces too."""
+    smooth: bool = True
+    """Shade with interpolated vertex normals; otherwise every face is flat."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "base_color", _rgb(self.base_color, "base_color"))
+        object.__setattr__(self, "emissive", _rgb(self.emissive, "emissive"))
+
+    def _raw(self) -> tuple[Rgb, float, float, Rgb, bool, bool]:
+        base, emissive = _rgb(self.base_color, "base_color"), _rgb(self.emissive, "emissive")
+        flags = bool(self.double_sided), bool(self.smooth)
+        return base, float(self.metallic), float(self.roughness), emissive, *flags
+
+
+@dataclass(frozen=True)
+class DirectionalLight:
+    """Light along the −Z of its pose, the same everywhere.
+
+    Examples
+    --------
+    >>> light = nrs.DirectionalLight(color=(1.0, 1.0, 1.0), intensity=3.0)
+    """
+
+    color: Color = (1.0, 1.0, 1.0)
+    """Linear RGB."""
+    intensity: float = 1.0
+    """Lux."""
+
+    def _raw(self) -> tuple[str, Rgb, float, float | None]:
+        return "directional", _rgb(self.color, "color"), float(self.intensity), None
+
+
+@dataclass(frozen=True)
+class PointLight:
+    """Light from the origin of its pose, falling off with the square of the distance.
+
+    Examples
+    --------
+    >>> light = nrs.PointLight(intensity=20.0)
+    """
+
+    color: Color = (1.0, 1.0, 1.0)
+    """Linear RGB."""
+    intensity: float = 1.0
+    """Candela."""
+    range: float | None = None
+    """Distance at which the light has smoothly ended (glTF's window); ``None`` never. pyrender ignores it."""
+
+    def _raw(self) -> tuple[str, Rgb, float, float | None]:
+        reach = None if self.range is None else float(self.range)
+        return "point", _rgb(self.color, "color"), float(self.intensity), reach
+
+
+Light: TypeAlias = DirectionalLight | PointLight
+
+
+def _pose(pose: ArrayLike | None) -> ArrayLike:
+    return np.eye(4) if pose is None else pose
+
+
+class _Node:
+    """An entry of a scene: valid until it is removed."""
+
+    __slots__ = ("_handle", "_scene")
+
+    def __init__(self, scene: Scene, handle: Handle) -> None:
+        self._scene, self._handle = scene, handle
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self) or not isinstance(other, _Node):
+            return NotImplemented
+        return self._scene is other._scene and self._handle == other._handle
+
+    def __hash__(self) -> int:
+        return hash((id(self._scene), self._handle))
+
+    @property
+    def scene(self) -> Scene:
+        """The scene it belongs, or belonged, to."""
+        return self._scene
+
+
+class MeshNode(_Node):
+    """An instance of a mesh in a scene; made by `Scene.add`.
+
+    Every use after the instance was removed raises `StaleHandleError`.
+    """
+
+    __slots__ = ("_material", "_mesh")
+
+    def __init__(self, scene: Scene, handle: Handle, mesh: NaniteMesh, material: Material) -> None:
+        super().__init__(scene, handle)
+        self._mesh, self._material = mesh, material
+
+    @property
+    def mesh(self) -> NaniteMesh:
+        """The mesh, shared by all its instances."""
+        return self._mesh
+
+    @property
+    def instance_id(self) -> int:
+        """The number that ``frame.instance_id`` shows for it; given away again after removal."""
+        return self._handle[0]
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """Object-to-world matrix, a (4, 4) float64 copy; assign to move the instance.
+
+        Any invertible affine matrix will do, mirrors and shears included.
+        """
+        return self._scene._core.pose(self._handle)
+
+    @pose.setter
+    def pose(self, pose: ArrayLike) -> None:
+        self._scene._core.set_pose(self._handle, pose)
+
+    @property
+    def visible(self) -> bool:
+        """False hides the instance; assign to change it."""
+        return self._scene._core.visible(self._handle)
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        self._scene._core.set_visible(self._handle, bool(visible))
+
+    @property
+    def material(self) -> Material:
+        """The look; assign to change it."""
+        return self._material
+
+    @material.setter
+    def material(self, material: Material) -> None:
+        self._scene._core.set_material(self._handle, material._raw())
+        self._material = material
+
+    def remove(self) -> None:
+        """Remove the instance from its scene."""
+        self._scene._core.remove(self._handle)
+
+    def __repr__(self) -> str:
+        try:
+            x, y, z = self.pose[:3, 3]
+        except StaleHandleError:
+            return "<MeshNode, removed>"
+        hidden = "" if self.visible else ", hidden"
+        return (
+            f"<MeshNode {self.instance_id}: {len(self._mesh):,} triangles at ({x:g}, {y:g}, {z:g}){hidden}>"
+        )
+
+
+class LightNode(_Node):
+    """A light in a scene; made by `Scene.add`.
+
+    Every use after the light was removed raises `StaleHandleError`.
+    """
+
+    __slots__ = ("_light",)
+
+    def __init__(self, scene: Scene, handle: Handle, light: Light) -> None:
+        super().__init__(scene, handle)
+        self._light = light
+
+    @property
+    def light(self) -> Light:
+        """The light; assign to change it."""
+        return self._light
+
+    @light.setter
+    def light(self, light: Light) -> None:
+        self._scene._core.set_light(self._handle, *light._raw(), self.pose)
+        self._light = light
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """Light-to-world matrix, a (4, 4) float64 copy; assign to move the light."""
+        return self._scene._core.light_pose(self._handle)
+
+    @pose.setter
+    def pose(self, pose: ArrayLike) -> None:
+        self._scene._core.set_light(self._handle, *self._light._raw(), pose)
+
+    def remove(self) -> None:
+        """Remove the light from its scene."""
+        self._scene._core.remove_light(self._handle)
+
+    def __repr__(self) -> str:
+        try:
+            x, y, z = self.pose[:3, 3]
+        except StaleHandleError:
+            return "<LightNode, removed>"
+        return f"<LightNode {type(self._light).__name__} at ({x:g}, {y:g}, {z:g})>"
+
+
+class Scene:
+    """Instances of meshes, lights, ambient light and a background.
+
+    There is no default light: without lights and ambient light surfaces are black, as in pyrender.
+
+    Parameters
+    ----------
+    ambient_light : three floats
+        Constant light on every surface, linear RGB.
+    bg_color : three floats
+        Colour of pixels that nothing covers, 0 to 1, written as it is (not gamma-encoded).
+
+    Examples
+    --------
+    >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000))
+    >>> scene = nrs.Scene(ambient_light=(0.1, 0.1, 0.1))
+    >>> node = scene.add(mesh, pose=np.eye(4))
+    >>> sun = scene.add(nrs.DirectionalLight(intensity=3.0))
+    >>> node.visible = False
+    >>> node.remove()
+    >>> node.pose
+    Traceback (most recent call last):
+    ...
+    nanite_rs.exceptions.StaleHandleError: stale handle: instance 0 (generation 0) was removed from the scene
+    """
+
+    __slots__ = ("__weakref__", "_core")
+
+    def __init__(self, *, ambient_light: Color = (0.0, 0.0, 0.0), bg_color: Color = (1.0, 1.0, 1.0)) -> None:
+        self._core = _core.Scene()
+        self.ambient_light = ambient_light
+        self.bg_color = bg_color
+
+    @overload
+    def add(
+        self, item: NaniteMesh, *, pose: ArrayLike | None = None, material: Material | None = None
+    ) -> MeshNode: ...
+    @overload
+    def add(self, item: Light, *, pose: ArrayLike | None = None) -> LightNode: ...
+    def add(
+        self,
+        item: NaniteMesh | Light,
+        *,
+        pose: ArrayLike | None = None,
+        material: Material | None = None,
+    ) -> MeshNode | LightNode:
+        """Add an instance of a mesh, or a light.
+
+        Parameters
+        ----------
+        item : NaniteMesh, DirectionalLight or PointLight
+            What to add. A mesh is shared, not copied.
+        pose : (4, 4) array, optional
+            Object-to-world matrix; the identity when not given. For a mesh any invertible affine matrix.
+        material : Material, optional
+            The look of a mesh instance.
+
+        Returns
+        -------
+        MeshNode or LightNode
+            Moves, hides, changes and removes what was added.
+
+        Raises
+        ------
+        ArgumentError
+            If the pose is not finite, not affine or not invertible, or a factor is out of range.
+        DtypeError
+            If ``item`` is something else.
+        """
+        if isinstance(item, NaniteMesh):
+            material = Material() if material is None else material
+            handle = self._core.add_mesh(item._core, _pose(pose), material._raw())
+            return MeshNode(self, handle, item, material)
+        if isinstance(item, DirectionalLight | PointLight):
+            if material is not None:
+                raise ArgumentError("material: a light has none")
+            return LightNode(self, self._core.add_light(*item._raw(), _pose(pose)), item)
+        raise DtypeError(f"item: expected a NaniteMesh or a light, not {type(item).__name__}")
+
+    def remove(self, node: MeshNode | LightNode) -> None:
+        """Remove what `add` returned. It raises `StaleHandleError` when it was removed before."""
+        if node.scene is not self:
+            raise ArgumentError("node: belongs to another scene")
+        node.remove()
+
+    @property
+    def ambient_light(self) -> Rgb:
+        """Constant light on every surface, linear RGB; assign to change it."""
+        return self._core.ambient_light
+
+    @ambient_light.setter
+    def ambient_light(self, color: Color) -> None:
+        self._core.set_ambient_light(_rgb(color, "ambient_light"))
+
+    @property
+    def bg_color(self) -> Rgb:
+        """Colour of pixels that nothing covers; assign to change it."""
+        return self._core.bg_color
+
+    @bg_color.setter
+    def bg_color(self, color: Color) -> None:
+        self._core.set_bg_color(_rgb(color, "bg_color"))
+
+    def __len__(self) -> int:
+        """Return the number of mesh instances."""
+        return self._core.instance_count
+
+    def __repr__(self) -> str:
+        return f"<Scene: {len(self):,} instances, {self._core.light_count} lights>"

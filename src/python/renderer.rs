@@ -1,0 +1,211 @@
+//! `_core.Renderer` and `_core.Frame`: rendering from Python.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
+use pyo3::prelude::*;
+
+use super::arrays::matrix4;
+use super::errors::{detached, to_python};
+use super::scene::Scene;
+use crate::config::RenderOptions;
+use crate::error::{Error, Result};
+use crate::render::{self, ImageView};
+use crate::scene::{Camera, Projection};
+
+/// Kind, its parameters, near and far distance.
+type RawCamera = (String, Vec<f64>, f64, Option<f64>);
+
+fn camera((kind, parameters, znear, zfar): RawCamera) -> Result<Camera> {
+    let projection = match (kind.as_str(), parameters.as_slice()) {
+        ("perspective", &[yfov]) => Projection::Perspective { yfov, aspect: None },
+        ("perspective", &[yfov, aspect]) => Projection::Perspective { yfov, aspect: Some(aspect) },
+        ("intrinsics", &[fx, fy, cx, cy]) => Projection::Intrinsics { fx, fy, cx, cy },
+        ("orthographic", &[xmag, ymag]) => Projection::Orthographic { xmag, ymag },
+        _ => return Err(Error::argument("camera", format!("no camera {kind:?} of {parameters:?}"))),
+    };
+    let camera = Camera { projection, znear, zfar };
+    camera.validate()?;
+    Ok(camera)
+}
+
+/// Checks the parameters of a camera; the error names the first that is wrong.
+#[pyfunction]
+pub(super) fn check_camera(py: Python<'_>, spec: RawCamera) -> PyResult<()> {
+    camera(spec).map(drop).map_err(|error| to_python(py, error))
+}
+
+/// Renders scenes. See `nanite_rs.Renderer`.
+#[pyclass(frozen, module = "nanite_rs._core")]
+pub struct Renderer {
+    inner: Mutex<render::Renderer>,
+}
+
+impl Renderer {
+    fn lock(&self) -> MutexGuard<'_, render::Renderer> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[pymethods]
+impl Renderer {
+    #[new]
+    fn new(py: Python<'_>, width: u32, height: u32, backend: &str) -> PyResult<Self> {
+        let inner = render::Renderer::new(width, height, backend).map_err(|error| to_python(py, error))?;
+        Ok(Self { inner: Mutex::new(inner) })
+    }
+
+    /// The backend in use, and why.
+    #[getter]
+    fn backend(&self, py: Python<'_>) -> (&'static str, &'static str) {
+        py.detach(|| {
+            let inner = self.lock();
+            (inner.backend().name(), inner.backend_reason())
+        })
+    }
+
+    /// Renders a frame.
+    #[pyo3(signature = (scene, camera, pose, *, pixel_error, occlusion, color, depth))]
+    fn render(
+        &self,
+        py: Python<'_>,
+        scene: &Scene,
+        camera: RawCamera,
+        pose: &Bound<'_, PyAny>,
+        pixel_error: f32,
+        occlusion: bool,
+        color: bool,
+        depth: bool,
+    ) -> PyResult<Frame> {
+        let pose = matrix4(pose, "pose")?;
+        let options = RenderOptions { pixel_error, occlusion, color, depth };
+        let frame = detached(py, || {
+            let camera = self::camera(camera)?;
+            self.lock().render(&scene.read(), &camera, &pose, &options)
+        })?;
+        Ok(Frame { inner: Mutex::new(frame) })
+    }
+}
+
+/// A rendered frame. See `nanite_rs.Frame`.
+#[pyclass(frozen, module = "nanite_rs._core")]
+pub struct Frame {
+    inner: Mutex<render::Frame>,
+}
+
+/// One stage: name, pass, received, what of, passed, what of, milliseconds.
+type RawStage = (&'static str, u8, u64, &'static str, u64, &'static str, f64);
+
+impl Frame {
+    fn lock(&self) -> MutexGuard<'_, render::Frame> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// An (H, W) array that takes over what `make` returns.
+    fn plane<T: Element>(
+        &self,
+        py: Python<'_>,
+        make: impl FnOnce(&mut render::Frame) -> Vec<T> + Send,
+    ) -> PyResult<Py<PyArray2<T>>> {
+        let (values, shape) = detached(py, || {
+            let mut frame = self.lock();
+            let shape = [frame.height() as usize, frame.width() as usize];
+            Ok((make(&mut frame), shape))
+        })?;
+        Ok(PyArray::from_vec(py, values).reshape(shape)?.unbind())
+    }
+
+    /// An (H, W, 3) array that takes over what `make` returns.
+    fn planes<T: Element>(
+        &self,
+        py: Python<'_>,
+        make: impl FnOnce(&mut render::Frame) -> Vec<T> + Send,
+    ) -> PyResult<Py<PyArray3<T>>> {
+        let (values, shape) = detached(py, || {
+            let mut frame = self.lock();
+            let shape = [frame.height() as usize, frame.width() as usize, 3];
+            Ok((make(&mut frame), shape))
+        })?;
+        Ok(PyArray::from_vec(py, values).reshape(shape)?.unbind())
+    }
+}
+
+#[pymethods]
+impl Frame {
+    fn color(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u8>>> {
+        self.planes(py, render::Frame::take_color)
+    }
+
+    fn depth(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f32>>> {
+        self.plane(py, render::Frame::take_depth)
+    }
+
+    fn normal(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
+        self.planes(py, |frame| frame.normals().into_flattened())
+    }
+
+    fn instance_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i32>>> {
+        self.plane(py, |frame| frame.instance_ids())
+    }
+
+    fn cluster_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u32>>> {
+        self.plane(py, |frame| frame.cluster_ids())
+    }
+
+    fn triangle_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i32>>> {
+        self.plane(py, |frame| frame.triangle_ids())
+    }
+
+    fn face_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i64>>> {
+        self.plane(py, |frame| frame.face_ids())
+    }
+
+    fn overdraw(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u32>>> {
+        self.plane(py, |frame| frame.overdraw())
+    }
+
+    /// Width and height.
+    #[getter]
+    fn size(&self, py: Python<'_>) -> (u32, u32) {
+        py.detach(|| {
+            let frame = self.lock();
+            (frame.width(), frame.height())
+        })
+    }
+
+    /// A picture by name.
+    fn view(&self, py: Python<'_>, name: &str) -> PyResult<Py<PyArray3<u8>>> {
+        let what = ImageView::parse(name).map_err(|error| to_python(py, error))?;
+        self.planes(py, move |frame| frame.image(what))
+    }
+
+    /// The stages with their counts and times.
+    fn stages(&self, py: Python<'_>) -> Vec<RawStage> {
+        py.detach(|| {
+            let frame = self.lock();
+            let stage = |s: &render::StageStats| {
+                let (received, passed) = s.stage.counts();
+                (s.stage.name(), s.pass, s.received, received, s.passed, passed, s.ms)
+            };
+            frame.stats.stages.iter().map(stage).collect()
+        })
+    }
+
+    /// The frame's totals by name.
+    fn totals(&self, py: Python<'_>) -> (Vec<(&'static str, u64)>, f64) {
+        py.detach(|| {
+            let stats = &self.lock().stats;
+            let totals = vec![
+                ("source_triangles", stats.source_triangles),
+                ("clusters", stats.clusters),
+                ("triangles", stats.triangles),
+                ("drawn_small", stats.drawn_small),
+                ("drawn_large", stats.drawn_large),
+                ("covered_pixels", stats.covered_pixels),
+                ("occluded_instances", stats.occluded_instances),
+                ("occluded_clusters", stats.occluded_clusters),
+            ];
+            (totals, stats.total_ms)
+        })
+    }
+}

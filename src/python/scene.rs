@@ -1,0 +1,202 @@
+//! `_core.Scene`: instances and lights from Python.
+
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+
+use numpy::{PyArray, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+
+use super::arrays::matrix4;
+use super::errors::to_python;
+use super::mesh::Mesh;
+use crate::error::{Error, Result};
+use crate::scene::{self, Handle, InstanceHandle, Light, LightHandle, LightKind, Material, pose};
+
+/// Index and generation.
+type RawHandle = (u32, u32);
+
+/// Base colour, metallic, roughness, emission, double-sided, smooth.
+type RawMaterial = ([f32; 3], f32, f32, [f32; 3], bool, bool);
+
+/// What is drawn. See `nanite_rs.Scene`.
+#[pyclass(frozen, module = "nanite_rs._core")]
+pub struct Scene {
+    inner: RwLock<scene::Scene>,
+}
+
+impl Scene {
+    /// The scene, to be read.
+    pub(super) fn read(&self) -> RwLockReadGuard<'_, scene::Scene> {
+        self.inner.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Edits the scene without the interpreter lock, since a render may hold it for a while.
+    fn edit<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut RwLockWriteGuard<'_, scene::Scene>) -> Result<T> + Send,
+    ) -> PyResult<T> {
+        py.detach(|| work(&mut self.inner.write().unwrap_or_else(PoisonError::into_inner)))
+            .map_err(|error| to_python(py, error))
+    }
+
+    fn look<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&scene::Scene) -> Result<T> + Send,
+    ) -> PyResult<T> {
+        py.detach(|| work(&self.read())).map_err(|error| to_python(py, error))
+    }
+}
+
+fn handle((index, generation): RawHandle) -> Handle {
+    Handle { index, generation }
+}
+
+fn material((base_color, metallic, roughness, emissive, double_sided, smooth): RawMaterial) -> Material {
+    Material { base_color, metallic, roughness, emissive, double_sided, smooth }
+}
+
+fn light(
+    kind: &str,
+    color: [f32; 3],
+    intensity: f32,
+    reach: Option<f32>,
+    rows: &[[f64; 4]; 4],
+) -> Result<Light> {
+    let kind = match kind {
+        "directional" => LightKind::Directional,
+        "point" => LightKind::Point { range: reach },
+        _ => return Err(Error::argument("kind", format!("must be directional or point, not {kind:?}"))),
+    };
+    Ok(Light { kind, color, intensity, pose: pose::affine("pose", rows)? })
+}
+
+#[pymethods]
+impl Scene {
+    #[new]
+    fn new() -> Self {
+        Self { inner: RwLock::default() }
+    }
+
+    /// Adds an instance; returns its handle.
+    fn add_mesh(
+        &self,
+        py: Python<'_>,
+        mesh: &Mesh,
+        pose: &Bound<'_, PyAny>,
+        look: RawMaterial,
+    ) -> PyResult<RawHandle> {
+        let rows = matrix4(pose, "pose")?;
+        let dag = Arc::clone(&mesh.dag);
+        let at = self.edit(py, |scene| scene.add(dag, &rows, material(look)))?.0;
+        Ok((at.index, at.generation))
+    }
+
+    /// Moves an instance.
+    fn set_pose(&self, py: Python<'_>, at: RawHandle, pose: &Bound<'_, PyAny>) -> PyResult<()> {
+        let rows = matrix4(pose, "pose")?;
+        self.edit(py, |scene| scene.set_pose(InstanceHandle(handle(at)), &rows))
+    }
+
+    /// Object to world of an instance.
+    fn pose(&self, py: Python<'_>, at: RawHandle) -> PyResult<Py<PyArray2<f64>>> {
+        let rows = self.look(py, |s| Ok(pose::rows(s.instance(InstanceHandle(handle(at)))?.pose())))?;
+        Ok(PyArray::from_vec(py, rows.concat()).reshape([4, 4])?.unbind())
+    }
+
+    /// Shows or hides an instance.
+    fn set_visible(&self, py: Python<'_>, at: RawHandle, visible: bool) -> PyResult<()> {
+        self.edit(py, |scene| scene.set_visible(InstanceHandle(handle(at)), visible))
+    }
+
+    /// True unless an instance is hidden.
+    fn visible(&self, py: Python<'_>, at: RawHandle) -> PyResult<bool> {
+        self.look(py, |s| Ok(s.instance(InstanceHandle(handle(at)))?.visible))
+    }
+
+    /// Changes the look of an instance.
+    fn set_material(&self, py: Python<'_>, at: RawHandle, look: RawMaterial) -> PyResult<()> {
+        self.edit(py, |scene| scene.set_material(InstanceHandle(handle(at)), material(look)))
+    }
+
+    /// Removes an instance.
+    fn remove(&self, py: Python<'_>, at: RawHandle) -> PyResult<()> {
+        self.edit(py, |scene| scene.remove(InstanceHandle(handle(at))).map(drop))
+    }
+
+    /// Adds a light; returns its handle.
+    fn add_light(
+        &self,
+        py: Python<'_>,
+        kind: &str,
+        color: [f32; 3],
+        intensity: f32,
+        reach: Option<f32>,
+        pose: &Bound<'_, PyAny>,
+    ) -> PyResult<RawHandle> {
+        let rows = matrix4(pose, "pose")?;
+        let at = self.edit(py, |scene| scene.add_light(light(kind, color, intensity, reach, &rows)?))?.0;
+        Ok((at.index, at.generation))
+    }
+
+    /// Replaces a light.
+    fn set_light(
+        &self,
+        py: Python<'_>,
+        at: RawHandle,
+        kind: &str,
+        color: [f32; 3],
+        intensity: f32,
+        reach: Option<f32>,
+        pose: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let rows = matrix4(pose, "pose")?;
+        let at = LightHandle(handle(at));
+        self.edit(py, |scene| scene.set_light(at, light(kind, color, intensity, reach, &rows)?))
+    }
+
+    /// Light to world of a light.
+    fn light_pose(&self, py: Python<'_>, at: RawHandle) -> PyResult<Py<PyArray2<f64>>> {
+        let rows = self.look(py, |s| Ok(pose::rows(&s.light(LightHandle(handle(at)))?.pose)))?;
+        Ok(PyArray::from_vec(py, rows.concat()).reshape([4, 4])?.unbind())
+    }
+
+    /// Removes a light.
+    fn remove_light(&self, py: Python<'_>, at: RawHandle) -> PyResult<()> {
+        self.edit(py, |scene| scene.remove_light(LightHandle(handle(at))).map(drop))
+    }
+
+    /// Constant light on every surface.
+    #[getter]
+    fn ambient_light(&self, py: Python<'_>) -> PyResult<[f32; 3]> {
+        self.look(py, |s| Ok(s.ambient_light()))
+    }
+
+    /// Sets the ambient light.
+    fn set_ambient_light(&self, py: Python<'_>, color: [f32; 3]) -> PyResult<()> {
+        self.edit(py, |scene| scene.set_ambient_light(color))
+    }
+
+    /// Colour of pixels that nothing covers.
+    #[getter]
+    fn bg_color(&self, py: Python<'_>) -> PyResult<[f32; 3]> {
+        self.look(py, |s| Ok(s.bg_color()))
+    }
+
+    /// Sets the background colour.
+    fn set_bg_color(&self, py: Python<'_>, color: [f32; 3]) -> PyResult<()> {
+        self.edit(py, |scene| scene.set_bg_color(color))
+    }
+
+    /// Number of instances.
+    #[getter]
+    fn instance_count(&self, py: Python<'_>) -> PyResult<usize> {
+        self.look(py, |s| Ok(s.instances().len()))
+    }
+
+    /// Number of lights.
+    #[getter]
+    fn light_count(&self, py: Python<'_>) -> PyResult<usize> {
+        self.look(py, |s| Ok(s.lights().len()))
+    }
+}
