@@ -274,7 +274,7 @@ impl Gamma {
     #[inline]
     fn encode(&self, c: f32) -> u8 {
         // NaN (a light at the surface) becomes 0.
-        let c = c.max(0.0).min(1.0);
+        let c = if c > 0.0 { c.min(1.0) } else { 0.0 };
         let entry = c.to_bits().saturating_sub(Self::LOW) >> Self::SHIFT;
         let mut level = usize::from(self.first[entry as usize]);
         while self.steps[level + 1] <= c {
