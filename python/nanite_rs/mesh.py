@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 
@@ -52,6 +52,8 @@ class BuildOptions:
     """Most vertices of a cluster, 32 to 255."""
     group_clusters: int = 16
     """Clusters that are simplified together, 4 to 24."""
+    clusterizer: Literal["spatial", "flex"] = "spatial"
+    """What splits triangles into clusters. "flex" gives some 10 % shorter cluster borders for a third more time."""
     normal_weight: float = 0.5
     """Weight of a unit of normal deviation against one mean edge length of distance."""
     color_weight: float = 1.0

@@ -2,20 +2,22 @@
 //!
 //! Large inputs are first cut into blocks by a k-d tree over triangle centroids: blocks fit in cache, and both
 //! cores work from the start. The blocks depend on the input alone, never on the number of threads. Within a
-//! block meshoptimizer's flexible builder grows clusters along the surface.
+//! block one of meshoptimizer's builders makes the clusters, see [`Clusterizer`].
 
-use meshopt::{VertexDataAdapter, build_meshlets_flex};
+use meshopt::{VertexDataAdapter, build_meshlets_flex, build_meshlets_spatial};
 use rayon::prelude::*;
 
 use super::store::{LocalMesh, VertexStore};
-use crate::config::BuildOptions;
+use crate::config::{BuildOptions, Clusterizer};
 
 /// Triangles of a block. Cluster borders are somewhat longer along block borders: at this size that costs
 /// below half a per cent of the clusters.
 const BLOCK_TRIANGLES: usize = 1 << 15;
 /// A cluster may be closed early once it has this part of the triangles allowed.
 const MIN_FILL: f32 = 1.0 / 3.0;
-/// A cluster that grew this much beyond its expected radius is closed early.
+/// How much the spatial builder prefers full clusters to compact ones.
+const FILL_WEIGHT: f32 = 0.5;
+/// With the flexible builder, a cluster that grew this much beyond its expected radius is closed early.
 const SPLIT_FACTOR: f32 = 2.0;
 
 /// The triangles of one cluster over vertex identities.
@@ -57,15 +59,15 @@ pub fn clusterize_local(mesh: &LocalMesh, options: &BuildOptions) -> Vec<Cluster
     // The adapter fails on a misfit of bytes and stride only, which a slice of [f32; 3] cannot have.
     let Ok(adapter) = VertexDataAdapter::new(bytes, size_of::<[f32; 3]>(), 0) else { return Vec::new() };
     let min_triangles = ((options.cluster_triangles as f32 * MIN_FILL) as usize).max(1);
-    let meshlets = build_meshlets_flex(
-        &mesh.indices,
-        &adapter,
-        options.cluster_vertices,
-        min_triangles,
-        options.cluster_triangles,
-        0.0,
-        SPLIT_FACTOR,
-    );
+    let (vertices, most) = (options.cluster_vertices, options.cluster_triangles);
+    let meshlets = match options.clusterizer {
+        Clusterizer::Spatial => {
+            build_meshlets_spatial(&mesh.indices, &adapter, vertices, min_triangles, most, FILL_WEIGHT)
+        }
+        Clusterizer::Flex => {
+            build_meshlets_flex(&mesh.indices, &adapter, vertices, min_triangles, most, 0.0, SPLIT_FACTOR)
+        }
+    };
     meshlets
         .iter()
         .map(|m| ClusterMesh {
