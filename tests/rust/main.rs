@@ -3,4 +3,5 @@
 mod dag_invariants;
 mod format_robust;
 mod layering;
+mod render_frames;
 mod shapes;
