@@ -5,7 +5,17 @@ from typing import Any, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Cut", "Mesh", "__version__"]
+__all__ = [
+    "Cut",
+    "Frame",
+    "Mesh",
+    "Renderer",
+    "Scene",
+    "__version__",
+    "check_camera",
+    "cluster_table",
+    "group_table",
+]
 __version__: str
 
 def cluster_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
@@ -36,7 +46,7 @@ class Mesh:
     def cut_error(self, error: float) -> Cut: ...
     def cut_faces(self, target: int) -> Cut: ...
     def cut_view(
-        self, projection: ArrayLike, pose: ArrayLike, viewport: tuple[int, int], pixel_error: float
+        self, camera: _Camera, pose: ArrayLike, viewport: tuple[int, int], pixel_error: float
     ) -> Cut: ...
     def source_face_ids(self) -> NDArray[np.uint32] | None: ...
     @property

@@ -50,7 +50,7 @@ class Camera(ABC):
 
     @abstractmethod
     def projection_matrix(self, width: int, height: int) -> NDArray[np.float64]:
-        """Return the 4×4 OpenGL projection matrix for a viewport, as pyrender's ``get_projection_matrix``."""
+        """Return the 4×4 OpenGL projection matrix for ``width`` × ``height`` pixels, as pyrender does."""
 
     def _depth_rows(self, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
         """Fill in the rows of a pinhole that make depth."""
@@ -155,7 +155,10 @@ class OrthographicCamera(Camera):
         return "orthographic", [float(self.xmag), float(self.ymag)]
 
     def projection_matrix(self, width: int, height: int) -> NDArray[np.float64]:  # noqa: ARG002
-        """Return the 4×4 OpenGL projection matrix; without ``zfar``, for one at 100 as in pyrender."""
+        """Return the 4×4 OpenGL projection matrix, whatever ``width`` and ``height``.
+
+        Without ``zfar`` it is that for a far plane at 100, as in pyrender.
+        """
         near, far = self.znear, 100.0 + self.znear if self.zfar is None else self.zfar
         return np.array(
             [

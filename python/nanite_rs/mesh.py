@@ -6,13 +6,14 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
 from nanite_rs import io
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._progress import Progress, reporter
+from nanite_rs.camera import Camera
 from nanite_rs.cut import Cut
 from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.report import BuildReport, CheckReport
@@ -24,14 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["BuildOptions", "NaniteMesh", "simplify"]
 
 PathLike: TypeAlias = str | os.PathLike[str]
-
-
-class Camera(Protocol):
-    """Anything with a projection matrix, such as `PerspectiveCamera`."""
-
-    def projection_matrix(self, width: int, height: int) -> NDArray[np.float64]:
-        """Return the 4×4 OpenGL projection matrix for a viewport."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -330,7 +323,7 @@ class NaniteMesh:
             At most so many triangles, or the coarsest cut there is.
         target_reduction : float
             Fraction of the triangles to remove, 0 to 1, as in fast-simplification.
-        camera : camera
+        camera : PerspectiveCamera, IntrinsicsCamera or OrthographicCamera
             With ``pose`` and ``viewport``: the cut for this view.
         pose : (4, 4) array
             Camera-to-mesh transform, OpenGL axes (the camera looks along −Z, Y up).
@@ -392,13 +385,14 @@ class NaniteMesh:
             width, height = (int(side) for side in viewport)
         except (TypeError, ValueError):
             raise ArgumentError(f"viewport: expected (width, height), not {viewport!r}") from None
-        if not (1 <= width <= 65536 and 1 <= height <= 65536):
-            raise ArgumentError(f"viewport: sides must be between 1 and 65536, not {width} × {height}")
+        if min(width, height) < 1:
+            raise ArgumentError(f"viewport: sides must be positive, not {width} × {height}")
         pixel_error = _real(pixel_error, "pixel_error")
         if not pixel_error >= 0.0:
             raise ArgumentError(f"pixel_error: must be 0 or more, not {pixel_error}")
-        projection = camera.projection_matrix(width, height)
-        return Cut(self._core.cut_view(projection, pose, (width, height), pixel_error))
+        if not isinstance(camera, Camera):
+            raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
+        return Cut(self._core.cut_view(camera._spec(), pose, (width, height), pixel_error))
 
     # ------------------------------------------------------------------------------------------ asking
 

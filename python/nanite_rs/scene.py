@@ -332,7 +332,7 @@ class Scene:
         raise DtypeError(f"item: expected a NaniteMesh or a light, not {type(item).__name__}")
 
     def remove(self, node: MeshNode | LightNode) -> None:
-        """Remove what `add` returned. It raises `StaleHandleError` when it was removed before."""
+        """Remove ``node``, which `add` returned. Raises `StaleHandleError` when it was removed before."""
         if node.scene is not self:
             raise ArgumentError("node: belongs to another scene")
         node.remove()

@@ -7,6 +7,7 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
+use glam::DAffine3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
@@ -15,12 +16,12 @@ use rayon::prelude::*;
 
 use super::arrays::{FaceArray, PositionArray, into_array, into_rows, matrix4, vertex_rows};
 use super::errors::{argument_error, detached, panic_to_python, to_python};
+use super::renderer::{self, RawCamera};
 use crate::build::{self, Progress};
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
 use crate::format;
 use crate::lod::{FaceBudget, cut_error, extract, select};
-use crate::math::LodView;
 use crate::mesh::SourceMesh;
 use crate::model::rule::Threshold;
 use crate::model::{ClusterAddress, Dag, Frame};
@@ -231,18 +232,22 @@ impl Mesh {
         self.cut(py, &Threshold::Uniform(budget.error_for(target)))
     }
 
-    /// The cut for an error in pixels, from a camera with a projection matrix and a camera-to-mesh pose.
+    /// The cut for an error in pixels, from a camera and its camera-to-mesh pose: the clusters that the renderer
+    /// would draw of an instance at the identity, if nothing were culled.
     fn cut_view(
         &self,
         py: Python<'_>,
-        projection: &Bound<'_, PyAny>,
+        camera: RawCamera,
         pose: &Bound<'_, PyAny>,
         viewport: (u32, u32),
         pixel_error: f32,
     ) -> PyResult<Cut> {
-        let (projection, pose) = (matrix4(projection, "camera")?, matrix4(pose, "pose")?);
-        let view = lod_view(&self.dag.frame, projection, pose, viewport);
-        self.cut(py, &Threshold::View(view, pixel_error))
+        let pose = matrix4(pose, "pose")?;
+        let frame = &self.dag.frame;
+        let view = renderer::camera(camera).and_then(|camera| camera.view(&pose, viewport.0, viewport.1));
+        let view = view.map_err(|error| to_python(py, error))?;
+        let lod = view.lod_view(&view.object_to_view(&DAffine3::IDENTITY, frame), frame, 1.0);
+        self.cut(py, &Threshold::View(lod, pixel_error))
     }
 
     /// Row of the caller's `faces` for each level-0 triangle of the full-detail cut; `None` unless built with
@@ -384,30 +389,6 @@ fn object_positions(mut internal: Vec<[f32; 3]>, frame: &Frame) -> ObjectPositio
     // In two steps of f64, since the scale itself may lie outside f32.
     internal.par_iter_mut().for_each(|p| *p = frame.to_object(*p).map(|x| x as f32));
     ObjectPositions::F32(internal)
-}
-
-/// What the rule of the cut needs of a camera. DESIGN: f = max(P₀₀·W, P₁₁·H)/2, times sec² of the half diagonal.
-fn lod_view(frame: &Frame, p: [[f64; 4]; 4], pose: [[f64; 4]; 4], (width, height): (u32, u32)) -> LodView {
-    let focal = (p[0][0].abs() * f64::from(width)).max(p[1][1].abs() * f64::from(height)) / 2.0;
-    let (focal, near) = if p[3][3] == 0.0 {
-        let tangent = |row: usize| (1.0 + p[row][2].abs()) / p[row][row];
-        let secant_squared = 1.0 + tangent(0).powi(2) + tangent(1).powi(2);
-        (focal * secant_squared, p[2][3] / (p[2][2] - 1.0))
-    } else {
-        (focal, 0.0)
-    };
-    let row = |k: usize| -> [f32; 4] {
-        let mut out = [0.0; 4];
-        out[k] = frame.scale as f32;
-        out[3] = (frame.origin[k] - pose[k][3]) as f32;
-        out
-    };
-    LodView {
-        object_to_eye: [row(0), row(1), row(2)],
-        scale: frame.scale as f32,
-        focal: focal as f32,
-        near: near as f32,
-    }
 }
 
 /// The arrays of a cut.

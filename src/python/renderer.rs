@@ -14,9 +14,9 @@ use crate::render::{self, ImageView};
 use crate::scene::{Camera, Projection};
 
 /// Kind, its parameters, near and far distance.
-type RawCamera = (String, Vec<f64>, f64, Option<f64>);
+pub(super) type RawCamera = (String, Vec<f64>, f64, Option<f64>);
 
-fn camera((kind, parameters, znear, zfar): RawCamera) -> Result<Camera> {
+pub(super) fn camera((kind, parameters, znear, zfar): RawCamera) -> Result<Camera> {
     let projection = match (kind.as_str(), parameters.as_slice()) {
         ("perspective", &[yfov]) => Projection::Perspective { yfov, aspect: None },
         ("perspective", &[yfov, aspect]) => Projection::Perspective { yfov, aspect: Some(aspect) },

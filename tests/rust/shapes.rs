@@ -1,5 +1,7 @@
 //! Generated meshes for tests and benchmarks.
 
+#![allow(clippy::disallowed_types)] // the order of these tables reaches no assertion
+
 /// Positions and triangles.
 pub type Mesh = (Vec<[f32; 3]>, Vec<[u32; 3]>);
 
