@@ -43,6 +43,8 @@ generated mesh written as shape:NAME, shape:NAME:FACES or shape:NAME:FACES:SEED,
 
 SHAPE_PREFIX: Final = "shape:"
 DEMO_SHAPE: Final = "shape:displaced_icosphere:2000000"
+PICTURES: Final = ("whole", "near", "far")
+PICTURE_VIEWS: Final = ("shaded", "clusters", "levels")
 VIEWS: Final = ("shaded", "triangles", "clusters", "groups", "levels", "overdraw")
 
 
@@ -186,7 +188,10 @@ def _cut(arguments: argparse.Namespace) -> int:
 
 def _render(arguments: argparse.Namespace) -> int:
     mesh = _mesh(arguments)
-    frame = _picture(mesh, arguments, arguments.distance)
+    with nrs.Renderer(*arguments.size, backend=arguments.backend) as renderer:
+        frame = _picture(
+            renderer, mesh, arguments, distance=arguments.distance, pixel_error=arguments.pixel_error
+        )
     frame.save(arguments.output, view=arguments.view)
     if not arguments.quiet:
         print(f"{arguments.output}: {arguments.size[0]} × {arguments.size[1]}, {arguments.view}")
@@ -198,39 +203,61 @@ def _render(arguments: argparse.Namespace) -> int:
 # ---------------------------------------------------------------------------------------------------- views
 
 
-def _look_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Camera-to-world pose at ``eye``, looking at ``target``, Y up."""
-    back = (eye - target) / np.linalg.norm(eye - target)
+#: Columns: where the X, Y and Z axes of a view with Y up lie in the mesh.
+UP: Final = {
+    "y": np.eye(3),
+    "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+}
+
+
+def _facing(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation of what looks against ``direction``, along its own −Z, with Y up."""
+    back = direction / np.linalg.norm(direction)
     right = np.cross([0.0, 1.0, 0.0] if abs(back[1]) < 0.999 else [0.0, 0.0, -np.sign(back[1])], back)
     right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(back, right), back], axis=1)
+
+
+def _pose(rotation: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
     pose = np.eye(4)
-    pose[:3, :4] = np.stack([right, np.cross(back, right), back, eye], axis=1)
+    pose[:3, :3], pose[:3, 3] = rotation, place
     return pose
 
 
-def _picture(mesh: nrs.NaniteMesh, arguments: argparse.Namespace, distance: float) -> Any:
-    """A frame of the mesh alone; ``distance`` 1 fills the picture."""
-    low, high = mesh.bounds
-    center, radius = (low + high) / 2.0, max(float(np.linalg.norm(high - low)) / 2.0, 1e-30)
+def _picture(
+    renderer: nrs.Renderer,
+    mesh: nrs.NaniteMesh,
+    arguments: argparse.Namespace,
+    *,
+    distance: float,
+    pixel_error: float,
+) -> nrs.Frame:
+    """A frame of the mesh alone; at ``distance`` 1 it fills the picture."""
+    center = mesh.bounds.mean(axis=0)
     width, height = arguments.size
     yfov = np.radians(arguments.yfov)
-    half = min(yfov / 2.0, np.arctan(np.tan(yfov / 2.0) * width / height))
-    away = radius / np.sin(half) * 0.9 * distance
     azimuth, elevation = np.radians([arguments.azimuth, arguments.elevation])
     direction = np.array(
         [np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)]
     )
-    pose = _look_at(center + direction * away, center)
-    key = _look_at(center + (direction + pose[:3, 1] * 0.8 - pose[:3, 0] * 0.8) * away, center)
-    fill = _look_at(center + (direction * 0.5 + pose[:3, 0]) * away, center)
+    turn = UP[arguments.up]
+    axes = turn @ _facing(direction)
+    # As near as the corners of a coarse cut allow, with a margin.
+    local = (mesh.cut(target_faces=2_000).vertices - center) @ axes
+    tangents = 0.92 * np.tan(yfov / 2.0) * np.array([width / height, 1.0])
+    away = max(float((local[:, 2] + (np.abs(local[:, :2]) / tangents).max(axis=1)).max()), 1e-30)
+    radius = float(np.linalg.norm(local, axis=1).max())
+    away *= distance
 
-    scene = nrs.Scene(ambient_light=(0.08, 0.08, 0.09), bg_color=(1.0, 1.0, 1.0))
-    scene.add(mesh)
-    scene.add(nrs.DirectionalLight(intensity=3.0), pose=key)
-    scene.add(nrs.DirectionalLight(intensity=0.8), pose=fill)
+    pose = _pose(axes, center + axes[:, 2] * away)
+    key = _pose(axes @ _facing(np.array([-0.8, 0.8, 1.0])), center)  # from behind the camera's left shoulder
+    fill = _pose(axes @ _facing(np.array([1.0, 0.0, 0.5])), center)
+    scene = nrs.Scene(ambient_light=(0.06, 0.06, 0.07), bg_color=(0.92, 0.93, 0.95))
+    scene.add(mesh, material=nrs.Material(smooth=not arguments.flat))
+    scene.add(nrs.DirectionalLight(intensity=2.4), pose=key)
+    scene.add(nrs.DirectionalLight(intensity=0.6), pose=fill)
     camera = nrs.PerspectiveCamera(yfov=yfov, znear=max(away - 1.5 * radius, away * 1e-3))
-    with nrs.Renderer(width, height, backend=arguments.backend) as renderer:
-        return renderer.render(scene, camera, pose, pixel_error=arguments.pixel_error)
+    return renderer.render(scene, camera, pose, pixel_error=pixel_error)
 
 
 # ----------------------------------------------------------------------------------------------------- demo
@@ -262,29 +289,7 @@ def _demo(arguments: argparse.Namespace) -> int:
             lambda reduction=reduction: mesh.cut(target_reduction=reduction),  # type: ignore[misc]
             lambda cut: f"{len(cut):,} triangles, error {cut.error:.3g}",
         )
-    _picture(mesh, arguments, 1.0)  # the first frame allocates; those below are timed without that
-
-    pictures: list[tuple[str, ...]] = [
-        ("picture", "in the source", "in the cut", "drawn", "covered pixels", "frame")
-    ]
-    for label, distance in (("near", 0.35), ("whole", 1.0), ("far", 8.0)):
-        frame = _picture(mesh, arguments, distance)
-        stats = frame.stats
-        drawn = stats.drawn_small + stats.drawn_large
-        pictures.append(
-            (
-                label,
-                f"{stats.source_triangles:,}",
-                f"{stats.triangles:,}",
-                f"{drawn:,}",
-                f"{stats.covered_pixels:,}",
-                f"{stats.total_ms:.1f} ms",
-            )
-        )
-        for view in ("shaded", "clusters", "levels"):
-            frame.save(folder / f"{label}_{view}.png", view=view)
-        if label == "whole":
-            (folder / "stages.txt").write_text(f"{stats}\n", encoding="utf-8")
+    pictures = _demo_pictures(mesh, arguments, folder)
     lines = [
         f"nanite_rs {nrs.__version__}, {platform.machine()}, {os.cpu_count()} cores, "
         f"{arguments.size[0]} × {arguments.size[1]}, pixel error {arguments.pixel_error:g}",
@@ -297,8 +302,40 @@ def _demo(arguments: argparse.Namespace) -> int:
     ]
     (folder / "report.txt").write_text("\n".join(lines), encoding="utf-8")
     print("\n".join(lines))
-    print(f"pictures in {folder}/: " + ", ".join(sorted(p.name for p in folder.glob("*.png"))))
+    print(
+        f"pictures in {folder}/: {', '.join(PICTURES)} × {', '.join(PICTURE_VIEWS)}; stage times in stages.txt"
+    )
     return 0
+
+
+def _demo_pictures(
+    mesh: nrs.NaniteMesh, arguments: argparse.Namespace, folder: Path
+) -> list[tuple[str, ...]]:
+    """Save pictures from near and far; return the table of what each skipped, headed."""
+    rows: list[tuple[str, ...]] = [
+        ("picture", "in the source", "in the cut", "drawn", "covered pixels", "frame")
+    ]
+    shown = arguments.pixel_error
+    views = {
+        "whole": (1.0, shown),
+        "near": (0.5, shown),
+        "far": (8.0, shown),
+        "whole, full detail": (1.0, 0.0),
+    }
+    with nrs.Renderer(*arguments.size, backend=arguments.backend) as renderer:
+        for label, (distance, pixel_error) in views.items():
+            for _ in range(2):  # the first frame allocates; the second is timed
+                frame = _picture(renderer, mesh, arguments, distance=distance, pixel_error=pixel_error)
+            stats = frame.stats
+            drawn = stats.drawn_small + stats.drawn_large
+            numbers = (stats.source_triangles, stats.triangles, drawn, stats.covered_pixels)
+            rows.append((label, *(f"{n:,}" for n in numbers), f"{stats.total_ms:.1f} ms"))
+            if label in PICTURES:
+                for view in PICTURE_VIEWS:
+                    frame.save(folder / f"{label}_{view}.png", view=view)
+            if label == "whole":
+                (folder / "stages.txt").write_text(f"{stats}\n", encoding="utf-8")
+    return rows
 
 
 def _demo_mesh(name: str, arguments: argparse.Namespace, step: Callable[..., Any]) -> nrs.NaniteMesh:
@@ -372,6 +409,8 @@ def _add_viewing(sub: Any) -> None:
     group.add_argument("--yfov", type=float, default=45.0, metavar="DEG", help="vertical field of view (45)")
     group.add_argument("--azimuth", type=float, default=30.0, metavar="DEG", help="around the Y axis (30)")
     group.add_argument("--elevation", type=float, default=20.0, metavar="DEG", help="above the horizon (20)")
+    group.add_argument("--up", default="y", choices=sorted(UP), help="which axis of the mesh points up (y)")
+    group.add_argument("--flat", action="store_true", help="shade by face normals, not by vertex normals")
     group.add_argument("--backend", default="auto", choices=("auto", "cpu", "gpu"), help="(auto)")
 
 
