@@ -1,18 +1,20 @@
 //! The CPU twin of every rendering stage: plain slices in and out, rayon inside.
 //!
 //! The order of the stages is in `render::stages`. What several stages share: [`project`] (an instance as seen
-//! from a view), [`visibility`] (the words of the visibility buffer), [`clip`] and [`triangle`] (a pixel's
-//! place on its triangle).
+//! from a view), [`visibility`] (the words of the visibility buffer), [`clip`] and [`triangle`]
+//! (snapping and coverage), [`surface`] (from pixels back to surface points) on [`lanes`].
 
 pub mod clip;
 pub mod cluster_cull;
 pub mod hzb;
 pub mod instance_cull;
+pub mod lanes;
 pub mod node_cull;
 pub mod output;
 pub mod project;
 pub mod raster_large;
 pub mod raster_small;
 pub mod shade;
+pub mod surface;
 pub mod triangle;
 pub mod visibility;

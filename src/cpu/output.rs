@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::project::InstanceView;
-use super::shade::{Pixels, Sampler};
+use super::surface::{Pixels, Surfels, for_each};
 use super::visibility::{Counter, Hit, decode};
 use super::{raster_large, raster_small};
 use crate::model::Dag;
@@ -33,24 +33,35 @@ pub enum DebugView {
     Levels,
 }
 
-fn map<T: Send + Copy>(
+/// One value per pixel from its hit alone.
+fn map<T: Send + Copy>(pixels: Pixels<'_>, background: T, value: impl Fn(Hit) -> T + Sync) -> Vec<T> {
+    let mut out = vec![background; pixels.words.len()];
+    out.par_chunks_mut(1 << 13).zip(pixels.words.par_chunks(1 << 13)).for_each(|(out, words)| {
+        for (out, &word) in out.iter_mut().zip(words) {
+            if let Some(hit) = decode(word) {
+                *out = value(hit);
+            }
+        }
+    });
+    out
+}
+
+/// One value per pixel from its surface point: `value` gets the points and a lane.
+fn map_surface<T: Send + Copy>(
     pixels: Pixels<'_>,
     background: T,
-    value: impl Fn(&mut Sampler<'_>, Hit, [f32; 2]) -> T + Sync,
+    value: impl Fn(&Surfels<'_>, usize) -> T + Sync,
 ) -> Vec<T> {
-    let width = pixels.screen.width as usize;
+    let chunk = pixels.screen.width as usize * ROWS;
     let mut out = vec![background; pixels.words.len()];
-    out.par_chunks_mut(width * ROWS).zip(pixels.words.par_chunks(width * ROWS)).enumerate().for_each(
-        |(chunk, (out, words))| {
-            let mut sampler = Sampler::new(pixels);
-            for (i, (out, &word)) in out.iter_mut().zip(words).enumerate() {
-                if let Some(hit) = decode(word) {
-                    let point = [(i % width) as f32 + 0.5, (chunk * ROWS + i / width) as f32 + 0.5];
-                    *out = value(&mut sampler, hit, point);
-                }
+    out.par_chunks_mut(chunk).enumerate().for_each(|(i, out)| {
+        let start = i * chunk;
+        for_each(pixels, start..start + out.len(), |surfels| {
+            for lane in 0..surfels.count {
+                out[surfels.pixels[lane] as usize - start] = value(surfels, lane);
             }
-        },
-    );
+        });
+    });
     out
 }
 
@@ -67,9 +78,9 @@ pub fn depth(pixels: Pixels<'_>, out: &mut [f32]) {
 /// Unit normals in world space; zero where nothing is covered.
 pub fn normals(pixels: Pixels<'_>, view: &View) -> Vec<[f32; 3]> {
     let to_world = view.pose.matrix3.as_mat3();
-    map(pixels, [0.0; 3], |sampler, hit, point| {
-        let (sample, _) = sampler.sample(hit, point);
-        (to_world * glam::Vec3::from_array(sample.normal)).normalize_or_zero().to_array()
+    map_surface(pixels, [0.0; 3], |surfels, lane| {
+        let normal = glam::Vec3::from_array(surfels.normal.map(|c| c.0[lane]));
+        (to_world * normal).normalize_or_zero().to_array()
     })
 }
 
@@ -79,17 +90,17 @@ fn instance<'a>(pixels: Pixels<'a>, hit: Hit) -> &'a InstanceView {
 
 /// Slot number of the instance; −1 where nothing is covered.
 pub fn instance_ids(pixels: Pixels<'_>) -> Vec<i32> {
-    map(pixels, -1, |_, hit, _| instance(pixels, hit).slot as i32)
+    map(pixels, -1, |hit| instance(pixels, hit).slot as i32)
 }
 
 /// Address of the cluster; [`NO_CLUSTER`] where nothing is covered.
 pub fn cluster_ids(pixels: Pixels<'_>) -> Vec<u32> {
-    map(pixels, NO_CLUSTER, |_, hit, _| pixels.visible[hit.visible as usize].cluster.0)
+    map(pixels, NO_CLUSTER, |hit| pixels.visible[hit.visible as usize].cluster.0)
 }
 
 /// Number of the triangle inside its cluster; −1 where nothing is covered.
 pub fn triangle_ids(pixels: Pixels<'_>) -> Vec<i32> {
-    map(pixels, -1, |_, hit, _| hit.triangle as i32)
+    map(pixels, -1, |hit| hit.triangle as i32)
 }
 
 /// Row of the caller's faces; −1 where nothing is covered, where a coarser level is shown, and for meshes
@@ -103,7 +114,7 @@ pub fn face_ids(pixels: Pixels<'_>) -> Vec<i64> {
             offsets.entry(name(&view.mesh)).or_insert_with(|| view.mesh.face_id_offsets());
         }
     }
-    map(pixels, -1, |_, hit, _| {
+    map(pixels, -1, |hit| {
         let mesh = &instance(pixels, hit).mesh;
         let cluster = pixels.visible[hit.visible as usize].cluster;
         let (Some(faces), 0) = (&mesh.face_ids, mesh.record(cluster).level) else {
@@ -126,17 +137,16 @@ pub fn overdraw(pixels: Pixels<'_>, large: &[bool]) -> Vec<u32> {
 
 /// A debug view in RGB, darkened where the surface turns away; black where nothing is covered.
 pub fn debug(pixels: Pixels<'_>, what: DebugView) -> Vec<[u8; 3]> {
-    map(pixels, [0; 3], |sampler, hit, point| {
-        let (sample, view) = sampler.sample(hit, point);
-        let at = pixels.visible[hit.visible as usize];
-        let record = view.mesh.record(at.cluster);
+    map_surface(pixels, [0; 3], |surfels, lane| {
+        let (view, cluster) = (surfels.view, surfels.clusters[lane]);
+        let record = view.mesh.record(cluster);
         let color = match what {
-            DebugView::Triangles => hue(hash([view.slot, at.cluster.0, hit.triangle])),
-            DebugView::Clusters => hue(hash([view.slot, at.cluster.0, 1 << 8])),
+            DebugView::Triangles => hue(hash([view.slot, cluster.0, surfels.hits[lane].triangle])),
+            DebugView::Clusters => hue(hash([view.slot, cluster.0, 1 << 8])),
             DebugView::Groups => hue(hash([view.slot, record.group, 1 << 9])),
             DebugView::Levels => ramp(f32::from(record.level) / 14.0),
         };
-        let facing = 0.35 + 0.65 * sample.normal[2].abs();
+        let facing = 0.35 + 0.65 * surfels.normal[2].0[lane].abs();
         color.map(|c| (c * facing * 255.0 + 0.5) as u8)
     })
 }

@@ -8,125 +8,12 @@
 
 use rayon::prelude::*;
 
-use super::project::{InstanceView, Screen};
-use super::triangle::barycentric;
-use super::visibility::{Hit, Visible, decode};
-use crate::limits::TRIANGLE_BITS;
-use crate::math::octahedral;
+use super::lanes::{LANES, Lanes, Vec3x8, dot, normalize};
+use super::surface::{Pixels, Surfels, for_each};
 use crate::scene::{LightKind, Material, Scene, View};
 
 /// Rows per task.
 const ROWS: usize = 8;
-
-/// A finished visibility buffer with all that is needed to read it.
-#[derive(Clone, Copy)]
-pub struct Pixels<'a> {
-    /// Words, row by row from the top.
-    pub words: &'a [u64],
-    /// The frame's visible list.
-    pub visible: &'a [Visible],
-    /// The frame's instances.
-    pub views: &'a [InstanceView],
-    /// The view.
-    pub screen: &'a Screen,
-}
-
-/// What a surface point looks like before lighting.
-#[derive(Clone, Copy, Debug)]
-pub struct Sample {
-    /// Unit normal, camera space.
-    pub normal: [f32; 3],
-    /// Vertex colour, linear RGB; white without vertex colours.
-    pub color: [f32; 3],
-}
-
-/// Reads samples from pixels; keeps the last triangle, for its neighbours mostly show the same.
-pub struct Sampler<'a> {
-    pixels: Pixels<'a>,
-    last: u32,
-    corners: [[f32; 3]; 3],
-    normals: [[f32; 3]; 3],
-    colors: Option<[[f32; 3]; 3]>,
-    view: Option<&'a InstanceView>,
-    finished: bool,
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn normalize(v: [f32; 3]) -> [f32; 3] {
-    let length = dot(v, v).sqrt();
-    if length > 0.0 { v.map(|c| c / length) } else { [0.0, 0.0, 1.0] }
-}
-
-fn apply(m: &[[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
-    [dot(m[0], v), dot(m[1], v), dot(m[2], v)]
-}
-
-fn blend(l: [f32; 3], v: &[[f32; 3]; 3]) -> [f32; 3] {
-    std::array::from_fn(|k| l[0] * v[0][k] + l[1] * v[1][k] + l[2] * v[2][k])
-}
-
-impl<'a> Sampler<'a> {
-    /// A sampler of a frame.
-    pub fn new(pixels: Pixels<'a>) -> Self {
-        Self {
-            pixels,
-            last: 0,
-            corners: [[0.0; 3]; 3],
-            normals: [[0.0; 3]; 3],
-            colors: None,
-            view: None,
-            finished: false,
-        }
-    }
-
-    fn load(&mut self, hit: Hit) -> &'a InstanceView {
-        let name = (hit.visible + 1) << TRIANGLE_BITS | hit.triangle;
-        if let Some(view) = self.view
-            && self.last == name
-        {
-            return view;
-        }
-        let at = self.pixels.visible[hit.visible as usize];
-        let view = &self.pixels.views[at.instance as usize];
-        let geometry = view.mesh.geometry(at.cluster);
-        let corners = geometry.triangles[hit.triangle as usize].map(usize::from);
-        let positions = corners.map(|c| geometry.positions[c]);
-        self.corners = positions.map(|p| view.homogeneous(p));
-        self.finished = !view.material.smooth || !view.conformal;
-        if view.material.smooth {
-            self.normals = corners.map(|c| octahedral::decode(geometry.normals[c]));
-            if !view.conformal {
-                self.normals = self.normals.map(|n| normalize(apply(&view.normal, n)));
-            }
-        } else {
-            let edge = |i: usize| -> [f32; 3] { std::array::from_fn(|k| positions[i][k] - positions[0][k]) };
-            let (a, b) = (edge(1), edge(2));
-            let n = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-            self.normals = [normalize(apply(&view.normal, normalize(n))); 3];
-        }
-        self.colors = (!geometry.colors.is_empty()).then(|| {
-            corners.map(|c| std::array::from_fn(|k| f32::from(geometry.colors[c][k]) * (1.0 / 255.0)))
-        });
-        (self.last, self.view) = (name, Some(view));
-        view
-    }
-
-    /// The surface that a hit shows at a point of the screen.
-    #[inline]
-    pub fn sample(&mut self, hit: Hit, point: [f32; 2]) -> (Sample, &'a InstanceView) {
-        let view = self.load(hit);
-        let l = barycentric(&self.corners, self.pixels.screen.orthographic, point);
-        let mut normal = blend(l, &self.normals);
-        if !self.finished {
-            normal = apply(&view.normal, normal);
-        }
-        let color = self.colors.map_or([1.0; 3], |c| blend(l, &c));
-        (Sample { normal: normalize(normal), color }, view)
-    }
-}
 
 /// A light in camera space.
 #[derive(Clone, Copy, Debug)]
@@ -199,46 +86,53 @@ impl Surface {
         }
     }
 
-    /// Light reflected to `v`, both unit: pyrender's `compute_brdf`.
-    #[inline]
-    fn reflect(&self, n: [f32; 3], v: [f32; 3], l: [f32; 3], radiance: [f32; 3]) -> [f32; 3] {
+    /// Light reflected to `v`, both unit, for light of intensity 1: pyrender's `compute_brdf`.
+    #[inline(always)]
+    fn reflect(&self, n: &Vec3x8, v: &Vec3x8, l: &Vec3x8) -> Vec3x8 {
         use std::f32::consts::PI;
-        let h = normalize([l[0] + v[0], l[1] + v[1], l[2] + v[2]]);
-        let nl = dot(n, l).clamp(0.001, 1.0);
-        let nv = dot(n, v).abs().clamp(0.001, 1.0);
-        let nh = dot(n, h).clamp(0.0, 1.0);
-        let vh = dot(v, h).clamp(0.0, 1.0);
-        let m = 1.0 - vh;
+        let clamp = |x: Lanes, low: f32| x.max(low).min(1.0);
+        let h = normalize(&[l[0] + v[0], l[1] + v[1], l[2] + v[2]]);
+        let nl = clamp(dot(n, l), 0.001);
+        let nv = clamp(dot(n, v).abs(), 0.001);
+        let nh = clamp(dot(n, &h), 0.0);
+        let m = -(clamp(dot(v, &h), 0.0) - 1.0);
         let schlick = m * m * m * m * m;
-        let g = nv / (nv * (1.0 - self.k) + self.k) * (nl / (nl * (1.0 - self.k) + self.k));
-        let denominator = nh * nh * (self.alpha2 - 1.0) + 1.0;
-        let d = self.alpha2 / (PI * denominator * denominator);
-        let gloss = g * d / (4.0 * nl * nv + 0.001);
-        std::array::from_fn(|c| {
-            let f = self.f0[c] + (1.0 - self.f0[c]) * schlick;
-            nl * radiance[c] * ((1.0 - f) * self.diffuse[c] * (1.0 / PI) + f * gloss)
-        })
+        // The two quotients of G, D and the denominator of the specular term as one.
+        let smith = (nv * (1.0 - self.k) + self.k) * (nl * (1.0 - self.k) + self.k);
+        let d = nh * nh * (self.alpha2 - 1.0) + 1.0;
+        let gloss = nv * nl * self.alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + 0.001));
+        let channel = |c: usize| {
+            let f = schlick * (1.0 - self.f0[c]) + self.f0[c];
+            nl * (-(f - 1.0) * (self.diffuse[c] * (1.0 / PI)) + f * gloss)
+        };
+        [channel(0), channel(1), channel(2)]
     }
 
-    fn shade(&self, sample: &Sample, position: [f32; 3], lighting: &Lighting) -> [f32; 3] {
-        let v = normalize(position.map(|c| -c));
-        let mut color: [f32; 3] =
-            std::array::from_fn(|c| self.base[c] * lighting.ambient[c] + self.emissive[c]);
+    #[inline(always)]
+    fn shade(&self, surfels: &Surfels<'_>, rays: &Rays, lighting: &Lighting) -> Vec3x8 {
+        let position = rays.position(&surfels.point, surfels.distance);
+        let v = normalize(&[-position[0], -position[1], -position[2]]);
+        let constant = |c: usize| Lanes::splat(self.base[c] * lighting.ambient[c] + self.emissive[c]);
+        let mut color = [constant(0), constant(1), constant(2)];
         for light in &lighting.lights {
-            let (l, radiance) = match light.point {
-                None => (light.vector, light.radiance),
+            let (l, falloff) = match light.point {
+                None => (light.vector.map(Lanes::splat), Lanes::splat(1.0)),
                 Some(inverse_range) => {
-                    let to: [f32; 3] = std::array::from_fn(|k| light.vector[k] - position[k]);
-                    let square = dot(to, to);
-                    let q = square * inverse_range * inverse_range;
-                    let window = (1.0 - q * q).clamp(0.0, 1.0);
-                    (normalize(to), light.radiance.map(|r| r * window / square))
+                    let to = [0, 1, 2].map(|k| -(position[k] - light.vector[k]));
+                    let square = dot(&to, &to);
+                    let q = square * (inverse_range * inverse_range);
+                    (normalize(&to), (-(q * q - 1.0)).max(0.0) / square)
                 }
             };
-            let out = self.reflect(sample.normal, v, l, radiance);
-            color = std::array::from_fn(|c| color[c] + out[c]);
+            let out = self.reflect(&surfels.normal, &v, &l);
+            for c in 0..3 {
+                color[c] = color[c] + out[c] * falloff * light.radiance[c];
+            }
         }
-        std::array::from_fn(|c| color[c] * sample.color[c])
+        match &surfels.color {
+            Some(tint) => [color[0] * tint[0], color[1] * tint[1], color[2] * tint[2]],
+            None => color,
+        }
     }
 }
 
@@ -284,46 +178,70 @@ impl Gamma {
     }
 }
 
+/// What shading a row needs.
+struct Shader<'a> {
+    pixels: Pixels<'a>,
+    surfaces: Vec<Surface>,
+    lighting: &'a Lighting,
+    rays: Rays,
+    gamma: &'static Gamma,
+}
+
+impl Shader<'_> {
+    #[inline(always)]
+    fn run(&self, range: std::ops::Range<usize>, out: &mut [u8]) -> u64 {
+        let start = range.start;
+        for pixel in out.chunks_exact_mut(3) {
+            pixel.copy_from_slice(&self.lighting.background);
+        }
+        for_each(self.pixels, range, |surfels| {
+            let surface = &self.surfaces[surfels.instance as usize];
+            let color = surface.shade(surfels, &self.rays, self.lighting);
+            for lane in 0..surfels.count.min(LANES) {
+                let at = 3 * (surfels.pixels[lane] as usize - start);
+                let bytes = [0, 1, 2].map(|c: usize| self.gamma.encode(color[c].0[lane]));
+                out[at..at + 3].copy_from_slice(&bytes);
+            }
+        })
+    }
+
+    /// The same with 256-bit vectors. No operation fuses, so the result is the same bit for bit.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn run_avx2(&self, range: std::ops::Range<usize>, out: &mut [u8]) -> u64 {
+        self.run(range, out)
+    }
+}
+
 /// Shades every covered pixel into RGB bytes, row by row. Returns the number of covered pixels.
 pub fn run(pixels: Pixels<'_>, view: &View, lighting: &Lighting, out: &mut [u8]) -> u64 {
     let width = pixels.screen.width as usize;
-    let surfaces: Vec<Surface> = pixels.views.iter().map(|v| Surface::new(&v.material)).collect();
-    let gamma = Gamma::get();
-    let rays = Rays::new(view);
+    let surfaces = pixels.views.iter().map(|v| Surface::new(&v.material)).collect();
+    let shader = Shader { pixels, surfaces, lighting, rays: Rays::new(view), gamma: Gamma::get() };
     out.par_chunks_mut(3 * width * ROWS)
-        .zip(pixels.words.par_chunks(width * ROWS))
         .enumerate()
-        .map(|(chunk, (out, words))| {
-            let mut sampler = Sampler::new(pixels);
-            let mut covered = 0;
-            for (i, (out, &word)) in out.chunks_exact_mut(3).zip(words).enumerate() {
-                let Some(hit) = decode(word) else {
-                    out.copy_from_slice(&lighting.background);
-                    continue;
-                };
-                covered += 1;
-                let point = [(i % width) as f32 + 0.5, (chunk * ROWS + i / width) as f32 + 0.5];
-                let (sample, _) = sampler.sample(hit, point);
-                let position = rays.position(point, pixels.screen.distance(hit.key));
-                let surface = &surfaces[pixels.visible[hit.visible as usize].instance as usize];
-                let color = surface.shade(&sample, position, lighting);
-                out.copy_from_slice(&color.map(|c| gamma.encode(c)));
+        .map(|(chunk, out)| {
+            let start = chunk * ROWS * width;
+            let range = start..start + out.len() / 3;
+            #[cfg(target_arch = "x86_64")]
+            if is_x86_feature_detected!("avx2") {
+                // SAFETY: the processor has AVX2.
+                return unsafe { shader.run_avx2(range, out) };
             }
-            covered
+            shader.run(range, out)
         })
         .sum()
 }
 
 /// From pixels and distances to camera space.
-pub struct Rays {
+struct Rays {
     center: [f32; 2],
     inverse_focal: [f32; 2],
     orthographic: bool,
 }
 
 impl Rays {
-    /// The rays of a view.
-    pub fn new(view: &View) -> Self {
+    fn new(view: &View) -> Self {
         Self {
             center: view.center.map(|c| c as f32),
             inverse_focal: view.focal.map(|f| (1.0 / f) as f32),
@@ -331,12 +249,11 @@ impl Rays {
         }
     }
 
-    /// The point of camera space at a point of the screen and a distance.
-    #[inline]
-    pub fn position(&self, point: [f32; 2], distance: f32) -> [f32; 3] {
-        let scale = if self.orthographic { 1.0 } else { distance };
+    #[inline(always)]
+    fn position(&self, point: &[Lanes; 2], distance: Lanes) -> Vec3x8 {
+        let scale = if self.orthographic { Lanes::splat(1.0) } else { distance };
         let x = (point[0] - self.center[0]) * self.inverse_focal[0] * scale;
-        let y = (self.center[1] - point[1]) * self.inverse_focal[1] * scale;
+        let y = -(point[1] - self.center[1]) * self.inverse_focal[1] * scale;
         [x, y, -distance]
     }
 }
@@ -365,8 +282,10 @@ mod tests {
         // One direction, worked out by hand in f64 from pyrender's shader.
         let material =
             Material { base_color: [0.7, 0.65, 0.6], metallic: 0.3, roughness: 0.5, ..Material::default() };
+        let normalize = |v: [f32; 3]| super::normalize(&v.map(Lanes::splat)).map(|c| c.0[0]);
         let (n, v, l) = ([0.0, 0.0, 1.0], normalize([0.3, 0.1, 1.0]), normalize([-0.5, 0.4, 0.8]));
-        let got = Surface::new(&material).reflect(n, v, l, [2.0; 3]);
+        let splat = |v: [f32; 3]| v.map(Lanes::splat);
+        let got = Surface::new(&material).reflect(&splat(n), &splat(v), &splat(l)).map(|c| 2.0 * c.0[0]);
         let d64 = |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| f64::from(a[k]) * f64::from(b[k])).sum::<f64>();
         let h = normalize([l[0] + v[0], l[1] + v[1], l[2] + v[2]]);
         let (nl, nv, nh, vh) = (d64(n, l), d64(n, v), d64(n, h), d64(v, h));
