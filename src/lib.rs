@@ -11,6 +11,7 @@ pub mod format;
 pub mod limits;
 pub mod lod;
 pub mod math;
+pub mod measure;
 pub mod mesh;
 pub mod model;
 #[cfg(feature = "python")]

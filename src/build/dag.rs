@@ -11,7 +11,7 @@ use super::clusterize::{self, ClusterMesh};
 use super::lock_borders::shared_positions;
 use super::partition::partition;
 use super::simplify::{Simplified, simplify};
-use super::store::{LocalMesh, VertexStore};
+use super::store::{LocalMesh, RoundPositions, VertexStore};
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
 use crate::limits::MAX_ROUNDS;
@@ -165,7 +165,8 @@ impl Growth {
             triangles: meshes.iter().map(|m| m.triangles.len() as u64).sum(),
             ..LevelReport::default()
         };
-        let groups = partition(store, &meshes, options.group_clusters);
+        let positions = RoundPositions::new(store, &meshes);
+        let groups = partition(store.layout, &meshes, &positions, options.group_clusters);
         if pending.len() == 1 || round + 1 == MAX_ROUNDS {
             level.groups = groups.len() as u32;
             for group in &groups {
@@ -175,12 +176,12 @@ impl Growth {
             report.levels.push(level);
             return Ok(Vec::new());
         }
-        let shared = shared_positions(store, &meshes, &groups);
+        let shared = shared_positions(&positions, &groups);
         let outcomes: Vec<_> = groups
             .par_iter()
             .map(|members| {
-                let local = LocalMesh::of_clusters(store, members.iter().map(|c| meshes[*c as usize]));
-                let outcome = simplify_group(store, &local, &shared, options);
+                let local = LocalMesh::of_clusters(store, &meshes, &positions, members, &shared);
+                let outcome = simplify_group(store, &local, options);
                 (meter.advance(local.indices.len() / 6), outcome)
             })
             .collect();
@@ -258,10 +259,6 @@ impl Growth {
             .ok_or_else(|| Error::TooLarge("more than 2^32 vertices over all levels".into()))?;
         store.positions.extend_from_slice(&split.new_positions);
         store.attributes.extend_from_slice(&split.new_attributes);
-        store.position_ids.extend(split.new_position_ids.iter().map(|id| match *id {
-            PositionId::Kept(id) => id,
-            PositionId::New(n) => first + n,
-        }));
         for mut mesh in split.clusters {
             for v in &mut mesh.vertices {
                 if let Some(new) = v.checked_sub(NEW_VERTEX) {
@@ -287,17 +284,11 @@ fn parent_error(below: f32, added: f32) -> f32 {
 /// Vertices of a split at and above this are new: their number is the rest.
 const NEW_VERTEX: u32 = 1 << 31;
 
-enum PositionId {
-    Kept(u32),
-    New(u32),
-}
-
 /// A simplified group, split into clusters, before its new vertices have identities.
 struct Split {
     clusters: Vec<ClusterMesh>,
     new_positions: Vec<[f32; 3]>,
     new_attributes: Vec<f32>,
-    new_position_ids: Vec<PositionId>,
     error: f32,
     step: super::simplify::Step,
 }
@@ -305,43 +296,26 @@ struct Split {
 fn simplify_group(
     store: &VertexStore,
     local: &LocalMesh,
-    shared: &[bool],
     options: &BuildOptions,
 ) -> std::result::Result<Split, StuckReason> {
-    let locked: Vec<bool> =
-        local.ids.iter().map(|v| shared[store.position_ids[*v as usize] as usize]).collect();
-    let Simplified { mut mesh, error, step } = simplify(local, &locked, store.layout, options)?;
+    let Simplified { mut mesh, error, step } = simplify(local, store.layout, options)?;
     let stride = store.stride;
     let mut new_positions = Vec::new();
     let mut new_attributes = Vec::new();
-    let mut new_position_ids = Vec::new();
-    // The number of the first new vertex that a position (by its local representative) moved to.
-    let mut moved_to = vec![u32::MAX; local.ids.len()];
     let mut used = vec![false; local.ids.len()];
     mesh.indices.iter().for_each(|v| used[*v as usize] = true);
     for v in (0..local.ids.len()).filter(|v| used[*v]) {
-        let same_position = mesh.positions[v] == local.positions[v];
         let row = v * stride..(v + 1) * stride;
-        if same_position && mesh.attributes[row.clone()] == local.attributes[row.clone()] {
-            continue;
+        if mesh.positions[v] != local.positions[v]
+            || mesh.attributes[row.clone()] != local.attributes[row.clone()]
+        {
+            mesh.ids[v] = NEW_VERTEX + new_positions.len() as u32;
+            new_positions.push(mesh.positions[v]);
+            new_attributes.extend_from_slice(&mesh.attributes[row]);
         }
-        let number = new_positions.len() as u32;
-        new_positions.push(mesh.positions[v]);
-        new_attributes.extend_from_slice(&mesh.attributes[row]);
-        let first = &mut moved_to[local.position_ids[v] as usize];
-        new_position_ids.push(if same_position {
-            PositionId::Kept(store.position_ids[local.ids[v] as usize])
-        } else {
-            if *first == u32::MAX {
-                *first = number;
-            }
-            PositionId::New(*first)
-        });
-        mesh.ids[v] = NEW_VERTEX + number;
     }
-    let compact = compact(&mesh, &used);
-    let clusters = clusterize::clusterize_local(&compact, options);
-    Ok(Split { clusters, new_positions, new_attributes, new_position_ids, error, step })
+    let clusters = clusterize::clusterize_local(&compact(&mesh, &used), options);
+    Ok(Split { clusters, new_positions, new_attributes, error, step })
 }
 
 /// The part of a mesh that its triangles use: the clusterizer works in proportion to the vertices given.

@@ -2,20 +2,19 @@
 
 use rustc_hash::FxHashMap;
 
-use super::clusterize::ClusterMesh;
-use super::store::VertexStore;
+use super::store::RoundPositions;
 
-/// For each position id, whether clusters of two groups touch it.
-pub fn shared_positions(store: &VertexStore, clusters: &[&ClusterMesh], groups: &[Vec<u32>]) -> Vec<bool> {
-    let mut owner = vec![u32::MAX; store.len()];
-    let mut shared = vec![false; store.len()];
+/// For each position of a round, whether clusters of two groups touch it.
+pub fn shared_positions(round: &RoundPositions, groups: &[Vec<u32>]) -> Vec<bool> {
+    let mut owner = vec![u32::MAX; round.positions.len()];
+    let mut shared = vec![false; round.positions.len()];
     for (group, members) in groups.iter().enumerate() {
-        for v in members.iter().flat_map(|c| &clusters[*c as usize].vertices) {
-            let id = store.position_ids[*v as usize] as usize;
-            if owner[id] == u32::MAX {
-                owner[id] = group as u32;
-            } else if owner[id] != group as u32 {
-                shared[id] = true;
+        for position in members.iter().flat_map(|c| round.of(*c as usize)) {
+            let owner = &mut owner[*position as usize];
+            if *owner == u32::MAX {
+                *owner = group as u32;
+            } else if *owner != group as u32 {
+                shared[*position as usize] = true;
             }
         }
     }

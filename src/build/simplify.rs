@@ -13,6 +13,8 @@ use super::lock_borders::{border_kept, locked_edges_kept};
 use super::store::LocalMesh;
 use crate::config::BuildOptions;
 use crate::math::Aabb;
+use crate::measure::deviation;
+use crate::measure::deviation::Surface;
 use crate::model::{AttributeLayout, StuckReason};
 
 /// Part of the triangles to keep.
@@ -22,11 +24,16 @@ const ACCEPT_RATIO: f32 = 0.85;
 /// The sloppy simplifier measures vertex moves within cells; the surface may deviate more.
 const SLOPPY_ERROR_FACTOR: f32 = 2.0;
 
+/// Repeats of the first step, each with more vertices locked, before a change of topology is accepted.
+const TOPOLOGY_RETRIES: usize = 3;
+
 /// A step of the chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// Attribute-aware, seams protected, topology preserved.
+    /// Attribute-aware, seams protected, topology kept.
     Attributes,
+    /// The same, but the topology changed: a handle or a small part collapsed.
+    Topology,
     /// Collapses across seams, loose parts pruned.
     Permissive,
     /// Vertex clustering.
@@ -42,45 +49,129 @@ impl Step {
 pub struct Simplified {
     /// The simplified mesh; `ids` still name the vertices it came from.
     pub mesh: LocalMesh,
-    /// Distance against the group's own input, internal units, as the simplifier estimates it.
+    /// Distance against the group's own input, internal units: the simplifier's estimate, or the largest
+    /// distance found at a vertex of either surface, if that is larger.
     pub error: f32,
     /// The step that made it.
     pub step: Step,
 }
 
-/// Simplifies a group, `locked` by local vertex.
+/// Simplifies a group.
 pub fn simplify(
     mesh: &LocalMesh,
-    locked: &[bool],
     layout: AttributeLayout,
     options: &BuildOptions,
 ) -> Result<Simplified, StuckReason> {
-    let triangles = mesh.indices.len() / 3;
     let mut reason = StuckReason::TooFewCollapses;
     let before = by_position(mesh, &mesh.indices);
     for step in Step::CHAIN {
+        match attempt(mesh, &before, layout, options, step) {
+            Ok(result) => return Ok(result),
+            Err(StuckReason::TooFewCollapses) => {}
+            Err(other) => reason = other,
+        }
+    }
+    Err(reason)
+}
+
+/// One step of the chain, checked and measured.
+fn attempt(
+    mesh: &LocalMesh,
+    before: &[[u32; 3]],
+    layout: AttributeLayout,
+    options: &BuildOptions,
+    step: Step,
+) -> Result<Simplified, StuckReason> {
+    let most = (mesh.indices.len() / 3) as f32 * ACCEPT_RATIO;
+    let checked = |locked: &[bool]| {
         let (result, error) = run(mesh, locked, layout, options, step);
         let left = result.indices.len() / 3;
         if left == 0 {
-            reason = StuckReason::Vanished;
-            continue;
+            return Err(StuckReason::Vanished);
         }
-        if left as f32 > triangles as f32 * ACCEPT_RATIO {
-            continue;
+        if left as f32 > most {
+            return Err(StuckReason::TooFewCollapses);
         }
         let after = by_position(mesh, &result.indices);
-        let is_locked = |v: u32| locked[v as usize];
+        let is_locked = |v: u32| mesh.locked[v as usize];
         let kept = match step {
-            Step::Sloppy => border_kept(before.iter().copied(), after.into_iter(), is_locked),
-            _ => locked_edges_kept(&before, &after, is_locked),
+            Step::Sloppy => border_kept(before.iter().copied(), after.iter().copied(), is_locked),
+            _ => locked_edges_kept(before, &after, is_locked),
         };
-        if !kept {
-            reason = StuckReason::BorderChanged;
-            continue;
+        if kept { Ok((result, error, after)) } else { Err(StuckReason::BorderChanged) }
+    };
+    let (mut result, mut error, after) = checked(&mesh.locked)?;
+    let mut done = step;
+    if step == Step::Attributes {
+        let source = Topology::of(before);
+        let mut topology = Topology::of(&after);
+        let mut locked = mesh.locked.clone();
+        // Collapses have no link condition: where sheets were pinched together, hold what they met at and repeat.
+        for _ in 0..TOPOLOGY_RETRIES {
+            if topology.same_as(&source) || topology.crowded.len() <= source.crowded.len() {
+                break;
+            }
+            for v in topology.crowded.iter().flat_map(|e| [e.0, e.1]) {
+                let at = |w: &usize| mesh.position_ids[*w] == v;
+                (0..locked.len()).filter(at).for_each(|w| locked[w] = true);
+            }
+            let Ok(again) = checked(&locked) else { break };
+            topology = Topology::of(&again.2);
+            (result, error) = (again.0, again.1);
         }
-        return Ok(Simplified { mesh: result, error, step });
+        if !topology.same_as(&source) {
+            done = Step::Topology;
+        }
     }
-    Err(reason)
+    let error = measured(mesh, &result, error);
+    Ok(Simplified { mesh: result, error, step: done })
+}
+
+/// The estimate, or the largest distance found at a vertex of either surface to the other one.
+fn measured(before: &LocalMesh, after: &LocalMesh, estimate: f32) -> f32 {
+    let first = |v: &usize| before.position_ids[*v] as usize == *v && !before.locked[*v];
+    let gone = (0..before.ids.len()).filter(first).map(|v| before.positions[v]);
+    let surface = Surface { positions: &after.positions, indices: &after.indices };
+    let error = deviation(surface, gone, estimate);
+    let moved = (0..before.ids.len()).filter(|v| after.positions[*v] != before.positions[*v]);
+    let surface = Surface { positions: &before.positions, indices: &before.indices };
+    deviation(surface, moved.map(|v| after.positions[v]), error)
+}
+
+/// What collapses may change without being asked to.
+#[derive(Debug, PartialEq, Eq)]
+struct Topology {
+    /// Vertices − edges + faces, by position.
+    euler: i64,
+    /// Edges with more than two faces.
+    crowded: Vec<(u32, u32)>,
+}
+
+impl Topology {
+    fn of(faces: &[[u32; 3]]) -> Self {
+        let mut edges: Vec<(u32, u32)> = Vec::with_capacity(3 * faces.len());
+        for [a, b, c] in faces {
+            edges.extend([(a, b), (b, c), (c, a)].map(|(a, b)| (*a.min(b), *a.max(b))));
+        }
+        edges.sort_unstable();
+        let mut count = 0;
+        let mut crowded = Vec::new();
+        for run in edges.chunk_by(|a, b| a == b) {
+            count += 1;
+            if run.len() > 2 {
+                crowded.push(run[0]);
+            }
+        }
+        let last = faces.iter().flatten().max().map_or(0, |v| *v as usize + 1);
+        let mut seen = vec![false; last];
+        faces.iter().flatten().for_each(|v| seen[*v as usize] = true);
+        let vertices = seen.iter().filter(|s| **s).count() as i64;
+        Self { euler: vertices - count + faces.len() as i64, crowded }
+    }
+
+    fn same_as(&self, source: &Self) -> bool {
+        self.euler == source.euler && self.crowded.len() <= source.crowded.len()
+    }
 }
 
 /// Triangles by the representatives of their corners' positions.
@@ -131,13 +222,7 @@ fn run(
 ) -> (LocalMesh, f32) {
     let target = (mesh.indices.len() as f32 / 3.0 * TARGET_RATIO) as usize * 3;
     let mut error = 0.0;
-    let mut out = LocalMesh {
-        ids: mesh.ids.clone(),
-        positions: mesh.positions.clone(),
-        attributes: mesh.attributes.clone(),
-        position_ids: mesh.position_ids.clone(),
-        indices: Vec::new(),
-    };
+    let mut out = mesh.clone();
     if step == Step::Sloppy {
         let bytes: &[u8] = bytemuck::cast_slice(&mesh.positions);
         // The adapter fails on a misfit of bytes and stride only, which a slice of [f32; 3] cannot have.
@@ -153,9 +238,8 @@ fn run(
     if step == Step::Permissive {
         flags |= SimplifyOptions::Permissive | SimplifyOptions::Prune;
     }
-    let mut indices = mesh.indices.clone();
     let kept = simplify_with_update(
-        &mut indices,
+        &mut out.indices,
         &mut out.positions,
         &mut out.attributes,
         &weights,
@@ -166,8 +250,7 @@ fn run(
         flags,
         Some(&mut error),
     );
-    indices.truncate(kept);
-    out.indices = indices;
+    out.indices.truncate(kept);
     normalize(&mut out.attributes, weights.len());
     (out, error)
 }

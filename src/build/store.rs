@@ -3,7 +3,7 @@
 
 use super::clusterize::ClusterMesh;
 use crate::limits::CLUSTER_MAX_VERTICES;
-use crate::mesh::{WeldedMesh, attributes};
+use crate::mesh::{WeldedMesh, attributes, hash};
 use crate::model::AttributeLayout;
 
 /// Positions and attributes of every identity.
@@ -13,8 +13,6 @@ pub struct VertexStore {
     pub positions: Vec<[f32; 3]>,
     /// Rows of `stride` floats.
     pub attributes: Vec<f32>,
-    /// The smallest identity at the same position *and of the same origin*: what adjacency and locks go by.
-    pub position_ids: Vec<u32>,
     /// Floats per attribute row.
     pub stride: usize,
     /// What the rows hold.
@@ -27,7 +25,6 @@ impl VertexStore {
         Self {
             positions: std::mem::take(&mut mesh.positions),
             attributes: std::mem::take(&mut mesh.attributes),
-            position_ids: std::mem::take(&mut mesh.position_ids),
             stride: attributes::stride(mesh.layout),
             layout: mesh.layout,
         }
@@ -44,8 +41,54 @@ impl VertexStore {
     }
 }
 
+/// The distinct positions of a round's clusters: adjacency, borders and locks go by position, never by identity
+/// (seams have several identities at one position) and never by distance.
+#[derive(Debug)]
+pub struct RoundPositions {
+    /// Each distinct position once.
+    pub positions: Vec<[f32; 3]>,
+    /// The number of each cluster vertex's position, cluster after cluster.
+    numbers: Vec<u32>,
+    /// Where each cluster starts in `numbers`; one more entry than clusters.
+    starts: Vec<u32>,
+}
+
+impl RoundPositions {
+    /// Numbers the positions of clusters.
+    pub fn new(store: &VertexStore, clusters: &[&ClusterMesh]) -> Self {
+        let mut starts = vec![0];
+        let mut bits = Vec::with_capacity(clusters.iter().map(|c| c.vertices.len()).sum());
+        for cluster in clusters {
+            bits.extend(cluster.vertices.iter().map(|v| store.positions[*v as usize]));
+            starts.push(bits.len() as u32);
+        }
+        let first = hash::first_equal(bytemuck::cast_slice(&bits), 3);
+        let mut numbers = first;
+        let mut positions = Vec::new();
+        for i in 0..numbers.len() {
+            numbers[i] = if numbers[i] as usize == i {
+                positions.push(bits[i]);
+                positions.len() as u32 - 1
+            } else {
+                numbers[numbers[i] as usize]
+            };
+        }
+        Self { positions, numbers, starts }
+    }
+
+    /// The position numbers of a cluster's vertices.
+    pub fn of(&self, cluster: usize) -> &[u32] {
+        &self.numbers[self.starts[cluster] as usize..self.starts[cluster + 1] as usize]
+    }
+
+    /// The position numbers of all clusters, one after the other.
+    pub fn all(&self) -> &[u32] {
+        &self.numbers
+    }
+}
+
 /// A group's own copy of its vertices, numbered from 0, in order of first use.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct LocalMesh {
     /// Identity of each local vertex.
     pub ids: Vec<u32>,
@@ -53,8 +96,10 @@ pub struct LocalMesh {
     pub positions: Vec<[f32; 3]>,
     /// Attribute rows.
     pub attributes: Vec<f32>,
-    /// The first local vertex with the same position id.
+    /// The first local vertex at the same position.
     pub position_ids: Vec<u32>,
+    /// Vertices that must stay as they are.
+    pub locked: Vec<bool>,
     /// Three local vertices per triangle.
     pub indices: Vec<u32>,
 }
@@ -95,71 +140,59 @@ impl Numbering {
 }
 
 impl LocalMesh {
-    /// Gathers whole clusters.
-    pub fn of_clusters<'a>(
+    /// Gathers whole clusters of a round; `shared` tells which positions are locked.
+    pub fn of_clusters(
         store: &VertexStore,
-        clusters: impl Iterator<Item = &'a ClusterMesh> + Clone,
+        clusters: &[&ClusterMesh],
+        round: &RoundPositions,
+        members: &[u32],
+        shared: &[bool],
     ) -> Self {
-        let mut gathering = Gathering::new(clusters.clone().map(|c| c.vertices.len()).sum());
-        for cluster in clusters {
-            let mut numbers = [0; CLUSTER_MAX_VERTICES];
-            for (number, v) in numbers.iter_mut().zip(&cluster.vertices) {
-                *number = gathering.number(*v);
-            }
-            gathering
-                .local
-                .indices
-                .extend(cluster.triangles.iter().flatten().map(|c| numbers[usize::from(*c)]));
-        }
-        gathering.finish(store)
-    }
-
-    /// Gathers triangles over identities.
-    pub fn of_faces(store: &VertexStore, faces: impl ExactSizeIterator<Item = [u32; 3]>) -> Self {
-        let mut gathering = Gathering::new(3 * faces.len());
-        for face in faces {
-            let face = face.map(|v| gathering.number(v));
-            gathering.local.indices.extend(face);
-        }
-        gathering.finish(store)
-    }
-}
-
-/// A [`LocalMesh`] in the making.
-struct Gathering {
-    local: LocalMesh,
-    numbering: Numbering,
-}
-
-impl Gathering {
-    fn new(corners: usize) -> Self {
         let mut numbering = Numbering::default();
-        numbering.reset(corners);
-        Self { local: LocalMesh::default(), numbering }
-    }
-
-    fn number(&mut self, v: u32) -> u32 {
-        let (number, new) = self.numbering.number(v);
-        if new {
-            self.local.ids.push(v);
+        numbering.reset(members.iter().map(|c| clusters[*c as usize].vertices.len()).sum());
+        let mut local = Self::default();
+        let mut at_position = Numbering::default();
+        at_position.reset(members.iter().map(|c| clusters[*c as usize].vertices.len()).sum());
+        let mut first = Vec::new();
+        for c in members {
+            let cluster = clusters[*c as usize];
+            let mut numbers = [0; CLUSTER_MAX_VERTICES];
+            for ((number, v), position) in
+                numbers.iter_mut().zip(&cluster.vertices).zip(round.of(*c as usize))
+            {
+                let (n, new) = numbering.number(*v);
+                *number = n;
+                if new {
+                    local.ids.push(*v);
+                    let (p, new) = at_position.number(*position);
+                    if new {
+                        first.push(n);
+                    }
+                    local.position_ids.push(first[p as usize]);
+                    local.locked.push(shared[*position as usize]);
+                }
+            }
+            local.indices.extend(cluster.triangles.iter().flatten().map(|c| numbers[usize::from(*c)]));
         }
-        number
-    }
-
-    fn finish(self, store: &VertexStore) -> LocalMesh {
-        let Self { mut local, mut numbering } = self;
         local.positions = local.ids.iter().map(|v| store.positions[*v as usize]).collect();
         local.attributes.reserve(local.ids.len() * store.stride);
         local.ids.iter().for_each(|v| local.attributes.extend_from_slice(store.row(*v)));
-        numbering.reset(local.ids.len());
-        let mut first = Vec::new();
-        for (i, v) in local.ids.iter().enumerate() {
-            let (number, new) = numbering.number(store.position_ids[*v as usize]);
+        local
+    }
+
+    /// Gathers the positions of triangles over identities; enough to clusterize.
+    pub fn of_faces(store: &VertexStore, faces: impl ExactSizeIterator<Item = [u32; 3]>) -> Self {
+        let mut numbering = Numbering::default();
+        numbering.reset(3 * faces.len());
+        let mut local = Self::default();
+        for v in faces.flatten() {
+            let (number, new) = numbering.number(v);
             if new {
-                first.push(i as u32);
+                local.ids.push(v);
             }
-            local.position_ids.push(first[number as usize]);
+            local.indices.push(number);
         }
+        local.positions = local.ids.iter().map(|v| store.positions[*v as usize]).collect();
         local
     }
 }

@@ -38,8 +38,9 @@ pub struct LevelReport {
     pub groups: u32,
     /// Groups whose clusters went on to the next round unchanged.
     pub retried: u32,
-    /// Groups simplified by each step of the chain: attributes, permissive, sloppy.
-    pub steps: [u32; 3],
+    /// Groups simplified by each step of the chain: attributes, the same with a change of topology, permissive,
+    /// sloppy.
+    pub steps: [u32; 4],
     /// Largest error made, object units.
     pub max_error: f64,
 }

@@ -1,0 +1,79 @@
+//! A bounding-box tree over triangles in the order given.
+//!
+//! No sorting: clusters come in spatial order and so do their triangles, so a balanced binary tree over
+//! consecutive triangles is nearly as good as a sorted one and costs a single pass.
+
+use super::triangle::squared_distance;
+use crate::math::Aabb;
+
+/// Triangles of a leaf.
+const LEAF: usize = 4;
+
+/// A tree over triangles.
+#[derive(Clone, Debug)]
+pub struct TriangleTree {
+    triangles: Vec<[[f32; 3]; 3]>,
+    /// Heap layout: children of `i` are `2i + 1` and `2i + 2`; the last `leaves` boxes are the leaves.
+    boxes: Vec<Aabb>,
+    leaves: usize,
+}
+
+fn squared_to_box(p: [f32; 3], b: &Aabb) -> f32 {
+    (0..3).map(|k| (b.min[k] - p[k]).max(p[k] - b.max[k]).max(0.0)).map(|d| d * d).sum()
+}
+
+impl TriangleTree {
+    /// A tree over the triangles of an index buffer.
+    pub fn new(positions: &[[f32; 3]], indices: &[u32]) -> Self {
+        let triangles: Vec<_> =
+            indices.chunks_exact(3).map(|t| [0, 1, 2].map(|k| positions[t[k] as usize])).collect();
+        let leaves = triangles.len().div_ceil(LEAF).next_power_of_two();
+        let mut boxes = vec![Aabb::EMPTY; 2 * leaves - 1];
+        for (leaf, group) in triangles.chunks(LEAF).enumerate() {
+            boxes[leaves - 1 + leaf] = Aabb::of_points(group.as_flattened());
+        }
+        for i in (0..leaves - 1).rev() {
+            boxes[i] = boxes[2 * i + 1].union(&boxes[2 * i + 2]);
+        }
+        Self { triangles, boxes, leaves }
+    }
+
+    /// Square of the distance to the surface, or anything up to `enough` as soon as the distance is known to be
+    /// at most that: callers look for a maximum. +∞ without triangles.
+    pub fn squared_distance_beyond(&self, p: [f32; 3], enough: f32) -> f32 {
+        let mut best = f32::INFINITY;
+        let mut stack = [(0u32, 0.0f32); 64];
+        let mut top = 1;
+        stack[0] = (0, squared_to_box(p, &self.boxes[0]));
+        while top > 0 {
+            top -= 1;
+            let (node, distance) = stack[top];
+            if distance >= best {
+                continue;
+            }
+            let node = node as usize;
+            if node + 1 >= self.leaves {
+                let first = (node + 1 - self.leaves) * LEAF;
+                let end = (first + LEAF).min(self.triangles.len());
+                for t in &self.triangles[first.min(end)..end] {
+                    best = best.min(squared_distance(p, *t));
+                }
+                if best <= enough {
+                    return best;
+                }
+                continue;
+            }
+            let children =
+                [2 * node + 1, 2 * node + 2].map(|c| (c as u32, squared_to_box(p, &self.boxes[c])));
+            let (near, far) = if children[0].1 <= children[1].1 {
+                (children[0], children[1])
+            } else {
+                (children[1], children[0])
+            };
+            stack[top] = far;
+            stack[top + 1] = near;
+            top += 2;
+        }
+        best
+    }
+}
