@@ -40,7 +40,7 @@ def _row(size: int) -> dict[str, object]:
 
         def ours(step: int, pixel_error: float = 1.0):
             pose = orbit(step, distance)
-            scene.set_pose(light, pose)
+            light.pose = pose
             return renderer.render(scene, camera, pose, pixel_error=pixel_error)
 
         distance = 1.0
@@ -75,18 +75,14 @@ def _row(size: int) -> dict[str, object]:
 
 def one_light():
     """A scene with the light that pyrender's side has too."""
-    scene = nrs.Scene(ambient=(0.1, 0.1, 0.1))
+    scene = nrs.Scene(ambient_light=(0.1, 0.1, 0.1), bg_color=(0.0, 0.0, 0.0))
     light = scene.add(nrs.DirectionalLight(intensity=3.0), pose=np.eye(4))
     return scene, light
 
 
-def stats(frame) -> dict[str, object]:
-    """What the frame says about itself, JSON-ready."""
-    return {
-        key: value
-        for key, value in dict(frame.stats).items()
-        if isinstance(value, int | float | str | dict | list)
-    }
+def stats(frame: nrs.Frame) -> dict[str, float]:
+    """What the frame says about itself."""
+    return frame.stats.as_dict()
 
 
 def distance_for(coverage: float, covered, low: float, high: float) -> float:

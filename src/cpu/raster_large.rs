@@ -107,6 +107,17 @@ fn setup(
         let [x, y, _] = project(screen, p);
         [snap(x), snap(y)]
     };
+    // Through the snapped corners where all of them are on the screen: at a covered pixel it is then a mean of
+    // their depths, also on a surface seen edge-on.
+    let plane_corners = if corners.iter().all(safe) {
+        corners.map(|p| {
+            let scale = if screen.orthographic { 1.0 } else { p[2] } / UNIT as f32;
+            let [x, y] = snapped(p);
+            [x as f32 * scale, y as f32 * scale, p[2]]
+        })
+    } else {
+        corners
+    };
     let mut plane = None;
     let mut piece = |points: [[i32; 2]; 3]| {
         let [[x0, y0], [x1, y1], [x2, y2]] = points.map(|p| p.map(i64::from));
@@ -124,7 +135,7 @@ fn setup(
         if columns.0 > columns.1 || rows.0 > rows.1 {
             return;
         }
-        let plane = *plane.get_or_insert_with(|| Plane::new(&corners, screen));
+        let plane = *plane.get_or_insert_with(|| Plane::new(&plane_corners, screen));
         let area = i64::from(columns.1 - columns.0 + 1) * i64::from(rows.1 - rows.0 + 1);
         emit(Setup { corners: points, plane, low, rows }, area);
     };

@@ -1,8 +1,8 @@
 //! Stage 4. Clusters of small triangles → visibility buffer. One task per handful of clusters; a cluster's
 //! vertices are transformed once, then each triangle tests the pixels of its box in 32-bit arithmetic.
 //!
-//! Depth comes from the plane through the unsnapped corners, held to their range: snapping decides coverage
-//! alone, and a sliver's plane cannot run away.
+//! Depth comes from the plane through the snapped corners, held to their range: at every covered pixel it is a
+//! mean of the corners' depths, so even on a surface seen edge-on a pixel lies beside the point it shows.
 
 use rayon::prelude::*;
 
@@ -66,8 +66,9 @@ pub fn run<S: Sink>(
 fn transform(geometry: &ClusterGeometry<'_>, view: &InstanceView, screen: &Screen, out: &mut Vertices) {
     for (i, &p) in geometry.positions.iter().enumerate() {
         let [x, y, value] = project(screen, view.homogeneous(p));
-        (out.x[i], out.y[i], out.value[i]) = (x, y, value);
-        out.snapped[i] = [snap(x), snap(y)];
+        let [x, y] = [snap(x), snap(y)];
+        out.snapped[i] = [x, y];
+        (out.x[i], out.y[i], out.value[i]) = (x as f32 / UNIT as f32, y as f32 / UNIT as f32, value);
     }
 }
 

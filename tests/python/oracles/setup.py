@@ -67,7 +67,7 @@ class Setup:
 
     def scene(self) -> nrs.Scene:
         """The scene for nanite_rs."""
-        scene = nrs.Scene(ambient=self.ambient)
+        scene = nrs.Scene(ambient_light=self.ambient, bg_color=(0.0, 0.0, 0.0))
         material = nrs.Material(
             base_color=self.material.base,
             metallic=self.material.metallic,
