@@ -46,17 +46,21 @@ $(VENV)/.stamp-venv: | tools
 	@touch $@
 
 $(VENV)/.stamp-build-requirements: requirements/build.txt $(VENV)/.stamp-venv
-	$(PIP) -r requirements/build.txt
+	@echo "installing what the build needs into $(VENV)"
+	@$(PIP) -r requirements/build.txt
 	@touch $@
 
 $(VENV)/.stamp-test-requirements: requirements/test.txt requirements/pyrender.txt $(VENV)/.stamp-build-requirements
-	$(PIP) -r requirements/test.txt
-	$(PIP) --no-deps -r requirements/pyrender.txt
+	@echo "installing what the tests need into $(VENV)"
+	@$(PIP) -r requirements/test.txt
+	@$(PIP) --no-deps -r requirements/pyrender.txt
 	@touch $@
 
 # The compiled module lands in python/nanite_rs/, which .venv then imports in place.
 $(VENV)/.stamp-module: $(RUST_SOURCES) $(VENV)/.stamp-build-requirements
-	VIRTUAL_ENV=$(abspath $(VENV)) PATH=$(abspath $(BIN)):$$PATH $(BIN)/maturin develop --release --locked --quiet
+	@echo "building the compiled module (some minutes the first time)"
+	@VIRTUAL_ENV=$(abspath $(VENV)) PATH="$(abspath $(BIN)):$$PATH" PIP_QUIET=1 \
+		$(BIN)/maturin develop --release --locked --quiet
 	@touch $@
 
 # libOSMesa for pyrender, the oracle of the image tests. The tests say so when it is missing.
@@ -68,7 +72,7 @@ build: $(VENV)/.stamp-module
 # -------------------------------------------------------------------------------------------- for users
 
 demo: build
-	$(BIN)/python -m nanite_rs demo --output $(DEMO_OUTPUT) $(if $(MESH),"$(MESH)")
+	@$(BIN)/python -m nanite_rs demo --output $(DEMO_OUTPUT) $(if $(MESH),"$(MESH)")
 
 # ------------------------------------------------------------------------------------------------ tests
 
@@ -77,7 +81,7 @@ test: test-rust test-python
 
 test-rust: | tools
 	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/rust-*
-	@NANITE_SKIPS=$(abspath $(REPORTS))/rust-skips.txt cargo test --locked $(CARGO_TEST_ARGS) 2>&1 | tee $(REPORTS)/rust-log.txt
+	@NANITE_SKIPS=$(abspath $(REPORTS))/rust-skips.txt cargo test --locked --no-fail-fast $(CARGO_TEST_ARGS) 2>&1 | tee $(REPORTS)/rust-log.txt
 
 test-python: build $(VENV)/.stamp-test-requirements system
 	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/python-*

@@ -1,7 +1,7 @@
 //! Unit vectors in 32 bits: octahedral map, 16 signed bits per axis.
 //!
 //! Cigolle et al., "A Survey of Efficient Representations for Independent Unit Vectors", JCGT 3(2), 2014.
-//! The largest angular error is below 6e-5 rad.
+//! The largest angular error is √6 half steps over the shortest vector of the map, 6.5e-5 rad.
 
 const SCALE: f32 = 32767.0;
 
@@ -44,7 +44,7 @@ mod tests {
             let w = decode(encode(v));
             let cross = [v[1] * w[2] - v[2] * w[1], v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0]];
             let angle = (cross[0].powi(2) + cross[1].powi(2) + cross[2].powi(2)).sqrt();
-            assert!(angle < 6.0e-5, "{v:?} -> {w:?}: {angle}");
+            assert!(angle < 6.6e-5, "{v:?} -> {w:?}: {angle}");
         }
         assert_eq!(decode(encode([0.0; 3])), [0.0, 0.0, 1.0]);
     }
