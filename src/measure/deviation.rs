@@ -17,7 +17,9 @@ pub struct Surface<'a> {
 /// distance so far is found.
 pub fn deviation(surface: Surface<'_>, probes: impl Iterator<Item = [f32; 3]>, estimate: f32) -> f32 {
     let tree = TriangleTree::new(surface.positions, surface.indices);
-    let largest = probes.fold(estimate * estimate, |most, p| most.max(tree.squared_distance_beyond(p, most)));
+    let mut leaf = 0;
+    let largest = probes
+        .fold(estimate * estimate, |most, p| most.max(tree.squared_distance_beyond(p, most, &mut leaf)));
     largest.sqrt()
 }
 

@@ -7,7 +7,7 @@ use super::triangle::squared_distance;
 use crate::math::Aabb;
 
 /// Triangles of a leaf.
-const LEAF: usize = 4;
+const LEAF: usize = 2;
 
 /// A tree over triangles.
 #[derive(Clone, Debug)]
@@ -39,9 +39,13 @@ impl TriangleTree {
     }
 
     /// Square of the distance to the surface, or anything up to `enough` as soon as the distance is known to be
-    /// at most that: callers look for a maximum. +∞ without triangles.
-    pub fn squared_distance_beyond(&self, p: [f32; 3], enough: f32) -> f32 {
-        let mut best = f32::INFINITY;
+    /// at most that: callers look for a maximum. +∞ without triangles. `leaf` is where to look first, and comes
+    /// back as where the nearest triangle was: for the next point nearby.
+    pub fn squared_distance_beyond(&self, p: [f32; 3], enough: f32, leaf: &mut usize) -> f32 {
+        let mut best = self.squared_to_leaf(p, *leaf);
+        if best <= enough {
+            return best;
+        }
         let mut stack = [(0u32, 0.0f32); 64];
         let mut top = 1;
         stack[0] = (0, squared_to_box(p, &self.boxes[0]));
@@ -53,27 +57,28 @@ impl TriangleTree {
             }
             let node = node as usize;
             if node + 1 >= self.leaves {
-                let first = (node + 1 - self.leaves) * LEAF;
-                let end = (first + LEAF).min(self.triangles.len());
-                for t in &self.triangles[first.min(end)..end] {
-                    best = best.min(squared_distance(p, *t));
-                }
-                if best <= enough {
-                    return best;
+                let distance = self.squared_to_leaf(p, node + 1 - self.leaves);
+                if distance < best {
+                    best = distance;
+                    *leaf = node + 1 - self.leaves;
+                    if best <= enough {
+                        return best;
+                    }
                 }
                 continue;
             }
-            let children =
-                [2 * node + 1, 2 * node + 2].map(|c| (c as u32, squared_to_box(p, &self.boxes[c])));
-            let (near, far) = if children[0].1 <= children[1].1 {
-                (children[0], children[1])
-            } else {
-                (children[1], children[0])
-            };
+            let [a, b] = [2 * node + 1, 2 * node + 2].map(|c| (c as u32, squared_to_box(p, &self.boxes[c])));
+            let (near, far) = if a.1 <= b.1 { (a, b) } else { (b, a) };
             stack[top] = far;
             stack[top + 1] = near;
             top += 2;
         }
         best
+    }
+
+    fn squared_to_leaf(&self, p: [f32; 3], leaf: usize) -> f32 {
+        let end = (leaf * LEAF + LEAF).min(self.triangles.len());
+        let triangles = &self.triangles[(leaf * LEAF).min(end)..end];
+        triangles.iter().fold(f32::INFINITY, |best, t| best.min(squared_distance(p, *t)))
     }
 }
