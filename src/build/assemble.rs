@@ -60,7 +60,7 @@ pub fn assemble(graph: Graph, mut report: BuildReport) -> Dag {
         pages,
         groups,
         nodes,
-        vertex_count: store.len() as u32,
+        vertex_count: store.count() as u32,
         source_faces: graph.source.0.len() as u64,
         source_vertices: graph.source_vertices as u64,
         face_ids,

@@ -92,7 +92,7 @@ fn cluster(dag: &Dag, at: ClusterAddress) -> Result<()> {
             return fail("error and sphere differ from those of the group that made it");
         }
     }
-    bounds(record, geometry.positions).or_else(|what| fail(what))
+    bounds(record, geometry.positions).or_else(fail)
 }
 
 /// The stored box, sphere and longest edge hold the vertices.

@@ -104,7 +104,7 @@ pub fn grow(
         return Err(Error::Cancelled);
     }
     let mut store = VertexStore::new(&mut mesh);
-    let source_vertices = store.len();
+    let source_vertices = store.count();
     let clusters = source_clusters(&store, &mesh.faces, options);
     if !meter.advance(mesh.faces.len()) {
         return Err(Error::Cancelled);
@@ -253,7 +253,7 @@ impl Growth {
             .ok_or_else(|| Error::TooLarge("more than 255 levels of simplification".into()))?;
         let error = parent_error(below, split.error);
         let lod_sphere = self.sphere_of(&members);
-        let first = u32::try_from(store.len())
+        let first = u32::try_from(store.count())
             .ok()
             .filter(|n| n.checked_add(split.new_positions.len() as u32).is_some_and(|n| n < u32::MAX))
             .ok_or_else(|| Error::TooLarge("more than 2^32 vertices over all levels".into()))?;

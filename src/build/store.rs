@@ -31,7 +31,7 @@ impl VertexStore {
     }
 
     /// Number of identities.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.positions.len()
     }
 

@@ -51,7 +51,7 @@ struct Section<'a> {
 impl Section<'_> {
     fn records<T: AnyBitPattern>(&self, source: &Source<'_>, what: &str) -> Result<Vec<T>> {
         let size = size_of::<T>();
-        if self.data.len() % size != 0 {
+        if !self.data.len().is_multiple_of(size) {
             let message = format!("{what}: {} bytes are no multiple of {size}", self.data.len());
             return Err(source.fail(self.offset, message));
         }
