@@ -13,7 +13,7 @@ use crate::math::Sphere;
 use crate::model::rule::Threshold;
 
 /// Groups per task.
-const CHUNK: usize = 8;
+const GROUPS_PER_TASK: usize = 8;
 
 /// Longest edge, pixels, at which a triangle still is for the small rasterizer.
 pub const SMALL_EDGE: f32 = 16.0;
@@ -49,7 +49,7 @@ pub fn run(
     hzb: Option<&Hzb>,
 ) -> Culled {
     let parts: Vec<Culled> = groups
-        .par_chunks(CHUNK)
+        .par_chunks(GROUPS_PER_TASK)
         .map(|chunk| {
             let mut out = Culled::default();
             for &group in chunk {

@@ -7,7 +7,7 @@ use super::project::{InstanceView, Screen};
 use crate::scene::{Instance, View};
 
 /// Instances per task.
-const CHUNK: usize = 64;
+const INSTANCES_PER_TASK: usize = 64;
 
 /// Keeps the visible instances whose bounds meet the view, and derives their matrices. `instances` holds slot
 /// numbers and entries in scene order.
@@ -15,7 +15,7 @@ pub fn run(instances: &[(u32, &Instance)], view: &View, screen: &Screen) -> Vec<
     let planes = view.planes();
     let eye = view.eye();
     let chunks: Vec<Vec<InstanceView>> = instances
-        .par_chunks(CHUNK)
+        .par_chunks(INSTANCES_PER_TASK)
         .map(|chunk| {
             chunk
                 .iter()

@@ -8,7 +8,7 @@ use super::project::{InstanceView, Screen};
 use crate::model::rule::Threshold;
 
 /// Nodes per task.
-const CHUNK: usize = 32;
+const NODES_PER_TASK: usize = 32;
 
 /// A group whose clusters may be drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -48,7 +48,7 @@ pub fn run(numbers: &[u32], views: &[InstanceView], screen: &Screen, tau: f32, h
     let mut walk = Walk::default();
     while !frontier.is_empty() {
         let found: Vec<Found> = frontier
-            .par_chunks(CHUNK)
+            .par_chunks(NODES_PER_TASK)
             .map(|chunk| {
                 let mut out = Found::default();
                 for &visit in chunk {

@@ -15,7 +15,7 @@ use crate::model::Dag;
 use crate::scene::View;
 
 /// Rows per task.
-const ROWS: usize = 8;
+pub(super) const ROWS: usize = 8;
 
 /// What `cluster_ids` holds where nothing is covered.
 pub const NO_CLUSTER: u32 = u32::MAX;

@@ -21,7 +21,7 @@ const _: () = {
 };
 
 /// Clusters per task.
-const CHUNK: usize = 8;
+const CLUSTERS_PER_TASK: usize = 8;
 
 /// The vertices of a cluster on the screen.
 struct Vertices {
@@ -41,7 +41,7 @@ pub fn run<S: Sink>(
     sink: &S,
 ) -> u64 {
     numbers
-        .par_chunks(CHUNK)
+        .par_chunks(CLUSTERS_PER_TASK)
         .map(|chunk| {
             let mut vertices = Vertices {
                 x: [0.0; CLUSTER_MAX_VERTICES + 1],

@@ -9,11 +9,9 @@
 use rayon::prelude::*;
 
 use super::lanes::{LANES, Lanes, Vec3x8, dot, normalize};
+use super::output::ROWS;
 use super::surface::{Pixels, Surfels, for_each};
 use crate::scene::{LightKind, Material, Scene, View};
-
-/// Rows per task.
-const ROWS: usize = 8;
 
 /// A light in camera space.
 #[derive(Clone, Copy, Debug)]
