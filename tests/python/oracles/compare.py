@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 _SQUARE = np.ones((3, 3), bool)
@@ -84,6 +86,15 @@ def save_png(path: Path, image: np.ndarray) -> Path:
         image = image.astype(np.uint8) * 255
     Image.fromarray(np.clip(np.round(image), 0, 255).astype(np.uint8)).save(path)
     return path
+
+
+@contextlib.contextmanager
+def evidence(path: Path, a: np.ndarray, b: np.ndarray) -> Iterator[None]:
+    """When what is inside fails, both images and their difference are written to be looked at."""
+    try:
+        yield
+    except AssertionError as failure:
+        raise AssertionError(f"{failure}\nsee {save_difference(path, a, b)}") from failure
 
 
 def save_difference(path: Path, a: np.ndarray, b: np.ndarray, gain: float = 8.0) -> Path:
