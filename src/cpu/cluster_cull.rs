@@ -107,14 +107,13 @@ pub fn unhidden(candidates: &[Candidate], hzb: &Hzb) -> Vec<Candidate> {
 }
 
 /// Splits off what is drawn before the depth pyramid is built: the nearest footprints that together could
-/// cover the picture's occupied part about once. Returns the smallest key of that part, or `None` when the
-/// footprints hardly overlap, so that there is nothing to gain.
+/// cover the picture's occupied part about once. Returns the smallest key of that part, or `None` when all
+/// footprints together cover that part less than `worthwhile` times, so that there is little to gain.
 ///
 /// `footprints` in any order; only keys and rectangles count, so the answer depends on neither order nor
 /// threads.
-pub fn nearest_portion(footprints: &[Footprint], screen: &Screen) -> Option<u32> {
+pub fn nearest_portion(footprints: &[Footprint], screen: &Screen, worthwhile: f64) -> Option<u32> {
     const TILE: usize = 32;
-    const WORTHWHILE: f64 = 2.5;
     let columns = (screen.width as usize).div_ceil(TILE);
     let rows = (screen.height as usize).div_ceil(TILE);
     let mut occupied = vec![false; columns * rows];
@@ -127,7 +126,7 @@ pub fn nearest_portion(footprints: &[Footprint], screen: &Screen) -> Option<u32>
         total += f.area();
     }
     let covered = (occupied.iter().filter(|o| **o).count() * TILE * TILE) as f64;
-    if (total as f64) < WORTHWHILE * covered {
+    if (total as f64) < worthwhile * covered {
         return None;
     }
     let mut order: Vec<(u32, u64)> = footprints.iter().map(|f| (f.near_key, f.area())).collect();

@@ -6,6 +6,17 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 /// Number of lanes.
 pub const LANES: usize = 8;
 
+/// One expression per lane. A loop, not a closure: closures do not always inline where vectors are widest.
+macro_rules! lanes {
+    ($i:ident => $value:expr) => {{
+        let mut out = [0.0f32; LANES];
+        for $i in 0..LANES {
+            out[$i] = $value;
+        }
+        Lanes(out)
+    }};
+}
+
 /// Eight floats.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
@@ -18,57 +29,34 @@ impl Lanes {
         Self([v; LANES])
     }
 
-    #[inline(always)]
-    fn zip(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
-        let mut out = [0.0; LANES];
-        for i in 0..LANES {
-            out[i] = f(self.0[i], other.0[i]);
-        }
-        Self(out)
-    }
-
-    /// Applies a function to every lane.
-    #[inline(always)]
-    pub fn map(self, f: impl Fn(f32) -> f32) -> Self {
-        let mut out = [0.0; LANES];
-        for i in 0..LANES {
-            out[i] = f(self.0[i]);
-        }
-        Self(out)
-    }
-
     /// Square roots.
     #[inline(always)]
     pub fn sqrt(self) -> Self {
-        self.map(f32::sqrt)
+        lanes!(i => self.0[i].sqrt())
     }
 
     /// Absolute values.
     #[inline(always)]
     pub fn abs(self) -> Self {
-        self.map(f32::abs)
+        lanes!(i => self.0[i].abs())
     }
 
     /// The larger of each pair; the second where they do not compare.
     #[inline(always)]
     pub fn max(self, other: f32) -> Self {
-        self.map(|a| if a > other { a } else { other })
+        lanes!(i => if self.0[i] > other { self.0[i] } else { other })
     }
 
     /// The smaller of each pair; the second where they do not compare.
     #[inline(always)]
     pub fn min(self, other: f32) -> Self {
-        self.map(|a| if a < other { a } else { other })
+        lanes!(i => if self.0[i] < other { self.0[i] } else { other })
     }
 
     /// Lanes of `yes` where this is negative, of `no` elsewhere.
     #[inline(always)]
     pub fn where_negative(self, yes: Self, no: Self) -> Self {
-        let mut out = [0.0; LANES];
-        for i in 0..LANES {
-            out[i] = if self.0[i] < 0.0 { yes.0[i] } else { no.0[i] };
-        }
-        Self(out)
+        lanes!(i => if self.0[i] < 0.0 { yes.0[i] } else { no.0[i] })
     }
 }
 
@@ -78,14 +66,14 @@ macro_rules! operator {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                self.zip(other, |a, b| a $op b)
+                lanes!(i => self.0[i] $op other.0[i])
             }
         }
         impl $trait<f32> for Lanes {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: f32) -> Self {
-                self.map(|a| a $op other)
+                lanes!(i => self.0[i] $op other)
             }
         }
     };
@@ -99,7 +87,7 @@ impl Neg for Lanes {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        self.map(|a| -a)
+        lanes!(i => -self.0[i])
     }
 }
 
@@ -127,6 +115,28 @@ pub fn normalize(v: &Vec3x8) -> Vec3x8 {
     ]
 }
 
+/// The same vector in every lane.
+#[inline(always)]
+pub fn splat3(v: [f32; 3]) -> Vec3x8 {
+    [Lanes::splat(v[0]), Lanes::splat(v[1]), Lanes::splat(v[2])]
+}
+
+/// Weighted sums of three vectors.
+#[inline(always)]
+pub fn blend(weights: &Vec3x8, v: &[Vec3x8; 3]) -> Vec3x8 {
+    [
+        weights[0] * v[0][0] + weights[1] * v[1][0] + weights[2] * v[2][0],
+        weights[0] * v[0][1] + weights[1] * v[1][1] + weights[2] * v[2][1],
+        weights[0] * v[0][2] + weights[1] * v[1][2] + weights[2] * v[2][2],
+    ]
+}
+
+/// Differences.
+#[inline(always)]
+pub fn minus(a: &Vec3x8, b: &Vec3x8) -> Vec3x8 {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
 /// Cross products.
 #[inline(always)]
 pub fn cross(a: &Vec3x8, b: &Vec3x8) -> Vec3x8 {
@@ -136,6 +146,9 @@ pub fn cross(a: &Vec3x8, b: &Vec3x8) -> Vec3x8 {
 /// One matrix applied to eight vectors.
 #[inline(always)]
 pub fn apply(m: &[[f32; 3]; 3], v: &Vec3x8) -> Vec3x8 {
-    let row = |r: &[f32; 3]| v[0] * r[0] + v[1] * r[1] + v[2] * r[2];
-    [row(&m[0]), row(&m[1]), row(&m[2])]
+    [
+        v[0] * m[0][0] + v[1] * m[0][1] + v[2] * m[0][2],
+        v[0] * m[1][0] + v[1] * m[1][1] + v[2] * m[1][2],
+        v[0] * m[2][0] + v[1] * m[2][1] + v[2] * m[2][2],
+    ]
 }

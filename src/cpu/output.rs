@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::project::InstanceView;
-use super::surface::{Pixels, Surfels, for_each};
+use super::surface::{Pixels, Surfels, Walk};
 use super::visibility::{Counter, Hit, decode};
 use super::{raster_large, raster_small};
 use crate::model::Dag;
@@ -56,11 +56,12 @@ fn map_surface<T: Send + Copy>(
     let mut out = vec![background; pixels.words.len()];
     out.par_chunks_mut(chunk).enumerate().for_each(|(i, out)| {
         let start = i * chunk;
-        for_each(pixels, start..start + out.len(), |surfels| {
+        let Some(mut walk) = Walk::new(pixels, start..start + out.len()) else { return };
+        while let Some(surfels) = walk.next() {
             for lane in 0..surfels.count {
-                out[surfels.pixels[lane] as usize - start] = value(surfels, lane);
+                out[surfels.pixels[lane] as usize - start] = value(&surfels, lane);
             }
-        });
+        }
     });
     out
 }

@@ -114,10 +114,10 @@ pub struct Footprint {
 }
 
 impl Footprint {
-    /// Pixels of the rectangle.
+    /// Pixels of the rectangle without its margin of a pixel on every side.
     pub fn area(&self) -> u64 {
-        let [x0, y0, x1, y1] = self.rect.map(u64::from);
-        (x1 - x0 + 1) * (y1 - y0 + 1)
+        let [x0, y0, x1, y1] = self.rect.map(i64::from);
+        ((x1 - x0 - 1).max(1) * (y1 - y0 - 1).max(1)) as u64
     }
 }
 
@@ -186,7 +186,11 @@ impl InstanceView {
 /// that clusters agree on shared vertices bit for bit.
 #[inline(always)]
 pub fn homogeneous(rows: &[[f32; 4]; 3], p: [f32; 3]) -> [f32; 3] {
-    std::array::from_fn(|r| rows[r][0] * p[0] + rows[r][1] * p[1] + rows[r][2] * p[2] + rows[r][3])
+    [
+        rows[0][0] * p[0] + rows[0][1] * p[1] + rows[0][2] * p[2] + rows[0][3],
+        rows[1][0] * p[0] + rows[1][1] * p[1] + rows[1][2] * p[2] + rows[1][3],
+        rows[2][0] * p[0] + rows[2][1] * p[1] + rows[2][2] * p[2] + rows[2][3],
+    ]
 }
 
 fn screen_rows(view: &View, map: &DAffine3) -> [[f32; 4]; 3] {

@@ -8,9 +8,9 @@
 
 use rayon::prelude::*;
 
-use super::lanes::{LANES, Lanes, Vec3x8, dot, normalize};
+use super::lanes::{Lanes, Vec3x8, dot, minus, normalize, splat3};
 use super::output::ROWS;
-use super::surface::{Pixels, Surfels, for_each};
+use super::surface::{Pixels, Surfels, Walk};
 use crate::scene::{LightKind, Material, Scene, View};
 
 /// A light in camera space.
@@ -88,35 +88,37 @@ impl Surface {
     #[inline(always)]
     fn reflect(&self, n: &Vec3x8, v: &Vec3x8, l: &Vec3x8) -> Vec3x8 {
         use std::f32::consts::PI;
-        let clamp = |x: Lanes, low: f32| x.max(low).min(1.0);
         let h = normalize(&[l[0] + v[0], l[1] + v[1], l[2] + v[2]]);
-        let nl = clamp(dot(n, l), 0.001);
-        let nv = clamp(dot(n, v).abs(), 0.001);
-        let nh = clamp(dot(n, &h), 0.0);
-        let m = -(clamp(dot(v, &h), 0.0) - 1.0);
+        let nl = dot(n, l).max(0.001).min(1.0);
+        let nv = dot(n, v).abs().max(0.001).min(1.0);
+        let nh = dot(n, &h).max(0.0).min(1.0);
+        let m = -(dot(v, &h).max(0.0).min(1.0) - 1.0);
         let schlick = m * m * m * m * m;
         // The two quotients of G, D and the denominator of the specular term as one.
         let smith = (nv * (1.0 - self.k) + self.k) * (nl * (1.0 - self.k) + self.k);
         let d = nh * nh * (self.alpha2 - 1.0) + 1.0;
         let gloss = nv * nl * self.alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + 0.001));
-        let channel = |c: usize| {
+        let mut out = [nl; 3];
+        for c in 0..3 {
             let f = schlick * (1.0 - self.f0[c]) + self.f0[c];
-            nl * (-(f - 1.0) * (self.diffuse[c] * (1.0 / PI)) + f * gloss)
-        };
-        [channel(0), channel(1), channel(2)]
+            out[c] = nl * (-(f - 1.0) * (self.diffuse[c] * (1.0 / PI)) + f * gloss);
+        }
+        out
     }
 
     #[inline(always)]
     fn shade(&self, surfels: &Surfels<'_>, rays: &Rays, lighting: &Lighting) -> Vec3x8 {
         let position = rays.position(&surfels.point, surfels.distance);
         let v = normalize(&[-position[0], -position[1], -position[2]]);
-        let constant = |c: usize| Lanes::splat(self.base[c] * lighting.ambient[c] + self.emissive[c]);
-        let mut color = [constant(0), constant(1), constant(2)];
+        let mut color = [Lanes::splat(0.0); 3];
+        for c in 0..3 {
+            color[c] = Lanes::splat(self.base[c] * lighting.ambient[c] + self.emissive[c]);
+        }
         for light in &lighting.lights {
             let (l, falloff) = match light.point {
-                None => (light.vector.map(Lanes::splat), Lanes::splat(1.0)),
+                None => (splat3(light.vector), Lanes::splat(1.0)),
                 Some(inverse_range) => {
-                    let to = [0, 1, 2].map(|k| -(position[k] - light.vector[k]));
+                    let to = minus(&splat3(light.vector), &position);
                     let square = dot(&to, &to);
                     let q = square * (inverse_range * inverse_range);
                     (normalize(&to), (-(q * q - 1.0)).max(0.0) / square)
@@ -189,18 +191,25 @@ impl Shader<'_> {
     #[inline(always)]
     fn run(&self, range: std::ops::Range<usize>, out: &mut [u8]) -> u64 {
         let start = range.start;
-        for pixel in out.chunks_exact_mut(3) {
-            pixel.copy_from_slice(&self.lighting.background);
+        let background = self.lighting.background;
+        if background[0] == background[1] && background[1] == background[2] {
+            out.fill(background[0]);
+        } else {
+            out.chunks_exact_mut(3).for_each(|pixel| pixel.copy_from_slice(&background));
         }
-        for_each(self.pixels, range, |surfels| {
+        let Some(mut walk) = Walk::new(self.pixels, range) else { return 0 };
+        while let Some(surfels) = walk.next() {
             let surface = &self.surfaces[surfels.instance as usize];
-            let color = surface.shade(surfels, &self.rays, self.lighting);
-            for lane in 0..surfels.count.min(LANES) {
+            let color = surface.shade(&surfels, &self.rays, self.lighting);
+            for lane in 0..surfels.count {
                 let at = 3 * (surfels.pixels[lane] as usize - start);
-                let bytes = [0, 1, 2].map(|c: usize| self.gamma.encode(color[c].0[lane]));
-                out[at..at + 3].copy_from_slice(&bytes);
+                let pixel = &mut out[at..at + 3];
+                for c in 0..3 {
+                    pixel[c] = self.gamma.encode(color[c].0[lane]);
+                }
             }
-        })
+        }
+        walk.covered
     }
 
     /// The same with 256-bit vectors. No operation fuses, so the result is the same bit for bit.

@@ -1,7 +1,7 @@
 //! From the visibility buffer to surface points: barycentric coordinates by analysis, interpolated normals and
 //! vertex colours, eight pixels of one instance at a time.
 
-use super::lanes::{LANES, Lanes, Vec3x8, apply, cross, normalize};
+use super::lanes::{LANES, Lanes, Vec3x8, apply, blend, cross, minus, normalize};
 use super::project::{InstanceView, Screen};
 use super::visibility::{Hit, Visible, decode};
 use crate::model::{ClusterAddress, ClusterGeometry};
@@ -58,58 +58,76 @@ pub struct Surfels<'a> {
     pub color: Option<Vec3x8>,
 }
 
-/// Calls `each` for all covered pixels of `range`, in order. Returns how many those are.
-#[inline(always)]
-pub fn for_each(
-    pixels: Pixels<'_>,
-    range: std::ops::Range<usize>,
-    mut each: impl FnMut(&Surfels<'_>),
-) -> u64 {
-    let width = pixels.screen.width;
-    let Some(first) = pixels.views.first() else { return 0 };
-    let zero = Lanes::splat(0.0);
-    let nothing = Hit { key: 1, visible: 0, triangle: 0 };
-    let mut gathered = Gathered {
-        count: 0,
-        instance: 0,
-        view: first,
-        pixels: [0; LANES],
-        hits: [nothing; LANES],
-        clusters: [ClusterAddress(0); LANES],
-        positions: [[zero; 3]; 3],
-        normals: [[0; LANES]; 3],
-        colors: [[0; LANES]; 3],
-    };
-    let mut covered = 0;
-    let mut cluster: Option<(u32, Visible, ClusterGeometry<'_>)> = None;
-    for (pixel, &word) in range.clone().zip(&pixels.words[range]) {
-        let Some(hit) = decode(word) else { continue };
-        covered += 1;
-        let (at, geometry) = match cluster {
-            Some((visible, at, geometry)) if visible == hit.visible => (at, geometry),
-            _ => {
-                let at = pixels.visible[hit.visible as usize];
-                let geometry = pixels.views[at.instance as usize].mesh.geometry(at.cluster);
-                cluster = Some((hit.visible, at, geometry));
-                (at, geometry)
-            }
+/// Walks the covered pixels of a range in order, up to eight of one instance at a time.
+pub struct Walk<'a> {
+    pixels: Pixels<'a>,
+    next: usize,
+    end: usize,
+    /// The cluster of the pixel before: its neighbours mostly show the same.
+    last: u32,
+    at: Visible,
+    geometry: ClusterGeometry<'a>,
+    gathered: Gathered<'a>,
+    /// Covered pixels so far.
+    pub covered: u64,
+}
+
+impl<'a> Walk<'a> {
+    /// Starts a walk; `None` where nothing can be covered.
+    #[inline(always)]
+    pub fn new(pixels: Pixels<'a>, range: std::ops::Range<usize>) -> Option<Self> {
+        let at = *pixels.visible.first()?;
+        let view = &pixels.views[at.instance as usize];
+        let zero = Lanes::splat(0.0);
+        let nothing = Hit { key: 1, visible: 0, triangle: 0 };
+        let gathered = Gathered {
+            count: 0,
+            instance: at.instance,
+            view,
+            pixels: [0; LANES],
+            hits: [nothing; LANES],
+            clusters: [at.cluster; LANES],
+            positions: [[zero; 3]; 3],
+            normals: [[0; LANES]; 3],
+            colors: [[0; LANES]; 3],
         };
-        if gathered.count > 0 && gathered.instance != at.instance {
-            each(&gathered.evaluate(pixels.screen, width));
-            gathered.count = 0;
-        }
-        gathered.instance = at.instance;
-        gathered.view = &pixels.views[at.instance as usize];
-        gathered.push(pixel as u32, hit, at.cluster, &geometry);
-        if gathered.count == LANES {
-            each(&gathered.evaluate(pixels.screen, width));
-            gathered.count = 0;
-        }
+        let geometry = view.mesh.geometry(at.cluster);
+        Some(Self { pixels, next: range.start, end: range.end, last: 0, at, geometry, gathered, covered: 0 })
     }
-    if gathered.count > 0 {
-        each(&gathered.evaluate(pixels.screen, width));
+
+    /// The next surface points.
+    #[inline(always)]
+    pub fn next(&mut self) -> Option<Surfels<'a>> {
+        self.gathered.count = 0;
+        while self.next < self.end {
+            let Some(hit) = decode(self.pixels.words[self.next]) else {
+                self.next += 1;
+                continue;
+            };
+            if hit.visible != self.last {
+                self.last = hit.visible;
+                self.at = self.pixels.visible[hit.visible as usize];
+                self.geometry = self.pixels.views[self.at.instance as usize].mesh.geometry(self.at.cluster);
+            }
+            if self.gathered.instance != self.at.instance {
+                if self.gathered.count > 0 {
+                    break;
+                }
+                self.gathered.instance = self.at.instance;
+                self.gathered.view = &self.pixels.views[self.at.instance as usize];
+            }
+            self.gathered.push(self.next as u32, hit, self.at.cluster, &self.geometry);
+            self.next += 1;
+            if self.gathered.count == LANES {
+                break;
+            }
+        }
+        if self.gathered.count == 0 {
+            return None;
+        }
+        self.covered += self.gathered.count as u64;
+        Some(self.gathered.evaluate(self.pixels.screen))
     }
-    covered
 }
 
 impl<'a> Gathered<'a> {
@@ -133,8 +151,8 @@ impl<'a> Gathered<'a> {
     }
 
     #[inline(always)]
-    fn evaluate(&self, screen: &Screen, width: u32) -> Surfels<'a> {
-        let view = self.view;
+    fn evaluate(&self, screen: &Screen) -> Surfels<'a> {
+        let (view, width) = (self.view, screen.width);
         let mut point = [Lanes::splat(0.5); 2];
         let mut distance = Lanes::splat(1.0);
         for lane in 0..LANES {
@@ -144,34 +162,27 @@ impl<'a> Gathered<'a> {
             distance.0[lane] = screen.distance(self.hits[lane].key);
         }
         let weights = barycentric(view, screen.orthographic, &self.positions, &point);
-        let blend = |v: &[Vec3x8; 3]| -> Vec3x8 {
-            let mix = |k: usize| weights[0] * v[0][k] + weights[1] * v[1][k] + weights[2] * v[2][k];
-            [mix(0), mix(1), mix(2)]
-        };
         let normal = if view.material.smooth {
-            let corners = [
-                decode_normal(&self.normals[0]),
-                decode_normal(&self.normals[1]),
-                decode_normal(&self.normals[2]),
-            ];
+            let [a, b, c] = &self.normals;
+            let corners = [decode_normal(a), decode_normal(b), decode_normal(c)];
             if view.conformal {
-                apply(&view.normal, &blend(&corners))
+                apply(&view.normal, &blend(&weights, &corners))
             } else {
-                let finish = |n: &Vec3x8| normalize(&apply(&view.normal, n));
-                blend(&[finish(&corners[0]), finish(&corners[1]), finish(&corners[2])])
+                let [a, b, c] = &corners;
+                let m = &view.normal;
+                let turned = [normalize(&apply(m, a)), normalize(&apply(m, b)), normalize(&apply(m, c))];
+                blend(&weights, &turned)
             }
         } else {
-            let p = &self.positions;
-            let edge = |i: usize| [p[i][0] - p[0][0], p[i][1] - p[0][1], p[i][2] - p[0][2]];
-            apply(&view.normal, &normalize(&cross(&edge(1), &edge(2))))
+            let [a, b, c] = &self.positions;
+            apply(&view.normal, &normalize(&cross(&minus(b, a), &minus(c, a))))
         };
-        let color = view.mesh.layout().colors.then(|| {
-            blend(&[
-                decode_color(&self.colors[0]),
-                decode_color(&self.colors[1]),
-                decode_color(&self.colors[2]),
-            ])
-        });
+        let color = if view.mesh.layout().colors {
+            let [a, b, c] = &self.colors;
+            Some(blend(&weights, &[decode_color(a), decode_color(b), decode_color(c)]))
+        } else {
+            None
+        };
         Surfels {
             count: self.count,
             instance: self.instance,
@@ -199,24 +210,39 @@ fn barycentric(
     positions: &[Vec3x8; 3],
     point: &[Lanes; 2],
 ) -> Vec3x8 {
-    let row = |r: usize, p: &Vec3x8| {
-        let m = &view.screen[r];
-        p[0] * m[0] + p[1] * m[1] + p[2] * m[2] + m[3]
-    };
-    let along = |k: usize| -> Vec3x8 {
-        let relative = |p: &Vec3x8| {
-            if orthographic { row(k, p) - point[k] } else { row(k, p) - point[k] * row(2, p) }
-        };
-        [relative(&positions[0]), relative(&positions[1]), relative(&positions[2])]
-    };
-    let weights = cross(&along(0), &along(1));
-    let inverse = Lanes::splat(1.0) / (weights[0] + weights[1] + weights[2]);
+    let [a, b, c] = positions;
+    let x = along(view, orthographic, 0, [a, b, c], point[0]);
+    let y = along(view, orthographic, 1, [a, b, c], point[1]);
+    let w = cross(&x, &y);
+    let inverse = Lanes::splat(1.0) / (w[0] + w[1] + w[2]);
     // A degenerate triangle gives NaN here, which `max` turns into 0.
-    let held = weights.map(|w| (w * inverse).max(0.0).min(1.0));
-    let sum = held[0] + held[1] + held[2];
-    let empty = sum - f32::MIN_POSITIVE;
+    let w0 = (w[0] * inverse).max(0.0).min(1.0);
+    let w1 = (w[1] * inverse).max(0.0).min(1.0);
+    let w2 = (w[2] * inverse).max(0.0).min(1.0);
+    let sum = w0 + w1 + w2;
+    let (empty, third) = (sum - f32::MIN_POSITIVE, Lanes::splat(1.0 / 3.0));
     let inverse = Lanes::splat(1.0) / sum;
-    held.map(|w| empty.where_negative(Lanes::splat(1.0 / 3.0), w * inverse))
+    [
+        empty.where_negative(third, w0 * inverse),
+        empty.where_negative(third, w1 * inverse),
+        empty.where_negative(third, w2 * inverse),
+    ]
+}
+
+/// Homogeneous coordinate `k` of three corners, relative to a point of the screen.
+#[inline(always)]
+fn along(view: &InstanceView, orthographic: bool, k: usize, corners: [&Vec3x8; 3], point: Lanes) -> Vec3x8 {
+    let mut out = [point; 3];
+    for i in 0..3 {
+        let at = row(&view.screen[k], corners[i]);
+        out[i] = if orthographic { at - point } else { at - point * row(&view.screen[2], corners[i]) };
+    }
+    out
+}
+
+#[inline(always)]
+fn row(m: &[f32; 4], p: &Vec3x8) -> Lanes {
+    p[0] * m[0] + p[1] * m[1] + p[2] * m[2] + m[3]
 }
 
 /// [`crate::math::octahedral::decode`], eight at a time.
@@ -230,22 +256,21 @@ fn decode_normal(packed: &[u32; LANES]) -> Vec3x8 {
     let (x, y) = (x / 32767.0, y / 32767.0);
     let z = -(x.abs() + y.abs() - 1.0);
     let t = (-z).max(0.0);
-    let fold = |v: Lanes| v.where_negative(v + t, v - t);
-    let v = [fold(x), fold(y), z];
+    let v = [x.where_negative(x + t, x - t), y.where_negative(y + t, y - t), z];
     let inverse = Lanes::splat(1.0) / super::lanes::dot(&v, &v).sqrt();
     [v[0] * inverse, v[1] * inverse, v[2] * inverse]
 }
 
 #[inline(always)]
 fn decode_color(packed: &[u32; LANES]) -> Vec3x8 {
-    let channel = |shift: u32| {
-        let mut out = Lanes::splat(0.0);
+    let mut out = [Lanes::splat(0.0); 3];
+    for k in 0..3 {
         for lane in 0..LANES {
-            out.0[lane] = (packed[lane] >> shift & 0xff) as i32 as f32;
+            out[k].0[lane] = (packed[lane] >> (8 * k) & 0xff) as i32 as f32;
         }
-        out * (1.0 / 255.0)
-    };
-    [channel(0), channel(8), channel(16)]
+        out[k] = out[k] * (1.0 / 255.0);
+    }
+    out
 }
 
 #[cfg(test)]

@@ -115,7 +115,7 @@ impl Renderer {
             let count = views.len() as u64;
             (views, instances.len() as u64, count)
         });
-        let mut pass = Pass { screen, tau: options.pixel_error, views, words: self.cleared_words(), stats };
+        let mut pass = Pass { screen, tau: options.pixel_error, views, words: self.spare_words(), stats };
         let list = pass.draw_scene(options.occlusion, &mut self.hzb)?;
         let Pass { views, words, mut stats, .. } = pass;
 
@@ -152,15 +152,11 @@ impl Renderer {
         Ok(Frame { words, visible, large, views, screen, view, lighting, color, depth, spare, stats })
     }
 
-    /// A visibility buffer of background, from an earlier frame if there is one.
-    fn cleared_words(&self) -> Vec<u64> {
+    /// A visibility buffer, of an earlier frame if there is one.
+    fn spare_words(&self) -> Vec<u64> {
         let count = self.width as usize * self.height as usize;
-        let mut words = self.spare.lock().ok().and_then(|mut s| s.pop()).unwrap_or_default();
-        if words.len() != count {
-            return vec![0; count];
-        }
-        words.par_chunks_mut(1 << 15).for_each(|chunk| chunk.fill(0));
-        words
+        let words = self.spare.lock().ok().and_then(|mut s| s.pop()).unwrap_or_default();
+        if words.len() == count { words } else { vec![0; count] }
     }
 }
 
@@ -186,13 +182,14 @@ impl Pass {
     fn draw_scene(&mut self, occlusion: bool, hzb: &mut Hzb) -> Result<Vec<Candidate>> {
         let all: Vec<u32> = (0..self.views.len() as u32).collect();
         let footprints: Vec<Footprint> = self.views.iter().map(|v| v.footprint).collect();
-        let key = if occlusion && all.len() > 1 { nearest_portion(&footprints, &self.screen) } else { None };
+        let key =
+            if occlusion && all.len() > 1 { nearest_portion(&footprints, &self.screen, 1.5) } else { None };
         let (first, put_off): (Vec<u32>, Vec<u32>) =
             all.into_iter().partition(|&i| key.is_none_or(|k| footprints[i as usize].near_key >= k));
         let candidates = self.cull(1, &first, None);
         let key = if occlusion && triangles(&candidates) > PYRAMID_ABOVE {
             let footprints: Vec<Footprint> = candidates.iter().map(|c| c.footprint).collect();
-            nearest_portion(&footprints, &self.screen)
+            nearest_portion(&footprints, &self.screen, 3.0)
         } else {
             None
         };
@@ -254,12 +251,15 @@ impl Pass {
         })
     }
 
-    /// Draws `list`, whose entries have `numbers` in `visible`.
+    /// Draws `list`, whose entries have `numbers` in `visible`. The first pass starts from background.
     fn draw(&mut self, pass: u8, list: &[Candidate], numbers: &[u32], visible: &[Visible]) {
-        let (views, screen) = (&self.views, &self.screen);
-        let sink = Nearest(as_atomic(&mut self.words));
+        let (views, screen, words) = (&self.views, &self.screen, &mut self.words);
         for (stage, large) in [(Stage::RasterSmall, false), (Stage::RasterLarge, true)] {
             self.stats.time(stage, pass, || {
+                if pass == 1 && !large {
+                    words.par_chunks_mut(1 << 15).for_each(|chunk| chunk.fill(0));
+                }
+                let sink = Nearest(as_atomic(words));
                 let mut received = 0;
                 let mut chosen = Vec::with_capacity(list.len());
                 for (candidate, &number) in list.iter().zip(numbers) {
