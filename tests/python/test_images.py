@@ -14,7 +14,7 @@ from oracles import compare, distance, picture
 from oracles.setup import Setup, setup
 
 SCANS = ("bunny", "armadillo", "lucy", "horse", "dragon", "turbine")
-SHAPES = ("sphere", "knot", "gyroid", "part")
+SHAPES = ("fine sphere", "fine knot", "gyroid", "fine part")
 NAMES = (*SCANS, *SHAPES)
 
 

@@ -22,13 +22,13 @@ def test_pyrender_and_embree_see_the_same(name: str, tmp_path) -> None:
     mesh = _bumpy() if name == "bumpy" else data.scan(name)
     normals = topology.vertex_normals(mesh.vertices, mesh.faces)
     shot = picture.Picture(mesh.vertices, mesh.faces, normals)
-    tracer = rays.Rays(mesh.vertices, mesh.faces)
     for direction in DIRECTIONS:
         view = camera.framing(mesh.used, direction)
         _, depth = shot.render(view)
         assert depth.shape == (720, 1280)
         x, y = camera.pixel_centers(np.ones_like(depth, bool))
-        face, along = tracer.first(view.pose[:3, 3], view.directions(x, y), cull_back=True)
+        eye = view.pose[:3, 3]
+        face, along = rays.Rays(mesh.vertices, mesh.faces, culled_from=eye).first(eye, view.directions(x, y))
         hit = (face >= 0).reshape(depth.shape)
         mask = depth > 0
         compare.save_difference(tmp_path / f"{name}.png", mask, hit)

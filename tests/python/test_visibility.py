@@ -43,10 +43,10 @@ def test_pixels_show_the_face_the_ray_hits(name: str) -> None:
     covered = frame.depth > 0
     shown = frame.face_id[covered].astype(np.int64)
     x, y = camera.pixel_centers(covered)
-    tracer = rays.Rays(mesh.vertices, mesh.faces)
     eye = view.pose[:3, 3]
-    cull = not s.material.double_sided
-    hit, along = tracer.first(eye, view.directions(x, y), cull_back=cull)
+    culled_from = None if s.material.double_sided else eye
+    tracer = rays.Rays(mesh.vertices, mesh.faces, culled_from)
+    hit, along = tracer.first(eye, view.directions(x, y))
 
     same = shown == hit
     # Faces at the same three positions are one to the eye.
@@ -67,14 +67,21 @@ def test_pixels_show_the_face_the_ray_hits(name: str) -> None:
         moved, _ = tracer.first(
             eye,
             view.directions(x[left] + radius * np.cos(angle), y[left] + radius * np.sin(angle)),
-            cull_back=cull,
         )
         seen[left] |= moved == shown[left]
     good = same | (near & seen)
     print(f"{name}: same {same.mean():.5%}, near {(same | near).mean():.5%}, near and seen {good.mean():.5%}")
     assert (same | near).mean() >= 0.999
     assert good.mean() >= 0.999
-    # No pixel is covered where rays all around miss, none is bare where they all hit.
-    x, y = camera.pixel_centers(np.ones_like(covered))
-    full, _ = tracer.first(eye, view.directions(x, y), cull_back=cull)
-    assert np.count_nonzero((full >= 0).reshape(covered.shape) ^ covered) <= 1e-4 * covered.sum() + 2
+    # Where a pixel is covered and its ray misses, or the other way round, a ray moved by 1/128 pixel agrees.
+    every_x, every_y = camera.pixel_centers(np.ones_like(covered))
+    every, _ = tracer.first(eye, view.directions(every_x, every_y))
+    odd = np.flatnonzero((every >= 0) ^ covered.ravel())
+    agreed = np.zeros(len(odd), bool)
+    for angle in np.arange(16) * np.pi / 8:
+        x, y = every_x[odd] + WITHIN * np.cos(angle), every_y[odd] + WITHIN * np.sin(angle)
+        moved, _ = tracer.first(eye, view.directions(x, y))
+        agreed |= (moved >= 0) == covered.ravel()[odd]
+    print(f"{name}: {len(odd)} pixels of the outline differ, {agreed.sum()} within 1/128 pixel")
+    assert agreed.all()
+    assert len(odd) <= 2e-4 * covered.sum() + 2

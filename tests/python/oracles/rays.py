@@ -8,48 +8,38 @@ from embreex.mesh_construction import TriangleMesh
 
 
 class Rays:
-    """First hits on a mesh, which is moved to its centre and scaled to about 1: Embree works in float32."""
+    """First hits on a mesh, which is moved to its centre and scaled to about 1: Embree works in float32.
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
-        used = np.asarray(vertices, np.float64)
-        low, high = used[faces].min(axis=(0, 1)), used[faces].max(axis=(0, 1))
+    With ``culled_from``, faces turned away from that point are left out: what a renderer that culls back faces
+    shows to an eye there. (Passing through back faces ray by ray would lose fronts that coincide with them.)
+    """
+
+    def __init__(
+        self, vertices: np.ndarray, faces: np.ndarray, culled_from: np.ndarray | None = None
+    ) -> None:
+        corners = np.asarray(vertices, np.float64)[faces]
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self.center = (low + high) / 2
         self.scale = 2.0 ** -np.floor(np.log2(max(np.abs(high - low).max(), 1e-300)))
-        self.triangles = (used[faces] - self.center) * self.scale
+        self.rows = np.arange(len(faces))
+        if culled_from is not None:
+            normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            self.rows = np.flatnonzero(np.einsum("ij,ij->i", normal, corners[:, 0] - culled_from) < 0)
+        self.triangles = (corners[self.rows] - self.center) * self.scale
         self.scene = rtcore_scene.EmbreeScene()
         self.mesh = TriangleMesh(self.scene, self.triangles.astype(np.float32))
 
-    def first(
-        self, origins: np.ndarray, directions: np.ndarray, cull_back: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Face (−1 for none) and distance in units of ``directions``.
-
-        With ``cull_back``, rays pass through back faces. The distance is recomputed in float64 from the plane
-        of the face.
-        """
-        o = (np.broadcast_to(np.asarray(origins, np.float64), directions.shape) - self.center) * self.scale
+    def first(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Face (−1 for none) and distance in units of ``directions``, from the face's plane in float64."""
         d = np.asarray(directions, np.float64)
-        faces = np.full(len(d), -1, np.int64)
-        distance = np.zeros(len(d))
-        live = np.arange(len(d))
-        at = o.copy()
-        for _ in range(64):
-            hit = self.scene.run(at[live].astype(np.float32), d[live].astype(np.float32))
-            live, hit = live[hit >= 0], hit[hit >= 0]
-            if not len(live):
-                break
-            t = self.triangles[hit]
-            normal = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
-            slope = np.einsum("ij,ij->i", normal, d[live])
-            flat = slope == 0
-            along = np.einsum("ij,ij->i", normal, t[:, 0] - o[live]) / np.where(flat, 1, slope)
-            along = np.where(flat, np.linalg.norm(at[live] - o[live], axis=1), along)
-            keep = (slope < 0) | (not cull_back)
-            faces[live[keep]] = hit[keep]
-            distance[live[keep]] = along[keep] / self.scale
-            live, along = live[~keep], along[~keep]
-            if not len(live):
-                break
-            length = np.linalg.norm(d[live], axis=1)
-            at[live] = o[live] + d[live] * (along + 1e-6 / length)[:, None]
+        o = (np.broadcast_to(np.asarray(origins, np.float64), d.shape) - self.center) * self.scale
+        hit = self.scene.run(np.ascontiguousarray(o, np.float32), d.astype(np.float32)).astype(np.int64)
+        faces, distance = np.full(len(d), -1, np.int64), np.zeros(len(d))
+        found = np.flatnonzero(hit >= 0)
+        faces[found] = self.rows[hit[found]]
+        t = self.triangles[hit[found]]
+        normal = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+        slope = np.einsum("ij,ij->i", normal, d[found])
+        offset = np.einsum("ij,ij->i", normal, t[:, 0] - o[found])
+        distance[found] = offset / np.where(slope == 0, np.inf, slope) / self.scale
         return faces, distance

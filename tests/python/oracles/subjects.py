@@ -55,6 +55,9 @@ def generated(name: str) -> Mesh:
     shapes = nrs.shapes
     makers = {
         "sphere": lambda: shapes.displaced_icosphere(faces=60_000, seed=3),
+        "fine sphere": lambda: shapes.displaced_icosphere(faces=1_000_000, seed=3),
+        "fine knot": lambda: shapes.torus_knot(faces=600_000),
+        "fine part": lambda: shapes.cad_part(faces=400_000),
         "small sphere": lambda: shapes.displaced_icosphere(faces=5_000, seed=4),
         "knot": lambda: shapes.torus_knot(faces=60_000),
         "gyroid": lambda: shapes.gyroid_shell(faces=60_000),
