@@ -76,8 +76,13 @@ demo: build
 
 # ------------------------------------------------------------------------------------------------ tests
 
-test: test-rust test-python
-	@$(BIN)/python tools/skipped-tests.py $(REPORTS) $(if $(STRICT),--strict)
+# Both run whatever the other says, and the summary comes last.
+test: build
+	@status=0; \
+	$(MAKE) --no-print-directory test-rust || status=1; \
+	$(MAKE) --no-print-directory test-python || status=1; \
+	$(BIN)/python tools/skipped-tests.py $(REPORTS) $(if $(STRICT),--strict) || status=1; \
+	exit $$status
 
 test-rust: | tools
 	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/rust-*
