@@ -198,7 +198,7 @@ impl Shader<'_> {
             out.chunks_exact_mut(3).for_each(|pixel| pixel.copy_from_slice(&background));
         }
         let Some(mut walk) = Walk::new(self.pixels, range) else { return 0 };
-        while let Some(surfels) = walk.next() {
+        while let Some(surfels) = walk.step() {
             let surface = &self.surfaces[surfels.instance as usize];
             let color = surface.shade(&surfels, &self.rays, self.lighting);
             for lane in 0..surfels.count {

@@ -97,7 +97,7 @@ impl<'a> Walk<'a> {
 
     /// The next surface points.
     #[inline(always)]
-    pub fn next(&mut self) -> Option<Surfels<'a>> {
+    pub fn step(&mut self) -> Option<Surfels<'a>> {
         self.gathered.count = 0;
         while self.next < self.end {
             let Some(hit) = decode(self.pixels.words[self.next]) else {

@@ -401,3 +401,132 @@ fn backends_say_what_they_are() {
     let auto = Renderer::new(4, 4, "auto").unwrap();
     assert!(auto.backend_reason().contains("GPU"));
 }
+
+/// Numbers from a seed.
+struct Dice(u64);
+
+impl Dice {
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+
+    fn rotation(&mut self) -> glam::DMat3 {
+        let mut angle = || self.within(-3.2, 3.2);
+        glam::DMat3::from_euler(glam::EulerRot::XYZ, angle(), angle(), angle())
+    }
+
+    fn pose(&mut self, linear: glam::DMat3, reach: f64) -> Pose {
+        let mut pose = IDENTITY;
+        for (i, row) in pose.iter_mut().enumerate().take(3) {
+            for (j, v) in row.iter_mut().enumerate().take(3) {
+                *v = linear.col(j)[i];
+            }
+            row[3] = self.within(-reach, reach);
+        }
+        pose
+    }
+}
+
+#[test]
+fn any_view_of_any_poses_is_the_same_with_and_without_occlusion() {
+    let (ball, sheet) = (dag(&bumpy_sphere(32)), dag(&grid(24, |x, y| (5.0 * x).sin() * y)));
+    let mut dice = Dice(11);
+    let mut covered = 0;
+    for round in 0..120 {
+        let mut scene = lit();
+        let size = 10f64.powf(dice.within(-3.0, 3.0));
+        for i in 0..12 {
+            let squash = glam::DMat3::from_diagonal(glam::DVec3::new(
+                size * dice.within(0.1, 1.5),
+                size * dice.within(-1.5, -0.1),
+                size * dice.within(0.1, 1.5),
+            ));
+            let linear = dice.rotation() * squash * dice.rotation();
+            let look = Material { double_sided: dice.unit() < 0.3, ..Material::default() };
+            let mesh = if i % 3 == 0 { &sheet } else { &ball };
+            let pose = dice.pose(linear, 2.0 * size);
+            scene.add(Arc::clone(mesh), &pose, look).unwrap();
+        }
+        let projection = match round % 4 {
+            0 => Projection::Orthographic { xmag: size * dice.within(0.1, 3.0), ymag: size },
+            1 => Projection::Intrinsics { fx: 90.0, fy: 70.0, cx: dice.within(-40.0, 200.0), cy: 40.0 },
+            _ => Projection::Perspective { yfov: dice.within(0.01, 2.9), aspect: None },
+        };
+        let znear = size * 10f64.powf(dice.within(-4.0, 0.3));
+        let zfar = (dice.unit() < 0.3).then_some(znear + size);
+        let camera = Camera { projection, znear, zfar };
+        let rotation = dice.rotation();
+        let pose = dice.pose(rotation, 3.0 * size);
+        let tau = if round % 5 == 0 { 0.0 } else { dice.within(0.0, 3.0) as f32 };
+        let options = RenderOptions { pixel_error: tau, ..RenderOptions::default() };
+        let picture = (1 + (dice.unit() * 160.0) as u32, 1 + (dice.unit() * 120.0) as u32);
+        let on = shoot(&scene, &camera, &pose, picture, &options);
+        let off = shoot(&scene, &camera, &pose, picture, &RenderOptions { occlusion: false, ..options });
+        assert_eq!(on.color(), off.color(), "round {round}");
+        assert_eq!(on.depth(), off.depth(), "round {round}");
+        assert_eq!(on.triangle_ids(), off.triangle_ids(), "round {round}");
+        for d in on.depth().into_iter().filter(|d| *d > 0.0).map(f64::from) {
+            assert!(d >= znear * 0.999_999 && zfar.is_none_or(|f| d <= f * 1.000_001), "round {round}: {d}");
+        }
+        covered += on.stats.covered_pixels;
+    }
+    assert!(covered > 100_000, "{covered}");
+}
+
+#[test]
+fn extreme_scales_render_or_vanish_without_a_fault() {
+    let ball = dag(&bumpy_sphere(16));
+    let mut dice = Dice(5);
+    for _ in 0..60 {
+        let mut scene = lit();
+        let scale = 10f64.powf(dice.within(-36.0, 36.0));
+        let linear = dice.rotation() * scale;
+        let reach = 10f64.powf(dice.within(-30.0, 30.0));
+        let pose = dice.pose(linear, reach);
+        scene.add(Arc::clone(&ball), &pose, Material { double_sided: true, ..Material::default() }).unwrap();
+        let camera = Camera { znear: 10f64.powf(dice.within(-20.0, 20.0)), ..CAMERA };
+        let frame = shoot(&scene, &camera, &IDENTITY, (40, 30), &RenderOptions::default());
+        assert!(frame.depth().iter().all(|d| *d >= 0.0));
+        assert_eq!(frame.normals().len(), 1200);
+    }
+}
+
+#[test]
+fn neighbouring_triangles_cover_every_pixel_exactly_once() {
+    // A flat sheet over the whole picture, slanted, at distances that make its triangles small and large.
+    let mut drawn = [0; 2];
+    let sheet = dag(&grid(200, |_, _| 0.0));
+    for size in [8.0, 60.0, 4000.0] {
+        let mut scene = Scene::new();
+        let slant = glam::DMat3::from_euler(glam::EulerRot::XYZ, 0.5, -0.3, 0.2) * size;
+        let mut pose = IDENTITY;
+        let middle = slant * glam::DVec3::new(0.5, 0.5, 0.0);
+        for i in 0..3 {
+            for j in 0..3 {
+                pose[i][j] = slant.col(j)[i];
+            }
+            pose[i][3] = -middle[i];
+        }
+        scene.add(Arc::clone(&sheet), &pose, Material { double_sided: true, ..Material::default() }).unwrap();
+        for tau in [0.0, 1.0, 20.0] {
+            let options = RenderOptions { pixel_error: tau, ..RenderOptions::default() };
+            let frame = shoot(&scene, &CAMERA, &at(0.0, 0.0, 1.5), (317, 211), &options);
+            drawn[0] += frame.stats.drawn_small;
+            drawn[1] += frame.stats.drawn_large;
+            let wrong: Vec<(usize, u32)> =
+                frame.overdraw().into_iter().enumerate().filter(|(_, n)| *n != 1).collect();
+            assert!(
+                wrong.is_empty(),
+                "size {size}, threshold {tau}: {} {:?}",
+                wrong.len(),
+                &wrong[..9.min(wrong.len())]
+            );
+        }
+    }
+    assert!(drawn.iter().all(|&n| n > 500), "both rasterizers take part: {drawn:?}");
+}
