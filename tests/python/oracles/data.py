@@ -22,21 +22,21 @@ class Mesh:
     vertices: np.ndarray  # (N, 3) float32
     faces: np.ndarray  # (M, 3) int64
 
-    @property
+    @functools.cached_property
     def center(self) -> np.ndarray:
         """Centre of the bounding box."""
-        used = self.vertices[np.unique(self.faces)].astype(np.float64)
+        used = self.used.astype(np.float64)
         return (used.min(axis=0) + used.max(axis=0)) / 2
 
-    @property
+    @functools.cached_property
     def used(self) -> np.ndarray:
         """The vertices that faces refer to."""
         return self.vertices[np.unique(self.faces)]
 
-    @property
+    @functools.cached_property
     def diagonal(self) -> float:
         """Length of the bounding box's diagonal."""
-        used = self.vertices[np.unique(self.faces)].astype(np.float64)
+        used = self.used.astype(np.float64)
         return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
 
 

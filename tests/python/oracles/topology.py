@@ -14,7 +14,13 @@ def _rows(array: np.ndarray) -> np.ndarray:
 def position_ids(vertices: np.ndarray) -> np.ndarray:
     """The smallest index with the same position, for every vertex. −0 equals +0, nothing else is merged."""
     clean = np.asarray(vertices, np.float64) + 0.0
-    _, first, inverse = np.unique(_rows(clean), return_index=True, return_inverse=True)
+    bits = np.ascontiguousarray(clean).view(np.uint64)
+    odd = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+    mixed = bits * odd
+    keys = (mixed ^ (mixed >> np.uint64(29))).sum(axis=1, dtype=np.uint64)
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    if not np.array_equal(clean[first[inverse]], clean):  # two positions with one key: compare rows instead
+        _, first, inverse = np.unique(_rows(clean), return_index=True, return_inverse=True)
     return first[inverse.ravel()]
 
 
