@@ -57,7 +57,7 @@ impl Default for BuildOptions {
             cluster_vertices: CLUSTER_MAX_VERTICES,
             clusterizer: Clusterizer::default(),
             group_clusters: 16,
-            normal_weight: 0.5,
+            normal_weight: 1.0,
             color_weight: 1.0,
             uv_weight: 1.0,
             face_ids: false,

@@ -47,7 +47,7 @@ class BuildOptions:
     """Clusters that are simplified together, 4 to 24."""
     clusterizer: Literal["spatial", "flex"] = "spatial"
     """What splits triangles into clusters. "flex" gives some 10 % shorter cluster borders for a third more time."""
-    normal_weight: float = 0.5
+    normal_weight: float = 1.0
     """Weight of a unit of normal deviation against one mean edge length of distance."""
     color_weight: float = 1.0
     """Weight of a unit of colour (0 to 1) against one mean edge length of distance."""
