@@ -51,7 +51,7 @@ pub struct Simplified {
     /// The simplified mesh; `ids` still name the vertices it came from.
     pub mesh: LocalMesh,
     /// Distance against the group's own input, internal units: the simplifier's estimate, or the largest
-    /// distance found at a vertex of either surface, if that is larger; times [`SAMPLING_MARGIN`].
+    /// distance found at a vertex of either surface, if that is larger; times a margin.
     pub error: f32,
     /// The step that made it.
     pub step: Step,
