@@ -34,8 +34,8 @@ class Cut:
     uvs : list of (N, 2) float32 arrays
         UV sets, as many as the source had.
     error : float
-        No point of the cut stands for a piece of the source with a larger error, in the units of the mesh;
-        0 at full detail.
+        The largest stated error of its clusters, in the units of the mesh: measured at the vertices of both
+        surfaces step by step and added up, not yet a proven bound. 0 at full detail.
     cluster_ids : (C,) uint32 array
         Addresses of the clusters.
     cluster_levels : (C,) uint8 array

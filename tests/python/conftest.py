@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
 
-ROOT = Path(__file__).resolve().parents[2]
-SHARED = Path(os.environ.get("NANITE_SHARED_DATA", ROOT.parent / "shared" / "data"))
 SOAK = bool(os.environ.get("NANITE_SOAK"))
 
 _skips: dict[str, str] = {}
@@ -44,20 +42,6 @@ def pytest_sessionfinish() -> None:
     if target:
         lines = (f"{test}\t{' '.join(reason.split())}\n" for test, reason in _skips.items())
         Path(target).write_text("".join(lines))
-
-
-def shared_file(relative: str) -> Path:
-    """A file of the shared test meshes, or a skip that names it."""
-    path = SHARED / relative
-    if not path.exists():
-        pytest.skip(f"real meshes are absent ({SHARED.parent.name}/{SHARED.name}/{relative})")
-    return path
-
-
-@pytest.fixture(name="shared_file")
-def shared_file_fixture():
-    """`shared_file("scans/…")` gives a path or skips the test."""
-    return shared_file
 
 
 @pytest.fixture(scope="session")

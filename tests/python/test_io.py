@@ -13,6 +13,7 @@ import trimesh
 
 import nanite_rs as nrs
 from nanite_rs import io
+from oracles import data
 
 
 @pytest.fixture
@@ -196,10 +197,9 @@ def glb(document: dict, binary: bytes = b"\0" * 12) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def test_draco_without_its_package_says_what_to_install(shared_file, monkeypatch):
-    path = shared_file(
-        "scans/smithsonian_fossil_100k/USNM_1145291-150k-2048-medium-100k-2048_draco.glb",
-    )
+def test_draco_without_its_package_says_what_to_install(monkeypatch):
+    name = "USNM_1145291-150k-2048-medium-100k-2048_draco.glb"
+    path = data.require("scans", "smithsonian_fossil_100k", name)
     assert len(nrs.NaniteMesh.from_file(path)) == 100_000
     monkeypatch.setitem(sys.modules, "DracoPy", None)
     with pytest.raises(nrs.DependencyError, match=r"DracoPy is needed; pip install 'nanite-rs\[io\]'"):
@@ -226,7 +226,7 @@ def test_undecodable_compression_is_named(tmp_path):
         nrs.NaniteMesh.from_file(tmp_path / "packed.glb")
 
 
-def test_gzipped_scan(shared_file):
-    mesh = nrs.NaniteMesh.from_file(shared_file("scans/stanford_dragon_res2/dragon_vrip_res2.ply.gz"))
+def test_gzipped_scan():
+    mesh = nrs.NaniteMesh.from_file(data.require("scans", "stanford_dragon_res2", "dragon_vrip_res2.ply.gz"))
     assert mesh.report.input_faces == 202_520
     assert mesh.report.duplicate_faces > 0
