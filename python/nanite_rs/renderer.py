@@ -34,7 +34,7 @@ class StageStats:
     stage: str
     """Name of the stage."""
     pass_number: int
-    """1, or 2 for what waited for the depth pyramid."""
+    """1, or 2 for what was put off until nearer surfaces were drawn, all such rounds together."""
     received: int
     """What came in, counted in `received_unit`."""
     received_unit: str
@@ -68,7 +68,7 @@ class FrameStats:
     occluded_instances: int
     """Instances that the depth pyramid hid."""
     occluded_clusters: int
-    """Clusters of the first pass that the depth pyramid hid."""
+    """Clusters that passed every other test, and that the depth pyramid hid."""
 
     def __getitem__(self, stage: str) -> StageStats:
         """Return a stage by name, both passes taken together."""

@@ -18,8 +18,8 @@ const GROUPS_PER_TASK: usize = 8;
 /// Longest edge, pixels, at which a triangle still is for the small rasterizer.
 pub const SMALL_EDGE: f32 = 16.0;
 
-/// A cluster to draw.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A cluster to draw. Candidates compare by scene order: by instance, then by cluster address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Candidate {
     /// The cluster and its instance.
     pub visible: Visible,
@@ -101,41 +101,7 @@ fn cull_group(
     }
 }
 
-/// Second pass over clusters that passed every other test: keeps those that the depth pyramid does not hide.
+/// A later round, over clusters that passed every other test: keeps those that the depth pyramid does not hide.
 pub fn unhidden(candidates: &[Candidate], hzb: &Hzb) -> Vec<Candidate> {
     candidates.iter().filter(|c| !hzb.hides(&c.footprint)).copied().collect()
-}
-
-/// Splits off what is drawn before the depth pyramid is built: the nearest footprints that together could
-/// cover the picture's occupied part about once. Returns the smallest key of that part, or `None` when all
-/// footprints together cover that part less than `worthwhile` times, so that there is little to gain.
-///
-/// `footprints` in any order; only keys and rectangles count, so the answer depends on neither order nor
-/// threads.
-pub fn nearest_portion(footprints: &[Footprint], screen: &Screen, worthwhile: f64) -> Option<u32> {
-    const TILE: usize = 32;
-    let columns = (screen.width as usize).div_ceil(TILE);
-    let rows = (screen.height as usize).div_ceil(TILE);
-    let mut occupied = vec![false; columns * rows];
-    let mut total = 0u64;
-    for f in footprints {
-        let [x0, y0, x1, y1] = f.rect.map(|v| usize::from(v) / TILE);
-        for y in y0..=y1 {
-            occupied[y * columns + x0..=y * columns + x1].fill(true);
-        }
-        total += f.area();
-    }
-    let covered = (occupied.iter().filter(|o| **o).count() * TILE * TILE) as f64;
-    if (total as f64) < worthwhile * covered {
-        return None;
-    }
-    let mut order: Vec<(u32, u64)> = footprints.iter().map(|f| (f.near_key, f.area())).collect();
-    order.par_sort_unstable_by(|a, b| b.cmp(a));
-    let budget = covered as u64;
-    let mut sum = 0;
-    let (key, _) = order.iter().find(|(_, area)| {
-        sum += area;
-        sum >= budget
-    })?;
-    Some(*key)
 }

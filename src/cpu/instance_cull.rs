@@ -35,7 +35,7 @@ pub fn run(instances: &[(u32, &Instance)], view: &View, screen: &Screen) -> Vec<
     chunks.into_iter().flatten().collect()
 }
 
-/// Second pass: keeps the numbers of instances that the depth pyramid does not hide.
+/// A later round: keeps the numbers of instances that the depth pyramid does not hide.
 pub fn unhidden(numbers: &[u32], views: &[InstanceView], hzb: &Hzb) -> Vec<u32> {
     numbers.iter().copied().filter(|&i| !hzb.hides(&views[i as usize].footprint)).collect()
 }

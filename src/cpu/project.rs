@@ -101,7 +101,7 @@ pub struct InstanceView {
 }
 
 /// Where a box lies on the screen.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Footprint {
     /// First column, first row, last column, last row, on the picture.
     pub rect: [u16; 4],

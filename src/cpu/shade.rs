@@ -170,11 +170,9 @@ impl Gamma {
         // NaN (a light at the surface) becomes 0.
         let c = if c > 0.0 { c.min(1.0) } else { 0.0 };
         let entry = c.to_bits().saturating_sub(Self::LOW) >> Self::SHIFT;
-        let mut level = usize::from(self.first[entry as usize]);
-        while self.steps[level + 1] <= c {
-            level += 1;
-        }
-        level as u8
+        let level = self.first[entry as usize];
+        // An entry spans 1/128 of its value, less than a step of the result: there is one to take at most.
+        level + u8::from(self.steps[usize::from(level) + 1] <= c)
     }
 }
 

@@ -100,8 +100,13 @@ impl<'a> Walk<'a> {
     pub fn step(&mut self) -> Option<Surfels<'a>> {
         self.gathered.count = 0;
         while self.next < self.end {
-            let Some(hit) = decode(self.pixels.words[self.next]) else {
+            let words = self.pixels.words;
+            let Some(hit) = decode(words[self.next]) else {
                 self.next += 1;
+                // Background comes in stretches.
+                while self.next + 8 <= self.end && words[self.next..self.next + 8].iter().all(|w| *w == 0) {
+                    self.next += 8;
+                }
                 continue;
             };
             if hit.visible != self.last {

@@ -13,7 +13,7 @@ use crate::model::ClusterAddress;
 pub const MAX_VISIBLE: usize = (1 << VISIBLE_BITS) - 1;
 
 /// A cluster that is drawn: an entry of the frame's visible list.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Visible {
     /// Index in the frame's list of instances.
     pub instance: u32,

@@ -1,6 +1,8 @@
 //! The renderer: a list of stages, the facade that runs them, and the frame that they leave.
 
 pub mod frame;
+mod pass;
+mod queue;
 pub mod renderer;
 pub mod stages;
 pub mod stats;

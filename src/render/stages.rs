@@ -21,8 +21,8 @@ pub enum Stage {
     Output,
 }
 
-/// All stages in the order in which they run. When the depth pyramid is built, the stages before it run a
-/// second time over what the first pass put off.
+/// All stages in the order in which they run. When a depth pyramid is built, the stages before it run again over
+/// the next portion of what was put off.
 pub const STAGES: [Stage; 8] = [
     Stage::InstanceCull,
     Stage::NodeCull,

@@ -9,7 +9,7 @@ use super::stages::Stage;
 pub struct StageStats {
     /// The stage.
     pub stage: Stage,
-    /// 1, or 2 for what the first pass put off until the depth pyramid was there.
+    /// 1, or 2 for what was put off until a depth pyramid was there, all such rounds together.
     pub pass: u8,
     /// What came in; [`Stage::counts`] says of what.
     pub received: u64,
@@ -22,7 +22,7 @@ pub struct StageStats {
 /// Everything a frame reports.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameStats {
-    /// In the order in which they ran.
+    /// In the order in which they first ran.
     pub stages: Vec<StageStats>,
     /// Triangles of all visible instances at full detail.
     pub source_triangles: u64,
@@ -38,7 +38,7 @@ pub struct FrameStats {
     pub covered_pixels: u64,
     /// Instances that the depth pyramid hid.
     pub occluded_instances: u64,
-    /// Clusters that passed every other test of the first pass, and that the depth pyramid then hid.
+    /// Clusters that passed every other test, and that the depth pyramid then hid.
     pub occluded_clusters: u64,
     /// Wall time of the whole frame, milliseconds.
     pub total_ms: f64,
@@ -50,7 +50,10 @@ impl FrameStats {
         let start = std::time::Instant::now();
         let (result, received, passed) = work();
         let ms = start.elapsed().as_secs_f64() * 1e3;
-        self.stages.push(StageStats { stage, pass, received, passed, ms });
+        match self.stages.iter_mut().find(|s| s.stage == stage && s.pass == pass) {
+            Some(s) => (s.received, s.passed, s.ms) = (s.received + received, s.passed + passed, s.ms + ms),
+            None => self.stages.push(StageStats { stage, pass, received, passed, ms }),
+        }
         result
     }
 }

@@ -1,0 +1,168 @@
+//! The culling and raster stages of a frame, in rounds.
+//!
+//! With occlusion, and where footprints overlap enough for it to pay, only the nearest portion is drawn in the
+//! first round; the depth pyramid of what was drawn then culls the next portion, and so on. Hidden clusters have
+//! no pixel, so the picture is the same either way; and since numbers are given in scene order over what is
+//! drawn, so are all ties.
+
+use rayon::prelude::*;
+
+use super::queue::Queue;
+use super::stages::Stage;
+use super::stats::FrameStats;
+use crate::cpu::cluster_cull::{self, Candidate};
+use crate::cpu::hzb::Hzb;
+use crate::cpu::project::{InstanceView, Screen};
+use crate::cpu::visibility::{MAX_VISIBLE, Nearest, Visible, as_atomic, renumber};
+use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
+use crate::error::{Error, Result};
+
+/// Fewer triangles than this are drawn at once: a depth pyramid costs more than it could save.
+const PYRAMID_ABOVE: u64 = 1 << 15;
+/// Instances are put off when their rectangles cover the occupied part of the picture more often than this.
+const INSTANCE_OVERLAP: f64 = 1.5;
+/// The same for clusters: their rectangles hold about twice the pixels of their triangles.
+const CLUSTER_OVERLAP: f64 = 3.0;
+
+/// The state of a frame on its way through the culling and raster stages.
+pub(super) struct Pass {
+    pub(super) screen: Screen,
+    pub(super) tau: f32,
+    pub(super) views: Vec<InstanceView>,
+    pub(super) words: Vec<u64>,
+    pub(super) stats: FrameStats,
+}
+
+impl Pass {
+    /// Culls and draws everything; returns the frame's visible list, in scene order.
+    pub(super) fn draw_scene(&mut self, occlusion: bool, hzb: &mut Hzb) -> Result<Vec<Candidate>> {
+        let overlap = if occlusion { INSTANCE_OVERLAP } else { f64::INFINITY };
+        let footprints = self.views.iter().enumerate().map(|(i, v)| (v.footprint, i as u32));
+        let mut instances = Queue::new(footprints, &self.screen, overlap);
+        let candidates = self.cull(1, &instances.take(), None);
+        let pays = occlusion && triangles(&candidates) > PYRAMID_ABOVE;
+        let overlap = if pays { CLUSTER_OVERLAP } else { f64::INFINITY };
+        let mut clusters = Queue::new(candidates.iter().map(|c| (c.footprint, *c)), &self.screen, overlap);
+        let mut list = self.draw(1, Vec::new(), clusters.take())?;
+        while !(instances.is_empty() && clusters.is_empty()) {
+            self.build_pyramid(hzb);
+            let mut new = self.unhidden_clusters(&clusters.take(), hzb);
+            let unhidden = self.unhidden_instances(&instances.take(), hzb);
+            if !unhidden.is_empty() {
+                new.append(&mut self.cull(2, &unhidden, Some(hzb)));
+            }
+            new.sort_unstable();
+            list = self.draw(2, list, new)?;
+        }
+        Ok(list)
+    }
+
+    fn build_pyramid(&mut self, hzb: &mut Hzb) {
+        let (width, height) = (self.screen.width as usize, self.screen.height as usize);
+        self.stats.time(Stage::Hzb, 1, || {
+            hzb.build(&self.words, width, height);
+            ((), (width * height) as u64, (width.div_ceil(2) * height.div_ceil(2)) as u64)
+        });
+    }
+
+    fn unhidden_clusters(&mut self, later: &[Candidate], hzb: &Hzb) -> Vec<Candidate> {
+        let unhidden = cluster_cull::unhidden(later, hzb);
+        self.stats.occluded_clusters += (later.len() - unhidden.len()) as u64;
+        unhidden
+    }
+
+    fn unhidden_instances(&mut self, later: &[u32], hzb: &Hzb) -> Vec<u32> {
+        let unhidden = self.stats.time(Stage::InstanceCull, 2, || {
+            let unhidden = instance_cull::unhidden(later, &self.views, hzb);
+            let count = unhidden.len() as u64;
+            (unhidden, later.len() as u64, count)
+        });
+        self.stats.occluded_instances += (later.len() - unhidden.len()) as u64;
+        unhidden
+    }
+
+    /// Node and cluster culling of instances; survivors in scene order.
+    fn cull(&mut self, pass: u8, instances: &[u32], hzb: Option<&Hzb>) -> Vec<Candidate> {
+        let (views, screen, tau) = (&self.views, &self.screen, self.tau);
+        let walk = self.stats.time(Stage::NodeCull, pass, || {
+            let walk = node_cull::run(instances, views, screen, tau, hzb);
+            let counts = (walk.visited, walk.groups.len() as u64);
+            (walk, counts.0, counts.1)
+        });
+        self.stats.time(Stage::ClusterCull, pass, || {
+            let mut culled = cluster_cull::run(&walk.groups, views, screen, tau, hzb);
+            if !culled.candidates.is_sorted() {
+                culled.candidates.par_sort_unstable();
+            }
+            let count = culled.candidates.len() as u64;
+            (culled.candidates, culled.visited, count)
+        })
+    }
+
+    /// Draws `new` into what shows `old`, both in scene order; returns both as one list, renumbered. The first
+    /// pass starts from background.
+    fn draw(&mut self, pass: u8, old: Vec<Candidate>, new: Vec<Candidate>) -> Result<Vec<Candidate>> {
+        let count = old.len() + new.len();
+        if count > MAX_VISIBLE {
+            let message = format!("{count} clusters are visible at once, the most is {MAX_VISIBLE}");
+            return Err(Error::TooLarge(message));
+        }
+        if pass > 1 && new.is_empty() {
+            return Ok(old);
+        }
+        let (list, numbers_old, numbers) = merge(old, &new);
+        if !numbers_old.is_empty() {
+            renumber(&mut self.words, &numbers_old);
+        }
+        let visible: Vec<Visible> = list.iter().map(|c| c.visible).collect();
+        for (stage, large) in [(Stage::RasterSmall, false), (Stage::RasterLarge, true)] {
+            let (views, screen, words) = (&self.views, &self.screen, &mut self.words);
+            self.stats.time(stage, pass, || {
+                if pass == 1 && !large {
+                    words.par_chunks_mut(1 << 15).for_each(|chunk| chunk.fill(0));
+                }
+                let sink = Nearest(as_atomic(words));
+                let mut received = 0;
+                let mut chosen = Vec::with_capacity(new.len());
+                for (candidate, &number) in new.iter().zip(&numbers) {
+                    if candidate.large == large {
+                        chosen.push(number);
+                        received += u64::from(candidate.triangles);
+                    }
+                }
+                let drawn = if large {
+                    raster_large::run(&chosen, &visible, views, screen, &sink)
+                } else {
+                    raster_small::run(&chosen, &visible, views, screen, &sink)
+                };
+                ((), received, drawn)
+            });
+        }
+        Ok(list)
+    }
+}
+
+/// Triangles of the clusters of a list.
+pub(super) fn triangles(list: &[Candidate]) -> u64 {
+    list.iter().map(|c| u64::from(c.triangles)).sum()
+}
+
+/// Merges two lists in scene order; also the numbers that the entries of each get.
+fn merge(a: Vec<Candidate>, b: &[Candidate]) -> (Vec<Candidate>, Vec<u32>, Vec<u32>) {
+    if a.is_empty() {
+        return (b.to_vec(), Vec::new(), (0..b.len() as u32).collect());
+    }
+    let mut list = Vec::with_capacity(a.len() + b.len());
+    let (mut of_a, mut of_b) = (Vec::with_capacity(a.len()), Vec::with_capacity(b.len()));
+    while of_a.len() < a.len() || of_b.len() < b.len() {
+        let take_a = match (a.get(of_a.len()), b.get(of_b.len())) {
+            (Some(x), Some(y)) => x < y,
+            (x, _) => x.is_some(),
+        };
+        let (from, numbers) = if take_a { (&a[..], &mut of_a) } else { (b, &mut of_b) };
+        let entry = from[numbers.len()];
+        numbers.push(list.len() as u32);
+        list.push(entry);
+    }
+    (list, of_a, of_b)
+}
