@@ -6,17 +6,10 @@ is skipped, and `make test` counts it. Skips are also written to `$NANITE_SKIPS`
 
 from __future__ import annotations
 
-import ctypes.util
-import importlib
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
-
-if TYPE_CHECKING:
-    from types import ModuleType
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
 
@@ -48,12 +41,3 @@ def pytest_sessionfinish() -> None:
 def soak() -> bool:
     """True under `make soak`: property tests then run at full length."""
     return SOAK
-
-
-@pytest.fixture(scope="session")
-def pyrender() -> ModuleType:
-    """pyrender on OSMesa: single sample per pixel, the oracle of the image tests."""
-    if ctypes.util.find_library("OSMesa") is None:
-        pytest.skip("libOSMesa is absent: apt-get install libosmesa6")
-    np.inf = np.inf  # pyrender 0.1.45 asks numpy 2 for it
-    return importlib.import_module("pyrender")
