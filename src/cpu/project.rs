@@ -114,8 +114,11 @@ pub struct Footprint {
 }
 
 impl Footprint {
-    /// Pixels of the rectangle without its margin of a pixel on every side.
+    /// Pixels of the rectangle without its margin of a pixel on every side; 1 where it is not known.
     pub fn area(&self) -> u64 {
+        if self.near_key == u32::MAX {
+            return 1;
+        }
         let [x0, y0, x1, y1] = self.rect.map(i64::from);
         ((x1 - x0 - 1).max(1) * (y1 - y0 - 1).max(1)) as u64
     }

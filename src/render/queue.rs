@@ -32,14 +32,17 @@ impl<T: Copy + Ord> Queue<T> {
         let mut tiles = vec![false; columns * (screen.height as usize).div_ceil(TILE)];
         let mut total = 0;
         for (footprint, _) in &entries {
+            total += footprint.area();
+            if footprint.near_key == u32::MAX {
+                continue;
+            }
             let [x0, y0, x1, y1] = footprint.rect.map(|v| usize::from(v) / TILE);
             for y in y0..=y1 {
                 tiles[y * columns + x0..=y * columns + x1].fill(true);
             }
-            total += footprint.area();
         }
         let occupied = (tiles.iter().filter(|t| **t).count() * TILE * TILE) as u64;
-        let pays = total as f64 >= worthwhile * occupied as f64;
+        let pays = occupied > 0 && total as f64 >= worthwhile * occupied as f64;
         if pays {
             entries.sort_unstable_by_key(|(f, entry)| (f.near_key, std::cmp::Reverse(*entry)));
         }
