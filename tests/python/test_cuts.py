@@ -56,7 +56,7 @@ def test_cut_is_reproduced_by_its_own_error(sphere) -> None:
 def test_views_coarsen_with_distance_and_tolerance(sphere) -> None:
     lens = nrs.PerspectiveCamera(yfov=0.8, znear=0.01)
     sizes = []
-    for distance_ in (2, 4, 8, 16, 32, 64):
+    for distance_ in (2, 4, 8, 16, 32, 64, 128):
         pose = camera.look_at(np.array([0, 0, float(distance_)]), np.zeros(3))
         sizes.append(len(sphere.cut(camera=lens, pose=pose, viewport=(1280, 720), pixel_error=1.0).faces))
     assert sizes == sorted(sizes, reverse=True)
@@ -75,7 +75,7 @@ def test_a_near_view_of_a_large_terrain_refines_what_is_near() -> None:
     corner = vertices[np.argmax(vertices[:, 0] + vertices[:, 2])]
     pose = camera.look_at(corner + np.array([0.05, 0.1, 0.05]), np.zeros(3))
     lens = nrs.PerspectiveCamera(yfov=0.8, znear=0.001)
-    cut = mesh.cut(camera=lens, pose=pose, viewport=(1280, 720), pixel_error=8.0)
+    cut = mesh.cut(camera=lens, pose=pose, viewport=(1280, 720), pixel_error=16.0)
     away = np.linalg.norm(cut.vertices[cut.faces].mean(axis=1) - pose[:3, 3], axis=1)
     levels = [cut.face_levels[(low < away) & (away <= 2 * low)].mean() for low in (0.1, 0.2, 0.4, 0.8, 1.6)]
     assert levels == sorted(levels)
