@@ -237,7 +237,7 @@ fn borders(dag: &Dag, addresses: &[ClusterAddress], positions: &[u32]) -> Result
             let after: Vec<[u32; 3]> =
                 outputs[*g].iter().flat_map(|at| corners(dag, *at, positions)).collect();
             ensure(!after.is_empty(), || format!("group {g}: has an error, but nothing was made from it"))?;
-            let kept = border_kept(before.into_iter(), after.into_iter(), |p| shared[p as usize]);
+            let kept = border_kept(&before, &after, |p| shared[p as usize]);
             ensure(kept, || format!("group {g}: simplification changed its border to other groups"))
         })?;
     }

@@ -9,12 +9,13 @@ use meshopt::{
     SimplifyOptions, SimplifyVertex, VertexDataAdapter, simplify_sloppy_with_locks, simplify_with_update,
 };
 
-use super::lock_borders::{border_kept, locked_edges_kept};
+use super::lock_borders::border_kept;
 use super::store::LocalMesh;
 use crate::config::BuildOptions;
 use crate::math::Aabb;
 use crate::measure::deviation;
 use crate::measure::deviation::Surface;
+use crate::mesh::hash;
 use crate::model::{AttributeLayout, StuckReason};
 
 /// Part of the triangles to keep.
@@ -64,7 +65,7 @@ pub fn simplify(
     options: &BuildOptions,
 ) -> Result<Simplified, StuckReason> {
     let mut reason = StuckReason::TooFewCollapses;
-    let before = by_position(mesh, &mesh.indices);
+    let before: Vec<[u32; 3]> = faces(&mesh.indices, |v| mesh.position_ids[v as usize]).collect();
     for step in Step::CHAIN {
         match attempt(mesh, &before, layout, options, step) {
             Ok(result) => return Ok(result),
@@ -93,15 +94,12 @@ fn attempt(
         if left as f32 > most {
             return Err(StuckReason::TooFewCollapses);
         }
-        let after = by_position(mesh, &result.indices);
-        let is_locked = |v: u32| mesh.locked[v as usize];
-        let kept = match step {
-            Step::Sloppy => border_kept(before.iter().copied(), after.iter().copied(), is_locked),
-            _ => locked_edges_kept(before, &after, is_locked),
-        };
+        let after = by_position(mesh, &result);
+        let is_locked = |p: u32| mesh.locked.get(p as usize).copied().unwrap_or(false);
+        let kept = border_kept(before, &after, is_locked);
         if kept { Ok((result, error, after)) } else { Err(StuckReason::BorderChanged) }
     };
-    let (mut result, mut error, after) = checked(&mesh.locked)?;
+    let (mut result, mut error, mut after) = checked(&mesh.locked)?;
     let mut done = step;
     if step == Step::Attributes {
         let source = Topology::of(before);
@@ -112,13 +110,23 @@ fn attempt(
             if topology.same_as(&source) || topology.crowded.len() <= source.crowded.len() {
                 break;
             }
-            for v in topology.crowded.iter().flat_map(|e| [e.0, e.1]) {
-                let at = |w: &usize| mesh.position_ids[*w] == v;
+            // Vertices of the result are numbered like those of the group, wherever they moved.
+            let met = |v: u32, faces: &[[u32; 3]]| {
+                faces
+                    .iter()
+                    .flatten()
+                    .zip(&result.indices)
+                    .filter(|(p, _)| **p == v)
+                    .map(|(_, w)| *w)
+                    .collect::<Vec<_>>()
+            };
+            for v in topology.crowded.iter().flat_map(|e| [e.0, e.1]).flat_map(|p| met(p, &after)) {
+                let at = |w: &usize| mesh.position_ids[*w] == mesh.position_ids[v as usize];
                 (0..locked.len()).filter(at).for_each(|w| locked[w] = true);
             }
             let Ok(again) = checked(&locked) else { break };
             topology = Topology::of(&again.2);
-            (result, error) = (again.0, again.1);
+            (result, error, after) = again;
         }
         if !topology.same_as(&source) {
             done = Step::Topology;
@@ -175,9 +183,17 @@ impl Topology {
     }
 }
 
-/// Triangles by the representatives of their corners' positions.
-fn by_position(mesh: &LocalMesh, indices: &[u32]) -> Vec<[u32; 3]> {
-    indices.chunks_exact(3).map(|t| [0, 1, 2].map(|k| mesh.position_ids[t[k] as usize])).collect()
+/// Triangles with their corners renamed.
+fn faces(indices: &[u32], name: impl Fn(u32) -> u32) -> impl Iterator<Item = [u32; 3]> {
+    indices.chunks_exact(3).map(move |t| [t[0], t[1], t[2]].map(&name))
+}
+
+/// Triangles of a result by position: below the number of vertices the first one that *was* there before, above
+/// it a new place. By what the positions are now: seams may have come apart and sheets may have met.
+fn by_position(before: &LocalMesh, after: &LocalMesh) -> Vec<[u32; 3]> {
+    let both = [before.positions.as_slice(), after.positions.as_slice()].concat();
+    let ids = hash::first_equal(bytemuck::cast_slice(&both), 3);
+    faces(&after.indices, |v| ids[before.positions.len() + v as usize]).collect()
 }
 
 /// Weights of the attribute row, unit-free: a unit of an attribute against one mean edge length. The

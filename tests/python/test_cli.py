@@ -165,8 +165,11 @@ def test_failures_are_one_line(tmp_path, arguments, message):
 
 
 def test_ctrl_c_stops_a_build(tmp_path):
-    command = [sys.executable, "-m", "nanite_rs", "build", "shape:displaced_icosphere:6000000", "-q"]
-    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    # In the background of a shell SIGINT is ignored, and children inherit that.
+    arguments = ["build", "shape:displaced_icosphere:6000000", "-q"]
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{heed}; from nanite_rs.cli import main; raise SystemExit(main({arguments}))"
+    process = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     time.sleep(6.0)
     os.kill(process.pid, signal.SIGINT)
     start = time.monotonic()

@@ -6,7 +6,10 @@ import sys
 import time
 
 CODE = """
+import signal
 import sys
+# In the background of a shell SIGINT is ignored, and children inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 import nanite_rs as nrs
 v, f = nrs.shapes.displaced_icosphere(faces=4_000_000)
 print("ready", flush=True)
