@@ -18,7 +18,8 @@ def document(results: dict) -> str:
         f"# Python benchmarks, {results['date']}" + (" (quick: not to quote)" if results["quick"] else ""),
         "",
         f"{machine['processor']}, {machine['cores']} cores, {machine['memory_gib']} GiB, {machine['system']},"
-        f" Python {machine['python']}; {versions}. Medians of interleaved runs.",
+        f" Python {machine['python']}; {versions}. Medians of interleaved runs."
+        f" Load of the machine before the first run: {machine['load']}.",
         "",
     ]
     return "\n".join(head) + "\n".join(section(name, results[name]) for name in TITLES if name in results)
