@@ -180,7 +180,7 @@ def arrays(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n != "soup"])
 def test_stated_error_against_the_measured_one(name: str) -> None:
-    """Stated errors are measured on samples and no proven bounds yet: what they are worth is recorded."""
+    """Stated errors are measured with a margin and no proven bounds yet: samples must not exceed them."""
     mesh = subjects.built(name)
     lines = []
     for reduction in (0.5, 0.9, 0.97):
@@ -196,4 +196,4 @@ def test_stated_error_against_the_measured_one(name: str) -> None:
             f"{name} −{reduction:.0%}: {faces} faces, stated {error:.3g};"
             f" measured ÷ stated: {out:.2f} out, {back:.2f} back"
         )
-    assert all(max(out, back) < 1.25 for *_, out, back in lines), lines
+    assert all(max(out, back) < 1 for *_, out, back in lines), lines
