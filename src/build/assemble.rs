@@ -9,6 +9,7 @@ use super::hierarchy;
 use super::store::VertexStore;
 use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
 use crate::math::sphere::round_up;
+use crate::math::triangle::area_normal;
 use crate::math::{Aabb, octahedral};
 use crate::mesh::frame::center_extent;
 use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
@@ -182,10 +183,7 @@ fn longest_edge(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> f64 {
 fn cone(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> [i8; 4] {
     const NEVER: [i8; 4] = [0, 0, 0, 127];
     let normal = |t: &[u8; 3]| {
-        let p = t.map(|v| points[usize::from(v)].map(f64::from));
-        let u: [f64; 3] = std::array::from_fn(|k| p[1][k] - p[0][k]);
-        let v: [f64; 3] = std::array::from_fn(|k| p[2][k] - p[0][k]);
-        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        let n = area_normal(t.map(|v| points[usize::from(v)]));
         let size = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
         (size > 0.0).then(|| n.map(|x| x / size))
     };

@@ -255,8 +255,8 @@ impl Growth {
         let lod_sphere = self.sphere_of(&members);
         let first = u32::try_from(store.count())
             .ok()
-            .filter(|n| n.checked_add(split.new_positions.len() as u32).is_some_and(|n| n < u32::MAX))
-            .ok_or_else(|| Error::TooLarge("more than 2^32 vertices over all levels".into()))?;
+            .filter(|n| n.checked_add(split.new_positions.len() as u32).is_some_and(|n| n <= NEW_VERTEX))
+            .ok_or_else(|| Error::TooLarge("more than 2^31 vertices over all levels".into()))?;
         store.positions.extend_from_slice(&split.new_positions);
         store.attributes.extend_from_slice(&split.new_attributes);
         for mut mesh in split.clusters {

@@ -8,11 +8,13 @@
 use meshopt::{
     SimplifyOptions, SimplifyVertex, VertexDataAdapter, simplify_sloppy_with_locks, simplify_with_update,
 };
+use rustc_hash::FxHashSet;
 
 use super::lock_borders::border_kept;
 use super::store::LocalMesh;
 use crate::config::BuildOptions;
 use crate::math::Aabb;
+use crate::math::triangle::area_normal;
 use crate::measure::deviation;
 use crate::measure::deviation::Surface;
 use crate::mesh::hash;
@@ -107,23 +109,15 @@ fn attempt(
         let mut locked = mesh.locked.clone();
         // Collapses have no link condition: where sheets were pinched together, hold what they met at and repeat.
         for _ in 0..TOPOLOGY_RETRIES {
-            if topology.same_as(&source) || topology.crowded.len() <= source.crowded.len() {
+            if topology.crowded.len() <= source.crowded.len() {
                 break;
             }
+            let ends: FxHashSet<u32> = topology.crowded.iter().flat_map(|e| [e.0, e.1]).collect();
             // Vertices of the result are numbered like those of the group, wherever they moved.
-            let met = |v: u32, faces: &[[u32; 3]]| {
-                faces
-                    .iter()
-                    .flatten()
-                    .zip(&result.indices)
-                    .filter(|(p, _)| **p == v)
-                    .map(|(_, w)| *w)
-                    .collect::<Vec<_>>()
-            };
-            for v in topology.crowded.iter().flat_map(|e| [e.0, e.1]).flat_map(|p| met(p, &after)) {
-                let at = |w: &usize| mesh.position_ids[*w] == mesh.position_ids[v as usize];
-                (0..locked.len()).filter(at).for_each(|w| locked[w] = true);
-            }
+            let corners = after.iter().flatten().zip(&result.indices);
+            let met = corners.filter(|(p, _)| ends.contains(p)).map(|(_, v)| mesh.position_ids[*v as usize]);
+            let met: FxHashSet<u32> = met.collect();
+            locked.iter_mut().zip(&mesh.position_ids).for_each(|(lock, p)| *lock |= met.contains(p));
             let Ok(again) = checked(&locked) else { break };
             topology = Topology::of(&again.2);
             (result, error, after) = again;
@@ -219,10 +213,7 @@ fn mean_edge(mesh: &LocalMesh) -> f32 {
         .indices
         .chunks_exact(3)
         .map(|t| {
-            let p = [0, 1, 2].map(|k| mesh.positions[t[k] as usize].map(f64::from));
-            let u: [f64; 3] = std::array::from_fn(|k| p[1][k] - p[0][k]);
-            let v: [f64; 3] = std::array::from_fn(|k| p[2][k] - p[0][k]);
-            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            let n = area_normal([0, 1, 2].map(|k| mesh.positions[t[k] as usize]));
             0.5 * (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt()
         })
         .sum();

@@ -5,6 +5,7 @@ pub mod morton;
 pub mod octahedral;
 pub mod project;
 pub mod sphere;
+pub mod triangle;
 
 pub use aabb::Aabb;
 pub use project::{LodView, singular_value_bound};

@@ -104,17 +104,9 @@ fn mend(
         .collect();
     let first = hash::first_equal(bytemuck::cast_slice(&canonical), 3);
     let before = kept.len();
-    let mut i = 0;
-    let mut unique = |_: &_| {
-        i += 1;
-        first[i - 1] as usize == i - 1
-    };
-    kept.retain(&mut unique);
-    i = 0;
-    rows.retain(|_| {
-        i += 1;
-        first[i - 1] as usize == i - 1
-    });
+    let unique = |(i, _): &(usize, _)| first[*i] as usize == *i;
+    let (kept, rows): (Vec<_>, Vec<_>) =
+        kept.into_iter().zip(rows).enumerate().filter(unique).map(|(_, face)| face).unzip();
     report.duplicate_faces = (before - kept.len()) as u64;
     (kept, rows)
 }
