@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::lock_borders::border_kept;
 use crate::error::{Error, Result};
+use crate::mesh::edges::Edges;
 use crate::mesh::hash;
 use crate::model::cluster::NO_GROUP;
 use crate::model::rule::{ERROR_STEP, ROOT_ERROR, SOURCE_ERROR};
@@ -232,19 +233,28 @@ fn borders(dag: &Dag, addresses: &[ClusterAddress], positions: &[u32]) -> Result
             .collect();
         compared += groups.len();
         groups.par_iter().try_for_each(|g| {
-            let before: Vec<[u32; 3]> =
-                dag.groups[*g].members().flat_map(|at| corners(dag, at, positions)).collect();
-            let after: Vec<[u32; 3]> =
-                outputs[*g].iter().flat_map(|at| corners(dag, *at, positions)).collect();
+            let before = corners(dag, dag.groups[*g].members(), positions);
+            let after = corners(dag, outputs[*g].iter().copied(), positions);
             ensure(!after.is_empty(), || format!("group {g}: has an error, but nothing was made from it"))?;
-            let kept = border_kept(&before, &after, |p| shared[p as usize]);
+            let mut points: Vec<u32> = before.iter().chain(&after).flatten().copied().collect();
+            points.sort_unstable();
+            points.dedup();
+            let local = |p: u32| points.partition_point(|q| *q < p) as u32;
+            let edges =
+                |faces: &[[u32; 3]]| Edges::of(&faces.iter().map(|f| f.map(local)).collect::<Vec<_>>());
+            let is_shared = |p: u32| shared[points[p as usize] as usize];
+            let kept = border_kept(&edges(&before), &edges(&after), is_shared);
             ensure(kept, || format!("group {g}: simplification changed its border to other groups"))
         })?;
     }
     Ok(compared)
 }
 
-fn corners(dag: &Dag, at: ClusterAddress, positions: &[u32]) -> Vec<[u32; 3]> {
-    let geometry = dag.geometry(at);
-    geometry.triangles.iter().map(|t| t.map(|v| positions[geometry.ids[usize::from(v)] as usize])).collect()
+/// The triangles of clusters by position.
+fn corners(dag: &Dag, clusters: impl Iterator<Item = ClusterAddress>, positions: &[u32]) -> Vec<[u32; 3]> {
+    let of_cluster = |at| {
+        let geometry = dag.geometry(at);
+        geometry.triangles.iter().map(move |t| t.map(|v| positions[geometry.ids[usize::from(v)] as usize]))
+    };
+    clusters.flat_map(of_cluster).collect()
 }

@@ -1,6 +1,7 @@
 //! What may not move: vertices shared between groups, by position. The mesh's own border stays free.
 
 use super::store::RoundPositions;
+use crate::mesh::edges::Edges;
 
 /// For each position of a round, whether clusters of two groups touch it.
 pub fn shared_positions(round: &RoundPositions, groups: &[Vec<u32>]) -> Vec<bool> {
@@ -19,23 +20,21 @@ pub fn shared_positions(round: &RoundPositions, groups: &[Vec<u32>]) -> Vec<bool
     shared
 }
 
-/// Half-edges without an opposite, sorted: each undirected edge (smaller end first) with its forward minus its
-/// backward uses, zeros left out. A surface is closed exactly when this is empty.
-pub fn boundary(faces: &[[u32; 3]]) -> Vec<(u32, u32, i32)> {
-    let mut uses: Vec<(u32, u32, i32)> = Vec::with_capacity(3 * faces.len());
-    for [a, b, c] in faces {
-        uses.extend([(a, b), (b, c), (c, a)].map(|(a, b)| if a < b { (*a, *b, 1) } else { (*b, *a, -1) }));
+/// True when replacing triangles with the edges `before` by ones with the edges `after` (points numbered alike)
+/// opens no crack: every boundary half-edge between locked points is unchanged, and where *all* of the boundary
+/// is locked, none is added.
+pub fn border_kept(before: &Edges, after: &Edges, locked: impl Fn(u32) -> bool) -> bool {
+    let open = |edges: &Edges| edges.iter().filter(|e| e.open() != 0).count();
+    let (mut inner, mut outer) = (0, 0);
+    for edge in before.iter().filter(|e| e.open() != 0) {
+        if !(locked(edge.ends.0) && locked(edge.ends.1)) {
+            outer += 1;
+            continue;
+        }
+        inner += 1;
+        if !after.at(edge.ends.0).any(|e| e.ends == edge.ends && e.open() == edge.open()) {
+            return false;
+        }
     }
-    uses.sort_unstable();
-    let net = uses.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1));
-    net.map(|c| (c[0].0, c[0].1, c.iter().map(|e| e.2).sum::<i32>())).filter(|e| e.2 != 0).collect()
-}
-
-/// True when replacing the triangles `before` by `after` (corners by position) opens no crack: every boundary
-/// half-edge between locked vertices is unchanged, and where *all* of the boundary is locked, none is added.
-pub fn border_kept(before: &[[u32; 3]], after: &[[u32; 3]], locked: impl Fn(u32) -> bool) -> bool {
-    let (before, after) = (boundary(before), boundary(after));
-    let inner = |e: &&(u32, u32, i32)| locked(e.0) && locked(e.1);
-    let kept = before.iter().filter(inner).all(|e| after.binary_search(e).is_ok());
-    kept && (after.len() == before.len() || !before.iter().all(|e| inner(&e)))
+    outer > 0 || open(after) == inner
 }

@@ -16,7 +16,8 @@ use crate::config::BuildOptions;
 use crate::math::Aabb;
 use crate::math::triangle::area_normal;
 use crate::measure::deviation;
-use crate::measure::deviation::Surface;
+use crate::measure::deviation::{Stars, Surface};
+use crate::mesh::edges::Edges;
 use crate::mesh::hash;
 use crate::model::{AttributeLayout, StuckReason};
 
@@ -68,6 +69,7 @@ pub fn simplify(
 ) -> Result<Simplified, StuckReason> {
     let mut reason = StuckReason::TooFewCollapses;
     let before: Vec<[u32; 3]> = faces(&mesh.indices, |v| mesh.position_ids[v as usize]).collect();
+    let before = Topology::of(&before);
     for step in Step::CHAIN {
         match attempt(mesh, &before, layout, options, step) {
             Ok(result) => return Ok(result),
@@ -81,7 +83,7 @@ pub fn simplify(
 /// One step of the chain, checked and measured.
 fn attempt(
     mesh: &LocalMesh,
-    before: &[[u32; 3]],
+    before: &Topology,
     layout: AttributeLayout,
     options: &BuildOptions,
     step: Step,
@@ -98,18 +100,17 @@ fn attempt(
         }
         let after = by_position(mesh, &result);
         let is_locked = |p: u32| mesh.locked.get(p as usize).copied().unwrap_or(false);
-        let kept = border_kept(before, &after, is_locked);
-        if kept { Ok((result, error, after)) } else { Err(StuckReason::BorderChanged) }
+        let topology = Topology::of(&after);
+        let kept = border_kept(&before.edges, &topology.edges, is_locked);
+        if kept { Ok((result, error, after, topology)) } else { Err(StuckReason::BorderChanged) }
     };
-    let (mut result, mut error, mut after) = checked(&mesh.locked)?;
+    let (mut result, mut error, mut after, mut topology) = checked(&mesh.locked)?;
     let mut done = step;
     if step == Step::Attributes {
-        let source = Topology::of(before);
-        let mut topology = Topology::of(&after);
         let mut locked = mesh.locked.clone();
         // Collapses have no link condition: where sheets were pinched together, hold what they met at and repeat.
         for _ in 0..TOPOLOGY_RETRIES {
-            if topology.crowded.len() <= source.crowded.len() {
+            if topology.crowded.len() <= before.crowded.len() {
                 break;
             }
             let ends: FxHashSet<u32> = topology.crowded.iter().flat_map(|e| [e.0, e.1]).collect();
@@ -119,10 +120,9 @@ fn attempt(
             let met: FxHashSet<u32> = met.collect();
             locked.iter_mut().zip(&mesh.position_ids).for_each(|(lock, p)| *lock |= met.contains(p));
             let Ok(again) = checked(&locked) else { break };
-            topology = Topology::of(&again.2);
-            (result, error, after) = again;
+            (result, error, after, topology) = again;
         }
-        if !topology.same_as(&source) {
+        if !topology.same_as(before) {
             done = Step::Topology;
         }
     }
@@ -132,18 +132,28 @@ fn attempt(
 
 /// The estimate, or the largest distance found at a vertex of either surface to the other one.
 fn measured(before: &LocalMesh, after: &LocalMesh, estimate: f32) -> f32 {
+    let count = before.ids.len();
+    let stars = [before, after].map(|m| Stars::new(count, &m.indices));
+    let around = |v: usize| stars[0].of(v as u32);
+    // A vertex that is gone lies near what its neighbours have become.
     let first = |v: &usize| before.position_ids[*v] as usize == *v && !before.locked[*v];
-    let gone = (0..before.ids.len()).filter(first).map(|v| before.positions[v]);
+    let neighbours = |v| {
+        let corners = around(v).iter().flat_map(|t| &before.indices[3 * *t as usize..][..3]);
+        corners.copied().filter(move |u| *u != v as u32)
+    };
+    let gone = (0..count).filter(first).map(|v| (before.positions[v], neighbours(v)));
     let surface = Surface { positions: &after.positions, indices: &after.indices };
-    let error = deviation(surface, gone, estimate);
-    let moved = (0..before.ids.len()).filter(|v| after.positions[*v] != before.positions[*v]);
+    let error = deviation(surface, &stars[1], gone, estimate);
+    // A vertex that moved lies near where it was.
+    let moved = (0..count).filter(|v| after.positions[*v] != before.positions[*v]);
     let surface = Surface { positions: &before.positions, indices: &before.indices };
-    deviation(surface, moved.map(|v| after.positions[v]), error)
+    deviation(surface, &stars[0], moved.map(|v| (after.positions[v], Some(v as u32))), error)
 }
 
 /// What collapses may change without being asked to.
-#[derive(Debug, PartialEq, Eq)]
+#[derive(Debug)]
 struct Topology {
+    edges: Edges,
     /// Vertices − edges + faces, by position.
     euler: i64,
     /// Edges with more than two faces.
@@ -152,24 +162,12 @@ struct Topology {
 
 impl Topology {
     fn of(faces: &[[u32; 3]]) -> Self {
-        let mut edges: Vec<(u32, u32)> = Vec::with_capacity(3 * faces.len());
-        for [a, b, c] in faces {
-            edges.extend([(a, b), (b, c), (c, a)].map(|(a, b)| (*a.min(b), *a.max(b))));
-        }
-        edges.sort_unstable();
-        let mut count = 0;
-        let mut crowded = Vec::new();
-        for run in edges.chunk_by(|a, b| a == b) {
-            count += 1;
-            if run.len() > 2 {
-                crowded.push(run[0]);
-            }
-        }
-        let last = faces.iter().flatten().max().map_or(0, |v| *v as usize + 1);
-        let mut seen = vec![false; last];
+        let edges = Edges::of(faces);
+        let mut seen = vec![false; edges.points() as usize];
         faces.iter().flatten().for_each(|v| seen[*v as usize] = true);
         let vertices = seen.iter().filter(|s| **s).count() as i64;
-        Self { euler: vertices - count + faces.len() as i64, crowded }
+        let crowded = edges.iter().filter(|e| e.faces() > 2).map(|e| e.ends).collect();
+        Self { euler: vertices - edges.iter().count() as i64 + faces.len() as i64, crowded, edges }
     }
 
     fn same_as(&self, source: &Self) -> bool {

@@ -38,18 +38,13 @@ impl TriangleTree {
         Self { triangles, boxes, leaves }
     }
 
-    /// Square of the distance to the surface, or anything up to `enough` as soon as the distance is known to be
-    /// at most that: callers look for a maximum. +∞ without triangles. `leaf` is where to look first, and comes
-    /// back as where the nearest triangle was: for the next point nearby.
-    pub fn squared_distance_beyond(&self, p: [f32; 3], enough: f32, leaf: &mut usize) -> f32 {
-        let mut best = self.squared_to_leaf(p, *leaf);
-        if best <= enough {
-            return best;
-        }
+    /// Square of the distance to the surface if it is below `best`, or anything up to `enough` as soon as the
+    /// distance is known to be at most that: callers look for a maximum. Otherwise `best`.
+    pub fn squared_distance_between(&self, p: [f32; 3], enough: f32, mut best: f32) -> f32 {
         let mut stack = [(0u32, 0.0f32); 64];
         let mut top = 1;
         stack[0] = (0, squared_to_box(p, &self.boxes[0]));
-        while top > 0 {
+        while top > 0 && best > enough {
             top -= 1;
             let (node, distance) = stack[top];
             if distance >= best {
@@ -57,14 +52,7 @@ impl TriangleTree {
             }
             let node = node as usize;
             if node + 1 >= self.leaves {
-                let distance = self.squared_to_leaf(p, node + 1 - self.leaves);
-                if distance < best {
-                    best = distance;
-                    *leaf = node + 1 - self.leaves;
-                    if best <= enough {
-                        return best;
-                    }
-                }
+                best = best.min(self.squared_to_leaf(p, node + 1 - self.leaves));
                 continue;
             }
             let [a, b] = [2 * node + 1, 2 * node + 2].map(|c| (c as u32, squared_to_box(p, &self.boxes[c])));
@@ -74,6 +62,11 @@ impl TriangleTree {
             top += 2;
         }
         best
+    }
+
+    /// Square of the distance to one triangle.
+    pub fn squared_to_triangle(&self, p: [f32; 3], triangle: u32) -> f32 {
+        squared_distance(p, self.triangles[triangle as usize])
     }
 
     fn squared_to_leaf(&self, p: [f32; 3], leaf: usize) -> f32 {

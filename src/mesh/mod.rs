@@ -1,6 +1,7 @@
 //! From the caller's arrays to a clean indexed mesh: validation, framing, welding, mending, normals.
 
 pub mod attributes;
+pub mod edges;
 pub mod frame;
 pub mod hash;
 pub mod source;

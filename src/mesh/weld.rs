@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::edges::Edges;
 use super::source::SourceMesh;
 use super::{attributes, frame, hash, validate};
 use crate::error::{Error, Result};
@@ -167,36 +168,12 @@ fn compact(
 
 /// Counts edges, by position, with one face and with more than two.
 fn count_edges(faces: &[[u32; 3]], position_ids: &[u32], report: &mut BuildReport) {
-    // Bucket edges by their smaller end: buckets are short, so sorting them is cheap.
-    let vertices = position_ids.len();
-    let edge = |f: &[u32; 3], k: usize| {
-        let (a, b) = (position_ids[f[k] as usize], position_ids[f[(k + 1) % 3] as usize]);
-        (a.min(b), a.max(b))
-    };
-    let mut starts = vec![0u32; vertices + 1];
-    for f in faces {
-        (0..3).for_each(|k| starts[edge(f, k).0 as usize + 1] += 1);
-    }
-    for i in 0..vertices {
-        starts[i + 1] += starts[i];
-    }
-    let mut ends = starts.clone();
-    let mut others = vec![0u32; 3 * faces.len()];
-    for f in faces {
-        for k in 0..3 {
-            let (a, b) = edge(f, k);
-            others[ends[a as usize] as usize] = b;
-            ends[a as usize] += 1;
-        }
-    }
-    let (border, crowded) = (0..vertices)
+    let by_position: Vec<_> = faces.par_iter().map(|f| f.map(|v| position_ids[v as usize])).collect();
+    let edges = Edges::of(&by_position);
+    let (border, crowded) = (0..edges.points())
         .into_par_iter()
-        .map(|v| {
-            let mut bucket = others[starts[v] as usize..starts[v + 1] as usize].to_vec();
-            bucket.sort_unstable();
-            let runs = bucket.chunk_by(|a, b| a == b).map(<[u32]>::len);
-            runs.fold((0, 0), |(one, many), n| (one + u64::from(n == 1), many + u64::from(n > 2)))
-        })
+        .flat_map_iter(|point| edges.at(point))
+        .fold(|| (0, 0), |n, e| (n.0 + u64::from(e.faces() == 1), n.1 + u64::from(e.faces() > 2)))
         .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
     report.border_edges = border;
     report.non_manifold_edges = crowded;
