@@ -147,7 +147,7 @@ fn measured(before: &LocalMesh, after: &LocalMesh, estimate: f32) -> f32 {
     // A vertex that moved lies near where it was.
     let moved = (0..count).filter(|v| after.positions[*v] != before.positions[*v]);
     let surface = Surface { positions: &before.positions, indices: &before.indices };
-    deviation(surface, &stars[0], moved.map(|v| (after.positions[v], Some(v as u32))), error)
+    deviation(surface, &stars[0], moved.map(|v| (after.positions[v], std::iter::once(v as u32))), error)
 }
 
 /// What collapses may change without being asked to.

@@ -1,6 +1,7 @@
 //! How far a surface moved.
 
 use super::tree::TriangleTree;
+use super::triangle::{Prism, squared_distance};
 
 /// A mesh whose vertices may have moved: triangles over positions.
 #[derive(Clone, Copy, Debug)]
@@ -47,7 +48,7 @@ impl Stars {
 ///
 /// An estimate that is nearly right makes this cheap: a probe is done as soon as anything within the largest
 /// distance so far is found, mostly around the vertices named.
-pub fn deviation<N: IntoIterator<Item = u32>>(
+pub fn deviation<N: Iterator<Item = u32> + Clone>(
     surface: Surface<'_>,
     stars: &Stars,
     probes: impl Iterator<Item = ([f32; 3], N)>,
@@ -55,17 +56,18 @@ pub fn deviation<N: IntoIterator<Item = u32>>(
 ) -> f32 {
     let tree = TriangleTree::new(surface.positions, surface.indices);
     let mut most = estimate * estimate;
-    for (p, near) in probes {
-        let mut best = f32::INFINITY;
-        for triangle in near.into_iter().flat_map(|v| stars.of(v)) {
-            best = best.min(tree.squared_to_triangle(p, *triangle));
-            if best <= most {
-                break;
+    let prisms: Vec<Prism> = tree.triangles().iter().map(|t| Prism::new(*t)).collect();
+    'probes: for (p, near) in probes {
+        for v in near.clone() {
+            for t in stars.of(v) {
+                if prisms[*t as usize].is_within(p, most) {
+                    continue 'probes;
+                }
             }
         }
-        if best > most {
-            most = most.max(tree.squared_distance_between(p, most, best));
-        }
+        let around = near.flat_map(|v| stars.of(v)).map(|t| tree.triangles()[*t as usize]);
+        let best = around.fold(f32::INFINITY, |best, t| best.min(squared_distance(p, t)));
+        most = most.max(tree.squared_distance_between(p, most, best));
     }
     most.sqrt()
 }
@@ -82,7 +84,7 @@ mod tests {
         let surface = Surface { positions: &positions, indices: &indices };
         let stars = Stars::new(positions.len(), &indices);
         let probes = [([5.25, 0.25, 0.5], 10), ([390.25, 0.25, 2.0], 7), ([100.25, 0.25, -1.5], 200)];
-        let probes = || probes.into_iter().map(|(p, near)| (p, Some(near)));
+        let probes = || probes.into_iter().map(|(p, near)| (p, std::iter::once(near)));
         assert_eq!(deviation(surface, &stars, probes(), 0.0), 2.0);
         assert_eq!(deviation(surface, &stars, probes(), 3.0), 3.0);
     }

@@ -64,9 +64,9 @@ impl TriangleTree {
         best
     }
 
-    /// Square of the distance to one triangle.
-    pub fn squared_to_triangle(&self, p: [f32; 3], triangle: u32) -> f32 {
-        squared_distance(p, self.triangles[triangle as usize])
+    /// The corners of all triangles.
+    pub fn triangles(&self) -> &[[[f32; 3]; 3]] {
+        &self.triangles
     }
 
     fn squared_to_leaf(&self, p: [f32; 3], leaf: usize) -> f32 {

@@ -1,5 +1,7 @@
 //! Vertex attributes as rows of f32: normal (3), then colour (4, 0 to 1) if any, then UV sets (2 each).
 
+use std::f64::consts::PI;
+
 use rayon::prelude::*;
 
 use super::source::SourceMesh;
@@ -49,23 +51,27 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
 fn length(a: [f64; 3]) -> f64 {
-    (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
+    dot(a, a).sqrt()
 }
 
 /// A triangle's unit normal and its angle at each corner; zero for a triangle without area.
 fn corner_weights(p: [[f32; 3]; 3]) -> ([f64; 3], [f64; 3]) {
     let p = p.map(|v| v.map(f64::from));
-    let normal = cross(sub(p[1], p[0]), sub(p[2], p[0]));
+    let edges = [sub(p[1], p[0]), sub(p[2], p[1]), sub(p[0], p[2])];
+    let normal = cross(edges[0], edges[1]);
     let size = length(normal);
     if size == 0.0 {
         return ([0.0; 3], [0.0; 3]);
     }
-    let angle = |i: usize| {
-        let (a, b) = (sub(p[(i + 1) % 3], p[i]), sub(p[(i + 2) % 3], p[i]));
-        length(cross(a, b)).atan2(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-    };
-    (normal.map(|x| x / size), [angle(0), angle(1), angle(2)])
+    // At every corner the sides span the same parallelogram.
+    let angle = |i: usize| size.atan2(-dot(edges[(i + 2) % 3], edges[i]));
+    let (a, b) = (angle(0), angle(1));
+    (normal.map(|x| x / size), [a, b, (PI - a - b).max(0.0)])
 }
 
 /// Replaces zero-length normals by the angle-weighted mean of the faces around the position, and scales all
