@@ -137,10 +137,17 @@ fn measured(before: &LocalMesh, after: &LocalMesh, estimate: f32) -> f32 {
     let around = |v: usize| stars[0].of(v as u32);
     // A vertex that is gone lies near what its neighbours have become.
     let first = |v: &usize| before.position_ids[*v] as usize == *v && !before.locked[*v];
-    let neighbours = |v| {
-        let corners = around(v).iter().flat_map(|t| &before.indices[3 * *t as usize..][..3]);
-        corners.copied().filter(move |u| *u != v as u32)
+    let next = |v: u32, t: &u32| {
+        let corners = &before.indices[3 * *t as usize..][..3];
+        if corners[0] == v {
+            corners[1]
+        } else if corners[1] == v {
+            corners[2]
+        } else {
+            corners[0]
+        }
     };
+    let neighbours = |v| around(v).iter().map(move |t| next(v as u32, t));
     let gone = (0..count).filter(first).map(|v| (before.positions[v], neighbours(v)));
     let surface = Surface { positions: &after.positions, indices: &after.indices };
     let error = deviation(surface, &stars[1], gone, estimate);

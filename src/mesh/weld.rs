@@ -60,7 +60,6 @@ pub fn weld(source: &SourceMesh<'_>, report: &mut BuildReport) -> Result<WeldedM
     );
     report.computed_normals = source.normals.is_none();
     report.mended_normals = if report.computed_normals { 0 } else { mended as u64 };
-    count_edges(&mesh.faces, &mesh.position_ids, report);
     Ok(WeldedMesh { frame, bounds: frame::bounds(&mesh.positions), layout, face_rows, ..mesh })
 }
 
@@ -73,8 +72,7 @@ fn joined(positions: &[[f32; 3]], rows: &[f32], stride: usize) -> Vec<u32> {
     words
 }
 
-/// Drops faces with two corners at one position, and all but the first of faces with the same corners in the
-/// same cyclic order.
+/// Drops faces with two corners at one position and repeated faces; counts the edges of the rest.
 fn mend(
     faces: &[[u32; 3]],
     vertex_ids: &[u32],
@@ -91,7 +89,19 @@ fn mend(
         }
     }
     report.degenerate_faces = (faces.len() - kept.len()) as u64;
-    let canonical: Vec<[u32; 3]> = kept
+    // Faces that are the same run along the same edges in the same direction: mostly none do.
+    if count_edges(&kept, position_ids, report) {
+        let before = kept.len();
+        (kept, rows) = drop_repeats(kept, rows);
+        report.duplicate_faces = (before - kept.len()) as u64;
+        count_edges(&kept, position_ids, report);
+    }
+    (kept, rows)
+}
+
+/// Drops all but the first of faces with the same corners in the same cyclic order.
+fn drop_repeats(faces: Vec<[u32; 3]>, rows: Vec<u32>) -> (Vec<[u32; 3]>, Vec<u32>) {
+    let canonical: Vec<[u32; 3]> = faces
         .par_iter()
         .map(|&[a, b, c]| {
             if a < b && a < c {
@@ -104,12 +114,8 @@ fn mend(
         })
         .collect();
     let first = hash::first_equal(bytemuck::cast_slice(&canonical), 3);
-    let before = kept.len();
     let unique = |(i, _): &(usize, _)| first[*i] as usize == *i;
-    let (kept, rows): (Vec<_>, Vec<_>) =
-        kept.into_iter().zip(rows).enumerate().filter(unique).map(|(_, face)| face).unzip();
-    report.duplicate_faces = (before - kept.len()) as u64;
-    (kept, rows)
+    faces.into_iter().zip(rows).enumerate().filter(unique).map(|(_, face)| face).unzip()
 }
 
 /// Keeps only vertices that faces use, in their order.
@@ -166,15 +172,17 @@ fn compact(
     }
 }
 
-/// Counts edges, by position, with one face and with more than two.
-fn count_edges(faces: &[[u32; 3]], position_ids: &[u32], report: &mut BuildReport) {
+/// Counts edges, by position, with one face and with more than two; tells whether faces run along one in the
+/// same direction.
+fn count_edges(faces: &[[u32; 3]], position_ids: &[u32], report: &mut BuildReport) -> bool {
     let by_position: Vec<_> = faces.par_iter().map(|f| f.map(|v| position_ids[v as usize])).collect();
     let edges = Edges::of(&by_position);
-    let (border, crowded) = (0..edges.points())
+    let (border, crowded, repeated) = (0..edges.points())
         .into_par_iter()
         .flat_map_iter(|point| edges.at(point))
-        .fold(|| (0, 0), |n, e| (n.0 + u64::from(e.faces() == 1), n.1 + u64::from(e.faces() > 2)))
-        .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        .map(|e| (u64::from(e.faces() == 1), u64::from(e.faces() > 2), e.forward.max(e.backward) > 1))
+        .reduce(|| (0, 0, false), |a, b| (a.0 + b.0, a.1 + b.1, a.2 || b.2));
     report.border_edges = border;
     report.non_manifold_edges = crowded;
+    repeated
 }
