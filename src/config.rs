@@ -3,13 +3,13 @@
 use crate::error::{Error, Result};
 use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS};
 
-/// What splits triangles into clusters; both are meshoptimizer's.
+/// What splits triangles into clusters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Clusterizer {
-    /// Splits by a surface-area heuristic. A quarter less build time than `Flex` at the same cuts within 3 %.
+    /// Our own: halves at medians. Full clusters, in a tenth of the time of `Flex`, at cuts as good.
     #[default]
-    Spatial,
-    /// Grows clusters along the surface: some 10 % shorter cluster borders.
+    Median,
+    /// meshoptimizer's: grows clusters along the surface.
     Flex,
 }
 
@@ -18,11 +18,9 @@ impl std::str::FromStr for Clusterizer {
 
     fn from_str(name: &str) -> Result<Self> {
         match name {
-            "spatial" => Ok(Self::Spatial),
+            "median" => Ok(Self::Median),
             "flex" => Ok(Self::Flex),
-            _ => {
-                Err(Error::argument("clusterizer", format!("must be \"spatial\" or \"flex\", not {name:?}")))
-            }
+            _ => Err(Error::argument("clusterizer", format!("must be \"median\" or \"flex\", not {name:?}"))),
         }
     }
 }

@@ -2,9 +2,9 @@
 //!
 //! Large inputs are first cut into blocks by a k-d tree over triangle centroids: blocks fit in cache, and both
 //! cores work from the start. The blocks depend on the input alone, never on the number of threads. Within a
-//! block one of meshoptimizer's builders makes the clusters, see [`Clusterizer`].
+//! block the halving goes on down to clusters, or meshoptimizer grows them, see [`Clusterizer`].
 
-use meshopt::{VertexDataAdapter, build_meshlets_flex, build_meshlets_spatial};
+use meshopt::{VertexDataAdapter, build_meshlets_flex};
 use rayon::prelude::*;
 
 use super::store::{LocalMesh, VertexStore};
@@ -13,11 +13,9 @@ use crate::config::{BuildOptions, Clusterizer};
 /// Triangles of a block. Cluster borders are somewhat longer along block borders: at this size that costs
 /// below half a per cent of the clusters.
 const BLOCK_TRIANGLES: usize = 1 << 15;
-/// A cluster may be closed early once it has this part of the triangles allowed.
+/// A cluster grown along the surface may be closed early once it has this part of the triangles allowed.
 const MIN_FILL: f32 = 1.0 / 3.0;
-/// How much the spatial builder prefers full clusters to compact ones.
-const FILL_WEIGHT: f32 = 0.5;
-/// With the flexible builder, a cluster that grew this much beyond its expected radius is closed early.
+/// One that grew this much beyond its expected radius is closed early.
 const SPLIT_FACTOR: f32 = 2.0;
 
 /// The triangles of one cluster over vertex identities.
@@ -31,13 +29,8 @@ pub struct ClusterMesh {
 
 /// Clusters of a whole mesh.
 pub fn clusterize(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOptions) -> Vec<ClusterMesh> {
-    let centroids: Vec<[f32; 3]> = faces
-        .par_iter()
-        .map(|f| {
-            let p = f.map(|v| store.positions[v as usize]);
-            std::array::from_fn(|k| p[0][k] + p[1][k] + p[2][k])
-        })
-        .collect();
+    let corners = |f: &[u32; 3]| f.map(|v| store.positions[v as usize]);
+    let centroids: Vec<[f32; 3]> = faces.par_iter().map(|f| tripled_centroid(corners(f))).collect();
     let mut order: Vec<u32> = (0..faces.len() as u32).collect();
     let mut blocks: Vec<&mut [u32]> = Vec::new();
     split_blocks(&mut order, &centroids, &mut blocks);
@@ -55,26 +48,108 @@ pub fn clusterize(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOption
 
 /// Clusters of a group's own mesh.
 pub fn clusterize_local(mesh: &LocalMesh, options: &BuildOptions) -> Vec<ClusterMesh> {
+    match options.clusterizer {
+        Clusterizer::Median => Halving::new(mesh, options).clusters(),
+        Clusterizer::Flex => grow(mesh, options),
+    }
+}
+
+/// meshoptimizer's flexible builder.
+fn grow(mesh: &LocalMesh, options: &BuildOptions) -> Vec<ClusterMesh> {
     let bytes: &[u8] = bytemuck::cast_slice(&mesh.positions);
     // The adapter fails on a misfit of bytes and stride only, which a slice of [f32; 3] cannot have.
     let Ok(adapter) = VertexDataAdapter::new(bytes, size_of::<[f32; 3]>(), 0) else { return Vec::new() };
-    let min_triangles = ((options.cluster_triangles as f32 * MIN_FILL) as usize).max(1);
     let (vertices, most) = (options.cluster_vertices, options.cluster_triangles);
-    let meshlets = match options.clusterizer {
-        Clusterizer::Spatial => {
-            build_meshlets_spatial(&mesh.indices, &adapter, vertices, min_triangles, most, FILL_WEIGHT)
-        }
-        Clusterizer::Flex => {
-            build_meshlets_flex(&mesh.indices, &adapter, vertices, min_triangles, most, 0.0, SPLIT_FACTOR)
-        }
-    };
-    meshlets
+    let least = ((most as f32 * MIN_FILL) as usize).max(1);
+    build_meshlets_flex(&mesh.indices, &adapter, vertices, least, most, 0.0, SPLIT_FACTOR)
         .iter()
         .map(|m| ClusterMesh {
             vertices: m.vertices.iter().map(|v| mesh.ids[*v as usize]).collect(),
             triangles: m.triangles.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
         })
         .collect()
+}
+
+/// Halves triangles at medians until they fit a cluster. Every cut leaves whole clusters on one side, so that all
+/// but the last are full.
+struct Halving<'a> {
+    mesh: &'a LocalMesh,
+    options: &'a BuildOptions,
+    /// Triangles that probably fit a cluster.
+    capacity: usize,
+    centroids: Vec<[f32; 3]>,
+    /// The cluster being made: for each vertex of the mesh its number in it.
+    slots: Vec<u8>,
+    clusters: Vec<ClusterMesh>,
+}
+
+impl<'a> Halving<'a> {
+    const FREE: u8 = u8::MAX;
+
+    fn new(mesh: &'a LocalMesh, options: &'a BuildOptions) -> Self {
+        let corners = |t: &[u32]| [0, 1, 2].map(|k| mesh.positions[t[k] as usize]);
+        let centroids: Vec<_> = mesh.indices.chunks_exact(3).map(|t| tripled_centroid(corners(t))).collect();
+        let vertices = mesh.positions.len();
+        // Where triangles share few vertices, those run out first.
+        let fit = options.cluster_vertices * centroids.len() / vertices.max(1);
+        let capacity = fit.clamp(1, options.cluster_triangles);
+        let slots = vec![Self::FREE; vertices];
+        Self { mesh, options, capacity, centroids, slots, clusters: Vec::new() }
+    }
+
+    fn clusters(mut self) -> Vec<ClusterMesh> {
+        let mut order: Vec<u32> = (0..self.centroids.len() as u32).collect();
+        self.split(&mut order);
+        self.clusters
+    }
+
+    fn split(&mut self, order: &mut [u32]) {
+        if order.len() <= self.capacity {
+            // The order inside a cluster is that of the mesh.
+            order.sort_unstable();
+            if self.close(order) {
+                return;
+            }
+        }
+        let clusters = order.len().div_ceil(self.capacity).max(2);
+        let middle = clusters / 2 * order.len() / clusters;
+        median_split(order, middle, |t| self.centroids[t as usize]);
+        let (a, b) = order.split_at_mut(middle);
+        self.split(a);
+        self.split(b);
+    }
+
+    /// Makes a cluster of triangles, unless they have too many vertices.
+    fn close(&mut self, order: &[u32]) -> bool {
+        let mut vertices = Vec::with_capacity(order.len());
+        let mut triangles = Vec::with_capacity(order.len());
+        for t in order {
+            let mut triangle = [0; 3];
+            for (k, corner) in triangle.iter_mut().enumerate() {
+                let v = self.mesh.indices[3 * *t as usize + k];
+                let slot = &mut self.slots[v as usize];
+                if *slot == Self::FREE {
+                    // Past the last number a vertex stays free and is counted again: too many either way.
+                    *slot = vertices.len().min(usize::from(Self::FREE)) as u8;
+                    vertices.push(v);
+                }
+                *corner = *slot;
+            }
+            triangles.push(triangle);
+        }
+        vertices.iter().for_each(|v| self.slots[*v as usize] = Self::FREE);
+        let fits = vertices.len() <= self.options.cluster_vertices;
+        if fits {
+            vertices.iter_mut().for_each(|v| *v = self.mesh.ids[*v as usize]);
+            self.clusters.push(ClusterMesh { vertices, triangles });
+        }
+        fits
+    }
+}
+
+/// Three times the centroid: as good an order.
+fn tripled_centroid(p: [[f32; 3]; 3]) -> [f32; 3] {
+    std::array::from_fn(|k| p[0][k] + p[1][k] + p[2][k])
 }
 
 /// Halves `order` by the median along the longest axis until blocks are small enough.
@@ -103,7 +178,68 @@ pub fn median_split(order: &mut [u32], middle: usize, point: impl Fn(u32) -> [f3
         }
     }
     let axis = (0..3).fold(0, |a, b| if high[b] - low[b] > high[a] - low[a] { b } else { a });
-    order.select_nth_unstable_by(middle, |a, b| {
-        point(*a)[axis].total_cmp(&point(*b)[axis]).then_with(|| a.cmp(b))
-    });
+    // Keys sorted as integers: coordinate first, then number.
+    let key = |i: &u32| {
+        let bits = point(*i)[axis].to_bits() as i32;
+        let ordered = (bits ^ ((bits >> 31) as u32 >> 1) as i32) as u32 ^ 0x8000_0000;
+        u64::from(ordered) << 32 | u64::from(*i)
+    };
+    let mut keys: Vec<u64> = order.iter().map(key).collect();
+    keys.select_nth_unstable(middle);
+    order.iter_mut().zip(keys).for_each(|(i, key)| *i = key as u32);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A strip of triangles, each with three vertices of its own or sharing two with the one before.
+    fn strip(triangles: u32, shared: bool) -> LocalMesh {
+        let vertices = if shared { triangles + 2 } else { 3 * triangles };
+        let place = |v: u32| if shared { v } else { v / 3 + v % 3 };
+        let point = |v: u32| [(place(v) / 2) as f32, (place(v) % 2) as f32, 0.0];
+        LocalMesh {
+            ids: (0..vertices).map(|v| v + 100).collect(),
+            positions: (0..vertices).map(point).collect(),
+            indices: (0..triangles)
+                .flat_map(|t| [0, 1, 2].map(|k| if shared { t + k } else { 3 * t + k }))
+                .collect(),
+            ..LocalMesh::default()
+        }
+    }
+
+    #[test]
+    fn halving_fills_clusters_within_both_limits() {
+        let options = BuildOptions::default();
+        for (triangles, shared, expected) in
+            [(1, true, 1), (128, true, 1), (129, true, 2), (1280, true, 10), (1300, false, 16)]
+        {
+            let mesh = strip(triangles, shared);
+            let clusters = clusterize_local(&mesh, &options);
+            assert_eq!(clusters.len(), expected, "{triangles} {shared}");
+            let mut seen = Vec::new();
+            for c in &clusters {
+                assert!(c.triangles.len() <= 128 && c.vertices.len() <= 255);
+                seen.extend(c.triangles.iter().map(|t| t.map(|v| c.vertices[usize::from(v)] - 100)));
+            }
+            seen.sort_unstable();
+            let mut all: Vec<[u32; 3]> = mesh.indices.chunks(3).map(|t| [t[0], t[1], t[2]]).collect();
+            all.sort_unstable();
+            assert_eq!(seen, all);
+        }
+    }
+
+    #[test]
+    fn too_many_vertices_are_halved_again() {
+        // Half the triangles share all their vertices, the others none: the mean says that 128 fit.
+        let mut mesh = strip(2000, true);
+        let own = strip(300, false);
+        let first = mesh.ids.len() as u32;
+        mesh.ids.extend(own.ids.iter().map(|v| v + first));
+        mesh.positions.extend(own.positions.iter().map(|p| [p[0], p[1], 5000.0]));
+        mesh.indices.extend(own.indices.iter().map(|v| v + first));
+        let clusters = clusterize_local(&mesh, &BuildOptions::default());
+        assert_eq!(clusters.iter().map(|c| c.triangles.len()).sum::<usize>(), 2300);
+        assert!(clusters.iter().all(|c| c.vertices.len() <= 255));
+    }
 }
