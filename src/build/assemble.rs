@@ -143,9 +143,8 @@ fn write_pages(graph: &Graph, plan: Plan, renamed: &[u32]) -> Pages {
 fn record(store: &VertexStore, cluster: &BuildCluster, group: u32, refined: u32, data: u32) -> ClusterRecord {
     let points: Vec<[f32; 3]> = cluster.mesh.vertices.iter().map(|v| store.positions[*v as usize]).collect();
     let (center, extent) = center_extent(&Aabb::of_points(&points));
-    let distance =
-        |p: &[f32; 3]| (0..3).map(|k| (f64::from(p[k]) - f64::from(center[k])).powi(2)).sum::<f64>().sqrt();
-    let radius = round_up(points.iter().map(distance).fold(0.0, f64::max));
+    let squared = |p: &[f32; 3]| (0..3).map(|k| (f64::from(p[k]) - f64::from(center[k])).powi(2)).sum();
+    let radius = round_up(points.iter().map(squared).fold(0.0, f64::max).sqrt());
     ClusterRecord {
         center,
         radius,
@@ -185,7 +184,8 @@ fn cone(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> [i8; 4] {
     let normal = |t: &[u8; 3]| {
         let n = area_normal(t.map(|v| points[usize::from(v)]));
         let size = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-        (size > 0.0).then(|| n.map(|x| x / size))
+        let inverse = 1.0 / size;
+        inverse.is_finite().then(|| n.map(|x| x * inverse))
     };
     // Triangles without area are never drawn.
     let normals: Vec<[f64; 3]> = triangles.iter().filter_map(normal).collect();
@@ -228,7 +228,7 @@ fn write_streams(store: &VertexStore, cluster: &BuildCluster, out: &mut [u32]) {
         ids[i] = *v;
         let mut at = 3;
         if layout.colors {
-            let bytes = [0, 1, 2, 3].map(|k| (row[at + k].clamp(0.0, 1.0) * 255.0).round() as u8);
+            let bytes = [0, 1, 2, 3].map(|k| (row[at + k].clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
             colors[i] = u32::from_le_bytes(bytes);
             at += 4;
         }

@@ -68,8 +68,12 @@ fn corner_weights(p: [[f32; 3]; 3]) -> ([f64; 3], [f64; 3]) {
     if size == 0.0 {
         return ([0.0; 3], [0.0; 3]);
     }
-    // At every corner the sides span the same parallelogram.
-    let angle = |i: usize| size.atan2(-dot(edges[(i + 2) % 3], edges[i]));
+    // At every corner the sides span the same parallelogram. Weights need no more than single precision.
+    let angle = |i: usize| {
+        let along = -dot(edges[(i + 2) % 3], edges[i]);
+        let unit = 1.0 / (size + along.abs());
+        f64::from(((size * unit) as f32).atan2((along * unit) as f32))
+    };
     let (a, b) = (angle(0), angle(1));
     (normal.map(|x| x / size), [a, b, (PI - a - b).max(0.0)])
 }
