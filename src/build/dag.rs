@@ -10,11 +10,13 @@ use super::Progress;
 use super::clusterize::{self, ClusterMesh};
 use super::lock_borders::shared_positions;
 use super::partition::partition;
-use super::simplify::{Simplified, simplify};
+use super::reference::{Patch, Reference, Tracked};
+use super::simplify::{Simplified, measured, simplify};
 use super::store::{LocalMesh, RoundPositions, VertexStore};
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
 use crate::limits::MAX_ROUNDS;
+use crate::math::sphere::round_up;
 use crate::math::{Aabb, Sphere};
 use crate::mesh::WeldedMesh;
 use crate::model::cluster::NO_GROUP;
@@ -34,6 +36,8 @@ pub struct BuildCluster {
     pub level: u8,
     /// The group that made it; [`NO_GROUP`] at level 0.
     pub refined: u32,
+    /// Vertices of the reference that lie nearest to it.
+    pub tracked: Vec<Tracked>,
 }
 
 /// A group of the growing DAG.
@@ -109,7 +113,7 @@ pub fn grow(
     if !meter.advance(mesh.faces.len()) {
         return Err(Error::Cancelled);
     }
-    let mut graph = Growth { clusters, groups: Vec::new() };
+    let mut graph = Growth { clusters, groups: Vec::new(), bounds: mesh.bounds, reference: None };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
         pending = graph.round(&mut store, pending, round, options, &meter, report)?;
@@ -138,7 +142,14 @@ fn source_clusters(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOptio
         .map(|mesh| {
             let points: Vec<[f32; 3]> = mesh.vertices.iter().map(|v| store.positions[*v as usize]).collect();
             let lod_sphere = Sphere::of_points(&points);
-            BuildCluster { mesh, error: SOURCE_ERROR, lod_sphere, level: 0, refined: NO_GROUP }
+            BuildCluster {
+                mesh,
+                error: SOURCE_ERROR,
+                lod_sphere,
+                level: 0,
+                refined: NO_GROUP,
+                tracked: Vec::new(),
+            }
         })
         .collect()
 }
@@ -146,6 +157,8 @@ fn source_clusters(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOptio
 struct Growth {
     clusters: Vec<BuildCluster>,
     groups: Vec<BuildGroup>,
+    bounds: Aabb,
+    reference: Option<Reference>,
 }
 
 impl Growth {
@@ -177,11 +190,17 @@ impl Growth {
             return Ok(Vec::new());
         }
         let shared = shared_positions(&positions, &groups);
+        if Reference::is_due(round) {
+            self.start_reference(store, &pending);
+        }
+        let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
         let outcomes: Vec<_> = groups
             .par_iter()
             .map(|members| {
                 let local = LocalMesh::of_clusters(store, &meshes, &positions, members, &shared);
-                let outcome = simplify_group(store, &local, options);
+                let members: Vec<&BuildCluster> =
+                    members.iter().map(|c| &self.clusters[pending[*c as usize] as usize]).collect();
+                let outcome = simplify_group(store, &local, &members, self.reference.as_ref(), options);
                 (meter.advance(local.indices.len() / 6), outcome)
             })
             .collect();
@@ -217,6 +236,15 @@ impl Growth {
         Ok(next)
     }
 
+    /// Makes the surface of the pending clusters the reference.
+    fn start_reference(&mut self, store: &VertexStore, pending: &[u32]) {
+        for c in pending {
+            self.clusters[*c as usize].tracked = Reference::vertices(store, &self.clusters[*c as usize]);
+        }
+        let clusters: Vec<&BuildCluster> = pending.iter().map(|c| &self.clusters[*c as usize]).collect();
+        self.reference = Some(Reference::new(store, &clusters, &self.bounds));
+    }
+
     fn stuck_report(&self, members: &[u32], round: u32, reason: StuckReason) -> StuckGroup {
         let triangles = members.iter().map(|c| self.clusters[*c as usize].mesh.triangles.len() as u32).sum();
         StuckGroup { level: round, clusters: members.len() as u32, triangles, reason }
@@ -246,12 +274,12 @@ impl Growth {
         round: u32,
         next: &mut Vec<u32>,
     ) -> Result<f64> {
-        let below = members.iter().map(|c| self.clusters[*c as usize].error).fold(0.0, f32::max);
         let level = members.iter().map(|c| self.clusters[*c as usize].level).fold(0, u8::max);
         let level = level
             .checked_add(1)
             .ok_or_else(|| Error::TooLarge("more than 255 levels of simplification".into()))?;
-        let error = parent_error(below, split.error);
+        let error = split.error;
+        members.iter().for_each(|c| self.clusters[*c as usize].tracked = Vec::new());
         let lod_sphere = self.sphere_of(&members);
         let first = u32::try_from(store.count())
             .ok()
@@ -259,6 +287,7 @@ impl Growth {
             .ok_or_else(|| Error::TooLarge("more than 2^31 vertices over all levels".into()))?;
         store.positions.extend_from_slice(&split.new_positions);
         store.attributes.extend_from_slice(&split.new_attributes);
+        let mut tracked = split.tracked.into_iter();
         for mut mesh in split.clusters {
             for v in &mut mesh.vertices {
                 if let Some(new) = v.checked_sub(NEW_VERTEX) {
@@ -267,19 +296,22 @@ impl Growth {
             }
             next.push(self.clusters.len() as u32);
             let refined = self.groups.len() as u32;
-            self.clusters.push(BuildCluster { mesh, error, lod_sphere, level, refined });
+            let tracked = tracked.next().unwrap_or_default();
+            self.clusters.push(BuildCluster { mesh, error, lod_sphere, level, refined, tracked });
         }
         self.groups.push(BuildGroup { members, lod_sphere, error, level: round });
         Ok(f64::from(error))
     }
 }
 
-/// The error of a group: what its simplification adds is measured against its own input, so it is *added* to
-/// the largest of its members; and it is a true step above each of them.
-fn parent_error(below: f32, added: f32) -> f32 {
-    let sum = crate::math::sphere::round_up(f64::from(below) + f64::from(added.max(0.0)));
-    sum.max((below * ERROR_STEP).next_up()).max(ERROR_FLOOR)
+/// The error of a group: what was measured, and a true step above each of its members.
+fn parent_error(below: f32, measured: f32) -> f32 {
+    measured.max((below * ERROR_STEP).next_up()).max(ERROR_FLOOR)
 }
+
+/// Vertices only sample the two surfaces. Between them the deviation was seen to be up to 1.5 times as large
+/// (`test_properties.py -k stated`), and shading, which follows the normals, changes before the shape does.
+const SAMPLING_MARGIN: f32 = 2.0;
 
 /// Vertices of a split at and above this are new: their number is the rest.
 const NEW_VERTEX: u32 = 1 << 31;
@@ -289,6 +321,9 @@ struct Split {
     clusters: Vec<ClusterMesh>,
     new_positions: Vec<[f32; 3]>,
     new_attributes: Vec<f32>,
+    /// For each cluster the vertices of the reference nearest to it, when there is a reference.
+    tracked: Vec<Vec<Tracked>>,
+    /// Parent error of the group.
     error: f32,
     step: super::simplify::Step,
 }
@@ -296,9 +331,18 @@ struct Split {
 fn simplify_group(
     store: &VertexStore,
     local: &LocalMesh,
+    members: &[&BuildCluster],
+    reference: Option<&Reference>,
     options: &BuildOptions,
 ) -> std::result::Result<Split, StuckReason> {
-    let Simplified { mut mesh, error, step } = simplify(local, store.layout, options)?;
+    let Simplified { mut mesh, estimate, step } = simplify(local, store.layout, options)?;
+    let below = members.iter().map(|c| c.error).fold(0.0, f32::max);
+    let mut error = 0.0;
+    if reference.is_none() {
+        // Against its own input, so it is *added* to the largest of its members.
+        let added = SAMPLING_MARGIN * measured(local, &mesh, estimate);
+        error = round_up(f64::from(below) + f64::from(added));
+    }
     let stride = store.stride;
     let mut new_positions = Vec::new();
     let mut new_attributes = Vec::new();
@@ -315,7 +359,22 @@ fn simplify_group(
         }
     }
     let clusters = clusterize::clusterize_local(&compact(&mesh, &used), options);
-    Ok(Split { clusters, new_positions, new_attributes, error, step })
+    let mut tracked = Vec::new();
+    if let Some(reference) = reference {
+        let place = |v: &u32| match v.checked_sub(NEW_VERTEX) {
+            Some(new) => new_positions[new as usize],
+            None => store.positions[*v as usize],
+        };
+        let patch = |c| {
+            let ClusterMesh { vertices, triangles }: &ClusterMesh = c;
+            Patch { positions: vertices.iter().map(place).collect(), triangles }
+        };
+        let patches: Vec<Patch<'_>> = clusters.iter().map(|c| patch(c)).collect();
+        let arrived: Vec<Tracked> = members.iter().flat_map(|c| &c.tracked).copied().collect();
+        (error, tracked) = reference.measure(&arrived, &patches, estimate, SAMPLING_MARGIN);
+    }
+    let error = parent_error(below, error);
+    Ok(Split { clusters, new_positions, new_attributes, tracked, error, step })
 }
 
 /// The part of a mesh that its triangles use: the clusterizer works in proportion to the vertices given.
@@ -337,10 +396,10 @@ mod tests {
 
     #[test]
     fn parent_errors_step_up_from_anything() {
-        for (below, added) in [(0.0, 0.0), (0.0, 1.0e-20), (0.5, 0.0), (1.0e-7, 1.0e-12), (0.25, 0.25)] {
-            let error = parent_error(below, added);
+        for (below, measured) in [(0.0, 0.0), (0.0, 1.0e-20), (0.5, 0.0), (1.0e-7, 1.0e-12), (0.25, 0.5)] {
+            let error = parent_error(below, measured);
             assert!(error >= below * ERROR_STEP && error >= ERROR_FLOOR && error > below);
-            assert!(f64::from(error) >= f64::from(below) + f64::from(added));
+            assert!(error >= measured);
         }
     }
 }

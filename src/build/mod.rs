@@ -10,6 +10,7 @@ pub mod dag;
 pub mod hierarchy;
 pub mod lock_borders;
 pub mod partition;
+pub mod reference;
 pub mod simplify;
 pub mod store;
 

@@ -3,7 +3,7 @@
 //! The simplifier is meshoptimizer's, with vertices moved to their optimum and attributes in the metric
 //! (Garland and Heckbert 1997; Hoppe, "New Quadric Metric for Simplifying Meshes with Appearance Attributes",
 //! 1999). The chain: attribute-aware with seams protected → permissive (seams may collapse, loose parts may
-//! go) → sloppy → give up. The error of every step is checked against distances and doubled.
+//! go) → sloppy → give up.
 
 use meshopt::{
     SimplifyOptions, SimplifyVertex, VertexDataAdapter, simplify_sloppy_with_locks, simplify_with_update,
@@ -26,9 +26,6 @@ const TARGET_RATIO: f32 = 0.5;
 /// A result that keeps more than this part is not worth a level.
 const ACCEPT_RATIO: f32 = 0.85;
 
-/// Vertices only sample the two surfaces. Between them the deviation was seen to be up to 1.5 times as large
-/// (`test_properties.py -k stated`), and shading, which follows the normals, changes before the shape does.
-const SAMPLING_MARGIN: f32 = 2.0;
 /// Repeats of the first step, each with more vertices locked, before a change of topology is accepted.
 const TOPOLOGY_RETRIES: usize = 3;
 
@@ -54,9 +51,8 @@ impl Step {
 pub struct Simplified {
     /// The simplified mesh; `ids` still name the vertices it came from.
     pub mesh: LocalMesh,
-    /// Distance against the group's own input, internal units: the simplifier's estimate, or the largest
-    /// distance found at a vertex of either surface, if that is larger; times a margin.
-    pub error: f32,
+    /// The simplifier's estimate of the distance to the group's own input, internal units.
+    pub estimate: f32,
     /// The step that made it.
     pub step: Step,
 }
@@ -126,12 +122,11 @@ fn attempt(
             done = Step::Topology;
         }
     }
-    let error = SAMPLING_MARGIN * measured(mesh, &result, error);
-    Ok(Simplified { mesh: result, error, step: done })
+    Ok(Simplified { mesh: result, estimate: error, step: done })
 }
 
 /// The estimate, or the largest distance found at a vertex of either surface to the other one.
-fn measured(before: &LocalMesh, after: &LocalMesh, estimate: f32) -> f32 {
+pub fn measured(before: &LocalMesh, after: &LocalMesh, estimate: f32) -> f32 {
     let count = before.ids.len();
     let stars = [before, after].map(|m| Stars::new(count, &m.indices));
     let around = |v: usize| stars[0].of(v as u32);

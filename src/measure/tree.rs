@@ -25,8 +25,11 @@ fn squared_to_box(p: [f32; 3], b: &Aabb) -> f32 {
 impl TriangleTree {
     /// A tree over the triangles of an index buffer.
     pub fn new(positions: &[[f32; 3]], indices: &[u32]) -> Self {
-        let triangles: Vec<_> =
-            indices.chunks_exact(3).map(|t| [0, 1, 2].map(|k| positions[t[k] as usize])).collect();
+        Self::of(indices.chunks_exact(3).map(|t| [0, 1, 2].map(|k| positions[t[k] as usize])).collect())
+    }
+
+    /// A tree over triangles; the nearer they are to their neighbours in the list, the better.
+    pub fn of(triangles: Vec<[[f32; 3]; 3]>) -> Self {
         let leaves = triangles.len().div_ceil(LEAF).next_power_of_two();
         let mut boxes = vec![Aabb::EMPTY; 2 * leaves - 1];
         for (leaf, group) in triangles.chunks(LEAF).enumerate() {
@@ -38,9 +41,20 @@ impl TriangleTree {
         Self { triangles, boxes, leaves }
     }
 
+    /// Square of the distance to the surface and the nearest triangle. +∞ without triangles or for a point that
+    /// is not finite.
+    pub fn nearest(&self, p: [f32; 3]) -> (f32, u32) {
+        self.nearest_between(p, f32::NEG_INFINITY, f32::INFINITY)
+    }
+
     /// Square of the distance to the surface if it is below `best`, or anything up to `enough` as soon as the
     /// distance is known to be at most that: callers look for a maximum. Otherwise `best`.
-    pub fn squared_distance_between(&self, p: [f32; 3], enough: f32, mut best: f32) -> f32 {
+    pub fn squared_distance_between(&self, p: [f32; 3], enough: f32, best: f32) -> f32 {
+        self.nearest_between(p, enough, best).0
+    }
+
+    fn nearest_between(&self, p: [f32; 3], enough: f32, mut best: f32) -> (f32, u32) {
+        let mut nearest = 0;
         let mut stack = [(0u32, 0.0f32); 64];
         let mut top = 1;
         stack[0] = (0, squared_to_box(p, &self.boxes[0]));
@@ -52,7 +66,13 @@ impl TriangleTree {
             }
             let node = node as usize;
             if node + 1 >= self.leaves {
-                best = best.min(self.squared_to_leaf(p, node + 1 - self.leaves));
+                let first = (node + 1 - self.leaves) * LEAF;
+                for (t, triangle) in self.triangles.iter().enumerate().skip(first).take(LEAF) {
+                    let distance = squared_distance(p, *triangle);
+                    if distance < best {
+                        (best, nearest) = (distance, t as u32);
+                    }
+                }
                 continue;
             }
             let [a, b] = [2 * node + 1, 2 * node + 2].map(|c| (c as u32, squared_to_box(p, &self.boxes[c])));
@@ -61,17 +81,11 @@ impl TriangleTree {
             stack[top + 1] = near;
             top += 2;
         }
-        best
+        (best, nearest)
     }
 
     /// The corners of all triangles.
     pub fn triangles(&self) -> &[[[f32; 3]; 3]] {
         &self.triangles
-    }
-
-    fn squared_to_leaf(&self, p: [f32; 3], leaf: usize) -> f32 {
-        let end = (leaf * LEAF + LEAF).min(self.triangles.len());
-        let triangles = &self.triangles[(leaf * LEAF).min(end)..end];
-        triangles.iter().fold(f32::INFINITY, |best, t| best.min(squared_distance(p, *t)))
     }
 }
