@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::closest::{Triangle, Vec3, closest_point, distance_below, squared};
 
 /// Triangles of a leaf at most.
-const LEAF: usize = 2;
+const LEAF: usize = 1;
 /// Bins of a split.
 const BINS: usize = 16;
 /// Up to so many triangles are split in the middle: cheaper than bins and as good.

@@ -77,14 +77,23 @@ pub fn closest_point(p: Vec3, triangle: Triangle) -> Vec3 {
     }
     let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
     let sum = va + vb + vc;
-    if !(va > 0.0 && vb > 0.0 && vc > 0.0 && sum > f64::MIN_POSITIVE) {
-        return on_edges(p, triangle);
+    let interior = || along(along(a, ab, vb / sum), ac, vc / sum);
+    if !(sum > SLIVER * dot(ab, ab) * dot(ac, ac) && sum > f64::MIN_POSITIVE) {
+        let q = on_edges(p, triangle);
+        let inside = va > 0.0 && vb > 0.0 && vc > 0.0 && sum > f64::MIN_POSITIVE;
+        return if inside { nearer(p, q, interior()) } else { q };
     }
-    let q = along(along(a, ab, vb / sum), ac, vc / sum);
-    if sum < SLIVER * dot(ab, ab) * dot(ac, ac) {
-        return nearer(p, q, on_edges(p, triangle));
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return along(a, ab, d1 / (d1 - d3));
     }
-    q
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return along(a, ac, d2 / (d2 - d6));
+    }
+    let (d43, d56) = (d4 - d3, d5 - d6);
+    if va <= 0.0 && d43 >= 0.0 && d56 >= 0.0 {
+        return along(b, sub(c, b), d43 / (d43 + d56));
+    }
+    if va > 0.0 && vb > 0.0 && vc > 0.0 { interior() } else { on_edges(p, triangle) }
 }
 
 /// Square of the distance from a point to a triangle.

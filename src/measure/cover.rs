@@ -13,7 +13,7 @@ use super::bvh::Bvh;
 use super::closest::{Triangle, Vec3, along, cross, dot, normal, squared, squared_distance, sub};
 
 /// Corners of a piece at most; a piece that would have more is halved instead.
-const CORNERS: usize = 10;
+const CORNERS: usize = 8;
 /// Cuts that led to a piece at most. docs/numerics.md: each moves the surface by rounding.
 const MOST_CUTS: u8 = 100;
 /// Triangles to overlay a piece with; a piece that is near to more is halved first.
@@ -61,11 +61,15 @@ impl Piece {
         Some(())
     }
 
-    /// The parts where `sides`, one value per corner and linear between them, is up to 0 and where it is above.
-    /// `None` where a part would have too many corners. Both signs must occur.
-    fn cut(&self, sides: &[f64; CORNERS]) -> Option<(Self, Self)> {
-        let none = Self { count: 0, cuts: self.cuts.saturating_add(1), left_over: false, ..*self };
-        let (mut inside, mut outside) = (none, none);
+    /// No corners yet, after one more cut.
+    fn child(&self) -> Self {
+        let cuts = self.cuts.saturating_add(1);
+        Self { corners: [[0.0; 3]; CORNERS], count: 0, cuts, left_over: false }
+    }
+
+    /// Adds to `inside` the part where `sides`, one value per corner and linear between them, is up to 0, and to
+    /// `outside` that where it is above. `None` where a part would have too many corners.
+    fn cut(&self, sides: &[f64; CORNERS], inside: &mut Self, outside: &mut Self) -> Option<()> {
         let count = usize::from(self.count);
         for i in 0..count {
             let j = if i + 1 == count { 0 } else { i + 1 };
@@ -82,7 +86,7 @@ impl Piece {
                 outside.push(p)?;
             }
         }
-        Some((inside, outside))
+        Some(())
     }
 
     /// Two halves, across the longest diagonal. A piece too small to be cut gives itself and nothing.
@@ -101,30 +105,19 @@ impl Piece {
         let (axis, middle) = (sub(b, a), along(a, sub(b, a), 0.5));
         let mut sides = [0.0; CORNERS];
         sides.iter_mut().zip(corners).for_each(|(s, p)| *s = dot(axis, sub(*p, middle)));
-        let both = sides[..corners.len()].iter().any(|s| *s > 0.0)
-            && sides[..corners.len()].iter().any(|s| *s <= 0.0);
-        match self.cut(&sides) {
-            Some((inside, outside)) if both => (inside, Some(outside)),
+        let (mut first, mut second) = (self.child(), self.child());
+        if self.cut(&sides, &mut first, &mut second).is_none() {
             // Too many corners for a cut: the fan from the first corner, in two.
-            _ if corners.len() > 3 => {
-                let half = corners.len() / 2;
-                let mut first =
-                    Self { count: 0, cuts: self.cuts.saturating_add(1), left_over: false, ..*self };
-                let mut second = first;
-                corners[..=half].iter().for_each(|p| first.push(*p).unwrap_or(()));
-                corners[half..].iter().chain(&corners[..1]).for_each(|p| second.push(*p).unwrap_or(()));
-                (first, Some(second))
-            }
-            _ => (Self { cuts: MOST_CUTS, ..*self }, None),
+            (first, second) = (self.child(), self.child());
+            let half = corners.len() / 2;
+            corners[..=half].iter().for_each(|p| first.push(*p).unwrap_or(()));
+            corners[half..].iter().chain(&corners[..1]).for_each(|p| second.push(*p).unwrap_or(()));
         }
+        if first.count == 0 || second.count == 0 {
+            return (Self { cuts: MOST_CUTS, ..*self }, None);
+        }
+        (first, Some(second))
     }
-}
-
-/// What a triangle took of a piece.
-enum Taken {
-    Nothing,
-    /// Some or all; what is left was appended to the list. The largest squared distance of what was taken.
-    Part(f64),
 }
 
 /// How near a bound should come.
@@ -157,7 +150,8 @@ pub(super) struct Cover<'a> {
     stack: Vec<Piece>,
     nearby: Vec<u32>,
     now: Vec<Piece>,
-    next: Vec<Piece>,
+    rest: Vec<Piece>,
+    pub stats: [u64; 6],
 }
 
 impl<'a> Cover<'a> {
@@ -175,7 +169,8 @@ impl<'a> Cover<'a> {
             stack: Vec::new(),
             nearby: Vec::new(),
             now: Vec::new(),
-            next: Vec::new(),
+            rest: Vec::new(),
+            stats: [0; 6],
         }
     }
 
@@ -261,30 +256,41 @@ impl<'a> Cover<'a> {
     /// where there are too many of them.
     fn overlay(&mut self, piece: &Piece, reach: f64, extra: f64) -> bool {
         if !self.surface.around(piece.corners(), reach, NEARBY, &mut self.nearby) {
+            self.stats[3] += 1;
             return false;
         }
         self.now.clear();
         self.now.push(*piece);
+        self.stats[0] += 1;
+        self.stats[1] += self.nearby.len() as u64;
+        let [a, b, c] = [0, 1, 2].map(|k| piece.corners[k]);
+        let around = Prism::new([a, b, c], reach);
         for place in &self.nearby {
             let place = *place as usize;
+            if piece.count == 3 && around.is_beside(&self.surface.triangle(place)) {
+                continue;
+            }
+            self.stats[5] += 1;
             let radius = self.surface.radius(place);
             let allowed = reach - radius;
             if allowed <= 0.0 {
                 continue;
             }
             let prism = Prism::new(self.surface.triangle(place), allowed);
-            self.next.clear();
-            for piece in &self.now {
-                match prism.take(piece, &mut self.next) {
-                    Taken::Nothing => self.next.push(*piece),
-                    Taken::Part(most) => self.upper = self.upper.max(most.sqrt() + radius + extra),
+            self.stats[2] += self.now.len() as u64;
+            // What is left of a piece lies beside this triangle: going backwards, it is not looked at again.
+            for i in (0..self.now.len()).rev() {
+                if let Some(most) = prism.take(&self.now[i], &mut self.rest) {
+                    self.upper = self.upper.max(most.sqrt() + radius + extra);
+                    self.now.swap_remove(i);
+                    self.now.append(&mut self.rest);
                 }
             }
-            std::mem::swap(&mut self.now, &mut self.next);
             if self.now.is_empty() || self.now.len() > PIECES {
                 break;
             }
         }
+        self.stats[4] += self.now.len() as u64;
         self.stack.extend(self.now.iter().map(|piece| Piece { left_over: true, ..*piece }));
         true
     }
@@ -307,6 +313,14 @@ impl Prism {
         Self { triangle, outwards, lengths: outwards.map(|o| dot(o, o).sqrt()), allowed }
     }
 
+    /// True where a triangle lies beside one of the sides, farther than allowed.
+    fn is_beside(&self, other: &Triangle) -> bool {
+        (0..3).any(|k| {
+            let beside = self.lengths[k] * self.allowed;
+            other.iter().all(|p| dot(self.outwards[k], sub(*p, self.triangle[k])) > beside)
+        })
+    }
+
     /// The largest squared distance of a piece, if it is allowed.
     fn squared_allowed(&self, piece: &Piece) -> Option<f64> {
         let limit = self.allowed * self.allowed;
@@ -316,44 +330,41 @@ impl Prism {
         })
     }
 
-    /// Takes what lies over the triangle within the distance allowed, and appends the rest of the piece to `rest`.
-    fn take(&self, piece: &Piece, rest: &mut Vec<Piece>) -> Taken {
-        let count = usize::from(piece.count);
-        let mut sides = [[0.0; CORNERS]; 3];
+    /// Takes what lies over the triangle within the distance allowed, and appends what is left of the piece to
+    /// `rest`. Returns the largest squared distance of what was taken; `None` where that is nothing.
+    fn take(&self, piece: &Piece, rest: &mut Vec<Piece>) -> Option<f64> {
         let mut crossed = false;
         for k in 0..3 {
             let beside = self.lengths[k] * self.allowed * BESIDE[0];
-            let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
-            for i in 0..count {
-                let s = dot(self.outwards[k], sub(piece.corners[i], self.triangle[k]));
-                sides[k][i] = s;
-                least = least.min(s);
-                most = most.max(s);
+            let (mut any_in, mut any_out) = (false, false);
+            for p in piece.corners() {
+                let out = dot(self.outwards[k], sub(*p, self.triangle[k])) > beside;
+                any_in |= !out;
+                any_out |= out;
             }
-            if least > beside {
-                return Taken::Nothing;
+            if !any_in {
+                return None;
             }
-            crossed |= most > beside;
+            crossed |= any_out;
         }
-        if !crossed || self.lengths == [0.0; 3] {
-            if let Some(most) = self.squared_allowed(piece) {
-                return Taken::Part(most);
-            }
-            if self.lengths == [0.0; 3] {
-                return Taken::Nothing;
+        let degenerate = self.lengths == [0.0; 3];
+        if !crossed || degenerate {
+            let all = self.squared_allowed(piece);
+            if all.is_some() || degenerate {
+                return all;
             }
         }
         if piece.cuts >= MOST_CUTS - 3 {
-            return Taken::Nothing;
+            return None;
         }
-        let before = rest.len();
         for beside in BESIDE {
-            if let Some(most) = self.carve(*piece, beside * self.allowed, rest) {
-                return Taken::Part(most);
+            let part = self.carve(*piece, beside * self.allowed, rest);
+            if part.is_some() {
+                return part;
             }
-            rest.truncate(before);
+            rest.clear();
         }
-        Taken::Nothing
+        None
     }
 
     /// Cuts along the three sides. `None`, with anything appended to `rest`, where what is inside is too far or nothing.
@@ -371,8 +382,9 @@ impl Prism {
                 return None;
             }
             if any_out {
-                let (part, outside) = inside.cut(&sides)?;
-                rest.push(outside);
+                let mut part = inside.child();
+                rest.push(inside.child());
+                inside.cut(&sides, &mut part, rest.last_mut()?)?;
                 inside = part;
             }
         }

@@ -4,11 +4,13 @@ pub mod bvh;
 pub mod closest;
 mod cover;
 pub mod deviation;
+pub mod distance;
 pub mod hausdorff;
 pub mod tree;
 pub mod triangle;
 
 pub use bvh::Bvh;
 pub use deviation::{Surface, deviation};
+pub use distance::{DistanceOptions, MeshView, closest_points, surface_distance};
 pub use hausdorff::{BoundOptions, SurfaceBound, hausdorff_upper};
 pub use tree::TriangleTree;
