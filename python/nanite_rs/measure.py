@@ -168,7 +168,11 @@ def _both(a: tuple[Deviation, float], b: tuple[Deviation, float]) -> Deviation:
     weights = [w / largest if 0.0 < largest < np.inf else 1.0 for _, w in present]
     mean = sum(d.mean * w for (d, _), w in zip(present, weights, strict=True)) / sum(weights)
     peak = max(d.rms for d, _ in present)
-    square = sum((d.rms / peak) ** 2 * w for (d, _), w in zip(present, weights, strict=True)) if peak > 0.0 else 0.0
+    square = (
+        sum((d.rms / peak) ** 2 * w for (d, _), w in zip(present, weights, strict=True))
+        if peak > 0.0
+        else 0.0
+    )
     return Deviation(mean, peak * float(np.sqrt(square / sum(weights))), max(d.max for d, _ in present))
 
 

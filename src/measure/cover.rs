@@ -151,7 +151,6 @@ pub(super) struct Cover<'a> {
     nearby: Vec<u32>,
     now: Vec<Piece>,
     rest: Vec<Piece>,
-    pub stats: [u64; 6],
 }
 
 impl<'a> Cover<'a> {
@@ -170,7 +169,6 @@ impl<'a> Cover<'a> {
             nearby: Vec::new(),
             now: Vec::new(),
             rest: Vec::new(),
-            stats: [0; 6],
         }
     }
 
@@ -256,13 +254,10 @@ impl<'a> Cover<'a> {
     /// where there are too many of them.
     fn overlay(&mut self, piece: &Piece, reach: f64, extra: f64) -> bool {
         if !self.surface.around(piece.corners(), reach, NEARBY, &mut self.nearby) {
-            self.stats[3] += 1;
             return false;
         }
         self.now.clear();
         self.now.push(*piece);
-        self.stats[0] += 1;
-        self.stats[1] += self.nearby.len() as u64;
         let [a, b, c] = [0, 1, 2].map(|k| piece.corners[k]);
         let around = Prism::new([a, b, c], reach);
         for place in &self.nearby {
@@ -270,14 +265,12 @@ impl<'a> Cover<'a> {
             if piece.count == 3 && around.is_beside(&self.surface.triangle(place)) {
                 continue;
             }
-            self.stats[5] += 1;
             let radius = self.surface.radius(place);
             let allowed = reach - radius;
             if allowed <= 0.0 {
                 continue;
             }
             let prism = Prism::new(self.surface.triangle(place), allowed);
-            self.stats[2] += self.now.len() as u64;
             // What is left of a piece lies beside this triangle: going backwards, it is not looked at again.
             for i in (0..self.now.len()).rev() {
                 if let Some(most) = prism.take(&self.now[i], &mut self.rest) {
@@ -290,7 +283,6 @@ impl<'a> Cover<'a> {
                 break;
             }
         }
-        self.stats[4] += self.now.len() as u64;
         self.stack.extend(self.now.iter().map(|piece| Piece { left_over: true, ..*piece }));
         true
     }

@@ -108,9 +108,6 @@ pub fn hausdorff_upper(
     for (place, t) in of_b.triangles().iter().enumerate() {
         to_a.triangle(*t, of_b.radius(place));
     }
-    if std::env::var("DBG").is_ok() {
-        eprintln!("steps {} {} stats {:?} {:?}", to_b.steps, to_a.steps, to_b.stats, to_a.stats);
-    }
     SurfaceBound {
         lower: to_a.lower,
         upper: outwards(to_a.upper.max(to_b.upper), largest),
