@@ -1,8 +1,8 @@
 """Distances between triangle meshes: sampled, or bounded with proof.
 
-`surface_distance` says how far two surfaces are apart, `closest_points` where points lie nearest to a mesh. Meshes are
-``(vertices, faces)`` tuples, `trimesh.Trimesh`, `Cut` or `NaniteMesh` (its full detail). Everything is computed in
-float64, also for float32 input, and does not depend on the number of threads.
+`surface_distance` says how far two surfaces are apart, `closest_points` where points lie nearest to a mesh. Meshes
+are ``(vertices, faces)`` tuples, `trimesh.Trimesh`, `Cut` or `NaniteMesh` (its full detail). Everything is computed
+in float64, also for float32 input, and does not depend on the number of threads.
 
 Examples
 --------
@@ -21,13 +21,14 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from nanite_rs import _core
-from nanite_rs.cut import Cut
 from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.mesh import NaniteMesh, _array, _real
 
 if TYPE_CHECKING:
     import trimesh
     from numpy.typing import ArrayLike, NDArray
+
+    from nanite_rs.cut import Cut
 
 __all__ = [
     "ClosestPoints",
@@ -88,8 +89,8 @@ class OneSidedDistance:
 class SurfaceDistance:
     """How far two surfaces are apart. Made by `surface_distance`.
 
-    Two-sided means weigh both surfaces by their areas; two-sided maxima and bounds are those of the worse direction,
-    the Hausdorff distance.
+    Two-sided means weigh both surfaces by their areas; two-sided maxima and bounds are those of the worse
+    direction, the Hausdorff distance.
     """
 
     a_to_b: OneSidedDistance
@@ -193,9 +194,10 @@ def surface_distance(
     """Measure how far two surfaces are apart.
 
     Points are spread evenly over the area of either surface, and the exact distance of each to the other surface is
-    taken. Between them the surfaces may be farther apart: the maximum found is a lower bound. With ``mode="bounded"``
-    every triangle is then overlaid with the other surface, which gives an upper bound for all its points
-    (``docs/numerics.md`` has the proof; after Guthe, Borodin and Klein 2005, and Tang, Lee and Kim 2009).
+    taken. Between them the surfaces may be farther apart: the maximum found is a lower bound. With
+    ``mode="bounded"`` every triangle is then overlaid with the other surface, which gives an upper bound for all
+    its points (``docs/numerics.md`` has the proof; after Guthe, Borodin and Klein 2005, and Tang, Lee and Kim
+    2009).
 
     The interpreter lock is released and Ctrl-C works. Do not modify the arrays while this runs.
 
@@ -279,8 +281,9 @@ def surface_distance(
     first, second = sides
     both = _both(*((Deviation(s.mean, s.rms, s.max), s.area) for s in sides))
     lower, upper, converged = None, None, None
-    if first.lower is not None and second.lower is not None:
-        lower, upper = max(first.lower, second.lower), max(first.upper, second.upper)
+    bounds = [(s.lower, s.upper) for s in sides if s.lower is not None and s.upper is not None]
+    if bounds:
+        lower, upper = max(low for low, _ in bounds), max(high for _, high in bounds)
         converged = _converged(lower, upper, tolerance, rounding)
     return SurfaceDistance(
         a_to_b=first,

@@ -22,7 +22,7 @@ const NEARBY: usize = 40;
 const PIECES: usize = 48;
 /// How far beside its prism a triangle takes, in parts of the distance allowed. The second is tried where the first
 /// takes corners too far out, at sharp angles.
-const BESIDE: [f64; 2] = [0.25, 0.002];
+const BESIDE: [f64; 3] = [0.6, 0.2, 0.002];
 
 /// A convex polygon.
 #[derive(Clone, Copy, Debug)]
@@ -325,29 +325,15 @@ impl Prism {
     /// Takes what lies over the triangle within the distance allowed, and appends what is left of the piece to
     /// `rest`. Returns the largest squared distance of what was taken; `None` where that is nothing.
     fn take(&self, piece: &Piece, rest: &mut Vec<Piece>) -> Option<f64> {
-        let mut crossed = false;
         for k in 0..3 {
             let beside = self.lengths[k] * self.allowed * BESIDE[0];
-            let (mut any_in, mut any_out) = (false, false);
-            for p in piece.corners() {
-                let out = dot(self.outwards[k], sub(*p, self.triangle[k])) > beside;
-                any_in |= !out;
-                any_out |= out;
-            }
-            if !any_in {
+            if piece.corners().iter().all(|p| dot(self.outwards[k], sub(*p, self.triangle[k])) > beside) {
                 return None;
             }
-            crossed |= any_out;
         }
-        let degenerate = self.lengths == [0.0; 3];
-        if !crossed || degenerate {
-            let all = self.squared_allowed(piece);
-            if all.is_some() || degenerate {
-                return all;
-            }
-        }
-        if piece.cuts >= MOST_CUTS - 3 {
-            return None;
+        let all = self.squared_allowed(piece);
+        if all.is_some() || self.lengths == [0.0; 3] || piece.cuts >= MOST_CUTS - 3 {
+            return all;
         }
         for beside in BESIDE {
             let part = self.carve(*piece, beside * self.allowed, rest);
