@@ -316,24 +316,45 @@ impl Prism {
     /// The largest squared distance of a piece, if it is allowed.
     fn squared_allowed(&self, piece: &Piece) -> Option<f64> {
         let limit = self.allowed * self.allowed;
-        piece.corners().iter().try_fold(0.0f64, |most, p| {
+        let mut most = 0.0;
+        for p in piece.corners() {
             let d = squared_distance(*p, self.triangle);
-            (d <= limit).then_some(most.max(d))
-        })
+            if d > most {
+                most = d;
+                if d > limit {
+                    return None;
+                }
+            }
+        }
+        Some(most)
     }
 
     /// Takes what lies over the triangle within the distance allowed, and appends what is left of the piece to
     /// `rest`. Returns the largest squared distance of what was taken; `None` where that is nothing.
     fn take(&self, piece: &Piece, rest: &mut Vec<Piece>) -> Option<f64> {
+        let degenerate = self.lengths == [0.0; 3];
+        let mut far = false;
         for k in 0..3 {
-            let beside = self.lengths[k] * self.allowed * BESIDE[0];
-            if piece.corners().iter().all(|p| dot(self.outwards[k], sub(*p, self.triangle[k])) > beside) {
+            let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+            for p in piece.corners() {
+                let side = dot(self.outwards[k], sub(*p, self.triangle[k]));
+                least = if side < least { side } else { least };
+                most = if side > most { side } else { most };
+            }
+            let allowed = self.lengths[k] * self.allowed;
+            if least > allowed * BESIDE[0] {
                 return None;
             }
+            far |= most > allowed;
         }
-        let all = self.squared_allowed(piece);
-        if all.is_some() || self.lengths == [0.0; 3] || piece.cuts >= MOST_CUTS - 3 {
-            return all;
+        if !far || degenerate {
+            let all = self.squared_allowed(piece);
+            if all.is_some() || degenerate {
+                return all;
+            }
+        }
+        if piece.cuts >= MOST_CUTS - 3 {
+            return None;
         }
         for beside in BESIDE {
             let part = self.carve(*piece, beside * self.allowed, rest);
