@@ -20,7 +20,9 @@ const MOST_CUTS: u8 = 100;
 const NEARBY: usize = 40;
 /// Pieces of one triangle during an overlay.
 const PIECES: usize = 48;
-/// How far beside its prism a triangle takes, in parts of the distance allowed. The second is tried where the first
+/// Pieces to look at before asking whether to go on.
+const STEPS_BETWEEN_ASKING: u64 = 1_000;
+/// How far beside its prism a triangle takes, in parts of the distance allowed. Each is tried where the one before
 /// takes corners too far out, at sharp angles.
 const BESIDE: [f64; 3] = [0.6, 0.2, 0.002];
 
@@ -132,10 +134,11 @@ pub(super) struct Goal {
 }
 
 /// The bounds of what was covered so far, and what is used over and over on the way.
-#[derive(Debug)]
 pub(super) struct Cover<'a> {
     surface: &'a Bvh,
     goal: Goal,
+    /// Asked now and then; after `false` nothing is worth having.
+    go_on: &'a dyn Fn() -> bool,
     /// The largest distance at a point.
     pub lower: f64,
     /// That point.
@@ -155,10 +158,11 @@ pub(super) struct Cover<'a> {
 
 impl<'a> Cover<'a> {
     /// Nothing covered. `lower` is a distance known to occur.
-    pub(super) fn new(surface: &'a Bvh, goal: Goal, lower: f64) -> Self {
+    pub(super) fn new(surface: &'a Bvh, goal: Goal, lower: f64, go_on: &'a dyn Fn() -> bool) -> Self {
         Self {
             surface,
             goal,
+            go_on,
             lower,
             witness: None,
             upper: 0.0,
@@ -207,6 +211,12 @@ impl<'a> Cover<'a> {
                 continue;
             }
             self.steps += 1;
+            if self.steps.is_multiple_of(STEPS_BETWEEN_ASKING) && !(self.go_on)() {
+                self.stack.clear();
+                self.complete = false;
+                self.upper = f64::INFINITY;
+                return;
+            }
             let bound = self.bound(&piece, extra);
             if bound <= self.limit() {
                 self.upper = self.upper.max(bound);

@@ -86,7 +86,8 @@ pub fn hausdorff_upper(
     let goal = Goal { floor: options.floor, slack: options.slack, budget: options.budget };
     let (of_a, of_b) = (Bvh::new(&a_triangles), Bvh::with_radii(&b_triangles, &wide));
 
-    let (mut to_b, mut to_a) = (Cover::new(&of_b, goal, 0.0), Cover::new(&of_a, goal, 0.0));
+    let always = || true;
+    let (mut to_b, mut to_a) = (Cover::new(&of_b, goal, 0.0, &always), Cover::new(&of_a, goal, 0.0, &always));
     let mut largest = 0.0f64;
     let mut probe = |cover: &mut Cover<'_>, surface: Surface<'_>, radii: &[f32]| {
         for (p, extra) in surface.positions.iter().zip(extras(surface, radii)) {
@@ -153,17 +154,19 @@ pub(super) fn one_sided(
     let (mut start, mut chunks) = (0, FIRST_ROUND);
     while start < from.len() {
         let end = from.len().min(start + chunks * WORK);
+        // Few triangles need any: each may take eight times its share of what is left.
         let budget = budget.saturating_sub(pieces).div_ceil((end - start) as u64 / 8 + 1);
         let goal = Goal { floor, slack, budget };
         let round: Vec<_> = from.triangles()[start..end]
             .par_chunks(WORK)
             .map(|part| {
-                let mut cover = Cover::new(surface, goal, lower);
+                let go_on = || go_on(start as u64, from.len() as u64);
+                let mut cover = Cover::new(surface, goal, lower, &go_on);
                 for t in part {
-                    if !go_on(start as u64, from.len() as u64) {
+                    cover.triangle(*t, 0.0);
+                    if !go_on() {
                         return Err(Error::Cancelled);
                     }
-                    cover.triangle(*t, 0.0);
                 }
                 Ok((cover.lower, cover.witness, cover.upper, cover.steps))
             })
