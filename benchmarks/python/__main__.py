@@ -7,9 +7,9 @@ import datetime
 import json
 from pathlib import Path
 
-from . import build, cut, frames, instances, machine, report
+from . import build, cut, distance, frames, instances, machine, report
 
-BENCHMARKS = {"build": build, "cut": cut, "frames": frames, "instances": instances}
+BENCHMARKS = {"build": build, "cut": cut, "distance": distance, "frames": frames, "instances": instances}
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nanite_rs import shapes
+from nanite_rs import measure, shapes
 from nanite_rs._core import __version__
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.cut import Cut
@@ -60,6 +60,7 @@ __all__ = [
     "StaleHandleError",
     "StuckGroup",
     "__version__",
+    "measure",
     "shapes",
     "simplify",
 ]

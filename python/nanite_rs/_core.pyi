@@ -13,13 +13,28 @@ __all__ = [
     "Scene",
     "__version__",
     "check_camera",
+    "closest_points",
     "cluster_table",
     "group_table",
+    "surface_distance",
 ]
 __version__: str
 
 def cluster_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
 def group_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
+def surface_distance(
+    a_vertices: NDArray[Any],
+    a_faces: NDArray[Any],
+    b_vertices: NDArray[Any],
+    b_faces: NDArray[Any],
+    *,
+    samples: int,
+    seed: int,
+    bounded: tuple[float, int] | None = None,
+) -> tuple[dict[str, Any], dict[str, Any], float]: ...
+def closest_points(
+    points: NDArray[Any], vertices: NDArray[Any], faces: NDArray[Any]
+) -> tuple[NDArray[np.float64], NDArray[np.uint32], NDArray[np.float64]]: ...
 
 @final
 class Mesh:

@@ -1,8 +1,16 @@
 //! Distances between surfaces.
 
+pub mod bvh;
+pub mod closest;
+mod cover;
 pub mod deviation;
+pub mod distance;
+pub mod hausdorff;
 pub mod tree;
 pub mod triangle;
 
-pub use deviation::deviation;
+pub use bvh::Bvh;
+pub use deviation::{Surface, deviation};
+pub use distance::{DistanceOptions, MeshView, closest_points, surface_distance};
+pub use hausdorff::{BoundOptions, SurfaceBound, hausdorff_upper};
 pub use tree::TriangleTree;

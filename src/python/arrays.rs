@@ -38,7 +38,7 @@ fn check_shape(array: &Bound<'_, PyUntypedArray>, argument: &'static str, column
     if array.ndim() == 2 && array.shape()[1] == columns {
         return Ok(());
     }
-    let letter = if argument == "faces" { 'M' } else { 'N' };
+    let letter = if argument.ends_with("faces") { 'M' } else { 'N' };
     let found = match array.shape() {
         [one] => format!("({one},)"),
         shape => format!("({})", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ")),
@@ -106,9 +106,9 @@ pub(super) enum FaceArray<'py> {
 
 impl<'py> FaceArray<'py> {
     /// Takes (M, 3) integers; refuses what no vertex number can be, with its row.
-    pub(super) fn new(value: &Bound<'py, PyAny>, vertices: usize) -> PyResult<Self> {
-        let array = untyped(value, "faces")?;
-        check_shape(array, "faces", 3)?;
+    pub(super) fn new(value: &Bound<'py, PyAny>, argument: &'static str, vertices: usize) -> PyResult<Self> {
+        let array = untyped(value, argument)?;
+        check_shape(array, argument, 3)?;
         match (array.dtype().kind(), array.dtype().itemsize()) {
             (b'u', 4) => Ok(Self::Borrowed(rows(array)?)),
             (b'u', 1) => convert::<u8>(array, vertices),
@@ -120,7 +120,7 @@ impl<'py> FaceArray<'py> {
             (b'i', 8) => convert::<i64>(array, vertices),
             _ => {
                 let found = dtype_name(array);
-                Err(dtype_error(value.py(), "faces", &format!("expected an integer dtype, not {found}")))
+                Err(dtype_error(value.py(), argument, &format!("expected an integer dtype, not {found}")))
             }
         }
     }

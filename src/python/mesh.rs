@@ -63,7 +63,7 @@ impl Progress for Shared {
 
 /// Runs `work` on a thread of its own, while this one, without the interpreter lock but for moments, looks at
 /// signals (so that Ctrl-C works) and calls `report(done, total)`. Either may stop the work by raising.
-fn watched<T: Send>(
+pub(super) fn watched<T: Send>(
     py: Python<'_>,
     report: Option<&Py<PyAny>>,
     work: impl FnOnce(&dyn Progress) -> Result<T> + Send,
@@ -156,7 +156,7 @@ impl Mesh {
         let options = build_options(options)?;
         let positions = PositionArray::new(vertices, "vertices")?;
         let count = positions.get().len();
-        let faces = FaceArray::new(faces, count)?;
+        let faces = FaceArray::new(faces, "faces", count)?;
         let normals = normals.map(|n| vertex_rows::<f32, 3>(n, "normals", count)).transpose()?;
         let colors = colors.map(|c| vertex_rows::<u8, 4>(c, "colors", count)).transpose()?;
         let uvs: Vec<_> =

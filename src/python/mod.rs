@@ -3,6 +3,7 @@
 
 mod arrays;
 mod errors;
+mod measure;
 mod mesh;
 mod renderer;
 mod scene;
@@ -18,6 +19,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<mesh::Cut>()?;
     module.add_function(wrap_pyfunction!(tables::cluster_table, module)?)?;
     module.add_function(wrap_pyfunction!(tables::group_table, module)?)?;
+    module.add_function(wrap_pyfunction!(measure::surface_distance, module)?)?;
+    module.add_function(wrap_pyfunction!(measure::closest_points, module)?)?;
     module.add_class::<scene::Scene>()?;
     module.add_class::<renderer::Renderer>()?;
     module.add_class::<renderer::Frame>()?;

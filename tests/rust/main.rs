@@ -3,5 +3,6 @@
 mod dag_invariants;
 mod format_robust;
 mod layering;
+mod measure;
 mod render_frames;
 mod shapes;
