@@ -47,6 +47,8 @@ class BuildOptions:
     """Clusters that are simplified together, 4 to 24."""
     clusterizer: Literal["spatial", "flex"] = "spatial"
     """What splits triangles into clusters. "flex" gives some 10 % shorter cluster borders for a third more time."""
+    quality: Literal["fast", "best"] = "fast"
+    """What simplifies groups: "fast" is meshoptimizer, "best" an edge collapse with less error at the same size."""
     normal_weight: float = 1.0
     """Weight of a unit of normal deviation against one mean edge length of distance."""
     color_weight: float = 1.0

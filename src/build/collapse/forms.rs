@@ -155,8 +155,12 @@ impl Forms {
     }
 
     /// The plane through a border or crease that stands on a face, as it may be added to a quadric.
+    #[inline]
     fn upright(&self, surface: &Surface, f: usize, side: usize) -> Option<(DVec4, f64)> {
         let face = &surface.faces[f];
+        if !face.has_line(side) {
+            return None;
+        }
         let edge = &surface.edges[face.edges[side] as usize];
         let weight = match (edge.rim(), edge.crease) {
             (true, _) => self.policy.border_weight,

@@ -275,7 +275,8 @@ impl Collapser {
             .minimum_near(middle, self.policy.shape_weight * sums.area)
             .filter(|offset| offset.length_squared() <= reach)
             .map(|offset| (middle + offset, self.cost(sums, ends, middle + offset)))
-            .unwrap_or_else(|| self.cheapest(self.places_on(ends, sums), sums, ends, |_| true).unwrap_or((middle, f64::INFINITY)))
+            .or_else(|| self.cheapest(self.places_on(ends, sums), sums, ends, |_| true))
+            .unwrap_or((middle, f64::INFINITY))
     }
 
     /// Places on an edge: the minimum along it, the middle, the ends.
@@ -329,7 +330,6 @@ impl Collapser {
         surface.collapse(edge, keep, position, |e| queue.remove(e));
         self.forms.merge(keep, other);
         self.merge.apply(surface, &mut self.rows, self.stride, keep);
-        surface.find_creases(keep);
         self.count += 1;
         self.ring.clear();
         for (f, k) in surface.around(keep) {
@@ -389,3 +389,6 @@ impl Collapser {
         out
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -10,14 +10,18 @@ pub struct Quadric([f64; 10]);
 
 impl Quadric {
     /// Adds the square of a form, weighted; a negative weight takes it away again.
+    #[inline]
     pub fn add_square(&mut self, form: DVec4, weight: f64) {
         let [x, y, z, w] = form.to_array();
         let [a, b, c, d] = (form * weight).to_array();
         let squares = [a * x, a * y, a * z, a * w, b * y, b * z, b * w, c * z, c * w, d * w];
-        self.0.iter_mut().zip(squares).for_each(|(q, s)| *q += s);
+        for k in 0..10 {
+            self.0[k] += squares[k];
+        }
     }
 
     /// The value at a point; rounding may leave it a little below zero.
+    #[inline]
     pub fn at(&self, p: DVec3) -> f64 {
         let [xx, xy, xz, xw, yy, yz, yw, zz, zw, ww] = self.0;
         let x = p.x * (xx * p.x + 2.0 * (xy * p.y + xz * p.z + xw));
@@ -27,6 +31,7 @@ impl Quadric {
 
     /// The offset from `origin` to the minimum of this plus `ridge` · |offset|². None if the ridge is so small
     /// that rounding leaves no minimum.
+    #[inline]
     pub fn minimum_near(&self, origin: DVec3, ridge: f64) -> Option<DVec3> {
         let [xx, xy, xz, xw, yy, yz, yw, zz, zw, _] = self.0;
         let g = [
@@ -68,14 +73,18 @@ impl Quadric {
 }
 
 impl AddAssign for Quadric {
+    #[inline]
     fn add_assign(&mut self, other: Self) {
-        self.0.iter_mut().zip(other.0).for_each(|(a, b)| *a += b);
+        for k in 0..10 {
+            self.0[k] += other.0[k];
+        }
     }
 }
 
 impl Add for Quadric {
     type Output = Self;
 
+    #[inline]
     fn add(mut self, other: Self) -> Self {
         self += other;
         self

@@ -112,7 +112,8 @@ mod tests {
             }
             assert_eq!(queue.holds(edge), costs[edge as usize].is_some());
         }
-        let mut left: Vec<_> = (0..200).filter_map(|e| costs[e as usize].map(|c: f32| (c.to_bits(), e))).collect();
+        let mut left: Vec<_> =
+            (0..200).filter_map(|e| costs[e as usize].map(|c: f32| (c.to_bits(), e))).collect();
         left.sort_unstable();
         for (cost, edge) in left {
             assert_eq!(queue.peek(), Some((edge, f32::from_bits(cost))));

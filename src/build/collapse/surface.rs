@@ -20,15 +20,24 @@ pub struct Face {
     pub wedges: [u32; 3],
     /// Edges.
     pub edges: [u32; 3],
+    /// Bit k: edge k is a rim or a crease.
+    lines: u32,
 }
 
 impl Face {
+    /// Whether an edge, by its number in the face, is a rim or a crease.
+    #[inline]
+    pub fn has_line(&self, side: usize) -> bool {
+        self.lines >> side & 1 != 0
+    }
+
     /// Whether the face is still there.
     pub fn alive(&self) -> bool {
         self.points[0] != NONE
     }
 
     /// Whether an edge is one of the face's.
+    #[inline]
     pub fn has_edge(&self, edge: u32) -> bool {
         self.edges.contains(&edge)
     }
@@ -47,6 +56,7 @@ pub struct Edge {
 
 impl Edge {
     /// Border, or a line where more than two sheets meet.
+    #[inline]
     pub fn rim(&self) -> bool {
         self.faces != 2
     }
@@ -67,6 +77,8 @@ pub struct Surface {
     pub edges: Vec<Edge>,
     /// Points around which the surface is not one disc or half disc.
     singular: Vec<bool>,
+    /// Whether any point has several wedges.
+    seams: bool,
     /// First corner (3 · face + corner) at each point, and the next one after each corner.
     first: Vec<u32>,
     next: Vec<u32>,
@@ -88,7 +100,7 @@ impl Surface {
             let wedges = [t[0], t[1], t[2]];
             let points = wedges.map(|w| point_of[w as usize]);
             if points[0] != points[1] && points[1] != points[2] && points[2] != points[0] {
-                new.faces.push(Face { points, wedges, edges: [NONE; 3] });
+                new.faces.push(Face { points, wedges, edges: [NONE; 3], lines: 0 });
             }
         }
         new.alive = new.faces.len();
@@ -99,9 +111,16 @@ impl Surface {
             new.next[corner] = std::mem::replace(&mut new.first[point], corner as u32);
         }
         new.number_edges();
-        for edge in 0..new.edges.len() as u32 {
-            new.find_crease(edge);
+        let mut wedge_at = vec![NONE; count];
+        for (p, w) in new.faces.iter().flat_map(|f| f.points.into_iter().zip(f.wedges)) {
+            let known = &mut wedge_at[p as usize];
+            new.seams |= *known != NONE && *known != w;
+            *known = w;
         }
+        if new.seams {
+            (0..new.edges.len() as u32).for_each(|e| new.find_crease(e));
+        }
+        (0..new.faces.len()).for_each(|f| new.find_lines(f));
         let mut fan = Vec::new();
         new.singular = (0..count as u32).map(|p| new.is_singular(p, &mut fan)).collect();
         new
@@ -133,11 +152,13 @@ impl Surface {
     }
 
     /// Faces at a point, each with the corner that lies there.
+    #[inline]
     pub fn around(&self, point: u32) -> Around<'_> {
         Around { next: &self.next, corner: self.first[point as usize] }
     }
 
     /// Faces at an edge.
+    #[inline]
     pub fn beside(&self, edge: u32) -> impl Iterator<Item = usize> {
         let a = self.edges[edge as usize].ends[0];
         self.around(a).filter(move |(f, _)| self.faces[*f].has_edge(edge)).map(|(f, _)| f)
@@ -157,13 +178,26 @@ impl Surface {
         self.edges[edge as usize].crease = crease;
     }
 
-    /// Looks again at which edges of a point attributes change across.
-    pub fn find_creases(&mut self, point: u32) {
+    /// Notes which edges of a face are rims or creases.
+    fn find_lines(&mut self, face: usize) {
+        let edges = self.faces[face].edges.map(|e| self.edges[e as usize]);
+        self.faces[face].lines = (0..3).map(|k| u32::from(edges[k].rim() || edges[k].crease) << k).sum();
+    }
+
+    /// Looks again at which edges of a point are rims or creases.
+    fn find_lines_around(&mut self, point: u32) {
+        if self.seams {
+            let mut corner = self.first[point as usize];
+            while corner != NONE {
+                let (f, k) = (corner as usize / 3, corner as usize % 3);
+                self.find_crease(self.faces[f].edges[k]);
+                self.find_crease(self.faces[f].edges[(k + 2) % 3]);
+                corner = self.next[corner as usize];
+            }
+        }
         let mut corner = self.first[point as usize];
         while corner != NONE {
-            let (f, k) = (corner as usize / 3, corner as usize % 3);
-            self.find_crease(self.faces[f].edges[k]);
-            self.find_crease(self.faces[f].edges[(k + 2) % 3]);
+            self.find_lines(corner as usize / 3);
             corner = self.next[corner as usize];
         }
     }
@@ -273,8 +307,7 @@ impl Surface {
             let face = self.faces[f];
             if let Some(side) = face.edges.iter().position(|e| *e == edge) {
                 let (ahead, behind) = (face.edges[(side + 1) % 3], face.edges[(side + 2) % 3]);
-                let (stays, goes) =
-                    if face.points[side] == keep { (behind, ahead) } else { (ahead, behind) };
+                let (stays, goes) = if face.points[side] == keep { (behind, ahead) } else { (ahead, behind) };
                 let faces = self.edges[stays as usize].faces + self.edges[goes as usize].faces - 2;
                 self.edges[stays as usize].faces = faces;
                 joined.push((goes, stays));
@@ -321,7 +354,7 @@ impl Surface {
         self.joined = joined;
     }
 
-    /// Gives the corners at a point the second of each pair of wedges for the first.
+    /// Gives the corners at a point the second of each pair of wedges for the first: the last step of a collapse.
     pub fn rename_wedges(&mut self, point: u32, renamed: &[(u32, u32)]) {
         let mut corner = self.first[point as usize];
         while corner != NONE {
@@ -331,6 +364,7 @@ impl Surface {
             }
             corner = self.next[corner as usize];
         }
+        self.find_lines_around(point);
     }
 
     /// Takes a face out of the list of a point.
@@ -362,6 +396,7 @@ pub struct Around<'a> {
 impl Iterator for Around<'_> {
     type Item = (usize, usize);
 
+    #[inline]
     fn next(&mut self) -> Option<(usize, usize)> {
         let corner = self.corner as usize;
         self.corner = *self.next.get(corner)?;

@@ -129,9 +129,11 @@ impl Merge {
         let (corners, at) = found;
         let [a, b, c] = corners.map(|w| &rows[w as usize * stride..][..stride]);
         let start = self.rows.len();
-        self.rows.extend((0..stride).map(|j| {
-            (at[0] * f64::from(a[j]) + at[1] * f64::from(b[j]) + at[2] * f64::from(c[j])) as f32
-        }));
+        self.rows.extend(
+            (0..stride).map(|j| {
+                (at[0] * f64::from(a[j]) + at[1] * f64::from(b[j]) + at[2] * f64::from(c[j])) as f32
+            }),
+        );
         if let Some(normal) = self.rows[start..].first_chunk_mut::<3>() {
             let size = normal.iter().map(|x| x * x).sum::<f32>().sqrt();
             if size > 0.0 && (size - 1.0).abs() > 1.0e-6 {
