@@ -59,6 +59,7 @@ pub struct Forms {
     wedge_areas: Vec<f64>,
     wedges: Vec<u32>,
     pairs: Vec<(u32, u32)>,
+    shared: Vec<usize>,
 }
 
 impl Forms {
@@ -85,6 +86,7 @@ impl Forms {
             wedge_areas: vec![0.0; wedges],
             wedges: Vec::new(),
             pairs: Vec::new(),
+            shared: Vec::new(),
             channels,
         };
         for f in 0..faces {
@@ -197,9 +199,6 @@ impl Forms {
             self.sum_planes(surface, point);
         }
         let count = self.channels.len();
-        if count == 0 {
-            self.single[point as usize] = NONE;
-        }
         let mut single = None;
         let mut several = false;
         for (f, k) in surface.around(point) {
@@ -253,87 +252,77 @@ impl Forms {
 
     /// The sums of an edge; None if its wedges do not match.
     pub fn edge(&mut self, surface: &Surface, edge: u32) -> Option<Sums> {
-        let [a, b] = surface.edges[edge as usize].ends;
-        self.refresh(surface, a);
-        self.refresh(surface, b);
-        let (at_a, at_b) = (&self.points[a as usize], &self.points[b as usize]);
+        let ends = surface.edges[edge as usize].ends;
+        ends.into_iter().for_each(|p| self.refresh(surface, p));
+        let whole = ends.map(|p| self.single[p as usize]);
+        let simple = !whole.contains(&NONE);
+        if simple {
+            self.pairs.clear();
+            self.pairs.push((whole[0], whole[1]));
+        } else if !Self::pair_wedges(surface, edge, &mut self.pairs) {
+            return None;
+        }
+        let [at_a, at_b] = ends.map(|p| &self.points[p as usize]);
         let mut sums = Sums {
             geometry: at_a.geometry + at_b.geometry,
             attribute: at_a.attribute + at_b.attribute,
             volume: at_a.volume + at_b.volume,
             area: at_a.area + at_b.area,
         };
-        let whole = [a, b].map(|p| self.single[p as usize]);
-        let simple = whole[0] != NONE && whole[1] != NONE;
-        let mut pairs = std::mem::take(&mut self.pairs);
-        let matched = simple || Self::pair_wedges(surface, edge, &mut pairs);
+        self.shared.clear();
+        self.shared.extend(surface.beside(edge));
         let count = self.channels.len();
-        if matched {
-            if simple {
-                pairs.clear();
-                pairs.push((whole[0], whole[1]));
-            }
+        for f in &self.shared {
+            let (plane, area) = (self.planes[*f], self.areas[*f]);
             if self.policy.cost != Cost::GarlandHeckbert {
-                for f in surface.beside(edge) {
-                    let (plane, area) = (self.planes[f], self.areas[f]);
-                    sums.geometry.add_square(plane, -self.weight(area));
-                    sums.volume -= plane * area;
-                    sums.area -= area;
-                    if let Some(side) = surface.faces[f].edges.iter().position(|e| *e == edge)
-                        && let Some((plane, weight)) = self.upright(surface, f, side)
-                    {
-                        sums.geometry.add_square(plane, -weight);
-                    }
+                sums.geometry.add_square(plane, -self.weight(area));
+                sums.volume -= plane * area;
+                sums.area -= area;
+                if let Some(side) = surface.faces[*f].edges.iter().position(|e| *e == edge)
+                    && let Some((plane, weight)) = self.upright(surface, *f, side)
+                {
+                    sums.geometry.add_square(plane, -weight);
                 }
             }
-            if count > 0 {
-                for f in surface.beside(edge) {
-                    for gradient in &self.gradients[f * count..][..count] {
-                        sums.attribute.add_square(*gradient, -1.0);
-                    }
-                }
-                for (v, w) in &pairs {
-                    self.take_best(surface, edge, *v, *w, &mut sums.attribute);
-                }
-                if !simple {
-                    self.take_best_of_unpaired(surface, [a, b], &pairs, &mut sums.attribute);
-                }
+            for gradient in &self.gradients[f * count..][..count] {
+                sums.attribute.add_square(*gradient, -1.0);
             }
         }
-        self.pairs = pairs;
-        matched.then_some(sums)
+        if count > 0 {
+            for (v, w) in &self.pairs {
+                self.take_best(surface, *v, *w, &mut sums.attribute);
+            }
+            if !simple {
+                self.take_best_of_unpaired(surface, ends, &mut sums.attribute);
+            }
+        }
+        Some(sums)
     }
 
     /// Takes off a quadric what the best values of a pair of wedges explain.
-    fn take_best(&self, surface: &Surface, edge: u32, v: u32, w: u32, quadric: &mut Quadric) {
+    fn take_best(&self, surface: &Surface, v: u32, w: u32, quadric: &mut Quadric) {
         let count = self.channels.len();
-        let mut area = self.wedge_areas[v as usize] + self.wedge_areas[w as usize];
-        let beside = || surface.beside(edge).filter(|f| surface.faces[*f].wedges.contains(&v));
-        beside().for_each(|f| area -= self.areas[f]);
+        let between = || self.shared.iter().filter(|f| surface.faces[**f].wedges.contains(&v));
+        let twice: f64 = between().map(|f| self.areas[*f]).sum();
+        let area = self.wedge_areas[v as usize] + self.wedge_areas[w as usize] - twice;
         if !(area > 0.0) {
             return;
         }
         for k in 0..count {
             let mut sum = self.linear[v as usize * count + k] + self.linear[w as usize * count + k];
-            for f in beside() {
-                sum -= self.gradients[f * count + k] * self.areas[f].sqrt();
+            for f in between() {
+                sum -= self.gradients[f * count + k] * self.areas[*f].sqrt();
             }
             quadric.add_square(sum, -1.0 / area);
         }
     }
 
-    fn take_best_of_unpaired(
-        &mut self,
-        surface: &Surface,
-        ends: [u32; 2],
-        pairs: &[(u32, u32)],
-        quadric: &mut Quadric,
-    ) {
+    fn take_best_of_unpaired(&mut self, surface: &Surface, ends: [u32; 2], quadric: &mut Quadric) {
         let mut wedges = std::mem::take(&mut self.wedges);
         wedges.clear();
         for (f, k) in ends.into_iter().flat_map(|p| surface.around(p)) {
             let w = surface.faces[f].wedges[k];
-            if !wedges.contains(&w) && !pairs.iter().any(|p| p.0 == w || p.1 == w) {
+            if !wedges.contains(&w) && !self.pairs.iter().any(|p| p.0 == w || p.1 == w) {
                 wedges.push(w);
             }
         }
@@ -352,7 +341,7 @@ impl Forms {
     /// Where the faces of an edge that collapses to `position` would turn over or become much thinner.
     pub fn folds(&self, surface: &Surface, edge: u32, position: DVec3) -> bool {
         let ends = surface.edges[edge as usize].ends;
-        ends.into_iter().flat_map(|p| surface.around(p)).any(|(f, k)| {
+        let folds = |(f, k): (usize, usize)| {
             let face = &surface.faces[f];
             if face.has_edge(edge) || self.areas[f] == 0.0 {
                 return false;
@@ -373,7 +362,8 @@ impl Forms {
             }
             let p = surface.positions[face.points[k] as usize];
             now < 0.5 * thinness(2.0 * self.areas[f], q - p, r - p)
-        })
+        };
+        surface.around(ends[0]).any(folds) || surface.around(ends[1]).any(folds)
     }
 
     /// Mean squared distance of a point to the planes around an edge.

@@ -127,6 +127,8 @@ struct Collapser {
     rows: Vec<f32>,
     stride: usize,
     merge: Merge,
+    /// The edge looked at last, while nothing changed since: most often it is the next to collapse.
+    last: Option<(u32, Sums, DVec3)>,
     ring: Vec<u32>,
     pending: Vec<u32>,
 }
@@ -174,6 +176,7 @@ impl Collapser {
             rows,
             stride,
             merge: Merge::default(),
+            last: None,
             ring: Vec::new(),
             pending: Vec::new(),
             surface,
@@ -200,11 +203,12 @@ impl Collapser {
                 self.block(edge);
                 continue;
             }
-            let Some(sums) = self.forms.edge(&self.surface, edge) else {
+            let known = self.last.filter(|(last, ..)| *last == edge).map(|(_, sums, place)| (sums, place));
+            let Some((sums, mut position)) = known.or_else(|| self.weigh(edge).map(|(s, p, _)| (s, p)))
+            else {
                 self.block(edge);
                 continue;
             };
-            let mut position = self.best_place(edge, &sums).0;
             if second || self.forms.folds(&self.surface, edge, position) {
                 let Some((place, next)) = self.other_place(edge, &sums) else {
                     self.block(edge);
@@ -235,14 +239,21 @@ impl Collapser {
         self.entries[edge as usize] = Entry { seen: self.count, ..Entry::default() };
         let ends = self.surface.edges[edge as usize].ends;
         let stuck = ends.iter().all(|p| self.surface.locked[*p as usize]);
-        let sums = if stuck { None } else { self.forms.edge(&self.surface, edge) };
-        match sums {
-            Some(sums) => {
-                let cost = self.best_place(edge, &sums).1;
+        let weighed = if stuck { None } else { self.weigh(edge) };
+        match weighed {
+            Some((sums, place, cost)) => {
+                self.last = Some((edge, sums, place));
                 self.queue.set(edge, cost as f32);
             }
             None => self.block(edge),
         }
+    }
+
+    /// The sums of an edge, its best place and its cost; None if its wedges do not match.
+    fn weigh(&mut self, edge: u32) -> Option<(Sums, DVec3, f64)> {
+        let sums = self.forms.edge(&self.surface, edge)?;
+        let (place, cost) = self.best_place(edge, &sums);
+        Some((sums, place, cost))
     }
 
     /// The ends of an edge, and the locked one.
@@ -331,6 +342,7 @@ impl Collapser {
         self.forms.merge(keep, other);
         self.merge.apply(surface, &mut self.rows, self.stride, keep);
         self.count += 1;
+        self.last = None;
         self.ring.clear();
         for (f, k) in surface.around(keep) {
             self.forms.set_face(surface, &self.rows, f);
