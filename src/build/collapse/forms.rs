@@ -112,7 +112,7 @@ impl Forms {
         let (u, v) = (q - p, r - p);
         let cross = u.cross(v);
         let size = cross.length();
-        if !(size > 0.0) {
+        if size <= 0.0 {
             self.planes[f] = DVec4::ZERO;
             self.areas[f] = 0.0;
             self.gradients[f * self.channels.len()..][..self.channels.len()].fill(DVec4::ZERO);
@@ -305,7 +305,7 @@ impl Forms {
         let between = || self.shared.iter().filter(|f| surface.faces[**f].wedges.contains(&v));
         let twice: f64 = between().map(|f| self.areas[*f]).sum();
         let area = self.wedge_areas[v as usize] + self.wedge_areas[w as usize] - twice;
-        if !(area > 0.0) {
+        if area <= 0.0 {
             return;
         }
         for k in 0..count {
@@ -350,7 +350,7 @@ impl Forms {
             let (u, v) = (q - position, r - position);
             let cross = u.cross(v);
             let size = cross.length();
-            if !(cross.dot(self.planes[f].truncate()) > self.policy.turn * size) {
+            if cross.dot(self.planes[f].truncate()) <= self.policy.turn * size {
                 return true;
             }
             let thinness = |size: f64, u: DVec3, v: DVec3| {

@@ -20,6 +20,11 @@ impl Quadric {
         }
     }
 
+    /// The same with every weight times `factor`.
+    pub fn scaled(self, factor: f64) -> Self {
+        Self(self.0.map(|q| q * factor))
+    }
+
     /// The value at a point; rounding may leave it a little below zero.
     #[inline]
     pub fn at(&self, p: DVec3) -> f64 {

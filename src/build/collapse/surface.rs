@@ -229,11 +229,13 @@ impl Surface {
         let mut at = 0;
         while at < done {
             let [a, b] = fan[at];
-            for other in done..fan.len() {
+            let mut other = done;
+            while other < fan.len() {
                 if fan[other].contains(&a) || fan[other].contains(&b) {
                     fan.swap(done, other);
                     done += 1;
                 }
+                other += 1;
             }
             at += 1;
         }
