@@ -209,7 +209,7 @@ def test_best_has_less_error_than_fast(name: str) -> None:
         built.check()
         cut = built.cut(target_reduction=0.8)
         vertices = np.asarray(cut.vertices, float)
-        there = distance.to_surface(distance.samples(vertices, cut.faces, 20_000), mesh.vertices, mesh.faces)
-        back = distance.to_surface(distance.samples(mesh.vertices, mesh.faces, 20_000), vertices, cut.faces)
+        there = distance.to_surface(distance.samples(vertices, cut.faces, 100_000), mesh.vertices, mesh.faces)
+        back = distance.to_surface(distance.samples(mesh.vertices, mesh.faces, 100_000), vertices, cut.faces)
         rms[quality] = np.sqrt(np.mean(there**2) + np.mean(back**2)) * len(cut.faces) / len(mesh.faces)
     assert rms["best"] < 0.95 * rms["fast"], rms
