@@ -33,7 +33,7 @@ pub enum Quality {
     /// meshoptimizer's simplifier.
     #[default]
     Fast,
-    /// Edge collapse with an exact queue and memoryless quadrics: less error at the same size for more time.
+    /// Edge collapse with a queue and memoryless quadrics: less error at the same size for more time.
     Best,
 }
 

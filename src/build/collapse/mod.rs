@@ -1,10 +1,12 @@
-//! Simplifying a mesh by collapsing edges, cheapest first, with an exact queue and *memoryless* quadrics.
+//! Simplifying a mesh by collapsing edges, cheapest first, with *memoryless* quadrics.
 //!
 //! The cost of a collapse is measured against the faces around its edge as they are now, not against planes
 //! remembered from the source (Lindstrom and Turk, "Fast and Memory Efficient Polygonal Simplification", 1998; Hoppe
-//! 1999): that needs every edge around to be looked at again after a collapse, and leaves about a fifth less error
-//! than remembered quadrics at the same number of triangles. What may collapse is decided by `surface`, what it
-//! costs and where it goes by `forms`, what attributes become by `wedges`.
+//! 1999): about a fifth less error than remembered quadrics at the same number of triangles. A collapse changes the
+//! costs of some 40 edges around it. As costs mostly rise, each is looked at again only when it comes to the front of
+//! the queue, about four for each collapse; looking at all of them at once (`Policy::eager`) was measured to take
+//! twice the time for the same error. What may collapse is decided by `surface`, what it costs and where it goes by
+//! `forms`, what attributes become by `wedges`.
 
 pub mod forms;
 pub mod quadric;
