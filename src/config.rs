@@ -25,6 +25,28 @@ impl std::str::FromStr for Clusterizer {
     }
 }
 
+/// What simplifies groups.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Quality {
+    /// meshoptimizer's simplifier.
+    #[default]
+    Fast,
+    /// Edge collapse with a queue and memoryless quadrics: less error at the same size for more time.
+    Best,
+}
+
+impl std::str::FromStr for Quality {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        match name {
+            "fast" => Ok(Self::Fast),
+            "best" => Ok(Self::Best),
+            _ => Err(Error::argument("quality", format!("must be \"fast\" or \"best\", not {name:?}"))),
+        }
+    }
+}
+
 /// How a mesh is built.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BuildOptions {
@@ -36,6 +58,8 @@ pub struct BuildOptions {
     pub clusterizer: Clusterizer,
     /// Clusters a group aims at, 4 to 24. Groups may grow by a third to take in stragglers.
     pub group_clusters: usize,
+    /// What simplifies groups.
+    pub quality: Quality,
     /// Weight of a unit of normal deviation against one mean edge length of distance.
     pub normal_weight: f32,
     /// Weight of a unit of colour (0 to 1) against one mean edge length of distance.
@@ -55,6 +79,7 @@ impl Default for BuildOptions {
             cluster_vertices: CLUSTER_MAX_VERTICES,
             clusterizer: Clusterizer::default(),
             group_clusters: 16,
+            quality: Quality::default(),
             normal_weight: 1.0,
             color_weight: 1.0,
             uv_weight: 1.0,

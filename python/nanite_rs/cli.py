@@ -397,6 +397,7 @@ def _add_building(sub: Any) -> None:
     group = sub.add_argument_group("building, where INPUT is not built yet")
     group.add_argument("--cluster-triangles", type=int, metavar="N", help="most triangles of a cluster (128)")
     group.add_argument("--group-clusters", type=int, metavar="N", help="clusters simplified together (16)")
+    group.add_argument("--quality", choices=("fast", "best"), help="best: less error for more time (fast)")
     group.add_argument("--threads", type=int, metavar="N", help="threads; the result is the same (all cores)")
 
 

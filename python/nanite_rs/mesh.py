@@ -48,6 +48,9 @@ class BuildOptions:
     clusterizer: Literal["median", "flex"] = "median"
     """What splits triangles into clusters: "median" halves them (full clusters, least time), "flex" grows them along
     the surface with meshoptimizer."""
+    quality: Literal["fast", "best"] = "fast"
+    """What simplifies groups: "fast" is meshoptimizer; "best" an edge collapse that leaves scans some 10 to 25 %
+    less root mean square error at the same size and builds 1.3 to 1.7 times as long."""
     normal_weight: float = 1.0
     """Weight of a unit of normal deviation against one mean edge length of distance."""
     color_weight: float = 1.0

@@ -6,6 +6,7 @@
 pub mod assemble;
 pub mod check;
 pub mod clusterize;
+pub mod collapse;
 pub mod dag;
 pub mod hierarchy;
 pub mod lock_borders;

@@ -1,6 +1,6 @@
 //! Simplifying one group to half, and the chain of fallbacks.
 //!
-//! The simplifier is meshoptimizer's, with vertices moved to their optimum and attributes in the metric
+//! The simplifier is `collapse` or, where speed matters more, meshoptimizer's, with vertices moved to their optimum and attributes in the metric
 //! (Garland and Heckbert 1997; Hoppe, "New Quadric Metric for Simplifying Meshes with Appearance Attributes",
 //! 1999). The chain: attribute-aware with seams protected → permissive (seams may collapse, loose parts may
 //! go) → sloppy → give up.
@@ -10,9 +10,10 @@ use meshopt::{
 };
 use rustc_hash::FxHashSet;
 
+use super::collapse::{Policy, collapse};
 use super::lock_borders::border_kept;
 use super::store::LocalMesh;
-use crate::config::BuildOptions;
+use crate::config::{BuildOptions, Quality};
 use crate::math::Aabb;
 use crate::math::triangle::area_normal;
 use crate::measure::deviation;
@@ -240,6 +241,9 @@ fn run(
         return (out, error * extent(mesh));
     }
     let weights = weights(mesh, layout, options);
+    if step == Step::Attributes && options.quality == Quality::Best {
+        return collapse(mesh, locked, &weights, target / 3, &Policy::default());
+    }
     let locks: Vec<SimplifyVertex> =
         locked.iter().map(|l| if *l { SimplifyVertex::Lock } else { SimplifyVertex::None }).collect();
     let mut flags = SimplifyOptions::ErrorAbsolute | SimplifyOptions::ErrorClamped;

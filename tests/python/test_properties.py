@@ -197,3 +197,19 @@ def test_stated_error_against_the_measured_one(name: str) -> None:
             f" measured ÷ stated: {out:.2f} out, {back:.2f} back"
         )
     assert all(max(out, back) < 1 for *_, out, back in lines), lines
+
+
+@pytest.mark.parametrize("name", ["knot", "bunny", "armadillo"])
+def test_best_has_less_error_than_fast(name: str) -> None:
+    """Of cuts with about as many triangles; topology is kept in every group without help."""
+    mesh = subjects.subject(name)
+    rms = {}
+    for quality in ("fast", "best"):
+        built = subjects.built(name, quality=quality)
+        built.check()
+        cut = built.cut(target_reduction=0.8)
+        vertices = np.asarray(cut.vertices, float)
+        there = distance.to_surface(distance.samples(vertices, cut.faces, 100_000), mesh.vertices, mesh.faces)
+        back = distance.to_surface(distance.samples(mesh.vertices, mesh.faces, 100_000), vertices, cut.faces)
+        rms[quality] = np.sqrt(np.mean(there**2) + np.mean(back**2)) * len(cut.faces) / len(mesh.faces)
+    assert rms["best"] < 0.95 * rms["fast"], rms

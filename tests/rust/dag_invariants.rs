@@ -5,7 +5,7 @@
 use std::collections::HashMap;
 
 use nanite_rs::build::{Silent, build, check};
-use nanite_rs::config::BuildOptions;
+use nanite_rs::config::{BuildOptions, Quality};
 use nanite_rs::lod::{FaceBudget, extract, select};
 use nanite_rs::math::LodView;
 use nanite_rs::mesh::{Positions, SourceMesh};
@@ -180,10 +180,12 @@ fn full_detail_is_the_source() {
 #[test]
 fn threads_do_not_change_the_bytes() {
     let mesh = shapes::bumpy_sphere(80);
-    let with = |threads| build_with(&mesh, &BuildOptions { threads, ..BuildOptions::default() });
-    let one = with(1);
-    assert_eq!(one, with(2));
-    assert_eq!(one, with(8));
+    for quality in [Quality::Fast, Quality::Best] {
+        let with = |threads| build_with(&mesh, &BuildOptions { threads, quality, ..BuildOptions::default() });
+        let one = with(1);
+        assert_eq!(one, with(2));
+        assert_eq!(one, with(8));
+    }
 }
 
 #[test]

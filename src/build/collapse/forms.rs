@@ -1,0 +1,380 @@
+//! What a collapse costs, as sums over the faces around its two points.
+//!
+//! Three sums are kept for each point and added up for an edge, less what its own faces count twice: the squared
+//! distances to the planes (Garland and Heckbert 1997), the signed distances, whose sum is the change of volume
+//! (Lindstrom and Turk, "Fast and Memory Efficient Polygonal Simplification", 1998), and the squared deviation of
+//! attributes that are linear on each face (Hoppe, "New Quadric Metric for Simplifying Meshes with Appearance
+//! Attributes", 1999): with c_f(x) the attribute that face f would have at x and A_f its area, the best value there
+//! is the mean of c_f(x), and what is left is Σ A_f c_f(x)² − (Σ A_f c_f(x))² / Σ A_f, again a quadric.
+
+use glam::{DVec3, DVec4};
+
+use super::quadric::Quadric;
+use super::surface::{NONE, Surface};
+use super::{Cost, Policy};
+
+/// Attributes' gradients are damped on faces thinner than about this, where they mean little.
+const THIN: f64 = 1.0e-2;
+
+/// An attribute that counts.
+#[derive(Clone, Copy, Debug)]
+pub struct Channel {
+    /// Column of the attribute row.
+    pub column: usize,
+    /// A unit of it as a length.
+    pub weight: f64,
+}
+
+/// Sums over the faces at a point, or at either end of an edge.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sums {
+    /// Squared distances to planes, weighted by area.
+    pub geometry: Quadric,
+    /// Squared deviation of attributes; for a point, before the best values are taken off.
+    pub attribute: Quadric,
+    /// Signed distances to planes, weighted by area.
+    pub volume: DVec4,
+    /// Area.
+    pub area: f64,
+}
+
+/// The sums of every point.
+#[derive(Debug)]
+pub struct Forms {
+    policy: Policy,
+    channels: Vec<Channel>,
+    /// Columns of the attribute rows.
+    stride: usize,
+    /// Plane (unit normal, offset) and area of each face; zero if it has none.
+    planes: Vec<DVec4>,
+    areas: Vec<f64>,
+    /// For each face and channel the weighted attribute as an affine form, times the root of the area.
+    gradients: Vec<DVec4>,
+    points: Vec<Sums>,
+    fresh: Vec<bool>,
+    /// The wedge of points with one wedge.
+    single: Vec<u32>,
+    /// For each wedge the sums over its faces: attributes by area, and area.
+    linear: Vec<DVec4>,
+    wedge_areas: Vec<f64>,
+    wedges: Vec<u32>,
+    pairs: Vec<(u32, u32)>,
+    shared: Vec<usize>,
+}
+
+impl Forms {
+    /// Sums for a surface with attribute `rows` of `stride` floats for each wedge.
+    pub fn new(
+        surface: &Surface,
+        rows: &[f32],
+        stride: usize,
+        wedges: usize,
+        channels: Vec<Channel>,
+        policy: Policy,
+    ) -> Self {
+        let (faces, points) = (surface.faces.len(), surface.positions.len());
+        let mut new = Self {
+            policy,
+            stride,
+            planes: vec![DVec4::ZERO; faces],
+            areas: vec![0.0; faces],
+            gradients: vec![DVec4::ZERO; faces * channels.len()],
+            points: vec![Sums::default(); points],
+            fresh: vec![false; points],
+            single: vec![NONE; points],
+            linear: vec![DVec4::ZERO; wedges * channels.len()],
+            wedge_areas: vec![0.0; wedges],
+            wedges: Vec::new(),
+            pairs: Vec::new(),
+            shared: Vec::new(),
+            channels,
+        };
+        for f in 0..faces {
+            new.set_face(surface, rows, f);
+        }
+        if policy.cost == Cost::GarlandHeckbert {
+            for p in 0..points as u32 {
+                new.sum_planes(surface, p);
+            }
+        }
+        new
+    }
+
+    /// Plane of a face, and its area.
+    pub fn plane(&self, face: usize) -> (DVec4, f64) {
+        (self.planes[face], self.areas[face])
+    }
+
+    /// Takes in where a face is now.
+    pub fn set_face(&mut self, surface: &Surface, rows: &[f32], f: usize) {
+        let face = &surface.faces[f];
+        let [p, q, r] = face.points.map(|p| surface.positions[p as usize]);
+        let (u, v) = (q - p, r - p);
+        let cross = u.cross(v);
+        let size = cross.length();
+        if size <= 0.0 {
+            self.planes[f] = DVec4::ZERO;
+            self.areas[f] = 0.0;
+            self.gradients[f * self.channels.len()..][..self.channels.len()].fill(DVec4::ZERO);
+            return;
+        }
+        let normal = cross / size;
+        self.planes[f] = normal.extend(-normal.dot(p));
+        self.areas[f] = 0.5 * size;
+        if self.channels.is_empty() {
+            return;
+        }
+        let sides = u.length_squared() + v.length_squared();
+        let damped = cross.length_squared() + (THIN * sides) * (THIN * sides);
+        let (du, dv) = (v.cross(cross) / damped, cross.cross(u) / damped);
+        let root = self.areas[f].sqrt();
+        let rows = face.wedges.map(|w| &rows[w as usize * self.stride..][..self.stride]);
+        let gradients = &mut self.gradients[f * self.channels.len()..];
+        for (gradient, channel) in gradients.iter_mut().zip(&self.channels) {
+            let [a, b, c] = rows.map(|row| f64::from(row[channel.column]));
+            let g = du * (b - a) + dv * (c - a);
+            *gradient = g.extend(a - g.dot(p)) * (root * channel.weight);
+        }
+    }
+
+    /// Forgets the sums of a point.
+    pub fn touch(&mut self, point: u32) {
+        self.fresh[point as usize] = false;
+    }
+
+    /// Takes in that `other` became part of `keep`.
+    pub fn merge(&mut self, keep: u32, other: u32) {
+        if self.policy.cost == Cost::GarlandHeckbert {
+            let other = self.points[other as usize];
+            let keep = &mut self.points[keep as usize];
+            keep.geometry += other.geometry;
+            keep.area += other.area;
+        }
+    }
+
+    fn weight(&self, area: f64) -> f64 {
+        if self.policy.cost == Cost::LindstromTurk { area * area } else { area }
+    }
+
+    /// The plane through a border or crease that stands on a face, as it may be added to a quadric.
+    #[inline]
+    fn upright(&self, surface: &Surface, f: usize, side: usize) -> Option<(DVec4, f64)> {
+        let face = &surface.faces[f];
+        if !face.has_line(side) {
+            return None;
+        }
+        let edge = &surface.edges[face.edges[side] as usize];
+        let weight = match (edge.rim(), edge.crease) {
+            (true, _) => self.policy.border_weight,
+            (false, true) => self.policy.crease_weight,
+            (false, false) => return None,
+        };
+        let p = surface.positions[face.points[side] as usize];
+        let along = surface.positions[face.points[(side + 1) % 3] as usize] - p;
+        let normal = along.cross(self.planes[f].truncate()).try_normalize()?;
+        Some((normal.extend(-normal.dot(p)), self.weight(weight * along.length_squared())))
+    }
+
+    fn sum_planes(&mut self, surface: &Surface, point: u32) {
+        let mut sums = Sums::default();
+        for (f, k) in surface.around(point) {
+            let (plane, area) = (self.planes[f], self.areas[f]);
+            sums.geometry.add_square(plane, self.weight(area));
+            sums.volume += plane * area;
+            sums.area += area;
+            for side in [k, (k + 2) % 3] {
+                if let Some((plane, weight)) = self.upright(surface, f, side) {
+                    sums.geometry.add_square(plane, weight);
+                }
+            }
+        }
+        self.points[point as usize] = Sums { attribute: self.points[point as usize].attribute, ..sums };
+    }
+
+    fn refresh(&mut self, surface: &Surface, point: u32) {
+        if std::mem::replace(&mut self.fresh[point as usize], true) {
+            return;
+        }
+        if self.policy.cost != Cost::GarlandHeckbert {
+            self.sum_planes(surface, point);
+        }
+        let count = self.channels.len();
+        let mut single = None;
+        let mut several = false;
+        for (f, k) in surface.around(point) {
+            let w = surface.faces[f].wedges[k];
+            several |= *single.get_or_insert(w) != w;
+            self.wedge_areas[w as usize] = 0.0;
+            self.linear[w as usize * count..][..count].fill(DVec4::ZERO);
+        }
+        let mut attribute = Quadric::default();
+        if count > 0 {
+            for (f, k) in surface.around(point) {
+                let w = surface.faces[f].wedges[k] as usize;
+                self.wedge_areas[w] += self.areas[f];
+                let root = self.areas[f].sqrt();
+                let gradients = &self.gradients[f * count..][..count];
+                for (sum, gradient) in self.linear[w * count..].iter_mut().zip(gradients) {
+                    *sum += *gradient * root;
+                    attribute.add_square(*gradient, 1.0);
+                }
+            }
+        }
+        self.points[point as usize].attribute = attribute;
+        self.single[point as usize] = if several { NONE } else { single.unwrap_or(NONE) };
+    }
+
+    /// Pairs of wedges that the faces of an edge join, one at each end. False if that would join two wedges of one
+    /// point, whose attributes nobody can tell to be alike: there a seam ends.
+    pub fn pair_wedges(surface: &Surface, edge: u32, pairs: &mut Vec<(u32, u32)>) -> bool {
+        let [a, b] = surface.edges[edge as usize].ends;
+        pairs.clear();
+        for f in surface.beside(edge) {
+            let face = &surface.faces[f];
+            let mut pair = (NONE, NONE);
+            for (p, w) in face.points.iter().zip(face.wedges) {
+                if *p == a {
+                    pair.0 = w;
+                } else if *p == b {
+                    pair.1 = w;
+                }
+            }
+            if pairs.contains(&pair) {
+                continue;
+            }
+            if pairs.iter().any(|p| p.0 == pair.0 || p.1 == pair.1) {
+                return false;
+            }
+            pairs.push(pair);
+        }
+        true
+    }
+
+    /// The sums of an edge; None if its wedges do not match.
+    pub fn edge(&mut self, surface: &Surface, edge: u32) -> Option<Sums> {
+        let ends = surface.edges[edge as usize].ends;
+        ends.into_iter().for_each(|p| self.refresh(surface, p));
+        let whole = ends.map(|p| self.single[p as usize]);
+        let simple = !whole.contains(&NONE);
+        if simple {
+            self.pairs.clear();
+            self.pairs.push((whole[0], whole[1]));
+        } else if !Self::pair_wedges(surface, edge, &mut self.pairs) {
+            return None;
+        }
+        let [at_a, at_b] = ends.map(|p| &self.points[p as usize]);
+        let mut sums = Sums {
+            geometry: at_a.geometry + at_b.geometry,
+            attribute: at_a.attribute + at_b.attribute,
+            volume: at_a.volume + at_b.volume,
+            area: at_a.area + at_b.area,
+        };
+        self.shared.clear();
+        self.shared.extend(surface.beside(edge));
+        let count = self.channels.len();
+        for f in &self.shared {
+            let (plane, area) = (self.planes[*f], self.areas[*f]);
+            if self.policy.cost != Cost::GarlandHeckbert {
+                sums.geometry.add_square(plane, -self.weight(area));
+                sums.volume -= plane * area;
+                sums.area -= area;
+                if let Some(side) = surface.faces[*f].edges.iter().position(|e| *e == edge)
+                    && let Some((plane, weight)) = self.upright(surface, *f, side)
+                {
+                    sums.geometry.add_square(plane, -weight);
+                }
+            }
+            for gradient in &self.gradients[f * count..][..count] {
+                sums.attribute.add_square(*gradient, -1.0);
+            }
+        }
+        if count > 0 {
+            for (v, w) in &self.pairs {
+                self.take_best(surface, *v, *w, &mut sums.attribute);
+            }
+            if !simple {
+                self.take_best_of_unpaired(surface, ends, &mut sums.attribute);
+            }
+        }
+        Some(sums)
+    }
+
+    /// Takes off a quadric what the best values of a pair of wedges explain.
+    fn take_best(&self, surface: &Surface, v: u32, w: u32, quadric: &mut Quadric) {
+        let count = self.channels.len();
+        let between = || self.shared.iter().filter(|f| surface.faces[**f].wedges.contains(&v));
+        let twice: f64 = between().map(|f| self.areas[*f]).sum();
+        let area = self.wedge_areas[v as usize] + self.wedge_areas[w as usize] - twice;
+        if area <= 0.0 {
+            return;
+        }
+        for k in 0..count {
+            let mut sum = self.linear[v as usize * count + k] + self.linear[w as usize * count + k];
+            for f in between() {
+                sum -= self.gradients[f * count + k] * self.areas[*f].sqrt();
+            }
+            quadric.add_square(sum, -1.0 / area);
+        }
+    }
+
+    fn take_best_of_unpaired(&mut self, surface: &Surface, ends: [u32; 2], quadric: &mut Quadric) {
+        let mut wedges = std::mem::take(&mut self.wedges);
+        wedges.clear();
+        for (f, k) in ends.into_iter().flat_map(|p| surface.around(p)) {
+            let w = surface.faces[f].wedges[k];
+            if !wedges.contains(&w) && !self.pairs.iter().any(|p| p.0 == w || p.1 == w) {
+                wedges.push(w);
+            }
+        }
+        let count = self.channels.len();
+        for w in &wedges {
+            let area = self.wedge_areas[*w as usize];
+            if area > 0.0 {
+                for sum in &self.linear[*w as usize * count..][..count] {
+                    quadric.add_square(*sum, -1.0 / area);
+                }
+            }
+        }
+        self.wedges = wedges;
+    }
+
+    /// Where the faces of an edge that collapses to `position` would turn over or become much thinner.
+    pub fn folds(&self, surface: &Surface, edge: u32, position: DVec3) -> bool {
+        let ends = surface.edges[edge as usize].ends;
+        let folds = |(f, k): (usize, usize)| {
+            let face = &surface.faces[f];
+            if face.has_edge(edge) || self.areas[f] == 0.0 {
+                return false;
+            }
+            let [q, r] = [1, 2].map(|j| surface.positions[face.points[(k + j) % 3] as usize]);
+            let (u, v) = (q - position, r - position);
+            let cross = u.cross(v);
+            let size = cross.length();
+            if cross.dot(self.planes[f].truncate()) <= self.policy.turn * size {
+                return true;
+            }
+            let thinness = |size: f64, u: DVec3, v: DVec3| {
+                size / (u.length_squared() + v.length_squared() + (u - v).length_squared())
+            };
+            let now = thinness(size, u, v);
+            if now >= self.policy.thin {
+                return false;
+            }
+            let p = surface.positions[face.points[k] as usize];
+            now < 0.5 * thinness(2.0 * self.areas[f], q - p, r - p)
+        };
+        surface.around(ends[0]).any(folds) || surface.around(ends[1]).any(folds)
+    }
+
+    /// Mean squared distance of a point to the planes around an edge.
+    pub fn squared_distance(&self, surface: &Surface, edge: u32, position: DVec3) -> f64 {
+        let ends = surface.edges[edge as usize].ends;
+        let (mut sum, mut area) = (0.0, 0.0);
+        for (f, _) in ends.into_iter().flat_map(|p| surface.around(p)) {
+            let d = self.planes[f].dot(position.extend(1.0));
+            sum += self.areas[f] * d * d;
+            area += self.areas[f];
+        }
+        if area > 0.0 { sum / area } else { 0.0 }
+    }
+}

@@ -1,0 +1,407 @@
+//! The mesh while edges collapse: faces by *point* (distinct position) and by *wedge* (attribute vertex at a
+//! point), the faces around each point as linked corners, and when a collapse keeps the topology.
+//!
+//! The condition is the link condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology Preserving Edge
+//! Contraction" (1999): edges without exactly two faces are coned with a point of their own, so that borders and
+//! lines where several sheets meet survive as well. Every collapse that passes keeps the Euler characteristic and
+//! gives no edge more faces than one of the edges it came from.
+
+use glam::DVec3;
+
+/// No corner, point, wedge or edge.
+pub const NONE: u32 = u32::MAX;
+
+/// A triangle; edge `k` runs from corner `k` to the next one.
+#[derive(Clone, Copy, Debug)]
+pub struct Face {
+    /// Points of the corners; [`NONE`] once the face is gone.
+    pub points: [u32; 3],
+    /// Wedges of the corners.
+    pub wedges: [u32; 3],
+    /// Edges.
+    pub edges: [u32; 3],
+    /// Bit k: edge k is a rim or a crease.
+    lines: u32,
+}
+
+impl Face {
+    /// Whether an edge, by its number in the face, is a rim or a crease.
+    #[inline]
+    pub fn has_line(&self, side: usize) -> bool {
+        self.lines >> side & 1 != 0
+    }
+
+    /// Whether the face is still there.
+    pub fn alive(&self) -> bool {
+        self.points[0] != NONE
+    }
+
+    /// Whether an edge is one of the face's.
+    #[inline]
+    pub fn has_edge(&self, edge: u32) -> bool {
+        self.edges.contains(&edge)
+    }
+}
+
+/// Two points that share faces.
+#[derive(Clone, Copy, Debug)]
+pub struct Edge {
+    /// The two points; [`NONE`] once the edge is gone.
+    pub ends: [u32; 2],
+    /// Number of faces.
+    pub faces: u32,
+    /// Whether attributes change across: two faces with different wedges at one end.
+    pub crease: bool,
+}
+
+impl Edge {
+    /// Border, or a line where more than two sheets meet.
+    #[inline]
+    pub fn rim(&self) -> bool {
+        self.faces != 2
+    }
+}
+
+/// The mesh.
+#[derive(Debug, Default)]
+pub struct Surface {
+    /// Where the points are.
+    pub positions: Vec<DVec3>,
+    /// Points that stay.
+    pub locked: Vec<bool>,
+    /// Triangles, also those that are gone.
+    pub faces: Vec<Face>,
+    /// Number of triangles left.
+    pub alive: usize,
+    /// Edges, also those that are gone.
+    pub edges: Vec<Edge>,
+    /// Points around which the surface is not one disc or half disc.
+    singular: Vec<bool>,
+    /// Whether any point has several wedges.
+    seams: bool,
+    /// First corner (3 · face + corner) at each point, and the next one after each corner.
+    first: Vec<u32>,
+    next: Vec<u32>,
+    /// Stamps of points for the link condition.
+    marks: Vec<u32>,
+    stamp: u32,
+    /// Edges that a collapse joins: the one that goes, the one that stays.
+    joined: Vec<(u32, u32)>,
+}
+
+impl Surface {
+    /// Takes in a mesh: `corners` holds the wedges of each triangle, `point_of` the point of each wedge. Triangles
+    /// with two corners at one point are left out.
+    pub fn new(positions: Vec<DVec3>, locked: Vec<bool>, point_of: &[u32], corners: &[u32]) -> Self {
+        let count = positions.len();
+        let mut new =
+            Self { positions, locked, first: vec![NONE; count], marks: vec![0; count], ..Self::default() };
+        for t in corners.chunks_exact(3) {
+            let wedges = [t[0], t[1], t[2]];
+            let points = wedges.map(|w| point_of[w as usize]);
+            if points[0] != points[1] && points[1] != points[2] && points[2] != points[0] {
+                new.faces.push(Face { points, wedges, edges: [NONE; 3], lines: 0 });
+            }
+        }
+        new.alive = new.faces.len();
+        new.next = vec![NONE; 3 * new.faces.len()];
+        // Backwards, so that the faces of a point come in their own order.
+        for corner in (0..3 * new.faces.len()).rev() {
+            let point = new.faces[corner / 3].points[corner % 3] as usize;
+            new.next[corner] = std::mem::replace(&mut new.first[point], corner as u32);
+        }
+        new.number_edges();
+        let mut wedge_at = vec![NONE; count];
+        for (p, w) in new.faces.iter().flat_map(|f| f.points.into_iter().zip(f.wedges)) {
+            let known = &mut wedge_at[p as usize];
+            new.seams |= *known != NONE && *known != w;
+            *known = w;
+        }
+        if new.seams {
+            (0..new.edges.len() as u32).for_each(|e| new.find_crease(e));
+        }
+        (0..new.faces.len()).for_each(|f| new.find_lines(f));
+        let mut fan = Vec::new();
+        new.singular = (0..count as u32).map(|p| new.is_singular(p, &mut fan)).collect();
+        new
+    }
+
+    fn number_edges(&mut self) {
+        // For each point the last one that asked, and the edge to it.
+        let mut edge_to = vec![(NONE, NONE); self.positions.len()];
+        for p in 0..self.positions.len() as u32 {
+            let mut corner = self.first[p as usize];
+            while corner != NONE {
+                let (f, k) = (corner as usize / 3, corner as usize % 3);
+                for (side, other) in [(k, (k + 1) % 3), ((k + 2) % 3, (k + 2) % 3)] {
+                    let q = self.faces[f].points[other];
+                    if q < p {
+                        continue;
+                    }
+                    let known = &mut edge_to[q as usize];
+                    if known.0 != p {
+                        *known = (p, self.edges.len() as u32);
+                        self.edges.push(Edge { ends: [p, q], faces: 0, crease: false });
+                    }
+                    self.faces[f].edges[side] = known.1;
+                    self.edges[known.1 as usize].faces += 1;
+                }
+                corner = self.next[corner as usize];
+            }
+        }
+    }
+
+    /// Faces at a point, each with the corner that lies there.
+    #[inline]
+    pub fn around(&self, point: u32) -> Around<'_> {
+        Around { next: &self.next, corner: self.first[point as usize] }
+    }
+
+    /// Faces at an edge.
+    #[inline]
+    pub fn beside(&self, edge: u32) -> impl Iterator<Item = usize> {
+        let a = self.edges[edge as usize].ends[0];
+        self.around(a).filter(move |(f, _)| self.faces[*f].has_edge(edge)).map(|(f, _)| f)
+    }
+
+    /// Looks whether attributes change across an edge.
+    fn find_crease(&mut self, edge: u32) {
+        let [a, b] = self.edges[edge as usize].ends;
+        let mut first = None;
+        let mut crease = false;
+        for f in self.beside(edge) {
+            let face = &self.faces[f];
+            let wedge = |p| face.points.iter().position(|q| *q == p).map(|k| face.wedges[k]);
+            let pair = (wedge(a), wedge(b));
+            crease |= *first.get_or_insert(pair) != pair;
+        }
+        self.edges[edge as usize].crease = crease;
+    }
+
+    /// Notes which edges of a face are rims or creases.
+    fn find_lines(&mut self, face: usize) {
+        let edges = self.faces[face].edges.map(|e| self.edges[e as usize]);
+        self.faces[face].lines = (0..3).map(|k| u32::from(edges[k].rim() || edges[k].crease) << k).sum();
+    }
+
+    /// Looks again at which edges of a point are rims or creases.
+    fn find_lines_around(&mut self, point: u32) {
+        if self.seams {
+            let mut corner = self.first[point as usize];
+            while corner != NONE {
+                let (f, k) = (corner as usize / 3, corner as usize % 3);
+                self.find_crease(self.faces[f].edges[k]);
+                self.find_crease(self.faces[f].edges[(k + 2) % 3]);
+                corner = self.next[corner as usize];
+            }
+        }
+        let mut corner = self.first[point as usize];
+        while corner != NONE {
+            self.find_lines(corner as usize / 3);
+            corner = self.next[corner as usize];
+        }
+    }
+
+    /// Whether the faces around a point form anything but one cycle, one path, or pages between two spines.
+    fn is_singular(&self, point: u32, fan: &mut Vec<[u32; 2]>) -> bool {
+        fan.clear();
+        fan.extend(self.around(point).map(|(f, k)| {
+            let edges = &self.faces[f].edges;
+            [edges[k], edges[(k + 2) % 3]]
+        }));
+        // A rim edge comes once per face of it.
+        let mut rims: [Option<u32>; 2] = [None; 2];
+        for e in fan.iter().flatten().filter(|e| self.edges[**e as usize].rim()) {
+            if rims.contains(&Some(*e)) {
+                continue;
+            }
+            match rims.iter_mut().find(|r| r.is_none()) {
+                Some(free) => *free = Some(*e),
+                None => return true,
+            }
+        }
+        let [a, b] = rims.map(|r| r.map(|e| self.edges[e as usize].faces));
+        if a != b {
+            return true;
+        }
+        // Grow from the first face across shared edges; what is left is another fan.
+        let mut done = fan.len().min(1);
+        let mut at = 0;
+        while at < done {
+            let [a, b] = fan[at];
+            let mut other = done;
+            while other < fan.len() {
+                if fan[other].contains(&a) || fan[other].contains(&b) {
+                    fan.swap(done, other);
+                    done += 1;
+                }
+                other += 1;
+            }
+            at += 1;
+        }
+        done < fan.len()
+    }
+
+    /// Whether collapsing an edge keeps the topology.
+    pub fn can_collapse(&mut self, edge: u32) -> bool {
+        let Edge { ends: [a, b], faces, .. } = self.edges[edge as usize];
+        let mut rim = [a, b].map(|p| self.singular[p as usize]);
+        if rim == [true; 2] {
+            return false;
+        }
+        if self.stamp >= u32::MAX - 2 {
+            self.marks.fill(0);
+            self.stamp = 0;
+        }
+        self.stamp += 2;
+        let (near, common) = (self.stamp, self.stamp + 1);
+        let mut marks = std::mem::take(&mut self.marks);
+        let mut opposite = 0;
+        let mut fits = true;
+        for (f, k) in self.around(a) {
+            let face = &self.faces[f];
+            let (out, back) = (face.edges[k], face.edges[(k + 2) % 3]);
+            rim[0] |= self.edges[out as usize].rim() || self.edges[back as usize].rim();
+            marks[face.points[(k + 1) % 3] as usize] = near;
+            marks[face.points[(k + 2) % 3] as usize] = near;
+            if out == edge || back == edge {
+                opposite += 1;
+                // The two other edges become one; were both rims, it would be left without faces or gain some.
+                let others = face.edges.iter().filter(|e| **e != edge);
+                fits &= others.filter(|e| self.edges[**e as usize].rim()).count() < 2;
+            }
+        }
+        let mut shared = 0;
+        for (f, k) in self.around(b) {
+            let face = &self.faces[f];
+            let (out, back) = (face.edges[k], face.edges[(k + 2) % 3]);
+            rim[1] |= self.edges[out as usize].rim() || self.edges[back as usize].rim();
+            let ends = [face.points[(k + 1) % 3], face.points[(k + 2) % 3]];
+            for p in ends.into_iter().filter(|p| *p != a) {
+                if marks[p as usize] == near {
+                    marks[p as usize] = common;
+                    shared += 1;
+                }
+            }
+            // Faces a c d and b c d would become duplicates.
+            if out != edge && back != edge && ends.iter().all(|p| marks[*p as usize] == common) {
+                let across = face.edges[(k + 1) % 3];
+                fits &= !self.around(a).any(|(g, j)| self.faces[g].edges[(j + 1) % 3] == across);
+            }
+        }
+        self.marks = marks;
+        fits && shared == opposite && (faces != 2 || rim != [true; 2])
+    }
+
+    /// Collapses an edge that passed [`Self::can_collapse`] onto its end `keep`, which moves to `position`. Wedges
+    /// are left as they are. `gone` is told every edge that is no more.
+    pub fn collapse(&mut self, edge: u32, keep: u32, position: DVec3, mut gone: impl FnMut(u32)) {
+        let ends = self.edges[edge as usize].ends;
+        let other = if ends[0] == keep { ends[1] } else { ends[0] };
+        let mut joined = std::mem::take(&mut self.joined);
+        joined.clear();
+        let mut rest = NONE;
+        let mut last = NONE;
+        let mut corner = self.first[other as usize];
+        while corner != NONE {
+            let (f, k) = (corner as usize / 3, corner as usize % 3);
+            let next = self.next[corner as usize];
+            let face = self.faces[f];
+            if let Some(side) = face.edges.iter().position(|e| *e == edge) {
+                let (ahead, behind) = (face.edges[(side + 1) % 3], face.edges[(side + 2) % 3]);
+                let (stays, goes) = if face.points[side] == keep { (behind, ahead) } else { (ahead, behind) };
+                let faces = self.edges[stays as usize].faces + self.edges[goes as usize].faces - 2;
+                self.edges[stays as usize].faces = faces;
+                joined.push((goes, stays));
+                self.unlink(face.points[(side + 2) % 3], f);
+                self.unlink(keep, f);
+                self.faces[f].points = [NONE; 3];
+                self.alive -= 1;
+            } else {
+                if last == NONE {
+                    last = corner;
+                }
+                self.next[corner as usize] = rest;
+                rest = corner;
+                self.faces[f].points[k] = keep;
+            }
+            corner = next;
+        }
+        for e in joined.iter().map(|(goes, _)| *goes).chain([edge]) {
+            self.edges[e as usize].ends = [NONE; 2];
+            gone(e);
+        }
+        let mut corner = rest;
+        while corner != NONE {
+            let (f, k) = (corner as usize / 3, corner as usize % 3);
+            for side in [k, (k + 2) % 3] {
+                let e = self.faces[f].edges[side];
+                match joined.iter().find(|(goes, _)| *goes == e) {
+                    Some((_, stays)) => self.faces[f].edges[side] = *stays,
+                    None => {
+                        let ends = &mut self.edges[e as usize].ends;
+                        ends.iter_mut().filter(|p| **p == other).for_each(|p| *p = keep);
+                    }
+                }
+            }
+            corner = self.next[corner as usize];
+        }
+        if last != NONE {
+            self.next[last as usize] = self.first[keep as usize];
+            self.first[keep as usize] = rest;
+        }
+        self.first[other as usize] = NONE;
+        self.positions[keep as usize] = position;
+        self.singular[keep as usize] |= self.singular[other as usize];
+        self.joined = joined;
+    }
+
+    /// Gives the corners at a point the second of each pair of wedges for the first: the last step of a collapse.
+    pub fn rename_wedges(&mut self, point: u32, renamed: &[(u32, u32)]) {
+        let mut corner = self.first[point as usize];
+        while corner != NONE {
+            let wedge = &mut self.faces[corner as usize / 3].wedges[corner as usize % 3];
+            if let Some((_, name)) = renamed.iter().find(|(w, _)| w == wedge) {
+                *wedge = *name;
+            }
+            corner = self.next[corner as usize];
+        }
+        self.find_lines_around(point);
+    }
+
+    /// Takes a face out of the list of a point.
+    fn unlink(&mut self, point: u32, face: usize) {
+        let mut before = NONE;
+        let mut corner = self.first[point as usize];
+        while corner != NONE {
+            let next = self.next[corner as usize];
+            if corner as usize / 3 == face {
+                match before {
+                    NONE => self.first[point as usize] = next,
+                    before => self.next[before as usize] = next,
+                }
+                return;
+            }
+            before = corner;
+            corner = next;
+        }
+    }
+}
+
+/// Corners around a point; see [`Surface::around`].
+#[derive(Clone, Debug)]
+pub struct Around<'a> {
+    next: &'a [u32],
+    corner: u32,
+}
+
+impl Iterator for Around<'_> {
+    type Item = (usize, usize);
+
+    #[inline]
+    fn next(&mut self) -> Option<(usize, usize)> {
+        let corner = self.corner as usize;
+        self.corner = *self.next.get(corner)?;
+        Some((corner / 3, corner % 3))
+    }
+}
