@@ -310,8 +310,9 @@ fn parent_error(below: f32, measured: f32) -> f32 {
 }
 
 /// Vertices only sample the two surfaces. Between them the deviation was seen to be up to 1.5 times as large
-/// (`test_properties.py -k stated`), and shading, which follows the normals, changes before the shape does.
-const SAMPLING_MARGIN: f32 = 2.0;
+/// (`test_properties.py -k stated`), and shading, which follows the normals, changes before the shape does: with
+/// 2.0 a fine sphere at one pixel lost half a decibel (`test_images.py -k no_further`).
+const SAMPLING_MARGIN: f32 = 2.25;
 
 /// Vertices of a split at and above this are new: their number is the rest.
 const NEW_VERTEX: u32 = 1 << 31;
@@ -365,11 +366,10 @@ fn simplify_group(
             Some(new) => new_positions[new as usize],
             None => store.positions[*v as usize],
         };
-        let patch = |c| {
-            let ClusterMesh { vertices, triangles }: &ClusterMesh = c;
-            Patch { positions: vertices.iter().map(place).collect(), triangles }
-        };
-        let patches: Vec<Patch<'_>> = clusters.iter().map(|c| patch(c)).collect();
+        let patches: Vec<Patch<'_>> = clusters
+            .iter()
+            .map(|c| Patch { positions: c.vertices.iter().map(place).collect(), triangles: &c.triangles })
+            .collect();
         let arrived: Vec<Tracked> = members.iter().flat_map(|c| &c.tracked).copied().collect();
         (error, tracked) = reference.measure(&arrived, &patches, estimate, SAMPLING_MARGIN);
     }
