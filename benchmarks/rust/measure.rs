@@ -5,11 +5,13 @@
 mod shapes;
 
 use std::hint::black_box;
+use std::iter::once;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use meshopt::{SimplifyOptions, VertexDataAdapter, simplify, typed_to_bytes};
 use nanite_rs::measure::closest::Triangle;
+use nanite_rs::measure::deviation::Stars;
 use nanite_rs::measure::{BoundOptions, Bvh, Surface, deviation, hausdorff_upper};
 
 /// Runs `work` so many times: the processor time of this thread where the system tells, which others at work on the
@@ -83,12 +85,14 @@ fn bounds(c: &mut Criterion) {
                 bench.iter_custom(|times| processor_time(times, || hausdorff_upper(a, b, &[], &options)))
             });
         }
-        // What building did before: vertices alone, which bounds nothing.
+        // What building does for the first levels: vertices alone, which bounds nothing.
+        let stars = [&coarse, &fine].map(|indices| Stars::new(positions.len(), indices));
         group.bench_function("vertices alone", |bench| {
             bench.iter_custom(|times| {
                 processor_time(times, || {
-                    let d = deviation(b, used(&coarse).into_iter().map(|v| positions[v as usize]), 0.0);
-                    deviation(a, used(&fine).into_iter().map(|v| positions[v as usize]), d)
+                    let probes = |of: &[u32]| used(of).into_iter().map(|v| (positions[v as usize], once(v)));
+                    let d = deviation(b, &stars[1], probes(&coarse), 0.0);
+                    deviation(a, &stars[0], probes(&fine), d)
                 })
             });
         });

@@ -191,7 +191,7 @@ impl Growth {
         }
         let shared = shared_positions(&positions, &groups);
         if Reference::is_due(round) {
-            self.start_reference(store, &pending);
+            self.start_reference(store, &positions, &pending);
         }
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
         let outcomes: Vec<_> = groups
@@ -237,12 +237,13 @@ impl Growth {
     }
 
     /// Makes the surface of the pending clusters the reference.
-    fn start_reference(&mut self, store: &VertexStore, pending: &[u32]) {
-        for c in pending {
-            self.clusters[*c as usize].tracked = Reference::vertices(store, &self.clusters[*c as usize]);
-        }
+    fn start_reference(&mut self, store: &VertexStore, positions: &RoundPositions, pending: &[u32]) {
         let clusters: Vec<&BuildCluster> = pending.iter().map(|c| &self.clusters[*c as usize]).collect();
+        let tracked = Reference::track(positions, &clusters);
         self.reference = Some(Reference::new(store, &clusters, &self.bounds));
+        for (c, tracked) in pending.iter().zip(tracked) {
+            self.clusters[*c as usize].tracked = tracked;
+        }
     }
 
     fn stuck_report(&self, members: &[u32], round: u32, reason: StuckReason) -> StuckGroup {

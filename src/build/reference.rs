@@ -8,7 +8,7 @@
 
 use super::clusterize::ClusterMesh;
 use super::dag::BuildCluster;
-use super::store::VertexStore;
+use super::store::{RoundPositions, VertexStore};
 use crate::math::{Aabb, morton};
 use crate::measure::TriangleTree;
 
@@ -64,11 +64,16 @@ impl Reference {
         Self { tree: TriangleTree::of(triangles.into_iter().map(|t| t.1).collect()), errors }
     }
 
-    /// The vertices of a cluster of the reference itself.
-    pub fn vertices(store: &VertexStore, cluster: &BuildCluster) -> Vec<Tracked> {
-        let tracked =
-            |v: &u32| Tracked { position: store.positions[*v as usize], error: cluster.error.max(0.0) };
-        cluster.mesh.vertices.iter().map(tracked).collect()
+    /// The vertices of clusters of the reference itself, each given to the first cluster that has it.
+    pub fn track(round: &RoundPositions, clusters: &[&BuildCluster]) -> Vec<Vec<Tracked>> {
+        let mut seen = vec![false; round.positions.len()];
+        let tracked = |(i, cluster): (usize, &&BuildCluster)| {
+            let error = cluster.error.max(0.0);
+            let new = |p: &&u32| !std::mem::replace(&mut seen[**p as usize], true);
+            let numbers = round.of(i).iter().filter(new);
+            numbers.map(|p| Tracked { position: round.positions[*p as usize], error }).collect()
+        };
+        clusters.iter().enumerate().map(tracked).collect()
     }
 
     /// The error of patches that replace the surface on which the `tracked` vertices lie: the larger of
@@ -90,13 +95,17 @@ impl Reference {
         let tree = TriangleTree::of(triangles);
         let mut error = tracked.iter().fold(0.0, |e, t| t.error.max(e)) + margin * estimate;
         let mut handed = vec![Vec::new(); patches.len()];
+        // Both lists run along the surface: what was nearest to one point is near the next.
+        let mut squared: f32;
+        let mut nearest = 0;
         for vertex in tracked {
-            let (squared, nearest) = tree.nearest(vertex.position);
+            (squared, nearest) = tree.nearest(vertex.position, nearest);
             error = error.max(vertex.error + margin * squared.sqrt());
             handed[owners[nearest as usize]].push(*vertex);
         }
+        nearest = 0;
         for p in patches.iter().flat_map(|patch| &patch.positions) {
-            let (squared, nearest) = self.tree.nearest(*p);
+            (squared, nearest) = self.tree.nearest(*p, nearest);
             error = error.max(self.errors[nearest as usize] + margin * squared.sqrt());
         }
         (error, handed)

@@ -186,9 +186,18 @@ fn faces(indices: &[u32], name: impl Fn(u32) -> u32) -> impl Iterator<Item = [u3
 /// Triangles of a result by position: below the number of vertices the first one that *was* there before, above
 /// it a new place. By what the positions are now: seams may have come apart and sheets may have met.
 fn by_position(before: &LocalMesh, after: &LocalMesh) -> Vec<[u32; 3]> {
-    let both = [before.positions.as_slice(), after.positions.as_slice()].concat();
-    let ids = hash::first_equal(bytemuck::cast_slice(&both), 3);
-    faces(&after.indices, |v| ids[before.positions.len() + v as usize]).collect()
+    let mut ids = before.position_ids.clone();
+    let mut used = vec![false; ids.len()];
+    after.indices.iter().for_each(|v| used[*v as usize] = true);
+    let moved = |v: &usize| {
+        used[*v] && after.positions[*v].map(f32::to_bits) != before.positions[*v].map(f32::to_bits)
+    };
+    let moved: Vec<usize> = (0..ids.len()).filter(moved).collect();
+    let mut places = before.positions.clone();
+    places.extend(moved.iter().map(|v| after.positions[*v]));
+    let first = hash::first_equal(bytemuck::cast_slice(&places), 3);
+    moved.iter().zip(&first[before.positions.len()..]).for_each(|(v, place)| ids[*v] = *place);
+    faces(&after.indices, |v| ids[v as usize]).collect()
 }
 
 /// Weights of the attribute row, unit-free: a unit of an attribute against one mean edge length. The

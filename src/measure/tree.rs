@@ -41,20 +41,21 @@ impl TriangleTree {
         Self { triangles, boxes, leaves }
     }
 
-    /// Square of the distance to the surface and the nearest triangle. +∞ without triangles or for a point that
-    /// is not finite.
-    pub fn nearest(&self, p: [f32; 3]) -> (f32, u32) {
-        self.nearest_between(p, f32::NEG_INFINITY, f32::INFINITY)
+    /// Square of the distance to the surface and the nearest triangle, looked for around triangle `near` first.
+    /// +∞ without triangles or for a point that is not finite.
+    pub fn nearest(&self, p: [f32; 3], near: u32) -> (f32, u32) {
+        let best = self.triangles.get(near as usize).map_or(f32::INFINITY, |t| squared_distance(p, *t));
+        self.nearest_between(p, f32::NEG_INFINITY, (best, near))
     }
 
     /// Square of the distance to the surface if it is below `best`, or anything up to `enough` as soon as the
     /// distance is known to be at most that: callers look for a maximum. Otherwise `best`.
     pub fn squared_distance_between(&self, p: [f32; 3], enough: f32, best: f32) -> f32 {
-        self.nearest_between(p, enough, best).0
+        self.nearest_between(p, enough, (best, 0)).0
     }
 
-    fn nearest_between(&self, p: [f32; 3], enough: f32, mut best: f32) -> (f32, u32) {
-        let mut nearest = 0;
+    fn nearest_between(&self, p: [f32; 3], enough: f32, found: (f32, u32)) -> (f32, u32) {
+        let (mut best, mut nearest) = found;
         let mut stack = [(0u32, 0.0f32); 64];
         let mut top = 1;
         stack[0] = (0, squared_to_box(p, &self.boxes[0]));
