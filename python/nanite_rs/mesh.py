@@ -46,8 +46,8 @@ class BuildOptions:
     group_clusters: int = 16
     """Clusters that are simplified together, 4 to 24."""
     clusterizer: Literal["median", "flex"] = "median"
-    """What splits triangles into clusters: "median" halves them (full clusters, least time), "flex" grows them along
-    the surface with meshoptimizer."""
+    """What splits triangles into clusters: "median" halves them (full clusters, least time), "flex" grows them
+    along the surface with meshoptimizer."""
     quality: Literal["fast", "best"] = "fast"
     """What simplifies groups: "fast" is meshoptimizer; "best" an edge collapse that leaves scans some 10 to 25 %
     less root mean square error at the same size and builds 1.3 to 1.7 times as long."""
