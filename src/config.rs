@@ -47,6 +47,34 @@ impl std::str::FromStr for Quality {
     }
 }
 
+/// How the error of a simplification is found. All three are at least the simplifier's own estimate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ErrorMeasure {
+    /// The simplifier's own estimate, which is often exceeded. Costs nothing.
+    Quadric,
+    /// Distances at the vertices of both surfaces, with a margin for what lies between them.
+    #[default]
+    Sampled,
+    /// A proven bound for every point of both surfaces.
+    Bound,
+}
+
+impl std::str::FromStr for ErrorMeasure {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        match name {
+            "quadric" => Ok(Self::Quadric),
+            "sampled" => Ok(Self::Sampled),
+            "bound" => Ok(Self::Bound),
+            _ => Err(Error::argument(
+                "error",
+                format!("must be \"quadric\", \"sampled\" or \"bound\", not {name:?}"),
+            )),
+        }
+    }
+}
+
 /// How a mesh is built.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BuildOptions {
@@ -60,6 +88,8 @@ pub struct BuildOptions {
     pub group_clusters: usize,
     /// What simplifies groups.
     pub quality: Quality,
+    /// How errors are found.
+    pub error: ErrorMeasure,
     /// Weight of a unit of normal deviation against one mean edge length of distance.
     pub normal_weight: f32,
     /// Weight of a unit of colour (0 to 1) against one mean edge length of distance.
@@ -80,6 +110,7 @@ impl Default for BuildOptions {
             clusterizer: Clusterizer::default(),
             group_clusters: 16,
             quality: Quality::default(),
+            error: ErrorMeasure::default(),
             normal_weight: 1.0,
             color_weight: 1.0,
             uv_weight: 1.0,

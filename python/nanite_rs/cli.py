@@ -88,7 +88,9 @@ def _mesh(arguments: argparse.Namespace) -> nrs.NaniteMesh:
 
 def _options(arguments: argparse.Namespace) -> nrs.BuildOptions:
     known = asdict(nrs.BuildOptions())
-    given = {k: v for k, v in vars(arguments).items() if k in known and v is not None}
+    # `--error` is the cut's.
+    values = vars(arguments) | {"error": arguments.error_measure}
+    given = {k: v for k, v in values.items() if k in known and v is not None}
     return nrs.BuildOptions(**given)
 
 
@@ -398,6 +400,12 @@ def _add_building(sub: Any) -> None:
     group.add_argument("--cluster-triangles", type=int, metavar="N", help="most triangles of a cluster (128)")
     group.add_argument("--group-clusters", type=int, metavar="N", help="clusters simplified together (16)")
     group.add_argument("--quality", choices=("fast", "best"), help="best: less error for more time (fast)")
+    group.add_argument(
+        "--error-measure",
+        dest="error_measure",
+        choices=("quadric", "sampled", "bound"),
+        help="how stated errors are found: bound proves them, quadric is fastest (sampled)",
+    )
     group.add_argument("--threads", type=int, metavar="N", help="threads; the result is the same (all cores)")
 
 

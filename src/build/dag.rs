@@ -9,14 +9,14 @@ use rayon::prelude::*;
 use super::Progress;
 use super::clusterize::{self, ClusterMesh};
 use super::lock_borders::shared_positions;
+use super::measure::{SAMPLING_MARGIN, step_error};
 use super::partition::partition;
 use super::reference::{Patch, Reference, Tracked};
-use super::simplify::{Simplified, measured, simplify};
+use super::simplify::{Simplified, simplify};
 use super::store::{LocalMesh, RoundPositions, VertexStore};
-use crate::config::BuildOptions;
+use crate::config::{BuildOptions, ErrorMeasure};
 use crate::error::{Error, Result};
 use crate::limits::MAX_ROUNDS;
-use crate::math::sphere::round_up;
 use crate::math::{Aabb, Sphere};
 use crate::mesh::WeldedMesh;
 use crate::model::cluster::NO_GROUP;
@@ -190,7 +190,7 @@ impl Growth {
             return Ok(Vec::new());
         }
         let shared = shared_positions(&positions, &groups);
-        if Reference::is_due(round) {
+        if options.error == ErrorMeasure::Sampled && Reference::is_due(round) {
             self.start_reference(store, &positions, &pending);
         }
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
@@ -310,11 +310,6 @@ fn parent_error(below: f32, measured: f32) -> f32 {
     measured.max((below * ERROR_STEP).next_up()).max(ERROR_FLOOR)
 }
 
-/// Vertices only sample the two surfaces. Between them the deviation was seen to be up to 1.5 times as large
-/// (`test_properties.py -k stated`), and shading, which follows the normals, changes before the shape does: with
-/// 2.0 a fine sphere at one pixel lost half a decibel (`test_images.py -k no_further`).
-const SAMPLING_MARGIN: f32 = 2.25;
-
 /// Vertices of a split at and above this are new: their number is the rest.
 const NEW_VERTEX: u32 = 1 << 31;
 
@@ -341,9 +336,9 @@ fn simplify_group(
     let below = members.iter().map(|c| c.error).fold(0.0, f32::max);
     let mut error = 0.0;
     if reference.is_none() {
-        // Against its own input, so it is *added* to the largest of its members.
-        let added = SAMPLING_MARGIN * measured(local, &mesh, estimate);
-        error = round_up(f64::from(below) + f64::from(added));
+        let errors = members.iter().map(|c| (c.error.max(0.0), c.mesh.triangles.len()));
+        let errors: Vec<f32> = errors.flat_map(|(error, count)| std::iter::repeat_n(error, count)).collect();
+        error = step_error(options.error, local, &mesh, &errors, estimate);
     }
     let stride = store.stride;
     let mut new_positions = Vec::new();

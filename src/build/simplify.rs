@@ -16,8 +16,6 @@ use super::store::LocalMesh;
 use crate::config::{BuildOptions, Quality};
 use crate::math::Aabb;
 use crate::math::triangle::area_normal;
-use crate::measure::deviation;
-use crate::measure::deviation::{Stars, Surface};
 use crate::mesh::edges::Edges;
 use crate::mesh::hash;
 use crate::model::{AttributeLayout, StuckReason};
@@ -124,33 +122,6 @@ fn attempt(
         }
     }
     Ok(Simplified { mesh: result, estimate: error, step: done })
-}
-
-/// The estimate, or the largest distance found at a vertex of either surface to the other one.
-pub fn measured(before: &LocalMesh, after: &LocalMesh, estimate: f32) -> f32 {
-    let count = before.ids.len();
-    let stars = [before, after].map(|m| Stars::new(count, &m.indices));
-    let around = |v: usize| stars[0].of(v as u32);
-    // A vertex that is gone lies near what its neighbours have become.
-    let first = |v: &usize| before.position_ids[*v] as usize == *v && !before.locked[*v];
-    let next = |v: u32, t: &u32| {
-        let corners = &before.indices[3 * *t as usize..][..3];
-        if corners[0] == v {
-            corners[1]
-        } else if corners[1] == v {
-            corners[2]
-        } else {
-            corners[0]
-        }
-    };
-    let neighbours = |v| around(v).iter().map(move |t| next(v as u32, t));
-    let gone = (0..count).filter(first).map(|v| (before.positions[v], neighbours(v)));
-    let surface = Surface { positions: &after.positions, indices: &after.indices };
-    let error = deviation(surface, &stars[1], gone, estimate);
-    // A vertex that moved lies near where it was.
-    let moved = (0..count).filter(|v| after.positions[*v] != before.positions[*v]);
-    let surface = Surface { positions: &before.positions, indices: &before.indices };
-    deviation(surface, &stars[0], moved.map(|v| (after.positions[v], std::iter::once(v as u32))), error)
 }
 
 /// What collapses may change without being asked to.

@@ -128,6 +128,7 @@ fn build_options(options: Option<&Bound<'_, PyDict>>) -> PyResult<BuildOptions> 
             "group_clusters" => out.group_clusters = value.extract()?,
             "clusterizer" => out.clusterizer = value.extract::<String>()?.parse().map_err(to_raise)?,
             "quality" => out.quality = value.extract::<String>()?.parse().map_err(to_raise)?,
+            "error" => out.error = value.extract::<String>()?.parse().map_err(to_raise)?,
             "normal_weight" => out.normal_weight = value.extract()?,
             "color_weight" => out.color_weight = value.extract()?,
             "uv_weight" => out.uv_weight = value.extract()?,

@@ -47,6 +47,29 @@ def soup_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     return vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
 
 
+def spikes() -> tuple[np.ndarray, np.ndarray]:
+    """A sphere of 8,000 triangles with needles: every 61st vertex stands out by half the radius."""
+    import nanite_rs as nrs
+
+    vertices, faces = nrs.shapes.displaced_icosphere(faces=8_000, seed=8)
+    vertices = np.array(vertices)
+    vertices[::61] *= 1.5
+    return vertices, faces
+
+
+def sheets() -> tuple[np.ndarray, np.ndarray]:
+    """Two parallel sheets nearer to each other than any sample spacing, and ribs thinner still across them."""
+    low, faces = grid(64, 64)
+    high, _ = grid(64, 64, 1e-4)
+    rib, rib_faces = grid(200, 1)
+    ribs = [(rib * [1, 1, 2e-5] + [0, 0, z])[:, [0, 2, 1]] + [0, 0, z] for z in (-0.5, 0.01, 0.4)]
+    parts = [(low, faces), (high, faces[:, ::-1]), *((r, rib_faces) for r in ribs)]
+    offset = np.cumsum([0] + [len(v) for v, _ in parts[:-1]])
+    return np.concatenate([v for v, _ in parts]), np.concatenate(
+        [f + o for (_, f), o in zip(parts, offset, strict=True)]
+    )
+
+
 @functools.cache
 def generated(name: str) -> Mesh:
     """A generated mesh by name."""
@@ -69,6 +92,8 @@ def generated(name: str) -> Mesh:
         "cube soup": lambda: soup_of(*cube(32)),
         "plane": lambda: grid(128, 128),
         "ribbon": lambda: grid(4000, 3),
+        "spikes": spikes,
+        "sheets": sheets,
     }
     return _mesh(name, makers[name]())
 
