@@ -6,6 +6,7 @@
 #   make test STRICT=1     fails when any test was skipped
 #   make lint              rustfmt, clippy, rustdoc, ruff, mypy, stubtest
 #   make bench             benchmarks/, Rust and Python
+#   make bench-error       run time against error, beside the simplifiers that Python has
 #   make soak              the long property tests
 #   make clean             removes target/, .venv and what the targets wrote
 
@@ -30,7 +31,7 @@ REPORTS := target/test-reports
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build demo test test-rust test-python lint fmt bench soak clean tools system
+.PHONY: help build demo test test-rust test-python lint fmt bench bench-error soak clean tools system
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -115,6 +116,10 @@ fmt: $(VENV)/.stamp-test-requirements
 bench: build $(VENV)/.stamp-test-requirements system
 	cargo bench --locked
 	$(BIN)/python -m benchmarks.python
+
+bench-error: build $(VENV)/.stamp-test-requirements
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements/error.txt
+	$(BIN)/python -m benchmarks.python.error
 
 clean:
 	rm -rf target $(VENV) $(DEMO_OUTPUT) .pytest_cache .mypy_cache .ruff_cache

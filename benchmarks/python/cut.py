@@ -47,26 +47,29 @@ def run(*, quick: bool) -> dict[str, object]:
                     "triangles": len(f),
                     "ms": times[name]["median"] * 1e3,
                     "times faster": times[name]["median"] / times["nanite_rs cut"]["median"],
-                    **_deviation(vertices, faces, v, f, diagonal),
+                    **two_sided(vertices, faces, v, f, diagonal, samples=100_000),
                 }
             )
     return {"source triangles": len(faces), "rows": rows}
 
 
-def _deviation(
-    v: np.ndarray, f: np.ndarray, cut_v: np.ndarray, cut_f: np.ndarray, diagonal: float
+def two_sided(
+    v: np.ndarray, f: np.ndarray, cut_v: np.ndarray, cut_f: np.ndarray, diagonal: float, *, samples: int
 ) -> dict[str, float]:
-    forward = _distances(v, f, cut_v, cut_f)
-    backward = _distances(cut_v, cut_f, v, f)
+    """Mean, rms and max distance of samples of either surface to the other one, in 1e-4 of the diagonal."""
+    forward = _distances(v, f, cut_v, cut_f, samples)
+    backward = _distances(cut_v, cut_f, v, f, samples)
     both = np.concatenate([forward, backward]) / diagonal * 1e4
     return {"mean": float(both.mean()), "rms": float(np.sqrt((both**2).mean())), "max": float(both.max())}
 
 
-def _distances(v: np.ndarray, f: np.ndarray, other_v: np.ndarray, other_f: np.ndarray) -> np.ndarray:
+def _distances(
+    v: np.ndarray, f: np.ndarray, other_v: np.ndarray, other_f: np.ndarray, samples: int
+) -> np.ndarray:
     rng = np.random.default_rng(0)
     t = np.asarray(v, np.float64)[np.asarray(f, np.int64)]
     weights = np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
-    t = t[rng.choice(len(t), 100_000, p=weights / weights.sum())]
+    t = t[rng.choice(len(t), samples, p=weights / weights.sum())]
     a, b = rng.random((2, len(t), 1))
     flip = a + b > 1
     a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)

@@ -10,8 +10,8 @@ from pathlib import Path
 PACKAGES = ("nanite-rs", "numpy", "trimesh", "pyrender", "PyOpenGL", "fast-simplification", "libigl")
 
 
-def describe() -> dict[str, object]:
-    """A JSON-ready description."""
+def describe(more: tuple[str, ...] = ()) -> dict[str, object]:
+    """A JSON-ready description, with the versions of ``more`` packages."""
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
@@ -19,7 +19,7 @@ def describe() -> dict[str, object]:
         "load": _load(),
         "system": f"{platform.system()} {platform.machine()}, {_distribution()}",
         "python": platform.python_version(),
-        "packages": {name: _version(name) for name in PACKAGES},
+        "packages": {name: _version(name) for name in (*PACKAGES, *more)},
     }
 
 
