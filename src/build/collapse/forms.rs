@@ -39,20 +39,6 @@ pub struct Sums {
     pub area: f64,
 }
 
-/// Gradients over a triangle with sides `u` and `v` of what rises from 0 to 1 along one of them and is 0 along the
-/// other.
-#[inline]
-pub fn slopes(u: DVec3, v: DVec3) -> [DVec3; 2] {
-    let cross = u.cross(v);
-    let sides = u.length_squared() + v.length_squared();
-    let damped = cross.length_squared() + (THIN * sides) * (THIN * sides);
-    if damped <= 0.0 {
-        return [DVec3::ZERO; 2];
-    }
-    let scaled = cross * damped.recip();
-    [v.cross(scaled), scaled.cross(u)]
-}
-
 /// The sums of every point.
 #[derive(Debug)]
 pub struct Forms {
@@ -148,7 +134,10 @@ impl Forms {
         if self.channels.is_empty() {
             return;
         }
-        let [du, dv] = slopes(u, v);
+        let sides = u.length_squared() + v.length_squared();
+        let damped = cross.length_squared() + (THIN * sides) * (THIN * sides);
+        let scaled = cross * damped.recip();
+        let (du, dv) = (v.cross(scaled), scaled.cross(u));
         let rows = face.wedges.map(|w| &rows[w as usize * self.stride..][..self.stride]);
         let mut squares = Quadric::default();
         let linear = &mut self.linear[f * self.channels.len()..];
@@ -340,6 +329,32 @@ impl Forms {
             }
             quadric.add_square(sum, -1.0 / area);
         }
+    }
+
+    /// The normal of two wedges, or one, that an edge which was just looked at leaves at a place: the first three
+    /// columns of the attributes. None if they do not all count, or if nothing is left of it.
+    pub fn best_normal(
+        &self,
+        surface: &Surface,
+        edge: u32,
+        [v, w]: [u32; 2],
+        position: DVec3,
+    ) -> Option<DVec3> {
+        let channels = self.channels.first_chunk::<3>()?;
+        if channels.iter().zip(0..).any(|(channel, column)| channel.column != column) {
+            return None;
+        }
+        let count = self.channels.len();
+        let of_wedge = |w: u32, k: usize| self.wedge_linear[w as usize * count + k];
+        let mut sums: [DVec4; 3] = std::array::from_fn(|k| of_wedge(v, k));
+        if v != w {
+            sums.iter_mut().zip(0..).for_each(|(sum, k)| *sum += of_wedge(w, k));
+            for f in surface.beside(edge).filter(|f| surface.faces[*f].wedges.contains(&v)) {
+                sums.iter_mut().zip(&self.linear[f * count..]).for_each(|(sum, linear)| *sum -= *linear);
+            }
+        }
+        let at = |k: usize| sums[k].dot(position.extend(1.0)) / channels[k].weight;
+        DVec3::new(at(0), at(1), at(2)).try_normalize()
     }
 
     fn take_best_of_unpaired(&mut self, surface: &Surface, ends: [u32; 2], quadric: &mut Quadric) {

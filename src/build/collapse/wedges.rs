@@ -4,7 +4,7 @@
 
 use glam::DVec3;
 
-use super::forms::{Forms, slopes};
+use super::forms::Forms;
 use super::surface::Surface;
 
 /// Barycentric coordinates of the point of a triangle nearest to `p`. Of a triangle without area it is a point of
@@ -43,37 +43,6 @@ pub fn nearest(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
     }
     let sum = va + vb + vc;
     [va / sum, vb / sum, vc / sum]
-}
-
-/// The mean, by area, of the normals that the faces with one of two wedges would have at a place, each continued over
-/// its plane; None if nothing is left of it.
-fn mean_normal(
-    surface: &Surface,
-    forms: &Forms,
-    rows: &[f32],
-    stride: usize,
-    ends: [u32; 2],
-    wedges: [u32; 2],
-    position: DVec3,
-) -> Option<DVec3> {
-    let mut sum = DVec3::ZERO;
-    for (f, k) in ends.into_iter().flat_map(|p| surface.around(p)) {
-        let face = &surface.faces[f];
-        if !wedges.contains(&face.wedges[k]) {
-            continue;
-        }
-        let [p, q, r] = face.points.map(|p| surface.positions[p as usize]);
-        let [a, b, c] = face.wedges.map(|w| {
-            let row = &rows[w as usize * stride..][..3];
-            DVec3::new(f64::from(row[0]), f64::from(row[1]), f64::from(row[2]))
-        });
-        let [du, dv] = slopes(q - p, r - p);
-        let at = position - p;
-        // Faces at the edge come at both ends.
-        let times = if face.points.contains(&ends[0]) && face.points.contains(&ends[1]) { 0.5 } else { 1.0 };
-        sum += (a + (b - a) * du.dot(at) + (c - a) * dv.dot(at)) * (times * forms.plane(f).1);
-    }
-    sum.try_normalize()
 }
 
 /// The wedges of a collapse: found before it, written after it.
@@ -128,24 +97,30 @@ impl Merge {
                 }
                 if !(fixed && (end == keep || pair.is_some())) {
                     self.changed.push(name);
-                    self.interpolate(surface, forms, rows, stride, ends, [v, w], position);
+                    self.interpolate(surface, forms, rows, stride, edge, [v, w], position);
                 }
             }
         }
         true
     }
 
-    /// Adds the row at the nearest point of the faces that have one of two wedges.
+    /// Adds the row of two wedges that become one: read off the nearest point of their faces, but for the normal.
     fn interpolate(
         &mut self,
         surface: &Surface,
         forms: &Forms,
         rows: &[f32],
         stride: usize,
-        ends: [u32; 2],
+        edge: u32,
         wedges: [u32; 2],
         position: DVec3,
     ) {
+        let normal = forms.best_normal(surface, edge, wedges, position);
+        if let Some(normal) = normal.filter(|_| stride == 3) {
+            self.rows.extend(normal.as_vec3().to_array());
+            return;
+        }
+        let ends = surface.edges[edge as usize].ends;
         let mut best = f64::INFINITY;
         let mut found = ([wedges[0]; 3], [1.0, 0.0, 0.0]);
         for (f, k) in ends.into_iter().flat_map(|p| surface.around(p)) {
@@ -174,13 +149,13 @@ impl Merge {
                 (at[0] * f64::from(a[j]) + at[1] * f64::from(b[j]) + at[2] * f64::from(c[j])) as f32
             }),
         );
-        if let Some(normal) = self.rows[start..].first_chunk_mut::<3>() {
-            if let Some(mean) = mean_normal(surface, forms, rows, stride, ends, wedges, position) {
-                *normal = mean.as_vec3().to_array();
+        if let Some(row) = self.rows[start..].first_chunk_mut::<3>() {
+            if let Some(normal) = normal {
+                *row = normal.as_vec3().to_array();
             }
-            let size = normal.iter().map(|x| x * x).sum::<f32>().sqrt();
+            let size = row.iter().map(|x| x * x).sum::<f32>().sqrt();
             if size > 0.0 && (size - 1.0).abs() > 1.0e-6 {
-                normal.iter_mut().for_each(|x| *x /= size);
+                row.iter_mut().for_each(|x| *x /= size);
             }
         }
     }
