@@ -15,6 +15,7 @@ pub mod surface;
 pub mod wedges;
 
 use glam::DVec3;
+use rustc_hash::FxHashSet;
 
 use self::forms::{Channel, Forms, Sums};
 use self::quadric::Quadric;
@@ -127,6 +128,11 @@ struct Entry {
     place: DVec3,
 }
 
+/// A position as it may be looked up: both zeros are one.
+fn bits(position: [f32; 3]) -> [u32; 3] {
+    position.map(|x| (x + 0.0).to_bits())
+}
+
 struct Collapser {
     policy: Policy,
     /// Internal = center + extent · local.
@@ -143,6 +149,8 @@ struct Collapser {
     count: u32,
     /// Internal positions of the points.
     places: Vec<[f32; 3]>,
+    /// The same as [`bits`]: no point may come to lie on another one, which would join them.
+    taken: FxHashSet<[u32; 3]>,
     rows: Vec<f32>,
     stride: usize,
     merge: Merge,
@@ -194,6 +202,7 @@ impl Collapser {
             changed: vec![0; places.len()],
             drift: vec![0.0; places.len()],
             count: 0,
+            taken: places.iter().copied().map(bits).collect(),
             places,
             rows,
             stride,
@@ -364,25 +373,32 @@ impl Collapser {
             .map(|(place, cost)| (place, self.total(edge, sums, cost)))
     }
 
-    /// Collapses an edge to a place; returns the point that is left. None if its wedges do not match.
+    /// Collapses an edge to a place; returns the point that is left. None if its wedges do not match or another
+    /// point lies there.
     fn apply(&mut self, edge: u32, position: DVec3) -> Option<u32> {
         let [a, b] = self.surface.edges[edge as usize].ends;
         let (keep, other) = if self.surface.locked[b as usize] { (b, a) } else { (a, b) };
         let surface = &mut self.surface;
-        if !self.merge.find(surface, &self.forms, &self.rows, self.stride, edge, keep, position) {
+        let (mut place, mut at) = (self.places[keep as usize], surface.positions[keep as usize]);
+        if !surface.locked[keep as usize] {
+            // Continue with the position as it will be stored.
+            place = (self.center + position * self.extent).as_vec3().to_array();
+            at = (DVec3::from_array(place.map(f64::from)) - self.center) / self.extent;
+        }
+        let left = [a, b].map(|p| bits(self.places[p as usize]));
+        if !left.contains(&bits(place)) && self.taken.contains(&bits(place)) {
             return None;
         }
-        let mut position = position;
-        if surface.locked[keep as usize] {
-            position = surface.positions[keep as usize];
-        } else {
-            // Continue with the position as it will be stored.
-            let place = (self.center + position * self.extent).as_vec3().to_array();
-            self.places[keep as usize] = place;
-            position = (DVec3::from_array(place.map(f64::from)) - self.center) / self.extent;
+        if !self.merge.find(surface, &self.forms, &self.rows, self.stride, edge, keep, at) {
+            return None;
         }
+        left.iter().for_each(|p| {
+            self.taken.remove(p);
+        });
+        self.taken.insert(bits(place));
+        self.places[keep as usize] = place;
         let queue = &mut self.queue;
-        surface.collapse(edge, keep, position, |e| queue.remove(e));
+        surface.collapse(edge, keep, at, |e| queue.remove(e));
         self.forms.merge(keep, other);
         self.merge.apply(surface, &mut self.rows, self.stride, keep);
         self.count += 1;
