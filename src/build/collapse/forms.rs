@@ -13,8 +13,9 @@ use super::quadric::Quadric;
 use super::surface::{NONE, Surface};
 use super::{Cost, Policy};
 
-/// Attributes' gradients are damped on faces thinner than about this, where they mean little.
-const THIN: f64 = 1.0e-2;
+/// Attributes' gradients are damped on faces thinner than about this, where they mean little. Triangles of CAD meshes
+/// may well be a thousand times longer than wide, and what shades across them counts.
+const THIN: f64 = 1.0e-4;
 
 /// An attribute that counts.
 #[derive(Clone, Copy, Debug)]
@@ -48,14 +49,17 @@ pub struct Forms {
     /// Plane (unit normal, offset) and area of each face; zero if it has none.
     planes: Vec<DVec4>,
     areas: Vec<f64>,
-    /// For each face and channel the weighted attribute as an affine form, times the root of the area.
-    gradients: Vec<DVec4>,
+    /// What each face adds to the sums of its points: squared distances, and squared attributes.
+    distances: Vec<Quadric>,
+    squares: Vec<Quadric>,
+    /// For each face and channel the weighted attribute as an affine form, times the area.
+    linear: Vec<DVec4>,
     points: Vec<Sums>,
     fresh: Vec<bool>,
     /// The wedge of points with one wedge.
     single: Vec<u32>,
     /// For each wedge the sums over its faces: attributes by area, and area.
-    linear: Vec<DVec4>,
+    wedge_linear: Vec<DVec4>,
     wedge_areas: Vec<f64>,
     wedges: Vec<u32>,
     pairs: Vec<(u32, u32)>,
@@ -78,11 +82,13 @@ impl Forms {
             stride,
             planes: vec![DVec4::ZERO; faces],
             areas: vec![0.0; faces],
-            gradients: vec![DVec4::ZERO; faces * channels.len()],
+            distances: vec![Quadric::default(); faces],
+            squares: vec![Quadric::default(); faces],
+            linear: vec![DVec4::ZERO; faces * channels.len()],
             points: vec![Sums::default(); points],
             fresh: vec![false; points],
             single: vec![NONE; points],
-            linear: vec![DVec4::ZERO; wedges * channels.len()],
+            wedge_linear: vec![DVec4::ZERO; wedges * channels.len()],
             wedge_areas: vec![0.0; wedges],
             wedges: Vec::new(),
             pairs: Vec::new(),
@@ -115,26 +121,34 @@ impl Forms {
         if size <= 0.0 {
             self.planes[f] = DVec4::ZERO;
             self.areas[f] = 0.0;
-            self.gradients[f * self.channels.len()..][..self.channels.len()].fill(DVec4::ZERO);
+            self.distances[f] = Quadric::default();
+            self.squares[f] = Quadric::default();
+            self.linear[f * self.channels.len()..][..self.channels.len()].fill(DVec4::ZERO);
             return;
         }
-        let normal = cross / size;
+        let normal = cross * size.recip();
+        let area = 0.5 * size;
         self.planes[f] = normal.extend(-normal.dot(p));
-        self.areas[f] = 0.5 * size;
+        self.areas[f] = area;
+        self.distances[f] = Quadric::of_square(self.planes[f], self.weight(area));
         if self.channels.is_empty() {
             return;
         }
         let sides = u.length_squared() + v.length_squared();
         let damped = cross.length_squared() + (THIN * sides) * (THIN * sides);
-        let (du, dv) = (v.cross(cross) / damped, cross.cross(u) / damped);
-        let root = self.areas[f].sqrt();
+        let scaled = cross * damped.recip();
+        let (du, dv) = (v.cross(scaled), scaled.cross(u));
         let rows = face.wedges.map(|w| &rows[w as usize * self.stride..][..self.stride]);
-        let gradients = &mut self.gradients[f * self.channels.len()..];
-        for (gradient, channel) in gradients.iter_mut().zip(&self.channels) {
+        let mut squares = Quadric::default();
+        let linear = &mut self.linear[f * self.channels.len()..];
+        for (linear, channel) in linear.iter_mut().zip(&self.channels) {
             let [a, b, c] = rows.map(|row| f64::from(row[channel.column]));
             let g = du * (b - a) + dv * (c - a);
-            *gradient = g.extend(a - g.dot(p)) * (root * channel.weight);
+            let form = g.extend(a - g.dot(p)) * channel.weight;
+            squares.add_square(form, area);
+            *linear = form * area;
         }
+        self.squares[f] = squares;
     }
 
     /// Forgets the sums of a point.
@@ -178,17 +192,18 @@ impl Forms {
     fn sum_planes(&mut self, surface: &Surface, point: u32) {
         let mut sums = Sums::default();
         for (f, k) in surface.around(point) {
-            let (plane, area) = (self.planes[f], self.areas[f]);
-            sums.geometry.add_square(plane, self.weight(area));
-            sums.volume += plane * area;
-            sums.area += area;
-            for side in [k, (k + 2) % 3] {
-                if let Some((plane, weight)) = self.upright(surface, f, side) {
-                    sums.geometry.add_square(plane, weight);
+            sums.geometry += self.distances[f];
+            sums.volume += self.planes[f] * self.areas[f];
+            sums.area += self.areas[f];
+            if surface.faces[f].has_lines() {
+                for side in [k, (k + 2) % 3] {
+                    if let Some((plane, weight)) = self.upright(surface, f, side) {
+                        sums.geometry.add_square(plane, weight);
+                    }
                 }
             }
         }
-        self.points[point as usize] = Sums { attribute: self.points[point as usize].attribute, ..sums };
+        self.points[point as usize] = sums;
     }
 
     fn refresh(&mut self, surface: &Surface, point: u32) {
@@ -205,18 +220,17 @@ impl Forms {
             let w = surface.faces[f].wedges[k];
             several |= *single.get_or_insert(w) != w;
             self.wedge_areas[w as usize] = 0.0;
-            self.linear[w as usize * count..][..count].fill(DVec4::ZERO);
+            self.wedge_linear[w as usize * count..][..count].fill(DVec4::ZERO);
         }
         let mut attribute = Quadric::default();
         if count > 0 {
             for (f, k) in surface.around(point) {
                 let w = surface.faces[f].wedges[k] as usize;
                 self.wedge_areas[w] += self.areas[f];
-                let root = self.areas[f].sqrt();
-                let gradients = &self.gradients[f * count..][..count];
-                for (sum, gradient) in self.linear[w * count..].iter_mut().zip(gradients) {
-                    *sum += *gradient * root;
-                    attribute.add_square(*gradient, 1.0);
+                attribute += self.squares[f];
+                let of_face = &self.linear[f * count..][..count];
+                for (sum, linear) in self.wedge_linear[w * count..].iter_mut().zip(of_face) {
+                    *sum += *linear;
                 }
             }
         }
@@ -250,8 +264,8 @@ impl Forms {
         true
     }
 
-    /// The sums of an edge; None if its wedges do not match.
-    pub fn edge(&mut self, surface: &Surface, edge: u32) -> Option<Sums> {
+    /// Finds the sums of an edge; false if its wedges do not match.
+    pub fn edge(&mut self, surface: &Surface, edge: u32, sums: &mut Sums) -> bool {
         let ends = surface.edges[edge as usize].ends;
         ends.into_iter().for_each(|p| self.refresh(surface, p));
         let whole = ends.map(|p| self.single[p as usize]);
@@ -260,10 +274,10 @@ impl Forms {
             self.pairs.clear();
             self.pairs.push((whole[0], whole[1]));
         } else if !Self::pair_wedges(surface, edge, &mut self.pairs) {
-            return None;
+            return false;
         }
         let [at_a, at_b] = ends.map(|p| &self.points[p as usize]);
-        let mut sums = Sums {
+        *sums = Sums {
             geometry: at_a.geometry + at_b.geometry,
             attribute: at_a.attribute + at_b.attribute,
             volume: at_a.volume + at_b.volume,
@@ -273,20 +287,19 @@ impl Forms {
         self.shared.extend(surface.beside(edge));
         let count = self.channels.len();
         for f in &self.shared {
-            let (plane, area) = (self.planes[*f], self.areas[*f]);
             if self.policy.cost != Cost::GarlandHeckbert {
-                sums.geometry.add_square(plane, -self.weight(area));
-                sums.volume -= plane * area;
-                sums.area -= area;
-                if let Some(side) = surface.faces[*f].edges.iter().position(|e| *e == edge)
+                sums.geometry -= self.distances[*f];
+                sums.volume -= self.planes[*f] * self.areas[*f];
+                sums.area -= self.areas[*f];
+                let face = &surface.faces[*f];
+                if face.has_lines()
+                    && let Some(side) = face.edges.iter().position(|e| *e == edge)
                     && let Some((plane, weight)) = self.upright(surface, *f, side)
                 {
                     sums.geometry.add_square(plane, -weight);
                 }
             }
-            for gradient in &self.gradients[f * count..][..count] {
-                sums.attribute.add_square(*gradient, -1.0);
-            }
+            sums.attribute -= self.squares[*f];
         }
         if count > 0 {
             for (v, w) in &self.pairs {
@@ -296,7 +309,7 @@ impl Forms {
                 self.take_best_of_unpaired(surface, ends, &mut sums.attribute);
             }
         }
-        Some(sums)
+        true
     }
 
     /// Takes off a quadric what the best values of a pair of wedges explain.
@@ -309,12 +322,39 @@ impl Forms {
             return;
         }
         for k in 0..count {
-            let mut sum = self.linear[v as usize * count + k] + self.linear[w as usize * count + k];
+            let mut sum =
+                self.wedge_linear[v as usize * count + k] + self.wedge_linear[w as usize * count + k];
             for f in between() {
-                sum -= self.gradients[f * count + k] * self.areas[*f].sqrt();
+                sum -= self.linear[f * count + k];
             }
             quadric.add_square(sum, -1.0 / area);
         }
+    }
+
+    /// The normal of two wedges, or one, that an edge which was just looked at leaves at a place: the first three
+    /// columns of the attributes. None if they do not all count, or if nothing is left of it.
+    pub fn best_normal(
+        &self,
+        surface: &Surface,
+        edge: u32,
+        [v, w]: [u32; 2],
+        position: DVec3,
+    ) -> Option<DVec3> {
+        let channels = self.channels.first_chunk::<3>()?;
+        if channels.iter().zip(0..).any(|(channel, column)| channel.column != column) {
+            return None;
+        }
+        let count = self.channels.len();
+        let of_wedge = |w: u32, k: usize| self.wedge_linear[w as usize * count + k];
+        let mut sums: [DVec4; 3] = std::array::from_fn(|k| of_wedge(v, k));
+        if v != w {
+            sums.iter_mut().zip(0..).for_each(|(sum, k)| *sum += of_wedge(w, k));
+            for f in surface.beside(edge).filter(|f| surface.faces[*f].wedges.contains(&v)) {
+                sums.iter_mut().zip(&self.linear[f * count..]).for_each(|(sum, linear)| *sum -= *linear);
+            }
+        }
+        let at = |k: usize| sums[k].dot(position.extend(1.0)) / channels[k].weight;
+        DVec3::new(at(0), at(1), at(2)).try_normalize()
     }
 
     fn take_best_of_unpaired(&mut self, surface: &Surface, ends: [u32; 2], quadric: &mut Quadric) {
@@ -330,7 +370,7 @@ impl Forms {
         for w in &wedges {
             let area = self.wedge_areas[*w as usize];
             if area > 0.0 {
-                for sum in &self.linear[*w as usize * count..][..count] {
+                for sum in &self.wedge_linear[*w as usize * count..][..count] {
                     quadric.add_square(*sum, -1.0 / area);
                 }
             }

@@ -1,6 +1,6 @@
 //! Sums of squared affine forms (Garland and Heckbert, "Surface Simplification Using Quadric Error Metrics", 1997).
 
-use std::ops::{Add, AddAssign};
+use std::ops::{Add, AddAssign, SubAssign};
 
 use glam::{DVec3, DVec4};
 
@@ -9,6 +9,14 @@ use glam::{DVec3, DVec4};
 pub struct Quadric([f64; 10]);
 
 impl Quadric {
+    /// The square of a form, weighted.
+    #[inline]
+    pub fn of_square(form: DVec4, weight: f64) -> Self {
+        let mut new = Self::default();
+        new.add_square(form, weight);
+        new
+    }
+
     /// Adds the square of a form, weighted; a negative weight takes it away again.
     #[inline]
     pub fn add_square(&mut self, form: DVec4, weight: f64) {
@@ -82,6 +90,15 @@ impl AddAssign for Quadric {
     fn add_assign(&mut self, other: Self) {
         for k in 0..10 {
             self.0[k] += other.0[k];
+        }
+    }
+}
+
+impl SubAssign for Quadric {
+    #[inline]
+    fn sub_assign(&mut self, other: Self) {
+        for k in 0..10 {
+            self.0[k] -= other.0[k];
         }
     }
 }

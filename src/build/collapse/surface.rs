@@ -31,6 +31,12 @@ impl Face {
         self.lines >> side & 1 != 0
     }
 
+    /// Whether any edge is a rim or a crease.
+    #[inline]
+    pub fn has_lines(&self) -> bool {
+        self.lines != 0
+    }
+
     /// Whether the face is still there.
     pub fn alive(&self) -> bool {
         self.points[0] != NONE

@@ -260,6 +260,16 @@ fn scale_does_not_matter() {
 }
 
 #[test]
+fn no_point_comes_to_lie_on_another() {
+    let places = [[0, 0], [2, -1], [0, -1], [1, 0], [1, -1], [1, -2], [2, 0]];
+    let positions = places.map(|p: [i8; 2]| [1.0e-30 * f32::from(p[0]), 1.0e-30 * f32::from(p[1]), 0.0]);
+    let mut overlapping = mesh(&positions, &[[0, 6, 4], [2, 3, 5], [6, 2, 5], [5, 6, 1], [1, 2, 0]]);
+    overlapping.locked[2] = true;
+    let (out, _) = run(&overlapping, 0);
+    assert_eq!(counts(&out).euler, counts(&overlapping).euler);
+}
+
+#[test]
 fn nothing_comes_of_nothing() {
     for faces in [vec![], vec![[0, 1, 2]], vec![[0, 1, 2], [2, 1, 0]], vec![[0, 0, 1]]] {
         let positions = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
