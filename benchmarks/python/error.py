@@ -232,8 +232,9 @@ def plot(meshes: dict[str, dict], path: Path) -> None:
         column[0].set(title=name, xlabel="triangles", ylabel="rms distance, 1e-4 of the diagonal")
         column[1].set(xlabel="seconds", ylabel="rms distance, 1e-4 of the diagonal")
     handles, labels = axes[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=4, frameon=False)
-    figure.tight_layout(rect=(0, 0.07, 1, 1))
+    columns = min(4, len(meshes))
+    figure.legend(handles, labels, loc="lower center", ncols=columns, frameon=False)
+    figure.tight_layout(rect=(0, 0.025 + 0.025 * -(-len(labels) // columns), 1, 1))
     figure.savefig(path, dpi=90)
     plt.close(figure)
 
