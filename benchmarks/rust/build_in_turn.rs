@@ -1,0 +1,55 @@
+//! Build throughput against meshoptimizer's `clod_build`, in turn: on a machine whose speed drifts, contestants that
+//! differ by little can only be compared within each round. `cargo bench --bench build_in_turn`.
+
+#[path = "../../tests/rust/shapes.rs"]
+#[allow(dead_code)]
+mod shapes;
+
+use std::time::Instant;
+
+use meshopt::{ClodMesh, VertexDataAdapter, clod_build, clod_default_config, typed_to_bytes};
+use nanite_rs::build::{Silent, build};
+use nanite_rs::config::BuildOptions;
+use nanite_rs::mesh::{Positions, SourceMesh};
+
+const ROUNDS: usize = 7;
+
+fn main() {
+    let (positions, faces) = shapes::bumpy_sphere(354);
+    let adapter = VertexDataAdapter::new(typed_to_bytes(&positions), 12, 0).unwrap();
+    let indices: Vec<u32> = faces.iter().flatten().copied().collect();
+    // On a sphere about the origin positions will do for normals.
+    let plain = ClodMesh::new(&indices, &adapter);
+    let shaded = ClodMesh {
+        vertex_attributes: positions.as_flattened(),
+        vertex_attributes_stride: 12,
+        attribute_weights: &[0.5; 3],
+        ..ClodMesh::new(&indices, &adapter)
+    };
+    let ours = |threads| {
+        let options = BuildOptions { threads, ..BuildOptions::default() };
+        build(&SourceMesh::new(Positions::F32(&positions), &faces), &options, &Silent).unwrap();
+    };
+    let theirs = |mesh: &ClodMesh<'_>| {
+        clod_build(clod_default_config(128), mesh, |_, _| 0);
+    };
+    let contestants: [(&str, &dyn Fn()); 4] = [
+        ("nanite_rs, 1 thread", &|| ours(1)),
+        ("nanite_rs, 2 threads", &|| ours(2)),
+        ("clod_build, positions only", &|| theirs(&plain)),
+        ("clod_build, with normals", &|| theirs(&shaded)),
+    ];
+    let mut seconds = [const { Vec::new() }; 4];
+    for _ in 0..ROUNDS {
+        for ((_, call), seconds) in contestants.iter().zip(&mut seconds) {
+            let start = Instant::now();
+            call();
+            seconds.push(start.elapsed().as_secs_f64());
+        }
+    }
+    println!("{} triangles, {ROUNDS} rounds in turn", faces.len());
+    for ((name, _), mut seconds) in contestants.iter().zip(seconds) {
+        seconds.sort_by(f64::total_cmp);
+        println!("{name:28} least {:.2} s, median {:.2} s", seconds[0], seconds[ROUNDS / 2]);
+    }
+}
