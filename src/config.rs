@@ -3,10 +3,21 @@
 use crate::error::{Error, Result};
 use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS};
 
+/// The choice of that name; the error names all.
+fn choose<T: Copy>(argument: &'static str, name: &str, choices: &[(&str, T)]) -> Result<T> {
+    let found = choices.iter().find(|(choice, _)| *choice == name).map(|(_, value)| *value);
+    found.ok_or_else(|| {
+        let quoted: Vec<String> = choices.iter().map(|(choice, _)| format!("{choice:?}")).collect();
+        let (last, others) =
+            quoted.split_last().map_or(("", &[][..]), |(last, others)| (last.as_str(), others));
+        Error::argument(argument, format!("must be {} or {last}, not {name:?}", others.join(", ")))
+    })
+}
+
 /// What splits triangles into clusters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Clusterizer {
-    /// Our own: halves at medians. Full clusters, in a tenth of the time of `Flex`, at cuts as good.
+    /// Our own: halves at medians. Full clusters, a quarter less build time than with `Flex`, cuts as good.
     #[default]
     Median,
     /// meshoptimizer's: grows clusters along the surface.
@@ -17,11 +28,7 @@ impl std::str::FromStr for Clusterizer {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        match name {
-            "median" => Ok(Self::Median),
-            "flex" => Ok(Self::Flex),
-            _ => Err(Error::argument("clusterizer", format!("must be \"median\" or \"flex\", not {name:?}"))),
-        }
+        choose("clusterizer", name, &[("median", Self::Median), ("flex", Self::Flex)])
     }
 }
 
@@ -39,11 +46,7 @@ impl std::str::FromStr for Quality {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        match name {
-            "fast" => Ok(Self::Fast),
-            "best" => Ok(Self::Best),
-            _ => Err(Error::argument("quality", format!("must be \"fast\" or \"best\", not {name:?}"))),
-        }
+        choose("quality", name, &[("fast", Self::Fast), ("best", Self::Best)])
     }
 }
 
@@ -63,15 +66,8 @@ impl std::str::FromStr for ErrorMeasure {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        match name {
-            "quadric" => Ok(Self::Quadric),
-            "sampled" => Ok(Self::Sampled),
-            "bound" => Ok(Self::Bound),
-            _ => Err(Error::argument(
-                "error",
-                format!("must be \"quadric\", \"sampled\" or \"bound\", not {name:?}"),
-            )),
-        }
+        let choices = [("quadric", Self::Quadric), ("sampled", Self::Sampled), ("bound", Self::Bound)];
+        choose("error", name, &choices)
     }
 }
 

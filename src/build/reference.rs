@@ -96,15 +96,16 @@ impl Reference {
         let mut error = tracked.iter().fold(0.0, |e, t| t.error.max(e)) + margin * estimate;
         let mut handed = vec![Vec::new(); patches.len()];
         // Both lists run along the surface: what was nearest to one point is near the next.
-        let mut squared: f32;
         let mut nearest = 0;
         for vertex in tracked {
+            let squared;
             (squared, nearest) = tree.nearest(vertex.position, nearest);
             error = error.max(vertex.error + margin * squared.sqrt());
             handed[owners[nearest as usize]].push(*vertex);
         }
         nearest = 0;
         for p in patches.iter().flat_map(|patch| &patch.positions) {
+            let squared;
             (squared, nearest) = self.tree.nearest(*p, nearest);
             error = error.max(self.errors[nearest as usize] + margin * squared.sqrt());
         }

@@ -140,8 +140,15 @@ impl Topology {
         let mut seen = vec![false; edges.points() as usize];
         faces.iter().flatten().for_each(|v| seen[*v as usize] = true);
         let vertices = seen.iter().filter(|s| **s).count() as i64;
-        let crowded = edges.iter().filter(|e| e.faces() > 2).map(|e| e.ends).collect();
-        Self { euler: vertices - edges.iter().count() as i64 + faces.len() as i64, crowded, edges }
+        let mut count = 0;
+        let mut crowded = Vec::new();
+        for edge in edges.iter() {
+            count += 1;
+            if edge.faces() > 2 {
+                crowded.push(edge.ends);
+            }
+        }
+        Self { euler: vertices - count + faces.len() as i64, crowded, edges }
     }
 
     fn same_as(&self, source: &Self) -> bool {

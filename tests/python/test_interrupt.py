@@ -1,9 +1,11 @@
-"""Ctrl-C while building: in a process of its own, by a real signal."""
+"""Ctrl-C during long work: in a process of its own, by a real signal."""
 
 import signal
 import subprocess
 import sys
 import time
+
+import pytest
 
 CODE = """
 import signal
@@ -11,19 +13,29 @@ import sys
 # In the background of a shell SIGINT is ignored, and children inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 import nanite_rs as nrs
-v, f = nrs.shapes.displaced_icosphere(faces=4_000_000)
+{prepare}
 print("ready", flush=True)
 try:
-    nrs.NaniteMesh.from_arrays(v, f, progress=False)
+    {work}
 except KeyboardInterrupt:
     print("interrupted", flush=True)
     sys.exit(0)
 print("finished", flush=True)
 """
 
+BUILD = CODE.format(
+    prepare="v, f = nrs.shapes.displaced_icosphere(faces=4_000_000)",
+    work="nrs.NaniteMesh.from_arrays(v, f, progress=False)",
+)
+MEASUREMENT = CODE.format(
+    prepare="a, b = nrs.shapes.displaced_icosphere(faces=200_000), nrs.shapes.icosphere(faces=20_000)",
+    work="nrs.measure.surface_distance(a, b, samples=2_000_000_000)",
+)
 
-def test_control_c_stops_a_build_soon() -> None:
-    with subprocess.Popen([sys.executable, "-c", CODE], stdout=subprocess.PIPE, text=True) as process:
+
+@pytest.mark.parametrize("code", [BUILD, MEASUREMENT], ids=["build", "measurement"])
+def test_control_c_stops_long_work_soon(code: str) -> None:
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout.readline().strip() == "ready"
             time.sleep(1.0)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -369,32 +367,3 @@ def test_a_surface_without_area_is_measured() -> None:
     assert found.converged
     assert np.isnan(found.normals.mean)
     assert found.upper == pytest.approx(np.sqrt(3), rel=0.011)
-
-
-CODE = """
-import signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)
-import nanite_rs as nrs
-a, b = nrs.shapes.displaced_icosphere(faces=200_000), nrs.shapes.icosphere(faces=20_000)
-print("ready", flush=True)
-try:
-    nrs.measure.surface_distance(a, b, samples=2_000_000_000)
-except KeyboardInterrupt:
-    print("interrupted", flush=True)
-    sys.exit(0)
-print("finished", flush=True)
-"""
-
-
-def test_control_c_stops_a_measurement_soon() -> None:
-    with subprocess.Popen([sys.executable, "-c", CODE], stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout.readline().strip() == "ready"
-            time.sleep(1.0)
-            process.send_signal(signal.SIGINT)
-            start = time.monotonic()
-            out, _ = process.communicate(timeout=60)
-            assert out.strip() == "interrupted"
-            assert time.monotonic() - start < 5
-        finally:
-            process.kill()
