@@ -50,15 +50,13 @@ impl std::str::FromStr for Quality {
     }
 }
 
-/// How the error of a simplification is found. All three are at least the simplifier's own estimate.
+/// How the error of a simplification is found. Both are at least the simplifier's own estimate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ErrorMeasure {
     /// The simplifier's own estimate, which is often exceeded. Costs nothing.
     Quadric,
-    /// Distances at the vertices of both surfaces, with a margin for what lies between them.
-    #[default]
-    Sampled,
     /// A proven bound for every point of both surfaces.
+    #[default]
     Bound,
 }
 
@@ -66,8 +64,7 @@ impl std::str::FromStr for ErrorMeasure {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        let choices = [("quadric", Self::Quadric), ("sampled", Self::Sampled), ("bound", Self::Bound)];
-        choose("error", name, &choices)
+        choose("error", name, &[("quadric", Self::Quadric), ("bound", Self::Bound)])
     }
 }
 

@@ -51,7 +51,7 @@ class BuildOptions:
     quality: Literal["fast", "best"] = "fast"
     """What simplifies groups: "fast" is meshoptimizer; "best" an edge collapse that leaves scans some 10 to 25 %
     less root mean square error at the same size and builds 1.3 to 1.7 times as long."""
-    error: Literal["quadric", "sampled", "bound"] = "sampled"
+    error: Literal["quadric", "bound"] = "bound"
     """How the errors that cuts state are found: "bound" proves them for every point of both surfaces, in either
     direction; "sampled" measures distances at vertices and adds a margin, which no mesh has exceeded in our tests;
     "quadric" trusts the simplifier, which is often too low and builds fastest."""

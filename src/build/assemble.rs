@@ -44,7 +44,8 @@ pub fn assemble(graph: Graph, mut report: BuildReport) -> Dag {
                 level: group.level,
                 center,
                 extent,
-                reserved: [0; 2],
+                bound: group.bound,
+                quadric: group.quadric,
             }
         })
         .collect();

@@ -2,6 +2,7 @@
 //! in parallel, each on its own copy of its vertices; their results are appended in the order of the groups, so
 //! nothing depends on which finished first.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
@@ -9,14 +10,14 @@ use rayon::prelude::*;
 use super::Progress;
 use super::clusterize::{self, ClusterMesh};
 use super::lock_borders::shared_positions;
-use super::measure::{SAMPLING_MARGIN, step_error};
 use super::partition::partition;
-use super::reference::{Patch, Reference, Tracked};
+use super::reference::{Patch, Pieces, Reference};
 use super::simplify::{Simplified, simplify};
 use super::store::{LocalMesh, RoundPositions, VertexStore};
 use crate::config::{BuildOptions, ErrorMeasure};
 use crate::error::{Error, Result};
 use crate::limits::MAX_ROUNDS;
+use crate::math::sphere::round_up;
 use crate::math::{Aabb, Sphere};
 use crate::mesh::WeldedMesh;
 use crate::model::cluster::NO_GROUP;
@@ -30,14 +31,18 @@ pub struct BuildCluster {
     pub mesh: ClusterMesh,
     /// Own error and the sphere it is projected at.
     pub error: f32,
+    /// Proven distance to the source, and of the source to it; +∞ where nothing is proven.
+    pub bound: f32,
+    /// The simplifiers' estimates, added up.
+    pub quadric: f32,
     /// Sphere of the group that made it.
     pub lod_sphere: Sphere,
     /// Longest chain of simplifications behind it.
     pub level: u8,
     /// The group that made it; [`NO_GROUP`] at level 0.
     pub refined: u32,
-    /// Vertices of the reference that lie nearest to it.
-    pub tracked: Vec<Tracked>,
+    /// What it answers for while it waits for the next round.
+    pub pieces: Pieces,
 }
 
 /// A group of the growing DAG.
@@ -49,6 +54,10 @@ pub struct BuildGroup {
     pub lod_sphere: Sphere,
     /// Parent error of the members.
     pub error: f32,
+    /// Proven distance of what was made of them; +∞ where nothing is proven.
+    pub bound: f32,
+    /// The simplifiers' estimate of it.
+    pub quadric: f32,
     /// Round in which it was formed.
     pub level: u32,
 }
@@ -113,7 +122,7 @@ pub fn grow(
     if !meter.advance(mesh.faces.len()) {
         return Err(Error::Cancelled);
     }
-    let mut graph = Growth { clusters, groups: Vec::new(), bounds: mesh.bounds, reference: None };
+    let mut graph = Growth { clusters, groups: Vec::new(), reference: None };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
         pending = graph.round(&mut store, pending, round, options, &meter, report)?;
@@ -145,10 +154,12 @@ fn source_clusters(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOptio
             BuildCluster {
                 mesh,
                 error: SOURCE_ERROR,
+                bound: 0.0,
+                quadric: 0.0,
                 lod_sphere,
                 level: 0,
                 refined: NO_GROUP,
-                tracked: Vec::new(),
+                pieces: Pieces::default(),
             }
         })
         .collect()
@@ -157,7 +168,6 @@ fn source_clusters(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOptio
 struct Growth {
     clusters: Vec<BuildCluster>,
     groups: Vec<BuildGroup>,
-    bounds: Aabb,
     reference: Option<Reference>,
 }
 
@@ -178,7 +188,7 @@ impl Growth {
             triangles: meshes.iter().map(|m| m.triangles.len() as u64).sum(),
             ..LevelReport::default()
         };
-        let positions = RoundPositions::new(store, &meshes);
+        let positions = Arc::new(RoundPositions::new(store, &meshes));
         let groups = partition(store.layout, &meshes, &positions, options.group_clusters);
         if pending.len() == 1 || round + 1 == MAX_ROUNDS {
             level.groups = groups.len() as u32;
@@ -190,8 +200,8 @@ impl Growth {
             return Ok(Vec::new());
         }
         let shared = shared_positions(&positions, &groups);
-        if options.error == ErrorMeasure::Sampled && Reference::is_due(round) {
-            self.start_reference(store, &positions, &pending);
+        if options.error == ErrorMeasure::Bound && Reference::is_due(round) {
+            self.start_reference(round, &positions, &pending);
         }
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
         let outcomes: Vec<_> = groups
@@ -200,7 +210,8 @@ impl Growth {
                 let local = LocalMesh::of_clusters(store, &meshes, &positions, members, &shared);
                 let members: Vec<&BuildCluster> =
                     members.iter().map(|c| &self.clusters[pending[*c as usize] as usize]).collect();
-                let outcome = simplify_group(store, &local, &members, self.reference.as_ref(), options);
+                let proof = self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters, round });
+                let outcome = simplify_group(store, &local, &members, proof, options);
                 (meter.advance(local.indices.len() / 6), outcome)
             })
             .collect();
@@ -237,13 +248,11 @@ impl Growth {
     }
 
     /// Makes the surface of the pending clusters the reference.
-    fn start_reference(&mut self, store: &VertexStore, positions: &RoundPositions, pending: &[u32]) {
-        let clusters: Vec<&BuildCluster> = pending.iter().map(|c| &self.clusters[*c as usize]).collect();
-        let tracked = Reference::track(positions, &clusters);
-        self.reference = Some(Reference::new(store, &clusters, &self.bounds));
-        for (c, tracked) in pending.iter().zip(tracked) {
-            self.clusters[*c as usize].tracked = tracked;
-        }
+    fn start_reference(&mut self, round: u32, positions: &Arc<RoundPositions>, pending: &[u32]) {
+        let reference = Reference::new(round, Arc::clone(positions), pending, &self.clusters);
+        let pieces: Vec<Pieces> = reference.pieces(&self.clusters).collect();
+        pending.iter().zip(pieces).for_each(|(c, pieces)| self.clusters[*c as usize].pieces = pieces);
+        self.reference = Some(reference);
     }
 
     fn stuck_report(&self, members: &[u32], round: u32, reason: StuckReason) -> StuckGroup {
@@ -262,6 +271,8 @@ impl Growth {
             members: members.to_vec(),
             lod_sphere,
             error: ROOT_ERROR,
+            bound: ROOT_ERROR,
+            quadric: ROOT_ERROR,
             level: round,
         });
     }
@@ -279,8 +290,8 @@ impl Growth {
         let level = level
             .checked_add(1)
             .ok_or_else(|| Error::TooLarge("more than 255 levels of simplification".into()))?;
-        let error = split.error;
-        members.iter().for_each(|c| self.clusters[*c as usize].tracked = Vec::new());
+        let Split { error, bound, quadric, .. } = split;
+        members.iter().for_each(|c| self.clusters[*c as usize].pieces = Pieces::default());
         let lod_sphere = self.sphere_of(&members);
         let first = u32::try_from(store.count())
             .ok()
@@ -288,7 +299,7 @@ impl Growth {
             .ok_or_else(|| Error::TooLarge("more than 2^31 vertices over all levels".into()))?;
         store.positions.extend_from_slice(&split.new_positions);
         store.attributes.extend_from_slice(&split.new_attributes);
-        let mut tracked = split.tracked.into_iter();
+        let mut pieces = split.pieces.into_iter();
         for mut mesh in split.clusters {
             for v in &mut mesh.vertices {
                 if let Some(new) = v.checked_sub(NEW_VERTEX) {
@@ -297,10 +308,10 @@ impl Growth {
             }
             next.push(self.clusters.len() as u32);
             let refined = self.groups.len() as u32;
-            let tracked = tracked.next().unwrap_or_default();
-            self.clusters.push(BuildCluster { mesh, error, lod_sphere, level, refined, tracked });
+            let pieces = pieces.next().unwrap_or_default();
+            self.clusters.push(BuildCluster { mesh, error, bound, quadric, lod_sphere, level, refined, pieces });
         }
-        self.groups.push(BuildGroup { members, lod_sphere, error, level: round });
+        self.groups.push(BuildGroup { members, lod_sphere, error, bound, quadric, level: round });
         Ok(f64::from(error))
     }
 }
@@ -318,28 +329,33 @@ struct Split {
     clusters: Vec<ClusterMesh>,
     new_positions: Vec<[f32; 3]>,
     new_attributes: Vec<f32>,
-    /// For each cluster the vertices of the reference nearest to it, when there is a reference.
-    tracked: Vec<Vec<Tracked>>,
+    /// What each cluster answers for, when the next round asks.
+    pieces: Vec<Pieces>,
     /// Parent error of the group.
     error: f32,
+    bound: f32,
+    quadric: f32,
     step: super::simplify::Step,
+}
+
+/// What a round's errors are proven against.
+#[derive(Clone, Copy)]
+struct Proof<'a> {
+    reference: &'a Reference,
+    all: &'a [BuildCluster],
+    round: u32,
 }
 
 fn simplify_group(
     store: &VertexStore,
     local: &LocalMesh,
     members: &[&BuildCluster],
-    reference: Option<&Reference>,
+    proof: Option<Proof<'_>>,
     options: &BuildOptions,
 ) -> std::result::Result<Split, StuckReason> {
     let Simplified { mut mesh, estimate, step } = simplify(local, store.layout, options)?;
-    let below = members.iter().map(|c| c.error).fold(0.0, f32::max);
-    let mut error = 0.0;
-    if reference.is_none() {
-        let errors = members.iter().map(|c| (c.error.max(0.0), c.mesh.triangles.len()));
-        let errors: Vec<f32> = errors.flat_map(|(error, count)| std::iter::repeat_n(error, count)).collect();
-        error = step_error(options.error, local, &mesh, &errors, estimate);
-    }
+    let most = |of: fn(&BuildCluster) -> f32| members.iter().map(|c| of(c)).fold(0.0, f32::max);
+    let quadric = round_up(f64::from(most(|c| c.quadric)) + f64::from(estimate));
     let stride = store.stride;
     let mut new_positions = Vec::new();
     let mut new_attributes = Vec::new();
@@ -356,21 +372,19 @@ fn simplify_group(
         }
     }
     let clusters = clusterize::clusterize_local(&compact(&mesh, &used), options);
-    let mut tracked = Vec::new();
-    if let Some(reference) = reference {
-        let place = |v: &u32| match v.checked_sub(NEW_VERTEX) {
+    let (mut bound, mut pieces) = (f32::INFINITY, Vec::new());
+    if let Some(Proof { reference, all, round }) = proof {
+        let place = |v: u32| match v.checked_sub(NEW_VERTEX) {
             Some(new) => new_positions[new as usize],
-            None => store.positions[*v as usize],
+            None => store.positions[v as usize],
         };
-        let patches: Vec<Patch<'_>> = clusters
-            .iter()
-            .map(|c| Patch { positions: c.vertices.iter().map(place).collect(), triangles: &c.triangles })
-            .collect();
-        let arrived: Vec<Tracked> = members.iter().flat_map(|c| &c.tracked).copied().collect();
-        (error, tracked) = reference.measure(&arrived, &patches, estimate, SAMPLING_MARGIN);
+        let patches: Vec<Patch<'_>> = clusters.iter().map(|c| Patch::new(c, place)).collect();
+        (bound, pieces) = reference.measure(round, members, all, &patches, estimate);
+        bound = parent_error(most(|c| c.bound), bound);
     }
-    let error = parent_error(below, error);
-    Ok(Split { clusters, new_positions, new_attributes, tracked, error, step })
+    // The estimate also weighs attributes, which change without the shape.
+    let error = parent_error(most(|c| c.error), if bound.is_finite() { quadric.max(bound) } else { quadric });
+    Ok(Split { clusters, new_positions, new_attributes, pieces, error, bound, quadric, step })
 }
 
 /// The part of a mesh that its triangles use: the clusterizer works in proportion to the vertices given.

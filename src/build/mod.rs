@@ -10,7 +10,6 @@ pub mod collapse;
 pub mod dag;
 pub mod hierarchy;
 pub mod lock_borders;
-pub mod measure;
 pub mod partition;
 pub mod reference;
 pub mod simplify;

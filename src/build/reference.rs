@@ -1,28 +1,56 @@
-//! What coarse levels are measured against. Errors measured against the level below add up, and after many levels
-//! their sum is several times the true distance. So every few rounds the surface as it then is becomes the
-//! reference, and the rounds after it are measured against that: its own error enters once, and is small.
+//! What a round is measured against. Errors measured against the level below add up, and after many levels their
+//! sum is several times the true distance. So every few rounds the surface as it then is becomes the reference, and
+//! the rounds after it are measured against that: its own error enters once, and is small.
 //!
-//! From the new surface to the reference any nearest point will do. The other way the reference's vertices travel
-//! up the DAG with the clusters that they are nearest to, so that each is measured by the group that answers for
-//! its part of the surface.
+//! From the new surface to the reference any nearest point will do. The other way the reference's triangles travel up
+//! the DAG with the clusters that answer for them, cut in pieces where they lie on several, so that each is measured
+//! by the group that simplifies its part of the surface. The proof is in docs/numerics.md.
+
+use std::sync::Arc;
 
 use super::clusterize::ClusterMesh;
 use super::dag::BuildCluster;
-use super::store::{RoundPositions, VertexStore};
-use crate::math::{Aabb, morton};
-use crate::measure::TriangleTree;
+use super::store::{Numbering, RoundPositions};
+use crate::math::sphere::round_up;
+use crate::measure::closest::Triangle;
+use crate::measure::overlay::{Bounds, NONE, Overlay, Sheet};
+use crate::measure::piece::Piece;
+use crate::measure::BoundOptions;
+use crate::mesh::hash;
 
-/// The first round that is measured against a reference: before, there are too many triangles to be worth it.
-const FIRST_ROUND: u32 = 4;
 /// Rounds that share a reference: each has half the triangles of the one before.
 const ROUNDS: u32 = 3;
+/// A bound may be this part above the largest distance found.
+const SLACK: f64 = 0.1;
+/// Distances below this part of the simplifier's estimate are not told apart: the largest is above it.
+const FLOOR: f64 = 0.25;
 
-/// A vertex of the reference.
-#[derive(Clone, Copy, Debug)]
-pub struct Tracked {
-    position: [f32; 3],
-    /// Error of the reference there.
-    error: f32,
+/// Triangles of the reference, or parts of them, that a cluster answers for.
+#[derive(Clone, Debug, Default)]
+pub struct Pieces {
+    /// Numbers of whole triangles.
+    whole: Vec<u32>,
+    /// Triangle, corners and cuts of each part.
+    parts: Vec<(u32, u8, u8)>,
+    corners: Vec<[f64; 3]>,
+}
+
+impl Pieces {
+    fn push(&mut self, triangle: u32, part: &Piece) {
+        self.parts.push((triangle, part.corners().len() as u8, part.cuts()));
+        self.corners.extend_from_slice(part.corners());
+    }
+
+    /// Calls `visit` with each triangle and the part of it, if it is not whole.
+    fn each(&self, mut visit: impl FnMut(u32, Option<Piece>)) {
+        self.whole.iter().for_each(|t| visit(*t, None));
+        let mut rest = self.corners.as_slice();
+        for (t, count, cuts) in &self.parts {
+            let (corners, after) = rest.split_at(usize::from(*count));
+            rest = after;
+            visit(*t, Some(Piece::restored(corners, *cuts)));
+        }
+    }
 }
 
 /// A cluster that is being measured.
@@ -37,78 +65,164 @@ pub struct Patch<'a> {
 /// The surface of an earlier round.
 #[derive(Debug)]
 pub struct Reference {
-    tree: TriangleTree,
-    /// Error of the surface at each triangle.
-    errors: Vec<f32>,
+    round: u32,
+    positions: Arc<RoundPositions>,
+    /// Its clusters, and the number of the first triangle of each.
+    clusters: Vec<u32>,
+    starts: Vec<u32>,
+}
+
+/// A reference as one group needs it: triangles numbered from 0 in order of first use.
+#[derive(Default)]
+struct Local {
+    triangles: Vec<Triangle>,
+    corners: Vec<[u32; 3]>,
+    radii: Vec<f64>,
 }
 
 impl Reference {
     /// Whether a round starts with a new reference.
     pub fn is_due(round: u32) -> bool {
-        round >= FIRST_ROUND && (round - FIRST_ROUND).is_multiple_of(ROUNDS)
+        round.is_multiple_of(ROUNDS)
     }
 
-    /// The surface of clusters.
-    pub fn new(store: &VertexStore, clusters: &[&BuildCluster], bounds: &Aabb) -> Self {
-        let corner = |c: &ClusterMesh, v: u8| store.positions[c.vertices[usize::from(v)] as usize];
-        let mut triangles: Vec<(u64, [[f32; 3]; 3], f32)> = Vec::new();
-        for cluster in clusters {
-            for t in &cluster.mesh.triangles {
-                let p = t.map(|v| corner(&cluster.mesh, v));
-                let centroid = [0, 1, 2].map(|k| (p[0][k] + p[1][k] + p[2][k]) / 3.0);
-                triangles.push((morton::code(centroid, bounds), p, cluster.error.max(0.0)));
-            }
+    /// The surface of a round's clusters.
+    pub fn new(round: u32, positions: Arc<RoundPositions>, pending: &[u32], all: &[BuildCluster]) -> Self {
+        let mut starts = Vec::with_capacity(pending.len());
+        let mut count = 0;
+        for c in pending {
+            starts.push(count);
+            count += all[*c as usize].mesh.triangles.len() as u32;
         }
-        triangles.sort_by_key(|t| t.0);
-        let errors = triangles.iter().map(|t| t.2).collect();
-        Self { tree: TriangleTree::of(triangles.into_iter().map(|t| t.1).collect()), errors }
+        Self { round, positions, clusters: pending.to_vec(), starts }
     }
 
-    /// The vertices of clusters of the reference itself, each given to the first cluster that has it.
-    pub fn track(round: &RoundPositions, clusters: &[&BuildCluster]) -> Vec<Vec<Tracked>> {
-        let mut seen = vec![false; round.positions.len()];
-        let tracked = |(i, cluster): (usize, &&BuildCluster)| {
-            let error = cluster.error.max(0.0);
-            let new = |p: &&u32| !std::mem::replace(&mut seen[**p as usize], true);
-            let numbers = round.of(i).iter().filter(new);
-            numbers.map(|p| Tracked { position: round.positions[*p as usize], error }).collect()
+    /// What each of its clusters answers for: itself.
+    pub fn pieces<'a>(&'a self, all: &'a [BuildCluster]) -> impl Iterator<Item = Pieces> + 'a {
+        self.clusters.iter().zip(&self.starts).map(|(c, start)| {
+            let count = all[*c as usize].mesh.triangles.len() as u32;
+            Pieces { whole: (*start..start + count).collect(), ..Pieces::default() }
+        })
+    }
+
+    /// The triangles that some clusters answer for, and the number of each in the order of [`Pieces::each`].
+    fn local(&self, members: &[&BuildCluster], all: &[BuildCluster]) -> (Local, Vec<u32>) {
+        let count = members.iter().map(|m| m.pieces.whole.len() + m.pieces.parts.len()).sum();
+        let (mut of_triangles, mut of_points) = (Numbering::default(), Numbering::default());
+        of_triangles.reset(count);
+        of_points.reset(3 * count);
+        let mut out = Local::default();
+        let mut numbers = Vec::with_capacity(count);
+        let mut slot = 0;
+        let mut add = |t: u32| {
+            let (number, new) = of_triangles.number(t);
+            numbers.push(number);
+            if !new {
+                return;
+            }
+            // Mostly that of the triangle before.
+            let holds = |slot: usize| {
+                self.starts[slot] <= t && self.starts.get(slot + 1).is_none_or(|next| t < *next)
+            };
+            if !holds(slot) {
+                slot = self.starts.partition_point(|start| *start <= t) - 1;
+            }
+            let cluster = &all[self.clusters[slot] as usize];
+            let positions = self.positions.of(slot);
+            let corners = cluster.mesh.triangles[(t - self.starts[slot]) as usize]
+                .map(|v| positions[usize::from(v)]);
+            out.triangles.push(corners.map(|p| self.positions.positions[p as usize].map(f64::from)));
+            out.corners.push(corners.map(|p| of_points.number(p).0));
+            out.radii.push(f64::from(cluster.bound));
         };
-        clusters.iter().enumerate().map(tracked).collect()
+        for member in members {
+            member.pieces.whole.iter().for_each(|t| add(*t));
+            member.pieces.parts.iter().for_each(|part| add(part.0));
+        }
+        (out, numbers)
     }
 
-    /// The error of patches that replace the surface on which the `tracked` vertices lie: the larger of
-    /// `estimate` and the distances at the vertices of either surface, times `margin`, plus the error of the
-    /// reference there. Also hands the tracked vertices over to the patches.
+    /// A bound for patches that replace `members`: how far any of their points may be from the source, and any point
+    /// of the source that the members answer for from them. Also hands over what the members answer for; nothing
+    /// where no further round of this reference will ask.
     pub fn measure(
         &self,
-        tracked: &[Tracked],
+        round: u32,
+        members: &[&BuildCluster],
+        all: &[BuildCluster],
         patches: &[Patch<'_>],
         estimate: f32,
-        margin: f32,
-    ) -> (f32, Vec<Vec<Tracked>>) {
-        let mut owners = Vec::new();
-        let mut triangles = Vec::new();
-        for (i, patch) in patches.iter().enumerate() {
-            owners.resize(owners.len() + patch.triangles.len(), i);
-            triangles.extend(patch.triangles.iter().map(|t| t.map(|v| patch.positions[usize::from(v)])));
+    ) -> (f32, Vec<Pieces>) {
+        let keep = !Self::is_due(round + 1);
+        debug_assert!(round - self.round < ROUNDS);
+        let (local, numbers) = self.local(members, all);
+        let before = Sheet::new(local.triangles, &local.corners, local.radii);
+        let (after, owners) = sheet_of(patches);
+        let goal = BoundOptions { floor: f64::from(estimate) * FLOOR, slack: SLACK, ..BoundOptions::default() };
+        let mut bounds = Bounds::new(goal);
+        let mut handed = vec![Pieces::default(); if keep { patches.len() } else { 0 }];
+
+        let mut to_after = Overlay::new(&after);
+        let mut number = numbers.iter();
+        let mut starts = vec![NONE; after.triangles().len()];
+        let mut parts: Vec<(Piece, u32)> = Vec::new();
+        for member in members {
+            member.pieces.each(|t, part| {
+                let Some(local) = number.next() else { return };
+                let radius = before.radius(*local);
+                let piece = part.unwrap_or_else(|| Piece::new(before.triangles()[*local as usize]));
+                parts.clear();
+                to_after.lay(&mut bounds, piece, radius, &mut |part, place| {
+                    starts[place as usize] = *local;
+                    if keep {
+                        parts.push((*part, owners[place as usize]));
+                    }
+                });
+                let Some((_, owner)) = parts.first() else { return };
+                if parts.iter().any(|(_, other)| other != owner) {
+                    parts.iter().for_each(|(part, owner)| handed[*owner as usize].push(t, part));
+                } else if part.is_some() {
+                    handed[*owner as usize].push(t, &piece);
+                } else {
+                    handed[*owner as usize].whole.push(t);
+                }
+            });
         }
-        let tree = TriangleTree::of(triangles);
-        let mut error = tracked.iter().fold(0.0, |e, t| t.error.max(e)) + margin * estimate;
-        let mut handed = vec![Vec::new(); patches.len()];
-        // Both lists run along the surface: what was nearest to one point is near the next.
-        let mut nearest = 0;
-        for vertex in tracked {
-            let squared;
-            (squared, nearest) = tree.nearest(vertex.position, nearest);
-            error = error.max(vertex.error + margin * squared.sqrt());
-            handed[owners[nearest as usize]].push(*vertex);
+        let mut to_before = Overlay::new(&before);
+        for (t, start) in after.triangles().iter().zip(starts) {
+            if start != NONE {
+                to_before.hint = start;
+            }
+            to_before.lay(&mut bounds, Piece::new(*t), 0.0, &mut |_, _| {});
         }
-        nearest = 0;
-        for p in patches.iter().flat_map(|patch| &patch.positions) {
-            let squared;
-            (squared, nearest) = self.tree.nearest(*p, nearest);
-            error = error.max(self.errors[nearest as usize] + margin * squared.sqrt());
+        let both = before.triangles().iter().chain(after.triangles());
+        let largest = both.flatten().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
+        (round_up(bounds.stated(largest)), handed)
+    }
+}
+
+/// The sheet of all patches, and which of them each triangle belongs to.
+fn sheet_of(patches: &[Patch<'_>]) -> (Sheet, Vec<u32>) {
+    let positions: Vec<[f32; 3]> = patches.iter().flat_map(|p| &p.positions).copied().collect();
+    let first_equal = hash::first_equal(bytemuck::cast_slice(&positions), 3);
+    let (mut triangles, mut corners, mut owners) = (Vec::new(), Vec::new(), Vec::new());
+    let mut first = 0;
+    for (i, patch) in patches.iter().enumerate() {
+        for t in patch.triangles {
+            let t = t.map(|v| first + usize::from(v));
+            triangles.push(t.map(|v| positions[v].map(f64::from)));
+            corners.push(t.map(|v| first_equal[v]));
+            owners.push(i as u32);
         }
-        (error, handed)
+        first += patch.positions.len();
+    }
+    let radii = vec![0.0; triangles.len()];
+    (Sheet::new(triangles, &corners, radii), owners)
+}
+
+impl<'a> Patch<'a> {
+    /// A cluster with its positions.
+    pub fn new(mesh: &'a ClusterMesh, position: impl Fn(u32) -> [f32; 3]) -> Self {
+        Self { positions: mesh.vertices.iter().map(|v| position(*v)).collect(), triangles: &mesh.triangles }
     }
 }

@@ -1,7 +1,7 @@
 //! Which clusters make up a cut.
 
 use crate::model::rule::Threshold;
-use crate::model::{ClusterAddress, Dag};
+use crate::model::{ClusterAddress, Dag, Group};
 
 /// The clusters that the rule of the cut draws, in page order: exactly one over every piece of the surface.
 pub fn select(dag: &Dag, threshold: &Threshold) -> Vec<ClusterAddress> {
@@ -31,9 +31,10 @@ pub fn select(dag: &Dag, threshold: &Threshold) -> Vec<ClusterAddress> {
     clusters
 }
 
-/// The largest error of a cut's clusters in object units, plus the rounding of the source positions; rounded up.
+/// The largest distance stated for a cut's clusters in object units, plus the rounding of the source positions; rounded up.
 pub fn cut_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
-    let largest = clusters.iter().map(|at| dag.record(*at).error).fold(0.0, f32::max);
+    let distance = |at: &ClusterAddress| dag.groups.get(dag.record(*at).refined as usize).map(Group::distance);
+    let largest = clusters.iter().filter_map(distance).fold(0.0, f32::max);
     let error = f64::from(largest) * dag.frame.scale + dag.frame.rounding;
     if dag.frame.rounding > 0.0 { error.next_up() } else { error }
 }

@@ -10,12 +10,10 @@
 //! The proof and its rounding stand in docs/numerics.md.
 
 use super::bvh::Bvh;
-use super::closest::{Triangle, Vec3, along, cross, dot, normal, squared, squared_distance, sub};
+use super::hausdorff::BoundOptions;
+use super::closest::{Triangle, Vec3, cross, dot, normal, squared_distance, sub};
+use super::piece::{CORNERS, MOST_CUTS, Piece};
 
-/// Corners of a piece at most; a piece that would have more is halved instead.
-const CORNERS: usize = 8;
-/// Cuts that led to a piece at most. docs/numerics.md: each moves the surface by rounding.
-const MOST_CUTS: u8 = 100;
 /// Triangles to overlay a piece with; a piece that is near to more is halved first.
 const NEARBY: usize = 40;
 /// Pieces of one triangle during an overlay.
@@ -26,117 +24,10 @@ const STEPS_BETWEEN_ASKING: u64 = 1_000;
 /// takes corners too far out, at sharp angles.
 const BESIDE: [f64; 3] = [0.6, 0.2, 0.002];
 
-/// A convex polygon.
-#[derive(Clone, Copy, Debug)]
-struct Piece {
-    corners: [Vec3; CORNERS],
-    count: u8,
-    cuts: u8,
-    /// Overlaid already, without success.
-    left_over: bool,
-}
-
-impl Piece {
-    fn new(t: Triangle) -> Self {
-        let mut corners = [[0.0; 3]; CORNERS];
-        corners[..3].copy_from_slice(&t);
-        Self { corners, count: 3, cuts: 0, left_over: false }
-    }
-
-    fn corners(&self) -> &[Vec3] {
-        &self.corners[..usize::from(self.count)]
-    }
-
-    fn center(&self) -> Vec3 {
-        let share = 1.0 / f64::from(self.count);
-        self.corners().iter().fold([0.0; 3], |sum, p| along(sum, *p, share))
-    }
-
-    /// Greatest squared distance of a corner from a point.
-    fn squared_radius(&self, p: Vec3) -> f64 {
-        self.corners().iter().fold(0.0, |most, c| most.max(squared(p, *c)))
-    }
-
-    fn push(&mut self, p: Vec3) -> Option<()> {
-        *self.corners.get_mut(usize::from(self.count))? = p;
-        self.count += 1;
-        Some(())
-    }
-
-    /// No corners yet, after one more cut.
-    fn child(&self) -> Self {
-        let cuts = self.cuts.saturating_add(1);
-        Self { corners: [[0.0; 3]; CORNERS], count: 0, cuts, left_over: false }
-    }
-
-    /// Adds to `inside` the part where `sides`, one value per corner and linear between them, is up to 0, and to
-    /// `outside` that where it is above. `None` where a part would have too many corners.
-    fn cut(&self, sides: &[f64; CORNERS], inside: &mut Self, outside: &mut Self) -> Option<()> {
-        let count = usize::from(self.count);
-        for i in 0..count {
-            let j = if i + 1 == count { 0 } else { i + 1 };
-            let (a, b) = (sides[i], sides[j]);
-            if a <= 0.0 {
-                inside.push(self.corners[i])?
-            } else {
-                outside.push(self.corners[i])?
-            }
-            if (a <= 0.0) != (b <= 0.0) {
-                let t = (a / (a - b)).clamp(0.0, 1.0);
-                let p = along(self.corners[i], sub(self.corners[j], self.corners[i]), t);
-                inside.push(p)?;
-                outside.push(p)?;
-            }
-        }
-        Some(())
-    }
-
-    /// Two halves, across the longest diagonal. A piece too small to be cut gives itself and nothing.
-    fn halves(&self) -> (Self, Option<Self>) {
-        let corners = self.corners();
-        let (mut far, mut ends) = (0.0, (0, 0));
-        for i in 0..corners.len() {
-            for j in i + 1..corners.len() {
-                let d = squared(corners[i], corners[j]);
-                if d > far {
-                    (far, ends) = (d, (i, j));
-                }
-            }
-        }
-        let (a, b) = (corners[ends.0], corners[ends.1]);
-        let (axis, middle) = (sub(b, a), along(a, sub(b, a), 0.5));
-        let mut sides = [0.0; CORNERS];
-        sides.iter_mut().zip(corners).for_each(|(s, p)| *s = dot(axis, sub(*p, middle)));
-        let (mut first, mut second) = (self.child(), self.child());
-        if self.cut(&sides, &mut first, &mut second).is_none() {
-            // Too many corners for a cut: the fan from the first corner, in two.
-            (first, second) = (self.child(), self.child());
-            let half = corners.len() / 2;
-            corners[..=half].iter().for_each(|p| first.push(*p).unwrap_or(()));
-            corners[half..].iter().chain(&corners[..1]).for_each(|p| second.push(*p).unwrap_or(()));
-        }
-        if first.count == 0 || second.count == 0 {
-            return (Self { cuts: MOST_CUTS, ..*self }, None);
-        }
-        (first, Some(second))
-    }
-}
-
-/// How near a bound should come.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Goal {
-    /// Upper bounds up to this are as good as zero.
-    pub floor: f64,
-    /// Upper bounds up to (1 + slack) times the lower bound are good enough.
-    pub slack: f64,
-    /// Pieces of a triangle to look at more closely, at most.
-    pub budget: u64,
-}
-
 /// The bounds of what was covered so far, and what is used over and over on the way.
 pub(super) struct Cover<'a> {
     surface: &'a Bvh,
-    goal: Goal,
+    goal: BoundOptions,
     /// Asked now and then; after `false` nothing is worth having.
     go_on: &'a dyn Fn() -> bool,
     /// The largest distance at a point.
@@ -150,7 +41,8 @@ pub(super) struct Cover<'a> {
     /// The goal was met everywhere.
     pub complete: bool,
     hint: usize,
-    stack: Vec<Piece>,
+    /// Pieces to do, and whether they were overlaid already, without success.
+    stack: Vec<(Piece, bool)>,
     nearby: Vec<u32>,
     now: Vec<Piece>,
     rest: Vec<Piece>,
@@ -158,7 +50,7 @@ pub(super) struct Cover<'a> {
 
 impl<'a> Cover<'a> {
     /// Nothing covered. `lower` is a distance known to occur.
-    pub(super) fn new(surface: &'a Bvh, goal: Goal, lower: f64, go_on: &'a dyn Fn() -> bool) -> Self {
+    pub(super) fn new(surface: &'a Bvh, goal: BoundOptions, lower: f64, go_on: &'a dyn Fn() -> bool) -> Self {
         Self {
             surface,
             goal,
@@ -181,12 +73,6 @@ impl<'a> Cover<'a> {
         self.goal.floor.max(self.lower * (1.0 + self.goal.slack))
     }
 
-    /// Measures at a point of what stands `extra` farther off; raises the lower bound if that is larger.
-    pub(super) fn probe(&mut self, p: Vec3, extra: f64) -> f64 {
-        let enough = self.limit() / (1.0 + self.goal.slack) - extra;
-        self.measure(p, extra, enough).0
-    }
-
     /// The distance at a point, or anything up to `enough`, with `extra`; and the place it was measured to.
     fn measure(&mut self, p: Vec3, extra: f64, enough: f64) -> (f64, usize) {
         let Some(nearest) = self.surface.nearest(p, f64::INFINITY, enough, self.hint) else {
@@ -203,11 +89,17 @@ impl<'a> Cover<'a> {
 
     /// Covers a triangle that stands for something within `extra` of it.
     pub(super) fn triangle(&mut self, triangle: Triangle, extra: f64) {
+        self.piece(Piece::new(triangle), extra, &mut |_, _| {});
+    }
+
+    /// Covers a piece that stands for something within `extra` of it. `taken` is told which parts of it were bounded
+    /// by which places.
+    pub(super) fn piece(&mut self, piece: Piece, extra: f64, taken: &mut dyn FnMut(&Piece, usize)) {
         let mut budget = self.goal.budget;
-        self.stack.push(Piece::new(triangle));
-        while let Some(piece) = self.stack.pop() {
+        self.stack.push((piece, false));
+        while let Some((piece, left_over)) = self.stack.pop() {
             let reach = self.limit() - extra;
-            if !piece.left_over && reach > 0.0 && self.overlay(&piece, reach, extra) {
+            if !left_over && reach > 0.0 && self.overlay(&piece, reach, extra, taken) {
                 continue;
             }
             self.steps += 1;
@@ -217,37 +109,40 @@ impl<'a> Cover<'a> {
                 self.upper = f64::INFINITY;
                 return;
             }
-            let bound = self.bound(&piece, extra);
-            if bound <= self.limit() {
+            let (bound, place) = self.bound(&piece, extra);
+            let enough = bound <= self.limit();
+            if enough || budget == 0 || piece.cuts >= MOST_CUTS {
                 self.upper = self.upper.max(bound);
-                continue;
-            }
-            if budget == 0 || piece.cuts >= MOST_CUTS {
-                self.upper = self.upper.max(bound);
-                self.complete = false;
+                self.complete &= enough;
+                taken(&piece, place);
                 continue;
             }
             budget -= 1;
             let (first, second) = piece.halves();
-            self.stack.extend(second);
-            self.stack.push(first);
+            self.stack.extend(second.map(|piece| (piece, false)));
+            self.stack.push((first, false));
         }
     }
 
-    /// A bound of a piece from the triangles nearest to its centre and, if that is not enough, to its corners.
-    fn bound(&mut self, piece: &Piece, extra: f64) -> f64 {
+    /// A bound of a piece, and the place it holds for, from the triangles nearest to its centre and, if that is not
+    /// enough, to its corners.
+    fn bound(&mut self, piece: &Piece, extra: f64) -> (f64, usize) {
         let center = piece.center();
         let (distance, place) = self.measure(center, extra, -1.0);
-        let mut bound = distance + piece.squared_radius(center).sqrt();
-        bound = bound.min(self.to_triangle(piece, place) + extra);
-        if bound <= self.limit() {
-            return bound;
-        }
+        let mut best = distance + piece.squared_radius(center).sqrt();
+        let mut at = place;
+        best = best.min(self.to_triangle(piece, place) + extra);
         for corner in piece.corners() {
+            if best <= self.limit() {
+                break;
+            }
             let (_, place) = self.measure(*corner, extra, -1.0);
-            bound = bound.min(self.to_triangle(piece, place) + extra);
+            let bound = self.to_triangle(piece, place) + extra;
+            if bound < best {
+                (best, at) = (bound, place);
+            }
         }
-        bound
+        (best, at)
     }
 
     /// The largest distance of a piece to one triangle.
@@ -262,7 +157,13 @@ impl<'a> Cover<'a> {
 
     /// Overlays a piece with the triangles around it; what they leave goes onto the stack. False, and nothing done,
     /// where there are too many of them.
-    fn overlay(&mut self, piece: &Piece, reach: f64, extra: f64) -> bool {
+    fn overlay(
+        &mut self,
+        piece: &Piece,
+        reach: f64,
+        extra: f64,
+        taken: &mut dyn FnMut(&Piece, usize),
+    ) -> bool {
         if !self.surface.around(piece.corners(), reach, NEARBY, &mut self.nearby) {
             return false;
         }
@@ -283,8 +184,9 @@ impl<'a> Cover<'a> {
             let prism = Prism::new(self.surface.triangle(place), allowed);
             // What is left of a piece lies beside this triangle: going backwards, it is not looked at again.
             for i in (0..self.now.len()).rev() {
-                if let Some(most) = prism.take(&self.now[i], &mut self.rest) {
+                if let Some((most, part)) = prism.take(&self.now[i], &mut self.rest) {
                     self.upper = self.upper.max(most.sqrt() + radius + extra);
+                    taken(&part, place);
                     self.now.swap_remove(i);
                     self.now.append(&mut self.rest);
                 }
@@ -293,7 +195,7 @@ impl<'a> Cover<'a> {
                 break;
             }
         }
-        self.stack.extend(self.now.iter().map(|piece| Piece { left_over: true, ..*piece }));
+        self.stack.extend(self.now.iter().map(|piece| (*piece, true)));
         true
     }
 }
@@ -340,8 +242,8 @@ impl Prism {
     }
 
     /// Takes what lies over the triangle within the distance allowed, and appends what is left of the piece to
-    /// `rest`. Returns the largest squared distance of what was taken; `None` where that is nothing.
-    fn take(&self, piece: &Piece, rest: &mut Vec<Piece>) -> Option<f64> {
+    /// `rest`. Returns the largest squared distance of what was taken, and that; `None` where it is nothing.
+    fn take(&self, piece: &Piece, rest: &mut Vec<Piece>) -> Option<(f64, Piece)> {
         let degenerate = self.lengths == [0.0; 3];
         let mut far = false;
         for k in 0..3 {
@@ -360,7 +262,7 @@ impl Prism {
         if !far || degenerate {
             let all = self.squared_allowed(piece);
             if all.is_some() || degenerate {
-                return all;
+                return all.map(|most| (most, *piece));
             }
         }
         if piece.cuts >= MOST_CUTS - 3 {
@@ -377,7 +279,7 @@ impl Prism {
     }
 
     /// Cuts along the three sides. `None`, with anything appended to `rest`, where what is inside is too far or nothing.
-    fn carve(&self, piece: Piece, beside: f64, rest: &mut Vec<Piece>) -> Option<f64> {
+    fn carve(&self, piece: Piece, beside: f64, rest: &mut Vec<Piece>) -> Option<(f64, Piece)> {
         let mut inside = piece;
         for k in 0..3 {
             let mut sides = [0.0; CORNERS];
@@ -397,6 +299,6 @@ impl Prism {
                 inside = part;
             }
         }
-        self.squared_allowed(&inside)
+        self.squared_allowed(&inside).map(|most| (most, inside))
     }
 }

@@ -4,8 +4,10 @@ use rayon::prelude::*;
 
 use super::bvh::Bvh;
 use super::closest::{Triangle, Vec3};
-use super::cover::{Cover, Goal};
+use super::cover::Cover;
 use super::deviation::Surface;
+use super::overlay::{Bounds, Overlay, Sheet};
+use super::piece::Piece;
 use crate::error::{Error, Result};
 
 /// How near a bound should come, and what it may cost.
@@ -51,16 +53,6 @@ fn triangles(surface: Surface<'_>) -> Vec<Triangle> {
     surface.indices.chunks_exact(3).map(|t| [corner(t[0]), corner(t[1]), corner(t[2])]).collect()
 }
 
-/// For each position that a triangle refers to, the largest radius of these triangles; −1 for the others.
-fn extras(surface: Surface<'_>, radii: &[f32]) -> Vec<f64> {
-    let mut out = vec![-1.0f64; surface.positions.len()];
-    for (i, t) in surface.indices.chunks_exact(3).enumerate() {
-        let radius = radii.get(i).copied().map_or(0.0, f64::from);
-        t.iter().for_each(|v| out[*v as usize] = out[*v as usize].max(radius));
-    }
-    out
-}
-
 /// Bounds of the Hausdorff distance between two surfaces, where triangle t of `b` stands for something within
 /// `radii[t]` of it: of the larger of
 ///
@@ -82,38 +74,22 @@ pub fn hausdorff_upper(
         (false, false) => {}
         _ => return SurfaceBound { lower: f64::INFINITY, upper: f64::INFINITY, complete: true },
     }
-    let wide: Vec<f64> = radii.iter().map(|r| f64::from(*r)).collect();
-    let goal = Goal { floor: options.floor, slack: options.slack, budget: options.budget };
-    let (of_a, of_b) = (Bvh::new(&a_triangles), Bvh::with_radii(&b_triangles, &wide));
-
-    let always = || true;
-    let (mut to_b, mut to_a) = (Cover::new(&of_b, goal, 0.0, &always), Cover::new(&of_a, goal, 0.0, &always));
-    let mut largest = 0.0f64;
-    let mut probe = |cover: &mut Cover<'_>, surface: Surface<'_>, radii: &[f32]| {
-        for (p, extra) in surface.positions.iter().zip(extras(surface, radii)) {
-            if extra >= 0.0 {
-                let p = p.map(f64::from);
-                largest = p.iter().fold(largest, |m, x| m.max(x.abs()));
-                cover.probe(p, extra);
-            }
-        }
-    };
-    probe(&mut to_b, a, &[]);
-    to_a.lower = to_b.lower;
-    probe(&mut to_a, b, radii);
-    to_b.lower = to_a.lower;
+    let largest = a_triangles.iter().chain(&b_triangles).flatten().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
+    let corners = |s: Surface<'_>| s.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect::<Vec<_>>();
+    let radius = |t: usize| radii.get(t).copied().map_or(0.0, f64::from);
+    let wide = (0..b_triangles.len()).map(radius).collect();
+    let none = vec![0.0; a_triangles.len()];
+    let of_a = Sheet::new(a_triangles, &corners(a), none);
+    let of_b = Sheet::new(b_triangles, &corners(b), wide);
+    let mut bounds = Bounds::new(*options);
+    let (mut to_a, mut to_b) = (Overlay::new(&of_a), Overlay::new(&of_b));
+    for (i, t) in of_b.triangles().iter().enumerate() {
+        to_a.lay(&mut bounds, Piece::new(*t), radius(i), &mut |_, _| {});
+    }
     for t in of_a.triangles() {
-        to_b.triangle(*t, 0.0);
+        to_b.lay(&mut bounds, Piece::new(*t), 0.0, &mut |_, _| {});
     }
-    to_a.lower = to_b.lower;
-    for (place, t) in of_b.triangles().iter().enumerate() {
-        to_a.triangle(*t, of_b.radius(place));
-    }
-    SurfaceBound {
-        lower: to_a.lower,
-        upper: outwards(to_a.upper.max(to_b.upper), largest),
-        complete: to_a.complete && to_b.complete,
-    }
+    SurfaceBound { lower: bounds.lower, upper: bounds.stated(largest), complete: bounds.complete }
 }
 
 /// Bounds of the distance of one mesh to another.
@@ -156,7 +132,7 @@ pub(super) fn one_sided(
         let end = from.len().min(start + chunks * WORK);
         // Few triangles need any: each may take eight times its share of what is left.
         let budget = budget.saturating_sub(pieces).div_ceil((end - start) as u64 / 8 + 1);
-        let goal = Goal { floor, slack, budget };
+        let goal = BoundOptions { floor, slack, budget };
         let round: Vec<_> = from.triangles()[start..end]
             .par_chunks(WORK)
             .map(|part| {

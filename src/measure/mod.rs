@@ -6,6 +6,8 @@ mod cover;
 pub mod deviation;
 pub mod distance;
 pub mod hausdorff;
+pub mod overlay;
+pub mod piece;
 pub mod tree;
 pub mod triangle;
 

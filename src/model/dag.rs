@@ -27,13 +27,21 @@ pub struct Group {
     pub center: [f32; 3],
     /// Half extents of that box, rounded up.
     pub extent: [f32; 3],
-    /// Zero.
-    pub reserved: [u32; 2],
+    /// How far what was made from this group is from the source, and the source from it: proven, or +∞ where
+    /// building proved nothing.
+    pub bound: f32,
+    /// The simplifier's estimate of it, attributes weighed in, added up from level to level; +∞ like `error`.
+    pub quadric: f32,
 }
 
 const _: () = assert!(size_of::<Group>() == 64);
 
 impl Group {
+    /// What cuts state for what was made from this group: the bound, or else the error that the rule uses.
+    pub fn distance(&self) -> f32 {
+        if self.bound < self.error { self.bound } else { self.error }
+    }
+
     /// Addresses of the members.
     pub fn members(&self) -> impl Iterator<Item = ClusterAddress> + use<> {
         let first = self.first.0;

@@ -1,0 +1,321 @@
+//! Overlaying the triangles of one surface with another one that is nearly the same: what a step of simplification
+//! made with what it was made from.
+//!
+//! A piece of a triangle starts anywhere on the other surface and moves across edges to where it belongs. What
+//! straddles an edge is cut by the plane that halves the angle there, and each part goes its own way. At the end each
+//! part lies over one triangle, to which its distance is largest at a corner. Walking finds good triangles fast; that the bound
+//! holds does not depend on them. Where the walk ends too far off, `cover` does it from all sides.
+//!
+//! The proof and its rounding stand in docs/numerics.md.
+
+use std::cell::OnceCell;
+
+use super::bvh::Bvh;
+use super::closest::{Triangle, Vec3, cross, dot, normal, squared_distance, sub};
+use super::cover::Cover;
+use super::hausdorff::{BoundOptions, outwards};
+use super::piece::{CORNERS, MOST_CUTS, Piece};
+use super::tree::TriangleTree;
+
+/// No triangle.
+pub const NONE: u32 = u32::MAX;
+/// Triangles that a walk of a point or a piece crosses at most.
+const MOST_STEPS: u32 = 48;
+/// How far a piece may stick out over an edge and still not be cut, in parts of the distance allowed.
+const BESIDE: f64 = 0.3;
+/// Neighbours whose normals have a cosine below this are folded over: no plane halves their angle well.
+const FOLDED: f64 = -0.9;
+
+/// A plane through an edge of a triangle: the offset of a point outwards.
+#[derive(Clone, Copy, Debug)]
+struct Side {
+    normal: Vec3,
+    offset: f64,
+}
+
+impl Side {
+    fn of(&self, p: Vec3) -> f64 {
+        dot(self.normal, p) - self.offset
+    }
+}
+
+/// A surface to overlay others with.
+#[derive(Debug)]
+pub struct Sheet {
+    triangles: Vec<Triangle>,
+    radii: Vec<f64>,
+    /// Across the edge from corner k to the next one.
+    neighbours: Vec<[u32; 3]>,
+    sides: Vec<[Side; 3]>,
+    tree: OnceCell<TriangleTree>,
+    bvh: OnceCell<Bvh>,
+}
+
+impl Sheet {
+    /// The sheet of triangles, each of which stands for something within its radius. Corners with the same number
+    /// are the same point; numbers start at 0 and leave out few.
+    pub fn new(triangles: Vec<Triangle>, corners: &[[u32; 3]], radii: Vec<f64>) -> Self {
+        let neighbours = neighbours(corners);
+        let normals: Vec<Vec3> = triangles.iter().map(|t| unit(normal(*t))).collect();
+        let sides = triangles.iter().enumerate().map(|(i, t)| {
+            std::array::from_fn(|k| {
+                let n = normals[i];
+                let m = normals.get(neighbours[i][k] as usize).filter(|m| dot(n, **m) > FOLDED);
+                let n = m.map_or(n, |m| std::array::from_fn(|axis| n[axis] + m[axis]));
+                let outwards = unit(cross(sub(t[(k + 1) % 3], t[k]), n));
+                Side { normal: outwards, offset: dot(outwards, t[k]) }
+            })
+        });
+        let sides = sides.collect();
+        Self { triangles, radii, neighbours, sides, tree: OnceCell::new(), bvh: OnceCell::new() }
+    }
+
+    /// Its triangles.
+    pub fn triangles(&self) -> &[Triangle] {
+        &self.triangles
+    }
+
+    /// The radius of a triangle.
+    pub fn radius(&self, t: u32) -> f64 {
+        self.radii[t as usize]
+    }
+
+    /// The triangle nearest to a point, but for f32 rounding.
+    fn nearest(&self, p: Vec3, near: u32) -> u32 {
+        let tree = self.tree.get_or_init(|| {
+            TriangleTree::of(self.triangles.iter().map(|t| t.map(|p| p.map(|x| x as f32))).collect())
+        });
+        tree.nearest(p.map(|x| x as f32), near).1
+    }
+
+    fn bvh(&self) -> &Bvh {
+        self.bvh.get_or_init(|| Bvh::with_radii(&self.triangles, &self.radii))
+    }
+
+    /// Walks from a triangle towards a point; `None` where that leads nowhere.
+    fn walk(&self, p: Vec3, start: u32) -> Option<u32> {
+        let (mut at, mut from) = (start, start);
+        for _ in 0..MOST_STEPS {
+            let (mut most, mut next) = (0.0, at);
+            for (side, neighbour) in self.sides[at as usize].iter().zip(self.neighbours[at as usize]) {
+                let side = side.of(p);
+                if side > most {
+                    (most, next) = (side, neighbour);
+                }
+            }
+            if next == at || next == from {
+                // Between two that send it to each other it belongs to both.
+                return Some(at);
+            }
+            if next == NONE {
+                return None;
+            }
+            (from, at) = (at, next);
+        }
+        None
+    }
+}
+
+/// The bounds of what was overlaid so far.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounds {
+    goal: BoundOptions,
+    /// The largest distance found at a point, or what the largest is known to exceed.
+    pub lower: f64,
+    /// No point of what was overlaid is farther off.
+    pub upper: f64,
+    /// The goal was met everywhere.
+    pub complete: bool,
+}
+
+impl Bounds {
+    /// Nothing overlaid yet.
+    pub fn new(goal: BoundOptions) -> Self {
+        Self { goal, lower: 0.0, upper: 0.0, complete: true }
+    }
+
+    /// The upper bound as it may be stated, where no coordinate was larger.
+    pub fn stated(&self, largest_coordinate: f64) -> f64 {
+        outwards(self.upper, largest_coordinate)
+    }
+
+    fn limit(&self) -> f64 {
+        self.goal.floor.max(self.lower * (1.0 + self.goal.slack))
+    }
+}
+
+/// What overlaying a surface uses over and over.
+pub struct Overlay<'a> {
+    sheet: &'a Sheet,
+    /// Pieces, where they are, and the steps they took.
+    stack: Vec<(Piece, u32, u32)>,
+    far: Vec<(Piece, u32)>,
+    /// Where the last piece ended: a good start for one nearby.
+    pub hint: u32,
+}
+
+impl<'a> Overlay<'a> {
+    /// For a sheet that has triangles.
+    pub fn new(sheet: &'a Sheet) -> Self {
+        Self { sheet, stack: Vec::new(), far: Vec::new(), hint: 0 }
+    }
+
+    /// Bounds the distance of a piece, which stands for something within `extra` of it. `taken` is told which part
+    /// was bounded by which triangle.
+    pub fn lay(
+        &mut self,
+        bounds: &mut Bounds,
+        piece: Piece,
+        extra: f64,
+        taken: &mut impl FnMut(&Piece, u32),
+    ) {
+        bounds.lower = bounds.lower.max(extra);
+        let center = piece.center();
+        let start = self.sheet.walk(center, self.hint).unwrap_or_else(|| self.sheet.nearest(center, self.hint));
+        self.hint = start;
+        self.stack.push((piece, start, 0));
+        self.spread(bounds, extra, taken);
+        while let Some((piece, at)) = self.far.pop() {
+            self.bring(bounds, piece, at, extra, taken);
+        }
+    }
+
+    /// Lets the pieces on the stack go where they belong. Those too far off at the end are put aside.
+    fn spread(&mut self, bounds: &mut Bounds, extra: f64, taken: &mut impl FnMut(&Piece, u32)) {
+        while let Some((mut piece, at, steps)) = self.stack.pop() {
+            let beside = (bounds.limit() - extra) * BESIDE;
+            let sides = &self.sheet.sides[at as usize];
+            let mut moved = false;
+            for k in 0..3 {
+                let next = self.sheet.neighbours[at as usize][k];
+                if next == NONE || steps == MOST_STEPS {
+                    continue;
+                }
+                let mut out = [0.0; CORNERS];
+                let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+                for (s, p) in out.iter_mut().zip(piece.corners()) {
+                    *s = sides[k].of(*p);
+                    least = if *s < least { *s } else { least };
+                    most = if *s > most { *s } else { most };
+                }
+                if most <= beside {
+                    continue;
+                }
+                if least >= 0.0 {
+                    self.stack.push((piece, next, steps + 1));
+                    moved = true;
+                    break;
+                }
+                if piece.cuts >= MOST_CUTS {
+                    continue;
+                }
+                let (mut inside, mut outside) = (piece.child(), piece.child());
+                if piece.cut(&out, &mut inside, &mut outside).is_some() {
+                    self.stack.push((outside, next, steps + 1));
+                    piece = inside;
+                }
+            }
+            if !moved {
+                let bound = self.distance(&piece, at) + extra;
+                if bound <= bounds.limit() {
+                    bounds.upper = bounds.upper.max(bound);
+                    taken(&piece, at);
+                } else {
+                    self.far.push((piece, at));
+                }
+            }
+        }
+    }
+
+    /// The largest distance of a piece to a triangle, with the triangle's radius.
+    fn distance(&self, piece: &Piece, at: u32) -> f64 {
+        let t = self.sheet.triangles[at as usize];
+        let most = piece.corners().iter().fold(0.0f64, |most, p| most.max(squared_distance(*p, t)));
+        most.sqrt() + self.sheet.radius(at)
+    }
+
+    /// Bounds a piece that ended far off: perhaps that is where the surface is, perhaps it went astray.
+    fn bring(
+        &mut self,
+        bounds: &mut Bounds,
+        piece: Piece,
+        mut at: u32,
+        extra: f64,
+        taken: &mut impl FnMut(&Piece, u32),
+    ) {
+        let to = |p: Vec3, t: u32| {
+            squared_distance(p, self.sheet.triangles[t as usize]).sqrt() + self.sheet.radius(t)
+        };
+        let mut best = self.distance(&piece, at) + extra;
+        // Of all corners, the one that makes it far.
+        let worst = piece.corners().iter().fold(piece.corners[0], |worst, p| {
+            if to(*p, at) > to(worst, at) { *p } else { worst }
+        });
+        let near = self.sheet.nearest(worst, at);
+        bounds.lower = bounds.lower.max(to(worst, near).min(to(worst, at)) + extra);
+        if best > bounds.limit() && near != at {
+            let other = self.distance(&piece, near) + extra;
+            if other < best {
+                (best, at) = (other, near);
+            }
+        }
+        if best <= bounds.limit() {
+            bounds.upper = bounds.upper.max(best);
+            taken(&piece, at);
+            return;
+        }
+        let bvh = self.sheet.bvh();
+        let always = || true;
+        let mut cover = Cover::new(bvh, bounds.goal, bounds.lower, &always);
+        cover.piece(piece, extra, &mut |part, place| taken(part, bvh.id(place) as u32));
+        bounds.lower = cover.lower;
+        bounds.upper = bounds.upper.max(cover.upper);
+        bounds.complete &= cover.complete;
+    }
+}
+
+fn unit(v: Vec3) -> Vec3 {
+    let length = dot(v, v).sqrt();
+    if length > 0.0 { v.map(|x| x / length) } else { [0.0; 3] }
+}
+
+/// For each triangle and edge another triangle that runs along it the other way, or else the same way; [`NONE`] where
+/// there is none. Two of several: any.
+fn neighbours(corners: &[[u32; 3]]) -> Vec<[u32; 3]> {
+    let points = corners.iter().flatten().max().map_or(0, |v| *v as usize + 1);
+    // Half-edges by their smaller end, counted two places ahead, so that filling leaves the starts where they belong.
+    let ends = |f: &[u32; 3], k: usize| (f[k], f[(k + 1) % 3]);
+    let mut starts = vec![0u32; points + 2];
+    for f in corners {
+        (0..3).for_each(|k| starts[f[k].min(f[(k + 1) % 3]) as usize + 2] += 1);
+    }
+    for i in 2..starts.len() {
+        starts[i] += starts[i - 1];
+    }
+    let mut halves = vec![(0u32, 0u32); 3 * corners.len()];
+    for (i, f) in corners.iter().enumerate() {
+        for k in 0..3 {
+            let (a, b) = ends(f, k);
+            let at = &mut starts[a.min(b) as usize + 1];
+            halves[*at as usize] = (a.max(b), (4 * i + k) as u32);
+            *at += 1;
+        }
+    }
+    let mut out = vec![[NONE; 3]; corners.len()];
+    for bucket in 0..points {
+        let uses = &mut halves[starts[bucket] as usize..starts[bucket + 1] as usize];
+        uses.sort_unstable();
+        for same in uses.chunk_by(|x, y| x.0 == y.0) {
+            for (i, (_, half)) in same.iter().enumerate() {
+                let of = |half: u32| (half as usize / 4, half as usize % 4);
+                let (t, k) = of(*half);
+                let start = corners[t][k];
+                let others = (1..same.len()).map(|j| of(same[(i + j) % same.len()].1));
+                let opposite = others.clone().find(|(u, j)| *u != t && corners[*u][*j] != start);
+                let other = opposite.or_else(|| others.clone().find(|(u, _)| *u != t));
+                out[t][k] = other.map_or(NONE, |(u, _)| u as u32);
+            }
+        }
+    }
+    out
+}

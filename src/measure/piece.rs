@@ -1,0 +1,116 @@
+//! A convex polygon, and cutting it by planes.
+
+use super::closest::{Triangle, Vec3, along, dot, squared, sub};
+
+/// Corners of a piece at most; a piece that would have more is halved instead.
+pub(super) const CORNERS: usize = 8;
+/// Cuts that led to a piece at most. docs/numerics.md: each moves the surface by rounding.
+pub(super) const MOST_CUTS: u8 = 100;
+
+/// A convex polygon.
+#[derive(Clone, Copy, Debug)]
+pub struct Piece {
+    pub(super) corners: [Vec3; CORNERS],
+    pub(super) count: u8,
+    pub(super) cuts: u8,
+}
+
+impl Piece {
+    /// A whole triangle.
+    pub fn new(t: Triangle) -> Self {
+        let mut corners = [[0.0; 3]; CORNERS];
+        corners[..3].copy_from_slice(&t);
+        Self { corners, count: 3, cuts: 0 }
+    }
+
+    /// What `corners` and `cuts` of a piece said.
+    pub fn restored(corners: &[Vec3], cuts: u8) -> Self {
+        let mut out = Self { corners: [[0.0; 3]; CORNERS], count: corners.len() as u8, cuts };
+        out.corners[..corners.len()].copy_from_slice(corners);
+        out
+    }
+
+    /// How often it was cut.
+    pub fn cuts(&self) -> u8 {
+        self.cuts
+    }
+
+    /// Its corners in order.
+    pub fn corners(&self) -> &[Vec3] {
+        &self.corners[..usize::from(self.count)]
+    }
+
+    pub(super) fn center(&self) -> Vec3 {
+        let share = 1.0 / f64::from(self.count);
+        self.corners().iter().fold([0.0; 3], |sum, p| along(sum, *p, share))
+    }
+
+    /// Greatest squared distance of a corner from a point.
+    pub(super) fn squared_radius(&self, p: Vec3) -> f64 {
+        self.corners().iter().fold(0.0, |most, c| most.max(squared(p, *c)))
+    }
+
+    pub(super) fn push(&mut self, p: Vec3) -> Option<()> {
+        *self.corners.get_mut(usize::from(self.count))? = p;
+        self.count += 1;
+        Some(())
+    }
+
+    /// No corners yet, after one more cut.
+    pub(super) fn child(&self) -> Self {
+        let cuts = self.cuts.saturating_add(1);
+        Self { corners: [[0.0; 3]; CORNERS], count: 0, cuts }
+    }
+
+    /// Adds to `inside` the part where `sides`, one value per corner and linear between them, is up to 0, and to
+    /// `outside` that where it is above. `None` where a part would have too many corners.
+    pub(super) fn cut(&self, sides: &[f64; CORNERS], inside: &mut Self, outside: &mut Self) -> Option<()> {
+        let count = usize::from(self.count);
+        for i in 0..count {
+            let j = if i + 1 == count { 0 } else { i + 1 };
+            let (a, b) = (sides[i], sides[j]);
+            if a <= 0.0 {
+                inside.push(self.corners[i])?
+            } else {
+                outside.push(self.corners[i])?
+            }
+            if (a <= 0.0) != (b <= 0.0) {
+                let t = (a / (a - b)).clamp(0.0, 1.0);
+                let p = along(self.corners[i], sub(self.corners[j], self.corners[i]), t);
+                inside.push(p)?;
+                outside.push(p)?;
+            }
+        }
+        Some(())
+    }
+
+    /// Two halves, across the longest diagonal. A piece too small to be cut gives itself and nothing.
+    pub(super) fn halves(&self) -> (Self, Option<Self>) {
+        let corners = self.corners();
+        let (mut far, mut ends) = (0.0, (0, 0));
+        for i in 0..corners.len() {
+            for j in i + 1..corners.len() {
+                let d = squared(corners[i], corners[j]);
+                if d > far {
+                    (far, ends) = (d, (i, j));
+                }
+            }
+        }
+        let (a, b) = (corners[ends.0], corners[ends.1]);
+        let (axis, middle) = (sub(b, a), along(a, sub(b, a), 0.5));
+        let mut sides = [0.0; CORNERS];
+        sides.iter_mut().zip(corners).for_each(|(s, p)| *s = dot(axis, sub(*p, middle)));
+        let (mut first, mut second) = (self.child(), self.child());
+        if self.cut(&sides, &mut first, &mut second).is_none() {
+            // Too many corners for a cut: the fan from the first corner, in two.
+            (first, second) = (self.child(), self.child());
+            let half = corners.len() / 2;
+            corners[..=half].iter().for_each(|p| first.push(*p).unwrap_or(()));
+            corners[half..].iter().chain(&corners[..1]).for_each(|p| second.push(*p).unwrap_or(()));
+        }
+        if first.count == 0 || second.count == 0 {
+            return (Self { cuts: MOST_CUTS, ..*self }, None);
+        }
+        (first, Some(second))
+    }
+}
