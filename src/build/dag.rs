@@ -201,7 +201,7 @@ impl Growth {
         }
         let shared = shared_positions(&positions, &groups);
         if options.error == ErrorMeasure::Bound && Reference::is_due(round) {
-            self.start_reference(round, &positions, &pending);
+            self.start_reference(&positions, &pending);
         }
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
         let outcomes: Vec<_> = groups
@@ -248,8 +248,8 @@ impl Growth {
     }
 
     /// Makes the surface of the pending clusters the reference.
-    fn start_reference(&mut self, round: u32, positions: &Arc<RoundPositions>, pending: &[u32]) {
-        let reference = Reference::new(round, Arc::clone(positions), pending, &self.clusters);
+    fn start_reference(&mut self, positions: &Arc<RoundPositions>, pending: &[u32]) {
+        let reference = Reference::new(Arc::clone(positions), pending, &self.clusters);
         let pieces: Vec<Pieces> = reference.pieces(&self.clusters).collect();
         pending.iter().zip(pieces).for_each(|(c, pieces)| self.clusters[*c as usize].pieces = pieces);
         self.reference = Some(reference);

@@ -18,8 +18,10 @@ use crate::measure::piece::Piece;
 use crate::measure::BoundOptions;
 use crate::mesh::hash;
 
-/// Rounds that share a reference: each has half the triangles of the one before.
-const ROUNDS: u32 = 3;
+/// Rounds that share the first reference, which is the source: each costs in proportion to its triangles.
+const FIRST_ROUNDS: u32 = 4;
+/// Rounds that share each further one.
+const ROUNDS: u32 = 6;
 /// A bound may be this part above the largest distance found.
 const SLACK: f64 = 0.1;
 /// Distances below this part of the simplifier's estimate are not told apart: the largest is above it.
@@ -65,7 +67,6 @@ pub struct Patch<'a> {
 /// The surface of an earlier round.
 #[derive(Debug)]
 pub struct Reference {
-    round: u32,
     positions: Arc<RoundPositions>,
     /// Its clusters, and the number of the first triangle of each.
     clusters: Vec<u32>,
@@ -83,18 +84,18 @@ struct Local {
 impl Reference {
     /// Whether a round starts with a new reference.
     pub fn is_due(round: u32) -> bool {
-        round.is_multiple_of(ROUNDS)
+        round == 0 || round >= FIRST_ROUNDS && (round - FIRST_ROUNDS).is_multiple_of(ROUNDS)
     }
 
     /// The surface of a round's clusters.
-    pub fn new(round: u32, positions: Arc<RoundPositions>, pending: &[u32], all: &[BuildCluster]) -> Self {
+    pub fn new(positions: Arc<RoundPositions>, pending: &[u32], all: &[BuildCluster]) -> Self {
         let mut starts = Vec::with_capacity(pending.len());
         let mut count = 0;
         for c in pending {
             starts.push(count);
             count += all[*c as usize].mesh.triangles.len() as u32;
         }
-        Self { round, positions, clusters: pending.to_vec(), starts }
+        Self { positions, clusters: pending.to_vec(), starts }
     }
 
     /// What each of its clusters answers for: itself.
@@ -154,7 +155,6 @@ impl Reference {
         estimate: f32,
     ) -> (f32, Vec<Pieces>) {
         let keep = !Self::is_due(round + 1);
-        debug_assert!(round - self.round < ROUNDS);
         let (local, numbers) = self.local(members, all);
         let before = Sheet::new(local.triangles, &local.corners, local.radii);
         let (after, owners) = sheet_of(patches);
