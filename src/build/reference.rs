@@ -25,7 +25,7 @@ const ROUNDS: u32 = 6;
 /// A bound may be this part above the largest distance found.
 const SLACK: f64 = 0.1;
 /// Distances below this part of the simplifier's estimate are not told apart: the largest is above it.
-const FLOOR: f64 = 0.25;
+const FLOOR: f64 = 0.1;
 
 /// Triangles of the reference, or parts of them, that a cluster answers for.
 #[derive(Clone, Debug, Default)]

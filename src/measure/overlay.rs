@@ -21,8 +21,10 @@ use super::tree::TriangleTree;
 pub const NONE: u32 = u32::MAX;
 /// Triangles that a walk of a point or a piece crosses at most.
 const MOST_STEPS: u32 = 48;
-/// How far a piece may stick out over an edge and still not be cut, in parts of the distance allowed.
-const BESIDE: f64 = 0.3;
+/// What sticks out over an edge by less than this part of the distance allowed is not cut off.
+const BESIDE: f64 = 0.1;
+/// Pieces of a triangle that are halved and sent off again before `cover` is asked.
+const TRIES: u32 = 16;
 /// Neighbours whose normals have a cosine below this are folded over: no plane halves their angle well.
 const FOLDED: f64 = -0.9;
 
@@ -39,6 +41,39 @@ impl Side {
     }
 }
 
+/// A triangle prepared for points that lie about over it.
+#[derive(Clone, Copy, Debug)]
+struct Plate {
+    corner: Vec3,
+    edges: [Vec3; 2],
+    /// Dot products with the way from the corner give the shares of the two edges.
+    dual: [Vec3; 2],
+}
+
+impl Plate {
+    fn new([a, b, c]: Triangle) -> Self {
+        let (ab, ac) = (sub(b, a), sub(c, a));
+        let (bb, bc, cc) = (dot(ab, ab), dot(ab, ac), dot(ac, ac));
+        let area = bb * cc - bc * bc;
+        let scale = if area > 0.0 { 1.0 / area } else { 0.0 };
+        let scale = if scale.is_finite() { scale } else { 0.0 };
+        let dual = |u: f64, v: f64| std::array::from_fn(|k| (u * ab[k] + v * ac[k]) * scale);
+        Self { corner: a, edges: [ab, ac], dual: [dual(cc, -bc), dual(-bc, bb)] }
+    }
+
+    /// The squared distance to some point of the triangle, the nearest for what lies over it: whatever rounding made of
+    /// the shares, they are those of a point of the triangle.
+    fn squared_distance(&self, p: Vec3) -> f64 {
+        let d = sub(p, self.corner);
+        let (v, w) = (dot(self.dual[0], d).max(0.0), dot(self.dual[1], d).max(0.0));
+        let over = (v + w).max(1.0);
+        let (v, w) = if over > 1.0 { (v / over, w / over) } else { (v, w) };
+        let [ab, ac] = self.edges;
+        let rest: Vec3 = std::array::from_fn(|k| d[k] - v * ab[k] - w * ac[k]);
+        dot(rest, rest)
+    }
+}
+
 /// A surface to overlay others with.
 #[derive(Debug)]
 pub struct Sheet {
@@ -47,6 +82,7 @@ pub struct Sheet {
     /// Across the edge from corner k to the next one.
     neighbours: Vec<[u32; 3]>,
     sides: Vec<[Side; 3]>,
+    plates: Vec<Plate>,
     tree: OnceCell<TriangleTree>,
     bvh: OnceCell<Bvh>,
 }
@@ -67,7 +103,8 @@ impl Sheet {
             })
         });
         let sides = sides.collect();
-        Self { triangles, radii, neighbours, sides, tree: OnceCell::new(), bvh: OnceCell::new() }
+        let plates = triangles.iter().map(|t| Plate::new(*t)).collect();
+        Self { triangles, radii, neighbours, sides, plates, tree: OnceCell::new(), bvh: OnceCell::new() }
     }
 
     /// Its triangles.
@@ -173,58 +210,94 @@ impl<'a> Overlay<'a> {
         let center = piece.center();
         let start = self.sheet.walk(center, self.hint).unwrap_or_else(|| self.sheet.nearest(center, self.hint));
         self.hint = start;
-        self.stack.push((piece, start, 0));
-        self.spread(bounds, extra, taken);
-        while let Some((piece, at)) = self.far.pop() {
-            self.bring(bounds, piece, at, extra, taken);
-        }
-    }
-
-    /// Lets the pieces on the stack go where they belong. Those too far off at the end are put aside.
-    fn spread(&mut self, bounds: &mut Bounds, extra: f64, taken: &mut impl FnMut(&Piece, u32)) {
-        while let Some((mut piece, at, steps)) = self.stack.pop() {
-            let beside = (bounds.limit() - extra) * BESIDE;
-            let sides = &self.sheet.sides[at as usize];
-            let mut moved = false;
-            for k in 0..3 {
-                let next = self.sheet.neighbours[at as usize][k];
-                if next == NONE || steps == MOST_STEPS {
-                    continue;
-                }
-                let mut out = [0.0; CORNERS];
-                let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
-                for (s, p) in out.iter_mut().zip(piece.corners()) {
-                    *s = sides[k].of(*p);
-                    least = if *s < least { *s } else { least };
-                    most = if *s > most { *s } else { most };
-                }
-                if most <= beside {
-                    continue;
-                }
-                if least >= 0.0 {
-                    self.stack.push((piece, next, steps + 1));
-                    moved = true;
-                    break;
-                }
-                if piece.cuts >= MOST_CUTS {
-                    continue;
-                }
-                let (mut inside, mut outside) = (piece.child(), piece.child());
-                if piece.cut(&out, &mut inside, &mut outside).is_some() {
-                    self.stack.push((outside, next, steps + 1));
-                    piece = inside;
-                }
-            }
-            if !moved {
-                let bound = self.distance(&piece, at) + extra;
-                if bound <= bounds.limit() {
-                    bounds.upper = bounds.upper.max(bound);
-                    taken(&piece, at);
+        self.spread(bounds, piece, start, 0, extra, taken);
+        let mut tries = TRIES;
+        loop {
+            while let Some((piece, at, steps)) = self.stack.pop() {
+                if steps < MOST_STEPS {
+                    self.spread(bounds, piece, at, steps, extra, taken);
                 } else {
                     self.far.push((piece, at));
                 }
             }
+            let Some((piece, at)) = self.far.pop() else { break };
+            self.bring(bounds, piece, at, &mut tries, extra, taken);
         }
+    }
+
+    /// Lets a piece go where it belongs. What is too far off at the end is put aside.
+    fn spread(
+        &mut self,
+        bounds: &mut Bounds,
+        mut piece: Piece,
+        at: u32,
+        steps: u32,
+        extra: f64,
+        taken: &mut impl FnMut(&Piece, u32),
+    ) {
+        let allowed = bounds.limit() - extra;
+        if let Some(bound) = self.within(&piece, at, allowed) {
+            bounds.upper = bounds.upper.max(bound + extra);
+            taken(&piece, at);
+            return;
+        }
+        let beside = allowed * BESIDE;
+        let mut cut = false;
+        for (side, next) in self.sheet.sides[at as usize].iter().zip(self.sheet.neighbours[at as usize]) {
+            if next == NONE {
+                continue;
+            }
+            let mut out = [0.0; CORNERS];
+            let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+            for (s, p) in out.iter_mut().zip(piece.corners()) {
+                *s = side.of(*p);
+                least = if *s < least { *s } else { least };
+                most = if *s > most { *s } else { most };
+            }
+            if most <= beside {
+                continue;
+            }
+            if least >= -beside {
+                self.stack.push((piece, next, steps + 1));
+                return;
+            }
+            if piece.cuts >= MOST_CUTS {
+                continue;
+            }
+            let (mut inside, mut outside) = (piece.child(), piece.child());
+            if piece.cut(&out, &mut inside, &mut outside).is_some() {
+                self.stack.push((outside, next, steps + 1));
+                piece = inside;
+                cut = true;
+            }
+        }
+        match self.within(&piece, at, if cut { allowed } else { -1.0 }) {
+            Some(bound) => {
+                bounds.upper = bounds.upper.max(bound + extra);
+                taken(&piece, at);
+            }
+            None => self.far.push((piece, at)),
+        }
+    }
+
+    /// The largest distance of a piece to a triangle, with the triangle's radius, if it is not more than allowed.
+    fn within(&self, piece: &Piece, at: u32, allowed: f64) -> Option<f64> {
+        let radius = self.sheet.radius(at);
+        let reach = allowed - radius;
+        if reach < 0.0 {
+            return None;
+        }
+        let plate = &self.sheet.plates[at as usize];
+        let enough = reach * reach;
+        let mut most = 0.0;
+        for p in piece.corners() {
+            let d = plate.squared_distance(*p);
+            if d > enough {
+                return None;
+            }
+            most = if d > most { d } else { most };
+        }
+        Some(most.sqrt() + radius)
     }
 
     /// The largest distance of a piece to a triangle, with the triangle's radius.
@@ -240,6 +313,7 @@ impl<'a> Overlay<'a> {
         bounds: &mut Bounds,
         piece: Piece,
         mut at: u32,
+        tries: &mut u32,
         extra: f64,
         taken: &mut impl FnMut(&Piece, u32),
     ) {
@@ -262,6 +336,16 @@ impl<'a> Overlay<'a> {
         if best <= bounds.limit() {
             bounds.upper = bounds.upper.max(best);
             taken(&piece, at);
+            return;
+        }
+        if *tries > 0 && piece.cuts < MOST_CUTS {
+            // From where each half is near to.
+            *tries -= 1;
+            let (first, second) = piece.halves();
+            for half in std::iter::once(first).chain(second) {
+                let start = self.sheet.nearest(half.center(), at);
+                self.stack.push((half, start, 0));
+            }
             return;
         }
         let bvh = self.sheet.bvh();
