@@ -5,14 +5,12 @@
 mod shapes;
 
 use std::hint::black_box;
-use std::iter::once;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use meshopt::{SimplifyOptions, VertexDataAdapter, simplify, typed_to_bytes};
 use nanite_rs::measure::closest::Triangle;
-use nanite_rs::measure::deviation::Stars;
-use nanite_rs::measure::{BoundOptions, Bvh, Surface, deviation, hausdorff_upper};
+use nanite_rs::measure::{BoundOptions, Bvh, Surface, hausdorff_upper};
 
 /// Runs `work` so many times: the processor time of this thread where the system tells, which others at work on the
 /// machine disturb less, or else the time that passed.
@@ -43,14 +41,6 @@ fn patch(triangles: usize) -> (Vec<[f32; 3]>, Vec<u32>) {
     faces.truncate(triangles);
     faces.sort_unstable();
     (positions, faces.into_flattened())
-}
-
-/// The vertices of some triangles, each once.
-fn used(indices: &[u32]) -> Vec<u32> {
-    let mut out = indices.to_vec();
-    out.sort_unstable();
-    out.dedup();
-    out
 }
 
 /// meshoptimizer's result and its estimate of the distance.
@@ -85,17 +75,6 @@ fn bounds(c: &mut Criterion) {
                 bench.iter_custom(|times| processor_time(times, || hausdorff_upper(a, b, &[], &options)))
             });
         }
-        // What building does for the first levels: vertices alone, which bounds nothing.
-        let stars = [&coarse, &fine].map(|indices| Stars::new(positions.len(), indices));
-        group.bench_function("vertices alone", |bench| {
-            bench.iter_custom(|times| {
-                processor_time(times, || {
-                    let probes = |of: &[u32]| used(of).into_iter().map(|v| (positions[v as usize], once(v)));
-                    let d = deviation(b, &stars[1], probes(&coarse), 0.0);
-                    deviation(a, &stars[0], probes(&fine), d)
-                })
-            });
-        });
         group.finish();
     }
 }

@@ -34,8 +34,9 @@ class Cut:
     uvs : list of (N, 2) float32 arrays
         UV sets, as many as the source had.
     error : float
-        The largest stated error of its clusters, in the units of the mesh: measured at the vertices of both
-        surfaces step by step and added up, not yet a proven bound. 0 at full detail.
+        No point of the cut is farther from the source surface, and no point of the source from the cut, in the units
+        of the mesh: proven and rounded up (docs/numerics.md). With ``error="quadric"`` an estimate, and often too
+        low. 0 at full detail.
     cluster_ids : (C,) uint32 array
         Addresses of the clusters.
     cluster_levels : (C,) uint8 array

@@ -53,8 +53,7 @@ class BuildOptions:
     less root mean square error at the same size and builds 1.3 to 1.7 times as long."""
     error: Literal["quadric", "bound"] = "bound"
     """How the errors that cuts state are found: "bound" proves them for every point of both surfaces, in either
-    direction; "sampled" measures distances at vertices and adds a margin, which no mesh has exceeded in our tests;
-    "quadric" trusts the simplifier, which is often too low and builds fastest."""
+    direction (see docs/numerics.md); "quadric" trusts the simplifier, which is often too low and builds fastest."""
     normal_weight: float = 1.0
     """Weight of a unit of normal deviation against one mean edge length of distance."""
     color_weight: float = 1.0

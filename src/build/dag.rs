@@ -210,7 +210,8 @@ impl Growth {
                 let local = LocalMesh::of_clusters(store, &meshes, &positions, members, &shared);
                 let members: Vec<&BuildCluster> =
                     members.iter().map(|c| &self.clusters[pending[*c as usize] as usize]).collect();
-                let proof = self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters, round });
+                let proof =
+                    self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters, round });
                 let outcome = simplify_group(store, &local, &members, proof, options);
                 (meter.advance(local.indices.len() / 6), outcome)
             })
@@ -309,7 +310,16 @@ impl Growth {
             next.push(self.clusters.len() as u32);
             let refined = self.groups.len() as u32;
             let pieces = pieces.next().unwrap_or_default();
-            self.clusters.push(BuildCluster { mesh, error, bound, quadric, lod_sphere, level, refined, pieces });
+            self.clusters.push(BuildCluster {
+                mesh,
+                error,
+                bound,
+                quadric,
+                lod_sphere,
+                level,
+                refined,
+                pieces,
+            });
         }
         self.groups.push(BuildGroup { members, lod_sphere, error, bound, quadric, level: round });
         Ok(f64::from(error))

@@ -12,10 +12,10 @@ use super::clusterize::ClusterMesh;
 use super::dag::BuildCluster;
 use super::store::{Numbering, RoundPositions};
 use crate::math::sphere::round_up;
-use crate::measure::closest::Triangle;
-use crate::measure::overlay::{Bounds, NONE, Overlay, Sheet};
-use crate::measure::piece::Piece;
 use crate::measure::BoundOptions;
+use crate::measure::closest::Triangle;
+use crate::measure::overlay::{Bounds, NO_TRIANGLE, Overlay, Sheet};
+use crate::measure::piece::Piece;
 use crate::mesh::hash;
 
 /// Rounds that share the first reference, which is the source: each costs in proportion to its triangles.
@@ -130,8 +130,8 @@ impl Reference {
             }
             let cluster = &all[self.clusters[slot] as usize];
             let positions = self.positions.of(slot);
-            let corners = cluster.mesh.triangles[(t - self.starts[slot]) as usize]
-                .map(|v| positions[usize::from(v)]);
+            let corners =
+                cluster.mesh.triangles[(t - self.starts[slot]) as usize].map(|v| positions[usize::from(v)]);
             out.triangles.push(corners.map(|p| self.positions.positions[p as usize].map(f64::from)));
             out.corners.push(corners.map(|p| of_points.number(p).0));
             out.radii.push(f64::from(cluster.bound));
@@ -158,13 +158,14 @@ impl Reference {
         let (local, numbers) = self.local(members, all);
         let before = Sheet::new(local.triangles, &local.corners, local.radii);
         let (after, owners) = sheet_of(patches);
-        let goal = BoundOptions { floor: f64::from(estimate) * FLOOR, slack: SLACK, ..BoundOptions::default() };
+        let goal =
+            BoundOptions { floor: f64::from(estimate) * FLOOR, slack: SLACK, ..BoundOptions::default() };
         let mut bounds = Bounds::new(goal);
         let mut handed = vec![Pieces::default(); if keep { patches.len() } else { 0 }];
 
         let mut to_after = Overlay::new(&after);
         let mut number = numbers.iter();
-        let mut starts = vec![NONE; after.triangles().len()];
+        let mut starts = vec![NO_TRIANGLE; after.triangles().len()];
         let mut parts: Vec<(Piece, u32)> = Vec::new();
         for member in members {
             member.pieces.each(|t, part| {
@@ -190,7 +191,7 @@ impl Reference {
         }
         let mut to_before = Overlay::new(&before);
         for (t, start) in after.triangles().iter().zip(starts) {
-            if start != NONE {
+            if start != NO_TRIANGLE {
                 to_before.hint = start;
             }
             to_before.lay(&mut bounds, Piece::new(*t), 0.0, &mut |_, _| {});

@@ -33,7 +33,8 @@ pub fn select(dag: &Dag, threshold: &Threshold) -> Vec<ClusterAddress> {
 
 /// The largest distance stated for a cut's clusters in object units, plus the rounding of the source positions; rounded up.
 pub fn cut_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
-    let distance = |at: &ClusterAddress| dag.groups.get(dag.record(*at).refined as usize).map(Group::distance);
+    let distance =
+        |at: &ClusterAddress| dag.groups.get(dag.record(*at).refined as usize).map(Group::distance);
     let largest = clusters.iter().filter_map(distance).fold(0.0, f32::max);
     let error = f64::from(largest) * dag.frame.scale + dag.frame.rounding;
     if dag.frame.rounding > 0.0 { error.next_up() } else { error }

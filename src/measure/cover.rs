@@ -10,8 +10,8 @@
 //! The proof and its rounding stand in docs/numerics.md.
 
 use super::bvh::Bvh;
-use super::hausdorff::BoundOptions;
 use super::closest::{Triangle, Vec3, cross, dot, normal, squared_distance, sub};
+use super::hausdorff::BoundOptions;
 use super::piece::{CORNERS, MOST_CUTS, Piece};
 
 /// Triangles to overlay a piece with; a piece that is near to more is halved first.

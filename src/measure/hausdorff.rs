@@ -5,10 +5,18 @@ use rayon::prelude::*;
 use super::bvh::Bvh;
 use super::closest::{Triangle, Vec3};
 use super::cover::Cover;
-use super::deviation::Surface;
 use super::overlay::{Bounds, Overlay, Sheet};
 use super::piece::Piece;
 use crate::error::{Error, Result};
+
+/// A mesh: triangles over positions.
+#[derive(Clone, Copy, Debug)]
+pub struct Surface<'a> {
+    /// Positions.
+    pub positions: &'a [[f32; 3]],
+    /// Three per triangle.
+    pub indices: &'a [u32],
+}
 
 /// How near a bound should come, and what it may cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,7 +82,8 @@ pub fn hausdorff_upper(
         (false, false) => {}
         _ => return SurfaceBound { lower: f64::INFINITY, upper: f64::INFINITY, complete: true },
     }
-    let largest = a_triangles.iter().chain(&b_triangles).flatten().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
+    let largest =
+        a_triangles.iter().chain(&b_triangles).flatten().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
     let corners = |s: Surface<'_>| s.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect::<Vec<_>>();
     let radius = |t: usize| radii.get(t).copied().map_or(0.0, f64::from);
     let wide = (0..b_triangles.len()).map(radius).collect();

@@ -3,7 +3,6 @@
 pub mod bvh;
 pub mod closest;
 mod cover;
-pub mod deviation;
 pub mod distance;
 pub mod hausdorff;
 pub mod overlay;
@@ -12,7 +11,6 @@ pub mod tree;
 pub mod triangle;
 
 pub use bvh::Bvh;
-pub use deviation::{Surface, deviation};
 pub use distance::{DistanceOptions, MeshView, closest_points, surface_distance};
-pub use hausdorff::{BoundOptions, SurfaceBound, hausdorff_upper};
+pub use hausdorff::{BoundOptions, Surface, SurfaceBound, hausdorff_upper};
 pub use tree::TriangleTree;

@@ -18,7 +18,7 @@ use super::piece::{CORNERS, MOST_CUTS, Piece};
 use super::tree::TriangleTree;
 
 /// No triangle.
-pub const NONE: u32 = u32::MAX;
+pub const NO_TRIANGLE: u32 = u32::MAX;
 /// Triangles that a walk of a point or a piece crosses at most.
 const MOST_STEPS: u32 = 48;
 /// What sticks out over an edge by less than this part of the distance allowed is not cut off.
@@ -122,7 +122,7 @@ impl Sheet {
         let tree = self.tree.get_or_init(|| {
             TriangleTree::of(self.triangles.iter().map(|t| t.map(|p| p.map(|x| x as f32))).collect())
         });
-        tree.nearest(p.map(|x| x as f32), near).1
+        tree.nearest(p.map(|x| x as f32), near)
     }
 
     fn bvh(&self) -> &Bvh {
@@ -144,7 +144,7 @@ impl Sheet {
                 // Between two that send it to each other it belongs to both.
                 return Some(at);
             }
-            if next == NONE {
+            if next == NO_TRIANGLE {
                 return None;
             }
             (from, at) = (at, next);
@@ -208,7 +208,8 @@ impl<'a> Overlay<'a> {
     ) {
         bounds.lower = bounds.lower.max(extra);
         let center = piece.center();
-        let start = self.sheet.walk(center, self.hint).unwrap_or_else(|| self.sheet.nearest(center, self.hint));
+        let start =
+            self.sheet.walk(center, self.hint).unwrap_or_else(|| self.sheet.nearest(center, self.hint));
         self.hint = start;
         self.spread(bounds, piece, start, 0, extra, taken);
         let mut tries = TRIES;
@@ -244,7 +245,7 @@ impl<'a> Overlay<'a> {
         let beside = allowed * BESIDE;
         let mut cut = false;
         for (side, next) in self.sheet.sides[at as usize].iter().zip(self.sheet.neighbours[at as usize]) {
-            if next == NONE {
+            if next == NO_TRIANGLE {
                 continue;
             }
             let mut out = [0.0; CORNERS];
@@ -322,9 +323,10 @@ impl<'a> Overlay<'a> {
         };
         let mut best = self.distance(&piece, at) + extra;
         // Of all corners, the one that makes it far.
-        let worst = piece.corners().iter().fold(piece.corners[0], |worst, p| {
-            if to(*p, at) > to(worst, at) { *p } else { worst }
-        });
+        let worst = piece
+            .corners()
+            .iter()
+            .fold(piece.corners[0], |worst, p| if to(*p, at) > to(worst, at) { *p } else { worst });
         let near = self.sheet.nearest(worst, at);
         bounds.lower = bounds.lower.max(to(worst, near).min(to(worst, at)) + extra);
         if best > bounds.limit() && near != at {
@@ -363,7 +365,7 @@ fn unit(v: Vec3) -> Vec3 {
     if length > 0.0 { v.map(|x| x / length) } else { [0.0; 3] }
 }
 
-/// For each triangle and edge another triangle that runs along it the other way, or else the same way; [`NONE`] where
+/// For each triangle and edge another triangle that runs along it the other way, or else the same way; [`NO_TRIANGLE`] where
 /// there is none. Two of several: any.
 fn neighbours(corners: &[[u32; 3]]) -> Vec<[u32; 3]> {
     let points = corners.iter().flatten().max().map_or(0, |v| *v as usize + 1);
@@ -385,7 +387,7 @@ fn neighbours(corners: &[[u32; 3]]) -> Vec<[u32; 3]> {
             *at += 1;
         }
     }
-    let mut out = vec![[NONE; 3]; corners.len()];
+    let mut out = vec![[NO_TRIANGLE; 3]; corners.len()];
     for bucket in 0..points {
         let uses = &mut halves[starts[bucket] as usize..starts[bucket + 1] as usize];
         uses.sort_unstable();
@@ -397,7 +399,7 @@ fn neighbours(corners: &[[u32; 3]]) -> Vec<[u32; 3]> {
                 let others = (1..same.len()).map(|j| of(same[(i + j) % same.len()].1));
                 let opposite = others.clone().find(|(u, j)| *u != t && corners[*u][*j] != start);
                 let other = opposite.or_else(|| others.clone().find(|(u, _)| *u != t));
-                out[t][k] = other.map_or(NONE, |(u, _)| u as u32);
+                out[t][k] = other.map_or(NO_TRIANGLE, |(u, _)| u as u32);
             }
         }
     }

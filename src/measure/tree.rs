@@ -23,11 +23,6 @@ fn squared_to_box(p: [f32; 3], b: &Aabb) -> f32 {
 }
 
 impl TriangleTree {
-    /// A tree over the triangles of an index buffer.
-    pub fn new(positions: &[[f32; 3]], indices: &[u32]) -> Self {
-        Self::of(indices.chunks_exact(3).map(|t| [0, 1, 2].map(|k| positions[t[k] as usize])).collect())
-    }
-
     /// A tree over triangles; the nearer they are to their neighbours in the list, the better.
     pub fn of(triangles: Vec<[[f32; 3]; 3]>) -> Self {
         let leaves = triangles.len().div_ceil(LEAF).next_power_of_two();
@@ -41,25 +36,15 @@ impl TriangleTree {
         Self { triangles, boxes, leaves }
     }
 
-    /// Square of the distance to the surface and the nearest triangle, looked for around triangle `near` first.
-    /// +∞ without triangles or for a point that is not finite.
-    pub fn nearest(&self, p: [f32; 3], near: u32) -> (f32, u32) {
-        let best = self.triangles.get(near as usize).map_or(f32::INFINITY, |t| squared_distance(p, *t));
-        self.nearest_between(p, f32::NEG_INFINITY, (best, near))
-    }
-
-    /// Square of the distance to the surface if it is below `best`, or anything up to `enough` as soon as the
-    /// distance is known to be at most that: callers look for a maximum. Otherwise `best`.
-    pub fn squared_distance_between(&self, p: [f32; 3], enough: f32, best: f32) -> f32 {
-        self.nearest_between(p, enough, (best, 0)).0
-    }
-
-    fn nearest_between(&self, p: [f32; 3], enough: f32, found: (f32, u32)) -> (f32, u32) {
-        let (mut best, mut nearest) = found;
+    /// The triangle nearest to a point, looked for around triangle `near` first; `near` where there is none, or the
+    /// point is not finite.
+    pub fn nearest(&self, p: [f32; 3], near: u32) -> u32 {
+        let mut nearest = near;
+        let mut best = self.triangles.get(near as usize).map_or(f32::INFINITY, |t| squared_distance(p, *t));
         let mut stack = [(0u32, 0.0f32); 64];
         let mut top = 1;
         stack[0] = (0, squared_to_box(p, &self.boxes[0]));
-        while top > 0 && best > enough {
+        while top > 0 {
             top -= 1;
             let (node, distance) = stack[top];
             if distance >= best {
@@ -82,11 +67,6 @@ impl TriangleTree {
             stack[top + 1] = near;
             top += 2;
         }
-        (best, nearest)
-    }
-
-    /// The corners of all triangles.
-    pub fn triangles(&self) -> &[[[f32; 3]; 3]] {
-        &self.triangles
+        nearest
     }
 }

@@ -2,9 +2,6 @@
 
 type Vec3 = [f32; 3];
 
-/// Triangles whose doubled area, squared, is below this part of that of the rectangle over two of their sides.
-const THIN: f32 = 1.0e-3;
-
 fn sub(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
@@ -24,43 +21,6 @@ fn squared_to_segment(p: Vec3, a: Vec3, b: Vec3) -> f32 {
     let t = if length > 0.0 { (dot(sub(p, a), ab) / length).clamp(0.0, 1.0) } else { 0.0 };
     let d = sub(p, along(a, ab, t));
     dot(d, d)
-}
-
-/// A triangle prepared to tell quickly whether points lie straight above or below it.
-#[derive(Clone, Copy, Debug)]
-pub struct Prism {
-    corner: Vec3,
-    /// Dot products with the way from the corner give the barycentric coordinates of the other two corners and
-    /// the height. NaN where the triangle is too thin for its plane to be trusted.
-    second: Vec3,
-    third: Vec3,
-    normal: Vec3,
-}
-
-impl Prism {
-    /// Prepares a triangle.
-    pub fn new([a, b, c]: [Vec3; 3]) -> Self {
-        let (ab, ac) = (sub(b, a), sub(c, a));
-        let (bb, bc, cc) = (dot(ab, ab), dot(ab, ac), dot(ac, ac));
-        let area = bb * cc - bc * bc;
-        let scale = if area > THIN * bb * cc { 1.0 / area } else { f32::NAN };
-        let normal =
-            [ab[1] * ac[2] - ab[2] * ac[1], ab[2] * ac[0] - ab[0] * ac[2], ab[0] * ac[1] - ab[1] * ac[0]];
-        Self {
-            corner: a,
-            second: [0, 1, 2].map(|k| (cc * ab[k] - bc * ac[k]) * scale),
-            third: [0, 1, 2].map(|k| (bb * ac[k] - bc * ab[k]) * scale),
-            normal: normal.map(|x| x * scale.sqrt()),
-        }
-    }
-
-    /// Whether a point lies straight above or below, at a squared distance of `enough` or less. One branch,
-    /// where [`squared_distance`] has six.
-    pub fn is_within(&self, p: Vec3, enough: f32) -> bool {
-        let d = sub(p, self.corner);
-        let (v, w, height) = (dot(d, self.second), dot(d, self.third), dot(d, self.normal));
-        (v >= 0.0) & (w >= 0.0) & (v + w <= 1.0) & (height * height <= enough)
-    }
 }
 
 /// Square of the distance from a point to a triangle. Never below the true one by more than rounding: where the
@@ -111,12 +71,9 @@ mod tests {
         ];
         for (p, expected) in cases {
             assert!((squared_distance(p, t) - expected).abs() < 1e-5, "{p:?}");
-            let above = p == [0.5, 0.5, 3.0];
-            assert_eq!([9.1, 8.9].map(|enough| Prism::new(t).is_within(p, enough)), [above, false]);
         }
         let sliver = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.0, 0.0]];
         assert!((squared_distance([0.25, 1.0, 0.0], sliver) - 1.0).abs() < 1e-6);
-        assert!(!Prism::new(sliver).is_within([0.25, 0.0, 0.0], 1.0));
         let point = [[1.0, 1.0, 1.0]; 3];
         assert!((squared_distance([1.0, 1.0, 3.0], point) - 4.0).abs() < 1e-6);
     }
