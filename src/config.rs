@@ -89,6 +89,8 @@ pub struct BuildOptions {
     pub color_weight: f32,
     /// Weight of a unit of UV against one mean edge length of distance.
     pub uv_weight: f32,
+    /// Weight of a channel's range, or of another label, against one mean edge length of distance.
+    pub channel_weight: f32,
     /// Keep the map from level-0 triangles to rows of the caller's `faces`.
     pub face_ids: bool,
     /// Threads; 0 uses all cores. The result does not depend on it.
@@ -107,6 +109,7 @@ impl Default for BuildOptions {
             normal_weight: 1.0,
             color_weight: 1.0,
             uv_weight: 1.0,
+            channel_weight: 1.0,
             face_ids: false,
             threads: 0,
         }
@@ -130,6 +133,7 @@ impl BuildOptions {
             ("normal_weight", self.normal_weight),
             ("color_weight", self.color_weight),
             ("uv_weight", self.uv_weight),
+            ("channel_weight", self.channel_weight),
         ] {
             if !(weight.is_finite() && weight >= 0.0) {
                 return Err(Error::argument(name, format!("must be finite and not negative, not {weight}")));

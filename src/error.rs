@@ -1,5 +1,6 @@
 //! The one error type of the crate: a variant per cause, each naming where the fault is.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 /// Shorthand for results of this crate.
@@ -20,7 +21,7 @@ pub enum Error {
     #[error("{argument}[{index}] is not finite: {value:?}")]
     NonFinite {
         /// Name of the array.
-        argument: &'static str,
+        argument: Cow<'static, str>,
         /// Row of the array.
         index: usize,
         /// The offending row.

@@ -33,14 +33,23 @@ class Cut:
         Vertex colours.
     uvs : list of (N, 2) float32 arrays
         UV sets, as many as the source had.
+    channels : dict of names to (N,) or (N, K) arrays
+        Named channels, with the dimensions given: float32, or labels of the dtype given.
     error : float
         No point of the cut is farther from the source surface, and no point of the source from the cut, in the units
         of the mesh: proven and rounded up (docs/numerics.md). With ``error="quadric"`` an estimate, and often too
         low. 0 at full detail.
+    attribute_error : float
+        How far normals that were given, colours, UVs, channels and materials are off, as a length in the units of
+        the mesh: a deviation of one unit counts as its weight in `BuildOptions` times the mean edge length of the
+        triangles that were replaced. Measured at vertices and added up like ``error``; 0 at full detail and for
+        meshes that carry none of these.
     cluster_ids : (C,) uint32 array
         Addresses of the clusters.
     cluster_levels : (C,) uint8 array
         Level of each cluster: times its surface was simplified, 0 for the source.
+    cluster_materials : (C,) int32 array or None
+        Material of each cluster, as given with ``face_materials``.
     vertex_ids : (N,) uint32 array
         Stored identities of the vertices: the same vertex has the same identity in every cut of a mesh.
 
@@ -56,8 +65,11 @@ class Cut:
 
     __slots__ = (
         "_first_face",
+        "attribute_error",
+        "channels",
         "cluster_ids",
         "cluster_levels",
+        "cluster_materials",
         "colors",
         "error",
         "faces",
@@ -67,15 +79,18 @@ class Cut:
         "vertices",
     )
 
-    def __init__(self, core: _core.Cut) -> None:
+    def __init__(self, core: _core.Cut, channels: dict[str, NDArray[Any]]) -> None:
         self.vertices: NDArray[np.float32] | NDArray[np.float64] = core.vertices
         self.faces: NDArray[np.int32] = core.faces
         self.normals: NDArray[np.float32] = core.normals
         self.colors: NDArray[np.uint8] | None = core.colors
         self.uvs: list[NDArray[np.float32]] = core.uvs
+        self.channels = channels
         self.error: float = core.error
+        self.attribute_error: float = core.attribute_error
         self.cluster_ids: NDArray[np.uint32] = core.cluster_ids
         self.cluster_levels: NDArray[np.uint8] = core.cluster_levels
+        self.cluster_materials: NDArray[np.int32] | None = core.cluster_materials
         self.vertex_ids: NDArray[np.uint32] = core.vertex_ids
         self._first_face: NDArray[np.uint32] = core.first_face
 
@@ -101,8 +116,26 @@ class Cut:
         """For each face the level of its cluster: (M,) uint8."""
         return np.repeat(self.cluster_levels, np.diff(self._first_face))
 
+    @property
+    def face_materials(self) -> NDArray[np.int32] | None:
+        """For each face its material: (M,) int32; None when the mesh was given none.
+
+        Examples
+        --------
+        >>> vertices, faces = nrs.shapes.icosphere(faces=20_000)
+        >>> material = (vertices[faces].mean(axis=1)[:, 2] > 0.0) + 5
+        >>> mesh = nrs.NaniteMesh.from_arrays(vertices, faces, face_materials=material)
+        >>> np.unique(mesh.cut(target_reduction=0.9).face_materials).tolist()
+        [5, 6]
+        """
+        if self.cluster_materials is None:
+            return None
+        return np.repeat(self.cluster_materials, np.diff(self._first_face))
+
     def to_trimesh(self, *, process: bool = False) -> trimesh.Trimesh:
-        """Convert to a `trimesh.Trimesh` with normals, colours and the first UV set.
+        """Convert to a `trimesh.Trimesh` with normals, colours, the first UV set and channels.
+
+        Face materials become the face attribute ``face_materials``.
 
         Parameters
         ----------
@@ -116,10 +149,13 @@ class Cut:
             visual = trimesh.visual.ColorVisuals(vertex_colors=self.colors)
         elif self.uvs:
             visual = trimesh.visual.TextureVisuals(uv=self.uvs[0])
+        materials = self.face_materials
         return trimesh.Trimesh(
             vertices=self.vertices,
             faces=self.faces,
             vertex_normals=self.normals,
+            vertex_attributes=dict(self.channels),
+            face_attributes={} if materials is None else {"face_materials": materials},
             visual=visual,
             process=process,
         )

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs.exceptions import (
+    ArgumentError,
     DependencyError,
     DtypeError,
     FileError,
@@ -45,6 +46,8 @@ class Source:
     normals: NDArray[np.float32] | None = None
     colors: NDArray[np.uint8] | None = None
     uvs: list[NDArray[np.float32]] = field(default_factory=list)
+    channels: dict[str, NDArray[Any]] = field(default_factory=dict)
+    face_materials: NDArray[Any] | None = None
 
     def arrays(self) -> dict[str, Any]:
         """Keyword arguments of `NaniteMesh.from_arrays`."""
@@ -54,6 +57,8 @@ class Source:
             "normals": self.normals,
             "colors": self.colors,
             "uvs": self.uvs,
+            "channels": self.channels,
+            "face_materials": self.face_materials,
         }
 
 
@@ -175,6 +180,8 @@ def _single(mesh: trimesh.Trimesh) -> Source:
     stored = mesh._cache.cache.get("vertex_normals")
     if stored is not None and np.shape(stored) == np.shape(source.vertices):
         source.normals = np.asarray(stored, np.float32)
+    source.channels = _channels(mesh)
+    source.face_materials = _face_materials(mesh)
     visual = mesh.visual
     if visual is None or not visual.defined:
         return source
@@ -186,6 +193,7 @@ def _single(mesh: trimesh.Trimesh) -> Source:
         source.vertices = source.vertices[corners]
         if source.normals is not None:
             source.normals = source.normals[corners]
+        source.channels = {name: values[corners] for name, values in source.channels.items()}
         source.colors = np.repeat(np.asarray(visual.face_colors, np.uint8), 3, axis=0)
         source.faces = np.arange(len(corners)).reshape(-1, 3)
     elif visual.kind == "texture" and getattr(visual, "uv", None) is not None:
@@ -195,6 +203,26 @@ def _single(mesh: trimesh.Trimesh) -> Source:
         if attribute is not None and np.shape(attribute)[0] == len(source.vertices):
             source.colors = _as_rgba(np.asarray(attribute))
     return source
+
+
+def _channels(mesh: trimesh.Trimesh) -> dict[str, NDArray[Any]]:
+    """The vertex attributes that can be channels: a number or a row of numbers for each vertex."""
+    channels = {}
+    for name, values in mesh.vertex_attributes.items():
+        array = np.asarray(values)
+        rows = array.ndim in (1, 2) and len(array) == len(mesh.vertices)
+        if rows and array.size and array.dtype.kind in "fiub":
+            channels[str(name)] = array
+    return channels
+
+
+def _face_materials(mesh: trimesh.Trimesh) -> NDArray[Any] | None:
+    """Face materials of a texture with several materials, or the face attribute that `Cut.to_trimesh` makes."""
+    found = getattr(mesh.visual, "face_materials", None)
+    if found is None:
+        found = mesh.face_attributes.get("face_materials")
+    array = np.asarray([] if found is None else found)
+    return array if array.shape == (len(mesh.faces),) and array.dtype.kind in "iu" else None
 
 
 def _as_rgba(colors: NDArray[Any]) -> NDArray[np.uint8]:
@@ -251,4 +279,26 @@ def _concatenated(parts: list[Source]) -> Source:
         )
         if sets is not None:
             out.uvs.append(sets)
+    if any(part.face_materials is not None for part in parts):
+        first, numbers = 0, []
+        for part in parts:
+            own = part.face_materials
+            own = np.zeros(len(part.faces), np.int64) if own is None else own.astype(np.int64)
+            numbers.append(own + first)
+            first = max(first, int(numbers[-1].max()) + 1)
+        out.face_materials = np.concatenate(numbers)
+    for name in {name: None for part in parts for name in part.channels}:
+        known = [part.channels[name] for part in parts if name in part.channels]
+        if len({array.shape[1:] for array in known}) > 1:
+            raise ArgumentError(
+                f"mesh: vertex attribute {name!r} has another width in other parts of the scene"
+            )
+        # A part without it has zeros.
+        missing = np.zeros(known[0].shape[1:], np.result_type(*known))
+        out.channels[name] = np.concatenate(
+            [
+                part.channels.get(name, np.broadcast_to(missing, (count, *missing.shape)))
+                for part, count in zip(parts, counts, strict=True)
+            ]
+        )
     return out

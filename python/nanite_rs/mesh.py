@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from nanite_rs import io
+from nanite_rs import _channels, io
+from nanite_rs._channels import Channel
+from nanite_rs._core import Cut as CoreCut
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._progress import Progress, reporter
 from nanite_rs.camera import Camera
@@ -60,6 +62,9 @@ class BuildOptions:
     """Weight of a unit of colour (0 to 1) against one mean edge length of distance."""
     uv_weight: float = 1.0
     """Weight of a unit of UV against one mean edge length of distance."""
+    channel_weight: float = 1.0
+    """Weight of the range of a floating-point channel over the mesh, or of a label that is another one, against one
+    mean edge length of distance."""
     face_ids: bool = False
     """Keep the map from full-detail triangles to rows of the caller's ``faces``."""
     threads: int = 0
@@ -109,6 +114,21 @@ def _uv_sets(value: object) -> list[NDArray[np.float32]]:
     if not isinstance(value, Sequence | np.ndarray):
         raise DtypeError(f"uvs: expected an (N, 2) array or a sequence of them, not {type(value).__name__}")
     return [_vertex_floats(item, "uvs") for item in value]
+
+
+def _materials(value: object) -> NDArray[np.int32]:
+    array = np.asarray(value)
+    if array.dtype.kind not in "iu":
+        raise DtypeError(f"face_materials: expected an integer dtype, not {array.dtype}")
+    if array.ndim != 1:
+        raise ArgumentError(f"face_materials: expected shape (M,), found {array.shape}")
+    limits = np.iinfo(np.int32)
+    outside = np.flatnonzero((array < limits.min) | (array > limits.max))
+    if len(outside):
+        raise ArgumentError(
+            f"face_materials[{outside[0]}]: {array[outside[0]]} is not between {limits.min} and {limits.max}"
+        )
+    return np.ascontiguousarray(array, np.int32)
 
 
 def _real(value: object, name: str) -> float:
@@ -163,6 +183,8 @@ class NaniteMesh:
         normals: ArrayLike | None = None,
         colors: ArrayLike | None = None,
         uvs: ArrayLike | Sequence[ArrayLike] | None = None,
+        channels: Mapping[str, ArrayLike] | None = None,
+        face_materials: ArrayLike | None = None,
         options: BuildOptions | None = None,
         progress: Progress = None,
     ) -> NaniteMesh:
@@ -184,6 +206,14 @@ class NaniteMesh:
             Vertex colours: uint8, or floating-point from 0 to 1.
         uvs : (N, 2) floating-point array or a sequence of up to four, optional
             Texture coordinates.
+        channels : mapping of names to (N,) or (N, K) arrays, optional
+            Anything else that vertices carry. Floating-point channels (kept as float32) are blended, and steer
+            the simplification by their range over the mesh, whatever their unit. Integers and bools are labels,
+            which are never blended: every vertex of a cut has the labels of one source vertex, and lines between
+            labels are protected. Labels are exact; those of 64 bits must fit 32 (int64 in int32, uint64 in uint32).
+        face_materials : (M,) array of any integer type, optional
+            The number of each face's material, within the range of int32. Clusters have one material each, and
+            lines between materials are kept as seams are.
         options : BuildOptions, optional
             How to build.
         progress : bool or callable, optional
@@ -197,6 +227,17 @@ class NaniteMesh:
             Not finite, an index out of range (with its row), nothing left to build from, or too large.
         ArgumentError, DtypeError
             An array or option has the wrong shape, dtype or range.
+
+        Examples
+        --------
+        >>> vertices, faces = nrs.shapes.icosphere(faces=20_000)
+        >>> part = np.sign(vertices[:, 2]).astype(np.int8)
+        >>> mesh = nrs.NaniteMesh.from_arrays(vertices, faces, channels={"part": part, "x": vertices[:, 0]})
+        >>> cut = mesh.cut(target_reduction=0.9)
+        >>> cut.channels["part"].dtype, sorted(set(cut.channels["part"].tolist()))
+        (dtype('int8'), [-1, 0, 1])
+        >>> bool(np.abs(cut.channels["x"] - cut.vertices[:, 0]).max() < 0.01)
+        True
         """
         vertices = _array(vertices, "vertices")
         faces = _array(faces, "faces")
@@ -207,6 +248,8 @@ class NaniteMesh:
                 normals=None if normals is None else _vertex_floats(normals, "normals"),
                 colors=None if colors is None else _colors(colors),
                 uvs=_uv_sets(uvs),
+                face_materials=None if face_materials is None else _materials(face_materials),
+                channels=_channels.pack(channels, len(vertices) if vertices.ndim else 0),
                 options=asdict(options or BuildOptions()),
                 progress=report,
             )
@@ -222,7 +265,9 @@ class NaniteMesh:
     ) -> NaniteMesh:
         """Build from a `trimesh.Trimesh`, or from a `trimesh.Scene` flattened with its transforms.
 
-        Vertex and face colours, the UV set and normals that came with the mesh are carried along.
+        Vertex and face colours, the UV set, ``vertex_attributes``, and normals and face materials that came with
+        the mesh are carried along. Where parts of a scene have face materials, those of each part follow those of
+        the part before.
 
         Parameters
         ----------
@@ -325,7 +370,8 @@ class NaniteMesh:
         Parameters
         ----------
         error : float
-            Largest error in the units of the mesh; 0 is full detail.
+            Largest error in the units of the mesh, of the shape (`Cut.error`) and of what it carries
+            (`Cut.attribute_error`); 0 is full detail.
         target_faces : int
             At most so many triangles, or the coarsest cut there is.
         target_reduction : float
@@ -370,7 +416,7 @@ class NaniteMesh:
             error = _real(error, "error")
             if not error >= 0.0:
                 raise ArgumentError(f"error: must be 0 or more, not {error}")
-            return Cut(self._core.cut_error(error))
+            return self._cut(self._core.cut_error(error))
         if target_faces is None:
             reduction = _real(target_reduction, "target_reduction")
             if not 0.0 <= reduction <= 1.0:
@@ -381,7 +427,10 @@ class NaniteMesh:
             raise DtypeError(f"target_faces: expected an integer, not {type(target_faces).__name__}")
         elif target_faces < 1:
             raise ArgumentError(f"target_faces: must be 1 or more, not {target_faces}")
-        return Cut(self._core.cut_faces(min(int(target_faces), len(self))))
+        return self._cut(self._core.cut_faces(min(int(target_faces), len(self))))
+
+    def _cut(self, core: CoreCut) -> Cut:
+        return Cut(core, _channels.unpack(self._core.channels, core.channels))
 
     def _cut_view(
         self, camera: Camera, pose: ArrayLike | None, viewport: tuple[int, int] | None, pixel_error: float
@@ -399,7 +448,7 @@ class NaniteMesh:
             raise ArgumentError(f"pixel_error: must be 0 or more, not {pixel_error}")
         if not isinstance(camera, Camera):
             raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
-        return Cut(self._core.cut_view(camera._spec(), pose, (width, height), pixel_error))
+        return self._cut(self._core.cut_view(camera._spec(), pose, (width, height), pixel_error))
 
     # ------------------------------------------------------------------------------------------ asking
 
@@ -447,6 +496,8 @@ class NaniteMesh:
             "bytes": core.nbytes,
             "colors": core.has_colors,
             "uv_sets": core.uv_sets,
+            "materials": core.has_materials,
+            "channels": [name for name, _, _ in core.channels],
             "bounds": [list(corner) for corner in core.bounds],
             "origin": list(core.origin),
             "rounding": core.rounding,
@@ -456,6 +507,21 @@ class NaniteMesh:
     def bounds(self) -> NDArray[np.float64]:
         """Smallest and largest corner of the source: (2, 3) float64."""
         return np.array(self._core.bounds)
+
+    @property
+    def channels(self) -> dict[str, Channel]:
+        """The dtype and width of each named channel; `Cut.channels` has the values.
+
+        Examples
+        --------
+        >>> vertices, faces = nrs.shapes.icosphere(faces=20)
+        >>> nrs.NaniteMesh.from_arrays(vertices, faces, channels={"x": vertices[:, :2]}).channels
+        {'x': Channel(dtype=dtype('float32'), width=2)}
+        """
+        return {
+            name: Channel(np.dtype(dtype), 1 if columns is None else columns)
+            for name, dtype, columns in self._core.channels
+        }
 
     @property
     def source_face_ids(self) -> NDArray[np.uint32] | None:

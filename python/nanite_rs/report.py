@@ -25,7 +25,9 @@ class LevelReport:
     steps: tuple[int, ...]
     """Groups simplified by each step of the chain: attributes, permissive, sloppy."""
     max_error: float
-    """Largest error made, in the units of the mesh."""
+    """Largest error of the shape made, in the units of the mesh."""
+    max_attribute_error: float
+    """Largest deviation of attributes made, as a length in the units of the mesh: see `Cut.attribute_error`."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class StuckGroup:
     triangles: int
     """Number of triangles."""
     reason: str
-    """Why: ``too_few_collapses``, ``border_changed`` or ``vanished``."""
+    """Why: ``too_few_collapses``, ``border_changed``, ``mixed_materials`` or ``vanished``."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,16 @@ class BuildReport:
             ("stuck groups", reasons or "none"),
         ]
 
-    _COLUMNS = ("round", "clusters", "triangles", "groups", "retried", "by step", "max error")
+    _COLUMNS = (
+        "round",
+        "clusters",
+        "triangles",
+        "groups",
+        "retried",
+        "by step",
+        "max error",
+        "of attributes",
+    )
 
     def _rows(self) -> list[tuple[str, ...]]:
         return [
@@ -131,6 +142,7 @@ class BuildReport:
                 f"{level.retried:,}",
                 "/".join(str(n) for n in level.steps),
                 f"{level.max_error:.4g}",
+                f"{level.max_attribute_error:.4g}",
             )
             for number, level in enumerate(self.levels)
         ]

@@ -46,11 +46,14 @@ pub fn assemble(graph: Graph, mut report: BuildReport) -> Dag {
                 extent,
                 bound: group.bound,
                 quadric: group.quadric,
+                attribute_error: group.attribute_error,
+                reserved: [0; 3],
             }
         })
         .collect();
     let mut renamed = vec![0; order.len()];
     order.iter().enumerate().for_each(|(new, old)| renamed[*old as usize] = new as u32);
+    let channels = graph.channels.finish(&store.attributes, store.stride, &store.labels);
     let pages = write_pages(&graph, plan, &renamed);
     let face_ids = graph.source.1.as_ref().map(|rows| face_ids(&pages, &graph.source.0, rows));
     report.clusters = graph.clusters.len() as u64;
@@ -63,6 +66,7 @@ pub fn assemble(graph: Graph, mut report: BuildReport) -> Dag {
         groups,
         nodes,
         vertex_count: store.count() as u32,
+        channels,
         source_faces: graph.source.0.len() as u64,
         source_vertices: graph.source_vertices as u64,
         face_ids,
@@ -161,7 +165,8 @@ fn record(store: &VertexStore, cluster: &BuildCluster, group: u32, refined: u32,
         data,
         refined,
         max_edge: round_up(longest_edge(&points, &cluster.mesh.triangles)),
-        reserved_words: [0; 2],
+        material: cluster.mesh.material.cast_signed(),
+        reserved_word: 0,
     }
 }
 

@@ -114,6 +114,8 @@ fn group(dag: &Dag, g: usize) -> Result<()> {
     let group = &dag.groups[g];
     let holds = |c: bool, what: &str| ensure(c, || format!("group {g}: {what}"));
     holds(group.error > 0.0, "the error is not positive")?;
+    let stated = group.error >= group.distance().max(group.attribute_error);
+    holds(stated, "the error is below what is stated of shape or attributes")?;
     for at in group.members() {
         let record = dag.record(at);
         holds(group.lod_sphere.contains(&record.lod_sphere), "a member's sphere is not inside the group's")?;

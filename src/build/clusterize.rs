@@ -25,33 +25,55 @@ pub struct ClusterMesh {
     pub vertices: Vec<u32>,
     /// Corners as indices into `vertices`.
     pub triangles: Vec<[u8; 3]>,
+    /// Material of all triangles; zero when there are none.
+    pub material: u32,
 }
 
-/// Clusters of a whole mesh.
-pub fn clusterize(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOptions) -> Vec<ClusterMesh> {
+/// Clusters of a whole mesh; `materials` holds one for each vertex, or none at all.
+pub fn clusterize(
+    store: &VertexStore,
+    faces: &[[u32; 3]],
+    materials: &[u32],
+    options: &BuildOptions,
+) -> Vec<ClusterMesh> {
     let corners = |f: &[u32; 3]| f.map(|v| store.positions[v as usize]);
     let centroids: Vec<[f32; 3]> = faces.par_iter().map(|f| tripled_centroid(corners(f))).collect();
     let mut order: Vec<u32> = (0..faces.len() as u32).collect();
+    let material = |f: u32| materials.get(faces[f as usize][0] as usize).copied().unwrap_or(0);
+    if !materials.is_empty() {
+        order.par_sort_by_key(|f| material(*f));
+    }
     let mut blocks: Vec<&mut [u32]> = Vec::new();
-    split_blocks(&mut order, &centroids, &mut blocks);
+    let of_one = order.chunk_by_mut(|a, b| material(*a) == material(*b));
+    of_one.for_each(|faces| split_blocks(faces, &centroids, &mut blocks));
     blocks
         .into_par_iter()
         .map(|block| {
             // The order inside a block is the caller's, which keeps what locality it has.
             block.sort_unstable();
             let local = LocalMesh::of_faces(store, block.iter().map(|f| faces[*f as usize]));
-            clusterize_local(&local, options)
+            of_material(&local, material(block[0]), options)
         })
         .flatten_iter()
         .collect()
 }
 
-/// Clusters of a group's own mesh.
+/// Clusters of a group's own mesh, each of one material.
 pub fn clusterize_local(mesh: &LocalMesh, options: &BuildOptions) -> Vec<ClusterMesh> {
-    match options.clusterizer {
+    if mesh.materials.is_empty() {
+        return of_material(mesh, 0, options);
+    }
+    let clusters = |(material, part): (u32, LocalMesh)| of_material(&part, material, options);
+    mesh.materials_apart().flat_map(clusters).collect()
+}
+
+fn of_material(mesh: &LocalMesh, material: u32, options: &BuildOptions) -> Vec<ClusterMesh> {
+    let mut clusters = match options.clusterizer {
         Clusterizer::Median => Halving::new(mesh, options).clusters(),
         Clusterizer::Flex => grow(mesh, options),
-    }
+    };
+    clusters.iter_mut().for_each(|cluster| cluster.material = material);
+    clusters
 }
 
 /// meshoptimizer's flexible builder.
@@ -66,6 +88,7 @@ fn grow(mesh: &LocalMesh, options: &BuildOptions) -> Vec<ClusterMesh> {
         .map(|m| ClusterMesh {
             vertices: m.vertices.iter().map(|v| mesh.ids[*v as usize]).collect(),
             triangles: m.triangles.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+            material: 0,
         })
         .collect()
 }
@@ -141,7 +164,7 @@ impl<'a> Halving<'a> {
         let fits = vertices.len() <= self.options.cluster_vertices;
         if fits {
             vertices.iter_mut().for_each(|v| *v = self.mesh.ids[*v as usize]);
-            self.clusters.push(ClusterMesh { vertices, triangles });
+            self.clusters.push(ClusterMesh { vertices, triangles, material: 0 });
         }
         fits
     }

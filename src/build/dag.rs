@@ -8,7 +8,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use rayon::prelude::*;
 
 use super::Progress;
+use super::attribute_error::step_deviation;
 use super::clusterize::{self, ClusterMesh};
+use super::content::Content;
 use super::lock_borders::shared_positions;
 use super::partition::partition;
 use super::reference::{Patch, Pieces, Reference};
@@ -19,7 +21,7 @@ use crate::error::{Error, Result};
 use crate::limits::MAX_ROUNDS;
 use crate::math::sphere::round_up;
 use crate::math::{Aabb, Sphere};
-use crate::mesh::WeldedMesh;
+use crate::mesh::{Channels, WeldedMesh};
 use crate::model::cluster::NO_GROUP;
 use crate::model::rule::{ERROR_FLOOR, ERROR_STEP, ROOT_ERROR, SOURCE_ERROR};
 use crate::model::{BuildReport, Frame, LevelReport, StuckGroup, StuckReason};
@@ -29,12 +31,14 @@ use crate::model::{BuildReport, Frame, LevelReport, StuckGroup, StuckReason};
 pub struct BuildCluster {
     /// Triangles.
     pub mesh: ClusterMesh,
-    /// Own error and the sphere it is projected at.
+    /// Own error, of shape and attributes.
     pub error: f32,
     /// Proven distance to the source, and of the source to it; +∞ where nothing is proven.
     pub bound: f32,
     /// The simplifiers' estimates, added up.
     pub quadric: f32,
+    /// Deviations of attributes as lengths, added up.
+    pub attribute_error: f32,
     /// Sphere of the group that made it.
     pub lod_sphere: Sphere,
     /// Longest chain of simplifications behind it.
@@ -52,12 +56,14 @@ pub struct BuildGroup {
     pub members: Vec<u32>,
     /// Encloses the members' spheres.
     pub lod_sphere: Sphere,
-    /// Parent error of the members.
+    /// Parent error of the members, of shape and attributes.
     pub error: f32,
     /// Proven distance of what was made of them; +∞ where nothing is proven.
     pub bound: f32,
     /// The simplifiers' estimate of it.
     pub quadric: f32,
+    /// How far attributes are off in what was made of them.
+    pub attribute_error: f32,
     /// Round in which it was formed.
     pub level: u32,
 }
@@ -71,6 +77,8 @@ pub struct Graph {
     pub bounds: Aabb,
     /// All vertices.
     pub store: VertexStore,
+    /// The named channels of the source.
+    pub channels: Channels,
     /// All clusters.
     pub clusters: Vec<BuildCluster>,
     /// All groups; every cluster is in exactly one.
@@ -118,11 +126,12 @@ pub fn grow(
     }
     let mut store = VertexStore::new(&mut mesh);
     let source_vertices = store.count();
-    let clusters = source_clusters(&store, &mesh.faces, options);
+    let clusters = source_clusters(&store, &mesh, options);
     if !meter.advance(mesh.faces.len()) {
         return Err(Error::Cancelled);
     }
-    let mut graph = Growth { clusters, groups: Vec::new(), reference: None };
+    let content = Content::new(&mesh, report.computed_normals, options);
+    let mut graph = Growth { content, clusters, groups: Vec::new(), reference: None };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
         pending = graph.round(&mut store, pending, round, options, &meter, report)?;
@@ -132,12 +141,14 @@ pub fn grow(
     }
     for level in &mut report.levels {
         level.max_error *= mesh.frame.scale;
+        level.max_attribute_error *= mesh.frame.scale;
     }
     let face_rows = options.face_ids.then_some(mesh.face_rows);
     Ok(Graph {
         frame: mesh.frame,
         bounds: mesh.bounds,
         store,
+        channels: mesh.channels,
         clusters: graph.clusters,
         groups: graph.groups,
         source: (mesh.faces, face_rows),
@@ -145,8 +156,8 @@ pub fn grow(
     })
 }
 
-fn source_clusters(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOptions) -> Vec<BuildCluster> {
-    clusterize::clusterize(store, faces, options)
+fn source_clusters(store: &VertexStore, mesh: &WeldedMesh, options: &BuildOptions) -> Vec<BuildCluster> {
+    clusterize::clusterize(store, &mesh.faces, &mesh.materials, options)
         .into_par_iter()
         .map(|mesh| {
             let points: Vec<[f32; 3]> = mesh.vertices.iter().map(|v| store.positions[*v as usize]).collect();
@@ -156,6 +167,7 @@ fn source_clusters(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOptio
                 error: SOURCE_ERROR,
                 bound: 0.0,
                 quadric: 0.0,
+                attribute_error: 0.0,
                 lod_sphere,
                 level: 0,
                 refined: NO_GROUP,
@@ -166,6 +178,7 @@ fn source_clusters(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOptio
 }
 
 struct Growth {
+    content: Content,
     clusters: Vec<BuildCluster>,
     groups: Vec<BuildGroup>,
     reference: Option<Reference>,
@@ -212,7 +225,7 @@ impl Growth {
                     members.iter().map(|c| &self.clusters[pending[*c as usize] as usize]).collect();
                 let proof =
                     self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters, round });
-                let outcome = simplify_group(store, &local, &members, proof, options);
+                let outcome = simplify_group(store, &local, &members, &self.content, proof, options);
                 (meter.advance(local.indices.len() / 6), outcome)
             })
             .collect();
@@ -227,8 +240,9 @@ impl Growth {
             match outcome {
                 Ok(split) => {
                     level.steps[split.step as usize] += 1;
-                    level.max_error =
-                        level.max_error.max(self.append(store, members, split, round, &mut next)?);
+                    let (shape, attributes) = self.append(store, members, split, round, &mut next)?;
+                    level.max_error = level.max_error.max(shape.into());
+                    level.max_attribute_error = level.max_attribute_error.max(attributes.into());
                 }
                 Err(reason) => stuck.push((members, reason)),
             }
@@ -274,11 +288,12 @@ impl Growth {
             error: ROOT_ERROR,
             bound: ROOT_ERROR,
             quadric: ROOT_ERROR,
+            attribute_error: 0.0,
             level: round,
         });
     }
 
-    /// Adds a simplified group and its clusters; returns its error.
+    /// Adds a simplified group and its clusters; returns its errors, of shape and attributes.
     fn append(
         &mut self,
         store: &mut VertexStore,
@@ -286,12 +301,12 @@ impl Growth {
         split: Split,
         round: u32,
         next: &mut Vec<u32>,
-    ) -> Result<f64> {
+    ) -> Result<(f32, f32)> {
         let level = members.iter().map(|c| self.clusters[*c as usize].level).fold(0, u8::max);
         let level = level
             .checked_add(1)
             .ok_or_else(|| Error::TooLarge("more than 255 levels of simplification".into()))?;
-        let Split { error, bound, quadric, .. } = split;
+        let Split { error, bound, quadric, attribute_error, .. } = split;
         members.iter().for_each(|c| self.clusters[*c as usize].pieces = Pieces::default());
         let lod_sphere = self.sphere_of(&members);
         let first = u32::try_from(store.count())
@@ -300,6 +315,7 @@ impl Growth {
             .ok_or_else(|| Error::TooLarge("more than 2^31 vertices over all levels".into()))?;
         store.positions.extend_from_slice(&split.new_positions);
         store.attributes.extend_from_slice(&split.new_attributes);
+        store.labels.extend_from_slice(&split.new_labels);
         let mut pieces = split.pieces.into_iter();
         for mut mesh in split.clusters {
             for v in &mut mesh.vertices {
@@ -315,14 +331,23 @@ impl Growth {
                 error,
                 bound,
                 quadric,
+                attribute_error,
                 lod_sphere,
                 level,
                 refined,
                 pieces,
             });
         }
-        self.groups.push(BuildGroup { members, lod_sphere, error, bound, quadric, level: round });
-        Ok(f64::from(error))
+        self.groups.push(BuildGroup {
+            members,
+            lod_sphere,
+            error,
+            bound,
+            quadric,
+            attribute_error,
+            level: round,
+        });
+        Ok((if bound.is_finite() { bound } else { quadric }, attribute_error))
     }
 }
 
@@ -339,12 +364,14 @@ struct Split {
     clusters: Vec<ClusterMesh>,
     new_positions: Vec<[f32; 3]>,
     new_attributes: Vec<f32>,
+    new_labels: Vec<u32>,
     /// What each cluster answers for, when the next round asks.
     pieces: Vec<Pieces>,
     /// Parent error of the group.
     error: f32,
     bound: f32,
     quadric: f32,
+    attribute_error: f32,
     step: super::simplify::Step,
 }
 
@@ -360,25 +387,31 @@ fn simplify_group(
     store: &VertexStore,
     local: &LocalMesh,
     members: &[&BuildCluster],
+    content: &Content,
     proof: Option<Proof<'_>>,
     options: &BuildOptions,
 ) -> std::result::Result<Split, StuckReason> {
-    let Simplified { mut mesh, estimate, step } = simplify(local, store.layout, options)?;
+    let Simplified { mut mesh, estimate, step } = simplify(local, content, options)?;
     let most = |of: fn(&BuildCluster) -> f32| members.iter().map(|c| of(c)).fold(0.0, f32::max);
     let quadric = round_up(f64::from(most(|c| c.quadric)) + f64::from(estimate));
+    let deviation = step_deviation(local, &mesh, content);
+    let attribute_error = round_up(f64::from(most(|c| c.attribute_error)) + f64::from(deviation));
     let stride = store.stride;
     let mut new_positions = Vec::new();
     let mut new_attributes = Vec::new();
+    let mut new_labels = Vec::new();
     let mut used = vec![false; local.ids.len()];
     mesh.indices.iter().for_each(|v| used[*v as usize] = true);
     for v in (0..local.ids.len()).filter(|v| used[*v]) {
         let row = v * stride..(v + 1) * stride;
         if mesh.positions[v] != local.positions[v]
             || mesh.attributes[row.clone()] != local.attributes[row.clone()]
+            || mesh.labels.get(v) != local.labels.get(v)
         {
             mesh.ids[v] = NEW_VERTEX + new_positions.len() as u32;
             new_positions.push(mesh.positions[v]);
             new_attributes.extend_from_slice(&mesh.attributes[row]);
+            new_labels.extend(mesh.labels.get(v));
         }
     }
     let clusters = clusterize::clusterize_local(&compact(&mesh, &used), options);
@@ -392,9 +425,20 @@ fn simplify_group(
         (bound, pieces) = reference.measure(round, members, all, &patches, estimate);
         bound = parent_error(most(|c| c.bound), bound);
     }
-    // The estimate also weighs attributes, which change without the shape.
-    let error = parent_error(most(|c| c.error), if bound.is_finite() { quadric.max(bound) } else { quadric });
-    Ok(Split { clusters, new_positions, new_attributes, pieces, error, bound, quadric, step })
+    let shape = if bound.is_finite() { quadric.max(bound) } else { quadric };
+    let error = parent_error(most(|c| c.error), shape.max(attribute_error));
+    Ok(Split {
+        clusters,
+        new_positions,
+        new_attributes,
+        new_labels,
+        pieces,
+        error,
+        bound,
+        quadric,
+        attribute_error,
+        step,
+    })
 }
 
 /// The part of a mesh that its triangles use: the clusterizer works in proportion to the vertices given.
@@ -405,6 +449,7 @@ fn compact(mesh: &LocalMesh, used: &[bool]) -> LocalMesh {
         rename[v] = out.ids.len() as u32;
         out.ids.push(mesh.ids[v]);
         out.positions.push(mesh.positions[v]);
+        out.materials.extend(mesh.materials.get(v));
     }
     out.indices = mesh.indices.iter().map(|v| rename[*v as usize]).collect();
     out

@@ -4,10 +4,13 @@
 //! Rendering, 2021; the shape of the loop follows `clusterlod.h` of meshoptimizer.
 
 pub mod assemble;
+pub mod attribute_error;
 pub mod check;
 pub mod clusterize;
 pub mod collapse;
+pub mod content;
 pub mod dag;
+pub mod field;
 pub mod hierarchy;
 pub mod lock_borders;
 pub mod partition;

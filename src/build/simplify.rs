@@ -11,14 +11,16 @@ use meshopt::{
 use rustc_hash::FxHashSet;
 
 use super::collapse::{Policy, collapse};
+use super::content::Content;
+use super::field::Field;
 use super::lock_borders::border_kept;
 use super::store::LocalMesh;
 use crate::config::{BuildOptions, Quality};
 use crate::math::Aabb;
-use crate::math::triangle::area_normal;
+use crate::math::triangle::{area, edge_of_area};
 use crate::mesh::edges::Edges;
 use crate::mesh::hash;
-use crate::model::{AttributeLayout, StuckReason};
+use crate::model::StuckReason;
 
 /// Part of the triangles to keep.
 const TARGET_RATIO: f32 = 0.5;
@@ -59,14 +61,14 @@ pub struct Simplified {
 /// Simplifies a group.
 pub fn simplify(
     mesh: &LocalMesh,
-    layout: AttributeLayout,
+    content: &Content,
     options: &BuildOptions,
 ) -> Result<Simplified, StuckReason> {
     let mut reason = StuckReason::TooFewCollapses;
     let before: Vec<[u32; 3]> = faces(&mesh.indices, |v| mesh.position_ids[v as usize]).collect();
     let before = Topology::of(&before);
     for step in Step::CHAIN {
-        match attempt(mesh, &before, layout, options, step) {
+        match attempt(mesh, &before, content, options, step) {
             Ok(result) => return Ok(result),
             Err(StuckReason::TooFewCollapses) => {}
             Err(other) => reason = other,
@@ -79,19 +81,22 @@ pub fn simplify(
 fn attempt(
     mesh: &LocalMesh,
     before: &Topology,
-    layout: AttributeLayout,
+    content: &Content,
     options: &BuildOptions,
     step: Step,
 ) -> Result<Simplified, StuckReason> {
     let most = (mesh.indices.len() / 3) as f32 * ACCEPT_RATIO;
     let checked = |locked: &[bool]| {
-        let (result, error) = run(mesh, locked, layout, options, step);
+        let (result, error) = run(mesh, locked, content, options, step);
         let left = result.indices.len() / 3;
         if left == 0 {
             return Err(StuckReason::Vanished);
         }
         if left as f32 > most {
             return Err(StuckReason::TooFewCollapses);
+        }
+        if !keeps_materials(&result) {
+            return Err(StuckReason::MixedMaterials);
         }
         let after = by_position(mesh, &result);
         let is_locked = |p: u32| mesh.locked.get(p as usize).copied().unwrap_or(false);
@@ -122,6 +127,22 @@ fn attempt(
         }
     }
     Ok(Simplified { mesh: result, estimate: error, step: done })
+}
+
+/// Whether no triangle has corners of several materials.
+fn keeps_materials(mesh: &LocalMesh) -> bool {
+    let same = |t: &[u32]| t.iter().all(|v| mesh.materials[*v as usize] == mesh.materials[t[0] as usize]);
+    mesh.materials.is_empty() || mesh.indices.chunks_exact(3).all(same)
+}
+
+/// For each vertex whether others of its position have another entry of `values`, if there are any.
+fn differ_at_position(mesh: &LocalMesh, values: &[u32]) -> Vec<bool> {
+    let mut differs = vec![false; mesh.ids.len()];
+    for (v, value) in values.iter().enumerate() {
+        let first = mesh.position_ids[v] as usize;
+        differs[first] |= values[first] != *value;
+    }
+    mesh.position_ids.iter().map(|first| differs[*first as usize]).collect()
 }
 
 /// What collapses may change without being asked to.
@@ -178,15 +199,64 @@ fn by_position(before: &LocalMesh, after: &LocalMesh) -> Vec<[u32; 3]> {
     faces(&after.indices, |v| ids[v as usize]).collect()
 }
 
-/// Weights of the attribute row, unit-free: a unit of an attribute against one mean edge length. The
-/// simplifier works in units of the group's extent.
-fn weights(mesh: &LocalMesh, layout: AttributeLayout, options: &BuildOptions) -> Vec<f32> {
-    let extent = extent(mesh);
-    let edge = if extent > 0.0 { mean_edge(mesh) / extent } else { 0.0 };
-    let mut weights = vec![options.normal_weight * edge; 3];
-    weights.extend(std::iter::repeat_n(options.color_weight * edge, 4 * usize::from(layout.colors)));
-    weights.extend(std::iter::repeat_n(options.uv_weight * edge, 2 * usize::from(layout.uv_sets)));
-    weights
+/// Most columns that steer: what meshoptimizer takes. Columns beyond are read off the surface as it was.
+const MOST_COLUMNS: usize = 32;
+/// Columns that stand for labels, at most.
+const LABEL_COLUMNS: usize = 3;
+
+/// What a simplifier sees of the attributes.
+struct Guides {
+    rows: Vec<f32>,
+    /// Weights of its columns, unit-free: a unit of an attribute against one mean edge length, in units of the
+    /// group's extent, as the simplifiers work.
+    weights: Vec<f32>,
+    /// Columns that are those of the mesh; labels follow.
+    own: usize,
+}
+
+impl Guides {
+    /// The columns of a mesh, the first `most` of which steer, and columns for its labels if there are several.
+    fn new(mesh: &LocalMesh, content: &Content, columns: usize, edge: f32) -> Self {
+        let (stride, extent) = (content.stride(), extent(mesh));
+        let unit = if extent > 0.0 { edge / extent } else { 0.0 };
+        let codes = label_codes(&mesh.labels);
+        let labels = codes.len() / mesh.ids.len().max(1);
+        let most = MOST_COLUMNS - labels;
+        let own = columns.min(stride);
+        let mut weights: Vec<f32> = content.weights().take(own).map(|weight| weight * unit).collect();
+        weights.iter_mut().skip(most).for_each(|weight| *weight = 0.0);
+        if labels == 0 && own == stride {
+            return Self { rows: mesh.attributes.clone(), weights, own };
+        }
+        weights.extend(std::iter::repeat_n(content.label_weight * unit, labels));
+        let mut rows = Vec::with_capacity(mesh.ids.len() * weights.len());
+        for (v, row) in mesh.attributes.chunks_exact(stride).enumerate() {
+            rows.extend_from_slice(&row[..own]);
+            rows.extend_from_slice(&codes[v * labels..][..labels]);
+        }
+        Self { rows, weights, own }
+    }
+}
+
+/// Columns that tell the labels of vertices apart, so that lines between labels cost what lines between colours
+/// do: up to four labels are a unit apart, more by chance about as much. Empty where all labels are the same.
+fn label_codes(labels: &[u32]) -> Vec<f32> {
+    let mut known: Vec<u32> = labels.to_vec();
+    known.sort_unstable();
+    known.dedup();
+    let columns = known.len().saturating_sub(1).min(LABEL_COLUMNS);
+    let code = |label: u32, column: usize| {
+        if known.len() <= LABEL_COLUMNS + 1 {
+            return f32::from(u8::from(known.get(column + 1) == Some(&label)));
+        }
+        let hash = label.wrapping_mul(0x9e37_79b1).rotate_left(8 * column as u32).wrapping_mul(0x85eb_ca6b);
+        (hash >> 8) as f32 / (1 << 24) as f32
+    };
+    labels
+        .iter()
+        .flat_map(|label| (0..columns).map(move |column| (*label, column)))
+        .map(|(l, c)| code(l, c))
+        .collect()
 }
 
 /// Longest side of the box of all vertices: the simplifier's unit of length.
@@ -196,62 +266,97 @@ fn extent(mesh: &LocalMesh) -> f32 {
 }
 
 /// The edge of the equilateral triangle of mean area.
-fn mean_edge(mesh: &LocalMesh) -> f32 {
-    let area: f64 = mesh
-        .indices
-        .chunks_exact(3)
-        .map(|t| {
-            let n = area_normal([0, 1, 2].map(|k| mesh.positions[t[k] as usize]));
-            0.5 * (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt()
-        })
-        .sum();
-    let mean = area / (mesh.indices.len() / 3).max(1) as f64;
-    (mean * 4.0 / 3f64.sqrt()).sqrt() as f32
+pub fn mean_edge(mesh: &LocalMesh) -> f32 {
+    let corners = |t: &[u32]| [0, 1, 2].map(|k| mesh.positions[t[k] as usize]);
+    let areas = mesh.indices.chunks_exact(3).map(|t| area(corners(t))).sum::<f64>();
+    edge_of_area(areas / (mesh.indices.len() / 3).max(1) as f64) as f32
 }
 
 fn run(
     mesh: &LocalMesh,
     locked: &[bool],
-    layout: AttributeLayout,
+    content: &Content,
     options: &BuildOptions,
     step: Step,
 ) -> (LocalMesh, f32) {
-    let target = (mesh.indices.len() as f32 / 3.0 * TARGET_RATIO) as usize * 3;
+    let target = target(mesh.indices.len());
     let mut error = 0.0;
-    let mut out = mesh.clone();
+    let between_materials = differ_at_position(mesh, &mesh.materials);
     if step == Step::Sloppy {
-        let bytes: &[u8] = bytemuck::cast_slice(&mesh.positions);
-        // The adapter fails on a misfit of bytes and stride only, which a slice of [f32; 3] cannot have.
-        let Ok(adapter) = VertexDataAdapter::new(bytes, size_of::<[f32; 3]>(), 0) else { return (out, 0.0) };
-        out.indices =
-            simplify_sloppy_with_locks(&mesh.indices, &adapter, locked, target, f32::MAX, Some(&mut error));
-        return (out, error * extent(mesh));
+        return sloppy(mesh, locked, &between_materials);
     }
-    let weights = weights(mesh, layout, options);
-    if step == Step::Attributes && options.quality == Quality::Best {
-        return collapse(mesh, locked, &weights, target / 3, &Policy::default());
+    let edge = mean_edge(mesh);
+    let best = step == Step::Attributes && options.quality == Quality::Best;
+    let columns = if best { content.stride() } else { MOST_COLUMNS - LABEL_COLUMNS };
+    let guides = Guides::new(mesh, content, columns, edge);
+    let width = guides.weights.len();
+    let mut steered = LocalMesh { attributes: guides.rows, ..mesh.clone() };
+    if best {
+        (steered, error) = collapse(&steered, locked, &guides.weights, target / 3, &Policy::default());
+    } else {
+        let between_labels = differ_at_position(mesh, &mesh.labels);
+        let lock = |v: usize| match (locked[v], between_materials[v] || between_labels[v]) {
+            (true, _) => SimplifyVertex::Lock,
+            (false, true) if step == Step::Permissive => SimplifyVertex::Protect,
+            _ => SimplifyVertex::None,
+        };
+        let locks: Vec<SimplifyVertex> = (0..locked.len()).map(lock).collect();
+        let mut flags = SimplifyOptions::ErrorAbsolute | SimplifyOptions::ErrorClamped;
+        if step == Step::Permissive {
+            flags |= SimplifyOptions::Permissive | SimplifyOptions::Prune;
+        }
+        let kept = simplify_with_update(
+            &mut steered.indices,
+            &mut steered.positions,
+            &mut steered.attributes,
+            &guides.weights,
+            width * 4,
+            Some(&locks),
+            target,
+            f32::MAX,
+            flags,
+            Some(&mut error),
+        );
+        steered.indices.truncate(kept);
+        normalize(&mut steered.attributes, width);
     }
-    let locks: Vec<SimplifyVertex> =
-        locked.iter().map(|l| if *l { SimplifyVertex::Lock } else { SimplifyVertex::None }).collect();
-    let mut flags = SimplifyOptions::ErrorAbsolute | SimplifyOptions::ErrorClamped;
-    if step == Step::Permissive {
-        flags |= SimplifyOptions::Permissive | SimplifyOptions::Prune;
+    let stride = content.stride();
+    if width != stride {
+        let guided = std::mem::replace(&mut steered.attributes, mesh.attributes.clone());
+        for (row, guided) in steered.attributes.chunks_exact_mut(stride).zip(guided.chunks_exact(width)) {
+            row[..guides.own].copy_from_slice(&guided[..guides.own]);
+        }
     }
-    let kept = simplify_with_update(
-        &mut out.indices,
-        &mut out.positions,
-        &mut out.attributes,
-        &weights,
-        weights.len() * 4,
-        Some(&locks),
-        target,
-        f32::MAX,
-        flags,
-        Some(&mut error),
-    );
-    out.indices.truncate(kept);
-    normalize(&mut out.attributes, weights.len());
-    (out, error)
+    if width > guides.own || guides.own < stride {
+        Field::new(mesh, content).read_off(&mut steered, content, guides.own, edge);
+    }
+    (steered, error)
+}
+
+/// Corners to be left of so many.
+fn target(corners: usize) -> usize {
+    (corners as f32 / 3.0 * TARGET_RATIO) as usize * 3
+}
+
+/// Clusters vertices, each material by itself, with the lines between them locked.
+fn sloppy(mesh: &LocalMesh, locked: &[bool], between_materials: &[bool]) -> (LocalMesh, f32) {
+    let mut out = mesh.clone();
+    let bytes: &[u8] = bytemuck::cast_slice(&mesh.positions);
+    // The adapter fails on a misfit of bytes and stride only, which a slice of [f32; 3] cannot have.
+    let Ok(adapter) = VertexDataAdapter::new(bytes, size_of::<[f32; 3]>(), 0) else { return (out, 0.0) };
+    let locked: Vec<bool> = locked.iter().zip(between_materials).map(|(a, b)| *a || *b).collect();
+    let mut worst = 0.0f32;
+    out.indices.clear();
+    for triangles in mesh.by_material() {
+        let corners = |t: &u32| mesh.indices[3 * *t as usize..][..3].to_vec();
+        let indices: Vec<u32> = triangles.iter().flat_map(corners).collect();
+        let (target, mut error) = (target(indices.len()), 0.0);
+        let left =
+            simplify_sloppy_with_locks(&indices, &adapter, &locked, target, f32::MAX, Some(&mut error));
+        out.indices.extend(left);
+        worst = worst.max(error);
+    }
+    (out, worst * extent(mesh))
 }
 
 /// Solved normals are not unit, solved colours may leave their range.

@@ -3,7 +3,7 @@
 
 use super::clusterize::ClusterMesh;
 use crate::limits::CLUSTER_MAX_VERTICES;
-use crate::mesh::{WeldedMesh, attributes, hash};
+use crate::mesh::{WeldedMesh, hash};
 use crate::model::AttributeLayout;
 
 /// Positions and attributes of every identity.
@@ -17,6 +17,8 @@ pub struct VertexStore {
     pub stride: usize,
     /// What the rows hold.
     pub layout: AttributeLayout,
+    /// The source vertex whose labels each identity has; empty when there are no labels.
+    pub labels: Vec<u32>,
 }
 
 impl VertexStore {
@@ -25,8 +27,9 @@ impl VertexStore {
         Self {
             positions: std::mem::take(&mut mesh.positions),
             attributes: std::mem::take(&mut mesh.attributes),
-            stride: attributes::stride(mesh.layout),
+            stride: mesh.stride,
             layout: mesh.layout,
+            labels: mesh.channels.label_numbers(),
         }
     }
 
@@ -96,8 +99,12 @@ pub struct LocalMesh {
     pub positions: Vec<[f32; 3]>,
     /// Attribute rows.
     pub attributes: Vec<f32>,
+    /// Labels, see [`VertexStore::labels`].
+    pub labels: Vec<u32>,
     /// The first local vertex at the same position.
     pub position_ids: Vec<u32>,
+    /// Material of each vertex; empty when there are none.
+    pub materials: Vec<u32>,
     /// Vertices that must stay as they are.
     pub locked: Vec<bool>,
     /// Three local vertices per triangle.
@@ -170,6 +177,9 @@ impl LocalMesh {
                     }
                     local.position_ids.push(first[p as usize]);
                     local.locked.push(shared[*position as usize]);
+                    if store.layout.materials {
+                        local.materials.push(cluster.material);
+                    }
                 }
             }
             local.indices.extend(cluster.triangles.iter().flatten().map(|c| numbers[usize::from(*c)]));
@@ -177,7 +187,45 @@ impl LocalMesh {
         local.positions = local.ids.iter().map(|v| store.positions[*v as usize]).collect();
         local.attributes.reserve(local.ids.len() * store.stride);
         local.ids.iter().for_each(|v| local.attributes.extend_from_slice(store.row(*v)));
+        if !store.labels.is_empty() {
+            local.labels = local.ids.iter().map(|v| store.labels[*v as usize]).collect();
+        }
         local
+    }
+
+    /// Some of the triangles with the vertices they use; enough to clusterize.
+    fn part(&self, triangles: &[u32]) -> Self {
+        let mut numbering = Numbering::default();
+        numbering.reset(3 * triangles.len());
+        let mut part = Self::default();
+        for t in triangles {
+            for v in &self.indices[3 * *t as usize..][..3] {
+                let (number, new) = numbering.number(*v);
+                if new {
+                    part.ids.push(self.ids[*v as usize]);
+                    part.positions.push(self.positions[*v as usize]);
+                }
+                part.indices.push(number);
+            }
+        }
+        part
+    }
+
+    /// The material of a triangle; zero when there are none.
+    pub fn material(&self, triangle: u32) -> u32 {
+        self.materials.get(self.indices[3 * triangle as usize] as usize).copied().unwrap_or(0)
+    }
+
+    /// Triangles of each material, in the order of the materials.
+    pub fn by_material(&self) -> Vec<Vec<u32>> {
+        let mut triangles: Vec<u32> = (0..self.indices.len() as u32 / 3).collect();
+        triangles.sort_by_key(|t| self.material(*t));
+        triangles.chunk_by(|a, b| self.material(*a) == self.material(*b)).map(<[u32]>::to_vec).collect()
+    }
+
+    /// The parts of each material with it.
+    pub fn materials_apart(&self) -> impl Iterator<Item = (u32, Self)> {
+        self.by_material().into_iter().map(|triangles| (self.material(triangles[0]), self.part(&triangles)))
     }
 
     /// Gathers the positions of triangles over identities; enough to clusterize.

@@ -7,7 +7,7 @@ use super::file::{ENTRY_BYTES, HEADER_BYTES, Kind, MAGIC, VERSION};
 use super::validate;
 use crate::error::{Error, Result};
 use crate::math::Aabb;
-use crate::model::{Dag, Pages};
+use crate::model::{Channel, ChannelInfo, Dag, Pages};
 
 /// The bytes with a name for error messages.
 pub struct Source<'a> {
@@ -100,6 +100,39 @@ fn section<'a>(source: &'a Source<'_>, count: usize, kind: Kind) -> Result<Optio
     Ok(None)
 }
 
+/// The channels: what the metadata says of them, and their words.
+fn channels(
+    source: &Source<'_>,
+    count: usize,
+    infos: Vec<ChannelInfo>,
+    vertices: u32,
+) -> Result<Vec<Channel>> {
+    let Some(section) = section(source, count, Kind::Channels)? else {
+        return match infos.first() {
+            Some(info) => Err(source.fail(HEADER_BYTES, format!("channel {:?} has no section", info.name))),
+            None => Ok(Vec::new()),
+        };
+    };
+    let words: Vec<u32> = section.records(source, "Channels")?;
+    let mut rest = &words[..];
+    let mut channels = Vec::new();
+    for info in infos {
+        let taken =
+            info.width().checked_mul(vertices as usize).and_then(|count| rest.split_at_checked(count));
+        let Some((words, after)) = taken else {
+            return Err(source.fail(section.offset, format!("section Channels ends inside {:?}", info.name)));
+        };
+        rest = after;
+        channels.push(Channel { info, words: words.to_vec() });
+    }
+    if !rest.is_empty() {
+        return Err(
+            source.fail(section.offset, format!("section Channels has {} words left over", rest.len()))
+        );
+    }
+    Ok(channels)
+}
+
 fn assemble(source: &Source<'_>, count: usize) -> Result<Dag> {
     let required = |kind| {
         section(source, count, kind)?
@@ -126,6 +159,7 @@ fn assemble(source: &Source<'_>, count: usize) -> Result<Dag> {
         groups: required(Kind::Groups)?.records(source, "Groups")?,
         nodes: required(Kind::Nodes)?.records(source, "Nodes")?,
         vertex_count: metadata.vertex_count,
+        channels: channels(source, count, metadata.channels, metadata.vertex_count)?,
         source_faces: metadata.source_faces,
         source_vertices: metadata.source_vertices,
         face_ids,

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::file::{ALIGNMENT, ENTRY_BYTES, HEADER_BYTES, Kind, MAGIC, VERSION};
-use crate::model::{AttributeLayout, BuildReport, Dag, Frame};
+use crate::model::{AttributeLayout, BuildReport, ChannelInfo, Dag, Frame};
 
 /// The metadata section.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,6 +18,8 @@ pub struct Metadata {
     pub layout: AttributeLayout,
     /// Number of vertex identities.
     pub vertex_count: u32,
+    /// Name, type and width of each channel.
+    pub channels: Vec<ChannelInfo>,
     /// Triangles of the source after mending.
     pub source_faces: u64,
     /// Vertices of the source after welding.
@@ -34,6 +36,7 @@ pub fn to_bytes(dag: &Dag) -> Vec<u8> {
         bounds: [dag.bounds.min, dag.bounds.max],
         layout: dag.layout(),
         vertex_count: dag.vertex_count,
+        channels: dag.channels.iter().map(|c| c.info.clone()).collect(),
         source_faces: dag.source_faces,
         source_vertices: dag.source_vertices,
         report: dag.report.clone(),
@@ -49,6 +52,10 @@ pub fn to_bytes(dag: &Dag) -> Vec<u8> {
     ];
     if let Some(rows) = &dag.face_ids {
         sections.push((Kind::FaceIds, bytemuck::cast_slice(rows)));
+    }
+    let channels: Vec<u32> = dag.channels.iter().flat_map(|c| &c.words).copied().collect();
+    if !dag.channels.is_empty() {
+        sections.push((Kind::Channels, bytemuck::cast_slice(&channels)));
     }
     let mut table = Vec::new();
     let mut offset = (HEADER_BYTES + sections.len() * ENTRY_BYTES).next_multiple_of(ALIGNMENT);

@@ -10,7 +10,7 @@ use crate::model::Dag;
 /// First bytes of a file. The high bit and the line ends catch transfers that are not binary-safe.
 pub const MAGIC: [u8; 8] = *b"\x89NANITE\n";
 /// Version of the layout. Readers refuse any other.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Bytes before the section table.
 pub const HEADER_BYTES: usize = 24;
 /// Bytes of an entry of the section table.
@@ -18,7 +18,7 @@ pub const ENTRY_BYTES: usize = 32;
 /// Boundary that sections start on.
 pub const ALIGNMENT: usize = 64;
 
-/// What a section holds. Every kind occurs exactly once, but for `FaceIds`, which may be absent.
+/// What a section holds. Every kind occurs exactly once, but for `FaceIds` and `Channels`, which may be absent.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -34,12 +34,21 @@ pub enum Kind {
     Pages = 5,
     /// Rows of the caller's faces, one u32 per level-0 triangle.
     FaceIds = 6,
+    /// The words of all channels, one channel after the other, a row for each vertex identity.
+    Channels = 7,
 }
 
 impl Kind {
     /// All kinds, in file order.
-    pub const ALL: [Self; 6] =
-        [Self::Metadata, Self::Groups, Self::Nodes, Self::PageTable, Self::Pages, Self::FaceIds];
+    pub const ALL: [Self; 7] = [
+        Self::Metadata,
+        Self::Groups,
+        Self::Nodes,
+        Self::PageTable,
+        Self::Pages,
+        Self::FaceIds,
+        Self::Channels,
+    ];
 }
 
 fn io(path: &Path) -> impl Fn(std::io::Error) -> Error + '_ {

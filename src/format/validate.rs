@@ -9,7 +9,7 @@ use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, MAX_ROUNDS, PAGE_MAX_CLUSTERS,
 };
 use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
-use crate::model::{Dag, PageEntry};
+use crate::model::{Channel, Dag, PageEntry};
 
 type Fault = (Kind, String);
 
@@ -24,6 +24,7 @@ pub fn structure(dag: &Dag) -> Result<(), Fault> {
     (0..dag.pages.table.len()).into_par_iter().try_for_each(|p| page(dag, p))?;
     groups(dag)?;
     nodes(dag)?;
+    channels(dag)?;
     let source: u64 = (0..dag.pages.table.len())
         .flat_map(|p| dag.pages.records(p))
         .filter(|r| r.level == 0)
@@ -102,6 +103,20 @@ fn page(dag: &Dag, p: usize) -> Result<(), Fault> {
     Ok(())
 }
 
+fn channels(dag: &Dag) -> Result<(), Fault> {
+    for (i, Channel { info, words }) in dag.channels.iter().enumerate() {
+        let fault = |holds: bool, what: &str| {
+            ensure(holds, Kind::Channels, || format!("channel {:?}: {what}", info.name))
+        };
+        let known = dag.channels[..i].iter().any(|c| c.info.name == info.name);
+        fault(!info.name.is_empty() && !known, "name")?;
+        fault(info.width() > 0, "width")?;
+        fault(words.len() == info.width() * dag.vertex_count as usize, "number of rows")?;
+        fault(words.par_iter().all(|word| info.dtype.holds(*word)), "values")?;
+    }
+    Ok(())
+}
+
 fn groups(dag: &Dag) -> Result<(), Fault> {
     for (g, group) in dag.groups.iter().enumerate() {
         let fault = |holds: bool, what: &str| ensure(holds, Kind::Groups, || format!("group {g}: {what}"));
@@ -111,7 +126,7 @@ fn groups(dag: &Dag) -> Result<(), Fault> {
         fault(slot + group.count as usize <= clusters, "members")?;
         fault(finite(&group.center) && finite(&group.extent), "box")?;
         fault(finite(&group.lod_sphere.center) && group.lod_sphere.radius.is_finite(), "sphere")?;
-        fault(group.error > 0.0, "error")?;
+        fault(group.error > 0.0 && group.error >= group.attribute_error, "error")?;
         fault(group.level < MAX_ROUNDS, "level")?;
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! The arrays of a cut.
 
 use crate::math::octahedral;
-use crate::model::{ClusterAddress, Dag};
+use crate::model::{Channel, ClusterAddress, Dag};
 
 /// A cut as arrays: one mesh, welded by vertex identity.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -64,4 +64,11 @@ pub fn extract(dag: &Dag, clusters: &[ClusterAddress]) -> CutArrays {
     }
     out.first_face.push(out.faces.len() as u32);
     out
+}
+
+/// The words of a channel for the vertices of a cut, row after row.
+pub fn channel_rows(channel: &Channel, ids: &[u32]) -> Vec<u32> {
+    let mut words = Vec::with_capacity(ids.len() * channel.info.width());
+    ids.iter().for_each(|id| words.extend_from_slice(channel.row(*id)));
+    words
 }

@@ -31,11 +31,20 @@ pub fn select(dag: &Dag, threshold: &Threshold) -> Vec<ClusterAddress> {
     clusters
 }
 
+/// The largest of an error of the groups that a cut's clusters were made from; 0 at level 0.
+fn largest(dag: &Dag, clusters: &[ClusterAddress], error: impl Fn(&Group) -> f32) -> f32 {
+    let origins = clusters.iter().filter_map(|at| dag.groups.get(dag.record(*at).refined as usize));
+    origins.map(error).fold(0.0, f32::max)
+}
+
+/// How far attributes are off in a cut, as a length in object units.
+pub fn cut_attribute_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
+    f64::from(largest(dag, clusters, |group| group.attribute_error)) * dag.frame.scale
+}
+
 /// The largest distance stated for a cut's clusters in object units, plus the rounding of the source positions; rounded up.
 pub fn cut_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
-    let distance =
-        |at: &ClusterAddress| dag.groups.get(dag.record(*at).refined as usize).map(Group::distance);
-    let largest = clusters.iter().filter_map(distance).fold(0.0, f32::max);
+    let largest = largest(dag, clusters, Group::distance);
     let error = f64::from(largest) * dag.frame.scale + dag.frame.rounding;
     if dag.frame.rounding > 0.0 { error.next_up() } else { error }
 }

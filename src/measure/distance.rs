@@ -99,7 +99,7 @@ fn check(mesh: MeshView<'_>) -> Result<f64> {
 /// Refuses what is not finite or huge; returns the largest coordinate.
 fn check_points(name: &'static str, points: &[Vec3]) -> Result<f64> {
     if let Some(index) = points.par_iter().position_first(|p| p.iter().any(|x| !x.is_finite())) {
-        return Err(Error::NonFinite { argument: name, index, value: points[index].to_vec() });
+        return Err(Error::NonFinite { argument: name.into(), index, value: points[index].to_vec() });
     }
     let huge = 2.0f64.powi(LARGEST_EXPONENT);
     if let Some(index) = points.par_iter().position_first(|p| p.iter().any(|x| x.abs() > huge)) {

@@ -14,7 +14,11 @@ pub fn stride(layout: AttributeLayout) -> usize {
 
 /// Which attributes a source has.
 pub fn layout(source: &SourceMesh<'_>) -> AttributeLayout {
-    AttributeLayout { colors: source.colors.is_some(), uv_sets: source.uvs.len() as u8 }
+    AttributeLayout {
+        colors: source.colors.is_some(),
+        uv_sets: source.uvs.len() as u8,
+        materials: source.materials.is_some(),
+    }
 }
 
 /// The rows of all vertices. Normals are given ones as they are, or zero to be filled in by

@@ -1,12 +1,15 @@
 //! From the caller's arrays to a clean indexed mesh: validation, framing, welding, mending, normals.
 
 pub mod attributes;
+pub mod channels;
 pub mod edges;
 pub mod frame;
 pub mod hash;
+pub mod materials;
 pub mod source;
 pub mod validate;
 pub mod weld;
 
-pub use source::{Positions, SourceMesh};
+pub use channels::Channels;
+pub use source::{Positions, SourceChannel, SourceMesh};
 pub use weld::{WeldedMesh, weld};

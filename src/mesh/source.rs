@@ -1,5 +1,7 @@
 //! Borrowed views of the caller's arrays.
 
+use crate::model::ChannelInfo;
+
 /// Vertex positions, object units.
 #[derive(Clone, Copy, Debug)]
 pub enum Positions<'a> {
@@ -32,6 +34,15 @@ impl Positions<'_> {
     }
 }
 
+/// A named channel as the caller has it.
+#[derive(Clone, Debug)]
+pub struct SourceChannel<'a> {
+    /// Name, type and width.
+    pub info: ChannelInfo,
+    /// N rows of words: the bits of numbers, see [`crate::model::ChannelType`].
+    pub words: &'a [u32],
+}
+
 /// A triangle mesh as the caller has it. Nothing is trusted until [`super::validate::validate`] passed.
 #[derive(Clone, Debug)]
 pub struct SourceMesh<'a> {
@@ -45,6 +56,10 @@ pub struct SourceMesh<'a> {
     pub colors: Option<&'a [[u8; 4]]>,
     /// UV sets of N pairs each, at most [`SourceMesh::MAX_UV_SETS`].
     pub uvs: Vec<&'a [[f32; 2]]>,
+    /// Named channels.
+    pub channels: Vec<SourceChannel<'a>>,
+    /// A material for each of the M triangles.
+    pub materials: Option<&'a [i32]>,
 }
 
 impl<'a> SourceMesh<'a> {
@@ -53,6 +68,14 @@ impl<'a> SourceMesh<'a> {
 
     /// Positions and faces alone.
     pub fn new(positions: Positions<'a>, faces: &'a [[u32; 3]]) -> Self {
-        Self { positions, faces, normals: None, colors: None, uvs: Vec::new() }
+        Self {
+            positions,
+            faces,
+            normals: None,
+            colors: None,
+            uvs: Vec::new(),
+            channels: Vec::new(),
+            materials: None,
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::source::{Positions, SourceMesh};
+use super::source::{Positions, SourceChannel, SourceMesh};
 use crate::error::{Error, Result};
 
 /// Most vertices and most faces: identities are 32-bit and new ones are made at every level.
@@ -11,7 +11,11 @@ const MAX_ELEMENTS: usize = 1 << 30;
 fn finite<const N: usize, T: Copy + Into<f64> + Sync>(argument: &'static str, rows: &[[T; N]]) -> Result<()> {
     let bad = rows.par_iter().position_first(|row| row.iter().any(|x| !(*x).into().is_finite()));
     match bad {
-        Some(index) => Err(Error::NonFinite { argument, index, value: rows[index].map(Into::into).to_vec() }),
+        Some(index) => Err(Error::NonFinite {
+            argument: argument.into(),
+            index,
+            value: rows[index].map(Into::into).to_vec(),
+        }),
         None => Ok(()),
     }
 }
@@ -64,5 +68,38 @@ pub fn validate(source: &SourceMesh<'_>) -> Result<()> {
         same_length("uvs", set.len(), vertices)?;
         finite("uvs", set)?;
     }
-    Ok(())
+    if let Some(materials) = source.materials {
+        let (found, faces) = (materials.len(), source.faces.len());
+        if found != faces {
+            let message = format!("expected one for each of the {faces} faces, found {found}");
+            return Err(Error::argument("face_materials", message));
+        }
+    }
+    source.channels.iter().enumerate().try_for_each(|(i, c)| channel(c, &source.channels[..i], vertices))
+}
+
+fn channel(channel: &SourceChannel<'_>, others: &[SourceChannel<'_>], vertices: usize) -> Result<()> {
+    let info = &channel.info;
+    let fail = |message: String| Err(Error::argument("channels", format!("{:?} {message}", info.name)));
+    if info.name.is_empty() || others.iter().any(|c| c.info.name == info.name) {
+        return fail("names no channel of its own".into());
+    }
+    let width = info.width();
+    if width == 0 || !channel.words.len().is_multiple_of(width) {
+        return fail(format!("has {} values in rows of {width}", channel.words.len()));
+    }
+    let rows = channel.words.len() / width;
+    if rows != vertices {
+        return fail(format!("has {rows} rows; expected one for each of the {vertices} vertices"));
+    }
+    let Some(at) = channel.words.par_iter().position_first(|w| !info.dtype.holds(*w)) else { return Ok(()) };
+    if info.dtype.is_label() {
+        return fail(format!("holds {:#x} in row {}, which its type cannot", channel.words[at], at / width));
+    }
+    let row = &channel.words[at / width * width..][..width];
+    Err(Error::NonFinite {
+        argument: format!("channels[{:?}]", info.name).into(),
+        index: at / width,
+        value: row.iter().map(|w| f64::from(f32::from_bits(*w))).collect(),
+    })
 }

@@ -3,8 +3,9 @@
 use rayon::prelude::*;
 
 use super::edges::Edges;
+use super::materials::ByMaterial;
 use super::source::SourceMesh;
-use super::{attributes, frame, hash, validate};
+use super::{Channels, attributes, frame, hash, materials, validate};
 use crate::error::{Error, Result};
 use crate::math::Aabb;
 use crate::model::{AttributeLayout, BuildReport, Frame};
@@ -20,10 +21,16 @@ pub struct WeldedMesh {
     pub positions: Vec<[f32; 3]>,
     /// Which attributes there are.
     pub layout: AttributeLayout,
-    /// Attribute rows, see [`super::attributes`].
+    /// Attribute rows, see [`super::attributes`], each followed by the scaled floats of [`Channels`].
     pub attributes: Vec<f32>,
+    /// Floats per attribute row.
+    pub stride: usize,
+    /// Named channels.
+    pub channels: Channels,
     /// For each vertex, the smallest vertex at the same position.
     pub position_ids: Vec<u32>,
+    /// Material of each vertex, and so of the faces around it; empty when there are none.
+    pub materials: Vec<u32>,
     /// Triangles: no two corners at one position, no face twice.
     pub faces: Vec<[u32; 3]>,
     /// For each face, its row in the caller's array.
@@ -35,25 +42,44 @@ pub fn weld(source: &SourceMesh<'_>, report: &mut BuildReport) -> Result<WeldedM
     validate::validate(source)?;
     report.input_faces = source.faces.len() as u64;
     report.input_vertices = source.positions.len() as u64;
-    let (positions, frame) = frame::to_internal(source.positions);
+    let (mut positions, frame) = frame::to_internal(source.positions);
     let layout = attributes::layout(source);
     let stride = attributes::stride(layout);
-    let rows = attributes::gather(source);
+    let mut rows = attributes::gather(source);
+    let mut channels = Channels::gather(source);
+    let by_material = source.materials.map(|m| materials::split(source.faces, m, positions.len()));
+    if let Some(ByMaterial { copies, .. }) = &by_material {
+        let copied = |v: &u32| *v as usize * stride..(*v as usize + 1) * stride;
+        copies.iter().for_each(|v| positions.push(positions[*v as usize]));
+        copies.iter().for_each(|v| rows.extend_from_within(copied(v)));
+        channels.copy_rows(copies);
+    }
+    let faces = by_material.as_ref().map_or(source.faces, |split| &split.faces);
+    let of_vertex = by_material.as_ref().map_or(&[][..], |split| &split.materials);
 
     let position_ids = hash::first_equal(bytemuck::cast_slice(&positions), 3);
-    let vertex_ids = match (source.normals.is_none(), layout == AttributeLayout::default()) {
-        (true, true) => position_ids.clone(),
-        _ => hash::first_equal(&joined(&positions, &rows, stride), 3 + stride),
+    let plain = source.normals.is_none() && layout == AttributeLayout::default() && channels.infos.is_empty();
+    let vertex_ids = if plain {
+        position_ids.clone()
+    } else {
+        let parts = [
+            (bytemuck::cast_slice(&positions), 3),
+            (bytemuck::cast_slice(&rows), stride),
+            (&channels.words[..], channels.width()),
+            (of_vertex, usize::from(layout.materials)),
+        ];
+        hash::first_equal(&joined(&parts), parts.iter().map(|(_, width)| width).sum())
     };
 
-    let (faces, face_rows) = mend(source.faces, &vertex_ids, &position_ids, report);
+    let (faces, face_rows) = mend(faces, &vertex_ids, &position_ids, report);
     if faces.is_empty() {
         return Err(Error::EmptyMesh("no face is left once faces without area are dropped".into()));
     }
-    let mut mesh = compact(positions, rows, stride, &vertex_ids, &position_ids, faces, report);
+    let mut mesh =
+        compact(positions, rows, stride, channels, of_vertex, &vertex_ids, &position_ids, faces, report);
     let mended = attributes::fill_normals(
         &mut mesh.attributes,
-        stride,
+        mesh.stride,
         &mesh.positions,
         &mesh.position_ids,
         &mesh.faces,
@@ -63,13 +89,19 @@ pub fn weld(source: &SourceMesh<'_>, report: &mut BuildReport) -> Result<WeldedM
     Ok(WeldedMesh { frame, bounds: frame::bounds(&mesh.positions), layout, face_rows, ..mesh })
 }
 
-fn joined(positions: &[[f32; 3]], rows: &[f32], stride: usize) -> Vec<u32> {
-    let mut words = vec![0u32; positions.len() * (3 + stride)];
-    words.par_chunks_mut(3 + stride).enumerate().for_each(|(i, out)| {
-        out[..3].copy_from_slice(bytemuck::cast_slice(&positions[i]));
-        out[3..].copy_from_slice(bytemuck::cast_slice(&rows[i * stride..][..stride]));
+/// Rows of several tables side by side; each comes with its words per row.
+fn joined(parts: &[(&[u32], usize)]) -> Vec<u32> {
+    let width = parts.iter().map(|(_, width)| width).sum();
+    let rows = parts.first().map_or(0, |(words, width)| words.len() / width);
+    let mut joined = vec![0u32; rows * width];
+    joined.par_chunks_mut(width).enumerate().for_each(|(i, mut out)| {
+        for (words, width) in parts {
+            let (part, rest) = out.split_at_mut(*width);
+            part.copy_from_slice(&words[i * width..][..*width]);
+            out = rest;
+        }
     });
-    words
+    joined
 }
 
 /// Drops faces with two corners at one position and repeated faces; counts the edges of the rest.
@@ -122,7 +154,9 @@ fn drop_repeats(faces: Vec<[u32; 3]>, rows: Vec<u32>) -> (Vec<[u32; 3]>, Vec<u32
 fn compact(
     positions: Vec<[f32; 3]>,
     rows: Vec<f32>,
-    stride: usize,
+    base: usize,
+    mut channels: Channels,
+    materials: &[u32],
     vertex_ids: &[u32],
     position_ids: &[u32],
     mut faces: Vec<[u32; 3]>,
@@ -155,17 +189,27 @@ fn compact(
             *first
         })
         .collect();
+    let stride = base + channels.float_widths().sum::<usize>();
     let mut attributes = vec![0.0; order.len() * stride];
     attributes
         .par_chunks_mut(stride)
         .zip(&order)
-        .for_each(|(out, old)| out.copy_from_slice(&rows[*old as usize * stride..][..stride]));
+        .for_each(|(out, old)| out[..base].copy_from_slice(&rows[*old as usize * base..][..base]));
+    channels.keep(&order);
+    channels.scale(&mut attributes, stride);
     WeldedMesh {
         frame: Frame { origin: [0.0; 3], scale: 1.0, rounding: 0.0 },
         bounds: Aabb::EMPTY,
         positions: order.par_iter().map(|v| positions[*v as usize]).collect(),
         layout: AttributeLayout::default(),
         attributes,
+        stride,
+        channels,
+        materials: if materials.is_empty() {
+            Vec::new()
+        } else {
+            order.iter().map(|v| materials[*v as usize]).collect()
+        },
         position_ids: ids,
         faces,
         face_rows: Vec::new(),

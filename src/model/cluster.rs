@@ -43,7 +43,7 @@ pub struct ClusterRecord {
     pub cone: [i8; 4],
     /// Sphere at which `error` is projected: that of the group whose simplification made this cluster.
     pub lod_sphere: Sphere,
-    /// Error of this cluster: −1 at level 0, positive above.
+    /// Error of this cluster: −1 at level 0, above that of the group that made it.
     pub error: f32,
     /// The group this cluster is a member of: it holds the parent error.
     pub group: u32,
@@ -61,8 +61,10 @@ pub struct ClusterRecord {
     pub refined: u32,
     /// Longest edge of the triangles, rounded up.
     pub max_edge: f32,
+    /// Material of all its triangles, the caller's number; zero when there are no materials.
+    pub material: i32,
     /// Zero: keeps records on 16-byte boundaries.
-    pub reserved_words: [u32; 2],
+    pub reserved_word: u32,
 }
 
 /// No group: what [`ClusterRecord::refined`] holds at level 0.
@@ -89,6 +91,8 @@ pub struct AttributeLayout {
     pub colors: bool,
     /// Number of UV sets.
     pub uv_sets: u8,
+    /// Clusters have materials.
+    pub materials: bool,
 }
 
 impl AttributeLayout {

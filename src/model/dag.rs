@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::channel::Channel;
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
 use super::hierarchy::Node;
 use super::page::Pages;
@@ -15,7 +16,8 @@ use crate::math::{Aabb, Sphere};
 pub struct Group {
     /// Encloses the LOD spheres of the members; the clusters made from this group inherit it.
     pub lod_sphere: Sphere,
-    /// The parent error of the members: the error of what was made from this group; +∞ where nothing was.
+    /// The parent error of the members: the error of what was made from this group; +∞ where nothing was. At
+    /// least what is stated of shape and attributes below.
     pub error: f32,
     /// Address of the first member; members are consecutive in one page.
     pub first: ClusterAddress,
@@ -32,14 +34,18 @@ pub struct Group {
     pub bound: f32,
     /// The simplifier's estimate of it, attributes weighed in, added up from level to level; +∞ like `error`.
     pub quadric: f32,
+    /// How far attributes are off in what was made from this group, as a length; 0 where nothing was.
+    pub attribute_error: f32,
+    /// Zero: keeps records on 16-byte boundaries.
+    pub reserved: [u32; 3],
 }
 
-const _: () = assert!(size_of::<Group>() == 64);
+const _: () = assert!(size_of::<Group>() == 80);
 
 impl Group {
-    /// What cuts state for what was made from this group: the bound, or else the error that the rule uses.
+    /// How far the shape of what was made from this group is stated to be off: the bound, or else the estimate.
     pub fn distance(&self) -> f32 {
-        if self.bound < self.error { self.bound } else { self.error }
+        if self.bound.is_finite() { self.bound } else { self.quadric }
     }
 
     /// Addresses of the members.
@@ -90,6 +96,8 @@ pub struct Dag {
     pub nodes: Vec<Node>,
     /// Number of vertex identities; identities are below it.
     pub vertex_count: u32,
+    /// Named per-vertex values, by identity.
+    pub channels: Vec<Channel>,
     /// Triangles and vertices of the source after mending.
     pub source_faces: u64,
     /// Vertices of the source after welding.

@@ -2,6 +2,7 @@
 //!
 //! Nothing here computes anything beyond addressing; the one exception is [`rule`], the rule of the cut.
 
+pub mod channel;
 pub mod cluster;
 pub mod dag;
 pub mod hierarchy;
@@ -9,6 +10,7 @@ pub mod page;
 pub mod report;
 pub mod rule;
 
+pub use channel::{Channel, ChannelInfo, ChannelType};
 pub use cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
 pub use dag::{Dag, Frame, Group};
 pub use hierarchy::Node;

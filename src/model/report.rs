@@ -10,6 +10,8 @@ pub enum StuckReason {
     TooFewCollapses,
     /// Every result would have opened a crack to a neighbouring group.
     BorderChanged,
+    /// Every result had triangles between materials.
+    MixedMaterials,
     /// Every result was empty.
     Vanished,
 }
@@ -43,6 +45,8 @@ pub struct LevelReport {
     pub steps: [u32; 4],
     /// Largest error made, object units.
     pub max_error: f64,
+    /// Largest deviation of attributes as a length, object units.
+    pub max_attribute_error: f64,
 }
 
 /// Everything a build reports.

@@ -3,15 +3,16 @@
 use std::borrow::Cow;
 
 use numpy::{
-    Element, PyArray, PyArray1, PyArray2, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray2,
-    PyUntypedArray, PyUntypedArrayMethods, dtype,
+    Element, PyArray, PyArray1, PyArray2, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArray2,
+    PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods, dtype,
 };
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
 use super::errors::{argument_error, dtype_error, to_python};
 use crate::error::Error;
-use crate::mesh::Positions;
+use crate::mesh::{Positions, SourceChannel};
+use crate::model::{ChannelInfo, ChannelType};
 
 /// An (N, C) array of `T`, C-contiguous and aligned, that stays alive and unwritten by us.
 pub(super) struct Rows<'py, T: Element, const C: usize>(PyReadonlyArray2<'py, T>);
@@ -200,6 +201,46 @@ where
 /// A one-dimensional array that takes over the memory of a vector.
 pub(super) fn into_array<T: Element>(py: Python<'_>, values: Vec<T>) -> Py<PyArray1<T>> {
     PyArray::from_vec(py, values).unbind()
+}
+
+/// An (N, C) array of words that takes over the memory of a vector.
+pub(super) fn into_words(py: Python<'_>, words: Vec<u32>, columns: usize) -> PyResult<Py<PyArray2<u32>>> {
+    let rows = words.len().checked_div(columns).unwrap_or(0);
+    Ok(PyArray::from_vec(py, words).reshape([rows, columns])?.unbind())
+}
+
+/// A named channel: the words of its values as uint32, (N,) or (N, C), with the dtype that they are.
+pub(super) struct ChannelArray<'py> {
+    info: ChannelInfo,
+    words: PyReadonlyArrayDyn<'py, u32>,
+}
+
+impl<'py> ChannelArray<'py> {
+    /// Takes a C-contiguous array of words.
+    pub(super) fn new(name: String, dtype: &str, value: &Bound<'py, PyAny>) -> PyResult<Self> {
+        let py = value.py();
+        let Some(dtype) = ChannelType::named(dtype) else {
+            return Err(dtype_error(py, "channels", &format!("{name:?} cannot be {dtype}")));
+        };
+        let words = value.cast::<PyArrayDyn<u32>>()?.try_readonly()?;
+        let columns = match *words.shape() {
+            [_] => None,
+            [_, columns] => u32::try_from(columns).ok(),
+            _ => {
+                let message = format!("{name:?} has shape {:?}; expected (N,) or (N, C)", words.shape());
+                return Err(argument_error(py, "channels", message));
+            }
+        };
+        if words.as_slice().is_err() {
+            return Err(argument_error(py, "channels", format!("{name:?} is not contiguous")));
+        }
+        Ok(Self { info: ChannelInfo { name, dtype, columns }, words })
+    }
+
+    /// The view that building takes.
+    pub(super) fn get(&self) -> SourceChannel<'_> {
+        SourceChannel { info: self.info.clone(), words: self.words.as_slice().unwrap_or_default() }
+    }
 }
 
 /// A 4×4 matrix of f64 from anything that converts to one.

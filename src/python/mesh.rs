@@ -8,20 +8,22 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use glam::DAffine3;
-use numpy::{PyArray1, PyArray2};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use rayon::prelude::*;
 
-use super::arrays::{FaceArray, PositionArray, into_array, into_rows, matrix4, vertex_rows};
+use super::arrays::{
+    ChannelArray, FaceArray, PositionArray, into_array, into_rows, into_words, matrix4, vertex_rows,
+};
 use super::errors::{argument_error, detached, panic_to_python, to_python};
 use super::renderer::{self, RawCamera};
 use crate::build::{self, Progress};
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
 use crate::format;
-use crate::lod::{FaceBudget, cut_error, extract, select};
+use crate::lod::{FaceBudget, channel_rows, cut_attribute_error, cut_error, extract, select};
 use crate::mesh::SourceMesh;
 use crate::model::rule::Threshold;
 use crate::model::{ClusterAddress, Dag, Frame};
@@ -132,6 +134,7 @@ fn build_options(options: Option<&Bound<'_, PyDict>>) -> PyResult<BuildOptions> 
             "normal_weight" => out.normal_weight = value.extract()?,
             "color_weight" => out.color_weight = value.extract()?,
             "uv_weight" => out.uv_weight = value.extract()?,
+            "channel_weight" => out.channel_weight = value.extract()?,
             "face_ids" => out.face_ids = value.extract()?,
             "threads" => out.threads = value.extract()?,
             other => return Err(argument_error(name.py(), "options", format!("no option {other:?}"))),
@@ -144,7 +147,7 @@ fn build_options(options: Option<&Bound<'_, PyDict>>) -> PyResult<BuildOptions> 
 impl Mesh {
     /// Builds from arrays. See `nanite_rs.NaniteMesh.from_arrays`.
     #[staticmethod]
-    #[pyo3(signature = (vertices, faces, *, normals=None, colors=None, uvs=vec![], options=None, progress=None))]
+    #[pyo3(signature = (vertices, faces, *, normals=None, colors=None, uvs=vec![], channels=vec![], face_materials=None, options=None, progress=None))]
     fn build<'py>(
         py: Python<'py>,
         vertices: &Bound<'py, PyAny>,
@@ -152,6 +155,8 @@ impl Mesh {
         normals: Option<&Bound<'py, PyAny>>,
         colors: Option<&Bound<'py, PyAny>>,
         uvs: Vec<Bound<'py, PyAny>>,
+        channels: Vec<(String, String, Bound<'py, PyAny>)>,
+        face_materials: Option<PyReadonlyArray1<'py, i32>>,
         options: Option<&Bound<'py, PyDict>>,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
@@ -163,12 +168,16 @@ impl Mesh {
         let colors = colors.map(|c| vertex_rows::<u8, 4>(c, "colors", count)).transpose()?;
         let uvs: Vec<_> =
             uvs.iter().map(|u| vertex_rows::<f32, 2>(u, "uvs", count)).collect::<PyResult<_>>()?;
+        let channels: Vec<_> =
+            channels.into_iter().map(|(n, t, v)| ChannelArray::new(n, &t, &v)).collect::<PyResult<_>>()?;
         let source = SourceMesh {
             positions: positions.get(),
             faces: faces.get(),
             normals: normals.as_ref().map(|n| n.get()),
             colors: colors.as_ref().map(|c| c.get()),
             uvs: uvs.iter().map(|u| u.get()).collect(),
+            channels: channels.iter().map(ChannelArray::get).collect(),
+            materials: face_materials.as_ref().map(|m| m.as_slice()).transpose()?,
         };
         watched(py, progress.as_ref(), |progress| build::build(&source, &options, progress)).map(Self::new)
     }
@@ -309,6 +318,7 @@ impl Mesh {
             + size_of_val(&dag.groups[..])
             + size_of_val(&dag.nodes[..])
             + dag.face_ids.as_ref().map_or(0, |f| size_of_val(&f[..]))
+            + dag.channels.iter().map(|c| size_of_val(&c.words[..])).sum::<usize>()
     }
 
     /// Vertex colours are present.
@@ -317,10 +327,22 @@ impl Mesh {
         self.dag.layout().colors
     }
 
+    /// Clusters have materials.
+    #[getter]
+    fn has_materials(&self) -> bool {
+        self.dag.layout().materials
+    }
+
     /// Number of UV sets.
     #[getter]
     fn uv_sets(&self) -> u8 {
         self.dag.layout().uv_sets
+    }
+
+    /// Name, dtype and number of columns of each channel; None where it has one dimension.
+    #[getter]
+    fn channels(&self) -> Vec<(String, &'static str, Option<u32>)> {
+        self.dag.channels.iter().map(|c| (c.info.name.clone(), c.info.dtype.name(), c.info.columns)).collect()
     }
 
     /// Smallest and largest corner of the source, object units.
@@ -346,12 +368,13 @@ impl Mesh {
 impl Mesh {
     fn cut(&self, py: Python<'_>, threshold: &Threshold) -> PyResult<Cut> {
         let dag = &*self.dag;
-        let (clusters, arrays, error, positions) = detached(py, || {
+        let (clusters, arrays, error, positions, channels) = detached(py, || {
             let clusters = select(dag, threshold);
             let mut arrays = extract(dag, &clusters);
-            let error = cut_error(dag, &clusters);
+            let error = (cut_error(dag, &clusters), cut_attribute_error(dag, &clusters));
             let positions = object_positions(std::mem::take(&mut arrays.positions), &dag.frame);
-            Ok((clusters, arrays, error, positions))
+            let channels: Vec<_> = dag.channels.iter().map(|c| channel_rows(c, &arrays.ids)).collect();
+            Ok((clusters, arrays, error, positions, channels))
         })?;
         let vertices = match positions {
             ObjectPositions::F32(rows) => into_rows(py, rows)?.into_py_any(py)?,
@@ -359,23 +382,35 @@ impl Mesh {
         };
         let faces = arrays.faces.into_iter().map(|face| face.map(u32::cast_signed)).collect();
         let sets = arrays.uvs.into_iter().map(|set| into_rows(py, set)).collect::<PyResult<_>>()?;
+        let channels = channels
+            .into_iter()
+            .zip(&dag.channels)
+            .map(|(words, c)| into_words(py, words, c.info.width()))
+            .collect::<PyResult<_>>()?;
         Ok(Cut {
             vertices,
             faces: into_rows(py, faces)?,
             normals: into_rows(py, arrays.normals)?,
             colors: dag.layout().colors.then(|| into_rows(py, arrays.colors)).transpose()?,
             uvs: sets,
+            channels,
             vertex_ids: into_array(py, arrays.ids),
             cluster_ids: into_array(py, clusters.iter().map(|at| at.0).collect()),
             cluster_levels: into_array(py, levels(dag, &clusters)),
+            cluster_materials: dag.layout().materials.then(|| into_array(py, materials(dag, &clusters))),
             first_face: into_array(py, arrays.first_face),
-            error,
+            error: error.0,
+            attribute_error: error.1,
         })
     }
 }
 
 fn levels(dag: &Dag, clusters: &[ClusterAddress]) -> Vec<u8> {
     clusters.iter().map(|at| dag.record(*at).level).collect()
+}
+
+fn materials(dag: &Dag, clusters: &[ClusterAddress]) -> Vec<i32> {
+    clusters.iter().map(|at| dag.record(*at).material).collect()
 }
 
 enum ObjectPositions {
@@ -401,9 +436,12 @@ pub struct Cut {
     normals: Py<PyArray2<f32>>,
     colors: Option<Py<PyArray2<u8>>>,
     uvs: Vec<Py<PyArray2<f32>>>,
+    channels: Vec<Py<PyArray2<u32>>>,
     vertex_ids: Py<PyArray1<u32>>,
     cluster_ids: Py<PyArray1<u32>>,
     cluster_levels: Py<PyArray1<u8>>,
+    cluster_materials: Option<Py<PyArray1<i32>>>,
     first_face: Py<PyArray1<u32>>,
     error: f64,
+    attribute_error: f64,
 }

@@ -8,7 +8,7 @@ use super::arrays::{into_array, into_rows};
 use super::mesh::Mesh;
 use crate::math::Sphere;
 use crate::model::cluster::NO_GROUP;
-use crate::model::{ClusterRecord, Dag};
+use crate::model::{ClusterRecord, Dag, Group};
 
 /// Centre and radius in object units: rows of x, y, z, r.
 fn spheres(py: Python<'_>, dag: &Dag, of: impl Iterator<Item = Sphere>) -> PyResult<Py<PyArray2<f64>>> {
@@ -38,13 +38,17 @@ pub(super) fn cluster_table(py: Python<'_>, mesh: &Mesh) -> PyResult<Py<PyDict>>
     Ok(out.unbind())
 }
 
-/// Columns of all groups. `error` is that of what was made from the group, infinite where nothing was.
+/// Columns of all groups. `error` is that of what was made from the group, infinite where nothing was: at least
+/// `shape_error` and `attribute_error`.
 #[pyfunction]
 pub(super) fn group_table(py: Python<'_>, mesh: &Mesh) -> PyResult<Py<PyDict>> {
     let dag = &*mesh.dag;
     let out = PyDict::new(py);
-    let errors = dag.groups.iter().map(|g| f64::from(g.error) * dag.frame.scale);
-    out.set_item("error", into_array(py, errors.collect()))?;
+    let of =
+        |error: fn(&Group) -> f32| dag.groups.iter().map(|g| f64::from(error(g)) * dag.frame.scale).collect();
+    out.set_item("error", into_array(py, of(|g| g.error)))?;
+    out.set_item("shape_error", into_array(py, of(Group::distance)))?;
+    out.set_item("attribute_error", into_array(py, of(|g| g.attribute_error)))?;
     out.set_item("level", into_array(py, dag.groups.iter().map(|g| g.level).collect()))?;
     out.set_item("count", into_array(py, dag.groups.iter().map(|g| g.count).collect()))?;
     out.set_item("sphere", spheres(py, dag, dag.groups.iter().map(|g| g.lod_sphere))?)?;

@@ -4,8 +4,8 @@ use nanite_rs::Error;
 use nanite_rs::build::{Silent, build, check};
 use nanite_rs::config::BuildOptions;
 use nanite_rs::format::{from_bytes, open, save, to_bytes};
-use nanite_rs::mesh::{Positions, SourceMesh};
-use nanite_rs::model::Dag;
+use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
+use nanite_rs::model::{ChannelInfo, ChannelType, Dag};
 
 use crate::dag_invariants::{Random, build_mesh};
 use crate::shapes;
@@ -17,6 +17,14 @@ fn rich_mesh(n: usize) -> Dag {
     let mut source = SourceMesh::new(Positions::F32(&positions), &faces);
     source.colors = Some(&colors);
     source.uvs = vec![&uvs, &uvs];
+    let heat: Vec<u32> = positions.iter().flat_map(|p| [p[2].to_bits(), (1.0e20 * p[0]).to_bits()]).collect();
+    let parts: Vec<u32> =
+        positions.iter().map(|p| if p[2] > 0.0 { i32::MIN.cast_unsigned() } else { 7 }).collect();
+    let info = |name: &str, dtype, columns| ChannelInfo { name: name.into(), dtype, columns };
+    source.channels = vec![
+        SourceChannel { info: info("heat", ChannelType::Float32, Some(2)), words: &heat },
+        SourceChannel { info: info("part", ChannelType::Int32, None), words: &parts },
+    ];
     let dag = build(&source, &BuildOptions { face_ids: true, ..BuildOptions::default() }, &Silent).unwrap();
     check(&dag).unwrap();
     dag
@@ -81,7 +89,7 @@ fn hostile_words_never_panic() {
         let mut damaged = dag.clone();
         let value = evil[(random.next() * evil.len() as f64) as usize];
         let pick = |n: usize, r: &mut Random| (r.next() * n as f64) as usize;
-        match pick(4, &mut random) {
+        match pick(6, &mut random) {
             0 => {
                 let at = pick(damaged.pages.words.len(), &mut random);
                 damaged.pages.words[at] = value;
@@ -96,6 +104,16 @@ fn hostile_words_never_panic() {
                 let at = pick(words.len(), &mut random);
                 words[at] = value;
             }
+            3 => {
+                let channel = pick(damaged.channels.len(), &mut random);
+                let words = &mut damaged.channels[channel].words;
+                let at = pick(words.len(), &mut random);
+                words[at] = value;
+            }
+            4 => {
+                let channel = pick(damaged.channels.len(), &mut random);
+                damaged.channels[channel].info.columns = Some(value);
+            }
             _ => {
                 let words: &mut [u32] = bytemuck::cast_slice_mut(&mut damaged.pages.table);
                 let at = pick(words.len(), &mut random);
@@ -105,9 +123,32 @@ fn hostile_words_never_panic() {
         if let Ok(read) = from_bytes(&to_bytes(&damaged), "hostile") {
             accepted += 1;
             let clusters = nanite_rs::lod::select(&read, &nanite_rs::model::rule::Threshold::Uniform(0.01));
-            nanite_rs::lod::extract(&read, &clusters);
+            let cut = nanite_rs::lod::extract(&read, &clusters);
+            read.channels
+                .iter()
+                .for_each(|c| assert!(nanite_rs::lod::channel_rows(c, &cut.ids).len() >= cut.ids.len()));
             let _ = check(&read);
         }
     }
     assert!(accepted > 100, "the damage never got past the reader: the test tests nothing");
+}
+
+#[test]
+fn channels_that_do_not_fit_are_refused() {
+    let dag = rich_mesh(6);
+    let refused = |change: &dyn Fn(&mut Dag), what: &str| {
+        let mut damaged = dag.clone();
+        change(&mut damaged);
+        match from_bytes(&to_bytes(&damaged), "x") {
+            Err(Error::Format { message, .. }) => assert!(message.contains(what), "{message}"),
+            other => panic!("{what}: {:?}", other.map(|_| ())),
+        }
+    };
+    refused(&|d| d.channels[0].words[3] = f32::NAN.to_bits(), "values");
+    refused(&|d| d.channels[1].info.dtype = ChannelType::Bool, "values");
+    refused(&|d| d.channels[1].info.name = "heat".into(), "name");
+    refused(&|d| d.channels[0].info.columns = Some(0), "left over");
+    refused(&|d| d.channels[0].info.columns = Some(u32::MAX), "ends inside");
+    refused(&|d| d.channels[1].words.truncate(5), "ends inside");
+    refused(&|d| d.channels[1].words.push(0), "left over");
 }

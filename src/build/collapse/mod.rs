@@ -20,7 +20,7 @@ use rustc_hash::FxHashSet;
 use self::forms::{Channel, Forms, Sums};
 use self::quadric::Quadric;
 use self::queue::Queue;
-use self::surface::{NONE, Surface};
+use self::surface::{Edge, NONE, Surface};
 use self::wedges::Merge;
 use super::store::LocalMesh;
 use crate::math::Aabb;
@@ -133,6 +133,23 @@ fn bits(position: [f32; 3]) -> [u32; 3] {
     position.map(|x| (x + 0.0).to_bits())
 }
 
+/// See [`Collapser::rank`].
+fn ranks(mesh: &LocalMesh, point_of: &[u32], points: usize) -> Vec<u8> {
+    if mesh.materials.windows(2).all(|pair| pair[0] == pair[1]) {
+        return Vec::new();
+    }
+    let mut at_points: Vec<(u32, u32)> =
+        point_of.iter().copied().zip(mesh.materials.iter().copied()).collect();
+    at_points.sort_unstable();
+    at_points.dedup();
+    let mut ranks = vec![0; points];
+    at_points.windows(2).filter(|pair| pair[0].0 == pair[1].0).for_each(|pair| {
+        let rank = &mut ranks[pair[0].0 as usize];
+        *rank = 2.min(*rank + 1);
+    });
+    ranks
+}
+
 struct Collapser {
     policy: Policy,
     /// Internal = center + extent · local.
@@ -154,6 +171,9 @@ struct Collapser {
     rows: Vec<f32>,
     stride: usize,
     merge: Merge,
+    /// Number of materials that meet at each point, less one, and at most two: inside one material, on a line
+    /// between two, where lines meet. Empty when there are no materials.
+    rank: Vec<u8>,
     /// Squared distances that collapses left at each point, added up.
     drift: Vec<f64>,
     /// Sums of the edge weighed last.
@@ -200,6 +220,7 @@ impl Collapser {
             queue: Queue::default(),
             entries: vec![Entry::default(); surface.edges.len()],
             changed: vec![0; places.len()],
+            rank: ranks(mesh, &point_of, places.len()),
             drift: vec![0.0; places.len()],
             count: 0,
             taken: places.iter().copied().map(bits).collect(),
@@ -268,9 +289,7 @@ impl Collapser {
     /// Works out what an edge costs now and puts it in its place.
     fn look(&mut self, edge: u32) {
         self.entries[edge as usize] = Entry { seen: self.count, ..Entry::default() };
-        let ends = self.surface.edges[edge as usize].ends;
-        let stuck = ends.iter().all(|p| self.surface.locked[*p as usize]);
-        if stuck || !self.forms.edge(&self.surface, edge, &mut self.sums) {
+        if self.fixed(edge) == [true; 2] || !self.forms.edge(&self.surface, edge, &mut self.sums) {
             self.block(edge);
             return;
         }
@@ -279,13 +298,22 @@ impl Collapser {
         self.queue.set(edge, self.total(edge, &self.sums, cost) as f32);
     }
 
-    /// The ends of an edge, and the locked one.
+    /// Which ends of an edge stay where they are: locked ones, and those on a line between materials that the edge
+    /// is no part of, so that such lines move along themselves alone.
+    #[inline]
+    fn fixed(&self, edge: u32) -> [bool; 2] {
+        let Edge { ends, crease, .. } = self.surface.edges[edge as usize];
+        let rank = |p: u32| self.rank.get(p as usize).copied().unwrap_or(0);
+        ends.map(|p| self.surface.locked[p as usize] || rank(p) > u8::from(crease))
+    }
+
+    /// The ends of an edge, and the one that stays.
     #[inline]
     fn ends(&self, edge: u32) -> ([DVec3; 2], Option<DVec3>) {
         let ends = self.surface.edges[edge as usize].ends;
         let at = ends.map(|p| self.surface.positions[p as usize]);
-        let locked = (0..2).find(|k| self.surface.locked[ends[*k] as usize]);
-        (at, locked.map(|k| at[k]))
+        let fixed = self.fixed(edge).iter().position(|fixed| *fixed);
+        (at, fixed.map(|k| at[k]))
     }
 
     /// What past collapses left at the ends of an edge.
@@ -377,10 +405,11 @@ impl Collapser {
     /// point lies there.
     fn apply(&mut self, edge: u32, position: DVec3) -> Option<u32> {
         let [a, b] = self.surface.edges[edge as usize].ends;
-        let (keep, other) = if self.surface.locked[b as usize] { (b, a) } else { (a, b) };
+        let fixed = self.fixed(edge);
+        let (keep, other) = if fixed[1] { (b, a) } else { (a, b) };
         let surface = &mut self.surface;
         let (mut place, mut at) = (self.places[keep as usize], surface.positions[keep as usize]);
-        if !surface.locked[keep as usize] {
+        if fixed == [false; 2] {
             // Continue with the position as it will be stored.
             place = (self.center + position * self.extent).as_vec3().to_array();
             at = (DVec3::from_array(place.map(f64::from)) - self.center) / self.extent;
@@ -400,6 +429,9 @@ impl Collapser {
         let queue = &mut self.queue;
         surface.collapse(edge, keep, at, |e| queue.remove(e));
         self.forms.merge(keep, other);
+        if !self.rank.is_empty() {
+            self.rank[keep as usize] = self.rank[keep as usize].max(self.rank[other as usize]);
+        }
         self.merge.apply(surface, &mut self.rows, self.stride, keep);
         self.count += 1;
         self.ring.clear();
@@ -446,6 +478,8 @@ impl Collapser {
             ids: mesh.ids.clone(),
             positions: mesh.positions.clone(),
             attributes: self.rows,
+            labels: mesh.labels.clone(),
+            materials: mesh.materials.clone(),
             position_ids: mesh.position_ids.clone(),
             locked: mesh.locked.clone(),
             indices: Vec::with_capacity(3 * self.surface.alive),

@@ -16,6 +16,7 @@ fn mesh(positions: &[[f32; 3]], faces: &[[u32; 3]]) -> LocalMesh {
         position_ids: positions.iter().map(first).collect(),
         locked: vec![false; positions.len()],
         indices: faces.as_flattened().to_vec(),
+        ..LocalMesh::default()
     }
 }
 

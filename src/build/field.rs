@@ -1,0 +1,193 @@
+//! What the surface of a group carries at each of its places: what is read off it where a simplifier has no say, and
+//! what its successor is compared with.
+
+use glam::DVec3;
+
+use super::collapse::wedges::nearest;
+use super::content::Content;
+use super::store::LocalMesh;
+use crate::math::triangle::{area, edge_of_area};
+use crate::measure::TriangleTree;
+use crate::mesh::hash;
+
+/// Part of the mean edge length that a place may be worse than another one if its label is the one that was.
+const LABEL_TIE: f32 = 1.0e-3;
+
+/// A place on a surface.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Place {
+    /// Vertices of its triangle.
+    pub corners: [u32; 3],
+    /// Its barycentric coordinates.
+    pub at: [f32; 3],
+    /// Its distance to the point it was looked up for.
+    pub distance: f32,
+}
+
+/// The triangles around each vertex of an index buffer.
+#[derive(Debug)]
+struct Stars {
+    starts: Vec<u32>,
+    triangles: Vec<u32>,
+}
+
+impl Stars {
+    fn new(vertices: usize, indices: &[u32]) -> Self {
+        // Counted two places ahead, so that filling leaves the starts where they belong.
+        let mut starts = vec![0u32; vertices + 2];
+        indices.iter().for_each(|v| starts[*v as usize + 2] += 1);
+        for i in 2..starts.len() {
+            starts[i] += starts[i - 1];
+        }
+        let mut triangles = vec![0; indices.len()];
+        for (corner, v) in indices.iter().enumerate() {
+            let at = &mut starts[*v as usize + 1];
+            triangles[*at as usize] = corner as u32 / 3;
+            *at += 1;
+        }
+        Self { starts, triangles }
+    }
+
+    fn of(&self, vertex: u32) -> &[u32] {
+        &self.triangles[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]
+    }
+}
+
+/// A surface with what its vertices carry.
+#[derive(Debug)]
+pub struct Field<'a> {
+    mesh: &'a LocalMesh,
+    stride: usize,
+    tree: TriangleTree,
+    /// The first vertex at the position of each.
+    positions: Vec<u32>,
+    /// Triangles around those.
+    stars: Stars,
+}
+
+impl<'a> Field<'a> {
+    /// The surface of a mesh.
+    pub fn new(mesh: &'a LocalMesh, content: &Content) -> Self {
+        let point = |v: u32| mesh.positions[v as usize];
+        let triangles = mesh.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]].map(point)).collect();
+        // By where vertices are now: a simplifier may have brought together what lay apart.
+        let positions = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
+        let by_position: Vec<u32> = mesh.indices.iter().map(|v| positions[*v as usize]).collect();
+        Self {
+            mesh,
+            stride: content.stride(),
+            tree: TriangleTree::of(triangles),
+            stars: Stars::new(mesh.positions.len(), &by_position),
+            positions,
+        }
+    }
+
+    fn place(&self, p: [f32; 3], triangle: u32) -> Place {
+        let corners = &self.mesh.indices[3 * triangle as usize..][..3];
+        let p = DVec3::from_array(p.map(f64::from));
+        let point = |v: u32| DVec3::from_array(self.mesh.positions[v as usize].map(f64::from));
+        let points = [corners[0], corners[1], corners[2]].map(point);
+        let at = nearest(p, points);
+        let distance = (points[0] * at[0] + points[1] * at[1] + points[2] * at[2]).distance(p);
+        Place {
+            corners: [corners[0], corners[1], corners[2]],
+            at: at.map(|x| x as f32),
+            distance: distance as f32,
+        }
+    }
+
+    /// The attribute rows at the corners of a place.
+    pub fn rows(&self, place: &Place) -> [&'a [f32]; 3] {
+        place.corners.map(|v| &self.mesh.attributes[v as usize * self.stride..][..self.stride])
+    }
+
+    /// The edge of the equilateral triangle with the area of a place's triangle.
+    pub fn edge(&self, place: &Place) -> f32 {
+        edge_of_area(area(place.corners.map(|v| self.mesh.positions[v as usize]))) as f32
+    }
+
+    /// The label at a place: that of the corner that is nearest by its barycentric coordinates, equal ones added.
+    pub fn label(&self, place: &Place) -> u32 {
+        let labels = place.corners.map(|v| self.mesh.labels[v as usize]);
+        let share = |k: usize| (0..3).filter(|j| labels[*j] == labels[k]).map(|j| place.at[j]).sum::<f32>();
+        let best = (1..3).fold(0, |best, k| if share(k) > share(best) { k } else { best });
+        labels[best]
+    }
+
+    /// From a place towards the corner of its triangle that has a label, the first point that has it.
+    pub fn towards_label(&self, place: &Place, label: u32) -> Option<[f32; 3]> {
+        let points = place.corners.map(|v| self.mesh.positions[v as usize]);
+        let has = place.corners.map(|v| self.mesh.labels[v as usize] == label);
+        let corner = (0..3).filter(|k| has[*k]).max_by(|a, b| place.at[*a].total_cmp(&place.at[*b]))?;
+        let share: f32 = (0..3).filter(|k| has[*k]).map(|k| place.at[k]).sum();
+        // At half of the weight no other label has more.
+        let t = ((0.5 - share) / (1.0 - share)).clamp(0.0, 1.0);
+        let here = |k: usize| (0..3).map(|c| place.at[c] * points[c][k]).sum::<f32>();
+        Some([0, 1, 2].map(|k| here(k) * (1.0 - t) + t * points[corner][k]))
+    }
+
+    /// The material at a place.
+    pub fn material(&self, place: &Place) -> u32 {
+        self.mesh.materials[place.corners[0] as usize]
+    }
+
+    /// Of the place nearest to `p` and those on the triangles around it, the one with the least `cost`, which takes
+    /// a place and how much farther it is than the nearest one. Stops at the first with a cost of `enough` or less.
+    /// `near` is a triangle to start from, and becomes the nearest one.
+    pub fn best_place(
+        &self,
+        p: [f32; 3],
+        near: &mut u32,
+        enough: f32,
+        cost: impl Fn(&Place, f32) -> f32,
+    ) -> (Place, f32) {
+        *near = self.tree.nearest(p, *near);
+        let mut place = self.place(p, *near);
+        let distance = place.distance;
+        let mut least = cost(&place, 0.0);
+        let around = place.corners.map(|v| self.positions[v as usize]);
+        for t in around.iter().flat_map(|position| self.stars.of(*position)) {
+            if least <= enough {
+                break;
+            }
+            let other = self.place(p, *t);
+            let cost = cost(&other, (other.distance - distance).max(0.0));
+            if cost < least {
+                (place, least) = (other, cost);
+            }
+        }
+        (place, least)
+    }
+
+    /// Gives the vertices of `after` that moved the labels of this surface and its columns from `first` on.
+    pub fn read_off(&self, after: &mut LocalMesh, content: &Content, first: usize, edge: f32) {
+        let mut used = vec![false; after.positions.len()];
+        after.indices.iter().for_each(|v| used[*v as usize] = true);
+        let mut near = 0;
+        for v in (0..used.len()).filter(|v| used[*v]) {
+            if after.positions[v] == self.mesh.positions[v] {
+                continue;
+            }
+            let row = v * self.stride..(v + 1) * self.stride;
+            let known = &after.attributes[row.clone()][..first];
+            let label = after.labels.get(v);
+            let material = after.materials.get(v);
+            let cost = |place: &Place, farther: f32| {
+                if material.is_some_and(|material| self.material(place) != *material) {
+                    return f32::INFINITY;
+                }
+                let other = label.is_some_and(|label| self.label(place) != *label);
+                let deviation = edge * content.deviation(known, self.rows(place), place.at);
+                farther.max(deviation) + if other { LABEL_TIE * edge } else { 0.0 }
+            };
+            let (place, _) = self.best_place(after.positions[v], &mut near, 0.0, cost);
+            let rows = self.rows(&place);
+            for (k, x) in after.attributes[row].iter_mut().enumerate().skip(first) {
+                *x = (0..3).map(|c| place.at[c] * rows[c][k]).sum();
+            }
+            if let Some(label) = after.labels.get_mut(v) {
+                *label = self.label(&place);
+            }
+        }
+    }
+}
