@@ -36,9 +36,9 @@ class Cut:
     channels : dict of names to (N,) or (N, K) arrays
         Named channels, with the dimensions given: float32, or labels of the dtype given.
     error : float
-        No point of the cut is farther from the source surface, and no point of the source from the cut, in the units
-        of the mesh: proven and rounded up (docs/numerics.md). With ``error="quadric"`` an estimate, and often too
-        low. 0 at full detail.
+        No point of the cut is farther from the source surface, and no point of the source from the cut, in the
+        units of the mesh: proven and rounded up (docs/numerics.md). With ``error="quadric"`` an estimate, and
+        often too low. 0 at full detail.
     attribute_error : float
         How far normals that were given, colours, UVs, channels and materials are off, as a length in the units of
         the mesh: a deviation of one unit counts as its weight in `BuildOptions` times the mean edge length of the
