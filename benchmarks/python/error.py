@@ -21,13 +21,13 @@ import matplotlib
 import meshoptimizer
 import numpy as np
 import pymeshlab
-import pyvista
-import trimesh
 
 import nanite_rs as nrs
 
 from . import machine
 from .cut import two_sided
+from .meshes import MESHES
+from .quality import decimate
 
 try:
     import open3d
@@ -42,20 +42,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
-SCANS = Path(__file__).resolve().parents[3] / "shared" / "data" / "scans"
 REMOVED = (0.5, 0.75, 0.9, 0.97, 0.99)
 PEERS = ("meshoptimizer", "open3d", "pymeshlab", "pyvista", "vtk", "matplotlib")
-Arrays = tuple[np.ndarray, np.ndarray]
-
-MESHES: dict[str, Callable[[], Arrays]] = {
-    "bunny": lambda: _scan("stanford_bunny_full/bun_zipper.ply"),
-    "armadillo": lambda: _scan("armadillo_86k/armadillo.obj"),
-    "lucy": lambda: _scan("lucy_100k/lucy.ply"),
-    "turbine": lambda: _scan("turbine_blade_199k/turbineblade.ply"),
-    "dragon": lambda: _scan("stanford_dragon_res2/dragon_vrip_res2.ply.gz"),
-    "sphere 1 M": lambda: nrs.shapes.displaced_icosphere(faces=1_000_000)[:2],
-    "sphere 5 M": lambda: nrs.shapes.displaced_icosphere(faces=5_000_000)[:2],
-}
 
 
 def main() -> None:
@@ -82,14 +70,6 @@ def main() -> None:
     stem.with_suffix(".md").write_text(document(results))
     plot(meshes, stem.with_suffix(".png"))
     print(f"wrote {stem}.md, .json and .png")
-
-
-def _scan(path: str) -> Arrays:
-    if not (SCANS / path).exists():
-        raise FileNotFoundError(2, "no such file", str(SCANS / path))
-    mesh = trimesh.load_mesh(SCANS / path, process=False)
-    used, faces = np.unique(np.asarray(mesh.faces), return_inverse=True)
-    return np.asarray(mesh.vertices)[used].astype(np.float32), faces.reshape(-1, 3)
 
 
 def compare(vertices: np.ndarray, faces: np.ndarray) -> dict[str, object]:
@@ -150,9 +130,7 @@ def contestants(
         return vertices, out[:size].reshape(-1, 3), float(error[0]) * extent
 
     def vtk(count: int) -> Made:
-        padded = np.column_stack([np.full(len(faces), 3), faces]).ravel()
-        result = pyvista.PolyData(vertices, padded).decimate(1 - count / len(faces))
-        return np.asarray(result.points), np.asarray(result.faces).reshape(-1, 4)[:, 1:], None
+        return *decimate(vertices, faces, count), None
 
     def o3d(count: int) -> Made:
         mesh = open3d.geometry.TriangleMesh(

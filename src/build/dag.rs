@@ -14,7 +14,7 @@ use super::content::Content;
 use super::lock_borders::shared_positions;
 use super::partition::partition;
 use super::reference::{Patch, Pieces, Reference};
-use super::simplify::{Simplified, simplify};
+use super::simplify::{Simplified, ratio, simplify};
 use super::store::{LocalMesh, RoundPositions, VertexStore};
 use crate::config::{BuildOptions, ErrorMeasure};
 use crate::error::{Error, Result};
@@ -118,7 +118,7 @@ pub fn grow(
     progress: &dyn Progress,
     report: &mut BuildReport,
 ) -> Result<Graph> {
-    // Every level halves, so the levels above the source add up to as much again.
+    // Every triangle is split into clusters once and, but for a few, taken away once.
     let total = 2 * mesh.faces.len() as u64;
     let meter = Meter { progress, done: AtomicU64::new(0), total, cancelled: AtomicBool::new(false) };
     if !meter.advance(0) {
@@ -217,6 +217,7 @@ impl Growth {
             self.start_reference(&positions, &pending);
         }
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
+        let ratio = ratio(level.triangles, options.quality);
         let outcomes: Vec<_> = groups
             .par_iter()
             .map(|members| {
@@ -225,8 +226,10 @@ impl Growth {
                     members.iter().map(|c| &self.clusters[pending[*c as usize] as usize]).collect();
                 let proof =
                     self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters, round });
-                let outcome = simplify_group(store, &local, &members, &self.content, proof, options);
-                (meter.advance(local.indices.len() / 6), outcome)
+                let triangles = local.indices.len() / 3;
+                let target = (triangles as f32 * ratio) as usize;
+                let outcome = simplify_group(store, &local, target, &members, &self.content, proof, options);
+                (meter.advance(triangles - target), outcome)
             })
             .collect();
         if outcomes.iter().any(|(go_on, _)| !go_on) {
@@ -386,12 +389,13 @@ struct Proof<'a> {
 fn simplify_group(
     store: &VertexStore,
     local: &LocalMesh,
+    target: usize,
     members: &[&BuildCluster],
     content: &Content,
     proof: Option<Proof<'_>>,
     options: &BuildOptions,
 ) -> std::result::Result<Split, StuckReason> {
-    let Simplified { mut mesh, estimate, step } = simplify(local, content, options)?;
+    let Simplified { mut mesh, estimate, step } = simplify(local, target, content, options)?;
     let most = |of: fn(&BuildCluster) -> f32| members.iter().map(|c| of(c)).fold(0.0, f32::max);
     let quadric = round_up(f64::from(most(|c| c.quadric)) + f64::from(estimate));
     let deviation = step_deviation(local, &mesh, content);

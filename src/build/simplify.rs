@@ -1,7 +1,7 @@
-//! Simplifying one group to half, and the chain of fallbacks.
+//! Simplifying one group, and the chain of fallbacks.
 //!
-//! The simplifier is `collapse` or, where speed matters more, meshoptimizer's, with vertices moved to their optimum and attributes in the metric
-//! (Garland and Heckbert 1997; Hoppe, "New Quadric Metric for Simplifying Meshes with Appearance Attributes",
+//! The simplifier is `collapse` or, where speed matters more, meshoptimizer's, with vertices moved to their optimum
+//! and attributes in the metric (Garland and Heckbert 1997; Hoppe, "New Quadric Metric for Simplifying Meshes with Appearance Attributes",
 //! 1999). The chain: attribute-aware with seams protected → permissive (seams may collapse, loose parts may
 //! go) → sloppy → give up.
 
@@ -22,8 +22,13 @@ use crate::mesh::edges::Edges;
 use crate::mesh::hash;
 use crate::model::StuckReason;
 
-/// Part of the triangles to keep.
+/// Part of the triangles that a level keeps.
 const TARGET_RATIO: f32 = 0.5;
+/// The same with the best quality, where a level has at most [`FINE_TRIANGLES`]: what is locked stays dense for less
+/// long, and a cut of any size finds levels near it. A tenth to a fifth less error at the same size, for two thirds
+/// more triangles stored, which is little where there are few.
+const FINE_RATIO: f32 = 0.7;
+const FINE_TRIANGLES: u64 = 1 << 18;
 /// A result that keeps more than this part is not worth a level.
 const ACCEPT_RATIO: f32 = 0.85;
 
@@ -58,9 +63,15 @@ pub struct Simplified {
     pub step: Step,
 }
 
-/// Simplifies a group.
+/// Part of its triangles that a level of so many keeps.
+pub fn ratio(triangles: u64, quality: Quality) -> f32 {
+    if quality == Quality::Best && triangles <= FINE_TRIANGLES { FINE_RATIO } else { TARGET_RATIO }
+}
+
+/// Simplifies a group to `target` triangles.
 pub fn simplify(
     mesh: &LocalMesh,
+    target: usize,
     content: &Content,
     options: &BuildOptions,
 ) -> Result<Simplified, StuckReason> {
@@ -68,7 +79,7 @@ pub fn simplify(
     let before: Vec<[u32; 3]> = faces(&mesh.indices, |v| mesh.position_ids[v as usize]).collect();
     let before = Topology::of(&before);
     for step in Step::CHAIN {
-        match attempt(mesh, &before, content, options, step) {
+        match attempt(mesh, &before, target, content, options, step) {
             Ok(result) => return Ok(result),
             Err(StuckReason::TooFewCollapses) => {}
             Err(other) => reason = other,
@@ -81,13 +92,14 @@ pub fn simplify(
 fn attempt(
     mesh: &LocalMesh,
     before: &Topology,
+    target: usize,
     content: &Content,
     options: &BuildOptions,
     step: Step,
 ) -> Result<Simplified, StuckReason> {
     let most = (mesh.indices.len() / 3) as f32 * ACCEPT_RATIO;
     let checked = |locked: &[bool]| {
-        let (result, error) = run(mesh, locked, content, options, step);
+        let (result, error) = run(mesh, locked, target, content, options, step);
         let left = result.indices.len() / 3;
         if left == 0 {
             return Err(StuckReason::Vanished);
@@ -275,15 +287,15 @@ pub fn mean_edge(mesh: &LocalMesh) -> f32 {
 fn run(
     mesh: &LocalMesh,
     locked: &[bool],
+    target: usize,
     content: &Content,
     options: &BuildOptions,
     step: Step,
 ) -> (LocalMesh, f32) {
-    let target = target(mesh.indices.len());
     let mut error = 0.0;
     let between_materials = differ_at_position(mesh, &mesh.materials);
     if step == Step::Sloppy {
-        return sloppy(mesh, locked, &between_materials);
+        return sloppy(mesh, locked, target, &between_materials);
     }
     let edge = mean_edge(mesh);
     let best = step == Step::Attributes && options.quality == Quality::Best;
@@ -292,7 +304,7 @@ fn run(
     let width = guides.weights.len();
     let mut steered = LocalMesh { attributes: guides.rows, ..mesh.clone() };
     if best {
-        (steered, error) = collapse(&steered, locked, &guides.weights, target / 3, &Policy::default());
+        (steered, error) = collapse(&steered, locked, &guides.weights, target, &Policy::default());
     } else {
         let between_labels = differ_at_position(mesh, &mesh.labels);
         let lock = |v: usize| match (locked[v], between_materials[v] || between_labels[v]) {
@@ -312,7 +324,7 @@ fn run(
             &guides.weights,
             width * 4,
             Some(&locks),
-            target,
+            3 * target,
             f32::MAX,
             flags,
             Some(&mut error),
@@ -333,13 +345,8 @@ fn run(
     (steered, error)
 }
 
-/// Corners to be left of so many.
-fn target(corners: usize) -> usize {
-    (corners as f32 / 3.0 * TARGET_RATIO) as usize * 3
-}
-
 /// Clusters vertices, each material by itself, with the lines between them locked.
-fn sloppy(mesh: &LocalMesh, locked: &[bool], between_materials: &[bool]) -> (LocalMesh, f32) {
+fn sloppy(mesh: &LocalMesh, locked: &[bool], target: usize, between_materials: &[bool]) -> (LocalMesh, f32) {
     let mut out = mesh.clone();
     let bytes: &[u8] = bytemuck::cast_slice(&mesh.positions);
     // The adapter fails on a misfit of bytes and stride only, which a slice of [f32; 3] cannot have.
@@ -350,9 +357,8 @@ fn sloppy(mesh: &LocalMesh, locked: &[bool], between_materials: &[bool]) -> (Loc
     for triangles in mesh.by_material() {
         let corners = |t: &u32| mesh.indices[3 * *t as usize..][..3].to_vec();
         let indices: Vec<u32> = triangles.iter().flat_map(corners).collect();
-        let (target, mut error) = (target(indices.len()), 0.0);
-        let left =
-            simplify_sloppy_with_locks(&indices, &adapter, &locked, target, f32::MAX, Some(&mut error));
+        let (share, mut error) = (target * indices.len() / mesh.indices.len() * 3, 0.0);
+        let left = simplify_sloppy_with_locks(&indices, &adapter, &locked, share, f32::MAX, Some(&mut error));
         out.indices.extend(left);
         worst = worst.max(error);
     }
