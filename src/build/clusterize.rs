@@ -31,15 +31,15 @@ pub struct ClusterMesh {
 pub fn clusterize(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOptions) -> Vec<ClusterMesh> {
     let corners = |f: &[u32; 3]| f.map(|v| store.positions[v as usize]);
     let centroids: Vec<[f32; 3]> = faces.par_iter().map(|f| tripled_centroid(corners(f))).collect();
-    let mut order: Vec<u32> = (0..faces.len() as u32).collect();
-    let mut blocks: Vec<&mut [u32]> = Vec::new();
+    let mut order: Vec<u64> = (0..faces.len() as u64).collect();
+    let mut blocks: Vec<&mut [u64]> = Vec::new();
     split_blocks(&mut order, &centroids, &mut blocks);
     blocks
         .into_par_iter()
         .map(|block| {
             // The order inside a block is the caller's, which keeps what locality it has.
-            block.sort_unstable();
-            let local = LocalMesh::of_faces(store, block.iter().map(|f| faces[*f as usize]));
+            block.sort_unstable_by_key(|f| number(*f));
+            let local = LocalMesh::of_faces(store, block.iter().map(|f| faces[number(*f) as usize]));
             clusterize_local(&local, options)
         })
         .flatten_iter()
@@ -80,6 +80,7 @@ struct Halving<'a> {
     centroids: Vec<[f32; 3]>,
     /// The cluster being made: for each vertex of the mesh its number in it.
     slots: Vec<u8>,
+    vertices: Vec<u32>,
     clusters: Vec<ClusterMesh>,
 }
 
@@ -94,19 +95,19 @@ impl<'a> Halving<'a> {
         let fit = options.cluster_vertices * centroids.len() / vertices.max(1);
         let capacity = fit.clamp(1, options.cluster_triangles);
         let slots = vec![Self::FREE; vertices];
-        Self { mesh, options, capacity, centroids, slots, clusters: Vec::new() }
+        Self { mesh, options, capacity, centroids, slots, vertices: Vec::new(), clusters: Vec::new() }
     }
 
     fn clusters(mut self) -> Vec<ClusterMesh> {
-        let mut order: Vec<u32> = (0..self.centroids.len() as u32).collect();
+        let mut order: Vec<u64> = (0..self.centroids.len() as u64).collect();
         self.split(&mut order);
         self.clusters
     }
 
-    fn split(&mut self, order: &mut [u32]) {
+    fn split(&mut self, order: &mut [u64]) {
         if order.len() <= self.capacity {
             // The order inside a cluster is that of the mesh.
-            order.sort_unstable();
+            order.sort_unstable_by_key(|t| number(*t));
             if self.close(order) {
                 return;
             }
@@ -120,13 +121,14 @@ impl<'a> Halving<'a> {
     }
 
     /// Makes a cluster of triangles, unless they have too many vertices.
-    fn close(&mut self, order: &[u32]) -> bool {
-        let mut vertices = Vec::with_capacity(order.len());
+    fn close(&mut self, order: &[u64]) -> bool {
+        let vertices = &mut self.vertices;
+        vertices.clear();
         let mut triangles = Vec::with_capacity(order.len());
         for t in order {
             let mut triangle = [0; 3];
             for (k, corner) in triangle.iter_mut().enumerate() {
-                let v = self.mesh.indices[3 * *t as usize + k];
+                let v = self.mesh.indices[3 * number(*t) as usize + k];
                 let slot = &mut self.slots[v as usize];
                 if *slot == Self::FREE {
                     // Past the last number a vertex stays free and is counted again: too many either way.
@@ -140,7 +142,7 @@ impl<'a> Halving<'a> {
         vertices.iter().for_each(|v| self.slots[*v as usize] = Self::FREE);
         let fits = vertices.len() <= self.options.cluster_vertices;
         if fits {
-            vertices.iter_mut().for_each(|v| *v = self.mesh.ids[*v as usize]);
+            let vertices = vertices.iter().map(|v| self.mesh.ids[*v as usize]).collect();
             self.clusters.push(ClusterMesh { vertices, triangles });
         }
         fits
@@ -153,7 +155,7 @@ fn tripled_centroid(p: [[f32; 3]; 3]) -> [f32; 3] {
 }
 
 /// Halves `order` by the median along the longest axis until blocks are small enough.
-fn split_blocks<'a>(order: &'a mut [u32], centroids: &[[f32; 3]], out: &mut Vec<&'a mut [u32]>) {
+fn split_blocks<'a>(order: &'a mut [u64], centroids: &[[f32; 3]], out: &mut Vec<&'a mut [u64]>) {
     if order.len() <= BLOCK_TRIANGLES {
         out.push(order);
         return;
@@ -166,12 +168,18 @@ fn split_blocks<'a>(order: &'a mut [u32], centroids: &[[f32; 3]], out: &mut Vec<
     out.append(&mut right);
 }
 
+/// The number of an item of [`median_split`].
+pub fn number(item: u64) -> u32 {
+    item as u32
+}
+
 /// Reorders so that the `middle` smallest along the longest axis of the points come first. Ties go by number,
-/// so the two halves, as sets, depend on the points alone.
-pub fn median_split(order: &mut [u32], middle: usize, point: impl Fn(u32) -> [f32; 3]) {
+/// so the two halves, as sets, depend on the points alone. An item's number is its low half; what the high half
+/// holds is overwritten.
+pub fn median_split(order: &mut [u64], middle: usize, point: impl Fn(u32) -> [f32; 3]) {
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for i in order.iter() {
-        let p = point(*i);
+        let p = point(number(*i));
         for k in 0..3 {
             low[k] = low[k].min(p[k]);
             high[k] = high[k].max(p[k]);
@@ -179,14 +187,13 @@ pub fn median_split(order: &mut [u32], middle: usize, point: impl Fn(u32) -> [f3
     }
     let axis = (0..3).fold(0, |a, b| if high[b] - low[b] > high[a] - low[a] { b } else { a });
     // Keys sorted as integers: coordinate first, then number.
-    let key = |i: &u32| {
-        let bits = point(*i)[axis].to_bits() as i32;
+    let key = |i: u32| {
+        let bits = point(i)[axis].to_bits() as i32;
         let ordered = (bits ^ ((bits >> 31) as u32 >> 1) as i32) as u32 ^ 0x8000_0000;
-        u64::from(ordered) << 32 | u64::from(*i)
+        u64::from(ordered) << 32 | u64::from(i)
     };
-    let mut keys: Vec<u64> = order.iter().map(key).collect();
-    keys.select_nth_unstable(middle);
-    order.iter_mut().zip(keys).for_each(|(i, key)| *i = key as u32);
+    order.iter_mut().for_each(|i| *i = key(number(*i)));
+    order.select_nth_unstable(middle);
 }
 
 #[cfg(test)]

@@ -75,8 +75,10 @@ pub struct Graph {
     pub clusters: Vec<BuildCluster>,
     /// All groups; every cluster is in exactly one.
     pub groups: Vec<BuildGroup>,
-    /// Faces of the source after mending, and their rows in the caller's array when asked for.
-    pub source: (Vec<[u32; 3]>, Option<Vec<u32>>),
+    /// Number of faces of the source after mending.
+    pub source_faces: usize,
+    /// Those faces and their rows in the caller's array, when asked for.
+    pub face_rows: Option<(Vec<[u32; 3]>, Vec<u32>)>,
     /// Vertices of the source after welding.
     pub source_vertices: usize,
 }
@@ -119,9 +121,13 @@ pub fn grow(
     let mut store = VertexStore::new(&mut mesh);
     let source_vertices = store.count();
     let clusters = source_clusters(&store, &mesh.faces, options);
-    if !meter.advance(mesh.faces.len()) {
+    let WeldedMesh { frame, bounds, faces, face_rows, .. } = mesh;
+    let source_faces = faces.len();
+    if !meter.advance(source_faces) {
         return Err(Error::Cancelled);
     }
+    // What nobody asked for makes room for the levels.
+    let face_rows = options.face_ids.then_some((faces, face_rows));
     let mut graph = Growth { clusters, groups: Vec::new(), reference: None };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
@@ -131,17 +137,17 @@ pub fn grow(
         }
     }
     for level in &mut report.levels {
-        level.max_error *= mesh.frame.scale;
+        level.max_error *= frame.scale;
     }
-    let face_rows = options.face_ids.then_some(mesh.face_rows);
     Ok(Graph {
-        frame: mesh.frame,
-        bounds: mesh.bounds,
+        frame,
+        bounds,
         store,
         clusters: graph.clusters,
         groups: graph.groups,
-        source: (mesh.faces, face_rows),
+        source_faces,
         source_vertices,
+        face_rows,
     })
 }
 
