@@ -45,9 +45,11 @@ class BuildOptions:
     """Most vertices of a cluster, 32 to 255."""
     group_clusters: int = 16
     """Clusters that are simplified together, 4 to 24."""
-    clusterizer: Literal["median", "flex"] = "median"
+    clusterizer: Literal["median", "flex", "metis"] = "median"
     """What splits triangles into clusters: "median" halves them (full clusters, least time), "flex" grows them
-    along the surface with meshoptimizer."""
+    along the surface with meshoptimizer, "metis" cuts the fewest edges."""
+    partition: Literal["meshopt", "metis"] = "meshopt"
+    """What gathers clusters into groups, meshoptimizer or METIS; both keep together what shares much border."""
     quality: Literal["fast", "best"] = "fast"
     """What simplifies groups: "fast" is meshoptimizer; "best" an edge collapse that leaves scans some 10 to 25 %
     less root mean square error at the same size and builds 1.3 to 1.7 times as long."""

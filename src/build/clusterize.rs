@@ -7,8 +7,12 @@
 use meshopt::{VertexDataAdapter, build_meshlets_flex};
 use rayon::prelude::*;
 
+#[cfg(feature = "metis")]
+use super::graph::{self, Graph};
 use super::store::{LocalMesh, VertexStore};
 use crate::config::{BuildOptions, Clusterizer};
+#[cfg(feature = "metis")]
+use crate::mesh::hash;
 
 /// Triangles of a block. Cluster borders are somewhat longer along block borders: at this size that costs
 /// below half a per cent of the clusters.
@@ -17,6 +21,10 @@ const BLOCK_TRIANGLES: usize = 1 << 15;
 const MIN_FILL: f32 = 1.0 / 3.0;
 /// One that grew this much beyond its expected radius is closed early.
 const SPLIT_FACTOR: f32 = 2.0;
+
+/// Part of the triangles allowed that METIS aims at: it balances, and what exceeds the limit is halved.
+#[cfg(feature = "metis")]
+const GRAPH_FILL: f32 = 0.97;
 
 /// The triangles of one cluster over vertex identities.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,9 +40,7 @@ pub fn clusterize(store: &VertexStore, faces: &[[u32; 3]], options: &BuildOption
     let corners = |f: &[u32; 3]| f.map(|v| store.positions[v as usize]);
     let centroids: Vec<[f32; 3]> = faces.par_iter().map(|f| tripled_centroid(corners(f))).collect();
     let mut order: Vec<u64> = (0..faces.len() as u64).collect();
-    let mut blocks: Vec<&mut [u64]> = Vec::new();
-    split_blocks(&mut order, &centroids, &mut blocks);
-    blocks
+    split_blocks(&mut order, BLOCK_TRIANGLES, &centroids)
         .into_par_iter()
         .map(|block| {
             // The order inside a block is the caller's, which keeps what locality it has.
@@ -51,6 +57,8 @@ pub fn clusterize_local(mesh: &LocalMesh, options: &BuildOptions) -> Vec<Cluster
     match options.clusterizer {
         Clusterizer::Median => Halving::new(mesh, options).clusters(),
         Clusterizer::Flex => grow(mesh, options),
+        #[cfg(feature = "metis")]
+        Clusterizer::Metis => Halving::new(mesh, options).of_graph(),
     }
 }
 
@@ -104,6 +112,24 @@ impl<'a> Halving<'a> {
         self.clusters
     }
 
+    /// Clusters that METIS makes, halved where they are too large.
+    #[cfg(feature = "metis")]
+    fn of_graph(mut self) -> Vec<ClusterMesh> {
+        let count = (self.centroids.len() as f32 / (self.capacity as f32 * GRAPH_FILL)).ceil() as usize;
+        let positions = hash::first_equal(bytemuck::cast_slice(&self.mesh.positions), 3);
+        let mut uses = Vec::with_capacity(self.mesh.indices.len());
+        for (t, corners) in (0..).zip(self.mesh.indices.chunks_exact(3)) {
+            let [a, b, c] = [0, 1, 2].map(|k| u64::from(positions[corners[k] as usize]));
+            uses.extend([(a, b), (b, c), (c, a)].map(|(a, b)| (a.min(b) << 32 | a.max(b), t)));
+        }
+        let graph = Graph::new(&self.centroids, &graph::pairs(&mut uses));
+        for part in graph.parts(count.max(1)) {
+            let mut part: Vec<u64> = part.into_iter().map(u64::from).collect();
+            self.split(&mut part);
+        }
+        self.clusters
+    }
+
     fn split(&mut self, order: &mut [u64]) {
         if order.len() <= self.capacity {
             // The order inside a cluster is that of the mesh.
@@ -154,18 +180,18 @@ fn tripled_centroid(p: [[f32; 3]; 3]) -> [f32; 3] {
     std::array::from_fn(|k| p[0][k] + p[1][k] + p[2][k])
 }
 
-/// Halves `order` by the median along the longest axis until blocks are small enough.
-fn split_blocks<'a>(order: &'a mut [u64], centroids: &[[f32; 3]], out: &mut Vec<&'a mut [u64]>) {
-    if order.len() <= BLOCK_TRIANGLES {
-        out.push(order);
-        return;
+/// Halves `order` by the median along the longest axis until blocks have at most `size` items.
+pub fn split_blocks<'a>(order: &'a mut [u64], size: usize, points: &[[f32; 3]]) -> Vec<&'a mut [u64]> {
+    if order.len() <= size {
+        return vec![order];
     }
     let middle = order.len() / 2;
-    median_split(order, middle, |f| centroids[f as usize]);
+    median_split(order, middle, |f| points[f as usize]);
     let (a, b) = order.split_at_mut(middle);
-    let mut right = Vec::new();
-    rayon::join(|| split_blocks(a, centroids, out), || split_blocks(b, centroids, &mut right));
-    out.append(&mut right);
+    let (mut blocks, mut right) =
+        rayon::join(|| split_blocks(a, size, points), || split_blocks(b, size, points));
+    blocks.append(&mut right);
+    blocks
 }
 
 /// The number of an item of [`median_split`].

@@ -195,7 +195,7 @@ impl Growth {
             ..LevelReport::default()
         };
         let positions = Arc::new(RoundPositions::new(store, &meshes));
-        let groups = partition(store.layout, &meshes, &positions, options.group_clusters);
+        let groups = partition(store.layout, &meshes, &positions, options);
         if pending.len() == 1 || round + 1 == MAX_ROUNDS {
             level.groups = groups.len() as u32;
             for group in &groups {

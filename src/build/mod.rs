@@ -8,8 +8,12 @@ pub mod check;
 pub mod clusterize;
 pub mod collapse;
 pub mod dag;
+#[cfg(feature = "metis")]
+pub mod graph;
 pub mod hierarchy;
 pub mod lock_borders;
+#[cfg(feature = "metis")]
+mod metis;
 pub mod partition;
 pub mod reference;
 pub mod simplify;
