@@ -22,7 +22,7 @@ pub enum Clusterizer {
     Median,
     /// meshoptimizer's: grows clusters along the surface.
     Flex,
-    /// METIS: cuts few edges of the graph of triangles.
+    /// METIS: cuts the fewest edges of the graph of triangles. Building takes about twice as long as with `Median`.
     #[cfg(feature = "metis")]
     Metis,
 }

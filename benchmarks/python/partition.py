@@ -57,8 +57,8 @@ def main() -> None:
         f"# Clusters and groups, {date}",
         "",
         f"`python -m benchmarks.python.partition`. {described['processor']}, {described['cores']} cores; load"
-        f" before the first run: {described['load']}. Options besides those of the table are the defaults. Time is the"
-        f" processor's, the least of {options.runs} builds in turn.",
+        f" before the first run: {described['load']}. Options besides those of the table are the defaults. Time is"
+        f" the processor's, the least of {options.runs} builds in turn.",
     ]
     for name in options.only:
         try:

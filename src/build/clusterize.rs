@@ -2,7 +2,8 @@
 //!
 //! Large inputs are first cut into blocks by a k-d tree over triangle centroids: blocks fit in cache, and both
 //! cores work from the start. The blocks depend on the input alone, never on the number of threads. Within a
-//! block the halving goes on down to clusters, or meshoptimizer grows them, see [`Clusterizer`].
+//! block the halving goes on down to clusters, or meshoptimizer grows them, or METIS cuts the graph of triangles,
+//! see [`Clusterizer`].
 
 use meshopt::{VertexDataAdapter, build_meshlets_flex};
 use rayon::prelude::*;
@@ -283,9 +284,9 @@ mod tests {
                 let mesh = strip(triangles, shared);
                 let clusters = clusters_of(&mesh, &options);
                 let least = (triangles as usize).div_ceil(most);
-                assert!(shared && vertices == 255 || clusters.len() >= least);
+                assert!(clusters.len() >= least);
                 if shared && vertices == 255 {
-                    assert!((least..=least + least / 10 + 1).contains(&clusters.len()), "{}", clusters.len());
+                    assert!(clusters.len() <= least + least / 10 + 1, "{}", clusters.len());
                 }
             }
         }
