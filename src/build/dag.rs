@@ -209,16 +209,20 @@ impl Growth {
         if options.error == ErrorMeasure::Bound && Reference::is_due(round) {
             self.start_reference(&positions, &pending);
         }
+        // A group frees what its members answered for, and gives it back only where it is stuck.
+        let mut take = |c: &u32| std::mem::take(&mut self.clusters[pending[*c as usize] as usize].pieces);
+        let pieces: Vec<Vec<Pieces>> = groups.iter().map(|g| g.iter().map(&mut take).collect()).collect();
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
         let outcomes: Vec<_> = groups
             .par_iter()
-            .map(|members| {
+            .zip(pieces)
+            .map(|(members, pieces)| {
                 let local = LocalMesh::of_clusters(store, &meshes, &positions, members, &shared);
                 let members: Vec<&BuildCluster> =
                     members.iter().map(|c| &self.clusters[pending[*c as usize] as usize]).collect();
                 let proof =
                     self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters, round });
-                let outcome = simplify_group(store, &local, &members, proof, options);
+                let outcome = simplify_group(store, &local, &members, pieces, proof, options);
                 (meter.advance(local.indices.len() / 6), outcome)
             })
             .collect();
@@ -236,7 +240,10 @@ impl Growth {
                     level.max_error =
                         level.max_error.max(self.append(store, members, split, round, &mut next)?);
                 }
-                Err(reason) => stuck.push((members, reason)),
+                Err((reason, pieces)) => {
+                    members.iter().zip(pieces).for_each(|(c, p)| self.clusters[*c as usize].pieces = p);
+                    stuck.push((members, reason));
+                }
             }
         }
         level.retried = stuck.len() as u32;
@@ -298,7 +305,6 @@ impl Growth {
             .checked_add(1)
             .ok_or_else(|| Error::TooLarge("more than 255 levels of simplification".into()))?;
         let Split { error, bound, quadric, .. } = split;
-        members.iter().for_each(|c| self.clusters[*c as usize].pieces = Pieces::default());
         let lod_sphere = self.sphere_of(&members);
         let first = u32::try_from(store.count())
             .ok()
@@ -366,10 +372,14 @@ fn simplify_group(
     store: &VertexStore,
     local: &LocalMesh,
     members: &[&BuildCluster],
+    pieces: Vec<Pieces>,
     proof: Option<Proof<'_>>,
     options: &BuildOptions,
-) -> std::result::Result<Split, StuckReason> {
-    let Simplified { mut mesh, estimate, step } = simplify(local, store.layout, options)?;
+) -> std::result::Result<Split, (StuckReason, Vec<Pieces>)> {
+    let Simplified { mut mesh, estimate, step } = match simplify(local, store.layout, options) {
+        Ok(simplified) => simplified,
+        Err(reason) => return Err((reason, pieces)),
+    };
     let most = |of: fn(&BuildCluster) -> f32| members.iter().map(|c| of(c)).fold(0.0, f32::max);
     let quadric = round_up(f64::from(most(|c| c.quadric)) + f64::from(estimate));
     let stride = store.stride;
@@ -388,19 +398,19 @@ fn simplify_group(
         }
     }
     let clusters = clusterize::clusterize_local(&compact(&mesh, &used), options);
-    let (mut bound, mut pieces) = (f32::INFINITY, Vec::new());
+    let (mut bound, mut handed) = (f32::INFINITY, Vec::new());
     if let Some(Proof { reference, all, round }) = proof {
         let place = |v: u32| match v.checked_sub(NEW_VERTEX) {
             Some(new) => new_positions[new as usize],
             None => store.positions[v as usize],
         };
         let patches: Vec<Patch<'_>> = clusters.iter().map(|c| Patch::new(c, place)).collect();
-        (bound, pieces) = reference.measure(round, members, all, &patches, estimate);
+        (bound, handed) = reference.measure(round, pieces, all, &patches, estimate);
         bound = parent_error(most(|c| c.bound), bound);
     }
     // The estimate also weighs attributes, which change without the shape.
     let error = parent_error(most(|c| c.error), if bound.is_finite() { quadric.max(bound) } else { quadric });
-    Ok(Split { clusters, new_positions, new_attributes, pieces, error, bound, quadric, step })
+    Ok(Split { clusters, new_positions, new_attributes, pieces: handed, error, bound, quadric, step })
 }
 
 /// The part of a mesh that its triangles use: the clusterizer works in proportion to the vertices given.
