@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -83,3 +85,15 @@ def test_unknown_partitions_are_named():
         nrs.NaniteMesh.from_arrays(
             *nrs.shapes.icosphere(faces=100)[:2], options=nrs.BuildOptions(partition="scotch")
         )
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc/self/status, which Linux has")
+def test_signal_handlers_stay_as_they_are():
+    def caught() -> str:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(line for line in lines if line.startswith("SigCgt"))
+
+    before = caught()
+    options = nrs.BuildOptions(clusterizer="metis", partition="metis", error="quadric")
+    nrs.NaniteMesh.from_arrays(*nrs.shapes.displaced_icosphere(faces=50_000)[:2], options=options)
+    assert caught() == before
