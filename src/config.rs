@@ -22,13 +22,46 @@ pub enum Clusterizer {
     Median,
     /// meshoptimizer's: grows clusters along the surface.
     Flex,
+    /// METIS: cuts the fewest edges of the graph of triangles. Building takes about twice as long as with `Median`.
+    #[cfg(feature = "metis")]
+    Metis,
 }
 
 impl std::str::FromStr for Clusterizer {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        choose("clusterizer", name, &[("median", Self::Median), ("flex", Self::Flex)])
+        let choices = [
+            ("median", Self::Median),
+            ("flex", Self::Flex),
+            #[cfg(feature = "metis")]
+            ("metis", Self::Metis),
+        ];
+        choose("clusterizer", name, &choices)
+    }
+}
+
+/// What gathers clusters into groups.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Partition {
+    /// meshoptimizer's: merges neighbours.
+    #[default]
+    Meshopt,
+    /// METIS: cuts little of the border that clusters share.
+    #[cfg(feature = "metis")]
+    Metis,
+}
+
+impl std::str::FromStr for Partition {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let choices = [
+            ("meshopt", Self::Meshopt),
+            #[cfg(feature = "metis")]
+            ("metis", Self::Metis),
+        ];
+        choose("partition", name, &choices)
     }
 }
 
@@ -77,6 +110,8 @@ pub struct BuildOptions {
     pub cluster_vertices: usize,
     /// What splits triangles into clusters.
     pub clusterizer: Clusterizer,
+    /// What gathers clusters into groups.
+    pub partition: Partition,
     /// Clusters a group aims at, 4 to 24. Groups may grow by a third to take in stragglers.
     pub group_clusters: usize,
     /// What simplifies groups.
@@ -103,6 +138,7 @@ impl Default for BuildOptions {
             cluster_triangles: CLUSTER_MAX_TRIANGLES,
             cluster_vertices: CLUSTER_MAX_VERTICES,
             clusterizer: Clusterizer::default(),
+            partition: Partition::default(),
             group_clusters: 16,
             quality: Quality::default(),
             error: ErrorMeasure::default(),

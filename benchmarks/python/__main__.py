@@ -7,9 +7,16 @@ import datetime
 import json
 from pathlib import Path
 
-from . import build, cut, distance, frames, instances, machine, report
+from . import build, cut, distance, frames, instances, machine, memory, report
 
-BENCHMARKS = {"build": build, "cut": cut, "distance": distance, "frames": frames, "instances": instances}
+BENCHMARKS = {
+    "build": build,
+    "cut": cut,
+    "distance": distance,
+    "frames": frames,
+    "instances": instances,
+    "memory": memory,
+}
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 
 

@@ -55,7 +55,7 @@ pub fn assemble(graph: Graph, mut report: BuildReport) -> Dag {
     order.iter().enumerate().for_each(|(new, old)| renamed[*old as usize] = new as u32);
     let channels = graph.channels.finish(&store.attributes, store.stride, &store.labels);
     let pages = write_pages(&graph, plan, &renamed);
-    let face_ids = graph.source.1.as_ref().map(|rows| face_ids(&pages, &graph.source.0, rows));
+    let face_ids = graph.face_rows.as_ref().map(|(faces, rows)| face_ids(&pages, faces, rows));
     report.clusters = graph.clusters.len() as u64;
     report.triangles = graph.clusters.iter().map(|c| c.mesh.triangles.len() as u64).sum();
     report.fill = report.triangles as f64 / (report.clusters as usize * CLUSTER_MAX_TRIANGLES) as f64;
@@ -67,7 +67,7 @@ pub fn assemble(graph: Graph, mut report: BuildReport) -> Dag {
         nodes,
         vertex_count: store.count() as u32,
         channels,
-        source_faces: graph.source.0.len() as u64,
+        source_faces: graph.source_faces as u64,
         source_vertices: graph.source_vertices as u64,
         face_ids,
         report,

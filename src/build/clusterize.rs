@@ -2,13 +2,18 @@
 //!
 //! Large inputs are first cut into blocks by a k-d tree over triangle centroids: blocks fit in cache, and both
 //! cores work from the start. The blocks depend on the input alone, never on the number of threads. Within a
-//! block the halving goes on down to clusters, or meshoptimizer grows them, see [`Clusterizer`].
+//! block the halving goes on down to clusters, or meshoptimizer grows them, or METIS cuts the graph of triangles,
+//! see [`Clusterizer`].
 
 use meshopt::{VertexDataAdapter, build_meshlets_flex};
 use rayon::prelude::*;
 
+#[cfg(feature = "metis")]
+use super::graph::{self, Graph};
 use super::store::{LocalMesh, VertexStore};
 use crate::config::{BuildOptions, Clusterizer};
+#[cfg(feature = "metis")]
+use crate::mesh::hash;
 
 /// Triangles of a block. Cluster borders are somewhat longer along block borders: at this size that costs
 /// below half a per cent of the clusters.
@@ -17,6 +22,10 @@ const BLOCK_TRIANGLES: usize = 1 << 15;
 const MIN_FILL: f32 = 1.0 / 3.0;
 /// One that grew this much beyond its expected radius is closed early.
 const SPLIT_FACTOR: f32 = 2.0;
+
+/// Part of the triangles allowed that METIS aims at: it balances, and what exceeds the limit is halved.
+#[cfg(feature = "metis")]
+const GRAPH_FILL: f32 = 0.985;
 
 /// The triangles of one cluster over vertex identities.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,20 +47,19 @@ pub fn clusterize(
 ) -> Vec<ClusterMesh> {
     let corners = |f: &[u32; 3]| f.map(|v| store.positions[v as usize]);
     let centroids: Vec<[f32; 3]> = faces.par_iter().map(|f| tripled_centroid(corners(f))).collect();
-    let mut order: Vec<u32> = (0..faces.len() as u32).collect();
-    let material = |f: u32| materials.get(faces[f as usize][0] as usize).copied().unwrap_or(0);
+    let mut order: Vec<u64> = (0..faces.len() as u64).collect();
+    let material = |f: u64| materials.get(faces[number(f) as usize][0] as usize).copied().unwrap_or(0);
     if !materials.is_empty() {
         order.par_sort_by_key(|f| material(*f));
     }
-    let mut blocks: Vec<&mut [u32]> = Vec::new();
-    let of_one = order.chunk_by_mut(|a, b| material(*a) == material(*b));
-    of_one.for_each(|faces| split_blocks(faces, &centroids, &mut blocks));
-    blocks
+    let of_one: Vec<&mut [u64]> = order.chunk_by_mut(|a, b| material(*a) == material(*b)).collect();
+    of_one
         .into_par_iter()
+        .flat_map_iter(|faces| split_blocks(faces, BLOCK_TRIANGLES, &centroids))
         .map(|block| {
             // The order inside a block is the caller's, which keeps what locality it has.
-            block.sort_unstable();
-            let local = LocalMesh::of_faces(store, block.iter().map(|f| faces[*f as usize]));
+            block.sort_unstable_by_key(|f| number(*f));
+            let local = LocalMesh::of_faces(store, block.iter().map(|f| faces[number(*f) as usize]));
             of_material(&local, material(block[0]), options)
         })
         .flatten_iter()
@@ -71,6 +79,8 @@ fn of_material(mesh: &LocalMesh, material: u32, options: &BuildOptions) -> Vec<C
     let mut clusters = match options.clusterizer {
         Clusterizer::Median => Halving::new(mesh, options).clusters(),
         Clusterizer::Flex => grow(mesh, options),
+        #[cfg(feature = "metis")]
+        Clusterizer::Metis => Halving::new(mesh, options).of_graph(),
     };
     clusters.iter_mut().for_each(|cluster| cluster.material = material);
     clusters
@@ -103,6 +113,7 @@ struct Halving<'a> {
     centroids: Vec<[f32; 3]>,
     /// The cluster being made: for each vertex of the mesh its number in it.
     slots: Vec<u8>,
+    vertices: Vec<u32>,
     clusters: Vec<ClusterMesh>,
 }
 
@@ -117,19 +128,37 @@ impl<'a> Halving<'a> {
         let fit = options.cluster_vertices * centroids.len() / vertices.max(1);
         let capacity = fit.clamp(1, options.cluster_triangles);
         let slots = vec![Self::FREE; vertices];
-        Self { mesh, options, capacity, centroids, slots, clusters: Vec::new() }
+        Self { mesh, options, capacity, centroids, slots, vertices: Vec::new(), clusters: Vec::new() }
     }
 
     fn clusters(mut self) -> Vec<ClusterMesh> {
-        let mut order: Vec<u32> = (0..self.centroids.len() as u32).collect();
+        let mut order: Vec<u64> = (0..self.centroids.len() as u64).collect();
         self.split(&mut order);
         self.clusters
     }
 
-    fn split(&mut self, order: &mut [u32]) {
+    /// Clusters that METIS makes, halved where they are too large.
+    #[cfg(feature = "metis")]
+    fn of_graph(mut self) -> Vec<ClusterMesh> {
+        let count = (self.centroids.len() as f32 / (self.capacity as f32 * GRAPH_FILL)).ceil() as usize;
+        let positions = hash::first_equal(bytemuck::cast_slice(&self.mesh.positions), 3);
+        let mut uses = Vec::with_capacity(self.mesh.indices.len());
+        for (t, corners) in (0..).zip(self.mesh.indices.chunks_exact(3)) {
+            let [a, b, c] = [0, 1, 2].map(|k| u64::from(positions[corners[k] as usize]));
+            uses.extend([(a, b), (b, c), (c, a)].map(|(a, b)| (a.min(b) << 32 | a.max(b), t)));
+        }
+        let graph = Graph::new(&self.centroids, &graph::pairs(&mut uses));
+        for part in graph.parts(count.max(1)) {
+            let mut part: Vec<u64> = part.into_iter().map(u64::from).collect();
+            self.split(&mut part);
+        }
+        self.clusters
+    }
+
+    fn split(&mut self, order: &mut [u64]) {
         if order.len() <= self.capacity {
             // The order inside a cluster is that of the mesh.
-            order.sort_unstable();
+            order.sort_unstable_by_key(|t| number(*t));
             if self.close(order) {
                 return;
             }
@@ -143,13 +172,14 @@ impl<'a> Halving<'a> {
     }
 
     /// Makes a cluster of triangles, unless they have too many vertices.
-    fn close(&mut self, order: &[u32]) -> bool {
-        let mut vertices = Vec::with_capacity(order.len());
+    fn close(&mut self, order: &[u64]) -> bool {
+        let vertices = &mut self.vertices;
+        vertices.clear();
         let mut triangles = Vec::with_capacity(order.len());
         for t in order {
             let mut triangle = [0; 3];
             for (k, corner) in triangle.iter_mut().enumerate() {
-                let v = self.mesh.indices[3 * *t as usize + k];
+                let v = self.mesh.indices[3 * number(*t) as usize + k];
                 let slot = &mut self.slots[v as usize];
                 if *slot == Self::FREE {
                     // Past the last number a vertex stays free and is counted again: too many either way.
@@ -163,7 +193,7 @@ impl<'a> Halving<'a> {
         vertices.iter().for_each(|v| self.slots[*v as usize] = Self::FREE);
         let fits = vertices.len() <= self.options.cluster_vertices;
         if fits {
-            vertices.iter_mut().for_each(|v| *v = self.mesh.ids[*v as usize]);
+            let vertices = vertices.iter().map(|v| self.mesh.ids[*v as usize]).collect();
             self.clusters.push(ClusterMesh { vertices, triangles, material: 0 });
         }
         fits
@@ -175,26 +205,32 @@ fn tripled_centroid(p: [[f32; 3]; 3]) -> [f32; 3] {
     std::array::from_fn(|k| p[0][k] + p[1][k] + p[2][k])
 }
 
-/// Halves `order` by the median along the longest axis until blocks are small enough.
-fn split_blocks<'a>(order: &'a mut [u32], centroids: &[[f32; 3]], out: &mut Vec<&'a mut [u32]>) {
-    if order.len() <= BLOCK_TRIANGLES {
-        out.push(order);
-        return;
+/// Halves `order` by the median along the longest axis until blocks have at most `size` items.
+pub fn split_blocks<'a>(order: &'a mut [u64], size: usize, points: &[[f32; 3]]) -> Vec<&'a mut [u64]> {
+    if order.len() <= size {
+        return vec![order];
     }
     let middle = order.len() / 2;
-    median_split(order, middle, |f| centroids[f as usize]);
+    median_split(order, middle, |f| points[f as usize]);
     let (a, b) = order.split_at_mut(middle);
-    let mut right = Vec::new();
-    rayon::join(|| split_blocks(a, centroids, out), || split_blocks(b, centroids, &mut right));
-    out.append(&mut right);
+    let (mut blocks, mut right) =
+        rayon::join(|| split_blocks(a, size, points), || split_blocks(b, size, points));
+    blocks.append(&mut right);
+    blocks
+}
+
+/// The number of an item of [`median_split`].
+pub fn number(item: u64) -> u32 {
+    item as u32
 }
 
 /// Reorders so that the `middle` smallest along the longest axis of the points come first. Ties go by number,
-/// so the two halves, as sets, depend on the points alone.
-pub fn median_split(order: &mut [u32], middle: usize, point: impl Fn(u32) -> [f32; 3]) {
+/// so the two halves, as sets, depend on the points alone. An item's number is its low half; what the high half
+/// holds is overwritten.
+pub fn median_split(order: &mut [u64], middle: usize, point: impl Fn(u32) -> [f32; 3]) {
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for i in order.iter() {
-        let p = point(*i);
+        let p = point(number(*i));
         for k in 0..3 {
             low[k] = low[k].min(p[k]);
             high[k] = high[k].max(p[k]);
@@ -202,14 +238,13 @@ pub fn median_split(order: &mut [u32], middle: usize, point: impl Fn(u32) -> [f3
     }
     let axis = (0..3).fold(0, |a, b| if high[b] - low[b] > high[a] - low[a] { b } else { a });
     // Keys sorted as integers: coordinate first, then number.
-    let key = |i: &u32| {
-        let bits = point(*i)[axis].to_bits() as i32;
+    let key = |i: u32| {
+        let bits = point(i)[axis].to_bits() as i32;
         let ordered = (bits ^ ((bits >> 31) as u32 >> 1) as i32) as u32 ^ 0x8000_0000;
-        u64::from(ordered) << 32 | u64::from(*i)
+        u64::from(ordered) << 32 | u64::from(i)
     };
-    let mut keys: Vec<u64> = order.iter().map(key).collect();
-    keys.select_nth_unstable(middle);
-    order.iter_mut().zip(keys).for_each(|(i, key)| *i = key as u32);
+    order.iter_mut().for_each(|i| *i = key(number(*i)));
+    order.select_nth_unstable(middle);
 }
 
 #[cfg(test)]
@@ -237,19 +272,79 @@ mod tests {
         for (triangles, shared, expected) in
             [(1, true, 1), (128, true, 1), (129, true, 2), (1280, true, 10), (1300, false, 16)]
         {
-            let mesh = strip(triangles, shared);
-            let clusters = clusterize_local(&mesh, &options);
+            let clusters = clusters_of(&strip(triangles, shared), &options);
             assert_eq!(clusters.len(), expected, "{triangles} {shared}");
-            let mut seen = Vec::new();
-            for c in &clusters {
-                assert!(c.triangles.len() <= 128 && c.vertices.len() <= 255);
-                seen.extend(c.triangles.iter().map(|t| t.map(|v| c.vertices[usize::from(v)] - 100)));
-            }
-            seen.sort_unstable();
-            let mut all: Vec<[u32; 3]> = mesh.indices.chunks(3).map(|t| [t[0], t[1], t[2]]).collect();
-            all.sort_unstable();
-            assert_eq!(seen, all);
         }
+    }
+
+    /// Clusters within the limits that hold every triangle once.
+    fn clusters_of(mesh: &LocalMesh, options: &BuildOptions) -> Vec<ClusterMesh> {
+        let clusters = clusterize_local(mesh, options);
+        let mut seen = Vec::new();
+        for c in &clusters {
+            assert!(c.triangles.len() <= options.cluster_triangles);
+            assert!(c.vertices.len() <= options.cluster_vertices);
+            seen.extend(c.triangles.iter().map(|t| t.map(|v| c.vertices[usize::from(v)])));
+        }
+        seen.sort_unstable();
+        let corners = mesh.indices.chunks(3).map(|t| [0, 1, 2].map(|k| mesh.ids[t[k] as usize]));
+        let mut all: Vec<[u32; 3]> = corners.collect();
+        all.sort_unstable();
+        assert_eq!(seen, all);
+        clusters
+    }
+
+    #[cfg(feature = "metis")]
+    #[test]
+    fn parts_of_the_graph_stay_within_both_limits() {
+        for (most, vertices) in [(128, 255), (100, 255), (128, 64), (17, 32)] {
+            let options = BuildOptions {
+                cluster_triangles: most,
+                cluster_vertices: vertices,
+                clusterizer: Clusterizer::Metis,
+                ..BuildOptions::default()
+            };
+            for (triangles, shared) in [(1, true), (128, true), (129, true), (5000, true), (1300, false)] {
+                let mesh = strip(triangles, shared);
+                let clusters = clusters_of(&mesh, &options);
+                let least = (triangles as usize).div_ceil(most);
+                assert!(clusters.len() >= least);
+                if shared && vertices == 255 {
+                    assert!(clusters.len() <= least + least / 10 + 1, "{}", clusters.len());
+                }
+            }
+        }
+    }
+
+    /// Islands of 4 triangles on a plane: clusters take whole ones that lie together.
+    #[cfg(feature = "metis")]
+    #[test]
+    fn clusters_of_islands_are_compact() {
+        let options = BuildOptions { clusterizer: Clusterizer::Metis, ..BuildOptions::default() };
+        let mut mesh = LocalMesh::default();
+        for island in 0..1024u32 {
+            let leaf = strip(4, true);
+            let first = mesh.ids.len() as u32;
+            // In no order along the plane.
+            let place = island.wrapping_mul(389) % 1024;
+            let [x, y] = [place % 32, place / 32].map(|x| 4.0 * x as f32);
+            mesh.ids.extend(leaf.ids.iter().map(|v| v + first));
+            mesh.positions.extend(leaf.positions.iter().map(|p| [x + p[0], y + p[1], 0.0]));
+            mesh.indices.extend(leaf.indices.iter().map(|v| v + first));
+        }
+        let clusters = clusters_of(&mesh, &options);
+        assert!(clusters.len() <= 36, "{}", clusters.len());
+        let vertices: usize = clusters.iter().map(|c| c.vertices.len()).sum();
+        // Few islands are in two clusters.
+        assert!(vertices < mesh.ids.len() * 103 / 100, "{vertices}");
+        let sides = clusters.iter().map(|c| {
+            let points = c.vertices.iter().map(|v| &mesh.positions[*v as usize - 100]);
+            let bounds = crate::math::Aabb::of_points(points);
+            (bounds.max[0] - bounds.min[0]).max(bounds.max[1] - bounds.min[1])
+        });
+        // 32 islands in a square are 24 on a side; all are 128.
+        let mean = sides.sum::<f32>() / clusters.len() as f32;
+        assert!(mean < 48.0, "{mean}");
     }
 
     #[test]

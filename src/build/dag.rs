@@ -83,8 +83,10 @@ pub struct Graph {
     pub clusters: Vec<BuildCluster>,
     /// All groups; every cluster is in exactly one.
     pub groups: Vec<BuildGroup>,
-    /// Faces of the source after mending, and their rows in the caller's array when asked for.
-    pub source: (Vec<[u32; 3]>, Option<Vec<u32>>),
+    /// Number of faces of the source after mending.
+    pub source_faces: usize,
+    /// Those faces and their rows in the caller's array, when asked for.
+    pub face_rows: Option<(Vec<[u32; 3]>, Vec<u32>)>,
     /// Vertices of the source after welding.
     pub source_vertices: usize,
 }
@@ -127,10 +129,14 @@ pub fn grow(
     let mut store = VertexStore::new(&mut mesh);
     let source_vertices = store.count();
     let clusters = source_clusters(&store, &mesh, options);
-    if !meter.advance(mesh.faces.len()) {
+    let content = Content::new(&mesh, report.computed_normals, options);
+    let WeldedMesh { frame, bounds, faces, face_rows, channels, .. } = mesh;
+    let source_faces = faces.len();
+    if !meter.advance(source_faces) {
         return Err(Error::Cancelled);
     }
-    let content = Content::new(&mesh, report.computed_normals, options);
+    // What nobody asked for makes room for the levels.
+    let face_rows = options.face_ids.then_some((faces, face_rows));
     let mut graph = Growth { content, clusters, groups: Vec::new(), reference: None };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
@@ -140,19 +146,19 @@ pub fn grow(
         }
     }
     for level in &mut report.levels {
-        level.max_error *= mesh.frame.scale;
-        level.max_attribute_error *= mesh.frame.scale;
+        level.max_error *= frame.scale;
+        level.max_attribute_error *= frame.scale;
     }
-    let face_rows = options.face_ids.then_some(mesh.face_rows);
     Ok(Graph {
-        frame: mesh.frame,
-        bounds: mesh.bounds,
+        frame,
+        bounds,
         store,
-        channels: mesh.channels,
+        channels,
         clusters: graph.clusters,
         groups: graph.groups,
-        source: (mesh.faces, face_rows),
+        source_faces,
         source_vertices,
+        face_rows,
     })
 }
 
@@ -202,7 +208,7 @@ impl Growth {
             ..LevelReport::default()
         };
         let positions = Arc::new(RoundPositions::new(store, &meshes));
-        let groups = partition(store.layout, &meshes, &positions, options.group_clusters);
+        let groups = partition(store.layout, &meshes, &positions, options);
         if pending.len() == 1 || round + 1 == MAX_ROUNDS {
             level.groups = groups.len() as u32;
             for group in &groups {
@@ -216,11 +222,15 @@ impl Growth {
         if options.error == ErrorMeasure::Bound && Reference::is_due(round) {
             self.start_reference(&positions, &pending);
         }
+        // A group frees what its members answered for, and gives it back only where it is stuck.
+        let mut take = |c: &u32| std::mem::take(&mut self.clusters[pending[*c as usize] as usize].pieces);
+        let pieces: Vec<Vec<Pieces>> = groups.iter().map(|g| g.iter().map(&mut take).collect()).collect();
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
         let ratio = ratio(level.triangles, options.quality);
         let outcomes: Vec<_> = groups
             .par_iter()
-            .map(|members| {
+            .zip(pieces)
+            .map(|(members, pieces)| {
                 let local = LocalMesh::of_clusters(store, &meshes, &positions, members, &shared);
                 let members: Vec<&BuildCluster> =
                     members.iter().map(|c| &self.clusters[pending[*c as usize] as usize]).collect();
@@ -228,7 +238,8 @@ impl Growth {
                     self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters, round });
                 let triangles = local.indices.len() / 3;
                 let target = (triangles as f32 * ratio) as usize;
-                let outcome = simplify_group(store, &local, target, &members, &self.content, proof, options);
+                let outcome =
+                    simplify_group(store, &local, target, &members, pieces, &self.content, proof, options);
                 (meter.advance(triangles - target), outcome)
             })
             .collect();
@@ -247,7 +258,10 @@ impl Growth {
                     level.max_error = level.max_error.max(shape.into());
                     level.max_attribute_error = level.max_attribute_error.max(attributes.into());
                 }
-                Err(reason) => stuck.push((members, reason)),
+                Err((reason, pieces)) => {
+                    members.iter().zip(pieces).for_each(|(c, p)| self.clusters[*c as usize].pieces = p);
+                    stuck.push((members, reason));
+                }
             }
         }
         level.retried = stuck.len() as u32;
@@ -310,7 +324,6 @@ impl Growth {
             .checked_add(1)
             .ok_or_else(|| Error::TooLarge("more than 255 levels of simplification".into()))?;
         let Split { error, bound, quadric, attribute_error, .. } = split;
-        members.iter().for_each(|c| self.clusters[*c as usize].pieces = Pieces::default());
         let lod_sphere = self.sphere_of(&members);
         let first = u32::try_from(store.count())
             .ok()
@@ -391,11 +404,15 @@ fn simplify_group(
     local: &LocalMesh,
     target: usize,
     members: &[&BuildCluster],
+    pieces: Vec<Pieces>,
     content: &Content,
     proof: Option<Proof<'_>>,
     options: &BuildOptions,
-) -> std::result::Result<Split, StuckReason> {
-    let Simplified { mut mesh, estimate, step } = simplify(local, target, content, options)?;
+) -> std::result::Result<Split, (StuckReason, Vec<Pieces>)> {
+    let Simplified { mut mesh, estimate, step } = match simplify(local, target, content, options) {
+        Ok(simplified) => simplified,
+        Err(reason) => return Err((reason, pieces)),
+    };
     let most = |of: fn(&BuildCluster) -> f32| members.iter().map(|c| of(c)).fold(0.0, f32::max);
     let quadric = round_up(f64::from(most(|c| c.quadric)) + f64::from(estimate));
     let deviation = step_deviation(local, &mesh, content);
@@ -419,14 +436,14 @@ fn simplify_group(
         }
     }
     let clusters = clusterize::clusterize_local(&compact(&mesh, &used), options);
-    let (mut bound, mut pieces) = (f32::INFINITY, Vec::new());
+    let (mut bound, mut handed) = (f32::INFINITY, Vec::new());
     if let Some(Proof { reference, all, round }) = proof {
         let place = |v: u32| match v.checked_sub(NEW_VERTEX) {
             Some(new) => new_positions[new as usize],
             None => store.positions[v as usize],
         };
         let patches: Vec<Patch<'_>> = clusters.iter().map(|c| Patch::new(c, place)).collect();
-        (bound, pieces) = reference.measure(round, members, all, &patches, estimate);
+        (bound, handed) = reference.measure(round, pieces, all, &patches, estimate);
         bound = parent_error(most(|c| c.bound), bound);
     }
     let shape = if bound.is_finite() { quadric.max(bound) } else { quadric };
@@ -436,7 +453,7 @@ fn simplify_group(
         new_positions,
         new_attributes,
         new_labels,
-        pieces,
+        pieces: handed,
         error,
         bound,
         quadric,

@@ -1,7 +1,7 @@
 //! The culling hierarchy and, with it, the order of groups: a wide tree per level, coarsest level first, under
 //! one super root. Mixing levels in one tree would inflate the bounds.
 
-use super::clusterize::median_split;
+use super::clusterize::{median_split, number};
 use super::dag::BuildGroup;
 use crate::limits::NODE_WIDTH;
 use crate::math::{Aabb, Sphere};
@@ -17,14 +17,14 @@ pub fn build(groups: &[BuildGroup], boxes: &[Aabb]) -> (Vec<Node>, Vec<u32>) {
     let mut ranges: Vec<(usize, usize, u32)> = vec![(0, groups.len(), top)];
     let mut children: Vec<(u32, u16, bool)> = Vec::new();
     for level in (0..=top).rev() {
-        let mut of_level: Vec<u32> =
-            (0..groups.len() as u32).filter(|g| groups[*g as usize].level == level).collect();
+        let mut of_level: Vec<u64> =
+            (0..groups.len() as u64).filter(|g| groups[*g as usize].level == level).collect();
         if of_level.is_empty() {
             continue;
         }
         let start = order.len();
         sort_spatially(&mut of_level, boxes);
-        order.append(&mut of_level);
+        order.extend(of_level.into_iter().map(number));
         ranges.push((start, order.len(), level));
     }
     children.push((1, (ranges.len() - 1) as u16, false));
@@ -65,9 +65,9 @@ pub fn build(groups: &[BuildGroup], boxes: &[Aabb]) -> (Vec<Node>, Vec<u32>) {
 }
 
 /// Orders groups so that the ranges made by [`split_range`] are compact: medians along the longest axis.
-fn sort_spatially(order: &mut [u32], boxes: &[Aabb]) {
+fn sort_spatially(order: &mut [u64], boxes: &[Aabb]) {
     if order.len() <= NODE_WIDTH {
-        order.sort_unstable();
+        order.sort_unstable_by_key(|g| number(*g));
         return;
     }
     let middle = split_middle(0, order.len(), NODE_WIDTH);

@@ -11,8 +11,12 @@ pub mod collapse;
 pub mod content;
 pub mod dag;
 pub mod field;
+#[cfg(feature = "metis")]
+pub mod graph;
 pub mod hierarchy;
 pub mod lock_borders;
+#[cfg(feature = "metis")]
+mod metis;
 pub mod partition;
 pub mod reference;
 pub mod simplify;

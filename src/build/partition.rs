@@ -1,23 +1,47 @@
-//! Gathering clusters into groups: meshoptimizer's partitioner over shared vertices, by position.
+//! Gathering clusters into groups: meshoptimizer's partitioner over shared vertices or METIS over shared border,
+//! both by position.
 
 use meshopt::{VertexDataAdapter, partition_clusters_with_positions};
+#[cfg(feature = "metis")]
+use rayon::prelude::*;
 
 use super::clusterize::ClusterMesh;
+#[cfg(feature = "metis")]
+use super::clusterize::{number, split_blocks};
+#[cfg(feature = "metis")]
+use super::graph::{Graph, pairs};
 use super::store::RoundPositions;
+use crate::config::{BuildOptions, Partition};
 use crate::limits::{GROUP_MAX_CLUSTERS, PAGE_MAX_BYTES};
+#[cfg(feature = "metis")]
+use crate::math::Aabb;
 use crate::model::AttributeLayout;
 use crate::model::cluster::RECORD_WORDS;
+
+/// Clusters of a block: METIS takes one at a time, threads take several blocks.
+#[cfg(feature = "metis")]
+const BLOCK_CLUSTERS: usize = 1 << 12;
 
 /// Partitions clusters. Every cluster is in exactly one group; a group fits a page.
 pub fn partition(
     layout: AttributeLayout,
     clusters: &[&ClusterMesh],
     round: &RoundPositions,
-    target: usize,
+    options: &BuildOptions,
 ) -> Vec<Vec<u32>> {
     if clusters.len() <= 1 {
         return vec![(0..clusters.len() as u32).collect()];
     }
+    let groups = match options.partition {
+        Partition::Meshopt => merged(clusters, round, options.group_clusters),
+        #[cfg(feature = "metis")]
+        Partition::Metis => of_graph(clusters, round, options.group_clusters),
+    };
+    groups.into_iter().flat_map(|g| split_to_fit(layout, clusters, g)).collect()
+}
+
+/// meshoptimizer's groups.
+fn merged(clusters: &[&ClusterMesh], round: &RoundPositions, target: usize) -> Vec<Vec<u32>> {
     let counts: Vec<u32> = clusters.iter().map(|c| c.vertices.len() as u32).collect();
     let bytes: &[u8] = bytemuck::cast_slice(&round.positions);
     let mut part = vec![0; clusters.len()];
@@ -28,7 +52,29 @@ pub fn partition(
         groups[*part as usize].push(cluster as u32);
     }
     groups.retain(|g| !g.is_empty());
-    groups.into_iter().flat_map(|g| split_to_fit(layout, clusters, g)).collect()
+    groups
+}
+
+/// METIS's groups: of clusters that share much border.
+#[cfg(feature = "metis")]
+fn of_graph(clusters: &[&ClusterMesh], round: &RoundPositions, target: usize) -> Vec<Vec<u32>> {
+    let points = |c: usize| round.of(c).iter().map(|p| &round.positions[*p as usize]);
+    let center = |c: usize| Aabb::of_points(points(c)).center();
+    let centers: Vec<[f32; 3]> = (0..clusters.len()).into_par_iter().map(center).collect();
+    let mut order: Vec<u64> = (0..clusters.len() as u64).collect();
+    let groups_of = |block: &mut [u64]| {
+        let members: Vec<u32> = block.iter().map(|c| number(*c)).collect();
+        let places: Vec<[f32; 3]> = members.iter().map(|c| centers[*c as usize]).collect();
+        let positions = |c: &u32| round.of(*c as usize).iter().map(|p| u64::from(*p));
+        let mut uses: Vec<(u64, u32)> =
+            members.iter().zip(0..).flat_map(|(c, node)| positions(c).map(move |p| (p, node))).collect();
+        let graph = Graph::new(&places, &pairs(&mut uses));
+        let parts = graph.parts(members.len().div_ceil(target));
+        parts.into_iter().map(|part| part.iter().map(|n| members[*n as usize]).collect()).collect()
+    };
+    let blocks = split_blocks(&mut order, BLOCK_CLUSTERS, &centers);
+    let groups: Vec<Vec<Vec<u32>>> = blocks.into_par_iter().map(groups_of).collect();
+    groups.into_iter().flatten().collect()
 }
 
 /// Cuts a group that exceeds a page or the most clusters of a group.

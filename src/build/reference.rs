@@ -43,6 +43,13 @@ impl Pieces {
         self.corners.extend_from_slice(part.corners());
     }
 
+    /// Gives back what growing took ahead: there are as many pieces as clusters, and they wait for a round.
+    fn shrink(&mut self) {
+        self.whole.shrink_to_fit();
+        self.parts.shrink_to_fit();
+        self.corners.shrink_to_fit();
+    }
+
     /// Calls `visit` with each triangle and the part of it, if it is not whole.
     fn each(&self, mut visit: impl FnMut(u32, Option<Piece>)) {
         self.whole.iter().for_each(|t| visit(*t, None));
@@ -107,8 +114,8 @@ impl Reference {
     }
 
     /// The triangles that some clusters answer for, and the number of each in the order of [`Pieces::each`].
-    fn local(&self, members: &[&BuildCluster], all: &[BuildCluster]) -> (Local, Vec<u32>) {
-        let count = members.iter().map(|m| m.pieces.whole.len() + m.pieces.parts.len()).sum();
+    fn local(&self, pieces: &[Pieces], all: &[BuildCluster]) -> (Local, Vec<u32>) {
+        let count = pieces.iter().map(|p| p.whole.len() + p.parts.len()).sum();
         let (mut of_triangles, mut of_points) = (Numbering::default(), Numbering::default());
         of_triangles.reset(count);
         of_points.reset(3 * count);
@@ -136,26 +143,26 @@ impl Reference {
             out.corners.push(corners.map(|p| of_points.number(p).0));
             out.radii.push(f64::from(cluster.bound));
         };
-        for member in members {
-            member.pieces.whole.iter().for_each(|t| add(*t));
-            member.pieces.parts.iter().for_each(|part| add(part.0));
+        for pieces in pieces {
+            pieces.whole.iter().for_each(|t| add(*t));
+            pieces.parts.iter().for_each(|part| add(part.0));
         }
         (out, numbers)
     }
 
-    /// A bound for patches that replace `members`: how far any of their points may be from the source, and any point
-    /// of the source that the members answer for from them. Also hands over what the members answer for; nothing
-    /// where no further round of this reference will ask.
+    /// A bound for patches that replace clusters which answer for `pieces`: how far any of their points may be from
+    /// the source, and any point of the source that those clusters answer for from them. Also hands the pieces over;
+    /// none where no further round of this reference will ask.
     pub fn measure(
         &self,
         round: u32,
-        members: &[&BuildCluster],
+        pieces: Vec<Pieces>,
         all: &[BuildCluster],
         patches: &[Patch<'_>],
         estimate: f32,
     ) -> (f32, Vec<Pieces>) {
         let keep = !Self::is_due(round + 1);
-        let (local, numbers) = self.local(members, all);
+        let (local, numbers) = self.local(&pieces, all);
         let before = Sheet::new(local.triangles, &local.corners, local.radii);
         let (after, owners) = sheet_of(patches);
         let goal =
@@ -167,8 +174,9 @@ impl Reference {
         let mut number = numbers.iter();
         let mut starts = vec![NO_TRIANGLE; after.triangles().len()];
         let mut parts: Vec<(Piece, u32)> = Vec::new();
-        for member in members {
-            member.pieces.each(|t, part| {
+        // Those of a cluster go as soon as they are handed over.
+        for pieces in pieces {
+            pieces.each(|t, part| {
                 let Some(local) = number.next() else { return };
                 let radius = before.radius(*local);
                 let piece = part.unwrap_or_else(|| Piece::new(before.triangles()[*local as usize]));
@@ -189,6 +197,7 @@ impl Reference {
                 }
             });
         }
+        handed.iter_mut().for_each(Pieces::shrink);
         let mut to_before = Overlay::new(&before);
         for (t, start) in after.triangles().iter().zip(starts) {
             if start != NO_TRIANGLE {

@@ -7,6 +7,9 @@ use rayon::prelude::*;
 use super::source::SourceMesh;
 use crate::model::AttributeLayout;
 
+/// Faces whose weights are kept at a time: few enough to stay in cache.
+const CHUNK_FACES: usize = 1 << 14;
+
 /// Floats per vertex.
 pub fn stride(layout: AttributeLayout) -> usize {
     3 + 4 * usize::from(layout.colors) + 2 * usize::from(layout.uv_sets)
@@ -82,6 +85,21 @@ fn corner_weights(p: [[f32; 3]; 3]) -> ([f64; 3], [f64; 3]) {
     (normal.map(|x| x / size), [a, b, (PI - a - b).max(0.0)])
 }
 
+/// Adds the weighted normals of faces at their corners.
+fn add_normals(
+    sums: &mut [[f64; 3]],
+    position_ids: &[u32],
+    faces: &[[u32; 3]],
+    weights: &[([f64; 3], [f64; 3])],
+) {
+    for (face, (normal, angles)) in faces.iter().zip(weights) {
+        for k in 0..3 {
+            let sum = &mut sums[position_ids[face[k] as usize] as usize];
+            (0..3).for_each(|c| sum[c] += normal[c] * angles[k]);
+        }
+    }
+}
+
 /// Replaces zero-length normals by the angle-weighted mean of the faces around the position, and scales all
 /// to unit length. Returns how many were replaced.
 ///
@@ -97,13 +115,17 @@ pub fn fill_normals(
     let missing = rows.par_chunks(stride).filter(|row| needed(row)).count();
     let mut sums = vec![[0.0f64; 3]; if missing > 0 { positions.len() } else { 0 }];
     if missing > 0 {
-        let weights: Vec<_> =
-            faces.par_iter().map(|f| corner_weights(f.map(|v| positions[v as usize]))).collect();
-        for (face, (normal, angles)) in faces.iter().zip(&weights) {
-            for k in 0..3 {
-                let sum = &mut sums[position_ids[face[k] as usize] as usize];
-                (0..3).for_each(|c| sum[c] += normal[c] * angles[k]);
-            }
+        // One chunk is added up, in order, while the next is weighed.
+        let (mut ready, mut weights): (&[[u32; 3]], _) = (&[], Vec::new());
+        let mut next = Vec::new();
+        for chunk in faces.chunks(CHUNK_FACES).chain([&[][..]]) {
+            let corners = |f: &[u32; 3]| f.map(|v| positions[v as usize]);
+            rayon::join(
+                || add_normals(&mut sums, position_ids, ready, &weights),
+                || chunk.par_iter().map(|f| corner_weights(corners(f))).collect_into_vec(&mut next),
+            );
+            ready = chunk;
+            std::mem::swap(&mut weights, &mut next);
         }
     }
     rows.par_chunks_mut(stride).enumerate().for_each(|(i, row)| {

@@ -1,6 +1,9 @@
 //! The edges of triangles with their uses. Bucketed by the smaller end: buckets are short, so sorting each is
 //! cheaper than sorting all.
 
+/// Half-edges from which on the work is shared between threads.
+const PARALLEL_HALVES: usize = 1 << 16;
+
 /// Each undirected edge of a set of triangles once, in the order of its ends.
 #[derive(Clone, Debug)]
 pub struct Edges {
@@ -36,8 +39,16 @@ impl Edge {
 impl Edges {
     /// The edges of faces over points numbered from 0 and below 2^31. Memory follows the largest number.
     pub fn of(faces: &[[u32; 3]]) -> Self {
-        let points = faces.iter().flatten().max().map_or(0, |v| *v as usize + 1);
-        let halves_of = |f: &[u32; 3]| [(f[0], f[1]), (f[1], f[2]), (f[2], f[0])];
+        Self::named(faces, |v| v)
+    }
+
+    /// The edges of faces whose corners go by other names.
+    pub fn named(faces: &[[u32; 3]], name: impl Fn(u32) -> u32) -> Self {
+        let points = faces.iter().flatten().map(|v| name(*v)).max().map_or(0, |v| v as usize + 1);
+        let halves_of = |f: &[u32; 3]| {
+            let [a, b, c] = f.map(&name);
+            [(a, b), (b, c), (c, a)]
+        };
         let mut starts = vec![0u32; points + 2];
         // Counted two places ahead, so that filling leaves the starts where they belong.
         faces.iter().flat_map(halves_of).for_each(|(a, b)| starts[a.min(b) as usize + 2] += 1);
@@ -51,9 +62,7 @@ impl Edges {
             *at += 1;
         }
         starts.truncate(points + 1);
-        for v in 0..points {
-            halves[starts[v] as usize..starts[v + 1] as usize].sort_unstable();
-        }
+        sort_buckets(&mut halves, &starts);
         Self { starts, halves }
     }
 
@@ -78,6 +87,20 @@ impl Edges {
     pub fn points(&self) -> u32 {
         self.starts.len() as u32 - 1
     }
+}
+
+/// Sorts each bucket; large sets of them on all threads.
+fn sort_buckets(halves: &mut [u32], starts: &[u32]) {
+    if halves.len() < PARALLEL_HALVES {
+        let first = starts[0];
+        starts
+            .windows(2)
+            .for_each(|w| halves[(w[0] - first) as usize..(w[1] - first) as usize].sort_unstable());
+        return;
+    }
+    let middle = starts.len() / 2;
+    let (a, b) = halves.split_at_mut((starts[middle] - starts[0]) as usize);
+    rayon::join(|| sort_buckets(a, &starts[..=middle]), || sort_buckets(b, &starts[middle..]));
 }
 
 #[cfg(test)]

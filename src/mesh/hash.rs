@@ -14,8 +14,13 @@ const SHARDS: usize = 64;
 
 /// For each row of `words` (rows of `stride` words), the index of the first row equal to it.
 pub fn first_equal(words: &[u32], stride: usize) -> Vec<u32> {
-    let count = words.len() / stride;
-    let rows = Rows { words, stride };
+    first_equal_of(&[(words, stride)])
+}
+
+/// The same where a row is made of a row of each of several tables of (words, stride).
+pub fn first_equal_of(tables: &[(&[u32], usize)]) -> Vec<u32> {
+    let count = tables.first().map_or(0, |(words, stride)| words.len() / stride);
+    let rows = Rows(tables);
     let mut first: Vec<u32> = (0..count as u32).collect();
     if count < PARALLEL_ROWS {
         rows.repeats(count, 0..count as u32, |i, of| first[i as usize] = of);
@@ -48,19 +53,16 @@ pub fn first_equal(words: &[u32], stride: usize) -> Vec<u32> {
     first
 }
 
-struct Rows<'a> {
-    words: &'a [u32],
-    stride: usize,
-}
+struct Rows<'a>(&'a [(&'a [u32], usize)]);
 
 impl Rows<'_> {
-    fn row(&self, i: u32) -> &[u32] {
-        &self.words[i as usize * self.stride..][..self.stride]
+    fn row(&self, i: u32) -> impl Iterator<Item = &u32> {
+        self.0.iter().flat_map(move |(words, stride)| &words[i as usize * stride..][..*stride])
     }
 
     fn hash(&self, i: u32) -> u64 {
         let mut hasher = FxHasher::default();
-        self.row(i).iter().for_each(|w| hasher.write_u32(*w));
+        self.row(i).for_each(|w| hasher.write_u32(*w));
         // The low bits choose a slot, the high ones a shard: neither may follow from the other.
         hasher.finish().wrapping_mul(0x9e37_79b9_7f4a_7c15)
     }
@@ -77,7 +79,7 @@ impl Rows<'_> {
                         table[slot] = i;
                         break;
                     }
-                    other if self.row(other) == self.row(i) => {
+                    other if self.row(other).eq(self.row(i)) => {
                         tell(i, other);
                         break;
                     }

@@ -1,5 +1,6 @@
 //! Welding and mending: bit-identical vertices become one, faces that cannot have area and repeated faces go.
 
+use bytemuck::cast_slice;
 use rayon::prelude::*;
 
 use super::edges::Edges;
@@ -27,8 +28,6 @@ pub struct WeldedMesh {
     pub stride: usize,
     /// Named channels.
     pub channels: Channels,
-    /// For each vertex, the smallest vertex at the same position.
-    pub position_ids: Vec<u32>,
     /// Material of each vertex, and so of the faces around it; empty when there are none.
     pub materials: Vec<u32>,
     /// Triangles: no two corners at one position, no face twice.
@@ -57,51 +56,36 @@ pub fn weld(source: &SourceMesh<'_>, report: &mut BuildReport) -> Result<WeldedM
     let faces = by_material.as_ref().map_or(source.faces, |split| &split.faces);
     let of_vertex = by_material.as_ref().map_or(&[][..], |split| &split.materials);
 
-    let position_ids = hash::first_equal(bytemuck::cast_slice(&positions), 3);
+    let position_ids = hash::first_equal(cast_slice(&positions), 3);
     let plain = source.normals.is_none() && layout == AttributeLayout::default() && channels.infos.is_empty();
     let vertex_ids = if plain {
         position_ids.clone()
     } else {
-        let parts = [
-            (bytemuck::cast_slice(&positions), 3),
-            (bytemuck::cast_slice(&rows), stride),
+        let tables = [
+            (cast_slice(&positions), 3),
+            (cast_slice(&rows), stride),
             (&channels.words[..], channels.width()),
             (of_vertex, usize::from(layout.materials)),
         ];
-        hash::first_equal(&joined(&parts), parts.iter().map(|(_, width)| width).sum())
+        hash::first_equal_of(&tables)
     };
 
     let (faces, face_rows) = mend(faces, &vertex_ids, &position_ids, report);
     if faces.is_empty() {
         return Err(Error::EmptyMesh("no face is left once faces without area are dropped".into()));
     }
-    let mut mesh =
-        compact(positions, rows, stride, channels, of_vertex, &vertex_ids, &position_ids, faces, report);
+    let (mut mesh, position_ids) =
+        compact(positions, rows, stride, channels, of_vertex, vertex_ids, position_ids, faces, report);
     let mended = attributes::fill_normals(
         &mut mesh.attributes,
         mesh.stride,
         &mesh.positions,
-        &mesh.position_ids,
+        &position_ids,
         &mesh.faces,
     );
     report.computed_normals = source.normals.is_none();
     report.mended_normals = if report.computed_normals { 0 } else { mended as u64 };
     Ok(WeldedMesh { frame, bounds: frame::bounds(&mesh.positions), layout, face_rows, ..mesh })
-}
-
-/// Rows of several tables side by side; each comes with its words per row.
-fn joined(parts: &[(&[u32], usize)]) -> Vec<u32> {
-    let width = parts.iter().map(|(_, width)| width).sum();
-    let rows = parts.first().map_or(0, |(words, width)| words.len() / width);
-    let mut joined = vec![0u32; rows * width];
-    joined.par_chunks_mut(width).enumerate().for_each(|(i, mut out)| {
-        for (words, width) in parts {
-            let (part, rest) = out.split_at_mut(*width);
-            part.copy_from_slice(&words[i * width..][..*width]);
-            out = rest;
-        }
-    });
-    joined
 }
 
 /// Drops faces with two corners at one position and repeated faces; counts the edges of the rest.
@@ -145,23 +129,23 @@ fn drop_repeats(faces: Vec<[u32; 3]>, rows: Vec<u32>) -> (Vec<[u32; 3]>, Vec<u32
             }
         })
         .collect();
-    let first = hash::first_equal(bytemuck::cast_slice(&canonical), 3);
+    let first = hash::first_equal(cast_slice(&canonical), 3);
     let unique = |(i, _): &(usize, _)| first[*i] as usize == *i;
     faces.into_iter().zip(rows).enumerate().filter(unique).map(|(_, face)| face).unzip()
 }
 
-/// Keeps only vertices that faces use, in their order.
+/// Keeps only vertices that faces use, in their order; also tells the first of them at each one's position.
 fn compact(
     positions: Vec<[f32; 3]>,
     rows: Vec<f32>,
     base: usize,
     mut channels: Channels,
     materials: &[u32],
-    vertex_ids: &[u32],
-    position_ids: &[u32],
+    vertex_ids: Vec<u32>,
+    position_ids: Vec<u32>,
     mut faces: Vec<[u32; 3]>,
     report: &mut BuildReport,
-) -> WeldedMesh {
+) -> (WeldedMesh, Vec<u32>) {
     let mut used = vec![false; positions.len()];
     faces.iter().flatten().for_each(|v| used[*v as usize] = true);
     let mut rename = vec![u32::MAX; positions.len()];
@@ -175,9 +159,11 @@ fn compact(
     let distinct = vertex_ids.iter().enumerate().filter(|(i, v)| **v as usize == *i).count();
     report.welded_vertices = (positions.len() - distinct) as u64;
     report.unreferenced_vertices = (distinct - order.len()) as u64;
+    drop(vertex_ids);
     faces.par_iter_mut().for_each(|f| *f = f.map(|v| rename[v as usize]));
     // The representative of a position may itself be unused: take the first used one.
-    let mut first_used = vec![u32::MAX; positions.len()];
+    let mut first_used = rename;
+    first_used.fill(u32::MAX);
     let ids = order
         .iter()
         .enumerate()
@@ -197,7 +183,7 @@ fn compact(
         .for_each(|(out, old)| out[..base].copy_from_slice(&rows[*old as usize * base..][..base]));
     channels.keep(&order);
     channels.scale(&mut attributes, stride);
-    WeldedMesh {
+    let mesh = WeldedMesh {
         frame: Frame { origin: [0.0; 3], scale: 1.0, rounding: 0.0 },
         bounds: Aabb::EMPTY,
         positions: order.par_iter().map(|v| positions[*v as usize]).collect(),
@@ -210,17 +196,16 @@ fn compact(
         } else {
             order.iter().map(|v| materials[*v as usize]).collect()
         },
-        position_ids: ids,
         faces,
         face_rows: Vec::new(),
-    }
+    };
+    (mesh, ids)
 }
 
 /// Counts edges, by position, with one face and with more than two; tells whether faces run along one in the
 /// same direction.
 fn count_edges(faces: &[[u32; 3]], position_ids: &[u32], report: &mut BuildReport) -> bool {
-    let by_position: Vec<_> = faces.par_iter().map(|f| f.map(|v| position_ids[v as usize])).collect();
-    let edges = Edges::of(&by_position);
+    let edges = Edges::named(faces, |v| position_ids[v as usize]);
     let (border, crowded, repeated) = (0..edges.points())
         .into_par_iter()
         .flat_map_iter(|point| edges.at(point))

@@ -129,6 +129,7 @@ fn build_options(options: Option<&Bound<'_, PyDict>>) -> PyResult<BuildOptions> 
             "cluster_vertices" => out.cluster_vertices = value.extract()?,
             "group_clusters" => out.group_clusters = value.extract()?,
             "clusterizer" => out.clusterizer = value.extract::<String>()?.parse().map_err(to_raise)?,
+            "partition" => out.partition = value.extract::<String>()?.parse().map_err(to_raise)?,
             "quality" => out.quality = value.extract::<String>()?.parse().map_err(to_raise)?,
             "error" => out.error = value.extract::<String>()?.parse().map_err(to_raise)?,
             "normal_weight" => out.normal_weight = value.extract()?,

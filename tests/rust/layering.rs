@@ -38,7 +38,8 @@ const LEAF_MAY_USE: &[(&str, &[&str])] =
     &[("error", &[]), ("limits", &[]), ("math", &[]), ("config", &["error", "limits"])];
 
 /// Crates that stay in one folder.
-const CONFINED: &[(&str, &str)] = &[("pyo3", "python"), ("numpy", "python"), ("wgpu", "gpu")];
+const CONFINED: &[(&str, &str)] =
+    &[("pyo3", "python"), ("numpy", "python"), ("wgpu", "gpu"), ("metis", "build")];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("src")

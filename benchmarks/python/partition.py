@@ -1,0 +1,130 @@
+"""What splits triangles into clusters and gathers clusters into groups: edges cut, sizes, error of cuts, time.
+
+``python -m benchmarks.python.partition`` writes a table into ``benchmarks/results``. Meshes of ``../shared/data``
+where they are, and a generated one. Cut edges are those of the source whose two faces lie in different clusters,
+or in different groups of clusters, as parts of all edges with two faces. Distances are libigl's, in 1e-4 of the
+diagonal. Cuts come in whole groups, so their sizes differ by a few per cent: as the error of a surface goes with
+one over its triangles, it is stated for exactly the size asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import itertools
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import trimesh
+
+import nanite_rs as nrs
+from nanite_rs import _core
+
+from . import machine
+from .cut import two_sided
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+RESULTS = Path(__file__).resolve().parents[1] / "results"
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+REMOVED = (0.5, 0.9, 0.99)
+SAMPLES = 100_000
+CHOICES = tuple(itertools.product(("median", "flex", "metis"), ("meshopt", "metis")))
+Arrays = tuple[np.ndarray, np.ndarray]
+
+MESHES: dict[str, Callable[[], Arrays]] = {
+    "bunny": lambda: _load("scans/stanford_bunny_full/bun_zipper.ply"),
+    "armadillo": lambda: _load("scans/armadillo_86k/armadillo.obj"),
+    "CAD frame": lambda: _load("cad/voron_a_drive_frame_lower/a_drive_frame_lower.stl"),
+    "foliage tree": lambda: _load("foliage/scatter_tree/tree.glb"),
+    "sphere 1 M": lambda: nrs.shapes.displaced_icosphere(faces=1_000_000)[:2],
+}
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.python.partition", description=__doc__)
+    parser.add_argument("--only", nargs="+", choices=MESHES, default=list(MESHES), help="which meshes")
+    parser.add_argument("--runs", type=int, default=3, help="builds of each kind, in turn (%(default)s)")
+    parser.add_argument("--output", type=Path, default=RESULTS, help="folder for the results (%(default)s)")
+    options = parser.parse_args()
+    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    described = machine.describe()
+    lines = [
+        f"# Clusters and groups, {date}",
+        "",
+        f"`python -m benchmarks.python.partition`. {described['processor']}, {described['cores']} cores; load"
+        f" before the first run: {described['load']}. Options besides those of the table are the defaults. Time is"
+        f" the processor's, the least of {options.runs} builds in turn.",
+    ]
+    for name in options.only:
+        try:
+            vertices, faces = MESHES[name]()
+        except FileNotFoundError as missing:
+            print(f"{name}: left out, {missing.filename} is absent")
+            continue
+        lines += ["", f"## {name}, {len(faces):,} triangles", "", *table(vertices, faces, options.runs)]
+        print("\n".join(lines[-len(CHOICES) - 4 :]), flush=True)
+    options.output.mkdir(parents=True, exist_ok=True)
+    (options.output / f"{date}-partition.md").write_text("\n".join(lines) + "\n")
+
+
+def _load(path: str) -> Arrays:
+    if not (DATA / path).exists():
+        raise FileNotFoundError(2, "no such file", str(DATA / path))
+    mesh = trimesh.load(DATA / path, process=False, force="mesh")
+    used, faces = np.unique(np.asarray(mesh.faces), return_inverse=True)
+    return np.asarray(mesh.vertices)[used].astype(np.float32), faces.reshape(-1, 3)
+
+
+def table(vertices: np.ndarray, faces: np.ndarray, runs: int) -> list[str]:
+    """Lines of a Markdown table with a row for each pair of choices."""
+    head = ["clusterizer", "partition", "clusters", "fill", "edges cut: clusters", "groups", "processor s"]
+    head += [f"rms at −{removed:.0%}" for removed in REMOVED]
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    seconds = dict.fromkeys(CHOICES, np.inf)
+    built = {}
+    for _, choice in itertools.product(range(runs), CHOICES):
+        start = time.process_time()
+        built[choice] = nrs.NaniteMesh.from_arrays(
+            vertices,
+            faces,
+            options=nrs.BuildOptions(clusterizer=choice[0], partition=choice[1]),
+            progress=False,
+        )
+        seconds[choice] = min(seconds[choice], time.process_time() - start)
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    for choice, mesh in built.items():
+        clusters, groups = edges_cut(mesh)
+        report = mesh.report
+        row = [*choice, f"{report.clusters:,}", f"{report.fill:.1%}", f"{clusters:.2%}", f"{groups:.2%}"]
+        row.append(f"{seconds[choice]:.2f}")
+        for removed in REMOVED:
+            target = round((1 - removed) * len(mesh))
+            cut = mesh.cut(target_faces=target)
+            error = two_sided(vertices, faces, cut.vertices, cut.faces, diagonal, samples=SAMPLES)["rms"]
+            row.append(f"{error * len(cut.faces) / target:.3f}")
+        lines.append(f"| {' | '.join(row)} |")
+    return lines
+
+
+def edges_cut(mesh: nrs.NaniteMesh) -> tuple[float, float]:
+    """Parts of the edges of the source, by position, that lie between clusters and between groups."""
+    cut = mesh.cut(error=0.0)
+    cluster = cut.cluster_ids[cut.face_clusters]
+    all_clusters = _core.cluster_table(mesh._core)
+    order = np.argsort(all_clusters["id"])
+    group = all_clusters["group"][order][np.searchsorted(all_clusters["id"][order], cluster)]
+    _, position = np.unique(cut.vertices, axis=0, return_inverse=True)
+    ends = np.sort(position.ravel()[cut.faces[:, [0, 1, 1, 2, 2, 0]]].reshape(-1, 2), axis=1)
+    _, edge, uses = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(edge.ravel(), kind="stable")
+    order = order[(uses[edge.ravel()] == 2)[order]].reshape(-1, 2) // 3
+    return tuple(float(np.mean(part[order[:, 0]] != part[order[:, 1]])) for part in (cluster, group))
+
+
+if __name__ == "__main__":
+    main()
