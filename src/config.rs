@@ -89,6 +89,8 @@ pub struct BuildOptions {
     pub color_weight: f32,
     /// Weight of a unit of UV against one mean edge length of distance.
     pub uv_weight: f32,
+    /// Of small islands such as leaves, those that stay grow until as much is covered as before. For foliage and hair.
+    pub preserve_area: bool,
     /// Keep the map from level-0 triangles to rows of the caller's `faces`.
     pub face_ids: bool,
     /// Threads; 0 uses all cores. The result does not depend on it.
@@ -107,6 +109,7 @@ impl Default for BuildOptions {
             normal_weight: 1.0,
             color_weight: 1.0,
             uv_weight: 1.0,
+            preserve_area: false,
             face_ids: false,
             threads: 0,
         }

@@ -12,6 +12,7 @@ use super::clusterize::{self, ClusterMesh};
 use super::lock_borders::shared_positions;
 use super::partition::partition;
 use super::reference::{Patch, Pieces, Reference};
+use super::silhouette::Sight;
 use super::simplify::{Simplified, simplify};
 use super::store::{LocalMesh, RoundPositions, VertexStore};
 use crate::config::{BuildOptions, ErrorMeasure};
@@ -122,7 +123,10 @@ pub fn grow(
     if !meter.advance(mesh.faces.len()) {
         return Err(Error::Cancelled);
     }
-    let mut graph = Growth { clusters, groups: Vec::new(), reference: None };
+    let seen = || Sight::of(mesh.bounds, &store.positions, mesh.faces.as_flattened());
+    let sight = options.preserve_area.then(seen);
+    let enough = mesh.faces.len() as u64 / ROOT_PART;
+    let mut graph = Growth { clusters, groups: Vec::new(), reference: None, sight, enough };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
         pending = graph.round(&mut store, pending, round, options, &meter, report)?;
@@ -169,7 +173,14 @@ struct Growth {
     clusters: Vec<BuildCluster>,
     groups: Vec<BuildGroup>,
     reference: Option<Reference>,
+    /// What the source covers, to keep the area.
+    sight: Option<Sight>,
+    /// A root of no more triangles is left as it is.
+    enough: u64,
 }
+
+/// A single cluster is simplified further while it has more than this part of the source.
+const ROOT_PART: u64 = 100;
 
 impl Growth {
     /// One round over the pending clusters; returns those of the next.
@@ -190,7 +201,8 @@ impl Growth {
         };
         let positions = Arc::new(RoundPositions::new(store, &meshes));
         let groups = partition(store.layout, &meshes, &positions, options.group_clusters);
-        if pending.len() == 1 || round + 1 == MAX_ROUNDS {
+        let single = pending.len() == 1;
+        if single && level.triangles <= self.enough || round + 1 == MAX_ROUNDS {
             level.groups = groups.len() as u32;
             for group in &groups {
                 let members: Vec<u32> = group.iter().map(|c| pending[*c as usize]).collect();
@@ -204,6 +216,8 @@ impl Growth {
             self.start_reference(&positions, &pending);
         }
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
+        // One group is the whole mesh: it can be held against the source, so that no differences add up.
+        let sight = self.sight.filter(|_| groups.len() == 1);
         let outcomes: Vec<_> = groups
             .par_iter()
             .map(|members| {
@@ -212,7 +226,7 @@ impl Growth {
                     members.iter().map(|c| &self.clusters[pending[*c as usize] as usize]).collect();
                 let proof =
                     self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters, round });
-                let outcome = simplify_group(store, &local, &members, proof, options);
+                let outcome = simplify_group(store, &local, &members, proof, sight, options);
                 (meter.advance(local.indices.len() / 6), outcome)
             })
             .collect();
@@ -240,7 +254,9 @@ impl Growth {
                 // Other neighbours next round: the border that was in the way may lie elsewhere.
                 next.extend(members);
             } else {
-                report.stuck.push(self.stuck_report(&members, round, reason));
+                if !single {
+                    report.stuck.push(self.stuck_report(&members, round, reason));
+                }
                 self.terminal(&members, round);
             }
         }
@@ -361,9 +377,12 @@ fn simplify_group(
     local: &LocalMesh,
     members: &[&BuildCluster],
     proof: Option<Proof<'_>>,
+    sight: Option<Sight>,
     options: &BuildOptions,
 ) -> std::result::Result<Split, StuckReason> {
-    let Simplified { mut mesh, estimate, step } = simplify(local, store.layout, options)?;
+    let Simplified { mut mesh, estimate, moved, step } = simplify(local, store.layout, options, sight)?;
+    // Only the estimate takes the place of a measurement.
+    let estimate = if proof.is_none() { estimate.max(moved) } else { estimate };
     let most = |of: fn(&BuildCluster) -> f32| members.iter().map(|c| of(c)).fold(0.0, f32::max);
     let quadric = round_up(f64::from(most(|c| c.quadric)) + f64::from(estimate));
     let stride = store.stride;

@@ -9,9 +9,11 @@ pub mod clusterize;
 pub mod collapse;
 pub mod dag;
 pub mod hierarchy;
+pub mod islands;
 pub mod lock_borders;
 pub mod partition;
 pub mod reference;
+pub mod silhouette;
 pub mod simplify;
 pub mod store;
 
