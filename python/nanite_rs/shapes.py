@@ -459,7 +459,9 @@ def foliage(*, faces: int, seed: int = 0) -> Mesh:
     up = _cross(normal, right)
     size = (0.6 + 0.8 * rng.random(count)) * np.sqrt(3.0 / count)
     right, up = right * (0.5 * size)[:, None], up * size[:, None]
-    leaves = np.stack([place, place + up + right, place + 2.0 * up, place + up - right], axis=1).reshape(-1, 3)
+    leaves = np.stack([place, place + up + right, place + 2.0 * up, place + up - right], axis=1).reshape(
+        -1, 3
+    )
     leaf = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * np.arange(count)[:, None, None]
     # Twice as many rings as sides.
     sides = max(int(np.rint(np.sqrt(faces / 80.0))), 3)

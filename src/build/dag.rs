@@ -125,7 +125,7 @@ pub fn grow(
     }
     let seen = || Sight::of(mesh.bounds, &store.positions, mesh.faces.as_flattened());
     let sight = options.preserve_area.then(seen);
-    let enough = mesh.faces.len() as u64 / ROOT_PART;
+    let enough = (mesh.faces.len() as u64 / ROOT_PART).max(ROOT_TRIANGLES);
     let mut graph = Growth { clusters, groups: Vec::new(), reference: None, sight, enough };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
@@ -181,6 +181,8 @@ struct Growth {
 
 /// A single cluster is simplified further while it has more than this part of the source.
 const ROOT_PART: u64 = 100;
+/// Fewer triangles make no shape: a cube ends as two back to back.
+const ROOT_TRIANGLES: u64 = 8;
 
 impl Growth {
     /// One round over the pending clusters; returns those of the next.

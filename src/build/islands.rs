@@ -390,7 +390,8 @@ mod tests {
         both.draw_all(&thinned.mesh.positions, &thinned.mesh.indices);
         let ratio = f64::from(both.covered()) / f64::from(sight.covered);
         assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
-        assert!(thinned.moved > 0.1 && thinned.moved < 5.0, "{}", thinned.moved);
+        // Leaves are two apart: a few steps to the next one that stays, and how much that grew.
+        assert!(thinned.moved > 2.0 && thinned.moved < 8.0, "{}", thinned.moved);
         assert_eq!(mesh.positions[256..], thinned.mesh.positions[256..]);
     }
 
