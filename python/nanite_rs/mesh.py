@@ -61,8 +61,8 @@ class BuildOptions:
     uv_weight: float = 1.0
     """Weight of a unit of UV against one mean edge length of distance."""
     preserve_area: bool = False
-    """For foliage and hair: of small islands such as leaves, those that stay grow until as much is covered as before,
-    seen from all around, where otherwise a crown of leaves thins out. Builds some four times as long."""
+    """For foliage and hair: of small islands such as leaves, those that stay grow until as much is covered as
+    before, seen from all around, where otherwise a crown of leaves thins out. Builds some four times as long."""
     face_ids: bool = False
     """Keep the map from full-detail triangles to rows of the caller's ``faces``."""
     threads: int = 0

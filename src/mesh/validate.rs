@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::frame::LARGEST_EXPONENT;
 use super::source::{Positions, SourceMesh};
 use crate::error::{Error, Result};
 
@@ -12,6 +13,17 @@ fn finite<const N: usize, T: Copy + Into<f64> + Sync>(argument: &'static str, ro
     let bad = rows.par_iter().position_first(|row| row.iter().any(|x| !(*x).into().is_finite()));
     match bad {
         Some(index) => Err(Error::NonFinite { argument, index, value: rows[index].map(Into::into).to_vec() }),
+        None => Ok(()),
+    }
+}
+
+/// Lengths and errors between coordinates must not overflow, nor the powers of two that scale them.
+fn representable(rows: &[[f64; 3]]) -> Result<()> {
+    let most = 2f64.powi(LARGEST_EXPONENT);
+    match rows.par_iter().position_first(|row| row.iter().any(|x| x.abs() > most)) {
+        Some(i) => {
+            Err(Error::TooLarge(format!("vertices[{i}] is {:?}; at most 2^1000 is supported", rows[i])))
+        }
         None => Ok(()),
     }
 }
@@ -45,7 +57,10 @@ pub fn validate(source: &SourceMesh<'_>) -> Result<()> {
     }
     match source.positions {
         Positions::F32(p) => finite("vertices", p)?,
-        Positions::F64(p) => finite("vertices", p)?,
+        Positions::F64(p) => {
+            finite("vertices", p)?;
+            representable(p)?;
+        }
     }
     if let Some(normals) = source.normals {
         same_length("normals", normals.len(), vertices)?;

@@ -1,4 +1,4 @@
-"""Nothing gets stuck: whatever the mesh, coarser levels lead up to a root of one cluster, and closed meshes stay closed."""
+"""Nothing gets stuck: coarser levels lead up to a root of one cluster, and closed meshes stay closed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ def slivers(count: int = 4000, aspect: float = 1e6) -> tuple[np.ndarray, np.ndar
     strip, faces = subjects.grid(count, 1)
     strip = strip * [count / aspect, 1.0, 1.0]
     plain, plain_faces = subjects.grid(40, 40)
-    return np.concatenate([strip, plain + [0, 1, 0]]), np.concatenate([faces, plain_faces + len(strip)])
+    return np.concatenate([strip, plain + np.array([0, 1, 0])]), np.concatenate(
+        [faces, plain_faces + len(strip)]
+    )
 
 
 def noise_soup(count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
