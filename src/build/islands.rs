@@ -16,8 +16,8 @@ use crate::mesh::hash;
 
 /// An island of more triangles is simplified first, and goes as a whole once it has no more than this.
 const LEAF_TRIANGLES: u32 = 8;
-/// Leaves take on the area of those that go, times at most two to this power, or divided by it, so that as much is
-/// covered as before.
+/// Leaves take on the area of those that go, divided by at most two to this power, or times the root of that, so that
+/// as much is covered as before.
 const FACTOR_BITS: f64 = 4.0;
 /// Halvings with which a thickness is found.
 const HALVINGS: usize = 10;
@@ -270,7 +270,7 @@ impl Islands {
             all.draw_all(&grown.positions, &grown.indices);
             all.covered()
         };
-        let (grown, mut moved) = grow(sight.solve(-FACTOR_BITS, 1.0, covered));
+        let (grown, mut moved) = grow(sight.solve(-FACTOR_BITS, 0.5 * FACTOR_BITS, covered));
         let stay = order.iter().filter(|(_, i)| kept[*i as usize]);
         let stay: Vec<_> = stay.map(|(_, i)| grown.positions[first[*i as usize] as usize]).collect();
         for t in go {

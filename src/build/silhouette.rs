@@ -19,7 +19,7 @@ const DIRECTIONS: [[f64; 3]; 13] = [
     [0.0, 1.0, -1.0],
 ];
 /// Halvings with which a number is found.
-const HALVINGS: usize = 7;
+const HALVINGS: usize = 8;
 /// Rows, and pixels of a row.
 const SIZE: usize = u128::BITS as usize;
 

@@ -12,7 +12,7 @@ from oracles import distance, subjects, topology
 from oracles.dag import Dag
 
 QUALITIES = ("fast", "best")
-ERRORS = ("quadric", "sampled", "bound")
+ERRORS = ("quadric", "bound")
 every_option = pytest.mark.parametrize(
     ("quality", "error"), [(quality, error) for quality in QUALITIES for error in ERRORS]
 )
@@ -108,6 +108,10 @@ def variants(vertices: np.ndarray, faces: np.ndarray) -> dict[str, tuple[np.ndar
     }
 
 
+FLOOR = 2e-4
+"""Distances below are not told apart: a ten-thousandth of the size, as flat parts have next to none."""
+
+
 def figures(mesh: nrs.NaniteMesh, scale: float) -> tuple[float, float, np.ndarray, np.ndarray]:
     """Triangles of all levels, mean error of groups, stated errors of cuts and their root mean square distances."""
     d = Dag.of(mesh)
@@ -121,43 +125,32 @@ def figures(mesh: nrs.NaniteMesh, scale: float) -> tuple[float, float, np.ndarra
     rms = [np.sqrt(np.mean(distance.one_sided(s, source, 20_000) ** 2)) for s in surfaces]
     return (
         float(d.triangles.sum()),
-        float(np.exp(np.log(made / scale).mean())),
-        np.array([c.error / scale for c in cuts]),
-        np.array(rms),
+        float(np.exp(np.log(made / scale + FLOOR).mean())),
+        np.array([c.error / scale for c in cuts]) + FLOOR,
+        np.array(rms) + FLOOR,
     )
 
 
-FLOOR = 2e-4
-"""Root mean squares below are not told apart: a ten-thousandth of the size, as flat parts have next to none."""
 TOLERANCES = {
-    "sphere": (0.15, 0.4, 0.1),
-    "knot": (0.15, 0.4, 0.1),
-    "part": (0.6, 2.0, 1.0),
-    "foliage": (0.2, 2.0, 1.0),
+    "sphere": (0.1, 0.5, 0.1),
+    "knot": (0.1, 0.5, 0.1),
+    "part": (0.3, 1.5, 0.6),
+    "foliage": (0.15, 1.0, 0.8),
 }
 """How far the mean error of groups, the stated errors and the root mean squares of cuts may differ. Flat parts and
 leaves are full of edges that cost the same: which goes first is chance."""
 
 
-@pytest.mark.parametrize(
-    ("name", "quality", "error"),
-    [
-        (n, q, e)
-        for n in SHAPES
-        for q in QUALITIES
-        for e in ERRORS
-        if e == "sampled" or n in ("sphere", "part")
-    ],
-)
+@every_option
+@pytest.mark.parametrize("name", SHAPES)
 def test_units_place_direction_and_order_matter_little(name: str, quality: str, error: str) -> None:
     options = {"quality": quality, "error": error, "preserve_area": name == "foliage"}
     vertices, faces = shape(name)
     base = figures(build(vertices, faces, **options), 1.0)
     for variant, (v, f, scale) in variants(vertices, faces).items():
         found = figures(build(v, f, **options), scale)
-        floors = (0.0, 0.0, 0.0, FLOOR)
-        pairs = zip(found, base, floors, strict=True)
-        ratio = [float(np.expm1(np.max(np.abs(np.log((a + z) / (b + z)))))) for a, b, z in pairs]
+        pairs = zip(found, base, strict=True)
+        ratio = [float(np.expm1(np.max(np.abs(np.log(a / b))))) for a, b in pairs]
         print(f"{name} {quality} {error} {variant}:", *(f"{r:.2%}" for r in ratio))
         assert ratio[0] < 0.002, (variant, "triangles", ratio)
         for r, most, what in zip(ratio[1:], TOLERANCES[name], ("mean", "stated", "rms"), strict=True):
@@ -284,7 +277,10 @@ def test_small_features_stay_as_long_as_their_size_is_asked_for(size: float, qua
     mesh = build(vertices, faces, quality=quality, error="bound")
     cut = mesh.cut(error=0.3 * size)
     near = np.abs(cut.vertices[cut.faces] - 1.5).max(axis=(1, 2)) < 4 * size
-    assert topology.is_closed(topology.by_position(cut.vertices, cut.faces[near]))
+    # Rounded to float32 beside a mesh of size 1, the smallest touches itself already.
+    kept = topology.by_position(cut.vertices, cut.faces[near])
+    assert topology.unbalanced_edges(kept) == 0
+    assert topology.edge_valence(kept)[0] == 0
     assert near.sum() >= 4
     alone = nrs.measure.surface_distance(
         (cut.vertices, cut.faces[near]), (vertices, faces[len(faces) // 2 :])

@@ -81,7 +81,7 @@ def closed_cuts(mesh: nrs.NaniteMesh, vertices: np.ndarray, faces: np.ndarray) -
 @pytest.mark.parametrize("name", GENERATED)
 def test_generated_meshes_have_a_root_and_stay_closed(name: str, quality: str) -> None:
     vertices, faces = GENERATED[name]()[:2]
-    options = nrs.BuildOptions(quality=quality)
+    options = nrs.BuildOptions(quality=quality, error="quadric")
     mesh = nrs.NaniteMesh.from_arrays(vertices, faces, options=options, progress=False)
     check_root(mesh)
     # Where every cluster has every vertex, no vertex may move, and nothing can be done.
@@ -113,7 +113,7 @@ def test_real_meshes_have_a_root_and_stay_closed(path, quality: str) -> None:
             nrs.io.load(path)
         return
     arrays = nrs.io.from_trimesh(nrs.io.load(path)).arrays()
-    options = nrs.BuildOptions(quality=quality)
+    options = nrs.BuildOptions(quality=quality, error="quadric")
     mesh = nrs.NaniteMesh.from_arrays(**arrays, options=options, progress=False)
     check_root(mesh)
     assert not mesh.report.stuck, mesh.report.stuck
