@@ -447,7 +447,8 @@ def foliage(*, faces: int, seed: int = 0) -> Mesh:
 
     def directions(rows: int) -> NDArray[np.float64]:
         points = 2.0 * rng.random((rows, 3)) - 1.0
-        return points / np.maximum(_length(points), 1e-3)[:, None]
+        points /= np.maximum(_length(points), 1e-3)[:, None]
+        return points
 
     balls = directions(12) * [0.5, 0.35, 0.5] + [0.0, 0.35, 0.0]
     ball = rng.integers(0, len(balls), count)
