@@ -17,12 +17,13 @@ fn finite<const N: usize, T: Copy + Into<f64> + Sync>(argument: &'static str, ro
     }
 }
 
-/// Lengths and errors between coordinates must not overflow, nor the powers of two that scale them.
-fn representable(rows: &[[f64; 3]]) -> Result<()> {
-    let most = 2f64.powi(LARGEST_EXPONENT);
-    match rows.par_iter().position_first(|row| row.iter().any(|x| x.abs() > most)) {
+/// Simplification may place vertices a little outside, and lengths and errors between coordinates must not overflow.
+fn representable<T: Copy + Into<f64> + Sync>(rows: &[[T; 3]], exponent: i32) -> Result<()> {
+    let most = 2f64.powi(exponent);
+    match rows.par_iter().position_first(|row| row.iter().any(|x| (*x).into().abs() > most)) {
         Some(i) => {
-            Err(Error::TooLarge(format!("vertices[{i}] is {:?}; at most 2^1000 is supported", rows[i])))
+            let row = rows[i].map(Into::into);
+            Err(Error::TooLarge(format!("vertices[{i}] is {row:?}; at most 2^{exponent} is supported")))
         }
         None => Ok(()),
     }
@@ -56,10 +57,13 @@ pub fn validate(source: &SourceMesh<'_>) -> Result<()> {
         return Err(Error::IndexOutOfRange { face, index: i64::from(index), vertices });
     }
     match source.positions {
-        Positions::F32(p) => finite("vertices", p)?,
+        Positions::F32(p) => {
+            finite("vertices", p)?;
+            representable(p, f32::MAX_EXP - 1)?;
+        }
         Positions::F64(p) => {
             finite("vertices", p)?;
-            representable(p)?;
+            representable(p, LARGEST_EXPONENT)?;
         }
     }
     if let Some(normals) = source.normals {

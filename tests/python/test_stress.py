@@ -214,7 +214,7 @@ EXTREMES = {
     "features of 1e-4": lambda: mixed(1e-4),
     "features of 1e-6": lambda: mixed(1e-6),
     "float32 denormals": lambda: scaled(1e-40, np.float32),
-    "float32 near its limit": lambda: scaled(1.7e38, np.float32),
+    "float32 near its limit": lambda: scaled(1e38, np.float32),
     "float64 denormals": lambda: scaled(1e-310, np.float64),
     "float64 1e-200": lambda: scaled(1e-200, np.float64),
     "float64 near the largest allowed": lambda: scaled(1e300, np.float64),
@@ -265,9 +265,10 @@ def test_slivers_of_1e8_are_built(quality: str) -> None:
 
 
 def test_coordinates_that_leave_no_room_for_lengths_are_refused() -> None:
-    vertices, faces = scaled(4e307, np.float64)
-    with pytest.raises(nrs.MeshError, match=r"vertices\[\d+\].*2\^1000"):
-        build(vertices, faces)
+    for factor, dtype, limit in ((4e307, np.float64, 1000), (3e38, np.float32, 127)):
+        vertices, faces = scaled(factor, dtype)
+        with pytest.raises(nrs.MeshError, match=rf"vertices\[\d+\].*2\^{limit}"):
+            build(vertices, faces)
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
