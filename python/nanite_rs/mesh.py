@@ -436,7 +436,7 @@ class NaniteMesh:
         --------
         >>> info = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20)).info
         >>> info["faces"], info["levels"], info["clusters"]
-        (20, 1, 1)
+        (20, 3, 3)
         """
         core = self._core
         return {
