@@ -126,6 +126,8 @@ pub struct BuildOptions {
     pub uv_weight: f32,
     /// Weight of a channel's range, or of another label, against one mean edge length of distance.
     pub channel_weight: f32,
+    /// Of small islands such as leaves, those that stay grow until as much is covered as before. For foliage and hair.
+    pub preserve_area: bool,
     /// Keep the map from level-0 triangles to rows of the caller's `faces`.
     pub face_ids: bool,
     /// Threads; 0 uses all cores. The result does not depend on it.
@@ -146,6 +148,7 @@ impl Default for BuildOptions {
             color_weight: 1.0,
             uv_weight: 1.0,
             channel_weight: 1.0,
+            preserve_area: false,
             face_ids: false,
             threads: 0,
         }

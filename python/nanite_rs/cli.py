@@ -406,6 +406,12 @@ def _add_building(sub: Any) -> None:
         choices=("quadric", "bound"),
         help="how stated errors are found: bound proves them, quadric is faster (bound)",
     )
+    group.add_argument(
+        "--preserve-area",
+        action="store_const",
+        const=True,
+        help="foliage and hair go on covering as much as they do",
+    )
     group.add_argument("--threads", type=int, metavar="N", help="threads; the result is the same (all cores)")
 
 

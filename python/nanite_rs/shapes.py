@@ -30,6 +30,7 @@ __all__ = [
     "displaced_icosphere",
     "fan",
     "flat_shaded",
+    "foliage",
     "gyroid_shell",
     "icosphere",
     "islands",
@@ -426,6 +427,55 @@ def islands(*, faces: int, count: int = 1000, seed: int = 0) -> Mesh:
     return out.reshape(-1, 3), index.reshape(-1, 3).astype(np.uint32)
 
 
+def foliage(*, faces: int, seed: int = 0) -> Mesh:
+    """A tree: leaves of two triangles each in a crown of several balls, and a trunk that is open at both ends.
+
+    Parameters
+    ----------
+    faces : int
+        Number of triangles aimed at. One in twenty goes to the trunk.
+    seed : int
+        Chooses places, directions and sizes of the leaves.
+
+    Examples
+    --------
+    >>> vertices, faces = nrs.shapes.foliage(faces=2_000)
+    >>> mesh = nrs.NaniteMesh.from_arrays(vertices, faces, options=nrs.BuildOptions(preserve_area=True))
+    """
+    count = max((_check_faces(faces, 40) - faces // 20) // 2, 1)
+    rng = np.random.default_rng(seed)
+
+    def directions(rows: int) -> NDArray[np.float64]:
+        points = 2.0 * rng.random((rows, 3)) - 1.0
+        points /= np.maximum(_length(points), 1e-3)[:, None]
+        return points
+
+    balls = directions(12) * [0.5, 0.35, 0.5] + [0.0, 0.35, 0.0]
+    ball = rng.integers(0, len(balls), count)
+    # The square root of a number of 0 to 1 prefers the outside of a ball, where the light is.
+    place = balls[ball] + directions(count) * (0.3 * np.sqrt(rng.random(count)))[:, None]
+    normal, other = directions(count), directions(count)
+    right = _cross(normal, other)
+    right /= np.maximum(_length(right), 1e-3)[:, None]
+    up = _cross(normal, right)
+    size = (0.6 + 0.8 * rng.random(count)) * np.sqrt(3.0 / count)
+    right, up = right * (0.5 * size)[:, None], up * size[:, None]
+    leaves = np.stack([place, place + up + right, place + 2.0 * up, place + up - right], axis=1).reshape(
+        -1, 3
+    )
+    leaf = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * np.arange(count)[:, None, None]
+    # Twice as many rings as sides.
+    sides = max(int(np.rint(np.sqrt(faces / 80.0))), 3)
+    rings = max(int(np.rint(faces / 40.0 / sides)), 1)
+    ring, side = np.divmod(np.arange((rings + 1) * sides), sides)
+    turns, height = side / sides, ring / rings
+    radius = 0.09 - 0.05 * height
+    trunk = np.stack([radius * _cosine(turns), 1.3 * height - 0.95, -radius * _sine(turns)], axis=1)
+    tube = _grid_faces(rings + 1, sides, wrap_rows=False, wrap_columns=True)
+    vertices = np.concatenate([trunk, leaves]).astype(np.float32)
+    return vertices, np.concatenate([tube, leaf.reshape(-1, 3) + len(trunk)]).astype(np.uint32)
+
+
 def flat_shaded(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[Float32, UInt32, Float32]:
     """Give every triangle its own three vertices and its own normal.
 
@@ -598,6 +648,7 @@ def gyroid_shell(*, faces: int, seed: int = 0, periods: float = 2.0, thickness: 
 SHAPES: Final[dict[str, Callable[..., Mesh]]] = {
     "cad_part": cad_part,
     "displaced_icosphere": displaced_icosphere,
+    "foliage": foliage,
     "gyroid_shell": gyroid_shell,
     "islands": islands,
     "soup": soup,

@@ -114,6 +114,7 @@ fn group(dag: &Dag, g: usize) -> Result<()> {
     let group = &dag.groups[g];
     let holds = |c: bool, what: &str| ensure(c, || format!("group {g}: {what}"));
     holds(group.error > 0.0, "the error is not positive")?;
+    holds(group.error >= group.distance().max(group.attribute_error), "the error is below what cuts state")?;
     let stated = group.error >= group.distance().max(group.attribute_error);
     holds(stated, "the error is below what is stated of shape or attributes")?;
     for at in group.members() {
@@ -121,6 +122,9 @@ fn group(dag: &Dag, g: usize) -> Result<()> {
         holds(group.lod_sphere.contains(&record.lod_sphere), "a member's sphere is not inside the group's")?;
         holds(record.error.max(0.0) * ERROR_STEP <= group.error, "the error is not above a member's")?;
         holds(record.error < group.error, "the error is not strictly above a member's")?;
+        let made = dag.groups.get(record.refined as usize).map_or(0.0, |g| g.bound);
+        let proven = group.error.is_finite() && group.bound.is_finite();
+        holds(!proven || made < group.bound, "the bound is not strictly above a member's")?;
         let inside = boxes_nest(group.center, group.extent, record.center, record.extent);
         holds(inside, "a member's box is not inside the group's")?;
     }

@@ -14,6 +14,7 @@ use super::content::Content;
 use super::lock_borders::shared_positions;
 use super::partition::partition;
 use super::reference::{Patch, Pieces, Reference};
+use super::silhouette::Sight;
 use super::simplify::{Simplified, ratio, simplify};
 use super::store::{LocalMesh, RoundPositions, VertexStore};
 use crate::config::{BuildOptions, ErrorMeasure};
@@ -135,9 +136,12 @@ pub fn grow(
     if !meter.advance(source_faces) {
         return Err(Error::Cancelled);
     }
+    let seen = || Sight::of(bounds, &store.positions, faces.as_flattened());
+    let sight = options.preserve_area.then(seen);
+    let enough = (source_faces as u64 / ROOT_PART).max(ROOT_TRIANGLES);
     // What nobody asked for makes room for the levels.
     let face_rows = options.face_ids.then_some((faces, face_rows));
-    let mut graph = Growth { content, clusters, groups: Vec::new(), reference: None };
+    let mut graph = Growth { content, clusters, groups: Vec::new(), reference: None, sight, enough };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
         pending = graph.round(&mut store, pending, round, options, &meter, report)?;
@@ -188,7 +192,16 @@ struct Growth {
     clusters: Vec<BuildCluster>,
     groups: Vec<BuildGroup>,
     reference: Option<Reference>,
+    /// What the source covers, to keep the area.
+    sight: Option<Sight>,
+    /// A root of no more triangles is left as it is.
+    enough: u64,
 }
+
+/// A single cluster is simplified further while it has more than this part of the source.
+const ROOT_PART: u64 = 100;
+/// Fewer triangles make no shape: a cube ends as two back to back.
+const ROOT_TRIANGLES: u64 = 8;
 
 impl Growth {
     /// One round over the pending clusters; returns those of the next.
@@ -209,7 +222,8 @@ impl Growth {
         };
         let positions = Arc::new(RoundPositions::new(store, &meshes));
         let groups = partition(store.layout, &meshes, &positions, options);
-        if pending.len() == 1 || round + 1 == MAX_ROUNDS {
+        let single = pending.len() == 1;
+        if single && level.triangles <= self.enough || round + 1 == MAX_ROUNDS {
             level.groups = groups.len() as u32;
             for group in &groups {
                 let members: Vec<u32> = group.iter().map(|c| pending[*c as usize]).collect();
@@ -227,6 +241,8 @@ impl Growth {
         let pieces: Vec<Vec<Pieces>> = groups.iter().map(|g| g.iter().map(&mut take).collect()).collect();
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
         let ratio = ratio(level.triangles, options.quality);
+        // One group is the whole mesh: it can be held against the source, so that no differences add up.
+        let sight = self.sight.filter(|_| groups.len() == 1);
         let outcomes: Vec<_> = groups
             .par_iter()
             .zip(pieces)
@@ -238,8 +254,9 @@ impl Growth {
                     self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters, round });
                 let triangles = local.indices.len() / 3;
                 let target = (triangles as f32 * ratio) as usize;
+                let content = &self.content;
                 let outcome =
-                    simplify_group(store, &local, target, &members, pieces, &self.content, proof, options);
+                    simplify_group(store, &local, target, &members, pieces, content, proof, sight, options);
                 (meter.advance(triangles - target), outcome)
             })
             .collect();
@@ -271,7 +288,9 @@ impl Growth {
                 // Other neighbours next round: the border that was in the way may lie elsewhere.
                 next.extend(members);
             } else {
-                report.stuck.push(self.stuck_report(&members, round, reason));
+                if !single {
+                    report.stuck.push(self.stuck_report(&members, round, reason));
+                }
                 self.terminal(&members, round);
             }
         }
@@ -407,12 +426,16 @@ fn simplify_group(
     pieces: Vec<Pieces>,
     content: &Content,
     proof: Option<Proof<'_>>,
+    sight: Option<Sight>,
     options: &BuildOptions,
 ) -> std::result::Result<Split, (StuckReason, Vec<Pieces>)> {
-    let Simplified { mut mesh, estimate, step } = match simplify(local, target, content, options) {
-        Ok(simplified) => simplified,
-        Err(reason) => return Err((reason, pieces)),
-    };
+    let Simplified { mut mesh, estimate, moved, step } =
+        match simplify(local, target, content, options, sight) {
+            Ok(simplified) => simplified,
+            Err(reason) => return Err((reason, pieces)),
+        };
+    // Only the estimate takes the place of a measurement.
+    let estimate = if proof.is_none() { estimate.max(moved) } else { estimate };
     let most = |of: fn(&BuildCluster) -> f32| members.iter().map(|c| of(c)).fold(0.0, f32::max);
     let quadric = round_up(f64::from(most(|c| c.quadric)) + f64::from(estimate));
     let deviation = step_deviation(local, &mesh, content);

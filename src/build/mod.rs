@@ -14,11 +14,13 @@ pub mod field;
 #[cfg(feature = "metis")]
 pub mod graph;
 pub mod hierarchy;
+pub mod islands;
 pub mod lock_borders;
 #[cfg(feature = "metis")]
 mod metis;
 pub mod partition;
 pub mod reference;
+pub mod silhouette;
 pub mod simplify;
 pub mod store;
 

@@ -13,10 +13,13 @@ use rustc_hash::FxHashSet;
 use super::collapse::{Policy, collapse};
 use super::content::Content;
 use super::field::Field;
+use super::islands::Islands;
 use super::lock_borders::border_kept;
+use super::silhouette::Sight;
 use super::store::LocalMesh;
 use crate::config::{BuildOptions, Quality};
 use crate::math::Aabb;
+use crate::math::sphere::round_up;
 use crate::math::triangle::{area, edge_of_area};
 use crate::mesh::edges::Edges;
 use crate::mesh::hash;
@@ -36,7 +39,7 @@ const ACCEPT_RATIO: f32 = 0.85;
 const TOPOLOGY_RETRIES: usize = 3;
 
 /// A step of the chain.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Step {
     /// Attribute-aware, seams protected, topology kept.
     Attributes,
@@ -59,6 +62,8 @@ pub struct Simplified {
     pub mesh: LocalMesh,
     /// The simplifier's estimate of the distance to the group's own input, internal units.
     pub estimate: f32,
+    /// What islands that went or grew add to it: no point of theirs is farther off.
+    pub moved: f32,
     /// The step that made it.
     pub step: Step,
 }
@@ -68,8 +73,73 @@ pub fn ratio(triangles: u64, quality: Quality) -> f32 {
     if quality == Quality::Best && triangles <= FINE_TRIANGLES { FINE_RATIO } else { TARGET_RATIO }
 }
 
-/// Simplifies a group to `target` triangles.
+/// Simplifies a group to `target` triangles. With `preserve_area` it goes on covering what it does, or as much as in
+/// `sight`.
 pub fn simplify(
+    mesh: &LocalMesh,
+    target: usize,
+    content: &Content,
+    options: &BuildOptions,
+    sight: Option<Sight>,
+) -> Result<Simplified, StuckReason> {
+    if options.preserve_area
+        && let Ok(result) = with_islands(mesh, target, content, options, sight)
+    {
+        return Ok(result);
+    }
+    chain(mesh, target, content, options)
+}
+
+/// Leaves go or grow as a whole, the rest passes the chain and keeps the area of its open islands.
+fn with_islands(
+    mesh: &LocalMesh,
+    target: usize,
+    content: &Content,
+    options: &BuildOptions,
+    sight: Option<Sight>,
+) -> Result<Simplified, StuckReason> {
+    let islands = Islands::of(mesh);
+    let (leaves, rest) = islands.split(mesh);
+    let rest = LocalMesh { indices: rest, ..mesh.clone() };
+    let bounds = Aabb::of_points(&mesh.positions);
+    let sight = sight.unwrap_or_else(|| Sight::of(bounds, &mesh.positions, &mesh.indices));
+    let rest_sight =
+        if leaves.is_empty() { sight } else { Sight::of(bounds, &rest.positions, &rest.indices) };
+    let share = target * rest.indices.len() / mesh.indices.len().max(1);
+    let outcome = if rest.indices.is_empty() {
+        Err(StuckReason::Vanished)
+    } else {
+        chain(&rest, share, content, options)
+    };
+    let mut result = match outcome {
+        Ok(result) => result,
+        Err(reason) if leaves.is_empty() => return Err(reason),
+        Err(_) => Simplified { mesh: rest, estimate: 0.0, moved: 0.0, step: Step::Permissive },
+    };
+    // Vertex clustering takes no notice of islands.
+    let grew = if result.step == Step::Sloppy { 0.0 } else { islands.restore(&mut result.mesh, &rest_sight) };
+    let mut moved = f64::from(result.estimate) + grew;
+    if !leaves.is_empty() {
+        let target = target.saturating_sub(result.mesh.indices.len() / 3);
+        let target = target.clamp(leaves.len() / 12, leaves.len() / 6);
+        let thinned = islands.thin(&result.mesh, &leaves, target, &sight);
+        let rest = std::mem::replace(&mut result.mesh, thinned.mesh);
+        result.mesh.indices.extend(rest.indices);
+        moved = moved.max(thinned.moved);
+        result.step = result.step.max(Step::Permissive);
+    }
+    result.moved = round_up(moved);
+    if result.mesh.indices.len() as f32 > mesh.indices.len() as f32 * ACCEPT_RATIO {
+        return Err(StuckReason::TooFewCollapses);
+    }
+    let before: Vec<[u32; 3]> = faces(&mesh.indices, |v| mesh.position_ids[v as usize]).collect();
+    let after = by_position(mesh, &result.mesh);
+    let kept = border_kept(&Edges::of(&before), &Edges::of(&after), is_locked(mesh));
+    if kept { Ok(result) } else { Err(StuckReason::BorderChanged) }
+}
+
+/// The first step that makes something of a group.
+fn chain(
     mesh: &LocalMesh,
     target: usize,
     content: &Content,
@@ -111,9 +181,8 @@ fn attempt(
             return Err(StuckReason::MixedMaterials);
         }
         let after = by_position(mesh, &result);
-        let is_locked = |p: u32| mesh.locked.get(p as usize).copied().unwrap_or(false);
         let topology = Topology::of(&after);
-        let kept = border_kept(&before.edges, &topology.edges, is_locked);
+        let kept = border_kept(&before.edges, &topology.edges, is_locked(mesh));
         if kept { Ok((result, error, after, topology)) } else { Err(StuckReason::BorderChanged) }
     };
     let (mut result, mut error, mut after, mut topology) = checked(&mesh.locked)?;
@@ -138,7 +207,12 @@ fn attempt(
             done = Step::Topology;
         }
     }
-    Ok(Simplified { mesh: result, estimate: error, step: done })
+    Ok(Simplified { mesh: result, estimate: error, moved: 0.0, step: done })
+}
+
+/// Whether points of [`by_position`] are locked.
+fn is_locked(mesh: &LocalMesh) -> impl Fn(u32) -> bool {
+    |p| mesh.locked.get(p as usize).copied().unwrap_or(false)
 }
 
 /// Whether no triangle has corners of several materials.

@@ -10,6 +10,9 @@ use crate::math::Aabb;
 use crate::math::sphere::round_up;
 use crate::model::Frame;
 
+/// Coordinates are at most 2 to this power, which is also the largest scale, and the inverse of the smallest.
+pub const LARGEST_EXPONENT: i32 = 1000;
+
 /// Internal positions and their frame.
 pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, Frame) {
     let count = positions.len();
@@ -53,8 +56,8 @@ fn power_of_two_above(x: f64) -> f64 {
     if x == 0.0 {
         return 1.0;
     }
-    let mut scale = 2f64.powi((x.log2().ceil() as i32).clamp(-1000, 1000));
-    while scale < x && scale < 2f64.powi(1000) {
+    let mut scale = 2f64.powi((x.log2().ceil() as i32).clamp(-LARGEST_EXPONENT, LARGEST_EXPONENT));
+    while scale < x {
         scale *= 2.0;
     }
     scale

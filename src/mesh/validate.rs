@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::frame::LARGEST_EXPONENT;
 use super::source::{Positions, SourceChannel, SourceMesh};
 use crate::error::{Error, Result};
 
@@ -16,6 +17,18 @@ fn finite<const N: usize, T: Copy + Into<f64> + Sync>(argument: &'static str, ro
             index,
             value: rows[index].map(Into::into).to_vec(),
         }),
+        None => Ok(()),
+    }
+}
+
+/// Simplification may place vertices a little outside, and lengths and errors between coordinates must not overflow.
+fn representable<T: Copy + Into<f64> + Sync>(rows: &[[T; 3]], exponent: i32) -> Result<()> {
+    let most = 2f64.powi(exponent);
+    match rows.par_iter().position_first(|row| row.iter().any(|x| (*x).into().abs() > most)) {
+        Some(i) => {
+            let row = rows[i].map(Into::into);
+            Err(Error::TooLarge(format!("vertices[{i}] is {row:?}; at most 2^{exponent} is supported")))
+        }
         None => Ok(()),
     }
 }
@@ -48,8 +61,14 @@ pub fn validate(source: &SourceMesh<'_>) -> Result<()> {
         return Err(Error::IndexOutOfRange { face, index: i64::from(index), vertices });
     }
     match source.positions {
-        Positions::F32(p) => finite("vertices", p)?,
-        Positions::F64(p) => finite("vertices", p)?,
+        Positions::F32(p) => {
+            finite("vertices", p)?;
+            representable(p, f32::MAX_EXP - 1)?;
+        }
+        Positions::F64(p) => {
+            finite("vertices", p)?;
+            representable(p, LARGEST_EXPONENT)?;
+        }
     }
     if let Some(normals) = source.normals {
         same_length("normals", normals.len(), vertices)?;

@@ -136,6 +136,7 @@ fn build_options(options: Option<&Bound<'_, PyDict>>) -> PyResult<BuildOptions> 
             "color_weight" => out.color_weight = value.extract()?,
             "uv_weight" => out.uv_weight = value.extract()?,
             "channel_weight" => out.channel_weight = value.extract()?,
+            "preserve_area" => out.preserve_area = value.extract()?,
             "face_ids" => out.face_ids = value.extract()?,
             "threads" => out.threads = value.extract()?,
             other => return Err(argument_error(name.py(), "options", format!("no option {other:?}"))),

@@ -19,6 +19,7 @@ class Dag:
     triangles: np.ndarray  # (C,)
     sphere: np.ndarray  # (C, 4)
     group_error: np.ndarray  # (G,) the parent error of the members, infinite where nothing was made
+    group_shape_error: np.ndarray  # (G,) what cuts state for what was made of the members
     group_sphere: np.ndarray  # (G, 4)
 
     @classmethod
@@ -36,6 +37,7 @@ class Dag:
             triangles=np.asarray(c["triangles"]),
             sphere=np.asarray(c["sphere"]),
             group_error=np.asarray(g["error"]),
+            group_shape_error=np.asarray(g["shape_error"]),
             group_sphere=np.asarray(g["sphere"]),
         )
 
