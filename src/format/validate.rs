@@ -127,6 +127,7 @@ fn groups(dag: &Dag) -> Result<(), Fault> {
         fault(finite(&group.center) && finite(&group.extent), "box")?;
         fault(finite(&group.lod_sphere.center) && group.lod_sphere.radius.is_finite(), "sphere")?;
         fault(group.error > 0.0 && group.error >= group.attribute_error, "error")?;
+        fault(group.bound >= 0.0 && group.quadric >= 0.0, "bound")?;
         fault(group.level < MAX_ROUNDS, "level")?;
     }
     Ok(())
