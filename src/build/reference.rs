@@ -15,13 +15,15 @@ use crate::math::sphere::round_up;
 use crate::measure::BoundOptions;
 use crate::measure::closest::Triangle;
 use crate::measure::overlay::{Bounds, NO_TRIANGLE, Overlay, Sheet};
-use crate::measure::piece::Piece;
+use crate::measure::piece::{CORNERS, Piece};
 use crate::mesh::hash;
 
 /// Rounds that share the first reference, which is the source: each costs in proportion to its triangles.
-const FIRST_ROUNDS: u32 = 4;
+const FIRST_ROUNDS: u32 = 2;
 /// Rounds that share each further one.
-const ROUNDS: u32 = 6;
+const ROUNDS: u32 = 4;
+/// How far storing a part moves its corners, as a part of the size of its triangle: once a round, by up to √3 · 2⁻²⁴.
+const PART_ROUNDING: f64 = 1.0 / (1u64 << 20) as f64;
 /// A bound may be this part above the largest distance found.
 const SLACK: f64 = 0.1;
 /// Distances below this part of the simplifier's estimate are not told apart: the largest is above it.
@@ -34,32 +36,48 @@ pub struct Pieces {
     whole: Vec<u32>,
     /// Triangle, corners and cuts of each part.
     parts: Vec<(u32, u8, u8)>,
-    corners: Vec<[f64; 3]>,
+    /// Corners of the parts, from the first corner of their triangle.
+    offsets: Vec<[f32; 3]>,
 }
 
 impl Pieces {
-    fn push(&mut self, triangle: u32, part: &Piece) {
-        self.parts.push((triangle, part.corners().len() as u8, part.cuts()));
-        self.corners.extend_from_slice(part.corners());
+    fn push(&mut self, number: u32, triangle: Triangle, part: &Piece) {
+        self.parts.push((number, part.corners().len() as u8, part.cuts()));
+        let offset = |p: &[f64; 3]| std::array::from_fn(|k| (p[k] - triangle[0][k]) as f32);
+        self.offsets.extend(part.corners().iter().map(offset));
     }
 
-    /// Gives back what growing took ahead: there are as many pieces as clusters, and they wait for a round.
+    /// Calls `visit` with each triangle, and the corners and cuts of the part of it, if it is not whole.
+    fn each(&self, mut visit: impl FnMut(u32, Option<(&[[f32; 3]], u8)>)) {
+        self.whole.iter().for_each(|t| visit(*t, None));
+        let mut rest = self.offsets.as_slice();
+        for (t, count, cuts) in &self.parts {
+            let (offsets, after) = rest.split_at(usize::from(*count));
+            rest = after;
+            visit(*t, Some((offsets, *cuts)));
+        }
+    }
+
+    /// Gives back what was reserved too much.
     fn shrink(&mut self) {
         self.whole.shrink_to_fit();
         self.parts.shrink_to_fit();
-        self.corners.shrink_to_fit();
+        self.offsets.shrink_to_fit();
     }
+}
 
-    /// Calls `visit` with each triangle and the part of it, if it is not whole.
-    fn each(&self, mut visit: impl FnMut(u32, Option<Piece>)) {
-        self.whole.iter().for_each(|t| visit(*t, None));
-        let mut rest = self.corners.as_slice();
-        for (t, count, cuts) in &self.parts {
-            let (corners, after) = rest.split_at(usize::from(*count));
-            rest = after;
-            visit(*t, Some(Piece::restored(corners, *cuts)));
-        }
+/// A stored part of a triangle.
+fn restored(triangle: Triangle, offsets: &[[f32; 3]], cuts: u8) -> Piece {
+    let mut corners = [[0.0; 3]; CORNERS];
+    for (corner, offset) in corners.iter_mut().zip(offsets) {
+        *corner = std::array::from_fn(|k| triangle[0][k] + f64::from(offset[k]));
     }
+    Piece::restored(&corners[..offsets.len()], cuts)
+}
+
+/// The largest coordinate that an offset within a triangle can have.
+fn size([a, b, c]: Triangle) -> f64 {
+    (0..3).fold(0.0, |size, k| (b[k] - a[k]).abs().max((c[k] - a[k]).abs()).max(size))
 }
 
 /// A cluster that is being measured.
@@ -173,27 +191,34 @@ impl Reference {
         let mut to_after = Overlay::new(&after);
         let mut number = numbers.iter();
         let mut starts = vec![NO_TRIANGLE; after.triangles().len()];
-        let mut parts: Vec<(Piece, u32)> = Vec::new();
         // Those of a cluster go as soon as they are handed over.
         for pieces in pieces {
             pieces.each(|t, part| {
                 let Some(local) = number.next() else { return };
+                let triangle = before.triangles()[*local as usize];
                 let radius = before.radius(*local);
-                let piece = part.unwrap_or_else(|| Piece::new(before.triangles()[*local as usize]));
-                parts.clear();
-                to_after.lay(&mut bounds, piece, radius, &mut |part, place| {
-                    starts[place as usize] = *local;
-                    if keep {
-                        parts.push((*part, owners[place as usize]));
+                let (piece, extra) = match part {
+                    Some((offsets, cuts)) => {
+                        (restored(triangle, offsets, cuts), radius + PART_ROUNDING * size(triangle))
                     }
+                    None => (Piece::new(triangle), radius),
+                };
+                let owner = to_after.lay(&mut bounds, &piece, extra, |place| {
+                    starts[place as usize] = *local;
+                    owners[place as usize]
                 });
-                let Some((_, owner)) = parts.first() else { return };
-                if parts.iter().any(|(_, other)| other != owner) {
-                    parts.iter().for_each(|(part, owner)| handed[*owner as usize].push(t, part));
-                } else if part.is_some() {
-                    handed[*owner as usize].push(t, &piece);
-                } else {
-                    handed[*owner as usize].whole.push(t);
+                if !keep {
+                    return;
+                }
+                match (owner, part) {
+                    (Some(owner), None) => handed[owner as usize].whole.push(t),
+                    (Some(owner), Some(_)) => handed[owner as usize].push(t, triangle, &piece),
+                    (None, _) => {
+                        to_after
+                            .parts
+                            .iter()
+                            .for_each(|(p, owner)| handed[*owner as usize].push(t, triangle, p));
+                    }
                 }
             });
         }
@@ -203,7 +228,7 @@ impl Reference {
             if start != NO_TRIANGLE {
                 to_before.hint = start;
             }
-            to_before.lay(&mut bounds, Piece::new(*t), 0.0, &mut |_, _| {});
+            to_before.lay(&mut bounds, &Piece::new(*t), 0.0, |_| 0);
         }
         let both = before.triangles().iter().chain(after.triangles());
         let largest = both.flatten().flatten().fold(0.0f64, |m, x| m.max(x.abs()));

@@ -93,10 +93,10 @@ pub fn hausdorff_upper(
     let mut bounds = Bounds::new(*options);
     let (mut to_a, mut to_b) = (Overlay::new(&of_a), Overlay::new(&of_b));
     for (i, t) in of_b.triangles().iter().enumerate() {
-        to_a.lay(&mut bounds, Piece::new(*t), radius(i), &mut |_, _| {});
+        to_a.lay(&mut bounds, &Piece::new(*t), radius(i), |_| 0);
     }
     for t in of_a.triangles() {
-        to_b.lay(&mut bounds, Piece::new(*t), 0.0, &mut |_, _| {});
+        to_b.lay(&mut bounds, &Piece::new(*t), 0.0, |_| 0);
     }
     SurfaceBound { lower: bounds.lower, upper: bounds.stated(largest), complete: bounds.complete }
 }

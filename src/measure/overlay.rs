@@ -181,73 +181,92 @@ impl Bounds {
     }
 }
 
-/// What overlaying a surface uses over and over.
+/// Lays pieces over a surface.
 pub struct Overlay<'a> {
     sheet: &'a Sheet,
-    /// Pieces, where they are, and the steps they took.
-    stack: Vec<(Piece, u32, u32)>,
-    far: Vec<(Piece, u32)>,
-    /// Where the last piece ended: a good start for one nearby.
+    /// Where the last piece was sent: a good start for one nearby.
     pub hint: u32,
+    /// The parts of the last piece with their labels, where these differ.
+    pub parts: Vec<(Piece, u32)>,
+}
+
+/// What is the same for all parts of a piece that is being laid.
+struct Laying<'b, L> {
+    bounds: &'b mut Bounds,
+    extra: f64,
+    tries: u32,
+    label: L,
+}
+
+impl<L: FnMut(u32) -> u32> Laying<'_, L> {
+    fn allowed(&self) -> f64 {
+        self.bounds.limit() - self.extra
+    }
+
+    /// Takes a part at its bound.
+    fn take(&mut self, bound: f64, at: u32) -> Option<u32> {
+        self.bounds.upper = self.bounds.upper.max(bound + self.extra);
+        Some((self.label)(at))
+    }
 }
 
 impl<'a> Overlay<'a> {
     /// For a sheet that has triangles.
     pub fn new(sheet: &'a Sheet) -> Self {
-        Self { sheet, stack: Vec::new(), far: Vec::new(), hint: 0 }
+        Self { sheet, hint: 0, parts: Vec::new() }
     }
 
-    /// Bounds the distance of a piece, which stands for something within `extra` of it. `taken` is told which part
-    /// was bounded by which triangle.
+    /// Bounds the distance of a piece, which stands for something within `extra` of it. `label` is asked for each
+    /// triangle that bounds a part. Returns the label if it is that of all parts; otherwise `parts` has them, in as
+    /// few parts as the cuts allow.
     pub fn lay(
         &mut self,
         bounds: &mut Bounds,
-        piece: Piece,
+        piece: &Piece,
         extra: f64,
-        taken: &mut impl FnMut(&Piece, u32),
-    ) {
+        label: impl FnMut(u32) -> u32,
+    ) -> Option<u32> {
         bounds.lower = bounds.lower.max(extra);
+        self.parts.clear();
         let center = piece.center();
         let start =
             self.sheet.walk(center, self.hint).unwrap_or_else(|| self.sheet.nearest(center, self.hint));
         self.hint = start;
-        self.spread(bounds, piece, start, 0, extra, taken);
-        let mut tries = TRIES;
-        loop {
-            while let Some((piece, at, steps)) = self.stack.pop() {
-                if steps < MOST_STEPS {
-                    self.spread(bounds, piece, at, steps, extra, taken);
-                } else {
-                    self.far.push((piece, at));
-                }
-            }
-            let Some((piece, at)) = self.far.pop() else { break };
-            self.bring(bounds, piece, at, &mut tries, extra, taken);
+        self.spread(&mut Laying { bounds, extra, tries: TRIES, label }, piece, start, 0)
+    }
+
+    /// Lets a piece go where it belongs.
+    fn spread<L: FnMut(u32) -> u32>(
+        &mut self,
+        laying: &mut Laying<'_, L>,
+        piece: &Piece,
+        at: u32,
+        steps: u32,
+    ) -> Option<u32> {
+        match self.within(piece, at, laying.allowed()) {
+            Some(bound) => laying.take(bound, at),
+            None if steps == MOST_STEPS => self.bring(laying, piece, at),
+            None => self.part(laying, piece, at, steps, 0),
         }
     }
 
-    /// Lets a piece go where it belongs. What is too far off at the end is put aside.
-    fn spread(
+    /// The same for a piece that was cut at the sides before `first` of a triangle.
+    fn part<L: FnMut(u32) -> u32>(
         &mut self,
-        bounds: &mut Bounds,
-        mut piece: Piece,
+        laying: &mut Laying<'_, L>,
+        piece: &Piece,
         at: u32,
         steps: u32,
-        extra: f64,
-        taken: &mut impl FnMut(&Piece, u32),
-    ) {
-        let allowed = bounds.limit() - extra;
-        if let Some(bound) = self.within(&piece, at, allowed) {
-            bounds.upper = bounds.upper.max(bound + extra);
-            taken(&piece, at);
-            return;
-        }
-        let beside = allowed * BESIDE;
-        let mut cut = false;
-        for (side, next) in self.sheet.sides[at as usize].iter().zip(self.sheet.neighbours[at as usize]) {
+        first: usize,
+    ) -> Option<u32> {
+        let beside = laying.allowed() * BESIDE;
+        let sheet = self.sheet;
+        for k in first..3 {
+            let next = sheet.neighbours[at as usize][k];
             if next == NO_TRIANGLE {
                 continue;
             }
+            let side = &sheet.sides[at as usize][k];
             let mut out = [0.0; CORNERS];
             let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
             for (s, p) in out.iter_mut().zip(piece.corners()) {
@@ -259,26 +278,31 @@ impl<'a> Overlay<'a> {
                 continue;
             }
             if least >= -beside {
-                self.stack.push((piece, next, steps + 1));
-                return;
+                return self.spread(laying, piece, next, steps + 1);
             }
             if piece.cuts >= MOST_CUTS {
                 continue;
             }
             let (mut inside, mut outside) = (piece.child(), piece.child());
             if piece.cut(&out, &mut inside, &mut outside).is_some() {
-                self.stack.push((outside, next, steps + 1));
-                piece = inside;
-                cut = true;
+                let label = match self.within(&inside, at, laying.allowed()) {
+                    Some(bound) => laying.take(bound, at),
+                    None => self.part(laying, &inside, at, steps, k + 1),
+                };
+                let other = self.spread(laying, &outside, next, steps + 1);
+                return self.either((&inside, label), (&outside, other));
             }
         }
-        match self.within(&piece, at, if cut { allowed } else { -1.0 }) {
-            Some(bound) => {
-                bounds.upper = bounds.upper.max(bound + extra);
-                taken(&piece, at);
-            }
-            None => self.far.push((piece, at)),
+        self.bring(laying, piece, at)
+    }
+
+    /// The label of two parts, if they have one and the same; otherwise they are parts for good.
+    fn either(&mut self, a: (&Piece, Option<u32>), b: (&Piece, Option<u32>)) -> Option<u32> {
+        if a.1 == b.1 {
+            return a.1;
         }
+        self.parts.extend([a, b].into_iter().filter_map(|(piece, label)| Some((*piece, label?))));
+        None
     }
 
     /// The largest distance of a piece to a triangle, with the triangle's radius, if it is not more than allowed.
@@ -309,54 +333,58 @@ impl<'a> Overlay<'a> {
     }
 
     /// Bounds a piece that ended far off: perhaps that is where the surface is, perhaps it went astray.
-    fn bring(
+    fn bring<L: FnMut(u32) -> u32>(
         &mut self,
-        bounds: &mut Bounds,
-        piece: Piece,
+        laying: &mut Laying<'_, L>,
+        piece: &Piece,
         mut at: u32,
-        tries: &mut u32,
-        extra: f64,
-        taken: &mut impl FnMut(&Piece, u32),
-    ) {
+    ) -> Option<u32> {
         let to = |p: Vec3, t: u32| {
             squared_distance(p, self.sheet.triangles[t as usize]).sqrt() + self.sheet.radius(t)
         };
-        let mut best = self.distance(&piece, at) + extra;
+        let mut best = self.distance(piece, at);
         // Of all corners, the one that makes it far.
         let worst = piece
             .corners()
             .iter()
             .fold(piece.corners[0], |worst, p| if to(*p, at) > to(worst, at) { *p } else { worst });
         let near = self.sheet.nearest(worst, at);
-        bounds.lower = bounds.lower.max(to(worst, near).min(to(worst, at)) + extra);
-        if best > bounds.limit() && near != at {
-            let other = self.distance(&piece, near) + extra;
+        let found = to(worst, near).min(to(worst, at)) + laying.extra;
+        laying.bounds.lower = laying.bounds.lower.max(found);
+        if best > laying.allowed() && near != at {
+            let other = self.distance(piece, near);
             if other < best {
                 (best, at) = (other, near);
             }
         }
-        if best <= bounds.limit() {
-            bounds.upper = bounds.upper.max(best);
-            taken(&piece, at);
-            return;
+        if best <= laying.allowed() {
+            return laying.take(best, at);
         }
-        if *tries > 0 && piece.cuts < MOST_CUTS {
+        if laying.tries > 0 && piece.cuts < MOST_CUTS {
             // From where each half is near to.
-            *tries -= 1;
+            laying.tries -= 1;
             let (first, second) = piece.halves();
-            for half in std::iter::once(first).chain(second) {
-                let start = self.sheet.nearest(half.center(), at);
-                self.stack.push((half, start, 0));
-            }
-            return;
+            let label = self.spread(laying, &first, self.sheet.nearest(first.center(), at), 0);
+            let Some(second) = second else { return label };
+            let other = self.spread(laying, &second, self.sheet.nearest(second.center(), at), 0);
+            return self.either((&first, label), (&second, other));
         }
         let bvh = self.sheet.bvh();
         let always = || true;
-        let mut cover = Cover::new(bvh, bounds.goal, bounds.lower, &always);
-        cover.piece(piece, extra, &mut |part, place| taken(part, bvh.id(place) as u32));
-        bounds.lower = cover.lower;
-        bounds.upper = bounds.upper.max(cover.upper);
-        bounds.complete &= cover.complete;
+        let mut cover = Cover::new(bvh, laying.bounds.goal, laying.bounds.lower, &always);
+        let known = self.parts.len();
+        cover.piece(*piece, laying.extra, &mut |part, place| {
+            self.parts.push((*part, (laying.label)(bvh.id(place) as u32)));
+        });
+        laying.bounds.lower = cover.lower;
+        laying.bounds.upper = laying.bounds.upper.max(cover.upper);
+        laying.bounds.complete &= cover.complete;
+        let (_, label) = *self.parts.get(known)?;
+        if self.parts[known..].iter().any(|(_, other)| *other != label) {
+            return None;
+        }
+        self.parts.truncate(known);
+        Some(label)
     }
 }
 

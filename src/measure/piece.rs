@@ -3,7 +3,7 @@
 use super::closest::{Triangle, Vec3, along, dot, squared, sub};
 
 /// Corners of a piece at most; a piece that would have more is halved instead.
-pub(super) const CORNERS: usize = 8;
+pub const CORNERS: usize = 8;
 /// Cuts that led to a piece at most. docs/numerics.md: each moves the surface by rounding.
 pub(super) const MOST_CUTS: u8 = 100;
 
