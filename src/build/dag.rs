@@ -233,14 +233,17 @@ impl Growth {
             return Ok(Vec::new());
         }
         let shared = shared_positions(&positions, &groups);
-        if options.error == ErrorMeasure::Bound && Reference::is_due(round) {
-            self.start_reference(&positions, &pending);
+        let ratio = ratio(level.triangles, options.quality);
+        if options.error == ErrorMeasure::Bound {
+            if self.reference.as_ref().is_none_or(Reference::has_served) {
+                self.start_reference(&positions, &pending);
+            }
+            self.reference.iter_mut().for_each(|r| r.begin(level.triangles as f32 * ratio));
         }
         // A group frees what its members answered for, and gives it back only where it is stuck.
         let mut take = |c: &u32| std::mem::take(&mut self.clusters[pending[*c as usize] as usize].pieces);
         let pieces: Vec<Vec<Pieces>> = groups.iter().map(|g| g.iter().map(&mut take).collect()).collect();
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
-        let ratio = ratio(level.triangles, options.quality);
         // One group is the whole mesh: it can be held against the source, so that no differences add up.
         let sight = self.sight.filter(|_| groups.len() == 1);
         let outcomes: Vec<_> = groups
@@ -250,8 +253,7 @@ impl Growth {
                 let local = LocalMesh::of_clusters(store, &meshes, &positions, members, &shared);
                 let members: Vec<&BuildCluster> =
                     members.iter().map(|c| &self.clusters[pending[*c as usize] as usize]).collect();
-                let proof =
-                    self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters, round });
+                let proof = self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters });
                 let triangles = local.indices.len() / 3;
                 let target = (triangles as f32 * ratio) as usize;
                 let content = &self.content;
@@ -300,7 +302,8 @@ impl Growth {
 
     /// Makes the surface of the pending clusters the reference.
     fn start_reference(&mut self, positions: &Arc<RoundPositions>, pending: &[u32]) {
-        let reference = Reference::new(Arc::clone(positions), pending, &self.clusters);
+        let reference =
+            Reference::new(self.reference.as_ref(), Arc::clone(positions), pending, &self.clusters);
         let pieces: Vec<Pieces> = reference.pieces(&self.clusters).collect();
         pending.iter().zip(pieces).for_each(|(c, pieces)| self.clusters[*c as usize].pieces = pieces);
         self.reference = Some(reference);
@@ -415,7 +418,6 @@ struct Split {
 struct Proof<'a> {
     reference: &'a Reference,
     all: &'a [BuildCluster],
-    round: u32,
 }
 
 fn simplify_group(
@@ -460,13 +462,13 @@ fn simplify_group(
     }
     let clusters = clusterize::clusterize_local(&compact(&mesh, &used), options);
     let (mut bound, mut handed) = (f32::INFINITY, Vec::new());
-    if let Some(Proof { reference, all, round }) = proof {
+    if let Some(Proof { reference, all }) = proof {
         let place = |v: u32| match v.checked_sub(NEW_VERTEX) {
             Some(new) => new_positions[new as usize],
             None => store.positions[v as usize],
         };
         let patches: Vec<Patch<'_>> = clusters.iter().map(|c| Patch::new(c, place)).collect();
-        (bound, handed) = reference.measure(round, pieces, all, &patches, estimate);
+        (bound, handed) = reference.measure(pieces, all, &patches, estimate);
         bound = parent_error(most(|c| c.bound), bound);
     }
     let shape = if bound.is_finite() { quadric.max(bound) } else { quadric };

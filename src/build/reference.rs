@@ -18,11 +18,15 @@ use crate::measure::overlay::{Bounds, NO_TRIANGLE, Overlay, Sheet};
 use crate::measure::piece::{CORNERS, Piece};
 use crate::mesh::hash;
 
-/// Rounds that share the first reference, which is the source: each costs in proportion to its triangles.
-const FIRST_ROUNDS: u32 = 2;
-/// Rounds that share each further one.
-const ROUNDS: u32 = 4;
-/// How far storing a part moves its corners, as a part of the size of its triangle: once a round, by up to √3 · 2⁻²⁴.
+/// The first reference, which is the source, serves until this part of its triangles is left: each round costs in
+/// proportion to them.
+const FIRST_PART: f32 = 0.3;
+/// The same for each further one.
+const PART: f32 = 0.08;
+/// Rounds of a reference at most.
+const MOST_ROUNDS: u32 = 8;
+/// How far storing a part moves its corners, as a part of the size of its triangle: once a round but the last, by up to
+/// √3 · 2⁻²⁴.
 const PART_ROUNDING: f64 = 1.0 / (1u64 << 20) as f64;
 /// A bound may be this part above the largest distance found.
 const SLACK: f64 = 0.1;
@@ -96,6 +100,10 @@ pub struct Reference {
     /// Its clusters, and the number of the first triangle of each.
     clusters: Vec<u32>,
     starts: Vec<u32>,
+    /// It has served when so many triangles are left.
+    least: f32,
+    rounds: u32,
+    is_last: bool,
 }
 
 /// A reference as one group needs it: triangles numbered from 0 in order of first use.
@@ -107,20 +115,32 @@ struct Local {
 }
 
 impl Reference {
-    /// Whether a round starts with a new reference.
-    pub fn is_due(round: u32) -> bool {
-        round == 0 || round >= FIRST_ROUNDS && (round - FIRST_ROUNDS).is_multiple_of(ROUNDS)
-    }
-
-    /// The surface of a round's clusters.
-    pub fn new(positions: Arc<RoundPositions>, pending: &[u32], all: &[BuildCluster]) -> Self {
+    /// The surface of a round's clusters, with the reference before.
+    pub fn new(
+        before: Option<&Self>,
+        positions: Arc<RoundPositions>,
+        pending: &[u32],
+        all: &[BuildCluster],
+    ) -> Self {
         let mut starts = Vec::with_capacity(pending.len());
         let mut count = 0;
         for c in pending {
             starts.push(count);
             count += all[*c as usize].mesh.triangles.len() as u32;
         }
-        Self { positions, clusters: pending.to_vec(), starts }
+        let least = count as f32 * if before.is_none() { FIRST_PART } else { PART };
+        Self { positions, clusters: pending.to_vec(), starts, least, rounds: 0, is_last: false }
+    }
+
+    /// Whether the round that was begun last was the last one to be measured against it.
+    pub fn has_served(&self) -> bool {
+        self.is_last
+    }
+
+    /// Begins a round that aims at so many triangles.
+    pub fn begin(&mut self, target: f32) {
+        self.rounds += 1;
+        self.is_last = target < self.least || self.rounds == MOST_ROUNDS;
     }
 
     /// What each of its clusters answers for: itself.
@@ -173,13 +193,12 @@ impl Reference {
     /// none where no further round of this reference will ask.
     pub fn measure(
         &self,
-        round: u32,
         pieces: Vec<Pieces>,
         all: &[BuildCluster],
         patches: &[Patch<'_>],
         estimate: f32,
     ) -> (f32, Vec<Pieces>) {
-        let keep = !Self::is_due(round + 1);
+        let keep = !self.is_last;
         let (local, numbers) = self.local(&pieces, all);
         let before = Sheet::new(local.triangles, &local.corners, local.radii);
         let (after, owners) = sheet_of(patches);
