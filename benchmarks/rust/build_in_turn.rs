@@ -9,10 +9,10 @@ use std::time::Instant;
 
 use meshopt::{ClodMesh, VertexDataAdapter, clod_build, clod_default_config, typed_to_bytes};
 use nanite_rs::build::{Silent, build};
-use nanite_rs::config::BuildOptions;
+use nanite_rs::config::{BuildOptions, ErrorMeasure, Quality};
 use nanite_rs::mesh::{Positions, SourceMesh};
 
-const ROUNDS: usize = 7;
+const ROUNDS: usize = 5;
 
 fn main() {
     let (positions, faces) = shapes::bumpy_sphere(354);
@@ -26,20 +26,23 @@ fn main() {
         attribute_weights: &[0.5; 3],
         ..ClodMesh::new(&indices, &adapter)
     };
-    let ours = |threads| {
-        let options = BuildOptions { threads, ..BuildOptions::default() };
+    let ours = |quality, error, threads| {
+        let options = BuildOptions { quality, error, threads, ..BuildOptions::default() };
         build(&SourceMesh::new(Positions::F32(&positions), &faces), &options, &Silent).unwrap();
     };
     let theirs = |mesh: &ClodMesh<'_>| {
         clod_build(clod_default_config(128), mesh, |_, _| 0);
     };
-    let contestants: [(&str, &dyn Fn()); 4] = [
-        ("nanite_rs, 1 thread", &|| ours(1)),
-        ("nanite_rs, 2 threads", &|| ours(2)),
+    let contestants: [(&str, &dyn Fn()); 7] = [
+        ("fast, quadric, 1 thread", &|| ours(Quality::Fast, ErrorMeasure::Quadric, 1)),
+        ("fast, quadric, 2 threads", &|| ours(Quality::Fast, ErrorMeasure::Quadric, 2)),
+        ("fast, bound, 1 thread", &|| ours(Quality::Fast, ErrorMeasure::Bound, 1)),
+        ("fast, bound, 2 threads", &|| ours(Quality::Fast, ErrorMeasure::Bound, 2)),
+        ("best, bound, 2 threads", &|| ours(Quality::Best, ErrorMeasure::Bound, 2)),
         ("clod_build, positions only", &|| theirs(&plain)),
         ("clod_build, with normals", &|| theirs(&shaded)),
     ];
-    let mut seconds = [const { Vec::new() }; 4];
+    let mut seconds = [const { Vec::new() }; 7];
     for _ in 0..ROUNDS {
         for ((_, call), seconds) in contestants.iter().zip(&mut seconds) {
             let start = Instant::now();

@@ -233,7 +233,7 @@ impl Growth {
             return Ok(Vec::new());
         }
         let shared = shared_positions(&positions, &groups);
-        let ratio = ratio(level.triangles, options.quality);
+        let ratio = ratio(level.triangles, options);
         if options.error == ErrorMeasure::Bound {
             if self.reference.as_ref().is_none_or(Reference::has_served) {
                 self.start_reference(&positions, &pending);

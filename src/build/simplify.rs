@@ -69,8 +69,10 @@ pub struct Simplified {
 }
 
 /// Part of its triangles that a level of so many keeps.
-pub fn ratio(triangles: u64, quality: Quality) -> f32 {
-    if quality == Quality::Best && triangles <= FINE_TRIANGLES { FINE_RATIO } else { TARGET_RATIO }
+pub fn ratio(triangles: u64, options: &BuildOptions) -> f32 {
+    let fine = options.quality == Quality::Best && triangles <= FINE_TRIANGLES;
+    // Leaves go one at a time: finer steps would only let what they cover drift in more of them.
+    if fine && !options.preserve_area { FINE_RATIO } else { TARGET_RATIO }
 }
 
 /// Simplifies a group to `target` triangles. With `preserve_area` it goes on covering what it does, or as much as in

@@ -82,7 +82,22 @@ pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Dag> {
     if source.u32(16)? != crc32fast::hash(table) {
         return Err(source.fail(16, "the section table's checksum does not match"));
     }
+    padding(&source, count)?;
     assemble(&source, count)
+}
+
+/// Sections follow each other with nothing but zeros between them, so that no damage goes unseen.
+fn padding(source: &Source<'_>, count: usize) -> Result<()> {
+    let mut end = HEADER_BYTES + count * ENTRY_BYTES;
+    for entry in (0..count).map(|i| HEADER_BYTES + i * ENTRY_BYTES) {
+        let (offset, length) = (source.length(entry + 8)?, source.length(entry + 16)?);
+        let gap = source.take(end, offset.saturating_sub(end), "the space between sections")?;
+        if gap.iter().any(|byte| *byte != 0) {
+            return Err(source.fail(end, "the space between sections is not empty"));
+        }
+        end = offset.saturating_add(length);
+    }
+    Ok(())
 }
 
 fn section<'a>(source: &'a Source<'_>, count: usize, kind: Kind) -> Result<Option<Section<'a>>> {
