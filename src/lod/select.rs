@@ -49,46 +49,73 @@ pub fn cut_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
     if dag.frame.rounding > 0.0 { error.next_up() } else { error }
 }
 
-/// How many triangles the cut of each error has: found once, then any budget is a binary search.
+/// How many triangles the cut for each estimate has: found once, then any budget is a search in a table.
+///
+/// For a number of triangles it is the estimates of the simplifier that are compared, and not what is proven: a bound
+/// is that of the worst point of a group, an estimate says more about all of them, so that cuts come out nearer in the
+/// mean. Estimates do not decrease along the DAG either, which is all that a cut needs to be whole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FaceBudget {
-    /// Errors, increasing, internal units; the first is 0.
-    errors: Vec<f32>,
+    /// Estimates, increasing, internal units; the first is 0.
+    estimates: Vec<f32>,
     /// Triangles of the cut at each.
     faces: Vec<u64>,
+    /// Groups by falling estimate.
+    groups: Vec<u32>,
+}
+
+/// Part of the bound that an estimate is not below: single bad points count, though less than they do for an error.
+const OF_BOUND: f32 = 0.6;
+
+/// What is compared for a number of triangles.
+fn estimate(group: &Group) -> f32 {
+    group.quadric.max(OF_BOUND * group.distance()).max(group.attribute_error)
+}
+
+/// The same for what a cluster is itself.
+fn own_estimate(dag: &Dag, at: ClusterAddress) -> f32 {
+    dag.groups.get(dag.record(at).refined as usize).map_or(0.0, estimate)
 }
 
 impl FaceBudget {
     /// Tabulates a mesh. Costs one pass over the clusters.
     pub fn new(dag: &Dag) -> Self {
-        // A cluster counts from its own error on, and no longer from its group's.
+        // A cluster counts from its own estimate on, and no longer from its group's.
         let mut steps: Vec<(f32, i64)> = Vec::with_capacity(2 * dag.cluster_count());
         for group in &dag.groups {
             for at in group.members() {
-                let record = dag.record(at);
-                let triangles = i64::from(record.triangle_count);
-                steps.push((record.error.max(0.0), triangles));
+                let triangles = i64::from(dag.record(at).triangle_count);
+                steps.push((own_estimate(dag, at), triangles));
                 if group.error.is_finite() {
-                    steps.push((group.error, -triangles));
+                    steps.push((estimate(group), -triangles));
                 }
             }
         }
         steps.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let mut budget = Self { errors: Vec::new(), faces: Vec::new() };
+        let mut groups: Vec<u32> = (0..dag.groups.len() as u32).collect();
+        let of = |g: &u32| estimate(&dag.groups[*g as usize]);
+        groups.sort_by(|a, b| of(b).total_cmp(&of(a)));
+        let mut budget = Self { estimates: Vec::new(), faces: Vec::new(), groups };
         let mut count = 0;
         for step in steps.chunk_by(|a, b| a.0 == b.0) {
             count += step.iter().map(|s| s.1).sum::<i64>();
-            budget.errors.push(step[0].0);
+            budget.estimates.push(step[0].0);
             budget.faces.push(count.max(0) as u64);
         }
         budget
     }
 
-    /// The error of the finest cut with at most `target` triangles, or of the coarsest there is.
-    pub fn error_for(&self, target: u64) -> f32 {
-        // Counts fall with the error but for rare steps up by a few triangles: take the fullest that fits.
+    /// The finest cut with at most `target` triangles, or the coarsest there is, in page order.
+    pub fn select(&self, dag: &Dag, target: u64) -> Vec<ClusterAddress> {
+        // Counts fall with the estimate but for rare steps up by a few triangles: take the fullest that fits.
         let fits = |i: &usize| self.faces[*i] <= target;
         let best = (0..self.faces.len()).filter(fits).max_by_key(|i| (self.faces[*i], std::cmp::Reverse(*i)));
-        best.map_or_else(|| *self.errors.last().unwrap_or(&0.0), |i| self.errors[i])
+        let most = best.map_or_else(|| *self.estimates.last().unwrap_or(&0.0), |i| self.estimates[i]);
+        let groups = self.groups.iter().map(|g| &dag.groups[*g as usize]);
+        let coarser = groups.take_while(|group| estimate(group) > most);
+        let members = coarser.flat_map(Group::members);
+        let mut clusters: Vec<_> = members.filter(|at| own_estimate(dag, *at) <= most).collect();
+        clusters.sort_unstable();
+        clusters
     }
 }

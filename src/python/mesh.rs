@@ -236,13 +236,13 @@ impl Mesh {
         let internal = ((error - self.dag.frame.rounding).max(0.0) / self.dag.frame.scale) as f32;
         let internal =
             if f64::from(internal) * self.dag.frame.scale > error { internal.next_down() } else { internal };
-        self.cut(py, &Threshold::Uniform(internal.max(0.0)))
+        self.cut(py, |dag| select(dag, &Threshold::Uniform(internal.max(0.0))))
     }
 
     /// The finest cut with at most so many triangles, or the coarsest there is.
     fn cut_faces(&self, py: Python<'_>, target: u64) -> PyResult<Cut> {
         let budget = detached(py, || Ok(self.budget.get_or_init(|| FaceBudget::new(&self.dag))))?;
-        self.cut(py, &Threshold::Uniform(budget.error_for(target)))
+        self.cut(py, |dag| budget.select(dag, target))
     }
 
     /// The cut for an error in pixels, from a camera and its camera-to-mesh pose: the clusters that the renderer
@@ -260,7 +260,7 @@ impl Mesh {
         let view = renderer::camera(camera).and_then(|camera| camera.view(&pose, viewport.0, viewport.1));
         let view = view.map_err(|error| to_python(py, error))?;
         let lod = view.lod_view(&view.object_to_view(&DAffine3::IDENTITY, frame), frame, 1.0);
-        self.cut(py, &Threshold::View(lod, pixel_error))
+        self.cut(py, |dag| select(dag, &Threshold::View(lod, pixel_error)))
     }
 
     /// Row of the caller's `faces` for each level-0 triangle of the full-detail cut; `None` unless built with
@@ -368,10 +368,10 @@ impl Mesh {
 }
 
 impl Mesh {
-    fn cut(&self, py: Python<'_>, threshold: &Threshold) -> PyResult<Cut> {
+    fn cut(&self, py: Python<'_>, select: impl FnOnce(&Dag) -> Vec<ClusterAddress> + Send) -> PyResult<Cut> {
         let dag = &*self.dag;
         let (clusters, arrays, error, positions, channels) = detached(py, || {
-            let clusters = select(dag, threshold);
+            let clusters = select(dag);
             let mut arrays = extract(dag, &clusters);
             let error = (cut_error(dag, &clusters), cut_attribute_error(dag, &clusters));
             let positions = object_positions(std::mem::take(&mut arrays.positions), &dag.frame);

@@ -202,7 +202,7 @@ fn budgets_are_met_from_below() {
     let dag = build_mesh(&shapes::bumpy_sphere(64));
     let budget = FaceBudget::new(&dag);
     for target in [32_768, 20_000, 5_000, 700] {
-        let cut = extract(&dag, &select(&dag, &Threshold::Uniform(budget.error_for(target))));
+        let cut = extract(&dag, &budget.select(&dag, target));
         assert!(cut.faces.len() as u64 <= target, "{} > {target}", cut.faces.len());
         assert!(cut.faces.len() as u64 * 3 > target, "{} is far below {target}", cut.faces.len());
     }
