@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,8 @@ MESHES: dict[str, Callable[[], Arrays]] = {
 def _scan(path: str) -> Arrays:
     if not (SCANS / path).exists():
         raise FileNotFoundError(2, "no such file", str(SCANS / path))
-    mesh = trimesh.load_mesh(SCANS / path, process=False)
+    name = SCANS / path
+    with gzip.open(name) if name.suffix == ".gz" else name.open("rb") as file:
+        mesh = trimesh.load_mesh(file, file_type=path.removesuffix(".gz").rpartition(".")[2], process=False)
     used, faces = np.unique(np.asarray(mesh.faces), return_inverse=True)
     return np.asarray(mesh.vertices)[used].astype(np.float32), faces.reshape(-1, 3)

@@ -380,8 +380,8 @@ class NaniteMesh:
             Largest error in the units of the mesh, of the shape (`Cut.error`) and of what it carries
             (`Cut.attribute_error`); 0 is full detail.
         target_faces : int
-            At most so many triangles, or the coarsest cut there is. Groups are compared by the simplifier's estimate,
-            which says more about the mean than a bound does; what the cut states is the bound as always.
+            At most so many triangles, or the coarsest cut there is. Groups are compared by the simplifier's
+            estimate, which says more about the mean than a bound does; what the cut states is the bound as always.
         target_reduction : float
             Fraction of the triangles to remove, 0 to 1, as in fast-simplification.
         camera : PerspectiveCamera, IntrinsicsCamera or OrthographicCamera

@@ -8,12 +8,17 @@ import numpy as np
 
 def to_surface(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unsigned distance of each point to the surface."""
-    squared, _, _ = igl.point_mesh_squared_distance(
+    return to_faces(points, vertices, faces)[0]
+
+
+def to_faces(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unsigned distance of each point to the surface, and the nearest face."""
+    squared, face, _ = igl.point_mesh_squared_distance(
         np.ascontiguousarray(points, np.float64),
         np.ascontiguousarray(vertices, np.float64),
         np.ascontiguousarray(faces, np.int64),
     )
-    return np.sqrt(np.maximum(squared, 0.0))
+    return np.sqrt(np.maximum(squared, 0.0)), face
 
 
 def samples(vertices: np.ndarray, faces: np.ndarray, count: int, seed: int = 0) -> np.ndarray:
