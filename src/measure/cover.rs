@@ -73,14 +73,14 @@ impl<'a> Cover<'a> {
         self.goal.floor.max(self.lower * (1.0 + self.goal.slack))
     }
 
-    /// The distance at a point, or anything up to `enough`, with `extra`; and the place it was measured to.
-    fn measure(&mut self, p: Vec3, extra: f64, enough: f64) -> (f64, usize) {
-        let Some(nearest) = self.surface.nearest(p, f64::INFINITY, enough, self.hint) else {
+    /// The distance at a point, with `extra`, and the place it was measured to; raises the lower bound.
+    fn measure(&mut self, p: Vec3, extra: f64) -> (f64, usize) {
+        let Some(nearest) = self.surface.nearest(p, f64::INFINITY, -1.0, self.hint) else {
             return (f64::INFINITY, usize::MAX);
         };
         self.hint = nearest.place;
         let distance = nearest.distance + extra;
-        if distance > self.lower && nearest.distance > enough {
+        if distance > self.lower {
             self.lower = distance;
             self.witness = Some(p);
         }
@@ -128,7 +128,7 @@ impl<'a> Cover<'a> {
     /// enough, to its corners.
     fn bound(&mut self, piece: &Piece, extra: f64) -> (f64, usize) {
         let center = piece.center();
-        let (distance, place) = self.measure(center, extra, -1.0);
+        let (distance, place) = self.measure(center, extra);
         let mut best = distance + piece.squared_radius(center).sqrt();
         let mut at = place;
         best = best.min(self.to_triangle(piece, place) + extra);
@@ -136,7 +136,7 @@ impl<'a> Cover<'a> {
             if best <= self.limit() {
                 break;
             }
-            let (_, place) = self.measure(*corner, extra, -1.0);
+            let (_, place) = self.measure(*corner, extra);
             let bound = self.to_triangle(piece, place) + extra;
             if bound < best {
                 (best, at) = (bound, place);

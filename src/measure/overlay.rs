@@ -3,8 +3,8 @@
 //!
 //! A piece of a triangle starts anywhere on the other surface and moves across edges to where it belongs. What
 //! straddles an edge is cut by the plane that halves the angle there, and each part goes its own way. At the end each
-//! part lies over one triangle, to which its distance is largest at a corner. Walking finds good triangles fast; that the bound
-//! holds does not depend on them. Where the walk ends too far off, `cover` does it from all sides.
+//! part lies over one triangle, to which its distance is largest at a corner. Walking finds good triangles fast; that
+//! the bound holds does not depend on them. Where the walk ends too far off, `cover` does it from all sides.
 //!
 //! The proof and its rounding stand in docs/numerics.md.
 
@@ -317,7 +317,7 @@ impl<'a> Overlay<'a> {
         let mut most = 0.0;
         for p in piece.corners() {
             let d = plate.squared_distance(*p);
-            if d > enough {
+            if d > enough || d.is_nan() {
                 return None;
             }
             most = if d > most { d } else { most };
