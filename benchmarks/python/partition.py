@@ -17,30 +17,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 
 import nanite_rs as nrs
 from nanite_rs import _core
 
-from . import machine
+from . import machine, meshes
 from .cut import two_sided
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from .meshes import Arrays
+
 RESULTS = Path(__file__).resolve().parents[1] / "results"
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 REMOVED = (0.5, 0.9, 0.99)
 SAMPLES = 100_000
 CHOICES = tuple(itertools.product(("median", "flex", "metis"), ("meshopt", "metis")))
-Arrays = tuple[np.ndarray, np.ndarray]
 
 MESHES: dict[str, Callable[[], Arrays]] = {
-    "bunny": lambda: _load("scans/stanford_bunny_full/bun_zipper.ply"),
-    "armadillo": lambda: _load("scans/armadillo_86k/armadillo.obj"),
-    "CAD frame": lambda: _load("cad/voron_a_drive_frame_lower/a_drive_frame_lower.stl"),
-    "foliage tree": lambda: _load("foliage/scatter_tree/tree.glb"),
-    "sphere 1 M": lambda: nrs.shapes.displaced_icosphere(faces=1_000_000)[:2],
+    "bunny": meshes.MESHES["bunny"],
+    "armadillo": meshes.MESHES["armadillo"],
+    "CAD frame": lambda: meshes.load("cad/voron_a_drive_frame_lower/a_drive_frame_lower.stl"),
+    "foliage tree": lambda: meshes.load("foliage/scatter_tree/tree.glb"),
+    "sphere 1 M": meshes.MESHES["sphere 1 M"],
 }
 
 
@@ -70,14 +69,6 @@ def main() -> None:
         print("\n".join(lines[-len(CHOICES) - 4 :]), flush=True)
     options.output.mkdir(parents=True, exist_ok=True)
     (options.output / f"{date}-partition.md").write_text("\n".join(lines) + "\n")
-
-
-def _load(path: str) -> Arrays:
-    if not (DATA / path).exists():
-        raise FileNotFoundError(2, "no such file", str(DATA / path))
-    mesh = trimesh.load(DATA / path, process=False, force="mesh")
-    used, faces = np.unique(np.asarray(mesh.faces), return_inverse=True)
-    return np.asarray(mesh.vertices)[used].astype(np.float32), faces.reshape(-1, 3)
 
 
 def table(vertices: np.ndarray, faces: np.ndarray, runs: int) -> list[str]:
