@@ -14,10 +14,11 @@ use super::content::Content;
 use super::lock_borders::shared_positions;
 use super::partition::partition;
 use super::reference::{Patch, Pieces, Reference};
+use super::relax::relax;
 use super::silhouette::Sight;
-use super::simplify::{Simplified, ratio, simplify};
+use super::simplify::{Simplified, Step, ratio, simplify};
 use super::store::{LocalMesh, RoundPositions, VertexStore};
-use crate::config::{BuildOptions, ErrorMeasure};
+use crate::config::{BuildOptions, ErrorMeasure, Quality};
 use crate::error::{Error, Result};
 use crate::limits::MAX_ROUNDS;
 use crate::math::sphere::round_up;
@@ -410,7 +411,7 @@ struct Split {
     bound: f32,
     quadric: f32,
     attribute_error: f32,
-    step: super::simplify::Step,
+    step: Step,
 }
 
 /// What a round's errors are proven against.
@@ -436,6 +437,15 @@ fn simplify_group(
             Ok(simplified) => simplified,
             Err(reason) => return Err((reason, pieces)),
         };
+    let footing = proof.map(|Proof { reference, all }| reference.footing(pieces, all));
+    if let Some(footing) = &footing
+        && step <= Step::Topology
+        && options.quality == Quality::Best
+        && !options.preserve_area
+    {
+        let made = mesh.indices.len() / 3;
+        relax(&mut mesh, footing.surface(), |visit| footing.samples(made, visit));
+    }
     // Only the estimate takes the place of a measurement.
     let estimate = if proof.is_none() { estimate.max(moved) } else { estimate };
     let most = |of: fn(&BuildCluster) -> f32| members.iter().map(|c| of(c)).fold(0.0, f32::max);
@@ -462,13 +472,13 @@ fn simplify_group(
     }
     let clusters = clusterize::clusterize_local(&compact(&mesh, &used), options);
     let (mut bound, mut handed) = (f32::INFINITY, Vec::new());
-    if let Some(Proof { reference, all }) = proof {
+    if let Some(footing) = footing {
         let place = |v: u32| match v.checked_sub(NEW_VERTEX) {
             Some(new) => new_positions[new as usize],
             None => store.positions[v as usize],
         };
         let patches: Vec<Patch<'_>> = clusters.iter().map(|c| Patch::new(c, place)).collect();
-        (bound, handed) = reference.measure(pieces, all, &patches, estimate);
+        (bound, handed) = footing.measure(&patches, estimate);
         bound = parent_error(most(|c| c.bound), bound);
     }
     let shape = if bound.is_finite() { quadric.max(bound) } else { quadric };

@@ -8,7 +8,7 @@ use super::content::Content;
 use super::store::LocalMesh;
 use crate::math::triangle::{area, edge_of_area};
 use crate::measure::TriangleTree;
-use crate::mesh::hash;
+use crate::mesh::{Stars, hash};
 
 /// Part of the mean edge length that a place may be worse than another one if its label is the one that was.
 const LABEL_TIE: f32 = 1.0e-3;
@@ -22,35 +22,6 @@ pub struct Place {
     pub at: [f32; 3],
     /// Its distance to the point it was looked up for.
     pub distance: f32,
-}
-
-/// The triangles around each vertex of an index buffer.
-#[derive(Debug)]
-struct Stars {
-    starts: Vec<u32>,
-    triangles: Vec<u32>,
-}
-
-impl Stars {
-    fn new(vertices: usize, indices: &[u32]) -> Self {
-        // Counted two places ahead, so that filling leaves the starts where they belong.
-        let mut starts = vec![0u32; vertices + 2];
-        indices.iter().for_each(|v| starts[*v as usize + 2] += 1);
-        for i in 2..starts.len() {
-            starts[i] += starts[i - 1];
-        }
-        let mut triangles = vec![0; indices.len()];
-        for (corner, v) in indices.iter().enumerate() {
-            let at = &mut starts[*v as usize + 1];
-            triangles[*at as usize] = corner as u32 / 3;
-            *at += 1;
-        }
-        Self { starts, triangles }
-    }
-
-    fn of(&self, vertex: u32) -> &[u32] {
-        &self.triangles[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]
-    }
 }
 
 /// A surface with what its vertices carry.
@@ -146,11 +117,11 @@ impl<'a> Field<'a> {
         let distance = place.distance;
         let mut least = cost(&place, 0.0);
         let around = place.corners.map(|v| self.positions[v as usize]);
-        for t in around.iter().flat_map(|position| self.stars.of(*position)) {
+        for (t, _) in around.iter().flat_map(|position| self.stars.of(*position as usize)) {
             if least <= enough {
                 break;
             }
-            let other = self.place(p, *t);
+            let other = self.place(p, t as u32);
             let cost = cost(&other, (other.distance - distance).max(0.0));
             if cost < least {
                 (place, least) = (other, cost);

@@ -20,6 +20,7 @@ pub mod lock_borders;
 mod metis;
 pub mod partition;
 pub mod reference;
+pub mod relax;
 pub mod silhouette;
 pub mod simplify;
 pub mod store;

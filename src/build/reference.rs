@@ -8,8 +8,11 @@
 
 use std::sync::Arc;
 
+use glam::DVec3;
+
 use super::clusterize::ClusterMesh;
 use super::dag::BuildCluster;
+use super::relax::Sample;
 use super::store::{Numbering, RoundPositions};
 use crate::math::sphere::round_up;
 use crate::measure::BoundOptions;
@@ -28,6 +31,8 @@ const MOST_ROUNDS: u32 = 8;
 /// How far storing a part moves its corners, as a part of the size of its triangle: once a round but the last, by up to
 /// √3 · 2⁻²⁴.
 const PART_ROUNDING: f64 = 1.0 / (1u64 << 20) as f64;
+/// So many pieces for each triangle made need no more samples than their centres.
+const DENSE: usize = 4;
 /// A bound may be this part above the largest distance found.
 const SLACK: f64 = 0.1;
 /// Distances below this part of the simplifier's estimate are not told apart: the largest is above it.
@@ -188,19 +193,87 @@ impl Reference {
         (out, numbers)
     }
 
-    /// A bound for patches that replace clusters which answer for `pieces`: how far any of their points may be from
-    /// the source, and any point of the source that those clusters answer for from them. Also hands the pieces over;
-    /// none where no further round of this reference will ask.
-    pub fn measure(
-        &self,
-        pieces: Vec<Pieces>,
-        all: &[BuildCluster],
-        patches: &[Patch<'_>],
-        estimate: f32,
-    ) -> (f32, Vec<Pieces>) {
-        let keep = !self.is_last;
+    /// What some clusters answer for, laid out.
+    pub fn footing(&self, pieces: Vec<Pieces>, all: &[BuildCluster]) -> Footing {
         let (local, numbers) = self.local(&pieces, all);
         let before = Sheet::new(local.triangles, &local.corners, local.radii);
+        Footing { before, pieces, numbers, keep: !self.is_last }
+    }
+}
+
+/// The part of a reference that a group stands on.
+pub struct Footing {
+    before: Sheet,
+    pieces: Vec<Pieces>,
+    /// The triangle of `before` of each piece.
+    numbers: Vec<u32>,
+    /// A further round of this reference will ask.
+    keep: bool,
+}
+
+impl Footing {
+    /// Its surface.
+    pub fn surface(&self) -> &Sheet {
+        &self.before
+    }
+
+    /// Samples of the surface, enough to fit so many triangles to it: the centres of triangles and parts, or those of
+    /// edges where these are too few, with which means of what is quadratic on a triangle are exact.
+    pub fn samples(&self, made: usize, visit: &mut dyn FnMut(Sample)) {
+        let corners = |t: u32| self.before.triangles()[t as usize].map(DVec3::from_array);
+        let normal = |t: u32| {
+            let [a, b, c] = corners(t);
+            (b - a).cross(c - a)
+        };
+        let normals: Vec<DVec3> = (0..self.before.triangles().len() as u32).map(normal).collect();
+        let of_edges = self.numbers.len() < DENSE * made;
+        let mut whole = vec![false; normals.len()];
+        let mut number = self.numbers.iter();
+        self.pieces.iter().for_each(|pieces| {
+            pieces.each(|_, part| {
+                number.next().into_iter().for_each(|n| whole[*n as usize] = part.is_none());
+            })
+        });
+        let mut number = self.numbers.iter();
+        self.pieces.iter().for_each(|pieces| {
+            pieces.each(|_, part| {
+                let Some(n) = number.next() else { return };
+                let area = normals[*n as usize];
+                let weight = 0.5 * area.length();
+                if let Some((offsets, cuts)) = part {
+                    let piece = restored(self.before.triangles()[*n as usize], offsets, cuts);
+                    let point = DVec3::from_array(piece.center());
+                    visit(Sample { point, normal: area, weight: 0.5 * piece.double_area() });
+                    return;
+                }
+                let [a, b, c] = corners(*n);
+                if !of_edges {
+                    visit(Sample { point: (a + b + c) / 3.0, normal: area, weight });
+                    return;
+                }
+                let sides = [(a, b), (b, c), (c, a)];
+                for ((p, q), next) in sides.into_iter().zip(self.before.neighbours(*n)) {
+                    let mut sample = Sample { point: (p + q) / 2.0, normal: area, weight: weight / 3.0 };
+                    // One for both triangles of an edge.
+                    if whole.get(next as usize) == Some(&true) && self.before.neighbours(next).contains(n) {
+                        if next < *n {
+                            continue;
+                        }
+                        let other = normals[next as usize];
+                        sample.normal += other;
+                        sample.weight += other.length() / 6.0;
+                    }
+                    visit(sample);
+                }
+            })
+        });
+    }
+
+    /// A bound for patches that replace the clusters: how far any of their points may be from
+    /// the source, and any point of the source that those clusters answer for from them. Also hands the pieces over;
+    /// none where no further round of this reference will ask.
+    pub fn measure(self, patches: &[Patch<'_>], estimate: f32) -> (f32, Vec<Pieces>) {
+        let Self { before, pieces, numbers, keep } = self;
         let (after, owners) = sheet_of(patches);
         let goal =
             BoundOptions { floor: f64::from(estimate) * FLOOR, slack: SLACK, ..BoundOptions::default() };

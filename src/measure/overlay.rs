@@ -61,15 +61,20 @@ impl Plate {
         Self { corner: a, edges: [ab, ac], dual: [dual(cc, -bc), dual(-bc, bb)] }
     }
 
-    /// The squared distance to some point of the triangle, the nearest for what lies over it: whatever rounding made of
-    /// the shares, they are those of a point of the triangle.
-    fn squared_distance(&self, p: Vec3) -> f64 {
+    /// The shares of the second and third corner in some point of the triangle, the nearest for what lies over it, and
+    /// the way from there: whatever rounding made of the shares, they are those of a point of the triangle.
+    fn shares(&self, p: Vec3) -> ([f64; 2], Vec3) {
         let d = sub(p, self.corner);
         let (v, w) = (dot(self.dual[0], d).max(0.0), dot(self.dual[1], d).max(0.0));
         let over = (v + w).max(1.0);
         let (v, w) = if over > 1.0 { (v / over, w / over) } else { (v, w) };
         let [ab, ac] = self.edges;
-        let rest: Vec3 = std::array::from_fn(|k| d[k] - v * ab[k] - w * ac[k]);
+        ([v, w], std::array::from_fn(|k| d[k] - v * ab[k] - w * ac[k]))
+    }
+
+    /// The squared distance to that point.
+    fn squared_distance(&self, p: Vec3) -> f64 {
+        let (_, rest) = self.shares(p);
         dot(rest, rest)
     }
 }
@@ -117,8 +122,24 @@ impl Sheet {
         self.radii[t as usize]
     }
 
+    /// Across each edge of a triangle, from corner k to the next one; [`NO_TRIANGLE`] where there is none.
+    pub fn neighbours(&self, t: u32) -> [u32; 3] {
+        self.neighbours[t as usize]
+    }
+
+    /// The triangle that a point is over, looked for from another one on.
+    pub fn locate(&self, p: Vec3, start: u32) -> u32 {
+        self.walk(p, start).unwrap_or_else(|| self.nearest(p, start))
+    }
+
+    /// The shares of a triangle's corners in the point of it below `p`, and the way from there to `p`.
+    pub fn shares(&self, p: Vec3, t: u32) -> ([f64; 3], Vec3) {
+        let ([v, w], rest) = self.plates[t as usize].shares(p);
+        ([1.0 - v - w, v, w], rest)
+    }
+
     /// The triangle nearest to a point, but for f32 rounding.
-    fn nearest(&self, p: Vec3, near: u32) -> u32 {
+    pub fn nearest(&self, p: Vec3, near: u32) -> u32 {
         let tree = self.tree.get_or_init(|| {
             TriangleTree::of(self.triangles.iter().map(|t| t.map(|p| p.map(|x| x as f32))).collect())
         });
@@ -229,8 +250,7 @@ impl<'a> Overlay<'a> {
         bounds.lower = bounds.lower.max(extra);
         self.parts.clear();
         let center = piece.center();
-        let start =
-            self.sheet.walk(center, self.hint).unwrap_or_else(|| self.sheet.nearest(center, self.hint));
+        let start = self.sheet.locate(center, self.hint);
         self.hint = start;
         self.spread(&mut Laying { bounds, extra, tries: TRIES, label }, piece, start, 0)
     }

@@ -1,6 +1,6 @@
 //! A convex polygon, and cutting it by planes.
 
-use super::closest::{Triangle, Vec3, along, dot, squared, sub};
+use super::closest::{Triangle, Vec3, along, dot, normal, squared, sub};
 
 /// Corners of a piece at most; a piece that would have more is halved instead.
 pub const CORNERS: usize = 8;
@@ -40,7 +40,14 @@ impl Piece {
         &self.corners[..usize::from(self.count)]
     }
 
-    pub(super) fn center(&self) -> Vec3 {
+    /// Twice its area.
+    pub fn double_area(&self) -> f64 {
+        let fan = self.corners()[1..].windows(2).map(|pair| normal([self.corners[0], pair[0], pair[1]]));
+        fan.map(|n| dot(n, n).sqrt()).sum()
+    }
+
+    /// The mean of its corners.
+    pub fn center(&self) -> Vec3 {
         let share = 1.0 / f64::from(self.count);
         self.corners().iter().fold([0.0; 3], |sum, p| along(sum, *p, share))
     }

@@ -7,9 +7,11 @@ pub mod frame;
 pub mod hash;
 pub mod materials;
 pub mod source;
+pub mod stars;
 pub mod validate;
 pub mod weld;
 
 pub use channels::Channels;
 pub use source::{Positions, SourceChannel, SourceMesh};
+pub use stars::Stars;
 pub use weld::{WeldedMesh, weld};
