@@ -45,22 +45,22 @@ pub fn clusterize(
     materials: &[u32],
     options: &BuildOptions,
 ) -> Vec<ClusterMesh> {
-    let corners = |f: &[u32; 3]| f.map(|v| store.positions[v as usize]);
-    let centroids: Vec<[f32; 3]> = faces.par_iter().map(|f| tripled_centroid(corners(f))).collect();
-    let mut order: Vec<u64> = (0..faces.len() as u64).collect();
-    let material = |f: u64| materials.get(faces[number(f) as usize][0] as usize).copied().unwrap_or(0);
+    let corners = |f: [u32; 3]| f.map(|v| store.positions[v as usize]);
+    let place = |f: usize| Place { point: tripled_centroid(corners(faces[f])), number: f as u32 };
+    let mut places: Vec<Place> = (0..faces.len()).into_par_iter().map(place).collect();
+    let material = |f: &Place| materials.get(faces[f.number as usize][0] as usize).copied().unwrap_or(0);
     if !materials.is_empty() {
-        order.par_sort_by_key(|f| material(*f));
+        places.par_sort_by_key(material);
     }
-    let of_one: Vec<&mut [u64]> = order.chunk_by_mut(|a, b| material(*a) == material(*b)).collect();
+    let of_one: Vec<&mut [Place]> = places.chunk_by_mut(|a, b| material(a) == material(b)).collect();
     of_one
         .into_par_iter()
-        .flat_map_iter(|faces| split_blocks(faces, BLOCK_TRIANGLES, &centroids))
+        .flat_map_iter(|places| split_blocks(places, BLOCK_TRIANGLES))
         .map(|block| {
             // The order inside a block is the caller's, which keeps what locality it has.
-            block.sort_unstable_by_key(|f| number(*f));
-            let local = LocalMesh::of_faces(store, block.iter().map(|f| faces[number(*f) as usize]));
-            of_material(&local, material(block[0]), options)
+            block.sort_unstable_by_key(|f| f.number);
+            let local = LocalMesh::of_faces(store, block.iter().map(|f| faces[f.number as usize]));
+            of_material(&local, material(&block[0]), options)
         })
         .flatten_iter()
         .collect()
@@ -110,7 +110,7 @@ struct Halving<'a> {
     options: &'a BuildOptions,
     /// Triangles that probably fit a cluster.
     capacity: usize,
-    centroids: Vec<[f32; 3]>,
+    places: Vec<Place>,
     /// The cluster being made: for each vertex of the mesh its number in it.
     slots: Vec<u8>,
     vertices: Vec<u32>,
@@ -122,64 +122,66 @@ impl<'a> Halving<'a> {
 
     fn new(mesh: &'a LocalMesh, options: &'a BuildOptions) -> Self {
         let corners = |t: &[u32]| [0, 1, 2].map(|k| mesh.positions[t[k] as usize]);
-        let centroids: Vec<_> = mesh.indices.chunks_exact(3).map(|t| tripled_centroid(corners(t))).collect();
+        let triangles = mesh.indices.chunks_exact(3).zip(0..);
+        let place = |(t, number)| Place { point: tripled_centroid(corners(t)), number };
+        let places: Vec<Place> = triangles.map(place).collect();
         let vertices = mesh.positions.len();
         // Where triangles share few vertices, those run out first.
-        let fit = options.cluster_vertices * centroids.len() / vertices.max(1);
+        let fit = options.cluster_vertices * places.len() / vertices.max(1);
         let capacity = fit.clamp(1, options.cluster_triangles);
         let slots = vec![Self::FREE; vertices];
-        Self { mesh, options, capacity, centroids, slots, vertices: Vec::new(), clusters: Vec::new() }
+        Self { mesh, options, capacity, places, slots, vertices: Vec::new(), clusters: Vec::new() }
     }
 
     fn clusters(mut self) -> Vec<ClusterMesh> {
-        let mut order: Vec<u64> = (0..self.centroids.len() as u64).collect();
-        self.split(&mut order);
+        let mut places = std::mem::take(&mut self.places);
+        self.split(&mut places);
         self.clusters
     }
 
     /// Clusters that METIS makes, halved where they are too large.
     #[cfg(feature = "metis")]
     fn of_graph(mut self) -> Vec<ClusterMesh> {
-        let count = (self.centroids.len() as f32 / (self.capacity as f32 * GRAPH_FILL)).ceil() as usize;
+        let count = (self.places.len() as f32 / (self.capacity as f32 * GRAPH_FILL)).ceil() as usize;
         let positions = hash::first_equal(bytemuck::cast_slice(&self.mesh.positions), 3);
         let mut uses = Vec::with_capacity(self.mesh.indices.len());
         for (t, corners) in (0..).zip(self.mesh.indices.chunks_exact(3)) {
             let [a, b, c] = [0, 1, 2].map(|k| u64::from(positions[corners[k] as usize]));
             uses.extend([(a, b), (b, c), (c, a)].map(|(a, b)| (a.min(b) << 32 | a.max(b), t)));
         }
-        let graph = Graph::new(&self.centroids, &graph::pairs(&mut uses));
+        let points: Vec<[f32; 3]> = self.places.iter().map(|p| p.point).collect();
+        let graph = Graph::new(&points, &graph::pairs(&mut uses));
         for part in graph.parts(count.max(1)) {
-            let mut part: Vec<u64> = part.into_iter().map(u64::from).collect();
+            let mut part: Vec<Place> = part.into_iter().map(|t| self.places[t as usize]).collect();
             self.split(&mut part);
         }
         self.clusters
     }
 
-    fn split(&mut self, order: &mut [u64]) {
-        if order.len() <= self.capacity {
+    fn split(&mut self, places: &mut [Place]) {
+        if places.len() <= self.capacity {
             // The order inside a cluster is that of the mesh.
-            order.sort_unstable_by_key(|t| number(*t));
-            if self.close(order) {
+            places.sort_unstable_by_key(|t| t.number);
+            if self.close(places) {
                 return;
             }
         }
-        let clusters = order.len().div_ceil(self.capacity).max(2);
-        let middle = clusters / 2 * order.len() / clusters;
-        median_split(order, middle, |t| self.centroids[t as usize]);
-        let (a, b) = order.split_at_mut(middle);
+        let clusters = places.len().div_ceil(self.capacity).max(2);
+        let middle = clusters / 2 * places.len() / clusters;
+        let (a, b) = median_split(places, middle);
         self.split(a);
         self.split(b);
     }
 
     /// Makes a cluster of triangles, unless they have too many vertices.
-    fn close(&mut self, order: &[u64]) -> bool {
+    fn close(&mut self, places: &[Place]) -> bool {
         let vertices = &mut self.vertices;
         vertices.clear();
-        let mut triangles = Vec::with_capacity(order.len());
-        for t in order {
+        let mut triangles = Vec::with_capacity(places.len());
+        for t in places {
             let mut triangle = [0; 3];
             for (k, corner) in triangle.iter_mut().enumerate() {
-                let v = self.mesh.indices[3 * number(*t) as usize + k];
+                let v = self.mesh.indices[3 * t.number as usize + k];
                 let slot = &mut self.slots[v as usize];
                 if *slot == Self::FREE {
                     // Past the last number a vertex stays free and is counted again: too many either way.
@@ -205,46 +207,46 @@ fn tripled_centroid(p: [[f32; 3]; 3]) -> [f32; 3] {
     std::array::from_fn(|k| p[0][k] + p[1][k] + p[2][k])
 }
 
-/// Halves `order` by the median along the longest axis until blocks have at most `size` items.
-pub fn split_blocks<'a>(order: &'a mut [u64], size: usize, points: &[[f32; 3]]) -> Vec<&'a mut [u64]> {
-    if order.len() <= size {
-        return vec![order];
+/// An item to be split off by where it is. Point and number lie together, so that splitting reads memory in order.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// Where it is.
+    pub point: [f32; 3],
+    /// What it is.
+    pub number: u32,
+}
+
+/// Halves places by the median along the longest axis until blocks have at most `size`.
+pub fn split_blocks(places: &mut [Place], size: usize) -> Vec<&mut [Place]> {
+    if places.len() <= size {
+        return vec![places];
     }
-    let middle = order.len() / 2;
-    median_split(order, middle, |f| points[f as usize]);
-    let (a, b) = order.split_at_mut(middle);
-    let (mut blocks, mut right) =
-        rayon::join(|| split_blocks(a, size, points), || split_blocks(b, size, points));
+    let middle = places.len() / 2;
+    let (a, b) = median_split(places, middle);
+    let (mut blocks, mut right) = rayon::join(|| split_blocks(a, size), || split_blocks(b, size));
     blocks.append(&mut right);
     blocks
 }
 
-/// The number of an item of [`median_split`].
-pub fn number(item: u64) -> u32 {
-    item as u32
-}
-
-/// Reorders so that the `middle` smallest along the longest axis of the points come first. Ties go by number,
-/// so the two halves, as sets, depend on the points alone. An item's number is its low half; what the high half
-/// holds is overwritten.
-pub fn median_split(order: &mut [u64], middle: usize, point: impl Fn(u32) -> [f32; 3]) {
+/// The `middle` smallest along the longest axis of the points, and the rest. Ties go by number, so the two parts, as
+/// sets, depend on the points alone.
+pub fn median_split(places: &mut [Place], middle: usize) -> (&mut [Place], &mut [Place]) {
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for i in order.iter() {
-        let p = point(number(*i));
+    for Place { point, .. } in places.iter() {
         for k in 0..3 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
+            low[k] = low[k].min(point[k]);
+            high[k] = high[k].max(point[k]);
         }
     }
     let axis = (0..3).fold(0, |a, b| if high[b] - low[b] > high[a] - low[a] { b } else { a });
-    // Keys sorted as integers: coordinate first, then number.
-    let key = |i: u32| {
-        let bits = point(i)[axis].to_bits() as i32;
+    // Compared as integers: coordinate first, then number.
+    let key = |place: &Place| {
+        let bits = place.point[axis].to_bits() as i32;
         let ordered = (bits ^ ((bits >> 31) as u32 >> 1) as i32) as u32 ^ 0x8000_0000;
-        u64::from(ordered) << 32 | u64::from(i)
+        u64::from(ordered) << 32 | u64::from(place.number)
     };
-    order.iter_mut().for_each(|i| *i = key(number(*i)));
-    order.select_nth_unstable(middle);
+    places.select_nth_unstable_by_key(middle, key);
+    places.split_at_mut(middle)
 }
 
 #[cfg(test)]

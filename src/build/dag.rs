@@ -12,6 +12,7 @@ use super::attribute_error::step_deviation;
 use super::clusterize::{self, ClusterMesh};
 use super::content::Content;
 use super::lock_borders::shared_positions;
+use super::memory;
 use super::partition::partition;
 use super::reference::{Patch, Pieces, Reference};
 use super::relax::relax;
@@ -142,7 +143,8 @@ pub fn grow(
     let enough = (source_faces as u64 / ROOT_PART).max(ROOT_TRIANGLES);
     // What nobody asked for makes room for the levels.
     let face_rows = options.face_ids.then_some((faces, face_rows));
-    let mut graph = Growth { content, clusters, groups: Vec::new(), reference: None, sight, enough };
+    let mut graph =
+        Growth { content, clusters, groups: Vec::new(), reference: None, sight, source_faces, enough };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
         pending = graph.round(&mut store, pending, round, options, &meter, report)?;
@@ -195,6 +197,8 @@ struct Growth {
     reference: Option<Reference>,
     /// What the source covers, to keep the area.
     sight: Option<Sight>,
+    /// Faces of the source after mending.
+    source_faces: usize,
     /// A root of no more triangles is left as it is.
     enough: u64,
 }
@@ -237,6 +241,8 @@ impl Growth {
         let ratio = ratio(level.triangles, options);
         if options.error == ErrorMeasure::Bound {
             if self.reference.as_ref().is_none_or(Reference::has_served) {
+                // Rounds of different references need blocks of different sizes.
+                memory::give_back(self.source_faces);
                 self.start_reference(&positions, &pending);
             }
             self.reference.iter_mut().for_each(|r| r.begin(level.triangles as f32 * ratio));

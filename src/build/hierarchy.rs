@@ -1,7 +1,7 @@
 //! The culling hierarchy and, with it, the order of groups: a wide tree per level, coarsest level first, under
 //! one super root. Mixing levels in one tree would inflate the bounds.
 
-use super::clusterize::{median_split, number};
+use super::clusterize::{Place, median_split};
 use super::dag::BuildGroup;
 use crate::limits::NODE_WIDTH;
 use crate::math::{Aabb, Sphere};
@@ -17,14 +17,15 @@ pub fn build(groups: &[BuildGroup], boxes: &[Aabb]) -> (Vec<Node>, Vec<u32>) {
     let mut ranges: Vec<(usize, usize, u32)> = vec![(0, groups.len(), top)];
     let mut children: Vec<(u32, u16, bool)> = Vec::new();
     for level in (0..=top).rev() {
-        let mut of_level: Vec<u64> =
-            (0..groups.len() as u64).filter(|g| groups[*g as usize].level == level).collect();
+        let of_level = (0..groups.len()).filter(|g| groups[*g].level == level);
+        let place = |g: usize| Place { point: boxes[g].center(), number: g as u32 };
+        let mut of_level: Vec<Place> = of_level.map(place).collect();
         if of_level.is_empty() {
             continue;
         }
         let start = order.len();
-        sort_spatially(&mut of_level, boxes);
-        order.extend(of_level.into_iter().map(number));
+        sort_spatially(&mut of_level);
+        order.extend(of_level.iter().map(|g| g.number));
         ranges.push((start, order.len(), level));
     }
     children.push((1, (ranges.len() - 1) as u16, false));
@@ -65,17 +66,16 @@ pub fn build(groups: &[BuildGroup], boxes: &[Aabb]) -> (Vec<Node>, Vec<u32>) {
 }
 
 /// Orders groups so that the ranges made by [`split_range`] are compact: medians along the longest axis.
-fn sort_spatially(order: &mut [u64], boxes: &[Aabb]) {
-    if order.len() <= NODE_WIDTH {
-        order.sort_unstable_by_key(|g| number(*g));
+fn sort_spatially(groups: &mut [Place]) {
+    if groups.len() <= NODE_WIDTH {
+        groups.sort_unstable_by_key(|g| g.number);
         return;
     }
-    let middle = split_middle(0, order.len(), NODE_WIDTH);
-    median_split(order, middle, |g| boxes[g as usize].center());
-    let (a, b) = order.split_at_mut(middle);
+    let middle = split_middle(0, groups.len(), NODE_WIDTH);
+    let (a, b) = median_split(groups, middle);
     // A range is cut into NODE_WIDTH parts by three halvings, then each part again: every cut is a halving.
-    sort_spatially(a, boxes);
-    sort_spatially(b, boxes);
+    sort_spatially(a);
+    sort_spatially(b);
 }
 
 fn split_middle(start: usize, end: usize, parts: usize) -> usize {

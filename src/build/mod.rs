@@ -16,6 +16,7 @@ pub mod graph;
 pub mod hierarchy;
 pub mod islands;
 pub mod lock_borders;
+pub mod memory;
 #[cfg(feature = "metis")]
 mod metis;
 pub mod partition;
@@ -64,5 +65,7 @@ fn run(source: &SourceMesh<'_>, options: &BuildOptions, progress: &dyn Progress)
     let mut report = BuildReport::default();
     let mesh = weld(source, &mut report)?;
     let graph = dag::grow(mesh, options, progress, &mut report)?;
+    // What is laid out comes on top of what was grown.
+    memory::give_back(graph.source_faces);
     Ok(assemble::assemble(graph, report))
 }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::clusterize::ClusterMesh;
 #[cfg(feature = "metis")]
-use super::clusterize::{number, split_blocks};
+use super::clusterize::{Place, split_blocks};
 #[cfg(feature = "metis")]
 use super::graph::{Graph, pairs};
 use super::store::RoundPositions;
@@ -60,19 +60,18 @@ fn merged(clusters: &[&ClusterMesh], round: &RoundPositions, target: usize) -> V
 fn of_graph(clusters: &[&ClusterMesh], round: &RoundPositions, target: usize) -> Vec<Vec<u32>> {
     let points = |c: usize| round.of(c).iter().map(|p| &round.positions[*p as usize]);
     let center = |c: usize| Aabb::of_points(points(c)).center();
-    let centers: Vec<[f32; 3]> = (0..clusters.len()).into_par_iter().map(center).collect();
-    let mut order: Vec<u64> = (0..clusters.len() as u64).collect();
-    let groups_of = |block: &mut [u64]| {
-        let members: Vec<u32> = block.iter().map(|c| number(*c)).collect();
-        let places: Vec<[f32; 3]> = members.iter().map(|c| centers[*c as usize]).collect();
+    let place = |c: usize| Place { point: center(c), number: c as u32 };
+    let mut places: Vec<Place> = (0..clusters.len()).into_par_iter().map(place).collect();
+    let groups_of = |block: &mut [Place]| {
+        let (centers, members): (Vec<[f32; 3]>, Vec<u32>) = block.iter().map(|c| (c.point, c.number)).unzip();
         let positions = |c: &u32| round.of(*c as usize).iter().map(|p| u64::from(*p));
         let mut uses: Vec<(u64, u32)> =
             members.iter().zip(0..).flat_map(|(c, node)| positions(c).map(move |p| (p, node))).collect();
-        let graph = Graph::new(&places, &pairs(&mut uses));
+        let graph = Graph::new(&centers, &pairs(&mut uses));
         let parts = graph.parts(members.len().div_ceil(target));
         parts.into_iter().map(|part| part.iter().map(|n| members[*n as usize]).collect()).collect()
     };
-    let blocks = split_blocks(&mut order, BLOCK_CLUSTERS, &centers);
+    let blocks = split_blocks(&mut places, BLOCK_CLUSTERS);
     let groups: Vec<Vec<Vec<u32>>> = blocks.into_par_iter().map(groups_of).collect();
     groups.into_iter().flatten().collect()
 }

@@ -162,7 +162,11 @@ impl Reference {
         let (mut of_triangles, mut of_points) = (Numbering::default(), Numbering::default());
         of_triangles.reset(count);
         of_points.reset(3 * count);
-        let mut out = Local::default();
+        let mut out = Local {
+            triangles: Vec::with_capacity(count),
+            corners: Vec::with_capacity(count),
+            radii: Vec::with_capacity(count),
+        };
         let mut numbers = Vec::with_capacity(count);
         let mut slot = 0;
         let mut add = |t: u32| {

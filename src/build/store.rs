@@ -1,6 +1,8 @@
 //! The vertices of all levels. A vertex is an identity: what moves gets a new one, so that an identity has one
 //! position for ever and cuts weld by it.
 
+use rayon::prelude::*;
+
 use super::clusterize::ClusterMesh;
 use crate::limits::CLUSTER_MAX_VERTICES;
 use crate::mesh::{WeldedMesh, hash};
@@ -60,13 +62,14 @@ impl RoundPositions {
     /// Numbers the positions of clusters.
     pub fn new(store: &VertexStore, clusters: &[&ClusterMesh]) -> Self {
         let mut starts = vec![0];
-        let mut bits = Vec::with_capacity(clusters.iter().map(|c| c.vertices.len()).sum());
+        let mut vertices = Vec::with_capacity(clusters.iter().map(|c| c.vertices.len()).sum());
         for cluster in clusters {
-            bits.extend(cluster.vertices.iter().map(|v| store.positions[*v as usize]));
-            starts.push(bits.len() as u32);
+            vertices.extend_from_slice(&cluster.vertices);
+            starts.push(vertices.len() as u32);
         }
-        let first = hash::first_equal(bytemuck::cast_slice(&bits), 3);
-        let mut numbers = first;
+        let bits: Vec<[f32; 3]> = vertices.par_iter().map(|v| store.positions[*v as usize]).collect();
+        drop(vertices);
+        let mut numbers = hash::first_equal(bytemuck::cast_slice(&bits), 3);
         let mut positions = Vec::new();
         for i in 0..numbers.len() {
             numbers[i] = if numbers[i] as usize == i {

@@ -1,6 +1,7 @@
 //! A table that numbers equal rows alike: open addressing over row indices, in order of first appearance.
 
 use std::hash::Hasher;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 use rustc_hash::FxHasher;
@@ -9,8 +10,10 @@ use rustc_hash::FxHasher;
 const PARALLEL_ROWS: usize = 1 << 15;
 /// Rows a thread distributes at a time.
 const CHUNK_ROWS: usize = 1 << 16;
-/// Tables the rows are distributed to: small enough to stay in cache.
-const SHARDS: usize = 64;
+/// Rows of a shard, about: few enough that its table stays in cache.
+const SHARD_ROWS: usize = 1 << 14;
+/// Bits that choose a shard, at most: a chunk has several rows for each.
+const SHARD_BITS: u32 = 10;
 
 /// For each row of `words` (rows of `stride` words), the index of the first row equal to it.
 pub fn first_equal(words: &[u32], stride: usize) -> Vec<u32> {
@@ -21,36 +24,69 @@ pub fn first_equal(words: &[u32], stride: usize) -> Vec<u32> {
 pub fn first_equal_of(tables: &[(&[u32], usize)]) -> Vec<u32> {
     let count = tables.first().map_or(0, |(words, stride)| words.len() / stride);
     let rows = Rows(tables);
-    let mut first: Vec<u32> = (0..count as u32).collect();
     if count < PARALLEL_ROWS {
-        rows.repeats(count, 0..count as u32, |i, of| first[i as usize] = of);
+        let mut first: Vec<u32> = (0..count as u32).collect();
+        let all = (0..count as u32).map(|row| Tagged { row, tag: tag(rows.hash(row)) });
+        rows.repeats(count, all, |i, of| first[i as usize] = of);
         return first;
     }
     // Equal rows have equal hashes and so come to the same shard, each shard in the order of the rows.
+    let bits = (count / SHARD_ROWS).next_power_of_two().trailing_zeros().min(SHARD_BITS);
     let starts: Vec<usize> = (0..count).step_by(CHUNK_ROWS).collect();
-    let chunks: Vec<[Vec<u32>; SHARDS]> = starts
-        .into_par_iter()
-        .map(|start| {
-            let mut shards = [(); SHARDS].map(|()| Vec::with_capacity(CHUNK_ROWS / SHARDS * 5 / 4));
-            for i in start..(start + CHUNK_ROWS).min(count) {
-                shards[(rows.hash(i as u32) >> 58) as usize].push(i as u32);
-            }
-            shards
-        })
-        .collect();
-    let repeats: Vec<Vec<(u32, u32)>> = (0..SHARDS)
-        .into_par_iter()
-        .map(|shard| {
-            let of_shard = chunks.iter().map(|c| &c[shard]);
-            let mut repeats = Vec::new();
-            rows.repeats(of_shard.clone().map(Vec::len).sum(), of_shard.flatten().copied(), |i, of| {
-                repeats.push((i, of));
-            });
-            repeats
-        })
-        .collect();
-    repeats.into_iter().flatten().for_each(|(i, of)| first[i as usize] = of);
-    first
+    let distributed = |start| Chunk::new(&rows, start..(start + CHUNK_ROWS).min(count), bits);
+    let chunks: Vec<Chunk> = starts.into_par_iter().map(distributed).collect();
+    let first: Vec<AtomicU32> = (0..count as u32).into_par_iter().map(AtomicU32::new).collect();
+    (0..1 << bits).into_par_iter().for_each(|shard| {
+        let of_shard = chunks.iter().map(|c| c.shard(shard));
+        let count = of_shard.clone().map(<[_]>::len).sum();
+        // No two shards have a row in common.
+        let tell = |i: u32, of| first[i as usize].store(of, Ordering::Relaxed);
+        rows.repeats(count, of_shard.flatten().copied(), tell);
+    });
+    first.into_iter().map(AtomicU32::into_inner).collect()
+}
+
+/// A row and part of its hash: rows of different tags are not looked at.
+#[derive(Clone, Copy)]
+struct Tagged {
+    tag: u32,
+    row: u32,
+}
+
+/// The part of a hash that chooses no shard.
+fn tag(hash: u64) -> u32 {
+    (hash << SHARD_BITS >> 32) as u32
+}
+
+/// Consecutive rows by the shard they belong to.
+struct Chunk {
+    rows: Vec<Tagged>,
+    /// Where each shard starts in `rows`; one more entry than shards.
+    starts: Vec<u32>,
+}
+
+impl Chunk {
+    fn new(rows: &Rows<'_>, range: std::ops::Range<usize>, bits: u32) -> Self {
+        let shard = |hash: u64| (hash >> (64 - bits)) as usize;
+        let hashes: Vec<u64> = range.clone().map(|i| rows.hash(i as u32)).collect();
+        // Counted two places ahead, so that filling leaves the starts where they belong.
+        let mut starts = vec![0u32; (1 << bits) + 2];
+        hashes.iter().for_each(|hash| starts[shard(*hash) + 2] += 1);
+        for i in 2..starts.len() {
+            starts[i] += starts[i - 1];
+        }
+        let mut out = vec![Tagged { tag: 0, row: 0 }; hashes.len()];
+        for (hash, row) in hashes.iter().zip(range.start as u32..) {
+            let at = &mut starts[shard(*hash) + 1];
+            out[*at as usize] = Tagged { tag: tag(*hash), row };
+            *at += 1;
+        }
+        Self { rows: out, starts }
+    }
+
+    fn shard(&self, shard: usize) -> &[Tagged] {
+        &self.rows[self.starts[shard] as usize..self.starts[shard + 1] as usize]
+    }
 }
 
 struct Rows<'a>(&'a [(&'a [u32], usize)]);
@@ -63,28 +99,28 @@ impl Rows<'_> {
     fn hash(&self, i: u32) -> u64 {
         let mut hasher = FxHasher::default();
         self.row(i).for_each(|w| hasher.write_u32(*w));
-        // The low bits choose a slot, the high ones a shard: neither may follow from the other.
+        // Low bits of the tag choose a slot, high ones of the hash a shard: neither may follow from the other.
         hasher.finish().wrapping_mul(0x9e37_79b9_7f4a_7c15)
     }
 
     /// Tells each of `count` rows, in order, that is equal to an earlier one.
-    fn repeats(&self, count: usize, rows: impl Iterator<Item = u32>, mut tell: impl FnMut(u32, u32)) {
+    fn repeats(&self, count: usize, rows: impl Iterator<Item = Tagged>, mut tell: impl FnMut(u32, u32)) {
+        const FREE: Tagged = Tagged { tag: 0, row: u32::MAX };
         let mask = (count * 2).next_power_of_two().max(16) - 1;
-        let mut table = vec![u32::MAX; mask + 1];
-        for i in rows {
-            let mut slot = (self.hash(i) >> 20) as usize & mask;
+        let mut table = vec![FREE; mask + 1];
+        for new in rows {
+            let mut slot = new.tag as usize & mask;
             loop {
-                match table[slot] {
-                    u32::MAX => {
-                        table[slot] = i;
-                        break;
-                    }
-                    other if self.row(other).eq(self.row(i)) => {
-                        tell(i, other);
-                        break;
-                    }
-                    _ => slot = (slot + 1) & mask,
+                let known = table[slot];
+                if known.row == FREE.row {
+                    table[slot] = new;
+                    break;
                 }
+                if known.tag == new.tag && self.row(known.row).eq(self.row(new.row)) {
+                    tell(new.row, known.row);
+                    break;
+                }
+                slot = (slot + 1) & mask;
             }
         }
     }
