@@ -240,9 +240,11 @@ impl Growth {
         let shared = shared_positions(&positions, &groups);
         let ratio = ratio(level.triangles, options);
         if options.error == ErrorMeasure::Bound {
-            if self.reference.as_ref().is_none_or(Reference::has_served) {
-                // Rounds of different references need blocks of different sizes.
+            // Measuring takes blocks of other sizes in each round. Small rounds add little.
+            if level.triangles > self.enough {
                 memory::give_back(self.source_faces);
+            }
+            if self.reference.as_ref().is_none_or(Reference::has_served) {
                 self.start_reference(&positions, &pending);
             }
             self.reference.iter_mut().for_each(|r| r.begin(level.triangles as f32 * ratio));
