@@ -14,7 +14,7 @@ use super::bvh::Bvh;
 use super::closest::{Triangle, Vec3, cross, dot, normal, squared_distance, sub};
 use super::cover::Cover;
 use super::hausdorff::{BoundOptions, outwards};
-use super::piece::{CORNERS, MOST_CUTS, Piece};
+use super::piece::{CORNERS, Corner, MOST_CUTS, Piece};
 use super::tree::TriangleTree;
 
 /// No triangle.
@@ -122,20 +122,11 @@ impl Sheet {
         self.radii[t as usize]
     }
 
-    /// Across each edge of a triangle, from corner k to the next one; [`NO_TRIANGLE`] where there is none.
-    pub fn neighbours(&self, t: u32) -> [u32; 3] {
-        self.neighbours[t as usize]
-    }
-
-    /// The triangle that a point is over, looked for from another one on.
-    pub fn locate(&self, p: Vec3, start: u32) -> u32 {
-        self.walk(p, start).unwrap_or_else(|| self.nearest(p, start))
-    }
-
-    /// The shares of a triangle's corners in the point of it below `p`, and the way from there to `p`.
-    pub fn shares(&self, p: Vec3, t: u32) -> ([f64; 3], Vec3) {
-        let ([v, w], rest) = self.plates[t as usize].shares(p);
-        ([1.0 - v - w, v, w], rest)
+    /// Some point of a triangle, the nearest for what lies over it: its barycentric coordinates, and the squared
+    /// distance to it.
+    pub fn place(&self, p: Vec3, t: u32) -> ([f64; 3], f64) {
+        let (at, rest) = self.shares(p, t);
+        ([at[0].max(0.0), at[1], at[2]], dot(rest, rest))
     }
 
     /// The triangle nearest to a point, but for f32 rounding.
@@ -148,6 +139,22 @@ impl Sheet {
 
     fn bvh(&self) -> &Bvh {
         self.bvh.get_or_init(|| Bvh::with_radii(&self.triangles, &self.radii))
+    }
+
+    /// Across each edge of a triangle, from corner k to the next one; [`NO_TRIANGLE`] where there is none.
+    pub fn neighbours(&self, t: u32) -> [u32; 3] {
+        self.neighbours[t as usize]
+    }
+
+    /// The shares of a triangle's corners in the point of it below `p`, and the way from there to `p`.
+    pub fn shares(&self, p: Vec3, t: u32) -> ([f64; 3], Vec3) {
+        let ([v, w], rest) = self.plates[t as usize].shares(p);
+        ([1.0 - v - w, v, w], rest)
+    }
+
+    /// A triangle that a point lies about over: walks there from `start`.
+    pub fn locate(&self, p: Vec3, start: u32) -> u32 {
+        self.walk(p, start).unwrap_or_else(|| self.nearest(p, start))
     }
 
     /// Walks from a triangle towards a point; `None` where that leads nowhere.
@@ -171,6 +178,80 @@ impl Sheet {
             (from, at) = (at, next);
         }
         None
+    }
+}
+
+/// What becomes of the parts of a piece that is laid over a sheet.
+pub trait Lay<C> {
+    /// What it says of a part.
+    type Said;
+
+    /// Takes a part over a triangle, if it is good enough there.
+    fn accept(&mut self, part: &Piece<C>, at: u32) -> Option<Self::Said>;
+
+    /// What sticks out over an edge by no more is not cut off.
+    fn beside(&self) -> f64;
+
+    /// Takes a part that the walk left at a triangle where it is not good enough.
+    fn bring(&mut self, part: &Piece<C>, at: u32) -> Self::Said;
+
+    /// Two parts that were one.
+    fn join(&mut self, a: (&Piece<C>, Self::Said), b: (&Piece<C>, Self::Said)) -> Self::Said;
+}
+
+impl Sheet {
+    /// Lets a piece go where it belongs, after `steps` steps.
+    pub fn spread<C: Corner, L: Lay<C>>(&self, lay: &mut L, piece: &Piece<C>, at: u32, steps: u32) -> L::Said {
+        match lay.accept(piece, at) {
+            Some(said) => said,
+            None if steps == MOST_STEPS => lay.bring(piece, at),
+            None => self.part(lay, piece, at, steps, 0),
+        }
+    }
+
+    /// The same for a piece that was cut at the sides before `first` of a triangle.
+    fn part<C: Corner, L: Lay<C>>(
+        &self,
+        lay: &mut L,
+        piece: &Piece<C>,
+        at: u32,
+        steps: u32,
+        first: usize,
+    ) -> L::Said {
+        let beside = lay.beside();
+        for k in first..3 {
+            let next = self.neighbours[at as usize][k];
+            if next == NO_TRIANGLE {
+                continue;
+            }
+            let side = &self.sides[at as usize][k];
+            let mut out = [0.0; CORNERS];
+            let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+            for (s, p) in out.iter_mut().zip(piece.corners()) {
+                *s = side.of(p.position());
+                least = if *s < least { *s } else { least };
+                most = if *s > most { *s } else { most };
+            }
+            if most <= beside {
+                continue;
+            }
+            if least >= -beside {
+                return self.spread(lay, piece, next, steps + 1);
+            }
+            if piece.cuts >= MOST_CUTS {
+                continue;
+            }
+            let (mut inside, mut outside) = (piece.child(), piece.child());
+            if piece.cut(&out, &mut inside, &mut outside).is_some() {
+                let said = match lay.accept(&inside, at) {
+                    Some(said) => said,
+                    None => self.part(lay, &inside, at, steps, k + 1),
+                };
+                let other = self.spread(lay, &outside, next, steps + 1);
+                return lay.join((&inside, said), (&outside, other));
+            }
+        }
+        lay.bring(piece, at)
     }
 }
 
@@ -211,26 +292,6 @@ pub struct Overlay<'a> {
     pub parts: Vec<(Piece, u32)>,
 }
 
-/// What is the same for all parts of a piece that is being laid.
-struct Laying<'b, L> {
-    bounds: &'b mut Bounds,
-    extra: f64,
-    tries: u32,
-    label: L,
-}
-
-impl<L: FnMut(u32) -> u32> Laying<'_, L> {
-    fn allowed(&self) -> f64 {
-        self.bounds.limit() - self.extra
-    }
-
-    /// Takes a part at its bound.
-    fn take(&mut self, bound: f64, at: u32) -> Option<u32> {
-        self.bounds.upper = self.bounds.upper.max(bound + self.extra);
-        Some((self.label)(at))
-    }
-}
-
 impl<'a> Overlay<'a> {
     /// For a sheet that has triangles.
     pub fn new(sheet: &'a Sheet) -> Self {
@@ -249,86 +310,42 @@ impl<'a> Overlay<'a> {
     ) -> Option<u32> {
         bounds.lower = bounds.lower.max(extra);
         self.parts.clear();
-        let center = piece.center();
-        let start = self.sheet.locate(center, self.hint);
-        self.hint = start;
-        self.spread(&mut Laying { bounds, extra, tries: TRIES, label }, piece, start, 0)
-    }
-
-    /// Lets a piece go where it belongs.
-    fn spread<L: FnMut(u32) -> u32>(
-        &mut self,
-        laying: &mut Laying<'_, L>,
-        piece: &Piece,
-        at: u32,
-        steps: u32,
-    ) -> Option<u32> {
-        match self.within(piece, at, laying.allowed()) {
-            Some(bound) => laying.take(bound, at),
-            None if steps == MOST_STEPS => self.bring(laying, piece, at),
-            None => self.part(laying, piece, at, steps, 0),
-        }
-    }
-
-    /// The same for a piece that was cut at the sides before `first` of a triangle.
-    fn part<L: FnMut(u32) -> u32>(
-        &mut self,
-        laying: &mut Laying<'_, L>,
-        piece: &Piece,
-        at: u32,
-        steps: u32,
-        first: usize,
-    ) -> Option<u32> {
-        let beside = laying.allowed() * BESIDE;
         let sheet = self.sheet;
-        for k in first..3 {
-            let next = sheet.neighbours[at as usize][k];
-            if next == NO_TRIANGLE {
-                continue;
-            }
-            let side = &sheet.sides[at as usize][k];
-            let mut out = [0.0; CORNERS];
-            let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
-            for (s, p) in out.iter_mut().zip(piece.corners()) {
-                *s = side.of(*p);
-                least = if *s < least { *s } else { least };
-                most = if *s > most { *s } else { most };
-            }
-            if most <= beside {
-                continue;
-            }
-            if least >= -beside {
-                return self.spread(laying, piece, next, steps + 1);
-            }
-            if piece.cuts >= MOST_CUTS {
-                continue;
-            }
-            let (mut inside, mut outside) = (piece.child(), piece.child());
-            if piece.cut(&out, &mut inside, &mut outside).is_some() {
-                let label = match self.within(&inside, at, laying.allowed()) {
-                    Some(bound) => laying.take(bound, at),
-                    None => self.part(laying, &inside, at, steps, k + 1),
-                };
-                let other = self.spread(laying, &outside, next, steps + 1);
-                return self.either((&inside, label), (&outside, other));
-            }
-        }
-        self.bring(laying, piece, at)
+        self.hint = sheet.locate(piece.center(), self.hint);
+        sheet.spread(
+            &mut Laying { sheet, parts: &mut self.parts, bounds, extra, tries: TRIES, label },
+            piece,
+            self.hint,
+            0,
+        )
+    }
+}
+
+/// What is the same for all parts of a piece that is being laid.
+struct Laying<'a, 'b, L> {
+    sheet: &'a Sheet,
+    parts: &'b mut Vec<(Piece, u32)>,
+    bounds: &'b mut Bounds,
+    extra: f64,
+    tries: u32,
+    label: L,
+}
+
+impl<L: FnMut(u32) -> u32> Laying<'_, '_, L> {
+    fn allowed(&self) -> f64 {
+        self.bounds.limit() - self.extra
     }
 
-    /// The label of two parts, if they have one and the same; otherwise they are parts for good.
-    fn either(&mut self, a: (&Piece, Option<u32>), b: (&Piece, Option<u32>)) -> Option<u32> {
-        if a.1 == b.1 {
-            return a.1;
-        }
-        self.parts.extend([a, b].into_iter().filter_map(|(piece, label)| Some((*piece, label?))));
-        None
+    /// Takes a part at its bound.
+    fn take(&mut self, bound: f64, at: u32) -> Option<u32> {
+        self.bounds.upper = self.bounds.upper.max(bound + self.extra);
+        Some((self.label)(at))
     }
 
     /// The largest distance of a piece to a triangle, with the triangle's radius, if it is not more than allowed.
-    fn within(&self, piece: &Piece, at: u32, allowed: f64) -> Option<f64> {
+    fn within(&self, piece: &Piece, at: u32) -> Option<f64> {
         let radius = self.sheet.radius(at);
-        let reach = allowed - radius;
+        let reach = self.allowed() - radius;
         if reach < 0.0 {
             return None;
         }
@@ -351,60 +368,76 @@ impl<'a> Overlay<'a> {
         let most = piece.corners().iter().fold(0.0f64, |most, p| most.max(squared_distance(*p, t)));
         most.sqrt() + self.sheet.radius(at)
     }
+}
 
-    /// Bounds a piece that ended far off: perhaps that is where the surface is, perhaps it went astray.
-    fn bring<L: FnMut(u32) -> u32>(
-        &mut self,
-        laying: &mut Laying<'_, L>,
-        piece: &Piece,
-        mut at: u32,
-    ) -> Option<u32> {
-        let to = |p: Vec3, t: u32| {
-            squared_distance(p, self.sheet.triangles[t as usize]).sqrt() + self.sheet.radius(t)
-        };
+impl<L: FnMut(u32) -> u32> Lay<Vec3> for Laying<'_, '_, L> {
+    /// The label, if it is that of the whole part.
+    type Said = Option<u32>;
+
+    fn accept(&mut self, part: &Piece, at: u32) -> Option<Option<u32>> {
+        self.within(part, at).map(|bound| self.take(bound, at))
+    }
+
+    fn beside(&self) -> f64 {
+        self.allowed() * BESIDE
+    }
+
+    /// Perhaps that is where the surface is, perhaps it went astray.
+    fn bring(&mut self, piece: &Piece, mut at: u32) -> Option<u32> {
+        let sheet = self.sheet;
+        let to = |p: Vec3, t: u32| squared_distance(p, sheet.triangles[t as usize]).sqrt() + sheet.radius(t);
         let mut best = self.distance(piece, at);
         // Of all corners, the one that makes it far.
         let worst = piece
             .corners()
             .iter()
             .fold(piece.corners[0], |worst, p| if to(*p, at) > to(worst, at) { *p } else { worst });
-        let near = self.sheet.nearest(worst, at);
-        let found = to(worst, near).min(to(worst, at)) + laying.extra;
-        laying.bounds.lower = laying.bounds.lower.max(found);
-        if best > laying.allowed() && near != at {
+        let near = sheet.nearest(worst, at);
+        let found = to(worst, near).min(to(worst, at)) + self.extra;
+        self.bounds.lower = self.bounds.lower.max(found);
+        if best > self.allowed() && near != at {
             let other = self.distance(piece, near);
             if other < best {
                 (best, at) = (other, near);
             }
         }
-        if best <= laying.allowed() {
-            return laying.take(best, at);
+        if best <= self.allowed() {
+            return self.take(best, at);
         }
-        if laying.tries > 0 && piece.cuts < MOST_CUTS {
+        if self.tries > 0 && piece.cuts < MOST_CUTS {
             // From where each half is near to.
-            laying.tries -= 1;
+            self.tries -= 1;
             let (first, second) = piece.halves();
-            let label = self.spread(laying, &first, self.sheet.nearest(first.center(), at), 0);
+            let label = sheet.spread(self, &first, sheet.nearest(first.center(), at), 0);
             let Some(second) = second else { return label };
-            let other = self.spread(laying, &second, self.sheet.nearest(second.center(), at), 0);
-            return self.either((&first, label), (&second, other));
+            let other = sheet.spread(self, &second, sheet.nearest(second.center(), at), 0);
+            return self.join((&first, label), (&second, other));
         }
-        let bvh = self.sheet.bvh();
+        let bvh = sheet.bvh();
         let always = || true;
-        let mut cover = Cover::new(bvh, laying.bounds.goal, laying.bounds.lower, &always);
+        let mut cover = Cover::new(bvh, self.bounds.goal, self.bounds.lower, &always);
         let known = self.parts.len();
-        cover.piece(*piece, laying.extra, &mut |part, place| {
-            self.parts.push((*part, (laying.label)(bvh.id(place) as u32)));
+        cover.piece(*piece, self.extra, &mut |part, place| {
+            self.parts.push((*part, (self.label)(bvh.id(place) as u32)));
         });
-        laying.bounds.lower = cover.lower;
-        laying.bounds.upper = laying.bounds.upper.max(cover.upper);
-        laying.bounds.complete &= cover.complete;
+        self.bounds.lower = cover.lower;
+        self.bounds.upper = self.bounds.upper.max(cover.upper);
+        self.bounds.complete &= cover.complete;
         let (_, label) = *self.parts.get(known)?;
         if self.parts[known..].iter().any(|(_, other)| *other != label) {
             return None;
         }
         self.parts.truncate(known);
         Some(label)
+    }
+
+    /// The label of two parts, if they have one and the same; otherwise they are parts for good.
+    fn join(&mut self, a: (&Piece, Option<u32>), b: (&Piece, Option<u32>)) -> Option<u32> {
+        if a.1 == b.1 {
+            return a.1;
+        }
+        self.parts.extend([a, b].into_iter().filter_map(|(piece, label)| Some((*piece, label?))));
+        None
     }
 }
 
