@@ -42,8 +42,8 @@ class Cut:
     attribute_error : float
         How far normals that were given, colours, UVs, channels and materials are off, as a length in the units of
         the mesh: a deviation of one unit counts as its weight in `BuildOptions` times the mean edge length of the
-        triangles that were replaced. Measured at vertices and added up like ``error``; 0 at full detail and for
-        meshes that carry none of these.
+        triangles that were replaced. Bounds of all points of both surfaces, proven for each step of simplification,
+        rounded up and added up (docs/numerics.md); 0 at full detail and for meshes that carry none of these.
     cluster_ids : (C,) uint32 array
         Addresses of the clusters.
     cluster_levels : (C,) uint8 array

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use glam::DVec3;
+
 use crate::config::BuildOptions;
 use crate::mesh::WeldedMesh;
 
@@ -80,4 +82,61 @@ impl Content {
         let blocks = self.blocks.iter().filter(|b| b.measured && b.columns.end <= row.len());
         blocks.map(of_block).fold(0.0, f32::max)
     }
+
+    /// A bound of how far two surfaces deviate over a piece of one that is compared with a piece of the other, in
+    /// edges. `a` and `b` are the rows at the corners of the triangles they are of, `pairs` the barycentric coordinates
+    /// of their corners.
+    pub fn deviation_bound(&self, a: [&[f32]; 3], b: [&[f32]; 3], pairs: &[([f64; 3], [f64; 3])]) -> f64 {
+        let of_block = |block: &Block| {
+            let weight = f64::from(block.weight);
+            let most = if block.unit {
+                unit_deviation(a, b, block.columns.start, pairs)
+            } else {
+                let difference = |k: usize, (at, bt): &([f64; 3], [f64; 3])| mean(a, k, at) - mean(b, k, bt);
+                let squared = |pair| block.columns.clone().map(|k| difference(k, pair).powi(2)).sum::<f64>();
+                pairs.iter().map(squared).fold(0.0, f64::max).sqrt()
+            };
+            weight * most.min(1.0)
+        };
+        self.blocks.iter().filter(|block| block.measured).map(of_block).fold(0.0, f64::max)
+    }
+
+    /// A bound of the weighted length of what is part of the error in rows.
+    pub fn largest(&self, rows: &[f32]) -> f64 {
+        let of_block = |block: &Block| {
+            let values = rows.chunks_exact(self.stride()).flat_map(|row| &row[block.columns.clone()]);
+            let columns = block.columns.len() as f64;
+            f64::from(block.weight)
+                * columns.sqrt()
+                * values.fold(0.0f64, |most, x| most.max(f64::from(x.abs())))
+        };
+        self.blocks.iter().filter(|block| block.measured).map(of_block).fold(0.0, f64::max)
+    }
+}
+
+/// Column `k` of a mean of rows.
+fn mean(rows: [&[f32]; 3], k: usize, at: &[f64; 3]) -> f64 {
+    at[0] * f64::from(rows[0][k]) + at[1] * f64::from(rows[1][k]) + at[2] * f64::from(rows[2][k])
+}
+
+/// Rounding of a unit vector's columns, many times over.
+const UNIT_ROUNDING: f64 = 1.0 / (1u64 << 40) as f64;
+
+/// The same for unit vectors: |u/|u| − v/|v|| ≤ 2 |u − v| / (|u| + |v|), and over a piece neither is shorter than the
+/// least of its corners along any direction.
+fn unit_deviation(a: [&[f32]; 3], b: [&[f32]; 3], first: usize, pairs: &[([f64; 3], [f64; 3])]) -> f64 {
+    let vector = |rows, at: &[f64; 3]| DVec3::from_array([0, 1, 2].map(|k| mean(rows, first + k, at)));
+    let shortest = |vectors: &mut dyn Iterator<Item = DVec3>, along: DVec3| {
+        vectors.map(|v| v.dot(along)).fold(f64::INFINITY, f64::min) - UNIT_ROUNDING
+    };
+    let apart =
+        pairs.iter().map(|(at, bt)| vector(a, at).distance_squared(vector(b, bt))).fold(0.0, f64::max);
+    let (mut sum_a, mut sum_b) = (DVec3::ZERO, DVec3::ZERO);
+    for (at, bt) in pairs {
+        sum_a += vector(a, at);
+        sum_b += vector(b, bt);
+    }
+    let least = shortest(&mut pairs.iter().map(|(at, _)| vector(a, at)), sum_a.normalize_or_zero());
+    let other = shortest(&mut pairs.iter().map(|(_, bt)| vector(b, bt)), sum_b.normalize_or_zero());
+    if least > 0.0 && other > 0.0 { 2.0 * (apart.sqrt() + UNIT_ROUNDING) / (least + other) } else { 1.0 }
 }

@@ -458,8 +458,6 @@ fn simplify_group(
     let estimate = if proof.is_none() { estimate.max(moved) } else { estimate };
     let most = |of: fn(&BuildCluster) -> f32| members.iter().map(|c| of(c)).fold(0.0, f32::max);
     let quadric = round_up(f64::from(most(|c| c.quadric)) + f64::from(estimate));
-    let deviation = step_deviation(local, &mesh, content);
-    let attribute_error = round_up(f64::from(most(|c| c.attribute_error)) + f64::from(deviation));
     let stride = store.stride;
     let mut new_positions = Vec::new();
     let mut new_attributes = Vec::new();
@@ -489,7 +487,9 @@ fn simplify_group(
         (bound, handed) = footing.measure(&patches, estimate);
         bound = parent_error(most(|c| c.bound), bound);
     }
-    let shape = if bound.is_finite() { quadric.max(bound) } else { quadric };
+    let (distance, shape) = if bound.is_finite() { (bound, quadric.max(bound)) } else { (quadric, quadric) };
+    let deviation = step_deviation(local, &mesh, content, distance);
+    let attribute_error = round_up(f64::from(most(|c| c.attribute_error)) + f64::from(deviation));
     let error = parent_error(most(|c| c.error), shape.max(attribute_error));
     Ok(Split {
         clusters,

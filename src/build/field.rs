@@ -1,12 +1,10 @@
-//! What the surface of a group carries at each of its places: what is read off it where a simplifier has no say, and
-//! what its successor is compared with.
+//! What the surface of a group carries at each of its places, read off where a simplifier has no say.
 
 use glam::DVec3;
 
 use super::collapse::wedges::nearest;
 use super::content::Content;
 use super::store::LocalMesh;
-use crate::math::triangle::{area, edge_of_area};
 use crate::measure::TriangleTree;
 use crate::mesh::{Stars, hash};
 
@@ -72,29 +70,12 @@ impl<'a> Field<'a> {
         place.corners.map(|v| &self.mesh.attributes[v as usize * self.stride..][..self.stride])
     }
 
-    /// The edge of the equilateral triangle with the area of a place's triangle.
-    pub fn edge(&self, place: &Place) -> f32 {
-        edge_of_area(area(place.corners.map(|v| self.mesh.positions[v as usize]))) as f32
-    }
-
     /// The label at a place: that of the corner that is nearest by its barycentric coordinates, equal ones added.
     pub fn label(&self, place: &Place) -> u32 {
         let labels = place.corners.map(|v| self.mesh.labels[v as usize]);
         let share = |k: usize| (0..3).filter(|j| labels[*j] == labels[k]).map(|j| place.at[j]).sum::<f32>();
         let best = (1..3).fold(0, |best, k| if share(k) > share(best) { k } else { best });
         labels[best]
-    }
-
-    /// From a place towards the corner of its triangle that has a label, the first point that has it.
-    pub fn towards_label(&self, place: &Place, label: u32) -> Option<[f32; 3]> {
-        let points = place.corners.map(|v| self.mesh.positions[v as usize]);
-        let has = place.corners.map(|v| self.mesh.labels[v as usize] == label);
-        let corner = (0..3).filter(|k| has[*k]).max_by(|a, b| place.at[*a].total_cmp(&place.at[*b]))?;
-        let share: f32 = (0..3).filter(|k| has[*k]).map(|k| place.at[k]).sum();
-        // At half of the weight no other label has more.
-        let t = ((0.5 - share) / (1.0 - share)).clamp(0.0, 1.0);
-        let here = |k: usize| (0..3).map(|c| place.at[c] * points[c][k]).sum::<f32>();
-        Some([0, 1, 2].map(|k| here(k) * (1.0 - t) + t * points[corner][k]))
     }
 
     /// The material at a place.

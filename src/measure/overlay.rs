@@ -201,7 +201,13 @@ pub trait Lay<C> {
 
 impl Sheet {
     /// Lets a piece go where it belongs, after `steps` steps.
-    pub fn spread<C: Corner, L: Lay<C>>(&self, lay: &mut L, piece: &Piece<C>, at: u32, steps: u32) -> L::Said {
+    pub fn spread<C: Corner, L: Lay<C>>(
+        &self,
+        lay: &mut L,
+        piece: &Piece<C>,
+        at: u32,
+        steps: u32,
+    ) -> L::Said {
         match lay.accept(piece, at) {
             Some(said) => said,
             None if steps == MOST_STEPS => lay.bring(piece, at),

@@ -60,7 +60,9 @@ impl<C: Corner> Piece<C> {
     /// Twice its area.
     pub fn double_area(&self) -> f64 {
         let at = |c: &C| c.position();
-        let fan = self.corners()[1..].windows(2).map(|pair| normal([at(&self.corners[0]), at(&pair[0]), at(&pair[1])]));
+        let fan = self.corners()[1..]
+            .windows(2)
+            .map(|pair| normal([at(&self.corners[0]), at(&pair[0]), at(&pair[1])]));
         fan.map(|n| dot(n, n).sqrt()).sum()
     }
 

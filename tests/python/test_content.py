@@ -240,3 +240,77 @@ def test_textures_stay_in_place(quality, name) -> None:
     )
     assert off[clear].mean() < 0.005
     assert clear.mean() > 0.3
+
+
+def nearest_places(points, corners):
+    """For each point and triangle the barycentric coordinates of the nearest place, (N, T, 3)."""
+    away, found = np.full((len(points), len(corners)), np.inf), np.zeros((len(points), len(corners), 3))
+    for k in range(3):
+        a, b = corners[:, k], corners[:, (k + 1) % 3]
+        t = ((points[:, None] - a) * (b - a)).sum(-1) / np.maximum(((b - a) ** 2).sum(-1), 1e-300)
+        t = np.clip(t, 0.0, 1.0)
+        at = np.zeros((*t.shape, 3))
+        at[..., k], at[..., (k + 1) % 3] = 1.0 - t, t
+        distance = np.linalg.norm(points[:, None] - a - t[..., None] * (b - a), axis=-1)
+        found = np.where((distance < away)[..., None], at, found)
+        away = np.minimum(away, distance)
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
+    d = points[:, None] - corners[:, 0]
+    du, dv = (d * u).sum(-1), (d * v).sum(-1)
+    area = np.maximum(uu * vv - uv * uv, 1e-300)
+    s, t = (vv * du - uv * dv) / area, (uu * dv - uv * du) / area
+    over = (s > 0) & (t > 0) & (s + t < 1)
+    return np.where(over[..., None], np.stack([1 - s - t, s, t], axis=-1), found)
+
+
+def unit(rows):
+    return rows / np.linalg.norm(rows, axis=-1, keepdims=True)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("name", GLTF)
+def test_stated_deviations_hold_at_points_of_real_meshes(quality, name) -> None:
+    """One step of simplification on patches of textured meshes, by the definition in docs/numerics.md.
+
+    A patch of one group has one step between its finest and its next level, whose mean edge is that of the patch.
+    """
+    source = io.from_trimesh(io.load(data.require("gltf", *GLTF[name])))
+    centers = source.vertices[source.faces].mean(axis=1)
+    ratios = []
+    for seed in range(3):
+        middle = centers[np.random.default_rng(seed).integers(len(centers))]
+        faces = source.faces[np.linalg.norm(centers - middle, axis=1).argsort()[:900]]
+        used, faces = np.unique(faces, return_inverse=True)
+        v, f = source.vertices[used].astype(np.float64), faces.reshape(-1, 3)
+        mesh = build(v, f, quality, uvs=source.uvs[0][used], normals=source.normals[used])
+        cuts = [mesh.cut(target_reduction=r) for r in (0.2, 0.3, 0.4, 0.5, 0.6)]
+        cuts = [cut for cut in cuts if len(cut) and (cut.cluster_levels == 1).all()]
+        assert cuts, "a level of its own"
+        cut, fine = cuts[0], mesh.cut(error=0)
+        surfaces = [(c.vertices.astype(np.float64), c.faces, c.uvs[0], c.normals) for c in (fine, cut)]
+        edges = [np.sqrt(igl.doublearea(p, t.astype(np.int64)) * 2 / np.sqrt(3)) for p, t, *_ in surfaces]
+        mean = np.sqrt((edges[0] ** 2).mean())
+        stated, most = cut.attribute_error, 0.0
+        for (p, t, uv, n), (q, u, other_uv, other_n), e in [
+            (*surfaces, edges[1]),
+            (*surfaces[::-1], edges[0]),
+        ]:
+            chosen = np.random.default_rng(seed).integers(len(t), size=400)
+            at = np.random.default_rng(seed + 1).dirichlet([0.7] * 3, 400)
+            points, here_uv, here_n = (
+                np.einsum("nk,nkd->nd", at, a[t[chosen]].astype(float)) for a in (p, uv, n)
+            )
+            places = nearest_places(points, q[u])
+            there = (np.einsum("ntk,tkd->ntd", places, a[u].astype(float)) for a in (q, other_uv, other_n))
+            there, there_uv, there_n = there
+            away = np.linalg.norm(there - points[:, None], axis=-1)
+            off = np.linalg.norm(there_uv - here_uv[:, None], axis=-1)
+            turned = np.linalg.norm(unit(there_n) - unit(here_n)[:, None], axis=-1)
+            deviation = np.minimum(np.maximum(off, turned), 1.0) * np.maximum(mean, e)
+            most = max(most, np.maximum(away - cut.error, deviation).min(axis=1).max())
+        # Normals are stored with 2 x 16 bits.
+        assert most <= stated * (1 + 1e-6) + 2e-4 * mean, f"patch {seed}"
+        ratios.append(stated / most)
+    print(f"{name} {quality}: stated / largest of samples {np.round(ratios, 2)}")
+    assert np.median(ratios) < 4.0
