@@ -264,7 +264,8 @@ impl Laying<'_> {
         let of_material = if self.material.is_some_and(other) { scale } else { 0.0 };
         let near = |p: Vec3| {
             if roughly {
-                onto.sheet.place(p, t)
+                let (at, rest) = onto.sheet.place(p, t);
+                (at, rest.iter().map(|x| x * x).sum())
             } else {
                 place_in(p, onto.sheet.triangles()[t as usize], &CORNER)
             }

@@ -136,7 +136,7 @@ pub fn relax(mesh: &mut LocalMesh, reference: &Sheet, samples: impl FnOnce(&mut 
     samples(&mut |Sample { point, normal, weight }| {
         let mut take = |t: u32, far: f64| {
             let fit = &mut fits[t as usize];
-            let (shares, rest) = sheet.shares(point.to_array(), t);
+            let (shares, rest) = sheet.place(point.to_array(), t);
             let rest = DVec3::from_array(rest);
             let squared = rest.length_squared();
             let over = fit.normal.dot(normal) > OTHER_SHEET * normal.length() && squared <= far * fit.area;
@@ -179,7 +179,7 @@ pub fn relax(mesh: &mut LocalMesh, reference: &Sheet, samples: impl FnOnce(&mut 
     let mut hint = 0;
     let mut off = |p: DVec3| {
         hint = reference.locate(p.to_array(), hint);
-        let squared = |t| DVec3::from_array(reference.shares(p.to_array(), t).1).length_squared();
+        let squared = |t| DVec3::from_array(reference.place(p.to_array(), t).1).length_squared();
         let d = squared(hint);
         if d <= most {
             return d;

@@ -122,11 +122,11 @@ impl Sheet {
         self.radii[t as usize]
     }
 
-    /// Some point of a triangle, the nearest for what lies over it: its barycentric coordinates, and the squared
-    /// distance to it.
-    pub fn place(&self, p: Vec3, t: u32) -> ([f64; 3], f64) {
-        let (at, rest) = self.shares(p, t);
-        ([at[0].max(0.0), at[1], at[2]], dot(rest, rest))
+    /// Some point of a triangle, the nearest for what lies over it: its barycentric coordinates, and the way from there
+    /// to `p`.
+    pub fn place(&self, p: Vec3, t: u32) -> ([f64; 3], Vec3) {
+        let ([v, w], rest) = self.plates[t as usize].shares(p);
+        ([(1.0 - v - w).max(0.0), v, w], rest)
     }
 
     /// The triangle nearest to a point, but for f32 rounding.
@@ -144,12 +144,6 @@ impl Sheet {
     /// Across each edge of a triangle, from corner k to the next one; [`NO_TRIANGLE`] where there is none.
     pub fn neighbours(&self, t: u32) -> [u32; 3] {
         self.neighbours[t as usize]
-    }
-
-    /// The shares of a triangle's corners in the point of it below `p`, and the way from there to `p`.
-    pub fn shares(&self, p: Vec3, t: u32) -> ([f64; 3], Vec3) {
-        let ([v, w], rest) = self.plates[t as usize].shares(p);
-        ([1.0 - v - w, v, w], rest)
     }
 
     /// A triangle that a point lies about over: walks there from `start`.
