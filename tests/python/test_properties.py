@@ -6,15 +6,13 @@ import os
 import numpy as np
 import pytest
 
-import nanite_rs as nrs
-from oracles import camera, distance, subjects, topology
+from oracles import distance, subjects, topology
+from oracles.cuts import random_cut
 from oracles.dag import Dag
 
 SOAK = bool(os.environ.get("NANITE_SOAK"))
 SCANS = ("bunny", "armadillo", "lucy", "dragon", "horse")
 NAMES = (*subjects.GENERATED, *SCANS)
-FLAT = {"cube", "soup", "cube soup", "plane", "ribbon"}
-"""Whose groups hardly move, or are few."""
 CUTS = 1000 * (10 if SOAK else 1)
 """Random thresholds and views in all, spread over the meshes."""
 
@@ -64,32 +62,6 @@ def test_each_group_is_simplified(name: str) -> None:
     assert (d.triangles <= 128).all()
     if name not in ("soup", "ribbon"):
         assert after[simplified].sum() / before[simplified].sum() < 0.65
-
-
-def random_cut(mesh, source, d: Dag, rng: np.random.Generator):
-    """A cut at a random error, around that of a random group, or from a random view near, inside or far away."""
-    if rng.random() < 0.2:
-        return mesh.cut(error=float(source.diagonal * 10 ** rng.uniform(-4.5, -0.7)))
-    if rng.random() < 0.4:
-        made = d.group_error[np.isfinite(d.group_error)]
-        return mesh.cut(error=float(rng.choice(made)) * rng.uniform(0.9, 1.1) if len(made) else 1.0)
-    away = source.diagonal * 10 ** rng.uniform(-1.5, 1.5)
-    direction = rng.normal(size=3)
-    target = source.center + rng.normal(size=3) * source.diagonal * 0.3
-    start = source.used[rng.integers(len(source.used))] if rng.random() < 0.5 else source.center
-    pose = camera.look_at(
-        start + direction / np.linalg.norm(direction) * away, target, tuple(rng.normal(size=3))
-    )
-    if rng.random() < 0.2:
-        lens = nrs.OrthographicCamera(
-            *(source.diagonal * rng.uniform(0.01, 2, 2)), znear=source.diagonal * 1e-3
-        )
-    else:
-        lens = nrs.PerspectiveCamera(
-            yfov=rng.uniform(0.1, 2.5), znear=source.diagonal * 10 ** rng.uniform(-5, -1)
-        )
-    viewport = tuple(int(x) for x in rng.integers(1, 3000, 2))
-    return mesh.cut(camera=lens, pose=pose, viewport=viewport, pixel_error=float(10 ** rng.uniform(-1, 1.5)))
 
 
 def only_topology_preserving_steps(report) -> bool:
@@ -203,68 +175,6 @@ def test_stated_error_against_the_measured_one(name: str) -> None:
             f" measured ÷ stated: {out:.2f} out, {back:.2f} back"
         )
     assert all(max(out, back) < 1 for *_, out, back in lines), lines
-
-
-@pytest.mark.parametrize("quality", ["fast", "best"])
-@pytest.mark.parametrize("name", [*NAMES, "spikes", "sheets"])
-def test_bounds_are_never_exceeded(name: str, quality: str) -> None:
-    """`error="bound"` is proven for every point of both surfaces: no sample of any cut may be farther off."""
-    mesh = subjects.built(name, error="bound", quality=quality)
-    mesh.check()
-    source = arrays(name)
-    rng = np.random.default_rng(sum(map(ord, name)))
-    # libigl's own rounding: on long thin triangles it puts points of a surface 5e-12 off the same surface.
-    rounding = 1e-10 * np.abs(source[0]).max()
-    d = Dag.of(mesh)
-    ratios = []
-    for i in range(200 if SOAK else 3):
-        cut = random_cut(mesh, subjects.subject(name), d, rng)
-        if not len(cut.faces):
-            continue
-        given = (np.asarray(cut.vertices, float), cut.faces)
-        out, back = distance.one_sided(given, source, 20_000), distance.one_sided(source, given, 20_000)
-        worst = max(out.max(), back.max())
-        assert worst <= cut.error + rounding, f"cut {i}: {worst} is stated as {cut.error}"
-        if worst > rounding:
-            ratios.append(cut.error / worst)
-    if ratios:
-        print(f"{name}, {quality}: stated ÷ largest of samples {min(ratios):.2f} to {max(ratios):.2f}")
-
-
-@pytest.mark.parametrize("quality", ["fast", "best"])
-@pytest.mark.parametrize("name", sorted({*NAMES} - FLAT))
-def test_bounds_of_groups_are_tight(name: str, quality: str) -> None:
-    """The bound of each group against the largest distance of samples, of what was made from it and back.
-
-    Back, a point of the source may be nearest to a cluster that does not answer for it: that counts for the median
-    alone; whole cuts are tested above.
-    """
-    mesh = subjects.built(name, error="bound", quality=quality)
-    source = arrays(name)
-    d = Dag.of(mesh)
-    row = {int(i): r for r, i in enumerate(d.ids)}
-    there = np.concatenate([source[0][np.unique(source[1])], source[0][source[1]].mean(axis=1)])
-    measured, back = np.zeros((2, len(d.group_error)))
-    errors = np.unique(d.group_error[np.isfinite(d.group_error)])
-    for error in errors[np.linspace(0, len(errors) - 1, 12).astype(int)]:
-        cut = mesh.cut(error=float(error))
-        origin = d.origin[[row[int(c)] for c in cut.cluster_ids]][cut.face_clusters]
-        t = np.asarray(cut.vertices, float)[cut.faces]
-        weights = np.concatenate([np.eye(3), (1 - np.eye(3)) / 2, np.full((1, 3), 1 / 3)])
-        out = distance.to_surface((weights @ t).reshape(-1, 3), *source).reshape(-1, len(weights))
-        made = origin >= 0
-        np.maximum.at(measured, origin[made], out.max(axis=1)[made])
-        distances, face = distance.to_faces(there, cut.vertices, cut.faces)
-        made = origin[face] >= 0
-        np.maximum.at(back, origin[face[made]], distances[made])
-    bounds = d.group_shape_error
-    assert (bounds >= measured - 1e-10 * np.abs(source[0]).max()).all()
-    # What is flat moves by the rounding of float32.
-    measured = np.maximum(measured, back)
-    seen = measured > 1e-6 * subjects.subject(name).diagonal
-    ratio = np.median(bounds[seen] / measured[seen])
-    print(f"{name}, {quality}: bound ÷ largest of samples of {seen.sum()} groups, median {ratio:.2f}")
-    assert ratio <= 1.5
 
 
 @pytest.mark.parametrize("name", ["knot", "bunny", "armadillo"])

@@ -65,6 +65,16 @@ class Dag:
         leaves = self.origin < 0
         return int(low[leaves].min()), int(high[leaves].max())
 
+    def largest_above(self, drawn: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """For each cluster the largest value of the drawn ones on any path from it to a root."""
+        largest = np.where(drawn, values, 0.0)
+        above = np.zeros(len(self.group_error))
+        for depth in self._rounds:
+            largest[depth] = np.maximum(largest[depth], above[self.group[depth]])
+            made = depth[self.origin[depth] >= 0]
+            np.maximum.at(above, self.origin[made], largest[made])
+        return largest
+
     @property
     def _rounds(self) -> list[np.ndarray]:
         """Clusters in an order in which those made from a group come before its members."""

@@ -70,6 +70,18 @@ def sheets() -> tuple[np.ndarray, np.ndarray]:
     )
 
 
+def needles() -> tuple[np.ndarray, np.ndarray]:
+    """A floor with 900 needles, each a tenth as tall as the floor is wide and 1e-5 of that thick."""
+    floor, faces = grid(60, 60)
+    rng = np.random.default_rng(9)
+    base = rng.uniform(-0.95, 0.95, (900, 1, 3)) * [1, 0, 1]
+    corners = np.array([[1, 0, 0], [-0.5, 0, 0.8], [-0.5, 0, -0.8], [0, 0, 0]]) * 1e-6
+    tips = base + corners + np.array([0, 0, 0, 0.2])[:, None] * [0, 1, 0]
+    sides = np.array([[0, 3, 1], [1, 3, 2], [2, 3, 0]])
+    index = len(floor) + 4 * np.arange(900)[:, None, None] + sides
+    return np.concatenate([floor, tips.reshape(-1, 3)]), np.concatenate([faces, index.reshape(-1, 3)])
+
+
 @functools.cache
 def generated(name: str) -> Mesh:
     """A generated mesh by name."""
@@ -94,6 +106,7 @@ def generated(name: str) -> Mesh:
         "ribbon": lambda: grid(4000, 3),
         "spikes": spikes,
         "sheets": sheets,
+        "needles": needles,
     }
     return _mesh(name, makers[name]())
 
@@ -104,9 +117,14 @@ CLOSED = ("sphere", "knot", "gyroid", "cube", "part")
 GENERATED = (*CLOSED, "terrain", "flat sphere", "soup", "cube soup", "plane", "ribbon")
 """All generated meshes that property tests walk."""
 
+THIN = ("spikes", "sheets", "needles")
+"""Generated meshes with more detail than any spacing of samples sees."""
+
 
 def subject(name: str) -> Mesh:
-    """A scan or a generated mesh by name; skips the calling test when a scan is absent."""
+    """A real mesh (a scan by name, any by ``folder/asset``) or a generated one; skips the test if it is absent."""
+    if "/" in name:
+        return data.model(name)
     return data.scan(name) if name in data.SCANS else generated(name)
 
 
