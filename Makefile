@@ -66,7 +66,7 @@ $(VENV)/.stamp-module: $(RUST_SOURCES) $(VENV)/.stamp-build-requirements
 
 # libOSMesa for pyrender, the oracle of the image tests. The tests say so when it is missing.
 system:
-	@tools/system-packages $(BIN)/python
+	@tools/system-packages $(BIN)/python "the image tests" OSMesa=libosmesa6
 
 build: $(VENV)/.stamp-module
 
@@ -118,7 +118,8 @@ bench: build $(VENV)/.stamp-test-requirements system
 	$(BIN)/python -m benchmarks.python
 
 bench-error: build $(VENV)/.stamp-test-requirements
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements/error.txt
+	@tools/system-packages $(BIN)/python Open3D usb-1.0=libusb-1.0-0 GL=libgl1
+	@$(PIP) -r requirements/error.txt
 	$(BIN)/python -m benchmarks.python.error
 
 clean:

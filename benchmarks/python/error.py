@@ -2,9 +2,11 @@
 
 ``make bench-error`` runs it: the scans of ``../shared/data`` where they are, and generated meshes. Each peer is
 asked for as many triangles as the cut of the best quality has. A cut's time is that of the cut; what building
-took is told apart, once per mesh. Distances are libigl's, 200,000 samples each way, in 1e-4 of the diagonal of
-the bounding box. fast-simplification, whose thresholds are absolute, gets the mesh as it is and scaled to a
-diagonal of 100.
+took is told apart, once per mesh. Times are the lesser of wall clock and processor time, so that others at work on
+the machine count less. Distances are libigl's, 200,000 samples each way, in 1e-4 of the diagonal of the bounding
+box. fast-simplification, whose thresholds are absolute, gets the mesh as it is and scaled to a diagonal of 100.
+
+``--only "sphere 5 M" --merge`` adds a mesh to the results of the day, ``--methods Open3D --merge`` a contestant.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import datetime
 import json
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import fast_simplification
 import matplotlib
@@ -25,7 +27,7 @@ import pymeshlab
 import nanite_rs as nrs
 
 from . import machine
-from .cut import two_sided
+from .cut import Source
 from .meshes import MESHES
 from .quality import decimate
 
@@ -44,15 +46,36 @@ if TYPE_CHECKING:
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 REMOVED = (0.5, 0.75, 0.9, 0.97, 0.99)
 PEERS = ("meshoptimizer", "open3d", "pymeshlab", "pyvista", "vtk", "matplotlib")
+CUTS = {"nanite_rs cut, best": "best", "nanite_rs cut, fast": "fast"}
+BUSY = 3.0
+"""Load above which times are marked."""
+METHODS = (
+    *CUTS,
+    "fast-simplification, as given",
+    "fast-simplification, diagonal 100",
+    "meshoptimizer simplify",
+    "pymeshlab",
+    "VTK",
+    "Open3D",
+)
 
 
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.python.error", description=__doc__)
     parser.add_argument("--only", nargs="+", choices=MESHES, default=list(MESHES), help="which meshes")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS, help="which contestants")
+    parser.add_argument(
+        "--limit", type=float, default=600, help="seconds for a contestant and a mesh (%(default)s)"
+    )
+    parser.add_argument("--merge", action="store_true", help="keep what the day's results hold besides")
     parser.add_argument("--output", type=Path, default=RESULTS, help="folder for the results (%(default)s)")
     options = parser.parse_args()
-    meshes = {}
+    methods = [m for m in options.methods if m != "Open3D" or open3d]
+    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    stem = options.output / f"{date}-error"
+    before = json.loads(stem.with_suffix(".json").read_text()) if options.merge else {"meshes": {}}
+    meshes = before["meshes"]
     for name in options.only:
         try:
             arrays = MESHES[name]()
@@ -60,42 +83,63 @@ def main() -> None:
             print(f"{name}: left out, {missing.filename} is absent")
             continue
         print(f"{name} …", flush=True)
-        meshes[name] = compare(*arrays)
+        meshes[name] = compare(*arrays, methods, options.limit, meshes.get(name))
         print(table(name, meshes[name]), flush=True)
-    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    meshes = {name: meshes[name] for name in MESHES if name in meshes}
     results = {"date": date, "machine": machine.describe(PEERS), "meshes": meshes}
     options.output.mkdir(parents=True, exist_ok=True)
-    stem = options.output / f"{date}-error"
     stem.with_suffix(".json").write_text(json.dumps(results, indent=1) + "\n")
     stem.with_suffix(".md").write_text(document(results))
     plot(meshes, stem.with_suffix(".png"))
     print(f"wrote {stem}.md, .json and .png")
 
 
-def compare(vertices: np.ndarray, faces: np.ndarray) -> dict[str, object]:
-    """All contestants on one mesh; JSON-ready."""
-    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    builds, built = {}, {}
-    for quality in ("fast", "best"):
-        start = time.perf_counter()
-        built[quality] = nrs.NaniteMesh.from_arrays(
-            vertices, faces, options=nrs.BuildOptions(quality=quality), progress=False
+def compare(
+    vertices: np.ndarray, faces: np.ndarray, methods: list[str], limit: float, before: dict | None
+) -> dict[str, object]:
+    """Contestants on one mesh, and what was known of others before; JSON-ready."""
+    source = Source(vertices, faces, samples=200_000)
+    result = before or {"triangles": len(faces), "built in s": {}, "rows": []}
+    counts = {r["removed"]: r["triangles"] for r in result["rows"] if r["method"] == "nanite_rs cut, best"}
+    built = {}
+    for quality in [q for method, q in CUTS.items() if method in methods or (q == "best" and not counts)]:
+        options = nrs.BuildOptions(quality=quality)
+        built[quality], seconds = timed(
+            lambda options=options: nrs.NaniteMesh.from_arrays(
+                vertices, faces, options=options, progress=False
+            )
         )
-        builds[quality] = time.perf_counter() - start
-    rows = []
+        result["built in s"][quality] = seconds
+    if "best" in built:
+        counts = {removed: len(built["best"].cut(target_reduction=removed).faces) for removed in REMOVED}
+    rows = {(r["removed"], r["method"]): r for r in result["rows"]}
+    spent = dict.fromkeys(methods, 0.0)
+    made = contestants(vertices, faces, built, source.diagonal)
     for removed in REMOVED:
-        count = len(built["best"].cut(target_reduction=removed).faces)
-        for method, make in contestants(vertices, faces, built, diagonal).items():
-            start = time.perf_counter()
-            v, f, stated = make(count)
-            seconds = time.perf_counter() - start
-            row = {"removed": removed, "method": method, "triangles": len(f), "s": seconds, "stated": stated}
-            if stated is not None:
-                row["stated"] = stated / diagonal * 1e4
-            rows.append(row | two_sided(vertices, faces, v, f, diagonal, samples=200_000))
-    return {"triangles": len(faces), "built in s": builds, "rows": rows}
+        for method in methods:
+            row = {"removed": removed, "method": method, "load": machine.describe()["load"]}
+            if spent[method] > limit:
+                row["left out"] = f"after {spent[method]:.0f} s for the rows above"
+            else:
+                (v, f, stated), row["s"] = timed(lambda m=method, n=counts[removed]: made[m](n))
+                spent[method] += row["s"]
+                row["triangles"] = len(f)
+                row["stated"] = None if stated is None else stated / source.diagonal * 1e4
+                row |= source.two_sided(v, f)
+            rows[removed, method] = row
+            print(row, flush=True)
+    order = sorted(rows, key=lambda key: (key[0], METHODS.index(key[1])))
+    return result | {"rows": [rows[key] for key in order]}
 
 
+def timed(call: Callable[[], Result]) -> tuple[Result, float]:
+    """What a call gives, and the lesser of the wall clock's and the processor's seconds."""
+    wall, processor = time.perf_counter(), time.process_time()
+    result = call()
+    return result, min(time.perf_counter() - wall, time.process_time() - processor)
+
+
+Result = TypeVar("Result")
 Made = tuple[np.ndarray, np.ndarray, float | None]
 
 
@@ -146,16 +190,16 @@ def contestants(
         result = session.current_mesh()
         return result.vertex_matrix(), result.face_matrix(), None
 
-    made = {
-        "nanite_rs cut, best": cut("best"),
-        "nanite_rs cut, fast": cut("fast"),
-        "fast-simplification, as given": fast(1.0),
-        "fast-simplification, diagonal 100": fast(up),
-        "meshoptimizer simplify": meshopt,
-        "pymeshlab": meshlab,
-        "VTK": vtk,
-    }
-    return made | ({"Open3D": o3d} if open3d else {})
+    calls = (
+        *(cut(quality) for quality in CUTS.values()),
+        fast(1.0),
+        fast(up),
+        meshopt,
+        meshlab,
+        vtk,
+        o3d,
+    )
+    return dict(zip(METHODS, calls, strict=True))
 
 
 def table(name: str, result: dict) -> str:
@@ -170,9 +214,13 @@ def table(name: str, result: dict) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for r in result["rows"]:
+        if "left out" in r:
+            lines.append(f"| {r['removed']} | {r['method']} | left out {r['left out']} | | | | | |")
+            continue
         stated = "" if r["stated"] is None else f"{r['stated']:.1f}"
+        busy = "*" if r.get("load", 0) > BUSY else ""
         lines.append(
-            f"| {r['removed']} | {r['method']} | {r['triangles']:,} | {r['s']:.3g}"
+            f"| {r['removed']} | {r['method']} | {r['triangles']:,} | {r['s']:.3g}{busy}"
             f" | {r['mean']:.3g} | {r['rms']:.3g} | {r['max']:.3g} | {stated} |"
         )
     return "\n".join(lines) + "\n"
@@ -186,8 +234,9 @@ def document(results: dict) -> str:
         f"# Run time against error, {results['date']}\n\n"
         f"{about['processor']}, {about['cores']} cores, {about['memory_gib']} GiB, Python {about['python']};"
         f" {versions}. `make bench-error`. Distances in 1e-4 of the diagonal, two-sided, 200,000 samples each way,"
-        " by libigl; single runs, so quote times as ratios. `stated` is the error that the contestant states"
-        " itself.\n\n"
+        " by libigl; single runs, so quote times as ratios. Times are the lesser of wall clock and processor time;"
+        f" a star stands where others were at work on the machine (load over {BUSY}). `stated` is the error that"
+        " the contestant states itself.\n\n"
         f"![error against triangles and against time]({results['date']}-error.png)\n\n"
     )
     return head + "\n".join(table(name, result) for name, result in results["meshes"].items())
@@ -198,7 +247,7 @@ def plot(meshes: dict[str, dict], path: Path) -> None:
     figure, axes = plt.subplots(2, len(meshes), figsize=(4.2 * len(meshes), 7.6), squeeze=False)
     for column, (name, result) in zip(axes.T, meshes.items(), strict=True):
         for method in dict.fromkeys(r["method"] for r in result["rows"]):
-            rows = [r for r in result["rows"] if r["method"] == method]
+            rows = [r for r in result["rows"] if r["method"] == method and "s" in r]
             style = {
                 "marker": "o",
                 "ms": 3,

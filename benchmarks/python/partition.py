@@ -22,7 +22,7 @@ import nanite_rs as nrs
 from nanite_rs import _core
 
 from . import machine, meshes
-from .cut import two_sided
+from .cut import Source
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,7 +87,7 @@ def table(vertices: np.ndarray, faces: np.ndarray, runs: int) -> list[str]:
             progress=False,
         )
         seconds[choice] = min(seconds[choice], time.process_time() - start)
-    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    source = Source(vertices, faces, samples=SAMPLES)
     for choice, mesh in built.items():
         clusters, groups = edges_cut(mesh)
         report = mesh.report
@@ -96,7 +96,7 @@ def table(vertices: np.ndarray, faces: np.ndarray, runs: int) -> list[str]:
         for removed in REMOVED:
             target = round((1 - removed) * len(mesh))
             cut = mesh.cut(target_faces=target)
-            error = two_sided(vertices, faces, cut.vertices, cut.faces, diagonal, samples=SAMPLES)["rms"]
+            error = source.two_sided(cut.vertices, cut.faces)["rms"]
             row.append(f"{error * len(cut.faces) / target:.3f}")
         lines.append(f"| {' | '.join(row)} |")
     return lines

@@ -18,7 +18,7 @@ import pyvista
 
 import nanite_rs as nrs
 
-from .cut import two_sided
+from .cut import Source
 from .meshes import MESHES
 
 REMOVED = (0.5, 0.9, 0.99)
@@ -55,7 +55,7 @@ def _value(text: str) -> object:
 
 def row(name: str, vertices: np.ndarray, faces: np.ndarray, options: nrs.BuildOptions, samples: int) -> str:
     """One mesh as a line of Markdown."""
-    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    source = Source(vertices, faces, samples=samples)
     start = time.process_time()
     mesh = nrs.NaniteMesh.from_arrays(vertices, faces, options=options, progress=False)
     seconds = time.process_time() - start
@@ -65,11 +65,9 @@ def row(name: str, vertices: np.ndarray, faces: np.ndarray, options: nrs.BuildOp
         made = [
             (cut.vertices, cut.faces),
             decimate(vertices, faces, len(cut.faces)),
-            fast(vertices, faces, len(cut.faces), diagonal),
+            fast(vertices, faces, len(cut.faces), source.diagonal),
         ]
-        ours, vtk, other = (
-            two_sided(vertices, faces, v, f, diagonal, samples=samples)["rms"] for v, f in made
-        )
+        ours, vtk, other = (source.two_sided(v, f)["rms"] for v, f in made)
         cells.append(f"{ours:.3g}, {ours / vtk:.2f}×, {ours / other:.2f}×")
     return f"| {name} | {' | '.join(cells)} | {seconds:.2f} | {mesh.report.triangles / len(faces):.2f} |"
 
