@@ -204,7 +204,8 @@ def contestants(
 
 def table(name: str, result: dict) -> str:
     """One mesh as Markdown."""
-    builds = ", ".join(f"{quality} {s:.2f} s" for quality, s in result["built in s"].items())
+    star = "*" if result["rows"][0].get("load", 0) > BUSY else ""
+    builds = ", ".join(f"{quality} {s:.2f} s{star}" for quality, s in result["built in s"].items())
     lines = [
         f"## {name}, {result['triangles']:,} triangles",
         "",
