@@ -15,10 +15,10 @@ use super::dag::BuildCluster;
 use super::relax::Sample;
 use super::store::{Numbering, RoundPositions};
 use crate::math::sphere::round_up;
-use crate::measure::BoundOptions;
 use crate::measure::closest::Triangle;
 use crate::measure::overlay::{Bounds, NO_TRIANGLE, Overlay, Sheet};
 use crate::measure::piece::{CORNERS, Piece};
+use crate::measure::{BoundOptions, outwards};
 use crate::mesh::hash;
 
 /// The first reference, which is the source, serves until this part of its triangles is left: each round costs in
@@ -47,6 +47,9 @@ pub struct Pieces {
     parts: Vec<(u32, u8, u8)>,
     /// Corners of the parts, from the first corner of their triangle.
     offsets: Vec<[f32; 3]>,
+    /// Of a cluster that the next reference has: how far each of its triangles may be from what of the source it
+    /// answers for, either way. Empty where all are at the bound of the cluster.
+    radii: Vec<f32>,
 }
 
 impl Pieces {
@@ -105,6 +108,8 @@ pub struct Reference {
     /// Its clusters, and the number of the first triangle of each.
     clusters: Vec<u32>,
     starts: Vec<u32>,
+    /// The radius of each of their triangles; empty at the source.
+    radii: Vec<f32>,
     /// It has served when so many triangles are left.
     least: f32,
     rounds: u32,
@@ -133,8 +138,18 @@ impl Reference {
             starts.push(count);
             count += all[*c as usize].mesh.triangles.len() as u32;
         }
+        let mut radii = Vec::with_capacity(if before.is_some() { count as usize } else { 0 });
+        if before.is_some() {
+            for cluster in pending.iter().map(|c| &all[*c as usize]) {
+                let own = &cluster.pieces.radii;
+                radii.extend_from_slice(own);
+                // One that waited stands for itself as a whole.
+                let rest = cluster.mesh.triangles.len() - own.len();
+                radii.extend(std::iter::repeat_n(cluster.bound, rest));
+            }
+        }
         let least = count as f32 * if before.is_none() { FIRST_PART } else { PART };
-        Self { positions, clusters: pending.to_vec(), starts, least, rounds: 0, is_last: false }
+        Self { positions, clusters: pending.to_vec(), starts, radii, least, rounds: 0, is_last: false }
     }
 
     /// Whether the round that was begun last was the last one to be measured against it.
@@ -188,7 +203,7 @@ impl Reference {
                 cluster.mesh.triangles[(t - self.starts[slot]) as usize].map(|v| positions[usize::from(v)]);
             out.triangles.push(corners.map(|p| self.positions.positions[p as usize].map(f64::from)));
             out.corners.push(corners.map(|p| of_points.number(p).0));
-            out.radii.push(f64::from(cluster.bound));
+            out.radii.push(self.radii.get(t as usize).copied().map_or(0.0, f64::from));
         };
         for pieces in pieces {
             pieces.whole.iter().for_each(|t| add(*t));
@@ -274,15 +289,16 @@ impl Footing {
     }
 
     /// A bound for patches that replace the clusters: how far any of their points may be from
-    /// the source, and any point of the source that those clusters answer for from them. Also hands the pieces over;
-    /// none where no further round of this reference will ask.
+    /// the source, and any point of the source that those clusters answer for from them. Also hands the pieces over,
+    /// or, where no further round of this reference will ask, the radii of the triangles.
     pub fn measure(self, patches: &[Patch<'_>], estimate: f32) -> (f32, Vec<Pieces>) {
         let Self { before, pieces, numbers, keep } = self;
         let (after, owners) = sheet_of(patches);
         let goal =
             BoundOptions { floor: f64::from(estimate) * FLOOR, slack: SLACK, ..BoundOptions::default() };
         let mut bounds = Bounds::new(goal);
-        let mut handed = vec![Pieces::default(); if keep { patches.len() } else { 0 }];
+        let mut handed = vec![Pieces::default(); patches.len()];
+        let mut radii = vec![0.0f64; after.triangles().len()];
 
         let mut to_after = Overlay::new(&after);
         let mut number = numbers.iter();
@@ -299,7 +315,9 @@ impl Footing {
                     }
                     None => (Piece::new(triangle), radius),
                 };
-                let owner = to_after.lay(&mut bounds, &piece, extra, |place| {
+                let owner = to_after.lay(&mut bounds, &piece, extra, |place, bound| {
+                    let radius = &mut radii[place as usize];
+                    *radius = radius.max(bound);
                     starts[place as usize] = *local;
                     owners[place as usize]
                 });
@@ -320,15 +338,25 @@ impl Footing {
         }
         handed.iter_mut().for_each(Pieces::shrink);
         let mut to_before = Overlay::new(&before);
-        for (t, start) in after.triangles().iter().zip(starts) {
+        for ((t, radius), start) in after.triangles().iter().zip(&mut radii).zip(starts) {
             if start != NO_TRIANGLE {
                 to_before.hint = start;
             }
-            to_before.lay(&mut bounds, &Piece::new(*t), 0.0, |_| 0);
+            to_before.lay(&mut bounds, &Piece::new(*t), 0.0, |_, bound| {
+                *radius = radius.max(bound);
+                0
+            });
         }
         let both = before.triangles().iter().chain(after.triangles());
         let largest = both.flatten().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
-        (round_up(bounds.stated(largest)), handed)
+        let stated = |upper: f64| round_up(outwards(upper, largest));
+        if !keep {
+            let mut radii = radii.into_iter().map(stated);
+            for (pieces, patch) in handed.iter_mut().zip(patches) {
+                pieces.radii = radii.by_ref().take(patch.triangles.len()).collect();
+            }
+        }
+        (stated(bounds.upper), handed)
     }
 }
 

@@ -52,7 +52,7 @@ pub(super) const RELATIVE_ROUNDING: f64 = 1.0 / (1u64 << 40) as f64;
 pub(super) const POSITION_ROUNDING: f64 = 1.0 / (1u64 << 41) as f64;
 
 /// An upper bound as it may be stated.
-pub(super) fn outwards(upper: f64, largest_coordinate: f64) -> f64 {
+pub fn outwards(upper: f64, largest_coordinate: f64) -> f64 {
     upper * (1.0 + RELATIVE_ROUNDING) + largest_coordinate * POSITION_ROUNDING
 }
 
@@ -93,12 +93,12 @@ pub fn hausdorff_upper(
     let mut bounds = Bounds::new(*options);
     let (mut to_a, mut to_b) = (Overlay::new(&of_a), Overlay::new(&of_b));
     for (i, t) in of_b.triangles().iter().enumerate() {
-        to_a.lay(&mut bounds, &Piece::new(*t), radius(i), |_| 0);
+        to_a.lay(&mut bounds, &Piece::new(*t), radius(i), |_, _| 0);
     }
     for t in of_a.triangles() {
-        to_b.lay(&mut bounds, &Piece::new(*t), 0.0, |_| 0);
+        to_b.lay(&mut bounds, &Piece::new(*t), 0.0, |_, _| 0);
     }
-    SurfaceBound { lower: bounds.lower, upper: bounds.stated(largest), complete: bounds.complete }
+    SurfaceBound { lower: bounds.lower, upper: outwards(bounds.upper, largest), complete: bounds.complete }
 }
 
 /// Bounds of the distance of one mesh to another.

@@ -12,5 +12,5 @@ pub mod triangle;
 
 pub use bvh::Bvh;
 pub use distance::{DistanceOptions, MeshView, closest_points, surface_distance};
-pub use hausdorff::{BoundOptions, Surface, SurfaceBound, hausdorff_upper};
+pub use hausdorff::{BoundOptions, Surface, SurfaceBound, hausdorff_upper, outwards};
 pub use tree::TriangleTree;

@@ -13,7 +13,7 @@ use std::cell::OnceCell;
 use super::bvh::Bvh;
 use super::closest::{Triangle, Vec3, cross, dot, normal, squared_distance, sub};
 use super::cover::Cover;
-use super::hausdorff::{BoundOptions, outwards};
+use super::hausdorff::BoundOptions;
 use super::piece::{CORNERS, Corner, MOST_CUTS, Piece};
 use super::tree::TriangleTree;
 
@@ -273,11 +273,6 @@ impl Bounds {
         Self { goal, lower: 0.0, upper: 0.0, complete: true }
     }
 
-    /// The upper bound as it may be stated, where no coordinate was larger.
-    pub fn stated(&self, largest_coordinate: f64) -> f64 {
-        outwards(self.upper, largest_coordinate)
-    }
-
     fn limit(&self) -> f64 {
         self.goal.floor.max(self.lower * (1.0 + self.goal.slack))
     }
@@ -299,14 +294,14 @@ impl<'a> Overlay<'a> {
     }
 
     /// Bounds the distance of a piece, which stands for something within `extra` of it. `label` is asked for each
-    /// triangle that bounds a part. Returns the label if it is that of all parts; otherwise `parts` has them, in as
+    /// triangle that bounds a part, and told the bound. Returns the label if it is that of all parts; otherwise `parts` has them, in as
     /// few parts as the cuts allow.
     pub fn lay(
         &mut self,
         bounds: &mut Bounds,
         piece: &Piece,
         extra: f64,
-        label: impl FnMut(u32) -> u32,
+        label: impl FnMut(u32, f64) -> u32,
     ) -> Option<u32> {
         bounds.lower = bounds.lower.max(extra);
         self.parts.clear();
@@ -331,15 +326,16 @@ struct Laying<'a, 'b, L> {
     label: L,
 }
 
-impl<L: FnMut(u32) -> u32> Laying<'_, '_, L> {
+impl<L: FnMut(u32, f64) -> u32> Laying<'_, '_, L> {
     fn allowed(&self) -> f64 {
         self.bounds.limit() - self.extra
     }
 
     /// Takes a part at its bound.
     fn take(&mut self, bound: f64, at: u32) -> Option<u32> {
-        self.bounds.upper = self.bounds.upper.max(bound + self.extra);
-        Some((self.label)(at))
+        let bound = bound + self.extra;
+        self.bounds.upper = self.bounds.upper.max(bound);
+        Some((self.label)(at, bound))
     }
 
     /// The largest distance of a piece to a triangle, with the triangle's radius, if it is not more than allowed.
@@ -370,7 +366,7 @@ impl<L: FnMut(u32) -> u32> Laying<'_, '_, L> {
     }
 }
 
-impl<L: FnMut(u32) -> u32> Lay<Vec3> for Laying<'_, '_, L> {
+impl<L: FnMut(u32, f64) -> u32> Lay<Vec3> for Laying<'_, '_, L> {
     /// The label, if it is that of the whole part.
     type Said = Option<u32>;
 
@@ -418,8 +414,11 @@ impl<L: FnMut(u32) -> u32> Lay<Vec3> for Laying<'_, '_, L> {
         let mut cover = Cover::new(bvh, self.bounds.goal, self.bounds.lower, &always);
         let known = self.parts.len();
         cover.piece(*piece, self.extra, &mut |part, place| {
-            self.parts.push((*part, (self.label)(bvh.id(place) as u32)));
+            self.parts.push((*part, bvh.id(place) as u32));
         });
+        for (_, at) in &mut self.parts[known..] {
+            *at = (self.label)(*at, cover.upper);
+        }
         self.bounds.lower = cover.lower;
         self.bounds.upper = self.bounds.upper.max(cover.upper);
         self.bounds.complete &= cover.complete;

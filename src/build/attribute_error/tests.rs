@@ -7,7 +7,7 @@ use crate::mesh::{Positions, SourceChannel, SourceMesh, weld};
 use crate::model::{BuildReport, ChannelInfo, ChannelType};
 
 /// Points along an edge of a triangle at which deviations are looked at, corners included.
-const ALONG: usize = 7;
+const ALONG: usize = 9;
 
 /// A curved square of 2·n² triangles, and what it carries.
 fn group(kind: &str, n: usize, normal_weight: f32, quality: Quality) -> (LocalMesh, Content, BuildOptions) {
