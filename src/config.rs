@@ -189,6 +189,8 @@ pub struct RenderOptions {
     pub pixel_error: f32,
     /// Skip what a first, near portion of the frame hides. The picture does not depend on it.
     pub occlusion: bool,
+    /// On a GPU, draw by 64-bit atomics where the device has them. The picture does not depend on it.
+    pub wide_atomics: bool,
     /// Make the colour with the frame; otherwise when it is first read.
     pub color: bool,
     /// Make the depth with the frame; otherwise when it is first read.
@@ -197,7 +199,7 @@ pub struct RenderOptions {
 
 impl Default for RenderOptions {
     fn default() -> Self {
-        Self { pixel_error: 1.0, occlusion: true, color: true, depth: true }
+        Self { pixel_error: 1.0, occlusion: true, wide_atomics: true, color: true, depth: true }
     }
 }
 

@@ -8,6 +8,9 @@ pub mod config;
 pub mod cpu;
 pub mod error;
 pub mod format;
+#[cfg(feature = "gpu")]
+pub mod gpu;
+pub mod gpu_types;
 pub mod limits;
 pub mod lod;
 pub mod math;

@@ -25,6 +25,21 @@ pub const TRIANGLE_BITS: u32 = 7;
 /// Next bits of a visibility word: 1 + the index in the frame's visible list (0 is background).
 pub const VISIBLE_BITS: u32 = 25;
 
+/// Screen coordinates beyond this many pixels are clipped, so that edge functions stay in range and snapping to 1/256
+/// pixel stays exact.
+pub const GUARD_BAND: f32 = 16_000.0;
+/// Relative rounding of a sum of three products in f32, twice over: a box corner and a vertex.
+pub const FOOTPRINT_ROUNDING: f32 = 1.0e-6;
+/// Longest side, pixels, of a cluster on the screen for the small rasterizer: with it, products of two snapped
+/// differences and their difference fit 32 bits.
+pub const MAX_SPAN: u16 = 120;
+/// Longest edge, pixels, at which a triangle still is for the small rasterizer.
+pub const SMALL_EDGE: f32 = 16.0;
+
+const _: () = {
+    let side = (MAX_SPAN as i64 + 2) << SUBPIXEL_BITS;
+    assert!(2 * side * side < i32::MAX as i64);
+};
 const _: () = assert!(CLUSTER_MAX_TRIANGLES == 1 << TRIANGLE_BITS);
 const _: () = assert!(TRIANGLE_BITS + VISIBLE_BITS == 32);
 const _: () = assert!(GROUP_MAX_CLUSTERS <= PAGE_MAX_CLUSTERS);

@@ -4,7 +4,8 @@
 //! two triangles of an edge compute the same new vertex, bit for bit, and nothing cracks. Sutherland and
 //! Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974.
 
-use super::project::{GUARD_BAND, Screen};
+use super::project::Screen;
+use crate::limits::GUARD_BAND;
 
 /// A corner of a clipped triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,16 +7,13 @@ use rayon::prelude::*;
 use super::hzb::Hzb;
 use super::node_cull::GroupCandidate;
 use super::project::{Footprint, InstanceView, Screen};
-use super::raster_small::MAX_SPAN;
 use super::visibility::Visible;
+use crate::limits::{MAX_SPAN, SMALL_EDGE};
 use crate::math::Sphere;
 use crate::model::rule::Threshold;
 
 /// Groups per task.
 const GROUPS_PER_TASK: usize = 8;
-
-/// Longest edge, pixels, at which a triangle still is for the small rasterizer.
-pub const SMALL_EDGE: f32 = 16.0;
 
 /// A cluster to draw. Candidates compare by scene order: by instance, then by cluster address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

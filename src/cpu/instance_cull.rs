@@ -27,7 +27,10 @@ pub fn run(instances: &[(u32, &Instance)], view: &View, screen: &Screen) -> Vec<
                     if !instance.visible || planes.iter().any(|(n, d)| n.dot(to) + d < -radius) {
                         return None;
                     }
-                    InstanceView::new(view, screen, slot, instance)
+                    let mut seen = InstanceView::new(view, slot, instance);
+                    let (center, extent) = seen.bounds();
+                    seen.footprint = seen.footprint(screen, center, extent)?;
+                    Some(seen)
                 })
                 .collect()
         })

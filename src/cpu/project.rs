@@ -9,16 +9,10 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
 
+use crate::limits::{FOOTPRINT_ROUNDING, GUARD_BAND};
 use crate::math::{LodView, Sphere};
 use crate::model::Dag;
 use crate::scene::{Instance, Material, View, pose};
-
-/// Screen coordinates beyond this many pixels are clipped, so that edge functions stay in range and snapping
-/// to 1/256 pixel stays exact.
-pub const GUARD_BAND: f32 = 16_000.0;
-
-/// Relative rounding of a sum of three products in f32, twice over: a box corner and a vertex.
-const ROUNDING: f32 = 1.0e-6;
 
 /// A view's constants in the precision of the stages.
 #[derive(Clone, Copy, Debug)]
@@ -96,7 +90,7 @@ pub struct InstanceView {
     pub conformal: bool,
     /// The map from internal to camera space reverses orientation.
     pub mirrored: bool,
-    /// Pixel bounds and nearest key of the whole instance.
+    /// Pixel bounds and nearest key of the whole instance, where the CPU culls.
     pub footprint: Footprint,
 }
 
@@ -125,15 +119,11 @@ impl Footprint {
 }
 
 impl InstanceView {
-    /// Derives everything; `None` when the whole instance is off the screen.
-    pub fn new(view: &View, constants: &Screen, slot: u32, instance: &Instance) -> Option<Self> {
+    /// Derives everything but the footprint.
+    pub fn new(view: &View, slot: u32, instance: &Instance) -> Self {
         let frame = &instance.mesh.frame;
         let map = view.object_to_view(instance.pose(), frame);
         let screen = screen_rows(view, &map);
-        let bounds = &instance.mesh.bounds;
-        let extent: [f32; 3] =
-            std::array::from_fn(|k| (0.5 * (bounds.max[k] - bounds.min[k])).next_up() + f32::EPSILON);
-        let footprint = footprint(&screen, constants, bounds.center(), extent)?;
         let inverse = map.inverse();
         let eye = if view.orthographic {
             inverse.transform_vector3(DVec3::NEG_Z).normalize_or_zero()
@@ -143,7 +133,7 @@ impl InstanceView {
         let normal = inverse.matrix3.transpose();
         // Up to a common factor: keeps f32 in range whatever the scale.
         let normal = normal * (1.0 / normal.x_axis.length().max(f64::MIN_POSITIVE));
-        Some(Self {
+        Self {
             slot,
             mesh: Arc::clone(&instance.mesh),
             material: instance.material,
@@ -153,8 +143,15 @@ impl InstanceView {
             normal: pose::linear_rows(&normal).map(|r| r.map(|v| v as f32)),
             conformal: is_conformal(&normal),
             mirrored: map.matrix3.determinant() < 0.0,
-            footprint,
-        })
+            footprint: Footprint::default(),
+        }
+    }
+
+    /// Centre and half extents of the box around the mesh, rounded up.
+    pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
+        let bounds = &self.mesh.bounds;
+        let extent = |k: usize| (0.5 * (bounds.max[k] - bounds.min[k])).next_up() + f32::EPSILON;
+        (bounds.center(), std::array::from_fn(extent))
     }
 
     /// Homogeneous screen coordinates of an internal position.
@@ -234,7 +231,7 @@ fn footprint(
     // Bounds of the rounding of a coordinate anywhere in the box.
     let rounding = |r: usize| {
         let h = half(r);
-        ROUNDING
+        FOOTPRINT_ROUNDING
             * (h[0] * center[0].abs() + h[1] * center[1].abs() + h[2] * center[2].abs() + reach(r) + h[3])
     };
     let slack = [rounding(0), rounding(1), rounding(2)];
@@ -296,7 +293,7 @@ fn footprint(
     let pixel = |v: f32, k: usize| v.clamp(0.0, size[k] - 1.0) as u16;
     let span = (high[0] - low[0]).max(high[1] - low[1]);
     let inside = low.iter().chain(&high).all(|v| v.abs() < GUARD_BAND);
-    let value = if constants.orthographic { nearest } else { constants.near / nearest * (1.0 + ROUNDING) };
+    let value = if constants.orthographic { nearest } else { constants.near / nearest * (1.0 + FOOTPRINT_ROUNDING) };
     Some(Footprint {
         rect: [pixel(low[0], 0), pixel(low[1], 1), pixel(high[0], 0), pixel(high[1], 1)],
         near_key: constants.key(value),

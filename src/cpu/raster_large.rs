@@ -8,9 +8,10 @@
 use rayon::prelude::*;
 
 use super::clip::{ClipVertex, clip};
-use super::project::{GUARD_BAND, InstanceView, Screen};
+use super::project::{InstanceView, Screen};
 use super::triangle::{UNIT, edge_bias, pixels, project, snap};
 use super::visibility::{Sink, Visible, payload};
+use crate::limits::GUARD_BAND;
 
 /// Triangles whose box has more pixels are shared out by bands.
 const SHARE_ABOVE: i64 = 1 << 14;

@@ -12,14 +12,6 @@ use super::triangle::{UNIT, edge_bias, pixels, snap};
 use super::visibility::{Sink, Visible, payload};
 use crate::limits::CLUSTER_MAX_VERTICES;
 
-/// Longest side, pixels, of a cluster on the screen: with it, products of two snapped differences and their
-/// difference fit 32 bits.
-pub const MAX_SPAN: u16 = 120;
-const _: () = {
-    let side = (MAX_SPAN as i64 + 2) * UNIT as i64;
-    assert!(2 * side * side < i32::MAX as i64);
-};
-
 /// Clusters per task.
 const CLUSTERS_PER_TASK: usize = 8;
 

@@ -57,10 +57,10 @@ impl Renderer {
 
     /// The backend in use, and why.
     #[getter]
-    fn backend(&self, py: Python<'_>) -> (&'static str, &'static str) {
+    fn backend(&self, py: Python<'_>) -> (&'static str, String) {
         py.detach(|| {
             let inner = self.lock();
-            (inner.backend().name(), inner.backend_reason())
+            (inner.backend().name(), inner.backend_reason().to_owned())
         })
     }
 
@@ -78,7 +78,7 @@ impl Renderer {
         depth: bool,
     ) -> PyResult<Frame> {
         let pose = matrix4(pose, "pose")?;
-        let options = RenderOptions { pixel_error, occlusion, color, depth };
+        let options = RenderOptions { pixel_error, occlusion, color, depth, ..RenderOptions::default() };
         let frame = detached(py, || {
             let camera = self::camera(camera)?;
             self.lock().render(&scene.read(), &camera, &pose, &options)

@@ -84,6 +84,11 @@ impl Frame {
         &self.words
     }
 
+    /// The clusters that were drawn, in scene order; words number them.
+    pub fn visible(&self) -> &[Visible] {
+        &self.visible
+    }
+
     fn pixels(&self) -> Pixels<'_> {
         Pixels { words: &self.words, visible: &self.visible, views: &self.views, screen: &self.screen }
     }

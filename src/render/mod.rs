@@ -1,5 +1,7 @@
 //! The renderer: a list of stages, the facade that runs them, and the frame that they leave.
 
+#[cfg(feature = "gpu")]
+mod device;
 pub mod frame;
 mod pass;
 mod queue;

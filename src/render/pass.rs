@@ -143,7 +143,7 @@ impl Pass {
 }
 
 /// Triangles of the clusters of a list.
-pub(super) fn triangles(list: &[Candidate]) -> u64 {
+fn triangles(list: &[Candidate]) -> u64 {
     list.iter().map(|c| u64::from(c.triangles)).sum()
 }
 

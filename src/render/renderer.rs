@@ -5,47 +5,115 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+#[cfg(feature = "gpu")]
+use super::device;
 use super::frame::{Frame, Spare};
-use super::pass::{Pass, triangles};
+use super::pass::Pass;
 use super::stages::Stage;
 use super::stats::FrameStats;
 use crate::config::RenderOptions;
 use crate::cpu::hzb::Hzb;
-use crate::cpu::project::Screen;
+use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::shade::{self, Lighting};
 use crate::cpu::surface::Pixels;
 use crate::cpu::visibility::Visible;
 use crate::cpu::{instance_cull, output};
 use crate::error::{Error, Result};
-use crate::scene::{Camera, Instance, Scene};
+#[cfg(feature = "gpu")]
+use crate::gpu;
+use crate::scene::{Camera, Instance, Scene, View};
 
 /// Where frames are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
     /// The CPU twin of every stage.
     Cpu,
+    /// A device of wgpu; shading and outputs on the CPU.
+    Gpu,
 }
 
 impl Backend {
+    /// The name by which it is asked for.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+        }
+    }
+}
+
+/// What runs the culling and raster stages.
+#[derive(Debug)]
+enum Device {
+    Cpu,
+    #[cfg(feature = "gpu")]
+    Gpu {
+        renderer: Box<gpu::Renderer>,
+        /// The caller did not ask for it: where it cannot draw a frame, the CPU does.
+        replaceable: bool,
+    },
+}
+
+impl Device {
     /// Resolves a requested backend; also says why it was taken.
-    pub fn choose(name: &str) -> Result<(Self, &'static str)> {
+    fn choose(name: &str) -> Result<(Self, String)> {
         match name {
-            "cpu" => Ok((Self::Cpu, "asked for")),
-            "auto" => Ok((Self::Cpu, "this build has no GPU backend")),
-            "gpu" => Err(Error::Backend {
-                backend: name.to_owned(),
-                message: "this build has no GPU backend; use \"cpu\" or \"auto\"".to_owned(),
-            }),
+            "cpu" => Ok((Self::Cpu, "asked for".to_owned())),
+            "auto" => Ok(Self::automatic()),
+            "gpu" => Self::gpu(),
             _ => {
                 Err(Error::argument("backend", format!("must be \"auto\", \"cpu\" or \"gpu\", not {name:?}")))
             }
         }
     }
 
-    /// The name by which it is asked for.
-    pub fn name(self) -> &'static str {
-        "cpu"
+    #[cfg(feature = "gpu")]
+    fn gpu() -> Result<(Self, String)> {
+        let renderer = Box::new(gpu::Renderer::new()?);
+        let reason = format!("asked for: {}", renderer.context().name());
+        Ok((Self::Gpu { renderer, replaceable: false }, reason))
     }
+
+    #[cfg(not(feature = "gpu"))]
+    fn gpu() -> Result<(Self, String)> {
+        let message = "this build has none; use \"cpu\" or \"auto\"".to_owned();
+        Err(Error::Backend { backend: "gpu".to_owned(), message })
+    }
+
+    /// A GPU if there is one; a program on the CPU that acts as one is slower than the CPU twin.
+    #[cfg(feature = "gpu")]
+    fn automatic() -> (Self, String) {
+        match gpu::Renderer::new() {
+            Ok(renderer) if renderer.context().software() => {
+                let reason = format!("the only adapter is software: {}", renderer.context().name());
+                (Self::Cpu, reason)
+            }
+            Ok(renderer) => {
+                let reason = format!("the best adapter: {}", renderer.context().name());
+                (Self::Gpu { renderer: Box::new(renderer), replaceable: true }, reason)
+            }
+            Err(error) => (Self::Cpu, error.to_string()),
+        }
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    fn automatic() -> (Self, String) {
+        (Self::Cpu, "this build has no GPU backend".to_owned())
+    }
+}
+
+/// What the culling and raster stages leave for those after them.
+pub(super) struct Rastered {
+    /// The visibility buffer.
+    pub(super) words: Vec<u64>,
+    /// The frame's instances.
+    pub(super) views: Vec<InstanceView>,
+    /// The frame's visible list.
+    pub(super) visible: Vec<Visible>,
+    /// Which of it went to the large rasterizer.
+    pub(super) large: Vec<bool>,
+    /// The stages so far, and the triangles of the source.
+    pub(super) stats: FrameStats,
 }
 
 /// Renders scenes into pictures of one size. Buffers are kept between frames.
@@ -53,8 +121,8 @@ impl Backend {
 pub struct Renderer {
     width: u32,
     height: u32,
-    backend: Backend,
-    reason: &'static str,
+    device: Device,
+    reason: String,
     hzb: Hzb,
     spare: Spare,
 }
@@ -68,9 +136,9 @@ impl Renderer {
                 return Err(Error::argument(name, format!("must be between 1 and {most}, not {value}")));
             }
         }
-        let (backend, reason) = Backend::choose(backend)?;
+        let (device, reason) = Device::choose(backend)?;
         let spare = Arc::new(Mutex::new(Vec::new()));
-        Ok(Self { width, height, backend, reason, hzb: Hzb::default(), spare })
+        Ok(Self { width, height, device, reason, hzb: Hzb::default(), spare })
     }
 
     /// Width, pixels.
@@ -85,12 +153,16 @@ impl Renderer {
 
     /// The backend in use.
     pub fn backend(&self) -> Backend {
-        self.backend
+        match self.device {
+            Device::Cpu => Backend::Cpu,
+            #[cfg(feature = "gpu")]
+            Device::Gpu { .. } => Backend::Gpu,
+        }
     }
 
     /// Why that backend.
-    pub fn backend_reason(&self) -> &'static str {
-        self.reason
+    pub fn backend_reason(&self) -> &str {
+        &self.reason
     }
 
     /// Renders `scene` as `camera` sees it from the camera-to-world `pose`.
@@ -105,19 +177,11 @@ impl Renderer {
         let start = Instant::now();
         let view = camera.view(pose, self.width, self.height)?;
         let screen = Screen::new(&view);
-        let mut stats = FrameStats::default();
         let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
-        let views = stats.time(Stage::InstanceCull, 1, || {
-            let views = instance_cull::run(&instances, &view, &screen);
-            let count = views.len() as u64;
-            (views, instances.len() as u64, count)
-        });
-        let mut pass = Pass { screen, tau: options.pixel_error, views, words: self.spare_words(), stats };
-        let list = pass.draw_scene(options.occlusion, &mut self.hzb)?;
-        let Pass { views, words, mut stats, .. } = pass;
+        let Rastered { words, views, visible, large, mut stats } =
+            self.draw(&instances, &view, screen, options)?;
 
         let lighting = Lighting::new(scene, &view);
-        let visible: Vec<Visible> = list.iter().map(|c| c.visible).collect();
         let pixels = Pixels { words: &words, visible: &visible, views: &views, screen: &screen };
         let count = words.len();
         let color = options.color.then(|| {
@@ -138,15 +202,48 @@ impl Renderer {
             Some(shade) => shade.passed,
             None => words.par_iter().filter(|w| **w != 0).count() as u64,
         };
-        stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
-        stats.clusters = list.len() as u64;
-        stats.triangles = triangles(&list);
+        stats.clusters = visible.len() as u64;
+        let record = |v: &Visible| views[v.instance as usize].mesh.record(v.cluster);
+        stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
         let drawn = |stage| stats.stages.iter().filter(|s| s.stage == stage).map(|s| s.passed).sum();
         (stats.drawn_small, stats.drawn_large) = (drawn(Stage::RasterSmall), drawn(Stage::RasterLarge));
         stats.total_ms = start.elapsed().as_secs_f64() * 1e3;
-        let large = list.iter().map(|c| c.large).collect();
         let spare = Arc::clone(&self.spare);
         Ok(Frame { words, visible, large, views, screen, view, lighting, color, depth, spare, stats })
+    }
+
+    /// The culling and raster stages.
+    fn draw(
+        &mut self,
+        instances: &[(u32, &Instance)],
+        view: &View,
+        screen: Screen,
+        options: &RenderOptions,
+    ) -> Result<Rastered> {
+        let words = self.spare_words();
+        #[cfg(feature = "gpu")]
+        if let Device::Gpu { renderer, replaceable } = &mut self.device {
+            match device::draw_scene(renderer, instances, view, screen, options, words) {
+                Err(error @ Error::Backend { .. }) if *replaceable => {
+                    (self.device, self.reason) = (Device::Cpu, error.to_string());
+                    return self.draw(instances, view, screen, options);
+                }
+                drawn => return drawn,
+            }
+        }
+        let mut stats = FrameStats::default();
+        let views = stats.time(Stage::InstanceCull, 1, || {
+            let views = instance_cull::run(instances, view, &screen);
+            let count = views.len() as u64;
+            (views, instances.len() as u64, count)
+        });
+        stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
+        let mut pass = Pass { screen, tau: options.pixel_error, views, words, stats };
+        let list = pass.draw_scene(options.occlusion, &mut self.hzb)?;
+        let Pass { views, words, stats, .. } = pass;
+        let visible = list.iter().map(|c| c.visible).collect();
+        let large = list.iter().map(|c| c.large).collect();
+        Ok(Rastered { words, views, visible, large, stats })
     }
 
     /// A visibility buffer, of an earlier frame if there is one.

@@ -22,7 +22,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("lod", &["model"]),
     ("format", &["model"]),
     ("stream", &["model", "format"]),
-    ("gpu_types", &["model"]),
+    ("gpu_types", &[]),
     ("scene", &["model"]),
     ("cpu", &["model", "lod", "gpu_types", "scene", "stream"]),
     ("gpu", &["model", "gpu_types", "scene", "stream"]),

@@ -2,7 +2,11 @@
 
 mod dag_invariants;
 mod format_robust;
+#[cfg(feature = "gpu")]
+mod gpu_parity;
 mod layering;
 mod measure;
 mod render_frames;
+#[cfg(feature = "gpu")]
+mod shader_validation;
 mod shapes;

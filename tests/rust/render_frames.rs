@@ -54,7 +54,7 @@ fn full() -> RenderOptions {
 }
 
 /// A crowd in depth, with two meshes, mirrors, shears and a double-sided sheet.
-fn crowd() -> Scene {
+pub fn crowd() -> Scene {
     let (ball, ring) = (dag(&bumpy_sphere(40)), dag(&torus(60, 24)));
     let sheet = dag(&grid(40, |x, y| 0.1 * (9.0 * x).sin() * (7.0 * y).cos()));
     let mut scene = lit();

@@ -1,0 +1,50 @@
+// The bits of clusters -> the frame's visible list in scene order, and the numbers in it that each rasterizer draws.
+
+@group(0) @binding(0) var<storage, read> candidates: array<Candidate>;
+@group(0) @binding(1) var<storage, read> blocks: Dispatch;
+@group(0) @binding(2) var<storage, read> drawn: array<u32>;
+@group(0) @binding(3) var<storage, read> large: array<u32>;
+@group(0) @binding(4) var<storage, read> sums: array<u32>;
+@group(0) @binding(5) var<storage, read_write> visible: array<VisibleCluster>;
+// Numbers of small clusters from the front, of large ones from the back.
+@group(0) @binding(6) var<storage, read_write> numbers: array<u32>;
+// Small, large.
+@group(0) @binding(7) var<storage, read_write> draws: array<DispatchOut, 2>;
+
+fn claim(kind: u32) -> u32 {
+    let at = atomicAdd(&draws[kind].count, 1u);
+    atomicMax(&draws[kind].x, min(at + 1u, MAX_WORKGROUPS));
+    atomicMax(&draws[kind].y, at / MAX_WORKGROUPS + 1u);
+    atomicMax(&draws[kind].z, 1u);
+    return at;
+}
+
+@compute @workgroup_size(SCAN_WIDTH)
+fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let block = workgroup_number(workgroup);
+    let word = block * SCAN_WIDTH + lane;
+    var mask = 0u;
+    if word < blocks.count {
+        mask = drawn[word];
+    }
+    let upto = inclusive_sum(lane, countOneBits(mask));
+    if mask == 0u {
+        return;
+    }
+    var number = sums[block] + upto - countOneBits(mask);
+    let candidate = candidates[word];
+    let is_large = large[word];
+    while mask != 0u {
+        let member = firstTrailingBit(mask);
+        mask &= mask - 1u;
+        let kind = is_large >> member & 1u;
+        let at = claim(kind);
+        if number < arrayLength(&visible) {
+            visible[number] = VisibleCluster(candidate.instance, candidate.first + member, kind);
+        }
+        if at < arrayLength(&numbers) {
+            numbers[select(at, arrayLength(&numbers) - 1u - at, kind == 1u)] = number;
+        }
+        number++;
+    }
+}

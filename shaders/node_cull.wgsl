@@ -1,0 +1,45 @@
+// Stage 2. One level of the hierarchies: nodes to look at -> their children, or the bits of groups whose clusters
+// may be drawn.
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> instances: array<Instance>;
+@group(0) @binding(2) var<storage, read> nodes: array<Node>;
+@group(0) @binding(3) var<storage, read> groups: array<Group>;
+@group(0) @binding(4) var<storage, read> visits: array<Visit>;
+@group(0) @binding(5) var<storage, read> level: Dispatch;
+@group(0) @binding(6) var<storage, read_write> visits_out: array<Visit>;
+@group(0) @binding(7) var<storage, read_write> next: DispatchOut;
+@group(0) @binding(8) var<storage, read_write> group_bits: array<atomic<u32>>;
+
+@compute @workgroup_size(WIDTH)
+fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let number = workgroup_number(workgroup) * WIDTH + lane;
+    if number >= min(level.count, arrayLength(&visits)) {
+        return;
+    }
+    let visit = visits[number];
+    let node = nodes[instances[visit.instance].first_node + visit.node];
+    if !exceeds(visit.instance, node.lod_sphere, node.max_parent_error)
+        || !on_screen(visit.instance, node.center, node.extent) {
+        return;
+    }
+    let count = node.count & 0xffffu;
+    if (node.count >> 16u) == 0u {
+        let at = claim(count);
+        for (var i = 0u; i < count; i++) {
+            append(at + i, Visit(visit.instance, node.first + i));
+        }
+        return;
+    }
+    atomicAdd(&next.visited, count);
+    let first_group = instances[visit.instance].first_group;
+    let words = instances[visit.instance].group_words;
+    for (var i = 0u; i < count; i++) {
+        let number = node.first + i;
+        let group = groups[first_group + number];
+        if exceeds(visit.instance, group.lod_sphere, group.error)
+            && on_screen(visit.instance, group.center, group.extent) {
+            atomicOr(&group_bits[words + number / 32u], 1u << (number % 32u));
+        }
+    }
+}

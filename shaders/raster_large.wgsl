@@ -1,0 +1,279 @@
+// Stage 5. Clusters with large triangles, or that reach the near plane, the far plane or the guard band -> visibility
+// buffer: a workgroup per cluster. Each lane clips a triangle; then the rows of all of them are shared out.
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> instances: array<Instance>;
+@group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
+@group(0) @binding(3) var<storage, read> pages: array<u32>;
+@group(0) @binding(4) var<storage, read> visible: array<VisibleCluster>;
+@group(0) @binding(5) var<storage, read> numbers: array<u32>;
+@group(0) @binding(6) var<storage, read> draws: array<Dispatch, 2>;
+@group(0) @binding(8) var<storage, read_write> counters: Counters;
+
+// A triangle cut by five planes has eight corners at most.
+const MOST_CORNERS: u32 = 8u;
+const CORNERS: u32 = MOST_CORNERS * CLUSTER_MAX_TRIANGLES;
+
+// The clipped polygons, snapped, with their depth values; and of each the corners and the rows up to its end.
+var<workgroup> snapped: array<vec2<i32>, CORNERS>;
+var<workgroup> values: array<f32, CORNERS>;
+var<workgroup> corner_counts: array<u32, CLUSTER_MAX_TRIANGLES>;
+var<workgroup> drawn: atomic<u32>;
+
+struct Polygon {
+    corners: array<vec3<f32>, MOST_CORNERS>,
+    count: u32,
+}
+
+// Distance to one of five planes, inside above 0.
+fn inside(p: vec3<f32>, plane: u32) -> f32 {
+    let guard = GUARD_BAND * select(p.z, 1.0, view.orthographic != 0u);
+    switch plane {
+        case 0u: { return p.z - view.near; }
+        case 1u: { return guard + p.x; }
+        case 2u: { return guard - p.x; }
+        case 3u: { return guard + p.y; }
+        default: { return guard - p.y; }
+    }
+}
+
+fn comes_after(a: vec3<f32>, b: vec3<f32>) -> bool {
+    if a.x != b.x {
+        return a.x > b.x;
+    }
+    if a.y != b.y {
+        return a.y > b.y;
+    }
+    return a.z > b.z;
+}
+
+// From the smaller to the larger end, so that the two triangles of an edge agree.
+fn intersection(a: vec3<f32>, da: f32, b: vec3<f32>, db: f32) -> vec3<f32> {
+    if comes_after(a, b) {
+        return b + db / (db - da) * (a - b);
+    }
+    return a + da / (da - db) * (b - a);
+}
+
+fn cut(polygon: Polygon, plane: u32) -> Polygon {
+    var before = polygon;
+    var out: Polygon;
+    out.count = 0u;
+    for (var i = 0u; i < before.count; i++) {
+        let a = before.corners[i];
+        let b = before.corners[select(i + 1u, 0u, i + 1u == before.count)];
+        let da = inside(a, plane);
+        let db = inside(b, plane);
+        if da >= 0.0 && out.count < MOST_CORNERS {
+            out.corners[out.count] = a;
+            out.count++;
+        }
+        if (da >= 0.0) != (db >= 0.0) && out.count < MOST_CORNERS {
+            out.corners[out.count] = intersection(a, da, b, db);
+            out.count++;
+        }
+    }
+    return out;
+}
+
+fn is_whole(p: vec3<f32>) -> bool {
+    let guard = GUARD_BAND * select(p.z, 1.0, view.orthographic != 0u);
+    return p.z >= view.near && abs(p.x) < guard && abs(p.y) < guard;
+}
+
+// Clips and snaps a lane's triangle.
+fn set_up(lane: u32, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) {
+    var polygon: Polygon;
+    polygon.corners[0] = a;
+    polygon.corners[1] = b;
+    polygon.corners[2] = c;
+    polygon.count = 3u;
+    if !(is_whole(a) && is_whole(b) && is_whole(c)) {
+        for (var plane = 0u; plane < 5u; plane++) {
+            polygon = cut(polygon, plane);
+        }
+    }
+    for (var i = 0u; i < polygon.count; i++) {
+        let p = project(polygon.corners[i]);
+        snapped[MOST_CORNERS * lane + i] = vec2<i32>(snap(p.x), snap(p.y));
+        values[MOST_CORNERS * lane + i] = p.z;
+    }
+    corner_counts[lane] = polygon.count;
+}
+
+// A triangle of a polygon's fan: numbers of its corners, in the order that has the inside on the right of each edge.
+struct Piece {
+    corners: vec3<u32>,
+    area: Wide,
+    // First and last row on the picture; empty when first > last.
+    rows: vec2<i32>,
+}
+
+fn doubled_area(a: vec2<i32>, b: vec2<i32>, c: vec2<i32>) -> Wide {
+    let u = b - a;
+    let v = c - a;
+    return wide_add(wide_product(u.x, v.y), wide_negate(wide_product(v.x, u.y)));
+}
+
+fn piece(polygon: u32, number: u32, double_sided: bool) -> Piece {
+    let first = MOST_CORNERS * polygon;
+    var corners = vec3<u32>(first, first + number + 1u, first + number + 2u);
+    let a = snapped[corners.x];
+    let b = snapped[corners.y];
+    let c = snapped[corners.z];
+    let nothing = Piece(corners, Wide(0, 0u), vec2<i32>(0, -1));
+    var area = doubled_area(a, b, c);
+    let columns = pixel_range(min(min(a.x, b.x), c.x), max(max(a.x, b.x), c.x));
+    var rows = pixel_range(min(min(a.y, b.y), c.y), max(max(a.y, b.y), c.y));
+    rows = vec2<i32>(max(rows.x, 0), min(rows.y, i32(view.height) - 1));
+    if max(columns.x, 0) > min(columns.y, i32(view.width) - 1) || rows.x > rows.y {
+        return nothing;
+    }
+    if area.high < 0 {
+        if !double_sided {
+            return nothing;
+        }
+        corners = corners.xzy;
+        area = wide_negate(area);
+    } else if area.high == 0 && area.low == 0u {
+        return nothing;
+    }
+    return Piece(corners, area, rows);
+}
+
+// An edge function along a row: biased value at column 0, step per column, bias.
+struct Edge {
+    start: Wide,
+    step: i32,
+    bias: i32,
+}
+
+fn edge(a: vec2<i32>, b: vec2<i32>, row: i32) -> Edge {
+    let d = b - a;
+    let bias = edge_bias(d);
+    let at = wide_add(wide_product(d.x, row * UNIT + UNIT / 2 - a.y), wide_product(-d.y, UNIT / 2 - a.x));
+    return Edge(wide_add(at, wide(bias)), -d.y * UNIT, bias);
+}
+
+fn at_column(e: Edge, column: i32) -> Wide {
+    return wide_add(e.start, wide_product(e.step, column));
+}
+
+// The columns of `span` where an edge function is not negative. A quotient is off by less than one where it matters.
+fn narrow(span: vec2<i32>, e: Edge) -> vec2<i32> {
+    if e.step == 0 {
+        return select(span, vec2<i32>(0, -1), e.start.high < 0);
+    }
+    let zero = -wide_real(e.start) / f32(e.step);
+    if e.step > 0 {
+        var left = i32(clamp(zero, f32(span.x) + 1.0, f32(span.y) + 2.0)) - 1;
+        for (var i = 0u; i < 3u && left <= span.y && at_column(e, left).high < 0; i++) {
+            left++;
+        }
+        return vec2<i32>(left, span.y);
+    }
+    var right = i32(clamp(zero, f32(span.x) - 2.0, f32(span.y) - 1.0)) + 1;
+    for (var i = 0u; i < 3u && right >= span.x && at_column(e, right).high < 0; i++) {
+        right--;
+    }
+    return vec2<i32>(span.x, right);
+}
+
+// Of a biased edge function, the weight of the corner on the other side.
+fn weight(value: Wide, bias: i32) -> f32 {
+    return wide_real(wide_add(value, wide(-bias)));
+}
+
+fn fill(p: Piece, row: i32, low: u32) {
+    let a = snapped[p.corners.x];
+    let b = snapped[p.corners.y];
+    let c = snapped[p.corners.z];
+    let v = vec3<f32>(values[p.corners.x], values[p.corners.y], values[p.corners.z]);
+    let nearest = most(most(v.x, v.y), v.z);
+    let farthest = least(least(v.x, v.y), v.z);
+    let e0 = edge(b, c, row);
+    let e1 = edge(c, a, row);
+    let e2 = edge(a, b, row);
+    let span = narrow(narrow(narrow(vec2<i32>(0, i32(view.width) - 1), e0), e1), e2);
+    if span.x > span.y {
+        return;
+    }
+    let inverse = 1.0 / wide_real(p.area);
+    var at0 = at_column(e0, span.x);
+    var at1 = at_column(e1, span.x);
+    var at2 = at_column(e2, span.x);
+    for (var column = span.x; column <= span.y; column++) {
+        // A mean of the corners' values: no term is negative, so that its relative error stays small everywhere.
+        let sum = weight(at0, e0.bias) * v.x + weight(at1, e1.bias) * v.y + weight(at2, e2.bias) * v.z;
+        let value = least(most(sum * inverse, farthest), nearest);
+        let key = depth_key(value);
+        if key >= view.far_key {
+            put(u32(row) * view.width + u32(column), key, low);
+        }
+        at0 = wide_add(at0, wide(e0.step));
+        at1 = wide_add(at1, wide(e1.step));
+        at2 = wide_add(at2, wide(e2.step));
+    }
+}
+
+@compute @workgroup_size(CLUSTER_MAX_TRIANGLES)
+fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let index = workgroup_number(workgroup);
+    if index >= min(draws[1].count, arrayLength(&numbers)) {
+        return;
+    }
+    let number = numbers[arrayLength(&numbers) - 1u - index];
+    if number >= arrayLength(&visible) {
+        return;
+    }
+    let instance = visible[number].instance;
+    let cluster = visible[number].cluster;
+    let page = page_start(instance, cluster);
+    let record = record_start(page, cluster);
+    let data = page + pages[record + RECORD_DATA];
+    let double_sided = instances[instance].double_sided != 0u;
+    let rows = instances[instance].screen;
+    var height = 0u;
+    if lane < triangle_count(record) {
+        var corners = triangle_corners(data + vertex_count(record) * instances[instance].vertex_words, lane);
+        if instances[instance].mirrored == 0u {
+            corners = corners.xzy;
+        }
+        let at = data + 3u * corners;
+        set_up(lane, homogeneous(rows, reals(at.x)), homogeneous(rows, reals(at.y)), homogeneous(rows, reals(at.z)));
+        for (var i = 0u; i + 2u < corner_counts[lane]; i++) {
+            let p = piece(lane, i, double_sided);
+            height += u32(p.rows.y - p.rows.x + 1);
+        }
+    }
+    if height > 0u {
+        atomicAdd(&drawn, 1u);
+    }
+    inclusive_sum(lane, height);
+    let total = lanes[CLUSTER_MAX_TRIANGLES - 1u];
+    for (var item = lane; item < total; item += CLUSTER_MAX_TRIANGLES) {
+        // The first triangle whose rows end after this one.
+        var triangle = 0u;
+        for (var step = CLUSTER_MAX_TRIANGLES / 2u; step > 0u; step /= 2u) {
+            if lanes[triangle + step - 1u] <= item {
+                triangle += step;
+            }
+        }
+        var row = item;
+        if triangle > 0u {
+            row -= lanes[triangle - 1u];
+        }
+        for (var i = 0u; i + 2u < corner_counts[triangle]; i++) {
+            let p = piece(triangle, i, double_sided);
+            let count = u32(p.rows.y - p.rows.x + 1);
+            if row < count {
+                fill(p, p.rows.x + i32(row), payload(number) - triangle);
+                break;
+            }
+            row -= count;
+        }
+    }
+    if FIRST_PASS && lane == 0u {
+        atomicAdd(&counters.drawn_large, atomicLoad(&drawn));
+    }
+}

@@ -1,0 +1,118 @@
+// Stage 4. Clusters of small triangles -> visibility buffer: a workgroup per cluster, a lane per triangle.
+// src/cpu/raster_small.rs, operation for operation.
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> instances: array<Instance>;
+@group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
+@group(0) @binding(3) var<storage, read> pages: array<u32>;
+@group(0) @binding(4) var<storage, read> visible: array<VisibleCluster>;
+@group(0) @binding(5) var<storage, read> numbers: array<u32>;
+@group(0) @binding(6) var<storage, read> draws: array<Dispatch, 2>;
+@group(0) @binding(8) var<storage, read_write> counters: Counters;
+
+var<workgroup> snapped: array<vec2<i32>, CLUSTER_MAX_VERTICES>;
+var<workgroup> values: array<f32, CLUSTER_MAX_VERTICES>;
+var<workgroup> drawn: atomic<u32>;
+
+// Value, and steps per column and row, of the edge function from a to b at a first pixel.
+fn edge(a: vec2<i32>, b: vec2<i32>, first: vec2<i32>) -> vec3<i32> {
+    let d = b - a;
+    let p = first * UNIT + UNIT / 2 - a;
+    return vec3<i32>(d.x * p.y - d.y * p.x + edge_bias(d), -d.y * UNIT, d.x * UNIT);
+}
+
+// True when the triangle faces the eye and has a box with pixels.
+fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
+    let p0 = snapped[corners.x];
+    var p1 = snapped[corners.y];
+    var p2 = snapped[corners.z];
+    var v1 = values[corners.y];
+    var v2 = values[corners.z];
+    let v0 = values[corners.x];
+    var columns = pixel_range(min(min(p0.x, p1.x), p2.x), max(max(p0.x, p1.x), p2.x));
+    var rows = pixel_range(min(min(p0.y, p1.y), p2.y), max(max(p0.y, p1.y), p2.y));
+    let area = (p1.x - p0.x) * (p2.y - p0.y) - (p2.x - p0.x) * (p1.y - p0.y);
+    if columns.x > columns.y || rows.x > rows.y || area == 0 || (area < 0 && !double_sided) {
+        return false;
+    }
+    if area < 0 {
+        let p = p1;
+        p1 = p2;
+        p2 = p;
+        let v = v1;
+        v1 = v2;
+        v2 = v;
+    }
+    columns = vec2<i32>(max(columns.x, 0), min(columns.y, i32(view.width) - 1));
+    rows = vec2<i32>(max(rows.x, 0), min(rows.y, i32(view.height) - 1));
+    if columns.x > columns.y || rows.x > rows.y {
+        return false;
+    }
+    let first = vec2<i32>(columns.x, rows.x);
+    let e0 = edge(p1, p2, first);
+    let e1 = edge(p2, p0, first);
+    let e2 = edge(p0, p1, first);
+
+    let a = vec2<f32>(p0) * (1.0 / f32(UNIT));
+    let b = vec2<f32>(p1) * (1.0 / f32(UNIT)) - a;
+    let c = vec2<f32>(p2) * (1.0 / f32(UNIT)) - a;
+    let b_value = v1 - v0;
+    let c_value = v2 - v0;
+    let determinant = b.x * c.y - c.x * b.y;
+    let inverse = select(1.0 / determinant, 0.0, determinant == 0.0);
+    let dx = (b_value * c.y - c_value * b.y) * inverse;
+    let dy = (c_value * b.x - b_value * c.x) * inverse;
+    let start = v0 + (f32(first.x) + 0.5 - a.x) * dx + (f32(first.y) + 0.5 - a.y) * dy;
+    let nearest = most(most(v0, v1), v2);
+    let farthest = least(least(v0, v1), v2);
+
+    for (var row = rows.x; row <= rows.y; row++) {
+        let j = row - rows.x;
+        var at = vec3<i32>(e0.x + j * e0.z, e1.x + j * e1.z, e2.x + j * e2.z);
+        for (var column = columns.x; column <= columns.y; column++) {
+            if (at.x | at.y | at.z) >= 0 {
+                let value = least(most(start + f32(column - columns.x) * dx + f32(j) * dy, farthest), nearest);
+                put(u32(row) * view.width + u32(column), depth_key(value), low);
+            }
+            at += vec3<i32>(e0.y, e1.y, e2.y);
+        }
+    }
+    return true;
+}
+
+@compute @workgroup_size(CLUSTER_MAX_TRIANGLES)
+fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let index = workgroup_number(workgroup);
+    if index >= min(draws[0].count, arrayLength(&numbers)) {
+        return;
+    }
+    let number = numbers[index];
+    if number >= arrayLength(&visible) {
+        return;
+    }
+    let instance = visible[number].instance;
+    let cluster = visible[number].cluster;
+    let page = page_start(instance, cluster);
+    let record = record_start(page, cluster);
+    let vertices = vertex_count(record);
+    let data = page + pages[record + RECORD_DATA];
+    for (var v = lane; v < vertices; v += CLUSTER_MAX_TRIANGLES) {
+        let p = project(homogeneous(instances[instance].screen, reals(data + 3u * v)));
+        snapped[v] = vec2<i32>(snap(p.x), snap(p.y));
+        values[v] = p.z;
+    }
+    workgroupBarrier();
+    if lane < triangle_count(record) {
+        var corners = triangle_corners(data + vertices * instances[instance].vertex_words, lane);
+        if instances[instance].mirrored == 0u {
+            corners = corners.xzy;
+        }
+        if draw(corners, instances[instance].double_sided != 0u, payload(number) - lane) {
+            atomicAdd(&drawn, 1u);
+        }
+    }
+    workgroupBarrier();
+    if FIRST_PASS && lane == 0u {
+        atomicAdd(&counters.drawn_small, atomicLoad(&drawn));
+    }
+}

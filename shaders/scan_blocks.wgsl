@@ -1,0 +1,26 @@
+// The counts of blocks -> where each block starts, and after the last one the total. One workgroup.
+
+@group(0) @binding(0) var<storage, read> blocks: Dispatch;
+@group(0) @binding(1) var<storage, read_write> sums: array<u32>;
+
+@compute @workgroup_size(SCAN_WIDTH)
+fn main(@builtin(local_invocation_index) lane: u32) {
+    let count = min((blocks.count + SCAN_WIDTH - 1u) / SCAN_WIDTH, arrayLength(&sums) - 1u);
+    var before = 0u;
+    for (var start = 0u; start < count; start += SCAN_WIDTH) {
+        let block = start + lane;
+        var own = 0u;
+        if block < count {
+            own = sums[block];
+        }
+        let upto = inclusive_sum(lane, own);
+        if block < count {
+            sums[block] = before + upto - own;
+        }
+        before += lanes[SCAN_WIDTH - 1u];
+        workgroupBarrier();
+    }
+    if lane == 0u {
+        sums[count] = before;
+    }
+}

@@ -1,0 +1,17 @@
+// Appending to the nodes that the next dispatch looks at. Needs `next` and `visits_out`.
+
+// Room for `count` entries; the number of the first. Counts on past the end, so that the host learns the need.
+fn claim(count: u32) -> u32 {
+    let at = atomicAdd(&next.count, count);
+    let workgroups = (at + count + WIDTH - 1u) / WIDTH;
+    atomicMax(&next.x, min(workgroups, MAX_WORKGROUPS));
+    atomicMax(&next.y, (workgroups + MAX_WORKGROUPS - 1u) / MAX_WORKGROUPS);
+    atomicMax(&next.z, 1u);
+    return at;
+}
+
+fn append(at: u32, visit: Visit) {
+    if at < arrayLength(&visits_out) {
+        visits_out[at] = visit;
+    }
+}

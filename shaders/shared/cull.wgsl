@@ -1,0 +1,97 @@
+// Where boxes lie on the screen: src/cpu/project.rs, operation for operation.
+
+struct Footprint {
+    // Some of it may be on the picture.
+    seen: bool,
+    clipped: bool,
+    // Longer side of the rectangle, pixels.
+    span: u32,
+}
+
+// Sums are written out, so that their order is known.
+fn homogeneous(rows: array<vec4<f32>, 3>, p: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(
+        rows[0].x * p.x + rows[0].y * p.y + rows[0].z * p.z + rows[0].w,
+        rows[1].x * p.x + rows[1].y * p.y + rows[1].z * p.z + rows[1].w,
+        rows[2].x * p.x + rows[2].y * p.y + rows[2].z * p.z + rows[2].w,
+    );
+}
+
+fn reach(row: vec4<f32>, extent: vec3<f32>) -> f32 {
+    let h = abs(row);
+    return h.x * extent.x + h.y * extent.y + h.z * extent.z;
+}
+
+fn slack(row: vec4<f32>, center: vec3<f32>, extent: vec3<f32>) -> f32 {
+    let h = abs(row);
+    let c = abs(center);
+    return FOOTPRINT_ROUNDING * (h.x * c.x + h.y * c.y + h.z * c.z + reach(row, extent) + h.w);
+}
+
+fn plane_misses(p: vec4<f32>, center: vec3<f32>, extent: vec3<f32>, error: f32) -> bool {
+    let at = p.x * center.x + p.y * center.y + p.z * center.z + p.w;
+    return at + reach(p, extent) + error < 0.0;
+}
+
+fn footprint(instance: u32, center: vec3<f32>, extent: vec3<f32>) -> Footprint {
+    let rows = instances[instance].screen;
+    let parallel = view.orthographic != 0u;
+    let c = homogeneous(rows, center);
+    let slack0 = slack(rows[0], center, extent);
+    let slack1 = slack(rows[1], center, extent);
+    let slack2 = slack(rows[2], center, extent);
+    let depth = reach(rows[2], extent);
+    let nearest = c.z - depth - slack2;
+    let farthest = c.z + depth + slack2;
+    if farthest < view.near || nearest > view.far {
+        return Footprint(false, false, 0u);
+    }
+    let size = vec2<f32>(f32(view.width), f32(view.height));
+    if !(nearest > view.near && slack2 < 1.0e-3 * nearest) {
+        // It reaches the near plane: test the half spaces.
+        for (var k = 0u; k < 2u; k++) {
+            let error = select(slack0, slack1, k == 1u) + slack2 * (size[k] + 1.0);
+            let low = select(1.0 * rows[2], vec4<f32>(0.0, 0.0, 0.0, 1.0), parallel);
+            let high = select((size[k] + 1.0) * rows[2], vec4<f32>(0.0, 0.0, 0.0, size[k] + 1.0), parallel);
+            if plane_misses(rows[k] + low, center, extent, error)
+                || plane_misses(-rows[k] + high, center, extent, error) {
+                return Footprint(false, false, 0u);
+            }
+        }
+        return Footprint(true, true, UNKNOWN_SPAN);
+    }
+    let scale = select(1.0 / nearest, 1.0, parallel);
+    let edge_x = rows[0].xyz * extent;
+    let edge_y = rows[1].xyz * extent;
+    let deep = rows[2].xyz * extent;
+    var low = vec2<f32>(3.0e38);
+    var high = vec2<f32>(-3.0e38);
+    for (var corner = 0u; corner < 8u; corner++) {
+        let plus = vec3<bool>((corner & 1u) == 0u, (corner & 2u) == 0u, (corner & 4u) == 0u);
+        let ex = select(-edge_x, edge_x, plus);
+        let ey = select(-edge_y, edge_y, plus);
+        let ed = select(-deep, deep, plus);
+        var at = vec2<f32>(c.x + ex.x + ex.y + ex.z, c.y + ey.x + ey.y + ey.z);
+        let d = c.z + ed.x + ed.y + ed.z;
+        if !parallel {
+            at = vec2<f32>(at.x / d, at.y / d);
+        }
+        low = min(low, at);
+        high = max(high, at);
+    }
+    let widest = max(abs(low), abs(high));
+    let across = select(widest * slack2, vec2<f32>(0.0), parallel);
+    let error = 1.0 + scale * (vec2<f32>(slack0, slack1) + across);
+    low = low - error;
+    high = high + error;
+    if high.x < 0.0 || high.y < 0.0 || low.x > size.x || low.y > size.y {
+        return Footprint(false, false, 0u);
+    }
+    let span = max(high.x - low.x, high.y - low.y);
+    let inside = all(abs(low) < vec2<f32>(GUARD_BAND)) && all(abs(high) < vec2<f32>(GUARD_BAND));
+    return Footprint(true, !inside || farthest > view.far, u32(min(span, f32(UNKNOWN_SPAN))));
+}
+
+fn on_screen(instance: u32, center: array<f32, 3>, extent: array<f32, 3>) -> bool {
+    return footprint(instance, vector(center), vector(extent)).seen;
+}

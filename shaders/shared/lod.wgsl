@@ -1,0 +1,22 @@
+// The rule of the cut: src/model/rule.rs on src/math/project.rs.
+
+fn error_pixels(instance: u32, sphere: Sphere, error: f32) -> f32 {
+    if error <= 0.0 {
+        return error;
+    }
+    let world = error * instances[instance].lod_scale;
+    let focal = instances[instance].lod_focal;
+    let near = instances[instance].lod_near;
+    if near == 0.0 {
+        return world * focal;
+    }
+    let at = homogeneous(instances[instance].object_to_eye, vector(sphere.center));
+    let length = sqrt(at.x * at.x + at.y * at.y + at.z * at.z);
+    let distance = length - sphere.radius * instances[instance].lod_scale - world;
+    return world * focal / max(distance, near);
+}
+
+// True when an error on a sphere is too large to be drawn.
+fn exceeds(instance: u32, sphere: Sphere, error: f32) -> bool {
+    return error_pixels(instance, sphere, error) > view.tau;
+}

@@ -1,0 +1,39 @@
+// Signed 64-bit integers as (high, low), for devices with and without their own.
+
+struct Wide {
+    high: i32,
+    low: u32,
+}
+
+fn wide(v: i32) -> Wide {
+    return Wide(v >> 31u, bitcast<u32>(v));
+}
+
+fn wide_add(a: Wide, b: Wide) -> Wide {
+    let low = a.low + b.low;
+    return Wide(a.high + b.high + select(0, 1, low < a.low), low);
+}
+
+fn wide_negate(a: Wide) -> Wide {
+    return wide_add(Wide(~a.high, ~a.low), Wide(0, 1u));
+}
+
+fn wide_product(a: i32, b: i32) -> Wide {
+    let x = bitcast<u32>(a);
+    let y = bitcast<u32>(b);
+    let xl = x & 0xffffu;
+    let xh = x >> 16u;
+    let yl = y & 0xffffu;
+    let yh = y >> 16u;
+    let low = xl * yl;
+    let middle = xh * yl + (low >> 16u);
+    let rest = xl * yh + (middle & 0xffffu);
+    let high = xh * yh + (middle >> 16u) + (rest >> 16u);
+    // Of the unsigned product: two's complement numbers are 2^32 too large where negative.
+    let excess = select(0u, y, a < 0) + select(0u, x, b < 0);
+    return Wide(bitcast<i32>(high - excess), (rest << 16u) | (low & 0xffffu));
+}
+
+fn wide_real(a: Wide) -> f32 {
+    return f32(a.high) * 4294967296.0 + f32(a.low);
+}

@@ -1,0 +1,7 @@
+// The visibility buffer by one 64-bit maximum.
+
+@group(0) @binding(7) var<storage, read_write> words: array<atomic<u64>>;
+
+fn put(pixel: u32, key: u32, low: u32) {
+    atomicMax(&words[pixel], (u64(key) << 32u) | u64(low));
+}

@@ -1,0 +1,19 @@
+// Prefix sums over the lanes of a workgroup.
+
+var<workgroup> lanes: array<u32, SCAN_WIDTH>;
+
+// The sum of `value` over this lane and those before it; afterwards `lanes` has that of every lane.
+fn inclusive_sum(lane: u32, value: u32) -> u32 {
+    lanes[lane] = value;
+    workgroupBarrier();
+    for (var stride = 1u; stride < SCAN_WIDTH; stride *= 2u) {
+        var sum = lanes[lane];
+        if lane >= stride {
+            sum += lanes[lane - stride];
+        }
+        workgroupBarrier();
+        lanes[lane] = sum;
+        workgroupBarrier();
+    }
+    return lanes[lane];
+}

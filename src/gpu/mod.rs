@@ -1,0 +1,20 @@
+//! The GPU backend: the stages of `render::stages` on a device of wgpu.
+//!
+//! Stage `x` is `src/gpu/x.rs`, which records it, and `shaders/x.wgsl`, which is the twin of `src/cpu/x.rs`. A frame is
+//! one submission: every stage decides the dispatch of the next on the device. What is read back afterwards are the
+//! visibility buffer, the visible list and the counts of every list; where one was too short, it grows and the frame
+//! runs again. [`context`] finds a device, [`meshes`] holds what is uploaded once, [`shaders`] puts sources together.
+
+mod cluster_cull;
+pub mod context;
+mod frame;
+mod instance_cull;
+pub mod meshes;
+mod node_cull;
+mod raster_large;
+mod raster_small;
+pub mod renderer;
+pub mod shaders;
+
+pub use context::Context;
+pub use renderer::{Drawn, Renderer};

@@ -1,0 +1,172 @@
+//! WGSL sources: constants that Rust has, shared files and the kernel's own, one after the other.
+
+use std::mem::offset_of;
+
+use crate::limits::{
+    CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN, PAGE_SLOT_BITS,
+    SMALL_EDGE, SUBPIXEL_BITS, TRIANGLE_BITS,
+};
+use crate::model::ClusterRecord;
+use crate::model::cluster::RECORD_WORDS;
+
+/// Lanes of a workgroup where each entry is looked at by itself.
+pub const WIDTH: u32 = 64;
+/// Lanes of a workgroup that sums up words.
+pub const SCAN_WIDTH: u32 = CLUSTER_MAX_TRIANGLES as u32;
+/// Workgroups that every device allows along a dimension.
+pub const MAX_WORKGROUPS: u32 = 65_535;
+/// Groups whose clusters a workgroup culls, each by as many lanes as a word has bits.
+const GROUPS_PER_WORKGROUP: u32 = WIDTH / u32::BITS;
+
+/// How rasterizers write to the visibility buffer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Words {
+    /// By one 64-bit atomic maximum.
+    Wide,
+    /// The nearest key of every pixel, the first of two 32-bit passes.
+    Keys,
+    /// The largest low half among those with that key, the second.
+    Lows,
+}
+
+/// Everything that runs on the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kernel {
+    /// Instances → roots to look at.
+    InstanceCull,
+    /// A level of nodes → the next, and the bits of groups.
+    NodeCull,
+    /// Words → set bits of each block of words.
+    CountBits,
+    /// Set bits of blocks → where each block starts.
+    ScanBlocks,
+    /// Bits of groups → the list of groups.
+    ListGroups,
+    /// Groups → bits of clusters.
+    ClusterCull,
+    /// Bits of clusters → the visible list.
+    ListClusters,
+    /// Small clusters → visibility buffer.
+    RasterSmall(Words),
+    /// Large clusters → visibility buffer.
+    RasterLarge(Words),
+    /// A long loop, to see whether the driver finishes it.
+    LoopProbe,
+}
+
+/// All kernels; [`Kernel::number`] is the place here.
+pub const KERNELS: [Kernel; 14] = [
+    Kernel::InstanceCull,
+    Kernel::NodeCull,
+    Kernel::CountBits,
+    Kernel::ScanBlocks,
+    Kernel::ListGroups,
+    Kernel::ClusterCull,
+    Kernel::ListClusters,
+    Kernel::LoopProbe,
+    Kernel::RasterSmall(Words::Wide),
+    Kernel::RasterSmall(Words::Keys),
+    Kernel::RasterSmall(Words::Lows),
+    Kernel::RasterLarge(Words::Wide),
+    Kernel::RasterLarge(Words::Keys),
+    Kernel::RasterLarge(Words::Lows),
+];
+
+macro_rules! file {
+    ($name:literal) => {
+        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $name, ".wgsl"))
+    };
+}
+
+const TYPES: &str = file!("shared/types");
+const CULL: &str = file!("shared/cull");
+const LOD: &str = file!("shared/lod");
+const PAGES: &str = file!("shared/pages");
+const APPEND: &str = file!("shared/append");
+const SCAN: &str = file!("shared/workgroup_scan");
+const TRIANGLE: &str = file!("shared/triangle");
+const WIDE: &str = file!("shared/wide");
+
+impl Kernel {
+    /// Place in [`KERNELS`].
+    pub fn number(self) -> usize {
+        KERNELS.iter().position(|k| *k == self).unwrap_or(KERNELS.len())
+    }
+
+    /// Name of its file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::InstanceCull => "instance_cull",
+            Self::NodeCull => "node_cull",
+            Self::CountBits => "count_bits",
+            Self::ScanBlocks => "scan_blocks",
+            Self::ListGroups => "list_groups",
+            Self::ClusterCull => "cluster_cull",
+            Self::ListClusters => "list_clusters",
+            Self::RasterSmall(_) => "raster_small",
+            Self::RasterLarge(_) => "raster_large",
+            Self::LoopProbe => "loop_probe",
+        }
+    }
+
+    fn files(self) -> Vec<&'static str> {
+        let words = |words| if words == Words::Wide { file!("shared/words_64") } else { file!("shared/words_32") };
+        match self {
+            Self::InstanceCull => vec![TYPES, CULL, APPEND, file!("instance_cull")],
+            Self::NodeCull => vec![TYPES, CULL, LOD, APPEND, file!("node_cull")],
+            Self::CountBits => vec![TYPES, SCAN, file!("count_bits")],
+            Self::ScanBlocks => vec![TYPES, SCAN, file!("scan_blocks")],
+            Self::ListGroups => vec![TYPES, SCAN, file!("list_groups")],
+            Self::ClusterCull => vec![TYPES, CULL, LOD, PAGES, file!("cluster_cull")],
+            Self::ListClusters => vec![TYPES, SCAN, file!("list_clusters")],
+            Self::RasterSmall(w) => vec![TYPES, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")],
+            Self::RasterLarge(w) => {
+                vec![TYPES, CULL, PAGES, TRIANGLE, WIDE, SCAN, words(w), file!("raster_large")]
+            }
+            Self::LoopProbe => vec![file!("loop_probe")],
+        }
+    }
+
+    /// The whole source.
+    pub fn source(self) -> String {
+        let mut source = constants();
+        if let Self::RasterSmall(words) | Self::RasterLarge(words) = self {
+            source += &format!("const FIRST_PASS: bool = {};\n", words != Words::Lows);
+        }
+        source + &self.files().join("\n")
+    }
+}
+
+/// The constants of `limits.rs` and the layout of cluster records, as WGSL.
+fn constants() -> String {
+    let whole = [
+        ("WIDTH", WIDTH),
+        ("SCAN_WIDTH", SCAN_WIDTH),
+        ("MAX_WORKGROUPS", MAX_WORKGROUPS),
+        ("GROUPS_PER_WORKGROUP", GROUPS_PER_WORKGROUP),
+        ("CLUSTER_MAX_TRIANGLES", CLUSTER_MAX_TRIANGLES as u32),
+        ("CLUSTER_MAX_VERTICES", CLUSTER_MAX_VERTICES as u32),
+        ("PAGE_SLOT_BITS", PAGE_SLOT_BITS),
+        ("SUBPIXEL_BITS", SUBPIXEL_BITS),
+        ("TRIANGLE_BITS", TRIANGLE_BITS),
+        ("MAX_SPAN", u32::from(MAX_SPAN)),
+        ("UNKNOWN_SPAN", u32::from(u16::MAX)),
+        ("RECORD_WORDS", RECORD_WORDS as u32),
+    ];
+    let fields = [
+        ("RECORD_CENTER", offset_of!(ClusterRecord, center)),
+        ("RECORD_RADIUS", offset_of!(ClusterRecord, radius)),
+        ("RECORD_EXTENT", offset_of!(ClusterRecord, extent)),
+        ("RECORD_CONE", offset_of!(ClusterRecord, cone)),
+        ("RECORD_LOD_SPHERE", offset_of!(ClusterRecord, lod_sphere)),
+        ("RECORD_ERROR", offset_of!(ClusterRecord, error)),
+        ("RECORD_COUNTS", offset_of!(ClusterRecord, vertex_count)),
+        ("RECORD_DATA", offset_of!(ClusterRecord, data)),
+    ];
+    let real =
+        [("GUARD_BAND", GUARD_BAND), ("FOOTPRINT_ROUNDING", FOOTPRINT_ROUNDING), ("SMALL_EDGE", SMALL_EDGE)];
+    let whole = whole.map(|(name, value)| format!("const {name}: u32 = {value}u;\n"));
+    let fields = fields.map(|(name, bytes)| format!("const {name}: u32 = {}u;\n", bytes / 4));
+    let real = real.map(|(name, value)| format!("const {name}: f32 = {value:?}f;\n"));
+    [whole.concat(), fields.concat(), real.concat()].concat()
+}

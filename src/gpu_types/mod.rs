@@ -1,0 +1,130 @@
+//! Plain structs that Rust writes and shaders read, or the other way round; `shaders/shared/types.wgsl` has the same
+//! by the same names, and a test compares the offsets.
+
+use bytemuck::{Pod, Zeroable};
+
+/// A view's constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct View {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// 1 for a parallel projection.
+    pub orthographic: u32,
+    /// Near distance.
+    pub near: f32,
+    /// Far distance; infinite when there is none.
+    pub far: f32,
+    /// Keys below this are beyond the far distance.
+    pub far_key: u32,
+    /// Threshold of the cut, pixels.
+    pub tau: f32,
+    /// Number of instances.
+    pub instances: u32,
+}
+
+/// An instance as seen from a view.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Instance {
+    /// Rows of the map from internal space to homogeneous screen space.
+    pub screen: [[f32; 4]; 3],
+    /// Rows of the map from internal to camera space, for the rule of the cut.
+    pub object_to_eye: [[f32; 4]; 3],
+    /// Centre of the box around the mesh, internal space.
+    pub center: [f32; 3],
+    /// See [`crate::math::LodView::scale`].
+    pub lod_scale: f32,
+    /// Half extents of that box, rounded up.
+    pub extent: [f32; 3],
+    /// See [`crate::math::LodView::focal`].
+    pub lod_focal: f32,
+    /// The eye in internal space, or the direction of sight.
+    pub eye: [f32; 3],
+    /// See [`crate::math::LodView::near`].
+    pub lod_near: f32,
+    /// Where the mesh's nodes start among those of all meshes.
+    pub first_node: u32,
+    /// Where its groups start.
+    pub first_group: u32,
+    /// Where its pages start in the table of pages.
+    pub first_page: u32,
+    /// Where the bits of the instance's groups start, words.
+    pub group_words: u32,
+    /// Words per vertex of a cluster's streams.
+    pub vertex_words: u32,
+    /// 1 draws back faces too.
+    pub double_sided: u32,
+    /// 1 where the map to the screen reverses orientation.
+    pub mirrored: u32,
+    /// Zero.
+    pub unused: u32,
+}
+
+/// Workgroups of a dispatch that one shader decides for the next.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Dispatch {
+    /// Workgroups along x.
+    pub x: u32,
+    /// Along y.
+    pub y: u32,
+    /// Along z.
+    pub z: u32,
+    /// Entries that the workgroups share; more than there is room for when a list was too short.
+    pub count: u32,
+    /// Groups that the dispatch before looked at.
+    pub visited: u32,
+    /// Zero.
+    pub unused: [u32; 3],
+}
+
+/// A node of an instance that is to be looked at.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
+pub struct Visit {
+    /// Number of the instance.
+    pub instance: u32,
+    /// Node of its mesh.
+    pub node: u32,
+}
+
+/// A group whose clusters may be drawn.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct Candidate {
+    /// Number of the instance.
+    pub instance: u32,
+    /// Address of the first cluster.
+    pub first: u32,
+    /// Number of clusters.
+    pub count: u32,
+}
+
+/// An entry of the frame's visible list.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct VisibleCluster {
+    /// Number of the instance.
+    pub instance: u32,
+    /// Address of the cluster.
+    pub cluster: u32,
+    /// 1 when the large rasterizer draws it.
+    pub large: u32,
+}
+
+/// What stages count besides their lists.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Counters {
+    /// Clusters looked at.
+    pub visited_clusters: u32,
+    /// Triangles that faced the eye and had a pixel to offer, small rasterizer.
+    pub drawn_small: u32,
+    /// The same, large rasterizer.
+    pub drawn_large: u32,
+    /// Zero.
+    pub unused: u32,
+}

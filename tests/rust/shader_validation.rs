@@ -1,0 +1,106 @@
+//! Shaders without a device: every one is valid, binds no more than devices allow, and lays out structs as Rust does.
+
+use std::mem::{offset_of, size_of};
+
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::{AddressSpace, Module, TypeInner};
+use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
+use nanite_rs::gpu::shaders::{KERNELS, Kernel, Words};
+use nanite_rs::gpu_types::{Candidate, Counters, Dispatch, Instance, View, VisibleCluster, Visit};
+use nanite_rs::model::{Group, Node};
+
+fn parse(kernel: Kernel) -> Module {
+    let source = kernel.source();
+    naga::front::wgsl::parse_str(&source)
+        .unwrap_or_else(|error| panic!("{kernel:?}: {}", error.emit_to_string(&source)))
+}
+
+/// What every device with and without 64-bit atomics must accept.
+fn capabilities(kernel: Kernel) -> Capabilities {
+    match kernel {
+        Kernel::RasterSmall(Words::Wide) | Kernel::RasterLarge(Words::Wide) => {
+            Capabilities::SHADER_INT64 | Capabilities::SHADER_INT64_ATOMIC_MIN_MAX
+        }
+        _ => Capabilities::empty(),
+    }
+}
+
+#[test]
+fn every_kernel_is_valid() {
+    for (number, kernel) in KERNELS.into_iter().enumerate() {
+        assert_eq!(kernel.number(), number);
+        let module = parse(kernel);
+        let mut validator = Validator::new(ValidationFlags::all(), capabilities(kernel));
+        if let Err(error) = validator.validate(&module) {
+            panic!("{kernel:?}: {}", error.emit_to_string(&kernel.source()));
+        }
+        assert_eq!(module.entry_points.len(), 1);
+        assert_eq!(module.entry_points[0].name, "main");
+    }
+}
+
+#[test]
+fn kernels_bind_no_more_than_devices_allow() {
+    for kernel in KERNELS {
+        let module = parse(kernel);
+        let mut storage = 0;
+        let mut workgroup = 0;
+        let mut bindings = Vec::new();
+        for (_, variable) in module.global_variables.iter() {
+            match variable.space {
+                AddressSpace::Storage { .. } => storage += 1,
+                AddressSpace::WorkGroup => workgroup += module.types[variable.ty].inner.size(module.to_ctx()),
+                _ => {}
+            }
+            bindings.extend(variable.binding.map(|b| (b.group, b.binding)));
+        }
+        bindings.sort_unstable();
+        // Buffers are bound by the order of a list.
+        assert_eq!(bindings, (0..bindings.len() as u32).map(|i| (0, i)).collect::<Vec<_>>(), "{kernel:?}");
+        assert!(storage <= STORAGE_BUFFERS, "{kernel:?}: {storage} storage buffers");
+        assert!(workgroup <= WORKGROUP_BYTES, "{kernel:?}: {workgroup} bytes of workgroup memory");
+    }
+}
+
+/// Members of a struct with their offsets, and its size.
+fn layout(module: &Module, name: &str) -> Option<(Vec<(String, u32)>, u32)> {
+    module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name)).map(|(_, ty)| match &ty.inner {
+        TypeInner::Struct { members, span } => {
+            let members = members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset));
+            (members.collect(), *span)
+        }
+        other => panic!("{name} is {other:?}"),
+    })
+}
+
+macro_rules! fields {
+    ($type:ident: $($field:ident),+) => {
+        (stringify!($type), size_of::<$type>(), vec![$((stringify!($field), offset_of!($type, $field))),+])
+    };
+}
+
+#[test]
+fn structs_lie_in_wgsl_as_in_rust() {
+    let module = parse(Kernel::NodeCull);
+    let mut structs = vec![
+        fields!(View: width, height, orthographic, near, far, far_key, tau, instances),
+        fields!(Instance: screen, object_to_eye, center, lod_scale, extent, lod_focal, eye, lod_near, first_node,
+            first_group, first_page, group_words, vertex_words, double_sided, mirrored, unused),
+        fields!(Node: center, extent, lod_sphere, max_parent_error, first, count, level),
+        fields!(Group: lod_sphere, error, first, count, level, center, extent, bound, quadric, attribute_error,
+            reserved),
+        fields!(Visit: instance, node),
+        fields!(Candidate: instance, first, count),
+        fields!(VisibleCluster: instance, cluster, large),
+        fields!(Dispatch: x, y, z, count, visited, unused),
+        fields!(Counters: visited_clusters, drawn_small, drawn_large, unused),
+    ];
+    // The same struct with atomic members.
+    let (_, size, members) = structs[7].clone();
+    structs.push(("DispatchOut", size, members));
+    for (name, size, expected) in structs {
+        let (members, span) = layout(&module, name).unwrap_or_else(|| panic!("no struct {name}"));
+        let members: Vec<(&str, usize)> = members.iter().map(|(n, o)| (n.as_str(), *o as usize)).collect();
+        assert_eq!((members, span as usize), (expected, size), "{name}");
+    }
+}
