@@ -7,29 +7,20 @@
 use super::project::Screen;
 use crate::limits::GUARD_BAND;
 
-/// A corner of a clipped triangle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ClipVertex {
-    /// Homogeneous screen coordinates.
-    pub at: [f64; 3],
-    /// Which corner of the triangle this is, if it is one.
-    pub corner: Option<u8>,
-}
-
-/// A convex polygon: a triangle cut by five planes at most.
+/// A convex polygon in homogeneous screen coordinates: a triangle cut by five planes at most.
 #[derive(Clone, Copy, Debug)]
 pub struct Polygon {
-    vertices: [ClipVertex; 8],
+    vertices: [[f64; 3]; 8],
     count: usize,
 }
 
 impl Polygon {
     /// The corners, in the triangle's order.
-    pub fn vertices(&self) -> &[ClipVertex] {
+    pub fn vertices(&self) -> &[[f64; 3]] {
         &self.vertices[..self.count]
     }
 
-    fn push(&mut self, vertex: ClipVertex) {
+    fn push(&mut self, vertex: [f64; 3]) {
         // A convex polygon gains one vertex per plane: 3 + 5 fit.
         self.vertices[self.count] = vertex;
         self.count += 1;
@@ -39,12 +30,12 @@ impl Polygon {
         let mut out = Self { count: 0, ..*self };
         for i in 0..self.count {
             let (a, b) = (self.vertices[i], self.vertices[(i + 1) % self.count]);
-            let (da, db) = (inside(&a.at), inside(&b.at));
+            let (da, db) = (inside(&a), inside(&b));
             if da >= 0.0 {
                 out.push(a);
             }
             if (da >= 0.0) != (db >= 0.0) {
-                out.push(ClipVertex { at: intersect(a.at, da, b.at, db), corner: None });
+                out.push(intersect(a, da, b, db));
             }
         }
         out
@@ -61,8 +52,7 @@ fn intersect(a: [f64; 3], da: f64, b: [f64; 3], db: f64) -> [f64; 3] {
 /// The part of a triangle (homogeneous screen coordinates) at or behind the near plane and inside the guard
 /// band.
 pub fn clip(corners: [[f32; 3]; 3], screen: &Screen) -> Polygon {
-    let vertex = |i: usize| ClipVertex { at: corners[i].map(f64::from), corner: Some(i as u8) };
-    let (a, b, c) = (vertex(0), vertex(1), vertex(2));
+    let [a, b, c] = corners.map(|p| p.map(f64::from));
     let whole = Polygon { vertices: [a, b, c, c, c, c, c, c], count: 3 };
     let near = f64::from(screen.near);
     let mut polygon = whole.cut(|v| v[2] - near);
@@ -87,10 +77,7 @@ mod tests {
     fn a_triangle_in_front_stays_whole() {
         let corners = [[0.0, 0.0, 1.0], [64.0, 0.0, 1.0], [0.0, 64.0, 1.0]];
         let polygon = clip(corners, &screen());
-        assert_eq!(
-            polygon.vertices().iter().map(|v| v.corner).collect::<Vec<_>>(),
-            [Some(0), Some(1), Some(2)]
-        );
+        assert_eq!(polygon.vertices(), corners.map(|p| p.map(f64::from)));
         assert!(clip(corners.map(|[x, y, _]| [x, y, 0.4]), &screen()).vertices().is_empty());
     }
 
@@ -105,28 +92,14 @@ mod tests {
         for _ in 0..5000 {
             let mut point = || [random() * 1.0e6, random() * 1.0e6, random() * 3.0];
             let (a, b, c, d) = (point(), point(), point(), point());
-            let new = |p: &Polygon| {
-                p.vertices().iter().filter(|v| v.corner.is_none()).map(|v| v.at).collect::<Vec<_>>()
+            let new = |corners: [[f32; 3]; 3]| -> Vec<[f64; 3]> {
+                // Only the near plane: with more planes other edges meet there.
+                let [a, b, c] = corners.map(|p| p.map(f64::from));
+                let whole = Polygon { vertices: [a, b, c, a, a, a, a, a], count: 3 };
+                let cut = whole.cut(|v| v[2] - 0.5);
+                cut.vertices().iter().copied().filter(|v| ![a, b, c].contains(v)).collect()
             };
-            // Only the near plane: with more planes other edges meet there.
-            let near = |corners: [[f32; 3]; 3]| {
-                let vertex = |i: usize| ClipVertex { at: corners[i].map(f64::from), corner: Some(i as u8) };
-                let whole = Polygon {
-                    vertices: [
-                        vertex(0),
-                        vertex(1),
-                        vertex(2),
-                        vertex(0),
-                        vertex(0),
-                        vertex(0),
-                        vertex(0),
-                        vertex(0),
-                    ],
-                    count: 3,
-                };
-                whole.cut(|v| v[2] - 0.5)
-            };
-            let (left, right) = (new(&near([a, b, c])), new(&near([b, a, d])));
+            let (left, right) = (new([a, b, c]), new([b, a, d]));
             if (a[2] >= 0.5) != (b[2] >= 0.5) {
                 cuts += 1;
                 assert!(left.iter().any(|v| right.contains(v)), "{left:?} {right:?}");

@@ -1,13 +1,14 @@
 //! Stage 5. Clusters with large triangles, or that reach the near plane, the far plane or the guard band →
 //! visibility buffer.
 //!
-//! Triangles are clipped, their depth plane is solved in f64 from the homogeneous corners (so it holds for the
-//! clipped part too), and rows are filled between the ends that the integer edge functions give by division:
-//! no pixel is tested. Very large triangles are set aside and shared out by bands of rows.
+//! Triangles are clipped, and rows are filled between the ends that the integer edge functions give by division: no
+//! pixel is tested. Depth is the mean of the corners' depth values by those edge functions, which are exact and none
+//! negative, so that its relative error stays small where values differ by orders of magnitude. Very large triangles
+//! are set aside and shared out by bands of rows.
 
 use rayon::prelude::*;
 
-use super::clip::{ClipVertex, clip};
+use super::clip::clip;
 use super::project::{InstanceView, Screen};
 use super::triangle::{UNIT, edge_bias, pixels, project, snap};
 use super::visibility::{Sink, Visible, payload};
@@ -18,21 +19,14 @@ const SHARE_ABOVE: i64 = 1 << 14;
 /// Rows of a band.
 const BAND: i32 = 16;
 
-/// A triangle ready to be filled.
+/// A triangle ready to be filled, with the inside on the right of every edge.
 #[derive(Clone, Debug)]
 pub struct Setup {
     corners: [[i32; 2]; 3],
-    plane: Plane,
+    /// Depth values of the corners.
+    values: [f32; 3],
     low: u32,
     rows: (i32, i32),
-}
-
-/// The depth value as a function of the screen position, and its range.
-#[derive(Clone, Copy, Debug)]
-struct Plane {
-    c: [f64; 3],
-    low: f32,
-    high: f32,
 }
 
 /// Draws clusters, given as numbers in the frame's visible list. Returns the triangles that faced the eye and
@@ -100,35 +94,17 @@ fn setup(
     low: u32,
     mut emit: impl FnMut(Setup, i64),
 ) {
-    let safe = |p: &[f32; 3]| {
-        let reach = if screen.orthographic { GUARD_BAND } else { GUARD_BAND * p[2] };
-        p[2] >= screen.near && p[0].abs() < reach && p[1].abs() < reach
-    };
-    let snapped = |p: [f32; 3]| {
-        let [x, y, _] = project(screen, p);
-        [snap(x), snap(y)]
-    };
-    // Through the snapped corners where all of them are on the screen: at a covered pixel it is then a mean of
-    // their depths, also on a surface seen edge-on.
-    let plane_corners = if corners.iter().all(safe) {
-        corners.map(|p| {
-            let scale = if screen.orthographic { 1.0 } else { p[2] } / UNIT as f32;
-            let [x, y] = snapped(p);
-            [x as f32 * scale, y as f32 * scale, p[2]]
-        })
-    } else {
-        corners
-    };
-    let mut plane = None;
-    let mut piece = |points: [[i32; 2]; 3]| {
-        let [[x0, y0], [x1, y1], [x2, y2]] = points.map(|p| p.map(i64::from));
-        let area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0);
+    let mut piece = |points: [[f32; 3]; 3]| {
+        let [a, mut b, mut c] = points.map(|[x, y, value]| ([snap(x), snap(y)], value));
+        let area = doubled_area([a.0, b.0, c.0]);
         if area == 0 || (area < 0 && !double_sided) {
             return;
         }
-        let points = if area < 0 { [points[0], points[2], points[1]] } else { points };
+        if area < 0 {
+            (b, c) = (c, b);
+        }
         let range = |k: usize, size: u32| {
-            let v = points.map(|p| p[k]);
+            let v = [a.0[k], b.0[k], c.0[k]];
             let (first, last) = pixels(v[0].min(v[1]).min(v[2]), v[0].max(v[1]).max(v[2]));
             (first.max(0), last.min(size as i32 - 1))
         };
@@ -136,77 +112,62 @@ fn setup(
         if columns.0 > columns.1 || rows.0 > rows.1 {
             return;
         }
-        let plane = *plane.get_or_insert_with(|| Plane::new(&plane_corners, screen));
         let area = i64::from(columns.1 - columns.0 + 1) * i64::from(rows.1 - rows.0 + 1);
-        emit(Setup { corners: points, plane, low, rows }, area);
+        emit(Setup { corners: [a.0, b.0, c.0], values: [a.1, b.1, c.1], low, rows }, area);
     };
-    if corners.iter().all(safe) {
-        piece(corners.map(snapped));
+    let whole = |p: &[f32; 3]| {
+        let reach = if screen.orthographic { GUARD_BAND } else { GUARD_BAND * p[2] };
+        p[2] >= screen.near && p[0].abs() < reach && p[1].abs() < reach
+    };
+    if corners.iter().all(whole) {
+        piece(corners.map(|p| project(screen, p)));
         return;
     }
     let polygon = clip(corners, screen);
-    let snap_vertex = |v: &ClipVertex| match v.corner {
-        Some(i) => snapped(corners[usize::from(i)]),
-        None => {
-            let r = if screen.orthographic { 1.0 } else { 1.0 / v.at[2] };
-            let guard = f64::from(GUARD_BAND);
-            [v.at[0], v.at[1]]
-                .map(|c| ((c * r).clamp(-guard, guard) * f64::from(UNIT)).round_ties_even() as i32)
-        }
-    };
-    let points: Vec<[i32; 2]> = polygon.vertices().iter().map(snap_vertex).collect();
+    let points: Vec<[f32; 3]> =
+        polygon.vertices().iter().map(|v| project(screen, v.map(|c| c as f32))).collect();
     for i in 1..points.len().saturating_sub(1) {
         piece([points[0], points[i], points[i + 1]]);
     }
 }
 
-impl Plane {
-    /// Solves v = c₀ x + c₁ y + c₂ for the corners: for a pinhole, 1/d is linear on the screen, and
-    /// c·(x, y, d) = near at every corner, behind the eye too.
-    fn new(corners: &[[f32; 3]; 3], screen: &Screen) -> Self {
-        let p = corners.map(|c| c.map(f64::from));
-        let near = f64::from(screen.near);
-        let rows = if screen.orthographic { p.map(|c| [c[0], c[1], 1.0]) } else { p };
-        let right = if screen.orthographic { p.map(|c| c[2]) } else { [near; 3] };
-        let cross = |a: [f64; 3], b: [f64; 3]| {
-            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-        };
-        let minors = [cross(rows[1], rows[2]), cross(rows[2], rows[0]), cross(rows[0], rows[1])];
-        let determinant: f64 = (0..3).map(|k| rows[0][k] * minors[0][k]).sum();
-        let values = corners.iter().filter(|c| c[2] >= screen.near).map(|c| screen.value(c[2]));
-        let (mut low, mut high) =
-            values.fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-        if corners.iter().any(|c| c[2] < screen.near) {
-            let nearest = screen.value(screen.near);
-            (low, high) = (low.min(nearest), high.max(nearest));
-        }
-        let c = std::array::from_fn(|k| (0..3).map(|i| right[i] * minors[i][k]).sum::<f64>() / determinant);
-        let c = if c.iter().all(|v: &f64| v.is_finite()) { c } else { [0.0, 0.0, f64::from(low)] };
-        Self { c, low, high }
-    }
+/// Twice the area of a snapped triangle, positive with the inside on the right of every edge.
+fn doubled_area(corners: [[i32; 2]; 3]) -> i64 {
+    let [[x0, y0], [x1, y1], [x2, y2]] = corners.map(|p| p.map(i64::from));
+    (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+}
+
+/// An integer as a real number by its halves, as devices without 64-bit integers do it.
+#[inline(always)]
+fn real(v: i64) -> f32 {
+    (v >> 32) as i32 as f32 * 4_294_967_296.0 + v as u32 as f32
 }
 
 /// Fills rows `first..=last` of a triangle.
 fn fill<S: Sink>(setup: &Setup, first: i32, last: i32, screen: &Screen, sink: &S) {
     let corners = setup.corners.map(|p| p.map(i64::from));
     let unit = i64::from(UNIT);
-    let edges: [(i64, i64, i64); 3] = std::array::from_fn(|k| {
+    let edges: [Edge; 3] = std::array::from_fn(|k| {
         let ([ax, ay], [bx, by]) = (corners[(k + 1) % 3], corners[(k + 2) % 3]);
         let (dx, dy) = (bx - ax, by - ay);
-        // At the centre of column 0 of row 0, and the steps per column and per row.
-        let start = dx * (unit / 2 - ay) - dy * (unit / 2 - ax) + i64::from(edge_bias(dx as i32, dy as i32));
-        (start, -dy * unit, dx * unit)
+        let bias = i64::from(edge_bias(dx as i32, dy as i32));
+        let start = dx * (unit / 2 - ay) - dy * (unit / 2 - ax) + bias;
+        Edge { start, step_x: -dy * unit, step_y: dx * unit, bias }
     });
     let far_key = screen.far_key;
     let width = screen.width as usize;
+    let values = setup.values;
+    let low = values[0].min(values[1]).min(values[2]);
+    let high = values[0].max(values[1]).max(values[2]);
+    let inverse = 1.0 / real(doubled_area(setup.corners));
     for row in first..=last {
         let (mut left, mut right) = (0, i64::from(screen.width) - 1);
-        for &(start, step_x, step_y) in &edges {
-            let e = start + i64::from(row) * step_y;
-            if step_x > 0 {
-                left = left.max((-e + step_x - 1).div_euclid(step_x));
-            } else if step_x < 0 {
-                right = right.min(e.div_euclid(-step_x));
+        for edge in &edges {
+            let e = edge.start + i64::from(row) * edge.step_y;
+            if edge.step_x > 0 {
+                left = left.max((-e + edge.step_x - 1).div_euclid(edge.step_x));
+            } else if edge.step_x < 0 {
+                right = right.min(e.div_euclid(-edge.step_x));
             } else if e < 0 {
                 right = -1;
             }
@@ -214,24 +175,38 @@ fn fill<S: Sink>(setup: &Setup, first: i32, last: i32, screen: &Screen, sink: &S
         if left > right {
             continue;
         }
-        let plane = &setup.plane;
-        let base = plane.c[1] * (f64::from(row) + 0.5) + plane.c[2];
         let start = row as usize * width;
+        // The weight of each corner is the edge function of the other two.
+        let weight = |k: usize| {
+            let edge = &edges[k];
+            edge.start - edge.bias + i64::from(row) * edge.step_y + left * edge.step_x
+        };
+        let mut weights = [weight(0), weight(1), weight(2)];
         for column in left..=right {
-            let value = (base + plane.c[0] * (column as f64 + 0.5)) as f32;
-            let key = screen.key(value.max(plane.low).min(plane.high));
+            let [a, b, c] = weights.map(real);
+            let value = (a * values[0] + b * values[1] + c * values[2]) * inverse;
+            let key = screen.key(value.max(low).min(high));
             if key >= far_key {
                 sink.put(start + column as usize, u64::from(key) << 32 | u64::from(setup.low));
             }
+            weights = std::array::from_fn(|k| weights[k] + edges[k].step_x);
         }
     }
 }
 
+/// An edge function: its value, biased by the top-left rule, at the centre of column 0 of row 0, and its steps.
+struct Edge {
+    start: i64,
+    step_x: i64,
+    step_y: i64,
+    bias: i64,
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::visibility::Counter;
+    use super::super::visibility::{Counter, Nearest};
     use super::*;
-    use std::sync::atomic::AtomicU32;
+    use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
     fn counts(triangles: &[[[f32; 3]; 3]], screen: &Screen) -> Vec<u32> {
         let cells: Vec<AtomicU32> = (0..screen.width * screen.height).map(|_| AtomicU32::new(0)).collect();
@@ -302,15 +277,21 @@ mod tests {
     }
 
     #[test]
-    fn the_plane_gives_exact_distances_on_a_slanted_floor() {
+    fn distances_on_a_slanted_floor_are_those_of_a_point_within_a_snapped_unit() {
+        // From behind the eye to a horizon at row 10, over four orders of magnitude.
         let screen = screen(0.25);
         let point = |x: f32, z: f32| [40.0 * x + 30.5 * z, 20.0 + 10.0 * z, z];
-        let plane = Plane::new(&[point(-50.0, -10.0), point(50.0, -10.0), point(0.0, 1000.0)], &screen);
-        for row in 11..37 {
-            let y = f64::from(row) + 0.5;
-            let expected = 20.0 / (y - 10.0);
-            let value = plane.c[0] * 30.5 + plane.c[1] * y + plane.c[2];
-            assert!((0.25 / value / expected - 1.0).abs() < 1e-12);
+        let cells: Vec<AtomicU64> =
+            (0..screen.width * screen.height).map(|_| AtomicU64::new(0)).collect();
+        setup([point(-9000.0, -10.0), point(0.0, 9000.0), point(9000.0, -10.0)], true, &screen, 0, |s, _| {
+            fill(&s, s.rows.0, s.rows.1, &screen, &Nearest(&cells));
+        });
+        for row in 10..37 {
+            let word = cells[row * 61 + 30].load(Ordering::Relaxed);
+            let distance = screen.distance((word >> 32) as u32);
+            let y = row as f32 + 0.5;
+            let (near, far) = (20.0 / (y + 1.0 / 128.0 - 10.0), 20.0 / (y - 1.0 / 128.0 - 10.0));
+            assert!((near..=far).contains(&distance), "row {row}: {distance} not in {near}..{far}");
         }
     }
 }

@@ -9,6 +9,7 @@ use crate::cpu::shade::{self, Lighting};
 use crate::cpu::surface::Pixels;
 use crate::cpu::visibility::Visible;
 use crate::error::{Error, Result};
+use crate::model::ClusterAddress;
 use crate::scene::View;
 
 /// Visibility buffers that wait to be used again.
@@ -84,9 +85,9 @@ impl Frame {
         &self.words
     }
 
-    /// The clusters that were drawn, in scene order; words number them.
-    pub fn visible(&self) -> &[Visible] {
-        &self.visible
+    /// The clusters that were drawn, in scene order: slot number of the instance, and address. Words number them.
+    pub fn visible(&self) -> Vec<(u32, ClusterAddress)> {
+        self.visible.iter().map(|v| (self.views[v.instance as usize].slot, v.cluster)).collect()
     }
 
     fn pixels(&self) -> Pixels<'_> {
