@@ -28,10 +28,18 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 RUST_SOURCES := $(shell find src shaders -type f 2>/dev/null) Cargo.toml Cargo.lock pyproject.toml
 REPORTS := target/test-reports
 
+# A software Vulkan driver for the tests of the GPU backend, where the machine has none.
+SOFTWARE_VULKAN := $(abspath target/software-vulkan)
+define with_vulkan
+if [ -f $(SOFTWARE_VULKAN)/driver.json ]; then \
+	export VK_DRIVER_FILES=$(SOFTWARE_VULKAN)/driver.json LD_LIBRARY_PATH=$(SOFTWARE_VULKAN)$${LD_LIBRARY_PATH:+:$$LD_LIBRARY_PATH}; \
+fi
+endef
+
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build demo test test-rust test-python lint fmt bench bench-error soak clean tools system
+.PHONY: help build demo test test-rust test-python lint fmt bench bench-error soak clean tools system vulkan
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -68,6 +76,9 @@ $(VENV)/.stamp-module: $(RUST_SOURCES) $(VENV)/.stamp-build-requirements
 system:
 	@tools/system-packages $(BIN)/python "the image tests" OSMesa=libosmesa6
 
+vulkan:
+	@tools/software-vulkan $(SOFTWARE_VULKAN)
+
 build: $(VENV)/.stamp-module
 
 # -------------------------------------------------------------------------------------------- for users
@@ -85,13 +96,15 @@ test: build
 	$(BIN)/python tools/skipped-tests.py $(REPORTS) $(if $(STRICT),--strict) || status=1; \
 	exit $$status
 
-test-rust: | tools
+test-rust: vulkan | tools
 	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/rust-*
-	@NANITE_SKIPS=$(abspath $(REPORTS))/rust-skips.txt cargo test --locked --no-fail-fast $(CARGO_TEST_ARGS) 2>&1 | tee $(REPORTS)/rust-log.txt
+	@$(with_vulkan); \
+	NANITE_SKIPS=$(abspath $(REPORTS))/rust-skips.txt cargo test --locked --no-fail-fast $(CARGO_TEST_ARGS) 2>&1 | tee $(REPORTS)/rust-log.txt
 
-test-python: build $(VENV)/.stamp-test-requirements system
+test-python: build $(VENV)/.stamp-test-requirements system vulkan
 	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/python-*
-	@NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(BIN)/python -m pytest $(PYTEST_ARGS)
+	@$(with_vulkan); \
+	NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(BIN)/python -m pytest $(PYTEST_ARGS)
 
 soak: export NANITE_SOAK := 1
 soak: test
@@ -100,6 +113,7 @@ lint: build $(VENV)/.stamp-test-requirements
 	cargo fmt --check
 	cargo clippy --locked --all-targets --quiet -- -D warnings
 	cargo clippy --locked --all-targets --quiet --features python -- -D warnings
+	cargo clippy --locked --all-targets --quiet --no-default-features -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --quiet
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check

@@ -24,6 +24,8 @@ pub const SUBPIXEL_BITS: u32 = 8;
 pub const TRIANGLE_BITS: u32 = 7;
 /// Next bits of a visibility word: 1 + the index in the frame's visible list (0 is background).
 pub const VISIBLE_BITS: u32 = 25;
+/// Most visible clusters of a frame.
+pub const MAX_VISIBLE: usize = (1 << VISIBLE_BITS) - 1;
 
 /// Screen coordinates beyond this many pixels are clipped, so that edge functions stay in range and snapping to 1/256
 /// pixel stays exact.

@@ -42,7 +42,7 @@ class StageStats:
     """What went out, counted in `passed_unit`."""
     passed_unit: str
     ms: float
-    """Wall time, milliseconds."""
+    """Wall time, milliseconds; NaN for the stages that the GPU backend runs, all in one submission."""
 
 
 @dataclass(frozen=True)
@@ -262,14 +262,16 @@ class Renderer:
     width, height : int
         Size of the pictures in pixels, 1 to 8192.
     backend : str
-        ``"cpu"``; ``"auto"``, the best there is; or ``"gpu"``, which this build does not have.
+        ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device; or ``"auto"``, such a device unless it is software,
+        else ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same. On a GPU it is
+        culling and rasterizing that run there; shading and all other outputs follow on the CPU.
 
     Raises
     ------
     ArgumentError
         For a size out of range or an unknown backend.
     BackendError
-        If the backend is not available.
+        If the backend is not available; the message names what is missing.
 
     Examples
     --------
@@ -288,7 +290,7 @@ class Renderer:
     def __init__(self, width: int, height: int, *, backend: Literal["auto", "cpu", "gpu"] = "auto") -> None:
         self._size = _pixels(width, "width"), _pixels(height, "height")
         self._core: _core.Renderer | None = _core.Renderer(*self._size, backend)
-        self._backend, self._reason = self._core.backend
+        self._backend = self._core.backend
 
     @property
     def width(self) -> int:
@@ -303,12 +305,12 @@ class Renderer:
     @property
     def backend(self) -> str:
         """The backend in use."""
-        return self._backend
+        return self._backend[0]
 
     @property
     def backend_reason(self) -> str:
-        """Why that backend."""
-        return self._reason
+        """Why that backend, and on a GPU which device."""
+        return self._backend[1]
 
     def render(
         self,
@@ -333,7 +335,8 @@ class Renderer:
         pixel_error : float
             Threshold of the cut: the error of no cluster projects above so many pixels. 0 is full detail.
         occlusion : bool
-            Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit.
+            Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit. The GPU backend does not
+            do it yet.
         outputs : sequence of str
             What to make right away, of ``"color"`` and ``"depth"``; everything else, when first asked for.
 
@@ -345,6 +348,8 @@ class Renderer:
         ------
         ArgumentError
             For a pose that is not finite or not rigid, or a threshold out of range.
+        BackendError
+            If the device asked for cannot draw the frame: it was lost, or the scene or the picture does not fit.
         NaniteError
             If the renderer was closed.
         """
@@ -366,6 +371,7 @@ class Renderer:
             color="color" in wanted,
             depth="depth" in wanted,
         )
+        self._backend = self._core.backend
         return Frame(core)
 
     def close(self) -> None:

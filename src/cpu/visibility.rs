@@ -6,11 +6,8 @@
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-use crate::limits::{TRIANGLE_BITS, VISIBLE_BITS};
+use crate::limits::TRIANGLE_BITS;
 use crate::model::ClusterAddress;
-
-/// Most visible clusters of a frame.
-pub const MAX_VISIBLE: usize = (1 << VISIBLE_BITS) - 1;
 
 /// A cluster that is drawn: an entry of the frame's visible list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -109,6 +106,7 @@ pub fn renumber(words: &mut [u64], numbers: &[u32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::limits::MAX_VISIBLE;
 
     #[test]
     fn words_decode_to_what_was_put() {

@@ -11,8 +11,8 @@ use crate::gpu_types::{Candidate, Counters, Dispatch, Instance, View, VisibleClu
 const STORAGE: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
 const DISPATCH: BufferUsages = STORAGE.union(BufferUsages::INDIRECT);
 
-/// How long the lists are whose lengths only the device knows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Entries of the lists whose lengths only the device knows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Room {
     /// Nodes of a level.
     pub visits: u32,
@@ -20,6 +20,20 @@ pub struct Room {
     pub candidates: u32,
     /// Visible clusters.
     pub visible: u32,
+}
+
+impl Room {
+    /// With room for as many, in powers of two.
+    pub fn grown(self, wanted: Self) -> Self {
+        let grow = |room: u32, count: u32| {
+            if count > room { count.checked_next_power_of_two().unwrap_or(count) } else { room }
+        };
+        Self {
+            visits: grow(self.visits, wanted.visits),
+            candidates: grow(self.candidates, wanted.candidates),
+            visible: grow(self.visible, wanted.visible),
+        }
+    }
 }
 
 /// What a frame's buffers depend on.

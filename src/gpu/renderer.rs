@@ -11,11 +11,8 @@ use super::shaders::Words;
 use super::{cluster_cull, instance_cull, node_cull, raster_large, raster_small};
 use crate::error::{Error, Result};
 use crate::gpu_types::{Counters, Dispatch, Instance, View, VisibleCluster, Visit};
-use crate::limits::VISIBLE_BITS;
+use crate::limits::MAX_VISIBLE;
 use crate::model::Dag;
-
-/// Most clusters that can be visible at once.
-const MOST_VISIBLE: u32 = (1 << VISIBLE_BITS) - 1;
 
 /// Lists of a first frame; each grows to what frames need.
 const FIRST_ROOM: Room = Room { visits: 1 << 12, candidates: 1 << 12, visible: 1 << 14 };
@@ -87,17 +84,18 @@ impl Renderer {
                 Some(buffers) => buffers,
                 None => Buffers::new(&self.context, shape)?,
             };
-            let (drawn, needed) = self.submit(&buffers, &view, &records, wide_atomics, words)?;
+            let (drawn, wanted) = self.submit(&buffers, &view, &records, wide_atomics, words)?;
             self.buffers = Some(buffers);
-            if needed.visible > MOST_VISIBLE {
-                let message =
-                    format!("{} clusters are visible at once, the most is {MOST_VISIBLE}", needed.visible);
+            if wanted.visible as usize > MAX_VISIBLE {
+                let count = wanted.visible;
+                let message = format!("{count} clusters are visible at once, the most is {MAX_VISIBLE}");
                 return Err(Error::TooLarge(message));
             }
-            if needed == self.room {
+            let room = self.room.grown(wanted);
+            if room == self.room {
                 return Ok(drawn);
             }
-            self.room = needed;
+            self.room = room;
         }
     }
 
@@ -122,7 +120,7 @@ impl Renderer {
         Ok((words, depth))
     }
 
-    /// Runs the stages once; also the room that they wanted.
+    /// Runs the stages once; also the lengths that its lists wanted.
     fn submit(
         &self,
         buffers: &Buffers,
@@ -155,9 +153,9 @@ impl Renderer {
             }
         }
         buffers.copy_back(&mut encoder);
-        let mut result = (Drawn::default(), self.room);
+        let mut result = Default::default();
         context.submit(encoder, &buffers.staging, buffers.staged, |staged| {
-            result = report(&buffers.split(staged), self.room, words);
+            result = report(&buffers.split(staged), words);
         })?;
         Ok(result)
     }
@@ -173,10 +171,10 @@ fn list<T: bytemuck::Pod>(bytes: &[u8], count: u32) -> Vec<T> {
     bytes.chunks_exact(size_of::<T>()).take(count as usize).map(value).collect()
 }
 
-/// Reads what came back: the frame, and the room that its lists wanted.
-fn report(parts: &[&[u8]], room: Room, words: &mut [u64]) -> (Drawn, Room) {
+/// Reads what came back: the frame, and the lengths that its lists wanted.
+fn report(parts: &[&[u8]], words: &mut [u64]) -> (Drawn, Room) {
     let [counters, culling, draws, levels @ .., roots, visible, pixels] = parts else {
-        return (Drawn::default(), room);
+        return Default::default();
     };
     bytemuck::cast_slice_mut(words).copy_from_slice(pixels);
     let culling: Dispatch = value(culling);
@@ -193,14 +191,7 @@ fn report(parts: &[&[u8]], room: Room, words: &mut [u64]) -> (Drawn, Room) {
         groups: u64::from(culling.count),
         counters: value(counters),
     };
-    let grown = |count: u32| count.checked_next_power_of_two().unwrap_or(count);
-    let wanted = |room: u32, count: u32| if count > room { grown(count) } else { room };
     // The first level is the list of instances, which has room for all.
     let visits = levels[1..].iter().map(|level| level.count).max().unwrap_or(0);
-    let needed = Room {
-        visits: wanted(room.visits, visits),
-        candidates: wanted(room.candidates, culling.count),
-        visible: wanted(room.visible, clusters),
-    };
-    (drawn, needed)
+    (drawn, Room { visits, candidates: culling.count, visible: clusters })
 }

@@ -13,9 +13,10 @@ use super::stats::FrameStats;
 use crate::cpu::cluster_cull::{self, Candidate};
 use crate::cpu::hzb::Hzb;
 use crate::cpu::project::{InstanceView, Screen};
-use crate::cpu::visibility::{MAX_VISIBLE, Nearest, Visible, as_atomic, renumber};
+use crate::cpu::visibility::{Nearest, Visible, as_atomic, renumber};
 use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
 use crate::error::{Error, Result};
+use crate::limits::MAX_VISIBLE;
 
 /// Fewer triangles than this are drawn at once: a depth pyramid costs more than it could save.
 const PYRAMID_ABOVE: u64 = 1 << 15;

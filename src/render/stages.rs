@@ -1,4 +1,5 @@
-//! The ordered list of stages, written once. Stage `x` is `src/cpu/x.rs`.
+//! The ordered list of stages, written once. Stage `x` is `src/cpu/x.rs`; those before the depth pyramid are also
+//! `src/gpu/x.rs` with `shaders/x.wgsl`.
 
 /// A stage of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -67,11 +68,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_stage_has_its_cpu_twin() {
-        let source = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/cpu");
+    fn every_stage_has_its_files() {
+        let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
         for (i, stage) in STAGES.iter().enumerate() {
             assert_eq!(*stage as usize, i);
-            assert!(source.join(format!("{}.rs", stage.name())).is_file(), "{}", stage.name());
+            let name = stage.name();
+            let mut files = vec![format!("src/cpu/{name}.rs")];
+            if *stage < Stage::Hzb {
+                files.extend([format!("src/gpu/{name}.rs"), format!("shaders/{name}.wgsl")]);
+            }
+            for file in files {
+                assert!(root.join(&file).is_file(), "{file}");
+            }
         }
     }
 }

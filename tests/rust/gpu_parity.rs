@@ -219,19 +219,32 @@ fn clipped_triangles_differ_on_few_pixels() {
     let Some(_) = device("clipped_triangles_differ_on_few_pixels") else { return };
     let scene = crowd();
     let mut room = lit();
-    let floor = dag(&grid(4, |_, _| 0.0));
-    let mut flat = scaled(IDENTITY, 0.0);
-    (flat[0][0], flat[2][1], flat[1][2]) = (60.0, -60.0, 1.0);
-    (flat[0][3], flat[1][3], flat[2][3]) = (-30.0, -1.0, 30.0);
+    let sheet = dag(&grid(4, |x, y| 0.02 * (9.0 * x).sin() * (7.0 * y).cos()));
     let both_sides = Material { double_sided: true, ..Material::default() };
-    room.add(floor, &flat, both_sides).unwrap();
-    for (scene, pose) in
-        [(&scene, at(0.3, 0.2, 1.8)), (&scene, at(0.0, 0.0, 0.9)), (&room, at(0.1, 0.0, 0.2)), (&room, at(20.0, 3.0, -7.0))]
-    {
+    // A floor and a ceiling of a kilometre around the eye, and a wall beside it.
+    for height in [-1.0, 2.0] {
+        let side = 1000.0;
+        let flat = [[side, 0.0, 0.0, -400.0], [0.0, 0.0, 1.0, height], [0.0, -side, 0.0, 450.0], IDENTITY[3]];
+        room.add(Arc::clone(&sheet), &flat, both_sides).unwrap();
+    }
+    let wall = [[0.0, 0.0, 1.0, 0.7], [0.0, 9.0, 0.0, -4.0], [-9.0, 0.0, 0.0, 4.0], IDENTITY[3]];
+    room.add(sheet, &wall, both_sides).unwrap();
+    let views = [
+        (&scene, at(0.3, 0.2, 1.8)),
+        (&scene, at(0.0, 0.0, 0.9)),
+        (&room, at(0.1, 0.0, 0.2)),
+        (&room, at(20.0, 1.3, -7.0)),
+        (&room, at(0.65, -0.9, 3.9)),
+    ];
+    for (scene, pose) in views {
         let [cpu, gpu] = both(scene, &CAMERA, &pose, (639, 361), 0.5);
         let (other, depth) = differences(&gpu, &cpu);
         let pixels = gpu.words().len();
         println!("{other} identities and {depth} depths of {pixels} pixels differ");
         assert!(other * 2000 <= pixels, "{other} of {pixels}");
+        assert!(gpu.stats.drawn_large > 20, "{}", gpu.stats.drawn_large);
+        // Nothing opens where clipped triangles meet.
+        let holes = gpu.depth().iter().zip(cpu.depth()).filter(|(a, b)| (**a > 0.0) != (*b > 0.0)).count();
+        assert_eq!(holes, 0);
     }
 }

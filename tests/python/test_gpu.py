@@ -1,0 +1,116 @@
+"""The GPU backend: the same arrays as the CPU, and clear words where there is no device."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import nanite_rs as nrs
+import numpy as np
+import pytest
+from oracles import subjects
+
+SIZE = 320, 180
+LENS = nrs.PerspectiveCamera(yfov=0.8)
+ARRAYS = ("color", "depth", "normal", "instance_id", "cluster_id", "triangle_id", "face_id", "overdraw")
+
+
+@pytest.fixture(scope="module")
+def device():
+    try:
+        renderer = nrs.Renderer(*SIZE, backend="gpu")
+    except nrs.BackendError as error:
+        pytest.skip(str(error))
+    with renderer:
+        yield renderer
+
+
+def at(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def scene() -> nrs.Scene:
+    out = nrs.Scene(ambient_light=(0.2, 0.2, 0.2), bg_color=(0, 0, 0.5))
+    out.add(nrs.DirectionalLight(intensity=3.0), pose=np.eye(4))
+    mesh = subjects.built("small sphere")
+    looks = nrs.Material(base_color=(0.9, 0.3, 0.2)), nrs.Material(double_sided=True, smooth=False)
+    for k in range(9):
+        out.add(mesh, pose=at(1.5 * (k % 3) - 1.5, 1.5 * (k // 3) - 1.5, -k), material=looks[k % 2])
+    return out
+
+
+@pytest.mark.parametrize("pixel_error", [0.0, 1.0, 8.0])
+@pytest.mark.parametrize("eye", [at(0, 0, 4), at(0.2, 0.1, 1.2), at(30, 0, 60)], ids=["near", "inside", "far"])
+def test_every_array_is_that_of_the_cpu(device, pixel_error, eye) -> None:
+    shown = scene()
+    frame = device.render(shown, LENS, eye, pixel_error=pixel_error)
+    with nrs.Renderer(*SIZE, backend="cpu") as renderer:
+        expected = renderer.render(shown, LENS, eye, pixel_error=pixel_error, occlusion=False)
+    assert device.backend == "gpu"
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(frame, name), getattr(expected, name), err_msg=name)
+    for stage in ("node_cull", "cluster_cull", "raster_small", "raster_large"):
+        ours, theirs = frame.stats[stage], expected.stats[stage]
+        assert (ours.received, ours.passed) == (theirs.received, theirs.passed), stage
+        assert np.isnan(ours.ms)
+    assert frame.stats.covered_pixels == expected.stats.covered_pixels
+
+
+def test_it_says_which_device_it_took(device) -> None:
+    assert device.backend_reason.startswith("asked for: ")
+    assert len(device.backend_reason) > len("asked for: ")
+    with nrs.Renderer(8, 8) as renderer:
+        assert renderer.backend in {"cpu", "gpu"}
+        assert renderer.backend_reason
+
+
+def test_what_does_not_fit_is_named(device) -> None:
+    with nrs.Renderer(8192, 8192, backend="gpu") as renderer:
+        try:
+            frame = renderer.render(scene(), LENS, at(0, 0, 4), outputs=())
+        except nrs.BackendError as error:
+            assert "the pixels of the picture take 512 MiB" in str(error)  # noqa: PT017
+        else:
+            assert frame.stats.covered_pixels > 0
+        # A frame that failed leaves the device usable.
+    assert device.render(scene(), LENS, at(0, 0, 4)).stats.covered_pixels > 0
+
+
+def python(code: str, **environment: str) -> str:
+    """What a fresh interpreter prints."""
+    variables = os.environ | environment
+    done = subprocess.run([sys.executable, "-c", code], env=variables, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="drivers are found by other means elsewhere")
+def test_without_a_driver_gpu_raises_and_auto_takes_the_cpu() -> None:
+    code = """
+import nanite_rs as nrs
+try:
+    nrs.Renderer(8, 8, backend="gpu")
+except nrs.BackendError as error:
+    assert isinstance(error, RuntimeError)
+    print(error)
+renderer = nrs.Renderer(8, 8)
+print(renderer.backend, renderer.backend_reason)
+"""
+    raised, automatic = python(code, VK_DRIVER_FILES="", VK_ICD_FILENAMES="").splitlines()
+    assert "no Vulkan, Metal or DX12 adapter" in raised
+    assert automatic.startswith("cpu ")
+    assert "no Vulkan, Metal or DX12 adapter" in automatic
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_importing_and_rendering_on_the_cpu_load_no_driver() -> None:
+    code = """
+import nanite_rs as nrs, numpy as np
+with nrs.Renderer(8, 8, backend="cpu") as renderer:
+    renderer.render(nrs.Scene(), nrs.PerspectiveCamera(yfov=0.8), np.eye(4))
+print([line for line in open("/proc/self/maps") if "vulkan" in line])
+"""
+    assert python(code).strip() == "[]"
