@@ -25,15 +25,17 @@ struct Polygon {
     count: u32,
 }
 
-// Distance to one of five planes, inside above 0.
-fn inside(p: vec3<f32>, plane: u32) -> f32 {
-    let guard = GUARD_BAND * select(p.z, 1.0, view.orthographic != 0u);
+// Distance to one of five planes, inside at 0 and above.
+fn inside(p: vec3<f32>, plane: u32) -> Pair {
+    if plane == 0u {
+        return pair_sum(p.z, -view.near);
+    }
+    let guard = pair_product(GUARD_BAND, select(p.z, 1.0, view.orthographic != 0u));
     switch plane {
-        case 0u: { return p.z - view.near; }
-        case 1u: { return guard + p.x; }
-        case 2u: { return guard - p.x; }
-        case 3u: { return guard + p.y; }
-        default: { return guard - p.y; }
+        case 1u: { return pair_plus(guard, Pair(p.x, 0.0)); }
+        case 2u: { return pair_plus(guard, Pair(-p.x, 0.0)); }
+        case 3u: { return pair_plus(guard, Pair(p.y, 0.0)); }
+        default: { return pair_plus(guard, Pair(-p.y, 0.0)); }
     }
 }
 
@@ -48,11 +50,20 @@ fn comes_after(a: vec3<f32>, b: vec3<f32>) -> bool {
 }
 
 // From the smaller to the larger end, so that the two triangles of an edge agree.
-fn intersection(a: vec3<f32>, da: f32, b: vec3<f32>, db: f32) -> vec3<f32> {
+fn intersection(a: vec3<f32>, da: Pair, b: vec3<f32>, db: Pair) -> vec3<f32> {
     if comes_after(a, b) {
-        return b + db / (db - da) * (a - b);
+        return between(b, db, a, da);
     }
-    return a + da / (da - db) * (b - a);
+    return between(a, da, b, db);
+}
+
+fn between(a: vec3<f32>, da: Pair, b: vec3<f32>, db: Pair) -> vec3<f32> {
+    let length = pair_minus(db, da);
+    return vec3<f32>(
+        pair_over(pair_minus(pair_times(db, a.x), pair_times(da, b.x)), length),
+        pair_over(pair_minus(pair_times(db, a.y), pair_times(da, b.y)), length),
+        pair_over(pair_minus(pair_times(db, a.z), pair_times(da, b.z)), length),
+    );
 }
 
 fn cut(polygon: Polygon, plane: u32) -> Polygon {
@@ -64,11 +75,11 @@ fn cut(polygon: Polygon, plane: u32) -> Polygon {
         let b = before.corners[select(i + 1u, 0u, i + 1u == before.count)];
         let da = inside(a, plane);
         let db = inside(b, plane);
-        if da >= 0.0 && out.count < MOST_CORNERS {
+        if da.high >= 0.0 && out.count < MOST_CORNERS {
             out.corners[out.count] = a;
             out.count++;
         }
-        if (da >= 0.0) != (db >= 0.0) && out.count < MOST_CORNERS {
+        if (da.high >= 0.0) != (db.high >= 0.0) && out.count < MOST_CORNERS {
             out.corners[out.count] = intersection(a, da, b, db);
             out.count++;
         }

@@ -9,6 +9,11 @@ struct View {
     far_key: u32,
     tau: f32,
     instances: u32,
+    // Always zero, which compilers cannot know.
+    zero: u32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
 }
 
 struct Instance {

@@ -6,35 +6,36 @@
 
 use super::project::Screen;
 use crate::limits::GUARD_BAND;
+use crate::math::Pair;
 
 /// A convex polygon in homogeneous screen coordinates: a triangle cut by five planes at most.
 #[derive(Clone, Copy, Debug)]
 pub struct Polygon {
-    vertices: [[f64; 3]; 8],
+    vertices: [[f32; 3]; 8],
     count: usize,
 }
 
 impl Polygon {
     /// The corners, in the triangle's order.
-    pub fn vertices(&self) -> &[[f64; 3]] {
+    pub fn vertices(&self) -> &[[f32; 3]] {
         &self.vertices[..self.count]
     }
 
-    fn push(&mut self, vertex: [f64; 3]) {
+    fn push(&mut self, vertex: [f32; 3]) {
         // A convex polygon gains one vertex per plane: 3 + 5 fit.
         self.vertices[self.count] = vertex;
         self.count += 1;
     }
 
-    fn cut(&self, inside: impl Fn(&[f64; 3]) -> f64) -> Self {
+    fn cut(&self, inside: impl Fn(&[f32; 3]) -> Pair) -> Self {
         let mut out = Self { count: 0, ..*self };
         for i in 0..self.count {
             let (a, b) = (self.vertices[i], self.vertices[(i + 1) % self.count]);
             let (da, db) = (inside(&a), inside(&b));
-            if da >= 0.0 {
+            if da.high >= 0.0 {
                 out.push(a);
             }
-            if (da >= 0.0) != (db >= 0.0) {
+            if (da.high >= 0.0) != (db.high >= 0.0) {
                 out.push(intersect(a, da, b, db));
             }
         }
@@ -42,25 +43,23 @@ impl Polygon {
     }
 }
 
-fn intersect(a: [f64; 3], da: f64, b: [f64; 3], db: f64) -> [f64; 3] {
+fn intersect(a: [f32; 3], da: Pair, b: [f32; 3], db: Pair) -> [f32; 3] {
     let swap = a.iter().zip(&b).map(|(x, y)| x.total_cmp(y)).find(|o| o.is_ne()).is_some_and(|o| o.is_gt());
     let (a, da, b, db) = if swap { (b, db, a, da) } else { (a, da, b, db) };
-    let t = da / (da - db);
-    std::array::from_fn(|k| a[k] + t * (b[k] - a[k]))
+    let length = db.minus(da);
+    std::array::from_fn(|k| db.times(a[k]).minus(da.times(b[k])).over(length))
 }
 
 /// The part of a triangle (homogeneous screen coordinates) at or behind the near plane and inside the guard
 /// band.
 pub fn clip(corners: [[f32; 3]; 3], screen: &Screen) -> Polygon {
-    let [a, b, c] = corners.map(|p| p.map(f64::from));
+    let [a, b, c] = corners;
     let whole = Polygon { vertices: [a, b, c, c, c, c, c, c], count: 3 };
-    let near = f64::from(screen.near);
-    let mut polygon = whole.cut(|v| v[2] - near);
-    let guard = f64::from(GUARD_BAND);
-    let weight = |v: &[f64; 3]| if screen.orthographic { 1.0 } else { v[2] };
+    let mut polygon = whole.cut(|v| Pair::sum(v[2], -screen.near));
+    let guard = |v: &[f32; 3]| Pair::product(GUARD_BAND, if screen.orthographic { 1.0 } else { v[2] });
     for k in 0..2 {
-        polygon = polygon.cut(|v| guard * weight(v) + v[k]);
-        polygon = polygon.cut(|v| guard * weight(v) - v[k]);
+        polygon = polygon.cut(|v| guard(v).plus(Pair { high: v[k], low: 0.0 }));
+        polygon = polygon.cut(|v| guard(v).plus(Pair { high: -v[k], low: 0.0 }));
     }
     polygon
 }
@@ -77,7 +76,7 @@ mod tests {
     fn a_triangle_in_front_stays_whole() {
         let corners = [[0.0, 0.0, 1.0], [64.0, 0.0, 1.0], [0.0, 64.0, 1.0]];
         let polygon = clip(corners, &screen());
-        assert_eq!(polygon.vertices(), corners.map(|p| p.map(f64::from)));
+        assert_eq!(polygon.vertices(), corners);
         assert!(clip(corners.map(|[x, y, _]| [x, y, 0.4]), &screen()).vertices().is_empty());
     }
 
@@ -92,17 +91,24 @@ mod tests {
         for _ in 0..5000 {
             let mut point = || [random() * 1.0e6, random() * 1.0e6, random() * 3.0];
             let (a, b, c, d) = (point(), point(), point(), point());
-            let new = |corners: [[f32; 3]; 3]| -> Vec<[f64; 3]> {
+            let new = |[a, b, c]: [[f32; 3]; 3]| -> Vec<[f32; 3]> {
                 // Only the near plane: with more planes other edges meet there.
-                let [a, b, c] = corners.map(|p| p.map(f64::from));
                 let whole = Polygon { vertices: [a, b, c, a, a, a, a, a], count: 3 };
-                let cut = whole.cut(|v| v[2] - 0.5);
+                let cut = whole.cut(|v| Pair::sum(v[2], -0.5));
                 cut.vertices().iter().copied().filter(|v| ![a, b, c].contains(v)).collect()
             };
             let (left, right) = (new([a, b, c]), new([b, a, d]));
             if (a[2] >= 0.5) != (b[2] >= 0.5) {
                 cuts += 1;
                 assert!(left.iter().any(|v| right.contains(v)), "{left:?} {right:?}");
+                // Where the exact cut is, rounded once.
+                let t = (f64::from(a[2]) - 0.5) / (f64::from(a[2]) - f64::from(b[2]));
+                let exact: [f64; 3] =
+                    std::array::from_fn(|k| f64::from(a[k]) + t * (f64::from(b[k]) - f64::from(a[k])));
+                let near = |v: &&[f32; 3]| {
+                    (0..3).all(|k| (f64::from(v[k]) - exact[k]).abs() <= 1.0e-6 + 1.0e-7 * exact[k].abs())
+                };
+                assert!(left.iter().any(|v| near(&v)), "{left:?} {exact:?}");
             }
             assert!(clip([a, b, c], &screen()).vertices().len() <= 8);
         }

@@ -124,8 +124,7 @@ fn setup(
         return;
     }
     let polygon = clip(corners, screen);
-    let points: Vec<[f32; 3]> =
-        polygon.vertices().iter().map(|v| project(screen, v.map(|c| c as f32))).collect();
+    let points: Vec<[f32; 3]> = polygon.vertices().iter().map(|v| project(screen, *v)).collect();
     for i in 1..points.len().saturating_sub(1) {
         piece([points[0], points[i], points[i + 1]]);
     }

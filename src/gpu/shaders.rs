@@ -85,6 +85,7 @@ const PAGES: &str = file!("shared/pages");
 const APPEND: &str = file!("shared/append");
 const SCAN: &str = file!("shared/workgroup_scan");
 const TRIANGLE: &str = file!("shared/triangle");
+const PAIR: &str = file!("shared/pair");
 const WIDE: &str = file!("shared/wide");
 
 impl Kernel {
@@ -121,7 +122,7 @@ impl Kernel {
             Self::ListClusters => vec![TYPES, SCAN, file!("list_clusters")],
             Self::RasterSmall(w) => vec![TYPES, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")],
             Self::RasterLarge(w) => {
-                vec![TYPES, CULL, PAGES, TRIANGLE, WIDE, SCAN, words(w), file!("raster_large")]
+                vec![TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w), file!("raster_large")]
             }
             Self::LoopProbe => vec![file!("loop_probe")],
         }

@@ -23,6 +23,14 @@ pub struct View {
     pub tau: f32,
     /// Number of instances.
     pub instances: u32,
+    /// Always zero, which compilers of shaders cannot know.
+    pub zero: u32,
+    /// Zero.
+    pub unused_a: u32,
+    /// Zero.
+    pub unused_b: u32,
+    /// Zero.
+    pub unused_c: u32,
 }
 
 /// An instance as seen from a view.

@@ -3,10 +3,12 @@
 pub mod aabb;
 pub mod morton;
 pub mod octahedral;
+pub mod pair;
 pub mod project;
 pub mod sphere;
 pub mod triangle;
 
 pub use aabb::Aabb;
+pub use pair::Pair;
 pub use project::{LodView, singular_value_bound};
 pub use sphere::Sphere;

@@ -75,7 +75,7 @@ fn view_record(screen: &Screen, tau: f32) -> gpu_types::View {
         far: screen.far,
         far_key: screen.far_key,
         tau,
-        instances: 0,
+        ..bytemuck::Zeroable::zeroed()
     }
 }
 

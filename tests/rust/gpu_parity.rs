@@ -64,20 +64,13 @@ fn differences(a: &Frame, b: &Frame) -> (usize, usize) {
     (other, depth)
 }
 
-/// Both frames: the same visible list, the same counts up to there.
-fn both(scene: &Scene, camera: &Camera, pose: &Pose, size: (u32, u32), tau: f32) -> [Frame; 2] {
+/// Both frames: the same clusters and counts, and every bit of the picture.
+fn equal(scene: &Scene, camera: &Camera, pose: &Pose, size: (u32, u32), tau: f32) -> Frame {
     let cpu = shoot(scene, camera, pose, size, &options(tau));
     let gpu = on_device(scene, camera, pose, size, &options(tau));
-    assert_eq!(counts(&gpu)[..3], counts(&cpu)[..3]);
+    assert_eq!(counts(&gpu), counts(&cpu));
     assert_eq!(gpu.stats.source_triangles, cpu.stats.source_triangles);
     assert!(gpu.visible() == cpu.visible(), "other clusters");
-    [cpu, gpu]
-}
-
-/// Where nothing is clipped, every bit is equal.
-fn equal(scene: &Scene, camera: &Camera, pose: &Pose, size: (u32, u32), tau: f32) -> Frame {
-    let [cpu, gpu] = both(scene, camera, pose, size, tau);
-    assert_eq!(counts(&gpu), counts(&cpu));
     assert_eq!(differences(&gpu, &cpu), (0, 0));
     assert!(gpu.words() == cpu.words());
     assert!(gpu.color() == cpu.color());
@@ -213,10 +206,9 @@ fn of_coincident_surfaces_the_first_shows() {
     }
 }
 
-/// Corners where the near plane or the guard band cuts an edge are rounded to f32 on the device and stay f64 on the CPU.
 #[test]
-fn clipped_triangles_differ_on_few_pixels() {
-    let Some(_) = device("clipped_triangles_differ_on_few_pixels") else { return };
+fn clipped_triangles_are_equal() {
+    let Some(_) = device("clipped_triangles_are_equal") else { return };
     let scene = crowd();
     let mut room = lit();
     let sheet = dag(&grid(4, |x, y| 0.02 * (9.0 * x).sin() * (7.0 * y).cos()));
@@ -237,14 +229,7 @@ fn clipped_triangles_differ_on_few_pixels() {
         (&room, at(0.65, -0.9, 3.9)),
     ];
     for (scene, pose) in views {
-        let [cpu, gpu] = both(scene, &CAMERA, &pose, (639, 361), 0.5);
-        let (other, depth) = differences(&gpu, &cpu);
-        let pixels = gpu.words().len();
-        println!("{other} identities and {depth} depths of {pixels} pixels differ");
-        assert!(other * 2000 <= pixels, "{other} of {pixels}");
-        assert!(gpu.stats.drawn_large > 20, "{}", gpu.stats.drawn_large);
-        // Nothing opens where clipped triangles meet.
-        let holes = gpu.depth().iter().zip(cpu.depth()).filter(|(a, b)| (**a > 0.0) != (*b > 0.0)).count();
-        assert_eq!(holes, 0);
+        let frame = equal(scene, &CAMERA, &pose, (639, 361), 0.5);
+        assert!(frame.stats.drawn_large > 20, "{}", frame.stats.drawn_large);
     }
 }

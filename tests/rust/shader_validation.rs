@@ -83,7 +83,8 @@ macro_rules! fields {
 fn structs_lie_in_wgsl_as_in_rust() {
     let module = parse(Kernel::NodeCull);
     let mut structs = vec![
-        fields!(View: width, height, orthographic, near, far, far_key, tau, instances),
+        fields!(View: width, height, orthographic, near, far, far_key, tau, instances, zero, unused_a, unused_b,
+            unused_c),
         fields!(Instance: screen, object_to_eye, center, lod_scale, extent, lod_focal, eye, lod_near, first_node,
             first_group, first_page, group_words, vertex_words, double_sided, mirrored, unused),
         fields!(Node: center, extent, lod_sphere, max_parent_error, first, count, level),
