@@ -262,9 +262,9 @@ class Renderer:
     width, height : int
         Size of the pictures in pixels, 1 to 8192.
     backend : str
-        ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device; or ``"auto"``, such a device unless it is software,
-        else ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same. On a GPU it is
-        culling and rasterizing that run there; shading and all other outputs follow on the CPU.
+        ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device, for culling and rasterizing, after which
+        shading and all other outputs follow on the CPU; or ``"auto"``, such a device unless it is software, else ``"cpu"``,
+        also from the first frame on that the device cannot draw. Pictures are the same.
 
     Raises
     ------
@@ -335,8 +335,8 @@ class Renderer:
         pixel_error : float
             Threshold of the cut: the error of no cluster projects above so many pixels. 0 is full detail.
         occlusion : bool
-            Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit. The GPU backend does not
-            do it yet.
+            Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit. The GPU backend
+            does not do it yet.
         outputs : sequence of str
             What to make right away, of ``"color"`` and ``"depth"``; everything else, when first asked for.
 

@@ -293,7 +293,8 @@ fn footprint(
     let pixel = |v: f32, k: usize| v.clamp(0.0, size[k] - 1.0) as u16;
     let span = (high[0] - low[0]).max(high[1] - low[1]);
     let inside = low.iter().chain(&high).all(|v| v.abs() < GUARD_BAND);
-    let value = if constants.orthographic { nearest } else { constants.near / nearest * (1.0 + FOOTPRINT_ROUNDING) };
+    let value =
+        if constants.orthographic { nearest } else { constants.near / nearest * (1.0 + FOOTPRINT_ROUNDING) };
     Some(Footprint {
         rect: [pixel(low[0], 0), pixel(low[1], 1), pixel(high[0], 0), pixel(high[1], 1)],
         near_key: constants.key(value),

@@ -280,8 +280,7 @@ mod tests {
         // From behind the eye to a horizon at row 10, over four orders of magnitude.
         let screen = screen(0.25);
         let point = |x: f32, z: f32| [40.0 * x + 30.5 * z, 20.0 + 10.0 * z, z];
-        let cells: Vec<AtomicU64> =
-            (0..screen.width * screen.height).map(|_| AtomicU64::new(0)).collect();
+        let cells: Vec<AtomicU64> = (0..screen.width * screen.height).map(|_| AtomicU64::new(0)).collect();
         setup([point(-9000.0, -10.0), point(0.0, 9000.0), point(9000.0, -10.0)], true, &screen, 0, |s, _| {
             fill(&s, s.rows.0, s.rows.1, &screen, &Nearest(&cells));
         });

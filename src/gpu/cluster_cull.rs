@@ -19,15 +19,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     r.run_indirect(Kernel::ClusterCull, &bindings, &b.culling, 0);
     r.run_indirect(Kernel::CountBits, &[&b.drawn, &b.counting, &b.cluster_sums], &b.counting, 0);
     r.run(Kernel::ScanBlocks, &[&b.counting, &b.cluster_sums], 1);
-    let bindings = [
-        &b.candidates,
-        &b.counting,
-        &b.drawn,
-        &b.large,
-        &b.cluster_sums,
-        &b.visible,
-        &b.numbers,
-        &b.draws,
-    ];
+    let bindings =
+        [&b.candidates, &b.counting, &b.drawn, &b.large, &b.cluster_sums, &b.visible, &b.numbers, &b.draws];
     r.run_indirect(Kernel::ListClusters, &bindings, &b.counting, 0);
 }

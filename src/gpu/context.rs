@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use pollster::block_on;
 use wgpu::{
-    Adapter, Backends, BindGroup, BindGroupDescriptor, BindGroupEntry, Buffer, BufferDescriptor, BufferUsages,
-    ComputePipeline, ComputePipelineDescriptor, Device, DeviceDescriptor, DeviceType, Features, Instance,
-    InstanceDescriptor, InstanceFlags, Limits, MapMode, PollType, Queue, ShaderModuleDescriptor, ShaderSource,
+    Adapter, Backends, BindGroup, BindGroupDescriptor, BindGroupEntry, Buffer, BufferDescriptor,
+    BufferUsages, ComputePipeline, ComputePipelineDescriptor, Device, DeviceDescriptor, DeviceType, Features,
+    Instance, InstanceDescriptor, InstanceFlags, Limits, MapMode, PollType, Queue, ShaderModuleDescriptor,
+    ShaderSource,
 };
 
 use super::shaders::{KERNELS, Kernel, SCAN_WIDTH};
@@ -134,8 +135,8 @@ impl Context {
     /// Runs a long loop and compares what it gives.
     fn probe(&self) -> Result<()> {
         let seed = 1u32;
-        let expected = (0..PROBE_TRIPS)
-            .fold(seed, |n, trip| (n ^ (n >> 7)).wrapping_mul(1_664_525).wrapping_add(trip));
+        let expected =
+            (0..PROBE_TRIPS).fold(seed, |n, trip| (n ^ (n >> 7)).wrapping_mul(1_664_525).wrapping_add(trip));
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
         let state = self.buffer("loop probe", 8, usage)?;
         let staging = self.buffer("loop probe", 8, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
@@ -149,7 +150,9 @@ impl Context {
         }
         encoder.copy_buffer_to_buffer(&state, 0, &staging, 0, 8);
         let mut found = [0u32; 2];
-        self.submit(encoder, &staging, 8, |bytes| bytemuck::cast_slice_mut(&mut found).copy_from_slice(bytes))?;
+        self.submit(encoder, &staging, 8, |bytes| {
+            bytemuck::cast_slice_mut(&mut found).copy_from_slice(bytes)
+        })?;
         if found[1] != expected {
             return Err(unavailable(format!(
                 "{} ends loops of shaders early, as Mesa 22 does; it has to be 25 or later",
@@ -209,7 +212,12 @@ impl Context {
             )));
         }
         let size = bytes.max(16).next_multiple_of(4);
-        Ok(self.device.create_buffer(&BufferDescriptor { label: Some(what), size, usage, mapped_at_creation: false }))
+        Ok(self.device.create_buffer(&BufferDescriptor {
+            label: Some(what),
+            size,
+            usage,
+            mapped_at_creation: false,
+        }))
     }
 
     /// The pipeline of a kernel, compiled when first used.

@@ -8,7 +8,8 @@ use super::shaders::{Kernel, MAX_WORKGROUPS, SCAN_WIDTH};
 use crate::error::Result;
 use crate::gpu_types::{Candidate, Counters, Dispatch, Instance, View, VisibleCluster, Visit};
 
-const STORAGE: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
+const STORAGE: BufferUsages =
+    BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
 const DISPATCH: BufferUsages = STORAGE.union(BufferUsages::INDIRECT);
 
 /// Entries of the lists whose lengths only the device knows.
@@ -99,7 +100,8 @@ impl Buffers {
         let Shape { instances, group_words, depth, pixels, room } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let dispatch = |count: u64| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
-        let sums = |words: u32| storage("counts of bits", bytes::<u32>(u64::from(words.div_ceil(SCAN_WIDTH)) + 1));
+        let sums =
+            |words: u32| storage("counts of bits", bytes::<u32>(u64::from(words.div_ceil(SCAN_WIDTH)) + 1));
         let visits = || storage("nodes to look at", bytes::<Visit>(u64::from(room.visits)));
         let bits = || storage("bits of clusters", bytes::<u32>(u64::from(room.candidates)));
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
@@ -219,7 +221,13 @@ impl<'a> Recorder<'a> {
     }
 
     /// Runs a kernel in as many workgroups as entry `number` of `dispatches` says by then.
-    pub(super) fn run_indirect(&mut self, kernel: Kernel, buffers: &[&Buffer], dispatches: &Buffer, number: u64) {
+    pub(super) fn run_indirect(
+        &mut self,
+        kernel: Kernel,
+        buffers: &[&Buffer],
+        dispatches: &Buffer,
+        number: u64,
+    ) {
         self.prepare(kernel, buffers);
         self.pass.dispatch_workgroups_indirect(dispatches, bytes::<Dispatch>(number));
     }

@@ -11,8 +11,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         let from = if level == 0 { &b.roots } else { &b.visits[level % 2] };
         let (own, next) = (&b.levels[level], &b.levels[level + 1]);
         let to = &b.visits[(level + 1) % 2];
-        let bindings =
-            [&b.view, &b.instances, m.nodes(), m.groups(), from, own, to, next, &b.group_bits];
+        let bindings = [&b.view, &b.instances, m.nodes(), m.groups(), from, own, to, next, &b.group_bits];
         r.run_indirect(Kernel::NodeCull, &bindings, own, 0);
     }
     let blocks = b.shape.group_words.div_ceil(SCAN_WIDTH);

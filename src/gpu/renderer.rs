@@ -114,7 +114,9 @@ impl Renderer {
             instance.group_words = words;
             depth = depth.max(place.depth);
             words = words.checked_add((mesh.groups.len() as u32).div_ceil(u32::BITS)).ok_or_else(|| {
-                Error::TooLarge("the instances of the scene have more than 2^37 groups of clusters".to_owned())
+                Error::TooLarge(
+                    "the instances of the scene have more than 2^37 groups of clusters".to_owned(),
+                )
             })?;
         }
         Ok((words, depth))

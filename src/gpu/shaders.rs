@@ -111,7 +111,8 @@ impl Kernel {
     }
 
     fn files(self) -> Vec<&'static str> {
-        let words = |words| if words == Words::Wide { file!("shared/words_64") } else { file!("shared/words_32") };
+        let words =
+            |words| if words == Words::Wide { file!("shared/words_64") } else { file!("shared/words_32") };
         match self {
             Self::InstanceCull => vec![TYPES, CULL, APPEND, file!("instance_cull")],
             Self::NodeCull => vec![TYPES, CULL, LOD, APPEND, file!("node_cull")],
