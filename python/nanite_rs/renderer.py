@@ -263,8 +263,8 @@ class Renderer:
         Size of the pictures in pixels, 1 to 8192.
     backend : str
         ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device, for culling and rasterizing, after which
-        shading and all other outputs follow on the CPU; or ``"auto"``, such a device unless it is software, else ``"cpu"``,
-        also from the first frame on that the device cannot draw. Pictures are the same.
+        shading and all other outputs follow on the CPU; or ``"auto"``, such a device unless it is software, else
+        ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same.
 
     Raises
     ------
