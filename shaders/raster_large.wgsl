@@ -175,7 +175,7 @@ fn narrow(span: vec2<i32>, e: Edge) -> vec2<i32> {
     if e.step == 0 {
         return select(span, vec2<i32>(0, -1), e.start.high < 0);
     }
-    let zero = -wide_real(e.start) / f32(e.step);
+    let zero = -wide_estimate(e.start) / f32(e.step);
     if e.step > 0 {
         var left = i32(clamp(zero, f32(span.x) + 1.0, f32(span.y) + 2.0)) - 1;
         for (var i = 0u; i < 3u && left <= span.y && at_column(e, left).high < 0; i++) {
@@ -192,7 +192,7 @@ fn narrow(span: vec2<i32>, e: Edge) -> vec2<i32> {
 
 // Of a biased edge function, the weight of the corner on the other side.
 fn weight(value: Wide, bias: i32) -> f32 {
-    return wide_real(wide_add(value, wide(-bias)));
+    return wide_nearest(wide_add(value, wide(-bias)));
 }
 
 fn fill(p: Piece, row: i32, low: u32) {
@@ -209,7 +209,7 @@ fn fill(p: Piece, row: i32, low: u32) {
     if span.x > span.y {
         return;
     }
-    let inverse = 1.0 / wide_real(p.area);
+    let inverse = 1.0 / wide_nearest(p.area);
     var at0 = at_column(e0, span.x);
     var at1 = at_column(e1, span.x);
     var at2 = at_column(e2, span.x);

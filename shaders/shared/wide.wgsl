@@ -34,6 +34,19 @@ fn wide_product(a: i32, b: i32) -> Wide {
     return Wide(bitcast<i32>(high - excess), (rest << 16u) | (low & 0xffffu));
 }
 
-fn wide_real(a: Wide) -> f32 {
+// Near the number.
+fn wide_estimate(a: Wide) -> f32 {
     return f32(a.high) * 4294967296.0 + f32(a.low);
+}
+
+// The nearest f32 to a number that is not negative and below 2^62.
+fn wide_nearest(a: Wide) -> f32 {
+    if a.high == 0 {
+        return f32(a.low);
+    }
+    // Its first 32 bits, the last of which stands for those behind it too: more bits than rounding looks at.
+    let shift = firstLeadingBit(bitcast<u32>(a.high)) + 1u;
+    let rest = a.low & ((1u << shift) - 1u);
+    let first = (bitcast<u32>(a.high) << (32u - shift)) | (a.low >> shift) | select(0u, 1u, rest != 0u);
+    return f32(first) * f32(1u << shift);
 }

@@ -9,6 +9,7 @@
 use rayon::prelude::*;
 
 use super::clip::clip;
+use super::lanes::LANES;
 use super::project::{InstanceView, Screen};
 use super::triangle::{UNIT, edge_bias, pixels, project, snap};
 use super::visibility::{Sink, Visible, payload};
@@ -136,12 +137,6 @@ fn doubled_area(corners: [[i32; 2]; 3]) -> i64 {
     (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
 }
 
-/// An integer as a real number by its halves, as devices without 64-bit integers do it.
-#[inline(always)]
-fn real(v: i64) -> f32 {
-    (v >> 32) as i32 as f32 * 4_294_967_296.0 + v as u32 as f32
-}
-
 /// Fills rows `first..=last` of a triangle.
 fn fill<S: Sink>(setup: &Setup, first: i32, last: i32, screen: &Screen, sink: &S) {
     let corners = setup.corners.map(|p| p.map(i64::from));
@@ -158,7 +153,9 @@ fn fill<S: Sink>(setup: &Setup, first: i32, last: i32, screen: &Screen, sink: &S
     let values = setup.values;
     let low = values[0].min(values[1]).min(values[2]);
     let high = values[0].max(values[1]).max(values[2]);
-    let inverse = 1.0 / real(doubled_area(setup.corners));
+    // Integers below 2^53 are exact in f64.
+    let inverse = 1.0 / (doubled_area(setup.corners) as f64 as f32);
+    let steps = [0, 1, 2].map(|k| edges[k].step_x as f64);
     for row in first..=last {
         let (mut left, mut right) = (0, i64::from(screen.width) - 1);
         for edge in &edges {
@@ -180,15 +177,20 @@ fn fill<S: Sink>(setup: &Setup, first: i32, last: i32, screen: &Screen, sink: &S
             let edge = &edges[k];
             edge.start - edge.bias + i64::from(row) * edge.step_y + left * edge.step_x
         };
-        let mut weights = [weight(0), weight(1), weight(2)];
-        for column in left..=right {
-            let [a, b, c] = weights.map(real);
-            let value = (a * values[0] + b * values[1] + c * values[2]) * inverse;
-            let key = screen.key(value.max(low).min(high));
-            if key >= far_key {
-                sink.put(start + column as usize, u64::from(key) << 32 | u64::from(setup.low));
+        let mut weights = [0, 1, 2].map(|k| weight(k) as f64);
+        for first in (left..=right).step_by(LANES) {
+            let mut means = [0.0f32; LANES];
+            for i in 0..LANES {
+                let at = |k: usize| (weights[k] + i as f64 * steps[k]) as f32;
+                means[i] = (at(0) * values[0] + at(1) * values[1] + at(2) * values[2]) * inverse;
             }
-            weights = std::array::from_fn(|k| weights[k] + edges[k].step_x);
+            for (column, mean) in (first..=right).zip(means) {
+                let key = screen.key(mean.max(low).min(high));
+                if key >= far_key {
+                    sink.put(start + column as usize, u64::from(key) << 32 | u64::from(setup.low));
+                }
+            }
+            weights = [0, 1, 2].map(|k| weights[k] + LANES as f64 * steps[k]);
         }
     }
 }
