@@ -28,8 +28,8 @@ PER_FACE = 7
 SOURCE_SAMPLES = 5 * SAMPLES
 """Points of the source for each cut that groups are measured in: each group sees few of them."""
 MOST_LOOSE = 2.0
-"""Median of bound ÷ largest of samples of a mesh: a bound is not below those of what it was made from, so one part that
-goes makes those of all groups above it large."""
+"""Median of bound ÷ largest of samples of a mesh: a bound is not below those of what it was made from, so one
+part that goes makes those of all groups above it large."""
 TIGHTNESS: dict[tuple[str, str], np.ndarray] = {}
 """Bound ÷ largest of samples of each group, of what ran."""
 
