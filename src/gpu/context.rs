@@ -269,7 +269,8 @@ impl Context {
         let polled = self.device.poll(wait);
         self.check()?;
         polled.map_err(|error| self.fail(&error.to_string()))?;
-        match receiver.try_recv() {
+        // Another thread's wait may have taken the answer along, and be about to call back.
+        match receiver.recv_timeout(PATIENCE) {
             Ok(Ok(())) => {}
             Ok(Err(error)) => return Err(self.fail(&error.to_string())),
             Err(_) => return Err(self.fail("the device did not answer")),
