@@ -25,6 +25,8 @@ pub struct Content {
     blocks: Vec<Block>,
     /// Weight of a label that is another one; zero when there are no labels.
     pub label_weight: f32,
+    /// Whether there are several materials.
+    materials: bool,
 }
 
 impl Content {
@@ -47,7 +49,11 @@ impl Content {
         mesh.channels.float_widths().for_each(|width| add(width, options.channel_weight, false));
         debug_assert_eq!(at, mesh.stride);
         let has_labels = mesh.channels.infos.iter().any(|info| info.dtype.is_label());
-        Self { blocks, label_weight: if has_labels { options.channel_weight } else { 0.0 } }
+        Self {
+            blocks,
+            label_weight: if has_labels { options.channel_weight } else { 0.0 },
+            materials: mesh.layout.materials,
+        }
     }
 
     /// Floats per row.
@@ -58,6 +64,11 @@ impl Content {
     /// The weight of each column, in mean edge lengths.
     pub fn weights(&self) -> impl Iterator<Item = f32> {
         self.blocks.iter().flat_map(|block| std::iter::repeat_n(block.weight, block.columns.len()))
+    }
+
+    /// Whether a mesh carries nothing but its shape, one material, and normals that follow from it.
+    pub fn is_bare(&self) -> bool {
+        !self.is_measured() && self.label_weight == 0.0 && !self.materials
     }
 
     /// Whether deviations of the rows are part of the error.

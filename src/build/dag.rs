@@ -450,6 +450,8 @@ fn simplify_group(
         && step <= Step::Topology
         && options.quality == Quality::Best
         && !options.preserve_area
+        // What moves within the surface would take along what it carries.
+        && content.is_bare()
     {
         let made = mesh.indices.len() / 3;
         relax(&mut mesh, footing.surface(), |visit| footing.samples(made, visit));
