@@ -134,10 +134,13 @@ fn with_islands(
     if result.mesh.indices.len() as f32 > mesh.indices.len() as f32 * ACCEPT_RATIO {
         return Err(StuckReason::TooFewCollapses);
     }
-    let before: Vec<[u32; 3]> = faces(&mesh.indices, |v| mesh.position_ids[v as usize]).collect();
-    let after = by_position(mesh, &result.mesh);
-    let kept = border_kept(&Edges::of(&before), &Edges::of(&after), is_locked(mesh));
-    if kept { Ok(result) } else { Err(StuckReason::BorderChanged) }
+    if keeps_border(mesh, &result.mesh) { Ok(result) } else { Err(StuckReason::BorderChanged) }
+}
+
+/// Whether a group's border to others is what it was.
+pub fn keeps_border(before: &LocalMesh, after: &LocalMesh) -> bool {
+    let was: Vec<[u32; 3]> = faces(&before.indices, |v| before.position_ids[v as usize]).collect();
+    border_kept(&Edges::of(&was), &Edges::of(&by_position(before, after)), is_locked(before))
 }
 
 /// The first step that makes something of a group.
