@@ -16,8 +16,9 @@ use super::simplify::mean_edge;
 use super::store::LocalMesh;
 use crate::math::sphere::round_up;
 use crate::math::triangle::{area, edge_of_area};
+use crate::measure::BoundOptions;
 use crate::measure::closest::Vec3;
-use crate::measure::overlay::{Lay, NO_TRIANGLE, Sheet};
+use crate::measure::overlay::{BESIDE, Bounds, Lay, NO_TRIANGLE, Sheet};
 use crate::measure::piece::{CORNERS, Corner, MOST_CUTS, Piece};
 use crate::mesh::{Stars, hash};
 
@@ -25,8 +26,6 @@ use crate::mesh::{Stars, hash};
 const SLACK: f64 = 0.1;
 /// Deviations below this part of an edge are not told apart.
 const FLOOR: f64 = 1.0e-4;
-/// What sticks out over an edge by less than this part of the distance allowed is not cut off.
-const BESIDE: f64 = 0.1;
 /// Parts of a triangle that are halved at most.
 const TRIES: u32 = 32;
 /// Rounding, many times over, of shares of corners and of what they weigh, relative to the largest: docs/numerics.md.
@@ -46,7 +45,8 @@ pub fn step_deviation(before: &LocalMesh, after: &LocalMesh, content: &Content, 
     }
     let edge = f64::from(mean_edge(before));
     let sides = [before, after].map(|mesh| Side::new(mesh, content, edge));
-    let mut found = Found { lower: 0.0, upper: 0.0, floor: FLOOR * edge };
+    let goal = BoundOptions { floor: FLOOR * edge, slack: SLACK, ..BoundOptions::default() };
+    let mut found = Bounds::new(goal);
     let mut starts = vec![NO_TRIANGLE; sides[1].corners.len()];
     for (from, onto) in [(&sides[0], &sides[1]), (&sides[1], &sides[0])] {
         let mut laid_on = vec![NO_TRIANGLE; onto.corners.len()];
@@ -194,24 +194,14 @@ impl<'a> Side<'a> {
     }
 }
 
-/// What is known so far.
-#[derive(Clone, Copy)]
-struct Found {
-    /// The largest deviation found at a point.
-    lower: f64,
-    /// No point of what was laid deviates more.
-    upper: f64,
-    /// Deviations up to this are not told apart.
-    floor: f64,
-}
-
 /// A triangle that is being laid.
 struct Laying<'a> {
     onto: &'a Side<'a>,
     content: &'a Content,
     /// Distance that does not count.
     free: f64,
-    found: Found,
+    /// Of the deviations.
+    found: Bounds,
     /// What its corners carry.
     rows: [&'a [f32]; 3],
     /// The label of the part that is being laid, where labels differ.
@@ -223,10 +213,6 @@ struct Laying<'a> {
 }
 
 impl Laying<'_> {
-    fn limit(&self) -> f64 {
-        self.found.floor.max(self.found.lower * (1.0 + SLACK))
-    }
-
     fn take(&mut self, bound: f64, at: u32) {
         self.found.upper = self.found.upper.max(bound);
         self.last = at;
@@ -314,13 +300,13 @@ impl Lay<Spot> for Laying<'_> {
     type Said = ();
 
     fn accept(&mut self, part: &Piece<Spot>, at: u32) -> Option<()> {
-        let limit = self.limit();
+        let limit = self.found.limit();
         let bound = self.deviation(part.corners(), at, limit, true);
         (bound <= limit).then(|| self.take(bound, at))
     }
 
     fn beside(&self) -> f64 {
-        (self.limit() + self.free) * BESIDE
+        (self.found.limit() + self.free) * BESIDE
     }
 
     /// Perhaps another triangle nearby fits better, perhaps that is what it deviates.
@@ -341,12 +327,12 @@ impl Lay<Spot> for Laying<'_> {
             if bound < best.0 {
                 best = (bound, t);
             }
-            if best.0 <= self.limit() {
+            if best.0 <= self.found.limit() {
                 return self.take(best.0, best.1);
             }
         }
         self.found.lower = self.found.lower.max(of_point);
-        if best.0 <= self.limit() || self.tries == 0 || part.cuts() >= MOST_CUTS {
+        if best.0 <= self.found.limit() || self.tries == 0 || part.cuts() >= MOST_CUTS {
             return self.take(best.0, best.1);
         }
         self.tries -= 1;

@@ -12,7 +12,7 @@ use glam::DVec3;
 
 use super::clusterize::ClusterMesh;
 use super::dag::BuildCluster;
-use super::relax::Sample;
+use super::relax::{Sample, area_normal};
 use super::store::{Numbering, RoundPositions};
 use crate::math::sphere::round_up;
 use crate::measure::closest::Triangle;
@@ -138,17 +138,11 @@ impl Reference {
             starts.push(count);
             count += all[*c as usize].mesh.triangles.len() as u32;
         }
-        let mut radii = Vec::with_capacity(if before.is_some() { count as usize } else { 0 });
-        if before.is_some() {
-            for cluster in pending.iter().map(|c| &all[*c as usize]) {
-                let own = &cluster.pieces.radii;
-                radii.extend_from_slice(own);
-                // One that waited stands for itself as a whole.
-                let rest = cluster.mesh.triangles.len() - own.len();
-                radii.extend(std::iter::repeat_n(cluster.bound, rest));
-            }
-        }
-        let least = count as f32 * if before.is_none() { FIRST_PART } else { PART };
+        let (part, radii) = match before {
+            None => (FIRST_PART, Vec::new()),
+            Some(_) => (PART, pending.iter().flat_map(|c| radii(&all[*c as usize])).collect()),
+        };
+        let least = count as f32 * part;
         Self { positions, clusters: pending.to_vec(), starts, radii, least, rounds: 0, is_last: false }
     }
 
@@ -230,6 +224,14 @@ pub struct Footing {
     keep: bool,
 }
 
+/// Of the triangles of a cluster.
+fn radii(cluster: &BuildCluster) -> impl Iterator<Item = f32> {
+    let own = &cluster.pieces.radii;
+    // One that waited stands for itself as a whole.
+    let rest = cluster.mesh.triangles.len() - own.len();
+    own.iter().copied().chain(std::iter::repeat_n(cluster.bound, rest))
+}
+
 impl Footing {
     /// Its surface.
     pub fn surface(&self) -> &Sheet {
@@ -240,15 +242,12 @@ impl Footing {
     /// edges where these are too few, with which means of what is quadratic on a triangle are exact.
     pub fn samples(&self, made: usize, visit: &mut dyn FnMut(Sample)) {
         let corners = |t: u32| self.before.triangles()[t as usize].map(DVec3::from_array);
-        let normal = |t: u32| {
-            let [a, b, c] = corners(t);
-            (b - a).cross(c - a)
-        };
+        let normal = |t: u32| area_normal(corners(t));
         let normals: Vec<DVec3> = (0..self.before.triangles().len() as u32).map(normal).collect();
         let of_edges = self.numbers.len() < DENSE * made;
-        let mut whole = vec![false; normals.len()];
+        let mut whole = vec![false; if of_edges { normals.len() } else { 0 }];
         let mut number = self.numbers.iter();
-        self.pieces.iter().for_each(|pieces| {
+        self.pieces.iter().filter(|_| of_edges).for_each(|pieces| {
             pieces.each(|_, part| {
                 number.next().into_iter().for_each(|n| whole[*n as usize] = part.is_none());
             })

@@ -110,7 +110,8 @@ impl Free {
     }
 }
 
-fn area_normal(corners: [DVec3; 3]) -> DVec3 {
+/// Normal of a triangle, as long as twice its area.
+pub(super) fn area_normal(corners: [DVec3; 3]) -> DVec3 {
     let [a, b, c] = corners;
     (b - a).cross(c - a)
 }

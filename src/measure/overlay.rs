@@ -22,7 +22,7 @@ pub const NO_TRIANGLE: u32 = u32::MAX;
 /// Triangles that a walk of a point or a piece crosses at most.
 const MOST_STEPS: u32 = 48;
 /// What sticks out over an edge by less than this part of the distance allowed is not cut off.
-const BESIDE: f64 = 0.1;
+pub const BESIDE: f64 = 0.1;
 /// Pieces of a triangle that are halved and sent off again before `cover` is asked.
 const TRIES: u32 = 16;
 /// Neighbours whose normals have a cosine below this are folded over: no plane halves their angle well.
@@ -273,7 +273,8 @@ impl Bounds {
         Self { goal, lower: 0.0, upper: 0.0, complete: true }
     }
 
-    fn limit(&self) -> f64 {
+    /// What is allowed of the next part.
+    pub fn limit(&self) -> f64 {
         self.goal.floor.max(self.lower * (1.0 + self.goal.slack))
     }
 }
