@@ -1,5 +1,6 @@
 //! Build throughput against meshoptimizer's `clod_build`, in turn: on a machine whose speed drifts, contestants that
-//! differ by little can only be compared within each round. `cargo bench --bench build_in_turn`.
+//! differ by little can only be compared within each round. `cargo bench --bench build_in_turn`; with a word behind `--`, those only that
+//! have it in their name.
 
 #[path = "../../tests/rust/shapes.rs"]
 #[allow(dead_code)]
@@ -33,6 +34,7 @@ fn main() {
     let theirs = |mesh: &ClodMesh<'_>| {
         clod_build(clod_default_config(128), mesh, |_, _| 0);
     };
+    let asked: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let contestants: [(&str, &dyn Fn()); 7] = [
         ("fast, quadric, 1 thread", &|| ours(Quality::Fast, ErrorMeasure::Quadric, 1)),
         ("fast, quadric, 2 threads", &|| ours(Quality::Fast, ErrorMeasure::Quadric, 2)),
@@ -42,7 +44,9 @@ fn main() {
         ("clod_build, positions only", &|| theirs(&plain)),
         ("clod_build, with normals", &|| theirs(&shaded)),
     ];
-    let mut seconds = [const { Vec::new() }; 7];
+    let asked_for = |(name, _): &&(&str, &dyn Fn())| asked.iter().all(|word| name.contains(word));
+    let contestants: Vec<_> = contestants.iter().filter(asked_for).collect();
+    let mut seconds = vec![Vec::new(); contestants.len()];
     for _ in 0..ROUNDS {
         for ((_, call), seconds) in contestants.iter().zip(&mut seconds) {
             let start = Instant::now();
