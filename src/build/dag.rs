@@ -17,7 +17,7 @@ use super::partition::partition;
 use super::reference::{Patch, Pieces, Reference};
 use super::relax::relax;
 use super::silhouette::Sight;
-use super::simplify::{Simplified, Step, keeps_border, ratio, simplify};
+use super::simplify::{Simplified, Step, ratio, simplify};
 use super::store::{LocalMesh, RoundPositions, VertexStore};
 use crate::config::{BuildOptions, ErrorMeasure, Quality};
 use crate::error::{Error, Result};
@@ -454,12 +454,7 @@ fn simplify_group(
         && content.is_bare()
     {
         let made = mesh.indices.len() / 3;
-        let start = mesh.positions.clone();
         relax(&mut mesh, footing.surface(), |visit| footing.samples(made, visit));
-        // Where features are as small as the rounding of places, points may meet.
-        if !keeps_border(local, &mesh) {
-            mesh.positions = start;
-        }
     }
     // Only the estimate takes the place of a measurement.
     let estimate = if proof.is_none() { estimate.max(moved) } else { estimate };

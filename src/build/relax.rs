@@ -118,7 +118,7 @@ pub(super) fn area_normal(corners: [DVec3; 3]) -> DVec3 {
 
 /// Moves the vertices of `mesh` that are not locked towards `samples` of `reference`, the surface it stands for. These come in an order
 /// in which neighbours are near each other. Attributes stay as they are, and so does what fits already. No vertex ends about as
-/// far off as the farthest sample was, unless it was so before.
+/// far off as the farthest sample was, unless it was so before. Points that were apart stay apart.
 pub fn relax(mesh: &mut LocalMesh, reference: &Sheet, samples: impl FnOnce(&mut dyn FnMut(Sample))) {
     let first = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
     let corners: Vec<u32> = mesh.indices.iter().map(|v| first[*v as usize]).collect();
@@ -178,15 +178,10 @@ pub fn relax(mesh: &mut LocalMesh, reference: &Sheet, samples: impl FnOnce(&mut 
     // What made something worse goes back.
     let most = OUTSIDE * farthest;
     let mut hint = 0;
+    // Where a walk ends: it goes astray where the surface is not what it was, and such a vertex may well go back.
     let mut off = |p: DVec3| {
         hint = reference.locate(p.to_array(), hint);
-        let squared = |t| DVec3::from_array(reference.place(p.to_array(), t).1).length_squared();
-        let d = squared(hint);
-        if d <= most {
-            return d;
-        }
-        hint = reference.nearest(p.to_array(), hint);
-        squared(hint)
+        DVec3::from_array(reference.place(p.to_array(), hint).1).length_squared()
     };
     for Free { vertex, .. } in &free {
         let d = off(points[*vertex]);
@@ -209,11 +204,14 @@ pub fn relax(mesh: &mut LocalMesh, reference: &Sheet, samples: impl FnOnce(&mut 
         }
         back.iter().flatten().for_each(|v| points[*v as usize] = start[*v as usize]);
     }
-    for (position, v) in mesh.positions.iter_mut().zip(&first) {
+    let placed = |(position, v): (&[f32; 3], &u32)| {
         let v = *v as usize;
-        if points[v] != start[v] {
-            *position = points[v].to_array().map(|x| x as f32);
-        }
+        if points[v] == start[v] { *position } else { points[v].to_array().map(|x| x as f32) }
+    };
+    let positions: Vec<[f32; 3]> = mesh.positions.iter().zip(&first).map(placed).collect();
+    // Where features are as small as the rounding of places, points may meet.
+    if hash::first_equal(bytemuck::cast_slice(&positions), 3) == first {
+        mesh.positions = positions;
     }
 }
 

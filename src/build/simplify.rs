@@ -138,7 +138,7 @@ fn with_islands(
 }
 
 /// Whether a group's border to others is what it was.
-pub fn keeps_border(before: &LocalMesh, after: &LocalMesh) -> bool {
+fn keeps_border(before: &LocalMesh, after: &LocalMesh) -> bool {
     let was: Vec<[u32; 3]> = faces(&before.indices, |v| before.position_ids[v as usize]).collect();
     border_kept(&Edges::of(&was), &Edges::of(&by_position(before, after)), is_locked(before))
 }
