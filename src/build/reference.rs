@@ -256,22 +256,23 @@ impl Footing {
         self.pieces.iter().for_each(|pieces| {
             pieces.each(|_, part| {
                 let Some(n) = number.next() else { return };
-                let area = normals[*n as usize];
+                let (area, triangle) = (normals[*n as usize], *n);
                 let weight = 0.5 * area.length();
                 if let Some((offsets, cuts)) = part {
                     let piece = restored(self.before.triangles()[*n as usize], offsets, cuts);
                     let point = DVec3::from_array(piece.center());
-                    visit(Sample { point, normal: area, weight: 0.5 * piece.double_area() });
+                    visit(Sample { point, normal: area, weight: 0.5 * piece.double_area(), triangle });
                     return;
                 }
                 let [a, b, c] = corners(*n);
                 if !of_edges {
-                    visit(Sample { point: (a + b + c) / 3.0, normal: area, weight });
+                    visit(Sample { point: (a + b + c) / 3.0, normal: area, weight, triangle });
                     return;
                 }
                 let sides = [(a, b), (b, c), (c, a)];
                 for ((p, q), next) in sides.into_iter().zip(self.before.neighbours(*n)) {
-                    let mut sample = Sample { point: (p + q) / 2.0, normal: area, weight: weight / 3.0 };
+                    let mut sample =
+                        Sample { point: (p + q) / 2.0, normal: area, weight: weight / 3.0, triangle };
                     // One for both triangles of an edge.
                     if whole.get(next as usize) == Some(&true) && self.before.neighbours(next).contains(n) {
                         if next < *n {

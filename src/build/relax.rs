@@ -9,7 +9,7 @@
 use glam::{DMat3, DVec3};
 
 use super::store::LocalMesh;
-use crate::measure::overlay::Sheet;
+use crate::measure::overlay::{NO_TRIANGLE, Sheet};
 use crate::mesh::{Stars, hash};
 
 /// Passes over all vertices.
@@ -41,6 +41,8 @@ pub struct Sample {
     pub normal: DVec3,
     /// The area it stands for.
     pub weight: f64,
+    /// The triangle of the surface that it is on.
+    pub triangle: u32,
 }
 
 /// What the points over a triangle want of its corners: moves δ along its normal n leave Σ w (r − Σ share · n·δ)².
@@ -132,9 +134,11 @@ pub fn relax(mesh: &mut LocalMesh, reference: &Sheet, samples: impl FnOnce(&mut 
     );
     let mut fits: Vec<Fit> = triangles.iter().map(|t| Fit::new(area_normal(place(*t, &start)))).collect();
 
+    // Some triangle of the reference that lies over each.
+    let mut under = vec![NO_TRIANGLE; triangles.len()];
     let mut farthest = 0.0f64;
     let mut hint = 0;
-    samples(&mut |Sample { point, normal, weight }| {
+    samples(&mut |Sample { point, normal, weight, triangle }| {
         let mut take = |t: u32, far: f64| {
             let fit = &mut fits[t as usize];
             let (shares, rest) = sheet.place(point.to_array(), t);
@@ -144,6 +148,7 @@ pub fn relax(mesh: &mut LocalMesh, reference: &Sheet, samples: impl FnOnce(&mut 
             if over {
                 farthest = farthest.max(squared);
                 fit.add(shares, fit.normal.dot(rest), weight);
+                under[t as usize] = triangle;
             }
             over
         };
@@ -177,16 +182,18 @@ pub fn relax(mesh: &mut LocalMesh, reference: &Sheet, samples: impl FnOnce(&mut 
 
     // What made something worse goes back.
     let most = OUTSIDE * farthest;
-    let mut hint = 0;
-    // Where a walk ends: it goes astray where the surface is not what it was, and such a vertex may well go back.
-    let mut off = |p: DVec3| {
-        hint = reference.locate(p.to_array(), hint);
-        DVec3::from_array(reference.place(p.to_array(), hint).1).length_squared()
+    let near = |v: usize| stars.of(v).map(|(t, _)| under[t]).find(|t| *t != NO_TRIANGLE).unwrap_or(0);
+    let off = |p: DVec3, near: u32| {
+        let t = reference.locate(p.to_array(), near);
+        let squared = |t| DVec3::from_array(reference.place(p.to_array(), t).1).length_squared();
+        let d = squared(t);
+        if d <= most { d } else { squared(reference.nearest(p.to_array(), t)) }
     };
     for Free { vertex, .. } in &free {
-        let d = off(points[*vertex]);
-        if d > most && d > off(start[*vertex]) {
-            points[*vertex] = start[*vertex];
+        let (vertex, near) = (*vertex, near(*vertex));
+        let d = off(points[vertex], near);
+        if d > most && d > off(start[vertex], near) {
+            points[vertex] = start[vertex];
         }
     }
     for retry in 0..=RETRIES {
@@ -246,10 +253,10 @@ mod tests {
         let corners = |t: &[u32; 3]| t.map(|v| points[v as usize].map(f64::from));
         let sheet = Sheet::new(faces.iter().map(corners).collect(), faces, vec![0.0; faces.len()]);
         relax(mesh, &sheet, |visit| {
-            for t in faces {
+            for (t, triangle) in faces.iter().zip(0..) {
                 let [a, b, c] = corners(t).map(DVec3::from_array);
                 let normal = area_normal([a, b, c]);
-                visit(Sample { point: (a + b + c) / 3.0, normal, weight: 0.5 * normal.length() });
+                visit(Sample { point: (a + b + c) / 3.0, normal, weight: 0.5 * normal.length(), triangle });
             }
         });
     }
