@@ -41,41 +41,46 @@ impl Side {
     }
 }
 
-/// A triangle prepared for points that lie about over it.
-#[derive(Clone, Copy, Debug)]
-struct Plate {
-    corner: Vec3,
-    edges: [Vec3; 2],
-    /// Dot products with the way from the corner give the shares of the two edges.
-    dual: [Vec3; 2],
+/// Dot products of the two of a triangle with the way from its first corner give the shares of the other two, for points
+/// that lie about over it.
+type Dual = [Vec3; 2];
+
+fn dual([a, b, c]: Triangle) -> Dual {
+    let (ab, ac) = (sub(b, a), sub(c, a));
+    let (bb, bc, cc) = (dot(ab, ab), dot(ab, ac), dot(ac, ac));
+    let area = bb * cc - bc * bc;
+    let scale = if area > 0.0 { 1.0 / area } else { 0.0 };
+    let scale = if scale.is_finite() { scale } else { 0.0 };
+    let of = |u: f64, v: f64| std::array::from_fn(|k| (u * ab[k] + v * ac[k]) * scale);
+    [of(cc, -bc), of(-bc, bb)]
 }
 
-impl Plate {
-    fn new([a, b, c]: Triangle) -> Self {
-        let (ab, ac) = (sub(b, a), sub(c, a));
-        let (bb, bc, cc) = (dot(ab, ab), dot(ab, ac), dot(ac, ac));
-        let area = bb * cc - bc * bc;
-        let scale = if area > 0.0 { 1.0 / area } else { 0.0 };
-        let scale = if scale.is_finite() { scale } else { 0.0 };
-        let dual = |u: f64, v: f64| std::array::from_fn(|k| (u * ab[k] + v * ac[k]) * scale);
-        Self { corner: a, edges: [ab, ac], dual: [dual(cc, -bc), dual(-bc, bb)] }
-    }
+/// A triangle to lay points over.
+struct Plate<'a> {
+    corner: Vec3,
+    edges: [Vec3; 2],
+    dual: &'a Dual,
+}
 
+impl Plate<'_> {
     /// The shares of the second and third corner in some point of the triangle, the nearest for what lies over it, and
-    /// the way from there: whatever rounding made of the shares, they are those of a point of the triangle.
-    fn shares(&self, p: Vec3) -> ([f64; 2], Vec3) {
-        let d = sub(p, self.corner);
-        let (v, w) = (dot(self.dual[0], d).max(0.0), dot(self.dual[1], d).max(0.0));
-        let over = (v + w).max(1.0);
-        let (v, w) = if over > 1.0 { (v / over, w / over) } else { (v, w) };
-        let [ab, ac] = self.edges;
-        ([v, w], std::array::from_fn(|k| d[k] - v * ab[k] - w * ac[k]))
+    /// the way from there, for each of some points: whatever rounding made of the shares, they are those of a point
+    /// of the triangle. Without branches, so that two points take hardly longer than one.
+    fn shares<const N: usize>(&self, points: [Vec3; N]) -> [([f64; 2], Vec3); N] {
+        let Self { corner, edges: [ab, ac], dual: [to_b, to_c] } = self;
+        let ways = points.map(|p| sub(p, *corner));
+        let positive = |x: f64| if x > 0.0 { x } else { 0.0 };
+        let shares = ways.map(|d| [positive(dot(*to_b, d)), positive(dot(*to_c, d))]);
+        let over = shares.map(|[v, w]| if v + w > 1.0 { v + w } else { 1.0 });
+        std::array::from_fn(|i| {
+            let ([v, w], d) = (shares[i].map(|share| share / over[i]), ways[i]);
+            ([v, w], std::array::from_fn(|k| d[k] - v * ab[k] - w * ac[k]))
+        })
     }
 
-    /// The squared distance to that point.
-    fn squared_distance(&self, p: Vec3) -> f64 {
-        let (_, rest) = self.shares(p);
-        dot(rest, rest)
+    /// The squared distances to those points.
+    fn squared_distances<const N: usize>(&self, points: [Vec3; N]) -> [f64; N] {
+        self.shares(points).map(|(_, rest)| dot(rest, rest))
     }
 }
 
@@ -87,7 +92,7 @@ pub struct Sheet {
     /// Across the edge from corner k to the next one.
     neighbours: Vec<[u32; 3]>,
     sides: Vec<[Side; 3]>,
-    plates: Vec<Plate>,
+    duals: Vec<Dual>,
     tree: OnceCell<TriangleTree>,
     bvh: OnceCell<Bvh>,
 }
@@ -98,18 +103,34 @@ impl Sheet {
     pub fn new(triangles: Vec<Triangle>, corners: &[[u32; 3]], radii: Vec<f64>) -> Self {
         let neighbours = neighbours(corners);
         let normals: Vec<Vec3> = triangles.iter().map(|t| unit(normal(*t))).collect();
-        let sides = triangles.iter().enumerate().map(|(i, t)| {
-            std::array::from_fn(|k| {
-                let n = normals[i];
-                let m = normals.get(neighbours[i][k] as usize).filter(|m| dot(n, **m) > FOLDED);
+        let mut sides: Vec<[Side; 3]> = Vec::with_capacity(triangles.len());
+        for (i, t) in triangles.iter().enumerate() {
+            let side = |k: usize| {
+                let (n, other) = (normals[i], neighbours[i][k] as usize);
+                // Two that run along an edge in opposite ways have the same plane there.
+                if let Some(twin) = sides.get(other)
+                    && let Some(j) = (0..3).find(|j| neighbours[other][*j] as usize == i)
+                    && corners[other][j] == corners[i][(k + 1) % 3]
+                    && corners[other][(j + 1) % 3] == corners[i][k]
+                {
+                    let Side { normal, offset } = twin[j];
+                    return Side { normal: normal.map(|x| -x), offset: -offset };
+                }
+                let m = normals.get(other).filter(|m| dot(n, **m) > FOLDED);
                 let n = m.map_or(n, |m| std::array::from_fn(|axis| n[axis] + m[axis]));
                 let outwards = unit(cross(sub(t[(k + 1) % 3], t[k]), n));
                 Side { normal: outwards, offset: dot(outwards, t[k]) }
-            })
-        });
-        let sides = sides.collect();
-        let plates = triangles.iter().map(|t| Plate::new(*t)).collect();
-        Self { triangles, radii, neighbours, sides, plates, tree: OnceCell::new(), bvh: OnceCell::new() }
+            };
+            let of_triangle = std::array::from_fn(side);
+            sides.push(of_triangle);
+        }
+        let duals = triangles.iter().map(|t| dual(*t)).collect();
+        Self { triangles, radii, neighbours, sides, duals, tree: OnceCell::new(), bvh: OnceCell::new() }
+    }
+
+    fn plate(&self, t: u32) -> Plate<'_> {
+        let [a, b, c] = self.triangles[t as usize];
+        Plate { corner: a, edges: [sub(b, a), sub(c, a)], dual: &self.duals[t as usize] }
     }
 
     /// Its triangles.
@@ -125,7 +146,7 @@ impl Sheet {
     /// Some point of a triangle, the nearest for what lies over it: its barycentric coordinates, and the way from there
     /// to `p`.
     pub fn place(&self, p: Vec3, t: u32) -> ([f64; 3], Vec3) {
-        let ([v, w], rest) = self.plates[t as usize].shares(p);
+        let [([v, w], rest)] = self.plate(t).shares([p]);
         ([(1.0 - v - w).max(0.0), v, w], rest)
     }
 
@@ -346,15 +367,16 @@ impl<L: FnMut(u32, f64) -> u32> Laying<'_, '_, L> {
         if reach < 0.0 {
             return None;
         }
-        let plate = &self.sheet.plates[at as usize];
+        let plate = self.sheet.plate(at);
         let enough = reach * reach;
         let mut most = 0.0;
-        for p in piece.corners() {
-            let d = plate.squared_distance(*p);
-            if d > enough || d.is_nan() {
-                return None;
+        for pair in piece.corners().chunks(2) {
+            for d in plate.squared_distances([pair[0], *pair.last()?]) {
+                if d > enough || d.is_nan() {
+                    return None;
+                }
+                most = if d > most { d } else { most };
             }
-            most = if d > most { d } else { most };
         }
         Some(most.sqrt() + radius)
     }
@@ -443,7 +465,8 @@ impl<L: FnMut(u32, f64) -> u32> Lay<Vec3> for Laying<'_, '_, L> {
 
 fn unit(v: Vec3) -> Vec3 {
     let length = dot(v, v).sqrt();
-    if length > 0.0 { v.map(|x| x / length) } else { [0.0; 3] }
+    let scale = if length > 0.0 { 1.0 / length } else { 0.0 };
+    if scale.is_finite() { v.map(|x| x * scale) } else { [0.0; 3] }
 }
 
 /// For each triangle and edge another triangle that runs along it the other way, or else the same way; [`NO_TRIANGLE`] where
