@@ -61,6 +61,8 @@ fn frame(c: &mut Criterion, name: &str, scene: &Scene, options: &RenderOptions) 
 
 fn frames(c: &mut Criterion) {
     let default = RenderOptions::default();
+    let all_large = RenderOptions { pixel_error: 0.0, color: false, depth: false, ..default.clone() };
+    frame(c, "frame/large triangles, visibility only", &scene(&sphere(4), 1), &all_large);
     for n in [93, 177, 354] {
         let mesh = sphere(n);
         let (scene, faces) = (scene(&mesh, 1), 8 * n * n);

@@ -9,7 +9,6 @@
 use rayon::prelude::*;
 
 use super::clip::clip;
-use super::lanes::LANES;
 use super::project::{InstanceView, Screen};
 use super::triangle::{UNIT, edge_bias, pixels, project, snap};
 use super::visibility::{Sink, Visible, payload};
@@ -158,8 +157,8 @@ fn fill<S: Sink>(setup: &Setup, first: i32, last: i32, screen: &Screen, sink: &S
     let steps = [0, 1, 2].map(|k| edges[k].step_x as f64);
     for row in first..=last {
         let (mut left, mut right) = (0, i64::from(screen.width) - 1);
-        for edge in &edges {
-            let e = edge.start + i64::from(row) * edge.step_y;
+        let at_row = [0, 1, 2].map(|k| edges[k].start + i64::from(row) * edges[k].step_y);
+        for (edge, e) in edges.iter().zip(at_row) {
             if edge.step_x > 0 {
                 left = left.max((-e + edge.step_x - 1).div_euclid(edge.step_x));
             } else if edge.step_x < 0 {
@@ -171,26 +170,17 @@ fn fill<S: Sink>(setup: &Setup, first: i32, last: i32, screen: &Screen, sink: &S
         if left > right {
             continue;
         }
-        let start = row as usize * width;
         // The weight of each corner is the edge function of the other two.
-        let weight = |k: usize| {
-            let edge = &edges[k];
-            edge.start - edge.bias + i64::from(row) * edge.step_y + left * edge.step_x
-        };
-        let mut weights = [0, 1, 2].map(|k| weight(k) as f64);
-        for first in (left..=right).step_by(LANES) {
-            let mut means = [0.0f32; LANES];
-            for i in 0..LANES {
-                let at = |k: usize| (weights[k] + i as f64 * steps[k]) as f32;
-                means[i] = (at(0) * values[0] + at(1) * values[1] + at(2) * values[2]) * inverse;
+        let weight = |k: usize| (at_row[k] - edges[k].bias + left * edges[k].step_x) as f64;
+        let [mut a, mut b, mut c] = [0, 1, 2].map(weight);
+        let start = row as usize * width;
+        for pixel in start + left as usize..=start + right as usize {
+            let mean = (a as f32 * values[0] + b as f32 * values[1] + c as f32 * values[2]) * inverse;
+            let key = screen.key(mean.max(low).min(high));
+            if key >= far_key {
+                sink.put(pixel, u64::from(key) << 32 | u64::from(setup.low));
             }
-            for (column, mean) in (first..=right).zip(means) {
-                let key = screen.key(mean.max(low).min(high));
-                if key >= far_key {
-                    sink.put(start + column as usize, u64::from(key) << 32 | u64::from(setup.low));
-                }
-            }
-            weights = [0, 1, 2].map(|k| weights[k] + LANES as f64 * steps[k]);
+            (a, b, c) = (a + steps[0], b + steps[1], c + steps[2]);
         }
     }
 }
