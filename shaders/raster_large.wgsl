@@ -1,15 +1,6 @@
 // Stage 5. Clusters with large triangles, or that reach the near plane, the far plane or the guard band -> visibility
 // buffer: a workgroup per cluster. Each lane clips a triangle; then the rows of all of them are shared out.
 
-@group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> instances: array<Instance>;
-@group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
-@group(0) @binding(3) var<storage, read> pages: array<u32>;
-@group(0) @binding(4) var<storage, read> visible: array<VisibleCluster>;
-@group(0) @binding(5) var<storage, read> numbers: array<u32>;
-@group(0) @binding(6) var<storage, read> draws: array<Dispatch, 2>;
-@group(0) @binding(8) var<storage, read_write> counters: Counters;
-
 // A triangle cut by five planes has eight corners at most.
 const MOST_CORNERS: u32 = 8u;
 const CORNERS: u32 = MOST_CORNERS * CLUSTER_MAX_TRIANGLES;
@@ -18,7 +9,6 @@ const CORNERS: u32 = MOST_CORNERS * CLUSTER_MAX_TRIANGLES;
 var<workgroup> snapped: array<vec2<i32>, CORNERS>;
 var<workgroup> values: array<f32, CORNERS>;
 var<workgroup> corner_counts: array<u32, CLUSTER_MAX_TRIANGLES>;
-var<workgroup> drawn: atomic<u32>;
 
 struct Polygon {
     corners: array<vec3<f32>, MOST_CORNERS>,

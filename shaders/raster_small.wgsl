@@ -1,18 +1,8 @@
 // Stage 4. Clusters of small triangles -> visibility buffer: a workgroup per cluster, a lane per triangle.
 // src/cpu/raster_small.rs, operation for operation.
 
-@group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> instances: array<Instance>;
-@group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
-@group(0) @binding(3) var<storage, read> pages: array<u32>;
-@group(0) @binding(4) var<storage, read> visible: array<VisibleCluster>;
-@group(0) @binding(5) var<storage, read> numbers: array<u32>;
-@group(0) @binding(6) var<storage, read> draws: array<Dispatch, 2>;
-@group(0) @binding(8) var<storage, read_write> counters: Counters;
-
 var<workgroup> snapped: array<vec2<i32>, CLUSTER_MAX_VERTICES>;
 var<workgroup> values: array<f32, CLUSTER_MAX_VERTICES>;
-var<workgroup> drawn: atomic<u32>;
 
 // Value, and steps per column and row, of the edge function from a to b at a first pixel.
 fn edge(a: vec2<i32>, b: vec2<i32>, first: vec2<i32>) -> vec3<i32> {

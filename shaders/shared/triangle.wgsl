@@ -1,5 +1,18 @@
 // What both rasterizers share: src/cpu/triangle.rs and src/cpu/visibility.rs.
 
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> instances: array<Instance>;
+@group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
+@group(0) @binding(3) var<storage, read> pages: array<u32>;
+@group(0) @binding(4) var<storage, read> visible: array<VisibleCluster>;
+@group(0) @binding(5) var<storage, read> numbers: array<u32>;
+@group(0) @binding(6) var<storage, read> draws: array<Dispatch, 2>;
+// Binding 7 is the visibility buffer: words_64.wgsl, words_32.wgsl.
+@group(0) @binding(8) var<storage, read_write> counters: Counters;
+
+// Triangles of a workgroup that face the eye and have a pixel to offer.
+var<workgroup> drawn: atomic<u32>;
+
 const UNIT: i32 = 1 << SUBPIXEL_BITS;
 
 // Snaps a screen coordinate to 1/256 pixel: adding this leaves the nearest integer in the low bits.
