@@ -42,7 +42,7 @@ class StageStats:
     """What went out, counted in `passed_unit`."""
     passed_unit: str
     ms: float
-    """Wall time, milliseconds; NaN for the stages that the GPU backend runs, all in one submission."""
+    """Milliseconds: wall time, or what a GPU's own clock says; NaN where it has none."""
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ pub struct Context {
     name: String,
     software: bool,
     wide_atomics: bool,
+    tick: Option<f64>,
     limits: Limits,
     /// The first error that the device reported, which ends its use.
     failure: Arc<Mutex<Option<String>>>,
@@ -110,7 +111,7 @@ impl Context {
         let wide_atomics = adapter.features().contains(WIDE_ATOMICS);
         let descriptor = DeviceDescriptor {
             label: Some("nanite_rs"),
-            required_features: if wide_atomics { WIDE_ATOMICS } else { Features::empty() },
+            required_features: adapter.features() & (WIDE_ATOMICS | Features::TIMESTAMP_QUERY),
             required_limits: limits.clone(),
             ..DeviceDescriptor::default()
         };
@@ -126,8 +127,10 @@ impl Context {
             lock(&first).get_or_insert_with(|| format!("the device was lost. {message}"));
         });
         let software = info.device_type == DeviceType::Cpu;
+        let timed = device.features().contains(Features::TIMESTAMP_QUERY);
+        let tick = timed.then(|| f64::from(queue.get_timestamp_period()) * 1e-6);
         let pipelines = std::array::from_fn(|_| OnceLock::new());
-        let context = Self { device, queue, name, software, wide_atomics, limits, failure, pipelines };
+        let context = Self { device, queue, name, software, wide_atomics, tick, limits, failure, pipelines };
         context.probe()?;
         Ok(context)
     }
@@ -175,6 +178,11 @@ impl Context {
     /// The device has 64-bit atomic maxima.
     pub fn wide_atomics(&self) -> bool {
         self.wide_atomics
+    }
+
+    /// Milliseconds of a tick of the device's clock, where it has one.
+    pub fn tick(&self) -> Option<f64> {
+        self.tick
     }
 
     pub(super) fn device(&self) -> &Device {

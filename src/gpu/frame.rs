@@ -5,6 +5,7 @@ use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePass};
 use super::context::Context;
 use super::meshes::Meshes;
 use super::shaders::{Kernel, MAX_WORKGROUPS, SCAN_WIDTH};
+use super::times::Times;
 use crate::error::Result;
 use crate::gpu_types::{Candidate, Counters, Dispatch, Instance, View, VisibleCluster, Visit};
 
@@ -79,6 +80,7 @@ pub(super) struct Buffers {
     pub(super) draws: Buffer,
     pub(super) counters: Buffer,
     pub(super) words: Buffer,
+    pub(super) times: Times,
     /// What comes back, and the bytes of it.
     pub(super) staging: Buffer,
     pub(super) staged: u64,
@@ -126,6 +128,7 @@ impl Buffers {
             draws: dispatch(2)?,
             counters: storage("counters", bytes::<Counters>(1))?,
             words: storage("the pixels of the picture", bytes::<u64>(pixels))?,
+            times: Times::new(context)?,
             staging: context.buffer("counters", 0, BufferUsages::MAP_READ)?,
             staged: 0,
         };
@@ -142,6 +145,7 @@ impl Buffers {
             Part { buffer: &self.counters, bytes: bytes::<Counters>(1) },
             Part { buffer: &self.culling, bytes: dispatch },
             Part { buffer: &self.draws, bytes: 2 * dispatch },
+            Part { buffer: self.times.ticks(), bytes: Times::BYTES },
         ];
         parts.extend(self.levels.iter().map(|buffer| Part { buffer, bytes: dispatch }));
         let Shape { instances, pixels, room, .. } = self.shape;
@@ -183,7 +187,7 @@ impl Buffers {
     }
 }
 
-/// Records the stages of a frame.
+/// Records a pass of a stage.
 pub(super) struct Recorder<'a> {
     pub(super) context: &'a Context,
     pub(super) meshes: &'a Meshes,

@@ -15,6 +15,7 @@ mod raster_large;
 mod raster_small;
 pub mod renderer;
 pub mod shaders;
+mod times;
 
 pub use context::Context;
 pub use renderer::{Drawn, Renderer};

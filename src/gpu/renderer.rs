@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use wgpu::{CommandEncoderDescriptor, ComputePassDescriptor};
+use wgpu::{CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
 
 use super::context::Context;
 use super::frame::{Buffers, Recorder, Room, Shape};
 use super::meshes::Meshes;
 use super::shaders::Words;
+use super::times::{self, TIMED_STAGES};
 use super::{cluster_cull, instance_cull, node_cull, raster_large, raster_small};
 use crate::error::{Error, Result};
 use crate::gpu_types::{Counters, Dispatch, Instance, View, VisibleCluster, Visit};
@@ -30,6 +31,8 @@ pub struct Drawn {
     pub groups: u64,
     /// What stages counted.
     pub counters: Counters,
+    /// Milliseconds that each stage took on the device; NaN where it takes no time.
+    pub times: [f64; TIMED_STAGES],
 }
 
 /// A device with what stays on it between frames.
@@ -139,27 +142,45 @@ impl Renderer {
         queue.write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&blocks));
         let mut encoder = context.device().create_command_encoder(&CommandEncoderDescriptor::default());
         buffers.clear(&mut encoder);
-        {
-            let pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-            let mut recorder = Recorder { context, meshes: &self.meshes, buffers, pass };
-            instance_cull::record(&mut recorder);
-            node_cull::record(&mut recorder);
-            cluster_cull::record(&mut recorder);
-            let forms: &[Words] = match wide_atomics && context.wide_atomics() {
-                true => &[Words::Wide],
-                false => &[Words::Keys, Words::Lows],
-            };
-            for &form in forms {
-                raster_small::record(&mut recorder, form);
-                raster_large::record(&mut recorder, form);
-            }
+        let mut passes = Passes { renderer: self, buffers, encoder: &mut encoder, stages: Vec::new() };
+        passes.run(0, instance_cull::record);
+        passes.run(1, node_cull::record);
+        passes.run(2, cluster_cull::record);
+        let forms: &[Words] = match wide_atomics && context.wide_atomics() {
+            true => &[Words::Wide],
+            false => &[Words::Keys, Words::Lows],
+        };
+        for &form in forms {
+            passes.run(3, |recorder| raster_small::record(recorder, form));
+            passes.run(4, |recorder| raster_large::record(recorder, form));
         }
+        let stages = passes.stages;
+        buffers.times.resolve(&mut encoder, stages.len() as u32);
         buffers.copy_back(&mut encoder);
         let mut result = Default::default();
         context.submit(encoder, &buffers.staging, buffers.staged, |staged| {
-            result = report(&buffers.split(staged), words);
+            result = report(&buffers.split(staged), &stages, context.tick(), words);
         })?;
         Ok(result)
+    }
+}
+
+/// Records stages, a pass at a time.
+struct Passes<'a> {
+    renderer: &'a Renderer,
+    buffers: &'a Buffers,
+    encoder: &'a mut CommandEncoder,
+    /// The stage of each pass so far.
+    stages: Vec<usize>,
+}
+
+impl Passes<'_> {
+    fn run(&mut self, stage: usize, record: impl FnOnce(&mut Recorder<'_>)) {
+        let timestamp_writes = self.buffers.times.of_pass(self.stages.len() as u32);
+        let pass = self.encoder.begin_compute_pass(&ComputePassDescriptor { label: None, timestamp_writes });
+        let Renderer { context, meshes, .. } = self.renderer;
+        record(&mut Recorder { context, meshes, buffers: self.buffers, pass });
+        self.stages.push(stage);
     }
 }
 
@@ -174,8 +195,8 @@ fn list<T: bytemuck::Pod>(bytes: &[u8], count: u32) -> Vec<T> {
 }
 
 /// Reads what came back: the frame, and the lengths that its lists wanted.
-fn report(parts: &[&[u8]], words: &mut [u64]) -> (Drawn, Room) {
-    let [counters, culling, draws, levels @ .., roots, visible, pixels] = parts else {
+fn report(parts: &[&[u8]], stages: &[usize], tick: Option<f64>, words: &mut [u64]) -> (Drawn, Room) {
+    let [counters, culling, draws, ticks, levels @ .., roots, visible, pixels] = parts else {
         return Default::default();
     };
     bytemuck::cast_slice_mut(words).copy_from_slice(pixels);
@@ -192,6 +213,7 @@ fn report(parts: &[&[u8]], words: &mut [u64]) -> (Drawn, Room) {
         visited: levels.iter().map(|level| u64::from(level.count) + u64::from(level.visited)).sum(),
         groups: u64::from(culling.count),
         counters: value(counters),
+        times: times::milliseconds(ticks, stages, tick),
     };
     // The first level is the list of instances, which has room for all.
     let visits = levels[1..].iter().map(|level| level.count).max().unwrap_or(0);

@@ -52,7 +52,7 @@ pub(super) fn draw_scene(
     Ok(Rastered { words, views, visible, large, stats })
 }
 
-/// What each stage received and passed on. One submission: none has a time of its own.
+/// What each stage received and passed on, and its time by the device's clock.
 fn stages(drawn: &Drawn, instances: usize, [small, large]: [u64; 2]) -> Vec<StageStats> {
     let counters = &drawn.counters;
     [
@@ -62,8 +62,10 @@ fn stages(drawn: &Drawn, instances: usize, [small, large]: [u64; 2]) -> Vec<Stag
         (Stage::RasterSmall, small, u64::from(counters.drawn_small)),
         (Stage::RasterLarge, large, u64::from(counters.drawn_large)),
     ]
-    .map(|(stage, received, passed)| StageStats { stage, pass: 1, received, passed, ms: f64::NAN })
-    .to_vec()
+    .into_iter()
+    .zip(drawn.times)
+    .map(|((stage, received, passed), ms)| StageStats { stage, pass: 1, received, passed, ms })
+    .collect()
 }
 
 fn view_record(screen: &Screen, tau: f32) -> gpu_types::View {

@@ -15,7 +15,7 @@ pub struct StageStats {
     pub received: u64,
     /// What went out.
     pub passed: u64,
-    /// Wall time, milliseconds.
+    /// Milliseconds: wall time, or that of the device's clock on a GPU; NaN where it has none.
     pub ms: f64,
 }
 

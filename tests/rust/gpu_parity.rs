@@ -90,12 +90,15 @@ const PARALLEL: Camera =
 
 #[test]
 fn frames_of_one_mesh_are_equal() {
-    let Some(_) = device("frames_of_one_mesh_are_equal") else { return };
+    let Some(device) = device("frames_of_one_mesh_are_equal") else { return };
     let mut scene = lit();
     scene.add(dag(&bumpy_sphere(60)), &IDENTITY, Material::default()).unwrap();
     for (distance, tau) in [(3.0, 0.0), (3.0, 1.0), (8.0, 1.0), (40.0, 0.5)] {
         let frame = equal(&scene, &CAMERA, &at(0.0, 0.0, distance), (320, 200), tau);
         assert!(frame.stats.drawn_small > 0 && frame.stats.covered_pixels > 0);
+        let times: Vec<f64> = frame.stats.stages.iter().map(|s| s.ms).filter(|ms| !ms.is_nan()).collect();
+        assert!(times.iter().all(|ms| *ms >= 0.0) && times.iter().sum::<f64>() < frame.stats.total_ms);
+        assert!(device.tick().is_none() || frame.stats.stages[3].ms > 0.0);
         equal(&scene, &PARALLEL, &at(0.1, 0.2, 4.0), (320, 200), tau);
     }
     for size in [(1, 1), (1, 7), (13, 1), (257, 3), (1023, 511)] {

@@ -1,0 +1,84 @@
+//! How long stages take on the device: a timestamp before and after each pass of one.
+
+use wgpu::{
+    Buffer, BufferUsages, CommandEncoder, ComputePassTimestampWrites, QuerySet, QuerySetDescriptor, QueryType,
+};
+
+use super::context::Context;
+use crate::error::Result;
+
+/// Stages that run on the device, in order.
+pub const TIMED_STAGES: usize = 5;
+/// Passes of a frame at most: those that draw may take two each.
+const PASSES: u32 = TIMED_STAGES as u32 + 2;
+/// Timestamps of a pass: before and after.
+const ENDS: u32 = 2;
+
+/// The timestamps of a frame.
+#[derive(Debug)]
+pub(super) struct Times {
+    /// Absent where the device takes none.
+    set: Option<QuerySet>,
+    ticks: Buffer,
+}
+
+impl Times {
+    /// Bytes of [`Times::ticks`].
+    pub(super) const BYTES: u64 = (PASSES * ENDS) as u64 * size_of::<u64>() as u64;
+
+    pub(super) fn new(context: &Context) -> Result<Self> {
+        let descriptor =
+            QuerySetDescriptor { label: Some("times"), ty: QueryType::Timestamp, count: PASSES * ENDS };
+        let set = context.tick().map(|_| context.device().create_query_set(&descriptor));
+        let ticks =
+            context.buffer("times", Self::BYTES, BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC)?;
+        Ok(Self { set, ticks })
+    }
+
+    /// What pass `number` writes.
+    pub(super) fn of_pass(&self, number: u32) -> Option<ComputePassTimestampWrites<'_>> {
+        self.set.as_ref().map(|query_set| ComputePassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: Some(number * ENDS),
+            end_of_pass_write_index: Some(number * ENDS + 1),
+        })
+    }
+
+    /// Makes the timestamps of so many passes readable.
+    pub(super) fn resolve(&self, encoder: &mut CommandEncoder, passes: u32) {
+        if let Some(set) = &self.set {
+            encoder.resolve_query_set(set, 0..passes * ENDS, &self.ticks, 0);
+        }
+    }
+
+    /// Device ticks before and after each pass.
+    pub(super) fn ticks(&self) -> &Buffer {
+        &self.ticks
+    }
+}
+
+/// Milliseconds of each stage, from the ticks read back and the stage of each pass. NaN where the device takes no time.
+pub(super) fn milliseconds(ticks: &[u8], stages: &[usize], tick: Option<f64>) -> [f64; TIMED_STAGES] {
+    let Some(tick) = tick else { return [f64::NAN; TIMED_STAGES] };
+    let mut out = [0.0; TIMED_STAGES];
+    let passes = ticks.chunks_exact(ENDS as usize * size_of::<u64>());
+    for (stage, ends) in stages.iter().zip(passes) {
+        let [start, end]: [u64; 2] = bytemuck::pod_read_unaligned(ends);
+        // Some drivers set their clock back between passes.
+        out[*stage] += end.saturating_sub(start) as f64 * tick;
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn passes_of_a_stage_add_up() {
+        let ticks: [u64; 8] = [10, 20, 100, 140, 200, 203, 400, 390];
+        let found = milliseconds(bytemuck::cast_slice(&ticks), &[0, 3, 3, 4], Some(0.5));
+        assert_eq!(found, [5.0, 0.0, 0.0, 21.5, 0.0]);
+        assert!(milliseconds(bytemuck::cast_slice(&ticks), &[0], None).iter().all(|ms| ms.is_nan()));
+    }
+}
