@@ -1,6 +1,6 @@
 //! Build throughput against meshoptimizer's `clod_build`, in turn: on a machine whose speed drifts, contestants that
-//! differ by little can only be compared within each round. `cargo bench --bench build_in_turn`; with a word behind `--`, those only that
-//! have it in their name.
+//! differ by little can only be compared within each round. `cargo bench --bench build_in_turn`; with words behind `--`, those only that
+//! have them in their names, and with a number n on a mesh of 8·n² triangles.
 
 #[path = "../../tests/rust/shapes.rs"]
 #[allow(dead_code)]
@@ -14,9 +14,16 @@ use nanite_rs::config::{BuildOptions, ErrorMeasure, Quality};
 use nanite_rs::mesh::{Positions, SourceMesh};
 
 const ROUNDS: usize = 5;
+/// 1.0 M triangles.
+const SIZE: usize = 354;
 
 fn main() {
-    let (positions, faces) = shapes::bumpy_sphere(354);
+    let (sizes, asked): (Vec<String>, Vec<String>) = std::env::args()
+        .skip(1)
+        .filter(|word| !word.starts_with('-'))
+        .partition(|word| word.parse::<usize>().is_ok());
+    let size = sizes.first().and_then(|n| n.parse().ok()).unwrap_or(SIZE);
+    let (positions, faces) = shapes::bumpy_sphere(size);
     let adapter = VertexDataAdapter::new(typed_to_bytes(&positions), 12, 0).unwrap();
     let indices: Vec<u32> = faces.iter().flatten().copied().collect();
     // On a sphere about the origin positions will do for normals.
@@ -34,7 +41,6 @@ fn main() {
     let theirs = |mesh: &ClodMesh<'_>| {
         clod_build(clod_default_config(128), mesh, |_, _| 0);
     };
-    let asked: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let contestants: [(&str, &dyn Fn()); 7] = [
         ("fast, quadric, 1 thread", &|| ours(Quality::Fast, ErrorMeasure::Quadric, 1)),
         ("fast, quadric, 2 threads", &|| ours(Quality::Fast, ErrorMeasure::Quadric, 2)),
