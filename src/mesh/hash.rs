@@ -92,13 +92,14 @@ impl Chunk {
 struct Rows<'a>(&'a [(&'a [u32], usize)]);
 
 impl Rows<'_> {
-    fn row(&self, i: u32) -> impl Iterator<Item = &u32> {
-        self.0.iter().flat_map(move |(words, stride)| &words[i as usize * stride..][..*stride])
+    /// A row, in a part from each table.
+    fn row(&self, i: u32) -> impl Iterator<Item = &[u32]> {
+        self.0.iter().map(move |(words, stride)| &words[i as usize * stride..][..*stride])
     }
 
     fn hash(&self, i: u32) -> u64 {
         let mut hasher = FxHasher::default();
-        self.row(i).for_each(|w| hasher.write_u32(*w));
+        self.row(i).flatten().for_each(|w| hasher.write_u32(*w));
         // Low bits of the tag choose a slot, high ones of the hash a shard: neither may follow from the other.
         hasher.finish().wrapping_mul(0x9e37_79b9_7f4a_7c15)
     }
