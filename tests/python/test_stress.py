@@ -126,7 +126,9 @@ def figures(mesh: nrs.NaniteMesh, scale: float) -> tuple[float, float, float, np
     surfaces = [(np.asarray(c.vertices, float) / scale - center, c.faces) for c in cuts]
     source = (source[0] - center, source[1])
     rms = [np.sqrt(np.mean(distance.one_sided(s, source, 20_000) ** 2)) for s in surfaces]
-    stated = np.array([mesh.cut(target_reduction=reduction).error for reduction in np.linspace(0.4, 0.95, 12)])
+    stated = np.array(
+        [mesh.cut(target_reduction=reduction).error for reduction in np.linspace(0.4, 0.95, 12)]
+    )
     return (
         float(d.triangles.sum()),
         float(np.exp(np.log(made / scale + FLOOR).mean())),
