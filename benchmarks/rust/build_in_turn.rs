@@ -1,6 +1,6 @@
 //! Build throughput against meshoptimizer's `clod_build`, in turn: on a machine whose speed drifts, contestants that
-//! differ by little can only be compared within each round. `cargo bench --bench build_in_turn`; with words behind `--`, those only that
-//! have them in their names, and with a number n on a mesh of 8·n² triangles.
+//! differ by little can only be compared within each round. `cargo bench --bench build_in_turn`; with words behind
+//! `--`, those only that have them in their names, and with a number n on a mesh of 8·n² triangles.
 
 #[path = "../../tests/rust/shapes.rs"]
 #[allow(dead_code)]

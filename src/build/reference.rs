@@ -214,6 +214,14 @@ impl Reference {
     }
 }
 
+/// Of the triangles of a cluster.
+fn radii(cluster: &BuildCluster) -> impl Iterator<Item = f32> {
+    let own = &cluster.pieces.radii;
+    // One that waited stands for itself as a whole.
+    let rest = cluster.mesh.triangles.len() - own.len();
+    own.iter().copied().chain(std::iter::repeat_n(cluster.bound, rest))
+}
+
 /// The part of a reference that a group stands on.
 pub struct Footing {
     before: Sheet,
@@ -222,14 +230,6 @@ pub struct Footing {
     numbers: Vec<u32>,
     /// A further round of this reference will ask.
     keep: bool,
-}
-
-/// Of the triangles of a cluster.
-fn radii(cluster: &BuildCluster) -> impl Iterator<Item = f32> {
-    let own = &cluster.pieces.radii;
-    // One that waited stands for itself as a whole.
-    let rest = cluster.mesh.triangles.len() - own.len();
-    own.iter().copied().chain(std::iter::repeat_n(cluster.bound, rest))
 }
 
 impl Footing {
@@ -245,37 +245,42 @@ impl Footing {
         let normal = |t: u32| area_normal(corners(t));
         let normals: Vec<DVec3> = (0..self.before.triangles().len() as u32).map(normal).collect();
         let of_edges = self.numbers.len() < DENSE * made;
-        let mut whole = vec![false; if of_edges { normals.len() } else { 0 }];
-        let mut number = self.numbers.iter();
-        self.pieces.iter().filter(|_| of_edges).for_each(|pieces| {
-            pieces.each(|_, part| {
-                number.next().into_iter().for_each(|n| whole[*n as usize] = part.is_none());
-            })
-        });
+        let mut whole = Vec::new();
+        if of_edges {
+            whole.resize(normals.len(), false);
+            let mut number = self.numbers.iter();
+            self.pieces.iter().for_each(|pieces| {
+                pieces.each(|_, part| {
+                    number.next().into_iter().for_each(|n| whole[*n as usize] = part.is_none());
+                })
+            });
+        }
         let mut number = self.numbers.iter();
         self.pieces.iter().for_each(|pieces| {
             pieces.each(|_, part| {
-                let Some(n) = number.next() else { return };
-                let (area, triangle) = (normals[*n as usize], *n);
+                let Some(&triangle) = number.next() else { return };
+                let area = normals[triangle as usize];
                 let weight = 0.5 * area.length();
                 if let Some((offsets, cuts)) = part {
-                    let piece = restored(self.before.triangles()[*n as usize], offsets, cuts);
+                    let piece = restored(self.before.triangles()[triangle as usize], offsets, cuts);
                     let point = DVec3::from_array(piece.center());
                     visit(Sample { point, normal: area, weight: 0.5 * piece.double_area(), triangle });
                     return;
                 }
-                let [a, b, c] = corners(*n);
+                let [a, b, c] = corners(triangle);
                 if !of_edges {
                     visit(Sample { point: (a + b + c) / 3.0, normal: area, weight, triangle });
                     return;
                 }
                 let sides = [(a, b), (b, c), (c, a)];
-                for ((p, q), next) in sides.into_iter().zip(self.before.neighbours(*n)) {
+                for ((p, q), next) in sides.into_iter().zip(self.before.neighbours(triangle)) {
                     let mut sample =
                         Sample { point: (p + q) / 2.0, normal: area, weight: weight / 3.0, triangle };
                     // One for both triangles of an edge.
-                    if whole.get(next as usize) == Some(&true) && self.before.neighbours(next).contains(n) {
-                        if next < *n {
+                    if whole.get(next as usize) == Some(&true)
+                        && self.before.neighbours(next).contains(&triangle)
+                    {
+                        if next < triangle {
                             continue;
                         }
                         let other = normals[next as usize];
