@@ -1,5 +1,6 @@
 // Stage 3. Groups whose clusters may be drawn -> one bit for each cluster that is, and one more for the large ones:
-// the second half of the rule of the cut, the picture's bounds and the backface cone.
+// the second half of the rule of the cut, the picture's bounds, the backface cone and the depth pyramid. The second
+// phase keeps what the first one drew, and looks at what waited for the pyramid alone.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
@@ -8,11 +9,16 @@
 @group(0) @binding(4) var<storage, read> candidates: array<Candidate>;
 @group(0) @binding(5) var<storage, read> culling: Dispatch;
 @group(0) @binding(6) var<storage, read_write> drawn: array<u32>;
-@group(0) @binding(7) var<storage, read_write> large: array<u32>;
+@group(0) @binding(7) var<storage, read_write> marks: array<Marks>;
 @group(0) @binding(8) var<storage, read_write> counters: Counters;
+@group(0) @binding(9) var<storage, read> pyramid: array<u32>;
+// Of the first phase; not read there.
+@group(0) @binding(10) var<storage, read> first_drawn: array<u32>;
+@group(0) @binding(11) var<storage, read> first_marks: array<Marks>;
 
 var<workgroup> drawn_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 var<workgroup> large_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
+var<workgroup> held_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 
 fn faces_away(instance: u32, record: u32) -> bool {
     let packed = pages[record + RECORD_CONE];
@@ -38,21 +44,46 @@ fn faces_away(instance: u32, record: u32) -> bool {
 fn cull(candidate: Candidate, group: u32, member: u32) {
     let instance = candidate.instance;
     let cluster = candidate.first + member;
+    let bit = 1u << member;
+    let again = SECOND && candidate.before != NONE;
+    if again {
+        if (first_drawn[candidate.before] & bit) != 0u {
+            atomicOr(&drawn_bits[group], bit);
+            atomicOr(&held_bits[group], bit);
+            atomicOr(&large_bits[group], first_marks[candidate.before].large & bit);
+            return;
+        }
+        if (first_marks[candidate.before].held & bit) == 0u {
+            return;
+        }
+    }
     let record = record_start(page_start(instance, cluster), cluster);
     let at = record + RECORD_LOD_SPHERE;
     let sphere = Sphere(array<f32, 3>(real(at), real(at + 1u), real(at + 2u)), real(at + 3u));
-    if exceeds(instance, sphere, real(record + RECORD_ERROR)) {
+    if !again && exceeds(instance, sphere, real(record + RECORD_ERROR)) {
         return;
     }
-    let place = footprint(instance, reals(record + RECORD_CENTER), reals(record + RECORD_EXTENT));
-    if !place.seen || (instances[instance].double_sided == 0u && faces_away(instance, record)) {
+    let center = reals(record + RECORD_CENTER);
+    let extent = reals(record + RECORD_EXTENT);
+    let place = footprint(instances[instance].screen, center, extent);
+    if !again && (!place.seen || (instances[instance].double_sided == 0u && faces_away(instance, record))) {
         return;
     }
-    atomicOr(&drawn_bits[group], 1u << member);
+    if hidden(place, instance, center, extent) {
+        atomicAdd(&counters.held, 1u);
+        if !SECOND {
+            atomicOr(&held_bits[group], bit);
+        }
+        return;
+    }
+    atomicOr(&drawn_bits[group], bit);
     // A patch of n triangles has some sqrt(n / 2) edges across.
     let edge = f32(place.span) / max(sqrt(f32(triangle_count(record)) * 0.5), 1.0);
     if place.clipped || place.span > MAX_SPAN || edge > SMALL_EDGE {
-        atomicOr(&large_bits[group], 1u << member);
+        atomicOr(&large_bits[group], bit);
+        atomicAdd(&counters.triangles_large, triangle_count(record));
+    } else {
+        atomicAdd(&counters.triangles_small, triangle_count(record));
     }
 }
 
@@ -65,12 +96,17 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     if member == 0u {
         atomicStore(&drawn_bits[group], 0u);
         atomicStore(&large_bits[group], 0u);
+        atomicStore(&held_bits[group], 0u);
     }
     workgroupBarrier();
     if exists {
         let candidate = candidates[number];
         if member == 0u {
-            atomicAdd(&counters.visited_clusters, candidate.count);
+            var looked_at = candidate.count;
+            if SECOND && candidate.before != NONE {
+                looked_at = countOneBits(first_marks[candidate.before].held);
+            }
+            atomicAdd(&counters.visited_clusters, looked_at);
         }
         if member < candidate.count {
             cull(candidate, group, member);
@@ -79,6 +115,6 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     workgroupBarrier();
     if exists && member == 0u {
         drawn[number] = atomicLoad(&drawn_bits[group]);
-        large[number] = atomicLoad(&large_bits[group]);
+        marks[number] = Marks(atomicLoad(&large_bits[group]), atomicLoad(&held_bits[group]), 0u, 0u);
     }
 }

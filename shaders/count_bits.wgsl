@@ -1,16 +1,17 @@
-// The set bits of each block of SCAN_WIDTH words.
+// The set bits of each block of SCAN_WIDTH words; `others` are those of the first phase, or the same again.
 
 @group(0) @binding(0) var<storage, read> bits: array<u32>;
 @group(0) @binding(1) var<storage, read> blocks: Dispatch;
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
+@group(0) @binding(3) var<storage, read> others: array<u32>;
 
 @compute @workgroup_size(SCAN_WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let block = workgroup_number(workgroup);
     let word = block * SCAN_WIDTH + lane;
     var count = 0u;
-    if word < min(blocks.count, arrayLength(&bits)) {
-        count = countOneBits(bits[word]);
+    if word < min(blocks.count, min(arrayLength(&bits), arrayLength(&others))) {
+        count = countOneBits(bits[word] | others[word]);
     }
     let sum = inclusive_sum(lane, count);
     if lane == SCAN_WIDTH - 1u && block < arrayLength(&sums) {

@@ -1,9 +1,13 @@
-// Stage 1. Instances of the scene -> the roots of those that may be on the screen.
+// Stage 1. Instances of the scene -> the roots of those that may be on the screen. What an earlier frame hid is put
+// off to the second phase.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
 @group(0) @binding(2) var<storage, read_write> visits_out: array<Visit>;
 @group(0) @binding(3) var<storage, read_write> next: DispatchOut;
+@group(0) @binding(4) var<storage, read> pyramid: array<u32>;
+@group(0) @binding(5) var<storage, read_write> later: array<Visit>;
+@group(0) @binding(6) var<storage, read_write> later_level: DispatchOut;
 
 @compute @workgroup_size(WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -11,7 +15,15 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     if instance >= view.instances {
         return;
     }
-    if footprint(instance, instances[instance].center, instances[instance].extent).seen {
+    let center = instances[instance].center;
+    let extent = instances[instance].extent;
+    let place = footprint(instances[instance].screen, center, extent);
+    if !place.seen {
+        return;
+    }
+    if hidden(place, instance, center, extent) {
+        put_off(Visit(instance, 0u));
+    } else {
         append(claim(1u), Visit(instance, 0u));
     }
 }

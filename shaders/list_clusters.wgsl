@@ -1,15 +1,20 @@
-// The bits of clusters -> the frame's visible list in scene order, and the numbers in it that each rasterizer draws.
+// The bits of clusters -> the frame's visible list in scene order, and the numbers in it that each rasterizer draws. The
+// second phase lists those of both, and which numbers those of the first have become.
 
 @group(0) @binding(0) var<storage, read> candidates: array<Candidate>;
 @group(0) @binding(1) var<storage, read> blocks: Dispatch;
 @group(0) @binding(2) var<storage, read> drawn: array<u32>;
-@group(0) @binding(3) var<storage, read> large: array<u32>;
+@group(0) @binding(3) var<storage, read_write> marks: array<Marks>;
 @group(0) @binding(4) var<storage, read> sums: array<u32>;
 @group(0) @binding(5) var<storage, read_write> visible: array<VisibleCluster>;
 // Numbers of small clusters from the front, of large ones from the back.
 @group(0) @binding(6) var<storage, read_write> numbers: array<u32>;
 // Small, large.
 @group(0) @binding(7) var<storage, read_write> draws: array<DispatchOut, 2>;
+@group(0) @binding(8) var<storage, read_write> counters: Counters;
+// Of the first phase; not read there.
+@group(0) @binding(9) var<storage, read> first_marks: array<Marks>;
+@group(0) @binding(10) var<storage, read_write> renumbered: array<u32>;
 
 fn claim(kind: u32) -> u32 {
     let at = atomicAdd(&draws[kind].count, 1u);
@@ -28,22 +33,43 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
         mask = drawn[word];
     }
     let upto = inclusive_sum(lane, countOneBits(mask));
+    if word == 0u {
+        atomicStore(&counters.visible, sums[(blocks.count + SCAN_WIDTH - 1u) / SCAN_WIDTH]);
+    }
     if mask == 0u {
         return;
     }
     var number = sums[block] + upto - countOneBits(mask);
     let candidate = candidates[word];
-    let is_large = large[word];
+    let large = marks[word].large;
+    // Those of the first phase keep their order.
+    var old = 0u;
+    var old_number = 0u;
+    if SECOND {
+        old = marks[word].held;
+        if old != 0u {
+            old_number = first_marks[candidate.before].first;
+        }
+    } else {
+        marks[word].first = number;
+    }
     while mask != 0u {
         let member = firstTrailingBit(mask);
         mask &= mask - 1u;
-        let kind = is_large >> member & 1u;
-        let at = claim(kind);
+        let kind = large >> member & 1u;
         if number < arrayLength(&visible) {
             visible[number] = VisibleCluster(candidate.instance, candidate.first + member, kind);
         }
-        if at < arrayLength(&numbers) {
-            numbers[select(at, arrayLength(&numbers) - 1u - at, kind == 1u)] = number;
+        if (old >> member & 1u) == 1u {
+            if old_number < arrayLength(&renumbered) {
+                renumbered[old_number] = number;
+            }
+            old_number++;
+        } else {
+            let at = claim(kind);
+            if at < arrayLength(&numbers) {
+                numbers[select(at, arrayLength(&numbers) - 1u - at, kind == 1u)] = number;
+            }
         }
         number++;
     }

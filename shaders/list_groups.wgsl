@@ -1,4 +1,5 @@
-// The bits of groups -> the list of groups whose clusters may be drawn, in scene order.
+// The bits of groups -> the list of groups whose clusters may be drawn, in scene order. The second phase lists those of
+// both, and where they were in the list of the first.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
@@ -10,12 +11,9 @@
 // For culling their clusters, and for counting what is left of them.
 @group(0) @binding(7) var<storage, read_write> culling: Dispatch;
 @group(0) @binding(8) var<storage, read_write> counting: Dispatch;
-
-fn dispatch(entries: u32, per_workgroup: u32, count: u32) -> Dispatch {
-    let workgroups = (entries + per_workgroup - 1u) / per_workgroup;
-    let rows = (workgroups + MAX_WORKGROUPS - 1u) / MAX_WORKGROUPS;
-    return Dispatch(min(workgroups, MAX_WORKGROUPS), rows, 1u, count, 0u, array<u32, 3>(0u, 0u, 0u));
-}
+// Of the first phase; not read there.
+@group(0) @binding(9) var<storage, read> first_bits: array<u32>;
+@group(0) @binding(10) var<storage, read> first_sums: array<u32>;
 
 // The instance that a word belongs to: the last one that starts at or before it.
 fn instance_of(word: u32) -> u32 {
@@ -37,28 +35,45 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     let block = workgroup_number(workgroup);
     let word = block * SCAN_WIDTH + lane;
     var mask = 0u;
+    var first_mask = 0u;
+    var first_at = 0u;
+    if SECOND {
+        if word < blocks.count {
+            first_mask = first_bits[word];
+        }
+        first_at = inclusive_sum(lane, countOneBits(first_mask)) - countOneBits(first_mask);
+        workgroupBarrier();
+    }
     if word < blocks.count {
-        mask = bits[word];
+        mask = bits[word] | first_mask;
     }
     let upto = inclusive_sum(lane, countOneBits(mask));
     if word == 0u {
         let total = sums[(blocks.count + SCAN_WIDTH - 1u) / SCAN_WIDTH];
         let kept = min(total, arrayLength(&candidates));
-        culling = dispatch(kept, GROUPS_PER_WORKGROUP, total);
-        counting = dispatch(kept, SCAN_WIDTH, kept);
+        culling = workgroups(kept, GROUPS_PER_WORKGROUP, total);
+        counting = workgroups(kept, SCAN_WIDTH, kept);
     }
     if mask == 0u {
         return;
     }
     var at = sums[block] + upto - countOneBits(mask);
+    if SECOND {
+        first_at += first_sums[block];
+    }
     let instance = instance_of(word);
     let first = 32u * (word - instances[instance].group_words);
     while mask != 0u {
-        let number = first + firstTrailingBit(mask);
+        let bit = firstTrailingBit(mask);
         mask &= mask - 1u;
+        var before = NONE;
+        if (first_mask >> bit & 1u) == 1u {
+            before = first_at;
+            first_at++;
+        }
         if at < arrayLength(&candidates) {
-            let group = instances[instance].first_group + number;
-            candidates[at] = Candidate(instance, groups[group].first, groups[group].count);
+            let group = instances[instance].first_group + first + bit;
+            candidates[at] = Candidate(instance, groups[group].first, groups[group].count, before);
         }
         at++;
     }

@@ -1,5 +1,5 @@
 // Stage 2. One level of the hierarchies: nodes to look at -> their children, or the bits of groups whose clusters
-// may be drawn.
+// may be drawn. What an earlier frame hid is put off to the second phase, which resumes there.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
@@ -10,6 +10,22 @@
 @group(0) @binding(6) var<storage, read_write> visits_out: array<Visit>;
 @group(0) @binding(7) var<storage, read_write> next: DispatchOut;
 @group(0) @binding(8) var<storage, read_write> group_bits: array<atomic<u32>>;
+@group(0) @binding(9) var<storage, read> pyramid: array<u32>;
+@group(0) @binding(10) var<storage, read_write> later: array<Visit>;
+@group(0) @binding(11) var<storage, read_write> later_level: DispatchOut;
+
+// What a box is to a phase.
+const OFF_SCREEN: u32 = 0u;
+const HIDDEN: u32 = 1u;
+const SEEN: u32 = 2u;
+
+fn test(instance: u32, center: array<f32, 3>, extent: array<f32, 3>) -> u32 {
+    let place = footprint(instances[instance].screen, vector(center), vector(extent));
+    if !place.seen {
+        return OFF_SCREEN;
+    }
+    return select(SEEN, HIDDEN, hidden(place, instance, vector(center), vector(extent)));
+}
 
 @compute @workgroup_size(WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -19,8 +35,18 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     }
     let visit = visits[number];
     let node = nodes[instances[visit.instance].first_node + visit.node];
-    if !exceeds(visit.instance, node.lod_sphere, node.max_parent_error)
-        || !on_screen(visit.instance, node.center, node.extent) {
+    if !exceeds(visit.instance, node.lod_sphere, node.max_parent_error) {
+        return;
+    }
+    let found = test(visit.instance, node.center, node.extent);
+    if found != SEEN {
+        if found == HIDDEN {
+            if !SECOND {
+                put_off(visit);
+            } else if visit.node == 0u {
+                atomicAdd(&next.hidden, 1u);
+            }
+        }
         return;
     }
     let count = node.count & 0xffffu;
@@ -34,12 +60,20 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     atomicAdd(&next.visited, count);
     let first_group = instances[visit.instance].first_group;
     let words = instances[visit.instance].group_words;
+    var waits = false;
     for (var i = 0u; i < count; i++) {
         let number = node.first + i;
         let group = groups[first_group + number];
-        if exceeds(visit.instance, group.lod_sphere, group.error)
-            && on_screen(visit.instance, group.center, group.extent) {
+        if !exceeds(visit.instance, group.lod_sphere, group.error) {
+            continue;
+        }
+        let found = test(visit.instance, group.center, group.extent);
+        if found == SEEN {
             atomicOr(&group_bits[words + number / 32u], 1u << (number % 32u));
         }
+        waits |= found == HIDDEN;
+    }
+    if waits && !SECOND {
+        put_off(visit);
     }
 }

@@ -38,6 +38,15 @@ pub const MAX_SPAN: u16 = 120;
 /// Longest edge, pixels, at which a triangle still is for the small rasterizer.
 pub const SMALL_EDGE: f32 = 16.0;
 
+/// Levels of a depth pyramid at most: that of 65,536 × 65,536 pixels.
+pub const PYRAMID_LEVELS: usize = 16;
+/// Longest side, texels, of the block that a first test against the pyramid reads.
+pub const PYRAMID_REACH: u16 = 4;
+/// Where the first test does not hide a box, a second reads a level so much finer.
+pub const PYRAMID_FINER: usize = 2;
+/// Fewer triangles than this are drawn at once: a depth pyramid costs more than it could save.
+pub const PYRAMID_ABOVE: u32 = 1 << 15;
+
 const _: () = {
     let side = (MAX_SPAN as i64 + 2) << SUBPIXEL_BITS;
     assert!(2 * side * side < i32::MAX as i64);

@@ -6,6 +6,19 @@ struct Footprint {
     clipped: bool,
     // Longer side of the rectangle, pixels.
     span: u32,
+    // First column, first row, last column, last row, on the picture.
+    rect: vec4<u32>,
+    // Key of a distance nearer than anything in the box; NO_KEY when it reaches the near plane.
+    near_key: u32,
+}
+
+const NO_KEY: u32 = 0xffffffffu;
+const UNSEEN: Footprint = Footprint(false, false, 0u, vec4<u32>(), NO_KEY);
+
+// The key of a depth value: it grows towards the eye.
+fn depth_key(value: f32) -> u32 {
+    let bits = bitcast<u32>(value);
+    return select(bits, ~bits, view.orthographic != 0u);
 }
 
 // Sums are written out, so that their order is known.
@@ -33,8 +46,7 @@ fn plane_misses(p: vec4<f32>, center: vec3<f32>, extent: vec3<f32>, error: f32) 
     return at + reach(p, extent) + error < 0.0;
 }
 
-fn footprint(instance: u32, center: vec3<f32>, extent: vec3<f32>) -> Footprint {
-    let rows = instances[instance].screen;
+fn footprint(rows: array<vec4<f32>, 3>, center: vec3<f32>, extent: vec3<f32>) -> Footprint {
     let parallel = view.orthographic != 0u;
     let c = homogeneous(rows, center);
     let slack0 = slack(rows[0], center, extent);
@@ -44,7 +56,7 @@ fn footprint(instance: u32, center: vec3<f32>, extent: vec3<f32>) -> Footprint {
     let nearest = c.z - depth - slack2;
     let farthest = c.z + depth + slack2;
     if farthest < view.near || nearest > view.far {
-        return Footprint(false, false, 0u);
+        return UNSEEN;
     }
     let size = vec2<f32>(f32(view.width), f32(view.height));
     if !(nearest > view.near && slack2 < 1.0e-3 * nearest) {
@@ -55,10 +67,11 @@ fn footprint(instance: u32, center: vec3<f32>, extent: vec3<f32>) -> Footprint {
             let high = select((size[k] + 1.0) * rows[2], vec4<f32>(0.0, 0.0, 0.0, size[k] + 1.0), parallel);
             if plane_misses(rows[k] + low, center, extent, error)
                 || plane_misses(-rows[k] + high, center, extent, error) {
-                return Footprint(false, false, 0u);
+                return UNSEEN;
             }
         }
-        return Footprint(true, true, UNKNOWN_SPAN);
+        let whole = vec4<u32>(0u, 0u, view.width - 1u, view.height - 1u);
+        return Footprint(true, true, UNKNOWN_SPAN, whole, NO_KEY);
     }
     let scale = select(1.0 / nearest, 1.0, parallel);
     let edge_x = rows[0].xyz * extent;
@@ -85,13 +98,15 @@ fn footprint(instance: u32, center: vec3<f32>, extent: vec3<f32>) -> Footprint {
     low = low - error;
     high = high + error;
     if high.x < 0.0 || high.y < 0.0 || low.x > size.x || low.y > size.y {
-        return Footprint(false, false, 0u);
+        return UNSEEN;
     }
     let span = max(high.x - low.x, high.y - low.y);
     let inside = all(abs(low) < vec2<f32>(GUARD_BAND)) && all(abs(high) < vec2<f32>(GUARD_BAND));
-    return Footprint(true, !inside || farthest > view.far, u32(min(span, f32(UNKNOWN_SPAN))));
-}
-
-fn on_screen(instance: u32, center: array<f32, 3>, extent: array<f32, 3>) -> bool {
-    return footprint(instance, vector(center), vector(extent)).seen;
+    let last = size - 1.0;
+    let first_pixel = vec2<u32>(clamp(low, vec2<f32>(0.0), last));
+    let last_pixel = vec2<u32>(clamp(high, vec2<f32>(0.0), last));
+    let value = select(view.near / nearest * (1.0 + FOOTPRINT_ROUNDING), nearest, parallel);
+    let clipped = !inside || farthest > view.far;
+    let rect = vec4<u32>(first_pixel, last_pixel);
+    return Footprint(true, clipped, u32(min(span, f32(UNKNOWN_SPAN))), rect, depth_key(value));
 }

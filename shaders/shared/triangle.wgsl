@@ -39,11 +39,6 @@ fn edge_bias(d: vec2<i32>) -> i32 {
     return select(-1, 0, d.y < 0 || (d.y == 0 && d.x > 0));
 }
 
-fn depth_key(value: f32) -> u32 {
-    let bits = bitcast<u32>(value);
-    return select(bits, ~bits, view.orthographic != 0u);
-}
-
 // The low half of a word for triangle 0 of a visible cluster; triangle t is this minus t.
 fn payload(number: u32) -> u32 {
     return ~((number + 1u) << TRIANGLE_BITS);

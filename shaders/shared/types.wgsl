@@ -11,14 +11,21 @@ struct View {
     instances: u32,
     // Always zero, which compilers cannot know.
     zero: u32,
-    unused_a: u32,
-    unused_b: u32,
-    unused_c: u32,
+    // Levels of the depth pyramid.
+    levels: u32,
+    // 1 where the pyramid of an earlier frame is there.
+    history: u32,
+    // Words of the bits of all groups.
+    group_words: u32,
+    // Columns, rows and first key of each level of the pyramid.
+    pyramid: array<vec4<u32>, PYRAMID_LEVELS>,
 }
 
 struct Instance {
     // Rows of the map from internal space to homogeneous screen space.
     screen: array<vec4<f32>, 3>,
+    // The same in the frame whose pyramid is there.
+    before: array<vec4<f32>, 3>,
     // Rows of the map from internal space to camera space, for the rule of the cut.
     object_to_eye: array<vec4<f32>, 3>,
     center: vec3<f32>,
@@ -34,7 +41,7 @@ struct Instance {
     vertex_words: u32,
     double_sided: u32,
     mirrored: u32,
-    unused: u32,
+    slot: u32,
 }
 
 struct Sphere {
@@ -78,6 +85,18 @@ struct Candidate {
     instance: u32,
     first: u32,
     count: u32,
+    // Its place among the candidates of the first phase.
+    before: u32,
+}
+
+// What is known of the clusters of a candidate, one bit each.
+struct Marks {
+    large: u32,
+    // Of the first phase: those that wait for the second. Of the second: those that the first one drew.
+    held: u32,
+    // Number of the first in the visible list.
+    first: u32,
+    unused: u32,
 }
 
 struct VisibleCluster {
@@ -93,7 +112,8 @@ struct Dispatch {
     z: u32,
     count: u32,
     visited: u32,
-    unused: array<u32, 3>,
+    hidden: u32,
+    unused: array<u32, 2>,
 }
 
 // The same while it is written.
@@ -103,7 +123,14 @@ struct DispatchOut {
     z: atomic<u32>,
     count: atomic<u32>,
     visited: atomic<u32>,
-    unused: array<u32, 3>,
+    hidden: atomic<u32>,
+    unused: array<u32, 2>,
+}
+
+fn workgroups(entries: u32, per_workgroup: u32, count: u32) -> Dispatch {
+    let workgroups = (entries + per_workgroup - 1u) / per_workgroup;
+    let rows = (workgroups + MAX_WORKGROUPS - 1u) / MAX_WORKGROUPS;
+    return Dispatch(min(workgroups, MAX_WORKGROUPS), rows, 1u, count, 0u, 0u, array<u32, 2>());
 }
 
 fn vector(a: array<f32, 3>) -> vec3<f32> {
@@ -119,5 +146,13 @@ struct Counters {
     visited_clusters: atomic<u32>,
     drawn_small: atomic<u32>,
     drawn_large: atomic<u32>,
-    unused: u32,
+    // Entries of the visible list.
+    visible: atomic<u32>,
+    // Clusters that wait for the second phase; of the second phase: that the pyramid hides.
+    held: atomic<u32>,
+    // 1 where a pyramid was built.
+    pyramid: atomic<u32>,
+    // Triangles of the clusters that each rasterizer draws.
+    triangles_small: atomic<u32>,
+    triangles_large: atomic<u32>,
 }

@@ -5,7 +5,10 @@
 
 fn put(pixel: u32, key: u32, low: u32) {
     if FIRST_PASS {
-        atomicMax(&words[2u * pixel + 1u], key);
+        if atomicMax(&words[2u * pixel + 1u], key) < key {
+            // What an earlier phase left is farther.
+            atomicStore(&words[2u * pixel], 0u);
+        }
     } else if atomicLoad(&words[2u * pixel + 1u]) == key {
         atomicMax(&words[2u * pixel], low);
     }

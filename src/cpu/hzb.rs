@@ -7,9 +7,7 @@
 use rayon::prelude::*;
 
 use super::project::Footprint;
-
-/// Largest side, texels, of the block that a test reads.
-const REACH: u16 = 4;
+use crate::limits::{PYRAMID_FINER, PYRAMID_REACH};
 
 #[derive(Debug, Default)]
 struct Level {
@@ -64,11 +62,18 @@ impl Hzb {
         let [x0, y0, x1, y1] = footprint.rect;
         let mut level = 0;
         while level + 1 < self.levels.len()
-            && ((x1 >> (level + 1)) - (x0 >> (level + 1)) >= REACH
-                || (y1 >> (level + 1)) - (y0 >> (level + 1)) >= REACH)
+            && ((x1 >> (level + 1)) - (x0 >> (level + 1)) >= PYRAMID_REACH
+                || (y1 >> (level + 1)) - (y0 >> (level + 1)) >= PYRAMID_REACH)
         {
             level += 1;
         }
+        self.hides_at(level, footprint)
+            || (level > 0 && self.hides_at(level.saturating_sub(PYRAMID_FINER), footprint))
+    }
+
+    /// The same as far as the texels of one level say.
+    fn hides_at(&self, level: usize, footprint: &Footprint) -> bool {
+        let [x0, y0, x1, y1] = footprint.rect;
         let l = &self.levels[level];
         let at = |v: u16| usize::from(v >> (level + 1));
         (at(y0)..=at(y1)).all(|row| {

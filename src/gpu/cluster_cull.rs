@@ -1,25 +1,52 @@
-//! Stage 3. Clusters of groups → the visible list in scene order, and what of it each rasterizer draws.
+//! Stage 3. Clusters of groups → the visible list in scene order, and what of it each rasterizer draws. The second phase
+//! lists the clusters of both and draws those that are new.
 
 use super::frame::Recorder;
-use super::shaders::Kernel;
+use super::occlusion;
+use super::shaders::{Kernel, Phase};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
-    let (b, m) = (r.buffers, r.meshes);
+    let (b, m, own, first) = (r.buffers, r.meshes, r.own(), r.first());
+    // The first phase reads nothing of an earlier one; what it writes cannot be bound there.
+    let (first_drawn, first_marks) = match r.phase {
+        Phase::First => (&own.candidates, &own.candidates),
+        Phase::Second => (&first.drawn, &first.marks),
+    };
     let bindings = [
         &b.view,
         &b.instances,
         m.page_offsets(),
         m.pages(),
-        &b.candidates,
-        &b.culling,
-        &b.drawn,
-        &b.large,
-        &b.counters,
+        &own.candidates,
+        &own.culling,
+        &own.drawn,
+        &own.marks,
+        &own.counters,
+        r.pyramid(),
+        first_drawn,
+        first_marks,
     ];
-    r.run_indirect(Kernel::ClusterCull, &bindings, &b.culling, 0);
-    r.run_indirect(Kernel::CountBits, &[&b.drawn, &b.counting, &b.cluster_sums], &b.counting, 0);
-    r.run(Kernel::ScanBlocks, &[&b.counting, &b.cluster_sums], 1);
-    let bindings =
-        [&b.candidates, &b.counting, &b.drawn, &b.large, &b.cluster_sums, &b.visible, &b.numbers, &b.draws];
-    r.run_indirect(Kernel::ListClusters, &bindings, &b.counting, 0);
+    r.run_indirect(Kernel::ClusterCull(r.phase), &bindings, &own.culling, 0);
+    r.run_indirect(
+        Kernel::CountBits,
+        &[&own.drawn, &own.counting, &own.cluster_sums, &own.drawn],
+        &own.counting,
+        0,
+    );
+    r.run(Kernel::ScanBlocks, &[&own.counting, &own.cluster_sums], 1);
+    let bindings = [
+        &own.candidates,
+        &own.counting,
+        &own.drawn,
+        &own.marks,
+        &own.cluster_sums,
+        &own.visible,
+        &own.numbers,
+        &own.draws,
+        &own.counters,
+        first_marks,
+        &b.renumbered,
+    ];
+    r.run_indirect(Kernel::ListClusters(r.phase), &bindings, &own.counting, 0);
+    occlusion::record(r);
 }

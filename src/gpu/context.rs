@@ -15,7 +15,7 @@ use super::shaders::{KERNELS, Kernel, SCAN_WIDTH};
 use crate::error::{Error, Result};
 
 /// Storage buffers that a stage binds at most.
-pub const STORAGE_BUFFERS: u32 = 8;
+pub const STORAGE_BUFFERS: u32 = 12;
 /// Bytes of workgroup memory that a stage uses at most.
 pub const WORKGROUP_BYTES: u32 = 16 << 10;
 /// A frame that takes longer is given up.

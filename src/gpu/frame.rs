@@ -4,10 +4,11 @@ use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePass};
 
 use super::context::Context;
 use super::meshes::Meshes;
-use super::shaders::{Kernel, MAX_WORKGROUPS, SCAN_WIDTH};
+use super::occlusion::Pyramids;
+use super::shaders::{self, Kernel, MAX_WORKGROUPS, SCAN_WIDTH, Step};
 use super::times::Times;
 use crate::error::Result;
-use crate::gpu_types::{Candidate, Counters, Dispatch, Instance, View, VisibleCluster, Visit};
+use crate::gpu_types::{Candidate, Counters, Dispatch, Instance, Marks, View, VisibleCluster, Visit};
 
 const STORAGE: BufferUsages =
     BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
@@ -51,18 +52,15 @@ pub struct Shape {
     pub pixels: u64,
     /// Lengths of lists.
     pub room: Room,
+    /// What is hidden is left out, in two phases.
+    pub occlusion: bool,
 }
 
-/// Everything that a frame writes on the device, and what is uploaded for it.
+/// What one phase writes: its walk, its candidates, its list.
 #[derive(Debug)]
-pub(super) struct Buffers {
-    pub(super) shape: Shape,
-    pub(super) view: Buffer,
-    pub(super) instances: Buffer,
-    /// Roots of instances on the screen.
-    pub(super) roots: Buffer,
-    /// Nodes of a level, by turns.
-    pub(super) visits: [Buffer; 2],
+pub(super) struct Phase {
+    /// Nodes to start from: roots of instances on the screen, or what the first phase put off.
+    pub(super) starts: Buffer,
     /// One dispatch per level.
     pub(super) levels: Vec<Buffer>,
     pub(super) group_bits: Buffer,
@@ -73,12 +71,77 @@ pub(super) struct Buffers {
     pub(super) culling: Buffer,
     pub(super) counting: Buffer,
     pub(super) drawn: Buffer,
-    pub(super) large: Buffer,
+    pub(super) marks: Buffer,
     pub(super) cluster_sums: Buffer,
     pub(super) visible: Buffer,
     pub(super) numbers: Buffer,
     pub(super) draws: Buffer,
     pub(super) counters: Buffer,
+    /// What is decided after it.
+    pub(super) steps: Buffer,
+}
+
+impl Phase {
+    fn new(context: &Context, shape: Shape, starts: u32) -> Result<Self> {
+        let Shape { group_words, depth, room, .. } = shape;
+        let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
+        let dispatch = |count: u32| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
+        let sums = |words: u32| storage("counts of bits", bytes::<u32>(words.div_ceil(SCAN_WIDTH) + 1));
+        Ok(Self {
+            starts: storage("the instances of the scene", bytes::<Visit>(starts))?,
+            levels: (0..=depth).map(|_| dispatch(1)).collect::<Result<_>>()?,
+            group_bits: storage("bits of groups", bytes::<u32>(group_words))?,
+            group_blocks: dispatch(1)?,
+            group_sums: sums(group_words)?,
+            candidates: storage("groups to look at", bytes::<Candidate>(room.candidates))?,
+            culling: dispatch(1)?,
+            counting: dispatch(1)?,
+            drawn: storage("bits of clusters", bytes::<u32>(room.candidates))?,
+            marks: storage("bits of clusters", bytes::<Marks>(room.candidates))?,
+            cluster_sums: sums(room.candidates)?,
+            visible: storage("visible clusters", bytes::<VisibleCluster>(room.visible))?,
+            numbers: storage("visible clusters", bytes::<u32>(room.visible))?,
+            draws: dispatch(2)?,
+            counters: storage("counters", bytes::<Counters>(1))?,
+            steps: dispatch(Step::COUNT)?,
+        })
+    }
+
+    /// Lists start empty, bits at zero.
+    fn clear(&self, encoder: &mut CommandEncoder) {
+        let one = [&self.group_bits, &self.culling, &self.counting, &self.draws, &self.counters, &self.steps];
+        self.levels.iter().chain(one).for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
+    }
+
+    /// What comes back of it, in the order in which [`Buffers::split`] hands it out; `starts` entries of its list.
+    fn parts(&self, starts: u32, room: Room) -> Vec<Part<'_>> {
+        let dispatch = bytes::<Dispatch>(1);
+        let mut parts = vec![
+            Part { buffer: &self.counters, bytes: bytes::<Counters>(1) },
+            Part { buffer: &self.culling, bytes: dispatch },
+            Part { buffer: &self.draws, bytes: 2 * dispatch },
+            Part { buffer: &self.starts, bytes: bytes::<Visit>(starts) },
+            Part { buffer: &self.visible, bytes: bytes::<VisibleCluster>(room.visible) },
+        ];
+        parts.extend(self.levels.iter().map(|buffer| Part { buffer, bytes: dispatch }));
+        parts
+    }
+}
+
+/// Everything that a frame writes on the device, and what is uploaded for it.
+#[derive(Debug)]
+pub(super) struct Buffers {
+    pub(super) shape: Shape,
+    pub(super) view: Buffer,
+    pub(super) instances: Buffer,
+    /// Nodes of a level, by turns.
+    pub(super) visits: [Buffer; 2],
+    /// The second is there with occlusion; without, nothing is put off.
+    pub(super) phases: Vec<Phase>,
+    /// Where the first phase puts off to when there is no second, and the second, which does not: a list and its count.
+    pub(super) nowhere: [Buffer; 2],
+    /// Numbers in the list of both phases for those of the first.
+    pub(super) renumbered: Buffer,
     pub(super) words: Buffer,
     pub(super) times: Times,
     /// What comes back, and the bytes of it.
@@ -93,122 +156,136 @@ struct Part<'a> {
 }
 
 /// Bytes of `count` entries.
-fn bytes<T>(count: u64) -> u64 {
-    count * size_of::<T>() as u64
+fn bytes<T>(count: u32) -> u64 {
+    u64::from(count) * size_of::<T>() as u64
 }
 
 impl Buffers {
     pub(super) fn new(context: &Context, shape: Shape) -> Result<Self> {
-        let Shape { instances, group_words, depth, pixels, room } = shape;
+        let Shape { instances, pixels, room, occlusion, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
-        let dispatch = |count: u64| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
-        let sums =
-            |words: u32| storage("counts of bits", bytes::<u32>(u64::from(words.div_ceil(SCAN_WIDTH)) + 1));
-        let visits = || storage("nodes to look at", bytes::<Visit>(u64::from(room.visits)));
-        let bits = || storage("bits of clusters", bytes::<u32>(u64::from(room.candidates)));
+        let visits = || storage("nodes to look at", bytes::<Visit>(room.visits));
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
+        let mut phases = vec![Phase::new(context, shape, instances)?];
+        if occlusion {
+            phases.push(Phase::new(context, shape, room.visits)?);
+        }
         let mut out = Self {
             shape,
             view: context.buffer("view", bytes::<View>(1), uniform)?,
-            instances: storage("the instances of the scene", bytes::<Instance>(u64::from(instances)))?,
-            roots: storage("the instances of the scene", bytes::<Visit>(u64::from(instances)))?,
+            instances: storage("the instances of the scene", bytes::<Instance>(instances))?,
             visits: [visits()?, visits()?],
-            levels: (0..=depth).map(|_| dispatch(1)).collect::<Result<_>>()?,
-            group_bits: storage("bits of groups", bytes::<u32>(u64::from(group_words)))?,
-            group_blocks: dispatch(1)?,
-            group_sums: sums(group_words)?,
-            candidates: storage("groups to look at", bytes::<Candidate>(u64::from(room.candidates)))?,
-            culling: dispatch(1)?,
-            counting: dispatch(1)?,
-            drawn: bits()?,
-            large: bits()?,
-            cluster_sums: sums(room.candidates)?,
-            visible: storage("visible clusters", bytes::<VisibleCluster>(u64::from(room.visible)))?,
-            numbers: storage("visible clusters", bytes::<u32>(u64::from(room.visible)))?,
-            draws: dispatch(2)?,
-            counters: storage("counters", bytes::<Counters>(1))?,
-            words: storage("the pixels of the picture", bytes::<u64>(pixels))?,
+            phases,
+            nowhere: [
+                storage("nodes to look at", bytes::<Visit>(1))?,
+                storage("dispatches", bytes::<Dispatch>(1))?,
+            ],
+            renumbered: storage("visible clusters", if occlusion { bytes::<u32>(room.visible) } else { 0 })?,
+            words: storage("the pixels of the picture", pixels * size_of::<u64>() as u64)?,
             times: Times::new(context)?,
             staging: context.buffer("counters", 0, BufferUsages::MAP_READ)?,
             staged: 0,
         };
-        out.staged = out.parts().iter().map(|part| part.bytes).sum();
+        out.staged = out.parts().iter().flatten().map(|part| part.bytes).sum();
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         out.staging = context.buffer("what is read back", out.staged, usage)?;
         Ok(out)
     }
 
-    /// What comes back, in the order in which [`Buffers::read`] hands it out.
-    fn parts(&self) -> Vec<Part<'_>> {
-        let dispatch = bytes::<Dispatch>(1);
-        let mut parts = vec![
-            Part { buffer: &self.counters, bytes: bytes::<Counters>(1) },
-            Part { buffer: &self.culling, bytes: dispatch },
-            Part { buffer: &self.draws, bytes: 2 * dispatch },
-            Part { buffer: self.times.ticks(), bytes: Times::BYTES },
-        ];
-        parts.extend(self.levels.iter().map(|buffer| Part { buffer, bytes: dispatch }));
+    /// What comes back: of the frame, then of each phase.
+    fn parts(&self) -> Vec<Vec<Part<'_>>> {
         let Shape { instances, pixels, room, .. } = self.shape;
-        parts.push(Part { buffer: &self.roots, bytes: bytes::<Visit>(u64::from(instances)) });
-        parts.push(Part { buffer: &self.visible, bytes: bytes::<VisibleCluster>(u64::from(room.visible)) });
-        parts.push(Part { buffer: &self.words, bytes: bytes::<u64>(pixels) });
+        let pixels = pixels * size_of::<u64>() as u64;
+        let ticks = Part { buffer: self.times.ticks(), bytes: Times::BYTES };
+        let mut parts = vec![vec![ticks, Part { buffer: &self.words, bytes: pixels }]];
+        let starts = [instances, room.visits];
+        parts.extend(self.phases.iter().zip(starts).map(|(phase, starts)| phase.parts(starts, room)));
         parts
     }
 
     /// Lists start empty, bits and words at zero.
     pub(super) fn clear(&self, encoder: &mut CommandEncoder) {
-        for level in &self.levels {
-            encoder.clear_buffer(level, 0, None);
-        }
-        for buffer in
-            [&self.group_bits, &self.culling, &self.counting, &self.draws, &self.counters, &self.words]
-        {
-            encoder.clear_buffer(buffer, 0, None);
-        }
+        self.phases.iter().for_each(|phase| phase.clear(encoder));
+        encoder.clear_buffer(&self.words, 0, None);
+    }
+
+    /// The blocks of the bits of all groups.
+    pub(super) fn group_blocks(&self) -> Dispatch {
+        let count = self.shape.group_words;
+        let workgroups = count.div_ceil(SCAN_WIDTH);
+        let (x, y) = (workgroups.min(MAX_WORKGROUPS), workgroups.div_ceil(MAX_WORKGROUPS));
+        Dispatch { x, y, z: 1, count, ..Dispatch::default() }
     }
 
     pub(super) fn copy_back(&self, encoder: &mut CommandEncoder) {
         let mut at = 0;
-        for part in self.parts() {
+        for part in self.parts().iter().flatten() {
             encoder.copy_buffer_to_buffer(part.buffer, 0, &self.staging, at, part.bytes);
             at += part.bytes;
         }
     }
 
-    /// The parts of what came back.
-    pub(super) fn split<'a>(&self, mut staged: &'a [u8]) -> Vec<&'a [u8]> {
-        let mut out = Vec::new();
-        for part in self.parts() {
+    /// The parts of what came back: of the frame, then of each phase.
+    pub(super) fn split<'a>(&self, mut staged: &'a [u8]) -> Vec<Vec<&'a [u8]>> {
+        let mut take = |part: &Part<'_>| {
             let (head, tail) = staged.split_at(part.bytes as usize);
-            out.push(head);
             staged = tail;
-        }
-        out
+            head
+        };
+        self.parts().iter().map(|parts| parts.iter().map(&mut take).collect()).collect()
     }
 }
 
-/// Records a pass of a stage.
+/// Records a pass of a stage in a phase.
 pub(super) struct Recorder<'a> {
     pub(super) context: &'a Context,
     pub(super) meshes: &'a Meshes,
     pub(super) buffers: &'a Buffers,
+    pub(super) pyramids: &'a Pyramids,
+    pub(super) phase: shaders::Phase,
     pub(super) pass: ComputePass<'a>,
 }
 
 impl<'a> Recorder<'a> {
+    /// What this phase writes.
+    pub(super) fn own(&self) -> &'a Phase {
+        &self.buffers.phases[self.phase as usize]
+    }
+
+    /// What the first phase wrote, for the second; for the first, what nobody reads.
+    pub(super) fn first(&self) -> &'a Phase {
+        &self.buffers.phases[0]
+    }
+
+    /// Where this phase puts nodes off to: a list and its count.
+    pub(super) fn later(&self) -> [&'a Buffer; 2] {
+        match (self.phase, &self.buffers.phases[..]) {
+            (shaders::Phase::First, [_, second]) => [&second.starts, &second.levels[0]],
+            _ => [&self.buffers.nowhere[0], &self.buffers.nowhere[1]],
+        }
+    }
+
+    /// The depth pyramid that this phase culls with.
+    pub(super) fn pyramid(&self) -> &'a Buffer {
+        match self.phase {
+            shaders::Phase::First => self.pyramids.earlier(),
+            shaders::Phase::Second => self.pyramids.own(),
+        }
+    }
+
     /// What both rasterizers bind.
     pub(super) fn raster_bindings(&self) -> [&'a Buffer; 9] {
-        let (b, m) = (self.buffers, self.meshes);
+        let (b, m, own) = (self.buffers, self.meshes, self.own());
         [
             &b.view,
             &b.instances,
             m.page_offsets(),
             m.pages(),
-            &b.visible,
-            &b.numbers,
-            &b.draws,
+            &own.visible,
+            &own.numbers,
+            &own.draws,
             &b.words,
-            &b.counters,
+            &own.counters,
         ]
     }
 
@@ -230,7 +307,7 @@ impl<'a> Recorder<'a> {
         kernel: Kernel,
         buffers: &[&Buffer],
         dispatches: &Buffer,
-        number: u64,
+        number: u32,
     ) {
         self.prepare(kernel, buffers);
         self.pass.dispatch_workgroups_indirect(dispatches, bytes::<Dispatch>(number));

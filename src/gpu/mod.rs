@@ -8,9 +8,11 @@
 mod cluster_cull;
 pub mod context;
 mod frame;
+mod hzb;
 mod instance_cull;
 pub mod meshes;
 mod node_cull;
+mod occlusion;
 mod raster_large;
 mod raster_small;
 pub mod renderer;
@@ -18,4 +20,5 @@ pub mod shaders;
 mod times;
 
 pub use context::Context;
-pub use renderer::{Drawn, Renderer};
+pub use renderer::{Counted, DeviceStage, Drawn, Renderer, Ways};
+pub use shaders::Phase;

@@ -1,32 +1,57 @@
 //! Stage 2. Walks the hierarchies of instances, one dispatch per level, and lists the groups found in scene order.
 //!
-//! Nodes of a level come in any order; groups are bits of a set, and listing it restores the order.
+//! Nodes of a level come in any order; groups are bits of a set, and listing it restores the order. The second phase
+//! resumes at the nodes that the first one put off, and lists the groups of both.
 
 use super::frame::Recorder;
-use super::shaders::{Kernel, SCAN_WIDTH};
+use super::shaders::{Kernel, Phase, Step};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
-    let (b, m) = (r.buffers, r.meshes);
+    let (b, m, own, [later, later_level]) = (r.buffers, r.meshes, r.own(), r.later());
     for level in 0..b.shape.depth as usize {
-        let from = if level == 0 { &b.roots } else { &b.visits[level % 2] };
-        let (own, next) = (&b.levels[level], &b.levels[level + 1]);
+        let from = if level == 0 { &own.starts } else { &b.visits[level % 2] };
+        let (dispatch, next) = (&own.levels[level], &own.levels[level + 1]);
         let to = &b.visits[(level + 1) % 2];
-        let bindings = [&b.view, &b.instances, m.nodes(), m.groups(), from, own, to, next, &b.group_bits];
-        r.run_indirect(Kernel::NodeCull, &bindings, own, 0);
+        let bindings = [
+            &b.view,
+            &b.instances,
+            m.nodes(),
+            m.groups(),
+            from,
+            dispatch,
+            to,
+            next,
+            &own.group_bits,
+            r.pyramid(),
+            later,
+            later_level,
+        ];
+        r.run_indirect(Kernel::NodeCull(r.phase), &bindings, dispatch, 0);
     }
-    let blocks = b.shape.group_words.div_ceil(SCAN_WIDTH);
-    r.run(Kernel::CountBits, &[&b.group_bits, &b.group_blocks, &b.group_sums], blocks);
-    r.run(Kernel::ScanBlocks, &[&b.group_blocks, &b.group_sums], 1);
+    let first = r.first();
+    let (blocks, number) = match r.phase {
+        Phase::First => (&own.group_blocks, 0),
+        Phase::Second => (&first.steps, Step::Groups.number()),
+    };
+    r.run_indirect(
+        Kernel::CountBits,
+        &[&own.group_bits, blocks, &own.group_sums, &first.group_bits],
+        blocks,
+        number,
+    );
+    r.run(Kernel::ScanBlocks, &[blocks, &own.group_sums], 1);
     let bindings = [
         &b.view,
         &b.instances,
         m.groups(),
-        &b.group_bits,
-        &b.group_blocks,
-        &b.group_sums,
-        &b.candidates,
-        &b.culling,
-        &b.counting,
+        &own.group_bits,
+        blocks,
+        &own.group_sums,
+        &own.candidates,
+        &own.culling,
+        &own.counting,
+        &first.group_bits,
+        &first.group_sums,
     ];
-    r.run(Kernel::ListGroups, &bindings, blocks);
+    r.run_indirect(Kernel::ListGroups(r.phase), &bindings, blocks, number);
 }

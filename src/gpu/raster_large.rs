@@ -5,5 +5,5 @@ use super::shaders::{Kernel, Words};
 
 pub(super) fn record(r: &mut Recorder<'_>, words: Words) {
     let bindings = r.raster_bindings();
-    r.run_indirect(Kernel::RasterLarge(words), &bindings, &r.buffers.draws, 1);
+    r.run_indirect(Kernel::RasterLarge(words), &bindings, &r.own().draws, 1);
 }

@@ -5,5 +5,5 @@ use super::shaders::{Kernel, Words};
 
 pub(super) fn record(r: &mut Recorder<'_>, words: Words) {
     let bindings = r.raster_bindings();
-    r.run_indirect(Kernel::RasterSmall(words), &bindings, &r.buffers.draws, 0);
+    r.run_indirect(Kernel::RasterSmall(words), &bindings, &r.own().draws, 0);
 }

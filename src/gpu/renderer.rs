@@ -7,9 +7,9 @@ use wgpu::{CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
 use super::context::Context;
 use super::frame::{Buffers, Recorder, Room, Shape};
 use super::meshes::Meshes;
-use super::shaders::Words;
-use super::times::{self, TIMED_STAGES};
-use super::{cluster_cull, instance_cull, node_cull, raster_large, raster_small};
+use super::occlusion::Pyramids;
+use super::shaders::{Phase, Words};
+use super::{cluster_cull, hzb, instance_cull, node_cull, raster_large, raster_small, times};
 use crate::error::{Error, Result};
 use crate::gpu_types::{Counters, Dispatch, Instance, View, VisibleCluster, Visit};
 use crate::limits::MAX_VISIBLE;
@@ -18,6 +18,49 @@ use crate::model::Dag;
 /// Lists of a first frame; each grows to what frames need.
 const FIRST_ROOM: Room = Room { visits: 1 << 12, candidates: 1 << 12, visible: 1 << 14 };
 
+/// What may be done in other ways, with the same picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ways {
+    /// One 64-bit maximum instead of two 32-bit passes, where the device has it.
+    pub wide_atomics: bool,
+    /// Leaves out what is hidden, in two phases.
+    pub occlusion: bool,
+}
+
+/// A stage of the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DeviceStage {
+    /// `instance_cull`.
+    InstanceCull,
+    /// `node_cull`.
+    NodeCull,
+    /// `cluster_cull`.
+    ClusterCull,
+    /// `raster_small`.
+    RasterSmall,
+    /// `raster_large`.
+    RasterLarge,
+    /// `hzb`.
+    Hzb,
+}
+
+/// What a phase counted.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Counted {
+    /// Nodes to start from.
+    pub starts: u64,
+    /// Nodes and groups looked at.
+    pub visited: u64,
+    /// Groups of the list, for the second phase with those of the first.
+    pub groups: u64,
+    /// Clusters that this phase draws.
+    pub clusters: u64,
+    /// Instances that the pyramid of this frame hides.
+    pub hidden_instances: u64,
+    /// The rest.
+    pub counters: Counters,
+}
+
 /// What a frame leaves: its visible list and what each stage received and passed on.
 #[derive(Debug, Default)]
 pub struct Drawn {
@@ -25,14 +68,10 @@ pub struct Drawn {
     pub instances: Vec<u32>,
     /// The visible list, in scene order.
     pub visible: Vec<VisibleCluster>,
-    /// Nodes and groups looked at.
-    pub visited: u64,
-    /// Groups whose clusters were looked at.
-    pub groups: u64,
-    /// What stages counted.
-    pub counters: Counters,
-    /// Milliseconds that each stage took on the device; NaN where it takes no time.
-    pub times: [f64; TIMED_STAGES],
+    /// One phase, or two.
+    pub phases: Vec<Counted>,
+    /// Stage, phase and milliseconds of each pass on the device; NaN where it takes no time.
+    pub times: Vec<(DeviceStage, Phase, f64)>,
 }
 
 /// A device with what stays on it between frames.
@@ -42,13 +81,15 @@ pub struct Renderer {
     meshes: Meshes,
     room: Room,
     buffers: Option<Buffers>,
+    pyramids: Pyramids,
 }
 
 impl Renderer {
     /// A renderer on the best device there is.
     pub fn new() -> Result<Self> {
         let context = Context::shared()?;
-        Ok(Self { context, meshes: Meshes::default(), room: FIRST_ROOM, buffers: None })
+        let pyramids = Pyramids::new(&context, (0, 0))?;
+        Ok(Self { context, meshes: Meshes::default(), room: FIRST_ROOM, buffers: None, pyramids })
     }
 
     /// The device.
@@ -56,13 +97,12 @@ impl Renderer {
         &self.context
     }
 
-    /// Draws instances of meshes, in scene order, into `words`, the visibility buffer of the view's picture. Without
-    /// `wide_atomics`, or where the device has none, by two 32-bit passes.
+    /// Draws instances of meshes, in scene order, into `words`, the visibility buffer of the view's picture.
     pub fn draw(
         &mut self,
         view: &View,
         instances: &mut [(Instance, &Arc<Dag>)],
-        wide_atomics: bool,
+        ways: Ways,
         words: &mut [u64],
     ) -> Result<Drawn> {
         self.context.check()?;
@@ -72,7 +112,14 @@ impl Renderer {
         }
         self.meshes.upload(&self.context, instances.iter().map(|(_, mesh)| *mesh))?;
         let (group_words, depth) = self.place(instances)?;
-        let view = View { instances: instances.len() as u32, ..*view };
+        let mut view = View { instances: instances.len() as u32, group_words, ..*view };
+        if ways.occlusion {
+            let size = (view.width, view.height);
+            if self.pyramids.size() != size {
+                self.pyramids = Pyramids::new(&self.context, size)?;
+            }
+            self.pyramids.recall(&mut view, instances.iter_mut().map(|(instance, _)| instance));
+        }
         let records: Vec<Instance> = instances.iter().map(|(instance, _)| *instance).collect();
         loop {
             let shape = Shape {
@@ -81,13 +128,14 @@ impl Renderer {
                 depth,
                 pixels: words.len() as u64,
                 room: self.room,
+                occlusion: ways.occlusion,
             };
             // Others go before new ones are made.
             let buffers = match self.buffers.take().filter(|b| b.shape == shape) {
                 Some(buffers) => buffers,
                 None => Buffers::new(&self.context, shape)?,
             };
-            let (drawn, wanted) = self.submit(&buffers, &view, &records, wide_atomics, words)?;
+            let (drawn, wanted) = self.submit(&buffers, &view, &records, ways, words)?;
             self.buffers = Some(buffers);
             if wanted.visible as usize > MAX_VISIBLE {
                 let count = wanted.visible;
@@ -96,6 +144,10 @@ impl Renderer {
             }
             let room = self.room.grown(wanted);
             if room == self.room {
+                if ways.occlusion {
+                    let built = drawn.phases.iter().any(|phase| phase.counters.pyramid != 0);
+                    self.pyramids.remember(&view, records.iter(), built);
+                }
                 return Ok(drawn);
             }
             self.room = room;
@@ -131,35 +183,42 @@ impl Renderer {
         buffers: &Buffers,
         view: &View,
         instances: &[Instance],
-        wide_atomics: bool,
+        ways: Ways,
         words: &mut [u64],
     ) -> Result<(Drawn, Room)> {
         let context = &*self.context;
         let queue = context.queue();
         queue.write_buffer(&buffers.view, 0, bytemuck::bytes_of(view));
         queue.write_buffer(&buffers.instances, 0, bytemuck::cast_slice(instances));
-        let blocks = Dispatch { count: buffers.shape.group_words, ..Dispatch::default() };
-        queue.write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&blocks));
         let mut encoder = context.device().create_command_encoder(&CommandEncoderDescriptor::default());
         buffers.clear(&mut encoder);
-        let mut passes = Passes { renderer: self, buffers, encoder: &mut encoder, stages: Vec::new() };
-        passes.run(0, instance_cull::record);
-        passes.run(1, node_cull::record);
-        passes.run(2, cluster_cull::record);
-        let forms: &[Words] = match wide_atomics && context.wide_atomics() {
+        let blocks = buffers.group_blocks();
+        queue.write_buffer(&buffers.phases[0].group_blocks, 0, bytemuck::bytes_of(&blocks));
+        let forms: &[Words] = match ways.wide_atomics && context.wide_atomics() {
             true => &[Words::Wide],
             false => &[Words::Keys, Words::Lows],
         };
-        for &form in forms {
-            passes.run(3, |recorder| raster_small::record(recorder, form));
-            passes.run(4, |recorder| raster_large::record(recorder, form));
+        let mut passes = Passes { renderer: self, buffers, encoder: &mut encoder, passes: Vec::new() };
+        for phase in [Phase::First, Phase::Second].into_iter().take(buffers.phases.len()) {
+            if phase == Phase::First {
+                passes.run(DeviceStage::InstanceCull, phase, instance_cull::record);
+            }
+            passes.run(DeviceStage::NodeCull, phase, node_cull::record);
+            passes.run(DeviceStage::ClusterCull, phase, cluster_cull::record);
+            for &form in forms {
+                passes.run(DeviceStage::RasterSmall, phase, |r| raster_small::record(r, form));
+                passes.run(DeviceStage::RasterLarge, phase, |r| raster_large::record(r, form));
+            }
+            if ways.occlusion {
+                passes.run(DeviceStage::Hzb, phase, hzb::record);
+            }
         }
-        let stages = passes.stages;
-        buffers.times.resolve(&mut encoder, stages.len() as u32);
+        let passes = passes.passes;
+        buffers.times.resolve(&mut encoder, passes.len() as u32);
         buffers.copy_back(&mut encoder);
         let mut result = Default::default();
         context.submit(encoder, &buffers.staging, buffers.staged, |staged| {
-            result = report(&buffers.split(staged), &stages, context.tick(), words);
+            result = report(&buffers.split(staged), &passes, context.tick(), words);
         })?;
         Ok(result)
     }
@@ -170,17 +229,17 @@ struct Passes<'a> {
     renderer: &'a Renderer,
     buffers: &'a Buffers,
     encoder: &'a mut CommandEncoder,
-    /// The stage of each pass so far.
-    stages: Vec<usize>,
+    /// Stage and phase of each so far.
+    passes: Vec<(DeviceStage, Phase)>,
 }
 
 impl Passes<'_> {
-    fn run(&mut self, stage: usize, record: impl FnOnce(&mut Recorder<'_>)) {
-        let timestamp_writes = self.buffers.times.of_pass(self.stages.len() as u32);
+    fn run(&mut self, stage: DeviceStage, phase: Phase, record: impl FnOnce(&mut Recorder<'_>)) {
+        let timestamp_writes = self.buffers.times.of_pass(self.passes.len() as u32);
         let pass = self.encoder.begin_compute_pass(&ComputePassDescriptor { label: None, timestamp_writes });
-        let Renderer { context, meshes, .. } = self.renderer;
-        record(&mut Recorder { context, meshes, buffers: self.buffers, pass });
-        self.stages.push(stage);
+        let Renderer { context, meshes, pyramids, .. } = self.renderer;
+        record(&mut Recorder { context, meshes, buffers: self.buffers, pyramids, phase, pass });
+        self.passes.push((stage, phase));
     }
 }
 
@@ -195,27 +254,49 @@ fn list<T: bytemuck::Pod>(bytes: &[u8], count: u32) -> Vec<T> {
 }
 
 /// Reads what came back: the frame, and the lengths that its lists wanted.
-fn report(parts: &[&[u8]], stages: &[usize], tick: Option<f64>, words: &mut [u64]) -> (Drawn, Room) {
-    let [counters, culling, draws, ticks, levels @ .., roots, visible, pixels] = parts else {
-        return Default::default();
-    };
-    bytemuck::cast_slice_mut(words).copy_from_slice(pixels);
-    let culling: Dispatch = value(culling);
-    let draws: [Dispatch; 2] = value(draws);
-    let levels: Vec<Dispatch> = levels.iter().map(|level| value(level)).collect();
-    let mut instances: Vec<u32> =
-        list::<Visit>(roots, levels[0].count).iter().map(|visit| visit.instance).collect();
-    instances.sort_unstable();
-    let clusters = draws[0].count + draws[1].count;
-    let drawn = Drawn {
-        instances,
-        visible: list(visible, clusters),
-        visited: levels.iter().map(|level| u64::from(level.count) + u64::from(level.visited)).sum(),
-        groups: u64::from(culling.count),
-        counters: value(counters),
-        times: times::milliseconds(ticks, stages, tick),
-    };
-    // The first level is the list of instances, which has room for all.
-    let visits = levels[1..].iter().map(|level| level.count).max().unwrap_or(0);
-    (drawn, Room { visits, candidates: culling.count, visible: clusters })
+fn report(
+    parts: &[Vec<&[u8]>],
+    passes: &[(DeviceStage, Phase)],
+    tick: Option<f64>,
+    words: &mut [u64],
+) -> (Drawn, Room) {
+    let (mut drawn, mut wanted) = <(Drawn, Room)>::default();
+    for (number, parts) in parts.iter().enumerate() {
+        if number == 0 {
+            let [ticks, pixels] = parts[..] else { continue };
+            bytemuck::cast_slice_mut(words).copy_from_slice(pixels);
+            let times = passes.iter().zip(times::milliseconds(ticks, tick));
+            drawn.times = times.map(|((stage, phase), ms)| (*stage, *phase, ms)).collect();
+            continue;
+        }
+        let [counters, culling, draws, starts, visible, levels @ ..] = &parts[..] else { continue };
+        let counters: Counters = value(counters);
+        let groups = value::<Dispatch>(culling).count;
+        let draws: [Dispatch; 2] = value(draws);
+        let levels: Vec<Dispatch> = levels.iter().map(|level| value(level)).collect();
+        let of_levels = |of: fn(&Dispatch) -> u32| levels.iter().map(|level| u64::from(of(level))).sum();
+        let visited: u64 = of_levels(|level| level.count);
+        // The second phase starts anywhere; what it starts at a root is an instance that the first did not walk.
+        let roots = list::<Visit>(starts, levels[0].count).into_iter().filter(|visit| visit.node == 0);
+        drawn.instances.extend(roots.map(|visit| visit.instance));
+        if number == 1 || counters.visible > 0 {
+            drawn.visible = list(visible, counters.visible);
+        }
+        drawn.phases.push(Counted {
+            starts: u64::from(levels[0].count),
+            visited: visited + of_levels(|level| level.visited),
+            groups: u64::from(groups),
+            clusters: u64::from(draws[0].count) + u64::from(draws[1].count),
+            hidden_instances: of_levels(|level| level.hidden),
+            counters,
+        });
+        // The first list is that of the instances, which has room for all.
+        let visits = levels.iter().skip(usize::from(number == 1)).map(|level| level.count);
+        wanted.visits = visits.fold(wanted.visits, u32::max);
+        wanted.candidates = wanted.candidates.max(groups);
+        wanted.visible = wanted.visible.max(counters.visible);
+    }
+    drawn.instances.sort_unstable();
+    drawn.instances.dedup();
+    (drawn, wanted)
 }

@@ -4,7 +4,7 @@ use std::mem::offset_of;
 
 use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN, PAGE_SLOT_BITS,
-    SMALL_EDGE, SUBPIXEL_BITS, TRIANGLE_BITS,
+    PYRAMID_ABOVE, PYRAMID_FINER, PYRAMID_LEVELS, PYRAMID_REACH, SMALL_EDGE, SUBPIXEL_BITS, TRIANGLE_BITS,
 };
 use crate::model::ClusterRecord;
 use crate::model::cluster::RECORD_WORDS;
@@ -17,6 +17,46 @@ pub const SCAN_WIDTH: u32 = CLUSTER_MAX_TRIANGLES as u32;
 pub const MAX_WORKGROUPS: u32 = 65_535;
 /// Groups whose clusters a workgroup culls, each by as many lanes as a word has bits.
 const GROUPS_PER_WORKGROUP: u32 = WIDTH / u32::BITS;
+
+/// Levels of the depth pyramid that a dispatch makes.
+pub const LEVELS_PER_ROUND: u32 = 4;
+/// Dispatches that make a whole pyramid.
+pub const PYRAMID_ROUNDS: u32 = (PYRAMID_LEVELS as u32).div_ceil(LEVELS_PER_ROUND);
+
+/// What is decided after the first phase and after the second, in this order: words of bits of groups to list, pixels
+/// to renumber, rounds of the pyramid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// Blocks of the bits of groups, for the second phase.
+    Groups,
+    /// Pixels that get the numbers of the list of both phases.
+    Pixels,
+    /// A round of the depth pyramid.
+    Pyramid(u32),
+}
+
+impl Step {
+    /// How many there are.
+    pub const COUNT: u32 = 2 + PYRAMID_ROUNDS;
+
+    /// Place among them.
+    pub const fn number(self) -> u32 {
+        match self {
+            Self::Groups => 0,
+            Self::Pixels => 1,
+            Self::Pyramid(round) => 2 + round,
+        }
+    }
+}
+
+/// Which of the two phases of occlusion culling.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// What an earlier frame does not hide; without occlusion, everything.
+    First,
+    /// What was put off, by the depth pyramid of the first.
+    Second,
+}
 
 /// How rasterizers write to the visibility buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,34 +75,51 @@ pub enum Kernel {
     /// Instances → roots to look at.
     InstanceCull,
     /// A level of nodes → the next, and the bits of groups.
-    NodeCull,
+    NodeCull(Phase),
     /// Words → set bits of each block of words.
     CountBits,
     /// Set bits of blocks → where each block starts.
     ScanBlocks,
     /// Bits of groups → the list of groups.
-    ListGroups,
+    ListGroups(Phase),
     /// Groups → bits of clusters.
-    ClusterCull,
+    ClusterCull(Phase),
     /// Bits of clusters → the visible list.
-    ListClusters,
+    ListClusters(Phase),
     /// Small clusters → visibility buffer.
     RasterSmall(Words),
     /// Large clusters → visibility buffer.
     RasterLarge(Words),
+    /// Visibility buffer → a round of the depth pyramid.
+    Hzb(u32),
+    /// Counts of a phase → what comes next.
+    Settle(Phase),
+    /// Visibility buffer of the first phase → with the numbers of both.
+    Renumber,
     /// A long loop, to see whether the driver finishes it.
     LoopProbe,
 }
 
 /// All kernels; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 14] = [
+pub const KERNELS: [Kernel; 25] = [
     Kernel::InstanceCull,
-    Kernel::NodeCull,
+    Kernel::NodeCull(Phase::First),
+    Kernel::NodeCull(Phase::Second),
     Kernel::CountBits,
     Kernel::ScanBlocks,
-    Kernel::ListGroups,
-    Kernel::ClusterCull,
-    Kernel::ListClusters,
+    Kernel::ListGroups(Phase::First),
+    Kernel::ListGroups(Phase::Second),
+    Kernel::ClusterCull(Phase::First),
+    Kernel::ClusterCull(Phase::Second),
+    Kernel::ListClusters(Phase::First),
+    Kernel::ListClusters(Phase::Second),
+    Kernel::Settle(Phase::First),
+    Kernel::Settle(Phase::Second),
+    Kernel::Renumber,
+    Kernel::Hzb(0),
+    Kernel::Hzb(1),
+    Kernel::Hzb(2),
+    Kernel::Hzb(3),
     Kernel::LoopProbe,
     Kernel::RasterSmall(Words::Wide),
     Kernel::RasterSmall(Words::Keys),
@@ -83,6 +140,8 @@ const CULL: &str = file!("shared/cull");
 const LOD: &str = file!("shared/lod");
 const PAGES: &str = file!("shared/pages");
 const APPEND: &str = file!("shared/append");
+const PUT_OFF: &str = file!("shared/put_off");
+const OCCLUSION: &str = file!("shared/occlusion");
 const SCAN: &str = file!("shared/workgroup_scan");
 const TRIANGLE: &str = file!("shared/triangle");
 const PAIR: &str = file!("shared/pair");
@@ -98,14 +157,17 @@ impl Kernel {
     pub fn name(self) -> &'static str {
         match self {
             Self::InstanceCull => "instance_cull",
-            Self::NodeCull => "node_cull",
+            Self::NodeCull(_) => "node_cull",
             Self::CountBits => "count_bits",
             Self::ScanBlocks => "scan_blocks",
-            Self::ListGroups => "list_groups",
-            Self::ClusterCull => "cluster_cull",
-            Self::ListClusters => "list_clusters",
+            Self::ListGroups(_) => "list_groups",
+            Self::ClusterCull(_) => "cluster_cull",
+            Self::ListClusters(_) => "list_clusters",
             Self::RasterSmall(_) => "raster_small",
             Self::RasterLarge(_) => "raster_large",
+            Self::Hzb(_) => "hzb",
+            Self::Settle(_) => "settle",
+            Self::Renumber => "renumber",
             Self::LoopProbe => "loop_probe",
         }
     }
@@ -114,17 +176,20 @@ impl Kernel {
         let words =
             |words| if words == Words::Wide { file!("shared/words_64") } else { file!("shared/words_32") };
         match self {
-            Self::InstanceCull => vec![TYPES, CULL, APPEND, file!("instance_cull")],
-            Self::NodeCull => vec![TYPES, CULL, LOD, APPEND, file!("node_cull")],
+            Self::InstanceCull => vec![TYPES, CULL, OCCLUSION, APPEND, PUT_OFF, file!("instance_cull")],
+            Self::NodeCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, APPEND, PUT_OFF, file!("node_cull")],
             Self::CountBits => vec![TYPES, SCAN, file!("count_bits")],
             Self::ScanBlocks => vec![TYPES, SCAN, file!("scan_blocks")],
-            Self::ListGroups => vec![TYPES, SCAN, file!("list_groups")],
-            Self::ClusterCull => vec![TYPES, CULL, LOD, PAGES, file!("cluster_cull")],
-            Self::ListClusters => vec![TYPES, SCAN, file!("list_clusters")],
+            Self::ListGroups(_) => vec![TYPES, SCAN, file!("list_groups")],
+            Self::ClusterCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, PAGES, file!("cluster_cull")],
+            Self::ListClusters(_) => vec![TYPES, SCAN, file!("list_clusters")],
             Self::RasterSmall(w) => vec![TYPES, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")],
             Self::RasterLarge(w) => {
                 vec![TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w), file!("raster_large")]
             }
+            Self::Hzb(_) => vec![TYPES, file!("hzb")],
+            Self::Settle(_) => vec![TYPES, file!("settle")],
+            Self::Renumber => vec![TYPES, file!("renumber")],
             Self::LoopProbe => vec![file!("loop_probe")],
         }
     }
@@ -135,6 +200,18 @@ impl Kernel {
         if let Self::RasterSmall(words) | Self::RasterLarge(words) = self {
             source += &format!("const FIRST_PASS: bool = {};\n", words != Words::Lows);
         }
+        if let Self::Hzb(round) = self {
+            source += &format!("const ROUND: u32 = {round}u;\n");
+        }
+        let second = matches!(
+            self,
+            Self::NodeCull(Phase::Second)
+                | Self::ListGroups(Phase::Second)
+                | Self::ClusterCull(Phase::Second)
+                | Self::ListClusters(Phase::Second)
+                | Self::Settle(Phase::Second)
+        );
+        source += &format!("const SECOND: bool = {second};\n");
         source + &self.files().join("\n")
     }
 }
@@ -154,6 +231,16 @@ fn constants() -> String {
         ("MAX_SPAN", u32::from(MAX_SPAN)),
         ("UNKNOWN_SPAN", u32::from(u16::MAX)),
         ("RECORD_WORDS", RECORD_WORDS as u32),
+        ("NONE", u32::MAX),
+        ("PYRAMID_LEVELS", PYRAMID_LEVELS as u32),
+        ("PYRAMID_REACH", u32::from(PYRAMID_REACH)),
+        ("PYRAMID_FINER", PYRAMID_FINER as u32),
+        ("PYRAMID_ABOVE", PYRAMID_ABOVE),
+        ("LEVELS_PER_ROUND", LEVELS_PER_ROUND),
+        ("STEPS", Step::COUNT),
+        ("STEP_GROUPS", Step::Groups.number()),
+        ("STEP_PIXELS", Step::Pixels.number()),
+        ("STEP_PYRAMID", Step::Pyramid(0).number()),
     ];
     let fields = [
         ("RECORD_CENTER", offset_of!(ClusterRecord, center)),

@@ -7,10 +7,8 @@ use wgpu::{
 use super::context::Context;
 use crate::error::Result;
 
-/// Stages that run on the device, in order.
-pub const TIMED_STAGES: usize = 5;
-/// Passes of a frame at most: those that draw may take two each.
-const PASSES: u32 = TIMED_STAGES as u32 + 2;
+/// Passes of a frame at most: six stages in two phases, the first of them in one, and those that draw may take two each.
+const PASSES: u32 = 6 + 5 + 4;
 /// Timestamps of a pass: before and after.
 const ENDS: u32 = 2;
 
@@ -57,17 +55,14 @@ impl Times {
     }
 }
 
-/// Milliseconds of each stage, from the ticks read back and the stage of each pass. NaN where the device takes no time.
-pub(super) fn milliseconds(ticks: &[u8], stages: &[usize], tick: Option<f64>) -> [f64; TIMED_STAGES] {
-    let Some(tick) = tick else { return [f64::NAN; TIMED_STAGES] };
-    let mut out = [0.0; TIMED_STAGES];
+/// Milliseconds of each pass, from the ticks read back; NaN where the device takes no time.
+pub(super) fn milliseconds(ticks: &[u8], tick: Option<f64>) -> impl Iterator<Item = f64> {
     let passes = ticks.chunks_exact(ENDS as usize * size_of::<u64>());
-    for (stage, ends) in stages.iter().zip(passes) {
+    passes.map(move |ends| {
         let [start, end]: [u64; 2] = bytemuck::pod_read_unaligned(ends);
         // Some drivers set their clock back between passes.
-        out[*stage] += end.saturating_sub(start) as f64 * tick;
-    }
-    out
+        tick.map_or(f64::NAN, |tick| end.saturating_sub(start) as f64 * tick)
+    })
 }
 
 #[cfg(test)]
@@ -75,10 +70,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn passes_of_a_stage_add_up() {
-        let ticks: [u64; 8] = [10, 20, 100, 140, 200, 203, 400, 390];
-        let found = milliseconds(bytemuck::cast_slice(&ticks), &[0, 3, 3, 4], Some(0.5));
-        assert_eq!(found, [5.0, 0.0, 0.0, 21.5, 0.0]);
-        assert!(milliseconds(bytemuck::cast_slice(&ticks), &[0], None).iter().all(|ms| ms.is_nan()));
+    fn ticks_become_milliseconds() {
+        let ticks: [u64; 6] = [10, 20, 100, 140, 400, 390];
+        let found = |tick| milliseconds(bytemuck::cast_slice(&ticks), tick).collect::<Vec<_>>();
+        assert_eq!(found(Some(0.5)), [5.0, 20.0, 0.0]);
+        assert!(found(None).iter().all(|ms| ms.is_nan()));
     }
 }

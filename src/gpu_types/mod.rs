@@ -3,6 +3,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::limits::PYRAMID_LEVELS;
+
 /// A view's constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -25,12 +27,14 @@ pub struct View {
     pub instances: u32,
     /// Always zero, which compilers of shaders cannot know.
     pub zero: u32,
-    /// Zero.
-    pub unused_a: u32,
-    /// Zero.
-    pub unused_b: u32,
-    /// Zero.
-    pub unused_c: u32,
+    /// Levels of the depth pyramid.
+    pub levels: u32,
+    /// 1 where the pyramid of an earlier frame is there.
+    pub history: u32,
+    /// Words of the bits of all groups.
+    pub group_words: u32,
+    /// Columns, rows and first key of each level of the pyramid; the last is zero.
+    pub pyramid: [[u32; 4]; PYRAMID_LEVELS],
 }
 
 /// An instance as seen from a view.
@@ -39,6 +43,8 @@ pub struct View {
 pub struct Instance {
     /// Rows of the map from internal space to homogeneous screen space.
     pub screen: [[f32; 4]; 3],
+    /// The same in the frame whose pyramid is there.
+    pub before: [[f32; 4]; 3],
     /// Rows of the map from internal to camera space, for the rule of the cut.
     pub object_to_eye: [[f32; 4]; 3],
     /// Centre of the box around the mesh, internal space.
@@ -67,8 +73,8 @@ pub struct Instance {
     pub double_sided: u32,
     /// 1 where the map to the screen reverses orientation.
     pub mirrored: u32,
-    /// Zero.
-    pub unused: u32,
+    /// Slot number in the scene, by which it is known from frame to frame.
+    pub slot: u32,
 }
 
 /// Workgroups of a dispatch that one shader decides for the next.
@@ -85,8 +91,10 @@ pub struct Dispatch {
     pub count: u32,
     /// Groups that the dispatch before looked at.
     pub visited: u32,
+    /// Instances that the pyramid hid from the dispatch before.
+    pub hidden: u32,
     /// Zero.
-    pub unused: [u32; 3],
+    pub unused: [u32; 2],
 }
 
 /// A node of an instance that is to be looked at.
@@ -109,6 +117,22 @@ pub struct Candidate {
     pub first: u32,
     /// Number of clusters.
     pub count: u32,
+    /// Its place among the candidates of the first phase.
+    pub before: u32,
+}
+
+/// What is known of the clusters of a candidate, one bit each.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct Marks {
+    /// Those for the large rasterizer.
+    pub large: u32,
+    /// Of the first phase: those that wait for the second. Of the second: those that the first one drew.
+    pub held: u32,
+    /// Number of the first in the visible list.
+    pub first: u32,
+    /// Zero.
+    pub unused: u32,
 }
 
 /// An entry of the frame's visible list.
@@ -133,6 +157,14 @@ pub struct Counters {
     pub drawn_small: u32,
     /// The same, large rasterizer.
     pub drawn_large: u32,
-    /// Zero.
-    pub unused: u32,
+    /// Entries of the visible list.
+    pub visible: u32,
+    /// Clusters that wait for the second phase; of the second phase: that the pyramid hides.
+    pub held: u32,
+    /// 1 where a pyramid was built.
+    pub pyramid: u32,
+    /// Triangles of the clusters that the small rasterizer draws.
+    pub triangles_small: u32,
+    /// The same, large rasterizer.
+    pub triangles_large: u32,
 }

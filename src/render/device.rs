@@ -12,7 +12,7 @@ use crate::config::RenderOptions;
 use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::visibility::Visible;
 use crate::error::Result;
-use crate::gpu::{Drawn, Renderer};
+use crate::gpu::{Counted, DeviceStage, Drawn, Phase, Renderer, Ways};
 use crate::gpu_types;
 use crate::model::{ClusterAddress, Dag};
 use crate::scene::{Instance, View};
@@ -33,8 +33,9 @@ pub(super) fn draw_scene(
         .collect();
     let mut instances: Vec<(gpu_types::Instance, &Arc<Dag>)> =
         views.iter().map(|view| (instance_record(view), &view.mesh)).collect();
+    let ways = Ways { wide_atomics: options.wide_atomics, occlusion: options.occlusion };
     let constants = view_record(&screen, options.pixel_error);
-    let drawn = renderer.draw(&constants, &mut instances, options.wide_atomics, &mut words)?;
+    let drawn = renderer.draw(&constants, &mut instances, ways, &mut words)?;
     let mut stats = FrameStats::default();
     let on_screen = drawn.instances.iter().map(|&i| &views[i as usize]);
     stats.source_triangles = on_screen.map(|view| view.mesh.source_faces).sum();
@@ -44,28 +45,58 @@ pub(super) fn draw_scene(
         .map(|v| Visible { instance: v.instance, cluster: ClusterAddress(v.cluster) })
         .collect();
     let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
-    let triangles = |kind: bool| -> u64 {
-        let chosen = visible.iter().zip(&large).filter(|(_, large)| **large == kind);
-        chosen.map(|(v, _)| u64::from(views[v.instance as usize].mesh.record(v.cluster).triangle_count)).sum()
-    };
-    stats.stages = stages(&drawn, scene.len(), [triangles(false), triangles(true)]);
+    stats.stages = stages(&drawn, scene.len() as u64, &screen);
+    for phase in &drawn.phases {
+        stats.occluded_instances += phase.hidden_instances;
+    }
+    stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
     Ok(Rastered { words, views, visible, large, stats })
 }
 
+fn stage_of(stage: DeviceStage) -> Stage {
+    match stage {
+        DeviceStage::InstanceCull => Stage::InstanceCull,
+        DeviceStage::NodeCull => Stage::NodeCull,
+        DeviceStage::ClusterCull => Stage::ClusterCull,
+        DeviceStage::RasterSmall => Stage::RasterSmall,
+        DeviceStage::RasterLarge => Stage::RasterLarge,
+        DeviceStage::Hzb => Stage::Hzb,
+    }
+}
+
 /// What each stage received and passed on, and its time by the device's clock.
-fn stages(drawn: &Drawn, instances: usize, [small, large]: [u64; 2]) -> Vec<StageStats> {
-    let counters = &drawn.counters;
-    [
-        (Stage::InstanceCull, instances as u64, drawn.instances.len() as u64),
-        (Stage::NodeCull, drawn.visited, drawn.groups),
-        (Stage::ClusterCull, u64::from(counters.visited_clusters), drawn.visible.len() as u64),
-        (Stage::RasterSmall, small, u64::from(counters.drawn_small)),
-        (Stage::RasterLarge, large, u64::from(counters.drawn_large)),
-    ]
-    .into_iter()
-    .zip(drawn.times)
-    .map(|((stage, received, passed), ms)| StageStats { stage, pass: 1, received, passed, ms })
-    .collect()
+fn stages(drawn: &Drawn, instances: u64, screen: &Screen) -> Vec<StageStats> {
+    let pixels = u64::from(screen.width) * u64::from(screen.height);
+    let texels = u64::from(screen.width.div_ceil(2)) * u64::from(screen.height.div_ceil(2));
+    let mut out: Vec<StageStats> = Vec::new();
+    for &(device_stage, phase, ms) in &drawn.times {
+        let pass = match phase {
+            Phase::First => 1,
+            Phase::Second => 2,
+        };
+        let stage = stage_of(device_stage);
+        if let Some(known) = out.iter_mut().find(|s| s.stage == stage && s.pass == pass) {
+            known.ms += ms;
+            continue;
+        }
+        let Some(Counted { starts, visited, groups, clusters, counters, .. }) =
+            drawn.phases.get(usize::from(pass) - 1)
+        else {
+            continue;
+        };
+        let before = if pass == 2 { drawn.phases[0].groups } else { 0 };
+        let (received, passed) = match device_stage {
+            DeviceStage::InstanceCull => (instances, *starts),
+            // The second phase lists the groups of both.
+            DeviceStage::NodeCull => (*visited, groups.saturating_sub(before)),
+            DeviceStage::ClusterCull => (counters.visited_clusters.into(), *clusters),
+            DeviceStage::RasterSmall => (counters.triangles_small.into(), counters.drawn_small.into()),
+            DeviceStage::RasterLarge => (counters.triangles_large.into(), counters.drawn_large.into()),
+            DeviceStage::Hzb => (pixels * u64::from(counters.pyramid), texels * u64::from(counters.pyramid)),
+        };
+        out.push(StageStats { stage, pass, received, passed, ms });
+    }
+    out
 }
 
 fn view_record(screen: &Screen, tau: f32) -> gpu_types::View {
@@ -95,6 +126,7 @@ fn instance_record(view: &InstanceView) -> gpu_types::Instance {
         lod_near: view.lod.near,
         double_sided: u32::from(view.material.double_sided),
         mirrored: u32::from(view.mirrored),
+        slot: view.slot,
         ..bytemuck::Zeroable::zeroed()
     }
 }

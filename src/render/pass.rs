@@ -16,10 +16,8 @@ use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::visibility::{Nearest, Visible, as_atomic, renumber};
 use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
 use crate::error::{Error, Result};
-use crate::limits::MAX_VISIBLE;
+use crate::limits::{MAX_VISIBLE, PYRAMID_ABOVE};
 
-/// Fewer triangles than this are drawn at once: a depth pyramid costs more than it could save.
-const PYRAMID_ABOVE: u64 = 1 << 15;
 /// Instances are put off when their rectangles cover the occupied part of the picture more often than this.
 const INSTANCE_OVERLAP: f64 = 1.5;
 /// The same for clusters: their rectangles hold about twice the pixels of their triangles.
@@ -41,7 +39,7 @@ impl Pass {
         let footprints = self.views.iter().enumerate().map(|(i, v)| (v.footprint, i as u32));
         let mut instances = Queue::new(footprints, &self.screen, overlap);
         let candidates = self.cull(1, &instances.take(), None);
-        let pays = occlusion && triangles(&candidates) > PYRAMID_ABOVE;
+        let pays = occlusion && triangles(&candidates) > u64::from(PYRAMID_ABOVE);
         let overlap = if pays { CLUSTER_OVERLAP } else { f64::INFINITY };
         let mut clusters = Queue::new(candidates.iter().map(|c| (c.footprint, *c)), &self.screen, overlap);
         let mut list = self.draw(1, Vec::new(), clusters.take())?;

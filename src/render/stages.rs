@@ -1,4 +1,4 @@
-//! The ordered list of stages, written once. Stage `x` is `src/cpu/x.rs`; those before the depth pyramid are also
+//! The ordered list of stages, written once. Stage `x` is `src/cpu/x.rs`; those up to the depth pyramid are also
 //! `src/gpu/x.rs` with `shaders/x.wgsl`.
 
 /// A stage of a frame.
@@ -23,7 +23,7 @@ pub enum Stage {
 }
 
 /// All stages in the order in which they run. When a depth pyramid is built, the stages before it run again over
-/// the next portion of what was put off.
+/// what was put off, on the CPU in portions.
 pub const STAGES: [Stage; 8] = [
     Stage::InstanceCull,
     Stage::NodeCull,
@@ -74,7 +74,7 @@ mod tests {
             assert_eq!(*stage as usize, i);
             let name = stage.name();
             let mut files = vec![format!("src/cpu/{name}.rs")];
-            if *stage < Stage::Hzb {
+            if *stage <= Stage::Hzb {
                 files.extend([format!("src/gpu/{name}.rs"), format!("shaders/{name}.wgsl")]);
             }
             for file in files {

@@ -9,7 +9,7 @@ use super::stages::Stage;
 pub struct StageStats {
     /// The stage.
     pub stage: Stage,
-    /// 1, or 2 for what was put off until a depth pyramid was there, all such rounds together.
+    /// 1, or 2 for what was put off until a depth pyramid of this frame was there, all such rounds together.
     pub pass: u8,
     /// What came in; [`Stage::counts`] says of what.
     pub received: u64,

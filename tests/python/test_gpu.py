@@ -49,7 +49,7 @@ def scene() -> nrs.Scene:
 )
 def test_every_array_is_that_of_the_cpu(device, pixel_error, eye) -> None:
     shown = scene()
-    frame = device.render(shown, LENS, eye, pixel_error=pixel_error)
+    frame = device.render(shown, LENS, eye, pixel_error=pixel_error, occlusion=False)
     with nrs.Renderer(*SIZE, backend="cpu") as renderer:
         expected = renderer.render(shown, LENS, eye, pixel_error=pixel_error, occlusion=False)
     assert device.backend == "gpu"
@@ -61,6 +61,31 @@ def test_every_array_is_that_of_the_cpu(device, pixel_error, eye) -> None:
         assert ours.ms >= 0.0
     assert 0.0 < sum(s.ms for s in frame.stats.stages) < frame.stats.total_ms
     assert frame.stats.covered_pixels == expected.stats.covered_pixels
+
+
+def wall_before_a_crowd() -> nrs.Scene:
+    out = nrs.Scene(ambient_light=(0.3, 0.3, 0.3))
+    out.add(nrs.DirectionalLight(intensity=3.0), pose=np.eye(4))
+    mesh = subjects.built("small sphere")
+    out.add(mesh, pose=at(0, 0, 1) @ np.diag((1.6, 1.6, 0.2, 1)))
+    for k in range(60):
+        out.add(mesh, pose=at(0.4 * (k % 10) - 1.8, 0.5 * (k // 10) - 1.3, -3) @ np.diag((0.3, 0.3, 0.3, 1)))
+    return out
+
+
+def test_what_is_hidden_is_left_out_of_the_lists_and_not_of_the_picture(device) -> None:
+    shown = wall_before_a_crowd()
+    eyes = [at(0, 0, 4), at(0, 0, 4), at(0.5, 0.1, 4), at(3, 0, 4), at(0, 0, 4)]
+    whole = nrs.Renderer(*SIZE, backend="gpu")
+    saved = 0
+    for eye in eyes:
+        frame = device.render(shown, LENS, eye, pixel_error=0.0)
+        expected = whole.render(shown, LENS, eye, pixel_error=0.0, occlusion=False)
+        for name in ("color", "depth", "normal", "instance_id", "cluster_id", "triangle_id", "face_id"):
+            np.testing.assert_array_equal(getattr(frame, name), getattr(expected, name), err_msg=name)
+        saved += expected.stats.clusters - frame.stats.clusters
+    assert saved > 0
+    assert {s.pass_number for s in frame.stats.stages if s.stage == "hzb"} == {1, 2}
 
 
 def test_it_says_which_device_it_took(device) -> None:

@@ -10,7 +10,7 @@ use nanite_rs::render::{Backend, Frame, Renderer, Stage};
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
 use crate::render_frames::{CAMERA, IDENTITY, Pose, at, crowd, dag, lit, shoot};
-use crate::shapes::{bumpy_sphere, grid, torus};
+use crate::shapes::{bumpy_sphere, cube, grid, torus};
 
 /// The device, or a note for the summary of `make test` that this test was skipped.
 fn device(test: &str) -> Option<Arc<Context>> {
@@ -235,4 +235,90 @@ fn clipped_triangles_are_equal() {
         let frame = equal(scene, &CAMERA, &pose, (639, 361), 0.5);
         assert!(frame.stats.drawn_large > 20, "{}", frame.stats.drawn_large);
     }
+}
+
+/// Blocks of houses along straight streets, `side` by `side` of them.
+fn city(side: i32) -> Scene {
+    let house = dag(&cube(16));
+    let mut scene = lit();
+    for k in 0..side * side {
+        let (x, z) = (f64::from(k % side), f64::from(k / side));
+        let height = 4.0 + f64::from(k * 7 % 5);
+        let mut pose = at(3.0 * x, height, -3.0 * z);
+        (pose[0][0], pose[1][1], pose[2][2]) = (1.1, height, 1.1);
+        scene.add(Arc::clone(&house), &pose, Material::default()).unwrap();
+    }
+    scene
+}
+
+/// Turned left by so many radians.
+fn turned(pose: Pose, angle: f64) -> Pose {
+    let (sin, cos) = angle.sin_cos();
+    let mut out = pose;
+    (out[0][0], out[0][2], out[2][0], out[2][2]) = (cos, sin, -sin, cos);
+    out
+}
+
+/// Received and passed of a stage in a pass.
+fn funnel(frame: &Frame, stage: Stage, pass: u8) -> (u64, u64) {
+    let found = frame.stats.stages.iter().find(|s| s.stage == stage && s.pass == pass);
+    found.map_or((0, 0), |s| (s.received, s.passed))
+}
+
+#[test]
+fn what_is_hidden_changes_no_pixel() {
+    let Some(_) = device("what_is_hidden_changes_no_pixel") else { return };
+    let mut scene = city(24);
+    let ball = scene.add(dag(&bumpy_sphere(60)), &at(1.5, 2.0, 0.0), Material::default()).unwrap();
+    // Along a street, a turn, a jump to another one, and the roofs.
+    let mut path: Vec<Pose> = (0..6).map(|k| at(1.5, 1.7, 6.0 - 0.7 * f64::from(k))).collect();
+    path.extend((1..5).map(|k| turned(at(1.5, 1.7, 2.5), 0.35 * f64::from(k))));
+    path.extend([at(40.5, 1.7, -20.0), at(40.5, 1.6, -20.1), at(30.0, 40.0, 50.0), at(1.5, 1.7, 6.0)]);
+    let (size, wide) = ((317, 203), RenderOptions { pixel_error: 0.0, ..RenderOptions::default() });
+    let narrow = RenderOptions { wide_atomics: false, ..wide.clone() };
+    let whole = RenderOptions { occlusion: false, ..wide.clone() };
+    let mut renderers = [(); 3].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
+    let (mut resumed, mut hidden) = (0, 0);
+    for (k, pose) in path.iter().enumerate() {
+        // The ball fills the street, rolls on, and jumps.
+        let to = [0.0, 0.3, 0.6, -9.0, 1.2, 90.0, 90.0][k % 7];
+        scene.set_pose(ball, &scaled(at(1.5, 1.5, to), 1.2)).unwrap();
+        let [expected, ours, narrow] = [&whole, &wide, &narrow].map(|options| {
+            let renderer =
+                &mut renderers[usize::from(options.occlusion) + usize::from(!options.wide_atomics)];
+            renderer.render(&scene, &CAMERA, pose, options).unwrap()
+        });
+        assert_eq!(differences(&ours, &expected), (0, 0), "frame {k}");
+        assert!(ours.color() == expected.color() && ours.words() == narrow.words(), "frame {k}");
+        assert_eq!(counts(&ours), counts(&narrow));
+        assert!(ours.visible().iter().all(|v| expected.visible().contains(v)));
+        assert_eq!(ours.stats.source_triangles, expected.stats.source_triangles);
+        let clusters = |pass| funnel(&ours, Stage::ClusterCull, pass).1;
+        assert_eq!(clusters(1) + clusters(2), ours.stats.clusters);
+        resumed += clusters(2);
+        hidden += ours.stats.occluded_instances + ours.stats.occluded_clusters;
+    }
+    assert!(resumed > 100 && hidden > 1000, "{resumed} {hidden}");
+}
+
+#[test]
+fn from_the_street_a_city_costs_what_is_seen() {
+    let Some(_) = device("from_the_street_a_city_costs_what_is_seen") else { return };
+    let scene = city(120);
+    let size = (1280, 720);
+    let mut renderers = [(); 2].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
+    let (mut before, mut after) = (0, 0);
+    for k in 0..8 {
+        let pose = turned(at(178.5, 1.7, -178.5), std::f64::consts::FRAC_PI_4 * f64::from(k) + 0.2);
+        let whole = renderers[0].render(&scene, &CAMERA, &pose, &options(1.0)).unwrap();
+        let mut render = || renderers[1].render(&scene, &CAMERA, &pose, &RenderOptions::default()).unwrap();
+        let frames = [render(), render()];
+        assert!(frames.iter().all(|frame| differences(frame, &whole) == (0, 0)));
+        // Nothing moved: nothing is put off in vain.
+        assert_eq!(funnel(&frames[1], Stage::ClusterCull, 2).1, 0);
+        before += whole.stats.clusters;
+        after += frames[1].stats.clusters;
+    }
+    println!("{after} of {before} clusters");
+    assert!(20 * after <= before, "{after} of {before} clusters");
 }

@@ -60,6 +60,34 @@ pub fn grid(n: usize, height: impl Fn(f64, f64) -> f64) -> Mesh {
     (positions, faces)
 }
 
+/// A cube from −1 to 1 with 12·n² triangles, closed.
+pub fn cube(n: usize) -> Mesh {
+    let (mut positions, mut faces) = (Vec::new(), Vec::new());
+    let mut numbers = std::collections::HashMap::new();
+    for axis in 0..3 {
+        for sign in [-1i32, 1] {
+            let mut corner = |u: usize, v: usize| {
+                let mut key = [0; 3];
+                key[axis] = sign * n as i32;
+                key[(axis + 1) % 3] = 2 * u as i32 - n as i32;
+                key[(axis + 2) % 3] = 2 * v as i32 - n as i32;
+                *numbers.entry(key).or_insert_with(|| {
+                    positions.push(key.map(|k| k as f32 / n as f32));
+                    positions.len() as u32 - 1
+                })
+            };
+            for (u, v) in (0..n * n).map(|k| (k % n, k / n)) {
+                let quad = [corner(u, v), corner(u + 1, v), corner(u + 1, v + 1), corner(u, v + 1)];
+                for [a, b, c] in [[0, 1, 2], [0, 2, 3]] {
+                    let (b, c) = if sign > 0 { (b, c) } else { (c, b) };
+                    faces.push([quad[a], quad[b], quad[c]]);
+                }
+            }
+        }
+    }
+    (positions, faces)
+}
+
 /// A closed torus of 2·n·m triangles.
 pub fn torus(n: usize, m: usize) -> Mesh {
     let angle = |i: usize, n: usize| std::f64::consts::TAU * i as f64 / n as f64;

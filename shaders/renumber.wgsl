@@ -1,0 +1,22 @@
+// The visibility buffer of the first phase -> the same, with the numbers that clusters have in the list of both.
+
+@group(0) @binding(0) var<storage, read> steps: array<Dispatch, STEPS>;
+@group(0) @binding(1) var<storage, read> renumbered: array<u32>;
+@group(0) @binding(2) var<storage, read_write> words: array<u32>;
+
+@compute @workgroup_size(WIDTH)
+fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let pixel = workgroup_number(workgroup) * WIDTH + lane;
+    if pixel >= steps[STEP_PIXELS].count {
+        return;
+    }
+    let low = words[2u * pixel];
+    if low == 0u {
+        return;
+    }
+    let number = (~low >> TRIANGLE_BITS) - 1u;
+    let triangle = ~low & ((1u << TRIANGLE_BITS) - 1u);
+    if number < arrayLength(&renumbered) {
+        words[2u * pixel] = ~(((renumbered[number] + 1u) << TRIANGLE_BITS) | triangle);
+    }
+}

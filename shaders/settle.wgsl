@@ -1,0 +1,40 @@
+// After the culling of a phase: whether the second one is needed, what is to be renumbered, and whether its rasterizers
+// are to be followed by a depth pyramid. One invocation.
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> later_level: Dispatch;
+@group(0) @binding(2) var<storage, read> draws: array<Dispatch, 2>;
+@group(0) @binding(3) var<storage, read_write> counters: Counters;
+// Of the other phase.
+@group(0) @binding(4) var<storage, read_write> other_counters: Counters;
+// Words of the bits of groups, pixels to renumber, and the rounds of the pyramid.
+@group(0) @binding(5) var<storage, read_write> steps: array<Dispatch, STEPS>;
+
+fn build_pyramid() {
+    for (var level = 0u; level < view.levels; level += LEVELS_PER_ROUND) {
+        let bits = vec2<u32>(LEVELS_PER_ROUND - 1u);
+        let size = (view.pyramid[level].xy + (vec2<u32>(1u) << bits) - 1u) >> bits;
+        let step = STEP_PYRAMID + level / LEVELS_PER_ROUND;
+        steps[step] = Dispatch(size.x, size.y, 1u, 0u, 0u, 0u, array<u32, 2>());
+    }
+    atomicStore(&counters.pyramid, 1u);
+}
+
+@compute @workgroup_size(1)
+fn main() {
+    if !SECOND {
+        if later_level.count > 0u || atomicLoad(&counters.held) > 0u {
+            steps[STEP_GROUPS] = workgroups(view.group_words, SCAN_WIDTH, view.group_words);
+            build_pyramid();
+        }
+        return;
+    }
+    let fresh = draws[0].count + draws[1].count;
+    if fresh > 0u && atomicLoad(&other_counters.visible) > 0u {
+        steps[STEP_PIXELS] = workgroups(view.width * view.height, WIDTH, view.width * view.height);
+    }
+    let triangles = atomicLoad(&other_counters.drawn_small) + atomicLoad(&other_counters.drawn_large);
+    if fresh > 0u || (atomicLoad(&other_counters.pyramid) == 0u && triangles > PYRAMID_ABOVE) {
+        build_pyramid();
+    }
+}

@@ -1,0 +1,47 @@
+// What the depth pyramid hides: src/cpu/hzb.rs. Needs `pyramid`.
+//
+// The first phase takes the pyramid of an earlier frame, and where instances were then. What it hides is put off to
+// the second, which takes the pyramid of what the first one drew: so no picture depends on the earlier frame.
+
+// True when the texels of a level say that everything drawn so far is nearer than the box on every pixel that it may
+// touch.
+fn hides_at(level: u32, place: Footprint) -> bool {
+    let texels = place.rect >> vec4<u32>(level + 1u);
+    let columns = view.pyramid[level].x;
+    let first = view.pyramid[level].z;
+    for (var row = texels.y; row <= texels.w; row++) {
+        for (var column = texels.x; column <= texels.z; column++) {
+            if place.near_key >= pyramid[first + row * columns + column] {
+                return false;
+            }
+        }
+    }
+    return true;
+}
+
+// True when everything drawn so far is nearer than the box on every pixel that it may touch.
+fn hides(place: Footprint) -> bool {
+    if !place.seen || place.near_key == NO_KEY {
+        return false;
+    }
+    var level = 0u;
+    while level + 1u < view.levels {
+        let block = (place.rect.zw >> vec2<u32>(level + 1u)) - (place.rect.xy >> vec2<u32>(level + 1u));
+        if max(block.x, block.y) < PYRAMID_REACH {
+            break;
+        }
+        level++;
+    }
+    return hides_at(level, place) || (level > 0u && hides_at(max(level, PYRAMID_FINER) - PYRAMID_FINER, place));
+}
+
+// Whether a box, which now lies at `place`, is hidden as far as this phase knows.
+fn hidden(place: Footprint, instance: u32, center: vec3<f32>, extent: vec3<f32>) -> bool {
+    if SECOND {
+        return hides(place);
+    }
+    if view.history == 0u {
+        return false;
+    }
+    return hides(footprint(instances[instance].before, center, extent));
+}

@@ -1,0 +1,13 @@
+//! Stage 6. Visibility buffer → depth pyramid, where it is needed: after the first phase for what it put off, and at the
+//! end of the frame for the next one.
+
+use super::frame::Recorder;
+use super::shaders::{Kernel, PYRAMID_ROUNDS, Step};
+
+pub(super) fn record(r: &mut Recorder<'_>) {
+    let (b, own) = (r.buffers, r.own());
+    for round in 0..PYRAMID_ROUNDS {
+        let bindings = [&b.view, &b.words, r.pyramids.own()];
+        r.run_indirect(Kernel::Hzb(round), &bindings, &own.steps, Step::Pyramid(round).number());
+    }
+}

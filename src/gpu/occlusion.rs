@@ -1,0 +1,138 @@
+//! The two phases of occlusion culling: the depth pyramids of this frame and of an earlier one, and the steps between
+//! phases.
+//!
+//! The first phase leaves out what the pyramid of an earlier frame hides, where instances were then; the second looks
+//! at that again, with the pyramid of what the first one drew (Greene, Kass and Miller, "Hierarchical Z-Buffer
+//! Visibility", 1993; Haar and Aaltonen, "GPU-Driven Rendering Pipelines", 2015). Whatever the earlier pyramid holds,
+//! the picture is the same: it decides which phase draws a cluster, and not whether one does.
+
+use wgpu::{Buffer, BufferUsages};
+
+use super::context::Context;
+use super::frame::Recorder;
+use super::shaders::{Kernel, Phase, Step};
+use crate::error::Result;
+use crate::gpu_types::{Instance, View};
+use crate::limits::PYRAMID_LEVELS;
+
+/// Rows of a map to the screen.
+type Rows = [[f32; 4]; 3];
+
+/// What two frames must have in common, so that keys mean the same.
+type Constants = [u32; 4];
+
+/// The pyramids of this frame and of an earlier one.
+#[derive(Debug)]
+pub(super) struct Pyramids {
+    size: (u32, u32),
+    /// Columns, rows and first key of each level.
+    levels: Vec<[u32; 4]>,
+    /// This frame's, and the earlier one's.
+    buffers: [Buffer; 2],
+    /// Of the frame that the earlier pyramid shows; absent when there is none.
+    constants: Option<Constants>,
+    /// Where each slot's instance was then.
+    before: Vec<Option<Rows>>,
+}
+
+/// Levels of the pyramid of a picture; level 0 has squares of 2 × 2 pixels.
+fn levels((width, height): (u32, u32)) -> Vec<[u32; 4]> {
+    let (mut columns, mut rows, mut first) = (width, height, 0);
+    let mut out = Vec::new();
+    while width > 0 && (out.is_empty() || columns > 1 || rows > 1) {
+        (columns, rows) = (columns.div_ceil(2), rows.div_ceil(2));
+        out.push([columns, rows, first, 0]);
+        first += columns * rows;
+    }
+    out
+}
+
+fn constants(view: &View) -> Constants {
+    [view.orthographic, view.near.to_bits(), view.far.to_bits(), view.width]
+}
+
+impl Pyramids {
+    /// For pictures of a size; none for (0, 0).
+    pub(super) fn new(context: &Context, size: (u32, u32)) -> Result<Self> {
+        let levels = levels(size);
+        let keys: u64 = levels.iter().map(|[columns, rows, ..]| u64::from(*columns) * u64::from(*rows)).sum();
+        let buffer = || context.buffer("the depth pyramid", 4 * keys, BufferUsages::STORAGE);
+        Ok(Self { size, levels, buffers: [buffer()?, buffer()?], constants: None, before: Vec::new() })
+    }
+
+    /// Pixels across and down.
+    pub(super) fn size(&self) -> (u32, u32) {
+        self.size
+    }
+
+    /// The one that this frame builds.
+    pub(super) fn own(&self) -> &Buffer {
+        &self.buffers[0]
+    }
+
+    /// The one of an earlier frame.
+    pub(super) fn earlier(&self) -> &Buffer {
+        &self.buffers[1]
+    }
+
+    /// Tells the view of a frame and its instances what is known of an earlier one.
+    pub(super) fn recall<'a>(&self, view: &mut View, instances: impl Iterator<Item = &'a mut Instance>) {
+        let mut table = [[0; 4]; PYRAMID_LEVELS];
+        table[..self.levels.len()].copy_from_slice(&self.levels);
+        (view.pyramid, view.levels) = (table, self.levels.len() as u32);
+        view.history = u32::from(self.constants == Some(constants(view)));
+        for instance in instances {
+            let known = self.before.get(instance.slot as usize).copied().flatten();
+            instance.before = known.unwrap_or(instance.screen);
+        }
+    }
+
+    /// Takes in that a frame was drawn, which built a pyramid or did not need one.
+    pub(super) fn remember<'a>(
+        &mut self,
+        view: &View,
+        instances: impl Iterator<Item = &'a Instance>,
+        built: bool,
+    ) {
+        self.constants = built.then(|| constants(view));
+        self.before.fill(None);
+        if built {
+            self.buffers.swap(0, 1);
+            for instance in instances {
+                let slot = instance.slot as usize;
+                if self.before.len() <= slot {
+                    self.before.resize(slot + 1, None);
+                }
+                self.before[slot] = Some(instance.screen);
+            }
+        }
+    }
+}
+
+/// After the culling of a phase: decides what comes next, and gives what the first phase drew the numbers that it has
+/// in the list of both.
+pub(super) fn record(r: &mut Recorder<'_>) {
+    let (b, own) = (r.buffers, r.own());
+    let [first, second] = &b.phases[..] else { return };
+    let other = if r.phase == Phase::First { second } else { first };
+    let bindings = [&b.view, &second.levels[0], &own.draws, &own.counters, &other.counters, &own.steps];
+    r.run(Kernel::Settle(r.phase), &bindings, 1);
+    if r.phase == Phase::Second {
+        let number = Step::Pixels.number();
+        r.run_indirect(Kernel::Renumber, &[&own.steps, &b.renumbered, &b.words], &own.steps, number);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::camera::MAX_VIEWPORT;
+
+    #[test]
+    fn levels_halve_down_to_one_texel() {
+        assert_eq!(levels((0, 0)), Vec::<[u32; 4]>::new());
+        assert_eq!(levels((1, 1)), [[1, 1, 0, 0]]);
+        assert_eq!(levels((5, 3)), [[3, 2, 0, 0], [2, 1, 6, 0], [1, 1, 8, 0]]);
+        assert!(levels((MAX_VIEWPORT, MAX_VIEWPORT)).len() <= PYRAMID_LEVELS);
+    }
+}
