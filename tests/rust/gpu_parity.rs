@@ -9,8 +9,8 @@ use nanite_rs::gpu::Context;
 use nanite_rs::render::{Backend, Frame, Renderer, Stage};
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
-use crate::render_frames::{CAMERA, IDENTITY, Pose, at, crowd, dag, lit, shoot};
-use crate::shapes::{bumpy_sphere, cube, grid, torus};
+use crate::render_frames::{CAMERA, IDENTITY, Pose, at, city, crowd, dag, lit, shoot, turned};
+use crate::shapes::{bumpy_sphere, grid, torus};
 
 /// The device, or a note for the summary of `make test` that this test was skipped.
 fn device(test: &str) -> Option<Arc<Context>> {
@@ -235,28 +235,6 @@ fn clipped_triangles_are_equal() {
         let frame = equal(scene, &CAMERA, &pose, (639, 361), 0.5);
         assert!(frame.stats.drawn_large > 20, "{}", frame.stats.drawn_large);
     }
-}
-
-/// Blocks of houses along straight streets, `side` by `side` of them.
-fn city(side: i32) -> Scene {
-    let house = dag(&cube(16));
-    let mut scene = lit();
-    for k in 0..side * side {
-        let (x, z) = (f64::from(k % side), f64::from(k / side));
-        let height = 4.0 + f64::from(k * 7 % 5);
-        let mut pose = at(3.0 * x, height, -3.0 * z);
-        (pose[0][0], pose[1][1], pose[2][2]) = (1.1, height, 1.1);
-        scene.add(Arc::clone(&house), &pose, Material::default()).unwrap();
-    }
-    scene
-}
-
-/// Turned left by so many radians.
-fn turned(pose: Pose, angle: f64) -> Pose {
-    let (sin, cos) = angle.sin_cos();
-    let mut out = pose;
-    (out[0][0], out[0][2], out[2][0], out[2][2]) = (cos, sin, -sin, cos);
-    out
 }
 
 /// Received and passed of a stage in a pass.

@@ -10,7 +10,7 @@ use nanite_rs::model::Dag;
 use nanite_rs::render::{Frame, Renderer};
 use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
-use crate::shapes::{Mesh, bumpy_sphere, grid, torus};
+use crate::shapes::{Mesh, bumpy_sphere, cube, grid, torus};
 
 pub type Pose = [[f64; 4]; 4];
 
@@ -53,6 +53,28 @@ fn full() -> RenderOptions {
     RenderOptions { pixel_error: 0.0, ..RenderOptions::default() }
 }
 
+/// Blocks of houses along straight streets, `side` by `side` of them.
+pub fn city(side: i32) -> Scene {
+    let house = dag(&cube(16));
+    let mut scene = lit();
+    for k in 0..side * side {
+        let (x, z) = (f64::from(k % side), f64::from(k / side));
+        let height = 4.0 + f64::from(k * 7 % 5);
+        let mut pose = at(3.0 * x, height, -3.0 * z);
+        (pose[0][0], pose[1][1], pose[2][2]) = (1.1, height, 1.1);
+        scene.add(Arc::clone(&house), &pose, Material::default()).unwrap();
+    }
+    scene
+}
+
+/// Turned left by so many radians.
+pub fn turned(pose: Pose, angle: f64) -> Pose {
+    let (sin, cos) = angle.sin_cos();
+    let mut out = pose;
+    (out[0][0], out[0][2], out[2][0], out[2][2]) = (cos, sin, -sin, cos);
+    out
+}
+
 /// A crowd in depth, with two meshes, mirrors, shears and a double-sided sheet.
 pub fn crowd() -> Scene {
     let (ball, ring) = (dag(&bumpy_sphere(40)), dag(&torus(60, 24)));
@@ -78,6 +100,25 @@ pub fn crowd() -> Scene {
     let both = Material { double_sided: true, smooth: false, ..Material::default() };
     scene.add(sheet, &wall, both).unwrap();
     scene
+}
+
+#[test]
+fn from_the_street_a_city_costs_what_is_seen() {
+    let scene = city(120);
+    let (mut before, mut after) = (0, 0);
+    for k in 0..3 {
+        let pose = turned(at(178.5, 1.7, -178.5), 0.8 * f64::from(k) + 0.2);
+        let [culled, whole] = [true, false].map(|occlusion| {
+            let options = RenderOptions { occlusion, ..RenderOptions::default() };
+            shoot(&scene, &CAMERA, &pose, (1280, 720), &options)
+        });
+        assert!(culled.color() == whole.color() && culled.depth() == whole.depth());
+        assert_eq!(culled.instance_ids(), whole.instance_ids());
+        before += whole.stats.clusters;
+        after += culled.stats.clusters;
+    }
+    println!("{after} of {before} clusters");
+    assert!(20 * after <= before, "{after} of {before} clusters");
 }
 
 #[test]
