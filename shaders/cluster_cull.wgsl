@@ -15,13 +15,16 @@
 // Of the first phase; not read there.
 @group(0) @binding(10) var<storage, read> first_drawn: array<u32>;
 @group(0) @binding(11) var<storage, read> first_marks: array<Marks>;
+@group(0) @binding(12) var<storage, read> pages_1: array<u32>;
+@group(0) @binding(13) var<storage, read> pages_2: array<u32>;
+@group(0) @binding(14) var<storage, read> pages_3: array<u32>;
 
 var<workgroup> drawn_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 var<workgroup> large_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 var<workgroup> held_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 
 fn faces_away(instance: u32, record: u32) -> bool {
-    let packed = pages[record + RECORD_CONE];
+    let packed = page_word(record + RECORD_CONE);
     let cone = vec4<f32>(
         f32(extractBits(i32(packed), 0u, 8u)) / 127.0,
         f32(extractBits(i32(packed), 8u, 8u)) / 127.0,

@@ -231,7 +231,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     let cluster = visible[number].cluster;
     let page = page_start(instance, cluster);
     let record = record_start(page, cluster);
-    let data = page + pages[record + RECORD_DATA];
+    let data = page + page_word(record + RECORD_DATA);
     let double_sided = instances[instance].double_sided != 0u;
     let rows = instances[instance].screen;
     var height = 0u;

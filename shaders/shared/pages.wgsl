@@ -1,4 +1,19 @@
-// Cluster records and their streams: src/model/cluster.rs. Needs `pages`, `page_offsets` and `instances`.
+// Cluster records and their streams: src/model/cluster.rs. Needs `pages`, `pages_1` to `pages_3`, `page_offsets` and
+// `instances`.
+
+// A word of the pages of all meshes. They lie in several arrays where one is too short for them; no page does.
+fn page_word(at: u32) -> u32 {
+    if PAGE_ARRAYS == 1u {
+        return pages[at];
+    }
+    let word = at & ((1u << PAGE_ARRAY_BITS) - 1u);
+    switch at >> PAGE_ARRAY_BITS {
+        case 0u: { return pages[word]; }
+        case 1u: { return pages_1[word]; }
+        case 2u: { return pages_2[word]; }
+        default: { return pages_3[word]; }
+    }
+}
 
 fn page_start(instance: u32, cluster: u32) -> u32 {
     return page_offsets[instances[instance].first_page + (cluster >> PAGE_SLOT_BITS)];
@@ -9,7 +24,7 @@ fn record_start(page: u32, cluster: u32) -> u32 {
 }
 
 fn real(at: u32) -> f32 {
-    return bitcast<f32>(pages[at]);
+    return bitcast<f32>(page_word(at));
 }
 
 fn reals(at: u32) -> vec3<f32> {
@@ -17,15 +32,15 @@ fn reals(at: u32) -> vec3<f32> {
 }
 
 fn vertex_count(record: u32) -> u32 {
-    return pages[record + RECORD_COUNTS] & 0xffu;
+    return page_word(record + RECORD_COUNTS) & 0xffu;
 }
 
 fn triangle_count(record: u32) -> u32 {
-    return pages[record + RECORD_COUNTS] >> 8u & 0xffu;
+    return page_word(record + RECORD_COUNTS) >> 8u & 0xffu;
 }
 
 fn byte(start: u32, at: u32) -> u32 {
-    return pages[start + (at >> 2u)] >> (8u * (at & 3u)) & 0xffu;
+    return page_word(start + (at >> 2u)) >> (8u * (at & 3u)) & 0xffu;
 }
 
 // The corners of a triangle, whose bytes start at word `start`.

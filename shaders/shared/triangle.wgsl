@@ -9,6 +9,9 @@
 @group(0) @binding(6) var<storage, read> draws: array<Dispatch, 2>;
 // Binding 7 is the visibility buffer: words_64.wgsl, words_32.wgsl.
 @group(0) @binding(8) var<storage, read_write> counters: Counters;
+@group(0) @binding(9) var<storage, read> pages_1: array<u32>;
+@group(0) @binding(10) var<storage, read> pages_2: array<u32>;
+@group(0) @binding(11) var<storage, read> pages_3: array<u32>;
 
 // Triangles of a workgroup that face the eye and have a pixel to offer.
 var<workgroup> drawn: atomic<u32>;

@@ -12,11 +12,12 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         Phase::First => (&own.candidates, &own.candidates),
         Phase::Second => (&first.drawn, &first.marks),
     };
+    let [pages, pages_1, pages_2, pages_3] = m.pages();
     let bindings = [
         &b.view,
         &b.instances,
         m.page_offsets(),
-        m.pages(),
+        pages,
         &own.candidates,
         &own.culling,
         &own.drawn,
@@ -25,6 +26,9 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         r.pyramid(),
         first_drawn,
         first_marks,
+        pages_1,
+        pages_2,
+        pages_3,
     ];
     r.run_indirect(Kernel::ClusterCull(r.phase), &bindings, &own.culling, 0);
     r.run_indirect(

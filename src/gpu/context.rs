@@ -15,7 +15,7 @@ use super::shaders::{KERNELS, Kernel, SCAN_WIDTH};
 use crate::error::{Error, Result};
 
 /// Storage buffers that a stage binds at most.
-pub const STORAGE_BUFFERS: u32 = 12;
+pub const STORAGE_BUFFERS: u32 = 14;
 /// Bytes of workgroup memory that a stage uses at most.
 pub const WORKGROUP_BYTES: u32 = 16 << 10;
 /// A frame that takes longer is given up.
@@ -37,7 +37,8 @@ pub struct Context {
     limits: Limits,
     /// The first error that the device reported, which ends its use.
     failure: Arc<Mutex<Option<String>>>,
-    pipelines: [OnceLock<ComputePipeline>; KERNELS.len()],
+    /// Of each kernel: with pages in one array, and in several.
+    pipelines: [[OnceLock<ComputePipeline>; 2]; KERNELS.len()],
 }
 
 /// The error of a backend that cannot be used, or no longer.
@@ -129,7 +130,7 @@ impl Context {
         let software = info.device_type == DeviceType::Cpu;
         let timed = device.features().contains(Features::TIMESTAMP_QUERY);
         let tick = timed.then(|| f64::from(queue.get_timestamp_period()) * 1e-6);
-        let pipelines = std::array::from_fn(|_| OnceLock::new());
+        let pipelines = std::array::from_fn(|_| [OnceLock::new(), OnceLock::new()]);
         let context = Self { device, queue, name, software, wide_atomics, tick, limits, failure, pipelines };
         context.probe()?;
         Ok(context)
@@ -147,8 +148,8 @@ impl Context {
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_pipeline(self.pipeline(Kernel::LoopProbe));
-            pass.set_bind_group(0, &self.bind(Kernel::LoopProbe, &[&state]), &[]);
+            pass.set_pipeline(self.pipeline(Kernel::LoopProbe, false));
+            pass.set_bind_group(0, &self.bind(Kernel::LoopProbe, false, &[&state]), &[]);
             pass.dispatch_workgroups(1, 1, 1);
         }
         encoder.copy_buffer_to_buffer(&state, 0, &staging, 0, 8);
@@ -228,11 +229,17 @@ impl Context {
         }))
     }
 
-    /// The pipeline of a kernel, compiled when first used.
-    pub(super) fn pipeline(&self, kernel: Kernel) -> &ComputePipeline {
-        self.pipelines[kernel.number()].get_or_init(|| {
+    /// The most words that an array of pages holds, as a power of two.
+    pub fn array_bits(&self) -> u32 {
+        (self.largest_array() / size_of::<u32>() as u64).ilog2().min(u32::BITS - 2)
+    }
+
+    /// The pipeline of a kernel, compiled when first used; `split` where the pages lie in several arrays.
+    pub(super) fn pipeline(&self, kernel: Kernel, split: bool) -> &ComputePipeline {
+        self.pipelines[kernel.number()][usize::from(split)].get_or_init(|| {
             let label = Some(kernel.name());
-            let source = ShaderSource::Wgsl(kernel.source().into());
+            let source = kernel.source(split.then(|| self.array_bits()));
+            let source = ShaderSource::Wgsl(source.into());
             let module = self.device.create_shader_module(ShaderModuleDescriptor { label, source });
             self.device.create_compute_pipeline(&ComputePipelineDescriptor {
                 label,
@@ -246,13 +253,13 @@ impl Context {
     }
 
     /// A kernel's bindings, in the order of their numbers.
-    pub(super) fn bind(&self, kernel: Kernel, buffers: &[&Buffer]) -> BindGroup {
+    pub(super) fn bind(&self, kernel: Kernel, split: bool, buffers: &[&Buffer]) -> BindGroup {
         let entries: Vec<_> = buffers
             .iter()
             .zip(0..)
             .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
             .collect();
-        let layout = self.pipeline(kernel).get_bind_group_layout(0);
+        let layout = self.pipeline(kernel, split).get_bind_group_layout(0);
         let label = Some(kernel.name());
         self.device.create_bind_group(&BindGroupDescriptor { label, layout: &layout, entries: &entries })
     }

@@ -274,24 +274,29 @@ impl<'a> Recorder<'a> {
     }
 
     /// What both rasterizers bind.
-    pub(super) fn raster_bindings(&self) -> [&'a Buffer; 9] {
+    pub(super) fn raster_bindings(&self) -> [&'a Buffer; 12] {
         let (b, m, own) = (self.buffers, self.meshes, self.own());
+        let [pages, pages_1, pages_2, pages_3] = m.pages();
         [
             &b.view,
             &b.instances,
             m.page_offsets(),
-            m.pages(),
+            pages,
             &own.visible,
             &own.numbers,
             &own.draws,
             &b.words,
             &own.counters,
+            pages_1,
+            pages_2,
+            pages_3,
         ]
     }
 
     fn prepare(&mut self, kernel: Kernel, buffers: &[&Buffer]) {
-        self.pass.set_pipeline(self.context.pipeline(kernel));
-        self.pass.set_bind_group(0, &self.context.bind(kernel, buffers), &[]);
+        let split = kernel.reads_pages() && self.meshes.split();
+        self.pass.set_pipeline(self.context.pipeline(kernel, split));
+        self.pass.set_bind_group(0, &self.context.bind(kernel, split, buffers), &[]);
     }
 
     /// Runs a kernel in as many workgroups.

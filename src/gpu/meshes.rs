@@ -1,12 +1,15 @@
-//! Meshes on the device: uploaded once, one after the other in four arrays.
+//! Meshes on the device: uploaded once, one after the other in arrays of nodes, groups, pages and a table of pages. What
+//! pages take may be more than a device binds as one array; they then lie in several.
 
 use std::sync::Arc;
 
 use rustc_hash::FxHashMap;
 use wgpu::{Buffer, BufferUsages};
 
-use super::context::Context;
+use super::context::{Context, unavailable};
+use super::shaders::PAGE_ARRAYS;
 use crate::error::Result;
+use crate::model::page::PageEntry;
 use crate::model::{Dag, Group, Node};
 
 /// Where a mesh starts in each array, and what its streams look like.
@@ -24,16 +27,18 @@ pub struct Placement {
     pub depth: u32,
 }
 
-/// Elements of the four arrays: nodes, groups, entries of the table of pages, words of pages.
-type Sizes = [u64; 4];
+/// Elements of arrays: nodes, groups, entries of the table of pages.
+type Sizes = [u64; 3];
 
 /// What each array holds, for messages, and bytes per element.
-const ARRAYS: [(&str, u64); 4] = [
+const ARRAYS: [(&str, u64); 3] = [
     ("the nodes of the meshes", size_of::<Node>() as u64),
     ("the groups of the meshes", size_of::<Group>() as u64),
-    ("the page tables of the meshes", 4),
-    ("the clusters of the meshes", 4),
+    ("the page tables of the meshes", WORD),
 ];
+
+/// Bytes of a word of a page.
+const WORD: u64 = size_of::<u32>() as u64;
 
 /// All meshes on the device.
 #[derive(Debug, Default)]
@@ -43,6 +48,12 @@ pub struct Meshes {
     buffers: Vec<Buffer>,
     used: Sizes,
     room: Sizes,
+    /// Arrays of pages, all but the last of 2^`array_bits` words.
+    pages: Vec<Buffer>,
+    array_bits: u32,
+    /// Words given away, and words there are.
+    used_words: u64,
+    room_words: u64,
 }
 
 fn address(mesh: &Arc<Dag>) -> usize {
@@ -50,12 +61,26 @@ fn address(mesh: &Arc<Dag>) -> usize {
 }
 
 fn sizes(mesh: &Dag) -> Sizes {
-    let pages = &mesh.pages;
-    [mesh.nodes.len(), mesh.groups.len(), pages.table.len(), pages.words.len()].map(|n| n as u64)
+    [mesh.nodes.len(), mesh.groups.len(), mesh.pages.table.len()].map(|n| n as u64)
 }
 
 fn sum(a: Sizes, b: Sizes) -> Sizes {
     std::array::from_fn(|k| a[k] + b[k])
+}
+
+/// Where each page of a mesh goes from word `at` on, so that none lies in two arrays of 2^`bits` words; and the first
+/// word behind them.
+fn layout(mesh: &Dag, mut at: u64, bits: u32) -> (Vec<u64>, u64) {
+    let mut offsets = Vec::with_capacity(mesh.pages.table.len());
+    for page in &mesh.pages.table {
+        let words = u64::from(page.words);
+        if at >> bits != (at + words.max(1) - 1) >> bits {
+            at = ((at >> bits) + 1) << bits;
+        }
+        offsets.push(at);
+        at += words;
+    }
+    (offsets, at)
 }
 
 /// Nodes on the longest way from the root to a group. Children have larger numbers than their parent.
@@ -80,17 +105,24 @@ impl Meshes {
         if new.is_empty() {
             return Ok(());
         }
-        let needed = new.iter().fold(self.used, |total, mesh| sum(total, sizes(mesh)));
-        if (0..ARRAYS.len()).any(|k| needed[k] > self.room[k]) {
-            *self = Self::default();
+        let (needed, words) = self.needed(&new);
+        if words > self.room_words || (0..ARRAYS.len()).any(|k| needed[k] > self.room[k]) {
+            *self = Self { array_bits: context.array_bits(), ..Self::default() };
             new = self.missing(meshes);
-            let needed = new.iter().fold(Sizes::default(), |total, mesh| sum(total, sizes(mesh)));
-            self.allocate(context, needed)?;
+            let (needed, words) = self.needed(&new);
+            self.allocate(context, needed, words)?;
         }
         for mesh in new {
             self.append(context, mesh);
         }
         Ok(())
+    }
+
+    /// What the arrays hold once these are there.
+    fn needed(&self, new: &[&Arc<Dag>]) -> (Sizes, u64) {
+        let sizes = new.iter().fold(self.used, |total, mesh| sum(total, sizes(mesh)));
+        let words = new.iter().fold(self.used_words, |at, mesh| layout(mesh, at, self.array_bits).1);
+        (sizes, words)
     }
 
     /// Those of `meshes` that are not there, each once.
@@ -103,25 +135,44 @@ impl Meshes {
     }
 
     /// Makes arrays with room for as much again where the device allows.
-    fn allocate(&mut self, context: &Context, needed: Sizes) -> Result<()> {
+    fn allocate(&mut self, context: &Context, needed: Sizes, words: u64) -> Result<()> {
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
         for ((what, bytes), needed) in ARRAYS.into_iter().zip(needed) {
             let room = (2 * needed).min(context.largest_array() / bytes).max(needed);
-            let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
             self.buffers.push(context.buffer(what, room * bytes, usage)?);
         }
         self.room = std::array::from_fn(|k| self.buffers[k].size() / ARRAYS[k].1);
+        let array = 1 << self.array_bits;
+        let most = PAGE_ARRAYS as u64 * array;
+        if words > most {
+            let mib = |words: u64| (words * WORD).div_ceil(1 << 20);
+            return Err(unavailable(format!(
+                "the clusters of the meshes take {} MiB, and {} gives {PAGE_ARRAYS} arrays of at most {} MiB",
+                mib(words),
+                context.name(),
+                mib(array)
+            )));
+        }
+        // Room for as much again, but no array for that alone.
+        let room = (2 * words).min(words.next_multiple_of(array));
+        for first in (0..room.max(1)).step_by(array as usize) {
+            let bytes = array.min(room - first) * WORD;
+            self.pages.push(context.buffer("the clusters of the meshes", bytes, usage)?);
+        }
+        self.room_words = room;
         Ok(())
     }
 
     fn append(&mut self, context: &Context, mesh: &Arc<Dag>) {
-        let [first_node, first_group, first_page, first_word] = self.used;
-        // The room of an array of words bounds them.
-        let offsets: Vec<u32> = mesh.pages.table.iter().map(|p| (first_word + p.offset) as u32).collect();
-        let data: [&[u8]; 4] = [
+        let [first_node, first_group, first_page] = self.used;
+        let (places, end) = layout(mesh, self.used_words, self.array_bits);
+        self.write_pages(context, mesh, &places);
+        // The room of the arrays of words bounds them.
+        let offsets: Vec<u32> = places.iter().map(|place| *place as u32).collect();
+        let data: [&[u8]; 3] = [
             bytemuck::cast_slice(&mesh.nodes),
             bytemuck::cast_slice(&mesh.groups),
             bytemuck::cast_slice(&offsets),
-            bytemuck::cast_slice(&mesh.pages.words),
         ];
         for k in 0..ARRAYS.len() {
             context.queue().write_buffer(&self.buffers[k], self.used[k] * ARRAYS[k].1, data[k]);
@@ -134,7 +185,26 @@ impl Meshes {
             depth: depth(mesh),
         };
         self.used = sum(self.used, sizes(mesh));
+        self.used_words = end;
         self.resident.insert(address(mesh), (Arc::clone(mesh), placement));
+    }
+
+    /// Writes pages to their places, those that follow each other in one go.
+    fn write_pages(&self, context: &Context, mesh: &Dag, places: &[u64]) {
+        let pages: Vec<_> = mesh.pages.table.iter().zip(places).collect();
+        let follows = |(a, at): &(&PageEntry, &u64), (b, next): &(&PageEntry, &u64)| {
+            a.offset + u64::from(a.words) == b.offset
+                && **at + u64::from(a.words) == **next
+                && **at >> self.array_bits == **next >> self.array_bits
+        };
+        for run in pages.chunk_by(follows) {
+            let Some((first, at)) = run.first() else { continue };
+            let words: usize = run.iter().map(|(page, _)| page.words as usize).sum();
+            let words = &mesh.pages.words[first.offset as usize..][..words];
+            let (array, word) = (**at >> self.array_bits, **at & ((1 << self.array_bits) - 1));
+            let buffer = &self.pages[array as usize];
+            context.queue().write_buffer(buffer, word * WORD, bytemuck::cast_slice(words));
+        }
     }
 
     /// Where a mesh that was uploaded lies.
@@ -154,7 +224,13 @@ impl Meshes {
         &self.buffers[2]
     }
 
-    pub(super) fn pages(&self) -> &Buffer {
-        &self.buffers[3]
+    /// The arrays of pages; the first again where there are fewer.
+    pub(super) fn pages(&self) -> [&Buffer; PAGE_ARRAYS] {
+        std::array::from_fn(|k| self.pages.get(k).unwrap_or(&self.pages[0]))
+    }
+
+    /// Whether pages lie in several arrays.
+    pub(super) fn split(&self) -> bool {
+        self.pages.len() > 1
     }
 }

@@ -18,6 +18,8 @@ pub const MAX_WORKGROUPS: u32 = 65_535;
 /// Groups whose clusters a workgroup culls, each by as many lanes as a word has bits.
 const GROUPS_PER_WORKGROUP: u32 = WIDTH / u32::BITS;
 
+/// Arrays that the pages of all meshes may lie in.
+pub const PAGE_ARRAYS: usize = 4;
 /// Levels of the depth pyramid that a dispatch makes.
 pub const LEVELS_PER_ROUND: u32 = 4;
 /// Dispatches that make a whole pyramid.
@@ -194,9 +196,17 @@ impl Kernel {
         }
     }
 
-    /// The whole source.
-    pub fn source(self) -> String {
+    /// Whether it reads pages, so that it depends on how many arrays they lie in.
+    pub fn reads_pages(self) -> bool {
+        self.files().contains(&PAGES)
+    }
+
+    /// The whole source. With `array_bits`, pages lie in several arrays of 2^`array_bits` words.
+    pub fn source(self, array_bits: Option<u32>) -> String {
         let mut source = constants();
+        let arrays = if array_bits.is_some() { PAGE_ARRAYS } else { 1 };
+        source += &format!("const PAGE_ARRAYS: u32 = {arrays}u;\n");
+        source += &format!("const PAGE_ARRAY_BITS: u32 = {}u;\n", array_bits.unwrap_or(u32::BITS - 1));
         if let Self::RasterSmall(words) | Self::RasterLarge(words) = self {
             source += &format!("const FIRST_PASS: bool = {};\n", words != Words::Lows);
         }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use nanite_rs::config::RenderOptions;
 use nanite_rs::gpu::Context;
+use nanite_rs::model::Dag;
 use nanite_rs::render::{Backend, Frame, Renderer, Stage};
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
@@ -17,13 +18,17 @@ fn device(test: &str) -> Option<Arc<Context>> {
     match Context::shared() {
         Ok(context) => Some(context),
         Err(error) => {
-            println!("skipped {test}: {error}");
-            if let Some(path) = std::env::var_os("NANITE_SKIPS") {
-                let file = std::fs::OpenOptions::new().create(true).append(true).open(path);
-                writeln!(file.unwrap(), "{test}\t{error}").unwrap();
-            }
+            skip(test, &error.to_string());
             None
         }
+    }
+}
+
+fn skip(test: &str, reason: &str) {
+    println!("skipped {test}: {reason}");
+    if let Some(path) = std::env::var_os("NANITE_SKIPS") {
+        let file = std::fs::OpenOptions::new().create(true).append(true).open(path);
+        writeln!(file.unwrap(), "{test}\t{reason}").unwrap();
     }
 }
 
@@ -241,6 +246,30 @@ fn clipped_triangles_are_equal() {
 fn funnel(frame: &Frame, stage: Stage, pass: u8) -> (u64, u64) {
     let found = frame.stats.stages.iter().find(|s| s.stage == stage && s.pass == pass);
     found.map_or((0, 0), |s| (s.received, s.passed))
+}
+
+#[test]
+fn more_than_an_array_holds_is_split() {
+    let Some(device) = device("more_than_an_array_holds_is_split") else { return };
+    let ball = dag(&bumpy_sphere(180));
+    // As many copies as take one and a half arrays.
+    let bytes = 4 * ball.pages.words.len() as u64;
+    let copies = (3 << device.array_bits()) * 2 / bytes + 1;
+    if copies > 40 {
+        return skip(
+            "more_than_an_array_holds_is_split",
+            "an array of the device holds more than a test should take",
+        );
+    }
+    let mut scene = lit();
+    for k in 0..copies {
+        let copy = Arc::new(Dag::clone(&ball));
+        let pose = at(2.4 * (k % 4) as f64 - 3.6, 2.4 * (k / 4) as f64 - 3.6, 0.0);
+        scene.add(copy, &pose, Material::default()).unwrap();
+    }
+    for (distance, tau) in [(14.0, 1.0), (2.5, 0.0)] {
+        equal(&scene, &CAMERA, &at(0.3, 0.2, distance), (320, 200), tau);
+    }
 }
 
 #[test]

@@ -10,7 +10,11 @@ use nanite_rs::gpu_types::{Candidate, Counters, Dispatch, Instance, Marks, View,
 use nanite_rs::model::{Group, Node};
 
 fn parse(kernel: Kernel) -> Module {
-    let source = kernel.source();
+    parse_for(kernel, None)
+}
+
+fn parse_for(kernel: Kernel, array_bits: Option<u32>) -> Module {
+    let source = kernel.source(array_bits);
     naga::front::wgsl::parse_str(&source)
         .unwrap_or_else(|error| panic!("{kernel:?}: {}", error.emit_to_string(&source)))
 }
@@ -29,13 +33,15 @@ fn capabilities(kernel: Kernel) -> Capabilities {
 fn every_kernel_is_valid() {
     for (number, kernel) in KERNELS.into_iter().enumerate() {
         assert_eq!(kernel.number(), number);
-        let module = parse(kernel);
-        let mut validator = Validator::new(ValidationFlags::all(), capabilities(kernel));
-        if let Err(error) = validator.validate(&module) {
-            panic!("{kernel:?}: {}", error.emit_to_string(&kernel.source()));
+        for array_bits in [None, Some(25)] {
+            let module = parse_for(kernel, array_bits);
+            let mut validator = Validator::new(ValidationFlags::all(), capabilities(kernel));
+            if let Err(error) = validator.validate(&module) {
+                panic!("{kernel:?}: {}", error.emit_to_string(&kernel.source(array_bits)));
+            }
+            assert_eq!(module.entry_points.len(), 1);
+            assert_eq!(module.entry_points[0].name, "main");
         }
-        assert_eq!(module.entry_points.len(), 1);
-        assert_eq!(module.entry_points[0].name, "main");
     }
 }
 
