@@ -6,17 +6,17 @@
 
 @compute @workgroup_size(WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let pixel = workgroup_number(workgroup) * WIDTH + lane;
-    if pixel >= steps[STEP_PIXELS].count {
-        return;
-    }
-    let low = words[2u * pixel];
-    if low == 0u {
-        return;
-    }
-    let number = (~low >> TRIANGLE_BITS) - 1u;
-    let triangle = ~low & ((1u << TRIANGLE_BITS) - 1u);
-    if number < arrayLength(&renumbered) {
-        words[2u * pixel] = ~(((renumbered[number] + 1u) << TRIANGLE_BITS) | triangle);
+    let first = workgroup_number(workgroup) * WIDTH * PIXELS_PER_LANE + lane;
+    let count = steps[STEP_PIXELS].count;
+    for (var pixel = first; pixel < min(first + WIDTH * PIXELS_PER_LANE, count); pixel += WIDTH) {
+        let low = words[2u * pixel];
+        if low == 0u {
+            continue;
+        }
+        let number = (~low >> TRIANGLE_BITS) - 1u;
+        let triangle = ~low & ((1u << TRIANGLE_BITS) - 1u);
+        if number < arrayLength(&renumbered) {
+            words[2u * pixel] = ~(((renumbered[number] + 1u) << TRIANGLE_BITS) | triangle);
+        }
     }
 }

@@ -12,8 +12,9 @@
 
 fn build_pyramid() {
     for (var level = 0u; level < view.levels; level += LEVELS_PER_ROUND) {
-        let bits = vec2<u32>(LEVELS_PER_ROUND - 1u);
-        let size = (view.pyramid[level].xy + (vec2<u32>(1u) << bits) - 1u) >> bits;
+        // Each lane takes a square of the round's first level.
+        let side = PYRAMID_SIDE << (LEVELS_PER_ROUND - 1u);
+        let size = (view.pyramid[level].xy + side - 1u) / side;
         let step = STEP_PYRAMID + level / LEVELS_PER_ROUND;
         steps[step] = Dispatch(size.x, size.y, 1u, 0u, 0u, 0u, array<u32, 2>());
     }
@@ -31,10 +32,11 @@ fn main() {
     }
     let fresh = draws[0].count + draws[1].count;
     if fresh > 0u && atomicLoad(&other_counters.visible) > 0u {
-        steps[STEP_PIXELS] = workgroups(view.width * view.height, WIDTH, view.width * view.height);
+        steps[STEP_PIXELS] = workgroups(view.width * view.height, WIDTH * PIXELS_PER_LANE, view.width * view.height);
     }
     let triangles = atomicLoad(&other_counters.drawn_small) + atomicLoad(&other_counters.drawn_large);
-    if fresh > 0u || (atomicLoad(&other_counters.pyramid) == 0u && triangles > PYRAMID_ABOVE) {
+    // That of the first phase will do for the next frame where little came to it.
+    if fresh > atomicLoad(&other_counters.visible) / 8u || (atomicLoad(&other_counters.pyramid) == 0u && triangles > PYRAMID_ABOVE) {
         build_pyramid();
     }
 }

@@ -2,7 +2,6 @@
 //! lists the clusters of both and draws those that are new.
 
 use super::frame::Recorder;
-use super::occlusion;
 use super::shaders::{Kernel, Phase};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
@@ -52,5 +51,4 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         &b.renumbered,
     ];
     r.run_indirect(Kernel::ListClusters(r.phase), &bindings, &own.counting, 0);
-    occlusion::record(r);
 }

@@ -33,7 +33,21 @@ pub(super) struct Pyramids {
     constants: Option<Constants>,
     /// Where each slot's instance was then.
     before: Vec<Option<Rows>>,
+    /// Triangles of the last frame that nothing was left out of.
+    whole: u64,
+    /// Frames in a row whose pyramid did not pay.
+    vain: u32,
+    /// Frames to draw without pyramids, and how many it will be when they do not pay again.
+    pause: u32,
+    next_pause: u32,
 }
+
+/// A pyramid pays where it leaves out a triangle for so many pixels.
+const PIXELS_PER_TRIANGLE: u64 = 4;
+/// Frames in a row that it may fail to, as the first ones after a cut do.
+const MOST_VAIN: u32 = 3;
+/// Frames to draw without, at most, before trying again.
+const LONGEST_PAUSE: u32 = 64;
 
 /// Levels of the pyramid of a picture; level 0 has squares of 2 × 2 pixels.
 fn levels((width, height): (u32, u32)) -> Vec<[u32; 4]> {
@@ -57,7 +71,17 @@ impl Pyramids {
         let levels = levels(size);
         let keys: u64 = levels.iter().map(|[columns, rows, ..]| u64::from(*columns) * u64::from(*rows)).sum();
         let buffer = || context.buffer("the depth pyramid", 4 * keys, BufferUsages::STORAGE);
-        Ok(Self { size, levels, buffers: [buffer()?, buffer()?], constants: None, before: Vec::new() })
+        Ok(Self {
+            size,
+            levels,
+            buffers: [buffer()?, buffer()?],
+            constants: None,
+            before: Vec::new(),
+            whole: 0,
+            vain: 0,
+            pause: 0,
+            next_pause: 1,
+        })
     }
 
     /// Pixels across and down.
@@ -75,6 +99,16 @@ impl Pyramids {
         &self.buffers[1]
     }
 
+    /// Whether frames are drawn without pyramids for a while, because these did not pay.
+    pub(super) fn paused(&self) -> bool {
+        self.pause > 0
+    }
+
+    /// Takes in that a frame was drawn without.
+    pub(super) fn wait(&mut self) {
+        self.pause -= 1;
+    }
+
     /// Tells the view of a frame and its instances what is known of an earlier one.
     pub(super) fn recall<'a>(&self, view: &mut View, instances: impl Iterator<Item = &'a mut Instance>) {
         let mut table = [[0; 4]; PYRAMID_LEVELS];
@@ -87,13 +121,27 @@ impl Pyramids {
         }
     }
 
-    /// Takes in that a frame was drawn, which built a pyramid or did not need one.
+    /// Takes in that a frame of so many triangles was drawn, which built a pyramid or did not need one.
     pub(super) fn remember<'a>(
         &mut self,
         view: &View,
         instances: impl Iterator<Item = &'a Instance>,
+        triangles: u64,
         built: bool,
     ) {
+        let pixels = u64::from(view.width) * u64::from(view.height);
+        if view.history == 0 {
+            self.whole = triangles;
+        } else if PIXELS_PER_TRIANGLE * self.whole.saturating_sub(triangles) < pixels {
+            self.vain += 1;
+        } else {
+            (self.vain, self.next_pause) = (0, 1);
+        }
+        if self.vain > MOST_VAIN {
+            (self.vain, self.pause, self.constants) = (0, self.next_pause, None);
+            self.next_pause = (2 * self.next_pause).min(LONGEST_PAUSE);
+            return;
+        }
         self.constants = built.then(|| constants(view));
         self.before.fill(None);
         if built {

@@ -7,7 +7,7 @@ use wgpu::{CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
 use super::context::Context;
 use super::frame::{Buffers, Recorder, Room, Shape};
 use super::meshes::Meshes;
-use super::occlusion::Pyramids;
+use super::occlusion::{self, Pyramids};
 use super::shaders::{Phase, Words};
 use super::{cluster_cull, hzb, instance_cull, node_cull, raster_large, raster_small, times};
 use crate::error::{Error, Result};
@@ -113,12 +113,14 @@ impl Renderer {
         self.meshes.upload(&self.context, instances.iter().map(|(_, mesh)| *mesh))?;
         let (group_words, depth) = self.place(instances)?;
         let mut view = View { instances: instances.len() as u32, group_words, ..*view };
+        let mut culling = ways.occlusion;
         if ways.occlusion {
             let size = (view.width, view.height);
             if self.pyramids.size() != size {
                 self.pyramids = Pyramids::new(&self.context, size)?;
             }
             self.pyramids.recall(&mut view, instances.iter_mut().map(|(instance, _)| instance));
+            culling = !self.pyramids.paused();
         }
         let records: Vec<Instance> = instances.iter().map(|(instance, _)| *instance).collect();
         loop {
@@ -135,7 +137,8 @@ impl Renderer {
                 Some(buffers) => buffers,
                 None => Buffers::new(&self.context, shape)?,
             };
-            let (drawn, wanted) = self.submit(&buffers, &view, &records, ways, words)?;
+            let (drawn, wanted) =
+                self.submit(&buffers, &view, &records, (ways.wide_atomics, culling), words)?;
             self.buffers = Some(buffers);
             if wanted.visible as usize > MAX_VISIBLE {
                 let count = wanted.visible;
@@ -144,9 +147,14 @@ impl Renderer {
             }
             let room = self.room.grown(wanted);
             if room == self.room {
-                if ways.occlusion {
-                    let built = drawn.phases.iter().any(|phase| phase.counters.pyramid != 0);
-                    self.pyramids.remember(&view, records.iter(), built);
+                if culling {
+                    let counters = drawn.phases.iter().map(|phase| phase.counters);
+                    let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
+                    let built = counters.clone().any(|c| c.pyramid != 0);
+                    let triangles = counters.map(triangles).sum();
+                    self.pyramids.remember(&view, records.iter(), triangles, built);
+                } else if ways.occlusion {
+                    self.pyramids.wait();
                 }
                 return Ok(drawn);
             }
@@ -177,13 +185,13 @@ impl Renderer {
         Ok((words, depth))
     }
 
-    /// Runs the stages once; also the lengths that its lists wanted.
+    /// Runs the stages once, with wide atomics or not, in two phases or one; also the lengths that its lists wanted.
     fn submit(
         &self,
         buffers: &Buffers,
         view: &View,
         instances: &[Instance],
-        ways: Ways,
+        (wide_atomics, culling): (bool, bool),
         words: &mut [u64],
     ) -> Result<(Drawn, Room)> {
         let context = &*self.context;
@@ -194,22 +202,28 @@ impl Renderer {
         buffers.clear(&mut encoder);
         let blocks = buffers.group_blocks();
         queue.write_buffer(&buffers.phases[0].group_blocks, 0, bytemuck::bytes_of(&blocks));
-        let forms: &[Words] = match ways.wide_atomics && context.wide_atomics() {
+        let forms: &[Words] = match wide_atomics && context.wide_atomics() {
             true => &[Words::Wide],
             false => &[Words::Keys, Words::Lows],
         };
         let mut passes = Passes { renderer: self, buffers, encoder: &mut encoder, passes: Vec::new() };
-        for phase in [Phase::First, Phase::Second].into_iter().take(buffers.phases.len()) {
+        let phases = if culling { &[Phase::First, Phase::Second][..] } else { &[Phase::First] };
+        for &phase in phases {
             if phase == Phase::First {
                 passes.run(DeviceStage::InstanceCull, phase, instance_cull::record);
             }
             passes.run(DeviceStage::NodeCull, phase, node_cull::record);
-            passes.run(DeviceStage::ClusterCull, phase, cluster_cull::record);
+            passes.run(DeviceStage::ClusterCull, phase, |r| {
+                cluster_cull::record(r);
+                if culling {
+                    occlusion::record(r);
+                }
+            });
             for &form in forms {
                 passes.run(DeviceStage::RasterSmall, phase, |r| raster_small::record(r, form));
                 passes.run(DeviceStage::RasterLarge, phase, |r| raster_large::record(r, form));
             }
-            if ways.occlusion {
+            if culling {
                 passes.run(DeviceStage::Hzb, phase, hzb::record);
             }
         }

@@ -20,8 +20,12 @@ const GROUPS_PER_WORKGROUP: u32 = WIDTH / u32::BITS;
 
 /// Arrays that the pages of all meshes may lie in.
 pub const PAGE_ARRAYS: usize = 4;
-/// Levels of the depth pyramid that a dispatch makes.
-pub const LEVELS_PER_ROUND: u32 = 4;
+/// Pixels that a lane gives new numbers.
+const PIXELS_PER_LANE: u32 = 16;
+/// Side of a workgroup that makes a part of the depth pyramid.
+const PYRAMID_SIDE: u32 = 8;
+/// Levels of the depth pyramid that a dispatch makes, as `hzb.wgsl` is written.
+const LEVELS_PER_ROUND: u32 = 3;
 /// Dispatches that make a whole pyramid.
 pub const PYRAMID_ROUNDS: u32 = (PYRAMID_LEVELS as u32).div_ceil(LEVELS_PER_ROUND);
 
@@ -103,7 +107,7 @@ pub enum Kernel {
 }
 
 /// All kernels; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 25] = [
+pub const KERNELS: [Kernel; 27] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
@@ -122,6 +126,8 @@ pub const KERNELS: [Kernel; 25] = [
     Kernel::Hzb(1),
     Kernel::Hzb(2),
     Kernel::Hzb(3),
+    Kernel::Hzb(4),
+    Kernel::Hzb(5),
     Kernel::LoopProbe,
     Kernel::RasterSmall(Words::Wide),
     Kernel::RasterSmall(Words::Keys),
@@ -247,6 +253,8 @@ fn constants() -> String {
         ("PYRAMID_FINER", PYRAMID_FINER as u32),
         ("PYRAMID_ABOVE", PYRAMID_ABOVE),
         ("LEVELS_PER_ROUND", LEVELS_PER_ROUND),
+        ("PYRAMID_SIDE", PYRAMID_SIDE),
+        ("PIXELS_PER_LANE", PIXELS_PER_LANE),
         ("STEPS", Step::COUNT),
         ("STEP_GROUPS", Step::Groups.number()),
         ("STEP_PIXELS", Step::Pixels.number()),
