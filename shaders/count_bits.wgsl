@@ -1,4 +1,4 @@
-// The set bits of each block of SCAN_WIDTH words; `others` are those of the first phase, or the same again.
+// The set bits of each block of SCAN_BLOCK words; `others` are those of the first phase, or the same again.
 
 @group(0) @binding(0) var<storage, read> bits: array<u32>;
 @group(0) @binding(1) var<storage, read> blocks: Dispatch;
@@ -8,10 +8,11 @@
 @compute @workgroup_size(SCAN_WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let block = workgroup_number(workgroup);
-    let word = block * SCAN_WIDTH + lane;
+    let first = block * SCAN_BLOCK + lane * WORDS_PER_LANE;
+    let end = min(first + WORDS_PER_LANE, min(blocks.count, min(arrayLength(&bits), arrayLength(&others))));
     var count = 0u;
-    if word < min(blocks.count, min(arrayLength(&bits), arrayLength(&others))) {
-        count = countOneBits(bits[word] | others[word]);
+    for (var word = first; word < end; word++) {
+        count += countOneBits(bits[word] | others[word]);
     }
     let sum = inclusive_sum(lane, count);
     if lane == SCAN_WIDTH - 1u && block < arrayLength(&sums) {

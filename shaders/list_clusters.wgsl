@@ -24,22 +24,10 @@ fn claim(kind: u32) -> u32 {
     return at;
 }
 
-@compute @workgroup_size(SCAN_WIDTH)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let block = workgroup_number(workgroup);
-    let word = block * SCAN_WIDTH + lane;
-    var mask = 0u;
-    if word < blocks.count {
-        mask = drawn[word];
-    }
-    let upto = inclusive_sum(lane, countOneBits(mask));
-    if word == 0u {
-        atomicStore(&counters.visible, sums[(blocks.count + SCAN_WIDTH - 1u) / SCAN_WIDTH]);
-    }
-    if mask == 0u {
-        return;
-    }
-    var number = sums[block] + upto - countOneBits(mask);
+// Lists the clusters of a candidate, the first of them by this number.
+fn list(word: u32, mask_of_word: u32, first_number: u32) {
+    var mask = mask_of_word;
+    var number = first_number;
     let candidate = candidates[word];
     let large = marks[word].large;
     // Those of the first phase keep their order.
@@ -72,5 +60,30 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
             }
         }
         number++;
+    }
+}
+
+@compute @workgroup_size(SCAN_WIDTH)
+fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let block = workgroup_number(workgroup);
+    let start = block * SCAN_BLOCK + lane * WORDS_PER_LANE;
+    let end = min(start + WORDS_PER_LANE, blocks.count);
+    var count = 0u;
+    for (var word = start; word < end; word++) {
+        count += countOneBits(drawn[word]);
+    }
+    var number = sums[block] + inclusive_sum(lane, count) - count;
+    if block == 0u && lane == 0u {
+        atomicStore(&counters.visible, sums[(blocks.count + SCAN_BLOCK - 1u) / SCAN_BLOCK]);
+    }
+    if count == 0u {
+        return;
+    }
+    for (var word = start; word < end; word++) {
+        let mask = drawn[word];
+        if mask != 0u {
+            list(word, mask, number);
+            number += countOneBits(mask);
+        }
     }
 }

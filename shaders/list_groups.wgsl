@@ -30,37 +30,11 @@ fn instance_of(word: u32) -> u32 {
     return low;
 }
 
-@compute @workgroup_size(SCAN_WIDTH)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let block = workgroup_number(workgroup);
-    let word = block * SCAN_WIDTH + lane;
-    var mask = 0u;
-    var first_mask = 0u;
-    var first_at = 0u;
-    if SECOND {
-        if word < blocks.count {
-            first_mask = first_bits[word];
-        }
-        first_at = inclusive_sum(lane, countOneBits(first_mask)) - countOneBits(first_mask);
-        workgroupBarrier();
-    }
-    if word < blocks.count {
-        mask = bits[word] | first_mask;
-    }
-    let upto = inclusive_sum(lane, countOneBits(mask));
-    if word == 0u {
-        let total = sums[(blocks.count + SCAN_WIDTH - 1u) / SCAN_WIDTH];
-        let kept = min(total, arrayLength(&candidates));
-        culling = workgroups(kept, GROUPS_PER_WORKGROUP, total);
-        counting = workgroups(kept, SCAN_WIDTH, kept);
-    }
-    if mask == 0u {
-        return;
-    }
-    var at = sums[block] + upto - countOneBits(mask);
-    if SECOND {
-        first_at += first_sums[block];
-    }
+// Lists the groups of a word; `at` and `first_at` are where those of both phases and of the first one go.
+fn list(word: u32, mask_of_word: u32, first_mask: u32, at_of_word: u32, first_at_of_word: u32) {
+    var mask = mask_of_word;
+    var at = at_of_word;
+    var first_at = first_at_of_word;
     let instance = instance_of(word);
     let first = 32u * (word - instances[instance].group_words);
     while mask != 0u {
@@ -76,5 +50,50 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
             candidates[at] = Candidate(instance, groups[group].first, groups[group].count, before);
         }
         at++;
+    }
+}
+
+@compute @workgroup_size(SCAN_WIDTH)
+fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let block = workgroup_number(workgroup);
+    let start = block * SCAN_BLOCK + lane * WORDS_PER_LANE;
+    let end = min(start + WORDS_PER_LANE, blocks.count);
+    var count = 0u;
+    var first_count = 0u;
+    for (var word = start; word < end; word++) {
+        if SECOND {
+            first_count += countOneBits(first_bits[word]);
+            count += countOneBits(bits[word] | first_bits[word]);
+        } else {
+            count += countOneBits(bits[word]);
+        }
+    }
+    var first_at = 0u;
+    if SECOND {
+        first_at = first_sums[block] + inclusive_sum(lane, first_count) - first_count;
+        workgroupBarrier();
+    }
+    var at = sums[block] + inclusive_sum(lane, count) - count;
+    if block == 0u && lane == 0u {
+        let total = sums[(blocks.count + SCAN_BLOCK - 1u) / SCAN_BLOCK];
+        let kept = min(total, arrayLength(&candidates));
+        culling = workgroups(kept, GROUPS_PER_WORKGROUP, total);
+        counting = workgroups(kept, SCAN_BLOCK, kept);
+    }
+    if count == 0u {
+        return;
+    }
+    for (var word = start; word < end; word++) {
+        var mask = bits[word];
+        var first_mask = 0u;
+        if SECOND {
+            first_mask = first_bits[word];
+            mask |= first_mask;
+        }
+        if mask != 0u {
+            list(word, mask, first_mask, at, first_at);
+            at += countOneBits(mask);
+            first_at += countOneBits(first_mask);
+        }
     }
 }

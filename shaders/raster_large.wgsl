@@ -247,10 +247,13 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
             height += u32(p.rows.y - p.rows.x + 1);
         }
     }
+    if lane == 0u {
+        atomicStore(&drawn, 0u);
+    }
+    inclusive_sum(lane, height);
     if height > 0u {
         atomicAdd(&drawn, 1u);
     }
-    inclusive_sum(lane, height);
     let total = lanes[CLUSTER_MAX_TRIANGLES - 1u];
     for (var item = lane; item < total; item += CLUSTER_MAX_TRIANGLES) {
         // The first triangle whose rows end after this one.
@@ -274,6 +277,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
             row -= count;
         }
     }
+    workgroupBarrier();
     if FIRST_PASS && lane == 0u {
         atomicAdd(&counters.drawn_large, atomicLoad(&drawn));
     }

@@ -86,6 +86,9 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     let record = record_start(page, cluster);
     let vertices = vertex_count(record);
     let data = page + page_word(record + RECORD_DATA);
+    if lane == 0u {
+        atomicStore(&drawn, 0u);
+    }
     for (var v = lane; v < vertices; v += CLUSTER_MAX_TRIANGLES) {
         let p = project(homogeneous(instances[instance].screen, reals(data + 3u * v)));
         snapped[v] = vec2<i32>(snap(p.x), snap(p.y));

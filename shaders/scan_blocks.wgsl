@@ -5,7 +5,7 @@
 
 @compute @workgroup_size(SCAN_WIDTH)
 fn main(@builtin(local_invocation_index) lane: u32) {
-    let count = min((blocks.count + SCAN_WIDTH - 1u) / SCAN_WIDTH, arrayLength(&sums) - 1u);
+    let count = min((blocks.count + SCAN_BLOCK - 1u) / SCAN_BLOCK, arrayLength(&sums) - 1u);
     var before = 0u;
     for (var start = 0u; start < count; start += SCAN_WIDTH) {
         let block = start + lane;

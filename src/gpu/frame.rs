@@ -5,7 +5,7 @@ use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePass};
 use super::context::Context;
 use super::meshes::Meshes;
 use super::occlusion::Pyramids;
-use super::shaders::{self, Kernel, MAX_WORKGROUPS, SCAN_WIDTH, Step};
+use super::shaders::{self, Kernel, MAX_WORKGROUPS, SCAN_BLOCK, Step};
 use super::times::Times;
 use crate::error::Result;
 use crate::gpu_types::{Candidate, Counters, Dispatch, Instance, Marks, View, VisibleCluster, Visit};
@@ -86,7 +86,7 @@ impl Phase {
         let Shape { group_words, depth, room, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let dispatch = |count: u32| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
-        let sums = |words: u32| storage("counts of bits", bytes::<u32>(words.div_ceil(SCAN_WIDTH) + 1));
+        let sums = |words: u32| storage("counts of bits", bytes::<u32>(words.div_ceil(SCAN_BLOCK) + 1));
         Ok(Self {
             starts: storage("the instances of the scene", bytes::<Visit>(starts))?,
             levels: (0..=depth).map(|_| dispatch(1)).collect::<Result<_>>()?,
@@ -212,7 +212,7 @@ impl Buffers {
     /// The blocks of the bits of all groups.
     pub(super) fn group_blocks(&self) -> Dispatch {
         let count = self.shape.group_words;
-        let workgroups = count.div_ceil(SCAN_WIDTH);
+        let workgroups = count.div_ceil(SCAN_BLOCK);
         let (x, y) = (workgroups.min(MAX_WORKGROUPS), workgroups.div_ceil(MAX_WORKGROUPS));
         Dispatch { x, y, z: 1, count, ..Dispatch::default() }
     }

@@ -13,6 +13,10 @@ use crate::model::cluster::RECORD_WORDS;
 pub const WIDTH: u32 = 64;
 /// Lanes of a workgroup that sums up words.
 pub const SCAN_WIDTH: u32 = CLUSTER_MAX_TRIANGLES as u32;
+/// Words that a lane of such a workgroup takes.
+const WORDS_PER_LANE: u32 = 16;
+/// Words that such a workgroup takes.
+pub const SCAN_BLOCK: u32 = SCAN_WIDTH * WORDS_PER_LANE;
 /// Workgroups that every device allows along a dimension.
 pub const MAX_WORKGROUPS: u32 = 65_535;
 /// Groups whose clusters a workgroup culls, each by as many lanes as a word has bits.
@@ -237,6 +241,8 @@ fn constants() -> String {
     let whole = [
         ("WIDTH", WIDTH),
         ("SCAN_WIDTH", SCAN_WIDTH),
+        ("WORDS_PER_LANE", WORDS_PER_LANE),
+        ("SCAN_BLOCK", SCAN_BLOCK),
         ("MAX_WORKGROUPS", MAX_WORKGROUPS),
         ("GROUPS_PER_WORKGROUP", GROUPS_PER_WORKGROUP),
         ("CLUSTER_MAX_TRIANGLES", CLUSTER_MAX_TRIANGLES as u32),
