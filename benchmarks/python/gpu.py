@@ -1,8 +1,8 @@
 """The GPU backend beside its CPU twin, pyrender on OSMesa and Embree's rays: 1 M to 10 G triangles.
 
 A scene is a crowd: ten instances of a mesh of 1 M triangles in front, two rows of five, and as many more such tens
-behind each other as its triangles take. The camera stands so far away that they cover the same share of the picture,
-and moves a degree every frame. What a real GPU takes is measured by the same command there.
+behind each other as its triangles take. The camera stands so far away that they cover the same share of the
+picture, and moves a degree every frame. What a real GPU takes is measured by the same command there.
 """
 
 from __future__ import annotations
