@@ -10,7 +10,9 @@ use nanite_rs::model::Dag;
 use nanite_rs::render::{Backend, Frame, Renderer, Stage};
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
-use crate::render_frames::{CAMERA, IDENTITY, Pose, at, city, crowd, dag, lit, shoot, turned};
+use crate::render_frames::{
+    AnyView, CAMERA, IDENTITY, Pose, any_views, at, city, crowd, dag, lit, shoot, turned,
+};
 use crate::shapes::{bumpy_sphere, grid, torus};
 
 /// The device, or a note for the summary of `make test` that this test was skipped.
@@ -246,6 +248,16 @@ fn clipped_triangles_are_equal() {
 fn funnel(frame: &Frame, stage: Stage, pass: u8) -> (u64, u64) {
     let found = frame.stats.stages.iter().find(|s| s.stage == stage && s.pass == pass);
     found.map_or((0, 0), |s| (s.received, s.passed))
+}
+
+#[test]
+fn any_view_of_any_poses_is_equal() {
+    let Some(_) = device("any_view_of_any_poses_is_equal") else { return };
+    let mut covered = 0;
+    for AnyView { scene, camera, pose, picture, options } in any_views(80) {
+        covered += equal(&scene, &camera, &pose, picture, options.pixel_error).stats.covered_pixels;
+    }
+    assert!(covered > 60_000, "{covered}");
 }
 
 #[test]
