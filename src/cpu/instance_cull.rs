@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::hzb::Hzb;
 use super::project::{InstanceView, Screen};
+use crate::scene::placement::Eye;
 use crate::scene::{Instance, View};
 
 /// Instances per task.
@@ -14,6 +15,7 @@ const INSTANCES_PER_TASK: usize = 64;
 pub fn run(instances: &[(u32, &Instance)], view: &View, screen: &Screen) -> Vec<InstanceView> {
     let planes = view.planes();
     let eye = view.eye();
+    let seen_from = Eye::new(view);
     let chunks: Vec<Vec<InstanceView>> = instances
         .par_chunks(INSTANCES_PER_TASK)
         .map(|chunk| {
@@ -27,7 +29,7 @@ pub fn run(instances: &[(u32, &Instance)], view: &View, screen: &Screen) -> Vec<
                     if !instance.visible || planes.iter().any(|(n, d)| n.dot(to) + d < -radius) {
                         return None;
                     }
-                    let mut seen = InstanceView::new(view, slot, instance);
+                    let mut seen = InstanceView::new(view, &seen_from, slot, instance);
                     let (center, extent) = seen.bounds();
                     seen.footprint = seen.footprint(screen, center, extent)?;
                     Some(seen)

@@ -7,11 +7,12 @@
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DMat3, DVec3};
 
 use crate::limits::{FOOTPRINT_ROUNDING, GUARD_BAND};
 use crate::math::{LodView, Sphere};
 use crate::model::Dag;
+use crate::scene::placement::{Eye, Placement};
 use crate::scene::{Instance, Material, View, pose};
 
 /// A view's constants in the precision of the stages.
@@ -119,18 +120,11 @@ impl Footprint {
 }
 
 impl InstanceView {
-    /// Derives everything but the footprint.
-    pub fn new(view: &View, slot: u32, instance: &Instance) -> Self {
-        let frame = &instance.mesh.frame;
-        let map = view.object_to_view(instance.pose(), frame);
-        let screen = screen_rows(view, &map);
-        let inverse = map.inverse();
-        let eye = if view.orthographic {
-            inverse.transform_vector3(DVec3::NEG_Z).normalize_or_zero()
-        } else {
-            inverse.transform_point3(DVec3::ZERO)
-        };
-        let normal = inverse.matrix3.transpose();
+    /// Derives everything but the footprint; `eye` is that of the view.
+    pub fn new(view: &View, eye: &Eye, slot: u32, instance: &Instance) -> Self {
+        let placement = instance.placement();
+        let Derived { screen, object_to_eye, eye: eye_inside } = derive(eye, view.orthographic, placement);
+        let normal = (view.pose.matrix3.inverse() * instance.pose().matrix3).inverse().transpose();
         // Up to a common factor: keeps f32 in range whatever the scale.
         let normal = normal * (1.0 / normal.x_axis.length().max(f64::MIN_POSITIVE));
         Self {
@@ -138,11 +132,16 @@ impl InstanceView {
             mesh: Arc::clone(&instance.mesh),
             material: instance.material,
             screen,
-            lod: view.lod_view(&map, frame, instance.scale()),
-            eye: eye.as_vec3().to_array(),
+            lod: LodView {
+                object_to_eye,
+                scale: placement.lod_scale,
+                focal: eye.lod_focal,
+                near: eye.lod_near,
+            },
+            eye: eye_inside,
             normal: pose::linear_rows(&normal).map(|r| r.map(|v| v as f32)),
             conformal: is_conformal(&normal),
-            mirrored: map.matrix3.determinant() < 0.0,
+            mirrored: placement.mirrored != eye.mirrored,
             footprint: Footprint::default(),
         }
     }
@@ -193,20 +192,42 @@ pub fn homogeneous(rows: &[[f32; 4]; 3], p: [f32; 3]) -> [f32; 3] {
     ]
 }
 
-fn screen_rows(view: &View, map: &DAffine3) -> [[f32; 4]; 3] {
-    let rows = pose::rows(map);
-    let distance = rows[2].map(|v| -v);
-    let axis = |k: usize, sign: f64| -> [f64; 4] {
+/// What stages need of an instance and an eye.
+struct Derived {
+    screen: [[f32; 4]; 3],
+    object_to_eye: [[f32; 4]; 3],
+    eye: [f32; 3],
+}
+
+/// Sums are written out, so that shaders can do them in the same order: `shaders/shared/derive.wgsl`.
+fn derive(eye: &Eye, orthographic: bool, placement: &Placement) -> Derived {
+    let (r, l, i) = (&eye.rotate, &placement.linear, &placement.inverse);
+    // The origin of internal space as seen from the eye.
+    let way: [f32; 3] =
+        std::array::from_fn(|k| (placement.high[k] - eye.high[k]) + (placement.low[k] - eye.low[k]));
+    let dot = |a: &[f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let column = |j: usize| [l[0][j], l[1][j], l[2][j]];
+    let object_to_eye: [[f32; 4]; 3] = std::array::from_fn(|k| {
+        [dot(&r[k], column(0)), dot(&r[k], column(1)), dot(&r[k], column(2)), dot(&r[k], way)]
+    });
+    let distance = object_to_eye[2].map(|v| -v);
+    let axis = |k: usize| -> [f32; 4] {
         std::array::from_fn(|j| {
-            let center = if view.orthographic {
-                if j == 3 { view.center[k] } else { 0.0 }
+            let center = if orthographic {
+                if j == 3 { eye.center[k] } else { 0.0 }
             } else {
-                view.center[k] * distance[j]
+                eye.center[k] * distance[j]
             };
-            sign * view.focal[k] * rows[k][j] + center
+            eye.focal[k] * object_to_eye[k][j] + center
         })
     };
-    [axis(0, 1.0), axis(1, -1.0), distance].map(|r| r.map(|v| v as f32))
+    let to = if orthographic { eye.forward } else { way.map(|v| -v) };
+    let mut inside: [f32; 3] = std::array::from_fn(|k| dot(&i[k], to));
+    if orthographic {
+        let length = dot(&inside, inside).sqrt();
+        inside = inside.map(|v| if length > 0.0 { v / length } else { 0.0 });
+    }
+    Derived { screen: [axis(0), axis(1), distance], object_to_eye, eye: inside }
 }
 
 /// True when the linear map is a multiple of a rotation or reflection.

@@ -15,6 +15,7 @@ use crate::error::Result;
 use crate::gpu::{Counted, DeviceStage, Drawn, Phase, Renderer, Ways};
 use crate::gpu_types;
 use crate::model::{ClusterAddress, Dag};
+use crate::scene::placement::Eye;
 use crate::scene::{Instance, View};
 
 /// Draws the visible instances of `scene`, slot numbers and entries in scene order, into `words`.
@@ -26,10 +27,11 @@ pub(super) fn draw_scene(
     options: &RenderOptions,
     mut words: Vec<u64>,
 ) -> Result<Rastered> {
+    let eye = Eye::new(view);
     let views: Vec<InstanceView> = scene
         .par_iter()
         .filter(|(_, instance)| instance.visible)
-        .map(|&(slot, instance)| InstanceView::new(view, slot, instance))
+        .map(|&(slot, instance)| InstanceView::new(view, &eye, slot, instance))
         .collect();
     let mut instances: Vec<(gpu_types::Instance, &Arc<Dag>)> =
         views.iter().map(|view| (instance_record(view), &view.mesh)).collect();

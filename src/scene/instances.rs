@@ -6,6 +6,7 @@ use glam::{DAffine3, DVec3};
 
 use super::light::Light;
 use super::material::Material;
+use super::placement::Placement;
 use super::pose;
 use super::slots::{Handle, Slots};
 use crate::error::{Error, Result};
@@ -34,6 +35,7 @@ pub struct Instance {
     scale: f64,
     /// A sphere around the instance in the world: centre and radius.
     sphere: (DVec3, f64),
+    placement: Placement,
 }
 
 impl Instance {
@@ -52,6 +54,11 @@ impl Instance {
         self.sphere
     }
 
+    /// Where it is, in the precision of the stages.
+    pub fn placement(&self) -> &Placement {
+        &self.placement
+    }
+
     fn set_pose(&mut self, pose: DAffine3) {
         self.pose = pose;
         self.scale = singular_value_bound(pose::linear_rows(&pose.matrix3));
@@ -59,6 +66,7 @@ impl Instance {
         let center = pose.transform_point3(DVec3::from_array(frame.to_object(bounds.center())));
         let radius = 0.5 * f64::from(bounds.diagonal()) * frame.scale * self.scale;
         self.sphere = (center, radius * (1.0 + 1.0e-6));
+        self.placement = Placement::new(&pose, frame, self.scale);
     }
 }
 
@@ -103,6 +111,7 @@ impl Scene {
             pose: DAffine3::IDENTITY,
             scale: 1.0,
             sphere: (DVec3::ZERO, 0.0),
+            placement: Placement::default(),
         };
         instance.set_pose(pose::affine("pose", pose)?);
         Ok(InstanceHandle(self.instances.insert(instance)?))

@@ -8,8 +8,9 @@ pub mod camera;
 pub mod instances;
 pub mod light;
 pub mod material;
+pub mod placement;
 pub mod pose;
-pub mod slots;
+mod slots;
 
 pub use camera::{Camera, Projection, View};
 pub use instances::{Instance, InstanceHandle, LightHandle, Scene};
