@@ -1,13 +1,14 @@
-// Stage 1. Instances of the scene -> the roots of those that may be on the screen. What an earlier frame hid is put
-// off to the second phase.
+// Stage 1. Instances of the scene -> as seen from the view, and the roots of those that may be on the screen. What an
+// earlier frame hid is put off to the second phase.
 
 @group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> instances: array<Instance>;
-@group(0) @binding(2) var<storage, read_write> visits_out: array<Visit>;
-@group(0) @binding(3) var<storage, read_write> next: DispatchOut;
-@group(0) @binding(4) var<storage, read> pyramid: array<u32>;
-@group(0) @binding(5) var<storage, read_write> later: array<Visit>;
-@group(0) @binding(6) var<storage, read_write> later_level: DispatchOut;
+@group(0) @binding(1) var<storage, read> placed: array<Placed>;
+@group(0) @binding(2) var<storage, read_write> instances: array<Instance>;
+@group(0) @binding(3) var<storage, read_write> visits_out: array<Visit>;
+@group(0) @binding(4) var<storage, read_write> next: DispatchOut;
+@group(0) @binding(5) var<storage, read> pyramid: array<u32>;
+@group(0) @binding(6) var<storage, read_write> later: array<Visit>;
+@group(0) @binding(7) var<storage, read_write> later_level: DispatchOut;
 
 @compute @workgroup_size(WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -15,6 +16,12 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     if instance >= view.instances {
         return;
     }
+    // Words of bits tell instances apart, those too that are not seen.
+    instances[instance].group_words = placed[instance].group_words;
+    if placed[instance].visible == 0u {
+        return;
+    }
+    instances[instance] = derive(placed[instance], instances[instance].screen);
     let center = instances[instance].center;
     let extent = instances[instance].extent;
     let place = footprint(instances[instance].screen, center, extent);

@@ -19,12 +19,46 @@ struct View {
     group_words: u32,
     // Columns, rows and first key of each level of the pyramid.
     pyramid: array<vec4<u32>, PYRAMID_LEVELS>,
+    // Rows of the rotation from the world to camera space, and of the eye's place the high part.
+    rotate: array<vec4<f32>, 3>,
+    forward: vec3<f32>,
+    lod_focal: f32,
+    // The low part of the eye's place.
+    low: vec3<f32>,
+    lod_near: f32,
+    focal: vec2<f32>,
+    center: vec2<f32>,
+    mirrored: u32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
+}
+
+// An instance as the scene places it, whoever looks at it.
+struct Placed {
+    // Rows of the linear map from internal space to the world, and of the origin's place the high part.
+    linear: array<vec4<f32>, 3>,
+    // Rows of its inverse, and the low part.
+    inverse: array<vec4<f32>, 3>,
+    center: vec3<f32>,
+    lod_scale: f32,
+    extent: vec3<f32>,
+    first_node: u32,
+    first_group: u32,
+    first_page: u32,
+    group_words: u32,
+    vertex_words: u32,
+    double_sided: u32,
+    mirrored: u32,
+    // 0 where nothing is, or nothing to be seen.
+    visible: u32,
+    unused: u32,
 }
 
 struct Instance {
     // Rows of the map from internal space to homogeneous screen space.
     screen: array<vec4<f32>, 3>,
-    // The same in the frame whose pyramid is there.
+    // The same in the frame before, whose pyramid may be there.
     before: array<vec4<f32>, 3>,
     // Rows of the map from internal space to camera space, for the rule of the cut.
     object_to_eye: array<vec4<f32>, 3>,
@@ -41,7 +75,7 @@ struct Instance {
     vertex_words: u32,
     double_sided: u32,
     mirrored: u32,
-    slot: u32,
+    unused: u32,
 }
 
 struct Sphere {

@@ -148,9 +148,7 @@ impl InstanceView {
 
     /// Centre and half extents of the box around the mesh, rounded up.
     pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
-        let bounds = &self.mesh.bounds;
-        let extent = |k: usize| (0.5 * (bounds.max[k] - bounds.min[k])).next_up() + f32::EPSILON;
-        (bounds.center(), std::array::from_fn(extent))
+        mesh_bounds(&self.mesh)
     }
 
     /// Homogeneous screen coordinates of an internal position.
@@ -190,6 +188,13 @@ pub fn homogeneous(rows: &[[f32; 4]; 3], p: [f32; 3]) -> [f32; 3] {
         rows[1][0] * p[0] + rows[1][1] * p[1] + rows[1][2] * p[2] + rows[1][3],
         rows[2][0] * p[0] + rows[2][1] * p[1] + rows[2][2] * p[2] + rows[2][3],
     ]
+}
+
+/// Centre and half extents of the box around a mesh, internal space, rounded up.
+pub fn mesh_bounds(mesh: &Dag) -> ([f32; 3], [f32; 3]) {
+    let bounds = &mesh.bounds;
+    let extent = |k: usize| (0.5 * (bounds.max[k] - bounds.min[k])).next_up() + f32::EPSILON;
+    (bounds.center(), std::array::from_fn(extent))
 }
 
 /// What stages need of an instance and an eye.

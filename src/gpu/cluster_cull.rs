@@ -14,7 +14,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     let [pages, pages_1, pages_2, pages_3] = m.pages();
     let bindings = [
         &b.view,
-        &b.instances,
+        r.instances[1],
         m.page_offsets(),
         pages,
         &own.candidates,

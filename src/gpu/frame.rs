@@ -8,7 +8,7 @@ use super::occlusion::Pyramids;
 use super::shaders::{self, Kernel, MAX_WORKGROUPS, SCAN_BLOCK, Step};
 use super::times::Times;
 use crate::error::Result;
-use crate::gpu_types::{Candidate, Counters, Dispatch, Instance, Marks, View, VisibleCluster, Visit};
+use crate::gpu_types::{Candidate, Counters, Dispatch, Marks, View, VisibleCluster, Visit};
 
 const STORAGE: BufferUsages =
     BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
@@ -42,7 +42,7 @@ impl Room {
 /// What a frame's buffers depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
-    /// Number of instances.
+    /// Slots of instances that there is room for.
     pub instances: u32,
     /// Words of the bits of all their groups.
     pub group_words: u32,
@@ -133,7 +133,6 @@ impl Phase {
 pub(super) struct Buffers {
     pub(super) shape: Shape,
     pub(super) view: Buffer,
-    pub(super) instances: Buffer,
     /// Nodes of a level, by turns.
     pub(super) visits: [Buffer; 2],
     /// The second is there with occlusion; without, nothing is put off.
@@ -173,7 +172,6 @@ impl Buffers {
         let mut out = Self {
             shape,
             view: context.buffer("view", bytes::<View>(1), uniform)?,
-            instances: storage("the instances of the scene", bytes::<Instance>(instances))?,
             visits: [visits()?, visits()?],
             phases,
             nowhere: [
@@ -242,6 +240,9 @@ pub(super) struct Recorder<'a> {
     pub(super) meshes: &'a Meshes,
     pub(super) buffers: &'a Buffers,
     pub(super) pyramids: &'a Pyramids,
+    /// As the scene places them, and as seen from the view; and how many slots there are.
+    pub(super) instances: [&'a Buffer; 2],
+    pub(super) slots: u32,
     pub(super) phase: shaders::Phase,
     pub(super) pass: ComputePass<'a>,
 }
@@ -279,7 +280,7 @@ impl<'a> Recorder<'a> {
         let [pages, pages_1, pages_2, pages_3] = m.pages();
         [
             &b.view,
-            &b.instances,
+            self.instances[1],
             m.page_offsets(),
             pages,
             &own.visible,

@@ -1,10 +1,12 @@
-//! Stage 1. Instances of the scene → the roots of those on the screen, now or in the second phase.
+//! Stage 1. Instances of the scene → as seen from the view, and the roots of those on the screen, now or in the second
+//! phase.
 
 use super::frame::Recorder;
 use super::shaders::{Kernel, WIDTH};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
     let (b, own, [later, later_level]) = (r.buffers, r.own(), r.later());
-    let bindings = [&b.view, &b.instances, &own.starts, &own.levels[0], r.pyramid(), later, later_level];
-    r.run(Kernel::InstanceCull, &bindings, b.shape.instances.div_ceil(WIDTH));
+    let [placed, seen] = r.instances;
+    let bindings = [&b.view, placed, seen, &own.starts, &own.levels[0], r.pyramid(), later, later_level];
+    r.run(Kernel::InstanceCull, &bindings, r.slots.div_ceil(WIDTH));
 }

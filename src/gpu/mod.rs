@@ -10,6 +10,7 @@ pub mod context;
 mod frame;
 mod hzb;
 mod instance_cull;
+mod instances;
 pub mod meshes;
 mod node_cull;
 mod occlusion;

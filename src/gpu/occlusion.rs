@@ -12,11 +12,8 @@ use super::context::Context;
 use super::frame::Recorder;
 use super::shaders::{Kernel, Phase, Step};
 use crate::error::Result;
-use crate::gpu_types::{Instance, View};
+use crate::gpu_types::View;
 use crate::limits::PYRAMID_LEVELS;
-
-/// Rows of a map to the screen.
-type Rows = [[f32; 4]; 3];
 
 /// What two frames must have in common, so that keys mean the same.
 type Constants = [u32; 4];
@@ -31,8 +28,6 @@ pub(super) struct Pyramids {
     buffers: [Buffer; 2],
     /// Of the frame that the earlier pyramid shows; absent when there is none.
     constants: Option<Constants>,
-    /// Where each slot's instance was then.
-    before: Vec<Option<Rows>>,
     /// Triangles of the last frame that nothing was left out of.
     whole: u64,
     /// Frames in a row whose pyramid did not pay.
@@ -76,7 +71,6 @@ impl Pyramids {
             levels,
             buffers: [buffer()?, buffer()?],
             constants: None,
-            before: Vec::new(),
             whole: 0,
             vain: 0,
             pause: 0,
@@ -109,26 +103,16 @@ impl Pyramids {
         self.pause -= 1;
     }
 
-    /// Tells the view of a frame and its instances what is known of an earlier one.
-    pub(super) fn recall<'a>(&self, view: &mut View, instances: impl Iterator<Item = &'a mut Instance>) {
+    /// Tells the view of a frame what is known of an earlier one.
+    pub(super) fn recall(&self, view: &mut View) {
         let mut table = [[0; 4]; PYRAMID_LEVELS];
         table[..self.levels.len()].copy_from_slice(&self.levels);
         (view.pyramid, view.levels) = (table, self.levels.len() as u32);
         view.history = u32::from(self.constants == Some(constants(view)));
-        for instance in instances {
-            let known = self.before.get(instance.slot as usize).copied().flatten();
-            instance.before = known.unwrap_or(instance.screen);
-        }
     }
 
     /// Takes in that a frame of so many triangles was drawn, which built a pyramid or did not need one.
-    pub(super) fn remember<'a>(
-        &mut self,
-        view: &View,
-        instances: impl Iterator<Item = &'a Instance>,
-        triangles: u64,
-        built: bool,
-    ) {
+    pub(super) fn remember(&mut self, view: &View, triangles: u64, built: bool) {
         let pixels = u64::from(view.width) * u64::from(view.height);
         if view.history == 0 {
             self.whole = triangles;
@@ -143,16 +127,8 @@ impl Pyramids {
             return;
         }
         self.constants = built.then(|| constants(view));
-        self.before.fill(None);
         if built {
             self.buffers.swap(0, 1);
-            for instance in instances {
-                let slot = instance.slot as usize;
-                if self.before.len() <= slot {
-                    self.before.resize(slot + 1, None);
-                }
-                self.before[slot] = Some(instance.screen);
-            }
         }
     }
 }

@@ -2,16 +2,17 @@
 
 use std::sync::Arc;
 
-use wgpu::{CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
+use wgpu::{Buffer, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
 
 use super::context::Context;
 use super::frame::{Buffers, Recorder, Room, Shape};
+use super::instances::Instances;
 use super::meshes::Meshes;
 use super::occlusion::{self, Pyramids};
 use super::shaders::{Phase, Words};
 use super::{cluster_cull, hzb, instance_cull, node_cull, raster_large, raster_small, times};
 use crate::error::{Error, Result};
-use crate::gpu_types::{Counters, Dispatch, Instance, View, VisibleCluster, Visit};
+use crate::gpu_types::{Counters, Dispatch, Placed, View, VisibleCluster, Visit};
 use crate::limits::MAX_VISIBLE;
 use crate::model::Dag;
 
@@ -64,7 +65,7 @@ pub struct Counted {
 /// What a frame leaves: its visible list and what each stage received and passed on.
 #[derive(Debug, Default)]
 pub struct Drawn {
-    /// Numbers of the instances on the screen, ascending.
+    /// Slots of the instances on the screen, ascending.
     pub instances: Vec<u32>,
     /// The visible list, in scene order.
     pub visible: Vec<VisibleCluster>,
@@ -79,6 +80,7 @@ pub struct Drawn {
 pub struct Renderer {
     context: Arc<Context>,
     meshes: Meshes,
+    instances: Instances,
     room: Room,
     buffers: Option<Buffers>,
     pyramids: Pyramids,
@@ -89,7 +91,14 @@ impl Renderer {
     pub fn new() -> Result<Self> {
         let context = Context::shared()?;
         let pyramids = Pyramids::new(&context, (0, 0))?;
-        Ok(Self { context, meshes: Meshes::default(), room: FIRST_ROOM, buffers: None, pyramids })
+        Ok(Self {
+            context,
+            meshes: Meshes::default(),
+            instances: Instances::default(),
+            room: FIRST_ROOM,
+            buffers: None,
+            pyramids,
+        })
     }
 
     /// The device.
@@ -97,35 +106,38 @@ impl Renderer {
         &self.context
     }
 
-    /// Draws instances of meshes, in scene order, into `words`, the visibility buffer of the view's picture.
-    pub fn draw(
-        &mut self,
-        view: &View,
-        instances: &mut [(Instance, &Arc<Dag>)],
-        ways: Ways,
-        words: &mut [u64],
-    ) -> Result<Drawn> {
+    /// Forgets the instances of the scene before.
+    pub fn clear(&mut self) {
+        self.instances.clear();
+    }
+
+    /// Puts an instance in a slot of the scene, or nothing. Where its mesh lies on the device is filled in.
+    pub fn set(&mut self, slot: u32, instance: Option<(Placed, &Arc<Dag>)>) {
+        self.instances.set(slot, instance);
+    }
+
+    /// Draws what is in the slots, in their order, into `words`, the visibility buffer of the view's picture.
+    pub fn draw(&mut self, view: &View, ways: Ways, words: &mut [u64]) -> Result<Drawn> {
         self.context.check()?;
-        if instances.is_empty() {
+        if !self.instances.any() {
             words.fill(0);
             return Ok(Drawn::default());
         }
-        self.meshes.upload(&self.context, instances.iter().map(|(_, mesh)| *mesh))?;
-        let (group_words, depth) = self.place(instances)?;
-        let mut view = View { instances: instances.len() as u32, group_words, ..*view };
+        self.instances.upload(&self.context, &mut self.meshes)?;
+        let (group_words, depth) = (self.instances.group_words(), self.instances.depth());
+        let mut view = View { instances: self.instances.len(), group_words, ..*view };
         let mut culling = ways.occlusion;
         if ways.occlusion {
             let size = (view.width, view.height);
             if self.pyramids.size() != size {
                 self.pyramids = Pyramids::new(&self.context, size)?;
             }
-            self.pyramids.recall(&mut view, instances.iter_mut().map(|(instance, _)| instance));
+            self.pyramids.recall(&mut view);
             culling = !self.pyramids.paused();
         }
-        let records: Vec<Instance> = instances.iter().map(|(instance, _)| *instance).collect();
         loop {
             let shape = Shape {
-                instances: view.instances,
+                instances: self.instances.room(),
                 group_words,
                 depth,
                 pixels: words.len() as u64,
@@ -137,8 +149,7 @@ impl Renderer {
                 Some(buffers) => buffers,
                 None => Buffers::new(&self.context, shape)?,
             };
-            let (drawn, wanted) =
-                self.submit(&buffers, &view, &records, (ways.wide_atomics, culling), words)?;
+            let (drawn, wanted) = self.submit(&buffers, &view, (ways.wide_atomics, culling), words)?;
             self.buffers = Some(buffers);
             if wanted.visible as usize > MAX_VISIBLE {
                 let count = wanted.visible;
@@ -152,7 +163,7 @@ impl Renderer {
                     let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
                     let built = counters.clone().any(|c| c.pyramid != 0);
                     let triangles = counters.map(triangles).sum();
-                    self.pyramids.remember(&view, records.iter(), triangles, built);
+                    self.pyramids.remember(&view, triangles, built);
                 } else if ways.occlusion {
                     self.pyramids.wait();
                 }
@@ -162,42 +173,17 @@ impl Renderer {
         }
     }
 
-    /// Tells each instance where its mesh is and gives it bits for its groups: all words of bits, and the levels of the
-    /// deepest hierarchy.
-    fn place(&self, instances: &mut [(Instance, &Arc<Dag>)]) -> Result<(u32, u32)> {
-        let (mut words, mut depth) = (0u32, 0);
-        for (instance, mesh) in instances {
-            let Some(place) = self.meshes.placement(mesh) else {
-                return Err(Error::Invariant("a mesh of the scene was not uploaded".to_owned()));
-            };
-            instance.first_node = place.first_node;
-            instance.first_group = place.first_group;
-            instance.first_page = place.first_page;
-            instance.vertex_words = place.vertex_words;
-            instance.group_words = words;
-            depth = depth.max(place.depth);
-            words = words.checked_add((mesh.groups.len() as u32).div_ceil(u32::BITS)).ok_or_else(|| {
-                Error::TooLarge(
-                    "the instances of the scene have more than 2^37 groups of clusters".to_owned(),
-                )
-            })?;
-        }
-        Ok((words, depth))
-    }
-
     /// Runs the stages once, with wide atomics or not, in two phases or one; also the lengths that its lists wanted.
     fn submit(
         &self,
         buffers: &Buffers,
         view: &View,
-        instances: &[Instance],
         (wide_atomics, culling): (bool, bool),
         words: &mut [u64],
     ) -> Result<(Drawn, Room)> {
         let context = &*self.context;
         let queue = context.queue();
         queue.write_buffer(&buffers.view, 0, bytemuck::bytes_of(view));
-        queue.write_buffer(&buffers.instances, 0, bytemuck::cast_slice(instances));
         let mut encoder = context.device().create_command_encoder(&CommandEncoderDescriptor::default());
         buffers.clear(&mut encoder);
         let blocks = buffers.group_blocks();
@@ -206,7 +192,10 @@ impl Renderer {
             true => &[Words::Wide],
             false => &[Words::Keys, Words::Lows],
         };
-        let mut passes = Passes { renderer: self, buffers, encoder: &mut encoder, passes: Vec::new() };
+        let Some(instances) = self.instances.buffers() else { return Ok(Default::default()) };
+        let slots = self.instances.len();
+        let mut passes =
+            Passes { renderer: self, buffers, instances, slots, encoder: &mut encoder, passes: Vec::new() };
         let phases = if culling { &[Phase::First, Phase::Second][..] } else { &[Phase::First] };
         for &phase in phases {
             if phase == Phase::First {
@@ -242,6 +231,8 @@ impl Renderer {
 struct Passes<'a> {
     renderer: &'a Renderer,
     buffers: &'a Buffers,
+    instances: [&'a Buffer; 2],
+    slots: u32,
     encoder: &'a mut CommandEncoder,
     /// Stage and phase of each so far.
     passes: Vec<(DeviceStage, Phase)>,
@@ -252,7 +243,8 @@ impl Passes<'_> {
         let timestamp_writes = self.buffers.times.of_pass(self.passes.len() as u32);
         let pass = self.encoder.begin_compute_pass(&ComputePassDescriptor { label: None, timestamp_writes });
         let Renderer { context, meshes, pyramids, .. } = self.renderer;
-        record(&mut Recorder { context, meshes, buffers: self.buffers, pyramids, phase, pass });
+        let Self { buffers, instances, slots, .. } = *self;
+        record(&mut Recorder { context, meshes, buffers, pyramids, instances, slots, phase, pass });
         self.passes.push((stage, phase));
     }
 }

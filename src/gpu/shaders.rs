@@ -153,6 +153,7 @@ const LOD: &str = file!("shared/lod");
 const PAGES: &str = file!("shared/pages");
 const APPEND: &str = file!("shared/append");
 const PUT_OFF: &str = file!("shared/put_off");
+const DERIVE: &str = file!("shared/derive");
 const OCCLUSION: &str = file!("shared/occlusion");
 const SCAN: &str = file!("shared/workgroup_scan");
 const TRIANGLE: &str = file!("shared/triangle");
@@ -188,7 +189,9 @@ impl Kernel {
         let words =
             |words| if words == Words::Wide { file!("shared/words_64") } else { file!("shared/words_32") };
         match self {
-            Self::InstanceCull => vec![TYPES, CULL, OCCLUSION, APPEND, PUT_OFF, file!("instance_cull")],
+            Self::InstanceCull => {
+                vec![TYPES, CULL, DERIVE, OCCLUSION, APPEND, PUT_OFF, file!("instance_cull")]
+            }
             Self::NodeCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, APPEND, PUT_OFF, file!("node_cull")],
             Self::CountBits => vec![TYPES, SCAN, file!("count_bits")],
             Self::ScanBlocks => vec![TYPES, SCAN, file!("scan_blocks")],

@@ -23,7 +23,7 @@ pub struct View {
     pub far_key: u32,
     /// Threshold of the cut, pixels.
     pub tau: f32,
-    /// Number of instances.
+    /// Slots of instances.
     pub instances: u32,
     /// Always zero, which compilers of shaders cannot know.
     pub zero: u32,
@@ -35,6 +35,62 @@ pub struct View {
     pub group_words: u32,
     /// Columns, rows and first key of each level of the pyramid; the last is zero.
     pub pyramid: [[u32; 4]; PYRAMID_LEVELS],
+    /// Rows of the rotation from the world to camera space, and of the eye's place the high part.
+    pub rotate: [[f32; 4]; 3],
+    /// The direction of sight, world space.
+    pub forward: [f32; 3],
+    /// See [`crate::math::LodView::focal`].
+    pub lod_focal: f32,
+    /// The low part of the eye's place.
+    pub low: [f32; 3],
+    /// See [`crate::math::LodView::near`].
+    pub lod_near: f32,
+    /// Pixels per unit of tangent or per world unit.
+    pub focal: [f32; 2],
+    /// Where the optical axis meets the picture, pixels.
+    pub center: [f32; 2],
+    /// 1 where `rotate` reverses orientation.
+    pub mirrored: u32,
+    /// Zero.
+    pub unused_a: u32,
+    /// Zero.
+    pub unused_b: u32,
+    /// Zero.
+    pub unused_c: u32,
+}
+
+/// An instance as the scene places it, whoever looks at it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Placed {
+    /// Rows of the linear map from internal space to the world, and of the origin's place the high part.
+    pub linear: [[f32; 4]; 3],
+    /// Rows of its inverse, and the low part.
+    pub inverse: [[f32; 4]; 3],
+    /// Centre of the box around the mesh, internal space.
+    pub center: [f32; 3],
+    /// See [`crate::math::LodView::scale`].
+    pub lod_scale: f32,
+    /// Half extents of that box, rounded up.
+    pub extent: [f32; 3],
+    /// Where the mesh's nodes start among those of all meshes.
+    pub first_node: u32,
+    /// Where its groups start.
+    pub first_group: u32,
+    /// Where its pages start in the table of pages.
+    pub first_page: u32,
+    /// Where the bits of the instance's groups start, words.
+    pub group_words: u32,
+    /// Words per vertex of a cluster's streams.
+    pub vertex_words: u32,
+    /// 1 draws back faces too.
+    pub double_sided: u32,
+    /// 1 where the map reverses orientation.
+    pub mirrored: u32,
+    /// 0 where nothing is, or nothing to be seen.
+    pub visible: u32,
+    /// Zero.
+    pub unused: u32,
 }
 
 /// An instance as seen from a view.
@@ -43,7 +99,7 @@ pub struct View {
 pub struct Instance {
     /// Rows of the map from internal space to homogeneous screen space.
     pub screen: [[f32; 4]; 3],
-    /// The same in the frame whose pyramid is there.
+    /// The same in the frame before, whose pyramid may be there.
     pub before: [[f32; 4]; 3],
     /// Rows of the map from internal to camera space, for the rule of the cut.
     pub object_to_eye: [[f32; 4]; 3],
@@ -73,8 +129,8 @@ pub struct Instance {
     pub double_sided: u32,
     /// 1 where the map to the screen reverses orientation.
     pub mirrored: u32,
-    /// Slot number in the scene, by which it is known from frame to frame.
-    pub slot: u32,
+    /// Zero.
+    pub unused: u32,
 }
 
 /// Workgroups of a dispatch that one shader decides for the next.

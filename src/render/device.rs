@@ -1,58 +1,91 @@
 //! The culling and raster stages of a frame on the GPU backend: what goes to the device, and what of its answer the
 //! frame keeps.
 
-use std::sync::Arc;
-
 use rayon::prelude::*;
 
 use super::renderer::Rastered;
 use super::stages::Stage;
 use super::stats::{FrameStats, StageStats};
 use crate::config::RenderOptions;
-use crate::cpu::project::{InstanceView, Screen};
+use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
 use crate::cpu::visibility::Visible;
 use crate::error::Result;
-use crate::gpu::{Counted, DeviceStage, Drawn, Phase, Renderer, Ways};
-use crate::gpu_types;
-use crate::model::{ClusterAddress, Dag};
+use crate::gpu::{Context, Counted, DeviceStage, Drawn, Phase, Renderer, Ways};
+use crate::gpu_types::{self, Placed, VisibleCluster};
+use crate::model::ClusterAddress;
 use crate::scene::placement::Eye;
-use crate::scene::{Instance, View};
+use crate::scene::{Instance, Scene, View};
 
-/// Draws the visible instances of `scene`, slot numbers and entries in scene order, into `words`.
-pub(super) fn draw_scene(
-    renderer: &mut Renderer,
-    scene: &[(u32, &Instance)],
-    view: &View,
-    screen: Screen,
-    options: &RenderOptions,
-    mut words: Vec<u64>,
-) -> Result<Rastered> {
-    let eye = Eye::new(view);
-    let views: Vec<InstanceView> = scene
-        .par_iter()
-        .filter(|(_, instance)| instance.visible)
-        .map(|&(slot, instance)| InstanceView::new(view, &eye, slot, instance))
-        .collect();
-    let mut instances: Vec<(gpu_types::Instance, &Arc<Dag>)> =
-        views.iter().map(|view| (instance_record(view), &view.mesh)).collect();
-    let ways = Ways { wide_atomics: options.wide_atomics, occlusion: options.occlusion };
-    let constants = view_record(&screen, options.pixel_error);
-    let drawn = renderer.draw(&constants, &mut instances, ways, &mut words)?;
-    let mut stats = FrameStats::default();
-    let on_screen = drawn.instances.iter().map(|&i| &views[i as usize]);
-    stats.source_triangles = on_screen.map(|view| view.mesh.source_faces).sum();
-    let visible: Vec<Visible> = drawn
-        .visible
-        .iter()
-        .map(|v| Visible { instance: v.instance, cluster: ClusterAddress(v.cluster) })
-        .collect();
-    let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
-    stats.stages = stages(&drawn, scene.len() as u64, &screen);
-    for phase in &drawn.phases {
-        stats.occluded_instances += phase.hidden_instances;
+/// A device and what it knows of the scene drawn last.
+#[derive(Debug)]
+pub(super) struct Device {
+    renderer: Renderer,
+    /// The scene, and its clock then.
+    known: Option<(u64, u64)>,
+}
+
+impl Device {
+    /// On the best device there is.
+    pub(super) fn new() -> Result<Self> {
+        Ok(Self { renderer: Renderer::new()?, known: None })
     }
-    stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
-    Ok(Rastered { words, views, visible, large, stats })
+
+    pub(super) fn context(&self) -> &Context {
+        self.renderer.context()
+    }
+
+    /// Tells the device what changed in the scene.
+    fn update(&mut self, scene: &Scene) {
+        let since = match self.known {
+            Some((identity, clock)) if identity == scene.identity() => clock,
+            _ => {
+                self.renderer.clear();
+                0
+            }
+        };
+        let slots = scene.instances();
+        for (slot, instance) in slots.changed_since(since) {
+            self.renderer.set(slot, instance.map(|instance| (placed(instance), &instance.mesh)));
+        }
+        self.known = Some((scene.identity(), slots.clock()));
+    }
+
+    /// Draws the visible instances of a scene into `words`.
+    pub(super) fn draw(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        screen: Screen,
+        options: &RenderOptions,
+        mut words: Vec<u64>,
+    ) -> Result<Rastered> {
+        self.update(scene);
+        let ways = Ways { wide_atomics: options.wide_atomics, occlusion: options.occlusion };
+        let eye = Eye::new(view);
+        let drawn = self.renderer.draw(&view_record(&screen, &eye, options.pixel_error), ways, &mut words)?;
+        let instances = scene.instances();
+        let mut stats = FrameStats::default();
+        let on_screen = drawn.instances.iter().filter_map(|&slot| instances.at(slot as usize));
+        stats.source_triangles = on_screen.map(|instance| instance.mesh.source_faces).sum();
+        // In scene order: each instance once.
+        let mut slots: Vec<u32> = drawn.visible.iter().map(|v| v.instance).collect();
+        slots.dedup();
+        let views: Vec<InstanceView> = slots
+            .par_iter()
+            .filter_map(|&slot| Some(InstanceView::new(view, &eye, slot, instances.at(slot as usize)?)))
+            .collect();
+        let mut at = 0;
+        let number = |v: &VisibleCluster| {
+            at += usize::from(views.get(at).is_some_and(|view| view.slot != v.instance));
+            Visible { instance: at as u32, cluster: ClusterAddress(v.cluster) }
+        };
+        let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
+        let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
+        stats.stages = stages(&drawn, instances.len() as u64, &screen);
+        stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
+        stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
+        Ok(Rastered { words, views, visible, large, stats })
+    }
 }
 
 fn stage_of(stage: DeviceStage) -> Stage {
@@ -101,7 +134,12 @@ fn stages(drawn: &Drawn, instances: u64, screen: &Screen) -> Vec<StageStats> {
     out
 }
 
-fn view_record(screen: &Screen, tau: f32) -> gpu_types::View {
+/// Three rows with a fourth column.
+fn rows(linear: &[[f32; 3]; 3], last: &[f32; 3]) -> [[f32; 4]; 3] {
+    std::array::from_fn(|k| [linear[k][0], linear[k][1], linear[k][2], last[k]])
+}
+
+fn view_record(screen: &Screen, eye: &Eye, tau: f32) -> gpu_types::View {
     gpu_types::View {
         width: screen.width,
         height: screen.height,
@@ -110,25 +148,31 @@ fn view_record(screen: &Screen, tau: f32) -> gpu_types::View {
         far: screen.far,
         far_key: screen.far_key,
         tau,
+        rotate: rows(&eye.rotate, &eye.high),
+        forward: eye.forward,
+        lod_focal: eye.lod_focal,
+        low: eye.low,
+        lod_near: eye.lod_near,
+        focal: eye.focal,
+        center: eye.center,
+        mirrored: u32::from(eye.mirrored),
         ..bytemuck::Zeroable::zeroed()
     }
 }
 
 /// All but where the mesh lies on the device.
-fn instance_record(view: &InstanceView) -> gpu_types::Instance {
-    let (center, extent) = view.bounds();
-    gpu_types::Instance {
-        screen: view.screen,
-        object_to_eye: view.lod.object_to_eye,
+fn placed(instance: &Instance) -> Placed {
+    let placement = instance.placement();
+    let (center, extent) = mesh_bounds(&instance.mesh);
+    Placed {
+        linear: rows(&placement.linear, &placement.high),
+        inverse: rows(&placement.inverse, &placement.low),
         center,
-        lod_scale: view.lod.scale,
+        lod_scale: placement.lod_scale,
         extent,
-        lod_focal: view.lod.focal,
-        eye: view.eye,
-        lod_near: view.lod.near,
-        double_sided: u32::from(view.material.double_sided),
-        mirrored: u32::from(view.mirrored),
-        slot: view.slot,
+        double_sided: u32::from(instance.material.double_sided),
+        mirrored: u32::from(placement.mirrored),
+        visible: u32::from(instance.visible),
         ..bytemuck::Zeroable::zeroed()
     }
 }

@@ -19,8 +19,6 @@ use crate::cpu::surface::Pixels;
 use crate::cpu::visibility::Visible;
 use crate::cpu::{instance_cull, output};
 use crate::error::{Error, Result};
-#[cfg(feature = "gpu")]
-use crate::gpu;
 use crate::scene::{Camera, Instance, Scene, View};
 
 /// Where frames are rendered.
@@ -48,7 +46,7 @@ enum Device {
     Cpu,
     #[cfg(feature = "gpu")]
     Gpu {
-        renderer: Box<gpu::Renderer>,
+        device: Box<device::Device>,
         /// The caller did not ask for it: where it cannot draw a frame, the CPU does.
         replaceable: bool,
     },
@@ -69,9 +67,9 @@ impl Device {
 
     #[cfg(feature = "gpu")]
     fn gpu() -> Result<(Self, String)> {
-        let renderer = Box::new(gpu::Renderer::new()?);
-        let reason = format!("asked for: {}", renderer.context().name());
-        Ok((Self::Gpu { renderer, replaceable: false }, reason))
+        let device = Box::new(device::Device::new()?);
+        let reason = format!("asked for: {}", device.context().name());
+        Ok((Self::Gpu { device, replaceable: false }, reason))
     }
 
     #[cfg(not(feature = "gpu"))]
@@ -83,14 +81,14 @@ impl Device {
     /// A GPU if there is one; a program on the CPU that acts as one is slower than the CPU twin.
     #[cfg(feature = "gpu")]
     fn automatic() -> (Self, String) {
-        match gpu::Renderer::new() {
-            Ok(renderer) if renderer.context().software() => {
-                let reason = format!("the only adapter is software: {}", renderer.context().name());
+        match device::Device::new() {
+            Ok(device) if device.context().software() => {
+                let reason = format!("the only adapter is software: {}", device.context().name());
                 (Self::Cpu, reason)
             }
-            Ok(renderer) => {
-                let reason = format!("the best adapter: {}", renderer.context().name());
-                (Self::Gpu { renderer: Box::new(renderer), replaceable: true }, reason)
+            Ok(device) => {
+                let reason = format!("the best adapter: {}", device.context().name());
+                (Self::Gpu { device: Box::new(device), replaceable: true }, reason)
             }
             Err(error) => (Self::Cpu, error.to_string()),
         }
@@ -177,9 +175,8 @@ impl Renderer {
         let start = Instant::now();
         let view = camera.view(pose, self.width, self.height)?;
         let screen = Screen::new(&view);
-        let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
         let Rastered { words, views, visible, large, mut stats } =
-            self.draw(&instances, &view, screen, options)?;
+            self.draw(scene, &view, screen, options)?;
 
         let lighting = Lighting::new(scene, &view);
         let pixels = Pixels { words: &words, visible: &visible, views: &views, screen: &screen };
@@ -215,25 +212,26 @@ impl Renderer {
     /// The culling and raster stages.
     fn draw(
         &mut self,
-        instances: &[(u32, &Instance)],
+        scene: &Scene,
         view: &View,
         screen: Screen,
         options: &RenderOptions,
     ) -> Result<Rastered> {
         let words = self.spare_words();
         #[cfg(feature = "gpu")]
-        if let Device::Gpu { renderer, replaceable } = &mut self.device {
-            match device::draw_scene(renderer, instances, view, screen, options, words) {
+        if let Device::Gpu { device, replaceable } = &mut self.device {
+            match device.draw(scene, view, screen, options, words) {
                 Err(error @ Error::Backend { .. }) if *replaceable => {
                     (self.device, self.reason) = (Device::Cpu, error.to_string());
-                    return self.draw(instances, view, screen, options);
+                    return self.draw(scene, view, screen, options);
                 }
                 drawn => return drawn,
             }
         }
         let mut stats = FrameStats::default();
+        let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
         let views = stats.time(Stage::InstanceCull, 1, || {
-            let views = instance_cull::run(instances, view, &screen);
+            let views = instance_cull::run(&instances, view, &screen);
             let count = views.len() as u64;
             (views, instances.len() as u64, count)
         });

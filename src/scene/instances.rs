@@ -1,6 +1,7 @@
 //! The scene: many instances of many meshes, lights, ambient and background.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DAffine3, DVec3};
 
@@ -70,18 +71,35 @@ impl Instance {
     }
 }
 
+/// Number of the next scene.
+static NEXT: AtomicU64 = AtomicU64::new(0);
+
 /// Everything that is drawn. Every edit touches the one entry it names.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Scene {
+    /// No two scenes have the same.
+    identity: u64,
     instances: Slots<Instance>,
     lights: Slots<Light>,
     ambient_light: [f32; 3],
     bg_color: [f32; 3],
 }
 
+impl Clone for Scene {
+    fn clone(&self) -> Self {
+        Self {
+            identity: NEXT.fetch_add(1, Ordering::Relaxed),
+            instances: self.instances.clone(),
+            lights: self.lights.clone(),
+            ..*self
+        }
+    }
+}
+
 impl Default for Scene {
     fn default() -> Self {
         Self {
+            identity: NEXT.fetch_add(1, Ordering::Relaxed),
             instances: Slots::new("instance"),
             lights: Slots::new("light"),
             ambient_light: [0.0; 3],
@@ -94,6 +112,11 @@ impl Scene {
     /// An empty scene: white background, no light at all.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// A number that no other scene has, not even a copy.
+    pub fn identity(&self) -> u64 {
+        self.identity
     }
 
     /// Adds an instance of a mesh at an object-to-world pose.

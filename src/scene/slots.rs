@@ -15,6 +15,8 @@ pub struct Handle {
 struct Slot<T> {
     generation: u32,
     value: Option<T>,
+    /// When it was last added, lent for a change or removed.
+    changed: u64,
 }
 
 /// A growable set of entries with stable handles.
@@ -24,12 +26,14 @@ pub struct Slots<T> {
     free: Vec<u32>,
     /// What an entry is called in messages.
     noun: &'static str,
+    /// Changes so far.
+    clock: u64,
 }
 
 impl<T> Slots<T> {
     /// An empty set; `noun` names an entry in errors.
     pub fn new(noun: &'static str) -> Self {
-        Self { slots: Vec::new(), free: Vec::new(), noun }
+        Self { slots: Vec::new(), free: Vec::new(), noun, clock: 0 }
     }
 
     /// Number of entries.
@@ -49,14 +53,16 @@ impl<T> Slots<T> {
 
     /// Adds an entry in the slot that was freed last, or in a new one.
     pub fn insert(&mut self, value: T) -> Result<Handle> {
+        self.clock += 1;
+        let changed = self.clock;
         if let Some(index) = self.free.pop() {
             let slot = &mut self.slots[index as usize];
-            slot.value = Some(value);
+            (slot.value, slot.changed) = (Some(value), changed);
             return Ok(Handle { index, generation: slot.generation });
         }
         let index = u32::try_from(self.slots.len())
             .map_err(|_| Error::TooLarge(format!("a scene holds at most 2³² of {}", self.noun)))?;
-        self.slots.push(Slot { generation: 0, value: Some(value) });
+        self.slots.push(Slot { generation: 0, value: Some(value), changed });
         Ok(Handle { index, generation: 0 })
     }
 
@@ -77,16 +83,18 @@ impl<T> Slots<T> {
     pub fn get_mut(&mut self, handle: Handle) -> Result<&mut T> {
         self.get(handle)?;
         let noun = self.noun;
-        self.slots[handle.index as usize]
-            .value
-            .as_mut()
-            .ok_or_else(|| Error::StaleHandle(format!("{noun} {}", handle.index)))
+        self.clock += 1;
+        let slot = &mut self.slots[handle.index as usize];
+        slot.changed = self.clock;
+        slot.value.as_mut().ok_or_else(|| Error::StaleHandle(format!("{noun} {}", handle.index)))
     }
 
     /// Removes an entry; its handle is stale from now on.
     pub fn remove(&mut self, handle: Handle) -> Result<T> {
         self.get(handle)?;
+        self.clock += 1;
         let slot = &mut self.slots[handle.index as usize];
+        slot.changed = self.clock;
         let value = slot.value.take();
         // A slot whose generations are used up is retired: it is never given away again.
         if let Some(next) = slot.generation.checked_add(1) {
@@ -94,6 +102,17 @@ impl<T> Slots<T> {
             self.free.push(handle.index);
         }
         value.ok_or_else(|| self.stale(handle))
+    }
+
+    /// Changes so far: what [`Slots::changed_since`] is asked with later.
+    pub fn clock(&self) -> u64 {
+        self.clock
+    }
+
+    /// Slots that changed after a time, with what is in them now.
+    pub fn changed_since(&self, clock: u64) -> impl Iterator<Item = (u32, Option<&T>)> {
+        let slots = self.slots.iter().zip(0..).filter(move |(slot, _)| slot.changed > clock);
+        slots.map(|(slot, index)| (index, slot.value.as_ref()))
     }
 
     /// The entry in a slot, if the slot is in use.

@@ -6,7 +6,9 @@ use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, TypeInner};
 use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
 use nanite_rs::gpu::shaders::{KERNELS, Kernel, Phase, Words};
-use nanite_rs::gpu_types::{Candidate, Counters, Dispatch, Instance, Marks, View, VisibleCluster, Visit};
+use nanite_rs::gpu_types::{
+    Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
+};
 use nanite_rs::model::{Group, Node};
 
 fn parse(kernel: Kernel) -> Module {
@@ -90,9 +92,10 @@ fn structs_lie_in_wgsl_as_in_rust() {
     let module = parse(Kernel::ClusterCull(Phase::Second));
     let mut structs = vec![
         fields!(View: width, height, orthographic, near, far, far_key, tau, instances, zero, levels, history,
-            group_words, pyramid),
+            group_words, pyramid, rotate, forward, lod_focal, low, lod_near, focal, center, mirrored, unused_a, unused_b,
+            unused_c),
         fields!(Instance: screen, before, object_to_eye, center, lod_scale, extent, lod_focal, eye, lod_near, first_node,
-            first_group, first_page, group_words, vertex_words, double_sided, mirrored, slot),
+            first_group, first_page, group_words, vertex_words, double_sided, mirrored, unused),
         fields!(Node: center, extent, lod_sphere, max_parent_error, first, count, level),
         fields!(Group: lod_sphere, error, first, count, level, center, extent, bound, quadric, attribute_error,
             reserved),
@@ -102,6 +105,8 @@ fn structs_lie_in_wgsl_as_in_rust() {
         fields!(Dispatch: x, y, z, count, visited, hidden, unused),
         fields!(Counters: visited_clusters, drawn_small, drawn_large, visible, held, pyramid, triangles_small,
             triangles_large),
+        fields!(Placed: linear, inverse, center, lod_scale, extent, first_node, first_group, first_page,
+            group_words, vertex_words, double_sided, mirrored, visible, unused),
         fields!(Marks: large, held, first, unused),
     ];
     // The same struct with atomic members.

@@ -1,0 +1,61 @@
+// An instance as seen from the view: src/cpu/project.rs, operation for operation.
+
+fn dot3(a: vec3<f32>, b: vec3<f32>) -> f32 {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+fn screen_row(k: u32, row: vec4<f32>, distance: vec4<f32>) -> vec4<f32> {
+    if view.orthographic != 0u {
+        return view.focal[k] * row + vec4<f32>(0.0, 0.0, 0.0, view.center[k]);
+    }
+    return view.focal[k] * row + view.center[k] * distance;
+}
+
+// `before` are the rows of the frame before.
+fn derive(p: Placed, before: array<vec4<f32>, 3>) -> Instance {
+    var to_eye: array<vec4<f32>, 3>;
+    // The origin of internal space as seen from the eye.
+    var way: vec3<f32>;
+    for (var k = 0u; k < 3u; k++) {
+        way[k] = (p.linear[k].w - view.rotate[k].w) + (p.inverse[k].w - view.low[k]);
+    }
+    let x = vec3<f32>(p.linear[0].x, p.linear[1].x, p.linear[2].x);
+    let y = vec3<f32>(p.linear[0].y, p.linear[1].y, p.linear[2].y);
+    let z = vec3<f32>(p.linear[0].z, p.linear[1].z, p.linear[2].z);
+    for (var k = 0u; k < 3u; k++) {
+        let r = view.rotate[k].xyz;
+        to_eye[k] = vec4<f32>(dot3(r, x), dot3(r, y), dot3(r, z), dot3(r, way));
+    }
+    let distance = -to_eye[2];
+    let screen = array<vec4<f32>, 3>(
+        screen_row(0u, to_eye[0], distance),
+        screen_row(1u, to_eye[1], distance),
+        distance,
+    );
+    let parallel = view.orthographic != 0u;
+    let to = select(-way, view.forward, parallel);
+    var eye = vec3<f32>(dot3(p.inverse[0].xyz, to), dot3(p.inverse[1].xyz, to), dot3(p.inverse[2].xyz, to));
+    if parallel {
+        let length = sqrt(dot3(eye, eye));
+        eye = select(vec3<f32>(0.0), eye / length, length > 0.0);
+    }
+    return Instance(
+        screen,
+        before,
+        to_eye,
+        p.center,
+        p.lod_scale,
+        p.extent,
+        view.lod_focal,
+        eye,
+        view.lod_near,
+        p.first_node,
+        p.first_group,
+        p.first_page,
+        p.group_words,
+        p.vertex_words,
+        p.double_sided,
+        p.mirrored ^ view.mirrored,
+        0u,
+    );
+}

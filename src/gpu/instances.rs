@@ -1,0 +1,157 @@
+//! The instances of a scene on the device: each in the slot that the scene gave it. What changed since the last frame is
+//! written, in runs; a camera that moves writes nothing.
+
+use std::sync::Arc;
+
+use wgpu::{Buffer, BufferUsages};
+
+use super::context::Context;
+use super::meshes::Meshes;
+use crate::error::{Error, Result};
+use crate::gpu_types::{Instance, Placed};
+use crate::model::Dag;
+
+/// Slots that did not change are written along where the way around is as short.
+const GAP: usize = 16;
+
+/// The slots of a scene.
+#[derive(Debug, Default)]
+pub(super) struct Instances {
+    records: Vec<Placed>,
+    meshes: Vec<Option<Arc<Dag>>>,
+    /// Slots to write, with repetitions.
+    changed: Vec<u32>,
+    /// Some slot has another mesh than before, so that all may lie elsewhere.
+    rearranged: bool,
+    buffers: Option<Slots>,
+    /// Words of the bits of all groups, and levels of the deepest hierarchy.
+    group_words: u32,
+    depth: u32,
+}
+
+/// The arrays on the device.
+#[derive(Debug)]
+struct Slots {
+    room: u32,
+    placed: Buffer,
+    seen: Buffer,
+}
+
+impl Instances {
+    /// Forgets all.
+    pub(super) fn clear(&mut self) {
+        *self = Self { buffers: self.buffers.take(), rearranged: true, ..Self::default() };
+    }
+
+    /// Puts an instance in a slot, or nothing. Where its mesh lies on the device is found out later.
+    pub(super) fn set(&mut self, slot: u32, instance: Option<(Placed, &Arc<Dag>)>) {
+        let index = slot as usize;
+        if self.records.len() <= index {
+            self.records.resize(index + 1, bytemuck::Zeroable::zeroed());
+            self.meshes.resize(index + 1, None);
+        }
+        let (record, mesh) = match instance {
+            Some((record, mesh)) => (record, Some(mesh)),
+            None => (bytemuck::Zeroable::zeroed(), None),
+        };
+        let known = self.meshes[index].as_ref();
+        if known.map(Arc::as_ptr) != mesh.map(Arc::as_ptr) {
+            self.rearranged = true;
+            self.meshes[index] = mesh.cloned();
+        }
+        let Placed { first_node, first_group, first_page, group_words, vertex_words, .. } =
+            self.records[index];
+        let placement = Placed { first_node, first_group, first_page, group_words, vertex_words, ..record };
+        self.records[index] = placement;
+        self.changed.push(slot);
+    }
+
+    /// Slots in use, or that were.
+    pub(super) fn len(&self) -> u32 {
+        self.records.len() as u32
+    }
+
+    /// Slots that there is room for.
+    pub(super) fn room(&self) -> u32 {
+        self.buffers.as_ref().map_or(0, |slots| slots.room)
+    }
+
+    /// Whether anything is to be seen.
+    pub(super) fn any(&self) -> bool {
+        self.records.iter().any(|record| record.visible != 0)
+    }
+
+    /// Words of the bits of all groups.
+    pub(super) fn group_words(&self) -> u32 {
+        self.group_words
+    }
+
+    /// Levels of the deepest hierarchy.
+    pub(super) fn depth(&self) -> u32 {
+        self.depth
+    }
+
+    /// Brings the device up to date, meshes first.
+    pub(super) fn upload(&mut self, context: &Context, meshes: &mut Meshes) -> Result<()> {
+        if self.rearranged {
+            meshes.upload(context, self.meshes.iter().flatten())?;
+            self.arrange(meshes)?;
+        }
+        if self.room() < self.len() {
+            let room = self.len().checked_next_power_of_two().unwrap_or(self.len());
+            let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+            let buffer = |bytes: usize| {
+                context.buffer("the instances of the scene", u64::from(room) * bytes as u64, storage)
+            };
+            // The old ones go first.
+            self.buffers = None;
+            let (placed, seen) = (buffer(size_of::<Placed>())?, buffer(size_of::<Instance>())?);
+            self.buffers = Some(Slots { room, placed, seen });
+            self.rearranged = true;
+        }
+        let Some(slots) = &self.buffers else { return Ok(()) };
+        if self.rearranged {
+            context.queue().write_buffer(&slots.placed, 0, bytemuck::cast_slice(&self.records));
+        } else {
+            self.changed.sort_unstable();
+            for run in self.changed.chunk_by(|a, b| (b - a) as usize <= GAP) {
+                let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
+                let records = &self.records[*first as usize..=*last as usize];
+                let offset = u64::from(*first) * size_of::<Placed>() as u64;
+                context.queue().write_buffer(&slots.placed, offset, bytemuck::cast_slice(records));
+            }
+        }
+        self.changed.clear();
+        self.rearranged = false;
+        Ok(())
+    }
+
+    /// Tells each instance where its mesh is and gives it bits for its groups.
+    fn arrange(&mut self, meshes: &Meshes) -> Result<()> {
+        let (mut words, mut depth) = (0u32, 0);
+        for (record, mesh) in self.records.iter_mut().zip(&self.meshes) {
+            record.group_words = words;
+            let Some(mesh) = mesh else { continue };
+            let Some(place) = meshes.placement(mesh) else {
+                return Err(Error::Invariant("a mesh of the scene was not uploaded".to_owned()));
+            };
+            record.first_node = place.first_node;
+            record.first_group = place.first_group;
+            record.first_page = place.first_page;
+            record.vertex_words = place.vertex_words;
+            depth = depth.max(place.depth);
+            words = words.checked_add((mesh.groups.len() as u32).div_ceil(u32::BITS)).ok_or_else(|| {
+                Error::TooLarge(
+                    "the instances of the scene have more than 2^37 groups of clusters".to_owned(),
+                )
+            })?;
+        }
+        (self.group_words, self.depth) = (words, depth);
+        Ok(())
+    }
+
+    /// As the scene places them, and as seen from the view.
+    pub(super) fn buffers(&self) -> Option<[&Buffer; 2]> {
+        self.buffers.as_ref().map(|slots| [&slots.placed, &slots.seen])
+    }
+}
