@@ -69,6 +69,8 @@ class FrameStats:
     """Instances that the depth pyramid hid."""
     occluded_clusters: int
     """Clusters that passed every other test, and that the depth pyramid hid."""
+    uploaded_bytes: int
+    """Bytes of instances that were written to a device, because they changed."""
 
     def __getitem__(self, stage: str) -> StageStats:
         """Return a stage by name, both passes taken together."""

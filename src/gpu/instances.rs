@@ -21,7 +21,7 @@ pub(super) struct Instances {
     meshes: Vec<Option<Arc<Dag>>>,
     /// Slots to write, with repetitions.
     changed: Vec<u32>,
-    /// Some slot has another mesh than before, so that all may lie elsewhere.
+    /// Some slot has another mesh than before, so that what lies behind it may lie elsewhere.
     rearranged: bool,
     buffers: Option<Slots>,
     /// Words of the bits of all groups, and levels of the deepest hierarchy.
@@ -91,11 +91,12 @@ impl Instances {
         self.depth
     }
 
-    /// Brings the device up to date, meshes first.
-    pub(super) fn upload(&mut self, context: &Context, meshes: &mut Meshes) -> Result<()> {
+    /// Brings the device up to date, meshes first. Returns the bytes of instances written.
+    pub(super) fn upload(&mut self, context: &Context, meshes: &mut Meshes) -> Result<u64> {
         if self.rearranged {
             meshes.upload(context, self.meshes.iter().flatten())?;
             self.arrange(meshes)?;
+            self.rearranged = false;
         }
         if self.room() < self.len() {
             let room = self.len().checked_next_power_of_two().unwrap_or(self.len());
@@ -107,44 +108,48 @@ impl Instances {
             self.buffers = None;
             let (placed, seen) = (buffer(size_of::<Placed>())?, buffer(size_of::<Instance>())?);
             self.buffers = Some(Slots { room, placed, seen });
-            self.rearranged = true;
+            self.changed = (0..self.len()).collect();
         }
-        let Some(slots) = &self.buffers else { return Ok(()) };
-        if self.rearranged {
-            context.queue().write_buffer(&slots.placed, 0, bytemuck::cast_slice(&self.records));
-        } else {
-            self.changed.sort_unstable();
-            for run in self.changed.chunk_by(|a, b| (b - a) as usize <= GAP) {
-                let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
-                let records = &self.records[*first as usize..=*last as usize];
-                let offset = u64::from(*first) * size_of::<Placed>() as u64;
-                context.queue().write_buffer(&slots.placed, offset, bytemuck::cast_slice(records));
-            }
+        let Some(slots) = &self.buffers else { return Ok(0) };
+        let mut written = 0;
+        let mut write = |first: usize, records: &[Placed]| {
+            let offset = (first * size_of::<Placed>()) as u64;
+            context.queue().write_buffer(&slots.placed, offset, bytemuck::cast_slice(records));
+            written += size_of_val(records) as u64;
+        };
+        self.changed.sort_unstable();
+        for run in self.changed.chunk_by(|a, b| (b - a) as usize <= GAP) {
+            let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
+            write(*first as usize, &self.records[*first as usize..=*last as usize]);
         }
         self.changed.clear();
-        self.rearranged = false;
-        Ok(())
+        Ok(written)
     }
 
     /// Tells each instance where its mesh is and gives it bits for its groups.
     fn arrange(&mut self, meshes: &Meshes) -> Result<()> {
         let (mut words, mut depth) = (0u32, 0);
-        for (record, mesh) in self.records.iter_mut().zip(&self.meshes) {
-            record.group_words = words;
-            let Some(mesh) = mesh else { continue };
-            let Some(place) = meshes.placement(mesh) else {
-                return Err(Error::Invariant("a mesh of the scene was not uploaded".to_owned()));
-            };
-            record.first_node = place.first_node;
-            record.first_group = place.first_group;
-            record.first_page = place.first_page;
-            record.vertex_words = place.vertex_words;
-            depth = depth.max(place.depth);
-            words = words.checked_add((mesh.groups.len() as u32).div_ceil(u32::BITS)).ok_or_else(|| {
-                Error::TooLarge(
-                    "the instances of the scene have more than 2^37 groups of clusters".to_owned(),
-                )
-            })?;
+        for ((record, mesh), slot) in self.records.iter_mut().zip(&self.meshes).zip(0..) {
+            let mut arranged = Placed { group_words: words, ..*record };
+            if let Some(mesh) = mesh {
+                let Some(place) = meshes.placement(mesh) else {
+                    return Err(Error::Invariant("a mesh of the scene was not uploaded".to_owned()));
+                };
+                arranged.first_node = place.first_node;
+                arranged.first_group = place.first_group;
+                arranged.first_page = place.first_page;
+                arranged.vertex_words = place.vertex_words;
+                depth = depth.max(place.depth);
+                let more = (mesh.groups.len() as u32).div_ceil(u32::BITS);
+                words = words.checked_add(more).ok_or_else(|| {
+                    let message = "the instances of the scene have more than 2^37 groups of clusters";
+                    Error::TooLarge(message.to_owned())
+                })?;
+            }
+            if *record != arranged {
+                *record = arranged;
+                self.changed.push(slot);
+            }
         }
         (self.group_words, self.depth) = (words, depth);
         Ok(())

@@ -69,6 +69,8 @@ pub struct Drawn {
     pub instances: Vec<u32>,
     /// The visible list, in scene order.
     pub visible: Vec<VisibleCluster>,
+    /// Bytes of instances written to the device.
+    pub uploaded_bytes: u64,
     /// One phase, or two.
     pub phases: Vec<Counted>,
     /// Stage, phase and milliseconds of each pass on the device; NaN where it takes no time.
@@ -123,7 +125,7 @@ impl Renderer {
             words.fill(0);
             return Ok(Drawn::default());
         }
-        self.instances.upload(&self.context, &mut self.meshes)?;
+        let uploaded_bytes = self.instances.upload(&self.context, &mut self.meshes)?;
         let (group_words, depth) = (self.instances.group_words(), self.instances.depth());
         let mut view = View { instances: self.instances.len(), group_words, ..*view };
         let mut culling = ways.occlusion;
@@ -149,7 +151,7 @@ impl Renderer {
                 Some(buffers) => buffers,
                 None => Buffers::new(&self.context, shape)?,
             };
-            let (drawn, wanted) = self.submit(&buffers, &view, (ways.wide_atomics, culling), words)?;
+            let (mut drawn, wanted) = self.submit(&buffers, &view, (ways.wide_atomics, culling), words)?;
             self.buffers = Some(buffers);
             if wanted.visible as usize > MAX_VISIBLE {
                 let count = wanted.visible;
@@ -158,6 +160,7 @@ impl Renderer {
             }
             let room = self.room.grown(wanted);
             if room == self.room {
+                drawn.uploaded_bytes = uploaded_bytes;
                 if culling {
                     let counters = drawn.phases.iter().map(|phase| phase.counters);
                     let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);

@@ -204,6 +204,7 @@ impl Frame {
                 ("covered_pixels", stats.covered_pixels),
                 ("occluded_instances", stats.occluded_instances),
                 ("occluded_clusters", stats.occluded_clusters),
+                ("uploaded_bytes", stats.uploaded_bytes),
             ];
             (totals, stats.total_ms)
         })

@@ -82,6 +82,7 @@ impl Device {
         let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
         let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
         stats.stages = stages(&drawn, instances.len() as u64, &screen);
+        stats.uploaded_bytes = drawn.uploaded_bytes;
         stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
         stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
         Ok(Rastered { words, views, visible, large, stats })

@@ -40,6 +40,8 @@ pub struct FrameStats {
     pub occluded_instances: u64,
     /// Clusters that passed every other test, and that the depth pyramid then hid.
     pub occluded_clusters: u64,
+    /// Bytes of instances that were written to a device, because they changed.
+    pub uploaded_bytes: u64,
     /// Wall time of the whole frame, milliseconds.
     pub total_ms: f64,
 }
