@@ -199,6 +199,11 @@ impl Context {
         self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
     }
 
+    /// Gives the device up, as if it had been lost: for tests.
+    pub fn lose(&self) {
+        self.device.destroy();
+    }
+
     /// The error that the device reported, if it did.
     pub fn check(&self) -> Result<()> {
         match &*lock(&self.failure) {
@@ -286,6 +291,10 @@ impl Context {
         });
         let wait = PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) };
         let polled = self.device.poll(wait);
+        if polled.is_err() {
+            // A lost device says so by a callback, for which somebody has to ask.
+            let _ = self.device.poll(PollType::Poll);
+        }
         self.check()?;
         polled.map_err(|error| self.fail(&error.to_string()))?;
         // Another thread's wait may have taken the answer along, and be about to call back.

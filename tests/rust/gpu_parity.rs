@@ -2,8 +2,10 @@
 //! or says that there is none; it never falls back.
 
 use std::io::Write;
+use std::process::Command;
 use std::sync::Arc;
 
+use nanite_rs::Error;
 use nanite_rs::config::RenderOptions;
 use nanite_rs::gpu::Context;
 use nanite_rs::model::Dag;
@@ -248,6 +250,32 @@ fn what_did_not_change_is_not_written_again() {
     assert_eq!(written(&scene), all);
     assert_eq!(written(&Scene::new()), 0);
     assert_eq!(written(&scene), all);
+}
+
+#[test]
+fn a_lost_device_is_an_error_and_another_one_serves() {
+    let Some(_) = device("a_lost_device_is_an_error_and_another_one_serves") else { return };
+    // Tests share the device, so this one takes a process of its own.
+    let arguments = ["--exact", "gpu_parity::loses_its_device", "--ignored", "--nocapture"];
+    let done = Command::new(std::env::current_exe().unwrap()).args(arguments).output().unwrap();
+    let (out, err) = (String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
+    assert!(done.status.success() && out.contains("1 passed"), "{out}\n{err}");
+}
+
+#[test]
+#[ignore = "run by a_lost_device_is_an_error_and_another_one_serves"]
+fn loses_its_device() {
+    let (scene, pose, size) = (crowd(), at(0.0, 0.0, 6.0), (64, 48));
+    let context = Context::shared().unwrap();
+    let mut renderer = Renderer::new(size.0, size.1, "gpu").unwrap();
+    renderer.render(&scene, &CAMERA, &pose, &options(1.0)).unwrap();
+    context.lose();
+    for _ in 0..2 {
+        let error = renderer.render(&scene, &CAMERA, &pose, &options(1.0)).unwrap_err();
+        assert!(matches!(&error, Error::Backend { backend, .. } if backend == "gpu"), "{error:?}");
+        assert!(error.to_string().contains("the device was lost"), "{error}");
+    }
+    equal(&scene, &CAMERA, &pose, size, 1.0);
 }
 
 #[test]
