@@ -8,10 +8,9 @@
 @compute @workgroup_size(SCAN_WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let block = workgroup_number(workgroup);
-    let first = block * SCAN_BLOCK + lane * WORDS_PER_LANE;
-    let end = min(first + WORDS_PER_LANE, min(blocks.count, min(arrayLength(&bits), arrayLength(&others))));
+    let words = words_of_lane(block, lane, min(blocks.count, min(arrayLength(&bits), arrayLength(&others))));
     var count = 0u;
-    for (var word = first; word < end; word++) {
+    for (var word = words.x; word < words.y; word++) {
         count += countOneBits(bits[word] | others[word]);
     }
     let sum = inclusive_sum(lane, count);

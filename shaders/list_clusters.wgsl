@@ -66,10 +66,9 @@ fn list(word: u32, mask_of_word: u32, first_number: u32) {
 @compute @workgroup_size(SCAN_WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let block = workgroup_number(workgroup);
-    let start = block * SCAN_BLOCK + lane * WORDS_PER_LANE;
-    let end = min(start + WORDS_PER_LANE, blocks.count);
+    let words = words_of_lane(block, lane, blocks.count);
     var count = 0u;
-    for (var word = start; word < end; word++) {
+    for (var word = words.x; word < words.y; word++) {
         count += countOneBits(drawn[word]);
     }
     var number = sums[block] + inclusive_sum(lane, count) - count;
@@ -79,7 +78,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     if count == 0u {
         return;
     }
-    for (var word = start; word < end; word++) {
+    for (var word = words.x; word < words.y; word++) {
         let mask = drawn[word];
         if mask != 0u {
             list(word, mask, number);

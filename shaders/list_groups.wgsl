@@ -56,11 +56,10 @@ fn list(word: u32, mask_of_word: u32, first_mask: u32, at_of_word: u32, first_at
 @compute @workgroup_size(SCAN_WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let block = workgroup_number(workgroup);
-    let start = block * SCAN_BLOCK + lane * WORDS_PER_LANE;
-    let end = min(start + WORDS_PER_LANE, blocks.count);
+    let words = words_of_lane(block, lane, blocks.count);
     var count = 0u;
     var first_count = 0u;
-    for (var word = start; word < end; word++) {
+    for (var word = words.x; word < words.y; word++) {
         if SECOND {
             first_count += countOneBits(first_bits[word]);
             count += countOneBits(bits[word] | first_bits[word]);
@@ -83,7 +82,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     if count == 0u {
         return;
     }
-    for (var word = start; word < end; word++) {
+    for (var word = words.x; word < words.y; word++) {
         var mask = bits[word];
         var first_mask = 0u;
         if SECOND {

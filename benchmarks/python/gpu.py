@@ -72,7 +72,10 @@ def _row(mesh, vertices, faces, count: int, size: tuple[int, int]) -> dict[str, 
         return frame.color, frame.depth, frame
 
     distance = 1.0
-    share = lambda d: float((renderers["cpu"].render(scene, camera, orbit(0, d)).depth > 0).mean())  # noqa: E731
+
+    def share(distance: float) -> float:
+        return float((renderers["cpu"].render(scene, camera, orbit(0, distance)).depth > 0).mean())
+
     distance = distance_for(COVERAGE, share, 1.5, 60.0)
     contestants = {name: (lambda step, n=name: ours(n, step)) for name in renderers}
     peers = _peers(vertices, faces, poses, distance) if (count, size) == PEERS else {}

@@ -64,8 +64,6 @@ pub(super) struct Phase {
     /// One dispatch per level.
     pub(super) levels: Vec<Buffer>,
     pub(super) group_bits: Buffer,
-    /// The words of `group_bits`.
-    pub(super) group_blocks: Buffer,
     pub(super) group_sums: Buffer,
     pub(super) candidates: Buffer,
     pub(super) culling: Buffer,
@@ -91,7 +89,6 @@ impl Phase {
             starts: storage("the instances of the scene", bytes::<Visit>(starts))?,
             levels: (0..=depth).map(|_| dispatch(1)).collect::<Result<_>>()?,
             group_bits: storage("bits of groups", bytes::<u32>(group_words))?,
-            group_blocks: dispatch(1)?,
             group_sums: sums(group_words)?,
             candidates: storage("groups to look at", bytes::<Candidate>(room.candidates))?,
             culling: dispatch(1)?,
@@ -139,6 +136,8 @@ pub(super) struct Buffers {
     pub(super) phases: Vec<Phase>,
     /// Where the first phase puts off to when there is no second, and the second, which does not: a list and its count.
     pub(super) nowhere: [Buffer; 2],
+    /// The words of the bits of all groups, for the first phase; for the second, a step of the first says it.
+    pub(super) group_blocks: Buffer,
     /// Numbers in the list of both phases for those of the first.
     pub(super) renumbered: Buffer,
     pub(super) words: Buffer,
@@ -178,6 +177,7 @@ impl Buffers {
                 storage("nodes to look at", bytes::<Visit>(1))?,
                 storage("dispatches", bytes::<Dispatch>(1))?,
             ],
+            group_blocks: context.buffer("dispatches", bytes::<Dispatch>(1), DISPATCH)?,
             renumbered: storage("visible clusters", if occlusion { bytes::<u32>(room.visible) } else { 0 })?,
             words: storage("the pixels of the picture", pixels * size_of::<u64>() as u64)?,
             times: Times::new(context)?,
@@ -207,8 +207,8 @@ impl Buffers {
         encoder.clear_buffer(&self.words, 0, None);
     }
 
-    /// The blocks of the bits of all groups.
-    pub(super) fn group_blocks(&self) -> Dispatch {
+    /// What `group_blocks` holds.
+    pub(super) fn group_dispatch(&self) -> Dispatch {
         let count = self.shape.group_words;
         let workgroups = count.div_ceil(SCAN_BLOCK);
         let (x, y) = (workgroups.min(MAX_WORKGROUPS), workgroups.div_ceil(MAX_WORKGROUPS));

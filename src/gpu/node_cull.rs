@@ -30,7 +30,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     }
     let first = r.first();
     let (blocks, number) = match r.phase {
-        Phase::First => (&own.group_blocks, 0),
+        Phase::First => (&b.group_blocks, 0),
         Phase::Second => (&first.steps, Step::Groups.number()),
     };
     r.run_indirect(

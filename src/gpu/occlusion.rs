@@ -16,7 +16,7 @@ use crate::gpu_types::View;
 use crate::limits::PYRAMID_LEVELS;
 
 /// What two frames must have in common, so that keys mean the same.
-type Constants = [u32; 4];
+type Constants = [u32; 3];
 
 /// The pyramids of this frame and of an earlier one.
 #[derive(Debug)]
@@ -57,7 +57,7 @@ fn levels((width, height): (u32, u32)) -> Vec<[u32; 4]> {
 }
 
 fn constants(view: &View) -> Constants {
-    [view.orthographic, view.near.to_bits(), view.far.to_bits(), view.width]
+    [view.orthographic, view.near.to_bits(), view.far.to_bits()]
 }
 
 impl Pyramids {

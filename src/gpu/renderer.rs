@@ -189,8 +189,7 @@ impl Renderer {
         queue.write_buffer(&buffers.view, 0, bytemuck::bytes_of(view));
         let mut encoder = context.device().create_command_encoder(&CommandEncoderDescriptor::default());
         buffers.clear(&mut encoder);
-        let blocks = buffers.group_blocks();
-        queue.write_buffer(&buffers.phases[0].group_blocks, 0, bytemuck::bytes_of(&blocks));
+        queue.write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&buffers.group_dispatch()));
         let forms: &[Words] = match wide_atomics && context.wide_atomics() {
             true => &[Words::Wide],
             false => &[Words::Keys, Words::Lows],
