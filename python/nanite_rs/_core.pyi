@@ -175,8 +175,7 @@ class Renderer:
         *,
         pixel_error: float,
         occlusion: bool,
-        color: bool,
-        depth: bool,
+        outputs: list[str],
     ) -> Frame: ...
 
 @final

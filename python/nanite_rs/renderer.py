@@ -24,7 +24,19 @@ if TYPE_CHECKING:
 __all__ = ["Frame", "FrameStats", "Renderer", "StageStats"]
 
 ViewName: TypeAlias = Literal["shaded", "triangles", "clusters", "groups", "levels", "overdraw"]
-OutputName: TypeAlias = Literal["color", "depth"]
+OutputName: TypeAlias = Literal[
+    "color",
+    "depth",
+    "normal",
+    "instance_id",
+    "cluster_id",
+    "triangle_id",
+    "overdraw",
+    "triangles",
+    "clusters",
+    "groups",
+    "levels",
+]
 
 
 @dataclass(frozen=True)
@@ -264,9 +276,9 @@ class Renderer:
     width, height : int
         Size of the pictures in pixels, 1 to 8192.
     backend : str
-        ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device, for culling and rasterizing, after which
-        shading and all other outputs follow on the CPU; or ``"auto"``, such a device unless it is software, else
-        ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same.
+        ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device; or ``"auto"``, such a device unless it is software,
+        else ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same, but for a few
+        colours that a device rounds the other way, by one step.
 
     Raises
     ------
@@ -340,7 +352,10 @@ class Renderer:
             Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit. The GPU backend
             starts from what the frame before hid, so a first frame gains nothing.
         outputs : sequence of str
-            What to make right away, of ``"color"`` and ``"depth"``; everything else, when first asked for.
+            What to make right away, on a GPU with the frame: ``"color"``, ``"depth"``, ``"normal"``,
+            ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"``, ``"overdraw"``, and of the pictures of `Frame.view`
+            ``"triangles"``, ``"clusters"``, ``"groups"`` and ``"levels"``. Everything else is made when first asked
+            for, on the CPU.
 
         Returns
         -------
@@ -349,7 +364,7 @@ class Renderer:
         Raises
         ------
         ArgumentError
-            For a pose that is not finite or not rigid, or a threshold out of range.
+            For a pose that is not finite or not rigid, a threshold out of range, or an unknown output.
         BackendError
             If the device asked for cannot draw the frame: it was lost, or the scene or the picture does not fit.
         NaniteError
@@ -361,17 +376,13 @@ class Renderer:
             raise DtypeError(f"scene: expected a Scene, not {type(scene).__name__}")
         if not isinstance(camera, Camera):
             raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
-        wanted = {outputs} if isinstance(outputs, str) else set(outputs)
-        if unknown := sorted(wanted - {"color", "depth"}):
-            raise ArgumentError(f'outputs: expected "color" and "depth", found {unknown}')
         core = self._core.render(
             scene._core,
             camera._spec(),
             pose,
             pixel_error=float(pixel_error),
             occlusion=bool(occlusion),
-            color="color" in wanted,
-            depth="depth" in wanted,
+            outputs=[outputs] if isinstance(outputs, str) else list(outputs),
         )
         self._backend = self._core.backend
         return Frame(core)

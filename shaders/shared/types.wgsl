@@ -28,10 +28,9 @@ struct View {
     lod_near: f32,
     focal: vec2<f32>,
     center: vec2<f32>,
+    inverse_focal: vec2<f32>,
     mirrored: u32,
-    unused_a: u32,
-    unused_b: u32,
-    unused_c: u32,
+    unused: u32,
 }
 
 // An instance as the scene places it, whoever looks at it.
@@ -53,6 +52,40 @@ struct Placed {
     // 0 where nothing is, or nothing to be seen.
     visible: u32,
     unused: u32,
+}
+
+// The look of an instance.
+struct Look {
+    // Rows of the map of normals from internal space to the world, each with a component of the base colour.
+    normal: array<vec4<f32>, 3>,
+    diffuse: vec3<f32>,
+    alpha2: f32,
+    f0: vec3<f32>,
+    k: f32,
+    emissive: vec3<f32>,
+    // LOOK_SMOOTH, LOOK_CONFORMAL, LOOK_COLORS.
+    flags: u32,
+}
+
+// A light in camera space.
+struct Light {
+    // Towards the light, unit, or its position.
+    vector: vec3<f32>,
+    // 1 for a light with a position.
+    point: u32,
+    radiance: vec3<f32>,
+    inverse_range: f32,
+}
+
+struct Lighting {
+    ambient: vec3<f32>,
+    // Number of lights.
+    lights: u32,
+    // The bytes of the background, red lowest.
+    background: u32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
 }
 
 struct Instance {

@@ -3,10 +3,13 @@
 use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePass};
 
 use super::context::Context;
+use super::instances::Slots;
 use super::meshes::Meshes;
 use super::occlusion::Pyramids;
+use super::shade::Light;
 use super::shaders::{self, Kernel, MAX_WORKGROUPS, SCAN_BLOCK, Step};
 use super::times::Times;
+use crate::config::{Output, Outputs};
 use crate::error::Result;
 use crate::gpu_types::{Candidate, Counters, Dispatch, Marks, View, VisibleCluster, Visit};
 
@@ -54,6 +57,8 @@ pub struct Shape {
     pub room: Room,
     /// What is hidden is left out, in two phases.
     pub occlusion: bool,
+    /// Arrays to make.
+    pub outputs: Outputs,
 }
 
 /// What one phase writes: its walk, its candidates, its list.
@@ -71,7 +76,6 @@ pub(super) struct Phase {
     pub(super) drawn: Buffer,
     pub(super) marks: Buffer,
     pub(super) cluster_sums: Buffer,
-    pub(super) visible: Buffer,
     pub(super) numbers: Buffer,
     pub(super) draws: Buffer,
     pub(super) counters: Buffer,
@@ -96,7 +100,6 @@ impl Phase {
             drawn: storage("bits of clusters", bytes::<u32>(room.candidates))?,
             marks: storage("bits of clusters", bytes::<Marks>(room.candidates))?,
             cluster_sums: sums(room.candidates)?,
-            visible: storage("visible clusters", bytes::<VisibleCluster>(room.visible))?,
             numbers: storage("visible clusters", bytes::<u32>(room.visible))?,
             draws: dispatch(2)?,
             counters: storage("counters", bytes::<Counters>(1))?,
@@ -111,14 +114,13 @@ impl Phase {
     }
 
     /// What comes back of it, in the order in which [`Buffers::split`] hands it out; `starts` entries of its list.
-    fn parts(&self, starts: u32, room: Room) -> Vec<Part<'_>> {
+    fn parts(&self, starts: u32) -> Vec<Part<'_>> {
         let dispatch = bytes::<Dispatch>(1);
         let mut parts = vec![
             Part { buffer: &self.counters, bytes: bytes::<Counters>(1) },
             Part { buffer: &self.culling, bytes: dispatch },
             Part { buffer: &self.draws, bytes: 2 * dispatch },
             Part { buffer: &self.starts, bytes: bytes::<Visit>(starts) },
-            Part { buffer: &self.visible, bytes: bytes::<VisibleCluster>(room.visible) },
         ];
         parts.extend(self.levels.iter().map(|buffer| Part { buffer, bytes: dispatch }));
         parts
@@ -138,9 +140,12 @@ pub(super) struct Buffers {
     pub(super) nowhere: [Buffer; 2],
     /// The words of the bits of all groups, for the first phase; for the second, a step of the first says it.
     pub(super) group_blocks: Buffer,
+    /// The visible list: of the first phase, then of both.
+    pub(super) visible: Buffer,
     /// Numbers in the list of both phases for those of the first.
     pub(super) renumbered: Buffer,
     pub(super) words: Buffer,
+    pub(super) outputs: Vec<(Output, Buffer)>,
     pub(super) times: Times,
     /// What comes back, and the bytes of it.
     pub(super) staging: Buffer,
@@ -158,11 +163,24 @@ fn bytes<T>(count: u32) -> u64 {
     u64::from(count) * size_of::<T>() as u64
 }
 
+/// Bytes of an array of so many pixels, in whole words.
+fn array_bytes(output: Output, pixels: u64) -> u64 {
+    let word = size_of::<u32>() as u64;
+    match output {
+        // Four pixels are three words.
+        _ if output.rgb() => pixels.div_ceil(4) * 3 * word,
+        Output::Normal => pixels * 3 * word,
+        _ => pixels * word,
+    }
+}
+
 impl Buffers {
     pub(super) fn new(context: &Context, shape: Shape) -> Result<Self> {
-        let Shape { instances, pixels, room, occlusion, .. } = shape;
+        let Shape { instances, pixels, room, occlusion, outputs, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let visits = || storage("nodes to look at", bytes::<Visit>(room.visits));
+        let made =
+            |output: Output| Ok((output, storage("an array of the picture", array_bytes(output, pixels))?));
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let mut phases = vec![Phase::new(context, shape, instances)?];
         if occlusion {
@@ -178,8 +196,10 @@ impl Buffers {
                 storage("dispatches", bytes::<Dispatch>(1))?,
             ],
             group_blocks: context.buffer("dispatches", bytes::<Dispatch>(1), DISPATCH)?,
+            visible: storage("visible clusters", bytes::<VisibleCluster>(room.visible))?,
             renumbered: storage("visible clusters", if occlusion { bytes::<u32>(room.visible) } else { 0 })?,
             words: storage("the pixels of the picture", pixels * size_of::<u64>() as u64)?,
+            outputs: outputs.iter().map(made).collect::<Result<_>>()?,
             times: Times::new(context)?,
             staging: context.buffer("counters", 0, BufferUsages::MAP_READ)?,
             staged: 0,
@@ -191,13 +211,18 @@ impl Buffers {
     }
 
     /// What comes back: of the frame, then of each phase.
-    fn parts(&self) -> Vec<Vec<Part<'_>>> {
+    fn parts<'a>(&'a self) -> Vec<Vec<Part<'a>>> {
         let Shape { instances, pixels, room, .. } = self.shape;
-        let pixels = pixels * size_of::<u64>() as u64;
+        let words = pixels * size_of::<u64>() as u64;
         let ticks = Part { buffer: self.times.ticks(), bytes: Times::BYTES };
-        let mut parts = vec![vec![ticks, Part { buffer: &self.words, bytes: pixels }]];
+        let visible = Part { buffer: &self.visible, bytes: bytes::<VisibleCluster>(room.visible) };
+        let mut whole = vec![ticks, Part { buffer: &self.words, bytes: words }, visible];
+        let array =
+            |(output, buffer): &'a (Output, Buffer)| Part { buffer, bytes: array_bytes(*output, pixels) };
+        whole.extend(self.outputs.iter().map(array));
+        let mut parts = vec![whole];
         let starts = [instances, room.visits];
-        parts.extend(self.phases.iter().zip(starts).map(|(phase, starts)| phase.parts(starts, room)));
+        parts.extend(self.phases.iter().zip(starts).map(|(phase, starts)| phase.parts(starts)));
         parts
     }
 
@@ -205,6 +230,8 @@ impl Buffers {
     pub(super) fn clear(&self, encoder: &mut CommandEncoder) {
         self.phases.iter().for_each(|phase| phase.clear(encoder));
         encoder.clear_buffer(&self.words, 0, None);
+        let counted = self.outputs.iter().find(|(output, _)| *output == Output::Overdraw);
+        counted.iter().for_each(|(_, counts)| encoder.clear_buffer(counts, 0, None));
     }
 
     /// What `group_blocks` holds.
@@ -240,9 +267,10 @@ pub(super) struct Recorder<'a> {
     pub(super) meshes: &'a Meshes,
     pub(super) buffers: &'a Buffers,
     pub(super) pyramids: &'a Pyramids,
-    /// As the scene places them, and as seen from the view; and how many slots there are.
-    pub(super) instances: [&'a Buffer; 2],
+    /// Its instances, and how many slots there are.
+    pub(super) instances: &'a Slots,
     pub(super) slots: u32,
+    pub(super) light: &'a Light,
     pub(super) phase: shaders::Phase,
     pub(super) pass: ComputePass<'a>,
 }
@@ -274,24 +302,49 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// What both rasterizers bind.
-    pub(super) fn raster_bindings(&self) -> [&'a Buffer; 12] {
+    /// What both rasterizers bind, which write into `words`.
+    pub(super) fn raster_bindings(&self, words: &'a Buffer) -> [&'a Buffer; 12] {
         let (b, m, own) = (self.buffers, self.meshes, self.own());
         let [pages, pages_1, pages_2, pages_3] = m.pages();
         [
             &b.view,
-            self.instances[1],
+            &self.instances.seen,
             m.page_offsets(),
             pages,
-            &own.visible,
+            &b.visible,
             &own.numbers,
             &own.draws,
-            &b.words,
+            words,
             &own.counters,
             pages_1,
             pages_2,
             pages_3,
         ]
+    }
+
+    /// What shading and all other arrays bind, one of which goes to `out`.
+    pub(super) fn surface_bindings(&self, out: &'a Buffer) -> [&'a Buffer; 11] {
+        let (b, m) = (self.buffers, self.meshes);
+        let [pages, pages_1, pages_2, pages_3] = m.pages();
+        [
+            &b.view,
+            &self.instances.seen,
+            m.page_offsets(),
+            pages,
+            pages_1,
+            pages_2,
+            pages_3,
+            &b.visible,
+            &self.instances.looks,
+            &b.words,
+            out,
+        ]
+    }
+
+    /// Workgroups whose lanes take four pixels each.
+    pub(super) fn picture_workgroups(&self) -> u32 {
+        // As many as a picture has at most fit.
+        self.buffers.shape.pixels.div_ceil(u64::from(4 * shaders::WIDTH)) as u32
     }
 
     fn prepare(&mut self, kernel: Kernel, buffers: &[&Buffer]) {

@@ -8,7 +8,7 @@ use wgpu::{Buffer, BufferUsages};
 use super::context::Context;
 use super::meshes::Meshes;
 use crate::error::{Error, Result};
-use crate::gpu_types::{Instance, Placed};
+use crate::gpu_types::{Instance, Look, Placed};
 use crate::model::Dag;
 
 /// Slots that did not change are written along where the way around is as short.
@@ -18,6 +18,7 @@ const GAP: usize = 16;
 #[derive(Debug, Default)]
 pub(super) struct Instances {
     records: Vec<Placed>,
+    looks: Vec<Look>,
     meshes: Vec<Option<Arc<Dag>>>,
     /// Slots to write, with repetitions.
     changed: Vec<u32>,
@@ -31,10 +32,14 @@ pub(super) struct Instances {
 
 /// The arrays on the device.
 #[derive(Debug)]
-struct Slots {
+pub(super) struct Slots {
     room: u32,
-    placed: Buffer,
-    seen: Buffer,
+    /// As the scene places them.
+    pub(super) placed: Buffer,
+    /// As seen from the view.
+    pub(super) seen: Buffer,
+    /// How they look.
+    pub(super) looks: Buffer,
 }
 
 impl Instances {
@@ -44,16 +49,18 @@ impl Instances {
     }
 
     /// Puts an instance in a slot, or nothing. Where its mesh lies on the device is found out later.
-    pub(super) fn set(&mut self, slot: u32, instance: Option<(Placed, &Arc<Dag>)>) {
+    pub(super) fn set(&mut self, slot: u32, instance: Option<(Placed, Look, &Arc<Dag>)>) {
         let index = slot as usize;
         if self.records.len() <= index {
             self.records.resize(index + 1, bytemuck::Zeroable::zeroed());
+            self.looks.resize(index + 1, bytemuck::Zeroable::zeroed());
             self.meshes.resize(index + 1, None);
         }
-        let (record, mesh) = match instance {
-            Some((record, mesh)) => (record, Some(mesh)),
-            None => (bytemuck::Zeroable::zeroed(), None),
+        let (record, look, mesh) = match instance {
+            Some((record, look, mesh)) => (record, look, Some(mesh)),
+            None => (bytemuck::Zeroable::zeroed(), bytemuck::Zeroable::zeroed(), None),
         };
+        self.looks[index] = look;
         let known = self.meshes[index].as_ref();
         if known.map(Arc::as_ptr) != mesh.map(Arc::as_ptr) {
             self.rearranged = true;
@@ -107,20 +114,17 @@ impl Instances {
             // The old ones go first.
             self.buffers = None;
             let (placed, seen) = (buffer(size_of::<Placed>())?, buffer(size_of::<Instance>())?);
-            self.buffers = Some(Slots { room, placed, seen });
+            self.buffers = Some(Slots { room, placed, seen, looks: buffer(size_of::<Look>())? });
             self.changed = (0..self.len()).collect();
         }
         let Some(slots) = &self.buffers else { return Ok(0) };
         let mut written = 0;
-        let mut write = |first: usize, records: &[Placed]| {
-            let offset = (first * size_of::<Placed>()) as u64;
-            context.queue().write_buffer(&slots.placed, offset, bytemuck::cast_slice(records));
-            written += size_of_val(records) as u64;
-        };
         self.changed.sort_unstable();
         for run in self.changed.chunk_by(|a, b| (b - a) as usize <= GAP) {
             let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
-            write(*first as usize, &self.records[*first as usize..=*last as usize]);
+            let run = *first as usize..=*last as usize;
+            written += write(context, &slots.placed, *first, &self.records[run.clone()]);
+            written += write(context, &slots.looks, *first, &self.looks[run]);
         }
         self.changed.clear();
         Ok(written)
@@ -155,8 +159,15 @@ impl Instances {
         Ok(())
     }
 
-    /// As the scene places them, and as seen from the view.
-    pub(super) fn buffers(&self) -> Option<[&Buffer; 2]> {
-        self.buffers.as_ref().map(|slots| [&slots.placed, &slots.seen])
+    /// The arrays on the device, once there are any.
+    pub(super) fn slots(&self) -> Option<&Slots> {
+        self.buffers.as_ref()
     }
+}
+
+/// Writes entries from `first` on; returns how many bytes these are.
+fn write<T: bytemuck::NoUninit>(context: &Context, buffer: &Buffer, first: u32, entries: &[T]) -> u64 {
+    let offset = u64::from(first) * size_of::<T>() as u64;
+    context.queue().write_buffer(buffer, offset, bytemuck::cast_slice(entries));
+    size_of_val(entries) as u64
 }

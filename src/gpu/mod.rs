@@ -14,12 +14,14 @@ mod instances;
 pub mod meshes;
 mod node_cull;
 mod occlusion;
+mod output;
 mod raster_large;
 mod raster_small;
 pub mod renderer;
+mod shade;
 pub mod shaders;
 mod times;
 
 pub use context::Context;
-pub use renderer::{Counted, DeviceStage, Drawn, Renderer, Ways};
+pub use renderer::{Counted, DeviceStage, Drawn, Renderer, Wanted, Ways};
 pub use shaders::Phase;

@@ -2,17 +2,21 @@
 
 use std::sync::Arc;
 
-use wgpu::{Buffer, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
+use wgpu::{CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
 
 use super::context::Context;
 use super::frame::{Buffers, Recorder, Room, Shape};
-use super::instances::Instances;
+use super::instances::{Instances, Slots};
 use super::meshes::Meshes;
 use super::occlusion::{self, Pyramids};
+use super::shade::Light;
 use super::shaders::{Phase, Words};
-use super::{cluster_cull, hzb, instance_cull, node_cull, raster_large, raster_small, times};
+use super::{cluster_cull, hzb, instance_cull, node_cull, output, raster_large, raster_small, shade, times};
+use crate::config::{Output, Outputs};
 use crate::error::{Error, Result};
-use crate::gpu_types::{Counters, Dispatch, Placed, View, VisibleCluster, Visit};
+use crate::gpu_types::{
+    self, Array, Counters, Dispatch, Lighting, Look, Placed, View, VisibleCluster, Visit,
+};
 use crate::limits::MAX_VISIBLE;
 use crate::model::Dag;
 
@@ -26,6 +30,17 @@ pub struct Ways {
     pub wide_atomics: bool,
     /// Leaves out what is hidden, in two phases.
     pub occlusion: bool,
+}
+
+/// Arrays to make of a picture, and the light for it.
+#[derive(Clone, Copy, Debug)]
+pub struct Wanted<'a> {
+    /// The arrays.
+    pub outputs: Outputs,
+    /// All but the lights.
+    pub lighting: Lighting,
+    /// The lights.
+    pub lights: &'a [gpu_types::Light],
 }
 
 /// A stage of the device.
@@ -43,6 +58,10 @@ pub enum DeviceStage {
     RasterLarge,
     /// `hzb`.
     Hzb,
+    /// `shade`.
+    Shade,
+    /// `output`.
+    Output,
 }
 
 /// What a phase counted.
@@ -69,6 +88,8 @@ pub struct Drawn {
     pub instances: Vec<u32>,
     /// The visible list, in scene order.
     pub visible: Vec<VisibleCluster>,
+    /// The arrays asked for.
+    pub made: Vec<(Output, Array)>,
     /// Bytes of instances written to the device.
     pub uploaded_bytes: u64,
     /// One phase, or two.
@@ -86,13 +107,14 @@ pub struct Renderer {
     room: Room,
     buffers: Option<Buffers>,
     pyramids: Pyramids,
+    light: Light,
 }
 
 impl Renderer {
     /// A renderer on the best device there is.
     pub fn new() -> Result<Self> {
         let context = Context::shared()?;
-        let pyramids = Pyramids::new(&context, (0, 0))?;
+        let (pyramids, light) = (Pyramids::new(&context, (0, 0))?, Light::new(&context)?);
         Ok(Self {
             context,
             meshes: Meshes::default(),
@@ -100,6 +122,7 @@ impl Renderer {
             room: FIRST_ROOM,
             buffers: None,
             pyramids,
+            light,
         })
     }
 
@@ -114,18 +137,20 @@ impl Renderer {
     }
 
     /// Puts an instance in a slot of the scene, or nothing. Where its mesh lies on the device is filled in.
-    pub fn set(&mut self, slot: u32, instance: Option<(Placed, &Arc<Dag>)>) {
+    pub fn set(&mut self, slot: u32, instance: Option<(Placed, Look, &Arc<Dag>)>) {
         self.instances.set(slot, instance);
     }
 
-    /// Draws what is in the slots, in their order, into `words`, the visibility buffer of the view's picture.
-    pub fn draw(&mut self, view: &View, ways: Ways, words: &mut [u64]) -> Result<Drawn> {
+    /// Draws what is in the slots, in their order, into `words`, the visibility buffer of the view's picture, and makes
+    /// arrays of it.
+    pub fn draw(&mut self, view: &View, ways: Ways, wanted: Wanted<'_>, words: &mut [u64]) -> Result<Drawn> {
         self.context.check()?;
         if !self.instances.any() {
             words.fill(0);
             return Ok(Drawn::default());
         }
         let uploaded_bytes = self.instances.upload(&self.context, &mut self.meshes)?;
+        self.light.write(&self.context, &wanted.lighting, wanted.lights)?;
         let (group_words, depth) = (self.instances.group_words(), self.instances.depth());
         let mut view = View { instances: self.instances.len(), group_words, ..*view };
         let mut culling = ways.occlusion;
@@ -145,20 +170,21 @@ impl Renderer {
                 pixels: words.len() as u64,
                 room: self.room,
                 occlusion: ways.occlusion,
+                outputs: wanted.outputs,
             };
             // Others go before new ones are made.
             let buffers = match self.buffers.take().filter(|b| b.shape == shape) {
                 Some(buffers) => buffers,
                 None => Buffers::new(&self.context, shape)?,
             };
-            let (mut drawn, wanted) = self.submit(&buffers, &view, (ways.wide_atomics, culling), words)?;
+            let (mut drawn, lengths) = self.submit(&buffers, &view, (ways.wide_atomics, culling), words)?;
             self.buffers = Some(buffers);
-            if wanted.visible as usize > MAX_VISIBLE {
-                let count = wanted.visible;
+            if lengths.visible as usize > MAX_VISIBLE {
+                let count = lengths.visible;
                 let message = format!("{count} clusters are visible at once, the most is {MAX_VISIBLE}");
                 return Err(Error::TooLarge(message));
             }
-            let room = self.room.grown(wanted);
+            let room = self.room.grown(lengths);
             if room == self.room {
                 drawn.uploaded_bytes = uploaded_bytes;
                 if culling {
@@ -194,7 +220,7 @@ impl Renderer {
             true => &[Words::Wide],
             false => &[Words::Keys, Words::Lows],
         };
-        let Some(instances) = self.instances.buffers() else { return Ok(Default::default()) };
+        let Some(instances) = self.instances.slots() else { return Ok(Default::default()) };
         let slots = self.instances.len();
         let mut passes =
             Passes { renderer: self, buffers, instances, slots, encoder: &mut encoder, passes: Vec::new() };
@@ -211,19 +237,27 @@ impl Renderer {
                 }
             });
             for &form in forms {
-                passes.run(DeviceStage::RasterSmall, phase, |r| raster_small::record(r, form));
-                passes.run(DeviceStage::RasterLarge, phase, |r| raster_large::record(r, form));
+                passes
+                    .run(DeviceStage::RasterSmall, phase, |r| raster_small::record(r, form, &buffers.words));
+                passes
+                    .run(DeviceStage::RasterLarge, phase, |r| raster_large::record(r, form, &buffers.words));
+            }
+            // The visible list is that of this phase now, and not later.
+            if let Some((_, counts)) = buffers.outputs.iter().find(|(output, _)| *output == Output::Overdraw)
+            {
+                passes.run(DeviceStage::Output, phase, |r| output::count(r, counts));
             }
             if culling {
                 passes.run(DeviceStage::Hzb, phase, hzb::record);
             }
         }
+        passes.make();
         let passes = passes.passes;
         buffers.times.resolve(&mut encoder, passes.len() as u32);
         buffers.copy_back(&mut encoder);
         let mut result = Default::default();
         context.submit(encoder, &buffers.staging, buffers.staged, |staged| {
-            result = report(&buffers.split(staged), &passes, context.tick(), words);
+            result = report(&buffers.split(staged), buffers.shape, &passes, context.tick(), words);
         })?;
         Ok(result)
     }
@@ -233,20 +267,40 @@ impl Renderer {
 struct Passes<'a> {
     renderer: &'a Renderer,
     buffers: &'a Buffers,
-    instances: [&'a Buffer; 2],
+    instances: &'a Slots,
     slots: u32,
     encoder: &'a mut CommandEncoder,
     /// Stage and phase of each so far.
     passes: Vec<(DeviceStage, Phase)>,
 }
 
-impl Passes<'_> {
-    fn run(&mut self, stage: DeviceStage, phase: Phase, record: impl FnOnce(&mut Recorder<'_>)) {
+impl<'a> Passes<'a> {
+    /// Makes arrays of the finished picture.
+    fn make(&mut self) {
+        let buffers = self.buffers;
+        let mut others = Vec::new();
+        for (output, out) in &buffers.outputs {
+            match output {
+                Output::Color => self.run(DeviceStage::Shade, Phase::First, |r| shade::record(r, out)),
+                Output::Overdraw => {}
+                _ => others.push((*output, out)),
+            }
+        }
+        if !others.is_empty() {
+            self.run(DeviceStage::Output, Phase::First, |r| {
+                others.iter().for_each(|(what, out)| output::record(r, *what, out));
+            });
+        }
+    }
+
+    fn run(&mut self, stage: DeviceStage, phase: Phase, record: impl FnOnce(&mut Recorder<'a>)) {
         let timestamp_writes = self.buffers.times.of_pass(self.passes.len() as u32);
-        let pass = self.encoder.begin_compute_pass(&ComputePassDescriptor { label: None, timestamp_writes });
-        let Renderer { context, meshes, pyramids, .. } = self.renderer;
+        let descriptor = ComputePassDescriptor { label: None, timestamp_writes };
+        // It ends with the recorder, below.
+        let pass = self.encoder.begin_compute_pass(&descriptor).forget_lifetime();
+        let Renderer { context, meshes, pyramids, light, .. } = self.renderer;
         let Self { buffers, instances, slots, .. } = *self;
-        record(&mut Recorder { context, meshes, buffers, pyramids, instances, slots, phase, pass });
+        record(&mut Recorder { context, meshes, buffers, pyramids, light, instances, slots, phase, pass });
         self.passes.push((stage, phase));
     }
 }
@@ -264,20 +318,27 @@ fn list<T: bytemuck::Pod>(bytes: &[u8], count: u32) -> Vec<T> {
 /// Reads what came back: the frame, and the lengths that its lists wanted.
 fn report(
     parts: &[Vec<&[u8]>],
+    shape: Shape,
     passes: &[(DeviceStage, Phase)],
     tick: Option<f64>,
     words: &mut [u64],
 ) -> (Drawn, Room) {
     let (mut drawn, mut wanted) = <(Drawn, Room)>::default();
+    // Of both phases where the second listed any, else of the first.
+    let (mut visible, mut listed) = (&[][..], 0);
     for (number, parts) in parts.iter().enumerate() {
         if number == 0 {
-            let [ticks, pixels] = parts[..] else { continue };
+            let [ticks, pixels, list, arrays @ ..] = &parts[..] else { continue };
             bytemuck::cast_slice_mut(words).copy_from_slice(pixels);
+            visible = list;
+            let pixels = words.len();
+            let arrays = shape.outputs.iter().zip(arrays);
+            drawn.made = arrays.map(|(output, bytes)| (output, Array::read(output, pixels, bytes))).collect();
             let times = passes.iter().zip(times::milliseconds(ticks, tick));
             drawn.times = times.map(|((stage, phase), ms)| (*stage, *phase, ms)).collect();
             continue;
         }
-        let [counters, culling, draws, starts, visible, levels @ ..] = &parts[..] else { continue };
+        let [counters, culling, draws, starts, levels @ ..] = &parts[..] else { continue };
         let counters: Counters = value(counters);
         let groups = value::<Dispatch>(culling).count;
         let draws: [Dispatch; 2] = value(draws);
@@ -287,8 +348,8 @@ fn report(
         // The second phase starts anywhere; what it starts at a root is an instance that the first did not walk.
         let roots = list::<Visit>(starts, levels[0].count).into_iter().filter(|visit| visit.node == 0);
         drawn.instances.extend(roots.map(|visit| visit.instance));
-        if number == 1 || counters.visible > 0 {
-            drawn.visible = list(visible, counters.visible);
+        if counters.visible > 0 {
+            listed = counters.visible;
         }
         drawn.phases.push(Counted {
             starts: u64::from(levels[0].count),
@@ -304,6 +365,7 @@ fn report(
         wanted.candidates = wanted.candidates.max(groups);
         wanted.visible = wanted.visible.max(counters.visible);
     }
+    drawn.visible = list(visible, listed);
     drawn.instances.sort_unstable();
     drawn.instances.dedup();
     (drawn, wanted)

@@ -7,8 +7,9 @@ use wgpu::{
 use super::context::Context;
 use crate::error::Result;
 
-/// Passes of a frame at most: six stages in two phases, the first of them in one, and those that draw may take two each.
-const PASSES: u32 = 6 + 5 + 4;
+/// Passes of a frame at most: six stages in two phases, the first of them in one, and those that draw may take two each;
+/// then shading, and other arrays in two.
+const PASSES: u32 = 6 + 5 + 4 + 3;
 /// Timestamps of a pass: before and after.
 const ENDS: u32 = 2;
 

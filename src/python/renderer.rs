@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use super::arrays::matrix4;
 use super::errors::{detached, to_python};
 use super::scene::Scene;
-use crate::config::RenderOptions;
+use crate::config::{Output, RenderOptions};
 use crate::error::{Error, Result};
 use crate::render::{self, ImageView};
 use crate::scene::{Camera, Projection};
@@ -65,7 +65,7 @@ impl Renderer {
     }
 
     /// Renders a frame.
-    #[pyo3(signature = (scene, camera, pose, *, pixel_error, occlusion, color, depth))]
+    #[pyo3(signature = (scene, camera, pose, *, pixel_error, occlusion, outputs))]
     fn render(
         &self,
         py: Python<'_>,
@@ -74,11 +74,12 @@ impl Renderer {
         pose: &Bound<'_, PyAny>,
         pixel_error: f32,
         occlusion: bool,
-        color: bool,
-        depth: bool,
+        outputs: Vec<String>,
     ) -> PyResult<Frame> {
         let pose = matrix4(pose, "pose")?;
-        let options = RenderOptions { pixel_error, occlusion, color, depth, ..RenderOptions::default() };
+        let outputs = outputs.iter().map(|name| name.parse::<Output>()).collect::<Result<_>>();
+        let outputs = outputs.map_err(|error| to_python(py, error))?;
+        let options = RenderOptions { pixel_error, occlusion, outputs, ..RenderOptions::default() };
         let frame = detached(py, || {
             let camera = self::camera(camera)?;
             self.lock().render(&scene.read(), &camera, &pose, &options)
@@ -133,27 +134,27 @@ impl Frame {
 #[pymethods]
 impl Frame {
     fn color(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u8>>> {
-        self.planes(py, render::Frame::take_color)
+        self.planes(py, |frame| frame.take(Output::Color).into())
     }
 
     fn depth(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f32>>> {
-        self.plane(py, render::Frame::take_depth)
+        self.plane(py, |frame| frame.take(Output::Depth).into())
     }
 
     fn normal(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
-        self.planes(py, |frame| frame.normals().into_flattened())
+        self.planes(py, |frame| frame.take(Output::Normal).into())
     }
 
     fn instance_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i32>>> {
-        self.plane(py, |frame| frame.instance_ids())
+        self.plane(py, |frame| frame.take(Output::InstanceId).into())
     }
 
     fn cluster_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u32>>> {
-        self.plane(py, |frame| frame.cluster_ids())
+        self.plane(py, |frame| frame.take(Output::ClusterId).into())
     }
 
     fn triangle_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i32>>> {
-        self.plane(py, |frame| frame.triangle_ids())
+        self.plane(py, |frame| frame.take(Output::TriangleId).into())
     }
 
     fn face_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i64>>> {
@@ -161,7 +162,7 @@ impl Frame {
     }
 
     fn overdraw(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u32>>> {
-        self.plane(py, |frame| frame.overdraw())
+        self.plane(py, |frame| frame.take(Output::Overdraw).into())
     }
 
     /// Width and height.

@@ -3,30 +3,28 @@
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use rayon::prelude::*;
-
 #[cfg(feature = "gpu")]
 use super::device;
 use super::frame::{Frame, Spare};
 use super::pass::Pass;
 use super::stages::Stage;
 use super::stats::FrameStats;
-use crate::config::RenderOptions;
+use crate::config::{Output, RenderOptions};
 use crate::cpu::hzb::Hzb;
+use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen};
-use crate::cpu::shade::{self, Lighting};
-use crate::cpu::surface::Pixels;
-use crate::cpu::visibility::Visible;
-use crate::cpu::{instance_cull, output};
+use crate::cpu::visibility::{Visible, covered};
 use crate::error::{Error, Result};
-use crate::scene::{Camera, Instance, Scene, View};
+use crate::gpu_types::Array;
+use crate::scene::placement::Eye;
+use crate::scene::{Camera, Instance, Lighting, Scene, View};
 
 /// Where frames are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
     /// The CPU twin of every stage.
     Cpu,
-    /// A device of wgpu; shading and outputs on the CPU.
+    /// A device of wgpu.
     Gpu,
 }
 
@@ -100,6 +98,23 @@ impl Device {
     }
 }
 
+/// What is to be drawn, and how.
+pub(super) struct Shot<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) view: View,
+    pub(super) eye: Eye,
+    pub(super) screen: Screen,
+    pub(super) lighting: Lighting,
+    pub(super) options: &'a RenderOptions,
+}
+
+impl<'a> Shot<'a> {
+    fn new(scene: &'a Scene, view: View, options: &'a RenderOptions) -> Self {
+        let (eye, screen, lighting) = (Eye::new(&view), Screen::new(&view), Lighting::new(scene, &view));
+        Self { scene, view, eye, screen, lighting, options }
+    }
+}
+
 /// What the culling and raster stages leave for those after them.
 pub(super) struct Rastered {
     /// The visibility buffer.
@@ -110,6 +125,8 @@ pub(super) struct Rastered {
     pub(super) visible: Vec<Visible>,
     /// Which of it went to the large rasterizer.
     pub(super) large: Vec<bool>,
+    /// What a device made besides.
+    pub(super) made: Vec<(Output, Array)>,
     /// The stages so far, and the triangles of the source.
     pub(super) stats: FrameStats,
 }
@@ -173,75 +190,51 @@ impl Renderer {
     ) -> Result<Frame> {
         options.validate()?;
         let start = Instant::now();
-        let view = camera.view(pose, self.width, self.height)?;
-        let screen = Screen::new(&view);
-        let Rastered { words, views, visible, large, mut stats } =
-            self.draw(scene, &view, screen, options)?;
-
-        let lighting = Lighting::new(scene, &view);
-        let pixels = Pixels { words: &words, visible: &visible, views: &views, screen: &screen };
-        let count = words.len();
-        let color = options.color.then(|| {
-            stats.time(Stage::Shade, 1, || {
-                let mut out = vec![0; 3 * count];
-                let covered = shade::run(pixels, &view, &lighting, &mut out);
-                (out, count as u64, covered)
-            })
-        });
-        let depth = options.depth.then(|| {
-            stats.time(Stage::Output, 1, || {
-                let mut out = vec![0.0; count];
-                output::depth(pixels, &mut out);
-                (out, count as u64, count as u64)
-            })
-        });
-        stats.covered_pixels = match stats.stages.iter().find(|s| s.stage == Stage::Shade) {
-            Some(shade) => shade.passed,
-            None => words.par_iter().filter(|w| **w != 0).count() as u64,
-        };
+        let shot = Shot::new(scene, camera.view(pose, self.width, self.height)?, options);
+        let Rastered { words, views, visible, large, made, mut stats } = self.draw(&shot)?;
         stats.clusters = visible.len() as u64;
         let record = |v: &Visible| views[v.instance as usize].mesh.record(v.cluster);
         stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
         let drawn = |stage| stats.stages.iter().filter(|s| s.stage == stage).map(|s| s.passed).sum();
         (stats.drawn_small, stats.drawn_large) = (drawn(Stage::RasterSmall), drawn(Stage::RasterLarge));
-        stats.total_ms = start.elapsed().as_secs_f64() * 1e3;
+        let Shot { view, eye, screen, lighting, .. } = shot;
         let spare = Arc::clone(&self.spare);
-        Ok(Frame { words, visible, large, views, screen, view, lighting, color, depth, spare, stats })
+        let mut frame =
+            Frame { words, visible, large, views, screen, view, eye, lighting, made, spare, stats };
+        frame.finish(options.outputs);
+        frame.stats.total_ms = start.elapsed().as_secs_f64() * 1e3;
+        Ok(frame)
     }
 
     /// The culling and raster stages.
-    fn draw(
-        &mut self,
-        scene: &Scene,
-        view: &View,
-        screen: Screen,
-        options: &RenderOptions,
-    ) -> Result<Rastered> {
+    fn draw(&mut self, shot: &Shot<'_>) -> Result<Rastered> {
         let words = self.spare_words();
         #[cfg(feature = "gpu")]
         if let Device::Gpu { device, replaceable } = &mut self.device {
-            match device.draw(scene, view, screen, options, words) {
+            match device.draw(shot, words) {
                 Err(error @ Error::Backend { .. }) if *replaceable => {
                     (self.device, self.reason) = (Device::Cpu, error.to_string());
-                    return self.draw(scene, view, screen, options);
+                    return self.draw(shot);
                 }
                 drawn => return drawn,
             }
         }
+        let Shot { scene, view, eye, screen, options, .. } = shot;
         let mut stats = FrameStats::default();
         let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
         let views = stats.time(Stage::InstanceCull, 1, || {
-            let views = instance_cull::run(&instances, view, &screen);
+            let views = instance_cull::run(&instances, view, eye, screen);
             let count = views.len() as u64;
             (views, instances.len() as u64, count)
         });
         stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
-        let mut pass = Pass { screen, tau: options.pixel_error, views, words, stats };
+        let mut pass = Pass { screen: *screen, tau: options.pixel_error, views, words, stats };
         let list = pass.draw_scene(options.occlusion, &mut self.hzb)?;
-        let Pass { views, words, stats, .. } = pass;
+        let Pass { views, words, mut stats, .. } = pass;
+        stats.covered_pixels = covered(&words);
         let visible = list.iter().map(|c| c.visible).collect();
         let large = list.iter().map(|c| c.large).collect();
-        Ok(Rastered { words, views, visible, large, stats })
+        Ok(Rastered { words, views, visible, large, made: Vec::new(), stats })
     }
 
     /// A visibility buffer, of an earlier frame if there is one.

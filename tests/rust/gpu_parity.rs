@@ -6,16 +6,19 @@ use std::process::Command;
 use std::sync::Arc;
 
 use nanite_rs::Error;
-use nanite_rs::config::RenderOptions;
+use nanite_rs::build::{Silent, build};
+use nanite_rs::config::{BuildOptions, OUTPUTS, Output, RenderOptions};
 use nanite_rs::gpu::Context;
+use nanite_rs::gpu_types::{self, Array};
+use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
 use nanite_rs::render::{Backend, Frame, Renderer, Stage};
-use nanite_rs::scene::{Camera, Material, Projection, Scene};
+use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
 use crate::render_frames::{
     AnyView, CAMERA, IDENTITY, Pose, any_views, at, city, crowd, dag, lit, shoot, turned,
 };
-use crate::shapes::{bumpy_sphere, grid, torus};
+use crate::shapes::{Mesh, bumpy_sphere, grid, torus};
 
 /// The device, or a note for the summary of `make test` that this test was skipped.
 fn device(test: &str) -> Option<Arc<Context>> {
@@ -82,8 +85,82 @@ fn equal(scene: &Scene, camera: &Camera, pose: &Pose, size: (u32, u32), tau: f32
     assert!(gpu.visible() == cpu.visible(), "other clusters");
     assert_eq!(differences(&gpu, &cpu), (0, 0));
     assert!(gpu.words() == cpu.words());
-    assert!(gpu.color() == cpu.color());
     gpu
+}
+
+#[test]
+fn every_array_is_made_on_the_device() {
+    let Some(_) = device("every_array_is_made_on_the_device") else { return };
+    let colored = |(positions, faces): Mesh| {
+        let byte = |v: f32| (255.0 * v.abs().min(1.0)) as u8;
+        let colors: Vec<[u8; 4]> = positions.iter().map(|p| [byte(p[0]), 128, byte(p[1]), 255]).collect();
+        let mut source = SourceMesh::new(Positions::F32(&positions), &faces);
+        source.colors = Some(&colors);
+        Arc::new(build(&source, &BuildOptions::default(), &Silent).unwrap())
+    };
+    let mut many = crowd();
+    many.add(colored(bumpy_sphere(30)), &at(-1.0, 0.5, 3.0), Material::default()).unwrap();
+    let metal = Material {
+        base_color: [0.9, 0.6, 0.2],
+        metallic: 0.8,
+        roughness: 0.2,
+        emissive: [0.1, 0.0, 0.05],
+        ..Material::default()
+    };
+    many.add(dag(&torus(60, 24)), &scaled(turned(at(1.5, 0.0, 3.0), 0.7), 0.4), metal).unwrap();
+    let point = |range, place: Pose| Light {
+        kind: LightKind::Point { range },
+        color: [1.0, 0.7, 0.4],
+        intensity: 20.0,
+        pose: glam::DAffine3::from_translation(glam::DVec3::new(place[0][3], place[1][3], place[2][3])),
+    };
+    many.add_light(point(None, at(0.0, 3.0, 4.0))).unwrap();
+    many.add_light(point(Some(6.0), at(-3.0, 0.0, 4.0))).unwrap();
+    for (scene, camera, size) in [
+        (&many, &CAMERA, (320, 200)),
+        (&many, &PARALLEL, (201, 113)),
+        (&lit(), &CAMERA, (5, 3)),
+        (&many, &CAMERA, (1, 1)),
+    ] {
+        let options = RenderOptions {
+            outputs: OUTPUTS.into_iter().collect(),
+            device_outputs: Some(true),
+            ..options(1.0)
+        };
+        let cpu = shoot(scene, camera, &at(0.0, 0.0, 6.0), size, &options);
+        let gpu = on_device(scene, camera, &at(0.0, 0.0, 6.0), size, &options);
+        let ran = |stage| gpu.stats.stages.iter().filter(|s| s.stage == stage).count();
+        assert_eq!((ran(Stage::Shade), ran(Stage::Output)), (1, 1));
+        same_arrays(&gpu, &cpu);
+        // In two phases, overdraw apart.
+        let hidden = RenderOptions { occlusion: true, ..options.clone() };
+        let mut renderer = Renderer::new(size.0, size.1, "gpu").unwrap();
+        for _ in 0..3 {
+            let gpu = renderer.render(scene, camera, &at(0.0, 0.0, 6.0), &hidden).unwrap();
+            for output in [Output::Depth, Output::InstanceId, Output::ClusterId, Output::TriangleId] {
+                assert!(gpu.array(output) == cpu.array(output), "{}", output.name());
+            }
+            // Of the same list, drawn again by the CPU.
+            assert!(gpu.array(Output::Overdraw) == gpu.make(Output::Overdraw));
+        }
+    }
+}
+
+/// Every array that can be made with a frame. Words are equal. Of colours a few are rounded the other way, since a device
+/// may order the operations of shading as it likes: never by more than one step.
+fn same_arrays(gpu: &Frame, cpu: &Frame) {
+    for output in OUTPUTS {
+        match (gpu.array(output), cpu.array(output)) {
+            (Array::Bytes(ours), Array::Bytes(theirs)) => {
+                assert_eq!(ours.len(), theirs.len());
+                let steps = ours.iter().zip(&theirs).map(|(a, b)| a.abs_diff(*b));
+                let other = steps.clone().filter(|step| *step > 0).count();
+                assert!(steps.max().unwrap() <= 1, "{}", output.name());
+                assert!(1000 * other <= ours.len(), "{}: {other} of {}", output.name(), ours.len());
+            }
+            (ours, theirs) => assert!(ours == theirs, "{}", output.name()),
+        }
+    }
 }
 
 fn scaled(pose: Pose, scale: f64) -> Pose {
@@ -207,7 +284,7 @@ fn a_renderer_follows_its_scene() {
 #[test]
 fn what_did_not_change_is_not_written_again() {
     let Some(_) = device("what_did_not_change_is_not_written_again") else { return };
-    let record = size_of::<nanite_rs::gpu_types::Placed>() as u64;
+    let record = (size_of::<gpu_types::Placed>() + size_of::<gpu_types::Look>()) as u64;
     let mut renderer = Renderer::new(160, 120, "gpu").unwrap();
     let mut scene = crowd();
     let mesh = dag(&torus(30, 12));

@@ -7,7 +7,8 @@ use naga::{AddressSpace, Module, TypeInner};
 use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
 use nanite_rs::gpu::shaders::{KERNELS, Kernel, Phase, Words};
 use nanite_rs::gpu_types::{
-    Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
+    Candidate, Counters, Dispatch, Instance, Light, Lighting, Look, Marks, Placed, View, VisibleCluster,
+    Visit,
 };
 use nanite_rs::model::{Group, Node};
 
@@ -92,8 +93,7 @@ fn structs_lie_in_wgsl_as_in_rust() {
     let module = parse(Kernel::ClusterCull(Phase::Second));
     let mut structs = vec![
         fields!(View: width, height, orthographic, near, far, far_key, tau, instances, zero, levels, history,
-            group_words, pyramid, rotate, forward, lod_focal, low, lod_near, focal, center, mirrored, unused_a, unused_b,
-            unused_c),
+            group_words, pyramid, rotate, forward, lod_focal, low, lod_near, focal, center, inverse_focal, mirrored, unused),
         fields!(Instance: screen, before, object_to_eye, center, lod_scale, extent, lod_focal, eye, lod_near, first_node,
             first_group, first_page, group_words, vertex_words, double_sided, mirrored, unused),
         fields!(Node: center, extent, lod_sphere, max_parent_error, first, count, level),
@@ -108,6 +108,9 @@ fn structs_lie_in_wgsl_as_in_rust() {
         fields!(Placed: linear, inverse, center, lod_scale, extent, first_node, first_group, first_page,
             group_words, vertex_words, double_sided, mirrored, visible, unused),
         fields!(Marks: large, held, first, unused),
+        fields!(Look: normal, diffuse, alpha2, f0, k, emissive, flags),
+        fields!(Light: vector, point, radiance, inverse_range),
+        fields!(Lighting: ambient, lights, background, unused_a, unused_b, unused_c),
     ];
     // The same struct with atomic members.
     let (_, size, members) = structs[7].clone();
