@@ -14,6 +14,9 @@ use crate::model::Dag;
 /// Slots that did not change are written along where the way around is as short.
 const GAP: usize = 16;
 
+/// What the arrays hold, for messages.
+const WHAT: &str = "the instances of the scene";
+
 /// The slots of a scene.
 #[derive(Debug, Default)]
 pub(super) struct Instances {
@@ -101,9 +104,7 @@ impl Instances {
         if self.room() < self.len() {
             let room = self.len().checked_next_power_of_two().unwrap_or(self.len());
             let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-            let buffer = |bytes: usize| {
-                context.buffer("the instances of the scene", u64::from(room) * bytes as u64, storage)
-            };
+            let buffer = |bytes: usize| context.buffer(WHAT, u64::from(room) * bytes as u64, storage);
             // The old ones go first.
             self.buffers = None;
             let (placed, seen) = (buffer(size_of::<Placed>())?, buffer(size_of::<Instance>())?);
@@ -112,15 +113,13 @@ impl Instances {
         }
         let Some(slots) = &self.buffers else { return Ok(0) };
         let mut written = 0;
-        let mut write = |first: usize, records: &[Placed]| {
-            let offset = (first * size_of::<Placed>()) as u64;
-            context.queue().write_buffer(&slots.placed, offset, bytemuck::cast_slice(records));
-            written += size_of_val(records) as u64;
-        };
         self.changed.sort_unstable();
         for run in self.changed.chunk_by(|a, b| (b - a) as usize <= GAP) {
             let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
-            write(*first as usize, &self.records[*first as usize..=*last as usize]);
+            let records = &self.records[*first as usize..=*last as usize];
+            let offset = u64::from(*first) * size_of::<Placed>() as u64;
+            context.write(WHAT, &slots.placed, offset, bytemuck::cast_slice(records))?;
+            written += size_of_val(records) as u64;
         }
         self.changed.clear();
         Ok(written)

@@ -252,20 +252,27 @@ fn what_did_not_change_is_not_written_again() {
     assert_eq!(written(&scene), all);
 }
 
-/// Set in the process that loses its device.
-const LOSES: &str = "NANITE_LOSES_DEVICE";
+/// Set in a process that runs one test alone.
+const ALONE: &str = "NANITE_TEST_ALONE";
+
+/// Tests share the device, so one that harms it takes a process of its own. True there; elsewhere it has been run.
+fn alone(test: &str) -> bool {
+    if std::env::var_os(ALONE).is_some() {
+        return true;
+    }
+    let arguments = ["--exact", &format!("gpu_parity::{test}"), "--nocapture"];
+    let me = std::env::current_exe().unwrap();
+    let done = Command::new(me).args(arguments).env(ALONE, "1").output().unwrap();
+    let (out, err) = (String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
+    assert!(done.status.success() && out.contains("1 passed"), "{out}\n{err}");
+    false
+}
 
 #[test]
 fn a_lost_device_is_an_error_and_another_one_serves() {
     let test = "a_lost_device_is_an_error_and_another_one_serves";
     let Some(context) = device(test) else { return };
-    if std::env::var_os(LOSES).is_none() {
-        // Tests share the device, so this one takes a process of its own.
-        let arguments = ["--exact", &format!("gpu_parity::{test}"), "--nocapture"];
-        let me = std::env::current_exe().unwrap();
-        let done = Command::new(me).args(arguments).env(LOSES, "1").output().unwrap();
-        let (out, err) = (String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
-        assert!(done.status.success() && out.contains("1 passed"), "{out}\n{err}");
+    if !alone(test) {
         return;
     }
     let (scene, pose, size) = (crowd(), at(0.0, 0.0, 6.0), (64, 48));
@@ -278,6 +285,52 @@ fn a_lost_device_is_an_error_and_another_one_serves() {
         assert!(error.to_string().contains("the device was lost"), "{error}");
     }
     equal(&scene, &CAMERA, &pose, size, 1.0);
+}
+
+#[test]
+fn lack_of_memory_is_an_error_that_leaves_the_device_in_use() {
+    let test = "lack_of_memory_is_an_error_that_leaves_the_device_in_use";
+    let Some(context) = device(test) else { return };
+    if !alone(test) {
+        return;
+    }
+    let meshes = [dag(&bumpy_sphere(24)), dag(&torus(60, 24))];
+    let fine = dag(&bumpy_sphere(120));
+    let mut scene = lit();
+    for k in 0..6000 {
+        let (x, y) = (f64::from(k % 100), f64::from(k / 100));
+        let pose = at(x * 2.5 - 125.0, y * 2.5 - 75.0, 0.0);
+        scene.add(Arc::clone(&meshes[k as usize % 2]), &pose, Material::default()).unwrap();
+    }
+    let [mut renderer, mut large] =
+        [(160, 120), (1280, 1024)].map(|(width, height)| Renderer::new(width, height, "gpu").unwrap());
+    let (near, far) = (at(0.0, 0.0, 6.0), at(0.0, 0.0, 160.0));
+    let expected = shoot(&scene, &CAMERA, &near, (160, 120), &options(0.1));
+    let lacks = |frame: Result<Frame, Error>, what: &str| {
+        let error = frame.unwrap_err();
+        assert!(matches!(&error, Error::Backend { backend, .. } if backend == "gpu"), "{error:?}");
+        let text = error.to_string();
+        assert!(text.contains(&format!("{} is out of memory: {what} take ", context.name())), "{text}");
+        assert!(text.ends_with(" MiB"), "{text}");
+    };
+    // Enough for what is near, the meshes and the instances.
+    renderer.render(&scene, &CAMERA, &near, &options(0.1)).unwrap();
+    large.render(&lit(), &CAMERA, &near, &options(0.1)).unwrap();
+    context.limit_memory(1 << 20);
+    for _ in 0..2 {
+        // Too many pixels; too many instances; too many visible clusters; too large a mesh.
+        lacks(large.render(&scene, &CAMERA, &near, &options(0.1)), "the instances of the scene");
+        let mut small = lit();
+        small.add(Arc::clone(&meshes[0]), &IDENTITY, Material::default()).unwrap();
+        lacks(large.render(&small, &CAMERA, &near, &options(0.1)), "the pixels of the picture");
+        lacks(renderer.render(&scene, &CAMERA, &far, &options(0.0)), "visible clusters");
+        let added = scene.add(Arc::clone(&fine), &IDENTITY, Material::default()).unwrap();
+        lacks(renderer.render(&scene, &CAMERA, &near, &options(0.1)), "the clusters of the meshes");
+        scene.remove(added).unwrap();
+        let frame = renderer.render(&scene, &CAMERA, &near, &options(0.1)).unwrap();
+        assert!(frame.words() == expected.words());
+    }
+    assert!(Arc::ptr_eq(&Context::shared().unwrap(), &context));
 }
 
 #[test]
