@@ -141,12 +141,53 @@ fn a_crowd_is_equal() {
 }
 
 #[test]
+fn pictures_of_any_size_are_equal() {
+    let Some(_) = device("pictures_of_any_size_are_equal") else { return };
+    let scene = crowd();
+    let pose = at(0.3, 0.2, 1.8);
+    for size in [(1, 1), (1, 97), (101, 1), (3, 2), (127, 129), (4099, 2161)] {
+        let whole = equal(&scene, &CAMERA, &pose, size, 1.0);
+        assert!(whole.stats.covered_pixels > 0, "{size:?}");
+        // Again with pyramids of that size: the first frame has none of an earlier one, the second has.
+        let mut renderer = Renderer::new(size.0, size.1, "gpu").unwrap();
+        let mut hidden = 0;
+        for _ in 0..2 {
+            let frame = renderer.render(&scene, &CAMERA, &pose, &RenderOptions::default()).unwrap();
+            assert_eq!(differences(&frame, &whole), (0, 0), "{size:?}");
+            hidden = frame.stats.occluded_instances + frame.stats.occluded_clusters;
+        }
+        assert!(hidden > 0 || size.0 < 1000, "nothing is hidden at {size:?}");
+    }
+}
+
+#[test]
 fn far_from_the_origin_frames_are_equal() {
     let Some(_) = device("far_from_the_origin_frames_are_equal") else { return };
-    let far = [3.0e6, -7.0e6, 1.0e7];
-    let mut scene = lit();
-    scene.add(dag(&torus(60, 24)), &at(far[0], far[1], far[2]), Material::default()).unwrap();
-    equal(&scene, &CAMERA, &at(far[0] + 0.1, far[1], far[2] + 4.0), (320, 200), 0.7);
+    let ring = dag(&torus(60, 24));
+    let places = [[3.0e6, -7.0e6, 1.0e7], [1.0e6, 0.0, 0.0], [0.0, -1.0e7, 1.0e6], [1.0e7, 1.0e7, -1.0e7]];
+    for [x, y, z] in places {
+        let mut scene = lit();
+        scene.add(Arc::clone(&ring), &at(x, y, z), Material::default()).unwrap();
+        // One close behind it, by a distance that f32 does not hold there.
+        scene.add(Arc::clone(&ring), &at(x + 0.01, y + 0.3, z - 0.2), Material::default()).unwrap();
+        // Before it, beside it, and so close that triangles are clipped.
+        for eye in [at(x + 0.1, y, z + 4.0), at(x - 0.3, y + 0.1, z + 1.3), at(x + 1.0, y, z + 0.35)] {
+            let frame = equal(&scene, &CAMERA, &eye, (320, 200), 0.7);
+            assert!(frame.stats.covered_pixels > 5000, "{}", frame.stats.covered_pixels);
+        }
+    }
+    // The same from the world's origin: as far as distances are sums of two f32, nothing shakes.
+    let near = |offset: f64| {
+        let mut scene = lit();
+        scene.add(Arc::clone(&ring), &at(offset, -offset, offset), Material::default()).unwrap();
+        let eye = at(offset + 0.25, 0.125 - offset, offset + 3.5);
+        on_device(&scene, &CAMERA, &eye, (320, 200), &options(0.7))
+    };
+    let origin = near(0.0);
+    for offset in [1.0e6, 1.0e7] {
+        let frame = near(offset);
+        assert!(frame.words() == origin.words() && frame.color() == origin.color(), "{offset}");
+    }
 }
 
 #[test]
