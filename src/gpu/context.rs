@@ -1,13 +1,15 @@
 //! A device of wgpu with what this backend needs of it, found once and shared while any renderer lives.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 use std::time::Duration;
 
 use pollster::block_on;
 use wgpu::{
     Adapter, Backends, BindGroup, BindGroupDescriptor, BindGroupEntry, Buffer, BufferDescriptor,
-    BufferUsages, ComputePipeline, ComputePipelineDescriptor, Device, DeviceDescriptor, DeviceType, Features,
-    Instance, InstanceDescriptor, InstanceFlags, Limits, MapMode, PollType, Queue, ShaderModuleDescriptor,
+    BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
+    ComputePipelineDescriptor, Device, DeviceDescriptor, DeviceType, ErrorFilter, Features, Instance,
+    InstanceDescriptor, InstanceFlags, Limits, MapMode, PollType, Queue, ShaderModuleDescriptor,
     ShaderSource,
 };
 
@@ -22,6 +24,8 @@ pub const WORKGROUP_BYTES: u32 = 16 << 10;
 const PATIENCE: Duration = Duration::from_secs(60);
 /// Trips of the loop that the driver has to finish; those known to be bad stop at 65,535.
 const PROBE_TRIPS: u32 = 70_000;
+/// Writes of as many bytes go by a buffer of our own, see [`Context::write`].
+const LONG_WRITE: usize = 64 << 10;
 /// 64-bit atomics and all that they need.
 const WIDE_ATOMICS: Features = Features::SHADER_INT64.union(Features::SHADER_INT64_ATOMIC_MIN_MAX);
 
@@ -35,6 +39,8 @@ pub struct Context {
     wide_atomics: bool,
     tick: Option<f64>,
     limits: Limits,
+    /// See [`Context::limit_memory`].
+    memory: AtomicU64,
     /// The first error that the device reported, which ends its use.
     failure: Arc<Mutex<Option<String>>>,
     /// Of each kernel: with pages in one array, and in several.
@@ -44,6 +50,11 @@ pub struct Context {
 /// The error of a backend that cannot be used, or no longer.
 pub(super) fn unavailable(message: impl Into<String>) -> Error {
     Error::Backend { backend: "gpu".to_owned(), message: message.into() }
+}
+
+/// So many bytes, for messages.
+fn mib(bytes: u64) -> u64 {
+    bytes.div_ceil(1 << 20)
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
@@ -131,7 +142,9 @@ impl Context {
         let timed = device.features().contains(Features::TIMESTAMP_QUERY);
         let tick = timed.then(|| f64::from(queue.get_timestamp_period()) * 1e-6);
         let pipelines = std::array::from_fn(|_| [OnceLock::new(), OnceLock::new()]);
-        let context = Self { device, queue, name, software, wide_atomics, tick, limits, failure, pipelines };
+        let memory = AtomicU64::new(u64::MAX);
+        let context =
+            Self { device, queue, name, software, wide_atomics, tick, limits, memory, failure, pipelines };
         context.probe()?;
         Ok(context)
     }
@@ -141,23 +154,8 @@ impl Context {
         let seed = 1u32;
         let expected =
             (0..PROBE_TRIPS).fold(seed, |n, trip| (n ^ (n >> 7)).wrapping_mul(1_664_525).wrapping_add(trip));
-        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-        let state = self.buffer("loop probe", 8, usage)?;
-        let staging = self.buffer("loop probe", 8, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
-        self.queue.write_buffer(&state, 0, bytemuck::cast_slice(&[PROBE_TRIPS, seed]));
-        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_pipeline(self.pipeline(Kernel::LoopProbe, false));
-            pass.set_bind_group(0, &self.bind(Kernel::LoopProbe, false, &[&state]), &[]);
-            pass.dispatch_workgroups(1, 1, 1);
-        }
-        encoder.copy_buffer_to_buffer(&state, 0, &staging, 0, 8);
-        let mut found = [0u32; 2];
-        self.submit(encoder, &staging, 8, |bytes| {
-            bytemuck::cast_slice_mut(&mut found).copy_from_slice(bytes)
-        })?;
-        if found[1] != expected {
+        let found = self.run(Kernel::LoopProbe, &[&[PROBE_TRIPS, seed]], 1)?;
+        if found[0][1] != expected {
             return Err(unavailable(format!(
                 "{} ends loops of shaders early, as Mesa 22 does; it has to be 25 or later",
                 self.name
@@ -204,6 +202,12 @@ impl Context {
         self.device.destroy();
     }
 
+    /// Takes what asks for more bytes at once for a lack of memory: for tests, since a software device never says that it
+    /// has none left.
+    pub fn limit_memory(&self, most: u64) {
+        self.memory.store(most, Ordering::Relaxed);
+    }
+
     /// The error that the device reported, if it did.
     pub fn check(&self) -> Result<()> {
         match &*lock(&self.failure) {
@@ -217,7 +221,6 @@ impl Context {
         let storage = usage.contains(BufferUsages::STORAGE);
         let most = if storage { self.largest_array() } else { self.limits.max_buffer_size };
         if bytes > most {
-            let mib = |bytes: u64| bytes.div_ceil(1 << 20);
             return Err(unavailable(format!(
                 "{what} take {} MiB, and {} gives at most {} MiB at once",
                 mib(bytes),
@@ -226,12 +229,43 @@ impl Context {
             )));
         }
         let size = bytes.max(16).next_multiple_of(4);
-        Ok(self.device.create_buffer(&BufferDescriptor {
-            label: Some(what),
-            size,
-            usage,
-            mapped_at_creation: false,
-        }))
+        let descriptor = BufferDescriptor { label: Some(what), size, usage, mapped_at_creation: false };
+        self.within_memory(what, size, || self.device.create_buffer(&descriptor))
+    }
+
+    /// What `make` gives, unless the device has no memory left for it: then an error that names what so many bytes were
+    /// for. The device stays in use.
+    fn within_memory<T>(&self, what: &str, bytes: u64, make: impl FnOnce() -> T) -> Result<T> {
+        let scope = self.device.push_error_scope(ErrorFilter::OutOfMemory);
+        let made = make();
+        let lacks = block_on(scope.pop()).is_some();
+        if lacks || bytes > self.memory.load(Ordering::Relaxed) {
+            let size = mib(bytes);
+            return Err(unavailable(format!("{} is out of memory: {what} take {size} MiB", self.name)));
+        }
+        Ok(made)
+    }
+
+    /// Writes to a buffer, before what is submitted next. The way there takes memory, too, and where the queue finds none
+    /// for it the device is lost; so long writes take it here.
+    pub(super) fn write(&self, what: &str, buffer: &Buffer, offset: u64, data: &[u8]) -> Result<()> {
+        if data.len() < LONG_WRITE {
+            self.queue.write_buffer(buffer, offset, data);
+            return Ok(());
+        }
+        let size = data.len() as u64;
+        let usage = BufferUsages::MAP_WRITE | BufferUsages::COPY_SRC;
+        let descriptor = BufferDescriptor { label: Some(what), size, usage, mapped_at_creation: true };
+        let way = self.within_memory(what, size, || self.device.create_buffer(&descriptor))?;
+        self.check()?;
+        let mut mapped = way.get_mapped_range_mut(..).map_err(|error| self.fail(&error.to_string()))?;
+        mapped.copy_from_slice(data);
+        drop(mapped);
+        way.unmap();
+        let mut encoder = self.device.create_command_encoder(&CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(&way, 0, buffer, offset, size);
+        self.queue.submit([encoder.finish()]);
+        Ok(())
     }
 
     /// The most words that an array of pages holds, as a power of two.
@@ -271,6 +305,44 @@ impl Context {
         let layout = self.pipeline(kernel, split).get_bind_group_layout(0);
         let label = Some(kernel.name());
         self.device.create_bind_group(&BindGroupDescriptor { label, layout: &layout, entries: &entries })
+    }
+
+    /// Runs a kernel by itself, on a copy of these words for each of its bindings, and returns what these then hold. For
+    /// the probe, and for tests of single kernels. An array of fewer than four words has zeros behind it.
+    pub fn run(&self, kernel: Kernel, bindings: &[&[u32]], workgroups: u32) -> Result<Vec<Vec<u32>>> {
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
+        let mut buffers = Vec::with_capacity(bindings.len());
+        for (number, words) in bindings.iter().enumerate() {
+            // The view of a kernel is its first binding.
+            let usage = if number == 0 { usage | BufferUsages::UNIFORM } else { usage };
+            let buffer = self.buffer(kernel.name(), size_of_val(*words) as u64, usage)?;
+            self.write(kernel.name(), &buffer, 0, bytemuck::cast_slice(words))?;
+            buffers.push(buffer);
+        }
+        let bytes = bindings.iter().map(|words| size_of_val(*words) as u64).sum();
+        let staging = self.buffer(kernel.name(), bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
+        let mut encoder = self.device.create_command_encoder(&CommandEncoderDescriptor::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
+            pass.set_pipeline(self.pipeline(kernel, false));
+            pass.set_bind_group(0, &self.bind(kernel, false, &buffers.iter().collect::<Vec<_>>()), &[]);
+            pass.dispatch_workgroups(workgroups, 1, 1);
+        }
+        let mut at = 0;
+        for (buffer, words) in buffers.iter().zip(bindings) {
+            let bytes = size_of_val(*words) as u64;
+            encoder.copy_buffer_to_buffer(buffer, 0, &staging, at, bytes);
+            at += bytes;
+        }
+        let mut found = Vec::with_capacity(bindings.len());
+        self.submit(encoder, &staging, bytes, |mut staged| {
+            for words in bindings {
+                let (own, rest) = staged.split_at(size_of_val(*words));
+                found.push(bytemuck::pod_collect_to_vec(own));
+                staged = rest;
+            }
+        })?;
+        Ok(found)
     }
 
     /// Submits, waits, and hands over the first `bytes` of `staging`, which the submission wrote.

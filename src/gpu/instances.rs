@@ -14,6 +14,9 @@ use crate::model::Dag;
 /// Slots that did not change are written along where the way around is as short.
 const GAP: usize = 16;
 
+/// What the arrays hold, for messages.
+const WHAT: &str = "the instances of the scene";
+
 /// The slots of a scene.
 #[derive(Debug, Default)]
 pub(super) struct Instances {
@@ -108,9 +111,7 @@ impl Instances {
         if self.room() < self.len() {
             let room = self.len().checked_next_power_of_two().unwrap_or(self.len());
             let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-            let buffer = |bytes: usize| {
-                context.buffer("the instances of the scene", u64::from(room) * bytes as u64, storage)
-            };
+            let buffer = |bytes: usize| context.buffer(WHAT, u64::from(room) * bytes as u64, storage);
             // The old ones go first.
             self.buffers = None;
             let (placed, seen) = (buffer(size_of::<Placed>())?, buffer(size_of::<Instance>())?);
@@ -123,8 +124,8 @@ impl Instances {
         for run in self.changed.chunk_by(|a, b| (b - a) as usize <= GAP) {
             let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
             let run = *first as usize..=*last as usize;
-            written += write(context, &slots.placed, *first, &self.records[run.clone()]);
-            written += write(context, &slots.looks, *first, &self.looks[run]);
+            written += write(context, &slots.placed, *first, &self.records[run.clone()])?;
+            written += write(context, &slots.looks, *first, &self.looks[run])?;
         }
         self.changed.clear();
         Ok(written)
@@ -166,8 +167,8 @@ impl Instances {
 }
 
 /// Writes entries from `first` on; returns how many bytes these are.
-fn write<T: bytemuck::NoUninit>(context: &Context, buffer: &Buffer, first: u32, entries: &[T]) -> u64 {
+fn write<T: bytemuck::NoUninit>(context: &Context, buffer: &Buffer, first: u32, entries: &[T]) -> Result<u64> {
     let offset = u64::from(first) * size_of::<T>() as u64;
-    context.queue().write_buffer(buffer, offset, bytemuck::cast_slice(entries));
-    size_of_val(entries) as u64
+    context.write(WHAT, buffer, offset, bytemuck::cast_slice(entries))?;
+    Ok(size_of_val(entries) as u64)
 }

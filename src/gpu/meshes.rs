@@ -37,6 +37,9 @@ const ARRAYS: [(&str, u64); 3] = [
     ("the page tables of the meshes", WORD),
 ];
 
+/// What pages hold, for messages.
+const PAGES: &str = "the clusters of the meshes";
+
 /// Bytes of a word of a page.
 const WORD: u64 = size_of::<u32>() as u64;
 
@@ -113,7 +116,7 @@ impl Meshes {
             self.allocate(context, needed, words)?;
         }
         for mesh in new {
-            self.append(context, mesh);
+            self.append(context, mesh)?;
         }
         Ok(())
     }
@@ -147,7 +150,7 @@ impl Meshes {
         if words > most {
             let mib = |words: u64| (words * WORD).div_ceil(1 << 20);
             return Err(unavailable(format!(
-                "the clusters of the meshes take {} MiB, and {} gives {PAGE_ARRAYS} arrays of at most {} MiB",
+                "{PAGES} take {} MiB, and {} gives {PAGE_ARRAYS} arrays of at most {} MiB",
                 mib(words),
                 context.name(),
                 mib(array)
@@ -157,16 +160,16 @@ impl Meshes {
         let room = (2 * words).min(words.next_multiple_of(array));
         for first in (0..room.max(1)).step_by(array as usize) {
             let bytes = array.min(room - first) * WORD;
-            self.pages.push(context.buffer("the clusters of the meshes", bytes, usage)?);
+            self.pages.push(context.buffer(PAGES, bytes, usage)?);
         }
         self.room_words = room;
         Ok(())
     }
 
-    fn append(&mut self, context: &Context, mesh: &Arc<Dag>) {
+    fn append(&mut self, context: &Context, mesh: &Arc<Dag>) -> Result<()> {
         let [first_node, first_group, first_page] = self.used;
         let (places, end) = layout(mesh, self.used_words, self.array_bits);
-        self.write_pages(context, mesh, &places);
+        self.write_pages(context, mesh, &places)?;
         // The room of the arrays of words bounds them.
         let offsets: Vec<u32> = places.iter().map(|place| *place as u32).collect();
         let data: [&[u8]; 3] = [
@@ -175,7 +178,8 @@ impl Meshes {
             bytemuck::cast_slice(&offsets),
         ];
         for k in 0..ARRAYS.len() {
-            context.queue().write_buffer(&self.buffers[k], self.used[k] * ARRAYS[k].1, data[k]);
+            let (what, bytes) = ARRAYS[k];
+            context.write(what, &self.buffers[k], self.used[k] * bytes, data[k])?;
         }
         let placement = Placement {
             first_node: first_node as u32,
@@ -187,10 +191,11 @@ impl Meshes {
         self.used = sum(self.used, sizes(mesh));
         self.used_words = end;
         self.resident.insert(address(mesh), (Arc::clone(mesh), placement));
+        Ok(())
     }
 
     /// Writes pages to their places, those that follow each other in one go.
-    fn write_pages(&self, context: &Context, mesh: &Dag, places: &[u64]) {
+    fn write_pages(&self, context: &Context, mesh: &Dag, places: &[u64]) -> Result<()> {
         let pages: Vec<_> = mesh.pages.table.iter().zip(places).collect();
         let follows = |(a, at): &(&PageEntry, &u64), (b, next): &(&PageEntry, &u64)| {
             a.offset + u64::from(a.words) == b.offset
@@ -203,8 +208,9 @@ impl Meshes {
             let words = &mesh.pages.words[first.offset as usize..][..words];
             let (array, word) = (**at >> self.array_bits, **at & ((1 << self.array_bits) - 1));
             let buffer = &self.pages[array as usize];
-            context.queue().write_buffer(buffer, word * WORD, bytemuck::cast_slice(words));
+            context.write(PAGES, buffer, word * WORD, bytemuck::cast_slice(words))?;
         }
+        Ok(())
     }
 
     /// Where a mesh that was uploaded lies.

@@ -175,7 +175,7 @@ impl Renderer {
             // Others go before new ones are made.
             let buffers = match self.buffers.take().filter(|b| b.shape == shape) {
                 Some(buffers) => buffers,
-                None => Buffers::new(&self.context, shape)?,
+                None => Buffers::new(&self.context, shape).inspect_err(|_| self.room = FIRST_ROOM)?,
             };
             let (mut drawn, lengths) = self.submit(&buffers, &view, (ways.wide_atomics, culling), words)?;
             self.buffers = Some(buffers);

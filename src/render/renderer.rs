@@ -244,3 +244,56 @@ impl Renderer {
         if words.len() == count { words } else { vec![0; count] }
     }
 }
+
+#[cfg(all(test, feature = "gpu"))]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+    use crate::build::{Silent, build};
+    use crate::config::BuildOptions;
+    use crate::mesh::{Positions, SourceMesh};
+    use crate::scene::{Material, Projection};
+
+    /// No other test of this binary uses the device, which this one leaves without memory.
+    #[test]
+    fn where_an_automatic_device_cannot_the_cpu_draws() {
+        let test = "where_an_automatic_device_cannot_the_cpu_draws";
+        let mut renderer = match Renderer::new(8, 8, "gpu") {
+            Ok(renderer) => renderer,
+            Err(error) => {
+                println!("skipped {test}: {error}");
+                if let Some(path) = std::env::var_os("NANITE_SKIPS") {
+                    let file = std::fs::OpenOptions::new().create(true).append(true).open(path);
+                    writeln!(file.unwrap(), "{test}\t{error}").unwrap();
+                }
+                return;
+            }
+        };
+        let positions = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]];
+        let source = SourceMesh::new(Positions::F32(&positions), &[[0, 1, 2]]);
+        let mesh = Arc::new(build(&source, &BuildOptions::default(), &Silent).unwrap());
+        let mut scene = Scene::new();
+        let pose = glam::DMat4::from_translation(glam::DVec3::new(0.0, 0.0, -3.0));
+        let rows = pose.transpose().to_cols_array_2d();
+        scene.add(mesh, &rows, Material::default()).unwrap();
+        let projection = Projection::Perspective { yfov: 0.8, aspect: None };
+        let camera = Camera { projection, znear: 0.05, zfar: None };
+        let pose = glam::DMat4::IDENTITY.to_cols_array_2d();
+        let options = RenderOptions::default();
+        let expected = Renderer::new(8, 8, "cpu").unwrap().render(&scene, &camera, &pose, &options).unwrap();
+        let mut draw = |automatic: bool| {
+            let Device::Gpu { device, replaceable } = &mut renderer.device else { panic!("no device") };
+            *replaceable = automatic;
+            device.context().limit_memory(0);
+            let frame = renderer.render(&scene, &camera, &pose, &options);
+            (frame, renderer.backend(), renderer.backend_reason().to_owned())
+        };
+        let (refused, backend, _) = draw(false);
+        assert!(matches!(refused, Err(Error::Backend { .. })) && backend == Backend::Gpu);
+        let (frame, backend, reason) = draw(true);
+        assert!(backend == Backend::Cpu && reason.contains("is out of memory: "), "{reason}");
+        let frame = frame.unwrap();
+        assert!(frame.words() == expected.words() && frame.stats.covered_pixels > 0);
+    }
+}

@@ -1,4 +1,4 @@
-"""Pictures against pyrender on OSMesa, 1280×720, one sample per pixel on both sides.
+"""Pictures of both backends against pyrender on OSMesa, 1280×720, one sample per pixel on both sides.
 
 What *rounding* means here. Both rasterizers snap projected vertices to 1/256 pixel: a vertex moves by at most
 √2/512 pixel on the screen, and with it every point of its triangles, so an unprojected pixel lies within
@@ -10,6 +10,7 @@ of the ray per unit depth.
 import numpy as np
 import pytest
 
+import nanite_rs as nrs
 from oracles import compare, distance, picture
 from oracles.setup import Setup, setup
 
@@ -19,7 +20,7 @@ NAMES = (*SCANS, *SHAPES)
 
 
 class Shots:
-    """What the tests of one mesh share."""
+    """What the tests of one mesh share: pyrender's pictures, and those of a backend."""
 
     def __init__(self, name: str) -> None:
         self.setup: Setup = setup(name)
@@ -28,19 +29,31 @@ class Shots:
         self.color, self.depth = oracle.render(view)
         fine, _ = oracle.render(view.with_size(4 * view.width, 4 * view.height))
         self.reference = compare.average_linear(fine, 4)
-        self.full = self.setup.render(0.0)
-        self.cut = self.setup.render(1.0)
+
+    def take(self, backend: str) -> None:
+        self.name = f"{self.setup.name}-{backend}"
+        self.full = self.setup.render(0.0, backend)
+        self.cut = self.setup.render(1.0, backend)
 
 
 @pytest.fixture(scope="module", params=NAMES)
-def shots(request) -> Shots:
+def oracle(request) -> Shots:
     """Scoped to the module, so that all tests of one mesh run together and share its pictures."""
     picture.import_pyrender()
     return Shots(request.param)
 
 
+@pytest.fixture(scope="module", params=("cpu", "gpu"))
+def shots(request, oracle: Shots) -> Shots:
+    try:
+        oracle.take(request.param)
+    except nrs.BackendError as error:
+        pytest.skip(str(error))
+    return oracle
+
+
 def test_silhouettes_are_within_a_pixel(shots: Shots, tmp_path) -> None:
-    s, name = shots, shots.setup.name
+    s, name = shots, shots.name
     theirs = s.depth > 0
     for label, frame in (("full", s.full), ("cut", s.cut)):
         ours = frame.depth > 0
@@ -51,7 +64,7 @@ def test_silhouettes_are_within_a_pixel(shots: Shots, tmp_path) -> None:
 
 
 def test_full_detail_coverage_and_depth_agree(shots: Shots, tmp_path) -> None:
-    s, name = shots, shots.setup.name
+    s, name = shots, shots.name
     ours, theirs = s.full.depth > 0, s.depth > 0
     # Where the two snap a vertex to different sides, single pixels of the outline differ.
     with compare.evidence(tmp_path / f"{name}.png", ours, theirs):
@@ -63,7 +76,7 @@ def test_full_detail_coverage_and_depth_agree(shots: Shots, tmp_path) -> None:
 
 
 def test_full_detail_color_is_pyrenders(shots: Shots, tmp_path) -> None:
-    s, name = shots, shots.setup.name
+    s, name = shots, shots.name
     where = compare.away_from_silhouettes(s.depth, 1 / s.setup.view.focal)
     assert where.sum() > 0.5 * (s.depth > 0).sum()
     print(f"{name}: {compare.psnr(s.full.color, s.color, where):.2f} dB over {where.sum():,} pixels")
@@ -73,7 +86,7 @@ def test_full_detail_color_is_pyrenders(shots: Shots, tmp_path) -> None:
 
 def test_cut_is_no_further_from_the_truth_than_a_single_sample(shots: Shots, tmp_path) -> None:
     """Truth: pyrender at full detail, 4×4 samples averaged in linear light (γ = 2.2), compared as encoded."""
-    s, name = shots, shots.setup.name
+    s, name = shots, shots.name
     covered = (s.depth > 0) | (s.cut.depth > 0) | (s.reference.max(axis=-1) > 0)
     ours = compare.psnr(s.cut.color, s.reference, covered)
     theirs = compare.psnr(s.color, s.reference, covered)
@@ -83,7 +96,7 @@ def test_cut_is_no_further_from_the_truth_than_a_single_sample(shots: Shots, tmp
 
 
 def test_covered_pixels_lie_on_the_source(shots: Shots) -> None:
-    s, name = shots, shots.setup.name
+    s, name = shots, shots.name
     view, mesh = s.setup.view, s.setup.mesh
     for tau, frame in ((0.0, s.full), (1.0, s.cut)):
         cut = s.setup.built.cut(
@@ -107,6 +120,4 @@ def test_covered_pixels_lie_on_the_source(shots: Shots) -> None:
 
 
 def lens(view):
-    import nanite_rs as nrs
-
     return nrs.PerspectiveCamera(yfov=view.yfov, znear=view.znear)

@@ -21,7 +21,7 @@ use crate::render_frames::{
 use crate::shapes::{Mesh, bumpy_sphere, grid, torus};
 
 /// The device, or a note for the summary of `make test` that this test was skipped.
-fn device(test: &str) -> Option<Arc<Context>> {
+pub fn device(test: &str) -> Option<Arc<Context>> {
     match Context::shared() {
         Ok(context) => Some(context),
         Err(error) => {
@@ -218,12 +218,53 @@ fn a_crowd_is_equal() {
 }
 
 #[test]
+fn pictures_of_any_size_are_equal() {
+    let Some(_) = device("pictures_of_any_size_are_equal") else { return };
+    let scene = crowd();
+    let pose = at(0.3, 0.2, 1.8);
+    for size in [(1, 1), (1, 97), (101, 1), (3, 2), (127, 129), (4099, 2161)] {
+        let whole = equal(&scene, &CAMERA, &pose, size, 1.0);
+        assert!(whole.stats.covered_pixels > 0, "{size:?}");
+        // Again with pyramids of that size: the first frame has none of an earlier one, the second has.
+        let mut renderer = Renderer::new(size.0, size.1, "gpu").unwrap();
+        let mut hidden = 0;
+        for _ in 0..2 {
+            let frame = renderer.render(&scene, &CAMERA, &pose, &RenderOptions::default()).unwrap();
+            assert_eq!(differences(&frame, &whole), (0, 0), "{size:?}");
+            hidden = frame.stats.occluded_instances + frame.stats.occluded_clusters;
+        }
+        assert!(hidden > 0 || size.0 < 1000, "nothing is hidden at {size:?}");
+    }
+}
+
+#[test]
 fn far_from_the_origin_frames_are_equal() {
     let Some(_) = device("far_from_the_origin_frames_are_equal") else { return };
-    let far = [3.0e6, -7.0e6, 1.0e7];
-    let mut scene = lit();
-    scene.add(dag(&torus(60, 24)), &at(far[0], far[1], far[2]), Material::default()).unwrap();
-    equal(&scene, &CAMERA, &at(far[0] + 0.1, far[1], far[2] + 4.0), (320, 200), 0.7);
+    let ring = dag(&torus(60, 24));
+    let places = [[3.0e6, -7.0e6, 1.0e7], [1.0e6, 0.0, 0.0], [0.0, -1.0e7, 1.0e6], [1.0e7, 1.0e7, -1.0e7]];
+    for [x, y, z] in places {
+        let mut scene = lit();
+        scene.add(Arc::clone(&ring), &at(x, y, z), Material::default()).unwrap();
+        // One close behind it, by a distance that f32 does not hold there.
+        scene.add(Arc::clone(&ring), &at(x + 0.01, y + 0.3, z - 0.2), Material::default()).unwrap();
+        // Before it, beside it, and so close that triangles are clipped.
+        for eye in [at(x + 0.1, y, z + 4.0), at(x - 0.3, y + 0.1, z + 1.3), at(x + 1.0, y, z + 0.35)] {
+            let frame = equal(&scene, &CAMERA, &eye, (320, 200), 0.7);
+            assert!(frame.stats.covered_pixels > 5000, "{}", frame.stats.covered_pixels);
+        }
+    }
+    // The same from the world's origin: as far as distances are sums of two f32, nothing shakes.
+    let near = |offset: f64| {
+        let mut scene = lit();
+        scene.add(Arc::clone(&ring), &at(offset, -offset, offset), Material::default()).unwrap();
+        let eye = at(offset + 0.25, 0.125 - offset, offset + 3.5);
+        on_device(&scene, &CAMERA, &eye, (320, 200), &options(0.7))
+    };
+    let origin = near(0.0);
+    for offset in [1.0e6, 1.0e7] {
+        let frame = near(offset);
+        assert!(frame.words() == origin.words() && frame.color() == origin.color(), "{offset}");
+    }
 }
 
 #[test]
@@ -329,20 +370,27 @@ fn what_did_not_change_is_not_written_again() {
     assert_eq!(written(&scene), all);
 }
 
-/// Set in the process that loses its device.
-const LOSES: &str = "NANITE_LOSES_DEVICE";
+/// Set in a process that runs one test alone.
+const ALONE: &str = "NANITE_TEST_ALONE";
+
+/// Tests share the device, so one that harms it takes a process of its own. True there; elsewhere it has been run.
+fn alone(test: &str) -> bool {
+    if std::env::var_os(ALONE).is_some() {
+        return true;
+    }
+    let arguments = ["--exact", &format!("gpu_parity::{test}"), "--nocapture"];
+    let me = std::env::current_exe().unwrap();
+    let done = Command::new(me).args(arguments).env(ALONE, "1").output().unwrap();
+    let (out, err) = (String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
+    assert!(done.status.success() && out.contains("1 passed"), "{out}\n{err}");
+    false
+}
 
 #[test]
 fn a_lost_device_is_an_error_and_another_one_serves() {
     let test = "a_lost_device_is_an_error_and_another_one_serves";
     let Some(context) = device(test) else { return };
-    if std::env::var_os(LOSES).is_none() {
-        // Tests share the device, so this one takes a process of its own.
-        let arguments = ["--exact", &format!("gpu_parity::{test}"), "--nocapture"];
-        let me = std::env::current_exe().unwrap();
-        let done = Command::new(me).args(arguments).env(LOSES, "1").output().unwrap();
-        let (out, err) = (String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
-        assert!(done.status.success() && out.contains("1 passed"), "{out}\n{err}");
+    if !alone(test) {
         return;
     }
     let (scene, pose, size) = (crowd(), at(0.0, 0.0, 6.0), (64, 48));
@@ -355,6 +403,52 @@ fn a_lost_device_is_an_error_and_another_one_serves() {
         assert!(error.to_string().contains("the device was lost"), "{error}");
     }
     equal(&scene, &CAMERA, &pose, size, 1.0);
+}
+
+#[test]
+fn lack_of_memory_is_an_error_that_leaves_the_device_in_use() {
+    let test = "lack_of_memory_is_an_error_that_leaves_the_device_in_use";
+    let Some(context) = device(test) else { return };
+    if !alone(test) {
+        return;
+    }
+    let meshes = [dag(&bumpy_sphere(24)), dag(&torus(60, 24))];
+    let fine = dag(&bumpy_sphere(120));
+    let mut scene = lit();
+    for k in 0..6000 {
+        let (x, y) = (f64::from(k % 100), f64::from(k / 100));
+        let pose = at(x * 2.5 - 125.0, y * 2.5 - 75.0, 0.0);
+        scene.add(Arc::clone(&meshes[k as usize % 2]), &pose, Material::default()).unwrap();
+    }
+    let [mut renderer, mut large] =
+        [(160, 120), (1280, 1024)].map(|(width, height)| Renderer::new(width, height, "gpu").unwrap());
+    let (near, far) = (at(0.0, 0.0, 6.0), at(0.0, 0.0, 160.0));
+    let expected = shoot(&scene, &CAMERA, &near, (160, 120), &options(0.1));
+    let lacks = |frame: Result<Frame, Error>, what: &str| {
+        let error = frame.unwrap_err();
+        assert!(matches!(&error, Error::Backend { backend, .. } if backend == "gpu"), "{error:?}");
+        let text = error.to_string();
+        assert!(text.contains(&format!("{} is out of memory: {what} take ", context.name())), "{text}");
+        assert!(text.ends_with(" MiB"), "{text}");
+    };
+    // Enough for what is near, the meshes and the instances.
+    renderer.render(&scene, &CAMERA, &near, &options(0.1)).unwrap();
+    large.render(&lit(), &CAMERA, &near, &options(0.1)).unwrap();
+    context.limit_memory(1 << 20);
+    for _ in 0..2 {
+        // Too many pixels; too many instances; too many visible clusters; too large a mesh.
+        lacks(large.render(&scene, &CAMERA, &near, &options(0.1)), "the instances of the scene");
+        let mut small = lit();
+        small.add(Arc::clone(&meshes[0]), &IDENTITY, Material::default()).unwrap();
+        lacks(large.render(&small, &CAMERA, &near, &options(0.1)), "the pixels of the picture");
+        lacks(renderer.render(&scene, &CAMERA, &far, &options(0.0)), "visible clusters");
+        let added = scene.add(Arc::clone(&fine), &IDENTITY, Material::default()).unwrap();
+        lacks(renderer.render(&scene, &CAMERA, &near, &options(0.1)), "the clusters of the meshes");
+        scene.remove(added).unwrap();
+        let frame = renderer.render(&scene, &CAMERA, &near, &options(0.1)).unwrap();
+        assert!(frame.words() == expected.words());
+    }
+    assert!(Arc::ptr_eq(&Context::shared().unwrap(), &context));
 }
 
 #[test]

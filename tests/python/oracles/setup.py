@@ -80,10 +80,10 @@ class Setup:
             scene.add(kind(color=light.color, intensity=light.intensity), pose=light.pose)
         return scene
 
-    def render(self, pixel_error: float):
-        """A frame by nanite_rs on the CPU."""
+    def render(self, pixel_error: float, backend: str = "cpu"):
+        """A frame by nanite_rs."""
         lens = nrs.PerspectiveCamera(yfov=self.view.yfov, znear=self.view.znear)
-        with nrs.Renderer(self.view.width, self.view.height, backend="cpu") as renderer:
+        with nrs.Renderer(self.view.width, self.view.height, backend=backend) as renderer:
             return renderer.render(self.scene(), lens, self.view.pose, pixel_error=pixel_error)
 
 

@@ -1,0 +1,1076 @@
+//! Kernels by themselves, on tables made by hand: what goes in is written down, and what has to come out was worked out
+//! on paper, not by the CPU twin.
+
+use bytemuck::{Pod, Zeroable, cast_slice};
+use nanite_rs::gpu::Context;
+use nanite_rs::gpu::shaders::{Kernel, Phase, SCAN_BLOCK, Step, Words};
+use nanite_rs::gpu_types::{
+    Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
+};
+use nanite_rs::limits::{PYRAMID_ABOVE, PYRAMID_LEVELS};
+use nanite_rs::math::Sphere;
+use nanite_rs::model::cluster::RECORD_WORDS;
+use nanite_rs::model::{ClusterAddress, ClusterRecord, Group, Node};
+
+use crate::gpu_parity::device;
+
+/// No earlier place.
+const NONE: u32 = u32::MAX;
+
+fn words<T: Pod>(entries: &[T]) -> &[u32] {
+    cast_slice(entries)
+}
+
+fn entries<T: Pod>(words: &[u32]) -> Vec<T> {
+    cast_slice(words).to_vec()
+}
+
+fn entry<T: Pod>(words: &[u32]) -> T {
+    entries(words)[0]
+}
+
+/// Runs a kernel in one workgroup.
+fn run(device: &Context, kernel: Kernel, bindings: &[&[u32]]) -> Vec<Vec<u32>> {
+    device.run(kernel, bindings, 1).unwrap()
+}
+
+fn dispatch(x: u32, y: u32, count: u32) -> Dispatch {
+    Dispatch { x, y, z: u32::from(x > 0), count, ..Dispatch::default() }
+}
+
+/// 100 × 80 pixels from the origin along −z, between distances 1 and 20: across, x = ±d is the edge of the picture; up
+/// and down, y = ±d.
+fn view() -> View {
+    let mut pyramid = [[0; 4]; PYRAMID_LEVELS];
+    let levels =
+        [[50, 40, 0], [25, 20, 2000], [13, 10, 2500], [7, 5, 2630], [4, 3, 2665], [2, 2, 2677], [1, 1, 2681]];
+    for (row, [columns, rows, first]) in pyramid.iter_mut().zip(levels) {
+        *row = [columns, rows, first, 0];
+    }
+    View {
+        width: 100,
+        height: 80,
+        near: 1.0,
+        far: 20.0,
+        // Of the depth value 1 / 20.
+        far_key: 0.05f32.to_bits(),
+        levels: 7,
+        pyramid,
+        rotate: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+        forward: [0.0, 0.0, -1.0],
+        focal: [50.0, -40.0],
+        center: [50.0, 40.0],
+        lod_focal: 64.0,
+        lod_near: 1.0,
+        ..View::zeroed()
+    }
+}
+
+/// Keys of the pyramid of that view.
+const KEYS: usize = 2682;
+
+/// A mesh in a box of half extent 1 about a place.
+fn placed(x: f32, y: f32, z: f32) -> Placed {
+    Placed {
+        linear: [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z]],
+        inverse: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+        lod_scale: 1.0,
+        extent: [1.0; 3],
+        visible: 1,
+        ..Placed::zeroed()
+    }
+}
+
+/// An instance at distance 10 in the middle of that view, as it was in the frame before.
+fn seen() -> Instance {
+    let screen = [[50.0, 0.0, -50.0, 500.0], [0.0, -40.0, -40.0, 400.0], [0.0, 0.0, -1.0, 10.0]];
+    Instance {
+        screen,
+        before: screen,
+        object_to_eye: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -10.0]],
+        lod_scale: 1.0,
+        lod_focal: 64.0,
+        lod_near: 1.0,
+        eye: [0.0, 0.0, 10.0],
+        ..Instance::zeroed()
+    }
+}
+
+/// The visits that a walk goes on with, in order, and those that it puts off.
+fn culled(device: &Context, view: &View, placed: &[Placed], pyramid: &[u32]) -> [Vec<Visit>; 2] {
+    // As seen in the frame before: where they are now.
+    let before: Vec<Instance> = placed
+        .iter()
+        .map(|p| {
+            let [x, y, z] = [0, 1, 2].map(|k| p.linear[k][3]);
+            let mut instance = seen();
+            instance.screen[0][3] = 50.0 * x - 50.0 * z;
+            instance.screen[1][3] = -40.0 * y - 40.0 * z;
+            instance.screen[2][3] = -z;
+            instance
+        })
+        .collect();
+    let (list, level) = (vec![0; 2 * placed.len().max(2)], [Dispatch::default()]);
+    let view = words(std::slice::from_ref(view));
+    let bindings = [view, words(placed), words(&before), &list, words(&level), pyramid, &list, words(&level)];
+    let out = run(device, Kernel::InstanceCull, &bindings);
+    [[3, 4], [6, 7]].map(|[list, level]| {
+        let level: Dispatch = entry(&out[level]);
+        let x = u32::from(level.count > 0);
+        assert_eq!(level, dispatch(x, x, level.count));
+        let mut visits: Vec<Visit> = entries(&out[list]);
+        visits.truncate(level.count as usize);
+        visits.sort();
+        visits
+    })
+}
+
+#[test]
+fn instances_are_seen_as_far_as_a_pixel_beyond_each_edge() {
+    let Some(device) = device("instances_are_seen_as_far_as_a_pixel_beyond_each_edge") else { return };
+    // (x, y, z), and whether it is seen. The far corners of a box at distance 10 are 11 away: there the edge of the
+    // picture lies at 11, and a pixel beyond it at 11 · 51/50 = 11.22 across, 11 · 41/40 = 11.275 up and down.
+    let table = [
+        ([0.0, 0.0, -10.0], true),
+        // Right, left, top, bottom.
+        ([11.99, 0.0, -10.0], true),
+        ([12.21, 0.0, -10.0], true),
+        ([12.23, 0.0, -10.0], false),
+        ([-12.21, 0.0, -10.0], true),
+        ([-12.23, 0.0, -10.0], false),
+        ([0.0, 12.27, -10.0], true),
+        ([0.0, 12.28, -10.0], false),
+        ([0.0, -12.27, -10.0], true),
+        ([0.0, -12.28, -10.0], false),
+        // The near plane, by the far side of the box; behind the eye.
+        ([0.0, 0.0, -0.01], true),
+        ([0.0, 0.0, 0.01], false),
+        ([0.0, 0.0, 10.0], false),
+        // The far plane, by the near side.
+        ([0.0, 0.0, -20.99], true),
+        ([0.0, 0.0, -21.01], false),
+        // Across the near plane, from 0 to 2: there the edge of the picture lies at 2, a pixel beyond it at 2.04.
+        ([3.03, 0.0, -1.0], true),
+        ([3.05, 0.0, -1.0], false),
+        ([-3.03, 0.0, -1.0], true),
+        ([-3.05, 0.0, -1.0], false),
+        ([0.0, 3.04, -1.0], true),
+        ([0.0, 3.06, -1.0], false),
+        ([0.0, -3.04, -1.0], true),
+        ([0.0, -3.06, -1.0], false),
+    ];
+    let mut instances: Vec<Placed> = table.iter().map(|([x, y, z], _)| placed(*x, *y, *z)).collect();
+    // One that the user hid.
+    instances.push(Placed { visible: 0, ..instances[0] });
+    let view = View { instances: instances.len() as u32, ..view() };
+    let expected: Vec<Visit> = (0..)
+        .zip(&table)
+        .filter(|(_, (_, seen))| *seen)
+        .map(|(instance, _)| Visit { instance, node: 0 })
+        .collect();
+    assert_eq!(culled(&device, &view, &instances, &[0; KEYS]), [expected, vec![]]);
+}
+
+#[test]
+fn an_instance_as_seen_from_the_eye() {
+    let Some(device) = device("an_instance_as_seen_from_the_eye") else { return };
+    let view = View { instances: 2, mirrored: 1, ..view() };
+    let there = Placed { group_words: 7, first_node: 5, vertex_words: 6, ..placed(3.0, -2.0, -10.0) };
+    let hidden = Placed { group_words: 9, visible: 0, ..there };
+    let (list, level) = ([0; 4], [Dispatch::default()]);
+    let old = [Instance { screen: [[4.0; 4]; 3], ..Instance::zeroed() }; 2];
+    let out = run(
+        &device,
+        Kernel::InstanceCull,
+        &[
+            words(&[view]),
+            words(&[there, hidden]),
+            words(&old),
+            &list,
+            words(&level),
+            &[0; KEYS],
+            &list,
+            words(&level),
+        ],
+    );
+    let [found, not_seen]: [Instance; 2] = entries(&out[2]).try_into().unwrap();
+    // 50 · (x + 3) + 50 · (10 − z), −40 · (y − 2) + 40 · (10 − z), and the distance 10 − z.
+    let screen = [[50.0, 0.0, -50.0, 650.0], [0.0, -40.0, -40.0, 480.0], [0.0, 0.0, -1.0, 10.0]];
+    assert_eq!(found.screen, screen);
+    assert_eq!(found.before, [[4.0; 4]; 3]);
+    let to_eye = [[1.0, 0.0, 0.0, 3.0], [0.0, 1.0, 0.0, -2.0], [0.0, 0.0, 1.0, -10.0]];
+    assert_eq!(found.object_to_eye, to_eye);
+    assert_eq!((found.eye, found.extent, found.mirrored), ([-3.0, 2.0, 10.0], [1.0; 3], 1));
+    assert_eq!((found.group_words, found.first_node, found.vertex_words), (7, 5, 6));
+    assert_eq!((not_seen.group_words, not_seen.screen), (9, old[1].screen));
+}
+
+/// The depth key of a distance in a view with near distance 1.
+fn key(distance: f32) -> u32 {
+    (1.0 / distance).to_bits()
+}
+
+#[test]
+fn what_the_earlier_pyramid_hides_is_put_off() {
+    let Some(device) = device("what_the_earlier_pyramid_hides_is_put_off") else { return };
+    // At distance 9 to 11 in the middle: 50 ± 50/9 across and 40 ± 40/9 down, with a pixel around it columns 43 to 56
+    // and rows 34 to 45. That is columns 5 to 7 and rows 4 to 5 of level 2, the first where no side is longer than four
+    // texels, and 21 to 28 and 17 to 22 of level 0, two levels finer.
+    let coarse = |column: usize, row: usize| 2500 + row * 13 + column;
+    let fine = |column: usize, row: usize| row * 50 + column;
+    let box_nearer = 8.99;
+    let behind = vec![key(box_nearer); KEYS];
+    let with = |holes: &[usize]| {
+        let mut keys = behind.clone();
+        holes.iter().for_each(|&hole| keys[hole] = 0);
+        keys
+    };
+    let table = [
+        (vec![key(9.01); KEYS], false),
+        (behind.clone(), true),
+        // A hole beside the box, on either level.
+        (with(&[coarse(4, 4), coarse(8, 5), fine(20, 17), fine(29, 22)]), true),
+        // A hole that the finer level does not have.
+        (with(&[coarse(5, 4)]), true),
+        (with(&[coarse(7, 5), fine(28, 22)]), false),
+        (with(&[coarse(5, 4), fine(21, 17)]), false),
+        (with(&[coarse(5, 4), fine(29, 23)]), true),
+    ];
+    for (number, (pyramid, hidden)) in table.into_iter().enumerate() {
+        let visit = vec![Visit { instance: 0, node: 0 }];
+        let expected = if hidden { [vec![], visit.clone()] } else { [visit.clone(), vec![]] };
+        let now = View { instances: 1, history: 1, ..view() };
+        assert_eq!(culled(&device, &now, &[placed(0.0, 0.0, -10.0)], &pyramid), expected, "{number}");
+        // Without an earlier frame nothing is hidden; nor is what reaches the near plane.
+        let first = View { history: 0, ..now };
+        assert_eq!(culled(&device, &first, &[placed(0.0, 0.0, -10.0)], &pyramid), [visit.clone(), vec![]]);
+        assert_eq!(culled(&device, &now, &[placed(0.0, 0.0, -1.5)], &pyramid), [visit, vec![]]);
+    }
+}
+
+/// A sphere and an error at distance 10 that make exactly a pixel: 0.125 · 64 / (10 − 1.875 − 0.125).
+const SPHERE: Sphere = Sphere { center: [0.0; 3], radius: 1.875 };
+const PIXEL: f32 = 0.125;
+/// The next smaller error: 0.125 − 2⁻²⁷ makes 1 − 2⁻²⁴ pixels, the next smaller f32.
+const LESS: f32 = 0.125 - 1.0 / 134_217_728.0;
+/// That many pixels: the threshold that the one exceeds and the other does not.
+const TAU: f32 = 1.0 - 1.0 / 16_777_216.0;
+
+fn node(max_parent_error: f32, first: u32, count: u16, is_leaf: bool) -> Node {
+    Node {
+        center: [0.0; 3],
+        extent: [1.0; 3],
+        lod_sphere: SPHERE,
+        max_parent_error,
+        first,
+        count,
+        is_leaf: u16::from(is_leaf),
+        level: 0,
+    }
+}
+
+fn group(error: f32, x: f32) -> Group {
+    let center = [x, 0.0, 0.0];
+    Group { lod_sphere: SPHERE, error, center, extent: [0.5; 3], ..Group::zeroed() }
+}
+
+/// What looking at nodes leaves.
+struct Walked {
+    next: Dispatch,
+    visits: Vec<Visit>,
+    bits: Vec<u32>,
+    later: Vec<Visit>,
+}
+
+fn walk(device: &Context, phase: Phase, view: &View, visits: &[Visit], pyramid: &[u32]) -> Walked {
+    // The root has two leaves; a pixel is the error of one, less than that of the other.
+    let nodes = [node(PIXEL, 1, 2, false), node(PIXEL, 0, 3, true), node(LESS, 3, 1, true)];
+    // A pixel, less, off the screen; a pixel.
+    let groups =
+        [group(PIXEL, 0.0), group(LESS, 0.0), group(PIXEL, 13.0), group(PIXEL, 0.0), group(PIXEL, 0.0)];
+    // The mesh of the second instance starts at the second node and the third group.
+    let instances = [seen(), Instance { first_node: 1, first_group: 2, group_words: 1, ..seen() }];
+    let level = dispatch(1, 1, visits.len() as u32);
+    let mut out = run(
+        device,
+        Kernel::NodeCull(phase),
+        &[
+            words(&[*view]),
+            words(&instances),
+            words(&nodes),
+            words(&groups),
+            words(visits),
+            words(&[level]),
+            &[0; 4],
+            words(&[Dispatch::default()]),
+            &[0; 4],
+            pyramid,
+            &[0; 8],
+            words(&[Dispatch::default()]),
+        ],
+    );
+    let (next, later_level): (Dispatch, Dispatch) = (entry(&out[7]), entry(&out[11]));
+    let list = |words: &[u32], count: u32| {
+        let mut visits: Vec<Visit> = entries(words);
+        visits.truncate(count as usize);
+        visits.sort();
+        visits
+    };
+    let (visits, later) = (list(&out[6], next.count), list(&out[10], later_level.count));
+    Walked { next, visits, bits: out.swap_remove(8), later }
+}
+
+#[test]
+fn nodes_above_the_threshold_are_walked() {
+    let Some(device) = device("nodes_above_the_threshold_are_walked") else { return };
+    let root = Visit { instance: 0, node: 0 };
+    let at = |tau: f32| View { tau, ..view() };
+    let no_pyramid = [0; KEYS];
+    let go = |view: &View, visits: &[Visit]| walk(&device, Phase::First, view, visits, &no_pyramid);
+    // The root is at the threshold, then by one step above it.
+    let walked = go(&at(1.0), &[root]);
+    assert_eq!((walked.next, walked.visits), (Dispatch::default(), vec![]));
+    let walked = go(&at(TAU), &[root]);
+    let children = [1, 2].map(|node| Visit { instance: 0, node });
+    assert_eq!((walked.next, &walked.visits[..]), (dispatch(1, 1, 2), &children[..]));
+    assert_eq!((&walked.bits[..], &walked.later[..]), (&[0; 4][..], &[][..]));
+    // Of the leaves one is above it, and of its three groups the first: the second is below, the third off the screen.
+    let walked = go(&at(TAU), &children);
+    assert_eq!(walked.next, Dispatch { visited: 3, ..Dispatch::default() });
+    assert_eq!(walked.bits, [0b1, 0, 0, 0]);
+    // At zero, full detail: what has an error at all.
+    let walked = go(&at(0.0), &children);
+    assert_eq!((walked.next.visited, walked.bits), (4, vec![0b1011, 0, 0, 0]));
+    // Another instance starts elsewhere in every array: its node 0 is that leaf, and its groups 0 to 2 are 2 to 4 of all.
+    let walked = go(&at(0.0), &[Visit { instance: 1, node: 0 }]);
+    assert_eq!((walked.next.visited, walked.bits), (3, vec![0, 0b110, 0, 0]));
+}
+
+#[test]
+fn a_list_of_nodes_counts_on_past_its_end() {
+    let Some(device) = device("a_list_of_nodes_counts_on_past_its_end") else { return };
+    // Three roots with two children each, and room for two.
+    let walked = walk(
+        &device,
+        Phase::First,
+        &View { tau: TAU, ..view() },
+        &[Visit { instance: 0, node: 0 }; 3],
+        &[0; KEYS],
+    );
+    assert_eq!(walked.next, dispatch(1, 1, 6));
+    assert_eq!(walked.visits.len(), 2);
+    assert!(walked.visits.iter().all(|visit| visit.instance == 0 && (1..3).contains(&visit.node)));
+}
+
+#[test]
+fn hidden_nodes_wait_for_the_second_phase() {
+    let Some(device) = device("hidden_nodes_wait_for_the_second_phase") else { return };
+    let view = View { tau: TAU, history: 1, ..view() };
+    for node in [0, 1] {
+        let visit = Visit { instance: 0, node };
+        let go = |phase, distance: f32| walk(&device, phase, &view, &[visit], &[key(distance); KEYS]);
+        // All of the box is behind distance 8; it starts at 9.
+        let walked = go(Phase::First, 8.0);
+        assert_eq!((walked.next, &walked.later[..]), (Dispatch::default(), &[visit][..]));
+        // The second phase puts nothing off. It counts the instances that it hides, by their roots.
+        let walked = go(Phase::Second, 8.0);
+        assert_eq!(walked.next, Dispatch { hidden: 1 - node, ..Dispatch::default() });
+        assert_eq!((walked.visits, walked.later, walked.bits), (vec![], vec![], vec![0; 4]));
+        for phase in [Phase::First, Phase::Second] {
+            let walked = go(phase, 12.0);
+            let expected = [(2, 0, 0), (0, 3, 1)][node as usize];
+            assert_eq!((walked.next.count, walked.next.visited, walked.bits[0]), expected);
+            assert_eq!(walked.later, []);
+        }
+    }
+    // The boxes of the groups start at 9.5: with all nearer than 9.2 the leaf is seen, and they are not.
+    let leaf = Visit { instance: 0, node: 1 };
+    for (phase, later) in [(Phase::First, vec![leaf]), (Phase::Second, vec![])] {
+        let walked = walk(&device, phase, &view, &[leaf], &[key(9.2); KEYS]);
+        assert_eq!((walked.next.visited, walked.bits[0], walked.later), (3, 0, later));
+    }
+}
+
+/// A flat cluster of so many triangles, its box `half` wide to each side.
+fn cluster(triangles: u8, half: f32) -> ClusterRecord {
+    ClusterRecord {
+        extent: [half, half, 0.0],
+        cone: [0, 0, 0, 127],
+        lod_sphere: SPHERE,
+        error: -1.0,
+        triangle_count: triangles,
+        ..ClusterRecord::zeroed()
+    }
+}
+
+/// Two pages: of the second the word behind the first.
+fn pages(first: &[ClusterRecord], second: &[ClusterRecord]) -> (Vec<u32>, [u32; 4]) {
+    let mut all = words(first).to_vec();
+    all.extend(words(second));
+    (all, [0, (first.len() * RECORD_WORDS) as u32, 0, 0])
+}
+
+/// Bits of the clusters of candidates that are drawn, their marks, and the counts.
+fn clusters(
+    device: &Context,
+    view: &View,
+    instance: Instance,
+    (pages, offsets): &(Vec<u32>, [u32; 4]),
+    candidates: &[Candidate],
+) -> (Vec<u32>, Vec<Marks>, Counters) {
+    let culling = dispatch(1, 1, candidates.len() as u32);
+    let (bits, marks) = (vec![9; 4], vec![Marks::zeroed(); candidates.len()]);
+    let out = device
+        .run(
+            Kernel::ClusterCull(Phase::First),
+            &[
+                words(&[*view]),
+                words(&[instance]),
+                offsets,
+                pages,
+                words(candidates),
+                words(&[culling]),
+                &bits,
+                words(&marks),
+                words(&[Counters::default()]),
+                &[0; KEYS],
+                &[0; 4],
+                words(&[Marks::zeroed()]),
+                pages,
+                pages,
+                pages,
+            ],
+            // Two candidates each.
+            culling.count.div_ceil(2),
+        )
+        .unwrap();
+    (out[6][..candidates.len()].to_vec(), entries(&out[7]), entry(&out[8]))
+}
+
+fn candidate(page: usize, count: u32) -> Candidate {
+    Candidate { instance: 0, first: ClusterAddress::new(page, 0).0, count, before: NONE }
+}
+
+#[test]
+fn clusters_obey_the_rule_and_go_to_their_rasterizer() {
+    let Some(device) = device("clusters_obey_the_rule_and_go_to_their_rasterizer") else { return };
+    let with_error = |error: f32| ClusterRecord { error, ..cluster(1, 0.1) };
+    let off = ClusterRecord { center: [20.0, 0.0, 0.0], ..cluster(1, 0.1) };
+    // The source, at the threshold, above it, off the screen.
+    let rule = [cluster(1, 0.1), with_error(LESS), with_error(PIXEL), off];
+    // At distance 10 a box is 10 · half + 2 pixels long, rounded down. Of two triangles that is an edge: 16 pixels are
+    // small and 17 are not. Of 128 it is eight edges: 120 pixels are small, and 121 are too many for that rasterizer.
+    let sizes = [cluster(2, 1.45), cluster(2, 1.55), cluster(128, 11.85), cluster(128, 11.95)];
+    let view = View { tau: TAU, ..view() };
+    let pages = pages(&rule, &sizes);
+    let list = [candidate(0, 4), candidate(1, 4), candidate(1, 3)];
+    let (drawn, marks, counters) = clusters(&device, &view, seen(), &pages, &list);
+    assert_eq!(drawn, [0b0011, 0b1111, 0b111]);
+    let large: Vec<u32> = marks.iter().map(|marks| marks.large).collect();
+    assert_eq!(large, [0, 0b1010, 0b010]);
+    assert!(marks.iter().all(|marks| marks.held == 0));
+    assert_eq!((counters.visited_clusters, counters.held), (11, 0));
+    assert_eq!(counters.triangles_small, 2 + (2 + 128) + (2 + 128));
+    assert_eq!(counters.triangles_large, (2 + 128) + 2);
+}
+
+#[test]
+fn a_cluster_faces_away_by_a_hair() {
+    let Some(device) = device("a_cluster_faces_away_by_a_hair") else { return };
+    // Ten from the eye, straight along the axis: all face away where 10 ≥ 10 · 64/127 + radius, up to 4.9606.
+    let cone =
+        |cone: [i8; 4], radius: f32| ClusterRecord { cone, radius, extent: [0.1; 3], ..cluster(1, 0.1) };
+    let table = [
+        (cone([0, 0, -127, 64], 4.9605), false),
+        (cone([0, 0, -127, 64], 4.9607), true),
+        (cone([0, 0, 127, 64], 0.1), true),
+        // A cutoff of 1 never culls, one of 126/127 does.
+        (cone([0, 0, -127, 127], -1.0), true),
+        (cone([0, 0, -127, 126], 0.05), false),
+        (cone([127, 0, 0, 1], 0.0), true),
+    ];
+    let records: Vec<ClusterRecord> = table.iter().map(|(record, _)| *record).collect();
+    let bits = (0..).zip(&table).fold(0, |bits, (k, (_, drawn))| bits | u32::from(*drawn) << k);
+    let pages = pages(&records, &[]);
+    let list = [candidate(0, 6)];
+    assert_eq!(clusters(&device, &view(), seen(), &pages, &list).0, [bits]);
+    let both_sides = Instance { double_sided: 1, ..seen() };
+    assert_eq!(clusters(&device, &view(), both_sides, &pages, &list).0, [0b11_1111]);
+    // In a parallel view by the direction of sight alone: 1 ≥ 64/127 for the first three that lie along it.
+    let parallel = View { orthographic: 1, ..view() };
+    let along = Instance {
+        eye: [0.0, 0.0, -1.0],
+        screen: [[1.0, 0.0, 0.0, 50.0], [0.0, -1.0, 0.0, 40.0], [0.0, 0.0, -1.0, 10.0]],
+        ..seen()
+    };
+    assert_eq!(clusters(&device, &parallel, along, &pages, &list).0, [0b10_1100]);
+}
+
+#[test]
+fn the_second_phase_looks_at_clusters_that_waited() {
+    let Some(device) = device("the_second_phase_looks_at_clusters_that_waited") else { return };
+    // Of the first candidate cluster 0 was drawn, as a large one, 1 waited, 2 had failed. The second is new.
+    let records = [cluster(3, 0.1), cluster(5, 0.1), cluster(7, 0.1)];
+    let (pages, offsets) = pages(&records, &[]);
+    let candidates = [Candidate { before: 1, ..candidate(0, 3) }, candidate(0, 3)];
+    let (drawn, marks) =
+        ([0, 0b001, 0, 0], [Marks::zeroed(), Marks { large: 1, held: 0b010, first: 0, unused: 0 }]);
+    for (distance, bits, held, small) in [(12.0, [0b011, 0b111], 0, 5 + 15), (8.0, [0b001, 0], 4, 0)] {
+        let out = run(
+            &device,
+            Kernel::ClusterCull(Phase::Second),
+            &[
+                words(&[View { history: 1, ..view() }]),
+                words(&[seen()]),
+                &offsets,
+                &pages,
+                words(&candidates),
+                words(&[dispatch(1, 1, 2)]),
+                &[0; 4],
+                words(&[Marks::zeroed(); 2]),
+                words(&[Counters::default()]),
+                &[key(distance); KEYS],
+                &drawn,
+                words(&marks),
+                &pages,
+                &pages,
+                &pages,
+            ],
+        );
+        assert_eq!(out[6][..2], bits);
+        // What the first phase drew stays drawn and large, and is known by its mark.
+        let found: Vec<Marks> = entries(&out[7]);
+        assert!(found.iter().map(|marks| (marks.large, marks.held)).eq([(1, 1), (0, 0)]));
+        let counters: Counters = entry(&out[8]);
+        assert_eq!((counters.visited_clusters, counters.held), (1 + 3, held));
+        assert_eq!((counters.triangles_small, counters.triangles_large), (small, 0));
+    }
+}
+
+/// Set bits of each block, and where blocks start; behind the last one the total.
+fn sums(device: &Context, bits: &[u32], others: &[u32]) -> (Vec<u32>, Vec<u32>) {
+    let count = bits.len() as u32;
+    let blocks = dispatch(count.div_ceil(SCAN_BLOCK), 1, count);
+    let room = vec![77; blocks.x as usize + 1];
+    let dispatch = [blocks];
+    let bindings = [bits, words(&dispatch), &room, others];
+    let counts = device.run(Kernel::CountBits, &bindings, blocks.x).unwrap().swap_remove(2);
+    let starts = run(device, Kernel::ScanBlocks, &[words(&dispatch), &counts]).swap_remove(1);
+    (counts[..blocks.x as usize].to_vec(), starts)
+}
+
+#[test]
+fn bits_are_counted_and_blocks_start_where_those_before_end() {
+    let Some(device) = device("bits_are_counted_and_blocks_start_where_those_before_end") else { return };
+    let block = SCAN_BLOCK as usize;
+    let none = |count: usize| vec![0u32; count];
+    // 65 words: empty, all ones, and one bit in the last.
+    assert_eq!(sums(&device, &none(65), &none(65)), (vec![0], vec![0, 0]));
+    assert_eq!(sums(&device, &[u32::MAX; 65], &none(65)), (vec![2080], vec![0, 2080]));
+    let mut last = none(65);
+    last[64] = 1 << 31;
+    assert_eq!(sums(&device, &last, &none(65)), (vec![1], vec![0, 1]));
+    // Bits of either phase count once.
+    assert_eq!(sums(&device, &[0b0110; 65], &[0b0011; 65]), (vec![195], vec![0, 195]));
+    // A word more than a block; a full block, an empty one, and a word.
+    let mut bits = none(block + 1);
+    (bits[0], bits[block - 1], bits[block]) = (0b111, 1, 0b11);
+    assert_eq!(sums(&device, &bits, &none(block + 1)), (vec![4, 2], vec![0, 4, 6]));
+    let mut bits = none(2 * block + 1);
+    bits[..block].fill(u32::MAX);
+    bits[2 * block] = 0xff;
+    let full = 32 * SCAN_BLOCK;
+    assert_eq!(sums(&device, &bits, &none(bits.len())), (vec![full, 0, 8], vec![0, full, full, full + 8]));
+    // More blocks than the one workgroup that sums them has lanes: 130 with a bit each.
+    let mut bits = none(130 * block);
+    bits.chunks_mut(block).enumerate().for_each(|(k, words)| words[k * 15] = 1 << (k % 32));
+    assert_eq!(sums(&device, &bits, &none(bits.len())), (vec![1; 130], (0..=130).collect()));
+}
+
+/// Candidates listed of the bits of both phases, and the dispatches that follow.
+fn listed(
+    device: &Context,
+    phase: Phase,
+    starts: &[u32],
+    bits: &[u32],
+    first: &[u32],
+    room: usize,
+) -> (Vec<Candidate>, Dispatch, Dispatch) {
+    let instances: Vec<Instance> = (0..)
+        .zip(starts)
+        .map(|(k, &group_words)| Instance { group_words, first_group: 100 * k, ..seen() })
+        .collect();
+    // Group n has n mod 5 + 1 clusters from address 1000 · n on.
+    let groups: Vec<Group> = (0..100 * starts.len() as u32 + 2080)
+        .map(|n| Group { first: ClusterAddress(1000 * n), count: n % 5 + 1, ..Group::zeroed() })
+        .collect();
+    let (_, starts_of_both) = sums(device, bits, first);
+    let (_, starts_of_first) = sums(device, first, first);
+    let count = bits.len() as u32;
+    let blocks = dispatch(count.div_ceil(SCAN_BLOCK), 1, count);
+    let view = View { instances: instances.len() as u32, ..view() };
+    let out = device
+        .run(
+            Kernel::ListGroups(phase),
+            &[
+                words(&[view]),
+                words(&instances),
+                words(&groups),
+                bits,
+                words(&[blocks]),
+                &starts_of_both,
+                words(&vec![Candidate::zeroed(); room]),
+                words(&[Dispatch::default()]),
+                words(&[Dispatch::default()]),
+                first,
+                &starts_of_first,
+            ],
+            blocks.x,
+        )
+        .unwrap();
+    (entries(&out[6]), entry(&out[7]), entry(&out[8]))
+}
+
+#[test]
+fn groups_are_listed_in_scene_order() {
+    let Some(device) = device("groups_are_listed_in_scene_order") else { return };
+    let c = |instance, group: u32, before| Candidate {
+        instance,
+        first: 1000 * group,
+        count: group % 5 + 1,
+        before,
+    };
+    // The first instance has two words, the second none, the third the rest.
+    let starts = [0, 2, 2];
+    let bits = [1 << 31 | 1, 0, 0b110, 1];
+    let (list, culling, counting) = listed(&device, Phase::First, &starts, &bits, &[0; 4], 6);
+    let expected = [c(0, 0, NONE), c(0, 31, NONE), c(2, 201, NONE), c(2, 202, NONE), c(2, 232, NONE)];
+    assert_eq!(list[..5], expected);
+    assert_eq!(list[5], Candidate::zeroed());
+    // Two groups a workgroup; the bits of all clusters in one block.
+    assert_eq!((culling, counting), (dispatch(3, 1, 5), dispatch(1, 1, 5)));
+    // With too little room what fits is listed, and what there is is counted.
+    let (list, culling, counting) = listed(&device, Phase::First, &starts, &bits, &[0; 4], 2);
+    assert_eq!(list, expected[..2]);
+    assert_eq!((culling, counting), (dispatch(1, 1, 5), dispatch(1, 1, 2)));
+    // The second phase lists those of both, and where they were in the first list.
+    let first = [1 << 31, 0, 0b100, 0];
+    let second = [1, 0, 0b010, 1];
+    let (list, ..) = listed(&device, Phase::Second, &starts, &second, &first, 5);
+    assert_eq!(list, [c(0, 0, NONE), c(0, 31, 0), c(2, 201, NONE), c(2, 202, 1), c(2, 232, NONE)]);
+    // All ones over 65 words of an instance: every group once, in order.
+    let (list, culling, _) = listed(&device, Phase::First, &[0; 21], &[u32::MAX; 65], &[0; 65], 2080);
+    assert_eq!(culling.count, 2080);
+    assert!((0..).zip(&list).all(|(k, found): (u32, _)| *found == c(20, 2000 + k, NONE)));
+    // Nothing at all.
+    let (_, culling, counting) = listed(&device, Phase::First, &starts, &[0; 4], &[0; 4], 4);
+    assert_eq!((culling.x, culling.count, counting.x, counting.count), (0, 0, 0, 0));
+}
+
+#[test]
+fn clusters_are_listed_in_scene_order() {
+    let Some(device) = device("clusters_are_listed_in_scene_order") else { return };
+    let candidates: Vec<Candidate> = [(0, 100), (0, 200), (1, 300)]
+        .map(|(instance, first)| Candidate { instance, first, count: 32, before: NONE })
+        .to_vec();
+    let v = |instance, cluster, large| VisibleCluster { instance, cluster, large };
+    let visible = [v(0, 100, 0), v(0, 102, 1), v(1, 300, 0), v(1, 331, 1)];
+    let mark = |large, held| Marks { large, held, first: 0, unused: 0 };
+    let list = |phase,
+                candidates: &[Candidate],
+                drawn: [u32; 4],
+                marks: [Marks; 3],
+                first: &[Marks],
+                room: usize| {
+        let blocks = dispatch(1, 1, 3);
+        let (_, sums) = sums(&device, &drawn[..3], &drawn[..3]);
+        let out = run(
+            &device,
+            Kernel::ListClusters(phase),
+            &[
+                words(candidates),
+                words(&[blocks]),
+                &drawn,
+                words(&marks),
+                &sums,
+                words(&vec![VisibleCluster::zeroed(); room]),
+                &vec![99; room],
+                words(&[Dispatch::default(); 2]),
+                words(&[Counters::default()]),
+                words(first),
+                &[88; 4],
+            ],
+        );
+        let draws: Vec<Dispatch> = entries(&out[7]);
+        let (small, large) = (draws[0].count as usize, draws[1].count as usize);
+        assert_eq!(draws, [small, large].map(|n| dispatch(n as u32, u32::from(n > 0), n as u32)));
+        let mut front = out[6][..small.min(room)].to_vec();
+        let mut back = out[6][room - large.min(room)..].to_vec();
+        front.sort_unstable();
+        back.sort_unstable();
+        let counters: Counters = entry(&out[8]);
+        let firsts: Vec<Marks> = entries(&out[3]);
+        (entries::<VisibleCluster>(&out[5]), front, back, counters.visible, firsts, out[10].clone())
+    };
+    // Members 0 and 2 of the first, none of the second, 0 and 31 of the third.
+    let drawn = [0b101, 0, 1 << 31 | 1, 0];
+    let marks = [mark(0b100, 0), mark(0, 0), mark(1 << 31, 0)];
+    let (found, small, large, count, firsts, _) = list(Phase::First, &candidates, drawn, marks, &marks, 5);
+    assert_eq!((&found[..4], found[4]), (&visible[..], VisibleCluster::zeroed()));
+    // Small ones from the front, large ones from the back.
+    assert_eq!((small, large, count), (vec![0, 2], vec![1, 3], 4));
+    assert_eq!((firsts[0].first, firsts[2].first), (0, 2));
+    // With too little room the rest is counted.
+    let (found, .., count, _, _) = list(Phase::First, &candidates, drawn, marks, &marks, 3);
+    assert_eq!((&found[..], count), (&visible[..3], 4));
+    // The second phase: the first one drew member 2 of the first and 31 of the third, as its numbers 0 and 1.
+    let again: Vec<Candidate> =
+        (0..).zip(&candidates).map(|(k, c)| Candidate { before: [1, NONE, 0][k], ..*c }).collect();
+    let before = [Marks { first: 1, ..mark(0, 0) }, Marks { first: 0, ..mark(0, 0) }];
+    let marks = [mark(0b100, 0b100), mark(0, 0), mark(1 << 31, 1 << 31)];
+    let (found, small, large, count, _, renumbered) = list(Phase::Second, &again, drawn, marks, &before, 5);
+    assert_eq!((&found[..4], count), (&visible[..], 4));
+    // Only the new ones are drawn; of the old ones, 0 has become 1 and 1 has become 3.
+    assert_eq!((small, large, renumbered), (vec![0, 2], vec![], vec![1, 3, 88, 88]));
+}
+
+/// Pixels of the pictures that triangles are drawn into, across and down.
+const SIDE: usize = 8;
+
+/// A cluster of triangles, in pixels and depth.
+struct Triangles {
+    corners: Vec<[f32; 3]>,
+    triangles: Vec<[u8; 3]>,
+}
+
+/// Pixels as (key, low half), drawn by a rasterizer; and the triangles that it counted.
+fn drawn(
+    device: &Context,
+    large: bool,
+    view: &View,
+    instance: Instance,
+    clusters: &[Triangles],
+) -> (Vec<(u32, u32)>, u32) {
+    // A page for each: its record, three words for each vertex, three bytes for each triangle.
+    let (mut pages, mut offsets) = (Vec::new(), Vec::new());
+    for Triangles { corners, triangles } in clusters {
+        offsets.push(pages.len() as u32);
+        let record = ClusterRecord {
+            vertex_count: corners.len() as u8,
+            triangle_count: triangles.len() as u8,
+            data: RECORD_WORDS as u32,
+            ..ClusterRecord::zeroed()
+        };
+        pages.extend(words(&[record]));
+        pages.extend(words(corners));
+        let mut bytes: Vec<u8> = triangles.as_flattened().to_vec();
+        bytes.resize(bytes.len().next_multiple_of(4), 0);
+        pages.extend(bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+    }
+    offsets.resize(4, 0);
+    let visible: Vec<VisibleCluster> = (0..clusters.len())
+        .map(|page| VisibleCluster {
+            instance: 0,
+            cluster: ClusterAddress::new(page, 0).0,
+            large: u32::from(large),
+        })
+        .collect();
+    let count = clusters.len() as u32;
+    // The large rasterizer takes its numbers from the back.
+    let numbers: Vec<u32> = if large { (0..count).rev().collect() } else { (0..count).collect() };
+    let mut draws = [Dispatch::default(); 2];
+    draws[usize::from(large)] = dispatch(count, 1, count);
+    let (view, instance) = (words(std::slice::from_ref(view)), [Instance { vertex_words: 3, ..instance }]);
+    let mut results = Vec::new();
+    let two_passes = vec![Words::Keys, Words::Lows];
+    let forms = if device.wide_atomics() { vec![vec![Words::Wide], two_passes] } else { vec![two_passes] };
+    for form in forms {
+        let (mut picture, mut counters) = (vec![0; 2 * SIDE * SIDE], vec![0; size_of::<Counters>() / 4]);
+        for pass in form {
+            let kernel = if large { Kernel::RasterLarge(pass) } else { Kernel::RasterSmall(pass) };
+            let bindings: [&[u32]; 12] = [
+                view,
+                words(&instance),
+                &offsets,
+                &pages,
+                words(&visible),
+                &numbers,
+                words(&draws),
+                &picture,
+                &counters,
+                &pages,
+                &pages,
+                &pages,
+            ];
+            let mut out = device.run(kernel, &bindings, count).unwrap();
+            (counters, picture) = (out.swap_remove(8), out.swap_remove(7));
+        }
+        let counters: Counters = entry(&counters);
+        let triangles = if large { counters.drawn_large } else { counters.drawn_small };
+        results.push((picture.chunks(2).map(|word| (word[1], word[0])).collect(), triangles));
+    }
+    assert!(results.iter().all(|result| *result == results[0]), "two passes draw the same");
+    results.swap_remove(0)
+}
+
+/// A parallel view whose world is its picture: x right and y down, pixels; and depth.
+fn flat() -> View {
+    View {
+        width: SIDE as u32,
+        height: SIDE as u32,
+        orthographic: 1,
+        near: 0.5,
+        far: f32::INFINITY,
+        ..View::zeroed()
+    }
+}
+
+/// Internal space as it is. Pictures have y down, which mirrors; so that what is clockwise on them is a front, this does not.
+fn plain() -> Instance {
+    let screen = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+    Instance { screen, mirrored: 1, ..Instance::zeroed() }
+}
+
+/// A square from its upper left to its lower right corner, cut along that diagonal: first above it, then below.
+fn square(low: f32, high: f32, depth: impl Fn(f32, f32) -> f32) -> Triangles {
+    let corners = [[low, low], [high, low], [high, high], [low, high]];
+    Triangles {
+        corners: corners.map(|[x, y]| [x, y, depth(x, y)]).to_vec(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+    }
+}
+
+/// What pixels show: number of the cluster and triangle, or two dots.
+fn shown(pixels: &[(u32, u32)]) -> Vec<String> {
+    let name = |&(_, low): &(u32, u32)| match low {
+        0 => "..".to_owned(),
+        low => format!("{}{}", (!low >> 7) - 1, char::from(b'a' + (!low & 127) as u8)),
+    };
+    pixels.chunks(SIDE).map(|row| row.iter().map(name).collect::<Vec<_>>().join(" ")).collect()
+}
+
+/// The key of a depth in a parallel view.
+fn flat_key(depth: f32) -> u32 {
+    !depth.to_bits()
+}
+
+#[test]
+fn triangles_cover_the_pixels_whose_centres_they_hold() {
+    let Some(device) = device("triangles_cover_the_pixels_whose_centres_they_hold") else { return };
+    // Pixels on the diagonal that both share belong to the triangle that has it on its left: the one above.
+    let whole = [
+        ".. .. .. .. .. .. .. ..",
+        ".. 0a 0a 0a 0a .. .. ..",
+        ".. 0b 0a 0a 0a .. .. ..",
+        ".. 0b 0b 0a 0a .. .. ..",
+        ".. 0b 0b 0b 0a .. .. ..",
+        ".. .. .. .. .. .. .. ..",
+        ".. .. .. .. .. .. .. ..",
+        ".. .. .. .. .. .. .. ..",
+    ];
+    for large in [false, true] {
+        let draw =
+            |instance: Instance, clusters: &[Triangles]| drawn(&device, large, &flat(), instance, clusters);
+        // Corners on corners of pixels; on their centres, where top and left edges hold them and the others do not;
+        // and by less than 1/512 beyond that, which is the same.
+        for (low, high) in [(1.0, 5.0), (1.5, 5.5), (1.5 - 1.0 / 600.0, 5.5 + 1.0 / 600.0)] {
+            let (pixels, count) = draw(plain(), &[square(low, high, |_, _| 2.0)]);
+            assert_eq!(shown(&pixels), whole, "{low} {large}");
+            assert!(pixels.iter().all(|(key, low)| *key == if *low == 0 { 0 } else { flat_key(2.0) }));
+            assert_eq!(count, 2);
+        }
+        // From the other side nothing, unless both sides count.
+        let turned = Instance { mirrored: 0, ..plain() };
+        let (pixels, count) = draw(turned, &[square(1.0, 5.0, |_, _| 2.0)]);
+        assert!(count == 0 && pixels.iter().all(|pixel| *pixel == (0, 0)));
+        let both = Instance { double_sided: 1, ..turned };
+        assert_eq!(shown(&draw(both, &[square(1.0, 5.0, |_, _| 2.0)]).0), whole);
+        // Between the centres of pixels there is nothing to draw, and a needle on a row of centres counts no corner.
+        let (pixels, count) = draw(plain(), &[square(1.6, 2.4, |_, _| 2.0)]);
+        assert!(count == 0 && pixels.iter().all(|pixel| *pixel == (0, 0)));
+        // More than the picture: every pixel, once.
+        let (pixels, _) = draw(plain(), &[square(-40.0, 48.0, |_, _| 2.0)]);
+        let above = |k: usize| if k % SIDE >= k / SIDE { "0a" } else { "0b" };
+        let rows = shown(&pixels).join(" ");
+        assert!(rows.split(' ').enumerate().all(|(k, shown)| shown == above(k)));
+    }
+}
+
+#[test]
+fn the_nearest_shows_and_of_equal_ones_the_first() {
+    let Some(device) = device("the_nearest_shows_and_of_equal_ones_the_first") else { return };
+    for large in [false, true] {
+        let draw = |clusters: &[Triangles]| drawn(&device, large, &flat(), plain(), clusters).0;
+        // A floor at 2, one before its right half, one behind, and the first again.
+        let pixels = draw(&[
+            square(0.0, 8.0, |_, _| 2.0),
+            square(4.0, 8.0, |_, _| 1.0),
+            square(0.0, 8.0, |_, _| 4.0),
+            square(0.0, 8.0, |_, _| 2.0),
+        ]);
+        for (k, &(key, low)) in pixels.iter().enumerate() {
+            let (x, y) = (k % SIDE, k / SIDE);
+            let (cluster, depth) = if x >= 4 && y >= 4 { (1, 1.0) } else { (0, 2.0) };
+            let triangle = u32::from(x < y);
+            assert_eq!((key, low), (flat_key(depth), !((cluster + 1) << 7) - triangle), "{x} {y}");
+        }
+        // A slope: a quarter more with each column, an eighth with each row, at the centres of pixels.
+        let pixels = draw(&[square(0.0, 8.0, |x, y| 2.0 + 0.25 * x + 0.125 * y)]);
+        for (k, &(key, _)) in pixels.iter().enumerate() {
+            let (x, y) = ((k % SIDE) as f32 + 0.5, (k / SIDE) as f32 + 0.5);
+            assert_eq!(key, flat_key(2.0 + 0.25 * x + 0.125 * y), "{x} {y}");
+        }
+    }
+}
+
+#[test]
+fn a_triangle_is_cut_at_the_near_plane_and_at_the_far_one() {
+    let Some(device) = device("a_triangle_is_cut_at_the_near_plane_and_at_the_far_one") else { return };
+    // Through a pinhole a point (x, y, d) is at pixel (x / d, y / d). The first corner is nearer than 1; the edges from
+    // it meet that distance a third of their way on, at pixels (5, 0) and (0, 5). What is left lies between x + y = 5, an
+    // edge on the left that holds the centres on it, and 7½: centres add up to column + row + 1.
+    let corner = Triangles {
+        corners: vec![[0.0, 0.0, 0.5], [15.0, 0.0, 2.0], [0.0, 15.0, 2.0]],
+        triangles: vec![[0, 1, 2]],
+    };
+    let pinhole = View { orthographic: 0, near: 1.0, ..flat() };
+    let (pixels, count) = drawn(&device, true, &pinhole, plain(), std::slice::from_ref(&corner));
+    assert_eq!(count, 1);
+    for (k, &(key, low)) in pixels.iter().enumerate() {
+        let sum = k % SIDE + k / SIDE + 1;
+        if !(5..=7).contains(&sum) {
+            assert_eq!((key, low), (0, 0), "{k}");
+            continue;
+        }
+        // 1 / d falls evenly from 1 at 5 to ½ at 7½.
+        let expected = 1.0 - 0.2 * (sum as f32 - 5.0);
+        assert!((f32::from_bits(key) - expected).abs() < 1.0e-6 && low == !(1 << 7), "{k} {key}");
+    }
+    // Beyond distance 1 / 0.7 nothing shows: that is between those of 6 and 7.
+    let short = View { far: 1.0 / 0.7, far_key: 0.7f32.to_bits(), ..pinhole };
+    let (pixels, _) = drawn(&device, true, &short, plain(), &[corner]);
+    for (k, pixel) in pixels.iter().enumerate() {
+        assert_eq!(pixel.0 != 0, (5..=6).contains(&(k % SIDE + k / SIDE + 1)), "{k}");
+    }
+}
+
+#[test]
+fn pyramids_hold_the_farthest_of_each_square() {
+    let Some(device) = device("pyramids_hold_the_farthest_of_each_square") else { return };
+    let build = |width: u32, height: u32, levels: &[[u32; 4]], keys: &[u32], rounds: u32| {
+        let mut pyramid = [[0; 4]; PYRAMID_LEVELS];
+        pyramid[..levels.len()].copy_from_slice(levels);
+        let view = View { width, height, levels: levels.len() as u32, pyramid, ..view() };
+        let picture: Vec<u32> = keys.iter().flat_map(|key| [7, *key]).collect();
+        let texels: u32 = levels.iter().map(|[columns, rows, ..]| columns * rows).sum();
+        (0..rounds).fold(vec![0; texels as usize], |keys, round| {
+            run(&device, Kernel::Hzb(round), &[words(&[view]), &picture, &keys]).swap_remove(2)
+        })
+    };
+    #[rustfmt::skip]
+    let picture = [
+        9, 8, 7, 6, 5,
+        4, 3, 2, 1, 9,
+        8, 7, 6, 5, 4,
+    ];
+    let levels = [[3, 2, 0, 0], [2, 1, 6, 0], [1, 1, 8, 0]];
+    assert_eq!(build(5, 3, &levels, &picture, 1), [3, 1, 5, 7, 5, 4, 1, 4, 1]);
+    // A row of 17, of five levels: two rounds.
+    let row: Vec<u32> = (1..=17).rev().collect();
+    let levels = [[9, 1, 0, 0], [5, 1, 9, 0], [3, 1, 14, 0], [2, 1, 17, 0], [1, 1, 19, 0]];
+    let expected = [16, 14, 12, 10, 8, 6, 4, 2, 1, 14, 10, 6, 2, 1, 10, 2, 1, 2, 1, 1];
+    assert_eq!(build(17, 1, &levels, &row, 2), expected);
+    // One pixel.
+    assert_eq!(build(1, 1, &[[1, 1, 0, 0]], &[42], 1), [42]);
+}
+
+/// What is decided after a phase: its steps, and whether a pyramid is to be built.
+fn settled(
+    device: &Context,
+    phase: Phase,
+    later: u32,
+    fresh: u32,
+    own: Counters,
+    other: Counters,
+) -> (Vec<Dispatch>, u32) {
+    let view = View { group_words: 5000, ..view() };
+    let draws = [dispatch(fresh, 1, fresh), Dispatch::default()];
+    let steps = [Dispatch::default(); Step::COUNT as usize];
+    let later = dispatch(later, 1, later);
+    let out = run(
+        device,
+        Kernel::Settle(phase),
+        &[words(&[view]), words(&[later]), words(&draws), words(&[own]), words(&[other]), words(&steps)],
+    );
+    let own: Counters = entry(&out[3]);
+    (entries(&out[5]), own.pyramid)
+}
+
+#[test]
+fn phases_settle_what_comes_next() {
+    let Some(device) = device("phases_settle_what_comes_next") else { return };
+    let nothing = vec![Dispatch::default(); Step::COUNT as usize];
+    // 100 × 80 pixels make 50 × 40 texels, a workgroup for 32 × 32; three levels on 7 × 5, and again 1 × 1.
+    let mut pyramid = nothing.clone();
+    for (round, (x, y)) in (0..).zip([(2, 2), (1, 1), (1, 1)]) {
+        pyramid[Step::Pyramid(round).number() as usize] = dispatch(x, y, 0);
+    }
+    let none = Counters::default();
+    let settle = |phase, later, fresh, own, other| settled(&device, phase, later, fresh, own, other);
+    // The first: where something waits, a node or a cluster, the second has words of bits to list.
+    assert_eq!(settle(Phase::First, 0, 9, none, none), (nothing.clone(), 0));
+    let mut waits = pyramid.clone();
+    waits[Step::Groups.number() as usize] = dispatch(3, 1, 5000);
+    assert_eq!(settle(Phase::First, 1, 9, none, none), (waits.clone(), 1));
+    assert_eq!(settle(Phase::First, 0, 9, Counters { held: 1, ..none }, none), (waits, 1));
+    // The second: pixels get other numbers where it draws something new among what was drawn, 1024 to a workgroup.
+    let mut pixels = nothing.clone();
+    pixels[Step::Pixels.number() as usize] = dispatch(8, 1, 8000);
+    let mut both = pyramid.clone();
+    both[Step::Pixels.number() as usize] = dispatch(8, 1, 8000);
+    let before =
+        |visible, built, triangles| Counters { visible, pyramid: built, drawn_small: triangles, ..none };
+    assert_eq!(settle(Phase::Second, 0, 0, none, before(16, 1, 9)), (nothing.clone(), 0));
+    assert_eq!(settle(Phase::Second, 0, 2, none, before(16, 1, 9)), (pixels.clone(), 0));
+    // More than an eighth is new: the first pyramid no longer does.
+    assert_eq!(settle(Phase::Second, 0, 3, none, before(16, 1, 9)), (both, 1));
+    assert_eq!(settle(Phase::Second, 0, 3, none, before(0, 1, 0)), (pyramid.clone(), 1));
+    // None was built, and there is enough that one could hide.
+    assert_eq!(settle(Phase::Second, 0, 0, none, before(16, 0, PYRAMID_ABOVE)), (nothing, 0));
+    assert_eq!(settle(Phase::Second, 0, 0, none, before(16, 0, PYRAMID_ABOVE + 1)), (pyramid, 1));
+}
+
+#[test]
+fn pixels_get_the_numbers_of_both_phases() {
+    let Some(device) = device("pixels_get_the_numbers_of_both_phases") else { return };
+    let low = |number: u32, triangle: u32| !((number + 1) << 7 | triangle);
+    let mut steps = [Dispatch::default(); Step::COUNT as usize];
+    steps[Step::Pixels.number() as usize] = dispatch(1, 1, 5);
+    let key = 0xdead_beef;
+    // Background, the first and the last triangle, one that the table does not hold, and one behind the last pixel.
+    let before =
+        [(0, 0), (low(0, 0), key), (low(3, 127), key), (low(4, 1), key), (low(1, 5), 1), (low(1, 5), key)];
+    let after = [
+        (0, 0),
+        (low(9, 0), key),
+        (low(1_000_000, 127), key),
+        (low(4, 1), key),
+        (low(7, 5), 1),
+        (low(1, 5), key),
+    ];
+    let out = run(
+        &device,
+        Kernel::Renumber,
+        &[words(&steps), &[9, 7, 8, 1_000_000], words(&before.map(<[u32; 2]>::from))],
+    );
+    assert_eq!(entries::<[u32; 2]>(&out[2]), after.map(<[u32; 2]>::from));
+}
+
+#[test]
+fn a_kernel_leaves_what_its_bindings_hold() {
+    let Some(device) = device("a_kernel_leaves_what_its_bindings_hold") else { return };
+    // Two trips from 3: (n ^ n >> 7) · 1664525 + 0, then + 1, modulo 2³².
+    let first = 3 * 1_664_525u64;
+    let second = ((first ^ first >> 7) * 1_664_525 + 1) % (1 << 32);
+    assert_eq!(run(&device, Kernel::LoopProbe, &[&[2, 3]]), [[2, second as u32]]);
+}
