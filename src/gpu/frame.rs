@@ -5,10 +5,10 @@ use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePass};
 use super::context::Context;
 use super::meshes::Meshes;
 use super::occlusion::Pyramids;
-use super::shaders::{self, Kernel, MAX_WORKGROUPS, SCAN_BLOCK, Step};
+use super::shaders::{self, Kernel, List, MAX_WORKGROUPS, SCAN_BLOCK, Step};
 use super::times::Times;
 use crate::error::Result;
-use crate::gpu_types::{Candidate, Counters, Dispatch, Marks, View, VisibleCluster, Visit};
+use crate::gpu_types::{Call, Candidate, Counters, Dispatch, Marks, View, VisibleCluster, Visit};
 
 const STORAGE: BufferUsages =
     BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
@@ -72,8 +72,11 @@ pub(super) struct Phase {
     pub(super) marks: Buffer,
     pub(super) cluster_sums: Buffer,
     pub(super) visible: Buffer,
+    /// Of the clusters of each list, with room for all in the small and the large one together, and in the clipped one.
     pub(super) numbers: Buffer,
+    /// The lists for rasterizers in compute, and for the device's.
     pub(super) draws: Buffer,
+    pub(super) calls: Buffer,
     pub(super) counters: Buffer,
     /// What is decided after it.
     pub(super) steps: Buffer,
@@ -97,8 +100,9 @@ impl Phase {
             marks: storage("bits of clusters", bytes::<Marks>(room.candidates))?,
             cluster_sums: sums(room.candidates)?,
             visible: storage("visible clusters", bytes::<VisibleCluster>(room.visible))?,
-            numbers: storage("visible clusters", bytes::<u32>(room.visible))?,
-            draws: dispatch(2)?,
+            numbers: storage("visible clusters", 2 * bytes::<u32>(room.visible))?,
+            draws: dispatch(List::COUNT)?,
+            calls: context.buffer("draws", bytes::<Call>(List::COUNT), DISPATCH)?,
             counters: storage("counters", bytes::<Counters>(1))?,
             steps: dispatch(Step::COUNT)?,
         })
@@ -106,8 +110,9 @@ impl Phase {
 
     /// Lists start empty, bits at zero.
     fn clear(&self, encoder: &mut CommandEncoder) {
-        let one = [&self.group_bits, &self.culling, &self.counting, &self.draws, &self.counters, &self.steps];
-        self.levels.iter().chain(one).for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
+        let lists = [&self.culling, &self.counting, &self.draws, &self.calls, &self.steps];
+        let one = [&self.group_bits, &self.counters];
+        self.levels.iter().chain(lists).chain(one).for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
     }
 
     /// What comes back of it, in the order in which [`Buffers::split`] hands it out; `starts` entries of its list.
@@ -116,7 +121,7 @@ impl Phase {
         let mut parts = vec![
             Part { buffer: &self.counters, bytes: bytes::<Counters>(1) },
             Part { buffer: &self.culling, bytes: dispatch },
-            Part { buffer: &self.draws, bytes: 2 * dispatch },
+            Part { buffer: &self.draws, bytes: bytes::<Dispatch>(List::COUNT) },
             Part { buffer: &self.starts, bytes: bytes::<Visit>(starts) },
             Part { buffer: &self.visible, bytes: bytes::<VisibleCluster>(room.visible) },
         ];
@@ -234,6 +239,34 @@ impl Buffers {
     }
 }
 
+/// What the rasterizers bind.
+pub(super) type RasterBindings<'a> = [&'a Buffer; 12];
+
+/// That of a phase.
+pub(super) fn raster_bindings<'a>(
+    buffers: &'a Buffers,
+    meshes: &'a Meshes,
+    instances: [&'a Buffer; 2],
+    phase: shaders::Phase,
+) -> RasterBindings<'a> {
+    let own = &buffers.phases[phase as usize];
+    let [pages, pages_1, pages_2, pages_3] = meshes.pages();
+    [
+        &buffers.view,
+        instances[1],
+        meshes.page_offsets(),
+        pages,
+        &own.visible,
+        &own.numbers,
+        &own.draws,
+        &buffers.words,
+        &own.counters,
+        pages_1,
+        pages_2,
+        pages_3,
+    ]
+}
+
 /// Records a pass of a stage in a phase.
 pub(super) struct Recorder<'a> {
     pub(super) context: &'a Context,
@@ -274,24 +307,9 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// What both rasterizers bind.
-    pub(super) fn raster_bindings(&self) -> [&'a Buffer; 12] {
-        let (b, m, own) = (self.buffers, self.meshes, self.own());
-        let [pages, pages_1, pages_2, pages_3] = m.pages();
-        [
-            &b.view,
-            self.instances[1],
-            m.page_offsets(),
-            pages,
-            &own.visible,
-            &own.numbers,
-            &own.draws,
-            &b.words,
-            &own.counters,
-            pages_1,
-            pages_2,
-            pages_3,
-        ]
+    /// What the rasterizers bind.
+    pub(super) fn raster_bindings(&self) -> RasterBindings<'a> {
+        raster_bindings(self.buffers, self.meshes, self.instances, self.phase)
     }
 
     fn prepare(&mut self, kernel: Kernel, buffers: &[&Buffer]) {

@@ -2,13 +2,15 @@
 
 use wgpu::{
     Buffer, BufferUsages, CommandEncoder, ComputePassTimestampWrites, QuerySet, QuerySetDescriptor, QueryType,
+    RenderPassTimestampWrites,
 };
 
 use super::context::Context;
 use crate::error::Result;
 
-/// Passes of a frame at most: six stages in two phases, the first of them in one, and those that draw may take two each.
-const PASSES: u32 = 6 + 5 + 4;
+/// Passes of a frame at most: six stages in two phases, the first of them in one; those that draw may take two each, and
+/// large triangles twice as many.
+const PASSES: u32 = 6 + 5 + 4 + 4;
 /// Timestamps of a pass: before and after.
 const ENDS: u32 = 2;
 
@@ -39,6 +41,15 @@ impl Times {
             query_set,
             beginning_of_pass_write_index: Some(number * ENDS),
             end_of_pass_write_index: Some(number * ENDS + 1),
+        })
+    }
+
+    /// The same for a pass that draws.
+    pub(super) fn of_draw(&self, number: u32) -> Option<RenderPassTimestampWrites<'_>> {
+        self.of_pass(number).map(|compute| RenderPassTimestampWrites {
+            query_set: compute.query_set,
+            beginning_of_pass_write_index: compute.beginning_of_pass_write_index,
+            end_of_pass_write_index: compute.end_of_pass_write_index,
         })
     }
 

@@ -60,7 +60,8 @@ impl Device {
         mut words: Vec<u64>,
     ) -> Result<Rastered> {
         self.update(scene);
-        let ways = Ways { wide_atomics: options.wide_atomics, occlusion: options.occlusion };
+        let RenderOptions { wide_atomics, occlusion, raster, .. } = *options;
+        let ways = Ways { wide_atomics, occlusion, raster };
         let eye = Eye::new(view);
         let drawn = self.renderer.draw(&view_record(&screen, &eye, options.pixel_error), ways, &mut words)?;
         let instances = scene.instances();
@@ -83,6 +84,7 @@ impl Device {
         let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
         stats.stages = stages(&drawn, instances.len() as u64, &screen);
         stats.uploaded_bytes = drawn.uploaded_bytes;
+        stats.raster = drawn.raster;
         stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
         stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
         Ok(Rastered { words, views, visible, large, stats })

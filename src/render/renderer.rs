@@ -11,7 +11,7 @@ use super::frame::{Frame, Spare};
 use super::pass::Pass;
 use super::stages::Stage;
 use super::stats::FrameStats;
-use crate::config::RenderOptions;
+use crate::config::{Calibration, Raster, RenderOptions};
 use crate::cpu::hzb::Hzb;
 use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::shade::{self, Lighting};
@@ -163,6 +163,15 @@ impl Renderer {
         &self.reason
     }
 
+    /// How the device's rasterizers were chosen; absent before the first frame that left it open.
+    pub fn calibration(&self) -> Option<&Calibration> {
+        match &self.device {
+            Device::Cpu => None,
+            #[cfg(feature = "gpu")]
+            Device::Gpu { device, .. } => device.context().calibration(),
+        }
+    }
+
     /// Renders `scene` as `camera` sees it from the camera-to-world `pose`.
     pub fn render(
         &mut self,
@@ -228,7 +237,7 @@ impl Renderer {
                 drawn => return drawn,
             }
         }
-        let mut stats = FrameStats::default();
+        let mut stats = FrameStats { raster: Raster::Compute, ..FrameStats::default() };
         let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
         let views = stats.time(Stage::InstanceCull, 1, || {
             let views = instance_cull::run(&instances, view, &screen);
