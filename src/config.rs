@@ -266,6 +266,11 @@ impl Outputs {
         self.0 >> output as u16 & 1 == 1
     }
 
+    /// All but one.
+    pub fn without(self, output: Output) -> Self {
+        Self(self.0 & !(1 << output as u16))
+    }
+
     /// All of them, in the order of [`OUTPUTS`].
     pub fn iter(self) -> impl Iterator<Item = Output> {
         OUTPUTS.into_iter().filter(move |output| self.contains(*output))
@@ -278,6 +283,53 @@ impl FromIterator<Output> for Outputs {
     }
 }
 
+/// Which rasterizers of a GPU draw. The same pixels are covered, and show the same but for ties and rounding.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Raster {
+    /// The fastest on the device, by a short measurement before the first frame.
+    #[default]
+    Auto,
+    /// All triangles in compute shaders.
+    Compute,
+    /// Small triangles in compute shaders, large ones by the rasterizer of the device.
+    Hybrid,
+    /// All by the rasterizer of the device but those that have to be clipped.
+    Hardware,
+}
+
+impl Raster {
+    const CHOICES: [(&str, Self); 4] = [
+        ("auto", Self::Auto),
+        ("compute", Self::Compute),
+        ("hybrid", Self::Hybrid),
+        ("hardware", Self::Hardware),
+    ];
+
+    /// The name by which it is asked for.
+    pub fn name(self) -> &'static str {
+        Self::CHOICES[self as usize].0
+    }
+}
+
+impl std::str::FromStr for Raster {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        choose("raster", name, &Self::CHOICES)
+    }
+}
+
+/// What a device was found to draw fastest with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// That form.
+    pub raster: Raster,
+    /// Milliseconds that each form took; only those that may be taken.
+    pub times: Vec<(Raster, f64)>,
+    /// Why that form.
+    pub reason: String,
+}
+
 /// How a frame is rendered.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderOptions {
@@ -287,6 +339,8 @@ pub struct RenderOptions {
     pub occlusion: bool,
     /// On a GPU, draw by 64-bit atomics where the device has them. The picture does not depend on it.
     pub wide_atomics: bool,
+    /// On a GPU, which rasterizers draw.
+    pub raster: Raster,
     /// What to make with the frame; the rest, when it is first read.
     pub outputs: Outputs,
     /// On a GPU, whether it makes them, and not the CPU from the visibility buffer; without a choice, unless the device is
@@ -296,8 +350,14 @@ pub struct RenderOptions {
 
 impl Default for RenderOptions {
     fn default() -> Self {
-        let outputs = [Output::Color, Output::Depth].into_iter().collect();
-        Self { pixel_error: 1.0, occlusion: true, wide_atomics: true, outputs, device_outputs: None }
+        Self {
+            pixel_error: 1.0,
+            occlusion: true,
+            wide_atomics: true,
+            raster: Raster::default(),
+            outputs: [Output::Color, Output::Depth].into_iter().collect(),
+            device_outputs: None,
+        }
     }
 }
 

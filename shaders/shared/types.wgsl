@@ -30,7 +30,8 @@ struct View {
     center: vec2<f32>,
     inverse_focal: vec2<f32>,
     mirrored: u32,
-    unused: u32,
+    // Side, pixels, of the viewport of the hardware rasterizer; 0 where it draws nothing.
+    viewport: u32,
 }
 
 // An instance as the scene places it, whoever looks at it.
@@ -163,7 +164,8 @@ struct Marks {
     held: u32,
     // Number of the first in the visible list.
     first: u32,
-    unused: u32,
+    // Of the large ones, those that the hardware rasterizer does not take.
+    clipped: u32,
 }
 
 struct VisibleCluster {
@@ -192,6 +194,31 @@ struct DispatchOut {
     visited: atomic<u32>,
     hidden: atomic<u32>,
     unused: array<u32, 2>,
+}
+
+// A draw as a device takes it.
+struct Call {
+    vertices: u32,
+    instances: u32,
+    first_vertex: u32,
+    first_instance: u32,
+}
+
+// The same while it is written.
+struct CallOut {
+    vertices: u32,
+    instances: atomic<u32>,
+    first_vertex: u32,
+    first_instance: u32,
+}
+
+// Where entry `at` of a list lies among the numbers of all lists, which have room for so many: small ones from the front,
+// large ones from the back, clipped ones behind both.
+fn number_slot(list: u32, at: u32, room: u32) -> u32 {
+    if list == LIST_CLIPPED {
+        return room + at;
+    }
+    return select(at, room - 1u - at, list == LIST_LARGE);
 }
 
 fn workgroups(entries: u32, per_workgroup: u32, count: u32) -> Dispatch {

@@ -49,6 +49,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         &own.counters,
         first_marks,
         &b.renumbered,
+        &own.calls,
     ];
     r.run_indirect(Kernel::ListClusters(r.phase), &bindings, &own.counting, 0);
 }

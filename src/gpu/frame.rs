@@ -7,11 +7,11 @@ use super::instances::Slots;
 use super::meshes::Meshes;
 use super::occlusion::Pyramids;
 use super::shade::Light;
-use super::shaders::{self, Kernel, MAX_WORKGROUPS, SCAN_BLOCK, Step};
+use super::shaders::{self, Kernel, List, MAX_WORKGROUPS, SCAN_BLOCK, Step};
 use super::times::Times;
 use crate::config::{Output, Outputs};
 use crate::error::Result;
-use crate::gpu_types::{Candidate, Counters, Dispatch, Marks, View, VisibleCluster, Visit};
+use crate::gpu_types::{Call, Candidate, Counters, Dispatch, Marks, View, VisibleCluster, Visit};
 
 const STORAGE: BufferUsages =
     BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
@@ -76,8 +76,11 @@ pub(super) struct Phase {
     pub(super) drawn: Buffer,
     pub(super) marks: Buffer,
     pub(super) cluster_sums: Buffer,
+    /// Of the clusters of each list, with room for all in the small and the large one together, and in the clipped one.
     pub(super) numbers: Buffer,
+    /// The lists for rasterizers in compute, and for the device's.
     pub(super) draws: Buffer,
+    pub(super) calls: Buffer,
     pub(super) counters: Buffer,
     /// What is decided after it.
     pub(super) steps: Buffer,
@@ -100,8 +103,9 @@ impl Phase {
             drawn: storage("bits of clusters", bytes::<u32>(room.candidates))?,
             marks: storage("bits of clusters", bytes::<Marks>(room.candidates))?,
             cluster_sums: sums(room.candidates)?,
-            numbers: storage("visible clusters", bytes::<u32>(room.visible))?,
-            draws: dispatch(2)?,
+            numbers: storage("visible clusters", 2 * bytes::<u32>(room.visible))?,
+            draws: dispatch(List::COUNT)?,
+            calls: context.buffer("draws", bytes::<Call>(List::COUNT), DISPATCH)?,
             counters: storage("counters", bytes::<Counters>(1))?,
             steps: dispatch(Step::COUNT)?,
         })
@@ -109,8 +113,9 @@ impl Phase {
 
     /// Lists start empty, bits at zero.
     fn clear(&self, encoder: &mut CommandEncoder) {
-        let one = [&self.group_bits, &self.culling, &self.counting, &self.draws, &self.counters, &self.steps];
-        self.levels.iter().chain(one).for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
+        let lists = [&self.culling, &self.counting, &self.draws, &self.calls, &self.steps];
+        let one = [&self.group_bits, &self.counters];
+        self.levels.iter().chain(lists).chain(one).for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
     }
 
     /// What comes back of it, in the order in which [`Buffers::split`] hands it out; `starts` entries of its list.
@@ -119,7 +124,7 @@ impl Phase {
         let mut parts = vec![
             Part { buffer: &self.counters, bytes: bytes::<Counters>(1) },
             Part { buffer: &self.culling, bytes: dispatch },
-            Part { buffer: &self.draws, bytes: 2 * dispatch },
+            Part { buffer: &self.draws, bytes: bytes::<Dispatch>(List::COUNT) },
             Part { buffer: &self.starts, bytes: bytes::<Visit>(starts) },
         ];
         parts.extend(self.levels.iter().map(|buffer| Part { buffer, bytes: dispatch }));
@@ -261,6 +266,35 @@ impl Buffers {
     }
 }
 
+/// What the rasterizers bind.
+pub(super) type RasterBindings<'a> = [&'a Buffer; 12];
+
+/// That of a phase.
+pub(super) fn raster_bindings<'a>(
+    buffers: &'a Buffers,
+    meshes: &'a Meshes,
+    instances: &'a Slots,
+    phase: shaders::Phase,
+    words: &'a Buffer,
+) -> RasterBindings<'a> {
+    let own = &buffers.phases[phase as usize];
+    let [pages, pages_1, pages_2, pages_3] = meshes.pages();
+    [
+        &buffers.view,
+        &instances.seen,
+        meshes.page_offsets(),
+        pages,
+        &buffers.visible,
+        &own.numbers,
+        &own.draws,
+        words,
+        &own.counters,
+        pages_1,
+        pages_2,
+        pages_3,
+    ]
+}
+
 /// Records a pass of a stage in a phase.
 pub(super) struct Recorder<'a> {
     pub(super) context: &'a Context,
@@ -302,24 +336,9 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// What both rasterizers bind, which write into `words`.
-    pub(super) fn raster_bindings(&self, words: &'a Buffer) -> [&'a Buffer; 12] {
-        let (b, m, own) = (self.buffers, self.meshes, self.own());
-        let [pages, pages_1, pages_2, pages_3] = m.pages();
-        [
-            &b.view,
-            &self.instances.seen,
-            m.page_offsets(),
-            pages,
-            &b.visible,
-            &own.numbers,
-            &own.draws,
-            words,
-            &own.counters,
-            pages_1,
-            pages_2,
-            pages_3,
-        ]
+    /// What the rasterizers bind, which write into `words`.
+    pub(super) fn raster_bindings(&self, words: &'a Buffer) -> RasterBindings<'a> {
+        raster_bindings(self.buffers, self.meshes, self.instances, self.phase, words)
     }
 
     /// What shading and all other arrays bind, one of which goes to `out`.

@@ -167,7 +167,12 @@ impl Instances {
 }
 
 /// Writes entries from `first` on; returns how many bytes these are.
-fn write<T: bytemuck::NoUninit>(context: &Context, buffer: &Buffer, first: u32, entries: &[T]) -> Result<u64> {
+fn write<T: bytemuck::NoUninit>(
+    context: &Context,
+    buffer: &Buffer,
+    first: u32,
+    entries: &[T],
+) -> Result<u64> {
     let offset = u64::from(first) * size_of::<T>() as u64;
     context.write(WHAT, buffer, offset, bytemuck::cast_slice(entries))?;
     Ok(size_of_val(entries) as u64)

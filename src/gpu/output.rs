@@ -3,7 +3,7 @@
 use wgpu::Buffer;
 
 use super::frame::Recorder;
-use super::shaders::{Kernel, Words};
+use super::shaders::{Kernel, List, Words};
 use super::{raster_large, raster_small};
 use crate::config::Output;
 
@@ -13,8 +13,8 @@ pub(super) fn record<'a>(r: &mut Recorder<'a>, output: Output, out: &'a Buffer) 
     r.run(Kernel::Output(output), &bindings, r.picture_workgroups());
 }
 
-/// Overdraw: what a phase drew, drawn again.
+/// Overdraw: what a phase drew, drawn again; where everything is drawn in compute.
 pub(super) fn count<'a>(r: &mut Recorder<'a>, counts: &'a Buffer) {
     raster_small::record(r, Words::Count, counts);
-    raster_large::record(r, Words::Count, counts);
+    raster_large::record(r, List::Large, Words::Count, counts);
 }

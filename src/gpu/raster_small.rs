@@ -3,9 +3,9 @@
 use wgpu::Buffer;
 
 use super::frame::Recorder;
-use super::shaders::{Kernel, Words};
+use super::shaders::{Kernel, List, Words};
 
 pub(super) fn record<'a>(r: &mut Recorder<'a>, words: Words, to: &'a Buffer) {
     let bindings = r.raster_bindings(to);
-    r.run_indirect(Kernel::RasterSmall(words), &bindings, &r.own().draws, 0);
+    r.run_indirect(Kernel::RasterSmall(words), &bindings, &r.own().draws, List::Small as u32);
 }

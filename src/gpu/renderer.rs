@@ -5,14 +5,15 @@ use std::sync::Arc;
 use wgpu::{CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
 
 use super::context::Context;
-use super::frame::{Buffers, Recorder, Room, Shape};
+use super::frame::{Buffers, Recorder, Room, Shape, raster_bindings};
 use super::instances::{Instances, Slots};
 use super::meshes::Meshes;
 use super::occlusion::{self, Pyramids};
+use super::raster_hardware::{self, Draw, Target};
 use super::shade::Light;
-use super::shaders::{Phase, Words};
+use super::shaders::{List, Phase, Words};
 use super::{cluster_cull, hzb, instance_cull, node_cull, output, raster_large, raster_small, shade, times};
-use crate::config::{Output, Outputs};
+use crate::config::{Output, Outputs, Raster};
 use crate::error::{Error, Result};
 use crate::gpu_types::{
     self, Array, Counters, Dispatch, Lighting, Look, Placed, View, VisibleCluster, Visit,
@@ -30,6 +31,8 @@ pub struct Ways {
     pub wide_atomics: bool,
     /// Leaves out what is hidden, in two phases.
     pub occlusion: bool,
+    /// Which rasterizers draw; of these ways the only one that may be seen.
+    pub raster: Raster,
 }
 
 /// Arrays to make of a picture, and the light for it.
@@ -92,6 +95,8 @@ pub struct Drawn {
     pub made: Vec<(Output, Array)>,
     /// Bytes of instances written to the device.
     pub uploaded_bytes: u64,
+    /// Which rasterizers drew it.
+    pub raster: Raster,
     /// One phase, or two.
     pub phases: Vec<Counted>,
     /// Stage, phase and milliseconds of each pass on the device; NaN where it takes no time.
@@ -108,6 +113,8 @@ pub struct Renderer {
     buffers: Option<Buffers>,
     pyramids: Pyramids,
     light: Light,
+    /// There once the hardware rasterizer has drawn.
+    target: Option<Target>,
 }
 
 impl Renderer {
@@ -123,6 +130,7 @@ impl Renderer {
             buffers: None,
             pyramids,
             light,
+            target: None,
         })
     }
 
@@ -147,15 +155,23 @@ impl Renderer {
         self.context.check()?;
         if !self.instances.any() {
             words.fill(0);
-            return Ok(Drawn::default());
+            // Nothing is to be drawn, so nothing to be measured.
+            let raster = if ways.raster == Raster::Auto { Raster::Compute } else { ways.raster };
+            return Ok(Drawn { raster, ..Drawn::default() });
+        }
+        let size = (view.width, view.height);
+        let raster = raster_hardware::choose(&self.context, ways.raster, size)?;
+        let hardware = raster != Raster::Compute;
+        if hardware && self.target.as_ref().is_none_or(|target| target.size() != size) {
+            self.target = Some(Target::new(&self.context, size));
         }
         let uploaded_bytes = self.instances.upload(&self.context, &mut self.meshes)?;
         self.light.write(&self.context, &wanted.lighting, wanted.lights)?;
         let (group_words, depth) = (self.instances.group_words(), self.instances.depth());
-        let mut view = View { instances: self.instances.len(), group_words, ..*view };
+        let viewport = self.target.as_ref().filter(|_| hardware).map_or(0, Target::viewport);
+        let mut view = View { instances: self.instances.len(), group_words, viewport, ..*view };
         let mut culling = ways.occlusion;
         if ways.occlusion {
-            let size = (view.width, view.height);
             if self.pyramids.size() != size {
                 self.pyramids = Pyramids::new(&self.context, size)?;
             }
@@ -170,14 +186,16 @@ impl Renderer {
                 pixels: words.len() as u64,
                 room: self.room,
                 occlusion: ways.occlusion,
-                outputs: wanted.outputs,
+                // Its lists are for other rasterizers then than those which count.
+                outputs: if hardware { wanted.outputs.without(Output::Overdraw) } else { wanted.outputs },
             };
             // Others go before new ones are made.
             let buffers = match self.buffers.take().filter(|b| b.shape == shape) {
                 Some(buffers) => buffers,
                 None => Buffers::new(&self.context, shape).inspect_err(|_| self.room = FIRST_ROOM)?,
             };
-            let (mut drawn, lengths) = self.submit(&buffers, &view, (ways.wide_atomics, culling), words)?;
+            let ways = Ways { occlusion: culling, raster, ..ways };
+            let (mut drawn, lengths) = self.submit(&buffers, &view, ways, words)?;
             self.buffers = Some(buffers);
             if lengths.visible as usize > MAX_VISIBLE {
                 let count = lengths.visible;
@@ -186,7 +204,7 @@ impl Renderer {
             }
             let room = self.room.grown(lengths);
             if room == self.room {
-                drawn.uploaded_bytes = uploaded_bytes;
+                (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
                 if culling {
                     let counters = drawn.phases.iter().map(|phase| phase.counters);
                     let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
@@ -202,14 +220,9 @@ impl Renderer {
         }
     }
 
-    /// Runs the stages once, with wide atomics or not, in two phases or one; also the lengths that its lists wanted.
-    fn submit(
-        &self,
-        buffers: &Buffers,
-        view: &View,
-        (wide_atomics, culling): (bool, bool),
-        words: &mut [u64],
-    ) -> Result<(Drawn, Room)> {
+    /// Runs the stages once; also the lengths that its lists wanted.
+    fn submit(&self, buffers: &Buffers, view: &View, ways: Ways, words: &mut [u64]) -> Result<(Drawn, Room)> {
+        let Ways { wide_atomics, occlusion: culling, raster } = ways;
         let context = &*self.context;
         let queue = context.queue();
         queue.write_buffer(&buffers.view, 0, bytemuck::bytes_of(view));
@@ -237,10 +250,24 @@ impl Renderer {
                 }
             });
             for &form in forms {
-                passes
-                    .run(DeviceStage::RasterSmall, phase, |r| raster_small::record(r, form, &buffers.words));
-                passes
-                    .run(DeviceStage::RasterLarge, phase, |r| raster_large::record(r, form, &buffers.words));
+                if raster == Raster::Hardware {
+                    passes.draw(DeviceStage::RasterSmall, phase, List::Small, form);
+                } else {
+                    passes.run(DeviceStage::RasterSmall, phase, |r| {
+                        raster_small::record(r, form, &buffers.words)
+                    });
+                }
+                if raster == Raster::Compute {
+                    passes.run(DeviceStage::RasterLarge, phase, |r| {
+                        raster_large::record(r, List::Large, form, &buffers.words)
+                    });
+                } else {
+                    passes.draw(DeviceStage::RasterLarge, phase, List::Large, form);
+                    let rest = List::Clipped;
+                    passes.run(DeviceStage::RasterLarge, phase, |r| {
+                        raster_large::record(r, rest, form, &buffers.words)
+                    });
+                }
             }
             // The visible list is that of this phase now, and not later.
             if let Some((_, counts)) = buffers.outputs.iter().find(|(output, _)| *output == Output::Overdraw)
@@ -303,6 +330,22 @@ impl<'a> Passes<'a> {
         record(&mut Recorder { context, meshes, buffers, pyramids, light, instances, slots, phase, pass });
         self.passes.push((stage, phase));
     }
+
+    /// Has the device's rasterizer draw a list.
+    fn draw(&mut self, stage: DeviceStage, phase: Phase, list: List, words: Words) {
+        let Renderer { context, meshes, target: Some(target), .. } = self.renderer else { return };
+        let draw = Draw {
+            list,
+            words,
+            split: meshes.split(),
+            bindings: raster_bindings(self.buffers, meshes, self.instances, phase, &self.buffers.words),
+            calls: &self.buffers.phases[phase as usize].calls,
+            target,
+            times: self.buffers.times.of_draw(self.passes.len() as u32),
+        };
+        draw.record(context, self.encoder);
+        self.passes.push((stage, phase));
+    }
 }
 
 /// A value read back.
@@ -341,7 +384,7 @@ fn report(
         let [counters, culling, draws, starts, levels @ ..] = &parts[..] else { continue };
         let counters: Counters = value(counters);
         let groups = value::<Dispatch>(culling).count;
-        let draws: [Dispatch; 2] = value(draws);
+        let draws = list::<Dispatch>(draws, List::COUNT);
         let levels: Vec<Dispatch> = levels.iter().map(|level| value(level)).collect();
         let of_levels = |of: fn(&Dispatch) -> u32| levels.iter().map(|level| u64::from(of(level))).sum();
         let visited: u64 = of_levels(|level| level.count);
@@ -355,7 +398,7 @@ fn report(
             starts: u64::from(levels[0].count),
             visited: visited + of_levels(|level| level.visited),
             groups: u64::from(groups),
-            clusters: u64::from(draws[0].count) + u64::from(draws[1].count),
+            clusters: draws.iter().map(|draw| u64::from(draw.count)).sum(),
             hidden_instances: of_levels(|level| level.hidden),
             counters,
         });

@@ -83,6 +83,22 @@ pub enum Words {
     Count,
 }
 
+/// The lists of clusters to draw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum List {
+    /// Those of small triangles.
+    Small,
+    /// Those of large ones; with the hardware rasterizer, that it takes.
+    Large,
+    /// With the hardware rasterizer, large ones that it does not take: that have to be clipped.
+    Clipped,
+}
+
+impl List {
+    /// How many there are.
+    pub const COUNT: u32 = 3;
+}
+
 /// Everything that runs on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
@@ -104,6 +120,8 @@ pub enum Kernel {
     RasterSmall(Words),
     /// Large clusters → visibility buffer.
     RasterLarge(Words),
+    /// Clusters of a list → visibility buffer, by the rasterizer of the device.
+    RasterHardware(List, Words),
     /// Visibility buffer → a round of the depth pyramid.
     Hzb(u32),
     /// Counts of a phase → what comes next.
@@ -118,7 +136,7 @@ pub enum Kernel {
     LoopProbe,
 }
 
-/// All kernels; [`Kernel::number`] is the place here.
+/// All that are dispatched; [`Kernel::number`] is the place here.
 pub const KERNELS: [Kernel; 39] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
@@ -161,6 +179,16 @@ pub const KERNELS: [Kernel; 39] = [
     Kernel::Output(Output::Levels),
 ];
 
+/// All that draw, with a vertex and a fragment shader; [`Kernel::number`] is the place here.
+pub const DRAWS: [Kernel; 6] = [
+    Kernel::RasterHardware(List::Small, Words::Wide),
+    Kernel::RasterHardware(List::Small, Words::Keys),
+    Kernel::RasterHardware(List::Small, Words::Lows),
+    Kernel::RasterHardware(List::Large, Words::Wide),
+    Kernel::RasterHardware(List::Large, Words::Keys),
+    Kernel::RasterHardware(List::Large, Words::Lows),
+];
+
 macro_rules! file {
     ($name:literal) => {
         include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $name, ".wgsl"))
@@ -182,9 +210,10 @@ const WIDE: &str = file!("shared/wide");
 const SURFACE: &str = file!("shared/surface");
 
 impl Kernel {
-    /// Place in [`KERNELS`].
+    /// Place in [`KERNELS`], or in [`DRAWS`].
     pub fn number(self) -> usize {
-        KERNELS.iter().position(|k| *k == self).unwrap_or(KERNELS.len())
+        let place = |kernels: &[Self]| kernels.iter().position(|k| *k == self);
+        place(&KERNELS).or_else(|| place(&DRAWS)).unwrap_or(KERNELS.len())
     }
 
     /// Name of its file.
@@ -199,6 +228,7 @@ impl Kernel {
             Self::ListClusters(_) => "list_clusters",
             Self::RasterSmall(_) => "raster_small",
             Self::RasterLarge(_) => "raster_large",
+            Self::RasterHardware(..) => "raster_hardware",
             Self::Hzb(_) => "hzb",
             Self::Settle(_) => "settle",
             Self::Renumber => "renumber",
@@ -228,6 +258,9 @@ impl Kernel {
             Self::RasterLarge(w) => {
                 vec![TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w), file!("raster_large")]
             }
+            Self::RasterHardware(_, w) => {
+                vec![TYPES, CULL, PAGES, TRIANGLE, WIDE, words(w), file!("raster_hardware")]
+            }
             Self::Hzb(_) => vec![TYPES, file!("hzb")],
             Self::Settle(_) => vec![TYPES, file!("settle")],
             Self::Renumber => vec![TYPES, file!("renumber")],
@@ -248,12 +281,15 @@ impl Kernel {
         let arrays = if array_bits.is_some() { PAGE_ARRAYS } else { 1 };
         source += &format!("const PAGE_ARRAYS: u32 = {arrays}u;\n");
         source += &format!("const PAGE_ARRAY_BITS: u32 = {}u;\n", array_bits.unwrap_or(u32::BITS - 1));
-        if let Self::RasterSmall(words) | Self::RasterLarge(words) = self {
+        if let Self::RasterSmall(words) | Self::RasterLarge(words) | Self::RasterHardware(_, words) = self {
             source += &format!("const FIRST_PASS: bool = {};\n", matches!(words, Words::Wide | Words::Keys));
         }
         if let Self::Output(output) = self {
             let (number, rgb) = (output as u32, output.rgb());
             source += &format!("const OUTPUT: u32 = {number}u;\nconst OUTPUT_RGB: bool = {rgb};\n");
+        }
+        if let Self::RasterHardware(list, _) = self {
+            source += &format!("const LIST: u32 = {}u;\n", list as u32);
         }
         if let Self::Hzb(round) = self {
             source += &format!("const ROUND: u32 = {round}u;\n");
@@ -296,6 +332,10 @@ fn constants() -> String {
         ("LEVELS_PER_ROUND", LEVELS_PER_ROUND),
         ("PYRAMID_SIDE", PYRAMID_SIDE),
         ("PIXELS_PER_LANE", PIXELS_PER_LANE),
+        ("LISTS", List::COUNT),
+        ("LIST_SMALL", List::Small as u32),
+        ("LIST_LARGE", List::Large as u32),
+        ("LIST_CLIPPED", List::Clipped as u32),
         ("STEPS", Step::COUNT),
         ("STEP_GROUPS", Step::Groups.number()),
         ("STEP_PIXELS", Step::Pixels.number()),

@@ -1,15 +1,16 @@
 //! How long stages take on the device: a timestamp before and after each pass of one.
 
 use wgpu::{
-    Buffer, BufferUsages, CommandEncoder, ComputePassTimestampWrites, QuerySet, QuerySetDescriptor, QueryType,
+    Buffer, BufferUsages, CommandEncoder, ComputePassTimestampWrites, QuerySet, QuerySetDescriptor,
+    QueryType, RenderPassTimestampWrites,
 };
 
 use super::context::Context;
 use crate::error::Result;
 
-/// Passes of a frame at most: six stages in two phases, the first of them in one, and those that draw may take two each;
-/// then shading, and other arrays in two.
-const PASSES: u32 = 6 + 5 + 4 + 3;
+/// Passes of a frame at most: six stages in two phases, the first of them in one; those that draw may take two each, and
+/// large triangles twice as many; then shading, and other arrays in three.
+const PASSES: u32 = 6 + 5 + 4 + 4 + 4;
 /// Timestamps of a pass: before and after.
 const ENDS: u32 = 2;
 
@@ -40,6 +41,15 @@ impl Times {
             query_set,
             beginning_of_pass_write_index: Some(number * ENDS),
             end_of_pass_write_index: Some(number * ENDS + 1),
+        })
+    }
+
+    /// The same for a pass that draws.
+    pub(super) fn of_draw(&self, number: u32) -> Option<RenderPassTimestampWrites<'_>> {
+        self.of_pass(number).map(|compute| RenderPassTimestampWrites {
+            query_set: compute.query_set,
+            beginning_of_pass_write_index: compute.beginning_of_pass_write_index,
+            end_of_pass_write_index: compute.end_of_pass_write_index,
         })
     }
 

@@ -57,8 +57,8 @@ pub struct View {
     pub inverse_focal: [f32; 2],
     /// 1 where `rotate` reverses orientation.
     pub mirrored: u32,
-    /// Zero.
-    pub unused: u32,
+    /// Side, pixels, of the viewport of the hardware rasterizer; 0 where it draws nothing.
+    pub viewport: u32,
 }
 
 /// An instance as the scene places it, whoever looks at it.
@@ -248,8 +248,22 @@ pub struct Marks {
     pub held: u32,
     /// Number of the first in the visible list.
     pub first: u32,
+    /// Of the large ones, those that the hardware rasterizer does not take.
+    pub clipped: u32,
+}
+
+/// A draw as a device takes it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct Call {
+    /// Vertices of each instance.
+    pub vertices: u32,
+    /// Instances.
+    pub instances: u32,
     /// Zero.
-    pub unused: u32,
+    pub first_vertex: u32,
+    /// Zero.
+    pub first_instance: u32,
 }
 
 /// An entry of the frame's visible list.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::renderer::{Rastered, Shot};
 use super::stages::Stage;
 use super::stats::{FrameStats, StageStats};
-use crate::config::Outputs;
+use crate::config::{Outputs, RenderOptions};
 use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
 use crate::cpu::visibility::{Visible, covered};
 use crate::error::Result;
@@ -54,7 +54,8 @@ impl Device {
     pub(super) fn draw(&mut self, shot: &Shot<'_>, mut words: Vec<u64>) -> Result<Rastered> {
         let Shot { scene, eye, screen, lighting, options, .. } = shot;
         self.update(scene);
-        let ways = Ways { wide_atomics: options.wide_atomics, occlusion: options.occlusion };
+        let RenderOptions { wide_atomics, occlusion, raster, .. } = **options;
+        let ways = Ways { wide_atomics, occlusion, raster };
         let lights: Vec<gpu_types::Light> = lighting.lights.iter().map(light).collect();
         let on_device = options.device_outputs.unwrap_or(!self.context().software());
         let wanted = Wanted {
@@ -85,6 +86,7 @@ impl Device {
         stats.covered_pixels = covered(&words);
         stats.stages = stages(&drawn, instances.len() as u64, stats.covered_pixels, screen);
         stats.uploaded_bytes = drawn.uploaded_bytes;
+        stats.raster = drawn.raster;
         stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
         stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
         Ok(Rastered { words, views, visible, large, made: drawn.made, stats })

@@ -9,7 +9,7 @@ use super::frame::{Frame, Spare};
 use super::pass::Pass;
 use super::stages::Stage;
 use super::stats::FrameStats;
-use crate::config::{Output, RenderOptions};
+use crate::config::{Calibration, Output, Raster, RenderOptions};
 use crate::cpu::hzb::Hzb;
 use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen};
@@ -180,6 +180,15 @@ impl Renderer {
         &self.reason
     }
 
+    /// How the device's rasterizers were chosen; absent before the first frame that left it open.
+    pub fn calibration(&self) -> Option<&Calibration> {
+        match &self.device {
+            Device::Cpu => None,
+            #[cfg(feature = "gpu")]
+            Device::Gpu { device, .. } => device.context().calibration(),
+        }
+    }
+
     /// Renders `scene` as `camera` sees it from the camera-to-world `pose`.
     pub fn render(
         &mut self,
@@ -220,7 +229,7 @@ impl Renderer {
             }
         }
         let Shot { scene, view, eye, screen, options, .. } = shot;
-        let mut stats = FrameStats::default();
+        let mut stats = FrameStats { raster: Raster::Compute, ..FrameStats::default() };
         let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
         let views = stats.time(Stage::InstanceCull, 1, || {
             let views = instance_cull::run(&instances, view, eye, screen);
