@@ -195,13 +195,7 @@ impl Renderer {
     }
 
     /// Runs the stages once; also the lengths that its lists wanted.
-    fn submit(
-        &self,
-        buffers: &Buffers,
-        view: &View,
-        ways: Ways,
-        words: &mut [u64],
-    ) -> Result<(Drawn, Room)> {
+    fn submit(&self, buffers: &Buffers, view: &View, ways: Ways, words: &mut [u64]) -> Result<(Drawn, Room)> {
         let Ways { wide_atomics, occlusion: culling, raster } = ways;
         let context = &*self.context;
         let queue = context.queue();
@@ -236,7 +230,8 @@ impl Renderer {
                     passes.run(DeviceStage::RasterSmall, phase, |r| raster_small::record(r, form));
                 }
                 if raster == Raster::Compute {
-                    passes.run(DeviceStage::RasterLarge, phase, |r| raster_large::record(r, List::Large, form));
+                    passes
+                        .run(DeviceStage::RasterLarge, phase, |r| raster_large::record(r, List::Large, form));
                 } else {
                     passes.draw(DeviceStage::RasterLarge, phase, List::Large, form);
                     let rest = List::Clipped;

@@ -1,8 +1,8 @@
 //! How long stages take on the device: a timestamp before and after each pass of one.
 
 use wgpu::{
-    Buffer, BufferUsages, CommandEncoder, ComputePassTimestampWrites, QuerySet, QuerySetDescriptor, QueryType,
-    RenderPassTimestampWrites,
+    Buffer, BufferUsages, CommandEncoder, ComputePassTimestampWrites, QuerySet, QuerySetDescriptor,
+    QueryType, RenderPassTimestampWrites,
 };
 
 use super::context::Context;
