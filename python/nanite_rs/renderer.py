@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Frame", "FrameStats", "Renderer", "StageStats"]
+__all__ = ["Calibration", "Frame", "FrameStats", "Renderer", "StageStats"]
 
 ViewName: TypeAlias = Literal["shaded", "triangles", "clusters", "groups", "levels", "overdraw"]
 OutputName: TypeAlias = Literal[
@@ -37,6 +37,7 @@ OutputName: TypeAlias = Literal[
     "groups",
     "levels",
 ]
+RasterName: TypeAlias = Literal["auto", "compute", "hybrid", "hardware"]
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,8 @@ class FrameStats:
     """Every stage in the order in which it ran."""
     total_ms: float
     """Wall time of the frame, milliseconds."""
+    raster: str
+    """Which rasterizers drew: ``"compute"``, ``"hybrid"`` or ``"hardware"``."""
     source_triangles: int
     """Triangles of the instances on the screen, at full detail."""
     clusters: int
@@ -100,7 +103,7 @@ class FrameStats:
 
     def as_dict(self) -> dict[str, float]:
         """Return the totals and, as ``<stage>_ms``, the time of each stage, for tables and data frames."""
-        totals = {k: v for k, v in vars(self).items() if k != "stages"}
+        totals = {k: v for k, v in vars(self).items() if k not in {"stages", "raster"}}
         times: dict[str, float] = {}
         for s in self.stages:
             times[f"{s.stage}_ms"] = times.get(f"{s.stage}_ms", 0.0) + s.ms
@@ -118,7 +121,7 @@ class FrameStats:
         drawn = self.drawn_small + self.drawn_large
         lines.append(
             f"{self.source_triangles:,} triangles in the source → {self.triangles:,} in {self.clusters:,} clusters"
-            f" → {drawn:,} rasterized ({self.drawn_large:,} large) → {self.covered_pixels:,} pixels"
+            f" → {drawn:,} rasterized ({self.drawn_large:,} large; {self.raster}) → {self.covered_pixels:,} pixels"
         )
         return "\n".join(lines)
 
@@ -127,6 +130,19 @@ class FrameStats:
             f"<FrameStats: {self.total_ms:.1f} ms, {self.source_triangles:,} source triangles, "
             f"{self.triangles:,} in the cut, {self.covered_pixels:,} pixels>"
         )
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Which rasterizers of a device are the fastest, by a short measurement."""
+
+    raster: str
+    """What ``raster="auto"`` takes: ``"compute"``, ``"hybrid"`` or ``"hardware"``."""
+    reason: str
+    """Why."""
+    times_ms: dict[str, float]
+    """Milliseconds that each form took for 512 clusters of small triangles and 512 of large ones. Absent are those that
+    the device lacks, and those whose pixels were not exactly those of ``"compute"``."""
 
 
 class Frame:
@@ -196,9 +212,9 @@ class Frame:
     @cached_property
     def stats(self) -> FrameStats:
         """What the frame cost and skipped."""
-        totals, total_ms = self._frame.totals()
+        totals, total_ms, raster = self._frame.totals()
         stages = tuple(StageStats(*stage) for stage in self._frame.stages())
-        return FrameStats(stages=stages, total_ms=total_ms, **dict(totals))
+        return FrameStats(stages=stages, total_ms=total_ms, raster=raster, **dict(totals))
 
     @property
     def width(self) -> int:
@@ -278,7 +294,8 @@ class Renderer:
     backend : str
         ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device; or ``"auto"``, such a device unless it is software,
         else ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same, but for a few
-        colours that a device rounds the other way, by one step.
+        colours that a device rounds the other way, by one step; see `render` for what the device's own rasterizer may
+        change.
 
     Raises
     ------
@@ -326,6 +343,15 @@ class Renderer:
         """Why that backend, and on a GPU which device."""
         return self._backend[1]
 
+    @property
+    def calibration(self) -> Calibration | None:
+        """How ``raster="auto"`` was decided on the device; None on the CPU, and before it had to be."""
+        found = None if self._core is None else self._core.calibration
+        if found is None:
+            return None
+        raster, reason, times = found
+        return Calibration(raster, reason, dict(times))
+
     def render(
         self,
         scene: Scene,
@@ -334,6 +360,7 @@ class Renderer:
         *,
         pixel_error: float = 1.0,
         occlusion: bool = True,
+        raster: RasterName = "auto",
         outputs: Sequence[OutputName] = ("color", "depth"),
     ) -> Frame:
         """Render a frame.
@@ -351,6 +378,11 @@ class Renderer:
         occlusion : bool
             Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit. The GPU backend
             starts from what the frame before hid, so a first frame gains nothing.
+        raster : str
+            What draws triangles on a GPU: ``"compute"`` shaders, whose pictures are those of the CPU; ``"hardware"``,
+            the device's own rasterizer, for all that need not be clipped; ``"hybrid"``, shaders for small triangles and
+            the device's rasterizer for large ones; or ``"auto"``, the fastest of these, see `calibration`. All cover
+            the same pixels; ties in depth and the last bits of depths may differ. The CPU has one form, ``"compute"``.
         outputs : sequence of str
             What to make right away, on a GPU with the frame: ``"color"``, ``"depth"``, ``"normal"``,
             ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"``, ``"overdraw"``, and of the pictures of `Frame.view`
@@ -364,9 +396,10 @@ class Renderer:
         Raises
         ------
         ArgumentError
-            For a pose that is not finite or not rigid, a threshold out of range, or an unknown output.
+            For a pose that is not finite or not rigid, a threshold out of range, or an unknown `raster` or output.
         BackendError
-            If the device asked for cannot draw the frame: it was lost, or the scene or the picture does not fit.
+            If the device asked for cannot draw the frame: it was lost, it lacks what `raster` needs, or the scene or
+            the picture does not fit.
         NaniteError
             If the renderer was closed.
         """
@@ -382,6 +415,7 @@ class Renderer:
             pose,
             pixel_error=float(pixel_error),
             occlusion=bool(occlusion),
+            raster=str(raster),
             outputs=[outputs] if isinstance(outputs, str) else list(outputs),
         )
         self._backend = self._core.backend

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use super::arrays::matrix4;
 use super::errors::{detached, to_python};
 use super::scene::Scene;
-use crate::config::{Output, RenderOptions};
+use crate::config::{Output, Raster, RenderOptions};
 use crate::error::{Error, Result};
 use crate::render::{self, ImageView};
 use crate::scene::{Camera, Projection};
@@ -34,6 +34,9 @@ pub(super) fn camera((kind, parameters, znear, zfar): RawCamera) -> Result<Camer
 pub(super) fn check_camera(py: Python<'_>, spec: RawCamera) -> PyResult<()> {
     camera(spec).map(drop).map_err(|error| to_python(py, error))
 }
+
+/// Form, reason, milliseconds of each form.
+type RawCalibration = (&'static str, String, Vec<(&'static str, f64)>);
 
 /// Renders scenes. See `nanite_rs.Renderer`.
 #[pyclass(frozen, module = "nanite_rs._core")]
@@ -64,8 +67,19 @@ impl Renderer {
         })
     }
 
+    /// How rasterizers were chosen: form, reason, milliseconds of each form.
+    #[getter]
+    fn calibration(&self, py: Python<'_>) -> Option<RawCalibration> {
+        py.detach(|| {
+            let inner = self.lock();
+            let found = inner.calibration()?;
+            let times = found.times.iter().map(|(raster, ms)| (raster.name(), *ms)).collect();
+            Some((found.raster.name(), found.reason.clone(), times))
+        })
+    }
+
     /// Renders a frame.
-    #[pyo3(signature = (scene, camera, pose, *, pixel_error, occlusion, outputs))]
+    #[pyo3(signature = (scene, camera, pose, *, pixel_error, occlusion, raster, outputs))]
     fn render(
         &self,
         py: Python<'_>,
@@ -74,12 +88,14 @@ impl Renderer {
         pose: &Bound<'_, PyAny>,
         pixel_error: f32,
         occlusion: bool,
+        raster: &str,
         outputs: Vec<String>,
     ) -> PyResult<Frame> {
         let pose = matrix4(pose, "pose")?;
+        let raster: Raster = raster.parse().map_err(|error| to_python(py, error))?;
         let outputs = outputs.iter().map(|name| name.parse::<Output>()).collect::<Result<_>>();
         let outputs = outputs.map_err(|error| to_python(py, error))?;
-        let options = RenderOptions { pixel_error, occlusion, outputs, ..RenderOptions::default() };
+        let options = RenderOptions { pixel_error, occlusion, raster, outputs, ..RenderOptions::default() };
         let frame = detached(py, || {
             let camera = self::camera(camera)?;
             self.lock().render(&scene.read(), &camera, &pose, &options)
@@ -192,8 +208,8 @@ impl Frame {
         })
     }
 
-    /// The frame's totals by name.
-    fn totals(&self, py: Python<'_>) -> (Vec<(&'static str, u64)>, f64) {
+    /// The frame's totals by name, its time, and which rasterizers drew it.
+    fn totals(&self, py: Python<'_>) -> (Vec<(&'static str, u64)>, f64, &'static str) {
         py.detach(|| {
             let stats = &self.lock().stats;
             let totals = vec![
@@ -207,7 +223,7 @@ impl Frame {
                 ("occluded_clusters", stats.occluded_clusters),
                 ("uploaded_bytes", stats.uploaded_bytes),
             ];
-            (totals, stats.total_ms)
+            (totals, stats.total_ms, stats.raster.name())
         })
     }
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use nanite_rs::Error;
 use nanite_rs::build::{Silent, build};
-use nanite_rs::config::{BuildOptions, OUTPUTS, Output, RenderOptions};
+use nanite_rs::config::{BuildOptions, OUTPUTS, Output, Raster, RenderOptions};
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu_types::{self, Array};
 use nanite_rs::mesh::{Positions, SourceMesh};
@@ -15,6 +15,7 @@ use nanite_rs::model::Dag;
 use nanite_rs::render::{Backend, Frame, Renderer, Stage};
 use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
+use crate::gpu_raster;
 use crate::render_frames::{
     AnyView, CAMERA, IDENTITY, Pose, any_views, at, city, crowd, dag, lit, shoot, turned,
 };
@@ -31,7 +32,7 @@ pub fn device(test: &str) -> Option<Arc<Context>> {
     }
 }
 
-fn skip(test: &str, reason: &str) {
+pub fn skip(test: &str, reason: &str) {
     println!("skipped {test}: {reason}");
     if let Some(path) = std::env::var_os("NANITE_SKIPS") {
         let file = std::fs::OpenOptions::new().create(true).append(true).open(path);
@@ -39,11 +40,12 @@ fn skip(test: &str, reason: &str) {
     }
 }
 
-fn options(tau: f32) -> RenderOptions {
-    RenderOptions { pixel_error: tau, occlusion: false, ..RenderOptions::default() }
+/// What the CPU does bit for bit: without occlusion, and by the rasterizers that are its twins.
+pub fn options(tau: f32) -> RenderOptions {
+    RenderOptions { pixel_error: tau, occlusion: false, raster: Raster::Compute, ..RenderOptions::default() }
 }
 
-fn on_device(
+pub fn on_device(
     scene: &Scene,
     camera: &Camera,
     pose: &Pose,
@@ -57,13 +59,13 @@ fn on_device(
 }
 
 /// What a pixel shows: instance, cluster, triangle.
-fn identities(frame: &Frame) -> Vec<(i32, u32, i32)> {
+pub fn identities(frame: &Frame) -> Vec<(i32, u32, i32)> {
     let (instances, clusters, triangles) = (frame.instance_ids(), frame.cluster_ids(), frame.triangle_ids());
     instances.into_iter().zip(clusters).zip(triangles).map(|((i, c), t)| (i, c, t)).collect()
 }
 
 /// Received and passed of every stage up to the rasterizers.
-fn counts(frame: &Frame) -> Vec<(Stage, u64, u64)> {
+pub fn counts(frame: &Frame) -> Vec<(Stage, u64, u64)> {
     let drawing = frame.stats.stages.iter().filter(|s| s.stage < Stage::Hzb);
     drawing.map(|s| (s.stage, s.received, s.passed)).collect()
 }
@@ -163,7 +165,7 @@ fn same_arrays(gpu: &Frame, cpu: &Frame) {
     }
 }
 
-fn scaled(pose: Pose, scale: f64) -> Pose {
+pub fn scaled(pose: Pose, scale: f64) -> Pose {
     let mut out = pose;
     for row in &mut out {
         row[..3].iter_mut().for_each(|v| *v *= scale);
@@ -171,7 +173,7 @@ fn scaled(pose: Pose, scale: f64) -> Pose {
     out
 }
 
-const PARALLEL: Camera =
+pub const PARALLEL: Camera =
     Camera { projection: Projection::Orthographic { xmag: 2.0, ymag: 1.2 }, znear: 0.05, zfar: Some(9.0) };
 
 #[test]
@@ -465,14 +467,11 @@ fn of_coincident_surfaces_the_first_shows() {
     }
 }
 
-#[test]
-fn clipped_triangles_are_equal() {
-    let Some(_) = device("clipped_triangles_are_equal") else { return };
-    let scene = crowd();
+/// A floor and a ceiling of a kilometre around the eye, and a wall beside it.
+pub fn room() -> Scene {
     let mut room = lit();
     let sheet = dag(&grid(4, |x, y| 0.02 * (9.0 * x).sin() * (7.0 * y).cos()));
     let both_sides = Material { double_sided: true, ..Material::default() };
-    // A floor and a ceiling of a kilometre around the eye, and a wall beside it.
     for height in [-1.0, 2.0] {
         let side = 1000.0;
         let flat = [[side, 0.0, 0.0, -400.0], [0.0, 0.0, 1.0, height], [0.0, -side, 0.0, 450.0], IDENTITY[3]];
@@ -480,6 +479,14 @@ fn clipped_triangles_are_equal() {
     }
     let wall = [[0.0, 0.0, 1.0, 0.7], [0.0, 9.0, 0.0, -4.0], [-9.0, 0.0, 0.0, 4.0], IDENTITY[3]];
     room.add(sheet, &wall, both_sides).unwrap();
+    room
+}
+
+#[test]
+fn clipped_triangles_are_equal() {
+    let Some(_) = device("clipped_triangles_are_equal") else { return };
+    let scene = crowd();
+    let room = room();
     let views = [
         (&scene, at(0.3, 0.2, 1.8)),
         (&scene, at(0.0, 0.0, 0.9)),
@@ -529,7 +536,12 @@ fn more_than_an_array_holds_is_split() {
         scene.add(copy, &pose, Material::default()).unwrap();
     }
     for (distance, tau) in [(14.0, 1.0), (2.5, 0.0)] {
-        equal(&scene, &CAMERA, &at(0.3, 0.2, distance), (320, 200), tau);
+        let compute = equal(&scene, &CAMERA, &at(0.3, 0.2, distance), (320, 200), tau);
+        if device.raster_obstacle().is_none() {
+            let options = RenderOptions { raster: Raster::Hardware, ..options(tau) };
+            let hardware = on_device(&scene, &CAMERA, &at(0.3, 0.2, distance), (320, 200), &options);
+            gpu_raster::agree(&hardware, &compute, Raster::Hardware);
+        }
     }
 }
 
@@ -542,7 +554,7 @@ fn what_is_hidden_changes_no_pixel() {
     let mut path: Vec<Pose> = (0..6).map(|k| at(1.5, 1.7, 6.0 - 0.7 * f64::from(k))).collect();
     path.extend((1..5).map(|k| turned(at(1.5, 1.7, 2.5), 0.35 * f64::from(k))));
     path.extend([at(40.5, 1.7, -20.0), at(40.5, 1.6, -20.1), at(30.0, 40.0, 50.0), at(1.5, 1.7, 6.0)]);
-    let (size, wide) = ((317, 203), RenderOptions { pixel_error: 0.0, ..RenderOptions::default() });
+    let (size, wide) = ((317, 203), RenderOptions { occlusion: true, ..options(0.0) });
     let narrow = RenderOptions { wide_atomics: false, ..wide.clone() };
     let whole = RenderOptions { occlusion: false, ..wide.clone() };
     let mut renderers = [(); 3].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
@@ -579,7 +591,8 @@ fn from_the_street_a_city_costs_what_is_seen() {
     for k in 0..8 {
         let pose = turned(at(178.5, 1.7, -178.5), std::f64::consts::FRAC_PI_4 * f64::from(k) + 0.2);
         let whole = renderers[0].render(&scene, &CAMERA, &pose, &options(1.0)).unwrap();
-        let mut render = || renderers[1].render(&scene, &CAMERA, &pose, &RenderOptions::default()).unwrap();
+        let culled = RenderOptions { occlusion: true, ..options(1.0) };
+        let mut render = || renderers[1].render(&scene, &CAMERA, &pose, &culled).unwrap();
         let frames = [render(), render()];
         assert!(frames.iter().all(|frame| differences(frame, &whole) == (0, 0)));
         // Nothing moved: nothing is put off in vain.
