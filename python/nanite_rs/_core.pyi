@@ -13,6 +13,7 @@ __all__ = [
     "Scene",
     "__version__",
     "check_camera",
+    "check_pose",
     "closest_points",
     "cluster_table",
     "group_table",
@@ -132,6 +133,7 @@ _Material: TypeAlias = tuple[_Rgb, float, float, _Rgb, bool, bool]
 _Camera: TypeAlias = tuple[str, list[float], float, float | None]
 
 def check_camera(spec: _Camera) -> None: ...
+def check_pose(pose: ArrayLike) -> None: ...
 
 @final
 class Scene:
@@ -172,14 +174,13 @@ class Renderer:
     def render(
         self,
         scene: Scene,
-        camera: _Camera,
-        pose: ArrayLike,
+        views: list[tuple[_Camera, ArrayLike]],
         *,
         pixel_error: float,
         occlusion: bool,
         raster: str,
         outputs: list[str],
-    ) -> Frame: ...
+    ) -> list[Frame]: ...
 
 @final
 class Frame:

@@ -16,7 +16,7 @@ from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, MissingFi
 from nanite_rs.scene import Scene
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from types import TracebackType
 
     from numpy.typing import ArrayLike, NDArray
@@ -141,8 +141,8 @@ class Calibration:
     reason: str
     """Why."""
     times_ms: dict[str, float]
-    """Milliseconds that each form took for 512 clusters of small triangles and 512 of large ones. Absent are those that
-    the device lacks, and those whose pixels were not exactly those of ``"compute"``."""
+    """Milliseconds that each form took for 512 clusters of small triangles and 512 of large ones. Absent are those
+    that the device lacks, and those whose pixels were not exactly those of ``"compute"``."""
 
 
 class Frame:
@@ -292,10 +292,10 @@ class Renderer:
     width, height : int
         Size of the pictures in pixels, 1 to 8192.
     backend : str
-        ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device; or ``"auto"``, such a device unless it is software,
-        else ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same, but for a few
-        colours that a device rounds the other way, by one step; see `render` for what the device's own rasterizer may
-        change.
+        ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device; or ``"auto"``, such a device unless it is
+        software, else ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same, but
+        for a few colours that a device rounds the other way, by one step; see `render` for what the device's own
+        rasterizer may change.
 
     Raises
     ------
@@ -379,15 +379,16 @@ class Renderer:
             Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit. The GPU backend
             starts from what the frame before hid, so a first frame gains nothing.
         raster : str
-            What draws triangles on a GPU: ``"compute"`` shaders, whose pictures are those of the CPU; ``"hardware"``,
-            the device's own rasterizer, for all that need not be clipped; ``"hybrid"``, shaders for small triangles and
-            the device's rasterizer for large ones; or ``"auto"``, the fastest of these, see `calibration`. All cover
-            the same pixels; ties in depth and the last bits of depths may differ. The CPU has one form, ``"compute"``.
+            What draws triangles on a GPU: ``"compute"`` shaders, whose pictures are those of the CPU;
+            ``"hardware"``, the device's own rasterizer, for all that need not be clipped; ``"hybrid"``, shaders for
+            small triangles and the device's rasterizer for large ones; or ``"auto"``, the fastest of these, see
+            `calibration`. All cover the same pixels; ties in depth and the last bits of depths may differ. The CPU
+            has one form, ``"compute"``.
         outputs : sequence of str
             What to make right away, on a GPU with the frame: ``"color"``, ``"depth"``, ``"normal"``,
-            ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"``, ``"overdraw"``, and of the pictures of `Frame.view`
-            ``"triangles"``, ``"clusters"``, ``"groups"`` and ``"levels"``. Everything else is made when first asked
-            for, on the CPU.
+            ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"``, ``"overdraw"``, and of the pictures of
+            `Frame.view` ``"triangles"``, ``"clusters"``, ``"groups"`` and ``"levels"``. Everything else is made when
+            first asked for, on the CPU.
 
         Returns
         -------
@@ -396,30 +397,96 @@ class Renderer:
         Raises
         ------
         ArgumentError
-            For a pose that is not finite or not rigid, a threshold out of range, or an unknown `raster` or output.
+            For a pose that is not finite or not rigid, a threshold out of range, or an unknown `raster` or
+            output.
         BackendError
             If the device asked for cannot draw the frame: it was lost, it lacks what `raster` needs, or the scene or
             the picture does not fit.
         NaniteError
             If the renderer was closed.
         """
+        if not isinstance(camera, Camera):
+            raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
+        (frame,) = self._render(scene, [(camera, pose)], pixel_error, occlusion, raster, outputs)
+        return frame
+
+    def render_views(
+        self,
+        scene: Scene,
+        views: Iterable[tuple[Camera, ArrayLike]],
+        *,
+        pixel_error: float = 1.0,
+        occlusion: bool = True,
+        raster: RasterName = "auto",
+        outputs: Sequence[OutputName] = ("color", "depth"),
+    ) -> list[Frame]:
+        """Render what several cameras see of a scene: on a GPU in one submission, on the CPU one after the other.
+
+        A view finds what the view at the same place of the call before hid, so keep their order from call to call.
+
+        Parameters
+        ----------
+        scene : Scene
+            What to draw.
+        views : iterable of pairs
+            A camera and its pose each, as for `render`.
+        pixel_error, occlusion, raster, outputs
+            As for `render`, for all views.
+
+        Returns
+        -------
+        list of Frame
+            One for each view, as `render` gives it. Their times are of all views together, and so are a GPU's
+            times of stages.
+
+        Raises
+        ------
+        ArgumentError, BackendError, NaniteError
+            As `render` does; for a view, with its place in `views`.
+
+        Examples
+        --------
+        >>> poses = [np.eye(4), np.eye(4)]
+        >>> poses[0][:3, 3], poses[1][:3, 3] = (-0.03, 0, 4), (0.03, 0, 4)
+        >>> with nrs.Renderer(64, 64) as renderer:
+        ...     left, right = renderer.render_views(scene, [(nrs.PerspectiveCamera(yfov=0.8), p) for p in poses])
+        >>> left.color.shape == right.color.shape
+        True
+        """
+        checked: list[tuple[Camera, ArrayLike]] = []
+        for i, view in enumerate(views):
+            if not (isinstance(view, tuple | list) and len(view) == 2 and isinstance(view[0], Camera)):
+                raise DtypeError(f"views[{i}]: expected a camera and a pose, not {view!r}")
+            try:
+                _core.check_pose(view[1])
+            except ArgumentError as error:
+                raise ArgumentError(f"views[{i}]: {error}") from None
+            checked.append((view[0], view[1]))
+        return self._render(scene, checked, pixel_error, occlusion, raster, outputs)
+
+    def _render(
+        self,
+        scene: Scene,
+        views: list[tuple[Camera, ArrayLike]],
+        pixel_error: float,
+        occlusion: bool,
+        raster: RasterName,
+        outputs: Sequence[OutputName],
+    ) -> list[Frame]:
         if self._core is None:
             raise NaniteError("the renderer was closed")
         if not isinstance(scene, Scene):
             raise DtypeError(f"scene: expected a Scene, not {type(scene).__name__}")
-        if not isinstance(camera, Camera):
-            raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
-        core = self._core.render(
+        frames = self._core.render(
             scene._core,
-            camera._spec(),
-            pose,
+            [(camera._spec(), pose) for camera, pose in views],
             pixel_error=float(pixel_error),
             occlusion=bool(occlusion),
             raster=str(raster),
             outputs=[outputs] if isinstance(outputs, str) else list(outputs),
         )
         self._backend = self._core.backend
-        return Frame(core)
+        return [Frame(frame) for frame in frames]
 
     def close(self) -> None:
         """Give the memory back. Frames stay valid."""

@@ -236,7 +236,7 @@ impl<'a> Stand<'a> {
             bindings: self.bindings(true),
             calls: &self.calls,
             target: &self.target,
-            times: self.times.of_draw(0),
+            times: self.times.of_draw(0, true, true),
         };
         draw.record(self.context, encoder);
     }

@@ -14,7 +14,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     let [pages, pages_1, pages_2, pages_3] = m.pages();
     let bindings = [
         &b.view,
-        &r.instances.seen,
+        r.seen,
         m.page_offsets(),
         pages,
         &own.candidates,

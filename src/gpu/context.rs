@@ -10,7 +10,7 @@ use wgpu::{
     BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
     ComputePipelineDescriptor, Device, DeviceDescriptor, DeviceType, ErrorFilter, Features, Instance,
     InstanceDescriptor, InstanceFlags, Limits, MapMode, PollType, Queue, ShaderModuleDescriptor,
-    ShaderSource,
+    ShaderSource, SubmissionIndex,
 };
 
 use super::raster_hardware::Pipelines;
@@ -396,8 +396,25 @@ impl Context {
         bytes: u64,
         read: impl FnOnce(&[u8]),
     ) -> Result<()> {
+        let submission = self.start(encoder)?;
+        self.read(submission, staging, bytes, read)
+    }
+
+    /// Submits.
+    pub(super) fn start(&self, encoder: wgpu::CommandEncoder) -> Result<SubmissionIndex> {
         let submission = self.queue.submit([encoder.finish()]);
         self.check()?;
+        Ok(submission)
+    }
+
+    /// Waits for a submission, and hands over the first `bytes` of `staging`, which it wrote.
+    pub(super) fn read(
+        &self,
+        submission: SubmissionIndex,
+        staging: &Buffer,
+        bytes: u64,
+        read: impl FnOnce(&[u8]),
+    ) -> Result<()> {
         let (sender, receiver) = std::sync::mpsc::channel();
         let slice = staging.slice(..bytes);
         slice.map_async(MapMode::Read, move |result| {

@@ -273,7 +273,7 @@ pub(super) type RasterBindings<'a> = [&'a Buffer; 12];
 pub(super) fn raster_bindings<'a>(
     buffers: &'a Buffers,
     meshes: &'a Meshes,
-    instances: &'a Slots,
+    seen: &'a Buffer,
     phase: shaders::Phase,
     words: &'a Buffer,
 ) -> RasterBindings<'a> {
@@ -281,7 +281,7 @@ pub(super) fn raster_bindings<'a>(
     let [pages, pages_1, pages_2, pages_3] = meshes.pages();
     [
         &buffers.view,
-        &instances.seen,
+        seen,
         meshes.page_offsets(),
         pages,
         &buffers.visible,
@@ -295,16 +295,20 @@ pub(super) fn raster_bindings<'a>(
     ]
 }
 
-/// Records a pass of a stage in a phase.
+/// Records a stage for a view, in a phase.
 pub(super) struct Recorder<'a> {
     pub(super) context: &'a Context,
     pub(super) meshes: &'a Meshes,
-    pub(super) buffers: &'a Buffers,
-    pub(super) pyramids: &'a Pyramids,
-    /// Its instances, and how many slots there are.
+    /// The instances of the scene, and how many slots there are.
     pub(super) instances: &'a Slots,
     pub(super) slots: u32,
+    /// The same as seen from the view.
+    pub(super) seen: &'a Buffer,
+    pub(super) buffers: &'a Buffers,
+    pub(super) pyramids: &'a Pyramids,
     pub(super) light: &'a Light,
+    /// What is hidden is left out, in two phases.
+    pub(super) culling: bool,
     pub(super) phase: shaders::Phase,
     pub(super) pass: ComputePass<'a>,
 }
@@ -338,7 +342,7 @@ impl<'a> Recorder<'a> {
 
     /// What the rasterizers bind, which write into `words`.
     pub(super) fn raster_bindings(&self, words: &'a Buffer) -> RasterBindings<'a> {
-        raster_bindings(self.buffers, self.meshes, self.instances, self.phase, words)
+        raster_bindings(self.buffers, self.meshes, self.seen, self.phase, words)
     }
 
     /// What shading and all other arrays bind, one of which goes to `out`.
@@ -347,7 +351,7 @@ impl<'a> Recorder<'a> {
         let [pages, pages_1, pages_2, pages_3] = m.pages();
         [
             &b.view,
-            &self.instances.seen,
+            self.seen,
             m.page_offsets(),
             pages,
             pages_1,

@@ -8,14 +8,14 @@ use wgpu::{Buffer, BufferUsages};
 use super::context::Context;
 use super::meshes::Meshes;
 use crate::error::{Error, Result};
-use crate::gpu_types::{Instance, Look, Placed};
+use crate::gpu_types::{Look, Placed};
 use crate::model::Dag;
 
 /// Slots that did not change are written along where the way around is as short.
 const GAP: usize = 16;
 
 /// What the arrays hold, for messages.
-const WHAT: &str = "the instances of the scene";
+pub(super) const WHAT: &str = "the instances of the scene";
 
 /// The slots of a scene.
 #[derive(Debug, Default)]
@@ -39,8 +39,6 @@ pub(super) struct Slots {
     room: u32,
     /// As the scene places them.
     pub(super) placed: Buffer,
-    /// As seen from the view.
-    pub(super) seen: Buffer,
     /// How they look.
     pub(super) looks: Buffer,
 }
@@ -114,8 +112,8 @@ impl Instances {
             let buffer = |bytes: usize| context.buffer(WHAT, u64::from(room) * bytes as u64, storage);
             // The old ones go first.
             self.buffers = None;
-            let (placed, seen) = (buffer(size_of::<Placed>())?, buffer(size_of::<Instance>())?);
-            self.buffers = Some(Slots { room, placed, seen, looks: buffer(size_of::<Look>())? });
+            let (placed, looks) = (buffer(size_of::<Placed>())?, buffer(size_of::<Look>())?);
+            self.buffers = Some(Slots { room, placed, looks });
             self.changed = (0..self.len()).collect();
         }
         let Some(slots) = &self.buffers else { return Ok(0) };

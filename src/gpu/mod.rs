@@ -25,5 +25,5 @@ pub mod shaders;
 mod times;
 
 pub use context::Context;
-pub use renderer::{Counted, DeviceStage, Drawn, Renderer, Wanted, Ways};
+pub use renderer::{Counted, DeviceStage, Drawn, Job, Renderer, Ways};
 pub use shaders::Phase;

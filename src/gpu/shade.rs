@@ -5,6 +5,7 @@ use wgpu::{Buffer, BufferUsages};
 use super::context::Context;
 use super::frame::Recorder;
 use super::shaders::Kernel;
+use crate::config::Output;
 use crate::error::Result;
 use crate::gpu_types::{self, Lighting};
 use crate::math::Gamma;
@@ -46,8 +47,10 @@ impl Light {
     }
 }
 
-pub(super) fn record<'a>(r: &mut Recorder<'a>, out: &'a Buffer) {
+pub(super) fn record(r: &mut Recorder<'_>) {
     let Light { lighting, lights, gamma } = r.light;
-    let bindings = [&r.surface_bindings(out)[..], &[lighting, lights, gamma]].concat();
-    r.run(Kernel::Shade, &bindings, r.picture_workgroups());
+    for (_, out) in r.buffers.outputs.iter().filter(|(output, _)| *output == Output::Color) {
+        let bindings = [&r.surface_bindings(out)[..], &[lighting, lights, gamma]].concat();
+        r.run(Kernel::Shade, &bindings, r.picture_workgroups());
+    }
 }

@@ -44,12 +44,18 @@ impl Times {
         })
     }
 
-    /// The same for a pass that draws.
-    pub(super) fn of_draw(&self, number: u32) -> Option<RenderPassTimestampWrites<'_>> {
-        self.of_pass(number).map(|compute| RenderPassTimestampWrites {
+    /// The same for passes that draw: for the first and the last of those that count as one.
+    pub(super) fn of_draw(
+        &self,
+        number: u32,
+        first: bool,
+        last: bool,
+    ) -> Option<RenderPassTimestampWrites<'_>> {
+        let compute = self.of_pass(number).filter(|_| first || last)?;
+        Some(RenderPassTimestampWrites {
             query_set: compute.query_set,
-            beginning_of_pass_write_index: compute.beginning_of_pass_write_index,
-            end_of_pass_write_index: compute.end_of_pass_write_index,
+            beginning_of_pass_write_index: compute.beginning_of_pass_write_index.filter(|_| first),
+            end_of_pass_write_index: compute.end_of_pass_write_index.filter(|_| last),
         })
     }
 

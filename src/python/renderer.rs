@@ -11,7 +11,7 @@ use super::scene::Scene;
 use crate::config::{Output, Raster, RenderOptions};
 use crate::error::{Error, Result};
 use crate::render::{self, ImageView};
-use crate::scene::{Camera, Projection};
+use crate::scene::{Camera, Projection, pose};
 
 /// Kind, its parameters, near and far distance.
 pub(super) type RawCamera = (String, Vec<f64>, f64, Option<f64>);
@@ -37,6 +37,13 @@ pub(super) fn check_camera(py: Python<'_>, spec: RawCamera) -> PyResult<()> {
 
 /// Form, reason, milliseconds of each form.
 type RawCalibration = (&'static str, String, Vec<(&'static str, f64)>);
+
+/// Checks a camera's pose.
+#[pyfunction]
+pub(super) fn check_pose(pose: &Bound<'_, PyAny>) -> PyResult<()> {
+    let rows = matrix4(pose, "pose")?;
+    pose::rigid("pose", &rows).map(drop).map_err(|error| to_python(pose.py(), error))
+}
 
 /// Renders scenes. See `nanite_rs.Renderer`.
 #[pyclass(frozen, module = "nanite_rs._core")]
@@ -78,29 +85,32 @@ impl Renderer {
         })
     }
 
-    /// Renders a frame.
-    #[pyo3(signature = (scene, camera, pose, *, pixel_error, occlusion, raster, outputs))]
+    /// Renders a frame for each view.
+    #[pyo3(signature = (scene, views, *, pixel_error, occlusion, raster, outputs))]
     fn render(
         &self,
         py: Python<'_>,
         scene: &Scene,
-        camera: RawCamera,
-        pose: &Bound<'_, PyAny>,
+        views: Vec<(RawCamera, Bound<'_, PyAny>)>,
         pixel_error: f32,
         occlusion: bool,
         raster: &str,
         outputs: Vec<String>,
-    ) -> PyResult<Frame> {
-        let pose = matrix4(pose, "pose")?;
+    ) -> PyResult<Vec<Frame>> {
+        let views: Vec<_> = views
+            .into_iter()
+            .map(|(camera, pose)| Ok((camera, matrix4(&pose, "pose")?)))
+            .collect::<PyResult<_>>()?;
         let raster: Raster = raster.parse().map_err(|error| to_python(py, error))?;
         let outputs = outputs.iter().map(|name| name.parse::<Output>()).collect::<Result<_>>();
         let outputs = outputs.map_err(|error| to_python(py, error))?;
         let options = RenderOptions { pixel_error, occlusion, raster, outputs, ..RenderOptions::default() };
-        let frame = detached(py, || {
-            let camera = self::camera(camera)?;
-            self.lock().render(&scene.read(), &camera, &pose, &options)
+        let frames = detached(py, || {
+            let view = |(camera, pose)| Ok((self::camera(camera)?, pose));
+            let views: Vec<_> = views.into_iter().map(view).collect::<Result<_>>()?;
+            self.lock().render_views(&scene.read(), &views, &options)
         })?;
-        Ok(Frame { inner: Mutex::new(frame) })
+        Ok(frames.into_iter().map(|frame| Frame { inner: Mutex::new(frame) }).collect())
     }
 }
 

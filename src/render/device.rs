@@ -10,7 +10,7 @@ use crate::config::{Outputs, RenderOptions};
 use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
 use crate::cpu::visibility::{Visible, covered};
 use crate::error::Result;
-use crate::gpu::{Context, Counted, DeviceStage, Drawn, Phase, Renderer, Wanted, Ways};
+use crate::gpu::{Context, Counted, DeviceStage, Drawn, Job, Phase, Renderer, Ways};
 use crate::gpu_types::{self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, Look, Placed, VisibleCluster};
 use crate::model::ClusterAddress;
 use crate::scene::placement::Eye;
@@ -50,47 +50,59 @@ impl Device {
         self.known = Some((scene.identity(), slots.clock()));
     }
 
-    /// Draws the visible instances of a scene into `words`, and makes what is asked for.
-    pub(super) fn draw(&mut self, shot: &Shot<'_>, mut words: Vec<u64>) -> Result<Rastered> {
-        let Shot { scene, eye, screen, lighting, options, .. } = shot;
+    /// Draws the visible instances of a scene from several views, and makes what is asked for.
+    pub(super) fn draw(&mut self, shots: &[Shot<'_>], mut words: Vec<Vec<u64>>) -> Result<Vec<Rastered>> {
+        let Some(Shot { scene, options, .. }) = shots.first() else { return Ok(Vec::new()) };
         self.update(scene);
         let RenderOptions { wide_atomics, occlusion, raster, .. } = **options;
         let ways = Ways { wide_atomics, occlusion, raster };
-        let lights: Vec<gpu_types::Light> = lighting.lights.iter().map(light).collect();
         let on_device = options.device_outputs.unwrap_or(!self.context().software());
-        let wanted = Wanted {
-            outputs: if on_device { options.outputs } else { Outputs::default() },
-            lighting: lighting_record(lighting),
-            lights: &lights,
-        };
-        let view = view_record(screen, eye, options.pixel_error);
-        let drawn = self.renderer.draw(&view, ways, wanted, &mut words)?;
-        let instances = scene.instances();
-        let mut stats = FrameStats::default();
-        let on_screen = drawn.instances.iter().filter_map(|&slot| instances.at(slot as usize));
-        stats.source_triangles = on_screen.map(|instance| instance.mesh.source_faces).sum();
-        // In scene order: each instance once.
-        let mut slots: Vec<u32> = drawn.visible.iter().map(|v| v.instance).collect();
-        slots.dedup();
-        let views: Vec<InstanceView> = slots
-            .par_iter()
-            .filter_map(|&slot| Some(InstanceView::new(eye, screen, slot, instances.at(slot as usize)?)))
-            .collect();
-        let mut at = 0;
-        let number = |v: &VisibleCluster| {
-            at += usize::from(views.get(at).is_some_and(|view| view.slot != v.instance));
-            Visible { instance: at as u32, cluster: ClusterAddress(v.cluster) }
-        };
-        let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
-        let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
-        stats.covered_pixels = covered(&words);
-        stats.stages = stages(&drawn, instances.len() as u64, stats.covered_pixels, screen);
-        stats.uploaded_bytes = drawn.uploaded_bytes;
-        stats.raster = drawn.raster;
-        stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
-        stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
-        Ok(Rastered { words, views, visible, large, made: drawn.made, stats })
+        let outputs = if on_device { options.outputs } else { Outputs::default() };
+        let jobs = shots.iter().zip(&mut words).map(|(shot, words)| Job {
+            view: view_record(&shot.screen, &shot.eye, options.pixel_error),
+            words,
+            outputs,
+            lighting: lighting_record(&shot.lighting),
+            lights: shot.lighting.lights.iter().map(light).collect(),
+        });
+        let drawn = self.renderer.draw(&mut jobs.collect::<Vec<_>>(), ways)?;
+        Ok(shots
+            .iter()
+            .zip(drawn)
+            .zip(words)
+            .map(|((shot, drawn), words)| rastered(shot, drawn, words))
+            .collect())
     }
+}
+
+/// What a frame keeps of the device's answer.
+fn rastered(shot: &Shot<'_>, drawn: Drawn, words: Vec<u64>) -> Rastered {
+    let Shot { scene, eye, screen, .. } = shot;
+    let instances = scene.instances();
+    let mut stats = FrameStats::default();
+    let on_screen = drawn.instances.iter().filter_map(|&slot| instances.at(slot as usize));
+    stats.source_triangles = on_screen.map(|instance| instance.mesh.source_faces).sum();
+    // In scene order: each instance once.
+    let mut slots: Vec<u32> = drawn.visible.iter().map(|v| v.instance).collect();
+    slots.dedup();
+    let views: Vec<InstanceView> = slots
+        .par_iter()
+        .filter_map(|&slot| Some(InstanceView::new(eye, screen, slot, instances.at(slot as usize)?)))
+        .collect();
+    let mut at = 0;
+    let number = |v: &VisibleCluster| {
+        at += usize::from(views.get(at).is_some_and(|view| view.slot != v.instance));
+        Visible { instance: at as u32, cluster: ClusterAddress(v.cluster) }
+    };
+    let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
+    let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
+    stats.covered_pixels = covered(&words);
+    stats.stages = stages(&drawn, instances.len() as u64, stats.covered_pixels, screen);
+    stats.uploaded_bytes = drawn.uploaded_bytes;
+    stats.raster = drawn.raster;
+    stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
+    stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
+    Rastered { words, views, visible, large, made: drawn.made, stats }
 }
 
 fn stage_of(stage: DeviceStage) -> Stage {

@@ -197,37 +197,50 @@ impl Renderer {
         pose: &[[f64; 4]; 4],
         options: &RenderOptions,
     ) -> Result<Frame> {
-        options.validate()?;
-        let start = Instant::now();
-        let shot = Shot::new(scene, camera.view(pose, self.width, self.height)?, options);
-        let Rastered { words, views, visible, large, made, mut stats } = self.draw(&shot)?;
-        stats.clusters = visible.len() as u64;
-        let record = |v: &Visible| views[v.instance as usize].mesh.record(v.cluster);
-        stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
-        let drawn = |stage| stats.stages.iter().filter(|s| s.stage == stage).map(|s| s.passed).sum();
-        (stats.drawn_small, stats.drawn_large) = (drawn(Stage::RasterSmall), drawn(Stage::RasterLarge));
-        let Shot { view, eye, screen, lighting, .. } = shot;
-        let spare = Arc::clone(&self.spare);
-        let mut frame =
-            Frame { words, visible, large, views, screen, view, eye, lighting, made, spare, stats };
-        frame.finish(options.outputs);
-        frame.stats.total_ms = start.elapsed().as_secs_f64() * 1e3;
-        Ok(frame)
+        let mut frames = self.render_views(scene, &[(*camera, *pose)], options)?;
+        frames.pop().ok_or_else(|| Error::Invariant("a view gave no frame".to_owned()))
     }
 
-    /// The culling and raster stages.
-    fn draw(&mut self, shot: &Shot<'_>) -> Result<Rastered> {
-        let words = self.spare_words();
+    /// Renders `scene` as several cameras see it, on a GPU in one submission: a frame for each, as if rendered alone. Times
+    /// are of all together.
+    pub fn render_views(
+        &mut self,
+        scene: &Scene,
+        views: &[(Camera, [[f64; 4]; 4])],
+        options: &RenderOptions,
+    ) -> Result<Vec<Frame>> {
+        options.validate()?;
+        let start = Instant::now();
+        let shots: Vec<Shot<'_>> = views
+            .iter()
+            .map(|(camera, pose)| Ok(Shot::new(scene, camera.view(pose, self.width, self.height)?, options)))
+            .collect::<Result<_>>()?;
+        let rastered = self.draw(&shots)?;
+        let spare = &self.spare;
+        let frame = |(shot, rastered)| finished(shot, rastered, Arc::clone(spare));
+        let mut frames: Vec<Frame> = shots.into_iter().zip(rastered).map(frame).collect();
+        let total_ms = start.elapsed().as_secs_f64() * 1e3;
+        frames.iter_mut().for_each(|frame| frame.stats.total_ms = total_ms);
+        Ok(frames)
+    }
+
+    /// The culling and raster stages, and on a device more.
+    fn draw(&mut self, shots: &[Shot<'_>]) -> Result<Vec<Rastered>> {
         #[cfg(feature = "gpu")]
         if let Device::Gpu { device, replaceable } = &mut self.device {
-            match device.draw(shot, words) {
+            let words = shots.iter().map(|_| spare_words(&self.spare, self.width, self.height)).collect();
+            match device.draw(shots, words) {
                 Err(error @ Error::Backend { .. }) if *replaceable => {
                     (self.device, self.reason) = (Device::Cpu, error.to_string());
-                    return self.draw(shot);
                 }
                 drawn => return drawn,
             }
         }
+        shots.iter().map(|shot| self.draw_on_cpu(shot)).collect()
+    }
+
+    fn draw_on_cpu(&mut self, shot: &Shot<'_>) -> Result<Rastered> {
+        let words = spare_words(&self.spare, self.width, self.height);
         let Shot { scene, view, eye, screen, options, .. } = shot;
         let mut stats = FrameStats { raster: Raster::Compute, ..FrameStats::default() };
         let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
@@ -245,16 +258,31 @@ impl Renderer {
         let large = list.iter().map(|c| c.large).collect();
         Ok(Rastered { words, views, visible, large, made: Vec::new(), stats })
     }
-
-    /// A visibility buffer, of an earlier frame if there is one.
-    fn spare_words(&self) -> Vec<u64> {
-        let count = self.width as usize * self.height as usize;
-        let words = self.spare.lock().ok().and_then(|mut s| s.pop()).unwrap_or_default();
-        if words.len() == count { words } else { vec![0; count] }
-    }
 }
 
-#[cfg(all(test, feature = "gpu"))]
+/// A visibility buffer, of an earlier frame if there is one.
+fn spare_words(spare: &Spare, width: u32, height: u32) -> Vec<u64> {
+    let count = width as usize * height as usize;
+    let words = spare.lock().ok().and_then(|mut s| s.pop()).unwrap_or_default();
+    if words.len() == count { words } else { vec![0; count] }
+}
+
+/// The frame of what was drawn, with the arrays asked for.
+fn finished(shot: Shot<'_>, rastered: Rastered, spare: Spare) -> Frame {
+    let Rastered { words, views, visible, large, made, mut stats } = rastered;
+    stats.clusters = visible.len() as u64;
+    let record = |v: &Visible| views[v.instance as usize].mesh.record(v.cluster);
+    stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
+    let drawn = |stage| stats.stages.iter().filter(|s| s.stage == stage).map(|s| s.passed).sum();
+    (stats.drawn_small, stats.drawn_large) = (drawn(Stage::RasterSmall), drawn(Stage::RasterLarge));
+    let Shot { view, eye, screen, lighting, options, .. } = shot;
+    let mut frame = Frame { words, visible, large, views, screen, view, eye, lighting, made, spare, stats };
+    frame.finish(options.outputs);
+    frame
+}
+
+#[cfg(test)]
+#[cfg(feature = "gpu")]
 mod tests {
     use std::io::Write;
 

@@ -148,6 +148,62 @@ fn every_array_is_made_on_the_device() {
     }
 }
 
+#[test]
+fn several_views_of_one_submission_are_as_alone() {
+    let Some(_) = device("several_views_of_one_submission_are_as_alone") else { return };
+    let scene = crowd();
+    let size = (200, 120);
+    let options = RenderOptions {
+        occlusion: true,
+        outputs: OUTPUTS.into_iter().collect(),
+        device_outputs: Some(true),
+        ..options(1.0)
+    };
+    let mut together = Renderer::new(size.0, size.1, "gpu").unwrap();
+    let mut on_cpu = Renderer::new(size.0, size.1, "cpu").unwrap();
+    assert!(together.render_views(&scene, &[], &options).unwrap().is_empty());
+    // Their number changes, and so do their eyes; one of them looks away from everything.
+    for (step, count) in [(0.0, 3), (0.1, 3), (0.2, 5), (0.3, 1), (0.4, 4)] {
+        let all = [
+            (CAMERA, at(step, 0.0, 6.0)),
+            (PARALLEL, at(0.1, step, 4.0)),
+            (CAMERA, turned(at(0.0, 0.0, 6.0), 3.0)),
+            (CAMERA, at(0.0, 1.0, 9.0 + 10.0 * step)),
+            (PARALLEL, at(-1.0, 0.0, 5.0)),
+        ];
+        let views = &all[..count];
+        let frames = together.render_views(&scene, views, &options).unwrap();
+        let theirs = on_cpu.render_views(&scene, views, &options).unwrap();
+        assert_eq!((frames.len(), theirs.len()), (count, count));
+        for ((frame, their), (camera, pose)) in frames.iter().zip(&theirs).zip(views) {
+            let alone = shoot(&scene, camera, pose, size, &options);
+            assert!(their.words() == alone.words() && their.color() == alone.color());
+            for output in [Output::Depth, Output::InstanceId, Output::ClusterId, Output::TriangleId] {
+                assert!(frame.array(output) == alone.array(output), "{}", output.name());
+            }
+            assert_eq!(frame.stats.covered_pixels, alone.stats.covered_pixels);
+            assert_eq!(frame.stats.source_triangles > 0, alone.stats.source_triangles > 0);
+        }
+        // Bit for bit what each of them draws by itself where nothing is left out.
+        let whole = RenderOptions { occlusion: false, ..options.clone() };
+        let frames = together.render_views(&scene, views, &whole).unwrap();
+        for (frame, (camera, pose)) in frames.iter().zip(views) {
+            same_arrays(frame, &on_device(&scene, camera, pose, size, &whole));
+            assert!(frame.words() == shoot(&scene, camera, pose, size, &whole).words());
+        }
+    }
+    // The device's own rasterizer takes its turn for each of them.
+    let views = [(CAMERA, at(0.0, 0.0, 6.0)), (PARALLEL, at(0.1, 0.2, 4.0))];
+    let hybrid = RenderOptions { raster: Raster::Hybrid, ..options };
+    if let Ok(frames) = together.render_views(&scene, &views, &hybrid) {
+        for (frame, (camera, pose)) in frames.iter().zip(&views) {
+            let alone = shoot(&scene, camera, pose, size, &hybrid);
+            let covered = |frame: &Frame| frame.words().iter().map(|w| *w != 0).collect::<Vec<_>>();
+            assert!(covered(frame) == covered(&alone));
+        }
+    }
+}
+
 /// Every array that can be made with a frame. Words are equal. Of colours a few are rounded the other way, since a device
 /// may order the operations of shading as it likes: never by more than one step.
 fn same_arrays(gpu: &Frame, cpu: &Frame) {

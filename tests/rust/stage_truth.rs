@@ -783,8 +783,11 @@ fn drawn(
         .collect();
     let count = clusters.len() as u32;
     // The large rasterizer takes its numbers from the back, before those that are clipped.
-    let mut numbers: Vec<u32> = if large { (0..count).rev().collect() } else { (0..count).collect() };
-    numbers.resize(2 * clusters.len(), u32::MAX);
+    let room = clusters.len().max(2);
+    let mut numbers = vec![u32::MAX; 2 * room];
+    for number in 0..clusters.len() {
+        numbers[if large { room - 1 - number } else { number }] = number as u32;
+    }
     let mut draws = [Dispatch::default(); 3];
     draws[usize::from(large)] = dispatch(count, 1, count);
     let (view, instance) = (words(std::slice::from_ref(view)), [Instance { vertex_words: 3, ..instance }]);
