@@ -338,7 +338,7 @@ class Renderer:
             Threshold of the cut: the error of no cluster projects above so many pixels. 0 is full detail.
         occlusion : bool
             Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit. The GPU backend
-            starts from what the frame before hid, so a first frame gains nothing.
+            starts from what the frame before hid, and a first frame from its nearest instances.
         outputs : sequence of str
             What to make right away, of ``"color"`` and ``"depth"``; everything else, when first asked for.
 

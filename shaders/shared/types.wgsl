@@ -29,7 +29,8 @@ struct View {
     focal: vec2<f32>,
     center: vec2<f32>,
     mirrored: u32,
-    unused_a: u32,
+    // Of what no earlier frame showed, the first phase draws what has this key or a larger one: what is near.
+    occluders: u32,
     unused_b: u32,
     unused_c: u32,
 }

@@ -118,6 +118,11 @@ impl Renderer {
         self.instances.set(slot, instance);
     }
 
+    /// Whether a frame of this view with occlusion has no earlier one to start from.
+    pub fn starts(&self, view: &View) -> bool {
+        self.pyramids.starts(view)
+    }
+
     /// Draws what is in the slots, in their order, into `words`, the visibility buffer of the view's picture.
     pub fn draw(&mut self, view: &View, ways: Ways, words: &mut [u64]) -> Result<Drawn> {
         self.context.check()?;
@@ -166,7 +171,9 @@ impl Renderer {
                     let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
                     let built = counters.clone().any(|c| c.pyramid != 0);
                     let triangles = counters.map(triangles).sum();
-                    self.pyramids.remember(&view, triangles, built);
+                    let hidden = |phase: &Counted| phase.hidden_instances + u64::from(phase.counters.held);
+                    let hidden = drawn.phases.get(1).map_or(0, hidden);
+                    self.pyramids.remember(&view, triangles, hidden, built);
                 } else if ways.occlusion {
                     self.pyramids.wait();
                 }

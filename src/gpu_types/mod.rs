@@ -51,8 +51,8 @@ pub struct View {
     pub center: [f32; 2],
     /// 1 where `rotate` reverses orientation.
     pub mirrored: u32,
-    /// Zero.
-    pub unused_a: u32,
+    /// Of what no earlier frame showed, the first phase draws what has this key or a larger one: what is near.
+    pub occluders: u32,
     /// Zero.
     pub unused_b: u32,
     /// Zero.

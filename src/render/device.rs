@@ -3,10 +3,13 @@
 
 use rayon::prelude::*;
 
+use super::pass::INSTANCE_OVERLAP;
+use super::queue::Queue;
 use super::renderer::Rastered;
 use super::stages::Stage;
 use super::stats::{FrameStats, StageStats};
 use crate::config::RenderOptions;
+use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
 use crate::cpu::visibility::Visible;
 use crate::error::Result;
@@ -62,7 +65,11 @@ impl Device {
         self.update(scene);
         let ways = Ways { wide_atomics: options.wide_atomics, occlusion: options.occlusion };
         let eye = Eye::new(view);
-        let drawn = self.renderer.draw(&view_record(&screen, &eye, options.pixel_error), ways, &mut words)?;
+        let mut record = view_record(&screen, &eye, options.pixel_error);
+        if options.occlusion && self.renderer.starts(&record) {
+            record.occluders = occluders(scene, view, &screen);
+        }
+        let drawn = self.renderer.draw(&record, ways, &mut words)?;
         let instances = scene.instances();
         let mut stats = FrameStats::default();
         let on_screen = drawn.instances.iter().filter_map(|&slot| instances.at(slot as usize));
@@ -87,6 +94,21 @@ impl Device {
         stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
         Ok(Rastered { words, views, visible, large, stats })
     }
+}
+
+/// Portions of instances that the first phase of a first frame draws: in a city, one leaves more to the second phase than
+/// it saves, and three are more than hide the rest.
+const FIRST_PORTIONS: usize = 2;
+
+/// The key of the farthest of the nearest instances that could cover the occupied part of the picture; 0 where they
+/// overlap too little.
+fn occluders(scene: &Scene, view: &View, screen: &Screen) -> u32 {
+    let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
+    let views = instance_cull::run(&instances, view, screen);
+    let keys = views.iter().map(|v| (v.footprint, v.footprint.near_key));
+    let mut queue = Queue::new(keys, screen, INSTANCE_OVERLAP);
+    let nearest: Vec<u32> = (0..FIRST_PORTIONS).flat_map(|_| queue.take()).collect();
+    if queue.is_empty() { 0 } else { nearest.into_iter().min().unwrap_or(0) }
 }
 
 fn stage_of(stage: DeviceStage) -> Stage {

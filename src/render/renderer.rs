@@ -252,7 +252,8 @@ impl Renderer {
     }
 }
 
-#[cfg(all(test, feature = "gpu"))]
+#[cfg(test)]
+#[cfg(feature = "gpu")]
 mod tests {
     use std::io::Write;
 
