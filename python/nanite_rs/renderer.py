@@ -293,8 +293,8 @@ class Renderer:
         Size of the pictures in pixels, 1 to 8192.
     backend : str
         ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device; or ``"auto"``, such a device unless it is
-        software, else ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same, but
-        for a few colours that a device rounds the other way, by one step; see `render` for what the device's own
+        software, else ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same,
+        but for a few colours that a device rounds the other way, by one step; see `render` for what its own
         rasterizer may change.
 
     Raises
@@ -377,7 +377,7 @@ class Renderer:
             Threshold of the cut: the error of no cluster projects above so many pixels. 0 is full detail.
         occlusion : bool
             Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit. The GPU backend
-            starts from what the frame before hid, so a first frame gains nothing.
+            starts from what the frame before hid, and a first frame from its nearest instances.
         raster : str
             What draws triangles on a GPU: ``"compute"`` shaders, whose pictures are those of the CPU;
             ``"hardware"``, the device's own rasterizer, for all that need not be clipped; ``"hybrid"``, shaders for
@@ -387,8 +387,8 @@ class Renderer:
         outputs : sequence of str
             What to make right away, on a GPU with the frame: ``"color"``, ``"depth"``, ``"normal"``,
             ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"``, ``"overdraw"``, and of the pictures of
-            `Frame.view` ``"triangles"``, ``"clusters"``, ``"groups"`` and ``"levels"``. Everything else is made when
-            first asked for, on the CPU.
+            `Frame.view` ``"triangles"``, ``"clusters"``, ``"groups"`` and ``"levels"``. Everything else is made
+            when first asked for, on the CPU.
 
         Returns
         -------
@@ -400,8 +400,8 @@ class Renderer:
             For a pose that is not finite or not rigid, a threshold out of range, or an unknown `raster` or
             output.
         BackendError
-            If the device asked for cannot draw the frame: it was lost, it lacks what `raster` needs, or the scene or
-            the picture does not fit.
+            If the device asked for cannot draw the frame: it was lost, it lacks what `raster` needs, or the scene
+            or the picture does not fit.
         NaniteError
             If the renderer was closed.
         """

@@ -1,7 +1,8 @@
 // What the depth pyramid hides: src/cpu/hzb.rs. Needs `pyramid`.
 //
-// The first phase takes the pyramid of an earlier frame, and where instances were then. What it hides is put off to
-// the second, which takes the pyramid of what the first one drew: so no picture depends on the earlier frame.
+// The first phase takes the pyramid of an earlier frame, and where instances were then; what that frame did not show, it
+// takes for hidden where it is far away. What it hides is put off to the second, which takes the pyramid of what the
+// first one drew: so no picture depends on the earlier frame.
 
 // True when the texels of a level say that everything drawn so far is nearer than the box on every pixel that it may
 // touch.
@@ -40,8 +41,11 @@ fn hidden(place: Footprint, instance: u32, center: vec3<f32>, extent: vec3<f32>)
     if SECOND {
         return hides(place);
     }
-    if view.history == 0u {
-        return false;
+    if view.history != 0u {
+        let before = footprint(instances[instance].before, center, extent);
+        if before.seen {
+            return hides(before);
+        }
     }
-    return hides(footprint(instances[instance].before, center, extent));
+    return place.near_key < view.occluders;
 }

@@ -32,6 +32,11 @@ struct View {
     mirrored: u32,
     // Side, pixels, of the viewport of the hardware rasterizer; 0 where it draws nothing.
     viewport: u32,
+    // Of what no earlier frame showed, the first phase draws what has this key or a larger one: what is near.
+    occluders: u32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
 }
 
 // An instance as the scene places it, whoever looks at it.

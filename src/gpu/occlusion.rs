@@ -3,8 +3,8 @@
 //!
 //! The first phase leaves out what the pyramid of an earlier frame hides, where instances were then; the second looks
 //! at that again, with the pyramid of what the first one drew (Greene, Kass and Miller, "Hierarchical Z-Buffer
-//! Visibility", 1993; Haar and Aaltonen, "GPU-Driven Rendering Pipelines", 2015). Whatever the earlier pyramid holds,
-//! the picture is the same: it decides which phase draws a cluster, and not whether one does.
+//! Visibility", 1993; Haar and Aaltonen, "GPU-Driven Rendering Pipelines", 2015). Of what no earlier frame showed, the first
+//! phase draws what is near. Whatever the earlier pyramid holds, the picture is the same: it decides which phase draws a cluster, and not whether one does.
 
 use wgpu::{Buffer, BufferUsages};
 
@@ -13,7 +13,7 @@ use super::frame::Recorder;
 use super::shaders::{Kernel, Phase, Step};
 use crate::error::Result;
 use crate::gpu_types::View;
-use crate::limits::PYRAMID_LEVELS;
+use crate::limits::{CLUSTER_MAX_TRIANGLES, PYRAMID_LEVELS};
 
 /// What two frames must have in common, so that keys mean the same.
 type Constants = [u32; 3];
@@ -28,7 +28,9 @@ pub(super) struct Pyramids {
     buffers: [Buffer; 2],
     /// Of the frame that the earlier pyramid shows; absent when there is none.
     constants: Option<Constants>,
-    /// Triangles of the last frame that nothing was left out of.
+    /// The key of the view that last had no earlier frame, see [`View::occluders`].
+    occluders: u32,
+    /// Triangles of the last frame that had no earlier one, with what it hid.
     whole: u64,
     /// Frames in a row whose pyramid did not pay.
     vain: u32,
@@ -71,6 +73,7 @@ impl Pyramids {
             levels,
             buffers: [buffer()?, buffer()?],
             constants: None,
+            occluders: 0,
             whole: 0,
             vain: 0,
             pause: 0,
@@ -103,19 +106,30 @@ impl Pyramids {
         self.pause -= 1;
     }
 
+    /// Whether the pyramid of an earlier frame is there for a view, or frames are drawn without.
+    pub(super) fn starts(&self, view: &View) -> bool {
+        let known = self.size == (view.width, view.height) && self.constants == Some(constants(view));
+        !known && !self.paused()
+    }
+
     /// Tells the view of a frame what is known of an earlier one.
-    pub(super) fn recall(&self, view: &mut View) {
+    pub(super) fn recall(&mut self, view: &mut View) {
         let mut table = [[0; 4]; PYRAMID_LEVELS];
         table[..self.levels.len()].copy_from_slice(&self.levels);
         (view.pyramid, view.levels) = (table, self.levels.len() as u32);
         view.history = u32::from(self.constants == Some(constants(view)));
+        if view.history == 0 {
+            self.occluders = view.occluders;
+        }
+        view.occluders = self.occluders;
     }
 
-    /// Takes in that a frame of so many triangles was drawn, which built a pyramid or did not need one.
-    pub(super) fn remember(&mut self, view: &View, triangles: u64, built: bool) {
+    /// Takes in that a frame of so many triangles was drawn and so many clusters hidden at least, which built a pyramid or
+    /// did not need one.
+    pub(super) fn remember(&mut self, view: &View, triangles: u64, hidden: u64, built: bool) {
         let pixels = u64::from(view.width) * u64::from(view.height);
         if view.history == 0 {
-            self.whole = triangles;
+            self.whole = triangles + hidden * CLUSTER_MAX_TRIANGLES as u64;
         } else if PIXELS_PER_TRIANGLE * self.whole.saturating_sub(triangles) < pixels {
             self.vain += 1;
         } else {

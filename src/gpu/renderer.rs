@@ -171,7 +171,9 @@ impl Sight {
             let counters = drawn.phases.iter().map(|phase| phase.counters);
             let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
             let built = counters.clone().any(|c| c.pyramid != 0);
-            self.pyramids.remember(view, counters.map(triangles).sum(), built);
+            let hidden = |phase: &Counted| phase.hidden_instances + u64::from(phase.counters.held);
+            let hidden = drawn.phases.get(1).map_or(0, hidden);
+            self.pyramids.remember(view, counters.map(triangles).sum(), hidden, built);
         } else if occlusion {
             self.pyramids.wait();
         }
@@ -199,6 +201,11 @@ impl Renderer {
     /// Puts an instance in a slot of the scene, or nothing. Where its mesh lies on the device is filled in.
     pub fn set(&mut self, slot: u32, instance: Option<(Placed, Look, &Arc<Dag>)>) {
         self.instances.set(slot, instance);
+    }
+
+    /// Whether a frame of the view at a place has, with occlusion, no earlier one to start from.
+    pub fn starts(&self, place: usize, view: &View) -> bool {
+        self.sights.get(place).is_none_or(|sight| sight.pyramids.starts(view))
     }
 
     /// Draws what is in the slots, in their order, from several views of pictures of one size, in one submission.

@@ -59,6 +59,14 @@ pub struct View {
     pub mirrored: u32,
     /// Side, pixels, of the viewport of the hardware rasterizer; 0 where it draws nothing.
     pub viewport: u32,
+    /// Of what no earlier frame showed, the first phase draws what has this key or a larger one: what is near.
+    pub occluders: u32,
+    /// Zero.
+    pub unused_a: u32,
+    /// Zero.
+    pub unused_b: u32,
+    /// Zero.
+    pub unused_c: u32,
 }
 
 /// An instance as the scene places it, whoever looks at it.

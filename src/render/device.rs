@@ -3,10 +3,13 @@
 
 use rayon::prelude::*;
 
+use super::pass::INSTANCE_OVERLAP;
+use super::queue::Queue;
 use super::renderer::{Rastered, Shot};
 use super::stages::Stage;
 use super::stats::{FrameStats, StageStats};
 use crate::config::{Outputs, RenderOptions};
+use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
 use crate::cpu::visibility::{Visible, covered};
 use crate::error::Result;
@@ -58,8 +61,14 @@ impl Device {
         let ways = Ways { wide_atomics, occlusion, raster };
         let on_device = options.device_outputs.unwrap_or(!self.context().software());
         let outputs = if on_device { options.outputs } else { Outputs::default() };
-        let jobs = shots.iter().zip(&mut words).map(|(shot, words)| Job {
-            view: view_record(&shot.screen, &shot.eye, options.pixel_error),
+        let views = shots.iter().enumerate().map(|(place, shot)| {
+            let view = view_record(&shot.screen, &shot.eye, options.pixel_error);
+            let starts = occlusion && self.renderer.starts(place, &view);
+            gpu_types::View { occluders: if starts { occluders(shot) } else { 0 }, ..view }
+        });
+        let views: Vec<gpu_types::View> = views.collect();
+        let jobs = shots.iter().zip(views).zip(&mut words).map(|((shot, view), words)| Job {
+            view,
             words,
             outputs,
             lighting: lighting_record(&shot.lighting),
@@ -103,6 +112,22 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, words: Vec<u64>) -> Rastered {
     stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
     stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
     Rastered { words, views, visible, large, made: drawn.made, stats }
+}
+
+/// Portions of instances that the first phase of a first frame draws: in a city, one leaves more to the second phase than
+/// it saves, and three are more than hide the rest.
+const FIRST_PORTIONS: usize = 2;
+
+/// The key of the farthest of the nearest instances that could cover the occupied part of the picture; 0 where they
+/// overlap too little.
+fn occluders(shot: &Shot<'_>) -> u32 {
+    let Shot { scene, view, eye, screen, .. } = shot;
+    let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
+    let views = instance_cull::run(&instances, view, eye, screen);
+    let keys = views.iter().map(|v| (v.footprint, v.footprint.near_key));
+    let mut queue = Queue::new(keys, screen, INSTANCE_OVERLAP);
+    let nearest: Vec<u32> = (0..FIRST_PORTIONS).flat_map(|_| queue.take()).collect();
+    if queue.is_empty() { 0 } else { nearest.into_iter().min().unwrap_or(0) }
 }
 
 fn stage_of(stage: DeviceStage) -> Stage {

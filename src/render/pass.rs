@@ -19,7 +19,7 @@ use crate::error::{Error, Result};
 use crate::limits::{MAX_VISIBLE, PYRAMID_ABOVE};
 
 /// Instances are put off when their rectangles cover the occupied part of the picture more often than this.
-const INSTANCE_OVERLAP: f64 = 1.5;
+pub(super) const INSTANCE_OVERLAP: f64 = 1.5;
 /// The same for clusters: their rectangles hold about twice the pixels of their triangles.
 const CLUSTER_OVERLAP: f64 = 3.0;
 

@@ -643,7 +643,7 @@ fn from_the_street_a_city_costs_what_is_seen() {
     let scene = city(120);
     let size = (1280, 720);
     let mut renderers = [(); 2].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
-    let (mut before, mut after) = (0, 0);
+    let (mut before, mut after, mut first, mut cut) = (0, 0, 0, 0);
     for k in 0..8 {
         let pose = turned(at(178.5, 1.7, -178.5), std::f64::consts::FRAC_PI_4 * f64::from(k) + 0.2);
         let whole = renderers[0].render(&scene, &CAMERA, &pose, &options(1.0)).unwrap();
@@ -654,8 +654,15 @@ fn from_the_street_a_city_costs_what_is_seen() {
         // Nothing moved: nothing is put off in vain.
         assert_eq!(funnel(&frames[1], Stage::ClusterCull, 2).1, 0);
         before += whole.stats.clusters;
+        // Of a renderer, the first frame and those after a cut start from what is near.
+        cut += frames[0].stats.clusters;
         after += frames[1].stats.clusters;
+        let mut new = Renderer::new(size.0, size.1, "gpu").unwrap();
+        let frame = new.render(&scene, &CAMERA, &pose, &RenderOptions::default()).unwrap();
+        assert_eq!(differences(&frame, &whole), (0, 0));
+        first += frame.stats.clusters;
     }
-    println!("{after} of {before} clusters");
+    println!("{after} of {before} clusters, {first} in first frames, {cut} after cuts");
     assert!(20 * after <= before, "{after} of {before} clusters");
+    assert!(8 * first <= before && 8 * cut <= before, "{first} and {cut} of {before} clusters");
 }

@@ -96,10 +96,15 @@ fn seen() -> Instance {
     }
 }
 
-/// The visits that a walk goes on with, in order, and those that it puts off.
-fn culled(device: &Context, view: &View, placed: &[Placed], pyramid: &[u32]) -> [Vec<Visit>; 2] {
-    // As seen in the frame before: where they are now.
-    let before: Vec<Instance> = placed
+/// The visits that a walk goes on with, in order, and those that it puts off. Instances were elsewhere in the frame before.
+fn culled(
+    device: &Context,
+    view: &View,
+    placed: &[Placed],
+    before: &[Placed],
+    pyramid: &[u32],
+) -> [Vec<Visit>; 2] {
+    let before: Vec<Instance> = before
         .iter()
         .map(|p| {
             let [x, y, z] = [0, 1, 2].map(|k| p.linear[k][3]);
@@ -168,7 +173,7 @@ fn instances_are_seen_as_far_as_a_pixel_beyond_each_edge() {
         .filter(|(_, (_, seen))| *seen)
         .map(|(instance, _)| Visit { instance, node: 0 })
         .collect();
-    assert_eq!(culled(&device, &view, &instances, &[0; KEYS]), [expected, vec![]]);
+    assert_eq!(culled(&device, &view, &instances, &instances, &[0; KEYS]), [expected, vec![]]);
 }
 
 #[test]
@@ -237,14 +242,26 @@ fn what_the_earlier_pyramid_hides_is_put_off() {
         (with(&[coarse(5, 4), fine(29, 23)]), true),
     ];
     for (number, (pyramid, hidden)) in table.into_iter().enumerate() {
-        let visit = vec![Visit { instance: 0, node: 0 }];
-        let expected = if hidden { [vec![], visit.clone()] } else { [visit.clone(), vec![]] };
+        let go = |view: &View, now: Placed, before: Placed| {
+            let [drawn, later] = culled(&device, view, &[now], &[before], &pyramid);
+            assert_eq!([&drawn[..], &later].concat(), [Visit { instance: 0, node: 0 }]);
+            later.len() == 1
+        };
+        let here = placed(0.0, 0.0, -10.0);
         let now = View { instances: 1, history: 1, ..view() };
-        assert_eq!(culled(&device, &now, &[placed(0.0, 0.0, -10.0)], &pyramid), expected, "{number}");
-        // Without an earlier frame nothing is hidden; nor is what reaches the near plane.
-        let first = View { history: 0, ..now };
-        assert_eq!(culled(&device, &first, &[placed(0.0, 0.0, -10.0)], &pyramid), [visit.clone(), vec![]]);
-        assert_eq!(culled(&device, &now, &[placed(0.0, 0.0, -1.5)], &pyramid), [visit, vec![]]);
+        assert_eq!(go(&now, here, here), hidden, "{number}");
+        // By where it was; and what reaches the near plane is never hidden.
+        assert_eq!(go(&now, placed(5.0, 2.0, -12.0), here), hidden, "{number}");
+        assert!(!go(&now, here, placed(0.0, 0.0, -1.5)));
+        // What was not on the picture, or where there was none, is put off where it is not near enough.
+        let off = placed(99.0, 0.0, -10.0);
+        for (history, before) in [(0, here), (1, off)] {
+            for (occluders, far) in [(0, false), (key(9.01), false), (key(8.99), true), (u32::MAX, true)] {
+                let view = View { history, occluders, ..now };
+                assert_eq!(go(&view, here, before), far);
+                assert!(!go(&view, placed(0.0, 0.0, -1.5), before));
+            }
+        }
     }
 }
 
