@@ -21,7 +21,8 @@ use crate::error::Result;
 use crate::gpu_types::Call;
 use crate::limits::{GUARD_BAND, MAX_SPAN};
 
-/// What it needs of a device besides what every device has: it counts what it draws.
+/// What it needs of a device besides what every device has: vertex shaders count the triangles that are drawn. Where a
+/// device runs them more than once for a vertex, as some that draw in tiles do, they count more.
 pub(super) const FEATURES: Features = Features::VERTEX_WRITABLE_STORAGE;
 /// Passes that draw have to have a target, which nothing is written to.
 const NO_COLOR: TextureFormat = TextureFormat::R8Unorm;

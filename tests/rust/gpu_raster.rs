@@ -114,7 +114,11 @@ fn forms_agree_on_large_pictures() {
     let mut scene = lit();
     let both_sides = Material { double_sided: true, ..Material::default() };
     scene
-        .add(dag(&grid(24, |x, y| 0.2 * (5.0 * x).sin() * y)), &scaled(at(-2.0, -2.0, -1.0), 4.0), both_sides)
+        .add(
+            dag(&grid(24, |x, y| 0.02 * (5.0 * x).sin() * y)),
+            &scaled(at(-2.0, -2.0, -1.0), 4.0),
+            both_sides,
+        )
         .unwrap();
     let mut drawn = [0; 2];
     for size in [(4095, 65), (33, 4096)] {
