@@ -129,8 +129,8 @@ class Calibration:
     reason: str
     """Why."""
     times_ms: dict[str, float]
-    """Milliseconds that each form took for 512 clusters of small triangles and 512 of large ones. Absent are those that
-    the device lacks, and those whose pixels were not exactly those of ``"compute"``."""
+    """Milliseconds that each form takes for 512 clusters of small triangles and 512 of large ones. Absent are those
+    that the device lacks, and those whose pixels were not exactly those of ``"compute"``."""
 
 
 class Frame:
@@ -367,10 +367,11 @@ class Renderer:
             Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit. The GPU backend
             starts from what the frame before hid, so a first frame gains nothing.
         raster : str
-            What draws triangles on a GPU: ``"compute"`` shaders, whose pictures are those of the CPU; ``"hardware"``,
-            the device's own rasterizer, for all that need not be clipped; ``"hybrid"``, shaders for small triangles and
-            the device's rasterizer for large ones; or ``"auto"``, the fastest of these, see `calibration`. All cover
-            the same pixels; ties in depth and the last bits of depths may differ. The CPU has one form, ``"compute"``.
+            What draws triangles on a GPU: ``"compute"`` shaders, whose pictures are those of the CPU;
+            ``"hardware"``, the device's own rasterizer, for all that need not be clipped; ``"hybrid"``, shaders
+            for small triangles and the device's rasterizer for large ones; or ``"auto"``, the fastest of these,
+            see `calibration`. All cover the same pixels; ties in depth and the last bits of depths may differ.
+            The CPU has one form, ``"compute"``.
         outputs : sequence of str
             What to make right away, of ``"color"`` and ``"depth"``; everything else, when first asked for.
 
@@ -383,8 +384,8 @@ class Renderer:
         ArgumentError
             For a pose that is not finite or not rigid, a threshold out of range, or an unknown `raster`.
         BackendError
-            If the device asked for cannot draw the frame: it was lost, it lacks what `raster` needs, or the scene or
-            the picture does not fit.
+            If the device asked for cannot draw the frame: it was lost, it lacks what `raster` needs, or the scene
+            or the picture does not fit.
         NaniteError
             If the renderer was closed.
         """
