@@ -370,8 +370,8 @@ class Renderer:
             What draws triangles on a GPU: ``"compute"`` shaders, whose pictures are those of the CPU;
             ``"hardware"``, the device's own rasterizer, for all that need not be clipped; ``"hybrid"``, shaders
             for small triangles and the device's rasterizer for large ones; or ``"auto"``, the fastest of these,
-            see `calibration`. All cover the same pixels; ties in depth and the last bits of depths may differ.
-            The CPU has one form, ``"compute"``.
+            see `calibration`. All cover the same pixels, which ``"auto"`` makes sure of on the device; ties in
+            depth and the last bits of depths may differ. The CPU has one form, ``"compute"``.
         outputs : sequence of str
             What to make right away, of ``"color"`` and ``"depth"``; everything else, when first asked for.
 

@@ -94,10 +94,10 @@ def test_what_is_hidden_is_left_out_of_the_lists_and_not_of_the_picture(device) 
 def test_the_rasterizer_of_the_device_covers_the_same_pixels(device, raster, eye) -> None:
     shown = scene()
     expected = device.render(shown, LENS, eye, pixel_error=0.0, raster="compute")
-    try:
-        frame = device.render(shown, LENS, eye, pixel_error=0.0, raster=raster)
-    except nrs.BackendError as error:
-        pytest.skip(str(error))
+    device.render(shown, LENS, eye)
+    if raster not in device.calibration.times_ms:
+        pytest.skip(device.calibration.reason)
+    frame = device.render(shown, LENS, eye, pixel_error=0.0, raster=raster)
     assert frame.stats.raster == raster
     np.testing.assert_array_equal(frame.depth > 0, expected.depth > 0)
     same = np.ones(frame.depth.shape, bool)
@@ -115,6 +115,8 @@ def test_the_fastest_raster_is_measured_once_and_reported(device) -> None:
     assert frame.stats.raster == found.raster
     assert found.reason
     assert all(ms > 0.0 for ms in found.times_ms.values())
+    if "llvmpipe" in device.backend_reason:
+        assert set(found.times_ms) == {"compute", "hybrid", "hardware"}
     with nrs.Renderer(*SIZE, backend="gpu") as other:
         assert other.calibration == found
     with nrs.Renderer(*SIZE, backend="cpu") as cpu:
