@@ -283,7 +283,8 @@ impl FromIterator<Output> for Outputs {
     }
 }
 
-/// Which rasterizers of a GPU draw. The same pixels are covered, and show the same but for ties and rounding.
+/// Which rasterizers of a GPU draw. The same pixels are covered, which `Auto` makes sure of on the device, and show the
+/// same but for ties and rounding.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Raster {
     /// The fastest on the device, by a short measurement before the first frame.

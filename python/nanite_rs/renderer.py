@@ -141,7 +141,7 @@ class Calibration:
     reason: str
     """Why."""
     times_ms: dict[str, float]
-    """Milliseconds that each form took for 512 clusters of small triangles and 512 of large ones. Absent are those
+    """Milliseconds that each form takes for 512 clusters of small triangles and 512 of large ones. Absent are those
     that the device lacks, and those whose pixels were not exactly those of ``"compute"``."""
 
 
@@ -380,10 +380,10 @@ class Renderer:
             starts from what the frame before hid, and a first frame from its nearest instances.
         raster : str
             What draws triangles on a GPU: ``"compute"`` shaders, whose pictures are those of the CPU;
-            ``"hardware"``, the device's own rasterizer, for all that need not be clipped; ``"hybrid"``, shaders for
-            small triangles and the device's rasterizer for large ones; or ``"auto"``, the fastest of these, see
-            `calibration`. All cover the same pixels; ties in depth and the last bits of depths may differ. The CPU
-            has one form, ``"compute"``.
+            ``"hardware"``, the device's own rasterizer, for all that need not be clipped; ``"hybrid"``, shaders
+            for small triangles and the device's rasterizer for large ones; or ``"auto"``, the fastest of these,
+            see `calibration`. All cover the same pixels, which ``"auto"`` makes sure of on the device; ties in
+            depth and the last bits of depths may differ. The CPU has one form, ``"compute"``.
         outputs : sequence of str
             What to make right away, on a GPU with the frame: ``"color"``, ``"depth"``, ``"normal"``,
             ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"``, ``"overdraw"``, and of the pictures of

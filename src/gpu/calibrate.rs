@@ -1,7 +1,5 @@
 //! Which rasterizers of a device are the fastest: a batch of small triangles and one of large ones are drawn by each and
-//! timed. What a frame draws differs, but not which of two rasterizers is the faster on a device, and there are few to
-//! choose from: only devices without much of a rasterizer are slow at large triangles, and only those that are not good
-//! at anything else are fast at small ones.
+//! timed. How many of each a frame draws differs, but not which rasterizer is the faster at either.
 //!
 //! A device may cover other pixels than we do: one that rounds corners to fewer bits, or whose compilers fuse other
 //! operations in vertex shaders than in compute. Triangles of two rasterizers would then not meet. So each has to draw

@@ -4,6 +4,8 @@
 //! one submission: every stage decides the dispatch of the next on the device. What is read back afterwards are the
 //! visibility buffer, the visible list and the counts of every list; where one was too short, it grows and the frame
 //! runs again. [`context`] finds a device, [`meshes`] holds what is uploaded once, [`shaders`] puts sources together.
+//! `raster_hardware` is another form of the two raster stages, by the device's own rasterizer; `calibrate` finds out
+//! whether it is the faster one.
 
 mod calibrate;
 mod cluster_cull;

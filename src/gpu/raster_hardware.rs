@@ -21,7 +21,8 @@ use crate::error::Result;
 use crate::gpu_types::Call;
 use crate::limits::{GUARD_BAND, MAX_SPAN};
 
-/// What it needs of a device besides what every device has: it counts what it draws.
+/// What it needs of a device besides what every device has: vertex shaders count the triangles that are drawn. Where a
+/// device runs them more than once for a vertex, as some that draw in tiles do, they count more.
 pub(super) const FEATURES: Features = Features::VERTEX_WRITABLE_STORAGE;
 /// Passes that draw have to have a target, which nothing is written to.
 const NO_COLOR: TextureFormat = TextureFormat::R8Unorm;
@@ -38,10 +39,10 @@ pub(super) fn obstacle(adapter: &Adapter) -> Option<String> {
 }
 
 /// Side of the viewport for pictures of a size, a power of two, so that positions on it are exact; none where it leaves
-/// no room for small clusters beside the picture.
-fn viewport(context: &Context, (width, height): (u32, u32)) -> Option<u32> {
+/// no room for small clusters beside the picture. Devices have viewports as large as their largest textures.
+fn viewport(largest_texture: u32, (width, height): (u32, u32)) -> Option<u32> {
     // Beyond the guard band everything is clipped anyway.
-    let most = context.limits().max_texture_dimension_2d.min((2.0 * GUARD_BAND) as u32);
+    let most = largest_texture.min((2.0 * GUARD_BAND) as u32);
     let side: u32 = most.checked_ilog2().map_or(0, |bits| 1 << bits);
     let margin = side.saturating_sub(width.max(height)) / 2;
     (margin > u32::from(MAX_SPAN)).then_some(side)
@@ -49,7 +50,7 @@ fn viewport(context: &Context, (width, height): (u32, u32)) -> Option<u32> {
 
 /// Which rasterizers draw a picture of a size.
 pub(super) fn choose(context: &Context, asked: Raster, size: (u32, u32)) -> Result<Raster> {
-    let fits = viewport(context, size).is_some();
+    let fits = viewport(context.limits().max_texture_dimension_2d, size).is_some();
     match asked {
         Raster::Compute => Ok(asked),
         Raster::Auto if fits => Ok(context.calibrate().raster),
@@ -129,7 +130,8 @@ impl Target {
             view_formats: &[],
         });
         let view = texture.create_view(&TextureViewDescriptor::default());
-        Self { size, viewport: viewport(context, size).unwrap_or(0), view }
+        let viewport = viewport(context.limits().max_texture_dimension_2d, size).unwrap_or(0);
+        Self { size, viewport, view }
     }
 
     /// Pixels across and down.
@@ -184,5 +186,23 @@ impl Draw<'_> {
         let first = |pixels: u32| (pixels / 2) as f32 - 0.5 * side;
         pass.set_viewport(first(target.size.0), first(target.size.1), side, side, 0.0, 1.0);
         pass.draw_indirect(calls, list as u64 * size_of::<Call>() as u64);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn viewports_hold_pictures_and_small_clusters_beside_them() {
+        assert_eq!(viewport(16_384, (1280, 720)), Some(16_384));
+        assert_eq!(viewport(16_384, (8192, 8192)), Some(16_384));
+        // No larger than the guard band, and a power of two.
+        assert_eq!(viewport(32_768, (1280, 720)), Some(16_384));
+        assert_eq!(viewport(10_000, (1280, 720)), Some(8192));
+        assert_eq!(viewport(8192, (8192 - 2 * (u32::from(MAX_SPAN) + 1), 1)), Some(8192));
+        assert_eq!(viewport(8192, (1, 8192 - 2 * u32::from(MAX_SPAN))), None);
+        assert_eq!(viewport(8192, (8192, 8192)), None);
+        assert_eq!(viewport(0, (1, 1)), None);
     }
 }

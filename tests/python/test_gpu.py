@@ -58,10 +58,11 @@ def scene() -> nrs.Scene:
 )
 def test_every_array_is_that_of_the_cpu(device, pixel_error, eye) -> None:
     shown = scene()
-    frame = device.render(shown, LENS, eye, pixel_error=pixel_error, occlusion=False)
+    frame = device.render(shown, LENS, eye, pixel_error=pixel_error, occlusion=False, raster="compute")
     with nrs.Renderer(*SIZE, backend="cpu") as renderer:
         expected = renderer.render(shown, LENS, eye, pixel_error=pixel_error, occlusion=False)
     assert device.backend == "gpu"
+    assert frame.stats.raster == expected.stats.raster == "compute"
     same(frame, expected)
     for stage in ("node_cull", "cluster_cull", "raster_small", "raster_large"):
         ours, theirs = frame.stats[stage], expected.stats[stage]
@@ -200,12 +201,49 @@ def test_what_is_hidden_is_left_out_of_the_lists_and_not_of_the_picture(device) 
     whole = nrs.Renderer(*SIZE, backend="gpu")
     saved = 0
     for eye in eyes:
-        frame = device.render(shown, LENS, eye, pixel_error=0.0)
-        expected = whole.render(shown, LENS, eye, pixel_error=0.0, occlusion=False)
+        frame = device.render(shown, LENS, eye, pixel_error=0.0, raster="compute")
+        expected = whole.render(shown, LENS, eye, pixel_error=0.0, occlusion=False, raster="compute")
         same(frame, expected, ARRAYS[:-1])
         saved += expected.stats.clusters - frame.stats.clusters
     assert saved > 0
     assert {s.pass_number for s in frame.stats.stages if s.stage == "hzb"} == {1, 2}
+
+
+@pytest.mark.parametrize("raster", ["hybrid", "hardware"])
+@pytest.mark.parametrize("eye", [at(0, 0, 4), at(0.2, 0.1, 1.2)], ids=["near", "inside"])
+def test_the_rasterizer_of_the_device_covers_the_same_pixels(device, raster, eye) -> None:
+    shown = scene()
+    expected = device.render(shown, LENS, eye, pixel_error=0.0, raster="compute")
+    device.render(shown, LENS, eye)
+    if raster not in device.calibration.times_ms:
+        pytest.skip(device.calibration.reason)
+    frame = device.render(shown, LENS, eye, pixel_error=0.0, raster=raster)
+    assert frame.stats.raster == raster
+    np.testing.assert_array_equal(frame.depth > 0, expected.depth > 0)
+    same = np.ones(frame.depth.shape, bool)
+    for name in ("instance_id", "cluster_id", "triangle_id"):
+        same &= getattr(frame, name) == getattr(expected, name)
+    assert (~same).mean() <= 0.0005
+    np.testing.assert_allclose(frame.depth[same], expected.depth[same], rtol=1e-6)
+    assert raster in str(frame.stats)
+
+
+def test_the_fastest_raster_is_measured_once_and_reported(device) -> None:
+    frame = device.render(scene(), LENS, at(0, 0, 4))
+    found = device.calibration
+    assert found is not None
+    assert frame.stats.raster == found.raster
+    assert found.reason
+    assert all(ms > 0.0 for ms in found.times_ms.values())
+    if "llvmpipe" in device.backend_reason:
+        assert set(found.times_ms) == {"compute", "hybrid", "hardware"}
+    with nrs.Renderer(*SIZE, backend="gpu") as other:
+        assert other.calibration == found
+    with nrs.Renderer(*SIZE, backend="cpu") as cpu:
+        assert cpu.render(scene(), LENS, at(0, 0, 4), raster="hardware").stats.raster == "compute"
+        assert cpu.calibration is None
+        with pytest.raises(nrs.ArgumentError, match='"auto", "compute", "hybrid" or "hardware", not "fast"'):
+            cpu.render(scene(), LENS, at(0, 0, 4), raster="fast")
 
 
 def test_it_says_which_device_it_took(device) -> None:
