@@ -101,11 +101,11 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
 
 @compute @workgroup_size(WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let group = lane / 32u;
-    let member = lane % 32u;
+    let group = lane / LANES_PER_GROUP;
+    let first = lane % LANES_PER_GROUP;
     let number = workgroup_number(workgroup) * GROUPS_PER_WORKGROUP + group;
     let exists = number < min(culling.count, arrayLength(&candidates));
-    if member == 0u {
+    if first == 0u {
         atomicStore(&drawn_bits[group], 0u);
         atomicStore(&large_bits[group], 0u);
         atomicStore(&clipped_bits[group], 0u);
@@ -114,19 +114,19 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     workgroupBarrier();
     if exists {
         let candidate = candidates[number];
-        if member == 0u {
+        if first == 0u {
             var looked_at = candidate.count;
             if SECOND && candidate.before != NONE {
                 looked_at = countOneBits(first_marks[candidate.before].held);
             }
             atomicAdd(&counters.visited_clusters, looked_at);
         }
-        if member < candidate.count {
+        for (var member = first; member < candidate.count; member += LANES_PER_GROUP) {
             cull(candidate, group, member);
         }
     }
     workgroupBarrier();
-    if exists && member == 0u {
+    if exists && first == 0u {
         drawn[number] = atomicLoad(&drawn_bits[group]);
         let clipped = atomicLoad(&clipped_bits[group]);
         marks[number] = Marks(atomicLoad(&large_bits[group]), atomicLoad(&held_bits[group]), 0u, clipped);

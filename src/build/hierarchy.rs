@@ -1,5 +1,6 @@
-//! The culling hierarchy and, with it, the order of groups: a wide tree per level, coarsest level first, under
-//! one super root. Mixing levels in one tree would inflate the bounds.
+//! The culling hierarchy and, with it, the order of groups: a wide tree per level, coarsest level first. Mixing levels in
+//! one tree would inflate the bounds. Their roots hang off a chain of nodes, a few of the coarsest at each: of a distant
+//! mesh only these are looked at, and all finer ones fall with the node of the rest.
 
 use super::clusterize::{Place, median_split};
 use super::dag::BuildGroup;
@@ -9,13 +10,15 @@ use crate::mesh::frame::center_extent;
 use crate::model::Node;
 use crate::model::rule::ERROR_STEP;
 
+/// Roots of levels at a node of the chain.
+const LEVELS_PER_NODE: usize = 4;
+
 /// Nodes, and the groups in the order in which the leaves refer to them.
 pub fn build(groups: &[BuildGroup], boxes: &[Aabb]) -> (Vec<Node>, Vec<u32>) {
     let top = groups.iter().map(|g| g.level).max().unwrap_or(0);
     let mut order = Vec::with_capacity(groups.len());
-    // Breadth first: (range of `order`, level) of nodes whose children are not laid out yet.
-    let mut ranges: Vec<(usize, usize, u32)> = vec![(0, groups.len(), top)];
-    let mut children: Vec<(u32, u16, bool)> = Vec::new();
+    // (range of `order`, level) of each level.
+    let mut levels: Vec<(usize, usize, u32)> = Vec::new();
     for level in (0..=top).rev() {
         let of_level = (0..groups.len()).filter(|g| groups[*g].level == level);
         let place = |g: usize| Place { point: boxes[g].center(), number: g as u32 };
@@ -26,13 +29,27 @@ pub fn build(groups: &[BuildGroup], boxes: &[Aabb]) -> (Vec<Node>, Vec<u32>) {
         let start = order.len();
         sort_spatially(&mut of_level);
         order.extend(of_level.iter().map(|g| g.number));
-        ranges.push((start, order.len(), level));
+        levels.push((start, order.len(), level));
     }
-    children.push((1, (ranges.len() - 1) as u16, false));
-    let mut node = 1;
+    // Breadth first: the same of nodes, whose children are not laid out yet.
+    let mut ranges: Vec<(usize, usize, u32)> = vec![(0, groups.len(), top)];
+    let mut children: Vec<(u32, u16, bool)> = Vec::new();
+    // The end of the chain, and the levels that it still has to hold.
+    let (mut link, mut rest) = (0, &levels[..]);
+    let mut node = 0;
     while node < ranges.len() {
         let (start, end, level) = ranges[node];
-        if end - start <= NODE_WIDTH {
+        if node == link && !rest.is_empty() {
+            let first = ranges.len();
+            let own = if rest.len() <= LEVELS_PER_NODE + 1 { rest.len() } else { LEVELS_PER_NODE };
+            ranges.extend(&rest[..own]);
+            rest = &rest[own..];
+            if let Some((start, _, level)) = rest.first() {
+                link = ranges.len();
+                ranges.push((*start, groups.len(), *level));
+            }
+            children.push((first as u32, (ranges.len() - first) as u16, false));
+        } else if end - start <= NODE_WIDTH {
             children.push((start as u32, (end - start) as u16, true));
         } else {
             let first = ranges.len();

@@ -21,8 +21,11 @@ const WORDS_PER_LANE: u32 = 16;
 pub const SCAN_BLOCK: u32 = SCAN_WIDTH * WORDS_PER_LANE;
 /// Workgroups that every device allows along a dimension.
 pub const MAX_WORKGROUPS: u32 = 65_535;
-/// Groups whose clusters a workgroup culls, each by as many lanes as a word has bits.
-const GROUPS_PER_WORKGROUP: u32 = WIDTH / u32::BITS;
+/// Lanes that look at the clusters of a group: most groups that are looked at have fewer to draw, and only the largest
+/// four times as many.
+const LANES_PER_GROUP: u32 = 8;
+/// Groups whose clusters a workgroup culls.
+const GROUPS_PER_WORKGROUP: u32 = WIDTH / LANES_PER_GROUP;
 
 /// Arrays that the pages of all meshes may lie in.
 pub const PAGE_ARRAYS: usize = 4;
@@ -315,6 +318,7 @@ fn constants() -> String {
         ("WORDS_PER_LANE", WORDS_PER_LANE),
         ("SCAN_BLOCK", SCAN_BLOCK),
         ("MAX_WORKGROUPS", MAX_WORKGROUPS),
+        ("LANES_PER_GROUP", LANES_PER_GROUP),
         ("GROUPS_PER_WORKGROUP", GROUPS_PER_WORKGROUP),
         ("CLUSTER_MAX_TRIANGLES", CLUSTER_MAX_TRIANGLES as u32),
         ("CLUSTER_MAX_VERTICES", CLUSTER_MAX_VERTICES as u32),

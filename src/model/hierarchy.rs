@@ -1,4 +1,4 @@
-//! The culling hierarchy: one wide tree per level under one super root.
+//! The culling hierarchy: one wide tree per level, their roots along a chain from one super root.
 
 use bytemuck::{Pod, Zeroable};
 
