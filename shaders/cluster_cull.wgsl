@@ -21,6 +21,7 @@
 
 var<workgroup> drawn_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 var<workgroup> large_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
+var<workgroup> clipped_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 var<workgroup> held_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 
 fn faces_away(instance: u32, record: u32) -> bool {
@@ -42,6 +43,11 @@ fn faces_away(instance: u32, record: u32) -> bool {
     let along = to.x * cone.x + to.y * cone.y + to.z * cone.z;
     let distance = sqrt(to.x * to.x + to.y * to.y + to.z * to.z);
     return along >= cone.w * distance + real(record + RECORD_RADIUS);
+}
+
+// Pixels between the picture and the sides of the viewport that it lies in the middle of.
+fn viewport_margin() -> u32 {
+    return (view.viewport - max(view.width, view.height)) / 2u;
 }
 
 fn cull(candidate: Candidate, group: u32, member: u32) {
@@ -84,6 +90,9 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
     let edge = f32(place.span) / max(sqrt(f32(triangle_count(record)) * 0.5), 1.0);
     if place.clipped || place.span > MAX_SPAN || edge > SMALL_EDGE {
         atomicOr(&large_bits[group], bit);
+        if view.viewport != 0u && (place.clipped || place.span >= viewport_margin()) {
+            atomicOr(&clipped_bits[group], bit);
+        }
         atomicAdd(&counters.triangles_large, triangle_count(record));
     } else {
         atomicAdd(&counters.triangles_small, triangle_count(record));
@@ -99,6 +108,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     if member == 0u {
         atomicStore(&drawn_bits[group], 0u);
         atomicStore(&large_bits[group], 0u);
+        atomicStore(&clipped_bits[group], 0u);
         atomicStore(&held_bits[group], 0u);
     }
     workgroupBarrier();
@@ -118,6 +128,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     workgroupBarrier();
     if exists && member == 0u {
         drawn[number] = atomicLoad(&drawn_bits[group]);
-        marks[number] = Marks(atomicLoad(&large_bits[group]), atomicLoad(&held_bits[group]), 0u, 0u);
+        let clipped = atomicLoad(&clipped_bits[group]);
+        marks[number] = Marks(atomicLoad(&large_bits[group]), atomicLoad(&held_bits[group]), 0u, clipped);
     }
 }

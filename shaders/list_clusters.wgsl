@@ -7,20 +7,23 @@
 @group(0) @binding(3) var<storage, read_write> marks: array<Marks>;
 @group(0) @binding(4) var<storage, read> sums: array<u32>;
 @group(0) @binding(5) var<storage, read_write> visible: array<VisibleCluster>;
-// Numbers of small clusters from the front, of large ones from the back.
+// Of the clusters of each list; see `number_slot`.
 @group(0) @binding(6) var<storage, read_write> numbers: array<u32>;
-// Small, large.
-@group(0) @binding(7) var<storage, read_write> draws: array<DispatchOut, 2>;
+// Small, large, clipped.
+@group(0) @binding(7) var<storage, read_write> draws: array<DispatchOut, LISTS>;
 @group(0) @binding(8) var<storage, read_write> counters: Counters;
 // Of the first phase; not read there.
 @group(0) @binding(9) var<storage, read> first_marks: array<Marks>;
 @group(0) @binding(10) var<storage, read_write> renumbered: array<u32>;
+// The same lists for the hardware rasterizer.
+@group(0) @binding(11) var<storage, read_write> calls: array<CallOut, LISTS>;
 
-fn claim(kind: u32) -> u32 {
-    let at = atomicAdd(&draws[kind].count, 1u);
-    atomicMax(&draws[kind].x, min(at + 1u, MAX_WORKGROUPS));
-    atomicMax(&draws[kind].y, at / MAX_WORKGROUPS + 1u);
-    atomicMax(&draws[kind].z, 1u);
+fn claim(list: u32) -> u32 {
+    let at = atomicAdd(&draws[list].count, 1u);
+    atomicMax(&draws[list].x, min(at + 1u, MAX_WORKGROUPS));
+    atomicMax(&draws[list].y, at / MAX_WORKGROUPS + 1u);
+    atomicMax(&draws[list].z, 1u);
+    atomicAdd(&calls[list].instances, 1u);
     return at;
 }
 
@@ -30,6 +33,8 @@ fn list(word: u32, mask_of_word: u32, first_number: u32) {
     var number = first_number;
     let candidate = candidates[word];
     let large = marks[word].large;
+    let clipped = marks[word].clipped;
+    let room = arrayLength(&numbers) / 2u;
     // Those of the first phase keep their order.
     var old = 0u;
     var old_number = 0u;
@@ -44,9 +49,9 @@ fn list(word: u32, mask_of_word: u32, first_number: u32) {
     while mask != 0u {
         let member = firstTrailingBit(mask);
         mask &= mask - 1u;
-        let kind = large >> member & 1u;
+        let is_large = large >> member & 1u;
         if number < arrayLength(&visible) {
-            visible[number] = VisibleCluster(candidate.instance, candidate.first + member, kind);
+            visible[number] = VisibleCluster(candidate.instance, candidate.first + member, is_large);
         }
         if (old >> member & 1u) == 1u {
             if old_number < arrayLength(&renumbered) {
@@ -54,9 +59,10 @@ fn list(word: u32, mask_of_word: u32, first_number: u32) {
             }
             old_number++;
         } else {
-            let at = claim(kind);
-            if at < arrayLength(&numbers) {
-                numbers[select(at, arrayLength(&numbers) - 1u - at, kind == 1u)] = number;
+            let list = select(is_large, LIST_CLIPPED, (clipped >> member & 1u) == 1u);
+            let at = claim(list);
+            if at < room {
+                numbers[number_slot(list, at, room)] = number;
             }
         }
         number++;
@@ -73,6 +79,8 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     }
     var number = sums[block] + inclusive_sum(lane, count) - count;
     if block == 0u && lane == 0u {
+        calls[LIST_SMALL].vertices = 3u * CLUSTER_MAX_TRIANGLES;
+        calls[LIST_LARGE].vertices = 3u * CLUSTER_MAX_TRIANGLES;
         atomicStore(&counters.visible, sums[(blocks.count + SCAN_BLOCK - 1u) / SCAN_BLOCK]);
     }
     if count == 0u {

@@ -5,6 +5,8 @@
 const MOST_CORNERS: u32 = 8u;
 const CORNERS: u32 = MOST_CORNERS * CLUSTER_MAX_TRIANGLES;
 
+// Triangles that face the eye and have a pixel to offer.
+var<workgroup> drawn: atomic<u32>;
 // The clipped polygons, snapped, with their depth values; and of each the corners and the rows up to its end.
 var<workgroup> snapped: array<vec2<i32>, CORNERS>;
 var<workgroup> values: array<f32, CORNERS>;
@@ -110,12 +112,6 @@ struct Piece {
     rows: vec2<i32>,
 }
 
-fn doubled_area(a: vec2<i32>, b: vec2<i32>, c: vec2<i32>) -> Wide {
-    let u = b - a;
-    let v = c - a;
-    return wide_add(wide_product(u.x, v.y), wide_negate(wide_product(v.x, u.y)));
-}
-
 fn piece(polygon: u32, number: u32, double_sided: bool) -> Piece {
     let first = MOST_CORNERS * polygon;
     var corners = vec3<u32>(first, first + number + 1u, first + number + 2u);
@@ -123,7 +119,7 @@ fn piece(polygon: u32, number: u32, double_sided: bool) -> Piece {
     let b = snapped[corners.y];
     let c = snapped[corners.z];
     let nothing = Piece(corners, Wide(0, 0u), vec2<i32>(0, -1));
-    var area = doubled_area(a, b, c);
+    var area = edge_function(a, b, c);
     let columns = pixel_range(min(min(a.x, b.x), c.x), max(max(a.x, b.x), c.x));
     var rows = pixel_range(min(min(a.y, b.y), c.y), max(max(a.y, b.y), c.y));
     rows = vec2<i32>(max(rows.x, 0), min(rows.y, i32(view.height) - 1));
@@ -190,8 +186,6 @@ fn fill(p: Piece, row: i32, low: u32) {
     let b = snapped[p.corners.y];
     let c = snapped[p.corners.z];
     let v = vec3<f32>(values[p.corners.x], values[p.corners.y], values[p.corners.z]);
-    let nearest = most(most(v.x, v.y), v.z);
-    let farthest = least(least(v.x, v.y), v.z);
     let e0 = edge(b, c, row);
     let e1 = edge(c, a, row);
     let e2 = edge(a, b, row);
@@ -204,10 +198,8 @@ fn fill(p: Piece, row: i32, low: u32) {
     var at1 = at_column(e1, span.x);
     var at2 = at_column(e2, span.x);
     for (var column = span.x; column <= span.y; column++) {
-        // A mean of the corners' values: no term is negative, so that its relative error stays small everywhere.
-        let sum = weight(at0, e0.bias) * v.x + weight(at1, e1.bias) * v.y + weight(at2, e2.bias) * v.z;
-        let value = least(most(sum * inverse, farthest), nearest);
-        let key = depth_key(value);
+        let weights = vec3<f32>(weight(at0, e0.bias), weight(at1, e1.bias), weight(at2, e2.bias));
+        let key = depth_key(mean(weights, v, inverse));
         if key >= view.far_key {
             put(u32(row) * view.width + u32(column), key, low);
         }
@@ -219,12 +211,8 @@ fn fill(p: Piece, row: i32, low: u32) {
 
 @compute @workgroup_size(CLUSTER_MAX_TRIANGLES)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let index = workgroup_number(workgroup);
-    if index >= min(draws[1].count, arrayLength(&numbers)) {
-        return;
-    }
-    let number = numbers[arrayLength(&numbers) - 1u - index];
-    if number >= arrayLength(&visible) {
+    let number = listed(select(LIST_CLIPPED, LIST_LARGE, view.viewport == 0u), workgroup_number(workgroup));
+    if number == NONE {
         return;
     }
     let instance = visible[number].instance;

@@ -1,6 +1,8 @@
 // Stage 4. Clusters of small triangles -> visibility buffer: a workgroup per cluster, a lane per triangle.
 // src/cpu/raster_small.rs, operation for operation.
 
+// Triangles that face the eye and have a box with pixels.
+var<workgroup> drawn: atomic<u32>;
 var<workgroup> snapped: array<vec2<i32>, CLUSTER_MAX_VERTICES>;
 var<workgroup> values: array<f32, CLUSTER_MAX_VERTICES>;
 
@@ -16,9 +18,7 @@ fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
     let p0 = snapped[corners.x];
     var p1 = snapped[corners.y];
     var p2 = snapped[corners.z];
-    var v1 = values[corners.y];
-    var v2 = values[corners.z];
-    let v0 = values[corners.x];
+    var v = vec3<f32>(values[corners.x], values[corners.y], values[corners.z]);
     var columns = pixel_range(min(min(p0.x, p1.x), p2.x), max(max(p0.x, p1.x), p2.x));
     var rows = pixel_range(min(min(p0.y, p1.y), p2.y), max(max(p0.y, p1.y), p2.y));
     let area = (p1.x - p0.x) * (p2.y - p0.y) - (p2.x - p0.x) * (p1.y - p0.y);
@@ -29,9 +29,7 @@ fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
         let p = p1;
         p1 = p2;
         p2 = p;
-        let v = v1;
-        v1 = v2;
-        v2 = v;
+        v = v.xzy;
     }
     columns = vec2<i32>(max(columns.x, 0), min(columns.y, i32(view.width) - 1));
     rows = vec2<i32>(max(rows.x, 0), min(rows.y, i32(view.height) - 1));
@@ -43,26 +41,13 @@ fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
     let e1 = edge(p2, p0, first);
     let e2 = edge(p0, p1, first);
 
-    let a = vec2<f32>(p0) * (1.0 / f32(UNIT));
-    let b = vec2<f32>(p1) * (1.0 / f32(UNIT)) - a;
-    let c = vec2<f32>(p2) * (1.0 / f32(UNIT)) - a;
-    let b_value = v1 - v0;
-    let c_value = v2 - v0;
-    let determinant = b.x * c.y - c.x * b.y;
-    let inverse = select(1.0 / determinant, 0.0, determinant == 0.0);
-    let dx = (b_value * c.y - c_value * b.y) * inverse;
-    let dy = (c_value * b.x - b_value * c.x) * inverse;
-    let start = v0 + (f32(first.x) + 0.5 - a.x) * dx + (f32(first.y) + 0.5 - a.y) * dy;
-    let nearest = most(most(v0, v1), v2);
-    let farthest = least(least(v0, v1), v2);
-
+    let depth = plane(p0, p1, p2, v, first);
     for (var row = rows.x; row <= rows.y; row++) {
         let j = row - rows.x;
         var at = vec3<i32>(e0.x + j * e0.z, e1.x + j * e1.z, e2.x + j * e2.z);
         for (var column = columns.x; column <= columns.y; column++) {
             if (at.x | at.y | at.z) >= 0 {
-                let value = least(most(start + f32(column - columns.x) * dx + f32(j) * dy, farthest), nearest);
-                put(u32(row) * view.width + u32(column), depth_key(value), low);
+                put(u32(row) * view.width + u32(column), depth_key(value_at(depth, column - columns.x, j)), low);
             }
             at += vec3<i32>(e0.y, e1.y, e2.y);
         }
@@ -72,12 +57,8 @@ fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
 
 @compute @workgroup_size(CLUSTER_MAX_TRIANGLES)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let index = workgroup_number(workgroup);
-    if index >= min(draws[0].count, arrayLength(&numbers)) {
-        return;
-    }
-    let number = numbers[index];
-    if number >= arrayLength(&visible) {
+    let number = listed(LIST_SMALL, workgroup_number(workgroup));
+    if number == NONE {
         return;
     }
     let instance = visible[number].instance;

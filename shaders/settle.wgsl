@@ -3,7 +3,7 @@
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> later_level: Dispatch;
-@group(0) @binding(2) var<storage, read> draws: array<Dispatch, 2>;
+@group(0) @binding(2) var<storage, read> draws: array<Dispatch, LISTS>;
 @group(0) @binding(3) var<storage, read_write> counters: Counters;
 // Of the other phase.
 @group(0) @binding(4) var<storage, read_write> other_counters: Counters;
@@ -30,7 +30,7 @@ fn main() {
         }
         return;
     }
-    let fresh = draws[0].count + draws[1].count;
+    let fresh = draws[LIST_SMALL].count + draws[LIST_LARGE].count + draws[LIST_CLIPPED].count;
     if fresh > 0u && atomicLoad(&other_counters.visible) > 0u {
         steps[STEP_PIXELS] = workgroups(view.width * view.height, WIDTH * PIXELS_PER_LANE, view.width * view.height);
     }

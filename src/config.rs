@@ -182,6 +182,154 @@ impl BuildOptions {
     }
 }
 
+/// An array of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// Shaded picture, RGB bytes.
+    Color,
+    /// Distance along the view axis, world units; 0 where nothing is covered.
+    Depth,
+    /// Unit normals, world space; zero where nothing is covered.
+    Normal,
+    /// Slot numbers of instances; −1 where nothing is covered.
+    InstanceId,
+    /// Addresses of clusters; `u32::MAX` where nothing is covered.
+    ClusterId,
+    /// Numbers of triangles inside their clusters; −1 where nothing is covered.
+    TriangleId,
+    /// Triangles that cover each pixel, hidden ones included.
+    Overdraw,
+    /// A colour for each triangle, RGB bytes, as are the next three.
+    Triangles,
+    /// For each cluster.
+    Clusters,
+    /// For each group.
+    Groups,
+    /// For each level of detail.
+    Levels,
+}
+
+/// All arrays that can be made with a frame.
+pub const OUTPUTS: [Output; 11] = [
+    Output::Color,
+    Output::Depth,
+    Output::Normal,
+    Output::InstanceId,
+    Output::ClusterId,
+    Output::TriangleId,
+    Output::Overdraw,
+    Output::Triangles,
+    Output::Clusters,
+    Output::Groups,
+    Output::Levels,
+];
+
+impl Output {
+    /// The name by which it is asked for.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Color => "color",
+            Self::Depth => "depth",
+            Self::Normal => "normal",
+            Self::InstanceId => "instance_id",
+            Self::ClusterId => "cluster_id",
+            Self::TriangleId => "triangle_id",
+            Self::Overdraw => "overdraw",
+            Self::Triangles => "triangles",
+            Self::Clusters => "clusters",
+            Self::Groups => "groups",
+            Self::Levels => "levels",
+        }
+    }
+
+    /// A picture of three bytes per pixel; the others are of words.
+    pub fn rgb(self) -> bool {
+        matches!(self, Self::Color | Self::Triangles | Self::Clusters | Self::Groups | Self::Levels)
+    }
+}
+
+impl std::str::FromStr for Output {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        choose("outputs", name, &OUTPUTS.map(|output| (output.name(), output)))
+    }
+}
+
+/// A set of arrays.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Outputs(u16);
+
+impl Outputs {
+    /// Whether an array is among them.
+    pub fn contains(self, output: Output) -> bool {
+        self.0 >> output as u16 & 1 == 1
+    }
+
+    /// All but one.
+    pub fn without(self, output: Output) -> Self {
+        Self(self.0 & !(1 << output as u16))
+    }
+
+    /// All of them, in the order of [`OUTPUTS`].
+    pub fn iter(self) -> impl Iterator<Item = Output> {
+        OUTPUTS.into_iter().filter(move |output| self.contains(*output))
+    }
+}
+
+impl FromIterator<Output> for Outputs {
+    fn from_iter<I: IntoIterator<Item = Output>>(outputs: I) -> Self {
+        Self(outputs.into_iter().fold(0, |bits, output| bits | 1 << output as u16))
+    }
+}
+
+/// Which rasterizers of a GPU draw. The same pixels are covered, and show the same but for ties and rounding.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Raster {
+    /// The fastest on the device, by a short measurement before the first frame.
+    #[default]
+    Auto,
+    /// All triangles in compute shaders.
+    Compute,
+    /// Small triangles in compute shaders, large ones by the rasterizer of the device.
+    Hybrid,
+    /// All by the rasterizer of the device but those that have to be clipped.
+    Hardware,
+}
+
+impl Raster {
+    const CHOICES: [(&str, Self); 4] = [
+        ("auto", Self::Auto),
+        ("compute", Self::Compute),
+        ("hybrid", Self::Hybrid),
+        ("hardware", Self::Hardware),
+    ];
+
+    /// The name by which it is asked for.
+    pub fn name(self) -> &'static str {
+        Self::CHOICES[self as usize].0
+    }
+}
+
+impl std::str::FromStr for Raster {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        choose("raster", name, &Self::CHOICES)
+    }
+}
+
+/// What a device was found to draw fastest with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// That form.
+    pub raster: Raster,
+    /// Milliseconds that each form took; only those that may be taken.
+    pub times: Vec<(Raster, f64)>,
+    /// Why that form.
+    pub reason: String,
+}
+
 /// How a frame is rendered.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderOptions {
@@ -191,15 +339,25 @@ pub struct RenderOptions {
     pub occlusion: bool,
     /// On a GPU, draw by 64-bit atomics where the device has them. The picture does not depend on it.
     pub wide_atomics: bool,
-    /// Make the colour with the frame; otherwise when it is first read.
-    pub color: bool,
-    /// Make the depth with the frame; otherwise when it is first read.
-    pub depth: bool,
+    /// On a GPU, which rasterizers draw.
+    pub raster: Raster,
+    /// What to make with the frame; the rest, when it is first read.
+    pub outputs: Outputs,
+    /// On a GPU, whether it makes them, and not the CPU from the visibility buffer; without a choice, unless the device is
+    /// software, which is slower at it.
+    pub device_outputs: Option<bool>,
 }
 
 impl Default for RenderOptions {
     fn default() -> Self {
-        Self { pixel_error: 1.0, occlusion: true, wide_atomics: true, color: true, depth: true }
+        Self {
+            pixel_error: 1.0,
+            occlusion: true,
+            wide_atomics: true,
+            raster: Raster::default(),
+            outputs: [Output::Color, Output::Depth].into_iter().collect(),
+            device_outputs: None,
+        }
     }
 }
 

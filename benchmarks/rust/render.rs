@@ -61,7 +61,7 @@ fn frame(c: &mut Criterion, name: &str, scene: &Scene, options: &RenderOptions) 
 
 fn frames(c: &mut Criterion) {
     let default = RenderOptions::default();
-    let all_large = RenderOptions { pixel_error: 0.0, color: false, depth: false, ..default.clone() };
+    let all_large = RenderOptions { pixel_error: 0.0, outputs: Outputs::default(), ..default.clone() };
     frame(c, "frame/large triangles, visibility only", &scene(&sphere(4), 1), &all_large);
     for n in [93, 177, 354] {
         let mesh = sphere(n);
@@ -72,7 +72,7 @@ fn frames(c: &mut Criterion) {
             frame(c, &format!("frame/{faces} triangles, full detail"), &scene, &full);
             let hidden = RenderOptions { occlusion: false, ..default.clone() };
             frame(c, &format!("frame/{faces} triangles, no occlusion"), &scene, &hidden);
-            let bare = RenderOptions { color: false, depth: false, ..default.clone() };
+            let bare = RenderOptions { outputs: Outputs::default(), ..default.clone() };
             frame(c, &format!("frame/{faces} triangles, visibility only"), &scene, &bare);
         }
         if n == 354 {

@@ -13,6 +13,7 @@ __all__ = [
     "Scene",
     "__version__",
     "check_camera",
+    "check_pose",
     "closest_points",
     "cluster_table",
     "group_table",
@@ -132,6 +133,7 @@ _Material: TypeAlias = tuple[_Rgb, float, float, _Rgb, bool, bool]
 _Camera: TypeAlias = tuple[str, list[float], float, float | None]
 
 def check_camera(spec: _Camera) -> None: ...
+def check_pose(pose: ArrayLike) -> None: ...
 
 @final
 class Scene:
@@ -167,17 +169,18 @@ class Renderer:
     def __new__(cls, width: int, height: int, backend: str) -> Renderer: ...
     @property
     def backend(self) -> tuple[str, str]: ...
+    @property
+    def calibration(self) -> tuple[str, str, list[tuple[str, float]]] | None: ...
     def render(
         self,
         scene: Scene,
-        camera: _Camera,
-        pose: ArrayLike,
+        views: list[tuple[_Camera, ArrayLike]],
         *,
         pixel_error: float,
         occlusion: bool,
-        color: bool,
-        depth: bool,
-    ) -> Frame: ...
+        raster: str,
+        outputs: list[str],
+    ) -> list[Frame]: ...
 
 @final
 class Frame:
@@ -193,4 +196,4 @@ class Frame:
     def size(self) -> tuple[int, int]: ...
     def view(self, name: str) -> NDArray[np.uint8]: ...
     def stages(self) -> list[tuple[str, int, int, str, int, str, float]]: ...
-    def totals(self) -> tuple[list[tuple[str, int]], float]: ...
+    def totals(self) -> tuple[list[tuple[str, int]], float, str]: ...

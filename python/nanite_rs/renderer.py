@@ -16,15 +16,28 @@ from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, MissingFi
 from nanite_rs.scene import Scene
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from types import TracebackType
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Frame", "FrameStats", "Renderer", "StageStats"]
+__all__ = ["Calibration", "Frame", "FrameStats", "Renderer", "StageStats"]
 
 ViewName: TypeAlias = Literal["shaded", "triangles", "clusters", "groups", "levels", "overdraw"]
-OutputName: TypeAlias = Literal["color", "depth"]
+OutputName: TypeAlias = Literal[
+    "color",
+    "depth",
+    "normal",
+    "instance_id",
+    "cluster_id",
+    "triangle_id",
+    "overdraw",
+    "triangles",
+    "clusters",
+    "groups",
+    "levels",
+]
+RasterName: TypeAlias = Literal["auto", "compute", "hybrid", "hardware"]
 
 
 @dataclass(frozen=True)
@@ -53,6 +66,8 @@ class FrameStats:
     """Every stage in the order in which it ran."""
     total_ms: float
     """Wall time of the frame, milliseconds."""
+    raster: str
+    """Which rasterizers drew: ``"compute"``, ``"hybrid"`` or ``"hardware"``."""
     source_triangles: int
     """Triangles of the instances on the screen, at full detail."""
     clusters: int
@@ -88,7 +103,7 @@ class FrameStats:
 
     def as_dict(self) -> dict[str, float]:
         """Return the totals and, as ``<stage>_ms``, the time of each stage, for tables and data frames."""
-        totals = {k: v for k, v in vars(self).items() if k != "stages"}
+        totals = {k: v for k, v in vars(self).items() if k not in {"stages", "raster"}}
         times: dict[str, float] = {}
         for s in self.stages:
             times[f"{s.stage}_ms"] = times.get(f"{s.stage}_ms", 0.0) + s.ms
@@ -106,7 +121,7 @@ class FrameStats:
         drawn = self.drawn_small + self.drawn_large
         lines.append(
             f"{self.source_triangles:,} triangles in the source → {self.triangles:,} in {self.clusters:,} clusters"
-            f" → {drawn:,} rasterized ({self.drawn_large:,} large) → {self.covered_pixels:,} pixels"
+            f" → {drawn:,} rasterized ({self.drawn_large:,} large; {self.raster}) → {self.covered_pixels:,} pixels"
         )
         return "\n".join(lines)
 
@@ -115,6 +130,19 @@ class FrameStats:
             f"<FrameStats: {self.total_ms:.1f} ms, {self.source_triangles:,} source triangles, "
             f"{self.triangles:,} in the cut, {self.covered_pixels:,} pixels>"
         )
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Which rasterizers of a device are the fastest, by a short measurement."""
+
+    raster: str
+    """What ``raster="auto"`` takes: ``"compute"``, ``"hybrid"`` or ``"hardware"``."""
+    reason: str
+    """Why."""
+    times_ms: dict[str, float]
+    """Milliseconds that each form took for 512 clusters of small triangles and 512 of large ones. Absent are those
+    that the device lacks, and those whose pixels were not exactly those of ``"compute"``."""
 
 
 class Frame:
@@ -184,9 +212,9 @@ class Frame:
     @cached_property
     def stats(self) -> FrameStats:
         """What the frame cost and skipped."""
-        totals, total_ms = self._frame.totals()
+        totals, total_ms, raster = self._frame.totals()
         stages = tuple(StageStats(*stage) for stage in self._frame.stages())
-        return FrameStats(stages=stages, total_ms=total_ms, **dict(totals))
+        return FrameStats(stages=stages, total_ms=total_ms, raster=raster, **dict(totals))
 
     @property
     def width(self) -> int:
@@ -264,9 +292,10 @@ class Renderer:
     width, height : int
         Size of the pictures in pixels, 1 to 8192.
     backend : str
-        ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device, for culling and rasterizing, after which
-        shading and all other outputs follow on the CPU; or ``"auto"``, such a device unless it is software, else
-        ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same.
+        ``"cpu"``; ``"gpu"``, the best Vulkan, Metal or DX12 device; or ``"auto"``, such a device unless it is
+        software, else ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same,
+        but for a few colours that a device rounds the other way, by one step; see `render` for what its own
+        rasterizer may change.
 
     Raises
     ------
@@ -314,6 +343,15 @@ class Renderer:
         """Why that backend, and on a GPU which device."""
         return self._backend[1]
 
+    @property
+    def calibration(self) -> Calibration | None:
+        """How ``raster="auto"`` was decided on the device; None on the CPU, and before it had to be."""
+        found = None if self._core is None else self._core.calibration
+        if found is None:
+            return None
+        raster, reason, times = found
+        return Calibration(raster, reason, dict(times))
+
     def render(
         self,
         scene: Scene,
@@ -322,6 +360,7 @@ class Renderer:
         *,
         pixel_error: float = 1.0,
         occlusion: bool = True,
+        raster: RasterName = "auto",
         outputs: Sequence[OutputName] = ("color", "depth"),
     ) -> Frame:
         """Render a frame.
@@ -339,8 +378,17 @@ class Renderer:
         occlusion : bool
             Skip what nearer surfaces hide, where that pays. The picture is the same bit for bit. The GPU backend
             starts from what the frame before hid, and a first frame from its nearest instances.
+        raster : str
+            What draws triangles on a GPU: ``"compute"`` shaders, whose pictures are those of the CPU;
+            ``"hardware"``, the device's own rasterizer, for all that need not be clipped; ``"hybrid"``, shaders for
+            small triangles and the device's rasterizer for large ones; or ``"auto"``, the fastest of these, see
+            `calibration`. All cover the same pixels; ties in depth and the last bits of depths may differ. The CPU
+            has one form, ``"compute"``.
         outputs : sequence of str
-            What to make right away, of ``"color"`` and ``"depth"``; everything else, when first asked for.
+            What to make right away, on a GPU with the frame: ``"color"``, ``"depth"``, ``"normal"``,
+            ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"``, ``"overdraw"``, and of the pictures of
+            `Frame.view` ``"triangles"``, ``"clusters"``, ``"groups"`` and ``"levels"``. Everything else is made
+            when first asked for, on the CPU.
 
         Returns
         -------
@@ -349,32 +397,96 @@ class Renderer:
         Raises
         ------
         ArgumentError
-            For a pose that is not finite or not rigid, or a threshold out of range.
+            For a pose that is not finite or not rigid, a threshold out of range, or an unknown `raster` or
+            output.
         BackendError
-            If the device asked for cannot draw the frame: it was lost, or the scene or the picture does not fit.
+            If the device asked for cannot draw the frame: it was lost, it lacks what `raster` needs, or the scene
+            or the picture does not fit.
         NaniteError
             If the renderer was closed.
         """
+        if not isinstance(camera, Camera):
+            raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
+        (frame,) = self._render(scene, [(camera, pose)], pixel_error, occlusion, raster, outputs)
+        return frame
+
+    def render_views(
+        self,
+        scene: Scene,
+        views: Iterable[tuple[Camera, ArrayLike]],
+        *,
+        pixel_error: float = 1.0,
+        occlusion: bool = True,
+        raster: RasterName = "auto",
+        outputs: Sequence[OutputName] = ("color", "depth"),
+    ) -> list[Frame]:
+        """Render what several cameras see of a scene: on a GPU in one submission, on the CPU one after the other.
+
+        A view finds what the view at the same place of the call before hid, so keep their order from call to call.
+
+        Parameters
+        ----------
+        scene : Scene
+            What to draw.
+        views : iterable of pairs
+            A camera and its pose each, as for `render`.
+        pixel_error, occlusion, raster, outputs
+            As for `render`, for all views.
+
+        Returns
+        -------
+        list of Frame
+            One for each view, as `render` gives it. Their times are of all views together, and so are a GPU's
+            times of stages.
+
+        Raises
+        ------
+        ArgumentError, BackendError, NaniteError
+            As `render` does; for a view, with its place in `views`.
+
+        Examples
+        --------
+        >>> poses = [np.eye(4), np.eye(4)]
+        >>> poses[0][:3, 3], poses[1][:3, 3] = (-0.03, 0, 4), (0.03, 0, 4)
+        >>> with nrs.Renderer(64, 64) as renderer:
+        ...     left, right = renderer.render_views(scene, [(nrs.PerspectiveCamera(yfov=0.8), p) for p in poses])
+        >>> left.color.shape == right.color.shape
+        True
+        """
+        checked: list[tuple[Camera, ArrayLike]] = []
+        for i, view in enumerate(views):
+            if not (isinstance(view, tuple | list) and len(view) == 2 and isinstance(view[0], Camera)):
+                raise DtypeError(f"views[{i}]: expected a camera and a pose, not {view!r}")
+            try:
+                _core.check_pose(view[1])
+            except ArgumentError as error:
+                raise ArgumentError(f"views[{i}]: {error}") from None
+            checked.append((view[0], view[1]))
+        return self._render(scene, checked, pixel_error, occlusion, raster, outputs)
+
+    def _render(
+        self,
+        scene: Scene,
+        views: list[tuple[Camera, ArrayLike]],
+        pixel_error: float,
+        occlusion: bool,
+        raster: RasterName,
+        outputs: Sequence[OutputName],
+    ) -> list[Frame]:
         if self._core is None:
             raise NaniteError("the renderer was closed")
         if not isinstance(scene, Scene):
             raise DtypeError(f"scene: expected a Scene, not {type(scene).__name__}")
-        if not isinstance(camera, Camera):
-            raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
-        wanted = {outputs} if isinstance(outputs, str) else set(outputs)
-        if unknown := sorted(wanted - {"color", "depth"}):
-            raise ArgumentError(f'outputs: expected "color" and "depth", found {unknown}')
-        core = self._core.render(
+        frames = self._core.render(
             scene._core,
-            camera._spec(),
-            pose,
+            [(camera._spec(), pose) for camera, pose in views],
             pixel_error=float(pixel_error),
             occlusion=bool(occlusion),
-            color="color" in wanted,
-            depth="depth" in wanted,
+            raster=str(raster),
+            outputs=[outputs] if isinstance(outputs, str) else list(outputs),
         )
         self._backend = self._core.backend
-        return Frame(core)
+        return [Frame(frame) for frame in frames]
 
     def close(self) -> None:
         """Give the memory back. Frames stay valid."""

@@ -1,4 +1,4 @@
-// What both rasterizers share: src/cpu/triangle.rs and src/cpu/visibility.rs.
+// What all rasterizers share: src/cpu/triangle.rs and src/cpu/visibility.rs.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
@@ -6,17 +6,24 @@
 @group(0) @binding(3) var<storage, read> pages: array<u32>;
 @group(0) @binding(4) var<storage, read> visible: array<VisibleCluster>;
 @group(0) @binding(5) var<storage, read> numbers: array<u32>;
-@group(0) @binding(6) var<storage, read> draws: array<Dispatch, 2>;
+@group(0) @binding(6) var<storage, read> draws: array<Dispatch, LISTS>;
 // Binding 7 is the visibility buffer: words_64.wgsl, words_32.wgsl.
 @group(0) @binding(8) var<storage, read_write> counters: Counters;
 @group(0) @binding(9) var<storage, read> pages_1: array<u32>;
 @group(0) @binding(10) var<storage, read> pages_2: array<u32>;
 @group(0) @binding(11) var<storage, read> pages_3: array<u32>;
 
-// Triangles of a workgroup that face the eye and have a pixel to offer.
-var<workgroup> drawn: atomic<u32>;
-
 const UNIT: i32 = 1 << SUBPIXEL_BITS;
+
+// The number in the visible list of entry `index` of a list; NONE behind its end.
+fn listed(list: u32, index: u32) -> u32 {
+    let room = arrayLength(&numbers) / 2u;
+    if index >= min(draws[list].count, room) {
+        return NONE;
+    }
+    let number = numbers[number_slot(list, index, room)];
+    return select(NONE, number, number < arrayLength(&visible));
+}
 
 // Snaps a screen coordinate to 1/256 pixel: adding this leaves the nearest integer in the low bits.
 fn snap(v: f32) -> i32 {
@@ -45,6 +52,42 @@ fn edge_bias(d: vec2<i32>) -> i32 {
 // The low half of a word for triangle 0 of a visible cluster; triangle t is this minus t.
 fn payload(number: u32) -> u32 {
     return ~((number + 1u) << TRIANGLE_BITS);
+}
+
+// The depth value of a small triangle as a function of the pixel.
+struct Plane {
+    start: f32,
+    dx: f32,
+    dy: f32,
+    nearest: f32,
+    farthest: f32,
+}
+
+// Through three snapped corners with their depth values, from a first pixel on.
+fn plane(p0: vec2<i32>, p1: vec2<i32>, p2: vec2<i32>, v: vec3<f32>, first: vec2<i32>) -> Plane {
+    let a = vec2<f32>(p0) * (1.0 / f32(UNIT));
+    let b = vec2<f32>(p1) * (1.0 / f32(UNIT)) - a;
+    let c = vec2<f32>(p2) * (1.0 / f32(UNIT)) - a;
+    let b_value = v.y - v.x;
+    let c_value = v.z - v.x;
+    let determinant = b.x * c.y - c.x * b.y;
+    let inverse = select(1.0 / determinant, 0.0, determinant == 0.0);
+    let dx = (b_value * c.y - c_value * b.y) * inverse;
+    let dy = (c_value * b.x - b_value * c.x) * inverse;
+    let start = v.x + (f32(first.x) + 0.5 - a.x) * dx + (f32(first.y) + 0.5 - a.y) * dy;
+    return Plane(start, dx, dy, most(most(v.x, v.y), v.z), least(least(v.x, v.y), v.z));
+}
+
+// So many columns and rows from the first pixel.
+fn value_at(p: Plane, column: i32, row: i32) -> f32 {
+    return least(most(p.start + f32(column) * p.dx + f32(row) * p.dy, p.farthest), p.nearest);
+}
+
+// The depth value of a large triangle: a mean of its corners' by weights whose sum is 1 / `inverse`. No term is negative,
+// so that its relative error stays small everywhere.
+fn mean(weights: vec3<f32>, v: vec3<f32>, inverse: f32) -> f32 {
+    let sum = weights.x * v.x + weights.y * v.y + weights.z * v.z;
+    return least(most(sum * inverse, least(least(v.x, v.y), v.z)), most(most(v.x, v.y), v.z));
 }
 
 // The larger; `b` where they do not compare.

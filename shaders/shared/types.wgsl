@@ -28,9 +28,13 @@ struct View {
     lod_near: f32,
     focal: vec2<f32>,
     center: vec2<f32>,
+    inverse_focal: vec2<f32>,
     mirrored: u32,
+    // Side, pixels, of the viewport of the hardware rasterizer; 0 where it draws nothing.
+    viewport: u32,
     // Of what no earlier frame showed, the first phase draws what has this key or a larger one: what is near.
     occluders: u32,
+    unused_a: u32,
     unused_b: u32,
     unused_c: u32,
 }
@@ -54,6 +58,40 @@ struct Placed {
     // 0 where nothing is, or nothing to be seen.
     visible: u32,
     unused: u32,
+}
+
+// The look of an instance.
+struct Look {
+    // Rows of the map of normals from internal space to the world, each with a component of the base colour.
+    normal: array<vec4<f32>, 3>,
+    diffuse: vec3<f32>,
+    alpha2: f32,
+    f0: vec3<f32>,
+    k: f32,
+    emissive: vec3<f32>,
+    // LOOK_SMOOTH, LOOK_CONFORMAL, LOOK_COLORS.
+    flags: u32,
+}
+
+// A light in camera space.
+struct Light {
+    // Towards the light, unit, or its position.
+    vector: vec3<f32>,
+    // 1 for a light with a position.
+    point: u32,
+    radiance: vec3<f32>,
+    inverse_range: f32,
+}
+
+struct Lighting {
+    ambient: vec3<f32>,
+    // Number of lights.
+    lights: u32,
+    // The bytes of the background, red lowest.
+    background: u32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
 }
 
 struct Instance {
@@ -131,7 +169,8 @@ struct Marks {
     held: u32,
     // Number of the first in the visible list.
     first: u32,
-    unused: u32,
+    // Of the large ones, those that the hardware rasterizer does not take.
+    clipped: u32,
 }
 
 struct VisibleCluster {
@@ -160,6 +199,31 @@ struct DispatchOut {
     visited: atomic<u32>,
     hidden: atomic<u32>,
     unused: array<u32, 2>,
+}
+
+// A draw as a device takes it.
+struct Call {
+    vertices: u32,
+    instances: u32,
+    first_vertex: u32,
+    first_instance: u32,
+}
+
+// The same while it is written.
+struct CallOut {
+    vertices: u32,
+    instances: atomic<u32>,
+    first_vertex: u32,
+    first_instance: u32,
+}
+
+// Where entry `at` of a list lies among the numbers of all lists, which have room for so many: small ones from the front,
+// large ones from the back, clipped ones behind both.
+fn number_slot(list: u32, at: u32, room: u32) -> u32 {
+    if list == LIST_CLIPPED {
+        return room + at;
+    }
+    return select(at, room - 1u - at, list == LIST_LARGE);
 }
 
 fn workgroups(entries: u32, per_workgroup: u32, count: u32) -> Dispatch {

@@ -34,6 +34,13 @@ fn wide_product(a: i32, b: i32) -> Wide {
     return Wide(bitcast<i32>(high - excess), (rest << 16u) | (low & 0xffffu));
 }
 
+// Of the edge from a to b: positive for points on its right, and twice the area of the triangle with them.
+fn edge_function(a: vec2<i32>, b: vec2<i32>, p: vec2<i32>) -> Wide {
+    let d = b - a;
+    let to = p - a;
+    return wide_add(wide_product(d.x, to.y), wide_negate(wide_product(to.x, d.y)));
+}
+
 // Near the number.
 fn wide_estimate(a: Wide) -> f32 {
     return f32(a.high) * 4294967296.0 + f32(a.low);

@@ -12,10 +12,9 @@ const INSTANCES_PER_TASK: usize = 64;
 
 /// Keeps the visible instances whose bounds meet the view, and derives their matrices. `instances` holds slot
 /// numbers and entries in scene order.
-pub fn run(instances: &[(u32, &Instance)], view: &View, screen: &Screen) -> Vec<InstanceView> {
+pub fn run(instances: &[(u32, &Instance)], view: &View, eye: &Eye, screen: &Screen) -> Vec<InstanceView> {
     let planes = view.planes();
-    let eye = view.eye();
-    let seen_from = Eye::new(view);
+    let place = view.eye();
     let chunks: Vec<Vec<InstanceView>> = instances
         .par_chunks(INSTANCES_PER_TASK)
         .map(|chunk| {
@@ -23,13 +22,13 @@ pub fn run(instances: &[(u32, &Instance)], view: &View, screen: &Screen) -> Vec<
                 .iter()
                 .filter_map(|&(slot, instance)| {
                     let (center, radius) = instance.sphere();
-                    let to = center - eye;
+                    let to = center - place;
                     // f64: this much covers the rounding of the sphere and the test.
-                    let radius = radius + 1.0e-12 * (center.length() + eye.length());
+                    let radius = radius + 1.0e-12 * (center.length() + place.length());
                     if !instance.visible || planes.iter().any(|(n, d)| n.dot(to) + d < -radius) {
                         return None;
                     }
-                    let mut seen = InstanceView::new(view, &seen_from, slot, instance);
+                    let mut seen = InstanceView::new(eye, screen, slot, instance);
                     let (center, extent) = seen.bounds();
                     seen.footprint = seen.footprint(screen, center, extent)?;
                     Some(seen)

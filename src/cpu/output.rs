@@ -12,7 +12,7 @@ use super::surface::{Pixels, Surfels, Walk};
 use super::visibility::{Counter, Hit, decode};
 use super::{raster_large, raster_small};
 use crate::model::Dag;
-use crate::scene::View;
+use crate::scene::placement::Eye;
 
 /// Rows per task.
 pub(super) const ROWS: usize = 8;
@@ -77,11 +77,12 @@ pub fn depth(pixels: Pixels<'_>, out: &mut [f32]) {
 }
 
 /// Unit normals in world space; zero where nothing is covered.
-pub fn normals(pixels: Pixels<'_>, view: &View) -> Vec<[f32; 3]> {
-    let to_world = view.pose.matrix3.as_mat3();
+pub fn normals(pixels: Pixels<'_>, eye: &Eye) -> Vec<[f32; 3]> {
+    let r = &eye.rotate;
+    let to_world: [[f32; 3]; 3] = std::array::from_fn(|k| [r[0][k], r[1][k], r[2][k]]);
     map_surface(pixels, [0.0; 3], |surfels, lane| {
-        let normal = glam::Vec3::from_array(surfels.normal.map(|c| c.0[lane]));
-        (to_world * normal).normalize_or_zero().to_array()
+        let n = surfels.normal.map(|c| c.0[lane]);
+        to_world.map(|row| n[0] * row[0] + n[1] * row[1] + n[2] * row[2])
     })
 }
 

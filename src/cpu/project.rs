@@ -7,13 +7,11 @@
 
 use std::sync::Arc;
 
-use glam::{DMat3, DVec3};
-
 use crate::limits::{FOOTPRINT_ROUNDING, GUARD_BAND};
 use crate::math::{LodView, Sphere};
 use crate::model::Dag;
 use crate::scene::placement::{Eye, Placement};
-use crate::scene::{Instance, Material, View, pose};
+use crate::scene::{Instance, Material, View};
 
 /// A view's constants in the precision of the stages.
 #[derive(Clone, Copy, Debug)]
@@ -121,12 +119,10 @@ impl Footprint {
 
 impl InstanceView {
     /// Derives everything but the footprint; `eye` is that of the view.
-    pub fn new(view: &View, eye: &Eye, slot: u32, instance: &Instance) -> Self {
+    pub fn new(eye: &Eye, screen: &Screen, slot: u32, instance: &Instance) -> Self {
         let placement = instance.placement();
-        let Derived { screen, object_to_eye, eye: eye_inside } = derive(eye, view.orthographic, placement);
-        let normal = (view.pose.matrix3.inverse() * instance.pose().matrix3).inverse().transpose();
-        // Up to a common factor: keeps f32 in range whatever the scale.
-        let normal = normal * (1.0 / normal.x_axis.length().max(f64::MIN_POSITIVE));
+        let Derived { screen, object_to_eye, normal, eye: eye_inside } =
+            derive(eye, screen.orthographic, placement);
         Self {
             slot,
             mesh: Arc::clone(&instance.mesh),
@@ -139,8 +135,8 @@ impl InstanceView {
                 near: eye.lod_near,
             },
             eye: eye_inside,
-            normal: pose::linear_rows(&normal).map(|r| r.map(|v| v as f32)),
-            conformal: is_conformal(&normal),
+            normal,
+            conformal: placement.conformal,
             mirrored: placement.mirrored != eye.mirrored,
             footprint: Footprint::default(),
         }
@@ -201,6 +197,7 @@ pub fn mesh_bounds(mesh: &Dag) -> ([f32; 3], [f32; 3]) {
 struct Derived {
     screen: [[f32; 4]; 3],
     object_to_eye: [[f32; 4]; 3],
+    normal: [[f32; 3]; 3],
     eye: [f32; 3],
 }
 
@@ -232,14 +229,12 @@ fn derive(eye: &Eye, orthographic: bool, placement: &Placement) -> Derived {
         let length = dot(&inside, inside).sqrt();
         inside = inside.map(|v| if length > 0.0 { v / length } else { 0.0 });
     }
-    Derived { screen: [axis(0), axis(1), distance], object_to_eye, eye: inside }
-}
-
-/// True when the linear map is a multiple of a rotation or reflection.
-fn is_conformal(m: &DMat3) -> bool {
-    let g = m.transpose() * *m;
-    let s = g.x_axis.x;
-    (g - DMat3::from_diagonal(DVec3::splat(s))).to_cols_array().iter().all(|v| v.abs() <= 1.0e-6 * s)
+    let normal = std::array::from_fn(|k| {
+        std::array::from_fn(|j| {
+            dot(&r[k], [placement.normal[0][j], placement.normal[1][j], placement.normal[2][j]])
+        })
+    });
+    Derived { screen: [axis(0), axis(1), distance], object_to_eye, normal, eye: inside }
 }
 
 fn footprint(

@@ -68,8 +68,6 @@ pub struct Walk<'a> {
     at: Visible,
     geometry: ClusterGeometry<'a>,
     gathered: Gathered<'a>,
-    /// Covered pixels so far.
-    pub covered: u64,
 }
 
 impl<'a> Walk<'a> {
@@ -92,7 +90,7 @@ impl<'a> Walk<'a> {
             colors: [[0; LANES]; 3],
         };
         let geometry = view.mesh.geometry(at.cluster);
-        Some(Self { pixels, next: range.start, end: range.end, last: 0, at, geometry, gathered, covered: 0 })
+        Some(Self { pixels, next: range.start, end: range.end, last: 0, at, geometry, gathered })
     }
 
     /// The next surface points.
@@ -130,7 +128,6 @@ impl<'a> Walk<'a> {
         if self.gathered.count == 0 {
             return None;
         }
-        self.covered += self.gathered.count as u64;
         Some(self.gathered.evaluate(self.pixels.screen))
     }
 }

@@ -90,6 +90,12 @@ pub fn as_atomic(words: &mut [u64]) -> &[AtomicU64] {
     unsafe { &*(std::ptr::from_mut(words) as *const [AtomicU64]) }
 }
 
+/// How many pixels show anything.
+pub fn covered(words: &[u64]) -> u64 {
+    use rayon::prelude::*;
+    words.par_chunks(1 << 14).map(|chunk| chunk.iter().filter(|word| **word != 0).count() as u64).sum()
+}
+
 /// Gives every covered pixel the number its visible cluster has in another list: `numbers[old] = new`.
 pub fn renumber(words: &mut [u64], numbers: &[u32]) {
     use rayon::prelude::*;

@@ -14,7 +14,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     let [pages, pages_1, pages_2, pages_3] = m.pages();
     let bindings = [
         &b.view,
-        r.instances[1],
+        r.seen,
         m.page_offsets(),
         pages,
         &own.candidates,
@@ -43,12 +43,13 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         &own.drawn,
         &own.marks,
         &own.cluster_sums,
-        &own.visible,
+        &b.visible,
         &own.numbers,
         &own.draws,
         &own.counters,
         first_marks,
         &b.renumbered,
+        &own.calls,
     ];
     r.run_indirect(Kernel::ListClusters(r.phase), &bindings, &own.counting, 0);
 }

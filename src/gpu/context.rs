@@ -10,10 +10,13 @@ use wgpu::{
     BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
     ComputePipelineDescriptor, Device, DeviceDescriptor, DeviceType, ErrorFilter, Features, Instance,
     InstanceDescriptor, InstanceFlags, Limits, MapMode, PollType, Queue, ShaderModuleDescriptor,
-    ShaderSource,
+    ShaderSource, SubmissionIndex,
 };
 
+use super::raster_hardware::Pipelines;
 use super::shaders::{KERNELS, Kernel, SCAN_WIDTH};
+use super::{calibrate, raster_hardware};
+use crate::config::Calibration;
 use crate::error::{Error, Result};
 
 /// Storage buffers that a stage binds at most.
@@ -45,6 +48,10 @@ pub struct Context {
     failure: Arc<Mutex<Option<String>>>,
     /// Of each kernel: with pages in one array, and in several.
     pipelines: [[OnceLock<ComputePipeline>; 2]; KERNELS.len()],
+    /// What the hardware rasterizer lacks.
+    obstacle: Option<String>,
+    draws: Pipelines,
+    calibration: OnceLock<Calibration>,
 }
 
 /// The error of a backend that cannot be used, or no longer.
@@ -123,7 +130,8 @@ impl Context {
         let wide_atomics = adapter.features().contains(WIDE_ATOMICS);
         let descriptor = DeviceDescriptor {
             label: Some("nanite_rs"),
-            required_features: adapter.features() & (WIDE_ATOMICS | Features::TIMESTAMP_QUERY),
+            required_features: adapter.features()
+                & (WIDE_ATOMICS | raster_hardware::FEATURES | Features::TIMESTAMP_QUERY),
             required_limits: limits.clone(),
             ..DeviceDescriptor::default()
         };
@@ -142,9 +150,21 @@ impl Context {
         let timed = device.features().contains(Features::TIMESTAMP_QUERY);
         let tick = timed.then(|| f64::from(queue.get_timestamp_period()) * 1e-6);
         let pipelines = std::array::from_fn(|_| [OnceLock::new(), OnceLock::new()]);
-        let memory = AtomicU64::new(u64::MAX);
-        let context =
-            Self { device, queue, name, software, wide_atomics, tick, limits, memory, failure, pipelines };
+        let context = Self {
+            device,
+            queue,
+            name,
+            software,
+            wide_atomics,
+            tick,
+            limits,
+            memory: AtomicU64::new(u64::MAX),
+            failure,
+            pipelines,
+            obstacle: raster_hardware::obstacle(&adapter),
+            draws: Pipelines::default(),
+            calibration: OnceLock::new(),
+        };
         context.probe()?;
         Ok(context)
     }
@@ -182,6 +202,29 @@ impl Context {
     /// Milliseconds of a tick of the device's clock, where it has one.
     pub fn tick(&self) -> Option<f64> {
         self.tick
+    }
+
+    /// Why the device's own rasterizer cannot draw, if it cannot.
+    pub fn raster_obstacle(&self) -> Option<&str> {
+        self.obstacle.as_deref()
+    }
+
+    /// The fastest rasterizers, found when first asked for.
+    pub(super) fn calibrate(&self) -> &Calibration {
+        self.calibration.get_or_init(|| calibrate::run(self))
+    }
+
+    /// The same if it was asked for.
+    pub fn calibration(&self) -> Option<&Calibration> {
+        self.calibration.get()
+    }
+
+    pub(super) fn draws(&self) -> &Pipelines {
+        &self.draws
+    }
+
+    pub(super) fn limits(&self) -> &Limits {
+        &self.limits
     }
 
     pub(super) fn device(&self) -> &Device {
@@ -353,8 +396,25 @@ impl Context {
         bytes: u64,
         read: impl FnOnce(&[u8]),
     ) -> Result<()> {
+        let submission = self.start(encoder)?;
+        self.read(submission, staging, bytes, read)
+    }
+
+    /// Submits.
+    pub(super) fn start(&self, encoder: wgpu::CommandEncoder) -> Result<SubmissionIndex> {
         let submission = self.queue.submit([encoder.finish()]);
         self.check()?;
+        Ok(submission)
+    }
+
+    /// Waits for a submission, and hands over the first `bytes` of `staging`, which it wrote.
+    pub(super) fn read(
+        &self,
+        submission: SubmissionIndex,
+        staging: &Buffer,
+        bytes: u64,
+        read: impl FnOnce(&[u8]),
+    ) -> Result<()> {
         let (sender, receiver) = std::sync::mpsc::channel();
         let slice = staging.slice(..bytes);
         slice.map_async(MapMode::Read, move |result| {

@@ -3,12 +3,15 @@
 use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePass};
 
 use super::context::Context;
+use super::instances::Slots;
 use super::meshes::Meshes;
 use super::occlusion::Pyramids;
-use super::shaders::{self, Kernel, MAX_WORKGROUPS, SCAN_BLOCK, Step};
+use super::shade::Light;
+use super::shaders::{self, Kernel, List, MAX_WORKGROUPS, SCAN_BLOCK, Step};
 use super::times::Times;
+use crate::config::{Output, Outputs};
 use crate::error::Result;
-use crate::gpu_types::{Candidate, Counters, Dispatch, Marks, View, VisibleCluster, Visit};
+use crate::gpu_types::{Call, Candidate, Counters, Dispatch, Marks, View, VisibleCluster, Visit};
 
 const STORAGE: BufferUsages =
     BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
@@ -54,6 +57,8 @@ pub struct Shape {
     pub room: Room,
     /// What is hidden is left out, in two phases.
     pub occlusion: bool,
+    /// Arrays to make.
+    pub outputs: Outputs,
 }
 
 /// What one phase writes: its walk, its candidates, its list.
@@ -71,9 +76,11 @@ pub(super) struct Phase {
     pub(super) drawn: Buffer,
     pub(super) marks: Buffer,
     pub(super) cluster_sums: Buffer,
-    pub(super) visible: Buffer,
+    /// Of the clusters of each list, with room for all in the small and the large one together, and in the clipped one.
     pub(super) numbers: Buffer,
+    /// The lists for rasterizers in compute, and for the device's.
     pub(super) draws: Buffer,
+    pub(super) calls: Buffer,
     pub(super) counters: Buffer,
     /// What is decided after it.
     pub(super) steps: Buffer,
@@ -96,9 +103,9 @@ impl Phase {
             drawn: storage("bits of clusters", bytes::<u32>(room.candidates))?,
             marks: storage("bits of clusters", bytes::<Marks>(room.candidates))?,
             cluster_sums: sums(room.candidates)?,
-            visible: storage("visible clusters", bytes::<VisibleCluster>(room.visible))?,
-            numbers: storage("visible clusters", bytes::<u32>(room.visible))?,
-            draws: dispatch(2)?,
+            numbers: storage("visible clusters", 2 * bytes::<u32>(room.visible))?,
+            draws: dispatch(List::COUNT)?,
+            calls: context.buffer("draws", bytes::<Call>(List::COUNT), DISPATCH)?,
             counters: storage("counters", bytes::<Counters>(1))?,
             steps: dispatch(Step::COUNT)?,
         })
@@ -106,19 +113,19 @@ impl Phase {
 
     /// Lists start empty, bits at zero.
     fn clear(&self, encoder: &mut CommandEncoder) {
-        let one = [&self.group_bits, &self.culling, &self.counting, &self.draws, &self.counters, &self.steps];
-        self.levels.iter().chain(one).for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
+        let lists = [&self.culling, &self.counting, &self.draws, &self.calls, &self.steps];
+        let one = [&self.group_bits, &self.counters];
+        self.levels.iter().chain(lists).chain(one).for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
     }
 
     /// What comes back of it, in the order in which [`Buffers::split`] hands it out; `starts` entries of its list.
-    fn parts(&self, starts: u32, room: Room) -> Vec<Part<'_>> {
+    fn parts(&self, starts: u32) -> Vec<Part<'_>> {
         let dispatch = bytes::<Dispatch>(1);
         let mut parts = vec![
             Part { buffer: &self.counters, bytes: bytes::<Counters>(1) },
             Part { buffer: &self.culling, bytes: dispatch },
-            Part { buffer: &self.draws, bytes: 2 * dispatch },
+            Part { buffer: &self.draws, bytes: bytes::<Dispatch>(List::COUNT) },
             Part { buffer: &self.starts, bytes: bytes::<Visit>(starts) },
-            Part { buffer: &self.visible, bytes: bytes::<VisibleCluster>(room.visible) },
         ];
         parts.extend(self.levels.iter().map(|buffer| Part { buffer, bytes: dispatch }));
         parts
@@ -138,9 +145,12 @@ pub(super) struct Buffers {
     pub(super) nowhere: [Buffer; 2],
     /// The words of the bits of all groups, for the first phase; for the second, a step of the first says it.
     pub(super) group_blocks: Buffer,
+    /// The visible list: of the first phase, then of both.
+    pub(super) visible: Buffer,
     /// Numbers in the list of both phases for those of the first.
     pub(super) renumbered: Buffer,
     pub(super) words: Buffer,
+    pub(super) outputs: Vec<(Output, Buffer)>,
     pub(super) times: Times,
     /// What comes back, and the bytes of it.
     pub(super) staging: Buffer,
@@ -158,11 +168,24 @@ fn bytes<T>(count: u32) -> u64 {
     u64::from(count) * size_of::<T>() as u64
 }
 
+/// Bytes of an array of so many pixels, in whole words.
+fn array_bytes(output: Output, pixels: u64) -> u64 {
+    let word = size_of::<u32>() as u64;
+    match output {
+        // Four pixels are three words.
+        _ if output.rgb() => pixels.div_ceil(4) * 3 * word,
+        Output::Normal => pixels * 3 * word,
+        _ => pixels * word,
+    }
+}
+
 impl Buffers {
     pub(super) fn new(context: &Context, shape: Shape) -> Result<Self> {
-        let Shape { instances, pixels, room, occlusion, .. } = shape;
+        let Shape { instances, pixels, room, occlusion, outputs, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let visits = || storage("nodes to look at", bytes::<Visit>(room.visits));
+        let made =
+            |output: Output| Ok((output, storage("an array of the picture", array_bytes(output, pixels))?));
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let mut phases = vec![Phase::new(context, shape, instances)?];
         if occlusion {
@@ -178,8 +201,10 @@ impl Buffers {
                 storage("dispatches", bytes::<Dispatch>(1))?,
             ],
             group_blocks: context.buffer("dispatches", bytes::<Dispatch>(1), DISPATCH)?,
+            visible: storage("visible clusters", bytes::<VisibleCluster>(room.visible))?,
             renumbered: storage("visible clusters", if occlusion { bytes::<u32>(room.visible) } else { 0 })?,
             words: storage("the pixels of the picture", pixels * size_of::<u64>() as u64)?,
+            outputs: outputs.iter().map(made).collect::<Result<_>>()?,
             times: Times::new(context)?,
             staging: context.buffer("counters", 0, BufferUsages::MAP_READ)?,
             staged: 0,
@@ -191,13 +216,18 @@ impl Buffers {
     }
 
     /// What comes back: of the frame, then of each phase.
-    fn parts(&self) -> Vec<Vec<Part<'_>>> {
+    fn parts<'a>(&'a self) -> Vec<Vec<Part<'a>>> {
         let Shape { instances, pixels, room, .. } = self.shape;
-        let pixels = pixels * size_of::<u64>() as u64;
+        let words = pixels * size_of::<u64>() as u64;
         let ticks = Part { buffer: self.times.ticks(), bytes: Times::BYTES };
-        let mut parts = vec![vec![ticks, Part { buffer: &self.words, bytes: pixels }]];
+        let visible = Part { buffer: &self.visible, bytes: bytes::<VisibleCluster>(room.visible) };
+        let mut whole = vec![ticks, Part { buffer: &self.words, bytes: words }, visible];
+        let array =
+            |(output, buffer): &'a (Output, Buffer)| Part { buffer, bytes: array_bytes(*output, pixels) };
+        whole.extend(self.outputs.iter().map(array));
+        let mut parts = vec![whole];
         let starts = [instances, room.visits];
-        parts.extend(self.phases.iter().zip(starts).map(|(phase, starts)| phase.parts(starts, room)));
+        parts.extend(self.phases.iter().zip(starts).map(|(phase, starts)| phase.parts(starts)));
         parts
     }
 
@@ -205,6 +235,8 @@ impl Buffers {
     pub(super) fn clear(&self, encoder: &mut CommandEncoder) {
         self.phases.iter().for_each(|phase| phase.clear(encoder));
         encoder.clear_buffer(&self.words, 0, None);
+        let counted = self.outputs.iter().find(|(output, _)| *output == Output::Overdraw);
+        counted.iter().for_each(|(_, counts)| encoder.clear_buffer(counts, 0, None));
     }
 
     /// What `group_blocks` holds.
@@ -234,15 +266,49 @@ impl Buffers {
     }
 }
 
-/// Records a pass of a stage in a phase.
+/// What the rasterizers bind.
+pub(super) type RasterBindings<'a> = [&'a Buffer; 12];
+
+/// That of a phase.
+pub(super) fn raster_bindings<'a>(
+    buffers: &'a Buffers,
+    meshes: &'a Meshes,
+    seen: &'a Buffer,
+    phase: shaders::Phase,
+    words: &'a Buffer,
+) -> RasterBindings<'a> {
+    let own = &buffers.phases[phase as usize];
+    let [pages, pages_1, pages_2, pages_3] = meshes.pages();
+    [
+        &buffers.view,
+        seen,
+        meshes.page_offsets(),
+        pages,
+        &buffers.visible,
+        &own.numbers,
+        &own.draws,
+        words,
+        &own.counters,
+        pages_1,
+        pages_2,
+        pages_3,
+    ]
+}
+
+/// Records a stage for a view, in a phase.
 pub(super) struct Recorder<'a> {
     pub(super) context: &'a Context,
     pub(super) meshes: &'a Meshes,
+    /// The instances of the scene, and how many slots there are.
+    pub(super) instances: &'a Slots,
+    pub(super) slots: u32,
+    /// The same as seen from the view.
+    pub(super) seen: &'a Buffer,
     pub(super) buffers: &'a Buffers,
     pub(super) pyramids: &'a Pyramids,
-    /// As the scene places them, and as seen from the view; and how many slots there are.
-    pub(super) instances: [&'a Buffer; 2],
-    pub(super) slots: u32,
+    pub(super) light: &'a Light,
+    /// What is hidden is left out, in two phases.
+    pub(super) culling: bool,
     pub(super) phase: shaders::Phase,
     pub(super) pass: ComputePass<'a>,
 }
@@ -274,24 +340,34 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// What both rasterizers bind.
-    pub(super) fn raster_bindings(&self) -> [&'a Buffer; 12] {
-        let (b, m, own) = (self.buffers, self.meshes, self.own());
+    /// What the rasterizers bind, which write into `words`.
+    pub(super) fn raster_bindings(&self, words: &'a Buffer) -> RasterBindings<'a> {
+        raster_bindings(self.buffers, self.meshes, self.seen, self.phase, words)
+    }
+
+    /// What shading and all other arrays bind, one of which goes to `out`.
+    pub(super) fn surface_bindings(&self, out: &'a Buffer) -> [&'a Buffer; 11] {
+        let (b, m) = (self.buffers, self.meshes);
         let [pages, pages_1, pages_2, pages_3] = m.pages();
         [
             &b.view,
-            self.instances[1],
+            self.seen,
             m.page_offsets(),
             pages,
-            &own.visible,
-            &own.numbers,
-            &own.draws,
-            &b.words,
-            &own.counters,
             pages_1,
             pages_2,
             pages_3,
+            &b.visible,
+            &self.instances.looks,
+            &b.words,
+            out,
         ]
+    }
+
+    /// Workgroups whose lanes take four pixels each.
+    pub(super) fn picture_workgroups(&self) -> u32 {
+        // As many as a picture has at most fit.
+        self.buffers.shape.pixels.div_ceil(u64::from(4 * shaders::WIDTH)) as u32
     }
 
     fn prepare(&mut self, kernel: Kernel, buffers: &[&Buffer]) {

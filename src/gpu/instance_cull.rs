@@ -6,7 +6,7 @@ use super::shaders::{Kernel, WIDTH};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
     let (b, own, [later, later_level]) = (r.buffers, r.own(), r.later());
-    let [placed, seen] = r.instances;
-    let bindings = [&b.view, placed, seen, &own.starts, &own.levels[0], r.pyramid(), later, later_level];
+    let bindings =
+        [&b.view, &r.instances.placed, r.seen, &own.starts, &own.levels[0], r.pyramid(), later, later_level];
     r.run(Kernel::InstanceCull, &bindings, r.slots.div_ceil(WIDTH));
 }

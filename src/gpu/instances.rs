@@ -8,19 +8,20 @@ use wgpu::{Buffer, BufferUsages};
 use super::context::Context;
 use super::meshes::Meshes;
 use crate::error::{Error, Result};
-use crate::gpu_types::{Instance, Placed};
+use crate::gpu_types::{Look, Placed};
 use crate::model::Dag;
 
 /// Slots that did not change are written along where the way around is as short.
 const GAP: usize = 16;
 
 /// What the arrays hold, for messages.
-const WHAT: &str = "the instances of the scene";
+pub(super) const WHAT: &str = "the instances of the scene";
 
 /// The slots of a scene.
 #[derive(Debug, Default)]
 pub(super) struct Instances {
     records: Vec<Placed>,
+    looks: Vec<Look>,
     meshes: Vec<Option<Arc<Dag>>>,
     /// Slots to write, with repetitions.
     changed: Vec<u32>,
@@ -34,10 +35,12 @@ pub(super) struct Instances {
 
 /// The arrays on the device.
 #[derive(Debug)]
-struct Slots {
+pub(super) struct Slots {
     room: u32,
-    placed: Buffer,
-    seen: Buffer,
+    /// As the scene places them.
+    pub(super) placed: Buffer,
+    /// How they look.
+    pub(super) looks: Buffer,
 }
 
 impl Instances {
@@ -47,16 +50,18 @@ impl Instances {
     }
 
     /// Puts an instance in a slot, or nothing. Where its mesh lies on the device is found out later.
-    pub(super) fn set(&mut self, slot: u32, instance: Option<(Placed, &Arc<Dag>)>) {
+    pub(super) fn set(&mut self, slot: u32, instance: Option<(Placed, Look, &Arc<Dag>)>) {
         let index = slot as usize;
         if self.records.len() <= index {
             self.records.resize(index + 1, bytemuck::Zeroable::zeroed());
+            self.looks.resize(index + 1, bytemuck::Zeroable::zeroed());
             self.meshes.resize(index + 1, None);
         }
-        let (record, mesh) = match instance {
-            Some((record, mesh)) => (record, Some(mesh)),
-            None => (bytemuck::Zeroable::zeroed(), None),
+        let (record, look, mesh) = match instance {
+            Some((record, look, mesh)) => (record, look, Some(mesh)),
+            None => (bytemuck::Zeroable::zeroed(), bytemuck::Zeroable::zeroed(), None),
         };
+        self.looks[index] = look;
         let known = self.meshes[index].as_ref();
         if known.map(Arc::as_ptr) != mesh.map(Arc::as_ptr) {
             self.rearranged = true;
@@ -107,8 +112,8 @@ impl Instances {
             let buffer = |bytes: usize| context.buffer(WHAT, u64::from(room) * bytes as u64, storage);
             // The old ones go first.
             self.buffers = None;
-            let (placed, seen) = (buffer(size_of::<Placed>())?, buffer(size_of::<Instance>())?);
-            self.buffers = Some(Slots { room, placed, seen });
+            let (placed, looks) = (buffer(size_of::<Placed>())?, buffer(size_of::<Look>())?);
+            self.buffers = Some(Slots { room, placed, looks });
             self.changed = (0..self.len()).collect();
         }
         let Some(slots) = &self.buffers else { return Ok(0) };
@@ -116,10 +121,9 @@ impl Instances {
         self.changed.sort_unstable();
         for run in self.changed.chunk_by(|a, b| (b - a) as usize <= GAP) {
             let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
-            let records = &self.records[*first as usize..=*last as usize];
-            let offset = u64::from(*first) * size_of::<Placed>() as u64;
-            context.write(WHAT, &slots.placed, offset, bytemuck::cast_slice(records))?;
-            written += size_of_val(records) as u64;
+            let run = *first as usize..=*last as usize;
+            written += write(context, &slots.placed, *first, &self.records[run.clone()])?;
+            written += write(context, &slots.looks, *first, &self.looks[run])?;
         }
         self.changed.clear();
         Ok(written)
@@ -154,8 +158,20 @@ impl Instances {
         Ok(())
     }
 
-    /// As the scene places them, and as seen from the view.
-    pub(super) fn buffers(&self) -> Option<[&Buffer; 2]> {
-        self.buffers.as_ref().map(|slots| [&slots.placed, &slots.seen])
+    /// The arrays on the device, once there are any.
+    pub(super) fn slots(&self) -> Option<&Slots> {
+        self.buffers.as_ref()
     }
+}
+
+/// Writes entries from `first` on; returns how many bytes these are.
+fn write<T: bytemuck::NoUninit>(
+    context: &Context,
+    buffer: &Buffer,
+    first: u32,
+    entries: &[T],
+) -> Result<u64> {
+    let offset = u64::from(first) * size_of::<T>() as u64;
+    context.write(WHAT, buffer, offset, bytemuck::cast_slice(entries))?;
+    Ok(size_of_val(entries) as u64)
 }

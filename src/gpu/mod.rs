@@ -5,6 +5,7 @@
 //! visibility buffer, the visible list and the counts of every list; where one was too short, it grows and the frame
 //! runs again. [`context`] finds a device, [`meshes`] holds what is uploaded once, [`shaders`] puts sources together.
 
+mod calibrate;
 mod cluster_cull;
 pub mod context;
 mod frame;
@@ -14,12 +15,15 @@ mod instances;
 pub mod meshes;
 mod node_cull;
 mod occlusion;
+mod output;
+mod raster_hardware;
 mod raster_large;
 mod raster_small;
 pub mod renderer;
+mod shade;
 pub mod shaders;
 mod times;
 
 pub use context::Context;
-pub use renderer::{Counted, DeviceStage, Drawn, Renderer, Ways};
+pub use renderer::{Counted, DeviceStage, Drawn, Job, Renderer, Ways};
 pub use shaders::Phase;

@@ -14,7 +14,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         let to = &b.visits[(level + 1) % 2];
         let bindings = [
             &b.view,
-            r.instances[1],
+            r.seen,
             m.nodes(),
             m.groups(),
             from,
@@ -42,7 +42,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     r.run(Kernel::ScanBlocks, &[blocks, &own.group_sums], 1);
     let bindings = [
         &b.view,
-        r.instances[1],
+        r.seen,
         m.groups(),
         &own.group_bits,
         blocks,

@@ -2,17 +2,23 @@
 
 use std::sync::Arc;
 
-use wgpu::{Buffer, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
+use wgpu::{Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
 
 use super::context::Context;
-use super::frame::{Buffers, Recorder, Room, Shape};
-use super::instances::Instances;
+use super::frame::{Buffers, Recorder, Room, Shape, raster_bindings};
+use super::instances::{self, Instances, Slots};
 use super::meshes::Meshes;
 use super::occlusion::{self, Pyramids};
-use super::shaders::{Phase, Words};
-use super::{cluster_cull, hzb, instance_cull, node_cull, raster_large, raster_small, times};
+use super::raster_hardware::{self, Draw, Target};
+use super::shade::Light;
+use super::shaders::{List, Phase, Words};
+use super::times::Times;
+use super::{cluster_cull, hzb, instance_cull, node_cull, output, raster_large, raster_small, shade, times};
+use crate::config::{Output, Outputs, Raster};
 use crate::error::{Error, Result};
-use crate::gpu_types::{Counters, Dispatch, Placed, View, VisibleCluster, Visit};
+use crate::gpu_types::{
+    self, Array, Counters, Dispatch, Instance, Lighting, Look, Placed, View, VisibleCluster, Visit,
+};
 use crate::limits::MAX_VISIBLE;
 use crate::model::Dag;
 
@@ -26,6 +32,23 @@ pub struct Ways {
     pub wide_atomics: bool,
     /// Leaves out what is hidden, in two phases.
     pub occlusion: bool,
+    /// Which rasterizers draw; of these ways the only one that may be seen.
+    pub raster: Raster,
+}
+
+/// A view to draw, and the arrays to make of its picture.
+#[derive(Debug)]
+pub struct Job<'a> {
+    /// The view.
+    pub view: View,
+    /// The visibility buffer that is filled.
+    pub words: &'a mut [u64],
+    /// The arrays.
+    pub outputs: Outputs,
+    /// All but the lights.
+    pub lighting: Lighting,
+    /// The lights.
+    pub lights: Vec<gpu_types::Light>,
 }
 
 /// A stage of the device.
@@ -43,6 +66,10 @@ pub enum DeviceStage {
     RasterLarge,
     /// `hzb`.
     Hzb,
+    /// `shade`.
+    Shade,
+    /// `output`.
+    Output,
 }
 
 /// What a phase counted.
@@ -69,8 +96,12 @@ pub struct Drawn {
     pub instances: Vec<u32>,
     /// The visible list, in scene order.
     pub visible: Vec<VisibleCluster>,
+    /// The arrays asked for.
+    pub made: Vec<(Output, Array)>,
     /// Bytes of instances written to the device.
     pub uploaded_bytes: u64,
+    /// Which rasterizers drew it.
+    pub raster: Raster,
     /// One phase, or two.
     pub phases: Vec<Counted>,
     /// Stage, phase and milliseconds of each pass on the device; NaN where it takes no time.
@@ -84,23 +115,77 @@ pub struct Renderer {
     meshes: Meshes,
     instances: Instances,
     room: Room,
+    /// By their place among the views drawn together.
+    sights: Vec<Sight>,
+    /// There once the hardware rasterizer has drawn.
+    target: Option<Target>,
+}
+
+/// What a view keeps on the device between frames.
+#[derive(Debug)]
+struct Sight {
+    /// The instances as seen from it, with room for so many slots.
+    seen: Option<(u32, Buffer)>,
     buffers: Option<Buffers>,
     pyramids: Pyramids,
+    light: Light,
+}
+
+impl Sight {
+    fn new(context: &Context) -> Result<Self> {
+        let (pyramids, light) = (Pyramids::new(context, (0, 0))?, Light::new(context)?);
+        Ok(Self { seen: None, buffers: None, pyramids, light })
+    }
+
+    /// Gets ready to draw; returns the view with what was to be filled in, and whether it culls what is hidden.
+    fn prepare(
+        &mut self,
+        context: &Context,
+        instances: &Instances,
+        job: &Job<'_>,
+        occlusion: bool,
+    ) -> Result<(View, bool)> {
+        self.light.write(context, &job.lighting, &job.lights)?;
+        let room = instances.room();
+        if self.seen.as_ref().is_none_or(|(seen, _)| *seen != room) {
+            self.seen = None;
+            let bytes = u64::from(room) * size_of::<Instance>() as u64;
+            let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+            self.seen = Some((room, context.buffer(instances::WHAT, bytes, storage)?));
+        }
+        let mut view = View { instances: instances.len(), group_words: instances.group_words(), ..job.view };
+        if !occlusion {
+            return Ok((view, false));
+        }
+        let size = (view.width, view.height);
+        if self.pyramids.size() != size {
+            self.pyramids = Pyramids::new(context, size)?;
+        }
+        self.pyramids.recall(&mut view);
+        Ok((view, !self.pyramids.paused()))
+    }
+
+    /// Takes in that a frame was drawn, with culling or without.
+    fn remember(&mut self, view: &View, drawn: &Drawn, culling: bool, occlusion: bool) {
+        if culling {
+            let counters = drawn.phases.iter().map(|phase| phase.counters);
+            let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
+            let built = counters.clone().any(|c| c.pyramid != 0);
+            let hidden = |phase: &Counted| phase.hidden_instances + u64::from(phase.counters.held);
+            let hidden = drawn.phases.get(1).map_or(0, hidden);
+            self.pyramids.remember(view, counters.map(triangles).sum(), hidden, built);
+        } else if occlusion {
+            self.pyramids.wait();
+        }
+    }
 }
 
 impl Renderer {
     /// A renderer on the best device there is.
     pub fn new() -> Result<Self> {
         let context = Context::shared()?;
-        let pyramids = Pyramids::new(&context, (0, 0))?;
-        Ok(Self {
-            context,
-            meshes: Meshes::default(),
-            instances: Instances::default(),
-            room: FIRST_ROOM,
-            buffers: None,
-            pyramids,
-        })
+        let (meshes, instances) = (Meshes::default(), Instances::default());
+        Ok(Self { context, meshes, instances, room: FIRST_ROOM, sights: Vec::new(), target: None })
     }
 
     /// The device.
@@ -114,68 +199,76 @@ impl Renderer {
     }
 
     /// Puts an instance in a slot of the scene, or nothing. Where its mesh lies on the device is filled in.
-    pub fn set(&mut self, slot: u32, instance: Option<(Placed, &Arc<Dag>)>) {
+    pub fn set(&mut self, slot: u32, instance: Option<(Placed, Look, &Arc<Dag>)>) {
         self.instances.set(slot, instance);
     }
 
-    /// Whether a frame of this view with occlusion has no earlier one to start from.
-    pub fn starts(&self, view: &View) -> bool {
-        self.pyramids.starts(view)
+    /// Whether a frame of the view at a place has, with occlusion, no earlier one to start from.
+    pub fn starts(&self, place: usize, view: &View) -> bool {
+        self.sights.get(place).is_none_or(|sight| sight.pyramids.starts(view))
     }
 
-    /// Draws what is in the slots, in their order, into `words`, the visibility buffer of the view's picture.
-    pub fn draw(&mut self, view: &View, ways: Ways, words: &mut [u64]) -> Result<Drawn> {
+    /// Draws what is in the slots, in their order, from several views of pictures of one size, in one submission.
+    pub fn draw(&mut self, jobs: &mut [Job<'_>], ways: Ways) -> Result<Vec<Drawn>> {
         self.context.check()?;
+        let Some(first) = jobs.first() else { return Ok(Vec::new()) };
+        let size = (first.view.width, first.view.height);
         if !self.instances.any() {
-            words.fill(0);
-            return Ok(Drawn::default());
+            // Nothing is to be drawn, so nothing to be measured.
+            let raster = if ways.raster == Raster::Auto { Raster::Compute } else { ways.raster };
+            jobs.iter_mut().for_each(|job| job.words.fill(0));
+            return Ok(jobs.iter().map(|_| Drawn { raster, ..Drawn::default() }).collect());
         }
+        let raster = raster_hardware::choose(&self.context, ways.raster, size)?;
+        let hardware = raster != Raster::Compute;
+        if hardware && self.target.as_ref().is_none_or(|target| target.size() != size) {
+            self.target = Some(Target::new(&self.context, size));
+        }
+        let viewport = self.target.as_ref().filter(|_| hardware).map_or(0, Target::viewport);
         let uploaded_bytes = self.instances.upload(&self.context, &mut self.meshes)?;
-        let (group_words, depth) = (self.instances.group_words(), self.instances.depth());
-        let mut view = View { instances: self.instances.len(), group_words, ..*view };
-        let mut culling = ways.occlusion;
-        if ways.occlusion {
-            let size = (view.width, view.height);
-            if self.pyramids.size() != size {
-                self.pyramids = Pyramids::new(&self.context, size)?;
-            }
-            self.pyramids.recall(&mut view);
-            culling = !self.pyramids.paused();
+        while self.sights.len() < jobs.len() {
+            self.sights.push(Sight::new(&self.context)?);
+        }
+        let mut views = Vec::with_capacity(jobs.len());
+        for (sight, job) in self.sights.iter_mut().zip(&*jobs) {
+            let (view, culling) = sight.prepare(&self.context, &self.instances, job, ways.occlusion)?;
+            views.push((View { viewport, ..view }, culling));
         }
         loop {
-            let shape = Shape {
-                instances: self.instances.room(),
-                group_words,
-                depth,
-                pixels: words.len() as u64,
-                room: self.room,
-                occlusion: ways.occlusion,
-            };
-            // Others go before new ones are made.
-            let buffers = match self.buffers.take().filter(|b| b.shape == shape) {
-                Some(buffers) => buffers,
-                None => Buffers::new(&self.context, shape).inspect_err(|_| self.room = FIRST_ROOM)?,
-            };
-            let (mut drawn, wanted) = self.submit(&buffers, &view, (ways.wide_atomics, culling), words)?;
-            self.buffers = Some(buffers);
-            if wanted.visible as usize > MAX_VISIBLE {
-                let count = wanted.visible;
+            for (sight, job) in self.sights.iter_mut().zip(&*jobs) {
+                let shape = Shape {
+                    instances: self.instances.room(),
+                    group_words: self.instances.group_words(),
+                    depth: self.instances.depth(),
+                    pixels: job.words.len() as u64,
+                    room: self.room,
+                    occlusion: ways.occlusion,
+                    // Its lists are for other rasterizers then than those which count.
+                    outputs: if hardware { job.outputs.without(Output::Overdraw) } else { job.outputs },
+                };
+                if sight.buffers.as_ref().is_none_or(|buffers| buffers.shape != shape) {
+                    // Others go before new ones are made.
+                    sight.buffers = None;
+                    let made = Buffers::new(&self.context, shape);
+                    sight.buffers = Some(made.inspect_err(|_| self.room = FIRST_ROOM)?);
+                }
+            }
+            let mut turns = Vec::with_capacity(jobs.len());
+            for (sight, (view, culling)) in self.sights.iter().zip(&views) {
+                let (Some((_, seen)), Some(buffers)) = (&sight.seen, &sight.buffers) else { continue };
+                turns.push(Turn { view, culling: *culling, seen, buffers, sight });
+            }
+            let (mut drawn, lengths) = self.submit(&turns, Ways { raster, ..ways }, jobs)?;
+            if lengths.visible as usize > MAX_VISIBLE {
+                let count = lengths.visible;
                 let message = format!("{count} clusters are visible at once, the most is {MAX_VISIBLE}");
                 return Err(Error::TooLarge(message));
             }
-            let room = self.room.grown(wanted);
+            let room = self.room.grown(lengths);
             if room == self.room {
-                drawn.uploaded_bytes = uploaded_bytes;
-                if culling {
-                    let counters = drawn.phases.iter().map(|phase| phase.counters);
-                    let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
-                    let built = counters.clone().any(|c| c.pyramid != 0);
-                    let triangles = counters.map(triangles).sum();
-                    let hidden = |phase: &Counted| phase.hidden_instances + u64::from(phase.counters.held);
-                    let hidden = drawn.phases.get(1).map_or(0, hidden);
-                    self.pyramids.remember(&view, triangles, hidden, built);
-                } else if ways.occlusion {
-                    self.pyramids.wait();
+                for ((drawn, sight), (view, culling)) in drawn.iter_mut().zip(&mut self.sights).zip(&views) {
+                    (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
+                    sight.remember(view, drawn, *culling, ways.occlusion);
                 }
                 return Ok(drawn);
             }
@@ -183,78 +276,170 @@ impl Renderer {
         }
     }
 
-    /// Runs the stages once, with wide atomics or not, in two phases or one; also the lengths that its lists wanted.
-    fn submit(
-        &self,
-        buffers: &Buffers,
-        view: &View,
-        (wide_atomics, culling): (bool, bool),
-        words: &mut [u64],
-    ) -> Result<(Drawn, Room)> {
+    /// Runs the stages once; also the lengths that their lists wanted.
+    fn submit(&self, turns: &[Turn<'_>], ways: Ways, jobs: &mut [Job<'_>]) -> Result<(Vec<Drawn>, Room)> {
+        let Ways { wide_atomics, raster, .. } = ways;
         let context = &*self.context;
         let queue = context.queue();
-        queue.write_buffer(&buffers.view, 0, bytemuck::bytes_of(view));
         let mut encoder = context.device().create_command_encoder(&CommandEncoderDescriptor::default());
-        buffers.clear(&mut encoder);
-        queue.write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&buffers.group_dispatch()));
+        for Turn { view, buffers, .. } in turns {
+            queue.write_buffer(&buffers.view, 0, bytemuck::bytes_of(*view));
+            queue.write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&buffers.group_dispatch()));
+            buffers.clear(&mut encoder);
+        }
         let forms: &[Words] = match wide_atomics && context.wide_atomics() {
             true => &[Words::Wide],
             false => &[Words::Keys, Words::Lows],
         };
-        let Some(instances) = self.instances.buffers() else { return Ok(Default::default()) };
-        let slots = self.instances.len();
+        let (Some(instances), Some(first)) = (self.instances.slots(), turns.first()) else {
+            return Ok(Default::default());
+        };
+        let times = &first.buffers.times;
         let mut passes =
-            Passes { renderer: self, buffers, instances, slots, encoder: &mut encoder, passes: Vec::new() };
-        let phases = if culling { &[Phase::First, Phase::Second][..] } else { &[Phase::First] };
-        for &phase in phases {
-            if phase == Phase::First {
-                passes.run(DeviceStage::InstanceCull, phase, instance_cull::record);
-            }
+            Passes { renderer: self, turns, instances, times, encoder: &mut encoder, passes: Vec::new() };
+        passes.run(DeviceStage::InstanceCull, Phase::First, instance_cull::record);
+        for phase in [Phase::First, Phase::Second] {
             passes.run(DeviceStage::NodeCull, phase, node_cull::record);
             passes.run(DeviceStage::ClusterCull, phase, |r| {
                 cluster_cull::record(r);
-                if culling {
+                if r.culling {
                     occlusion::record(r);
                 }
             });
             for &form in forms {
-                passes.run(DeviceStage::RasterSmall, phase, |r| raster_small::record(r, form));
-                passes.run(DeviceStage::RasterLarge, phase, |r| raster_large::record(r, form));
+                if raster == Raster::Hardware {
+                    passes.draw(DeviceStage::RasterSmall, phase, List::Small, form);
+                } else {
+                    passes.run(DeviceStage::RasterSmall, phase, |r| {
+                        raster_small::record(r, form, &r.buffers.words)
+                    });
+                }
+                let mut rest = List::Large;
+                if raster != Raster::Compute {
+                    passes.draw(DeviceStage::RasterLarge, phase, List::Large, form);
+                    rest = List::Clipped;
+                }
+                passes.run(DeviceStage::RasterLarge, phase, |r| {
+                    raster_large::record(r, rest, form, &r.buffers.words)
+                });
             }
-            if culling {
-                passes.run(DeviceStage::Hzb, phase, hzb::record);
+            // The visible list is that of this phase now, and not later.
+            if jobs.iter().any(|job| job.outputs.contains(Output::Overdraw)) {
+                passes.run(DeviceStage::Output, phase, output::count);
+            }
+            if turns.iter().any(|turn| turn.culling) {
+                passes.run(DeviceStage::Hzb, phase, |r| {
+                    if r.culling {
+                        hzb::record(r);
+                    }
+                });
             }
         }
+        if jobs.iter().any(|job| job.outputs.contains(Output::Color)) {
+            passes.run(DeviceStage::Shade, Phase::First, shade::record);
+        }
+        let apart = |output| !matches!(output, Output::Color | Output::Overdraw);
+        if jobs.iter().any(|job| job.outputs.iter().any(apart)) {
+            passes.run(DeviceStage::Output, Phase::First, output::record);
+        }
         let passes = passes.passes;
-        buffers.times.resolve(&mut encoder, passes.len() as u32);
-        buffers.copy_back(&mut encoder);
-        let mut result = Default::default();
-        context.submit(encoder, &buffers.staging, buffers.staged, |staged| {
-            result = report(&buffers.split(staged), &passes, context.tick(), words);
-        })?;
-        Ok(result)
+        times.resolve(&mut encoder, passes.len() as u32);
+        turns.iter().for_each(|turn| turn.buffers.copy_back(&mut encoder));
+        let submission = context.start(encoder)?;
+        let (mut drawn, mut lengths) = (Vec::with_capacity(turns.len()), Room::default());
+        for (Turn { buffers, .. }, job) in turns.iter().zip(jobs) {
+            context.read(submission.clone(), &buffers.staging, buffers.staged, |staged| {
+                let (own, wanted) =
+                    report(&buffers.split(staged), buffers.shape, &passes, context.tick(), job.words);
+                lengths = lengths.grown(wanted);
+                drawn.push(own);
+            })?;
+        }
+        // They are of all views together, and come with the first.
+        if let Some((first, others)) = drawn.split_first_mut() {
+            others.iter_mut().for_each(|other| other.times.clone_from(&first.times));
+        }
+        Ok((drawn, lengths))
     }
 }
 
-/// Records stages, a pass at a time.
+/// A view in a submission.
+struct Turn<'a> {
+    view: &'a View,
+    culling: bool,
+    seen: &'a Buffer,
+    buffers: &'a Buffers,
+    sight: &'a Sight,
+}
+
+/// Records stages for all views, a pass at a time.
 struct Passes<'a> {
     renderer: &'a Renderer,
-    buffers: &'a Buffers,
-    instances: [&'a Buffer; 2],
-    slots: u32,
+    turns: &'a [Turn<'a>],
+    instances: &'a Slots,
+    times: &'a Times,
     encoder: &'a mut CommandEncoder,
     /// Stage and phase of each so far.
     passes: Vec<(DeviceStage, Phase)>,
 }
 
-impl Passes<'_> {
-    fn run(&mut self, stage: DeviceStage, phase: Phase, record: impl FnOnce(&mut Recorder<'_>)) {
-        let timestamp_writes = self.buffers.times.of_pass(self.passes.len() as u32);
-        let pass = self.encoder.begin_compute_pass(&ComputePassDescriptor { label: None, timestamp_writes });
-        let Renderer { context, meshes, pyramids, .. } = self.renderer;
-        let Self { buffers, instances, slots, .. } = *self;
-        record(&mut Recorder { context, meshes, buffers, pyramids, instances, slots, phase, pass });
+impl<'a> Passes<'a> {
+    /// Of a phase, the views that have it.
+    fn turns(&self, phase: Phase) -> Vec<&'a Turn<'a>> {
+        self.turns.iter().filter(|turn| phase == Phase::First || turn.culling).collect()
+    }
+
+    fn run(&mut self, stage: DeviceStage, phase: Phase, record: impl Fn(&mut Recorder<'a>)) {
+        let turns = self.turns(phase);
+        if turns.is_empty() {
+            return;
+        }
+        let timestamp_writes = self.times.of_pass(self.passes.len() as u32);
+        let descriptor = ComputePassDescriptor { label: None, timestamp_writes };
+        // It ends below, where the last recorder does.
+        let mut pass = self.encoder.begin_compute_pass(&descriptor).forget_lifetime();
+        let Renderer { context, meshes, .. } = self.renderer;
+        let (instances, slots) = (self.instances, self.renderer.instances.len());
+        for Turn { seen, buffers, culling, sight, .. } in turns {
+            let (pyramids, light, culling) = (&sight.pyramids, &sight.light, *culling);
+            let mut recorder = Recorder {
+                context,
+                meshes,
+                instances,
+                slots,
+                seen,
+                buffers,
+                pyramids,
+                light,
+                culling,
+                phase,
+                pass,
+            };
+            record(&mut recorder);
+            pass = recorder.pass;
+        }
         self.passes.push((stage, phase));
+    }
+
+    /// Has the device's rasterizer draw a list.
+    fn draw(&mut self, stage: DeviceStage, phase: Phase, list: List, words: Words) {
+        let Renderer { context, meshes, target: Some(target), .. } = self.renderer else { return };
+        let (turns, number) = (self.turns(phase), self.passes.len() as u32);
+        for (place, Turn { buffers, seen, .. }) in turns.iter().enumerate() {
+            let draw = Draw {
+                list,
+                words,
+                split: meshes.split(),
+                bindings: raster_bindings(buffers, meshes, seen, phase, &buffers.words),
+                calls: &buffers.phases[phase as usize].calls,
+                target,
+                times: self.times.of_draw(number, place == 0, place + 1 == turns.len()),
+            };
+            draw.record(context, self.encoder);
+        }
+        if !turns.is_empty() {
+            self.passes.push((stage, phase));
+        }
     }
 }
 
@@ -271,37 +456,44 @@ fn list<T: bytemuck::Pod>(bytes: &[u8], count: u32) -> Vec<T> {
 /// Reads what came back: the frame, and the lengths that its lists wanted.
 fn report(
     parts: &[Vec<&[u8]>],
+    shape: Shape,
     passes: &[(DeviceStage, Phase)],
     tick: Option<f64>,
     words: &mut [u64],
 ) -> (Drawn, Room) {
     let (mut drawn, mut wanted) = <(Drawn, Room)>::default();
+    // Of both phases where the second listed any, else of the first.
+    let (mut visible, mut listed) = (&[][..], 0);
     for (number, parts) in parts.iter().enumerate() {
         if number == 0 {
-            let [ticks, pixels] = parts[..] else { continue };
+            let [ticks, pixels, list, arrays @ ..] = &parts[..] else { continue };
             bytemuck::cast_slice_mut(words).copy_from_slice(pixels);
+            visible = list;
+            let pixels = words.len();
+            let arrays = shape.outputs.iter().zip(arrays);
+            drawn.made = arrays.map(|(output, bytes)| (output, Array::read(output, pixels, bytes))).collect();
             let times = passes.iter().zip(times::milliseconds(ticks, tick));
             drawn.times = times.map(|((stage, phase), ms)| (*stage, *phase, ms)).collect();
             continue;
         }
-        let [counters, culling, draws, starts, visible, levels @ ..] = &parts[..] else { continue };
+        let [counters, culling, draws, starts, levels @ ..] = &parts[..] else { continue };
         let counters: Counters = value(counters);
         let groups = value::<Dispatch>(culling).count;
-        let draws: [Dispatch; 2] = value(draws);
+        let draws = list::<Dispatch>(draws, List::COUNT);
         let levels: Vec<Dispatch> = levels.iter().map(|level| value(level)).collect();
         let of_levels = |of: fn(&Dispatch) -> u32| levels.iter().map(|level| u64::from(of(level))).sum();
         let visited: u64 = of_levels(|level| level.count);
         // The second phase starts anywhere; what it starts at a root is an instance that the first did not walk.
         let roots = list::<Visit>(starts, levels[0].count).into_iter().filter(|visit| visit.node == 0);
         drawn.instances.extend(roots.map(|visit| visit.instance));
-        if number == 1 || counters.visible > 0 {
-            drawn.visible = list(visible, counters.visible);
+        if counters.visible > 0 {
+            listed = counters.visible;
         }
         drawn.phases.push(Counted {
             starts: u64::from(levels[0].count),
             visited: visited + of_levels(|level| level.visited),
             groups: u64::from(groups),
-            clusters: u64::from(draws[0].count) + u64::from(draws[1].count),
+            clusters: draws.iter().map(|draw| u64::from(draw.count)).sum(),
             hidden_instances: of_levels(|level| level.hidden),
             counters,
         });
@@ -311,6 +503,7 @@ fn report(
         wanted.candidates = wanted.candidates.max(groups);
         wanted.visible = wanted.visible.max(counters.visible);
     }
+    drawn.visible = list(visible, listed);
     drawn.instances.sort_unstable();
     drawn.instances.dedup();
     (drawn, wanted)

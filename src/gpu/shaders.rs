@@ -2,6 +2,8 @@
 
 use std::mem::offset_of;
 
+use crate::config::{OUTPUTS, Output};
+use crate::gpu_types::{LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH};
 use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN, PAGE_SLOT_BITS,
     PYRAMID_ABOVE, PYRAMID_FINER, PYRAMID_LEVELS, PYRAMID_REACH, SMALL_EDGE, SUBPIXEL_BITS, TRIANGLE_BITS,
@@ -77,6 +79,24 @@ pub enum Words {
     Keys,
     /// The largest low half among those with that key, the second.
     Lows,
+    /// How many triangles cover every pixel, instead.
+    Count,
+}
+
+/// The lists of clusters to draw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum List {
+    /// Those of small triangles.
+    Small,
+    /// Those of large ones; with the hardware rasterizer, that it takes.
+    Large,
+    /// With the hardware rasterizer, large ones that it does not take: that have to be clipped.
+    Clipped,
+}
+
+impl List {
+    /// How many there are.
+    pub const COUNT: u32 = 3;
 }
 
 /// Everything that runs on the device.
@@ -100,18 +120,24 @@ pub enum Kernel {
     RasterSmall(Words),
     /// Large clusters → visibility buffer.
     RasterLarge(Words),
+    /// Clusters of a list → visibility buffer, by the rasterizer of the device.
+    RasterHardware(List, Words),
     /// Visibility buffer → a round of the depth pyramid.
     Hzb(u32),
     /// Counts of a phase → what comes next.
     Settle(Phase),
     /// Visibility buffer of the first phase → with the numbers of both.
     Renumber,
+    /// Visibility buffer → colour.
+    Shade,
+    /// Visibility buffer → another array; colour and overdraw are made otherwise.
+    Output(Output),
     /// A long loop, to see whether the driver finishes it.
     LoopProbe,
 }
 
-/// All kernels; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 27] = [
+/// All that are dispatched; [`Kernel::number`] is the place here.
+pub const KERNELS: [Kernel; 39] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
@@ -139,6 +165,28 @@ pub const KERNELS: [Kernel; 27] = [
     Kernel::RasterLarge(Words::Wide),
     Kernel::RasterLarge(Words::Keys),
     Kernel::RasterLarge(Words::Lows),
+    Kernel::RasterSmall(Words::Count),
+    Kernel::RasterLarge(Words::Count),
+    Kernel::Shade,
+    Kernel::Output(Output::Depth),
+    Kernel::Output(Output::Normal),
+    Kernel::Output(Output::InstanceId),
+    Kernel::Output(Output::ClusterId),
+    Kernel::Output(Output::TriangleId),
+    Kernel::Output(Output::Triangles),
+    Kernel::Output(Output::Clusters),
+    Kernel::Output(Output::Groups),
+    Kernel::Output(Output::Levels),
+];
+
+/// All that draw, with a vertex and a fragment shader; [`Kernel::number`] is the place here.
+pub const DRAWS: [Kernel; 6] = [
+    Kernel::RasterHardware(List::Small, Words::Wide),
+    Kernel::RasterHardware(List::Small, Words::Keys),
+    Kernel::RasterHardware(List::Small, Words::Lows),
+    Kernel::RasterHardware(List::Large, Words::Wide),
+    Kernel::RasterHardware(List::Large, Words::Keys),
+    Kernel::RasterHardware(List::Large, Words::Lows),
 ];
 
 macro_rules! file {
@@ -159,11 +207,13 @@ const SCAN: &str = file!("shared/workgroup_scan");
 const TRIANGLE: &str = file!("shared/triangle");
 const PAIR: &str = file!("shared/pair");
 const WIDE: &str = file!("shared/wide");
+const SURFACE: &str = file!("shared/surface");
 
 impl Kernel {
-    /// Place in [`KERNELS`].
+    /// Place in [`KERNELS`], or in [`DRAWS`].
     pub fn number(self) -> usize {
-        KERNELS.iter().position(|k| *k == self).unwrap_or(KERNELS.len())
+        let place = |kernels: &[Self]| kernels.iter().position(|k| *k == self);
+        place(&KERNELS).or_else(|| place(&DRAWS)).unwrap_or(KERNELS.len())
     }
 
     /// Name of its file.
@@ -178,16 +228,22 @@ impl Kernel {
             Self::ListClusters(_) => "list_clusters",
             Self::RasterSmall(_) => "raster_small",
             Self::RasterLarge(_) => "raster_large",
+            Self::RasterHardware(..) => "raster_hardware",
             Self::Hzb(_) => "hzb",
             Self::Settle(_) => "settle",
             Self::Renumber => "renumber",
+            Self::Shade => "shade",
+            Self::Output(_) => "output",
             Self::LoopProbe => "loop_probe",
         }
     }
 
     fn files(self) -> Vec<&'static str> {
-        let words =
-            |words| if words == Words::Wide { file!("shared/words_64") } else { file!("shared/words_32") };
+        let words = |words| match words {
+            Words::Wide => file!("shared/words_64"),
+            Words::Keys | Words::Lows => file!("shared/words_32"),
+            Words::Count => file!("shared/words_count"),
+        };
         match self {
             Self::InstanceCull => {
                 vec![TYPES, CULL, DERIVE, OCCLUSION, APPEND, PUT_OFF, file!("instance_cull")]
@@ -202,9 +258,14 @@ impl Kernel {
             Self::RasterLarge(w) => {
                 vec![TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w), file!("raster_large")]
             }
+            Self::RasterHardware(_, w) => {
+                vec![TYPES, CULL, PAGES, TRIANGLE, WIDE, words(w), file!("raster_hardware")]
+            }
             Self::Hzb(_) => vec![TYPES, file!("hzb")],
             Self::Settle(_) => vec![TYPES, file!("settle")],
             Self::Renumber => vec![TYPES, file!("renumber")],
+            Self::Shade => vec![TYPES, PAGES, SURFACE, file!("shade")],
+            Self::Output(_) => vec![TYPES, PAGES, SURFACE, file!("output")],
             Self::LoopProbe => vec![file!("loop_probe")],
         }
     }
@@ -220,8 +281,15 @@ impl Kernel {
         let arrays = if array_bits.is_some() { PAGE_ARRAYS } else { 1 };
         source += &format!("const PAGE_ARRAYS: u32 = {arrays}u;\n");
         source += &format!("const PAGE_ARRAY_BITS: u32 = {}u;\n", array_bits.unwrap_or(u32::BITS - 1));
-        if let Self::RasterSmall(words) | Self::RasterLarge(words) = self {
-            source += &format!("const FIRST_PASS: bool = {};\n", words != Words::Lows);
+        if let Self::RasterSmall(words) | Self::RasterLarge(words) | Self::RasterHardware(_, words) = self {
+            source += &format!("const FIRST_PASS: bool = {};\n", matches!(words, Words::Wide | Words::Keys));
+        }
+        if let Self::Output(output) = self {
+            let (number, rgb) = (output as u32, output.rgb());
+            source += &format!("const OUTPUT: u32 = {number}u;\nconst OUTPUT_RGB: bool = {rgb};\n");
+        }
+        if let Self::RasterHardware(list, _) = self {
+            source += &format!("const LIST: u32 = {}u;\n", list as u32);
         }
         if let Self::Hzb(round) = self {
             source += &format!("const ROUND: u32 = {round}u;\n");
@@ -264,10 +332,17 @@ fn constants() -> String {
         ("LEVELS_PER_ROUND", LEVELS_PER_ROUND),
         ("PYRAMID_SIDE", PYRAMID_SIDE),
         ("PIXELS_PER_LANE", PIXELS_PER_LANE),
+        ("LISTS", List::COUNT),
+        ("LIST_SMALL", List::Small as u32),
+        ("LIST_LARGE", List::Large as u32),
+        ("LIST_CLIPPED", List::Clipped as u32),
         ("STEPS", Step::COUNT),
         ("STEP_GROUPS", Step::Groups.number()),
         ("STEP_PIXELS", Step::Pixels.number()),
         ("STEP_PYRAMID", Step::Pyramid(0).number()),
+        ("LOOK_SMOOTH", LOOK_SMOOTH),
+        ("LOOK_CONFORMAL", LOOK_CONFORMAL),
+        ("LOOK_COLORS", LOOK_COLORS),
     ];
     let fields = [
         ("RECORD_CENTER", offset_of!(ClusterRecord, center)),
@@ -278,11 +353,18 @@ fn constants() -> String {
         ("RECORD_ERROR", offset_of!(ClusterRecord, error)),
         ("RECORD_COUNTS", offset_of!(ClusterRecord, vertex_count)),
         ("RECORD_DATA", offset_of!(ClusterRecord, data)),
+        ("RECORD_GROUP", offset_of!(ClusterRecord, group)),
     ];
-    let real =
-        [("GUARD_BAND", GUARD_BAND), ("FOOTPRINT_ROUNDING", FOOTPRINT_ROUNDING), ("SMALL_EDGE", SMALL_EDGE)];
+    let real = [
+        ("GUARD_BAND", GUARD_BAND),
+        ("FOOTPRINT_ROUNDING", FOOTPRINT_ROUNDING),
+        ("SMALL_EDGE", SMALL_EDGE),
+        ("SMALLEST", f32::MIN_POSITIVE),
+    ];
+    let outputs = OUTPUTS
+        .map(|output| format!("const OUTPUT_{}: u32 = {}u;\n", output.name().to_uppercase(), output as u32));
     let whole = whole.map(|(name, value)| format!("const {name}: u32 = {value}u;\n"));
     let fields = fields.map(|(name, bytes)| format!("const {name}: u32 = {}u;\n", bytes / 4));
     let real = real.map(|(name, value)| format!("const {name}: f32 = {value:?}f;\n"));
-    [whole.concat(), fields.concat(), real.concat()].concat()
+    [whole.concat(), fields.concat(), real.concat(), outputs.concat()].concat()
 }

@@ -1,14 +1,16 @@
 //! How long stages take on the device: a timestamp before and after each pass of one.
 
 use wgpu::{
-    Buffer, BufferUsages, CommandEncoder, ComputePassTimestampWrites, QuerySet, QuerySetDescriptor, QueryType,
+    Buffer, BufferUsages, CommandEncoder, ComputePassTimestampWrites, QuerySet, QuerySetDescriptor,
+    QueryType, RenderPassTimestampWrites,
 };
 
 use super::context::Context;
 use crate::error::Result;
 
-/// Passes of a frame at most: six stages in two phases, the first of them in one, and those that draw may take two each.
-const PASSES: u32 = 6 + 5 + 4;
+/// Passes of a frame at most: six stages in two phases, the first of them in one; those that draw may take two each, and
+/// large triangles twice as many; then shading, and other arrays in three.
+const PASSES: u32 = 6 + 5 + 4 + 4 + 4;
 /// Timestamps of a pass: before and after.
 const ENDS: u32 = 2;
 
@@ -39,6 +41,21 @@ impl Times {
             query_set,
             beginning_of_pass_write_index: Some(number * ENDS),
             end_of_pass_write_index: Some(number * ENDS + 1),
+        })
+    }
+
+    /// The same for passes that draw: for the first and the last of those that count as one.
+    pub(super) fn of_draw(
+        &self,
+        number: u32,
+        first: bool,
+        last: bool,
+    ) -> Option<RenderPassTimestampWrites<'_>> {
+        let compute = self.of_pass(number).filter(|_| first || last)?;
+        Some(RenderPassTimestampWrites {
+            query_set: compute.query_set,
+            beginning_of_pass_write_index: compute.beginning_of_pass_write_index.filter(|_| first),
+            end_of_pass_write_index: compute.end_of_pass_write_index.filter(|_| last),
         })
     }
 

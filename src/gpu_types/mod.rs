@@ -1,6 +1,10 @@
 //! Plain structs that Rust writes and shaders read, or the other way round; `shaders/shared/types.wgsl` has the same
 //! by the same names, and a test compares the offsets.
 
+pub mod array;
+
+pub use array::Array;
+
 use bytemuck::{Pod, Zeroable};
 
 use crate::limits::PYRAMID_LEVELS;
@@ -49,10 +53,16 @@ pub struct View {
     pub focal: [f32; 2],
     /// Where the optical axis meets the picture, pixels.
     pub center: [f32; 2],
+    /// One over what is used for `focal`, up the picture for y.
+    pub inverse_focal: [f32; 2],
     /// 1 where `rotate` reverses orientation.
     pub mirrored: u32,
+    /// Side, pixels, of the viewport of the hardware rasterizer; 0 where it draws nothing.
+    pub viewport: u32,
     /// Of what no earlier frame showed, the first phase draws what has this key or a larger one: what is near.
     pub occluders: u32,
+    /// Zero.
+    pub unused_a: u32,
     /// Zero.
     pub unused_b: u32,
     /// Zero.
@@ -91,6 +101,65 @@ pub struct Placed {
     pub visible: u32,
     /// Zero.
     pub unused: u32,
+}
+
+/// The look of an instance, for shading: in the slot of its [`Placed`].
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Look {
+    /// Rows of the map of normals from internal space to the world, each with a component of the base colour.
+    pub normal: [[f32; 4]; 3],
+    /// What is reflected in all directions.
+    pub diffuse: [f32; 3],
+    /// α² of GGX.
+    pub alpha2: f32,
+    /// What is reflected at right angles.
+    pub f0: [f32; 3],
+    /// k of Smith's G.
+    pub k: f32,
+    /// Light given off.
+    pub emissive: [f32; 3],
+    /// [`LOOK_SMOOTH`], [`LOOK_CONFORMAL`], [`LOOK_COLORS`].
+    pub flags: u32,
+}
+
+/// Of [`Look::flags`]: normals are interpolated.
+pub const LOOK_SMOOTH: u32 = 1;
+/// Of [`Look::flags`]: [`Look::normal`] keeps angles.
+pub const LOOK_CONFORMAL: u32 = 2;
+/// Of [`Look::flags`]: vertices have colours.
+pub const LOOK_COLORS: u32 = 4;
+
+/// A light in camera space.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Light {
+    /// Towards the light, unit (directional), or its position.
+    pub vector: [f32; 3],
+    /// 1 for a light with a position.
+    pub point: u32,
+    /// Colour times intensity.
+    pub radiance: [f32; 3],
+    /// One over the distance at which it ends; 0 never.
+    pub inverse_range: f32,
+}
+
+/// What lights a view besides its lights.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Lighting {
+    /// Light from everywhere.
+    pub ambient: [f32; 3],
+    /// Number of lights.
+    pub lights: u32,
+    /// The bytes of the background, red lowest.
+    pub background: u32,
+    /// Zero.
+    pub unused_a: u32,
+    /// Zero.
+    pub unused_b: u32,
+    /// Zero.
+    pub unused_c: u32,
 }
 
 /// An instance as seen from a view.
@@ -187,8 +256,22 @@ pub struct Marks {
     pub held: u32,
     /// Number of the first in the visible list.
     pub first: u32,
+    /// Of the large ones, those that the hardware rasterizer does not take.
+    pub clipped: u32,
+}
+
+/// A draw as a device takes it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct Call {
+    /// Vertices of each instance.
+    pub vertices: u32,
+    /// Instances.
+    pub instances: u32,
     /// Zero.
-    pub unused: u32,
+    pub first_vertex: u32,
+    /// Zero.
+    pub first_instance: u32,
 }
 
 /// An entry of the frame's visible list.

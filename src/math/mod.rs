@@ -1,6 +1,7 @@
 //! Geometry without meshes: spheres, boxes, packing of directions, projection of errors.
 
 pub mod aabb;
+pub mod gamma;
 pub mod morton;
 pub mod octahedral;
 pub mod pair;
@@ -9,6 +10,7 @@ pub mod sphere;
 pub mod triangle;
 
 pub use aabb::Aabb;
+pub use gamma::Gamma;
 pub use pair::Pair;
 pub use project::{LodView, singular_value_bound};
 pub use sphere::Sphere;

@@ -25,5 +25,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<renderer::Renderer>()?;
     module.add_class::<renderer::Frame>()?;
     module.add_function(wrap_pyfunction!(renderer::check_camera, module)?)?;
+    module.add_function(wrap_pyfunction!(renderer::check_pose, module)?)?;
     Ok(())
 }

@@ -8,10 +8,10 @@ use pyo3::prelude::*;
 use super::arrays::matrix4;
 use super::errors::{detached, to_python};
 use super::scene::Scene;
-use crate::config::RenderOptions;
+use crate::config::{Output, Raster, RenderOptions};
 use crate::error::{Error, Result};
 use crate::render::{self, ImageView};
-use crate::scene::{Camera, Projection};
+use crate::scene::{Camera, Projection, pose};
 
 /// Kind, its parameters, near and far distance.
 pub(super) type RawCamera = (String, Vec<f64>, f64, Option<f64>);
@@ -33,6 +33,16 @@ pub(super) fn camera((kind, parameters, znear, zfar): RawCamera) -> Result<Camer
 #[pyfunction]
 pub(super) fn check_camera(py: Python<'_>, spec: RawCamera) -> PyResult<()> {
     camera(spec).map(drop).map_err(|error| to_python(py, error))
+}
+
+/// Form, reason, milliseconds of each form.
+type RawCalibration = (&'static str, String, Vec<(&'static str, f64)>);
+
+/// Checks a camera's pose.
+#[pyfunction]
+pub(super) fn check_pose(pose: &Bound<'_, PyAny>) -> PyResult<()> {
+    let rows = matrix4(pose, "pose")?;
+    pose::rigid("pose", &rows).map(drop).map_err(|error| to_python(pose.py(), error))
 }
 
 /// Renders scenes. See `nanite_rs.Renderer`.
@@ -64,26 +74,43 @@ impl Renderer {
         })
     }
 
-    /// Renders a frame.
-    #[pyo3(signature = (scene, camera, pose, *, pixel_error, occlusion, color, depth))]
+    /// How rasterizers were chosen: form, reason, milliseconds of each form.
+    #[getter]
+    fn calibration(&self, py: Python<'_>) -> Option<RawCalibration> {
+        py.detach(|| {
+            let inner = self.lock();
+            let found = inner.calibration()?;
+            let times = found.times.iter().map(|(raster, ms)| (raster.name(), *ms)).collect();
+            Some((found.raster.name(), found.reason.clone(), times))
+        })
+    }
+
+    /// Renders a frame for each view.
+    #[pyo3(signature = (scene, views, *, pixel_error, occlusion, raster, outputs))]
     fn render(
         &self,
         py: Python<'_>,
         scene: &Scene,
-        camera: RawCamera,
-        pose: &Bound<'_, PyAny>,
+        views: Vec<(RawCamera, Bound<'_, PyAny>)>,
         pixel_error: f32,
         occlusion: bool,
-        color: bool,
-        depth: bool,
-    ) -> PyResult<Frame> {
-        let pose = matrix4(pose, "pose")?;
-        let options = RenderOptions { pixel_error, occlusion, color, depth, ..RenderOptions::default() };
-        let frame = detached(py, || {
-            let camera = self::camera(camera)?;
-            self.lock().render(&scene.read(), &camera, &pose, &options)
+        raster: &str,
+        outputs: Vec<String>,
+    ) -> PyResult<Vec<Frame>> {
+        let views: Vec<_> = views
+            .into_iter()
+            .map(|(camera, pose)| Ok((camera, matrix4(&pose, "pose")?)))
+            .collect::<PyResult<_>>()?;
+        let raster: Raster = raster.parse().map_err(|error| to_python(py, error))?;
+        let outputs = outputs.iter().map(|name| name.parse::<Output>()).collect::<Result<_>>();
+        let outputs = outputs.map_err(|error| to_python(py, error))?;
+        let options = RenderOptions { pixel_error, occlusion, raster, outputs, ..RenderOptions::default() };
+        let frames = detached(py, || {
+            let view = |(camera, pose)| Ok((self::camera(camera)?, pose));
+            let views: Vec<_> = views.into_iter().map(view).collect::<Result<_>>()?;
+            self.lock().render_views(&scene.read(), &views, &options)
         })?;
-        Ok(Frame { inner: Mutex::new(frame) })
+        Ok(frames.into_iter().map(|frame| Frame { inner: Mutex::new(frame) }).collect())
     }
 }
 
@@ -133,27 +160,27 @@ impl Frame {
 #[pymethods]
 impl Frame {
     fn color(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u8>>> {
-        self.planes(py, render::Frame::take_color)
+        self.planes(py, |frame| frame.take(Output::Color).into())
     }
 
     fn depth(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f32>>> {
-        self.plane(py, render::Frame::take_depth)
+        self.plane(py, |frame| frame.take(Output::Depth).into())
     }
 
     fn normal(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
-        self.planes(py, |frame| frame.normals().into_flattened())
+        self.planes(py, |frame| frame.take(Output::Normal).into())
     }
 
     fn instance_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i32>>> {
-        self.plane(py, |frame| frame.instance_ids())
+        self.plane(py, |frame| frame.take(Output::InstanceId).into())
     }
 
     fn cluster_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u32>>> {
-        self.plane(py, |frame| frame.cluster_ids())
+        self.plane(py, |frame| frame.take(Output::ClusterId).into())
     }
 
     fn triangle_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i32>>> {
-        self.plane(py, |frame| frame.triangle_ids())
+        self.plane(py, |frame| frame.take(Output::TriangleId).into())
     }
 
     fn face_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i64>>> {
@@ -161,7 +188,7 @@ impl Frame {
     }
 
     fn overdraw(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u32>>> {
-        self.plane(py, |frame| frame.overdraw())
+        self.plane(py, |frame| frame.take(Output::Overdraw).into())
     }
 
     /// Width and height.
@@ -191,8 +218,8 @@ impl Frame {
         })
     }
 
-    /// The frame's totals by name.
-    fn totals(&self, py: Python<'_>) -> (Vec<(&'static str, u64)>, f64) {
+    /// The frame's totals by name, its time, and which rasterizers drew it.
+    fn totals(&self, py: Python<'_>) -> (Vec<(&'static str, u64)>, f64, &'static str) {
         py.detach(|| {
             let stats = &self.lock().stats;
             let totals = vec![
@@ -206,7 +233,7 @@ impl Frame {
                 ("occluded_clusters", stats.occluded_clusters),
                 ("uploaded_bytes", stats.uploaded_bytes),
             ];
-            (totals, stats.total_ms)
+            (totals, stats.total_ms, stats.raster.name())
         })
     }
 }

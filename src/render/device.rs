@@ -1,23 +1,23 @@
-//! The culling and raster stages of a frame on the GPU backend: what goes to the device, and what of its answer the
+//! The stages of a frame on the GPU backend: what goes to the device, and what of its answer the
 //! frame keeps.
 
 use rayon::prelude::*;
 
 use super::pass::INSTANCE_OVERLAP;
 use super::queue::Queue;
-use super::renderer::Rastered;
+use super::renderer::{Rastered, Shot};
 use super::stages::Stage;
 use super::stats::{FrameStats, StageStats};
-use crate::config::RenderOptions;
+use crate::config::{Outputs, RenderOptions};
 use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
-use crate::cpu::visibility::Visible;
+use crate::cpu::visibility::{Visible, covered};
 use crate::error::Result;
-use crate::gpu::{Context, Counted, DeviceStage, Drawn, Phase, Renderer, Ways};
-use crate::gpu_types::{self, Placed, VisibleCluster};
+use crate::gpu::{Context, Counted, DeviceStage, Drawn, Job, Phase, Renderer, Ways};
+use crate::gpu_types::{self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, Look, Placed, VisibleCluster};
 use crate::model::ClusterAddress;
 use crate::scene::placement::Eye;
-use crate::scene::{Instance, Scene, View};
+use crate::scene::{Instance, Lighting, Scene, ShadeLight};
 
 /// A device and what it knows of the scene drawn last.
 #[derive(Debug)]
@@ -48,52 +48,70 @@ impl Device {
         };
         let slots = scene.instances();
         for (slot, instance) in slots.changed_since(since) {
-            self.renderer.set(slot, instance.map(|instance| (placed(instance), &instance.mesh)));
+            self.renderer.set(slot, instance.map(|i| (placed(i), look(i), &i.mesh)));
         }
         self.known = Some((scene.identity(), slots.clock()));
     }
 
-    /// Draws the visible instances of a scene into `words`.
-    pub(super) fn draw(
-        &mut self,
-        scene: &Scene,
-        view: &View,
-        screen: Screen,
-        options: &RenderOptions,
-        mut words: Vec<u64>,
-    ) -> Result<Rastered> {
+    /// Draws the visible instances of a scene from several views, and makes what is asked for.
+    pub(super) fn draw(&mut self, shots: &[Shot<'_>], mut words: Vec<Vec<u64>>) -> Result<Vec<Rastered>> {
+        let Some(Shot { scene, options, .. }) = shots.first() else { return Ok(Vec::new()) };
         self.update(scene);
-        let ways = Ways { wide_atomics: options.wide_atomics, occlusion: options.occlusion };
-        let eye = Eye::new(view);
-        let mut record = view_record(&screen, &eye, options.pixel_error);
-        if options.occlusion && self.renderer.starts(&record) {
-            record.occluders = occluders(scene, view, &screen);
-        }
-        let drawn = self.renderer.draw(&record, ways, &mut words)?;
-        let instances = scene.instances();
-        let mut stats = FrameStats::default();
-        let on_screen = drawn.instances.iter().filter_map(|&slot| instances.at(slot as usize));
-        stats.source_triangles = on_screen.map(|instance| instance.mesh.source_faces).sum();
-        // In scene order: each instance once.
-        let mut slots: Vec<u32> = drawn.visible.iter().map(|v| v.instance).collect();
-        slots.dedup();
-        let views: Vec<InstanceView> = slots
-            .par_iter()
-            .filter_map(|&slot| Some(InstanceView::new(view, &eye, slot, instances.at(slot as usize)?)))
-            .collect();
-        let mut at = 0;
-        let number = |v: &VisibleCluster| {
-            at += usize::from(views.get(at).is_some_and(|view| view.slot != v.instance));
-            Visible { instance: at as u32, cluster: ClusterAddress(v.cluster) }
-        };
-        let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
-        let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
-        stats.stages = stages(&drawn, instances.len() as u64, &screen);
-        stats.uploaded_bytes = drawn.uploaded_bytes;
-        stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
-        stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
-        Ok(Rastered { words, views, visible, large, stats })
+        let RenderOptions { wide_atomics, occlusion, raster, .. } = **options;
+        let ways = Ways { wide_atomics, occlusion, raster };
+        let on_device = options.device_outputs.unwrap_or(!self.context().software());
+        let outputs = if on_device { options.outputs } else { Outputs::default() };
+        let views = shots.iter().enumerate().map(|(place, shot)| {
+            let view = view_record(&shot.screen, &shot.eye, options.pixel_error);
+            let starts = occlusion && self.renderer.starts(place, &view);
+            gpu_types::View { occluders: if starts { occluders(shot) } else { 0 }, ..view }
+        });
+        let views: Vec<gpu_types::View> = views.collect();
+        let jobs = shots.iter().zip(views).zip(&mut words).map(|((shot, view), words)| Job {
+            view,
+            words,
+            outputs,
+            lighting: lighting_record(&shot.lighting),
+            lights: shot.lighting.lights.iter().map(light).collect(),
+        });
+        let drawn = self.renderer.draw(&mut jobs.collect::<Vec<_>>(), ways)?;
+        Ok(shots
+            .iter()
+            .zip(drawn)
+            .zip(words)
+            .map(|((shot, drawn), words)| rastered(shot, drawn, words))
+            .collect())
     }
+}
+
+/// What a frame keeps of the device's answer.
+fn rastered(shot: &Shot<'_>, drawn: Drawn, words: Vec<u64>) -> Rastered {
+    let Shot { scene, eye, screen, .. } = shot;
+    let instances = scene.instances();
+    let mut stats = FrameStats::default();
+    let on_screen = drawn.instances.iter().filter_map(|&slot| instances.at(slot as usize));
+    stats.source_triangles = on_screen.map(|instance| instance.mesh.source_faces).sum();
+    // In scene order: each instance once.
+    let mut slots: Vec<u32> = drawn.visible.iter().map(|v| v.instance).collect();
+    slots.dedup();
+    let views: Vec<InstanceView> = slots
+        .par_iter()
+        .filter_map(|&slot| Some(InstanceView::new(eye, screen, slot, instances.at(slot as usize)?)))
+        .collect();
+    let mut at = 0;
+    let number = |v: &VisibleCluster| {
+        at += usize::from(views.get(at).is_some_and(|view| view.slot != v.instance));
+        Visible { instance: at as u32, cluster: ClusterAddress(v.cluster) }
+    };
+    let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
+    let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
+    stats.covered_pixels = covered(&words);
+    stats.stages = stages(&drawn, instances.len() as u64, stats.covered_pixels, screen);
+    stats.uploaded_bytes = drawn.uploaded_bytes;
+    stats.raster = drawn.raster;
+    stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
+    stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
+    Rastered { words, views, visible, large, made: drawn.made, stats }
 }
 
 /// Portions of instances that the first phase of a first frame draws: in a city, one leaves more to the second phase than
@@ -102,9 +120,10 @@ const FIRST_PORTIONS: usize = 2;
 
 /// The key of the farthest of the nearest instances that could cover the occupied part of the picture; 0 where they
 /// overlap too little.
-fn occluders(scene: &Scene, view: &View, screen: &Screen) -> u32 {
+fn occluders(shot: &Shot<'_>) -> u32 {
+    let Shot { scene, view, eye, screen, .. } = shot;
     let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
-    let views = instance_cull::run(&instances, view, screen);
+    let views = instance_cull::run(&instances, view, eye, screen);
     let keys = views.iter().map(|v| (v.footprint, v.footprint.near_key));
     let mut queue = Queue::new(keys, screen, INSTANCE_OVERLAP);
     let nearest: Vec<u32> = (0..FIRST_PORTIONS).flat_map(|_| queue.take()).collect();
@@ -119,11 +138,13 @@ fn stage_of(stage: DeviceStage) -> Stage {
         DeviceStage::RasterSmall => Stage::RasterSmall,
         DeviceStage::RasterLarge => Stage::RasterLarge,
         DeviceStage::Hzb => Stage::Hzb,
+        DeviceStage::Shade => Stage::Shade,
+        DeviceStage::Output => Stage::Output,
     }
 }
 
 /// What each stage received and passed on, and its time by the device's clock.
-fn stages(drawn: &Drawn, instances: u64, screen: &Screen) -> Vec<StageStats> {
+fn stages(drawn: &Drawn, instances: u64, covered: u64, screen: &Screen) -> Vec<StageStats> {
     let pixels = u64::from(screen.width) * u64::from(screen.height);
     let texels = u64::from(screen.width.div_ceil(2)) * u64::from(screen.height.div_ceil(2));
     let mut out: Vec<StageStats> = Vec::new();
@@ -151,6 +172,8 @@ fn stages(drawn: &Drawn, instances: u64, screen: &Screen) -> Vec<StageStats> {
             DeviceStage::RasterSmall => (counters.triangles_small.into(), counters.drawn_small.into()),
             DeviceStage::RasterLarge => (counters.triangles_large.into(), counters.drawn_large.into()),
             DeviceStage::Hzb => (pixels * u64::from(counters.pyramid), texels * u64::from(counters.pyramid)),
+            DeviceStage::Shade => (pixels, covered),
+            DeviceStage::Output => (pixels, pixels),
         };
         out.push(StageStats { stage, pass, received, passed, ms });
     }
@@ -178,6 +201,7 @@ fn view_record(screen: &Screen, eye: &Eye, tau: f32) -> gpu_types::View {
         lod_near: eye.lod_near,
         focal: eye.focal,
         center: eye.center,
+        inverse_focal: eye.inverse_focal,
         mirrored: u32::from(eye.mirrored),
         ..bytemuck::Zeroable::zeroed()
     }
@@ -196,6 +220,41 @@ fn placed(instance: &Instance) -> Placed {
         double_sided: u32::from(instance.material.double_sided),
         mirrored: u32::from(placement.mirrored),
         visible: u32::from(instance.visible),
+        ..bytemuck::Zeroable::zeroed()
+    }
+}
+
+fn look(instance: &Instance) -> Look {
+    let (placement, material) = (instance.placement(), instance.material.reflectance());
+    let flag = |is: bool, bit: u32| if is { bit } else { 0 };
+    Look {
+        normal: rows(&placement.normal, &material.base),
+        diffuse: material.diffuse,
+        alpha2: material.alpha2,
+        f0: material.f0,
+        k: material.k,
+        emissive: material.emissive,
+        flags: flag(instance.material.smooth, LOOK_SMOOTH)
+            | flag(placement.conformal, LOOK_CONFORMAL)
+            | flag(instance.mesh.layout().colors, LOOK_COLORS),
+    }
+}
+
+fn light(light: &ShadeLight) -> gpu_types::Light {
+    gpu_types::Light {
+        vector: light.vector,
+        point: u32::from(light.point.is_some()),
+        radiance: light.radiance,
+        inverse_range: light.point.unwrap_or(0.0),
+    }
+}
+
+fn lighting_record(lighting: &Lighting) -> gpu_types::Lighting {
+    let [red, green, blue] = lighting.background;
+    gpu_types::Lighting {
+        ambient: lighting.ambient,
+        lights: lighting.lights.len() as u32,
+        background: u32::from_le_bytes([red, green, blue, 0]),
         ..bytemuck::Zeroable::zeroed()
     }
 }

@@ -2,15 +2,19 @@
 
 use std::sync::{Arc, Mutex};
 
+use super::stages::Stage;
 use super::stats::FrameStats;
+use crate::config::{Output, Outputs};
 use crate::cpu::output::{self, DebugView};
 use crate::cpu::project::{InstanceView, Screen};
-use crate::cpu::shade::{self, Lighting};
+use crate::cpu::shade;
 use crate::cpu::surface::Pixels;
 use crate::cpu::visibility::Visible;
 use crate::error::{Error, Result};
+use crate::gpu_types::Array;
 use crate::model::ClusterAddress;
-use crate::scene::View;
+use crate::scene::placement::Eye;
+use crate::scene::{Lighting, View};
 
 /// Visibility buffers that wait to be used again.
 pub(super) type Spare = Arc<Mutex<Vec<Vec<u64>>>>;
@@ -18,11 +22,9 @@ pub(super) type Spare = Arc<Mutex<Vec<Vec<u64>>>>;
 /// A picture of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ImageView {
-    /// Lit surfaces.
-    Shaded,
-    /// Colours by identity.
-    Debug(DebugView),
-    /// Triangles per pixel.
+    /// An array of RGB bytes.
+    Rgb(Output),
+    /// Triangles per pixel, in colours.
     Overdraw,
 }
 
@@ -30,11 +32,11 @@ impl ImageView {
     /// By name: shaded, triangles, clusters, groups, levels or overdraw.
     pub fn parse(name: &str) -> Result<Self> {
         Ok(match name {
-            "shaded" => Self::Shaded,
-            "triangles" => Self::Debug(DebugView::Triangles),
-            "clusters" => Self::Debug(DebugView::Clusters),
-            "groups" => Self::Debug(DebugView::Groups),
-            "levels" => Self::Debug(DebugView::Levels),
+            "shaded" => Self::Rgb(Output::Color),
+            "triangles" => Self::Rgb(Output::Triangles),
+            "clusters" => Self::Rgb(Output::Clusters),
+            "groups" => Self::Rgb(Output::Groups),
+            "levels" => Self::Rgb(Output::Levels),
             "overdraw" => Self::Overdraw,
             _ => {
                 return Err(Error::argument(
@@ -56,9 +58,10 @@ pub struct Frame {
     pub(super) views: Vec<InstanceView>,
     pub(super) screen: Screen,
     pub(super) view: View,
+    pub(super) eye: Eye,
     pub(super) lighting: Lighting,
-    pub(super) color: Option<Vec<u8>>,
-    pub(super) depth: Option<Vec<f32>>,
+    /// Arrays made so far.
+    pub(super) made: Vec<(Output, Array)>,
     pub(super) spare: Spare,
     /// What the frame cost and skipped.
     pub stats: FrameStats,
@@ -94,52 +97,92 @@ impl Frame {
         Pixels { words: &self.words, visible: &self.visible, views: &self.views, screen: &self.screen }
     }
 
-    /// Colour, RGB bytes. Made with the frame, or now.
-    pub fn color(&self) -> Vec<u8> {
-        self.color.clone().unwrap_or_else(|| {
-            let mut out = vec![0; 3 * self.words.len()];
-            shade::run(self.pixels(), &self.view, &self.lighting, &mut out);
-            out
-        })
+    /// Makes what of `outputs` is not made.
+    pub(super) fn finish(&mut self, outputs: Outputs) {
+        let (pixels, mut stats) = (self.words.len() as u64, std::mem::take(&mut self.stats));
+        for output in outputs.iter() {
+            if self.made.iter().any(|(made, _)| *made == output) {
+                continue;
+            }
+            let (stage, passed) = match output {
+                Output::Color => (Stage::Shade, stats.covered_pixels),
+                _ => (Stage::Output, pixels),
+            };
+            let array = stats.time(stage, 1, || (self.make(output), pixels, passed));
+            self.made.push((output, array));
+        }
+        self.stats = stats;
     }
 
-    /// Takes the colour made with the frame, or makes it now.
-    pub fn take_color(&mut self) -> Vec<u8> {
-        self.color.take().unwrap_or_else(|| self.color())
+    /// Makes an array from the visibility buffer, whether or not there is one made with the frame.
+    pub fn make(&self, output: Output) -> Array {
+        let pixels = self.pixels();
+        let debug = |view| Array::from(output::debug(pixels, view).into_flattened());
+        match output {
+            Output::Color => {
+                let mut out = vec![0; 3 * self.words.len()];
+                shade::run(pixels, &self.eye, &self.lighting, &mut out);
+                out.into()
+            }
+            Output::Depth => {
+                let mut out = vec![0.0; self.words.len()];
+                output::depth(pixels, &mut out);
+                out.into()
+            }
+            Output::Normal => output::normals(pixels, &self.eye).into_flattened().into(),
+            Output::InstanceId => output::instance_ids(pixels).into(),
+            Output::ClusterId => output::cluster_ids(pixels).into(),
+            Output::TriangleId => output::triangle_ids(pixels).into(),
+            Output::Overdraw => output::overdraw(pixels, &self.large).into(),
+            Output::Triangles => debug(DebugView::Triangles),
+            Output::Clusters => debug(DebugView::Clusters),
+            Output::Groups => debug(DebugView::Groups),
+            Output::Levels => debug(DebugView::Levels),
+        }
+    }
+
+    /// Takes an array made with the frame, or makes it now.
+    pub fn take(&mut self, output: Output) -> Array {
+        match self.made.iter().position(|(made, _)| *made == output) {
+            Some(at) => self.made.swap_remove(at).1,
+            None => self.make(output),
+        }
+    }
+
+    /// A copy of an array made with the frame, or makes it now.
+    pub fn array(&self, output: Output) -> Array {
+        let made = self.made.iter().find(|(made, _)| *made == output);
+        made.map_or_else(|| self.make(output), |(_, array)| array.clone())
+    }
+
+    /// Colour, RGB bytes.
+    pub fn color(&self) -> Vec<u8> {
+        self.array(Output::Color).into()
     }
 
     /// Distance along the view axis in world units; 0 where nothing is covered.
     pub fn depth(&self) -> Vec<f32> {
-        self.depth.clone().unwrap_or_else(|| {
-            let mut out = vec![0.0; self.words.len()];
-            output::depth(self.pixels(), &mut out);
-            out
-        })
-    }
-
-    /// Takes the depth made with the frame, or makes it now.
-    pub fn take_depth(&mut self) -> Vec<f32> {
-        self.depth.take().unwrap_or_else(|| self.depth())
+        self.array(Output::Depth).into()
     }
 
     /// Unit world-space normals; zero where nothing is covered.
     pub fn normals(&self) -> Vec<[f32; 3]> {
-        output::normals(self.pixels(), &self.view)
+        Vec::from(self.array(Output::Normal)).as_chunks().0.to_vec()
     }
 
     /// Slot numbers of instances; −1 where nothing is covered.
     pub fn instance_ids(&self) -> Vec<i32> {
-        output::instance_ids(self.pixels())
+        self.array(Output::InstanceId).into()
     }
 
     /// Cluster addresses; [`output::NO_CLUSTER`] where nothing is covered.
     pub fn cluster_ids(&self) -> Vec<u32> {
-        output::cluster_ids(self.pixels())
+        self.array(Output::ClusterId).into()
     }
 
     /// Triangles inside their clusters; −1 where nothing is covered.
     pub fn triangle_ids(&self) -> Vec<i32> {
-        output::triangle_ids(self.pixels())
+        self.array(Output::TriangleId).into()
     }
 
     /// Rows of the caller's faces; −1 where nothing is covered or it is not known.
@@ -149,14 +192,13 @@ impl Frame {
 
     /// Triangles that cover each pixel, hidden ones included, among the clusters that were drawn.
     pub fn overdraw(&self) -> Vec<u32> {
-        output::overdraw(self.pixels(), &self.large)
+        self.array(Output::Overdraw).into()
     }
 
     /// A picture, RGB bytes.
     pub fn image(&self, what: ImageView) -> Vec<u8> {
         match what {
-            ImageView::Shaded => self.color(),
-            ImageView::Debug(debug) => output::debug(self.pixels(), debug).into_flattened(),
+            ImageView::Rgb(output) => self.array(output).into(),
             ImageView::Overdraw => output::overdraw_colors(&self.overdraw()).into_flattened(),
         }
     }

@@ -3,30 +3,28 @@
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use rayon::prelude::*;
-
 #[cfg(feature = "gpu")]
 use super::device;
 use super::frame::{Frame, Spare};
 use super::pass::Pass;
 use super::stages::Stage;
 use super::stats::FrameStats;
-use crate::config::RenderOptions;
+use crate::config::{Calibration, Output, Raster, RenderOptions};
 use crate::cpu::hzb::Hzb;
+use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen};
-use crate::cpu::shade::{self, Lighting};
-use crate::cpu::surface::Pixels;
-use crate::cpu::visibility::Visible;
-use crate::cpu::{instance_cull, output};
+use crate::cpu::visibility::{Visible, covered};
 use crate::error::{Error, Result};
-use crate::scene::{Camera, Instance, Scene, View};
+use crate::gpu_types::Array;
+use crate::scene::placement::Eye;
+use crate::scene::{Camera, Instance, Lighting, Scene, View};
 
 /// Where frames are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
     /// The CPU twin of every stage.
     Cpu,
-    /// A device of wgpu; shading and outputs on the CPU.
+    /// A device of wgpu.
     Gpu,
 }
 
@@ -100,6 +98,23 @@ impl Device {
     }
 }
 
+/// What is to be drawn, and how.
+pub(super) struct Shot<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) view: View,
+    pub(super) eye: Eye,
+    pub(super) screen: Screen,
+    pub(super) lighting: Lighting,
+    pub(super) options: &'a RenderOptions,
+}
+
+impl<'a> Shot<'a> {
+    fn new(scene: &'a Scene, view: View, options: &'a RenderOptions) -> Self {
+        let (eye, screen, lighting) = (Eye::new(&view), Screen::new(&view), Lighting::new(scene, &view));
+        Self { scene, view, eye, screen, lighting, options }
+    }
+}
+
 /// What the culling and raster stages leave for those after them.
 pub(super) struct Rastered {
     /// The visibility buffer.
@@ -110,6 +125,8 @@ pub(super) struct Rastered {
     pub(super) visible: Vec<Visible>,
     /// Which of it went to the large rasterizer.
     pub(super) large: Vec<bool>,
+    /// What a device made besides.
+    pub(super) made: Vec<(Output, Array)>,
     /// The stages so far, and the triangles of the source.
     pub(super) stats: FrameStats,
 }
@@ -163,6 +180,15 @@ impl Renderer {
         &self.reason
     }
 
+    /// How the device's rasterizers were chosen; absent before the first frame that left it open.
+    pub fn calibration(&self) -> Option<&Calibration> {
+        match &self.device {
+            Device::Cpu => None,
+            #[cfg(feature = "gpu")]
+            Device::Gpu { device, .. } => device.context().calibration(),
+        }
+    }
+
     /// Renders `scene` as `camera` sees it from the camera-to-world `pose`.
     pub fn render(
         &mut self,
@@ -171,85 +197,88 @@ impl Renderer {
         pose: &[[f64; 4]; 4],
         options: &RenderOptions,
     ) -> Result<Frame> {
-        options.validate()?;
-        let start = Instant::now();
-        let view = camera.view(pose, self.width, self.height)?;
-        let screen = Screen::new(&view);
-        let Rastered { words, views, visible, large, mut stats } =
-            self.draw(scene, &view, screen, options)?;
-
-        let lighting = Lighting::new(scene, &view);
-        let pixels = Pixels { words: &words, visible: &visible, views: &views, screen: &screen };
-        let count = words.len();
-        let color = options.color.then(|| {
-            stats.time(Stage::Shade, 1, || {
-                let mut out = vec![0; 3 * count];
-                let covered = shade::run(pixels, &view, &lighting, &mut out);
-                (out, count as u64, covered)
-            })
-        });
-        let depth = options.depth.then(|| {
-            stats.time(Stage::Output, 1, || {
-                let mut out = vec![0.0; count];
-                output::depth(pixels, &mut out);
-                (out, count as u64, count as u64)
-            })
-        });
-        stats.covered_pixels = match stats.stages.iter().find(|s| s.stage == Stage::Shade) {
-            Some(shade) => shade.passed,
-            None => words.par_iter().filter(|w| **w != 0).count() as u64,
-        };
-        stats.clusters = visible.len() as u64;
-        let record = |v: &Visible| views[v.instance as usize].mesh.record(v.cluster);
-        stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
-        let drawn = |stage| stats.stages.iter().filter(|s| s.stage == stage).map(|s| s.passed).sum();
-        (stats.drawn_small, stats.drawn_large) = (drawn(Stage::RasterSmall), drawn(Stage::RasterLarge));
-        stats.total_ms = start.elapsed().as_secs_f64() * 1e3;
-        let spare = Arc::clone(&self.spare);
-        Ok(Frame { words, visible, large, views, screen, view, lighting, color, depth, spare, stats })
+        let mut frames = self.render_views(scene, &[(*camera, *pose)], options)?;
+        frames.pop().ok_or_else(|| Error::Invariant("a view gave no frame".to_owned()))
     }
 
-    /// The culling and raster stages.
-    fn draw(
+    /// Renders `scene` as several cameras see it, on a GPU in one submission: a frame for each, as if rendered alone. Times
+    /// are of all together.
+    pub fn render_views(
         &mut self,
         scene: &Scene,
-        view: &View,
-        screen: Screen,
+        views: &[(Camera, [[f64; 4]; 4])],
         options: &RenderOptions,
-    ) -> Result<Rastered> {
-        let words = self.spare_words();
+    ) -> Result<Vec<Frame>> {
+        options.validate()?;
+        let start = Instant::now();
+        let shots: Vec<Shot<'_>> = views
+            .iter()
+            .map(|(camera, pose)| Ok(Shot::new(scene, camera.view(pose, self.width, self.height)?, options)))
+            .collect::<Result<_>>()?;
+        let rastered = self.draw(&shots)?;
+        let spare = &self.spare;
+        let frame = |(shot, rastered)| finished(shot, rastered, Arc::clone(spare));
+        let mut frames: Vec<Frame> = shots.into_iter().zip(rastered).map(frame).collect();
+        let total_ms = start.elapsed().as_secs_f64() * 1e3;
+        frames.iter_mut().for_each(|frame| frame.stats.total_ms = total_ms);
+        Ok(frames)
+    }
+
+    /// The culling and raster stages, and on a device more.
+    fn draw(&mut self, shots: &[Shot<'_>]) -> Result<Vec<Rastered>> {
         #[cfg(feature = "gpu")]
         if let Device::Gpu { device, replaceable } = &mut self.device {
-            match device.draw(scene, view, screen, options, words) {
+            let words = shots.iter().map(|_| spare_words(&self.spare, self.width, self.height)).collect();
+            match device.draw(shots, words) {
                 Err(error @ Error::Backend { .. }) if *replaceable => {
                     (self.device, self.reason) = (Device::Cpu, error.to_string());
-                    return self.draw(scene, view, screen, options);
                 }
                 drawn => return drawn,
             }
         }
-        let mut stats = FrameStats::default();
+        shots.iter().map(|shot| self.draw_on_cpu(shot)).collect()
+    }
+
+    fn draw_on_cpu(&mut self, shot: &Shot<'_>) -> Result<Rastered> {
+        let words = spare_words(&self.spare, self.width, self.height);
+        let Shot { scene, view, eye, screen, options, .. } = shot;
+        let mut stats = FrameStats { raster: Raster::Compute, ..FrameStats::default() };
         let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
         let views = stats.time(Stage::InstanceCull, 1, || {
-            let views = instance_cull::run(&instances, view, &screen);
+            let views = instance_cull::run(&instances, view, eye, screen);
             let count = views.len() as u64;
             (views, instances.len() as u64, count)
         });
         stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
-        let mut pass = Pass { screen, tau: options.pixel_error, views, words, stats };
+        let mut pass = Pass { screen: *screen, tau: options.pixel_error, views, words, stats };
         let list = pass.draw_scene(options.occlusion, &mut self.hzb)?;
-        let Pass { views, words, stats, .. } = pass;
+        let Pass { views, words, mut stats, .. } = pass;
+        stats.covered_pixels = covered(&words);
         let visible = list.iter().map(|c| c.visible).collect();
         let large = list.iter().map(|c| c.large).collect();
-        Ok(Rastered { words, views, visible, large, stats })
+        Ok(Rastered { words, views, visible, large, made: Vec::new(), stats })
     }
+}
 
-    /// A visibility buffer, of an earlier frame if there is one.
-    fn spare_words(&self) -> Vec<u64> {
-        let count = self.width as usize * self.height as usize;
-        let words = self.spare.lock().ok().and_then(|mut s| s.pop()).unwrap_or_default();
-        if words.len() == count { words } else { vec![0; count] }
-    }
+/// A visibility buffer, of an earlier frame if there is one.
+fn spare_words(spare: &Spare, width: u32, height: u32) -> Vec<u64> {
+    let count = width as usize * height as usize;
+    let words = spare.lock().ok().and_then(|mut s| s.pop()).unwrap_or_default();
+    if words.len() == count { words } else { vec![0; count] }
+}
+
+/// The frame of what was drawn, with the arrays asked for.
+fn finished(shot: Shot<'_>, rastered: Rastered, spare: Spare) -> Frame {
+    let Rastered { words, views, visible, large, made, mut stats } = rastered;
+    stats.clusters = visible.len() as u64;
+    let record = |v: &Visible| views[v.instance as usize].mesh.record(v.cluster);
+    stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
+    let drawn = |stage| stats.stages.iter().filter(|s| s.stage == stage).map(|s| s.passed).sum();
+    (stats.drawn_small, stats.drawn_large) = (drawn(Stage::RasterSmall), drawn(Stage::RasterLarge));
+    let Shot { view, eye, screen, lighting, options, .. } = shot;
+    let mut frame = Frame { words, visible, large, views, screen, view, eye, lighting, made, spare, stats };
+    frame.finish(options.outputs);
+    frame
 }
 
 #[cfg(test)]

@@ -1,5 +1,4 @@
-//! The ordered list of stages, written once. Stage `x` is `src/cpu/x.rs`; those up to the depth pyramid are also
-//! `src/gpu/x.rs` with `shaders/x.wgsl`.
+//! The ordered list of stages, written once. Stage `x` is `src/cpu/x.rs`, and `src/gpu/x.rs` with `shaders/x.wgsl`.
 
 /// A stage of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -73,10 +72,8 @@ mod tests {
         for (i, stage) in STAGES.iter().enumerate() {
             assert_eq!(*stage as usize, i);
             let name = stage.name();
-            let mut files = vec![format!("src/cpu/{name}.rs")];
-            if *stage <= Stage::Hzb {
-                files.extend([format!("src/gpu/{name}.rs"), format!("shaders/{name}.wgsl")]);
-            }
+            let files =
+                [format!("src/cpu/{name}.rs"), format!("src/gpu/{name}.rs"), format!("shaders/{name}.wgsl")];
             for file in files {
                 assert!(root.join(&file).is_file(), "{file}");
             }

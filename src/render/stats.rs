@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::stages::Stage;
+use crate::config::Raster;
 
 /// One stage of one pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +43,8 @@ pub struct FrameStats {
     pub occluded_clusters: u64,
     /// Bytes of instances that were written to a device, because they changed.
     pub uploaded_bytes: u64,
+    /// Which rasterizers drew: on a GPU never `Auto`, on the CPU always `Compute`.
+    pub raster: Raster,
     /// Wall time of the whole frame, milliseconds.
     pub total_ms: f64,
 }

@@ -32,7 +32,39 @@ impl Default for Material {
     }
 }
 
+/// A material with all that does not depend on the pixel worked out, for pyrender's reflectance model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reflectance {
+    /// Base colour.
+    pub base: [f32; 3],
+    /// What is reflected in all directions.
+    pub diffuse: [f32; 3],
+    /// What is reflected at right angles.
+    pub f0: [f32; 3],
+    /// α² of GGX.
+    pub alpha2: f32,
+    /// k of Smith's G.
+    pub k: f32,
+    /// Light given off.
+    pub emissive: [f32; 3],
+}
+
 impl Material {
+    /// What shading needs of it.
+    pub fn reflectance(&self) -> Reflectance {
+        let roughness = self.roughness.clamp(0.04, 1.0);
+        let metallic = self.metallic.clamp(0.0, 1.0);
+        let base = self.base_color;
+        Reflectance {
+            base,
+            diffuse: base.map(|c| c * 0.96 * (1.0 - metallic)),
+            f0: base.map(|c| 0.04 * (1.0 - metallic) + c * metallic),
+            alpha2: roughness.powi(4),
+            k: (roughness + 1.0) * (roughness + 1.0) / 8.0,
+            emissive: self.emissive,
+        }
+    }
+
     /// Checks every range; the error names the field.
     pub fn validate(&self) -> Result<()> {
         let unit = |name: &'static str, value: f32| {

@@ -7,6 +7,7 @@
 pub mod camera;
 pub mod instances;
 pub mod light;
+pub mod lighting;
 pub mod material;
 pub mod placement;
 pub mod pose;
@@ -15,5 +16,6 @@ mod slots;
 pub use camera::{Camera, Projection, View};
 pub use instances::{Instance, InstanceHandle, LightHandle, Scene};
 pub use light::{Light, LightKind};
-pub use material::Material;
+pub use lighting::{Lighting, ShadeLight};
+pub use material::{Material, Reflectance};
 pub use slots::Handle;

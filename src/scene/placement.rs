@@ -1,7 +1,7 @@
 //! Where instances and eyes are, in the precision of the stages: positions as sums of two f32, so that their difference
 //! keeps its digits far from the world's origin; everything else as f32.
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 
 use super::camera::View;
 use super::pose;
@@ -26,6 +26,10 @@ pub struct Placement {
     pub linear: [[f32; 3]; 3],
     /// Rows of its inverse.
     pub inverse: [[f32; 3]; 3],
+    /// Rows of the map of normals to the world; not normalized.
+    pub normal: [[f32; 3]; 3],
+    /// `normal` keeps angles: interpolated normals may be mapped after interpolation.
+    pub conformal: bool,
     /// The origin of internal space.
     pub high: [f32; 3],
     /// What `high` leaves.
@@ -42,15 +46,27 @@ impl Placement {
         let linear = pose.matrix3 * frame.scale;
         let (high, low) = split_vector(pose.transform_point3(DVec3::from_array(frame.origin)));
         let rows = |m| pose::linear_rows(&m).map(|row: [f64; 3]| row.map(|v| v as f32));
+        let normal = pose.matrix3.inverse().transpose();
+        // Up to a common factor: keeps f32 in range whatever the scale.
+        let normal = normal * (1.0 / normal.x_axis.length().max(f64::MIN_POSITIVE));
         Self {
             linear: rows(linear),
             inverse: rows(linear.inverse()),
+            normal: rows(normal),
+            conformal: is_conformal(&normal),
             high,
             low,
             lod_scale: round_up(scale * frame.scale * (1.0 + 1.0e-6)),
             mirrored: linear.determinant() < 0.0,
         }
     }
+}
+
+/// True when the linear map is a multiple of a rotation or reflection.
+fn is_conformal(m: &DMat3) -> bool {
+    let g = m.transpose() * *m;
+    let s = g.x_axis.x;
+    (g - DMat3::from_diagonal(DVec3::splat(s))).to_cols_array().iter().all(|v| v.abs() <= 1.0e-6 * s)
 }
 
 /// An eye: the map from the world to its picture.
@@ -66,6 +82,8 @@ pub struct Eye {
     pub low: [f32; 3],
     /// Pixels per unit of tangent (pinhole) or per world unit (parallel); down the picture for y.
     pub focal: [f32; 2],
+    /// One over what is used for `focal`, up the picture for y.
+    pub inverse_focal: [f32; 2],
     /// Where the optical axis meets the picture, pixels.
     pub center: [f32; 2],
     /// See [`crate::math::LodView::focal`].
@@ -88,6 +106,7 @@ impl Eye {
             high,
             low,
             focal: [view.focal[0] as f32, -view.focal[1] as f32],
+            inverse_focal: view.focal.map(|f| (1.0 / f) as f32),
             center: view.center.map(|v| v as f32),
             lod_focal,
             lod_near,

@@ -159,6 +159,31 @@ def test_what_a_mesh_carries_is_shaded_as_on_the_cpu(device) -> None:
     same(device.render(shown, LENS, eye, pixel_error=0.5), expected, ARRAYS[:-1])
 
 
+def test_several_views_are_as_alone(device) -> None:
+    shown = scene()
+    views = [
+        (LENS, at(0, 0, 4)),
+        (nrs.OrthographicCamera(xmag=3.0, ymag=2.0), at(0.2, 0.1, 5)),
+        (LENS, at(30, 0, 60)),
+    ]
+    with nrs.Renderer(*SIZE, backend="cpu") as renderer:
+        for one in (device, renderer):
+            frames = one.render_views(shown, iter(views), occlusion=False, raster="compute")
+            for frame, (camera, pose) in zip(frames, views, strict=True):
+                expected = renderer.render(shown, camera, pose, occlusion=False)
+                for name in ARRAYS:
+                    np.testing.assert_array_equal(getattr(frame, name), getattr(expected, name), err_msg=name)
+            assert one.render_views(shown, []) == []
+
+
+def test_the_view_at_fault_is_named(device) -> None:
+    shown = scene()
+    with pytest.raises(TypeError, match=r"views\[1\]: expected a camera and a pose"):
+        device.render_views(shown, [(LENS, at(0, 0, 4)), LENS])
+    with pytest.raises(nrs.ArgumentError, match=r"views\[1\]: pose: "):
+        device.render_views(shown, [(LENS, at(0, 0, 4)), (LENS, np.diag((2.0, 1, 1, 1)))])
+
+
 def wall_before_a_crowd() -> nrs.Scene:
     out = nrs.Scene(ambient_light=(0.3, 0.3, 0.3))
     out.add(nrs.DirectionalLight(intensity=3.0), pose=np.eye(4))

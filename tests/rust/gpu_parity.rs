@@ -6,16 +6,20 @@ use std::process::Command;
 use std::sync::Arc;
 
 use nanite_rs::Error;
-use nanite_rs::config::RenderOptions;
+use nanite_rs::build::{Silent, build};
+use nanite_rs::config::{BuildOptions, OUTPUTS, Output, Raster, RenderOptions};
 use nanite_rs::gpu::Context;
+use nanite_rs::gpu_types::{self, Array};
+use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
 use nanite_rs::render::{Backend, Frame, Renderer, Stage};
-use nanite_rs::scene::{Camera, Material, Projection, Scene};
+use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
+use crate::gpu_raster;
 use crate::render_frames::{
     AnyView, CAMERA, IDENTITY, Pose, any_views, at, city, crowd, dag, lit, shoot, turned,
 };
-use crate::shapes::{bumpy_sphere, grid, torus};
+use crate::shapes::{Mesh, bumpy_sphere, grid, torus};
 
 /// The device, or a note for the summary of `make test` that this test was skipped.
 pub fn device(test: &str) -> Option<Arc<Context>> {
@@ -28,7 +32,7 @@ pub fn device(test: &str) -> Option<Arc<Context>> {
     }
 }
 
-fn skip(test: &str, reason: &str) {
+pub fn skip(test: &str, reason: &str) {
     println!("skipped {test}: {reason}");
     if let Some(path) = std::env::var_os("NANITE_SKIPS") {
         let file = std::fs::OpenOptions::new().create(true).append(true).open(path);
@@ -36,11 +40,12 @@ fn skip(test: &str, reason: &str) {
     }
 }
 
-fn options(tau: f32) -> RenderOptions {
-    RenderOptions { pixel_error: tau, occlusion: false, ..RenderOptions::default() }
+/// What the CPU does bit for bit: without occlusion, and by the rasterizers that are its twins.
+pub fn options(tau: f32) -> RenderOptions {
+    RenderOptions { pixel_error: tau, occlusion: false, raster: Raster::Compute, ..RenderOptions::default() }
 }
 
-fn on_device(
+pub fn on_device(
     scene: &Scene,
     camera: &Camera,
     pose: &Pose,
@@ -54,13 +59,13 @@ fn on_device(
 }
 
 /// What a pixel shows: instance, cluster, triangle.
-fn identities(frame: &Frame) -> Vec<(i32, u32, i32)> {
+pub fn identities(frame: &Frame) -> Vec<(i32, u32, i32)> {
     let (instances, clusters, triangles) = (frame.instance_ids(), frame.cluster_ids(), frame.triangle_ids());
     instances.into_iter().zip(clusters).zip(triangles).map(|((i, c), t)| (i, c, t)).collect()
 }
 
 /// Received and passed of every stage up to the rasterizers.
-fn counts(frame: &Frame) -> Vec<(Stage, u64, u64)> {
+pub fn counts(frame: &Frame) -> Vec<(Stage, u64, u64)> {
     let drawing = frame.stats.stages.iter().filter(|s| s.stage < Stage::Hzb);
     drawing.map(|s| (s.stage, s.received, s.passed)).collect()
 }
@@ -82,11 +87,141 @@ fn equal(scene: &Scene, camera: &Camera, pose: &Pose, size: (u32, u32), tau: f32
     assert!(gpu.visible() == cpu.visible(), "other clusters");
     assert_eq!(differences(&gpu, &cpu), (0, 0));
     assert!(gpu.words() == cpu.words());
-    assert!(gpu.color() == cpu.color());
     gpu
 }
 
-fn scaled(pose: Pose, scale: f64) -> Pose {
+#[test]
+fn every_array_is_made_on_the_device() {
+    let Some(_) = device("every_array_is_made_on_the_device") else { return };
+    let colored = |(positions, faces): Mesh| {
+        let byte = |v: f32| (255.0 * v.abs().min(1.0)) as u8;
+        let colors: Vec<[u8; 4]> = positions.iter().map(|p| [byte(p[0]), 128, byte(p[1]), 255]).collect();
+        let mut source = SourceMesh::new(Positions::F32(&positions), &faces);
+        source.colors = Some(&colors);
+        Arc::new(build(&source, &BuildOptions::default(), &Silent).unwrap())
+    };
+    let mut many = crowd();
+    many.add(colored(bumpy_sphere(30)), &at(-1.0, 0.5, 3.0), Material::default()).unwrap();
+    let metal = Material {
+        base_color: [0.9, 0.6, 0.2],
+        metallic: 0.8,
+        roughness: 0.2,
+        emissive: [0.1, 0.0, 0.05],
+        ..Material::default()
+    };
+    many.add(dag(&torus(60, 24)), &scaled(turned(at(1.5, 0.0, 3.0), 0.7), 0.4), metal).unwrap();
+    let point = |range, place: Pose| Light {
+        kind: LightKind::Point { range },
+        color: [1.0, 0.7, 0.4],
+        intensity: 20.0,
+        pose: glam::DAffine3::from_translation(glam::DVec3::new(place[0][3], place[1][3], place[2][3])),
+    };
+    many.add_light(point(None, at(0.0, 3.0, 4.0))).unwrap();
+    many.add_light(point(Some(6.0), at(-3.0, 0.0, 4.0))).unwrap();
+    for (scene, camera, size) in [
+        (&many, &CAMERA, (320, 200)),
+        (&many, &PARALLEL, (201, 113)),
+        (&lit(), &CAMERA, (5, 3)),
+        (&many, &CAMERA, (1, 1)),
+    ] {
+        let options = RenderOptions {
+            outputs: OUTPUTS.into_iter().collect(),
+            device_outputs: Some(true),
+            ..options(1.0)
+        };
+        let cpu = shoot(scene, camera, &at(0.0, 0.0, 6.0), size, &options);
+        let gpu = on_device(scene, camera, &at(0.0, 0.0, 6.0), size, &options);
+        let ran = |stage| gpu.stats.stages.iter().filter(|s| s.stage == stage).count();
+        assert_eq!((ran(Stage::Shade), ran(Stage::Output)), (1, 1));
+        same_arrays(&gpu, &cpu);
+        // In two phases, overdraw apart.
+        let hidden = RenderOptions { occlusion: true, ..options.clone() };
+        let mut renderer = Renderer::new(size.0, size.1, "gpu").unwrap();
+        for _ in 0..3 {
+            let gpu = renderer.render(scene, camera, &at(0.0, 0.0, 6.0), &hidden).unwrap();
+            for output in [Output::Depth, Output::InstanceId, Output::ClusterId, Output::TriangleId] {
+                assert!(gpu.array(output) == cpu.array(output), "{}", output.name());
+            }
+            // Of the same list, drawn again by the CPU.
+            assert!(gpu.array(Output::Overdraw) == gpu.make(Output::Overdraw));
+        }
+    }
+}
+
+#[test]
+fn several_views_of_one_submission_are_as_alone() {
+    let Some(_) = device("several_views_of_one_submission_are_as_alone") else { return };
+    let scene = crowd();
+    let size = (200, 120);
+    let options = RenderOptions {
+        occlusion: true,
+        outputs: OUTPUTS.into_iter().collect(),
+        device_outputs: Some(true),
+        ..options(1.0)
+    };
+    let mut together = Renderer::new(size.0, size.1, "gpu").unwrap();
+    let mut on_cpu = Renderer::new(size.0, size.1, "cpu").unwrap();
+    assert!(together.render_views(&scene, &[], &options).unwrap().is_empty());
+    // Their number changes, and so do their eyes; one of them looks away from everything.
+    for (step, count) in [(0.0, 3), (0.1, 3), (0.2, 5), (0.3, 1), (0.4, 4)] {
+        let all = [
+            (CAMERA, at(step, 0.0, 6.0)),
+            (PARALLEL, at(0.1, step, 4.0)),
+            (CAMERA, turned(at(0.0, 0.0, 6.0), 3.0)),
+            (CAMERA, at(0.0, 1.0, 9.0 + 10.0 * step)),
+            (PARALLEL, at(-1.0, 0.0, 5.0)),
+        ];
+        let views = &all[..count];
+        let frames = together.render_views(&scene, views, &options).unwrap();
+        let theirs = on_cpu.render_views(&scene, views, &options).unwrap();
+        assert_eq!((frames.len(), theirs.len()), (count, count));
+        for ((frame, their), (camera, pose)) in frames.iter().zip(&theirs).zip(views) {
+            let alone = shoot(&scene, camera, pose, size, &options);
+            assert!(their.words() == alone.words() && their.color() == alone.color());
+            for output in [Output::Depth, Output::InstanceId, Output::ClusterId, Output::TriangleId] {
+                assert!(frame.array(output) == alone.array(output), "{}", output.name());
+            }
+            assert_eq!(frame.stats.covered_pixels, alone.stats.covered_pixels);
+            assert_eq!(frame.stats.source_triangles > 0, alone.stats.source_triangles > 0);
+        }
+        // Bit for bit what each of them draws by itself where nothing is left out.
+        let whole = RenderOptions { occlusion: false, ..options.clone() };
+        let frames = together.render_views(&scene, views, &whole).unwrap();
+        for (frame, (camera, pose)) in frames.iter().zip(views) {
+            same_arrays(frame, &on_device(&scene, camera, pose, size, &whole));
+            assert!(frame.words() == shoot(&scene, camera, pose, size, &whole).words());
+        }
+    }
+    // The device's own rasterizer takes its turn for each of them.
+    let views = [(CAMERA, at(0.0, 0.0, 6.0)), (PARALLEL, at(0.1, 0.2, 4.0))];
+    let hybrid = RenderOptions { raster: Raster::Hybrid, ..options };
+    if let Ok(frames) = together.render_views(&scene, &views, &hybrid) {
+        for (frame, (camera, pose)) in frames.iter().zip(&views) {
+            let alone = shoot(&scene, camera, pose, size, &hybrid);
+            let covered = |frame: &Frame| frame.words().iter().map(|w| *w != 0).collect::<Vec<_>>();
+            assert!(covered(frame) == covered(&alone));
+        }
+    }
+}
+
+/// Every array that can be made with a frame. Words are equal. Of colours a few are rounded the other way, since a device
+/// may order the operations of shading as it likes: never by more than one step.
+fn same_arrays(gpu: &Frame, cpu: &Frame) {
+    for output in OUTPUTS {
+        match (gpu.array(output), cpu.array(output)) {
+            (Array::Bytes(ours), Array::Bytes(theirs)) => {
+                assert_eq!(ours.len(), theirs.len());
+                let steps = ours.iter().zip(&theirs).map(|(a, b)| a.abs_diff(*b));
+                let other = steps.clone().filter(|step| *step > 0).count();
+                assert!(steps.max().unwrap() <= 1, "{}", output.name());
+                assert!(1000 * other <= ours.len(), "{}: {other} of {}", output.name(), ours.len());
+            }
+            (ours, theirs) => assert!(ours == theirs, "{}", output.name()),
+        }
+    }
+}
+
+pub fn scaled(pose: Pose, scale: f64) -> Pose {
     let mut out = pose;
     for row in &mut out {
         row[..3].iter_mut().for_each(|v| *v *= scale);
@@ -94,7 +229,7 @@ fn scaled(pose: Pose, scale: f64) -> Pose {
     out
 }
 
-const PARALLEL: Camera =
+pub const PARALLEL: Camera =
     Camera { projection: Projection::Orthographic { xmag: 2.0, ymag: 1.2 }, znear: 0.05, zfar: Some(9.0) };
 
 #[test]
@@ -248,7 +383,7 @@ fn a_renderer_follows_its_scene() {
 #[test]
 fn what_did_not_change_is_not_written_again() {
     let Some(_) = device("what_did_not_change_is_not_written_again") else { return };
-    let record = size_of::<nanite_rs::gpu_types::Placed>() as u64;
+    let record = (size_of::<gpu_types::Placed>() + size_of::<gpu_types::Look>()) as u64;
     let mut renderer = Renderer::new(160, 120, "gpu").unwrap();
     let mut scene = crowd();
     let mesh = dag(&torus(30, 12));
@@ -388,14 +523,11 @@ fn of_coincident_surfaces_the_first_shows() {
     }
 }
 
-#[test]
-fn clipped_triangles_are_equal() {
-    let Some(_) = device("clipped_triangles_are_equal") else { return };
-    let scene = crowd();
+/// A floor and a ceiling of a kilometre around the eye, and a wall beside it.
+pub fn room() -> Scene {
     let mut room = lit();
     let sheet = dag(&grid(4, |x, y| 0.02 * (9.0 * x).sin() * (7.0 * y).cos()));
     let both_sides = Material { double_sided: true, ..Material::default() };
-    // A floor and a ceiling of a kilometre around the eye, and a wall beside it.
     for height in [-1.0, 2.0] {
         let side = 1000.0;
         let flat = [[side, 0.0, 0.0, -400.0], [0.0, 0.0, 1.0, height], [0.0, -side, 0.0, 450.0], IDENTITY[3]];
@@ -403,6 +535,14 @@ fn clipped_triangles_are_equal() {
     }
     let wall = [[0.0, 0.0, 1.0, 0.7], [0.0, 9.0, 0.0, -4.0], [-9.0, 0.0, 0.0, 4.0], IDENTITY[3]];
     room.add(sheet, &wall, both_sides).unwrap();
+    room
+}
+
+#[test]
+fn clipped_triangles_are_equal() {
+    let Some(_) = device("clipped_triangles_are_equal") else { return };
+    let scene = crowd();
+    let room = room();
     let views = [
         (&scene, at(0.3, 0.2, 1.8)),
         (&scene, at(0.0, 0.0, 0.9)),
@@ -452,7 +592,12 @@ fn more_than_an_array_holds_is_split() {
         scene.add(copy, &pose, Material::default()).unwrap();
     }
     for (distance, tau) in [(14.0, 1.0), (2.5, 0.0)] {
-        equal(&scene, &CAMERA, &at(0.3, 0.2, distance), (320, 200), tau);
+        let compute = equal(&scene, &CAMERA, &at(0.3, 0.2, distance), (320, 200), tau);
+        if device.raster_obstacle().is_none() {
+            let options = RenderOptions { raster: Raster::Hardware, ..options(tau) };
+            let hardware = on_device(&scene, &CAMERA, &at(0.3, 0.2, distance), (320, 200), &options);
+            gpu_raster::agree(&hardware, &compute, Raster::Hardware);
+        }
     }
 }
 
@@ -465,7 +610,7 @@ fn what_is_hidden_changes_no_pixel() {
     let mut path: Vec<Pose> = (0..6).map(|k| at(1.5, 1.7, 6.0 - 0.7 * f64::from(k))).collect();
     path.extend((1..5).map(|k| turned(at(1.5, 1.7, 2.5), 0.35 * f64::from(k))));
     path.extend([at(40.5, 1.7, -20.0), at(40.5, 1.6, -20.1), at(30.0, 40.0, 50.0), at(1.5, 1.7, 6.0)]);
-    let (size, wide) = ((317, 203), RenderOptions { pixel_error: 0.0, ..RenderOptions::default() });
+    let (size, wide) = ((317, 203), RenderOptions { occlusion: true, ..options(0.0) });
     let narrow = RenderOptions { wide_atomics: false, ..wide.clone() };
     let whole = RenderOptions { occlusion: false, ..wide.clone() };
     let mut renderers = [(); 3].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
@@ -502,7 +647,8 @@ fn from_the_street_a_city_costs_what_is_seen() {
     for k in 0..8 {
         let pose = turned(at(178.5, 1.7, -178.5), std::f64::consts::FRAC_PI_4 * f64::from(k) + 0.2);
         let whole = renderers[0].render(&scene, &CAMERA, &pose, &options(1.0)).unwrap();
-        let mut render = || renderers[1].render(&scene, &CAMERA, &pose, &RenderOptions::default()).unwrap();
+        let culled = RenderOptions { occlusion: true, ..options(1.0) };
+        let mut render = || renderers[1].render(&scene, &CAMERA, &pose, &culled).unwrap();
         let frames = [render(), render()];
         assert!(frames.iter().all(|frame| differences(frame, &whole) == (0, 0)));
         // Nothing moved: nothing is put off in vain.

@@ -4,6 +4,8 @@ mod dag_invariants;
 mod format_robust;
 #[cfg(feature = "gpu")]
 mod gpu_parity;
+#[cfg(feature = "gpu")]
+mod gpu_raster;
 mod layering;
 mod measure;
 mod render_frames;

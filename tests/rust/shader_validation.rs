@@ -3,11 +3,12 @@
 use std::mem::{offset_of, size_of};
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use naga::{AddressSpace, Module, TypeInner};
+use naga::{AddressSpace, Module, ShaderStage, TypeInner};
 use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
-use nanite_rs::gpu::shaders::{KERNELS, Kernel, Phase, Words};
+use nanite_rs::gpu::shaders::{DRAWS, KERNELS, Kernel, Phase, Words};
 use nanite_rs::gpu_types::{
-    Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
+    Call, Candidate, Counters, Dispatch, Instance, Light, Lighting, Look, Marks, Placed, View,
+    VisibleCluster, Visit,
 };
 use nanite_rs::model::{Group, Node};
 
@@ -24,7 +25,9 @@ fn parse_for(kernel: Kernel, array_bits: Option<u32>) -> Module {
 /// What every device with and without 64-bit atomics must accept.
 fn capabilities(kernel: Kernel) -> Capabilities {
     match kernel {
-        Kernel::RasterSmall(Words::Wide) | Kernel::RasterLarge(Words::Wide) => {
+        Kernel::RasterSmall(Words::Wide)
+        | Kernel::RasterLarge(Words::Wide)
+        | Kernel::RasterHardware(_, Words::Wide) => {
             Capabilities::SHADER_INT64 | Capabilities::SHADER_INT64_ATOMIC_MIN_MAX
         }
         _ => Capabilities::empty(),
@@ -33,23 +36,29 @@ fn capabilities(kernel: Kernel) -> Capabilities {
 
 #[test]
 fn every_kernel_is_valid() {
-    for (number, kernel) in KERNELS.into_iter().enumerate() {
+    for (number, kernel) in KERNELS.into_iter().enumerate().chain(DRAWS.into_iter().enumerate()) {
         assert_eq!(kernel.number(), number);
+        let expected = match kernel {
+            Kernel::RasterHardware(..) => {
+                &[("corner", ShaderStage::Vertex), ("pixel", ShaderStage::Fragment)][..]
+            }
+            _ => &[("main", ShaderStage::Compute)],
+        };
         for array_bits in [None, Some(25)] {
             let module = parse_for(kernel, array_bits);
             let mut validator = Validator::new(ValidationFlags::all(), capabilities(kernel));
             if let Err(error) = validator.validate(&module) {
                 panic!("{kernel:?}: {}", error.emit_to_string(&kernel.source(array_bits)));
             }
-            assert_eq!(module.entry_points.len(), 1);
-            assert_eq!(module.entry_points[0].name, "main");
+            let entries = module.entry_points.iter().map(|entry| (entry.name.as_str(), entry.stage));
+            assert_eq!(entries.collect::<Vec<_>>(), expected);
         }
     }
 }
 
 #[test]
 fn kernels_bind_no_more_than_devices_allow() {
-    for kernel in KERNELS {
+    for kernel in KERNELS.into_iter().chain(DRAWS) {
         let module = parse(kernel);
         let mut storage = 0;
         let mut workgroup = 0;
@@ -92,8 +101,8 @@ fn structs_lie_in_wgsl_as_in_rust() {
     let module = parse(Kernel::ClusterCull(Phase::Second));
     let mut structs = vec![
         fields!(View: width, height, orthographic, near, far, far_key, tau, instances, zero, levels, history,
-            group_words, pyramid, rotate, forward, lod_focal, low, lod_near, focal, center, mirrored, occluders, unused_b,
-            unused_c),
+            group_words, pyramid, rotate, forward, lod_focal, low, lod_near, focal, center, inverse_focal, mirrored,
+            viewport, occluders, unused_a, unused_b, unused_c),
         fields!(Instance: screen, before, object_to_eye, center, lod_scale, extent, lod_focal, eye, lod_near, first_node,
             first_group, first_page, group_words, vertex_words, double_sided, mirrored, unused),
         fields!(Node: center, extent, lod_sphere, max_parent_error, first, count, level),
@@ -107,11 +116,17 @@ fn structs_lie_in_wgsl_as_in_rust() {
             triangles_large),
         fields!(Placed: linear, inverse, center, lod_scale, extent, first_node, first_group, first_page,
             group_words, vertex_words, double_sided, mirrored, visible, unused),
-        fields!(Marks: large, held, first, unused),
+        fields!(Marks: large, held, first, clipped),
+        fields!(Call: vertices, instances, first_vertex, first_instance),
+        fields!(Look: normal, diffuse, alpha2, f0, k, emissive, flags),
+        fields!(Light: vector, point, radiance, inverse_range),
+        fields!(Lighting: ambient, lights, background, unused_a, unused_b, unused_c),
     ];
-    // The same struct with atomic members.
-    let (_, size, members) = structs[7].clone();
-    structs.push(("DispatchOut", size, members));
+    // The same structs with atomic members.
+    for (name, of) in [("DispatchOut", "Dispatch"), ("CallOut", "Call")] {
+        let (_, size, members) = structs.iter().find(|s| s.0 == of).unwrap().clone();
+        structs.push((name, size, members));
+    }
     for (name, size, expected) in structs {
         let (members, span) = layout(&module, name).unwrap_or_else(|| panic!("no struct {name}"));
         let members: Vec<(&str, usize)> = members.iter().map(|(n, o)| (n.as_str(), *o as usize)).collect();

@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable, cast_slice};
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu::shaders::{Kernel, Phase, SCAN_BLOCK, Step, Words};
 use nanite_rs::gpu_types::{
-    Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
+    Call, Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
 };
 use nanite_rs::limits::{PYRAMID_ABOVE, PYRAMID_LEVELS};
 use nanite_rs::math::Sphere;
@@ -531,7 +531,7 @@ fn the_second_phase_looks_at_clusters_that_waited() {
     let (pages, offsets) = pages(&records, &[]);
     let candidates = [Candidate { before: 1, ..candidate(0, 3) }, candidate(0, 3)];
     let (drawn, marks) =
-        ([0, 0b001, 0, 0], [Marks::zeroed(), Marks { large: 1, held: 0b010, first: 0, unused: 0 }]);
+        ([0, 0b001, 0, 0], [Marks::zeroed(), Marks { large: 1, held: 0b010, first: 0, clipped: 0 }]);
     for (distance, bits, held, small) in [(12.0, [0b011, 0b111], 0, 5 + 15), (8.0, [0b001, 0], 4, 0)] {
         let out = run(
             &device,
@@ -692,7 +692,7 @@ fn clusters_are_listed_in_scene_order() {
         .to_vec();
     let v = |instance, cluster, large| VisibleCluster { instance, cluster, large };
     let visible = [v(0, 100, 0), v(0, 102, 1), v(0, 105, 0), v(1, 300, 0), v(1, 331, 1)];
-    let mark = |large, held| Marks { large, held, first: 0, unused: 0 };
+    let mark = |large, held| Marks { large, held, first: 0, clipped: 0 };
     let list = |phase,
                 candidates: &[Candidate],
                 drawn: [u32; 4],
@@ -711,18 +711,24 @@ fn clusters_are_listed_in_scene_order() {
                 words(&marks),
                 &sums,
                 words(&vec![VisibleCluster::zeroed(); room]),
-                &vec![99; room],
-                words(&[Dispatch::default(); 2]),
+                &vec![99; 2 * room],
+                words(&[Dispatch::default(); 3]),
                 words(&[Counters::default()]),
                 words(first),
                 &[88; 4],
+                words(&[Call::zeroed(); 3]),
             ],
         );
         let draws: Vec<Dispatch> = entries(&out[7]);
-        let (small, large) = (draws[0].count as usize, draws[1].count as usize);
-        assert_eq!(draws, [small, large].map(|n| dispatch(n as u32, u32::from(n > 0), n as u32)));
-        let mut front = out[6][..small.min(room)].to_vec();
-        let mut back = out[6][room - large.min(room)..].to_vec();
+        let counts = [0, 1, 2].map(|list: usize| draws[list].count as usize);
+        assert_eq!(draws, counts.map(|n| dispatch(n as u32, u32::from(n > 0), n as u32)));
+        // The same for draws of 128 triangles; clipped ones are not drawn so.
+        let calls: Vec<Call> = entries(&out[11]);
+        assert_eq!(calls.iter().map(|call| call.instances as usize).collect::<Vec<_>>(), counts);
+        assert_eq!([calls[0].vertices, calls[1].vertices, calls[2].vertices], [384, 384, 0]);
+        let [small, large, clipped] = counts.map(|n| n.min(room));
+        let mut front = out[6][..small].to_vec();
+        let mut back = [&out[6][room - large..room], &out[6][room..room + clipped]].concat();
         front.sort_unstable();
         back.sort_unstable();
         let counters: Counters = entry(&out[8]);
@@ -793,9 +799,13 @@ fn drawn(
         })
         .collect();
     let count = clusters.len() as u32;
-    // The large rasterizer takes its numbers from the back.
-    let numbers: Vec<u32> = if large { (0..count).rev().collect() } else { (0..count).collect() };
-    let mut draws = [Dispatch::default(); 2];
+    // The large rasterizer takes its numbers from the back, before those that are clipped.
+    let room = clusters.len().max(2);
+    let mut numbers = vec![u32::MAX; 2 * room];
+    for number in 0..clusters.len() {
+        numbers[if large { room - 1 - number } else { number }] = number as u32;
+    }
+    let mut draws = [Dispatch::default(); 3];
     draws[usize::from(large)] = dispatch(count, 1, count);
     let (view, instance) = (words(std::slice::from_ref(view)), [Instance { vertex_words: 3, ..instance }]);
     let mut results = Vec::new();
@@ -1011,7 +1021,7 @@ fn settled(
     other: Counters,
 ) -> (Vec<Dispatch>, u32) {
     let view = View { group_words: 5000, ..view() };
-    let draws = [dispatch(fresh, 1, fresh), Dispatch::default()];
+    let draws = [dispatch(fresh, 1, fresh), Dispatch::default(), Dispatch::default()];
     let steps = [Dispatch::default(); Step::COUNT as usize];
     let later = dispatch(later, 1, later);
     let out = run(

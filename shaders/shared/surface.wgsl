@@ -1,0 +1,190 @@
+// From the visibility buffer to surface points: src/cpu/surface.rs, operation for operation.
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> instances: array<Instance>;
+@group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
+@group(0) @binding(3) var<storage, read> pages: array<u32>;
+@group(0) @binding(4) var<storage, read> pages_1: array<u32>;
+@group(0) @binding(5) var<storage, read> pages_2: array<u32>;
+@group(0) @binding(6) var<storage, read> pages_3: array<u32>;
+@group(0) @binding(7) var<storage, read> visible: array<VisibleCluster>;
+@group(0) @binding(8) var<storage, read> looks: array<Look>;
+@group(0) @binding(9) var<storage, read> words: array<u32>;
+@group(0) @binding(10) var<storage, read_write> out: array<u32>;
+
+// What a pixel shows.
+struct Hit {
+    // Something.
+    covered: bool,
+    key: u32,
+    // Entry of the visible list.
+    number: u32,
+    triangle: u32,
+}
+
+// A point of a surface.
+struct Surfel {
+    instance: u32,
+    cluster: u32,
+    // Where the cluster's record starts.
+    record: u32,
+    distance: f32,
+    // Pixel centre.
+    point: vec2<f32>,
+    // Unit, camera space.
+    normal: vec3<f32>,
+    // Linear, white without vertex colours.
+    tint: vec3<f32>,
+}
+
+fn hit_of(pixel: u32) -> Hit {
+    let low = words[2u * pixel];
+    let number = (~low >> TRIANGLE_BITS) - 1u;
+    // A number beyond the list is none of this frame's.
+    let covered = low != 0u && number < arrayLength(&visible);
+    return Hit(covered, words[2u * pixel + 1u], number, ~low & ((1u << TRIANGLE_BITS) - 1u));
+}
+
+fn distance_of(key: u32) -> f32 {
+    if view.orthographic != 0u {
+        return bitcast<f32>(~key);
+    }
+    return view.near / bitcast<f32>(key);
+}
+
+fn dot3(a: vec3<f32>, b: vec3<f32>) -> f32 {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+fn cross3(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
+
+// The unit vector; +Z for none.
+fn unit(v: vec3<f32>) -> vec3<f32> {
+    let length = sqrt(dot3(v, v));
+    if length < SMALLEST {
+        return vec3<f32>(0.0, 0.0, 1.0);
+    }
+    return v * (1.0 / length);
+}
+
+// Between `low` and `high`; `low` for NaN.
+fn between(v: f32, low: f32, high: f32) -> f32 {
+    let above = select(low, v, v > low);
+    return select(high, above, above < high);
+}
+
+fn blend(weights: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> vec3<f32> {
+    return weights.x * a + weights.y * b + weights.z * c;
+}
+
+fn row(m: vec4<f32>, p: vec3<f32>) -> f32 {
+    return m.x * p.x + m.y * p.y + m.z * p.z + m.w;
+}
+
+// Homogeneous coordinate of a corner, relative to a point of the screen.
+fn along(screen: array<vec4<f32>, 3>, k: u32, p: vec3<f32>, point: f32) -> f32 {
+    let at = row(screen[k], p);
+    if view.orthographic != 0u {
+        return at - point;
+    }
+    return at - point * row(screen[2], p);
+}
+
+// Perspective-correct barycentric coordinates of a point of the screen.
+fn barycentric(screen: array<vec4<f32>, 3>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>, point: vec2<f32>) -> vec3<f32> {
+    let x = vec3<f32>(along(screen, 0u, a, point.x), along(screen, 0u, b, point.x), along(screen, 0u, c, point.x));
+    let y = vec3<f32>(along(screen, 1u, a, point.y), along(screen, 1u, b, point.y), along(screen, 1u, c, point.y));
+    let w = cross3(x, y);
+    let inverse = 1.0 / (w.x + w.y + w.z);
+    let inside = vec3<f32>(
+        between(w.x * inverse, 0.0, 1.0),
+        between(w.y * inverse, 0.0, 1.0),
+        between(w.z * inverse, 0.0, 1.0),
+    );
+    let sum = inside.x + inside.y + inside.z;
+    if sum < SMALLEST {
+        return vec3<f32>(1.0 / 3.0);
+    }
+    return inside * (1.0 / sum);
+}
+
+fn decode_normal(packed: u32) -> vec3<f32> {
+    let x = f32(bitcast<i32>(packed << 16u) >> 16u) / 32767.0;
+    let y = f32(bitcast<i32>(packed) >> 16u) / 32767.0;
+    let z = 1.0 - (abs(x) + abs(y));
+    let t = select(0.0, -z, -z > 0.0);
+    let v = vec3<f32>(select(x - t, x + t, x < 0.0), select(y - t, y + t, y < 0.0), z);
+    return v * (1.0 / sqrt(dot3(v, v)));
+}
+
+fn decode_color(packed: u32) -> vec3<f32> {
+    let bytes = vec3<u32>(packed & 0xffu, packed >> 8u & 0xffu, packed >> 16u & 0xffu);
+    return vec3<f32>(bytes) * (1.0 / 255.0);
+}
+
+// Rows of the map of normals to camera space.
+fn normal_map(look: array<vec4<f32>, 3>) -> array<vec3<f32>, 3> {
+    let x = vec3<f32>(look[0].x, look[1].x, look[2].x);
+    let y = vec3<f32>(look[0].y, look[1].y, look[2].y);
+    let z = vec3<f32>(look[0].z, look[1].z, look[2].z);
+    var rows: array<vec3<f32>, 3>;
+    for (var k = 0u; k < 3u; k++) {
+        let r = view.rotate[k].xyz;
+        rows[k] = vec3<f32>(dot3(r, x), dot3(r, y), dot3(r, z));
+    }
+    return rows;
+}
+
+fn apply(m: array<vec3<f32>, 3>, v: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(dot3(v, m[0]), dot3(v, m[1]), dot3(v, m[2]));
+}
+
+fn surfel_of(pixel: u32, hit: Hit) -> Surfel {
+    let instance = visible[hit.number].instance;
+    let cluster = visible[hit.number].cluster;
+    let page = page_start(instance, cluster);
+    let record = record_start(page, cluster);
+    let vertices = vertex_count(record);
+    let data = page + page_word(record + RECORD_DATA);
+    let corners = triangle_corners(data + vertices * instances[instance].vertex_words, hit.triangle);
+    let a = reals(data + 3u * corners.x);
+    let b = reals(data + 3u * corners.y);
+    let c = reals(data + 3u * corners.z);
+    let point = vec2<f32>(f32(pixel % view.width), f32(pixel / view.width)) + 0.5;
+    let weights = barycentric(instances[instance].screen, a, b, c, point);
+    let to_eye = normal_map(looks[instance].normal);
+    let flags = looks[instance].flags;
+    var normal: vec3<f32>;
+    if (flags & LOOK_SMOOTH) != 0u {
+        let normals = data + 3u * vertices;
+        let na = decode_normal(page_word(normals + corners.x));
+        let nb = decode_normal(page_word(normals + corners.y));
+        let nc = decode_normal(page_word(normals + corners.z));
+        if (flags & LOOK_CONFORMAL) != 0u {
+            normal = apply(to_eye, blend(weights, na, nb, nc));
+        } else {
+            normal = blend(weights, unit(apply(to_eye, na)), unit(apply(to_eye, nb)), unit(apply(to_eye, nc)));
+        }
+    } else {
+        normal = apply(to_eye, unit(cross3(b - a, c - a)));
+    }
+    var tint = vec3<f32>(1.0);
+    if (flags & LOOK_COLORS) != 0u {
+        let colors = data + 5u * vertices;
+        let ca = decode_color(page_word(colors + corners.x));
+        let cb = decode_color(page_word(colors + corners.y));
+        let cc = decode_color(page_word(colors + corners.z));
+        tint = blend(weights, ca, cb, cc);
+    }
+    return Surfel(instance, cluster, record, distance_of(hit.key), point, unit(normal), tint);
+}
+
+// Three bytes per pixel: four pixels are three words.
+fn store_bytes(first: u32, rgb: array<u32, 4>) {
+    let at = first / 4u * 3u;
+    out[at] = rgb[0] | rgb[1] << 24u;
+    out[at + 1u] = rgb[1] >> 8u | rgb[2] << 16u;
+    out[at + 2u] = rgb[2] >> 16u | rgb[3] << 8u;
+}

@@ -1,0 +1,7 @@
+// Instead of the visibility buffer: triangles that cover each pixel, hidden or not.
+
+@group(0) @binding(7) var<storage, read_write> counts: array<atomic<u32>>;
+
+fn put(pixel: u32, key: u32, low: u32) {
+    atomicAdd(&counts[pixel], 1u);
+}

@@ -1,0 +1,24 @@
+//! Stage 8. Visibility buffer → the arrays that a caller asks for.
+
+use super::frame::Recorder;
+use super::shaders::{Kernel, List, Words};
+use super::{raster_large, raster_small};
+use crate::config::Output;
+
+/// Arrays of the finished picture: all but colour, which is the stage before, and overdraw.
+pub(super) fn record(r: &mut Recorder<'_>) {
+    for (output, out) in &r.buffers.outputs {
+        if !matches!(output, Output::Color | Output::Overdraw) {
+            let bindings = r.surface_bindings(out);
+            r.run(Kernel::Output(*output), &bindings, r.picture_workgroups());
+        }
+    }
+}
+
+/// Overdraw: what a phase drew, drawn again; where everything is drawn in compute.
+pub(super) fn count(r: &mut Recorder<'_>) {
+    for (_, counts) in r.buffers.outputs.iter().filter(|(output, _)| *output == Output::Overdraw) {
+        raster_small::record(r, Words::Count, counts);
+        raster_large::record(r, List::Large, Words::Count, counts);
+    }
+}

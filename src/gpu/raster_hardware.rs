@@ -1,0 +1,188 @@
+//! Stages 4 and 5 in another form: clusters of a list → visibility buffer by the rasterizer of the device, one indirect
+//! draw with an instance per cluster. Triangles that would have to be clipped are not for it: a device rounds what it
+//! clips as it likes, and the same edge has to look the same in compute.
+
+use std::sync::OnceLock;
+
+use wgpu::{
+    Adapter, BindGroupDescriptor, BindGroupEntry, Buffer, Color, ColorTargetState, ColorWrites,
+    CommandEncoder, DownlevelFlags, Extent3d, Features, FragmentState, LoadOp, MultisampleState, Operations,
+    PipelineCompilationOptions, PrimitiveState, RenderPassColorAttachment, RenderPassDescriptor,
+    RenderPassTimestampWrites, RenderPipeline, RenderPipelineDescriptor, ShaderModuleDescriptor,
+    ShaderSource, StoreOp, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
+    TextureViewDescriptor, VertexState,
+};
+
+use super::context::{Context, unavailable};
+use super::frame::RasterBindings;
+use super::shaders::{DRAWS, Kernel, List, Words};
+use crate::config::Raster;
+use crate::error::Result;
+use crate::gpu_types::Call;
+use crate::limits::{GUARD_BAND, MAX_SPAN};
+
+/// What it needs of a device besides what every device has: it counts what it draws.
+pub(super) const FEATURES: Features = Features::VERTEX_WRITABLE_STORAGE;
+/// Passes that draw have to have a target, which nothing is written to.
+const NO_COLOR: TextureFormat = TextureFormat::R8Unorm;
+
+/// What an adapter lacks of it, if it does.
+pub(super) fn obstacle(adapter: &Adapter) -> Option<String> {
+    let flags = adapter.get_downlevel_capabilities().flags;
+    let needs = [
+        ("vertex", adapter.features().contains(FEATURES)),
+        ("fragment", flags.contains(DownlevelFlags::FRAGMENT_WRITABLE_STORAGE)),
+    ];
+    let lacking: Vec<&str> = needs.iter().filter(|(_, has)| !has).map(|(stage, _)| *stage).collect();
+    (!lacking.is_empty()).then(|| format!("its {} shaders cannot write to buffers", lacking.join(" and ")))
+}
+
+/// Side of the viewport for pictures of a size, a power of two, so that positions on it are exact; none where it leaves
+/// no room for small clusters beside the picture.
+fn viewport(context: &Context, (width, height): (u32, u32)) -> Option<u32> {
+    // Beyond the guard band everything is clipped anyway.
+    let most = context.limits().max_texture_dimension_2d.min((2.0 * GUARD_BAND) as u32);
+    let side: u32 = most.checked_ilog2().map_or(0, |bits| 1 << bits);
+    let margin = side.saturating_sub(width.max(height)) / 2;
+    (margin > u32::from(MAX_SPAN)).then_some(side)
+}
+
+/// Which rasterizers draw a picture of a size.
+pub(super) fn choose(context: &Context, asked: Raster, size: (u32, u32)) -> Result<Raster> {
+    let fits = viewport(context, size).is_some();
+    match asked {
+        Raster::Compute => Ok(asked),
+        Raster::Auto if fits => Ok(context.calibrate().raster),
+        Raster::Auto => Ok(Raster::Compute),
+        Raster::Hybrid | Raster::Hardware => {
+            let (width, height) = size;
+            let large = (!fits).then(|| format!("pictures of {width} × {height} are too large for it"));
+            match context.raster_obstacle().map(str::to_owned).or(large) {
+                None => Ok(asked),
+                Some(reason) => {
+                    let (name, raster) = (context.name(), asked.name());
+                    Err(unavailable(format!("{name} cannot draw with raster {raster:?}: {reason}")))
+                }
+            }
+        }
+    }
+}
+
+/// The pipelines of [`DRAWS`], compiled when first used: with pages in one array, and in several.
+#[derive(Debug, Default)]
+pub(super) struct Pipelines([[OnceLock<RenderPipeline>; 2]; DRAWS.len()]);
+
+impl Pipelines {
+    fn get(&self, context: &Context, kernel: Kernel, split: bool) -> &RenderPipeline {
+        self.0[kernel.number()][usize::from(split)].get_or_init(|| {
+            let (label, device) = (Some(kernel.name()), context.device());
+            let source = kernel.source(split.then(|| context.array_bits()));
+            let source = ShaderSource::Wgsl(source.into());
+            let module = &device.create_shader_module(ShaderModuleDescriptor { label, source });
+            let compilation_options = PipelineCompilationOptions::default();
+            let target = ColorTargetState { format: NO_COLOR, blend: None, write_mask: ColorWrites::empty() };
+            device.create_render_pipeline(&RenderPipelineDescriptor {
+                label,
+                layout: None,
+                vertex: VertexState {
+                    module,
+                    entry_point: Some("corner"),
+                    compilation_options: compilation_options.clone(),
+                    buffers: &[],
+                },
+                primitive: PrimitiveState::default(),
+                depth_stencil: None,
+                multisample: MultisampleState::default(),
+                fragment: Some(FragmentState {
+                    module,
+                    entry_point: Some("pixel"),
+                    compilation_options,
+                    targets: &[Some(target)],
+                }),
+                multiview_mask: None,
+                cache: None,
+            })
+        })
+    }
+}
+
+/// Where it draws: what a pass has to have.
+#[derive(Debug)]
+pub(super) struct Target {
+    size: (u32, u32),
+    viewport: u32,
+    view: TextureView,
+}
+
+impl Target {
+    /// For pictures of a size that [`choose`] found to fit.
+    pub(super) fn new(context: &Context, size: (u32, u32)) -> Self {
+        let (width, height) = size;
+        let texture = context.device().create_texture(&TextureDescriptor {
+            label: Some("no colour"),
+            size: Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: TextureDimension::D2,
+            format: NO_COLOR,
+            usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TRANSIENT_ATTACHMENT,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&TextureViewDescriptor::default());
+        Self { size, viewport: viewport(context, size).unwrap_or(0), view }
+    }
+
+    /// Pixels across and down.
+    pub(super) fn size(&self) -> (u32, u32) {
+        self.size
+    }
+
+    /// Side of the viewport.
+    pub(super) fn viewport(&self) -> u32 {
+        self.viewport
+    }
+}
+
+/// Draws a list of clusters.
+pub(super) struct Draw<'a> {
+    pub(super) list: List,
+    pub(super) words: Words,
+    pub(super) split: bool,
+    pub(super) bindings: RasterBindings<'a>,
+    pub(super) calls: &'a Buffer,
+    pub(super) target: &'a Target,
+    pub(super) times: Option<RenderPassTimestampWrites<'a>>,
+}
+
+impl Draw<'_> {
+    pub(super) fn record(self, context: &Context, encoder: &mut CommandEncoder) {
+        let Self { list, words, split, bindings, calls, target, times } = self;
+        let kernel = Kernel::RasterHardware(list, words);
+        let pipeline = context.draws().get(context, kernel, split);
+        let entries: Vec<_> = bindings
+            .iter()
+            .zip(0..)
+            .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+            .collect();
+        let layout = &pipeline.get_bind_group_layout(0);
+        let descriptor = BindGroupDescriptor { label: Some(kernel.name()), layout, entries: &entries };
+        let group = context.device().create_bind_group(&descriptor);
+        let mut pass = encoder.begin_render_pass(&RenderPassDescriptor {
+            label: Some(kernel.name()),
+            color_attachments: &[Some(RenderPassColorAttachment {
+                view: &target.view,
+                depth_slice: None,
+                resolve_target: None,
+                ops: Operations { load: LoadOp::Clear(Color::TRANSPARENT), store: StoreOp::Discard },
+            })],
+            timestamp_writes: times,
+            ..RenderPassDescriptor::default()
+        });
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, &group, &[]);
+        let side = target.viewport as f32;
+        let first = |pixels: u32| (pixels / 2) as f32 - 0.5 * side;
+        pass.set_viewport(first(target.size.0), first(target.size.1), side, side, 0.0, 1.0);
+        pass.draw_indirect(calls, list as u64 * size_of::<Call>() as u64);
+    }
+}
