@@ -3,8 +3,9 @@
 //!
 //! The first phase leaves out what the pyramid of an earlier frame hides, where instances were then; the second looks
 //! at that again, with the pyramid of what the first one drew (Greene, Kass and Miller, "Hierarchical Z-Buffer
-//! Visibility", 1993; Haar and Aaltonen, "GPU-Driven Rendering Pipelines", 2015). Of what no earlier frame showed, the first
-//! phase draws what is near. Whatever the earlier pyramid holds, the picture is the same: it decides which phase draws a cluster, and not whether one does.
+//! Visibility", 1993; Haar and Aaltonen, "GPU-Driven Rendering Pipelines", 2015). Of what no earlier frame showed, the
+//! first phase draws what is near. Whatever the earlier pyramid holds, the picture is the same: it decides which phase
+//! draws a cluster, and not whether one does.
 
 use wgpu::{Buffer, BufferUsages};
 

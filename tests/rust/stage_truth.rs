@@ -691,7 +691,7 @@ fn clusters_are_listed_in_scene_order() {
         .map(|(instance, first)| Candidate { instance, first, count: 32, before: NONE })
         .to_vec();
     let v = |instance, cluster, large| VisibleCluster { instance, cluster, large };
-    let visible = [v(0, 100, 0), v(0, 102, 1), v(1, 300, 0), v(1, 331, 1)];
+    let visible = [v(0, 100, 0), v(0, 102, 1), v(0, 105, 0), v(1, 300, 0), v(1, 331, 1)];
     let mark = |large, held| Marks { large, held, first: 0, clipped: 0 };
     let list = |phase,
                 candidates: &[Candidate],
@@ -735,26 +735,26 @@ fn clusters_are_listed_in_scene_order() {
         let firsts: Vec<Marks> = entries(&out[3]);
         (entries::<VisibleCluster>(&out[5]), front, back, counters.visible, firsts, out[10].clone())
     };
-    // Members 0 and 2 of the first, none of the second, 0 and 31 of the third.
-    let drawn = [0b101, 0, 1 << 31 | 1, 0];
+    // Members 0, 2 and 5 of the first, none of the second, 0 and 31 of the third.
+    let drawn = [0b10_0101, 0, 1 << 31 | 1, 0];
     let marks = [mark(0b100, 0), mark(0, 0), mark(1 << 31, 0)];
-    let (found, small, large, count, firsts, _) = list(Phase::First, &candidates, drawn, marks, &marks, 5);
-    assert_eq!((&found[..4], found[4]), (&visible[..], VisibleCluster::zeroed()));
+    let (found, small, large, count, firsts, _) = list(Phase::First, &candidates, drawn, marks, &marks, 6);
+    assert_eq!((&found[..5], found[5]), (&visible[..], VisibleCluster::zeroed()));
     // Small ones from the front, large ones from the back.
-    assert_eq!((small, large, count), (vec![0, 2], vec![1, 3], 4));
-    assert_eq!((firsts[0].first, firsts[2].first), (0, 2));
+    assert_eq!((small, large, count), (vec![0, 2, 3], vec![1, 4], 5));
+    assert_eq!((firsts[0].first, firsts[2].first), (0, 3));
     // With too little room the rest is counted.
     let (found, .., count, _, _) = list(Phase::First, &candidates, drawn, marks, &marks, 3);
-    assert_eq!((&found[..], count), (&visible[..3], 4));
-    // The second phase: the first one drew member 2 of the first and 31 of the third, as its numbers 0 and 1.
+    assert_eq!((&found[..], count), (&visible[..3], 5));
+    // The second phase: the first one drew members 2 and 5 of the first and 31 of the third, as its numbers 0, 1 and 2.
     let again: Vec<Candidate> =
         (0..).zip(&candidates).map(|(k, c)| Candidate { before: [1, NONE, 0][k], ..*c }).collect();
-    let before = [Marks { first: 1, ..mark(0, 0) }, Marks { first: 0, ..mark(0, 0) }];
-    let marks = [mark(0b100, 0b100), mark(0, 0), mark(1 << 31, 1 << 31)];
-    let (found, small, large, count, _, renumbered) = list(Phase::Second, &again, drawn, marks, &before, 5);
-    assert_eq!((&found[..4], count), (&visible[..], 4));
-    // Only the new ones are drawn; of the old ones, 0 has become 1 and 1 has become 3.
-    assert_eq!((small, large, renumbered), (vec![0, 2], vec![], vec![1, 3, 88, 88]));
+    let before = [Marks { first: 2, ..mark(0, 0) }, Marks { first: 0, ..mark(0, 0) }];
+    let marks = [mark(0b100, 0b10_0100), mark(0, 0), mark(1 << 31, 1 << 31)];
+    let (found, small, large, count, _, renumbered) = list(Phase::Second, &again, drawn, marks, &before, 6);
+    assert_eq!((&found[..5], count), (&visible[..], 5));
+    // Only the new ones are drawn; the old ones have become 1, 2 and 4.
+    assert_eq!((small, large, renumbered), (vec![0, 3], vec![], vec![1, 2, 4, 88]));
 }
 
 /// Pixels of the pictures that triangles are drawn into, across and down.
