@@ -18,7 +18,7 @@ use crate::render_frames::{
 use crate::shapes::{bumpy_sphere, grid, torus};
 
 /// The device, or a note for the summary of `make test` that this test was skipped.
-fn device(test: &str) -> Option<Arc<Context>> {
+pub fn device(test: &str) -> Option<Arc<Context>> {
     match Context::shared() {
         Ok(context) => Some(context),
         Err(error) => {

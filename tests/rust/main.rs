@@ -10,3 +10,5 @@ mod render_frames;
 #[cfg(feature = "gpu")]
 mod shader_validation;
 mod shapes;
+#[cfg(feature = "gpu")]
+mod traversal;

@@ -1,0 +1,237 @@
+//! Three traversals of the hierarchies of a scene, in turn, on the device: `cargo bench --bench traversal`; with a number
+//! n behind `--`, on a mesh of 8·n² triangles. Every frame of
+//! every form is compared with the others, and with what the product draws.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+use nanite_rs::build::{Silent, build};
+use nanite_rs::config::{BuildOptions, ErrorMeasure};
+use nanite_rs::cpu::project::Screen;
+use nanite_rs::gpu::{Context, DeviceStage, Renderer, Ways};
+use nanite_rs::gpu_types::{Placed, View, VisibleCluster};
+use nanite_rs::mesh::{Positions, SourceMesh};
+use nanite_rs::model::Dag;
+use nanite_rs::render::{placed, view_record};
+use nanite_rs::scene::placement::Eye;
+use nanite_rs::scene::{Camera, Material, Projection, Scene};
+
+#[path = "../../tests/rust/shapes.rs"]
+#[allow(dead_code)]
+mod shapes;
+
+#[path = "traversal/forms.rs"]
+mod forms;
+#[path = "traversal/kernels.rs"]
+mod kernels;
+#[path = "traversal/parts.rs"]
+mod parts;
+
+use forms::{FORMS, Form, Forms, Found, STEPS, Step};
+use kernels::{RING, Ring};
+
+type Slots = Vec<Option<(Placed, Arc<Dag>)>>;
+
+/// 1.0 M triangles.
+const SIZE: usize = 354;
+/// Instances: 1 M, 100 M and 10 G triangles.
+const CROWDS: [usize; 3] = [1, 100, 10_000];
+/// Of the eye from the middle of the first ten: among them, in front of them, and where all is small.
+const DISTANCES: [(&str, f64); 3] = [("near", 1.8), ("middle", 9.0), ("far", 80.0)];
+const PICTURE: (u32, u32) = (1280, 720);
+const TAU: f32 = 1.0;
+/// Frames that count, after those that do not: a degree apart.
+const FRAMES: usize = 24;
+const WARM_UP: usize = 3;
+const CAMERA: Camera =
+    Camera { projection: Projection::Perspective { yfov: 0.8, aspect: None }, znear: 0.05, zfar: None };
+
+/// Tens of five columns and two rows, one behind the other, as `benchmarks/python/gpu.py` has them.
+fn crowd(mesh: &Arc<Dag>, count: usize) -> Slots {
+    let mut scene = Scene::new();
+    for k in 0..count {
+        let (ten, row, column) = (k / 10, k % 10 / 5, k % 5);
+        let at = match count {
+            1 => [0.0; 3],
+            _ => [2.2 * (column as f64 - 2.0), 2.2 * (0.5 - row as f64), -2.2 * ten as f64],
+        };
+        let row =
+            |k: usize| std::array::from_fn(|j| if j == 3 { at[k] } else { f64::from(u8::from(j == k)) });
+        let pose = [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]];
+        scene.add(Arc::clone(mesh), &pose, Material::default()).expect("an instance");
+    }
+    let all = scene.instances();
+    (0..all.capacity())
+        .map(|slot| all.at(slot).map(|instance| (placed(instance), Arc::clone(&instance.mesh))))
+        .collect()
+}
+
+/// From `distance` away, turned by so many degrees about the middle.
+fn view(distance: f64, degrees: f64) -> View {
+    let turn = DAffine3::from_rotation_y(degrees.to_radians());
+    let pose = turn * DAffine3::from_translation(DVec3::Z * distance);
+    let (x, t) = (pose.matrix3, pose.translation);
+    let row = |k: usize| [x.x_axis[k], x.y_axis[k], x.z_axis[k], t[k]];
+    let rows = [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]];
+    let view = CAMERA.view(&rows, PICTURE.0, PICTURE.1).expect("a view");
+    view_record(&Screen::new(&view), &Eye::new(&view), TAU)
+}
+
+fn sorted(found: &Found) -> Vec<VisibleCluster> {
+    let mut list = found.visible.clone();
+    list.sort_unstable_by_key(|v| (v.instance, v.cluster));
+    list
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_unstable_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// Frames of all forms in turn; and of the product with its occlusion culling, ms of culling and clusters drawn.
+struct Measured {
+    of_form: [Vec<Found>; 3],
+    product: Vec<(f64, u64)>,
+}
+
+fn measure(forms: &mut Forms, renderer: &mut Renderer, distance: f64) -> Measured {
+    let mut out = Measured { of_form: Default::default(), product: Vec::new() };
+    let mut words = vec![0; (PICTURE.0 * PICTURE.1) as usize];
+    for frame in 0..WARM_UP + FRAMES {
+        let view = view(distance, frame as f64);
+        // Who comes first changes.
+        let mut found: [Found; 3] = Default::default();
+        for k in 0..FORMS.len() {
+            let k = (k + frame) % FORMS.len();
+            found[k] = forms.run(FORMS[k], &view).expect("a traversal");
+        }
+        let [levels, queue, flat] = &found;
+        assert!(queue.bits == levels.bits && queue.visible == levels.visible, "the queue finds others");
+        assert!(sorted(flat) == sorted(levels), "parts find others");
+        let mut draw = |occlusion| {
+            renderer.draw(&view, Ways { wide_atomics: true, occlusion }, &mut words).expect("a frame")
+        };
+        if frame == 0 {
+            assert!(draw(false).visible == levels.visible, "the product finds others");
+        }
+        let drawn = draw(true);
+        let culling = drawn.times.iter().filter(|(stage, ..)| {
+            [DeviceStage::InstanceCull, DeviceStage::NodeCull, DeviceStage::ClusterCull].contains(stage)
+        });
+        if frame >= WARM_UP {
+            out.product.push((culling.map(|(.., ms)| ms).sum(), drawn.visible.len() as u64));
+            found.into_iter().zip(&mut out.of_form).for_each(|(found, list)| list.push(found));
+        }
+    }
+    out
+}
+
+fn thousands(n: f64) -> String {
+    match n {
+        n if n >= 10e6 => format!("{:.1} M", n / 1e6),
+        n if n >= 10e3 => format!("{:.1} k", n / 1e3),
+        n => format!("{n:.0}"),
+    }
+}
+
+fn mebibytes(bytes: f64) -> String {
+    format!("{:.2}", bytes / f64::from(1 << 20))
+}
+
+fn print(triangles: usize, count: usize, camera: &str, measured: &Measured) {
+    for (form, frames) in FORMS.iter().zip(&measured.of_form) {
+        let of = |of: &dyn Fn(&Found) -> f64| median(frames.iter().map(of));
+        let step = |step: Step| STEPS.iter().position(|s| *s == step).map_or(f64::NAN, |k| of(&|f| f.ms[k]));
+        let (nodes, groups) = (of(&|f| f.nodes as f64), of(&|f| f.groups as f64));
+        println!(
+            "| {} | {camera} | {} | {:.2} | {:.2} | {:.2} | {:.2} | {:.1} | {} | {} | {} | {} | {} | {} |",
+            thousands((triangles * count) as f64),
+            form.name(),
+            step(Step::Walk),
+            step(Step::List),
+            step(Step::Clusters),
+            of(&|f| f.ms.iter().sum()),
+            of(&|f| f.wall),
+            thousands(nodes),
+            if *form == Form::Parts { "–".to_owned() } else { thousands(groups) },
+            thousands(of(&|f| f.clusters as f64)),
+            thousands(of(&|f| f.visible.len() as f64)),
+            mebibytes(of(&|f| f.read as f64)),
+            mebibytes(of(&|f| f.memory as f64)),
+        );
+    }
+    let product = |of: fn(&(f64, u64)) -> f64| median(measured.product.iter().map(of));
+    println!(
+        "| {} | {camera} | product, two phases |  |  |  | {:.2} |  |  |  |  | {} |  |  |",
+        thousands((triangles * count) as f64),
+        product(|p| p.0),
+        thousands(product(|p| p.1 as f64)),
+    );
+}
+
+fn main() {
+    let context = match Context::shared() {
+        Ok(context) => context,
+        Err(error) => return println!("skipped: {error}"),
+    };
+    let words: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
+    let number = |word: &String| word.parse::<usize>().ok();
+    let size = words.iter().find_map(number).unwrap_or(SIZE);
+    let (positions, faces) = shapes::bumpy_sphere(size);
+    let options = BuildOptions { error: ErrorMeasure::Quadric, ..BuildOptions::default() };
+    let mesh = build(&SourceMesh::new(Positions::F32(&positions), &faces), &options, &Silent);
+    let mesh = Arc::new(mesh.expect("a sphere builds"));
+    println!("{}; {}×{}, τ = {TAU}, medians of {FRAMES} frames", context.name(), PICTURE.0, PICTURE.1);
+    println!(
+        "A mesh of {} triangles: {} clusters, {} groups, {} nodes, {} parts",
+        faces.len(),
+        mesh.cluster_count(),
+        mesh.groups.len(),
+        mesh.nodes.len(),
+        parts::parts(&mesh).len()
+    );
+    println!(
+        "\n| triangles | camera | form | walk ms | list ms | clusters ms | all ms | wall ms | nodes, or parts | groups | clusters | visible | MiB read | MiB kept |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+    for count in CROWDS {
+        let slots = crowd(&mesh, count);
+        let mut forms = Forms::new(&slots, RING).expect("a scene");
+        let mut renderer = Renderer::new().expect("a device");
+        for (slot, instance) in (0..).zip(&slots) {
+            renderer.set(slot, instance.as_ref().map(|(placed, mesh)| (*placed, mesh)));
+        }
+        for (camera, distance) in DISTANCES {
+            print(faces.len(), count, camera, &measure(&mut forms, &mut renderer, distance));
+        }
+    }
+    workers(&mesh);
+}
+
+/// The queue by the number of workgroups that stay, on the scene where it has most to do.
+fn workers(mesh: &Arc<Dag>) {
+    println!("\n| workers | slots | walk ms | nodes walked alone | idle claims |\n|---|---|---|---|---|");
+    let slots = crowd(mesh, CROWDS[2]);
+    let rings = [(2, 1 << 16), (8, 1 << 16), (64, 1 << 16), (512, 1 << 16), (64, 1 << 8)];
+    let rings = rings.map(|(workers, slots)| Ring { workers, slots, ..RING });
+    let mut all: Vec<Forms> = rings.iter().map(|ring| Forms::new(&slots, *ring).expect("a scene")).collect();
+    let mut found = vec![Vec::new(); all.len()];
+    for frame in 0..FRAMES {
+        let view = view(DISTANCES[1].1, frame as f64);
+        for (forms, found) in all.iter_mut().zip(&mut found) {
+            found.push(forms.run(Form::Queue, &view).expect("a traversal"));
+        }
+    }
+    for (ring, found) in rings.iter().zip(&found) {
+        let of = |of: fn(&Found) -> f64| median(found.iter().map(of));
+        println!(
+            "| {} | {} | {:.2} | {} | {} |",
+            ring.workers,
+            ring.slots,
+            of(|f| f.ms[1]),
+            thousands(of(|f| f.walked as f64)),
+            thousands(of(|f| f.idle as f64)),
+        );
+    }
+}
