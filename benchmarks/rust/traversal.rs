@@ -7,13 +7,10 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3};
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, ErrorMeasure};
-use nanite_rs::cpu::project::Screen;
 use nanite_rs::gpu::{Context, DeviceStage, Renderer, Ways};
-use nanite_rs::gpu_types::{Placed, View, VisibleCluster};
+use nanite_rs::gpu_types::{View, VisibleCluster};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
-use nanite_rs::render::{placed, view_record};
-use nanite_rs::scene::placement::Eye;
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
 #[path = "../../tests/rust/shapes.rs"]
@@ -27,10 +24,8 @@ mod kernels;
 #[path = "traversal/parts.rs"]
 mod parts;
 
-use forms::{FORMS, Form, Forms, Found, STEPS, Step};
+use forms::{FORMS, Form, Forms, Found, STEPS, Slots, Step, slots};
 use kernels::{RING, Ring};
-
-type Slots = Vec<Option<(Placed, Arc<Dag>)>>;
 
 /// 1.0 M triangles.
 const SIZE: usize = 354;
@@ -60,10 +55,7 @@ fn crowd(mesh: &Arc<Dag>, count: usize) -> Slots {
         let pose = [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]];
         scene.add(Arc::clone(mesh), &pose, Material::default()).expect("an instance");
     }
-    let all = scene.instances();
-    (0..all.capacity())
-        .map(|slot| all.at(slot).map(|instance| (placed(instance), Arc::clone(&instance.mesh))))
-        .collect()
+    slots(&scene)
 }
 
 /// From `distance` away, turned by so many degrees about the middle.
@@ -73,8 +65,7 @@ fn view(distance: f64, degrees: f64) -> View {
     let (x, t) = (pose.matrix3, pose.translation);
     let row = |k: usize| [x.x_axis[k], x.y_axis[k], x.z_axis[k], t[k]];
     let rows = [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]];
-    let view = CAMERA.view(&rows, PICTURE.0, PICTURE.1).expect("a view");
-    view_record(&Screen::new(&view), &Eye::new(&view), TAU)
+    forms::view(&CAMERA, &rows, PICTURE, TAU).expect("a view")
 }
 
 fn sorted(found: &Found) -> Vec<VisibleCluster> {
@@ -89,7 +80,8 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Frames of all forms in turn; and of the product with its occlusion culling, ms of culling and clusters drawn.
+/// Frames of all forms in turn; and of the product with its occlusion culling, ms of the same steps in both phases and
+/// clusters drawn.
 struct Measured {
     of_form: [Vec<Found>; 3],
     product: Vec<(f64, u64)>,
@@ -116,9 +108,8 @@ fn measure(forms: &mut Forms, renderer: &mut Renderer, distance: f64) -> Measure
             assert!(draw(false).visible == levels.visible, "the product finds others");
         }
         let drawn = draw(true);
-        let culling = drawn.times.iter().filter(|(stage, ..)| {
-            [DeviceStage::InstanceCull, DeviceStage::NodeCull, DeviceStage::ClusterCull].contains(stage)
-        });
+        let steps = [DeviceStage::NodeCull, DeviceStage::ClusterCull];
+        let culling = drawn.times.iter().filter(|(stage, ..)| steps.contains(stage));
         if frame >= WARM_UP {
             out.product.push((culling.map(|(.., ms)| ms).sum(), drawn.visible.len() as u64));
             found.into_iter().zip(&mut out.of_form).for_each(|(found, list)| list.push(found));
@@ -127,10 +118,12 @@ fn measure(forms: &mut Forms, renderer: &mut Renderer, distance: f64) -> Measure
     out
 }
 
+/// Four digits at most, or a few and a unit.
 fn thousands(n: f64) -> String {
     match n {
-        n if n >= 10e6 => format!("{:.1} M", n / 1e6),
-        n if n >= 10e3 => format!("{:.1} k", n / 1e3),
+        n if n >= 1e9 => format!("{:.1} G", n / 1e9),
+        n if n >= 1e6 => format!("{:.1} M", n / 1e6),
+        n if n >= 1e4 => format!("{:.1} k", n / 1e3),
         n => format!("{n:.0}"),
     }
 }
@@ -145,16 +138,17 @@ fn print(triangles: usize, count: usize, camera: &str, measured: &Measured) {
         let step = |step: Step| STEPS.iter().position(|s| *s == step).map_or(f64::NAN, |k| of(&|f| f.ms[k]));
         let (nodes, groups) = (of(&|f| f.nodes as f64), of(&|f| f.groups as f64));
         println!(
-            "| {} | {camera} | {} | {:.2} | {:.2} | {:.2} | {:.2} | {:.1} | {} | {} | {} | {} | {} | {} |",
+            "| {} | {camera} | {} | {:.2} | {:.2} | {:.2} | {:.2} | {:.1} | {} | {} | {} | {} | {} | {} | {} |",
             thousands((triangles * count) as f64),
             form.name(),
             step(Step::Walk),
             step(Step::List),
             step(Step::Clusters),
-            of(&|f| f.ms.iter().sum()),
+            of(&|f| f.ms[1..].iter().sum()),
             of(&|f| f.wall),
             thousands(nodes),
             if *form == Form::Parts { "–".to_owned() } else { thousands(groups) },
+            thousands(of(&|f| f.candidates as f64)),
             thousands(of(&|f| f.clusters as f64)),
             thousands(of(&|f| f.visible.len() as f64)),
             mebibytes(of(&|f| f.read as f64)),
@@ -163,7 +157,7 @@ fn print(triangles: usize, count: usize, camera: &str, measured: &Measured) {
     }
     let product = |of: fn(&(f64, u64)) -> f64| median(measured.product.iter().map(of));
     println!(
-        "| {} | {camera} | product, two phases |  |  |  | {:.2} |  |  |  |  | {} |  |  |",
+        "| {} | {camera} | product, two phases |  |  |  | {:.2} |  |  |  |  |  | {} |  |  |",
         thousands((triangles * count) as f64),
         product(|p| p.0),
         thousands(product(|p| p.1 as f64)),
@@ -192,9 +186,9 @@ fn main() {
         parts::parts(&mesh).len()
     );
     println!(
-        "\n| triangles | camera | form | walk ms | list ms | clusters ms | all ms | wall ms | nodes, or parts | groups | clusters | visible | MiB read | MiB kept |"
+        "\n| triangles | camera | form | walk ms | list ms | clusters ms | sum ms | wall ms | nodes, or parts | groups | candidates | clusters | visible | MiB read | MiB kept |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for count in CROWDS {
         let slots = crowd(&mesh, count);
         let mut forms = Forms::new(&slots, RING).expect("a scene");
@@ -209,29 +203,39 @@ fn main() {
     workers(&mesh);
 }
 
-/// The queue by the number of workgroups that stay, on the scene where it has most to do.
+/// The queue by the number of workgroups that stay and by slots, beside the levels, on the scene with most to do.
 fn workers(mesh: &Arc<Dag>) {
-    println!("\n| workers | slots | walk ms | nodes walked alone | idle claims |\n|---|---|---|---|---|");
+    println!(
+        "\n| form | workers | slots | walk ms | nodes walked alone | idle claims |\n|---|---|---|---|---|---|"
+    );
     let slots = crowd(mesh, CROWDS[2]);
     let rings = [(2, 1 << 16), (8, 1 << 16), (64, 1 << 16), (512, 1 << 16), (64, 1 << 8)];
-    let rings = rings.map(|(workers, slots)| Ring { workers, slots, ..RING });
-    let mut all: Vec<Forms> = rings.iter().map(|ring| Forms::new(&slots, *ring).expect("a scene")).collect();
-    let mut found = vec![Vec::new(); all.len()];
-    for frame in 0..FRAMES {
+    let of_ring = |(workers, slots)| (Form::Queue, Ring { workers, slots, ..RING });
+    let forms: Vec<_> = [(Form::Levels, RING)].into_iter().chain(rings.map(of_ring)).collect();
+    let scene = |ring: &Ring| Forms::new(&slots, *ring).expect("a scene");
+    let mut scenes: Vec<Forms> = forms.iter().map(|(_, ring)| scene(ring)).collect();
+    let mut found = vec![Vec::new(); forms.len()];
+    for frame in 0..WARM_UP + FRAMES {
         let view = view(DISTANCES[1].1, frame as f64);
-        for (forms, found) in all.iter_mut().zip(&mut found) {
-            found.push(forms.run(Form::Queue, &view).expect("a traversal"));
+        for k in 0..forms.len() {
+            let k = (k + frame) % forms.len();
+            let run = scenes[k].run(forms[k].0, &view).expect("a traversal");
+            if frame >= WARM_UP {
+                found[k].push(run);
+            }
         }
     }
-    for (ring, found) in rings.iter().zip(&found) {
+    for ((form, ring), found) in forms.iter().zip(&found) {
         let of = |of: fn(&Found) -> f64| median(found.iter().map(of));
+        let of_queue = |text: String| if *form == Form::Queue { text } else { String::new() };
         println!(
-            "| {} | {} | {:.2} | {} | {} |",
-            ring.workers,
-            ring.slots,
+            "| {} | {} | {} | {:.2} | {} | {} |",
+            form.name(),
+            of_queue(ring.workers.to_string()),
+            of_queue(ring.slots.to_string()),
             of(|f| f.ms[1]),
-            thousands(of(|f| f.walked as f64)),
-            thousands(of(|f| f.idle as f64)),
+            of_queue(thousands(of(|f| f.walked as f64))),
+            of_queue(thousands(of(|f| f.idle as f64))),
         );
     }
 }

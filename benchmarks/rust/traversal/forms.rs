@@ -5,6 +5,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use nanite_rs::cpu::project::Screen;
 use nanite_rs::gpu::meshes::Meshes;
 use nanite_rs::gpu::shaders::{Kernel, MAX_WORKGROUPS, SCAN_BLOCK, WIDTH};
 use nanite_rs::gpu::wgpu::{
@@ -17,6 +18,9 @@ use nanite_rs::gpu_types::{
     Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
 };
 use nanite_rs::model::{ClusterRecord, Dag, Group};
+use nanite_rs::render::{placed, view_record};
+use nanite_rs::scene::placement::Eye;
+use nanite_rs::scene::{Camera, Scene};
 use nanite_rs::{Error, Result};
 
 use super::kernels::{OWN, Own, Ring, Sizes};
@@ -74,8 +78,6 @@ pub struct Found {
     pub bits: Vec<u32>,
     /// The visible list, in scene order.
     pub visible: Vec<VisibleCluster>,
-    /// Instances on the screen.
-    pub instances: u64,
     /// Nodes looked at, or parts.
     pub nodes: u64,
     /// Groups looked at.
@@ -92,6 +94,22 @@ pub struct Found {
     pub read: u64,
     /// Bytes that the form keeps on the device besides what all need, for this frame's lists.
     pub memory: u64,
+}
+
+/// What every slot of a scene holds.
+pub type Slots = Vec<Option<(Placed, Arc<Dag>)>>;
+
+/// The slots of a scene.
+pub fn slots(scene: &Scene) -> Slots {
+    let all = scene.instances();
+    let of = |slot| all.at(slot).map(|instance| (placed(instance), Arc::clone(&instance.mesh)));
+    (0..all.capacity()).map(of).collect()
+}
+
+/// The record of a view.
+pub fn view(camera: &Camera, pose: &[[f64; 4]; 4], picture: (u32, u32), tau: f32) -> Result<View> {
+    let view = camera.view(pose, picture.0, picture.1)?;
+    Ok(view_record(&Screen::new(&view), &Eye::new(&view), tau))
 }
 
 const STORAGE: BufferUsages =
@@ -280,11 +298,6 @@ impl Forms {
         })
     }
 
-    /// The constants of the scene.
-    pub fn sizes(&self) -> Sizes {
-        self.sizes
-    }
-
     /// Traverses once, and again where a list was too short.
     pub fn run(&mut self, form: Form, view: &View) -> Result<Found> {
         loop {
@@ -386,7 +399,6 @@ impl Forms {
             let ends = ticks.get(2 * step).zip(ticks.get(2 * step + 1));
             ends.map_or(f64::NAN, |(start, end)| end.saturating_sub(*start) as f64 * tick)
         };
-        let instances = u64::from(levels[0].count);
         let clusters = u64::from(counters.visited_clusters);
         let (nodes, groups) = match form {
             Form::Levels => (of_levels(|level| level.count), of_levels(|level| level.visited)),
@@ -424,7 +436,6 @@ impl Forms {
             wall,
             bits: all(&back[3]),
             visible,
-            instances,
             nodes,
             groups,
             candidates: candidates.into(),
@@ -441,7 +452,7 @@ impl Forms {
     fn arranged(&self, form: Form) -> &Arranged {
         if form == Form::Parts { &self.parts } else { &self.groups }
     }
-    fn pipeline<'a>(&'a self, kernel: Use) -> &'a ComputePipeline {
+    fn pipeline(&self, kernel: Use) -> &ComputePipeline {
         match kernel {
             Use::Product(kernel) => {
                 self.context.pipeline(kernel, kernel.reads_pages() && self.meshes.split())

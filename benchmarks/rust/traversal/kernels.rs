@@ -18,7 +18,7 @@ pub struct Ring {
 }
 
 /// What fits software Vulkan and, as far as one can tell from there, a GPU.
-pub const RING: Ring = Ring { slots: 1 << 16, workers: 64, patience: 64 };
+pub const RING: Ring = Ring { slots: 1 << 16, workers: 16, patience: 64 };
 
 /// Kernels of the benchmark's own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

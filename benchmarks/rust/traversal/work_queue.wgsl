@@ -9,8 +9,8 @@
 //   put   to (lap, item);
 //   take  to (lap + 1, empty).
 // So words only grow, and each value of a slot is replaced once, by one lane, which is told what it replaced. The rules:
-//   1. Whoever replaces an item owns it. That is the pop of the same ticket, or, where a lane fell a lap behind, a
-//      later put or take, which then has one more thing to do. The late pop finds the slot ahead of it: nothing.
+//   1. Whoever replaces an item owns it. That is the pop of the same ticket, or, where the ring is full or a lane fell a
+//      lap behind, a later put or take, which then has one more thing to do. The late pop finds the slot ahead: nothing.
 //   2. A put that finds the slot ahead of it (its pop was here first) did not put: its lane walks below that node itself,
 //      with a stack. So it does where tickets have run out.
 //   3. A worker leaves when it finds head at or past tail, and no roots. Its own tickets are below the tail that it
