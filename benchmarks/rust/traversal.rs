@@ -7,6 +7,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3};
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, ErrorMeasure};
+use nanite_rs::gpu::meshes::Meshes;
 use nanite_rs::gpu::{Context, DeviceStage, Renderer, Ways};
 use nanite_rs::gpu_types::{View, VisibleCluster};
 use nanite_rs::mesh::{Positions, SourceMesh};
@@ -178,11 +179,13 @@ fn main() {
     let mesh = Arc::new(mesh.expect("a sphere builds"));
     println!("{}; {}×{}, τ = {TAU}, medians of {FRAMES} frames", context.name(), PICTURE.0, PICTURE.1);
     println!(
-        "A mesh of {} triangles: {} clusters, {} groups, {} nodes, {} parts",
+        "A mesh of {} triangles and {} levels of detail: {} clusters, {} groups, {} nodes in {} levels, {} parts",
         faces.len(),
+        mesh.nodes[0].count,
         mesh.cluster_count(),
         mesh.groups.len(),
         mesh.nodes.len(),
+        depth(&context, &mesh),
         parts::parts(&mesh).len()
     );
     println!(
@@ -203,6 +206,13 @@ fn main() {
     workers(&mesh);
 }
 
+/// Levels of the hierarchy, and so dispatches of the product's walk.
+fn depth(context: &Context, mesh: &Arc<Dag>) -> u32 {
+    let mut meshes = Meshes::default();
+    meshes.upload(context, std::iter::once(mesh)).expect("room for a mesh");
+    meshes.placement(mesh).map_or(0, |place| place.depth)
+}
+
 /// The queue by the number of workgroups that stay and by slots, beside the levels, on the scene with most to do.
 fn workers(mesh: &Arc<Dag>) {
     println!(
@@ -217,12 +227,14 @@ fn workers(mesh: &Arc<Dag>) {
     let mut found = vec![Vec::new(); forms.len()];
     for frame in 0..WARM_UP + FRAMES {
         let view = view(DISTANCES[1].1, frame as f64);
+        let mut runs = vec![Found::default(); forms.len()];
         for k in 0..forms.len() {
             let k = (k + frame) % forms.len();
-            let run = scenes[k].run(forms[k].0, &view).expect("a traversal");
-            if frame >= WARM_UP {
-                found[k].push(run);
-            }
+            runs[k] = scenes[k].run(forms[k].0, &view).expect("a traversal");
+        }
+        assert!(runs.iter().all(|run| run.bits == runs[0].bits), "a queue finds others");
+        if frame >= WARM_UP {
+            runs.into_iter().zip(&mut found).for_each(|(run, found)| found.push(run));
         }
     }
     for ((form, ring), found) in forms.iter().zip(&found) {

@@ -17,7 +17,8 @@ use nanite_rs::gpu::{Context, Phase};
 use nanite_rs::gpu_types::{
     Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
 };
-use nanite_rs::model::{ClusterRecord, Dag, Group};
+use nanite_rs::math::Sphere;
+use nanite_rs::model::{ClusterRecord, Dag, Group, Node};
 use nanite_rs::render::{placed, view_record};
 use nanite_rs::scene::placement::Eye;
 use nanite_rs::scene::{Camera, Scene};
@@ -414,20 +415,21 @@ impl Forms {
         let lists = of(candidates.into(), size_of::<Candidate>() + size_of::<u32>() + size_of::<Marks>());
         let record = size_of::<ClusterRecord>();
         let bits = 2 * 4 * words;
-        let item = size_of::<Visit>();
+        let (node, item) = (size_of::<Node>(), size_of::<Visit>());
         let (read, memory) = match form {
             Form::Levels => {
                 let widest = levels.iter().skip(1).map(|level| level.count).max().unwrap_or(0);
                 let visits = 2 * u64::from(widest) * item as u64;
-                (of(nodes, 56 + item) + of(groups, size_of::<Group>()) + of(clusters, record), visits)
+                (of(nodes, node + item) + of(groups, size_of::<Group>()) + of(clusters, record), visits)
             }
             Form::Queue => {
                 let slots = bytes::<u32>(self.ring.slots);
-                (of(nodes, 56 + 4) + of(groups, size_of::<Group>()) + of(clusters, record), slots)
+                (of(nodes, node + size_of::<u32>()) + of(groups, size_of::<Group>()) + of(clusters, record), slots)
             }
             Form::Parts => {
                 // Of its group, a cluster reads a sphere and an error.
-                let read = of(nodes, size_of::<Group>()) + of(clusters, record + 20);
+                let parent = size_of::<Sphere>() + size_of::<f32>();
+                let read = of(nodes, size_of::<Group>()) + of(clusters, record + parent);
                 (read, self.part_bytes)
             }
         };
