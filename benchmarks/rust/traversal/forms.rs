@@ -6,23 +6,29 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use nanite_rs::cpu::project::Screen;
+use nanite_rs::gpu::Context;
 use nanite_rs::gpu::meshes::Meshes;
-use nanite_rs::gpu::shaders::{Kernel, MAX_WORKGROUPS, SCAN_BLOCK, WIDTH};
+use nanite_rs::gpu::shaders::{MAX_WORKGROUPS, SCAN_BLOCK};
 use nanite_rs::gpu::wgpu::{
-    self, BindGroupDescriptor, BindGroupEntry, Buffer, BufferUsages, ComputePass, ComputePassDescriptor,
-    ComputePassTimestampWrites, ComputePipeline, ComputePipelineDescriptor, QuerySet, QuerySetDescriptor,
-    QueryType, ShaderModuleDescriptor, ShaderSource,
+    self, Buffer, BufferUsages, ComputePassDescriptor, ComputePassTimestampWrites, ComputePipeline,
+    ComputePipelineDescriptor, QuerySet, QuerySetDescriptor, QueryType, ShaderModuleDescriptor, ShaderSource,
 };
-use nanite_rs::gpu::{Context, Phase};
 use nanite_rs::gpu_types::{
     Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
 };
-use nanite_rs::math::Sphere;
-use nanite_rs::model::{ClusterRecord, Dag, Group, Node};
+use nanite_rs::model::{Dag, Group};
 use nanite_rs::render::{placed, view_record};
 use nanite_rs::scene::placement::Eye;
 use nanite_rs::scene::{Camera, Scene};
 use nanite_rs::{Error, Result};
+
+#[path = "found.rs"]
+mod found;
+#[path = "record.rs"]
+mod record;
+
+use found::Answer;
+pub use found::Found;
 
 use super::kernels::{OWN, Own, Ring, Sizes};
 use super::parts::parts;
@@ -67,35 +73,6 @@ pub enum Step {
 
 /// In the order in which they run.
 pub const STEPS: [Step; 4] = [Step::Instances, Step::Walk, Step::List, Step::Clusters];
-
-/// What one run of a form found and took.
-#[derive(Clone, Debug, Default)]
-pub struct Found {
-    /// Milliseconds of each of [`STEPS`] by the device's clock; NaN without one.
-    pub ms: [f64; 4],
-    /// Milliseconds from the submission to the answer, clearing of buffers included.
-    pub wall: f64,
-    /// Bits of groups, or of parts.
-    pub bits: Vec<u32>,
-    /// The visible list, in scene order.
-    pub visible: Vec<VisibleCluster>,
-    /// Nodes looked at, or parts.
-    pub nodes: u64,
-    /// Groups looked at.
-    pub groups: u64,
-    /// Groups or parts whose clusters were looked at.
-    pub candidates: u64,
-    /// Clusters looked at.
-    pub clusters: u64,
-    /// Of the queue: nodes that lanes walked themselves.
-    pub walked: u64,
-    /// Of the queue: claims that came to nothing.
-    pub idle: u64,
-    /// Bytes of what was looked at, each read counted once.
-    pub read: u64,
-    /// Bytes that the form keeps on the device besides what all need, for this frame's lists.
-    pub memory: u64,
-}
 
 /// What every slot of a scene holds.
 pub type Slots = Vec<Option<(Placed, Arc<Dag>)>>;
@@ -363,265 +340,36 @@ impl Forms {
         parts.extend(self.times.iter().map(|(_, ticks)| (ticks, ticks.size())));
         let total = parts.iter().map(|(_, bytes)| bytes).sum();
         let staging = context.buffer("staging", total, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
-        let mut at = 0;
+        let mut ends = vec![0];
         for (buffer, bytes) in &parts {
+            let at = ends[ends.len() - 1];
             encoder.copy_buffer_to_buffer(buffer, 0, &staging, at, *bytes);
-            at += bytes;
+            ends.push(at + bytes);
         }
         let start = Instant::now();
-        let mut back = Vec::new();
-        context.submit(encoder, &staging, total, |mut rest| {
-            for (_, bytes) in &parts {
-                let (head, tail) = rest.split_at(*bytes as usize);
-                back.push(head.to_vec());
-                rest = tail;
-            }
+        let mut back = None;
+        context.submit(encoder, &staging, total, |staged| {
+            let wall = start.elapsed().as_secs_f64() * 1e3;
+            let part = |first: usize, end: usize| &staged[ends[first] as usize..ends[end] as usize];
+            let timed = 6 + self.levels.len();
+            let answer = Answer {
+                queue: part(0, 1),
+                counters: part(1, 2),
+                culling: part(2, 3),
+                bits: part(3, 4),
+                visible: part(4, 5),
+                starts: part(5, 6),
+                levels: part(6, timed),
+                ticks: part(timed, parts.len()),
+            };
+            back = Some(self.report(form, &answer, wall));
         })?;
-        let wall = start.elapsed().as_secs_f64() * 1e3;
-        Ok(self.report(form, &back, wall))
-    }
-
-    fn report(&self, form: Form, back: &[Vec<u8>], wall: f64) -> (Found, Room) {
-        fn all<T: bytemuck::Pod>(bytes: &[u8]) -> Vec<T> {
-            bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect()
-        }
-        let queue: Vec<u32> = all(&back[0]);
-        let counters: Counters = bytemuck::pod_read_unaligned(&back[1]);
-        let candidates = bytemuck::pod_read_unaligned::<Dispatch>(&back[2]).count;
-        let mut visible: Vec<VisibleCluster> = all(&back[4]);
-        visible.truncate(counters.visible as usize);
-        let levels = &back[6..][..self.levels.len()];
-        let levels: Vec<Dispatch> = levels.iter().map(|level| bytemuck::pod_read_unaligned(level)).collect();
-        let of_levels =
-            |of: fn(&Dispatch) -> u32| levels.iter().map(|level| u64::from(of(level))).sum::<u64>();
-        let tick = self.context.tick().unwrap_or(f64::NAN);
-        let ticks: Vec<u64> = back.get(6 + self.levels.len()).map(|ticks| all(ticks)).unwrap_or_default();
-        let ms = |step: usize| {
-            let ends = ticks.get(2 * step).zip(ticks.get(2 * step + 1));
-            ends.map_or(f64::NAN, |(start, end)| end.saturating_sub(*start) as f64 * tick)
-        };
-        let clusters = u64::from(counters.visited_clusters);
-        let (nodes, groups) = match form {
-            Form::Levels => (of_levels(|level| level.count), of_levels(|level| level.visited)),
-            Form::Queue => (queue[4].into(), queue[5].into()),
-            Form::Parts => {
-                let starts = all::<Visit>(&back[5]).into_iter().take(levels[0].count as usize);
-                (starts.map(|start| u64::from(self.part_counts[start.instance as usize])).sum(), 0)
-            }
-        };
-        let words = u64::from(self.arranged(form).words);
-        // Structures that a lane reads: see docs/traversal.md.
-        let of = |count: u64, bytes: usize| count * bytes as u64;
-        let lists = of(candidates.into(), size_of::<Candidate>() + size_of::<u32>() + size_of::<Marks>());
-        let record = size_of::<ClusterRecord>();
-        let bits = 2 * 4 * words;
-        let (node, item) = (size_of::<Node>(), size_of::<Visit>());
-        let (read, memory) = match form {
-            Form::Levels => {
-                let widest = levels.iter().skip(1).map(|level| level.count).max().unwrap_or(0);
-                let visits = 2 * u64::from(widest) * item as u64;
-                (of(nodes, node + item) + of(groups, size_of::<Group>()) + of(clusters, record), visits)
-            }
-            Form::Queue => {
-                let slots = bytes::<u32>(self.ring.slots);
-                (of(nodes, node + size_of::<u32>()) + of(groups, size_of::<Group>()) + of(clusters, record), slots)
-            }
-            Form::Parts => {
-                // Of its group, a cluster reads a sphere and an error.
-                let parent = size_of::<Sphere>() + size_of::<f32>();
-                let read = of(nodes, size_of::<Group>()) + of(clusters, record + parent);
-                (read, self.part_bytes)
-            }
-        };
-        let found = Found {
-            ms: std::array::from_fn(ms),
-            wall,
-            bits: all(&back[3]),
-            visible,
-            nodes,
-            groups,
-            candidates: candidates.into(),
-            clusters,
-            walked: if form == Form::Queue { queue[6].into() } else { 0 },
-            idle: if form == Form::Queue { queue[7].into() } else { 0 },
-            read: read + bits + lists,
-            memory: memory + 4 * words + lists,
-        };
-        let visits = levels.iter().skip(1).map(|level| level.count).max().unwrap_or(0);
-        (found, Room { visits, candidates, visible: counters.visible })
+        back.ok_or_else(|| Error::Invariant("the device answered nothing".to_owned()))
     }
 
     fn arranged(&self, form: Form) -> &Arranged {
         if form == Form::Parts { &self.parts } else { &self.groups }
     }
-    fn pipeline(&self, kernel: Use) -> &ComputePipeline {
-        match kernel {
-            Use::Product(kernel) => {
-                self.context.pipeline(kernel, kernel.reads_pages() && self.meshes.split())
-            }
-            Use::Own(kernel) => &self.own[kernel as usize],
-        }
-    }
-
-    fn prepare(&self, pass: &mut ComputePass<'_>, kernel: Use, buffers: &[&Buffer]) {
-        let pipeline = self.pipeline(kernel);
-        let entries: Vec<_> = buffers
-            .iter()
-            .zip(0..)
-            .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
-        let layout = pipeline.get_bind_group_layout(0);
-        let descriptor = BindGroupDescriptor { label: None, layout: &layout, entries: &entries };
-        pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, &self.context.device().create_bind_group(&descriptor), &[]);
-    }
-
-    fn run_kernel(&self, pass: &mut ComputePass<'_>, kernel: Use, buffers: &[&Buffer], workgroups: u32) {
-        self.prepare(pass, kernel, buffers);
-        let rows = workgroups.div_ceil(MAX_WORKGROUPS);
-        pass.dispatch_workgroups(workgroups.min(MAX_WORKGROUPS), rows, 1);
-    }
-
-    fn run_as(&self, pass: &mut ComputePass<'_>, kernel: Use, buffers: &[&Buffer], dispatch: &Buffer) {
-        self.prepare(pass, kernel, buffers);
-        pass.dispatch_workgroups_indirect(dispatch, 0);
-    }
-
-    fn instance_cull(&self, pass: &mut ComputePass<'_>, of: &Arranged) {
-        let [later, later_level] = &self.nowhere;
-        // There is no earlier frame: any buffer does for its pyramid.
-        let pyramid = &self.group_bases;
-        let bindings =
-            [&self.view, &of.placed, &of.seen, &self.starts, &self.levels[0], pyramid, later, later_level];
-        let kernel = Use::Product(Kernel::InstanceCull);
-        self.run_kernel(pass, kernel, &bindings, self.instances.div_ceil(WIDTH));
-    }
-
-    /// As `src/gpu/node_cull.rs`.
-    fn walk_levels(&self, pass: &mut ComputePass<'_>) {
-        let [later, later_level] = &self.nowhere;
-        for level in 0..self.sizes.depth as usize {
-            let from = if level == 0 { &self.starts } else { &self.lists.visits[level % 2] };
-            let bindings = [
-                &self.view,
-                &self.groups.seen,
-                self.meshes.nodes(),
-                self.meshes.groups(),
-                from,
-                &self.levels[level],
-                &self.lists.visits[(level + 1) % 2],
-                &self.levels[level + 1],
-                &self.groups.bits,
-                &self.group_bases,
-                later,
-                later_level,
-            ];
-            let kernel = Use::Product(Kernel::NodeCull(Phase::First));
-            self.run_as(pass, kernel, &bindings, &self.levels[level]);
-        }
-    }
-
-    fn walk_queue(&self, pass: &mut ComputePass<'_>) {
-        let bindings = [
-            &self.view,
-            &self.groups.seen,
-            self.meshes.nodes(),
-            self.meshes.groups(),
-            &self.starts,
-            &self.levels[0],
-            &self.groups.bits,
-            &self.queue,
-            &self.slots,
-        ];
-        self.run_kernel(pass, Use::Own(Own::WorkQueue), &bindings, self.ring.workers);
-    }
-
-    fn look_at_parts(&self, pass: &mut ComputePass<'_>) {
-        self.run_kernel(pass, Use::Own(Own::PartDispatch), &[&self.levels[0], &self.looking], 1);
-        let bindings =
-            [&self.view, &self.parts.seen, &self.part_records, &self.starts, &self.looking, &self.parts.bits];
-        self.run_as(pass, Use::Own(Own::PartCull), &bindings, &self.looking);
-    }
-
-    /// As `src/gpu/node_cull.rs`.
-    fn list(&self, pass: &mut ComputePass<'_>, form: Form) {
-        let of = self.arranged(form);
-        let (kernel, records) = match form {
-            Form::Parts => (Use::Own(Own::ListParts), &self.part_records),
-            _ => (Use::Product(Kernel::ListGroups(Phase::First)), self.meshes.groups()),
-        };
-        let bindings = [&of.bits, &of.blocks, &of.sums, &of.bits];
-        self.run_as(pass, Use::Product(Kernel::CountBits), &bindings, &of.blocks);
-        self.run_kernel(pass, Use::Product(Kernel::ScanBlocks), &[&of.blocks, &of.sums], 1);
-        let bindings = [
-            &self.view,
-            &of.seen,
-            records,
-            &of.bits,
-            &of.blocks,
-            &of.sums,
-            &self.lists.candidates,
-            &self.culling,
-            &self.counting,
-            &of.bits,
-            &of.sums,
-        ];
-        self.run_as(pass, kernel, &bindings, &of.blocks);
-    }
-
-    /// As `src/gpu/cluster_cull.rs`.
-    fn cull_clusters(&self, pass: &mut ComputePass<'_>, form: Form) {
-        let (of, lists) = (self.arranged(form), &self.lists);
-        let [pages, pages_1, pages_2, pages_3] = self.meshes.pages();
-        let common = [
-            &self.view,
-            &of.seen,
-            self.meshes.page_offsets(),
-            pages,
-            &lists.candidates,
-            &self.culling,
-            &lists.drawn,
-            &lists.marks,
-            &self.counters,
-        ];
-        let (kernel, more) = match form {
-            Form::Parts => (
-                Use::Own(Own::PartClusters),
-                vec![self.meshes.groups(), &self.group_bases, pages_1, pages_2, pages_3],
-            ),
-            // No pyramid, and nothing of another phase.
-            _ => (
-                Use::Product(Kernel::ClusterCull(Phase::First)),
-                vec![&self.nowhere[0], &lists.candidates, &lists.candidates, pages_1, pages_2, pages_3],
-            ),
-        };
-        self.run_as(pass, kernel, &[&common[..], &more].concat(), &self.culling);
-        let bindings = [&lists.drawn, &self.counting, &lists.sums, &lists.drawn];
-        self.run_as(pass, Use::Product(Kernel::CountBits), &bindings, &self.counting);
-        self.run_kernel(pass, Use::Product(Kernel::ScanBlocks), &[&self.counting, &lists.sums], 1);
-        let bindings = [
-            &lists.candidates,
-            &self.counting,
-            &lists.drawn,
-            &lists.marks,
-            &lists.sums,
-            &lists.visible,
-            &lists.numbers,
-            &self.draws,
-            &self.counters,
-            &lists.candidates,
-            &self.nowhere[0],
-        ];
-        let kernel = Use::Product(Kernel::ListClusters(Phase::First));
-        self.run_as(pass, kernel, &bindings, &self.counting);
-    }
-}
-
-/// Whose kernel.
-#[derive(Clone, Copy, Debug)]
-enum Use {
-    Product(Kernel),
-    Own(Own),
 }
 
 impl Lists {
