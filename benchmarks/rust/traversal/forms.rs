@@ -110,6 +110,91 @@ struct Arranged {
     sums: Buffer,
 }
 
+impl Arranged {
+    /// By groups, or by the parts of a catalog.
+    fn new(context: &Context, meshes: &Meshes, slots: &Slots, catalog: Option<&Catalog>) -> Result<Self> {
+        let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
+        let mut words = 0;
+        let mut records = Vec::with_capacity(slots.len());
+        for slot in slots {
+            let mut record = Placed { group_words: words, ..bytemuck::Zeroable::zeroed() };
+            if let Some((placed, mesh)) = slot
+                && let Some(place) = meshes.placement(mesh)
+            {
+                let (first_node, first_group, count) = match catalog.and_then(|catalog| catalog.of(mesh)) {
+                    None => (place.first_node, place.first_group, mesh.groups.len() as u32),
+                    Some(known) => (known.count, known.first, known.count),
+                };
+                let (first_page, vertex_words) = (place.first_page, place.vertex_words);
+                let here = Placed { first_node, first_group, first_page, vertex_words, ..*placed };
+                record = Placed { group_words: words, ..here };
+                words += count.div_ceil(u32::BITS);
+            }
+            records.push(record);
+        }
+        let instances = records.len() as u32;
+        let placed = storage("instances", bytes::<Placed>(instances))?;
+        context.queue().write_buffer(&placed, 0, bytemuck::cast_slice(&records));
+        let blocks = context.buffer("dispatches", bytes::<Dispatch>(1), DISPATCH)?;
+        let workgroups = words.div_ceil(SCAN_BLOCK);
+        let (x, y) = (workgroups.min(MAX_WORKGROUPS), workgroups.div_ceil(MAX_WORKGROUPS));
+        let record = Dispatch { x, y, z: 1, count: words, ..Dispatch::default() };
+        context.queue().write_buffer(&blocks, 0, bytemuck::bytes_of(&record));
+        Ok(Self {
+            placed,
+            seen: storage("instances", bytes::<Instance>(instances))?,
+            words,
+            blocks,
+            bits: storage("bits", bytes::<u32>(words))?,
+            sums: storage("counts of bits", bytes::<u32>(workgroups + 1))?,
+        })
+    }
+}
+
+/// A mesh, and where its parts lie.
+#[derive(Debug)]
+struct Known {
+    mesh: Arc<Dag>,
+    first: u32,
+    count: u32,
+}
+
+/// The parts of all meshes.
+#[derive(Debug)]
+struct Catalog {
+    known: Vec<Known>,
+    parts: Vec<Group>,
+    /// Of each page: the first group of its mesh.
+    bases: Vec<u32>,
+    sizes: Sizes,
+}
+
+impl Catalog {
+    fn new(meshes: &Meshes, slots: &Slots) -> Self {
+        let sizes = Sizes { instances: slots.len() as u32, nodes: 0, depth: 0, parts: 0 };
+        let mut out = Self { known: Vec::new(), parts: Vec::new(), bases: Vec::new(), sizes };
+        for (_, mesh) in slots.iter().flatten() {
+            let Some(place) = meshes.placement(mesh).filter(|_| out.of(mesh).is_none()) else { continue };
+            let parts = parts(mesh);
+            let (first, count) = (out.parts.len() as u32, parts.len() as u32);
+            out.sizes.nodes = out.sizes.nodes.max(mesh.nodes.len() as u32);
+            out.sizes.depth = out.sizes.depth.max(place.depth);
+            out.sizes.parts = out.sizes.parts.max(count);
+            out.known.push(Known { mesh: Arc::clone(mesh), first, count });
+            out.parts.extend(parts);
+            let first_page = place.first_page as usize;
+            let end = first_page + mesh.pages.table.len();
+            out.bases.resize(out.bases.len().max(end), 0);
+            out.bases[first_page..end].fill(place.first_group);
+        }
+        out
+    }
+
+    fn of(&self, mesh: &Arc<Dag>) -> Option<&Known> {
+        self.known.iter().find(|known| Arc::ptr_eq(&known.mesh, mesh))
+    }
+}
+
 /// Lists whose lengths only the device knows, made anew where they were too short.
 #[derive(Debug)]
 struct Lists {
@@ -165,76 +250,21 @@ pub struct Forms {
 
 impl Forms {
     /// Uploads what every slot of a scene holds; an empty slot is a record of zeros.
-    pub fn new(slots: &[Option<(Placed, Arc<Dag>)>], ring: Ring) -> Result<Self> {
+    pub fn new(slots: &Slots, ring: Ring) -> Result<Self> {
         let context = Context::shared()?;
         let mut meshes = Meshes::default();
         meshes.upload(&context, slots.iter().flatten().map(|(_, mesh)| mesh))?;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let dispatch = |count: u32| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
 
-        // Parts of each mesh once, and the first group of the mesh that each page is of.
-        let (mut all_parts, mut bases) = (Vec::<Group>::new(), Vec::<u32>::new());
-        let mut known: Vec<(Arc<Dag>, u32, u32)> = Vec::new();
-        let mut sizes = Sizes { instances: slots.len() as u32, nodes: 0, depth: 0, parts: 0 };
-        for (_, mesh) in slots.iter().flatten() {
-            if known.iter().any(|(other, ..)| Arc::ptr_eq(other, mesh)) {
-                continue;
-            }
-            let Some(place) = meshes.placement(mesh) else { continue };
-            let parts = parts(mesh);
-            sizes.nodes = sizes.nodes.max(mesh.nodes.len() as u32);
-            sizes.depth = sizes.depth.max(place.depth);
-            sizes.parts = sizes.parts.max(parts.len() as u32);
-            known.push((Arc::clone(mesh), all_parts.len() as u32, parts.len() as u32));
-            all_parts.extend(parts);
-            let end = place.first_page as usize + mesh.pages.table.len();
-            bases.resize(bases.len().max(end), 0);
-            bases[place.first_page as usize..end].fill(place.first_group);
-        }
-        let parts_of = |mesh: &Arc<Dag>| known.iter().find(|(other, ..)| Arc::ptr_eq(other, mesh));
-        let count = |slot: &Option<(Placed, Arc<Dag>)>| Some(parts_of(&slot.as_ref()?.1)?.2);
-        let part_counts = slots.iter().map(|slot| count(slot).unwrap_or(0)).collect();
-        let arrange = |of_parts: bool| -> Result<Arranged> {
-            let mut words = 0;
-            let mut records = Vec::with_capacity(slots.len());
-            for slot in slots {
-                let mut record = Placed { group_words: words, ..bytemuck::Zeroable::zeroed() };
-                if let Some((placed, mesh)) = slot
-                    && let Some(place) = meshes.placement(mesh)
-                    && let Some((_, first_part, parts)) = parts_of(mesh)
-                {
-                    let (first_node, first_group, count) = match of_parts {
-                        false => (place.first_node, place.first_group, mesh.groups.len() as u32),
-                        true => (*parts, *first_part, *parts),
-                    };
-                    let (first_page, vertex_words) = (place.first_page, place.vertex_words);
-                    let here = Placed { first_node, first_group, first_page, vertex_words, ..*placed };
-                    record = Placed { group_words: words, ..here };
-                    words += count.div_ceil(u32::BITS);
-                }
-                records.push(record);
-            }
-            let placed = storage("instances", bytes::<Placed>(sizes.instances))?;
-            context.queue().write_buffer(&placed, 0, bytemuck::cast_slice(&records));
-            let blocks = dispatch(1)?;
-            let workgroups = words.div_ceil(SCAN_BLOCK);
-            let (x, y) = (workgroups.min(MAX_WORKGROUPS), workgroups.div_ceil(MAX_WORKGROUPS));
-            let record = Dispatch { x, y, z: 1, count: words, ..Dispatch::default() };
-            context.queue().write_buffer(&blocks, 0, bytemuck::bytes_of(&record));
-            Ok(Arranged {
-                placed,
-                seen: storage("instances", bytes::<Instance>(sizes.instances))?,
-                words,
-                blocks,
-                bits: storage("bits", bytes::<u32>(words))?,
-                sums: storage("counts of bits", bytes::<u32>(workgroups + 1))?,
-            })
-        };
+        let catalog = Catalog::new(&meshes, slots);
+        let (sizes, all_parts, bases) = (catalog.sizes, &catalog.parts, &catalog.bases);
         let part_bytes = (all_parts.len() * size_of::<Group>() + bases.len() * size_of::<u32>()) as u64;
         let part_records = storage("parts", bytes::<Group>(all_parts.len() as u32))?;
-        context.queue().write_buffer(&part_records, 0, bytemuck::cast_slice(&all_parts));
+        context.queue().write_buffer(&part_records, 0, bytemuck::cast_slice(all_parts));
         let group_bases = storage("pages", bytes::<u32>(bases.len() as u32))?;
-        context.queue().write_buffer(&group_bases, 0, bytemuck::cast_slice(&bases));
+        context.queue().write_buffer(&group_bases, 0, bytemuck::cast_slice(bases));
+        let count = |slot: &Option<(Placed, Arc<Dag>)>| Some(catalog.of(&slot.as_ref()?.1)?.count);
 
         let own = OWN.map(|kernel| compile(&context, kernel, sizes, ring, meshes.split()));
         let own = own.into_iter().collect::<Result<Vec<_>>>()?;
@@ -247,12 +277,12 @@ impl Forms {
             Ok((context.device().create_query_set(&descriptor), ticks))
         });
         Ok(Self {
-            groups: arrange(false)?,
-            parts: arrange(true)?,
+            groups: Arranged::new(&context, &meshes, slots, None)?,
+            parts: Arranged::new(&context, &meshes, slots, Some(&catalog))?,
             part_records,
             group_bases,
             part_bytes,
-            part_counts,
+            part_counts: slots.iter().map(|slot| count(slot).unwrap_or(0)).collect(),
             instances: sizes.instances,
             view: context.buffer("view", bytes::<View>(1), BufferUsages::UNIFORM | BufferUsages::COPY_DST)?,
             starts: storage("instances on the screen", bytes::<Visit>(sizes.instances))?,
