@@ -128,8 +128,8 @@ fmt: $(VENV)/.stamp-test-requirements
 
 # --------------------------------------------------------------------------------------------- measuring
 
-bench: build $(VENV)/.stamp-test-requirements system
-	cargo bench --locked
+bench: build $(VENV)/.stamp-test-requirements system vulkan
+	@$(with_vulkan); cargo bench --locked
 	$(BIN)/python -m benchmarks.python
 
 # On a machine with a GPU its driver is used; without, software Vulkan.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::DAffine3;
 use nanite_rs::build::{Silent, build};
-use nanite_rs::config::{BuildOptions, RenderOptions};
+use nanite_rs::config::{BuildOptions, Outputs, RenderOptions};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
 use nanite_rs::render::Renderer;

@@ -227,11 +227,13 @@ impl Context {
         &self.limits
     }
 
-    pub(super) fn device(&self) -> &Device {
+    /// The device of wgpu.
+    pub fn device(&self) -> &Device {
         &self.device
     }
 
-    pub(super) fn queue(&self) -> &Queue {
+    /// Its queue.
+    pub fn queue(&self) -> &Queue {
         &self.queue
     }
 
@@ -260,7 +262,7 @@ impl Context {
     }
 
     /// A buffer of zeros. `what` names it where it is too large for the device.
-    pub(super) fn buffer(&self, what: &str, bytes: u64, usage: BufferUsages) -> Result<Buffer> {
+    pub fn buffer(&self, what: &str, bytes: u64, usage: BufferUsages) -> Result<Buffer> {
         let storage = usage.contains(BufferUsages::STORAGE);
         let most = if storage { self.largest_array() } else { self.limits.max_buffer_size };
         if bytes > most {
@@ -317,7 +319,7 @@ impl Context {
     }
 
     /// The pipeline of a kernel, compiled when first used; `split` where the pages lie in several arrays.
-    pub(super) fn pipeline(&self, kernel: Kernel, split: bool) -> &ComputePipeline {
+    pub fn pipeline(&self, kernel: Kernel, split: bool) -> &ComputePipeline {
         self.pipelines[kernel.number()][usize::from(split)].get_or_init(|| {
             let label = Some(kernel.name());
             let source = kernel.source(split.then(|| self.array_bits()));
@@ -339,7 +341,7 @@ impl Context {
     }
 
     /// A kernel's bindings, in the order of their numbers.
-    pub(super) fn bind(&self, kernel: Kernel, split: bool, buffers: &[&Buffer]) -> BindGroup {
+    pub fn bind(&self, kernel: Kernel, split: bool, buffers: &[&Buffer]) -> BindGroup {
         let entries: Vec<_> = buffers
             .iter()
             .zip(0..)
@@ -389,7 +391,7 @@ impl Context {
     }
 
     /// Submits, waits, and hands over the first `bytes` of `staging`, which the submission wrote.
-    pub(super) fn submit(
+    pub fn submit(
         &self,
         encoder: wgpu::CommandEncoder,
         staging: &Buffer,

@@ -218,25 +218,28 @@ impl Meshes {
         self.resident.get(&address(mesh)).map(|(_, placement)| *placement)
     }
 
-    pub(super) fn nodes(&self) -> &Buffer {
+    /// The nodes of all meshes.
+    pub fn nodes(&self) -> &Buffer {
         &self.buffers[0]
     }
 
-    pub(super) fn groups(&self) -> &Buffer {
+    /// The groups of all meshes.
+    pub fn groups(&self) -> &Buffer {
         &self.buffers[1]
     }
 
-    pub(super) fn page_offsets(&self) -> &Buffer {
+    /// Where each page starts, words.
+    pub fn page_offsets(&self) -> &Buffer {
         &self.buffers[2]
     }
 
     /// The arrays of pages; the first again where there are fewer.
-    pub(super) fn pages(&self) -> [&Buffer; PAGE_ARRAYS] {
+    pub fn pages(&self) -> [&Buffer; PAGE_ARRAYS] {
         std::array::from_fn(|k| self.pages.get(k).unwrap_or(&self.pages[0]))
     }
 
     /// Whether pages lie in several arrays.
-    pub(super) fn split(&self) -> bool {
+    pub fn split(&self) -> bool {
         self.pages.len() > 1
     }
 }

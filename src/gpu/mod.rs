@@ -29,3 +29,5 @@ mod times;
 pub use context::Context;
 pub use renderer::{Counted, DeviceStage, Drawn, Job, Renderer, Ways};
 pub use shaders::Phase;
+// For benchmarks, which run stages of their own on the same device.
+pub use wgpu;

@@ -51,6 +51,14 @@ pub struct Job<'a> {
     pub lights: Vec<gpu_types::Light>,
 }
 
+impl<'a> Job<'a> {
+    /// A view of which nothing is made but the visibility buffer.
+    pub fn new(view: View, words: &'a mut [u64]) -> Self {
+        let (outputs, lighting) = (Outputs::default(), bytemuck::Zeroable::zeroed());
+        Self { view, words, outputs, lighting, lights: Vec::new() }
+    }
+}
+
 /// A stage of the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeviceStage {

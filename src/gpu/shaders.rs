@@ -202,6 +202,7 @@ const TYPES: &str = file!("shared/types");
 const CULL: &str = file!("shared/cull");
 const LOD: &str = file!("shared/lod");
 const PAGES: &str = file!("shared/pages");
+const CONE: &str = file!("shared/cone");
 const APPEND: &str = file!("shared/append");
 const PUT_OFF: &str = file!("shared/put_off");
 const DERIVE: &str = file!("shared/derive");
@@ -255,7 +256,7 @@ impl Kernel {
             Self::CountBits => vec![TYPES, SCAN, file!("count_bits")],
             Self::ScanBlocks => vec![TYPES, SCAN, file!("scan_blocks")],
             Self::ListGroups(_) => vec![TYPES, SCAN, file!("list_groups")],
-            Self::ClusterCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, PAGES, file!("cluster_cull")],
+            Self::ClusterCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, PAGES, CONE, file!("cluster_cull")],
             Self::ListClusters(_) => vec![TYPES, SCAN, file!("list_clusters")],
             Self::RasterSmall(w) => vec![TYPES, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")],
             Self::RasterLarge(w) => {
@@ -311,7 +312,7 @@ impl Kernel {
 }
 
 /// The constants of `limits.rs` and the layout of cluster records, as WGSL.
-fn constants() -> String {
+pub fn constants() -> String {
     let whole = [
         ("WIDTH", WIDTH),
         ("SCAN_WIDTH", SCAN_WIDTH),

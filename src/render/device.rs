@@ -185,7 +185,8 @@ fn rows(linear: &[[f32; 3]; 3], last: &[f32; 3]) -> [[f32; 4]; 3] {
     std::array::from_fn(|k| [linear[k][0], linear[k][1], linear[k][2], last[k]])
 }
 
-fn view_record(screen: &Screen, eye: &Eye, tau: f32) -> gpu_types::View {
+/// A view's constants, as shaders read them.
+pub fn view_record(screen: &Screen, eye: &Eye, tau: f32) -> gpu_types::View {
     gpu_types::View {
         width: screen.width,
         height: screen.height,
@@ -207,8 +208,8 @@ fn view_record(screen: &Screen, eye: &Eye, tau: f32) -> gpu_types::View {
     }
 }
 
-/// All but where the mesh lies on the device.
-fn placed(instance: &Instance) -> Placed {
+/// An instance as shaders read it: all but where the mesh lies on the device.
+pub fn placed(instance: &Instance) -> Placed {
     let placement = instance.placement();
     let (center, extent) = mesh_bounds(&instance.mesh);
     Placed {

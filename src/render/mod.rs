@@ -9,6 +9,8 @@ pub mod renderer;
 pub mod stages;
 pub mod stats;
 
+#[cfg(feature = "gpu")]
+pub use device::{placed, view_record};
 pub use frame::{Frame, ImageView};
 pub use renderer::{Backend, Renderer};
 pub use stages::Stage;

@@ -14,3 +14,5 @@ mod shader_validation;
 mod shapes;
 #[cfg(feature = "gpu")]
 mod stage_truth;
+#[cfg(feature = "gpu")]
+mod traversal;

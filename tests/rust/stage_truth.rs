@@ -457,8 +457,8 @@ fn clusters(
                 pages,
                 pages,
             ],
-            // Two candidates each.
-            culling.count.div_ceil(2),
+            // Eight candidates each.
+            culling.count.div_ceil(8),
         )
         .unwrap();
     (out[6][..candidates.len()].to_vec(), entries(&out[7]), entry(&out[8]))
@@ -664,8 +664,8 @@ fn groups_are_listed_in_scene_order() {
     let expected = [c(0, 0, NONE), c(0, 31, NONE), c(2, 201, NONE), c(2, 202, NONE), c(2, 232, NONE)];
     assert_eq!(list[..5], expected);
     assert_eq!(list[5], Candidate::zeroed());
-    // Two groups a workgroup; the bits of all clusters in one block.
-    assert_eq!((culling, counting), (dispatch(3, 1, 5), dispatch(1, 1, 5)));
+    // Eight groups a workgroup; the bits of all clusters in one block.
+    assert_eq!((culling, counting), (dispatch(1, 1, 5), dispatch(1, 1, 5)));
     // With too little room what fits is listed, and what there is is counted.
     let (list, culling, counting) = listed(&device, Phase::First, &starts, &bits, &[0; 4], 2);
     assert_eq!(list, expected[..2]);

@@ -1,0 +1,180 @@
+//! The steps of every form, recorded: kernels of the product with bindings as in `src/gpu/`, and the benchmark's own.
+
+use nanite_rs::gpu::Phase;
+use nanite_rs::gpu::shaders::{Kernel, MAX_WORKGROUPS, WIDTH};
+use nanite_rs::gpu::wgpu::{BindGroupDescriptor, BindGroupEntry, Buffer, ComputePass, ComputePipeline};
+
+use super::super::kernels::Own;
+use super::{Arranged, Form, Forms};
+
+/// Whose kernel.
+#[derive(Clone, Copy, Debug)]
+enum Use {
+    Product(Kernel),
+    Own(Own),
+}
+
+impl Forms {
+    fn pipeline(&self, kernel: Use) -> &ComputePipeline {
+        match kernel {
+            Use::Product(kernel) => {
+                self.context.pipeline(kernel, kernel.reads_pages() && self.meshes.split())
+            }
+            Use::Own(kernel) => &self.own[kernel as usize],
+        }
+    }
+
+    fn prepare(&self, pass: &mut ComputePass<'_>, kernel: Use, buffers: &[&Buffer]) {
+        let pipeline = self.pipeline(kernel);
+        let entries: Vec<_> = buffers
+            .iter()
+            .zip(0..)
+            .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+            .collect();
+        let layout = pipeline.get_bind_group_layout(0);
+        let descriptor = BindGroupDescriptor { label: None, layout: &layout, entries: &entries };
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, &self.context.device().create_bind_group(&descriptor), &[]);
+    }
+
+    fn run_kernel(&self, pass: &mut ComputePass<'_>, kernel: Use, buffers: &[&Buffer], workgroups: u32) {
+        self.prepare(pass, kernel, buffers);
+        let rows = workgroups.div_ceil(MAX_WORKGROUPS);
+        pass.dispatch_workgroups(workgroups.min(MAX_WORKGROUPS), rows, 1);
+    }
+
+    fn run_as(&self, pass: &mut ComputePass<'_>, kernel: Use, buffers: &[&Buffer], dispatch: &Buffer) {
+        self.prepare(pass, kernel, buffers);
+        pass.dispatch_workgroups_indirect(dispatch, 0);
+    }
+
+    pub(super) fn instance_cull(&self, pass: &mut ComputePass<'_>, of: &Arranged) {
+        let [later, later_level] = &self.nowhere;
+        // There is no earlier frame: any buffer does for its pyramid.
+        let pyramid = &self.group_bases;
+        let bindings =
+            [&self.view, &of.placed, &of.seen, &self.starts, &self.levels[0], pyramid, later, later_level];
+        let kernel = Use::Product(Kernel::InstanceCull);
+        self.run_kernel(pass, kernel, &bindings, self.instances.div_ceil(WIDTH));
+    }
+
+    /// As `src/gpu/node_cull.rs`.
+    pub(super) fn walk_levels(&self, pass: &mut ComputePass<'_>) {
+        let [later, later_level] = &self.nowhere;
+        for level in 0..self.sizes.depth as usize {
+            let from = if level == 0 { &self.starts } else { &self.lists.visits[level % 2] };
+            let bindings = [
+                &self.view,
+                &self.groups.seen,
+                self.meshes.nodes(),
+                self.meshes.groups(),
+                from,
+                &self.levels[level],
+                &self.lists.visits[(level + 1) % 2],
+                &self.levels[level + 1],
+                &self.groups.bits,
+                &self.group_bases,
+                later,
+                later_level,
+            ];
+            let kernel = Use::Product(Kernel::NodeCull(Phase::First));
+            self.run_as(pass, kernel, &bindings, &self.levels[level]);
+        }
+    }
+
+    pub(super) fn walk_queue(&self, pass: &mut ComputePass<'_>) {
+        let bindings = [
+            &self.view,
+            &self.groups.seen,
+            self.meshes.nodes(),
+            self.meshes.groups(),
+            &self.starts,
+            &self.levels[0],
+            &self.groups.bits,
+            &self.queue,
+            &self.slots,
+        ];
+        self.run_kernel(pass, Use::Own(Own::WorkQueue), &bindings, self.ring.workers);
+    }
+
+    pub(super) fn look_at_parts(&self, pass: &mut ComputePass<'_>) {
+        self.run_kernel(pass, Use::Own(Own::PartDispatch), &[&self.levels[0], &self.looking], 1);
+        let bindings =
+            [&self.view, &self.parts.seen, &self.part_records, &self.starts, &self.looking, &self.parts.bits];
+        self.run_as(pass, Use::Own(Own::PartCull), &bindings, &self.looking);
+    }
+
+    /// As `src/gpu/node_cull.rs`.
+    pub(super) fn list(&self, pass: &mut ComputePass<'_>, form: Form) {
+        let of = self.arranged(form);
+        let (kernel, records) = match form {
+            Form::Parts => (Use::Own(Own::ListParts), &self.part_records),
+            _ => (Use::Product(Kernel::ListGroups(Phase::First)), self.meshes.groups()),
+        };
+        let bindings = [&of.bits, &of.blocks, &of.sums, &of.bits];
+        self.run_as(pass, Use::Product(Kernel::CountBits), &bindings, &of.blocks);
+        self.run_kernel(pass, Use::Product(Kernel::ScanBlocks), &[&of.blocks, &of.sums], 1);
+        let bindings = [
+            &self.view,
+            &of.seen,
+            records,
+            &of.bits,
+            &of.blocks,
+            &of.sums,
+            &self.lists.candidates,
+            &self.culling,
+            &self.counting,
+            &of.bits,
+            &of.sums,
+        ];
+        self.run_as(pass, kernel, &bindings, &of.blocks);
+    }
+
+    /// As `src/gpu/cluster_cull.rs`.
+    pub(super) fn cull_clusters(&self, pass: &mut ComputePass<'_>, form: Form) {
+        let (of, lists) = (self.arranged(form), &self.lists);
+        let [pages, pages_1, pages_2, pages_3] = self.meshes.pages();
+        let common = [
+            &self.view,
+            &of.seen,
+            self.meshes.page_offsets(),
+            pages,
+            &lists.candidates,
+            &self.culling,
+            &lists.drawn,
+            &lists.marks,
+            &self.counters,
+        ];
+        let (kernel, more) = match form {
+            Form::Parts => (
+                Use::Own(Own::PartClusters),
+                vec![self.meshes.groups(), &self.group_bases, pages_1, pages_2, pages_3],
+            ),
+            // No pyramid, and nothing of another phase.
+            _ => (
+                Use::Product(Kernel::ClusterCull(Phase::First)),
+                vec![&self.nowhere[0], &lists.candidates, &lists.candidates, pages_1, pages_2, pages_3],
+            ),
+        };
+        self.run_as(pass, kernel, &[&common[..], &more].concat(), &self.culling);
+        let bindings = [&lists.drawn, &self.counting, &lists.sums, &lists.drawn];
+        self.run_as(pass, Use::Product(Kernel::CountBits), &bindings, &self.counting);
+        self.run_kernel(pass, Use::Product(Kernel::ScanBlocks), &[&self.counting, &lists.sums], 1);
+        let bindings = [
+            &lists.candidates,
+            &self.counting,
+            &lists.drawn,
+            &lists.marks,
+            &lists.sums,
+            &lists.visible,
+            &lists.numbers,
+            &self.draws,
+            &self.counters,
+            &lists.candidates,
+            &self.nowhere[0],
+            &self.calls,
+        ];
+        let kernel = Use::Product(Kernel::ListClusters(Phase::First));
+        self.run_as(pass, kernel, &bindings, &self.counting);
+    }
+}
