@@ -29,8 +29,8 @@ const SIDE: u32 = 512;
 /// The batches, and about how long their edges are, pixels.
 const BATCHES: [(List, f32); 2] = [(List::Small, 5.0), (List::Large, 24.0)];
 /// Clusters of a batch: the first number, at which compute takes long enough to be measured, milliseconds, or the last.
-const CLUSTERS: [u32; 3] = [8, 64, 512];
-const LONG: f64 = 1.0;
+const CLUSTERS: [u32; 4] = [8, 8 << 2, 8 << 4, 8 << 6];
+const LONG: f64 = 0.5;
 /// As many there are, and as many times are given for.
 const MOST: u32 = CLUSTERS[CLUSTERS.len() - 1];
 /// Each is drawn so often, the first time to warm up; the fastest counts.
