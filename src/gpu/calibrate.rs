@@ -120,7 +120,7 @@ fn measure(context: &Context) -> Result<Found> {
 
 impl<'a> Stand<'a> {
     fn new(context: &'a Context) -> Result<Self> {
-        let target = Target::new(context, (SIDE, SIDE));
+        let target = Target::new(context, (SIDE, SIDE))?;
         let usage = BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
         let make = |data: &[u8], usage| -> Result<Buffer> {
             let buffer = context.buffer("calibration", data.len() as u64, usage)?;

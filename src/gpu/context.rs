@@ -280,7 +280,7 @@ impl Context {
 
     /// What `make` gives, unless the device has no memory left for it: then an error that names what so many bytes were
     /// for. The device stays in use.
-    fn within_memory<T>(&self, what: &str, bytes: u64, make: impl FnOnce() -> T) -> Result<T> {
+    pub(super) fn within_memory<T>(&self, what: &str, bytes: u64, make: impl FnOnce() -> T) -> Result<T> {
         let scope = self.device.push_error_scope(ErrorFilter::OutOfMemory);
         let made = make();
         let lacks = block_on(scope.pop()).is_some();

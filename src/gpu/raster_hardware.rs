@@ -117,10 +117,11 @@ pub(super) struct Target {
 
 impl Target {
     /// For pictures of a size that [`choose`] found to fit.
-    pub(super) fn new(context: &Context, size: (u32, u32)) -> Self {
+    pub(super) fn new(context: &Context, size: (u32, u32)) -> Result<Self> {
         let (width, height) = size;
-        let texture = context.device().create_texture(&TextureDescriptor {
-            label: Some("no colour"),
+        let what = "the pixels that nothing is written to";
+        let descriptor = TextureDescriptor {
+            label: Some(what),
             size: Extent3d { width, height, depth_or_array_layers: 1 },
             mip_level_count: 1,
             sample_count: 1,
@@ -128,10 +129,12 @@ impl Target {
             format: NO_COLOR,
             usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TRANSIENT_ATTACHMENT,
             view_formats: &[],
-        });
+        };
+        let bytes = u64::from(width) * u64::from(height);
+        let texture = context.within_memory(what, bytes, || context.device().create_texture(&descriptor))?;
         let view = texture.create_view(&TextureViewDescriptor::default());
         let viewport = viewport(context.limits().max_texture_dimension_2d, size).unwrap_or(0);
-        Self { size, viewport, view }
+        Ok(Self { size, viewport, view })
     }
 
     /// Pixels across and down.

@@ -230,7 +230,7 @@ impl Renderer {
         let raster = raster_hardware::choose(&self.context, ways.raster, size)?;
         let hardware = raster != Raster::Compute;
         if hardware && self.target.as_ref().is_none_or(|target| target.size() != size) {
-            self.target = Some(Target::new(&self.context, size));
+            self.target = Some(Target::new(&self.context, size)?);
         }
         let viewport = self.target.as_ref().filter(|_| hardware).map_or(0, Target::viewport);
         let uploaded_bytes = self.instances.upload(&self.context, &mut self.meshes)?;

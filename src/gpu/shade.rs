@@ -41,7 +41,7 @@ impl Light {
         if self.lights.size() < bytes {
             self.lights = context.buffer("lights", bytes.next_power_of_two(), self.lights.usage())?;
         }
-        context.queue().write_buffer(&self.lights, 0, bytemuck::cast_slice(lights));
+        context.write("lights", &self.lights, 0, bytemuck::cast_slice(lights))?;
         context.queue().write_buffer(&self.lighting, 0, bytemuck::bytes_of(lighting));
         Ok(())
     }
