@@ -2,7 +2,6 @@
 
 use nanite_rs::gpu::Phase;
 use nanite_rs::gpu::shaders::{self, Kernel, WIDTH};
-use nanite_rs::model::ClusterRecord;
 
 use super::parts::PART;
 
@@ -85,7 +84,6 @@ impl Sizes {
         let laps = (1u64 << (u32::BITS - payload_bits)) - 1;
         let tickets = (u64::from(ring.slots) * laps).min(1 << 31);
         let whole = |name: &str, value: u64| format!("const {name}: u32 = {value}u;\n");
-        let of_record = std::mem::offset_of!(ClusterRecord, group) / size_of::<u32>();
         let constants = [
             shaders::constants(),
             whole("PAGE_ARRAYS", if array_bits.is_some() { shaders::PAGE_ARRAYS as u64 } else { 1 }),
@@ -98,7 +96,6 @@ impl Sizes {
             whole("DEPTH", u64::from(self.depth) + 1),
             whole("PART", PART as u64),
             whole("BLOCKS", self.parts.div_ceil(WIDTH).max(1).into()),
-            whole("RECORD_GROUP", of_record as u64),
         ];
         let (types, cull, lod) = (product!("types"), product!("cull"), product!("lod"));
         let files = match kernel {
