@@ -18,12 +18,14 @@ pub mod meshes;
 mod node_cull;
 mod occlusion;
 mod output;
+mod passes;
 mod raster_hardware;
 mod raster_large;
 mod raster_small;
 pub mod renderer;
 mod shade;
 pub mod shaders;
+mod sight;
 mod times;
 
 pub use context::Context;

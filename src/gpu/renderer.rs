@@ -2,22 +2,23 @@
 
 use std::sync::Arc;
 
-use wgpu::{Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
+use wgpu::CommandEncoderDescriptor;
 
 use super::context::Context;
-use super::frame::{Buffers, Recorder, Room, Shape, raster_bindings};
-use super::instances::{self, Instances, Slots};
+use super::frame::{Buffers, Room, Shape};
+use super::instances::Instances;
 use super::meshes::Meshes;
-use super::occlusion::{self, Pyramids};
-use super::raster_hardware::{self, Draw, Target};
-use super::shade::Light;
+use super::passes::Passes;
+use super::raster_hardware::{self, Target};
 use super::shaders::{List, Phase, Words};
-use super::times::Times;
-use super::{cluster_cull, hzb, instance_cull, node_cull, output, raster_large, raster_small, shade, times};
+use super::sight::{Sight, Turn};
+use super::{
+    cluster_cull, hzb, instance_cull, node_cull, occlusion, output, raster_large, raster_small, shade, times,
+};
 use crate::config::{Output, Outputs, Raster};
 use crate::error::{Error, Result};
 use crate::gpu_types::{
-    self, Array, Counters, Dispatch, Instance, Lighting, Look, Placed, View, VisibleCluster, Visit,
+    self, Array, Counters, Dispatch, Lighting, Look, Placed, View, VisibleCluster, Visit,
 };
 use crate::limits::MAX_VISIBLE;
 use crate::model::Dag;
@@ -127,65 +128,6 @@ pub struct Renderer {
     sights: Vec<Sight>,
     /// There once the hardware rasterizer has drawn.
     target: Option<Target>,
-}
-
-/// What a view keeps on the device between frames.
-#[derive(Debug)]
-struct Sight {
-    /// The instances as seen from it, with room for so many slots.
-    seen: Option<(u32, Buffer)>,
-    buffers: Option<Buffers>,
-    pyramids: Pyramids,
-    light: Light,
-}
-
-impl Sight {
-    fn new(context: &Context) -> Result<Self> {
-        let (pyramids, light) = (Pyramids::new(context, (0, 0))?, Light::new(context)?);
-        Ok(Self { seen: None, buffers: None, pyramids, light })
-    }
-
-    /// Gets ready to draw; returns the view with what was to be filled in, and whether it culls what is hidden.
-    fn prepare(
-        &mut self,
-        context: &Context,
-        instances: &Instances,
-        job: &Job<'_>,
-        occlusion: bool,
-    ) -> Result<(View, bool)> {
-        self.light.write(context, &job.lighting, &job.lights)?;
-        let room = instances.room();
-        if self.seen.as_ref().is_none_or(|(seen, _)| *seen != room) {
-            self.seen = None;
-            let bytes = u64::from(room) * size_of::<Instance>() as u64;
-            let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-            self.seen = Some((room, context.buffer(instances::WHAT, bytes, storage)?));
-        }
-        let mut view = View { instances: instances.len(), group_words: instances.group_words(), ..job.view };
-        if !occlusion {
-            return Ok((view, false));
-        }
-        let size = (view.width, view.height);
-        if self.pyramids.size() != size {
-            self.pyramids = Pyramids::new(context, size)?;
-        }
-        self.pyramids.recall(&mut view);
-        Ok((view, !self.pyramids.paused()))
-    }
-
-    /// Takes in that a frame was drawn, with culling or without.
-    fn remember(&mut self, view: &View, drawn: &Drawn, culling: bool, occlusion: bool) {
-        if culling {
-            let counters = drawn.phases.iter().map(|phase| phase.counters);
-            let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
-            let built = counters.clone().any(|c| c.pyramid != 0);
-            let hidden = |phase: &Counted| phase.hidden_instances + u64::from(phase.counters.held);
-            let hidden = drawn.phases.get(1).map_or(0, hidden);
-            self.pyramids.remember(view, counters.map(triangles).sum(), hidden, built);
-        } else if occlusion {
-            self.pyramids.wait();
-        }
-    }
 }
 
 impl Renderer {
@@ -303,8 +245,17 @@ impl Renderer {
             return Ok(Default::default());
         };
         let times = &first.buffers.times;
-        let mut passes =
-            Passes { renderer: self, turns, instances, times, encoder: &mut encoder, passes: Vec::new() };
+        let mut passes = Passes {
+            context,
+            meshes: &self.meshes,
+            target: self.target.as_ref(),
+            turns,
+            instances,
+            slots: self.instances.len(),
+            times,
+            encoder: &mut encoder,
+            passes: Vec::new(),
+        };
         passes.run(DeviceStage::InstanceCull, Phase::First, instance_cull::record);
         for phase in [Phase::First, Phase::Second] {
             passes.run(DeviceStage::NodeCull, phase, node_cull::record);
@@ -368,86 +319,6 @@ impl Renderer {
             others.iter_mut().for_each(|other| other.times.clone_from(&first.times));
         }
         Ok((drawn, lengths))
-    }
-}
-
-/// A view in a submission.
-struct Turn<'a> {
-    view: &'a View,
-    culling: bool,
-    seen: &'a Buffer,
-    buffers: &'a Buffers,
-    sight: &'a Sight,
-}
-
-/// Records stages for all views, a pass at a time.
-struct Passes<'a> {
-    renderer: &'a Renderer,
-    turns: &'a [Turn<'a>],
-    instances: &'a Slots,
-    times: &'a Times,
-    encoder: &'a mut CommandEncoder,
-    /// Stage and phase of each so far.
-    passes: Vec<(DeviceStage, Phase)>,
-}
-
-impl<'a> Passes<'a> {
-    /// Of a phase, the views that have it.
-    fn turns(&self, phase: Phase) -> Vec<&'a Turn<'a>> {
-        self.turns.iter().filter(|turn| phase == Phase::First || turn.culling).collect()
-    }
-
-    fn run(&mut self, stage: DeviceStage, phase: Phase, record: impl Fn(&mut Recorder<'a>)) {
-        let turns = self.turns(phase);
-        if turns.is_empty() {
-            return;
-        }
-        let timestamp_writes = self.times.of_pass(self.passes.len() as u32);
-        let descriptor = ComputePassDescriptor { label: None, timestamp_writes };
-        // It ends below, where the last recorder does.
-        let mut pass = self.encoder.begin_compute_pass(&descriptor).forget_lifetime();
-        let Renderer { context, meshes, .. } = self.renderer;
-        let (instances, slots) = (self.instances, self.renderer.instances.len());
-        for Turn { seen, buffers, culling, sight, .. } in turns {
-            let (pyramids, light, culling) = (&sight.pyramids, &sight.light, *culling);
-            let mut recorder = Recorder {
-                context,
-                meshes,
-                instances,
-                slots,
-                seen,
-                buffers,
-                pyramids,
-                light,
-                culling,
-                phase,
-                pass,
-            };
-            record(&mut recorder);
-            pass = recorder.pass;
-        }
-        self.passes.push((stage, phase));
-    }
-
-    /// Has the device's rasterizer draw a list.
-    fn draw(&mut self, stage: DeviceStage, phase: Phase, list: List, words: Words) {
-        let Renderer { context, meshes, target: Some(target), .. } = self.renderer else { return };
-        let (turns, number) = (self.turns(phase), self.passes.len() as u32);
-        for (place, Turn { buffers, seen, .. }) in turns.iter().enumerate() {
-            let draw = Draw {
-                list,
-                words,
-                split: meshes.split(),
-                bindings: raster_bindings(buffers, meshes, seen, phase, &buffers.words),
-                calls: &buffers.phases[phase as usize].calls,
-                target,
-                times: self.times.of_draw(number, place == 0, place + 1 == turns.len()),
-            };
-            draw.record(context, self.encoder);
-        }
-        if !turns.is_empty() {
-            self.passes.push((stage, phase));
-        }
     }
 }
 

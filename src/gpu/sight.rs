@@ -1,0 +1,80 @@
+//! A view: what it keeps on the device between frames, and what of it goes into a submission.
+
+use wgpu::{Buffer, BufferUsages};
+
+use super::context::Context;
+use super::frame::Buffers;
+use super::instances::{self, Instances};
+use super::occlusion::Pyramids;
+use super::renderer::{Counted, Drawn, Job};
+use super::shade::Light;
+use crate::error::Result;
+use crate::gpu_types::{Counters, Instance, View};
+
+/// What a view keeps on the device between frames.
+#[derive(Debug)]
+pub(super) struct Sight {
+    /// The instances as seen from it, with room for so many slots.
+    pub(super) seen: Option<(u32, Buffer)>,
+    pub(super) buffers: Option<Buffers>,
+    pub(super) pyramids: Pyramids,
+    pub(super) light: Light,
+}
+
+impl Sight {
+    pub(super) fn new(context: &Context) -> Result<Self> {
+        let (pyramids, light) = (Pyramids::new(context, (0, 0))?, Light::new(context)?);
+        Ok(Self { seen: None, buffers: None, pyramids, light })
+    }
+
+    /// Gets ready to draw; returns the view with what was to be filled in, and whether it culls what is hidden.
+    pub(super) fn prepare(
+        &mut self,
+        context: &Context,
+        instances: &Instances,
+        job: &Job<'_>,
+        occlusion: bool,
+    ) -> Result<(View, bool)> {
+        self.light.write(context, &job.lighting, &job.lights)?;
+        let room = instances.room();
+        if self.seen.as_ref().is_none_or(|(seen, _)| *seen != room) {
+            self.seen = None;
+            let bytes = u64::from(room) * size_of::<Instance>() as u64;
+            let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+            self.seen = Some((room, context.buffer(instances::WHAT, bytes, storage)?));
+        }
+        let mut view = View { instances: instances.len(), group_words: instances.group_words(), ..job.view };
+        if !occlusion {
+            return Ok((view, false));
+        }
+        let size = (view.width, view.height);
+        if self.pyramids.size() != size {
+            self.pyramids = Pyramids::new(context, size)?;
+        }
+        self.pyramids.recall(&mut view);
+        Ok((view, !self.pyramids.paused()))
+    }
+
+    /// Takes in that a frame was drawn, with culling or without.
+    pub(super) fn remember(&mut self, view: &View, drawn: &Drawn, culling: bool, occlusion: bool) {
+        if culling {
+            let counters = drawn.phases.iter().map(|phase| phase.counters);
+            let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
+            let built = counters.clone().any(|c| c.pyramid != 0);
+            let hidden = |phase: &Counted| phase.hidden_instances + u64::from(phase.counters.held);
+            let hidden = drawn.phases.get(1).map_or(0, hidden);
+            self.pyramids.remember(view, counters.map(triangles).sum(), hidden, built);
+        } else if occlusion {
+            self.pyramids.wait();
+        }
+    }
+}
+
+/// A view in a submission.
+pub(super) struct Turn<'a> {
+    pub(super) view: &'a View,
+    pub(super) culling: bool,
+    pub(super) seen: &'a Buffer,
+    pub(super) buffers: &'a Buffers,
+    pub(super) sight: &'a Sight,
+}
