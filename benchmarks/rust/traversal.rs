@@ -184,7 +184,7 @@ fn main() {
     println!(
         "A mesh of {} triangles and {} levels of detail: {} clusters, {} groups, {} nodes in {} levels, {} parts",
         faces.len(),
-        mesh.nodes[0].count,
+        mesh.nodes[0].level + 1,
         mesh.cluster_count(),
         mesh.groups.len(),
         mesh.nodes.len(),
