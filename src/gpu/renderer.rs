@@ -245,6 +245,8 @@ impl Renderer {
             return Ok(Default::default());
         };
         let times = &first.buffers.times;
+        let made =
+            |which: fn(Output) -> bool| turns.iter().any(|turn| turn.buffers.shape.outputs.iter().any(which));
         let mut passes = Passes {
             context,
             meshes: &self.meshes,
@@ -283,7 +285,7 @@ impl Renderer {
                 });
             }
             // The visible list is that of this phase now, and not later.
-            if jobs.iter().any(|job| job.outputs.contains(Output::Overdraw)) {
+            if made(|output| output == Output::Overdraw) {
                 passes.run(DeviceStage::Output, phase, output::count);
             }
             if turns.iter().any(|turn| turn.culling) {
@@ -294,11 +296,10 @@ impl Renderer {
                 });
             }
         }
-        if jobs.iter().any(|job| job.outputs.contains(Output::Color)) {
+        if made(|output| output == Output::Color) {
             passes.run(DeviceStage::Shade, Phase::First, shade::record);
         }
-        let apart = |output| !matches!(output, Output::Color | Output::Overdraw);
-        if jobs.iter().any(|job| job.outputs.iter().any(apart)) {
+        if made(|output| !matches!(output, Output::Color | Output::Overdraw)) {
             passes.run(DeviceStage::Output, Phase::First, output::record);
         }
         let passes = passes.passes;
