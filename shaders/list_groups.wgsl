@@ -57,9 +57,16 @@ fn list(word: u32, mask_of_word: u32, first_mask: u32, at_of_word: u32, first_at
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let block = workgroup_number(workgroup);
     let words = words_of_lane(block, lane, blocks.count);
+    let filled_at = blocks.count + words.x / 32u;
+    var filled = bits[filled_at];
+    if SECOND {
+        filled |= first_bits[filled_at];
+    }
+    filled = filled_words(words, filled);
     var count = 0u;
     var first_count = 0u;
-    for (var word = words.x; word < words.y; word++) {
+    for (var rest = filled; rest != 0u; rest &= rest - 1u) {
+        let word = words.x + firstTrailingBit(rest);
         if SECOND {
             first_count += countOneBits(first_bits[word]);
             count += countOneBits(bits[word] | first_bits[word]);
@@ -79,20 +86,16 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
         culling = workgroups(kept, GROUPS_PER_WORKGROUP, total);
         counting = workgroups(kept, SCAN_BLOCK, kept);
     }
-    if count == 0u {
-        return;
-    }
-    for (var word = words.x; word < words.y; word++) {
+    for (var rest = filled; rest != 0u; rest &= rest - 1u) {
+        let word = words.x + firstTrailingBit(rest);
         var mask = bits[word];
         var first_mask = 0u;
         if SECOND {
             first_mask = first_bits[word];
             mask |= first_mask;
         }
-        if mask != 0u {
-            list(word, mask, first_mask, at, first_at);
-            at += countOneBits(mask);
-            first_at += countOneBits(first_mask);
-        }
+        list(word, mask, first_mask, at, first_at);
+        at += countOneBits(mask);
+        first_at += countOneBits(first_mask);
     }
 }

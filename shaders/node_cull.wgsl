@@ -69,7 +69,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
         }
         let found = test(visit.instance, group.center, group.extent);
         if found == SEEN {
-            atomicOr(&group_bits[words + number / 32u], 1u << (number % 32u));
+            mark_group(words, number);
         }
         waits |= found == HIDDEN;
     }

@@ -1,5 +1,7 @@
-// Stage 4. Clusters of small triangles -> visibility buffer: a workgroup per cluster, a lane per triangle.
-// src/cpu/raster_small.rs, operation for operation.
+// Stage 4. Clusters of small triangles -> visibility buffer: a workgroup per cluster, whose lanes share out its vertices,
+// then its triangles. src/cpu/raster_small.rs, operation for operation.
+
+override RASTER_LANES: u32 = CLUSTER_MAX_TRIANGLES;
 
 // Triangles that face the eye and have a box with pixels.
 var<workgroup> drawn: atomic<u32>;
@@ -55,7 +57,7 @@ fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
     return true;
 }
 
-@compute @workgroup_size(CLUSTER_MAX_TRIANGLES)
+@compute @workgroup_size(RASTER_LANES)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let number = listed(LIST_SMALL, workgroup_number(workgroup));
     if number == NONE {
@@ -70,21 +72,25 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     if lane == 0u {
         atomicStore(&drawn, 0u);
     }
-    for (var v = lane; v < vertices; v += CLUSTER_MAX_TRIANGLES) {
+    for (var v = lane; v < vertices; v += RASTER_LANES) {
         let p = project(homogeneous(instances[instance].screen, reals(data + 3u * v)));
         snapped[v] = vec2<i32>(snap(p.x), snap(p.y));
         values[v] = p.z;
     }
     workgroupBarrier();
-    if lane < triangle_count(record) {
-        var corners = triangle_corners(data + vertices * instances[instance].vertex_words, lane);
+    let triangles = triangle_count(record);
+    let corners_at = data + vertices * instances[instance].vertex_words;
+    var own = 0u;
+    for (var t = lane; t < triangles; t += RASTER_LANES) {
+        var corners = triangle_corners(corners_at, t);
         if instances[instance].mirrored == 0u {
             corners = corners.xzy;
         }
-        if draw(corners, instances[instance].double_sided != 0u, payload(number) - lane) {
-            atomicAdd(&drawn, 1u);
+        if draw(corners, instances[instance].double_sided != 0u, payload(number) - t) {
+            own++;
         }
     }
+    atomicAdd(&drawn, own);
     workgroupBarrier();
     if FIRST_PASS && lane == 0u {
         atomicAdd(&counters.drawn_small, atomicLoad(&drawn));

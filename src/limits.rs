@@ -32,6 +32,9 @@ pub const MAX_VISIBLE: usize = (1 << VISIBLE_BITS) - 1;
 pub const GUARD_BAND: f32 = 16_000.0;
 /// Relative rounding of a sum of three products in f32, twice over: a box corner and a vertex.
 pub const FOOTPRINT_ROUNDING: f32 = 1.0e-6;
+/// Pixels by which a box on the screen is widened: snapping moves a corner by 1/512, and rounding by less than 1/64
+/// inside the guard band.
+pub const FOOTPRINT_MARGIN: f32 = 1.0 / 16.0;
 /// Longest side, pixels, of a cluster on the screen for the small rasterizer: with it, products of two snapped
 /// differences and their difference fit 32 bits.
 pub const MAX_SPAN: u16 = 120;

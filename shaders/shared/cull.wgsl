@@ -6,7 +6,7 @@ struct Footprint {
     clipped: bool,
     // Longer side of the rectangle, pixels.
     span: u32,
-    // First column, first row, last column, last row, on the picture.
+    // First column, first row, last column, last row, on the picture, of the pixels that it may cover.
     rect: vec4<u32>,
     // Key of a distance nearer than anything in the box; NO_KEY when it reaches the near plane.
     near_key: u32,
@@ -94,19 +94,19 @@ fn footprint(rows: array<vec4<f32>, 3>, center: vec3<f32>, extent: vec3<f32>) ->
     }
     let widest = max(abs(low), abs(high));
     let across = select(widest * slack2, vec2<f32>(0.0), parallel);
-    let error = 1.0 + scale * (vec2<f32>(slack0, slack1) + across);
+    let error = FOOTPRINT_MARGIN + scale * (vec2<f32>(slack0, slack1) + across);
     low = low - error;
     high = high + error;
-    if high.x < 0.0 || high.y < 0.0 || low.x > size.x || low.y > size.y {
+    // The pixels whose centres lie inside: what has none is never drawn.
+    let first = vec2<u32>(clamp(low + 0.5, vec2<f32>(0.0), size));
+    let end = vec2<u32>(clamp(high + 0.5, vec2<f32>(0.0), size));
+    if any(first >= end) {
         return UNSEEN;
     }
     let span = max(high.x - low.x, high.y - low.y);
     let inside = all(abs(low) < vec2<f32>(GUARD_BAND)) && all(abs(high) < vec2<f32>(GUARD_BAND));
-    let last = size - 1.0;
-    let first_pixel = vec2<u32>(clamp(low, vec2<f32>(0.0), last));
-    let last_pixel = vec2<u32>(clamp(high, vec2<f32>(0.0), last));
     let value = select(view.near / nearest * (1.0 + FOOTPRINT_ROUNDING), nearest, parallel);
     let clipped = !inside || farthest > view.far;
-    let rect = vec4<u32>(first_pixel, last_pixel);
+    let rect = vec4<u32>(first, end - 1u);
     return Footprint(true, clipped, u32(min(span, f32(UNKNOWN_SPAN))), rect, depth_key(value));
 }

@@ -11,9 +11,15 @@ fn error_pixels(instance: u32, sphere: Sphere, error: f32) -> f32 {
         return world * focal;
     }
     let at = homogeneous(instances[instance].object_to_eye, vector(sphere.center));
-    let length = sqrt(at.x * at.x + at.y * at.y + at.z * at.z);
-    let distance = length - sphere.radius * instances[instance].lod_scale - world;
-    return world * focal / max(distance, near);
+    let radius = sphere.radius * instances[instance].lod_scale + world;
+    let distance = sqrt(at.x * at.x + at.y * at.y + at.z * at.z) - radius;
+    let depth = -at.z - radius;
+    var sec2 = view.lod_widest;
+    if depth > 0.0 {
+        let tangent = (sqrt(at.x * at.x + at.y * at.y) + radius) / depth;
+        sec2 = min(1.0 + tangent * tangent, sec2);
+    }
+    return world * focal * sec2 / max(distance, near);
 }
 
 // True when an error on a sphere is too large to be drawn.

@@ -36,7 +36,7 @@ struct View {
     occluders: u32,
     unused_a: u32,
     unused_b: u32,
-    unused_c: u32,
+    lod_widest: f32,
 }
 
 // An instance as the scene places it, whoever looks at it.

@@ -140,11 +140,9 @@ pub fn grow(
     }
     let seen = || Sight::of(bounds, &store.positions, faces.as_flattened());
     let sight = options.preserve_area.then(seen);
-    let enough = (source_faces as u64 / ROOT_PART).max(ROOT_TRIANGLES);
     // What nobody asked for makes room for the levels.
     let face_rows = options.face_ids.then_some((faces, face_rows));
-    let mut graph =
-        Growth { content, clusters, groups: Vec::new(), reference: None, sight, source_faces, enough };
+    let mut graph = Growth { content, clusters, groups: Vec::new(), reference: None, sight, source_faces };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
         pending = graph.round(&mut store, pending, round, options, &meter, report)?;
@@ -199,14 +197,13 @@ struct Growth {
     sight: Option<Sight>,
     /// Faces of the source after mending.
     source_faces: usize,
-    /// A root of no more triangles is left as it is.
-    enough: u64,
 }
 
-/// A single cluster is simplified further while it has more than this part of the source.
-const ROOT_PART: u64 = 100;
-/// Fewer triangles make no shape: a cube ends as two back to back.
+/// A single cluster is simplified further while it has more: of a mesh far away a few are enough. Fewer make no shape: a
+/// cube ends as two back to back.
 const ROOT_TRIANGLES: u64 = 8;
+/// Rounds of no more than this part of the source need little memory.
+const SMALL_ROUND_PART: u64 = 100;
 
 impl Growth {
     /// One round over the pending clusters; returns those of the next.
@@ -228,7 +225,7 @@ impl Growth {
         let positions = Arc::new(RoundPositions::new(store, &meshes));
         let groups = partition(store.layout, &meshes, &positions, options);
         let single = pending.len() == 1;
-        if single && level.triangles <= self.enough || round + 1 == MAX_ROUNDS {
+        if single && level.triangles <= ROOT_TRIANGLES || round + 1 == MAX_ROUNDS {
             level.groups = groups.len() as u32;
             for group in &groups {
                 let members: Vec<u32> = group.iter().map(|c| pending[*c as usize]).collect();
@@ -241,7 +238,7 @@ impl Growth {
         let ratio = ratio(level.triangles, options);
         if options.error == ErrorMeasure::Bound {
             // Measuring takes blocks of other sizes in each round. Small rounds add little.
-            if level.triangles > self.enough {
+            if SMALL_ROUND_PART * level.triangles > self.source_faces as u64 {
                 memory::give_back(self.source_faces);
             }
             if self.reference.as_ref().is_none_or(Reference::has_served) {

@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use crate::limits::{FOOTPRINT_ROUNDING, GUARD_BAND};
+use crate::limits::{FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND};
 use crate::math::{LodView, Sphere};
 use crate::model::Dag;
 use crate::scene::placement::{Eye, Placement};
@@ -96,7 +96,7 @@ pub struct InstanceView {
 /// Where a box lies on the screen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Footprint {
-    /// First column, first row, last column, last row, on the picture.
+    /// First column, first row, last column, last row, on the picture, of the pixels that it may cover.
     pub rect: [u16; 4],
     /// Key of a distance nearer than anything in the box; `u32::MAX` when it reaches the near plane.
     pub near_key: u32,
@@ -107,13 +107,13 @@ pub struct Footprint {
 }
 
 impl Footprint {
-    /// Pixels of the rectangle without its margin of a pixel on every side; 1 where it is not known.
+    /// Pixels of the rectangle; 1 where it is not known.
     pub fn area(&self) -> u64 {
         if self.near_key == u32::MAX {
             return 1;
         }
-        let [x0, y0, x1, y1] = self.rect.map(i64::from);
-        ((x1 - x0 - 1).max(1) * (y1 - y0 - 1).max(1)) as u64
+        let [x0, y0, x1, y1] = self.rect.map(u64::from);
+        (x1 - x0 + 1) * (y1 - y0 + 1)
     }
 }
 
@@ -132,6 +132,7 @@ impl InstanceView {
                 object_to_eye,
                 scale: placement.lod_scale,
                 focal: eye.lod_focal,
+                widest: eye.lod_widest,
                 near: eye.lod_near,
             },
             eye: eye_inside,
@@ -276,10 +277,10 @@ fn footprint(
                 low[k] = low[k].min(x);
                 high[k] = high[k].max(x);
             }
-            // A pixel for snapping and the rounding of coverage, then the rounding of the projection.
+            // For snapping, then for the rounding of the projection.
             let widest = low[k].abs().max(high[k].abs());
-            let error =
-                1.0 + scale * (slack[k] + if constants.orthographic { 0.0 } else { widest * slack[2] });
+            let across = if constants.orthographic { 0.0 } else { widest * slack[2] };
+            let error = FOOTPRINT_MARGIN + scale * (slack[k] + across);
             low[k] -= error;
             high[k] += error;
         }
@@ -308,16 +309,18 @@ fn footprint(
         let rect = [0, 0, constants.width as u16 - 1, constants.height as u16 - 1];
         return Some(Footprint { rect, near_key: u32::MAX, span: u16::MAX, clipped: true });
     }
-    if high[0] < 0.0 || high[1] < 0.0 || low[0] > size[0] || low[1] > size[1] {
+    // The pixels whose centres lie inside: what has none is never drawn.
+    let pixel = |v: f32, k: usize| (v + 0.5).clamp(0.0, size[k]) as u16;
+    let [x0, y0, x1, y1] = [pixel(low[0], 0), pixel(low[1], 1), pixel(high[0], 0), pixel(high[1], 1)];
+    if x0 >= x1 || y0 >= y1 {
         return None;
     }
-    let pixel = |v: f32, k: usize| v.clamp(0.0, size[k] - 1.0) as u16;
     let span = (high[0] - low[0]).max(high[1] - low[1]);
     let inside = low.iter().chain(&high).all(|v| v.abs() < GUARD_BAND);
     let value =
         if constants.orthographic { nearest } else { constants.near / nearest * (1.0 + FOOTPRINT_ROUNDING) };
     Some(Footprint {
-        rect: [pixel(low[0], 0), pixel(low[1], 1), pixel(high[0], 0), pixel(high[1], 1)],
+        rect: [x0, y0, x1 - 1, y1 - 1],
         near_key: constants.key(value),
         span: span.min(65535.0) as u16,
         clipped: !inside || farthest > constants.far,

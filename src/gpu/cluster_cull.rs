@@ -2,7 +2,7 @@
 //! lists the clusters of both and draws those that are new.
 
 use super::frame::Recorder;
-use super::shaders::{Kernel, Phase};
+use super::shaders::{Bits, Kernel, Phase};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
     let (b, m, own, first) = (r.buffers, r.meshes, r.own(), r.first());
@@ -31,7 +31,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     ];
     r.run_indirect(Kernel::ClusterCull(r.phase), &bindings, &own.culling, 0);
     r.run_indirect(
-        Kernel::CountBits,
+        Kernel::CountBits(Bits::Clusters),
         &[&own.drawn, &own.counting, &own.cluster_sums, &own.drawn],
         &own.counting,
         0,

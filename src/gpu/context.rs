@@ -332,6 +332,7 @@ impl Context {
                 entry_point: Some("main"),
                 // Shaders write what they read of it.
                 compilation_options: wgpu::PipelineCompilationOptions {
+                    constants: if self.software { kernel.overrides_in_software() } else { &[] },
                     zero_initialize_workgroup_memory: false,
                     ..wgpu::PipelineCompilationOptions::default()
                 },

@@ -95,7 +95,7 @@ impl Phase {
         Ok(Self {
             starts: storage("the instances of the scene", bytes::<Visit>(starts))?,
             levels: (0..=depth).map(|_| dispatch(1)).collect::<Result<_>>()?,
-            group_bits: storage("bits of groups", bytes::<u32>(group_words))?,
+            group_bits: storage("bits of groups", bytes::<u32>(shaders::group_bit_words(group_words)))?,
             group_sums: sums(group_words)?,
             candidates: storage("groups to look at", bytes::<Candidate>(room.candidates))?,
             culling: dispatch(1)?,

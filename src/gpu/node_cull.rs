@@ -4,7 +4,7 @@
 //! resumes at the nodes that the first one put off, and lists the groups of both.
 
 use super::frame::Recorder;
-use super::shaders::{Kernel, Phase, Step};
+use super::shaders::{Bits, Kernel, Phase, Step};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
     let (b, m, own, [later, later_level]) = (r.buffers, r.meshes, r.own(), r.later());
@@ -34,7 +34,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         Phase::Second => (&first.steps, Step::Groups.number()),
     };
     r.run_indirect(
-        Kernel::CountBits,
+        Kernel::CountBits(Bits::Groups),
         &[&own.group_bits, blocks, &own.group_sums, &first.group_bits],
         blocks,
         number,

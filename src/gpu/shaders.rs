@@ -5,8 +5,9 @@ use std::mem::offset_of;
 use crate::config::{OUTPUTS, Output};
 use crate::gpu_types::{LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH};
 use crate::limits::{
-    CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN, PAGE_SLOT_BITS,
-    PYRAMID_ABOVE, PYRAMID_FINER, PYRAMID_LEVELS, PYRAMID_REACH, SMALL_EDGE, SUBPIXEL_BITS, TRIANGLE_BITS,
+    CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN,
+    PAGE_SLOT_BITS, PYRAMID_ABOVE, PYRAMID_FINER, PYRAMID_LEVELS, PYRAMID_REACH, SMALL_EDGE, SUBPIXEL_BITS,
+    TRIANGLE_BITS,
 };
 use crate::model::ClusterRecord;
 use crate::model::cluster::RECORD_WORDS;
@@ -15,6 +16,8 @@ use crate::model::cluster::RECORD_WORDS;
 pub const WIDTH: u32 = 64;
 /// Lanes of a workgroup that sums up words.
 pub const SCAN_WIDTH: u32 = CLUSTER_MAX_TRIANGLES as u32;
+/// Lanes whose values each of them adds up by itself.
+const SCAN_ROW: u32 = 16;
 /// Words that a lane of such a workgroup takes.
 const WORDS_PER_LANE: u32 = 16;
 /// Words that such a workgroup takes.
@@ -26,6 +29,11 @@ pub const MAX_WORKGROUPS: u32 = 65_535;
 const LANES_PER_GROUP: u32 = 8;
 /// Groups whose clusters a workgroup culls.
 const GROUPS_PER_WORKGROUP: u32 = WIDTH / LANES_PER_GROUP;
+
+/// Words of bits of groups with the bits that tell which of them are not zero.
+pub fn group_bit_words(words: u32) -> u32 {
+    words + words.div_ceil(u32::BITS)
+}
 
 /// Arrays that the pages of all meshes may lie in.
 pub const PAGE_ARRAYS: usize = 4;
@@ -102,6 +110,15 @@ impl List {
     pub const COUNT: u32 = 3;
 }
 
+/// Sets of bits that are listed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bits {
+    /// Of all groups of the scene, of which few are looked at.
+    Groups,
+    /// Of the clusters of the groups that are.
+    Clusters,
+}
+
 /// Everything that runs on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
@@ -110,7 +127,7 @@ pub enum Kernel {
     /// A level of nodes → the next, and the bits of groups.
     NodeCull(Phase),
     /// Words → set bits of each block of words.
-    CountBits,
+    CountBits(Bits),
     /// Set bits of blocks → where each block starts.
     ScanBlocks,
     /// Bits of groups → the list of groups.
@@ -140,11 +157,12 @@ pub enum Kernel {
 }
 
 /// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 39] = [
+pub const KERNELS: [Kernel; 40] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
-    Kernel::CountBits,
+    Kernel::CountBits(Bits::Groups),
+    Kernel::CountBits(Bits::Clusters),
     Kernel::ScanBlocks,
     Kernel::ListGroups(Phase::First),
     Kernel::ListGroups(Phase::Second),
@@ -203,6 +221,7 @@ const CULL: &str = file!("shared/cull");
 const LOD: &str = file!("shared/lod");
 const PAGES: &str = file!("shared/pages");
 const CONE: &str = file!("shared/cone");
+const GROUP_BITS: &str = file!("shared/group_bits");
 const APPEND: &str = file!("shared/append");
 const PUT_OFF: &str = file!("shared/put_off");
 const DERIVE: &str = file!("shared/derive");
@@ -225,7 +244,7 @@ impl Kernel {
         match self {
             Self::InstanceCull => "instance_cull",
             Self::NodeCull(_) => "node_cull",
-            Self::CountBits => "count_bits",
+            Self::CountBits(_) => "count_bits",
             Self::ScanBlocks => "scan_blocks",
             Self::ListGroups(_) => "list_groups",
             Self::ClusterCull(_) => "cluster_cull",
@@ -252,8 +271,10 @@ impl Kernel {
             Self::InstanceCull => {
                 vec![TYPES, CULL, DERIVE, OCCLUSION, APPEND, PUT_OFF, file!("instance_cull")]
             }
-            Self::NodeCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, APPEND, PUT_OFF, file!("node_cull")],
-            Self::CountBits => vec![TYPES, SCAN, file!("count_bits")],
+            Self::NodeCull(_) => {
+                vec![TYPES, CULL, OCCLUSION, LOD, GROUP_BITS, APPEND, PUT_OFF, file!("node_cull")]
+            }
+            Self::CountBits(_) => vec![TYPES, SCAN, file!("count_bits")],
             Self::ScanBlocks => vec![TYPES, SCAN, file!("scan_blocks")],
             Self::ListGroups(_) => vec![TYPES, SCAN, file!("list_groups")],
             Self::ClusterCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, PAGES, CONE, file!("cluster_cull")],
@@ -271,6 +292,15 @@ impl Kernel {
             Self::Shade => vec![TYPES, PAGES, SURFACE, file!("shade")],
             Self::Output(_) => vec![TYPES, PAGES, SURFACE, file!("output")],
             Self::LoopProbe => vec![file!("loop_probe")],
+        }
+    }
+
+    /// Values of `override` constants that others than a GPU go with.
+    pub fn overrides_in_software(self) -> &'static [(&'static str, f64)] {
+        match self {
+            // There a workgroup is a loop over its lanes, a few at a time, from one barrier to the next.
+            Self::RasterSmall(_) => &[("RASTER_LANES", 16.0)],
+            _ => &[],
         }
     }
 
@@ -295,6 +325,9 @@ impl Kernel {
         if let Self::RasterHardware(list, _) = self {
             source += &format!("const LIST: u32 = {}u;\n", list as u32);
         }
+        if let Self::CountBits(bits) = self {
+            source += &format!("const SPARSE: bool = {};\n", bits == Bits::Groups);
+        }
         if let Self::Hzb(round) = self {
             source += &format!("const ROUND: u32 = {round}u;\n");
         }
@@ -316,6 +349,7 @@ pub fn constants() -> String {
     let whole = [
         ("WIDTH", WIDTH),
         ("SCAN_WIDTH", SCAN_WIDTH),
+        ("SCAN_ROW", SCAN_ROW),
         ("WORDS_PER_LANE", WORDS_PER_LANE),
         ("SCAN_BLOCK", SCAN_BLOCK),
         ("MAX_WORKGROUPS", MAX_WORKGROUPS),
@@ -362,6 +396,7 @@ pub fn constants() -> String {
     ];
     let real = [
         ("GUARD_BAND", GUARD_BAND),
+        ("FOOTPRINT_MARGIN", FOOTPRINT_MARGIN),
         ("FOOTPRINT_ROUNDING", FOOTPRINT_ROUNDING),
         ("SMALL_EDGE", SMALL_EDGE),
         ("SMALLEST", f32::MIN_POSITIVE),

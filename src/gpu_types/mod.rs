@@ -65,8 +65,8 @@ pub struct View {
     pub unused_a: u32,
     /// Zero.
     pub unused_b: u32,
-    /// Zero.
-    pub unused_c: u32,
+    /// See [`crate::math::LodView::widest`].
+    pub lod_widest: f32,
 }
 
 /// An instance as the scene places it, whoever looks at it.

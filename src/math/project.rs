@@ -6,22 +6,27 @@ use super::Sphere;
 /// of error looks there. All lengths are in camera-relative world units.
 #[derive(Clone, Copy, Debug)]
 pub struct LodView {
-    /// Rows of the affine map from the mesh's internal space to camera-relative world space.
+    /// Rows of the affine map from the mesh's internal space to camera space (x right, y up, −z forward).
     pub object_to_eye: [[f32; 4]; 3],
     /// An upper bound of the largest singular value of its linear part.
     pub scale: f32,
-    /// Pixels per unit of tangent, times sec² of the view's half diagonal (perspective), or pixels per world
-    /// unit (orthographic).
+    /// Pixels per unit of tangent (perspective), or per world unit (orthographic).
     pub focal: f32,
+    /// sec² of the angle between the optical axis and the farthest corner of the picture, rounded up.
+    pub widest: f32,
     /// Distance of the near plane; 0 selects the orthographic form.
     pub near: f32,
 }
 
 impl LodView {
     /// An upper bound, in pixels, of how far a displacement of `error` anywhere on `sphere` moves on the
-    /// screen. DESIGN: px = E·s·f·sec²θ ÷ max(|c − eye| − r·s − E·s, near).
+    /// screen: px = E·s·f·sec²θ ÷ max(|c − eye| − r·s − E·s, near).
     ///
-    /// Monotone in `error` and under enclosing spheres, rounding included: see `model::rule`.
+    /// A point at a distance d from the eye and an angle θ off the optical axis moves by f·sec²θ ÷ d pixels per unit
+    /// at most. Of all the points between the two ends of a displacement, which lie in a ball of radius r·s + E·s, none
+    /// is nearer than the divisor, and tan θ is at most the farthest from the axis ÷ the least depth; on the picture no
+    /// θ is larger than its corner's. Each of the three is monotone under enclosing spheres and in `error`, and so is
+    /// what is made of them, rounding included: see `model::rule`.
     pub fn pixels(&self, sphere: &Sphere, error: f32) -> f32 {
         if error <= 0.0 {
             return error;
@@ -34,8 +39,15 @@ impl LodView {
         let c = sphere.center;
         let at = |r: usize| m[r][0] * c[0] + m[r][1] * c[1] + m[r][2] * c[2] + m[r][3];
         let (x, y, z) = (at(0), at(1), at(2));
-        let distance = (x * x + y * y + z * z).sqrt() - sphere.radius * self.scale - world;
-        world * self.focal / distance.max(self.near)
+        let radius = sphere.radius * self.scale + world;
+        let distance = (x * x + y * y + z * z).sqrt() - radius;
+        let depth = -z - radius;
+        let mut sec2 = self.widest;
+        if depth > 0.0 {
+            let tangent = ((x * x + y * y).sqrt() + radius) / depth;
+            sec2 = (1.0 + tangent * tangent).min(sec2);
+        }
+        world * self.focal * sec2 / distance.max(self.near)
     }
 }
 
@@ -74,6 +86,68 @@ pub fn singular_value_bound(a: [[f64; 3]; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn random(seed: &mut u64) -> f64 {
+        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*seed >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// A view of 90° down an axis, and a ball somewhere before it.
+    fn seen(seed: &mut u64) -> (LodView, Sphere, f32) {
+        let object_to_eye = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+        let view = LodView { object_to_eye, scale: 1.0, focal: 500.0, widest: 3.0, near: 0.01 };
+        let depth = 10f64.powf(3.0 * random(seed) - 1.0);
+        let mut across = || ((2.4 * random(seed) - 1.2) * depth) as f32;
+        let center = [across(), across(), -depth as f32];
+        let radius = depth * 10f64.powf(-4.0 * random(seed)) * 0.9;
+        let error = radius * 10f64.powf(-3.0 * random(seed));
+        (view, Sphere { center, radius: radius as f32 }, error as f32)
+    }
+
+    #[test]
+    fn nothing_on_the_picture_moves_farther_than_stated() {
+        let seed = &mut 5;
+        let (mut tested, mut tightest) = (0, 0.0f64);
+        for _ in 0..200_000 {
+            let (view, sphere, error) = seen(seed);
+            let mut direction = || {
+                let v: [f64; 3] = std::array::from_fn(|_| 2.0 * random(seed) - 1.0);
+                let size = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+                v.map(|x| x / size)
+            };
+            let (to, step) = (direction(), direction());
+            let at = |k: usize| f64::from(sphere.center[k]) + to[k] * f64::from(sphere.radius);
+            let p: [f64; 3] = std::array::from_fn(at);
+            let q: [f64; 3] = std::array::from_fn(|k| p[k] + step[k] * f64::from(error));
+            let place = |p: [f64; 3]| [p[0] / -p[2], p[1] / -p[2]];
+            let shown = |p: [f64; 3]| -p[2] > 0.01 && place(p).iter().all(|x| x.abs() <= 1.0);
+            // The way from one to the other stays on the picture, which is convex.
+            if !shown(p) || !shown(q) {
+                continue;
+            }
+            let (a, b) = (place(p), place(q));
+            let moved = 500.0 * (a[0] - b[0]).hypot(a[1] - b[1]);
+            let stated = f64::from(view.pixels(&sphere, error));
+            assert!(moved <= stated * (1.0 + 1e-5), "{sphere:?} {error}: {moved} {stated}");
+            (tested, tightest) = (tested + 1, tightest.max(moved / stated));
+        }
+        assert!(tested > 50_000 && tightest > 0.9, "{tested} {tightest}");
+    }
+
+    #[test]
+    fn a_ball_around_a_ball_states_no_less() {
+        let seed = &mut 9;
+        for _ in 0..200_000 {
+            let (view, inner, error) = seen(seed);
+            let part = random(seed).powi(4);
+            let away: [f64; 3] =
+                std::array::from_fn(|_| part * f64::from(inner.radius) * (random(seed) - 0.5));
+            let center = std::array::from_fn(|k| (f64::from(inner.center[k]) + away[k]) as f32);
+            let outer = Sphere::of_spheres(&[inner, Sphere { center, radius: inner.radius }]);
+            let larger = error * (1.0 + 1.0 / 32768.0);
+            assert!(view.pixels(&outer, larger) >= view.pixels(&inner, error), "{inner:?} {outer:?} {error}");
+        }
+    }
 
     #[test]
     fn singular_value_of_scale_shear_and_rotation() {

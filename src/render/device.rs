@@ -200,6 +200,7 @@ pub fn view_record(screen: &Screen, eye: &Eye, tau: f32) -> gpu_types::View {
         lod_focal: eye.lod_focal,
         low: eye.low,
         lod_near: eye.lod_near,
+        lod_widest: eye.lod_widest,
         focal: eye.focal,
         center: eye.center,
         inverse_focal: eye.inverse_focal,

@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     fn square(x: u16, key: u32) -> Footprint {
-        Footprint { rect: [x, 0, x + 33, 33], near_key: key, span: 34, clipped: false }
+        Footprint { rect: [x, 0, x + 31, 31], near_key: key, span: 32, clipped: false }
     }
 
     #[test]

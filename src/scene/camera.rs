@@ -200,22 +200,23 @@ impl View {
         1.0 + reach(0, self.width) + reach(1, self.height)
     }
 
-    /// Focal length and near distance of [`LodView`].
-    pub fn lod_constants(&self) -> (f32, f32) {
+    /// Focal length, widest angle and near distance of [`LodView`].
+    pub fn lod_constants(&self) -> (f32, f32, f32) {
         let focal = self.focal[0].max(self.focal[1]);
-        let (focal, near) = if self.orthographic { (focal, 0.0) } else { (focal * self.sec2(), self.near) };
-        (round_up(focal), near as f32)
+        let (widest, near) = if self.orthographic { (1.0, 0.0) } else { (self.sec2(), self.near) };
+        (round_up(focal), round_up(widest), near as f32)
     }
 
     /// What the rule of the cut needs for an instance: `object_to_view` from [`View::object_to_view`],
     /// `scale` a bound of the largest singular value of the instance's pose.
     pub fn lod_view(&self, object_to_view: &DAffine3, frame: &Frame, scale: f64) -> LodView {
-        let (focal, near) = self.lod_constants();
+        let (focal, widest, near) = self.lod_constants();
         let rows = pose::rows(object_to_view);
         LodView {
             object_to_eye: std::array::from_fn(|r| rows[r].map(|v| v as f32)),
             scale: round_up(scale * frame.scale * (1.0 + 1.0e-6)),
             focal,
+            widest,
             near,
         }
     }

@@ -88,6 +88,8 @@ pub struct Eye {
     pub center: [f32; 2],
     /// See [`crate::math::LodView::focal`].
     pub lod_focal: f32,
+    /// See [`crate::math::LodView::widest`].
+    pub lod_widest: f32,
     /// See [`crate::math::LodView::near`].
     pub lod_near: f32,
     /// `rotate` reverses orientation.
@@ -99,7 +101,7 @@ impl Eye {
     pub fn new(view: &View) -> Self {
         let rotate = view.pose.matrix3.inverse();
         let (high, low) = split_vector(view.eye());
-        let (lod_focal, lod_near) = view.lod_constants();
+        let (lod_focal, lod_widest, lod_near) = view.lod_constants();
         Self {
             rotate: pose::linear_rows(&rotate).map(|row| row.map(|v| v as f32)),
             forward: (-view.pose.matrix3.z_axis).to_array().map(|v| v as f32),
@@ -109,6 +111,7 @@ impl Eye {
             inverse_focal: view.focal.map(|f| (1.0 / f) as f32),
             center: view.center.map(|v| v as f32),
             lod_focal,
+            lod_widest,
             lod_near,
             mirrored: rotate.determinant() < 0.0,
         }

@@ -4,6 +4,7 @@
 
 use std::collections::HashMap;
 
+use glam::DVec3;
 use nanite_rs::build::{Silent, build, check};
 use nanite_rs::config::{BuildOptions, Quality};
 use nanite_rs::lod::{FaceBudget, extract, select};
@@ -71,11 +72,17 @@ fn random_view(random: &mut Random) -> Threshold {
     let angle = random.next() * std::f64::consts::TAU;
     let z = random.next() * 2.0 - 1.0;
     let r = (1.0 - z * z).sqrt();
-    let eye = [r * angle.cos() * distance, r * angle.sin() * distance, z * distance].map(|x| x as f32);
+    let eye = DVec3::new(r * angle.cos(), r * angle.sin(), z) * distance;
+    // Looks towards the mesh, and mostly past it.
+    let past = DVec3::new(random.next() - 0.5, random.next() - 0.5, random.next() - 0.5) * distance;
+    let back = (eye - past).normalize();
+    let right = DVec3::new(0.3, 0.8, 0.52).cross(back).normalize();
+    let row = |axis: DVec3| [axis.x, axis.y, axis.z, -axis.dot(eye)].map(|x| x as f32);
     let view = LodView {
-        object_to_eye: [[1.0, 0.0, 0.0, -eye[0]], [0.0, 1.0, 0.0, -eye[1]], [0.0, 0.0, 1.0, -eye[2]]],
+        object_to_eye: [row(right), row(back.cross(right)), row(back)],
         scale: 1.0,
         focal: 1000.0,
+        widest: 1.0 + 8.0 * random.next().powi(3) as f32,
         near: 0.01,
     };
     Threshold::View(view, 10f64.powf(random.next() * 4.0 - 2.0) as f32)

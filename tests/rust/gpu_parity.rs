@@ -470,17 +470,18 @@ fn lack_of_memory_is_an_error_that_leaves_the_device_in_use() {
     if !alone(test) {
         return;
     }
-    let meshes = [dag(&bumpy_sphere(24)), dag(&torus(60, 24))];
+    let meshes = [dag(&bumpy_sphere(30)), dag(&torus(60, 30))];
     let fine = dag(&bumpy_sphere(120));
     let mut scene = lit();
     for k in 0..6000 {
-        let (x, y) = (f64::from(k % 100), f64::from(k / 100));
-        let pose = at(x * 2.5 - 125.0, y * 2.5 - 75.0, 0.0);
+        let (x, y, z) = (f64::from(k % 20), f64::from(k / 20 % 15), f64::from(k / 300));
+        let pose = at(x * 2.5 - 25.0, y * 2.5 - 18.75, -2.5 * z);
         scene.add(Arc::clone(&meshes[k as usize % 2]), &pose, Material::default()).unwrap();
     }
     let [mut renderer, mut large] =
         [(160, 120), (1280, 1024)].map(|(width, height)| Renderer::new(width, height, "gpu").unwrap());
-    let (near, far) = (at(0.0, 0.0, 6.0), at(0.0, 0.0, 160.0));
+    let (near, far) = (at(0.0, 0.0, 6.0), at(0.0, 0.0, 40.0));
+    let all = RenderOptions { occlusion: false, ..options(0.0) };
     let expected = shoot(&scene, &CAMERA, &near, (160, 120), &options(0.1));
     let lacks = |frame: Result<Frame, Error>, what: &str| {
         let error = frame.unwrap_err();
@@ -494,12 +495,12 @@ fn lack_of_memory_is_an_error_that_leaves_the_device_in_use() {
     large.render(&lit(), &CAMERA, &near, &options(0.1)).unwrap();
     context.limit_memory(1 << 20);
     for _ in 0..2 {
-        // Too many pixels; too many instances; too many visible clusters; too large a mesh.
+        // Too many pixels; too many instances; too many groups; too large a mesh.
         lacks(large.render(&scene, &CAMERA, &near, &options(0.1)), "the instances of the scene");
         let mut small = lit();
         small.add(Arc::clone(&meshes[0]), &IDENTITY, Material::default()).unwrap();
         lacks(large.render(&small, &CAMERA, &near, &options(0.1)), "the pixels of the picture");
-        lacks(renderer.render(&scene, &CAMERA, &far, &options(0.0)), "visible clusters");
+        lacks(renderer.render(&scene, &CAMERA, &far, &all), "groups to look at");
         let added = scene.add(Arc::clone(&fine), &IDENTITY, Material::default()).unwrap();
         lacks(renderer.render(&scene, &CAMERA, &near, &options(0.1)), "the clusters of the meshes");
         scene.remove(added).unwrap();

@@ -3,7 +3,7 @@
 
 use bytemuck::{Pod, Zeroable, cast_slice};
 use nanite_rs::gpu::Context;
-use nanite_rs::gpu::shaders::{Kernel, Phase, SCAN_BLOCK, Step, Words};
+use nanite_rs::gpu::shaders::{Bits, Kernel, Phase, SCAN_BLOCK, Step, Words};
 use nanite_rs::gpu_types::{
     Call, Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
 };
@@ -62,6 +62,7 @@ fn view() -> View {
         center: [50.0, 40.0],
         lod_focal: 64.0,
         lod_near: 1.0,
+        lod_widest: 1.0,
         ..View::zeroed()
     }
 }
@@ -131,22 +132,22 @@ fn culled(
 }
 
 #[test]
-fn instances_are_seen_as_far_as_a_pixel_beyond_each_edge() {
-    let Some(device) = device("instances_are_seen_as_far_as_a_pixel_beyond_each_edge") else { return };
-    // (x, y, z), and whether it is seen. The far corners of a box at distance 10 are 11 away: there the edge of the
-    // picture lies at 11, and a pixel beyond it at 11 · 51/50 = 11.22 across, 11 · 41/40 = 11.275 up and down.
+fn instances_are_seen_as_far_as_a_pixel_may_show_them() {
+    let Some(device) = device("instances_are_seen_as_far_as_a_pixel_may_show_them") else { return };
+    // (x, y, z), and whether it is seen. The far corners of a box at distance 10 are 11 away: there the centres of the
+    // last pixels lie half a pixel within the picture's edge, and 1/16 of one is for rounding: at 11 · 49.5625/50 = 10.904
+    // across, 11 · 39.5625/40 = 10.880 up and down.
     let table = [
         ([0.0, 0.0, -10.0], true),
         // Right, left, top, bottom.
-        ([11.99, 0.0, -10.0], true),
-        ([12.21, 0.0, -10.0], true),
-        ([12.23, 0.0, -10.0], false),
-        ([-12.21, 0.0, -10.0], true),
-        ([-12.23, 0.0, -10.0], false),
-        ([0.0, 12.27, -10.0], true),
-        ([0.0, 12.28, -10.0], false),
-        ([0.0, -12.27, -10.0], true),
-        ([0.0, -12.28, -10.0], false),
+        ([11.90, 0.0, -10.0], true),
+        ([11.91, 0.0, -10.0], false),
+        ([-11.90, 0.0, -10.0], true),
+        ([-11.91, 0.0, -10.0], false),
+        ([0.0, 11.87, -10.0], true),
+        ([0.0, 11.89, -10.0], false),
+        ([0.0, -11.87, -10.0], true),
+        ([0.0, -11.89, -10.0], false),
         // The near plane, by the far side of the box; behind the eye.
         ([0.0, 0.0, -0.01], true),
         ([0.0, 0.0, 0.01], false),
@@ -218,12 +219,12 @@ fn key(distance: f32) -> u32 {
 #[test]
 fn what_the_earlier_pyramid_hides_is_put_off() {
     let Some(device) = device("what_the_earlier_pyramid_hides_is_put_off") else { return };
-    // At distance 9 to 11 in the middle: 50 ± 50/9 across and 40 ± 40/9 down, with a pixel around it columns 43 to 56
+    // At distance 7 to 9 in the middle: 50 ± 50/7 across and 40 ± 40/7 down, which are the centres of columns 43 to 56
     // and rows 34 to 45. That is columns 5 to 7 and rows 4 to 5 of level 2, the first where no side is longer than four
     // texels, and 21 to 28 and 17 to 22 of level 0, two levels finer.
     let coarse = |column: usize, row: usize| 2500 + row * 13 + column;
     let fine = |column: usize, row: usize| row * 50 + column;
-    let box_nearer = 8.99;
+    let box_nearer = 6.99;
     let behind = vec![key(box_nearer); KEYS];
     let with = |holes: &[usize]| {
         let mut keys = behind.clone();
@@ -231,7 +232,7 @@ fn what_the_earlier_pyramid_hides_is_put_off() {
         keys
     };
     let table = [
-        (vec![key(9.01); KEYS], false),
+        (vec![key(7.01); KEYS], false),
         (behind.clone(), true),
         // A hole beside the box, on either level.
         (with(&[coarse(4, 4), coarse(8, 5), fine(20, 17), fine(29, 22)]), true),
@@ -247,7 +248,7 @@ fn what_the_earlier_pyramid_hides_is_put_off() {
             assert_eq!([&drawn[..], &later].concat(), [Visit { instance: 0, node: 0 }]);
             later.len() == 1
         };
-        let here = placed(0.0, 0.0, -10.0);
+        let here = placed(0.0, 0.0, -8.0);
         let now = View { instances: 1, history: 1, ..view() };
         assert_eq!(go(&now, here, here), hidden, "{number}");
         // By where it was; and what reaches the near plane is never hidden.
@@ -256,7 +257,7 @@ fn what_the_earlier_pyramid_hides_is_put_off() {
         // What was not on the picture, or where there was none, is put off where it is not near enough.
         let off = placed(99.0, 0.0, -10.0);
         for (history, before) in [(0, here), (1, off)] {
-            for (occluders, far) in [(0, false), (key(9.01), false), (key(8.99), true), (u32::MAX, true)] {
+            for (occluders, far) in [(0, false), (key(7.01), false), (key(6.99), true), (u32::MAX, true)] {
                 let view = View { history, occluders, ..now };
                 assert_eq!(go(&view, here, before), far);
                 assert!(!go(&view, placed(0.0, 0.0, -1.5), before));
@@ -308,11 +309,12 @@ fn walk(device: &Context, phase: Phase, view: &View, visits: &[Visit], pyramid: 
     // The mesh of the second instance starts at the second node and the third group.
     let instances = [seen(), Instance { first_node: 1, first_group: 2, group_words: 1, ..seen() }];
     let level = dispatch(1, 1, visits.len() as u32);
+    let view = View { group_words: 4, ..*view };
     let mut out = run(
         device,
         Kernel::NodeCull(phase),
         &[
-            words(&[*view]),
+            words(&[view]),
             words(&instances),
             words(&nodes),
             words(&groups),
@@ -320,7 +322,7 @@ fn walk(device: &Context, phase: Phase, view: &View, visits: &[Visit], pyramid: 
             words(&[level]),
             &[0; 4],
             words(&[Dispatch::default()]),
-            &[0; 4],
+            &[0; 5],
             pyramid,
             &[0; 8],
             words(&[Dispatch::default()]),
@@ -334,7 +336,11 @@ fn walk(device: &Context, phase: Phase, view: &View, visits: &[Visit], pyramid: 
         visits
     };
     let (visits, later) = (list(&out[6], next.count), list(&out[10], later_level.count));
-    Walked { next, visits, bits: out.swap_remove(8), later }
+    let mut bits = out.swap_remove(8);
+    let found = bits.clone();
+    bits.truncate(4);
+    assert_eq!(found, with_filled(&bits));
+    Walked { next, visits, bits, later }
 }
 
 #[test]
@@ -361,6 +367,22 @@ fn nodes_above_the_threshold_are_walked() {
     // Another instance starts elsewhere in every array: its node 0 is that leaf, and its groups 0 to 2 are 2 to 4 of all.
     let walked = go(&at(0.0), &[Visit { instance: 1, node: 0 }]);
     assert_eq!((walked.next.visited, walked.bits), (3, vec![0, 0b110, 0, 0]));
+}
+
+/// The ball of the root's sphere and error has radius 2 and lies on the axis at distance 10: 8 is its least depth, so that
+/// the tangent of no point in it is above 2 / 8. That makes 1 + 1/16 pixels of one.
+#[test]
+fn errors_grow_towards_the_corners_of_the_picture() {
+    let Some(device) = device("errors_grow_towards_the_corners_of_the_picture") else { return };
+    let root = Visit { instance: 0, node: 0 };
+    let walked = |lod_widest: f32, tau: f32| {
+        let view = View { tau, lod_widest, ..view() };
+        walk(&device, Phase::First, &view, &[root], &[0; KEYS]).next.count > 0
+    };
+    let angle = 1.0625;
+    assert!(walked(4.0, angle - 0.001) && !walked(4.0, angle));
+    // No point is farther off the axis than the picture's corner.
+    assert!(walked(1.03125, 1.03) && !walked(1.03125, 1.03125));
 }
 
 #[test]
@@ -471,22 +493,23 @@ fn candidate(page: usize, count: u32) -> Candidate {
 #[test]
 fn clusters_obey_the_rule_and_go_to_their_rasterizer() {
     let Some(device) = device("clusters_obey_the_rule_and_go_to_their_rasterizer") else { return };
-    let with_error = |error: f32| ClusterRecord { error, ..cluster(1, 0.1) };
-    let off = ClusterRecord { center: [20.0, 0.0, 0.0], ..cluster(1, 0.1) };
-    // The source, at the threshold, above it, off the screen.
-    let rule = [cluster(1, 0.1), with_error(LESS), with_error(PIXEL), off];
-    // At distance 10 a box is 10 · half + 2 pixels long, rounded down. Of two triangles that is an edge: 16 pixels are
+    let with_error = |error: f32| ClusterRecord { error, ..cluster(1, 0.2) };
+    let off = ClusterRecord { center: [20.0, 0.0, 0.0], ..cluster(1, 0.2) };
+    // The source, at the threshold, above it, off the screen, and between the centres of rows 39 and 40: it is less than
+    // a pixel high.
+    let rule = [cluster(1, 0.2), with_error(LESS), with_error(PIXEL), off, cluster(1, 0.1)];
+    // At distance 10 a box is 10 · half + 1/8 pixels long, rounded down. Of two triangles that is an edge: 16 pixels are
     // small and 17 are not. Of 128 it is eight edges: 120 pixels are small, and 121 are too many for that rasterizer.
-    let sizes = [cluster(2, 1.45), cluster(2, 1.55), cluster(128, 11.85), cluster(128, 11.95)];
+    let sizes = [cluster(2, 1.68), cluster(2, 1.69), cluster(128, 12.08), cluster(128, 12.09)];
     let view = View { tau: TAU, ..view() };
     let pages = pages(&rule, &sizes);
-    let list = [candidate(0, 4), candidate(1, 4), candidate(1, 3)];
+    let list = [candidate(0, 5), candidate(1, 4), candidate(1, 3)];
     let (drawn, marks, counters) = clusters(&device, &view, seen(), &pages, &list);
     assert_eq!(drawn, [0b0011, 0b1111, 0b111]);
     let large: Vec<u32> = marks.iter().map(|marks| marks.large).collect();
     assert_eq!(large, [0, 0b1010, 0b010]);
     assert!(marks.iter().all(|marks| marks.held == 0));
-    assert_eq!((counters.visited_clusters, counters.held), (11, 0));
+    assert_eq!((counters.visited_clusters, counters.held), (12, 0));
     assert_eq!(counters.triangles_small, 2 + (2 + 128) + (2 + 128));
     assert_eq!(counters.triangles_large, (2 + 128) + 2);
 }
@@ -496,7 +519,7 @@ fn a_cluster_faces_away_by_a_hair() {
     let Some(device) = device("a_cluster_faces_away_by_a_hair") else { return };
     // Ten from the eye, straight along the axis: all face away where 10 ≥ 10 · 64/127 + radius, up to 4.9606.
     let cone =
-        |cone: [i8; 4], radius: f32| ClusterRecord { cone, radius, extent: [0.1; 3], ..cluster(1, 0.1) };
+        |cone: [i8; 4], radius: f32| ClusterRecord { cone, radius, extent: [0.2; 3], ..cluster(1, 0.2) };
     let table = [
         (cone([0, 0, -127, 64], 4.9605), false),
         (cone([0, 0, -127, 64], 4.9607), true),
@@ -517,7 +540,7 @@ fn a_cluster_faces_away_by_a_hair() {
     let parallel = View { orthographic: 1, ..view() };
     let along = Instance {
         eye: [0.0, 0.0, -1.0],
-        screen: [[1.0, 0.0, 0.0, 50.0], [0.0, -1.0, 0.0, 40.0], [0.0, 0.0, -1.0, 10.0]],
+        screen: [[1.0, 0.0, 0.0, 50.5], [0.0, -1.0, 0.0, 40.5], [0.0, 0.0, -1.0, 10.0]],
         ..seen()
     };
     assert_eq!(clusters(&device, &parallel, along, &pages, &list).0, [0b10_1100]);
@@ -527,7 +550,7 @@ fn a_cluster_faces_away_by_a_hair() {
 fn the_second_phase_looks_at_clusters_that_waited() {
     let Some(device) = device("the_second_phase_looks_at_clusters_that_waited") else { return };
     // Of the first candidate cluster 0 was drawn, as a large one, 1 waited, 2 had failed. The second is new.
-    let records = [cluster(3, 0.1), cluster(5, 0.1), cluster(7, 0.1)];
+    let records = [cluster(3, 0.2), cluster(5, 0.2), cluster(7, 0.2)];
     let (pages, offsets) = pages(&records, &[]);
     let candidates = [Candidate { before: 1, ..candidate(0, 3) }, candidate(0, 3)];
     let (drawn, marks) =
@@ -564,6 +587,13 @@ fn the_second_phase_looks_at_clusters_that_waited() {
     }
 }
 
+/// Words of bits, with a bit for each that is not zero behind them.
+fn with_filled(bits: &[u32]) -> Vec<u32> {
+    let filled =
+        bits.chunks(32).map(|words| (0..).zip(words).map(|(k, word)| u32::from(*word != 0) << k).sum());
+    bits.iter().copied().chain(filled).collect()
+}
+
 /// Set bits of each block, and where blocks start; behind the last one the total.
 fn sums(device: &Context, bits: &[u32], others: &[u32]) -> (Vec<u32>, Vec<u32>) {
     let count = bits.len() as u32;
@@ -571,7 +601,11 @@ fn sums(device: &Context, bits: &[u32], others: &[u32]) -> (Vec<u32>, Vec<u32>) 
     let room = vec![77; blocks.x as usize + 1];
     let dispatch = [blocks];
     let bindings = [bits, words(&dispatch), &room, others];
-    let counts = device.run(Kernel::CountBits, &bindings, blocks.x).unwrap().swap_remove(2);
+    let counts = device.run(Kernel::CountBits(Bits::Clusters), &bindings, blocks.x).unwrap().swap_remove(2);
+    let (bits, others) = (with_filled(bits), with_filled(others));
+    let bindings = [&bits[..], words(&dispatch), &room, &others];
+    let of_groups = device.run(Kernel::CountBits(Bits::Groups), &bindings, blocks.x).unwrap().swap_remove(2);
+    assert_eq!(of_groups, counts);
     let starts = run(device, Kernel::ScanBlocks, &[words(&dispatch), &counts]).swap_remove(1);
     (counts[..blocks.x as usize].to_vec(), starts)
 }
@@ -626,6 +660,7 @@ fn listed(
     let count = bits.len() as u32;
     let blocks = dispatch(count.div_ceil(SCAN_BLOCK), 1, count);
     let view = View { instances: instances.len() as u32, ..view() };
+    let (bits, first) = (with_filled(bits), with_filled(first));
     let out = device
         .run(
             Kernel::ListGroups(phase),
@@ -633,13 +668,13 @@ fn listed(
                 words(&[view]),
                 words(&instances),
                 words(&groups),
-                bits,
+                &bits,
                 words(&[blocks]),
                 &starts_of_both,
                 words(&vec![Candidate::zeroed(); room]),
                 words(&[Dispatch::default()]),
                 words(&[Dispatch::default()]),
-                first,
+                &first,
                 &starts_of_first,
             ],
             blocks.x,

@@ -8,7 +8,7 @@ use std::time::Instant;
 use nanite_rs::cpu::project::Screen;
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu::meshes::Meshes;
-use nanite_rs::gpu::shaders::{List, MAX_WORKGROUPS, SCAN_BLOCK};
+use nanite_rs::gpu::shaders::{List, MAX_WORKGROUPS, SCAN_BLOCK, group_bit_words};
 use nanite_rs::gpu::wgpu::{
     self, Buffer, BufferUsages, ComputePassDescriptor, ComputePassTimestampWrites, ComputePipeline,
     ComputePipelineDescriptor, QuerySet, QuerySetDescriptor, QueryType, ShaderModuleDescriptor, ShaderSource,
@@ -145,7 +145,7 @@ impl Arranged {
             seen: storage("instances", bytes::<Instance>(instances))?,
             words,
             blocks,
-            bits: storage("bits", bytes::<u32>(words))?,
+            bits: storage("bits", bytes::<u32>(group_bit_words(words)))?,
             sums: storage("counts of bits", bytes::<u32>(workgroups + 1))?,
         })
     }

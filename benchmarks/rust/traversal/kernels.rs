@@ -98,10 +98,11 @@ impl Sizes {
             whole("BLOCKS", self.parts.div_ceil(WIDTH).max(1).into()),
         ];
         let (types, cull, lod) = (product!("types"), product!("cull"), product!("lod"));
+        let bits = product!("group_bits");
         let files = match kernel {
-            Own::WorkQueue => vec![types, cull, lod, include_str!("work_queue.wgsl")],
+            Own::WorkQueue => vec![types, cull, lod, bits, include_str!("work_queue.wgsl")],
             Own::PartDispatch => vec![types, include_str!("part_dispatch.wgsl")],
-            Own::PartCull => vec![types, cull, lod, include_str!("part_cull.wgsl")],
+            Own::PartCull => vec![types, cull, lod, bits, include_str!("part_cull.wgsl")],
             // As many candidates to a workgroup of the next step as have their lanes there.
             Own::ListParts => {
                 let line = |per: u32| format!("const GROUPS_PER_WORKGROUP: u32 = {per}u;\n");

@@ -6,7 +6,7 @@
 @group(0) @binding(2) var<storage, read> parts: array<Group>;
 @group(0) @binding(3) var<storage, read> starts: array<Visit>;
 @group(0) @binding(4) var<storage, read> looking: Dispatch;
-@group(0) @binding(5) var<storage, read_write> part_bits: array<atomic<u32>>;
+@group(0) @binding(5) var<storage, read_write> group_bits: array<atomic<u32>>;
 
 @compute @workgroup_size(WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -22,6 +22,6 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     let part = parts[instances[instance].first_group + at];
     if exceeds(instance, part.lod_sphere, part.error)
         && footprint(instances[instance].screen, vector(part.center), vector(part.extent)).seen {
-        atomicOr(&part_bits[instances[instance].group_words + at / 32u], 1u << (at % 32u));
+        mark_group(instances[instance].group_words, at);
     }
 }

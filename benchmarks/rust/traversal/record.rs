@@ -1,7 +1,7 @@
 //! The steps of every form, recorded: kernels of the product with bindings as in `src/gpu/`, and the benchmark's own.
 
 use nanite_rs::gpu::Phase;
-use nanite_rs::gpu::shaders::{Kernel, MAX_WORKGROUPS, WIDTH};
+use nanite_rs::gpu::shaders::{Bits, Kernel, MAX_WORKGROUPS, WIDTH};
 use nanite_rs::gpu::wgpu::{BindGroupDescriptor, BindGroupEntry, Buffer, ComputePass, ComputePipeline};
 
 use super::super::kernels::Own;
@@ -112,7 +112,7 @@ impl Forms {
             _ => (Use::Product(Kernel::ListGroups(Phase::First)), self.meshes.groups()),
         };
         let bindings = [&of.bits, &of.blocks, &of.sums, &of.bits];
-        self.run_as(pass, Use::Product(Kernel::CountBits), &bindings, &of.blocks);
+        self.run_as(pass, Use::Product(Kernel::CountBits(Bits::Groups)), &bindings, &of.blocks);
         self.run_kernel(pass, Use::Product(Kernel::ScanBlocks), &[&of.blocks, &of.sums], 1);
         let bindings = [
             &self.view,
@@ -158,7 +158,7 @@ impl Forms {
         };
         self.run_as(pass, kernel, &[&common[..], &more].concat(), &self.culling);
         let bindings = [&lists.drawn, &self.counting, &lists.sums, &lists.drawn];
-        self.run_as(pass, Use::Product(Kernel::CountBits), &bindings, &self.counting);
+        self.run_as(pass, Use::Product(Kernel::CountBits(Bits::Clusters)), &bindings, &self.counting);
         self.run_kernel(pass, Use::Product(Kernel::ScanBlocks), &[&self.counting, &lists.sums], 1);
         let bindings = [
             &lists.candidates,

@@ -121,7 +121,7 @@ fn look_at(visit: Visit) -> vec2<u32> {
         let group = groups[first_group + number];
         if exceeds(visit.instance, group.lod_sphere, group.error)
             && footprint(instances[visit.instance].screen, vector(group.center), vector(group.extent)).seen {
-            atomicOr(&group_bits[words + number / 32u], 1u << (number % 32u));
+            mark_group(words, number);
         }
     }
     return vec2<u32>(0u);

@@ -1,0 +1,8 @@
+// Bits of groups, behind which each word of them that is not zero has a bit. Needs `group_bits`.
+
+fn mark_group(first_word: u32, number: u32) {
+    let word = first_word + number / 32u;
+    if atomicOr(&group_bits[word], 1u << (number % 32u)) == 0u {
+        atomicOr(&group_bits[view.group_words + word / 32u], 1u << (word % 32u));
+    }
+}
