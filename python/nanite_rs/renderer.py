@@ -149,7 +149,8 @@ class Frame:
     """A rendered frame: arrays with row 0 on top, each made when first asked for unless rendered with the frame.
 
     All arrays are owned, contiguous and writable; each is made once and then kept. A frame does not follow later
-    edits of the scene. One rendered with ``depth_only=True`` has `depth` and `stats`; all else raises `ArgumentError`.
+    edits of the scene. One rendered with ``depth_only=True`` has `depth` and `stats`; all else raises
+    `ArgumentError`.
 
     Examples
     --------

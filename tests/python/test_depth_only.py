@@ -1,4 +1,4 @@
-"""Frames of depth alone, on both backends: depth bit for bit that of other frames, nothing besides, and pyrender's."""
+"""Frames of depth alone, on both backends: depth bit for bit that of others, nothing besides, and pyrender's."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ def test_depth_is_that_of_other_frames_by_turns(renderer, occlusion, pixel_error
             whole = renderer.render(shown, lens, eye, **how)
             alone = renderer.render(shown, lens, eye, depth_only=True, **how)
             assert (alone.depth.dtype, alone.depth.shape) == (np.float32, SIZE[::-1])
-            assert alone.depth.flags.writeable and alone.depth is alone.depth
+            assert alone.depth.flags.writeable
+            assert alone.depth is alone.depth
             np.testing.assert_array_equal(alone.depth, whole.depth)
             assert alone.stats.covered_pixels == whole.stats.covered_pixels == (whole.depth > 0).sum() > 0
             if not occlusion:
@@ -66,7 +67,11 @@ def test_depth_is_that_of_other_frames_by_turns(renderer, occlusion, pixel_error
 
 def test_several_views_are_as_alone(renderer) -> None:
     shown = scene()
-    views = [(LENS, at(0, 0, 4)), (LENS, at(0, 0, -40)), (nrs.OrthographicCamera(xmag=3.0, ymag=2.0), at(0, 0, 5))]
+    views = [
+        (LENS, at(0, 0, 4)),
+        (LENS, at(0, 0, -40)),
+        (nrs.OrthographicCamera(xmag=3.0, ymag=2.0), at(0, 0, 5)),
+    ]
     frames = renderer.render_views(shown, views, depth_only=True)
     for frame, (lens, eye) in zip(frames, views, strict=True):
         np.testing.assert_array_equal(frame.depth, renderer.render(shown, lens, eye).depth)
@@ -95,7 +100,9 @@ def test_there_is_nothing_besides(renderer, tmp_path) -> None:
 def test_nothing_besides_may_be_asked_for(renderer) -> None:
     shown = scene()
     for outputs in ("color", ("color", "depth"), ["depth", "levels"]):
-        with pytest.raises(nrs.ArgumentError, match=r'outputs: with depth_only there is "depth" alone, not "'):
+        with pytest.raises(
+            nrs.ArgumentError, match=r'outputs: with depth_only there is "depth" alone, not "'
+        ):
             renderer.render(shown, LENS, at(0, 0, 4), outputs=outputs, depth_only=True)
         with pytest.raises(nrs.ArgumentError, match="outputs: "):
             renderer.render_views(shown, [(LENS, at(0, 0, 4))], outputs=outputs, depth_only=True)

@@ -1,18 +1,12 @@
 //! Frames of depth alone: every bit of depth, and every count, is that of an ordinary frame.
 
 use nanite_rs::Error;
-use nanite_rs::config::{OUTPUTS, Output, Outputs, Raster, RenderOptions};
+use nanite_rs::config::{OUTPUTS, Output, Outputs, RenderOptions};
 use nanite_rs::render::{Frame, FrameStats, ImageView, Renderer, Stage};
-use nanite_rs::scene::{Camera, Material, Scene};
+use nanite_rs::scene::{Material, Scene};
 
-use crate::render_frames::{AnyView, CAMERA, IDENTITY, Pose, any_views, at, city, crowd, dag, lit, shoot};
-use crate::shapes::bumpy_sphere;
-#[cfg(feature = "gpu")]
-use crate::{
-    gpu_parity::{PARALLEL, device, on_device, room, scaled},
-    gpu_raster::rasterizer,
-    render_frames::turned,
-};
+use crate::render_frames::{AnyView, CAMERA, IDENTITY, Pose, any_views, at, crowd, dag, lit, shoot};
+use crate::shapes::{bumpy_sphere, grid};
 
 /// The same frame, of depth alone.
 fn alone(options: &RenderOptions) -> RenderOptions {
@@ -87,7 +81,7 @@ fn on_the_cpu_depth_is_that_of_other_frames() {
 
 /// A wall before the eye: its depth is its distance, whatever the perspective.
 fn wall(distance: f64) -> (Scene, Pose) {
-    let sheet = dag(&crate::shapes::grid(40, |_, _| 0.0));
+    let sheet = dag(&grid(40, |_, _| 0.0));
     let mut scene = Scene::new();
     let (size, middle) = (4.0 * distance, 2.0 * distance);
     let pose =
@@ -147,165 +141,167 @@ fn nothing_but_depth_is_asked_for_or_given() {
     }
 }
 
-/// Every way to draw that a device may have, but for the rasterizers.
 #[cfg(feature = "gpu")]
-fn ways(tau: f32) -> Vec<RenderOptions> {
-    let mut ways = Vec::new();
-    for wide_atomics in [true, false] {
-        for occlusion in [true, false] {
-            for device_outputs in [Some(true), Some(false)] {
-                let raster = Raster::Compute;
-                let rest = RenderOptions { pixel_error: tau, raster, ..RenderOptions::default() };
-                ways.push(RenderOptions { wide_atomics, occlusion, device_outputs, ..rest });
+mod on_a_device {
+    use nanite_rs::config::Raster;
+    use nanite_rs::scene::Camera;
+
+    use super::*;
+    use crate::gpu_parity::{PARALLEL, device, on_device, room, scaled};
+    use crate::gpu_raster::rasterizer;
+    use crate::render_frames::{city, turned};
+
+    /// Every way to draw that a device may have, but for the rasterizers.
+    fn ways(tau: f32) -> Vec<RenderOptions> {
+        let mut ways = Vec::new();
+        for wide_atomics in [true, false] {
+            for occlusion in [true, false] {
+                for device_outputs in [Some(true), Some(false)] {
+                    let raster = Raster::Compute;
+                    let rest = RenderOptions { pixel_error: tau, raster, ..RenderOptions::default() };
+                    ways.push(RenderOptions { wide_atomics, occlusion, device_outputs, ..rest });
+                }
             }
         }
+        ways
     }
-    ways
-}
 
-#[cfg(feature = "gpu")]
-#[test]
-fn on_a_device_depth_is_that_of_other_frames() {
-    let Some(_) = device("on_a_device_depth_is_that_of_other_frames") else { return };
-    let (crowd, room) = (crowd(), room());
-    let views: [(&Scene, &Camera, Pose, f32); 5] = [
-        (&crowd, &CAMERA, at(0.0, 0.0, 6.0), 1.0),
-        (&crowd, &CAMERA, at(0.3, 0.2, 1.8), 0.0),
-        (&crowd, &PARALLEL, at(0.1, 0.2, 4.0), 0.5),
-        (&room, &CAMERA, at(0.1, 0.0, 0.2), 0.5),
-        (&room, &PARALLEL, at(0.65, -0.9, 3.9), 0.5),
-    ];
-    for (scene, camera, pose, tau) in views {
-        let size = (211, 127);
-        let expected = bits(&shoot(
-            scene,
-            camera,
-            &pose,
-            size,
-            &RenderOptions { pixel_error: tau, ..ways(tau)[0].clone() },
-        ));
-        for options in ways(tau) {
-            let [mut whole, mut depth] = [(); 2].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
-            // The second frame of each finds what the first one hid.
+    #[test]
+    fn depth_is_that_of_other_frames() {
+        let Some(_) = device("depth_is_that_of_other_frames") else { return };
+        let (crowd, room) = (crowd(), room());
+        let views: [(&Scene, &Camera, Pose, f32); 5] = [
+            (&crowd, &CAMERA, at(0.0, 0.0, 6.0), 1.0),
+            (&crowd, &CAMERA, at(0.3, 0.2, 1.8), 0.0),
+            (&crowd, &PARALLEL, at(0.1, 0.2, 4.0), 0.5),
+            (&room, &CAMERA, at(0.1, 0.0, 0.2), 0.5),
+            (&room, &PARALLEL, at(0.65, -0.9, 3.9), 0.5),
+        ];
+        for (scene, camera, pose, tau) in views {
+            let size = (211, 127);
+            let expected = bits(&shoot(scene, camera, &pose, size, &ways(tau)[0]));
+            for options in ways(tau) {
+                let [mut whole, mut depth] = [(); 2].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
+                // The second frame of each finds what the first one hid.
+                for _ in 0..2 {
+                    let whole = whole.render(scene, camera, &pose, &options).unwrap();
+                    let depth = depth.render(scene, camera, &pose, &alone(&options)).unwrap();
+                    same(&depth, &whole);
+                    assert!(bits(&depth) == expected, "not the CPU's: {options:?}");
+                    assert!(depth.stats.covered_pixels > 0);
+                }
+            }
+        }
+        let AnyView { scene, camera, pose, picture, options } = any_views(1).next().unwrap();
+        has_depth_alone(&on_device(&scene, &camera, &pose, picture, &alone(&options)));
+    }
+
+    #[test]
+    fn a_wall_comes_and_goes() {
+        let Some(_) = device("a_wall_comes_and_goes") else { return };
+        a_wall_is_as_far_as_it_stands("gpu");
+        // With nothing to draw, and with something before that.
+        let (scene, pose) = wall(2.0);
+        let mut renderer = Renderer::new(5, 3, "gpu").unwrap();
+        for device_outputs in [Some(true), Some(false)] {
+            let options = RenderOptions { device_outputs, ..RenderOptions::depth_only() };
             for _ in 0..2 {
-                let whole = whole.render(scene, camera, &pose, &options).unwrap();
-                let depth = depth.render(scene, camera, &pose, &alone(&options)).unwrap();
-                same(&depth, &whole);
-                assert!(bits(&depth) == expected, "not the CPU's: {options:?}");
-                assert!(depth.stats.covered_pixels > 0);
+                assert_eq!(
+                    renderer.render(&scene, &CAMERA, &pose, &options).unwrap().stats.covered_pixels,
+                    15
+                );
+                let nothing = renderer.render(&Scene::new(), &CAMERA, &pose, &options).unwrap();
+                assert_eq!((bits(&nothing), nothing.stats.covered_pixels), (vec![0; 15], 0));
             }
         }
     }
-    let AnyView { scene, camera, pose, picture, options } = any_views(1).next().unwrap();
-    has_depth_alone(&on_device(&scene, &camera, &pose, picture, &alone(&options)));
-}
 
-#[cfg(feature = "gpu")]
-#[test]
-fn on_a_device_a_wall_is_as_far_as_it_stands() {
-    let Some(_) = device("on_a_device_a_wall_is_as_far_as_it_stands") else { return };
-    a_wall_is_as_far_as_it_stands("gpu");
-    // With nothing to draw, and with something before that.
-    let (scene, pose) = wall(2.0);
-    let mut renderer = Renderer::new(5, 3, "gpu").unwrap();
-    for device_outputs in [Some(true), Some(false)] {
-        let options = RenderOptions { device_outputs, ..RenderOptions::depth_only() };
-        for _ in 0..2 {
-            assert_eq!(renderer.render(&scene, &CAMERA, &pose, &options).unwrap().stats.covered_pixels, 15);
-            let nothing = renderer.render(&Scene::new(), &CAMERA, &pose, &options).unwrap();
-            assert_eq!((bits(&nothing), nothing.stats.covered_pixels), (vec![0; 15], 0));
-        }
-    }
-}
-
-#[cfg(feature = "gpu")]
-#[test]
-fn by_the_rasterizer_of_the_device_depth_is_that_of_other_frames() {
-    let Some(_) = rasterizer("by_the_rasterizer_of_the_device_depth_is_that_of_other_frames") else { return };
-    let (crowd, room) = (crowd(), room());
-    for (scene, pose) in
-        [(&crowd, at(0.0, 0.0, 6.0)), (&crowd, at(0.3, 0.2, 1.8)), (&room, at(20.0, 1.3, -7.0))]
-    {
-        for raster in [Raster::Hybrid, Raster::Hardware] {
-            for options in ways(0.5) {
-                let options = RenderOptions { raster, ..options };
-                let whole = on_device(scene, &CAMERA, &pose, (317, 203), &options);
-                same(&on_device(scene, &CAMERA, &pose, (317, 203), &alone(&options)), &whole);
+    #[test]
+    fn its_own_rasterizer_draws_the_same() {
+        let Some(_) = rasterizer("its_own_rasterizer_draws_the_same") else { return };
+        let (crowd, room) = (crowd(), room());
+        for (scene, pose) in
+            [(&crowd, at(0.0, 0.0, 6.0)), (&crowd, at(0.3, 0.2, 1.8)), (&room, at(20.0, 1.3, -7.0))]
+        {
+            for raster in [Raster::Hybrid, Raster::Hardware] {
+                for options in ways(0.5) {
+                    let options = RenderOptions { raster, ..options };
+                    let whole = on_device(scene, &CAMERA, &pose, (317, 203), &options);
+                    same(&on_device(scene, &CAMERA, &pose, (317, 203), &alone(&options)), &whole);
+                }
             }
         }
     }
-}
 
-#[cfg(feature = "gpu")]
-#[test]
-fn frames_of_both_kinds_follow_each_other() {
-    let Some(_) = device("frames_of_both_kinds_follow_each_other") else { return };
-    let mut scene = city(24);
-    let ball = scene.add(dag(&bumpy_sphere(60)), &at(1.5, 2.0, 0.0), Material::default()).unwrap();
-    let mut path: Vec<Pose> = (0..6).map(|k| at(1.5, 1.7, 6.0 - 0.7 * f64::from(k))).collect();
-    path.extend((1..4).map(|k| turned(at(1.5, 1.7, 2.5), 0.35 * f64::from(k))));
-    path.extend([at(40.5, 1.7, -20.0), at(40.5, 1.6, -20.1), at(30.0, 40.0, 50.0)]);
-    let (size, mut hidden) = ((317, 203), 0);
-    for device_outputs in [true, false] {
-        let options = RenderOptions {
-            pixel_error: 0.0,
-            raster: Raster::Compute,
-            device_outputs: Some(device_outputs),
-            ..RenderOptions::default()
-        };
-        let whole = RenderOptions { occlusion: false, ..options.clone() };
-        // One draws both kinds by turns, the other ordinary frames alone: what earlier frames hid is the same for both.
-        let [mut mixed, mut plain] = [(); 2].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
-        for (k, pose) in path.iter().enumerate() {
-            let to = [0.0, 0.3, 0.6, -9.0, 1.2, 90.0, 90.0][k % 7];
-            scene.set_pose(ball, &scaled(at(1.5, 1.5, to), 1.2)).unwrap();
-            let expected = plain.render(&scene, &CAMERA, pose, &options).unwrap();
-            let only = k % 3 == 1;
-            let ours = if only { alone(&options) } else { options.clone() };
-            let frame = mixed.render(&scene, &CAMERA, pose, &ours).unwrap();
-            same(&frame, &expected);
-            assert!(bits(&frame) == bits(&shoot(&scene, &CAMERA, pose, size, &whole)), "frame {k}");
-            if !only {
-                assert!(frame.words().unwrap() == expected.words().unwrap(), "frame {k}");
-                assert!(frame.color().unwrap() == expected.color().unwrap(), "frame {k}");
+    #[test]
+    fn frames_of_both_kinds_follow_each_other() {
+        let Some(_) = device("frames_of_both_kinds_follow_each_other") else { return };
+        let mut scene = city(24);
+        let ball = scene.add(dag(&bumpy_sphere(60)), &at(1.5, 2.0, 0.0), Material::default()).unwrap();
+        let mut path: Vec<Pose> = (0..6).map(|k| at(1.5, 1.7, 6.0 - 0.7 * f64::from(k))).collect();
+        path.extend((1..4).map(|k| turned(at(1.5, 1.7, 2.5), 0.35 * f64::from(k))));
+        path.extend([at(40.5, 1.7, -20.0), at(40.5, 1.6, -20.1), at(30.0, 40.0, 50.0)]);
+        let (size, mut hidden) = ((317, 203), 0);
+        for device_outputs in [true, false] {
+            let options = RenderOptions {
+                pixel_error: 0.0,
+                raster: Raster::Compute,
+                device_outputs: Some(device_outputs),
+                ..RenderOptions::default()
+            };
+            let whole = RenderOptions { occlusion: false, ..options.clone() };
+            // One draws both kinds by turns, the other ordinary frames alone: what earlier frames hid is the same for both.
+            let [mut mixed, mut plain] = [(); 2].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
+            for (k, pose) in path.iter().enumerate() {
+                let to = [0.0, 0.3, 0.6, -9.0, 1.2, 90.0, 90.0][k % 7];
+                scene.set_pose(ball, &scaled(at(1.5, 1.5, to), 1.2)).unwrap();
+                let expected = plain.render(&scene, &CAMERA, pose, &options).unwrap();
+                let only = k % 3 == 1;
+                let ours = if only { alone(&options) } else { options.clone() };
+                let frame = mixed.render(&scene, &CAMERA, pose, &ours).unwrap();
+                same(&frame, &expected);
+                assert!(bits(&frame) == bits(&shoot(&scene, &CAMERA, pose, size, &whole)), "frame {k}");
+                if !only {
+                    assert!(frame.words().unwrap() == expected.words().unwrap(), "frame {k}");
+                    assert!(frame.color().unwrap() == expected.color().unwrap(), "frame {k}");
+                }
+                hidden += frame.stats.occluded_instances + frame.stats.occluded_clusters;
             }
-            hidden += frame.stats.occluded_instances + frame.stats.occluded_clusters;
         }
+        assert!(hidden > 1000, "{hidden}");
     }
-    assert!(hidden > 1000, "{hidden}");
-}
 
-#[cfg(feature = "gpu")]
-#[test]
-fn several_views_of_depth_alone_are_as_alone() {
-    let Some(_) = device("several_views_of_depth_alone_are_as_alone") else { return };
-    let scene = crowd();
-    let size = (200, 120);
-    for device_outputs in [true, false] {
-        let options = RenderOptions {
-            raster: Raster::Compute,
-            device_outputs: Some(device_outputs),
-            ..RenderOptions::depth_only()
-        };
-        let mut on_gpu = Renderer::new(size.0, size.1, "gpu").unwrap();
-        let mut on_cpu = Renderer::new(size.0, size.1, "cpu").unwrap();
-        for (step, count) in [(0.0, 3), (0.1, 3), (0.2, 4), (0.3, 1)] {
-            let all = [
-                (CAMERA, at(step, 0.0, 6.0)),
-                (PARALLEL, at(0.1, step, 4.0)),
-                // Away from everything.
-                (CAMERA, turned(at(0.0, 0.0, 6.0), 3.0)),
-                (CAMERA, at(0.0, 1.0, 9.0 + 10.0 * step)),
-            ];
-            let views = &all[..count];
-            let frames = on_gpu.render_views(&scene, views, &options).unwrap();
-            let theirs = on_cpu.render_views(&scene, views, &options).unwrap();
-            assert_eq!((frames.len(), theirs.len()), (count, count));
-            for ((frame, their), (camera, pose)) in frames.iter().zip(&theirs).zip(views) {
-                let whole = shoot(&scene, camera, pose, size, &RenderOptions::default());
-                assert!(bits(frame) == bits(&whole) && bits(their) == bits(&whole));
-                let covered = [frame, their].map(|frame| frame.stats.covered_pixels);
-                assert_eq!(covered, [whole.stats.covered_pixels; 2]);
+    #[test]
+    fn several_views_of_depth_alone_are_as_alone() {
+        let Some(_) = device("several_views_of_depth_alone_are_as_alone") else { return };
+        let scene = crowd();
+        let size = (200, 120);
+        for device_outputs in [true, false] {
+            let options = RenderOptions {
+                raster: Raster::Compute,
+                device_outputs: Some(device_outputs),
+                ..RenderOptions::depth_only()
+            };
+            let mut on_gpu = Renderer::new(size.0, size.1, "gpu").unwrap();
+            let mut on_cpu = Renderer::new(size.0, size.1, "cpu").unwrap();
+            for (step, count) in [(0.0, 3), (0.1, 3), (0.2, 4), (0.3, 1)] {
+                let all = [
+                    (CAMERA, at(step, 0.0, 6.0)),
+                    (PARALLEL, at(0.1, step, 4.0)),
+                    // Away from everything.
+                    (CAMERA, turned(at(0.0, 0.0, 6.0), 3.0)),
+                    (CAMERA, at(0.0, 1.0, 9.0 + 10.0 * step)),
+                ];
+                let views = &all[..count];
+                let frames = on_gpu.render_views(&scene, views, &options).unwrap();
+                let theirs = on_cpu.render_views(&scene, views, &options).unwrap();
+                assert_eq!((frames.len(), theirs.len()), (count, count));
+                for ((frame, their), (camera, pose)) in frames.iter().zip(&theirs).zip(views) {
+                    let whole = shoot(&scene, camera, pose, size, &RenderOptions::default());
+                    assert!(bits(frame) == bits(&whole) && bits(their) == bits(&whole));
+                    let covered = [frame, their].map(|frame| frame.stats.covered_pixels);
+                    assert_eq!(covered, [whole.stats.covered_pixels; 2]);
+                }
             }
         }
     }
