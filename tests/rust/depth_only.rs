@@ -151,19 +151,19 @@ mod on_a_device {
     use crate::gpu_raster::rasterizer;
     use crate::render_frames::{city, turned};
 
-    /// Every way to draw that a device may have, but for the rasterizers.
-    fn ways(tau: f32) -> Vec<RenderOptions> {
-        let mut ways = Vec::new();
-        for wide_atomics in [true, false] {
-            for occlusion in [true, false] {
-                for device_outputs in [Some(true), Some(false)] {
-                    let raster = Raster::Compute;
-                    let rest = RenderOptions { pixel_error: tau, raster, ..RenderOptions::default() };
-                    ways.push(RenderOptions { wide_atomics, occlusion, device_outputs, ..rest });
-                }
-            }
-        }
-        ways
+    /// Ways to draw ordinary frames, of which depth is made.
+    fn ways(raster: Raster, tau: f32) -> impl Iterator<Item = RenderOptions> {
+        let all = [(true, true), (true, false), (false, true), (false, false)];
+        all.into_iter().map(move |(wide_atomics, occlusion)| RenderOptions {
+            pixel_error: tau,
+            raster,
+            wide_atomics,
+            occlusion,
+            outputs: RenderOptions::depth_only().outputs,
+            // On the device with occlusion, by the CPU without.
+            device_outputs: Some(occlusion),
+            ..RenderOptions::default()
+        })
     }
 
     #[test]
@@ -177,11 +177,11 @@ mod on_a_device {
             (&room, &CAMERA, at(0.1, 0.0, 0.2), 0.5),
             (&room, &PARALLEL, at(0.65, -0.9, 3.9), 0.5),
         ];
+        let size = (211, 127);
+        let [mut whole, mut depth] = [(); 2].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
         for (scene, camera, pose, tau) in views {
-            let size = (211, 127);
-            let expected = bits(&shoot(scene, camera, &pose, size, &ways(tau)[0]));
-            for options in ways(tau) {
-                let [mut whole, mut depth] = [(); 2].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
+            for options in ways(Raster::Compute, tau) {
+                let expected = bits(&shoot(scene, camera, &pose, size, &options));
                 // The second frame of each finds what the first one hid.
                 for _ in 0..2 {
                     let whole = whole.render(scene, camera, &pose, &options).unwrap();
@@ -220,14 +220,14 @@ mod on_a_device {
     fn its_own_rasterizer_draws_the_same() {
         let Some(_) = rasterizer("its_own_rasterizer_draws_the_same") else { return };
         let (crowd, room) = (crowd(), room());
+        let [mut whole, mut depth] = [(); 2].map(|()| Renderer::new(317, 203, "gpu").unwrap());
         for (scene, pose) in
             [(&crowd, at(0.0, 0.0, 6.0)), (&crowd, at(0.3, 0.2, 1.8)), (&room, at(20.0, 1.3, -7.0))]
         {
             for raster in [Raster::Hybrid, Raster::Hardware] {
-                for options in ways(0.5) {
-                    let options = RenderOptions { raster, ..options };
-                    let whole = on_device(scene, &CAMERA, &pose, (317, 203), &options);
-                    same(&on_device(scene, &CAMERA, &pose, (317, 203), &alone(&options)), &whole);
+                for options in ways(raster, 0.5) {
+                    let whole = whole.render(scene, &CAMERA, &pose, &options).unwrap();
+                    same(&depth.render(scene, &CAMERA, &pose, &alone(&options)).unwrap(), &whole);
                 }
             }
         }
@@ -250,7 +250,7 @@ mod on_a_device {
                 ..RenderOptions::default()
             };
             let whole = RenderOptions { occlusion: false, ..options.clone() };
-            // One draws both kinds by turns, the other ordinary frames alone: what earlier frames hid is the same for both.
+            // One draws both kinds by turns, the other ordinary frames alone: earlier frames hid the same from both.
             let [mut mixed, mut plain] = [(); 2].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
             for (k, pose) in path.iter().enumerate() {
                 let to = [0.0, 0.3, 0.6, -9.0, 1.2, 90.0, 90.0][k % 7];
