@@ -15,7 +15,7 @@ fn source(x: u32, y: u32) -> u32 {
         if x >= view.width || y >= view.height {
             return NOWHERE;
         }
-        return words[2u * (y * view.width + x) + 1u];
+        return key_of(y * view.width + x);
     }
     let level = view.pyramid[max(FIRST_LEVEL, 1u) - 1u];
     if x >= level.x || y >= level.y {

@@ -80,9 +80,13 @@ fn store_normal(pixel: u32) {
 }
 
 // What one word says of a pixel.
-fn word_of(hit: Hit) -> u32 {
+fn word_of(pixel: u32) -> u32 {
+    if OUTPUT == OUTPUT_DEPTH {
+        let key = key_of(pixel);
+        return select(0u, bitcast<u32>(distance_of(key)), key != 0u);
+    }
+    let hit = hit_of(pixel);
     switch OUTPUT {
-        case OUTPUT_DEPTH: { return select(0u, bitcast<u32>(distance_of(hit.key)), hit.covered); }
         case OUTPUT_INSTANCE_ID: { return select(NONE, visible[hit.number].instance, hit.covered); }
         case OUTPUT_CLUSTER_ID: { return select(NONE, visible[hit.number].cluster, hit.covered); }
         default: { return select(NONE, hit.triangle, hit.covered); }
@@ -104,7 +108,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
         if OUTPUT == OUTPUT_NORMAL {
             store_normal(pixel);
         } else {
-            out[pixel] = word_of(hit_of(pixel));
+            out[pixel] = word_of(pixel);
         }
     }
 }

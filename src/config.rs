@@ -347,6 +347,9 @@ pub struct RenderOptions {
     /// On a GPU, whether it makes them, and not the CPU from the visibility buffer; without a choice, unless the device is
     /// software, which is slower at it.
     pub device_outputs: Option<bool>,
+    /// Depth and nothing else, bit for bit that of other frames: less is written per pixel, and less comes back from a
+    /// device. For shadows and for sensors of depth; see [`RenderOptions::depth_only`].
+    pub depth_only: bool,
 }
 
 impl Default for RenderOptions {
@@ -358,19 +361,32 @@ impl Default for RenderOptions {
             raster: Raster::default(),
             outputs: [Output::Color, Output::Depth].into_iter().collect(),
             device_outputs: None,
+            depth_only: false,
         }
     }
 }
 
 impl RenderOptions {
-    /// Checks every range; the error names the option.
+    /// The defaults for frames of depth alone.
+    pub fn depth_only() -> Self {
+        Self { depth_only: true, outputs: [Output::Depth].into_iter().collect(), ..Self::default() }
+    }
+
+    /// Checks every range and what goes together; the error names the option.
     pub fn validate(&self) -> Result<()> {
-        if self.pixel_error.is_finite() && self.pixel_error >= 0.0 {
-            return Ok(());
+        if !(self.pixel_error.is_finite() && self.pixel_error >= 0.0) {
+            return Err(Error::argument(
+                "pixel_error",
+                format!("must be finite and not negative, not {}", self.pixel_error),
+            ));
         }
-        Err(Error::argument(
-            "pixel_error",
-            format!("must be finite and not negative, not {}", self.pixel_error),
-        ))
+        let others = self.outputs.without(Output::Depth).iter().next();
+        if let Some(other) = others.filter(|_| self.depth_only) {
+            return Err(Error::argument(
+                "outputs",
+                format!("with depth_only there is \"depth\" alone, not {:?}", other.name()),
+            ));
+        }
+        Ok(())
     }
 }

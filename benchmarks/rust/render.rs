@@ -74,6 +74,8 @@ fn frames(c: &mut Criterion) {
             frame(c, &format!("frame/{faces} triangles, no occlusion"), &scene, &hidden);
             let bare = RenderOptions { outputs: Outputs::default(), ..default.clone() };
             frame(c, &format!("frame/{faces} triangles, visibility only"), &scene, &bare);
+            let depth = RenderOptions::depth_only();
+            frame(c, &format!("frame/{faces} triangles, depth only"), &scene, &depth);
         }
         if n == 354 {
             for side in [3, 10, 32] {

@@ -104,7 +104,7 @@ fn measure(forms: &mut Forms, renderer: &mut Renderer, distance: f64) -> Measure
         assert!(queue.bits == levels.bits && queue.visible == levels.visible, "the queue finds others");
         assert!(sorted(flat) == sorted(levels), "parts find others");
         let mut draw = |occlusion| {
-            let ways = Ways { wide_atomics: true, occlusion, raster: Raster::Compute };
+            let ways = Ways { wide_atomics: true, occlusion, raster: Raster::Compute, depth_only: false };
             let drawn = renderer.draw(&mut [Job::new(view, &mut words)], ways).expect("a frame");
             drawn.into_iter().next().expect("a picture")
         };

@@ -179,7 +179,8 @@ class Renderer:
         pixel_error: float,
         occlusion: bool,
         raster: str,
-        outputs: list[str],
+        outputs: list[str] | None,
+        depth_only: bool,
     ) -> list[Frame]: ...
 
 @final

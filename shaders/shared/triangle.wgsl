@@ -7,7 +7,7 @@
 @group(0) @binding(4) var<storage, read> visible: array<VisibleCluster>;
 @group(0) @binding(5) var<storage, read> numbers: array<u32>;
 @group(0) @binding(6) var<storage, read> draws: array<Dispatch, LISTS>;
-// Binding 7 is the visibility buffer: words_64.wgsl, words_32.wgsl.
+// Binding 7 is the visibility buffer: words_64.wgsl, words_32.wgsl, words_depth.wgsl.
 @group(0) @binding(8) var<storage, read_write> counters: Counters;
 @group(0) @binding(9) var<storage, read> pages_1: array<u32>;
 @group(0) @binding(10) var<storage, read> pages_2: array<u32>;

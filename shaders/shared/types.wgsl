@@ -34,9 +34,10 @@ struct View {
     viewport: u32,
     // Of what no earlier frame showed, the first phase draws what has this key or a larger one: what is near.
     occluders: u32,
-    unused_a: u32,
-    unused_b: u32,
+    // 1 where the visibility buffer has keys alone.
+    depth_only: u32,
     lod_widest: f32,
+    unused: u32,
 }
 
 // An instance as the scene places it, whoever looks at it.

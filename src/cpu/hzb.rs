@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use super::project::Footprint;
+use super::visibility::Pixel;
 use crate::limits::{PYRAMID_FINER, PYRAMID_REACH};
 
 #[derive(Debug, Default)]
@@ -23,9 +24,9 @@ pub struct Hzb {
 }
 
 impl Hzb {
-    /// Builds the pyramid of a visibility buffer of `width` × `height` words, reusing its memory.
-    pub fn build(&mut self, words: &[u64], width: usize, height: usize) {
-        assert_eq!(words.len(), width * height);
+    /// Builds the pyramid of a visibility buffer of `width` × `height` pixels, reusing its memory.
+    pub fn build<P: Pixel>(&mut self, pixels: &[P], width: usize, height: usize) {
+        assert_eq!(pixels.len(), width * height);
         let (mut columns, mut rows) = (width, height);
         let mut depth = 0;
         while depth == 0 || columns > 1 || rows > 1 {
@@ -38,8 +39,8 @@ impl Hzb {
             (level.columns, level.rows) = (columns, rows);
             level.keys.resize(columns * rows, 0);
             match below.last() {
-                None => reduce(&mut level.keys, columns, words, width, |w| (w >> 32) as u32),
-                Some(b) => reduce(&mut level.keys, columns, &b.keys, b.columns, |k| k),
+                None => reduce(&mut level.keys, columns, pixels, width),
+                Some(b) => reduce(&mut level.keys, columns, &b.keys, b.columns),
             }
             depth += 1;
         }
@@ -85,19 +86,13 @@ impl Hzb {
 }
 
 /// Minimum over 2 × 2 blocks; a block over the edge has fewer entries.
-fn reduce<T: Copy + Sync>(
-    out: &mut [u32],
-    columns: usize,
-    from: &[T],
-    width: usize,
-    key: impl Fn(T) -> u32 + Sync,
-) {
+fn reduce<P: Pixel>(out: &mut [u32], columns: usize, from: &[P], width: usize) {
     let reduce_row = |(row, out): (usize, &mut [u32])| {
         let upper = &from[2 * row * width..][..width];
         let lower = from.get((2 * row + 1) * width..(2 * row + 2) * width).unwrap_or(upper);
         for (column, texel) in out.iter_mut().enumerate() {
             let (a, b) = (2 * column, (2 * column + 1).min(width - 1));
-            *texel = key(upper[a]).min(key(upper[b])).min(key(lower[a])).min(key(lower[b]));
+            *texel = upper[a].key().min(upper[b].key()).min(lower[a].key()).min(lower[b].key());
         }
     };
     if out.len() < 1 << 13 {
@@ -122,7 +117,7 @@ mod tests {
         for (width, height) in [(1, 1), (1, 7), (2, 1), (3, 3), (17, 5), (64, 64), (127, 65), (255, 3)] {
             let words: Vec<u64> = (0..width * height).map(|_| random(&mut seed) << 32 | 7).collect();
             let mut hzb = Hzb::default();
-            hzb.build(&[5], 1, 1);
+            hzb.build(&[5u64], 1, 1);
             hzb.build(&words, width, height);
             for level in 0..hzb.depth() {
                 let side = 2usize << level;

@@ -7,9 +7,9 @@ use std::sync::atomic::AtomicU32;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
-use super::project::InstanceView;
+use super::project::{InstanceView, Screen};
 use super::surface::{Pixels, Surfels, Walk};
-use super::visibility::{Counter, Hit, decode};
+use super::visibility::{Counter, Hit, Pixel, decode};
 use super::{raster_large, raster_small};
 use crate::model::Dag;
 use crate::scene::placement::Eye;
@@ -67,13 +67,21 @@ fn map_surface<T: Send + Copy>(
 }
 
 /// Distance along the view axis, world units; 0 where nothing is covered.
+fn distance(screen: &Screen, key: u32) -> f32 {
+    if key == 0 { 0.0 } else { screen.distance(key) }
+}
+
+/// The distance of each pixel.
 pub fn depth(pixels: Pixels<'_>, out: &mut [f32]) {
-    let screen = pixels.screen;
     out.par_chunks_mut(1 << 14).zip(pixels.words.par_chunks(1 << 14)).for_each(|(out, words)| {
-        for (out, &word) in out.iter_mut().zip(words) {
-            *out = if word == 0 { 0.0 } else { screen.distance((word >> 32) as u32) };
-        }
+        out.iter_mut().zip(words).for_each(|(out, word)| *out = distance(pixels.screen, word.key()));
     });
+}
+
+/// Keys → the bits of their distances, in place.
+pub fn depth_of_keys(keys: &mut [u32], screen: &Screen) {
+    let at = |key: &mut u32| *key = distance(screen, *key).to_bits();
+    keys.par_chunks_mut(1 << 14).for_each(|keys| keys.iter_mut().for_each(at));
 }
 
 /// Unit normals in world space; zero where nothing is covered.

@@ -3,8 +3,12 @@
 //! High 32 bits: the depth key, larger is nearer. Low 32 bits: the complement of
 //! (1 + visible cluster) << 7 | triangle, so that of two triangles at exactly the same depth the one with the
 //! smaller number wins, whatever the order of the threads. Background is 0.
+//!
+//! Where depth is all that is asked for, a pixel has the high half alone: half the memory, and no numbers to keep.
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+use rayon::prelude::*;
 
 use crate::limits::TRIANGLE_BITS;
 use crate::model::ClusterAddress;
@@ -55,21 +59,103 @@ pub trait Sink: Sync {
     fn put(&self, pixel: usize, word: u64);
 }
 
-/// Keeps the largest word of every pixel.
-pub struct Nearest<'a>(pub &'a [AtomicU64]);
+/// Keeps the largest word of every pixel, or the largest key.
+pub struct Nearest<'a, C>(pub &'a [C]);
 
-impl Sink for Nearest<'_> {
+impl<C: Cell> Sink for Nearest<'_, C> {
     #[inline(always)]
     fn put(&self, pixel: usize, word: u64) {
-        let cell = &self.0[pixel];
-        let mut current = cell.load(Ordering::Relaxed);
+        self.0[pixel].raise(word);
+    }
+}
+
+/// A pixel while rasterizers write.
+pub trait Cell: Sync {
+    /// Takes what it holds of a word where that is larger.
+    fn raise(&self, word: u64);
+}
+
+impl Cell for AtomicU64 {
+    #[inline(always)]
+    fn raise(&self, word: u64) {
+        let mut current = self.load(Ordering::Relaxed);
         while word > current {
-            match cell.compare_exchange_weak(current, word, Ordering::Relaxed, Ordering::Relaxed) {
+            match self.compare_exchange_weak(current, word, Ordering::Relaxed, Ordering::Relaxed) {
                 Ok(_) => break,
                 Err(now) => current = now,
             }
         }
     }
+}
+
+impl Cell for AtomicU32 {
+    #[inline(always)]
+    fn raise(&self, word: u64) {
+        let key = (word >> 32) as u32;
+        if key > self.load(Ordering::Relaxed) {
+            self.fetch_max(key, Ordering::Relaxed);
+        }
+    }
+}
+
+/// What a visibility buffer has for a pixel: a word, or its key alone. Background is the default.
+pub trait Pixel: Copy + Default + PartialEq + Send + Sync {
+    /// The same while rasterizers write.
+    type Cell: Cell;
+
+    /// The depth key.
+    fn key(self) -> u32;
+
+    /// Views exclusively held pixels as atomics.
+    fn cells(pixels: &mut [Self]) -> &[Self::Cell];
+
+    /// Gives every covered pixel the number its visible cluster has in another list: `numbers[old] = new`.
+    fn renumber(pixels: &mut [Self], numbers: &[u32]);
+}
+
+impl Pixel for u64 {
+    type Cell = AtomicU64;
+
+    #[inline(always)]
+    fn key(self) -> u32 {
+        (self >> 32) as u32
+    }
+
+    fn cells(pixels: &mut [Self]) -> &[AtomicU64] {
+        const { assert!(align_of::<AtomicU64>() == align_of::<u64>()) };
+        // SAFETY: AtomicU64 has the size and, asserted above, the alignment of u64; the exclusive borrow is held
+        // for as long as the result lives.
+        unsafe { &*(std::ptr::from_mut(pixels) as *const [AtomicU64]) }
+    }
+
+    fn renumber(pixels: &mut [Self], numbers: &[u32]) {
+        pixels.par_chunks_mut(1 << 14).for_each(|chunk| {
+            for word in chunk {
+                if let Some(hit) = decode(*word) {
+                    let low = payload(numbers[hit.visible as usize] as usize) - hit.triangle;
+                    *word = *word >> 32 << 32 | u64::from(low);
+                }
+            }
+        });
+    }
+}
+
+impl Pixel for u32 {
+    type Cell = AtomicU32;
+
+    #[inline(always)]
+    fn key(self) -> u32 {
+        self
+    }
+
+    fn cells(pixels: &mut [Self]) -> &[AtomicU32] {
+        const { assert!(align_of::<AtomicU32>() == align_of::<u32>()) };
+        // SAFETY: as for words.
+        unsafe { &*(std::ptr::from_mut(pixels) as *const [AtomicU32]) }
+    }
+
+    /// A key says no number.
+    fn renumber(_pixels: &mut [Self], _numbers: &[u32]) {}
 }
 
 /// Counts the triangles that cover every pixel, hidden or not.
@@ -82,31 +168,10 @@ impl Sink for Counter<'_> {
     }
 }
 
-/// Views exclusively held words as atomics.
-pub fn as_atomic(words: &mut [u64]) -> &[AtomicU64] {
-    const { assert!(align_of::<AtomicU64>() == align_of::<u64>()) };
-    // SAFETY: AtomicU64 has the size and, asserted above, the alignment of u64; the exclusive borrow is held
-    // for as long as the result lives.
-    unsafe { &*(std::ptr::from_mut(words) as *const [AtomicU64]) }
-}
-
 /// How many pixels show anything.
-pub fn covered(words: &[u64]) -> u64 {
-    use rayon::prelude::*;
-    words.par_chunks(1 << 14).map(|chunk| chunk.iter().filter(|word| **word != 0).count() as u64).sum()
-}
-
-/// Gives every covered pixel the number its visible cluster has in another list: `numbers[old] = new`.
-pub fn renumber(words: &mut [u64], numbers: &[u32]) {
-    use rayon::prelude::*;
-    words.par_chunks_mut(1 << 14).for_each(|chunk| {
-        for word in chunk {
-            if let Some(hit) = decode(*word) {
-                let low = payload(numbers[hit.visible as usize] as usize) - hit.triangle;
-                *word = *word >> 32 << 32 | u64::from(low);
-            }
-        }
-    });
+pub fn covered<P: Pixel>(pixels: &[P]) -> u64 {
+    let nothing = P::default();
+    pixels.par_chunks(1 << 14).map(|chunk| chunk.iter().filter(|p| **p != nothing).count() as u64).sum()
 }
 
 #[cfg(test)]
@@ -118,7 +183,7 @@ mod tests {
     fn words_decode_to_what_was_put() {
         let mut words = vec![0u64; 2];
         {
-            let sink = Nearest(as_atomic(&mut words));
+            let sink = Nearest(u64::cells(&mut words));
             // A tie in depth: the smaller visible number, then the smaller triangle, wins in any order.
             for (visible, triangle) in [(7, 5), (3, 127), (3, 2), (3, 9), (4, 0)] {
                 sink.put(0, 42 << 32 | u64::from(payload(visible) - triangle));
@@ -130,7 +195,19 @@ mod tests {
         assert_eq!(decode(0), None);
         let mut numbers = vec![0; MAX_VISIBLE];
         numbers[3] = 1_000_000;
-        renumber(&mut words[..1], &numbers);
+        u64::renumber(&mut words[..1], &numbers);
         assert_eq!(decode(words[0]), Some(Hit { key: 42, visible: 1_000_000, triangle: 2 }));
+    }
+    #[test]
+    fn keys_are_the_high_halves_of_words() {
+        let (mut words, mut keys) = ([0u64; 3], [0u32; 3]);
+        for (pixel, word) in [(0, 5 << 32 | 9), (0, 7 << 32 | 2), (0, 6 << 32 | 99), (2, u64::MAX), (2, 1)] {
+            Nearest(u64::cells(&mut words)).put(pixel, word);
+            Nearest(u32::cells(&mut keys)).put(pixel, word);
+        }
+        assert_eq!((keys, words.map(Pixel::key)), ([7, 0, u32::MAX], [7, 0, u32::MAX]));
+        assert_eq!((covered(&keys), covered(&words)), (2, 2));
+        u32::renumber(&mut keys, &[]);
+        assert_eq!(keys, [7, 0, u32::MAX]);
     }
 }

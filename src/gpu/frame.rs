@@ -57,8 +57,18 @@ pub struct Shape {
     pub room: Room,
     /// What is hidden is left out, in two phases.
     pub occlusion: bool,
+    /// The visibility buffer has keys alone.
+    pub depth_only: bool,
     /// Arrays to make.
     pub outputs: Outputs,
+}
+
+impl Shape {
+    /// Bytes of the visibility buffer.
+    fn word_bytes(&self) -> u64 {
+        let pixel = if self.depth_only { size_of::<u32>() } else { size_of::<u64>() };
+        self.pixels * pixel as u64
+    }
 }
 
 /// What one phase writes: its walk, its candidates, its list.
@@ -203,7 +213,7 @@ impl Buffers {
             group_blocks: context.buffer("dispatches", bytes::<Dispatch>(1), DISPATCH)?,
             visible: storage("visible clusters", bytes::<VisibleCluster>(room.visible))?,
             renumbered: storage("visible clusters", if occlusion { bytes::<u32>(room.visible) } else { 0 })?,
-            words: storage("the pixels of the picture", pixels * size_of::<u64>() as u64)?,
+            words: storage("the pixels of the picture", shape.word_bytes())?,
             outputs: outputs.iter().map(made).collect::<Result<_>>()?,
             times: Times::new(context)?,
             staging: context.buffer("counters", 0, BufferUsages::MAP_READ)?,
@@ -217,14 +227,17 @@ impl Buffers {
 
     /// What comes back: of the frame, then of each phase.
     fn parts<'a>(&'a self) -> Vec<Vec<Part<'a>>> {
-        let Shape { instances, pixels, room, .. } = self.shape;
-        let words = pixels * size_of::<u64>() as u64;
+        let Shape { instances, pixels, room, depth_only, .. } = self.shape;
         let ticks = Part { buffer: self.times.ticks(), bytes: Times::BYTES };
         let visible = Part { buffer: &self.visible, bytes: bytes::<VisibleCluster>(room.visible) };
-        let mut whole = vec![ticks, Part { buffer: &self.words, bytes: words }, visible];
         let array =
             |(output, buffer): &'a (Output, Buffer)| Part { buffer, bytes: array_bytes(*output, pixels) };
-        whole.extend(self.outputs.iter().map(array));
+        let mut arrays = self.outputs.iter().map(array);
+        // Depth that is made here comes in place of the keys it is made of.
+        let depth = if depth_only { arrays.next() } else { None };
+        let words = depth.unwrap_or(Part { buffer: &self.words, bytes: self.shape.word_bytes() });
+        let mut whole = vec![ticks, words, visible];
+        whole.extend(arrays);
         let mut parts = vec![whole];
         let starts = [instances, room.visits];
         parts.extend(self.phases.iter().zip(starts).map(|(phase, starts)| phase.parts(starts)));

@@ -156,7 +156,8 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     let other = if r.phase == Phase::First { second } else { first };
     let bindings = [&b.view, &second.levels[0], &own.draws, &own.counters, &other.counters, &own.steps];
     r.run(Kernel::Settle(r.phase), &bindings, 1);
-    if r.phase == Phase::Second {
+    // Keys say no number.
+    if r.phase == Phase::Second && !b.shape.depth_only {
         let number = Step::Pixels.number();
         r.run_indirect(Kernel::Renumber, &[&own.steps, &b.renumbered, &b.words], &own.steps, number);
     }

@@ -33,8 +33,10 @@ pub struct Ways {
     pub wide_atomics: bool,
     /// Leaves out what is hidden, in two phases.
     pub occlusion: bool,
-    /// Which rasterizers draw; of these ways the only one that may be seen.
+    /// Which rasterizers draw; the only one of these ways by which a picture may differ.
     pub raster: Raster,
+    /// Keys alone are drawn, and of them depth at most is made.
+    pub depth_only: bool,
 }
 
 /// A view to draw, and the arrays to make of its picture.
@@ -42,8 +44,9 @@ pub struct Ways {
 pub struct Job<'a> {
     /// The view.
     pub view: View,
-    /// The visibility buffer that is filled.
-    pub words: &'a mut [u64],
+    /// What is filled: the visibility buffer, the low half of each word first. With [`Ways::depth_only`] a number per
+    /// pixel: its depth where that is to be made, else its key.
+    pub words: &'a mut [u32],
     /// The arrays.
     pub outputs: Outputs,
     /// All but the lights.
@@ -56,6 +59,7 @@ impl<'a> Job<'a> {
     /// A view of which nothing is made but the visibility buffer.
     pub fn new(view: View, words: &'a mut [u64]) -> Self {
         let (outputs, lighting) = (Outputs::default(), bytemuck::Zeroable::zeroed());
+        let words = bytemuck::cast_slice_mut(words);
         Self { view, words, outputs, lighting, lights: Vec::new() }
     }
 }
@@ -182,7 +186,8 @@ impl Renderer {
         let mut views = Vec::with_capacity(jobs.len());
         for (sight, job) in self.sights.iter_mut().zip(&*jobs) {
             let (view, culling) = sight.prepare(&self.context, &self.instances, job, ways.occlusion)?;
-            views.push((View { viewport, ..view }, culling));
+            let depth_only = u32::from(ways.depth_only);
+            views.push((View { viewport, depth_only, ..view }, culling));
         }
         loop {
             for (sight, job) in self.sights.iter_mut().zip(&*jobs) {
@@ -190,9 +195,10 @@ impl Renderer {
                     instances: self.instances.room(),
                     group_words: self.instances.group_words(),
                     depth: self.instances.depth(),
-                    pixels: job.words.len() as u64,
+                    pixels: u64::from(job.view.width) * u64::from(job.view.height),
                     room: self.room,
                     occlusion: ways.occlusion,
+                    depth_only: ways.depth_only,
                     // Its lists are for other rasterizers then than those which count.
                     outputs: if hardware { job.outputs.without(Output::Overdraw) } else { job.outputs },
                 };
@@ -228,7 +234,7 @@ impl Renderer {
 
     /// Runs the stages once; also the lengths that their lists wanted.
     fn submit(&self, turns: &[Turn<'_>], ways: Ways, jobs: &mut [Job<'_>]) -> Result<(Vec<Drawn>, Room)> {
-        let Ways { wide_atomics, raster, .. } = ways;
+        let Ways { wide_atomics, raster, depth_only, .. } = ways;
         let context = &*self.context;
         let queue = context.queue();
         let mut encoder = context.device().create_command_encoder(&CommandEncoderDescriptor::default());
@@ -237,9 +243,10 @@ impl Renderer {
             queue.write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&buffers.group_dispatch()));
             buffers.clear(&mut encoder);
         }
-        let forms: &[Words] = match wide_atomics && context.wide_atomics() {
-            true => &[Words::Wide],
-            false => &[Words::Keys, Words::Lows],
+        let forms: &[Words] = match (depth_only, wide_atomics && context.wide_atomics()) {
+            (true, _) => &[Words::Depth],
+            (false, true) => &[Words::Wide],
+            (false, false) => &[Words::Keys, Words::Lows],
         };
         let (Some(instances), Some(first)) = (self.instances.slots(), turns.first()) else {
             return Ok(Default::default());
@@ -339,7 +346,7 @@ fn report(
     shape: Shape,
     passes: &[(DeviceStage, Phase)],
     tick: Option<f64>,
-    words: &mut [u64],
+    words: &mut [u32],
 ) -> (Drawn, Room) {
     let (mut drawn, mut wanted) = <(Drawn, Room)>::default();
     // Of both phases where the second listed any, else of the first.
@@ -349,8 +356,8 @@ fn report(
             let [ticks, pixels, list, arrays @ ..] = &parts[..] else { continue };
             bytemuck::cast_slice_mut(words).copy_from_slice(pixels);
             visible = list;
-            let pixels = words.len();
             let arrays = shape.outputs.iter().zip(arrays);
+            let pixels = shape.pixels as usize;
             drawn.made = arrays.map(|(output, bytes)| (output, Array::read(output, pixels, bytes))).collect();
             let times = passes.iter().zip(times::milliseconds(ticks, tick));
             drawn.times = times.map(|((stage, phase), ms)| (*stage, *phase, ms)).collect();

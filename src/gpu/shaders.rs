@@ -92,6 +92,8 @@ pub enum Words {
     Lows,
     /// How many triangles cover every pixel, instead.
     Count,
+    /// The nearest key of every pixel and nothing else.
+    Depth,
 }
 
 /// The lists of clusters to draw.
@@ -157,7 +159,7 @@ pub enum Kernel {
 }
 
 /// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 40] = [
+pub const KERNELS: [Kernel; 42] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
@@ -188,6 +190,8 @@ pub const KERNELS: [Kernel; 40] = [
     Kernel::RasterLarge(Words::Lows),
     Kernel::RasterSmall(Words::Count),
     Kernel::RasterLarge(Words::Count),
+    Kernel::RasterSmall(Words::Depth),
+    Kernel::RasterLarge(Words::Depth),
     Kernel::Shade,
     Kernel::Output(Output::Depth),
     Kernel::Output(Output::Normal),
@@ -201,13 +205,15 @@ pub const KERNELS: [Kernel; 40] = [
 ];
 
 /// All that draw, with a vertex and a fragment shader; [`Kernel::number`] is the place here.
-pub const DRAWS: [Kernel; 6] = [
+pub const DRAWS: [Kernel; 8] = [
     Kernel::RasterHardware(List::Small, Words::Wide),
     Kernel::RasterHardware(List::Small, Words::Keys),
     Kernel::RasterHardware(List::Small, Words::Lows),
     Kernel::RasterHardware(List::Large, Words::Wide),
     Kernel::RasterHardware(List::Large, Words::Keys),
     Kernel::RasterHardware(List::Large, Words::Lows),
+    Kernel::RasterHardware(List::Small, Words::Depth),
+    Kernel::RasterHardware(List::Large, Words::Depth),
 ];
 
 macro_rules! file {
@@ -231,6 +237,7 @@ const TRIANGLE: &str = file!("shared/triangle");
 const PAIR: &str = file!("shared/pair");
 const WIDE: &str = file!("shared/wide");
 const SURFACE: &str = file!("shared/surface");
+const KEY: &str = file!("shared/key");
 
 impl Kernel {
     /// Place in [`KERNELS`], or in [`DRAWS`].
@@ -266,6 +273,7 @@ impl Kernel {
             Words::Wide => file!("shared/words_64"),
             Words::Keys | Words::Lows => file!("shared/words_32"),
             Words::Count => file!("shared/words_count"),
+            Words::Depth => file!("shared/words_depth"),
         };
         match self {
             Self::InstanceCull => {
@@ -286,11 +294,11 @@ impl Kernel {
             Self::RasterHardware(_, w) => {
                 vec![TYPES, CULL, PAGES, TRIANGLE, WIDE, words(w), file!("raster_hardware")]
             }
-            Self::Hzb(_) => vec![TYPES, file!("hzb")],
+            Self::Hzb(_) => vec![TYPES, KEY, file!("hzb")],
             Self::Settle(_) => vec![TYPES, file!("settle")],
             Self::Renumber => vec![TYPES, file!("renumber")],
             Self::Shade => vec![TYPES, PAGES, SURFACE, file!("shade")],
-            Self::Output(_) => vec![TYPES, PAGES, SURFACE, file!("output")],
+            Self::Output(_) => vec![TYPES, PAGES, SURFACE, KEY, file!("output")],
             Self::LoopProbe => vec![file!("loop_probe")],
         }
     }
@@ -316,7 +324,8 @@ impl Kernel {
         source += &format!("const PAGE_ARRAYS: u32 = {arrays}u;\n");
         source += &format!("const PAGE_ARRAY_BITS: u32 = {}u;\n", array_bits.unwrap_or(u32::BITS - 1));
         if let Self::RasterSmall(words) | Self::RasterLarge(words) | Self::RasterHardware(_, words) = self {
-            source += &format!("const FIRST_PASS: bool = {};\n", matches!(words, Words::Wide | Words::Keys));
+            let first = matches!(words, Words::Wide | Words::Keys | Words::Depth);
+            source += &format!("const FIRST_PASS: bool = {first};\n");
         }
         if let Self::Output(output) = self {
             let (number, rgb) = (output as u32, output.rgb());

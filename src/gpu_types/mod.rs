@@ -61,12 +61,12 @@ pub struct View {
     pub viewport: u32,
     /// Of what no earlier frame showed, the first phase draws what has this key or a larger one: what is near.
     pub occluders: u32,
-    /// Zero.
-    pub unused_a: u32,
-    /// Zero.
-    pub unused_b: u32,
+    /// 1 where the visibility buffer has keys alone.
+    pub depth_only: u32,
     /// See [`crate::math::LodView::widest`].
     pub lod_widest: f32,
+    /// Zero.
+    pub unused: u32,
 }
 
 /// An instance as the scene places it, whoever looks at it.

@@ -86,7 +86,7 @@ impl Renderer {
     }
 
     /// Renders a frame for each view.
-    #[pyo3(signature = (scene, views, *, pixel_error, occlusion, raster, outputs))]
+    #[pyo3(signature = (scene, views, *, pixel_error, occlusion, raster, outputs, depth_only))]
     fn render(
         &self,
         py: Python<'_>,
@@ -95,16 +95,20 @@ impl Renderer {
         pixel_error: f32,
         occlusion: bool,
         raster: &str,
-        outputs: Vec<String>,
+        outputs: Option<Vec<String>>,
+        depth_only: bool,
     ) -> PyResult<Vec<Frame>> {
         let views: Vec<_> = views
             .into_iter()
             .map(|(camera, pose)| Ok((camera, matrix4(&pose, "pose")?)))
             .collect::<PyResult<_>>()?;
         let raster: Raster = raster.parse().map_err(|error| to_python(py, error))?;
-        let outputs = outputs.iter().map(|name| name.parse::<Output>()).collect::<Result<_>>();
+        let defaults = if depth_only { RenderOptions::depth_only() } else { RenderOptions::default() };
+        let outputs = outputs.map_or(Ok(defaults.outputs), |names| {
+            names.iter().map(|name| name.parse::<Output>()).collect::<Result<_>>()
+        });
         let outputs = outputs.map_err(|error| to_python(py, error))?;
-        let options = RenderOptions { pixel_error, occlusion, raster, outputs, ..RenderOptions::default() };
+        let options = RenderOptions { pixel_error, occlusion, raster, outputs, ..defaults };
         let frames = detached(py, || {
             let view = |(camera, pose)| Ok((self::camera(camera)?, pose));
             let views: Vec<_> = views.into_iter().map(view).collect::<Result<_>>()?;
@@ -132,12 +136,12 @@ impl Frame {
     fn plane<T: Element>(
         &self,
         py: Python<'_>,
-        make: impl FnOnce(&mut render::Frame) -> Vec<T> + Send,
+        make: impl FnOnce(&mut render::Frame) -> Result<Vec<T>> + Send,
     ) -> PyResult<Py<PyArray2<T>>> {
         let (values, shape) = detached(py, || {
             let mut frame = self.lock();
             let shape = [frame.height() as usize, frame.width() as usize];
-            Ok((make(&mut frame), shape))
+            Ok((make(&mut frame)?, shape))
         })?;
         Ok(PyArray::from_vec(py, values).reshape(shape)?.unbind())
     }
@@ -146,12 +150,12 @@ impl Frame {
     fn planes<T: Element>(
         &self,
         py: Python<'_>,
-        make: impl FnOnce(&mut render::Frame) -> Vec<T> + Send,
+        make: impl FnOnce(&mut render::Frame) -> Result<Vec<T>> + Send,
     ) -> PyResult<Py<PyArray3<T>>> {
         let (values, shape) = detached(py, || {
             let mut frame = self.lock();
             let shape = [frame.height() as usize, frame.width() as usize, 3];
-            Ok((make(&mut frame), shape))
+            Ok((make(&mut frame)?, shape))
         })?;
         Ok(PyArray::from_vec(py, values).reshape(shape)?.unbind())
     }
@@ -160,27 +164,27 @@ impl Frame {
 #[pymethods]
 impl Frame {
     fn color(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u8>>> {
-        self.planes(py, |frame| frame.take(Output::Color).into())
+        self.planes(py, |frame| frame.take(Output::Color).map(Vec::from))
     }
 
     fn depth(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f32>>> {
-        self.plane(py, |frame| frame.take(Output::Depth).into())
+        self.plane(py, |frame| frame.take(Output::Depth).map(Vec::from))
     }
 
     fn normal(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
-        self.planes(py, |frame| frame.take(Output::Normal).into())
+        self.planes(py, |frame| frame.take(Output::Normal).map(Vec::from))
     }
 
     fn instance_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i32>>> {
-        self.plane(py, |frame| frame.take(Output::InstanceId).into())
+        self.plane(py, |frame| frame.take(Output::InstanceId).map(Vec::from))
     }
 
     fn cluster_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u32>>> {
-        self.plane(py, |frame| frame.take(Output::ClusterId).into())
+        self.plane(py, |frame| frame.take(Output::ClusterId).map(Vec::from))
     }
 
     fn triangle_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i32>>> {
-        self.plane(py, |frame| frame.take(Output::TriangleId).into())
+        self.plane(py, |frame| frame.take(Output::TriangleId).map(Vec::from))
     }
 
     fn face_id(&self, py: Python<'_>) -> PyResult<Py<PyArray2<i64>>> {
@@ -188,7 +192,7 @@ impl Frame {
     }
 
     fn overdraw(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u32>>> {
-        self.plane(py, |frame| frame.take(Output::Overdraw).into())
+        self.plane(py, |frame| frame.take(Output::Overdraw).map(Vec::from))
     }
 
     /// Width and height.

@@ -4,6 +4,7 @@
 use rayon::prelude::*;
 
 use super::pass::INSTANCE_OVERLAP;
+use super::picture::Picture;
 use super::queue::Queue;
 use super::renderer::{Rastered, Shot};
 use super::stages::Stage;
@@ -11,7 +12,7 @@ use super::stats::{FrameStats, StageStats};
 use crate::config::{Outputs, RenderOptions};
 use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
-use crate::cpu::visibility::{Visible, covered};
+use crate::cpu::visibility::Visible;
 use crate::error::Result;
 use crate::gpu::{Context, Counted, DeviceStage, Drawn, Job, Phase, Renderer, Ways};
 use crate::gpu_types::{self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, Look, Placed, VisibleCluster};
@@ -54,22 +55,24 @@ impl Device {
     }
 
     /// Draws the visible instances of a scene from several views, and makes what is asked for.
-    pub(super) fn draw(&mut self, shots: &[Shot<'_>], mut words: Vec<Vec<u64>>) -> Result<Vec<Rastered>> {
+    pub(super) fn draw(&mut self, shots: &[Shot<'_>], mut pictures: Vec<Picture>) -> Result<Vec<Rastered>> {
         let Some(Shot { scene, options, .. }) = shots.first() else { return Ok(Vec::new()) };
         self.update(scene);
-        let RenderOptions { wide_atomics, occlusion, raster, .. } = **options;
-        let ways = Ways { wide_atomics, occlusion, raster };
+        let RenderOptions { wide_atomics, occlusion, raster, depth_only, .. } = **options;
+        let ways = Ways { wide_atomics, occlusion, raster, depth_only };
         let on_device = options.device_outputs.unwrap_or(!self.context().software());
-        let outputs = if on_device { options.outputs } else { Outputs::default() };
+        // A frame of depth alone has depth, asked for or not.
+        let outputs = if depth_only { RenderOptions::depth_only().outputs } else { options.outputs };
+        let outputs = if on_device { outputs } else { Outputs::default() };
         let views = shots.iter().enumerate().map(|(place, shot)| {
             let view = view_record(&shot.screen, &shot.eye, options.pixel_error);
             let starts = occlusion && self.renderer.starts(place, &view);
             gpu_types::View { occluders: if starts { occluders(shot) } else { 0 }, ..view }
         });
         let views: Vec<gpu_types::View> = views.collect();
-        let jobs = shots.iter().zip(views).zip(&mut words).map(|((shot, view), words)| Job {
+        let jobs = shots.iter().zip(views).zip(&mut pictures).map(|((shot, view), picture)| Job {
             view,
-            words,
+            words: picture.bits(),
             outputs,
             lighting: lighting_record(&shot.lighting),
             lights: shot.lighting.lights.iter().map(light).collect(),
@@ -78,14 +81,14 @@ impl Device {
         Ok(shots
             .iter()
             .zip(drawn)
-            .zip(words)
-            .map(|((shot, drawn), words)| rastered(shot, drawn, words))
+            .zip(pictures)
+            .map(|((shot, drawn), picture)| rastered(shot, drawn, picture, on_device))
             .collect())
     }
 }
 
 /// What a frame keeps of the device's answer.
-fn rastered(shot: &Shot<'_>, drawn: Drawn, words: Vec<u64>) -> Rastered {
+fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool) -> Rastered {
     let Shot { scene, eye, screen, .. } = shot;
     let instances = scene.instances();
     let mut stats = FrameStats::default();
@@ -105,13 +108,16 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, words: Vec<u64>) -> Rastered {
     };
     let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
     let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
-    stats.covered_pixels = covered(&words);
+    stats.covered_pixels = picture.covered();
     stats.stages = stages(&drawn, instances.len() as u64, stats.covered_pixels, screen);
     stats.uploaded_bytes = drawn.uploaded_bytes;
     stats.raster = drawn.raster;
     stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
     stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
-    Rastered { words, views, visible, large, made: drawn.made, stats }
+    if !on_device {
+        picture.measure(screen, &mut stats);
+    }
+    Rastered { picture, views, visible, large, made: drawn.made, stats }
 }
 
 /// Portions of instances that the first phase of a first frame draws: in a city, one leaves more to the second phase than

@@ -1,7 +1,6 @@
 //! A rendered frame: its visibility buffer, and every array that is read from it when asked for.
 
-use std::sync::{Arc, Mutex};
-
+use super::picture::{Picture, Spare};
 use super::stages::Stage;
 use super::stats::FrameStats;
 use crate::config::{Output, Outputs};
@@ -15,9 +14,6 @@ use crate::gpu_types::Array;
 use crate::model::ClusterAddress;
 use crate::scene::placement::Eye;
 use crate::scene::{Lighting, View};
-
-/// Visibility buffers that wait to be used again.
-pub(super) type Spare = Arc<Mutex<Vec<Vec<u64>>>>;
 
 /// A picture of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,10 +44,11 @@ impl ImageView {
     }
 }
 
-/// The result of a frame. It keeps the meshes it shows alive and does not follow later edits of the scene.
+/// The result of a frame. It keeps the meshes it shows alive and does not follow later edits of the scene. One of depth
+/// alone has that and `stats`: everything that is made of the visibility buffer is an error.
 #[derive(Debug)]
 pub struct Frame {
-    pub(super) words: Vec<u64>,
+    pub(super) picture: Picture,
     pub(super) visible: Vec<Visible>,
     /// Which of `visible` went to the large rasterizer.
     pub(super) large: Vec<bool>,
@@ -84,8 +81,8 @@ impl Frame {
     }
 
     /// The words of the visibility buffer, row by row from the top; see [`crate::cpu::visibility`].
-    pub fn words(&self) -> &[u64] {
-        &self.words
+    pub fn words(&self) -> Result<&[u64]> {
+        self.picture.words("visibility buffer")
     }
 
     /// The clusters that were drawn, in scene order: slot number of the instance, and address. Words number them.
@@ -93,13 +90,16 @@ impl Frame {
         self.visible.iter().map(|v| (self.views[v.instance as usize].slot, v.cluster)).collect()
     }
 
-    fn pixels(&self) -> Pixels<'_> {
-        Pixels { words: &self.words, visible: &self.visible, views: &self.views, screen: &self.screen }
+    /// What `what` is made of.
+    fn pixels(&self, what: &str) -> Result<Pixels<'_>> {
+        let words = self.picture.words(what)?;
+        Ok(Pixels { words, visible: &self.visible, views: &self.views, screen: &self.screen })
     }
 
-    /// Makes what of `outputs` is not made.
-    pub(super) fn finish(&mut self, outputs: Outputs) {
-        let (pixels, mut stats) = (self.words.len() as u64, std::mem::take(&mut self.stats));
+    /// Makes what of `outputs` is not there.
+    pub(super) fn finish(&mut self, outputs: Outputs) -> Result<()> {
+        let Picture::Words(words) = &self.picture else { return Ok(()) };
+        let (pixels, mut stats) = (words.len() as u64, std::mem::take(&mut self.stats));
         for output in outputs.iter() {
             if self.made.iter().any(|(made, _)| *made == output) {
                 continue;
@@ -108,24 +108,28 @@ impl Frame {
                 Output::Color => (Stage::Shade, stats.covered_pixels),
                 _ => (Stage::Output, pixels),
             };
-            let array = stats.time(stage, 1, || (self.make(output), pixels, passed));
+            let array = stats.time(stage, 1, || (self.make(output), pixels, passed))?;
             self.made.push((output, array));
         }
         self.stats = stats;
+        Ok(())
     }
 
     /// Makes an array from the visibility buffer, whether or not there is one made with the frame.
-    pub fn make(&self, output: Output) -> Array {
-        let pixels = self.pixels();
+    pub fn make(&self, output: Output) -> Result<Array> {
+        if let (Picture::Depth(depth), Output::Depth) = (&self.picture, output) {
+            return Ok(depth.clone().into());
+        }
+        let pixels = self.pixels(output.name())?;
         let debug = |view| Array::from(output::debug(pixels, view).into_flattened());
-        match output {
+        Ok(match output {
             Output::Color => {
-                let mut out = vec![0; 3 * self.words.len()];
+                let mut out = vec![0; 3 * pixels.words.len()];
                 shade::run(pixels, &self.eye, &self.lighting, &mut out);
                 out.into()
             }
             Output::Depth => {
-                let mut out = vec![0.0; self.words.len()];
+                let mut out = vec![0.0; pixels.words.len()];
                 output::depth(pixels, &mut out);
                 out.into()
             }
@@ -138,78 +142,74 @@ impl Frame {
             Output::Clusters => debug(DebugView::Clusters),
             Output::Groups => debug(DebugView::Groups),
             Output::Levels => debug(DebugView::Levels),
-        }
+        })
     }
 
     /// Takes an array made with the frame, or makes it now.
-    pub fn take(&mut self, output: Output) -> Array {
+    pub fn take(&mut self, output: Output) -> Result<Array> {
         match self.made.iter().position(|(made, _)| *made == output) {
-            Some(at) => self.made.swap_remove(at).1,
+            Some(at) => Ok(self.made.swap_remove(at).1),
             None => self.make(output),
         }
     }
 
     /// A copy of an array made with the frame, or makes it now.
-    pub fn array(&self, output: Output) -> Array {
+    pub fn array(&self, output: Output) -> Result<Array> {
         let made = self.made.iter().find(|(made, _)| *made == output);
-        made.map_or_else(|| self.make(output), |(_, array)| array.clone())
+        made.map_or_else(|| self.make(output), |(_, array)| Ok(array.clone()))
     }
 
     /// Colour, RGB bytes.
-    pub fn color(&self) -> Vec<u8> {
-        self.array(Output::Color).into()
+    pub fn color(&self) -> Result<Vec<u8>> {
+        self.array(Output::Color).map(Vec::from)
     }
 
     /// Distance along the view axis in world units; 0 where nothing is covered.
-    pub fn depth(&self) -> Vec<f32> {
-        self.array(Output::Depth).into()
+    pub fn depth(&self) -> Result<Vec<f32>> {
+        self.array(Output::Depth).map(Vec::from)
     }
 
     /// Unit world-space normals; zero where nothing is covered.
-    pub fn normals(&self) -> Vec<[f32; 3]> {
-        Vec::from(self.array(Output::Normal)).as_chunks().0.to_vec()
+    pub fn normals(&self) -> Result<Vec<[f32; 3]>> {
+        Ok(Vec::from(self.array(Output::Normal)?).as_chunks().0.to_vec())
     }
 
     /// Slot numbers of instances; −1 where nothing is covered.
-    pub fn instance_ids(&self) -> Vec<i32> {
-        self.array(Output::InstanceId).into()
+    pub fn instance_ids(&self) -> Result<Vec<i32>> {
+        self.array(Output::InstanceId).map(Vec::from)
     }
 
     /// Cluster addresses; [`output::NO_CLUSTER`] where nothing is covered.
-    pub fn cluster_ids(&self) -> Vec<u32> {
-        self.array(Output::ClusterId).into()
+    pub fn cluster_ids(&self) -> Result<Vec<u32>> {
+        self.array(Output::ClusterId).map(Vec::from)
     }
 
     /// Triangles inside their clusters; −1 where nothing is covered.
-    pub fn triangle_ids(&self) -> Vec<i32> {
-        self.array(Output::TriangleId).into()
+    pub fn triangle_ids(&self) -> Result<Vec<i32>> {
+        self.array(Output::TriangleId).map(Vec::from)
     }
 
     /// Rows of the caller's faces; −1 where nothing is covered or it is not known.
-    pub fn face_ids(&self) -> Vec<i64> {
-        output::face_ids(self.pixels())
+    pub fn face_ids(&self) -> Result<Vec<i64>> {
+        self.pixels("face_id").map(output::face_ids)
     }
 
     /// Triangles that cover each pixel, hidden ones included, among the clusters that were drawn.
-    pub fn overdraw(&self) -> Vec<u32> {
-        self.array(Output::Overdraw).into()
+    pub fn overdraw(&self) -> Result<Vec<u32>> {
+        self.array(Output::Overdraw).map(Vec::from)
     }
 
     /// A picture, RGB bytes.
-    pub fn image(&self, what: ImageView) -> Vec<u8> {
-        match what {
-            ImageView::Rgb(output) => self.array(output).into(),
-            ImageView::Overdraw => output::overdraw_colors(&self.overdraw()).into_flattened(),
-        }
+    pub fn image(&self, what: ImageView) -> Result<Vec<u8>> {
+        Ok(match what {
+            ImageView::Rgb(output) => self.array(output)?.into(),
+            ImageView::Overdraw => output::overdraw_colors(&self.overdraw()?).into_flattened(),
+        })
     }
 }
 
 impl Drop for Frame {
     fn drop(&mut self) {
-        if let Ok(mut spare) = self.spare.lock()
-            && spare.len() < 2
-        {
-            spare.push(std::mem::take(&mut self.words));
-        }
+        self.spare.give(std::mem::replace(&mut self.picture, Picture::Depth(Vec::new())));
     }
 }

@@ -4,6 +4,7 @@
 mod device;
 pub mod frame;
 mod pass;
+mod picture;
 mod queue;
 pub mod renderer;
 pub mod stages;

@@ -13,7 +13,7 @@ use super::stats::FrameStats;
 use crate::cpu::cluster_cull::{self, Candidate};
 use crate::cpu::hzb::Hzb;
 use crate::cpu::project::{InstanceView, Screen};
-use crate::cpu::visibility::{Nearest, Visible, as_atomic, renumber};
+use crate::cpu::visibility::{Nearest, Pixel, Visible};
 use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
 use crate::error::{Error, Result};
 use crate::limits::{MAX_VISIBLE, PYRAMID_ABOVE};
@@ -24,15 +24,15 @@ pub(super) const INSTANCE_OVERLAP: f64 = 1.5;
 const CLUSTER_OVERLAP: f64 = 3.0;
 
 /// The state of a frame on its way through the culling and raster stages.
-pub(super) struct Pass {
+pub(super) struct Pass<'a, P> {
     pub(super) screen: Screen,
     pub(super) tau: f32,
-    pub(super) views: Vec<InstanceView>,
-    pub(super) words: Vec<u64>,
-    pub(super) stats: FrameStats,
+    pub(super) views: &'a [InstanceView],
+    pub(super) pixels: &'a mut [P],
+    pub(super) stats: &'a mut FrameStats,
 }
 
-impl Pass {
+impl<P: Pixel> Pass<'_, P> {
     /// Culls and draws everything; returns the frame's visible list, in scene order.
     pub(super) fn draw_scene(&mut self, occlusion: bool, hzb: &mut Hzb) -> Result<Vec<Candidate>> {
         let overlap = if occlusion { INSTANCE_OVERLAP } else { f64::INFINITY };
@@ -59,7 +59,7 @@ impl Pass {
     fn build_pyramid(&mut self, hzb: &mut Hzb) {
         let (width, height) = (self.screen.width as usize, self.screen.height as usize);
         self.stats.time(Stage::Hzb, 1, || {
-            hzb.build(&self.words, width, height);
+            hzb.build(self.pixels, width, height);
             ((), (width * height) as u64, (width.div_ceil(2) * height.div_ceil(2)) as u64)
         });
     }
@@ -72,7 +72,7 @@ impl Pass {
 
     fn unhidden_instances(&mut self, later: &[u32], hzb: &Hzb) -> Vec<u32> {
         let unhidden = self.stats.time(Stage::InstanceCull, 2, || {
-            let unhidden = instance_cull::unhidden(later, &self.views, hzb);
+            let unhidden = instance_cull::unhidden(later, self.views, hzb);
             let count = unhidden.len() as u64;
             (unhidden, later.len() as u64, count)
         });
@@ -82,7 +82,7 @@ impl Pass {
 
     /// Node and cluster culling of instances; survivors in scene order.
     fn cull(&mut self, pass: u8, instances: &[u32], hzb: Option<&Hzb>) -> Vec<Candidate> {
-        let (views, screen, tau) = (&self.views, &self.screen, self.tau);
+        let (views, screen, tau) = (self.views, &self.screen, self.tau);
         let walk = self.stats.time(Stage::NodeCull, pass, || {
             let walk = node_cull::run(instances, views, screen, tau, hzb);
             let counts = (walk.visited, walk.groups.len() as u64);
@@ -111,16 +111,16 @@ impl Pass {
         }
         let (list, numbers_old, numbers) = merge(old, &new);
         if !numbers_old.is_empty() {
-            renumber(&mut self.words, &numbers_old);
+            P::renumber(self.pixels, &numbers_old);
         }
         let visible: Vec<Visible> = list.iter().map(|c| c.visible).collect();
         for (stage, large) in [(Stage::RasterSmall, false), (Stage::RasterLarge, true)] {
-            let (views, screen, words) = (&self.views, &self.screen, &mut self.words);
+            let (views, screen, pixels) = (self.views, &self.screen, &mut *self.pixels);
             self.stats.time(stage, pass, || {
                 if pass == 1 && !large {
-                    words.par_chunks_mut(1 << 15).for_each(|chunk| chunk.fill(0));
+                    pixels.par_chunks_mut(1 << 15).for_each(|chunk| chunk.fill(P::default()));
                 }
-                let sink = Nearest(as_atomic(words));
+                let sink = Nearest(P::cells(pixels));
                 let mut received = 0;
                 let mut chosen = Vec::with_capacity(new.len());
                 for (candidate, &number) in new.iter().zip(&numbers) {

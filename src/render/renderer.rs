@@ -1,19 +1,20 @@
 //! The facade: checks what it is given, runs the stages in order, hands out the frame.
 
-use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 #[cfg(feature = "gpu")]
 use super::device;
-use super::frame::{Frame, Spare};
+use super::frame::Frame;
 use super::pass::Pass;
+use super::picture::{Picture, Spare};
 use super::stages::Stage;
 use super::stats::FrameStats;
 use crate::config::{Calibration, Output, Raster, RenderOptions};
+use crate::cpu::cluster_cull::Candidate;
 use crate::cpu::hzb::Hzb;
 use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen};
-use crate::cpu::visibility::{Visible, covered};
+use crate::cpu::visibility::{Pixel, Visible};
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
 use crate::scene::placement::Eye;
@@ -117,8 +118,8 @@ impl<'a> Shot<'a> {
 
 /// What the culling and raster stages leave for those after them.
 pub(super) struct Rastered {
-    /// The visibility buffer.
-    pub(super) words: Vec<u64>,
+    /// The visibility buffer, or depth.
+    pub(super) picture: Picture,
     /// The frame's instances.
     pub(super) views: Vec<InstanceView>,
     /// The frame's visible list.
@@ -152,8 +153,7 @@ impl Renderer {
             }
         }
         let (device, reason) = Device::choose(backend)?;
-        let spare = Arc::new(Mutex::new(Vec::new()));
-        Ok(Self { width, height, device, reason, hzb: Hzb::default(), spare })
+        Ok(Self { width, height, device, reason, hzb: Hzb::default(), spare: Spare::default() })
     }
 
     /// Width, pixels.
@@ -217,8 +217,8 @@ impl Renderer {
             .collect::<Result<_>>()?;
         let rastered = self.draw(&shots)?;
         let spare = &self.spare;
-        let frame = |(shot, rastered)| finished(shot, rastered, Arc::clone(spare));
-        let mut frames: Vec<Frame> = shots.into_iter().zip(rastered).map(frame).collect();
+        let frame = |(shot, rastered)| finished(shot, rastered, spare.clone());
+        let mut frames: Vec<Frame> = shots.into_iter().zip(rastered).map(frame).collect::<Result<_>>()?;
         let total_ms = start.elapsed().as_secs_f64() * 1e3;
         frames.iter_mut().for_each(|frame| frame.stats.total_ms = total_ms);
         Ok(frames)
@@ -228,8 +228,9 @@ impl Renderer {
     fn draw(&mut self, shots: &[Shot<'_>]) -> Result<Vec<Rastered>> {
         #[cfg(feature = "gpu")]
         if let Device::Gpu { device, replaceable } = &mut self.device {
-            let words = shots.iter().map(|_| spare_words(&self.spare, self.width, self.height)).collect();
-            match device.draw(shots, words) {
+            let pixels = self.width as usize * self.height as usize;
+            let picture = |shot: &Shot<'_>| self.spare.take(pixels, shot.options.depth_only);
+            match device.draw(shots, shots.iter().map(picture).collect()) {
                 Err(error @ Error::Backend { .. }) if *replaceable => {
                     (self.device, self.reason) = (Device::Cpu, error.to_string());
                 }
@@ -240,8 +241,9 @@ impl Renderer {
     }
 
     fn draw_on_cpu(&mut self, shot: &Shot<'_>) -> Result<Rastered> {
-        let words = spare_words(&self.spare, self.width, self.height);
         let Shot { scene, view, eye, screen, options, .. } = shot;
+        let pixels = self.width as usize * self.height as usize;
+        let mut picture = self.spare.take(pixels, options.depth_only);
         let mut stats = FrameStats { raster: Raster::Compute, ..FrameStats::default() };
         let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
         let views = stats.time(Stage::InstanceCull, 1, || {
@@ -250,41 +252,51 @@ impl Renderer {
             (views, instances.len() as u64, count)
         });
         stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
-        let mut pass = Pass { screen: *screen, tau: options.pixel_error, views, words, stats };
-        let list = pass.draw_scene(options.occlusion, &mut self.hzb)?;
-        let Pass { views, words, mut stats, .. } = pass;
-        stats.covered_pixels = covered(&words);
+        let hzb = &mut self.hzb;
+        let list = match &mut picture {
+            Picture::Words(words) => raster(shot, &views, words, hzb, &mut stats)?,
+            depth @ Picture::Depth(_) => raster(shot, &views, depth.bits(), hzb, &mut stats)?,
+        };
+        stats.covered_pixels = picture.covered();
+        picture.measure(screen, &mut stats);
         let visible = list.iter().map(|c| c.visible).collect();
         let large = list.iter().map(|c| c.large).collect();
-        Ok(Rastered { words, views, visible, large, made: Vec::new(), stats })
+        Ok(Rastered { picture, views, visible, large, made: Vec::new(), stats })
     }
 }
 
-/// A visibility buffer, of an earlier frame if there is one.
-fn spare_words(spare: &Spare, width: u32, height: u32) -> Vec<u64> {
-    let count = width as usize * height as usize;
-    let words = spare.lock().ok().and_then(|mut s| s.pop()).unwrap_or_default();
-    if words.len() == count { words } else { vec![0; count] }
+/// Culls and draws into pixels of one kind or the other; returns the frame's visible list.
+fn raster<P: Pixel>(
+    shot: &Shot<'_>,
+    views: &[InstanceView],
+    pixels: &mut [P],
+    hzb: &mut Hzb,
+    stats: &mut FrameStats,
+) -> Result<Vec<Candidate>> {
+    let Shot { screen, options, .. } = shot;
+    Pass { screen: *screen, tau: options.pixel_error, views, pixels, stats }
+        .draw_scene(options.occlusion, hzb)
 }
 
 /// The frame of what was drawn, with the arrays asked for.
-fn finished(shot: Shot<'_>, rastered: Rastered, spare: Spare) -> Frame {
-    let Rastered { words, views, visible, large, made, mut stats } = rastered;
+fn finished(shot: Shot<'_>, rastered: Rastered, spare: Spare) -> Result<Frame> {
+    let Rastered { picture, views, visible, large, made, mut stats } = rastered;
     stats.clusters = visible.len() as u64;
     let record = |v: &Visible| views[v.instance as usize].mesh.record(v.cluster);
     stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
     let drawn = |stage| stats.stages.iter().filter(|s| s.stage == stage).map(|s| s.passed).sum();
     (stats.drawn_small, stats.drawn_large) = (drawn(Stage::RasterSmall), drawn(Stage::RasterLarge));
     let Shot { view, eye, screen, lighting, options, .. } = shot;
-    let mut frame = Frame { words, visible, large, views, screen, view, eye, lighting, made, spare, stats };
-    frame.finish(options.outputs);
-    frame
+    let mut frame = Frame { picture, visible, large, views, screen, view, eye, lighting, made, spare, stats };
+    frame.finish(options.outputs)?;
+    Ok(frame)
 }
 
 #[cfg(test)]
 #[cfg(feature = "gpu")]
 mod tests {
     use std::io::Write;
+    use std::sync::Arc;
 
     use super::*;
     use crate::build::{Silent, build};
@@ -331,6 +343,6 @@ mod tests {
         let (frame, backend, reason) = draw(true);
         assert!(backend == Backend::Cpu && reason.contains("is out of memory: "), "{reason}");
         let frame = frame.unwrap();
-        assert!(frame.words() == expected.words() && frame.stats.covered_pixels > 0);
+        assert!(frame.words().unwrap() == expected.words().unwrap() && frame.stats.covered_pixels > 0);
     }
 }

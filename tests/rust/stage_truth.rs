@@ -844,10 +844,13 @@ fn drawn(
     draws[usize::from(large)] = dispatch(count, 1, count);
     let (view, instance) = (words(std::slice::from_ref(view)), [Instance { vertex_words: 3, ..instance }]);
     let mut results = Vec::new();
-    let two_passes = vec![Words::Keys, Words::Lows];
-    let forms = if device.wide_atomics() { vec![vec![Words::Wide], two_passes] } else { vec![two_passes] };
+    let mut keys = Vec::new();
+    let mut forms = vec![vec![Words::Depth], vec![Words::Keys, Words::Lows]];
+    forms.extend(device.wide_atomics().then(|| vec![Words::Wide]));
     for form in forms {
-        let (mut picture, mut counters) = (vec![0; 2 * SIDE * SIDE], vec![0; size_of::<Counters>() / 4]);
+        let alone = form == [Words::Depth];
+        let pixels = if alone { SIDE * SIDE } else { 2 * SIDE * SIDE };
+        let (mut picture, mut counters) = (vec![0; pixels], vec![0; size_of::<Counters>() / 4]);
         for pass in form {
             let kernel = if large { Kernel::RasterLarge(pass) } else { Kernel::RasterSmall(pass) };
             let bindings: [&[u32]; 12] = [
@@ -869,10 +872,16 @@ fn drawn(
         }
         let counters: Counters = entry(&counters);
         let triangles = if large { counters.drawn_large } else { counters.drawn_small };
-        results.push((picture.chunks(2).map(|word| (word[1], word[0])).collect(), triangles));
+        if alone {
+            keys.push((picture, triangles));
+        } else {
+            results.push((picture.chunks(2).map(|word| (word[1], word[0])).collect(), triangles));
+        }
     }
     assert!(results.iter().all(|result| *result == results[0]), "two passes draw the same");
-    results.swap_remove(0)
+    let (pixels, triangles): (Vec<(u32, u32)>, u32) = results.swap_remove(0);
+    assert_eq!(keys, [(pixels.iter().map(|(key, _)| *key).collect(), triangles)], "keys alone are the same");
+    (pixels, triangles)
 }
 
 /// A parallel view whose world is its picture: x right and y down, pixels; and depth.
@@ -1022,12 +1031,18 @@ fn pyramids_hold_the_farthest_of_each_square() {
     let build = |width: u32, height: u32, levels: &[[u32; 4]], keys: &[u32], rounds: u32| {
         let mut pyramid = [[0; 4]; PYRAMID_LEVELS];
         pyramid[..levels.len()].copy_from_slice(levels);
-        let view = View { width, height, levels: levels.len() as u32, pyramid, ..view() };
+        let whole = View { width, height, levels: levels.len() as u32, pyramid, ..view() };
+        let alone = View { depth_only: 1, ..whole };
         let picture: Vec<u32> = keys.iter().flat_map(|key| [7, *key]).collect();
         let texels: u32 = levels.iter().map(|[columns, rows, ..]| columns * rows).sum();
-        (0..rounds).fold(vec![0; texels as usize], |keys, round| {
-            run(&device, Kernel::Hzb(round), &[words(&[view]), &picture, &keys]).swap_remove(2)
-        })
+        // Of words, and of keys alone.
+        let [of_words, of_keys] = [(whole, &picture[..]), (alone, keys)].map(|(view, picture)| {
+            (0..rounds).fold(vec![0; texels as usize], |keys, round| {
+                run(&device, Kernel::Hzb(round), &[words(&[view]), picture, &keys]).swap_remove(2)
+            })
+        });
+        assert_eq!(of_keys, of_words);
+        of_words
     };
     #[rustfmt::skip]
     let picture = [

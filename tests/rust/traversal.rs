@@ -39,7 +39,7 @@ fn agree(forms: &mut Forms, renderer: &mut Renderer, view: &View) -> [Found; 3] 
     assert!(queue.visible == levels.visible, "another list");
     assert_eq!((queue.nodes, queue.groups), (levels.nodes, levels.groups));
     assert!(set(flat) == set(levels), "other clusters");
-    let ways = Ways { wide_atomics: true, occlusion: false, raster: Raster::Compute };
+    let ways = Ways { wide_atomics: true, occlusion: false, raster: Raster::Compute, depth_only: false };
     let mut words = vec![0; (view.width * view.height) as usize];
     assert!(
         renderer.draw(&mut [Job::new(*view, &mut words)], ways).unwrap()[0].visible == levels.visible,

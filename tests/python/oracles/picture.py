@@ -109,11 +109,17 @@ class Picture:
 
     def render(self, view: View, zfar: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Colour (H, W, 3) uint8 and linear depth (H, W) float32, 0 for background."""
-        pyrender = import_pyrender()
-        camera = pyrender.PerspectiveCamera(yfov=view.yfov, znear=view.znear, zfar=zfar)
+        color, depth = self._draw(view, zfar, import_pyrender().RenderFlags.NONE)
+        return np.array(color[..., :3]), np.array(depth)
+
+    def depth(self, view: View, zfar: float | None = None) -> np.ndarray:
+        """Linear depth as above, by the pass that draws nothing else."""
+        return np.array(self._draw(view, zfar, import_pyrender().RenderFlags.DEPTH_ONLY))
+
+    def _draw(self, view: View, zfar: float | None, flags: int):
+        camera = import_pyrender().PerspectiveCamera(yfov=view.yfov, znear=view.znear, zfar=zfar)
         node = self.scene.add(camera, pose=view.pose)
         try:
-            color, depth = _offscreen(view.width, view.height).render(self.scene)
+            return _offscreen(view.width, view.height).render(self.scene, flags=flags)
         finally:
             self.scene.remove_node(node)
-        return np.array(color[..., :3]), np.array(depth)

@@ -1,0 +1,7 @@
+// A visibility buffer of keys alone: one 32-bit maximum.
+
+@group(0) @binding(7) var<storage, read_write> words: array<atomic<u32>>;
+
+fn put(pixel: u32, key: u32, low: u32) {
+    atomicMax(&words[pixel], key);
+}
