@@ -115,7 +115,8 @@ def test_covered_pixels_lie_on_the_source(shots: Shots) -> None:
         )
         assert over.max() <= 0, (tau, np.count_nonzero(over > 0), over.max())
         # The rule bounds every error by τ pixels where it is seen: so is the distance of each pixel.
-        allowed = tau * np.linalg.norm(points - view.pose[:3, 3], axis=1) / (view.focal * view.sec2_diagonal)
+        # At an angle θ off the axis a unit is f·sec²θ ÷ distance pixels long at most.
+        allowed = tau * slant * depth / (view.focal * slant**2)
         assert (away - allowed - rounding).max() <= 0, tau
 
 

@@ -35,11 +35,6 @@ class View:
         """Pixels per unit of tangent."""
         return self.height / 2 / np.tan(self.yfov / 2)
 
-    @property
-    def sec2_diagonal(self) -> float:
-        """sec² of the angle between the axis and the image corner."""
-        return 1 + ((self.width / 2) ** 2 + (self.height / 2) ** 2) / self.focal**2
-
     def with_size(self, width: int, height: int) -> View:
         """The same field of view at another resolution."""
         return View(self.pose, self.yfov, width, height, self.znear)
