@@ -138,11 +138,13 @@ pub fn grow(
     if !meter.advance(source_faces) {
         return Err(Error::Cancelled);
     }
+    let enough = (source_faces as u64 / ROOT_PART).clamp(FEWEST_TRIANGLES, ROOT_TRIANGLES);
     let seen = || Sight::of(bounds, &store.positions, faces.as_flattened());
     let sight = options.preserve_area.then(seen);
     // What nobody asked for makes room for the levels.
     let face_rows = options.face_ids.then_some((faces, face_rows));
-    let mut graph = Growth { content, clusters, groups: Vec::new(), reference: None, sight, source_faces };
+    let mut graph =
+        Growth { content, clusters, groups: Vec::new(), reference: None, sight, source_faces, enough };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
         pending = graph.round(&mut store, pending, round, options, &meter, report)?;
@@ -197,11 +199,16 @@ struct Growth {
     sight: Option<Sight>,
     /// Faces of the source after mending.
     source_faces: usize,
+    /// A root of no more triangles is left as it is.
+    enough: u64,
 }
 
-/// A single cluster is simplified further while it has more: of a mesh far away a few are enough. Fewer make no shape: a
-/// cube ends as two back to back.
-const ROOT_TRIANGLES: u64 = 8;
+/// A single cluster is simplified further while it has more than this part of the source,
+const ROOT_PART: u64 = 100;
+/// or more than these: of what is far away a few are enough.
+const ROOT_TRIANGLES: u64 = 32;
+/// Fewer triangles make no shape: a cube ends as two back to back.
+const FEWEST_TRIANGLES: u64 = 8;
 /// Rounds of no more than this part of the source need little memory.
 const SMALL_ROUND_PART: u64 = 100;
 
@@ -225,7 +232,7 @@ impl Growth {
         let positions = Arc::new(RoundPositions::new(store, &meshes));
         let groups = partition(store.layout, &meshes, &positions, options);
         let single = pending.len() == 1;
-        if single && level.triangles <= ROOT_TRIANGLES || round + 1 == MAX_ROUNDS {
+        if single && level.triangles <= self.enough || round + 1 == MAX_ROUNDS {
             level.groups = groups.len() as u32;
             for group in &groups {
                 let members: Vec<u32> = group.iter().map(|c| pending[*c as usize]).collect();
