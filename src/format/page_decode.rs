@@ -184,11 +184,16 @@ fn read_identities(
     out: &mut [u32],
 ) -> Read<usize> {
     let Buffers { plane, codes: [shared, earlier, ids], symbols: uses, places, .. } = buffers;
-    reader.bytes(places.len().div_ceil(USES_PER_BYTE), uses)?;
-    let kind = |i: usize| uses[i / USES_PER_BYTE] >> (USE_BITS * (i % USES_PER_BYTE)) & ((1 << USE_BITS) - 1);
-    let count = |of: u8| (0..places.len()).filter(|i| kind(*i) == of).count();
-    reader.words(count(SHARED), plane, shared)?;
-    reader.words(count(EARLIER), plane, earlier)?;
+    reader.bytes(places.len().div_ceil(USES_PER_BYTE), plane)?;
+    uses.clear();
+    for byte in &*plane {
+        uses.extend((0..USES_PER_BYTE).map(|k| byte >> (USE_BITS * k) & ((1 << USE_BITS) - 1)));
+    }
+    uses.truncate(places.len());
+    let mut counts = [0; 1 << USE_BITS];
+    uses.iter().for_each(|u| counts[usize::from(*u)] += 1);
+    reader.words(counts[usize::from(SHARED)], plane, shared)?;
+    reader.words(counts[usize::from(EARLIER)], plane, earlier)?;
     sum(shared);
     sum(earlier);
     let (mut shared, mut earlier) = (shared.iter(), earlier.iter());
@@ -197,7 +202,7 @@ fn read_identities(
     let mut number = 0;
     for shape in shapes {
         for slot in &mut out[shape.data + 4 * shape.vertices..][..shape.vertices] {
-            let id = match kind(number) {
+            let id = match uses[number] {
                 FIRST => {
                     next = next.wrapping_add(1);
                     next.wrapping_sub(1)

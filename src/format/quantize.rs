@@ -185,7 +185,8 @@ fn median_edge_exponent(dag: &Dag) -> i32 {
     median.map_or(0, |bin| bin as i32 - BINS)
 }
 
-/// The nearest point of the grid.
+/// The nearest point of the grid. Never inlined: LLVM 22 crashes over it in a loop with minima and maxima.
+#[inline(never)]
 fn snap(p: [f32; 3], grid: Grid) -> [f32; 3] {
     // Adding zero turns −0 into +0, so that equal positions have equal bits.
     p.map(|x| (x * grid.steps()).round_ties_even() * grid.step() + 0.0)
@@ -194,16 +195,18 @@ fn snap(p: [f32; 3], grid: Grid) -> [f32; 3] {
 /// The square of the largest distance that a vertex of a page moves, internal units, and the boxes of its clusters after.
 fn survey(dag: &Dag, page: usize, grid: Grid) -> (f64, Vec<Aabb>) {
     let mut most = 0f64;
-    let of_cluster = |slot: usize| {
+    let mut boxes = Vec::new();
+    let mut snapped: Vec<[f32; 3]> = Vec::new();
+    for slot in 0..dag.pages.table[page].clusters as usize {
         let positions = geometry(dag, page, slot).positions;
-        positions.iter().fold(Aabb::EMPTY, |bounds, p| {
-            let q = snap(*p, grid);
+        snapped.clear();
+        snapped.extend(positions.iter().map(|p| snap(*p, grid)));
+        for (p, q) in positions.iter().zip(&snapped) {
             let squared = (0..3).map(|k| (f64::from(p[k]) - f64::from(q[k])).powi(2)).sum();
             most = most.max(squared);
-            bounds.union(&Aabb { min: q, max: q })
-        })
-    };
-    let boxes = (0..dag.pages.table[page].clusters as usize).map(of_cluster).collect();
+        }
+        boxes.push(Aabb::of_points(&snapped));
+    }
     (most, boxes)
 }
 

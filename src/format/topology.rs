@@ -141,12 +141,14 @@ pub fn encode(triangles: &[[u8; 3]], symbols: &mut Vec<u8>, extra: &mut Vec<u8>,
     }
 }
 
+/// How many extra bytes each symbol takes.
+const EXTRA_BYTES: [u8; START as usize + 1] = [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 1, 1, 2, 3];
+
 /// How many extra bytes symbols take.
 pub fn extra_bytes(symbols: &[u8]) -> usize {
-    let of = |s: u8| {
-        if s >= START { 3 } else { usize::from(s / SKIP == MANY) + usize::from(s % SKIP == OTHER) }
-    };
-    symbols.iter().map(|s| of(*s)).sum()
+    let mut counts = [0; 256];
+    symbols.iter().for_each(|s| counts[usize::from(*s)] += 1);
+    counts.iter().zip(EXTRA_BYTES).map(|(count, bytes)| count * usize::from(bytes)).sum()
 }
 
 /// The inverse of [`encode`]: fills the corners of `triangles` and the sources of so many vertices, and takes its extra

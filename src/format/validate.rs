@@ -73,6 +73,7 @@ fn metadata(dag: &Dag) -> Result<(), Fault> {
         && finite(&dag.bounds.min)
         && finite(&dag.bounds.max);
     ensure(sound, Kind::Metadata, || "frame or bounds are not finite".into())?;
+    dag.grid.map_or(Ok(()), grid).map_err(|what| (Kind::Metadata, what.into()))?;
     // Identities are used as indices: a file cannot make a reader allocate more than it holds itself.
     let words = dag.pages.words.len();
     ensure(dag.vertex_count as usize <= words, Kind::Metadata, || {

@@ -47,7 +47,7 @@ pub fn cut_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
     let largest = largest(dag, clusters, Group::distance);
     let rounding = dag.rounding();
     let error = f64::from(largest) * dag.frame.scale + rounding;
-    if rounding > 0.0 { error.next_up() } else { error }
+    if largest > 0.0 && rounding > 0.0 { error.next_up() } else { error }
 }
 
 /// How many triangles the cut for each estimate has: found once, then any budget is a search in a table.
