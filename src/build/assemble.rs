@@ -56,8 +56,7 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
     let (names, vertex_count) = order::by_first_use(uses, store.count());
     let mut channels = graph.channels.finish(&store.attributes, store.stride, &store.labels);
     for channel in &mut channels {
-        channel.words =
-            order::renamed_rows(&channel.words, channel.info.width(), &names, vertex_count);
+        channel.words = order::renamed_rows(&channel.words, channel.info.width(), &names, vertex_count);
     }
     let pages = write_pages(&graph, plan, &renamed, &names);
     let face_ids = graph.face_rows.as_ref().map(|(faces, rows)| face_ids(&pages, faces, rows, &names));

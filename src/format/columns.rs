@@ -20,7 +20,11 @@ pub struct Whole;
 impl<const N: usize> Column<N> for Whole {
     #[inline(always)]
     fn predict(&self, p: [u32; N], q: [u32; N], r: [u32; N]) -> [u32; N] {
-        std::array::from_fn(|k| p[k].wrapping_add(q[k]).wrapping_sub(r[k]))
+        let mut out = p;
+        for k in 0..N {
+            out[k] = p[k].wrapping_add(q[k]).wrapping_sub(r[k]);
+        }
+        out
     }
 
     #[inline(always)]
@@ -49,8 +53,11 @@ fn unordered(number: u32) -> u32 {
 
 impl<const N: usize> Column<N> for Float {
     fn predict(&self, p: [u32; N], q: [u32; N], r: [u32; N]) -> [u32; N] {
-        let value = |k: usize| f32::from_bits(p[k]) + f32::from_bits(q[k]) - f32::from_bits(r[k]);
-        std::array::from_fn(|k| value(k).to_bits())
+        let mut out = p;
+        for k in 0..N {
+            out[k] = (f32::from_bits(p[k]) + f32::from_bits(q[k]) - f32::from_bits(r[k])).to_bits();
+        }
+        out
     }
 
     fn code(&self, value: u32, expected: u32) -> u32 {
@@ -79,7 +86,8 @@ impl Normal {
 impl Column<2> for Normal {
     #[inline(always)]
     fn predict(&self, p: [u32; 2], q: [u32; 2], _: [u32; 2]) -> [u32; 2] {
-        [0, 1].map(|k| (p[k].wrapping_add(q[k]).cast_signed() >> 1).cast_unsigned())
+        let mean = |p: u32, q: u32| (p.wrapping_add(q).cast_signed() >> 1).cast_unsigned();
+        [mean(p[0], q[0]), mean(p[1], q[1])]
     }
 
     #[inline(always)]

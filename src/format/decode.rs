@@ -129,7 +129,11 @@ impl<'a> Container<'a> {
             end = entry.offset.saturating_add(entry.length);
         }
         let size = source.input.length();
-        if end == size { Ok(()) } else { Err(source.fail(end, format!("sections end here, the file at {size}"))) }
+        if end == size {
+            Ok(())
+        } else {
+            Err(source.fail(end, format!("sections end here, the file at {size}")))
+        }
     }
 
     fn entry(&self, kind: Kind) -> Option<Entry> {
@@ -219,9 +223,9 @@ impl<'a> Container<'a> {
     fn channels(&self, infos: Vec<ChannelInfo>, vertices: u32) -> Result<Vec<Channel>> {
         let Some(section) = self.section(Kind::Channels)? else {
             return match infos.first() {
-                Some(info) => {
-                    Err(self.source.fail(HEADER_BYTES as u64, format!("channel {:?} has no section", info.name)))
-                }
+                Some(info) => Err(self
+                    .source
+                    .fail(HEADER_BYTES as u64, format!("channel {:?} has no section", info.name))),
                 None => Ok(Vec::new()),
             };
         };
@@ -262,7 +266,8 @@ impl<'a> Container<'a> {
         }
         let ends = rows.iter().skip(1).map(|row| row.first_group as usize).chain([groups.len()]);
         let tasks: Vec<_> = rows.iter().zip(ends).zip(slices).enumerate().collect();
-        let decode = |tools: &mut Result<Decoder>, (p, ((row, end), out)): (usize, ((&PageRow, usize), &mut [u32]))| {
+        let decode = |tools: &mut Result<Decoder>,
+                      (p, ((row, end), out)): (usize, ((&PageRow, usize), &mut [u32]))| {
             let decoder = match tools {
                 Ok(decoder) => decoder,
                 Err(error) => return Err(Error::Invariant(error.to_string())),

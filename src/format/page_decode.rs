@@ -80,10 +80,12 @@ impl Decoder {
             Some(grid) => {
                 let (step, mut inside) = (grid.step(), true);
                 rows.read(&Whole, |out, shape, i, row: [u32; 3]| {
-                    let whole = row.map(u32::cast_signed);
-                    inside &= whole.iter().all(|q| q.unsigned_abs() <= MAX_STEPS.unsigned_abs());
-                    let at = shape.data + 3 * i;
-                    out[at..at + 3].copy_from_slice(&whole.map(|q| (q as f32 * step).to_bits()));
+                    let to = &mut out[shape.data + 3 * i..][..3];
+                    for k in 0..3 {
+                        let whole = row[k].cast_signed();
+                        inside &= whole.unsigned_abs() <= MAX_STEPS.unsigned_abs();
+                        to[k] = (whole as f32 * step).to_bits();
+                    }
                 })?;
                 if !inside {
                     return Err("a position beyond the grid");
@@ -94,9 +96,13 @@ impl Decoder {
             })?,
         }
         let bits = context.normal_bits();
-        rows.read(&Normal { bits }, |out, shape, i, row| {
-            let [x, y] = row.map(|t| u32::from(widen(t.cast_signed(), bits)));
-            out[shape.data + 3 * shape.vertices + i] = x | y << NORMAL_BITS;
+        // By the low bits of a coordinate.
+        let unused = u32::BITS - bits;
+        let signed = |low: u32| (low << unused).cast_signed() >> unused;
+        let wide: Vec<u32> = (0..1 << bits).map(|low| u32::from(widen(signed(low), bits))).collect();
+        let wide = |t: u32| wide[t as usize & (wide.len() - 1)];
+        rows.read(&Normal { bits }, |out, shape, i, [x, y]| {
+            out[shape.data + 3 * shape.vertices + i] = wide(x) | wide(y) << NORMAL_BITS;
         })?;
         if layout.colors {
             rows.read(&Color, |out, shape, i, [color]| out[shape.data + 5 * shape.vertices + i] = color)?;
@@ -251,9 +257,12 @@ impl Rows<'_, '_> {
             rest = after;
             for (i, place) in own.iter().enumerate() {
                 let row = if place.known == NO_NUMBER {
-                    let [p, q, r] = place.sources.map(|s| local[usize::from(s)]);
-                    let expected = column.predict(p, q, r);
-                    let row = std::array::from_fn(|k| column.value(codes[k][rows.len()], expected[k]));
+                    let [p, q, r] = place.sources;
+                    let (p, q, r) = (local[usize::from(p)], local[usize::from(q)], local[usize::from(r)]);
+                    let mut row = column.predict(p, q, r);
+                    for k in 0..N {
+                        row[k] = column.value(codes[k][rows.len()], row[k]);
+                    }
                     rows.push(row);
                     row
                 } else {

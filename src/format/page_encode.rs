@@ -40,7 +40,12 @@ fn write_rows<const N: usize>(
 }
 
 /// Appends the bytes of a page to `writer`; how many are of which part.
-pub fn encode(context: &Context<'_>, words: &[u32], clusters: usize, writer: &mut Writer) -> Result<PartBytes> {
+pub fn encode(
+    context: &Context<'_>,
+    words: &[u32],
+    clusters: usize,
+    writer: &mut Writer,
+) -> Result<PartBytes> {
     let layout = context.layout;
     let records: &[ClusterRecord] = bytemuck::cast_slice(&words[..clusters * RECORD_WORDS]);
     let shape = |r: &ClusterRecord| Shape {

@@ -126,7 +126,8 @@ impl<'a> Reader<'a> {
             CONSTANT if data.len() == 1 => out.resize(count, data[0]),
             ZSTD => {
                 out.reserve(count);
-                let written = self.zstd.decompress_to_buffer(data, out).map_err(|_| "a plane is no zstd frame")?;
+                let written =
+                    self.zstd.decompress_to_buffer(data, out).map_err(|_| "a plane is no zstd frame")?;
                 if written != count {
                     return Err("a plane has another length than it should");
                 }

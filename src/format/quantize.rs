@@ -69,7 +69,8 @@ impl<'a> Rounded<'a> {
         }
 
         let mut clusters = pages.iter().flat_map(|p| &p.1);
-        let of_group = |g: &Group| clusters.by_ref().take(g.count as usize).fold(Aabb::EMPTY, |b, c| b.union(c));
+        let of_group =
+            |g: &Group| clusters.by_ref().take(g.count as usize).fold(Aabb::EMPTY, |b, c| b.union(c));
         let boxes: Vec<Aabb> = dag.groups.iter().map(of_group).collect();
         let mut groups = dag.groups.clone();
         for (group, bounds) in groups.iter_mut().zip(&boxes) {

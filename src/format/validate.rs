@@ -11,8 +11,8 @@ use super::quantize::MAX_EXPONENT;
 use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, MAX_ROUNDS, PAGE_MAX_CLUSTERS,
 };
-use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
 use crate::math::octahedral::NORMAL_BITS;
+use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
 use crate::model::{Channel, Dag, Grid, Group, PageEntry};
 
 type Fault = (Kind, String);

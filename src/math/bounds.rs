@@ -3,7 +3,6 @@
 
 use super::Aabb;
 use super::sphere::round_up;
-use super::triangle::area_normal;
 
 /// The bounds of a cluster.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,25 +19,43 @@ pub struct Bounds {
     pub cone: [i8; 4],
 }
 
+/// Most triangles of a call: a cluster's.
+const MOST: usize = crate::limits::CLUSTER_MAX_TRIANGLES;
+
 impl Bounds {
-    /// The bounds of triangles over points.
+    /// The bounds of the triangles of a cluster, at most [`CLUSTER_MAX_TRIANGLES`](crate::limits::CLUSTER_MAX_TRIANGLES).
     pub fn of(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> Self {
         let (center, extent) = Aabb::of_points(points).center_extent();
-        let squared = |p: &[f32; 3]| (0..3).map(|k| (f64::from(p[k]) - f64::from(center[k])).powi(2)).sum();
-        let radius = round_up(points.iter().map(squared).fold(0.0, f64::max).sqrt());
-        let max_edge = round_up(longest_edge(points, triangles));
-        Self { center, extent, radius, max_edge, cone: cone(points, triangles) }
+        let mut farthest = 0f64;
+        for p in points {
+            let d = difference(*p, center);
+            farthest = farthest.max(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        }
+        let mut longest = 0f64;
+        let mut normals = [[0.0; 3]; MOST];
+        let mut count = 0;
+        for t in triangles {
+            let [a, b, c] = [points[usize::from(t[0])], points[usize::from(t[1])], points[usize::from(t[2])]];
+            let (u, v, w) = (difference(b, a), difference(c, a), difference(c, b));
+            for e in [u, v, w] {
+                longest = longest.max(e[0] * e[0] + e[1] * e[1] + e[2] * e[2]);
+            }
+            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            let inverse = 1.0 / (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+            // Triangles without area are never drawn.
+            if inverse.is_finite() {
+                normals[count] = [n[0] * inverse, n[1] * inverse, n[2] * inverse];
+                count += 1;
+            }
+        }
+        let (radius, max_edge) = (round_up(farthest.sqrt()), round_up(longest.sqrt()));
+        Self { center, extent, radius, max_edge, cone: cone(&normals[..count]) }
     }
 }
 
-fn longest_edge(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> f64 {
-    let squared = |a: u8, b: u8| {
-        let (a, b) = (points[usize::from(a)], points[usize::from(b)]);
-        (0..3).map(|k| (f64::from(a[k]) - f64::from(b[k])).powi(2)).sum::<f64>()
-    };
-    let edges =
-        triangles.iter().flat_map(|t| [squared(t[0], t[1]), squared(t[1], t[2]), squared(t[2], t[0])]);
-    edges.fold(0.0, f64::max).sqrt()
+#[inline(always)]
+fn difference(a: [f32; 3], b: [f32; 3]) -> [f64; 3] {
+    [f64::from(a[0]) - f64::from(b[0]), f64::from(a[1]) - f64::from(b[1]), f64::from(a[2]) - f64::from(b[2])]
 }
 
 /// The backface cone: mean normal and the sine of the widest angle to it, in signed bytes rounded so that the
@@ -46,17 +63,12 @@ fn longest_edge(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> f64 {
 ///
 /// Olano and Kuehne's normal cones in the form of meshoptimizer's bounds: all triangles face away from `eye`
 /// when dot(c − eye, axis) ≥ cutoff·|c − eye| + radius.
-fn cone(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> [i8; 4] {
+fn cone(normals: &[[f64; 3]]) -> [i8; 4] {
     const NEVER: [i8; 4] = [0, 0, 0, 127];
-    let normal = |t: &[u8; 3]| {
-        let n = area_normal(t.map(|v| points[usize::from(v)]));
-        let size = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-        let inverse = 1.0 / size;
-        inverse.is_finite().then(|| n.map(|x| x * inverse))
-    };
-    // Triangles without area are never drawn.
-    let normals: Vec<[f64; 3]> = triangles.iter().filter_map(normal).collect();
-    let sum = normals.iter().fold([0.0; 3], |s, n| [s[0] + n[0], s[1] + n[1], s[2] + n[2]]);
+    let mut sum = [0.0; 3];
+    for n in normals {
+        sum = [sum[0] + n[0], sum[1] + n[1], sum[2] + n[2]];
+    }
     let size = (sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]).sqrt();
     if size < 1.0e-6 {
         return NEVER;
@@ -64,8 +76,10 @@ fn cone(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> [i8; 4] {
     let packed = sum.map(|x| (x / size * 127.0).round() as i8);
     let axis = packed.map(|x| f64::from(x) / 127.0);
     let length = (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]).sqrt();
-    let dot = |n: &[f64; 3]| (n[0] * axis[0] + n[1] * axis[1] + n[2] * axis[2]) / length;
-    let narrowest = normals.iter().map(dot).fold(1.0, f64::min);
+    let mut narrowest = 1f64;
+    for n in normals {
+        narrowest = narrowest.min((n[0] * axis[0] + n[1] * axis[1] + n[2] * axis[2]) / length);
+    }
     // Below a tenth the cone covers nearly a half space and would never cull anything.
     if narrowest <= 0.1 {
         return NEVER;

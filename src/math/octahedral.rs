@@ -52,7 +52,8 @@ pub fn narrow(packed: u32, bits: u32) -> [i32; 2] {
 /// The coordinate of a packed direction for one of `bits` bits; the inverse of [`narrow`].
 pub fn widen(t: i32, bits: u32) -> u16 {
     let (most, scale) = (largest(bits), largest(NORMAL_BITS));
-    let wide = if bits == NORMAL_BITS { t } else { (2 * t.max(-most) * scale + most * t.signum()) / (2 * most) };
+    let wide =
+        if bits == NORMAL_BITS { t } else { (2 * t.max(-most) * scale + most * t.signum()) / (2 * most) };
     wide as i16 as u16
 }
 

@@ -215,7 +215,10 @@ impl Mesh {
         out.set_item("uv_sets", metadata.layout.uv_sets)?;
         out.set_item("materials", metadata.layout.materials)?;
         out.set_item("channels", metadata.channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>())?;
-        out.set_item("bounds", metadata.bounds.map(|corner| metadata.frame.to_object(corner).to_vec()).to_vec())?;
+        out.set_item(
+            "bounds",
+            metadata.bounds.map(|corner| metadata.frame.to_object(corner).to_vec()).to_vec(),
+        )?;
         out.set_item("origin", metadata.frame.origin.to_vec())?;
         out.set_item("precision", metadata.grid.map(|grid| precision(&metadata.frame, grid)))?;
         out.set_item("rounding", metadata.frame.rounding_on(metadata.grid))?;

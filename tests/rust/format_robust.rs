@@ -124,7 +124,9 @@ fn files_hold_the_quantized_mesh() {
     let path = folder.path().join("a.nanite");
     for dag in [rich_mesh(20), build_mesh(&shapes::torus(50, 20))] {
         let exact = to_bytes(&dag).unwrap().len();
-        for precision in [0.1, 0.001, 1.0e-6, 1.0e-12].map(Precision::Step).into_iter().chain([Precision::Auto]) {
+        for precision in
+            [0.1, 0.001, 1.0e-6, 1.0e-12].map(Precision::Step).into_iter().chain([Precision::Auto])
+        {
             let expected = rounded(&dag, precision);
             save(&dag, &path, precision).unwrap();
             let read = open(&path).unwrap();
@@ -145,7 +147,10 @@ fn files_hold_the_quantized_mesh() {
             assert_eq!(std::fs::read(&path).unwrap(), bytes);
             assert!(from_bytes(&bytes, "x").unwrap() == read);
             for again in [Precision::Auto, Precision::Exact, precision, Precision::Step(1.0e-13)] {
-                assert!(read.grid.is_none() || rounded(&read, again) == read, "{precision:?}, then {again:?}");
+                assert!(
+                    read.grid.is_none() || rounded(&read, again) == read,
+                    "{precision:?}, then {again:?}"
+                );
             }
         }
         let twice = rounded(&rounded(&dag, Precision::Step(0.001)), Precision::Step(0.1));
@@ -176,9 +181,8 @@ fn all_positions_lie_on_the_grid_and_the_stated_movement_holds() {
         if dag.record(at).level == 0 {
             edges.extend((0..a.triangles.len()).flat_map(|t| {
                 let c = a.corners(t).map(|p| p.map(f64::from));
-                [(0, 1), (1, 2), (2, 0)].map(|(i, j)| {
-                    (0..3).map(|k| (c[i][k] - c[j][k]).powi(2)).sum::<f64>().sqrt()
-                })
+                [(0, 1), (1, 2), (2, 0)]
+                    .map(|(i, j)| (0..3).map(|k| (c[i][k] - c[j][k]).powi(2)).sum::<f64>().sqrt())
             }));
         }
     }
