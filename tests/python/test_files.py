@@ -54,8 +54,13 @@ def test_saved_and_opened_is_equal(mesh, tmp_path) -> None:
 
 
 @pytest.mark.parametrize("precision", ["auto", 0.01, 0.3])
-def test_rounded_files_state_what_they_lost(mesh, tmp_path, precision) -> None:
+def test_rounded_files_state_what_they_lost(tmp_path, precision) -> None:
     """Positions are on the grid, off by what is stated, and nothing more is lost by saving again."""
+    v, f = subjects.cube(12)
+    rng = np.random.default_rng(0)
+    colors, uvs = rng.integers(0, 255, (len(v), 4), np.uint8), np.asarray(v[:, :2], np.float32)
+    options = nrs.BuildOptions(face_ids=True)
+    mesh = nrs.NaniteMesh.from_arrays(v.astype(np.float32), f, colors=colors, uvs=uvs, options=options)
     path = tmp_path / "mesh.nanite"
     mesh.save(path, precision=precision)
     again = nrs.NaniteMesh.open(path)
@@ -73,7 +78,7 @@ def test_rounded_files_state_what_they_lost(mesh, tmp_path, precision) -> None:
     np.testing.assert_array_equal(a.colors, b.colors)
     np.testing.assert_array_equal(a.uvs[0], b.uvs[0])
     np.testing.assert_array_equal(mesh.source_face_ids, again.source_face_ids)
-    assert b.vertices.dtype == a.vertices.dtype
+    assert b.vertices.dtype == np.float32
     assert (b.vertices / step == np.rint(b.vertices / step)).all()
     moved = np.linalg.norm(a.vertices.astype(np.float64) - b.vertices, axis=1).max()
     assert moved <= info["rounding"] <= 0.5 * np.sqrt(3.0) * step * (1.0 + 1e-12)
@@ -87,6 +92,17 @@ def test_rounded_files_state_what_they_lost(mesh, tmp_path, precision) -> None:
     again.save(path, precision="exact")
     assert nrs.NaniteMesh.open(path) == again
     assert pickle.loads(pickle.dumps(again)) == again
+
+
+def test_rounding_of_float64_and_of_files_add_up(mesh, tmp_path) -> None:
+    mesh.save(tmp_path / "mesh.nanite")
+    again = nrs.NaniteMesh.open(tmp_path / "mesh.nanite")
+    before, after = mesh.info["rounding"], again.info["rounding"]
+    a, b = mesh.cut(error=0.0), again.cut(error=0.0)
+    assert a.vertices.dtype == b.vertices.dtype == np.float64
+    moved = np.linalg.norm(a.vertices - b.vertices, axis=1).max()
+    most = 0.5 * np.sqrt(3.0) * again.info["precision"]
+    assert 0.0 < before < before + moved * (1.0 - 1e-12) <= after <= before + most * (1.0 + 1e-12)
 
 
 def test_precision_is_checked(mesh, tmp_path) -> None:
