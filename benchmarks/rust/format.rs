@@ -1,6 +1,6 @@
-//! What pages take on disk and how fast one core decodes them, by the ways to code them that were tried.
-//! `cargo bench --bench format`; behind `--`, `.nanite` files (saved with `precision="exact"`, so that rounding is part of
-//! it) in place of a generated mesh.
+//! What pages take on disk and how fast one core decodes them, by the ways to code them that were tried. `cargo bench
+//! --bench format`; behind `--`, `.nanite` files (saved with `precision="exact"`, so that rounding is part of it) in
+//! place of a generated mesh.
 
 #[path = "../../tests/rust/shapes.rs"]
 #[allow(dead_code)]

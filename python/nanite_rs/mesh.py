@@ -342,9 +342,9 @@ class NaniteMesh:
         """Write a ``.nanite`` file; an existing one is replaced in one step or not at all.
 
         Positions of all levels are rounded to one grid, of which the step is a power of two, and normals to 10 bits
-        per octahedral coordinate, which is a quarter of a degree; colours, UVs and channels stay as they are. Cuts stay
-        closed. The distance that positions moved is part of `Cut.error` of the mesh that is opened again, and with
-        the angle of the normals in its `info`. Saving what was opened loses nothing more.
+        per octahedral coordinate, which is a quarter of a degree; colours, UVs and channels stay as they are. Cuts
+        stay closed. The distance that positions moved is part of `Cut.error` of the mesh that is opened again, and
+        with the angle of the normals in its `info`. Saving what was opened loses nothing more.
 
         Parameters
         ----------
@@ -352,8 +352,8 @@ class NaniteMesh:
             The file.
         precision : "auto", "exact" or float
             "auto": steps of a sixteenth of the median edge of the source or less. "exact": everything as it is, in
-            files some four times as large. A number: steps of so many units of the mesh or less. Where f32 is as
-            coarse as the grid would be, the file is exact. Parts that are much smaller than the median edge, as in CAD
+            files some twice as large. A number: steps of so many units of the mesh or less. Where f32 is as coarse
+            as the grid would be, the file is exact. Parts that are much smaller than the median edge, as in CAD
             meshes, may want a number.
 
         Raises

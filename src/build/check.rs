@@ -201,8 +201,9 @@ fn identities(dag: &Dag, addresses: &[ClusterAddress]) -> Result<(Vec<u32>, usiz
 
 /// Each group's boundary towards other groups is the same before and after simplification.
 ///
-/// On a grid, points that fell together cannot be told from the two sides of a seam, and what holds of each of them need not
-/// hold of both as one. There, boundaries are compared between points of one identity, which are what they were.
+/// On a grid, points that fell together cannot be told from the two sides of a seam, and what holds of each of them
+/// need not hold of both as one. There, boundaries are compared between points of one identity, which are what they
+/// were.
 fn borders(dag: &Dag, addresses: &[ClusterAddress], positions: &[u32]) -> Result<usize> {
     let mut identities = vec![0u32; positions.len()];
     positions.iter().for_each(|p| identities[*p as usize] += 1);

@@ -8,9 +8,9 @@ use crate::limits::CLUSTER_MAX_VERTICES;
 /// Not seen yet.
 const UNSEEN: u32 = u32::MAX;
 
-/// Orders and turns the triangles of a cluster so that most begin with an edge of one before, and numbers its vertices by
-/// first use. The walk is that of Rossignac, "Edgebreaker", IEEE TVCG 5(1), 1999: turn right where there is a triangle,
-/// else left, else go back to the last edge that was left aside.
+/// Orders and turns the triangles of a cluster so that most begin with an edge of one before, and numbers its
+/// vertices by first use. The walk is that of Rossignac, "Edgebreaker", IEEE TVCG 5(1), 1999: turn right where there
+/// is a triangle, else left, else go back to the last edge that was left aside.
 pub fn spiral(mesh: &mut ClusterMesh) {
     let triangles = std::mem::take(&mut mesh.triangles);
     // Every directed edge with its triangle and the corner where it starts.

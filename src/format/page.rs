@@ -1,9 +1,9 @@
-//! One page as few bytes, and back, by itself: no other page is needed. What follows from something else is not written:
-//! bounds from positions, errors and spheres from groups, numbers of vertices from those before.
+//! One page as few bytes, and back, by itself: no other page is needed. What follows from something else is not
+//! written: bounds from positions, errors and spheres from groups, numbers of vertices from those before.
 //!
 //! A vertex that several clusters of the page share is written once. Its position and what it carries are differences
-//! from what the vertices around let expect (`columns.rs`), triangles are symbols (`topology.rs`), and all of it goes to
-//! disk in planes (`planes.rs`). `docs/format.md` has every field.
+//! from what the vertices around let expect (`columns.rs`), triangles are symbols (`topology.rs`), and all of it goes
+//! to disk in planes (`planes.rs`). `docs/format.md` has every field.
 
 use std::ops::Range;
 

@@ -1,5 +1,5 @@
-//! A page from its bytes. They may hold anything: what is wrong is said, and nothing is allocated beyond what the number
-//! of clusters allows.
+//! A page from its bytes. They may hold anything: what is wrong is said, and nothing is allocated beyond what the
+//! number of clusters allows.
 
 use zstd::bulk::Decompressor;
 

@@ -1,6 +1,7 @@
-//! Positions on one power-of-two grid and normals in few bits, for every level alike, so that files are small. Vertices that
-//! clusters share have one position before and one after, so that cuts stay closed; bounds are made again from what came
-//! out. How far positions moved is kept beside the mesh and is part of what cuts state (`docs/numerics.md`).
+//! Positions on one power-of-two grid and normals in few bits, for every level alike, so that files are small.
+//! Vertices that clusters share have one position before and one after, so that cuts stay closed; bounds are made
+//! again from what came out. How far positions moved is kept beside the mesh and is part of what cuts state
+//! (`docs/numerics.md`).
 
 use std::borrow::Cow;
 
@@ -151,7 +152,8 @@ fn geometry(dag: &Dag, page: usize, slot: usize) -> ClusterGeometry<'_> {
     dag.geometry(ClusterAddress::new(page, slot))
 }
 
-/// ⌊log2⌋ of the median edge of the triangles of the source, internal units. An inner edge counts for both its triangles.
+/// ⌊log2⌋ of the median edge of the triangles of the source, internal units. An inner edge counts for both its
+/// triangles.
 fn median_edge_exponent(dag: &Dag) -> i32 {
     // Squares from denormals to the largest f64, halved.
     const BINS: i32 = 1100;
@@ -193,7 +195,8 @@ fn snap(p: [f32; 3], grid: Grid) -> [f32; 3] {
     p.map(|x| (x * grid.steps()).round_ties_even() * grid.step() + 0.0)
 }
 
-/// The square of the largest distance that a vertex of a page moves, internal units, and the boxes of its clusters after.
+/// The square of the largest distance that a vertex of a page moves, internal units, and the boxes of its clusters
+/// after.
 fn survey(dag: &Dag, page: usize, grid: Grid) -> (f64, Vec<Aabb>) {
     let mut most = 0f64;
     let mut boxes = Vec::new();

@@ -1,10 +1,10 @@
 //! The triangles of a cluster in two to three bits each, where they come along a spiral (`build/order.rs`), and
 //! without loss in any order.
 //!
-//! In the manner of Rossignac's Edgebreaker (IEEE TVCG 5(1), 1999): a triangle begins with a gate, an edge of an earlier one,
-//! and its third corner is new, or one of the two neighbours of the gate along the front of what was drawn so far. Where
-//! none of that holds it is written out, so no property of the triangles is relied on. Corners refer to the cluster's
-//! vertices, which are numbered in the order of their first use.
+//! In the manner of Rossignac's Edgebreaker (IEEE TVCG 5(1), 1999): a triangle begins with a gate, an edge of an
+//! earlier one, and its third corner is new, or one of the two neighbours of the gate along the front of what was
+//! drawn so far. Where none of that holds it is written out, so no property of the triangles is relied on. Corners
+//! refer to the cluster's vertices, which are numbered in the order of their first use.
 
 use super::planes::Read;
 use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES};
@@ -98,8 +98,8 @@ impl Front {
     }
 }
 
-/// Appends a symbol for each triangle, and what symbols do not say. For each vertex in turn `sources` gets the three from
-/// which it is predicted: p, q, r for p + q − r.
+/// Appends a symbol for each triangle, and what symbols do not say. For each vertex in turn `sources` gets the three
+/// from which it is predicted: p, q, r for p + q − r.
 pub fn encode(triangles: &[[u8; 3]], symbols: &mut Vec<u8>, extra: &mut Vec<u8>, sources: &mut Vec<[u8; 3]>) {
     let mut front = Front::new();
     sources.clear();

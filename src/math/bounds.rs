@@ -23,7 +23,8 @@ pub struct Bounds {
 const MOST: usize = crate::limits::CLUSTER_MAX_TRIANGLES;
 
 impl Bounds {
-    /// The bounds of the triangles of a cluster, at most [`CLUSTER_MAX_TRIANGLES`](crate::limits::CLUSTER_MAX_TRIANGLES).
+    /// The bounds of the triangles of a cluster, at most
+    /// [`CLUSTER_MAX_TRIANGLES`](crate::limits::CLUSTER_MAX_TRIANGLES).
     pub fn of(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> Self {
         let (center, extent) = Aabb::of_points(points).center_extent();
         let mut farthest = 0f64;

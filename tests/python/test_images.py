@@ -76,8 +76,8 @@ def test_silhouettes_are_within_a_pixel(shots: Shots, tmp_path) -> None:
 def test_full_detail_coverage_and_depth_agree(shots: Shots, tmp_path) -> None:
     s, name = shots, shots.name
     ours, theirs = s.full.depth > 0, s.depth > 0
-    # Where the two snap a vertex to different sides, single pixels of the outline differ. Where a file moved vertices by
-    # a part of a pixel more do, by up to a pixel: see above.
+    # Where the two snap a vertex to different sides, single pixels of the outline differ. Where a file moved
+    # vertices by a part of a pixel more do, by up to a pixel: see above.
     with compare.evidence(tmp_path / f"{name}.png", ours, theirs):
         assert s.is_stored or np.count_nonzero(ours ^ theirs) <= 1e-4 * theirs.sum() + 2
     inside = compare.away_from_silhouettes(s.depth, 1 / s.setup.view.focal) & ours
