@@ -273,7 +273,7 @@ impl<'a> Container<'a> {
                 Err(error) => return Err(Error::Invariant(error.to_string())),
             };
             let at = section.offset + row.offset;
-            let fault = |what: &str| self.source.fail(at, format!("page {p}: {what}"));
+            let fault = |what: &'static str| self.source.fail(at, format!("page {p}: {what}"));
             let own = row.first_group as usize..end;
             if validate::members(groups, p, &own) != Some(row.clusters) {
                 return Err(fault("its clusters are not those of its groups"));
@@ -287,7 +287,7 @@ impl<'a> Container<'a> {
             }
             let first_identity = row.first_identity;
             let context = Context { layout, grid: metadata.grid, groups, own, first_identity };
-            decoder.decode(&context, &bytes, row.clusters as usize, out).map_err(|what| fault(what))
+            decoder.decode(&context, &bytes, row.clusters as usize, out).map_err(fault)
         };
         tasks.into_par_iter().map_init(Decoder::new, decode).collect::<Result<()>>()?;
         Ok(Pages { words, table, layout })
