@@ -12,7 +12,6 @@ use super::page_decode::Decoder;
 use super::page_encode;
 use super::planes::{Writer, ZSTD_LEVEL};
 use super::quantize::{Precision, Rounded};
-use super::validate;
 use crate::error::{Error, Result};
 use crate::model::{AttributeLayout, BuildReport, ChannelInfo, ClusterAddress, Dag, Frame, Grid};
 
@@ -59,8 +58,6 @@ pub fn write(
     io: &impl Fn(std::io::Error) -> Error,
 ) -> Result<()> {
     let dag = rounded.dag;
-    // What could not be read is not written.
-    validate::structure(dag).map_err(|(kind, what)| Error::Invariant(format!("{kind:?}: {what}")))?;
     let metadata = Metadata {
         generator: concat!("nanite_rs ", env!("CARGO_PKG_VERSION")).into(),
         frame: dag.frame,

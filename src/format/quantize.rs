@@ -8,6 +8,7 @@ use std::borrow::Cow;
 use rayon::prelude::*;
 
 use super::page::MAX_STEPS;
+use super::validate;
 use crate::error::{Error, Result};
 use crate::math::octahedral::{NORMAL_BITS, narrow, widen};
 use crate::math::{Aabb, Bounds};
@@ -50,6 +51,8 @@ pub struct Rounded<'a> {
 impl<'a> Rounded<'a> {
     /// Finds the grid and everything but the pages.
     pub fn new(dag: &'a Dag, precision: Precision) -> Result<Self> {
+        // What could not be read is not written.
+        validate::structure(dag).map_err(|(kind, what)| Error::Invariant(format!("{kind:?}: {what}")))?;
         let asis = Self {
             dag,
             grid: dag.grid,
@@ -123,12 +126,7 @@ fn exponent(dag: &Dag, precision: Precision) -> Result<Option<i32>> {
         Precision::Exact => return Ok(None),
         Precision::Auto if dag.grid.is_some() => return Ok(None),
         Precision::Auto => AUTO_EDGE_BITS - median_edge_exponent(dag),
-        Precision::Step(step) if step > 0.0 && step.is_finite() => {
-            let internal = step / dag.frame.scale;
-            // At most the wish: −⌊log2⌋, whatever the logarithm was rounded to.
-            let guess = -internal.log2().clamp(-1100.0, 1100.0).floor() as i32;
-            if 2f64.powi(-guess) > internal { guess + 1 } else { guess }
-        }
+        Precision::Step(step) if step > 0.0 && step.is_finite() => -floor_log2(step / dag.frame.scale),
         Precision::Step(step) => {
             return Err(Error::argument("precision", format!("must be positive and finite, not {step}")));
         }
@@ -152,11 +150,16 @@ fn geometry(dag: &Dag, page: usize, slot: usize) -> ClusterGeometry<'_> {
     dag.geometry(ClusterAddress::new(page, slot))
 }
 
+/// ⌊log2⌋ of a positive number, by its bits: the same on every machine.
+fn floor_log2(x: f64) -> i32 {
+    (x.to_bits() >> (f64::MANTISSA_DIGITS - 1)) as i32 - (f64::MAX_EXP - 1)
+}
+
 /// ⌊log2⌋ of the median edge of the triangles of the source, internal units. An inner edge counts for both its
 /// triangles.
 fn median_edge_exponent(dag: &Dag) -> i32 {
-    // Squares from denormals to the largest f64, halved.
-    const BINS: i32 = 1100;
+    // Exponents of f64, halved.
+    const BINS: i32 = f64::MAX_EXP / 2;
     let histogram = |p: usize| {
         let mut bins = vec![0u64; 2 * BINS as usize];
         for (slot, _) in dag.pages.records(p).iter().enumerate().filter(|(_, r)| r.level == 0) {
@@ -166,8 +169,7 @@ fn median_edge_exponent(dag: &Dag) -> i32 {
                 for k in 0..3 {
                     let (a, b) = (corners[k], corners[(k + 1) % 3]);
                     let squared: f64 = (0..3).map(|i| (a[i] - b[i]).powi(2)).sum();
-                    let exponent = (squared.log2().max(-2.0 * f64::from(BINS)) / 2.0).floor() as i32;
-                    bins[(exponent + BINS).max(0) as usize] += 1;
+                    bins[((floor_log2(squared) >> 1) + BINS) as usize] += 1;
                 }
             }
         }

@@ -19,12 +19,8 @@ pub struct Bounds {
     pub cone: [i8; 4],
 }
 
-/// Most triangles of a call: a cluster's.
-const MOST: usize = crate::limits::CLUSTER_MAX_TRIANGLES;
-
 impl Bounds {
-    /// The bounds of the triangles of a cluster, at most
-    /// [`CLUSTER_MAX_TRIANGLES`](crate::limits::CLUSTER_MAX_TRIANGLES).
+    /// The bounds of triangles over points.
     pub fn of(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> Self {
         let (center, extent) = Aabb::of_points(points).center_extent();
         let mut farthest = 0f64;
@@ -33,8 +29,7 @@ impl Bounds {
             farthest = farthest.max(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
         }
         let mut longest = 0f64;
-        let mut normals = [[0.0; 3]; MOST];
-        let mut count = 0;
+        let mut normals = Vec::with_capacity(triangles.len());
         for t in triangles {
             let [a, b, c] = [points[usize::from(t[0])], points[usize::from(t[1])], points[usize::from(t[2])]];
             let (u, v, w) = (difference(b, a), difference(c, a), difference(c, b));
@@ -45,12 +40,11 @@ impl Bounds {
             let inverse = 1.0 / (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
             // Triangles without area are never drawn.
             if inverse.is_finite() {
-                normals[count] = [n[0] * inverse, n[1] * inverse, n[2] * inverse];
-                count += 1;
+                normals.push([n[0] * inverse, n[1] * inverse, n[2] * inverse]);
             }
         }
         let (radius, max_edge) = (round_up(farthest.sqrt()), round_up(longest.sqrt()));
-        Self { center, extent, radius, max_edge, cone: cone(&normals[..count]) }
+        Self { center, extent, radius, max_edge, cone: cone(&normals) }
     }
 }
 
