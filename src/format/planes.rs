@@ -5,7 +5,7 @@ use zstd::bulk::{Compressor, Decompressor};
 
 use crate::error::{Error, Result};
 
-/// Level of zstd. Beyond it sizes fall by less than a hundredth (`benchmarks/rust/format.rs`).
+/// Level of zstd. The highest, 19, saves 2 % more (`benchmarks/rust/format.rs`).
 pub const ZSTD_LEVEL: i32 = 9;
 
 /// How the bytes of a plane are written: the low bits of its length.
