@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::lock_borders::border_kept;
+use super::lock_borders::{border_kept, locked_kept};
 use crate::error::{Error, Result};
 use crate::mesh::edges::Edges;
 use crate::mesh::hash;
@@ -256,7 +256,12 @@ fn borders(dag: &Dag, addresses: &[ClusterAddress], positions: &[u32]) -> Result
             let edges =
                 |faces: &[[u32; 3]]| Edges::of(&faces.iter().map(|f| f.map(local)).collect::<Vec<_>>());
             let is_shared = |p: u32| shared[points[p as usize] as usize] && is_certain(points[p as usize]);
-            let kept = border_kept(&edges(&before), &edges(&after), is_shared);
+            // Nor is it known there what of the boundary was the mesh's own.
+            let (before, after) = (edges(&before), edges(&after));
+            let kept = match dag.grid {
+                None => border_kept(&before, &after, is_shared),
+                Some(_) => locked_kept(&before, &after, is_shared).is_some(),
+            };
             ensure(kept, || format!("group {g}: simplification changed its border to other groups"))
         })?;
     }
