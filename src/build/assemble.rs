@@ -6,17 +6,16 @@ use rustc_hash::FxHashMap;
 
 use super::dag::{BuildCluster, Graph};
 use super::hierarchy;
+use super::order;
 use super::store::VertexStore;
 use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
-use crate::math::sphere::round_up;
-use crate::math::triangle::area_normal;
-use crate::math::{Aabb, octahedral};
-use crate::mesh::frame::center_extent;
+use crate::math::{Aabb, Bounds, octahedral};
 use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
 use crate::model::{BuildReport, ClusterAddress, ClusterRecord, Dag, Group, PageEntry, Pages};
 
 /// Lays the graph out.
-pub fn assemble(graph: Graph, mut report: BuildReport) -> Dag {
+pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
+    graph.clusters.par_iter_mut().for_each(|c| order::spiral(&mut c.mesh));
     let store = &graph.store;
     let cluster_boxes: Vec<Aabb> = graph
         .clusters
@@ -35,7 +34,7 @@ pub fn assemble(graph: Graph, mut report: BuildReport) -> Dag {
         .zip(&plan.first)
         .map(|(g, first)| {
             let group = &graph.groups[*g as usize];
-            let (center, extent) = center_extent(&boxes[*g as usize]);
+            let (center, extent) = boxes[*g as usize].center_extent();
             Group {
                 lod_sphere: group.lod_sphere,
                 error: group.error,
@@ -53,9 +52,14 @@ pub fn assemble(graph: Graph, mut report: BuildReport) -> Dag {
         .collect();
     let mut renamed = vec![0; order.len()];
     order.iter().enumerate().for_each(|(new, old)| renamed[*old as usize] = new as u32);
-    let channels = graph.channels.finish(&store.attributes, store.stride, &store.labels);
-    let pages = write_pages(&graph, plan, &renamed);
-    let face_ids = graph.face_rows.as_ref().map(|(faces, rows)| face_ids(&pages, faces, rows));
+    let uses = plan.pages.iter().flatten().flat_map(|(c, _)| &graph.clusters[*c as usize].mesh.vertices);
+    let (names, vertex_count) = order::by_first_use(uses, store.count());
+    let mut channels = graph.channels.finish(&store.attributes, store.stride, &store.labels);
+    for channel in &mut channels {
+        channel.words = order::renamed_rows(&channel.words, channel.info.width(), &names, vertex_count);
+    }
+    let pages = write_pages(&graph, plan, &renamed, &names);
+    let face_ids = graph.face_rows.as_ref().map(|(faces, rows)| face_ids(&pages, faces, rows, &names));
     report.clusters = graph.clusters.len() as u64;
     report.triangles = graph.clusters.iter().map(|c| c.mesh.triangles.len() as u64).sum();
     report.fill = report.triangles as f64 / (report.clusters as usize * CLUSTER_MAX_TRIANGLES) as f64;
@@ -65,11 +69,12 @@ pub fn assemble(graph: Graph, mut report: BuildReport) -> Dag {
         pages,
         groups,
         nodes,
-        vertex_count: store.count() as u32,
+        vertex_count,
         channels,
         source_faces: graph.source_faces as u64,
         source_vertices: graph.source_vertices as u64,
         face_ids,
+        grid: None,
         report,
     }
 }
@@ -118,8 +123,8 @@ fn plan_pages(graph: &Graph, order: &[u32]) -> Plan {
     plan
 }
 
-/// `renamed` maps groups of the graph to their final numbers.
-fn write_pages(graph: &Graph, plan: Plan, renamed: &[u32]) -> Pages {
+/// `renamed` maps groups of the graph to their final numbers, `names` vertices to identities.
+fn write_pages(graph: &Graph, plan: Plan, renamed: &[u32], names: &[u32]) -> Pages {
     let total = plan.table.last().map_or(0, |p| p.offset as usize + p.words as usize);
     let mut words = vec![0u32; total];
     let mut slices = Vec::with_capacity(plan.table.len());
@@ -138,7 +143,7 @@ fn write_pages(graph: &Graph, plan: Plan, renamed: &[u32]) -> Pages {
             let record = record(&graph.store, cluster, *group, refined, at as u32);
             page[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
             let words = words_of(&graph.store, cluster) - RECORD_WORDS;
-            write_streams(&graph.store, cluster, &mut page[at..at + words]);
+            write_streams(&graph.store, cluster, names, &mut page[at..at + words]);
             at += words;
         }
     });
@@ -147,14 +152,12 @@ fn write_pages(graph: &Graph, plan: Plan, renamed: &[u32]) -> Pages {
 
 fn record(store: &VertexStore, cluster: &BuildCluster, group: u32, refined: u32, data: u32) -> ClusterRecord {
     let points: Vec<[f32; 3]> = cluster.mesh.vertices.iter().map(|v| store.positions[*v as usize]).collect();
-    let (center, extent) = center_extent(&Aabb::of_points(&points));
-    let squared = |p: &[f32; 3]| (0..3).map(|k| (f64::from(p[k]) - f64::from(center[k])).powi(2)).sum();
-    let radius = round_up(points.iter().map(squared).fold(0.0, f64::max).sqrt());
+    let bounds = Bounds::of(&points, &cluster.mesh.triangles);
     ClusterRecord {
-        center,
-        radius,
-        extent,
-        cone: cone(&points, &cluster.mesh.triangles),
+        center: bounds.center,
+        radius: bounds.radius,
+        extent: bounds.extent,
+        cone: bounds.cone,
         lod_sphere: cluster.lod_sphere,
         error: cluster.error,
         group,
@@ -164,62 +167,13 @@ fn record(store: &VertexStore, cluster: &BuildCluster, group: u32, refined: u32,
         reserved: 0,
         data,
         refined,
-        max_edge: round_up(longest_edge(&points, &cluster.mesh.triangles)),
+        max_edge: bounds.max_edge,
         material: cluster.mesh.material.cast_signed(),
         reserved_word: 0,
     }
 }
 
-fn longest_edge(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> f64 {
-    let squared = |a: u8, b: u8| {
-        let (a, b) = (points[usize::from(a)], points[usize::from(b)]);
-        (0..3).map(|k| (f64::from(a[k]) - f64::from(b[k])).powi(2)).sum::<f64>()
-    };
-    let edges =
-        triangles.iter().flat_map(|t| [squared(t[0], t[1]), squared(t[1], t[2]), squared(t[2], t[0])]);
-    edges.fold(0.0, f64::max).sqrt()
-}
-
-/// The backface cone: mean normal and the sine of the widest angle to it, in signed bytes rounded so that the
-/// test stays safe. A cone wider than a half space gets cutoff 127, which never culls.
-///
-/// Olano and Kuehne's normal cones in the form of meshoptimizer's bounds: all triangles face away from `eye`
-/// when dot(c − eye, axis) ≥ cutoff·|c − eye| + radius.
-fn cone(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> [i8; 4] {
-    const NEVER: [i8; 4] = [0, 0, 0, 127];
-    let normal = |t: &[u8; 3]| {
-        let n = area_normal(t.map(|v| points[usize::from(v)]));
-        let size = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-        let inverse = 1.0 / size;
-        inverse.is_finite().then(|| n.map(|x| x * inverse))
-    };
-    // Triangles without area are never drawn.
-    let normals: Vec<[f64; 3]> = triangles.iter().filter_map(normal).collect();
-    let sum = normals.iter().fold([0.0; 3], |s, n| [s[0] + n[0], s[1] + n[1], s[2] + n[2]]);
-    let size = (sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]).sqrt();
-    if size < 1.0e-6 {
-        return NEVER;
-    }
-    let packed = sum.map(|x| (x / size * 127.0).round() as i8);
-    let axis = packed.map(|x| f64::from(x) / 127.0);
-    let length = (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]).sqrt();
-    let dot = |n: &[f64; 3]| (n[0] * axis[0] + n[1] * axis[1] + n[2] * axis[2]) / length;
-    let narrowest = normals.iter().map(dot).fold(1.0, f64::min);
-    // Below a tenth the cone covers nearly a half space and would never cull anything.
-    if narrowest <= 0.1 {
-        return NEVER;
-    }
-    // With a unit axis the cutoff is the sine; the stored axis has length `length`, and so has the left side of
-    // the test, while `radius` on its right side has not: divide where that is unsafe, then round up.
-    let cutoff = (1.0 - narrowest * narrowest).max(0.0).sqrt() * length.max(1.0) + (length - 1.0).max(0.0);
-    let stored = (cutoff * 127.0).ceil() + 1.0;
-    if stored >= 127.0 {
-        return NEVER;
-    }
-    [packed[0], packed[1], packed[2], stored as i8]
-}
-
-fn write_streams(store: &VertexStore, cluster: &BuildCluster, out: &mut [u32]) {
+fn write_streams(store: &VertexStore, cluster: &BuildCluster, names: &[u32], out: &mut [u32]) {
     let count = cluster.mesh.vertices.len();
     let layout = store.layout;
     let (positions, rest) = out.split_at_mut(3 * count);
@@ -231,7 +185,7 @@ fn write_streams(store: &VertexStore, cluster: &BuildCluster, out: &mut [u32]) {
         positions[3 * i..3 * i + 3].copy_from_slice(&store.positions[*v as usize].map(f32::to_bits));
         let row = store.row(*v);
         normals[i] = octahedral::encode([row[0], row[1], row[2]]);
-        ids[i] = *v;
+        ids[i] = names[*v as usize];
         let mut at = 3;
         if layout.colors {
             let bytes = [0, 1, 2, 3].map(|k| (row[at + k].clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
@@ -251,13 +205,13 @@ fn write_streams(store: &VertexStore, cluster: &BuildCluster, out: &mut [u32]) {
 
 /// The caller's face row of every level-0 triangle, in page order. A clusterizer may turn a triangle's corners,
 /// never its orientation; and no two faces have the same corners in the same order.
-fn face_ids(pages: &Pages, faces: &[[u32; 3]], rows: &[u32]) -> Vec<u32> {
+fn face_ids(pages: &Pages, faces: &[[u32; 3]], rows: &[u32], names: &[u32]) -> Vec<u32> {
     let canonical = |f: [u32; 3]| {
         let turn = (0..3).fold(0, |best, k| if f[k] < f[best] { k } else { best });
         [f[turn], f[(turn + 1) % 3], f[(turn + 2) % 3]]
     };
-    let lookup: FxHashMap<[u32; 3], u32> =
-        faces.iter().zip(rows).map(|(f, row)| (canonical(*f), *row)).collect();
+    let named = |f: &[u32; 3]| canonical(f.map(|v| names[v as usize]));
+    let lookup: FxHashMap<[u32; 3], u32> = faces.iter().zip(rows).map(|(f, row)| (named(f), *row)).collect();
     pages
         .addresses()
         .filter(|at| pages.record(*at).level == 0)

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::lock_borders::border_kept;
+use super::lock_borders::{border_kept, locked_kept};
 use crate::error::{Error, Result};
 use crate::mesh::edges::Edges;
 use crate::mesh::hash;
@@ -200,7 +200,14 @@ fn identities(dag: &Dag, addresses: &[ClusterAddress]) -> Result<(Vec<u32>, usiz
 }
 
 /// Each group's boundary towards other groups is the same before and after simplification.
+///
+/// On a grid, points that fell together cannot be told from the two sides of a seam, and what holds of each of them
+/// need not hold of both as one. There, boundaries are compared between points of one identity, which are what they
+/// were.
 fn borders(dag: &Dag, addresses: &[ClusterAddress], positions: &[u32]) -> Result<usize> {
+    let mut identities = vec![0u32; positions.len()];
+    positions.iter().for_each(|p| identities[*p as usize] += 1);
+    let is_certain = |p: u32| dag.grid.is_none() || identities[p as usize] == 1;
     let round = |g: u32| dag.groups[g as usize].level;
     let made: Vec<i64> = addresses
         .iter()
@@ -248,8 +255,13 @@ fn borders(dag: &Dag, addresses: &[ClusterAddress], positions: &[u32]) -> Result
             let local = |p: u32| points.partition_point(|q| *q < p) as u32;
             let edges =
                 |faces: &[[u32; 3]]| Edges::of(&faces.iter().map(|f| f.map(local)).collect::<Vec<_>>());
-            let is_shared = |p: u32| shared[points[p as usize] as usize];
-            let kept = border_kept(&edges(&before), &edges(&after), is_shared);
+            let is_shared = |p: u32| shared[points[p as usize] as usize] && is_certain(points[p as usize]);
+            // Nor is it known there what of the boundary was the mesh's own.
+            let (before, after) = (edges(&before), edges(&after));
+            let kept = match dag.grid {
+                None => border_kept(&before, &after, is_shared),
+                Some(_) => locked_kept(&before, &after, is_shared).is_some(),
+            };
             ensure(kept, || format!("group {g}: simplification changed its border to other groups"))
         })?;
     }

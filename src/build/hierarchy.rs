@@ -6,7 +6,6 @@ use super::clusterize::{Place, median_split};
 use super::dag::BuildGroup;
 use crate::limits::NODE_WIDTH;
 use crate::math::{Aabb, Sphere};
-use crate::mesh::frame::center_extent;
 use crate::model::Node;
 use crate::model::rule::ERROR_STEP;
 
@@ -64,7 +63,7 @@ pub fn build(groups: &[BuildGroup], boxes: &[Aabb]) -> (Vec<Node>, Vec<u32>) {
         .map(|(&(start, end, level), &(first, count, is_leaf))| {
             let members = &order[start..end];
             let bounds = members.iter().fold(Aabb::EMPTY, |b, g| b.union(&boxes[*g as usize]));
-            let (center, extent) = center_extent(&bounds);
+            let (center, extent) = bounds.center_extent();
             let spheres: Vec<Sphere> = members.iter().map(|g| groups[*g as usize].lod_sphere).collect();
             let largest = members.iter().map(|g| groups[*g as usize].error).fold(0.0, f32::max);
             Node {

@@ -1,7 +1,7 @@
 //! What may not move: vertices shared between groups, by position. The mesh's own border stays free.
 
 use super::store::RoundPositions;
-use crate::mesh::edges::Edges;
+use crate::mesh::edges::{Edge, Edges};
 
 /// For each position of a round, whether clusters of two groups touch it.
 pub fn shared_positions(round: &RoundPositions, groups: &[Vec<u32>]) -> Vec<bool> {
@@ -25,16 +25,13 @@ pub fn shared_positions(round: &RoundPositions, groups: &[Vec<u32>]) -> Vec<bool
 /// is locked, none is added.
 pub fn border_kept(before: &Edges, after: &Edges, locked: impl Fn(u32) -> bool) -> bool {
     let open = |edges: &Edges| edges.iter().filter(|e| e.open() != 0).count();
-    let (mut inner, mut outer) = (0, 0);
-    for edge in before.iter().filter(|e| e.open() != 0) {
-        if !(locked(edge.ends.0) && locked(edge.ends.1)) {
-            outer += 1;
-            continue;
-        }
-        inner += 1;
-        if !after.at(edge.ends.0).any(|e| e.ends == edge.ends && e.open() == edge.open()) {
-            return false;
-        }
-    }
-    outer > 0 || open(after) == inner
+    let inner = locked_kept(before, after, locked);
+    inner.is_some_and(|inner| inner < open(before) || open(after) == inner)
+}
+
+/// The number of boundary half-edges between locked points, if all of them are unchanged.
+pub fn locked_kept(before: &Edges, after: &Edges, locked: impl Fn(u32) -> bool) -> Option<usize> {
+    let between = |e: &Edge| e.open() != 0 && locked(e.ends.0) && locked(e.ends.1);
+    let same = |edge: &Edge| after.at(edge.ends.0).any(|e| e.ends == edge.ends && e.open() == edge.open());
+    before.iter().filter(between).try_fold(0, |count, edge| same(&edge).then_some(count + 1))
 }

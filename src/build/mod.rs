@@ -19,6 +19,7 @@ pub mod lock_borders;
 pub mod memory;
 #[cfg(feature = "metis")]
 mod metis;
+pub mod order;
 pub mod partition;
 pub mod reference;
 pub mod relax;

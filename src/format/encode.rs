@@ -1,9 +1,22 @@
 //! A mesh as bytes.
 
+use std::io::{Cursor, Seek, SeekFrom, Write};
+
+use bytemuck::Zeroable;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::file::{ALIGNMENT, ENTRY_BYTES, HEADER_BYTES, Kind, MAGIC, VERSION};
-use crate::model::{AttributeLayout, BuildReport, ChannelInfo, Dag, Frame};
+use super::file::{ALIGNMENT, ENTRY_BYTES, HEADER_BYTES, Kind, MAGIC, MAX_EXPANSION, PageRow, VERSION};
+use super::page::Context;
+use super::page_decode::Decoder;
+use super::page_encode;
+use super::planes::{Writer, ZSTD_LEVEL};
+use super::quantize::{Precision, Rounded};
+use crate::error::{Error, Result};
+use crate::model::{AttributeLayout, BuildReport, ChannelInfo, ClusterAddress, Dag, Frame, Grid};
+
+/// Pages that are coded between two writes.
+const BATCH: usize = 256;
 
 /// The metadata section.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -14,6 +27,8 @@ pub struct Metadata {
     pub frame: Frame,
     /// Smallest and largest corner of the source, internal units.
     pub bounds: [[f32; 3]; 2],
+    /// What positions and normals were rounded to.
+    pub grid: Option<Grid>,
     /// Streams of every cluster.
     pub layout: AttributeLayout,
     /// Number of vertex identities.
@@ -28,12 +43,26 @@ pub struct Metadata {
     pub report: BuildReport,
 }
 
-/// Serializes a mesh. The same mesh gives the same bytes.
-pub fn to_bytes(dag: &Dag) -> Vec<u8> {
+/// Serializes a mesh as it is. The same mesh gives the same bytes.
+pub fn to_bytes(dag: &Dag) -> Result<Vec<u8>> {
+    let mut out = Cursor::new(Vec::new());
+    let io = |source| Error::Io { path: "<bytes>".into(), source };
+    write(&Rounded::new(dag, Precision::Exact)?, &mut out, &io)?;
+    Ok(out.into_inner())
+}
+
+/// Writes a mesh: pages first, in batches, so that memory holds but a few coded ones; then what comes before them.
+pub fn write(
+    rounded: &Rounded<'_>,
+    out: &mut (impl Write + Seek),
+    io: &impl Fn(std::io::Error) -> Error,
+) -> Result<()> {
+    let dag = rounded.dag;
     let metadata = Metadata {
         generator: concat!("nanite_rs ", env!("CARGO_PKG_VERSION")).into(),
         frame: dag.frame,
-        bounds: [dag.bounds.min, dag.bounds.max],
+        bounds: [rounded.bounds.min, rounded.bounds.max],
+        grid: rounded.grid,
         layout: dag.layout(),
         vertex_count: dag.vertex_count,
         channels: dag.channels.iter().map(|c| c.info.clone()).collect(),
@@ -43,40 +72,153 @@ pub fn to_bytes(dag: &Dag) -> Vec<u8> {
     };
     // A struct of numbers and strings always has a JSON form.
     let json = serde_json::to_vec_pretty(&metadata).unwrap_or_default();
-    let mut sections: Vec<(Kind, &[u8])> = vec![
-        (Kind::Metadata, &json),
-        (Kind::Groups, bytemuck::cast_slice(&dag.groups)),
-        (Kind::Nodes, bytemuck::cast_slice(&dag.nodes)),
-        (Kind::PageTable, bytemuck::cast_slice(&dag.pages.table)),
-        (Kind::Pages, bytemuck::cast_slice(&dag.pages.words)),
+    let mut rows = vec![PageRow::zeroed(); dag.pages.table.len()];
+    let channels: Vec<&[u8]> = dag.channels.iter().map(|c| bytemuck::cast_slice(&c.words)).collect();
+    let mut lengths = vec![
+        (Kind::Metadata, json.len()),
+        (Kind::PageTable, size_of_val(&rows[..])),
+        (Kind::Groups, size_of_val(&rounded.groups[..])),
+        (Kind::Nodes, size_of_val(&rounded.nodes[..])),
     ];
-    if let Some(rows) = &dag.face_ids {
-        sections.push((Kind::FaceIds, bytemuck::cast_slice(rows)));
+    lengths.extend(dag.face_ids.iter().map(|ids| (Kind::FaceIds, size_of_val(&ids[..]))));
+    if !channels.is_empty() {
+        lengths.push((Kind::Channels, channels.iter().map(|c| c.len()).sum()));
     }
-    let channels: Vec<u32> = dag.channels.iter().flat_map(|c| &c.words).copied().collect();
-    if !dag.channels.is_empty() {
-        sections.push((Kind::Channels, bytemuck::cast_slice(&channels)));
+    let mut offset = HEADER_BYTES + (lengths.len() + 1) * ENTRY_BYTES;
+    let mut places = Vec::new();
+    for (kind, length) in lengths {
+        offset = offset.next_multiple_of(ALIGNMENT);
+        places.push((kind, offset, length));
+        offset += length;
     }
+    let pages_at = offset.next_multiple_of(ALIGNMENT);
+    out.seek(SeekFrom::Start(pages_at as u64)).map_err(io)?;
+    let pages_bytes = write_pages(rounded, &mut rows, out, io)?;
+    places.push((Kind::Pages, pages_at, pages_bytes));
+
+    let data = |kind: Kind| -> Vec<&[u8]> {
+        match kind {
+            Kind::Metadata => vec![&json],
+            Kind::PageTable => vec![bytemuck::cast_slice(&rows)],
+            Kind::Groups => vec![bytemuck::cast_slice(&rounded.groups)],
+            Kind::Nodes => vec![bytemuck::cast_slice(&rounded.nodes)],
+            Kind::FaceIds => dag.face_ids.iter().map(|ids| bytemuck::cast_slice(ids)).collect(),
+            Kind::Channels => channels.clone(),
+            // Written, and each with a checksum of its own.
+            Kind::Pages => Vec::new(),
+        }
+    };
     let mut table = Vec::new();
-    let mut offset = (HEADER_BYTES + sections.len() * ENTRY_BYTES).next_multiple_of(ALIGNMENT);
-    for (kind, data) in &sections {
+    for (kind, offset, length) in &places {
+        let mut crc = crc32fast::Hasher::new();
+        data(*kind).iter().for_each(|part| crc.update(part));
         table.extend_from_slice(&(*kind as u32).to_le_bytes());
-        table.extend_from_slice(&crc32fast::hash(data).to_le_bytes());
-        table.extend_from_slice(&(offset as u64).to_le_bytes());
-        table.extend_from_slice(&(data.len() as u64).to_le_bytes());
+        table.extend_from_slice(&crc.finalize().to_le_bytes());
+        table.extend_from_slice(&(*offset as u64).to_le_bytes());
+        table.extend_from_slice(&(*length as u64).to_le_bytes());
         table.extend_from_slice(&[0; 8]);
-        offset = (offset + data.len()).next_multiple_of(ALIGNMENT);
     }
-    let mut out = Vec::with_capacity(offset);
-    out.extend_from_slice(&MAGIC);
-    out.extend_from_slice(&VERSION.to_le_bytes());
-    out.extend_from_slice(&(sections.len() as u32).to_le_bytes());
-    out.extend_from_slice(&crc32fast::hash(&table).to_le_bytes());
-    out.extend_from_slice(&crc32fast::hash(&out).to_le_bytes());
-    out.extend_from_slice(&table);
-    for (_, data) in &sections {
-        out.resize(out.len().next_multiple_of(ALIGNMENT), 0);
-        out.extend_from_slice(data);
+    let mut head = Vec::with_capacity(HEADER_BYTES + table.len());
+    head.extend_from_slice(&MAGIC);
+    head.extend_from_slice(&VERSION.to_le_bytes());
+    head.extend_from_slice(&(places.len() as u32).to_le_bytes());
+    head.extend_from_slice(&crc32fast::hash(&table).to_le_bytes());
+    head.extend_from_slice(&crc32fast::hash(&head).to_le_bytes());
+    head.extend_from_slice(&table);
+    out.seek(SeekFrom::Start(0)).map_err(io)?;
+    out.write_all(&head).map_err(io)?;
+    let mut end = head.len();
+    for (kind, offset, length) in places {
+        out.write_all(&vec![0; offset - end]).map_err(io)?;
+        data(kind).iter().try_for_each(|part| out.write_all(part)).map_err(io)?;
+        end = offset + length;
     }
-    out
+    out.flush().map_err(io)
+}
+
+/// Codes and writes all pages and fills in their rows; the bytes of all.
+fn write_pages(
+    rounded: &Rounded<'_>,
+    rows: &mut [PageRow],
+    out: &mut impl Write,
+    io: &impl Fn(std::io::Error) -> Error,
+) -> Result<usize> {
+    let dag = rounded.dag;
+    let count = rows.len();
+    let contexts = contexts(rounded);
+    let code = |tools: &mut Result<(Writer, Decoder)>, p: usize| -> Result<(PageRow, Vec<u8>)> {
+        let (writer, decoder) = match tools {
+            Ok(tools) => (&mut tools.0, &mut tools.1),
+            Err(error) => return Err(Error::Invariant(error.to_string())),
+        };
+        let entry = dag.pages.table[p];
+        let context = &contexts[p];
+        let words = rounded.page(p);
+        let clusters = entry.clusters as usize;
+        writer.bytes.clear();
+        let parts = page_encode::encode(context, &words, clusters, writer)?;
+        // What a page has no form for, such as a vertex that no triangle uses, shows when it is read back.
+        let mut again = vec![0; words.len()];
+        let read = decoder.decode(context, &writer.bytes, clusters, &mut again);
+        if read.is_err() || again != *words {
+            return Err(Error::Invariant(format!("page {p} is in no order that a file can hold")));
+        }
+        let mut bytes = writer.bytes.clone();
+        bytes.resize(bytes.len().max(size_of_val(&words[..]).div_ceil(MAX_EXPANSION)), 0);
+        let row = PageRow {
+            offset: 0,
+            bytes: bytes.len() as u32,
+            crc: crc32fast::hash(&bytes),
+            words: entry.words,
+            clusters: entry.clusters,
+            level: entry.level,
+            first_group: context.own.start as u32,
+            first_identity: context.first_identity,
+            parts,
+        };
+        Ok((row, bytes))
+    };
+    let mut offset = 0u64;
+    for start in (0..count).step_by(BATCH) {
+        let batch: Vec<(PageRow, Vec<u8>)> = (start..count.min(start + BATCH))
+            .into_par_iter()
+            .map_init(|| Ok((Writer::new(Some(ZSTD_LEVEL))?, Decoder::new()?)), code)
+            .collect::<Result<_>>()?;
+        for ((row, bytes), slot) in batch.into_iter().zip(&mut rows[start..]) {
+            *slot = PageRow { offset, ..row };
+            offset += bytes.len() as u64;
+            out.write_all(&bytes).map_err(io)?;
+        }
+    }
+    Ok(offset as usize)
+}
+
+/// What each page is coded against.
+pub fn contexts<'a>(rounded: &'a Rounded<'_>) -> Vec<Context<'a>> {
+    let dag = rounded.dag;
+    let count = dag.pages.table.len();
+    // Groups follow each other as their members do.
+    let first_group = |p: usize| dag.groups.partition_point(|g| g.first.page() < p);
+    let ends: Vec<u32> = (0..count).into_par_iter().map(|p| identities_end(dag, p)).collect();
+    let mut first_identity = 0;
+    let context = |p: usize| {
+        let own = first_group(p)..first_group(p + 1);
+        let out = Context {
+            layout: dag.layout(),
+            grid: rounded.grid,
+            groups: &rounded.groups,
+            own,
+            first_identity,
+        };
+        first_identity = first_identity.max(ends[p]);
+        out
+    };
+    (0..count).map(context).collect()
+}
+
+/// One more than the largest identity of a page.
+fn identities_end(dag: &Dag, page: usize) -> u32 {
+    let clusters = dag.pages.table[page].clusters as usize;
+    let ids = (0..clusters).flat_map(|slot| dag.geometry(ClusterAddress::new(page, slot)).ids);
+    ids.max().map_or(0, |id| id + 1)
 }

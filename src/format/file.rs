@@ -1,22 +1,30 @@
 //! Files: constants of the container, reading, and atomic writing.
 
-use std::io::Write;
+use std::io::BufWriter;
 use std::path::Path;
 
-use super::{from_bytes, to_bytes};
+use bytemuck::{Pod, Zeroable};
+
+use super::encode::write;
+use super::from_bytes;
+use super::page::PartBytes;
+use super::quantize::{Precision, Rounded};
 use crate::error::{Error, Result};
 use crate::model::Dag;
 
 /// First bytes of a file. The high bit and the line ends catch transfers that are not binary-safe.
 pub const MAGIC: [u8; 8] = *b"\x89NANITE\n";
 /// Version of the layout. Readers refuse any other.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// Bytes before the section table.
 pub const HEADER_BYTES: usize = 24;
 /// Bytes of an entry of the section table.
 pub const ENTRY_BYTES: usize = 32;
 /// Boundary that sections start on.
 pub const ALIGNMENT: usize = 64;
+
+/// A page decodes to at most so many times its bytes, so that the length of a file bounds what reading it allocates.
+pub const MAX_EXPANSION: usize = 256;
 
 /// What a section holds. Every kind occurs exactly once, but for `FaceIds` and `Channels`, which may be absent.
 #[repr(u32)]
@@ -28,9 +36,9 @@ pub enum Kind {
     Groups = 2,
     /// [`crate::model::Node`] records.
     Nodes = 3,
-    /// [`crate::model::PageEntry`] records.
+    /// [`PageRow`] records.
     PageTable = 4,
-    /// The words of all pages.
+    /// Coded pages without a gap; the checksums are those of the table.
     Pages = 5,
     /// Rows of the caller's faces, one u32 per level-0 triangle.
     FaceIds = 6,
@@ -42,14 +50,40 @@ impl Kind {
     /// All kinds, in file order.
     pub const ALL: [Self; 7] = [
         Self::Metadata,
+        Self::PageTable,
         Self::Groups,
         Self::Nodes,
-        Self::PageTable,
-        Self::Pages,
         Self::FaceIds,
         Self::Channels,
+        Self::Pages,
     ];
 }
+
+/// A page in the page table: all that is needed to read and decode it besides the sections before the pages.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct PageRow {
+    /// First byte, from the start of the section.
+    pub offset: u64,
+    /// Number of bytes.
+    pub bytes: u32,
+    /// CRC-32 of the bytes.
+    pub crc: u32,
+    /// Words that it decodes to.
+    pub words: u32,
+    /// Number of clusters.
+    pub clusters: u32,
+    /// Level of every cluster.
+    pub level: u32,
+    /// The first group whose members it holds.
+    pub first_group: u32,
+    /// One more than the largest identity of the pages before.
+    pub first_identity: u32,
+    /// How many bytes are about what, in order ([`super::page::Part`]); what is left is padding.
+    pub parts: PartBytes,
+}
+
+const _: () = assert!(size_of::<PageRow>() == 64);
 
 fn io(path: &Path) -> impl Fn(std::io::Error) -> Error + '_ {
     |source| Error::Io { path: path.to_path_buf(), source }
@@ -57,7 +91,8 @@ fn io(path: &Path) -> impl Fn(std::io::Error) -> Error + '_ {
 
 /// Writes a mesh: to a temporary file beside the target, synced, then renamed over it. Whatever happens, the
 /// target is the old file or the new one, whole.
-pub fn save(dag: &Dag, path: &Path) -> Result<()> {
+pub fn save(dag: &Dag, path: &Path, precision: Precision) -> Result<()> {
+    let rounded = Rounded::new(dag, precision)?;
     let folder = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),
@@ -70,8 +105,8 @@ pub fn save(dag: &Dag, path: &Path) -> Result<()> {
         // What the umask leaves of it, as for any new file; the default of temporary files is 0600.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    let mut file = builder.tempfile_in(folder).map_err(io(path))?;
-    file.write_all(&to_bytes(dag)).map_err(io(path))?;
+    let file = builder.tempfile_in(folder).map_err(io(path))?;
+    write(&rounded, &mut BufWriter::new(file.as_file()), &io(path))?;
     file.as_file().sync_all().map_err(io(path))?;
     file.persist(path).map_err(|e| io(path)(e.error))?;
     #[cfg(unix)]

@@ -1,4 +1,5 @@
-//! The `.nanite` file. Callers see whole meshes; sections, checksums and later pages stay behind this module.
+//! The `.nanite` file. Callers see whole meshes; sections, checksums and coded pages stay behind this module.
+//! `docs/format.md` specifies it for other readers.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -8,15 +9,25 @@
 //! | 16..20 | CRC-32 of the section table |
 //! | 20..24 | CRC-32 of bytes 0..20 |
 //! | 24.. | section table: 32 bytes each: kind, CRC-32, offset, length, zero |
-//! | … | sections, each on a 64-byte boundary |
+//! | … | sections, each on a 64-byte boundary; coded pages come last |
 //!
 //! All numbers are little-endian. Section kinds: see [`file::Kind`].
 
+pub mod columns;
 pub mod decode;
 pub mod encode;
 pub mod file;
+pub mod info;
+pub mod page;
+pub mod page_decode;
+pub mod page_encode;
+pub mod planes;
+pub mod quantize;
+pub mod topology;
 pub mod validate;
 
 pub use decode::from_bytes;
 pub use encode::to_bytes;
 pub use file::{open, save};
+pub use info::{FileInfo, file_info};
+pub use quantize::{Precision, quantize};

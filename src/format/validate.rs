@@ -2,14 +2,18 @@
 //! hierarchy without cycles. Checksums find damage; this finds files that were made wrong on purpose.
 //! (That bounds bound and errors increase is `build::check`'s business: wrong ones give wrong pictures only.)
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::file::Kind;
+use super::quantize::MAX_EXPONENT;
 use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, MAX_ROUNDS, PAGE_MAX_CLUSTERS,
 };
+use crate::math::octahedral::NORMAL_BITS;
 use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
-use crate::model::{Channel, Dag, PageEntry};
+use crate::model::{Channel, Dag, Grid, Group, PageEntry};
 
 type Fault = (Kind, String);
 
@@ -37,6 +41,24 @@ pub fn structure(dag: &Dag) -> Result<(), Fault> {
     ensure(rows == source, Kind::FaceIds, || format!("{rows} rows for {source} triangles"))
 }
 
+/// Checks a grid.
+pub fn grid(grid: Grid) -> Result<(), &'static str> {
+    let sound = (0..=MAX_EXPONENT).contains(&grid.exponent)
+        && (2..=NORMAL_BITS).contains(&grid.normal_bits)
+        && grid.moved.is_finite()
+        && grid.moved >= 0.0;
+    if sound { Ok(()) } else { Err("the grid is out of range") }
+}
+
+/// The number of clusters of a page, where the members of its groups follow each other from the first on.
+pub fn members(groups: &[Group], page: usize, own: &Range<usize>) -> Option<u32> {
+    groups.get(own.clone())?.iter().try_fold(0u32, |next, group| {
+        let follows = group.first.page() == page && group.first.slot() == next as usize;
+        let fits = group.count <= GROUP_MAX_CLUSTERS as u32;
+        (follows && fits).then(|| next + group.count)
+    })
+}
+
 fn finite(values: &[f32]) -> bool {
     values.iter().all(|x| x.is_finite())
 }
@@ -51,6 +73,7 @@ fn metadata(dag: &Dag) -> Result<(), Fault> {
         && finite(&dag.bounds.min)
         && finite(&dag.bounds.max);
     ensure(sound, Kind::Metadata, || "frame or bounds are not finite".into())?;
+    dag.grid.map_or(Ok(()), grid).map_err(|what| (Kind::Metadata, what.into()))?;
     // Identities are used as indices: a file cannot make a reader allocate more than it holds itself.
     let words = dag.pages.words.len();
     ensure(dag.vertex_count as usize <= words, Kind::Metadata, || {
@@ -118,19 +141,25 @@ fn channels(dag: &Dag) -> Result<(), Fault> {
 }
 
 fn groups(dag: &Dag) -> Result<(), Fault> {
+    let mut clusters_before = 0;
     for (g, group) in dag.groups.iter().enumerate() {
         let fault = |holds: bool, what: &str| ensure(holds, Kind::Groups, || format!("group {g}: {what}"));
         let (page, slot) = (group.first.page(), group.first.slot());
         let clusters = dag.pages.table.get(page).map_or(0, |e| e.clusters as usize);
         fault((1..=GROUP_MAX_CLUSTERS).contains(&(group.count as usize)), "number of members")?;
         fault(slot + group.count as usize <= clusters, "members")?;
+        fault(dag.pages.dense_index(group.first) == clusters_before, "members do not follow those before")?;
+        clusters_before += group.count as usize;
         fault(finite(&group.center) && finite(&group.extent), "box")?;
         fault(finite(&group.lod_sphere.center) && group.lod_sphere.radius.is_finite(), "sphere")?;
         fault(group.error > 0.0 && group.error >= group.attribute_error, "error")?;
         fault(group.bound >= 0.0 && group.quadric >= 0.0, "bound")?;
         fault(group.level < MAX_ROUNDS, "level")?;
     }
-    Ok(())
+    let clusters = dag.cluster_count();
+    ensure(clusters_before == clusters, Kind::Groups, || {
+        format!("{clusters_before} members for {clusters} clusters")
+    })
 }
 
 fn nodes(dag: &Dag) -> Result<(), Fault> {

@@ -42,11 +42,12 @@ pub fn cut_attribute_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
     f64::from(largest(dag, clusters, |group| group.attribute_error)) * dag.frame.scale
 }
 
-/// The largest distance stated for a cut's clusters in object units, plus the rounding of the source positions; rounded up.
+/// The largest distance stated for a cut's clusters in object units, plus the rounding of positions; rounded up.
 pub fn cut_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
     let largest = largest(dag, clusters, Group::distance);
-    let error = f64::from(largest) * dag.frame.scale + dag.frame.rounding;
-    if dag.frame.rounding > 0.0 { error.next_up() } else { error }
+    let rounding = dag.rounding();
+    let error = f64::from(largest) * dag.frame.scale + rounding;
+    if largest > 0.0 && rounding > 0.0 { error.next_up() } else { error }
 }
 
 /// How many triangles the cut for each estimate has: found once, then any budget is a search in a table.

@@ -2,6 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::sphere::round_up;
+
 /// An axis-aligned box by its corners. Empty when `min > max`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -39,6 +41,16 @@ impl Aabb {
     /// Centre, rounded to nearest.
     pub fn center(&self) -> [f32; 3] {
         std::array::from_fn(|k| self.min[k] * 0.5 + self.max[k] * 0.5)
+    }
+
+    /// Its rounded centre, and half extents about that, rounded up so that they hold it.
+    pub fn center_extent(&self) -> ([f32; 3], [f32; 3]) {
+        let center = self.center();
+        let extent = std::array::from_fn(|k| {
+            let c = f64::from(center[k]);
+            round_up((f64::from(self.max[k]) - c).max(c - f64::from(self.min[k])))
+        });
+        (center, extent)
     }
 
     /// Length of the diagonal.

@@ -1,6 +1,7 @@
 //! Geometry without meshes: spheres, boxes, packing of directions, projection of errors.
 
 pub mod aabb;
+pub mod bounds;
 pub mod gamma;
 pub mod morton;
 pub mod octahedral;
@@ -10,6 +11,7 @@ pub mod sphere;
 pub mod triangle;
 
 pub use aabb::Aabb;
+pub use bounds::Bounds;
 pub use gamma::Gamma;
 pub use pair::Pair;
 pub use project::{LodView, singular_value_bound};

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use super::source::Positions;
 use crate::math::Aabb;
-use crate::math::sphere::round_up;
 use crate::model::Frame;
 
 /// Coordinates are at most 2 to this power, which is also the largest scale, and the inverse of the smallest.
@@ -66,16 +65,6 @@ fn power_of_two_above(x: f64) -> f64 {
 /// The box of internal points, with an extent that is never zero in all axes for a mesh with area.
 pub fn bounds(positions: &[[f32; 3]]) -> Aabb {
     positions.par_chunks(1 << 16).map(Aabb::of_points).reduce(|| Aabb::EMPTY, |a, b| a.union(&b))
-}
-
-/// Half the diagonal of a box about its rounded centre, rounded up: centre and half extents that hold it.
-pub fn center_extent(bounds: &Aabb) -> ([f32; 3], [f32; 3]) {
-    let center = bounds.center();
-    let extent = std::array::from_fn(|k| {
-        let c = f64::from(center[k]);
-        round_up((f64::from(bounds.max[k]) - c).max(c - f64::from(bounds.min[k])))
-    });
-    (center, extent)
 }
 
 #[cfg(test)]

@@ -75,9 +75,40 @@ impl Frame {
         std::array::from_fn(|k| self.origin[k] + self.scale * f64::from(p[k]))
     }
 
+    /// Largest distance, object units, by which positions were moved, in f32 and then on a grid; rounded up.
+    pub fn rounding_on(&self, grid: Option<Grid>) -> f64 {
+        match grid {
+            Some(grid) if grid.moved > 0.0 => (self.rounding + grid.moved).next_up(),
+            _ => self.rounding,
+        }
+    }
+
     /// True when object positions are exactly representable as f32.
     pub fn is_f32(&self) -> bool {
         self.origin == [0.0; 3] && self.rounding == 0.0
+    }
+}
+
+/// What positions and normals were rounded to, so that few bits hold them.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Grid {
+    /// Positions are whole multiples of 2^−`exponent` internal units, at most 2^24 of them, so that f32 holds them.
+    pub exponent: i32,
+    /// Bits of each of the two octahedral coordinates of a normal.
+    pub normal_bits: u32,
+    /// Largest distance, object units, by which this moved a position, rounded up.
+    pub moved: f64,
+}
+
+impl Grid {
+    /// Steps per internal unit.
+    pub fn steps(self) -> f32 {
+        2f32.powi(self.exponent)
+    }
+
+    /// Internal units per step.
+    pub fn step(self) -> f32 {
+        2f32.powi(-self.exponent)
     }
 }
 
@@ -105,6 +136,8 @@ pub struct Dag {
     /// For each level-0 triangle, in page order of the level-0 clusters, its row of the caller's `faces`;
     /// only when asked for.
     pub face_ids: Option<Vec<u32>>,
+    /// What positions and normals were rounded to; nothing before a file asked for it.
+    pub grid: Option<Grid>,
     /// What building did.
     pub report: BuildReport,
 }
@@ -113,6 +146,11 @@ impl Dag {
     /// Streams every cluster carries.
     pub fn layout(&self) -> AttributeLayout {
         self.pages.layout
+    }
+
+    /// Largest distance, object units, by which positions were moved where they were stored; rounded up.
+    pub fn rounding(&self) -> f64 {
+        self.frame.rounding_on(self.grid)
     }
 
     /// One cluster's record.

@@ -12,7 +12,7 @@ pub mod rule;
 
 pub use channel::{Channel, ChannelInfo, ChannelType};
 pub use cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
-pub use dag::{Dag, Frame, Group};
+pub use dag::{Dag, Frame, Grid, Group};
 pub use hierarchy::Node;
 pub use page::{PageEntry, Pages};
 pub use report::{BuildReport, LevelReport, StuckGroup, StuckReason};

@@ -22,11 +22,12 @@ use super::renderer::{self, RawCamera};
 use crate::build::{self, Progress};
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
-use crate::format;
+use crate::format::{self, Precision};
 use crate::lod::{FaceBudget, channel_rows, cut_attribute_error, cut_error, extract, select};
+use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
 use crate::model::rule::Threshold;
-use crate::model::{ClusterAddress, Dag, Frame};
+use crate::model::{ClusterAddress, Dag, Frame, Grid};
 
 /// How often a waiting call looks at signals and reports progress.
 const POLL: Duration = Duration::from_millis(50);
@@ -196,14 +197,57 @@ impl Mesh {
         detached(py, || format::from_bytes(data, "<bytes>")).map(Self::new)
     }
 
-    /// Writes a `.nanite` file: to a temporary file beside it, which then takes its name.
-    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        detached(py, || format::save(&self.dag, &path))
+    /// What a `.nanite` file says of itself, without its pages, and what it holds in bytes by part.
+    #[staticmethod]
+    fn file_info(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
+        let info = detached(py, || format::file_info(&path))?;
+        let (metadata, pages) = (&info.metadata, &info.pages);
+        let out = PyDict::new(py);
+        out.set_item("faces", metadata.source_faces)?;
+        out.set_item("vertices", metadata.source_vertices)?;
+        out.set_item("levels", 1 + pages.iter().map(|page| page.level).max().unwrap_or(0))?;
+        out.set_item("clusters", pages.iter().map(|page| u64::from(page.clusters)).sum::<u64>())?;
+        out.set_item("groups", info.groups)?;
+        out.set_item("nodes", info.nodes)?;
+        out.set_item("pages", pages.len())?;
+        out.set_item("bytes", info.bytes)?;
+        out.set_item("colors", metadata.layout.colors)?;
+        out.set_item("uv_sets", metadata.layout.uv_sets)?;
+        out.set_item("materials", metadata.layout.materials)?;
+        out.set_item("channels", metadata.channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>())?;
+        out.set_item(
+            "bounds",
+            metadata.bounds.map(|corner| metadata.frame.to_object(corner).to_vec()).to_vec(),
+        )?;
+        out.set_item("origin", metadata.frame.origin.to_vec())?;
+        out.set_item("precision", metadata.grid.map(|grid| precision(&metadata.frame, grid)))?;
+        out.set_item("rounding", metadata.frame.rounding_on(metadata.grid))?;
+        out.set_item("normal_rounding", normal_rounding(metadata.grid))?;
+        let parts = PyDict::new(py);
+        info.parts.iter().try_for_each(|(name, bytes)| parts.set_item(name, bytes))?;
+        out.set_item("parts", parts)?;
+        Ok(out)
+    }
+
+    /// Writes a `.nanite` file: to a temporary file beside it, which then takes its name. `step` is the largest step
+    /// of positions in object units.
+    #[pyo3(signature = (path, precision="auto", step=None))]
+    fn save(&self, py: Python<'_>, path: PathBuf, precision: &str, step: Option<f64>) -> PyResult<()> {
+        let precision = match (precision, step) {
+            (_, Some(step)) => Precision::Step(step),
+            ("auto", None) => Precision::Auto,
+            ("exact", None) => Precision::Exact,
+            (other, None) => {
+                let message = format!("expected \"auto\", \"exact\" or a number, not {other:?}");
+                return Err(argument_error(py, "precision", message));
+            }
+        };
+        detached(py, || format::save(&self.dag, &path, precision))
     }
 
     /// The bytes of a `.nanite` file.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = detached(py, || Ok(format::to_bytes(&self.dag)))?;
+        let bytes = detached(py, || format::to_bytes(&self.dag))?;
         Ok(PyBytes::new(py, &bytes))
     }
 
@@ -233,7 +277,7 @@ impl Mesh {
     /// The cut for an error in object units.
     fn cut_error(&self, py: Python<'_>, error: f64) -> PyResult<Cut> {
         // Rounded down: the cut never takes more than was allowed.
-        let internal = ((error - self.dag.frame.rounding).max(0.0) / self.dag.frame.scale) as f32;
+        let internal = ((error - self.dag.rounding()).max(0.0) / self.dag.frame.scale) as f32;
         let internal =
             if f64::from(internal) * self.dag.frame.scale > error { internal.next_down() } else { internal };
         self.cut(py, |dag| select(dag, &Threshold::Uniform(internal.max(0.0))))
@@ -363,8 +407,28 @@ impl Mesh {
     /// Largest distance by which storing a position moved it, object units.
     #[getter]
     fn rounding(&self) -> f64 {
-        self.dag.frame.rounding
+        self.dag.rounding()
     }
+
+    /// Step of the grid that positions are on, object units; `None` before a file rounded them.
+    #[getter]
+    fn precision(&self) -> Option<f64> {
+        self.dag.grid.map(|grid| precision(&self.dag.frame, grid))
+    }
+
+    /// Largest angle, degrees, by which normals were rounded.
+    #[getter]
+    fn normal_rounding(&self) -> f64 {
+        normal_rounding(self.dag.grid)
+    }
+}
+
+fn precision(frame: &Frame, grid: Grid) -> f64 {
+    frame.scale * f64::from(grid.step())
+}
+
+fn normal_rounding(grid: Option<Grid>) -> f64 {
+    grid.map_or(0.0, |grid| angle_of_bits(grid.normal_bits).to_degrees())
 }
 
 impl Mesh {

@@ -9,6 +9,7 @@ import os
 import numpy as np
 import pytest
 
+import nanite_rs as nrs
 from oracles import data, distance, subjects
 from oracles.cuts import random_cut, thresholds_that_draw_every_group
 from oracles.dag import Dag
@@ -87,6 +88,26 @@ def test_bounds_of_cuts_are_never_exceeded(name: str, quality: str) -> None:
     tight = f"{min(ratios):.2f} | {np.median(ratios):.2f}" if ratios else "– | –"
     counts = f"{len(source.faces)} | {CUTS} | {len(different)} | {slack / source.diagonal:.0e}"
     print(f"\ncuts | {name} | {quality} | {counts} | {tight} |")
+
+
+@pytest.mark.parametrize("name", NAMES if SOAK else (REAL[0], *GENERATED[:3]))
+@pytest.mark.parametrize("share", [1.0, 30.0])
+def test_bounds_of_stored_meshes_are_never_exceeded(name: str, share: float, tmp_path) -> None:
+    """Of a mesh that a file rounded, as by default and much more: the rounding is part of what cuts state."""
+    source = subjects.subject(name)
+    mesh = subjects.built(name, error="bound", quality="fast")
+    mesh.save(tmp_path / "mesh.nanite")
+    step = nrs.NaniteMesh.open(tmp_path / "mesh.nanite").info["precision"]
+    mesh.save(tmp_path / "mesh.nanite", precision=share * step)
+    stored = nrs.NaniteMesh.open(tmp_path / "mesh.nanite")
+    stored.check()
+    given, slack = surface(name), rounding(name)
+    for i, error in enumerate((0.0, 1e-4, 1e-3, 1e-2, 1e-1)):
+        cut = stored.cut(error=stored.info["rounding"] + error * source.diagonal)
+        made = distance.Surface(cut.vertices, cut.faces)
+        out, back = given.nearest(made.samples(SAMPLES, i))[0], made.nearest(given.samples(SAMPLES, i))[0]
+        worst = max(out.max(), back.max())
+        assert worst <= cut.error + slack, f"cut {i}: {worst} is stated as {cut.error}"
 
 
 @of_every_mesh

@@ -115,6 +115,11 @@ def test_channels_survive_files_and_trimesh(tmp_path) -> None:
     channels = {"label": rng.integers(-5, 5, len(v), np.int16), "heat": rng.random((len(v), 2))}
     mesh = build(v, f, channels=channels)
     mesh.save(tmp_path / "mesh.nanite")
+    rounded = nrs.NaniteMesh.open(tmp_path / "mesh.nanite")
+    for name in channels:
+        a, b = mesh.cut(error=0.0), rounded.cut(error=0.0)
+        np.testing.assert_array_equal(a.channels[name], b.channels[name])
+    mesh.save(tmp_path / "mesh.nanite", precision="exact")
     again = nrs.NaniteMesh.open(tmp_path / "mesh.nanite")
     assert again == mesh
     assert again.channels == mesh.channels == {"label": (np.dtype("int16"), 1), "heat": (np.dtype("f4"), 2)}

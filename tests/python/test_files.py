@@ -26,7 +26,7 @@ def mesh():
 @pytest.fixture(scope="module")
 def blob(mesh, tmp_path_factory) -> bytes:
     path = tmp_path_factory.mktemp("files") / "mesh.nanite"
-    mesh.save(path)
+    mesh.save(path, precision="exact")
     return path.read_bytes()
 
 
@@ -38,12 +38,12 @@ def opened(data: bytes, folder):
 
 def test_saved_and_opened_is_equal(mesh, tmp_path) -> None:
     path = tmp_path / "mesh.nanite"
-    mesh.save(path)
+    mesh.save(path, precision="exact")
     again = nrs.NaniteMesh.open(path)
     assert again == mesh
     assert (again != mesh) is False
     again.check()
-    again.save(tmp_path / "again.nanite")
+    again.save(tmp_path / "again.nanite", precision="exact")
     assert (tmp_path / "again.nanite").read_bytes() == path.read_bytes()
     for error in (0.0, 0.05, 10.0):
         a, b = mesh.cut(error=error), again.cut(error=error)
@@ -51,6 +51,90 @@ def test_saved_and_opened_is_equal(mesh, tmp_path) -> None:
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
         assert a.error == b.error
     assert [p.name for p in tmp_path.iterdir() if "nanite" not in p.suffix] == []
+
+
+@pytest.mark.parametrize("precision", ["auto", 0.01, 0.3])
+def test_rounded_files_state_what_they_lost(tmp_path, precision) -> None:
+    """Positions are on the grid, off by what is stated, and nothing more is lost by saving again."""
+    v, f = subjects.cube(12)
+    rng = np.random.default_rng(0)
+    colors, uvs = rng.integers(0, 255, (len(v), 4), np.uint8), np.asarray(v[:, :2], np.float32)
+    options = nrs.BuildOptions(face_ids=True)
+    mesh = nrs.NaniteMesh.from_arrays(v.astype(np.float32), f, colors=colors, uvs=uvs, options=options)
+    path = tmp_path / "mesh.nanite"
+    mesh.save(path, precision=precision)
+    again = nrs.NaniteMesh.open(path)
+    again.check()
+    info = again.info
+    step = info["precision"]
+    assert np.log2(step) == round(np.log2(step))
+    if precision != "auto":
+        assert 0.5 * precision < step <= precision
+    assert mesh.info["precision"] is None
+    assert mesh.info["rounding"] == mesh.info["normal_rounding"] == 0.0
+    assert 0.0 < info["normal_rounding"] < 0.3
+    a, b = mesh.cut(error=0.0), again.cut(error=0.0)
+    np.testing.assert_array_equal(a.faces, b.faces)
+    np.testing.assert_array_equal(a.colors, b.colors)
+    np.testing.assert_array_equal(a.uvs[0], b.uvs[0])
+    np.testing.assert_array_equal(mesh.source_face_ids, again.source_face_ids)
+    assert b.vertices.dtype == np.float32
+    assert (b.vertices / step == np.rint(b.vertices / step)).all()
+    moved = np.linalg.norm(a.vertices.astype(np.float64) - b.vertices, axis=1).max()
+    assert moved <= info["rounding"] <= 0.5 * np.sqrt(3.0) * step * (1.0 + 1e-12)
+    assert b.error == info["rounding"]
+    cosine = (a.normals * b.normals).sum(axis=1).clip(-1.0, 1.0)
+    assert np.degrees(np.arccos(cosine)).max() <= info["normal_rounding"] + 0.03  # rounding of f32
+    for save in (path, tmp_path / "other.nanite"):
+        before = path.read_bytes()
+        again.save(save)
+        assert save.read_bytes() == before
+    again.save(path, precision="exact")
+    assert nrs.NaniteMesh.open(path) == again
+    assert pickle.loads(pickle.dumps(again)) == again
+
+
+def test_rounding_of_float64_and_of_files_add_up(mesh, tmp_path) -> None:
+    mesh.save(tmp_path / "mesh.nanite")
+    again = nrs.NaniteMesh.open(tmp_path / "mesh.nanite")
+    before, after = mesh.info["rounding"], again.info["rounding"]
+    a, b = mesh.cut(error=0.0), again.cut(error=0.0)
+    assert a.vertices.dtype == b.vertices.dtype == np.float64
+    moved = np.linalg.norm(a.vertices - b.vertices, axis=1).max()
+    most = 0.5 * np.sqrt(3.0) * again.info["precision"]
+    assert 0.0 < before < before + moved * (1.0 - 1e-12) <= after <= before + most * (1.0 + 1e-12)
+
+
+def test_precision_is_checked(mesh, tmp_path) -> None:
+    path = tmp_path / "mesh.nanite"
+    for wrong in ("fine", 0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(nrs.ArgumentError, match="precision"):
+            mesh.save(path, precision=wrong)
+    with pytest.raises(nrs.DtypeError, match="precision"):
+        mesh.save(path, precision=None)
+    assert not path.exists()
+
+
+def test_file_info_reads_what_comes_before_the_pages(mesh, tmp_path) -> None:
+    path = tmp_path / "mesh.nanite"
+    mesh.save(path)
+    info = nrs.NaniteMesh.file_info(path)
+    opened_info = nrs.NaniteMesh.open(path).info
+    assert {name: info[name] for name in opened_info if name != "bytes"} == {
+        name: value for name, value in opened_info.items() if name != "bytes"
+    }
+    assert info["bytes"] == path.stat().st_size == sum(info["parts"].values())
+    assert info["parts"]["colors"] > 0
+    assert info["parts"]["channels"] == 0
+    # Damage in a page goes unseen here, and nowhere else.
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+    assert nrs.NaniteMesh.file_info(path) == info
+    with pytest.raises(nrs.FormatError, match="page"):
+        nrs.NaniteMesh.open(path)
+    with pytest.raises(FileNotFoundError):
+        nrs.NaniteMesh.file_info(tmp_path / "none.nanite")
 
 
 def test_pickled_and_copied_is_equal(mesh) -> None:
@@ -182,7 +266,7 @@ def test_saving_over_an_open_mesh_is_safe(mesh, tmp_path) -> None:
     again = nrs.NaniteMesh.open(path)
     again.save(path)
     again.check()
-    assert nrs.NaniteMesh.open(path) == mesh
+    assert nrs.NaniteMesh.open(path) == again
 
 
 def test_damaged_pickles_are_typed_errors(mesh) -> None:

@@ -115,7 +115,7 @@ def test_trimesh_and_files(tmp_path) -> None:
     v, f = grid(20)
     materials = (np.arange(len(f)) // 7 % 3).astype(np.uint8)
     mesh = build(v, f, materials, uvs=v[:, :2])
-    mesh.save(tmp_path / "m.nanite")
+    mesh.save(tmp_path / "m.nanite", precision="exact")
     again = nrs.NaniteMesh.open(tmp_path / "m.nanite")
     assert again == mesh
     assert mesh != build(v, f, materials[::-1], uvs=v[:, :2])

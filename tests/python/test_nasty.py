@@ -41,8 +41,12 @@ def test_nasty_and_cad_files(path, tmp_path) -> None:
         print(error)
         return
     mesh.check()
-    mesh.save(tmp_path / "m.nanite")
+    mesh.save(tmp_path / "m.nanite", precision="exact")
     assert nrs.NaniteMesh.open(tmp_path / "m.nanite") == mesh
+    mesh.save(tmp_path / "m.nanite")
+    rounded = nrs.NaniteMesh.open(tmp_path / "m.nanite")
+    rounded.check()
+    np.testing.assert_array_equal(rounded.cut(error=0.0).faces, mesh.cut(error=0.0).faces)
     assert len(mesh.cut(error=0.0).faces) == mesh.report.input_faces - (
         mesh.report.degenerate_faces + mesh.report.duplicate_faces
     )

@@ -3,12 +3,28 @@
 use nanite_rs::Error;
 use nanite_rs::build::{Silent, build, check};
 use nanite_rs::config::BuildOptions;
-use nanite_rs::format::{from_bytes, open, save, to_bytes};
+use nanite_rs::format::encode::contexts;
+use nanite_rs::format::file::{ENTRY_BYTES, HEADER_BYTES, Kind, PageRow};
+use nanite_rs::format::page_decode::Decoder;
+use nanite_rs::format::planes::Writer;
+use nanite_rs::format::quantize::Rounded;
+use nanite_rs::format::{
+    Precision, file_info, from_bytes, open, page_encode, quantize, save, to_bytes, validate,
+};
+use nanite_rs::lod::{channel_rows, cut_error, extract, select};
+use nanite_rs::measure::{BoundOptions, Surface, hausdorff_upper};
 use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
-use nanite_rs::model::{ChannelInfo, ChannelType, Dag};
+use nanite_rs::model::rule::Threshold;
+use nanite_rs::model::{ChannelInfo, ChannelType, Dag, Grid};
+use proptest::prelude::*;
 
 use crate::dag_invariants::{Random, build_mesh};
 use crate::shapes;
+
+/// Cases of a test: more where tests soak.
+fn cases(short: usize, long: usize) -> usize {
+    if std::env::var_os("NANITE_SOAK").is_some() { long } else { short }
+}
 
 fn rich_mesh(n: usize) -> Dag {
     let (positions, faces) = shapes::bumpy_sphere(n);
@@ -25,112 +41,334 @@ fn rich_mesh(n: usize) -> Dag {
         SourceChannel { info: info("heat", ChannelType::Float32, Some(2)), words: &heat },
         SourceChannel { info: info("part", ChannelType::Int32, None), words: &parts },
     ];
+    let materials: Vec<i32> = (0..faces.len() as i32).map(|f| f % 64 / 32 - 1).collect();
+    source.materials = Some(&materials);
     let dag = build(&source, &BuildOptions { face_ids: true, ..BuildOptions::default() }, &Silent).unwrap();
     check(&dag).unwrap();
     dag
 }
 
+/// A number in the bytes of a file.
+fn number(bytes: &[u8], at: usize, width: usize) -> usize {
+    bytes[at..at + width].iter().rev().fold(0, |value, byte| value << 8 | usize::from(*byte))
+}
+
+/// Where a section lies.
+fn section(bytes: &[u8], kind: Kind) -> std::ops::Range<usize> {
+    let entries = (0..number(bytes, 12, 4)).map(|i| HEADER_BYTES + i * ENTRY_BYTES);
+    let entry = entries.into_iter().find(|at| number(bytes, *at, 4) == kind as usize).unwrap();
+    let start = number(bytes, entry + 8, 8);
+    start..start + number(bytes, entry + 16, 8)
+}
+
+/// Makes all checksums right, as far as sections lie inside the file: damage that nobody can tell from what was meant.
+fn reseal(bytes: &mut [u8]) {
+    let put = |bytes: &mut [u8], at: usize, of: std::ops::Range<usize>| {
+        if let Some(data) = bytes.get(of) {
+            let crc = crc32fast::hash(data);
+            bytes[at..at + 4].copy_from_slice(&crc.to_le_bytes());
+        }
+    };
+    let (rows, pages) = (section(bytes, Kind::PageTable), section(bytes, Kind::Pages));
+    for row in rows.step_by(size_of::<PageRow>()) {
+        let start = pages.start.saturating_add(number(bytes, row, 8));
+        let end = start.saturating_add(number(bytes, row + 8, 4));
+        put(bytes, row + 12, start..end);
+    }
+    let count = number(bytes, 12, 4);
+    for entry in (0..count).map(|i| HEADER_BYTES + i * ENTRY_BYTES) {
+        if number(bytes, entry, 4) != Kind::Pages as usize {
+            let start = number(bytes, entry + 8, 8);
+            put(bytes, entry + 4, start..start + number(bytes, entry + 16, 8));
+        }
+    }
+    put(bytes, 16, HEADER_BYTES..HEADER_BYTES + count * ENTRY_BYTES);
+    put(bytes, 20, 0..20);
+}
+
+/// What an accepted file has to stand: cuts, channels and checks end without a panic.
+fn exercise(dag: &Dag) {
+    let cut = extract(dag, &select(dag, &Threshold::Uniform(0.01)));
+    dag.channels.iter().for_each(|c| assert!(channel_rows(c, &cut.ids).len() >= cut.ids.len()));
+    let _ = check(dag);
+}
+
+fn rounded(dag: &Dag, precision: Precision) -> Dag {
+    let out = quantize(dag, precision).unwrap();
+    check(&out).unwrap();
+    out
+}
+
 #[test]
 fn bytes_and_files_come_back_equal() {
     for dag in [rich_mesh(20), build_mesh(&shapes::torus(50, 20))] {
-        let bytes = to_bytes(&dag);
+        let bytes = to_bytes(&dag).unwrap();
         assert!(from_bytes(&bytes, "x").unwrap() == dag);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.nanite");
         std::fs::write(&path, b"an older file").unwrap();
-        save(&dag, &path).unwrap();
+        save(&dag, &path, Precision::Exact).unwrap();
         assert!(open(&path).unwrap() == dag);
+        assert_eq!(std::fs::read(&path).unwrap(), bytes);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a temporary file was left behind");
-        assert!(matches!(save(&dag, &folder.path().join("none/a.nanite")), Err(Error::Io { .. })));
+        let none = folder.path().join("none/a.nanite");
+        assert!(matches!(save(&dag, &none, Precision::Exact), Err(Error::Io { .. })));
         assert!(matches!(open(&folder.path().join("b.nanite")), Err(Error::Io { .. })));
+    }
+}
+
+/// A file holds what `quantize` gives, on whatever grid; once on it, a mesh stays as it is.
+#[test]
+fn files_hold_the_quantized_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.nanite");
+    for dag in [rich_mesh(20), build_mesh(&shapes::torus(50, 20))] {
+        let exact = to_bytes(&dag).unwrap().len();
+        for precision in
+            [0.1, 0.001, 1.0e-6, 1.0e-12].map(Precision::Step).into_iter().chain([Precision::Auto])
+        {
+            let expected = rounded(&dag, precision);
+            save(&dag, &path, precision).unwrap();
+            let read = open(&path).unwrap();
+            assert!(read == expected, "{precision:?}");
+            let info = file_info(&path).unwrap();
+            assert_eq!((info.metadata.grid, info.metadata.vertex_count), (read.grid, read.vertex_count));
+            assert_eq!(info.bytes, info.parts.iter().map(|part| part.1).sum::<u64>());
+            match precision {
+                Precision::Step(step) => match read.grid {
+                    Some(grid) => assert!(f64::from(grid.step()) * read.frame.scale <= step),
+                    // Finer than f32: all is kept.
+                    None => assert!(step == 1.0e-12 && read == dag),
+                },
+                _ => assert!(read.grid.is_some() && info.bytes < exact as u64),
+            }
+            // Nothing more is lost, whether the mesh, its bytes or a finer grid are asked for.
+            let bytes = to_bytes(&read).unwrap();
+            assert_eq!(std::fs::read(&path).unwrap(), bytes);
+            assert!(from_bytes(&bytes, "x").unwrap() == read);
+            for again in [Precision::Auto, Precision::Exact, precision, Precision::Step(1.0e-13)] {
+                assert!(
+                    read.grid.is_none() || rounded(&read, again) == read,
+                    "{precision:?}, then {again:?}"
+                );
+            }
+        }
+        let twice = rounded(&rounded(&dag, Precision::Step(0.001)), Precision::Step(0.1));
+        let once = rounded(&dag, Precision::Step(0.1));
+        assert_eq!(twice.grid.unwrap().exponent, once.grid.unwrap().exponent);
+        assert!(twice.grid.unwrap().moved >= once.grid.unwrap().moved);
+        for step in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(quantize(&dag, Precision::Step(step)), Err(Error::Argument { .. })));
+        }
+    }
+}
+
+#[test]
+fn all_positions_lie_on_the_grid_and_the_stated_movement_holds() {
+    let dag = build_mesh(&shapes::bumpy_sphere(60));
+    let read = rounded(&dag, Precision::Auto);
+    let grid = read.grid.unwrap();
+    // A sixteenth of the median edge, or at least a thirty-second.
+    let mut edges: Vec<f64> = Vec::new();
+    let mut moved = 0f64;
+    for (at, again) in dag.pages.addresses().zip(read.pages.addresses()) {
+        let (a, b) = (dag.geometry(at), read.geometry(again));
+        for (p, q) in a.positions.iter().zip(b.positions) {
+            assert!(q.iter().all(|x| (x * grid.steps()).fract() == 0.0));
+            let squared = (0..3).map(|k| (f64::from(p[k]) - f64::from(q[k])).powi(2)).sum::<f64>();
+            moved = moved.max(squared.sqrt() * dag.frame.scale);
+        }
+        if dag.record(at).level == 0 {
+            edges.extend((0..a.triangles.len()).flat_map(|t| {
+                let c = a.corners(t).map(|p| p.map(f64::from));
+                [(0, 1), (1, 2), (2, 0)]
+                    .map(|(i, j)| (0..3).map(|k| (c[i][k] - c[j][k]).powi(2)).sum::<f64>().sqrt())
+            }));
+        }
+    }
+    edges.sort_by(f64::total_cmp);
+    let share = f64::from(grid.step()) / edges[edges.len() / 2];
+    assert!(share <= 1.0 / 16.0 && share > 1.0 / 32.0, "{share}");
+    assert!(moved <= grid.moved && grid.moved <= moved * (1.0 + 1.0e-12), "{moved} of {}", grid.moved);
+    assert!(read.rounding() >= dag.frame.rounding + grid.moved);
+}
+
+/// The distance between the source and cuts of a mesh that was stored, proven by the measure, against what they state.
+#[test]
+fn what_cuts_of_stored_meshes_state_holds() {
+    let mesh = shapes::bumpy_sphere(40);
+    let dag = build_mesh(&mesh);
+    for precision in [Precision::Auto, Precision::Step(0.02)] {
+        let read = rounded(&dag, precision);
+        let largest = dag.groups.iter().map(|g| g.distance()).filter(|e| e.is_finite()).fold(0.0, f32::max);
+        for share in [0.0, 0.01, 0.1, 0.5, 1.0] {
+            let clusters = select(&read, &Threshold::Uniform(largest * share));
+            let cut = extract(&read, &clusters);
+            let positions: Vec<[f32; 3]> =
+                cut.positions.iter().map(|p| read.frame.to_object(*p).map(|x| x as f32)).collect();
+            let a = Surface { positions: &positions, indices: cut.faces.as_flattened() };
+            let b = Surface { positions: &mesh.0, indices: mesh.1.as_flattened() };
+            let measured = hausdorff_upper(a, b, &[], &BoundOptions::default()).lower;
+            let stated = cut_error(&read, &clusters);
+            assert!(measured <= stated, "{precision:?} at {share}: {measured} of {stated}");
+            assert!(share > 0.0 || stated == read.rounding());
+        }
     }
 }
 
 #[test]
 fn every_truncation_is_a_typed_error() {
-    let bytes = to_bytes(&rich_mesh(4));
-    for length in 0..bytes.len() {
-        match from_bytes(&bytes[..length], "short") {
-            Err(Error::Format { name, offset, .. }) => {
-                assert_eq!(name, "short");
-                assert!(offset <= bytes.len() as u64);
+    let dag = rich_mesh(4);
+    for bytes in [to_bytes(&dag).unwrap(), to_bytes(&rounded(&dag, Precision::Auto)).unwrap()] {
+        for length in 0..bytes.len() {
+            match from_bytes(&bytes[..length], "short") {
+                Err(Error::Format { name, offset, .. }) => {
+                    assert_eq!(name, "short");
+                    assert!(offset <= bytes.len() as u64);
+                }
+                other => panic!("length {length}: {:?}", other.map(|_| ())),
             }
-            other => panic!("length {length}: {:?}", other.map(|_| ())),
         }
+        let mut longer = bytes.clone();
+        longer.push(0);
+        assert!(matches!(from_bytes(&longer, "long"), Err(Error::Format { .. })));
     }
 }
 
 #[test]
-fn every_flipped_bit_that_matters_is_found() {
-    let dag = rich_mesh(4);
-    let bytes = to_bytes(&dag);
+fn every_flipped_bit_is_found() {
+    let dag = rounded(&rich_mesh(4), Precision::Auto);
+    let bytes = to_bytes(&dag).unwrap();
     let mut random = Random(5);
-    for _ in 0..2000 {
+    for _ in 0..cases(2000, 50_000) {
         let mut damaged = bytes.clone();
         let at = (random.next() * bytes.len() as f64) as usize;
         damaged[at] ^= 1 << (random.next() * 8.0) as u8;
-        // Only padding between sections may change unnoticed.
         match from_bytes(&damaged, "flipped") {
             Err(Error::Format { .. }) => {}
-            Ok(read) => assert!(read == dag, "byte {at} changed the mesh unnoticed"),
-            Err(other) => panic!("{other}"),
+            other => panic!("byte {at}: {:?}", other.map(|_| ())),
         }
     }
 }
 
-/// Damage behind valid checksums: readers may find it or not, but must survive cutting what they accept.
+const EVIL: [u32; 9] = [0, 1, 0x7f, 0xff, 0x1_0000, 0x7f80_0000, 0x7fc0_0000, 0x8000_0000, u32::MAX];
+
+fn pick(n: usize, random: &mut Random) -> usize {
+    (random.next() * n as f64) as usize
+}
+
+/// Damage behind valid checksums: readers may find it or not, but must survive using what they accept.
 #[test]
-fn hostile_words_never_panic() {
+fn hostile_files_never_panic() {
     let dag = rich_mesh(6);
     let mut random = Random(9);
-    let evil = [0, 1, 0x7f, 0xff, 0x1_0000, 0x7f80_0000, 0x7fc0_0000, 0x8000_0000, u32::MAX];
+    let kinds = [Kind::PageTable, Kind::Groups, Kind::Nodes, Kind::FaceIds, Kind::Channels, Kind::Pages];
     let mut accepted = 0;
-    for _ in 0..3000 {
-        let mut damaged = dag.clone();
-        let value = evil[(random.next() * evil.len() as f64) as usize];
-        let pick = |n: usize, r: &mut Random| (r.next() * n as f64) as usize;
-        match pick(6, &mut random) {
-            0 => {
-                let at = pick(damaged.pages.words.len(), &mut random);
-                damaged.pages.words[at] = value;
+    for bytes in [to_bytes(&dag).unwrap(), to_bytes(&rounded(&dag, Precision::Auto)).unwrap()] {
+        for _ in 0..cases(1500, 400_000) {
+            let mut damaged = bytes.clone();
+            for _ in 0..=pick(2, &mut random) {
+                let place = match pick(8, &mut random) {
+                    0 => HEADER_BYTES..section(&bytes, Kind::Metadata).start,
+                    1 => section(&bytes, Kind::Metadata),
+                    k => section(&bytes, kinds[k - 2]),
+                };
+                let at = place.start + pick(place.len() / 4, &mut random) * 4;
+                if place == section(&bytes, Kind::Metadata) {
+                    damaged[at] = b"0123456789-e.,"[pick(14, &mut random)];
+                } else if pick(2, &mut random) == 0 {
+                    damaged[at + pick(4, &mut random)] ^= 1 << pick(8, &mut random);
+                } else {
+                    let value = EVIL[pick(EVIL.len(), &mut random)];
+                    damaged[at..at + 4].copy_from_slice(&value.to_le_bytes());
+                }
             }
-            1 => {
-                let words: &mut [u32] = bytemuck::cast_slice_mut(&mut damaged.groups);
-                let at = pick(words.len(), &mut random);
-                words[at] = value;
+            // Rows of the section table may now point anywhere.
+            let known = std::panic::catch_unwind(|| {
+                let mut damaged = damaged.clone();
+                reseal(&mut damaged);
+                damaged
+            });
+            match from_bytes(&known.unwrap_or(damaged), "hostile") {
+                Ok(read) => {
+                    accepted += 1;
+                    exercise(&read);
+                }
+                Err(Error::Format { .. }) => {}
+                Err(other) => panic!("{other}"),
             }
-            2 => {
-                let words: &mut [u32] = bytemuck::cast_slice_mut(&mut damaged.nodes);
-                let at = pick(words.len(), &mut random);
-                words[at] = value;
-            }
-            3 => {
-                let channel = pick(damaged.channels.len(), &mut random);
-                let words = &mut damaged.channels[channel].words;
-                let at = pick(words.len(), &mut random);
-                words[at] = value;
-            }
-            4 => {
-                let channel = pick(damaged.channels.len(), &mut random);
-                damaged.channels[channel].info.columns = Some(value);
-            }
-            _ => {
-                let words: &mut [u32] = bytemuck::cast_slice_mut(&mut damaged.pages.table);
-                let at = pick(words.len(), &mut random);
-                words[at] = value;
-            }
-        }
-        if let Ok(read) = from_bytes(&to_bytes(&damaged), "hostile") {
-            accepted += 1;
-            let clusters = nanite_rs::lod::select(&read, &nanite_rs::model::rule::Threshold::Uniform(0.01));
-            let cut = nanite_rs::lod::extract(&read, &clusters);
-            read.channels
-                .iter()
-                .for_each(|c| assert!(nanite_rs::lod::channel_rows(c, &cut.ids).len() >= cut.ids.len()));
-            let _ = check(&read);
         }
     }
     assert!(accepted > 100, "the damage never got past the reader: the test tests nothing");
+}
+
+/// The same inside pages, after zstd: bytes of every stream of a page that was written without it.
+#[test]
+fn hostile_pages_never_panic() {
+    let mut random = Random(21);
+    let mut accepted = 0;
+    for precision in [Precision::Auto, Precision::Exact] {
+        let dag = rounded(&rich_mesh(12), precision);
+        let plan = Rounded::new(&dag, Precision::Exact).unwrap();
+        let contexts = contexts(&plan);
+        let mut decoder = Decoder::new().unwrap();
+        for (p, context) in contexts.iter().enumerate() {
+            let entry = dag.pages.table[p];
+            let clusters = entry.clusters as usize;
+            let mut writer = Writer::new(None).unwrap();
+            page_encode::encode(context, dag.pages.page(p), clusters, &mut writer).unwrap();
+            let bytes = writer.bytes;
+            for length in 0..bytes.len() {
+                let mut words = vec![0; entry.words as usize];
+                assert!(decoder.decode(context, &bytes[..length], clusters, &mut words).is_err());
+            }
+            for _ in 0..cases(2000, 600_000) {
+                let mut damaged = bytes.clone();
+                for _ in 0..=pick(3, &mut random) {
+                    let at = pick(bytes.len(), &mut random);
+                    damaged[at] = [damaged[at] ^ 1 << pick(8, &mut random), 0, 255][pick(3, &mut random)];
+                }
+                let mut words = vec![0; entry.words as usize];
+                if decoder.decode(context, &damaged, clusters, &mut words).is_ok() {
+                    let mut read = dag.clone();
+                    let start = entry.offset as usize;
+                    read.pages.words[start..start + words.len()].copy_from_slice(&words);
+                    if validate::structure(&read).is_ok() {
+                        accepted += 1;
+                        exercise(&read);
+                    }
+                }
+            }
+        }
+    }
+    assert!(accepted > 100, "the damage never got past the reader: the test tests nothing");
+}
+
+/// Rows of the page table that promise more than the file could hold are refused before anything is allocated for them.
+#[test]
+fn what_is_allocated_is_bounded_by_the_file() {
+    let bytes = to_bytes(&rich_mesh(6)).unwrap();
+    let table = section(&bytes, Kind::PageTable);
+    let refused = |field: std::ops::Range<usize>, value: u64, what: &str| {
+        let mut damaged = bytes.clone();
+        let row = table.start;
+        damaged[row + field.start..row + field.end].copy_from_slice(&value.to_le_bytes()[..field.len()]);
+        reseal(&mut damaged);
+        match from_bytes(&damaged, "x") {
+            Err(Error::Format { message, offset, .. }) => {
+                assert!(message.contains(what), "{message}");
+                assert!(offset > 0);
+            }
+            other => panic!("{what}: {:?}", other.map(|_| ())),
+        }
+    };
+    refused(16..20, u64::from(u32::MAX), "too few bytes");
+    refused(16..20, 1, "do not fill");
+    refused(8..12, u64::from(u32::MAX), "does not");
+    refused(0..8, u64::MAX, "does not follow");
+    refused(20..24, u64::from(u32::MAX), "number of clusters");
+    refused(28..32, 1, "first group");
+    refused(36..40, u64::from(u32::MAX), "too few bytes");
 }
 
 #[test]
@@ -139,16 +377,107 @@ fn channels_that_do_not_fit_are_refused() {
     let refused = |change: &dyn Fn(&mut Dag), what: &str| {
         let mut damaged = dag.clone();
         change(&mut damaged);
-        match from_bytes(&to_bytes(&damaged), "x") {
-            Err(Error::Format { message, .. }) => assert!(message.contains(what), "{message}"),
+        match to_bytes(&damaged) {
+            Err(Error::Invariant(message)) => assert!(message.contains(what), "{message}"),
             other => panic!("{what}: {:?}", other.map(|_| ())),
         }
     };
     refused(&|d| d.channels[0].words[3] = f32::NAN.to_bits(), "values");
     refused(&|d| d.channels[1].info.dtype = ChannelType::Bool, "values");
     refused(&|d| d.channels[1].info.name = "heat".into(), "name");
-    refused(&|d| d.channels[0].info.columns = Some(0), "left over");
-    refused(&|d| d.channels[0].info.columns = Some(u32::MAX), "ends inside");
-    refused(&|d| d.channels[1].words.truncate(5), "ends inside");
-    refused(&|d| d.channels[1].words.push(0), "left over");
+    refused(&|d| d.channels[0].info.columns = Some(0), "width");
+    refused(&|d| d.channels[0].info.columns = Some(u32::MAX), "rows");
+    refused(&|d| d.channels[1].words.truncate(5), "rows");
+    refused(&|d| d.channels[1].words.push(0), "rows");
+    refused(&|d| d.pages.words[0] = f32::NAN.to_bits(), "bounds");
+    refused(&|d| d.grid = Some(Grid { exponent: 3, normal_bits: 8, moved: 0.0 }), "no order");
+    refused(&|d| d.grid = Some(Grid { exponent: 99, normal_bits: 8, moved: 0.0 }), "grid");
+
+    // The same of files: lengths in the metadata that the section does not have.
+    let bytes = to_bytes(&dag).unwrap();
+    let json = section(&bytes, Kind::Metadata);
+    let text = std::str::from_utf8(&bytes[json.clone()]).unwrap();
+    for (from, to, what) in [
+        ("\"columns\": 2", "\"columns\": 1", "left over"),
+        ("\"columns\": 2", "\"columns\": 9", "ends inside"),
+        ("\"int32\"", "\"bool\" ", "values"),
+    ] {
+        let at = json.start + text.find(from).unwrap();
+        let mut damaged = bytes.clone();
+        damaged[at..at + to.len()].copy_from_slice(to.as_bytes());
+        reseal(&mut damaged);
+        match from_bytes(&damaged, "x") {
+            Err(Error::Format { message, .. }) => assert!(message.contains(what), "{message}"),
+            other => panic!("{what}: {:?}", other.map(|_| ())),
+        }
+    }
+}
+
+/// Any surface, whatever it carries and however its triangles hang together.
+#[derive(Clone, Debug)]
+struct Anything {
+    positions: Vec<[f32; 3]>,
+    faces: Vec<[u32; 3]>,
+    colors: bool,
+    uv_sets: usize,
+    materials: bool,
+    channel: bool,
+    face_ids: bool,
+    triangles: usize,
+    step: f64,
+}
+
+fn anything() -> impl Strategy<Value = Anything> {
+    let face = prop::array::uniform3(0u32..60);
+    let position = prop::array::uniform3(-8i32..8).prop_map(|p| p.map(|x| x as f32 * 0.37));
+    let mesh = (prop::collection::vec(position, 60), prop::collection::vec(face, 1..300));
+    let carries = (any::<bool>(), 0usize..3, any::<bool>(), any::<bool>(), any::<bool>());
+    (mesh, carries, 16usize..=128, -8.0f64..1.0).prop_map(|(mesh, carries, triangles, step)| Anything {
+        positions: mesh.0,
+        faces: mesh.1,
+        colors: carries.0,
+        uv_sets: carries.1,
+        materials: carries.2,
+        channel: carries.3,
+        face_ids: carries.4,
+        triangles,
+        step: 10f64.powf(step),
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: cases(60, 5000) as u32, failure_persistence: None, ..ProptestConfig::default()
+    })]
+
+    #[test]
+    fn any_mesh_comes_back(any in anything()) {
+        let Anything { positions, faces, .. } = &any;
+        let colors: Vec<[u8; 4]> = (0..positions.len()).map(|i| [i as u8, 3, (i * 77) as u8, 255]).collect();
+        let uvs: Vec<[f32; 2]> = positions.iter().map(|p| [p[0] * 1.0e-3, -p[1] * 1.0e7]).collect();
+        let words: Vec<u32> = (0..positions.len() as u32).map(|i| i * 0x0101_0101).collect();
+        let materials: Vec<i32> = (0..faces.len() as i32).map(|f| f / 9 - 4).collect();
+        let mut source = SourceMesh::new(Positions::F32(positions), faces);
+        source.colors = any.colors.then_some(&colors);
+        source.uvs = vec![&uvs; any.uv_sets];
+        source.materials = any.materials.then_some(&materials);
+        if any.channel {
+            let info = ChannelInfo { name: "label".into(), dtype: ChannelType::Uint32, columns: None };
+            source.channels = vec![SourceChannel { info, words: &words }];
+        }
+        let options = BuildOptions {
+            face_ids: any.face_ids,
+            cluster_triangles: any.triangles,
+            ..BuildOptions::default()
+        };
+        // Nothing may be left of such faces.
+        if let Ok(dag) = build(&source, &options, &Silent) {
+            check(&dag).unwrap();
+            prop_assert!(from_bytes(&to_bytes(&dag).unwrap(), "x").unwrap() == dag);
+            for precision in [Precision::Auto, Precision::Step(any.step)] {
+                let expected = quantize(&dag, precision).unwrap();
+                prop_assert!(from_bytes(&to_bytes(&expected).unwrap(), "x").unwrap() == expected);
+            }
+        }
+    }
 }

@@ -5,7 +5,6 @@
 //! small enough, since each of them is too fine then.
 
 use nanite_rs::math::{Aabb, Sphere};
-use nanite_rs::mesh::frame::center_extent;
 use nanite_rs::model::rule::ERROR_STEP;
 use nanite_rs::model::{ClusterAddress, Dag, Group};
 
@@ -33,7 +32,7 @@ fn part(mesh: &Dag, first: ClusterAddress, count: usize) -> Group {
         let [min, max]: [[f32; 3]; 2] = [corner(-1.0).map(f32::next_down), corner(1.0).map(f32::next_up)];
         bounds.union(&Aabb { min, max })
     });
-    let (center, extent) = center_extent(&bounds);
+    let (center, extent) = bounds.center_extent();
     Group {
         lod_sphere: Sphere::of_spheres(&spheres),
         error: groups().map(|group| group.error).fold(0.0, f32::max) * ERROR_STEP,

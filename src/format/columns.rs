@@ -1,0 +1,149 @@
+//! What vertices carry, as differences from what the vertices before let expect: a vertex has three others that it is
+//! predicted from (`topology.rs`), which its cluster knows before it.
+
+use super::planes::{unzigzag, zigzag};
+use crate::math::octahedral::NORMAL_BITS;
+
+/// Words of `N` columns as the coder sees them: how they are predicted, and what is written of them.
+pub trait Column<const N: usize> {
+    /// What is expected at p + q − r.
+    fn predict(&self, p: [u32; N], q: [u32; N], r: [u32; N]) -> [u32; N];
+    /// A small number for a value near what was expected.
+    fn code(&self, value: u32, expected: u32) -> u32;
+    /// The value of a number.
+    fn value(&self, code: u32, expected: u32) -> u32;
+}
+
+/// Integers in two's complement, completed to a parallelogram.
+pub struct Whole;
+
+impl<const N: usize> Column<N> for Whole {
+    #[inline(always)]
+    fn predict(&self, p: [u32; N], q: [u32; N], r: [u32; N]) -> [u32; N] {
+        let mut out = p;
+        for k in 0..N {
+            out[k] = p[k].wrapping_add(q[k]).wrapping_sub(r[k]);
+        }
+        out
+    }
+
+    #[inline(always)]
+    fn code(&self, value: u32, expected: u32) -> u32 {
+        zigzag(value.wrapping_sub(expected))
+    }
+
+    #[inline(always)]
+    fn value(&self, code: u32, expected: u32) -> u32 {
+        expected.wrapping_add(unzigzag(code))
+    }
+}
+
+/// Bits of f32, completed to a parallelogram, as numbers in the order of the values.
+pub struct Float;
+
+/// Bits of f32 as numbers in the order of their values.
+fn ordered(bits: u32) -> u32 {
+    bits ^ ((bits.cast_signed() >> 31).cast_unsigned() | 1 << 31)
+}
+
+/// The inverse of [`ordered`].
+fn unordered(number: u32) -> u32 {
+    number ^ (((!number).cast_signed() >> 31).cast_unsigned() | 1 << 31)
+}
+
+impl<const N: usize> Column<N> for Float {
+    fn predict(&self, p: [u32; N], q: [u32; N], r: [u32; N]) -> [u32; N] {
+        let mut out = p;
+        for k in 0..N {
+            out[k] = (f32::from_bits(p[k]) + f32::from_bits(q[k]) - f32::from_bits(r[k])).to_bits();
+        }
+        out
+    }
+
+    fn code(&self, value: u32, expected: u32) -> u32 {
+        zigzag(ordered(value).wrapping_sub(ordered(expected)))
+    }
+
+    fn value(&self, code: u32, expected: u32) -> u32 {
+        unordered(ordered(expected).wrapping_add(unzigzag(code)))
+    }
+}
+
+/// Octahedral coordinates of so many bits, sign-extended; the mean of two is expected, and differences wrap around.
+pub struct Normal {
+    /// Bits of a coordinate.
+    pub bits: u32,
+}
+
+impl Normal {
+    #[inline(always)]
+    fn wrap(&self, t: u32) -> u32 {
+        let unused = 2 * NORMAL_BITS - self.bits;
+        ((t << unused).cast_signed() >> unused).cast_unsigned()
+    }
+}
+
+impl Column<2> for Normal {
+    #[inline(always)]
+    fn predict(&self, p: [u32; 2], q: [u32; 2], _: [u32; 2]) -> [u32; 2] {
+        let mean = |p: u32, q: u32| (p.wrapping_add(q).cast_signed() >> 1).cast_unsigned();
+        [mean(p[0], q[0]), mean(p[1], q[1])]
+    }
+
+    #[inline(always)]
+    fn code(&self, value: u32, expected: u32) -> u32 {
+        zigzag(self.wrap(value.wrapping_sub(expected)))
+    }
+
+    #[inline(always)]
+    fn value(&self, code: u32, expected: u32) -> u32 {
+        self.wrap(expected.wrapping_add(unzigzag(code)))
+    }
+}
+
+/// Four bytes, each as its difference from that of one vertex.
+pub struct Color;
+
+fn bytewise(a: u32, b: u32, f: fn(u8, u8) -> u8) -> u32 {
+    let (a, b) = (a.to_le_bytes(), b.to_le_bytes());
+    u32::from_le_bytes(std::array::from_fn(|k| f(a[k], b[k])))
+}
+
+impl Column<1> for Color {
+    fn predict(&self, p: [u32; 1], _: [u32; 1], _: [u32; 1]) -> [u32; 1] {
+        p
+    }
+
+    fn code(&self, value: u32, expected: u32) -> u32 {
+        bytewise(value, expected, u8::wrapping_sub)
+    }
+
+    fn value(&self, code: u32, expected: u32) -> u32 {
+        bytewise(expected, code, u8::wrapping_add)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_come_back() {
+        let floats = [0.0f32, -0.0, 1.0, -1.0, 0.1, f32::MIN_POSITIVE, -3.0e-39, f32::MAX, f32::MIN];
+        let mut order: Vec<_> = floats.iter().map(|x| (*x, ordered(x.to_bits()))).collect();
+        order.sort_by_key(|x| x.1);
+        assert!(order.is_sorted_by(|a, b| a.0 <= b.0));
+        for a in floats.map(f32::to_bits).into_iter().chain([u32::MAX, 0x8000_8001, 7]) {
+            for b in floats.map(f32::to_bits) {
+                assert_eq!(Column::<1>::value(&Float, Column::<1>::code(&Float, a, b), b), a);
+                assert_eq!(Column::<1>::value(&Whole, Column::<1>::code(&Whole, a, b), b), a);
+                assert_eq!(Color.value(Color.code(a, b), b), a);
+            }
+        }
+        let normal = Normal { bits: 10 };
+        for (a, b) in [(-511i32, 511i32), (0, -3), (511, -511)] {
+            let (a, b) = (a.cast_unsigned(), b.cast_unsigned());
+            assert_eq!(normal.value(normal.code(a, b), b), a);
+        }
+    }
+}
