@@ -334,7 +334,6 @@ impl Context {
                 compilation_options: wgpu::PipelineCompilationOptions {
                     constants: if self.software { kernel.overrides_in_software() } else { &[] },
                     zero_initialize_workgroup_memory: false,
-                    ..wgpu::PipelineCompilationOptions::default()
                 },
                 cache: None,
             })
