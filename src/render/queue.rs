@@ -76,8 +76,9 @@ impl<T: Copy + Ord> Queue<T> {
 mod tests {
     use super::*;
 
+    /// A fourth of the four tiles around it.
     fn square(x: u16, key: u32) -> Footprint {
-        Footprint { rect: [x, 0, x + 31, 31], near_key: key, span: 32, clipped: false }
+        Footprint { rect: [x, 16, x + 31, 47], near_key: key, span: 32, clipped: false }
     }
 
     #[test]
@@ -85,16 +86,16 @@ mod tests {
         let screen =
             Screen { width: 64, height: 64, orthographic: false, near: 1.0, far: f32::INFINITY, far_key: 0 };
         // Apart from each other: all at once, in order.
-        let mut apart = Queue::new([(square(0, 7), 3), (square(29, 5), 1)].into_iter(), &screen, 1.5);
+        let mut apart = Queue::new([(square(0, 7), 3), (square(32, 5), 1)].into_iter(), &screen, 1.5);
         assert_eq!(apart.take(), [1, 3]);
         assert!(apart.is_empty());
         // A pile of 15 where 4 fill the occupied tiles: 4, then 8, then the rest.
-        let pile = (0..15).map(|i| (square(0, 100 - i), i));
+        let pile = (0..15).map(|i| (square(16, 100 - i), i));
         let mut pile = Queue::new(pile, &screen, 1.5);
         assert_eq!(pile.take(), [0, 1, 2, 3]);
         assert_eq!(pile.take(), (4..15).collect::<Vec<_>>());
         assert!(pile.is_empty() && pile.take().is_empty());
-        let mut tower = Queue::new((0..60).map(|i| (square(0, 100 - i), i)), &screen, 1.5);
+        let mut tower = Queue::new((0..60).map(|i| (square(16, 100 - i), i)), &screen, 1.5);
         assert_eq!([tower.take().len(), tower.take().len(), tower.take().len()], [4, 8, 16]);
     }
 }

@@ -504,12 +504,12 @@ fn lack_of_memory_is_an_error_that_leaves_the_device_in_use() {
     large.render(&lit(), &CAMERA, &near, &options(0.1)).unwrap();
     context.limit_memory(1 << 20);
     for _ in 0..2 {
-        // Too many pixels; too many instances; too many groups; too large a mesh.
+        // Too many pixels; too many instances; too many visible clusters; too large a mesh.
         lacks(large.render(&scene, &CAMERA, &near, &options(0.1)), "the instances of the scene");
         let mut small = lit();
         small.add(Arc::clone(&meshes[0]), &IDENTITY, Material::default()).unwrap();
         lacks(large.render(&small, &CAMERA, &near, &options(0.1)), "the pixels of the picture");
-        lacks(renderer.render(&scene, &CAMERA, &far, &all), "groups to look at");
+        lacks(renderer.render(&scene, &CAMERA, &far, &all), "visible clusters");
         let added = scene.add(Arc::clone(&fine), &IDENTITY, Material::default()).unwrap();
         lacks(renderer.render(&scene, &CAMERA, &near, &options(0.1)), "the clusters of the meshes");
         scene.remove(added).unwrap();
