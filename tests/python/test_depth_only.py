@@ -7,6 +7,7 @@ import pytest
 
 import nanite_rs as nrs
 from oracles import compare, subjects
+from oracles.camera import at
 from oracles.setup import setup
 
 SIZE = 320, 180
@@ -28,12 +29,6 @@ def backend(request) -> str:
 def renderer(backend):
     with nrs.Renderer(*SIZE, backend=backend) as renderer:
         yield renderer
-
-
-def at(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, 3] = x, y, z
-    return pose
 
 
 def scene() -> nrs.Scene:

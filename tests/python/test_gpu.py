@@ -11,6 +11,7 @@ import pytest
 
 import nanite_rs as nrs
 from oracles import subjects
+from oracles.camera import at
 
 SIZE = 320, 180
 LENS = nrs.PerspectiveCamera(yfov=0.8)
@@ -34,12 +35,6 @@ def device():
         pytest.skip(str(error))
     with renderer:
         yield renderer
-
-
-def at(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, 3] = x, y, z
-    return pose
 
 
 def scene() -> nrs.Scene:

@@ -20,6 +20,13 @@ def look_at(
     return pose
 
 
+def at(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    """Pose at a place, along the axes."""
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
 @dataclass(frozen=True)
 class View:
     """A perspective view of a given size."""
