@@ -350,6 +350,9 @@ pub struct RenderOptions {
     /// Depth and nothing else, bit for bit that of other frames: less is written per pixel, and less comes back from a
     /// device. For shadows and for sensors of depth; see [`RenderOptions::depth_only`].
     pub depth_only: bool,
+    /// Where meshes are streamed, draw until all that the picture needs is there, as far as the pool has room for it;
+    /// otherwise once, with what is there.
+    pub wait: bool,
 }
 
 impl Default for RenderOptions {
@@ -362,6 +365,7 @@ impl Default for RenderOptions {
             outputs: [Output::Color, Output::Depth].into_iter().collect(),
             device_outputs: None,
             depth_only: false,
+            wait: true,
         }
     }
 }

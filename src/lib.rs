@@ -21,5 +21,6 @@ pub mod model;
 mod python;
 pub mod render;
 pub mod scene;
+pub mod stream;
 
 pub use error::{Error, Result};

@@ -21,7 +21,7 @@ from nanite_rs.exceptions import (
     StaleHandleError,
 )
 from nanite_rs.mesh import BuildOptions, NaniteMesh, simplify
-from nanite_rs.renderer import Calibration, Frame, FrameStats, Renderer, StageStats
+from nanite_rs.renderer import Calibration, Frame, FrameStats, Renderer, StageStats, StreamStats
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import DirectionalLight, LightNode, Material, MeshNode, PointLight, Scene
 
@@ -58,6 +58,8 @@ __all__ = [
     "Renderer",
     "Scene",
     "StageStats",
+    "StreamStats",
+    "StreamWarning",
     "StaleHandleError",
     "StuckGroup",
     "__version__",

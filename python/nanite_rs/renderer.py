@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -12,7 +13,14 @@ import numpy as np
 
 from nanite_rs import _core
 from nanite_rs.camera import Camera
-from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, MissingFileError, NaniteError
+from nanite_rs.exceptions import (
+    ArgumentError,
+    DtypeError,
+    FileError,
+    MissingFileError,
+    NaniteError,
+    StreamWarning,
+)
 from nanite_rs.scene import Scene
 
 if TYPE_CHECKING:
@@ -21,7 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Calibration", "Frame", "FrameStats", "Renderer", "StageStats"]
+__all__ = ["Calibration", "Frame", "FrameStats", "Renderer", "StageStats", "StreamStats"]
 
 ViewName: TypeAlias = Literal["shaded", "triangles", "clusters", "groups", "levels", "overdraw"]
 OutputName: TypeAlias = Literal[
@@ -37,6 +45,9 @@ OutputName: TypeAlias = Literal[
     "groups",
     "levels",
 ]
+POOL_BYTES = 512 << 20
+"""Bytes of a renderer's pool with ``streaming=True``, unless asked for otherwise."""
+
 RasterName: TypeAlias = Literal["auto", "compute", "hybrid", "hardware"]
 
 
@@ -56,6 +67,45 @@ class StageStats:
     passed_unit: str
     ms: float
     """Milliseconds: wall time, or what a GPU's own clock says; NaN where it has none."""
+
+
+@dataclass(frozen=True)
+class StreamStats:
+    """What streaming did for a frame, see ``Renderer(streaming=True)``."""
+
+    resident_pages: int
+    """Pages that the frame could draw."""
+    pool_bytes: int
+    """Bytes of the pool in use, with those of pages that are being read."""
+    needed_pages: int
+    """Pages that the picture needs."""
+    missing_pages: int
+    """Of these, pages that were not there: coarser clusters stand in for theirs."""
+    refused_pages: int
+    """Of these, pages that the pool has no room for."""
+    arrived_pages: int
+    """Pages that arrived since the frame before."""
+    evicted_pages: int
+    """Pages that had to leave since the frame before."""
+    faults: int
+    """Pages that could not be read, since the renderer was made."""
+    rounds: int
+    """How often the frame was drawn until all was there."""
+    coarsest_pixels: float
+    """Largest error, pixels, of what stands in for something finer; 0 where nothing does. The picture keeps to this,
+    or to its ``pixel_error``, whichever is larger."""
+
+    @property
+    def settled(self) -> bool:
+        """Nothing is missing: the picture is that of the whole mesh."""
+        return self.missing_pages == 0 and self.coarsest_pixels == 0.0
+
+    def __str__(self) -> str:
+        return (
+            f"{self.resident_pages:,} pages in {self.pool_bytes / 2**20:.1f} MiB; {self.missing_pages:,} of "
+            f"{self.needed_pages:,} needed are missing ({self.refused_pages:,} for lack of room), off by up to "
+            f"{self.coarsest_pixels:.2f} pixels; {self.arrived_pages:,} arrived, {self.evicted_pages:,} left"
+        )
 
 
 @dataclass(frozen=True)
@@ -86,6 +136,8 @@ class FrameStats:
     """Clusters that passed every other test, and that the depth pyramid hid."""
     uploaded_bytes: int
     """Bytes of instances that were written to a device, because they changed."""
+    stream: StreamStats | None = None
+    """What streaming did; None where nothing is streamed."""
 
     def __getitem__(self, stage: str) -> StageStats:
         """Return a stage by name, both passes taken together."""
@@ -103,11 +155,12 @@ class FrameStats:
 
     def as_dict(self) -> dict[str, float]:
         """Return the totals and, as ``<stage>_ms``, the time of each stage, for tables and data frames."""
-        totals = {k: v for k, v in vars(self).items() if k not in {"stages", "raster"}}
+        totals = {k: v for k, v in vars(self).items() if k not in {"stages", "raster", "stream"}}
         times: dict[str, float] = {}
         for s in self.stages:
             times[f"{s.stage}_ms"] = times.get(f"{s.stage}_ms", 0.0) + s.ms
-        return totals | times
+        stream = {f"stream_{k}": v for k, v in vars(self.stream).items()} if self.stream else {}
+        return totals | times | stream
 
     def __str__(self) -> str:
         lines = [f"{'stage':<14}{'received':>16}{'passed on':>16}   {'of':<28}{'ms':>9}"]
@@ -123,6 +176,8 @@ class FrameStats:
             f"{self.source_triangles:,} triangles in the source → {self.triangles:,} in {self.clusters:,} clusters"
             f" → {drawn:,} rasterized ({self.drawn_large:,} large; {self.raster}) → {self.covered_pixels:,} pixels"
         )
+        if self.stream is not None:
+            lines.append(str(self.stream))
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -215,7 +270,9 @@ class Frame:
         """What the frame cost and skipped."""
         totals, total_ms, raster = self._frame.totals()
         stages = tuple(StageStats(*stage) for stage in self._frame.stages())
-        return FrameStats(stages=stages, total_ms=total_ms, raster=raster, **dict(totals))
+        stream = self._frame.stream()
+        streamed = None if stream is None else StreamStats(**dict(stream[0]), coarsest_pixels=stream[1])
+        return FrameStats(stages=stages, total_ms=total_ms, raster=raster, stream=streamed, **dict(totals))
 
     @property
     def width(self) -> int:
@@ -302,6 +359,12 @@ class Renderer:
         software, else ``"cpu"``, also from the first frame on that the device cannot draw. Pictures are the same,
         but for a few colours that a device rounds the other way, by one step; see `render` for what its own
         rasterizer may change.
+    streaming : bool
+        Of meshes that `NaniteMesh.open` opened, keep in memory what the pictures need, in a pool of `pool_bytes`, and
+        read the rest from their files when it is needed, on threads of its own. Otherwise the first frame reads all.
+    pool_bytes : int
+        Bytes of the pool. What always stays in it, the coarsest pages of each mesh, has to fit. Frames that are kept
+        hold the pages that they show, beyond this.
 
     Raises
     ------
@@ -324,9 +387,18 @@ class Renderer:
     True
     """
 
-    def __init__(self, width: int, height: int, *, backend: Literal["auto", "cpu", "gpu"] = "auto") -> None:
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        *,
+        backend: Literal["auto", "cpu", "gpu"] = "auto",
+        streaming: bool = False,
+        pool_bytes: int = POOL_BYTES,
+    ) -> None:
         self._size = _pixels(width, "width"), _pixels(height, "height")
-        self._core: _core.Renderer | None = _core.Renderer(*self._size, backend)
+        pool = _whole(pool_bytes, "pool_bytes")
+        self._core: _core.Renderer | None = _core.Renderer(*self._size, backend, pool if streaming else None)
         self._backend = self._core.backend
 
     @property
@@ -369,6 +441,7 @@ class Renderer:
         raster: RasterName = "auto",
         outputs: Sequence[OutputName] | None = None,
         depth_only: bool = False,
+        wait: bool = True,
     ) -> Frame:
         """Render a frame.
 
@@ -400,6 +473,11 @@ class Renderer:
             Draw depth and nothing else, for shadows and sensors of depth: the same `Frame.depth` bit for bit, for
             less time and memory. The frame has `Frame.depth` and `Frame.stats`; its other arrays and views raise
             `ArgumentError`.
+        wait : bool
+            With ``streaming=True``, draw until all that the picture needs is there, as far as the pool has room: the
+            picture is then that of the whole mesh, bit for bit. Otherwise draw at once with what is there, for
+            interactive use; coarser clusters stand in for what is on its way, and `FrameStats.stream` says how much
+            they are off.
 
         Returns
         -------
@@ -418,7 +496,7 @@ class Renderer:
         """
         if not isinstance(camera, Camera):
             raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
-        (frame,) = self._render(scene, [(camera, pose)], pixel_error, occlusion, raster, outputs, depth_only)
+        (frame,) = self._render(scene, [(camera, pose)], pixel_error, occlusion, raster, outputs, depth_only, wait)
         return frame
 
     def render_views(
@@ -431,6 +509,7 @@ class Renderer:
         raster: RasterName = "auto",
         outputs: Sequence[OutputName] | None = None,
         depth_only: bool = False,
+        wait: bool = True,
     ) -> list[Frame]:
         """Render what several cameras see of a scene: on a GPU in one submission, on the CPU one after the other.
 
@@ -442,7 +521,7 @@ class Renderer:
             What to draw.
         views : iterable of pairs
             A camera and its pose each, as for `render`.
-        pixel_error, occlusion, raster, outputs, depth_only
+        pixel_error, occlusion, raster, outputs, depth_only, wait
             As for `render`, for all views.
 
         Returns
@@ -476,7 +555,7 @@ class Renderer:
             except ArgumentError as error:
                 raise ArgumentError(f"views[{i}]: {error}") from None
             checked.append((view[0], view[1]))
-        return self._render(scene, checked, pixel_error, occlusion, raster, outputs, depth_only)
+        return self._render(scene, checked, pixel_error, occlusion, raster, outputs, depth_only, wait)
 
     def _render(
         self,
@@ -487,6 +566,7 @@ class Renderer:
         raster: RasterName,
         outputs: Sequence[OutputName] | None,
         depth_only: bool,
+        wait: bool,
     ) -> list[Frame]:
         if self._core is None:
             raise NaniteError("the renderer was closed")
@@ -500,7 +580,10 @@ class Renderer:
             raster=str(raster),
             outputs=[outputs] if isinstance(outputs, str) else None if outputs is None else list(outputs),
             depth_only=bool(depth_only),
+            wait=bool(wait),
         )
+        for fault in self._core.faults():
+            warnings.warn(fault, StreamWarning, stacklevel=3)
         self._backend = self._core.backend
         return [Frame(frame) for frame in frames]
 
@@ -522,6 +605,14 @@ class Renderer:
     def __repr__(self) -> str:
         closed = ", closed" if self._core is None else ""
         return f"<Renderer {self.width}×{self.height} on {self.backend}{closed}>"
+
+
+def _whole(value: Any, name: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise DtypeError(f"{name}: expected an integer, not {type(value).__name__}")
+    if not 0 <= value < 1 << 63:
+        raise ArgumentError(f"{name}: must be between 0 and 2^63, not {value}")
+    return int(value)
 
 
 def _pixels(value: Any, name: str) -> int:

@@ -1,6 +1,8 @@
 //! From the grown graph to the final layout: groups in hierarchy order, clusters in pages, records packed and
 //! rounded outwards.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
@@ -10,8 +12,8 @@ use super::order;
 use super::store::VertexStore;
 use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
 use crate::math::{Aabb, Bounds, octahedral};
-use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
-use crate::model::{BuildReport, ClusterAddress, ClusterRecord, Dag, Group, PageEntry, Pages};
+use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
+use crate::model::{BuildReport, ClusterAddress, ClusterRecord, Dag, Group, PageEntry, PageWords, Pages};
 
 /// Lays the graph out.
 pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
@@ -66,8 +68,8 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
     Dag {
         frame: graph.frame,
         bounds: graph.bounds,
-        pages,
-        groups,
+        pages: Arc::new(pages),
+        groups: groups.into(),
         nodes,
         vertex_count,
         channels,
@@ -95,7 +97,6 @@ fn words_of(store: &VertexStore, cluster: &BuildCluster) -> usize {
 fn plan_pages(graph: &Graph, order: &[u32]) -> Plan {
     let mut plan = Plan { first: Vec::new(), pages: Vec::new(), table: Vec::new() };
     let mut level = u32::MAX;
-    let (mut offset, mut clusters) = (0u64, 0u32);
     for (number, g) in order.iter().enumerate() {
         let group = &graph.groups[*g as usize];
         let words: usize =
@@ -108,7 +109,8 @@ fn plan_pages(graph: &Graph, order: &[u32]) -> Plan {
         if !fits {
             level = group.level;
             plan.pages.push(Vec::new());
-            plan.table.push(PageEntry { offset, words: 0, clusters: 0, first_cluster: clusters, level });
+            let last = plan.table.last().copied().unwrap_or_default();
+            plan.table.push(last.next(0, 0, level, 0));
         }
         debug_assert_eq!(level, group.level);
         let page = plan.pages.len() - 1;
@@ -117,37 +119,33 @@ fn plan_pages(graph: &Graph, order: &[u32]) -> Plan {
         let entry = &mut plan.table[page];
         entry.words += words as u32;
         entry.clusters += group.members.len() as u32;
-        offset += words as u64;
-        clusters += group.members.len() as u32;
+        let triangles = |c: &u32| graph.clusters[*c as usize].mesh.triangles.len() as u32;
+        entry.triangles += group.members.iter().map(triangles).sum::<u32>();
     }
     plan
 }
 
 /// `renamed` maps groups of the graph to their final numbers, `names` vertices to identities.
 fn write_pages(graph: &Graph, plan: Plan, renamed: &[u32], names: &[u32]) -> Pages {
-    let total = plan.table.last().map_or(0, |p| p.offset as usize + p.words as usize);
-    let mut words = vec![0u32; total];
-    let mut slices = Vec::with_capacity(plan.table.len());
-    let mut rest = words.as_mut_slice();
-    for entry in &plan.table {
-        let (page, tail) = rest.split_at_mut(entry.words as usize);
-        slices.push(page);
-        rest = tail;
-    }
-    slices.into_par_iter().zip(&plan.pages).for_each(|(page, clusters)| {
+    let write = |(entry, clusters): (&PageEntry, &Vec<(u32, u32)>)| -> PageWords {
+        let mut page = vec![0u32; entry.words as usize];
         let mut at = clusters.len() * RECORD_WORDS;
         for (slot, (cluster, group)) in clusters.iter().enumerate() {
             let cluster = &graph.clusters[*cluster as usize];
             let refined =
                 if cluster.refined == NO_GROUP { NO_GROUP } else { renamed[cluster.refined as usize] };
-            let record = record(&graph.store, cluster, *group, refined, at as u32);
+            let refined_page = plan.first.get(refined as usize).map_or(NO_PAGE, |first| first.page() as u32);
+            let record =
+                ClusterRecord { refined_page, ..record(&graph.store, cluster, *group, refined, at as u32) };
             page[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
             let words = words_of(&graph.store, cluster) - RECORD_WORDS;
             write_streams(&graph.store, cluster, names, &mut page[at..at + words]);
             at += words;
         }
-    });
-    Pages { words, table: plan.table, layout: graph.store.layout }
+        page.into()
+    };
+    let words = plan.table.par_iter().zip(&plan.pages).map(write).collect();
+    Pages::new(plan.table, graph.store.layout, words)
 }
 
 fn record(store: &VertexStore, cluster: &BuildCluster, group: u32, refined: u32, data: u32) -> ClusterRecord {
@@ -169,7 +167,7 @@ fn record(store: &VertexStore, cluster: &BuildCluster, group: u32, refined: u32,
         refined,
         max_edge: bounds.max_edge,
         material: cluster.mesh.material.cast_signed(),
-        reserved_word: 0,
+        refined_page: NO_PAGE,
     }
 }
 

@@ -76,8 +76,11 @@ fn cull_group(
     let cones = !instance.material.double_sided;
     for cluster in instance.mesh.groups[at.group as usize].members() {
         out.visited += 1;
-        let record = instance.mesh.record(cluster);
-        if threshold.exceeded_by(&record.lod_sphere, record.error) {
+        let record = instance.pages.record(cluster);
+        // What it was made from is drawn instead, where that is there.
+        if threshold.exceeded_by(&record.lod_sphere, record.error)
+            && instance.pages.holds(record.refined_page as usize)
+        {
             continue;
         }
         let Some(footprint) = instance.footprint(screen, record.center, record.extent) else {

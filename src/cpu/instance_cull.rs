@@ -6,13 +6,20 @@ use super::hzb::Hzb;
 use super::project::{InstanceView, Screen};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, View};
+use crate::stream::Resident;
 
 /// Instances per task.
 const INSTANCES_PER_TASK: usize = 64;
 
 /// Keeps the visible instances whose bounds meet the view, and derives their matrices. `instances` holds slot
 /// numbers and entries in scene order.
-pub fn run(instances: &[(u32, &Instance)], view: &View, eye: &Eye, screen: &Screen) -> Vec<InstanceView> {
+pub fn run(
+    instances: &[(u32, &Instance)],
+    view: &View,
+    eye: &Eye,
+    screen: &Screen,
+    resident: &Resident,
+) -> Vec<InstanceView> {
     let planes = view.planes();
     let place = view.eye();
     let chunks: Vec<Vec<InstanceView>> = instances
@@ -28,7 +35,7 @@ pub fn run(instances: &[(u32, &Instance)], view: &View, eye: &Eye, screen: &Scre
                     if !instance.visible || planes.iter().any(|(n, d)| n.dot(to) + d < -radius) {
                         return None;
                     }
-                    let mut seen = InstanceView::new(eye, screen, slot, instance);
+                    let mut seen = InstanceView::new(eye, screen, slot, instance, resident);
                     let (center, extent) = seen.bounds();
                     seen.footprint = seen.footprint(screen, center, extent)?;
                     Some(seen)

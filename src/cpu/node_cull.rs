@@ -24,6 +24,8 @@ pub struct GroupCandidate {
 pub struct Walk {
     /// Surviving groups in scene order: by instance, then by group.
     pub groups: Vec<GroupCandidate>,
+    /// Groups that would survive, but whose pages are not there, in any order.
+    pub absent: Vec<GroupCandidate>,
     /// Nodes and groups looked at.
     pub visited: u64,
 }
@@ -38,6 +40,7 @@ struct Visit {
 struct Found {
     nodes: Vec<Visit>,
     groups: Vec<GroupCandidate>,
+    absent: Vec<GroupCandidate>,
     visited: u64,
 }
 
@@ -61,6 +64,7 @@ pub fn run(numbers: &[u32], views: &[InstanceView], screen: &Screen, tau: f32, h
         for mut part in found {
             frontier.append(&mut part.nodes);
             walk.groups.append(&mut part.groups);
+            walk.absent.append(&mut part.absent);
             walk.visited += part.visited;
         }
     }
@@ -96,7 +100,9 @@ fn visit_node(
         let g = &mesh.groups[group as usize];
         out.visited += 1;
         if threshold.exceeded_by(&g.lod_sphere, g.error) && seen(g.center, g.extent) {
-            out.groups.push(GroupCandidate { instance: visit.instance, group });
+            let there = instance.pages.holds(g.first.page());
+            let list = if there { &mut out.groups } else { &mut out.absent };
+            list.push(GroupCandidate { instance: visit.instance, group });
         }
     }
 }

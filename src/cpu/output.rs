@@ -1,17 +1,14 @@
 //! Stage 8. Visibility buffer → the arrays that a caller asks for: depth, normals, identities, debug views.
 //! Each is made on its own, so that nothing is made that nobody reads.
 
-use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
 
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
 
 use super::project::{InstanceView, Screen};
 use super::surface::{Pixels, Surfels, Walk};
-use super::visibility::{Counter, Hit, Pixel, decode};
+use super::visibility::{Counter, Hit, Pixel, Visible, decode};
 use super::{raster_large, raster_small};
-use crate::model::Dag;
 use crate::scene::placement::Eye;
 
 /// Rows per task.
@@ -116,22 +113,19 @@ pub fn triangle_ids(pixels: Pixels<'_>) -> Vec<i32> {
 /// Row of the caller's faces; −1 where nothing is covered, where a coarser level is shown, and for meshes
 /// built without `face_ids`.
 pub fn face_ids(pixels: Pixels<'_>) -> Vec<i64> {
-    // By the mesh's address, which is stable while the frame holds it.
-    let name = |mesh: &Arc<Dag>| Arc::as_ptr(mesh).addr();
-    let mut offsets = FxHashMap::default();
-    for view in pixels.views {
-        if view.mesh.face_ids.is_some() {
-            offsets.entry(name(&view.mesh)).or_insert_with(|| view.mesh.face_id_offsets());
+    // The rows of each cluster of the source that is drawn.
+    let rows = |visible: &Visible| -> &[u32] {
+        let view = &pixels.views[visible.instance as usize];
+        match &view.mesh.face_ids {
+            Some(faces) if view.pages.record(visible.cluster).level == 0 => {
+                faces.get(view.pages.first_face(visible.cluster)..).unwrap_or_default()
+            }
+            _ => &[],
         }
-    }
+    };
+    let rows: Vec<&[u32]> = pixels.visible.par_iter().map(rows).collect();
     map(pixels, -1, |hit| {
-        let mesh = &instance(pixels, hit).mesh;
-        let cluster = pixels.visible[hit.visible as usize].cluster;
-        let (Some(faces), 0) = (&mesh.face_ids, mesh.record(cluster).level) else {
-            return -1;
-        };
-        let first = offsets[&name(mesh)][mesh.pages.dense_index(cluster)];
-        i64::from(faces[(first + hit.triangle) as usize])
+        rows[hit.visible as usize].get(hit.triangle as usize).map_or(-1, |row| i64::from(*row))
     })
 }
 
@@ -149,7 +143,7 @@ pub fn overdraw(pixels: Pixels<'_>, large: &[bool]) -> Vec<u32> {
 pub fn debug(pixels: Pixels<'_>, what: DebugView) -> Vec<[u8; 3]> {
     map_surface(pixels, [0; 3], |surfels, lane| {
         let (view, cluster) = (surfels.view, surfels.clusters[lane]);
-        let record = view.mesh.record(cluster);
+        let record = view.pages.record(cluster);
         let color = match what {
             DebugView::Triangles => hue(hash([view.slot, cluster.0, surfels.hits[lane].triangle])),
             DebugView::Clusters => hue(hash([view.slot, cluster.0, 1 << 8])),

@@ -9,9 +9,10 @@ use std::sync::Arc;
 
 use crate::limits::{FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND};
 use crate::math::{LodView, Sphere};
-use crate::model::Dag;
+use crate::model::{Dag, Pages};
 use crate::scene::placement::{Eye, Placement};
 use crate::scene::{Instance, Material, View};
+use crate::stream::Resident;
 
 /// A view's constants in the precision of the stages.
 #[derive(Clone, Copy, Debug)]
@@ -75,6 +76,8 @@ pub struct InstanceView {
     pub slot: u32,
     /// The mesh.
     pub mesh: Arc<Dag>,
+    /// Its pages, or those of them that are there.
+    pub pages: Arc<Pages>,
     /// The look.
     pub material: Material,
     /// Rows of the map from internal space to homogeneous screen space.
@@ -119,13 +122,14 @@ impl Footprint {
 
 impl InstanceView {
     /// Derives everything but the footprint; `eye` is that of the view.
-    pub fn new(eye: &Eye, screen: &Screen, slot: u32, instance: &Instance) -> Self {
+    pub fn new(eye: &Eye, screen: &Screen, slot: u32, instance: &Instance, resident: &Resident) -> Self {
         let placement = instance.placement();
         let Derived { screen, object_to_eye, normal, eye: eye_inside } =
             derive(eye, screen.orthographic, placement);
         Self {
             slot,
             mesh: Arc::clone(&instance.mesh),
+            pages: Arc::clone(resident.pages(&instance.mesh)),
             material: instance.material,
             screen,
             lod: LodView {

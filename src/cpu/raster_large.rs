@@ -65,7 +65,7 @@ fn draw_cluster<S: Sink>(
     screen: &Screen,
     sink: &S,
 ) -> (u64, Vec<Setup>) {
-    let geometry = view.mesh.geometry(at.cluster);
+    let geometry = view.pages.geometry(at.cluster);
     let points: Vec<[f32; 3]> = geometry.positions.iter().map(|&p| view.homogeneous(p)).collect();
     let mut drawn = 0;
     let mut shared = Vec::new();

@@ -76,7 +76,7 @@ impl<S: Sink> Job<'_, S> {
         for &number in numbers {
             let at = self.visible[number as usize];
             let view = &self.views[at.instance as usize];
-            let geometry = view.mesh.geometry(at.cluster);
+            let geometry = view.pages.geometry(at.cluster);
             transform_rows(geometry.positions, &view.screen, self.screen, &mut vertices);
             let low = payload(number as usize);
             drawn += if self.screen.orthographic {

@@ -89,7 +89,7 @@ impl<'a> Walk<'a> {
             normals: [[0; LANES]; 3],
             colors: [[0; LANES]; 3],
         };
-        let geometry = view.mesh.geometry(at.cluster);
+        let geometry = view.pages.geometry(at.cluster);
         Some(Self { pixels, next: range.start, end: range.end, last: 0, at, geometry, gathered })
     }
 
@@ -110,7 +110,7 @@ impl<'a> Walk<'a> {
             if hit.visible != self.last {
                 self.last = hit.visible;
                 self.at = self.pixels.visible[hit.visible as usize];
-                self.geometry = self.pixels.views[self.at.instance as usize].mesh.geometry(self.at.cluster);
+                self.geometry = self.pixels.views[self.at.instance as usize].pages.geometry(self.at.cluster);
             }
             if self.gathered.instance != self.at.instance {
                 if self.gathered.count > 0 {

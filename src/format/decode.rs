@@ -1,38 +1,22 @@
 //! Bytes as a mesh. Sizes, counts and offsets are checked against the length before anything is allocated.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use bytemuck::AnyBitPattern;
 use rayon::prelude::*;
 
 use super::encode::Metadata;
 use super::file::{ENTRY_BYTES, HEADER_BYTES, Kind, MAGIC, MAX_EXPANSION, PageRow, VERSION};
+use super::input::Input;
 use super::page::Context;
 use super::page_decode::Decoder;
 use super::validate;
 use crate::error::{Error, Result};
-use crate::limits::PAGE_MAX_CLUSTERS;
+use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_CLUSTERS};
 use crate::math::Aabb;
-use crate::model::cluster::RECORD_WORDS;
-use crate::model::{Channel, ChannelInfo, Dag, Group, PageEntry, Pages};
-
-/// Where bytes come from: memory, or a file of which only parts are wanted.
-pub trait Input: Sync {
-    /// Number of bytes.
-    fn length(&self) -> u64;
-    /// Some of them, which are there.
-    fn read(&self, offset: u64, length: usize) -> std::io::Result<Cow<'_, [u8]>>;
-}
-
-impl Input for &[u8] {
-    fn length(&self) -> u64 {
-        self.len() as u64
-    }
-
-    fn read(&self, offset: u64, length: usize) -> std::io::Result<Cow<'_, [u8]>> {
-        Ok(Cow::Borrowed(&self[offset as usize..][..length]))
-    }
-}
+use crate::model::cluster::NO_GROUP;
+use crate::model::{Channel, ChannelInfo, ClusterRecord, Dag, Group, PageEntry, PageWords, Pages};
 
 /// The bytes with a name for error messages.
 pub struct Source<'a> {
@@ -41,6 +25,11 @@ pub struct Source<'a> {
 }
 
 impl<'a> Source<'a> {
+    /// Bytes with a name.
+    pub fn new(input: &'a dyn Input, name: &'a str) -> Self {
+        Self { input, name }
+    }
+
     /// A format error at an offset.
     pub fn fail(&self, offset: u64, message: impl Into<String>) -> Error {
         Error::Format { name: self.name.into(), offset, message: message.into() }
@@ -85,7 +74,7 @@ struct Section<'a> {
 impl<'a> Container<'a> {
     /// Reads the header and the section table. `name` appears in error messages.
     pub fn new(input: &'a dyn Input, name: &'a str) -> Result<Self> {
-        let source = Source { input, name };
+        let source = Source::new(input, name);
         let header = source.take(0, HEADER_BYTES as u64, "the header")?;
         if header[..8] != MAGIC {
             return Err(source.fail(0, "the magic bytes are missing"));
@@ -193,7 +182,7 @@ impl<'a> Container<'a> {
         let table_at = self.entry(Kind::PageTable).map_or(0, |entry| entry.offset);
         let rows: Vec<PageRow> = self.records(Kind::PageTable)?;
         let pages = self.entry(Kind::Pages).ok_or_else(|| self.missing(Kind::Pages))?;
-        let (mut offset, mut group, mut identity) = (0u64, 0, 0);
+        let (mut offset, mut group, mut identity, mut faces) = (0u64, 0, 0, 0u64);
         if rows.first().is_none_or(|row| row.first_group != 0) {
             return Err(self.source.fail(table_at, "the page table does not begin with the first group"));
         }
@@ -209,6 +198,13 @@ impl<'a> Container<'a> {
             }
             if row.words as usize > MAX_EXPANSION / 4 * row.bytes as usize || known > u64::from(row.bytes) {
                 return fault("too few bytes for what it holds");
+            }
+            if row.triangles > row.clusters * CLUSTER_MAX_TRIANGLES as u32 {
+                return fault("number of triangles");
+            }
+            faces += if row.level == 0 { u64::from(row.triangles) } else { 0 };
+            if faces > u64::from(u32::MAX) {
+                return fault("the source has more than 2^32 triangles");
             }
             offset += u64::from(row.bytes);
             (group, identity) = (row.first_group, row.first_identity);
@@ -243,62 +239,27 @@ impl<'a> Container<'a> {
         if rest.is_empty() { Ok(channels) } else { fault(format!("has {} words left over", rest.len())) }
     }
 
-    /// Decodes all pages, each on some thread.
-    fn pages(&self, metadata: &Metadata, rows: &[PageRow], groups: &[Group]) -> Result<Pages> {
-        let layout = metadata.layout;
-        let section = self.entry(Kind::Pages).ok_or_else(|| self.missing(Kind::Pages))?;
-        let mut table = Vec::with_capacity(rows.len());
-        let (mut offset, mut first_cluster) = (0, 0u32);
-        for row in rows {
-            let (words, clusters, level) = (row.words, row.clusters, row.level);
-            table.push(PageEntry { offset, words, clusters, first_cluster, level });
-            offset += u64::from(words);
-            first_cluster = first_cluster.saturating_add(clusters);
-        }
-        // Bounded by the bytes of the pages, which are there: see `page_table`.
-        let mut words = vec![0u32; offset as usize];
-        let mut slices = Vec::with_capacity(rows.len());
-        let mut rest = &mut words[..];
-        for row in rows {
-            let (page, tail) = rest.split_at_mut(row.words as usize);
-            slices.push(page);
-            rest = tail;
-        }
-        let ends = rows.iter().skip(1).map(|row| row.first_group as usize).chain([groups.len()]);
-        let tasks: Vec<_> = rows.iter().zip(ends).zip(slices).enumerate().collect();
-        let decode = |tools: &mut Result<Decoder>,
-                      (p, ((row, end), out)): (usize, ((&PageRow, usize), &mut [u32]))| {
-            let decoder = match tools {
-                Ok(decoder) => decoder,
-                Err(error) => return Err(Error::Invariant(error.to_string())),
-            };
-            let at = section.offset + row.offset;
-            let fault = |what: &'static str| self.source.fail(at, format!("page {p}: {what}"));
-            let own = row.first_group as usize..end;
-            if validate::members(groups, p, &own) != Some(row.clusters) {
-                return Err(fault("its clusters are not those of its groups"));
-            }
-            if row.words < row.clusters * RECORD_WORDS as u32 {
-                return Err(fault("clusters do not fill the page"));
-            }
-            let bytes = self.source.take(at, u64::from(row.bytes), "a page")?;
-            if crc32fast::hash(&bytes) != row.crc {
-                return Err(fault("the checksum does not match"));
-            }
-            let first_identity = row.first_identity;
-            let context = Context { layout, grid: metadata.grid, groups, own, first_identity };
-            decoder.decode(&context, &bytes, row.clusters as usize, out).map_err(fault)
-        };
-        tasks.into_par_iter().map_init(Decoder::new, decode).collect::<Result<()>>()?;
-        Ok(Pages { words, table, layout })
+    /// What there is besides channels and face ids, without a page.
+    fn head(&self) -> Result<Head> {
+        let pages = self.entry(Kind::Pages).ok_or_else(|| self.missing(Kind::Pages))?;
+        let rows = self.page_table()?;
+        let at = self.entry(Kind::Dependencies).map_or(0, |entry| entry.offset);
+        let dependencies = Dependencies::new(&rows, self.records(Kind::Dependencies)?)
+            .map_err(|message| self.source.fail(at, format!("section Dependencies: {message}")))?;
+        let groups: Vec<Group> = self.records(Kind::Groups)?;
+        Ok(Head {
+            metadata: self.metadata()?,
+            rows,
+            groups: groups.into(),
+            dependencies,
+            pages_at: pages.offset,
+        })
     }
 
-    /// All of the mesh.
-    fn dag(&self) -> Result<Dag> {
-        let metadata = self.metadata()?;
-        let rows = self.page_table()?;
-        let groups: Vec<Group> = self.records(Kind::Groups)?;
-        let pages = self.pages(&metadata, &rows, &groups)?;
+    /// The mesh without the words of its pages, and what decoding them takes.
+    pub(super) fn dag(&self) -> Result<(Dag, Head)> {
+        let head = self.head()?;
+        let metadata = head.metadata.clone();
         let face_ids = match self.section(Kind::FaceIds)? {
             Some(section) => Some(self.rows(&section, Kind::FaceIds)?),
             None => None,
@@ -306,8 +267,8 @@ impl<'a> Container<'a> {
         let dag = Dag {
             frame: metadata.frame,
             bounds: Aabb { min: metadata.bounds[0], max: metadata.bounds[1] },
-            pages,
-            groups,
+            pages: Arc::new(Pages::absent(head.entries().into(), metadata.layout)),
+            groups: Arc::clone(&head.groups),
             nodes: self.records(Kind::Nodes)?,
             vertex_count: metadata.vertex_count,
             channels: self.channels(metadata.channels, metadata.vertex_count)?,
@@ -317,15 +278,111 @@ impl<'a> Container<'a> {
             grid: metadata.grid,
             report: metadata.report,
         };
-        validate::structure(&dag).map_err(|(kind, message)| {
+        validate::head(&dag).map_err(|(kind, message)| {
             let at = self.entry(kind).map_or(HEADER_BYTES as u64, |entry| entry.offset);
             self.source.fail(at, format!("section {kind:?}: {message}"))
         })?;
-        Ok(dag)
+        Ok((dag, head))
     }
 }
 
-/// Parses a mesh. `name` appears in error messages.
+/// For each page the pages that hold what was made from its groups: while these are not there, it cannot be drawn.
+#[derive(Debug)]
+pub struct Dependencies {
+    /// First of each page in `pages`, and the end.
+    first: Vec<usize>,
+    pages: Vec<u32>,
+}
+
+impl Dependencies {
+    fn new(rows: &[PageRow], pages: Vec<u32>) -> std::result::Result<Self, String> {
+        let mut first = vec![0];
+        let mut end = 0usize;
+        for (p, row) in rows.iter().enumerate() {
+            let start = end;
+            end = end.saturating_add(row.dependencies as usize);
+            let own = pages.get(start..end).ok_or_else(|| format!("it ends before page {p}"))?;
+            if !own.is_sorted_by(|a, b| a < b) || own.last().is_some_and(|last| *last as usize >= p) {
+                return Err(format!("page {p} depends on pages that are not before it, or are out of order"));
+            }
+            first.push(end);
+        }
+        if end == pages.len() {
+            Ok(Self { first, pages })
+        } else {
+            Err("it goes on behind the last page".into())
+        }
+    }
+
+    /// Those of a page, ascending.
+    pub fn of(&self, page: usize) -> &[u32] {
+        &self.pages[self.first[page]..self.first[page + 1]]
+    }
+}
+
+/// What decoding a page takes.
+#[derive(Debug)]
+pub struct Head {
+    pub(super) metadata: Metadata,
+    pub(super) rows: Vec<PageRow>,
+    pub(super) groups: Arc<[Group]>,
+    pub(super) dependencies: Dependencies,
+    /// First byte of the pages in the file.
+    pages_at: u64,
+}
+
+impl Head {
+    /// The table of the pages in memory.
+    pub(super) fn entries(&self) -> Vec<PageEntry> {
+        let next = |last: &mut PageEntry, row: &PageRow| {
+            *last = last.next(row.words, row.clusters, row.level, row.triangles);
+            Some(*last)
+        };
+        // Behind nothing: a level of no triangles.
+        self.rows.iter().scan(PageEntry::default(), next).collect()
+    }
+
+    /// Reads, decodes and checks a page.
+    pub(super) fn page(&self, source: &Source<'_>, page: usize, decoder: &mut Decoder) -> Result<PageWords> {
+        let row = &self.rows[page];
+        let at = self.pages_at + row.offset;
+        let fault = |what: &str| source.fail(at, format!("page {page}: {what}"));
+        let end = self.rows.get(page + 1).map_or(self.groups.len(), |next| next.first_group as usize);
+        let own = row.first_group as usize..end;
+        if validate::members(&self.groups, page, &own) != Some(row.clusters) {
+            return Err(fault("its clusters are not those of its groups"));
+        }
+        let bytes = source.take(at, u64::from(row.bytes), "a page")?;
+        if crc32fast::hash(&bytes) != row.crc {
+            return Err(fault("the checksum does not match"));
+        }
+        let Metadata { layout, grid, vertex_count, .. } = self.metadata;
+        let first_identity = row.first_identity;
+        let context = Context { layout, grid, groups: &self.groups, own, first_identity };
+        // Bounded by the bytes of the page, which are there: see `page_table`.
+        let mut words = vec![0u32; row.words as usize];
+        decoder.decode(&context, &bytes, row.clusters as usize, &mut words).map_err(fault)?;
+        let limits = validate::PageLimits { layout, groups: &self.groups, vertex_count };
+        let records = limits.check(row.clusters, row.triangles, &words).map_err(|what| fault(&what))?;
+        let depends = |r: &ClusterRecord| {
+            r.refined == NO_GROUP
+                || self.dependencies.of(r.refined_page as usize).binary_search(&(page as u32)).is_ok()
+        };
+        if !records.iter().all(depends) {
+            return Err(fault("what was made from the groups of another does not name it"));
+        }
+        Ok(words.into())
+    }
+}
+
+/// Parses a mesh, all of it. `name` appears in error messages.
 pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Dag> {
-    Container::new(&bytes, name)?.dag()
+    let (dag, head) = Container::new(&bytes, name)?.dag()?;
+    let source = Source::new(&bytes, name);
+    let decode = |decoder: &mut Result<Decoder>, page: usize| match decoder {
+        Ok(decoder) => head.page(&source, page, decoder),
+        Err(error) => Err(Error::Invariant(error.to_string())),
+    };
+    let pages = (0..head.rows.len()).into_par_iter().map_init(Decoder::new, decode).collect::<Result<_>>()?;
+    Ok(Dag { pages: Arc::new(Pages::new(head.entries(), dag.layout(), pages)), ..dag })
 }

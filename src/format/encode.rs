@@ -72,11 +72,14 @@ pub fn write(
     };
     // A struct of numbers and strings always has a JSON form.
     let json = serde_json::to_vec_pretty(&metadata).unwrap_or_default();
-    let mut rows = vec![PageRow::zeroed(); dag.pages.table.len()];
+    let dependencies = dependencies(dag);
+    let blank = |list: &Vec<u32>| PageRow { dependencies: list.len() as u32, ..PageRow::zeroed() };
+    let mut rows: Vec<PageRow> = dependencies.iter().map(blank).collect();
     let channels: Vec<&[u8]> = dag.channels.iter().map(|c| bytemuck::cast_slice(&c.words)).collect();
     let mut lengths = vec![
         (Kind::Metadata, json.len()),
         (Kind::PageTable, size_of_val(&rows[..])),
+        (Kind::Dependencies, dependencies.iter().map(|list| size_of_val(&list[..])).sum()),
         (Kind::Groups, size_of_val(&rounded.groups[..])),
         (Kind::Nodes, size_of_val(&rounded.nodes[..])),
     ];
@@ -100,6 +103,7 @@ pub fn write(
         match kind {
             Kind::Metadata => vec![&json],
             Kind::PageTable => vec![bytemuck::cast_slice(&rows)],
+            Kind::Dependencies => dependencies.iter().map(|list| bytemuck::cast_slice(list)).collect(),
             Kind::Groups => vec![bytemuck::cast_slice(&rounded.groups)],
             Kind::Nodes => vec![bytemuck::cast_slice(&rounded.nodes)],
             Kind::FaceIds => dag.face_ids.iter().map(|ids| bytemuck::cast_slice(ids)).collect(),
@@ -174,6 +178,8 @@ fn write_pages(
             level: entry.level,
             first_group: context.own.start as u32,
             first_identity: context.first_identity,
+            triangles: entry.triangles,
+            dependencies: 0,
             parts,
         };
         Ok((row, bytes))
@@ -185,7 +191,7 @@ fn write_pages(
             .map_init(|| Ok((Writer::new(Some(ZSTD_LEVEL))?, Decoder::new()?)), code)
             .collect::<Result<_>>()?;
         for ((row, bytes), slot) in batch.into_iter().zip(&mut rows[start..]) {
-            *slot = PageRow { offset, ..row };
+            *slot = PageRow { offset, dependencies: slot.dependencies, ..row };
             offset += bytes.len() as u64;
             out.write_all(&bytes).map_err(io)?;
         }
@@ -214,6 +220,21 @@ pub fn contexts<'a>(rounded: &'a Rounded<'_>) -> Vec<Context<'a>> {
         out
     };
     (0..count).map(context).collect()
+}
+
+/// For each page those with clusters that were made from its groups, ascending.
+fn dependencies(dag: &Dag) -> Vec<Vec<u32>> {
+    let mut out = vec![Vec::new(); dag.pages.table.len()];
+    for page in 0..dag.pages.table.len() {
+        for record in dag.pages.records(page) {
+            if let Some(list) = out.get_mut(record.refined_page as usize)
+                && list.last() != Some(&(page as u32))
+            {
+                list.push(page as u32);
+            }
+        }
+    }
+    out
 }
 
 /// One more than the largest identity of a page.

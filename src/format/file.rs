@@ -6,7 +6,6 @@ use std::path::Path;
 use bytemuck::{Pod, Zeroable};
 
 use super::encode::write;
-use super::from_bytes;
 use super::page::PartBytes;
 use super::quantize::{Precision, Rounded};
 use crate::error::{Error, Result};
@@ -15,7 +14,7 @@ use crate::model::Dag;
 /// First bytes of a file. The high bit and the line ends catch transfers that are not binary-safe.
 pub const MAGIC: [u8; 8] = *b"\x89NANITE\n";
 /// Version of the layout. Readers refuse any other.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 /// Bytes before the section table.
 pub const HEADER_BYTES: usize = 24;
 /// Bytes of an entry of the section table.
@@ -38,6 +37,8 @@ pub enum Kind {
     Nodes = 3,
     /// [`PageRow`] records.
     PageTable = 4,
+    /// For each page the numbers of the pages with clusters that were made from its groups, ascending.
+    Dependencies = 8,
     /// Coded pages without a gap; the checksums are those of the table.
     Pages = 5,
     /// Rows of the caller's faces, one u32 per level-0 triangle.
@@ -48,9 +49,10 @@ pub enum Kind {
 
 impl Kind {
     /// All kinds, in file order.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Metadata,
         Self::PageTable,
+        Self::Dependencies,
         Self::Groups,
         Self::Nodes,
         Self::FaceIds,
@@ -79,11 +81,15 @@ pub struct PageRow {
     pub first_group: u32,
     /// One more than the largest identity of the pages before.
     pub first_identity: u32,
+    /// Triangles of all its clusters.
+    pub triangles: u32,
+    /// Number of pages that it depends on, see [`Kind::Dependencies`].
+    pub dependencies: u32,
     /// How many bytes are about what, in order ([`super::page::Part`]); what is left is padding.
     pub parts: PartBytes,
 }
 
-const _: () = assert!(size_of::<PageRow>() == 64);
+const _: () = assert!(size_of::<PageRow>() == 72);
 
 fn io(path: &Path) -> impl Fn(std::io::Error) -> Error + '_ {
     |source| Error::Io { path: path.to_path_buf(), source }
@@ -112,10 +118,4 @@ pub fn save(dag: &Dag, path: &Path, precision: Precision) -> Result<()> {
     #[cfg(unix)]
     std::fs::File::open(folder).and_then(|d| d.sync_all()).map_err(io(path))?;
     Ok(())
-}
-
-/// Reads a mesh. Nothing in the file is trusted: see [`super::validate`].
-pub fn open(path: &Path) -> Result<Dag> {
-    let bytes = std::fs::read(path).map_err(io(path))?;
-    from_bytes(&bytes, &path.display().to_string())
 }

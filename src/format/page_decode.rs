@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES};
 use crate::math::octahedral::{NORMAL_BITS, widen};
 use crate::math::{Bounds, Sphere};
-use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
+use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
 use crate::model::rule::SOURCE_ERROR;
 use crate::model::{AttributeLayout, ClusterGeometry, ClusterRecord};
 
@@ -308,7 +308,10 @@ fn write_records(context: &Context<'_>, records: &Records, out: &mut [u32]) -> R
             refined: *refined,
             max_edge: bounds.max_edge,
             material: records.materials.get(c).map_or(0, |m| m.cast_signed()),
-            reserved_word: 0,
+            refined_page: context
+                .groups
+                .get(*refined as usize)
+                .map_or(NO_PAGE, |group| group.first.page() as u32),
         };
         out[c * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
     }

@@ -4,6 +4,7 @@
 //! (`docs/numerics.md`).
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -13,7 +14,9 @@ use crate::error::{Error, Result};
 use crate::math::octahedral::{NORMAL_BITS, narrow, widen};
 use crate::math::{Aabb, Bounds};
 use crate::model::cluster::RECORD_WORDS;
-use crate::model::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Node};
+use crate::model::{
+    AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Node, Pages,
+};
 
 /// Bits of each octahedral coordinate of a normal in files that round: off by a quarter of a degree at most.
 pub const STORED_NORMAL_BITS: u32 = 10;
@@ -51,6 +54,7 @@ pub struct Rounded<'a> {
 impl<'a> Rounded<'a> {
     /// Finds the grid and everything but the pages.
     pub fn new(dag: &'a Dag, precision: Precision) -> Result<Self> {
+        dag.pages.load_all()?;
         // What could not be read is not written.
         validate::structure(dag).map_err(|(kind, what)| Error::Invariant(format!("{kind:?}: {what}")))?;
         let asis = Self {
@@ -76,7 +80,7 @@ impl<'a> Rounded<'a> {
         let of_group =
             |g: &Group| clusters.by_ref().take(g.count as usize).fold(Aabb::EMPTY, |b, c| b.union(c));
         let boxes: Vec<Aabb> = dag.groups.iter().map(of_group).collect();
-        let mut groups = dag.groups.clone();
+        let mut groups = dag.groups.to_vec();
         for (group, bounds) in groups.iter_mut().zip(&boxes) {
             (group.center, group.extent) = bounds.center_extent();
         }
@@ -111,13 +115,15 @@ impl<'a> Rounded<'a> {
 /// The mesh that a file of this precision holds. One that is on a grid as coarse stays what it is.
 pub fn quantize(dag: &Dag, precision: Precision) -> Result<Dag> {
     let rounded = Rounded::new(dag, precision)?;
-    let pages: Vec<_> = (0..dag.pages.table.len()).into_par_iter().map(|p| rounded.page(p)).collect();
-    let mut out = dag.clone();
-    out.pages.words.clear();
-    pages.iter().for_each(|page| out.pages.words.extend_from_slice(page));
-    (out.grid, out.bounds) = (rounded.grid, rounded.bounds);
-    (out.groups, out.nodes) = (rounded.groups.into_owned(), rounded.nodes.into_owned());
-    Ok(out)
+    let pages = (0..dag.pages.table.len()).into_par_iter().map(|p| rounded.page(p).into()).collect();
+    Ok(Dag {
+        pages: Arc::new(Pages::new(dag.pages.table.to_vec(), dag.layout(), pages)),
+        grid: rounded.grid,
+        bounds: rounded.bounds,
+        groups: rounded.groups.into(),
+        nodes: rounded.nodes.into_owned(),
+        ..dag.clone()
+    })
 }
 
 /// The exponent of the grid to round to; none where everything stays.

@@ -12,8 +12,8 @@ use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, MAX_ROUNDS, PAGE_MAX_CLUSTERS,
 };
 use crate::math::octahedral::NORMAL_BITS;
-use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
-use crate::model::{Channel, Dag, Grid, Group, PageEntry};
+use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
+use crate::model::{AttributeLayout, Channel, ClusterGeometry, ClusterRecord, Dag, Grid, Group, PageEntry};
 
 type Fault = (Kind, String);
 
@@ -21,20 +21,30 @@ fn ensure(holds: bool, section: Kind, message: impl FnOnce() -> String) -> Resul
     if holds { Ok(()) } else { Err((section, message())) }
 }
 
-/// Checks everything; the fault names its section.
+/// Checks everything, of a mesh whose pages are all in memory; the fault names its section.
 pub fn structure(dag: &Dag) -> Result<(), Fault> {
+    head(dag)?;
+    let limits = PageLimits { layout: dag.layout(), groups: &dag.groups, vertex_count: dag.vertex_count };
+    dag.pages.table.par_iter().enumerate().try_for_each(|(p, entry)| {
+        let words = dag.pages.page(p);
+        ensure(words.len() == entry.words as usize, Kind::PageTable, || {
+            format!("page {p} has {} words", words.len())
+        })?;
+        let checked = limits.check(entry.clusters, entry.triangles, words);
+        checked.map(drop).map_err(|what| (Kind::Pages, format!("page {p}: {what}")))
+    })
+}
+
+/// Checks all but the words of pages.
+pub fn head(dag: &Dag) -> Result<(), Fault> {
     metadata(dag)?;
     page_table(dag)?;
-    (0..dag.pages.table.len()).into_par_iter().try_for_each(|p| page(dag, p))?;
     groups(dag)?;
     nodes(dag)?;
     channels(dag)?;
-    let source: u64 = (0..dag.pages.table.len())
-        .flat_map(|p| dag.pages.records(p))
-        .filter(|r| r.level == 0)
-        .map(|r| u64::from(r.triangle_count))
-        .sum();
-    ensure(source == dag.source_faces, Kind::Pages, || {
+    let of_source = dag.pages.table.iter().filter(|entry| entry.level == 0);
+    let source: u64 = of_source.map(|entry| u64::from(entry.triangles)).sum();
+    ensure(source == dag.source_faces, Kind::PageTable, || {
         format!("{source} triangles at level 0, but {} in the metadata", dag.source_faces)
     })?;
     let rows = dag.face_ids.as_ref().map_or(source, |r| r.len() as u64);
@@ -75,55 +85,77 @@ fn metadata(dag: &Dag) -> Result<(), Fault> {
     ensure(sound, Kind::Metadata, || "frame or bounds are not finite".into())?;
     dag.grid.map_or(Ok(()), grid).map_err(|what| (Kind::Metadata, what.into()))?;
     // Identities are used as indices: a file cannot make a reader allocate more than it holds itself.
-    let words = dag.pages.words.len();
-    ensure(dag.vertex_count as usize <= words, Kind::Metadata, || {
+    let words = dag.pages.word_count();
+    ensure(u64::from(dag.vertex_count) <= words, Kind::Metadata, || {
         format!("{} vertices in pages of {words} words", dag.vertex_count)
     })
 }
 
 fn page_table(dag: &Dag) -> Result<(), Fault> {
-    let mut next = PageEntry { offset: 0, words: 0, clusters: 0, first_cluster: 0, level: 0 };
+    let mut last = PageEntry::default();
     for (p, entry) in dag.pages.table.iter().enumerate() {
-        let follows = entry.offset == next.offset && entry.first_cluster == next.first_cluster;
+        let follows = *entry == last.next(entry.words, entry.clusters, entry.level, entry.triangles);
         ensure(follows, Kind::PageTable, || format!("page {p} does not follow the one before"))?;
         let fits = (1..=PAGE_MAX_CLUSTERS as u32).contains(&entry.clusters)
-            && entry.clusters as usize * RECORD_WORDS <= entry.words as usize
-            && entry.offset + u64::from(entry.words) <= dag.pages.words.len() as u64;
+            && entry.clusters as usize * RECORD_WORDS <= entry.words as usize;
         ensure(fits, Kind::PageTable, || format!("page {p} does not fit"))?;
-        next.offset += u64::from(entry.words);
-        // Bounded by the words of the file, so it cannot overflow.
-        next.first_cluster += entry.clusters;
+        last = *entry;
     }
-    let (end, words) = (next.offset, dag.pages.words.len());
-    ensure(end == words as u64, Kind::PageTable, || format!("pages end at {end} of {words} words"))
+    Ok(())
 }
 
-fn page(dag: &Dag, p: usize) -> Result<(), Fault> {
-    let words = dag.pages.page(p).len();
-    for (slot, record) in dag.pages.records(p).iter().enumerate() {
-        let at = crate::model::ClusterAddress::new(p, slot);
-        let fault =
-            |holds: bool, what: &str| ensure(holds, Kind::Pages, || format!("cluster {at:?}: {what}"));
+/// What the numbers in a page must stay below.
+#[derive(Clone, Copy, Debug)]
+pub struct PageLimits<'a> {
+    /// Streams of every cluster.
+    pub layout: AttributeLayout,
+    /// All groups.
+    pub groups: &'a [Group],
+    /// Number of vertex identities.
+    pub vertex_count: u32,
+}
+
+impl PageLimits<'_> {
+    /// Checks the words of a page of so many clusters and triangles; returns its records.
+    pub fn check<'w>(
+        &self,
+        clusters: u32,
+        triangles: u32,
+        words: &'w [u32],
+    ) -> Result<&'w [ClusterRecord], String> {
+        let head = words.get(..clusters as usize * RECORD_WORDS).ok_or("clusters do not fill the page")?;
+        let records: &[ClusterRecord] = bytemuck::cast_slice(head);
+        for (slot, record) in records.iter().enumerate() {
+            self.cluster(record, words).map_err(|what| format!("cluster {slot}: {what}"))?;
+        }
+        let sum: u32 = records.iter().map(|record| u32::from(record.triangle_count)).sum();
+        if sum == triangles { Ok(records) } else { Err(format!("{sum} triangles instead of {triangles}")) }
+    }
+
+    fn cluster(&self, record: &ClusterRecord, words: &[u32]) -> Result<(), &'static str> {
+        let fault = |holds: bool, what: &'static str| if holds { Ok(()) } else { Err(what) };
         let (vertices, triangles) = (usize::from(record.vertex_count), usize::from(record.triangle_count));
         fault((1..=CLUSTER_MAX_TRIANGLES).contains(&triangles), "number of triangles")?;
         fault((1..=CLUSTER_MAX_VERTICES).contains(&vertices), "number of vertices")?;
-        let streams = dag.layout().cluster_words(vertices, triangles);
-        fault((record.data as usize).checked_add(streams).is_some_and(|end| end <= words), "streams")?;
-        fault((record.group as usize) < dag.groups.len(), "group")?;
-        fault(record.refined == NO_GROUP || (record.refined as usize) < dag.groups.len(), "origin")?;
+        let streams = self.layout.cluster_words(vertices, triangles);
+        let own = words.get(record.data as usize..).and_then(|rest| rest.get(..streams)).ok_or("streams")?;
+        fault((record.group as usize) < self.groups.len(), "group")?;
+        let origin = self.groups.get(record.refined as usize);
+        fault(record.refined == NO_GROUP || origin.is_some(), "origin")?;
+        let page = origin.map_or(NO_PAGE, |group| group.first.page() as u32);
+        fault(record.refined_page == page, "page of its origin")?;
         fault(
             finite(&record.center) && finite(&record.extent) && finite(&record.lod_sphere.center),
             "bounds",
         )?;
         let sizes = [record.radius, record.lod_sphere.radius, record.error, record.max_edge];
         fault(finite(&sizes) && record.lod_sphere.radius >= 0.0, "sizes")?;
-        let geometry = dag.geometry(at);
+        let geometry = ClusterGeometry::new(own, self.layout, vertices, triangles);
         fault(geometry.triangles.iter().flatten().all(|v| usize::from(*v) < vertices), "corners")?;
-        fault(geometry.ids.iter().all(|id| *id < dag.vertex_count), "identities")?;
+        fault(geometry.ids.iter().all(|id| *id < self.vertex_count), "identities")?;
         fault(finite(geometry.positions.as_flattened()), "positions")?;
-        fault(finite(geometry.uvs.as_flattened()), "UVs")?;
+        fault(finite(geometry.uvs.as_flattened()), "UVs")
     }
-    Ok(())
 }
 
 fn channels(dag: &Dag) -> Result<(), Fault> {

@@ -9,7 +9,6 @@ use wgpu::{Buffer, BufferUsages};
 use super::context::{Context, unavailable};
 use super::shaders::PAGE_ARRAYS;
 use crate::error::Result;
-use crate::model::page::PageEntry;
 use crate::model::{Dag, Group, Node};
 
 /// Where a mesh starts in each array, and what its streams look like.
@@ -75,7 +74,7 @@ fn sum(a: Sizes, b: Sizes) -> Sizes {
 /// word behind them.
 fn layout(mesh: &Dag, mut at: u64, bits: u32) -> (Vec<u64>, u64) {
     let mut offsets = Vec::with_capacity(mesh.pages.table.len());
-    for page in &mesh.pages.table {
+    for page in mesh.pages.table.iter() {
         let words = u64::from(page.words);
         if at >> bits != (at + words.max(1) - 1) >> bits {
             at = ((at >> bits) + 1) << bits;
@@ -194,21 +193,12 @@ impl Meshes {
         Ok(())
     }
 
-    /// Writes pages to their places, those that follow each other in one go.
+    /// Writes pages to their places.
     fn write_pages(&self, context: &Context, mesh: &Dag, places: &[u64]) -> Result<()> {
-        let pages: Vec<_> = mesh.pages.table.iter().zip(places).collect();
-        let follows = |(a, at): &(&PageEntry, &u64), (b, next): &(&PageEntry, &u64)| {
-            a.offset + u64::from(a.words) == b.offset
-                && **at + u64::from(a.words) == **next
-                && **at >> self.array_bits == **next >> self.array_bits
-        };
-        for run in pages.chunk_by(follows) {
-            let Some((first, at)) = run.first() else { continue };
-            let words: usize = run.iter().map(|(page, _)| page.words as usize).sum();
-            let words = &mesh.pages.words[first.offset as usize..][..words];
-            let (array, word) = (**at >> self.array_bits, **at & ((1 << self.array_bits) - 1));
-            let buffer = &self.pages[array as usize];
-            context.write(PAGES, buffer, word * WORD, bytemuck::cast_slice(words))?;
+        for (page, at) in places.iter().enumerate() {
+            let (array, word) = (at >> self.array_bits, at & ((1 << self.array_bits) - 1));
+            let words = bytemuck::cast_slice(mesh.pages.page(page));
+            context.write(PAGES, &self.pages[array as usize], word * WORD, words)?;
         }
         Ok(())
     }

@@ -4,4 +4,4 @@ pub mod extract;
 pub mod select;
 
 pub use extract::{CutArrays, channel_rows, extract};
-pub use select::{FaceBudget, cut_attribute_error, cut_error, select};
+pub use select::{FaceBudget, cut_attribute_error, cut_error, load, select};

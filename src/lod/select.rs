@@ -1,11 +1,12 @@
 //! Which clusters make up a cut.
 
+use crate::error::Result;
 use crate::model::rule::Threshold;
 use crate::model::{ClusterAddress, Dag, Group};
 
-/// The clusters that the rule of the cut draws, in page order: exactly one over every piece of the surface.
-pub fn select(dag: &Dag, threshold: &Threshold) -> Vec<ClusterAddress> {
-    let mut clusters = Vec::new();
+/// The groups whose error is too large to be drawn: what was made from them is not in the cut.
+fn exceeding<'a>(dag: &'a Dag, threshold: &Threshold) -> Vec<&'a Group> {
+    let mut found = Vec::new();
     let mut stack = vec![0u32];
     while let Some(n) = stack.pop() {
         let node = &dag.nodes[n as usize];
@@ -17,16 +18,32 @@ pub fn select(dag: &Dag, threshold: &Threshold) -> Vec<ClusterAddress> {
             stack.extend(children);
             continue;
         }
-        for group in &dag.groups[children.start as usize..children.end as usize] {
-            if threshold.exceeded_by(&group.lod_sphere, group.error) {
-                let own = |at: &ClusterAddress| {
-                    let record = dag.record(*at);
-                    !threshold.exceeded_by(&record.lod_sphere, record.error)
-                };
-                clusters.extend(group.members().filter(own));
-            }
-        }
+        let groups = &dag.groups[children.start as usize..children.end as usize];
+        found.extend(groups.iter().filter(|group| threshold.exceeded_by(&group.lod_sphere, group.error)));
     }
+    found
+}
+
+/// Brings the pages into memory that [`select`] looks at, if they are in a file.
+pub fn load(dag: &Dag, threshold: &Threshold) -> Result<()> {
+    if dag.pages.source().is_none() {
+        return Ok(());
+    }
+    let mut pages: Vec<usize> = exceeding(dag, threshold).iter().map(|group| group.first.page()).collect();
+    pages.sort_unstable();
+    pages.dedup();
+    dag.pages.load(pages.into_iter())
+}
+
+/// The clusters that the rule of the cut draws, in page order: exactly one over every piece of the surface. Their pages
+/// are in memory: see [`load`].
+pub fn select(dag: &Dag, threshold: &Threshold) -> Vec<ClusterAddress> {
+    let own = |at: &ClusterAddress| {
+        let record = dag.record(*at);
+        !threshold.exceeded_by(&record.lod_sphere, record.error)
+    };
+    let members = exceeding(dag, threshold).into_iter().flat_map(Group::members);
+    let mut clusters: Vec<ClusterAddress> = members.filter(own).collect();
     clusters.sort_unstable();
     clusters
 }
@@ -79,11 +96,11 @@ fn own_estimate(dag: &Dag, at: ClusterAddress) -> f32 {
 }
 
 impl FaceBudget {
-    /// Tabulates a mesh. Costs one pass over the clusters.
+    /// Tabulates a mesh whose pages are all in memory. Costs one pass over the clusters.
     pub fn new(dag: &Dag) -> Self {
         // A cluster counts from its own estimate on, and no longer from its group's.
         let mut steps: Vec<(f32, i64)> = Vec::with_capacity(2 * dag.cluster_count());
-        for group in &dag.groups {
+        for group in dag.groups.iter() {
             for at in group.members() {
                 let triangles = i64::from(dag.record(at).triangle_count);
                 steps.push((own_estimate(dag, at), triangles));

@@ -63,12 +63,15 @@ pub struct ClusterRecord {
     pub max_edge: f32,
     /// Material of all its triangles, the caller's number; zero when there are no materials.
     pub material: i32,
-    /// Zero: keeps records on 16-byte boundaries.
-    pub reserved_word: u32,
+    /// The page that holds the members of `refined`; [`NO_PAGE`] at level 0.
+    pub refined_page: u32,
 }
 
 /// No group: what [`ClusterRecord::refined`] holds at level 0.
 pub const NO_GROUP: u32 = u32::MAX;
+
+/// No page: what [`ClusterRecord::refined_page`] holds at level 0.
+pub const NO_PAGE: u32 = u32::MAX;
 
 /// Words of a [`ClusterRecord`].
 pub const RECORD_WORDS: usize = size_of::<ClusterRecord>() / 4;

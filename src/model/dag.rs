@@ -1,5 +1,7 @@
 //! The whole of a built mesh.
 
+use std::sync::Arc;
+
 use bytemuck::{Pod, Zeroable};
 
 use super::channel::Channel;
@@ -120,9 +122,9 @@ pub struct Dag {
     /// Internal box of the source surface.
     pub bounds: Aabb,
     /// All clusters.
-    pub pages: Pages,
+    pub pages: Arc<Pages>,
     /// All groups, coarsest level first, members in page order.
-    pub groups: Vec<Group>,
+    pub groups: Arc<[Group]>,
     /// The hierarchy; node 0 is the root. Children have larger numbers than their parent.
     pub nodes: Vec<Node>,
     /// Number of vertex identities; identities are below it.
@@ -171,21 +173,5 @@ impl Dag {
     /// Number of clusters.
     pub fn cluster_count(&self) -> usize {
         self.pages.cluster_count()
-    }
-
-    /// Offset into `face_ids` of the first triangle of each dense cluster number (level 0 only; others hold
-    /// the offset they would have). One more entry than clusters.
-    pub fn face_id_offsets(&self) -> Vec<u32> {
-        let mut at = 0;
-        let mut offsets = Vec::with_capacity(self.cluster_count() + 1);
-        for address in self.pages.addresses() {
-            offsets.push(at);
-            let record = self.record(address);
-            if record.level == 0 {
-                at += u32::from(record.triangle_count);
-            }
-        }
-        offsets.push(at);
-        offsets
     }
 }

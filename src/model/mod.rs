@@ -14,5 +14,5 @@ pub use channel::{Channel, ChannelInfo, ChannelType};
 pub use cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
 pub use dag::{Dag, Frame, Grid, Group};
 pub use hierarchy::Node;
-pub use page::{PageEntry, Pages};
+pub use page::{PageEntry, PageSource, PageWords, Pages};
 pub use report::{BuildReport, LevelReport, StuckGroup, StuckReason};

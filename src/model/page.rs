@@ -1,16 +1,20 @@
-//! Pages: the unit of storage and, later, of streaming. A page is words: the records of its clusters, then
-//! their streams. Pages hold whole groups of one level, coarsest level first.
+//! Pages: the unit of storage and of streaming. A page is words: the records of its clusters, then their streams. Pages
+//! hold whole groups of one level, coarsest level first.
 
-use bytemuck::{Pod, Zeroable};
+use std::fmt;
+use std::sync::{Arc, OnceLock};
+
+use rayon::prelude::*;
 
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, RECORD_WORDS};
+use crate::error::Result;
 
-/// Where a page lies among all words.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+/// The words of a page, shared by all who look at it.
+pub type PageWords = Arc<[u32]>;
+
+/// What is known of a page whether or not its words are there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PageEntry {
-    /// First word.
-    pub offset: u64,
     /// Number of words.
     pub words: u32,
     /// Number of clusters.
@@ -19,38 +23,146 @@ pub struct PageEntry {
     pub first_cluster: u32,
     /// Level of every cluster of the page.
     pub level: u32,
+    /// Triangles of all its clusters.
+    pub triangles: u32,
+    /// Triangles of the source in all pages before this one.
+    pub first_face: u32,
 }
 
-/// All pages of a mesh.
-#[derive(Clone, Debug, Default, PartialEq)]
+impl PageEntry {
+    /// The entry of a page behind this one.
+    #[must_use]
+    pub fn next(&self, words: u32, clusters: u32, level: u32, triangles: u32) -> Self {
+        let faces = if self.level == 0 { self.triangles } else { 0 };
+        Self {
+            words,
+            clusters,
+            first_cluster: self.first_cluster.saturating_add(self.clusters),
+            level,
+            triangles,
+            first_face: self.first_face.saturating_add(faces),
+        }
+    }
+}
+
+/// Where pages come from that are not in memory.
+pub trait PageSource: fmt::Debug + Send + Sync {
+    /// The words of a page, checked; on any thread.
+    fn read(&self, page: usize) -> Result<PageWords>;
+
+    /// The pages with the clusters that were made from the groups of a page, ascending, all before it.
+    fn dependencies(&self, page: usize) -> &[u32];
+}
+
+/// Pages of a mesh: all of them, or those that are in memory.
+#[derive(Clone, Default)]
 pub struct Pages {
-    /// The words of all pages, one after the other.
-    pub words: Vec<u32>,
     /// One entry per page.
-    pub table: Vec<PageEntry>,
+    pub table: Arc<[PageEntry]>,
     /// Streams of every cluster.
     pub layout: AttributeLayout,
+    words: Vec<OnceLock<PageWords>>,
+    source: Option<Arc<dyn PageSource>>,
+    /// Set once all are in memory.
+    whole: OnceLock<()>,
 }
 
 impl Pages {
+    /// Pages that are all in memory.
+    pub fn new(table: Vec<PageEntry>, layout: AttributeLayout, words: Vec<PageWords>) -> Self {
+        debug_assert_eq!(table.len(), words.len());
+        Self {
+            table: table.into(),
+            layout,
+            words: words.into_iter().map(OnceLock::from).collect(),
+            ..Self::default()
+        }
+    }
+
+    /// Pages of which none is in memory, and none comes by itself.
+    pub fn absent(table: Arc<[PageEntry]>, layout: AttributeLayout) -> Self {
+        let words = vec![OnceLock::new(); table.len()];
+        Self { table, layout, words, ..Self::default() }
+    }
+
+    /// Pages that stay where they are until [`Pages::load`] asks for them.
+    pub fn stored(table: Vec<PageEntry>, layout: AttributeLayout, source: Arc<dyn PageSource>) -> Self {
+        Self { source: Some(source), ..Self::absent(table.into(), layout) }
+    }
+
+    /// Puts the words of a page in their place, or takes them out of it.
+    pub fn set(&mut self, page: usize, words: Option<PageWords>) {
+        self.words[page] = words.map(OnceLock::from).unwrap_or_default();
+    }
+
+    /// Reads those of `pages` that are not in memory, in parallel; they then stay.
+    pub fn load(&self, pages: impl Iterator<Item = usize>) -> Result<()> {
+        let Some(source) = &self.source else { return Ok(()) };
+        let absent: Vec<usize> = pages.filter(|page| !self.holds(*page)).collect();
+        absent.into_par_iter().try_for_each(|page| {
+            let words = source.read(page)?;
+            // Another thread may have been faster, with the same words.
+            self.words[page].get_or_init(|| words);
+            Ok(())
+        })
+    }
+
+    /// Reads all that is not in memory.
+    pub fn load_all(&self) -> Result<()> {
+        if self.whole.get().is_none() {
+            self.load(0..self.table.len())?;
+            self.whole.get_or_init(|| ());
+        }
+        Ok(())
+    }
+
+    /// Where pages come from, if not all were in memory from the start.
+    pub fn source(&self) -> Option<&Arc<dyn PageSource>> {
+        self.source.as_ref()
+    }
+
+    /// Whether the words of a page are in memory.
+    #[inline]
+    pub fn holds(&self, page: usize) -> bool {
+        self.words.get(page).is_some_and(|words| words.get().is_some())
+    }
+
+    /// Words of all pages together, in memory or not.
+    pub fn word_count(&self) -> u64 {
+        self.table.iter().map(|entry| u64::from(entry.words)).sum()
+    }
+
+    /// Words of the pages that are in memory.
+    pub fn words_held(&self) -> u64 {
+        let held = self.table.iter().enumerate().filter(|(page, _)| self.holds(*page));
+        held.map(|(_, entry)| u64::from(entry.words)).sum()
+    }
+
     /// Number of clusters in all pages.
     pub fn cluster_count(&self) -> usize {
         self.table.last().map_or(0, |p| (p.first_cluster + p.clusters) as usize)
     }
 
-    /// The words of a page.
+    /// The words of a page; none where it is not in memory.
+    #[inline]
     pub fn page(&self, page: usize) -> &[u32] {
-        let entry = &self.table[page];
-        &self.words[entry.offset as usize..][..entry.words as usize]
+        self.words[page].get().map_or(&[], |words| words)
+    }
+
+    /// The words of a page, to be kept.
+    pub fn share(&self, page: usize) -> Option<PageWords> {
+        self.words[page].get().cloned()
     }
 
     /// The records of a page, by slot.
+    #[inline]
     pub fn records(&self, page: usize) -> &[ClusterRecord] {
         let words = self.page(page);
         bytemuck::cast_slice(&words[..self.table[page].clusters as usize * RECORD_WORDS])
     }
 
     /// One record.
+    #[inline]
     pub fn record(&self, at: ClusterAddress) -> &ClusterRecord {
         &self.records(at.page())[at.slot()]
     }
@@ -73,11 +185,34 @@ impl Pages {
         self.table[at.page()].first_cluster as usize + at.slot()
     }
 
+    /// Triangles of the source before those of a cluster of level 0.
+    pub fn first_face(&self, at: ClusterAddress) -> usize {
+        let before = &self.records(at.page())[..at.slot()];
+        let triangles: usize = before.iter().map(|record| usize::from(record.triangle_count)).sum();
+        self.table[at.page()].first_face as usize + triangles
+    }
+
     /// All addresses in page order.
     pub fn addresses(&self) -> impl Iterator<Item = ClusterAddress> + '_ {
         self.table
             .iter()
             .enumerate()
             .flat_map(|(p, e)| (0..e.clusters as usize).map(move |s| ClusterAddress::new(p, s)))
+    }
+}
+
+impl fmt::Debug for Pages {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let held = (0..self.table.len()).filter(|page| self.holds(*page)).count();
+        write!(f, "Pages({held} of {} in memory)", self.table.len())
+    }
+}
+
+/// Of what is in memory.
+impl PartialEq for Pages {
+    fn eq(&self, other: &Self) -> bool {
+        self.table == other.table
+            && self.layout == other.layout
+            && (0..self.table.len()).into_par_iter().all(|page| self.page(page) == other.page(page))
     }
 }

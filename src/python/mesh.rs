@@ -23,7 +23,7 @@ use crate::build::{self, Progress};
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
 use crate::format::{self, Precision};
-use crate::lod::{FaceBudget, channel_rows, cut_attribute_error, cut_error, extract, select};
+use crate::lod::{FaceBudget, channel_rows, cut_attribute_error, cut_error, extract, load, select};
 use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
 use crate::model::rule::Threshold;
@@ -185,7 +185,7 @@ impl Mesh {
         watched(py, progress.as_ref(), |progress| build::build(&source, &options, progress)).map(Self::new)
     }
 
-    /// Reads a `.nanite` file.
+    /// Opens a `.nanite` file; its pages are read when they are needed.
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         detached(py, || format::open(&path)).map(Self::new)
@@ -271,7 +271,14 @@ impl Mesh {
     /// True when both hold the same content.
     fn equals(&self, py: Python<'_>, other: &Self) -> PyResult<bool> {
         let (a, b) = (Arc::clone(&self.dag), Arc::clone(&other.dag));
-        detached(py, move || Ok(Arc::ptr_eq(&a, &b) || a == b))
+        detached(py, move || {
+            if Arc::ptr_eq(&a, &b) {
+                return Ok(true);
+            }
+            a.pages.load_all()?;
+            b.pages.load_all()?;
+            Ok(a == b)
+        })
     }
 
     /// The cut for an error in object units.
@@ -280,13 +287,16 @@ impl Mesh {
         let internal = ((error - self.dag.rounding()).max(0.0) / self.dag.frame.scale) as f32;
         let internal =
             if f64::from(internal) * self.dag.frame.scale > error { internal.next_down() } else { internal };
-        self.cut(py, |dag| select(dag, &Threshold::Uniform(internal.max(0.0))))
+        self.cut_at(py, Threshold::Uniform(internal.max(0.0)))
     }
 
     /// The finest cut with at most so many triangles, or the coarsest there is.
     fn cut_faces(&self, py: Python<'_>, target: u64) -> PyResult<Cut> {
-        let budget = detached(py, || Ok(self.budget.get_or_init(|| FaceBudget::new(&self.dag))))?;
-        self.cut(py, |dag| budget.select(dag, target))
+        let budget = detached(py, || {
+            self.dag.pages.load_all()?;
+            Ok(self.budget.get_or_init(|| FaceBudget::new(&self.dag)))
+        })?;
+        self.cut(py, |dag| Ok(budget.select(dag, target)))
     }
 
     /// The cut for an error in pixels, from a camera and its camera-to-mesh pose: the clusters that the renderer
@@ -304,7 +314,7 @@ impl Mesh {
         let view = renderer::camera(camera).and_then(|camera| camera.view(&pose, viewport.0, viewport.1));
         let view = view.map_err(|error| to_python(py, error))?;
         let lod = view.lod_view(&view.object_to_view(&DAffine3::IDENTITY, frame), frame, 1.0);
-        self.cut(py, |dag| select(dag, &Threshold::View(lod, pixel_error)))
+        self.cut_at(py, Threshold::View(lod, pixel_error))
     }
 
     /// Row of the caller's `faces` for each level-0 triangle of the full-detail cut; `None` unless built with
@@ -359,7 +369,7 @@ impl Mesh {
     #[getter]
     fn nbytes(&self) -> usize {
         let dag = &self.dag;
-        size_of_val(&dag.pages.words[..])
+        size_of::<u32>() * dag.pages.words_held() as usize
             + size_of_val(&dag.pages.table[..])
             + size_of_val(&dag.groups[..])
             + size_of_val(&dag.nodes[..])
@@ -432,10 +442,21 @@ fn normal_rounding(grid: Option<Grid>) -> f64 {
 }
 
 impl Mesh {
-    fn cut(&self, py: Python<'_>, select: impl FnOnce(&Dag) -> Vec<ClusterAddress> + Send) -> PyResult<Cut> {
+    fn cut_at(&self, py: Python<'_>, threshold: Threshold) -> PyResult<Cut> {
+        self.cut(py, |dag| {
+            load(dag, &threshold)?;
+            Ok(select(dag, &threshold))
+        })
+    }
+
+    fn cut(
+        &self,
+        py: Python<'_>,
+        select: impl FnOnce(&Dag) -> Result<Vec<ClusterAddress>> + Send,
+    ) -> PyResult<Cut> {
         let dag = &*self.dag;
         let (clusters, arrays, error, positions, channels) = detached(py, || {
-            let clusters = select(dag);
+            let clusters = select(dag)?;
             let mut arrays = extract(dag, &clusters);
             let error = (cut_error(dag, &clusters), cut_attribute_error(dag, &clusters));
             let positions = object_positions(std::mem::take(&mut arrays.positions), &dag.frame);

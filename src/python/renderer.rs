@@ -12,6 +12,7 @@ use crate::config::{Output, Raster, RenderOptions};
 use crate::error::{Error, Result};
 use crate::render::{self, ImageView};
 use crate::scene::{Camera, Projection, pose};
+use crate::stream::StreamOptions;
 
 /// Kind, its parameters, near and far distance.
 pub(super) type RawCamera = (String, Vec<f64>, f64, Option<f64>);
@@ -60,9 +61,27 @@ impl Renderer {
 #[pymethods]
 impl Renderer {
     #[new]
-    fn new(py: Python<'_>, width: u32, height: u32, backend: &str) -> PyResult<Self> {
-        let inner = render::Renderer::new(width, height, backend).map_err(|error| to_python(py, error))?;
+    #[pyo3(signature = (width, height, backend, pool_bytes=None))]
+    fn new(
+        py: Python<'_>,
+        width: u32,
+        height: u32,
+        backend: &str,
+        pool_bytes: Option<u64>,
+    ) -> PyResult<Self> {
+        let mut inner =
+            render::Renderer::new(width, height, backend).map_err(|error| to_python(py, error))?;
+        inner.stream(pool_bytes.map(|pool_bytes| StreamOptions { pool_bytes }));
         Ok(Self { inner: Mutex::new(inner) })
+    }
+
+    /// What could not be read of streamed meshes, since this was last called.
+    fn faults(&self, py: Python<'_>) -> Vec<String> {
+        py.detach(|| {
+            let mut inner = self.lock();
+            let faults = inner.streamer().map(|streamer| streamer.faults()).unwrap_or_default();
+            faults.into_iter().map(|fault| fault.message).collect()
+        })
     }
 
     /// The backend in use, and why.
@@ -86,7 +105,7 @@ impl Renderer {
     }
 
     /// Renders a frame for each view.
-    #[pyo3(signature = (scene, views, *, pixel_error, occlusion, raster, outputs, depth_only))]
+    #[pyo3(signature = (scene, views, *, pixel_error, occlusion, raster, outputs, depth_only, wait))]
     fn render(
         &self,
         py: Python<'_>,
@@ -97,6 +116,7 @@ impl Renderer {
         raster: &str,
         outputs: Option<Vec<String>>,
         depth_only: bool,
+        wait: bool,
     ) -> PyResult<Vec<Frame>> {
         let views: Vec<_> = views
             .into_iter()
@@ -108,7 +128,7 @@ impl Renderer {
             names.iter().map(|name| name.parse::<Output>()).collect::<Result<_>>()
         });
         let outputs = outputs.map_err(|error| to_python(py, error))?;
-        let options = RenderOptions { pixel_error, occlusion, raster, outputs, ..defaults };
+        let options = RenderOptions { pixel_error, occlusion, raster, outputs, wait, ..defaults };
         let frames = detached(py, || {
             let view = |(camera, pose)| Ok((self::camera(camera)?, pose));
             let views: Vec<_> = views.into_iter().map(view).collect::<Result<_>>()?;
@@ -219,6 +239,26 @@ impl Frame {
                 (s.stage.name(), s.pass, s.received, received, s.passed, passed, s.ms)
             };
             frame.stats.stages.iter().map(stage).collect()
+        })
+    }
+
+    /// What streaming did for the frame, by name, and the largest error, pixels, of what stood in for something finer.
+    fn stream(&self, py: Python<'_>) -> Option<(Vec<(&'static str, u64)>, f32)> {
+        py.detach(|| {
+            let frame = self.lock();
+            let stream = frame.stats.stream.as_ref()?;
+            let counts = vec![
+                ("resident_pages", stream.resident_pages),
+                ("pool_bytes", stream.pool_bytes),
+                ("needed_pages", stream.needed_pages),
+                ("missing_pages", stream.missing_pages),
+                ("refused_pages", stream.refused_pages),
+                ("arrived_pages", stream.arrived_pages),
+                ("evicted_pages", stream.evicted_pages),
+                ("faults", stream.faults),
+                ("rounds", stream.rounds),
+            ];
+            Some((counts, stream.coarsest_pixels))
         })
     }
 

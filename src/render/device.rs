@@ -19,6 +19,7 @@ use crate::gpu_types::{self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, Look, Pla
 use crate::model::ClusterAddress;
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Lighting, Scene, ShadeLight};
+use crate::stream::Needs;
 
 /// A device and what it knows of the scene drawn last.
 #[derive(Debug)]
@@ -89,7 +90,7 @@ impl Device {
 
 /// What a frame keeps of the device's answer.
 fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool) -> Rastered {
-    let Shot { scene, eye, screen, .. } = shot;
+    let Shot { scene, eye, screen, resident, .. } = shot;
     let instances = scene.instances();
     let mut stats = FrameStats::default();
     let on_screen = drawn.instances.iter().filter_map(|&slot| instances.at(slot as usize));
@@ -99,7 +100,9 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool
     slots.dedup();
     let views: Vec<InstanceView> = slots
         .par_iter()
-        .filter_map(|&slot| Some(InstanceView::new(eye, screen, slot, instances.at(slot as usize)?)))
+        .filter_map(|&slot| {
+            Some(InstanceView::new(eye, screen, slot, instances.at(slot as usize)?, resident))
+        })
         .collect();
     let mut at = 0;
     let number = |v: &VisibleCluster| {
@@ -117,7 +120,7 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool
     if !on_device {
         picture.measure(screen, &mut stats);
     }
-    Rastered { picture, views, visible, large, made: drawn.made, stats }
+    Rastered { picture, views, visible, large, made: drawn.made, needs: Needs::default(), stats }
 }
 
 /// Portions of instances that the first phase of a first frame draws: in a city, one leaves more to the second phase than
@@ -127,9 +130,9 @@ const FIRST_PORTIONS: usize = 2;
 /// The key of the farthest of the nearest instances that could cover the occupied part of the picture; 0 where they
 /// overlap too little.
 fn occluders(shot: &Shot<'_>) -> u32 {
-    let Shot { scene, view, eye, screen, .. } = shot;
+    let Shot { scene, view, eye, screen, resident, .. } = shot;
     let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
-    let views = instance_cull::run(&instances, view, eye, screen);
+    let views = instance_cull::run(&instances, view, eye, screen, resident);
     let keys = views.iter().map(|v| (v.footprint, v.footprint.near_key));
     let mut queue = Queue::new(keys, screen, INSTANCE_OVERLAP);
     let nearest: Vec<u32> = (0..FIRST_PORTIONS).flat_map(|_| queue.take()).collect();

@@ -9,6 +9,7 @@ mod queue;
 pub mod renderer;
 pub mod stages;
 pub mod stats;
+mod streaming;
 
 #[cfg(feature = "gpu")]
 pub use device::{placed, view_record};

@@ -12,6 +12,7 @@ use super::stages::Stage;
 use super::stats::FrameStats;
 use crate::cpu::cluster_cull::{self, Candidate};
 use crate::cpu::hzb::Hzb;
+use crate::cpu::node_cull::GroupCandidate;
 use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::visibility::{Nearest, Pixel, Visible};
 use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
@@ -29,6 +30,8 @@ pub(super) struct Pass<'a, P> {
     pub(super) tau: f32,
     pub(super) views: &'a [InstanceView],
     pub(super) pixels: &'a mut [P],
+    /// Groups that were to be drawn and whose pages are not there.
+    pub(super) absent: Vec<GroupCandidate>,
     pub(super) stats: &'a mut FrameStats,
 }
 
@@ -53,7 +56,24 @@ impl<P: Pixel> Pass<'_, P> {
             new.sort_unstable();
             list = self.draw(2, list, new)?;
         }
+        if occlusion && !self.absent.is_empty() {
+            self.build_pyramid(hzb);
+            self.drop_hidden(hzb);
+        }
         Ok(list)
+    }
+
+    /// What the picture hides is not missed.
+    fn drop_hidden(&mut self, hzb: &Hzb) {
+        let (views, screen) = (self.views, &self.screen);
+        self.absent = std::mem::take(&mut self.absent)
+            .into_par_iter()
+            .filter(|at| {
+                let view = &views[at.instance as usize];
+                let group = &view.mesh.groups[at.group as usize];
+                view.footprint(screen, group.center, group.extent).is_some_and(|place| !hzb.hides(&place))
+            })
+            .collect();
     }
 
     fn build_pyramid(&mut self, hzb: &mut Hzb) {
@@ -88,6 +108,7 @@ impl<P: Pixel> Pass<'_, P> {
             let counts = (walk.visited, walk.groups.len() as u64);
             (walk, counts.0, counts.1)
         });
+        self.absent.extend(walk.absent);
         self.stats.time(Stage::ClusterCull, pass, || {
             let mut culled = cluster_cull::run(&walk.groups, views, screen, tau, hzb);
             if !culled.candidates.is_sorted() {

@@ -9,16 +9,22 @@ use super::pass::Pass;
 use super::picture::{Picture, Spare};
 use super::stages::Stage;
 use super::stats::FrameStats;
+use super::streaming;
 use crate::config::{Calibration, Output, Raster, RenderOptions};
 use crate::cpu::cluster_cull::Candidate;
 use crate::cpu::hzb::Hzb;
 use crate::cpu::instance_cull;
+use crate::cpu::node_cull::GroupCandidate;
 use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::visibility::{Pixel, Visible};
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
 use crate::scene::placement::Eye;
 use crate::scene::{Camera, Instance, Lighting, Scene, View};
+use crate::stream::{Needs, Resident, StreamOptions, StreamStats, Streamer};
+
+/// Frames that are drawn at most until all is there: more than levels, of which each makes the next one wanted.
+const MOST_ROUNDS: u64 = 64;
 
 /// Where frames are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,12 +113,14 @@ pub(super) struct Shot<'a> {
     pub(super) screen: Screen,
     pub(super) lighting: Lighting,
     pub(super) options: &'a RenderOptions,
+    /// Which pages there are.
+    pub(super) resident: &'a Resident,
 }
 
 impl<'a> Shot<'a> {
-    fn new(scene: &'a Scene, view: View, options: &'a RenderOptions) -> Self {
+    fn new(scene: &'a Scene, view: View, options: &'a RenderOptions, resident: &'a Resident) -> Self {
         let (eye, screen, lighting) = (Eye::new(&view), Screen::new(&view), Lighting::new(scene, &view));
-        Self { scene, view, eye, screen, lighting, options }
+        Self { scene, view, eye, screen, lighting, options, resident }
     }
 }
 
@@ -128,6 +136,8 @@ pub(super) struct Rastered {
     pub(super) large: Vec<bool>,
     /// What a device made besides.
     pub(super) made: Vec<(Output, Array)>,
+    /// Pages that were missed.
+    pub(super) needs: Needs,
     /// The stages so far, and the triangles of the source.
     pub(super) stats: FrameStats,
 }
@@ -141,6 +151,8 @@ pub struct Renderer {
     reason: String,
     hzb: Hzb,
     spare: Spare,
+    /// There when meshes in files are streamed.
+    streamer: Option<Streamer>,
 }
 
 impl Renderer {
@@ -153,7 +165,18 @@ impl Renderer {
             }
         }
         let (device, reason) = Device::choose(backend)?;
-        Ok(Self { width, height, device, reason, hzb: Hzb::default(), spare: Spare::default() })
+        let (hzb, spare) = (Hzb::default(), Spare::default());
+        Ok(Self { width, height, device, reason, hzb, spare, streamer: None })
+    }
+
+    /// From now on, of meshes whose pages lie in files, those are read that frames need, or again all.
+    pub fn stream(&mut self, options: Option<StreamOptions>) {
+        self.streamer = options.map(Streamer::new);
+    }
+
+    /// What streams, if anything.
+    pub fn streamer(&mut self) -> Option<&mut Streamer> {
+        self.streamer.as_mut()
     }
 
     /// Width, pixels.
@@ -211,17 +234,70 @@ impl Renderer {
     ) -> Result<Vec<Frame>> {
         options.validate()?;
         let start = Instant::now();
-        let shots: Vec<Shot<'_>> = views
+        let views: Vec<View> = views
             .iter()
-            .map(|(camera, pose)| Ok(Shot::new(scene, camera.view(pose, self.width, self.height)?, options)))
+            .map(|(camera, pose)| camera.view(pose, self.width, self.height))
             .collect::<Result<_>>()?;
-        let rastered = self.draw(&shots)?;
-        let spare = &self.spare;
-        let frame = |(shot, rastered)| finished(shot, rastered, spare.clone());
-        let mut frames: Vec<Frame> = shots.into_iter().zip(rastered).map(frame).collect::<Result<_>>()?;
+        let mut frames = match self.streamer.take() {
+            None => {
+                scene.instances().iter().try_for_each(|(_, instance)| instance.mesh.pages.load_all())?;
+                self.frames(scene, &views, options, &Resident::default())?.0
+            }
+            Some(mut streamer) => {
+                let frames = self.streamed(&mut streamer, scene, &views, options);
+                self.streamer = Some(streamer);
+                frames?
+            }
+        };
         let total_ms = start.elapsed().as_secs_f64() * 1e3;
         frames.iter_mut().for_each(|frame| frame.stats.total_ms = total_ms);
         Ok(frames)
+    }
+
+    /// Draws what is there, and asks for what is not; where that is wished, until nothing is missing that could come.
+    fn streamed(
+        &mut self,
+        streamer: &mut Streamer,
+        scene: &Scene,
+        views: &[View],
+        options: &RenderOptions,
+    ) -> Result<Vec<Frame>> {
+        for round in 1.. {
+            let resident = streamer.resident(scene.instances().iter().map(|(_, instance)| &instance.mesh))?;
+            let (mut frames, needs) = self.frames(scene, views, options, &resident)?;
+            let stats = streamer.request(&needs)?;
+            let settled = stats.missing_pages == stats.refused_pages;
+            if options.wait && !settled && round < MOST_ROUNDS {
+                streamer.wait();
+                continue;
+            }
+            let stats = StreamStats { rounds: round, ..stats };
+            frames.iter_mut().for_each(|frame| frame.stats.stream = Some(stats.clone()));
+            return Ok(frames);
+        }
+        Ok(Vec::new())
+    }
+
+    /// A frame for each view, and the pages that they needed.
+    fn frames(
+        &mut self,
+        scene: &Scene,
+        views: &[View],
+        options: &RenderOptions,
+        resident: &Resident,
+    ) -> Result<(Vec<Frame>, Needs)> {
+        let shots: Vec<Shot<'_>> =
+            views.iter().map(|view| Shot::new(scene, view.clone(), options, resident)).collect();
+        let mut rastered = self.draw(&shots)?;
+        let mut needs = Needs::default();
+        for rastered in &mut rastered {
+            needs.merge(std::mem::take(&mut rastered.needs));
+            streaming::drawn(rastered, options.pixel_error, resident, &mut needs);
+        }
+        let spare = &self.spare;
+        let frame = |(shot, rastered)| finished(shot, rastered, spare.clone());
+        let frames = shots.into_iter().zip(rastered).map(frame).collect::<Result<_>>()?;
+        Ok((frames, needs))
     }
 
     /// The culling and raster stages, and on a device more.
@@ -241,19 +317,19 @@ impl Renderer {
     }
 
     fn draw_on_cpu(&mut self, shot: &Shot<'_>) -> Result<Rastered> {
-        let Shot { scene, view, eye, screen, options, .. } = shot;
+        let Shot { scene, view, eye, screen, options, resident, .. } = shot;
         let pixels = self.width as usize * self.height as usize;
         let mut picture = self.spare.take(pixels, options.depth_only);
         let mut stats = FrameStats { raster: Raster::Compute, ..FrameStats::default() };
         let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
         let views = stats.time(Stage::InstanceCull, 1, || {
-            let views = instance_cull::run(&instances, view, eye, screen);
+            let views = instance_cull::run(&instances, view, eye, screen, resident);
             let count = views.len() as u64;
             (views, instances.len() as u64, count)
         });
         stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
         let hzb = &mut self.hzb;
-        let list = match &mut picture {
+        let (list, absent) = match &mut picture {
             Picture::Words(words) => raster(shot, &views, words, hzb, &mut stats)?,
             depth @ Picture::Depth(_) => raster(shot, &views, depth.bits(), hzb, &mut stats)?,
         };
@@ -261,28 +337,32 @@ impl Renderer {
         picture.measure(screen, &mut stats);
         let visible = list.iter().map(|c| c.visible).collect();
         let large = list.iter().map(|c| c.large).collect();
-        Ok(Rastered { picture, views, visible, large, made: Vec::new(), stats })
+        let needs = streaming::missed(&absent, &views);
+        Ok(Rastered { picture, views, visible, large, made: Vec::new(), needs, stats })
     }
 }
 
-/// Culls and draws into pixels of one kind or the other; returns the frame's visible list.
+/// Culls and draws into pixels of one kind or the other; returns the frame's visible list, and the groups that were to
+/// be drawn and whose pages are not there.
 fn raster<P: Pixel>(
     shot: &Shot<'_>,
     views: &[InstanceView],
     pixels: &mut [P],
     hzb: &mut Hzb,
     stats: &mut FrameStats,
-) -> Result<Vec<Candidate>> {
+) -> Result<(Vec<Candidate>, Vec<GroupCandidate>)> {
     let Shot { screen, options, .. } = shot;
-    Pass { screen: *screen, tau: options.pixel_error, views, pixels, stats }
-        .draw_scene(options.occlusion, hzb)
+    let mut pass =
+        Pass { screen: *screen, tau: options.pixel_error, views, pixels, absent: Vec::new(), stats };
+    let list = pass.draw_scene(options.occlusion, hzb)?;
+    Ok((list, pass.absent))
 }
 
 /// The frame of what was drawn, with the arrays asked for.
 fn finished(shot: Shot<'_>, rastered: Rastered, spare: Spare) -> Result<Frame> {
-    let Rastered { picture, views, visible, large, made, mut stats } = rastered;
+    let Rastered { picture, views, visible, large, made, mut stats, .. } = rastered;
     stats.clusters = visible.len() as u64;
-    let record = |v: &Visible| views[v.instance as usize].mesh.record(v.cluster);
+    let record = |v: &Visible| views[v.instance as usize].pages.record(v.cluster);
     stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
     let drawn = |stage| stats.stages.iter().filter(|s| s.stage == stage).map(|s| s.passed).sum();
     (stats.drawn_small, stats.drawn_large) = (drawn(Stage::RasterSmall), drawn(Stage::RasterLarge));

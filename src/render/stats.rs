@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::stages::Stage;
 use crate::config::Raster;
+use crate::stream::StreamStats;
 
 /// One stage of one pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,6 +46,8 @@ pub struct FrameStats {
     pub uploaded_bytes: u64,
     /// Which rasterizers drew: on a GPU never `Auto`, on the CPU always `Compute`.
     pub raster: Raster,
+    /// What streaming did, where meshes are streamed.
+    pub stream: Option<StreamStats>,
     /// Wall time of the whole frame, milliseconds.
     pub total_ms: f64,
 }

@@ -588,7 +588,7 @@ fn more_than_an_array_holds_is_split() {
     let Some(device) = device("more_than_an_array_holds_is_split") else { return };
     let ball = dag(&bumpy_sphere(180));
     // As many copies as take one and a half arrays.
-    let bytes = 4 * ball.pages.words.len() as u64;
+    let bytes = 4 * ball.pages.word_count();
     let copies = (3 << device.array_bits()) * 2 / bytes + 1;
     if copies > 40 {
         return skip(

@@ -15,5 +15,6 @@ mod shader_validation;
 mod shapes;
 #[cfg(feature = "gpu")]
 mod stage_truth;
+mod streaming;
 #[cfg(feature = "gpu")]
 mod traversal;

@@ -1,0 +1,56 @@
+//! A mesh whose pages stay in their file: each is read, checked and decoded when it is wanted, on any thread.
+
+use std::fmt;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::decode::{Container, Head, Source};
+use super::input::{Input, OnDisk};
+use super::page_decode::Decoder;
+use crate::error::Result;
+use crate::model::{Dag, PageSource, PageWords, Pages};
+
+/// The pages of an open file.
+pub struct Stored {
+    input: Box<dyn Input>,
+    name: String,
+    head: Head,
+    /// Those that no thread uses.
+    decoders: Mutex<Vec<Decoder>>,
+}
+
+impl fmt::Debug for Stored {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Stored({:?}, {} pages)", self.name, self.head.rows.len())
+    }
+}
+
+impl PageSource for Stored {
+    fn read(&self, page: usize) -> Result<PageWords> {
+        let free = || self.decoders.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = free().pop();
+        let mut decoder = known.map_or_else(Decoder::new, Ok)?;
+        let source = Source::new(&*self.input, &self.name);
+        let words = self.head.page(&source, page, &mut decoder);
+        free().push(decoder);
+        words
+    }
+
+    fn dependencies(&self, page: usize) -> &[u32] {
+        self.head.dependencies.of(page)
+    }
+}
+
+/// Opens a mesh whose pages are read when they are wanted; `name` appears in error messages. Nothing in the file is
+/// trusted: see [`super::validate`].
+pub fn open_input(input: Box<dyn Input>, name: &str) -> Result<Dag> {
+    let (dag, head) = Container::new(&*input, name)?.dag()?;
+    let (table, layout) = (head.entries(), head.metadata.layout);
+    let source = Stored { input, name: name.to_owned(), head, decoders: Mutex::default() };
+    Ok(Dag { pages: Arc::new(Pages::stored(table, layout, Arc::new(source))), ..dag })
+}
+
+/// Opens a file: what comes before its pages is read, and of them none.
+pub fn open(path: &Path) -> Result<Dag> {
+    open_input(Box::new(OnDisk::open(path)?), &path.display().to_string())
+}

@@ -1,0 +1,143 @@
+//! Threads that read and decode pages, those first that matter most.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+
+use super::pool::Ask;
+use crate::error::{Error, Result};
+use crate::model::{PageSource, PageWords};
+
+/// Threads at most: a disk and a few cores are busy with less.
+const MOST_THREADS: usize = 4;
+
+/// A page to be read.
+#[derive(Clone, Debug)]
+pub(super) struct Job {
+    pub(super) ask: Ask,
+    /// Which of the meshes that had this number.
+    pub(super) generation: u64,
+    pub(super) source: Arc<dyn PageSource>,
+}
+
+/// A page that was read, or why not.
+#[derive(Debug)]
+pub(super) struct Arrival {
+    pub(super) job: Job,
+    pub(super) words: Result<PageWords>,
+}
+
+#[derive(Debug, Default)]
+struct Queue {
+    /// The next one last.
+    jobs: Vec<Job>,
+    closed: bool,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    queue: Mutex<Queue>,
+    filled: Condvar,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The next job; nothing once closed.
+    fn next(&self) -> Option<Job> {
+        let mut queue = self.lock();
+        loop {
+            if queue.closed {
+                return None;
+            }
+            if let Some(job) = queue.jobs.pop() {
+                return Some(job);
+            }
+            queue = self.filled.wait(queue).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+/// The threads, started with the first job.
+#[derive(Debug)]
+pub(super) struct Loader {
+    shared: Arc<Shared>,
+    sender: Sender<Arrival>,
+    arrivals: Receiver<Arrival>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Default for Loader {
+    fn default() -> Self {
+        let (sender, arrivals) = channel();
+        Self { shared: Arc::default(), sender, arrivals, threads: Vec::new() }
+    }
+}
+
+impl Loader {
+    /// Takes back the jobs that no thread has begun.
+    pub(super) fn take_back(&self) -> Vec<Job> {
+        std::mem::take(&mut self.shared.lock().jobs)
+    }
+
+    /// Puts jobs in the queue, what matters most first.
+    pub(super) fn submit(&mut self, mut jobs: Vec<Job>) -> Result<()> {
+        if jobs.is_empty() {
+            return Ok(());
+        }
+        self.start()?;
+        jobs.reverse();
+        self.shared.lock().jobs = jobs;
+        self.shared.filled.notify_all();
+        Ok(())
+    }
+
+    fn start(&mut self) -> Result<()> {
+        let count = std::thread::available_parallelism().map_or(1, |n| n.get().min(MOST_THREADS));
+        while self.threads.len() < count {
+            let (shared, sender) = (Arc::clone(&self.shared), self.sender.clone());
+            let thread = std::thread::Builder::new().name("nanite-load".into()).spawn(move || {
+                while let Some(job) = shared.next() {
+                    let words = read(&*job.source, job.ask.page as usize);
+                    // Nobody listens any more when the renderer goes.
+                    if sender.send(Arrival { job, words }).is_err() {
+                        return;
+                    }
+                }
+            });
+            match thread {
+                Ok(thread) => self.threads.push(thread),
+                // Fewer do as well.
+                Err(_) if !self.threads.is_empty() => return Ok(()),
+                Err(source) => return Err(Error::Io { path: "thread".into(), source }),
+            }
+        }
+        Ok(())
+    }
+
+    /// What has arrived; with `wait`, at least one of what was submitted.
+    pub(super) fn arrivals(&self, wait: bool) -> Vec<Arrival> {
+        let first = if wait { self.arrivals.recv().ok() } else { None };
+        first.into_iter().chain(self.arrivals.try_iter()).collect()
+    }
+}
+
+/// Reads a page; a panic is an error like others.
+fn read(source: &dyn PageSource, page: usize) -> Result<PageWords> {
+    let outcome = catch_unwind(AssertUnwindSafe(|| source.read(page)));
+    outcome.unwrap_or_else(|_| Err(Error::Invariant(format!("reading page {page} panicked"))))
+}
+
+impl Drop for Loader {
+    fn drop(&mut self) {
+        self.shared.lock().closed = true;
+        self.shared.filled.notify_all();
+        for thread in self.threads.drain(..) {
+            // What it ran into, it has told.
+            let _ = thread.join();
+        }
+    }
+}

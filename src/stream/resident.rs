@@ -1,0 +1,38 @@
+//! Which pages a frame may draw.
+
+use std::sync::Arc;
+
+use rustc_hash::FxHashMap;
+
+use crate::model::{Dag, Pages};
+
+/// The pages of streamed meshes that are there, as of one moment: later arrivals and evictions do not change it.
+#[derive(Clone, Debug, Default)]
+pub struct Resident {
+    meshes: FxHashMap<usize, Arc<Pages>>,
+}
+
+/// A mesh's name while somebody holds it.
+pub(super) fn address(mesh: &Arc<Dag>) -> usize {
+    Arc::as_ptr(mesh).addr()
+}
+
+impl Resident {
+    /// Puts the pages of a mesh in place of its own.
+    pub(super) fn set(&mut self, mesh: &Arc<Dag>, pages: Arc<Pages>) {
+        self.meshes.insert(address(mesh), pages);
+    }
+
+    /// The pages of a mesh that may be drawn: its own, unless it is streamed.
+    pub fn pages<'a>(&'a self, mesh: &'a Arc<Dag>) -> &'a Arc<Pages> {
+        if self.meshes.is_empty() {
+            return &mesh.pages;
+        }
+        self.meshes.get(&address(mesh)).unwrap_or(&mesh.pages)
+    }
+
+    /// Whether a mesh is streamed.
+    pub fn streams(&self, mesh: &Arc<Dag>) -> bool {
+        self.meshes.contains_key(&address(mesh))
+    }
+}

@@ -1,0 +1,259 @@
+//! Between frames: what has arrived takes its place, what frames need is asked for.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use super::loader::{Job, Loader};
+use super::pool::{Ask, Change, Plan, Pool};
+use super::request::Needs;
+use super::resident::{Resident, address};
+use crate::error::{Error, Result};
+use crate::model::{Dag, PageSource, PageWords, Pages};
+
+/// How often a page is read that the system could not read, before it counts as lost.
+const ATTEMPTS: u32 = 3;
+
+/// How a renderer streams.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StreamOptions {
+    /// Bytes of pages in memory.
+    pub pool_bytes: u64,
+}
+
+/// A page that could not be read, and why.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fault {
+    /// What was wrong.
+    pub message: String,
+}
+
+/// What streaming did for a frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StreamStats {
+    /// Pages that the frame could draw.
+    pub resident_pages: u64,
+    /// Bytes of the pool in use, with what is being read.
+    pub pool_bytes: u64,
+    /// Pages that the frame needed, with those that they depend on.
+    pub needed_pages: u64,
+    /// Of these, those that were not there.
+    pub missing_pages: u64,
+    /// Of these, those that the pool has no room for.
+    pub refused_pages: u64,
+    /// Pages that arrived before the frame.
+    pub arrived_pages: u64,
+    /// Pages that left before the frame.
+    pub evicted_pages: u64,
+    /// Pages so far that could not be read.
+    pub faults: u64,
+    /// Largest error, pixels, of what was drawn in place of something finer; 0 where nothing was.
+    pub coarsest_pixels: f32,
+    /// Frames that were drawn until all was there; 1 without waiting.
+    pub rounds: u64,
+}
+
+/// A mesh that is streamed.
+#[derive(Debug)]
+struct Mesh {
+    dag: Arc<Dag>,
+    source: Arc<dyn PageSource>,
+    /// Its number in the pool.
+    number: u32,
+    generation: u64,
+    /// What is resident; changed in place unless a frame still looks at it.
+    pages: Arc<Pages>,
+    attempts: Vec<u32>,
+}
+
+/// See the module's documentation.
+#[derive(Debug)]
+pub struct Streamer {
+    pool: Pool,
+    loader: Loader,
+    meshes: Vec<Mesh>,
+    generations: u64,
+    /// Jobs that threads have or will have.
+    asked: usize,
+    faults: Vec<Fault>,
+    fault_count: u64,
+    arrived: u64,
+    evicted_before: u64,
+}
+
+impl Streamer {
+    /// A streamer with an empty pool.
+    pub fn new(options: StreamOptions) -> Self {
+        Self {
+            pool: Pool::new(options.pool_bytes),
+            loader: Loader::default(),
+            meshes: Vec::new(),
+            generations: 0,
+            asked: 0,
+            faults: Vec::new(),
+            fault_count: 0,
+            arrived: 0,
+            evicted_before: 0,
+        }
+    }
+
+    /// The pool.
+    pub fn pool(&self) -> &Pool {
+        &self.pool
+    }
+
+    /// Faults since this was last called.
+    pub fn faults(&mut self) -> Vec<Fault> {
+        std::mem::take(&mut self.faults)
+    }
+
+    /// Takes in what has arrived, and says what of `meshes` a frame may draw. Those with files are streamed from now on:
+    /// what must always be there of a new one is read at once. Those that are not among `meshes` are forgotten.
+    pub fn resident<'a>(&mut self, meshes: impl Iterator<Item = &'a Arc<Dag>>) -> Result<Resident> {
+        let mut seen = BTreeSet::new();
+        let mut new = Vec::new();
+        for dag in meshes {
+            if let Some(source) = dag.pages.source()
+                && seen.insert(address(dag))
+                && !self.meshes.iter().any(|mesh| Arc::ptr_eq(&mesh.dag, dag))
+            {
+                new.push((Arc::clone(dag), Arc::clone(source)));
+            }
+        }
+        for gone in self.meshes.extract_if(.., |mesh| !seen.contains(&address(&mesh.dag))) {
+            self.pool.detach(gone.number);
+        }
+        for (dag, source) in new {
+            self.attach(dag, source)?;
+        }
+        self.collect(false);
+        self.apply();
+        let mut out = Resident::default();
+        for mesh in &self.meshes {
+            out.set(&mesh.dag, Arc::clone(&mesh.pages));
+        }
+        Ok(out)
+    }
+
+    fn attach(&mut self, dag: Arc<Dag>, source: Arc<dyn PageSource>) -> Result<()> {
+        let pages: Vec<(u64, Vec<u32>)> = dag
+            .pages
+            .table
+            .iter()
+            .enumerate()
+            .map(|(page, entry)| (bytes(entry.words), source.dependencies(page).to_vec()))
+            .collect();
+        let mut roots: BTreeSet<u32> = BTreeSet::new();
+        let mut open: Vec<u32> =
+            dag.groups.iter().filter(|g| g.error.is_infinite()).map(|g| g.first.page() as u32).collect();
+        while let Some(page) = open.pop() {
+            if roots.insert(page) {
+                open.extend(&pages[page as usize].1);
+            }
+        }
+        let read = |page: u32| Ok((page, source.read(page as usize)?));
+        let roots: Vec<(u32, PageWords)> = roots.into_iter().map(read).collect::<Result<_>>()?;
+        let least: u64 = roots.iter().map(|(_, words)| size_of_val(&words[..]) as u64).sum();
+        let attempts = vec![0; pages.len()];
+        let Some(number) = self.pool.attach(pages, roots) else {
+            let message = format!(
+                "the pool has {} bytes; the coarsest pages of the meshes of the scene, which are always there, take {} more \
+                 than are left",
+                self.pool.budget(),
+                least
+            );
+            return Err(Error::argument("pool_bytes", message));
+        };
+        self.generations += 1;
+        let pages = Arc::new(Pages::absent(Arc::clone(&dag.pages.table), dag.layout()));
+        self.meshes.push(Mesh { dag, source, number, generation: self.generations, pages, attempts });
+        Ok(())
+    }
+
+    /// Takes in what has arrived; with `wait`, at least one of what was asked for.
+    fn collect(&mut self, wait: bool) {
+        for arrival in self.loader.arrivals(wait && self.asked > 0) {
+            self.asked -= 1;
+            let Job { ask, generation, .. } = arrival.job;
+            let Some(mesh) =
+                self.meshes.iter_mut().find(|m| m.number == ask.mesh && m.generation == generation)
+            else {
+                continue;
+            };
+            match arrival.words {
+                Ok(words) => {
+                    self.arrived += 1;
+                    self.pool.arrived(ask, words);
+                }
+                Err(error) => {
+                    let attempts = &mut mesh.attempts[ask.page as usize];
+                    *attempts += 1;
+                    // A disk may be better the next time; a file that is wrong stays so.
+                    let for_good = !matches!(error, Error::Io { .. }) || *attempts >= ATTEMPTS;
+                    self.pool.failed(ask, for_good);
+                    if for_good {
+                        self.fault_count += 1;
+                        self.faults.push(Fault { message: error.to_string() });
+                    }
+                }
+            }
+        }
+        self.pool.enter();
+    }
+
+    /// Brings what frames look at up to date with the pool.
+    fn apply(&mut self) {
+        for change in self.pool.changes() {
+            let (ask, words) = match change {
+                Change::Enter(ask, words) => (ask, Some(words)),
+                Change::Leave(ask) => (ask, None),
+            };
+            if let Some(mesh) = self.meshes.iter_mut().find(|mesh| mesh.number == ask.mesh) {
+                Arc::make_mut(&mut mesh.pages).set(ask.page as usize, words);
+            }
+        }
+    }
+
+    /// Asks for what a frame needed. Says what it had.
+    pub fn request(&mut self, needs: &Needs) -> Result<StreamStats> {
+        for job in self.loader.take_back() {
+            self.asked -= 1;
+            if self.meshes.iter().any(|mesh| mesh.generation == job.generation) {
+                self.pool.take_back(job.ask);
+            }
+        }
+        let needed: Vec<_> = self.meshes.iter().map(|mesh| (mesh.number, needs.of(&mesh.dag))).collect();
+        let (resident, used) = (self.pool.resident(), self.pool.used());
+        let Plan { load, needed: count, missing, refused } = self.pool.request(&needed);
+        let job = |ask: &Ask| {
+            let mesh = self.meshes.iter().find(|mesh| mesh.number == ask.mesh)?;
+            Some(Job { ask: *ask, generation: mesh.generation, source: Arc::clone(&mesh.source) })
+        };
+        let jobs: Vec<Job> = load.iter().filter_map(job).collect();
+        self.asked += jobs.len();
+        self.loader.submit(jobs)?;
+        let evicted = self.pool.evicted();
+        Ok(StreamStats {
+            resident_pages: resident as u64,
+            pool_bytes: used,
+            needed_pages: count as u64,
+            missing_pages: missing as u64,
+            refused_pages: refused as u64,
+            arrived_pages: std::mem::take(&mut self.arrived),
+            evicted_pages: evicted - std::mem::replace(&mut self.evicted_before, evicted),
+            faults: self.fault_count,
+            coarsest_pixels: needs.coarsest,
+            rounds: 1,
+        })
+    }
+
+    /// Waits until all that was asked for has arrived.
+    pub fn wait(&mut self) {
+        while self.asked > 0 {
+            self.collect(true);
+        }
+    }
+}
+
+fn bytes(words: u32) -> u64 {
+    u64::from(words) * size_of::<u32>() as u64
+}

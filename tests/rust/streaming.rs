@@ -1,0 +1,441 @@
+//! Streaming: what is drawn of a mesh in a file, with little of it in memory, while pages come, go and fail.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use nanite_rs::Error;
+use nanite_rs::config::RenderOptions;
+use nanite_rs::format::input::Input;
+use nanite_rs::format::{from_bytes, open_input, to_bytes};
+use nanite_rs::model::rule::Threshold;
+use nanite_rs::model::{Dag, PageWords};
+use nanite_rs::render::{Frame, Renderer};
+use nanite_rs::scene::{Material, Scene};
+use nanite_rs::stream::{Ask, Needs, Pool, Request, StreamOptions, StreamStats, Streamer};
+
+use crate::dag_invariants::Random;
+use crate::render_frames::{CAMERA, IDENTITY, Pose, at, dag, lit, shoot};
+use crate::shapes::{bumpy_sphere, grid};
+
+/// A disk that loses pages, fails now and then, or is slow.
+#[derive(Default)]
+struct Disk {
+    bytes: Vec<u8>,
+    /// From this byte on bytes are wrong.
+    wrong_from: Option<u64>,
+    /// Of reads behind the beginning, one in so many fails.
+    fails: u64,
+    /// The file was cut short after it was opened.
+    ends_at: Option<u64>,
+    delay: Duration,
+    /// Reads behind this byte are those of pages.
+    pages_at: u64,
+    reads: Arc<AtomicU64>,
+}
+
+impl Input for Disk {
+    fn length(&self) -> u64 {
+        self.bytes.len() as u64
+    }
+
+    fn read(&self, offset: u64, length: usize) -> std::io::Result<std::borrow::Cow<'_, [u8]>> {
+        let mut bytes = self.bytes[offset as usize..][..length].to_vec();
+        if offset >= self.pages_at && length > 0 {
+            let number = self.reads.fetch_add(1, Ordering::Relaxed);
+            std::thread::sleep(self.delay);
+            if self.fails > 0 && number % self.fails == 2 {
+                return Err(std::io::Error::other("the disk is old"));
+            }
+            if self.ends_at.is_some_and(|end| offset + length as u64 > end) {
+                return Err(std::io::ErrorKind::UnexpectedEof.into());
+            }
+            if self.wrong_from.is_some_and(|from| offset >= from) {
+                bytes[length / 2] ^= 1;
+            }
+        }
+        Ok(bytes.into())
+    }
+}
+
+impl Disk {
+    fn of(mesh: &Dag) -> Self {
+        let bytes = to_bytes(mesh).unwrap();
+        let sections = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        let pages = 24 + (sections - 1) * 32 + 8;
+        let pages_at = u64::from_le_bytes(bytes[pages..pages + 8].try_into().unwrap());
+        Self { bytes, pages_at, ..Self::default() }
+    }
+
+    /// A byte so far into the pages.
+    fn part(&self, share: f64) -> u64 {
+        self.pages_at + (share * (self.bytes.len() as u64 - self.pages_at) as f64) as u64
+    }
+}
+
+fn open(disk: Disk) -> Arc<Dag> {
+    Arc::new(open_input(Box::new(disk), "disk").unwrap())
+}
+
+fn scene_of(mesh: &Arc<Dag>) -> Scene {
+    let mut scene = lit();
+    scene.add(Arc::clone(mesh), &IDENTITY, Material::default()).unwrap();
+    scene
+}
+
+fn renderer(backend: &str, pool_bytes: u64) -> Renderer {
+    let mut renderer = Renderer::new(320, 240, backend).unwrap();
+    renderer.stream(Some(StreamOptions { pool_bytes }));
+    renderer
+}
+
+fn stream(frame: &Frame) -> &StreamStats {
+    frame.stats.stream.as_ref().unwrap()
+}
+
+fn page_bytes(mesh: &Dag) -> u64 {
+    4 * mesh.pages.word_count()
+}
+
+/// What the picture shows, bit for bit.
+fn same(a: &Frame, b: &Frame) {
+    let depth = |f: &Frame| f.depth().unwrap().into_iter().map(f32::to_bits).collect::<Vec<_>>();
+    assert!(depth(a) == depth(b), "depth");
+    assert!(a.instance_ids().unwrap() == b.instance_ids().unwrap(), "instances");
+    assert!(a.cluster_ids().unwrap() == b.cluster_ids().unwrap(), "clusters");
+    assert!(a.triangle_ids().unwrap() == b.triangle_ids().unwrap(), "triangles");
+    assert!(a.face_ids().unwrap() == b.face_ids().unwrap(), "faces");
+    assert!(a.color().unwrap() == b.color().unwrap(), "colours");
+}
+
+/// From far to near and around.
+fn path(steps: usize) -> Vec<Pose> {
+    let step = |i: usize| {
+        let t = i as f64 / steps as f64;
+        let (angle, distance) = (4.0 * t, 6.0 - 4.6 * (3.1 * t).sin().abs());
+        let (s, c) = angle.sin_cos();
+        [
+            [c, 0.0, s, distance * s],
+            [0.0, 1.0, 0.0, 0.3 * (5.0 * t).sin()],
+            [-s, 0.0, c, distance * c],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    };
+    (0..steps).map(step).collect()
+}
+
+/// From every source cluster up, along any path of the DAG, exactly one cluster is in the cut of what is resident.
+fn whole_surface(mesh: &Dag, holds: impl Fn(usize) -> bool, threshold: &Threshold) {
+    let refine = |g: u32| {
+        let group = &mesh.groups[g as usize];
+        holds(group.first.page()) && threshold.exceeded_by(&group.lod_sphere, group.error)
+    };
+    let drawn = |at| {
+        let record = mesh.record(at);
+        refine(record.group) && !(record.level > 0 && refine(record.refined))
+    };
+    let mut outputs = vec![Vec::new(); mesh.groups.len()];
+    for at in mesh.pages.addresses() {
+        if let Some(list) = outputs.get_mut(mesh.record(at).refined as usize) {
+            list.push(at);
+        }
+    }
+    let mut random = Random(5);
+    for start in mesh.pages.addresses().filter(|at| mesh.record(*at).level == 0) {
+        let (mut at, mut count) = (start, 0);
+        loop {
+            count += u32::from(drawn(at));
+            let above = &outputs[mesh.record(at).group as usize];
+            if above.is_empty() {
+                break;
+            }
+            at = above[(random.next() * above.len() as f64) as usize];
+        }
+        assert_eq!(count, 1, "{start:?}");
+    }
+}
+
+/// Backends that are tested.
+fn backends() -> Vec<&'static str> {
+    vec!["cpu"]
+}
+
+#[test]
+fn opening_reads_no_page_and_cuts_read_what_they_need() {
+    let mesh = dag(&bumpy_sphere(120));
+    let disk = Disk::of(&mesh);
+    let reads = Arc::clone(&disk.reads);
+    let stored = open(disk);
+    assert_eq!(reads.load(Ordering::Relaxed), 0);
+    let coarse = Threshold::Uniform(0.02);
+    nanite_rs::lod::load(&stored, &coarse).unwrap();
+    let read = reads.load(Ordering::Relaxed) as usize;
+    assert!(0 < read && 4 * read < stored.pages.table.len(), "{read} of {}", stored.pages.table.len());
+    assert!(nanite_rs::lod::select(&stored, &coarse) == nanite_rs::lod::select(&mesh, &coarse));
+    stored.pages.load_all().unwrap();
+    assert!(*stored == *mesh && reads.load(Ordering::Relaxed) as usize == mesh.pages.table.len());
+}
+
+#[test]
+fn once_settled_the_picture_is_that_of_the_whole_mesh() {
+    let mesh = dag(&bumpy_sphere(160));
+    let options = RenderOptions::default();
+    for backend in backends() {
+        let stored = open(Disk::of(&mesh));
+        let (scene, whole) = (scene_of(&stored), scene_of(&mesh));
+        let mut streamed = renderer(backend, page_bytes(&mesh));
+        let mut resident = Renderer::new(320, 240, backend).unwrap();
+        let mut loaded = 0;
+        for occlusion in [true, false] {
+            let options = RenderOptions { occlusion, ..options.clone() };
+            for pose in path(12) {
+                let frame = streamed.render(&scene, &CAMERA, &pose, &options).unwrap();
+                let stats = stream(&frame);
+                assert!(stats.missing_pages == 0 && stats.coarsest_pixels == 0.0, "{stats:?}");
+                same(&frame, &resident.render(&whole, &CAMERA, &pose, &options).unwrap());
+                loaded = loaded.max(stats.resident_pages);
+                streamed.streamer().unwrap().pool().check().unwrap();
+            }
+        }
+        assert!(loaded < mesh.pages.table.len() as u64, "{backend}: all was read");
+    }
+}
+
+#[test]
+fn with_little_room_frames_come_are_whole_and_say_how_coarse() {
+    let mesh = dag(&bumpy_sphere(160));
+    let options = RenderOptions { wait: false, ..RenderOptions::default() };
+    for backend in backends() {
+        let stored = open(Disk { delay: Duration::from_micros(300), ..Disk::of(&mesh) });
+        let scene = scene_of(&stored);
+        let mut streamed = renderer(backend, page_bytes(&mesh) / 12);
+        let (mut refused, mut evicted, mut arrived) = (0, 0, 0);
+        for (i, pose) in path(90).into_iter().enumerate() {
+            let frame = streamed.render(&scene, &CAMERA, &pose, &options).unwrap();
+            let stats = stream(&frame).clone();
+            let coarse = frame.visible().len();
+            assert!(coarse > 0 && stats.rounds == 1);
+            assert!(stats.pool_bytes <= page_bytes(&mesh) / 12, "{stats:?}");
+            assert_eq!(stats.coarsest_pixels > 1.0, stats.coarsest_pixels > 0.0);
+            let streamer = streamed.streamer().unwrap();
+            streamer.pool().check().unwrap();
+            if i % 10 == 0 {
+                let resident = streamer.resident([&stored].into_iter()).unwrap();
+                let pages = resident.pages(&stored);
+                whole_surface(&mesh, |page| pages.holds(page), &Threshold::Uniform(0.0));
+                whole_surface(&mesh, |page| pages.holds(page), &Threshold::Uniform(0.003));
+            }
+            refused += stats.refused_pages;
+            evicted += stats.evicted_pages;
+            arrived += stats.arrived_pages;
+        }
+        assert!(refused > 0 && evicted > 0 && arrived > 0, "{refused} {evicted} {arrived}");
+        // At rest, and with room for all that is needed, everything arrives.
+        let far = at(0.0, 0.0, 30.0);
+        let frame = streamed.render(&scene, &CAMERA, &far, &RenderOptions::default()).unwrap();
+        assert_eq!(stream(&frame).missing_pages, 0);
+        same(&frame, &shoot(&scene_of(&mesh), &CAMERA, &far, (320, 240), &RenderOptions::default()));
+    }
+}
+
+/// A picture of a scene of which some pages are lost: it comes, it is whole, and each fault is told once.
+#[test]
+fn lost_pages_cost_detail_and_nothing_else() {
+    let mesh = dag(&bumpy_sphere(160));
+    let pose = at(0.0, 0.0, 2.2);
+    let options = RenderOptions { pixel_error: 0.1, ..RenderOptions::default() };
+    let good = shoot(&scene_of(&mesh), &CAMERA, &pose, (320, 240), &options);
+    for (what, disk) in [
+        ("checksum", Disk { wrong_from: Some(Disk::of(&mesh).part(0.5)), ..Disk::of(&mesh) }),
+        ("end of file", Disk { ends_at: Some(Disk::of(&mesh).part(0.6)), ..Disk::of(&mesh) }),
+    ] {
+        let scene = scene_of(&open(disk));
+        let mut streamed = renderer("cpu", page_bytes(&mesh));
+        let frame = streamed.render(&scene, &CAMERA, &pose, &options).unwrap();
+        let stats = stream(&frame).clone();
+        assert!(stats.faults > 0 && stats.coarsest_pixels > 0.1, "{what}: {stats:?}");
+        let faults = streamed.streamer().unwrap().faults();
+        assert_eq!(faults.len() as u64, stats.faults);
+        assert!(faults.iter().all(|fault| fault.message.contains(what)), "{faults:?}");
+        let again = streamed.render(&scene, &CAMERA, &pose, &options).unwrap();
+        assert_eq!(stream(&again).faults, stats.faults, "what is lost is not read again");
+        assert!(streamed.streamer().unwrap().faults().is_empty());
+        // As many pixels, but for the outline, and as far away.
+        let near = frame.stats.covered_pixels as f64 / good.stats.covered_pixels as f64;
+        assert!((near - 1.0).abs() < 0.02, "{near}");
+        let (found, expected) = (frame.depth().unwrap(), good.depth().unwrap());
+        let off =
+            found.iter().zip(&expected).filter(|(a, b)| **a > 0.0 && **b > 0.0 && (**a - **b).abs() > 0.05);
+        assert!(off.count() < found.len() / 200);
+    }
+}
+
+#[test]
+fn a_disk_that_fails_now_and_then_loses_nothing() {
+    let mesh = dag(&bumpy_sphere(120));
+    let disk = Disk { fails: 5, delay: Duration::from_micros(100), ..Disk::of(&mesh) };
+    let scene = scene_of(&open(disk));
+    let pose = at(0.0, 0.0, 2.2);
+    let mut streamed = renderer("cpu", page_bytes(&mesh));
+    let frame = streamed.render(&scene, &CAMERA, &pose, &RenderOptions::default()).unwrap();
+    assert_eq!((stream(&frame).faults, stream(&frame).missing_pages), (0, 0));
+    same(&frame, &shoot(&scene_of(&mesh), &CAMERA, &pose, (320, 240), &RenderOptions::default()));
+}
+
+#[test]
+fn without_its_root_there_is_nothing_to_draw() {
+    let mesh = dag(&grid(20, |x, y| (9.0 * x).sin() * y * 0.1));
+    let disk = Disk::of(&mesh);
+    let scene = scene_of(&open(Disk { wrong_from: Some(disk.pages_at), ..disk }));
+    for streaming in [true, false] {
+        let mut renderer = Renderer::new(64, 64, "cpu").unwrap();
+        renderer.stream(streaming.then_some(StreamOptions { pool_bytes: 1 << 24 }));
+        match renderer.render(&scene, &CAMERA, &at(0.0, 0.0, 3.0), &RenderOptions::default()) {
+            Err(Error::Format { offset, message, .. }) => {
+                assert!(offset > 0 && message.contains("checksum"), "{message}");
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    let small = scene_of(&open(Disk::of(&mesh)));
+    match renderer("cpu", 100).render(&small, &CAMERA, &at(0.0, 0.0, 3.0), &RenderOptions::default()) {
+        Err(Error::Argument { argument: "pool_bytes", message }) => assert!(message.contains("100 bytes")),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Meshes in files and meshes in memory in one scene, which come and go.
+#[test]
+fn meshes_come_and_go() {
+    let (ball, field) =
+        (dag(&bumpy_sphere(100)), dag(&grid(120, |x, y| (9.0 * x).sin() * (7.0 * y).cos() * 0.1)));
+    let (stored_ball, stored_field) = (open(Disk::of(&ball)), open(Disk::of(&field)));
+    let mut streamed = renderer("cpu", page_bytes(&ball) + page_bytes(&field));
+    let poses = [at(-1.2, 0.0, 0.0), at(1.2, 0.0, 0.0), at(0.0, 1.0, 0.0)];
+    let with = |meshes: [Option<&Arc<Dag>>; 3]| {
+        let mut scene = lit();
+        for (mesh, pose) in meshes.into_iter().zip(&poses) {
+            if let Some(mesh) = mesh {
+                scene.add(Arc::clone(mesh), pose, Material::default()).unwrap();
+            }
+        }
+        scene
+    };
+    let eye = at(0.0, 0.2, 4.0);
+    let (b, f) = (Some(&stored_ball), Some(&stored_field));
+    let (rb, rf) = (Some(&ball), Some(&field));
+    for (stored, whole) in [
+        (with([b, f, rb]), with([rb, rf, rb])),
+        (with([b, None, None]), with([rb, None, None])),
+        (with([None, None, None]), with([None, None, None])),
+        (with([f, f, b]), with([rf, rf, rb])),
+    ] {
+        let frame = streamed.render(&stored, &CAMERA, &eye, &RenderOptions::default()).unwrap();
+        assert_eq!(stream(&frame).missing_pages, 0);
+        same(&frame, &shoot(&whole, &CAMERA, &eye, (320, 240), &RenderOptions::default()));
+        streamed.streamer().unwrap().pool().check().unwrap();
+    }
+}
+
+/// Any order of requests, arrivals, failures and departures keeps the pool's rules; and what is asked for often enough
+/// arrives.
+#[test]
+fn the_pool_keeps_its_rules() {
+    let mut random = Random(17);
+    let mut pick = move |n: usize| (random.next() * n as f64) as usize;
+    let words: PageWords = vec![0u32; 4].into();
+    let (mut evictions, mut refusals) = (0, 0);
+    for round in 0..300 {
+        let pages = 4 + pick(60);
+        let table: Vec<(u64, Vec<u32>)> = (0..pages)
+            .map(|page| {
+                let bytes = 1 + pick(20) as u64;
+                let mut on: Vec<u32> =
+                    (0..pick(4)).filter(|_| page > 0).map(|_| pick(page.max(1)) as u32).collect();
+                on.sort_unstable();
+                on.dedup();
+                (bytes, on)
+            })
+            .collect();
+        let total: u64 = table.iter().map(|page| page.0).sum();
+        let mut pool = Pool::new(table[0].0 + pick(total as usize) as u64);
+        let mesh = pool.attach(table.clone(), vec![(0, words.clone())]).unwrap();
+        let mut asked: Vec<Ask> = Vec::new();
+        let ask_for = |pool: &mut Pool, asked: &mut Vec<Ask>, wanted: &[Request]| {
+            asked.drain(..).for_each(|ask| pool.take_back(ask));
+            let plan = pool.request(&[(mesh, wanted.to_vec())]);
+            asked.extend(&plan.load);
+            plan
+        };
+        for _ in 0..60 {
+            let mut wanted: Vec<Request> = (0..pick(12))
+                .map(|_| Request { page: pick(pages) as u32, pixels: 0.1 + pick(100) as f32 })
+                .collect();
+            wanted.sort_by_key(|request| request.page);
+            wanted.dedup_by_key(|request| request.page);
+            refusals += ask_for(&mut pool, &mut asked, &wanted).refused;
+            pool.check().unwrap();
+            for _ in 0..pick(asked.len() + 1) {
+                let ask = asked.swap_remove(pick(asked.len()));
+                match pick(20) {
+                    0 => pool.failed(ask, false),
+                    1 if round % 3 == 0 => pool.failed(ask, true),
+                    _ => pool.arrived(ask, words.clone()),
+                }
+                pool.check().unwrap();
+            }
+            pool.enter();
+            pool.check().unwrap();
+        }
+        evictions += pool.evicted();
+        // No request is lost: asked for again and again, and answered, all that has room comes.
+        let wanted: Vec<Request> =
+            (0..pages as u32).map(|page| Request { page, pixels: 1000.0 - page as f32 }).collect();
+        for _ in 0..pages {
+            ask_for(&mut pool, &mut asked, &wanted);
+            for ask in asked.drain(..) {
+                pool.arrived(ask, words.clone());
+            }
+            pool.enter();
+            pool.check().unwrap();
+        }
+        let plan = ask_for(&mut pool, &mut asked, &wanted);
+        assert_eq!(plan.missing, plan.refused);
+        pool.detach(mesh);
+        pool.check().unwrap();
+        assert_eq!(pool.used(), 0);
+    }
+    assert!(evictions > 1000 && refusals > 1000, "{evictions} {refusals}");
+}
+
+/// What is needed more comes first, whatever it depends on.
+#[test]
+fn the_most_needed_pages_get_the_room() {
+    let words: PageWords = vec![0u32; 4].into();
+    let mut pool = Pool::new(40);
+    // 1 and 2 stand on 0, and 3 on 1.
+    let table = vec![(10, vec![]), (10, vec![0]), (10, vec![0]), (10, vec![1]), (10, vec![2])];
+    let mesh = pool.attach(table, vec![(0, words)]).unwrap();
+    let need = |page, pixels| Request { page, pixels };
+    let plan = pool.request(&[(mesh, vec![need(1, 2.0), need(3, 2.0), need(4, 5.0)])]);
+    let pages: Vec<u32> = plan.load.iter().map(|ask| ask.page).collect();
+    assert_eq!((pages, plan.missing, plan.refused), (vec![2, 4, 1], 4, 1));
+    // What is only expected comes last and is not missed.
+    let plan = pool.request(&[(mesh, vec![need(1, 2.0), Request::later(4, 9.0)])]);
+    assert_eq!((plan.missing, plan.refused), (1, 0));
+}
+
+/// Pages that are asked for by nobody are not read.
+#[test]
+fn nothing_is_read_that_nobody_needs() {
+    let mesh = dag(&bumpy_sphere(80));
+    let stored = open(Disk::of(&mesh));
+    let mut streamer = Streamer::new(StreamOptions { pool_bytes: page_bytes(&mesh) });
+    streamer.resident([&stored].into_iter()).unwrap();
+    let stats = streamer.request(&Needs::default()).unwrap();
+    streamer.wait();
+    let resident = streamer.resident([&stored].into_iter()).unwrap();
+    let held = (0..stored.pages.table.len()).filter(|page| resident.pages(&stored).holds(*page)).count();
+    assert_eq!((held as u64, stats.needed_pages, stats.missing_pages), (stats.resident_pages, 0, 0));
+    assert!(held < stored.pages.table.len() && from_bytes(&to_bytes(&mesh).unwrap(), "x").is_ok());
+}
