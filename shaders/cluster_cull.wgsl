@@ -48,8 +48,12 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
     let record = record_start(page_start(instance, cluster), cluster);
     let at = record + RECORD_LOD_SPHERE;
     let sphere = Sphere(array<f32, 3>(real(at), real(at + 1u), real(at + 2u)), real(at + 3u));
+    // What it was made from is drawn instead, where that is there.
     if !again && exceeds(instance, sphere, real(record + RECORD_ERROR)) {
-        return;
+        let refined = instances[instance].first_page + page_word(record + RECORD_REFINED_PAGE);
+        if page_offsets[refined] != ABSENT {
+            return;
+        }
     }
     let center = reals(record + RECORD_CENTER);
     let extent = reals(record + RECORD_EXTENT);

@@ -1,5 +1,6 @@
 // Stage 2. One level of the hierarchies: nodes to look at -> their children, or the bits of groups whose clusters
-// may be drawn. What an earlier frame hid is put off to the second phase, which resumes there.
+// may be drawn. What an earlier frame hid is put off to the second phase, which resumes there. Groups whose pages are
+// not there are asked for.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
@@ -13,6 +14,9 @@
 @group(0) @binding(9) var<storage, read> pyramid: array<u32>;
 @group(0) @binding(10) var<storage, read_write> later: array<Visit>;
 @group(0) @binding(11) var<storage, read_write> later_level: DispatchOut;
+@group(0) @binding(12) var<storage, read> page_offsets: array<u32>;
+// How much pages that are not there are missed: the bits of pixels.
+@group(0) @binding(13) var<storage, read_write> wanted: array<atomic<u32>>;
 
 // What a box is to a phase.
 const OFF_SCREEN: u32 = 0u;
@@ -67,9 +71,18 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
         if !exceeds(visit.instance, group.lod_sphere, group.error) {
             continue;
         }
-        let found = test(visit.instance, group.center, group.extent);
+        var found = test(visit.instance, group.center, group.extent);
         if found == SEEN {
-            mark_group(words, number);
+            let page = instances[visit.instance].first_page + (group.first >> PAGE_SLOT_BITS);
+            if page_offsets[page] != ABSENT {
+                mark_group(words, number);
+            } else if SECOND || view.asks_later == 0u {
+                let pixels = error_pixels(visit.instance, group.lod_sphere, group.error);
+                atomicMax(&wanted[page], bitcast<u32>(pixels));
+            } else {
+                // What is drawn instead, with all else, may hide it.
+                found = HIDDEN;
+            }
         }
         waits |= found == HIDDEN;
     }

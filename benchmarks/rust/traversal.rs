@@ -14,6 +14,7 @@ use nanite_rs::gpu_types::{Look, View, VisibleCluster};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
+use nanite_rs::stream::Resident;
 
 #[path = "../../tests/rust/shapes.rs"]
 #[allow(dead_code)]
@@ -105,7 +106,9 @@ fn measure(forms: &mut Forms, renderer: &mut Renderer, distance: f64) -> Measure
         assert!(sorted(flat) == sorted(levels), "parts find others");
         let mut draw = |occlusion| {
             let ways = Ways { wide_atomics: true, occlusion, raster: Raster::Compute, depth_only: false };
-            let drawn = renderer.draw(&mut [Job::new(view, &mut words)], ways).expect("a frame");
+            let drawn = renderer
+                .draw(&mut [Job::new(view, &mut words)], ways, &Resident::default())
+                .expect("a frame");
             drawn.into_iter().next().expect("a picture")
         };
         if frame == 0 {
@@ -212,7 +215,7 @@ fn main() {
 /// Levels of the hierarchy, and so dispatches of the product's walk.
 fn depth(context: &Context, mesh: &Arc<Dag>) -> u32 {
     let mut meshes = Meshes::default();
-    meshes.upload(context, std::iter::once(mesh)).expect("room for a mesh");
+    meshes.upload(context, std::iter::once(mesh), &Resident::default()).expect("room for a mesh");
     meshes.placement(mesh).map_or(0, |place| place.depth)
 }
 

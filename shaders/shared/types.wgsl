@@ -37,7 +37,8 @@ struct View {
     // 1 where the visibility buffer has keys alone.
     depth_only: u32,
     lod_widest: f32,
-    unused: u32,
+    // 1 where pages that are missed are asked for by the second phase alone.
+    asks_later: u32,
 }
 
 // An instance as the scene places it, whoever looks at it.

@@ -51,6 +51,8 @@ pub struct Shape {
     pub group_words: u32,
     /// Levels of the deepest hierarchy.
     pub depth: u32,
+    /// Entries of the tables of pages, where some may not be there; else none.
+    pub pages: u32,
     /// Pixels of the picture.
     pub pixels: u64,
     /// Lengths of lists.
@@ -160,6 +162,8 @@ pub(super) struct Buffers {
     /// Numbers in the list of both phases for those of the first.
     pub(super) renumbered: Buffer,
     pub(super) words: Buffer,
+    /// How much pages are missed, by entries of their tables.
+    pub(super) wanted: Buffer,
     pub(super) outputs: Vec<(Output, Buffer)>,
     pub(super) times: Times,
     /// What comes back, and the bytes of it.
@@ -214,6 +218,7 @@ impl Buffers {
             visible: storage("visible clusters", bytes::<VisibleCluster>(room.visible))?,
             renumbered: storage("visible clusters", if occlusion { bytes::<u32>(room.visible) } else { 0 })?,
             words: storage("the pixels of the picture", shape.word_bytes())?,
+            wanted: storage("pages that are missed", bytes::<u32>(shape.pages))?,
             outputs: outputs.iter().map(made).collect::<Result<_>>()?,
             times: Times::new(context)?,
             staging: context.buffer("counters", 0, BufferUsages::MAP_READ)?,
@@ -236,7 +241,8 @@ impl Buffers {
         // Depth that is made here comes in place of the keys it is made of.
         let depth = if depth_only { arrays.next() } else { None };
         let words = depth.unwrap_or(Part { buffer: &self.words, bytes: self.shape.word_bytes() });
-        let mut whole = vec![ticks, words, visible];
+        let wanted = Part { buffer: &self.wanted, bytes: bytes::<u32>(self.shape.pages) };
+        let mut whole = vec![ticks, words, visible, wanted];
         whole.extend(arrays);
         let mut parts = vec![whole];
         let starts = [instances, room.visits];
@@ -248,6 +254,7 @@ impl Buffers {
     pub(super) fn clear(&self, encoder: &mut CommandEncoder) {
         self.phases.iter().for_each(|phase| phase.clear(encoder));
         encoder.clear_buffer(&self.words, 0, None);
+        encoder.clear_buffer(&self.wanted, 0, None);
         let counted = self.outputs.iter().find(|(output, _)| *output == Output::Overdraw);
         counted.iter().for_each(|(_, counts)| encoder.clear_buffer(counts, 0, None));
     }

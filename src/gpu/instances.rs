@@ -10,6 +10,7 @@ use super::meshes::Meshes;
 use crate::error::{Error, Result};
 use crate::gpu_types::{Look, Placed};
 use crate::model::Dag;
+use crate::stream::Resident;
 
 /// Slots that did not change are written along where the way around is as short.
 const GAP: usize = 16;
@@ -100,12 +101,18 @@ impl Instances {
     }
 
     /// Brings the device up to date, meshes first. Returns the bytes of instances written.
-    pub(super) fn upload(&mut self, context: &Context, meshes: &mut Meshes) -> Result<u64> {
-        if self.rearranged {
-            meshes.upload(context, self.meshes.iter().flatten())?;
+    pub(super) fn upload(
+        &mut self,
+        context: &Context,
+        meshes: &mut Meshes,
+        resident: &Resident,
+    ) -> Result<u64> {
+        if self.rearranged || meshes.lacks_places(resident) {
+            meshes.upload(context, self.meshes.iter().flatten(), resident)?;
             self.arrange(meshes)?;
             self.rearranged = false;
         }
+        meshes.stream(context, resident)?;
         if self.room() < self.len() {
             let room = self.len().checked_next_power_of_two().unwrap_or(self.len());
             let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;

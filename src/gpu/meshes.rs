@@ -1,5 +1,6 @@
 //! Meshes on the device: uploaded once, one after the other in arrays of nodes, groups, pages and a table of pages. What
-//! pages take may be more than a device binds as one array; they then lie in several.
+//! pages take may be more than a device binds as one array; they then lie in several. Pages of streamed meshes come and
+//! go, in places of one size.
 
 use std::sync::Arc;
 
@@ -8,8 +9,10 @@ use wgpu::{Buffer, BufferUsages};
 
 use super::context::{Context, unavailable};
 use super::shaders::PAGE_ARRAYS;
-use crate::error::Result;
-use crate::model::{Dag, Group, Node};
+use crate::error::{Error, Result};
+use crate::limits::PAGE_MAX_BYTES;
+use crate::model::{Dag, Group, Node, Pages};
+use crate::stream::{Needs, Request, Resident};
 
 /// Where a mesh starts in each array, and what its streams look like.
 #[derive(Clone, Copy, Debug)]
@@ -39,14 +42,34 @@ const ARRAYS: [(&str, u64); 3] = [
 /// What pages hold, for messages.
 const PAGES: &str = "the clusters of the meshes";
 
+/// Words of a place for a page of a streamed mesh.
+const PLACE_WORDS: u64 = PAGE_MAX_BYTES as u64 / WORD;
+/// Places at first.
+const FIRST_PLACES: usize = 64;
+/// What the table has for a page that is not there.
+pub const ABSENT: u32 = u32::MAX;
+
 /// Bytes of a word of a page.
 const WORD: u64 = size_of::<u32>() as u64;
+
+/// A mesh on the device.
+#[derive(Debug)]
+struct Mesh {
+    dag: Arc<Dag>,
+    placement: Placement,
+    /// Where it is streamed: what was there when pages were last brought, and the place of each of those.
+    streamed: Option<(Arc<Pages>, Vec<u32>)>,
+}
 
 /// All meshes on the device.
 #[derive(Debug, Default)]
 pub struct Meshes {
     /// By address, which is stable while the mesh is held.
-    resident: FxHashMap<usize, (Arc<Dag>, Placement)>,
+    resident: FxHashMap<usize, Mesh>,
+    /// Places for pages of streamed meshes, in front of all words.
+    places: usize,
+    /// Those of them that are empty.
+    free: Vec<u32>,
     buffers: Vec<Buffer>,
     used: Sizes,
     room: Sizes,
@@ -97,34 +120,111 @@ fn depth(mesh: &Dag) -> u32 {
 }
 
 impl Meshes {
-    /// Makes sure that all of `meshes` are there. Where there is no room, only these stay.
+    /// Makes sure that all of `meshes` are there, of those that are streamed all but the pages. Where there is no room,
+    /// only these stay.
     pub fn upload<'a>(
         &mut self,
         context: &Context,
         meshes: impl Iterator<Item = &'a Arc<Dag>> + Clone,
+        resident: &Resident,
     ) -> Result<()> {
         let mut new = self.missing(meshes.clone());
-        if new.is_empty() {
-            return Ok(());
-        }
-        let (needed, words) = self.needed(&new);
-        if words > self.room_words || (0..ARRAYS.len()).any(|k| needed[k] > self.room[k]) {
-            *self = Self { array_bits: context.array_bits(), ..Self::default() };
+        let (needed, words) = self.needed(&new, resident);
+        if self.lacks_places(resident)
+            || words > self.room_words
+            || (0..ARRAYS.len()).any(|k| needed[k] > self.room[k])
+        {
+            let places = if resident.held() == 0 {
+                0
+            } else {
+                resident.held().next_power_of_two().clamp(FIRST_PLACES, resident.most().max(FIRST_PLACES))
+            };
+            let used_words = places as u64 * PLACE_WORDS;
+            let free = (0..places as u32).rev().collect();
+            *self = Self { array_bits: context.array_bits(), places, free, used_words, ..Self::default() };
             new = self.missing(meshes);
-            let (needed, words) = self.needed(&new);
+            let (needed, words) = self.needed(&new, resident);
             self.allocate(context, needed, words)?;
         }
         for mesh in new {
-            self.append(context, mesh)?;
+            self.append(context, mesh, resident)?;
+        }
+        Ok(())
+    }
+
+    /// Whether there are more pages of streamed meshes than places for them.
+    pub fn lacks_places(&self, resident: &Resident) -> bool {
+        resident.held() > self.places
+    }
+
+    /// Brings what is there of the streamed meshes up to date.
+    pub fn stream(&mut self, context: &Context, resident: &Resident) -> Result<()> {
+        let mut changed = Vec::new();
+        for mesh in self.resident.values_mut() {
+            let Some((known, places)) = &mut mesh.streamed else { continue };
+            let pages = resident.pages(&mesh.dag);
+            if Arc::ptr_eq(known, pages) {
+                continue;
+            }
+            // Of a mesh that no scene has any more, nothing is there.
+            let holds = |page| resident.streams(&mesh.dag) && pages.holds(page);
+            for (page, place) in places.iter_mut().enumerate().filter(|(_, place)| **place != ABSENT) {
+                if !holds(page) {
+                    self.free.push(std::mem::replace(place, ABSENT));
+                }
+            }
+            *known = Arc::clone(pages);
+            if resident.streams(&mesh.dag) {
+                changed.push(address(&mesh.dag));
+            }
+        }
+        for address in changed {
+            let Some(Mesh { streamed: Some((pages, places)), placement, .. }) =
+                self.resident.get_mut(&address)
+            else {
+                continue;
+            };
+            for (page, place) in places.iter_mut().enumerate() {
+                if *place != ABSENT || !pages.holds(page) {
+                    continue;
+                }
+                let free = self.free.pop();
+                *place = free.ok_or_else(|| Error::Invariant("no place for a page is free".to_owned()))?;
+                let at = u64::from(*place) * PLACE_WORDS;
+                write_page(context, &self.pages, self.array_bits, at, pages.page(page))?;
+            }
+            // The places of an array of words bound them.
+            let start = |place: &u32| if *place == ABSENT { ABSENT } else { place * PLACE_WORDS as u32 };
+            let starts: Vec<u32> = places.iter().map(start).collect();
+            let at = u64::from(placement.first_page) * WORD;
+            context.write(ARRAYS[2].0, &self.buffers[2], at, bytemuck::cast_slice(&starts))?;
         }
         Ok(())
     }
 
     /// What the arrays hold once these are there.
-    fn needed(&self, new: &[&Arc<Dag>]) -> (Sizes, u64) {
+    fn needed(&self, new: &[&Arc<Dag>], resident: &Resident) -> (Sizes, u64) {
         let sizes = new.iter().fold(self.used, |total, mesh| sum(total, sizes(mesh)));
-        let words = new.iter().fold(self.used_words, |at, mesh| layout(mesh, at, self.array_bits).1);
+        let whole = new.iter().filter(|mesh| !resident.streams(mesh));
+        let words = whole.fold(self.used_words, |at, mesh| layout(mesh, at, self.array_bits).1);
         (sizes, words)
+    }
+
+    /// Entries of the tables of pages.
+    pub fn page_count(&self) -> u32 {
+        self.used[2] as u32
+    }
+
+    /// What was asked for, by entries of the tables of pages: how much, as the bits of a positive number, or zero.
+    pub fn needs(&self, wanted: &[u32]) -> Needs {
+        let mut needs = Needs::default();
+        for mesh in self.resident.values().filter(|mesh| mesh.streamed.is_some()) {
+            let own = wanted.iter().skip(mesh.placement.first_page as usize).take(mesh.dag.pages.table.len());
+            for (page, bits) in own.enumerate().filter(|(_, bits)| **bits != 0) {
+                needs.add(&mesh.dag, Request { page: page as u32, pixels: f32::from_bits(*bits) });
+            }
+        }
+        needs
     }
 
     /// Those of `meshes` that are not there, each once.
@@ -165,12 +265,20 @@ impl Meshes {
         Ok(())
     }
 
-    fn append(&mut self, context: &Context, mesh: &Arc<Dag>) -> Result<()> {
+    fn append(&mut self, context: &Context, mesh: &Arc<Dag>, resident: &Resident) -> Result<()> {
         let [first_node, first_group, first_page] = self.used;
-        let (places, end) = layout(mesh, self.used_words, self.array_bits);
-        self.write_pages(context, mesh, &places)?;
-        // The room of the arrays of words bounds them.
-        let offsets: Vec<u32> = places.iter().map(|place| *place as u32).collect();
+        let pages = mesh.pages.table.len();
+        let streamed = resident.streams(mesh);
+        let (offsets, end) = if streamed {
+            (vec![ABSENT; pages], self.used_words)
+        } else {
+            let (starts, end) = layout(mesh, self.used_words, self.array_bits);
+            for (page, at) in starts.iter().enumerate() {
+                write_page(context, &self.pages, self.array_bits, *at, mesh.pages.page(page))?;
+            }
+            // The room of the arrays of words bounds them.
+            (starts.into_iter().map(|at| at as u32).collect(), end)
+        };
         let data: [&[u8]; 3] = [
             bytemuck::cast_slice(&mesh.nodes),
             bytemuck::cast_slice(&mesh.groups),
@@ -189,23 +297,17 @@ impl Meshes {
         };
         self.used = sum(self.used, sizes(mesh));
         self.used_words = end;
-        self.resident.insert(address(mesh), (Arc::clone(mesh), placement));
-        Ok(())
-    }
-
-    /// Writes pages to their places.
-    fn write_pages(&self, context: &Context, mesh: &Dag, places: &[u64]) -> Result<()> {
-        for (page, at) in places.iter().enumerate() {
-            let (array, word) = (at >> self.array_bits, at & ((1 << self.array_bits) - 1));
-            let words = bytemuck::cast_slice(mesh.pages.page(page));
-            context.write(PAGES, &self.pages[array as usize], word * WORD, words)?;
-        }
+        // None of its pages is there yet.
+        let none =
+            || (Arc::new(Pages::absent(Arc::clone(&mesh.pages.table), mesh.layout())), vec![ABSENT; pages]);
+        let streamed = streamed.then(none);
+        self.resident.insert(address(mesh), Mesh { dag: Arc::clone(mesh), placement, streamed });
         Ok(())
     }
 
     /// Where a mesh that was uploaded lies.
     pub fn placement(&self, mesh: &Arc<Dag>) -> Option<Placement> {
-        self.resident.get(&address(mesh)).map(|(_, placement)| *placement)
+        self.resident.get(&address(mesh)).map(|mesh| mesh.placement)
     }
 
     /// The nodes of all meshes.
@@ -232,4 +334,10 @@ impl Meshes {
     pub fn split(&self) -> bool {
         self.pages.len() > 1
     }
+}
+
+/// Writes a page from word `at` of the arrays of pages on.
+fn write_page(context: &Context, arrays: &[Buffer], array_bits: u32, at: u64, words: &[u32]) -> Result<()> {
+    let (array, word) = (at >> array_bits, at & ((1 << array_bits) - 1));
+    context.write(PAGES, &arrays[array as usize], word * WORD, bytemuck::cast_slice(words))
 }

@@ -25,6 +25,8 @@ pub(super) fn record(r: &mut Recorder<'_>) {
             r.pyramid(),
             later,
             later_level,
+            m.page_offsets(),
+            &b.wanted,
         ];
         r.run_indirect(Kernel::NodeCull(r.phase), &bindings, dispatch, 0);
     }

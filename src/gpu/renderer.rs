@@ -22,6 +22,7 @@ use crate::gpu_types::{
 };
 use crate::limits::MAX_VISIBLE;
 use crate::model::Dag;
+use crate::stream::{Needs, Resident};
 
 /// Lists of a first frame; each grows to what frames need.
 const FIRST_ROOM: Room = Room { visits: 1 << 12, candidates: 1 << 12, visible: 1 << 14 };
@@ -109,6 +110,10 @@ pub struct Drawn {
     pub instances: Vec<u32>,
     /// The visible list, in scene order.
     pub visible: Vec<VisibleCluster>,
+    /// By entries of the tables of pages, how much those are missed that are not there: the bits of pixels.
+    pub wanted: Vec<u32>,
+    /// The same by meshes.
+    pub needs: Needs,
     /// The arrays asked for.
     pub made: Vec<(Output, Array)>,
     /// Bytes of instances written to the device.
@@ -162,8 +167,9 @@ impl Renderer {
         self.sights.get(place).is_none_or(|sight| sight.pyramids.starts(view))
     }
 
-    /// Draws what is in the slots, in their order, from several views of pictures of one size, in one submission.
-    pub fn draw(&mut self, jobs: &mut [Job<'_>], ways: Ways) -> Result<Vec<Drawn>> {
+    /// Draws what is in the slots, in their order, and of streamed meshes resident, from several views of pictures of one
+    /// size, in one submission.
+    pub fn draw(&mut self, jobs: &mut [Job<'_>], ways: Ways, resident: &Resident) -> Result<Vec<Drawn>> {
         self.context.check()?;
         let Some(first) = jobs.first() else { return Ok(Vec::new()) };
         let size = (first.view.width, first.view.height);
@@ -179,7 +185,7 @@ impl Renderer {
             self.target = Some(Target::new(&self.context, size)?);
         }
         let viewport = self.target.as_ref().filter(|_| hardware).map_or(0, Target::viewport);
-        let uploaded_bytes = self.instances.upload(&self.context, &mut self.meshes)?;
+        let uploaded_bytes = self.instances.upload(&self.context, &mut self.meshes, resident)?;
         while self.sights.len() < jobs.len() {
             self.sights.push(Sight::new(&self.context)?);
         }
@@ -187,7 +193,9 @@ impl Renderer {
         for (sight, job) in self.sights.iter_mut().zip(&*jobs) {
             let (view, culling) = sight.prepare(&self.context, &self.instances, job, ways.occlusion)?;
             let depth_only = u32::from(ways.depth_only);
-            views.push((View { viewport, depth_only, ..view }, culling));
+            // What is missed is asked for where it is known what hides it.
+            let asks_later = u32::from(culling);
+            views.push((View { viewport, depth_only, asks_later, ..view }, culling));
         }
         loop {
             for (sight, job) in self.sights.iter_mut().zip(&*jobs) {
@@ -195,6 +203,7 @@ impl Renderer {
                     instances: self.instances.room(),
                     group_words: self.instances.group_words(),
                     depth: self.instances.depth(),
+                    pages: if resident.held() > 0 { self.meshes.page_count() } else { 0 },
                     pixels: u64::from(job.view.width) * u64::from(job.view.height),
                     room: self.room,
                     occlusion: ways.occlusion,
@@ -224,6 +233,7 @@ impl Renderer {
             if room == self.room {
                 for ((drawn, sight), (view, culling)) in drawn.iter_mut().zip(&mut self.sights).zip(&views) {
                     (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
+                    drawn.needs = self.meshes.needs(&drawn.wanted);
                     sight.remember(view, drawn, *culling, ways.occlusion);
                 }
                 return Ok(drawn);
@@ -353,7 +363,8 @@ fn report(
     let (mut visible, mut listed) = (&[][..], 0);
     for (number, parts) in parts.iter().enumerate() {
         if number == 0 {
-            let [ticks, pixels, list, arrays @ ..] = &parts[..] else { continue };
+            let [ticks, pixels, list, asked, arrays @ ..] = &parts[..] else { continue };
+            drawn.wanted = self::list(asked, shape.pages);
             bytemuck::cast_slice_mut(words).copy_from_slice(pixels);
             visible = list;
             let arrays = shape.outputs.iter().zip(arrays);

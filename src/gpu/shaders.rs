@@ -2,6 +2,7 @@
 
 use std::mem::offset_of;
 
+use super::meshes::ABSENT;
 use crate::config::{OUTPUTS, Output};
 use crate::gpu_types::{LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH};
 use crate::limits::{
@@ -367,6 +368,7 @@ pub fn constants() -> String {
         ("CLUSTER_MAX_TRIANGLES", CLUSTER_MAX_TRIANGLES as u32),
         ("CLUSTER_MAX_VERTICES", CLUSTER_MAX_VERTICES as u32),
         ("PAGE_SLOT_BITS", PAGE_SLOT_BITS),
+        ("ABSENT", ABSENT),
         ("SUBPIXEL_BITS", SUBPIXEL_BITS),
         ("TRIANGLE_BITS", TRIANGLE_BITS),
         ("MAX_SPAN", u32::from(MAX_SPAN)),
@@ -402,6 +404,7 @@ pub fn constants() -> String {
         ("RECORD_COUNTS", offset_of!(ClusterRecord, vertex_count)),
         ("RECORD_DATA", offset_of!(ClusterRecord, data)),
         ("RECORD_GROUP", offset_of!(ClusterRecord, group)),
+        ("RECORD_REFINED_PAGE", offset_of!(ClusterRecord, refined_page)),
     ];
     let real = [
         ("GUARD_BAND", GUARD_BAND),

@@ -65,8 +65,8 @@ pub struct View {
     pub depth_only: u32,
     /// See [`crate::math::LodView::widest`].
     pub lod_widest: f32,
-    /// Zero.
-    pub unused: u32,
+    /// 1 where pages that are missed are asked for by the second phase alone.
+    pub asks_later: u32,
 }
 
 /// An instance as the scene places it, whoever looks at it.

@@ -12,7 +12,6 @@ use crate::config::{Output, Raster, RenderOptions};
 use crate::error::{Error, Result};
 use crate::render::{self, ImageView};
 use crate::scene::{Camera, Projection, pose};
-use crate::stream::StreamOptions;
 
 /// Kind, its parameters, near and far distance.
 pub(super) type RawCamera = (String, Vec<f64>, f64, Option<f64>);
@@ -71,7 +70,7 @@ impl Renderer {
     ) -> PyResult<Self> {
         let mut inner =
             render::Renderer::new(width, height, backend).map_err(|error| to_python(py, error))?;
-        inner.stream(pool_bytes.map(|pool_bytes| StreamOptions { pool_bytes }));
+        inner.stream(pool_bytes);
         Ok(Self { inner: Mutex::new(inner) })
     }
 

@@ -19,7 +19,6 @@ use crate::gpu_types::{self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, Look, Pla
 use crate::model::ClusterAddress;
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Lighting, Scene, ShadeLight};
-use crate::stream::Needs;
 
 /// A device and what it knows of the scene drawn last.
 #[derive(Debug)]
@@ -57,7 +56,7 @@ impl Device {
 
     /// Draws the visible instances of a scene from several views, and makes what is asked for.
     pub(super) fn draw(&mut self, shots: &[Shot<'_>], mut pictures: Vec<Picture>) -> Result<Vec<Rastered>> {
-        let Some(Shot { scene, options, .. }) = shots.first() else { return Ok(Vec::new()) };
+        let Some(Shot { scene, options, resident, .. }) = shots.first() else { return Ok(Vec::new()) };
         self.update(scene);
         let RenderOptions { wide_atomics, occlusion, raster, depth_only, .. } = **options;
         let ways = Ways { wide_atomics, occlusion, raster, depth_only };
@@ -78,7 +77,7 @@ impl Device {
             lighting: lighting_record(&shot.lighting),
             lights: shot.lighting.lights.iter().map(light).collect(),
         });
-        let drawn = self.renderer.draw(&mut jobs.collect::<Vec<_>>(), ways)?;
+        let drawn = self.renderer.draw(&mut jobs.collect::<Vec<_>>(), ways, resident)?;
         Ok(shots
             .iter()
             .zip(drawn)
@@ -120,7 +119,7 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool
     if !on_device {
         picture.measure(screen, &mut stats);
     }
-    Rastered { picture, views, visible, large, made: drawn.made, needs: Needs::default(), stats }
+    Rastered { picture, views, visible, large, made: drawn.made, needs: drawn.needs, stats }
 }
 
 /// Portions of instances that the first phase of a first frame draws: in a city, one leaves more to the second phase than

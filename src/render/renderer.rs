@@ -169,9 +169,12 @@ impl Renderer {
         Ok(Self { width, height, device, reason, hzb, spare, streamer: None })
     }
 
-    /// From now on, of meshes whose pages lie in files, those are read that frames need, or again all.
-    pub fn stream(&mut self, options: Option<StreamOptions>) {
-        self.streamer = options.map(Streamer::new);
+    /// From now on, of meshes whose pages lie in files, those are read that frames need, into a pool of so many bytes; or again
+    /// all.
+    pub fn stream(&mut self, pool_bytes: Option<u64>) {
+        let equal_pages = self.backend() == Backend::Gpu;
+        let streamer = |pool_bytes| Streamer::new(StreamOptions { pool_bytes, equal_pages });
+        self.streamer = pool_bytes.map(streamer);
     }
 
     /// What streams, if anything.

@@ -9,7 +9,11 @@ use crate::model::{Dag, Pages};
 /// The pages of streamed meshes that are there, as of one moment: later arrivals and evictions do not change it.
 #[derive(Clone, Debug, Default)]
 pub struct Resident {
-    meshes: FxHashMap<usize, Arc<Pages>>,
+    pub(super) meshes: FxHashMap<usize, Arc<Pages>>,
+    /// Pages of all of them.
+    pub(super) held: usize,
+    /// How many there will be at most.
+    pub(super) most: usize,
 }
 
 /// A mesh's name while somebody holds it.
@@ -29,6 +33,16 @@ impl Resident {
             return &mesh.pages;
         }
         self.meshes.get(&address(mesh)).unwrap_or(&mesh.pages)
+    }
+
+    /// How many pages of streamed meshes there are.
+    pub fn held(&self) -> usize {
+        self.held
+    }
+
+    /// How many there will be at most.
+    pub fn most(&self) -> usize {
+        self.most
     }
 
     /// Whether a mesh is streamed.

@@ -8,7 +8,8 @@ use super::pool::{Ask, Change, Plan, Pool};
 use super::request::Needs;
 use super::resident::{Resident, address};
 use crate::error::{Error, Result};
-use crate::model::{Dag, PageSource, PageWords, Pages};
+use crate::limits::PAGE_MAX_BYTES;
+use crate::model::{Dag, PageEntry, PageSource, PageWords, Pages};
 
 /// How often a page is read that the system could not read, before it counts as lost.
 const ATTEMPTS: u32 = 3;
@@ -18,6 +19,8 @@ const ATTEMPTS: u32 = 3;
 pub struct StreamOptions {
     /// Bytes of pages in memory.
     pub pool_bytes: u64,
+    /// Every page counts as the largest there may be: a device keeps them in places of one size.
+    pub equal_pages: bool,
 }
 
 /// A page that could not be read, and why.
@@ -69,6 +72,7 @@ struct Mesh {
 #[derive(Debug)]
 pub struct Streamer {
     pool: Pool,
+    equal_pages: bool,
     loader: Loader,
     meshes: Vec<Mesh>,
     generations: u64,
@@ -85,6 +89,7 @@ impl Streamer {
     pub fn new(options: StreamOptions) -> Self {
         Self {
             pool: Pool::new(options.pool_bytes),
+            equal_pages: options.equal_pages,
             loader: Loader::default(),
             meshes: Vec::new(),
             generations: 0,
@@ -127,11 +132,22 @@ impl Streamer {
         }
         self.collect(false);
         self.apply();
-        let mut out = Resident::default();
+        let places = self.pool.budget() / PAGE_MAX_BYTES as u64;
+        let (held, most) = (self.pool.resident(), places as usize);
+        let mut out = Resident { held, most: most.max(held), ..Resident::default() };
         for mesh in &self.meshes {
             out.set(&mesh.dag, Arc::clone(&mesh.pages));
         }
         Ok(out)
+    }
+
+    /// What a page takes of the pool.
+    fn bytes(&self, entry: &PageEntry) -> u64 {
+        if self.equal_pages {
+            PAGE_MAX_BYTES as u64
+        } else {
+            u64::from(entry.words) * size_of::<u32>() as u64
+        }
     }
 
     fn attach(&mut self, dag: Arc<Dag>, source: Arc<dyn PageSource>) -> Result<()> {
@@ -140,7 +156,7 @@ impl Streamer {
             .table
             .iter()
             .enumerate()
-            .map(|(page, entry)| (bytes(entry.words), source.dependencies(page).to_vec()))
+            .map(|(page, entry)| (self.bytes(entry), source.dependencies(page).to_vec()))
             .collect();
         let mut roots: BTreeSet<u32> = BTreeSet::new();
         let mut open: Vec<u32> =
@@ -152,7 +168,7 @@ impl Streamer {
         }
         let read = |page: u32| Ok((page, source.read(page as usize)?));
         let roots: Vec<(u32, PageWords)> = roots.into_iter().map(read).collect::<Result<_>>()?;
-        let least: u64 = roots.iter().map(|(_, words)| size_of_val(&words[..]) as u64).sum();
+        let least: u64 = roots.iter().map(|(page, _)| pages[*page as usize].0).sum();
         let attempts = vec![0; pages.len()];
         let Some(number) = self.pool.attach(pages, roots) else {
             let message = format!(
@@ -252,8 +268,4 @@ impl Streamer {
             self.collect(true);
         }
     }
-}
-
-fn bytes(words: u32) -> u64 {
-    u64::from(words) * size_of::<u32>() as u64
 }

@@ -102,7 +102,7 @@ fn structs_lie_in_wgsl_as_in_rust() {
     let mut structs = vec![
         fields!(View: width, height, orthographic, near, far, far_key, tau, instances, zero, levels, history,
             group_words, pyramid, rotate, forward, lod_focal, low, lod_near, focal, center, inverse_focal, mirrored,
-            viewport, occluders, depth_only, lod_widest, unused),
+            viewport, occluders, depth_only, lod_widest, asks_later),
         fields!(Instance: screen, before, object_to_eye, center, lod_scale, extent, lod_focal, eye, lod_near, first_node,
             first_group, first_page, group_words, vertex_words, double_sided, mirrored, unused),
         fields!(Node: center, extent, lod_sphere, max_parent_error, first, count, level),

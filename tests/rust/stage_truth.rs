@@ -298,9 +298,23 @@ struct Walked {
     visits: Vec<Visit>,
     bits: Vec<u32>,
     later: Vec<Visit>,
+    /// Pixels by which the page of the groups is missed.
+    wanted: f32,
 }
 
 fn walk(device: &Context, phase: Phase, view: &View, visits: &[Visit], pyramid: &[u32]) -> Walked {
+    walk_pages(device, phase, view, visits, pyramid, 0)
+}
+
+/// With a word of the table of the one page that all groups lie in.
+fn walk_pages(
+    device: &Context,
+    phase: Phase,
+    view: &View,
+    visits: &[Visit],
+    pyramid: &[u32],
+    page: u32,
+) -> Walked {
     // The root has two leaves; a pixel is the error of one, less than that of the other.
     let nodes = [node(PIXEL, 1, 2, false), node(PIXEL, 0, 3, true), node(LESS, 3, 1, true)];
     // A pixel, less, off the screen; a pixel.
@@ -326,6 +340,8 @@ fn walk(device: &Context, phase: Phase, view: &View, visits: &[Visit], pyramid: 
             pyramid,
             &[0; 8],
             words(&[Dispatch::default()]),
+            &[page],
+            &[0],
         ],
     );
     let (next, later_level): (Dispatch, Dispatch) = (entry(&out[7]), entry(&out[11]));
@@ -336,11 +352,12 @@ fn walk(device: &Context, phase: Phase, view: &View, visits: &[Visit], pyramid: 
         visits
     };
     let (visits, later) = (list(&out[6], next.count), list(&out[10], later_level.count));
+    let wanted = f32::from_bits(out[13][0]);
     let mut bits = out.swap_remove(8);
     let found = bits.clone();
     bits.truncate(4);
     assert_eq!(found, with_filled(&bits));
-    Walked { next, visits, bits, later }
+    Walked { next, visits, bits, later, wanted }
 }
 
 #[test]
@@ -367,6 +384,28 @@ fn nodes_above_the_threshold_are_walked() {
     // Another instance starts elsewhere in every array: its node 0 is that leaf, and its groups 0 to 2 are 2 to 4 of all.
     let walked = go(&at(0.0), &[Visit { instance: 1, node: 0 }]);
     assert_eq!((walked.next.visited, walked.bits), (3, vec![0, 0b110, 0, 0]));
+}
+
+/// A page that is not there is asked for with the largest error of its groups on the screen, a pixel here, and none of
+/// its groups is marked. Where a second phase knows what hides them, the first leaves it to that.
+#[test]
+fn groups_that_are_not_there_are_asked_for() {
+    let Some(device) = device("groups_that_are_not_there_are_asked_for") else { return };
+    let leaf = Visit { instance: 0, node: 1 };
+    let view = |asks_later| View { tau: 0.5, asks_later, ..view() };
+    let go = |phase, asks_later, page, key: u32| {
+        walk_pages(&device, phase, &view(asks_later), &[leaf], &[key; KEYS], page)
+    };
+    let there = go(Phase::First, 0, 0, 0);
+    assert_eq!((there.wanted, there.bits[0]), (0.0, 0b11));
+    let pixels = go(Phase::First, 0, u32::MAX, 0);
+    assert_eq!((pixels.wanted, pixels.bits[0], pixels.later.len()), (1.0, 0, 0));
+    let later = go(Phase::First, 1, u32::MAX, 0);
+    assert_eq!((later.wanted, later.bits[0], &later.later[..]), (0.0, 0, &[leaf][..]));
+    let second = go(Phase::Second, 1, u32::MAX, key(f32::INFINITY));
+    assert_eq!((second.wanted, second.bits[0], second.later.len()), (1.0, 0, 0));
+    let hidden = go(Phase::Second, 1, u32::MAX, key(1.0));
+    assert_eq!((hidden.wanted, hidden.bits[0], hidden.later.len()), (0.0, 0, 0));
 }
 
 /// The ball of the root's sphere and error has radius 2 and lies on the axis at distance 10: 8 is its least depth, so that

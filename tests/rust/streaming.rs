@@ -8,6 +8,7 @@ use nanite_rs::Error;
 use nanite_rs::config::RenderOptions;
 use nanite_rs::format::input::Input;
 use nanite_rs::format::{from_bytes, open_input, to_bytes};
+use nanite_rs::limits::PAGE_MAX_BYTES;
 use nanite_rs::model::rule::Threshold;
 use nanite_rs::model::{Dag, PageWords};
 use nanite_rs::render::{Frame, Renderer};
@@ -85,7 +86,7 @@ fn scene_of(mesh: &Arc<Dag>) -> Scene {
 
 fn renderer(backend: &str, pool_bytes: u64) -> Renderer {
     let mut renderer = Renderer::new(320, 240, backend).unwrap();
-    renderer.stream(Some(StreamOptions { pool_bytes }));
+    renderer.stream(Some(pool_bytes));
     renderer
 }
 
@@ -155,9 +156,16 @@ fn whole_surface(mesh: &Dag, holds: impl Fn(usize) -> bool, threshold: &Threshol
     }
 }
 
-/// Backends that are tested.
-fn backends() -> Vec<&'static str> {
-    vec!["cpu"]
+/// Backends that are there, by the name of a test, and bytes of a pool that holds all of a mesh.
+fn backends(test: &str, mesh: &Dag) -> Vec<(&'static str, u64)> {
+    let mut found = vec![("cpu", page_bytes(mesh))];
+    #[cfg(feature = "gpu")]
+    if crate::gpu_parity::device(test).is_some() {
+        found.push(("gpu", (mesh.pages.table.len() * PAGE_MAX_BYTES) as u64));
+    }
+    #[cfg(not(feature = "gpu"))]
+    let _ = test;
+    found
 }
 
 #[test]
@@ -180,10 +188,10 @@ fn opening_reads_no_page_and_cuts_read_what_they_need() {
 fn once_settled_the_picture_is_that_of_the_whole_mesh() {
     let mesh = dag(&bumpy_sphere(160));
     let options = RenderOptions::default();
-    for backend in backends() {
+    for (backend, all) in backends("once_settled_the_picture_is_that_of_the_whole_mesh", &mesh) {
         let stored = open(Disk::of(&mesh));
         let (scene, whole) = (scene_of(&stored), scene_of(&mesh));
-        let mut streamed = renderer(backend, page_bytes(&mesh));
+        let mut streamed = renderer(backend, all);
         let mut resident = Renderer::new(320, 240, backend).unwrap();
         let mut loaded = 0;
         for occlusion in [true, false] {
@@ -205,17 +213,17 @@ fn once_settled_the_picture_is_that_of_the_whole_mesh() {
 fn with_little_room_frames_come_are_whole_and_say_how_coarse() {
     let mesh = dag(&bumpy_sphere(160));
     let options = RenderOptions { wait: false, ..RenderOptions::default() };
-    for backend in backends() {
+    for (backend, all) in backends("with_little_room_frames_come_are_whole_and_say_how_coarse", &mesh) {
         let stored = open(Disk { delay: Duration::from_micros(300), ..Disk::of(&mesh) });
         let scene = scene_of(&stored);
-        let mut streamed = renderer(backend, page_bytes(&mesh) / 12);
+        let mut streamed = renderer(backend, all / 5);
         let (mut refused, mut evicted, mut arrived) = (0, 0, 0);
         for (i, pose) in path(90).into_iter().enumerate() {
             let frame = streamed.render(&scene, &CAMERA, &pose, &options).unwrap();
             let stats = stream(&frame).clone();
             let coarse = frame.visible().len();
             assert!(coarse > 0 && stats.rounds == 1);
-            assert!(stats.pool_bytes <= page_bytes(&mesh) / 12, "{stats:?}");
+            assert!(stats.pool_bytes <= all / 5, "{stats:?}");
             assert_eq!(stats.coarsest_pixels > 1.0, stats.coarsest_pixels > 0.0);
             let streamer = streamed.streamer().unwrap();
             streamer.pool().check().unwrap();
@@ -289,7 +297,7 @@ fn without_its_root_there_is_nothing_to_draw() {
     let scene = scene_of(&open(Disk { wrong_from: Some(disk.pages_at), ..disk }));
     for streaming in [true, false] {
         let mut renderer = Renderer::new(64, 64, "cpu").unwrap();
-        renderer.stream(streaming.then_some(StreamOptions { pool_bytes: 1 << 24 }));
+        renderer.stream(streaming.then_some(1 << 24));
         match renderer.render(&scene, &CAMERA, &at(0.0, 0.0, 3.0), &RenderOptions::default()) {
             Err(Error::Format { offset, message, .. }) => {
                 assert!(offset > 0 && message.contains("checksum"), "{message}");
@@ -430,7 +438,7 @@ fn the_most_needed_pages_get_the_room() {
 fn nothing_is_read_that_nobody_needs() {
     let mesh = dag(&bumpy_sphere(80));
     let stored = open(Disk::of(&mesh));
-    let mut streamer = Streamer::new(StreamOptions { pool_bytes: page_bytes(&mesh) });
+    let mut streamer = Streamer::new(StreamOptions { pool_bytes: page_bytes(&mesh), equal_pages: false });
     streamer.resident([&stored].into_iter()).unwrap();
     let stats = streamer.request(&Needs::default()).unwrap();
     streamer.wait();

@@ -6,6 +6,7 @@ use nanite_rs::config::Raster;
 use nanite_rs::gpu::{Job, Renderer, Ways};
 use nanite_rs::gpu_types::{Look, View};
 use nanite_rs::scene::{Material, Scene};
+use nanite_rs::stream::Resident;
 
 use crate::gpu_parity::device;
 use crate::render_frames::{AnyView, CAMERA, any_views, at, city, crowd, dag, turned};
@@ -42,7 +43,8 @@ fn agree(forms: &mut Forms, renderer: &mut Renderer, view: &View) -> [Found; 3] 
     let ways = Ways { wide_atomics: true, occlusion: false, raster: Raster::Compute, depth_only: false };
     let mut words = vec![0; (view.width * view.height) as usize];
     assert!(
-        renderer.draw(&mut [Job::new(*view, &mut words)], ways).unwrap()[0].visible == levels.visible,
+        renderer.draw(&mut [Job::new(*view, &mut words)], ways, &Resident::default()).unwrap()[0].visible
+            == levels.visible,
         "not the product's"
     );
     found

@@ -20,6 +20,7 @@ use nanite_rs::model::{Dag, Group};
 use nanite_rs::render::{placed, view_record};
 use nanite_rs::scene::placement::Eye;
 use nanite_rs::scene::{Camera, Scene};
+use nanite_rs::stream::Resident;
 use nanite_rs::{Error, Result};
 
 #[path = "found.rs"]
@@ -226,6 +227,8 @@ pub struct Forms {
     parts: Arranged,
     part_records: Buffer,
     group_bases: Buffer,
+    /// Where pages would be asked for; all are there.
+    wanted: Buffer,
     /// Bytes that parts take besides the mesh, and those of the table that leads from a cluster to its group.
     part_bytes: u64,
     /// Of each instance.
@@ -254,7 +257,7 @@ impl Forms {
     pub fn new(slots: &Slots, ring: Ring) -> Result<Self> {
         let context = Context::shared()?;
         let mut meshes = Meshes::default();
-        meshes.upload(&context, slots.iter().flatten().map(|(_, mesh)| mesh))?;
+        meshes.upload(&context, slots.iter().flatten().map(|(_, mesh)| mesh), &Resident::default())?;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let dispatch = |count: u32| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
 
@@ -282,6 +285,7 @@ impl Forms {
             parts: Arranged::new(&context, &meshes, slots, Some(&catalog))?,
             part_records,
             group_bases,
+            wanted: storage("pages", bytes::<u32>(1))?,
             part_bytes,
             part_counts: slots.iter().map(|slot| count(slot).unwrap_or(0)).collect(),
             instances: sizes.instances,

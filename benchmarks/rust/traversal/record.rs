@@ -76,6 +76,8 @@ impl Forms {
                 &self.group_bases,
                 later,
                 later_level,
+                self.meshes.page_offsets(),
+                &self.wanted,
             ];
             let kernel = Use::Product(Kernel::NodeCull(Phase::First));
             self.run_as(pass, kernel, &bindings, &self.levels[level]);
