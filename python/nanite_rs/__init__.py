@@ -19,6 +19,7 @@ from nanite_rs.exceptions import (
     MissingFileError,
     NaniteError,
     StaleHandleError,
+    StreamWarning,
 )
 from nanite_rs.mesh import BuildOptions, NaniteMesh, simplify
 from nanite_rs.renderer import Calibration, Frame, FrameStats, Renderer, StageStats, StreamStats
@@ -58,9 +59,9 @@ __all__ = [
     "Renderer",
     "Scene",
     "StageStats",
+    "StaleHandleError",
     "StreamStats",
     "StreamWarning",
-    "StaleHandleError",
     "StuckGroup",
     "__version__",
     "measure",

@@ -324,10 +324,10 @@ class NaniteMesh:
     def open(cls, path: PathLike) -> NaniteMesh:
         """Open a ``.nanite`` file that `save` wrote, whatever its size, in milliseconds.
 
-        What comes before its pages is read. Pages are read when they are needed: by a cut those that it is made of, by
-        a `Renderer` with ``streaming=True`` those that its pictures need, by everything else all; and but for those of
-        a renderer they stay in memory. The file stays open as long as the mesh lives; writing another one over it with
-        `save` is safe.
+        What comes before its pages is read. Pages are read when they are needed: by a cut for an error those that
+        it is made of, by a `Renderer` with ``streaming=True`` those that its pictures need, by everything else all;
+        and but for those of a renderer they stay in memory. The file stays open as long as the mesh lives; writing
+        another one over it with `save` is safe.
 
         Parameters
         ----------
@@ -339,8 +339,8 @@ class NaniteMesh:
         MissingFileError, FileError
             The file cannot be read.
         FormatError
-            The file is damaged, of another version, or something else. A page that is damaged raises this when it is
-            needed; a renderer that streams draws coarser clusters instead.
+            The file is damaged, of another version, or something else. A page that is damaged raises this when it
+            is needed; a renderer that streams draws coarser clusters instead.
         """
         return cls._wrap(CoreMesh.open(path))
 
@@ -603,7 +603,7 @@ class NaniteMesh:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all levels in memory."""
+        """Bytes in memory: of an opened file the pages that were read so far."""
         return self._core.nbytes
 
     def __len__(self) -> int:

@@ -92,8 +92,8 @@ class StreamStats:
     rounds: int
     """How often the frame was drawn until all was there."""
     coarsest_pixels: float
-    """Largest error, pixels, of what stands in for something finer; 0 where nothing does. The picture keeps to this,
-    or to its ``pixel_error``, whichever is larger."""
+    """Largest error, pixels, of what stands in for something finer; 0 where nothing does. The picture keeps to
+    this, or to its ``pixel_error``, whichever is larger."""
 
     @property
     def settled(self) -> bool:
@@ -360,11 +360,12 @@ class Renderer:
         but for a few colours that a device rounds the other way, by one step; see `render` for what its own
         rasterizer may change.
     streaming : bool
-        Of meshes that `NaniteMesh.open` opened, keep in memory what the pictures need, in a pool of `pool_bytes`, and
-        read the rest from their files when it is needed, on threads of its own. Otherwise the first frame reads all.
+        Of meshes that `NaniteMesh.open` opened, keep in memory what the pictures need, in a pool of `pool_bytes`,
+        and read the rest from their files when it is needed, on threads of its own. Otherwise the first frame reads
+        all.
     pool_bytes : int
-        Bytes of the pool. What always stays in it, the coarsest pages of each mesh, has to fit. Frames that are kept
-        hold the pages that they show, beyond this.
+        Bytes of the pool. What always stays in it, the coarsest pages of each mesh, has to fit. On a GPU every page
+        counts as 128 KiB. Frames that are kept hold the pages that they show, beyond this.
 
     Raises
     ------
@@ -474,10 +475,10 @@ class Renderer:
             less time and memory. The frame has `Frame.depth` and `Frame.stats`; its other arrays and views raise
             `ArgumentError`.
         wait : bool
-            With ``streaming=True``, draw until all that the picture needs is there, as far as the pool has room: the
-            picture is then that of the whole mesh, bit for bit. Otherwise draw at once with what is there, for
-            interactive use; coarser clusters stand in for what is on its way, and `FrameStats.stream` says how much
-            they are off.
+            With ``streaming=True``, draw until all that the picture needs is there, as far as the pool has room:
+            the picture is then that of the whole mesh, bit for bit. Otherwise draw at once with what is there, for
+            interactive use; coarser clusters stand in for what is on its way, and `FrameStats.stream` says how
+            much they are off.
 
         Returns
         -------
@@ -496,7 +497,9 @@ class Renderer:
         """
         if not isinstance(camera, Camera):
             raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
-        (frame,) = self._render(scene, [(camera, pose)], pixel_error, occlusion, raster, outputs, depth_only, wait)
+        (frame,) = self._render(
+            scene, [(camera, pose)], pixel_error, occlusion, raster, outputs, depth_only, wait
+        )
         return frame
 
     def render_views(

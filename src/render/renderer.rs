@@ -21,7 +21,7 @@ use crate::error::{Error, Result};
 use crate::gpu_types::Array;
 use crate::scene::placement::Eye;
 use crate::scene::{Camera, Instance, Lighting, Scene, View};
-use crate::stream::{Needs, Resident, StreamOptions, StreamStats, Streamer};
+use crate::stream::{Needs, Resident, StreamOptions, Streamer};
 
 /// Frames that are drawn at most until all is there: more than levels, of which each makes the next one wanted.
 const MOST_ROUNDS: u64 = 64;
@@ -153,6 +153,8 @@ pub struct Renderer {
     spare: Spare,
     /// There when meshes in files are streamed.
     streamer: Option<Streamer>,
+    /// The views of the call before, where it streamed.
+    before: Vec<View>,
 }
 
 impl Renderer {
@@ -166,7 +168,7 @@ impl Renderer {
         }
         let (device, reason) = Device::choose(backend)?;
         let (hzb, spare) = (Hzb::default(), Spare::default());
-        Ok(Self { width, height, device, reason, hzb, spare, streamer: None })
+        Ok(Self { width, height, device, reason, hzb, spare, streamer: None, before: Vec::new() })
     }
 
     /// From now on, of meshes whose pages lie in files, those are read that frames need, into a pool of so many bytes; or again
@@ -265,20 +267,22 @@ impl Renderer {
         views: &[View],
         options: &RenderOptions,
     ) -> Result<Vec<Frame>> {
-        for round in 1.. {
-            let resident = streamer.resident(scene.instances().iter().map(|(_, instance)| &instance.mesh))?;
-            let (mut frames, needs) = self.frames(scene, views, options, &resident)?;
+        loop {
+            let meshes = scene.instances().iter().map(|(_, instance)| &instance.mesh);
+            let resident = streamer.resident(meshes, options.wait)?;
+            let (mut frames, mut needs) = self.frames(scene, views, options, &resident)?;
+            streaming::expected(scene, &self.before, views, options.pixel_error, &resident, &mut needs);
             let stats = streamer.request(&needs)?;
             let settled = stats.missing_pages == stats.refused_pages;
-            if options.wait && !settled && round < MOST_ROUNDS {
+            if options.wait && !settled && stats.rounds < MOST_ROUNDS {
                 streamer.wait();
                 continue;
             }
-            let stats = StreamStats { rounds: round, ..stats };
+            streamer.finish();
+            self.before = views.to_vec();
             frames.iter_mut().for_each(|frame| frame.stats.stream = Some(stats.clone()));
             return Ok(frames);
         }
-        Ok(Vec::new())
     }
 
     /// A frame for each view, and the pages that they needed.

@@ -3,11 +3,19 @@
 //! With all of them there, the frame is the one of the whole mesh, bit for bit: every cluster it drew is then one of the
 //! cut, and what else the cut has is hidden by what was drawn.
 
+use rustc_hash::FxHashSet;
+
 use super::renderer::Rastered;
 use crate::cpu::node_cull::GroupCandidate;
-use crate::cpu::project::InstanceView;
+use crate::cpu::project::{InstanceView, Screen};
+use crate::cpu::{instance_cull, node_cull};
 use crate::model::rule::Threshold;
+use crate::scene::placement::Eye;
+use crate::scene::{Instance, Scene, View};
 use crate::stream::{Needs, Request, Resident};
+
+/// Frames that are looked ahead: while these are drawn, a disk brings what they will need.
+const AHEAD: usize = 8;
 
 /// Groups that were to be drawn and whose pages are not there.
 pub(super) fn missed(absent: &[GroupCandidate], views: &[InstanceView]) -> Needs {
@@ -43,4 +51,50 @@ pub(super) fn drawn(frame: &Rastered, tau: f32, resident: &Resident, needs: &mut
             needs.coarsest = needs.coarsest.max(pixels);
         }
     }
+}
+
+/// The pages that moving on as from `before` to `now` will bring into the cut: what the view a few frames ahead refines
+/// and this one does not. Nothing is left out for being hidden, so that they come after all that is needed now.
+pub(super) fn expected(
+    scene: &Scene,
+    before: &[View],
+    now: &[View],
+    tau: f32,
+    resident: &Resident,
+    needs: &mut Needs,
+) {
+    if before.len() != now.len() || resident.held() == 0 {
+        return;
+    }
+    let streamed = |(_, instance): &(u32, &Instance)| resident.streams(&instance.mesh);
+    let instances: Vec<(u32, &Instance)> = scene.instances().iter().filter(streamed).collect();
+    for (before, now) in before.iter().zip(now) {
+        let Some(ahead) = now.ahead(before, AHEAD) else { continue };
+        let (found, _) = refined(&instances, now, tau, resident);
+        let known: FxHashSet<(u32, u32)> = found.iter().map(|(slot, group, _)| (*slot, *group)).collect();
+        let (found, views) = refined(&instances, &ahead, tau, resident);
+        for (slot, group, view) in found {
+            if !known.contains(&(slot, group)) {
+                let view = &views[view as usize];
+                let group = &view.mesh.groups[group as usize];
+                let pixels = view.lod.pixels(&group.lod_sphere, group.error);
+                needs.add(&view.mesh, Request::later(group.first.page() as u32, pixels));
+            }
+        }
+    }
+}
+
+/// The groups that a view refines, there or not: slot of the instance, group, and which of the instances on the screen.
+fn refined(
+    instances: &[(u32, &Instance)],
+    view: &View,
+    tau: f32,
+    resident: &Resident,
+) -> (Vec<(u32, u32, u32)>, Vec<InstanceView>) {
+    let (eye, screen) = (Eye::new(view), Screen::new(view));
+    let views = instance_cull::run(instances, view, &eye, &screen, resident);
+    let all: Vec<u32> = (0..views.len() as u32).collect();
+    let walk = node_cull::run(&all, &views, &screen, tau, None);
+    let found = walk.groups.iter().chain(&walk.absent);
+    (found.map(|at| (views[at.instance as usize].slot, at.group, at.instance)).collect(), views)
 }

@@ -160,6 +160,14 @@ impl View {
         self.pose.translation
     }
 
+    /// The view after as many further steps like that from `before` to this one; nothing where it did not move.
+    pub fn ahead(&self, before: &Self, steps: usize) -> Option<Self> {
+        let step = before.pose.inverse() * self.pose;
+        let pose = (0..steps).fold(self.pose, |pose, _| pose * step);
+        let moves = self.pose != before.pose && pose.is_finite();
+        moves.then(|| Self { pose, ..self.clone() })
+    }
+
     /// The affine map from a mesh's internal space to camera space (x right, y up, −z forward) for an
     /// instance at `pose`. The eye is subtracted before anything is rotated, so nothing shakes far from the
     /// world's origin.

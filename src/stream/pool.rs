@@ -154,7 +154,7 @@ impl Pool {
             self.waiting.insert(ask);
             self.page_mut(ask).state = State::Waiting(words);
         }
-        self.enter();
+        self.enter(u64::MAX);
         Some(mesh)
     }
 
@@ -211,15 +211,17 @@ impl Pool {
         }
     }
 
-    /// Lets those enter that wait and whose dependencies are resident. Smaller numbers come first, so that once
-    /// through is enough.
-    pub fn enter(&mut self) {
+    /// Lets those enter that wait and whose dependencies are resident, up to so many bytes of them. Smaller numbers come
+    /// first, so that once through is enough.
+    pub fn enter(&mut self, mut most: u64) {
         for ask in self.waiting.clone() {
             let page = self.page(ask);
             let there = |&page: &u32| self.holds(Ask { page, ..ask });
             if !page.dependencies.iter().all(there) {
                 continue;
             }
+            let Some(rest) = most.checked_sub(page.bytes) else { return };
+            most = rest;
             let State::Waiting(words) = std::mem::replace(&mut self.page_mut(ask).state, State::Resident)
             else {
                 continue;
@@ -284,7 +286,9 @@ impl Pool {
             plan.needed += usize::from(pixels > 0.0);
             plan.missing += usize::from(lacks);
             if !page.root {
-                full |= bytes + page.bytes > self.budget;
+                // What is only expected leaves room for what nobody expects.
+                let budget = if pixels > 0.0 { self.budget } else { self.budget / 2 };
+                full |= bytes + page.bytes > budget;
                 if full {
                     plan.refused += usize::from(lacks);
                     continue;

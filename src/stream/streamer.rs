@@ -14,6 +14,9 @@ use crate::model::{Dag, PageEntry, PageSource, PageWords, Pages};
 /// How often a page is read that the system could not read, before it counts as lost.
 const ATTEMPTS: u32 = 3;
 
+/// Bytes of pages that enter before a frame that does not wait: what a device takes in a few milliseconds.
+const ENTER_BYTES: u64 = 16 << 20;
+
 /// How a renderer streams.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StreamOptions {
@@ -82,6 +85,7 @@ pub struct Streamer {
     fault_count: u64,
     arrived: u64,
     evicted_before: u64,
+    rounds: u64,
 }
 
 impl Streamer {
@@ -98,6 +102,7 @@ impl Streamer {
             fault_count: 0,
             arrived: 0,
             evicted_before: 0,
+            rounds: 0,
         }
     }
 
@@ -112,8 +117,13 @@ impl Streamer {
     }
 
     /// Takes in what has arrived, and says what of `meshes` a frame may draw. Those with files are streamed from now on:
-    /// what must always be there of a new one is read at once. Those that are not among `meshes` are forgotten.
-    pub fn resident<'a>(&mut self, meshes: impl Iterator<Item = &'a Arc<Dag>>) -> Result<Resident> {
+    /// what must always be there of a new one is read at once. Those that are not among `meshes` are forgotten. Without
+    /// `wait`, what enters is bounded, so that no frame takes long for it.
+    pub fn resident<'a>(
+        &mut self,
+        meshes: impl Iterator<Item = &'a Arc<Dag>>,
+        wait: bool,
+    ) -> Result<Resident> {
         let mut seen = BTreeSet::new();
         let mut new = Vec::new();
         for dag in meshes {
@@ -131,6 +141,7 @@ impl Streamer {
             self.attach(dag, source)?;
         }
         self.collect(false);
+        self.pool.enter(if wait { u64::MAX } else { ENTER_BYTES });
         self.apply();
         let places = self.pool.budget() / PAGE_MAX_BYTES as u64;
         let (held, most) = (self.pool.resident(), places as usize);
@@ -213,7 +224,6 @@ impl Streamer {
                 }
             }
         }
-        self.pool.enter();
     }
 
     /// Brings what frames look at up to date with the pool.
@@ -229,8 +239,9 @@ impl Streamer {
         }
     }
 
-    /// Asks for what a frame needed. Says what it had.
+    /// Asks for what a frame needed. Says what it had, and what happened since the frame before.
     pub fn request(&mut self, needs: &Needs) -> Result<StreamStats> {
+        self.rounds += 1;
         for job in self.loader.take_back() {
             self.asked -= 1;
             if self.meshes.iter().any(|mesh| mesh.generation == job.generation) {
@@ -247,19 +258,23 @@ impl Streamer {
         let jobs: Vec<Job> = load.iter().filter_map(job).collect();
         self.asked += jobs.len();
         self.loader.submit(jobs)?;
-        let evicted = self.pool.evicted();
         Ok(StreamStats {
             resident_pages: resident as u64,
             pool_bytes: used,
             needed_pages: count as u64,
             missing_pages: missing as u64,
             refused_pages: refused as u64,
-            arrived_pages: std::mem::take(&mut self.arrived),
-            evicted_pages: evicted - std::mem::replace(&mut self.evicted_before, evicted),
+            arrived_pages: self.arrived,
+            evicted_pages: self.pool.evicted() - self.evicted_before,
             faults: self.fault_count,
             coarsest_pixels: needs.coarsest,
-            rounds: 1,
+            rounds: self.rounds,
         })
+    }
+
+    /// A frame is done: what is counted from frame to frame starts again.
+    pub fn finish(&mut self) {
+        (self.arrived, self.rounds, self.evicted_before) = (0, 0, self.pool.evicted());
     }
 
     /// Waits until all that was asked for has arrived.

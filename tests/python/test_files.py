@@ -131,8 +131,17 @@ def test_file_info_reads_what_comes_before_the_pages(mesh, tmp_path) -> None:
     data[-1] ^= 1
     path.write_bytes(data)
     assert nrs.NaniteMesh.file_info(path) == info
-    with pytest.raises(nrs.FormatError, match="page"):
-        nrs.NaniteMesh.open(path)
+    damaged = nrs.NaniteMesh.open(path)
+    for use in (
+        damaged.check,
+        lambda: damaged.cut(error=0),
+        lambda: damaged == mesh,
+        lambda: damaged.save(path),
+    ):
+        with pytest.raises(nrs.FormatError, match="page"):
+            use()
+    # What needs none of the damaged page does not know of it.
+    assert len(damaged.cut(error=float(np.ptp(damaged.bounds))).faces) > 0
     with pytest.raises(FileNotFoundError):
         nrs.NaniteMesh.file_info(tmp_path / "none.nanite")
 

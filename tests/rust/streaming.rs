@@ -228,7 +228,7 @@ fn with_little_room_frames_come_are_whole_and_say_how_coarse() {
             let streamer = streamed.streamer().unwrap();
             streamer.pool().check().unwrap();
             if i % 10 == 0 {
-                let resident = streamer.resident([&stored].into_iter()).unwrap();
+                let resident = streamer.resident([&stored].into_iter(), true).unwrap();
                 let pages = resident.pages(&stored);
                 whole_surface(&mesh, |page| pages.holds(page), &Threshold::Uniform(0.0));
                 whole_surface(&mesh, |page| pages.holds(page), &Threshold::Uniform(0.003));
@@ -392,7 +392,7 @@ fn the_pool_keeps_its_rules() {
                 }
                 pool.check().unwrap();
             }
-            pool.enter();
+            pool.enter(u64::MAX);
             pool.check().unwrap();
         }
         evictions += pool.evicted();
@@ -404,7 +404,7 @@ fn the_pool_keeps_its_rules() {
             for ask in asked.drain(..) {
                 pool.arrived(ask, words.clone());
             }
-            pool.enter();
+            pool.enter(u64::MAX);
             pool.check().unwrap();
         }
         let plan = ask_for(&mut pool, &mut asked, &wanted);
@@ -439,10 +439,10 @@ fn nothing_is_read_that_nobody_needs() {
     let mesh = dag(&bumpy_sphere(80));
     let stored = open(Disk::of(&mesh));
     let mut streamer = Streamer::new(StreamOptions { pool_bytes: page_bytes(&mesh), equal_pages: false });
-    streamer.resident([&stored].into_iter()).unwrap();
+    streamer.resident([&stored].into_iter(), true).unwrap();
     let stats = streamer.request(&Needs::default()).unwrap();
     streamer.wait();
-    let resident = streamer.resident([&stored].into_iter()).unwrap();
+    let resident = streamer.resident([&stored].into_iter(), true).unwrap();
     let held = (0..stored.pages.table.len()).filter(|page| resident.pages(&stored).holds(*page)).count();
     assert_eq!((held as u64, stats.needed_pages, stats.missing_pages), (stats.resident_pages, 0, 0));
     assert!(held < stored.pages.table.len() && from_bytes(&to_bytes(&mesh).unwrap(), "x").is_ok());
