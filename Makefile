@@ -7,6 +7,7 @@
 #   make lint              rustfmt, clippy, rustdoc, ruff, mypy, stubtest
 #   make bench             benchmarks/, Rust and Python
 #   make bench-gpu         frames on a GPU, or on software Vulkan, beside the CPU's, pyrender's and Embree's
+#   make bench-streaming   opening and flying along meshes that stay in their files
 #   make bench-error       run time against error, beside the simplifiers that Python has
 #   make soak              the long property tests
 #   make clean             removes target/, .venv and what the targets wrote
@@ -40,7 +41,7 @@ endef
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build demo test test-rust test-python lint fmt bench bench-error bench-gpu soak clean tools system vulkan
+.PHONY: help build demo test test-rust test-python lint fmt bench bench-error bench-gpu bench-streaming soak clean tools system vulkan
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -135,6 +136,10 @@ bench: build $(VENV)/.stamp-test-requirements system vulkan
 # On a machine with a GPU its driver is used; without, software Vulkan.
 bench-gpu: build $(VENV)/.stamp-test-requirements system vulkan
 	@$(with_vulkan); $(BIN)/python -m benchmarks.python --only gpu --name gpu
+
+bench-streaming: build $(VENV)/.stamp-test-requirements system vulkan
+	@$(PIP) -r requirements/plot.txt
+	@$(with_vulkan); $(BIN)/python -m benchmarks.python.streaming
 
 bench-error: build $(VENV)/.stamp-test-requirements
 	@tools/system-packages $(BIN)/python Open3D usb-1.0=libusb-1.0-0 GL=libgl1

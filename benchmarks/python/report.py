@@ -31,15 +31,21 @@ def document(results: dict) -> str:
 def section(name: str, result: dict) -> str:
     """One benchmark: its title, its table and its single figures."""
     rows = [{k: v for k, v in row.items() if not isinstance(v, dict)} for row in result["rows"]]
-    columns = list(rows[0])
-    lines = [f"## {TITLES[name]}", "", "| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-    lines += ["| " + " | ".join(_cell(row[c]) for c in columns) + " |" for row in rows]
+    lines = [f"## {TITLES[name]}", "", table(rows).rstrip()]
     singles = {k: v for k, v in result.items() if k != "rows" and not isinstance(v, dict)}
     if singles:
         lines += ["", "; ".join(f"{k}: {_cell(v)}" for k, v in singles.items()) + "."]
-    for key, table in result.items():
-        if isinstance(table, dict) and table:
-            lines += ["", f"{key}:", "", *(f"- {k}: {_cell(v)}" for k, v in table.items())]
+    for key, entries in result.items():
+        if isinstance(entries, dict) and entries:
+            lines += ["", f"{key}:", "", *(f"- {k}: {_cell(v)}" for k, v in entries.items())]
+    return "\n".join(lines) + "\n"
+
+
+def table(rows: list[dict]) -> str:
+    """A table with a column for each key."""
+    columns = list(rows[0])
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    lines += ["| " + " | ".join(_cell(row[c]) for c in columns) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 
 

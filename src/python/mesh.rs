@@ -211,6 +211,7 @@ impl Mesh {
         out.set_item("nodes", info.nodes)?;
         out.set_item("pages", pages.len())?;
         out.set_item("bytes", info.bytes)?;
+        out.set_item("page_bytes", 4 * pages.iter().map(|page| u64::from(page.words)).sum::<u64>())?;
         out.set_item("colors", metadata.layout.colors)?;
         out.set_item("uv_sets", metadata.layout.uv_sets)?;
         out.set_item("materials", metadata.layout.materials)?;

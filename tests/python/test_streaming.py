@@ -160,7 +160,8 @@ def test_a_long_flight_with_little_room(backend, path) -> None:
         # At rest nothing is starved: what has room arrives, from far away all of it.
         frame = renderer.render(stored, LENS, at(0, 0, 60))
         assert frame.stats.stream.settled
-    print(f"{backend}: {FRAMES} frames, pool of {pool:,} bytes of {wanted:,}, {arrived} pages arrived, {evicted} left, {refused} refused")
+    print(f"{backend}: {FRAMES} frames, pool of {pool:,} bytes of {wanted:,} wanted")
+    print(f"{arrived} pages arrived, {evicted} left, {refused} refused")
 
 
 def test_holding_still_brings_all_that_is_missing(backend, path) -> None:
