@@ -190,7 +190,10 @@ def _cut(arguments: argparse.Namespace) -> int:
 
 def _render(arguments: argparse.Namespace) -> int:
     mesh = _mesh(arguments)
-    with nrs.Renderer(*arguments.size, backend=arguments.backend) as renderer:
+    # Of a .nanite file what the picture needs is read, however large the rest.
+    with nrs.Renderer(
+        *arguments.size, backend=arguments.backend, streaming=True, pool_bytes=1 << 40
+    ) as renderer:
         frame = _picture(
             renderer, mesh, arguments, distance=arguments.distance, pixel_error=arguments.pixel_error
         )

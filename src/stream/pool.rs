@@ -88,6 +88,10 @@ pub struct Pool {
     waiting: BTreeSet<Ask>,
     changes: Vec<Change>,
     evicted: u64,
+    /// Pages that may be drawn.
+    resident: usize,
+    /// Bytes of those that always are there.
+    root_bytes: u64,
 }
 
 impl Pool {
@@ -113,8 +117,7 @@ impl Pool {
 
     /// Pages that may be drawn.
     pub fn resident(&self) -> usize {
-        let of = |pages: &Vec<Page>| pages.iter().filter(|p| matches!(p.state, State::Resident)).count();
-        self.meshes.iter().map(of).sum()
+        self.resident
     }
 
     /// Whether a page may be drawn.
@@ -150,6 +153,7 @@ impl Pool {
         for (page, words) in roots {
             let ask = Ask { mesh, page };
             self.used += self.page(ask).bytes;
+            self.root_bytes += self.page(ask).bytes;
             self.page_mut(ask).root = true;
             self.waiting.insert(ask);
             self.page_mut(ask).state = State::Waiting(words);
@@ -165,6 +169,8 @@ impl Pool {
             self.order.remove(&(page.needed, Reverse(number), mesh));
             self.waiting.remove(&Ask { mesh, page: number });
             self.used -= if matches!(page.state, State::Absent | State::Failed) { 0 } else { page.bytes };
+            self.resident -= usize::from(matches!(page.state, State::Resident));
+            self.root_bytes -= if page.root { page.bytes } else { 0 };
         }
         self.changes.retain(|change| {
             let (Change::Enter(ask, _) | Change::Leave(ask)) = change;
@@ -230,6 +236,7 @@ impl Pool {
                 let page = self.page(ask).dependencies[k];
                 self.page_mut(Ask { page, ..ask }).dependents += 1;
             }
+            self.resident += 1;
             self.waiting.remove(&ask);
             self.changes.push(Change::Enter(ask, words));
         }
@@ -256,6 +263,7 @@ impl Pool {
                     let page = self.page(ask).dependencies[k];
                     self.page_mut(Ask { page, ..ask }).dependents -= 1;
                 }
+                self.resident -= 1;
                 self.changes.push(Change::Leave(ask));
             }
             self.waiting.remove(&ask);
@@ -274,8 +282,7 @@ impl Pool {
         // Dependencies are needed as much and have smaller numbers.
         wanted.sort_unstable_by(|(a, x), (b, y)| y.total_cmp(x).then(a.cmp(b)));
         let mut plan = Plan::default();
-        let mut bytes =
-            self.meshes.iter().flatten().filter(|page| page.root).map(|page| page.bytes).sum::<u64>();
+        let mut bytes = self.root_bytes;
         let mut full = false;
         let mut absent = Vec::new();
         for (ask, pixels) in wanted {
@@ -366,6 +373,11 @@ impl Pool {
             if !counted.eq(dependents) {
                 return Err(format!("dependents of mesh {mesh} are miscounted"));
             }
+        }
+        let resident = |page: &&Page| matches!(page.state, State::Resident);
+        let resident = self.meshes.iter().flatten().filter(resident).count();
+        if resident != self.resident {
+            return Err(format!("{resident} pages are resident, counted {}", self.resident));
         }
         if used != self.used || used > self.budget {
             return Err(format!("{used} bytes, counted {}, of {}", self.used, self.budget));

@@ -209,6 +209,36 @@ fn once_settled_the_picture_is_that_of_the_whole_mesh() {
     }
 }
 
+/// A device starts with room for 64 pages; with more, all it has moves.
+#[cfg(feature = "gpu")]
+#[test]
+fn a_device_makes_room_as_pages_come() {
+    if crate::gpu_parity::device("a_device_makes_room_as_pages_come").is_none() {
+        return;
+    }
+    let mesh = dag(&bumpy_sphere(330));
+    assert!(mesh.pages.table.len() > 80, "{}", mesh.pages.table.len());
+    let small = dag(&bumpy_sphere(20));
+    let scene = |mesh: &Arc<Dag>| {
+        let mut scene = scene_of(mesh);
+        scene.add(Arc::clone(&small), &at(0.0, 0.0, 1.1), Material::default()).unwrap();
+        scene
+    };
+    let (stored, whole) = (scene(&open(Disk::of(&mesh))), scene(&mesh));
+    let mut streamed = renderer("gpu", (mesh.pages.table.len() * PAGE_MAX_BYTES) as u64);
+    let mut resident = Renderer::new(320, 240, "gpu").unwrap();
+    let mut most = 0;
+    for pixel_error in [4.0, 1.0, 0.0, 1.0] {
+        let options = RenderOptions { pixel_error, occlusion: false, ..RenderOptions::default() };
+        let pose = at(0.0, 0.0, 2.2);
+        let frame = streamed.render(&stored, &CAMERA, &pose, &options).unwrap();
+        assert_eq!(stream(&frame).missing_pages, 0);
+        same(&frame, &resident.render(&whole, &CAMERA, &pose, &options).unwrap());
+        most = most.max(stream(&frame).resident_pages);
+    }
+    assert!(most > 64, "{most}");
+}
+
 #[test]
 fn with_little_room_frames_come_are_whole_and_say_how_coarse() {
     let mesh = dag(&bumpy_sphere(160));
