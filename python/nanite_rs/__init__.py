@@ -19,10 +19,17 @@ from nanite_rs.exceptions import (
     MissingFileError,
     NaniteError,
     StaleHandleError,
-    StreamWarning,
 )
 from nanite_rs.mesh import BuildOptions, NaniteMesh, simplify
-from nanite_rs.renderer import Calibration, Frame, FrameStats, Renderer, StageStats, StreamStats
+from nanite_rs.renderer import (
+    Calibration,
+    Frame,
+    FrameStats,
+    Renderer,
+    StageStats,
+    StreamStats,
+    StreamWarning,
+)
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import DirectionalLight, LightNode, Material, MeshNode, PointLight, Scene
 

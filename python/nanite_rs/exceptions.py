@@ -24,7 +24,6 @@ __all__ = [
     "MissingFileError",
     "NaniteError",
     "StaleHandleError",
-    "StreamWarning",
 ]
 
 
@@ -74,7 +73,3 @@ class InternalError(NaniteError, RuntimeError):
 
 class InvariantError(InternalError):
     """A built mesh breaks an invariant: a fault of the builder, or a damaged file."""
-
-
-class StreamWarning(UserWarning):
-    """Part of a streamed mesh cannot be read: it is shown with less detail."""

@@ -19,7 +19,6 @@ from nanite_rs.exceptions import (
     FileError,
     MissingFileError,
     NaniteError,
-    StreamWarning,
 )
 from nanite_rs.scene import Scene
 
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Calibration", "Frame", "FrameStats", "Renderer", "StageStats", "StreamStats"]
+__all__ = ["Calibration", "Frame", "FrameStats", "Renderer", "StageStats", "StreamStats", "StreamWarning"]
 
 ViewName: TypeAlias = Literal["shaded", "triangles", "clusters", "groups", "levels", "overdraw"]
 OutputName: TypeAlias = Literal[
@@ -67,6 +66,10 @@ class StageStats:
     passed_unit: str
     ms: float
     """Milliseconds: wall time, or what a GPU's own clock says; NaN where it has none."""
+
+
+class StreamWarning(UserWarning):
+    """Part of a streamed mesh cannot be read: it is shown with less detail."""
 
 
 @dataclass(frozen=True)
