@@ -91,7 +91,9 @@ fn look(name: &str, mesh: &Arc<Dag>) {
 fn main() {
     let files: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with('-')).collect();
     for file in &files {
-        look(file, &Arc::new(nanite_rs::format::open(Path::new(file)).expect("a mesh")));
+        let mesh = nanite_rs::format::open(Path::new(file)).expect("a mesh");
+        mesh.pages.load_all().expect("its pages");
+        look(file, &Arc::new(mesh));
     }
     if files.is_empty() {
         let (positions, faces) = shapes::bumpy_sphere(250);

@@ -13,6 +13,7 @@ use std::time::Instant;
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::BuildOptions;
 use nanite_rs::format::encode::contexts;
+use nanite_rs::format::file::PageRow;
 use nanite_rs::format::page::{Context, Part};
 use nanite_rs::format::page_decode::Decoder;
 use nanite_rs::format::planes::{Writer, ZSTD_LEVEL};
@@ -159,14 +160,18 @@ fn report(name: &str, exact: &Dag) {
     let rounded = Rounded::new(exact, Precision::Exact).unwrap();
     let (parts, speed) = own(exact, &contexts(&rounded), Some(ZSTD_LEVEL));
     line(&format!("planes, zstd {ZSTD_LEVEL}, exact"), parts.iter().sum(), speed, parts_of(&parts));
-    let hierarchy = size_of_val(&dag.groups[..]) + size_of_val(&dag.nodes[..]) + 64 * dag.pages.table.len();
+    let hierarchy = size_of_val(&dag.groups[..])
+        + size_of_val(&dag.nodes[..])
+        + size_of::<PageRow>() * dag.pages.table.len();
     line("hierarchy besides", hierarchy as f64, f64::NAN, String::new());
 }
 
 fn main() {
     let files: Vec<String> = std::env::args().skip(1).filter(|word| word.ends_with(".nanite")).collect();
     for file in &files {
-        report(file, &open(Path::new(file)).unwrap());
+        let mesh = open(Path::new(file)).unwrap();
+        mesh.pages.load_all().unwrap();
+        report(file, &mesh);
     }
     if files.is_empty() {
         let (positions, faces) = shapes::bumpy_sphere(354);

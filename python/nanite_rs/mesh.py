@@ -615,7 +615,7 @@ class NaniteMesh:
         core = self._core
         return (
             f"NaniteMesh({core.source_faces:,} faces, {core.source_vertices:,} vertices, "
-            f"{core.level_count} levels, {core.cluster_count:,} clusters, {core.nbytes / 1e6:,.1f} MB)"
+            f"{core.level_count} levels, {core.cluster_count:,} clusters, {core.nbytes / 1e6:,.1f} MB in memory)"
         )
 
     def __eq__(self, other: object) -> bool:

@@ -31,6 +31,9 @@ pub(super) fn missed(absent: &[GroupCandidate], views: &[InstanceView]) -> Needs
 
 /// The pages of what was drawn; and where something stands in for what is finer and not there, those of the latter.
 pub(super) fn drawn(frame: &Rastered, tau: f32, resident: &Resident, needs: &mut Needs) {
+    if resident.held() == 0 {
+        return;
+    }
     let mut last = None;
     for visible in &frame.visible {
         let view = &frame.views[visible.instance as usize];

@@ -181,6 +181,11 @@ impl Streamer {
         let roots: Vec<(u32, PageWords)> = roots.into_iter().map(read).collect::<Result<_>>()?;
         let least: u64 = roots.iter().map(|(page, _)| pages[*page as usize].0).sum();
         let attempts = vec![0; pages.len()];
+        if self.pool.used() + least > self.pool.budget() {
+            // What is being read cannot leave before it is here.
+            self.take_back();
+            self.wait();
+        }
         let Some(number) = self.pool.attach(pages, roots) else {
             let message = format!(
                 "the pool has {} bytes; the coarsest pages of the meshes of the scene, which are always there, take {} more \
@@ -242,12 +247,7 @@ impl Streamer {
     /// Asks for what a frame needed. Says what it had, and what happened since the frame before.
     pub fn request(&mut self, needs: &Needs) -> Result<StreamStats> {
         self.rounds += 1;
-        for job in self.loader.take_back() {
-            self.asked -= 1;
-            if self.meshes.iter().any(|mesh| mesh.generation == job.generation) {
-                self.pool.take_back(job.ask);
-            }
-        }
+        self.take_back();
         let needed: Vec<_> = self.meshes.iter().map(|mesh| (mesh.number, needs.of(&mesh.dag))).collect();
         let (resident, used) = (self.pool.resident(), self.pool.used());
         let Plan { load, needed: count, missing, refused } = self.pool.request(&needed);
@@ -270,6 +270,16 @@ impl Streamer {
             coarsest_pixels: needs.coarsest,
             rounds: self.rounds,
         })
+    }
+
+    /// What nobody has begun to read is not asked for any more.
+    fn take_back(&mut self) {
+        for job in self.loader.take_back() {
+            self.asked -= 1;
+            if self.meshes.iter().any(|mesh| mesh.generation == job.generation) {
+                self.pool.take_back(job.ask);
+            }
+        }
     }
 
     /// A frame is done: what is counted from frame to frame starts again.

@@ -248,7 +248,8 @@ fn with_little_room_frames_come_are_whole_and_say_how_coarse() {
         let scene = scene_of(&stored);
         let mut streamed = renderer(backend, all / 5);
         let (mut refused, mut evicted, mut arrived) = (0, 0, 0);
-        for (i, pose) in path(90).into_iter().enumerate() {
+        let frames = if std::env::var_os("NANITE_SOAK").is_some() { 10_000 } else { 90 };
+        for (i, pose) in path(frames).into_iter().enumerate() {
             let frame = streamed.render(&scene, &CAMERA, &pose, &options).unwrap();
             let stats = stream(&frame).clone();
             let coarse = frame.visible().len();
