@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::lock_borders::{border_kept, locked_kept};
 use crate::error::{Error, Result};
+use crate::math::Bounds;
 use crate::mesh::edges::Edges;
 use crate::mesh::hash;
 use crate::model::cluster::NO_GROUP;
@@ -94,11 +95,15 @@ fn cluster(dag: &Dag, at: ClusterAddress) -> Result<()> {
             return fail("error and sphere differ from those of the group that made it");
         }
     }
-    bounds(record, geometry.positions).or_else(fail)
+    bounds(record, geometry.positions, geometry.triangles).or_else(fail)
 }
 
-/// The stored box, sphere and longest edge hold the vertices.
-fn bounds(record: &ClusterRecord, positions: &[[f32; 3]]) -> std::result::Result<(), &'static str> {
+/// The stored box and sphere hold the vertices; cone and longest edge are those of the triangles.
+fn bounds(
+    record: &ClusterRecord,
+    positions: &[[f32; 3]],
+    triangles: &[[u8; 3]],
+) -> std::result::Result<(), &'static str> {
     for p in positions {
         let d: [f64; 3] = std::array::from_fn(|k| f64::from(p[k]) - f64::from(record.center[k]));
         if (0..3).any(|k| d[k].abs() > f64::from(record.extent[k])) {
@@ -107,6 +112,10 @@ fn bounds(record: &ClusterRecord, positions: &[[f32; 3]]) -> std::result::Result
         if (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() > f64::from(record.radius) {
             return Err("a vertex lies outside the sphere");
         }
+    }
+    let Bounds { cone, max_edge, .. } = Bounds::of(positions, triangles);
+    if (record.cone, record.max_edge) != (cone, max_edge) {
+        return Err("the cone or the longest edge is not that of the triangles");
     }
     Ok(())
 }

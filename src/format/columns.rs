@@ -4,10 +4,13 @@
 use super::planes::{unzigzag, zigzag};
 use crate::math::octahedral::NORMAL_BITS;
 
-/// Words of `N` columns as the coder sees them: how they are predicted, and what is written of them.
-pub trait Column<const N: usize> {
+/// Up to four numbers of a vertex, zeros behind. All loops go over four, which is one register.
+pub type Row = [u32; 4];
+
+/// Rows as the coder sees them: how they are predicted, and what is written of them.
+pub trait Column {
     /// What is expected at p + q − r.
-    fn predict(&self, p: [u32; N], q: [u32; N], r: [u32; N]) -> [u32; N];
+    fn predict(&self, p: Row, q: Row, r: Row) -> Row;
     /// A small number for a value near what was expected.
     fn code(&self, value: u32, expected: u32) -> u32;
     /// The value of a number.
@@ -17,14 +20,10 @@ pub trait Column<const N: usize> {
 /// Integers in two's complement, completed to a parallelogram.
 pub struct Whole;
 
-impl<const N: usize> Column<N> for Whole {
+impl Column for Whole {
     #[inline(always)]
-    fn predict(&self, p: [u32; N], q: [u32; N], r: [u32; N]) -> [u32; N] {
-        let mut out = p;
-        for k in 0..N {
-            out[k] = p[k].wrapping_add(q[k]).wrapping_sub(r[k]);
-        }
-        out
+    fn predict(&self, p: Row, q: Row, r: Row) -> Row {
+        std::array::from_fn(|k| p[k].wrapping_add(q[k]).wrapping_sub(r[k]))
     }
 
     #[inline(always)]
@@ -51,19 +50,19 @@ fn unordered(number: u32) -> u32 {
     number ^ (((!number).cast_signed() >> 31).cast_unsigned() | 1 << 31)
 }
 
-impl<const N: usize> Column<N> for Float {
-    fn predict(&self, p: [u32; N], q: [u32; N], r: [u32; N]) -> [u32; N] {
-        let mut out = p;
-        for k in 0..N {
-            out[k] = (f32::from_bits(p[k]) + f32::from_bits(q[k]) - f32::from_bits(r[k])).to_bits();
-        }
-        out
+impl Column for Float {
+    #[inline(always)]
+    fn predict(&self, p: Row, q: Row, r: Row) -> Row {
+        let [p, q, r] = [p, q, r].map(|row| row.map(f32::from_bits));
+        std::array::from_fn(|k| (p[k] + q[k] - r[k]).to_bits())
     }
 
+    #[inline(always)]
     fn code(&self, value: u32, expected: u32) -> u32 {
         zigzag(ordered(value).wrapping_sub(ordered(expected)))
     }
 
+    #[inline(always)]
     fn value(&self, code: u32, expected: u32) -> u32 {
         unordered(ordered(expected).wrapping_add(unzigzag(code)))
     }
@@ -83,11 +82,10 @@ impl Normal {
     }
 }
 
-impl Column<2> for Normal {
+impl Column for Normal {
     #[inline(always)]
-    fn predict(&self, p: [u32; 2], q: [u32; 2], _: [u32; 2]) -> [u32; 2] {
-        let mean = |p: u32, q: u32| (p.wrapping_add(q).cast_signed() >> 1).cast_unsigned();
-        [mean(p[0], q[0]), mean(p[1], q[1])]
+    fn predict(&self, p: Row, q: Row, _: Row) -> Row {
+        std::array::from_fn(|k| (p[k].wrapping_add(q[k]).cast_signed() >> 1).cast_unsigned())
     }
 
     #[inline(always)]
@@ -101,25 +99,23 @@ impl Column<2> for Normal {
     }
 }
 
-/// Four bytes, each as its difference from that of one vertex.
+/// Bytes, each as its difference from that of one vertex.
 pub struct Color;
 
-fn bytewise(a: u32, b: u32, f: fn(u8, u8) -> u8) -> u32 {
-    let (a, b) = (a.to_le_bytes(), b.to_le_bytes());
-    u32::from_le_bytes(std::array::from_fn(|k| f(a[k], b[k])))
-}
-
-impl Column<1> for Color {
-    fn predict(&self, p: [u32; 1], _: [u32; 1], _: [u32; 1]) -> [u32; 1] {
+impl Column for Color {
+    #[inline(always)]
+    fn predict(&self, p: Row, _: Row, _: Row) -> Row {
         p
     }
 
+    #[inline(always)]
     fn code(&self, value: u32, expected: u32) -> u32 {
-        bytewise(value, expected, u8::wrapping_sub)
+        value.wrapping_sub(expected) & 0xff
     }
 
+    #[inline(always)]
     fn value(&self, code: u32, expected: u32) -> u32 {
-        bytewise(expected, code, u8::wrapping_add)
+        expected.wrapping_add(code) & 0xff
     }
 }
 
@@ -135,8 +131,9 @@ mod tests {
         assert!(order.is_sorted_by(|a, b| a.0 <= b.0));
         for a in floats.map(f32::to_bits).into_iter().chain([u32::MAX, 0x8000_8001, 7]) {
             for b in floats.map(f32::to_bits) {
-                assert_eq!(Column::<1>::value(&Float, Column::<1>::code(&Float, a, b), b), a);
-                assert_eq!(Column::<1>::value(&Whole, Column::<1>::code(&Whole, a, b), b), a);
+                assert_eq!(Float.value(Float.code(a, b), b), a);
+                assert_eq!(Whole.value(Whole.code(a, b), b), a);
+                let (a, b) = (a & 0xff, b & 0xff);
                 assert_eq!(Color.value(Color.code(a, b), b), a);
             }
         }

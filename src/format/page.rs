@@ -1,5 +1,5 @@
 //! One page as few bytes, and back, by itself: no other page is needed. What follows from something else is not
-//! written: bounds from positions, errors and spheres from groups, numbers of vertices from those before.
+//! written: boxes and radii from positions, errors and spheres from groups, numbers of vertices from those before.
 //!
 //! A vertex that several clusters of the page share is written once. Its position and what it carries are differences
 //! from what the vertices around let expect (`columns.rs`), triangles are symbols (`topology.rs`), and all of it goes
@@ -7,6 +7,7 @@
 
 use std::ops::Range;
 
+use crate::math::Sphere;
 use crate::math::octahedral::NORMAL_BITS;
 use crate::model::{AttributeLayout, Grid, Group};
 
@@ -95,6 +96,8 @@ pub(super) const SHARED: u8 = 1;
 pub(super) const EARLIER: u8 = 2;
 /// Bits of one of the above.
 pub(super) const USE_BITS: usize = 2;
+/// The bits themselves.
+pub(super) const USE_MASK: u8 = (1 << USE_BITS) - 1;
 /// How many fit a byte.
 pub(super) const USES_PER_BYTE: usize = 8 / USE_BITS;
 
@@ -106,14 +109,10 @@ pub(super) struct Shape {
     pub data: usize,
 }
 
-/// A vertex of a cluster while it is coded: where it is known from, or what it is predicted from.
-#[derive(Clone, Copy)]
-pub(super) struct Place {
-    /// Its number among the page's distinct vertices, where an earlier cluster has it; else [`NO_NUMBER`].
-    pub known: u32,
-    /// Vertices of the cluster: p, q, r of p + q − r.
-    pub sources: [u8; 3],
+/// Bytes of a cluster among the records: three counts, cone, longest edge, origin, and material.
+pub(super) fn record_bytes(layout: AttributeLayout) -> usize {
+    15 + 4 * usize::from(layout.materials)
 }
 
-/// See [`Place::known`].
-pub(super) const NO_NUMBER: u32 = u32::MAX;
+/// Bytes of a sphere of level 0.
+pub(super) const SPHERE_BYTES: usize = size_of::<Sphere>();

@@ -1,46 +1,313 @@
 //! A page from its bytes. They may hold anything: what is wrong is said, and nothing is allocated beyond what the
 //! number of clusters allows.
 
-use zstd::bulk::Decompressor;
+use bytemuck::Zeroable;
 
-use super::columns::{Color, Column, Float, Normal, Whole};
+use super::columns::{Color, Column, Float, Normal, Row, Whole};
 use super::page::{
-    Context, EARLIER, FIRST, MAX_STEPS, NO_NUMBER, Place, SHARED, Shape, USE_BITS, USES_PER_BYTE,
+    Context, EARLIER, MAX_STEPS, SHARED, SPHERE_BYTES, Shape, USE_BITS, USE_MASK, USES_PER_BYTE, record_bytes,
 };
-use super::planes::{Read, Reader, unzigzag};
-use super::topology;
-use crate::error::{Error, Result};
-use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES};
+use super::planes::{Read, Reader, SLACK, Tools, grow, unzigzag};
+use super::topology::{self, Source, Tables};
+use crate::error::Result;
+use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, PAGE_MAX_CLUSTERS};
 use crate::math::octahedral::{NORMAL_BITS, widen};
-use crate::math::{Bounds, Sphere};
+use crate::math::{Ball, Sphere};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
 use crate::model::rule::SOURCE_ERROR;
-use crate::model::{AttributeLayout, ClusterGeometry, ClusterRecord};
+use crate::model::{AttributeLayout, ClusterRecord};
+
+/// Room for a row of every vertex of a page, and for zeros before them, so that any number of 16 bits is one of a row.
+const ROWS: usize = 1 << 16;
+const _: () = assert!(PAGE_MAX_CLUSTERS * CLUSTER_MAX_VERTICES < ROWS);
+type Rows = [Row; ROWS];
 
 /// What a thread needs to decode pages, used again from one to the next.
 pub struct Decoder {
-    zstd: Decompressor<'static>,
+    tools: Tools,
+    tables: Tables,
     buffers: Buffers,
+    /// What the distinct vertices of a page have of what is being read, from 1 on.
+    rows: Box<Rows>,
+    /// Coordinates of normals in memory, by their low bits in files.
+    wide: Vec<u16>,
 }
 
-#[derive(Default)]
+/// A number for each row.
+type Numbers = [u32; ROWS];
+
 struct Buffers {
-    plane: Vec<u8>,
-    codes: [Vec<u32>; 3],
-    symbols: Vec<u8>,
+    /// Arrays on their way.
+    bytes: Vec<u8>,
     extra: Vec<u8>,
-    places: Vec<Place>,
+    shapes: Vec<Shape>,
+    /// For each vertex of the page the three of its cluster that it is predicted from.
+    sources: Vec<Source>,
+    /// For each vertex its row.
+    numbers: Vec<u16>,
+    /// For each row the three that it is predicted from.
+    places: Box<[[u16; 4]; ROWS]>,
+    /// Numbers of shared vertices, then identities of those that earlier pages have.
+    others: Box<Numbers>,
+    /// The identity of each row.
+    ids: Box<Numbers>,
+    /// One more than there are distinct vertices: rows start at 1.
+    rows: usize,
 }
 
-/// What is known of a page before its geometry.
-#[derive(Default)]
-struct Records {
-    shapes: Vec<Shape>,
-    levels: Vec<u8>,
-    refined: Vec<u32>,
-    materials: Vec<u32>,
-    /// Those of clusters of the source, in order.
-    spheres: [Vec<u32>; 4],
+/// Zeros that take no memory before they are written.
+fn zeros<T: Zeroable + Clone>() -> Box<[T; ROWS]> {
+    bytemuck::zeroed_box()
+}
+
+impl Decoder {
+    /// A decoder.
+    pub fn new() -> Result<Self> {
+        let tools = Tools::new()?;
+        let buffers = Buffers {
+            bytes: Vec::new(),
+            extra: Vec::new(),
+            shapes: Vec::new(),
+            sources: Vec::new(),
+            numbers: Vec::new(),
+            places: zeros(),
+            others: zeros(),
+            ids: zeros(),
+            rows: 1,
+        };
+        Ok(Self { tools, tables: Tables::default(), buffers, rows: zeros(), wide: Vec::new() })
+    }
+
+    /// Fills the words of a page of so many clusters, all zero before, from bytes.
+    pub fn decode(
+        &mut self,
+        context: &Context<'_>,
+        coded: &[u8],
+        clusters: usize,
+        out: &mut [u32],
+    ) -> Read<()> {
+        let mut reader = Reader::new(coded, &mut self.tools);
+        let (buffers, rows) = (&mut self.buffers, &mut *self.rows);
+        let layout = context.layout;
+        read_records(context, clusters, &mut reader, buffers, out)?;
+        read_triangles(layout, &mut reader, &mut self.tables, buffers, out)?;
+        read_identities(context, &mut reader, buffers, out)?;
+
+        match context.grid {
+            Some(grid) => {
+                read_rows::<3>(&Whole, &mut reader, buffers, rows)?;
+                put_steps(grid.step(), buffers, rows, out)?;
+            }
+            None => {
+                read_rows::<3>(&Float, &mut reader, buffers, rows)?;
+                put_rows::<3>(0, buffers, rows, out);
+            }
+        }
+        let bits = context.normal_bits();
+        if self.wide.len() != 1 << bits {
+            let unused = u32::BITS - bits;
+            let signed = |low: u32| (low << unused).cast_signed() >> unused;
+            self.wide = (0..1 << bits).map(|low| widen(signed(low), bits)).collect();
+        }
+        read_rows::<2>(&Normal { bits }, &mut reader, buffers, rows)?;
+        let wide = |t: u32| u32::from(self.wide[t as usize & (self.wide.len() - 1)]);
+        for row in &mut rows[..buffers.rows] {
+            row[0] = wide(row[0]) | wide(row[1]) << NORMAL_BITS;
+        }
+        put_rows::<1>(3, buffers, rows, out);
+        if layout.colors {
+            read_rows::<4>(&Color, &mut reader, buffers, rows)?;
+            for row in &mut rows[..buffers.rows] {
+                row[0] = u32::from_le_bytes(row.map(|byte| byte as u8));
+            }
+            put_rows::<1>(5, buffers, rows, out);
+        }
+        for set in 0..usize::from(layout.uv_sets) {
+            read_rows::<2>(&Float, &mut reader, buffers, rows)?;
+            put_rows::<2>(5 + usize::from(layout.colors) + 2 * set, buffers, rows, out);
+        }
+        if reader.rest().iter().any(|byte| *byte != 0) {
+            return Err("something follows what the page has");
+        }
+        put_bounds(buffers, out);
+        Ok(())
+    }
+}
+
+/// Fills in records, but for what follows from positions, and notes where clusters lie.
+fn read_records(
+    context: &Context<'_>,
+    clusters: usize,
+    reader: &mut Reader<'_>,
+    buffers: &mut Buffers,
+    out: &mut [u32],
+) -> Read<()> {
+    let layout = context.layout;
+    let Buffers { bytes, extra, shapes, .. } = buffers;
+    if clusters > PAGE_MAX_CLUSTERS || out.len() < clusters * RECORD_WORDS {
+        return Err("clusters do not fill the page");
+    }
+    let length = clusters * record_bytes(layout);
+    grow(bytes, length);
+    reader.bytes(&mut bytes[..length])?;
+    // Bytes of all clusters follow each other, first the first ones of all.
+    let (words, mut groups) = (out.len(), context.group_numbers());
+    let byte = |k: usize, c: usize| bytes[k * clusters + c];
+    let word = |k: usize, c: usize| u32::from_le_bytes([0, 1, 2, 3].map(|i| byte(k + i, c)));
+    let sum = |last: u32, k: usize, c: usize| last.wrapping_add(unzigzag(word(k, c)));
+    let (mut refined, mut material, mut sources) = (0, 0, 0);
+    let mut data = clusters * RECORD_WORDS;
+    shapes.clear();
+    for c in 0..clusters {
+        let (vertex_count, triangle_count) = (byte(0, c), byte(1, c));
+        let (vertices, triangles) = (usize::from(vertex_count), usize::from(triangle_count));
+        if vertices == 0 || !(1..=CLUSTER_MAX_TRIANGLES).contains(&triangles) {
+            return Err("a cluster of no triangles, or of too many");
+        }
+        refined = sum(refined, 11, c);
+        if layout.materials {
+            material = sum(material, 15, c);
+        }
+        let made_from = context.groups.get(refined as usize);
+        let (lod_sphere, error) = if refined == NO_GROUP {
+            sources += 1;
+            (Sphere { center: [0.0; 3], radius: 0.0 }, SOURCE_ERROR)
+        } else {
+            let group = made_from.ok_or("a cluster made from no group")?;
+            (group.lod_sphere, group.error)
+        };
+        let record = ClusterRecord {
+            center: [0.0; 3],
+            radius: 0.0,
+            extent: [0.0; 3],
+            cone: [3, 4, 5, 6].map(|k| byte(k, c).cast_signed()),
+            lod_sphere,
+            error,
+            group: groups.next().ok_or("more clusters than groups have")?,
+            vertex_count,
+            triangle_count,
+            level: byte(2, c),
+            reserved: 0,
+            data: data as u32,
+            refined,
+            max_edge: f32::from_bits(word(7, c)),
+            material: material.cast_signed(),
+            refined_page: made_from.map_or(NO_PAGE, |group| group.first.page() as u32),
+        };
+        out[c * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
+        shapes.push(Shape { vertices, triangles, data });
+        data += layout.cluster_words(vertices, triangles);
+    }
+    if data != words {
+        return Err("clusters do not fill the page");
+    }
+    let spheres = sources * SPHERE_BYTES;
+    grow(extra, spheres);
+    reader.bytes(&mut extra[..spheres])?;
+    let records: &mut [ClusterRecord] = bytemuck::cast_slice_mut(&mut out[..clusters * RECORD_WORDS]);
+    for (s, record) in records.iter_mut().filter(|r| r.refined == NO_GROUP).enumerate() {
+        let sphere: [u8; SPHERE_BYTES] = std::array::from_fn(|k| extra[k * sources + s]);
+        record.lod_sphere = bytemuck::cast(sphere);
+    }
+    Ok(())
+}
+
+fn read_triangles(
+    layout: AttributeLayout,
+    reader: &mut Reader<'_>,
+    tables: &mut Tables,
+    buffers: &mut Buffers,
+    out: &mut [u32],
+) -> Read<()> {
+    let Buffers { bytes, extra, shapes, sources, .. } = buffers;
+    let count: usize = shapes.iter().map(|s| s.triangles).sum();
+    reader.symbols(count, bytes)?;
+    let symbols = &bytes[..count];
+    let count = topology::extra_bytes(symbols);
+    grow(extra, count);
+    let extra = &mut extra[..count];
+    reader.bytes(extra)?;
+    let (mut symbols, mut extra) = (symbols, extra.iter());
+    // Each cluster takes 256, of which the next one overwrites those that are too many.
+    let (vertices, mut first) = (shapes.iter().map(|s| s.vertices).sum::<usize>(), 0);
+    sources.resize(vertices + 256, Source::default());
+    for shape in &*shapes {
+        let (own, after) = symbols.split_at(shape.triangles);
+        symbols = after;
+        let start = shape.data + shape.vertices * layout.vertex_words();
+        let end = shape.data + layout.cluster_words(shape.vertices, shape.triangles);
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut out[start..end]);
+        let triangles = bytemuck::cast_slice_mut(&mut bytes[..3 * shape.triangles]);
+        let window = sources[first..].first_chunk_mut().ok_or("more vertices than there are")?;
+        topology::decode(tables, own, &mut extra, shape.vertices, triangles, window)?;
+        first += shape.vertices;
+    }
+    sources.truncate(vertices);
+    Ok(())
+}
+
+/// Fills in identities, numbers the distinct vertices, and finds out what each is predicted from.
+fn read_identities(
+    context: &Context<'_>,
+    reader: &mut Reader<'_>,
+    buffers: &mut Buffers,
+    out: &mut [u32],
+) -> Read<()> {
+    let Buffers { bytes, extra, shapes, sources, numbers, places, others, ids, .. } = buffers;
+    let vertices = sources.len();
+    let packed = vertices.div_ceil(USES_PER_BYTE);
+    grow(bytes, packed);
+    reader.bytes(&mut bytes[..packed])?;
+    grow(extra, packed * USES_PER_BYTE);
+    for (uses, byte) in extra.chunks_exact_mut(USES_PER_BYTE).zip(&bytes[..packed]) {
+        (0..USES_PER_BYTE).for_each(|k| uses[k] = byte >> (USE_BITS * k) & USE_MASK);
+    }
+    let uses = &extra[..vertices];
+    if uses.contains(&(SHARED | EARLIER)) {
+        return Err("identities of an unknown kind");
+    }
+    let count = |kind: u8| uses.iter().map(|u| u32::from(u & kind)).sum::<u32>() / u32::from(kind);
+    let (count_shared, count_earlier) = (count(SHARED) as usize, count(EARLIER) as usize);
+    let others = &mut **others;
+    reader.words(bytes, &mut others[..count_shared + count_earlier])?;
+    sum(&mut others[..count_shared]);
+    sum(&mut others[count_shared..][..count_earlier]);
+
+    // No branches: what a vertex has no use for is overwritten by the next.
+    let either = |second: u32, a: u32, b: u32| a ^ (a ^ b) & second.wrapping_neg();
+    let (mut n, mut s, mut e, mut unknown) = (1u32, 0u32, count_shared as u32, 0u32);
+    // What to add for the number of vertices of the first kind.
+    let next = context.first_identity.wrapping_add(e).wrapping_sub(n);
+    numbers.resize(vertices, 0);
+    for (kind, number) in uses.iter().zip(&mut *numbers) {
+        let (is_shared, is_earlier) = (u32::from(kind & SHARED), u32::from(kind / EARLIER));
+        let (before, other) = (others[s as usize % ROWS], others[e as usize % ROWS]);
+        ids[n as usize % ROWS] = either(is_earlier, next.wrapping_add(n).wrapping_sub(e), other);
+        unknown |= is_shared & u32::from(before >= n - 1);
+        *number = either(is_shared, n, before.wrapping_add(1)) as u16;
+        n += 1 - is_shared;
+        s += is_shared;
+        e += is_earlier;
+    }
+    if unknown != 0 {
+        return Err("a vertex is shared that is not there yet");
+    }
+
+    let mut n = 1;
+    let mut local = [0u16; 256];
+    let mut vertex = sources.iter().zip(&*numbers);
+    for shape in &*shapes {
+        let slots = &mut out[shape.data + 4 * shape.vertices..][..shape.vertices];
+        for ((slot, local_number), (sources, number)) in slots.iter_mut().zip(0u8..).zip(&mut vertex) {
+            let row = usize::from(*number);
+            places[n % ROWS] = sources.to_le_bytes().map(|v| local[usize::from(v)]);
+            n += usize::from(row == n);
+            local[usize::from(local_number)] = *number;
+            *slot = ids[row];
+        }
+    }
+    buffers.rows = n;
+    Ok(())
 }
 
 /// The inverse of differences from one number to the next.
@@ -52,268 +319,81 @@ fn sum(codes: &mut [u32]) {
     }
 }
 
-impl Decoder {
-    /// A decoder.
-    pub fn new() -> Result<Self> {
-        let zstd = Decompressor::new().map_err(|e| Error::Invariant(format!("zstd: {e}")))?;
-        Ok(Self { zstd, buffers: Buffers::default() })
-    }
-
-    /// Fills the words of a page of so many clusters, all zero before, from bytes.
-    pub fn decode(
-        &mut self,
-        context: &Context<'_>,
-        coded: &[u8],
-        clusters: usize,
-        out: &mut [u32],
-    ) -> Read<()> {
-        let mut reader = Reader::new(coded, &mut self.zstd);
-        let buffers = &mut self.buffers;
-        let layout = context.layout;
-        let records = read_records(layout, clusters, out.len(), &mut reader, &mut buffers.plane)?;
-        let shapes = &records.shapes;
-        read_triangles(layout, shapes, &mut reader, buffers, out)?;
-        let distinct = read_identities(context, shapes, &mut reader, buffers, out)?;
-        let mut rows = Rows { shapes, distinct, reader: &mut reader, buffers, out };
-
-        match context.grid {
-            Some(grid) => {
-                let (step, mut inside) = (grid.step(), true);
-                rows.read(&Whole, |out, shape, i, row: [u32; 3]| {
-                    let to = &mut out[shape.data + 3 * i..][..3];
-                    for k in 0..3 {
-                        let whole = row[k].cast_signed();
-                        inside &= whole.unsigned_abs() <= MAX_STEPS.unsigned_abs();
-                        to[k] = (whole as f32 * step).to_bits();
-                    }
-                })?;
-                if !inside {
-                    return Err("a position beyond the grid");
-                }
-            }
-            None => rows.read(&Float, |out, shape, i, row: [u32; 3]| {
-                out[shape.data + 3 * i..][..3].copy_from_slice(&row);
-            })?,
-        }
-        let bits = context.normal_bits();
-        // By the low bits of a coordinate.
-        let unused = u32::BITS - bits;
-        let signed = |low: u32| (low << unused).cast_signed() >> unused;
-        let wide: Vec<u32> = (0..1 << bits).map(|low| u32::from(widen(signed(low), bits))).collect();
-        let wide = |t: u32| wide[t as usize & (wide.len() - 1)];
-        rows.read(&Normal { bits }, |out, shape, i, [x, y]| {
-            out[shape.data + 3 * shape.vertices + i] = wide(x) | wide(y) << NORMAL_BITS;
-        })?;
-        if layout.colors {
-            rows.read(&Color, |out, shape, i, [color]| out[shape.data + 5 * shape.vertices + i] = color)?;
-        }
-        for set in 0..usize::from(layout.uv_sets) {
-            let first = 5 + usize::from(layout.colors) + 2 * set;
-            rows.read(&Float, |out, shape, i, row: [u32; 2]| {
-                out[shape.data + first * shape.vertices + 2 * i..][..2].copy_from_slice(&row);
-            })?;
-        }
-        if reader.rest().iter().any(|byte| *byte != 0) {
-            return Err("something follows what the page has");
-        }
-        write_records(context, &records, out)
-    }
-}
-
-fn read_records(
-    layout: AttributeLayout,
-    clusters: usize,
-    words: usize,
-    reader: &mut Reader<'_>,
-    plane: &mut Vec<u8>,
-) -> Read<Records> {
-    let mut records = Records::default();
-    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
-    reader.bytes(clusters, &mut vertices)?;
-    reader.bytes(clusters, &mut triangles)?;
-    let mut data = clusters * RECORD_WORDS;
-    for (vertices, triangles) in vertices.iter().zip(&triangles) {
-        let (vertices, triangles) = (usize::from(*vertices), usize::from(*triangles));
-        if vertices == 0 || !(1..=CLUSTER_MAX_TRIANGLES).contains(&triangles) {
-            return Err("a cluster of no triangles, or of too many");
-        }
-        records.shapes.push(Shape { vertices, triangles, data });
-        data += layout.cluster_words(vertices, triangles);
-    }
-    if data != words {
-        return Err("clusters do not fill the page");
-    }
-    reader.bytes(clusters, &mut records.levels)?;
-    reader.words(clusters, plane, &mut records.refined)?;
-    sum(&mut records.refined);
-    if layout.materials {
-        reader.words(clusters, plane, &mut records.materials)?;
-        sum(&mut records.materials);
-    }
-    let sources = records.refined.iter().filter(|r| **r == NO_GROUP).count();
-    records.spheres.iter_mut().try_for_each(|column| reader.words(sources, plane, column))?;
-    Ok(records)
-}
-
-fn read_triangles(
-    layout: AttributeLayout,
-    shapes: &[Shape],
+/// Reads what distinct vertices have in so many columns.
+fn read_rows<const N: usize>(
+    column: &impl Column,
     reader: &mut Reader<'_>,
     buffers: &mut Buffers,
-    out: &mut [u32],
+    rows: &mut Rows,
 ) -> Read<()> {
-    reader.bytes(shapes.iter().map(|s| s.triangles).sum(), &mut buffers.symbols)?;
-    reader.bytes(topology::extra_bytes(&buffers.symbols), &mut buffers.extra)?;
-    let (mut symbols, mut extra) = (&buffers.symbols[..], &buffers.extra[..]);
-    let mut sources = [[0; 3]; CLUSTER_MAX_VERTICES + 1];
-    buffers.places.clear();
-    for shape in shapes {
-        let (own, rest) = symbols.split_at(shape.triangles);
-        symbols = rest;
-        let first = shape.data + shape.vertices * layout.vertex_words();
-        let end = shape.data + layout.cluster_words(shape.vertices, shape.triangles);
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut out[first..end]);
-        let corners = &mut bytes[..3 * shape.triangles];
-        topology::decode(own, &mut extra, shape.vertices, corners, &mut sources)?;
-        let places = sources[..shape.vertices].iter();
-        buffers.places.extend(places.map(|sources| Place { known: NO_NUMBER, sources: *sources }));
+    let Buffers { bytes, places, rows: end, .. } = buffers;
+    let places = &places[1..*end];
+    let planes = reader.planes(N * places.len(), bytes)?;
+    match planes {
+        0 => fill_rows::<N, 0>(column, bytes, places, rows),
+        1 => fill_rows::<N, 1>(column, bytes, places, rows),
+        2 => fill_rows::<N, 2>(column, bytes, places, rows),
+        3 => fill_rows::<N, 3>(column, bytes, places, rows),
+        _ => fill_rows::<N, 4>(column, bytes, places, rows),
     }
     Ok(())
 }
 
-/// Fills in identities and notes who shares what; the number of distinct vertices.
-fn read_identities(
-    context: &Context<'_>,
-    shapes: &[Shape],
-    reader: &mut Reader<'_>,
-    buffers: &mut Buffers,
-    out: &mut [u32],
-) -> Read<usize> {
-    let Buffers { plane, codes: [shared, earlier, ids], symbols: uses, places, .. } = buffers;
-    reader.bytes(places.len().div_ceil(USES_PER_BYTE), plane)?;
-    uses.clear();
-    for byte in &*plane {
-        uses.extend((0..USES_PER_BYTE).map(|k| byte >> (USE_BITS * k) & ((1 << USE_BITS) - 1)));
+fn fill_rows<const N: usize, const PLANES: usize>(
+    column: &impl Column,
+    bytes: &[u8],
+    places: &[[u16; 4]],
+    rows: &mut Rows,
+) {
+    let size = N * places.len();
+    let planes: [&[u8]; PLANES] = std::array::from_fn(|p| &bytes[p * size..][..size + SLACK]);
+    for (i, place) in places.iter().enumerate() {
+        let mut code = Row::default();
+        for (p, plane) in planes.iter().enumerate() {
+            let four = &plane[N * i..][..4];
+            (0..4).for_each(|k| code[k] |= if k < N { u32::from(four[k]) << (8 * p) } else { 0 });
+        }
+        let [p, q, r, _] = place.map(|number| rows[usize::from(number)]);
+        let expected = column.predict(p, q, r);
+        rows[(i + 1) % ROWS] = std::array::from_fn(|k| column.value(code[k], expected[k]));
     }
-    uses.truncate(places.len());
-    let mut counts = [0; 1 << USE_BITS];
-    uses.iter().for_each(|u| counts[usize::from(*u)] += 1);
-    reader.words(counts[usize::from(SHARED)], plane, shared)?;
-    reader.words(counts[usize::from(EARLIER)], plane, earlier)?;
-    sum(shared);
-    sum(earlier);
-    let (mut shared, mut earlier) = (shared.iter(), earlier.iter());
-    let mut next = context.first_identity;
-    ids.clear();
-    let mut number = 0;
-    for shape in shapes {
-        for slot in &mut out[shape.data + 4 * shape.vertices..][..shape.vertices] {
-            let id = match uses[number] {
-                FIRST => {
-                    next = next.wrapping_add(1);
-                    next.wrapping_sub(1)
-                }
-                EARLIER => *earlier.next().ok_or("identities end too early")?,
-                SHARED => {
-                    let known = *shared.next().ok_or("identities end too early")?;
-                    places[number].known = known;
-                    *ids.get(known as usize).ok_or("a vertex is shared that is not there yet")?
-                }
-                _ => return Err("identities of an unknown kind"),
-            };
-            if places[number].known == NO_NUMBER {
-                ids.push(id);
-            }
-            *slot = id;
-            number += 1;
+}
+
+/// Copies rows to the vertices that have them: a stream of so many columns behind others of each cluster.
+fn put_rows<const N: usize>(before: usize, buffers: &Buffers, rows: &Rows, out: &mut [u32]) {
+    let mut numbers = buffers.numbers.iter();
+    for shape in &buffers.shapes {
+        let stream = &mut out[shape.data + before * shape.vertices..][..N * shape.vertices];
+        for (to, number) in stream.chunks_exact_mut(N).zip(&mut numbers) {
+            to.copy_from_slice(&rows[usize::from(*number)][..N]);
         }
     }
-    Ok(ids.len())
 }
 
-/// Columns of vertices on their way from bytes to words.
-struct Rows<'a, 'b> {
-    shapes: &'a [Shape],
-    distinct: usize,
-    reader: &'a mut Reader<'b>,
-    buffers: &'a mut Buffers,
-    out: &'a mut [u32],
-}
-
-impl Rows<'_, '_> {
-    fn read<const N: usize>(
-        &mut self,
-        column: &impl Column<N>,
-        mut put: impl FnMut(&mut [u32], &Shape, usize, [u32; N]),
-    ) -> Read<()> {
-        let Buffers { plane, codes, places, .. } = &mut *self.buffers;
-        codes[..N].iter_mut().try_for_each(|codes| self.reader.words(self.distinct, plane, codes))?;
-        let codes: [&[u32]; N] = std::array::from_fn(|k| &codes[k][..]);
-        let mut rows: Vec<[u32; N]> = Vec::with_capacity(self.distinct);
-        let mut local = [[0; N]; CLUSTER_MAX_VERTICES + 1];
-        let mut rest = &places[..];
-        for shape in self.shapes {
-            let (own, after) = rest.split_at(shape.vertices);
-            rest = after;
-            for (i, place) in own.iter().enumerate() {
-                let row = if place.known == NO_NUMBER {
-                    let [p, q, r] = place.sources;
-                    let (p, q, r) = (local[usize::from(p)], local[usize::from(q)], local[usize::from(r)]);
-                    let mut row = column.predict(p, q, r);
-                    for k in 0..N {
-                        row[k] = column.value(codes[k][rows.len()], row[k]);
-                    }
-                    rows.push(row);
-                    row
-                } else {
-                    rows[place.known as usize]
-                };
-                local[i] = row;
-                put(self.out, shape, i, row);
-            }
+/// The same of positions, which are steps of a grid.
+fn put_steps(step: f32, buffers: &Buffers, rows: &Rows, out: &mut [u32]) -> Read<()> {
+    let mut numbers = buffers.numbers.iter();
+    let mut outside = 0;
+    for shape in &buffers.shapes {
+        let stream = &mut out[shape.data..][..3 * shape.vertices];
+        for (to, number) in stream.chunks_exact_mut(3).zip(&mut numbers) {
+            let steps = rows[usize::from(*number)].map(u32::cast_signed);
+            to.copy_from_slice(&steps.map(|x| (x as f32 * step).to_bits())[..3]);
+            // Negative where a coordinate is beyond.
+            steps.iter().for_each(|x| outside |= MAX_STEPS.wrapping_sub(x.wrapping_abs()));
         }
-        Ok(())
     }
+    if outside < 0 { Err("a position beyond the grid") } else { Ok(()) }
 }
 
-fn write_records(context: &Context<'_>, records: &Records, out: &mut [u32]) -> Read<()> {
-    let layout = context.layout;
-    let mut source = 0;
-    let mut groups = context.group_numbers();
-    for (c, (shape, refined)) in records.shapes.iter().zip(&records.refined).enumerate() {
-        let words = &out[shape.data..][..layout.cluster_words(shape.vertices, shape.triangles)];
-        let geometry = ClusterGeometry::new(words, layout, shape.vertices, shape.triangles);
-        let bounds = Bounds::of(geometry.positions, geometry.triangles);
-        let (lod_sphere, error) = if *refined == NO_GROUP {
-            let [x, y, z, radius] = [0, 1, 2, 3].map(|k| f32::from_bits(records.spheres[k][source]));
-            source += 1;
-            (Sphere { center: [x, y, z], radius }, SOURCE_ERROR)
-        } else {
-            let group = context.groups.get(*refined as usize).ok_or("a cluster made from no group")?;
-            (group.lod_sphere, group.error)
-        };
-        let record = ClusterRecord {
-            center: bounds.center,
-            radius: bounds.radius,
-            extent: bounds.extent,
-            cone: bounds.cone,
-            lod_sphere,
-            error,
-            group: groups.next().ok_or("more clusters than groups have")?,
-            vertex_count: shape.vertices as u8,
-            triangle_count: shape.triangles as u8,
-            level: records.levels[c],
-            reserved: 0,
-            data: shape.data as u32,
-            refined: *refined,
-            max_edge: bounds.max_edge,
-            material: records.materials.get(c).map_or(0, |m| m.cast_signed()),
-            refined_page: context
-                .groups
-                .get(*refined as usize)
-                .map_or(NO_PAGE, |group| group.first.page() as u32),
-        };
-        out[c * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
+/// Fills in what follows from positions.
+fn put_bounds(buffers: &Buffers, out: &mut [u32]) {
+    let (records, streams) = out.split_at_mut(buffers.shapes.len() * RECORD_WORDS);
+    let before = records.len();
+    let records: &mut [ClusterRecord] = bytemuck::cast_slice_mut(records);
+    for (record, shape) in records.iter_mut().zip(&buffers.shapes) {
+        let positions = &streams[shape.data - before..][..3 * shape.vertices];
+        let ball = Ball::of(bytemuck::cast_slice(positions));
+        (record.center, record.extent, record.radius) = (ball.center, ball.extent, ball.radius);
     }
-    Ok(())
 }

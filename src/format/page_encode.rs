@@ -2,41 +2,42 @@
 
 use rustc_hash::FxHashMap;
 
-use super::columns::{Color, Column, Float, Normal, Whole};
+use super::columns::{Color, Column, Float, Normal, Row, Whole};
 use super::page::{
-    Context, EARLIER, FIRST, NO_NUMBER, Part, PartBytes, Place, SHARED, Shape, USE_BITS, USES_PER_BYTE,
+    Context, EARLIER, FIRST, Part, PartBytes, SHARED, SPHERE_BYTES, Shape, USE_BITS, USES_PER_BYTE,
+    record_bytes,
 };
 use super::planes::{Writer, zigzag};
-use super::topology;
+use super::topology::{self, Source};
 use crate::error::Result;
 use crate::limits::CLUSTER_MAX_VERTICES;
 use crate::math::octahedral::narrow;
 use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
 use crate::model::{AttributeLayout, ClusterGeometry, ClusterRecord};
 
-/// Writes columns of all vertices that have to be, as differences from what is expected.
+/// Writes rows of all vertices that have to be, as differences from what is expected.
 fn write_rows<const N: usize>(
     writer: &mut Writer,
-    column: &impl Column<N>,
+    column: &impl Column,
     shapes: &[Shape],
     places: &[Place],
     value: impl Fn(usize, usize) -> [u32; N],
 ) -> Result<()> {
-    let mut codes: [Vec<u32>; N] = std::array::from_fn(|_| Vec::new());
-    let mut local = [[0; N]; CLUSTER_MAX_VERTICES + 1];
+    let mut codes: Vec<[u32; N]> = Vec::new();
+    let mut local = [Row::default(); CLUSTER_MAX_VERTICES + 1];
     let mut places = places.iter();
     for (c, shape) in shapes.iter().enumerate() {
         for (i, place) in places.by_ref().take(shape.vertices).enumerate() {
             let found = value(c, i);
-            if place.known == NO_NUMBER {
-                let [p, q, r] = place.sources.map(|s| local[usize::from(s)]);
+            if !place.shared {
+                let [p, q, r, _] = place.sources.to_le_bytes().map(|s| local[usize::from(s)]);
                 let expected = column.predict(p, q, r);
-                (0..N).for_each(|k| codes[k].push(column.code(found[k], expected[k])));
+                codes.push(std::array::from_fn(|k| column.code(found[k], expected[k])));
             }
-            local[i] = found;
+            local[i][..N].copy_from_slice(&found);
         }
     }
-    codes.iter().try_for_each(|codes| writer.words(codes))
+    writer.rows(codes.iter().copied())
 }
 
 /// Appends the bytes of a page to `writer`; how many are of which part.
@@ -75,10 +76,10 @@ pub fn encode(
     for (geometry, shape) in geometry.iter().zip(&shapes) {
         topology::encode(geometry.triangles, &mut symbols, &mut extra, &mut sources);
         // Vertices that no triangle uses have no place: what is read back is then not what was written, and said so.
-        sources.resize(shape.vertices, [0; 3]);
-        places.extend(sources.iter().map(|sources| Place { known: NO_NUMBER, sources: *sources }));
+        sources.resize(shape.vertices, Source::default());
+        places.extend(sources.iter().map(|sources| Place { shared: false, sources: *sources }));
     }
-    writer.bytes(&symbols)?;
+    writer.symbols(&symbols)?;
     writer.bytes(&extra)?;
     ended(Part::Topology, writer);
 
@@ -102,7 +103,7 @@ pub fn encode(
     ended(Part::Normals, writer);
 
     if layout.colors {
-        let color = |c: usize, i: usize| [u32::from_le_bytes(geometry[c].colors[i])];
+        let color = |c: usize, i: usize| geometry[c].colors[i].map(u32::from);
         write_rows(writer, &Color, &shapes, &places, color)?;
     }
     ended(Part::Colors, writer);
@@ -122,17 +123,33 @@ fn steps(values: impl Iterator<Item = u32>) -> Vec<u32> {
 }
 
 fn write_records(layout: AttributeLayout, records: &[ClusterRecord], writer: &mut Writer) -> Result<()> {
-    let bytes = |of: fn(&ClusterRecord) -> u8| records.iter().map(of).collect::<Vec<_>>();
-    writer.bytes(&bytes(|r| r.vertex_count))?;
-    writer.bytes(&bytes(|r| r.triangle_count))?;
-    writer.bytes(&bytes(|r| r.level))?;
-    writer.words(&steps(records.iter().map(|r| r.refined)))?;
-    if layout.materials {
-        writer.words(&steps(records.iter().map(|r| r.material.cast_unsigned())))?;
-    }
-    let spheres = records.iter().filter(|r| r.refined == NO_GROUP).map(|r| r.lod_sphere);
-    let spheres: Vec<[u32; 4]> = spheres.map(bytemuck::cast).collect();
-    (0..4).try_for_each(|k| writer.words(&spheres.iter().map(|s| s[k]).collect::<Vec<_>>()))
+    // All first bytes, then all second ones, and so on.
+    let transposed = |rows: &[Vec<u8>], width: usize| -> Vec<u8> {
+        (0..width).flat_map(|k| rows.iter().map(move |row| row[k])).collect()
+    };
+    let refined = steps(records.iter().map(|r| r.refined));
+    let materials = steps(records.iter().map(|r| r.material.cast_unsigned()));
+    let row = |(c, r): (usize, &ClusterRecord)| {
+        let mut row = vec![r.vertex_count, r.triangle_count, r.level];
+        row.extend(r.cone.map(i8::cast_unsigned));
+        row.extend(r.max_edge.to_le_bytes());
+        row.extend(refined[c].to_le_bytes());
+        row.extend(layout.materials.then_some(materials[c].to_le_bytes()).into_iter().flatten());
+        row
+    };
+    let rows: Vec<Vec<u8>> = records.iter().enumerate().map(row).collect();
+    writer.bytes(&transposed(&rows, record_bytes(layout)))?;
+    let spheres = records.iter().filter(|r| r.refined == NO_GROUP);
+    let spheres: Vec<Vec<u8>> = spheres.map(|r| bytemuck::bytes_of(&r.lod_sphere).to_vec()).collect();
+    writer.bytes(&transposed(&spheres, SPHERE_BYTES))
+}
+
+/// A vertex of a cluster while it is coded.
+struct Place {
+    /// An earlier cluster of the page has it.
+    shared: bool,
+    /// Vertices of the cluster: p, q, r of p + q − r.
+    sources: Source,
 }
 
 /// Writes who shares what, and notes it in `places`.
@@ -147,10 +164,10 @@ fn write_identities(
     let (mut uses, mut shared, mut earlier) = (Vec::new(), Vec::new(), Vec::new());
     for (id, place) in geometry.iter().flat_map(|g| g.ids).zip(places) {
         let count = known.len() as u32;
-        place.known = *known.entry(*id).or_insert(NO_NUMBER);
-        if place.known != NO_NUMBER {
+        if let Some(number) = known.get(id) {
             uses.push(SHARED);
-            shared.push(place.known);
+            shared.push(*number);
+            place.shared = true;
             continue;
         }
         known.insert(*id, count);
@@ -163,6 +180,5 @@ fn write_identities(
     }
     let packed = |uses: &[u8]| uses.iter().enumerate().fold(0, |byte, (i, u)| byte | u << (USE_BITS * i));
     writer.bytes(&uses.chunks(USES_PER_BYTE).map(packed).collect::<Vec<_>>())?;
-    writer.words(&steps(shared.into_iter()))?;
-    writer.words(&steps(earlier.into_iter()))
+    writer.words(&[steps(shared.into_iter()), steps(earlier.into_iter())].concat())
 }

@@ -1,8 +1,53 @@
 //! What culling knows of a cluster besides its error, all of it from positions and triangles, rounded outwards. The
-//! one home of it: building and files that store positions alone get the same bits.
+//! one home of it: building, and files, which store of it what takes triangles to find, get the same bits.
 
 use super::Aabb;
 use super::sphere::round_up;
+
+/// Bounds of points: a box, and a sphere about its centre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ball {
+    /// Centre of both.
+    pub center: [f32; 3],
+    /// Half extents of the box, rounded up.
+    pub extent: [f32; 3],
+    /// Radius about the centre that holds every point, rounded up.
+    pub radius: f32,
+}
+
+impl Ball {
+    /// The bounds of points.
+    pub fn of(points: &[[f32; 3]]) -> Self {
+        // Four points at a time, which are whole registers; the last one fills up the last four.
+        let (fours, rest) = points.as_chunks::<4>();
+        let last = (!rest.is_empty()).then(|| [0, 1, 2, 3].map(|k| rest[k.min(rest.len() - 1)]));
+        let fours = || fours.iter().copied().chain(last);
+        let less = |a: f32, b: f32| if b < a { b } else { a };
+        let more = |a: f32, b: f32| if b > a { b } else { a };
+        let (mut min, mut max) = ([f32::INFINITY; 12], [f32::NEG_INFINITY; 12]);
+        for four in fours() {
+            let four = four.as_flattened();
+            for k in 0..12 {
+                (min[k], max[k]) = (less(min[k], four[k]), more(max[k], four[k]));
+            }
+        }
+        let box_of_all = Aabb {
+            min: std::array::from_fn(|k| [min[k + 3], min[k + 6], min[k + 9]].into_iter().fold(min[k], less)),
+            max: std::array::from_fn(|k| [max[k + 3], max[k + 6], max[k + 9]].into_iter().fold(max[k], more)),
+        };
+        let (center, extent) = box_of_all.center_extent();
+        let mut farthest = [0f64; 4];
+        for four in fours() {
+            let squares = four.map(|p| difference(p, center).map(|d| d * d));
+            for k in 0..4 {
+                let squared = squares[k][0] + squares[k][1] + squares[k][2];
+                farthest[k] = if squared > farthest[k] { squared } else { farthest[k] };
+            }
+        }
+        let farthest = farthest.into_iter().fold(0.0, f64::max);
+        Self { center, extent, radius: round_up(farthest.sqrt()) }
+    }
+}
 
 /// The bounds of a cluster.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,12 +67,7 @@ pub struct Bounds {
 impl Bounds {
     /// The bounds of triangles over points.
     pub fn of(points: &[[f32; 3]], triangles: &[[u8; 3]]) -> Self {
-        let (center, extent) = Aabb::of_points(points).center_extent();
-        let mut farthest = 0f64;
-        for p in points {
-            let d = difference(*p, center);
-            farthest = farthest.max(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-        }
+        let Ball { center, extent, radius } = Ball::of(points);
         let mut longest = 0f64;
         let mut normals = Vec::with_capacity(triangles.len());
         for t in triangles {
@@ -43,8 +83,7 @@ impl Bounds {
                 normals.push([n[0] * inverse, n[1] * inverse, n[2] * inverse]);
             }
         }
-        let (radius, max_edge) = (round_up(farthest.sqrt()), round_up(longest.sqrt()));
-        Self { center, extent, radius, max_edge, cone: cone(&normals) }
+        Self { center, extent, radius, max_edge: round_up(longest.sqrt()), cone: cone(&normals) }
     }
 }
 

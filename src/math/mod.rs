@@ -11,7 +11,7 @@ pub mod sphere;
 pub mod triangle;
 
 pub use aabb::Aabb;
-pub use bounds::Bounds;
+pub use bounds::{Ball, Bounds};
 pub use gamma::Gamma;
 pub use pair::Pair;
 pub use project::{LodView, singular_value_bound};
