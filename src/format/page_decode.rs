@@ -21,6 +21,8 @@ use crate::model::{AttributeLayout, ClusterGeometry, ClusterRecord};
 pub struct Decoder {
     zstd: Decompressor<'static>,
     buffers: Buffers,
+    /// Coordinates of normals in memory, by the low bits that stand for them.
+    wide: Vec<u32>,
 }
 
 #[derive(Default)]
@@ -56,7 +58,7 @@ impl Decoder {
     /// A decoder.
     pub fn new() -> Result<Self> {
         let zstd = Decompressor::new().map_err(|e| Error::Invariant(format!("zstd: {e}")))?;
-        Ok(Self { zstd, buffers: Buffers::default() })
+        Ok(Self { zstd, buffers: Buffers::default(), wide: Vec::new() })
     }
 
     /// Fills the words of a page of so many clusters, all zero before, from bytes.
@@ -96,11 +98,12 @@ impl Decoder {
             })?,
         }
         let bits = context.normal_bits();
-        // By the low bits of a coordinate.
-        let unused = u32::BITS - bits;
-        let signed = |low: u32| (low << unused).cast_signed() >> unused;
-        let wide: Vec<u32> = (0..1 << bits).map(|low| u32::from(widen(signed(low), bits))).collect();
-        let wide = |t: u32| wide[t as usize & (wide.len() - 1)];
+        if self.wide.len() != 1 << bits {
+            let unused = u32::BITS - bits;
+            let signed = |low: u32| (low << unused).cast_signed() >> unused;
+            self.wide = (0..1 << bits).map(|low| u32::from(widen(signed(low), bits))).collect();
+        }
+        let wide = |t: u32| self.wide[t as usize & (self.wide.len() - 1)];
         rows.read(&Normal { bits }, |out, shape, i, [x, y]| {
             out[shape.data + 3 * shape.vertices + i] = wide(x) | wide(y) << NORMAL_BITS;
         })?;
