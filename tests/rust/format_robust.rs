@@ -1,5 +1,7 @@
 //! Files: what is written comes back, and nothing that is read is trusted.
 
+use std::cell::RefCell;
+
 use nanite_rs::Error;
 use nanite_rs::build::{Silent, build, check};
 use nanite_rs::config::BuildOptions;
@@ -17,6 +19,7 @@ use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::rule::Threshold;
 use nanite_rs::model::{ChannelInfo, ChannelType, Dag, Grid};
 use proptest::prelude::*;
+use rayon::prelude::*;
 
 use crate::dag_invariants::{Random, build_mesh};
 use crate::damage::{self, reseal};
@@ -31,6 +34,23 @@ fn rich_mesh(n: usize) -> Dag {
     let dag = damage::rich_mesh(n);
     check(&dag).unwrap();
     dag
+}
+
+/// Runs so many cases on all threads, each with random numbers of its own; in how many of them it was true.
+fn count(cases: usize, case: impl Fn(&mut Random) -> bool + Sync) -> usize {
+    struct Number(usize);
+    impl Drop for Number {
+        fn drop(&mut self) {
+            if std::thread::panicking() {
+                eprintln!("in case {}", self.0);
+            }
+        }
+    }
+    let run = |number: usize| {
+        let _named = Number(number);
+        case(&mut Random(number as u64))
+    };
+    (0..cases).into_par_iter().filter(|number| run(*number)).count()
 }
 
 fn section(bytes: &[u8], kind: Kind) -> std::ops::Range<usize> {
@@ -189,16 +209,19 @@ fn every_truncation_is_a_typed_error() {
 fn every_flipped_bit_is_found() {
     let dag = rounded(&rich_mesh(4), Precision::Auto);
     let bytes = to_bytes(&dag).unwrap();
-    let mut random = Random(5);
-    for _ in 0..cases(2000, 50_000) {
+    count(cases(2000, 200_000), |random| {
         let mut damaged = bytes.clone();
-        let at = (random.next() * bytes.len() as f64) as usize;
-        damaged[at] ^= 1 << (random.next() * 8.0) as u8;
+        let at = pick(bytes.len(), random);
+        damaged[at] ^= 1 << pick(8, random);
         match from_bytes(&damaged, "flipped") {
-            Err(Error::Format { .. }) => {}
+            Err(Error::Format { .. }) => true,
             other => panic!("byte {at}: {:?}", other.map(|_| ())),
         }
-    }
+    });
+}
+
+thread_local! {
+    static DECODER: RefCell<Decoder> = RefCell::new(Decoder::new().unwrap());
 }
 
 const EVIL: [u32; 9] = [0, 1, 0x7f, 0xff, 0x1_0000, 0x7f80_0000, 0x7fc0_0000, 0x8000_0000, u32::MAX];
@@ -211,38 +234,37 @@ fn pick(n: usize, random: &mut Random) -> usize {
 #[test]
 fn hostile_files_never_panic() {
     let dag = rich_mesh(6);
-    let mut random = Random(9);
     let kinds = [Kind::PageTable, Kind::Groups, Kind::Nodes, Kind::FaceIds, Kind::Channels, Kind::Pages];
     let mut accepted = 0;
     for bytes in [to_bytes(&dag).unwrap(), to_bytes(&rounded(&dag, Precision::Auto)).unwrap()] {
-        for _ in 0..cases(1500, 400_000) {
+        accepted += count(cases(1500, 400_000), |random| {
             let mut damaged = bytes.clone();
-            for _ in 0..=pick(2, &mut random) {
-                let place = match pick(8, &mut random) {
+            for _ in 0..=pick(2, random) {
+                let place = match pick(8, random) {
                     0 => HEADER_BYTES..section(&bytes, Kind::Metadata).start,
                     1 => section(&bytes, Kind::Metadata),
                     k => section(&bytes, kinds[k - 2]),
                 };
-                let at = place.start + pick(place.len() / 4, &mut random) * 4;
+                let at = place.start + pick(place.len() / 4, random) * 4;
                 if place == section(&bytes, Kind::Metadata) {
-                    damaged[at] = b"0123456789-e.,"[pick(14, &mut random)];
-                } else if pick(2, &mut random) == 0 {
-                    damaged[at + pick(4, &mut random)] ^= 1 << pick(8, &mut random);
+                    damaged[at] = b"0123456789-e.,"[pick(14, random)];
+                } else if pick(2, random) == 0 {
+                    damaged[at + pick(4, random)] ^= 1 << pick(8, random);
                 } else {
-                    let value = EVIL[pick(EVIL.len(), &mut random)];
+                    let value = EVIL[pick(EVIL.len(), random)];
                     damaged[at..at + 4].copy_from_slice(&value.to_le_bytes());
                 }
             }
             reseal(&mut damaged);
             match from_bytes(&damaged, "hostile") {
                 Ok(read) => {
-                    accepted += 1;
                     exercise(&read);
+                    true
                 }
-                Err(Error::Format { .. }) => {}
+                Err(Error::Format { .. }) => false,
                 Err(other) => panic!("{other}"),
             }
-        }
+        });
     }
     assert!(accepted > 100, "the damage never got past the reader: the test tests nothing");
 }
@@ -250,40 +272,43 @@ fn hostile_files_never_panic() {
 /// The same inside pages, after zstd: bytes of every stream of a page that was written without it.
 #[test]
 fn hostile_pages_never_panic() {
-    let mut random = Random(21);
     let mut accepted = 0;
     for precision in [Precision::Auto, Precision::Exact] {
-        let dag = rounded(&rich_mesh(12), precision);
+        let dag = rounded(&rich_mesh(8), precision);
         let plan = Rounded::new(&dag, Precision::Exact).unwrap();
         let contexts = contexts(&plan);
-        let mut decoder = Decoder::new().unwrap();
+        let each = cases(10_000, 500_000).div_ceil(contexts.len());
         for (p, context) in contexts.iter().enumerate() {
             let entry = dag.pages.table[p];
             let clusters = entry.clusters as usize;
             let mut writer = Writer::new(None).unwrap();
             page_encode::encode(context, dag.pages.page(p), clusters, &mut writer).unwrap();
             let bytes = writer.bytes;
+            let decode = |bytes: &[u8]| {
+                let mut words = vec![0; entry.words as usize];
+                let read =
+                    DECODER.with_borrow_mut(|decoder| decoder.decode(context, bytes, clusters, &mut words));
+                read.map(|()| words)
+            };
             for length in 0..bytes.len() {
-                let mut words = vec![0; entry.words as usize];
-                assert!(decoder.decode(context, &bytes[..length], clusters, &mut words).is_err());
+                assert!(decode(&bytes[..length]).is_err());
             }
-            for _ in 0..cases(2000, 600_000) {
+            accepted += count(each, |random| {
                 let mut damaged = bytes.clone();
-                for _ in 0..=pick(3, &mut random) {
-                    let at = pick(bytes.len(), &mut random);
-                    damaged[at] = [damaged[at] ^ 1 << pick(8, &mut random), 0, 255][pick(3, &mut random)];
+                for _ in 0..=pick(3, random) {
+                    let at = pick(bytes.len(), random);
+                    damaged[at] = [damaged[at] ^ 1 << pick(8, random), 0, 255][pick(3, random)];
                 }
-                let mut words = vec![0; entry.words as usize];
-                if decoder.decode(context, &damaged, clusters, &mut words).is_ok() {
-                    let mut read = dag.clone();
-                    let start = entry.offset as usize;
-                    read.pages.words[start..start + words.len()].copy_from_slice(&words);
-                    if validate::structure(&read).is_ok() {
-                        accepted += 1;
-                        exercise(&read);
-                    }
+                let Ok(words) = decode(&damaged) else { return false };
+                let mut read = dag.clone();
+                let start = entry.offset as usize;
+                read.pages.words[start..start + words.len()].copy_from_slice(&words);
+                let sound = validate::structure(&read).is_ok();
+                if sound {
+                    exercise(&read);
                 }
-            }
+                sound
+            });
         }
     }
     assert!(accepted > 100, "the damage never got past the reader: the test tests nothing");
