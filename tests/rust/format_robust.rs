@@ -17,7 +17,7 @@ use nanite_rs::lod::{cut_error, extract, select};
 use nanite_rs::measure::{BoundOptions, Surface, hausdorff_upper};
 use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{ChannelInfo, ChannelType, Dag, Grid};
+use nanite_rs::model::{ChannelInfo, ChannelType, Dag, Grid, Node};
 use proptest::prelude::*;
 use rayon::prelude::*;
 
@@ -339,6 +339,27 @@ fn what_is_allocated_is_bounded_by_the_file() {
     refused(20..24, u64::from(u32::MAX), "number of clusters");
     refused(28..32, 1, "first group");
     refused(36..40, u64::from(u32::MAX), "too few bytes");
+}
+
+/// A frame on a device takes a pass for each node on the longest way down.
+#[test]
+fn hierarchies_are_not_deeper_than_stated() {
+    let dag = rich_mesh(6);
+    let below = |links: u32| {
+        let mut dag = dag.clone();
+        dag.nodes.iter_mut().filter(|n| n.is_leaf == 0).for_each(|n| n.first += links);
+        let link = |n: u32| Node { first: n + 1, count: 1, is_leaf: 0, ..dag.nodes[0] };
+        dag.nodes.splice(..0, (0..links).map(link).collect::<Vec<_>>());
+        dag
+    };
+    let deep = below(100);
+    assert!(from_bytes(&to_bytes(&deep).unwrap(), "x").unwrap() == deep);
+    check(&deep).unwrap();
+    for links in [127, 128, 5000] {
+        let deeper = below(links);
+        assert!(validate::structure(&deeper).is_err_and(|fault| fault.0 == Kind::Nodes));
+        assert!(matches!(to_bytes(&deeper), Err(Error::Invariant(_))));
+    }
 }
 
 #[test]
