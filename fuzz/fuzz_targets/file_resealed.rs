@@ -13,5 +13,6 @@ fuzz_target!(init: one_thread(), |bytes: &[u8]| {
         damage::exercise(&dag);
         // Saved again it may be refused.
         let _ = to_bytes(&dag);
+        damage::draw(dag);
     }
 });

@@ -44,6 +44,7 @@ fn decode((plan, p, context): &Page, bytes: &[u8]) {
         dag.pages.words[entry.offset as usize..][..words.len()].copy_from_slice(&words);
         if validate::structure(&dag).is_ok() {
             damage::exercise(&dag);
+            damage::draw(dag);
         }
     }
 }

@@ -2,14 +2,17 @@
 //! in this.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use nanite_rs::build::{Silent, build};
-use nanite_rs::config::BuildOptions;
+use nanite_rs::config::{BuildOptions, RenderOptions};
 use nanite_rs::format::file::{ENTRY_BYTES, HEADER_BYTES, Kind, PageRow};
 use nanite_rs::lod::{FaceBudget, channel_rows, cut_error, extract, select};
 use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::rule::Threshold;
 use nanite_rs::model::{ChannelInfo, ChannelType, Dag};
+use nanite_rs::render::Renderer;
+use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
 use crate::shapes;
 
@@ -96,5 +99,25 @@ pub fn exercise(dag: &Dag) {
         let cut = extract(dag, clusters);
         let _ = cut_error(dag, clusters);
         dag.channels.iter().for_each(|c| assert!(channel_rows(c, &cut.ids).len() >= cut.ids.len()));
+    }
+}
+
+/// The same of frames, drawn on the CPU from outside, at the surface and from within.
+pub fn draw(dag: Dag) {
+    let mut scene = Scene::new();
+    let mut pose = [[0.0; 4]; 4];
+    (0..4).for_each(|k| pose[k][k] = 1.0);
+    // A frame of the source may be too large or too small for a scene.
+    if scene.add(Arc::new(dag), &pose, Material::default()).is_err() {
+        return;
+    }
+    let camera =
+        Camera { projection: Projection::Perspective { yfov: 0.8, aspect: None }, znear: 0.05, zfar: None };
+    let mut renderer = Renderer::new(48, 32, "cpu").unwrap();
+    for distance in [4.0, 1.1, 0.0] {
+        pose[2][3] = distance;
+        if let Ok(frame) = renderer.render(&scene, &camera, &pose, &RenderOptions::default()) {
+            let _ = (frame.color(), frame.depth(), frame.normals(), frame.face_ids(), frame.cluster_ids());
+        }
     }
 }

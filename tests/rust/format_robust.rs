@@ -58,9 +58,10 @@ fn section(bytes: &[u8], kind: Kind) -> std::ops::Range<usize> {
 }
 
 /// What an accepted file has to stand: use, and checks, of which the outcome is open.
-fn exercise(dag: &Dag) {
-    damage::exercise(dag);
-    let _ = check(dag);
+fn exercise(dag: Dag) {
+    damage::exercise(&dag);
+    let _ = check(&dag);
+    damage::draw(dag);
 }
 
 fn rounded(dag: &Dag, precision: Precision) -> Dag {
@@ -258,7 +259,7 @@ fn hostile_files_never_panic() {
             reseal(&mut damaged);
             match from_bytes(&damaged, "hostile") {
                 Ok(read) => {
-                    exercise(&read);
+                    exercise(read);
                     true
                 }
                 Err(Error::Format { .. }) => false,
@@ -305,7 +306,7 @@ fn hostile_pages_never_panic() {
                 read.pages.words[start..start + words.len()].copy_from_slice(&words);
                 let sound = validate::structure(&read).is_ok();
                 if sound {
-                    exercise(&read);
+                    exercise(read);
                 }
                 sound
             });
