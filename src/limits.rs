@@ -10,6 +10,9 @@ pub const GROUP_MAX_CLUSTERS: usize = 32;
 pub const MAX_ROUNDS: u32 = 255;
 /// Children of a hierarchy node.
 pub const NODE_WIDTH: usize = 8;
+/// Nodes on the way from the root to a group at most. A device takes a pass for each; those that are built stay below
+/// 80, 64 of them for [`MAX_ROUNDS`] levels.
+pub const NODE_MAX_DEPTH: u16 = 128;
 
 /// Bytes of a page at most. A page holds whole groups of one level.
 pub const PAGE_MAX_BYTES: usize = 128 * 1024;

@@ -7,12 +7,13 @@ import datetime
 import json
 from pathlib import Path
 
-from . import build, cut, distance, frames, gpu, instances, machine, memory, report
+from . import build, cut, distance, files, frames, gpu, instances, machine, memory, report
 
 BENCHMARKS = {
     "build": build,
     "cut": cut,
     "distance": distance,
+    "files": files,
     "frames": frames,
     "gpu": gpu,
     "instances": instances,

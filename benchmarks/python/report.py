@@ -6,6 +6,7 @@ TITLES = {
     "build": "Building a displaced icosphere",
     "cut": "A cut against fast-simplification (deviation in 1e-4 of the diagonal)",
     "distance": "Distances of points to a mesh, and between meshes",
+    "files": "One surface as a file, and by the codecs of glTF",
     "frames": "A frame of a displaced icosphere over 22.9 % of 1280×720, ms, against pyrender on OSMesa",
     "gpu": "Crowds at equal coverage on a device of wgpu, its CPU twin, pyrender on OSMesa, Embree",
     "memory": "Memory of a build beyond the arrays given, and its time",

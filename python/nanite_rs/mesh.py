@@ -352,6 +352,10 @@ class NaniteMesh:
         stay closed. The distance that positions moved is part of `Cut.error` of the mesh that is opened again, and
         with the angle of the normals in its `info`. Saving what was opened loses nothing more.
 
+        Bytes go to a temporary file beside the target, are synced to disk, and then take its name: whenever the
+        process ends, the target is the old file or the new one, whole. A process that is killed leaves its
+        temporary file, ``.nanite-*.tmp``, which nothing reads and anyone may delete.
+
         Parameters
         ----------
         path : path

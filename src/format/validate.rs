@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use super::file::Kind;
 use super::quantize::MAX_EXPONENT;
 use crate::limits::{
-    CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, MAX_ROUNDS, PAGE_MAX_CLUSTERS,
+    CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, MAX_ROUNDS, NODE_MAX_DEPTH,
+    PAGE_MAX_CLUSTERS,
 };
 use crate::math::octahedral::NORMAL_BITS;
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
@@ -199,6 +200,7 @@ fn nodes(dag: &Dag) -> Result<(), Fault> {
     // Children come after their parents and belong to one parent: walks end, and visit nothing twice.
     let mut next_node = 1u64;
     let mut groups_seen = vec![false; dag.groups.len()];
+    let mut depths = vec![1u16; dag.nodes.len()];
     for (n, node) in dag.nodes.iter().enumerate() {
         let fault = |holds: bool, what: &str| ensure(holds, Kind::Nodes, || format!("node {n}: {what}"));
         let (first, count) = (u64::from(node.first), u64::from(node.count));
@@ -212,6 +214,9 @@ fn nodes(dag: &Dag) -> Result<(), Fault> {
             fault(first == next_node && first > n as u64, "children do not follow in order")?;
             fault(first + count <= dag.nodes.len() as u64, "children")?;
             next_node += count;
+            fault(depths[n] < NODE_MAX_DEPTH, "it is too far below the root")?;
+            let below = depths[n] + 1;
+            depths[first as usize..][..count as usize].fill(below);
         }
         fault(finite(&node.center) && finite(&node.extent), "box")?;
         fault(finite(&node.lod_sphere.center) && node.lod_sphere.radius.is_finite(), "sphere")?;

@@ -1,6 +1,7 @@
 //! Integration tests: one binary.
 
 mod dag_invariants;
+mod damage;
 mod depth_only;
 mod format_robust;
 #[cfg(feature = "gpu")]
