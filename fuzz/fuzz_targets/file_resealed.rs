@@ -9,6 +9,7 @@ use nanite_rs::format::{from_bytes, to_bytes};
 fuzz_target!(init: one_thread(), |bytes: &[u8]| {
     let mut bytes = bytes.to_vec();
     damage::reseal(&mut bytes);
+    damage::stream(bytes.clone());
     if let Ok(dag) = from_bytes(&bytes, "resealed") {
         damage::exercise(&dag);
         // Saved again it may be refused.

@@ -3,7 +3,7 @@
 #![no_main]
 
 use std::cell::RefCell;
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 use libfuzzer_sys::fuzz_target;
 use nanite_fuzz::{damage, meshes, one_thread};
@@ -41,7 +41,7 @@ fn decode((plan, p, context): &Page, bytes: &[u8]) {
         .with_borrow_mut(|decoder| decoder.decode(context, bytes, entry.clusters as usize, &mut words));
     if read.is_ok() {
         let mut dag = plan.dag.clone();
-        dag.pages.words[entry.offset as usize..][..words.len()].copy_from_slice(&words);
+        Arc::make_mut(&mut dag.pages).set(*p, Some(words.into()));
         if validate::structure(&dag).is_ok() {
             damage::exercise(&dag);
             damage::draw(dag);

@@ -27,6 +27,16 @@ impl Input for &[u8] {
     }
 }
 
+impl Input for Vec<u8> {
+    fn length(&self) -> u64 {
+        self.len() as u64
+    }
+
+    fn read(&self, offset: u64, length: usize) -> std::io::Result<Cow<'_, [u8]>> {
+        Ok(Cow::Borrowed(&self[offset as usize..][..length]))
+    }
+}
+
 /// A file that stays open: what is renamed over it later does not change what is read.
 #[derive(Debug)]
 pub struct OnDisk {

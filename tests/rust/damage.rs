@@ -7,6 +7,7 @@ use std::sync::Arc;
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, RenderOptions};
 use nanite_rs::format::file::{ENTRY_BYTES, HEADER_BYTES, Kind, PageRow};
+use nanite_rs::format::open_input;
 use nanite_rs::lod::{FaceBudget, channel_rows, cut_error, extract, select};
 use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::rule::Threshold;
@@ -104,6 +105,24 @@ pub fn exercise(dag: &Dag) {
 
 /// The same of frames, drawn on the CPU from outside, at the surface and from within.
 pub fn draw(dag: Dag) {
+    render(dag, &mut Renderer::new(48, 32, "cpu").unwrap(), true);
+}
+
+/// The same of a file whose pages are read when frames need them, with room for half of them: what a whole reader refuses
+/// for a page is drawn without it.
+pub fn stream(bytes: Vec<u8>) {
+    let Ok(dag) = open_input(Box::new(bytes), "streamed") else { return };
+    let mut renderer = Renderer::new(48, 32, "cpu").unwrap();
+    renderer.stream(Some(2 * dag.pages.word_count()));
+    for wait in [false, true] {
+        render(dag.clone(), &mut renderer, wait);
+        let streamer = renderer.streamer().unwrap();
+        streamer.pool().check().unwrap();
+        streamer.faults();
+    }
+}
+
+fn render(dag: Dag, renderer: &mut Renderer, wait: bool) {
     let mut scene = Scene::new();
     let mut pose = [[0.0; 4]; 4];
     (0..4).for_each(|k| pose[k][k] = 1.0);
@@ -113,10 +132,10 @@ pub fn draw(dag: Dag) {
     }
     let camera =
         Camera { projection: Projection::Perspective { yfov: 0.8, aspect: None }, znear: 0.05, zfar: None };
-    let mut renderer = Renderer::new(48, 32, "cpu").unwrap();
+    let options = RenderOptions { wait, ..RenderOptions::default() };
     for distance in [4.0, 1.1, 0.0] {
         pose[2][3] = distance;
-        if let Ok(frame) = renderer.render(&scene, &camera, &pose, &RenderOptions::default()) {
+        if let Ok(frame) = renderer.render(&scene, &camera, &pose, &options) {
             let _ = (frame.color(), frame.depth(), frame.normals(), frame.face_ids(), frame.cluster_ids());
         }
     }

@@ -245,13 +245,21 @@ fn pick(n: usize, random: &mut Random) -> usize {
 #[test]
 fn hostile_files_never_panic() {
     let dag = rich_mesh(6);
-    let kinds = [Kind::PageTable, Kind::Groups, Kind::Nodes, Kind::FaceIds, Kind::Channels, Kind::Pages];
+    let kinds = [
+        Kind::PageTable,
+        Kind::Dependencies,
+        Kind::Groups,
+        Kind::Nodes,
+        Kind::FaceIds,
+        Kind::Channels,
+        Kind::Pages,
+    ];
     let mut accepted = 0;
     for bytes in [to_bytes(&dag).unwrap(), to_bytes(&rounded(&dag, Precision::Auto)).unwrap()] {
         accepted += count(cases(1500, 400_000), |random| {
             let mut damaged = bytes.clone();
             for _ in 0..=pick(2, random) {
-                let place = match pick(8, random) {
+                let place = match pick(2 + kinds.len(), random) {
                     0 => HEADER_BYTES..section(&bytes, Kind::Metadata).start,
                     1 => section(&bytes, Kind::Metadata),
                     k => section(&bytes, kinds[k - 2]),
@@ -267,6 +275,7 @@ fn hostile_files_never_panic() {
                 }
             }
             reseal(&mut damaged);
+            damage::stream(damaged.clone());
             match from_bytes(&damaged, "hostile") {
                 Ok(read) => {
                     exercise(read);
