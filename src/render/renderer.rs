@@ -246,7 +246,10 @@ impl Renderer {
         let mut frames = match self.streamer.take() {
             None => {
                 scene.instances().iter().try_for_each(|(_, instance)| instance.mesh.pages.load_all())?;
-                self.frames(scene, &views, options, &Resident::default())?.0
+                let resident = Resident::default();
+                let shots = shots(scene, &views, options, &resident);
+                let rastered = self.draw(&shots)?;
+                self.finish(shots, rastered)?
             }
             Some(mut streamer) => {
                 let frames = self.streamed(&mut streamer, scene, &views, options);
@@ -270,41 +273,33 @@ impl Renderer {
         loop {
             let meshes = scene.instances().iter().map(|(_, instance)| &instance.mesh);
             let resident = streamer.resident(meshes, options.wait)?;
-            let (mut frames, mut needs) = self.frames(scene, views, options, &resident)?;
+            let shots = shots(scene, views, options, &resident);
+            let mut rastered = self.draw(&shots)?;
+            let mut needs = Needs::default();
+            for rastered in &mut rastered {
+                needs.merge(std::mem::take(&mut rastered.needs));
+                streaming::drawn(rastered, options.pixel_error, &resident, &mut needs);
+            }
             streaming::expected(scene, &self.before, views, options.pixel_error, &resident, &mut needs);
             let stats = streamer.request(&needs)?;
             let settled = stats.missing_pages == stats.refused_pages;
             if options.wait && !settled && stats.rounds < MOST_ROUNDS {
+                rastered.into_iter().for_each(|rastered| self.spare.give(rastered.picture));
                 streamer.wait();
                 continue;
             }
             streamer.finish();
             self.before = views.to_vec();
+            let mut frames = self.finish(shots, rastered)?;
             frames.iter_mut().for_each(|frame| frame.stats.stream = Some(stats.clone()));
             return Ok(frames);
         }
     }
 
-    /// A frame for each view, and the pages that they needed.
-    fn frames(
-        &mut self,
-        scene: &Scene,
-        views: &[View],
-        options: &RenderOptions,
-        resident: &Resident,
-    ) -> Result<(Vec<Frame>, Needs)> {
-        let shots: Vec<Shot<'_>> =
-            views.iter().map(|view| Shot::new(scene, view.clone(), options, resident)).collect();
-        let mut rastered = self.draw(&shots)?;
-        let mut needs = Needs::default();
-        for rastered in &mut rastered {
-            needs.merge(std::mem::take(&mut rastered.needs));
-            streaming::drawn(rastered, options.pixel_error, resident, &mut needs);
-        }
-        let spare = &self.spare;
-        let frame = |(shot, rastered)| finished(shot, rastered, spare.clone());
-        let frames = shots.into_iter().zip(rastered).map(frame).collect::<Result<_>>()?;
-        Ok((frames, needs))
+    /// The frames of what was drawn.
+    fn finish(&self, shots: Vec<Shot<'_>>, rastered: Vec<Rastered>) -> Result<Vec<Frame>> {
+        let frame = |(shot, rastered)| finished(shot, rastered, self.spare.clone());
+        shots.into_iter().zip(rastered).map(frame).collect()
     }
 
     /// The culling and raster stages, and on a device more.
@@ -347,6 +342,16 @@ impl Renderer {
         let needs = streaming::missed(&absent, &views);
         Ok(Rastered { picture, views, visible, large, made: Vec::new(), needs, stats })
     }
+}
+
+/// What is to be drawn from each view.
+fn shots<'a>(
+    scene: &'a Scene,
+    views: &[View],
+    options: &'a RenderOptions,
+    resident: &'a Resident,
+) -> Vec<Shot<'a>> {
+    views.iter().map(|view| Shot::new(scene, view.clone(), options, resident)).collect()
 }
 
 /// Culls and draws into pixels of one kind or the other; returns the frame's visible list, and the groups that were to
