@@ -44,8 +44,10 @@ const PAGES: &str = "the clusters of the meshes";
 
 /// Words of a place for a page of a streamed mesh.
 const PLACE_WORDS: u64 = PAGE_MAX_BYTES as u64 / WORD;
-/// Places at first.
+/// Places at first, in large pools.
 const FIRST_PLACES: usize = 64;
+/// Places when these do not do. Smaller pools are made as a whole.
+const NEXT_PLACES: usize = 512;
 /// What the table has for a page that is not there.
 pub const ABSENT: u32 = u32::MAX;
 
@@ -108,6 +110,17 @@ fn layout(mesh: &Dag, mut at: u64, bits: u32) -> (Vec<u64>, u64) {
     (offsets, at)
 }
 
+/// How many places to make. What is there moves when there are more, so that this is seldom.
+fn places_for(resident: &Resident) -> usize {
+    let (held, most) = (resident.held(), resident.most());
+    match held {
+        0 => 0,
+        _ if most <= NEXT_PLACES => most,
+        1..=FIRST_PLACES => FIRST_PLACES,
+        _ => (4 * held).next_power_of_two().clamp(NEXT_PLACES, most),
+    }
+}
+
 /// Nodes on the longest way from the root to a group. Children have larger numbers than their parent.
 fn depth(mesh: &Dag) -> u32 {
     let mut depths = vec![1; mesh.nodes.len()];
@@ -134,11 +147,7 @@ impl Meshes {
             || words > self.room_words
             || (0..ARRAYS.len()).any(|k| needed[k] > self.room[k])
         {
-            let places = if resident.held() == 0 {
-                0
-            } else {
-                resident.held().next_power_of_two().clamp(FIRST_PLACES, resident.most().max(FIRST_PLACES))
-            };
+            let places = places_for(resident);
             let used_words = places as u64 * PLACE_WORDS;
             let free = (0..places as u32).rev().collect();
             *self = Self { array_bits: context.array_bits(), places, free, used_words, ..Self::default() };

@@ -209,7 +209,7 @@ fn once_settled_the_picture_is_that_of_the_whole_mesh() {
     }
 }
 
-/// A device starts with room for 64 pages; with more, all it has moves.
+/// A device starts with room for 64 pages of a large pool; with more, all it has moves.
 #[cfg(feature = "gpu")]
 #[test]
 fn a_device_makes_room_as_pages_come() {
@@ -225,7 +225,7 @@ fn a_device_makes_room_as_pages_come() {
         scene
     };
     let (stored, whole) = (scene(&open(Disk::of(&mesh))), scene(&mesh));
-    let mut streamed = renderer("gpu", (mesh.pages.table.len() * PAGE_MAX_BYTES) as u64);
+    let mut streamed = renderer("gpu", 2048 * PAGE_MAX_BYTES as u64);
     let mut resident = Renderer::new(320, 240, "gpu").unwrap();
     let mut most = 0;
     for pixel_error in [4.0, 1.0, 0.0, 1.0] {
