@@ -119,8 +119,8 @@ fn plan_pages(graph: &Graph, order: &[u32]) -> Plan {
         let entry = &mut plan.table[page];
         entry.words += words as u32;
         entry.clusters += group.members.len() as u32;
-        let triangles = |c: &u32| graph.clusters[*c as usize].mesh.triangles.len() as u32;
-        entry.triangles += group.members.iter().map(triangles).sum::<u32>();
+        let source = group.members.iter().map(|c| &graph.clusters[*c as usize]).filter(|c| c.level == 0);
+        entry.faces += source.map(|c| c.mesh.triangles.len() as u32).sum::<u32>();
     }
     plan
 }

@@ -199,10 +199,10 @@ impl<'a> Container<'a> {
             if row.words as usize > MAX_EXPANSION / 4 * row.bytes as usize || known > u64::from(row.bytes) {
                 return fault("too few bytes for what it holds");
             }
-            if row.triangles > row.clusters * CLUSTER_MAX_TRIANGLES as u32 {
+            if row.faces > row.clusters * CLUSTER_MAX_TRIANGLES as u32 {
                 return fault("number of triangles");
             }
-            faces += if row.level == 0 { u64::from(row.triangles) } else { 0 };
+            faces += u64::from(row.faces);
             if faces > u64::from(u32::MAX) {
                 return fault("the source has more than 2^32 triangles");
             }
@@ -335,7 +335,7 @@ impl Head {
     /// The table of the pages in memory.
     pub(super) fn entries(&self) -> Vec<PageEntry> {
         let next = |last: &mut PageEntry, row: &PageRow| {
-            *last = last.next(row.words, row.clusters, row.level, row.triangles);
+            *last = last.next(row.words, row.clusters, row.level, row.faces);
             Some(*last)
         };
         // Behind nothing: a level of no triangles.
@@ -363,7 +363,7 @@ impl Head {
         let mut words = vec![0u32; row.words as usize];
         decoder.decode(&context, &bytes, row.clusters as usize, &mut words).map_err(fault)?;
         let limits = validate::PageLimits { layout, groups: &self.groups, vertex_count };
-        let records = limits.check(row.clusters, row.triangles, &words).map_err(|what| fault(&what))?;
+        let records = limits.check(row.clusters, row.faces, &words).map_err(|what| fault(&what))?;
         let depends = |r: &ClusterRecord| {
             r.refined == NO_GROUP
                 || self.dependencies.of(r.refined_page as usize).binary_search(&(page as u32)).is_ok()

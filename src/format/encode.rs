@@ -178,7 +178,7 @@ fn write_pages(
             level: entry.level,
             first_group: context.own.start as u32,
             first_identity: context.first_identity,
-            triangles: entry.triangles,
+            faces: entry.faces,
             dependencies: 0,
             parts,
         };

@@ -75,14 +75,14 @@ pub struct PageRow {
     pub words: u32,
     /// Number of clusters.
     pub clusters: u32,
-    /// Level of every cluster.
+    /// Level of every group.
     pub level: u32,
     /// The first group whose members it holds.
     pub first_group: u32,
     /// One more than the largest identity of the pages before.
     pub first_identity: u32,
-    /// Triangles of all its clusters.
-    pub triangles: u32,
+    /// Triangles of the source that it holds.
+    pub faces: u32,
     /// Number of pages that it depends on, see [`Kind::Dependencies`].
     pub dependencies: u32,
     /// How many bytes are about what, in order ([`super::page::Part`]); what is left is padding.

@@ -31,7 +31,7 @@ pub fn structure(dag: &Dag) -> Result<(), Fault> {
         ensure(words.len() == entry.words as usize, Kind::PageTable, || {
             format!("page {p} has {} words", words.len())
         })?;
-        let checked = limits.check(entry.clusters, entry.triangles, words);
+        let checked = limits.check(entry.clusters, entry.faces, words);
         checked.map(drop).map_err(|what| (Kind::Pages, format!("page {p}: {what}")))
     })
 }
@@ -43,10 +43,9 @@ pub fn head(dag: &Dag) -> Result<(), Fault> {
     groups(dag)?;
     nodes(dag)?;
     channels(dag)?;
-    let of_source = dag.pages.table.iter().filter(|entry| entry.level == 0);
-    let source: u64 = of_source.map(|entry| u64::from(entry.triangles)).sum();
+    let source: u64 = dag.pages.table.iter().map(|entry| u64::from(entry.faces)).sum();
     ensure(source == dag.source_faces, Kind::PageTable, || {
-        format!("{source} triangles at level 0, but {} in the metadata", dag.source_faces)
+        format!("{source} triangles of the source, but {} in the metadata", dag.source_faces)
     })?;
     let rows = dag.face_ids.as_ref().map_or(source, |r| r.len() as u64);
     ensure(rows == source, Kind::FaceIds, || format!("{rows} rows for {source} triangles"))
@@ -95,7 +94,7 @@ fn metadata(dag: &Dag) -> Result<(), Fault> {
 fn page_table(dag: &Dag) -> Result<(), Fault> {
     let mut last = PageEntry::default();
     for (p, entry) in dag.pages.table.iter().enumerate() {
-        let follows = *entry == last.next(entry.words, entry.clusters, entry.level, entry.triangles);
+        let follows = *entry == last.next(entry.words, entry.clusters, entry.level, entry.faces);
         ensure(follows, Kind::PageTable, || format!("page {p} does not follow the one before"))?;
         let fits = (1..=PAGE_MAX_CLUSTERS as u32).contains(&entry.clusters)
             && entry.clusters as usize * RECORD_WORDS <= entry.words as usize;
@@ -117,11 +116,11 @@ pub struct PageLimits<'a> {
 }
 
 impl PageLimits<'_> {
-    /// Checks the words of a page of so many clusters and triangles; returns its records.
+    /// Checks the words of a page of so many clusters and triangles of the source; returns its records.
     pub fn check<'w>(
         &self,
         clusters: u32,
-        triangles: u32,
+        faces: u32,
         words: &'w [u32],
     ) -> Result<&'w [ClusterRecord], String> {
         let head = words.get(..clusters as usize * RECORD_WORDS).ok_or("clusters do not fill the page")?;
@@ -129,8 +128,13 @@ impl PageLimits<'_> {
         for (slot, record) in records.iter().enumerate() {
             self.cluster(record, words).map_err(|what| format!("cluster {slot}: {what}"))?;
         }
-        let sum: u32 = records.iter().map(|record| u32::from(record.triangle_count)).sum();
-        if sum == triangles { Ok(records) } else { Err(format!("{sum} triangles instead of {triangles}")) }
+        let source = records.iter().filter(|record| record.level == 0);
+        let sum: u32 = source.map(|record| u32::from(record.triangle_count)).sum();
+        if sum == faces {
+            Ok(records)
+        } else {
+            Err(format!("{sum} triangles of the source instead of {faces}"))
+        }
     }
 
     fn cluster(&self, record: &ClusterRecord, words: &[u32]) -> Result<(), &'static str> {

@@ -21,10 +21,10 @@ pub struct PageEntry {
     pub clusters: u32,
     /// Clusters in all pages before this one.
     pub first_cluster: u32,
-    /// Level of every cluster of the page.
+    /// Level of every group of the page; a cluster that could not be simplified comes again at the next.
     pub level: u32,
-    /// Triangles of all its clusters.
-    pub triangles: u32,
+    /// Triangles of the source: those of its clusters that were never simplified, at whatever level these are grouped.
+    pub faces: u32,
     /// Triangles of the source in all pages before this one.
     pub first_face: u32,
 }
@@ -32,15 +32,14 @@ pub struct PageEntry {
 impl PageEntry {
     /// The entry of a page behind this one.
     #[must_use]
-    pub fn next(&self, words: u32, clusters: u32, level: u32, triangles: u32) -> Self {
-        let faces = if self.level == 0 { self.triangles } else { 0 };
+    pub fn next(&self, words: u32, clusters: u32, level: u32, faces: u32) -> Self {
         Self {
             words,
             clusters,
             first_cluster: self.first_cluster.saturating_add(self.clusters),
             level,
-            triangles,
-            first_face: self.first_face.saturating_add(faces),
+            faces,
+            first_face: self.first_face.saturating_add(self.faces),
         }
     }
 }
@@ -185,11 +184,12 @@ impl Pages {
         self.table[at.page()].first_cluster as usize + at.slot()
     }
 
-    /// Triangles of the source before those of a cluster of level 0.
+    /// Triangles of the source before those of a cluster that was never simplified.
     pub fn first_face(&self, at: ClusterAddress) -> usize {
         let before = &self.records(at.page())[..at.slot()];
-        let triangles: usize = before.iter().map(|record| usize::from(record.triangle_count)).sum();
-        self.table[at.page()].first_face as usize + triangles
+        let source = before.iter().filter(|record| record.level == 0);
+        let faces: usize = source.map(|record| usize::from(record.triangle_count)).sum();
+        self.table[at.page()].first_face as usize + faces
     }
 
     /// All addresses in page order.

@@ -17,7 +17,7 @@ use nanite_rs::stream::{Ask, Needs, Pool, Request, StreamOptions, StreamStats, S
 
 use crate::dag_invariants::Random;
 use crate::render_frames::{CAMERA, IDENTITY, Pose, at, dag, lit, shoot};
-use crate::shapes::{bumpy_sphere, grid};
+use crate::shapes::{bumpy_sphere, cube, grid, unindexed};
 
 /// A disk that loses pages, fails now and then, or is slow.
 #[derive(Default)]
@@ -477,4 +477,39 @@ fn nothing_is_read_that_nobody_needs() {
     let held = (0..stored.pages.table.len()).filter(|page| resident.pages(&stored).holds(*page)).count();
     assert_eq!((held as u64, stats.needed_pages, stats.missing_pages), (stats.resident_pages, 0, 0));
     assert!(held < stored.pages.table.len() && from_bytes(&to_bytes(&mesh).unwrap(), "x").is_ok());
+}
+
+/// Clusters that could not be simplified come again at the next levels: the triangles of the source lie in pages of those,
+/// too, and are counted there.
+#[test]
+fn source_triangles_are_counted_where_they_lie() {
+    let mut random = Random(3);
+    let mut noise = |vertices: usize, faces: usize| {
+        let positions: Vec<[f32; 3]> =
+            (0..vertices).map(|_| [0, 1, 2].map(|_| random.next() as f32)).collect();
+        let mut corner = || (random.next() * vertices as f64) as u32;
+        let faces: Vec<[u32; 3]> = (0..faces).map(|_| [corner(), corner(), corner()]).collect();
+        (positions, faces)
+    };
+    // Where every vertex has hundreds of triangles nothing can be simplified, and beside it the sphere goes on.
+    let (mut positions, mut faces) = bumpy_sphere(60);
+    let (more, others) = noise(60, 3000);
+    let first = positions.len() as u32;
+    positions.extend(more.iter().map(|p| [p[0] + 3.0, p[1], p[2]]));
+    faces.extend(others.iter().map(|face| face.map(|v| first + v)));
+    let meshes = [(positions, faces), noise(60, 3000), unindexed(&cube(24))];
+    let mut again = 0;
+    for mesh in meshes {
+        let built = dag(&mesh);
+        again += built.pages.table.iter().filter(|entry| entry.level > 0 && entry.faces > 0).count();
+        for mesh in [&*built, &from_bytes(&to_bytes(&built).unwrap(), "x").unwrap()] {
+            let mut before = 0;
+            for at in mesh.pages.addresses().filter(|at| mesh.record(*at).level == 0) {
+                assert_eq!(mesh.pages.first_face(at), before);
+                before += usize::from(mesh.record(at).triangle_count);
+            }
+            assert_eq!(before as u64, mesh.source_faces);
+        }
+    }
+    assert!(again > 0, "no cluster comes again");
 }
