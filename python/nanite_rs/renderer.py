@@ -401,7 +401,7 @@ class Renderer:
         pool_bytes: int = POOL_BYTES,
     ) -> None:
         self._size = _pixels(width, "width"), _pixels(height, "height")
-        pool = _whole(pool_bytes, "pool_bytes")
+        pool = _whole(pool_bytes, "pool_bytes", 1 << 63, "0 and 2^63")
         self._core: _core.Renderer | None = _core.Renderer(*self._size, backend, pool if streaming else None)
         self._backend = self._core.backend
 
@@ -613,17 +613,14 @@ class Renderer:
         return f"<Renderer {self.width}×{self.height} on {self.backend}{closed}>"
 
 
-def _whole(value: Any, name: str) -> int:
+def _whole(value: Any, name: str, end: int, allowed: str) -> int:
+    """Return an integer that Rust can take, below ``end``; what is allowed is named in the error."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise DtypeError(f"{name}: expected an integer, not {type(value).__name__}")
-    if not 0 <= value < 1 << 63:
-        raise ArgumentError(f"{name}: must be between 0 and 2^63, not {value}")
+    if not 0 <= value < end:
+        raise ArgumentError(f"{name}: must be between {allowed}, not {value}")
     return int(value)
 
 
 def _pixels(value: Any, name: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise DtypeError(f"{name}: expected an integer, not {type(value).__name__}")
-    if not 0 <= value < 1 << 32:
-        raise ArgumentError(f"{name}: must be between 1 and 8192, not {value}")
-    return int(value)
+    return _whole(value, name, 1 << 32, "1 and 8192")

@@ -148,11 +148,6 @@ impl Pages {
         self.words[page].get().map_or(&[], |words| words)
     }
 
-    /// The words of a page, to be kept.
-    pub fn share(&self, page: usize) -> Option<PageWords> {
-        self.words[page].get().cloned()
-    }
-
     /// The records of a page, by slot.
     #[inline]
     pub fn records(&self, page: usize) -> &[ClusterRecord] {

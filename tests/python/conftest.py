@@ -41,3 +41,15 @@ def pytest_sessionfinish() -> None:
 def soak() -> bool:
     """True under `make soak`: property tests then run at full length."""
     return SOAK
+
+
+@pytest.fixture(scope="module", params=("cpu", "gpu"))
+def backend(request: pytest.FixtureRequest) -> str:
+    """Each backend in turn; one that is not there is skipped, with the reason."""
+    import nanite_rs as nrs
+
+    try:
+        nrs.Renderer(8, 8, backend=request.param).close()
+    except nrs.BackendError as error:
+        pytest.skip(str(error))
+    return request.param

@@ -16,15 +16,6 @@ OTHERS = ("color", "normal", "instance_id", "cluster_id", "triangle_id", "face_i
 VIEWS = ("shaded", "triangles", "clusters", "groups", "levels", "overdraw")
 
 
-@pytest.fixture(scope="module", params=("cpu", "gpu"))
-def backend(request) -> str:
-    try:
-        nrs.Renderer(*SIZE, backend=request.param).close()
-    except nrs.BackendError as error:
-        pytest.skip(str(error))
-    return request.param
-
-
 @pytest.fixture
 def renderer(backend):
     with nrs.Renderer(*SIZE, backend=backend) as renderer:

@@ -19,15 +19,6 @@ LENS = nrs.PerspectiveCamera(yfov=0.8)
 FRAMES = 10_000 if SOAK else 250
 
 
-@pytest.fixture(scope="module", params=("cpu", "gpu"))
-def backend(request) -> str:
-    try:
-        nrs.Renderer(*SIZE, backend=request.param).close()
-    except nrs.BackendError as error:
-        pytest.skip(str(error))
-    return request.param
-
-
 @pytest.fixture(scope="module")
 def path(tmp_path_factory) -> Path:
     """A generated mesh of 300,000 triangles in a file."""
