@@ -40,14 +40,13 @@ fn corner(@builtin(vertex_index) vertex: u32, @builtin(instance_index) index: u3
     if triangle >= triangle_count(record) {
         return NOWHERE;
     }
-    let data = page + page_word(record + RECORD_DATA);
-    let start = data + vertex_count(record) * instances[instance].vertex_words;
-    let corners = data + 3u * triangle_corners(start, triangle);
+    let streams = streams_of(page, record);
+    let corners = triangle_corners(streams, triangle);
     let rows = instances[instance].screen;
     var p: array<vec3<f32>, 3>;
     var snapped: array<vec2<i32>, 3>;
     for (var k = 0u; k < 3u; k++) {
-        p[k] = project(homogeneous(rows, reals(corners[k])));
+        p[k] = project(homogeneous(rows, position_of(streams, corners[k])));
         snapped[k] = vec2<i32>(snap(p[k].x), snap(p[k].y));
     }
     let a = snapped[0];

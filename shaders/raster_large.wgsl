@@ -219,17 +219,19 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     let cluster = visible[number].cluster;
     let page = page_start(instance, cluster);
     let record = record_start(page, cluster);
-    let data = page + page_word(record + RECORD_DATA);
+    let streams = streams_of(page, record);
     let double_sided = instances[instance].double_sided != 0u;
     let rows = instances[instance].screen;
     var height = 0u;
     if lane < triangle_count(record) {
-        var corners = triangle_corners(data + vertex_count(record) * instances[instance].vertex_words, lane);
+        var corners = triangle_corners(streams, lane);
         if instances[instance].mirrored == 0u {
             corners = corners.xzy;
         }
-        let at = data + 3u * corners;
-        set_up(lane, homogeneous(rows, reals(at.x)), homogeneous(rows, reals(at.y)), homogeneous(rows, reals(at.z)));
+        let a = homogeneous(rows, position_of(streams, corners.x));
+        let b = homogeneous(rows, position_of(streams, corners.y));
+        let c = homogeneous(rows, position_of(streams, corners.z));
+        set_up(lane, a, b, c);
         for (var i = 0u; i + 2u < corner_counts[lane]; i++) {
             let p = piece(lane, i, double_sided);
             height += u32(p.rows.y - p.rows.x + 1);

@@ -68,21 +68,20 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     let page = page_start(instance, cluster);
     let record = record_start(page, cluster);
     let vertices = vertex_count(record);
-    let data = page + page_word(record + RECORD_DATA);
+    let streams = streams_of(page, record);
     if lane == 0u {
         atomicStore(&drawn, 0u);
     }
     for (var v = lane; v < vertices; v += RASTER_LANES) {
-        let p = project(homogeneous(instances[instance].screen, reals(data + 3u * v)));
+        let p = project(homogeneous(instances[instance].screen, position_of(streams, v)));
         snapped[v] = vec2<i32>(snap(p.x), snap(p.y));
         values[v] = p.z;
     }
     workgroupBarrier();
     let triangles = triangle_count(record);
-    let corners_at = data + vertices * instances[instance].vertex_words;
     var own = 0u;
     for (var t = lane; t < triangles; t += RASTER_LANES) {
-        var corners = triangle_corners(corners_at, t);
+        var corners = triangle_corners(streams, t);
         if instances[instance].mirrored == 0u {
             corners = corners.xzy;
         }

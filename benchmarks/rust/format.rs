@@ -70,11 +70,11 @@ fn meshopt(dag: &Dag, level: Option<i32>) -> (f64, f64) {
             let g = dag.geometry(ClusterAddress::new(p, slot));
             indices.extend(g.triangles.iter().flatten().map(|v| {
                 let v = usize::from(*v);
-                *numbers.entry(g.ids[v]).or_insert_with(|| {
+                *numbers.entry(g.ids.get(v)).or_insert_with(|| {
                     vertices.push(Vertex {
-                        position: g.positions[v].map(|x| (x * grid.steps()) as i32),
+                        position: g.positions.get(v).map(|x| (x * grid.steps()) as i32),
                         normal: narrow(g.normals[v], grid.normal_bits).map(|t| t as i16),
-                        id: g.ids[v],
+                        id: g.ids.get(v),
                     });
                     vertices.len() as u32 - 1
                 })

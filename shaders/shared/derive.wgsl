@@ -53,9 +53,9 @@ fn derive(p: Placed, before: array<vec4<f32>, 3>) -> Instance {
         p.first_group,
         p.first_page,
         p.group_words,
-        p.vertex_words,
         p.double_sided,
         p.mirrored ^ view.mirrored,
+        0u,
         0u,
     );
 }

@@ -43,8 +43,77 @@ fn byte(start: u32, at: u32) -> u32 {
     return page_word(start + (at >> 2u)) >> (8u * (at & 3u)) & 0xffu;
 }
 
-// The corners of a triangle, whose bytes start at word `start`.
-fn triangle_corners(start: u32, triangle: u32) -> vec3<u32> {
+// Where a cluster's streams begin, and how positions are packed: src/model/packing.rs.
+struct Streams {
+    positions: u32,
+    triangles: u32,
+    normals: u32,
+    colors: u32,
+    // Of x, y and z: the least number, and bits of what is added to it.
+    anchor: vec3<u32>,
+    widths: vec3<u32>,
+    // Internal units per whole number; 0 where numbers are bits of f32 in the order of their values.
+    step: f32,
+}
+
+fn packed_words(count: u32, bits: u32) -> u32 {
+    return (count * bits + 31u) >> 5u;
+}
+
+fn streams_of(page: u32, record: u32) -> Streams {
+    let data = page + page_word(record + RECORD_DATA);
+    let vertices = vertex_count(record);
+    let bits = page_word(data + PACKING_WIDTHS);
+    let widths = vec3<u32>(bits & 0xffu, bits >> 8u & 0xffu, bits >> 16u & 0xffu);
+    let positions = data + PACKING_WORDS;
+    let ids = positions + packed_words(vertices, widths.x + widths.y + widths.z);
+    let triangles = ids + packed_words(vertices, bits >> 24u);
+    let normals = triangles + (3u * triangle_count(record) + 3u) / 4u;
+    let anchor = vec3<u32>(page_word(data), page_word(data + 1u), page_word(data + 2u));
+    return Streams(positions, triangles, normals, normals + vertices, anchor, widths, real(data + PACKING_STEP));
+}
+
+// Up to 32 bits from a bit of a stream on.
+fn packed_bits(start: u32, bit: u32, width: u32) -> u32 {
+    let at = start + (bit >> 5u);
+    let low = bit & 31u;
+    var bits = page_word(at) >> low;
+    if low + width > 32u {
+        bits |= page_word(at + 1u) << (32u - low);
+    }
+    return extractBits(bits, 0u, width);
+}
+
+// The position of a vertex, internal units.
+fn position_of(streams: Streams, vertex: u32) -> vec3<f32> {
+    let w = streams.widths;
+    let width = w.x + w.y + w.z;
+    let bit = vertex * width;
+    var code: vec3<u32>;
+    if width <= 32u {
+        let bits = packed_bits(streams.positions, bit, width);
+        code = vec3<u32>(
+            extractBits(bits, 0u, w.x),
+            extractBits(bits, w.x, w.y),
+            extractBits(bits, w.x + w.y, w.z),
+        );
+    } else {
+        code = vec3<u32>(
+            packed_bits(streams.positions, bit, w.x),
+            packed_bits(streams.positions, bit + w.x, w.y),
+            packed_bits(streams.positions, bit + w.x + w.y, w.z),
+        );
+    }
+    let number = vec3<i32>(streams.anchor + code);
+    if streams.step > 0.0 {
+        return vec3<f32>(number) * streams.step;
+    }
+    return bitcast<vec3<f32>>(number ^ ((number >> vec3<u32>(31u)) & vec3<i32>(0x7fffffff)));
+}
+
+// The corners of a triangle.
+fn triangle_corners(streams: Streams, triangle: u32) -> vec3<u32> {
     let at = 3u * triangle;
+    let start = streams.triangles;
     return vec3<u32>(byte(start, at), byte(start, at + 1u), byte(start, at + 2u));
 }

@@ -146,22 +146,20 @@ fn surfel_of(pixel: u32, hit: Hit) -> Surfel {
     let cluster = visible[hit.number].cluster;
     let page = page_start(instance, cluster);
     let record = record_start(page, cluster);
-    let vertices = vertex_count(record);
-    let data = page + page_word(record + RECORD_DATA);
-    let corners = triangle_corners(data + vertices * instances[instance].vertex_words, hit.triangle);
-    let a = reals(data + 3u * corners.x);
-    let b = reals(data + 3u * corners.y);
-    let c = reals(data + 3u * corners.z);
+    let streams = streams_of(page, record);
+    let corners = triangle_corners(streams, hit.triangle);
+    let a = position_of(streams, corners.x);
+    let b = position_of(streams, corners.y);
+    let c = position_of(streams, corners.z);
     let point = vec2<f32>(f32(pixel % view.width), f32(pixel / view.width)) + 0.5;
     let weights = barycentric(instances[instance].screen, a, b, c, point);
     let to_eye = normal_map(looks[instance].normal);
     let flags = looks[instance].flags;
     var normal: vec3<f32>;
     if (flags & LOOK_SMOOTH) != 0u {
-        let normals = data + 3u * vertices;
-        let na = decode_normal(page_word(normals + corners.x));
-        let nb = decode_normal(page_word(normals + corners.y));
-        let nc = decode_normal(page_word(normals + corners.z));
+        let na = decode_normal(page_word(streams.normals + corners.x));
+        let nb = decode_normal(page_word(streams.normals + corners.y));
+        let nc = decode_normal(page_word(streams.normals + corners.z));
         if (flags & LOOK_CONFORMAL) != 0u {
             normal = apply(to_eye, blend(weights, na, nb, nc));
         } else {
@@ -172,10 +170,9 @@ fn surfel_of(pixel: u32, hit: Hit) -> Surfel {
     }
     var tint = vec3<f32>(1.0);
     if (flags & LOOK_COLORS) != 0u {
-        let colors = data + 5u * vertices;
-        let ca = decode_color(page_word(colors + corners.x));
-        let cb = decode_color(page_word(colors + corners.y));
-        let cc = decode_color(page_word(colors + corners.z));
+        let ca = decode_color(page_word(streams.colors + corners.x));
+        let cb = decode_color(page_word(streams.colors + corners.y));
+        let cc = decode_color(page_word(streams.colors + corners.z));
         tint = blend(weights, ca, cb, cc);
     }
     return Surfel(instance, cluster, record, distance_of(hit.key), point, unit(normal), tint);

@@ -54,12 +54,12 @@ struct Placed {
     first_group: u32,
     first_page: u32,
     group_words: u32,
-    vertex_words: u32,
     double_sided: u32,
     mirrored: u32,
     // 0 where nothing is, or nothing to be seen.
     visible: u32,
-    unused: u32,
+    unused_a: u32,
+    unused_b: u32,
 }
 
 // The look of an instance.
@@ -113,10 +113,10 @@ struct Instance {
     first_group: u32,
     first_page: u32,
     group_words: u32,
-    vertex_words: u32,
     double_sided: u32,
     mirrored: u32,
-    unused: u32,
+    unused_a: u32,
+    unused_b: u32,
 }
 
 struct Sphere {

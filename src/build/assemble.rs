@@ -12,8 +12,11 @@ use super::order;
 use super::store::VertexStore;
 use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
 use crate::math::{Aabb, Bounds, octahedral};
-use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
-use crate::model::{BuildReport, ClusterAddress, ClusterRecord, Dag, Group, PageEntry, PageWords, Pages};
+use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
+use crate::model::packing::{VertexRow, vertex_row};
+use crate::model::{
+    BuildReport, ClusterAddress, ClusterRecord, Dag, Group, Packing, PageEntry, PageWords, Pages,
+};
 
 /// Lays the graph out.
 pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
@@ -30,7 +33,11 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
         .map(|g| g.members.iter().fold(Aabb::EMPTY, |b, c| b.union(&cluster_boxes[*c as usize])))
         .collect();
     let (nodes, order) = hierarchy::build(&graph.groups, &boxes);
-    let plan = plan_pages(&graph, &order);
+    let members = order.iter().flat_map(|g| &graph.groups[*g as usize].members);
+    let uses = members.flat_map(|c| &graph.clusters[*c as usize].mesh.vertices);
+    let (names, vertex_count) = order::by_first_use(uses, store.count());
+    let packed: Vec<Packed> = graph.clusters.par_iter().map(|c| Packed::of(store, c, &names)).collect();
+    let plan = plan_pages(&graph, &order, &packed);
     let groups: Vec<Group> = order
         .iter()
         .zip(&plan.first)
@@ -54,13 +61,11 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
         .collect();
     let mut renamed = vec![0; order.len()];
     order.iter().enumerate().for_each(|(new, old)| renamed[*old as usize] = new as u32);
-    let uses = plan.pages.iter().flatten().flat_map(|(c, _)| &graph.clusters[*c as usize].mesh.vertices);
-    let (names, vertex_count) = order::by_first_use(uses, store.count());
     let mut channels = graph.channels.finish(&store.attributes, store.stride, &store.labels);
     for channel in &mut channels {
         channel.words = order::renamed_rows(&channel.words, channel.info.width(), &names, vertex_count);
     }
-    let pages = write_pages(&graph, plan, &renamed, &names);
+    let pages = write_pages(&graph, plan, &packed, &renamed, &names);
     let face_ids = graph.face_rows.as_ref().map(|(faces, rows)| face_ids(&pages, faces, rows, &names));
     report.clusters = graph.clusters.len() as u64;
     report.triangles = graph.clusters.iter().map(|c| c.mesh.triangles.len() as u64).sum();
@@ -90,17 +95,32 @@ struct Plan {
     table: Vec<PageEntry>,
 }
 
-fn words_of(store: &VertexStore, cluster: &BuildCluster) -> usize {
-    RECORD_WORDS + store.layout.cluster_words(cluster.mesh.vertices.len(), cluster.mesh.triangles.len())
+/// How pages hold a cluster.
+struct Packed {
+    packing: Packing,
+    streams: Streams,
 }
 
-fn plan_pages(graph: &Graph, order: &[u32]) -> Plan {
+impl Packed {
+    fn of(store: &VertexStore, cluster: &BuildCluster, names: &[u32]) -> Self {
+        let packing = Packing::of(&rows(store, cluster, names), 0.0);
+        let (vertices, triangles) = (cluster.mesh.vertices.len(), cluster.mesh.triangles.len());
+        Self { packing, streams: store.layout.streams(vertices, triangles, packing.widths) }
+    }
+}
+
+/// The vertices of a cluster; `names` maps those of the store to identities.
+fn rows(store: &VertexStore, cluster: &BuildCluster, names: &[u32]) -> Vec<VertexRow> {
+    let vertices = cluster.mesh.vertices.iter().map(|v| *v as usize);
+    vertices.map(|v| vertex_row(store.positions[v], names[v], 0.0)).collect()
+}
+
+fn plan_pages(graph: &Graph, order: &[u32], packed: &[Packed]) -> Plan {
     let mut plan = Plan { first: Vec::new(), pages: Vec::new(), table: Vec::new() };
     let mut level = u32::MAX;
     for (number, g) in order.iter().enumerate() {
         let group = &graph.groups[*g as usize];
-        let words: usize =
-            group.members.iter().map(|c| words_of(&graph.store, &graph.clusters[*c as usize])).sum();
+        let words: usize = group.members.iter().map(|c| RECORD_WORDS + packed[*c as usize].streams.end).sum();
         let fits = plan.table.last().is_some_and(|page| {
             page.level == group.level
                 && 4 * (page.words as usize + words) <= PAGE_MAX_BYTES
@@ -126,21 +146,22 @@ fn plan_pages(graph: &Graph, order: &[u32]) -> Plan {
 }
 
 /// `renamed` maps groups of the graph to their final numbers, `names` vertices to identities.
-fn write_pages(graph: &Graph, plan: Plan, renamed: &[u32], names: &[u32]) -> Pages {
+fn write_pages(graph: &Graph, plan: Plan, packed: &[Packed], renamed: &[u32], names: &[u32]) -> Pages {
     let write = |(entry, clusters): (&PageEntry, &Vec<(u32, u32)>)| -> PageWords {
         let mut page = vec![0u32; entry.words as usize];
         let mut at = clusters.len() * RECORD_WORDS;
-        for (slot, (cluster, group)) in clusters.iter().enumerate() {
-            let cluster = &graph.clusters[*cluster as usize];
+        for (slot, (number, group)) in clusters.iter().enumerate() {
+            let (cluster, packed) = (&graph.clusters[*number as usize], &packed[*number as usize]);
             let refined =
                 if cluster.refined == NO_GROUP { NO_GROUP } else { renamed[cluster.refined as usize] };
             let refined_page = plan.first.get(refined as usize).map_or(NO_PAGE, |first| first.page() as u32);
             let record =
                 ClusterRecord { refined_page, ..record(&graph.store, cluster, *group, refined, at as u32) };
             page[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
-            let words = words_of(&graph.store, cluster) - RECORD_WORDS;
-            write_streams(&graph.store, cluster, names, &mut page[at..at + words]);
-            at += words;
+            let out = &mut page[at..at + packed.streams.end];
+            packed.packing.write(&rows(&graph.store, cluster, names), out);
+            write_streams(&graph.store, cluster, packed.streams, out);
+            at += packed.streams.end;
         }
         page.into()
     };
@@ -171,33 +192,26 @@ fn record(store: &VertexStore, cluster: &BuildCluster, group: u32, refined: u32,
     }
 }
 
-fn write_streams(store: &VertexStore, cluster: &BuildCluster, names: &[u32], out: &mut [u32]) {
-    let count = cluster.mesh.vertices.len();
-    let layout = store.layout;
-    let (positions, rest) = out.split_at_mut(3 * count);
-    let (normals, rest) = rest.split_at_mut(count);
-    let (ids, rest) = rest.split_at_mut(count);
-    let (colors, rest) = rest.split_at_mut(if layout.colors { count } else { 0 });
-    let (uvs, rest) = rest.split_at_mut(2 * usize::from(layout.uv_sets) * count);
+/// Everything but positions and identities.
+fn write_streams(store: &VertexStore, cluster: &BuildCluster, streams: Streams, out: &mut [u32]) {
+    let (count, layout) = (cluster.mesh.vertices.len(), store.layout);
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut out[streams.triangles..streams.normals]);
+    for (t, triangle) in cluster.mesh.triangles.iter().enumerate() {
+        bytes[3 * t..3 * t + 3].copy_from_slice(triangle);
+    }
     for (i, v) in cluster.mesh.vertices.iter().enumerate() {
-        positions[3 * i..3 * i + 3].copy_from_slice(&store.positions[*v as usize].map(f32::to_bits));
         let row = store.row(*v);
-        normals[i] = octahedral::encode([row[0], row[1], row[2]]);
-        ids[i] = names[*v as usize];
+        out[streams.normals + i] = octahedral::encode([row[0], row[1], row[2]]);
         let mut at = 3;
         if layout.colors {
             let bytes = [0, 1, 2, 3].map(|k| (row[at + k].clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
-            colors[i] = u32::from_le_bytes(bytes);
+            out[streams.colors + i] = u32::from_le_bytes(bytes);
             at += 4;
         }
         for set in 0..usize::from(layout.uv_sets) {
-            let pair = &mut uvs[2 * (set * count + i)..][..2];
+            let pair = &mut out[streams.uvs + 2 * (set * count + i)..][..2];
             pair.copy_from_slice(&[row[at + 2 * set].to_bits(), row[at + 2 * set + 1].to_bits()]);
         }
-    }
-    let bytes: &mut [u8] = bytemuck::cast_slice_mut(rest);
-    for (t, triangle) in cluster.mesh.triangles.iter().enumerate() {
-        bytes[3 * t..3 * t + 3].copy_from_slice(triangle);
     }
 }
 
@@ -216,7 +230,7 @@ fn face_ids(pages: &Pages, faces: &[[u32; 3]], rows: &[u32], names: &[u32]) -> V
         .flat_map(|at| {
             let geometry = pages.geometry(at);
             let corners: Vec<_> =
-                geometry.triangles.iter().map(|t| t.map(|v| geometry.ids[usize::from(v)])).collect();
+                geometry.triangles.iter().map(|t| t.map(|v| geometry.ids.get(usize::from(v)))).collect();
             corners.into_iter().map(|c| lookup[&canonical(c)])
         })
         .collect()

@@ -95,7 +95,7 @@ fn cluster(dag: &Dag, at: ClusterAddress) -> Result<()> {
             return fail("error and sphere differ from those of the group that made it");
         }
     }
-    bounds(record, geometry.positions, geometry.triangles).or_else(fail)
+    bounds(record, &geometry.positions.to_vec(), geometry.triangles).or_else(fail)
 }
 
 /// The stored box and sphere hold the vertices; cone and longest edge are those of the triangles.
@@ -194,9 +194,9 @@ fn identities(dag: &Dag, addresses: &[ClusterAddress]) -> Result<(Vec<u32>, usiz
     let mut used = 0;
     for at in addresses {
         let geometry = dag.geometry(*at);
-        for (id, p) in geometry.ids.iter().zip(geometry.positions) {
+        for (id, p) in geometry.ids.iter().zip(geometry.positions.iter()) {
             let bits = p.map(f32::to_bits);
-            let Some(known) = positions.get_mut(*id as usize) else {
+            let Some(known) = positions.get_mut(id as usize) else {
                 return Err(broken(format!("cluster {at:?}: identity {id} is out of range")));
             };
             if *known == unset {
@@ -243,8 +243,8 @@ fn borders(dag: &Dag, addresses: &[ClusterAddress], positions: &[u32]) -> Result
             if *made >= i64::from(level) || round(group) < level {
                 continue;
             }
-            for id in dag.geometry(*at).ids {
-                let p = positions[*id as usize] as usize;
+            for id in dag.geometry(*at).ids.iter() {
+                let p = positions[id as usize] as usize;
                 if owner[p] != u32::MAX && owner[p] != group {
                     shared[p] = true;
                 }
@@ -282,7 +282,10 @@ fn borders(dag: &Dag, addresses: &[ClusterAddress], positions: &[u32]) -> Result
 fn corners(dag: &Dag, clusters: impl Iterator<Item = ClusterAddress>, positions: &[u32]) -> Vec<[u32; 3]> {
     let of_cluster = |at| {
         let geometry = dag.geometry(at);
-        geometry.triangles.iter().map(move |t| t.map(|v| positions[geometry.ids[usize::from(v)] as usize]))
+        geometry
+            .triangles
+            .iter()
+            .map(move |t| t.map(|v| positions[geometry.ids.get(usize::from(v)) as usize]))
     };
     clusters.flat_map(of_cluster).collect()
 }

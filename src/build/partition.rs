@@ -17,6 +17,7 @@ use crate::limits::{GROUP_MAX_CLUSTERS, PAGE_MAX_BYTES};
 use crate::math::Aabb;
 use crate::model::AttributeLayout;
 use crate::model::cluster::RECORD_WORDS;
+use crate::model::packing::WIDEST;
 
 /// Clusters of a block: METIS takes one at a time, threads take several blocks.
 #[cfg(feature = "metis")]
@@ -80,7 +81,7 @@ fn of_graph(clusters: &[&ClusterMesh], round: &RoundPositions, target: usize) ->
 fn split_to_fit(layout: AttributeLayout, clusters: &[&ClusterMesh], group: Vec<u32>) -> Vec<Vec<u32>> {
     let words = |c: u32| {
         let c = clusters[c as usize];
-        RECORD_WORDS + layout.cluster_words(c.vertices.len(), c.triangles.len())
+        RECORD_WORDS + layout.streams(c.vertices.len(), c.triangles.len(), WIDEST).end
     };
     let total: usize = group.iter().map(|c| words(*c)).sum();
     if group.len() <= GROUP_MAX_CLUSTERS && 4 * total <= PAGE_MAX_BYTES || group.len() == 1 {

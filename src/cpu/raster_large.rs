@@ -66,7 +66,7 @@ fn draw_cluster<S: Sink>(
     sink: &S,
 ) -> (u64, Vec<Setup>) {
     let geometry = view.pages.geometry(at.cluster);
-    let points: Vec<[f32; 3]> = geometry.positions.iter().map(|&p| view.homogeneous(p)).collect();
+    let points: Vec<[f32; 3]> = geometry.positions.iter().map(|p| view.homogeneous(p)).collect();
     let mut drawn = 0;
     let mut shared = Vec::new();
     for (t, &[a, b, c]) in geometry.triangles.iter().enumerate() {

@@ -11,6 +11,7 @@ use super::project::{InstanceView, Screen};
 use super::triangle::{UNIT, edge_bias, pixels, snap};
 use super::visibility::{Sink, Visible, payload};
 use crate::limits::CLUSTER_MAX_VERTICES;
+use crate::model::packing::{Positions, coordinate_of};
 
 /// Clusters per task.
 const CLUSTERS_PER_TASK: usize = 8;
@@ -92,13 +93,16 @@ impl<S: Sink> Job<'_, S> {
 /// Transforms and snaps vertices, eight at a time: the operations of [`super::project::homogeneous`] and
 /// [`super::triangle::project`] in the same order, so that both rasterizers agree bit for bit.
 #[inline(always)]
-fn transform_rows(positions: &[[f32; 3]], rows: &[[f32; 4]; 3], screen: &Screen, out: &mut Vertices) {
+fn transform_rows(positions: Positions<'_>, rows: &[[f32; 4]; 3], screen: &Screen, out: &mut Vertices) {
     let zero = Lanes::splat(0.0);
-    for (chunk, points) in positions.chunks(LANES).enumerate() {
-        let mut p = [zero; 3];
-        for (lane, point) in points.iter().enumerate() {
-            (p[0].0[lane], p[1].0[lane], p[2].0[lane]) = (point[0], point[1], point[2]);
+    let step = positions.packing().step;
+    for first in (0..positions.len()).step_by(LANES) {
+        let mut numbers = [[0i32; LANES]; 3];
+        for (lane, vertex) in (first..positions.len()).take(LANES).enumerate() {
+            let number = positions.numbers(vertex);
+            (0..3).for_each(|k| numbers[k][lane] = number[k]);
         }
+        let p = numbers.map(|axis| Lanes(axis.map(|number| coordinate_of(number, step))));
         let mut h = [zero; 3];
         for r in 0..3 {
             let m = &rows[r];
@@ -108,7 +112,7 @@ fn transform_rows(positions: &[[f32; 3]], rows: &[[f32; 4]; 3], screen: &Screen,
             let r = Lanes::splat(1.0) / h[2];
             h = [h[0] * r, h[1] * r, r * screen.near];
         }
-        let at = chunk * LANES;
+        let at = first;
         out.value[at..at + LANES].copy_from_slice(&h[2].0);
         for lane in 0..LANES {
             let (x, y) = (snap(h[0].0[lane]), snap(h[1].0[lane]));
@@ -255,6 +259,8 @@ mod tests {
     use super::super::project::homogeneous;
     use super::super::triangle::project;
     use super::*;
+    use crate::model::packing::{VertexRow, vertex_row};
+    use crate::model::{AttributeLayout, ClusterGeometry, Packing};
 
     #[test]
     fn eight_vertices_are_transformed_as_one() {
@@ -270,7 +276,13 @@ mod tests {
                 value: [0.0; VERTICES],
                 snapped: [[0; 2]; VERTICES],
             };
-            transform_rows(&positions, &rows, &screen, &mut out);
+            let vertices: Vec<VertexRow> = positions.iter().map(|p| vertex_row(*p, 0, 0.0)).collect();
+            let packing = Packing::of(&vertices, 0.0);
+            let streams = AttributeLayout::default().streams(vertices.len(), 1, packing.widths);
+            let mut words = vec![0; streams.end];
+            packing.write(&vertices, &mut words);
+            let geometry = ClusterGeometry::new(&words, AttributeLayout::default(), vertices.len(), 1);
+            transform_rows(geometry.positions, &rows, &screen, &mut out);
             for (i, p) in positions.iter().enumerate() {
                 let [x, y, value] = project(&screen, homogeneous(&rows, *p));
                 assert_eq!((out.snapped[i], out.value[i]), ([snap(x), snap(y)], value));

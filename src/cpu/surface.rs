@@ -141,7 +141,7 @@ impl<'a> Gathered<'a> {
         let corners = geometry.triangles[hit.triangle as usize];
         for (i, corner) in corners.into_iter().enumerate() {
             let corner = usize::from(corner);
-            let p = geometry.positions[corner];
+            let p = geometry.positions.get(corner);
             for k in 0..3 {
                 self.positions[i][k].0[lane] = p[k];
             }

@@ -3,6 +3,7 @@
 
 use super::planes::{unzigzag, zigzag};
 use crate::math::octahedral::NORMAL_BITS;
+use crate::model::packing::ordered;
 
 /// Up to four numbers of a vertex, zeros behind. All loops go over four, which is one register.
 pub type Row = [u32; 4];
@@ -40,16 +41,6 @@ impl Column for Whole {
 /// Bits of f32, completed to a parallelogram, as numbers in the order of the values.
 pub struct Float;
 
-/// Bits of f32 as numbers in the order of their values.
-fn ordered(bits: u32) -> u32 {
-    bits ^ ((bits.cast_signed() >> 31).cast_unsigned() | 1 << 31)
-}
-
-/// The inverse of [`ordered`].
-fn unordered(number: u32) -> u32 {
-    number ^ (((!number).cast_signed() >> 31).cast_unsigned() | 1 << 31)
-}
-
 impl Column for Float {
     #[inline(always)]
     fn predict(&self, p: Row, q: Row, r: Row) -> Row {
@@ -64,7 +55,7 @@ impl Column for Float {
 
     #[inline(always)]
     fn value(&self, code: u32, expected: u32) -> u32 {
-        unordered(ordered(expected).wrapping_add(unzigzag(code)))
+        ordered(ordered(expected).wrapping_add(unzigzag(code)))
     }
 }
 
@@ -127,7 +118,7 @@ mod tests {
     fn codes_come_back() {
         let floats = [0.0f32, -0.0, 1.0, -1.0, 0.1, f32::MIN_POSITIVE, -3.0e-39, f32::MAX, f32::MIN];
         let mut order: Vec<_> = floats.iter().map(|x| (*x, ordered(x.to_bits()))).collect();
-        order.sort_by_key(|x| x.1);
+        order.sort_by_key(|x| x.1.cast_signed());
         assert!(order.is_sorted_by(|a, b| a.0 <= b.0));
         for a in floats.map(f32::to_bits).into_iter().chain([u32::MAX, 0x8000_8001, 7]) {
             for b in floats.map(f32::to_bits) {

@@ -359,10 +359,11 @@ impl Head {
         let Metadata { layout, grid, vertex_count, .. } = self.metadata;
         let first_identity = row.first_identity;
         let context = Context { layout, grid, groups: &self.groups, own, first_identity };
+        let step = context.step();
         // Bounded by the bytes of the page, which are there: see `page_table`.
         let mut words = vec![0u32; row.words as usize];
         decoder.decode(&context, &bytes, row.clusters as usize, &mut words).map_err(fault)?;
-        let limits = validate::PageLimits { layout, groups: &self.groups, vertex_count };
+        let limits = validate::PageLimits { layout, groups: &self.groups, vertex_count, step };
         let records = limits.check(row.clusters, row.faces, &words).map_err(|what| fault(&what))?;
         let depends = |r: &ClusterRecord| {
             r.refined == NO_GROUP

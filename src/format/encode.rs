@@ -173,7 +173,7 @@ fn write_pages(
             offset: 0,
             bytes: bytes.len() as u32,
             crc: crc32fast::hash(&bytes),
-            words: entry.words,
+            words: words.len() as u32,
             clusters: entry.clusters,
             level: entry.level,
             first_group: context.own.start as u32,
@@ -240,6 +240,6 @@ fn dependencies(dag: &Dag) -> Vec<Vec<u32>> {
 /// One more than the largest identity of a page.
 fn identities_end(dag: &Dag, page: usize) -> u32 {
     let clusters = dag.pages.table[page].clusters as usize;
-    let ids = (0..clusters).flat_map(|slot| dag.geometry(ClusterAddress::new(page, slot)).ids);
+    let ids = (0..clusters).flat_map(|slot| dag.geometry(ClusterAddress::new(page, slot)).ids.iter());
     ids.max().map_or(0, |id| id + 1)
 }

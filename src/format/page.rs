@@ -9,6 +9,8 @@ use std::ops::Range;
 
 use crate::math::Sphere;
 use crate::math::octahedral::NORMAL_BITS;
+use crate::model::cluster::Streams;
+use crate::model::packing::Widths;
 use crate::model::{AttributeLayout, Grid, Group};
 
 /// What the bytes of a page are about, in their order.
@@ -78,6 +80,11 @@ pub struct Context<'a> {
 }
 
 impl Context<'_> {
+    /// Internal units per step of the grid; 0 where there is none.
+    pub(super) fn step(&self) -> f32 {
+        self.grid.map_or(0.0, Grid::step)
+    }
+
     pub(super) fn normal_bits(&self) -> u32 {
         self.grid.map_or(NORMAL_BITS, |grid| grid.normal_bits)
     }
@@ -105,13 +112,17 @@ pub(super) const USES_PER_BYTE: usize = 8 / USE_BITS;
 pub(super) struct Shape {
     pub vertices: usize,
     pub triangles: usize,
+    /// Bits of its packed numbers.
+    pub widths: Widths,
     /// First word of its streams in the page.
     pub data: usize,
+    /// Where they begin, from there.
+    pub streams: Streams,
 }
 
-/// Bytes of a cluster among the records: three counts, cone, longest edge, origin, and material.
+/// Bytes of a cluster among the records: three counts, widths, cone, longest edge, origin, and material.
 pub(super) fn record_bytes(layout: AttributeLayout) -> usize {
-    15 + 4 * usize::from(layout.materials)
+    19 + 4 * usize::from(layout.materials)
 }
 
 /// Bytes of a sphere of level 0.

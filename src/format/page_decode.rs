@@ -14,8 +14,9 @@ use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, PAGE_MAX_CLUSTE
 use crate::math::octahedral::{NORMAL_BITS, widen};
 use crate::math::{Ball, Sphere};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
+use crate::model::packing::{VertexRow, coordinate_of, ordered};
 use crate::model::rule::SOURCE_ERROR;
-use crate::model::{AttributeLayout, ClusterRecord};
+use crate::model::{ClusterRecord, Packing};
 
 /// Room for a row of every vertex of a page, and for zeros before them, so that any number of 16 bits is one of a row.
 const ROWS: usize = 1 << 16;
@@ -90,19 +91,14 @@ impl Decoder {
         let (buffers, rows) = (&mut self.buffers, &mut *self.rows);
         let layout = context.layout;
         read_records(context, clusters, &mut reader, buffers, out)?;
-        read_triangles(layout, &mut reader, &mut self.tables, buffers, out)?;
-        read_identities(context, &mut reader, buffers, out)?;
+        read_triangles(&mut reader, &mut self.tables, buffers, out)?;
+        read_identities(context, &mut reader, buffers)?;
 
         match context.grid {
-            Some(grid) => {
-                read_rows::<3>(&Whole, &mut reader, buffers, rows)?;
-                put_steps(grid.step(), buffers, rows, out)?;
-            }
-            None => {
-                read_rows::<3>(&Float, &mut reader, buffers, rows)?;
-                put_rows::<3>(0, buffers, rows, out);
-            }
+            Some(_) => read_rows::<3>(&Whole, &mut reader, buffers, rows)?,
+            None => read_rows::<3>(&Float, &mut reader, buffers, rows)?,
         }
+        put_vertices(context.step(), buffers, rows, out)?;
         let bits = context.normal_bits();
         if self.wide.len() != 1 << bits {
             let unused = u32::BITS - bits;
@@ -114,22 +110,22 @@ impl Decoder {
         for row in &mut rows[..buffers.rows] {
             row[0] = wide(row[0]) | wide(row[1]) << NORMAL_BITS;
         }
-        put_rows::<1>(3, buffers, rows, out);
+        put_rows::<1>(|s| s.streams.normals, buffers, rows, out);
         if layout.colors {
             read_rows::<4>(&Color, &mut reader, buffers, rows)?;
             for row in &mut rows[..buffers.rows] {
                 row[0] = u32::from_le_bytes(row.map(|byte| byte as u8));
             }
-            put_rows::<1>(5, buffers, rows, out);
+            put_rows::<1>(|s| s.streams.colors, buffers, rows, out);
         }
         for set in 0..usize::from(layout.uv_sets) {
             read_rows::<2>(&Float, &mut reader, buffers, rows)?;
-            put_rows::<2>(5 + usize::from(layout.colors) + 2 * set, buffers, rows, out);
+            let stream = |s: &Shape| s.streams.uvs + 2 * set * s.vertices;
+            put_rows::<2>(stream, buffers, rows, out);
         }
         if reader.rest().iter().any(|byte| *byte != 0) {
             return Err("something follows what the page has");
         }
-        put_bounds(buffers, out);
         Ok(())
     }
 }
@@ -164,9 +160,9 @@ fn read_records(
         if vertices == 0 || !(1..=CLUSTER_MAX_TRIANGLES).contains(&triangles) {
             return Err("a cluster of no triangles, or of too many");
         }
-        refined = sum(refined, 11, c);
+        refined = sum(refined, 15, c);
         if layout.materials {
-            material = sum(material, 15, c);
+            material = sum(material, 19, c);
         }
         let made_from = context.groups.get(refined as usize);
         let (lod_sphere, error) = if refined == NO_GROUP {
@@ -180,7 +176,7 @@ fn read_records(
             center: [0.0; 3],
             radius: 0.0,
             extent: [0.0; 3],
-            cone: [3, 4, 5, 6].map(|k| byte(k, c).cast_signed()),
+            cone: [7, 8, 9, 10].map(|k| byte(k, c).cast_signed()),
             lod_sphere,
             error,
             group: groups.next().ok_or("more clusters than groups have")?,
@@ -190,13 +186,15 @@ fn read_records(
             reserved: 0,
             data: data as u32,
             refined,
-            max_edge: f32::from_bits(word(7, c)),
+            max_edge: f32::from_bits(word(11, c)),
             material: material.cast_signed(),
             refined_page: made_from.map_or(NO_PAGE, |group| group.first.page() as u32),
         };
         out[c * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
-        shapes.push(Shape { vertices, triangles, data });
-        data += layout.cluster_words(vertices, triangles);
+        let widths = [3, 4, 5, 6].map(|k| byte(k, c));
+        let streams = layout.streams(vertices, triangles, widths);
+        shapes.push(Shape { vertices, triangles, widths, data, streams });
+        data += streams.end;
     }
     if data != words {
         return Err("clusters do not fill the page");
@@ -213,7 +211,6 @@ fn read_records(
 }
 
 fn read_triangles(
-    layout: AttributeLayout,
     reader: &mut Reader<'_>,
     tables: &mut Tables,
     buffers: &mut Buffers,
@@ -234,9 +231,8 @@ fn read_triangles(
     for shape in &*shapes {
         let (own, after) = symbols.split_at(shape.triangles);
         symbols = after;
-        let start = shape.data + shape.vertices * layout.vertex_words();
-        let end = shape.data + layout.cluster_words(shape.vertices, shape.triangles);
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut out[start..end]);
+        let stream = shape.data + shape.streams.triangles..shape.data + shape.streams.normals;
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut out[stream]);
         let triangles = bytemuck::cast_slice_mut(&mut bytes[..3 * shape.triangles]);
         let window = sources[first..].first_chunk_mut().ok_or("more vertices than there are")?;
         topology::decode(tables, own, &mut extra, shape.vertices, triangles, window)?;
@@ -246,13 +242,8 @@ fn read_triangles(
     Ok(())
 }
 
-/// Fills in identities, numbers the distinct vertices, and finds out what each is predicted from.
-fn read_identities(
-    context: &Context<'_>,
-    reader: &mut Reader<'_>,
-    buffers: &mut Buffers,
-    out: &mut [u32],
-) -> Read<()> {
+/// Reads identities, numbers the distinct vertices, and finds out what each is predicted from.
+fn read_identities(context: &Context<'_>, reader: &mut Reader<'_>, buffers: &mut Buffers) -> Read<()> {
     let Buffers { bytes, extra, shapes, sources, numbers, places, others, ids, .. } = buffers;
     let vertices = sources.len();
     let packed = vertices.div_ceil(USES_PER_BYTE);
@@ -297,13 +288,11 @@ fn read_identities(
     let mut local = [0u16; 256];
     let mut vertex = sources.iter().zip(&*numbers);
     for shape in &*shapes {
-        let slots = &mut out[shape.data + 4 * shape.vertices..][..shape.vertices];
-        for ((slot, local_number), (sources, number)) in slots.iter_mut().zip(0u8..).zip(&mut vertex) {
+        for (local_number, (sources, number)) in (0u8..).zip(vertex.by_ref().take(shape.vertices)) {
             let row = usize::from(*number);
             places[n % ROWS] = sources.to_le_bytes().map(|v| local[usize::from(v)]);
             n += usize::from(row == n);
             local[usize::from(local_number)] = *number;
-            *slot = ids[row];
         }
     }
     buffers.rows = n;
@@ -359,41 +348,51 @@ fn fill_rows<const N: usize, const PLANES: usize>(
     }
 }
 
-/// Copies rows to the vertices that have them: a stream of so many columns behind others of each cluster.
-fn put_rows<const N: usize>(before: usize, buffers: &Buffers, rows: &Rows, out: &mut [u32]) {
+/// Copies rows to the vertices that have them: a stream of so many columns.
+fn put_rows<const N: usize>(
+    stream: impl Fn(&Shape) -> usize,
+    buffers: &Buffers,
+    rows: &Rows,
+    out: &mut [u32],
+) {
     let mut numbers = buffers.numbers.iter();
     for shape in &buffers.shapes {
-        let stream = &mut out[shape.data + before * shape.vertices..][..N * shape.vertices];
+        let stream = &mut out[shape.data + stream(shape)..][..N * shape.vertices];
         for (to, number) in stream.chunks_exact_mut(N).zip(&mut numbers) {
             to.copy_from_slice(&rows[usize::from(*number)][..N]);
         }
     }
 }
 
-/// The same of positions, which are steps of a grid.
-fn put_steps(step: f32, buffers: &Buffers, rows: &Rows, out: &mut [u32]) -> Read<()> {
-    let mut numbers = buffers.numbers.iter();
-    let mut outside = 0;
-    for shape in &buffers.shapes {
-        let stream = &mut out[shape.data..][..3 * shape.vertices];
-        for (to, number) in stream.chunks_exact_mut(3).zip(&mut numbers) {
-            let steps = rows[usize::from(*number)].map(u32::cast_signed);
-            to.copy_from_slice(&steps.map(|x| (x as f32 * step).to_bits())[..3]);
-            // Negative where a coordinate is beyond.
-            steps.iter().for_each(|x| outside |= MAX_STEPS.wrapping_sub(x.wrapping_abs()));
-        }
-    }
-    if outside < 0 { Err("a position beyond the grid") } else { Ok(()) }
-}
-
-/// Fills in what follows from positions.
-fn put_bounds(buffers: &Buffers, out: &mut [u32]) {
+/// Packs positions and identities, and fills in what follows from positions.
+fn put_vertices(step: f32, buffers: &Buffers, rows: &Rows, out: &mut [u32]) -> Read<()> {
     let (records, streams) = out.split_at_mut(buffers.shapes.len() * RECORD_WORDS);
     let before = records.len();
     let records: &mut [ClusterRecord] = bytemuck::cast_slice_mut(records);
+    let mut numbers = buffers.numbers.iter();
+    let mut own = [VertexRow::default(); 256];
+    let mut points = [[0f32; 3]; 256];
+    let mut outside = 0;
     for (record, shape) in records.iter_mut().zip(&buffers.shapes) {
-        let positions = &streams[shape.data - before..][..3 * shape.vertices];
-        let ball = Ball::of(bytemuck::cast_slice(positions));
+        for ((row, point), number) in
+            own.iter_mut().zip(&mut points).zip(numbers.by_ref().take(shape.vertices))
+        {
+            let (value, id) = (rows[usize::from(*number)], buffers.ids[usize::from(*number)]);
+            let whole = if step > 0.0 { value } else { value.map(ordered) }.map(u32::cast_signed);
+            *row = whole;
+            row[3] = id.cast_signed();
+            point.copy_from_slice(&whole.map(|x| coordinate_of(x, step))[..3]);
+            // Negative where a coordinate is beyond.
+            whole.iter().for_each(|x| outside |= MAX_STEPS.wrapping_sub(x.wrapping_abs()));
+        }
+        let (own, points) = (&own[..shape.vertices], &points[..shape.vertices]);
+        let packing = Packing::of(own, step);
+        if packing.widths != shape.widths {
+            return Err("numbers of other widths than are said");
+        }
+        packing.write(own, &mut streams[shape.data - before..][..shape.streams.triangles]);
+        let ball = Ball::of(points);
         (record.center, record.extent, record.radius) = (ball.center, ball.extent, ball.radius);
     }
+    if step > 0.0 && outside < 0 { Err("a position beyond the grid") } else { Ok(()) }
 }

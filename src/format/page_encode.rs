@@ -4,8 +4,7 @@ use rustc_hash::FxHashMap;
 
 use super::columns::{Color, Column, Float, Normal, Row, Whole};
 use super::page::{
-    Context, EARLIER, FIRST, Part, PartBytes, SHARED, SPHERE_BYTES, Shape, USE_BITS, USES_PER_BYTE,
-    record_bytes,
+    Context, EARLIER, FIRST, Part, PartBytes, SHARED, SPHERE_BYTES, USE_BITS, USES_PER_BYTE, record_bytes,
 };
 use super::planes::{Writer, zigzag};
 use super::topology::{self, Source};
@@ -13,21 +12,22 @@ use crate::error::Result;
 use crate::limits::CLUSTER_MAX_VERTICES;
 use crate::math::octahedral::narrow;
 use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
+use crate::model::packing::ordered;
 use crate::model::{AttributeLayout, ClusterGeometry, ClusterRecord};
 
 /// Writes rows of all vertices that have to be, as differences from what is expected.
 fn write_rows<const N: usize>(
     writer: &mut Writer,
     column: &impl Column,
-    shapes: &[Shape],
+    geometry: &[ClusterGeometry<'_>],
     places: &[Place],
     value: impl Fn(usize, usize) -> [u32; N],
 ) -> Result<()> {
     let mut codes: Vec<[u32; N]> = Vec::new();
     let mut local = [Row::default(); CLUSTER_MAX_VERTICES + 1];
     let mut places = places.iter();
-    for (c, shape) in shapes.iter().enumerate() {
-        for (i, place) in places.by_ref().take(shape.vertices).enumerate() {
+    for (c, geometry) in geometry.iter().enumerate() {
+        for (i, place) in places.by_ref().take(geometry.positions.len()).enumerate() {
             let found = value(c, i);
             if !place.shared {
                 let [p, q, r, _] = place.sources.to_le_bytes().map(|s| local[usize::from(s)]);
@@ -49,18 +49,10 @@ pub fn encode(
 ) -> Result<PartBytes> {
     let layout = context.layout;
     let records: &[ClusterRecord] = bytemuck::cast_slice(&words[..clusters * RECORD_WORDS]);
-    let shape = |r: &ClusterRecord| Shape {
-        vertices: usize::from(r.vertex_count),
-        triangles: usize::from(r.triangle_count),
-        data: r.data as usize,
-    };
-    let shapes: Vec<Shape> = records.iter().map(shape).collect();
-    let geometry: Vec<ClusterGeometry<'_>> = shapes
+    let counts = |r: &ClusterRecord| (usize::from(r.vertex_count), usize::from(r.triangle_count));
+    let geometry: Vec<ClusterGeometry<'_>> = records
         .iter()
-        .map(|s| {
-            let words = &words[s.data..][..layout.cluster_words(s.vertices, s.triangles)];
-            ClusterGeometry::new(words, layout, s.vertices, s.triangles)
-        })
+        .map(|r| ClusterGeometry::new(&words[r.data as usize..], layout, counts(r).0, counts(r).1))
         .collect();
     let mut parts = [0; Part::ALL.len()];
     let mut start = writer.bytes.len();
@@ -69,14 +61,14 @@ pub fn encode(
         start = writer.bytes.len();
     };
 
-    write_records(layout, records, writer)?;
+    write_records(layout, records, &geometry, writer)?;
     ended(Part::Records, writer);
 
     let (mut symbols, mut extra, mut sources, mut places) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for (geometry, shape) in geometry.iter().zip(&shapes) {
+    for geometry in &geometry {
         topology::encode(geometry.triangles, &mut symbols, &mut extra, &mut sources);
         // Vertices that no triangle uses have no place: what is read back is then not what was written, and said so.
-        sources.resize(shape.vertices, Source::default());
+        sources.resize(geometry.positions.len(), Source::default());
         places.extend(sources.iter().map(|sources| Place { shared: false, sources: *sources }));
     }
     writer.symbols(&symbols)?;
@@ -86,31 +78,28 @@ pub fn encode(
     write_identities(context, &geometry, &mut places, writer)?;
     ended(Part::Identities, writer);
 
-    let position = |c: usize, i: usize| geometry[c].positions[i];
+    let numbers = |c: usize, i: usize| geometry[c].positions.numbers(i).map(i32::cast_unsigned);
     match context.grid {
-        Some(grid) => {
-            let steps = grid.steps();
-            let value = |c, i| position(c, i).map(|x| ((x * steps) as i32).cast_unsigned());
-            write_rows(writer, &Whole, &shapes, &places, value)?;
-        }
-        None => write_rows(writer, &Float, &shapes, &places, |c, i| position(c, i).map(f32::to_bits))?,
+        Some(_) => write_rows(writer, &Whole, &geometry, &places, numbers)?,
+        None => write_rows(writer, &Float, &geometry, &places, |c, i| numbers(c, i).map(ordered))?,
     }
     ended(Part::Positions, writer);
 
     let bits = context.normal_bits();
     let normal = |c: usize, i: usize| narrow(geometry[c].normals[i], bits).map(i32::cast_unsigned);
-    write_rows(writer, &Normal { bits }, &shapes, &places, normal)?;
+    write_rows(writer, &Normal { bits }, &geometry, &places, normal)?;
     ended(Part::Normals, writer);
 
     if layout.colors {
         let color = |c: usize, i: usize| geometry[c].colors[i].map(u32::from);
-        write_rows(writer, &Color, &shapes, &places, color)?;
+        write_rows(writer, &Color, &geometry, &places, color)?;
     }
     ended(Part::Colors, writer);
 
     for set in 0..usize::from(layout.uv_sets) {
-        let uv = |c: usize, i: usize| geometry[c].uvs[set * shapes[c].vertices + i].map(f32::to_bits);
-        write_rows(writer, &Float, &shapes, &places, uv)?;
+        let uv =
+            |c: usize, i: usize| geometry[c].uvs[set * geometry[c].positions.len() + i].map(f32::to_bits);
+        write_rows(writer, &Float, &geometry, &places, uv)?;
     }
     ended(Part::Uvs, writer);
     Ok(parts)
@@ -122,7 +111,12 @@ fn steps(values: impl Iterator<Item = u32>) -> Vec<u32> {
     values.map(|v| zigzag(v.wrapping_sub(std::mem::replace(&mut last, v)))).collect()
 }
 
-fn write_records(layout: AttributeLayout, records: &[ClusterRecord], writer: &mut Writer) -> Result<()> {
+fn write_records(
+    layout: AttributeLayout,
+    records: &[ClusterRecord],
+    geometry: &[ClusterGeometry<'_>],
+    writer: &mut Writer,
+) -> Result<()> {
     // All first bytes, then all second ones, and so on.
     let transposed = |rows: &[Vec<u8>], width: usize| -> Vec<u8> {
         (0..width).flat_map(|k| rows.iter().map(move |row| row[k])).collect()
@@ -131,6 +125,7 @@ fn write_records(layout: AttributeLayout, records: &[ClusterRecord], writer: &mu
     let materials = steps(records.iter().map(|r| r.material.cast_unsigned()));
     let row = |(c, r): (usize, &ClusterRecord)| {
         let mut row = vec![r.vertex_count, r.triangle_count, r.level];
+        row.extend(geometry[c].widths());
         row.extend(r.cone.map(i8::cast_unsigned));
         row.extend(r.max_edge.to_le_bytes());
         row.extend(refined[c].to_le_bytes());
@@ -162,20 +157,20 @@ fn write_identities(
     let mut known: FxHashMap<u32, u32> = FxHashMap::default();
     let mut next = context.first_identity;
     let (mut uses, mut shared, mut earlier) = (Vec::new(), Vec::new(), Vec::new());
-    for (id, place) in geometry.iter().flat_map(|g| g.ids).zip(places) {
+    for (id, place) in geometry.iter().flat_map(|g| g.ids.iter()).zip(places) {
         let count = known.len() as u32;
-        if let Some(number) = known.get(id) {
+        if let Some(number) = known.get(&id) {
             uses.push(SHARED);
             shared.push(*number);
             place.shared = true;
             continue;
         }
-        known.insert(*id, count);
-        uses.push(if *id == next { FIRST } else { EARLIER });
-        if *id == next {
+        known.insert(id, count);
+        uses.push(if id == next { FIRST } else { EARLIER });
+        if id == next {
             next += 1;
         } else {
-            earlier.push(*id);
+            earlier.push(id);
         }
     }
     let packed = |uses: &[u8]| uses.iter().enumerate().fold(0, |byte, (i, u)| byte | u << (USE_BITS * i));

@@ -14,8 +14,10 @@ use crate::error::{Error, Result};
 use crate::math::octahedral::{NORMAL_BITS, narrow, widen};
 use crate::math::{Aabb, Bounds};
 use crate::model::cluster::RECORD_WORDS;
+use crate::model::packing::{VertexRow, vertex_row};
 use crate::model::{
-    AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Node, Pages,
+    AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Node, Packing,
+    PageEntry, PageWords, Pages,
 };
 
 /// Bits of each octahedral coordinate of a normal in files that round: off by a quarter of a degree at most.
@@ -103,9 +105,7 @@ impl<'a> Rounded<'a> {
         let words = self.dag.pages.page(page);
         match self.grid {
             Some(grid) if self.dag.grid != Some(grid) => {
-                let mut words = words.to_vec();
-                round_page(&mut words, self.dag.pages.table[page].clusters as usize, self.dag.layout(), grid);
-                Cow::Owned(words)
+                Cow::Owned(round_page(words, self.dag.pages.records(page), self.dag.layout(), grid))
             }
             _ => Cow::Borrowed(words),
         }
@@ -115,9 +115,12 @@ impl<'a> Rounded<'a> {
 /// The mesh that a file of this precision holds. One that is on a grid as coarse stays what it is.
 pub fn quantize(dag: &Dag, precision: Precision) -> Result<Dag> {
     let rounded = Rounded::new(dag, precision)?;
-    let pages = (0..dag.pages.table.len()).into_par_iter().map(|p| rounded.page(p).into()).collect();
+    let pages: Vec<PageWords> =
+        (0..dag.pages.table.len()).into_par_iter().map(|p| rounded.page(p).into()).collect();
+    let entry = |(entry, words): (&PageEntry, &PageWords)| PageEntry { words: words.len() as u32, ..*entry };
+    let table = dag.pages.table.iter().zip(&pages).map(entry).collect();
     Ok(Dag {
-        pages: Arc::new(Pages::new(dag.pages.table.to_vec(), dag.layout(), pages)),
+        pages: Arc::new(Pages::new(table, dag.layout(), pages)),
         grid: rounded.grid,
         bounds: rounded.bounds,
         groups: rounded.groups.into(),
@@ -143,7 +146,7 @@ fn exponent(dag: &Dag, precision: Precision) -> Result<Option<i32>> {
     }
     let largest = |p: usize| {
         let records = dag.pages.records(p).iter().enumerate();
-        let positions = records.flat_map(|(slot, _)| geometry(dag, p, slot).positions).flatten();
+        let positions = records.flat_map(|(slot, _)| geometry(dag, p, slot).positions.iter()).flatten();
         positions.fold(0f32, |most, x| most.max(x.abs()))
     };
     let largest = (0..dag.pages.table.len()).into_par_iter().map(largest).reduce(|| 0.0, f32::max);
@@ -212,7 +215,7 @@ fn survey(dag: &Dag, page: usize, grid: Grid) -> (f64, Vec<Aabb>) {
     for slot in 0..dag.pages.table[page].clusters as usize {
         let positions = geometry(dag, page, slot).positions;
         snapped.clear();
-        snapped.extend(positions.iter().map(|p| snap(*p, grid)));
+        snapped.extend(positions.iter().map(|p| snap(p, grid)));
         for (p, q) in positions.iter().zip(&snapped) {
             let squared = (0..3).map(|k| (f64::from(p[k]) - f64::from(q[k])).powi(2)).sum();
             most = most.max(squared);
@@ -222,24 +225,34 @@ fn survey(dag: &Dag, page: usize, grid: Grid) -> (f64, Vec<Aabb>) {
     (most, boxes)
 }
 
-/// Rounds positions and normals of a page and makes its bounds again.
-fn round_page(words: &mut [u32], clusters: usize, layout: AttributeLayout, grid: Grid) {
-    let (records, streams) = words.split_at_mut(clusters * RECORD_WORDS);
-    let first = records.len();
-    let records: &mut [ClusterRecord] = bytemuck::cast_slice_mut(records);
-    for record in records {
+/// A page with positions and normals rounded, and bounds made again.
+fn round_page(words: &[u32], records: &[ClusterRecord], layout: AttributeLayout, grid: Grid) -> Vec<u32> {
+    let mut out: Vec<u32> = bytemuck::cast_slice(records).to_vec();
+    for (slot, record) in records.iter().enumerate() {
         let (vertices, triangles) = (usize::from(record.vertex_count), usize::from(record.triangle_count));
-        let own = &mut streams[record.data as usize - first..][..layout.cluster_words(vertices, triangles)];
-        let (positions, rest) = own.split_at_mut(3 * vertices);
-        let positions: &mut [[f32; 3]] = bytemuck::cast_slice_mut(positions);
-        positions.iter_mut().for_each(|p| *p = snap(*p, grid));
-        for normal in &mut rest[..vertices] {
+        let geometry = ClusterGeometry::new(&words[record.data as usize..], layout, vertices, triangles);
+        let positions: Vec<[f32; 3]> = geometry.positions.iter().map(|p| snap(p, grid)).collect();
+        let Bounds { center, extent, radius, max_edge, cone } = Bounds::of(&positions, geometry.triangles);
+        let data = out.len();
+        let record = ClusterRecord { center, radius, extent, cone, max_edge, data: data as u32, ..*record };
+        out[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
+
+        let vertex = |(p, id): (&[f32; 3], u32)| vertex_row(*p, id, grid.step());
+        let rows: Vec<VertexRow> = positions.iter().zip(geometry.ids.iter()).map(vertex).collect();
+        let packing = Packing::of(&rows, grid.step());
+        let streams = layout.streams(vertices, triangles, packing.widths);
+        out.resize(data + streams.triangles, 0);
+        packing.write(&rows, &mut out[data..]);
+        let corners: &[u8] = bytemuck::cast_slice(geometry.triangles);
+        out.resize(data + streams.normals, 0);
+        bytemuck::cast_slice_mut(&mut out[data + streams.triangles..])[..corners.len()]
+            .copy_from_slice(corners);
+        out.extend(geometry.normals.iter().map(|normal| {
             let [x, y] = narrow(*normal, grid.normal_bits).map(|t| u32::from(widen(t, grid.normal_bits)));
-            *normal = x | y << NORMAL_BITS;
-        }
-        let geometry = ClusterGeometry::new(own, layout, vertices, triangles);
-        let bounds = Bounds::of(geometry.positions, geometry.triangles);
-        (record.center, record.extent, record.radius) = (bounds.center, bounds.extent, bounds.radius);
-        (record.cone, record.max_edge) = (bounds.cone, bounds.max_edge);
+            x | y << NORMAL_BITS
+        }));
+        out.extend::<&[u32]>(bytemuck::cast_slice(geometry.colors));
+        out.extend::<&[u32]>(bytemuck::cast_slice(geometry.uvs));
     }
+    out
 }

@@ -14,7 +14,10 @@ use crate::limits::{
 };
 use crate::math::octahedral::NORMAL_BITS;
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
-use crate::model::{AttributeLayout, Channel, ClusterGeometry, ClusterRecord, Dag, Grid, Group, PageEntry};
+use crate::model::packing::{PACKING_WORDS, WIDEST};
+use crate::model::{
+    AttributeLayout, Channel, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Packing, PageEntry,
+};
 
 type Fault = (Kind, String);
 
@@ -25,7 +28,9 @@ fn ensure(holds: bool, section: Kind, message: impl FnOnce() -> String) -> Resul
 /// Checks everything, of a mesh whose pages are all in memory; the fault names its section.
 pub fn structure(dag: &Dag) -> Result<(), Fault> {
     head(dag)?;
-    let limits = PageLimits { layout: dag.layout(), groups: &dag.groups, vertex_count: dag.vertex_count };
+    let step = dag.grid.map_or(0.0, Grid::step);
+    let limits =
+        PageLimits { layout: dag.layout(), groups: &dag.groups, vertex_count: dag.vertex_count, step };
     dag.pages.table.par_iter().enumerate().try_for_each(|(p, entry)| {
         let words = dag.pages.page(p);
         ensure(words.len() == entry.words as usize, Kind::PageTable, || {
@@ -113,6 +118,8 @@ pub struct PageLimits<'a> {
     pub groups: &'a [Group],
     /// Number of vertex identities.
     pub vertex_count: u32,
+    /// Internal units per step of the grid that positions lie on; 0 where there is none.
+    pub step: f32,
 }
 
 impl PageLimits<'_> {
@@ -142,8 +149,11 @@ impl PageLimits<'_> {
         let (vertices, triangles) = (usize::from(record.vertex_count), usize::from(record.triangle_count));
         fault((1..=CLUSTER_MAX_TRIANGLES).contains(&triangles), "number of triangles")?;
         fault((1..=CLUSTER_MAX_VERTICES).contains(&vertices), "number of vertices")?;
-        let streams = self.layout.cluster_words(vertices, triangles);
-        let own = words.get(record.data as usize..).and_then(|rest| rest.get(..streams)).ok_or("streams")?;
+        let rest = words.get(record.data as usize..).unwrap_or_default();
+        let head = rest.get(..PACKING_WORDS).ok_or("streams")?;
+        let Packing { widths, step, .. } = bytemuck::pod_read_unaligned(bytemuck::cast_slice(head));
+        fault(widths.iter().zip(WIDEST).all(|(bits, most)| *bits <= most), "widths")?;
+        let own = rest.get(..self.layout.streams(vertices, triangles, widths).end).ok_or("streams")?;
         fault((record.group as usize) < self.groups.len(), "group")?;
         let origin = self.groups.get(record.refined as usize);
         fault(record.refined == NO_GROUP || origin.is_some(), "origin")?;
@@ -157,8 +167,9 @@ impl PageLimits<'_> {
         fault(finite(&sizes) && record.lod_sphere.radius >= 0.0, "sizes")?;
         let geometry = ClusterGeometry::new(own, self.layout, vertices, triangles);
         fault(geometry.triangles.iter().flatten().all(|v| usize::from(*v) < vertices), "corners")?;
-        fault(geometry.ids.iter().all(|id| *id < self.vertex_count), "identities")?;
-        fault(finite(geometry.positions.as_flattened()), "positions")?;
+        fault(geometry.ids.iter().all(|id| id < self.vertex_count), "identities")?;
+        let positions = step > 0.0 || geometry.positions.iter().all(|p| finite(&p));
+        fault(step == self.step && positions, "positions")?;
         fault(finite(geometry.uvs.as_flattened()), "UVs")
     }
 }

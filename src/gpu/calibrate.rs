@@ -21,8 +21,9 @@ use crate::config::{Calibration, Raster};
 use crate::error::Result;
 use crate::gpu_types::{Call, Counters, Dispatch, Instance, View, VisibleCluster};
 use crate::limits::CLUSTER_MAX_TRIANGLES;
-use crate::model::ClusterRecord;
 use crate::model::cluster::RECORD_WORDS;
+use crate::model::packing::{VertexRow, vertex_row};
+use crate::model::{AttributeLayout, ClusterRecord, Packing};
 
 /// Side of the picture, pixels.
 const SIDE: u32 = 512;
@@ -274,7 +275,7 @@ fn instances() -> Vec<Instance> {
                 [edge * u, edge * v, 0.0, middle].map(|value| value * distance)
             });
             let screen = [x, y, [0.0, 0.0, 0.0, distance]];
-            Instance { screen, vertex_words: 3, double_sided: 1, ..bytemuck::Zeroable::zeroed() }
+            Instance { screen, double_sided: 1, ..bytemuck::Zeroable::zeroed() }
         })
         .collect()
 }
@@ -288,20 +289,27 @@ fn page() -> Vec<u32> {
         data: RECORD_WORDS as u32,
         ..bytemuck::Zeroable::zeroed()
     };
-    let positions = (0..row * row).flat_map(|v| [(v % row) as f32, (v / row) as f32, 0.0]);
+    let vertices: Vec<VertexRow> =
+        (0..row * row).map(|v| vertex_row([(v % row) as f32, (v / row) as f32, 0.0], 0, 1.0)).collect();
+    let packing = Packing::of(&vertices, 1.0);
+    let streams = AttributeLayout::default().streams(row * row, CLUSTER_MAX_TRIANGLES, packing.widths);
     let corners = (0..QUADS * QUADS).flat_map(|quad| {
         let first = quad / QUADS * row + quad % QUADS;
         [first, first + 1, first + row + 1, first, first + row + 1, first + row].map(|v| v as u8)
     });
     let mut words: Vec<u32> = bytemuck::cast_slice(&[record]).to_vec();
-    words.extend(positions.map(f32::to_bits));
-    words.extend(bytemuck::pod_collect_to_vec::<u8, u32>(&corners.collect::<Vec<_>>()));
+    words.resize(RECORD_WORDS + streams.end, 0);
+    let own = &mut words[RECORD_WORDS..];
+    packing.write(&vertices, own);
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut own[streams.triangles..]);
+    bytes.iter_mut().zip(corners).for_each(|(byte, corner)| *byte = corner);
     words
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::ClusterGeometry;
 
     #[test]
     fn the_fastest_form_is_taken_if_it_draws_the_same() {
@@ -326,10 +334,9 @@ mod tests {
         let record: &ClusterRecord = bytemuck::from_bytes(bytemuck::cast_slice(&words[..RECORD_WORDS]));
         let (vertices, triangles) = (usize::from(record.vertex_count), usize::from(record.triangle_count));
         assert_eq!(triangles, CLUSTER_MAX_TRIANGLES);
-        let corners = &words[RECORD_WORDS + 3 * vertices..];
-        assert_eq!(4 * corners.len(), 3 * triangles);
-        assert!(
-            bytemuck::cast_slice::<u32, u8>(corners).iter().all(|&corner| usize::from(corner) < vertices)
-        );
+        let layout = AttributeLayout::default();
+        let geometry = ClusterGeometry::new(&words[RECORD_WORDS..], layout, vertices, triangles);
+        assert!(geometry.triangles.iter().flatten().all(|&corner| usize::from(corner) < vertices));
+        assert_eq!(geometry.corners(127), [[7.0, 7.0, 0.0], [8.0, 8.0, 0.0], [7.0, 8.0, 0.0]]);
     }
 }

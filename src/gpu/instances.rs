@@ -68,9 +68,8 @@ impl Instances {
             self.rearranged = true;
             self.meshes[index] = mesh.cloned();
         }
-        let Placed { first_node, first_group, first_page, group_words, vertex_words, .. } =
-            self.records[index];
-        let placement = Placed { first_node, first_group, first_page, group_words, vertex_words, ..record };
+        let Placed { first_node, first_group, first_page, group_words, .. } = self.records[index];
+        let placement = Placed { first_node, first_group, first_page, group_words, ..record };
         self.records[index] = placement;
         self.changed.push(slot);
     }
@@ -148,7 +147,6 @@ impl Instances {
                 arranged.first_node = place.first_node;
                 arranged.first_group = place.first_group;
                 arranged.first_page = place.first_page;
-                arranged.vertex_words = place.vertex_words;
                 depth = depth.max(place.depth);
                 let more = (mesh.groups.len() as u32).div_ceil(u32::BITS);
                 words = words.checked_add(more).ok_or_else(|| {

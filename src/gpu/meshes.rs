@@ -14,7 +14,7 @@ use crate::limits::PAGE_MAX_BYTES;
 use crate::model::{Dag, Group, Node, Pages};
 use crate::stream::{Needs, Request, Resident};
 
-/// Where a mesh starts in each array, and what its streams look like.
+/// Where a mesh starts in each array.
 #[derive(Clone, Copy, Debug)]
 pub struct Placement {
     /// First node.
@@ -23,8 +23,6 @@ pub struct Placement {
     pub first_group: u32,
     /// First entry of the table of pages.
     pub first_page: u32,
-    /// Words per vertex.
-    pub vertex_words: u32,
     /// Levels of its hierarchy.
     pub depth: u32,
 }
@@ -301,7 +299,6 @@ impl Meshes {
             first_node: first_node as u32,
             first_group: first_group as u32,
             first_page: first_page as u32,
-            vertex_words: mesh.layout().vertex_words() as u32,
             depth: depth(mesh),
         };
         self.used = sum(self.used, sizes(mesh));

@@ -10,8 +10,8 @@ use crate::limits::{
     PAGE_SLOT_BITS, PYRAMID_ABOVE, PYRAMID_FINER, PYRAMID_LEVELS, PYRAMID_REACH, SMALL_EDGE, SUBPIXEL_BITS,
     TRIANGLE_BITS,
 };
-use crate::model::ClusterRecord;
 use crate::model::cluster::RECORD_WORDS;
+use crate::model::{ClusterRecord, Packing};
 
 /// Lanes of a workgroup where each entry is looked at by itself.
 pub const WIDTH: u32 = 64;
@@ -405,6 +405,9 @@ pub fn constants() -> String {
         ("RECORD_DATA", offset_of!(ClusterRecord, data)),
         ("RECORD_GROUP", offset_of!(ClusterRecord, group)),
         ("RECORD_REFINED_PAGE", offset_of!(ClusterRecord, refined_page)),
+        ("PACKING_WIDTHS", offset_of!(Packing, widths)),
+        ("PACKING_STEP", offset_of!(Packing, step)),
+        ("PACKING_WORDS", size_of::<Packing>()),
     ];
     let real = [
         ("GUARD_BAND", GUARD_BAND),

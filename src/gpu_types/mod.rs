@@ -91,8 +91,6 @@ pub struct Placed {
     pub first_page: u32,
     /// Where the bits of the instance's groups start, words.
     pub group_words: u32,
-    /// Words per vertex of a cluster's streams.
-    pub vertex_words: u32,
     /// 1 draws back faces too.
     pub double_sided: u32,
     /// 1 where the map reverses orientation.
@@ -100,7 +98,9 @@ pub struct Placed {
     /// 0 where nothing is, or nothing to be seen.
     pub visible: u32,
     /// Zero.
-    pub unused: u32,
+    pub unused_a: u32,
+    /// Zero.
+    pub unused_b: u32,
 }
 
 /// The look of an instance, for shading: in the slot of its [`Placed`].
@@ -192,14 +192,14 @@ pub struct Instance {
     pub first_page: u32,
     /// Where the bits of the instance's groups start, words.
     pub group_words: u32,
-    /// Words per vertex of a cluster's streams.
-    pub vertex_words: u32,
     /// 1 draws back faces too.
     pub double_sided: u32,
     /// 1 where the map to the screen reverses orientation.
     pub mirrored: u32,
     /// Zero.
-    pub unused: u32,
+    pub unused_a: u32,
+    /// Zero.
+    pub unused_b: u32,
 }
 
 /// Workgroups of a dispatch that one shader decides for the next.

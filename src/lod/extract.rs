@@ -44,11 +44,11 @@ pub fn extract(dag: &Dag, clusters: &[ClusterAddress]) -> CutArrays {
         let count = geometry.positions.len();
         let mut local = [0u32; crate::limits::CLUSTER_MAX_VERTICES];
         for (i, id) in geometry.ids.iter().enumerate() {
-            let slot = &mut number[*id as usize];
+            let slot = &mut number[id as usize];
             if *slot == 0 {
-                out.positions.push(geometry.positions[i]);
+                out.positions.push(geometry.positions.get(i));
                 out.normals.push(octahedral::decode(geometry.normals[i]));
-                out.ids.push(*id);
+                out.ids.push(id);
                 if let Some(color) = geometry.colors.get(i) {
                     out.colors.push(*color);
                 }

@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::packing::{Identities, PACKING_WORDS, Packing, Positions, Widths, packed_words};
 use crate::limits::PAGE_SLOT_BITS;
 use crate::math::Sphere;
 
@@ -85,9 +86,11 @@ impl ClusterRecord {
     }
 }
 
-/// Which per-vertex streams a mesh carries, in the order in which they follow each other in a cluster:
-/// positions (3 × f32), normals (octahedral, 1 word), vertex identities (1 word), colours (RGBA8, 1 word),
-/// `uv_sets` × (2 × f32), then triangles (3 bytes each, padded to a word).
+/// Which per-vertex streams a mesh carries besides positions and identities.
+///
+/// The streams of a cluster, in the order in which they follow each other: a [`Packing`], positions, vertex identities,
+/// triangles (3 bytes each, padded to a word), normals (octahedral, 1 word), colours (RGBA8, 1 word), and `uv_sets` ×
+/// (2 × f32).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct AttributeLayout {
     /// Vertex colours are present.
@@ -98,15 +101,41 @@ pub struct AttributeLayout {
     pub materials: bool,
 }
 
-impl AttributeLayout {
-    /// Words per vertex.
-    pub fn vertex_words(self) -> usize {
-        5 + usize::from(self.colors) + 2 * usize::from(self.uv_sets)
-    }
+/// Where the streams of a cluster begin, words from the first of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Streams {
+    /// Vertex identities.
+    pub ids: usize,
+    /// Triangles.
+    pub triangles: usize,
+    /// Normals.
+    pub normals: usize,
+    /// Colours.
+    pub colors: usize,
+    /// UV sets.
+    pub uvs: usize,
+    /// Behind the last.
+    pub end: usize,
+}
 
-    /// Words of the streams of a cluster.
-    pub fn cluster_words(self, vertices: usize, triangles: usize) -> usize {
-        vertices * self.vertex_words() + (3 * triangles).div_ceil(4)
+impl AttributeLayout {
+    /// Where the streams of a cluster begin.
+    #[inline]
+    pub fn streams(self, vertices: usize, triangles: usize, widths: Widths) -> Streams {
+        let [x, y, z, id] = widths.map(usize::from);
+        let ids = PACKING_WORDS + packed_words(vertices, x + y + z);
+        let triangles_at = ids + packed_words(vertices, id);
+        let normals = triangles_at + (3 * triangles).div_ceil(4);
+        let colors = normals + vertices;
+        let uvs = colors + if self.colors { vertices } else { 0 };
+        Streams {
+            ids,
+            triangles: triangles_at,
+            normals,
+            colors,
+            uvs,
+            end: uvs + 2 * usize::from(self.uv_sets) * vertices,
+        }
     }
 }
 
@@ -114,40 +143,44 @@ impl AttributeLayout {
 #[derive(Clone, Copy, Debug)]
 pub struct ClusterGeometry<'a> {
     /// Positions in internal units.
-    pub positions: &'a [[f32; 3]],
+    pub positions: Positions<'a>,
+    /// Vertex identities: two clusters share a vertex exactly when the identities are equal.
+    pub ids: Identities<'a>,
+    /// Corners of each triangle, counter-clockwise seen from the front.
+    pub triangles: &'a [[u8; 3]],
     /// Octahedral normals, see [`crate::math::octahedral`].
     pub normals: &'a [u32],
-    /// Vertex identities: two clusters share a vertex exactly when the identities are equal.
-    pub ids: &'a [u32],
     /// RGBA8 colours, red in the low byte; empty when the mesh has none.
     pub colors: &'a [[u8; 4]],
     /// UV sets, one after the other; empty when the mesh has none.
     pub uvs: &'a [[f32; 2]],
-    /// Corners of each triangle, counter-clockwise seen from the front.
-    pub triangles: &'a [[u8; 3]],
 }
 
 impl<'a> ClusterGeometry<'a> {
-    /// Splits the words of a cluster into its streams.
+    /// The streams at the head of `words`, of a cluster of at least a vertex and a triangle.
     pub fn new(words: &'a [u32], layout: AttributeLayout, vertices: usize, triangles: usize) -> Self {
-        let (positions, rest) = words.split_at(3 * vertices);
-        let (normals, rest) = rest.split_at(vertices);
-        let (ids, rest) = rest.split_at(vertices);
-        let (colors, rest) = rest.split_at(if layout.colors { vertices } else { 0 });
-        let (uvs, rest) = rest.split_at(2 * usize::from(layout.uv_sets) * vertices);
-        let bytes: &[u8] = bytemuck::cast_slice(rest);
+        let packing: Packing = bytemuck::pod_read_unaligned(bytemuck::cast_slice(&words[..PACKING_WORDS]));
+        let streams = layout.streams(vertices, triangles, packing.widths);
+        let words = &words[..streams.end];
+        let bytes: &[u8] = bytemuck::cast_slice(words);
+        // Triangles and normals follow, which are two words at least: what a read of packed numbers may reach.
         Self {
-            positions: bytemuck::cast_slice(positions),
-            normals,
-            ids,
-            colors: bytemuck::cast_slice(colors),
-            uvs: bytemuck::cast_slice(uvs),
-            triangles: bytemuck::cast_slice(&bytes[..3 * triangles]),
+            positions: Positions::new(&bytes[4 * PACKING_WORDS..], vertices, packing),
+            ids: Identities::new(&bytes[4 * streams.ids..], vertices, packing),
+            triangles: bytemuck::cast_slice(&bytes[4 * streams.triangles..][..3 * triangles]),
+            normals: &words[streams.normals..streams.colors],
+            colors: bytemuck::cast_slice(&words[streams.colors..streams.uvs]),
+            uvs: bytemuck::cast_slice(&words[streams.uvs..]),
         }
+    }
+
+    /// Bits of its packed numbers.
+    pub fn widths(&self) -> Widths {
+        self.positions.packing().widths
     }
 
     /// The corners of triangle `t`.
     pub fn corners(&self, t: usize) -> [[f32; 3]; 3] {
-        self.triangles[t].map(|v| self.positions[usize::from(v)])
+        self.triangles[t].map(|v| self.positions.get(usize::from(v)))
     }
 }

@@ -166,12 +166,7 @@ impl Pages {
         let record = self.record(at);
         let (vertices, triangles) = (usize::from(record.vertex_count), usize::from(record.triangle_count));
         let words = &self.page(at.page())[record.data as usize..];
-        ClusterGeometry::new(
-            &words[..self.layout.cluster_words(vertices, triangles)],
-            self.layout,
-            vertices,
-            triangles,
-        )
+        ClusterGeometry::new(words, self.layout, vertices, triangles)
     }
 
     /// A dense number for a cluster, `0..cluster_count()`, in page order.

@@ -154,7 +154,7 @@ fn all_positions_lie_on_the_grid_and_the_stated_movement_holds() {
     let mut moved = 0f64;
     for (at, again) in dag.pages.addresses().zip(read.pages.addresses()) {
         let (a, b) = (dag.geometry(at), read.geometry(again));
-        for (p, q) in a.positions.iter().zip(b.positions) {
+        for (p, q) in a.positions.iter().zip(b.positions.iter()) {
             assert!(q.iter().all(|x| (x * grid.steps()).fract() == 0.0));
             let squared = (0..3).map(|k| (f64::from(p[k]) - f64::from(q[k])).powi(2)).sum::<f64>();
             moved = moved.max(squared.sqrt() * dag.frame.scale);
@@ -407,7 +407,12 @@ fn channels_that_do_not_fit_are_refused() {
         Arc::make_mut(&mut d.pages).set(0, Some(words.into()));
     };
     refused(&spoil, "bounds");
-    refused(&|d| d.grid = Some(Grid { exponent: 3, normal_bits: 8, moved: 0.0 }), "no order");
+    refused(&|d| d.grid = Some(Grid { exponent: 3, normal_bits: 8, moved: 0.0 }), "positions");
+    let few_bits = |d: &mut Dag| {
+        *d = quantize(d, Precision::Auto).unwrap();
+        d.grid.as_mut().unwrap().normal_bits = 4;
+    };
+    refused(&few_bits, "no order");
     refused(&|d| d.grid = Some(Grid { exponent: 99, normal_bits: 8, moved: 0.0 }), "grid");
 
     // The same of files: lengths in the metadata that the section does not have.

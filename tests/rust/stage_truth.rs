@@ -10,7 +10,8 @@ use nanite_rs::gpu_types::{
 use nanite_rs::limits::{PYRAMID_ABOVE, PYRAMID_LEVELS};
 use nanite_rs::math::Sphere;
 use nanite_rs::model::cluster::RECORD_WORDS;
-use nanite_rs::model::{ClusterAddress, ClusterRecord, Group, Node};
+use nanite_rs::model::packing::{VertexRow, vertex_row};
+use nanite_rs::model::{AttributeLayout, ClusterAddress, ClusterRecord, Group, Node, Packing};
 
 use crate::gpu_parity::device;
 
@@ -181,7 +182,7 @@ fn instances_are_seen_as_far_as_a_pixel_may_show_them() {
 fn an_instance_as_seen_from_the_eye() {
     let Some(device) = device("an_instance_as_seen_from_the_eye") else { return };
     let view = View { instances: 2, mirrored: 1, ..view() };
-    let there = Placed { group_words: 7, first_node: 5, vertex_words: 6, ..placed(3.0, -2.0, -10.0) };
+    let there = Placed { group_words: 7, first_node: 5, ..placed(3.0, -2.0, -10.0) };
     let hidden = Placed { group_words: 9, visible: 0, ..there };
     let (list, level) = ([0; 4], [Dispatch::default()]);
     let old = [Instance { screen: [[4.0; 4]; 3], ..Instance::zeroed() }; 2];
@@ -207,7 +208,7 @@ fn an_instance_as_seen_from_the_eye() {
     let to_eye = [[1.0, 0.0, 0.0, 3.0], [0.0, 1.0, 0.0, -2.0], [0.0, 0.0, 1.0, -10.0]];
     assert_eq!(found.object_to_eye, to_eye);
     assert_eq!((found.eye, found.extent, found.mirrored), ([-3.0, 2.0, 10.0], [1.0; 3], 1));
-    assert_eq!((found.group_words, found.first_node, found.vertex_words), (7, 5, 6));
+    assert_eq!((found.group_words, found.first_node), (7, 5));
     assert_eq!((not_seen.group_words, not_seen.screen), (9, old[1].screen));
 }
 
@@ -848,7 +849,8 @@ fn drawn(
     instance: Instance,
     clusters: &[Triangles],
 ) -> (Vec<(u32, u32)>, u32) {
-    // A page for each: its record, three words for each vertex, three bytes for each triangle.
+    // A page for each: its record, and its streams. Positions are on a grid where they can be, and else as they are.
+    const STEP: f32 = 0.0625;
     let (mut pages, mut offsets) = (Vec::new(), Vec::new());
     for Triangles { corners, triangles } in clusters {
         offsets.push(pages.len() as u32);
@@ -859,10 +861,16 @@ fn drawn(
             ..ClusterRecord::zeroed()
         };
         pages.extend(words(&[record]));
-        pages.extend(words(corners));
-        let mut bytes: Vec<u8> = triangles.as_flattened().to_vec();
-        bytes.resize(bytes.len().next_multiple_of(4), 0);
-        pages.extend(bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+        let on_grid = corners.as_flattened().iter().all(|x| (x / STEP).fract() == 0.0 && x.abs() < 1.0e5);
+        let step = if on_grid { STEP } else { 0.0 };
+        let rows: Vec<VertexRow> = corners.iter().map(|p| vertex_row(*p, 0, step)).collect();
+        let packing = Packing::of(&rows, step);
+        let streams = AttributeLayout::default().streams(corners.len(), triangles.len(), packing.widths);
+        let mut own = vec![0; streams.end];
+        packing.write(&rows, &mut own);
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut own[streams.triangles..]);
+        bytes.iter_mut().zip(triangles.as_flattened()).for_each(|(byte, corner)| *byte = *corner);
+        pages.extend(own);
     }
     offsets.resize(4, 0);
     let visible: Vec<VisibleCluster> = (0..clusters.len())
@@ -881,7 +889,7 @@ fn drawn(
     }
     let mut draws = [Dispatch::default(); 3];
     draws[usize::from(large)] = dispatch(count, 1, count);
-    let (view, instance) = (words(std::slice::from_ref(view)), [Instance { vertex_words: 3, ..instance }]);
+    let (view, instance) = (words(std::slice::from_ref(view)), [instance]);
     let mut results = Vec::new();
     let mut keys = Vec::new();
     let mut forms = vec![vec![Words::Depth], vec![Words::Keys, Words::Lows]];

@@ -241,7 +241,7 @@ fn a_device_makes_room_as_pages_come() {
 
 #[test]
 fn with_little_room_frames_come_are_whole_and_say_how_coarse() {
-    let mesh = dag(&bumpy_sphere(160));
+    let mesh = dag(&bumpy_sphere(240));
     let options = RenderOptions { wait: false, ..RenderOptions::default() };
     for (backend, all) in backends("with_little_room_frames_come_are_whole_and_say_how_coarse", &mesh) {
         let stored = open(Disk { delay: Duration::from_micros(300), ..Disk::of(&mesh) });

@@ -126,8 +126,8 @@ impl Arranged {
                     None => (place.first_node, place.first_group, mesh.groups.len() as u32),
                     Some(known) => (known.count, known.first, known.count),
                 };
-                let (first_page, vertex_words) = (place.first_page, place.vertex_words);
-                let here = Placed { first_node, first_group, first_page, vertex_words, ..*placed };
+                let first_page = place.first_page;
+                let here = Placed { first_node, first_group, first_page, ..*placed };
                 record = Placed { group_words: words, ..here };
                 words += count.div_ceil(u32::BITS);
             }
