@@ -12,9 +12,9 @@ use super::topology::{self, Source, Tables};
 use crate::error::Result;
 use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, PAGE_MAX_CLUSTERS};
 use crate::math::octahedral::{NORMAL_BITS, widen};
-use crate::math::{Ball, Sphere};
+use crate::math::{Aabb, Ball, Sphere};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
-use crate::model::packing::{VertexRow, coordinate_of, ordered};
+use crate::model::packing::{self, VertexRow, coordinate_of, ordered};
 use crate::model::rule::SOURCE_ERROR;
 use crate::model::{ClusterRecord, Packing};
 
@@ -372,27 +372,31 @@ fn put_vertices(step: f32, buffers: &Buffers, rows: &Rows, out: &mut [u32]) -> R
     let mut numbers = buffers.numbers.iter();
     let mut own = [VertexRow::default(); 256];
     let mut points = [[0f32; 3]; 256];
-    let mut outside = 0;
     for (record, shape) in records.iter_mut().zip(&buffers.shapes) {
-        for ((row, point), number) in
-            own.iter_mut().zip(&mut points).zip(numbers.by_ref().take(shape.vertices))
-        {
-            let (value, id) = (rows[usize::from(*number)], buffers.ids[usize::from(*number)]);
-            let whole = if step > 0.0 { value } else { value.map(ordered) }.map(u32::cast_signed);
-            *row = whole;
-            row[3] = id.cast_signed();
-            point.copy_from_slice(&whole.map(|x| coordinate_of(x, step))[..3]);
-            // Negative where a coordinate is beyond.
-            whole.iter().for_each(|x| outside |= MAX_STEPS.wrapping_sub(x.wrapping_abs()));
+        let numbers = numbers.by_ref().take(shape.vertices).map(|number| usize::from(*number));
+        for ((row, point), number) in own.iter_mut().zip(&mut points).zip(numbers) {
+            let value = rows[number];
+            *row = if step > 0.0 { value } else { value.map(ordered) }.map(u32::cast_signed);
+            point.copy_from_slice(&row.map(|x| coordinate_of(x, step))[..3]);
+            row[3] = buffers.ids[number].cast_signed();
         }
         let (own, points) = (&own[..shape.vertices], &points[..shape.vertices]);
-        let packing = Packing::of(own, step);
+        let (least, most) = packing::range(own);
+        let packing = Packing::between(least, most, step);
         if packing.widths != shape.widths {
             return Err("numbers of other widths than are said");
         }
         packing.write(own, &mut streams[shape.data - before..][..shape.streams.triangles]);
-        let ball = Ball::of(points);
+        let ball = if step > 0.0 {
+            if least[..3].iter().any(|x| *x < -MAX_STEPS) || most[..3].iter().any(|x| *x > MAX_STEPS) {
+                return Err("a position beyond the grid");
+            }
+            let [min, max] = [least, most].map(|[x, y, z, _]| [x, y, z].map(|x| coordinate_of(x, step)));
+            Ball::in_box(Aabb { min, max }, points)
+        } else {
+            Ball::of(points)
+        };
         (record.center, record.extent, record.radius) = (ball.center, ball.extent, ball.radius);
     }
-    if step > 0.0 && outside < 0 { Err("a position beyond the grid") } else { Ok(()) }
+    Ok(())
 }

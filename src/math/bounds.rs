@@ -18,14 +18,10 @@ pub struct Ball {
 impl Ball {
     /// The bounds of points.
     pub fn of(points: &[[f32; 3]]) -> Self {
-        // Four points at a time, which are whole registers; the last one fills up the last four.
-        let (fours, rest) = points.as_chunks::<4>();
-        let last = (!rest.is_empty()).then(|| [0, 1, 2, 3].map(|k| rest[k.min(rest.len() - 1)]));
-        let fours = || fours.iter().copied().chain(last);
         let less = |a: f32, b: f32| if b < a { b } else { a };
         let more = |a: f32, b: f32| if b > a { b } else { a };
         let (mut min, mut max) = ([f32::INFINITY; 12], [f32::NEG_INFINITY; 12]);
-        for four in fours() {
+        for four in fours_of(points) {
             let four = four.as_flattened();
             for k in 0..12 {
                 (min[k], max[k]) = (less(min[k], four[k]), more(max[k], four[k]));
@@ -35,9 +31,14 @@ impl Ball {
             min: std::array::from_fn(|k| [min[k + 3], min[k + 6], min[k + 9]].into_iter().fold(min[k], less)),
             max: std::array::from_fn(|k| [max[k + 3], max[k + 6], max[k + 9]].into_iter().fold(max[k], more)),
         };
-        let (center, extent) = box_of_all.center_extent();
+        Self::in_box(box_of_all, points)
+    }
+
+    /// The bounds of points of which the box is known.
+    pub fn in_box(bounds: Aabb, points: &[[f32; 3]]) -> Self {
+        let (center, extent) = bounds.center_extent();
         let mut farthest = [0f64; 4];
-        for four in fours() {
+        for four in fours_of(points) {
             let squares = four.map(|p| difference(p, center).map(|d| d * d));
             for k in 0..4 {
                 let squared = squares[k][0] + squares[k][1] + squares[k][2];
@@ -47,6 +48,13 @@ impl Ball {
         let farthest = farthest.into_iter().fold(0.0, f64::max);
         Self { center, extent, radius: round_up(farthest.sqrt()) }
     }
+}
+
+/// Four points at a time, which are whole registers; the last one fills up the last four.
+fn fours_of(points: &[[f32; 3]]) -> impl Iterator<Item = [[f32; 3]; 4]> {
+    let (fours, rest) = points.as_chunks::<4>();
+    let last = (!rest.is_empty()).then(|| [0, 1, 2, 3].map(|k| rest[k.min(rest.len() - 1)]));
+    fours.iter().copied().chain(last)
 }
 
 /// The bounds of a cluster.

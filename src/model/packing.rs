@@ -57,16 +57,28 @@ pub fn vertex_row(position: [f32; 3], id: u32, step: f32) -> VertexRow {
     [x, y, z, id.cast_signed()]
 }
 
+/// The least and the largest number of each column.
+#[inline(always)]
+pub fn range(rows: &[VertexRow]) -> (VertexRow, VertexRow) {
+    let (mut least, mut most) = ([i32::MAX; 4], [i32::MIN; 4]);
+    for row in rows {
+        for k in 0..4 {
+            least[k] = if row[k] < least[k] { row[k] } else { least[k] };
+            most[k] = if row[k] > most[k] { row[k] } else { most[k] };
+        }
+    }
+    (least, most)
+}
+
 impl Packing {
     /// What holds rows in the fewest bits.
     pub fn of(rows: &[VertexRow], step: f32) -> Self {
-        let (mut least, mut most) = ([i32::MAX; 4], [i32::MIN; 4]);
-        for row in rows {
-            for k in 0..4 {
-                least[k] = least[k].min(row[k]);
-                most[k] = most[k].max(row[k]);
-            }
-        }
+        let (least, most) = range(rows);
+        Self::between(least, most, step)
+    }
+
+    /// What holds rows of which these are the least and the largest numbers.
+    pub fn between(least: VertexRow, most: VertexRow, step: f32) -> Self {
         let widths = std::array::from_fn(|k| {
             let range = most[k].wrapping_sub(least[k]).cast_unsigned();
             (u32::BITS - range.leading_zeros()) as u8
@@ -84,25 +96,22 @@ impl Packing {
     pub fn write(&self, rows: &[VertexRow], out: &mut [u32]) {
         let (head, out) = out.split_at_mut(PACKING_WORDS);
         head.copy_from_slice(bytemuck::cast_slice(&[*self]));
-        let codes = rows.iter().map(|row| {
-            let code: [u32; 4] = std::array::from_fn(|k| row[k].wrapping_sub(self.anchor[k]).cast_unsigned());
-            code
-        });
         let bits = self.position_bits();
         let (positions, ids) = out.split_at_mut(packed_words(rows.len(), bits as usize));
+        let (mut positions, mut ids) = (BitWriter::new(positions), BitWriter::new(ids));
         let [x, y, z, id] = self.widths.map(u32::from);
-        let mut writer = BitWriter::new(positions);
-        if bits <= u32::BITS {
-            let y = x + y;
-            let joined = |c: [u32; 4]| u64::from(c[0]) | u64::from(c[1]) << x | u64::from(c[2]) << y;
-            codes.clone().for_each(|code| writer.put(joined(code) as u32, bits));
-        } else {
-            codes.clone().for_each(|code| (0..3).for_each(|k| writer.put(code[k], [x, y, z][k])));
+        for row in rows {
+            let code: [u32; 4] = std::array::from_fn(|k| row[k].wrapping_sub(self.anchor[k]).cast_unsigned());
+            if bits <= u32::BITS {
+                let joined = u64::from(code[0]) | u64::from(code[1]) << x | u64::from(code[2]) << (x + y);
+                positions.put(joined as u32, bits);
+            } else {
+                (0..3).for_each(|k| positions.put(code[k], [x, y, z][k]));
+            }
+            ids.put(code[3], id);
         }
-        writer.write();
-        let mut writer = BitWriter::new(ids);
-        codes.for_each(|code| writer.put(code[3], id));
-        writer.write();
+        positions.write();
+        ids.write();
     }
 }
 
