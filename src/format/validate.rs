@@ -14,7 +14,9 @@ use crate::limits::{
 };
 use crate::math::octahedral::NORMAL_BITS;
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
-use crate::model::{AttributeLayout, Channel, ClusterGeometry, ClusterRecord, Dag, Grid, Group, PageEntry};
+use crate::model::{
+    AttributeLayout, Channel, ChannelType, ClusterGeometry, ClusterRecord, Dag, Grid, Group, PageEntry,
+};
 
 type Fault = (Kind, String);
 
@@ -22,9 +24,13 @@ fn ensure(holds: bool, section: Kind, message: impl FnOnce() -> String) -> Resul
     if holds { Ok(()) } else { Err((section, message())) }
 }
 
-/// Checks everything, of a mesh whose pages are all in memory; the fault names its section.
+/// Checks everything, of a mesh that is all in memory; the fault names its section.
 pub fn structure(dag: &Dag) -> Result<(), Fault> {
     head(dag)?;
+    dag.channels.iter().try_for_each(|Channel { info, words }| {
+        let fault = |what| (Kind::Channels, format!("channel {:?}: {what}", info.name));
+        values(info.dtype, words.held()).map_err(fault)
+    })?;
     let limits = PageLimits { layout: dag.layout(), groups: &dag.groups, vertex_count: dag.vertex_count };
     dag.pages.table.par_iter().enumerate().try_for_each(|(p, entry)| {
         let words = dag.pages.page(p);
@@ -36,7 +42,12 @@ pub fn structure(dag: &Dag) -> Result<(), Fault> {
     })
 }
 
-/// Checks all but the words of pages.
+/// Checks the words of a channel.
+pub fn values(dtype: ChannelType, words: &[u32]) -> Result<(), &'static str> {
+    if words.iter().all(|word| dtype.holds(*word)) { Ok(()) } else { Err("values that its type has not") }
+}
+
+/// Checks all but the words of pages and channels.
 pub fn head(dag: &Dag) -> Result<(), Fault> {
     metadata(dag)?;
     page_table(dag)?;
@@ -47,7 +58,7 @@ pub fn head(dag: &Dag) -> Result<(), Fault> {
     ensure(source == dag.source_faces, Kind::PageTable, || {
         format!("{source} triangles of the source, but {} in the metadata", dag.source_faces)
     })?;
-    let rows = dag.face_ids.as_ref().map_or(source, |r| r.len() as u64);
+    let rows = dag.face_ids.as_ref().map_or(source, |r| r.count() as u64);
     ensure(rows == source, Kind::FaceIds, || format!("{rows} rows for {source} triangles"))
 }
 
@@ -171,8 +182,7 @@ fn channels(dag: &Dag) -> Result<(), Fault> {
         let known = dag.channels[..i].iter().any(|c| c.info.name == info.name);
         fault(!info.name.is_empty() && !known, "name")?;
         fault(info.width() > 0, "width")?;
-        fault(words.len() == info.width() * dag.vertex_count as usize, "number of rows")?;
-        fault(words.par_iter().all(|word| info.dtype.holds(*word)), "values")?;
+        fault(words.count() == info.width() * dag.vertex_count as usize, "number of rows")?;
     }
     Ok(())
 }

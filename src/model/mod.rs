@@ -9,6 +9,7 @@ pub mod hierarchy;
 pub mod page;
 pub mod report;
 pub mod rule;
+pub mod words;
 
 pub use channel::{Channel, ChannelInfo, ChannelType};
 pub use cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
@@ -16,3 +17,4 @@ pub use dag::{Dag, Frame, Grid, Group};
 pub use hierarchy::Node;
 pub use page::{PageEntry, PageSource, PageWords, Pages};
 pub use report::{BuildReport, LevelReport, StuckGroup, StuckReason};
+pub use words::Words;

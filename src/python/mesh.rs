@@ -185,7 +185,7 @@ impl Mesh {
         watched(py, progress.as_ref(), |progress| build::build(&source, &options, progress)).map(Self::new)
     }
 
-    /// Opens a `.nanite` file; its pages are read when they are needed.
+    /// Opens a `.nanite` file; pages, channels and face ids are read when they are needed.
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         detached(py, || format::open(&path)).map(Self::new)
@@ -276,8 +276,8 @@ impl Mesh {
             if Arc::ptr_eq(&a, &b) {
                 return Ok(true);
             }
-            a.pages.load_all()?;
-            b.pages.load_all()?;
+            a.load_all()?;
+            b.load_all()?;
             Ok(a == b)
         })
     }
@@ -320,8 +320,10 @@ impl Mesh {
 
     /// Row of the caller's `faces` for each level-0 triangle of the full-detail cut; `None` unless built with
     /// `face_ids`.
-    fn source_face_ids(&self, py: Python<'_>) -> Option<Py<PyArray1<u32>>> {
-        self.dag.face_ids.as_ref().map(|ids| into_array(py, ids.clone()))
+    fn source_face_ids(&self, py: Python<'_>) -> PyResult<Option<Py<PyArray1<u32>>>> {
+        let ids = self.dag.face_ids.as_ref();
+        let ids = detached(py, || ids.map(|ids| Ok(ids.load()?.to_vec())).transpose())?;
+        Ok(ids.map(|ids| into_array(py, ids)))
     }
 
     /// Triangles of the source after mending.
@@ -366,7 +368,7 @@ impl Mesh {
         1 + self.dag.pages.table.iter().map(|p| p.level).max().unwrap_or(0)
     }
 
-    /// Bytes that clusters, groups and hierarchy take in memory.
+    /// Bytes that clusters, groups, hierarchy, face ids and channels take in memory.
     #[getter]
     fn nbytes(&self) -> usize {
         let dag = &self.dag;
@@ -374,8 +376,7 @@ impl Mesh {
             + size_of_val(&dag.pages.table[..])
             + size_of_val(&dag.groups[..])
             + size_of_val(&dag.nodes[..])
-            + dag.face_ids.as_ref().map_or(0, |f| size_of_val(&f[..]))
-            + dag.channels.iter().map(|c| size_of_val(&c.words[..])).sum::<usize>()
+            + dag.words().map(|words| size_of_val(words.held())).sum::<usize>()
     }
 
     /// Vertex colours are present.
@@ -461,7 +462,8 @@ impl Mesh {
             let mut arrays = extract(dag, &clusters);
             let error = (cut_error(dag, &clusters), cut_attribute_error(dag, &clusters));
             let positions = object_positions(std::mem::take(&mut arrays.positions), &dag.frame);
-            let channels: Vec<_> = dag.channels.iter().map(|c| channel_rows(c, &arrays.ids)).collect();
+            let rows = dag.channels.iter().map(|c| channel_rows(c, &arrays.ids));
+            let channels: Vec<_> = rows.collect::<Result<_>>()?;
             Ok((clusters, arrays, error, positions, channels))
         })?;
         let vertices = match positions {
