@@ -1,4 +1,4 @@
-//! `_core.Mesh` and `_core.Cut`: building, cutting, saving and checking from Python.
+//! `_core.Mesh`, `_core.Cut` and `_core.ChannelRows`: building, cutting, saving and checking from Python.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -27,7 +27,7 @@ use crate::lod::{FaceBudget, channel_rows, cut_attribute_error, cut_error, extra
 use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
 use crate::model::rule::Threshold;
-use crate::model::{ClusterAddress, Dag, Frame, Grid};
+use crate::model::{Channel, ClusterAddress, Dag, Frame, Grid};
 
 /// How often a waiting call looks at signals and reports progress.
 const POLL: Duration = Duration::from_millis(50);
@@ -457,14 +457,12 @@ impl Mesh {
         select: impl FnOnce(&Dag) -> Result<Vec<ClusterAddress>> + Send,
     ) -> PyResult<Cut> {
         let dag = &*self.dag;
-        let (clusters, arrays, error, positions, channels) = detached(py, || {
+        let (clusters, arrays, error, positions) = detached(py, || {
             let clusters = select(dag)?;
             let mut arrays = extract(dag, &clusters);
             let error = (cut_error(dag, &clusters), cut_attribute_error(dag, &clusters));
             let positions = object_positions(std::mem::take(&mut arrays.positions), &dag.frame);
-            let rows = dag.channels.iter().map(|c| channel_rows(c, &arrays.ids));
-            let channels: Vec<_> = rows.collect::<Result<_>>()?;
-            Ok((clusters, arrays, error, positions, channels))
+            Ok((clusters, arrays, error, positions))
         })?;
         let vertices = match positions {
             ObjectPositions::F32(rows) => into_rows(py, rows)?.into_py_any(py)?,
@@ -472,11 +470,10 @@ impl Mesh {
         };
         let faces = arrays.faces.into_iter().map(|face| face.map(u32::cast_signed)).collect();
         let sets = arrays.uvs.into_iter().map(|set| into_rows(py, set)).collect::<PyResult<_>>()?;
-        let channels = channels
-            .into_iter()
-            .zip(&dag.channels)
-            .map(|(words, c)| into_words(py, words, c.info.width()))
-            .collect::<PyResult<_>>()?;
+        let ids: Arc<[u32]> = if dag.channels.is_empty() { Arc::default() } else { arrays.ids[..].into() };
+        let rows =
+            |channel: &Channel| Py::new(py, ChannelRows { channel: channel.clone(), ids: Arc::clone(&ids) });
+        let channels = dag.channels.iter().map(rows).collect::<PyResult<_>>()?;
         Ok(Cut {
             vertices,
             faces: into_rows(py, faces)?,
@@ -526,7 +523,7 @@ pub struct Cut {
     normals: Py<PyArray2<f32>>,
     colors: Option<Py<PyArray2<u8>>>,
     uvs: Vec<Py<PyArray2<f32>>>,
-    channels: Vec<Py<PyArray2<u32>>>,
+    channels: Vec<Py<ChannelRows>>,
     vertex_ids: Py<PyArray1<u32>>,
     cluster_ids: Py<PyArray1<u32>>,
     cluster_levels: Py<PyArray1<u8>>,
@@ -534,4 +531,38 @@ pub struct Cut {
     first_face: Py<PyArray1<u32>>,
     error: f64,
     attribute_error: f64,
+}
+
+/// The rows that a cut has of a channel, until somebody asks for them.
+#[pyclass(frozen, module = "nanite_rs._core")]
+pub struct ChannelRows {
+    channel: Channel,
+    ids: Arc<[u32]>,
+}
+
+#[pymethods]
+impl ChannelRows {
+    /// Name of the channel.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.channel.info.name
+    }
+
+    /// What the words are.
+    #[getter]
+    fn dtype(&self) -> &'static str {
+        self.channel.info.dtype.name()
+    }
+
+    /// Number of columns; None where the channel has one dimension.
+    #[getter]
+    fn columns(&self) -> Option<u32> {
+        self.channel.info.columns
+    }
+
+    /// The words, a row for each vertex; the channel is read if it is not in memory.
+    fn words(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u32>>> {
+        let words = detached(py, || channel_rows(&self.channel, &self.ids))?;
+        into_words(py, words, self.channel.info.width())
+    }
 }
