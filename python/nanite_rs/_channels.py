@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from nanite_rs._core import ChannelRows
 from nanite_rs.exceptions import ArgumentError, DtypeError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Channel", "pack", "unpack"]
+__all__ = ["Channel", "CutChannels", "pack"]
 
 
 class Channel(NamedTuple):
@@ -72,14 +74,51 @@ def _packed(name: object, value: object, vertices: int) -> tuple[str, str, NDArr
     return name, array.dtype.newbyteorder("=").name, words
 
 
-def unpack(
-    layout: Sequence[tuple[str, str, int | None]], words: Sequence[NDArray[np.uint32]]
-) -> dict[str, NDArray[Any]]:
-    """The channels of a cut as arrays of their own dtype and number of dimensions."""
-    channels = {}
-    for (name, dtype, columns), rows in zip(layout, words, strict=True):
-        target = np.dtype(dtype)
-        stored: type[Any] = {"f": np.float32, "i": np.int32}.get(target.kind, np.uint32)
-        values = rows.view(stored).astype(target, copy=False)
-        channels[name] = values[:, 0].copy() if columns is None else values
-    return channels
+class CutChannels(Mapping[str, "NDArray[Any]"]):
+    """The channels of a cut by name: each is gathered, and read if it lies in a file, when it is first looked up.
+
+    Until then it keeps that channel of the mesh, in memory or in the open file. Looking up raises FormatError or
+    FileError where the file is damaged. Pickles and copies are plain dictionaries of all channels.
+    """
+
+    __slots__ = ("_lock", "_values")
+
+    def __init__(self, channels: Sequence[ChannelRows]) -> None:
+        self._values: dict[str, ChannelRows | NDArray[Any]] = {rows.name: rows for rows in channels}
+        self._lock = Lock()
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return the values, the same array each time."""
+        with self._lock:
+            value = self._values[name]
+            if isinstance(value, ChannelRows):
+                value = self._values[name] = _unpacked(value)
+        return value
+
+    def __contains__(self, name: object) -> bool:
+        """Whether there is such a channel; nothing is read."""
+        return name in self._values
+
+    def __iter__(self) -> Iterator[str]:
+        """Names, in the order in which they were given."""
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        """Return the number of channels."""
+        return len(self._values)
+
+    def __repr__(self) -> str:
+        """Names."""
+        return f"CutChannels({list(self)})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle as a dictionary."""
+        return dict, (dict(self),)
+
+
+def _unpacked(rows: ChannelRows) -> NDArray[Any]:
+    """A channel of a cut as an array of its own dtype and number of dimensions."""
+    target = np.dtype(rows.dtype)
+    stored: type[Any] = {"f": np.float32, "i": np.int32}.get(target.kind, np.uint32)
+    values: NDArray[Any] = rows.words().view(stored).astype(target, copy=False)
+    return values[:, 0].copy() if rows.columns is None else values

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "ChannelRows",
     "Cut",
     "Frame",
     "Mesh",
@@ -117,7 +118,7 @@ class Cut:
     @property
     def uvs(self) -> list[NDArray[np.float32]]: ...
     @property
-    def channels(self) -> list[NDArray[np.uint32]]: ...
+    def channels(self) -> list[ChannelRows]: ...
     @property
     def vertex_ids(self) -> NDArray[np.uint32]: ...
     @property
@@ -132,6 +133,16 @@ class Cut:
     def error(self) -> float: ...
     @property
     def attribute_error(self) -> float: ...
+
+@final
+class ChannelRows:
+    @property
+    def name(self) -> str: ...
+    @property
+    def dtype(self) -> str: ...
+    @property
+    def columns(self) -> int | None: ...
+    def words(self) -> NDArray[np.uint32]: ...
 
 _Handle: TypeAlias = tuple[int, int]
 _Rgb: TypeAlias = tuple[float, float, float]

@@ -6,7 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from nanite_rs._channels import CutChannels
+
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import trimesh
     from numpy.typing import NDArray
 
@@ -33,8 +37,9 @@ class Cut:
         Vertex colours.
     uvs : list of (N, 2) float32 arrays
         UV sets, as many as the source had.
-    channels : dict of names to (N,) or (N, K) arrays
-        Named channels, with the dimensions given: float32, or labels of the dtype given.
+    channels : mapping of names to (N,) or (N, K) arrays
+        Named channels, with the dimensions given: float32, or labels of the dtype given. Each is read when it is
+        first looked up, which raises `FormatError` if the file that the mesh was opened from is damaged there.
     error : float
         No point of the cut is farther from the source surface, and no point of the source from the cut, in the
         units of the mesh: proven and rounded up (docs/numerics.md). With ``error="quadric"`` an estimate, and
@@ -79,13 +84,13 @@ class Cut:
         "vertices",
     )
 
-    def __init__(self, core: _core.Cut, channels: dict[str, NDArray[Any]]) -> None:
+    def __init__(self, core: _core.Cut) -> None:
         self.vertices: NDArray[np.float32] | NDArray[np.float64] = core.vertices
         self.faces: NDArray[np.int32] = core.faces
         self.normals: NDArray[np.float32] = core.normals
         self.colors: NDArray[np.uint8] | None = core.colors
         self.uvs: list[NDArray[np.float32]] = core.uvs
-        self.channels = channels
+        self.channels: Mapping[str, NDArray[Any]] = CutChannels(core.channels)
         self.error: float = core.error
         self.attribute_error: float = core.attribute_error
         self.cluster_ids: NDArray[np.uint32] = core.cluster_ids

@@ -12,7 +12,6 @@ import numpy as np
 
 from nanite_rs import _channels, io
 from nanite_rs._channels import Channel
-from nanite_rs._core import Cut as CoreCut
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._progress import Progress, reporter
 from nanite_rs.camera import Camera
@@ -324,10 +323,11 @@ class NaniteMesh:
     def open(cls, path: PathLike) -> NaniteMesh:
         """Open a ``.nanite`` file that `save` wrote, whatever its size, in milliseconds.
 
-        What comes before its pages is read. Pages are read when they are needed: by a cut for an error those that
+        What describes the mesh is read. Pages are read when they are needed: by a cut for an error those that
         it is made of, by a `Renderer` with ``streaming=True`` those that its pictures need, by everything else all;
-        and but for those of a renderer they stay in memory. The file stays open as long as the mesh lives; writing
-        another one over it with `save` is safe.
+        and but for those of a renderer they stay in memory. A channel is read when it is looked up in a cut, and
+        face ids when `source_face_ids` or a frame is asked for them; `check`, `save`, ``==`` and pickling read all.
+        The file stays open as long as the mesh and its cuts live; writing another one over it with `save` is safe.
 
         Parameters
         ----------
@@ -339,8 +339,8 @@ class NaniteMesh:
         MissingFileError, FileError
             The file cannot be read.
         FormatError
-            The file is damaged, of another version, or something else. A page that is damaged raises this when it
-            is needed; a renderer that streams draws coarser clusters instead.
+            The file is damaged, of another version, or something else. A page or channel that is damaged raises
+            this when it is needed; a renderer that streams draws coarser clusters instead.
         """
         return cls._wrap(CoreMesh.open(path))
 
@@ -488,7 +488,7 @@ class NaniteMesh:
             error = _real(error, "error")
             if not error >= 0.0:
                 raise ArgumentError(f"error: must be 0 or more, not {error}")
-            return self._cut(self._core.cut_error(error))
+            return Cut(self._core.cut_error(error))
         if target_faces is None:
             reduction = _real(target_reduction, "target_reduction")
             if not 0.0 <= reduction <= 1.0:
@@ -499,10 +499,7 @@ class NaniteMesh:
             raise DtypeError(f"target_faces: expected an integer, not {type(target_faces).__name__}")
         elif target_faces < 1:
             raise ArgumentError(f"target_faces: must be 1 or more, not {target_faces}")
-        return self._cut(self._core.cut_faces(min(int(target_faces), len(self))))
-
-    def _cut(self, core: CoreCut) -> Cut:
-        return Cut(core, _channels.unpack(self._core.channels, core.channels))
+        return Cut(self._core.cut_faces(min(int(target_faces), len(self))))
 
     def _cut_view(
         self, camera: Camera, pose: ArrayLike | None, viewport: tuple[int, int] | None, pixel_error: float
@@ -520,7 +517,7 @@ class NaniteMesh:
             raise ArgumentError(f"pixel_error: must be 0 or more, not {pixel_error}")
         if not isinstance(camera, Camera):
             raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
-        return self._cut(self._core.cut_view(camera._spec(), pose, (width, height), pixel_error))
+        return Cut(self._core.cut_view(camera._spec(), pose, (width, height), pixel_error))
 
     # ------------------------------------------------------------------------------------------ asking
 
@@ -601,13 +598,14 @@ class NaniteMesh:
     def source_face_ids(self) -> NDArray[np.uint32] | None:
         """For each face of the full-detail cut its row of the caller's ``faces``: (M,) uint32.
 
-        None unless built with ``BuildOptions(face_ids=True)``.
+        None unless built with ``BuildOptions(face_ids=True)``. Of an opened file they are read when they are first
+        asked for, which raises `FormatError` where it is damaged.
         """
         return self._core.source_face_ids()
 
     @property
     def nbytes(self) -> int:
-        """Bytes in memory: of an opened file the pages that were read so far."""
+        """Bytes in memory: of an opened file the pages, channels and face ids that were read so far."""
         return self._core.nbytes
 
     def __len__(self) -> int:

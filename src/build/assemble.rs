@@ -63,10 +63,12 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
     order.iter().enumerate().for_each(|(new, old)| renamed[*old as usize] = new as u32);
     let mut channels = graph.channels.finish(&store.attributes, store.stride, &store.labels);
     for channel in &mut channels {
-        channel.words = order::renamed_rows(&channel.words, channel.info.width(), &names, vertex_count);
+        let rows = order::renamed_rows(channel.words.held(), channel.info.width(), &names, vertex_count);
+        channel.words = rows.into();
     }
     let pages = write_pages(&graph, plan, &packed, &renamed, &names);
-    let face_ids = graph.face_rows.as_ref().map(|(faces, rows)| face_ids(&pages, faces, rows, &names));
+    let rows = graph.face_rows.as_ref();
+    let face_ids = rows.map(|(faces, rows)| face_ids(&pages, faces, rows, &names).into());
     report.clusters = graph.clusters.len() as u64;
     report.triangles = graph.clusters.iter().map(|c| c.mesh.triangles.len() as u64).sum();
     report.fill = report.triangles as f64 / (report.clusters as usize * CLUSTER_MAX_TRIANGLES) as f64;

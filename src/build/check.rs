@@ -36,7 +36,7 @@ fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<()> {
 
 /// Verifies a mesh; the error names the first cluster, group or node at fault.
 pub fn check(dag: &Dag) -> Result<CheckReport> {
-    dag.pages.load_all()?;
+    dag.load_all()?;
     links(dag)?;
     let addresses: Vec<ClusterAddress> = dag.pages.addresses().collect();
     addresses.par_iter().try_for_each(|at| cluster(dag, *at))?;

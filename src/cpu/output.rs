@@ -9,6 +9,7 @@ use super::project::{InstanceView, Screen};
 use super::surface::{Pixels, Surfels, Walk};
 use super::visibility::{Counter, Hit, Pixel, Visible, decode};
 use super::{raster_large, raster_small};
+use crate::error::Result;
 use crate::scene::placement::Eye;
 
 /// Rows per task.
@@ -112,21 +113,21 @@ pub fn triangle_ids(pixels: Pixels<'_>) -> Vec<i32> {
 
 /// Row of the caller's faces; −1 where nothing is covered, where a coarser level is shown, and for meshes
 /// built without `face_ids`.
-pub fn face_ids(pixels: Pixels<'_>) -> Vec<i64> {
+pub fn face_ids(pixels: Pixels<'_>) -> Result<Vec<i64>> {
     // The rows of each cluster of the source that is drawn.
-    let rows = |visible: &Visible| -> &[u32] {
+    let rows = |visible: &Visible| -> Result<&[u32]> {
         let view = &pixels.views[visible.instance as usize];
         match &view.mesh.face_ids {
             Some(faces) if view.pages.record(visible.cluster).level == 0 => {
-                faces.get(view.pages.first_face(visible.cluster)..).unwrap_or_default()
+                Ok(faces.load()?.get(view.pages.first_face(visible.cluster)..).unwrap_or_default())
             }
-            _ => &[],
+            _ => Ok(&[]),
         }
     };
-    let rows: Vec<&[u32]> = pixels.visible.par_iter().map(rows).collect();
-    map(pixels, -1, |hit| {
+    let rows: Vec<&[u32]> = pixels.visible.par_iter().map(rows).collect::<Result<_>>()?;
+    Ok(map(pixels, -1, |hit| {
         rows[hit.visible as usize].get(hit.triangle as usize).map_or(-1, |row| i64::from(*row))
-    })
+    }))
 }
 
 /// Triangles that cover each pixel, hidden or not, among the clusters of the visible list.

@@ -16,7 +16,12 @@ use crate::error::{Error, Result};
 use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_CLUSTERS};
 use crate::math::Aabb;
 use crate::model::cluster::NO_GROUP;
-use crate::model::{Channel, ChannelInfo, ClusterRecord, Dag, Group, PageEntry, PageWords, Pages};
+use crate::model::{
+    Channel, ChannelInfo, ChannelType, ClusterRecord, Dag, Group, PageEntry, PageWords, Pages, Words,
+};
+
+/// Bytes of words that are read at once.
+const WORDS_CHUNK: usize = 1 << 20;
 
 /// The bytes with a name for error messages.
 pub struct Source<'a> {
@@ -51,7 +56,7 @@ fn number<const N: usize>(bytes: &[u8], offset: usize) -> u64 {
 }
 
 /// A row of the section table.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Entry {
     kind: u64,
     crc: u64,
@@ -63,6 +68,41 @@ struct Entry {
 pub struct Container<'a> {
     source: Source<'a>,
     entries: Vec<Entry>,
+}
+
+/// A section of words whose length was checked, and nothing else: a channel, or the face ids.
+#[derive(Debug)]
+pub(super) struct WordSection {
+    entry: Entry,
+    /// What it is called in error messages.
+    label: String,
+    dtype: ChannelType,
+}
+
+impl WordSection {
+    /// Number of words.
+    pub(super) fn count(&self) -> usize {
+        self.entry.length as usize / size_of::<u32>()
+    }
+
+    /// Reads and checks the words.
+    pub(super) fn read(&self, source: &Source<'_>) -> Result<Vec<u32>> {
+        let Entry { crc, offset, length, .. } = self.entry;
+        let fault = |what: &str| source.fail(offset, format!("{}: {what}", self.label));
+        // Bounded by the file, which sections are inside of.
+        let mut words = Vec::with_capacity(self.count());
+        let mut found = crc32fast::Hasher::new();
+        for start in (0..length).step_by(WORDS_CHUNK) {
+            let bytes = source.take(offset + start, (length - start).min(WORDS_CHUNK as u64), &self.label)?;
+            found.update(&bytes);
+            words.extend(bytes.chunks_exact(size_of::<u32>()).map(bytemuck::pod_read_unaligned::<u32>));
+        }
+        if u64::from(found.finalize()) != crc {
+            return Err(fault("the checksum does not match"));
+        }
+        validate::values(self.dtype, &words).map_err(fault)?;
+        Ok(words)
+    }
 }
 
 /// A section that passed its checksum.
@@ -87,9 +127,6 @@ impl<'a> Container<'a> {
             return Err(source.fail(8, format!("version {version}; this build reads version {VERSION}")));
         }
         let count = number::<4>(&header, 12);
-        if count > Kind::ALL.len() as u64 {
-            return Err(source.fail(12, format!("{count} sections; at most {} exist", Kind::ALL.len())));
-        }
         let table = source.take(HEADER_BYTES as u64, count * ENTRY_BYTES as u64, "the section table")?;
         if number::<4>(&header, 16) != u64::from(crc32fast::hash(&table)) {
             return Err(source.fail(16, "the section table's checksum does not match"));
@@ -102,8 +139,23 @@ impl<'a> Container<'a> {
         };
         let entries: Vec<Entry> = table.chunks_exact(ENTRY_BYTES).map(entry).collect();
         let out = Self { source, entries };
+        out.kinds()?;
         out.padding()?;
         Ok(out)
+    }
+
+    /// Sections are of kinds that exist, and only channels have more than one.
+    fn kinds(&self) -> Result<()> {
+        for (i, entry) in self.entries.iter().enumerate() {
+            let kind = Kind::ALL.into_iter().find(|kind| *kind as u64 == entry.kind);
+            let again = || self.entries[..i].iter().any(|other| other.kind == entry.kind);
+            if kind.is_none_or(|kind| kind != Kind::Channels && again()) {
+                let at = HEADER_BYTES + i * ENTRY_BYTES;
+                let message = format!("kind {} of a section is unknown, or there twice", entry.kind);
+                return Err(self.source.fail(at as u64, message));
+            }
+        }
+        Ok(())
     }
 
     /// Sections follow each other with nothing but zeros between them, so that no damage goes unseen.
@@ -125,38 +177,35 @@ impl<'a> Container<'a> {
         }
     }
 
+    /// The sections of a kind.
+    fn of(&self, kind: Kind) -> impl Iterator<Item = Entry> {
+        self.entries.iter().copied().filter(move |entry| entry.kind == kind as u64)
+    }
+
     fn entry(&self, kind: Kind) -> Option<Entry> {
-        self.entries.iter().copied().find(|entry| entry.kind == kind as u64)
+        self.of(kind).next()
     }
 
-    /// Bytes of a section; none where it is absent.
+    /// Bytes of the sections of a kind.
     pub fn bytes_of(&self, kind: Kind) -> u64 {
-        self.entry(kind).map_or(0, |entry| entry.length)
+        self.of(kind).map(|entry| entry.length).sum()
     }
 
-    fn section(&self, kind: Kind) -> Result<Option<Section<'a>>> {
-        let Some(Entry { crc, offset, length, .. }) = self.entry(kind) else { return Ok(None) };
+    fn required(&self, kind: Kind) -> Result<Section<'a>> {
+        let Entry { crc, offset, length, .. } = self.entry(kind).ok_or_else(|| self.missing(kind))?;
         let data = self.source.take(offset, length, &format!("section {kind:?}"))?;
         if u64::from(crc32fast::hash(&data)) != crc {
             return Err(self.source.fail(offset, format!("section {kind:?}: the checksum does not match")));
         }
-        Ok(Some(Section { offset, data }))
+        Ok(Section { offset, data })
     }
 
     fn missing(&self, kind: Kind) -> Error {
         self.source.fail(HEADER_BYTES as u64, format!("section {kind:?} is missing"))
     }
 
-    fn required(&self, kind: Kind) -> Result<Section<'a>> {
-        self.section(kind)?.ok_or_else(|| self.missing(kind))
-    }
-
     fn records<T: AnyBitPattern>(&self, kind: Kind) -> Result<Vec<T>> {
         let section = self.required(kind)?;
-        self.rows(&section, kind)
-    }
-
-    fn rows<T: AnyBitPattern>(&self, section: &Section<'_>, kind: Kind) -> Result<Vec<T>> {
         let (size, length) = (size_of::<T>(), section.data.len());
         if !length.is_multiple_of(size) {
             let message = format!("section {kind:?}: {length} bytes are no multiple of {size}");
@@ -215,28 +264,31 @@ impl<'a> Container<'a> {
         Ok(rows)
     }
 
-    /// The channels: what the metadata says of them, and their words.
-    fn channels(&self, infos: Vec<ChannelInfo>, vertices: u32) -> Result<Vec<Channel>> {
-        let Some(section) = self.section(Kind::Channels)? else {
-            return match infos.first() {
-                Some(info) => Err(self
-                    .source
-                    .fail(HEADER_BYTES as u64, format!("channel {:?} has no section", info.name))),
-                None => Ok(Vec::new()),
-            };
-        };
-        let fault = |what: String| Err(self.source.fail(section.offset, format!("section Channels {what}")));
-        let words: Vec<u32> = self.rows(&section, Kind::Channels)?;
-        let mut rest = &words[..];
-        let mut channels = Vec::new();
-        for info in infos {
-            let taken =
-                info.width().checked_mul(vertices as usize).and_then(|count| rest.split_at_checked(count));
-            let Some((words, after)) = taken else { return fault(format!("ends inside {:?}", info.name)) };
-            rest = after;
-            channels.push(Channel { info, words: words.to_vec() });
+    /// What the metadata says of the channels, each with its section.
+    fn channels(&self, metadata: &Metadata) -> Result<Vec<(ChannelInfo, WordSection)>> {
+        let (infos, rows) = (&metadata.channels, u64::from(metadata.vertex_count));
+        let sections = self.of(Kind::Channels).count();
+        if sections != infos.len() {
+            let message = format!("{sections} sections Channels for {} channels", infos.len());
+            return Err(self.source.fail(HEADER_BYTES as u64, message));
         }
-        if rest.is_empty() { Ok(channels) } else { fault(format!("has {} words left over", rest.len())) }
+        let section = |(info, entry): (&ChannelInfo, Entry)| {
+            let label = format!("section Channels, {:?}", info.name);
+            let count = rows * info.width() as u64;
+            Ok((info.clone(), self.words(entry, label, info.dtype, count)?))
+        };
+        infos.iter().zip(self.of(Kind::Channels)).map(section).collect()
+    }
+
+    /// A section of so many words, of which none is read.
+    fn words(&self, entry: Entry, label: String, dtype: ChannelType, count: u64) -> Result<WordSection> {
+        let size = size_of::<u32>() as u64;
+        if count.checked_mul(size) == Some(entry.length) {
+            Ok(WordSection { entry, label, dtype })
+        } else {
+            let message = format!("{label}: {} bytes for {count} words", entry.length);
+            Err(self.source.fail(entry.offset, message))
+        }
     }
 
     /// What there is besides channels and face ids, without a page.
@@ -256,14 +308,17 @@ impl<'a> Container<'a> {
         })
     }
 
-    /// The mesh without the words of its pages, and what decoding them takes.
-    pub(super) fn dag(&self) -> Result<(Dag, Head)> {
+    /// The mesh without the words of its pages, and what decoding them takes; `words` says what becomes of those of
+    /// channels and of the face ids.
+    pub(super) fn dag(&self, words: impl Fn(WordSection) -> Result<Words>) -> Result<(Dag, Head)> {
         let head = self.head()?;
         let metadata = head.metadata.clone();
-        let face_ids = match self.section(Kind::FaceIds)? {
-            Some(section) => Some(self.rows(&section, Kind::FaceIds)?),
-            None => None,
-        };
+        let channels = self.channels(&metadata)?.into_iter();
+        let channels = channels.map(|(info, section)| Ok(Channel { info, words: words(section)? }));
+        let face_ids = self.entry(Kind::FaceIds).map(|entry| {
+            let faces = head.rows.iter().map(|row| u64::from(row.faces)).sum();
+            words(self.words(entry, "section FaceIds".into(), ChannelType::Uint32, faces)?)
+        });
         let dag = Dag {
             frame: metadata.frame,
             bounds: Aabb { min: metadata.bounds[0], max: metadata.bounds[1] },
@@ -271,10 +326,10 @@ impl<'a> Container<'a> {
             groups: Arc::clone(&head.groups),
             nodes: self.records(Kind::Nodes)?,
             vertex_count: metadata.vertex_count,
-            channels: self.channels(metadata.channels, metadata.vertex_count)?,
+            channels: channels.collect::<Result<_>>()?,
             source_faces: metadata.source_faces,
             source_vertices: metadata.source_vertices,
-            face_ids,
+            face_ids: face_ids.transpose()?,
             grid: metadata.grid,
             report: metadata.report,
         };
@@ -378,8 +433,9 @@ impl Head {
 
 /// Parses a mesh, all of it. `name` appears in error messages.
 pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Dag> {
-    let (dag, head) = Container::new(&bytes, name)?.dag()?;
     let source = Source::new(&bytes, name);
+    let read = |section: WordSection| section.read(&source).map(Words::from);
+    let (dag, head) = Container::new(&bytes, name)?.dag(read)?;
     let decode = |decoder: &mut Result<Decoder>, page: usize| match decoder {
         Ok(decoder) => head.page(&source, page, decoder),
         Err(error) => Err(Error::Invariant(error.to_string())),

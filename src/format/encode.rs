@@ -75,47 +75,28 @@ pub fn write(
     let dependencies = dependencies(dag);
     let blank = |list: &Vec<u32>| PageRow { dependencies: list.len() as u32, ..PageRow::zeroed() };
     let mut rows: Vec<PageRow> = dependencies.iter().map(blank).collect();
-    let channels: Vec<&[u8]> = dag.channels.iter().map(|c| bytemuck::cast_slice(&c.words)).collect();
-    let mut lengths = vec![
-        (Kind::Metadata, json.len()),
-        (Kind::PageTable, size_of_val(&rows[..])),
-        (Kind::Dependencies, dependencies.iter().map(|list| size_of_val(&list[..])).sum()),
-        (Kind::Groups, size_of_val(&rounded.groups[..])),
-        (Kind::Nodes, size_of_val(&rounded.nodes[..])),
-    ];
-    lengths.extend(dag.face_ids.iter().map(|ids| (Kind::FaceIds, size_of_val(&ids[..]))));
-    if !channels.is_empty() {
-        lengths.push((Kind::Channels, channels.iter().map(|c| c.len()).sum()));
-    }
-    let mut offset = HEADER_BYTES + (lengths.len() + 1) * ENTRY_BYTES;
+    // Lengths are known before the rows of the pages are.
+    let known = sections(rounded, &json, &rows, &dependencies)?;
+    let lengths: Vec<usize> = known.iter().map(|(_, parts)| parts.iter().map(|p| p.len()).sum()).collect();
+    let mut end = HEADER_BYTES + (lengths.len() + 1) * ENTRY_BYTES;
     let mut places = Vec::new();
-    for (kind, length) in lengths {
-        offset = offset.next_multiple_of(ALIGNMENT);
-        places.push((kind, offset, length));
-        offset += length;
+    for length in lengths {
+        let offset = end.next_multiple_of(ALIGNMENT);
+        places.push((offset, length));
+        end = offset + length;
     }
-    let pages_at = offset.next_multiple_of(ALIGNMENT);
+    let pages_at = end.next_multiple_of(ALIGNMENT);
     out.seek(SeekFrom::Start(pages_at as u64)).map_err(io)?;
     let pages_bytes = write_pages(rounded, &mut rows, out, io)?;
-    places.push((Kind::Pages, pages_at, pages_bytes));
+    places.push((pages_at, pages_bytes));
 
-    let data = |kind: Kind| -> Vec<&[u8]> {
-        match kind {
-            Kind::Metadata => vec![&json],
-            Kind::PageTable => vec![bytemuck::cast_slice(&rows)],
-            Kind::Dependencies => dependencies.iter().map(|list| bytemuck::cast_slice(list)).collect(),
-            Kind::Groups => vec![bytemuck::cast_slice(&rounded.groups)],
-            Kind::Nodes => vec![bytemuck::cast_slice(&rounded.nodes)],
-            Kind::FaceIds => dag.face_ids.iter().map(|ids| bytemuck::cast_slice(ids)).collect(),
-            Kind::Channels => channels.clone(),
-            // Written, and each with a checksum of its own.
-            Kind::Pages => Vec::new(),
-        }
-    };
+    let mut sections = sections(rounded, &json, &rows, &dependencies)?;
+    // Written, and each with a checksum of its own.
+    sections.push((Kind::Pages, Vec::new()));
     let mut table = Vec::new();
-    for (kind, offset, length) in &places {
+    for ((kind, parts), (offset, length)) in sections.iter().zip(&places) {
         let mut crc = crc32fast::Hasher::new();
-        data(*kind).iter().for_each(|part| crc.update(part));
+        parts.iter().for_each(|part| crc.update(part));
         table.extend_from_slice(&(*kind as u32).to_le_bytes());
         table.extend_from_slice(&crc.finalize().to_le_bytes());
         table.extend_from_slice(&(*offset as u64).to_le_bytes());
@@ -132,12 +113,37 @@ pub fn write(
     out.seek(SeekFrom::Start(0)).map_err(io)?;
     out.write_all(&head).map_err(io)?;
     let mut end = head.len();
-    for (kind, offset, length) in places {
+    for ((_, parts), (offset, length)) in sections.iter().zip(places) {
         out.write_all(&vec![0; offset - end]).map_err(io)?;
-        data(kind).iter().try_for_each(|part| out.write_all(part)).map_err(io)?;
+        parts.iter().try_for_each(|part| out.write_all(part)).map_err(io)?;
         end = offset + length;
     }
     out.flush().map_err(io)
+}
+
+/// The bytes of a section, in parts that follow each other.
+type Parts<'a> = Vec<&'a [u8]>;
+
+/// All that comes before the pages, in the order of the file.
+fn sections<'a>(
+    rounded: &'a Rounded<'_>,
+    json: &'a [u8],
+    rows: &'a [PageRow],
+    dependencies: &'a [Vec<u32>],
+) -> Result<Vec<(Kind, Parts<'a>)>> {
+    let mut out: Vec<(Kind, Parts<'_>)> = vec![
+        (Kind::Metadata, vec![json]),
+        (Kind::PageTable, vec![bytemuck::cast_slice(rows)]),
+        (Kind::Dependencies, dependencies.iter().map(|list| bytemuck::cast_slice(list)).collect()),
+        (Kind::Groups, vec![bytemuck::cast_slice(&rounded.groups)]),
+        (Kind::Nodes, vec![bytemuck::cast_slice(&rounded.nodes)]),
+    ];
+    let face_ids = rounded.dag.face_ids.iter().map(|ids| (Kind::FaceIds, ids));
+    let channels = rounded.dag.channels.iter().map(|channel| (Kind::Channels, &channel.words));
+    for (kind, words) in face_ids.chain(channels) {
+        out.push((kind, vec![bytemuck::cast_slice(words.load()?)]));
+    }
+    Ok(out)
 }
 
 /// Codes and writes all pages and fills in their rows; the bytes of all.

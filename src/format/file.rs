@@ -25,7 +25,7 @@ pub const ALIGNMENT: usize = 64;
 /// A page decodes to at most so many times its bytes, so that the length of a file bounds what reading it allocates.
 pub const MAX_EXPANSION: usize = 256;
 
-/// What a section holds. Every kind occurs exactly once, but for `FaceIds` and `Channels`, which may be absent.
+/// What a section holds. Every kind occurs exactly once, but for `FaceIds`, which may be absent, and `Channels`.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -43,7 +43,7 @@ pub enum Kind {
     Pages = 5,
     /// Rows of the caller's faces, one u32 per level-0 triangle.
     FaceIds = 6,
-    /// The words of all channels, one channel after the other, a row for each vertex identity.
+    /// The words of one channel, a row for each vertex identity; as often as there are channels, in their order.
     Channels = 7,
 }
 

@@ -56,7 +56,7 @@ pub struct Rounded<'a> {
 impl<'a> Rounded<'a> {
     /// Finds the grid and everything but the pages.
     pub fn new(dag: &'a Dag, precision: Precision) -> Result<Self> {
-        dag.pages.load_all()?;
+        dag.load_all()?;
         // What could not be read is not written.
         validate::structure(dag).map_err(|(kind, what)| Error::Invariant(format!("{kind:?}: {what}")))?;
         let asis = Self {

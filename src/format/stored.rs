@@ -1,19 +1,19 @@
-//! A mesh whose pages stay in their file: each is read, checked and decoded when it is wanted, on any thread.
+//! A mesh whose pages, channels and face ids stay in their file: each is read and checked when it is wanted, on any thread.
 
 use std::fmt;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::decode::{Container, Head, Source};
+use super::decode::{Container, Head, Source, WordSection};
 use super::input::{Input, OnDisk};
 use super::page_decode::Decoder;
 use crate::error::Result;
-use crate::model::{Dag, PageSource, PageWords, Pages};
+use crate::model::{Dag, PageSource, PageWords, Pages, Words};
 
 /// The pages of an open file.
 pub struct Stored {
-    input: Box<dyn Input>,
-    name: String,
+    input: Arc<dyn Input>,
+    name: Arc<str>,
     head: Head,
     /// Those that no thread uses.
     decoders: Mutex<Vec<Decoder>>,
@@ -41,16 +41,21 @@ impl PageSource for Stored {
     }
 }
 
-/// Opens a mesh whose pages are read when they are wanted; `name` appears in error messages. Nothing in the file is
-/// trusted: see [`super::validate`].
+/// Opens a mesh whose pages, channels and face ids are read when they are wanted; `name` appears in error messages.
+/// Nothing in the file is trusted: see [`super::validate`].
 pub fn open_input(input: Box<dyn Input>, name: &str) -> Result<Dag> {
-    let (dag, head) = Container::new(&*input, name)?.dag()?;
+    let (input, name): (Arc<dyn Input>, Arc<str>) = (input.into(), name.into());
+    let stored = |section: WordSection| {
+        let (input, name) = (Arc::clone(&input), Arc::clone(&name));
+        Ok(Words::stored(section.count(), move || section.read(&Source::new(&*input, &name))))
+    };
+    let (dag, head) = Container::new(&*input, &name)?.dag(stored)?;
     let (table, layout) = (head.entries(), head.metadata.layout);
-    let source = Stored { input, name: name.to_owned(), head, decoders: Mutex::default() };
+    let source = Stored { input, name, head, decoders: Mutex::default() };
     Ok(Dag { pages: Arc::new(Pages::stored(table, layout, Arc::new(source))), ..dag })
 }
 
-/// Opens a file: what comes before its pages is read, and of them none.
+/// Opens a file: of pages, channels and face ids none is read.
 pub fn open(path: &Path) -> Result<Dag> {
     open_input(Box::new(OnDisk::open(path)?), &path.display().to_string())
 }

@@ -16,7 +16,8 @@ use crate::math::octahedral::NORMAL_BITS;
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
 use crate::model::packing::{PACKING_WORDS, WIDEST};
 use crate::model::{
-    AttributeLayout, Channel, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Packing, PageEntry,
+    AttributeLayout, Channel, ChannelType, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Packing,
+    PageEntry,
 };
 
 type Fault = (Kind, String);
@@ -25,9 +26,13 @@ fn ensure(holds: bool, section: Kind, message: impl FnOnce() -> String) -> Resul
     if holds { Ok(()) } else { Err((section, message())) }
 }
 
-/// Checks everything, of a mesh whose pages are all in memory; the fault names its section.
+/// Checks everything, of a mesh that is all in memory; the fault names its section.
 pub fn structure(dag: &Dag) -> Result<(), Fault> {
     head(dag)?;
+    dag.channels.iter().try_for_each(|Channel { info, words }| {
+        let fault = |what| (Kind::Channels, format!("channel {:?}: {what}", info.name));
+        values(info.dtype, words.held()).map_err(fault)
+    })?;
     let step = dag.grid.map_or(0.0, Grid::step);
     let limits =
         PageLimits { layout: dag.layout(), groups: &dag.groups, vertex_count: dag.vertex_count, step };
@@ -41,7 +46,12 @@ pub fn structure(dag: &Dag) -> Result<(), Fault> {
     })
 }
 
-/// Checks all but the words of pages.
+/// Checks the words of a channel.
+pub fn values(dtype: ChannelType, words: &[u32]) -> Result<(), &'static str> {
+    if words.iter().all(|word| dtype.holds(*word)) { Ok(()) } else { Err("values that its type has not") }
+}
+
+/// Checks all but the words of pages and channels.
 pub fn head(dag: &Dag) -> Result<(), Fault> {
     metadata(dag)?;
     page_table(dag)?;
@@ -52,7 +62,7 @@ pub fn head(dag: &Dag) -> Result<(), Fault> {
     ensure(source == dag.source_faces, Kind::PageTable, || {
         format!("{source} triangles of the source, but {} in the metadata", dag.source_faces)
     })?;
-    let rows = dag.face_ids.as_ref().map_or(source, |r| r.len() as u64);
+    let rows = dag.face_ids.as_ref().map_or(source, |r| r.count() as u64);
     ensure(rows == source, Kind::FaceIds, || format!("{rows} rows for {source} triangles"))
 }
 
@@ -182,8 +192,7 @@ fn channels(dag: &Dag) -> Result<(), Fault> {
         let known = dag.channels[..i].iter().any(|c| c.info.name == info.name);
         fault(!info.name.is_empty() && !known, "name")?;
         fault(info.width() > 0, "width")?;
-        fault(words.len() == info.width() * dag.vertex_count as usize, "number of rows")?;
-        fault(words.par_iter().all(|word| info.dtype.holds(*word)), "values")?;
+        fault(words.count() == info.width() * dag.vertex_count as usize, "number of rows")?;
     }
     Ok(())
 }

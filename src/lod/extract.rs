@@ -1,5 +1,6 @@
 //! The arrays of a cut.
 
+use crate::error::Result;
 use crate::math::octahedral;
 use crate::model::{Channel, ClusterAddress, Dag};
 
@@ -66,9 +67,10 @@ pub fn extract(dag: &Dag, clusters: &[ClusterAddress]) -> CutArrays {
     out
 }
 
-/// The words of a channel for the vertices of a cut, row after row.
-pub fn channel_rows(channel: &Channel, ids: &[u32]) -> Vec<u32> {
-    let mut words = Vec::with_capacity(ids.len() * channel.info.width());
-    ids.iter().for_each(|id| words.extend_from_slice(channel.row(*id)));
-    words
+/// The words of a channel for the vertices of a cut, row after row; the channel is read if it is not in memory.
+pub fn channel_rows(channel: &Channel, ids: &[u32]) -> Result<Vec<u32>> {
+    let (words, width) = (channel.words.load()?, channel.info.width());
+    let mut rows = Vec::with_capacity(ids.len() * width);
+    ids.iter().for_each(|id| rows.extend_from_slice(&words[*id as usize * width..][..width]));
+    Ok(rows)
 }

@@ -172,7 +172,7 @@ impl Channels {
                     *out = ((low + range * f64::from(*x)).clamp(*low, *high) as f32).to_bits();
                 }
             });
-            Channel { info: info.clone(), words }
+            Channel { info: info.clone(), words: words.into() }
         };
         self.infos.iter().map(finish).collect()
     }

@@ -5,6 +5,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::words::Words;
+
 /// What a channel's words are, by the name that NumPy has for it. 64-bit labels hold values of 32 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -99,13 +101,5 @@ pub struct Channel {
     /// Name, type and width.
     pub info: ChannelInfo,
     /// A row for each vertex identity.
-    pub words: Vec<u32>,
-}
-
-impl Channel {
-    /// The words of one vertex.
-    pub fn row(&self, id: u32) -> &[u32] {
-        let width = self.info.width();
-        &self.words[id as usize * width..][..width]
-    }
+    pub words: Words,
 }

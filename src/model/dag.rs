@@ -9,6 +9,8 @@ use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRe
 use super::hierarchy::Node;
 use super::page::Pages;
 use super::report::BuildReport;
+use super::words::Words;
+use crate::error::Result;
 use crate::math::{Aabb, Sphere};
 
 /// Clusters that are simplified together. A cluster is drawn when its group's error projects above the
@@ -137,7 +139,7 @@ pub struct Dag {
     pub source_vertices: u64,
     /// For each level-0 triangle, in page order of the level-0 clusters, its row of the caller's `faces`;
     /// only when asked for.
-    pub face_ids: Option<Vec<u32>>,
+    pub face_ids: Option<Words>,
     /// What positions and normals were rounded to; nothing before a file asked for it.
     pub grid: Option<Grid>,
     /// What building did.
@@ -145,6 +147,17 @@ pub struct Dag {
 }
 
 impl Dag {
+    /// Reads all that is not in memory: pages, channels and face ids.
+    pub fn load_all(&self) -> Result<()> {
+        self.pages.load_all()?;
+        self.words().try_for_each(|words| words.load().map(drop))
+    }
+
+    /// The words beside the pages: those of channels, and face ids.
+    pub fn words(&self) -> impl Iterator<Item = &Words> {
+        self.channels.iter().map(|channel| &channel.words).chain(&self.face_ids)
+    }
+
     /// Streams every cluster carries.
     pub fn layout(&self) -> AttributeLayout {
         self.pages.layout

@@ -10,6 +10,7 @@ pub mod packing;
 pub mod page;
 pub mod report;
 pub mod rule;
+pub mod words;
 
 pub use channel::{Channel, ChannelInfo, ChannelType};
 pub use cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
@@ -18,3 +19,4 @@ pub use hierarchy::Node;
 pub use packing::Packing;
 pub use page::{PageEntry, PageSource, PageWords, Pages};
 pub use report::{BuildReport, LevelReport, StuckGroup, StuckReason};
+pub use words::Words;

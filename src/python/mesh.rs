@@ -1,4 +1,4 @@
-//! `_core.Mesh` and `_core.Cut`: building, cutting, saving and checking from Python.
+//! `_core.Mesh`, `_core.Cut` and `_core.ChannelRows`: building, cutting, saving and checking from Python.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -27,7 +27,7 @@ use crate::lod::{FaceBudget, channel_rows, cut_attribute_error, cut_error, extra
 use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
 use crate::model::rule::Threshold;
-use crate::model::{ClusterAddress, Dag, Frame, Grid};
+use crate::model::{Channel, ClusterAddress, Dag, Frame, Grid};
 
 /// How often a waiting call looks at signals and reports progress.
 const POLL: Duration = Duration::from_millis(50);
@@ -185,7 +185,7 @@ impl Mesh {
         watched(py, progress.as_ref(), |progress| build::build(&source, &options, progress)).map(Self::new)
     }
 
-    /// Opens a `.nanite` file; its pages are read when they are needed.
+    /// Opens a `.nanite` file; pages, channels and face ids are read when they are needed.
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         detached(py, || format::open(&path)).map(Self::new)
@@ -276,8 +276,8 @@ impl Mesh {
             if Arc::ptr_eq(&a, &b) {
                 return Ok(true);
             }
-            a.pages.load_all()?;
-            b.pages.load_all()?;
+            a.load_all()?;
+            b.load_all()?;
             Ok(a == b)
         })
     }
@@ -320,8 +320,10 @@ impl Mesh {
 
     /// Row of the caller's `faces` for each level-0 triangle of the full-detail cut; `None` unless built with
     /// `face_ids`.
-    fn source_face_ids(&self, py: Python<'_>) -> Option<Py<PyArray1<u32>>> {
-        self.dag.face_ids.as_ref().map(|ids| into_array(py, ids.clone()))
+    fn source_face_ids(&self, py: Python<'_>) -> PyResult<Option<Py<PyArray1<u32>>>> {
+        let ids = self.dag.face_ids.as_ref();
+        let ids = detached(py, || ids.map(|ids| Ok(ids.load()?.to_vec())).transpose())?;
+        Ok(ids.map(|ids| into_array(py, ids)))
     }
 
     /// Triangles of the source after mending.
@@ -366,7 +368,7 @@ impl Mesh {
         1 + self.dag.pages.table.iter().map(|p| p.level).max().unwrap_or(0)
     }
 
-    /// Bytes that clusters, groups and hierarchy take in memory.
+    /// Bytes that clusters, groups, hierarchy, face ids and channels take in memory.
     #[getter]
     fn nbytes(&self) -> usize {
         let dag = &self.dag;
@@ -374,8 +376,7 @@ impl Mesh {
             + size_of_val(&dag.pages.table[..])
             + size_of_val(&dag.groups[..])
             + size_of_val(&dag.nodes[..])
-            + dag.face_ids.as_ref().map_or(0, |f| size_of_val(&f[..]))
-            + dag.channels.iter().map(|c| size_of_val(&c.words[..])).sum::<usize>()
+            + dag.words().map(|words| size_of_val(words.held())).sum::<usize>()
     }
 
     /// Vertex colours are present.
@@ -456,13 +457,12 @@ impl Mesh {
         select: impl FnOnce(&Dag) -> Result<Vec<ClusterAddress>> + Send,
     ) -> PyResult<Cut> {
         let dag = &*self.dag;
-        let (clusters, arrays, error, positions, channels) = detached(py, || {
+        let (clusters, arrays, error, positions) = detached(py, || {
             let clusters = select(dag)?;
             let mut arrays = extract(dag, &clusters);
             let error = (cut_error(dag, &clusters), cut_attribute_error(dag, &clusters));
             let positions = object_positions(std::mem::take(&mut arrays.positions), &dag.frame);
-            let channels: Vec<_> = dag.channels.iter().map(|c| channel_rows(c, &arrays.ids)).collect();
-            Ok((clusters, arrays, error, positions, channels))
+            Ok((clusters, arrays, error, positions))
         })?;
         let vertices = match positions {
             ObjectPositions::F32(rows) => into_rows(py, rows)?.into_py_any(py)?,
@@ -470,11 +470,10 @@ impl Mesh {
         };
         let faces = arrays.faces.into_iter().map(|face| face.map(u32::cast_signed)).collect();
         let sets = arrays.uvs.into_iter().map(|set| into_rows(py, set)).collect::<PyResult<_>>()?;
-        let channels = channels
-            .into_iter()
-            .zip(&dag.channels)
-            .map(|(words, c)| into_words(py, words, c.info.width()))
-            .collect::<PyResult<_>>()?;
+        let ids: Arc<[u32]> = if dag.channels.is_empty() { Arc::default() } else { arrays.ids[..].into() };
+        let rows =
+            |channel: &Channel| Py::new(py, ChannelRows { channel: channel.clone(), ids: Arc::clone(&ids) });
+        let channels = dag.channels.iter().map(rows).collect::<PyResult<_>>()?;
         Ok(Cut {
             vertices,
             faces: into_rows(py, faces)?,
@@ -524,7 +523,7 @@ pub struct Cut {
     normals: Py<PyArray2<f32>>,
     colors: Option<Py<PyArray2<u8>>>,
     uvs: Vec<Py<PyArray2<f32>>>,
-    channels: Vec<Py<PyArray2<u32>>>,
+    channels: Vec<Py<ChannelRows>>,
     vertex_ids: Py<PyArray1<u32>>,
     cluster_ids: Py<PyArray1<u32>>,
     cluster_levels: Py<PyArray1<u8>>,
@@ -532,4 +531,38 @@ pub struct Cut {
     first_face: Py<PyArray1<u32>>,
     error: f64,
     attribute_error: f64,
+}
+
+/// The rows that a cut has of a channel, until somebody asks for them.
+#[pyclass(frozen, module = "nanite_rs._core")]
+pub struct ChannelRows {
+    channel: Channel,
+    ids: Arc<[u32]>,
+}
+
+#[pymethods]
+impl ChannelRows {
+    /// Name of the channel.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.channel.info.name
+    }
+
+    /// What the words are.
+    #[getter]
+    fn dtype(&self) -> &'static str {
+        self.channel.info.dtype.name()
+    }
+
+    /// Number of columns; None where the channel has one dimension.
+    #[getter]
+    fn columns(&self) -> Option<u32> {
+        self.channel.info.columns
+    }
+
+    /// The words, a row for each vertex; the channel is read if it is not in memory.
+    fn words(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u32>>> {
+        let words = detached(py, || channel_rows(&self.channel, &self.ids))?;
+        into_words(py, words, self.channel.info.width())
+    }
 }

@@ -17,6 +17,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<mesh::Cut>()?;
+    module.add_class::<mesh::ChannelRows>()?;
     module.add_function(wrap_pyfunction!(tables::cluster_table, module)?)?;
     module.add_function(wrap_pyfunction!(tables::group_table, module)?)?;
     module.add_function(wrap_pyfunction!(measure::surface_distance, module)?)?;

@@ -191,7 +191,7 @@ impl Frame {
 
     /// Rows of the caller's faces; −1 where nothing is covered or it is not known.
     pub fn face_ids(&self) -> Result<Vec<i64>> {
-        self.pixels("face_id").map(output::face_ids)
+        self.pixels("face_id").and_then(output::face_ids)
     }
 
     /// Triangles that cover each pixel, hidden ones included, among the clusters that were drawn.

@@ -1,5 +1,10 @@
 """Named channels: exact where the source is drawn, steering and never blended wrongly where it is simplified."""
 
+import copy
+import os
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 import trimesh
@@ -189,3 +194,127 @@ def test_threads_do_not_change_channels() -> None:
         for threads in (1, 2)
     ]
     assert meshes[0] == meshes[1]
+
+
+@pytest.fixture
+def stored(tmp_path):
+    """A mesh with two channels and face ids, and its file."""
+    v, f = nrs.shapes.displaced_icosphere(faces=20_000)
+    channels = {"label": np.arange(len(v), dtype=np.uint32) % 7, "wide": v @ np.ones((3, 40), np.float32)}
+    options = nrs.BuildOptions(face_ids=True)
+    mesh = nrs.NaniteMesh.from_arrays(v, f, channels=channels, options=options, progress=False)
+    mesh.save(tmp_path / "mesh.nanite", precision="exact")
+    return mesh, tmp_path / "mesh.nanite"
+
+
+def test_channels_of_files_are_read_when_they_are_looked_up(stored) -> None:
+    mesh, path = stored
+    opened = nrs.NaniteMesh.open(path)
+    assert opened.channels == mesh.channels
+    parts = nrs.NaniteMesh.file_info(path)["parts"]
+    assert opened.nbytes < parts["channels"]
+    cut, expected = opened.cut(error=0.0), mesh.cut(error=0.0)
+    before = opened.nbytes
+    assert before + parts["channels"] + parts["face_ids"] == mesh.nbytes
+    assert list(cut.channels) == ["label", "wide"]
+    assert "wide" in cut.channels
+    assert "none" not in cut.channels
+    assert repr(cut.channels) == "CutChannels(['label', 'wide'])"
+    with pytest.raises(KeyError):
+        cut.channels["none"]
+    assert opened.nbytes == before
+    np.testing.assert_array_equal(cut.channels["label"], expected.channels["label"])
+    part = opened.nbytes
+    assert before < part < before + parts["channels"] / 20
+    np.testing.assert_array_equal(cut.channels["wide"], expected.channels["wide"])
+    assert opened.nbytes == before + parts["channels"]
+    np.testing.assert_array_equal(opened.source_face_ids, mesh.source_face_ids)
+    assert opened.nbytes == mesh.nbytes
+    assert opened == mesh
+    for use in (nrs.NaniteMesh.check, pickle.dumps, lambda m: m.save(path, precision="exact"), mesh.__eq__):
+        opened = nrs.NaniteMesh.open(path)
+        use(opened)
+        assert opened.nbytes == mesh.nbytes
+    assert nrs.NaniteMesh.open(path) == pickle.loads(pickle.dumps(nrs.NaniteMesh.open(path))) == mesh
+
+
+def test_looked_up_channels_are_the_callers_own(stored) -> None:
+    mesh, path = stored
+    opened = nrs.NaniteMesh.open(path)
+    cut = opened.cut(target_reduction=0.5)
+    expected = {name: values.copy() for name, values in mesh.cut(target_reduction=0.5).channels.items()}
+    # Whatever becomes of the other arrays, of the mesh and of the file.
+    cut.vertex_ids[:] = 2**32 - 1
+    del opened
+    path.unlink()
+    label = cut.channels["label"]
+    assert label is cut.channels["label"]
+    np.testing.assert_array_equal(label, expected["label"])
+    label[:] = 9
+    assert (cut.channels["label"] == 9).all()
+    expected["label"][:] = 9
+    copied, deep, pickled = copy.copy(cut), copy.deepcopy(cut), pickle.loads(pickle.dumps(cut))
+    assert copied.channels is cut.channels
+    for other in (deep, pickled):
+        assert list(other.channels) == ["label", "wide"]
+        for name, values in other.channels.items():
+            np.testing.assert_array_equal(values, expected[name])
+            assert values.flags.writeable
+            assert values is not cut.channels[name]
+    assert set(cut.to_trimesh().vertex_attributes) == {"label", "wide"}
+
+
+def test_threads_look_up_the_same_arrays(stored) -> None:
+    mesh, path = stored
+    for _ in range(10):
+        opened = nrs.NaniteMesh.open(path)
+        cuts = [opened.cut(error=0.0), opened.cut(target_reduction=0.5)]
+        with ThreadPoolExecutor(8) as pool:
+            tasks = [
+                pool.submit(cut.channels.__getitem__, name) for name in ["wide", "label"] * 4 for cut in cuts
+            ]
+            faces = [pool.submit(lambda mesh: mesh.source_face_ids, opened) for _ in range(4)]
+            found = {id(task.result()) for task in tasks}
+        assert len(found) == 4
+        assert all((task.result() == mesh.source_face_ids).all() for task in faces)
+        assert opened == mesh
+
+
+def test_damaged_channels_are_refused_when_they_are_looked_up(stored) -> None:
+    mesh, path = stored
+    data = path.read_bytes()
+    values = mesh.cut(error=0.0).channels["wide"]
+    # The last channel lies before the pages.
+    at = data.rindex(values[-1].tobytes())
+    path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
+    damaged = nrs.NaniteMesh.open(path)
+    cut = damaged.cut(error=0.0)
+    np.testing.assert_array_equal(cut.channels["label"], mesh.cut(error=0.0).channels["label"])
+    for use in (
+        lambda: cut.channels["wide"],
+        lambda: dict(cut.channels),
+        lambda: pickle.dumps(cut),
+        cut.to_trimesh,
+        damaged.check,
+        lambda: damaged == mesh,
+        lambda: pickle.dumps(damaged),
+        lambda: damaged.save(path),
+    ):
+        with pytest.raises(nrs.FormatError, match=r'at byte \d+: section Channels, "wide": the checksum'):
+            use()
+    assert len(damaged.source_face_ids) == len(mesh)
+
+
+def test_files_cut_short_after_opening(stored) -> None:
+    mesh, path = stored
+    data = path.read_bytes()
+    opened = nrs.NaniteMesh.open(path)
+    cut = opened.cut(error=0.0)
+    os.truncate(path, 4096)
+    for use in (lambda: cut.channels["wide"], lambda: opened.source_face_ids, lambda: opened == mesh):
+        with pytest.raises(nrs.FileError, match=r"mesh\.nanite"):
+            use()
+    assert "wide" in cut.channels
+    path.write_bytes(data)
+    np.testing.assert_array_equal(cut.channels["wide"], mesh.cut(error=0.0).channels["wide"])
+    assert opened == mesh

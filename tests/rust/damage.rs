@@ -45,7 +45,7 @@ fn number(bytes: &[u8], at: usize, width: usize) -> Option<usize> {
 }
 
 /// Where the rows of the section table are.
-fn entries(bytes: &[u8]) -> impl Iterator<Item = usize> + use<> {
+pub fn entries(bytes: &[u8]) -> impl Iterator<Item = usize> + use<> {
     let room = bytes.len().saturating_sub(HEADER_BYTES) / ENTRY_BYTES;
     let count = number(bytes, 12, 4).unwrap_or(0).min(room);
     (0..count).map(|i| HEADER_BYTES + i * ENTRY_BYTES)
@@ -57,10 +57,15 @@ fn place(bytes: &[u8], entry: usize) -> Option<Range<usize>> {
     Some(start..start.saturating_add(number(bytes, entry + 16, 8)?))
 }
 
-/// Where a section lies.
+/// Where the sections of a kind lie.
+pub fn sections(bytes: &[u8], kind: Kind) -> impl Iterator<Item = Range<usize>> {
+    let entries = entries(bytes).filter(move |at| number(bytes, *at, 4) == Some(kind as usize));
+    entries.filter_map(|entry| place(bytes, entry))
+}
+
+/// Where a section lies, or the first of its kind.
 pub fn section(bytes: &[u8], kind: Kind) -> Option<Range<usize>> {
-    let entry = entries(bytes).find(|at| number(bytes, *at, 4) == Some(kind as usize))?;
-    place(bytes, entry)
+    sections(bytes, kind).next()
 }
 
 /// Makes all checksums right, as far as what they are of lies inside the file.
@@ -99,7 +104,7 @@ pub fn exercise(dag: &Dag) {
     for clusters in [by_size].iter().chain(&by_error) {
         let cut = extract(dag, clusters);
         let _ = cut_error(dag, clusters);
-        dag.channels.iter().for_each(|c| assert!(channel_rows(c, &cut.ids).len() >= cut.ids.len()));
+        dag.channels.iter().for_each(|c| assert!(channel_rows(c, &cut.ids).unwrap().len() >= cut.ids.len()));
     }
 }
 
@@ -112,6 +117,7 @@ pub fn draw(dag: Dag) {
 /// for a page is drawn without it.
 pub fn stream(bytes: Vec<u8>) {
     let Ok(dag) = open_input(Box::new(bytes), "streamed") else { return };
+    dag.channels.iter().for_each(|channel| drop(channel.words.load()));
     let mut renderer = Renderer::new(48, 32, "cpu").unwrap();
     renderer.stream(Some(2 * dag.pages.word_count()));
     for wait in [false, true] {

@@ -38,11 +38,11 @@ fn rich_mesh(n: usize) -> Dag {
     dag
 }
 
-/// A mesh from a file, with all its pages.
+/// A mesh from a file, all of it.
 fn opened(path: &Path) -> Dag {
     let dag = open(path).unwrap();
     assert!((0..dag.pages.table.len()).all(|page| !dag.pages.holds(page)), "opening reads no page");
-    dag.pages.load_all().unwrap();
+    dag.load_all().unwrap();
     dag
 }
 
@@ -394,13 +394,18 @@ fn channels_that_do_not_fit_are_refused() {
             other => panic!("{what}: {:?}", other.map(|_| ())),
         }
     };
-    refused(&|d| d.channels[0].words[3] = f32::NAN.to_bits(), "values");
+    let words = |d: &mut Dag, channel: usize, change: &dyn Fn(&mut Vec<u32>)| {
+        let mut words = d.channels[channel].words.held().to_vec();
+        change(&mut words);
+        d.channels[channel].words = words.into();
+    };
+    refused(&|d| words(d, 0, &|words| words[3] = f32::NAN.to_bits()), "values");
     refused(&|d| d.channels[1].info.dtype = ChannelType::Bool, "values");
     refused(&|d| d.channels[1].info.name = "heat".into(), "name");
     refused(&|d| d.channels[0].info.columns = Some(0), "width");
     refused(&|d| d.channels[0].info.columns = Some(u32::MAX), "rows");
-    refused(&|d| d.channels[1].words.truncate(5), "rows");
-    refused(&|d| d.channels[1].words.push(0), "rows");
+    refused(&|d| words(d, 1, &|words| words.truncate(5)), "rows");
+    refused(&|d| words(d, 1, &|words| words.push(0)), "rows");
     let spoil = |d: &mut Dag| {
         let mut words = d.pages.page(0).to_vec();
         words[0] = f32::NAN.to_bits();
@@ -420,8 +425,8 @@ fn channels_that_do_not_fit_are_refused() {
     let json = section(&bytes, Kind::Metadata);
     let text = std::str::from_utf8(&bytes[json.clone()]).unwrap();
     for (from, to, what) in [
-        ("\"columns\": 2", "\"columns\": 1", "left over"),
-        ("\"columns\": 2", "\"columns\": 9", "ends inside"),
+        ("\"columns\": 2", "\"columns\": 1", "bytes for"),
+        ("\"columns\": 2", "\"columns\": 9", "bytes for"),
         ("\"int32\"", "\"bool\" ", "values"),
     ] {
         let at = json.start + text.find(from).unwrap();

@@ -1,5 +1,6 @@
 //! Integration tests: one binary.
 
+mod channels;
 mod dag_invariants;
 mod damage;
 mod depth_only;

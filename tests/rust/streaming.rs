@@ -180,7 +180,7 @@ fn opening_reads_no_page_and_cuts_read_what_they_need() {
     let read = reads.load(Ordering::Relaxed) as usize;
     assert!(0 < read && 4 * read < stored.pages.table.len(), "{read} of {}", stored.pages.table.len());
     assert!(nanite_rs::lod::select(&stored, &coarse) == nanite_rs::lod::select(&mesh, &coarse));
-    stored.pages.load_all().unwrap();
+    stored.load_all().unwrap();
     assert!(*stored == *mesh && reads.load(Ordering::Relaxed) as usize == mesh.pages.table.len());
 }
 
