@@ -5,6 +5,7 @@ from __future__ import annotations
 from nanite_rs import measure, shapes
 from nanite_rs._core import __version__
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
+from nanite_rs.comparison import Comparison, SilhouetteDistance, compare
 from nanite_rs.cut import Cut
 from nanite_rs.exceptions import (
     ArgumentError,
@@ -41,6 +42,7 @@ __all__ = [
     "Calibration",
     "Camera",
     "CheckReport",
+    "Comparison",
     "Cut",
     "DependencyError",
     "DirectionalLight",
@@ -65,12 +67,14 @@ __all__ = [
     "PointLight",
     "Renderer",
     "Scene",
+    "SilhouetteDistance",
     "StageStats",
     "StaleHandleError",
     "StreamStats",
     "StreamWarning",
     "StuckGroup",
     "__version__",
+    "compare",
     "measure",
     "shapes",
     "simplify",

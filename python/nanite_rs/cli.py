@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 
 import nanite_rs as nrs
-from nanite_rs import io, shapes
+from nanite_rs import _images, io, shapes
 from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError
 
 if TYPE_CHECKING:
@@ -189,6 +189,7 @@ def _cut(arguments: argparse.Namespace) -> int:
 
 
 def _render(arguments: argparse.Namespace) -> int:
+    _images.suffix(arguments.output)
     mesh = _mesh(arguments)
     # Of a .nanite file what the picture needs is read, however large the rest.
     with nrs.Renderer(
@@ -199,7 +200,8 @@ def _render(arguments: argparse.Namespace) -> int:
         )
     frame.save(arguments.output, view=arguments.view)
     if not arguments.quiet:
-        print(f"{arguments.output}: {arguments.size[0]} × {arguments.size[1]}, {arguments.view}")
+        view = f", {arguments.view}" if arguments.view else ""
+        print(f"{arguments.output}: {arguments.size[0]} × {arguments.size[1]}{view}")
     if arguments.stats:
         print(frame.stats)
     return 0
@@ -465,12 +467,12 @@ def _add_cut(commands: Any) -> None:
 
 
 def _add_render(commands: Any) -> None:
-    text = "Render a mesh into a PNG."
+    text = "Render a mesh into a PNG, or its depth, normals and ids into an EXR."
     example = "nanite-rs render dragon.nanite -o levels.png --view levels --azimuth 200"
     sub = _command(commands, "render", _render, text, example)
     sub.add_argument("input", metavar="INPUT", help=INPUT_HELP)
-    sub.add_argument("--output", "-o", default="render.png", metavar="FILE", help="the picture (render.png)")
-    sub.add_argument("--view", choices=VIEWS, default="shaded", help="what to show (shaded)")
+    sub.add_argument("--output", "-o", default="render.png", metavar="FILE", help=".png or .exr (render.png)")
+    sub.add_argument("--view", choices=VIEWS, help="what a PNG shows (shaded)")
     sub.add_argument(
         "--stats", action="store_true", help="print what each stage received, passed on and took"
     )

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _core
+from nanite_rs import _core, _images
 from nanite_rs.camera import Camera
-from nanite_rs.exceptions import (
-    ArgumentError,
-    DtypeError,
-    FileError,
-    MissingFileError,
-    NaniteError,
-)
+from nanite_rs.exceptions import ArgumentError, DtypeError, NaniteError
 from nanite_rs.scene import Scene
 
 if TYPE_CHECKING:
@@ -48,6 +43,16 @@ POOL_BYTES = 512 << 20
 """Bytes of a renderer's pool with ``streaming=True``, unless asked for otherwise."""
 
 RasterName: TypeAlias = Literal["auto", "compute", "hybrid", "hardware"]
+
+_CHANNELS: Final = {
+    "depth": ("Z",),
+    "normal": ("N.x", "N.y", "N.z"),
+    "instance_id": ("instance_id",),
+    "cluster_id": ("cluster_id",),
+    "triangle_id": ("triangle_id",),
+    "overdraw": ("overdraw",),
+}
+"""Channels of an EXR that hold an array of a frame."""
 
 
 @dataclass(frozen=True)
@@ -218,8 +223,9 @@ class Frame:
     True
     """
 
-    def __init__(self, core: _core.Frame) -> None:
+    def __init__(self, core: _core.Frame, made: dict[str, Any]) -> None:
         self._frame = core
+        self._made = made
 
     @cached_property
     def color(self) -> NDArray[np.uint8]:
@@ -306,43 +312,113 @@ class Frame:
             return self.color.copy()
         return self._frame.view(name)
 
-    def _png(self, name: ViewName) -> bytes:
-        from PIL import Image
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """How the frame was made: what `save` writes beside it.
 
-        buffer = io.BytesIO()
-        Image.fromarray(self.view(name)).save(buffer, format="PNG", compress_level=3)
-        return buffer.getvalue()
+        ``software`` with its version; ``camera``, its kind, and its parameters by their names; ``pose``, the
+        camera-to-world matrix as nested lists; ``pixel_error``, ``depth_only``, ``backend``, ``raster``, and from
+        `stats` ``source_triangles``, ``triangles`` and ``clusters``. Distances are in world units, angles in
+        radians.
 
-    def save(self, path: str | os.PathLike[str], *, view: ViewName = "shaded") -> None:
-        """Write a picture as PNG.
+        Examples
+        --------
+        >>> frame.metadata["camera"], frame.metadata["yfov"], frame.metadata["pixel_error"]
+        ('perspective', 0.8, 1.0)
+        """
+        counts = ("raster", "source_triangles", "triangles", "clusters")
+        software = {"software": f"nanite_rs {_core.__version__}"}
+        return software | self._made | {name: getattr(self.stats, name) for name in counts}
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        view: ViewName | None = None,
+        outputs: Sequence[OutputName] | None = None,
+    ) -> None:
+        """Write a picture as PNG, or arrays as EXR, with `metadata` beside them.
+
+        A ``.png`` has 8 bits per channel, as the frame has. An ``.exr`` holds arrays bit for bit. Its part
+        ``geometry`` has float32 channels that compositing programs know: `depth` as ``Z``, and `normal` as
+        ``N.x``, ``N.y`` and ``N.z``. Its part ``ids`` has uint32 channels: ``instance_id``, ``cluster_id`` and
+        ``triangle_id``, 0xFFFFFFFF where nothing is covered, and ``overdraw``. There is no colour in it: EXR is
+        for linear light, and a frame's colour is encoded and rounded to 8 bits.
+
+        Either is written to the side and renamed, so that there is a whole file or none. Metadata are attributes of
+        an EXR and texts of a PNG: ``Software``, and all else as ``nanite_rs:<key>``, numbers and lists as JSON.
 
         Parameters
         ----------
         path : path
-            File to write; replaced if it exists.
+            File to write, ``.png`` or ``.exr``; replaced if it exists. EXR takes OpenImageIO, which
+            ``pip install 'nanite-rs[io]'`` installs.
         view : str
-            Which picture, see `view`.
+            Which picture a PNG shows, see `view`; ``"shaded"`` by default.
+        outputs : sequence of str
+            Which arrays an EXR holds: of ``"depth"``, ``"normal"``, ``"instance_id"``, ``"cluster_id"``,
+            ``"triangle_id"`` and ``"overdraw"``. By default all but the last; of a frame of depth alone, depth.
 
         Raises
         ------
+        FormatError
+            If the name ends otherwise.
         ArgumentError
-            As for `view`.
+            As for `view`; for an output that is unknown, or that the frame lacks; for `view` of an EXR, or
+            `outputs` of a PNG.
         FileError
             If the file cannot be written.
+        DependencyError
+            For an EXR without OpenImageIO.
+
+        Examples
+        --------
+        >>> frame.save("clusters.png", view="clusters")
+        >>> frame.save("frame.exr", outputs=["depth", "normal"])
         """
-        data = self._png(view)
-        try:
-            with open(path, "wb") as file:
-                file.write(data)
-        except OSError as error:
-            kind = MissingFileError if isinstance(error, FileNotFoundError) else FileError
-            raise kind(error.errno, error.strerror, os.fspath(path)) from None
+        name = os.fsdecode(path)
+        if _images.suffix(name) == ".png":
+            if outputs is not None:
+                raise ArgumentError("outputs: a .png holds one picture, see view; arrays take an .exr")
+            _images.write_png(name, self.view("shaded" if view is None else view), self._texts())
+        else:
+            if view is not None:
+                raise ArgumentError("view: an .exr holds arrays, see outputs; pictures take a .png")
+            _images.write_exr(name, self._channels(outputs), self._texts())
+
+    def _texts(self) -> dict[str, str]:
+        made = self.metadata
+        texts = {k: v if isinstance(v, str) else json.dumps(v) for k, v in made.items()}
+        return {"Software": texts.pop("software"), **{f"nanite_rs:{k}": v for k, v in texts.items()}}
+
+    def _channels(self, outputs: Sequence[OutputName] | None) -> dict[str, NDArray[Any]]:
+        """Arrays by the names of channels, integers as uint32."""
+        names: list[str]
+        if outputs is None:
+            names = ["depth"] if self._made["depth_only"] else [n for n in _CHANNELS if n != "overdraw"]
+        else:
+            names = [outputs] if isinstance(outputs, str) else list(outputs)
+        if not names:
+            raise ArgumentError(f"outputs: expected one at least of {', '.join(_CHANNELS)}")
+        channels: dict[str, NDArray[Any]] = {}
+        for name in names:
+            if name not in _CHANNELS:
+                raise ArgumentError(f"outputs: an .exr holds {', '.join(_CHANNELS)}, not {name!r}")
+            array: NDArray[Any] = getattr(self, name)
+            if array.dtype.kind == "i":
+                array = array.view(np.uint32)
+            planes = array.reshape(*array.shape[:2], -1)
+            channels |= {channel: planes[..., k] for k, channel in enumerate(_CHANNELS[name])}
+        return channels
 
     def _repr_png_(self) -> bytes | None:
-        try:
-            return self._png("shaded")
-        except ArgumentError:  # depth alone has no picture
+        from PIL import Image
+
+        if self._made["depth_only"]:  # it has no picture
             return None
+        buffer = io.BytesIO()
+        Image.fromarray(self.color).save(buffer, format="PNG", compress_level=3)
+        return buffer.getvalue()
 
     def __repr__(self) -> str:
         return f"<Frame {self.width}×{self.height}: {self.stats!r}>"
@@ -591,7 +667,11 @@ class Renderer:
         for fault in self._core.faults():
             warnings.warn(fault, StreamWarning, stacklevel=3)
         self._backend = self._core.backend
-        return [Frame(frame) for frame in frames]
+        made = {"pixel_error": float(pixel_error), "depth_only": bool(depth_only), "backend": self.backend}
+        return [
+            Frame(frame, _lens(camera) | {"pose": np.asarray(pose, np.float64).tolist()} | made)
+            for frame, (camera, pose) in zip(frames, views, strict=True)
+        ]
 
     def close(self) -> None:
         """Give the memory back. Frames stay valid."""
@@ -611,6 +691,12 @@ class Renderer:
     def __repr__(self) -> str:
         closed = ", closed" if self._core is None else ""
         return f"<Renderer {self.width}×{self.height} on {self.backend}{closed}>"
+
+
+def _lens(camera: Camera) -> dict[str, Any]:
+    """Kind and parameters of a camera; those that are not given are left out."""
+    kind, _ = camera._parameters()
+    return {"camera": kind, **{k: float(v) for k, v in vars(camera).items() if v is not None}}
 
 
 def _whole(value: Any, name: str, end: int, allowed: str) -> int:

@@ -102,6 +102,15 @@ def test_render_writes_the_picture_and_the_stages(built, tmp_path, capsys):
     assert "raster_small" in text
 
 
+def test_render_writes_arrays(built, tmp_path, capsys):
+    import OpenImageIO as oiio
+
+    output = tmp_path / "arrays.exr"
+    assert cli.main(["render", str(built), "-o", str(output), "--size", "160x90"]) == 0
+    assert oiio.ImageBuf(str(output)).spec().channelnames == ("Z", "N.x", "N.y", "N.z")
+    assert capsys.readouterr().out == f"{output}: 160 × 90\n"
+
+
 def test_demo_on_a_small_mesh(tmp_path, capsys):
     folder = tmp_path / "demo"
     assert cli.main(["demo", "shape:gyroid_shell:50000", "-o", str(folder), "--size", "320x180"]) == 0
@@ -152,6 +161,7 @@ def test_wrong_usage_exits_with_two(arguments):
         (["build", "shape:soup:10", "-o", "nowhere/x.nanite"], "nowhere/x.nanite: No such file or directory"),
         (["build", "shape:soup:10", "--cluster-triangles", "7"], "cluster_triangles: must be between"),
         (["cut", "shape:soup:10", "-o", "x.xyzzy", "--error", "0"], "trimesh writes"),
+        (["render", "shape:soup:10", "-o", "x.jpg"], "x.jpg: extension .jpg is unknown"),
         (["cut", "shape:soup:10", "-o", "x.ply", "--error", "-1"], "error: must be 0 or more"),
     ],
 )

@@ -66,8 +66,9 @@ def test_architecture_names_every_module():
 
 
 def test_import_is_quick_and_quiet():
-    """Neither trimesh nor Pillow is imported before it is needed."""
-    code = "import sys, nanite_rs; print([m for m in ('trimesh', 'PIL', 'scipy') if m in sys.modules])"
+    """Neither trimesh nor Pillow nor OpenImageIO is imported before it is needed."""
+    late = ("trimesh", "PIL", "scipy", "OpenImageIO")
+    code = f"import sys, nanite_rs; print([m for m in {late} if m in sys.modules])"
     result = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True
     )
