@@ -347,10 +347,11 @@ class NaniteMesh:
     def save(self, path: PathLike, *, precision: Literal["auto", "exact"] | float = "auto") -> None:
         """Write a ``.nanite`` file; an existing one is replaced in one step or not at all.
 
-        Positions of all levels are rounded to one grid, of which the step is a power of two, and normals to 10 bits
-        per octahedral coordinate, which is a quarter of a degree; colours, UVs and channels stay as they are. Cuts
-        stay closed. The distance that positions moved is part of `Cut.error` of the mesh that is opened again, and
-        with the angle of the normals in its `info`. Saving what was opened loses nothing more.
+        Positions of all levels are rounded to one grid, of which the step is a power of two, normals to 10 bits per
+        octahedral coordinate, which is a quarter of a degree, and UVs to multiples of 2^-16, unless some are beyond
+        ±256: then they stay, as colours and channels do. Cuts stay closed. The distance that positions moved is part of
+        `Cut.error` of the mesh that is opened again, and in its `info` with the angle of the normals and the
+        difference of UVs. Saving what was opened loses nothing more.
 
         Bytes go to a temporary file beside the target, are synced to disk, and then take its name: whenever the
         process ends, the target is the old file or the new one, whole. A process that is killed leaves its
@@ -572,6 +573,7 @@ class NaniteMesh:
             "precision": core.precision,
             "rounding": core.rounding,
             "normal_rounding": core.normal_rounding,
+            "uv_rounding": core.uv_rounding,
         }
 
     @property

@@ -6,17 +6,16 @@ use std::sync::Arc;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
-use super::dag::{BuildCluster, Graph};
+use super::dag::{BuildCluster, BuildGroup, Graph};
 use super::hierarchy;
 use super::order;
 use super::store::VertexStore;
-use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
+use crate::limits::CLUSTER_MAX_TRIANGLES;
 use crate::math::{Aabb, Bounds, octahedral};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row};
-use crate::model::{
-    BuildReport, ClusterAddress, ClusterRecord, Dag, Group, Packing, PageEntry, PageWords, Pages,
-};
+use crate::model::page::{GroupSize, paginate};
+use crate::model::{BuildReport, ClusterRecord, Dag, Group, Packing, PageEntry, PageWords, Pages};
 
 /// Lays the graph out.
 pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
@@ -37,10 +36,10 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
     let uses = members.flat_map(|c| &graph.clusters[*c as usize].mesh.vertices);
     let (names, vertex_count) = order::by_first_use(uses, store.count());
     let packed: Vec<Packed> = graph.clusters.par_iter().map(|c| Packed::of(store, c, &names)).collect();
-    let plan = plan_pages(&graph, &order, &packed);
+    let (table, first) = paginate(order.iter().map(|g| size(&graph.groups[*g as usize], &graph, &packed)));
     let groups: Vec<Group> = order
         .iter()
-        .zip(&plan.first)
+        .zip(&first)
         .map(|(g, first)| {
             let group = &graph.groups[*g as usize];
             let (center, extent) = boxes[*g as usize].center_extent();
@@ -66,7 +65,18 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
         let rows = order::renamed_rows(channel.words.held(), channel.info.width(), &names, vertex_count);
         channel.words = rows.into();
     }
-    let pages = write_pages(&graph, plan, &packed, &renamed, &names);
+    let numbered = order.iter().map(|g| &graph.groups[*g as usize].members).zip(0..);
+    let members: Vec<(u32, u32)> =
+        numbered.flat_map(|(members, number)| members.iter().map(move |c| (*c, number))).collect();
+    let write = |entry: &PageEntry| {
+        let own = &members[entry.first_cluster as usize..][..entry.clusters as usize];
+        write_page(&graph, own, &packed, &names, |refined| match renamed.get(refined as usize) {
+            Some(group) => (*group, groups[*group as usize].first.page() as u32),
+            None => (NO_GROUP, NO_PAGE),
+        })
+    };
+    let words = table.par_iter().map(write).collect();
+    let pages = Pages::new(table, store.layout, words);
     let rows = graph.face_rows.as_ref();
     let face_ids = rows.map(|(faces, rows)| face_ids(&pages, faces, rows, &names).into());
     report.clusters = graph.clusters.len() as u64;
@@ -86,15 +96,6 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
         grid: None,
         report,
     }
-}
-
-/// Which cluster goes where.
-struct Plan {
-    /// Address of the first member of each group, in the new order.
-    first: Vec<ClusterAddress>,
-    /// For each page its clusters as (cluster, new group number).
-    pages: Vec<Vec<(u32, u32)>>,
-    table: Vec<PageEntry>,
 }
 
 /// How pages hold a cluster.
@@ -117,58 +118,39 @@ fn rows(store: &VertexStore, cluster: &BuildCluster, names: &[u32]) -> Vec<Verte
     vertices.map(|v| vertex_row(store.positions[v], names[v], 0.0)).collect()
 }
 
-fn plan_pages(graph: &Graph, order: &[u32], packed: &[Packed]) -> Plan {
-    let mut plan = Plan { first: Vec::new(), pages: Vec::new(), table: Vec::new() };
-    let mut level = u32::MAX;
-    for (number, g) in order.iter().enumerate() {
-        let group = &graph.groups[*g as usize];
-        let words: usize = group.members.iter().map(|c| RECORD_WORDS + packed[*c as usize].streams.end).sum();
-        let fits = plan.table.last().is_some_and(|page| {
-            page.level == group.level
-                && 4 * (page.words as usize + words) <= PAGE_MAX_BYTES
-                && page.clusters as usize + group.members.len() <= PAGE_MAX_CLUSTERS
-        });
-        if !fits {
-            level = group.level;
-            plan.pages.push(Vec::new());
-            let last = plan.table.last().copied().unwrap_or_default();
-            plan.table.push(last.next(0, 0, level, 0));
-        }
-        debug_assert_eq!(level, group.level);
-        let page = plan.pages.len() - 1;
-        plan.first.push(ClusterAddress::new(page, plan.pages[page].len()));
-        plan.pages[page].extend(group.members.iter().map(|c| (*c, number as u32)));
-        let entry = &mut plan.table[page];
-        entry.words += words as u32;
-        entry.clusters += group.members.len() as u32;
-        let source = group.members.iter().map(|c| &graph.clusters[*c as usize]).filter(|c| c.level == 0);
-        entry.faces += source.map(|c| c.mesh.triangles.len() as u32).sum::<u32>();
+fn size(group: &BuildGroup, graph: &Graph, packed: &[Packed]) -> GroupSize {
+    let words = group.members.iter().map(|c| RECORD_WORDS + packed[*c as usize].streams.end);
+    let source = group.members.iter().map(|c| &graph.clusters[*c as usize]).filter(|c| c.level == 0);
+    GroupSize {
+        level: group.level,
+        clusters: group.members.len() as u32,
+        words: words.sum::<usize>() as u32,
+        faces: source.map(|c| c.mesh.triangles.len() as u32).sum(),
     }
-    plan
 }
 
-/// `renamed` maps groups of the graph to their final numbers, `names` vertices to identities.
-fn write_pages(graph: &Graph, plan: Plan, packed: &[Packed], renamed: &[u32], names: &[u32]) -> Pages {
-    let write = |(entry, clusters): (&PageEntry, &Vec<(u32, u32)>)| -> PageWords {
-        let mut page = vec![0u32; entry.words as usize];
-        let mut at = clusters.len() * RECORD_WORDS;
-        for (slot, (number, group)) in clusters.iter().enumerate() {
-            let (cluster, packed) = (&graph.clusters[*number as usize], &packed[*number as usize]);
-            let refined =
-                if cluster.refined == NO_GROUP { NO_GROUP } else { renamed[cluster.refined as usize] };
-            let refined_page = plan.first.get(refined as usize).map_or(NO_PAGE, |first| first.page() as u32);
-            let record =
-                ClusterRecord { refined_page, ..record(&graph.store, cluster, *group, refined, at as u32) };
-            page[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
-            let out = &mut page[at..at + packed.streams.end];
-            packed.packing.write(&rows(&graph.store, cluster, names), out);
-            write_streams(&graph.store, cluster, packed.streams, out);
-            at += packed.streams.end;
-        }
-        page.into()
-    };
-    let words = plan.table.par_iter().zip(&plan.pages).map(write).collect();
-    Pages::new(plan.table, graph.store.layout, words)
+/// The words of a page of these clusters, each with its group. `names` maps vertices to identities, `made_from` groups of
+/// the graph to their final numbers and pages.
+fn write_page(
+    graph: &Graph,
+    members: &[(u32, u32)],
+    packed: &[Packed],
+    names: &[u32],
+    made_from: impl Fn(u32) -> (u32, u32),
+) -> PageWords {
+    let mut page = vec![0u32; members.len() * RECORD_WORDS];
+    for (slot, (number, group)) in members.iter().enumerate() {
+        let (cluster, packed) = (&graph.clusters[*number as usize], &packed[*number as usize]);
+        let at = page.len();
+        let (refined, refined_page) = made_from(cluster.refined);
+        let record =
+            ClusterRecord { refined_page, ..record(&graph.store, cluster, *group, refined, at as u32) };
+        page[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
+        page.resize(at + packed.streams.end, 0);
+        packed.packing.write(&rows(&graph.store, cluster, names), &mut page[at..]);
+        write_streams(&graph.store, cluster, packed.streams, &mut page[at..]);
+    }
+    page.into()
 }
 
 fn record(store: &VertexStore, cluster: &BuildCluster, group: u32, refined: u32, data: u32) -> ClusterRecord {

@@ -13,7 +13,7 @@ use super::page_encode;
 use super::planes::{Writer, ZSTD_LEVEL};
 use super::quantize::{Precision, Rounded};
 use crate::error::{Error, Result};
-use crate::model::{AttributeLayout, BuildReport, ChannelInfo, ClusterAddress, Dag, Frame, Grid};
+use crate::model::{AttributeLayout, BuildReport, ChannelInfo, Dag, Frame, Grid};
 
 /// Pages that are coded between two writes.
 const BATCH: usize = 256;
@@ -72,7 +72,7 @@ pub fn write(
     };
     // A struct of numbers and strings always has a JSON form.
     let json = serde_json::to_vec_pretty(&metadata).unwrap_or_default();
-    let dependencies = dependencies(dag);
+    let dependencies = dependencies(rounded);
     let blank = |list: &Vec<u32>| PageRow { dependencies: list.len() as u32, ..PageRow::zeroed() };
     let mut rows: Vec<PageRow> = dependencies.iter().map(blank).collect();
     // Lengths are known before the rows of the pages are.
@@ -153,7 +153,6 @@ fn write_pages(
     out: &mut impl Write,
     io: &impl Fn(std::io::Error) -> Error,
 ) -> Result<usize> {
-    let dag = rounded.dag;
     let count = rows.len();
     let contexts = contexts(rounded);
     let code = |tools: &mut Result<(Writer, Decoder)>, p: usize| -> Result<(PageRow, Vec<u8>)> {
@@ -161,7 +160,7 @@ fn write_pages(
             Ok(tools) => (&mut tools.0, &mut tools.1),
             Err(error) => return Err(Error::Invariant(error.to_string())),
         };
-        let entry = dag.pages.table[p];
+        let entry = rounded.table[p];
         let context = &contexts[p];
         let words = rounded.page(p);
         let clusters = entry.clusters as usize;
@@ -208,13 +207,11 @@ fn write_pages(
 /// What each page is coded against.
 pub fn contexts<'a>(rounded: &'a Rounded<'_>) -> Vec<Context<'a>> {
     let dag = rounded.dag;
-    let count = dag.pages.table.len();
-    // Groups follow each other as their members do.
-    let first_group = |p: usize| dag.groups.partition_point(|g| g.first.page() < p);
-    let ends: Vec<u32> = (0..count).into_par_iter().map(|p| identities_end(dag, p)).collect();
+    let count = rounded.table.len();
+    let ends: Vec<u32> = (0..count).into_par_iter().map(|p| identities_end(rounded, p)).collect();
     let mut first_identity = 0;
     let context = |p: usize| {
-        let own = first_group(p)..first_group(p + 1);
+        let own = rounded.groups_of(p);
         let out = Context {
             layout: dag.layout(),
             grid: rounded.grid,
@@ -229,11 +226,12 @@ pub fn contexts<'a>(rounded: &'a Rounded<'_>) -> Vec<Context<'a>> {
 }
 
 /// For each page those with clusters that were made from its groups, ascending.
-fn dependencies(dag: &Dag) -> Vec<Vec<u32>> {
-    let mut out = vec![Vec::new(); dag.pages.table.len()];
-    for page in 0..dag.pages.table.len() {
-        for record in dag.pages.records(page) {
-            if let Some(list) = out.get_mut(record.refined_page as usize)
+fn dependencies(rounded: &Rounded<'_>) -> Vec<Vec<u32>> {
+    let mut out = vec![Vec::new(); rounded.table.len()];
+    for page in 0..rounded.table.len() {
+        for at in rounded.members(page) {
+            let refined_page = rounded.page_of(rounded.dag.record(at).refined);
+            if let Some(list) = out.get_mut(refined_page as usize)
                 && list.last() != Some(&(page as u32))
             {
                 list.push(page as u32);
@@ -244,8 +242,7 @@ fn dependencies(dag: &Dag) -> Vec<Vec<u32>> {
 }
 
 /// One more than the largest identity of a page.
-fn identities_end(dag: &Dag, page: usize) -> u32 {
-    let clusters = dag.pages.table[page].clusters as usize;
-    let ids = (0..clusters).flat_map(|slot| dag.geometry(ClusterAddress::new(page, slot)).ids.iter());
+fn identities_end(rounded: &Rounded<'_>, page: usize) -> u32 {
+    let ids = rounded.members(page).flat_map(|at| rounded.dag.geometry(at).ids.iter());
     ids.max().map_or(0, |id| id + 1)
 }

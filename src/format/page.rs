@@ -85,6 +85,11 @@ impl Context<'_> {
         self.grid.map_or(0.0, Grid::step)
     }
 
+    /// What UVs are multiples of; 0 where they were not rounded.
+    pub(super) fn uv_step(&self) -> f32 {
+        self.grid.map_or(0.0, Grid::uv_step)
+    }
+
     pub(super) fn normal_bits(&self) -> u32 {
         self.grid.map_or(NORMAL_BITS, |grid| grid.normal_bits)
     }

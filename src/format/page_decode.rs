@@ -119,7 +119,22 @@ impl Decoder {
             put_rows::<1>(|s| s.streams.colors, buffers, rows, out);
         }
         for set in 0..usize::from(layout.uv_sets) {
-            read_rows::<2>(&Float, &mut reader, buffers, rows)?;
+            let step = context.uv_step();
+            if step > 0.0 {
+                read_rows::<2>(&Whole, &mut reader, buffers, rows)?;
+                let mut outside = 0;
+                for row in &mut rows[..buffers.rows] {
+                    let numbers = row.map(u32::cast_signed);
+                    *row = numbers.map(|t| coordinate_of(t, step).to_bits());
+                    // Negative where one is beyond.
+                    numbers.iter().for_each(|t| outside |= MAX_STEPS.wrapping_sub(t.wrapping_abs()));
+                }
+                if outside < 0 {
+                    return Err("a UV beyond its grid");
+                }
+            } else {
+                read_rows::<2>(&Float, &mut reader, buffers, rows)?;
+            }
             let stream = |s: &Shape| s.streams.uvs + 2 * set * s.vertices;
             put_rows::<2>(stream, buffers, rows, out);
         }

@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::limits::CLUSTER_MAX_VERTICES;
 use crate::math::octahedral::narrow;
 use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
-use crate::model::packing::ordered;
+use crate::model::packing::{number_of, ordered};
 use crate::model::{AttributeLayout, ClusterGeometry, ClusterRecord};
 
 /// Writes rows of all vertices that have to be, as differences from what is expected.
@@ -97,9 +97,14 @@ pub fn encode(
     ended(Part::Colors, writer);
 
     for set in 0..usize::from(layout.uv_sets) {
-        let uv =
-            |c: usize, i: usize| geometry[c].uvs[set * geometry[c].positions.len() + i].map(f32::to_bits);
-        write_rows(writer, &Float, &geometry, &places, uv)?;
+        let uv = |c: usize, i: usize| geometry[c].uvs[set * geometry[c].positions.len() + i];
+        let step = context.uv_step();
+        if step > 0.0 {
+            let numbers = |c, i| uv(c, i).map(|t| number_of(t, step).cast_unsigned());
+            write_rows(writer, &Whole, &geometry, &places, numbers)?;
+        } else {
+            write_rows(writer, &Float, &geometry, &places, |c, i| uv(c, i).map(f32::to_bits))?;
+        }
     }
     ended(Part::Uvs, writer);
     Ok(parts)

@@ -1,9 +1,10 @@
-//! Positions on one power-of-two grid and normals in few bits, for every level alike, so that files are small.
+//! Positions and UVs on power-of-two grids and normals in few bits, for every level alike, so that files are small.
 //! Vertices that clusters share have one position before and one after, so that cuts stay closed; bounds are made
 //! again from what came out. How far positions moved is kept beside the mesh and is part of what cuts state
 //! (`docs/numerics.md`).
 
 use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -13,17 +14,20 @@ use super::validate;
 use crate::error::{Error, Result};
 use crate::math::octahedral::{NORMAL_BITS, narrow, widen};
 use crate::math::{Aabb, Bounds};
-use crate::model::cluster::RECORD_WORDS;
+use crate::model::cluster::{NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row};
+use crate::model::page::{GroupSize, paginate};
 use crate::model::{
     AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Node, Packing,
-    PageEntry, PageWords, Pages,
+    PageEntry, Pages,
 };
 
 /// Bits of each octahedral coordinate of a normal in files that round: off by a quarter of a degree at most.
 pub const STORED_NORMAL_BITS: u32 = 10;
 /// With no other wish, a step is at most the median edge of the source over 2 to this power.
 const AUTO_EDGE_BITS: i32 = 4;
+/// UVs are multiples of 2 to minus this where 2^24 of them reach: rounded by a sixteenth of a texel of 8192 at most.
+pub const STORED_UV_EXPONENT: i32 = 16;
 /// The finest grid: coordinates are about 1 at most.
 pub const MAX_EXPONENT: i32 = MAX_STEPS.ilog2() as i32;
 
@@ -47,7 +51,9 @@ pub struct Rounded<'a> {
     pub grid: Option<Grid>,
     /// Box of the source.
     pub bounds: Aabb,
-    /// Groups, with their boxes.
+    /// Its pages: of fewer bits, more groups go into one.
+    pub table: Cow<'a, [PageEntry]>,
+    /// Groups, with their boxes and places.
     pub groups: Cow<'a, [Group]>,
     /// The hierarchy, with its boxes.
     pub nodes: Cow<'a, [Node]>,
@@ -63,12 +69,14 @@ impl<'a> Rounded<'a> {
             dag,
             grid: dag.grid,
             bounds: dag.bounds,
+            table: Cow::Borrowed(&dag.pages.table),
             groups: Cow::Borrowed(&dag.groups),
             nodes: Cow::Borrowed(&dag.nodes),
         };
         let Some(exponent) = exponent(dag, precision)? else { return Ok(asis) };
-        let mut grid = Grid { exponent, normal_bits: STORED_NORMAL_BITS, moved: 0.0 };
-        let pages: Vec<(f64, Vec<Aabb>)> =
+        let uv_exponent = (dag.layout().uv_sets > 0 && uvs_fit(dag)).then_some(STORED_UV_EXPONENT);
+        let mut grid = Grid { exponent, normal_bits: STORED_NORMAL_BITS, uv_exponent, moved: 0.0 };
+        let pages: Vec<(f64, Vec<(Aabb, usize)>)> =
             (0..dag.pages.table.len()).into_par_iter().map(|p| survey(dag, p, grid)).collect();
         let moved = pages.iter().map(|p| p.0).fold(0.0, f64::max).sqrt();
         let before = dag.grid.map_or(0.0, |grid| grid.moved);
@@ -79,12 +87,26 @@ impl<'a> Rounded<'a> {
         }
 
         let mut clusters = pages.iter().flat_map(|p| &p.1);
-        let of_group =
-            |g: &Group| clusters.by_ref().take(g.count as usize).fold(Aabb::EMPTY, |b, c| b.union(c));
-        let boxes: Vec<Aabb> = dag.groups.iter().map(of_group).collect();
+        let none = (Aabb::EMPTY, 0);
+        let of_group = |g: &Group| {
+            let own = clusters.by_ref().take(g.count as usize);
+            own.fold(none, |(bounds, words), (b, w)| (bounds.union(b), words + w))
+        };
+        let (boxes, words): (Vec<Aabb>, Vec<usize>) = dag.groups.iter().map(of_group).unzip();
+        let size = |(group, words): (&Group, &usize)| {
+            let source = group.members().map(|at| dag.record(at)).filter(|record| record.level == 0);
+            GroupSize {
+                level: group.level,
+                clusters: group.count,
+                words: *words as u32,
+                faces: source.map(|record| u32::from(record.triangle_count)).sum(),
+            }
+        };
+        let (table, first) = paginate(dag.groups.iter().zip(&words).map(size));
         let mut groups = dag.groups.to_vec();
-        for (group, bounds) in groups.iter_mut().zip(&boxes) {
+        for ((group, bounds), first) in groups.iter_mut().zip(&boxes).zip(first) {
             (group.center, group.extent) = bounds.center_extent();
+            group.first = first;
         }
         let mut nodes = dag.nodes.clone();
         let mut below = vec![Aabb::EMPTY; nodes.len()];
@@ -96,31 +118,103 @@ impl<'a> Rounded<'a> {
             (node.center, node.extent) = below[n].center_extent();
         }
         // Rounding keeps the order of numbers: the box of what was rounded is the rounded box.
-        let bounds = Aabb { min: snap(dag.bounds.min, grid), max: snap(dag.bounds.max, grid) };
-        Ok(Self { grid: Some(grid), bounds, groups: Cow::Owned(groups), nodes: Cow::Owned(nodes), ..asis })
+        let bounds = Aabb { min: snap(dag.bounds.min, grid.step()), max: snap(dag.bounds.max, grid.step()) };
+        Ok(Self {
+            grid: Some(grid),
+            bounds,
+            table: Cow::Owned(table),
+            groups: Cow::Owned(groups),
+            nodes: Cow::Owned(nodes),
+            ..asis
+        })
+    }
+
+    /// Numbers of the groups of a page.
+    pub fn groups_of(&self, page: usize) -> Range<usize> {
+        // Groups follow each other as their members do.
+        let first = |page: usize| self.groups.partition_point(|g| g.first.page() < page);
+        first(page)..first(page + 1)
+    }
+
+    /// The clusters of a page, as the mesh addresses them.
+    pub fn members(&self, page: usize) -> impl Iterator<Item = ClusterAddress> {
+        self.dag.groups[self.groups_of(page)].iter().flat_map(Group::members)
+    }
+
+    /// The page of the members of a group; [`NO_PAGE`] where there is none.
+    pub fn page_of(&self, group: u32) -> u32 {
+        self.groups.get(group as usize).map_or(NO_PAGE, |group| group.first.page() as u32)
     }
 
     /// The words of a page.
     pub fn page(&self, page: usize) -> Cow<'a, [u32]> {
-        let words = self.dag.pages.page(page);
         match self.grid {
-            Some(grid) if self.dag.grid != Some(grid) => {
-                Cow::Owned(round_page(words, self.dag.pages.records(page), self.dag.layout(), grid))
-            }
-            _ => Cow::Borrowed(words),
+            Some(grid) if self.dag.grid != Some(grid) => Cow::Owned(self.round_page(page, grid)),
+            _ => Cow::Borrowed(self.dag.pages.page(page)),
         }
     }
+
+    /// A page with positions, normals and UVs rounded, and bounds made again.
+    fn round_page(&self, page: usize, grid: Grid) -> Vec<u32> {
+        let mut out = vec![0; self.table[page].clusters as usize * RECORD_WORDS];
+        for (slot, at) in self.members(page).enumerate() {
+            let (record, geometry) = (self.dag.record(at), self.dag.geometry(at));
+            let positions: Vec<[f32; 3]> = geometry.positions.iter().map(|p| snap(p, grid.step())).collect();
+            let Bounds { center, extent, radius, max_edge, cone } =
+                Bounds::of(&positions, geometry.triangles);
+            let bounds = ClusterRecord { center, radius, extent, cone, max_edge, ..*record };
+            let refined_page = self.page_of(record.refined);
+            let data = out.len();
+            let record = ClusterRecord { data: data as u32, refined_page, ..bounds };
+            out[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
+
+            let packed = pack(&positions, &geometry, self.dag.layout(), grid);
+            out.resize(data + packed.streams.triangles, 0);
+            packed.packing.write(&packed.rows, &mut out[data..]);
+            let corners: &[u8] = bytemuck::cast_slice(geometry.triangles);
+            let start = out.len();
+            out.resize(data + packed.streams.normals, 0);
+            bytemuck::cast_slice_mut(&mut out[start..])[..corners.len()].copy_from_slice(corners);
+            out.extend(geometry.normals.iter().map(|normal| {
+                let [x, y] = narrow(*normal, grid.normal_bits).map(|t| u32::from(widen(t, grid.normal_bits)));
+                x | y << NORMAL_BITS
+            }));
+            out.extend::<&[u32]>(bytemuck::cast_slice(geometry.colors));
+            match grid.uv_step() {
+                0.0 => out.extend::<&[u32]>(bytemuck::cast_slice(geometry.uvs)),
+                step => out.extend(geometry.uvs.iter().flat_map(|uv| snap(*uv, step).map(f32::to_bits))),
+            }
+        }
+        out
+    }
+}
+
+/// How a page holds a cluster of which positions were rounded.
+struct Packed {
+    rows: Vec<VertexRow>,
+    packing: Packing,
+    streams: Streams,
+}
+
+fn pack(
+    positions: &[[f32; 3]],
+    geometry: &ClusterGeometry<'_>,
+    layout: AttributeLayout,
+    grid: Grid,
+) -> Packed {
+    let vertex = |(p, id): (&[f32; 3], u32)| vertex_row(*p, id, grid.step());
+    let rows: Vec<VertexRow> = positions.iter().zip(geometry.ids.iter()).map(vertex).collect();
+    let packing = Packing::of(&rows, grid.step());
+    let streams = layout.streams(rows.len(), geometry.triangles.len(), packing.widths);
+    Packed { rows, packing, streams }
 }
 
 /// The mesh that a file of this precision holds. One that is on a grid as coarse stays what it is.
 pub fn quantize(dag: &Dag, precision: Precision) -> Result<Dag> {
     let rounded = Rounded::new(dag, precision)?;
-    let pages: Vec<PageWords> =
-        (0..dag.pages.table.len()).into_par_iter().map(|p| rounded.page(p).into()).collect();
-    let entry = |(entry, words): (&PageEntry, &PageWords)| PageEntry { words: words.len() as u32, ..*entry };
-    let table = dag.pages.table.iter().zip(&pages).map(entry).collect();
+    let pages = (0..rounded.table.len()).into_par_iter().map(|p| rounded.page(p).into()).collect();
     Ok(Dag {
-        pages: Arc::new(Pages::new(table, dag.layout(), pages)),
+        pages: Arc::new(Pages::new(rounded.table.to_vec(), dag.layout(), pages)),
         grid: rounded.grid,
         bounds: rounded.bounds,
         groups: rounded.groups.into(),
@@ -153,6 +247,16 @@ fn exponent(dag: &Dag, precision: Precision) -> Result<Option<i32>> {
     let fits = |exponent: i32| (largest * 2f32.powi(exponent)).round_ties_even() <= MAX_STEPS as f32;
     // Where f32 itself is coarser in places there is nothing to gain.
     Ok((wanted <= MAX_EXPONENT && fits(wanted)).then_some(wanted))
+}
+
+/// Whether 2^24 steps reach all UVs; where they do not, UVs stay as they are.
+fn uvs_fit(dag: &Dag) -> bool {
+    let most = MAX_STEPS as f32 * 2f32.powi(-STORED_UV_EXPONENT);
+    let fit = |p: usize| {
+        let mut slots = 0..dag.pages.table[p].clusters as usize;
+        slots.all(|slot| geometry(dag, p, slot).uvs.as_flattened().iter().all(|t| t.abs() <= most))
+    };
+    (0..dag.pages.table.len()).into_par_iter().all(fit)
 }
 
 fn geometry(dag: &Dag, page: usize, slot: usize) -> ClusterGeometry<'_> {
@@ -199,60 +303,31 @@ fn median_edge_exponent(dag: &Dag) -> i32 {
     median.map_or(0, |bin| bin as i32 - BINS)
 }
 
-/// The nearest point of the grid. Never inlined: LLVM 22 crashes over it in a loop with minima and maxima.
+/// The nearest point of a grid with such steps, a power of two. Never inlined: LLVM 22 crashes over it in a loop with
+/// minima and maxima.
 #[inline(never)]
-fn snap(p: [f32; 3], grid: Grid) -> [f32; 3] {
+fn snap<const N: usize>(p: [f32; N], step: f32) -> [f32; N] {
     // Adding zero turns −0 into +0, so that equal positions have equal bits.
-    p.map(|x| (x * grid.steps()).round_ties_even() * grid.step() + 0.0)
+    p.map(|x| (x / step).round_ties_even() * step + 0.0)
 }
 
-/// The square of the largest distance that a vertex of a page moves, internal units, and the boxes of its clusters
-/// after.
-fn survey(dag: &Dag, page: usize, grid: Grid) -> (f64, Vec<Aabb>) {
+/// The square of the largest distance that a vertex of a page moves, internal units, and of each of its clusters the box
+/// after, and the words that it takes.
+fn survey(dag: &Dag, page: usize, grid: Grid) -> (f64, Vec<(Aabb, usize)>) {
     let mut most = 0f64;
-    let mut boxes = Vec::new();
+    let mut clusters = Vec::new();
     let mut snapped: Vec<[f32; 3]> = Vec::new();
     for slot in 0..dag.pages.table[page].clusters as usize {
-        let positions = geometry(dag, page, slot).positions;
+        let geometry = geometry(dag, page, slot);
+        let positions = geometry.positions;
         snapped.clear();
-        snapped.extend(positions.iter().map(|p| snap(p, grid)));
+        snapped.extend(positions.iter().map(|p| snap(p, grid.step())));
         for (p, q) in positions.iter().zip(&snapped) {
             let squared = (0..3).map(|k| (f64::from(p[k]) - f64::from(q[k])).powi(2)).sum();
             most = most.max(squared);
         }
-        boxes.push(Aabb::of_points(&snapped));
+        let words = RECORD_WORDS + pack(&snapped, &geometry, dag.layout(), grid).streams.end;
+        clusters.push((Aabb::of_points(&snapped), words));
     }
-    (most, boxes)
-}
-
-/// A page with positions and normals rounded, and bounds made again.
-fn round_page(words: &[u32], records: &[ClusterRecord], layout: AttributeLayout, grid: Grid) -> Vec<u32> {
-    let mut out: Vec<u32> = bytemuck::cast_slice(records).to_vec();
-    for (slot, record) in records.iter().enumerate() {
-        let (vertices, triangles) = (usize::from(record.vertex_count), usize::from(record.triangle_count));
-        let geometry = ClusterGeometry::new(&words[record.data as usize..], layout, vertices, triangles);
-        let positions: Vec<[f32; 3]> = geometry.positions.iter().map(|p| snap(p, grid)).collect();
-        let Bounds { center, extent, radius, max_edge, cone } = Bounds::of(&positions, geometry.triangles);
-        let data = out.len();
-        let record = ClusterRecord { center, radius, extent, cone, max_edge, data: data as u32, ..*record };
-        out[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
-
-        let vertex = |(p, id): (&[f32; 3], u32)| vertex_row(*p, id, grid.step());
-        let rows: Vec<VertexRow> = positions.iter().zip(geometry.ids.iter()).map(vertex).collect();
-        let packing = Packing::of(&rows, grid.step());
-        let streams = layout.streams(vertices, triangles, packing.widths);
-        out.resize(data + streams.triangles, 0);
-        packing.write(&rows, &mut out[data..]);
-        let corners: &[u8] = bytemuck::cast_slice(geometry.triangles);
-        out.resize(data + streams.normals, 0);
-        bytemuck::cast_slice_mut(&mut out[data + streams.triangles..])[..corners.len()]
-            .copy_from_slice(corners);
-        out.extend(geometry.normals.iter().map(|normal| {
-            let [x, y] = narrow(*normal, grid.normal_bits).map(|t| u32::from(widen(t, grid.normal_bits)));
-            x | y << NORMAL_BITS
-        }));
-        out.extend::<&[u32]>(bytemuck::cast_slice(geometry.colors));
-        out.extend::<&[u32]>(bytemuck::cast_slice(geometry.uvs));
-    }
-    out
+    (most, clusters)
 }

@@ -70,6 +70,7 @@ pub fn head(dag: &Dag) -> Result<(), Fault> {
 pub fn grid(grid: Grid) -> Result<(), &'static str> {
     let sound = (0..=MAX_EXPONENT).contains(&grid.exponent)
         && (2..=NORMAL_BITS).contains(&grid.normal_bits)
+        && grid.uv_exponent.is_none_or(|exponent| (0..=MAX_EXPONENT).contains(&exponent))
         && grid.moved.is_finite()
         && grid.moved >= 0.0;
     if sound { Ok(()) } else { Err("the grid is out of range") }

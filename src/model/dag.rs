@@ -100,6 +100,8 @@ pub struct Grid {
     pub exponent: i32,
     /// Bits of each of the two octahedral coordinates of a normal.
     pub normal_bits: u32,
+    /// UVs are whole multiples of 2^−`uv_exponent`, at most 2^24 of them; nothing where they were not rounded.
+    pub uv_exponent: Option<i32>,
     /// Largest distance, object units, by which this moved a position, rounded up.
     pub moved: f64,
 }
@@ -113,6 +115,11 @@ impl Grid {
     /// Internal units per step.
     pub fn step(self) -> f32 {
         2f32.powi(-self.exponent)
+    }
+
+    /// What UVs are multiples of; 0 where they were not rounded.
+    pub fn uv_step(self) -> f32 {
+        self.uv_exponent.map_or(0.0, |exponent| 2f32.powi(-exponent))
     }
 }
 

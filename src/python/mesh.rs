@@ -224,6 +224,7 @@ impl Mesh {
         out.set_item("precision", metadata.grid.map(|grid| precision(&metadata.frame, grid)))?;
         out.set_item("rounding", metadata.frame.rounding_on(metadata.grid))?;
         out.set_item("normal_rounding", normal_rounding(metadata.grid))?;
+        out.set_item("uv_rounding", uv_rounding(metadata.grid))?;
         let parts = PyDict::new(py);
         info.parts.iter().try_for_each(|(name, bytes)| parts.set_item(name, bytes))?;
         out.set_item("parts", parts)?;
@@ -433,6 +434,12 @@ impl Mesh {
     fn normal_rounding(&self) -> f64 {
         normal_rounding(self.dag.grid)
     }
+
+    /// Largest difference by which rounding changed a UV coordinate.
+    #[getter]
+    fn uv_rounding(&self) -> f32 {
+        uv_rounding(self.dag.grid)
+    }
 }
 
 fn precision(frame: &Frame, grid: Grid) -> f64 {
@@ -441,6 +448,10 @@ fn precision(frame: &Frame, grid: Grid) -> f64 {
 
 fn normal_rounding(grid: Option<Grid>) -> f64 {
     grid.map_or(0.0, |grid| angle_of_bits(grid.normal_bits).to_degrees())
+}
+
+fn uv_rounding(grid: Option<Grid>) -> f32 {
+    grid.map_or(0.0, |grid| 0.5 * grid.uv_step())
 }
 
 impl Mesh {

@@ -76,7 +76,10 @@ def test_rounded_files_state_what_they_lost(tmp_path, precision) -> None:
     a, b = mesh.cut(error=0.0), again.cut(error=0.0)
     np.testing.assert_array_equal(a.faces, b.faces)
     np.testing.assert_array_equal(a.colors, b.colors)
-    np.testing.assert_array_equal(a.uvs[0], b.uvs[0])
+    assert mesh.info["uv_rounding"] == 0.0
+    assert info["uv_rounding"] == 2.0**-17
+    assert 0.0 < np.abs(a.uvs[0].astype(np.float64) - b.uvs[0]).max() <= info["uv_rounding"]
+    assert (b.uvs[0] * 2.0**16 % 1.0 == 0.0).all()
     np.testing.assert_array_equal(mesh.source_face_ids, again.source_face_ids)
     assert b.vertices.dtype == np.float32
     assert (b.vertices / step == np.rint(b.vertices / step)).all()
@@ -92,6 +95,20 @@ def test_rounded_files_state_what_they_lost(tmp_path, precision) -> None:
     again.save(path, precision="exact")
     assert nrs.NaniteMesh.open(path) == again
     assert pickle.loads(pickle.dumps(again)) == again
+
+
+def test_uvs_too_large_for_steps_stay(tmp_path) -> None:
+    v, f = nrs.shapes.icosphere(faces=2_000)
+    # Coarser levels may go beyond the source's.
+    for largest, stays in ((200.0, False), (256.001, True)):
+        uvs = np.asarray(largest * v[:, :2] / np.abs(v[:, :2]).max(), np.float32)
+        mesh = nrs.NaniteMesh.from_arrays(v, f, uvs=uvs)
+        mesh.save(tmp_path / "mesh.nanite")
+        again = nrs.NaniteMesh.open(tmp_path / "mesh.nanite")
+        a, b = mesh.cut(error=0.0).uvs[0], again.cut(error=0.0).uvs[0]
+        assert np.abs(a).max() == np.float32(largest)
+        assert (again.info["uv_rounding"] == 0.0) == stays == np.array_equal(a, b)
+        assert np.abs(a.astype(np.float64) - b).max() <= again.info["uv_rounding"]
 
 
 def test_rounding_of_float64_and_of_files_add_up(mesh, tmp_path) -> None:

@@ -15,11 +15,13 @@ use nanite_rs::format::quantize::Rounded;
 use nanite_rs::format::{
     Precision, file_info, from_bytes, open, page_encode, quantize, save, to_bytes, validate,
 };
+use nanite_rs::limits::{PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
 use nanite_rs::lod::{cut_error, extract, select};
 use nanite_rs::measure::{BoundOptions, Surface, hausdorff_upper};
 use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
+use nanite_rs::model::cluster::RECORD_WORDS;
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{ChannelInfo, ChannelType, Dag, Grid, Node};
+use nanite_rs::model::{ChannelInfo, ChannelType, ClusterAddress, Dag, Grid, Node};
 use proptest::prelude::*;
 use rayon::prelude::*;
 
@@ -141,6 +143,38 @@ fn files_hold_the_quantized_mesh() {
         for step in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert!(matches!(quantize(&dag, Precision::Step(step)), Err(Error::Argument { .. })));
         }
+    }
+}
+
+#[test]
+fn pages_are_filled_anew_when_numbers_take_fewer_bits() {
+    let dag = build_mesh(&shapes::bumpy_sphere(160));
+    let read = rounded(&dag, Precision::Auto);
+    assert!(read.pages.table.len() < dag.pages.table.len());
+    assert!(read.pages.word_count() < dag.pages.word_count() * 9 / 10);
+    for mesh in [&dag, &read] {
+        check(mesh).unwrap();
+        let table = &mesh.pages.table;
+        for (page, entry) in table.iter().enumerate() {
+            assert!(
+                4 * entry.words as usize <= PAGE_MAX_BYTES && entry.clusters as usize <= PAGE_MAX_CLUSTERS
+            );
+            let Some(next) = table.get(page + 1).filter(|next| next.level == entry.level) else { continue };
+            // The first group of the next page has no room in this one.
+            let group = mesh.groups.iter().find(|g| g.first == ClusterAddress::new(page + 1, 0)).unwrap();
+            let end = match group.members().map(|at| at.slot() + 1).last().unwrap() {
+                last if last < next.clusters as usize => mesh.pages.records(page + 1)[last].data,
+                _ => next.words,
+            };
+            let streams = end - mesh.pages.records(page + 1)[0].data;
+            let words = streams as usize + group.count as usize * RECORD_WORDS;
+            assert!(4 * (entry.words as usize + words) > PAGE_MAX_BYTES);
+        }
+    }
+    // Clusters are what they were, in the same order.
+    for (a, b) in dag.pages.addresses().zip(read.pages.addresses()) {
+        let (a, b) = (dag.geometry(a), read.geometry(b));
+        assert!(a.triangles == b.triangles && a.ids.iter().eq(b.ids.iter()));
     }
 }
 
@@ -412,13 +446,16 @@ fn channels_that_do_not_fit_are_refused() {
         Arc::make_mut(&mut d.pages).set(0, Some(words.into()));
     };
     refused(&spoil, "bounds");
-    refused(&|d| d.grid = Some(Grid { exponent: 3, normal_bits: 8, moved: 0.0 }), "positions");
+    refused(
+        &|d| d.grid = Some(Grid { exponent: 3, normal_bits: 8, uv_exponent: None, moved: 0.0 }),
+        "positions",
+    );
     let few_bits = |d: &mut Dag| {
         *d = quantize(d, Precision::Auto).unwrap();
         d.grid.as_mut().unwrap().normal_bits = 4;
     };
     refused(&few_bits, "no order");
-    refused(&|d| d.grid = Some(Grid { exponent: 99, normal_bits: 8, moved: 0.0 }), "grid");
+    refused(&|d| d.grid = Some(Grid { exponent: 99, normal_bits: 8, uv_exponent: None, moved: 0.0 }), "grid");
 
     // The same of files: lengths in the metadata that the section does not have.
     let bytes = to_bytes(&dag).unwrap();
