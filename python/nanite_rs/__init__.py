@@ -21,6 +21,7 @@ from nanite_rs.exceptions import (
     NaniteError,
     StaleHandleError,
 )
+from nanite_rs.interop import PyrenderView, from_pyrender
 from nanite_rs.mesh import BuildOptions, NaniteMesh, simplify
 from nanite_rs.renderer import (
     Calibration,
@@ -65,6 +66,7 @@ __all__ = [
     "OrthographicCamera",
     "PerspectiveCamera",
     "PointLight",
+    "PyrenderView",
     "Renderer",
     "Scene",
     "SilhouetteDistance",
@@ -75,6 +77,7 @@ __all__ = [
     "StuckGroup",
     "__version__",
     "compare",
+    "from_pyrender",
     "measure",
     "shapes",
     "simplify",

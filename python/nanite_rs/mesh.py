@@ -349,7 +349,7 @@ class NaniteMesh:
 
         Positions of all levels are rounded to one grid, of which the step is a power of two, normals to 10 bits per
         octahedral coordinate, which is a quarter of a degree, and UVs to multiples of 2^-16, unless some are beyond
-        ±256: then they stay, as colours and channels do. Cuts stay closed. The distance that positions moved is part of
+        ±256: then they stay, as colours and channels do. Cuts stay closed. The distance that positions moved is in
         `Cut.error` of the mesh that is opened again, and in its `info` with the angle of the normals and the
         difference of UVs. Saving what was opened loses nothing more.
 

@@ -1,0 +1,217 @@
+"""Scenes of other packages, taken over. Nothing here imports them: who has one of their scenes has imported it."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
+from nanite_rs.exceptions import ArgumentError, DtypeError
+from nanite_rs.mesh import BuildOptions, NaniteMesh
+from nanite_rs.scene import DirectionalLight, Material, MeshNode, PointLight, Scene
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import pyrender
+    from numpy.typing import NDArray
+
+__all__ = ["PyrenderView", "from_pyrender"]
+
+# glTF's modes of primitives that are surfaces.
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+
+_TEXTURES = (
+    "baseColorTexture",
+    "metallicRoughnessTexture",
+    "normalTexture",
+    "occlusionTexture",
+    "emissiveTexture",
+    "diffuseTexture",
+    "specularGlossinessTexture",
+)
+
+# What was built of a primitive, as long as it lives, with the arrays that it was built from.
+_built: WeakKeyDictionary[pyrender.Primitive, tuple[tuple[Any, ...], NaniteMesh]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True)
+class PyrenderView:
+    """A pyrender scene, taken over. It unpacks into what `Renderer.render` takes: scene, camera and pose."""
+
+    scene: Scene
+    """The meshes and lights."""
+    camera: Camera
+    """The main camera."""
+    pose: NDArray[np.float64]
+    """Its camera-to-world matrix, (4, 4)."""
+    instances: dict[pyrender.Node, list[MeshNode]]
+    """For each node with a mesh the instances that were made of it; their ``instance_id`` is what frames show."""
+
+    def __iter__(self) -> Iterator[Any]:
+        """Scene, camera and pose."""
+        return iter((self.scene, self.camera, self.pose))
+
+
+def from_pyrender(
+    scene: pyrender.Scene, *, viewport: tuple[int, int] | None = None, options: BuildOptions | None = None
+) -> PyrenderView:
+    """Take over a pyrender scene: meshes, poses, materials, lights, background and its main camera.
+
+    A pyrender script changes two lines: the renderer, and ``render(scene)`` into
+    ``render(*nrs.from_pyrender(scene))``. Meshes are built when a primitive is first seen, and again only if its
+    arrays were replaced; everything else is read anew each time, so poses may change from frame to frame.
+
+    What has no counterpart here is left out, and a warning says so once for each call: spot lights, textures,
+    wireframes, points and lines; transparent materials are drawn opaque. Metal-rough factors, vertex colours and
+    double-sidedness are kept. Point lights have no range, as pyrender ignores theirs.
+
+    Parameters
+    ----------
+    scene : pyrender.Scene
+        The scene; it is not changed.
+    viewport : (width, height), optional
+        Pixels of the picture. pyrender's orthographic cameras take their width from it; without it the camera's
+        ``xmag`` counts.
+    options : BuildOptions, optional
+        How to build meshes that were not seen before.
+
+    Returns
+    -------
+    PyrenderView
+        Unpacks into scene, camera and pose; `PyrenderView.instances` leads from nodes to instances.
+
+    Raises
+    ------
+    DtypeError
+        If it is no pyrender scene.
+    ArgumentError
+        If it has no camera, or one of a kind that is not pyrender's.
+    MeshError
+        If a mesh cannot be built.
+
+    Examples
+    --------
+    >>> import pyrender, trimesh  # doctest: +SKIP
+    >>> script = pyrender.Scene(ambient_light=(0.2, 0.2, 0.2))  # doctest: +SKIP
+    >>> node = script.add(pyrender.Mesh.from_trimesh(trimesh.load("dragon.ply")))  # doctest: +SKIP
+    >>> node = script.add(pyrender.PerspectiveCamera(yfov=0.8), pose=pose)  # doctest: +SKIP
+    >>> with nrs.Renderer(1280, 720) as renderer:  # doctest: +SKIP
+    ...     frame = renderer.render(*nrs.from_pyrender(script))
+    """
+    for name in ("mesh_nodes", "light_nodes", "camera_nodes", "get_pose"):
+        if not hasattr(scene, name):
+            raise DtypeError(f"scene: expected a pyrender.Scene, not {type(scene).__name__}")
+    lost: set[str] = set()
+    out = Scene(ambient_light=scene.ambient_light, bg_color=scene.bg_color)
+    instances: dict[pyrender.Node, list[MeshNode]] = {}
+    for node in (node for node in scene.nodes if node.mesh is not None):
+        pose = scene.get_pose(node)
+        own = instances[node] = []
+        for primitive in node.mesh.primitives:
+            mesh = _mesh(primitive, options, lost)
+            if mesh is None:
+                continue
+            look = _material(primitive, lost)
+            for instance in _poses(primitive):
+                own.append(out.add(mesh, pose=pose @ instance, material=look))
+                own[-1].visible = bool(node.mesh.is_visible)
+    for node in (node for node in scene.nodes if node.light is not None):
+        light, kind = node.light, type(node.light).__name__
+        if kind == "DirectionalLight":
+            out.add(DirectionalLight(light.color, light.intensity), pose=scene.get_pose(node))
+        elif kind == "PointLight":
+            out.add(PointLight(light.color, light.intensity), pose=scene.get_pose(node))
+        else:
+            lost.add(f"lights of type {kind}")
+    node = scene.main_camera_node
+    if node is None:
+        raise ArgumentError("scene: has no camera")
+    if lost:
+        warnings.warn(f"left out of the pyrender scene: {', '.join(sorted(lost))}", stacklevel=2)
+    pose = np.array(scene.get_pose(node), np.float64)
+    return PyrenderView(out, _camera(node.camera, viewport), pose, instances)
+
+
+def _poses(primitive: pyrender.Primitive) -> Iterator[NDArray[np.float64]]:
+    if primitive.poses is None:
+        yield np.eye(4)
+    else:
+        yield from np.asarray(primitive.poses, np.float64)
+
+
+def _mesh(primitive: pyrender.Primitive, options: BuildOptions | None, lost: set[str]) -> NaniteMesh | None:
+    faces = _faces(primitive)
+    if faces is None:
+        lost.add("points and lines")
+        return None
+    arrays = (primitive.positions, primitive.indices, primitive.normals, primitive.color_0, options)
+    known = _built.get(primitive)
+    # The arrays are kept, so that no other can have the identity of one of them.
+    if known is None or any(a is not b for a, b in zip(known[0], arrays, strict=True)):
+        colors = None if primitive.color_0 is None else np.clip(primitive.color_0, 0.0, 1.0)
+        mesh = NaniteMesh.from_arrays(
+            primitive.positions, faces, normals=primitive.normals, colors=colors, options=options
+        )
+        known = _built[primitive] = (arrays, mesh)
+    return known[1]
+
+
+def _faces(primitive: pyrender.Primitive) -> NDArray[np.int64] | None:
+    """Triangles of a primitive; nothing where it is no surface."""
+    indices = np.arange(len(primitive.positions)) if primitive.indices is None else primitive.indices
+    order = np.asarray(indices, np.int64).reshape(-1)
+    if primitive.mode == _TRIANGLES:
+        return order[: len(order) // 3 * 3].reshape(-1, 3)
+    if primitive.mode == _FAN:
+        first = np.full(max(len(order) - 2, 0), order[0])
+        return np.stack([first, order[1:-1], order[2:]], axis=1)
+    if primitive.mode == _STRIP:
+        faces = np.stack([order[:-2], order[1:-1], order[2:]], axis=1)
+        # Every other triangle is turned.
+        faces[1::2] = faces[1::2, [1, 0, 2]]
+        return faces
+    return None
+
+
+def _material(primitive: pyrender.Primitive, lost: set[str]) -> Material:
+    material = primitive.material
+    if any(getattr(material, name, None) is not None for name in _TEXTURES):
+        lost.add("textures")
+    if material.wireframe:
+        lost.add("wireframes")
+    if hasattr(material, "baseColorFactor"):
+        color, metallic, roughness = (
+            material.baseColorFactor,
+            material.metallicFactor,
+            material.roughnessFactor,
+        )
+    else:
+        lost.add("specular colours")
+        color, metallic, roughness = material.diffuseFactor, 0.0, 1.0 - material.glossinessFactor
+    if material.alphaMode != "OPAQUE" and color[3] < 1.0:
+        lost.add("transparency")
+    return Material(
+        base_color=color,
+        metallic=metallic,
+        roughness=roughness,
+        emissive=np.zeros(3) if material.emissiveFactor is None else material.emissiveFactor,
+        double_sided=bool(material.doubleSided),
+        smooth=primitive.normals is not None,
+    )
+
+
+def _camera(camera: pyrender.Camera, viewport: tuple[int, int] | None) -> Camera:
+    kind, planes = type(camera).__name__, {"znear": camera.znear, "zfar": camera.zfar}
+    if kind == "PerspectiveCamera":
+        return PerspectiveCamera(camera.yfov, aspectRatio=camera.aspectRatio, **planes)
+    if kind == "IntrinsicsCamera":
+        return IntrinsicsCamera(camera.fx, camera.fy, camera.cx, camera.cy, **planes)
+    if kind == "OrthographicCamera":
+        wide = camera.xmag if viewport is None else camera.ymag * viewport[0] / viewport[1]
+        return OrthographicCamera(wide, camera.ymag, **planes)
+    raise ArgumentError(f"scene: a camera of type {kind} has no counterpart")

@@ -1,0 +1,132 @@
+"""Scenes of pyrender, taken over and drawn, beside pyrender's own pictures of them."""
+
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+
+import nanite_rs as nrs
+from oracles import compare, picture
+
+WIDTH, HEIGHT = 480, 360
+
+
+def moved(x: float, y: float, z: float, angle: float = 0.0) -> np.ndarray:
+    pose = trimesh.transformations.rotation_matrix(angle, [0.3, 1.0, 0.2])
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+@pytest.fixture
+def pyrender():
+    return picture.import_pyrender()
+
+
+@pytest.fixture
+def scene(pyrender):
+    """Smooth and flat meshes, vertex colours, instances, a fan and a strip, below nodes that move; three lights."""
+    scene = pyrender.Scene(ambient_light=(0.1, 0.12, 0.15), bg_color=(0.0, 0.0, 0.0, 0.0))
+    arm = scene.add_node(pyrender.Node(matrix=moved(-1.2, 0.2, 0.0, 0.4))) or next(iter(scene.nodes))
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    ball.visual.vertex_colors = np.uint8(127.5 * (1.0 + np.c_[ball.vertices, np.ones(len(ball.vertices))]))
+    scene.add(pyrender.Mesh.from_trimesh(ball), pose=moved(0.0, 0.0, -0.5, 0.8), parent_node=arm)
+    clay = pyrender.MetallicRoughnessMaterial(
+        baseColorFactor=(0.8, 0.4, 0.2, 1.0), metallicFactor=0.3, roughnessFactor=0.4
+    )
+    knot = trimesh.creation.torus(0.8, 0.3, 64, 32)
+    poses = np.array([moved(1.3, 0.8, 0.0, 0.5), moved(1.3, -0.9, -0.3, 2.0)])
+    scene.add(pyrender.Mesh.from_trimesh(knot, material=clay, smooth=False, poses=poses))
+    sheet = pyrender.MetallicRoughnessMaterial(baseColorFactor=(0.3, 0.7, 0.4, 1.0), doubleSided=True)
+    around = np.linspace(0.0, 5.0, 12)
+    rim = np.c_[np.cos(around), np.sin(around), np.zeros(12)]
+    up = np.tile([0.0, 0.0, 1.0], (13, 1))
+    fan = pyrender.Primitive(np.r_[np.zeros((1, 3)), rim], up, material=sheet, mode=6)
+    band = np.stack([rim, 1.3 * rim], axis=1).reshape(-1, 3) + np.array([0.0, 0.0, 0.1])
+    strip = pyrender.Primitive(band, np.tile([0.0, 0.0, 1.0], (24, 1)), material=sheet, mode=5)
+    scene.add(pyrender.Mesh([fan, strip]), pose=moved(0.0, -1.0, -2.0))
+    scene.add(
+        pyrender.DirectionalLight(color=(1.0, 0.9, 0.8), intensity=2.0), pose=moved(0.0, 0.0, 0.0, -0.5)
+    )
+    scene.add(pyrender.PointLight(color=(0.5, 0.7, 1.0), intensity=12.0), pose=moved(0.5, 2.0, 2.0))
+    scene.add(pyrender.PointLight(intensity=5.0, range=1.0), pose=moved(-2.0, -1.0, 2.0))
+    return scene
+
+
+CAMERAS = {
+    "perspective": lambda p: p.PerspectiveCamera(yfov=0.9),
+    "wide": lambda p: p.PerspectiveCamera(yfov=0.9, znear=0.1, zfar=50.0),
+    "intrinsics": lambda p: p.IntrinsicsCamera(fx=400.0, fy=410.0, cx=230.0, cy=190.0),
+    "orthographic": lambda p: p.OrthographicCamera(xmag=1.0, ymag=2.2),
+}
+
+
+@pytest.mark.parametrize("kind", CAMERAS)
+def test_pictures_are_pyrenders(pyrender, scene, kind, tmp_path) -> None:
+    scene.add(CAMERAS[kind](pyrender), pose=moved(0.1, 0.1, 5.0))
+    color, depth = picture._offscreen(WIDTH, HEIGHT).render(scene)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        view = nrs.from_pyrender(scene, viewport=(WIDTH, HEIGHT))
+    with nrs.Renderer(WIDTH, HEIGHT, backend="cpu") as renderer:
+        frame = renderer.render(*view, pixel_error=0.0)
+    with compare.evidence(tmp_path / "pair.png", frame.color, color[..., :3]):
+        assert len(view.scene) == 5
+        other = (frame.depth > 0) ^ (depth > 0)
+        assert other.sum() <= 30
+        inside = compare.away_from_silhouettes(depth, 0.01) & ~other
+        assert inside.sum() > 0.25 * depth.size
+        # pyrender takes the depth of parallel views for that of a pinhole.
+        assert kind == "orthographic" or np.abs(frame.depth - depth)[inside].max() < 0.01
+        assert compare.psnr(frame.color, color[..., :3], inside) >= 40
+
+
+def meshes_of(view: nrs.PyrenderView) -> set[int]:
+    return {id(instance.mesh) for own in view.instances.values() for instance in own}
+
+
+def test_meshes_are_built_once(pyrender, scene) -> None:
+    camera = scene.add(pyrender.PerspectiveCamera(yfov=0.9), pose=moved(0.0, 0.0, 5.0))
+    meshes = [meshes_of(nrs.from_pyrender(scene)) for _ in range(2)]
+    assert meshes[0] == meshes[1]
+    assert len(meshes[0]) == 4
+    # Poses are read anew.
+    scene.set_pose(camera, moved(0.0, 0.5, 5.0))
+    assert nrs.from_pyrender(scene).pose[1, 3] == 0.5
+    # Arrays that were replaced are built again.
+    primitive = next(m for m in scene.meshes if len(m.primitives) == 2).primitives[0]
+    primitive.positions = primitive.positions * 2.0
+    again = meshes_of(nrs.from_pyrender(scene))
+    assert len(again & meshes[0]) == 3
+
+
+def test_what_is_left_out_is_said(pyrender) -> None:
+    scene = pyrender.Scene()
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    glass = pyrender.MetallicRoughnessMaterial(alphaMode="BLEND", baseColorFactor=(1.0, 1.0, 1.0, 0.5))
+    image = np.zeros((4, 4, 3), np.uint8)
+    painted = pyrender.MetallicRoughnessMaterial(baseColorTexture=image)
+    scene.add(pyrender.Mesh.from_trimesh(ball, material=glass))
+    scene.add(pyrender.Mesh.from_trimesh(ball, material=painted))
+    scene.add(pyrender.Mesh.from_trimesh(ball, wireframe=True), pose=moved(3.0, 0.0, 0.0))
+    scene.add(pyrender.Mesh.from_points(ball.vertices))
+    scene.add(pyrender.SpotLight(intensity=3.0, innerConeAngle=0.2, outerConeAngle=0.4))
+    with pytest.raises(nrs.ArgumentError, match="no camera"):
+        nrs.from_pyrender(scene)
+    scene.add(pyrender.PerspectiveCamera(yfov=0.9))
+    with pytest.warns(UserWarning, match="left out") as caught:
+        view = nrs.from_pyrender(scene)
+    for what in ("SpotLight", "points and lines", "textures", "transparency", "wireframes"):
+        assert what in str(caught[0].message)
+    assert len(view.scene) == 3
+    node = next(node for node, own in view.instances.items() if own)
+    assert view.instances[node][0].visible
+    node.mesh.is_visible = False
+    with pytest.warns(UserWarning, match="left out"):
+        assert not nrs.from_pyrender(scene).instances[node][0].visible
+
+
+@pytest.mark.parametrize("other", [None, 3, trimesh.Scene(), nrs.Scene()])
+def test_other_scenes_are_refused(other) -> None:
+    with pytest.raises(nrs.DtypeError, match="scene"):
+        nrs.from_pyrender(other)
