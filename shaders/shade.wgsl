@@ -45,7 +45,9 @@ fn color_of(surfel: Surfel) -> vec3<f32> {
             let q = square * (light.inverse_range * light.inverse_range);
             let window = -(q * q - 1.0);
             l = unit(to);
-            falloff = select(0.0, window, window > 0.0) / square;
+            let along = between(-dot3(light.direction, l), 0.0, 1.0);
+            let cone = between(along * light.cone_scale + light.cone_offset, 0.0, 1.0);
+            falloff = select(0.0, window, window > 0.0) / square * (cone * cone);
         }
         color = color + reflect_light(look, surfel.normal, v, l) * falloff * light.radiance;
     }

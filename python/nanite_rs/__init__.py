@@ -33,7 +33,7 @@ from nanite_rs.renderer import (
     StreamWarning,
 )
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
-from nanite_rs.scene import DirectionalLight, LightNode, Material, MeshNode, PointLight, Scene
+from nanite_rs.scene import DirectionalLight, LightNode, Material, MeshNode, PointLight, Scene, SpotLight
 
 __all__ = [
     "ArgumentError",
@@ -70,6 +70,7 @@ __all__ = [
     "Renderer",
     "Scene",
     "SilhouetteDistance",
+    "SpotLight",
     "StageStats",
     "StaleHandleError",
     "StreamStats",

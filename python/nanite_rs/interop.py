@@ -12,7 +12,7 @@ import numpy as np
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.mesh import BuildOptions, NaniteMesh
-from nanite_rs.scene import DirectionalLight, Material, MeshNode, PointLight, Scene
+from nanite_rs.scene import DirectionalLight, Material, MeshNode, PointLight, Scene, SpotLight
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -66,9 +66,9 @@ def from_pyrender(
     ``render(*nrs.from_pyrender(scene))``. Meshes are built when a primitive is first seen, and again only if its
     arrays were replaced; everything else is read anew each time, so poses may change from frame to frame.
 
-    What has no counterpart here is left out, and a warning says so once for each call: spot lights, textures,
+    What has no counterpart here is left out, and a warning says so once for each call: textures,
     wireframes, points and lines; transparent materials are drawn opaque. Metal-rough factors, vertex colours and
-    double-sidedness are kept. Point lights have no range, as pyrender ignores theirs.
+    double-sidedness are kept. Lights have no range, as pyrender ignores theirs.
 
     Parameters
     ----------
@@ -121,13 +121,11 @@ def from_pyrender(
                 own.append(out.add(mesh, pose=pose @ instance, material=look))
                 own[-1].visible = bool(node.mesh.is_visible)
     for node in (node for node in scene.nodes if node.light is not None):
-        light, kind = node.light, type(node.light).__name__
-        if kind == "DirectionalLight":
-            out.add(DirectionalLight(light.color, light.intensity), pose=scene.get_pose(node))
-        elif kind == "PointLight":
-            out.add(PointLight(light.color, light.intensity), pose=scene.get_pose(node))
+        light = _light(node.light)
+        if light is None:
+            lost.add(f"lights of type {type(node.light).__name__}")
         else:
-            lost.add(f"lights of type {kind}")
+            out.add(light, pose=scene.get_pose(node))
     node = scene.main_camera_node
     if node is None:
         raise ArgumentError("scene: has no camera")
@@ -135,6 +133,18 @@ def from_pyrender(
         warnings.warn(f"left out of the pyrender scene: {', '.join(sorted(lost))}", stacklevel=2)
     pose = np.array(scene.get_pose(node), np.float64)
     return PyrenderView(out, _camera(node.camera, viewport), pose, instances)
+
+
+def _light(light: pyrender.Light) -> DirectionalLight | PointLight | SpotLight | None:
+    kind = type(light).__name__
+    if kind == "DirectionalLight":
+        return DirectionalLight(light.color, light.intensity)
+    if kind == "PointLight":
+        return PointLight(light.color, light.intensity)
+    if kind == "SpotLight":
+        cone = {"innerConeAngle": light.innerConeAngle, "outerConeAngle": light.outerConeAngle}
+        return SpotLight(light.color, light.intensity, **cone)
+    return None
 
 
 def _poses(primitive: pyrender.Primitive) -> Iterator[NDArray[np.float64]]:

@@ -20,11 +20,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["DirectionalLight", "LightNode", "Material", "MeshNode", "PointLight", "Scene"]
+__all__ = ["DirectionalLight", "LightNode", "Material", "MeshNode", "PointLight", "Scene", "SpotLight"]
 
 Color: TypeAlias = "Sequence[float] | NDArray[Any]"
 Rgb: TypeAlias = tuple[float, float, float]
 Handle: TypeAlias = tuple[int, int]
+RawLight: TypeAlias = tuple[str, Rgb, float, float | None, tuple[float, float] | None]
 
 
 def _rgb(value: Color, name: str) -> Rgb:
@@ -87,8 +88,8 @@ class DirectionalLight:
     intensity: float = 1.0
     """Lux."""
 
-    def _raw(self) -> tuple[str, Rgb, float, float | None]:
-        return "directional", _rgb(self.color, "color"), float(self.intensity), None
+    def _raw(self) -> RawLight:
+        return "directional", _rgb(self.color, "color"), float(self.intensity), None, None
 
 
 @dataclass(frozen=True)
@@ -107,12 +108,41 @@ class PointLight:
     range: float | None = None
     """Distance at which the light has smoothly ended (glTF's window); ``None`` never. pyrender ignores it."""
 
-    def _raw(self) -> tuple[str, Rgb, float, float | None]:
+    def _raw(self) -> RawLight:
         reach = None if self.range is None else float(self.range)
-        return "point", _rgb(self.color, "color"), float(self.intensity), reach
+        return "point", _rgb(self.color, "color"), float(self.intensity), reach, None
 
 
-Light: TypeAlias = DirectionalLight | PointLight
+@dataclass(frozen=True)
+class SpotLight:
+    """Light from the origin of its pose along its −Z, within a cone; otherwise as a `PointLight`.
+
+    From the inner to the outer angle it falls off with the square of what is left of the cosine, as glTF's
+    ``KHR_lights_punctual`` and pyrender have it.
+
+    Examples
+    --------
+    >>> lamp = nrs.SpotLight(intensity=20.0, innerConeAngle=0.2, outerConeAngle=0.4)
+    """
+
+    color: Color = (1.0, 1.0, 1.0)
+    """Linear RGB."""
+    intensity: float = 1.0
+    """Candela."""
+    range: float | None = None
+    """Distance at which the light has smoothly ended (glTF's window); ``None`` never. pyrender ignores it."""
+    innerConeAngle: float = 0.0  # noqa: N815  pyrender's and glTF's name
+    """Angle from the axis, radians, up to which nothing is lost; below the outer one."""
+    outerConeAngle: float = float(np.pi / 4.0)  # noqa: N815
+    """Angle from the axis, radians, from which on there is no light; above 0, at most π/2."""
+
+    def _raw(self) -> RawLight:
+        reach = None if self.range is None else float(self.range)
+        cone = float(self.innerConeAngle), float(self.outerConeAngle)
+        return "spot", _rgb(self.color, "color"), float(self.intensity), reach, cone
+
+
+Light: TypeAlias = DirectionalLight | PointLight | SpotLight
 
 
 def _pose(pose: ArrayLike | None) -> ArrayLike:
@@ -228,7 +258,7 @@ class LightNode(_Node):
 
     @light.setter
     def light(self, light: Light) -> None:
-        self._scene._core.set_light(self._handle, *light._raw(), self.pose)
+        self._scene._core.set_light(self._handle, light._raw(), self.pose)
         self._light = light
 
     @property
@@ -238,7 +268,7 @@ class LightNode(_Node):
 
     @pose.setter
     def pose(self, pose: ArrayLike) -> None:
-        self._scene._core.set_light(self._handle, *self._light._raw(), pose)
+        self._scene._core.set_light(self._handle, self._light._raw(), pose)
 
     def remove(self) -> None:
         """Remove the light from its scene."""
@@ -302,7 +332,7 @@ class Scene:
 
         Parameters
         ----------
-        item : NaniteMesh, DirectionalLight or PointLight
+        item : NaniteMesh, DirectionalLight, PointLight or SpotLight
             What to add. A mesh is shared, not copied.
         pose : (4, 4) array, optional
             Object-to-world matrix; the identity when not given. For a mesh any invertible affine matrix.
@@ -325,10 +355,10 @@ class Scene:
             material = Material() if material is None else material
             handle = self._core.add_mesh(item._core, _pose(pose), material._raw())
             return MeshNode(self, handle, item, material)
-        if isinstance(item, DirectionalLight | PointLight):
+        if isinstance(item, DirectionalLight | PointLight | SpotLight):
             if material is not None:
                 raise ArgumentError("material: a light has none")
-            return LightNode(self, self._core.add_light(*item._raw(), _pose(pose)), item)
+            return LightNode(self, self._core.add_light(item._raw(), _pose(pose)), item)
         raise DtypeError(f"item: expected a NaniteMesh or a light, not {type(item).__name__}")
 
     def remove(self, node: MeshNode | LightNode) -> None:

@@ -83,6 +83,12 @@ struct Light {
     point: u32,
     radiance: vec3<f32>,
     inverse_range: f32,
+    // The way a spot shines, unit.
+    direction: vec3<f32>,
+    // Times the cosine of the angle from there, plus the offset, held to 0 and 1: the root of what is left of it.
+    cone_scale: f32,
+    cone_offset: f32,
+    unused: array<f32, 3>,
 }
 
 struct Lighting {

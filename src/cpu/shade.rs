@@ -13,7 +13,7 @@ use super::output::ROWS;
 use super::surface::{Pixels, Surfels, Walk};
 use crate::math::Gamma;
 use crate::scene::placement::Eye;
-use crate::scene::{Lighting, Reflectance};
+use crate::scene::{Falloff, Lighting, Reflectance};
 
 /// Light reflected to `v`, both unit, for light of intensity 1: pyrender's `compute_brdf`.
 #[inline(always)]
@@ -52,13 +52,16 @@ fn shade(
         color[c] = Lanes::splat(r.base[c] * lighting.ambient[c] + r.emissive[c]);
     }
     for light in &lighting.lights {
-        let (l, falloff) = match light.point {
+        let (l, falloff) = match light.falloff {
             None => (splat3(light.vector), Lanes::splat(1.0)),
-            Some(inverse_range) => {
+            Some(Falloff { inverse_range, direction, cone_scale, cone_offset }) => {
                 let to = minus(&splat3(light.vector), &position);
                 let square = dot(&to, &to);
                 let q = square * (inverse_range * inverse_range);
-                (normalize(&to), (-(q * q - 1.0)).max(0.0) / square)
+                let l = normalize(&to);
+                let along = (-dot(&splat3(direction), &l)).max(0.0).min(1.0);
+                let cone = (along * cone_scale + cone_offset).max(0.0).min(1.0);
+                (l, (-(q * q - 1.0)).max(0.0) / square * (cone * cone))
             }
         };
         let out = reflect(r, &surfels.normal, &v, &l);

@@ -142,6 +142,14 @@ pub struct Light {
     pub radiance: [f32; 3],
     /// One over the distance at which it ends; 0 never.
     pub inverse_range: f32,
+    /// The way a spot shines, unit.
+    pub direction: [f32; 3],
+    /// See [`crate::scene::Falloff::cone_scale`].
+    pub cone_scale: f32,
+    /// See [`crate::scene::Falloff::cone_offset`].
+    pub cone_offset: f32,
+    /// Zero.
+    pub unused: [f32; 3],
 }
 
 /// What lights a view besides its lights.

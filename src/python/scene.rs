@@ -17,6 +17,9 @@ type RawHandle = (u32, u32);
 /// Base colour, metallic, roughness, emission, double-sided, smooth.
 type RawMaterial = ([f32; 3], f32, f32, [f32; 3], bool, bool);
 
+/// Kind, colour, intensity, range, inner and outer angle of the cone.
+type RawLight = (String, [f32; 3], f32, Option<f32>, Option<(f64, f64)>);
+
 /// What is drawn. See `nanite_rs.Scene`.
 #[pyclass(frozen, module = "nanite_rs._core")]
 pub struct Scene {
@@ -56,17 +59,12 @@ fn material((base_color, metallic, roughness, emissive, double_sided, smooth): R
     Material { base_color, metallic, roughness, emissive, double_sided, smooth }
 }
 
-fn light(
-    kind: &str,
-    color: [f32; 3],
-    intensity: f32,
-    reach: Option<f32>,
-    rows: &[[f64; 4]; 4],
-) -> Result<Light> {
-    let kind = match kind {
-        "directional" => LightKind::Directional,
-        "point" => LightKind::Point { range: reach },
-        _ => return Err(Error::argument("kind", format!("must be directional or point, not {kind:?}"))),
+fn light((kind, color, intensity, range, cone): RawLight, rows: &[[f64; 4]; 4]) -> Result<Light> {
+    let kind = match (&kind[..], cone) {
+        ("directional", None) => LightKind::Directional,
+        ("point", None) => LightKind::Point { range },
+        ("spot", Some((inner, outer))) => LightKind::Spot { range, inner, outer },
+        _ => return Err(Error::argument("kind", format!("no light is {kind:?} with this cone"))),
     };
     Ok(Light { kind, color, intensity, pose: pose::affine("pose", rows)? })
 }
@@ -125,17 +123,9 @@ impl Scene {
     }
 
     /// Adds a light; returns its handle.
-    fn add_light(
-        &self,
-        py: Python<'_>,
-        kind: &str,
-        color: [f32; 3],
-        intensity: f32,
-        reach: Option<f32>,
-        pose: &Bound<'_, PyAny>,
-    ) -> PyResult<RawHandle> {
+    fn add_light(&self, py: Python<'_>, shape: RawLight, pose: &Bound<'_, PyAny>) -> PyResult<RawHandle> {
         let rows = matrix4(pose, "pose")?;
-        let at = self.edit(py, |scene| scene.add_light(light(kind, color, intensity, reach, &rows)?))?.0;
+        let at = self.edit(py, |scene| scene.add_light(light(shape, &rows)?))?.0;
         Ok((at.index, at.generation))
     }
 
@@ -144,15 +134,12 @@ impl Scene {
         &self,
         py: Python<'_>,
         at: RawHandle,
-        kind: &str,
-        color: [f32; 3],
-        intensity: f32,
-        reach: Option<f32>,
+        shape: RawLight,
         pose: &Bound<'_, PyAny>,
     ) -> PyResult<()> {
         let rows = matrix4(pose, "pose")?;
         let at = LightHandle(handle(at));
-        self.edit(py, |scene| scene.set_light(at, light(kind, color, intensity, reach, &rows)?))
+        self.edit(py, |scene| scene.set_light(at, light(shape, &rows)?))
     }
 
     /// Light to world of a light.

@@ -251,11 +251,16 @@ fn look(instance: &Instance) -> Look {
 }
 
 fn light(light: &ShadeLight) -> gpu_types::Light {
+    let shape = light.falloff;
     gpu_types::Light {
         vector: light.vector,
-        point: u32::from(light.point.is_some()),
+        point: u32::from(shape.is_some()),
         radiance: light.radiance,
-        inverse_range: light.point.unwrap_or(0.0),
+        inverse_range: shape.map_or(0.0, |f| f.inverse_range),
+        direction: shape.map_or([0.0; 3], |f| f.direction),
+        cone_scale: shape.map_or(0.0, |f| f.cone_scale),
+        cone_offset: shape.map_or(1.0, |f| f.cone_offset),
+        unused: [0.0; 3],
     }
 }
 

@@ -1,5 +1,7 @@
 //! Lights. There is no default light: a scene without lights and ambient is black, as in pyrender.
 
+use std::f64::consts::FRAC_PI_2;
+
 use glam::DAffine3;
 
 use crate::error::{Error, Result};
@@ -15,6 +17,16 @@ pub enum LightKind {
         /// Distance at which the light ends; `None` never.
         range: Option<f32>,
     },
+    /// As a point, but within a cone about the −Z of its pose: whole up to the inner angle, nothing from the outer one
+    /// on (`KHR_lights_punctual`).
+    Spot {
+        /// Distance at which the light ends; `None` never.
+        range: Option<f32>,
+        /// Angle from the axis at which the light begins to fall off, radians.
+        inner: f64,
+        /// Angle from the axis at which it has ended, radians, at most π/2.
+        outer: f64,
+    },
 }
 
 /// A light with its pose.
@@ -24,9 +36,9 @@ pub struct Light {
     pub kind: LightKind,
     /// Linear RGB.
     pub color: [f32; 3],
-    /// Lux or candela.
+    /// Lux, or candela of points and spots.
     pub intensity: f32,
-    /// Light-to-world; only its rotation (directional) or its position (point) counts.
+    /// Light-to-world; only its rotation (directional) or its position (point) counts, or both (spot).
     pub pose: DAffine3,
 }
 
@@ -42,10 +54,23 @@ impl Light {
                 format!("must be finite and not negative, not {}", self.intensity),
             ));
         }
-        if let LightKind::Point { range: Some(range) } = self.kind
+        if let LightKind::Point { range: Some(range) } | LightKind::Spot { range: Some(range), .. } =
+            self.kind
             && !(range.is_finite() && range > 0.0)
         {
             return Err(Error::argument("range", format!("must be positive, not {range}")));
+        }
+        if let LightKind::Spot { inner, outer, .. } = self.kind {
+            if !(outer > 0.0 && outer <= FRAC_PI_2) {
+                return Err(Error::argument(
+                    "outerConeAngle",
+                    format!("must be above 0 and at most π/2, not {outer}"),
+                ));
+            }
+            if !(inner >= 0.0 && inner < outer) {
+                let message = format!("must be from 0 up to below {outer}, the outer one, not {inner}");
+                return Err(Error::argument("innerConeAngle", message));
+            }
         }
         Ok(())
     }

@@ -2,6 +2,9 @@
 
 use super::{LightKind, Scene, View};
 
+/// The least difference of the cosines between which a spot falls off: glTF's and pyrender's.
+const NARROWEST_RIM: f64 = 0.001;
+
 /// A light in camera space.
 #[derive(Clone, Copy, Debug)]
 pub struct ShadeLight {
@@ -9,8 +12,21 @@ pub struct ShadeLight {
     pub vector: [f32; 3],
     /// Colour times intensity.
     pub radiance: [f32; 3],
-    /// `None` for directional; 1/range for a point light, 0 without range.
-    pub point: Option<f32>,
+    /// How it falls off from its position; `None` for directional.
+    pub falloff: Option<Falloff>,
+}
+
+/// How a light with a position falls off, besides with the square of the distance.
+#[derive(Clone, Copy, Debug)]
+pub struct Falloff {
+    /// One over the distance at which it ends; 0 never.
+    pub inverse_range: f32,
+    /// The way it shines, unit; zero where that is all around.
+    pub direction: [f32; 3],
+    /// Times the cosine of the angle from there, plus the offset: the root of what is left of it, held to 0 and 1.
+    pub cone_scale: f32,
+    /// 1 where it shines all around.
+    pub cone_offset: f32,
 }
 
 /// Lights and background of a scene as seen from a view.
@@ -29,14 +45,33 @@ impl Lighting {
     pub fn new(scene: &Scene, view: &View) -> Self {
         let rotate = view.pose.matrix3.inverse();
         let lights = scene.lights().iter().map(|(_, light)| {
-            let (vector, point) = match light.kind {
-                LightKind::Directional => ((rotate * light.pose.matrix3.z_axis).normalize_or_zero(), None),
+            let axis = (rotate * light.pose.matrix3.z_axis).normalize_or_zero();
+            let position = rotate * (light.pose.translation - view.eye());
+            let inverse = |range: Option<f32>| range.map_or(0.0, |r| 1.0 / r);
+            let (vector, falloff) = match light.kind {
+                LightKind::Directional => (axis, None),
                 LightKind::Point { range } => {
-                    (rotate * (light.pose.translation - view.eye()), Some(range.map_or(0.0, |r| 1.0 / r)))
+                    let around = Falloff {
+                        inverse_range: inverse(range),
+                        direction: [0.0; 3],
+                        cone_scale: 0.0,
+                        cone_offset: 1.0,
+                    };
+                    (position, Some(around))
+                }
+                LightKind::Spot { range, inner, outer } => {
+                    let scale = 1.0 / (inner.cos() - outer.cos()).max(NARROWEST_RIM);
+                    let cone = Falloff {
+                        inverse_range: inverse(range),
+                        direction: (-axis).as_vec3().to_array(),
+                        cone_scale: scale as f32,
+                        cone_offset: (-outer.cos() * scale) as f32,
+                    };
+                    (position, Some(cone))
                 }
             };
             let radiance = light.color.map(|c| c * light.intensity);
-            ShadeLight { vector: vector.as_vec3().to_array(), radiance, point }
+            ShadeLight { vector: vector.as_vec3().to_array(), radiance, falloff }
         });
         let byte = |c: f32| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
         Self {

@@ -16,6 +16,6 @@ mod slots;
 pub use camera::{Camera, Projection, View};
 pub use instances::{Instance, InstanceHandle, LightHandle, Scene};
 pub use light::{Light, LightKind};
-pub use lighting::{Lighting, ShadeLight};
+pub use lighting::{Falloff, Lighting, ShadeLight};
 pub use material::{Material, Reflectance};
 pub use slots::Handle;

@@ -86,6 +86,49 @@ def test_removed_lights_raise_and_their_light_goes(mesh, renderer) -> None:
         light.remove()
 
 
+def test_spots_light_their_cone(mesh, renderer) -> None:
+    """What glTF says of the cone: all of a point light within the inner angle, nothing beyond the outer one."""
+    poses = {"color": (1.0, 1.0, 1.0), "intensity": 30.0}
+    scene = nrs.Scene(bg_color=(0, 0, 0))
+    scene.add(mesh)
+    node = scene.add(nrs.PointLight(**poses), pose=POSE)
+    frame = renderer.render(scene, LENS, POSE, outputs=("color", "depth"))
+    whole, depth = frame.color, frame.depth
+    row, column = np.indices(depth.shape)
+    height, width = depth.shape
+    slope = np.tan(LENS.yfov / 2) * 2 / height
+    angle = np.arctan(slope * np.hypot(column + 0.5 - width / 2, row + 0.5 - height / 2))
+    covered = (depth > 0) & (whole.max(axis=2) > 0)
+    inner, outer = np.quantile(angle[covered], [0.3, 0.6])
+    node.remove()
+    scene.add(nrs.SpotLight(**poses, innerConeAngle=inner, outerConeAngle=outer), pose=POSE)
+    color = renderer.render(scene, LENS, POSE).color
+    np.testing.assert_array_equal(color[covered & (angle < inner)], whole[covered & (angle < inner)])
+    assert not color[covered & (angle > outer)].any()
+    # Between them, the square of what is left of the cosine, before the power 1/2.2.
+    rim = covered & (angle > inner) & (angle < outer)
+    left = (np.cos(angle[rim]) - np.cos(outer)) / (np.cos(inner) - np.cos(outer))
+    expected = 255 * ((whole[rim] / 255) ** 2.2 * left[:, None] ** 2) ** (1 / 2.2)
+    assert rim.sum() > 100
+    assert np.abs(expected - color[rim]).max() < 2
+
+
+@pytest.mark.parametrize(
+    ("angles", "name"),
+    [
+        ((0.2, 0.1), "innerConeAngle"),
+        ((-0.1, 0.1), "innerConeAngle"),
+        ((np.nan, 0.1), "innerConeAngle"),
+        ((0.1, 1.6), "outerConeAngle"),
+        ((0.0, 0.0), "outerConeAngle"),
+        ((0.0, np.nan), "outerConeAngle"),
+    ],
+)
+def test_cones_are_checked(angles, name) -> None:
+    with pytest.raises(nrs.ArgumentError, match=name):
+        nrs.Scene().add(nrs.SpotLight(innerConeAngle=angles[0], outerConeAngle=angles[1]))
+
+
 def test_a_node_of_another_scene_is_refused(mesh) -> None:
     a, b = lit(), lit()
     node = a.add(mesh)

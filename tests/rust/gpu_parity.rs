@@ -120,6 +120,8 @@ fn every_array_is_made_on_the_device() {
     };
     many.add_light(point(None, at(0.0, 3.0, 4.0))).unwrap();
     many.add_light(point(Some(6.0), at(-3.0, 0.0, 4.0))).unwrap();
+    let spot = LightKind::Spot { range: Some(20.0), inner: 0.1, outer: 0.3 };
+    many.add_light(Light { kind: spot, ..point(None, at(0.0, 0.5, 6.0)) }).unwrap();
     for (scene, camera, size) in [
         (&many, &CAMERA, (320, 200)),
         (&many, &PARALLEL, (201, 113)),
