@@ -158,8 +158,9 @@ const READ_BITS: u32 = 57;
 /// The bits from a bit on, at least [`READ_BITS`] of them.
 #[inline(always)]
 fn bits_at(bytes: &[u8], bit: usize) -> u64 {
-    let bytes = &bytes[bit / 8..][..READ_BYTES];
-    u64::from_le_bytes(std::array::from_fn(|k| bytes[k])) >> (bit % 8)
+    let mut word = [0; READ_BYTES];
+    word.copy_from_slice(&bytes[bit / 8..][..READ_BYTES]);
+    u64::from_le_bytes(word) >> (bit % 8)
 }
 
 #[inline(always)]
@@ -174,6 +175,10 @@ pub struct Positions<'a> {
     bytes: &'a [u8],
     count: usize,
     packing: Packing,
+    /// Bits of a position, and where y and z begin in it.
+    width: u32,
+    starts: [u32; 2],
+    masks: [u64; 3],
 }
 
 /// Identities of a cluster's vertices.
@@ -188,7 +193,9 @@ pub struct Identities<'a> {
 impl<'a> Positions<'a> {
     /// Of so many vertices; `bytes` go on behind them.
     pub(super) fn new(bytes: &'a [u8], count: usize, packing: Packing) -> Self {
-        Self { bytes, count, packing }
+        let [x, y, z, _] = packing.widths.map(u32::from);
+        let (starts, masks) = ([x, x + y], [mask(x), mask(y), mask(z)]);
+        Self { bytes, count, packing, width: x + y + z, starts, masks }
     }
 
     /// How many there are.
@@ -209,17 +216,16 @@ impl<'a> Positions<'a> {
     /// The whole numbers of a vertex.
     #[inline(always)]
     pub fn numbers(&self, vertex: usize) -> [i32; 3] {
-        let [x, y, z, _] = self.packing.widths.map(u32::from);
-        let width = x + y + z;
-        let bit = vertex * width as usize;
-        let codes = if width <= READ_BITS {
-            let bits = bits_at(self.bytes, bit);
-            [bits & mask(x), bits >> x & mask(y), bits >> (x + y) & mask(z)]
+        let bit = vertex * self.width as usize;
+        let [y, z] = self.starts;
+        let bits = bits_at(self.bytes, bit);
+        let codes = if self.width <= READ_BITS {
+            [bits, bits >> y, bits >> z]
         } else {
-            let field = |before: u32, width| bits_at(self.bytes, bit + before as usize) & mask(width);
-            [field(0, x), field(x, y), field(x + y, z)]
+            let from = |start: u32| bits_at(self.bytes, bit + start as usize);
+            [bits, if z <= READ_BITS { bits >> y } else { from(y) }, from(z)]
         };
-        std::array::from_fn(|k| self.packing.anchor[k].wrapping_add(codes[k] as i32))
+        std::array::from_fn(|k| self.packing.anchor[k].wrapping_add((codes[k] & self.masks[k]) as i32))
     }
 
     /// The position of a vertex, internal units.
