@@ -444,7 +444,8 @@ class Renderer:
         all.
     pool_bytes : int
         Bytes of the pool. What always stays in it, the coarsest pages of each mesh, has to fit. On a GPU every page
-        counts as 128 KiB. Frames that are kept hold the pages that they show, beyond this.
+        counts as 128 KiB, and the first frame takes memory for the pool, at most for twice the pages of the scene.
+        Frames that are kept hold the pages that they show, beyond this.
 
     Raises
     ------

@@ -441,11 +441,11 @@ fn what_did_not_change_is_not_written_again() {
 const ALONE: &str = "NANITE_TEST_ALONE";
 
 /// Tests share the device, so one that harms it takes a process of its own. True there; elsewhere it has been run.
-fn alone(test: &str) -> bool {
+pub fn alone(test: &str) -> bool {
     if std::env::var_os(ALONE).is_some() {
         return true;
     }
-    let arguments = ["--exact", &format!("gpu_parity::{test}"), "--nocapture"];
+    let arguments = ["--exact", test, "--nocapture"];
     let me = std::env::current_exe().unwrap();
     let done = Command::new(me).args(arguments).env(ALONE, "1").output().unwrap();
     let (out, err) = (String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
@@ -457,7 +457,7 @@ fn alone(test: &str) -> bool {
 fn a_lost_device_is_an_error_and_another_one_serves() {
     let test = "a_lost_device_is_an_error_and_another_one_serves";
     let Some(context) = device(test) else { return };
-    if !alone(test) {
+    if !alone(&format!("gpu_parity::{test}")) {
         return;
     }
     let (scene, pose, size) = (crowd(), at(0.0, 0.0, 6.0), (64, 48));
@@ -476,7 +476,7 @@ fn a_lost_device_is_an_error_and_another_one_serves() {
 fn lack_of_memory_is_an_error_that_leaves_the_device_in_use() {
     let test = "lack_of_memory_is_an_error_that_leaves_the_device_in_use";
     let Some(context) = device(test) else { return };
-    if !alone(test) {
+    if !alone(&format!("gpu_parity::{test}")) {
         return;
     }
     let meshes = [dag(&bumpy_sphere(30)), dag(&torus(60, 30))];

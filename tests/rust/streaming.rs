@@ -8,6 +8,8 @@ use nanite_rs::Error;
 use nanite_rs::config::RenderOptions;
 use nanite_rs::format::input::Input;
 use nanite_rs::format::{from_bytes, open_input, to_bytes};
+#[cfg(feature = "gpu")]
+use nanite_rs::gpu::meshes::Meshes;
 use nanite_rs::limits::PAGE_MAX_BYTES;
 use nanite_rs::model::rule::Threshold;
 use nanite_rs::model::{Dag, PageWords};
@@ -209,34 +211,66 @@ fn once_settled_the_picture_is_that_of_the_whole_mesh() {
     }
 }
 
-/// A device starts with room for 64 pages of a large pool; with more, all it has moves.
+/// Pages come to places that were there before them: nothing else on the device moves.
 #[cfg(feature = "gpu")]
 #[test]
-fn a_device_makes_room_as_pages_come() {
-    if crate::gpu_parity::device("a_device_makes_room_as_pages_come").is_none() {
+fn a_device_has_places_for_all_pages_of_the_pool() {
+    let Some(context) = crate::gpu_parity::device("a_device_has_places_for_all_pages_of_the_pool") else {
+        return;
+    };
+    let stored = open(Disk::of(&dag(&bumpy_sphere(330))));
+    let pages = stored.pages.table.len();
+    assert!(pages > 80, "{pages}");
+    let pool_bytes = 2048 * PAGE_MAX_BYTES as u64;
+    let mut streamer = Streamer::new(StreamOptions { pool_bytes, equal_pages: true });
+    let mut meshes = Meshes::default();
+    let mut arrays = None;
+    for count in [0, 1, 10, pages] {
+        let mut needs = Needs::default();
+        (0..count as u32).for_each(|page| needs.add(&stored, Request { page, pixels: 1.0 }));
+        streamer.resident([&stored].into_iter(), true).unwrap();
+        streamer.request(&needs).unwrap();
+        streamer.wait();
+        let resident = streamer.resident([&stored].into_iter(), true).unwrap();
+        assert!(resident.held() >= count);
+        if arrays.is_none() {
+            meshes.upload(&context, [&stored].into_iter(), &resident).unwrap();
+        }
+        assert!(!meshes.lacks_places(&resident));
+        meshes.stream(&context, &resident).unwrap();
+        let now = meshes.pages().map(Clone::clone);
+        assert!(*arrays.get_or_insert_with(|| now.clone()) == now);
+    }
+}
+
+/// With less memory than the pool may take, what fits is drawn.
+#[cfg(feature = "gpu")]
+#[test]
+fn a_device_with_little_memory_has_fewer_places() {
+    let test = "a_device_with_little_memory_has_fewer_places";
+    let Some(context) = crate::gpu_parity::device(test) else { return };
+    if !crate::gpu_parity::alone(&format!("streaming::{test}")) {
         return;
     }
     let mesh = dag(&bumpy_sphere(330));
-    assert!(mesh.pages.table.len() > 80, "{}", mesh.pages.table.len());
-    let small = dag(&bumpy_sphere(20));
-    let scene = |mesh: &Arc<Dag>| {
-        let mut scene = scene_of(mesh);
-        scene.add(Arc::clone(&small), &at(0.0, 0.0, 1.1), Material::default()).unwrap();
-        scene
-    };
-    let (stored, whole) = (scene(&open(Disk::of(&mesh))), scene(&mesh));
+    let scene = scene_of(&open(Disk::of(&mesh)));
     let mut streamed = renderer("gpu", 2048 * PAGE_MAX_BYTES as u64);
-    let mut resident = Renderer::new(320, 240, "gpu").unwrap();
-    let mut most = 0;
-    for pixel_error in [4.0, 1.0, 0.0, 1.0] {
-        let options = RenderOptions { pixel_error, occlusion: false, ..RenderOptions::default() };
-        let pose = at(0.0, 0.0, 2.2);
-        let frame = streamed.render(&stored, &CAMERA, &pose, &options).unwrap();
-        assert_eq!(stream(&frame).missing_pages, 0);
-        same(&frame, &resident.render(&whole, &CAMERA, &pose, &options).unwrap());
-        most = most.max(stream(&frame).resident_pages);
+    context.limit_memory(40 * PAGE_MAX_BYTES as u64);
+    let [far, near] = [40.0, 1.5].map(|distance| at(0.0, 0.0, distance));
+    let frame = streamed.render(&scene, &CAMERA, &far, &RenderOptions::default()).unwrap();
+    assert_eq!(stream(&frame).missing_pages, 0);
+    let all = RenderOptions { pixel_error: 0.0, occlusion: false, ..RenderOptions::default() };
+    match streamed.render(&scene, &CAMERA, &near, &all) {
+        Err(Error::Backend { message, .. }) => {
+            assert!(message.contains("the clusters of the meshes"), "{message}")
+        }
+        other => panic!("{other:?}"),
     }
-    assert!(most > 64, "{most}");
+    let again = streamed.render(&scene, &CAMERA, &far, &RenderOptions::default()).unwrap_err();
+    assert!(matches!(again, Error::Backend { .. }), "{again:?}");
+    context.limit_memory(u64::MAX);
+    let again = streamed.render(&scene, &CAMERA, &far, &RenderOptions::default()).unwrap();
+    same(&again, &frame);
 }
 
 #[test]
@@ -343,13 +377,13 @@ fn without_its_root_there_is_nothing_to_draw() {
     }
 }
 
-/// Meshes in files and meshes in memory in one scene, which come and go.
+/// Meshes in files and meshes in memory in one scene, which come and go, more than there first was room for.
 #[test]
 fn meshes_come_and_go() {
     let (ball, field) =
         (dag(&bumpy_sphere(100)), dag(&grid(120, |x, y| (9.0 * x).sin() * (7.0 * y).cos() * 0.1)));
-    let (stored_ball, stored_field) = (open(Disk::of(&ball)), open(Disk::of(&field)));
-    let mut streamed = renderer("cpu", page_bytes(&ball) + page_bytes(&field));
+    let fine = dag(&bumpy_sphere(200));
+    let [stored_ball, stored_field, stored_fine] = [&ball, &field, &fine].map(|mesh| open(Disk::of(mesh)));
     let poses = [at(-1.2, 0.0, 0.0), at(1.2, 0.0, 0.0), at(0.0, 1.0, 0.0)];
     let with = |meshes: [Option<&Arc<Dag>>; 3]| {
         let mut scene = lit();
@@ -361,18 +395,25 @@ fn meshes_come_and_go() {
         scene
     };
     let eye = at(0.0, 0.2, 4.0);
-    let (b, f) = (Some(&stored_ball), Some(&stored_field));
-    let (rb, rf) = (Some(&ball), Some(&field));
-    for (stored, whole) in [
-        (with([b, f, rb]), with([rb, rf, rb])),
-        (with([b, None, None]), with([rb, None, None])),
-        (with([None, None, None]), with([None, None, None])),
-        (with([f, f, b]), with([rf, rf, rb])),
-    ] {
-        let frame = streamed.render(&stored, &CAMERA, &eye, &RenderOptions::default()).unwrap();
-        assert_eq!(stream(&frame).missing_pages, 0);
-        same(&frame, &shoot(&whole, &CAMERA, &eye, (320, 240), &RenderOptions::default()));
-        streamed.streamer().unwrap().pool().check().unwrap();
+    let (b, f, n) = (Some(&stored_ball), Some(&stored_field), Some(&stored_fine));
+    let (rb, rf, rn) = (Some(&ball), Some(&field), Some(&fine));
+    for (backend, all) in backends("meshes_come_and_go", &fine) {
+        let mut streamed = renderer(backend, 3 * all);
+        let mut resident = Renderer::new(320, 240, backend).unwrap();
+        for (stored, whole) in [
+            (with([b, None, None]), with([rb, None, None])),
+            (with([b, f, rb]), with([rb, rf, rb])),
+            (with([b, n, None]), with([rb, rn, None])),
+            (with([b, n, rn]), with([rb, rn, rn])),
+            (with([None, None, None]), with([None, None, None])),
+            (with([rf, f, n]), with([rf, rf, rn])),
+            (with([f, f, b]), with([rf, rf, rb])),
+        ] {
+            let frame = streamed.render(&stored, &CAMERA, &eye, &RenderOptions::default()).unwrap();
+            assert_eq!(stream(&frame).missing_pages, 0);
+            same(&frame, &resident.render(&whole, &CAMERA, &eye, &RenderOptions::default()).unwrap());
+            streamed.streamer().unwrap().pool().check().unwrap();
+        }
     }
 }
 
