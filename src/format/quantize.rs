@@ -16,8 +16,8 @@ use crate::math::{Aabb, Bounds};
 use crate::model::cluster::RECORD_WORDS;
 use crate::model::packing::{VertexRow, vertex_row};
 use crate::model::{
-    AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Node, Packing,
-    PageEntry, PageWords, Pages,
+    AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, FOREVER, Grid, Group, Node,
+    Packing, PageEntry, PageWords, Pages,
 };
 
 /// Bits of each octahedral coordinate of a normal in files that round: off by a quarter of a degree at most.
@@ -56,7 +56,7 @@ pub struct Rounded<'a> {
 impl<'a> Rounded<'a> {
     /// Finds the grid and everything but the pages.
     pub fn new(dag: &'a Dag, precision: Precision) -> Result<Self> {
-        dag.load_all()?;
+        dag.load_all(FOREVER)?;
         // What could not be read is not written.
         validate::structure(dag).map_err(|(kind, what)| Error::Invariant(format!("{kind:?}: {what}")))?;
         let asis = Self {

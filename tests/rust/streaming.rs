@@ -1,8 +1,8 @@
 //! Streaming: what is drawn of a mesh in a file, with little of it in memory, while pages come, go and fail.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 use nanite_rs::Error;
 use nanite_rs::config::RenderOptions;
@@ -12,7 +12,7 @@ use nanite_rs::format::{from_bytes, open_input, to_bytes};
 use nanite_rs::gpu::meshes::Meshes;
 use nanite_rs::limits::PAGE_MAX_BYTES;
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{Dag, PageWords};
+use nanite_rs::model::{Dag, FOREVER, PageWords};
 use nanite_rs::render::{Frame, Renderer};
 use nanite_rs::scene::{Material, Scene};
 use nanite_rs::stream::{Ask, Needs, Pool, Request, StreamOptions, StreamStats, Streamer};
@@ -32,6 +32,8 @@ struct Disk {
     /// The file was cut short after it was opened.
     ends_at: Option<u64>,
     delay: Duration,
+    /// While set, reads of pages do not come back.
+    hangs: Arc<AtomicBool>,
     /// Reads behind this byte are those of pages.
     pages_at: u64,
     reads: Arc<AtomicU64>,
@@ -47,6 +49,9 @@ impl Input for Disk {
         if offset >= self.pages_at && length > 0 {
             let number = self.reads.fetch_add(1, Ordering::Relaxed);
             std::thread::sleep(self.delay);
+            while self.hangs.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
             if self.fails > 0 && number % self.fails == 2 {
                 return Err(std::io::Error::other("the disk is old"));
             }
@@ -178,11 +183,11 @@ fn opening_reads_no_page_and_cuts_read_what_they_need() {
     let stored = open(disk);
     assert_eq!(reads.load(Ordering::Relaxed), 0);
     let coarse = Threshold::Uniform(0.02);
-    nanite_rs::lod::load(&stored, &coarse).unwrap();
+    nanite_rs::lod::load(&stored, &coarse, FOREVER).unwrap();
     let read = reads.load(Ordering::Relaxed) as usize;
     assert!(0 < read && 4 * read < stored.pages.table.len(), "{read} of {}", stored.pages.table.len());
     assert!(nanite_rs::lod::select(&stored, &coarse) == nanite_rs::lod::select(&mesh, &coarse));
-    stored.load_all().unwrap();
+    stored.load_all(FOREVER).unwrap();
     assert!(*stored == *mesh && reads.load(Ordering::Relaxed) as usize == mesh.pages.table.len());
 }
 
@@ -228,10 +233,10 @@ fn a_device_has_places_for_all_pages_of_the_pool() {
     for count in [0, 1, 10, pages] {
         let mut needs = Needs::default();
         (0..count as u32).for_each(|page| needs.add(&stored, Request { page, pixels: 1.0 }));
-        streamer.resident([&stored].into_iter(), true).unwrap();
+        streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
         streamer.request(&needs).unwrap();
-        streamer.wait();
-        let resident = streamer.resident([&stored].into_iter(), true).unwrap();
+        streamer.wait(FOREVER).unwrap();
+        let resident = streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
         assert!(resident.held() >= count);
         if arrays.is_none() {
             meshes.upload(&context, [&stored].into_iter(), &resident).unwrap();
@@ -293,7 +298,7 @@ fn with_little_room_frames_come_are_whole_and_say_how_coarse() {
             let streamer = streamed.streamer().unwrap();
             streamer.pool().check().unwrap();
             if i % 10 == 0 {
-                let resident = streamer.resident([&stored].into_iter(), true).unwrap();
+                let resident = streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
                 let pages = resident.pages(&stored);
                 whole_surface(&mesh, |page| pages.holds(page), &Threshold::Uniform(0.0));
                 whole_surface(&mesh, |page| pages.holds(page), &Threshold::Uniform(0.003));
@@ -353,6 +358,71 @@ fn a_disk_that_fails_now_and_then_loses_nothing() {
     let frame = streamed.render(&scene, &CAMERA, &pose, &RenderOptions::default()).unwrap();
     assert_eq!((stream(&frame).faults, stream(&frame).missing_pages), (0, 0));
     same(&frame, &shoot(&scene_of(&mesh), &CAMERA, &pose, (320, 240), &RenderOptions::default()));
+}
+
+/// Who waits for a disk that does not answer may leave at any time, and come back when it does.
+#[test]
+fn waiting_for_a_disk_can_be_given_up() {
+    let mesh = dag(&bumpy_sphere(120));
+    let [near, far] = [1.8, 40.0].map(|distance| [(CAMERA, at(0.0, 0.0, distance))]);
+    let options = RenderOptions::default();
+    let hanging = || {
+        let disk = Disk::of(&mesh);
+        let hangs = Arc::clone(&disk.hangs);
+        hangs.store(true, Ordering::Relaxed);
+        (open(disk), hangs)
+    };
+    // Gives up once asked after a while, which is soon.
+    fn given_up<T: std::fmt::Debug>(work: impl FnOnce(&dyn Fn() -> bool) -> Result<T, Error>) {
+        let start = Instant::now();
+        let outcome = work(&|| start.elapsed() < Duration::from_millis(80));
+        assert!(matches!(outcome, Err(Error::Cancelled)), "{outcome:?}");
+        assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
+    }
+    for (backend, all) in backends("waiting_for_a_disk_can_be_given_up", &mesh) {
+        let mut resident = Renderer::new(320, 240, backend).unwrap();
+        let whole = resident.render(&scene_of(&mesh), &CAMERA, &near[0].1, &options).unwrap();
+        for streaming in [true, false] {
+            let (stored, hangs) = hanging();
+            let scene = scene_of(&stored);
+            let mut renderer = renderer(backend, all);
+            renderer.stream(streaming.then_some(all));
+            // What always is there, or everything.
+            given_up(|go_on| renderer.render_views(&scene, &near, &options, go_on));
+            if streaming {
+                hangs.store(false, Ordering::Relaxed);
+                renderer.render_views(&scene, &far, &options, FOREVER).unwrap();
+                hangs.store(true, Ordering::Relaxed);
+                // What the picture needs besides: frames that do not wait come meanwhile.
+                for _ in 0..2 {
+                    given_up(|go_on| renderer.render_views(&scene, &near, &options, go_on));
+                    let soon = RenderOptions { wait: false, ..options.clone() };
+                    let frame = renderer.render(&scene, &CAMERA, &near[0].1, &soon).unwrap();
+                    assert!(stream(&frame).missing_pages > 0 && stream(&frame).rounds == 1);
+                    renderer.streamer().unwrap().pool().check().unwrap();
+                }
+            }
+            hangs.store(false, Ordering::Relaxed);
+            let frame = renderer.render(&scene, &CAMERA, &near[0].1, &options).unwrap();
+            same(&frame, &whole);
+            assert!(frame.stats.stream.as_ref().is_none_or(|stats| stats.rounds < 5 && stats.faults == 0));
+        }
+        // Nor does the end of a renderer wait.
+        let (stored, hangs) = hanging();
+        hangs.store(false, Ordering::Relaxed);
+        let mut renderer = renderer(backend, all);
+        renderer.render_views(&scene_of(&stored), &far, &options, FOREVER).unwrap();
+        hangs.store(true, Ordering::Relaxed);
+        given_up(|go_on| renderer.render_views(&scene_of(&stored), &near, &options, go_on));
+        drop(renderer);
+        hangs.store(false, Ordering::Relaxed);
+    }
+    let (stored, hangs) = hanging();
+    given_up(|go_on| stored.load_all(go_on));
+    given_up(|go_on| nanite_rs::lod::load(&stored, &Threshold::Uniform(0.02), go_on));
+    hangs.store(false, Ordering::Relaxed);
+    stored.load_all(FOREVER).unwrap();
+    assert!(*stored == *mesh);
 }
 
 #[test]
@@ -511,10 +581,10 @@ fn nothing_is_read_that_nobody_needs() {
     let mesh = dag(&bumpy_sphere(80));
     let stored = open(Disk::of(&mesh));
     let mut streamer = Streamer::new(StreamOptions { pool_bytes: page_bytes(&mesh), equal_pages: false });
-    streamer.resident([&stored].into_iter(), true).unwrap();
+    streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
     let stats = streamer.request(&Needs::default()).unwrap();
-    streamer.wait();
-    let resident = streamer.resident([&stored].into_iter(), true).unwrap();
+    streamer.wait(FOREVER).unwrap();
+    let resident = streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
     let held = (0..stored.pages.table.len()).filter(|page| resident.pages(&stored).holds(*page)).count();
     assert_eq!((held as u64, stats.needed_pages, stats.missing_pages), (stats.resident_pages, 0, 0));
     assert!(held < stored.pages.table.len() && from_bytes(&to_bytes(&mesh).unwrap(), "x").is_ok());
