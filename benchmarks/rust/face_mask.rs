@@ -11,7 +11,7 @@ use std::sync::Arc;
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, RenderOptions};
 use nanite_rs::mesh::{Positions, SourceMesh};
-use nanite_rs::model::{ClusterAddress, Dag};
+use nanite_rs::model::{ClusterAddress, Dag, FOREVER};
 use nanite_rs::render::Renderer;
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
@@ -92,7 +92,7 @@ fn main() {
     let files: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with('-')).collect();
     for file in &files {
         let mesh = nanite_rs::format::open(Path::new(file)).expect("a mesh");
-        mesh.pages.load_all().expect("its pages");
+        mesh.pages.load_all(FOREVER).expect("its pages");
         look(file, &Arc::new(mesh));
     }
     if files.is_empty() {

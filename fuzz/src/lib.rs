@@ -6,6 +6,8 @@ pub mod damage;
 #[allow(dead_code)]
 pub mod shapes;
 
+use std::mem::offset_of;
+
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::BuildOptions;
 use nanite_rs::format::encode::contexts;
@@ -53,7 +55,7 @@ pub fn plain_file(dag: &Dag) -> Vec<u8> {
         bytes[row..row + 8].copy_from_slice(&offset.to_le_bytes());
         bytes[row + 8..row + 12].copy_from_slice(&(coded.len() as u32).to_le_bytes());
         for (k, part) in parts.iter().enumerate() {
-            bytes[row + 36 + 4 * k..][..4].copy_from_slice(&part.to_le_bytes());
+            bytes[row + offset_of!(PageRow, parts) + 4 * k..][..4].copy_from_slice(&part.to_le_bytes());
         }
         bytes.extend(coded);
     }

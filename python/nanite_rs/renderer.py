@@ -444,7 +444,8 @@ class Renderer:
         all.
     pool_bytes : int
         Bytes of the pool. What always stays in it, the coarsest pages of each mesh, has to fit. On a GPU every page
-        counts as 128 KiB. Frames that are kept hold the pages that they show, beyond this.
+        counts as 128 KiB, and the first frame takes memory for the pool, at most for twice the pages of the scene.
+        Frames that are kept hold the pages that they show, beyond this.
 
     Raises
     ------
@@ -555,9 +556,9 @@ class Renderer:
             `ArgumentError`.
         wait : bool
             With ``streaming=True``, draw until all that the picture needs is there, as far as the pool has room:
-            the picture is then that of the whole mesh, bit for bit. Otherwise draw at once with what is there, for
-            interactive use; coarser clusters stand in for what is on its way, and `FrameStats.stream` says how
-            much they are off.
+            the picture is then that of the whole mesh, bit for bit. Ctrl-C ends the wait for a slow disk, and the
+            renderer stays usable. Otherwise draw at once with what is there, for interactive use; coarser clusters
+            stand in for what is on its way, and `FrameStats.stream` says how much they are off.
 
         Returns
         -------

@@ -18,8 +18,8 @@ use crate::model::cluster::{NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row};
 use crate::model::page::{GroupSize, paginate};
 use crate::model::{
-    AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Node, Packing,
-    PageEntry, Pages,
+    AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, FOREVER, Grid, Group, Node,
+    Packing, PageEntry, Pages,
 };
 
 /// Bits of each octahedral coordinate of a normal in files that round: off by a quarter of a degree at most.
@@ -62,7 +62,7 @@ pub struct Rounded<'a> {
 impl<'a> Rounded<'a> {
     /// Finds the grid and everything but the pages.
     pub fn new(dag: &'a Dag, precision: Precision) -> Result<Self> {
-        dag.load_all()?;
+        dag.load_all(FOREVER)?;
         // What could not be read is not written.
         validate::structure(dag).map_err(|(kind, what)| Error::Invariant(format!("{kind:?}: {what}")))?;
         let asis = Self {

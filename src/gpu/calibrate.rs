@@ -9,7 +9,8 @@ use std::time::Instant;
 
 use pollster::block_on;
 use wgpu::{
-    Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor, ErrorFilter,
+    BindingResource, Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor,
+    ErrorFilter,
 };
 
 use super::context::Context;
@@ -158,8 +159,8 @@ impl<'a> Stand<'a> {
         })
     }
 
-    fn bindings(&self, hardware: bool) -> RasterBindings<'_> {
-        [
+    fn bindings(&self, hardware: bool) -> Vec<BindingResource<'_>> {
+        let bindings: RasterBindings<'_> = [
             &self.views[usize::from(hardware)],
             &self.instances,
             &self.page_offsets,
@@ -172,7 +173,8 @@ impl<'a> Stand<'a> {
             &self.page,
             &self.page,
             &self.page,
-        ]
+        ];
+        bindings.map(Buffer::as_entire_binding).into()
     }
 
     /// Draws so many clusters of a batch in compute and by the device's rasterizer, by turns: milliseconds of the fastest
@@ -223,7 +225,7 @@ impl<'a> Stand<'a> {
         let timestamp_writes = self.times.of_pass(0);
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor { label: None, timestamp_writes });
         pass.set_pipeline(self.context.pipeline(kernel, false));
-        pass.set_bind_group(0, &self.context.bind(kernel, false, &self.bindings(false)), &[]);
+        pass.set_bind_group(0, &self.context.bind(kernel, false, self.bindings(false)), &[]);
         pass.dispatch_workgroups_indirect(&self.draws, list as u64 * size_of::<Dispatch>() as u64);
     }
 

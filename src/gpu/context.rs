@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use pollster::block_on;
 use wgpu::{
-    Adapter, Backends, BindGroup, BindGroupDescriptor, BindGroupEntry, Buffer, BufferDescriptor,
-    BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
+    Adapter, Backends, BindGroup, BindGroupDescriptor, BindGroupEntry, BindingResource, Buffer,
+    BufferDescriptor, BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
     ComputePipelineDescriptor, Device, DeviceDescriptor, DeviceType, ErrorFilter, Features, Instance,
     InstanceDescriptor, InstanceFlags, Limits, MapMode, PollType, Queue, ShaderModuleDescriptor,
     ShaderSource, SubmissionIndex,
@@ -60,8 +60,15 @@ pub(super) fn unavailable(message: impl Into<String>) -> Error {
 }
 
 /// So many bytes, for messages.
-fn mib(bytes: u64) -> u64 {
+pub(super) fn mib(bytes: u64) -> u64 {
     bytes.div_ceil(1 << 20)
+}
+
+/// Bindings by their numbers.
+pub(super) fn entries<'a>(
+    bindings: impl IntoIterator<Item = BindingResource<'a>>,
+) -> impl Iterator<Item = BindGroupEntry<'a>> {
+    (0..).zip(bindings).map(|(binding, resource)| BindGroupEntry { binding, resource })
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
@@ -341,12 +348,13 @@ impl Context {
     }
 
     /// A kernel's bindings, in the order of their numbers.
-    pub fn bind(&self, kernel: Kernel, split: bool, buffers: &[&Buffer]) -> BindGroup {
-        let entries: Vec<_> = buffers
-            .iter()
-            .zip(0..)
-            .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
+    pub fn bind<'a>(
+        &self,
+        kernel: Kernel,
+        split: bool,
+        bindings: impl IntoIterator<Item = BindingResource<'a>>,
+    ) -> BindGroup {
+        let entries: Vec<_> = entries(bindings).collect();
         let layout = self.pipeline(kernel, split).get_bind_group_layout(0);
         let label = Some(kernel.name());
         self.device.create_bind_group(&BindGroupDescriptor { label, layout: &layout, entries: &entries })
@@ -370,7 +378,8 @@ impl Context {
         {
             let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
             pass.set_pipeline(self.pipeline(kernel, false));
-            pass.set_bind_group(0, &self.bind(kernel, false, &buffers.iter().collect::<Vec<_>>()), &[]);
+            let whole = buffers.iter().map(Buffer::as_entire_binding);
+            pass.set_bind_group(0, &self.bind(kernel, false, whole), &[]);
             pass.dispatch_workgroups(workgroups, 1, 1);
         }
         let mut at = 0;

@@ -393,7 +393,8 @@ impl<'a> Recorder<'a> {
     fn prepare(&mut self, kernel: Kernel, buffers: &[&Buffer]) {
         let split = kernel.reads_pages() && self.meshes.split();
         self.pass.set_pipeline(self.context.pipeline(kernel, split));
-        self.pass.set_bind_group(0, &self.context.bind(kernel, split, buffers), &[]);
+        let bindings = buffers.iter().map(|buffer| self.meshes.binding(buffer));
+        self.pass.set_bind_group(0, &self.context.bind(kernel, split, bindings), &[]);
     }
 
     /// Runs a kernel in as many workgroups.

@@ -106,12 +106,11 @@ impl Instances {
         meshes: &mut Meshes,
         resident: &Resident,
     ) -> Result<u64> {
-        if self.rearranged || meshes.lacks_places(resident) {
-            meshes.upload(context, self.meshes.iter().flatten(), resident)?;
-            self.arrange(meshes)?;
-            self.rearranged = false;
+        if let Err(error) = self.bring(context, meshes, resident) {
+            // Of what has come by then nobody knows.
+            (*meshes, self.rearranged) = (Meshes::default(), true);
+            return Err(error);
         }
-        meshes.stream(context, resident)?;
         if self.room() < self.len() {
             let room = self.len().checked_next_power_of_two().unwrap_or(self.len());
             let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
@@ -133,6 +132,16 @@ impl Instances {
         }
         self.changed.clear();
         Ok(written)
+    }
+
+    /// Brings the meshes up to date.
+    fn bring(&mut self, context: &Context, meshes: &mut Meshes, resident: &Resident) -> Result<()> {
+        if self.rearranged || meshes.lacks_places(resident) {
+            meshes.upload(context, self.meshes.iter().flatten(), resident)?;
+            self.arrange(meshes)?;
+            self.rearranged = false;
+        }
+        meshes.stream(context, resident)
     }
 
     /// Tells each instance where its mesh is and gives it bits for its groups.

@@ -1,16 +1,15 @@
-//! Meshes on the device: uploaded once, one after the other in arrays of nodes, groups, pages and a table of pages. What
-//! pages take may be more than a device binds as one array; they then lie in several. Pages of streamed meshes come and
-//! go, in places of one size.
+//! Meshes on the device: uploaded once, one after the other in arrays of nodes, groups, pages and a table of pages. Pages
+//! of streamed meshes come and go.
 
 use std::sync::Arc;
 
-use rustc_hash::FxHashMap;
-use wgpu::{Buffer, BufferUsages};
+use rustc_hash::{FxHashMap, FxHashSet};
+use wgpu::{BindingResource, Buffer, BufferUsages};
 
-use super::context::{Context, unavailable};
+use super::context::Context;
+use super::page_arrays::PageArrays;
 use super::shaders::PAGE_ARRAYS;
-use crate::error::{Error, Result};
-use crate::limits::PAGE_MAX_BYTES;
+use crate::error::Result;
 use crate::model::{Dag, Group, Node, Pages};
 use crate::stream::{Needs, Request, Resident};
 
@@ -34,31 +33,21 @@ type Sizes = [u64; 3];
 const ARRAYS: [(&str, u64); 3] = [
     ("the nodes of the meshes", size_of::<Node>() as u64),
     ("the groups of the meshes", size_of::<Group>() as u64),
-    ("the page tables of the meshes", WORD),
+    ("the page tables of the meshes", size_of::<u32>() as u64),
 ];
 
-/// What pages hold, for messages.
-const PAGES: &str = "the clusters of the meshes";
-
-/// Words of a place for a page of a streamed mesh.
-const PLACE_WORDS: u64 = PAGE_MAX_BYTES as u64 / WORD;
-/// Places at first, in large pools.
-const FIRST_PLACES: usize = 64;
-/// Places when these do not do. Smaller pools are made as a whole.
-const NEXT_PLACES: usize = 512;
 /// What the table has for a page that is not there.
 pub const ABSENT: u32 = u32::MAX;
-
-/// Bytes of a word of a page.
-const WORD: u64 = size_of::<u32>() as u64;
 
 /// A mesh on the device.
 #[derive(Debug)]
 struct Mesh {
     dag: Arc<Dag>,
     placement: Placement,
-    /// Where it is streamed: what was there when pages were last brought, and the place of each of those.
-    streamed: Option<(Arc<Pages>, Vec<u32>)>,
+    /// The first word of each page.
+    starts: Vec<u32>,
+    /// Where it is streamed: what was there when pages were last brought.
+    streamed: Option<Arc<Pages>>,
 }
 
 /// All meshes on the device.
@@ -66,19 +55,10 @@ struct Mesh {
 pub struct Meshes {
     /// By address, which is stable while the mesh is held.
     resident: FxHashMap<usize, Mesh>,
-    /// Places for pages of streamed meshes, in front of all words.
-    places: usize,
-    /// Those of them that are empty.
-    free: Vec<u32>,
     buffers: Vec<Buffer>,
     used: Sizes,
     room: Sizes,
-    /// Arrays of pages, all but the last of 2^`array_bits` words.
-    pages: Vec<Buffer>,
-    array_bits: u32,
-    /// Words given away, and words there are.
-    used_words: u64,
-    room_words: u64,
+    pages: PageArrays,
 }
 
 fn address(mesh: &Arc<Dag>) -> usize {
@@ -91,32 +71,6 @@ fn sizes(mesh: &Dag) -> Sizes {
 
 fn sum(a: Sizes, b: Sizes) -> Sizes {
     std::array::from_fn(|k| a[k] + b[k])
-}
-
-/// Where each page of a mesh goes from word `at` on, so that none lies in two arrays of 2^`bits` words; and the first
-/// word behind them.
-fn layout(mesh: &Dag, mut at: u64, bits: u32) -> (Vec<u64>, u64) {
-    let mut offsets = Vec::with_capacity(mesh.pages.table.len());
-    for page in mesh.pages.table.iter() {
-        let words = u64::from(page.words);
-        if at >> bits != (at + words.max(1) - 1) >> bits {
-            at = ((at >> bits) + 1) << bits;
-        }
-        offsets.push(at);
-        at += words;
-    }
-    (offsets, at)
-}
-
-/// How many places to make. What is there moves when there are more, so that this is seldom.
-fn places_for(resident: &Resident) -> usize {
-    let (held, most) = (resident.held(), resident.most());
-    match held {
-        0 => 0,
-        _ if most <= NEXT_PLACES => most,
-        1..=FIRST_PLACES => FIRST_PLACES,
-        _ => (4 * held).next_power_of_two().clamp(NEXT_PLACES, most),
-    }
 }
 
 /// Nodes on the longest way from the root to a group. Children have larger numbers than their parent.
@@ -136,85 +90,152 @@ impl Meshes {
     pub fn upload<'a>(
         &mut self,
         context: &Context,
-        meshes: impl Iterator<Item = &'a Arc<Dag>> + Clone,
+        meshes: impl Iterator<Item = &'a Arc<Dag>>,
         resident: &Resident,
     ) -> Result<()> {
-        let mut new = self.missing(meshes.clone());
-        let (needed, words) = self.needed(&new, resident);
-        if self.lacks_places(resident)
-            || words > self.room_words
-            || (0..ARRAYS.len()).any(|k| needed[k] > self.room[k])
-        {
-            let places = places_for(resident);
-            let used_words = places as u64 * PLACE_WORDS;
-            let free = (0..places as u32).rev().collect();
-            *self = Self { array_bits: context.array_bits(), places, free, used_words, ..Self::default() };
-            new = self.missing(meshes);
-            let (needed, words) = self.needed(&new, resident);
-            self.allocate(context, needed, words)?;
+        let mut seen = FxHashSet::default();
+        let meshes: Vec<&Arc<Dag>> = meshes.filter(|mesh| seen.insert(address(mesh))).collect();
+        self.make_room(context, &meshes, resident)?;
+        let is_new = |mesh: &&&Arc<Dag>| !self.resident.contains_key(&address(mesh));
+        let new: Vec<&Arc<Dag>> = meshes.iter().filter(is_new).copied().collect();
+        let needed = new.iter().fold(self.used, |total, mesh| sum(total, sizes(mesh)));
+        if (0..ARRAYS.len()).any(|k| needed[k] > self.room[k]) {
+            self.rearrange(context, &meshes)?;
         }
         for mesh in new {
-            self.append(context, mesh, resident)?;
+            let streamed = resident.streams(mesh);
+            let starts = if streamed {
+                vec![ABSENT; mesh.pages.table.len()]
+            } else {
+                self.pages.append(context, mesh)?
+            };
+            // None of its pages is there yet.
+            let none = || Arc::new(Pages::absent(Arc::clone(&mesh.pages.table), mesh.layout()));
+            let streamed = streamed.then(none);
+            self.append(context, Arc::clone(mesh), starts, streamed)?;
         }
+        Ok(())
+    }
+
+    /// Makes sure that there is room for the pages of these meshes, of streamed ones for as many as the pool has at most, so
+    /// that no frame waits for more when pages come. Where there is not, there is nothing else any more.
+    fn make_room(&mut self, context: &Context, meshes: &[&Arc<Dag>], resident: &Resident) -> Result<()> {
+        let whole = || meshes.iter().filter(|mesh| !resident.streams(mesh)).map(|mesh| &***mesh);
+        let new = |mesh: &&Arc<Dag>| !resident.streams(mesh) && !self.resident.contains_key(&address(mesh));
+        let new = meshes.iter().filter(|mesh| new(mesh)).map(|mesh| &***mesh);
+        let alone = PageArrays::default().words_with(context, whole());
+        let fit = PageArrays::places_beside(context, alone);
+        let places =
+            |times: usize| (times * resident.total()).min(resident.most()).min(fit).max(resident.held());
+        if !self.pages.has_room(self.pages.words_with(context, new), places(1)) {
+            // The old ones go first.
+            *self = Self::default();
+            let mut places = places(2);
+            self.pages = loop {
+                match PageArrays::new(context, alone, places) {
+                    // The pages that there are now may do with less memory.
+                    Err(_) if places > resident.held() => places = (places / 2).max(resident.held()),
+                    made => break made?,
+                }
+            };
+        }
+        Ok(())
+    }
+
+    /// Makes all arrays but those of pages anew, with room for as much again as `meshes` take where the device allows. Of
+    /// what is there these stay.
+    fn rearrange(&mut self, context: &Context, meshes: &[&Arc<Dag>]) -> Result<()> {
+        let mut known = std::mem::take(&mut self.resident);
+        let needed = meshes.iter().fold(Sizes::default(), |total, mesh| sum(total, sizes(mesh)));
+        // The old ones go first.
+        self.buffers.clear();
+        for ((what, bytes), needed) in ARRAYS.into_iter().zip(needed) {
+            let room = (2 * needed).min(context.largest_array() / bytes).max(needed);
+            let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+            self.buffers.push(context.buffer(what, room * bytes, usage)?);
+        }
+        self.room = std::array::from_fn(|k| self.buffers[k].size() / ARRAYS[k].1);
+        self.used = Sizes::default();
+        for mesh in meshes {
+            if let Some(Mesh { dag, starts, streamed, .. }) = known.remove(&address(mesh)) {
+                self.append(context, dag, starts, streamed)?;
+            }
+        }
+        for gone in known.into_values().filter(|mesh| mesh.streamed.is_some()) {
+            gone.starts
+                .into_iter()
+                .filter(|start| *start != ABSENT)
+                .for_each(|start| self.pages.clear(start));
+        }
+        Ok(())
+    }
+
+    /// Appends a mesh to all arrays but those of pages.
+    fn append(
+        &mut self,
+        context: &Context,
+        dag: Arc<Dag>,
+        starts: Vec<u32>,
+        streamed: Option<Arc<Pages>>,
+    ) -> Result<()> {
+        let [first_node, first_group, first_page] = self.used.map(|first| first as u32);
+        let data: [&[u8]; 3] = [
+            bytemuck::cast_slice(&dag.nodes),
+            bytemuck::cast_slice(&dag.groups),
+            bytemuck::cast_slice(&starts),
+        ];
+        for k in 0..ARRAYS.len() {
+            let (what, bytes) = ARRAYS[k];
+            context.write(what, &self.buffers[k], self.used[k] * bytes, data[k])?;
+        }
+        self.used = sum(self.used, sizes(&dag));
+        let placement = Placement { first_node, first_group, first_page, depth: depth(&dag) };
+        self.resident.insert(address(&dag), Mesh { dag, placement, starts, streamed });
         Ok(())
     }
 
     /// Whether there are more pages of streamed meshes than places for them.
     pub fn lacks_places(&self, resident: &Resident) -> bool {
-        resident.held() > self.places
+        !self.pages.has_room(0, resident.held())
     }
 
     /// Brings what is there of the streamed meshes up to date.
     pub fn stream(&mut self, context: &Context, resident: &Resident) -> Result<()> {
         let mut changed = Vec::new();
-        for mesh in self.resident.values_mut() {
-            let Some((known, places)) = &mut mesh.streamed else { continue };
-            let pages = resident.pages(&mesh.dag);
+        for (address, Mesh { dag, starts, streamed, .. }) in &mut self.resident {
+            let Some(known) = streamed else { continue };
+            let pages = resident.pages(dag);
             if Arc::ptr_eq(known, pages) {
                 continue;
             }
             // Of a mesh that no scene has any more, nothing is there.
-            let holds = |page| resident.streams(&mesh.dag) && pages.holds(page);
-            for (page, place) in places.iter_mut().enumerate().filter(|(_, place)| **place != ABSENT) {
-                if !holds(page) {
-                    self.free.push(std::mem::replace(place, ABSENT));
+            let streams = resident.streams(dag);
+            for (page, start) in starts.iter_mut().enumerate().filter(|(_, start)| **start != ABSENT) {
+                if !(streams && pages.holds(page)) {
+                    self.pages.clear(std::mem::replace(start, ABSENT));
                 }
             }
             *known = Arc::clone(pages);
-            if resident.streams(&mesh.dag) {
-                changed.push(address(&mesh.dag));
+            if streams {
+                changed.push(*address);
             }
         }
+        // What left has made room for what comes.
         for address in changed {
-            let Some(Mesh { streamed: Some((pages, places)), placement, .. }) =
-                self.resident.get_mut(&address)
+            let Some(Mesh { starts, streamed: Some(pages), placement, .. }) = self.resident.get_mut(&address)
             else {
                 continue;
             };
-            for (page, place) in places.iter_mut().enumerate() {
-                if *place != ABSENT || !pages.holds(page) {
-                    continue;
+            for (page, start) in starts.iter_mut().enumerate() {
+                if *start == ABSENT && pages.holds(page) {
+                    *start = self.pages.place(context, pages.page(page))?;
                 }
-                let free = self.free.pop();
-                *place = free.ok_or_else(|| Error::Invariant("no place for a page is free".to_owned()))?;
-                let at = u64::from(*place) * PLACE_WORDS;
-                write_page(context, &self.pages, self.array_bits, at, pages.page(page))?;
             }
-            // The places of an array of words bound them.
-            let start = |place: &u32| if *place == ABSENT { ABSENT } else { place * PLACE_WORDS as u32 };
-            let starts: Vec<u32> = places.iter().map(start).collect();
-            let at = u64::from(placement.first_page) * WORD;
-            context.write(ARRAYS[2].0, &self.buffers[2], at, bytemuck::cast_slice(&starts))?;
+            let (what, bytes) = ARRAYS[2];
+            let at = u64::from(placement.first_page) * bytes;
+            context.write(what, &self.buffers[2], at, bytemuck::cast_slice(starts))?;
         }
         Ok(())
-    }
-
-    /// What the arrays hold once these are there.
-    fn needed(&self, new: &[&Arc<Dag>], resident: &Resident) -> (Sizes, u64) {
-        let sizes = new.iter().fold(self.used, |total, mesh| sum(total, sizes(mesh)));
-        let whole = new.iter().filter(|mesh| !resident.streams(mesh));
-        let words = whole.fold(self.used_words, |at, mesh| layout(mesh, at, self.array_bits).1);
-        (sizes, words)
     }
 
     /// Entries of the tables of pages.
@@ -232,83 +253,6 @@ impl Meshes {
             }
         }
         needs
-    }
-
-    /// Those of `meshes` that are not there, each once.
-    fn missing<'a>(&self, meshes: impl Iterator<Item = &'a Arc<Dag>>) -> Vec<&'a Arc<Dag>> {
-        let mut seen = FxHashMap::default();
-        meshes
-            .filter(|mesh| !self.resident.contains_key(&address(mesh)))
-            .filter(|mesh| seen.insert(address(mesh), ()).is_none())
-            .collect()
-    }
-
-    /// Makes arrays with room for as much again where the device allows.
-    fn allocate(&mut self, context: &Context, needed: Sizes, words: u64) -> Result<()> {
-        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        for ((what, bytes), needed) in ARRAYS.into_iter().zip(needed) {
-            let room = (2 * needed).min(context.largest_array() / bytes).max(needed);
-            self.buffers.push(context.buffer(what, room * bytes, usage)?);
-        }
-        self.room = std::array::from_fn(|k| self.buffers[k].size() / ARRAYS[k].1);
-        let array = 1 << self.array_bits;
-        let most = PAGE_ARRAYS as u64 * array;
-        if words > most {
-            let mib = |words: u64| (words * WORD).div_ceil(1 << 20);
-            return Err(unavailable(format!(
-                "{PAGES} take {} MiB, and {} gives {PAGE_ARRAYS} arrays of at most {} MiB",
-                mib(words),
-                context.name(),
-                mib(array)
-            )));
-        }
-        // Room for as much again, but no array for that alone.
-        let room = (2 * words).min(words.next_multiple_of(array));
-        for first in (0..room.max(1)).step_by(array as usize) {
-            let bytes = array.min(room - first) * WORD;
-            self.pages.push(context.buffer(PAGES, bytes, usage)?);
-        }
-        self.room_words = room;
-        Ok(())
-    }
-
-    fn append(&mut self, context: &Context, mesh: &Arc<Dag>, resident: &Resident) -> Result<()> {
-        let [first_node, first_group, first_page] = self.used;
-        let pages = mesh.pages.table.len();
-        let streamed = resident.streams(mesh);
-        let (offsets, end) = if streamed {
-            (vec![ABSENT; pages], self.used_words)
-        } else {
-            let (starts, end) = layout(mesh, self.used_words, self.array_bits);
-            for (page, at) in starts.iter().enumerate() {
-                write_page(context, &self.pages, self.array_bits, *at, mesh.pages.page(page))?;
-            }
-            // The room of the arrays of words bounds them.
-            (starts.into_iter().map(|at| at as u32).collect(), end)
-        };
-        let data: [&[u8]; 3] = [
-            bytemuck::cast_slice(&mesh.nodes),
-            bytemuck::cast_slice(&mesh.groups),
-            bytemuck::cast_slice(&offsets),
-        ];
-        for k in 0..ARRAYS.len() {
-            let (what, bytes) = ARRAYS[k];
-            context.write(what, &self.buffers[k], self.used[k] * bytes, data[k])?;
-        }
-        let placement = Placement {
-            first_node: first_node as u32,
-            first_group: first_group as u32,
-            first_page: first_page as u32,
-            depth: depth(mesh),
-        };
-        self.used = sum(self.used, sizes(mesh));
-        self.used_words = end;
-        // None of its pages is there yet.
-        let none =
-            || (Arc::new(Pages::absent(Arc::clone(&mesh.pages.table), mesh.layout())), vec![ABSENT; pages]);
-        let streamed = streamed.then(none);
-        self.resident.insert(address(mesh), Mesh { dag: Arc::clone(mesh), placement, streamed });
-        Ok(())
     }
 
     /// Where a mesh that was uploaded lies.
@@ -333,17 +277,16 @@ impl Meshes {
 
     /// The arrays of pages; the first again where there are fewer.
     pub fn pages(&self) -> [&Buffer; PAGE_ARRAYS] {
-        std::array::from_fn(|k| self.pages.get(k).unwrap_or(&self.pages[0]))
+        self.pages.arrays()
     }
 
     /// Whether pages lie in several arrays.
     pub fn split(&self) -> bool {
-        self.pages.len() > 1
+        self.pages.split()
     }
-}
 
-/// Writes a page from word `at` of the arrays of pages on.
-fn write_page(context: &Context, arrays: &[Buffer], array_bits: u32, at: u64, words: &[u32]) -> Result<()> {
-    let (array, word) = (at >> array_bits, at & ((1 << array_bits) - 1));
-    context.write(PAGES, &arrays[array as usize], word * WORD, bytemuck::cast_slice(words))
+    /// What of a buffer kernels bind, which may be one of [`Meshes::pages`].
+    pub fn binding<'a>(&self, buffer: &'a Buffer) -> BindingResource<'a> {
+        self.pages.binding(buffer)
+    }
 }

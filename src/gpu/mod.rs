@@ -3,9 +3,9 @@
 //! Stage `x` is `src/gpu/x.rs`, which records it, and `shaders/x.wgsl`, which is the twin of `src/cpu/x.rs`. A frame is
 //! one submission: every stage decides the dispatch of the next on the device. What is read back afterwards are the
 //! visibility buffer, the visible list and the counts of every list; where one was too short, it grows and the frame
-//! runs again. [`context`] finds a device, [`meshes`] holds what is uploaded once, [`shaders`] puts sources together.
-//! `raster_hardware` is another form of the two raster stages, by the device's own rasterizer; `calibrate` finds out
-//! whether it is the faster one.
+//! runs again. [`context`] finds a device, [`meshes`] holds what is uploaded once, with its pages in `page_arrays`,
+//! [`shaders`] puts sources together. `raster_hardware` is another form of the two raster stages, by the device's own
+//! rasterizer; `calibrate` finds out whether it is the faster one.
 
 mod calibrate;
 mod cluster_cull;
@@ -18,6 +18,7 @@ pub mod meshes;
 mod node_cull;
 mod occlusion;
 mod output;
+mod page_arrays;
 mod passes;
 mod raster_hardware;
 mod raster_large;

@@ -69,11 +69,12 @@ impl<'a> Passes<'a> {
         let Self { context, meshes, target: Some(target), .. } = *self else { return };
         let (turns, number) = (self.turns(phase), self.passes.len() as u32);
         for (place, Turn { buffers, seen, .. }) in turns.iter().enumerate() {
+            let bindings = raster_bindings(buffers, meshes, seen, phase, &buffers.words);
             let draw = Draw {
                 list,
                 words,
                 split: meshes.split(),
-                bindings: raster_bindings(buffers, meshes, seen, phase, &buffers.words),
+                bindings: bindings.iter().map(|buffer| meshes.binding(buffer)).collect(),
                 calls: &buffers.phases[phase as usize].calls,
                 target,
                 times: self.times.of_draw(number, place == 0, place + 1 == turns.len()),

@@ -5,7 +5,7 @@
 use std::sync::OnceLock;
 
 use wgpu::{
-    Adapter, BindGroupDescriptor, BindGroupEntry, Buffer, Color, ColorTargetState, ColorWrites,
+    Adapter, BindGroupDescriptor, BindingResource, Buffer, Color, ColorTargetState, ColorWrites,
     CommandEncoder, DownlevelFlags, Extent3d, Features, FragmentState, LoadOp, MultisampleState, Operations,
     PipelineCompilationOptions, PrimitiveState, RenderPassColorAttachment, RenderPassDescriptor,
     RenderPassTimestampWrites, RenderPipeline, RenderPipelineDescriptor, ShaderModuleDescriptor,
@@ -13,8 +13,7 @@ use wgpu::{
     TextureViewDescriptor, VertexState,
 };
 
-use super::context::{Context, unavailable};
-use super::frame::RasterBindings;
+use super::context::{Context, entries, unavailable};
 use super::shaders::{DRAWS, Kernel, List, Words};
 use crate::config::Raster;
 use crate::error::Result;
@@ -153,7 +152,7 @@ pub(super) struct Draw<'a> {
     pub(super) list: List,
     pub(super) words: Words,
     pub(super) split: bool,
-    pub(super) bindings: RasterBindings<'a>,
+    pub(super) bindings: Vec<BindingResource<'a>>,
     pub(super) calls: &'a Buffer,
     pub(super) target: &'a Target,
     pub(super) times: Option<RenderPassTimestampWrites<'a>>,
@@ -164,11 +163,7 @@ impl Draw<'_> {
         let Self { list, words, split, bindings, calls, target, times } = self;
         let kernel = Kernel::RasterHardware(list, words);
         let pipeline = context.draws().get(context, kernel, split);
-        let entries: Vec<_> = bindings
-            .iter()
-            .zip(0..)
-            .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
+        let entries: Vec<_> = entries(bindings).collect();
         let layout = &pipeline.get_bind_group_layout(0);
         let descriptor = BindGroupDescriptor { label: Some(kernel.name()), layout, entries: &entries };
         let group = context.device().create_bind_group(&descriptor);

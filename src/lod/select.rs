@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::model::rule::Threshold;
-use crate::model::{ClusterAddress, Dag, Group};
+use crate::model::{ClusterAddress, Dag, Group, Patience};
 
 /// The groups whose error is too large to be drawn: what was made from them is not in the cut.
 fn exceeding<'a>(dag: &'a Dag, threshold: &Threshold) -> Vec<&'a Group> {
@@ -25,14 +25,14 @@ fn exceeding<'a>(dag: &'a Dag, threshold: &Threshold) -> Vec<&'a Group> {
 }
 
 /// Brings the pages into memory that [`select`] looks at, if they are in a file.
-pub fn load(dag: &Dag, threshold: &Threshold) -> Result<()> {
+pub fn load(dag: &Dag, threshold: &Threshold, go_on: Patience<'_>) -> Result<()> {
     if dag.pages.source().is_none() {
         return Ok(());
     }
     let mut pages: Vec<usize> = exceeding(dag, threshold).iter().map(|group| group.first.page()).collect();
     pages.sort_unstable();
     pages.dedup();
-    dag.pages.load(pages.into_iter())
+    dag.pages.load(pages.into_iter(), go_on)
 }
 
 /// The clusters that the rule of the cut draws, in page order: exactly one over every piece of the surface. Their pages

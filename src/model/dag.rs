@@ -8,6 +8,7 @@ use super::channel::Channel;
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
 use super::hierarchy::Node;
 use super::page::Pages;
+use super::reading::Patience;
 use super::report::BuildReport;
 use super::words::Words;
 use crate::error::Result;
@@ -155,8 +156,8 @@ pub struct Dag {
 
 impl Dag {
     /// Reads all that is not in memory: pages, channels and face ids.
-    pub fn load_all(&self) -> Result<()> {
-        self.pages.load_all()?;
+    pub fn load_all(&self, go_on: Patience<'_>) -> Result<()> {
+        self.pages.load_all(go_on)?;
         self.words().try_for_each(|words| words.load().map(drop))
     }
 

@@ -7,6 +7,7 @@ use std::sync::{Arc, OnceLock};
 use rayon::prelude::*;
 
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, RECORD_WORDS};
+use super::reading::{Patience, read_pages};
 use crate::error::Result;
 use crate::limits::{PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
 
@@ -132,21 +133,17 @@ impl Pages {
     }
 
     /// Reads those of `pages` that are not in memory, in parallel; they then stay.
-    pub fn load(&self, pages: impl Iterator<Item = usize>) -> Result<()> {
+    pub fn load(&self, pages: impl Iterator<Item = usize>, go_on: Patience<'_>) -> Result<()> {
         let Some(source) = &self.source else { return Ok(()) };
-        let absent: Vec<usize> = pages.filter(|page| !self.holds(*page)).collect();
-        absent.into_par_iter().try_for_each(|page| {
-            let words = source.read(page)?;
-            // Another thread may have been faster, with the same words.
-            self.words[page].get_or_init(|| words);
-            Ok(())
-        })
+        let absent = pages.filter(|page| !self.holds(*page)).collect();
+        // Another thread may have been faster, with the same words.
+        read_pages(source, absent, go_on, |page, words| drop(self.words[page].set(words)))
     }
 
     /// Reads all that is not in memory.
-    pub fn load_all(&self) -> Result<()> {
+    pub fn load_all(&self, go_on: Patience<'_>) -> Result<()> {
         if self.whole.get().is_none() {
-            self.load(0..self.table.len())?;
+            self.load(0..self.table.len(), go_on)?;
             self.whole.get_or_init(|| ());
         }
         Ok(())

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, OnceLock};
-use std::time::Duration;
 
 use glam::DAffine3;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
@@ -17,7 +16,7 @@ use rayon::prelude::*;
 use super::arrays::{
     ChannelArray, FaceArray, PositionArray, into_array, into_rows, into_words, matrix4, vertex_rows,
 };
-use super::errors::{argument_error, detached, panic_to_python, to_python};
+use super::errors::{argument_error, detached, interruptible, panic_to_python, to_python};
 use super::renderer::{self, RawCamera};
 use crate::build::{self, Progress};
 use crate::config::BuildOptions;
@@ -27,10 +26,8 @@ use crate::lod::{FaceBudget, channel_rows, cut_attribute_error, cut_error, extra
 use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
 use crate::model::rule::Threshold;
-use crate::model::{Channel, ClusterAddress, Dag, Frame, Grid};
+use crate::model::{Channel, ClusterAddress, Dag, Frame, Grid, LOOK_UP, Patience};
 
-/// How often a waiting call looks at signals and reports progress.
-const POLL: Duration = Duration::from_millis(50);
 /// Stack of the thread that builds.
 const STACK_BYTES: usize = 16 << 20;
 
@@ -96,7 +93,7 @@ pub(super) fn watched<T: Send>(
                 .spawn_scoped(scope, run)
                 .map_err(|error| to_raise(Error::Io { path: "thread".into(), source: error }))?;
             let mut raised = Ok(());
-            while raised.is_ok() && receiver.recv_timeout(POLL) == Err(RecvTimeoutError::Timeout) {
+            while raised.is_ok() && receiver.recv_timeout(LOOK_UP) == Err(RecvTimeoutError::Timeout) {
                 raised = watch();
                 shared.cancelled.store(raised.is_err(), Ordering::Relaxed);
             }
@@ -244,18 +241,27 @@ impl Mesh {
                 return Err(argument_error(py, "precision", message));
             }
         };
-        detached(py, || format::save(&self.dag, &path, precision))
+        interruptible(py, |go_on| {
+            self.dag.load_all(go_on)?;
+            format::save(&self.dag, &path, precision)
+        })
     }
 
     /// The bytes of a `.nanite` file.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = detached(py, || format::to_bytes(&self.dag))?;
+        let bytes = interruptible(py, |go_on| {
+            self.dag.load_all(go_on)?;
+            format::to_bytes(&self.dag)
+        })?;
         Ok(PyBytes::new(py, &bytes))
     }
 
     /// Verifies every invariant; returns what was counted.
     fn check<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let report = detached(py, || build::check(&self.dag))?;
+        let report = interruptible(py, |go_on| {
+            self.dag.load_all(go_on)?;
+            build::check(&self.dag)
+        })?;
         let out = PyDict::new(py);
         out.set_item("clusters", report.clusters)?;
         out.set_item("groups", report.groups)?;
@@ -273,12 +279,12 @@ impl Mesh {
     /// True when both hold the same content.
     fn equals(&self, py: Python<'_>, other: &Self) -> PyResult<bool> {
         let (a, b) = (Arc::clone(&self.dag), Arc::clone(&other.dag));
-        detached(py, move || {
+        interruptible(py, move |go_on| {
             if Arc::ptr_eq(&a, &b) {
                 return Ok(true);
             }
-            a.load_all()?;
-            b.load_all()?;
+            a.load_all(go_on)?;
+            b.load_all(go_on)?;
             Ok(a == b)
         })
     }
@@ -294,11 +300,11 @@ impl Mesh {
 
     /// The finest cut with at most so many triangles, or the coarsest there is.
     fn cut_faces(&self, py: Python<'_>, target: u64) -> PyResult<Cut> {
-        let budget = detached(py, || {
-            self.dag.pages.load_all()?;
+        let budget = interruptible(py, |go_on| {
+            self.dag.pages.load_all(go_on)?;
             Ok(self.budget.get_or_init(|| FaceBudget::new(&self.dag)))
         })?;
-        self.cut(py, |dag| Ok(budget.select(dag, target)))
+        self.cut(py, |dag, _| Ok(budget.select(dag, target)))
     }
 
     /// The cut for an error in pixels, from a camera and its camera-to-mesh pose: the clusters that the renderer
@@ -456,8 +462,8 @@ fn uv_rounding(grid: Option<Grid>) -> f32 {
 
 impl Mesh {
     fn cut_at(&self, py: Python<'_>, threshold: Threshold) -> PyResult<Cut> {
-        self.cut(py, |dag| {
-            load(dag, &threshold)?;
+        self.cut(py, |dag, go_on| {
+            load(dag, &threshold, go_on)?;
             Ok(select(dag, &threshold))
         })
     }
@@ -465,11 +471,11 @@ impl Mesh {
     fn cut(
         &self,
         py: Python<'_>,
-        select: impl FnOnce(&Dag) -> Result<Vec<ClusterAddress>> + Send,
+        select: impl FnOnce(&Dag, Patience<'_>) -> Result<Vec<ClusterAddress>> + Send,
     ) -> PyResult<Cut> {
         let dag = &*self.dag;
-        let (clusters, arrays, error, positions) = detached(py, || {
-            let clusters = select(dag)?;
+        let (clusters, arrays, error, positions) = interruptible(py, |go_on| {
+            let clusters = select(dag, go_on)?;
             let mut arrays = extract(dag, &clusters);
             let error = (cut_error(dag, &clusters), cut_attribute_error(dag, &clusters));
             let positions = object_positions(std::mem::take(&mut arrays.positions), &dag.frame);

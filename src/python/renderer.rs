@@ -6,7 +6,7 @@ use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 
 use super::arrays::matrix4;
-use super::errors::{detached, to_python};
+use super::errors::{detached, interruptible, to_python};
 use super::scene::Scene;
 use crate::config::{Output, Raster, RenderOptions};
 use crate::error::{Error, Result};
@@ -128,10 +128,10 @@ impl Renderer {
         });
         let outputs = outputs.map_err(|error| to_python(py, error))?;
         let options = RenderOptions { pixel_error, occlusion, raster, outputs, wait, ..defaults };
-        let frames = detached(py, || {
+        let frames = interruptible(py, |go_on| {
             let view = |(camera, pose)| Ok((self::camera(camera)?, pose));
             let views: Vec<_> = views.into_iter().map(view).collect::<Result<_>>()?;
-            self.lock().render_views(&scene.read(), &views, &options)
+            self.lock().render_views(&scene.read(), &views, &options, go_on)
         })?;
         Ok(frames.into_iter().map(|frame| Frame { inner: Mutex::new(frame) }).collect())
     }

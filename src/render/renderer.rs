@@ -19,6 +19,7 @@ use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::visibility::{Pixel, Visible};
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
+use crate::model::{FOREVER, Patience};
 use crate::scene::placement::Eye;
 use crate::scene::{Camera, Instance, Lighting, Scene, View};
 use crate::stream::{Needs, Resident, StreamOptions, Streamer};
@@ -225,17 +226,18 @@ impl Renderer {
         pose: &[[f64; 4]; 4],
         options: &RenderOptions,
     ) -> Result<Frame> {
-        let mut frames = self.render_views(scene, &[(*camera, *pose)], options)?;
+        let mut frames = self.render_views(scene, &[(*camera, *pose)], options, FOREVER)?;
         frames.pop().ok_or_else(|| Error::Invariant("a view gave no frame".to_owned()))
     }
 
     /// Renders `scene` as several cameras see it, on a GPU in one submission: a frame for each, as if rendered alone. Times
-    /// are of all together.
+    /// are of all together. Where it waits for pages in files, it asks `go_on`.
     pub fn render_views(
         &mut self,
         scene: &Scene,
         views: &[(Camera, [[f64; 4]; 4])],
         options: &RenderOptions,
+        go_on: Patience<'_>,
     ) -> Result<Vec<Frame>> {
         options.validate()?;
         let start = Instant::now();
@@ -245,14 +247,16 @@ impl Renderer {
             .collect::<Result<_>>()?;
         let mut frames = match self.streamer.take() {
             None => {
-                scene.instances().iter().try_for_each(|(_, instance)| instance.mesh.pages.load_all())?;
+                let load = |(_, instance): (u32, &Instance)| instance.mesh.pages.load_all(go_on);
+                scene.instances().iter().try_for_each(load)?;
                 let resident = Resident::default();
                 let shots = shots(scene, &views, options, &resident);
                 let rastered = self.draw(&shots)?;
                 self.finish(shots, rastered)?
             }
             Some(mut streamer) => {
-                let frames = self.streamed(&mut streamer, scene, &views, options);
+                let frames = self.streamed(&mut streamer, scene, &views, options, go_on);
+                streamer.finish();
                 self.streamer = Some(streamer);
                 frames?
             }
@@ -269,10 +273,11 @@ impl Renderer {
         scene: &Scene,
         views: &[View],
         options: &RenderOptions,
+        go_on: Patience<'_>,
     ) -> Result<Vec<Frame>> {
         loop {
             let meshes = scene.instances().iter().map(|(_, instance)| &instance.mesh);
-            let resident = streamer.resident(meshes, options.wait)?;
+            let resident = streamer.resident(meshes, options.wait, go_on)?;
             let shots = shots(scene, views, options, &resident);
             let mut rastered = self.draw(&shots)?;
             let mut needs = Needs::default();
@@ -285,10 +290,9 @@ impl Renderer {
             let settled = stats.missing_pages == stats.refused_pages;
             if options.wait && !settled && stats.rounds < MOST_ROUNDS {
                 rastered.into_iter().for_each(|rastered| self.spare.give(rastered.picture));
-                streamer.wait();
+                streamer.wait(go_on)?;
                 continue;
             }
-            streamer.finish();
             self.before = views.to_vec();
             let mut frames = self.finish(shots, rastered)?;
             frames.iter_mut().for_each(|frame| frame.stats.stream = Some(stats.clone()));

@@ -1,13 +1,11 @@
 //! Threads that read and decode pages, those first that matter most.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 
 use super::pool::Ask;
 use crate::error::{Error, Result};
-use crate::model::{PageSource, PageWords};
+use crate::model::{PageSource, PageWords, Patience, read_page, wait_for};
 
 /// Threads at most: a disk and a few cores are busy with less.
 const MOST_THREADS: usize = 4;
@@ -67,13 +65,13 @@ pub(super) struct Loader {
     shared: Arc<Shared>,
     sender: Sender<Arrival>,
     arrivals: Receiver<Arrival>,
-    threads: Vec<JoinHandle<()>>,
+    threads: usize,
 }
 
 impl Default for Loader {
     fn default() -> Self {
         let (sender, arrivals) = channel();
-        Self { shared: Arc::default(), sender, arrivals, threads: Vec::new() }
+        Self { shared: Arc::default(), sender, arrivals, threads: 0 }
     }
 }
 
@@ -97,11 +95,11 @@ impl Loader {
 
     fn start(&mut self) -> Result<()> {
         let count = std::thread::available_parallelism().map_or(1, |n| n.get().min(MOST_THREADS));
-        while self.threads.len() < count {
+        while self.threads < count {
             let (shared, sender) = (Arc::clone(&self.shared), self.sender.clone());
             let thread = std::thread::Builder::new().name("nanite-load".into()).spawn(move || {
                 while let Some(job) = shared.next() {
-                    let words = read(&*job.source, job.ask.page as usize);
+                    let words = read_page(&*job.source, job.ask.page as usize);
                     // Nobody listens any more when the renderer goes.
                     if sender.send(Arrival { job, words }).is_err() {
                         return;
@@ -109,35 +107,30 @@ impl Loader {
                 }
             });
             match thread {
-                Ok(thread) => self.threads.push(thread),
+                Ok(_) => self.threads += 1,
                 // Fewer do as well.
-                Err(_) if !self.threads.is_empty() => return Ok(()),
+                Err(_) if self.threads > 0 => return Ok(()),
                 Err(source) => return Err(Error::Io { path: "thread".into(), source }),
             }
         }
         Ok(())
     }
 
-    /// What has arrived; with `wait`, at least one of what was submitted.
-    pub(super) fn arrivals(&self, wait: bool) -> Vec<Arrival> {
-        let first = if wait { self.arrivals.recv().ok() } else { None };
-        first.into_iter().chain(self.arrivals.try_iter()).collect()
+    /// What has arrived.
+    pub(super) fn arrivals(&self) -> impl Iterator<Item = Arrival> + '_ {
+        self.arrivals.try_iter()
+    }
+
+    /// Waits for one of what was submitted.
+    pub(super) fn wait(&self, go_on: Patience<'_>) -> Result<Option<Arrival>> {
+        wait_for(&self.arrivals, go_on)
     }
 }
 
-/// Reads a page; a panic is an error like others.
-fn read(source: &dyn PageSource, page: usize) -> Result<PageWords> {
-    let outcome = catch_unwind(AssertUnwindSafe(|| source.read(page)));
-    outcome.unwrap_or_else(|_| Err(Error::Invariant(format!("reading page {page} panicked"))))
-}
-
+/// The threads end with the page that they are at. Nobody waits for it: a disk may take long.
 impl Drop for Loader {
     fn drop(&mut self) {
         self.shared.lock().closed = true;
         self.shared.filled.notify_all();
-        for thread in self.threads.drain(..) {
-            // What it ran into, it has told.
-            let _ = thread.join();
-        }
     }
 }

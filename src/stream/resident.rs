@@ -12,7 +12,7 @@ pub struct Resident {
     pub(super) meshes: FxHashMap<usize, Arc<Pages>>,
     /// Pages of all of them.
     pub(super) held: usize,
-    /// How many there will be at most.
+    /// How many of them the pool has room for.
     pub(super) most: usize,
 }
 
@@ -40,9 +40,14 @@ impl Resident {
         self.held
     }
 
-    /// How many there will be at most.
+    /// How many of them the pool has room for.
     pub fn most(&self) -> usize {
         self.most
+    }
+
+    /// How many pages the streamed meshes have, there or not.
+    pub fn total(&self) -> usize {
+        self.meshes.values().map(|pages| pages.table.len()).sum()
     }
 
     /// Whether a mesh is streamed.

@@ -3,13 +3,13 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use super::loader::{Job, Loader};
+use super::loader::{Arrival, Job, Loader};
 use super::pool::{Ask, Change, Plan, Pool};
 use super::request::Needs;
 use super::resident::{Resident, address};
 use crate::error::{Error, Result};
 use crate::limits::PAGE_MAX_BYTES;
-use crate::model::{Dag, PageEntry, PageSource, PageWords, Pages};
+use crate::model::{Dag, PageEntry, PageSource, PageWords, Pages, Patience, read_pages};
 
 /// How often a page is read that the system could not read, before it counts as lost.
 const ATTEMPTS: u32 = 3;
@@ -123,6 +123,7 @@ impl Streamer {
         &mut self,
         meshes: impl Iterator<Item = &'a Arc<Dag>>,
         wait: bool,
+        go_on: Patience<'_>,
     ) -> Result<Resident> {
         let mut seen = BTreeSet::new();
         let mut new = Vec::new();
@@ -138,9 +139,9 @@ impl Streamer {
             self.pool.detach(gone.number);
         }
         for (dag, source) in new {
-            self.attach(dag, source)?;
+            self.attach(dag, source, go_on)?;
         }
-        self.collect(false);
+        self.collect();
         self.pool.enter(if wait { u64::MAX } else { ENTER_BYTES });
         self.apply();
         let places = self.pool.budget() / PAGE_MAX_BYTES as u64;
@@ -161,7 +162,7 @@ impl Streamer {
         }
     }
 
-    fn attach(&mut self, dag: Arc<Dag>, source: Arc<dyn PageSource>) -> Result<()> {
+    fn attach(&mut self, dag: Arc<Dag>, source: Arc<dyn PageSource>, go_on: Patience<'_>) -> Result<()> {
         let pages: Vec<(u64, Vec<u32>)> = dag
             .pages
             .table
@@ -177,14 +178,15 @@ impl Streamer {
                 open.extend(&pages[page as usize].1);
             }
         }
-        let read = |page: u32| Ok((page, source.read(page as usize)?));
-        let roots: Vec<(u32, PageWords)> = roots.into_iter().map(read).collect::<Result<_>>()?;
-        let least: u64 = roots.iter().map(|(page, _)| pages[*page as usize].0).sum();
+        let least: u64 = roots.iter().map(|page| pages[*page as usize].0).sum();
+        let numbers = roots.into_iter().map(|page| page as usize).collect();
+        let mut roots: Vec<(u32, PageWords)> = Vec::new();
+        read_pages(&source, numbers, go_on, |page, words| roots.push((page as u32, words)))?;
         let attempts = vec![0; pages.len()];
         if self.pool.used() + least > self.pool.budget() {
             // What is being read cannot leave before it is here.
             self.take_back();
-            self.wait();
+            self.wait(go_on)?;
         }
         let Some(number) = self.pool.attach(pages, roots) else {
             let message = format!(
@@ -201,31 +203,33 @@ impl Streamer {
         Ok(())
     }
 
-    /// Takes in what has arrived; with `wait`, at least one of what was asked for.
-    fn collect(&mut self, wait: bool) {
-        for arrival in self.loader.arrivals(wait && self.asked > 0) {
-            self.asked -= 1;
-            let Job { ask, generation, .. } = arrival.job;
-            let Some(mesh) =
-                self.meshes.iter_mut().find(|m| m.number == ask.mesh && m.generation == generation)
-            else {
-                continue;
-            };
-            match arrival.words {
-                Ok(words) => {
-                    self.arrived += 1;
-                    self.pool.arrived(ask, words);
-                }
-                Err(error) => {
-                    let attempts = &mut mesh.attempts[ask.page as usize];
-                    *attempts += 1;
-                    // A disk may be better the next time; a file that is wrong stays so.
-                    let for_good = !matches!(error, Error::Io { .. }) || *attempts >= ATTEMPTS;
-                    self.pool.failed(ask, for_good);
-                    if for_good {
-                        self.fault_count += 1;
-                        self.faults.push(Fault { message: error.to_string() });
-                    }
+    /// Takes in what has arrived.
+    fn collect(&mut self) {
+        let arrivals: Vec<Arrival> = self.loader.arrivals().collect();
+        arrivals.into_iter().for_each(|arrival| self.take(arrival));
+    }
+
+    fn take(&mut self, Arrival { job, words }: Arrival) {
+        self.asked -= 1;
+        let Job { ask, generation, .. } = job;
+        let Some(mesh) = self.meshes.iter_mut().find(|m| m.number == ask.mesh && m.generation == generation)
+        else {
+            return;
+        };
+        match words {
+            Ok(words) => {
+                self.arrived += 1;
+                self.pool.arrived(ask, words);
+            }
+            Err(error) => {
+                let attempts = &mut mesh.attempts[ask.page as usize];
+                *attempts += 1;
+                // A disk may be better the next time; a file that is wrong stays so.
+                let for_good = !matches!(error, Error::Io { .. }) || *attempts >= ATTEMPTS;
+                self.pool.failed(ask, for_good);
+                if for_good {
+                    self.fault_count += 1;
+                    self.faults.push(Fault { message: error.to_string() });
                 }
             }
         }
@@ -287,10 +291,12 @@ impl Streamer {
         (self.arrived, self.rounds, self.evicted_before) = (0, 0, self.pool.evicted());
     }
 
-    /// Waits until all that was asked for has arrived.
-    pub fn wait(&mut self) {
+    /// Waits until all that was asked for has arrived. Where it does not go on, what has not yet comes later.
+    pub fn wait(&mut self, go_on: Patience<'_>) -> Result<()> {
         while self.asked > 0 {
-            self.collect(true);
+            let Some(arrival) = self.loader.wait(go_on)? else { return Ok(()) };
+            self.take(arrival);
         }
+        Ok(())
     }
 }

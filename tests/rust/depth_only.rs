@@ -144,6 +144,7 @@ fn nothing_but_depth_is_asked_for_or_given() {
 #[cfg(feature = "gpu")]
 mod on_a_device {
     use nanite_rs::config::Raster;
+    use nanite_rs::model::FOREVER;
     use nanite_rs::scene::Camera;
 
     use super::*;
@@ -293,8 +294,8 @@ mod on_a_device {
                     (CAMERA, at(0.0, 1.0, 9.0 + 10.0 * step)),
                 ];
                 let views = &all[..count];
-                let frames = on_gpu.render_views(&scene, views, &options).unwrap();
-                let theirs = on_cpu.render_views(&scene, views, &options).unwrap();
+                let frames = on_gpu.render_views(&scene, views, &options, FOREVER).unwrap();
+                let theirs = on_cpu.render_views(&scene, views, &options, FOREVER).unwrap();
                 assert_eq!((frames.len(), theirs.len()), (count, count));
                 for ((frame, their), (camera, pose)) in frames.iter().zip(&theirs).zip(views) {
                     let whole = shoot(&scene, camera, pose, size, &RenderOptions::default());

@@ -21,7 +21,7 @@ use nanite_rs::measure::{BoundOptions, Surface, hausdorff_upper};
 use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::cluster::RECORD_WORDS;
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{ChannelInfo, ChannelType, ClusterAddress, Dag, Grid, Node};
+use nanite_rs::model::{ChannelInfo, ChannelType, ClusterAddress, Dag, FOREVER, Grid, Node};
 use proptest::prelude::*;
 use rayon::prelude::*;
 
@@ -44,7 +44,7 @@ fn rich_mesh(n: usize) -> Dag {
 fn opened(path: &Path) -> Dag {
     let dag = open(path).unwrap();
     assert!((0..dag.pages.table.len()).all(|page| !dag.pages.holds(page)), "opening reads no page");
-    dag.load_all().unwrap();
+    dag.load_all(FOREVER).unwrap();
     dag
 }
 

@@ -11,7 +11,7 @@ use nanite_rs::config::{BuildOptions, OUTPUTS, Output, Raster, RenderOptions};
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu_types::{self, Array};
 use nanite_rs::mesh::{Positions, SourceMesh};
-use nanite_rs::model::Dag;
+use nanite_rs::model::{Dag, FOREVER};
 use nanite_rs::render::{Backend, Frame, Renderer, Stage};
 use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
@@ -165,7 +165,7 @@ fn several_views_of_one_submission_are_as_alone() {
     };
     let mut together = Renderer::new(size.0, size.1, "gpu").unwrap();
     let mut on_cpu = Renderer::new(size.0, size.1, "cpu").unwrap();
-    assert!(together.render_views(&scene, &[], &options).unwrap().is_empty());
+    assert!(together.render_views(&scene, &[], &options, FOREVER).unwrap().is_empty());
     // Their number changes, and so do their eyes; one of them looks away from everything.
     for (step, count) in [(0.0, 3), (0.1, 3), (0.2, 5), (0.3, 1), (0.4, 4)] {
         let all = [
@@ -176,8 +176,8 @@ fn several_views_of_one_submission_are_as_alone() {
             (PARALLEL, at(-1.0, 0.0, 5.0)),
         ];
         let views = &all[..count];
-        let frames = together.render_views(&scene, views, &options).unwrap();
-        let theirs = on_cpu.render_views(&scene, views, &options).unwrap();
+        let frames = together.render_views(&scene, views, &options, FOREVER).unwrap();
+        let theirs = on_cpu.render_views(&scene, views, &options, FOREVER).unwrap();
         assert_eq!((frames.len(), theirs.len()), (count, count));
         for ((frame, their), (camera, pose)) in frames.iter().zip(&theirs).zip(views) {
             let alone = shoot(&scene, camera, pose, size, &options);
@@ -193,7 +193,7 @@ fn several_views_of_one_submission_are_as_alone() {
         }
         // Bit for bit what each of them draws by itself where nothing is left out.
         let whole = RenderOptions { occlusion: false, ..options.clone() };
-        let frames = together.render_views(&scene, views, &whole).unwrap();
+        let frames = together.render_views(&scene, views, &whole, FOREVER).unwrap();
         for (frame, (camera, pose)) in frames.iter().zip(views) {
             same_arrays(frame, &on_device(&scene, camera, pose, size, &whole));
             assert!(frame.words().unwrap() == shoot(&scene, camera, pose, size, &whole).words().unwrap());
@@ -202,7 +202,7 @@ fn several_views_of_one_submission_are_as_alone() {
     // The device's own rasterizer takes its turn for each of them.
     let views = [(CAMERA, at(0.0, 0.0, 6.0)), (PARALLEL, at(0.1, 0.2, 4.0))];
     let hybrid = RenderOptions { raster: Raster::Hybrid, ..options };
-    if let Ok(frames) = together.render_views(&scene, &views, &hybrid) {
+    if let Ok(frames) = together.render_views(&scene, &views, &hybrid, FOREVER) {
         for (frame, (camera, pose)) in frames.iter().zip(&views) {
             let alone = shoot(&scene, camera, pose, size, &hybrid);
             let covered = |frame: &Frame| frame.words().unwrap().iter().map(|w| *w != 0).collect::<Vec<_>>();
@@ -443,11 +443,11 @@ fn what_did_not_change_is_not_written_again() {
 const ALONE: &str = "NANITE_TEST_ALONE";
 
 /// Tests share the device, so one that harms it takes a process of its own. True there; elsewhere it has been run.
-fn alone(test: &str) -> bool {
+pub fn alone(test: &str) -> bool {
     if std::env::var_os(ALONE).is_some() {
         return true;
     }
-    let arguments = ["--exact", &format!("gpu_parity::{test}"), "--nocapture"];
+    let arguments = ["--exact", test, "--nocapture"];
     let me = std::env::current_exe().unwrap();
     let done = Command::new(me).args(arguments).env(ALONE, "1").output().unwrap();
     let (out, err) = (String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
@@ -459,7 +459,7 @@ fn alone(test: &str) -> bool {
 fn a_lost_device_is_an_error_and_another_one_serves() {
     let test = "a_lost_device_is_an_error_and_another_one_serves";
     let Some(context) = device(test) else { return };
-    if !alone(test) {
+    if !alone(&format!("gpu_parity::{test}")) {
         return;
     }
     let (scene, pose, size) = (crowd(), at(0.0, 0.0, 6.0), (64, 48));
@@ -478,7 +478,7 @@ fn a_lost_device_is_an_error_and_another_one_serves() {
 fn lack_of_memory_is_an_error_that_leaves_the_device_in_use() {
     let test = "lack_of_memory_is_an_error_that_leaves_the_device_in_use";
     let Some(context) = device(test) else { return };
-    if !alone(test) {
+    if !alone(&format!("gpu_parity::{test}")) {
         return;
     }
     let meshes = [dag(&bumpy_sphere(30)), dag(&torus(60, 30))];

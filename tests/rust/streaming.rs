@@ -1,16 +1,18 @@
 //! Streaming: what is drawn of a mesh in a file, with little of it in memory, while pages come, go and fail.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 use nanite_rs::Error;
 use nanite_rs::config::RenderOptions;
 use nanite_rs::format::input::Input;
 use nanite_rs::format::{from_bytes, open_input, to_bytes};
+#[cfg(feature = "gpu")]
+use nanite_rs::gpu::meshes::Meshes;
 use nanite_rs::limits::PAGE_MAX_BYTES;
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{Dag, PageWords};
+use nanite_rs::model::{Dag, FOREVER, PageWords};
 use nanite_rs::render::{Frame, Renderer};
 use nanite_rs::scene::{Material, Scene};
 use nanite_rs::stream::{Ask, Needs, Pool, Request, StreamOptions, StreamStats, Streamer};
@@ -30,6 +32,8 @@ struct Disk {
     /// The file was cut short after it was opened.
     ends_at: Option<u64>,
     delay: Duration,
+    /// While set, reads of pages do not come back.
+    hangs: Arc<AtomicBool>,
     /// Reads behind this byte are those of pages.
     pages_at: u64,
     reads: Arc<AtomicU64>,
@@ -45,6 +49,9 @@ impl Input for Disk {
         if offset >= self.pages_at && length > 0 {
             let number = self.reads.fetch_add(1, Ordering::Relaxed);
             std::thread::sleep(self.delay);
+            while self.hangs.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
             if self.fails > 0 && number % self.fails == 2 {
                 return Err(std::io::Error::other("the disk is old"));
             }
@@ -176,11 +183,11 @@ fn opening_reads_no_page_and_cuts_read_what_they_need() {
     let stored = open(disk);
     assert_eq!(reads.load(Ordering::Relaxed), 0);
     let coarse = Threshold::Uniform(0.02);
-    nanite_rs::lod::load(&stored, &coarse).unwrap();
+    nanite_rs::lod::load(&stored, &coarse, FOREVER).unwrap();
     let read = reads.load(Ordering::Relaxed) as usize;
     assert!(0 < read && 4 * read < stored.pages.table.len(), "{read} of {}", stored.pages.table.len());
     assert!(nanite_rs::lod::select(&stored, &coarse) == nanite_rs::lod::select(&mesh, &coarse));
-    stored.load_all().unwrap();
+    stored.load_all(FOREVER).unwrap();
     assert!(*stored == *mesh && reads.load(Ordering::Relaxed) as usize == mesh.pages.table.len());
 }
 
@@ -209,34 +216,66 @@ fn once_settled_the_picture_is_that_of_the_whole_mesh() {
     }
 }
 
-/// A device starts with room for 64 pages of a large pool; with more, all it has moves.
+/// Pages come to places that were there before them: nothing else on the device moves.
 #[cfg(feature = "gpu")]
 #[test]
-fn a_device_makes_room_as_pages_come() {
-    if crate::gpu_parity::device("a_device_makes_room_as_pages_come").is_none() {
+fn a_device_has_places_for_all_pages_of_the_pool() {
+    let Some(context) = crate::gpu_parity::device("a_device_has_places_for_all_pages_of_the_pool") else {
+        return;
+    };
+    let stored = open(Disk::of(&dag(&bumpy_sphere(330))));
+    let pages = stored.pages.table.len();
+    assert!(pages > 80, "{pages}");
+    let pool_bytes = 2048 * PAGE_MAX_BYTES as u64;
+    let mut streamer = Streamer::new(StreamOptions { pool_bytes, equal_pages: true });
+    let mut meshes = Meshes::default();
+    let mut arrays = None;
+    for count in [0, 1, 10, pages] {
+        let mut needs = Needs::default();
+        (0..count as u32).for_each(|page| needs.add(&stored, Request { page, pixels: 1.0 }));
+        streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
+        streamer.request(&needs).unwrap();
+        streamer.wait(FOREVER).unwrap();
+        let resident = streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
+        assert!(resident.held() >= count);
+        if arrays.is_none() {
+            meshes.upload(&context, [&stored].into_iter(), &resident).unwrap();
+        }
+        assert!(!meshes.lacks_places(&resident));
+        meshes.stream(&context, &resident).unwrap();
+        let now = meshes.pages().map(Clone::clone);
+        assert!(*arrays.get_or_insert_with(|| now.clone()) == now);
+    }
+}
+
+/// With less memory than the pool may take, what fits is drawn.
+#[cfg(feature = "gpu")]
+#[test]
+fn a_device_with_little_memory_has_fewer_places() {
+    let test = "a_device_with_little_memory_has_fewer_places";
+    let Some(context) = crate::gpu_parity::device(test) else { return };
+    if !crate::gpu_parity::alone(&format!("streaming::{test}")) {
         return;
     }
     let mesh = dag(&bumpy_sphere(330));
-    assert!(mesh.pages.table.len() > 80, "{}", mesh.pages.table.len());
-    let small = dag(&bumpy_sphere(20));
-    let scene = |mesh: &Arc<Dag>| {
-        let mut scene = scene_of(mesh);
-        scene.add(Arc::clone(&small), &at(0.0, 0.0, 1.1), Material::default()).unwrap();
-        scene
-    };
-    let (stored, whole) = (scene(&open(Disk::of(&mesh))), scene(&mesh));
+    let scene = scene_of(&open(Disk::of(&mesh)));
     let mut streamed = renderer("gpu", 2048 * PAGE_MAX_BYTES as u64);
-    let mut resident = Renderer::new(320, 240, "gpu").unwrap();
-    let mut most = 0;
-    for pixel_error in [4.0, 1.0, 0.0, 1.0] {
-        let options = RenderOptions { pixel_error, occlusion: false, ..RenderOptions::default() };
-        let pose = at(0.0, 0.0, 2.2);
-        let frame = streamed.render(&stored, &CAMERA, &pose, &options).unwrap();
-        assert_eq!(stream(&frame).missing_pages, 0);
-        same(&frame, &resident.render(&whole, &CAMERA, &pose, &options).unwrap());
-        most = most.max(stream(&frame).resident_pages);
+    context.limit_memory(40 * PAGE_MAX_BYTES as u64);
+    let [far, near] = [40.0, 1.5].map(|distance| at(0.0, 0.0, distance));
+    let frame = streamed.render(&scene, &CAMERA, &far, &RenderOptions::default()).unwrap();
+    assert_eq!(stream(&frame).missing_pages, 0);
+    let all = RenderOptions { pixel_error: 0.0, occlusion: false, ..RenderOptions::default() };
+    match streamed.render(&scene, &CAMERA, &near, &all) {
+        Err(Error::Backend { message, .. }) => {
+            assert!(message.contains("the clusters of the meshes"), "{message}")
+        }
+        other => panic!("{other:?}"),
     }
-    assert!(most > 64, "{most}");
+    let again = streamed.render(&scene, &CAMERA, &far, &RenderOptions::default()).unwrap_err();
+    assert!(matches!(again, Error::Backend { .. }), "{again:?}");
+    context.limit_memory(u64::MAX);
+    let again = streamed.render(&scene, &CAMERA, &far, &RenderOptions::default()).unwrap();
+    same(&again, &frame);
 }
 
 #[test]
@@ -259,7 +298,7 @@ fn with_little_room_frames_come_are_whole_and_say_how_coarse() {
             let streamer = streamed.streamer().unwrap();
             streamer.pool().check().unwrap();
             if i % 10 == 0 {
-                let resident = streamer.resident([&stored].into_iter(), true).unwrap();
+                let resident = streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
                 let pages = resident.pages(&stored);
                 whole_surface(&mesh, |page| pages.holds(page), &Threshold::Uniform(0.0));
                 whole_surface(&mesh, |page| pages.holds(page), &Threshold::Uniform(0.003));
@@ -321,6 +360,71 @@ fn a_disk_that_fails_now_and_then_loses_nothing() {
     same(&frame, &shoot(&scene_of(&mesh), &CAMERA, &pose, (320, 240), &RenderOptions::default()));
 }
 
+/// Who waits for a disk that does not answer may leave at any time, and come back when it does.
+#[test]
+fn waiting_for_a_disk_can_be_given_up() {
+    let mesh = dag(&bumpy_sphere(120));
+    let [near, far] = [1.8, 40.0].map(|distance| [(CAMERA, at(0.0, 0.0, distance))]);
+    let options = RenderOptions::default();
+    let hanging = || {
+        let disk = Disk::of(&mesh);
+        let hangs = Arc::clone(&disk.hangs);
+        hangs.store(true, Ordering::Relaxed);
+        (open(disk), hangs)
+    };
+    // Gives up once asked after a while, which is soon.
+    fn given_up<T: std::fmt::Debug>(work: impl FnOnce(&dyn Fn() -> bool) -> Result<T, Error>) {
+        let start = Instant::now();
+        let outcome = work(&|| start.elapsed() < Duration::from_millis(80));
+        assert!(matches!(outcome, Err(Error::Cancelled)), "{outcome:?}");
+        assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
+    }
+    for (backend, all) in backends("waiting_for_a_disk_can_be_given_up", &mesh) {
+        let mut resident = Renderer::new(320, 240, backend).unwrap();
+        let whole = resident.render(&scene_of(&mesh), &CAMERA, &near[0].1, &options).unwrap();
+        for streaming in [true, false] {
+            let (stored, hangs) = hanging();
+            let scene = scene_of(&stored);
+            let mut renderer = renderer(backend, all);
+            renderer.stream(streaming.then_some(all));
+            // What always is there, or everything.
+            given_up(|go_on| renderer.render_views(&scene, &near, &options, go_on));
+            if streaming {
+                hangs.store(false, Ordering::Relaxed);
+                renderer.render_views(&scene, &far, &options, FOREVER).unwrap();
+                hangs.store(true, Ordering::Relaxed);
+                // What the picture needs besides: frames that do not wait come meanwhile.
+                for _ in 0..2 {
+                    given_up(|go_on| renderer.render_views(&scene, &near, &options, go_on));
+                    let soon = RenderOptions { wait: false, ..options.clone() };
+                    let frame = renderer.render(&scene, &CAMERA, &near[0].1, &soon).unwrap();
+                    assert!(stream(&frame).missing_pages > 0 && stream(&frame).rounds == 1);
+                    renderer.streamer().unwrap().pool().check().unwrap();
+                }
+            }
+            hangs.store(false, Ordering::Relaxed);
+            let frame = renderer.render(&scene, &CAMERA, &near[0].1, &options).unwrap();
+            same(&frame, &whole);
+            assert!(frame.stats.stream.as_ref().is_none_or(|stats| stats.rounds < 5 && stats.faults == 0));
+        }
+        // Nor does the end of a renderer wait.
+        let (stored, hangs) = hanging();
+        hangs.store(false, Ordering::Relaxed);
+        let mut renderer = renderer(backend, all);
+        renderer.render_views(&scene_of(&stored), &far, &options, FOREVER).unwrap();
+        hangs.store(true, Ordering::Relaxed);
+        given_up(|go_on| renderer.render_views(&scene_of(&stored), &near, &options, go_on));
+        drop(renderer);
+        hangs.store(false, Ordering::Relaxed);
+    }
+    let (stored, hangs) = hanging();
+    given_up(|go_on| stored.load_all(go_on));
+    given_up(|go_on| nanite_rs::lod::load(&stored, &Threshold::Uniform(0.02), go_on));
+    hangs.store(false, Ordering::Relaxed);
+    stored.load_all(FOREVER).unwrap();
+    assert!(*stored == *mesh);
+}
+
 #[test]
 fn without_its_root_there_is_nothing_to_draw() {
     let mesh = dag(&grid(20, |x, y| (9.0 * x).sin() * y * 0.1));
@@ -343,13 +447,13 @@ fn without_its_root_there_is_nothing_to_draw() {
     }
 }
 
-/// Meshes in files and meshes in memory in one scene, which come and go.
+/// Meshes in files and meshes in memory in one scene, which come and go, more than there first was room for.
 #[test]
 fn meshes_come_and_go() {
     let (ball, field) =
         (dag(&bumpy_sphere(100)), dag(&grid(120, |x, y| (9.0 * x).sin() * (7.0 * y).cos() * 0.1)));
-    let (stored_ball, stored_field) = (open(Disk::of(&ball)), open(Disk::of(&field)));
-    let mut streamed = renderer("cpu", page_bytes(&ball) + page_bytes(&field));
+    let fine = dag(&bumpy_sphere(200));
+    let [stored_ball, stored_field, stored_fine] = [&ball, &field, &fine].map(|mesh| open(Disk::of(mesh)));
     let poses = [at(-1.2, 0.0, 0.0), at(1.2, 0.0, 0.0), at(0.0, 1.0, 0.0)];
     let with = |meshes: [Option<&Arc<Dag>>; 3]| {
         let mut scene = lit();
@@ -361,18 +465,25 @@ fn meshes_come_and_go() {
         scene
     };
     let eye = at(0.0, 0.2, 4.0);
-    let (b, f) = (Some(&stored_ball), Some(&stored_field));
-    let (rb, rf) = (Some(&ball), Some(&field));
-    for (stored, whole) in [
-        (with([b, f, rb]), with([rb, rf, rb])),
-        (with([b, None, None]), with([rb, None, None])),
-        (with([None, None, None]), with([None, None, None])),
-        (with([f, f, b]), with([rf, rf, rb])),
-    ] {
-        let frame = streamed.render(&stored, &CAMERA, &eye, &RenderOptions::default()).unwrap();
-        assert_eq!(stream(&frame).missing_pages, 0);
-        same(&frame, &shoot(&whole, &CAMERA, &eye, (320, 240), &RenderOptions::default()));
-        streamed.streamer().unwrap().pool().check().unwrap();
+    let (b, f, n) = (Some(&stored_ball), Some(&stored_field), Some(&stored_fine));
+    let (rb, rf, rn) = (Some(&ball), Some(&field), Some(&fine));
+    for (backend, all) in backends("meshes_come_and_go", &fine) {
+        let mut streamed = renderer(backend, 3 * all);
+        let mut resident = Renderer::new(320, 240, backend).unwrap();
+        for (stored, whole) in [
+            (with([b, None, None]), with([rb, None, None])),
+            (with([b, f, rb]), with([rb, rf, rb])),
+            (with([b, n, None]), with([rb, rn, None])),
+            (with([b, n, rn]), with([rb, rn, rn])),
+            (with([None, None, None]), with([None, None, None])),
+            (with([rf, f, n]), with([rf, rf, rn])),
+            (with([f, f, b]), with([rf, rf, rb])),
+        ] {
+            let frame = streamed.render(&stored, &CAMERA, &eye, &RenderOptions::default()).unwrap();
+            assert_eq!(stream(&frame).missing_pages, 0);
+            same(&frame, &resident.render(&whole, &CAMERA, &eye, &RenderOptions::default()).unwrap());
+            streamed.streamer().unwrap().pool().check().unwrap();
+        }
     }
 }
 
@@ -470,10 +581,10 @@ fn nothing_is_read_that_nobody_needs() {
     let mesh = dag(&bumpy_sphere(80));
     let stored = open(Disk::of(&mesh));
     let mut streamer = Streamer::new(StreamOptions { pool_bytes: page_bytes(&mesh), equal_pages: false });
-    streamer.resident([&stored].into_iter(), true).unwrap();
+    streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
     let stats = streamer.request(&Needs::default()).unwrap();
-    streamer.wait();
-    let resident = streamer.resident([&stored].into_iter(), true).unwrap();
+    streamer.wait(FOREVER).unwrap();
+    let resident = streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
     let held = (0..stored.pages.table.len()).filter(|page| resident.pages(&stored).holds(*page)).count();
     assert_eq!((held as u64, stats.needed_pages, stats.missing_pages), (stats.resident_pages, 0, 0));
     assert!(held < stored.pages.table.len() && from_bytes(&to_bytes(&mesh).unwrap(), "x").is_ok());

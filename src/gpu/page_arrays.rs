@@ -1,0 +1,149 @@
+//! Arrays of pages on the device: in front the pages of meshes that are in memory, one after the other, behind them
+//! places of one size for those of streamed meshes, which come and go. Where all of it is more than a device binds as one
+//! array, it lies in several.
+//!
+//! All places that a pool has are made at once, so that no frame waits for more of them. Of the arrays only what has been
+//! written to is bound: wgpu clears what is bound, and a device that gives memory when it is first touched gives none for
+//! the rest.
+
+use wgpu::{BindingResource, Buffer, BufferBinding, BufferSize, BufferUsages};
+
+use super::context::{Context, mib, unavailable};
+use super::shaders::PAGE_ARRAYS;
+use crate::error::{Error, Result};
+use crate::limits::PAGE_MAX_BYTES;
+use crate::model::Dag;
+
+/// What pages hold, for messages.
+const WHAT: &str = "the clusters of the meshes";
+/// Bytes of a word of a page.
+const WORD: u64 = size_of::<u32>() as u64;
+/// Words of a place. Arrays are multiples of it, so that no place lies in two.
+const PLACE_WORDS: u64 = PAGE_MAX_BYTES as u64 / WORD;
+
+/// See the module's documentation.
+#[derive(Debug, Default)]
+pub(super) struct PageArrays {
+    /// All but the last of 2^`bits` words.
+    arrays: Vec<Buffer>,
+    bits: u32,
+    /// Words given to meshes in memory, and words that there are for them. Places begin behind these.
+    used: u64,
+    room: u64,
+    places: u64,
+    /// Empty places, the next one last.
+    free: Vec<u64>,
+    /// Words in front that have been written to.
+    written: u64,
+}
+
+/// Where each page of a mesh goes from word `at` on, so that none lies in two arrays of 2^`bits` words; and the first
+/// word behind them.
+fn layout(mesh: &Dag, mut at: u64, bits: u32) -> (Vec<u64>, u64) {
+    let mut offsets = Vec::with_capacity(mesh.pages.table.len());
+    for page in mesh.pages.table.iter() {
+        let words = u64::from(page.words);
+        if at >> bits != (at + words.max(1) - 1) >> bits {
+            at = ((at >> bits) + 1) << bits;
+        }
+        offsets.push(at);
+        at += words;
+    }
+    (offsets, at)
+}
+
+/// Words that all arrays of a device hold together.
+fn most_words(context: &Context) -> u64 {
+    (PAGE_ARRAYS as u64) << context.array_bits()
+}
+
+impl PageArrays {
+    /// Words that are given away once these meshes follow what is there already.
+    pub(super) fn words_with<'a>(&self, context: &Context, meshes: impl Iterator<Item = &'a Dag>) -> u64 {
+        meshes.fold(self.used, |at, mesh| layout(mesh, at, context.array_bits()).1)
+    }
+
+    /// How many places a device has beside so many words of meshes in memory.
+    pub(super) fn places_beside(context: &Context, words: u64) -> usize {
+        (most_words(context).saturating_sub(words) / PLACE_WORDS) as usize
+    }
+
+    /// Arrays with so many places and room for so many words of meshes in memory, and where the device allows for as
+    /// many words again.
+    pub(super) fn new(context: &Context, words: u64, places: usize) -> Result<Self> {
+        let (bits, array) = (context.array_bits(), 1 << context.array_bits());
+        let place_words = places as u64 * PLACE_WORDS;
+        let least = words.next_multiple_of(PLACE_WORDS) + place_words;
+        if least > most_words(context) {
+            return Err(unavailable(format!(
+                "{WHAT} take {} MiB, and {} gives {PAGE_ARRAYS} arrays of at most {} MiB",
+                mib(least * WORD),
+                context.name(),
+                mib(array * WORD)
+            )));
+        }
+        // No array for the room alone.
+        let all = (least + words.next_multiple_of(PLACE_WORDS)).min(least.next_multiple_of(array));
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+        let part = |first| context.buffer(WHAT, array.min(all - first) * WORD, usage);
+        let arrays = (0..all.max(1)).step_by(array as usize).map(part).collect::<Result<_>>()?;
+        let free = (0..places as u64).rev().collect();
+        Ok(Self { arrays, bits, used: 0, room: all - place_words, places: places as u64, free, written: 0 })
+    }
+
+    /// Whether there is room for so many words of meshes in memory and for so many places.
+    pub(super) fn has_room(&self, words: u64, places: usize) -> bool {
+        !self.arrays.is_empty() && words <= self.room && places as u64 <= self.places
+    }
+
+    /// Appends the pages of a mesh in memory. Returns where each starts.
+    pub(super) fn append(&mut self, context: &Context, mesh: &Dag) -> Result<Vec<u32>> {
+        let (starts, end) = layout(mesh, self.used, self.bits);
+        for (page, at) in starts.iter().enumerate() {
+            self.write(context, *at, mesh.pages.page(page))?;
+        }
+        (self.used, self.written) = (end, self.written.max(end));
+        // What all arrays hold bounds them.
+        Ok(starts.into_iter().map(|at| at as u32).collect())
+    }
+
+    /// Puts a page in an empty place. Returns where it starts.
+    pub(super) fn place(&mut self, context: &Context, words: &[u32]) -> Result<u32> {
+        let free = self.free.pop();
+        let place = free.ok_or_else(|| Error::Invariant("no place for a page is free".to_owned()))?;
+        let at = self.room + place * PLACE_WORDS;
+        self.write(context, at, words)?;
+        self.written = self.written.max(at + PLACE_WORDS);
+        Ok(at as u32)
+    }
+
+    /// Empties the place of the page that starts there.
+    pub(super) fn clear(&mut self, start: u32) {
+        self.free.push((u64::from(start) - self.room) / PLACE_WORDS);
+    }
+
+    fn write(&self, context: &Context, at: u64, words: &[u32]) -> Result<()> {
+        let (array, word) = (at >> self.bits, at & ((1 << self.bits) - 1));
+        context.write(WHAT, &self.arrays[array as usize], word * WORD, bytemuck::cast_slice(words))
+    }
+
+    /// The arrays; the first again where there are fewer.
+    pub(super) fn arrays(&self) -> [&Buffer; PAGE_ARRAYS] {
+        std::array::from_fn(|k| self.arrays.get(k).unwrap_or(&self.arrays[0]))
+    }
+
+    /// Whether there are several.
+    pub(super) fn split(&self) -> bool {
+        self.arrays.len() > 1
+    }
+
+    /// What of a buffer kernels bind: of an array of pages what has been written to, of others all.
+    pub(super) fn binding<'a>(&self, buffer: &'a Buffer) -> BindingResource<'a> {
+        let array = (0..).zip(&self.arrays).find(|(_, array)| *array == buffer);
+        let size = array.and_then(|(number, array): (u64, _)| {
+            let words = self.written.saturating_sub(number << self.bits).max(1);
+            BufferSize::new((words * WORD).min(array.size()))
+        });
+        BindingResource::Buffer(BufferBinding { buffer, offset: 0, size })
+    }
+}

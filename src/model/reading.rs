@@ -1,0 +1,70 @@
+//! Reading pages on threads of their own, so that whoever waits for a disk may leave.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
+
+use super::page::{PageSource, PageWords};
+use crate::error::{Error, Result};
+
+/// Asked some twenty times a second by those who wait for a disk: whether to go on. If not, they return
+/// [`Error::Cancelled`] at once, however long the disk takes.
+pub type Patience<'a> = &'a dyn Fn() -> bool;
+
+/// Waits however long it takes.
+pub const FOREVER: Patience<'static> = &|| true;
+
+/// How long somebody waits without asking.
+pub const LOOK_UP: Duration = Duration::from_millis(50);
+
+/// What comes next from other threads; nothing where they have ended.
+pub fn wait_for<T>(receiver: &Receiver<T>, go_on: Patience<'_>) -> Result<Option<T>> {
+    while go_on() {
+        match receiver.recv_timeout(LOOK_UP) {
+            Ok(next) => return Ok(Some(next)),
+            Err(RecvTimeoutError::Disconnected) => return Ok(None),
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+    }
+    Err(Error::Cancelled)
+}
+
+/// Reads a page; a panic is an error like others.
+pub fn read_page(source: &dyn PageSource, page: usize) -> Result<PageWords> {
+    let outcome = catch_unwind(AssertUnwindSafe(|| source.read(page)));
+    outcome.unwrap_or_else(|_| Err(Error::Invariant(format!("reading page {page} panicked"))))
+}
+
+/// Reads pages on threads of their own, and hands each over on this one, in any order. Where this one goes, they end with
+/// the page that they are at.
+pub fn read_pages(
+    source: &Arc<dyn PageSource>,
+    pages: Vec<usize>,
+    go_on: Patience<'_>,
+    mut take: impl FnMut(usize, PageWords),
+) -> Result<()> {
+    let (count, pages, next) = (pages.len(), Arc::new(pages), Arc::new(AtomicUsize::new(0)));
+    let (sender, receiver) = channel();
+    for _ in 0..count.min(rayon::current_num_threads()) {
+        let (source, sender) = (Arc::clone(source), sender.clone());
+        let (pages, next) = (Arc::clone(&pages), Arc::clone(&next));
+        let read = move || {
+            while let Some(&page) = pages.get(next.fetch_add(1, Ordering::Relaxed)) {
+                if sender.send((page, read_page(&*source, page))).is_err() {
+                    return;
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("nanite-load".into()).spawn(read);
+        thread.map_err(|source| Error::Io { path: "thread".into(), source })?;
+    }
+    drop(sender);
+    for _ in 0..count {
+        let ended = || Error::Invariant("a thread that reads pages ended before".to_owned());
+        let (page, words) = wait_for(&receiver, go_on)?.ok_or_else(ended)?;
+        take(page, words?);
+    }
+    Ok(())
+}
