@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use nanite_rs::Error;
-use nanite_rs::config::RenderOptions;
+use nanite_rs::config::{RenderOptions, Samples};
 use nanite_rs::format::input::Input;
 use nanite_rs::format::{from_bytes, open_input, to_bytes};
 use nanite_rs::limits::PAGE_MAX_BYTES;
@@ -211,6 +211,28 @@ fn once_settled_the_picture_is_that_of_the_whole_mesh() {
 
 /// A device starts with room for 64 pages of a large pool; with more, all it has moves.
 #[cfg(feature = "gpu")]
+#[test]
+fn once_settled_several_samples_are_those_of_the_whole_mesh() {
+    let mesh = dag(&bumpy_sphere(120));
+    let whole = scene_of(&Arc::new(from_bytes(&to_bytes(&mesh).unwrap(), "mesh").unwrap()));
+    for (backend, pool) in backends("once_settled_several_samples_are_those_of_the_whole_mesh", &mesh) {
+        let streamed = scene_of(&open(Disk::of(&mesh)));
+        let mut renderer = renderer(backend, pool);
+        for distance in [6.0, 2.5, 2.1] {
+            let waits =
+                RenderOptions { pixel_error: 0.5, samples: Samples::Four, ..RenderOptions::default() };
+            let now = RenderOptions { wait: false, ..waits.clone() };
+            let early = renderer.render(&streamed, &CAMERA, &at(0.0, 0.0, distance), &now).unwrap();
+            assert_eq!((stream(&early).rounds, early.stats.samples), (1, 4));
+            let frame = renderer.render(&streamed, &CAMERA, &at(0.0, 0.0, distance), &waits).unwrap();
+            assert_eq!(stream(&frame).missing_pages, 0);
+            let expected = shoot(&whole, &CAMERA, &at(0.0, 0.0, distance), (320, 240), &waits);
+            same(&frame, &expected);
+            assert!(frame.linear().unwrap() == expected.linear().unwrap());
+        }
+    }
+}
+
 #[test]
 fn a_device_makes_room_as_pages_come() {
     if crate::gpu_parity::device("a_device_makes_room_as_pages_come").is_none() {
