@@ -210,7 +210,6 @@ fn once_settled_the_picture_is_that_of_the_whole_mesh() {
 }
 
 /// A device starts with room for 64 pages of a large pool; with more, all it has moves.
-#[cfg(feature = "gpu")]
 #[test]
 fn once_settled_several_samples_are_those_of_the_whole_mesh() {
     let mesh = dag(&bumpy_sphere(120));
@@ -233,6 +232,7 @@ fn once_settled_several_samples_are_those_of_the_whole_mesh() {
     }
 }
 
+#[cfg(feature = "gpu")]
 #[test]
 fn a_device_makes_room_as_pages_come() {
     if crate::gpu_parity::device("a_device_makes_room_as_pages_come").is_none() {
