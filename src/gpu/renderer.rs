@@ -213,12 +213,14 @@ impl Renderer {
                     // Its lists are for other rasterizers then than those which count.
                     outputs: if hardware { job.outputs.without(Output::Overdraw) } else { job.outputs },
                 };
-                if sight.buffers.as_ref().is_none_or(|buffers| buffers.shape != shape) {
-                    // Others go before new ones are made.
-                    sight.buffers = None;
-                    let made = Buffers::new(&self.context, shape);
-                    sight.buffers = Some(made.inspect_err(|_| self.room = FIRST_ROOM)?);
-                }
+                // Others go before new ones are made.
+                let fits = |own: &Buffers| Shape { outputs: shape.outputs, ..own.shape } == shape;
+                let buffers = match sight.buffers.take().filter(fits) {
+                    Some(own) if own.shape == shape => Ok(own),
+                    Some(own) => own.making(&self.context, shape.outputs),
+                    None => Buffers::new(&self.context, shape),
+                };
+                sight.buffers = Some(buffers.inspect_err(|_| self.room = FIRST_ROOM)?);
             }
             let mut turns = Vec::with_capacity(jobs.len());
             for (sight, (view, culling)) in self.sights.iter().zip(&views) {
