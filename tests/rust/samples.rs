@@ -146,6 +146,23 @@ fn only_colour_depends_on_samples() {
 }
 
 #[test]
+fn every_pass_has_the_same_cut() {
+    let mut scene = lit();
+    scene.add(dag(&bumpy_sphere(120)), &IDENTITY, Material::default()).unwrap();
+    let counts = |samples| {
+        let options = RenderOptions { occlusion: false, ..sampled(samples) };
+        let frame = shoot(&scene, &CAMERA, &at(0.0, 0.0, 3.0), (640, 480), &options);
+        let of = |stage| frame.stats.stages.iter().find(|s| s.stage == stage).map(|s| (s.received, s.passed));
+        let (nodes, clusters) = (of(Stage::NodeCull).unwrap(), of(Stage::ClusterCull).unwrap());
+        [nodes.0, nodes.1, clusters.0, clusters.1]
+    };
+    let one = counts(Samples::One);
+    for samples in SEVERAL {
+        assert_eq!(counts(samples), one.map(|count| (samples as u64 + 1) * count));
+    }
+}
+
+#[test]
 fn where_nothing_is_in_sight_the_background_is_exact() {
     let mut scene = lit();
     scene.set_bg_color([0.1, 0.5, 0.9]).unwrap();
