@@ -1,10 +1,10 @@
-// Stage 7. Visibility buffer -> colour, four pixels a lane: src/cpu/shade.rs, operation for operation. pyrender's
-// reflectance model, glTF's metallic-roughness BRDF.
+// Stage 7. Visibility buffer -> colour, encoded or not, four pixels a lane: src/cpu/shade.rs, operation for operation.
+// pyrender's reflectance model, glTF's metallic-roughness BRDF.
 
 @group(0) @binding(11) var<uniform> lighting: Lighting;
 @group(0) @binding(12) var<storage, read> lights: array<Light>;
 // The least value of each byte, and what is above all.
-@group(0) @binding(13) var<storage, read> gamma: array<f32>;
+@group(0) @binding(13) var<storage, read> steps: array<f32>;
 
 const PI: f32 = 3.14159265358979;
 
@@ -54,14 +54,14 @@ fn color_of(surfel: Surfel) -> vec3<f32> {
     return color * surfel.tint;
 }
 
-// round(255 c^(1/2.2)): near it, then exactly.
+// The byte of a value: near it, then exactly.
 fn encode(value: f32) -> u32 {
     let c = between(value, 0.0, 1.0);
-    var byte = u32(min(pow(c, 1.0 / 2.2) * 255.0 + 0.5, 255.0));
-    while gamma[byte + 1u] <= c {
+    var byte = u32(min(pow(c, lighting.power) * 255.0 + 0.5, 255.0));
+    while steps[byte + 1u] <= c {
         byte++;
     }
-    while byte > 0u && gamma[byte] > c {
+    while byte > 0u && steps[byte] > c {
         byte--;
     }
     return byte;
@@ -77,13 +77,24 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     var rgb: array<u32, 4>;
     for (var i = 0u; i < 4u; i++) {
         rgb[i] = lighting.background;
-        if first + i < pixels {
-            let hit = hit_of(first + i);
+        var color = lighting.behind;
+        let pixel = first + i;
+        if pixel < pixels {
+            let hit = hit_of(pixel);
             if hit.covered {
-                let color = color_of(surfel_of(first + i, hit));
-                rgb[i] = encode(color.x) | encode(color.y) << 8u | encode(color.z) << 16u;
+                color = color_of(surfel_of(pixel, hit));
+                if OUTPUT_RGB {
+                    rgb[i] = encode(color.x) | encode(color.y) << 8u | encode(color.z) << 16u;
+                }
+            }
+            if !OUTPUT_RGB {
+                for (var k = 0u; k < 3u; k++) {
+                    out[3u * pixel + k] = bitcast<u32>(between(color[k], 0.0, LARGEST));
+                }
             }
         }
     }
-    store_bytes(first, rgb);
+    if OUTPUT_RGB {
+        store_bytes(first, rgb);
+    }
 }

@@ -187,6 +187,8 @@ impl BuildOptions {
 pub enum Output {
     /// Shaded picture, RGB bytes.
     Color,
+    /// The same before it is encoded: linear light, which may exceed 1.
+    Linear,
     /// Distance along the view axis, world units; 0 where nothing is covered.
     Depth,
     /// Unit normals, world space; zero where nothing is covered.
@@ -210,8 +212,9 @@ pub enum Output {
 }
 
 /// All arrays that can be made with a frame.
-pub const OUTPUTS: [Output; 11] = [
+pub const OUTPUTS: [Output; 12] = [
     Output::Color,
+    Output::Linear,
     Output::Depth,
     Output::Normal,
     Output::InstanceId,
@@ -229,6 +232,7 @@ impl Output {
     pub fn name(self) -> &'static str {
         match self {
             Self::Color => "color",
+            Self::Linear => "linear",
             Self::Depth => "depth",
             Self::Normal => "normal",
             Self::InstanceId => "instance_id",
@@ -240,6 +244,11 @@ impl Output {
             Self::Groups => "groups",
             Self::Levels => "levels",
         }
+    }
+
+    /// Shaded: made by the stage before the others.
+    pub fn shaded(self) -> bool {
+        matches!(self, Self::Color | Self::Linear)
     }
 
     /// A picture of three bytes per pixel; the others are of words.
@@ -320,6 +329,49 @@ impl std::str::FromStr for Raster {
     }
 }
 
+/// Samples of the colour of each pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Samples {
+    /// Its centre.
+    #[default]
+    One = 1,
+    /// Four about its centre.
+    Four = 4,
+    /// Sixteen about its centre.
+    Sixteen = 16,
+}
+
+impl TryFrom<u32> for Samples {
+    type Error = Error;
+
+    fn try_from(count: u32) -> Result<Self> {
+        let all = [Self::One, Self::Four, Self::Sixteen];
+        let found = all.into_iter().find(|samples| *samples as u32 == count);
+        found.ok_or_else(|| Error::argument("samples", format!("must be 1, 4 or 16, not {count}")))
+    }
+}
+
+/// How light becomes the bytes of a shaded picture. The background is written as it is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Transfer {
+    /// The power 1/2.2, as pyrender has it.
+    #[default]
+    Gamma22,
+    /// The curve of sRGB, IEC 61966-2-1.
+    Srgb,
+    /// None.
+    Linear,
+}
+
+impl std::str::FromStr for Transfer {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let choices = [("gamma22", Self::Gamma22), ("srgb", Self::Srgb), ("linear", Self::Linear)];
+        choose("transfer", name, &choices)
+    }
+}
+
 /// What a device was found to draw fastest with.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
@@ -350,6 +402,11 @@ pub struct RenderOptions {
     /// Depth and nothing else, bit for bit that of other frames: less is written per pixel, and less comes back from a
     /// device. For shadows and for sensors of depth; see [`RenderOptions::depth_only`].
     pub depth_only: bool,
+    /// Samples of the colour of each pixel, of one cut, whose mean is taken in linear light. Everything else is of the
+    /// centre.
+    pub samples: Samples,
+    /// How colours are encoded.
+    pub transfer: Transfer,
     /// Where meshes are streamed, draw until all that the picture needs is there, as far as the pool has room for it;
     /// otherwise once, with what is there.
     pub wait: bool,
@@ -365,6 +422,8 @@ impl Default for RenderOptions {
             outputs: [Output::Color, Output::Depth].into_iter().collect(),
             device_outputs: None,
             depth_only: false,
+            samples: Samples::default(),
+            transfer: Transfer::default(),
             wait: true,
         }
     }
@@ -383,6 +442,9 @@ impl RenderOptions {
                 "pixel_error",
                 format!("must be finite and not negative, not {}", self.pixel_error),
             ));
+        }
+        if self.depth_only && self.samples != Samples::One {
+            return Err(Error::argument("samples", "with depth_only there is no colour, and it must be 1"));
         }
         let others = self.outputs.without(Output::Depth).iter().next();
         if let Some(other) = others.filter(|_| self.depth_only) {

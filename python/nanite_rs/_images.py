@@ -13,7 +13,7 @@ import numpy as np
 from nanite_rs.exceptions import DependencyError, FileError, FormatError, MissingFileError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -68,6 +68,14 @@ def write_png(path: str, picture: NDArray[np.uint8], texts: Mapping[str, str]) -
         image.save(temporary, format="PNG", compress_level=3, pnginfo=info)
 
 
+def write_deep_png(path: str, picture: NDArray[np.uint16], texts: Mapping[str, str]) -> None:
+    """Write (H, W, 3) uint16 with texts: by OpenImageIO, since Pillow knows no such pictures."""
+    oiio = openimageio(path)
+    height, width, count = picture.shape
+    spec = _described(oiio.ImageSpec(width, height, count, oiio.UINT16), texts)
+    _write(oiio, path, [(spec, picture)])
+
+
 def write_exr(path: str, channels: Mapping[str, NDArray[Any]], texts: Mapping[str, str]) -> None:
     """Write named channels, (H, W) float32 or uint32, bit for bit: those of each type in a part of their own.
 
@@ -81,16 +89,26 @@ def write_exr(path: str, channels: Mapping[str, NDArray[Any]], texts: Mapping[st
             continue
         pixels = np.stack(list(own.values()), axis=-1)
         height, width, count = pixels.shape
-        spec = oiio.ImageSpec(width, height, count, kind)
+        spec = _described(oiio.ImageSpec(width, height, count, kind), texts)
         spec.channelnames = tuple(own)
         spec.attribute("oiio:subimagename", name)
         spec.attribute("compression", "zip")
-        for key, text in texts.items():
-            spec.attribute(key, text)
         parts.append((spec, pixels))
+    _write(oiio, path, parts)
+
+
+def _described(spec: Any, texts: Mapping[str, str]) -> Any:
+    for key, text in texts.items():
+        spec.attribute(key, text)
+    return spec
+
+
+def _write(oiio: Any, path: str, parts: Sequence[tuple[Any, NDArray[Any]]]) -> None:
+    """Write the parts of a file: specification and pixels each."""
     with _beside(path) as temporary:
         output = oiio.ImageOutput.create(temporary)
-        written = output.open(temporary, tuple(spec for spec, _ in parts))
+        specs = tuple(spec for spec, _ in parts)
+        written = output.open(temporary, specs if len(specs) > 1 else specs[0])
         for number, (spec, pixels) in enumerate(parts):
             if number:
                 written = written and output.open(temporary, spec, "AppendSubimage")

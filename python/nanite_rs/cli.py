@@ -467,7 +467,7 @@ def _add_cut(commands: Any) -> None:
 
 
 def _add_render(commands: Any) -> None:
-    text = "Render a mesh into a PNG, or its depth, normals and ids into an EXR."
+    text = "Render a mesh into a PNG, or its linear colour, depth, normals and ids into an EXR."
     example = "nanite-rs render dragon.nanite -o levels.png --view levels --azimuth 200"
     sub = _command(commands, "render", _render, text, example)
     sub.add_argument("input", metavar="INPUT", help=INPUT_HELP)

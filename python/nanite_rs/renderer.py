@@ -28,6 +28,7 @@ __all__ = ["Calibration", "Frame", "FrameStats", "Renderer", "StageStats", "Stre
 ViewName: TypeAlias = Literal["shaded", "triangles", "clusters", "groups", "levels", "overdraw"]
 OutputName: TypeAlias = Literal[
     "color",
+    "linear",
     "depth",
     "normal",
     "instance_id",
@@ -43,8 +44,10 @@ POOL_BYTES = 512 << 20
 """Bytes of a renderer's pool with ``streaming=True``, unless asked for otherwise."""
 
 RasterName: TypeAlias = Literal["auto", "compute", "hybrid", "hardware"]
+TransferName: TypeAlias = Literal["gamma22", "srgb", "linear"]
 
 _CHANNELS: Final = {
+    "linear": ("R", "G", "B"),
     "depth": ("Z",),
     "normal": ("N.x", "N.y", "N.z"),
     "instance_id": ("instance_id",),
@@ -144,6 +147,9 @@ class FrameStats:
     """Clusters that passed every other test, and that the depth pyramid hid."""
     uploaded_bytes: int
     """Bytes of instances that were written to a device, because they changed."""
+    samples: int
+    """Samples of each pixel's colour. With several, `stages` are sums over all passes: one for each sample, and the
+    one through pixel centres, of which all other numbers are."""
     stream: StreamStats | None = None
     """What streaming did; None where nothing is streamed."""
 
@@ -229,8 +235,25 @@ class Frame:
 
     @cached_property
     def color(self) -> NDArray[np.uint8]:
-        """Shaded picture, (H, W, 3) uint8, gamma-encoded with the power 1/2.2 except for the background."""
+        """Shaded picture, (H, W, 3) uint8: `linear`, cut off at 1 and encoded by the frame's ``transfer``.
+
+        The background is ``Scene.bg_color`` as it is, where all samples of a pixel show it.
+        """
         return self._frame.color()
+
+    @cached_property
+    def linear(self) -> NDArray[np.float32]:
+        """Shaded picture before it is encoded, (H, W, 3) float32 in linear light, which may exceed 1.
+
+        The mean of a pixel's samples. The background is what ``Scene.bg_color``, rounded to 8 bits, encodes. On a
+        GPU values may differ from the CPU's by 0.1 %.
+
+        Examples
+        --------
+        >>> frame.linear.dtype, np.array_equal(np.round(255 * frame.linear.clip(0, 1) ** (1 / 2.2)), frame.color)
+        (dtype('float32'), True)
+        """
+        return self._frame.linear()
 
     @cached_property
     def depth(self) -> NDArray[np.float32]:
@@ -317,16 +340,16 @@ class Frame:
         """How the frame was made: what `save` writes beside it.
 
         ``software`` with its version; ``camera``, its kind, and its parameters by their names; ``pose``, the
-        camera-to-world matrix as nested lists; ``pixel_error``, ``depth_only``, ``backend``, ``raster``, and from
-        `stats` ``source_triangles``, ``triangles`` and ``clusters``. Distances are in world units, angles in
-        radians.
+        camera-to-world matrix as nested lists; ``pixel_error``, ``depth_only``, ``transfer``, ``backend``, and from
+        `stats` ``raster``, ``samples``, ``source_triangles``, ``triangles`` and ``clusters``. Distances are in
+        world units, angles in radians.
 
         Examples
         --------
         >>> frame.metadata["camera"], frame.metadata["yfov"], frame.metadata["pixel_error"]
         ('perspective', 0.8, 1.0)
         """
-        counts = ("raster", "source_triangles", "triangles", "clusters")
+        counts = ("raster", "samples", "source_triangles", "triangles", "clusters")
         software = {"software": f"nanite_rs {_core.__version__}"}
         return software | self._made | {name: getattr(self.stats, name) for name in counts}
 
@@ -336,14 +359,15 @@ class Frame:
         *,
         view: ViewName | None = None,
         outputs: Sequence[OutputName] | None = None,
+        bits: Literal[8, 16] = 8,
     ) -> None:
         """Write a picture as PNG, or arrays as EXR, with `metadata` beside them.
 
-        A ``.png`` has 8 bits per channel, as the frame has. An ``.exr`` holds arrays bit for bit. Its part
-        ``geometry`` has float32 channels that compositing programs know: `depth` as ``Z``, and `normal` as
-        ``N.x``, ``N.y`` and ``N.z``. Its part ``ids`` has uint32 channels: ``instance_id``, ``cluster_id`` and
-        ``triangle_id``, 0xFFFFFFFF where nothing is covered, and ``overdraw``. There is no colour in it: EXR is
-        for linear light, and a frame's colour is encoded and rounded to 8 bits.
+        A ``.png`` has 8 bits per channel, as `color` has, or 16, to which `linear` is encoded in the same way. An
+        ``.exr`` holds arrays bit for bit. Its part ``geometry`` has float32 channels that compositing programs
+        know: `linear` as ``R``, ``G`` and ``B``, `depth` as ``Z``, and `normal` as ``N.x``, ``N.y`` and ``N.z``.
+        Its part ``ids`` has uint32 channels: ``instance_id``, ``cluster_id`` and ``triangle_id``, 0xFFFFFFFF where
+        nothing is covered, and ``overdraw``.
 
         Either is written to the side and renamed, so that there is a whole file or none. Metadata are attributes of
         an EXR and texts of a PNG: ``Software``, and all else as ``nanite_rs:<key>``, numbers and lists as JSON.
@@ -356,34 +380,48 @@ class Frame:
         view : str
             Which picture a PNG shows, see `view`; ``"shaded"`` by default.
         outputs : sequence of str
-            Which arrays an EXR holds: of ``"depth"``, ``"normal"``, ``"instance_id"``, ``"cluster_id"``,
-            ``"triangle_id"`` and ``"overdraw"``. By default all but the last; of a frame of depth alone, depth.
+            Which arrays an EXR holds: of ``"linear"``, for which ``"color"`` stands too, ``"depth"``, ``"normal"``,
+            ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"`` and ``"overdraw"``. By default all but the last;
+            of a frame of depth alone, depth.
+        bits : int
+            Of each channel of a PNG: 8, or 16 for the shaded picture, which takes OpenImageIO too.
 
         Raises
         ------
         FormatError
             If the name ends otherwise.
         ArgumentError
-            As for `view`; for an output that is unknown, or that the frame lacks; for `view` of an EXR, or
-            `outputs` of a PNG.
+            As for `view`; for an output that is unknown, or that the frame lacks; for `view` or `bits` of an EXR,
+            `outputs` of a PNG, or other `bits` than there are.
         FileError
             If the file cannot be written.
         DependencyError
-            For an EXR without OpenImageIO.
+            For an EXR or 16 bits without OpenImageIO.
 
         Examples
         --------
         >>> frame.save("clusters.png", view="clusters")
-        >>> frame.save("frame.exr", outputs=["depth", "normal"])
+        >>> frame.save("frame.png", bits=16)
+        >>> frame.save("frame.exr", outputs=["linear", "depth"])
         """
+        if bits not in (8, 16):
+            raise ArgumentError(f"bits: must be 8 or 16, not {bits!r}")
         name = os.fsdecode(path)
         if _images.suffix(name) == ".png":
             if outputs is not None:
                 raise ArgumentError("outputs: a .png holds one picture, see view; arrays take an .exr")
-            _images.write_png(name, self.view("shaded" if view is None else view), self._texts())
+            shown: ViewName = "shaded" if view is None else view
+            if bits == 8:
+                _images.write_png(name, self.view(shown), self._texts())
+            elif shown == "shaded":
+                _images.write_deep_png(name, self._frame.deep_color(), self._texts())
+            else:
+                raise ArgumentError(f"bits: the view {shown!r} has 8, not 16")
         else:
             if view is not None:
                 raise ArgumentError("view: an .exr holds arrays, see outputs; pictures take a .png")
+            if bits != 8:
+                raise ArgumentError("bits: an .exr holds arrays as they are; bits are of a .png")
             _images.write_exr(name, self._channels(outputs), self._texts())
 
     def _texts(self) -> dict[str, str]:
@@ -398,6 +436,7 @@ class Frame:
             names = ["depth"] if self._made["depth_only"] else [n for n in _CHANNELS if n != "overdraw"]
         else:
             names = [outputs] if isinstance(outputs, str) else list(outputs)
+            names = ["linear" if name == "color" else name for name in names]
         if not names:
             raise ArgumentError(f"outputs: expected one at least of {', '.join(_CHANNELS)}")
         channels: dict[str, NDArray[Any]] = {}
@@ -522,6 +561,8 @@ class Renderer:
         raster: RasterName = "auto",
         outputs: Sequence[OutputName] | None = None,
         depth_only: bool = False,
+        samples: Literal[1, 4, 16] = 1,
+        transfer: TransferName = "gamma22",
         wait: bool = True,
     ) -> Frame:
         """Render a frame.
@@ -546,7 +587,7 @@ class Renderer:
             see `calibration`. All cover the same pixels, which ``"auto"`` makes sure of on the device; ties in
             depth and the last bits of depths may differ. The CPU has one form, ``"compute"``.
         outputs : sequence of str
-            What to make right away, on a GPU with the frame: ``"color"``, ``"depth"``, ``"normal"``,
+            What to make right away, on a GPU with the frame: ``"color"``, ``"linear"``, ``"depth"``, ``"normal"``,
             ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"``, ``"overdraw"``, and of the pictures of
             `Frame.view` ``"triangles"``, ``"clusters"``, ``"groups"`` and ``"levels"``. Everything else is made
             when first asked for, on the CPU. By default colour and depth; with `depth_only`, depth.
@@ -554,6 +595,14 @@ class Renderer:
             Draw depth and nothing else, for shadows and sensors of depth: the same `Frame.depth` bit for bit, for
             less time and memory. The frame has `Frame.depth` and `Frame.stats`; its other arrays and views raise
             `ArgumentError`.
+        samples : int
+            Samples of the colour of each pixel, against jagged edges: 1, at the pixel's centre; or 4 or 16 about
+            it, in the standard patterns of Direct3D and Vulkan, with their mean taken in linear light. The frame is
+            drawn once through the centres, where depth, normals, ids and all views but ``"shaded"`` are taken, and
+            once more for each sample, with the same cut.
+        transfer : str
+            What encodes linear light in `Frame.color`: ``"gamma22"``, the power 1/2.2 as in pyrender; ``"srgb"``,
+            the curve of IEC 61966-2-1; or ``"linear"``, none. `Frame.linear` is not encoded.
         wait : bool
             With ``streaming=True``, draw until all that the picture needs is there, as far as the pool has room:
             the picture is then that of the whole mesh, bit for bit. Ctrl-C ends the wait for a slow disk, and the
@@ -567,18 +616,42 @@ class Renderer:
         Raises
         ------
         ArgumentError
-            For a pose that is not finite or not rigid, a threshold out of range, an unknown `raster` or output, or
-            an output besides depth with `depth_only`.
+            For a pose that is not finite or not rigid, a threshold out of range, an unknown `raster`, `transfer` or
+            output, other `samples` than these, or several samples or an output besides depth with `depth_only`.
         BackendError
             If the device asked for cannot draw the frame: it was lost, it lacks what `raster` needs, or the scene
             or the picture does not fit.
         NaniteError
             If the renderer was closed.
+
+        Examples
+        --------
+        >>> scene = nrs.Scene(ambient_light=(1, 1, 1))
+        >>> node = scene.add(nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000)))
+        >>> pose = np.eye(4)
+        >>> pose[2, 3] = 4.0
+        >>> with nrs.Renderer(64, 64) as renderer:
+        ...     plain, smooth = [
+        ...         renderer.render(scene, nrs.PerspectiveCamera(yfov=0.8), pose, samples=n) for n in (1, 16)
+        ...     ]
+        >>> len(np.unique(plain.color)), len(np.unique(smooth.color)) > 10
+        (2, True)
+        >>> np.array_equal(plain.depth, smooth.depth)
+        True
         """
         if not isinstance(camera, Camera):
             raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
         (frame,) = self._render(
-            scene, [(camera, pose)], pixel_error, occlusion, raster, outputs, depth_only, wait
+            scene,
+            [(camera, pose)],
+            pixel_error,
+            occlusion,
+            raster,
+            outputs,
+            depth_only,
+            samples,
+            transfer,
+            wait,
         )
         return frame
 
@@ -592,6 +665,8 @@ class Renderer:
         raster: RasterName = "auto",
         outputs: Sequence[OutputName] | None = None,
         depth_only: bool = False,
+        samples: Literal[1, 4, 16] = 1,
+        transfer: TransferName = "gamma22",
         wait: bool = True,
     ) -> list[Frame]:
         """Render what several cameras see of a scene: on a GPU in one submission, on the CPU one after the other.
@@ -604,7 +679,7 @@ class Renderer:
             What to draw.
         views : iterable of pairs
             A camera and its pose each, as for `render`.
-        pixel_error, occlusion, raster, outputs, depth_only, wait
+        pixel_error, occlusion, raster, outputs, depth_only, samples, transfer, wait
             As for `render`, for all views.
 
         Returns
@@ -638,7 +713,9 @@ class Renderer:
             except ArgumentError as error:
                 raise ArgumentError(f"views[{i}]: {error}") from None
             checked.append((view[0], view[1]))
-        return self._render(scene, checked, pixel_error, occlusion, raster, outputs, depth_only, wait)
+        return self._render(
+            scene, checked, pixel_error, occlusion, raster, outputs, depth_only, samples, transfer, wait
+        )
 
     def _render(
         self,
@@ -649,6 +726,8 @@ class Renderer:
         raster: RasterName,
         outputs: Sequence[OutputName] | None,
         depth_only: bool,
+        samples: int,
+        transfer: TransferName,
         wait: bool,
     ) -> list[Frame]:
         if self._core is None:
@@ -663,12 +742,19 @@ class Renderer:
             raster=str(raster),
             outputs=[outputs] if isinstance(outputs, str) else None if outputs is None else list(outputs),
             depth_only=bool(depth_only),
+            samples=_whole(samples, "samples", 1 << 32, "1 and 16"),
+            transfer=str(transfer),
             wait=bool(wait),
         )
         for fault in self._core.faults():
             warnings.warn(fault, StreamWarning, stacklevel=3)
         self._backend = self._core.backend
-        made = {"pixel_error": float(pixel_error), "depth_only": bool(depth_only), "backend": self.backend}
+        made = {
+            "pixel_error": float(pixel_error),
+            "depth_only": bool(depth_only),
+            "transfer": str(transfer),
+            "backend": self.backend,
+        }
         return [
             Frame(frame, _lens(camera) | {"pose": np.asarray(pose, np.float64).tolist()} | made)
             for frame, (camera, pose) in zip(frames, views, strict=True)

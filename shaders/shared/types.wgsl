@@ -95,8 +95,12 @@ struct Lighting {
     ambient: vec3<f32>,
     // Number of lights.
     lights: u32,
-    // The bytes of the background, red lowest.
+    // The light that the background is written for.
+    behind: vec3<f32>,
+    // Its bytes, red lowest.
     background: u32,
+    // An exponent close to what encodes colours.
+    power: f32,
     unused_a: u32,
     unused_b: u32,
     unused_c: u32,

@@ -3,15 +3,15 @@
 //!
 //! The model is glTF's metallic-roughness BRDF as pyrender 0.1.45 evaluates it: f0 = lerp(0.04, base, metal),
 //! Schlick's Fresnel, Smith's G with k = (r + 1)²/8, GGX with α = r²; the sum over lights, plus base · ambient,
-//! plus emission, times vertex colour, then the power 1/2.2. The background is not gamma-encoded. Emission is
-//! applied once (pyrender squares the factor), and back faces keep their normal.
+//! plus emission, times vertex colour, then the power 1/2.2 or what else is asked for. The background is written as it
+//! is. Emission is applied once (pyrender squares the factor), and back faces keep their normal.
 
 use rayon::prelude::*;
 
 use super::lanes::{Lanes, Vec3x8, dot, minus, normalize, splat3};
 use super::output::ROWS;
 use super::surface::{Pixels, Surfels, Walk};
-use crate::math::Gamma;
+use crate::config::Transfer;
 use crate::scene::placement::Eye;
 use crate::scene::{Falloff, Lighting, Reflectance};
 
@@ -81,14 +81,18 @@ struct Shader<'a> {
     materials: Vec<Reflectance>,
     lighting: &'a Lighting,
     eye: &'a Eye,
-    gamma: &'static Gamma,
 }
 
 impl Shader<'_> {
     #[inline(always)]
-    fn run(&self, range: std::ops::Range<usize>, out: &mut [u8]) {
+    fn run<T: Copy + PartialEq>(
+        &self,
+        range: std::ops::Range<usize>,
+        background: [T; 3],
+        written: impl Fn(f32) -> T,
+        out: &mut [T],
+    ) {
         let start = range.start;
-        let background = self.lighting.background;
         if background[0] == background[1] && background[1] == background[2] {
             out.fill(background[0]);
         } else {
@@ -103,7 +107,7 @@ impl Shader<'_> {
                 let at = 3 * (surfels.pixels[lane] as usize - start);
                 let pixel = &mut out[at..at + 3];
                 for c in 0..3 {
-                    pixel[c] = self.gamma.encode(color[c].0[lane]);
+                    pixel[c] = written(color[c].0[lane]);
                 }
             }
         }
@@ -112,26 +116,57 @@ impl Shader<'_> {
     /// The same with 256-bit vectors. No operation fuses, so the result is the same bit for bit.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    fn run_avx2(&self, range: std::ops::Range<usize>, out: &mut [u8]) {
-        self.run(range, out)
+    fn run_avx2<T: Copy + PartialEq>(
+        &self,
+        range: std::ops::Range<usize>,
+        background: [T; 3],
+        written: impl Fn(f32) -> T,
+        out: &mut [T],
+    ) {
+        self.run(range, background, written, out)
     }
 }
 
 /// Shades every covered pixel into RGB bytes, row by row.
-pub fn run(pixels: Pixels<'_>, eye: &Eye, lighting: &Lighting, out: &mut [u8]) {
+pub fn color(pixels: Pixels<'_>, eye: &Eye, lighting: &Lighting) -> Vec<u8> {
+    let encoder = lighting.transfer.encoder();
+    run(pixels, eye, lighting, lighting.background, |c| encoder.encode(c))
+}
+
+/// The same before it is encoded: RGB in linear light.
+pub fn linear(pixels: Pixels<'_>, eye: &Eye, lighting: &Lighting) -> Vec<f32> {
+    // NaN and infinity (a light at the surface) become numbers, so that means are.
+    run(pixels, eye, lighting, lighting.behind(), |c| if c > 0.0 { c.min(f32::MAX) } else { 0.0 })
+}
+
+/// Encodes what [`linear`] makes: the bytes of [`color`].
+pub fn encode(light: &[f32], transfer: Transfer) -> Vec<u8> {
+    let encoder = transfer.encoder();
+    light.par_iter().with_min_len(1 << 14).map(|c| encoder.encode(*c)).collect()
+}
+
+fn run<T: Copy + Default + PartialEq + Send + Sync>(
+    pixels: Pixels<'_>,
+    eye: &Eye,
+    lighting: &Lighting,
+    background: [T; 3],
+    written: impl Fn(f32) -> T + Copy + Sync,
+) -> Vec<T> {
+    let mut out = vec![T::default(); 3 * pixels.words.len()];
     let width = pixels.screen.width as usize;
     let materials = pixels.views.iter().map(|v| v.material.reflectance()).collect();
-    let shader = Shader { pixels, materials, lighting, eye, gamma: Gamma::get() };
+    let shader = Shader { pixels, materials, lighting, eye };
     out.par_chunks_mut(3 * width * ROWS).enumerate().for_each(|(chunk, out)| {
         let start = chunk * ROWS * width;
         let range = start..start + out.len() / 3;
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has AVX2.
-            return unsafe { shader.run_avx2(range, out) };
+            return unsafe { shader.run_avx2(range, background, written, out) };
         }
-        shader.run(range, out);
+        shader.run(range, background, written, out);
     });
+    out
 }
 
 /// From pixels and distances to camera space.

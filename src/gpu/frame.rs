@@ -188,24 +188,22 @@ fn array_bytes(output: Output, pixels: u64) -> u64 {
     match output {
         // Four pixels are three words.
         _ if output.rgb() => pixels.div_ceil(4) * 3 * word,
-        Output::Normal => pixels * 3 * word,
+        Output::Linear | Output::Normal => pixels * 3 * word,
         _ => pixels * word,
     }
 }
 
 impl Buffers {
     pub(super) fn new(context: &Context, shape: Shape) -> Result<Self> {
-        let Shape { instances, pixels, room, occlusion, outputs, .. } = shape;
+        let Shape { instances, room, occlusion, outputs, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let visits = || storage("nodes to look at", bytes::<Visit>(room.visits));
-        let made =
-            |output: Output| Ok((output, storage("an array of the picture", array_bytes(output, pixels))?));
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let mut phases = vec![Phase::new(context, shape, instances)?];
         if occlusion {
             phases.push(Phase::new(context, shape, room.visits)?);
         }
-        let mut out = Self {
+        let out = Self {
             shape,
             view: context.buffer("view", bytes::<View>(1), uniform)?,
             visits: [visits()?, visits()?],
@@ -219,15 +217,28 @@ impl Buffers {
             renumbered: storage("visible clusters", if occlusion { bytes::<u32>(room.visible) } else { 0 })?,
             words: storage("the pixels of the picture", shape.word_bytes())?,
             wanted: storage("pages that are missed", bytes::<u32>(shape.pages))?,
-            outputs: outputs.iter().map(made).collect::<Result<_>>()?,
+            outputs: Vec::new(),
             times: Times::new(context)?,
             staging: context.buffer("counters", 0, BufferUsages::MAP_READ)?,
             staged: 0,
         };
-        out.staged = out.parts().iter().flatten().map(|part| part.bytes).sum();
+        out.making(context, outputs)
+    }
+
+    /// The same for other arrays.
+    pub(super) fn making(mut self, context: &Context, outputs: Outputs) -> Result<Self> {
+        self.shape.outputs = outputs;
+        let pixels = self.shape.pixels;
+        // Others go before new ones are made.
+        (self.outputs, self.staging) = (Vec::new(), context.buffer("counters", 0, BufferUsages::MAP_READ)?);
+        for output in outputs.iter() {
+            let bytes = array_bytes(output, pixels);
+            self.outputs.push((output, context.buffer("an array of the picture", bytes, STORAGE)?));
+        }
+        self.staged = self.parts().iter().flatten().map(|part| part.bytes).sum();
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
-        out.staging = context.buffer("what is read back", out.staged, usage)?;
-        Ok(out)
+        self.staging = context.buffer("what is read back", self.staged, usage)?;
+        Ok(self)
     }
 
     /// What comes back: of the frame, then of each phase.

@@ -8,7 +8,7 @@ use crate::config::Output;
 /// Arrays of the finished picture: all but colour, which is the stage before, and overdraw.
 pub(super) fn record(r: &mut Recorder<'_>) {
     for (output, out) in &r.buffers.outputs {
-        if !matches!(output, Output::Color | Output::Overdraw) {
+        if !(output.shaded() || *output == Output::Overdraw) {
             let bindings = r.surface_bindings(out);
             r.run(Kernel::Output(*output), &bindings, r.picture_workgroups());
         }

@@ -15,7 +15,7 @@ use super::sight::{Sight, Turn};
 use super::{
     cluster_cull, hzb, instance_cull, node_cull, occlusion, output, raster_large, raster_small, shade, times,
 };
-use crate::config::{Output, Outputs, Raster};
+use crate::config::{Output, Outputs, Raster, Transfer};
 use crate::error::{Error, Result};
 use crate::gpu_types::{
     self, Array, Counters, Dispatch, Lighting, Look, Placed, View, VisibleCluster, Visit,
@@ -54,6 +54,8 @@ pub struct Job<'a> {
     pub lighting: Lighting,
     /// The lights.
     pub lights: Vec<gpu_types::Light>,
+    /// How colours are encoded.
+    pub transfer: Transfer,
 }
 
 impl<'a> Job<'a> {
@@ -61,7 +63,7 @@ impl<'a> Job<'a> {
     pub fn new(view: View, words: &'a mut [u64]) -> Self {
         let (outputs, lighting) = (Outputs::default(), bytemuck::Zeroable::zeroed());
         let words = bytemuck::cast_slice_mut(words);
-        Self { view, words, outputs, lighting, lights: Vec::new() }
+        Self { view, words, outputs, lighting, lights: Vec::new(), transfer: Transfer::default() }
     }
 }
 
@@ -211,12 +213,14 @@ impl Renderer {
                     // Its lists are for other rasterizers then than those which count.
                     outputs: if hardware { job.outputs.without(Output::Overdraw) } else { job.outputs },
                 };
-                if sight.buffers.as_ref().is_none_or(|buffers| buffers.shape != shape) {
-                    // Others go before new ones are made.
-                    sight.buffers = None;
-                    let made = Buffers::new(&self.context, shape);
-                    sight.buffers = Some(made.inspect_err(|_| self.room = FIRST_ROOM)?);
-                }
+                // Others go before new ones are made.
+                let fits = |own: &Buffers| Shape { outputs: shape.outputs, ..own.shape } == shape;
+                let buffers = match sight.buffers.take().filter(fits) {
+                    Some(own) if own.shape == shape => Ok(own),
+                    Some(own) => own.making(&self.context, shape.outputs),
+                    None => Buffers::new(&self.context, shape),
+                };
+                sight.buffers = Some(buffers.inspect_err(|_| self.room = FIRST_ROOM)?);
             }
             let mut turns = Vec::with_capacity(jobs.len());
             for (sight, (view, culling)) in self.sights.iter().zip(&views) {
@@ -313,10 +317,10 @@ impl Renderer {
                 });
             }
         }
-        if made(|output| output == Output::Color) {
+        if made(Output::shaded) {
             passes.run(DeviceStage::Shade, Phase::First, shade::record);
         }
-        if made(|output| !matches!(output, Output::Color | Output::Overdraw)) {
+        if made(|output| !(output.shaded() || output == Output::Overdraw)) {
             passes.run(DeviceStage::Output, Phase::First, output::record);
         }
         let passes = passes.passes;

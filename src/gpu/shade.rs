@@ -1,14 +1,13 @@
-//! Stage 7. Visibility buffer → colour, and the lights for it.
+//! Stage 7. Visibility buffer → colour, encoded or not, and the lights for it.
 
 use wgpu::{Buffer, BufferUsages};
 
 use super::context::Context;
 use super::frame::Recorder;
 use super::shaders::Kernel;
-use crate::config::Output;
+use crate::config::Transfer;
 use crate::error::Result;
 use crate::gpu_types::{self, Lighting};
-use crate::math::Gamma;
 
 /// What shading needs besides surfaces.
 #[derive(Debug)]
@@ -16,18 +15,21 @@ pub(super) struct Light {
     /// [`Lighting`].
     lighting: Buffer,
     lights: Buffer,
-    gamma: Buffer,
+    /// The steps of bytes of a transfer.
+    steps: Buffer,
+    transfer: Transfer,
 }
 
 impl Light {
     pub(super) fn new(context: &Context) -> Result<Self> {
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        let steps = Gamma::get().steps();
-        let gamma = context.buffer("steps of bytes", size_of_val(steps) as u64, storage)?;
-        context.queue().write_buffer(&gamma, 0, bytemuck::cast_slice(steps));
+        let transfer = Transfer::default();
+        let values = transfer.encoder().steps();
+        let steps = context.buffer("steps of bytes", size_of_val(values) as u64, storage)?;
+        context.queue().write_buffer(&steps, 0, bytemuck::cast_slice(values));
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let lighting = context.buffer("light", size_of::<Lighting>() as u64, uniform)?;
-        Ok(Self { lighting, lights: context.buffer("lights", 0, storage)?, gamma })
+        Ok(Self { lighting, lights: context.buffer("lights", 0, storage)?, steps, transfer })
     }
 
     /// Writes the lights of a frame.
@@ -36,7 +38,12 @@ impl Light {
         context: &Context,
         lighting: &Lighting,
         lights: &[gpu_types::Light],
+        transfer: Transfer,
     ) -> Result<()> {
+        if self.transfer != transfer {
+            self.transfer = transfer;
+            context.queue().write_buffer(&self.steps, 0, bytemuck::cast_slice(transfer.encoder().steps()));
+        }
         let bytes = size_of_val(lights) as u64;
         if self.lights.size() < bytes {
             self.lights = context.buffer("lights", bytes.next_power_of_two(), self.lights.usage())?;
@@ -48,9 +55,9 @@ impl Light {
 }
 
 pub(super) fn record(r: &mut Recorder<'_>) {
-    let Light { lighting, lights, gamma } = r.light;
-    for (_, out) in r.buffers.outputs.iter().filter(|(output, _)| *output == Output::Color) {
-        let bindings = [&r.surface_bindings(out)[..], &[lighting, lights, gamma]].concat();
-        r.run(Kernel::Shade, &bindings, r.picture_workgroups());
+    let Light { lighting, lights, steps, .. } = r.light;
+    for (output, out) in r.buffers.outputs.iter().filter(|(output, _)| output.shaded()) {
+        let bindings = [&r.surface_bindings(out)[..], &[lighting, lights, steps]].concat();
+        r.run(Kernel::Shade(*output), &bindings, r.picture_workgroups());
     }
 }

@@ -151,16 +151,16 @@ pub enum Kernel {
     Settle(Phase),
     /// Visibility buffer of the first phase → with the numbers of both.
     Renumber,
-    /// Visibility buffer → colour.
-    Shade,
-    /// Visibility buffer → another array; colour and overdraw are made otherwise.
+    /// Visibility buffer → colour, encoded or not.
+    Shade(Output),
+    /// Visibility buffer → another array; what is shaded and overdraw are made otherwise.
     Output(Output),
     /// A long loop, to see whether the driver finishes it.
     LoopProbe,
 }
 
 /// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 42] = [
+pub const KERNELS: [Kernel; 43] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
@@ -193,7 +193,8 @@ pub const KERNELS: [Kernel; 42] = [
     Kernel::RasterLarge(Words::Count),
     Kernel::RasterSmall(Words::Depth),
     Kernel::RasterLarge(Words::Depth),
-    Kernel::Shade,
+    Kernel::Shade(Output::Color),
+    Kernel::Shade(Output::Linear),
     Kernel::Output(Output::Depth),
     Kernel::Output(Output::Normal),
     Kernel::Output(Output::InstanceId),
@@ -263,7 +264,7 @@ impl Kernel {
             Self::Hzb(_) => "hzb",
             Self::Settle(_) => "settle",
             Self::Renumber => "renumber",
-            Self::Shade => "shade",
+            Self::Shade(_) => "shade",
             Self::Output(_) => "output",
             Self::LoopProbe => "loop_probe",
         }
@@ -298,7 +299,7 @@ impl Kernel {
             Self::Hzb(_) => vec![TYPES, KEY, file!("hzb")],
             Self::Settle(_) => vec![TYPES, file!("settle")],
             Self::Renumber => vec![TYPES, file!("renumber")],
-            Self::Shade => vec![TYPES, PAGES, SURFACE, file!("shade")],
+            Self::Shade(_) => vec![TYPES, PAGES, SURFACE, file!("shade")],
             Self::Output(_) => vec![TYPES, PAGES, SURFACE, KEY, file!("output")],
             Self::LoopProbe => vec![file!("loop_probe")],
         }
@@ -328,7 +329,7 @@ impl Kernel {
             let first = matches!(words, Words::Wide | Words::Keys | Words::Depth);
             source += &format!("const FIRST_PASS: bool = {first};\n");
         }
-        if let Self::Output(output) = self {
+        if let Self::Shade(output) | Self::Output(output) = self {
             let (number, rgb) = (output as u32, output.rgb());
             source += &format!("const OUTPUT: u32 = {number}u;\nconst OUTPUT_RGB: bool = {rgb};\n");
         }
@@ -415,6 +416,7 @@ pub fn constants() -> String {
         ("FOOTPRINT_ROUNDING", FOOTPRINT_ROUNDING),
         ("SMALL_EDGE", SMALL_EDGE),
         ("SMALLEST", f32::MIN_POSITIVE),
+        ("LARGEST", f32::MAX),
     ];
     let outputs = OUTPUTS
         .map(|output| format!("const OUTPUT_{}: u32 = {}u;\n", output.name().to_uppercase(), output as u32));

@@ -160,8 +160,12 @@ pub struct Lighting {
     pub ambient: [f32; 3],
     /// Number of lights.
     pub lights: u32,
-    /// The bytes of the background, red lowest.
+    /// The light that the background is written for.
+    pub behind: [f32; 3],
+    /// Its bytes, red lowest.
     pub background: u32,
+    /// An exponent close to what encodes colours.
+    pub power: f32,
     /// Zero.
     pub unused_a: u32,
     /// Zero.

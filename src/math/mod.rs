@@ -2,7 +2,6 @@
 
 pub mod aabb;
 pub mod bounds;
-pub mod gamma;
 pub mod morton;
 pub mod octahedral;
 pub mod pair;
@@ -12,7 +11,6 @@ pub mod triangle;
 
 pub use aabb::Aabb;
 pub use bounds::{Ball, Bounds};
-pub use gamma::Gamma;
 pub use pair::Pair;
 pub use project::{LodView, singular_value_bound};
 pub use sphere::Sphere;

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use super::arrays::matrix4;
 use super::errors::{detached, interruptible, to_python};
 use super::scene::Scene;
-use crate::config::{Output, Raster, RenderOptions};
+use crate::config::{Output, Raster, RenderOptions, Samples, Transfer};
 use crate::error::{Error, Result};
 use crate::render::{self, ImageView};
 use crate::scene::{Camera, Projection, pose};
@@ -104,7 +104,7 @@ impl Renderer {
     }
 
     /// Renders a frame for each view.
-    #[pyo3(signature = (scene, views, *, pixel_error, occlusion, raster, outputs, depth_only, wait))]
+    #[pyo3(signature = (scene, views, *, pixel_error, occlusion, raster, outputs, depth_only, samples, transfer, wait))]
     fn render(
         &self,
         py: Python<'_>,
@@ -115,6 +115,8 @@ impl Renderer {
         raster: &str,
         outputs: Option<Vec<String>>,
         depth_only: bool,
+        samples: u32,
+        transfer: &str,
         wait: bool,
     ) -> PyResult<Vec<Frame>> {
         let views: Vec<_> = views
@@ -127,7 +129,10 @@ impl Renderer {
             names.iter().map(|name| name.parse::<Output>()).collect::<Result<_>>()
         });
         let outputs = outputs.map_err(|error| to_python(py, error))?;
-        let options = RenderOptions { pixel_error, occlusion, raster, outputs, wait, ..defaults };
+        let samples = Samples::try_from(samples).map_err(|error| to_python(py, error))?;
+        let transfer: Transfer = transfer.parse().map_err(|error| to_python(py, error))?;
+        let options =
+            RenderOptions { pixel_error, occlusion, raster, outputs, samples, transfer, wait, ..defaults };
         let frames = interruptible(py, |go_on| {
             let view = |(camera, pose)| Ok((self::camera(camera)?, pose));
             let views: Vec<_> = views.into_iter().map(view).collect::<Result<_>>()?;
@@ -184,6 +189,14 @@ impl Frame {
 impl Frame {
     fn color(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u8>>> {
         self.planes(py, |frame| frame.take(Output::Color).map(Vec::from))
+    }
+
+    fn linear(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
+        self.planes(py, |frame| frame.take(Output::Linear).map(Vec::from))
+    }
+
+    fn deep_color(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u16>>> {
+        self.planes(py, |frame| frame.deep_color())
     }
 
     fn depth(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f32>>> {
@@ -275,6 +288,7 @@ impl Frame {
                 ("occluded_instances", stats.occluded_instances),
                 ("occluded_clusters", stats.occluded_clusters),
                 ("uploaded_bytes", stats.uploaded_bytes),
+                ("samples", stats.samples.into()),
             ];
             (totals, stats.total_ms, stats.raster.name())
         })

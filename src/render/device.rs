@@ -9,7 +9,7 @@ use super::queue::Queue;
 use super::renderer::{Rastered, Shot};
 use super::stages::Stage;
 use super::stats::{FrameStats, StageStats};
-use crate::config::{Outputs, RenderOptions};
+use crate::config::{Output, Outputs, RenderOptions, Samples};
 use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
 use crate::cpu::visibility::Visible;
@@ -64,6 +64,12 @@ impl Device {
         // A frame of depth alone has depth, asked for or not.
         let outputs = if depth_only { RenderOptions::depth_only().outputs } else { options.outputs };
         let outputs = if on_device { outputs } else { Outputs::default() };
+        // That of several samples is their mean.
+        let shaded = match options.samples {
+            Samples::One => &[][..],
+            _ => &[Output::Color, Output::Linear],
+        };
+        let outputs = shaded.iter().fold(outputs, |outputs, shaded| outputs.without(*shaded));
         let views = shots.iter().enumerate().map(|(place, shot)| {
             let view = view_record(&shot.screen, &shot.eye, options.pixel_error);
             let starts = occlusion && self.renderer.starts(place, &view);
@@ -76,6 +82,7 @@ impl Device {
             outputs,
             lighting: lighting_record(&shot.lighting),
             lights: shot.lighting.lights.iter().map(light).collect(),
+            transfer: shot.lighting.transfer,
         });
         let drawn = self.renderer.draw(&mut jobs.collect::<Vec<_>>(), ways, resident)?;
         Ok(shots
@@ -119,7 +126,8 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool
     if !on_device {
         picture.measure(screen, &mut stats);
     }
-    Rastered { picture, views, visible, large, made: drawn.made, needs: drawn.needs, stats }
+    let (made, needs) = (drawn.made, drawn.needs);
+    Rastered { picture, views, visible, large, made, light: None, needs, stats }
 }
 
 /// Portions of instances that the first phase of a first frame draws: in a city, one leaves more to the second phase than
@@ -269,7 +277,9 @@ fn lighting_record(lighting: &Lighting) -> gpu_types::Lighting {
     gpu_types::Lighting {
         ambient: lighting.ambient,
         lights: lighting.lights.len() as u32,
+        behind: lighting.behind(),
         background: u32::from_le_bytes([red, green, blue, 0]),
+        power: lighting.transfer.power(),
         ..bytemuck::Zeroable::zeroed()
     }
 }

@@ -1,5 +1,7 @@
 //! A rendered frame: its visibility buffer, and every array that is read from it when asked for.
 
+use rayon::prelude::*;
+
 use super::picture::{Picture, Spare};
 use super::stages::Stage;
 use super::stats::FrameStats;
@@ -57,6 +59,8 @@ pub struct Frame {
     pub(super) view: View,
     pub(super) eye: Eye,
     pub(super) lighting: Lighting,
+    /// Colour before it is encoded, where each pixel has several samples.
+    pub(super) light: Option<Vec<f32>>,
     /// Arrays made so far.
     pub(super) made: Vec<(Output, Array)>,
     pub(super) spare: Spare,
@@ -105,7 +109,7 @@ impl Frame {
                 continue;
             }
             let (stage, passed) = match output {
-                Output::Color => (Stage::Shade, stats.covered_pixels),
+                shaded if shaded.shaded() => (Stage::Shade, stats.covered_pixels),
                 _ => (Stage::Output, pixels),
             };
             let array = stats.time(stage, 1, || (self.make(output), pixels, passed))?;
@@ -123,11 +127,14 @@ impl Frame {
         let pixels = self.pixels(output.name())?;
         let debug = |view| Array::from(output::debug(pixels, view).into_flattened());
         Ok(match output {
-            Output::Color => {
-                let mut out = vec![0; 3 * pixels.words.len()];
-                shade::run(pixels, &self.eye, &self.lighting, &mut out);
-                out.into()
-            }
+            Output::Color => match &self.light {
+                Some(light) => shade::encode(light, self.lighting.transfer).into(),
+                None => shade::color(pixels, &self.eye, &self.lighting).into(),
+            },
+            Output::Linear => match &self.light {
+                Some(light) => light.clone().into(),
+                None => shade::linear(pixels, &self.eye, &self.lighting).into(),
+            },
             Output::Depth => {
                 let mut out = vec![0.0; pixels.words.len()];
                 output::depth(pixels, &mut out);
@@ -162,6 +169,17 @@ impl Frame {
     /// Colour, RGB bytes.
     pub fn color(&self) -> Result<Vec<u8>> {
         self.array(Output::Color).map(Vec::from)
+    }
+
+    /// Colour before it is encoded: linear light, RGB.
+    pub fn linear(&self) -> Result<Vec<f32>> {
+        self.array(Output::Linear).map(Vec::from)
+    }
+
+    /// Colour with 16 bits, RGB.
+    pub fn deep_color(&self) -> Result<Vec<u16>> {
+        let transfer = self.lighting.transfer;
+        Ok(self.linear()?.into_par_iter().map(|c| transfer.word(c)).collect())
     }
 
     /// Distance along the view axis in world units; 0 where nothing is covered.

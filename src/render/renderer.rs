@@ -2,6 +2,8 @@
 
 use std::time::Instant;
 
+use rayon::prelude::*;
+
 #[cfg(feature = "gpu")]
 use super::device;
 use super::frame::Frame;
@@ -10,7 +12,7 @@ use super::picture::{Picture, Spare};
 use super::stages::Stage;
 use super::stats::FrameStats;
 use super::streaming;
-use crate::config::{Calibration, Output, Raster, RenderOptions};
+use crate::config::{Calibration, Output, Raster, RenderOptions, Samples};
 use crate::cpu::cluster_cull::Candidate;
 use crate::cpu::hzb::Hzb;
 use crate::cpu::instance_cull;
@@ -120,8 +122,20 @@ pub(super) struct Shot<'a> {
 
 impl<'a> Shot<'a> {
     fn new(scene: &'a Scene, view: View, options: &'a RenderOptions, resident: &'a Resident) -> Self {
-        let (eye, screen, lighting) = (Eye::new(&view), Screen::new(&view), Lighting::new(scene, &view));
+        let (eye, screen) = (Eye::new(&view), Screen::new(&view));
+        let lighting = Lighting::new(scene, &view, options.transfer);
         Self { scene, view, eye, screen, lighting, options, resident }
+    }
+
+    /// The same through points so far from the pixel centres, right and down. The cut is the same: only the picture moves.
+    fn moved<'b>(&self, by: [f64; 2], options: &'b RenderOptions) -> Shot<'b>
+    where
+        'a: 'b,
+    {
+        let center = std::array::from_fn(|k| (self.view.center[k] - by[k]) as f32);
+        let Self { scene, view, eye, screen, lighting, resident, .. } = self;
+        let (view, lighting) = (view.clone(), lighting.clone());
+        Shot { scene, view, eye: Eye { center, ..*eye }, screen: *screen, lighting, options, resident }
     }
 }
 
@@ -137,10 +151,24 @@ pub(super) struct Rastered {
     pub(super) large: Vec<bool>,
     /// What a device made besides.
     pub(super) made: Vec<(Output, Array)>,
-    /// Pages that were missed.
+    /// Colour before it is encoded, where each pixel has several samples: their mean.
+    pub(super) light: Option<Vec<f32>>,
+    /// Streamed pages that it shows or misses.
     pub(super) needs: Needs,
-    /// The stages so far, and the triangles of the source.
+    /// All but what makes arrays, and the time of the whole.
     pub(super) stats: FrameStats,
+}
+
+impl Rastered {
+    /// Counts what was drawn.
+    fn count(&mut self) {
+        let Self { views, visible, stats, .. } = self;
+        stats.clusters = visible.len() as u64;
+        let record = |v: &Visible| views[v.instance as usize].pages.record(v.cluster);
+        stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
+        let drawn = |stage| stats.stages.iter().filter(|s| s.stage == stage).map(|s| s.passed).sum();
+        (stats.drawn_small, stats.drawn_large) = (drawn(Stage::RasterSmall), drawn(Stage::RasterLarge));
+    }
 }
 
 /// Renders scenes into pictures of one size. Buffers are kept between frames.
@@ -251,7 +279,8 @@ impl Renderer {
                 scene.instances().iter().try_for_each(load)?;
                 let resident = Resident::default();
                 let shots = shots(scene, &views, options, &resident);
-                let rastered = self.draw(&shots)?;
+                let mut rastered = self.draw(&shots)?;
+                self.sample(&shots, &mut rastered)?;
                 self.finish(shots, rastered)?
             }
             Some(mut streamer) => {
@@ -275,22 +304,28 @@ impl Renderer {
         options: &RenderOptions,
         go_on: Patience<'_>,
     ) -> Result<Vec<Frame>> {
+        // Rounds of which the picture is not kept are without.
+        let mut sampled = !options.wait || options.samples == Samples::One;
         loop {
             let meshes = scene.instances().iter().map(|(_, instance)| &instance.mesh);
             let resident = streamer.resident(meshes, options.wait, go_on)?;
             let shots = shots(scene, views, options, &resident);
             let mut rastered = self.draw(&shots)?;
-            let mut needs = Needs::default();
-            for rastered in &mut rastered {
-                needs.merge(std::mem::take(&mut rastered.needs));
-                streaming::drawn(rastered, options.pixel_error, &resident, &mut needs);
+            if sampled {
+                self.sample(&shots, &mut rastered)?;
             }
+            let mut needs = Needs::default();
+            rastered.iter_mut().for_each(|rastered| needs.merge(std::mem::take(&mut rastered.needs)));
             streaming::expected(scene, &self.before, views, options.pixel_error, &resident, &mut needs);
             let stats = streamer.request(&needs)?;
             let settled = stats.missing_pages == stats.refused_pages;
-            if options.wait && !settled && stats.rounds < MOST_ROUNDS {
+            let again = options.wait && !settled && stats.rounds < MOST_ROUNDS;
+            if again || !sampled {
                 rastered.into_iter().for_each(|rastered| self.spare.give(rastered.picture));
-                streamer.wait(go_on)?;
+                if again {
+                    streamer.wait(go_on)?;
+                }
+                sampled |= !again;
                 continue;
             }
             self.before = views.to_vec();
@@ -306,8 +341,44 @@ impl Renderer {
         shots.into_iter().zip(rastered).map(frame).collect()
     }
 
+    /// Gives pixels of several samples the mean of what is seen through each, a frame for every place in a pixel. To
+    /// stages it adds theirs.
+    fn sample(&mut self, shots: &[Shot<'_>], rastered: &mut [Rastered]) -> Result<()> {
+        let Some(Shot { options, .. }) = shots.first() else { return Ok(()) };
+        let offsets = options.samples.offsets();
+        let outputs = [Output::Linear].into_iter().collect();
+        let options = RenderOptions { outputs, samples: Samples::One, ..(*options).clone() };
+        for (number, by) in offsets.into_iter().enumerate() {
+            let moved: Vec<Shot<'_>> = shots.iter().map(|shot| shot.moved(by, &options)).collect();
+            let drawn = self.draw(&moved)?;
+            for ((shot, mut drawn), whole) in moved.into_iter().zip(drawn).zip(&mut *rastered) {
+                whole.needs.merge(std::mem::take(&mut drawn.needs));
+                let mut frame = finished(shot, drawn, self.spare.clone())?;
+                whole.stats.add(&frame.stats.stages);
+                let new = Vec::from(frame.take(Output::Linear)?);
+                match &mut whole.light {
+                    None => whole.light = Some(new),
+                    Some(mean) => blend(mean, &new, 1.0 / (number + 1) as f32),
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// The culling and raster stages, and on a device more.
     fn draw(&mut self, shots: &[Shot<'_>]) -> Result<Vec<Rastered>> {
+        let mut drawn = self.draw_on_device(shots)?;
+        for (shot, drawn) in shots.iter().zip(&mut drawn) {
+            drawn.count();
+            let mut needs = std::mem::take(&mut drawn.needs);
+            streaming::drawn(drawn, shot.options.pixel_error, shot.resident, &mut needs);
+            drawn.needs = needs;
+        }
+        Ok(drawn)
+    }
+
+    /// The same where there is a device, or else on the CPU.
+    fn draw_on_device(&mut self, shots: &[Shot<'_>]) -> Result<Vec<Rastered>> {
         #[cfg(feature = "gpu")]
         if let Device::Gpu { device, replaceable } = &mut self.device {
             let pixels = self.width as usize * self.height as usize;
@@ -344,7 +415,7 @@ impl Renderer {
         let visible = list.iter().map(|c| c.visible).collect();
         let large = list.iter().map(|c| c.large).collect();
         let needs = streaming::missed(&absent, &views);
-        Ok(Rastered { picture, views, visible, large, made: Vec::new(), needs, stats })
+        Ok(Rastered { picture, views, visible, large, made: Vec::new(), light: None, needs, stats })
     }
 }
 
@@ -374,16 +445,19 @@ fn raster<P: Pixel>(
     Ok((list, pass.absent))
 }
 
+/// Moves numbers by a part of the way to others: nowhere, exactly, where they are equal.
+fn blend(numbers: &mut [f32], others: &[f32], part: f32) {
+    let towards = |(own, other): (&mut f32, &f32)| *own += (*other - *own) * part;
+    numbers.par_iter_mut().with_min_len(1 << 14).zip(others).for_each(towards);
+}
+
 /// The frame of what was drawn, with the arrays asked for.
 fn finished(shot: Shot<'_>, rastered: Rastered, spare: Spare) -> Result<Frame> {
-    let Rastered { picture, views, visible, large, made, mut stats, .. } = rastered;
-    stats.clusters = visible.len() as u64;
-    let record = |v: &Visible| views[v.instance as usize].pages.record(v.cluster);
-    stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
-    let drawn = |stage| stats.stages.iter().filter(|s| s.stage == stage).map(|s| s.passed).sum();
-    (stats.drawn_small, stats.drawn_large) = (drawn(Stage::RasterSmall), drawn(Stage::RasterLarge));
+    let Rastered { picture, views, visible, large, made, light, mut stats, .. } = rastered;
     let Shot { view, eye, screen, lighting, options, .. } = shot;
-    let mut frame = Frame { picture, visible, large, views, screen, view, eye, lighting, made, spare, stats };
+    stats.samples = options.samples as u32;
+    let mut frame =
+        Frame { picture, visible, large, views, screen, view, eye, lighting, light, made, spare, stats };
     frame.finish(options.outputs)?;
     Ok(frame)
 }

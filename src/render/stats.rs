@@ -48,20 +48,33 @@ pub struct FrameStats {
     pub raster: Raster,
     /// What streaming did, where meshes are streamed.
     pub stream: Option<StreamStats>,
+    /// Samples of each pixel's colour. Stages are those of all passes together: of the one through pixel centres, and of one
+    /// for each sample where there are several. The totals are of the first.
+    pub samples: u32,
     /// Wall time of the whole frame, milliseconds.
     pub total_ms: f64,
 }
 
 impl FrameStats {
+    /// Adds stages of another frame.
+    pub(super) fn add(&mut self, stages: &[StageStats]) {
+        for &other in stages {
+            let StageStats { stage, pass, received, passed, ms } = other;
+            match self.stages.iter_mut().find(|s| s.stage == stage && s.pass == pass) {
+                Some(s) => {
+                    (s.received, s.passed, s.ms) = (s.received + received, s.passed + passed, s.ms + ms)
+                }
+                None => self.stages.push(other),
+            }
+        }
+    }
+
     /// Runs a stage and takes its time; `work` returns its result with the counts received and passed.
     pub(super) fn time<T>(&mut self, stage: Stage, pass: u8, work: impl FnOnce() -> (T, u64, u64)) -> T {
         let start = std::time::Instant::now();
         let (result, received, passed) = work();
         let ms = start.elapsed().as_secs_f64() * 1e3;
-        match self.stages.iter_mut().find(|s| s.stage == stage && s.pass == pass) {
-            Some(s) => (s.received, s.passed, s.ms) = (s.received + received, s.passed + passed, s.ms + ms),
-            None => self.stages.push(StageStats { stage, pass, received, passed, ms }),
-        }
+        self.add(&[StageStats { stage, pass, received, passed, ms }]);
         result
     }
 }

@@ -1,6 +1,7 @@
 //! The light of a scene as seen from a view, in the precision of shading.
 
 use super::{LightKind, Scene, View};
+use crate::config::Transfer;
 
 /// The least difference of the cosines between which a spot falls off: glTF's and pyrender's.
 const NARROWEST_RIM: f64 = 0.001;
@@ -38,11 +39,13 @@ pub struct Lighting {
     pub ambient: [f32; 3],
     /// The background as it is written.
     pub background: [u8; 3],
+    /// How colours are encoded.
+    pub transfer: Transfer,
 }
 
 impl Lighting {
     /// Moves a scene's lights to camera space.
-    pub fn new(scene: &Scene, view: &View) -> Self {
+    pub fn new(scene: &Scene, view: &View, transfer: Transfer) -> Self {
         let rotate = view.pose.matrix3.inverse();
         let lights = scene.lights().iter().map(|(_, light)| {
             let axis = (rotate * light.pose.matrix3.z_axis).normalize_or_zero();
@@ -78,6 +81,12 @@ impl Lighting {
             lights: lights.collect(),
             ambient: scene.ambient_light(),
             background: scene.bg_color().map(byte),
+            transfer,
         }
+    }
+
+    /// The light that the background is written for.
+    pub fn behind(&self) -> [f32; 3] {
+        self.background.map(|byte| self.transfer.light(byte))
     }
 }

@@ -11,7 +11,9 @@ pub mod lighting;
 pub mod material;
 pub mod placement;
 pub mod pose;
+pub mod samples;
 mod slots;
+pub mod transfer;
 
 pub use camera::{Camera, Projection, View};
 pub use instances::{Instance, InstanceHandle, LightHandle, Scene};

@@ -107,7 +107,7 @@ def test_render_writes_arrays(built, tmp_path, capsys):
 
     output = tmp_path / "arrays.exr"
     assert cli.main(["render", str(built), "-o", str(output), "--size", "160x90"]) == 0
-    assert oiio.ImageBuf(str(output)).spec().channelnames == ("Z", "N.x", "N.y", "N.z")
+    assert oiio.ImageBuf(str(output)).spec().channelnames == ("R", "G", "B", "Z", "N.x", "N.y", "N.z")
     assert capsys.readouterr().out == f"{output}: 160 × 90\n"
 
 

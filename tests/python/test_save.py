@@ -71,7 +71,8 @@ def test_an_exr_is_the_arrays_bit_for_bit(frame, tmp_path):
     path = tmp_path / "frame.exr"
     frame.save(path)
     found = channels(path)
-    assert set(found) == {"Z", "N.x", "N.y", "N.z", "instance_id", "cluster_id", "triangle_id"}
+    assert set(found) == {"R", "G", "B", "Z", "N.x", "N.y", "N.z", "instance_id", "cluster_id", "triangle_id"}
+    np.testing.assert_array_equal(np.stack([found[channel] for channel in "RGB"], -1), frame.linear)
     np.testing.assert_array_equal(found["Z"], frame.depth)
     np.testing.assert_array_equal(np.stack([found[f"N.{axis}"] for axis in "xyz"], -1), frame.normal)
     empty = frame.depth == 0
@@ -91,6 +92,7 @@ def test_an_exr_is_the_arrays_bit_for_bit(frame, tmp_path):
         (["normal"], {"N.x", "N.y", "N.z"}),
         (("overdraw", "depth"), {"Z", "overdraw"}),
         (["cluster_id", "cluster_id"], {"cluster_id"}),
+        (["color", "linear"], {"R", "G", "B"}),
     ],
 )
 def test_an_exr_has_what_was_asked_for(frame, tmp_path, outputs, names):
@@ -194,7 +196,12 @@ def test_a_name_in_the_current_folder_and_unusual_letters(frame, tmp_path, monke
         ("frame.png", {"view": "nice"}, nrs.ArgumentError, "nice"),
         ("frame.png", {"outputs": ["depth"]}, nrs.ArgumentError, "outputs: a .png holds one picture"),
         ("frame.exr", {"view": "shaded"}, nrs.ArgumentError, "view: an .exr holds arrays"),
-        ("frame.exr", {"outputs": ["color"]}, nrs.ArgumentError, "outputs: an .exr holds depth, .*'color'"),
+        (
+            "frame.exr",
+            {"outputs": ["levels"]},
+            nrs.ArgumentError,
+            "outputs: an .exr holds linear, .*'levels'",
+        ),
         ("frame.exr", {"outputs": [7]}, nrs.ArgumentError, "outputs: .*not 7"),
         ("frame.exr", {"outputs": []}, nrs.ArgumentError, "outputs: expected one at least"),
     ],

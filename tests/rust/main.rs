@@ -12,6 +12,7 @@ mod gpu_raster;
 mod layering;
 mod measure;
 mod render_frames;
+mod samples;
 #[cfg(feature = "gpu")]
 mod shader_validation;
 mod shapes;

@@ -120,7 +120,7 @@ fn structs_lie_in_wgsl_as_in_rust() {
         fields!(Call: vertices, instances, first_vertex, first_instance),
         fields!(Look: normal, diffuse, alpha2, f0, k, emissive, flags),
         fields!(Light: vector, point, radiance, inverse_range, direction, cone_scale, cone_offset, unused),
-        fields!(Lighting: ambient, lights, background, unused_a, unused_b, unused_c),
+        fields!(Lighting: ambient, lights, behind, background, power, unused_a, unused_b, unused_c),
     ];
     // The same structs with atomic members.
     for (name, of) in [("DispatchOut", "Dispatch"), ("CallOut", "Call")] {

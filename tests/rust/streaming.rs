@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use nanite_rs::Error;
-use nanite_rs::config::RenderOptions;
+use nanite_rs::config::{RenderOptions, Samples};
 use nanite_rs::format::input::Input;
 use nanite_rs::format::{from_bytes, open_input, to_bytes};
 #[cfg(feature = "gpu")]
@@ -213,6 +213,28 @@ fn once_settled_the_picture_is_that_of_the_whole_mesh() {
             }
         }
         assert!(loaded < mesh.pages.table.len() as u64, "{backend}: all was read");
+    }
+}
+
+#[test]
+fn once_settled_several_samples_are_those_of_the_whole_mesh() {
+    let mesh = dag(&bumpy_sphere(120));
+    let whole = scene_of(&Arc::new(from_bytes(&to_bytes(&mesh).unwrap(), "mesh").unwrap()));
+    for (backend, pool) in backends("once_settled_several_samples_are_those_of_the_whole_mesh", &mesh) {
+        let streamed = scene_of(&open(Disk::of(&mesh)));
+        let mut renderer = renderer(backend, pool);
+        for distance in [6.0, 2.5, 2.1] {
+            let waits =
+                RenderOptions { pixel_error: 0.5, samples: Samples::Four, ..RenderOptions::default() };
+            let now = RenderOptions { wait: false, ..waits.clone() };
+            let early = renderer.render(&streamed, &CAMERA, &at(0.0, 0.0, distance), &now).unwrap();
+            assert_eq!((stream(&early).rounds, early.stats.samples), (1, 4));
+            let frame = renderer.render(&streamed, &CAMERA, &at(0.0, 0.0, distance), &waits).unwrap();
+            assert_eq!(stream(&frame).missing_pages, 0);
+            let expected = shoot(&whole, &CAMERA, &at(0.0, 0.0, distance), (320, 240), &waits);
+            same(&frame, &expected);
+            assert!(frame.linear().unwrap() == expected.linear().unwrap());
+        }
     }
 }
 
