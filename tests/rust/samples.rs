@@ -5,6 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 use nanite_rs::config::{OUTPUTS, Output, RenderOptions, Samples, Transfer};
 #[cfg(feature = "gpu")]
 use nanite_rs::model::FOREVER;
+#[cfg(feature = "gpu")]
 use nanite_rs::render::Renderer;
 use nanite_rs::render::{Frame, Stage};
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
