@@ -72,7 +72,7 @@ fn meshopt(dag: &Dag, level: Option<i32>) -> (f64, f64) {
                 let v = usize::from(*v);
                 *numbers.entry(g.ids.get(v)).or_insert_with(|| {
                     vertices.push(Vertex {
-                        position: g.positions.get(v).map(|x| (x * grid.steps()) as i32),
+                        position: g.positions.get(v).map(|x| (x / grid.step()) as i32),
                         normal: narrow(g.normals[v], grid.normal_bits).map(|t| t as i16),
                         id: g.ids.get(v),
                     });

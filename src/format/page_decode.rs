@@ -303,7 +303,8 @@ fn read_identities(context: &Context<'_>, reader: &mut Reader<'_>, buffers: &mut
     let mut local = [0u16; 256];
     let mut vertex = sources.iter().zip(&*numbers);
     for shape in &*shapes {
-        for (local_number, (sources, number)) in (0u8..).zip(vertex.by_ref().take(shape.vertices)) {
+        // The numbers come second: of 255 vertices no number follows the last.
+        for ((sources, number), local_number) in vertex.by_ref().take(shape.vertices).zip(0u8..) {
             let row = usize::from(*number);
             places[n % ROWS] = sources.to_le_bytes().map(|v| local[usize::from(v)]);
             n += usize::from(row == n);

@@ -108,11 +108,6 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Steps per internal unit.
-    pub fn steps(self) -> f32 {
-        2f32.powi(self.exponent)
-    }
-
     /// Internal units per step.
     pub fn step(self) -> f32 {
         2f32.powi(-self.exponent)

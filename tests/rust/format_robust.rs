@@ -15,7 +15,7 @@ use nanite_rs::format::quantize::Rounded;
 use nanite_rs::format::{
     Precision, file_info, from_bytes, open, page_encode, quantize, save, to_bytes, validate,
 };
-use nanite_rs::limits::{PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
+use nanite_rs::limits::{CLUSTER_MAX_VERTICES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
 use nanite_rs::lod::{cut_error, extract, select};
 use nanite_rs::measure::{BoundOptions, Surface, hausdorff_upper};
 use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
@@ -147,6 +147,22 @@ fn files_hold_the_quantized_mesh() {
 }
 
 #[test]
+fn clusters_of_the_most_vertices_come_back() {
+    // Triangles that share nothing, three vertices each.
+    let corners =
+        (0..255).map(|i| [(i / 3 % 20) as f32, (i / 60) as f32, [0.0, 0.3, 0.6][i % 3] * (1 + i % 3) as f32]);
+    let positions: Vec<[f32; 3]> =
+        corners.zip(0..).map(|([x, y, z], i)| [x + 0.4 * (i % 2) as f32, y, z]).collect();
+    let faces: Vec<[u32; 3]> = (0..85).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    let dag = build_mesh(&(positions, faces));
+    let most = dag.pages.addresses().map(|at| dag.record(at).vertex_count).max();
+    assert_eq!(most, Some(CLUSTER_MAX_VERTICES as u8));
+    for precision in [Precision::Auto, Precision::Exact] {
+        check(&rounded(&dag, precision)).unwrap();
+    }
+}
+
+#[test]
 fn pages_are_filled_anew_when_numbers_take_fewer_bits() {
     let dag = build_mesh(&shapes::bumpy_sphere(160));
     let read = rounded(&dag, Precision::Auto);
@@ -189,7 +205,7 @@ fn all_positions_lie_on_the_grid_and_the_stated_movement_holds() {
     for (at, again) in dag.pages.addresses().zip(read.pages.addresses()) {
         let (a, b) = (dag.geometry(at), read.geometry(again));
         for (p, q) in a.positions.iter().zip(b.positions.iter()) {
-            assert!(q.iter().all(|x| (x * grid.steps()).fract() == 0.0));
+            assert!(q.iter().all(|x| (x / grid.step()).fract() == 0.0));
             let squared = (0..3).map(|k| (f64::from(p[k]) - f64::from(q[k])).powi(2)).sum::<f64>();
             moved = moved.max(squared.sqrt() * dag.frame.scale);
         }
