@@ -58,7 +58,7 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
     let center = reals(record + RECORD_CENTER);
     let extent = reals(record + RECORD_EXTENT);
     let place = footprint(instances[instance].screen, center, extent);
-    if !again && (!place.seen || (instances[instance].double_sided == 0u && faces_away(instance, record))) {
+    if !again && (!place.seen || (!two_sided(instance, record) && faces_away(instance, record))) {
         return;
     }
     if hidden(place, instance, center, extent) {

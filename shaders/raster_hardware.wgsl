@@ -54,7 +54,7 @@ fn corner(@builtin(vertex_index) vertex: u32, @builtin(instance_index) index: u3
     // Clockwise on the screen is the back, unless the instance is mirrored.
     let clockwise = area.high >= 0;
     if area.high == 0 && area.low == 0u
-        || clockwise != (instances[instance].mirrored != 0u) && instances[instance].double_sided == 0u
+        || clockwise != (instances[instance].mirrored != 0u) && !two_sided(instance, record)
         || !has_pixels(a.x, snapped[1].x, snapped[2].x, view.width)
         || !has_pixels(a.y, snapped[1].y, snapped[2].y, view.height) {
         return NOWHERE;

@@ -220,7 +220,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     let page = page_start(instance, cluster);
     let record = record_start(page, cluster);
     let streams = streams_of(page, record);
-    let double_sided = instances[instance].double_sided != 0u;
+    let double_sided = two_sided(instance, record);
     let rows = instances[instance].screen;
     var height = 0u;
     if lane < triangle_count(record) {

@@ -79,13 +79,14 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     }
     workgroupBarrier();
     let triangles = triangle_count(record);
+    let double_sided = two_sided(instance, record);
     var own = 0u;
     for (var t = lane; t < triangles; t += RASTER_LANES) {
         var corners = triangle_corners(streams, t);
         if instances[instance].mirrored == 0u {
             corners = corners.xzy;
         }
-        if draw(corners, instances[instance].double_sided != 0u, payload(number) - t) {
+        if draw(corners, double_sided, payload(number) - t) {
             own++;
         }
     }

@@ -1,5 +1,5 @@
 // Stage 7. Visibility buffer -> colour, encoded or not, four pixels a lane: src/cpu/shade.rs, operation for operation.
-// pyrender's reflectance model, glTF's metallic-roughness BRDF.
+// glTF's metallic-roughness BRDF, or as pyrender has it.
 
 @group(0) @binding(11) var<uniform> lighting: Lighting;
 @group(0) @binding(12) var<storage, read> lights: array<Light>;
@@ -8,23 +8,51 @@
 
 const PI: f32 = 3.14159265358979;
 
-// Light reflected to `v` for light of intensity 1.
-fn reflect_light(look: Look, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>) -> vec3<f32> {
+// Light reflected to `v` for light of intensity 1 from `l`.
+fn reflect_light(bsdf: Bsdf, diffuse: vec3<f32>, f0: vec3<f32>, v: vec3<f32>, l: vec3<f32>) -> vec3<f32> {
+    let n = bsdf.normal;
     let h = unit(l + v);
-    let nl = between(dot3(n, l), 0.001, 1.0);
-    let nv = between(abs(dot3(n, v)), 0.001, 1.0);
     let nh = between(dot3(n, h), 0.0, 1.0);
     let m = -(between(dot3(v, h), 0.0, 1.0) - 1.0);
     let schlick = m * m * m * m * m;
-    let smith = (nv * (1.0 - look.k) + look.k) * (nl * (1.0 - look.k) + look.k);
-    let d = nh * nh * (look.alpha2 - 1.0) + 1.0;
-    let gloss = nv * nl * look.alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + 0.001));
-    let f = schlick * (1.0 - look.f0) + look.f0;
-    return nl * (-(f - 1.0) * (look.diffuse * (1.0 / PI)) + f * gloss);
+    let d = nh * nh * (bsdf.alpha2 - 1.0) + 1.0;
+    var nl: f32;
+    var gloss: f32;
+    if lighting.shading == SHADING_GLTF {
+        nl = between(dot3(n, l), 0.0, 1.0);
+        let nv = between(dot3(n, v), 0.001, 1.0);
+        let rest = -(bsdf.alpha2 - 1.0);
+        let heights = nl * sqrt(nv * nv * rest + bsdf.alpha2) + nv * sqrt(nl * nl * rest + bsdf.alpha2);
+        gloss = bsdf.alpha2 * 0.5 / (d * d * PI * heights);
+    } else {
+        nl = between(dot3(n, l), 0.001, 1.0);
+        let nv = between(abs(dot3(n, v)), 0.001, 1.0);
+        let rest = -(bsdf.k - 1.0);
+        let smith = (nv * rest + bsdf.k) * (nl * rest + bsdf.k);
+        gloss = nv * nl * bsdf.alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + 0.001));
+    }
+    let f = schlick * -(f0 - 1.0) + f0;
+    return nl * (-(f - 1.0) * (diffuse * (1.0 / PI)) + f * gloss);
 }
 
 fn color_of(surfel: Surfel) -> vec3<f32> {
-    let look = looks[surfel.instance];
+    let shading = lighting.shading;
+    var bsdf = bsdf_of(surfel);
+    if shading == SHADING_NORMALS {
+        let n = bsdf.normal;
+        let x = view.rotate[0].xyz;
+        let y = view.rotate[1].xyz;
+        let z = view.rotate[2].xyz;
+        return (n.x * x + n.y * y + n.z * z) * 0.5 + 0.5;
+    }
+    // pyrender's vertex colours come after the light.
+    if shading != SHADING_PYRENDER {
+        bsdf.base = bsdf.base * surfel.tint;
+    }
+    if shading == SHADING_FLAT {
+        return bsdf.base;
+    }
+    let gltf = shading == SHADING_GLTF;
     let scale = select(surfel.distance, 1.0, view.orthographic != 0u);
     let at = surfel.point - view.center;
     let position = vec3<f32>(
@@ -32,9 +60,21 @@ fn color_of(surfel: Surfel) -> vec3<f32> {
         -at.y * view.inverse_focal.y * scale,
         -surfel.distance,
     );
-    let v = unit(-position);
-    let base = vec3<f32>(look.normal[0].w, look.normal[1].w, look.normal[2].w);
-    var color = base * lighting.ambient + look.emissive;
+    var v = unit(-position);
+    var color = bsdf.base * lighting.ambient;
+    if gltf {
+        if view.orthographic != 0u {
+            v = vec3<f32>(0.0, 0.0, 1.0);
+        }
+        if dot3(surfel.face, v) < 0.0 {
+            bsdf.normal = -bsdf.normal;
+        }
+        color = color * bsdf.occlusion;
+    }
+    // pyrender takes what is reflected at right angles off once more.
+    let rest = -(bsdf.metallic - 1.0);
+    let diffuse = bsdf.base * select(rest * 0.96, rest, gltf);
+    let f0 = rest * 0.04 + bsdf.base * bsdf.metallic;
     for (var i = 0u; i < lighting.lights; i++) {
         let light = lights[i];
         var l = light.vector;
@@ -49,9 +89,16 @@ fn color_of(surfel: Surfel) -> vec3<f32> {
             let cone = between(along * light.cone_scale + light.cone_offset, 0.0, 1.0);
             falloff = select(0.0, window, window > 0.0) / square * (cone * cone);
         }
-        color = color + reflect_light(look, surfel.normal, v, l) * falloff * light.radiance;
+        color = color + reflect_light(bsdf, diffuse, f0, v, l) * falloff * light.radiance;
     }
-    return color * surfel.tint;
+    if !gltf {
+        color = color * bsdf.occlusion;
+    }
+    color = color + bsdf.emissive;
+    if !gltf {
+        color = color * surfel.tint;
+    }
+    return color;
 }
 
 // The byte of a value: near it, then exactly.

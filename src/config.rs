@@ -351,6 +351,35 @@ impl TryFrom<u32> for Samples {
     }
 }
 
+/// What colours are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Shading {
+    /// Light reflected by glTF's metallic-roughness model.
+    Gltf,
+    /// The same as pyrender 0.1.45 has it: the metallic-roughness texture read as red and green, occlusion of all light, vertex
+    /// colours after light, one UV set, back faces with the normals of the front.
+    #[default]
+    Pyrender,
+    /// Base colours, without light.
+    Flat,
+    /// World-space normals, from −1..1 to 0..1, not encoded.
+    Normals,
+}
+
+impl std::str::FromStr for Shading {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let choices = [
+            ("gltf", Self::Gltf),
+            ("pyrender", Self::Pyrender),
+            ("flat", Self::Flat),
+            ("normals", Self::Normals),
+        ];
+        choose("shading", name, &choices)
+    }
+}
+
 /// How light becomes the bytes of a shaded picture. The background is written as it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Transfer {
@@ -405,6 +434,8 @@ pub struct RenderOptions {
     /// Samples of the colour of each pixel, of one cut, whose mean is taken in linear light. Everything else is of the
     /// centre.
     pub samples: Samples,
+    /// What colours are.
+    pub shading: Shading,
     /// How colours are encoded.
     pub transfer: Transfer,
     /// Where meshes are streamed, draw until all that the picture needs is there, as far as the pool has room for it;
@@ -423,6 +454,7 @@ impl Default for RenderOptions {
             device_outputs: None,
             depth_only: false,
             samples: Samples::default(),
+            shading: Shading::default(),
             transfer: Transfer::default(),
             wait: true,
         }

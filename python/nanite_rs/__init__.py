@@ -34,6 +34,7 @@ from nanite_rs.renderer import (
 )
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import DirectionalLight, LightNode, Material, MeshNode, PointLight, Scene, SpotLight
+from nanite_rs.texture import Image, Texture
 
 __all__ = [
     "ArgumentError",
@@ -52,6 +53,7 @@ __all__ = [
     "FormatError",
     "Frame",
     "FrameStats",
+    "Image",
     "InternalError",
     "IntrinsicsCamera",
     "InvariantError",
@@ -76,6 +78,7 @@ __all__ = [
     "StreamStats",
     "StreamWarning",
     "StuckGroup",
+    "Texture",
     "__version__",
     "compare",
     "from_pyrender",

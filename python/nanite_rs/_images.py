@@ -116,3 +116,11 @@ def _write(oiio: Any, path: str, parts: Sequence[tuple[Any, NDArray[Any]]]) -> N
         # Closing writes what is left, also of a file that failed.
         if not (output.close() and written):
             raise FileError(errno.EIO, output.geterror() or os.strerror(errno.EIO), path)
+
+
+def read_image(path: str | os.PathLike[str]) -> NDArray[Any]:
+    """Read a picture, rows from the top."""
+    from PIL import Image
+
+    with Image.open(path) as image:
+        return np.asarray(image)

@@ -45,6 +45,7 @@ POOL_BYTES = 512 << 20
 
 RasterName: TypeAlias = Literal["auto", "compute", "hybrid", "hardware"]
 TransferName: TypeAlias = Literal["gamma22", "srgb", "linear"]
+ShadingName: TypeAlias = Literal["gltf", "pyrender", "flat", "normals"]
 
 _CHANNELS: Final = {
     "linear": ("R", "G", "B"),
@@ -562,6 +563,7 @@ class Renderer:
         outputs: Sequence[OutputName] | None = None,
         depth_only: bool = False,
         samples: Literal[1, 4, 16] = 1,
+        shading: ShadingName = "pyrender",
         transfer: TransferName = "gamma22",
         wait: bool = True,
     ) -> Frame:
@@ -600,6 +602,12 @@ class Renderer:
             it, in the standard patterns of Direct3D and Vulkan, with their mean taken in linear light. The frame is
             drawn once through the centres, where depth, normals, ids and all views but ``"shaded"`` are taken, and
             once more for each sample, with the same cut.
+        shading : str
+            What colours are. ``"gltf"``: light reflected by glTF's metallic-roughness model. ``"pyrender"``: the same
+            with the peculiarities of pyrender 0.1.45, for comparison: the metallic-roughness texture is read as red
+            and green, only the first UV set counts and textures are not transformed, occlusion dims all light,
+            vertex colours multiply what was lit, and back faces are lit as their front. ``"flat"``: base colours
+            without light. ``"normals"``: world-space normals from -1..1 to 0..1, not encoded.
         transfer : str
             What encodes linear light in `Frame.color`: ``"gamma22"``, the power 1/2.2 as in pyrender; ``"srgb"``,
             the curve of IEC 61966-2-1; or ``"linear"``, none. `Frame.linear` is not encoded.
@@ -616,8 +624,8 @@ class Renderer:
         Raises
         ------
         ArgumentError
-            For a pose that is not finite or not rigid, a threshold out of range, an unknown `raster`, `transfer` or
-            output, other `samples` than these, or several samples or an output besides depth with `depth_only`.
+            For a pose that is not finite or not rigid, a threshold out of range, an unknown `raster`, `shading`,
+            `transfer` or output, other `samples` than these, or several samples or an output besides depth with `depth_only`.
         BackendError
             If the device asked for cannot draw the frame: it was lost, it lacks what `raster` needs, or the scene
             or the picture does not fit.
@@ -650,6 +658,7 @@ class Renderer:
             outputs,
             depth_only,
             samples,
+            shading,
             transfer,
             wait,
         )
@@ -666,6 +675,7 @@ class Renderer:
         outputs: Sequence[OutputName] | None = None,
         depth_only: bool = False,
         samples: Literal[1, 4, 16] = 1,
+        shading: ShadingName = "pyrender",
         transfer: TransferName = "gamma22",
         wait: bool = True,
     ) -> list[Frame]:
@@ -714,7 +724,7 @@ class Renderer:
                 raise ArgumentError(f"views[{i}]: {error}") from None
             checked.append((view[0], view[1]))
         return self._render(
-            scene, checked, pixel_error, occlusion, raster, outputs, depth_only, samples, transfer, wait
+            scene, checked, pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait
         )
 
     def _render(
@@ -727,6 +737,7 @@ class Renderer:
         outputs: Sequence[OutputName] | None,
         depth_only: bool,
         samples: int,
+        shading: ShadingName,
         transfer: TransferName,
         wait: bool,
     ) -> list[Frame]:
@@ -743,6 +754,7 @@ class Renderer:
             outputs=[outputs] if isinstance(outputs, str) else None if outputs is None else list(outputs),
             depth_only=bool(depth_only),
             samples=_whole(samples, "samples", 1 << 32, "1 and 16"),
+            shading=str(shading),
             transfer=str(transfer),
             wait=bool(wait),
         )
@@ -752,6 +764,7 @@ class Renderer:
         made = {
             "pixel_error": float(pixel_error),
             "depth_only": bool(depth_only),
+            "shading": str(shading),
             "transfer": str(transfer),
             "backend": self.backend,
         }

@@ -7,13 +7,14 @@ one instance costs the same in a scene of one as in a scene of a million.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
 
 from nanite_rs import _core
 from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError
 from nanite_rs.mesh import NaniteMesh
+from nanite_rs.texture import Texture
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,20 +40,25 @@ def _rgb(value: Color, name: str) -> Rgb:
     return float(array[0]), float(array[1]), float(array[2])
 
 
+AlphaMode: TypeAlias = Literal["opaque", "mask", "blend"]
+
+
 @dataclass(frozen=True)
 class Material:
-    """Metallic-roughness factors, linear, for a whole instance.
+    """A metallic-roughness material as in glTF: factors, linear, and textures that multiply them.
 
-    Shading follows pyrender (glTF's model, output to the power 1/2.2). Vertex colours of the mesh multiply the
-    result after lighting, as there.
+    An instance has one for its whole mesh, or one for each number of the mesh's ``face_materials``; another one can be
+    assigned at any time without building anything anew. A scene without textures pays nothing for them.
 
     Examples
     --------
     >>> clay = nrs.Material(base_color=(0.7, 0.65, 0.6), metallic=0.1, roughness=0.5)
+    >>> bricks = nrs.Texture(np.random.default_rng(0).integers(0, 255, (64, 64, 3)).astype(np.uint8))
+    >>> wall = nrs.Material(base_color=(1, 1, 1), base_color_texture=bricks)
     """
 
     base_color: Color = (0.8, 0.8, 0.8)
-    """Linear RGB, 0 to 1."""
+    """Linear RGB, 0 to 1; a fourth number is alpha."""
     metallic: float = 0.0
     """0 dielectric to 1 metal."""
     roughness: float = 0.6
@@ -63,15 +69,66 @@ class Material:
     """Draw back faces too."""
     smooth: bool = True
     """Shade with interpolated vertex normals; otherwise every face is flat."""
+    base_color_texture: Texture | None = None
+    """Times the base colour, and its alpha times alpha; sRGB."""
+    metallic_roughness_texture: Texture | None = None
+    """Roughness in green, metallic in blue, times the factors."""
+    normal_texture: Texture | None = None
+    """Normals in tangent space, 0 to 1 for -1 to 1: +X along u, +Y along v, +Z off the surface. Tangents follow from
+    the UVs."""
+    occlusion_texture: Texture | None = None
+    """In red, how much of the light from everywhere arrives."""
+    emissive_texture: Texture | None = None
+    """Times the light given off; sRGB."""
+    normal_scale: float = 1.0
+    """Times X and Y of the normal texture."""
+    occlusion_strength: float = 1.0
+    """0 for no occlusion to 1 for all that the texture says."""
+    alpha_mode: AlphaMode = "opaque"
+    """What alpha does: nothing; surfaces have holes where it is below the cutoff; or transparency, which is drawn as
+    such holes."""
+    alpha_cutoff: float = 0.5
+    """Where alpha is below it, there is a hole."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "base_color", _rgb(self.base_color, "base_color"))
+        base = np.asarray(self.base_color, np.float64) if np.ndim(self.base_color) == 1 else None
+        alpha = (float(base[3]),) if base is not None and base.shape == (4,) and base[3] != 1.0 else ()
+        object.__setattr__(self, "base_color", _rgb(self.base_color, "base_color") + alpha)
         object.__setattr__(self, "emissive", _rgb(self.emissive, "emissive"))
+        if self.alpha_mode not in get_args(AlphaMode):
+            raise ArgumentError(f"alpha_mode: must be opaque, mask or blend, not {self.alpha_mode!r}")
+        for name in _SLOTS:
+            texture = getattr(self, name)
+            if not (texture is None or isinstance(texture, Texture)):
+                raise DtypeError(f"{name}: expected a Texture, not {type(texture).__name__}")
 
-    def _raw(self) -> tuple[Rgb, float, float, Rgb, bool, bool]:
-        base, emissive = _rgb(self.base_color, "base_color"), _rgb(self.emissive, "emissive")
-        flags = bool(self.double_sided), bool(self.smooth)
-        return base, float(self.metallic), float(self.roughness), emissive, *flags
+    def _raw(self) -> dict[str, Any]:
+        textures = [getattr(self, name) for name in _SLOTS]
+        return {
+            "base_color": (*_rgb(self.base_color, "base_color"), *self.base_color[3:], 1.0)[:4],
+            "metallic": float(self.metallic),
+            "roughness": float(self.roughness),
+            "emissive": _rgb(self.emissive, "emissive"),
+            "double_sided": bool(self.double_sided),
+            "smooth": bool(self.smooth),
+            "normal_scale": float(self.normal_scale),
+            "occlusion_strength": float(self.occlusion_strength),
+            "alpha_cutoff": None if self.alpha_mode == "opaque" else float(self.alpha_cutoff),
+            "textures": [
+                None if texture is None else texture._raw(name in _COLORS)
+                for name, texture in zip(_SLOTS, textures, strict=True)
+            ],
+        }
+
+
+_SLOTS = (
+    "base_color_texture",
+    "metallic_roughness_texture",
+    "normal_texture",
+    "occlusion_texture",
+    "emissive_texture",
+)
+_COLORS = ("base_color_texture", "emissive_texture")
 
 
 @dataclass(frozen=True)
@@ -171,6 +228,19 @@ class _Node:
         return self._scene
 
 
+Look: TypeAlias = "Material | Sequence[Material]"
+
+
+def _raw(material: Look) -> list[dict[str, Any]]:
+    materials = [material] if isinstance(material, Material) else list(material)
+    if not materials:
+        raise ArgumentError("material: expected one at least, found an empty sequence")
+    for number, one in enumerate(materials):
+        if not isinstance(one, Material):
+            raise DtypeError(f"material: expected a Material, not {type(one).__name__}, as number {number}")
+    return [one._raw() for one in materials]
+
+
 class MeshNode(_Node):
     """An instance of a mesh in a scene; made by `Scene.add`.
 
@@ -179,7 +249,7 @@ class MeshNode(_Node):
 
     __slots__ = ("_material", "_mesh")
 
-    def __init__(self, scene: Scene, handle: Handle, mesh: NaniteMesh, material: Material) -> None:
+    def __init__(self, scene: Scene, handle: Handle, mesh: NaniteMesh, material: Look) -> None:
         super().__init__(scene, handle)
         self._mesh, self._material = mesh, material
 
@@ -215,13 +285,13 @@ class MeshNode(_Node):
         self._scene._core.set_visible(self._handle, bool(visible))
 
     @property
-    def material(self) -> Material:
-        """The look; assign to change it."""
+    def material(self) -> Look:
+        """The look: a material, or those of the mesh's ``face_materials`` by number; assign to change it."""
         return self._material
 
     @material.setter
-    def material(self, material: Material) -> None:
-        self._scene._core.set_material(self._handle, material._raw())
+    def material(self, material: Look) -> None:
+        self._scene._core.set_material(self._handle, _raw(material))
         self._material = material
 
     def remove(self) -> None:
@@ -317,7 +387,7 @@ class Scene:
 
     @overload
     def add(
-        self, item: NaniteMesh, *, pose: ArrayLike | None = None, material: Material | None = None
+        self, item: NaniteMesh, *, pose: ArrayLike | None = None, material: Look | None = None
     ) -> MeshNode: ...
     @overload
     def add(self, item: Light, *, pose: ArrayLike | None = None) -> LightNode: ...
@@ -326,7 +396,7 @@ class Scene:
         item: NaniteMesh | Light,
         *,
         pose: ArrayLike | None = None,
-        material: Material | None = None,
+        material: Look | None = None,
     ) -> MeshNode | LightNode:
         """Add an instance of a mesh, or a light.
 
@@ -336,8 +406,9 @@ class Scene:
             What to add. A mesh is shared, not copied.
         pose : (4, 4) array, optional
             Object-to-world matrix; the identity when not given. For a mesh any invertible affine matrix.
-        material : Material, optional
-            The look of a mesh instance.
+        material : Material or sequence of Material, optional
+            The look of a mesh instance: one material for all of it, or one for each number of the mesh's
+            ``face_materials``, of which the last stands for all numbers from there on.
 
         Returns
         -------
@@ -347,13 +418,14 @@ class Scene:
         Raises
         ------
         ArgumentError
-            If the pose is not finite, not affine or not invertible, or a factor is out of range.
+            If the pose is not finite, not affine or not invertible, a factor is out of range, or a texture wants a UV
+            set that the mesh has not.
         DtypeError
             If ``item`` is something else.
         """
         if isinstance(item, NaniteMesh):
             material = Material() if material is None else material
-            handle = self._core.add_mesh(item._core, _pose(pose), material._raw())
+            handle = self._core.add_mesh(item._core, _pose(pose), _raw(material))
             return MeshNode(self, handle, item, material)
         if isinstance(item, DirectionalLight | PointLight | SpotLight):
             if material is not None:

@@ -35,6 +35,15 @@ struct Surfel {
     normal: vec3<f32>,
     // Linear, white without vertex colours.
     tint: vec3<f32>,
+    // Unit normal of the triangle, camera space.
+    face: vec3<f32>,
+    // The triangle: barycentric coordinates, vertices, and where these are.
+    weights: vec3<f32>,
+    corners: vec3<u32>,
+    a: vec3<f32>,
+    b: vec3<f32>,
+    c: vec3<f32>,
+    streams: Streams,
 }
 
 fn hit_of(pixel: u32) -> Hit {
@@ -110,6 +119,35 @@ fn barycentric(screen: array<vec4<f32>, 3>, a: vec3<f32>, b: vec3<f32>, c: vec3<
     return inside * (1.0 / sum);
 }
 
+// What barycentric coordinates change by from a pixel to the next on the right, and to the one below: derivatives of a
+// quotient of sums that are linear in the point.
+fn change_of(surfel: Surfel) -> array<vec3<f32>, 2> {
+    let screen = instances[surfel.instance].screen;
+    let p = surfel.point;
+    let x = vec3<f32>(
+        along(screen, 0u, surfel.a, p.x),
+        along(screen, 0u, surfel.b, p.x),
+        along(screen, 0u, surfel.c, p.x),
+    );
+    let y = vec3<f32>(
+        along(screen, 1u, surfel.a, p.y),
+        along(screen, 1u, surfel.b, p.y),
+        along(screen, 1u, surfel.c, p.y),
+    );
+    let w = cross3(x, y);
+    let inverse = 1.0 / (w.x + w.y + w.z);
+    var loss = vec3<f32>(1.0);
+    if view.orthographic == 0u {
+        loss = vec3<f32>(row(screen[2], surfel.a), row(screen[2], surfel.b), row(screen[2], surfel.c));
+    }
+    let right = cross3(y, loss);
+    let below = cross3(loss, x);
+    return array<vec3<f32>, 2>(
+        (right - surfel.weights * (right.x + right.y + right.z)) * inverse,
+        (below - surfel.weights * (below.x + below.y + below.z)) * inverse,
+    );
+}
+
 fn decode_normal(packed: u32) -> vec3<f32> {
     let x = f32(bitcast<i32>(packed << 16u) >> 16u) / 32767.0;
     let y = f32(bitcast<i32>(packed) >> 16u) / 32767.0;
@@ -155,7 +193,8 @@ fn surfel_of(pixel: u32, hit: Hit) -> Surfel {
     let weights = barycentric(instances[instance].screen, a, b, c, point);
     let to_eye = normal_map(looks[instance].normal);
     let flags = looks[instance].flags;
-    var normal: vec3<f32>;
+    let face = apply(to_eye, unit(cross3(b - a, c - a)));
+    var normal = face;
     if (flags & LOOK_SMOOTH) != 0u {
         let na = decode_normal(page_word(streams.normals + corners.x));
         let nb = decode_normal(page_word(streams.normals + corners.y));
@@ -165,8 +204,6 @@ fn surfel_of(pixel: u32, hit: Hit) -> Surfel {
         } else {
             normal = blend(weights, unit(apply(to_eye, na)), unit(apply(to_eye, nb)), unit(apply(to_eye, nc)));
         }
-    } else {
-        normal = apply(to_eye, unit(cross3(b - a, c - a)));
     }
     var tint = vec3<f32>(1.0);
     if (flags & LOOK_COLORS) != 0u {
@@ -175,7 +212,10 @@ fn surfel_of(pixel: u32, hit: Hit) -> Surfel {
         let cc = decode_color(page_word(streams.colors + corners.z));
         tint = blend(weights, ca, cb, cc);
     }
-    return Surfel(instance, cluster, record, distance_of(hit.key), point, unit(normal), tint);
+    let distance = distance_of(hit.key);
+    return Surfel(
+        instance, cluster, record, distance, point, unit(normal), tint, unit(face), weights, corners, a, b, c, streams,
+    );
 }
 
 // Three bytes per pixel: four pixels are three words.

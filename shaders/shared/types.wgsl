@@ -66,13 +66,48 @@ struct Placed {
 struct Look {
     // Rows of the map of normals from internal space to the world, each with a component of the base colour.
     normal: array<vec4<f32>, 3>,
-    diffuse: vec3<f32>,
-    alpha2: f32,
-    f0: vec3<f32>,
-    k: f32,
     emissive: vec3<f32>,
+    metallic: f32,
+    alpha2: f32,
+    k: f32,
     // LOOK_SMOOTH, LOOK_CONFORMAL, LOOK_COLORS.
     flags: u32,
+    // Of an instance with textures or several materials: its first one, and how many follow. Otherwise NONE.
+    first_material: u32,
+    last_material: u32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
+}
+
+// A texture of a material.
+struct Texture {
+    // Rows of the map from (u, v, 1) to the image in its sides, from its upper left corner; and the sides, texels.
+    rows: array<vec4<f32>, 2>,
+    // Where the image starts, words; NONE where there is no texture.
+    start: u32,
+    levels: u32,
+    // UV set, and fields from TEXTURE_WRAP on.
+    flags: u32,
+    // Most samples.
+    anisotropy: f32,
+}
+
+struct Material {
+    base: vec3<f32>,
+    alpha: f32,
+    emissive: vec3<f32>,
+    metallic: f32,
+    roughness: f32,
+    normal_scale: f32,
+    occlusion_strength: f32,
+    alpha_cutoff: f32,
+    // LOOK_SMOOTH.
+    flags: u32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
+    textures: array<Texture, 5>,
 }
 
 // A light in camera space.
@@ -101,9 +136,10 @@ struct Lighting {
     background: u32,
     // An exponent close to what encodes colours.
     power: f32,
+    // SHADING_GLTF and so on.
+    shading: u32,
     unused_a: u32,
     unused_b: u32,
-    unused_c: u32,
 }
 
 struct Instance {

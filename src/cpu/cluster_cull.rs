@@ -73,7 +73,6 @@ fn cull_group(
 ) {
     let instance = &views[at.instance as usize];
     let threshold = Threshold::View(instance.lod, tau);
-    let cones = !instance.material.double_sided;
     for cluster in instance.mesh.groups[at.group as usize].members() {
         out.visited += 1;
         let record = instance.pages.record(cluster);
@@ -87,7 +86,8 @@ fn cull_group(
             continue;
         };
         let sphere = Sphere { center: record.center, radius: record.radius };
-        if cones && instance.faces_away(screen.orthographic, &sphere, record.cone()) {
+        if !instance.materials.double_sided(record.material)
+            && instance.faces_away(screen.orthographic, &sphere, record.cone()) {
             continue;
         }
         if hzb.is_some_and(|h| h.hides(&footprint)) {

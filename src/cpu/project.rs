@@ -11,7 +11,7 @@ use crate::limits::{FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND};
 use crate::math::{LodView, Sphere};
 use crate::model::{Dag, Pages};
 use crate::scene::placement::{Eye, Placement};
-use crate::scene::{Instance, Material, View};
+use crate::scene::{Instance, Materials, View};
 use crate::stream::Resident;
 
 /// A view's constants in the precision of the stages.
@@ -79,7 +79,7 @@ pub struct InstanceView {
     /// Its pages, or those of them that are there.
     pub pages: Arc<Pages>,
     /// The look.
-    pub material: Material,
+    pub materials: Materials,
     /// Rows of the map from internal space to homogeneous screen space.
     pub screen: [[f32; 4]; 3],
     /// For the rule of the cut.
@@ -130,7 +130,7 @@ impl InstanceView {
             slot,
             mesh: Arc::clone(&instance.mesh),
             pages: Arc::clone(resident.pages(&instance.mesh)),
-            material: instance.material,
+            materials: instance.materials.clone(),
             screen,
             lod: LodView {
                 object_to_eye,

@@ -66,6 +66,7 @@ fn draw_cluster<S: Sink>(
     sink: &S,
 ) -> (u64, Vec<Setup>) {
     let geometry = view.pages.geometry(at.cluster);
+    let double_sided = view.materials.double_sided(view.pages.record(at.cluster).material);
     let points: Vec<[f32; 3]> = geometry.positions.iter().map(|p| view.homogeneous(p)).collect();
     let mut drawn = 0;
     let mut shared = Vec::new();
@@ -73,7 +74,7 @@ fn draw_cluster<S: Sink>(
         let (b, c) = if view.mirrored { (b, c) } else { (c, b) };
         let corners = [a, b, c].map(|v| points[usize::from(v)]);
         let mut reached = false;
-        setup(corners, view.material.double_sided, screen, payload - t as u32, |setup, area| {
+        setup(corners, double_sided, screen, payload - t as u32, |setup, area| {
             reached = true;
             if area > SHARE_ABOVE {
                 shared.push(setup);

@@ -80,10 +80,13 @@ impl<S: Sink> Job<'_, S> {
             let geometry = view.pages.geometry(at.cluster);
             transform_rows(geometry.positions, &view.screen, self.screen, &mut vertices);
             let low = payload(number as usize);
+            let material = view.pages.record(at.cluster).material;
+            let faces =
+                Faces { mirrored: view.mirrored, double_sided: view.materials.double_sided(material) };
             drawn += if self.screen.orthographic {
-                draw::<S, true>(geometry.triangles, &vertices, view, self.screen, low, self.sink)
+                draw::<S, true>(geometry.triangles, &vertices, faces, self.screen, low, self.sink)
             } else {
-                draw::<S, false>(geometry.triangles, &vertices, view, self.screen, low, self.sink)
+                draw::<S, false>(geometry.triangles, &vertices, faces, self.screen, low, self.sink)
             };
         }
         drawn
@@ -123,11 +126,18 @@ fn transform_rows(positions: Positions<'_>, rows: &[[f32; 4]; 3], screen: &Scree
     }
 }
 
+/// Which faces of a cluster are seen.
+#[derive(Clone, Copy)]
+struct Faces {
+    mirrored: bool,
+    double_sided: bool,
+}
+
 #[inline(always)]
 fn draw<S: Sink, const ORTHOGRAPHIC: bool>(
     triangles: &[[u8; 3]],
     vertices: &Vertices,
-    view: &InstanceView,
+    faces: Faces,
     screen: &Screen,
     payload: u32,
     sink: &S,
@@ -137,7 +147,7 @@ fn draw<S: Sink, const ORTHOGRAPHIC: bool>(
     for (t, &[a, b, c]) in triangles.iter().enumerate() {
         // Counter-clockwise in the world is clockwise with y down: the inside is on the right of every edge.
         let (a, mut b, mut c) = (usize::from(a), usize::from(b), usize::from(c));
-        if !view.mirrored {
+        if !faces.mirrored {
             (b, c) = (c, b);
         }
         let [x0, y0] = vertices.snapped[a];
@@ -150,7 +160,7 @@ fn draw<S: Sink, const ORTHOGRAPHIC: bool>(
             continue;
         }
         if area < 0 {
-            if !view.material.double_sided {
+            if !faces.double_sided {
                 continue;
             }
             (b, c) = (c, b);

@@ -1,56 +1,128 @@
-//! Stage 7. Visibility buffer → colour: barycentric coordinates by analysis, interpolated normals and vertex
-//! colours, then pyrender's reflectance model.
+//! Stage 7. Visibility buffer → colour: barycentric coordinates by analysis, interpolated normals, UVs and vertex
+//! colours, textures, then light.
 //!
-//! The model is glTF's metallic-roughness BRDF as pyrender 0.1.45 evaluates it: f0 = lerp(0.04, base, metal),
-//! Schlick's Fresnel, Smith's G with k = (r + 1)²/8, GGX with α = r²; the sum over lights, plus base · ambient,
-//! plus emission, times vertex colour, then the power 1/2.2 or what else is asked for. The background is written as it
-//! is. Emission is applied once (pyrender squares the factor), and back faces keep their normal.
+//! The model is glTF's metallic-roughness BRDF: f0 = lerp(0.04, base, metal), Schlick's Fresnel, GGX with α = r², Smith's
+//! visibility with heights correlated (Khronos, glTF 2.0, appendix B), the sum over lights, plus base · ambient ·
+//! occlusion, plus emission; or as pyrender 0.1.45 evaluates it: G with k = (r + 1)²/8, back faces with the normals of the
+//! front, occlusion and vertex colours times the sum. Emission is applied once (pyrender squares the factor). The background
+//! is written as it is.
 
 use rayon::prelude::*;
 
 use super::lanes::{Lanes, Vec3x8, dot, minus, normalize, splat3};
+use super::material::Bsdf;
 use super::output::ROWS;
 use super::surface::{Pixels, Surfels, Walk};
-use crate::config::Transfer;
+use crate::config::{Shading, Transfer};
 use crate::scene::placement::Eye;
-use crate::scene::{Falloff, Lighting, Reflectance};
+use crate::scene::{Falloff, Lighting};
 
-/// Light reflected to `v`, both unit, for light of intensity 1: pyrender's `compute_brdf`.
-#[inline(always)]
-fn reflect(r: &Reflectance, n: &Vec3x8, v: &Vec3x8, l: &Vec3x8) -> Vec3x8 {
-    use std::f32::consts::PI;
-    let h = normalize(&[l[0] + v[0], l[1] + v[1], l[2] + v[2]]);
-    let nl = dot(n, l).max(0.001).min(1.0);
-    let nv = dot(n, v).abs().max(0.001).min(1.0);
-    let nh = dot(n, &h).max(0.0).min(1.0);
-    let m = -(dot(v, &h).max(0.0).min(1.0) - 1.0);
-    let schlick = m * m * m * m * m;
-    // The two quotients of G, D and the denominator of the specular term as one.
-    let smith = (nv * (1.0 - r.k) + r.k) * (nl * (1.0 - r.k) + r.k);
-    let d = nh * nh * (r.alpha2 - 1.0) + 1.0;
-    let gloss = nv * nl * r.alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + 0.001));
-    let mut out = [nl; 3];
-    for c in 0..3 {
-        let f = schlick * (1.0 - r.f0[c]) + r.f0[c];
-        out[c] = nl * (-(f - 1.0) * (r.diffuse[c] * (1.0 / PI)) + f * gloss);
-    }
-    out
+const PI: f32 = std::f32::consts::PI;
+
+/// Of a surface point, what does not depend on the light.
+struct Reflector {
+    bsdf: Bsdf,
+    diffuse: Vec3x8,
+    f0: Vec3x8,
+    /// Unit, to the eye.
+    view: Vec3x8,
+    gltf: bool,
 }
 
+impl Reflector {
+    #[inline(always)]
+    fn new(bsdf: Bsdf, view: Vec3x8, gltf: bool) -> Self {
+        let rest = -(bsdf.metallic - 1.0);
+        // pyrender takes what is reflected at right angles off once more.
+        let share = if gltf { rest } else { rest * 0.96 };
+        let (mut diffuse, mut f0) = ([rest; 3], [rest; 3]);
+        for c in 0..3 {
+            diffuse[c] = bsdf.base[c] * share;
+            f0[c] = rest * 0.04 + bsdf.base[c] * bsdf.metallic;
+        }
+        Self { bsdf, diffuse, f0, view, gltf }
+    }
+
+    /// Light reflected, for light of intensity 1 from `l`, unit.
+    #[inline(always)]
+    fn reflect(&self, l: &Vec3x8) -> Vec3x8 {
+        let Self { bsdf: Bsdf { normal: n, alpha2, k, .. }, diffuse, f0, view: v, gltf } = self;
+        let h = normalize(&[l[0] + v[0], l[1] + v[1], l[2] + v[2]]);
+        let nh = dot(n, &h).max(0.0).min(1.0);
+        let m = -(dot(v, &h).max(0.0).min(1.0) - 1.0);
+        let schlick = m * m * m * m * m;
+        let d = nh * nh * (*alpha2 - 1.0) + 1.0;
+        let (nl, gloss);
+        if *gltf {
+            nl = dot(n, l).max(0.0).min(1.0);
+            let nv = dot(n, v).max(0.001).min(1.0);
+            let rest = -(*alpha2 - 1.0);
+            let heights =
+                nl * (nv * nv * rest + *alpha2).sqrt() + nv * (nl * nl * rest + *alpha2).sqrt();
+            gloss = *alpha2 * 0.5 / (d * d * PI * heights);
+        } else {
+            nl = dot(n, l).max(0.001).min(1.0);
+            let nv = dot(n, v).abs().max(0.001).min(1.0);
+            let rest = -(*k - 1.0);
+            // The two quotients of G, D and the denominator of the specular term as one.
+            let smith = (nv * rest + *k) * (nl * rest + *k);
+            gloss = nv * nl * *alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + 0.001));
+        }
+        let mut out = [nl; 3];
+        for c in 0..3 {
+            let f = schlick * -(f0[c] - 1.0) + f0[c];
+            out[c] = nl * (-(f - 1.0) * (diffuse[c] * (1.0 / PI)) + f * gloss);
+        }
+        out
+    }
+}
+
+/// The light that surface points send to the eye.
 #[inline(always)]
-fn shade(
-    r: &Reflectance,
-    surfels: &Surfels<'_>,
-    eye: &Eye,
-    orthographic: bool,
-    lighting: &Lighting,
-) -> Vec3x8 {
+fn shade(mut bsdf: Bsdf, surfels: &Surfels<'_>, eye: &Eye, orthographic: bool, lighting: &Lighting) -> Vec3x8 {
+    let shading = lighting.shading;
+    if shading == Shading::Normals {
+        let n = &bsdf.normal;
+        let mut world = *n;
+        for c in 0..3 {
+            let r = &eye.rotate;
+            world[c] = (n[0] * r[0][c] + n[1] * r[1][c] + n[2] * r[2][c]) * 0.5 + 0.5;
+        }
+        return world;
+    }
+    // pyrender's vertex colours come after the light.
+    let late = if shading == Shading::Pyrender { surfels.color } else { None };
+    if let (Some(tint), None) = (&surfels.color, &late) {
+        for c in 0..3 {
+            bsdf.base[c] = bsdf.base[c] * tint[c];
+        }
+    }
+    if shading == Shading::Flat {
+        return bsdf.base;
+    }
+    let gltf = shading == Shading::Gltf;
     let position = position(eye, orthographic, &surfels.point, surfels.distance);
-    let v = normalize(&[-position[0], -position[1], -position[2]]);
+    let mut v = normalize(&[-position[0], -position[1], -position[2]]);
+    if gltf {
+        if orthographic {
+            v = splat3([0.0, 0.0, 1.0]);
+        }
+        if let Some(detail) = &surfels.detail {
+            let facing = dot(&detail.face, &v);
+            for c in 0..3 {
+                bsdf.normal[c] = facing.where_negative(-bsdf.normal[c], bsdf.normal[c]);
+            }
+        }
+    }
+    let (occlusion, emissive) = (bsdf.occlusion, bsdf.emissive);
     let mut color = [Lanes::splat(0.0); 3];
     for c in 0..3 {
-        color[c] = Lanes::splat(r.base[c] * lighting.ambient[c] + r.emissive[c]);
+        color[c] = bsdf.base[c] * lighting.ambient[c];
+        if gltf {
+            color[c] = color[c] * occlusion;
+        }
     }
+    let reflector = Reflector::new(bsdf, v, gltf);
     for light in &lighting.lights {
         let (l, falloff) = match light.falloff {
             None => (splat3(light.vector), Lanes::splat(1.0)),
@@ -64,28 +136,33 @@ fn shade(
                 (l, (-(q * q - 1.0)).max(0.0) / square * (cone * cone))
             }
         };
-        let out = reflect(r, &surfels.normal, &v, &l);
+        let out = reflector.reflect(&l);
         for c in 0..3 {
             color[c] = color[c] + out[c] * falloff * light.radiance[c];
         }
     }
-    match &surfels.color {
-        Some(tint) => [color[0] * tint[0], color[1] * tint[1], color[2] * tint[2]],
-        None => color,
+    for c in 0..3 {
+        if !gltf {
+            color[c] = color[c] * occlusion;
+        }
+        color[c] = color[c] + emissive[c];
+        if let Some(tint) = &late {
+            color[c] = color[c] * tint[c];
+        }
     }
+    color
 }
 
 /// What shading a row needs.
 struct Shader<'a> {
     pixels: Pixels<'a>,
-    materials: Vec<Reflectance>,
     lighting: &'a Lighting,
     eye: &'a Eye,
 }
 
 impl Shader<'_> {
     #[inline(always)]
-    fn run<T: Copy + PartialEq>(
+    fn run<T: Copy + PartialEq, const DETAIL: bool>(
         &self,
         range: std::ops::Range<usize>,
         background: [T; 3],
@@ -98,11 +175,14 @@ impl Shader<'_> {
         } else {
             out.chunks_exact_mut(3).for_each(|pixel| pixel.copy_from_slice(&background));
         }
-        let Some(mut walk) = Walk::new(self.pixels, range) else { return };
+        let Some(mut walk) = Walk::<DETAIL>::new(self.pixels, range) else { return };
         while let Some(surfels) = walk.step() {
-            let material = &self.materials[surfels.instance as usize];
+            let bsdf = match (surfels.view.materials.plain(), &surfels.detail) {
+                (None, Some(detail)) => Bsdf::textured(&surfels, detail, self.lighting.shading),
+                (material, _) => Bsdf::plain(material.unwrap_or_else(|| surfels.view.materials.of(0)), &surfels),
+            };
             let orthographic = self.pixels.screen.orthographic;
-            let color = shade(material, &surfels, self.eye, orthographic, self.lighting);
+            let color = shade(bsdf, &surfels, self.eye, orthographic, self.lighting);
             for lane in 0..surfels.count {
                 let at = 3 * (surfels.pixels[lane] as usize - start);
                 let pixel = &mut out[at..at + 3];
@@ -116,14 +196,14 @@ impl Shader<'_> {
     /// The same with 256-bit vectors. No operation fuses, so the result is the same bit for bit.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    fn run_avx2<T: Copy + PartialEq>(
+    fn run_avx2<T: Copy + PartialEq, const DETAIL: bool>(
         &self,
         range: std::ops::Range<usize>,
         background: [T; 3],
         written: impl Fn(f32) -> T,
         out: &mut [T],
     ) {
-        self.run(range, background, written, out)
+        self.run::<T, DETAIL>(range, background, written, out)
     }
 }
 
@@ -152,19 +232,34 @@ fn run<T: Copy + Default + PartialEq + Send + Sync>(
     background: [T; 3],
     written: impl Fn(f32) -> T + Copy + Sync,
 ) -> Vec<T> {
+    let textured = pixels.views.iter().any(|view| view.materials.plain().is_none());
+    // Also where back faces are told from front faces.
+    if textured || lighting.shading == Shading::Gltf {
+        rows::<T, true>(pixels, eye, lighting, background, written)
+    } else {
+        rows::<T, false>(pixels, eye, lighting, background, written)
+    }
+}
+
+fn rows<T: Copy + Default + PartialEq + Send + Sync, const DETAIL: bool>(
+    pixels: Pixels<'_>,
+    eye: &Eye,
+    lighting: &Lighting,
+    background: [T; 3],
+    written: impl Fn(f32) -> T + Copy + Sync,
+) -> Vec<T> {
     let mut out = vec![T::default(); 3 * pixels.words.len()];
     let width = pixels.screen.width as usize;
-    let materials = pixels.views.iter().map(|v| v.material.reflectance()).collect();
-    let shader = Shader { pixels, materials, lighting, eye };
+    let shader = Shader { pixels, lighting, eye };
     out.par_chunks_mut(3 * width * ROWS).enumerate().for_each(|(chunk, out)| {
         let start = chunk * ROWS * width;
         let range = start..start + out.len() / 3;
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has AVX2.
-            return unsafe { shader.run_avx2(range, background, written, out) };
+            return unsafe { shader.run_avx2::<T, DETAIL>(range, background, written, out) };
         }
-        shader.run(range, background, written, out);
+        shader.run::<T, DETAIL>(range, background, written, out);
     });
     out
 }
@@ -181,31 +276,48 @@ fn position(eye: &Eye, orthographic: bool, point: &[Lanes; 2], distance: Lanes) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Material;
+    use crate::scene::material::Gloss;
 
     #[test]
-    fn reflectance_matches_the_formula_written_out() {
-        // One direction, worked out by hand in f64 from pyrender's shader.
-        let material =
-            Material { base_color: [0.7, 0.65, 0.6], metallic: 0.3, roughness: 0.5, ..Material::default() };
+    fn reflection_matches_the_formulas_written_out() {
+        // One direction, worked out by hand in f64 from pyrender's shader and from glTF's appendix B.
+        let (base, metallic, roughness) = ([0.7, 0.65, 0.6], 0.3, 0.5f32);
         let normalize = |v: [f32; 3]| super::normalize(&v.map(Lanes::splat)).map(|c| c.0[0]);
         let (n, v, l) = ([0.0, 0.0, 1.0], normalize([0.3, 0.1, 1.0]), normalize([-0.5, 0.4, 0.8]));
-        let splat = |v: [f32; 3]| v.map(Lanes::splat);
-        let got = reflect(&material.reflectance(), &splat(n), &splat(v), &splat(l)).map(|c| 2.0 * c.0[0]);
+        let gloss = Gloss::new(roughness);
+        let one = Lanes::splat(1.0);
+        let bsdf = || Bsdf {
+            normal: splat3(n),
+            base: splat3(base),
+            metallic: Lanes::splat(metallic),
+            alpha2: Lanes::splat(gloss.alpha2),
+            k: Lanes::splat(gloss.k),
+            emissive: splat3([0.0; 3]),
+            occlusion: one,
+        };
         let d64 = |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| f64::from(a[k]) * f64::from(b[k])).sum::<f64>();
         let h = normalize([l[0] + v[0], l[1] + v[1], l[2] + v[2]]);
         let (nl, nv, nh, vh) = (d64(n, l), d64(n, v), d64(n, h), d64(v, h));
-        for c in 0..3 {
-            let (base, metal, r) = (f64::from(material.base_color[c]), 0.3, 0.5f64);
-            let f0 = 0.04 * (1.0 - metal) + base * metal;
-            let f = f0 + (1.0 - f0) * (1.0 - vh).powi(5);
-            let k = (r + 1.0).powi(2) / 8.0;
-            let g = nv / (nv * (1.0 - k) + k) * nl / (nl * (1.0 - k) + k);
-            let a2 = r.powi(4);
-            let d = a2 / (std::f64::consts::PI * (nh * nh * (a2 - 1.0) + 1.0).powi(2));
-            let diffuse = (1.0 - f) * base * 0.96 * (1.0 - metal) / std::f64::consts::PI;
-            let expected = nl * 2.0 * (diffuse + f * g * d / (4.0 * nl * nv + 0.001));
-            assert!((f64::from(got[c]) - expected).abs() < 1e-5, "{c}: {} for {expected}", got[c]);
+        for gltf in [false, true] {
+            let got = Reflector::new(bsdf(), splat3(v), gltf).reflect(&splat3(l)).map(|c| c.0[0]);
+            for c in 0..3 {
+                let (base, metal, r) = (f64::from(base[c]), 0.3, 0.5f64);
+                let f0 = 0.04 * (1.0 - metal) + base * metal;
+                let f = f0 + (1.0 - f0) * (1.0 - vh).powi(5);
+                let a2 = r.powi(4);
+                let d = a2 / (std::f64::consts::PI * (nh * nh * (a2 - 1.0) + 1.0).powi(2));
+                let diffuse = (1.0 - f) * base * (1.0 - metal) / std::f64::consts::PI;
+                let expected = if gltf {
+                    let part = |x: f64, y: f64| x * (a2 + (1.0 - a2) * y * y).sqrt();
+                    let visibility = 0.5 / (part(nl, nv) + part(nv, nl));
+                    nl * (diffuse + f * visibility * d)
+                } else {
+                    let k = (r + 1.0).powi(2) / 8.0;
+                    let g = nv / (nv * (1.0 - k) + k) * nl / (nl * (1.0 - k) + k);
+                    nl * (diffuse * 0.96 + f * g * d / (4.0 * nl * nv + 0.001))
+                };
+                assert!((f64::from(got[c]) - expected).abs() < 1e-5, "{c}: {} for {expected}", got[c]);
+            }
         }
     }
 }

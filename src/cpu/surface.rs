@@ -1,5 +1,5 @@
-//! From the visibility buffer to surface points: barycentric coordinates by analysis, interpolated normals and
-//! vertex colours, eight pixels of one instance at a time.
+//! From the visibility buffer to surface points: barycentric coordinates and how they change on the screen, by analysis,
+//! interpolated normals and vertex colours, eight pixels of one instance at a time.
 
 use super::lanes::{LANES, Lanes, Vec3x8, apply, blend, cross, minus, normalize};
 use super::project::{InstanceView, Screen};
@@ -56,10 +56,24 @@ pub struct Surfels<'a> {
     pub normal: Vec3x8,
     /// Vertex colours, linear RGB, of meshes that have them.
     pub color: Option<Vec3x8>,
+    /// How the triangle lies, where that was asked for.
+    pub detail: Option<Detail>,
 }
 
-/// Walks the covered pixels of a range in order, up to eight of one instance at a time.
-pub struct Walk<'a> {
+/// How triangles lie at surface points.
+pub struct Detail {
+    /// Barycentric coordinates.
+    pub weights: Vec3x8,
+    /// What they change by from a pixel to the next on the right, and to the one below.
+    pub change: [Vec3x8; 2],
+    /// Corners, internal space.
+    pub corners: [Vec3x8; 3],
+    /// Unit normals of the triangles, camera space.
+    pub face: Vec3x8,
+}
+
+/// Walks the covered pixels of a range in order, up to eight of one instance at a time; with or without [`Detail`].
+pub struct Walk<'a, const DETAIL: bool> {
     pixels: Pixels<'a>,
     next: usize,
     end: usize,
@@ -70,7 +84,7 @@ pub struct Walk<'a> {
     gathered: Gathered<'a>,
 }
 
-impl<'a> Walk<'a> {
+impl<'a, const DETAIL: bool> Walk<'a, DETAIL> {
     /// Starts a walk; `None` where nothing can be covered.
     #[inline(always)]
     pub fn new(pixels: Pixels<'a>, range: std::ops::Range<usize>) -> Option<Self> {
@@ -128,7 +142,7 @@ impl<'a> Walk<'a> {
         if self.gathered.count == 0 {
             return None;
         }
-        Some(self.gathered.evaluate(self.pixels.screen))
+        Some(self.gathered.evaluate::<DETAIL>(self.pixels.screen))
     }
 }
 
@@ -153,7 +167,7 @@ impl<'a> Gathered<'a> {
     }
 
     #[inline(always)]
-    fn evaluate(&self, screen: &Screen) -> Surfels<'a> {
+    fn evaluate<const DETAIL: bool>(&self, screen: &Screen) -> Surfels<'a> {
         let (view, width) = (self.view, screen.width);
         let mut point = [Lanes::splat(0.5); 2];
         let mut distance = Lanes::splat(1.0);
@@ -163,8 +177,11 @@ impl<'a> Gathered<'a> {
             point[1].0[lane] += (pixel / width) as f32;
             distance.0[lane] = screen.distance(self.hits[lane].key);
         }
-        let weights = barycentric(view, screen.orthographic, &self.positions, &point);
-        let normal = if view.material.smooth {
+        let [a, b, c] = &self.positions;
+        let coordinates = Barycentric::new(&view.screen, screen.orthographic, [a, b, c], &point);
+        let weights = coordinates.weights();
+        let face = || apply(&view.normal, &normalize(&cross(&minus(b, a), &minus(c, a))));
+        let normal = if view.materials.smooth() {
             let [a, b, c] = &self.normals;
             let corners = [decode_normal(a), decode_normal(b), decode_normal(c)];
             if view.conformal {
@@ -176,9 +193,14 @@ impl<'a> Gathered<'a> {
                 blend(&weights, &turned)
             }
         } else {
-            let [a, b, c] = &self.positions;
-            apply(&view.normal, &normalize(&cross(&minus(b, a), &minus(c, a))))
+            face()
         };
+        let detail = DETAIL.then(|| Detail {
+            weights,
+            change: coordinates.change(&view.screen, screen.orthographic, [a, b, c], &weights),
+            corners: self.positions,
+            face: normalize(&face()),
+        });
         let color = if view.mesh.layout().colors {
             let [a, b, c] = &self.colors;
             Some(blend(&weights, &[decode_color(a), decode_color(b), decode_color(c)]))
@@ -196,48 +218,92 @@ impl<'a> Gathered<'a> {
             distance,
             normal: normalize(&normal),
             color,
+            detail,
         }
     }
 }
 
+/// Rows of a map to homogeneous screen space.
+type Rows = [[f32; 4]; 3];
+
 /// Perspective-correct barycentric coordinates of points of the screen on triangles, also where these reach
 /// behind the eye: the solution λ of Σ λᵢ (xᵢ, yᵢ) = p Σ λᵢ dᵢ in homogeneous screen coordinates.
 ///
-/// Points just outside (by snapping) are moved to the nearest edge. After Olano and Greer, "Triangle scan
-/// conversion using 2D homogeneous coordinates", Graphics Hardware 1997.
-#[inline(always)]
-fn barycentric(
-    view: &InstanceView,
-    orthographic: bool,
-    positions: &[Vec3x8; 3],
-    point: &[Lanes; 2],
-) -> Vec3x8 {
-    let [a, b, c] = positions;
-    let x = along(view, orthographic, 0, [a, b, c], point[0]);
-    let y = along(view, orthographic, 1, [a, b, c], point[1]);
-    let w = cross(&x, &y);
-    let inverse = Lanes::splat(1.0) / (w[0] + w[1] + w[2]);
-    // A degenerate triangle gives NaN here, which `max` turns into 0.
-    let w0 = (w[0] * inverse).max(0.0).min(1.0);
-    let w1 = (w[1] * inverse).max(0.0).min(1.0);
-    let w2 = (w[2] * inverse).max(0.0).min(1.0);
-    let sum = w0 + w1 + w2;
-    let (empty, third) = (sum - f32::MIN_POSITIVE, Lanes::splat(1.0 / 3.0));
-    let inverse = Lanes::splat(1.0) / sum;
-    [
-        empty.where_negative(third, w0 * inverse),
-        empty.where_negative(third, w1 * inverse),
-        empty.where_negative(third, w2 * inverse),
-    ]
+/// After Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates", Graphics Hardware 1997.
+struct Barycentric {
+    /// Coordinates of the corners, relative to the point.
+    x: Vec3x8,
+    y: Vec3x8,
+    /// λ, but for their sum.
+    cross: Vec3x8,
+    /// One over that.
+    inverse: Lanes,
+}
+
+impl Barycentric {
+    #[inline(always)]
+    fn new(rows: &Rows, orthographic: bool, corners: [&Vec3x8; 3], point: &[Lanes; 2]) -> Self {
+        let x = along(rows, orthographic, 0, corners, point[0]);
+        let y = along(rows, orthographic, 1, corners, point[1]);
+        let cross = cross(&x, &y);
+        let inverse = Lanes::splat(1.0) / (cross[0] + cross[1] + cross[2]);
+        Self { x, y, cross, inverse }
+    }
+
+    /// Those of the points. Points just outside (by snapping) are moved to the nearest edge.
+    #[inline(always)]
+    fn weights(&self) -> Vec3x8 {
+        let Self { cross, inverse, .. } = self;
+        // A degenerate triangle gives NaN here, which `max` turns into 0.
+        let w0 = (cross[0] * *inverse).max(0.0).min(1.0);
+        let w1 = (cross[1] * *inverse).max(0.0).min(1.0);
+        let w2 = (cross[2] * *inverse).max(0.0).min(1.0);
+        let sum = w0 + w1 + w2;
+        let (empty, third) = (sum - f32::MIN_POSITIVE, Lanes::splat(1.0 / 3.0));
+        let inverse = Lanes::splat(1.0) / sum;
+        [
+            empty.where_negative(third, w0 * inverse),
+            empty.where_negative(third, w1 * inverse),
+            empty.where_negative(third, w2 * inverse),
+        ]
+    }
+
+    /// What they change by from a pixel to the next on the right, and to the one below: derivatives of a quotient of
+    /// sums that are linear in the point.
+    #[inline(always)]
+    fn change(
+        &self,
+        rows: &Rows,
+        orthographic: bool,
+        corners: [&Vec3x8; 3],
+        weights: &Vec3x8,
+    ) -> [Vec3x8; 2] {
+        // What the coordinates of the corners lose by a pixel.
+        let mut loss = [Lanes::splat(1.0); 3];
+        if !orthographic {
+            for i in 0..3 {
+                loss[i] = row(&rows[2], corners[i]);
+            }
+        }
+        let of = |d: Vec3x8| {
+            let sum = d[0] + d[1] + d[2];
+            [
+                (d[0] - weights[0] * sum) * self.inverse,
+                (d[1] - weights[1] * sum) * self.inverse,
+                (d[2] - weights[2] * sum) * self.inverse,
+            ]
+        };
+        [of(cross(&self.y, &loss)), of(cross(&loss, &self.x))]
+    }
 }
 
 /// Homogeneous coordinate `k` of three corners, relative to a point of the screen.
 #[inline(always)]
-fn along(view: &InstanceView, orthographic: bool, k: usize, corners: [&Vec3x8; 3], point: Lanes) -> Vec3x8 {
+fn along(rows: &Rows, orthographic: bool, k: usize, corners: [&Vec3x8; 3], point: Lanes) -> Vec3x8 {
     let mut out = [point; 3];
     for i in 0..3 {
-        let at = row(&view.screen[k], corners[i]);
-        out[i] = if orthographic { at - point } else { at - point * row(&view.screen[2], corners[i]) };
+        let at = row(&rows[k], corners[i]);
+        out[i] = if orthographic { at - point } else { at - point * row(&rows[2], corners[i]) };
     }
     out
 }
@@ -279,6 +345,59 @@ fn decode_color(packed: &[u32; LANES]) -> Vec3x8 {
 mod tests {
     use super::*;
     use crate::math::octahedral;
+
+    #[test]
+    fn changes_are_those_of_finite_differences() {
+        let mut state = 1u32;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(state >> 8) / f64::from(1 << 24)
+        };
+        for case in 0..400 {
+            let orthographic = case % 4 == 3;
+            let far = if orthographic { [0.0, 0.0, 0.0, 1.0] } else { [0.1, -0.2, 1.0, 2.5] };
+            let rows = [[300.0, 20.0, 80.0, 400.0], [-30.0, 250.0, 90.0, 300.0], far];
+            let corners: [[f64; 3]; 3] = std::array::from_fn(|_| std::array::from_fn(|_| 2.0 * random() - 1.0));
+            let inside = [0.2 + random(), 0.2 + random(), 0.2 + random()];
+            let homogeneous = corners
+                .map(|p| rows.map(|m: [f64; 4]| m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]));
+            let sum = |k: usize| (0..3).map(|i| inside[i] * homogeneous[i][k]).sum::<f64>();
+            let depth = if orthographic { inside.iter().sum() } else { sum(2) };
+            let point = [sum(0) / depth, sum(1) / depth];
+            let exact = |[px, py]: [f64; 2]| {
+                let d = homogeneous.map(|h| if orthographic { 1.0 } else { h[2] });
+                let x: [f64; 3] = std::array::from_fn(|i| homogeneous[i][0] - px * d[i]);
+                let y: [f64; 3] = std::array::from_fn(|i| homogeneous[i][1] - py * d[i]);
+                let w = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]];
+                w.map(|v| v / w.iter().sum::<f64>())
+            };
+            // Triangles seen edge on are no ground to stand on.
+            let area = |a: [f64; 3], b: [f64; 3], c: [f64; 3]| {
+                let at = |h: [f64; 3], k: usize| h[k] / if orthographic { 1.0 } else { h[2] };
+                (at(b, 0) - at(a, 0)) * (at(c, 1) - at(a, 1)) - (at(c, 0) - at(a, 0)) * (at(b, 1) - at(a, 1))
+            };
+            if area(homogeneous[0], homogeneous[1], homogeneous[2]).abs() < 500.0 {
+                continue;
+            }
+            let single = rows.map(|row| row.map(|v| v as f32));
+            let lanes = corners.map(|p| p.map(|v| Lanes::splat(v as f32)));
+            let at = point.map(|v| Lanes::splat(v as f32));
+            let [a, b, c] = &lanes;
+            let coordinates = Barycentric::new(&single, orthographic, [a, b, c], &at);
+            let change = coordinates.change(&single, orthographic, [a, b, c], &coordinates.weights());
+            for axis in 0..2 {
+                let mut moved = [point; 2];
+                (moved[0][axis], moved[1][axis]) = (point[axis] + 0.01, point[axis] - 0.01);
+                let (ahead, behind) = (exact(moved[0]), exact(moved[1]));
+                let expected: [f64; 3] = std::array::from_fn(|i| (ahead[i] - behind[i]) / 0.02);
+                let scale = expected.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+                for i in 0..3 {
+                    let got = f64::from(change[axis][i].0[0]);
+                    assert!((got - expected[i]).abs() <= 1e-3 * scale, "case {case}: {got} for {}", expected[i]);
+                }
+            }
+        }
+    }
 
     #[test]
     fn eight_normals_decode_as_one() {

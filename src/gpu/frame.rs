@@ -4,6 +4,7 @@ use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePass};
 
 use super::context::Context;
 use super::instances::Slots;
+use super::materials;
 use super::meshes::Meshes;
 use super::occlusion::Pyramids;
 use super::shade::Light;
@@ -338,6 +339,8 @@ pub(super) struct Recorder<'a> {
     pub(super) buffers: &'a Buffers,
     pub(super) pyramids: &'a Pyramids,
     pub(super) light: &'a Light,
+    /// Materials, where an instance has others than a plain one.
+    pub(super) materials: Option<&'a materials::Buffers>,
     /// What is hidden is left out, in two phases.
     pub(super) culling: bool,
     pub(super) phase: shaders::Phase,

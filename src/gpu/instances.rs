@@ -6,10 +6,12 @@ use std::sync::Arc;
 use wgpu::{Buffer, BufferUsages};
 
 use super::context::Context;
+use super::materials::MaterialTable;
 use super::meshes::Meshes;
 use crate::error::{Error, Result};
 use crate::gpu_types::{Look, Placed};
 use crate::model::Dag;
+use crate::scene::Materials;
 use crate::stream::Resident;
 
 /// Slots that did not change are written along where the way around is as short.
@@ -18,16 +20,33 @@ const GAP: usize = 16;
 /// What the arrays hold, for messages.
 pub(super) const WHAT: &str = "the instances of the scene";
 
+/// An instance as it is drawn. Where its mesh and its materials lie on the device is filled in.
+#[derive(Debug)]
+pub struct Shown<'a> {
+    /// Where it is.
+    pub placed: Placed,
+    /// How it looks.
+    pub look: Look,
+    /// What it is.
+    pub mesh: &'a Arc<Dag>,
+    /// Its materials, unless there is a plain one, which is part of the look.
+    pub materials: Option<&'a Materials>,
+}
+
 /// The slots of a scene.
 #[derive(Debug, Default)]
 pub(super) struct Instances {
     records: Vec<Placed>,
     looks: Vec<Look>,
     meshes: Vec<Option<Arc<Dag>>>,
+    materials: Vec<Option<Materials>>,
+    table: MaterialTable,
     /// Slots to write, with repetitions.
     changed: Vec<u32>,
     /// Some slot has another mesh than before, so that what lies behind it may lie elsewhere.
     rearranged: bool,
+    /// Some slot has other materials than before.
+    repainted: bool,
     buffers: Option<Slots>,
     /// Words of the bits of all groups, and levels of the deepest hierarchy.
     group_words: u32,
@@ -47,22 +66,31 @@ pub(super) struct Slots {
 impl Instances {
     /// Forgets all.
     pub(super) fn clear(&mut self) {
-        *self = Self { buffers: self.buffers.take(), rearranged: true, ..Self::default() };
+        *self = Self { buffers: self.buffers.take(), rearranged: true, repainted: true, ..Self::default() };
     }
 
     /// Puts an instance in a slot, or nothing. Where its mesh lies on the device is found out later.
-    pub(super) fn set(&mut self, slot: u32, instance: Option<(Placed, Look, &Arc<Dag>)>) {
+    pub(super) fn set(&mut self, slot: u32, instance: Option<Shown<'_>>) {
         let index = slot as usize;
         if self.records.len() <= index {
             self.records.resize(index + 1, bytemuck::Zeroable::zeroed());
             self.looks.resize(index + 1, bytemuck::Zeroable::zeroed());
             self.meshes.resize(index + 1, None);
+            self.materials.resize(index + 1, None);
         }
-        let (record, look, mesh) = match instance {
-            Some((record, look, mesh)) => (record, look, Some(mesh)),
-            None => (bytemuck::Zeroable::zeroed(), bytemuck::Zeroable::zeroed(), None),
+        let (record, look, mesh, materials) = match instance {
+            Some(Shown { placed, look, mesh, materials }) => (placed, look, Some(mesh), materials),
+            None => (bytemuck::Zeroable::zeroed(), bytemuck::Zeroable::zeroed(), None, None),
         };
-        self.looks[index] = look;
+        if self.materials[index].as_ref() != materials {
+            self.repainted = true;
+            self.materials[index] = materials.cloned();
+        }
+        let Look { first_material, last_material, .. } = self.looks[index];
+        self.looks[index] = match materials {
+            Some(_) => Look { first_material, last_material, ..look },
+            None => look,
+        };
         let known = self.meshes[index].as_ref();
         if known.map(Arc::as_ptr) != mesh.map(Arc::as_ptr) {
             self.rearranged = true;
@@ -109,6 +137,7 @@ impl Instances {
         if let Err(error) = self.bring(context, meshes, resident) {
             // Of what has come by then nobody knows.
             (*meshes, self.rearranged) = (Meshes::default(), true);
+            (self.table, self.repainted) = (MaterialTable::default(), true);
             return Err(error);
         }
         if self.room() < self.len() {
@@ -141,7 +170,35 @@ impl Instances {
             self.arrange(meshes)?;
             self.rearranged = false;
         }
+        if self.repainted {
+            self.paint(context)?;
+            self.repainted = false;
+        }
         meshes.stream(context, resident)
+    }
+
+    /// Tells each instance where its materials are.
+    fn paint(&mut self, context: &Context) -> Result<()> {
+        let materials = self.materials.iter().map(Option::as_ref);
+        let firsts = if materials.clone().any(|m| m.is_some()) {
+            self.table.upload(context, materials)?
+        } else {
+            self.table = MaterialTable::default();
+            vec![[u32::MAX, 0]; self.looks.len()]
+        };
+        for ((look, [first_material, last_material]), slot) in self.looks.iter_mut().zip(firsts).zip(0..) {
+            let painted = Look { first_material, last_material, ..*look };
+            if *look != painted {
+                *look = painted;
+                self.changed.push(slot);
+            }
+        }
+        Ok(())
+    }
+
+    /// The materials on the device, where an instance has others than a plain one.
+    pub(super) fn table(&self) -> &MaterialTable {
+        &self.table
     }
 
     /// Tells each instance where its mesh is and gives it bits for its groups.

@@ -14,6 +14,7 @@ mod frame;
 mod hzb;
 mod instance_cull;
 mod instances;
+mod materials;
 pub mod meshes;
 mod node_cull;
 mod occlusion;
@@ -30,6 +31,7 @@ mod sight;
 mod times;
 
 pub use context::Context;
+pub use instances::Shown;
 pub use renderer::{Counted, DeviceStage, Drawn, Job, Renderer, Ways};
 pub use shaders::Phase;
 // For benchmarks, which run stages of their own on the same device.

@@ -5,6 +5,7 @@ use wgpu::{CommandEncoder, ComputePassDescriptor};
 use super::context::Context;
 use super::frame::{Recorder, raster_bindings};
 use super::instances::Slots;
+use super::materials;
 use super::meshes::Meshes;
 use super::raster_hardware::{Draw, Target};
 use super::renderer::DeviceStage;
@@ -21,6 +22,7 @@ pub(super) struct Passes<'a> {
     /// The instances of the scene, and how many slots there are.
     pub(super) instances: &'a Slots,
     pub(super) slots: u32,
+    pub(super) materials: Option<&'a materials::Buffers>,
     pub(super) times: &'a Times,
     pub(super) encoder: &'a mut CommandEncoder,
     /// Stage and phase of each so far.
@@ -42,7 +44,7 @@ impl<'a> Passes<'a> {
         let descriptor = ComputePassDescriptor { label: None, timestamp_writes };
         // It ends below, where the last recorder does.
         let mut pass = self.encoder.begin_compute_pass(&descriptor).forget_lifetime();
-        let Self { context, meshes, instances, slots, .. } = *self;
+        let Self { context, meshes, instances, slots, materials, .. } = *self;
         for Turn { seen, buffers, culling, sight, .. } in turns {
             let (pyramids, light, culling) = (&sight.pyramids, &sight.light, *culling);
             let mut recorder = Recorder {
@@ -54,6 +56,7 @@ impl<'a> Passes<'a> {
                 buffers,
                 pyramids,
                 light,
+                materials,
                 culling,
                 phase,
                 pass,

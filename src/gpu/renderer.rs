@@ -6,7 +6,7 @@ use wgpu::CommandEncoderDescriptor;
 
 use super::context::Context;
 use super::frame::{Buffers, Room, Shape};
-use super::instances::Instances;
+use super::instances::{Instances, Shown};
 use super::meshes::Meshes;
 use super::passes::Passes;
 use super::raster_hardware::{self, Target};
@@ -18,10 +18,9 @@ use super::{
 use crate::config::{Output, Outputs, Raster, Transfer};
 use crate::error::{Error, Result};
 use crate::gpu_types::{
-    self, Array, Counters, Dispatch, Lighting, Look, Placed, View, VisibleCluster, Visit,
+    self, Array, Counters, Dispatch, Lighting, View, VisibleCluster, Visit,
 };
 use crate::limits::MAX_VISIBLE;
-use crate::model::Dag;
 use crate::stream::{Needs, Resident};
 
 /// Lists of a first frame; each grows to what frames need.
@@ -120,6 +119,8 @@ pub struct Drawn {
     pub made: Vec<(Output, Array)>,
     /// Bytes of instances written to the device.
     pub uploaded_bytes: u64,
+    /// Images whose finest levels the device had no room for.
+    pub reduced_images: u32,
     /// Which rasterizers drew it.
     pub raster: Raster,
     /// One phase, or two.
@@ -160,7 +161,7 @@ impl Renderer {
     }
 
     /// Puts an instance in a slot of the scene, or nothing. Where its mesh lies on the device is filled in.
-    pub fn set(&mut self, slot: u32, instance: Option<(Placed, Look, &Arc<Dag>)>) {
+    pub fn set(&mut self, slot: u32, instance: Option<Shown<'_>>) {
         self.instances.set(slot, instance);
     }
 
@@ -237,6 +238,7 @@ impl Renderer {
             if room == self.room {
                 for ((drawn, sight), (view, culling)) in drawn.iter_mut().zip(&mut self.sights).zip(&views) {
                     (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
+                    drawn.reduced_images = self.instances.table().reduced();
                     drawn.needs = self.meshes.needs(&drawn.wanted);
                     sight.remember(view, drawn, *culling, ways.occlusion);
                 }
@@ -275,6 +277,7 @@ impl Renderer {
             turns,
             instances,
             slots: self.instances.len(),
+            materials: self.instances.table().buffers(),
             times,
             encoder: &mut encoder,
             passes: Vec::new(),

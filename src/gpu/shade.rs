@@ -4,7 +4,8 @@ use wgpu::{Buffer, BufferUsages};
 
 use super::context::Context;
 use super::frame::Recorder;
-use super::shaders::Kernel;
+use super::materials::Buffers;
+use super::shaders::{Kernel, Skin};
 use crate::config::Transfer;
 use crate::error::Result;
 use crate::gpu_types::{self, Lighting};
@@ -57,7 +58,14 @@ impl Light {
 pub(super) fn record(r: &mut Recorder<'_>) {
     let Light { lighting, lights, steps, .. } = r.light;
     for (output, out) in r.buffers.outputs.iter().filter(|(output, _)| output.shaded()) {
-        let bindings = [&r.surface_bindings(out)[..], &[lighting, lights, steps]].concat();
-        r.run(Kernel::Shade(*output), &bindings, r.picture_workgroups());
+        let mut bindings = [&r.surface_bindings(out)[..], &[lighting, lights, steps]].concat();
+        let skin = match r.materials {
+            Some(Buffers { materials, texels }) => {
+                bindings.extend([materials, texels]);
+                Skin::Textured
+            }
+            None => Skin::Plain,
+        };
+        r.run(Kernel::Shade(*output, skin), &bindings, r.picture_workgroups());
     }
 }

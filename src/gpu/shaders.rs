@@ -3,8 +3,10 @@
 use std::mem::offset_of;
 
 use super::meshes::ABSENT;
-use crate::config::{OUTPUTS, Output};
-use crate::gpu_types::{LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH};
+use crate::config::{OUTPUTS, Output, Shading};
+use crate::gpu_types::{
+    LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP,
+};
 use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN,
     PAGE_SLOT_BITS, PYRAMID_ABOVE, PYRAMID_FINER, PYRAMID_LEVELS, PYRAMID_REACH, SMALL_EDGE, SUBPIXEL_BITS,
@@ -12,6 +14,9 @@ use crate::limits::{
 };
 use crate::model::cluster::RECORD_WORDS;
 use crate::model::{ClusterRecord, Packing};
+use crate::scene::Slot;
+use crate::scene::image::TexelFormat;
+use crate::scene::texture::{Mipmaps, Wrap};
 
 /// Lanes of a workgroup where each entry is looked at by itself.
 pub const WIDTH: u32 = 64;
@@ -122,6 +127,15 @@ pub enum Bits {
     Clusters,
 }
 
+/// What surfaces are that are shaded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Skin {
+    /// Each instance has a material without textures.
+    Plain,
+    /// Some have textures, or several materials.
+    Textured,
+}
+
 /// Everything that runs on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
@@ -152,7 +166,7 @@ pub enum Kernel {
     /// Visibility buffer of the first phase → with the numbers of both.
     Renumber,
     /// Visibility buffer → colour, encoded or not.
-    Shade(Output),
+    Shade(Output, Skin),
     /// Visibility buffer → another array; what is shaded and overdraw are made otherwise.
     Output(Output),
     /// A long loop, to see whether the driver finishes it.
@@ -160,7 +174,7 @@ pub enum Kernel {
 }
 
 /// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 43] = [
+pub const KERNELS: [Kernel; 45] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
@@ -193,8 +207,10 @@ pub const KERNELS: [Kernel; 43] = [
     Kernel::RasterLarge(Words::Count),
     Kernel::RasterSmall(Words::Depth),
     Kernel::RasterLarge(Words::Depth),
-    Kernel::Shade(Output::Color),
-    Kernel::Shade(Output::Linear),
+    Kernel::Shade(Output::Color, Skin::Plain),
+    Kernel::Shade(Output::Linear, Skin::Plain),
+    Kernel::Shade(Output::Color, Skin::Textured),
+    Kernel::Shade(Output::Linear, Skin::Textured),
     Kernel::Output(Output::Depth),
     Kernel::Output(Output::Normal),
     Kernel::Output(Output::InstanceId),
@@ -239,6 +255,8 @@ const TRIANGLE: &str = file!("shared/triangle");
 const PAIR: &str = file!("shared/pair");
 const WIDE: &str = file!("shared/wide");
 const SURFACE: &str = file!("shared/surface");
+const BSDF: &str = file!("shared/bsdf");
+const TEXTURE: &str = file!("shared/texture");
 const KEY: &str = file!("shared/key");
 
 impl Kernel {
@@ -264,7 +282,7 @@ impl Kernel {
             Self::Hzb(_) => "hzb",
             Self::Settle(_) => "settle",
             Self::Renumber => "renumber",
-            Self::Shade(_) => "shade",
+            Self::Shade(..) => "shade",
             Self::Output(_) => "output",
             Self::LoopProbe => "loop_probe",
         }
@@ -299,7 +317,12 @@ impl Kernel {
             Self::Hzb(_) => vec![TYPES, KEY, file!("hzb")],
             Self::Settle(_) => vec![TYPES, file!("settle")],
             Self::Renumber => vec![TYPES, file!("renumber")],
-            Self::Shade(_) => vec![TYPES, PAGES, SURFACE, file!("shade")],
+            Self::Shade(_, Skin::Plain) => {
+                vec![TYPES, PAGES, SURFACE, BSDF, file!("shared/plain"), file!("shade")]
+            }
+            Self::Shade(_, Skin::Textured) => {
+                vec![TYPES, PAGES, SURFACE, BSDF, TEXTURE, file!("shared/material"), file!("shade")]
+            }
             Self::Output(_) => vec![TYPES, PAGES, SURFACE, KEY, file!("output")],
             Self::LoopProbe => vec![file!("loop_probe")],
         }
@@ -329,7 +352,7 @@ impl Kernel {
             let first = matches!(words, Words::Wide | Words::Keys | Words::Depth);
             source += &format!("const FIRST_PASS: bool = {first};\n");
         }
-        if let Self::Shade(output) | Self::Output(output) = self {
+        if let Self::Shade(output, _) | Self::Output(output) = self {
             let (number, rgb) = (output as u32, output.rgb());
             source += &format!("const OUTPUT: u32 = {number}u;\nconst OUTPUT_RGB: bool = {rgb};\n");
         }
@@ -394,6 +417,25 @@ pub fn constants() -> String {
         ("LOOK_SMOOTH", LOOK_SMOOTH),
         ("LOOK_CONFORMAL", LOOK_CONFORMAL),
         ("LOOK_COLORS", LOOK_COLORS),
+        ("SLOT_BASE_COLOR", Slot::BaseColor as u32),
+        ("SLOT_METALLIC_ROUGHNESS", Slot::MetallicRoughness as u32),
+        ("SLOT_NORMAL", Slot::Normal as u32),
+        ("SLOT_OCCLUSION", Slot::Occlusion as u32),
+        ("SLOT_EMISSIVE", Slot::Emissive as u32),
+        ("TEXTURE_WRAP", TEXTURE_WRAP),
+        ("TEXTURE_LINEAR", TEXTURE_LINEAR),
+        ("TEXTURE_MIPMAPS", TEXTURE_MIPMAPS),
+        ("TEXTURE_FORMAT", TEXTURE_FORMAT),
+        ("WRAP_REPEAT", Wrap::Repeat as u32),
+        ("WRAP_MIRROR", Wrap::Mirror as u32),
+        ("MIPMAPS_OFF", Mipmaps::Off as u32),
+        ("MIPMAPS_LINEAR", Mipmaps::Linear as u32),
+        ("FORMAT_SRGB_8", TexelFormat::Srgb8 as u32),
+        ("FORMAT_HALF", TexelFormat::Half as u32),
+        ("SHADING_GLTF", Shading::Gltf as u32),
+        ("SHADING_PYRENDER", Shading::Pyrender as u32),
+        ("SHADING_FLAT", Shading::Flat as u32),
+        ("SHADING_NORMALS", Shading::Normals as u32),
     ];
     let fields = [
         ("RECORD_CENTER", offset_of!(ClusterRecord, center)),
@@ -405,6 +447,7 @@ pub fn constants() -> String {
         ("RECORD_COUNTS", offset_of!(ClusterRecord, vertex_count)),
         ("RECORD_DATA", offset_of!(ClusterRecord, data)),
         ("RECORD_GROUP", offset_of!(ClusterRecord, group)),
+        ("RECORD_MATERIAL", offset_of!(ClusterRecord, material)),
         ("RECORD_REFINED_PAGE", offset_of!(ClusterRecord, refined_page)),
         ("PACKING_WIDTHS", offset_of!(Packing, widths)),
         ("PACKING_STEP", offset_of!(Packing, step)),

@@ -91,7 +91,7 @@ pub struct Placed {
     pub first_page: u32,
     /// Where the bits of the instance's groups start, words.
     pub group_words: u32,
-    /// 1 draws back faces too.
+    /// By material, one bit each, the last for all from there on: draws back faces too.
     pub double_sided: u32,
     /// 1 where the map reverses orientation.
     pub mirrored: u32,
@@ -109,18 +109,83 @@ pub struct Placed {
 pub struct Look {
     /// Rows of the map of normals from internal space to the world, each with a component of the base colour.
     pub normal: [[f32; 4]; 3],
-    /// What is reflected in all directions.
-    pub diffuse: [f32; 3],
-    /// α² of GGX.
-    pub alpha2: f32,
-    /// What is reflected at right angles.
-    pub f0: [f32; 3],
-    /// k of Smith's G.
-    pub k: f32,
     /// Light given off.
     pub emissive: [f32; 3],
+    /// 0 dielectric to 1 metal.
+    pub metallic: f32,
+    /// α² of GGX.
+    pub alpha2: f32,
+    /// k of pyrender's G.
+    pub k: f32,
     /// [`LOOK_SMOOTH`], [`LOOK_CONFORMAL`], [`LOOK_COLORS`].
     pub flags: u32,
+    /// Of an instance with textures or several materials, the first of these; otherwise `u32::MAX`.
+    pub first_material: u32,
+    /// How many follow that.
+    pub last_material: u32,
+    /// Zero.
+    pub unused_a: u32,
+    /// Zero.
+    pub unused_b: u32,
+    /// Zero.
+    pub unused_c: u32,
+}
+
+/// A texture of a material.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Texture {
+    /// Rows of the map from (u, v, 1) to the image in its sides, from its upper left corner; and the sides, texels.
+    pub rows: [[f32; 4]; 2],
+    /// Where the image starts, words; `u32::MAX` where there is no texture.
+    pub start: u32,
+    /// Levels of the image.
+    pub levels: u32,
+    /// UV set, and fields from [`TEXTURE_WRAP`] on.
+    pub flags: u32,
+    /// Most samples.
+    pub anisotropy: f32,
+}
+
+/// First bit of [`Texture::flags`] of what is beyond the edges: two for u, two for v.
+pub const TEXTURE_WRAP: u32 = 2;
+/// Bit of [`Texture::flags`]: between texels.
+pub const TEXTURE_LINEAR: u32 = 6;
+/// First of two bits of [`Texture::flags`]: which levels are read.
+pub const TEXTURE_MIPMAPS: u32 = 7;
+/// First of two bits of [`Texture::flags`]: how a texel lies in memory.
+pub const TEXTURE_FORMAT: u32 = 9;
+
+/// A material of an instance.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Material {
+    /// Base colour.
+    pub base: [f32; 3],
+    /// 0 to 1.
+    pub alpha: f32,
+    /// Light given off.
+    pub emissive: [f32; 3],
+    /// 0 dielectric to 1 metal.
+    pub metallic: f32,
+    /// Perceptual roughness.
+    pub roughness: f32,
+    /// Times X and Y of the normal texture.
+    pub normal_scale: f32,
+    /// How much of the occlusion texture counts.
+    pub occlusion_strength: f32,
+    /// Where alpha is below it there is a hole.
+    pub alpha_cutoff: f32,
+    /// [`LOOK_SMOOTH`].
+    pub flags: u32,
+    /// Zero.
+    pub unused_a: u32,
+    /// Zero.
+    pub unused_b: u32,
+    /// Zero.
+    pub unused_c: u32,
+    /// By [`crate::scene::Slot`].
+    pub textures: [Texture; 5],
 }
 
 /// Of [`Look::flags`]: normals are interpolated.
@@ -166,12 +231,12 @@ pub struct Lighting {
     pub background: u32,
     /// An exponent close to what encodes colours.
     pub power: f32,
+    /// [`crate::config::Shading`] by number.
+    pub shading: u32,
     /// Zero.
     pub unused_a: u32,
     /// Zero.
     pub unused_b: u32,
-    /// Zero.
-    pub unused_c: u32,
 }
 
 /// An instance as seen from a view.
@@ -204,7 +269,7 @@ pub struct Instance {
     pub first_page: u32,
     /// Where the bits of the instance's groups start, words.
     pub group_words: u32,
-    /// 1 draws back faces too.
+    /// By material, one bit each, the last for all from there on: draws back faces too.
     pub double_sided: u32,
     /// 1 where the map to the screen reverses orientation.
     pub mirrored: u32,

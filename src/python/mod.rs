@@ -3,6 +3,7 @@
 
 mod arrays;
 mod errors;
+mod image;
 mod measure;
 mod mesh;
 mod renderer;
@@ -22,6 +23,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(tables::group_table, module)?)?;
     module.add_function(wrap_pyfunction!(measure::surface_distance, module)?)?;
     module.add_function(wrap_pyfunction!(measure::closest_points, module)?)?;
+    module.add_class::<image::Image>()?;
     module.add_class::<scene::Scene>()?;
     module.add_class::<renderer::Renderer>()?;
     module.add_class::<renderer::Frame>()?;

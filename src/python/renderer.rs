@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use super::arrays::matrix4;
 use super::errors::{detached, interruptible, to_python};
 use super::scene::Scene;
-use crate::config::{Output, Raster, RenderOptions, Samples, Transfer};
+use crate::config::{Output, Raster, RenderOptions, Samples, Shading, Transfer};
 use crate::error::{Error, Result};
 use crate::render::{self, ImageView};
 use crate::scene::{Camera, Projection, pose};
@@ -104,7 +104,7 @@ impl Renderer {
     }
 
     /// Renders a frame for each view.
-    #[pyo3(signature = (scene, views, *, pixel_error, occlusion, raster, outputs, depth_only, samples, transfer, wait))]
+    #[pyo3(signature = (scene, views, *, pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait))]
     fn render(
         &self,
         py: Python<'_>,
@@ -116,6 +116,7 @@ impl Renderer {
         outputs: Option<Vec<String>>,
         depth_only: bool,
         samples: u32,
+        shading: &str,
         transfer: &str,
         wait: bool,
     ) -> PyResult<Vec<Frame>> {
@@ -130,9 +131,19 @@ impl Renderer {
         });
         let outputs = outputs.map_err(|error| to_python(py, error))?;
         let samples = Samples::try_from(samples).map_err(|error| to_python(py, error))?;
+        let shading: Shading = shading.parse().map_err(|error| to_python(py, error))?;
         let transfer: Transfer = transfer.parse().map_err(|error| to_python(py, error))?;
-        let options =
-            RenderOptions { pixel_error, occlusion, raster, outputs, samples, transfer, wait, ..defaults };
+        let options = RenderOptions {
+            pixel_error,
+            occlusion,
+            raster,
+            outputs,
+            samples,
+            shading,
+            transfer,
+            wait,
+            ..defaults
+        };
         let frames = interruptible(py, |go_on| {
             let view = |(camera, pose)| Ok((self::camera(camera)?, pose));
             let views: Vec<_> = views.into_iter().map(view).collect::<Result<_>>()?;

@@ -7,15 +7,45 @@ use pyo3::prelude::*;
 
 use super::arrays::matrix4;
 use super::errors::to_python;
+use super::image::Image;
 use super::mesh::Mesh;
 use crate::error::{Error, Result};
-use crate::scene::{self, Handle, InstanceHandle, Light, LightHandle, LightKind, Material, pose};
+use crate::scene::texture::{Mipmaps, Wrap};
+use crate::scene::{
+    self, Handle, InstanceHandle, Light, LightHandle, LightKind, Material, Materials, Slot, Texture, pose,
+};
 
 /// Index and generation.
 type RawHandle = (u32, u32);
 
-/// Base colour, metallic, roughness, emission, double-sided, smooth.
-type RawMaterial = ([f32; 3], f32, f32, [f32; 3], bool, bool);
+/// A material as `Material._raw` gives it.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(super) struct RawMaterial {
+    base_color: [f32; 4],
+    metallic: f32,
+    roughness: f32,
+    emissive: [f32; 3],
+    double_sided: bool,
+    smooth: bool,
+    normal_scale: f32,
+    occlusion_strength: f32,
+    alpha_cutoff: Option<f32>,
+    textures: [Option<RawTexture>; Slot::COUNT],
+}
+
+/// A texture as `Texture._raw` gives it.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct RawTexture {
+    image: Py<Image>,
+    uv_set: u8,
+    wrap: (u8, u8),
+    linear: bool,
+    mipmaps: u8,
+    anisotropy: u32,
+    rows: [[f32; 3]; 2],
+}
 
 /// Kind, colour, intensity, range, inner and outer angle of the cone.
 type RawLight = (String, [f32; 3], f32, Option<f32>, Option<(f64, f64)>);
@@ -55,8 +85,46 @@ fn handle((index, generation): RawHandle) -> Handle {
     Handle { index, generation }
 }
 
-fn material((base_color, metallic, roughness, emissive, double_sided, smooth): RawMaterial) -> Material {
-    Material { base_color, metallic, roughness, emissive, double_sided, smooth }
+fn materials(looks: Vec<RawMaterial>) -> Materials {
+    Materials::from(looks.into_iter().map(material).collect::<Vec<_>>())
+}
+
+fn material(raw: RawMaterial) -> Material {
+    let [red, green, blue, alpha] = raw.base_color;
+    Material {
+        base_color: [red, green, blue],
+        alpha,
+        metallic: raw.metallic,
+        roughness: raw.roughness,
+        emissive: raw.emissive,
+        double_sided: raw.double_sided,
+        smooth: raw.smooth,
+        normal_scale: raw.normal_scale,
+        occlusion_strength: raw.occlusion_strength,
+        alpha_cutoff: raw.alpha_cutoff,
+        textures: raw.textures.map(|texture| texture.map(self::texture)),
+    }
+}
+
+fn texture(raw: RawTexture) -> Texture {
+    let wrap = |way: u8| match way {
+        0 => Wrap::Repeat,
+        1 => Wrap::Mirror,
+        _ => Wrap::Clamp,
+    };
+    Texture {
+        image: Arc::clone(&raw.image.get().inner),
+        uv_set: raw.uv_set,
+        wrap: [wrap(raw.wrap.0), wrap(raw.wrap.1)],
+        linear: raw.linear,
+        mipmaps: match raw.mipmaps {
+            0 => Mipmaps::Off,
+            1 => Mipmaps::Nearest,
+            _ => Mipmaps::Linear,
+        },
+        anisotropy: raw.anisotropy,
+        rows: raw.rows,
+    }
 }
 
 fn light((kind, color, intensity, range, cone): RawLight, rows: &[[f64; 4]; 4]) -> Result<Light> {
@@ -82,11 +150,11 @@ impl Scene {
         py: Python<'_>,
         mesh: &Mesh,
         pose: &Bound<'_, PyAny>,
-        look: RawMaterial,
+        looks: Vec<RawMaterial>,
     ) -> PyResult<RawHandle> {
         let rows = matrix4(pose, "pose")?;
         let dag = Arc::clone(&mesh.dag);
-        let at = self.edit(py, |scene| scene.add(dag, &rows, material(look)))?.0;
+        let at = self.edit(py, |scene| scene.add(dag, &rows, materials(looks)))?.0;
         Ok((at.index, at.generation))
     }
 
@@ -113,8 +181,8 @@ impl Scene {
     }
 
     /// Changes the look of an instance.
-    fn set_material(&self, py: Python<'_>, at: RawHandle, look: RawMaterial) -> PyResult<()> {
-        self.edit(py, |scene| scene.set_material(InstanceHandle(handle(at)), material(look)))
+    fn set_material(&self, py: Python<'_>, at: RawHandle, looks: Vec<RawMaterial>) -> PyResult<()> {
+        self.edit(py, |scene| scene.set_material(InstanceHandle(handle(at)), materials(looks)))
     }
 
     /// Removes an instance.

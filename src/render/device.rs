@@ -14,9 +14,10 @@ use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
 use crate::cpu::visibility::Visible;
 use crate::error::Result;
-use crate::gpu::{Context, Counted, DeviceStage, Drawn, Job, Phase, Renderer, Ways};
+use crate::gpu::{Context, Counted, DeviceStage, Drawn, Job, Phase, Renderer, Shown, Ways};
 use crate::gpu_types::{self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, Look, Placed, VisibleCluster};
 use crate::model::ClusterAddress;
+use crate::scene::material::Gloss;
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Lighting, Scene, ShadeLight};
 
@@ -49,7 +50,7 @@ impl Device {
         };
         let slots = scene.instances();
         for (slot, instance) in slots.changed_since(since) {
-            self.renderer.set(slot, instance.map(|i| (placed(i), look(i), &i.mesh)));
+            self.renderer.set(slot, instance.map(shown));
         }
         self.known = Some((scene.identity(), slots.clock()));
     }
@@ -235,26 +236,34 @@ pub fn placed(instance: &Instance) -> Placed {
         center,
         lod_scale: placement.lod_scale,
         extent,
-        double_sided: u32::from(instance.material.double_sided),
+        double_sided: instance.materials.double_sided_bits(),
         mirrored: u32::from(placement.mirrored),
         visible: u32::from(instance.visible),
         ..bytemuck::Zeroable::zeroed()
     }
 }
 
+fn shown(instance: &Instance) -> Shown<'_> {
+    let plain = instance.materials.plain();
+    let materials = if plain.is_some() { None } else { Some(&instance.materials) };
+    Shown { placed: placed(instance), look: look(instance), mesh: &instance.mesh, materials }
+}
+
 fn look(instance: &Instance) -> Look {
-    let (placement, material) = (instance.placement(), instance.material.reflectance());
+    let (placement, material) = (instance.placement(), instance.materials.of(0));
+    let gloss = Gloss::new(material.roughness);
     let flag = |is: bool, bit: u32| if is { bit } else { 0 };
     Look {
-        normal: rows(&placement.normal, &material.base),
-        diffuse: material.diffuse,
-        alpha2: material.alpha2,
-        f0: material.f0,
-        k: material.k,
+        normal: rows(&placement.normal, &material.base_color),
         emissive: material.emissive,
-        flags: flag(instance.material.smooth, LOOK_SMOOTH)
+        metallic: material.metallic,
+        alpha2: gloss.alpha2,
+        k: gloss.k,
+        first_material: u32::MAX,
+        flags: flag(instance.materials.smooth(), LOOK_SMOOTH)
             | flag(placement.conformal, LOOK_CONFORMAL)
             | flag(instance.mesh.layout().colors, LOOK_COLORS),
+        ..bytemuck::Zeroable::zeroed()
     }
 }
 
@@ -280,6 +289,7 @@ fn lighting_record(lighting: &Lighting) -> gpu_types::Lighting {
         behind: lighting.behind(),
         background: u32::from_le_bytes([red, green, blue, 0]),
         power: lighting.transfer.power(),
+        shading: lighting.shading as u32,
         ..bytemuck::Zeroable::zeroed()
     }
 }

@@ -123,7 +123,7 @@ pub(super) struct Shot<'a> {
 impl<'a> Shot<'a> {
     fn new(scene: &'a Scene, view: View, options: &'a RenderOptions, resident: &'a Resident) -> Self {
         let (eye, screen) = (Eye::new(&view), Screen::new(&view));
-        let lighting = Lighting::new(scene, &view, options.transfer);
+        let lighting = Lighting::new(scene, &view, options.shading, options.transfer);
         Self { scene, view, eye, screen, lighting, options, resident }
     }
 

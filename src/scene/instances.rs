@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glam::{DAffine3, DVec3};
 
 use super::light::Light;
-use super::material::Material;
+use super::material::{Materials, Slot};
 use super::placement::Placement;
 use super::pose;
 use super::slots::{Handle, Slots};
@@ -28,7 +28,7 @@ pub struct Instance {
     /// The mesh.
     pub mesh: Arc<Dag>,
     /// Its look.
-    pub material: Material,
+    pub materials: Materials,
     /// False hides it.
     pub visible: bool,
     pose: DAffine3,
@@ -124,12 +124,12 @@ impl Scene {
         &mut self,
         mesh: Arc<Dag>,
         pose: &[[f64; 4]; 4],
-        material: Material,
+        materials: impl Into<Materials>,
     ) -> Result<InstanceHandle> {
-        material.validate()?;
+        let materials = fitting(materials.into(), &mesh)?;
         let mut instance = Instance {
             mesh,
-            material,
+            materials,
             visible: true,
             pose: DAffine3::IDENTITY,
             scale: 1.0,
@@ -159,9 +159,9 @@ impl Scene {
     }
 
     /// Changes the look of an instance.
-    pub fn set_material(&mut self, handle: InstanceHandle, material: Material) -> Result<()> {
-        material.validate()?;
-        self.instances.get_mut(handle.0)?.material = material;
+    pub fn set_material(&mut self, handle: InstanceHandle, materials: impl Into<Materials>) -> Result<()> {
+        let materials = fitting(materials.into(), &self.instances.get(handle.0)?.mesh)?;
+        self.instances.get_mut(handle.0)?.materials = materials;
         Ok(())
     }
 
@@ -231,4 +231,17 @@ fn finite(argument: &'static str, color: [f32; 3]) -> Result<[f32; 3]> {
         Some(bad) => Err(Error::argument(argument, format!("must be finite and not negative, not {bad}"))),
         None => Ok(color),
     }
+}
+
+/// Materials that a mesh can have: in range, with textures on UV sets that it has.
+fn fitting(materials: Materials, mesh: &Dag) -> Result<Materials> {
+    materials.validate()?;
+    let sets = mesh.layout().uv_sets;
+    for (slot, texture) in materials.list().iter().flat_map(|m| Slot::ALL.into_iter().zip(&m.textures)) {
+        if let Some(texture) = texture.as_ref().filter(|texture| texture.uv_set >= sets) {
+            let message = format!("wants UV set {}, of which the mesh has {sets}", texture.uv_set);
+            return Err(Error::argument(slot.name(), message));
+        }
+    }
+    Ok(materials)
 }

@@ -1,7 +1,7 @@
 //! The light of a scene as seen from a view, in the precision of shading.
 
 use super::{LightKind, Scene, View};
-use crate::config::Transfer;
+use crate::config::{Shading, Transfer};
 
 /// The least difference of the cosines between which a spot falls off: glTF's and pyrender's.
 const NARROWEST_RIM: f64 = 0.001;
@@ -39,13 +39,17 @@ pub struct Lighting {
     pub ambient: [f32; 3],
     /// The background as it is written.
     pub background: [u8; 3],
+    /// What colours are.
+    pub shading: Shading,
     /// How colours are encoded.
     pub transfer: Transfer,
 }
 
 impl Lighting {
     /// Moves a scene's lights to camera space.
-    pub fn new(scene: &Scene, view: &View, transfer: Transfer) -> Self {
+    pub fn new(scene: &Scene, view: &View, shading: Shading, transfer: Transfer) -> Self {
+        // Normals are no light.
+        let transfer = if shading == Shading::Normals { Transfer::Linear } else { transfer };
         let rotate = view.pose.matrix3.inverse();
         let lights = scene.lights().iter().map(|(_, light)| {
             let axis = (rotate * light.pose.matrix3.z_axis).normalize_or_zero();
@@ -81,6 +85,7 @@ impl Lighting {
             lights: lights.collect(),
             ambient: scene.ambient_light(),
             background: scene.bg_color().map(byte),
+            shading,
             transfer,
         }
     }

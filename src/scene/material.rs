@@ -1,12 +1,51 @@
-//! The look of an instance: one metallic-roughness material.
+//! The look of an instance: metallic-roughness materials.
 
+use std::sync::Arc;
+
+use super::texture::Texture;
 use crate::error::{Error, Result};
 
-/// Factors of glTF's metallic-roughness model, linear.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The textures of a material, by their place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Slot {
+    /// Colour, and alpha.
+    BaseColor,
+    /// Roughness in green, metallic in blue.
+    MetallicRoughness,
+    /// Normals in tangent space.
+    Normal,
+    /// Of light from everywhere, how much arrives, in red.
+    Occlusion,
+    /// Light given off.
+    Emissive,
+}
+
+impl Slot {
+    /// How many there are.
+    pub const COUNT: usize = 5;
+    /// All of them, in their order.
+    pub const ALL: [Self; Self::COUNT] =
+        [Self::BaseColor, Self::MetallicRoughness, Self::Normal, Self::Occlusion, Self::Emissive];
+
+    /// The name by which callers give it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::BaseColor => "base_color_texture",
+            Self::MetallicRoughness => "metallic_roughness_texture",
+            Self::Normal => "normal_texture",
+            Self::Occlusion => "occlusion_texture",
+            Self::Emissive => "emissive_texture",
+        }
+    }
+}
+
+/// Factors of glTF's metallic-roughness model, linear, and the textures that multiply them.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Base colour, linear RGB, 0 to 1.
     pub base_color: [f32; 3],
+    /// 0 to 1.
+    pub alpha: f32,
     /// 0 dielectric to 1 metal.
     pub metallic: f32,
     /// Perceptual roughness, 0 to 1; clamped to 0.04 and above when shaded.
@@ -17,54 +56,134 @@ pub struct Material {
     pub double_sided: bool,
     /// Shade with interpolated vertex normals; otherwise with the normal of each face.
     pub smooth: bool,
+    /// Times X and Y of the normal texture.
+    pub normal_scale: f32,
+    /// How much of the occlusion texture counts, 0 to 1.
+    pub occlusion_strength: f32,
+    /// Where alpha is below this there is a hole; `None` where there are no holes.
+    pub alpha_cutoff: Option<f32>,
+    /// By [`Slot`].
+    pub textures: [Option<Texture>; Slot::COUNT],
 }
 
 impl Default for Material {
     fn default() -> Self {
         Self {
             base_color: [0.8; 3],
+            alpha: 1.0,
             metallic: 0.0,
             roughness: 0.6,
             emissive: [0.0; 3],
             double_sided: false,
             smooth: true,
+            normal_scale: 1.0,
+            occlusion_strength: 1.0,
+            alpha_cutoff: None,
+            textures: Default::default(),
         }
     }
 }
 
-/// A material with all that does not depend on the pixel worked out, for pyrender's reflectance model.
+/// The materials of an instance: that of cluster material n is the n-th, or the last where there are fewer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Materials {
+    list: Arc<[Material]>,
+    /// A bit for each of the first numbers; the last stands for all from there on.
+    double_sided: u32,
+    /// Any of them is smooth.
+    smooth: bool,
+}
+
+impl From<Material> for Materials {
+    fn from(material: Material) -> Self {
+        Self::from(vec![material])
+    }
+}
+
+impl From<Vec<Material>> for Materials {
+    fn from(list: Vec<Material>) -> Self {
+        let list: Arc<[Material]> = if list.is_empty() { [Material::default()].into() } else { list.into() };
+        let smooth = list.iter().any(|material| material.smooth);
+        let double_sided = bits(&list, |material| material.double_sided);
+        Self { list, double_sided, smooth }
+    }
+}
+
+/// A bit for each of the first numbers of materials; the last stands for all from there on.
+fn bits(list: &[Material], is: impl Fn(&Material) -> bool) -> u32 {
+    let (own, rest) = list.split_at(list.len().min(u32::BITS as usize - 1));
+    let any = if rest.is_empty() { own.last().is_some_and(&is) } else { rest.iter().any(&is) };
+    let bit = |k: usize| u32::from(own.get(k).map_or(any, &is)) << k;
+    (0..u32::BITS as usize).map(bit).sum()
+}
+
+impl Materials {
+    /// Whether normals are interpolated anywhere.
+    #[inline]
+    pub fn smooth(&self) -> bool {
+        self.smooth
+    }
+
+    /// The material of clusters with this number.
+    #[inline]
+    pub fn of(&self, number: i32) -> &Material {
+        &self.list[self.index(number)]
+    }
+
+    /// Place among them of the material of clusters with this number.
+    #[inline]
+    pub fn index(&self, number: i32) -> usize {
+        (number.cast_unsigned() as usize).min(self.list.len() - 1)
+    }
+
+    /// All of them.
+    pub fn list(&self) -> &[Material] {
+        &self.list
+    }
+
+    /// The only one, where it has neither textures nor holes.
+    pub fn plain(&self) -> Option<&Material> {
+        let plain = |m: &&Material| m.textures.iter().all(Option::is_none) && m.alpha_cutoff.is_none();
+        if self.list.len() == 1 { self.list.first().filter(plain) } else { None }
+    }
+
+    /// Whether clusters with a number show their back faces: a bit each, the last for all from there on.
+    #[inline]
+    pub fn double_sided_bits(&self) -> u32 {
+        self.double_sided
+    }
+
+    /// Whether clusters with this number show their back faces.
+    #[inline]
+    pub fn double_sided(&self, number: i32) -> bool {
+        self.double_sided >> number.cast_unsigned().min(u32::BITS - 1) & 1 != 0
+    }
+
+    /// Checks each of them.
+    pub fn validate(&self) -> Result<()> {
+        self.list.iter().try_for_each(Material::validate)
+    }
+}
+
+/// What shading of one roughness needs of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reflectance {
-    /// Base colour.
-    pub base: [f32; 3],
-    /// What is reflected in all directions.
-    pub diffuse: [f32; 3],
-    /// What is reflected at right angles.
-    pub f0: [f32; 3],
+pub struct Gloss {
     /// α² of GGX.
     pub alpha2: f32,
-    /// k of Smith's G.
+    /// k of Smith's G, where it is pyrender's.
     pub k: f32,
-    /// Light given off.
-    pub emissive: [f32; 3],
+}
+
+impl Gloss {
+    /// Of a perceptual roughness.
+    #[inline(always)]
+    pub fn new(roughness: f32) -> Self {
+        let r = roughness.clamp(0.04, 1.0);
+        Self { alpha2: (r * r) * (r * r), k: (r + 1.0) * (r + 1.0) / 8.0 }
+    }
 }
 
 impl Material {
-    /// What shading needs of it.
-    pub fn reflectance(&self) -> Reflectance {
-        let roughness = self.roughness.clamp(0.04, 1.0);
-        let metallic = self.metallic.clamp(0.0, 1.0);
-        let base = self.base_color;
-        Reflectance {
-            base,
-            diffuse: base.map(|c| c * 0.96 * (1.0 - metallic)),
-            f0: base.map(|c| 0.04 * (1.0 - metallic) + c * metallic),
-            alpha2: roughness.powi(4),
-            k: (roughness + 1.0) * (roughness + 1.0) / 8.0,
-            emissive: self.emissive,
-        }
-    }
-
     /// Checks every range; the error names the field.
     pub fn validate(&self) -> Result<()> {
         let unit = |name: &'static str, value: f32| {
@@ -75,11 +194,20 @@ impl Material {
             }
         };
         self.base_color.iter().try_for_each(|&c| unit("base_color", c))?;
+        unit("alpha", self.alpha)?;
         unit("metallic", self.metallic)?;
         unit("roughness", self.roughness)?;
         if let Some(bad) = self.emissive.iter().find(|c| !(c.is_finite() && **c >= 0.0)) {
             return Err(Error::argument("emissive", format!("must be finite and not negative, not {bad}")));
         }
-        Ok(())
+        unit("occlusion_strength", self.occlusion_strength)?;
+        for (name, value) in
+            [("normal_scale", Some(self.normal_scale)), ("alpha_cutoff", self.alpha_cutoff)]
+        {
+            if let Some(value) = value.filter(|value| !value.is_finite()) {
+                return Err(Error::argument(name, format!("must be finite, not {value}")));
+            }
+        }
+        self.textures.iter().flatten().try_for_each(Texture::validate)
     }
 }

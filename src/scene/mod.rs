@@ -5,6 +5,7 @@
 //! 4×4 matrices, a camera looks along its −Z with +Y up, a directional light shines along its −Z.
 
 pub mod camera;
+pub mod image;
 pub mod instances;
 pub mod light;
 pub mod lighting;
@@ -13,11 +14,14 @@ pub mod placement;
 pub mod pose;
 pub mod samples;
 mod slots;
+pub mod texture;
 pub mod transfer;
 
 pub use camera::{Camera, Projection, View};
+pub use image::Image;
 pub use instances::{Instance, InstanceHandle, LightHandle, Scene};
 pub use light::{Light, LightKind};
 pub use lighting::{Falloff, Lighting, ShadeLight};
-pub use material::{Material, Reflectance};
+pub use material::{Material, Materials, Slot};
 pub use slots::Handle;
+pub use texture::Texture;

@@ -276,7 +276,7 @@ fn large_triangles_are_equal() {
     for k in 0..4 {
         let k = f64::from(k);
         let pose = scaled(at(-4.0 - k, -3.0, -4.0 * k), 6.0 + 3.0 * k);
-        scene.add(Arc::clone(&sheet), &pose, both_sides).unwrap();
+        scene.add(Arc::clone(&sheet), &pose, both_sides.clone()).unwrap();
     }
     let frame = equal(&scene, &CAMERA, &at(0.0, 0.0, 6.0), (640, 360), 0.0);
     assert!(frame.stats.drawn_large > 50, "{}", frame.stats.drawn_large);
@@ -554,7 +554,7 @@ pub fn room() -> Scene {
     for height in [-1.0, 2.0] {
         let side = 1000.0;
         let flat = [[side, 0.0, 0.0, -400.0], [0.0, 0.0, 1.0, height], [0.0, -side, 0.0, 450.0], IDENTITY[3]];
-        room.add(Arc::clone(&sheet), &flat, both_sides).unwrap();
+        room.add(Arc::clone(&sheet), &flat, both_sides.clone()).unwrap();
     }
     let wall = [[0.0, 0.0, 1.0, 0.7], [0.0, 9.0, 0.0, -4.0], [-9.0, 0.0, 0.0, 4.0], IDENTITY[3]];
     room.add(sheet, &wall, both_sides).unwrap();

@@ -160,7 +160,7 @@ fn closed_meshes_have_no_hole_where_forms_meet() {
         (&house, turned(at(-0.97, 0.0, 0.3), 0.1), 0.02),
     ] {
         let mut scene = lit();
-        scene.add(Arc::clone(mesh), &IDENTITY, look).unwrap();
+        scene.add(Arc::clone(mesh), &IDENTITY, look.clone()).unwrap();
         let camera = Camera { znear: near, ..CAMERA };
         for tau in [0.0, 1.0] {
             let expected = shoot(&scene, &camera, &pose, size, &options(tau));

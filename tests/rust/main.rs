@@ -10,6 +10,7 @@ mod gpu_parity;
 #[cfg(feature = "gpu")]
 mod gpu_raster;
 mod layering;
+mod materials;
 mod measure;
 mod render_frames;
 mod samples;

@@ -50,7 +50,7 @@ fn an_edge_covers_what_it_covers() {
         let mesh = (vec![corner(-9.0, middle), corner(9.0, middle), corner(0.0, 9.0)], vec![[0, 1, 2]]);
         let mut scene = Scene::new();
         scene.set_bg_color([0.0; 3]).unwrap();
-        scene.add(dag(&mesh), &IDENTITY, glow).unwrap();
+        scene.add(dag(&mesh), &IDENTITY, glow.clone()).unwrap();
         for samples in SEVERAL {
             let count = f64::from(samples as u32);
             let frame = shoot(&scene, &camera, &at(0.0, 0.0, 2.0), (side, side), &sampled(samples));

@@ -7,8 +7,8 @@ use naga::{AddressSpace, Module, ShaderStage, TypeInner};
 use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
 use nanite_rs::gpu::shaders::{DRAWS, KERNELS, Kernel, Phase, Words};
 use nanite_rs::gpu_types::{
-    Call, Candidate, Counters, Dispatch, Instance, Light, Lighting, Look, Marks, Placed, View,
-    VisibleCluster, Visit,
+    Call, Candidate, Counters, Dispatch, Instance, Light, Lighting, Look, Marks, Material, Placed, Texture,
+    View, VisibleCluster, Visit,
 };
 use nanite_rs::model::{Group, Node};
 
@@ -118,9 +118,13 @@ fn structs_lie_in_wgsl_as_in_rust() {
             group_words, double_sided, mirrored, visible, unused_a, unused_b),
         fields!(Marks: large, held, first, clipped),
         fields!(Call: vertices, instances, first_vertex, first_instance),
-        fields!(Look: normal, diffuse, alpha2, f0, k, emissive, flags),
+        fields!(Look: normal, emissive, metallic, alpha2, k, flags, first_material, last_material, unused_a, unused_b,
+            unused_c),
+        fields!(Texture: rows, start, levels, flags, anisotropy),
+        fields!(Material: base, alpha, emissive, metallic, roughness, normal_scale, occlusion_strength, alpha_cutoff,
+            flags, unused_a, unused_b, unused_c, textures),
         fields!(Light: vector, point, radiance, inverse_range, direction, cone_scale, cone_offset, unused),
-        fields!(Lighting: ambient, lights, behind, background, power, unused_a, unused_b, unused_c),
+        fields!(Lighting: ambient, lights, behind, background, power, shading, unused_a, unused_b),
     ];
     // The same structs with atomic members.
     for (name, of) in [("DispatchOut", "Dispatch"), ("CallOut", "Call")] {

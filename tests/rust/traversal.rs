@@ -3,7 +3,7 @@
 use bytemuck::Zeroable;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use nanite_rs::config::Raster;
-use nanite_rs::gpu::{Job, Renderer, Ways};
+use nanite_rs::gpu::{Job, Renderer, Shown, Ways};
 use nanite_rs::gpu_types::{Look, View};
 use nanite_rs::scene::{Material, Scene};
 use nanite_rs::stream::Resident;
@@ -54,7 +54,10 @@ fn both(scene: &Scene, ring: Ring) -> (Forms, Renderer) {
     let slots = slots(scene);
     let mut renderer = Renderer::new().unwrap();
     for (slot, instance) in (0..).zip(&slots) {
-        renderer.set(slot, instance.as_ref().map(|(placed, mesh)| (*placed, Look::zeroed(), mesh)));
+        renderer.set(slot, instance.as_ref().map(|(placed, mesh)| {
+            let look = Look { first_material: u32::MAX, ..Look::zeroed() };
+            Shown { placed: *placed, look, mesh, materials: None }
+        }));
     }
     (Forms::new(&slots, ring).unwrap(), renderer)
 }

@@ -1,0 +1,193 @@
+"""Images of materials, and how they lie on a surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from nanite_rs import _core
+from nanite_rs._images import read_image
+from nanite_rs.exceptions import ArgumentError, DtypeError
+
+if TYPE_CHECKING:
+    import os
+
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Image", "Texture"]
+
+Wrap: TypeAlias = Literal["repeat", "mirror", "clamp"]
+Filter: TypeAlias = Literal["linear", "nearest"]
+
+_DTYPES = ("uint8", "uint16", "float16", "float32", "float64")
+
+
+class Image:
+    """A picture that textures show. Textures that share an `Image` share its memory.
+
+    Whether its numbers are sRGB or linear follows from what a material uses it for, as in glTF: of colours 8-bit and
+    16-bit numbers are sRGB; everything else, and all floats, are linear. Smaller versions for the distance are made in
+    linear light when it is first used.
+
+    Parameters
+    ----------
+    pixels : (H, W) or (H, W, C) array
+        Rows from the top; grey, grey and alpha, RGB or RGBA; uint8, uint16 or floats. Integers stand for 0 to 1.
+        It is copied.
+
+    Raises
+    ------
+    DtypeError
+        If it is of another type.
+    ArgumentError
+        If its shape is no picture's, a side is 0, or a number is NaN or infinite; the message names the pixel.
+
+    Examples
+    --------
+    >>> checker = nrs.Image(np.kron([[1, 0] * 4, [0, 1] * 4] * 4, np.ones((16, 16))).astype(np.uint8) * 255)
+    >>> checker
+    <Image 128 x 128, 1 channel, uint8>
+    """
+
+    __slots__ = ("_cores", "_pixels")
+
+    def __init__(self, pixels: ArrayLike) -> None:
+        array = np.asarray(pixels)
+        if array.dtype.name not in _DTYPES:
+            raise DtypeError(f"pixels: must be {', '.join(_DTYPES)}, not {array.dtype}")
+        if array.ndim == 2:
+            array = array[:, :, None]
+        if array.ndim != 3 or not 1 <= array.shape[2] <= 4:
+            raise ArgumentError(f"pixels: expected (H, W) or (H, W, 1 to 4), found shape {np.shape(pixels)}")
+        if 0 in array.shape:
+            raise ArgumentError(f"pixels: the image is empty, of shape {np.shape(pixels)}")
+        if array.dtype.kind == "f":
+            finite = np.isfinite(array)
+            if not finite.all():
+                row, column, channel = (int(k) for k in np.argwhere(~finite)[0])
+                value = array[row, column, channel]
+                raise ArgumentError(f"pixels: {value} at row {row}, column {column}, channel {channel}")
+            array = array.astype(np.float32)
+        self._pixels: NDArray[Any] = np.array(array, order="C", copy=True)
+        self._pixels.flags.writeable = False
+        self._cores: dict[bool, _core.Image] = {}
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> Image:
+        """Read a file: PNG, JPEG and the like by Pillow; HDR, EXR, TIFF and PNG of 16 bits by OpenImageIO.
+
+        Raises
+        ------
+        MissingFileError, FileError, FormatError, DependencyError
+            Each names the file.
+        """
+        return cls(read_image(path))
+
+    @property
+    def pixels(self) -> NDArray[Any]:
+        """(H, W, C), read-only."""
+        return self._pixels
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self._pixels.shape[1], self._pixels.shape[0]
+
+    def _core(self, color: bool) -> _core.Image:
+        """The image as renderers have it, of colours or of other numbers."""
+        srgb = color and self._pixels.dtype.kind == "u"
+        known = self._cores.get(srgb)
+        if known is None:
+            known = self._cores[srgb] = _core.Image(self._pixels, srgb)
+        return known
+
+    def __repr__(self) -> str:
+        height, width, channels = self._pixels.shape
+        plural = "" if channels == 1 else "s"
+        return f"<Image {width} x {height}, {channels} channel{plural}, {self._pixels.dtype}>"
+
+
+def _pair(value: object, name: str) -> tuple[float, float]:
+    array = np.asarray(value, np.float64)
+    if array.shape != (2,) or not np.isfinite(array).all():
+        raise ArgumentError(f"{name}: expected two finite numbers, not {value!r}")
+    return float(array[0]), float(array[1])
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An image, the UV set that it lies on a surface by, and how it is filtered.
+
+    UV (0, 0) is the lower left corner of the image, as in OpenGL, trimesh and OBJ. `offset`, `rotation` and `scale` are
+    those of glTF's ``KHR_texture_transform`` and count from its upper left corner, as they do there.
+
+    Examples
+    --------
+    >>> texture = nrs.Texture(np.array([[[255, 0, 0], [0, 255, 0]]], np.uint8), wrap="clamp", filter="nearest")
+    >>> red_and_green = nrs.Material(base_color_texture=texture)
+    """
+
+    image: Image
+    """The picture; an array makes one."""
+    uv_set: int = field(default=0, kw_only=True)
+    """Which of the mesh's UV sets."""
+    wrap: Wrap | tuple[Wrap, Wrap] = field(default="repeat", kw_only=True)
+    """What is beyond the edges, along both axes or along u and v."""
+    filter: Filter = field(default="linear", kw_only=True)
+    """Between pixels of the image."""
+    mipmaps: Filter | None = field(default="linear", kw_only=True)
+    """Between smaller versions of it; ``None`` uses none of them, and flickers in the distance."""
+    anisotropy: int = field(default=8, kw_only=True)
+    """Most samples along the longer side of what a pixel sees of it, 1 to 16."""
+    offset: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
+    """Added to the coordinates, last."""
+    rotation: float = field(default=0.0, kw_only=True)
+    """Radians, counter-clockwise."""
+    scale: tuple[float, float] = field(default=(1.0, 1.0), kw_only=True)
+    """Times the coordinates, first."""
+
+    def __post_init__(self) -> None:
+        def keep(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        if not isinstance(self.image, Image):
+            keep("image", Image(self.image))
+        wrap = (self.wrap, self.wrap) if isinstance(self.wrap, str) else tuple(self.wrap)
+        if len(wrap) != 2 or not set(wrap) <= set(get_args(Wrap)):
+            raise ArgumentError(f"wrap: must be repeat, mirror or clamp, or two of them, not {self.wrap!r}")
+        keep("wrap", wrap)
+        for name, value in (("filter", self.filter), ("mipmaps", self.mipmaps or "linear")):
+            if value not in get_args(Filter):
+                raise ArgumentError(f"{name}: must be linear or nearest, not {value!r}")
+        for name, least, most in (("uv_set", 0, 7), ("anisotropy", 1, 16)):
+            value = getattr(self, name)
+            if not (isinstance(value, int | np.integer) and least <= value <= most):
+                raise ArgumentError(f"{name}: must be a whole number from {least} to {most}, not {value!r}")
+        keep("offset", _pair(self.offset, "offset"))
+        keep("scale", _pair(self.scale, "scale"))
+        if not np.isfinite(self.rotation):
+            raise ArgumentError(f"rotation: must be finite, not {self.rotation!r}")
+
+    def _rows(self) -> list[list[float]]:
+        """Rows of the map from the mesh's (u, v, 1), v up, to places on the image, v down, in its sides."""
+        cos, sin = float(np.cos(self.rotation)), float(np.sin(self.rotation))
+        shift = np.array([[1.0, 0.0, self.offset[0]], [0.0, 1.0, self.offset[1]], [0.0, 0.0, 1.0]])
+        turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        stretch = np.diag([*self.scale, 1.0])
+        down = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
+        return (shift @ turn @ stretch @ down)[:2].tolist()
+
+    def _raw(self, color: bool) -> dict[str, Any]:
+        u, v = (get_args(Wrap).index(way) for way in self.wrap)
+        mipmaps = {None: 0, "nearest": 1, "linear": 2}[self.mipmaps]
+        return {
+            "image": self.image._core(color),
+            "uv_set": int(self.uv_set),
+            "wrap": (u, v),
+            "linear": self.filter == "linear",
+            "mipmaps": mipmaps,
+            "anisotropy": int(self.anisotropy),
+            "rows": self._rows(),
+        }

@@ -1,0 +1,21 @@
+// A surface point with all that light needs: src/cpu/material.rs.
+
+struct Bsdf {
+    // Unit, camera space.
+    normal: vec3<f32>,
+    base: vec3<f32>,
+    metallic: f32,
+    alpha2: f32,
+    k: f32,
+    // Light given off.
+    emissive: vec3<f32>,
+    // How much of the light from everywhere arrives.
+    occlusion: f32,
+}
+
+// Of a material without textures.
+fn plain_bsdf(surfel: Surfel) -> Bsdf {
+    let look = looks[surfel.instance];
+    let base = vec3<f32>(look.normal[0].w, look.normal[1].w, look.normal[2].w);
+    return Bsdf(surfel.normal, base, look.metallic, look.alpha2, look.k, look.emissive, 1.0);
+}

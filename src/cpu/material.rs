@@ -1,0 +1,189 @@
+//! What surface points reflect: the factors of a material, times its textures. `shaders/shared/material.wgsl` does the same
+//! operations in the same order.
+
+use super::lanes::{LANES, Lanes, Vec3x8, splat3};
+use super::surface::{Detail, Surfels};
+use super::texture::Place;
+use crate::config::Shading;
+use crate::scene::material::Gloss;
+use crate::scene::{Material, Slot, Texture};
+
+/// Eight surface points, with all that light needs.
+pub struct Bsdf {
+    /// Unit, camera space.
+    pub normal: Vec3x8,
+    /// Base colour.
+    pub base: Vec3x8,
+    /// 0 to 1.
+    pub metallic: Lanes,
+    /// See [`Gloss::alpha2`].
+    pub alpha2: Lanes,
+    /// See [`Gloss::k`].
+    pub k: Lanes,
+    /// Light given off.
+    pub emissive: Vec3x8,
+    /// How much of the light from everywhere arrives.
+    pub occlusion: Lanes,
+}
+
+impl Bsdf {
+    /// Of a material without textures.
+    #[inline(always)]
+    pub fn plain(material: &Material, surfels: &Surfels<'_>) -> Self {
+        let gloss = Gloss::new(material.roughness);
+        Self {
+            normal: surfels.normal,
+            base: splat3(material.base_color),
+            metallic: Lanes::splat(material.metallic),
+            alpha2: Lanes::splat(gloss.alpha2),
+            k: Lanes::splat(gloss.k),
+            emissive: splat3(material.emissive),
+            occlusion: Lanes::splat(1.0),
+        }
+    }
+
+    /// Of the materials of an instance, each point by itself.
+    pub fn textured(surfels: &Surfels<'_>, detail: &Detail, shading: Shading) -> Self {
+        let zero = Lanes::splat(0.0);
+        let mut out = Self {
+            normal: surfels.normal,
+            base: [zero; 3],
+            metallic: zero,
+            alpha2: zero,
+            k: zero,
+            emissive: [zero; 3],
+            occlusion: Lanes::splat(1.0),
+        };
+        for lane in 0..surfels.count.min(LANES) {
+            let point = Point::new(surfels, detail, lane, shading);
+            let Point { material, .. } = point;
+            let [r, g, b, _] = point.sample(Slot::BaseColor);
+            let base = [material.base_color[0] * r, material.base_color[1] * g, material.base_color[2] * b];
+            let [red, green, blue, _] = point.sample(Slot::MetallicRoughness);
+            let (rough, metal) = match shading {
+                Shading::Pyrender => (red, green),
+                _ => (green, blue),
+            };
+            let gloss = Gloss::new(material.roughness * rough);
+            let [r, g, b, _] = point.sample(Slot::Emissive);
+            let emissive = [material.emissive[0] * r, material.emissive[1] * g, material.emissive[2] * b];
+            let [open, ..] = point.sample(Slot::Occlusion);
+            let normal = point.normal();
+            for k in 0..3 {
+                out.base[k].0[lane] = base[k];
+                out.emissive[k].0[lane] = emissive[k];
+                out.normal[k].0[lane] = normal[k];
+            }
+            out.metallic.0[lane] = between(material.metallic * metal);
+            out.alpha2.0[lane] = gloss.alpha2;
+            out.k.0[lane] = gloss.k;
+            out.occlusion.0[lane] = 1.0 + material.occlusion_strength * (open - 1.0);
+        }
+        out
+    }
+}
+
+/// One surface point.
+struct Point<'a> {
+    material: &'a Material,
+    surfels: &'a Surfels<'a>,
+    detail: &'a Detail,
+    lane: usize,
+    shading: Shading,
+    corners: [usize; 3],
+    /// UV sets, one after the other, of so many vertices each.
+    uvs: &'a [[f32; 2]],
+    vertices: usize,
+}
+
+impl<'a> Point<'a> {
+    fn new(surfels: &'a Surfels<'a>, detail: &'a Detail, lane: usize, shading: Shading) -> Self {
+        let (view, cluster) = (surfels.view, surfels.clusters[lane]);
+        let geometry = view.pages.geometry(cluster);
+        let material = view.materials.of(view.pages.record(cluster).material);
+        let corners = geometry.triangles[surfels.hits[lane].triangle as usize].map(usize::from);
+        let (uvs, vertices) = (geometry.uvs, geometry.positions.len());
+        Self { material, surfels, detail, lane, shading, corners, uvs, vertices }
+    }
+
+    fn texture(&self, slot: Slot) -> Option<&'a Texture> {
+        self.material.textures[slot as usize].as_ref()
+    }
+
+    /// UVs of the corners.
+    fn corner_uvs(&self, texture: &Texture) -> [[f32; 2]; 3] {
+        // pyrender knows one set.
+        let set = if self.shading == Shading::Pyrender { 0 } else { usize::from(texture.uv_set) };
+        self.corners.map(|corner| self.uvs[set * self.vertices + corner])
+    }
+
+    fn rows(&self, texture: &Texture) -> [[f32; 3]; 2] {
+        if self.shading == Shading::Pyrender { Texture::UPRIGHT } else { texture.rows }
+    }
+
+    /// What a texture shows; white where there is none.
+    fn sample(&self, slot: Slot) -> [f32; 4] {
+        let Some(texture) = self.texture(slot) else { return [1.0; 4] };
+        let lane = |v: &Vec3x8| v.each_ref().map(|c| c.0[self.lane]);
+        let [a, b, c] = self.corner_uvs(texture);
+        let sum = |w: [f32; 3]| [0, 1].map(|k| w[0] * a[k] + w[1] * b[k] + w[2] * c[k]);
+        let uv = sum(lane(&self.detail.weights));
+        let change = self.detail.change.each_ref().map(|change| sum(lane(change)));
+        texture.sample(&Place::new(&self.rows(texture), uv, change))
+    }
+
+    /// The normal, with that of the texture in the frame that the UVs give: its first two axes lie along the rows of the
+    /// image and up its columns.
+    fn normal(&self) -> [f32; 3] {
+        let lane = |v: &Vec3x8| v.each_ref().map(|c| c.0[self.lane]);
+        let own = if self.material.smooth { lane(&self.surfels.normal) } else { lane(&self.detail.face) };
+        let Some(texture) = self.texture(Slot::Normal) else { return own };
+        let rows = self.rows(texture);
+        let [a, b, c] = self.corner_uvs(texture);
+        let on_image = |d: [f32; 2]| rows.map(|[u, v, _]| u * d[0] + v * d[1]);
+        let [s1, t1] = on_image([b[0] - a[0], b[1] - a[1]]);
+        let [s2, t2] = on_image([c[0] - a[0], c[1] - a[1]]);
+        let [a, b, c] = self.detail.corners.each_ref().map(lane);
+        let (e1, e2) = (minus(b, a), minus(c, a));
+        let turn = if s1 * t2 - s2 * t1 < 0.0 { -1.0 } else { 1.0 };
+        let eye = &self.surfels.view.lod.object_to_eye;
+        let to_eye = |v: [f32; 3]| [0, 1, 2].map(|k| eye[k][0] * v[0] + eye[k][1] * v[1] + eye[k][2] * v[2]);
+        let along = to_eye([0, 1, 2].map(|k| (e1[k] * t2 - e2[k] * t1) * turn));
+        let up = to_eye([0, 1, 2].map(|k| (e1[k] * s2 - e2[k] * s1) * turn));
+        let part = dot(own, along);
+        let Some(tangent) = unit([0, 1, 2].map(|k| along[k] - own[k] * part)) else { return own };
+        let side = cross(own, tangent);
+        let sign = if self.shading != Shading::Pyrender && dot(side, up) < 0.0 { -1.0 } else { 1.0 };
+        let [x, y, z, _] = self.sample(Slot::Normal);
+        let scale = self.material.normal_scale;
+        let (x, y, z) = ((2.0 * x - 1.0) * scale, (2.0 * y - 1.0) * scale * sign, 2.0 * z - 1.0);
+        unit([0, 1, 2].map(|k| tangent[k] * x + side[k] * y + own[k] * z)).unwrap_or(own)
+    }
+}
+
+/// Between 0 and 1.
+fn between(v: f32) -> f32 {
+    let above = if v > 0.0 { v } else { 0.0 };
+    if above < 1.0 { above } else { 1.0 }
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// The unit vector, if there is one.
+fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
+    let length = dot(v, v).sqrt();
+    (length >= f32::MIN_POSITIVE).then(|| {
+        let inverse = 1.0 / length;
+        v.map(|c| c * inverse)
+    })
+}

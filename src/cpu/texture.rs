@@ -1,0 +1,219 @@
+//! A texture at a place: `shaders/shared/texture.wgsl` does the same operations in the same order.
+//!
+//! A pixel's footprint on the image is taken for an ellipse with the two screen derivatives as axes. As many samples as it is
+//! times longer than wide lie along the longer axis, each of the level in which a texel is as wide as the ellipse; so
+//! graphics hardware does it, after McCormack, Perry, Farkas and Jouppi, "Feline: fast elliptical lines for anisotropic
+//! texture mapping", SIGGRAPH 1999.
+
+use crate::scene::Texture;
+use crate::scene::texture::{Mipmaps, Wrap};
+
+/// Where a pixel lies on an image, in the image's sides from its upper left corner.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// Its centre.
+    pub at: [f32; 2],
+    /// From there to the next pixel on the right, and to the one below.
+    pub change: [[f32; 2]; 2],
+}
+
+impl Place {
+    /// From UVs by the rows of [`Texture::rows`].
+    #[inline]
+    pub fn new(rows: &[[f32; 3]; 2], uv: [f32; 2], change: [[f32; 2]; 2]) -> Self {
+        let turned = |d: [f32; 2]| rows.map(|[u, v, _]| u * d[0] + v * d[1]);
+        let at = turned(uv);
+        Self {
+            at: [at[0] + rows[0][2], at[1] + rows[1][2]],
+            change: [turned(change[0]), turned(change[1])],
+        }
+    }
+}
+
+impl Texture {
+    /// What the pixel sees of it, linear RGBA.
+    pub fn sample(&self, place: &Place) -> [f32; 4] {
+        let Place { at, change: [right, below] } = place;
+        let size = [self.image.width() as f32, self.image.height() as f32];
+        let length = |d: &[f32; 2]| {
+            let (x, y) = (d[0] * size[0], d[1] * size[1]);
+            between(x * x + y * y, 0.0, LONGEST)
+        };
+        let (a, b) = (length(right), length(below));
+        let (axis, long, short) = if a >= b { (right, a, b) } else { (below, b, a) };
+        let (mut count, mut lod) = (1, 0.0);
+        if self.mipmaps != Mipmaps::Off {
+            let most = self.anisotropy as f32;
+            // Of ellipses that are wider than a texel.
+            while (count as f32) < most && long > (count * count) as f32 * above(short, 1.0) {
+                count += 1;
+            }
+            let width = above(long * (1.0 / (count * count) as f32), short);
+            lod = between(0.5 * log2(width), 0.0, (self.image.levels() - 1) as f32);
+        }
+        let mut sum = [0.0; 4];
+        for sample in 0..count {
+            let along = (sample as f32 + 0.5) * (1.0 / count as f32) - 0.5;
+            let texel = self.filtered([at[0] + axis[0] * along, at[1] + axis[1] * along], lod);
+            (0..4).for_each(|k| sum[k] += texel[k]);
+        }
+        sum.map(|c| c * (1.0 / count as f32))
+    }
+
+    /// At a point, between levels.
+    #[inline]
+    fn filtered(&self, at: [f32; 2], lod: f32) -> [f32; 4] {
+        let (level, part) = match self.mipmaps {
+            Mipmaps::Linear => (lod as u32, lod - (lod as u32) as f32),
+            _ => ((lod + 0.5) as u32, 0.0),
+        };
+        let near = self.level(at, level);
+        if part > 0.0 { blend(near, self.level(at, level + 1), part) } else { near }
+    }
+
+    /// At a point of a level.
+    #[inline]
+    fn level(&self, at: [f32; 2], level: u32) -> [f32; 4] {
+        let (size, start) = (self.image.size(level), self.image.offset(level));
+        let point = [0, 1].map(|k| self.wrap[k].point(at[k]) * size[k] as f32);
+        let texel = |x: i32, y: i32| {
+            let x = self.wrap[0].texel(x, size[0] as i32);
+            let y = self.wrap[1].texel(y, size[1] as i32);
+            self.image.texel(start, y as usize * size[0] as usize + x as usize)
+        };
+        if !self.linear {
+            return texel(point[0].floor() as i32, point[1].floor() as i32);
+        }
+        let [x, y] = point.map(|p| p - 0.5);
+        let (left, top) = (x.floor(), y.floor());
+        let (x, y, i, j) = (x - left, y - top, left as i32, top as i32);
+        let above = blend(texel(i, j), texel(i + 1, j), x);
+        let below = blend(texel(i, j + 1), texel(i + 1, j + 1), x);
+        blend(above, below, y)
+    }
+}
+
+impl Wrap {
+    /// A coordinate brought to where it has a period: 0 to 1, or to 2 for a mirror.
+    #[inline]
+    fn point(self, at: f32) -> f32 {
+        match self {
+            Self::Repeat => between(at - at.floor(), 0.0, 1.0),
+            Self::Mirror => between(at - 2.0 * (at * 0.5).floor(), 0.0, 2.0),
+            Self::Clamp => between(at, 0.0, 1.0),
+        }
+    }
+
+    /// The texel of a number up to one beyond its period.
+    #[inline]
+    fn texel(self, at: i32, count: i32) -> i32 {
+        match self {
+            Self::Repeat if at < 0 => at + count,
+            Self::Repeat if at >= count => at - count,
+            Self::Mirror if at < 0 => -1 - at,
+            Self::Mirror if at >= 2 * count => at - 2 * count,
+            Self::Mirror if at >= count => 2 * count - 1 - at,
+            Self::Clamp => at.clamp(0, count - 1),
+            _ => at,
+        }
+    }
+}
+
+/// Squared texels that no footprint is longer than.
+const LONGEST: f32 = 1.0e30;
+
+/// Between `low` and `high`; `low` for NaN.
+#[inline]
+fn between(v: f32, low: f32, high: f32) -> f32 {
+    let above = if v > low { v } else { low };
+    if above < high { above } else { high }
+}
+
+/// The larger one.
+#[inline]
+fn above(v: f32, low: f32) -> f32 {
+    if v > low { v } else { low }
+}
+
+#[inline]
+fn blend(a: [f32; 4], b: [f32; 4], part: f32) -> [f32; 4] {
+    std::array::from_fn(|k| a[k] + (b[k] - a[k]) * part)
+}
+
+/// The logarithm of a normal number, within 2.2e-5, the same on every device: the exponent, and a polynomial for the rest.
+#[inline]
+fn log2(v: f32) -> f32 {
+    let bits = v.to_bits();
+    let exponent = (bits >> 23) as f32 - 127.0;
+    let t = f32::from_bits(bits & 0x7f_ffff | 0x3f80_0000) - 1.0;
+    let bend = ((-0.044_004_69 * t + 0.146_314_34) * t - 0.266_029_88) * t + 0.441_740_3;
+    exponent + (t + t * (1.0 - t) * bend)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::scene::Image;
+    use crate::scene::image::Pixels;
+
+    fn texture(values: &[f32], width: u32) -> Texture {
+        let height = values.len() as u32 / width;
+        Texture::new(Arc::new(Image::new(Pixels::Floats(values), width, height, 1, false).unwrap()))
+    }
+
+    #[test]
+    fn logarithms() {
+        for i in 0..10_000 {
+            let v = (f64::from(i) / 300.0).exp2() as f32;
+            assert!((f64::from(log2(v)) - f64::from(v).log2()).abs() < 2.5e-5, "{v}");
+        }
+    }
+
+    #[test]
+    fn the_ways_around_the_edges() {
+        let values = [0.0, 1.0, 2.0, 3.0];
+        let still = [[0.0; 2]; 2];
+        let at = |wrap, s: f32| {
+            let nearest = Texture { linear: false, wrap: [wrap; 2], ..texture(&values, 4) };
+            nearest.sample(&Place { at: [s, 0.5], change: still })[0]
+        };
+        for n in -9i32..9 {
+            let s = (n as f32 + 0.5) / 4.0;
+            assert_eq!(at(Wrap::Repeat, s), values[n.rem_euclid(4) as usize]);
+            assert_eq!(at(Wrap::Clamp, s), values[n.clamp(0, 3) as usize]);
+            let m = n.rem_euclid(8);
+            assert_eq!(at(Wrap::Mirror, s), values[if m < 4 { m } else { 7 - m } as usize]);
+        }
+        let linear = Texture { wrap: [Wrap::Repeat; 2], ..texture(&values, 4) };
+        assert_eq!(linear.sample(&Place { at: [0.25, 0.5], change: still })[0], 0.5);
+        assert_eq!(linear.sample(&Place { at: [0.0, 0.5], change: still })[0], 1.5);
+        for wild in [f32::NAN, f32::INFINITY, -1e30, 1e30] {
+            let there = linear.sample(&Place { at: [wild, 0.3], change: [[wild, 0.0], [0.0, 1.0]] });
+            assert!((0.0..=3.0).contains(&there[0]), "{wild}: {there:?}");
+        }
+    }
+
+    #[test]
+    fn levels_follow_the_footprint() {
+        // A ramp along x, constant along y, so that levels tell themselves from their neighbours by steps.
+        let values: Vec<f32> = (0..64 * 64).map(|i| if (i % 64) / 32 == 0 { 0.0 } else { 1.0 }).collect();
+        let step = texture(&values, 64);
+        let near = |change| step.sample(&Place { at: [0.5 - 1.0 / 64.0, 0.5], change })[0];
+        // One texel a pixel: a texel from the step nothing is to be seen of it. Sixteen: nearly half.
+        let square = |texels: f32| [[texels / 64.0, 0.0], [0.0, texels / 64.0]];
+        assert_eq!(near(square(1.0)), 0.0);
+        assert!((near(square(16.0)) - 0.4375).abs() < 1e-3, "{}", near(square(16.0)));
+        // Long along y alone: all detail along x stays.
+        let tall = [[1.0 / 64.0, 0.0], [0.0, 8.0 / 64.0]];
+        assert_eq!(near(tall), 0.0);
+        // More than the samples reach.
+        let taller = [[1.0 / 64.0, 0.0], [0.0, 64.0 / 64.0]];
+        assert!(near(taller) > 0.1);
+        assert_eq!(Texture { mipmaps: Mipmaps::Off, ..step.clone() }.sample(&Place {
+            at: [0.5 - 1.0 / 64.0, 0.5],
+            change: square(16.0)
+        })[0], 0.0);
+    }
+}
