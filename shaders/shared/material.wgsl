@@ -3,19 +3,19 @@
 @group(0) @binding(14) var<storage, read> materials: array<Material>;
 @group(0) @binding(15) var<storage, read> texels: array<u32>;
 
-fn uv_at(surfel: Surfel, set: u32, corner: u32) -> vec2<f32> {
+fn uv_at(surfel: Surfel, uv_set: u32, corner: u32) -> vec2<f32> {
     let vertices = surfel.streams.colors - surfel.streams.normals;
     let colors = select(0u, vertices, (looks[surfel.instance].flags & LOOK_COLORS) != 0u);
-    let at = surfel.streams.colors + colors + 2u * (set * vertices + corner);
+    let at = surfel.streams.colors + colors + 2u * (uv_set * vertices + corner);
     return vec2<f32>(real(at), real(at + 1u));
 }
 
 // UVs of the corners of a triangle.
 fn corner_uvs(surfel: Surfel, texture: Texture) -> array<vec2<f32>, 3> {
     // pyrender knows one set.
-    let set = select(texture.flags & 3u, 0u, lighting.shading == SHADING_PYRENDER);
+    let uv_set = select(texture.flags & 3u, 0u, lighting.shading == SHADING_PYRENDER);
     let c = surfel.corners;
-    return array<vec2<f32>, 3>(uv_at(surfel, set, c.x), uv_at(surfel, set, c.y), uv_at(surfel, set, c.z));
+    return array<vec2<f32>, 3>(uv_at(surfel, uv_set, c.x), uv_at(surfel, uv_set, c.y), uv_at(surfel, uv_set, c.z));
 }
 
 fn uv_sum(w: vec3<f32>, uvs: array<vec2<f32>, 3>) -> vec2<f32> {
@@ -48,8 +48,8 @@ fn no_vector(v: vec3<f32>) -> bool {
     return !(sqrt(dot3(v, v)) >= SMALLEST);
 }
 
-// The normal, with that of the texture in the frame that the UVs give.
-fn mapped_normal(surfel: Surfel, change: array<vec3<f32>, 2>, number: u32) -> vec3<f32> {
+// The normal, with that of the texture, `map`, in the frame that the UVs give.
+fn mapped_normal(surfel: Surfel, number: u32, map: vec3<f32>) -> vec3<f32> {
     let own = select(surfel.face, surfel.normal, (materials[number].flags & LOOK_SMOOTH) != 0u);
     if materials[number].textures[SLOT_NORMAL].start == NONE {
         return own;
@@ -71,7 +71,6 @@ fn mapped_normal(surfel: Surfel, change: array<vec3<f32>, 2>, number: u32) -> ve
     let tangent = flat * (1.0 / sqrt(dot3(flat, flat)));
     let side = cross3(own, tangent);
     let sign = select(1.0, -1.0, lighting.shading != SHADING_PYRENDER && dot3(side, up) < 0.0);
-    let map = sample_of(surfel, change, number, SLOT_NORMAL);
     let scale = materials[number].normal_scale;
     let x = (2.0 * map.x - 1.0) * scale;
     let y = (2.0 * map.y - 1.0) * scale * sign;
@@ -98,19 +97,22 @@ fn bsdf_of(surfel: Surfel) -> Bsdf {
     }
     let number = look.first_material + min(page_word(surfel.record + RECORD_MATERIAL), look.last_material);
     let change = change_of(surfel);
-    let base = sample_of(surfel, change, number, SLOT_BASE_COLOR).xyz;
-    let map = sample_of(surfel, change, number, SLOT_METALLIC_ROUGHNESS);
+    // A loop, so that compilers have what samples but once.
+    var samples: array<vec4<f32>, SLOTS>;
+    for (var slot = 0u; slot < SLOTS; slot++) {
+        samples[slot] = sample_of(surfel, change, number, slot);
+    }
+    let map = samples[SLOT_METALLIC_ROUGHNESS];
     let rough_metal = select(map.yz, map.xy, lighting.shading == SHADING_PYRENDER);
     let r = between(materials[number].roughness * rough_metal.x, 0.04, 1.0);
-    let emissive = sample_of(surfel, change, number, SLOT_EMISSIVE).xyz;
-    let open = sample_of(surfel, change, number, SLOT_OCCLUSION).x;
+    let open = samples[SLOT_OCCLUSION].x;
     return Bsdf(
-        mapped_normal(surfel, change, number),
-        materials[number].base * base,
+        mapped_normal(surfel, number, samples[SLOT_NORMAL].xyz),
+        materials[number].base * samples[SLOT_BASE_COLOR].xyz,
         between(materials[number].metallic * rough_metal.y, 0.0, 1.0),
         (r * r) * (r * r),
         (r + 1.0) * (r + 1.0) / 8.0,
-        materials[number].emissive * emissive,
+        materials[number].emissive * samples[SLOT_EMISSIVE].xyz,
         1.0 + materials[number].occlusion_strength * (open - 1.0),
     );
 }

@@ -34,11 +34,19 @@ fn log2_of(v: f32) -> f32 {
     return exponent + (t + t * (1.0 - t) * bend);
 }
 
+// Two halves, which are normal numbers or 0.
+fn halves(bits: u32) -> vec2<f32> {
+    let h = vec2<u32>(bits & 0xffffu, bits >> 16u);
+    let number = h & vec2<u32>(0x7fffu);
+    let rebased = ((h & vec2<u32>(0x8000u)) << vec2<u32>(16u)) | ((number << vec2<u32>(13u)) + (112u << 23u));
+    return bitcast<vec2<f32>>(select(rebased, vec2<u32>(0u), number == vec2<u32>(0u)));
+}
+
 fn texel(texture: Texture, start: u32, at: u32) -> vec4<f32> {
     let format = texture.flags >> TEXTURE_FORMAT & 3u;
     if format == FORMAT_HALF {
         let first = start + 2u * at;
-        return vec4<f32>(unpack2x16float(texels[first]), unpack2x16float(texels[first + 1u]));
+        return vec4<f32>(halves(texels[first]), halves(texels[first + 1u]));
     }
     let bits = texels[start + at];
     let bytes = vec4<u32>(bits & 0xffu, bits >> 8u & 0xffu, bits >> 16u & 0xffu, bits >> 24u);

@@ -107,7 +107,7 @@ struct Material {
     unused_a: u32,
     unused_b: u32,
     unused_c: u32,
-    textures: array<Texture, 5>,
+    textures: array<Texture, SLOTS>,
 }
 
 // A light in camera space.

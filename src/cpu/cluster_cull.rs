@@ -87,7 +87,8 @@ fn cull_group(
         };
         let sphere = Sphere { center: record.center, radius: record.radius };
         if !instance.materials.double_sided(record.material)
-            && instance.faces_away(screen.orthographic, &sphere, record.cone()) {
+            && instance.faces_away(screen.orthographic, &sphere, record.cone())
+        {
             continue;
         }
         if hzb.is_some_and(|h| h.hides(&footprint)) {

@@ -57,8 +57,7 @@ impl Reflector {
             nl = dot(n, l).max(0.0).min(1.0);
             let nv = dot(n, v).max(0.001).min(1.0);
             let rest = -(*alpha2 - 1.0);
-            let heights =
-                nl * (nv * nv * rest + *alpha2).sqrt() + nv * (nl * nl * rest + *alpha2).sqrt();
+            let heights = nl * (nv * nv * rest + *alpha2).sqrt() + nv * (nl * nl * rest + *alpha2).sqrt();
             gloss = *alpha2 * 0.5 / (d * d * PI * heights);
         } else {
             nl = dot(n, l).max(0.001).min(1.0);
@@ -79,7 +78,13 @@ impl Reflector {
 
 /// The light that surface points send to the eye.
 #[inline(always)]
-fn shade(mut bsdf: Bsdf, surfels: &Surfels<'_>, eye: &Eye, orthographic: bool, lighting: &Lighting) -> Vec3x8 {
+fn shade(
+    mut bsdf: Bsdf,
+    surfels: &Surfels<'_>,
+    eye: &Eye,
+    orthographic: bool,
+    lighting: &Lighting,
+) -> Vec3x8 {
     let shading = lighting.shading;
     if shading == Shading::Normals {
         let n = &bsdf.normal;
@@ -179,7 +184,9 @@ impl Shader<'_> {
         while let Some(surfels) = walk.step() {
             let bsdf = match (surfels.view.materials.plain(), &surfels.detail) {
                 (None, Some(detail)) => Bsdf::textured(&surfels, detail, self.lighting.shading),
-                (material, _) => Bsdf::plain(material.unwrap_or_else(|| surfels.view.materials.of(0)), &surfels),
+                (material, _) => {
+                    Bsdf::plain(material.unwrap_or_else(|| surfels.view.materials.of(0)), &surfels)
+                }
             };
             let orthographic = self.pixels.screen.orthographic;
             let color = shade(bsdf, &surfels, self.eye, orthographic, self.lighting);

@@ -357,10 +357,11 @@ mod tests {
             let orthographic = case % 4 == 3;
             let far = if orthographic { [0.0, 0.0, 0.0, 1.0] } else { [0.1, -0.2, 1.0, 2.5] };
             let rows = [[300.0, 20.0, 80.0, 400.0], [-30.0, 250.0, 90.0, 300.0], far];
-            let corners: [[f64; 3]; 3] = std::array::from_fn(|_| std::array::from_fn(|_| 2.0 * random() - 1.0));
+            let corners: [[f64; 3]; 3] =
+                std::array::from_fn(|_| std::array::from_fn(|_| 2.0 * random() - 1.0));
             let inside = [0.2 + random(), 0.2 + random(), 0.2 + random()];
-            let homogeneous = corners
-                .map(|p| rows.map(|m: [f64; 4]| m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]));
+            let homogeneous =
+                corners.map(|p| rows.map(|m: [f64; 4]| m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]));
             let sum = |k: usize| (0..3).map(|i| inside[i] * homogeneous[i][k]).sum::<f64>();
             let depth = if orthographic { inside.iter().sum() } else { sum(2) };
             let point = [sum(0) / depth, sum(1) / depth];
@@ -393,7 +394,11 @@ mod tests {
                 let scale = expected.iter().fold(0.0f64, |m, v| m.max(v.abs()));
                 for i in 0..3 {
                     let got = f64::from(change[axis][i].0[0]);
-                    assert!((got - expected[i]).abs() <= 1e-3 * scale, "case {case}: {got} for {}", expected[i]);
+                    assert!(
+                        (got - expected[i]).abs() <= 1e-3 * scale,
+                        "case {case}: {got} for {}",
+                        expected[i]
+                    );
                 }
             }
         }

@@ -23,10 +23,7 @@ impl Place {
     pub fn new(rows: &[[f32; 3]; 2], uv: [f32; 2], change: [[f32; 2]; 2]) -> Self {
         let turned = |d: [f32; 2]| rows.map(|[u, v, _]| u * d[0] + v * d[1]);
         let at = turned(uv);
-        Self {
-            at: [at[0] + rows[0][2], at[1] + rows[1][2]],
-            change: [turned(change[0]), turned(change[1])],
-        }
+        Self { at: [at[0] + rows[0][2], at[1] + rows[1][2]], change: [turned(change[0]), turned(change[1])] }
     }
 }
 
@@ -211,9 +208,10 @@ mod tests {
         // More than the samples reach.
         let taller = [[1.0 / 64.0, 0.0], [0.0, 64.0 / 64.0]];
         assert!(near(taller) > 0.1);
-        assert_eq!(Texture { mipmaps: Mipmaps::Off, ..step.clone() }.sample(&Place {
-            at: [0.5 - 1.0 / 64.0, 0.5],
-            change: square(16.0)
-        })[0], 0.0);
+        assert_eq!(
+            Texture { mipmaps: Mipmaps::Off, ..step.clone() }
+                .sample(&Place { at: [0.5 - 1.0 / 64.0, 0.5], change: square(16.0) })[0],
+            0.0
+        );
     }
 }

@@ -17,9 +17,7 @@ use super::{
 };
 use crate::config::{Output, Outputs, Raster, Transfer};
 use crate::error::{Error, Result};
-use crate::gpu_types::{
-    self, Array, Counters, Dispatch, Lighting, View, VisibleCluster, Visit,
-};
+use crate::gpu_types::{self, Array, Counters, Dispatch, Lighting, View, VisibleCluster, Visit};
 use crate::limits::MAX_VISIBLE;
 use crate::stream::{Needs, Resident};
 

@@ -417,6 +417,7 @@ pub fn constants() -> String {
         ("LOOK_SMOOTH", LOOK_SMOOTH),
         ("LOOK_CONFORMAL", LOOK_CONFORMAL),
         ("LOOK_COLORS", LOOK_COLORS),
+        ("SLOTS", Slot::COUNT as u32),
         ("SLOT_BASE_COLOR", Slot::BaseColor as u32),
         ("SLOT_METALLIC_ROUGHNESS", Slot::MetallicRoughness as u32),
         ("SLOT_NORMAL", Slot::Normal as u32),

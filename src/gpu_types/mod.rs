@@ -156,6 +156,9 @@ pub const TEXTURE_MIPMAPS: u32 = 7;
 /// First of two bits of [`Texture::flags`]: how a texel lies in memory.
 pub const TEXTURE_FORMAT: u32 = 9;
 
+/// Textures of a material.
+pub const TEXTURE_SLOTS: usize = 5;
+
 /// A material of an instance.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -184,8 +187,8 @@ pub struct Material {
     pub unused_b: u32,
     /// Zero.
     pub unused_c: u32,
-    /// By [`crate::scene::Slot`].
-    pub textures: [Texture; 5],
+    /// Colour and alpha, metallic and roughness, normals, occlusion, light given off.
+    pub textures: [Texture; TEXTURE_SLOTS],
 }
 
 /// Of [`Look::flags`]: normals are interpolated.

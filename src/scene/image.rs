@@ -54,13 +54,7 @@ type Texel = [f32; 4];
 
 impl Image {
     /// An image and its levels. Of `srgb` ones, numbers that stand for colours are sRGB; floats are always linear.
-    pub fn new(
-        pixels: Pixels<'_>,
-        width: u32,
-        height: u32,
-        channels: usize,
-        srgb: bool,
-    ) -> Result<Self> {
+    pub fn new(pixels: Pixels<'_>, width: u32, height: u32, channels: usize, srgb: bool) -> Result<Self> {
         let wrong = |message: String| Err(Error::argument("pixels", message));
         if width == 0 || height == 0 || width.max(height) > MAX_IMAGE_SIDE {
             return wrong(format!("sides must be 1 to {MAX_IMAGE_SIDE}, not {width} x {height}"));
@@ -96,9 +90,11 @@ impl Image {
                 }));
             }
             Pixels::Floats(floats) => {
-                image.words.par_extend((0..count).into_par_iter().flat_map_iter(|at| {
-                    halves(expanded(channels, |c| floats[at * channels + c], 1.0))
-                }));
+                image.words.par_extend(
+                    (0..count)
+                        .into_par_iter()
+                        .flat_map_iter(|at| halves(expanded(channels, |c| floats[at * channels + c], 1.0))),
+                );
             }
         }
         image.add_levels();

@@ -201,8 +201,7 @@ impl Material {
             return Err(Error::argument("emissive", format!("must be finite and not negative, not {bad}")));
         }
         unit("occlusion_strength", self.occlusion_strength)?;
-        for (name, value) in
-            [("normal_scale", Some(self.normal_scale)), ("alpha_cutoff", self.alpha_cutoff)]
+        for (name, value) in [("normal_scale", Some(self.normal_scale)), ("alpha_cutoff", self.alpha_cutoff)]
         {
             if let Some(value) = value.filter(|value| !value.is_finite()) {
                 return Err(Error::argument(name, format!("must be finite, not {value}")));

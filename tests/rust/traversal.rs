@@ -54,10 +54,13 @@ fn both(scene: &Scene, ring: Ring) -> (Forms, Renderer) {
     let slots = slots(scene);
     let mut renderer = Renderer::new().unwrap();
     for (slot, instance) in (0..).zip(&slots) {
-        renderer.set(slot, instance.as_ref().map(|(placed, mesh)| {
-            let look = Look { first_material: u32::MAX, ..Look::zeroed() };
-            Shown { placed: *placed, look, mesh, materials: None }
-        }));
+        renderer.set(
+            slot,
+            instance.as_ref().map(|(placed, mesh)| {
+                let look = Look { first_material: u32::MAX, ..Look::zeroed() };
+                Shown { placed: *placed, look, mesh, materials: None }
+            }),
+        );
     }
     (Forms::new(&slots, ring).unwrap(), renderer)
 }
