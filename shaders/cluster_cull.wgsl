@@ -71,7 +71,10 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
     atomicOr(&drawn_bits[group], bit);
     // A patch of n triangles has some sqrt(n / 2) edges across.
     let edge = f32(place.span) / max(sqrt(f32(triangle_count(record)) * 0.5), 1.0);
-    if place.clipped || place.span > MAX_SPAN || edge > SMALL_EDGE {
+    if has_holes(instance, record) {
+        atomicOr(&clipped_bits[group], bit);
+        atomicAdd(&counters.triangles_large, triangle_count(record));
+    } else if place.clipped || place.span > MAX_SPAN || edge > SMALL_EDGE {
         atomicOr(&large_bits[group], bit);
         if view.viewport != 0u && (place.clipped || place.span >= viewport_margin()) {
             atomicOr(&clipped_bits[group], bit);

@@ -9,7 +9,7 @@
 @group(0) @binding(5) var<storage, read_write> visible: array<VisibleCluster>;
 // Of the clusters of each list; see `number_slot`.
 @group(0) @binding(6) var<storage, read_write> numbers: array<u32>;
-// Small, large, clipped.
+// Small, large, clipped, with holes.
 @group(0) @binding(7) var<storage, read_write> draws: array<DispatchOut, LISTS>;
 @group(0) @binding(8) var<storage, read_write> counters: Counters;
 // Of the first phase; not read there.
@@ -49,9 +49,10 @@ fn list(word: u32, mask_of_word: u32, first_number: u32) {
     while mask != 0u {
         let member = firstTrailingBit(mask);
         mask &= mask - 1u;
-        let is_large = large >> member & 1u;
+        let is_large = (large >> member & 1u) == 1u;
+        let is_clipped = (clipped >> member & 1u) == 1u;
         if number < arrayLength(&visible) {
-            visible[number] = VisibleCluster(candidate.instance, candidate.first + member, is_large);
+            visible[number] = VisibleCluster(candidate.instance, candidate.first + member, u32(is_large || is_clipped));
         }
         if (old >> member & 1u) == 1u {
             if old_number < arrayLength(&renumbered) {
@@ -59,7 +60,10 @@ fn list(word: u32, mask_of_word: u32, first_number: u32) {
             }
             old_number++;
         } else {
-            let list = select(is_large, LIST_CLIPPED, (clipped >> member & 1u) == 1u);
+            var list = select(LIST_SMALL, LIST_LARGE, is_large);
+            if is_clipped {
+                list = select(LIST_MASKED, LIST_CLIPPED, is_large);
+            }
             let at = claim(list);
             if at < room {
                 numbers[number_slot(list, at, room)] = number;

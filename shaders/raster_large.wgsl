@@ -1,5 +1,6 @@
 // Stage 5. Clusters with large triangles, or that reach the near plane, the far plane or the guard band -> visibility
-// buffer: a workgroup per cluster. Each lane clips a triangle; then the rows of all of them are shared out.
+// buffer: a workgroup per cluster. Each lane clips a triangle; then the rows of all of them are shared out. Clusters with
+// holes of any size are drawn by the same, and a test at each pixel.
 
 // A triangle cut by five planes has eight corners at most.
 const MOST_CORNERS: u32 = 8u;
@@ -44,12 +45,12 @@ fn comes_after(a: vec3<f32>, b: vec3<f32>) -> bool {
 // From the smaller to the larger end, so that the two triangles of an edge agree.
 fn intersection(a: vec3<f32>, da: Pair, b: vec3<f32>, db: Pair) -> vec3<f32> {
     if comes_after(a, b) {
-        return between(b, db, a, da);
+        return crossing(b, db, a, da);
     }
-    return between(a, da, b, db);
+    return crossing(a, da, b, db);
 }
 
-fn between(a: vec3<f32>, da: Pair, b: vec3<f32>, db: Pair) -> vec3<f32> {
+fn crossing(a: vec3<f32>, da: Pair, b: vec3<f32>, db: Pair) -> vec3<f32> {
     let length = pair_minus(db, da);
     return vec3<f32>(
         pair_over(pair_minus(pair_times(db, a.x), pair_times(da, b.x)), length),
@@ -201,7 +202,7 @@ fn fill(p: Piece, row: i32, low: u32) {
         let weights = vec3<f32>(weight(at0, e0.bias), weight(at1, e1.bias), weight(at2, e2.bias));
         let key = depth_key(mean(weights, v, inverse));
         if key >= view.far_key {
-            put(u32(row) * view.width + u32(column), key, low);
+            offer(u32(row) * view.width + u32(column), key, low);
         }
         at0 = wide_add(at0, wide(e0.step));
         at1 = wide_add(at1, wide(e1.step));
@@ -211,7 +212,8 @@ fn fill(p: Piece, row: i32, low: u32) {
 
 @compute @workgroup_size(CLUSTER_MAX_TRIANGLES)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let number = listed(select(LIST_CLIPPED, LIST_LARGE, view.viewport == 0u), workgroup_number(workgroup));
+    let list = select(select(LIST_CLIPPED, LIST_LARGE, view.viewport == 0u), LIST_MASKED, MASKED);
+    let number = listed(list, workgroup_number(workgroup));
     if number == NONE {
         return;
     }

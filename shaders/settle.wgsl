@@ -30,7 +30,8 @@ fn main() {
         }
         return;
     }
-    let fresh = draws[LIST_SMALL].count + draws[LIST_LARGE].count + draws[LIST_CLIPPED].count;
+    let fresh = draws[LIST_SMALL].count + draws[LIST_LARGE].count + draws[LIST_CLIPPED].count
+        + draws[LIST_MASKED].count;
     if fresh > 0u && atomicLoad(&other_counters.visible) > 0u {
         steps[STEP_PIXELS] = workgroups(view.width * view.height, WIDTH * PIXELS_PER_LANE, view.width * view.height);
     }

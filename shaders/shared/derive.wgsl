@@ -55,7 +55,7 @@ fn derive(p: Placed, before: array<vec4<f32>, 3>) -> Instance {
         p.group_words,
         p.double_sided,
         p.mirrored ^ view.mirrored,
-        0u,
+        p.masked,
         0u,
     );
 }

@@ -1,7 +1,5 @@
-// Surfaces with textures: src/cpu/material.rs, operation for operation.
-
-@group(0) @binding(14) var<storage, read> materials: array<Material>;
-@group(0) @binding(15) var<storage, read> texels: array<u32>;
+// Surfaces with textures: src/cpu/material.rs, operation for operation. Needs `materials`, and whether they are
+// `as_in_pyrender`.
 
 fn uv_at(surfel: Surfel, uv_set: u32, corner: u32) -> vec2<f32> {
     let vertices = surfel.streams.colors - surfel.streams.normals;
@@ -13,7 +11,7 @@ fn uv_at(surfel: Surfel, uv_set: u32, corner: u32) -> vec2<f32> {
 // UVs of the corners of a triangle.
 fn corner_uvs(surfel: Surfel, texture: Texture) -> array<vec2<f32>, 3> {
     // pyrender knows one set.
-    let uv_set = select(texture.flags & 3u, 0u, lighting.shading == SHADING_PYRENDER);
+    let uv_set = select(texture.flags & 3u, 0u, as_in_pyrender());
     let c = surfel.corners;
     return array<vec2<f32>, 3>(uv_at(surfel, uv_set, c.x), uv_at(surfel, uv_set, c.y), uv_at(surfel, uv_set, c.z));
 }
@@ -25,7 +23,7 @@ fn uv_sum(w: vec3<f32>, uvs: array<vec2<f32>, 3>) -> vec2<f32> {
 // A texture as the frame has it.
 fn texture_of(number: u32, slot: u32) -> Texture {
     var texture = materials[number].textures[slot];
-    if lighting.shading == SHADING_PYRENDER {
+    if as_in_pyrender() {
         texture.rows[0] = vec4<f32>(1.0, 0.0, 0.0, texture.rows[0].w);
         texture.rows[1] = vec4<f32>(0.0, -1.0, 1.0, texture.rows[1].w);
     }
@@ -70,7 +68,7 @@ fn mapped_normal(surfel: Surfel, number: u32, map: vec3<f32>) -> vec3<f32> {
     }
     let tangent = flat * (1.0 / sqrt(dot3(flat, flat)));
     let side = cross3(own, tangent);
-    let sign = select(1.0, -1.0, lighting.shading != SHADING_PYRENDER && dot3(side, up) < 0.0);
+    let sign = select(1.0, -1.0, !as_in_pyrender() && dot3(side, up) < 0.0);
     let scale = materials[number].normal_scale;
     let x = (2.0 * map.x - 1.0) * scale;
     let y = (2.0 * map.y - 1.0) * scale * sign;
@@ -90,29 +88,8 @@ fn to_eye(rows: array<vec4<f32>, 3>, v: vec3<f32>) -> vec3<f32> {
     );
 }
 
-fn bsdf_of(surfel: Surfel) -> Bsdf {
+// The material of a cluster.
+fn material_of(surfel: Surfel) -> u32 {
     let look = looks[surfel.instance];
-    if look.first_material == NONE {
-        return plain_bsdf(surfel);
-    }
-    let number = look.first_material + min(page_word(surfel.record + RECORD_MATERIAL), look.last_material);
-    let change = change_of(surfel);
-    // A loop, so that compilers have what samples but once.
-    var samples: array<vec4<f32>, SLOTS>;
-    for (var slot = 0u; slot < SLOTS; slot++) {
-        samples[slot] = sample_of(surfel, change, number, slot);
-    }
-    let map = samples[SLOT_METALLIC_ROUGHNESS];
-    let rough_metal = select(map.yz, map.xy, lighting.shading == SHADING_PYRENDER);
-    let r = between(materials[number].roughness * rough_metal.x, 0.04, 1.0);
-    let open = samples[SLOT_OCCLUSION].x;
-    return Bsdf(
-        mapped_normal(surfel, number, samples[SLOT_NORMAL].xyz),
-        materials[number].base * samples[SLOT_BASE_COLOR].xyz,
-        between(materials[number].metallic * rough_metal.y, 0.0, 1.0),
-        (r * r) * (r * r),
-        (r + 1.0) * (r + 1.0) / 8.0,
-        materials[number].emissive * samples[SLOT_EMISSIVE].xyz,
-        1.0 + materials[number].occlusion_strength * (open - 1.0),
-    );
+    return look.first_material + min(page_word(surfel.record + RECORD_MATERIAL), look.last_material);
 }

@@ -44,6 +44,11 @@ fn two_sided(instance: u32, record: u32) -> bool {
     return (instances[instance].double_sided >> min(page_word(record + RECORD_MATERIAL), 31u) & 1u) != 0u;
 }
 
+// Whether a cluster may have holes.
+fn has_holes(instance: u32, record: u32) -> bool {
+    return (instances[instance].masked >> min(page_word(record + RECORD_MATERIAL), 31u) & 1u) != 0u;
+}
+
 fn byte(start: u32, at: u32) -> u32 {
     return page_word(start + (at >> 2u)) >> (8u * (at & 3u)) & 0xffu;
 }

@@ -58,8 +58,9 @@ struct Placed {
     mirrored: u32,
     // 0 where nothing is, or nothing to be seen.
     visible: u32,
-    unused_a: u32,
-    unused_b: u32,
+    // Clusters with holes, by material as for double_sided.
+    masked: u32,
+    unused: u32,
 }
 
 // The look of an instance.
@@ -161,8 +162,8 @@ struct Instance {
     group_words: u32,
     double_sided: u32,
     mirrored: u32,
-    unused_a: u32,
-    unused_b: u32,
+    masked: u32,
+    unused: u32,
 }
 
 struct Sphere {
@@ -266,12 +267,14 @@ struct CallOut {
 }
 
 // Where entry `at` of a list lies among the numbers of all lists, which have room for so many: small ones from the front,
-// large ones from the back, clipped ones behind both.
+// large ones from the back; behind both in the same way clipped ones, and those with holes.
 fn number_slot(list: u32, at: u32, room: u32) -> u32 {
-    if list == LIST_CLIPPED {
-        return room + at;
+    switch list {
+        case LIST_SMALL: { return at; }
+        case LIST_LARGE: { return room - 1u - at; }
+        case LIST_CLIPPED: { return room + at; }
+        default: { return 2u * room - 1u - at; }
     }
-    return select(at, room - 1u - at, list == LIST_LARGE);
 }
 
 fn workgroups(entries: u32, per_workgroup: u32, count: u32) -> Dispatch {

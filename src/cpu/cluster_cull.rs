@@ -96,7 +96,9 @@ fn cull_group(
         }
         // A patch of n triangles has some √(n/2) edges across.
         let edge = f32::from(footprint.span) / (f32::from(record.triangle_count) * 0.5).sqrt().max(1.0);
-        let large = footprint.clipped || footprint.span > MAX_SPAN || edge > SMALL_EDGE;
+        // Those that may have holes are drawn in one form.
+        let masked = instance.materials.masked(record.material);
+        let large = masked || footprint.clipped || footprint.span > MAX_SPAN || edge > SMALL_EDGE;
         let visible = Visible { instance: at.instance, cluster };
         out.candidates.push(Candidate { visible, footprint, large, triangles: record.triangle_count });
     }

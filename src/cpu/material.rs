@@ -83,6 +83,14 @@ impl Bsdf {
     }
 }
 
+/// Whether a surface has a hole at its first point.
+pub fn is_hole(surfels: &Surfels<'_>, detail: &Detail) -> bool {
+    // Holes do not depend on how the rest is shaded.
+    let point = Point::new(surfels, detail, 0, Shading::Gltf);
+    let [.., alpha] = point.sample(Slot::BaseColor);
+    point.material.alpha_cutoff.is_some_and(|cutoff| point.material.alpha * alpha < cutoff)
+}
+
 /// One surface point.
 struct Point<'a> {
     material: &'a Material,

@@ -5,13 +5,17 @@
 //! pixel is tested. Depth is the mean of the corners' depth values by those edge functions, which are exact and none
 //! negative, so that its relative error stays small where values differ by orders of magnitude. Very large triangles
 //! are set aside and shared out by bands of rows.
+//!
+//! Clusters that may have holes come here whatever their size; alpha is tested at each of their pixels.
 
 use rayon::prelude::*;
 
 use super::clip::clip;
+use super::material::is_hole;
 use super::project::{InstanceView, Screen};
+use super::surface::{self, Pixels, Surfels};
 use super::triangle::{UNIT, edge_bias, pixels, project, snap};
-use super::visibility::{Sink, Visible, payload};
+use super::visibility::{Sink, Visible, decode, payload};
 use crate::limits::GUARD_BAND;
 
 /// Triangles whose box has more pixels are shared out by bands.
@@ -32,6 +36,42 @@ pub struct Setup {
 /// Draws clusters, given as numbers in the frame's visible list. Returns the triangles that faced the eye and
 /// had a pixel to offer.
 pub fn run<S: Sink>(
+    numbers: &[u32],
+    visible: &[Visible],
+    views: &[InstanceView],
+    screen: &Screen,
+    sink: &S,
+) -> u64 {
+    if views.iter().all(|view| view.materials.masked_bits() == 0) {
+        return draw(numbers, visible, views, screen, sink);
+    }
+    let (masked, whole): (Vec<u32>, Vec<u32>) = numbers.iter().partition(|&&number| {
+        let Visible { instance, cluster } = visible[number as usize];
+        let view = &views[instance as usize];
+        view.materials.masked(view.pages.record(cluster).material)
+    });
+    let pixels = Pixels { words: &[], visible, views, screen };
+    draw(&whole, visible, views, screen, sink)
+        + draw(&masked, visible, views, screen, &Masked { pixels, sink })
+}
+
+/// Passes on what is not a hole.
+struct Masked<'a, S> {
+    pixels: Pixels<'a>,
+    sink: &'a S,
+}
+
+impl<S: Sink> Sink for Masked<'_, S> {
+    fn put(&self, pixel: usize, word: u64) {
+        let point = decode(word).map(|hit| surface::one(self.pixels, pixel, hit));
+        let hole = |point: &Surfels<'_>| point.detail.as_ref().is_some_and(|detail| is_hole(point, detail));
+        if !point.as_ref().is_some_and(hole) {
+            self.sink.put(pixel, word);
+        }
+    }
+}
+
+fn draw<S: Sink>(
     numbers: &[u32],
     visible: &[Visible],
     views: &[InstanceView],

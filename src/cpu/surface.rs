@@ -89,21 +89,8 @@ impl<'a, const DETAIL: bool> Walk<'a, DETAIL> {
     #[inline(always)]
     pub fn new(pixels: Pixels<'a>, range: std::ops::Range<usize>) -> Option<Self> {
         let at = *pixels.visible.first()?;
-        let view = &pixels.views[at.instance as usize];
-        let zero = Lanes::splat(0.0);
-        let nothing = Hit { key: 1, visible: 0, triangle: 0 };
-        let gathered = Gathered {
-            count: 0,
-            instance: at.instance,
-            view,
-            pixels: [0; LANES],
-            hits: [nothing; LANES],
-            clusters: [at.cluster; LANES],
-            positions: [[zero; 3]; 3],
-            normals: [[0; LANES]; 3],
-            colors: [[0; LANES]; 3],
-        };
-        let geometry = view.pages.geometry(at.cluster);
+        let geometry = pixels.views[at.instance as usize].pages.geometry(at.cluster);
+        let gathered = Gathered::none(pixels, at);
         Some(Self { pixels, next: range.start, end: range.end, last: 0, at, geometry, gathered })
     }
 
@@ -146,7 +133,33 @@ impl<'a, const DETAIL: bool> Walk<'a, DETAIL> {
     }
 }
 
+/// The surface point of one pixel, where it shows what `hit` says.
+pub fn one<'a>(pixels: Pixels<'a>, pixel: usize, hit: Hit) -> Surfels<'a> {
+    let at = pixels.visible[hit.visible as usize];
+    let geometry = pixels.views[at.instance as usize].pages.geometry(at.cluster);
+    let mut gathered = Gathered::none(pixels, at);
+    gathered.push(pixel as u32, hit, at.cluster, &geometry);
+    gathered.evaluate::<true>(pixels.screen)
+}
+
 impl<'a> Gathered<'a> {
+    #[inline(always)]
+    fn none(pixels: Pixels<'a>, at: Visible) -> Self {
+        let zero = Lanes::splat(0.0);
+        let nothing = Hit { key: 1, visible: 0, triangle: 0 };
+        Self {
+            count: 0,
+            instance: at.instance,
+            view: &pixels.views[at.instance as usize],
+            pixels: [0; LANES],
+            hits: [nothing; LANES],
+            clusters: [at.cluster; LANES],
+            positions: [[zero; 3]; 3],
+            normals: [[0; LANES]; 3],
+            colors: [[0; LANES]; 3],
+        }
+    }
+
     #[inline(always)]
     fn push(&mut self, pixel: u32, hit: Hit, cluster: ClusterAddress, geometry: &ClusterGeometry<'_>) {
         let lane = self.count;

@@ -32,6 +32,8 @@ struct Resident {
 pub(super) struct Buffers {
     pub(super) materials: Buffer,
     pub(super) texels: Buffer,
+    /// Some material may have holes.
+    pub(super) masked: bool,
 }
 
 /// All materials, and all images.
@@ -70,7 +72,7 @@ impl MaterialTable {
         self.bring(context, images)?;
         let mut table: Vec<Material> = Vec::new();
         let mut known: FxHashMap<Vec<u8>, u32> = FxHashMap::default();
-        let firsts = slots.map(|materials| {
+        let firsts = slots.clone().map(|materials| {
             let Some(materials) = materials else { return [u32::MAX, 0] };
             let own: Vec<Material> = materials.list().iter().map(|material| self.record(material)).collect();
             let last = own.len() as u32 - 1;
@@ -81,7 +83,8 @@ impl MaterialTable {
             [first, last]
         });
         let firsts: Vec<[u32; 2]> = firsts.collect();
-        if let Some(Buffers { materials, .. }) = &mut self.buffers {
+        if let Some(Buffers { materials, masked, .. }) = &mut self.buffers {
+            *masked = slots.flatten().any(|materials| materials.masked_bits() != 0);
             let bytes = size_of_val(&table[..]) as u64;
             if materials.size() < bytes {
                 *materials = context.buffer(WHAT, bytes.next_power_of_two(), materials.usage())?;
@@ -134,7 +137,7 @@ impl MaterialTable {
             let texels = context.buffer(WHAT, 4 * wanted, storage)?;
             context.write(WHAT, &texels, 0, bytemuck::cast_slice(&srgb_table()[..]))?;
             self.used = Self::HEAD;
-            self.buffers = Some(Buffers { materials, texels });
+            self.buffers = Some(Buffers { materials, texels, masked: false });
             new = all;
         }
         let Some(Buffers { texels, .. }) = &self.buffers else { return Ok(()) };

@@ -20,5 +20,6 @@ pub(super) fn count(r: &mut Recorder<'_>) {
     for (_, counts) in r.buffers.outputs.iter().filter(|(output, _)| *output == Output::Overdraw) {
         raster_small::record(r, Words::Count, counts);
         raster_large::record(r, List::Large, Words::Count, counts);
+        raster_large::record_masked(r, Words::Count, counts);
     }
 }

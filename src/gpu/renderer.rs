@@ -303,7 +303,8 @@ impl Renderer {
                     rest = List::Clipped;
                 }
                 passes.run(DeviceStage::RasterLarge, phase, |r| {
-                    raster_large::record(r, rest, form, &r.buffers.words)
+                    raster_large::record(r, rest, form, &r.buffers.words);
+                    raster_large::record_masked(r, form, &r.buffers.words);
                 });
             }
             // The visible list is that of this phase now, and not later.

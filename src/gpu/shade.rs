@@ -60,7 +60,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     for (output, out) in r.buffers.outputs.iter().filter(|(output, _)| output.shaded()) {
         let mut bindings = [&r.surface_bindings(out)[..], &[lighting, lights, steps]].concat();
         let skin = match r.materials {
-            Some(Buffers { materials, texels }) => {
+            Some(Buffers { materials, texels, .. }) => {
                 bindings.extend([materials, texels]);
                 Skin::Textured
             }

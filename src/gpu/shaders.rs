@@ -111,11 +111,13 @@ pub enum List {
     Large,
     /// With the hardware rasterizer, large ones that it does not take: that have to be clipped.
     Clipped,
+    /// Of any size, that may have holes.
+    Masked,
 }
 
 impl List {
     /// How many there are.
-    pub const COUNT: u32 = 3;
+    pub const COUNT: u32 = 4;
 }
 
 /// Sets of bits that are listed.
@@ -157,6 +159,8 @@ pub enum Kernel {
     RasterSmall(Words),
     /// Large clusters → visibility buffer.
     RasterLarge(Words),
+    /// Clusters that may have holes → visibility buffer.
+    RasterMasked(Words),
     /// Clusters of a list → visibility buffer, by the rasterizer of the device.
     RasterHardware(List, Words),
     /// Visibility buffer → a round of the depth pyramid.
@@ -174,7 +178,7 @@ pub enum Kernel {
 }
 
 /// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 45] = [
+pub const KERNELS: [Kernel; 50] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
@@ -207,6 +211,11 @@ pub const KERNELS: [Kernel; 45] = [
     Kernel::RasterLarge(Words::Count),
     Kernel::RasterSmall(Words::Depth),
     Kernel::RasterLarge(Words::Depth),
+    Kernel::RasterMasked(Words::Wide),
+    Kernel::RasterMasked(Words::Keys),
+    Kernel::RasterMasked(Words::Lows),
+    Kernel::RasterMasked(Words::Count),
+    Kernel::RasterMasked(Words::Depth),
     Kernel::Shade(Output::Color, Skin::Plain),
     Kernel::Shade(Output::Linear, Skin::Plain),
     Kernel::Shade(Output::Color, Skin::Textured),
@@ -255,6 +264,8 @@ const TRIANGLE: &str = file!("shared/triangle");
 const PAIR: &str = file!("shared/pair");
 const WIDE: &str = file!("shared/wide");
 const SURFACE: &str = file!("shared/surface");
+const PICTURE: &str = file!("shared/picture");
+const MATERIAL: &str = file!("shared/material");
 const BSDF: &str = file!("shared/bsdf");
 const TEXTURE: &str = file!("shared/texture");
 const KEY: &str = file!("shared/key");
@@ -277,7 +288,7 @@ impl Kernel {
             Self::ClusterCull(_) => "cluster_cull",
             Self::ListClusters(_) => "list_clusters",
             Self::RasterSmall(_) => "raster_small",
-            Self::RasterLarge(_) => "raster_large",
+            Self::RasterLarge(_) | Self::RasterMasked(_) => "raster_large",
             Self::RasterHardware(..) => "raster_hardware",
             Self::Hzb(_) => "hzb",
             Self::Settle(_) => "settle",
@@ -309,7 +320,13 @@ impl Kernel {
             Self::ListClusters(_) => vec![TYPES, SCAN, file!("list_clusters")],
             Self::RasterSmall(w) => vec![TYPES, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")],
             Self::RasterLarge(w) => {
-                vec![TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w), file!("raster_large")]
+                let whole = file!("shared/whole");
+                vec![TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w), whole, file!("raster_large")]
+            }
+            Self::RasterMasked(w) => {
+                let surface = [SURFACE, TEXTURE, MATERIAL, file!("shared/holes")];
+                let raster = [TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w)];
+                [&raster[..], &surface, &[file!("raster_large")]].concat()
             }
             Self::RasterHardware(_, w) => {
                 vec![TYPES, CULL, PAGES, TRIANGLE, WIDE, words(w), file!("raster_hardware")]
@@ -318,12 +335,13 @@ impl Kernel {
             Self::Settle(_) => vec![TYPES, file!("settle")],
             Self::Renumber => vec![TYPES, file!("renumber")],
             Self::Shade(_, Skin::Plain) => {
-                vec![TYPES, PAGES, SURFACE, BSDF, file!("shared/plain"), file!("shade")]
+                vec![TYPES, PAGES, PICTURE, SURFACE, BSDF, file!("shared/plain"), file!("shade")]
             }
             Self::Shade(_, Skin::Textured) => {
-                vec![TYPES, PAGES, SURFACE, BSDF, TEXTURE, file!("shared/material"), file!("shade")]
+                let skin = [BSDF, TEXTURE, MATERIAL, file!("shared/textured")];
+                [&[TYPES, PAGES, PICTURE, SURFACE][..], &skin, &[file!("shade")]].concat()
             }
-            Self::Output(_) => vec![TYPES, PAGES, SURFACE, KEY, file!("output")],
+            Self::Output(_) => vec![TYPES, PAGES, PICTURE, SURFACE, KEY, file!("output")],
             Self::LoopProbe => vec![file!("loop_probe")],
         }
     }
@@ -348,7 +366,11 @@ impl Kernel {
         let arrays = if array_bits.is_some() { PAGE_ARRAYS } else { 1 };
         source += &format!("const PAGE_ARRAYS: u32 = {arrays}u;\n");
         source += &format!("const PAGE_ARRAY_BITS: u32 = {}u;\n", array_bits.unwrap_or(u32::BITS - 1));
-        if let Self::RasterSmall(words) | Self::RasterLarge(words) | Self::RasterHardware(_, words) = self {
+        if let Self::RasterSmall(words)
+        | Self::RasterLarge(words)
+        | Self::RasterMasked(words)
+        | Self::RasterHardware(_, words) = self
+        {
             let first = matches!(words, Words::Wide | Words::Keys | Words::Depth);
             source += &format!("const FIRST_PASS: bool = {first};\n");
         }
@@ -356,6 +378,7 @@ impl Kernel {
             let (number, rgb) = (output as u32, output.rgb());
             source += &format!("const OUTPUT: u32 = {number}u;\nconst OUTPUT_RGB: bool = {rgb};\n");
         }
+        source += &format!("const MASKED: bool = {};\n", matches!(self, Self::RasterMasked(_)));
         if let Self::RasterHardware(list, _) = self {
             source += &format!("const LIST: u32 = {}u;\n", list as u32);
         }
@@ -410,6 +433,7 @@ pub fn constants() -> String {
         ("LIST_SMALL", List::Small as u32),
         ("LIST_LARGE", List::Large as u32),
         ("LIST_CLIPPED", List::Clipped as u32),
+        ("LIST_MASKED", List::Masked as u32),
         ("STEPS", Step::COUNT),
         ("STEP_GROUPS", Step::Groups.number()),
         ("STEP_PIXELS", Step::Pixels.number()),

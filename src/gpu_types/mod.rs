@@ -97,10 +97,10 @@ pub struct Placed {
     pub mirrored: u32,
     /// 0 where nothing is, or nothing to be seen.
     pub visible: u32,
+    /// Clusters that may have holes, by material in the same way.
+    pub masked: u32,
     /// Zero.
-    pub unused_a: u32,
-    /// Zero.
-    pub unused_b: u32,
+    pub unused: u32,
 }
 
 /// The look of an instance, for shading: in the slot of its [`Placed`].
@@ -276,10 +276,10 @@ pub struct Instance {
     pub double_sided: u32,
     /// 1 where the map to the screen reverses orientation.
     pub mirrored: u32,
+    /// Clusters that may have holes, by material in the same way.
+    pub masked: u32,
     /// Zero.
-    pub unused_a: u32,
-    /// Zero.
-    pub unused_b: u32,
+    pub unused: u32,
 }
 
 /// Workgroups of a dispatch that one shader decides for the next.
@@ -336,7 +336,7 @@ pub struct Marks {
     pub held: u32,
     /// Number of the first in the visible list.
     pub first: u32,
-    /// Of the large ones, those that the hardware rasterizer does not take.
+    /// Of the large ones, those that the hardware rasterizer does not take; of the others, those that may have holes.
     pub clipped: u32,
 }
 

@@ -237,6 +237,7 @@ pub fn placed(instance: &Instance) -> Placed {
         lod_scale: placement.lod_scale,
         extent,
         double_sided: instance.materials.double_sided_bits(),
+        masked: instance.materials.masked_bits(),
         mirrored: u32::from(placement.mirrored),
         visible: u32::from(instance.visible),
         ..bytemuck::Zeroable::zeroed()

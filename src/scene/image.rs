@@ -47,6 +47,7 @@ pub struct Image {
     height: u32,
     format: TexelFormat,
     levels: u32,
+    opaque: bool,
     words: Vec<u32>,
 }
 
@@ -74,7 +75,14 @@ impl Image {
             _ => TexelFormat::Half,
         };
         let transfer = if srgb { Transfer::Srgb } else { Transfer::Linear };
-        let mut image = Self { width, height, format, levels: 1, words: Vec::with_capacity(count * 3 / 2) };
+        let opaque = channels % 2 == 1
+            || match pixels {
+                Pixels::Bytes(values) => values.chunks(channels).all(|c| c[channels - 1] == u8::MAX),
+                Pixels::Words(values) => values.chunks(channels).all(|c| c[channels - 1] == u16::MAX),
+                Pixels::Floats(values) => values.chunks(channels).all(|c| c[channels - 1] >= 1.0),
+            };
+        let words = Vec::with_capacity(count * 3 / 2);
+        let mut image = Self { width, height, format, levels: 1, opaque, words };
         // Bytes stay what they are.
         match pixels {
             Pixels::Bytes(bytes) => image.words.par_extend((0..count).into_par_iter().map(|at| {
@@ -119,6 +127,11 @@ impl Image {
     /// How many levels there are.
     pub fn levels(&self) -> u32 {
         self.levels
+    }
+
+    /// Whether alpha is 1 everywhere.
+    pub fn opaque(&self) -> bool {
+        self.opaque
     }
 
     /// The texels of all levels, the whole image first, rows from the top.

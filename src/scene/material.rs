@@ -90,6 +90,8 @@ pub struct Materials {
     list: Arc<[Material]>,
     /// A bit for each of the first numbers; the last stands for all from there on.
     double_sided: u32,
+    /// The same for holes.
+    masked: u32,
     /// Any of them is smooth.
     smooth: bool,
 }
@@ -105,7 +107,8 @@ impl From<Vec<Material>> for Materials {
         let list: Arc<[Material]> = if list.is_empty() { [Material::default()].into() } else { list.into() };
         let smooth = list.iter().any(|material| material.smooth);
         let double_sided = bits(&list, |material| material.double_sided);
-        Self { list, double_sided, smooth }
+        let masked = bits(&list, Material::may_have_holes);
+        Self { list, double_sided, masked, smooth }
     }
 }
 
@@ -143,7 +146,7 @@ impl Materials {
 
     /// The only one, where it has neither textures nor holes.
     pub fn plain(&self) -> Option<&Material> {
-        let plain = |m: &&Material| m.textures.iter().all(Option::is_none) && m.alpha_cutoff.is_none();
+        let plain = |m: &&Material| m.textures.iter().all(Option::is_none) && !m.may_have_holes();
         if self.list.len() == 1 { self.list.first().filter(plain) } else { None }
     }
 
@@ -157,6 +160,18 @@ impl Materials {
     #[inline]
     pub fn double_sided(&self, number: i32) -> bool {
         self.double_sided >> number.cast_unsigned().min(u32::BITS - 1) & 1 != 0
+    }
+
+    /// Whether clusters with a number may have holes: a bit each, in the same way.
+    #[inline]
+    pub fn masked_bits(&self) -> u32 {
+        self.masked
+    }
+
+    /// Whether clusters with this number may have holes.
+    #[inline]
+    pub fn masked(&self, number: i32) -> bool {
+        self.masked >> number.cast_unsigned().min(u32::BITS - 1) & 1 != 0
     }
 
     /// Checks each of them.
@@ -184,6 +199,13 @@ impl Gloss {
 }
 
 impl Material {
+    /// Whether alpha is below the cutoff anywhere, as far as one can tell without looking at each texel.
+    pub fn may_have_holes(&self) -> bool {
+        let texture = self.textures[Slot::BaseColor as usize].as_ref();
+        let varies = texture.is_some_and(|texture| !texture.image.opaque());
+        self.alpha_cutoff.is_some_and(|cutoff| varies || self.alpha < cutoff)
+    }
+
     /// Checks every range; the error names the field.
     pub fn validate(&self) -> Result<()> {
         let unit = |name: &'static str, value: f32| {

@@ -354,3 +354,110 @@ fn what_cannot_be_shaded_is_refused() {
         assert_eq!(name(scene.set_material(handle, vec![Material::default(), bad])), field);
     }
 }
+
+/// A chessboard of holes, red where there is none.
+fn lattice(cutoff: f32) -> Material {
+    let alpha = |i: usize| if (i % 8 + i / 8) % 2 == 0 { 255 } else { 40 };
+    let bytes: Vec<u8> = (0..64).flat_map(|i| [255, 30, 20, alpha(i)]).collect();
+    let image = Arc::new(Image::new(Pixels::Bytes(&bytes), 8, 8, 4, true).unwrap());
+    let mut material = Material {
+        base_color: [1.0; 3],
+        alpha_cutoff: Some(cutoff),
+        double_sided: true,
+        ..Material::default()
+    };
+    material.textures[Slot::BaseColor as usize] = Some(Texture { linear: false, ..Texture::new(image) });
+    material
+}
+
+#[test]
+fn holes_show_what_is_behind() {
+    let (mut scene, handle, camera) = poster(lattice(0.5), None);
+    let behind = Material { base_color: [0.0, 0.0, 1.0], ..Material::default() };
+    scene.add(mesh(&flat(2), false, 1), &at(0.0, 0.0, -1.0), behind).unwrap();
+    let options = options(Shading::Flat);
+    let red = |frame: &Frame| -> Vec<bool> {
+        frame.linear().unwrap().chunks(3).map(|c| c[0] > 0.5 && c[2] < 0.5).collect()
+    };
+    let frame = look(&scene, &camera, 64, &options);
+    let expected: Vec<bool> = (0..64 * 64).map(|i| (i % 64 / 8 + i / 64 / 8) % 2 == 0).collect();
+    assert_eq!(red(&frame), expected);
+    let depth = frame.depth().unwrap();
+    assert!((0..depth.len()).all(|i| (depth[i] - if expected[i] { 2.0 } else { 3.0 }).abs() < 1e-4));
+    // Triangles in a hole cover no pixel of it.
+    assert!(frame.overdraw().unwrap().iter().zip(&expected).all(|(n, red)| *n == 1 + u32::from(*red)));
+    // Depth alone has the same holes.
+    let alone = look(&scene, &camera, 64, &RenderOptions { ..RenderOptions::depth_only() });
+    assert!(alone.depth().unwrap() == depth);
+    // Above and below all alphas of the image.
+    scene.set_material(handle, lattice(0.1)).unwrap();
+    assert!(red(&look(&scene, &camera, 64, &options)).iter().all(|red| *red));
+    scene.set_material(handle, lattice(1.1)).unwrap();
+    assert!(!red(&look(&scene, &camera, 64, &options)).iter().any(|red| *red));
+    // Without a texture the factor is tested.
+    let bare = |alpha| Material {
+        alpha,
+        alpha_cutoff: Some(0.5),
+        base_color: [1.0, 0.0, 0.0],
+        ..Material::default()
+    };
+    scene.set_material(handle, bare(0.4)).unwrap();
+    assert!(!red(&look(&scene, &camera, 64, &options)).iter().any(|red| *red));
+    scene.set_material(handle, bare(0.5)).unwrap();
+    assert!(red(&look(&scene, &camera, 64, &options)).iter().all(|red| *red));
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+fn devices_leave_the_same_holes() {
+    use nanite_rs::config::Raster;
+
+    use crate::gpu_parity::{device, on_device, same_color};
+    let Some(_) = device("devices_leave_the_same_holes") else { return };
+    let mut scene = gallery();
+    let ball = mesh(&bumpy_sphere(40), false, 4);
+    // Of four materials two have holes; near enough to be clipped, and far.
+    let bands = || vec![lattice(0.5), Material::default(), lattice(0.3), Material::default()];
+    scene.add(Arc::clone(&ball), &at(0.3, 0.5, 3.4), bands()).unwrap();
+    scene.add(ball, &at(-1.0, 1.0, -6.0), bands()).unwrap();
+    let pose = at(0.0, 0.6, 4.5);
+    for occlusion in [false, true] {
+        for wide_atomics in [true, false] {
+            let outputs = [Output::Color, Output::Overdraw].into_iter().collect();
+            let options = RenderOptions {
+                occlusion,
+                wide_atomics,
+                outputs,
+                raster: Raster::Compute,
+                device_outputs: Some(true),
+                ..options(Shading::Gltf)
+            };
+            let cpu = shoot(&scene, &CAMERA, &pose, SIZE, &options);
+            let gpu = on_device(&scene, &CAMERA, &pose, SIZE, &options);
+            let (a, b) = (cpu.depth().unwrap(), gpu.depth().unwrap());
+            let other = a.iter().zip(&b).filter(|(a, b)| a != b).count();
+            assert!(1000 * other <= a.len(), "{other} pixels differ");
+            if other == 0 {
+                same_color(&gpu.color().unwrap(), &cpu.color().unwrap(), "color");
+            }
+            if !occlusion {
+                assert_eq!(gpu.visible(), cpu.visible());
+                let (a, b) = (cpu.overdraw().unwrap(), gpu.overdraw().unwrap());
+                assert!(1000 * a.iter().zip(&b).filter(|(a, b)| a != b).count() <= a.len());
+            }
+            let alone =
+                RenderOptions { depth_only: true, outputs: RenderOptions::depth_only().outputs, ..options };
+            let depth = on_device(&scene, &CAMERA, &pose, SIZE, &alone).depth().unwrap();
+            assert!(depth == gpu.depth().unwrap());
+        }
+    }
+    // What the device's own rasterizer draws has holes as well.
+    for raster in [Raster::Hybrid, Raster::Hardware] {
+        let options = RenderOptions { raster, ..options(Shading::Gltf) };
+        let mut renderer = nanite_rs::render::Renderer::new(SIZE.0, SIZE.1, "gpu").unwrap();
+        let Ok(gpu) = renderer.render(&scene, &CAMERA, &pose, &options) else { continue };
+        let cpu = shoot(&scene, &CAMERA, &pose, SIZE, &options);
+        let pairs = cpu.instance_ids().unwrap().into_iter().zip(gpu.instance_ids().unwrap());
+        assert!(pairs.filter(|(a, b)| a != b).count() <= 20, "{raster:?}");
+    }
+}

@@ -27,6 +27,7 @@ fn capabilities(kernel: Kernel) -> Capabilities {
     match kernel {
         Kernel::RasterSmall(Words::Wide)
         | Kernel::RasterLarge(Words::Wide)
+        | Kernel::RasterMasked(Words::Wide)
         | Kernel::RasterHardware(_, Words::Wide) => {
             Capabilities::SHADER_INT64 | Capabilities::SHADER_INT64_ATOMIC_MIN_MAX
         }
@@ -104,7 +105,7 @@ fn structs_lie_in_wgsl_as_in_rust() {
             group_words, pyramid, rotate, forward, lod_focal, low, lod_near, focal, center, inverse_focal, mirrored,
             viewport, occluders, depth_only, lod_widest, asks_later),
         fields!(Instance: screen, before, object_to_eye, center, lod_scale, extent, lod_focal, eye, lod_near, first_node,
-            first_group, first_page, group_words, double_sided, mirrored, unused_a, unused_b),
+            first_group, first_page, group_words, double_sided, mirrored, masked, unused),
         fields!(Node: center, extent, lod_sphere, max_parent_error, first, count, level),
         fields!(Group: lod_sphere, error, first, count, level, center, extent, bound, quadric, attribute_error,
             reserved),
@@ -115,7 +116,7 @@ fn structs_lie_in_wgsl_as_in_rust() {
         fields!(Counters: visited_clusters, drawn_small, drawn_large, visible, held, pyramid, triangles_small,
             triangles_large),
         fields!(Placed: linear, inverse, center, lod_scale, extent, first_node, first_group, first_page,
-            group_words, double_sided, mirrored, visible, unused_a, unused_b),
+            group_words, double_sided, mirrored, visible, masked, unused),
         fields!(Marks: large, held, first, clipped),
         fields!(Call: vertices, instances, first_vertex, first_instance),
         fields!(Look: normal, emissive, metallic, alpha2, k, flags, first_material, last_material, unused_a, unused_b,

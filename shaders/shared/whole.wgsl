@@ -1,0 +1,5 @@
+// Surfaces without holes.
+
+fn offer(pixel: u32, key: u32, low: u32) {
+    put(pixel, key, low);
+}
