@@ -603,11 +603,11 @@ class Renderer:
             drawn once through the centres, where depth, normals, ids and all views but ``"shaded"`` are taken, and
             once more for each sample, with the same cut.
         shading : str
-            What colours are. ``"gltf"``: light reflected by glTF's metallic-roughness model. ``"pyrender"``: the same
-            with the peculiarities of pyrender 0.1.45, for comparison: the metallic-roughness texture is read as red
-            and green, only the first UV set counts and textures are not transformed, occlusion dims all light,
-            vertex colours multiply what was lit, and back faces are lit as their front. ``"flat"``: base colours
-            without light. ``"normals"``: world-space normals from -1..1 to 0..1, not encoded.
+            What colours are. ``"pyrender"``: light reflected by the metallic-roughness model as pyrender 0.1.45 has
+            it, peculiarities included: the metallic-roughness texture is read as red and green, only the first UV
+            set counts and textures are not transformed, occlusion dims all light, vertex colours multiply what was
+            lit, back faces are lit as their front. ``"gltf"``: the same model as glTF defines it. ``"flat"``: base
+            colours without light. ``"normals"``: world-space normals, from -1..1 to 0..1, not encoded.
         transfer : str
             What encodes linear light in `Frame.color`: ``"gamma22"``, the power 1/2.2 as in pyrender; ``"srgb"``,
             the curve of IEC 61966-2-1; or ``"linear"``, none. `Frame.linear` is not encoded.
@@ -625,7 +625,8 @@ class Renderer:
         ------
         ArgumentError
             For a pose that is not finite or not rigid, a threshold out of range, an unknown `raster`, `shading`,
-            `transfer` or output, other `samples` than these, or several samples or an output besides depth with `depth_only`.
+            `transfer` or output, other `samples` than these, or several samples or an output besides depth with
+            `depth_only`.
         BackendError
             If the device asked for cannot draw the frame: it was lost, it lacks what `raster` needs, or the scene
             or the picture does not fit.
@@ -689,7 +690,7 @@ class Renderer:
             What to draw.
         views : iterable of pairs
             A camera and its pose each, as for `render`.
-        pixel_error, occlusion, raster, outputs, depth_only, samples, transfer, wait
+        pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait
             As for `render`, for all views.
 
         Returns
@@ -724,7 +725,17 @@ class Renderer:
                 raise ArgumentError(f"views[{i}]: {error}") from None
             checked.append((view[0], view[1]))
         return self._render(
-            scene, checked, pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait
+            scene,
+            checked,
+            pixel_error,
+            occlusion,
+            raster,
+            outputs,
+            depth_only,
+            samples,
+            shading,
+            transfer,
+            wait,
         )
 
     def _render(

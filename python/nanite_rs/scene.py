@@ -47,8 +47,8 @@ AlphaMode: TypeAlias = Literal["opaque", "mask", "blend"]
 class Material:
     """A metallic-roughness material as in glTF: factors, linear, and textures that multiply them.
 
-    An instance has one for its whole mesh, or one for each number of the mesh's ``face_materials``; another one can be
-    assigned at any time without building anything anew. A scene without textures pays nothing for them.
+    An instance has one for its whole mesh, or one for each number of the mesh's ``face_materials``; another one can
+    be assigned at any time without building anything anew. A scene without textures pays nothing for them.
 
     Examples
     --------
@@ -74,8 +74,8 @@ class Material:
     metallic_roughness_texture: Texture | None = None
     """Roughness in green, metallic in blue, times the factors."""
     normal_texture: Texture | None = None
-    """Normals in tangent space, 0 to 1 for -1 to 1: +X along u, +Y along v, +Z off the surface. Tangents follow from
-    the UVs."""
+    """Normals in tangent space, 0 to 1 for -1 to 1: +X along u, +Y along v, +Z off the surface. Tangents follow
+    from the UVs."""
     occlusion_texture: Texture | None = None
     """In red, how much of the light from everywhere arrives."""
     emissive_texture: Texture | None = None
@@ -85,8 +85,8 @@ class Material:
     occlusion_strength: float = 1.0
     """0 for no occlusion to 1 for all that the texture says."""
     alpha_mode: AlphaMode = "opaque"
-    """What alpha does: nothing; surfaces have holes where it is below the cutoff; or transparency, which is drawn as
-    such holes."""
+    """What alpha does: nothing; surfaces have holes where it is below the cutoff; or transparency, which is drawn
+    as such holes."""
     alpha_cutoff: float = 0.5
     """Where alpha is below it, there is a hole."""
 
@@ -418,8 +418,8 @@ class Scene:
         Raises
         ------
         ArgumentError
-            If the pose is not finite, not affine or not invertible, a factor is out of range, or a texture wants a UV
-            set that the mesh has not.
+            If the pose is not finite, not affine or not invertible, a factor is out of range, or a texture wants a
+            UV set that the mesh has not.
         DtypeError
             If ``item`` is something else.
         """

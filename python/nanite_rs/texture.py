@@ -27,9 +27,9 @@ _DTYPES = ("uint8", "uint16", "float16", "float32", "float64")
 class Image:
     """A picture that textures show. Textures that share an `Image` share its memory.
 
-    Whether its numbers are sRGB or linear follows from what a material uses it for, as in glTF: of colours 8-bit and
-    16-bit numbers are sRGB; everything else, and all floats, are linear. Smaller versions for the distance are made in
-    linear light when it is first used.
+    Whether its numbers are sRGB or linear follows from what a material uses it for, as in glTF: of colours 8-bit
+    and 16-bit numbers are sRGB; everything else, and all floats, are linear. Smaller versions for the distance are
+    made in linear light when it is first used. 16-bit numbers and floats are kept as halves, 11 bits of precision.
 
     Parameters
     ----------
@@ -78,6 +78,11 @@ class Image:
     def open(cls, path: str | os.PathLike[str]) -> Image:
         """Read a file: PNG, JPEG and the like by Pillow; HDR, EXR, TIFF and PNG of 16 bits by OpenImageIO.
 
+        Parameters
+        ----------
+        path : path
+            The file.
+
         Raises
         ------
         MissingFileError, FileError, FormatError, DependencyError
@@ -120,8 +125,11 @@ def _pair(value: object, name: str) -> tuple[float, float]:
 class Texture:
     """An image, the UV set that it lies on a surface by, and how it is filtered.
 
-    UV (0, 0) is the lower left corner of the image, as in OpenGL, trimesh and OBJ. `offset`, `rotation` and `scale` are
-    those of glTF's ``KHR_texture_transform`` and count from its upper left corner, as they do there.
+    UV (0, 0) is the lower left corner of the image, as in OpenGL, trimesh and OBJ. `offset`, `rotation` and `scale`
+    are those of glTF's ``KHR_texture_transform`` and count from its upper left corner, as they do there.
+
+    A pixel sees an ellipse of the image. As many samples as that is times longer than wide lie along its longer axis,
+    up to `anisotropy`, each between the two levels of the image whose pixels are about as wide as it.
 
     Examples
     --------
@@ -140,7 +148,7 @@ class Texture:
     mipmaps: Filter | None = field(default="linear", kw_only=True)
     """Between smaller versions of it; ``None`` uses none of them, and flickers in the distance."""
     anisotropy: int = field(default=8, kw_only=True)
-    """Most samples along the longer side of what a pixel sees of it, 1 to 16."""
+    """Most samples along the longer axis of what a pixel sees of it, 1 to 16."""
     offset: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
     """Added to the coordinates, last."""
     rotation: float = field(default=0.0, kw_only=True)
@@ -152,8 +160,9 @@ class Texture:
         def keep(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
-        if not isinstance(self.image, Image):
-            keep("image", Image(self.image))
+        image: Any = self.image
+        if not isinstance(image, Image):
+            keep("image", Image(image))
         wrap = (self.wrap, self.wrap) if isinstance(self.wrap, str) else tuple(self.wrap)
         if len(wrap) != 2 or not set(wrap) <= set(get_args(Wrap)):
             raise ArgumentError(f"wrap: must be repeat, mirror or clamp, or two of them, not {self.wrap!r}")
@@ -161,7 +170,7 @@ class Texture:
         for name, value in (("filter", self.filter), ("mipmaps", self.mipmaps or "linear")):
             if value not in get_args(Filter):
                 raise ArgumentError(f"{name}: must be linear or nearest, not {value!r}")
-        for name, least, most in (("uv_set", 0, 7), ("anisotropy", 1, 16)):
+        for name, least, most in (("uv_set", 0, 3), ("anisotropy", 1, 16)):
             value = getattr(self, name)
             if not (isinstance(value, int | np.integer) and least <= value <= most):
                 raise ArgumentError(f"{name}: must be a whole number from {least} to {most}, not {value!r}")
@@ -177,7 +186,8 @@ class Texture:
         turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
         stretch = np.diag([*self.scale, 1.0])
         down = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
-        return (shift @ turn @ stretch @ down)[:2].tolist()
+        rows: list[list[float]] = (shift @ turn @ stretch @ down)[:2].tolist()
+        return rows
 
     def _raw(self, color: bool) -> dict[str, Any]:
         u, v = (get_args(Wrap).index(way) for way in self.wrap)

@@ -415,12 +415,12 @@ fn devices_leave_the_same_holes() {
     use crate::gpu_parity::{device, on_device, same_color};
     let Some(_) = device("devices_leave_the_same_holes") else { return };
     let mut scene = gallery();
-    let ball = mesh(&bumpy_sphere(40), false, 4);
+    let ball = mesh(&bumpy_sphere(24), false, 4);
     // Of four materials two have holes; near enough to be clipped, and far.
     let bands = || vec![lattice(0.5), Material::default(), lattice(0.3), Material::default()];
     scene.add(Arc::clone(&ball), &at(0.3, 0.5, 3.4), bands()).unwrap();
     scene.add(ball, &at(-1.0, 1.0, -6.0), bands()).unwrap();
-    let pose = at(0.0, 0.6, 4.5);
+    let (pose, size) = (at(0.0, 0.6, 4.5), (96, 64));
     for occlusion in [false, true] {
         for wide_atomics in [true, false] {
             let outputs = [Output::Color, Output::Overdraw].into_iter().collect();
@@ -432,8 +432,8 @@ fn devices_leave_the_same_holes() {
                 device_outputs: Some(true),
                 ..options(Shading::Gltf)
             };
-            let cpu = shoot(&scene, &CAMERA, &pose, SIZE, &options);
-            let gpu = on_device(&scene, &CAMERA, &pose, SIZE, &options);
+            let cpu = shoot(&scene, &CAMERA, &pose, size, &options);
+            let gpu = on_device(&scene, &CAMERA, &pose, size, &options);
             let (a, b) = (cpu.depth().unwrap(), gpu.depth().unwrap());
             let other = a.iter().zip(&b).filter(|(a, b)| a != b).count();
             assert!(1000 * other <= a.len(), "{other} pixels differ");
@@ -447,17 +447,17 @@ fn devices_leave_the_same_holes() {
             }
             let alone =
                 RenderOptions { depth_only: true, outputs: RenderOptions::depth_only().outputs, ..options };
-            let depth = on_device(&scene, &CAMERA, &pose, SIZE, &alone).depth().unwrap();
+            let depth = on_device(&scene, &CAMERA, &pose, size, &alone).depth().unwrap();
             assert!(depth == gpu.depth().unwrap());
         }
     }
     // What the device's own rasterizer draws has holes as well.
     for raster in [Raster::Hybrid, Raster::Hardware] {
         let options = RenderOptions { raster, ..options(Shading::Gltf) };
-        let mut renderer = nanite_rs::render::Renderer::new(SIZE.0, SIZE.1, "gpu").unwrap();
+        let mut renderer = nanite_rs::render::Renderer::new(size.0, size.1, "gpu").unwrap();
         let Ok(gpu) = renderer.render(&scene, &CAMERA, &pose, &options) else { continue };
-        let cpu = shoot(&scene, &CAMERA, &pose, SIZE, &options);
+        let cpu = shoot(&scene, &CAMERA, &pose, size, &options);
         let pairs = cpu.instance_ids().unwrap().into_iter().zip(gpu.instance_ids().unwrap());
-        assert!(pairs.filter(|(a, b)| a != b).count() <= 20, "{raster:?}");
+        assert!(pairs.filter(|(a, b)| a != b).count() <= 6, "{raster:?}");
     }
 }
