@@ -11,48 +11,44 @@ const PI: f32 = 3.14159265358979;
 // Light reflected to `v` for light of intensity 1 from `l`.
 fn reflect_light(bsdf: Bsdf, diffuse: vec3<f32>, f0: vec3<f32>, v: vec3<f32>, l: vec3<f32>) -> vec3<f32> {
     let n = bsdf.normal;
+    let r = bsdf.roughness;
+    let alpha2 = (r * r) * (r * r);
     let h = unit(l + v);
     let nh = between(dot3(n, h), 0.0, 1.0);
     let m = -(between(dot3(v, h), 0.0, 1.0) - 1.0);
     let schlick = m * m * m * m * m;
-    let d = nh * nh * (bsdf.alpha2 - 1.0) + 1.0;
+    let d = nh * nh * (alpha2 - 1.0) + 1.0;
     var nl: f32;
     var gloss: f32;
     if lighting.shading == SHADING_GLTF {
         nl = between(dot3(n, l), 0.0, 1.0);
         let nv = between(dot3(n, v), 0.001, 1.0);
-        let rest = -(bsdf.alpha2 - 1.0);
-        let heights = nl * sqrt(nv * nv * rest + bsdf.alpha2) + nv * sqrt(nl * nl * rest + bsdf.alpha2);
-        gloss = bsdf.alpha2 * 0.5 / (d * d * PI * heights);
+        let rest = -(alpha2 - 1.0);
+        let heights = nl * sqrt(nv * nv * rest + alpha2) + nv * sqrt(nl * nl * rest + alpha2);
+        gloss = alpha2 * 0.5 / (d * d * PI * heights);
     } else {
         nl = between(dot3(n, l), 0.001, 1.0);
         let nv = between(abs(dot3(n, v)), 0.001, 1.0);
-        let rest = -(bsdf.k - 1.0);
-        let smith = (nv * rest + bsdf.k) * (nl * rest + bsdf.k);
-        gloss = nv * nl * bsdf.alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + 0.001));
+        let k = (r + 1.0) * (r + 1.0) / 8.0;
+        let rest = -(k - 1.0);
+        let smith = (nv * rest + k) * (nl * rest + k);
+        gloss = nv * nl * alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + 0.001));
     }
     let f = schlick * -(f0 - 1.0) + f0;
     return nl * (-(f - 1.0) * (diffuse * (1.0 / PI)) + f * gloss);
 }
 
-fn color_of(surfel: Surfel) -> vec3<f32> {
-    let shading = lighting.shading;
+// A surface point as the frame shades it, and where it is seen from.
+struct Seen {
+    bsdf: Bsdf,
+    // Camera space.
+    position: vec3<f32>,
+    // Unit, to the eye.
+    view: vec3<f32>,
+}
+
+fn seen_of(surfel: Surfel) -> Seen {
     var bsdf = bsdf_of(surfel);
-    if shading == SHADING_NORMALS {
-        let n = bsdf.normal;
-        let x = view.rotate[0].xyz;
-        let y = view.rotate[1].xyz;
-        let z = view.rotate[2].xyz;
-        return (n.x * x + n.y * y + n.z * z) * 0.5 + 0.5;
-    }
-    // pyrender's vertex colours come after the light.
-    if shading != SHADING_PYRENDER {
-        bsdf.base = bsdf.base * surfel.tint;
-    }
-    if shading == SHADING_FLAT {
-        return bsdf.base;
-    }
-    let gltf = shading == SHADING_GLTF;
     let scale = select(surfel.distance, 1.0, view.orthographic != 0u);
     let at = surfel.point - view.center;
     let position = vec3<f32>(
@@ -61,14 +57,47 @@ fn color_of(surfel: Surfel) -> vec3<f32> {
         -surfel.distance,
     );
     var v = unit(-position);
-    var color = bsdf.base * lighting.ambient;
-    if gltf {
+    // pyrender's vertex colours come after the light, and its back faces have the normals of the front.
+    if lighting.shading != SHADING_PYRENDER {
+        bsdf.base = bsdf.base * surfel.tint;
         if view.orthographic != 0u {
             v = vec3<f32>(0.0, 0.0, 1.0);
         }
         if dot3(surfel.face, v) < 0.0 {
             bsdf.normal = -bsdf.normal;
         }
+    }
+    return Seen(bsdf, position, v);
+}
+
+fn to_world(n: vec3<f32>) -> vec3<f32> {
+    return n.x * view.rotate[0].xyz + n.y * view.rotate[1].xyz + n.z * view.rotate[2].xyz;
+}
+
+// What is asked for of a surface point.
+fn value_of(surfel: Surfel) -> vec3<f32> {
+    let seen = seen_of(surfel);
+    switch OUTPUT {
+        case OUTPUT_BASE_COLOR: { return seen.bsdf.base; }
+        case OUTPUT_SHADING_NORMAL: { return to_world(seen.bsdf.normal); }
+        case OUTPUT_ORM: { return vec3<f32>(seen.bsdf.occlusion, seen.bsdf.roughness, seen.bsdf.metallic); }
+        case OUTPUT_EMISSIVE: { return seen.bsdf.emissive; }
+        default: { return color_of(seen, surfel.tint); }
+    }
+}
+
+// The light that it sends to the eye.
+fn color_of(seen: Seen, tint: vec3<f32>) -> vec3<f32> {
+    let bsdf = seen.bsdf;
+    if lighting.shading == SHADING_NORMALS {
+        return to_world(bsdf.normal) * 0.5 + 0.5;
+    }
+    if lighting.shading == SHADING_FLAT {
+        return bsdf.base;
+    }
+    let gltf = lighting.shading == SHADING_GLTF;
+    var color = bsdf.base * lighting.ambient;
+    if gltf {
         color = color * bsdf.occlusion;
     }
     // pyrender takes what is reflected at right angles off once more.
@@ -80,7 +109,7 @@ fn color_of(surfel: Surfel) -> vec3<f32> {
         var l = light.vector;
         var falloff = 1.0;
         if light.point != 0u {
-            let to = light.vector - position;
+            let to = light.vector - seen.position;
             let square = dot3(to, to);
             let q = square * (light.inverse_range * light.inverse_range);
             let window = -(q * q - 1.0);
@@ -89,14 +118,14 @@ fn color_of(surfel: Surfel) -> vec3<f32> {
             let cone = between(along * light.cone_scale + light.cone_offset, 0.0, 1.0);
             falloff = select(0.0, window, window > 0.0) / square * (cone * cone);
         }
-        color = color + reflect_light(bsdf, diffuse, f0, v, l) * falloff * light.radiance;
+        color = color + reflect_light(bsdf, diffuse, f0, seen.view, l) * falloff * light.radiance;
     }
     if !gltf {
         color = color * bsdf.occlusion;
     }
     color = color + bsdf.emissive;
     if !gltf {
-        color = color * surfel.tint;
+        color = color * tint;
     }
     return color;
 }
@@ -124,19 +153,19 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     var rgb: array<u32, 4>;
     for (var i = 0u; i < 4u; i++) {
         rgb[i] = lighting.background;
-        var color = lighting.behind;
+        var color = select(lighting.behind, vec3<f32>(0.0), OUTPUT_SURFACE);
         let pixel = first + i;
         if pixel < pixels {
             let hit = hit_of(pixel);
             if hit.covered {
-                color = color_of(surfel_of(pixel, hit));
+                color = value_of(surfel_of(pixel, hit));
                 if OUTPUT_RGB {
                     rgb[i] = encode(color.x) | encode(color.y) << 8u | encode(color.z) << 16u;
                 }
             }
             if !OUTPUT_RGB {
                 for (var k = 0u; k < 3u; k++) {
-                    out[3u * pixel + k] = bitcast<u32>(between(color[k], 0.0, LARGEST));
+                    out[3u * pixel + k] = bitcast<u32>(select(between(color[k], 0.0, LARGEST), color[k], OUTPUT_SURFACE));
                 }
             }
         }

@@ -209,10 +209,18 @@ pub enum Output {
     Groups,
     /// For each level of detail.
     Levels,
+    /// Base colours as they are shaded, linear; zero where nothing is covered, as in the next three.
+    BaseColor,
+    /// Unit normals as they are shaded, world space: with those of textures.
+    ShadingNormal,
+    /// Occlusion, roughness and metallic.
+    Orm,
+    /// Light given off.
+    Emissive,
 }
 
 /// All arrays that can be made with a frame.
-pub const OUTPUTS: [Output; 12] = [
+pub const OUTPUTS: [Output; 16] = [
     Output::Color,
     Output::Linear,
     Output::Depth,
@@ -225,6 +233,10 @@ pub const OUTPUTS: [Output; 12] = [
     Output::Clusters,
     Output::Groups,
     Output::Levels,
+    Output::BaseColor,
+    Output::ShadingNormal,
+    Output::Orm,
+    Output::Emissive,
 ];
 
 impl Output {
@@ -243,12 +255,21 @@ impl Output {
             Self::Clusters => "clusters",
             Self::Groups => "groups",
             Self::Levels => "levels",
+            Self::BaseColor => "base_color",
+            Self::ShadingNormal => "shading_normal",
+            Self::Orm => "orm",
+            Self::Emissive => "emissive",
         }
     }
 
     /// Shaded: made by the stage before the others.
     pub fn shaded(self) -> bool {
-        matches!(self, Self::Color | Self::Linear)
+        matches!(self, Self::Color | Self::Linear) || self.surface()
+    }
+
+    /// What light meets, and not what becomes of it.
+    pub fn surface(self) -> bool {
+        matches!(self, Self::BaseColor | Self::ShadingNormal | Self::Orm | Self::Emissive)
     }
 
     /// A picture of three bytes per pixel; the others are of words.

@@ -39,6 +39,10 @@ OutputName: TypeAlias = Literal[
     "clusters",
     "groups",
     "levels",
+    "base_color",
+    "shading_normal",
+    "orm",
+    "emissive",
 ]
 POOL_BYTES = 512 << 20
 """Bytes of a renderer's pool with ``streaming=True``, unless asked for otherwise."""
@@ -55,8 +59,15 @@ _CHANNELS: Final = {
     "cluster_id": ("cluster_id",),
     "triangle_id": ("triangle_id",),
     "overdraw": ("overdraw",),
+    "base_color": ("base.R", "base.G", "base.B"),
+    "shading_normal": ("shading.x", "shading.y", "shading.z"),
+    "orm": ("occlusion", "roughness", "metallic"),
+    "emissive": ("emissive.R", "emissive.G", "emissive.B"),
 }
 """Channels of an EXR that hold an array of a frame."""
+
+_SAVED: Final = ("linear", "depth", "normal", "instance_id", "cluster_id", "triangle_id")
+"""What an EXR holds unless asked for otherwise."""
 
 
 @dataclass(frozen=True)
@@ -257,6 +268,40 @@ class Frame:
         return self._frame.linear()
 
     @cached_property
+    def base_color(self) -> NDArray[np.float32]:
+        """Base colour of what each pixel shows, textures and, but for pyrender's shading, vertex colours included.
+
+        (H, W, 3) float32, linear; zero where nothing is covered. With `shading_normal`, `orm`, `emissive` and
+        `depth` all that light needs, for shading of your own.
+
+        Examples
+        --------
+        >>> facing = frame.shading_normal @ np.array([0.0, 0.0, 1.0], np.float32)
+        >>> unlit = frame.base_color * facing.clip(0, 1)[..., None]
+        >>> unlit.shape == frame.linear.shape
+        True
+        """
+        return self._frame.base_color()
+
+    @cached_property
+    def shading_normal(self) -> NDArray[np.float32]:
+        """Unit normals as they are shaded, with those of textures, (H, W, 3) float32 in world space.
+
+        Zero where nothing is covered. `normal` is without textures.
+        """
+        return self._frame.shading_normal()
+
+    @cached_property
+    def orm(self) -> NDArray[np.float32]:
+        """Occlusion (1 for none), roughness and metallic, (H, W, 3) float32; zero where nothing is covered."""
+        return self._frame.orm()
+
+    @cached_property
+    def emissive(self) -> NDArray[np.float32]:
+        """Light given off, (H, W, 3) float32, linear; zero where nothing is covered."""
+        return self._frame.emissive()
+
+    @cached_property
     def depth(self) -> NDArray[np.float32]:
         """Distance along the view axis, (H, W) float32 in world units; 0 where nothing is covered."""
         return self._frame.depth()
@@ -434,7 +479,7 @@ class Frame:
         """Arrays by the names of channels, integers as uint32."""
         names: list[str]
         if outputs is None:
-            names = ["depth"] if self._made["depth_only"] else [n for n in _CHANNELS if n != "overdraw"]
+            names = ["depth"] if self._made["depth_only"] else list(_SAVED)
         else:
             names = [outputs] if isinstance(outputs, str) else list(outputs)
             names = ["linear" if name == "color" else name for name in names]
@@ -590,9 +635,10 @@ class Renderer:
             depth and the last bits of depths may differ. The CPU has one form, ``"compute"``.
         outputs : sequence of str
             What to make right away, on a GPU with the frame: ``"color"``, ``"linear"``, ``"depth"``, ``"normal"``,
-            ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"``, ``"overdraw"``, and of the pictures of
-            `Frame.view` ``"triangles"``, ``"clusters"``, ``"groups"`` and ``"levels"``. Everything else is made
-            when first asked for, on the CPU. By default colour and depth; with `depth_only`, depth.
+            ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"``, ``"overdraw"``, ``"base_color"``,
+            ``"shading_normal"``, ``"orm"``, ``"emissive"``, and of the pictures of `Frame.view` ``"triangles"``,
+            ``"clusters"``, ``"groups"`` and ``"levels"``. Everything else is made when first asked for, on the CPU.
+            By default colour and depth; with `depth_only`, depth.
         depth_only : bool
             Draw depth and nothing else, for shadows and sensors of depth: the same `Frame.depth` bit for bit, for
             less time and memory. The frame has `Frame.depth` and `Frame.stats`; its other arrays and views raise

@@ -128,8 +128,8 @@ class Texture:
     UV (0, 0) is the lower left corner of the image, as in OpenGL, trimesh and OBJ. `offset`, `rotation` and `scale`
     are those of glTF's ``KHR_texture_transform`` and count from its upper left corner, as they do there.
 
-    A pixel sees an ellipse of the image. As many samples as that is times longer than wide lie along its longer axis,
-    up to `anisotropy`, each between the two levels of the image whose pixels are about as wide as it.
+    A pixel sees an ellipse of the image. As many samples as that is times longer than wide lie along its longer
+    axis, up to `anisotropy`, each between the two levels of the image whose pixels are about as wide as it.
 
     Examples
     --------

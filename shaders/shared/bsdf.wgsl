@@ -5,8 +5,8 @@ struct Bsdf {
     normal: vec3<f32>,
     base: vec3<f32>,
     metallic: f32,
-    alpha2: f32,
-    k: f32,
+    // Perceptual, 0.04 to 1.
+    roughness: f32,
     // Light given off.
     emissive: vec3<f32>,
     // How much of the light from everywhere arrives.
@@ -17,5 +17,5 @@ struct Bsdf {
 fn plain_bsdf(surfel: Surfel) -> Bsdf {
     let look = looks[surfel.instance];
     let base = vec3<f32>(look.normal[0].w, look.normal[1].w, look.normal[2].w);
-    return Bsdf(surfel.normal, base, look.metallic, look.alpha2, look.k, look.emissive, 1.0);
+    return Bsdf(surfel.normal, base, look.metallic, look.roughness, look.emissive, 1.0);
 }

@@ -20,14 +20,12 @@ fn bsdf_of(surfel: Surfel) -> Bsdf {
     }
     let map = samples[SLOT_METALLIC_ROUGHNESS];
     let rough_metal = select(map.yz, map.xy, as_in_pyrender());
-    let r = between(materials[number].roughness * rough_metal.x, 0.04, 1.0);
     let open = samples[SLOT_OCCLUSION].x;
     return Bsdf(
         mapped_normal(surfel, number, samples[SLOT_NORMAL].xyz),
         materials[number].base * samples[SLOT_BASE_COLOR].xyz,
         between(materials[number].metallic * rough_metal.y, 0.0, 1.0),
-        (r * r) * (r * r),
-        (r + 1.0) * (r + 1.0) / 8.0,
+        between(materials[number].roughness * rough_metal.x, 0.04, 1.0),
         materials[number].emissive * samples[SLOT_EMISSIVE].xyz,
         1.0 + materials[number].occlusion_strength * (open - 1.0),
     );

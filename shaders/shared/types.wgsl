@@ -69,16 +69,12 @@ struct Look {
     normal: array<vec4<f32>, 3>,
     emissive: vec3<f32>,
     metallic: f32,
-    alpha2: f32,
-    k: f32,
+    roughness: f32,
     // LOOK_SMOOTH, LOOK_CONFORMAL, LOOK_COLORS.
     flags: u32,
     // Of an instance with textures or several materials: its first one, and how many follow. Otherwise NONE.
     first_material: u32,
     last_material: u32,
-    unused_a: u32,
-    unused_b: u32,
-    unused_c: u32,
 }
 
 // A texture of a material.

@@ -5,7 +5,6 @@ use super::lanes::{LANES, Lanes, Vec3x8, splat3};
 use super::surface::{Detail, Surfels};
 use super::texture::Place;
 use crate::config::Shading;
-use crate::scene::material::Gloss;
 use crate::scene::{Material, Slot, Texture};
 
 /// Eight surface points, with all that light needs.
@@ -16,10 +15,8 @@ pub struct Bsdf {
     pub base: Vec3x8,
     /// 0 to 1.
     pub metallic: Lanes,
-    /// See [`Gloss::alpha2`].
-    pub alpha2: Lanes,
-    /// See [`Gloss::k`].
-    pub k: Lanes,
+    /// Perceptual, 0.04 to 1.
+    pub roughness: Lanes,
     /// Light given off.
     pub emissive: Vec3x8,
     /// How much of the light from everywhere arrives.
@@ -30,13 +27,11 @@ impl Bsdf {
     /// Of a material without textures.
     #[inline(always)]
     pub fn plain(material: &Material, surfels: &Surfels<'_>) -> Self {
-        let gloss = Gloss::new(material.roughness);
         Self {
             normal: surfels.normal,
             base: splat3(material.base_color),
             metallic: Lanes::splat(material.metallic),
-            alpha2: Lanes::splat(gloss.alpha2),
-            k: Lanes::splat(gloss.k),
+            roughness: Lanes::splat(material.shaded_roughness(1.0)),
             emissive: splat3(material.emissive),
             occlusion: Lanes::splat(1.0),
         }
@@ -49,8 +44,7 @@ impl Bsdf {
             normal: surfels.normal,
             base: [zero; 3],
             metallic: zero,
-            alpha2: zero,
-            k: zero,
+            roughness: zero,
             emissive: [zero; 3],
             occlusion: Lanes::splat(1.0),
         };
@@ -64,7 +58,6 @@ impl Bsdf {
                 Shading::Pyrender => (red, green),
                 _ => (green, blue),
             };
-            let gloss = Gloss::new(material.roughness * rough);
             let [r, g, b, _] = point.sample(Slot::Emissive);
             let emissive = [material.emissive[0] * r, material.emissive[1] * g, material.emissive[2] * b];
             let [open, ..] = point.sample(Slot::Occlusion);
@@ -75,8 +68,7 @@ impl Bsdf {
                 out.normal[k].0[lane] = normal[k];
             }
             out.metallic.0[lane] = between(material.metallic * metal);
-            out.alpha2.0[lane] = gloss.alpha2;
-            out.k.0[lane] = gloss.k;
+            out.roughness.0[lane] = material.shaded_roughness(rough);
             out.occlusion.0[lane] = 1.0 + material.occlusion_strength * (open - 1.0);
         }
         out

@@ -13,7 +13,7 @@ use super::lanes::{Lanes, Vec3x8, dot, minus, normalize, splat3};
 use super::material::Bsdf;
 use super::output::ROWS;
 use super::surface::{Pixels, Surfels, Walk};
-use crate::config::{Shading, Transfer};
+use crate::config::{Output, Shading, Transfer};
 use crate::scene::placement::Eye;
 use crate::scene::{Falloff, Lighting};
 
@@ -21,7 +21,11 @@ const PI: f32 = std::f32::consts::PI;
 
 /// Of a surface point, what does not depend on the light.
 struct Reflector {
-    bsdf: Bsdf,
+    normal: Vec3x8,
+    /// α² of GGX.
+    alpha2: Lanes,
+    /// k of pyrender's G.
+    k: Lanes,
     diffuse: Vec3x8,
     f0: Vec3x8,
     /// Unit, to the eye.
@@ -31,7 +35,9 @@ struct Reflector {
 
 impl Reflector {
     #[inline(always)]
-    fn new(bsdf: Bsdf, view: Vec3x8, gltf: bool) -> Self {
+    fn new(bsdf: &Bsdf, view: Vec3x8, gltf: bool) -> Self {
+        let r = bsdf.roughness;
+        let (alpha2, k) = ((r * r) * (r * r), (r + 1.0) * (r + 1.0) / 8.0);
         let rest = -(bsdf.metallic - 1.0);
         // pyrender takes what is reflected at right angles off once more.
         let share = if gltf { rest } else { rest * 0.96 };
@@ -40,13 +46,13 @@ impl Reflector {
             diffuse[c] = bsdf.base[c] * share;
             f0[c] = rest * 0.04 + bsdf.base[c] * bsdf.metallic;
         }
-        Self { bsdf, diffuse, f0, view, gltf }
+        Self { normal: bsdf.normal, alpha2, k, diffuse, f0, view, gltf }
     }
 
     /// Light reflected, for light of intensity 1 from `l`, unit.
     #[inline(always)]
     fn reflect(&self, l: &Vec3x8) -> Vec3x8 {
-        let Self { bsdf: Bsdf { normal: n, alpha2, k, .. }, diffuse, f0, view: v, gltf } = self;
+        let Self { normal: n, alpha2, k, diffuse, f0, view: v, gltf } = self;
         let h = normalize(&[l[0] + v[0], l[1] + v[1], l[2] + v[2]]);
         let nh = dot(n, &h).max(0.0).min(1.0);
         let m = -(dot(v, &h).max(0.0).min(1.0) - 1.0);
@@ -76,49 +82,65 @@ impl Reflector {
     }
 }
 
-/// The light that surface points send to the eye.
-#[inline(always)]
-fn shade(
-    mut bsdf: Bsdf,
-    surfels: &Surfels<'_>,
-    eye: &Eye,
-    orthographic: bool,
-    lighting: &Lighting,
-) -> Vec3x8 {
-    let shading = lighting.shading;
-    if shading == Shading::Normals {
-        let n = &bsdf.normal;
-        let mut world = *n;
-        for c in 0..3 {
-            let r = &eye.rotate;
-            world[c] = (n[0] * r[0][c] + n[1] * r[1][c] + n[2] * r[2][c]) * 0.5 + 0.5;
+/// Surface points as a frame shades them, and where they are seen from.
+struct Seen {
+    bsdf: Bsdf,
+    /// Camera space.
+    position: Vec3x8,
+    /// Unit, to the eye.
+    view: Vec3x8,
+    /// Vertex colours where they multiply what was lit: pyrender's.
+    late: Option<Vec3x8>,
+}
+
+impl Seen {
+    #[inline(always)]
+    fn new(mut bsdf: Bsdf, surfels: &Surfels<'_>, eye: &Eye, orthographic: bool, shading: Shading) -> Self {
+        let late = if shading == Shading::Pyrender { surfels.color } else { None };
+        if let (Some(tint), None) = (&surfels.color, &late) {
+            for c in 0..3 {
+                bsdf.base[c] = bsdf.base[c] * tint[c];
+            }
         }
-        return world;
-    }
-    // pyrender's vertex colours come after the light.
-    let late = if shading == Shading::Pyrender { surfels.color } else { None };
-    if let (Some(tint), None) = (&surfels.color, &late) {
-        for c in 0..3 {
-            bsdf.base[c] = bsdf.base[c] * tint[c];
-        }
-    }
-    if shading == Shading::Flat {
-        return bsdf.base;
-    }
-    let gltf = shading == Shading::Gltf;
-    let position = position(eye, orthographic, &surfels.point, surfels.distance);
-    let mut v = normalize(&[-position[0], -position[1], -position[2]]);
-    if gltf {
-        if orthographic {
-            v = splat3([0.0, 0.0, 1.0]);
-        }
-        if let Some(detail) = &surfels.detail {
-            let facing = dot(&detail.face, &v);
+        let position = position(eye, orthographic, &surfels.point, surfels.distance);
+        let mut view = normalize(&[-position[0], -position[1], -position[2]]);
+        if let (Some(detail), true) = (&surfels.detail, shading != Shading::Pyrender) {
+            if orthographic {
+                view = splat3([0.0, 0.0, 1.0]);
+            }
+            let facing = dot(&detail.face, &view);
             for c in 0..3 {
                 bsdf.normal[c] = facing.where_negative(-bsdf.normal[c], bsdf.normal[c]);
             }
         }
+        Self { bsdf, position, view, late }
     }
+
+    /// The normals in the world.
+    #[inline(always)]
+    fn world_normal(&self, eye: &Eye) -> Vec3x8 {
+        let n = &self.bsdf.normal;
+        let mut world = *n;
+        for c in 0..3 {
+            let r = &eye.rotate;
+            world[c] = n[0] * r[0][c] + n[1] * r[1][c] + n[2] * r[2][c];
+        }
+        world
+    }
+}
+
+/// The light that surface points send to the eye.
+#[inline(always)]
+fn shade(seen: Seen, eye: &Eye, lighting: &Lighting) -> Vec3x8 {
+    let shading = lighting.shading;
+    if shading == Shading::Normals {
+        return seen.world_normal(eye).map(|c| c * 0.5 + 0.5);
+    }
+    let Seen { bsdf, position, view, late } = seen;
+    if shading == Shading::Flat {
+        return bsdf.base;
+    }
+    let gltf = shading == Shading::Gltf;
     let (occlusion, emissive) = (bsdf.occlusion, bsdf.emissive);
     let mut color = [Lanes::splat(0.0); 3];
     for c in 0..3 {
@@ -127,7 +149,7 @@ fn shade(
             color[c] = color[c] * occlusion;
         }
     }
-    let reflector = Reflector::new(bsdf, v, gltf);
+    let reflector = Reflector::new(&bsdf, view, gltf);
     for light in &lighting.lights {
         let (l, falloff) = match light.falloff {
             None => (splat3(light.vector), Lanes::splat(1.0)),
@@ -163,9 +185,30 @@ struct Shader<'a> {
     pixels: Pixels<'a>,
     lighting: &'a Lighting,
     eye: &'a Eye,
+    output: Output,
 }
 
 impl Shader<'_> {
+    fn rows<T: Copy + Default + PartialEq + Send + Sync, const DETAIL: bool>(
+        &self,
+        background: [T; 3],
+        written: impl Fn(f32) -> T + Copy + Sync,
+    ) -> Vec<T> {
+        let mut out = vec![T::default(); 3 * self.pixels.words.len()];
+        let width = self.pixels.screen.width as usize;
+        out.par_chunks_mut(3 * width * ROWS).enumerate().for_each(|(chunk, out)| {
+            let start = chunk * ROWS * width;
+            let range = start..start + out.len() / 3;
+            #[cfg(target_arch = "x86_64")]
+            if is_x86_feature_detected!("avx2") {
+                // SAFETY: the processor has AVX2.
+                return unsafe { self.run_avx2::<T, DETAIL>(range, background, written, out) };
+            }
+            self.run::<T, DETAIL>(range, background, written, out);
+        });
+        out
+    }
+
     #[inline(always)]
     fn run<T: Copy + PartialEq, const DETAIL: bool>(
         &self,
@@ -189,7 +232,14 @@ impl Shader<'_> {
                 }
             };
             let orthographic = self.pixels.screen.orthographic;
-            let color = shade(bsdf, &surfels, self.eye, orthographic, self.lighting);
+            let seen = Seen::new(bsdf, &surfels, self.eye, orthographic, self.lighting.shading);
+            let color = match self.output {
+                Output::BaseColor => seen.bsdf.base,
+                Output::ShadingNormal => seen.world_normal(self.eye),
+                Output::Orm => [seen.bsdf.occlusion, seen.bsdf.roughness, seen.bsdf.metallic],
+                Output::Emissive => seen.bsdf.emissive,
+                _ => shade(seen, self.eye, self.lighting),
+            };
             for lane in 0..surfels.count {
                 let at = 3 * (surfels.pixels[lane] as usize - start);
                 let pixel = &mut out[at..at + 3];
@@ -217,13 +267,19 @@ impl Shader<'_> {
 /// Shades every covered pixel into RGB bytes, row by row.
 pub fn color(pixels: Pixels<'_>, eye: &Eye, lighting: &Lighting) -> Vec<u8> {
     let encoder = lighting.transfer.encoder();
-    run(pixels, eye, lighting, lighting.background, |c| encoder.encode(c))
+    run(pixels, eye, lighting, Output::Color, lighting.background, |c| encoder.encode(c))
 }
 
 /// The same before it is encoded: RGB in linear light.
 pub fn linear(pixels: Pixels<'_>, eye: &Eye, lighting: &Lighting) -> Vec<f32> {
     // NaN and infinity (a light at the surface) become numbers, so that means are.
-    run(pixels, eye, lighting, lighting.behind(), |c| if c > 0.0 { c.min(f32::MAX) } else { 0.0 })
+    let written = |c: f32| if c > 0.0 { c.min(f32::MAX) } else { 0.0 };
+    run(pixels, eye, lighting, Output::Linear, lighting.behind(), written)
+}
+
+/// What light meets: one of the arrays that are [`Output::surface`], three numbers for each pixel.
+pub fn surface(pixels: Pixels<'_>, eye: &Eye, lighting: &Lighting, output: Output) -> Vec<f32> {
+    run(pixels, eye, lighting, output, [0.0; 3], |c| c)
 }
 
 /// Encodes what [`linear`] makes: the bytes of [`color`].
@@ -236,39 +292,18 @@ fn run<T: Copy + Default + PartialEq + Send + Sync>(
     pixels: Pixels<'_>,
     eye: &Eye,
     lighting: &Lighting,
+    output: Output,
     background: [T; 3],
     written: impl Fn(f32) -> T + Copy + Sync,
 ) -> Vec<T> {
     let textured = pixels.views.iter().any(|view| view.materials.plain().is_none());
     // Also where back faces are told from front faces.
-    if textured || lighting.shading == Shading::Gltf {
-        rows::<T, true>(pixels, eye, lighting, background, written)
+    let shader = Shader { pixels, lighting, eye, output };
+    if textured || lighting.shading != Shading::Pyrender {
+        shader.rows::<T, true>(background, written)
     } else {
-        rows::<T, false>(pixels, eye, lighting, background, written)
+        shader.rows::<T, false>(background, written)
     }
-}
-
-fn rows<T: Copy + Default + PartialEq + Send + Sync, const DETAIL: bool>(
-    pixels: Pixels<'_>,
-    eye: &Eye,
-    lighting: &Lighting,
-    background: [T; 3],
-    written: impl Fn(f32) -> T + Copy + Sync,
-) -> Vec<T> {
-    let mut out = vec![T::default(); 3 * pixels.words.len()];
-    let width = pixels.screen.width as usize;
-    let shader = Shader { pixels, lighting, eye };
-    out.par_chunks_mut(3 * width * ROWS).enumerate().for_each(|(chunk, out)| {
-        let start = chunk * ROWS * width;
-        let range = start..start + out.len() / 3;
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2.
-            return unsafe { shader.run_avx2::<T, DETAIL>(range, background, written, out) };
-        }
-        shader.run::<T, DETAIL>(range, background, written, out);
-    });
-    out
 }
 
 /// From pixels and distances to camera space.
@@ -283,7 +318,6 @@ fn position(eye: &Eye, orthographic: bool, point: &[Lanes; 2], distance: Lanes) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::material::Gloss;
 
     #[test]
     fn reflection_matches_the_formulas_written_out() {
@@ -291,14 +325,12 @@ mod tests {
         let (base, metallic, roughness) = ([0.7, 0.65, 0.6], 0.3, 0.5f32);
         let normalize = |v: [f32; 3]| super::normalize(&v.map(Lanes::splat)).map(|c| c.0[0]);
         let (n, v, l) = ([0.0, 0.0, 1.0], normalize([0.3, 0.1, 1.0]), normalize([-0.5, 0.4, 0.8]));
-        let gloss = Gloss::new(roughness);
         let one = Lanes::splat(1.0);
         let bsdf = || Bsdf {
             normal: splat3(n),
             base: splat3(base),
             metallic: Lanes::splat(metallic),
-            alpha2: Lanes::splat(gloss.alpha2),
-            k: Lanes::splat(gloss.k),
+            roughness: Lanes::splat(roughness),
             emissive: splat3([0.0; 3]),
             occlusion: one,
         };
@@ -306,7 +338,7 @@ mod tests {
         let h = normalize([l[0] + v[0], l[1] + v[1], l[2] + v[2]]);
         let (nl, nv, nh, vh) = (d64(n, l), d64(n, v), d64(n, h), d64(v, h));
         for gltf in [false, true] {
-            let got = Reflector::new(bsdf(), splat3(v), gltf).reflect(&splat3(l)).map(|c| c.0[0]);
+            let got = Reflector::new(&bsdf(), splat3(v), gltf).reflect(&splat3(l)).map(|c| c.0[0]);
             for c in 0..3 {
                 let (base, metal, r) = (f64::from(base[c]), 0.3, 0.5f64);
                 let f0 = 0.04 * (1.0 - metal) + base * metal;

@@ -189,7 +189,12 @@ fn array_bytes(output: Output, pixels: u64) -> u64 {
     match output {
         // Four pixels are three words.
         _ if output.rgb() => pixels.div_ceil(4) * 3 * word,
-        Output::Linear | Output::Normal => pixels * 3 * word,
+        Output::Linear
+        | Output::Normal
+        | Output::BaseColor
+        | Output::ShadingNormal
+        | Output::Orm
+        | Output::Emissive => pixels * 3 * word,
         _ => pixels * word,
     }
 }

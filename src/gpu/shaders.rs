@@ -178,7 +178,7 @@ pub enum Kernel {
 }
 
 /// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 50] = [
+pub const KERNELS: [Kernel; 58] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
@@ -220,6 +220,14 @@ pub const KERNELS: [Kernel; 50] = [
     Kernel::Shade(Output::Linear, Skin::Plain),
     Kernel::Shade(Output::Color, Skin::Textured),
     Kernel::Shade(Output::Linear, Skin::Textured),
+    Kernel::Shade(Output::BaseColor, Skin::Plain),
+    Kernel::Shade(Output::ShadingNormal, Skin::Plain),
+    Kernel::Shade(Output::Orm, Skin::Plain),
+    Kernel::Shade(Output::Emissive, Skin::Plain),
+    Kernel::Shade(Output::BaseColor, Skin::Textured),
+    Kernel::Shade(Output::ShadingNormal, Skin::Textured),
+    Kernel::Shade(Output::Orm, Skin::Textured),
+    Kernel::Shade(Output::Emissive, Skin::Textured),
     Kernel::Output(Output::Depth),
     Kernel::Output(Output::Normal),
     Kernel::Output(Output::InstanceId),
@@ -375,8 +383,9 @@ impl Kernel {
             source += &format!("const FIRST_PASS: bool = {first};\n");
         }
         if let Self::Shade(output, _) | Self::Output(output) = self {
-            let (number, rgb) = (output as u32, output.rgb());
+            let (number, rgb, surface) = (output as u32, output.rgb(), output.surface());
             source += &format!("const OUTPUT: u32 = {number}u;\nconst OUTPUT_RGB: bool = {rgb};\n");
+            source += &format!("const OUTPUT_SURFACE: bool = {surface};\n");
         }
         source += &format!("const MASKED: bool = {};\n", matches!(self, Self::RasterMasked(_)));
         if let Self::RasterHardware(list, _) = self {

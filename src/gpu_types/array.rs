@@ -25,7 +25,13 @@ impl Array {
             Output::Color | Output::Triangles | Output::Clusters | Output::Groups | Output::Levels => {
                 Self::Bytes(bytes[..3 * pixels].to_vec())
             }
-            Output::Linear | Output::Depth | Output::Normal => Self::Floats(words(bytes, f32::from_ne_bytes)),
+            Output::Linear
+            | Output::Depth
+            | Output::Normal
+            | Output::BaseColor
+            | Output::ShadingNormal
+            | Output::Orm
+            | Output::Emissive => Self::Floats(words(bytes, f32::from_ne_bytes)),
             Output::InstanceId | Output::TriangleId => Self::Signed(words(bytes, i32::from_ne_bytes)),
             Output::ClusterId | Output::Overdraw => Self::Unsigned(words(bytes, u32::from_ne_bytes)),
         }

@@ -113,22 +113,14 @@ pub struct Look {
     pub emissive: [f32; 3],
     /// 0 dielectric to 1 metal.
     pub metallic: f32,
-    /// α² of GGX.
-    pub alpha2: f32,
-    /// k of pyrender's G.
-    pub k: f32,
+    /// Perceptual roughness, as it is shaded.
+    pub roughness: f32,
     /// [`LOOK_SMOOTH`], [`LOOK_CONFORMAL`], [`LOOK_COLORS`].
     pub flags: u32,
     /// Of an instance with textures or several materials, the first of these; otherwise `u32::MAX`.
     pub first_material: u32,
     /// How many follow that.
     pub last_material: u32,
-    /// Zero.
-    pub unused_a: u32,
-    /// Zero.
-    pub unused_b: u32,
-    /// Zero.
-    pub unused_c: u32,
 }
 
 /// A texture of a material.

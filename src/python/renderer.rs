@@ -206,6 +206,26 @@ impl Frame {
         self.planes(py, |frame| frame.take(Output::Linear).map(Vec::from))
     }
 
+    /// Base colour, float32.
+    fn base_color(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
+        self.planes(py, |frame| frame.take(Output::BaseColor).map(Vec::from))
+    }
+
+    /// Shading normals, world space, float32.
+    fn shading_normal(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
+        self.planes(py, |frame| frame.take(Output::ShadingNormal).map(Vec::from))
+    }
+
+    /// Occlusion, roughness, metallic, float32.
+    fn orm(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
+        self.planes(py, |frame| frame.take(Output::Orm).map(Vec::from))
+    }
+
+    /// Light given off, float32.
+    fn emissive(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
+        self.planes(py, |frame| frame.take(Output::Emissive).map(Vec::from))
+    }
+
     fn deep_color(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u16>>> {
         self.planes(py, |frame| frame.deep_color())
     }

@@ -17,7 +17,6 @@ use crate::error::Result;
 use crate::gpu::{Context, Counted, DeviceStage, Drawn, Job, Phase, Renderer, Shown, Ways};
 use crate::gpu_types::{self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, Look, Placed, VisibleCluster};
 use crate::model::ClusterAddress;
-use crate::scene::material::Gloss;
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Lighting, Scene, ShadeLight};
 
@@ -252,19 +251,17 @@ fn shown(instance: &Instance) -> Shown<'_> {
 
 fn look(instance: &Instance) -> Look {
     let (placement, material) = (instance.placement(), instance.materials.of(0));
-    let gloss = Gloss::new(material.roughness);
     let flag = |is: bool, bit: u32| if is { bit } else { 0 };
     Look {
         normal: rows(&placement.normal, &material.base_color),
         emissive: material.emissive,
         metallic: material.metallic,
-        alpha2: gloss.alpha2,
-        k: gloss.k,
+        roughness: material.shaded_roughness(1.0),
         first_material: u32::MAX,
         flags: flag(instance.materials.smooth(), LOOK_SMOOTH)
             | flag(placement.conformal, LOOK_CONFORMAL)
             | flag(instance.mesh.layout().colors, LOOK_COLORS),
-        ..bytemuck::Zeroable::zeroed()
+        last_material: 0,
     }
 }
 

@@ -135,6 +135,9 @@ impl Frame {
                 Some(light) => light.clone().into(),
                 None => shade::linear(pixels, &self.eye, &self.lighting).into(),
             },
+            Output::BaseColor | Output::ShadingNormal | Output::Orm | Output::Emissive => {
+                shade::surface(pixels, &self.eye, &self.lighting, output).into()
+            }
             Output::Depth => {
                 let mut out = vec![0.0; pixels.words.len()];
                 output::depth(pixels, &mut out);

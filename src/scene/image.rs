@@ -227,7 +227,7 @@ impl Pixels<'_> {
 }
 
 /// What a byte counts.
-pub const UNIT: f32 = 1.0 / 255.0;
+const UNIT: f32 = 1.0 / 255.0;
 
 /// The light of bytes that are sRGB.
 pub fn srgb_table() -> &'static [f32; 256] {

@@ -180,25 +180,13 @@ impl Materials {
     }
 }
 
-/// What shading of one roughness needs of it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gloss {
-    /// α² of GGX.
-    pub alpha2: f32,
-    /// k of Smith's G, where it is pyrender's.
-    pub k: f32,
-}
-
-impl Gloss {
-    /// Of a perceptual roughness.
-    #[inline(always)]
-    pub fn new(roughness: f32) -> Self {
-        let r = roughness.clamp(0.04, 1.0);
-        Self { alpha2: (r * r) * (r * r), k: (r + 1.0) * (r + 1.0) / 8.0 }
-    }
-}
-
 impl Material {
+    /// Perceptual roughness where a texture has this, as it is shaded.
+    #[inline(always)]
+    pub fn shaded_roughness(&self, texture: f32) -> f32 {
+        (self.roughness * texture).clamp(0.04, 1.0)
+    }
+
     /// Whether alpha is below the cutoff anywhere, as far as one can tell without looking at each texel.
     pub fn may_have_holes(&self) -> bool {
         let texture = self.textures[Slot::BaseColor as usize].as_ref();

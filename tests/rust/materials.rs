@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nanite_rs::Error;
 use nanite_rs::build::{Silent, build};
-use nanite_rs::config::{BuildOptions, Output, RenderOptions, Shading, Transfer};
+use nanite_rs::config::{BuildOptions, OUTPUTS, Output, RenderOptions, Shading, Transfer};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
 use nanite_rs::render::Frame;
@@ -154,7 +154,8 @@ fn devices_shade_textures_as_the_cpu_does() {
     let parallel = Camera { projection: Projection::Orthographic { xmag: 2.4, ymag: 1.6 }, ..CAMERA };
     for camera in [CAMERA, parallel] {
         for shading in SHADINGS {
-            let outputs = [Output::Color, Output::Linear].into_iter().collect();
+            let surface = OUTPUTS.into_iter().filter(|output| output.surface());
+            let outputs = [Output::Color, Output::Linear].into_iter().chain(surface.clone()).collect();
             let options = RenderOptions { outputs, device_outputs: Some(true), ..options(shading) };
             let cpu = shoot(&scene, &camera, &pose, SIZE, &options);
             let gpu = on_device(&scene, &camera, &pose, SIZE, &options);
@@ -164,6 +165,11 @@ fn devices_shade_textures_as_the_cpu_does() {
             let (a, b) = (gpu.linear().unwrap(), cpu.linear().unwrap());
             let near = |(a, b): (&f32, &f32)| (a - b).abs() <= 1e-3 * a.max(*b) + 2e-4;
             assert!(a.iter().zip(&b).all(near), "{shading:?}");
+            for output in surface {
+                let numbers = |frame: &Frame| Vec::<f32>::from(frame.array(output).unwrap());
+                let near = |(a, b): (&f32, &f32)| (a - b).abs() <= 1e-3;
+                assert!(numbers(&gpu).iter().zip(&numbers(&cpu)).all(near), "{shading:?}: {}", output.name());
+            }
         }
     }
 }
@@ -258,6 +264,15 @@ fn shading_is_what_its_name_says() {
     close(center(Shading::Gltf), [0.6 * 0.5 * half, 0.6 * 0.2, 0.6 * 0.3]);
     close(center(Shading::Pyrender), [0.6 * 0.5 * half, 0.6 * 0.2, 0.6 * 0.3]);
     close(center(Shading::Normals), [0.5, 0.5, 1.0]);
+    let frame = look(&scene, &camera, 9, &options(Shading::Gltf));
+    let surface = |output: Output| -> [f32; 3] {
+        let numbers = Vec::<f32>::from(frame.array(output).unwrap());
+        [numbers[120], numbers[121], numbers[122]]
+    };
+    close(surface(Output::BaseColor), [0.5 * half, 0.4, 0.3]);
+    close(surface(Output::ShadingNormal), [0.0, 0.0, 1.0]);
+    close(surface(Output::Orm), [0.6, 0.6, 0.0]);
+    close(surface(Output::Emissive), [0.0; 3]);
 }
 
 #[test]
