@@ -227,9 +227,9 @@ def from_pillow(image: PIL.Image.Image) -> NDArray[Any]:
     mode = image.mode
     clear = "transparency" in image.info
     if mode.startswith("I;16"):
-        return np.asarray(image).astype(np.uint16)
+        return np.array(image, np.uint16)
     if mode == "I":
-        return np.clip(np.asarray(image), 0, 65535).astype(np.uint16)
+        return np.array(np.clip(np.asarray(image), 0, 65535), np.uint16)
     if mode == "F":
         return np.asarray(image, np.float32)
     if mode in ("1", "L") and not clear:
