@@ -215,12 +215,17 @@ class Document:
         packed = self.extension(row, name) or {}
         count, stride = self.whole(packed, "count"), self.whole(packed, "byteStride")
         mode, kind = packed.get("mode"), packed.get("filter", "NONE")
+        if mode not in ("ATTRIBUTES", "TRIANGLES", "INDICES"):
+            self.fail(f"{what}: {name} has the unknown mode {mode!r:.40}")
         if kind not in _FILTERS:
             self.fail(f"{what}: {name} has the unknown filter {kind!r:.40}")
         if kind == "COLOR":
             self.fail(f"{what}: the filter COLOR of {name} is not decoded")
         if stride not in _STRIDES.get(kind, range(4, 257, 4) if mode == "ATTRIBUTES" else (2, 4)):
             self.fail(f"{what}: byteStride {stride} cannot be of {name}")
+        # The decoder believes the one that calls it.
+        if mode == "TRIANGLES" and count % 3:
+            self.fail(f"{what}: {count} indices are no triangles")
         # Every byte of the code stands for at most some thousands of bytes.
         data = np.frombuffer(self._slice(packed, what), np.uint8)
         if count * stride > 65536 * (len(data) + 1):
@@ -234,7 +239,7 @@ class Document:
                     "EXPONENTIAL": meshoptimizer.decode_filter_exp,
                 }.get(kind)
                 out = out if decode is None else decode(out, count, stride)
-            elif mode in ("TRIANGLES", "INDICES"):
+            else:
                 decode = (
                     meshoptimizer.decode_index_buffer
                     if mode == "TRIANGLES"
@@ -242,8 +247,6 @@ class Document:
                 )
                 # Decoded to 4 bytes each, whatever the file has: the package has room for no other size.
                 out = decode(count, 4, data).astype({2: "<u2", 4: "<u4"}[stride])
-            else:
-                self.fail(f"{what}: {name} has the unknown mode {mode!r:.40}")
         except (RuntimeError, ValueError, KeyError) as error:
             self.fail(f"{what}: what {name} compressed is damaged: {error}")
         return memoryview(np.ascontiguousarray(out).view(np.uint8).tobytes())

@@ -453,6 +453,8 @@ class _Reader:
         document = self._document
         row = document.entry("cameras", index)
         kind = row.get("type")
+        if kind not in ("perspective", "orthographic"):
+            document.fail(f"cameras[{index}]: the type {kind!r:.40} is unknown")
         lens = document.member(row, str(kind))
         near, far = document.number(lens, "znear"), None
         if lens.get("zfar"):
@@ -462,13 +464,11 @@ class _Reader:
             if kind == "perspective":
                 aspect = document.number(lens, "aspectRatio") if "aspectRatio" in lens else None
                 camera = PerspectiveCamera(document.number(lens, "yfov"), near, far, aspect)
-            elif kind == "orthographic":
+            else:
                 # glTF allows a near plane at 0, where float32 depth has no step.
                 near = max(near, 1e-6 * (far or 1.0))
                 wide, high = (abs(document.number(lens, key)) for key in ("xmag", "ymag"))
                 camera = OrthographicCamera(wide, high, near, far)
-            else:
-                document.fail(f"cameras[{index}]: the type {kind!r:.40} is unknown")
         except ArgumentError as error:
             document.fail(f"cameras[{index}]: {error}")
         self._asset.cameras.append((camera, rigid(pose)))
