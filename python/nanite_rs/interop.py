@@ -70,9 +70,9 @@ def from_pyrender(
 
     What has no counterpart here is left out, and a warning says so once for each call: wireframes, points and
     lines, specular colours; transparency is drawn as holes where alpha is below one half. Metal-rough materials
-    with their textures and samplers, vertex colours and double-sidedness are kept. As in pyrender, textures lie on the
-    first UV set and are filtered without anisotropy, and lights have no range. Masks have the holes that glTF wants
-    and pyrender does not draw.
+    with their textures and samplers, vertex colours and double-sidedness are kept. As in pyrender, textures lie on
+    the first UV set and are filtered without anisotropy, and lights have no range. Masks have the holes that glTF
+    wants and pyrender does not draw.
 
     Parameters
     ----------

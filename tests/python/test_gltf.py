@@ -593,7 +593,7 @@ def test_specular_glossiness_becomes_metal_and_roughness(tmp_path) -> None:
     assert gold.material.base_color == pytest.approx((0.9, 0.6, 0.2), abs=0.05)
 
 
-# ------------------------------------------------------------------------------------------------ lights and cameras
+# --------------------------------------------------------------------------------------------- lights and cameras
 
 
 def test_lights(tmp_path) -> None:
