@@ -5,7 +5,8 @@ pixel of error, and with ``shading="gltf"``. Contact sheets of all four and of t
 ``target/contact-sheets/`` to be looked at.
 
 What pyrender cannot do is left out on both sides: transparency and masks are opaque, emission is given as its square
-root, since pyrender squares it, and triangles that a node mirrors are turned, since pyrender culls their front.
+root, since pyrender squares it, and what a node mirrors is given where it lies, since pyrender culls its front and
+turns its normals.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import pytest
 from scipy import ndimage
 
 import nanite_rs as nrs
+from nanite_rs import io
 from nanite_rs.assets import read_asset
 from oracles import camera, compare, data, picture, rays
 
@@ -100,19 +102,21 @@ class Shots:
         self.textures: dict[tuple, object] = {}
         points = []
         nodes = {name: iter(own) for name, own in self.loaded.instances.items()}
-        primitives: dict[tuple, object] = {}
+        primitives: dict[object, object] = {}
         for name, number, pose in asset.placed:
             mirrored = bool(np.linalg.det(pose[:3, :3]) < 0.0)
             for part in asset.meshes[number]:
-                points.append(part.source.vertices[np.unique(part.source.faces)] @ pose[:3, :3].T + pose[:3, 3])
+                points.append(
+                    part.source.vertices[np.unique(part.source.faces)] @ pose[:3, :3].T + pose[:3, 3]
+                )
                 node = next(nodes[name])
                 self.materials[node] = node.material, comparable(node.material)
                 self.placed.append((part, pose, node))
-                key = id(part), mirrored
+                source = io._transformed(replace(part.source), pose) if mirrored else part.source
+                key = node if mirrored else id(part)
                 if key not in primitives:
-                    made = self.primitive(part.source, self.materials[node][1], turned=mirrored)
-                    primitives[key] = self.pyrender.Mesh([made])
-                self.theirs.add(primitives[key], pose=pose)
+                    primitives[key] = self.pyrender.Mesh([self.primitive(source, self.materials[node][1])])
+                self.theirs.add(primitives[key], pose=np.eye(4) if mirrored else pose)
         scene = self.loaded.scene
         for light in self.loaded.lights:
             light.remove()
@@ -151,16 +155,20 @@ class Shots:
             ("PointLight", lamp, 1.5 * away**2, (0.6, 0.8, 1.0)),
         ):
             self.loaded.scene.add(getattr(nrs, kind)(color, strength), pose=pose)
-            self.theirs.add(getattr(self.pyrender, kind)(color=np.array(color), intensity=strength), pose=pose)
+            self.theirs.add(
+                getattr(self.pyrender, kind)(color=np.array(color), intensity=strength), pose=pose
+            )
 
-    def primitive(self, source, material: nrs.Material, *, turned: bool):
+    def primitive(self, source, material: nrs.Material):
         """The same surface for pyrender: faces that are flat have vertices of their own."""
         faces = np.asarray(source.faces)
         arrays = {
             "positions": source.vertices,
             "normals": source.normals,
             "texcoord_0": source.uvs[0] if source.uvs else None,
-            "color_0": None if source.colors is None or (source.colors == 255).all() else source.colors / 255.0,
+            "color_0": None
+            if source.colors is None or (source.colors == 255).all()
+            else source.colors / 255.0,
         }
         if not material.smooth:
             corners = source.vertices[faces].astype(np.float64)
@@ -180,7 +188,6 @@ class Shots:
             texture = getattr(material, slot)
             if texture is not None:
                 setattr(look, name, self.texture(texture, channels))
-        faces = faces[:, ::-1] if turned else faces
         return self.pyrender.Primitive(**arrays, indices=faces.astype(np.uint32), material=look, mode=4)
 
     def texture(self, texture: nrs.Texture, channels: str):
@@ -217,9 +224,13 @@ def shots(request) -> Shots:
 
 
 def test_pictures_are_pyrenders(shots: Shots) -> None:
-    inside, all_of_it = (compare.psnr(shots.full.color, shots.color, where) for where in (shots.inside, shots.both))
+    inside, all_of_it = (
+        compare.psnr(shots.full.color, shots.color, where) for where in (shots.inside, shots.both)
+    )
     other = np.count_nonzero((shots.full.depth > 0) ^ (shots.depth > 0)) / np.count_nonzero(shots.depth > 0)
-    print(f"\n{shots.name}: {inside:.2f} dB away from silhouettes, {all_of_it:.2f} dB over all; {other:.2e} uncovered")
+    print(
+        f"\n{shots.name}: {inside:.2f} dB away from silhouettes, {all_of_it:.2f} dB over all; {other:.2e} uncovered"
+    )
     assert shots.inside.sum() > 0.3 * shots.both.sum()
     assert other < 2e-3
     assert inside >= shots.case.psnr
@@ -256,7 +267,9 @@ def texels(texture: nrs.Texture, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray
     c, s = np.cos(texture.rotation), np.sin(texture.rotation)
     u, v = uv[:, 0] * texture.scale[0], (1.0 - uv[:, 1]) * texture.scale[1]
     place = np.stack([c * u + s * v + texture.offset[0], -s * u + c * v + texture.offset[1]], axis=1)
-    pixels = texture.image.pixels.astype(np.float64) / (257.0 if texture.image.pixels.dtype == np.uint16 else 1.0)
+    pixels = texture.image.pixels.astype(np.float64) / (
+        257.0 if texture.image.pixels.dtype == np.uint16 else 1.0
+    )
     height, width, channels = pixels.shape
     rgba = np.full((height, width, 4), 255.0)
     rgba[..., :3] = pixels[..., :3] if channels > 2 else pixels[..., :1]
@@ -277,7 +290,9 @@ def spread(image: nrs.Image) -> np.ndarray:
     pixels = image.pixels if image.pixels.dtype == np.uint8 else (image.pixels >> 8).astype(np.uint8)
     out = np.zeros(pixels.shape[:2], np.int64)
     for channel in np.moveaxis(pixels, -1, 0):
-        high, low = (f(channel, window, mode="wrap") for f in (ndimage.maximum_filter, ndimage.minimum_filter))
+        high, low = (
+            f(channel, window, mode="wrap") for f in (ndimage.maximum_filter, ndimage.minimum_filter)
+        )
         out = np.maximum(out, high.astype(np.int64) - low)
     return out
 
@@ -300,7 +315,9 @@ class Struck:
         corners, self.owner, self.face = (np.concatenate(a) for a in (corners, self.owner, self.face))
         x, y = camera.pixel_centers(mask)
         eye = view.pose[:3, 3]
-        traced = rays.Rays(corners.reshape(-1, 3), np.arange(len(corners) * 3).reshape(-1, 3), culled_from=eye)
+        traced = rays.Rays(
+            corners.reshape(-1, 3), np.arange(len(corners) * 3).reshape(-1, 3), culled_from=eye
+        )
         self.directions = view.directions(x, y)
         self.hit, self.distance = traced.first(eye, self.directions)
         self.points = eye + self.directions * self.distance[:, None]
@@ -350,7 +367,9 @@ def test_base_colours_are_what_the_source_says(shots: Shots) -> None:
         beyond.append((error - room)[same])
         even_ones += np.count_nonzero(same & (room <= 32))
     beyond = np.concatenate(beyond)
-    print(f"\n{shots.name}: {even_ones:,} even of {len(beyond):,} pixels, 99.8 % to {np.quantile(beyond, 0.998):.1f}")
+    print(
+        f"\n{shots.name}: {even_ones:,} even of {len(beyond):,} pixels, 99.8 % to {np.quantile(beyond, 0.998):.1f}"
+    )
     assert len(beyond) > 5_000
     assert even_ones > 1_000 or shots.name in NOISY
     assert np.quantile(beyond, 0.998) <= 3.0
@@ -365,7 +384,9 @@ def frame_of(name: str, direction=(0.0, 0.0, 1.0), **options):
         loaded = nrs.load_scene(data.require(*case.path))
     loaded.scene.ambient_light, loaded.scene.bg_color = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
     nodes = {key: iter(own) for key, own in loaded.instances.items()}
-    placed = [(part, pose, next(nodes[key])) for key, number, pose in asset.placed for part in asset.meshes[number]]
+    placed = [
+        (part, pose, next(nodes[key])) for key, number, pose in asset.placed for part in asset.meshes[number]
+    ]
     corners = [part.source.vertices @ pose[:3, :3].T + pose[:3, 3] for part, pose, _ in placed]
     view = camera.framing(np.concatenate(corners), direction, width=WIDTH, height=HEIGHT)
     lens = nrs.PerspectiveCamera(yfov=view.yfov, znear=view.znear)
@@ -385,7 +406,10 @@ def test_multiple_uvs_read_right() -> None:
     material, light = node.material, 0.0
     assert (material.base_color_texture.uv_set, material.emissive_texture.uv_set) == (0, 1)
     even = np.ones(len(own), bool)
-    for slot, factor in (("base_color_texture", material.base_color), ("emissive_texture", material.emissive)):
+    for slot, factor in (
+        ("base_color_texture", material.base_color),
+        ("emissive_texture", material.emissive),
+    ):
         texture = getattr(material, slot)
         levels, room = texels(texture, blended(part.source.uvs[texture.uv_set], corners, weights))
         light = light + decoded(levels[:, :3]) * np.array(factor[:3])
@@ -411,7 +435,9 @@ def test_vertex_colors_read_right() -> None:
     middle = np.nonzero(own.any(axis=1))[0].mean()
     for channel in range(3):
         others = [k for k in range(3) if k != channel]
-        pure = own & (color[..., channel] > 120) & (color[..., others].max(axis=-1) < 0.55 * color[..., channel])
+        pure = (
+            own & (color[..., channel] > 120) & (color[..., others].max(axis=-1) < 0.55 * color[..., channel])
+        )
         above, below = (np.count_nonzero(pure & half) for half in (rows < middle, rows >= middle))
         assert above > 500
         assert abs(above - below) < 0.15 * below
