@@ -37,8 +37,10 @@ _MIPMAPS: Final[dict[int | None, Filter | None]] = {
 # What was built of a primitive, as long as it lives, with the arrays that it was built from.
 _built: WeakKeyDictionary[pyrender.Primitive, tuple[tuple[Any, ...], NaniteMesh]] = WeakKeyDictionary()
 
-# Likewise the image of a texture.
-_images: WeakKeyDictionary[pyrender.Texture, tuple[NDArray[np.uint8], Image]] = WeakKeyDictionary()
+# Likewise the images of a texture: of colours and the like, and of roughness and metalness.
+_images: WeakKeyDictionary[pyrender.Texture, tuple[NDArray[np.uint8], dict[bool, Image]]] = (
+    WeakKeyDictionary()
+)
 
 
 @dataclass(frozen=True)
@@ -214,7 +216,7 @@ def _material(primitive: pyrender.Primitive, lost: set[str]) -> Material:
         "emissive_texture": material.emissiveTexture,
     }
     textures: dict[str, Any] = {
-        slot: _texture(texture, lost)
+        slot: _texture(texture, lost, rough=slot == "metallic_roughness_texture")
         for slot, texture in found.items()
         if texture is not None and primitive.texcoord_0 is not None
     }
@@ -244,17 +246,19 @@ def _is_transparent(
     )
 
 
-def _texture(texture: pyrender.Texture, lost: set[str]) -> Texture | None:
+def _texture(texture: pyrender.Texture, lost: set[str], *, rough: bool) -> Texture | None:
     if texture.source is None:
         lost.add("textures without pixels")
         return None
     known = _images.get(texture)
     if known is None or known[0] is not texture.source:
-        known = _images[texture] = texture.source, Image(_pixels(texture))
+        known = _images[texture] = texture.source, {}
+    if rough not in known[1]:
+        known[1][rough] = Image(_pixels(texture.source, rough=rough))
     sampler = texture.sampler
     near = sampler.magFilter if sampler.magFilter is not None else 9729
     return Texture(
-        known[1],
+        known[1][rough],
         wrap=(_WRAPS.get(sampler.wrapS, "clamp"), _WRAPS.get(sampler.wrapT, "clamp")),
         filter="nearest" if near == 9728 else "linear",
         mipmaps=_MIPMAPS.get(sampler.minFilter, "linear"),
@@ -262,11 +266,15 @@ def _texture(texture: pyrender.Texture, lost: set[str]) -> Texture | None:
     )
 
 
-def _pixels(texture: pyrender.Texture) -> NDArray[np.uint8]:
-    """Pixels with the channels where glTF has them: pyrender keeps roughness and metalness by themselves."""
-    pixels = np.asarray(texture.source, np.uint8)
-    if pixels.ndim == 3 and pixels.shape[2] == 2:
-        return np.dstack([np.full_like(pixels[..., 0], 255), pixels])
+def _pixels(source: NDArray[Any], *, rough: bool) -> NDArray[np.uint8]:
+    """Pixels as glTF has them: roughness in green and metalness in blue.
+
+    pyrender takes the first two channels of a texture for them. When it makes one of an image, it puts there what
+    glTF has in green and blue; of a `pyrender.Texture` that somebody made they are red and green.
+    """
+    pixels = np.asarray(source, np.uint8)
+    if rough and pixels.ndim == 3 and pixels.shape[2] >= 2:
+        return np.dstack([np.full_like(pixels[..., 0], 255), pixels[..., 0], pixels[..., 1]])
     return pixels
 
 

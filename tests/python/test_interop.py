@@ -161,6 +161,11 @@ def test_textures_are_kept(pyrender) -> None:
     assert np.array_equal(material.metallic_roughness_texture.image.pixels[..., 1:], PIXELS[..., 1:3])
     assert np.array_equal(material.occlusion_texture.image.pixels[..., 0], PIXELS[..., 0])
     assert (material.alpha_mode, material.alpha_cutoff) == ("mask", 0.25)
+    # What pyrender takes for them of a texture that is there already are the first two channels.
+    texture = pyrender.Texture(source=PIXELS[..., :3], source_channels="RGB")
+    primitive.material.metallicRoughnessTexture = texture
+    swapped = node_of(nrs.from_pyrender(scene)).material.metallic_roughness_texture
+    assert np.array_equal(swapped.image.pixels[..., 1:], PIXELS[..., :2])
     assert len(node.mesh.cut(error=0.0).uvs) == 2
     # Images and meshes are made once, and again for other pixels.
     again = node_of(nrs.from_pyrender(scene))
