@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import os
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -225,9 +226,26 @@ def _unpacked(path: Path, packed: bool) -> bytes:
 def _build(
     asset: Asset, scene: Scene | None, options: BuildOptions | None, progress: Progress
 ) -> LoadedScene:
-    scene = Scene() if scene is None else scene
+    """Build everything and add it; where that fails, take out again what was added."""
+    loaded = LoadedScene(Scene() if scene is None else scene, {}, [], list(asset.cameras))
+    try:
+        _add_meshes(asset, loaded, options, progress)
+        for light, pose in asset.lights:
+            with _named(asset, "light"):
+                loaded.lights.append(loaded.scene.add(light, pose=pose))
+        if not loaded.instances and not loaded.lights and not loaded.cameras:
+            raise MeshError(f"{asset.name}: there are no triangles in it")
+    except BaseException:
+        for light_node in loaded.lights:
+            light_node.remove()
+        for node in (node for own in loaded.instances.values() for node in own):
+            node.remove()
+        raise
+    return loaded
+
+
+def _add_meshes(asset: Asset, loaded: LoadedScene, options: BuildOptions | None, progress: Progress) -> None:
     built: dict[int, NaniteMesh] = {}
-    instances: dict[str, list[MeshNode]] = {}
     for name, number, pose in asset.placed:
         parts = asset.meshes[number]
         if not parts:
@@ -235,26 +253,29 @@ def _build(
         if not _is_invertible(pose):
             asset.notes.add("nodes flattened to nothing", name)
             continue
-        own = instances.setdefault(name, [])
+        own = loaded.instances.setdefault(name, [])
         for part in parts:
-            mesh = built.get(id(part.source))
-            if mesh is None:
-                mesh = built[id(part.source)] = _mesh(asset, part, options, progress)
-            own.append(scene.add(mesh, pose=pose, material=part.material))
-    if not instances and not asset.lights and not asset.cameras:
-        raise MeshError(f"{asset.name}: there are no triangles in it")
-    lights = [scene.add(light, pose=pose) for light, pose in asset.lights]
-    return LoadedScene(scene, instances, lights, list(asset.cameras))
+            with _named(asset, part.name):
+                mesh = built.get(id(part.source))
+                if mesh is None:
+                    mesh = built[id(part.source)] = _mesh(part, options, progress)
+                own.append(loaded.scene.add(mesh, pose=pose, material=part.material))
 
 
-def _mesh(asset: Asset, part: Part, options: BuildOptions | None, progress: Progress) -> NaniteMesh:
+@contextmanager
+def _named(asset: Asset, name: str) -> Iterator[None]:
+    """Say in errors where in which file the fault is."""
+    try:
+        yield
+    except ArgumentError as error:
+        raise type(error)(f"{asset.name}: {name}: {error}") from error
+
+
+def _mesh(part: Part, options: BuildOptions | None, progress: Progress) -> NaniteMesh:
     arrays = part.source.arrays()
     if arrays["colors"] is not None and (arrays["colors"] == 255).all():
         arrays["colors"] = None
-    try:
-        return NaniteMesh.from_arrays(**arrays, options=options, progress=progress)
-    except ArgumentError as error:
-        raise type(error)(f"{asset.name}: {part.name}: {error}") from error
+    return NaniteMesh.from_arrays(**arrays, options=options, progress=progress)
 
 
 def _is_invertible(pose: NDArray[np.float64]) -> bool:

@@ -288,6 +288,16 @@ def test_scenes_are_added_to(street) -> None:
     assert len(scene) == 8
 
 
+def test_scenes_are_left_as_they_were_where_loading_fails(tmp_path) -> None:
+    document = Document()
+    document.row("materials", emissiveFactor=[1e39, 0, 0])
+    document.mesh(document.quad(), document.quad(material=0))
+    scene = nrs.Scene()
+    with pytest.raises(nrs.ArgumentError, match=r"a\.glb: meshes\[0\], primitive 1: emissive"):
+        nrs.load_scene(document.save(tmp_path / "a.glb"), scene=scene)
+    assert len(scene) == 0
+
+
 @pytest.mark.parametrize("direction", [(0, 0, 1), (1, 1, 1), (0, 1, 0), (0, -1, 0)])
 def test_views_see_everything(direction) -> None:
     boxes = trimesh.Scene(
