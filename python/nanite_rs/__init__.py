@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nanite_rs import measure, shapes
 from nanite_rs._core import __version__
+from nanite_rs.assets import LoadedScene, load_scene
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.comparison import Comparison, SilhouetteDistance, compare
 from nanite_rs.cut import Cut
@@ -59,6 +60,7 @@ __all__ = [
     "InvariantError",
     "LevelReport",
     "LightNode",
+    "LoadedScene",
     "Material",
     "MeshError",
     "MeshNode",
@@ -82,6 +84,7 @@ __all__ = [
     "__version__",
     "compare",
     "from_pyrender",
+    "load_scene",
     "measure",
     "shapes",
     "simplify",

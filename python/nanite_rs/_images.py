@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import os
 import secrets
+import tempfile
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from io import BytesIO
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -15,7 +17,38 @@ from nanite_rs.exceptions import DependencyError, FileError, FormatError, Missin
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    import PIL.Image
     from numpy.typing import NDArray
+
+# What Pillow is asked to read: nothing that runs another program, as EPS does.
+_PILLOW: Final = (
+    "PNG",
+    "JPEG",
+    "WEBP",
+    "AVIF",
+    "BMP",
+    "TGA",
+    "GIF",
+    "DDS",
+    "JPEG2000",
+    "PPM",
+    "PSD",
+    "SGI",
+    "PCX",
+)
+
+# How files begin that OpenImageIO reads, and the endings that it knows them by.
+_OPENIMAGEIO: Final = {
+    b"#?RADIANCE": ".hdr",
+    b"#?RGBE": ".hdr",
+    b"v/1\x01": ".exr",
+    b"II*\0": ".tif",
+    b"MM\0*": ".tif",
+    b"II+\0": ".tif",
+    b"MM\0+": ".tif",
+}
+_PNG: Final = b"\x89PNG\r\n\x1a\n"
+_KTX: Final = b"\xabKTX "
 
 
 def suffix(path: str) -> str:
@@ -118,9 +151,153 @@ def _write(oiio: Any, path: str, parts: Sequence[tuple[Any, NDArray[Any]]]) -> N
             raise FileError(errno.EIO, output.geterror() or os.strerror(errno.EIO), path)
 
 
-def read_image(path: str | os.PathLike[str]) -> NDArray[Any]:
-    """Read a picture, rows from the top."""
+def read_bytes(path: str | os.PathLike[str], what: str = "") -> bytes:
+    """Read a file; errors name it, and say what it is needed for if that is given."""
+    name = f"{what}: {os.fspath(path)}" if what else os.fspath(path)
+    try:
+        # Not a device or a pipe, which may never end.
+        if not os.path.isfile(path):
+            os.stat(path)
+            code = errno.EISDIR if os.path.isdir(path) else errno.EINVAL
+            raise FileError(code, os.strerror(code), name)
+        with open(path, "rb") as file:
+            return file.read()
+    except FileNotFoundError as error:
+        raise MissingFileError(error.errno, error.strerror, name) from None
+    except FileError:
+        raise
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        code = getattr(error, "errno", None) or errno.EINVAL
+        raise FileError(code, os.strerror(code), name) from None
+
+
+def read_image(source: str | os.PathLike[str] | bytes, name: str | None = None) -> NDArray[Any]:
+    """Read a picture as (H, W) or (H, W, 2 to 4), rows from the top: uint8, uint16 or float32.
+
+    Palettes become RGB or RGBA, CMYK and other colour models RGB; grey, with and without alpha, stays as it is.
+    Colours are as stored, not multiplied by alpha. Profiles and rotations that a file asks for are not applied, as
+    glTF says.
+
+    Parameters
+    ----------
+    source : path or bytes
+        A file, or the content of one.
+    name : str, optional
+        What errors call it; by default the path.
+
+    Raises
+    ------
+    MissingFileError, FileError, FormatError, DependencyError
+        Each names the file.
+    """
+    if isinstance(source, bytes):
+        data, name = source, name or "image"
+    else:
+        data, name = read_bytes(source), name or os.fspath(source)
+    ending = next((end for start, end in _OPENIMAGEIO.items() if data.startswith(start)), None)
+    if data.startswith(_PNG) and data[24:25] == b"\x10":
+        ending = ".png"  # Pillow makes 8 bits of colours of 16
+    if ending:
+        return _read_deep(data, ending, name)
+    if data.startswith(_KTX):
+        raise FormatError(f"{name}: KTX textures cannot be read; PNG, JPEG and WebP can")
+    return _read_plain(data, name)
+
+
+def _read_plain(data: bytes, name: str) -> NDArray[Any]:
+    import PIL
     from PIL import Image
 
-    with Image.open(path) as image:
-        return np.asarray(image)
+    known = Image.registered_extensions().values()  # this also loads Pillow's readers
+    try:
+        with Image.open(BytesIO(data), formats=[name for name in _PILLOW if name in known]) as image:
+            return from_pillow(image)
+    except Image.DecompressionBombError as error:
+        raise FormatError(f"{name}: {error}") from None
+    except PIL.UnidentifiedImageError:
+        raise FormatError(f"{name}: it is damaged, or no image of a known format") from None
+    except MemoryError:
+        raise
+    except Exception as error:  # whatever a reader trips over in a damaged file
+        raise FormatError(f"{name}: the image is damaged: {error}") from error
+
+
+def from_pillow(image: PIL.Image.Image) -> NDArray[Any]:
+    """Pixels of a Pillow image, as `read_image` gives them."""
+    mode = image.mode
+    clear = "transparency" in image.info
+    if mode.startswith("I;16"):
+        return np.array(image, np.uint16)
+    if mode == "I":
+        return np.array(np.clip(np.asarray(image), 0, 65535), np.uint16)
+    if mode == "F":
+        return np.asarray(image, np.float32)
+    if mode in ("1", "L") and not clear:
+        mode = "L"
+    elif mode in ("1", "L", "LA", "La"):
+        mode = "LA"
+    elif mode in ("RGBA", "RGBa", "PA") or clear:
+        mode = "RGBA"
+    else:
+        mode = "RGB"
+    return np.array(image if image.mode == mode else image.convert(mode))
+
+
+def _read_deep(data: bytes, ending: str, name: str) -> NDArray[Any]:
+    """Read by OpenImageIO, which takes files only."""
+    oiio = openimageio(name)
+    pixels: NDArray[Any]
+    handle, path = tempfile.mkstemp(ending)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        wanted = oiio.ImageSpec()
+        wanted.attribute("oiio:UnassociatedAlpha", 1)
+        source = oiio.ImageInput.open(path, wanted)
+        if source is None:
+            raise FormatError(f"{name}: the image is damaged: {_reason(oiio.geterror(), path)}")
+        try:
+            spec = source.spec()
+            _refuse_bombs(spec, name)
+            # Wider types than float32 and more channels than a picture's have no use here.
+            kind = {"uint8": "uint8", "uint16": "uint16"}.get(str(spec.format), "float")
+            pixels = source.read_image(kind)
+            if pixels is None:
+                raise FormatError(f"{name}: the image is damaged: {_reason(source.geterror(), path)}")
+            pixels = np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels)
+            pixels = pixels[..., _picture(list(spec.channelnames))]
+        finally:
+            source.close()
+    finally:
+        os.unlink(path)
+    if pixels.dtype.kind == "f" and not np.isfinite(pixels).all():
+        row, column, channel = (int(k) for k in np.argwhere(~np.isfinite(pixels))[0])
+        value = pixels[row, column, channel]
+        raise FormatError(f"{name}: {value} at row {row}, column {column}, channel {channel}")
+    picture: NDArray[Any] = pixels[..., 0] if pixels.shape[2] == 1 else pixels
+    return picture
+
+
+def _reason(message: str, path: str) -> str:
+    """What OpenImageIO says, without the name of the temporary file."""
+    return message.replace(path, "it").strip() or "no reason is known"
+
+
+def _picture(names: list[str]) -> list[int]:
+    """Which channels of a file are the picture: R, G, B and A, or Y and A, or the first ones."""
+    places = {name.upper(): place for place, name in reversed(list(enumerate(names)))}
+    for color in ("RGB", "Y"):
+        if all(channel in places for channel in color):
+            return [places[channel] for channel in (*color, "A") if channel in places]
+    return list(range(min(len(names), 4)))
+
+
+def _refuse_bombs(spec: Any, name: str) -> None:
+    """Apply Pillow's limit, which callers can change, to files that Pillow does not read."""
+    from PIL import Image
+
+    limit = Image.MAX_IMAGE_PIXELS
+    if limit is not None and spec.width * spec.height * max(spec.depth, 1) > 2 * limit:
+        raise FormatError(
+            f"{name}: {spec.width} x {spec.height} pixels exceed twice PIL.Image.MAX_IMAGE_PIXELS"
+        )

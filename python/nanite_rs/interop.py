@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from nanite_rs._asset import triangles
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.mesh import BuildOptions, NaniteMesh
 from nanite_rs.scene import DirectionalLight, Material, MeshNode, PointLight, Scene, SpotLight
+from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,23 +22,25 @@ if TYPE_CHECKING:
     import pyrender
     from numpy.typing import NDArray
 
+    from nanite_rs.texture import Filter, Wrap
+
 __all__ = ["PyrenderView", "from_pyrender"]
 
-# glTF's modes of primitives that are surfaces.
-_TRIANGLES, _STRIP, _FAN = 4, 5, 6
-
-_TEXTURES = (
-    "baseColorTexture",
-    "metallicRoughnessTexture",
-    "normalTexture",
-    "occlusionTexture",
-    "emissiveTexture",
-    "diffuseTexture",
-    "specularGlossinessTexture",
-)
+_WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33648: "mirror"}
+_MIPMAPS: Final[dict[int | None, Filter | None]] = {
+    9728: None,
+    9729: None,
+    9984: "nearest",
+    9985: "nearest",
+}
 
 # What was built of a primitive, as long as it lives, with the arrays that it was built from.
 _built: WeakKeyDictionary[pyrender.Primitive, tuple[tuple[Any, ...], NaniteMesh]] = WeakKeyDictionary()
+
+# Likewise the images of a texture: of colours and the like, and of roughness and metalness.
+_images: WeakKeyDictionary[pyrender.Texture, tuple[NDArray[np.uint8], dict[bool, Image]]] = (
+    WeakKeyDictionary()
+)
 
 
 @dataclass(frozen=True)
@@ -66,9 +70,11 @@ def from_pyrender(
     ``render(*nrs.from_pyrender(scene))``. Meshes are built when a primitive is first seen, and again only if its
     arrays were replaced; everything else is read anew each time, so poses may change from frame to frame.
 
-    What has no counterpart here is left out, and a warning says so once for each call: textures,
-    wireframes, points and lines; transparent materials are drawn opaque. Metal-rough factors, vertex colours and
-    double-sidedness are kept. Lights have no range, as pyrender ignores theirs.
+    What has no counterpart here is left out, and a warning says so once for each call: wireframes, points and
+    lines, specular colours; transparency is drawn as holes where alpha is below one half. Metal-rough materials
+    with their textures and samplers, vertex colours and double-sidedness are kept. As in pyrender, textures lie on
+    the first UV set and are filtered without anisotropy, and lights have no range. Masks have the holes that glTF
+    wants and pyrender does not draw.
 
     Parameters
     ----------
@@ -159,13 +165,19 @@ def _mesh(primitive: pyrender.Primitive, options: BuildOptions | None, lost: set
     if faces is None:
         lost.add("points and lines")
         return None
-    arrays = (primitive.positions, primitive.indices, primitive.normals, primitive.color_0, options)
+    sets = (primitive.texcoord_0, primitive.texcoord_1)
+    arrays = (primitive.positions, primitive.indices, primitive.normals, primitive.color_0, *sets, options)
     known = _built.get(primitive)
     # The arrays are kept, so that no other can have the identity of one of them.
     if known is None or any(a is not b for a, b in zip(known[0], arrays, strict=True)):
         colors = None if primitive.color_0 is None else np.clip(primitive.color_0, 0.0, 1.0)
         mesh = NaniteMesh.from_arrays(
-            primitive.positions, faces, normals=primitive.normals, colors=colors, options=options
+            primitive.positions,
+            faces,
+            normals=primitive.normals,
+            colors=colors,
+            uvs=[np.asarray(uv, np.float32)[:, :2] for uv in sets if uv is not None],
+            options=options,
         )
         known = _built[primitive] = (arrays, mesh)
     return known[1]
@@ -174,45 +186,96 @@ def _mesh(primitive: pyrender.Primitive, options: BuildOptions | None, lost: set
 def _faces(primitive: pyrender.Primitive) -> NDArray[np.int64] | None:
     """Triangles of a primitive; nothing where it is no surface."""
     indices = np.arange(len(primitive.positions)) if primitive.indices is None else primitive.indices
-    order = np.asarray(indices, np.int64).reshape(-1)
-    if primitive.mode == _TRIANGLES:
-        return order[: len(order) // 3 * 3].reshape(-1, 3)
-    if primitive.mode == _FAN:
-        first = np.full(max(len(order) - 2, 0), order[0])
-        return np.stack([first, order[1:-1], order[2:]], axis=1)
-    if primitive.mode == _STRIP:
-        faces = np.stack([order[:-2], order[1:-1], order[2:]], axis=1)
-        # Every other triangle is turned.
-        faces[1::2] = faces[1::2, [1, 0, 2]]
-        return faces
-    return None
+    return triangles(np.asarray(indices, np.int64).reshape(-1), primitive.mode)
 
 
 def _material(primitive: pyrender.Primitive, lost: set[str]) -> Material:
     material = primitive.material
-    if any(getattr(material, name, None) is not None for name in _TEXTURES):
-        lost.add("textures")
     if material.wireframe:
         lost.add("wireframes")
-    if hasattr(material, "baseColorFactor"):
-        color, metallic, roughness = (
-            material.baseColorFactor,
-            material.metallicFactor,
-            material.roughnessFactor,
-        )
+    metal_rough = hasattr(material, "baseColorFactor")
+    if metal_rough:
+        color, painted = material.baseColorFactor, material.baseColorTexture
+        metallic, roughness = material.metallicFactor, material.roughnessFactor
+        rough = material.metallicRoughnessTexture
     else:
         lost.add("specular colours")
-        color, metallic, roughness = material.diffuseFactor, 0.0, 1.0 - material.glossinessFactor
-    if material.alphaMode != "OPAQUE" and color[3] < 1.0:
-        lost.add("transparency")
+        color, painted = material.diffuseFactor, material.diffuseTexture
+        metallic, roughness, rough = 0.0, 1.0 - material.glossinessFactor, None
+    mode = material.alphaMode.lower()
+    if mode == "blend" and not _is_transparent(color, painted, primitive.color_0):
+        mode = "opaque"  # what `pyrender.Mesh.from_trimesh` makes blends, and has nothing to blend
+    if mode == "blend":
+        lost.add("transparency (drawn as holes)")
+    emissive = np.zeros(3) if material.emissiveFactor is None else material.emissiveFactor
+    found = {
+        "base_color_texture": painted,
+        "metallic_roughness_texture": rough,
+        "normal_texture": material.normalTexture,
+        "occlusion_texture": material.occlusionTexture,
+        "emissive_texture": material.emissiveTexture,
+    }
+    textures: dict[str, Any] = {
+        slot: _texture(texture, lost, rough=slot == "metallic_roughness_texture")
+        for slot, texture in found.items()
+        if texture is not None and primitive.texcoord_0 is not None
+    }
+    if len(textures) < sum(texture is not None for texture in found.values()):
+        lost.add("textures of primitives without UVs")
     return Material(
         base_color=color,
         metallic=metallic,
         roughness=roughness,
-        emissive=np.zeros(3) if material.emissiveFactor is None else material.emissiveFactor,
+        emissive=emissive,
         double_sided=bool(material.doubleSided),
         smooth=primitive.normals is not None,
+        alpha_mode=mode,
+        alpha_cutoff=float(material.alphaCutoff) if mode == "mask" else 0.5,
+        **textures,
     )
+
+
+def _is_transparent(
+    color: NDArray[Any], painted: pyrender.Texture | None, vertices: NDArray[Any] | None
+) -> bool:
+    pixels = None if painted is None else painted.source
+    return bool(
+        color[3] < 1.0
+        or (pixels is not None and pixels.ndim == 3 and pixels.shape[2] == 4 and (pixels[..., 3] < 255).any())
+        or (vertices is not None and (vertices[:, 3] < 1.0).any())
+    )
+
+
+def _texture(texture: pyrender.Texture, lost: set[str], *, rough: bool) -> Texture | None:
+    if texture.source is None:
+        lost.add("textures without pixels")
+        return None
+    known = _images.get(texture)
+    if known is None or known[0] is not texture.source:
+        known = _images[texture] = texture.source, {}
+    if rough not in known[1]:
+        known[1][rough] = Image(_pixels(texture.source, rough=rough))
+    sampler = texture.sampler
+    near = sampler.magFilter if sampler.magFilter is not None else 9729
+    return Texture(
+        known[1][rough],
+        wrap=(_WRAPS.get(sampler.wrapS, "clamp"), _WRAPS.get(sampler.wrapT, "clamp")),
+        filter="nearest" if near == 9728 else "linear",
+        mipmaps=_MIPMAPS.get(sampler.minFilter, "linear"),
+        anisotropy=1,
+    )
+
+
+def _pixels(source: NDArray[Any], *, rough: bool) -> NDArray[np.uint8]:
+    """Pixels as glTF has them: roughness in green and metalness in blue.
+
+    pyrender takes the first two channels of a texture for them. When it makes one of an image, it puts there what
+    glTF has in green and blue; of a `pyrender.Texture` that somebody made they are red and green.
+    """
+    pixels = np.asarray(source, np.uint8)
+    if rough and pixels.ndim == 3 and pixels.shape[2] >= 2:
+        return np.dstack([np.full_like(pixels[..., 0], 255), pixels[..., 0], pixels[..., 1]])
+    return pixels
 
 
 def _camera(camera: pyrender.Camera, viewport: tuple[int, int] | None) -> Camera:

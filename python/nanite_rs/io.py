@@ -139,7 +139,9 @@ def _check_gltf(path: Path, data: bytes) -> None:
             raise DependencyError(f"{path}: DracoPy is needed; pip install 'nanite-rs[io]'") from error
     undecoded = sorted(name for name in required if "compression" in name and "draco" not in name)
     if undecoded:
-        raise FormatError(f"{path}: it requires {', '.join(undecoded)}, which trimesh does not decode")
+        raise FormatError(
+            f"{path}: it requires {', '.join(undecoded)}, which trimesh does not decode; load_scene reads it"
+        )
 
 
 def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Source:

@@ -1,4 +1,4 @@
-"""Scenes of pyrender, taken over and drawn, beside pyrender's own pictures of them."""
+"""Scenes of pyrender, taken over and drawn, beside pyrender's own pictures of them; their textures kept."""
 
 import warnings
 
@@ -102,6 +102,96 @@ def test_meshes_are_built_once(pyrender, scene) -> None:
     assert len(again & meshes[0]) == 3
 
 
+PIXELS = np.random.default_rng(4).integers(0, 256, (4, 8, 4), dtype=np.uint8)
+
+
+def painted(pyrender, **fields):
+    """A material with a texture in every slot, and a ball with UVs that wears it."""
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    sampler = pyrender.Sampler(magFilter=9728, minFilter=9985, wrapS=33071, wrapT=33648)
+    texture = pyrender.Texture(sampler=sampler, source=PIXELS, source_channels="RGBA")
+    material = pyrender.MetallicRoughnessMaterial(
+        **{
+            "baseColorTexture": texture,
+            "normalTexture": PIXELS[..., :3],
+            "metallicRoughnessTexture": PIXELS[..., :3],
+            "occlusionTexture": PIXELS[..., :3],
+            "emissiveTexture": texture,
+            "emissiveFactor": (0.1, 0.2, 0.3),
+            **fields,
+        }
+    )
+    uv = ball.vertices[:, :2].astype(np.float32)
+    primitive = pyrender.Primitive(
+        ball.vertices,
+        ball.vertices,
+        texcoord_0=uv,
+        texcoord_1=uv,
+        indices=ball.faces,
+        material=material,
+        mode=4,
+    )
+    scene = pyrender.Scene()
+    scene.add(pyrender.Mesh([primitive]))
+    scene.add(pyrender.PerspectiveCamera(yfov=0.9), pose=moved(0.0, 0.0, 5.0))
+    return scene, primitive
+
+
+def node_of(view: nrs.PyrenderView) -> nrs.MeshNode:
+    return next(node for own in view.instances.values() for node in own)
+
+
+def test_textures_are_kept(pyrender) -> None:
+    scene, primitive = painted(pyrender, alphaMode="MASK", alphaCutoff=0.25)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        node = node_of(nrs.from_pyrender(scene))
+    material = node.material
+    base = material.base_color_texture
+    assert np.array_equal(base.image.pixels, PIXELS)
+    assert (base.wrap, base.filter, base.mipmaps, base.anisotropy) == (
+        ("clamp", "mirror"),
+        "nearest",
+        "nearest",
+        1,
+    )
+    assert material.emissive_texture.image is base.image
+    assert np.array_equal(material.normal_texture.image.pixels, PIXELS[..., :3])
+    # Roughness in green and metalness in blue, whatever pyrender keeps of them.
+    assert np.array_equal(material.metallic_roughness_texture.image.pixels[..., 1:], PIXELS[..., 1:3])
+    assert np.array_equal(material.occlusion_texture.image.pixels[..., 0], PIXELS[..., 0])
+    assert (material.alpha_mode, material.alpha_cutoff) == ("mask", 0.25)
+    # What pyrender takes for them of a texture that is there already are the first two channels.
+    texture = pyrender.Texture(source=PIXELS[..., :3], source_channels="RGB")
+    primitive.material.metallicRoughnessTexture = texture
+    swapped = node_of(nrs.from_pyrender(scene)).material.metallic_roughness_texture
+    assert np.array_equal(swapped.image.pixels[..., 1:], PIXELS[..., :2])
+    assert len(node.mesh.cut(error=0.0).uvs) == 2
+    # Images and meshes are made once, and again for other pixels.
+    again = node_of(nrs.from_pyrender(scene))
+    assert again.mesh is node.mesh
+    assert again.material.base_color_texture.image is base.image
+    primitive.material.baseColorTexture.source = PIXELS[::-1]
+    other = node_of(nrs.from_pyrender(scene)).material.base_color_texture.image
+    assert np.array_equal(other.pixels, PIXELS[::-1])
+
+
+@pytest.mark.parametrize(("alpha", "mode"), [(255, "opaque"), (200, "blend")])
+def test_blending_counts_where_there_is_something_to_blend(pyrender, alpha, mode) -> None:
+    pixels = PIXELS.copy()
+    pixels[..., 3] = alpha
+    scene, _ = painted(pyrender, baseColorTexture=pixels, alphaMode="BLEND")
+    texture = pyrender.Texture(source=pixels, source_channels="RGBA")
+    next(iter(scene.meshes)).primitives[0].material.baseColorTexture = texture
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        node = node_of(nrs.from_pyrender(scene))
+    assert node.material.alpha_mode == mode
+    assert [str(one.message) for one in caught if issubclass(one.category, UserWarning)] == [
+        "left out of the pyrender scene: transparency (drawn as holes)"
+    ][: int(mode == "blend")]
+
+
 def test_what_is_left_out_is_said(pyrender) -> None:
     scene = pyrender.Scene()
     ball = trimesh.creation.icosphere(subdivisions=2)
@@ -117,7 +207,7 @@ def test_what_is_left_out_is_said(pyrender) -> None:
     scene.add(pyrender.PerspectiveCamera(yfov=0.9))
     with pytest.warns(UserWarning, match="left out") as caught:
         view = nrs.from_pyrender(scene)
-    for what in ("points and lines", "textures", "transparency", "wireframes"):
+    for what in ("points and lines", "textures of primitives without UVs", "transparency", "wireframes"):
         assert what in str(caught[0].message)
     assert len(view.scene) == 3
     node = next(node for node, own in view.instances.items() if own)

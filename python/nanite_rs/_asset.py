@@ -1,0 +1,125 @@
+"""What a file of a scene says, before any of it is built: plain arrays, materials, places, lights and cameras."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from nanite_rs.camera import Camera
+    from nanite_rs.io import Source
+    from nanite_rs.scene import DirectionalLight, Material, PointLight, SpotLight
+
+# glTF's modes of primitives that are surfaces; they are OpenGL's.
+TRIANGLES: Final = 4
+STRIP: Final = 5
+FAN: Final = 6
+
+TEXTURES: Final = (
+    "base_color_texture",
+    "metallic_roughness_texture",
+    "normal_texture",
+    "occlusion_texture",
+    "emissive_texture",
+)
+"""The slots of a material."""
+
+
+@dataclass
+class Part:
+    """A surface that is built by itself. Parts may share a source, which is then built once."""
+
+    name: str
+    """What errors call it."""
+    source: Source
+    material: Material | list[Material]
+    """One, or one for each number of the source's face materials."""
+
+
+class Notes:
+    """What was left out or drawn otherwise, said in one warning."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, dict[str, None]] = {}
+
+    def add(self, what: str, whose: str = "") -> None:
+        """Note ``what``, once for each name of whom it happened to."""
+        names = self._found.setdefault(what, {})
+        if whose:
+            names[whose] = None
+
+    def merge(self, other: Notes) -> None:
+        """Add what ``other`` has."""
+        for what, names in other._found.items():
+            self._found.setdefault(what, {}).update(names)
+
+    def __str__(self) -> str:
+        texts = []
+        for what, names in sorted(self._found.items()):
+            some = ", ".join(list(names)[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+            texts.append(f"{what} ({some})" if names else what)
+        return "; ".join(texts)
+
+    def warn(self, name: str, stacklevel: int) -> None:
+        """Warn once, if there is anything to say."""
+        if self._found:
+            warnings.warn(f"{name}: not everything is kept: {self}", stacklevel=stacklevel + 1)
+
+
+@dataclass
+class Asset:
+    """The content of a file."""
+
+    name: str
+    meshes: list[list[Part]] = field(default_factory=list)
+    placed: list[tuple[str, int, NDArray[np.float64]]] = field(default_factory=list)
+    """Instances: the node's name, the number of the mesh, object to world."""
+    lights: list[tuple[DirectionalLight | PointLight | SpotLight, NDArray[np.float64]]] = field(
+        default_factory=list
+    )
+    cameras: list[tuple[Camera, NDArray[np.float64]]] = field(default_factory=list)
+    notes: Notes = field(default_factory=Notes)
+
+
+def triangles(order: NDArray[np.int64], mode: int) -> NDArray[np.int64] | None:
+    """Rows of three out of the indices of a list, strip or fan of triangles; nothing for points and lines."""
+    if mode == TRIANGLES:
+        return order[: len(order) // 3 * 3].reshape(-1, 3)
+    if mode not in (STRIP, FAN):
+        return None
+    if len(order) < 3:
+        return np.zeros((0, 3), np.int64)
+    if mode == FAN:
+        first = np.full(len(order) - 2, order[0])
+        return np.stack([first, order[1:-1], order[2:]], axis=1)
+    faces = np.stack([order[:-2], order[1:-1], order[2:]], axis=1)
+    # Every other triangle is turned.
+    faces[1::2] = faces[1::2, [1, 0, 2]]
+    return faces
+
+
+def has_area(vertices: NDArray[np.floating], faces: NDArray[np.int64]) -> bool:
+    """Whether any face has three different corners: the others are dropped by the build, which needs one."""
+    # Rows that do not exist are for the build to complain of.
+    if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
+        return True
+    a, b, c = (np.asarray(vertices, np.float32)[faces[:, k]] for k in range(3))
+    return bool(((a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1)).any())
+
+
+def fitted(material: Material, name: str, uv_sets: int, notes: Notes) -> Material:
+    """Leave out textures that the surface has no UVs for."""
+    lost: dict[str, Any] = {
+        slot: None
+        for slot in TEXTURES
+        if (texture := getattr(material, slot)) is not None and texture.uv_set >= uv_sets
+    }
+    if not lost:
+        return material
+    notes.add("textures left out, as surfaces have no such UVs", name)
+    return replace(material, **lost)

@@ -1,0 +1,527 @@
+"""glTF 2.0 as plain descriptions: nodes, primitives, materials, textures, lights and cameras.
+
+What trimesh drops is the reason to read it here: samplers, UV sets by slot, KHR_texture_transform, lights, cameras,
+instances that share a mesh.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from nanite_rs._accessors import Document
+from nanite_rs._asset import Asset, Notes, Part, fitted, has_area, triangles
+from nanite_rs._images import read_image
+from nanite_rs.camera import Camera, OrthographicCamera, PerspectiveCamera
+from nanite_rs.exceptions import ArgumentError, FileError, FormatError, NaniteError
+from nanite_rs.io import Source
+from nanite_rs.scene import DirectionalLight, Material, PointLight, SpotLight
+from nanite_rs.texture import Image, Texture
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from nanite_rs.texture import Filter, Wrap
+
+# Extensions that a file may require: those that are read, and those that only refine a look.
+_KNOWN: Final = (
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "EXT_texture_avif",
+    "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
+    "KHR_lights_punctual",
+    "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_texture_basisu",
+    "KHR_texture_transform",
+    "MSFT_texture_dds",
+)
+_LOOKS: Final = "KHR_materials_"
+_READ_LOOKS: Final = ("unlit", "emissive_strength", "pbrSpecularGlossiness", "variants")
+
+_WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33648: "mirror", 33071: "clamp"}
+_NEAREST: Final = (9728, 9984, 9986)
+_MIPMAPS: Final[dict[int, Filter | None]] = {
+    9728: None,
+    9729: None,
+    9984: "nearest",
+    9985: "nearest",
+    9986: "linear",
+    9987: "linear",
+}
+
+# Where a texture has its image, in the order in which they are tried.
+_IMAGES: Final = ("EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds", "KHR_texture_basisu")
+
+# UV sets that a mesh can have.
+_UV_SETS: Final = 4
+
+
+def read(name: str, data: bytes, folder: Path, *, drop_bad_textures: bool) -> Asset:
+    """Read a glTF file, or raise an error that says what is wrong with it."""
+    document = Document(name, data, folder)
+    try:
+        return _Reader(document, drop_bad_textures).asset()
+    except (NaniteError, MemoryError):
+        raise
+    except Exception as error:  # whatever else a damaged file makes us trip over
+        raise FormatError(f"{name}: damaged glTF: {type(error).__name__}: {error}") from error
+
+
+class _Reader:
+    """One pass over a document. Images, textures, materials and sources that are referred to again are shared."""
+
+    def __init__(self, document: Document, drop_bad_textures: bool) -> None:
+        self._document, self._drop = document, drop_bad_textures
+        self._notes = Notes()
+        self._images: dict[int, Image | None] = {}
+        self._materials: dict[int | None, Material] = {}
+        self._sources: dict[str, Source | None] = {}
+        self._meshes: dict[int, int] = {}
+        self._asset = Asset(document.name, notes=self._notes)
+
+    def asset(self) -> Asset:
+        """Read the default scene."""
+        document = self._document
+        strange = sorted(
+            name
+            for name in document.required
+            if name not in _KNOWN and not name.startswith((_LOOKS, "KHR_xmp"))
+        )
+        if strange:
+            document.fail(f"it requires {', '.join(strange)}, which cannot be read")
+        names: set[str] = set()
+        for index, node, pose in self._nodes():
+            name = _unique(str(node.get("name") or f"node_{index}"), names)
+            if "mesh" in node:
+                self._mesh(name, node, pose)
+            if "camera" in node:
+                self._camera(document.whole(node, "camera"), pose)
+            light = document.extension(node, "KHR_lights_punctual")
+            if light is not None:
+                self._asset.lights.append((self._light(light), rigid(pose)))
+        return self._asset
+
+    # ----------------------------------------------------------------------------------------- nodes
+
+    def _nodes(self) -> Iterator[tuple[int, dict[str, Any], NDArray[np.float64]]]:
+        """Each node of the scene with its object-to-world matrix, parents first, however deep they lie."""
+        document = self._document
+        rows = document.listed(document.json, "nodes")
+        if document.listed(document.json, "scenes"):
+            scene = document.entry("scenes", document.json.get("scene", 0))
+            roots = document.listed(scene, "nodes")
+        else:
+            children = {child for row in rows if isinstance(row, dict) for child in row.get("children", [])}
+            roots = [index for index in range(len(rows)) if index not in children]
+        seen: set[int] = set()
+        waiting = [(root, np.eye(4)) for root in reversed(roots)]
+        while waiting:
+            index, above = waiting.pop()
+            node = document.entry("nodes", index)
+            if index in seen:
+                document.fail(f"nodes[{index}] is a child of two nodes, or below itself")
+            seen.add(index)
+            pose = above @ self._pose(node)
+            if not np.isfinite(pose).all():
+                document.fail(f"nodes[{index}]: its matrix is not finite")
+            yield index, node, pose
+            waiting.extend((child, pose) for child in reversed(document.listed(node, "children")))
+
+    def _pose(self, node: dict[str, Any]) -> NDArray[np.float64]:
+        document = self._document
+        if "matrix" in node:
+            matrix = document.numbers(node, "matrix", (0.0,) * 16).reshape(4, 4).T.copy()
+            if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-6):
+                document.fail(f"matrix: its last row is {matrix[3].tolist()}, expected 0 0 0 1")
+            matrix[3] = 0.0, 0.0, 0.0, 1.0
+            return matrix
+        return _placed(
+            document.numbers(node, "translation", (0.0, 0.0, 0.0)),
+            document.numbers(node, "rotation", (0.0, 0.0, 0.0, 1.0)),
+            document.numbers(node, "scale", (1.0, 1.0, 1.0)),
+        )
+
+    def _mesh(self, name: str, node: dict[str, Any], pose: NDArray[np.float64]) -> None:
+        document, index = self._document, self._document.whole(node, "mesh")
+        if index not in self._meshes:
+            row = document.entry("meshes", index)
+            label = f"meshes[{index}]" + (f" {row['name']!r:.60}" if row.get("name") else "")
+            weights = row.get("weights") or node.get("weights")
+            if weights and any(weights):
+                self._notes.add("morph targets", name)
+            parts = [
+                self._part(document.entry("primitives", number, row), f"{label}, primitive {number}")
+                for number in range(len(document.listed(row, "primitives")))
+            ]
+            self._meshes[index] = len(self._asset.meshes)
+            self._asset.meshes.append([part for part in parts if part is not None])
+        if "skin" in node:
+            self._notes.add("skins, drawn as their meshes are stored", name)
+        for instance in self._instances(node):
+            self._asset.placed.append((name, self._meshes[index], pose @ instance))
+
+    def _instances(self, node: dict[str, Any]) -> Iterator[NDArray[np.float64]]:
+        """Matrices of EXT_mesh_gpu_instancing, or one that does nothing."""
+        document = self._document
+        found = document.extension(node, "EXT_mesh_gpu_instancing")
+        if found is None:
+            yield np.eye(4)
+            return
+        attributes = document.member(found, "attributes")
+        kinds = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0, 1.0, 1.0)}
+        arrays = {
+            kind: document.floats(document.whole(attributes, kind)).astype(np.float64)
+            for kind in kinds
+            if kind in attributes
+        }
+        counts = {len(array) for array in arrays.values()}
+        if len(counts) != 1 or any(a.shape[1] != len(kinds[kind]) for kind, a in arrays.items()):
+            document.fail("EXT_mesh_gpu_instancing: its attributes do not fit each other")
+        for row in range(counts.pop()):
+            yield _placed(
+                *(arrays[kind][row] if kind in arrays else np.array(rest) for kind, rest in kinds.items())
+            )
+
+    # ---------------------------------------------------------------------------------------- shapes
+
+    def _part(self, row: dict[str, Any], what: str) -> Part | None:
+        source = self._source(row, what)
+        if source is None:
+            return None
+        index = self._document.whole(row, "material") if "material" in row else None
+        material = fitted(self._material(index), self._name_of(index), len(source.uvs), self._notes)
+        if source.normals is None:
+            material = replace(material, smooth=False)  # as glTF wants it
+        return Part(what, source, material)
+
+    def _source(self, row: dict[str, Any], what: str) -> Source | None:
+        """Arrays of a primitive, one and the same for primitives that differ in nothing but their material."""
+        keys = ("attributes", "indices", "mode", "targets", "extensions")
+        key = json.dumps([row.get(key) for key in keys], sort_keys=True)
+        if key not in self._sources:
+            self._sources[key] = self._arrays(row, what)
+        return self._sources[key]
+
+    def _arrays(self, row: dict[str, Any], what: str) -> Source | None:
+        document = self._document
+        attributes = document.member(row, "attributes")
+        if "POSITION" not in attributes:
+            self._notes.add("primitives without positions")
+            return None
+        packed = document.extension(row, "KHR_draco_mesh_compression")
+        decoded = document.draco(packed, what) if packed is not None else None
+        faces, unpacked = decoded if decoded is not None else (None, {})
+
+        def numbers(name: str, widths: tuple[int, ...]) -> NDArray[np.float32]:
+            array = document.floats(document.whole(attributes, name), unpacked.get(name))
+            if array.shape[1] not in widths:
+                wanted = " or ".join(str(width) for width in widths)
+                document.fail(f"{what}: {name} has {array.shape[1]} numbers a vertex, expected {wanted}")
+            if name != "POSITION" and len(array) != len(vertices):
+                document.fail(f"{what}: {len(array)} of {name} for {len(vertices)} vertices")
+            return array
+
+        vertices = numbers("POSITION", (3,))
+        if faces is None:
+            count = len(vertices)
+            order = document.indices(document.whole(row, "indices")) if "indices" in row else np.arange(count)
+            faces = triangles(order, document.whole(row, "mode", 4))
+            if faces is None:
+                self._notes.add("points and lines")
+                return None
+            if len(faces) and faces.max() >= count:
+                document.fail(f"{what}: index {faces.max()} is beyond the {count} vertices")
+        if not has_area(vertices, faces):
+            self._notes.add("surfaces without area")
+            return None
+        source = Source(vertices, faces)  # type: ignore[arg-type]  # float32 will do
+        if "NORMAL" in attributes:
+            source.normals = numbers("NORMAL", (3,))
+        if "COLOR_0" in attributes:
+            source.colors = _rgba(numbers("COLOR_0", (3, 4)))
+        for number in range(_UV_SETS):
+            if f"TEXCOORD_{number}" not in attributes:
+                break
+            uv = numbers(f"TEXCOORD_{number}", (2,)).astype(np.float64)
+            uv[:, 1] = 1.0 - uv[:, 1]
+            source.uvs.append(uv.astype(np.float32))
+        for name in attributes:
+            if name.startswith("_"):
+                array = (
+                    document.accessor(document.whole(attributes, name))
+                    if name not in unpacked
+                    else unpacked[name]
+                )
+                if len(array) == len(vertices):
+                    source.channels[name] = array[:, 0] if array.shape[1] == 1 else array
+        return source
+
+    # ----------------------------------------------------------------------------------------- looks
+
+    def _name_of(self, index: int | None) -> str:
+        if index is None:
+            return "default material"
+        return str(self._document.entry("materials", index).get("name") or f"materials[{index}]")
+
+    def _material(self, index: int | None) -> Material:
+        if index not in self._materials:
+            row = {} if index is None else self._document.entry("materials", index)
+            self._materials[index] = self._read_material(row, self._name_of(index))
+        return self._materials[index]
+
+    def _read_material(self, row: dict[str, Any], name: str) -> Material:
+        document = self._document
+        rough = document.member(row, "pbrMetallicRoughness")
+        color = _unit(document.numbers(rough, "baseColorFactor", (1.0, 1.0, 1.0, 1.0)))
+        metallic = float(_unit(document.number(rough, "metallicFactor", 1.0)))
+        roughness = float(_unit(document.number(rough, "roughnessFactor", 1.0)))
+        painted = self._texture(rough, "baseColorTexture", name)
+        rough_texture = self._texture(rough, "metallicRoughnessTexture", name)
+        glossy = document.extension(row, "KHR_materials_pbrSpecularGlossiness")
+        if glossy is not None:
+            painted, rough_texture = self._texture(glossy, "diffuseTexture", name), None
+            color, metallic, roughness = self._from_glossy(glossy, painted is not None, name)
+        emissive = np.maximum(document.numbers(row, "emissiveFactor", (0.0, 0.0, 0.0)), 0.0)
+        strong = document.extension(row, "KHR_materials_emissive_strength") or {}
+        emissive *= max(document.number(strong, "emissiveStrength", 1.0), 0.0)
+        emissive_texture = self._texture(row, "emissiveTexture", name)
+        normal, occlusion = document.member(row, "normalTexture"), document.member(row, "occlusionTexture")
+        mode = row.get("alphaMode", "OPAQUE")
+        if mode not in ("OPAQUE", "MASK", "BLEND"):
+            document.fail(f"material {name!r:.60}: alphaMode {mode!r:.40} is unknown")
+        if mode == "BLEND":
+            self._notes.add("transparency, drawn as holes where alpha is below one half", name)
+        for extension in document.member(row, "extensions"):
+            if extension.removeprefix(_LOOKS) not in _READ_LOOKS:
+                self._notes.add(extension, name)
+        if document.extension(row, "KHR_materials_unlit") is not None:
+            # It gives off what it would reflect, and reflects next to nothing.
+            emissive, emissive_texture = color[:3], painted
+            color, metallic, roughness, rough_texture = np.array([0.0, 0.0, 0.0, color[3]]), 1.0, 1.0, None
+            normal, occlusion = {}, {}
+        return Material(
+            base_color=color,
+            metallic=metallic,
+            roughness=roughness,
+            emissive=emissive,
+            double_sided=row.get("doubleSided", False) is True,
+            base_color_texture=painted,
+            metallic_roughness_texture=rough_texture,
+            normal_texture=self._texture({"": normal}, "", name) if normal else None,
+            occlusion_texture=self._texture({"": occlusion}, "", name) if occlusion else None,
+            emissive_texture=emissive_texture,
+            normal_scale=document.number(normal, "scale", 1.0),
+            occlusion_strength=float(_unit(document.number(occlusion, "strength", 1.0))),
+            alpha_mode=mode.lower(),
+            alpha_cutoff=document.number(row, "alphaCutoff", 0.5) if mode == "MASK" else 0.5,
+        )
+
+    def _from_glossy(
+        self, row: dict[str, Any], textured: bool, name: str
+    ) -> tuple[NDArray[np.float64], float, float]:
+        """Base colour, metallic and roughness that look like specular and glossiness.
+
+        Solved as in Khronos' converter: what reflects more than 4 % does so because it is partly metal.
+        """
+        document = self._document
+        diffuse = _unit(document.numbers(row, "diffuseFactor", (1.0, 1.0, 1.0, 1.0)))
+        specular = _unit(document.numbers(row, "specularFactor", (1.0, 1.0, 1.0)))
+        roughness = 1.0 - float(_unit(document.number(row, "glossinessFactor", 1.0)))
+        if "specularGlossinessTexture" in row:
+            self._notes.add("textures of specular colour and glossiness", name)
+            return diffuse, 0.0, max(roughness, 0.5)
+        rest = 1.0 - float(specular.max())
+        bright = [
+            float(np.sqrt(np.dot((0.299, 0.587, 0.114), color**2))) for color in (diffuse[:3], specular)
+        ]
+        metallic = 0.0
+        if bright[1] > 0.04:
+            b = bright[0] * rest / 0.96 + bright[1] - 0.08
+            metallic = float(np.clip((np.sqrt(b * b - 0.16 * (0.04 - bright[1])) - b) / 0.08, 0.0, 1.0))
+        if textured:
+            return diffuse, metallic, roughness
+        spread = diffuse[:3] * rest / 0.96 / max(1.0 - metallic, 1e-4)
+        mirrored = (specular - 0.04 * (1.0 - metallic)) / max(metallic, 1e-4)
+        color = spread + (mirrored - spread) * metallic**2
+        return np.append(_unit(color), diffuse[3]), metallic, roughness
+
+    def _texture(self, holder: dict[str, Any], key: str, name: str) -> Texture | None:
+        """Return the texture that a material refers to as ``key``."""
+        if key not in holder:
+            return None
+        document = self._document
+        info = document.member(holder, key)
+        row = document.entry("textures", info.get("index"))
+        image = self._image_of(row, document.whole(info, "index"))
+        if image is None:
+            return None
+        moved = document.extension(info, "KHR_texture_transform") or {}
+        sets = document.whole(moved, "texCoord", document.whole(info, "texCoord", 0))
+        if sets > 7:
+            self._notes.add("textures left out, as surfaces have no such UVs", name)
+            return None
+        sampler = document.entry("samplers", row["sampler"]) if "sampler" in row else {}
+        least, most = sampler.get("minFilter"), sampler.get("magFilter")
+        for what, value, known in (
+            ("minFilter", least, _MIPMAPS),
+            ("magFilter", most, (9728, 9729)),
+            ("wrapS", sampler.get("wrapS", 10497), _WRAPS),
+            ("wrapT", sampler.get("wrapT", 10497), _WRAPS),
+        ):
+            if value is not None and value not in known:
+                document.fail(f"samplers[{row['sampler']}]: {what} {value!r:.40} is unknown")
+        # There is one filter for both directions: that of magnification, which is seen most.
+        near = most if most is not None else 9728 if least in _NEAREST else 9729
+        return Texture(
+            image,
+            uv_set=sets,
+            wrap=(_WRAPS[sampler.get("wrapS", 10497)], _WRAPS[sampler.get("wrapT", 10497)]),
+            filter="nearest" if near == 9728 else "linear",
+            mipmaps="linear" if least is None else _MIPMAPS[least],
+            offset=tuple(document.numbers(moved, "offset", (0.0, 0.0)).tolist()),
+            rotation=document.number(moved, "rotation", 0.0),
+            scale=tuple(document.numbers(moved, "scale", (1.0, 1.0)).tolist()),
+        )
+
+    def _image_of(self, row: dict[str, Any], number: int) -> Image | None:
+        """Return the image of a texture: the plain one, or that of an extension where there is no other."""
+        document = self._document
+        sources = [row["source"]] if "source" in row else []
+        for name in _IMAGES:
+            extension = document.extension(row, name)
+            if extension is not None and "source" in extension:
+                sources.append(extension["source"])
+        if not sources:
+            self._refuse(FormatError(f"{document.name}: textures[{number}] has no image"))
+            return None
+        document.entry("images", sources[0])
+        index = int(sources[0])
+        if index not in self._images:
+            self._images[index] = None
+            try:
+                self._images[index] = self._read_image(document.entry("images", index), f"images[{index}]")
+            except (FileError, FormatError) as error:
+                self._refuse(error)
+        return self._images[index]
+
+    def _refuse(self, error: NaniteError) -> None:
+        if not self._drop:
+            raise error
+        self._notes.add("textures left out, as they cannot be read", str(error))
+
+    def _read_image(self, row: dict[str, Any], what: str) -> Image:
+        document = self._document
+        if "bufferView" in row:
+            data, name = bytes(document.view(document.whole(row, "bufferView"))), row.get("name")
+        else:
+            data, name = document.uri(row.get("uri"), what), str(row.get("uri"))
+            name = row.get("name") if name[:5].lower() == "data:" else name
+        return Image(read_image(data, f"{document.name}: {what}" + (f" {name!r:.80}" if name else "")))
+
+    # --------------------------------------------------------------------------- lights and cameras
+
+    def _light(self, found: dict[str, Any]) -> DirectionalLight | PointLight | SpotLight:
+        document = self._document
+        table = document.extension(document.json, "KHR_lights_punctual") or {}
+        row = document.entry("lights", found.get("light"), table)
+        color = np.maximum(document.numbers(row, "color", (1.0, 1.0, 1.0)), 0.0)
+        strength = max(document.number(row, "intensity", 1.0), 0.0)
+        reach = document.number(row, "range") if "range" in row else None
+        if reach is not None and reach <= 0.0:
+            reach = None
+        kind = row.get("type")
+        if kind == "directional":
+            return DirectionalLight(color, strength)
+        if kind == "point":
+            return PointLight(color, strength, reach)
+        if kind != "spot":
+            document.fail(f"lights: the type {kind!r:.40} is unknown")
+        spot = document.member(row, "spot")
+        outer = min(max(document.number(spot, "outerConeAngle", np.pi / 4.0), 1e-3), np.pi / 2.0)
+        inner = min(max(document.number(spot, "innerConeAngle", 0.0), 0.0), 0.999 * outer)
+        return SpotLight(color, strength, reach, inner, outer)
+
+    def _camera(self, index: int, pose: NDArray[np.float64]) -> None:
+        document = self._document
+        row = document.entry("cameras", index)
+        kind = row.get("type")
+        if kind not in ("perspective", "orthographic"):
+            document.fail(f"cameras[{index}]: the type {kind!r:.40} is unknown")
+        lens = document.member(row, str(kind))
+        near, far = document.number(lens, "znear"), None
+        if lens.get("zfar"):
+            far = document.number(lens, "zfar")
+        camera: Camera
+        try:
+            if kind == "perspective":
+                aspect = document.number(lens, "aspectRatio") if "aspectRatio" in lens else None
+                camera = PerspectiveCamera(document.number(lens, "yfov"), near, far, aspect)
+            else:
+                # glTF allows a near plane at 0, where float32 depth has no step.
+                near = max(near, 1e-6 * (far or 1.0))
+                wide, high = (abs(document.number(lens, key)) for key in ("xmag", "ymag"))
+                camera = OrthographicCamera(wide, high, near, far)
+        except ArgumentError as error:
+            document.fail(f"cameras[{index}]: {error}")
+        self._asset.cameras.append((camera, rigid(pose)))
+
+
+def _unit(values: Any) -> Any:
+    return np.clip(values, 0.0, 1.0)
+
+
+def _rgba(colors: NDArray[np.float32]) -> NDArray[np.uint8]:
+    out = np.full((len(colors), 4), 255, np.uint8)
+    out[:, : colors.shape[1]] = np.rint(np.clip(np.nan_to_num(colors, nan=1.0), 0.0, 1.0) * 255.0)
+    return out
+
+
+def _unique(name: str, taken: set[str]) -> str:
+    """Return ``name``, or with a number behind it where another node has that."""
+    found, number = name, 1
+    while found in taken:
+        found, number = f"{name}_{number}", number + 1
+    taken.add(found)
+    return found
+
+
+def _placed(
+    translation: NDArray[np.float64], rotation: NDArray[np.float64], scale: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Matrix of a translation, a quaternion (x, y, z, w) of any length, and a scale, which comes first."""
+    length = float(np.linalg.norm(rotation))
+    x, y, z, w = rotation / length if length > 0.0 else (0.0, 0.0, 0.0, 1.0)
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn * scale, translation
+    return pose
+
+
+def rigid(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave out scale and shear: cameras and lights have none."""
+    out, (right, up, back) = np.eye(4), pose[:3, :3].T
+    out[:3, 3] = pose[:3, 3]
+
+    def unit(v: NDArray[np.float64], otherwise: tuple[float, float, float]) -> NDArray[np.float64]:
+        length = float(np.linalg.norm(v))
+        return v / length if length > 0.0 else np.array(otherwise)
+
+    back = unit(back, (0.0, 0.0, 1.0))
+    side = right if np.linalg.norm(np.cross(up, back)) == 0.0 else np.cross(up, back)
+    side = unit(side - back * np.dot(side, back), (1.0, 0.0, 0.0))
+    out[:3, 0], out[:3, 1], out[:3, 2] = side, np.cross(back, side), back
+    return out
