@@ -377,8 +377,8 @@ impl TryFrom<u32> for Samples {
 pub enum Shading {
     /// Light reflected by glTF's metallic-roughness model.
     Gltf,
-    /// The same as pyrender 0.1.45 has it: the metallic-roughness texture read as red and green, occlusion of all light, vertex
-    /// colours after light, one UV set, back faces with the normals of the front.
+    /// The same as pyrender 0.1.45 has it: colours filtered as they are encoded, occlusion of all light, vertex colours after
+    /// light, one UV set, back faces with the normals of the front.
     #[default]
     Pyrender,
     /// Base colours, without light.

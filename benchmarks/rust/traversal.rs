@@ -7,7 +7,7 @@ use std::sync::Arc;
 use bytemuck::Zeroable;
 use glam::{DAffine3, DVec3};
 use nanite_rs::build::{Silent, build};
-use nanite_rs::config::{BuildOptions, ErrorMeasure, Raster};
+use nanite_rs::config::{BuildOptions, ErrorMeasure, Raster, Shading};
 use nanite_rs::gpu::meshes::Meshes;
 use nanite_rs::gpu::{Context, DeviceStage, Job, Renderer, Ways};
 use nanite_rs::gpu_types::{Look, View, VisibleCluster};
@@ -105,7 +105,13 @@ fn measure(forms: &mut Forms, renderer: &mut Renderer, distance: f64) -> Measure
         assert!(queue.bits == levels.bits && queue.visible == levels.visible, "the queue finds others");
         assert!(sorted(flat) == sorted(levels), "parts find others");
         let mut draw = |occlusion| {
-            let ways = Ways { wide_atomics: true, occlusion, raster: Raster::Compute, depth_only: false };
+            let ways = Ways {
+                wide_atomics: true,
+                occlusion,
+                raster: Raster::Compute,
+                depth_only: false,
+                shading: Shading::default(),
+            };
             let drawn = renderer
                 .draw(&mut [Job::new(view, &mut words)], ways, &Resident::default())
                 .expect("a frame");

@@ -650,9 +650,9 @@ class Renderer:
             once more for each sample, with the same cut.
         shading : str
             What colours are. ``"pyrender"``: light reflected by the metallic-roughness model as pyrender 0.1.45 has
-            it, peculiarities included: the metallic-roughness texture is read as red and green, only the first UV
-            set counts and textures are not transformed, occlusion dims all light, vertex colours multiply what was
-            lit, back faces are lit as their front. ``"gltf"``: the same model as glTF defines it. ``"flat"``: base
+            it, peculiarities included: colours of textures are filtered as they are encoded, only the first UV set
+            counts and textures are not transformed, occlusion dims all light, vertex colours multiply what was lit,
+            back faces are lit as their front. ``"gltf"``: the same model as glTF defines it. ``"flat"``: base
             colours without light. ``"normals"``: world-space normals, from -1..1 to 0..1, not encoded.
         transfer : str
             What encodes linear light in `Frame.color`: ``"gamma22"``, the power 1/2.2 as in pyrender; ``"srgb"``,

@@ -69,7 +69,7 @@ fn mapped_normal(surfel: Surfel, number: u32, map: vec3<f32>) -> vec3<f32> {
     let tangent = flat * (1.0 / sqrt(dot3(flat, flat)));
     let side = cross3(own, tangent);
     let sign = select(1.0, -1.0, !as_in_pyrender() && dot3(side, up) < 0.0);
-    let scale = materials[number].normal_scale;
+    let scale = select(materials[number].normal_scale, 1.0, as_in_pyrender());
     let x = (2.0 * map.x - 1.0) * scale;
     let y = (2.0 * map.y - 1.0) * scale * sign;
     let z = 2.0 * map.z - 1.0;

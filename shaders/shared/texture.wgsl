@@ -34,6 +34,15 @@ fn log2_of(v: f32) -> f32 {
     return exponent + (t + t * (1.0 - t) * bend);
 }
 
+// The light of a number that is sRGB, between those of two bytes.
+fn srgb_light(v: f32) -> f32 {
+    let at = v * 255.0;
+    let byte = min(u32(at), 254u);
+    let below = bitcast<f32>(texels[byte]);
+    let above = bitcast<f32>(texels[byte + 1u]);
+    return below + (above - below) * (at - f32(byte));
+}
+
 // Two halves, which are normal numbers or 0.
 fn halves(bits: u32) -> vec2<f32> {
     let h = vec2<u32>(bits & 0xffffu, bits >> 16u);
@@ -170,5 +179,9 @@ fn sampled(texture: Texture, place: Place) -> vec4<f32> {
         let along = (f32(i) + 0.5) * (1.0 / f32(count)) - 0.5;
         sum += filtered(texture, place.at + axis * along, lod);
     }
-    return sum * (1.0 / f32(count));
+    let mean = sum * (1.0 / f32(count));
+    if (texture.flags >> TEXTURE_FORMAT & 3u) == FORMAT_ENCODED_8 {
+        return vec4<f32>(srgb_light(mean.x), srgb_light(mean.y), srgb_light(mean.z), mean.w);
+    }
+    return mean;
 }

@@ -19,14 +19,13 @@ fn bsdf_of(surfel: Surfel) -> Bsdf {
         samples[slot] = sample_of(surfel, change, number, slot);
     }
     let map = samples[SLOT_METALLIC_ROUGHNESS];
-    let rough_metal = select(map.yz, map.xy, as_in_pyrender());
     let open = samples[SLOT_OCCLUSION].x;
     return Bsdf(
         mapped_normal(surfel, number, samples[SLOT_NORMAL].xyz),
         materials[number].base * samples[SLOT_BASE_COLOR].xyz,
-        between(materials[number].metallic * rough_metal.y, 0.0, 1.0),
-        between(materials[number].roughness * rough_metal.x, 0.04, 1.0),
+        between(materials[number].metallic * map.z, 0.0, 1.0),
+        between(materials[number].roughness * map.y, 0.04, 1.0),
         materials[number].emissive * samples[SLOT_EMISSIVE].xyz,
-        1.0 + materials[number].occlusion_strength * (open - 1.0),
+        1.0 + select(materials[number].occlusion_strength, 1.0, as_in_pyrender()) * (open - 1.0),
     );
 }

@@ -53,11 +53,7 @@ impl Bsdf {
             let Point { material, .. } = point;
             let [r, g, b, _] = point.sample(Slot::BaseColor);
             let base = [material.base_color[0] * r, material.base_color[1] * g, material.base_color[2] * b];
-            let [red, green, blue, _] = point.sample(Slot::MetallicRoughness);
-            let (rough, metal) = match shading {
-                Shading::Pyrender => (red, green),
-                _ => (green, blue),
-            };
+            let [_, rough, metal, _] = point.sample(Slot::MetallicRoughness);
             let [r, g, b, _] = point.sample(Slot::Emissive);
             let emissive = [material.emissive[0] * r, material.emissive[1] * g, material.emissive[2] * b];
             let [open, ..] = point.sample(Slot::Occlusion);
@@ -69,7 +65,7 @@ impl Bsdf {
             }
             out.metallic.0[lane] = between(material.metallic * metal);
             out.roughness.0[lane] = material.shaded_roughness(rough);
-            out.occlusion.0[lane] = 1.0 + material.occlusion_strength * (open - 1.0);
+            out.occlusion.0[lane] = 1.0 + point.strength(material.occlusion_strength) * (open - 1.0);
         }
         out
     }
@@ -121,6 +117,11 @@ impl<'a> Point<'a> {
         if self.shading == Shading::Pyrender { Texture::UPRIGHT } else { texture.rows }
     }
 
+    /// How much of a texture counts, which pyrender does not know.
+    fn strength(&self, strength: f32) -> f32 {
+        if self.shading == Shading::Pyrender { 1.0 } else { strength }
+    }
+
     /// What a texture shows; white where there is none.
     fn sample(&self, slot: Slot) -> [f32; 4] {
         let Some(texture) = self.texture(slot) else { return [1.0; 4] };
@@ -129,7 +130,7 @@ impl<'a> Point<'a> {
         let sum = |w: [f32; 3]| [0, 1].map(|k| w[0] * a[k] + w[1] * b[k] + w[2] * c[k]);
         let uv = sum(lane(&self.detail.weights));
         let change = self.detail.change.each_ref().map(|change| sum(lane(change)));
-        texture.sample(&Place::new(&self.rows(texture), uv, change))
+        texture.sample(texture.image_for(self.shading), &Place::new(&self.rows(texture), uv, change))
     }
 
     /// The normal, with that of the texture in the frame that the UVs give: its first two axes lie along the rows of the
@@ -155,7 +156,7 @@ impl<'a> Point<'a> {
         let side = cross(own, tangent);
         let sign = if self.shading != Shading::Pyrender && dot(side, up) < 0.0 { -1.0 } else { 1.0 };
         let [x, y, z, _] = self.sample(Slot::Normal);
-        let scale = self.material.normal_scale;
+        let scale = self.strength(self.material.normal_scale);
         let (x, y, z) = ((2.0 * x - 1.0) * scale, (2.0 * y - 1.0) * scale * sign, 2.0 * z - 1.0);
         unit([0, 1, 2].map(|k| tangent[k] * x + side[k] * y + own[k] * z)).unwrap_or(own)
     }

@@ -5,8 +5,9 @@
 //! graphics hardware does it, after McCormack, Perry, Farkas and Jouppi, "Feline: fast elliptical lines for anisotropic
 //! texture mapping", SIGGRAPH 1999.
 
-use crate::scene::Texture;
+use crate::scene::image::{TexelFormat, srgb_light};
 use crate::scene::texture::{Mipmaps, Wrap};
+use crate::scene::{Image, Texture};
 
 /// Where a pixel lies on an image, in the image's sides from its upper left corner.
 #[derive(Clone, Copy, Debug)]
@@ -28,10 +29,10 @@ impl Place {
 }
 
 impl Texture {
-    /// What the pixel sees of it, linear RGBA.
-    pub fn sample(&self, place: &Place) -> [f32; 4] {
+    /// What the pixel sees of it, linear RGBA, where it shows `image`.
+    pub fn sample(&self, image: &Image, place: &Place) -> [f32; 4] {
         let Place { at, change: [right, below] } = place;
-        let size = [self.image.width() as f32, self.image.height() as f32];
+        let size = [image.width() as f32, image.height() as f32];
         let length = |d: &[f32; 2]| {
             let (x, y) = (d[0] * size[0], d[1] * size[1]);
             between(x * x + y * y, 0.0, LONGEST)
@@ -46,37 +47,41 @@ impl Texture {
                 count += 1;
             }
             let width = above(long * (1.0 / (count * count) as f32), short);
-            lod = between(0.5 * log2(width), 0.0, (self.image.levels() - 1) as f32);
+            lod = between(0.5 * log2(width), 0.0, (image.levels() - 1) as f32);
         }
         let mut sum = [0.0; 4];
         for sample in 0..count {
             let along = (sample as f32 + 0.5) * (1.0 / count as f32) - 0.5;
-            let texel = self.filtered([at[0] + axis[0] * along, at[1] + axis[1] * along], lod);
+            let texel = self.filtered(image, [at[0] + axis[0] * along, at[1] + axis[1] * along], lod);
             (0..4).for_each(|k| sum[k] += texel[k]);
         }
-        sum.map(|c| c * (1.0 / count as f32))
+        let [r, g, b, a] = sum.map(|c| c * (1.0 / count as f32));
+        match image.format() {
+            TexelFormat::Encoded8 => [srgb_light(r), srgb_light(g), srgb_light(b), a],
+            _ => [r, g, b, a],
+        }
     }
 
     /// At a point, between levels.
     #[inline]
-    fn filtered(&self, at: [f32; 2], lod: f32) -> [f32; 4] {
+    fn filtered(&self, image: &Image, at: [f32; 2], lod: f32) -> [f32; 4] {
         let (level, part) = match self.mipmaps {
             Mipmaps::Linear => (lod as u32, lod - (lod as u32) as f32),
             _ => ((lod + 0.5) as u32, 0.0),
         };
-        let near = self.level(at, level);
-        if part > 0.0 { blend(near, self.level(at, level + 1), part) } else { near }
+        let near = self.level(image, at, level);
+        if part > 0.0 { blend(near, self.level(image, at, level + 1), part) } else { near }
     }
 
     /// At a point of a level.
     #[inline]
-    fn level(&self, at: [f32; 2], level: u32) -> [f32; 4] {
-        let (size, start) = (self.image.size(level), self.image.offset(level));
+    fn level(&self, image: &Image, at: [f32; 2], level: u32) -> [f32; 4] {
+        let (size, start) = (image.size(level), image.offset(level));
         let point = [0, 1].map(|k| self.wrap[k].point(at[k]) * size[k] as f32);
         let texel = |x: i32, y: i32| {
             let x = self.wrap[0].texel(x, size[0] as i32);
             let y = self.wrap[1].texel(y, size[1] as i32);
-            self.image.texel(start, y as usize * size[0] as usize + x as usize)
+            image.texel(start, y as usize * size[0] as usize + x as usize)
         };
         if !self.linear {
             return texel(point[0].floor() as i32, point[1].floor() as i32);
@@ -152,7 +157,6 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::scene::Image;
     use crate::scene::image::Pixels;
 
     fn texture(values: &[f32], width: u32) -> Texture {
@@ -174,7 +178,7 @@ mod tests {
         let still = [[0.0; 2]; 2];
         let at = |wrap, s: f32| {
             let nearest = Texture { linear: false, wrap: [wrap; 2], ..texture(&values, 4) };
-            nearest.sample(&Place { at: [s, 0.5], change: still })[0]
+            nearest.sample(&nearest.image, &Place { at: [s, 0.5], change: still })[0]
         };
         for n in -9i32..9 {
             let s = (n as f32 + 0.5) / 4.0;
@@ -184,10 +188,11 @@ mod tests {
             assert_eq!(at(Wrap::Mirror, s), values[if m < 4 { m } else { 7 - m } as usize]);
         }
         let linear = Texture { wrap: [Wrap::Repeat; 2], ..texture(&values, 4) };
-        assert_eq!(linear.sample(&Place { at: [0.25, 0.5], change: still })[0], 0.5);
-        assert_eq!(linear.sample(&Place { at: [0.0, 0.5], change: still })[0], 1.5);
+        assert_eq!(linear.sample(&linear.image, &Place { at: [0.25, 0.5], change: still })[0], 0.5);
+        assert_eq!(linear.sample(&linear.image, &Place { at: [0.0, 0.5], change: still })[0], 1.5);
         for wild in [f32::NAN, f32::INFINITY, -1e30, 1e30] {
-            let there = linear.sample(&Place { at: [wild, 0.3], change: [[wild, 0.0], [0.0, 1.0]] });
+            let there =
+                linear.sample(&linear.image, &Place { at: [wild, 0.3], change: [[wild, 0.0], [0.0, 1.0]] });
             assert!((0.0..=3.0).contains(&there[0]), "{wild}: {there:?}");
         }
     }
@@ -197,7 +202,7 @@ mod tests {
         // A ramp along x, constant along y, so that levels tell themselves from their neighbours by steps.
         let values: Vec<f32> = (0..64 * 64).map(|i| if (i % 64) / 32 == 0 { 0.0 } else { 1.0 }).collect();
         let step = texture(&values, 64);
-        let near = |change| step.sample(&Place { at: [0.5 - 1.0 / 64.0, 0.5], change })[0];
+        let near = |change| step.sample(&step.image, &Place { at: [0.5 - 1.0 / 64.0, 0.5], change })[0];
         // One texel a pixel: a texel from the step nothing is to be seen of it. Sixteen: nearly half.
         let square = |texels: f32| [[texels / 64.0, 0.0], [0.0, texels / 64.0]];
         assert_eq!(near(square(1.0)), 0.0);
@@ -210,7 +215,7 @@ mod tests {
         assert!(near(taller) > 0.1);
         assert_eq!(
             Texture { mipmaps: Mipmaps::Off, ..step.clone() }
-                .sample(&Place { at: [0.5 - 1.0 / 64.0, 0.5], change: square(16.0) })[0],
+                .sample(&step.image, &Place { at: [0.5 - 1.0 / 64.0, 0.5], change: square(16.0) })[0],
             0.0
         );
     }

@@ -8,6 +8,7 @@ use wgpu::{Buffer, BufferUsages};
 use super::context::Context;
 use super::materials::MaterialTable;
 use super::meshes::Meshes;
+use crate::config::Shading;
 use crate::error::{Error, Result};
 use crate::gpu_types::{Look, Placed};
 use crate::model::Dag;
@@ -47,6 +48,8 @@ pub(super) struct Instances {
     rearranged: bool,
     /// Some slot has other materials than before.
     repainted: bool,
+    /// What frames materials are on the device for.
+    shading: Shading,
     buffers: Option<Slots>,
     /// Words of the bits of all groups, and levels of the deepest hierarchy.
     group_words: u32,
@@ -133,7 +136,11 @@ impl Instances {
         context: &Context,
         meshes: &mut Meshes,
         resident: &Resident,
+        shading: Shading,
     ) -> Result<u64> {
+        let encoded = |shading| shading == Shading::Pyrender;
+        self.repainted |= encoded(shading) != encoded(self.shading) && self.table.buffers().is_some();
+        self.shading = shading;
         if let Err(error) = self.bring(context, meshes, resident) {
             // Of what has come by then nobody knows.
             (*meshes, self.rearranged) = (Meshes::default(), true);
@@ -181,7 +188,7 @@ impl Instances {
     fn paint(&mut self, context: &Context) -> Result<()> {
         let materials = self.materials.iter().map(Option::as_ref);
         let firsts = if materials.clone().any(|m| m.is_some()) {
-            self.table.upload(context, materials)?
+            self.table.upload(context, materials, self.shading)?
         } else {
             self.table = MaterialTable::default();
             vec![[u32::MAX, 0]; self.looks.len()]

@@ -7,6 +7,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use wgpu::{Buffer, BufferUsages};
 
 use super::context::Context;
+use crate::config::Shading;
 use crate::error::{Error, Result};
 use crate::gpu_types::{
     LOOK_SMOOTH, Material, TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP, Texture,
@@ -60,21 +61,23 @@ impl MaterialTable {
         self.images.values().filter(|resident| resident.skipped > 0).count() as u32
     }
 
-    /// Puts the materials of all slots on the device. Returns for each slot the number of its first, and how many
+    /// Puts the materials of all slots on the device, as frames with this shading want them. Returns for each slot the number of its first, and how many
     /// follow; `u32::MAX` for plain ones.
     pub(super) fn upload<'a>(
         &mut self,
         context: &Context,
         slots: impl Iterator<Item = Option<&'a Materials>> + Clone,
+        shading: Shading,
     ) -> Result<Vec<[u32; 2]>> {
         let textures = slots.clone().flatten().flat_map(Materials::list).flat_map(|m| &m.textures);
-        let images = textures.flatten().map(|texture| &texture.image);
+        let images = textures.flatten().map(|texture| texture.image_for(shading));
         self.bring(context, images)?;
         let mut table: Vec<Material> = Vec::new();
         let mut known: FxHashMap<Vec<u8>, u32> = FxHashMap::default();
         let firsts = slots.clone().map(|materials| {
             let Some(materials) = materials else { return [u32::MAX, 0] };
-            let own: Vec<Material> = materials.list().iter().map(|material| self.record(material)).collect();
+            let own: Vec<Material> =
+                materials.list().iter().map(|material| self.record(material, shading)).collect();
             let last = own.len() as u32 - 1;
             let first = *known.entry(bytemuck::cast_slice(&own).to_vec()).or_insert_with(|| {
                 table.extend(&own);
@@ -152,9 +155,9 @@ impl MaterialTable {
     }
 
     /// A material as shaders read it.
-    fn record(&self, material: &scene::Material) -> Material {
+    fn record(&self, material: &scene::Material, shading: Shading) -> Material {
         let textures = Slot::ALL.map(|slot| match &material.textures[slot as usize] {
-            Some(texture) => self.texture(texture),
+            Some(texture) => self.texture(texture, shading),
             None => Texture { start: u32::MAX, ..bytemuck::Zeroable::zeroed() },
         });
         Material {
@@ -172,8 +175,9 @@ impl MaterialTable {
         }
     }
 
-    fn texture(&self, texture: &scene::Texture) -> Texture {
-        let Some(Resident { image, start, skipped }) = self.images.get(&address(&texture.image)) else {
+    fn texture(&self, texture: &scene::Texture, shading: Shading) -> Texture {
+        let Some(Resident { image, start, skipped }) = self.images.get(&address(texture.image_for(shading)))
+        else {
             return Texture { start: u32::MAX, ..bytemuck::Zeroable::zeroed() };
         };
         let size = image.size(*skipped);

@@ -15,7 +15,7 @@ use super::sight::{Sight, Turn};
 use super::{
     cluster_cull, hzb, instance_cull, node_cull, occlusion, output, raster_large, raster_small, shade, times,
 };
-use crate::config::{Output, Outputs, Raster, Transfer};
+use crate::config::{Output, Outputs, Raster, Shading, Transfer};
 use crate::error::{Error, Result};
 use crate::gpu_types::{self, Array, Counters, Dispatch, Lighting, View, VisibleCluster, Visit};
 use crate::limits::MAX_VISIBLE;
@@ -35,6 +35,8 @@ pub struct Ways {
     pub raster: Raster,
     /// Keys alone are drawn, and of them depth at most is made.
     pub depth_only: bool,
+    /// What colours are.
+    pub shading: Shading,
 }
 
 /// A view to draw, and the arrays to make of its picture.
@@ -186,7 +188,8 @@ impl Renderer {
             self.target = Some(Target::new(&self.context, size)?);
         }
         let viewport = self.target.as_ref().filter(|_| hardware).map_or(0, Target::viewport);
-        let uploaded_bytes = self.instances.upload(&self.context, &mut self.meshes, resident)?;
+        let uploaded_bytes =
+            self.instances.upload(&self.context, &mut self.meshes, resident, ways.shading)?;
         while self.sights.len() < jobs.len() {
             self.sights.push(Sight::new(&self.context)?);
         }

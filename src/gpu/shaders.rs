@@ -466,6 +466,7 @@ pub fn constants() -> String {
         ("MIPMAPS_LINEAR", Mipmaps::Linear as u32),
         ("FORMAT_SRGB_8", TexelFormat::Srgb8 as u32),
         ("FORMAT_HALF", TexelFormat::Half as u32),
+        ("FORMAT_ENCODED_8", TexelFormat::Encoded8 as u32),
         ("SHADING_GLTF", Shading::Gltf as u32),
         ("SHADING_PYRENDER", Shading::Pyrender as u32),
         ("SHADING_FLAT", Shading::Flat as u32),

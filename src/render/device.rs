@@ -58,8 +58,8 @@ impl Device {
     pub(super) fn draw(&mut self, shots: &[Shot<'_>], mut pictures: Vec<Picture>) -> Result<Vec<Rastered>> {
         let Some(Shot { scene, options, resident, .. }) = shots.first() else { return Ok(Vec::new()) };
         self.update(scene);
-        let RenderOptions { wide_atomics, occlusion, raster, depth_only, .. } = **options;
-        let ways = Ways { wide_atomics, occlusion, raster, depth_only };
+        let RenderOptions { wide_atomics, occlusion, raster, depth_only, shading, .. } = **options;
+        let ways = Ways { wide_atomics, occlusion, raster, depth_only, shading };
         let on_device = options.device_outputs.unwrap_or(!self.context().software());
         // A frame of depth alone has depth, asked for or not.
         let outputs = if depth_only { RenderOptions::depth_only().outputs } else { options.outputs };

@@ -1,6 +1,6 @@
 //! Pictures that textures show, with smaller versions of them for the distance, all made in linear light.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use half::f16;
 use rayon::prelude::*;
@@ -20,6 +20,8 @@ pub enum TexelFormat {
     Srgb8,
     /// Two words of two halves, linear.
     Half,
+    /// As [`TexelFormat::Srgb8`], but filtered as it is, and decoded then.
+    Encoded8,
 }
 
 impl TexelFormat {
@@ -41,7 +43,7 @@ pub enum Pixels<'a> {
 }
 
 /// An image with all its levels, each half as wide and high as the one before, rounded down, to a single texel.
-#[derive(Debug, PartialEq)]
+#[derive(Debug)]
 pub struct Image {
     width: u32,
     height: u32,
@@ -49,6 +51,7 @@ pub struct Image {
     levels: u32,
     opaque: bool,
     words: Vec<u32>,
+    encoded: OnceLock<Arc<Self>>,
 }
 
 type Texel = [f32; 4];
@@ -82,7 +85,7 @@ impl Image {
                 Pixels::Floats(values) => values.chunks(channels).all(|c| c[channels - 1] >= 1.0),
             };
         let words = Vec::with_capacity(count * 3 / 2);
-        let mut image = Self { width, height, format, levels: 1, opaque, words };
+        let mut image = Self { width, height, format, levels: 1, opaque, words, encoded: OnceLock::new() };
         // Bytes stay what they are.
         match pixels {
             Pixels::Bytes(bytes) => image.words.par_extend((0..count).into_par_iter().map(|at| {
@@ -107,6 +110,22 @@ impl Image {
         }
         image.add_levels();
         Ok(image)
+    }
+
+    /// As OpenGL has it where nobody tells it of sRGB: of [`TexelFormat::Srgb8`], what is filtered and averaged for levels are
+    /// the numbers as they are encoded. Made when first asked for.
+    pub fn encoded(self: &Arc<Self>) -> &Arc<Self> {
+        if self.format != TexelFormat::Srgb8 {
+            return self;
+        }
+        self.encoded.get_or_init(|| {
+            let words = self.words[..self.offset(1)].to_vec();
+            let Self { width, height, opaque, .. } = **self;
+            let (format, encoded) = (TexelFormat::Encoded8, OnceLock::new());
+            let mut image = Self { width, height, format, levels: 1, opaque, words, encoded };
+            image.add_levels();
+            Arc::new(image)
+        })
     }
 
     /// Width, texels.
@@ -150,11 +169,13 @@ impl Image {
         texels * self.format.words()
     }
 
-    /// A texel in linear light.
+    /// A texel in linear light, unless it is decoded later.
     #[inline]
     pub fn texel(&self, start: usize, at: usize) -> Texel {
         match self.format {
-            TexelFormat::Linear8 => self.words[start + at].to_le_bytes().map(|byte| f32::from(byte) * UNIT),
+            TexelFormat::Linear8 | TexelFormat::Encoded8 => {
+                self.words[start + at].to_le_bytes().map(|byte| f32::from(byte) * UNIT)
+            }
             TexelFormat::Srgb8 => {
                 let [r, g, b, a] = self.words[start + at].to_le_bytes();
                 let table = srgb_table();
@@ -204,7 +225,7 @@ impl Image {
         let byte = |c: f32| (c * 255.0 + 0.5) as u8;
         let [r, g, b, a] = texel;
         let (words, count) = match self.format {
-            TexelFormat::Linear8 => ([u32::from_le_bytes(texel.map(byte)), 0], 1),
+            TexelFormat::Linear8 | TexelFormat::Encoded8 => ([u32::from_le_bytes(texel.map(byte)), 0], 1),
             TexelFormat::Srgb8 => {
                 let encoder = Transfer::Srgb.encoder();
                 let [r, g, b] = [r, g, b].map(|c| encoder.encode(c));
@@ -233,6 +254,14 @@ const UNIT: f32 = 1.0 / 255.0;
 pub fn srgb_table() -> &'static [f32; 256] {
     static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
     TABLE.get_or_init(|| std::array::from_fn(|byte| Transfer::Srgb.light(byte as u8)))
+}
+
+/// The light of a number that is sRGB, between those of two bytes.
+pub fn srgb_light(v: f32) -> f32 {
+    let at = v * 255.0;
+    let byte = (at as usize).min(254);
+    let [below, above] = [srgb_table()[byte], srgb_table()[byte + 1]];
+    below + (above - below) * (at - byte as f32)
 }
 
 /// Four numbers of one to four channels.

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::image::Image;
+use crate::config::Shading;
 use crate::error::{Error, Result};
 
 /// What is beyond the edges of an image.
@@ -33,7 +34,7 @@ pub enum Mipmaps {
 pub const MAX_ANISOTROPY: u32 = 16;
 
 /// A texture of a material.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Texture {
     /// What it shows.
     pub image: Arc<Image>,
@@ -68,6 +69,11 @@ impl Texture {
         }
     }
 
+    /// The image as a frame shades it.
+    pub fn image_for(&self, shading: Shading) -> &Arc<Image> {
+        if shading == Shading::Pyrender { self.image.encoded() } else { &self.image }
+    }
+
     /// Checks ranges; the error names the field.
     pub fn validate(&self) -> Result<()> {
         if !(1..=MAX_ANISOTROPY).contains(&self.anisotropy) {
@@ -78,5 +84,13 @@ impl Texture {
             return Err(Error::argument("rows", format!("must be finite, not {bad}")));
         }
         Ok(())
+    }
+}
+
+/// Images are equal where they are the same.
+impl PartialEq for Texture {
+    fn eq(&self, other: &Self) -> bool {
+        let ways = |t: &Self| (t.uv_set, t.wrap, t.linear, t.mipmaps, t.anisotropy, t.rows);
+        Arc::ptr_eq(&self.image, &other.image) && ways(self) == ways(other)
     }
 }

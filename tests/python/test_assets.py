@@ -216,32 +216,6 @@ class Shots:
         return compare.save_png(SHEETS / f"{self.name}.png", np.concatenate([top, below], axis=0)[::2, ::2])
 
 
-AWAITED = {
-    "color": (
-        "AlphaBlendModeTest",
-        "FlightHelmet",
-        "MultiUVTest",
-        "NegativeScaleTest",
-        "ToyCar",
-        "VertexColorTest",
-        "chess_board",
-        "dutch_ship",
-        "house",
-        "lamborghini",
-    ),
-    "flip": ("AlphaBlendModeTest", "chess_board"),
-}
-"""What ``shading="pyrender"`` does not reach yet: pyrender reads roughness and metalness of a texture that it makes
-of an image as glTF does, averages colours for its mipmaps as they are encoded, and decodes them after filtering."""
-
-
-def await_the_core(request, kind: str, name: str) -> None:
-    """Expect a failure, strictly, so that the list is shortened once the peculiarities are there."""
-    if name in AWAITED[kind]:
-        reason = "pyrender's textures: roughness and metalness in green and blue, filtered as encoded"
-        request.applymarker(pytest.mark.xfail(reason=reason))
-
-
 @pytest.fixture(scope="module", params=CASES)
 def shots(request) -> Shots:
     made = Shots(request.param, CASES[request.param])
@@ -249,8 +223,7 @@ def shots(request) -> Shots:
     return made
 
 
-def test_pictures_are_pyrenders(shots: Shots, request) -> None:
-    await_the_core(request, "color", shots.name)
+def test_pictures_are_pyrenders(shots: Shots) -> None:
     inside, all_of_it = (
         compare.psnr(shots.full.color, shots.color, where) for where in (shots.inside, shots.both)
     )
@@ -264,8 +237,7 @@ def test_pictures_are_pyrenders(shots: Shots, request) -> None:
 
 
 @pytest.mark.parametrize("name", ["FlightHelmet", "ToyCar"])
-def test_scenes_taken_over_are_pyrenders(name, request) -> None:
-    await_the_core(request, "color", name)
+def test_scenes_taken_over_are_pyrenders(name) -> None:
     shots = Shots(name, CASES[name])
     shots.theirs.ambient_light, shots.theirs.bg_color = np.array(AMBIENT), np.zeros(4)
     with warnings.catch_warnings():
@@ -278,8 +250,7 @@ def test_scenes_taken_over_are_pyrenders(name, request) -> None:
     assert found >= shots.case.psnr
 
 
-def test_a_pixel_of_error_cannot_be_seen(shots: Shots, request) -> None:
-    await_the_core(request, "flip", shots.name)
+def test_a_pixel_of_error_cannot_be_seen(shots: Shots) -> None:
     pytest.importorskip("OpenImageIO")
     full = nrs.compare(shots.full.color, shots.color).flip
     cut = nrs.compare(shots.cut.color, shots.color).flip

@@ -2,7 +2,7 @@
 
 use bytemuck::Zeroable;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use nanite_rs::config::Raster;
+use nanite_rs::config::{Raster, Shading};
 use nanite_rs::gpu::{Job, Renderer, Shown, Ways};
 use nanite_rs::gpu_types::{Look, View};
 use nanite_rs::scene::{Material, Scene};
@@ -40,7 +40,13 @@ fn agree(forms: &mut Forms, renderer: &mut Renderer, view: &View) -> [Found; 3] 
     assert!(queue.visible == levels.visible, "another list");
     assert_eq!((queue.nodes, queue.groups), (levels.nodes, levels.groups));
     assert!(set(flat) == set(levels), "other clusters");
-    let ways = Ways { wide_atomics: true, occlusion: false, raster: Raster::Compute, depth_only: false };
+    let ways = Ways {
+        wide_atomics: true,
+        occlusion: false,
+        raster: Raster::Compute,
+        depth_only: false,
+        shading: Shading::default(),
+    };
     let mut words = vec![0; (view.width * view.height) as usize];
     assert!(
         renderer.draw(&mut [Job::new(*view, &mut words)], ways, &Resident::default()).unwrap()[0].visible
