@@ -10,7 +10,7 @@ import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
 import numpy as np
 
@@ -190,13 +190,23 @@ def _cut(arguments: argparse.Namespace) -> int:
 
 def _render(arguments: argparse.Namespace) -> int:
     _images.suffix(arguments.output)
-    mesh = _mesh(arguments)
+    shown: nrs.NaniteMesh | nrs.LoadedScene
+    if arguments.materials:
+        progress = False if arguments.quiet else None
+        shown = nrs.load_scene(arguments.input, options=_options(arguments), progress=progress)
+    else:
+        shown = _mesh(arguments)
     # Of a .nanite file what the picture needs is read, however large the rest.
     with nrs.Renderer(
         *arguments.size, backend=arguments.backend, streaming=True, pool_bytes=1 << 40
     ) as renderer:
         frame = _picture(
-            renderer, mesh, arguments, distance=arguments.distance, pixel_error=arguments.pixel_error
+            renderer,
+            shown,
+            arguments,
+            distance=arguments.distance,
+            pixel_error=arguments.pixel_error,
+            samples=arguments.samples,
         )
     frame.save(arguments.output, view=arguments.view)
     if not arguments.quiet:
@@ -233,14 +243,15 @@ def _pose(rotation: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[
 
 def _picture(
     renderer: nrs.Renderer,
-    mesh: nrs.NaniteMesh,
+    shown: nrs.NaniteMesh | nrs.LoadedScene,
     arguments: argparse.Namespace,
     *,
     distance: float,
     pixel_error: float,
+    samples: Literal[1, 4, 16] = 1,
 ) -> nrs.Frame:
-    """A frame of the mesh alone; at ``distance`` 1 it fills the picture."""
-    center = mesh.bounds.mean(axis=0)
+    """A frame of a mesh alone, or of a scene with its materials; at ``distance`` 1 it fills the picture."""
+    center = shown.bounds.mean(axis=0)
     width, height = arguments.size
     yfov = np.radians(arguments.yfov)
     azimuth, elevation = np.radians([arguments.azimuth, arguments.elevation])
@@ -250,7 +261,7 @@ def _picture(
     turn = UP[arguments.up]
     axes = turn @ _facing(direction)
     # As near as the corners of a coarse cut allow, with a margin.
-    local = (mesh.cut(target_faces=2_000).vertices - center) @ axes
+    local = (_outline(shown) - center) @ axes
     tangents = 0.92 * np.tan(yfov / 2.0) * np.array([width / height, 1.0])
     away = max(float((local[:, 2] + (np.abs(local[:, :2]) / tangents).max(axis=1)).max()), 1e-30)
     radius = float(np.linalg.norm(local, axis=1).max())
@@ -259,12 +270,31 @@ def _picture(
     pose = _pose(axes, center + axes[:, 2] * away)
     key = _pose(axes @ _facing(np.array([-0.8, 0.8, 1.0])), center)  # from behind the camera's left shoulder
     fill = _pose(axes @ _facing(np.array([1.0, 0.0, 0.5])), center)
-    scene = nrs.Scene(ambient_light=(0.06, 0.06, 0.07), bg_color=(0.92, 0.93, 0.95))
-    scene.add(mesh, material=nrs.Material(smooth=not arguments.flat))
+    background = (0.92, 0.93, 0.95)
+    if isinstance(shown, nrs.LoadedScene):
+        # Metals show nothing but what they reflect, which is not much of two lights.
+        scene, ambient = shown.scene, 0.25
+        shading: Literal["gltf", "pyrender"] = "gltf"
+    else:
+        scene, ambient = nrs.Scene(), 0.06
+        shading = "pyrender"
+        scene.add(shown, material=nrs.Material(smooth=not arguments.flat))
+    scene.ambient_light, scene.bg_color = (ambient, ambient, ambient + 0.01), background
     scene.add(nrs.DirectionalLight(intensity=2.4), pose=key)
     scene.add(nrs.DirectionalLight(intensity=0.6), pose=fill)
     camera = nrs.PerspectiveCamera(yfov=yfov, znear=max(away - 1.5 * radius, away * 1e-3))
-    return renderer.render(scene, camera, pose, pixel_error=pixel_error)
+    return renderer.render(scene, camera, pose, pixel_error=pixel_error, samples=samples, shading=shading)
+
+
+def _outline(shown: nrs.NaniteMesh | nrs.LoadedScene) -> NDArray[np.float64]:
+    """Points of all that is shown, (N, 3): vertices of coarse cuts."""
+    if isinstance(shown, nrs.NaniteMesh):
+        return np.asarray(shown.cut(target_faces=2_000).vertices, np.float64)
+    nodes = [node for own in shown.instances.values() for node in own]
+    points = [
+        node.mesh.cut(target_faces=500).vertices @ node.pose[:3, :3].T + node.pose[:3, 3] for node in nodes
+    ]
+    return np.concatenate(points)
 
 
 # ----------------------------------------------------------------------------------------------------- demo
@@ -475,6 +505,14 @@ def _add_render(commands: Any) -> None:
     sub.add_argument("--view", choices=VIEWS, help="what a PNG shows (shaded)")
     sub.add_argument(
         "--stats", action="store_true", help="print what each stage received, passed on and took"
+    )
+    sub.add_argument(
+        "--materials",
+        action="store_true",
+        help="show a scene (glTF, OBJ …) with its materials and textures, shaded as glTF defines it",
+    )
+    sub.add_argument(
+        "--samples", type=int, default=1, choices=(1, 4, 16), help="of each pixel, against jagged edges (1)"
     )
     _add_viewing(sub)
     sub.add_argument(

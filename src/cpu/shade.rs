@@ -359,4 +359,59 @@ mod tests {
             }
         }
     }
+
+    /// What glTF's appendix B reflects of light of radiance 1 from everywhere, off a white surface.
+    fn albedo(metallic: f64, roughness: f64, tilt: f64, directions: &[[f64; 3]]) -> f64 {
+        let (v, a2) = ([tilt.sin(), 0.0, tilt.cos()], roughness.powi(4));
+        let of = |l: &[f64; 3]| {
+            let h: [f64; 3] = std::array::from_fn(|k| l[k] + v[k]);
+            let length = h.iter().map(|c| c * c).sum::<f64>().sqrt();
+            let (nl, nv, nh) = (l[2], v[2], h[2] / length);
+            let vh = (0..3).map(|k| h[k] * v[k]).sum::<f64>() / length;
+            let d = a2 / (std::f64::consts::PI * (nh * nh * (a2 - 1.0) + 1.0).powi(2));
+            let part = |x: f64, y: f64| x * (a2 + (1.0 - a2) * y * y).sqrt();
+            let gloss = d * 0.5 / (part(nl, nv) + part(nv, nl));
+            let fresnel = |f0: f64| f0 + (1.0 - f0) * (1.0 - vh).powi(5);
+            let dielectric = (1.0 - fresnel(0.04)) / std::f64::consts::PI + fresnel(0.04) * gloss;
+            nl * ((1.0 - metallic) * dielectric + metallic * fresnel(1.0) * gloss)
+        };
+        directions.iter().map(of).sum::<f64>() * std::f64::consts::TAU / directions.len() as f64
+    }
+
+    #[test]
+    fn as_much_is_reflected_as_gltf_says() {
+        let (rows, columns) = (300, 600);
+        let directions: Vec<[f64; 3]> = (0..rows * columns)
+            .map(|i| {
+                let z = (f64::from(i / columns) + 0.5) / f64::from(rows);
+                let turn = std::f64::consts::TAU * (f64::from(i % columns) + 0.5) / f64::from(columns);
+                let side = (1.0 - z * z).sqrt();
+                [side * turn.cos(), side * turn.sin(), z]
+            })
+            .collect();
+        for (metallic, roughness) in [(0.0, 1.0), (0.0, 0.3), (1.0, 0.2), (1.0, 0.5), (1.0, 1.0)] {
+            for tilt in [0.0f64, 0.6, 1.2, 1.5] {
+                let bsdf = Bsdf {
+                    normal: splat3([0.0, 0.0, 1.0]),
+                    base: splat3([1.0; 3]),
+                    metallic: Lanes::splat(metallic),
+                    roughness: Lanes::splat(roughness),
+                    emissive: splat3([0.0; 3]),
+                    occlusion: Lanes::splat(1.0),
+                };
+                let view = splat3([tilt.sin() as f32, 0.0, tilt.cos() as f32]);
+                let reflector = Reflector::new(&bsdf, view, true);
+                let of = |l: &[f64; 3]| f64::from(reflector.reflect(&splat3(l.map(|c| c as f32)))[0].0[0]);
+                let sum = directions.iter().map(of).sum::<f64>();
+                let got = sum * std::f64::consts::TAU / directions.len() as f64;
+                let expected = albedo(metallic.into(), roughness.into(), tilt, &directions);
+                assert!(
+                    (got - expected).abs() < 1e-3,
+                    "{metallic}, {roughness}, {tilt}: {got} for {expected}"
+                );
+                // Metals give no more than they get. White dielectrics seen from the side do, in glTF's own words.
+                assert!(metallic == 0.0 || got < 1.001, "{roughness}, {tilt}: {got}");
+            }
+        }
+    }
 }

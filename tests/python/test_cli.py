@@ -9,8 +9,10 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 import nanite_rs as nrs
 from nanite_rs import cli
@@ -43,6 +45,26 @@ def test_build_takes_its_name_from_the_input(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["build", "ball.v2.ply", "-q"]) == 0
     assert len(nrs.NaniteMesh.open("ball.v2.nanite")) == 1280
+
+
+def test_a_scene_is_rendered_with_its_textures(tmp_path):
+    quad = trimesh.Trimesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    image = Image.fromarray(np.array([[[250, 20, 10], [10, 250, 20]]], np.uint8).repeat(8, 0).repeat(8, 1))
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=image, roughnessFactor=1.0, metallicFactor=0.0
+    )
+    quad.visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], material=material)
+    quad.export(tmp_path / "sign.glb")
+    pictures = {}
+    for name, options in {"clay": [], "sign": ["--materials", "--samples", "4"]}.items():
+        path = tmp_path / f"{name}.png"
+        view = ["--size", "64x64", "--azimuth", "0", "--elevation", "0", "-q"]
+        assert cli.main(["render", str(tmp_path / "sign.glb"), "-o", str(path), *view, *options]) == 0
+        pictures[name] = np.asarray(Image.open(path)).astype(int)
+    left, right = pictures["sign"][32, 20], pictures["sign"][32, 44]
+    assert left[0] > 2 * left[1]
+    assert right[1] > 2 * right[0]
+    assert np.ptp(pictures["clay"][32, 20]) < 12
 
 
 def test_build_options_reach_the_build(tmp_path):
