@@ -15,6 +15,7 @@ use crate::math::{Aabb, Bounds, octahedral};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row};
 use crate::model::page::{GroupSize, paginate};
+use crate::model::rule::ROOT_ERROR;
 use crate::model::{BuildReport, ClusterRecord, Dag, Group, Packing, PageEntry, PageWords, Pages};
 
 /// Lays the graph out.
@@ -123,6 +124,7 @@ fn size(group: &BuildGroup, graph: &Graph, packed: &[Packed]) -> GroupSize {
     let source = group.members.iter().map(|c| &graph.clusters[*c as usize]).filter(|c| c.level == 0);
     GroupSize {
         level: group.level,
+        root: group.error == ROOT_ERROR,
         clusters: group.members.len() as u32,
         words: words.sum::<usize>() as u32,
         faces: source.map(|c| c.mesh.triangles.len() as u32).sum(),

@@ -17,6 +17,7 @@ use crate::math::{Aabb, Bounds};
 use crate::model::cluster::{NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row};
 use crate::model::page::{GroupSize, paginate};
+use crate::model::rule::ROOT_ERROR;
 use crate::model::{
     AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, FOREVER, Grid, Group, Node,
     Packing, PageEntry, Pages,
@@ -97,6 +98,7 @@ impl<'a> Rounded<'a> {
             let source = group.members().map(|at| dag.record(at)).filter(|record| record.level == 0);
             GroupSize {
                 level: group.level,
+                root: group.error == ROOT_ERROR,
                 clusters: group.count,
                 words: *words as u32,
                 faces: source.map(|record| u32::from(record.triangle_count)).sum(),

@@ -90,7 +90,7 @@ pub struct Pool {
     evicted: u64,
     /// Pages that may be drawn.
     resident: usize,
-    /// Bytes of those that always are there.
+    /// Bytes of those that are always there.
     root_bytes: u64,
 }
 
@@ -108,6 +108,11 @@ impl Pool {
     /// Bytes there may be.
     pub fn budget(&self) -> u64 {
         self.budget
+    }
+
+    /// Bytes of the pages that are always there.
+    pub fn root_bytes(&self) -> u64 {
+        self.root_bytes
     }
 
     /// Pages evicted so far.
