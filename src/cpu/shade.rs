@@ -115,7 +115,7 @@ impl Shader<'_> {
 
     /// The same with 256-bit vectors. No operation fuses, so the result is the same bit for bit.
     #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
+    #[target_feature(enable = "avx2,bmi2")]
     fn run_avx2<T: Copy + PartialEq>(
         &self,
         range: std::ops::Range<usize>,
@@ -160,8 +160,8 @@ fn run<T: Copy + Default + PartialEq + Send + Sync>(
         let start = chunk * ROWS * width;
         let range = start..start + out.len() / 3;
         #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2.
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
+            // SAFETY: the processor has AVX2 and BMI2.
             return unsafe { shader.run_avx2(range, background, written, out) };
         }
         shader.run(range, background, written, out);

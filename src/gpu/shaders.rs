@@ -11,6 +11,7 @@ use crate::limits::{
     TRIANGLE_BITS,
 };
 use crate::model::cluster::RECORD_WORDS;
+use crate::model::packing::{CORNER_BITS, WIDE_CORNER_BITS};
 use crate::model::{ClusterRecord, Packing};
 
 /// Lanes of a workgroup where each entry is looked at by itself.
@@ -394,6 +395,8 @@ pub fn constants() -> String {
         ("LOOK_SMOOTH", LOOK_SMOOTH),
         ("LOOK_CONFORMAL", LOOK_CONFORMAL),
         ("LOOK_COLORS", LOOK_COLORS),
+        ("CORNER_BITS", CORNER_BITS),
+        ("WIDE_CORNER_BITS", WIDE_CORNER_BITS),
     ];
     let fields = [
         ("RECORD_CENTER", offset_of!(ClusterRecord, center)),

@@ -238,7 +238,7 @@ fn pages_are_filled_anew_when_numbers_take_fewer_bits() {
     // Clusters are what they were, in the same order.
     for (a, b) in dag.pages.addresses().zip(read.pages.addresses()) {
         let (a, b) = (dag.geometry(a), read.geometry(b));
-        assert!(a.triangles == b.triangles && a.ids.iter().eq(b.ids.iter()));
+        assert!(a.triangles.iter().eq(b.triangles.iter()) && a.ids.iter().eq(b.ids.iter()));
     }
 }
 
