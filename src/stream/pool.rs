@@ -11,6 +11,7 @@
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Bound;
 
 use super::request::Request;
 use crate::model::PageWords;
@@ -225,7 +226,9 @@ impl Pool {
     /// Lets those enter that wait and whose dependencies are resident, up to so many bytes of them. Smaller numbers come
     /// first, so that once through is enough.
     pub fn enter(&mut self, mut most: u64) {
-        for ask in self.waiting.clone() {
+        let mut next = self.waiting.first().copied();
+        while let Some(ask) = next {
+            next = self.waiting.range((Bound::Excluded(ask), Bound::Unbounded)).next().copied();
             let page = self.page(ask);
             let there = |&page: &u32| self.holds(Ask { page, ..ask });
             if !page.dependencies.iter().all(there) {
