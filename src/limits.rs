@@ -14,8 +14,10 @@ pub const NODE_WIDTH: usize = 8;
 /// 80, 64 of them for [`MAX_ROUNDS`] levels.
 pub const NODE_MAX_DEPTH: u16 = 128;
 
-/// Bytes of a page at most. A page holds whole groups of one level.
+/// Bytes of a page at most. A page holds whole groups, of one level but for root pages.
 pub const PAGE_MAX_BYTES: usize = 128 * 1024;
+/// Bytes of a root page at most: of each mesh of a scene one at least is always there.
+pub const ROOT_PAGE_MAX_BYTES: usize = 32 * 1024;
 /// Bits of a cluster address that number the slot inside its page; the rest number the page.
 pub const PAGE_SLOT_BITS: u32 = 8;
 /// Clusters of a page at most.

@@ -69,7 +69,7 @@ fn meshopt(dag: &Dag, level: Option<i32>) -> (f64, f64) {
         for slot in 0..entry.clusters as usize {
             let g = dag.geometry(ClusterAddress::new(p, slot));
             indices.extend(g.triangles.iter().flatten().map(|v| {
-                let v = usize::from(*v);
+                let v = usize::from(v);
                 *numbers.entry(g.ids.get(v)).or_insert_with(|| {
                     vertices.push(Vertex {
                         position: g.positions.get(v).map(|x| (x / grid.step()) as i32),

@@ -528,9 +528,9 @@ class Renderer:
         and read the rest from their files when it is needed, on threads of its own. Otherwise the first frame reads
         all.
     pool_bytes : int
-        Bytes of the pool. What always stays in it, the coarsest pages of each mesh, has to fit. On a GPU every page
-        counts as 128 KiB, and the first frame takes memory for the pool, at most for twice the pages of the scene.
-        Frames that are kept hold the pages that they show, beyond this.
+        Bytes of the pool. What always stays in it, of most meshes 32 KiB at most, has to fit. On a GPU every other
+        page counts as 128 KiB, and the first frame takes memory for the pool, at most for twice the pages of the
+        scene. Frames that are kept hold the pages that they show, beyond this.
 
     Raises
     ------

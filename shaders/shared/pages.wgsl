@@ -49,16 +49,14 @@ fn has_holes(instance: u32, record: u32) -> bool {
     return (instances[instance].masked >> min(page_word(record + RECORD_MATERIAL), 31u) & 1u) != 0u;
 }
 
-fn byte(start: u32, at: u32) -> u32 {
-    return page_word(start + (at >> 2u)) >> (8u * (at & 3u)) & 0xffu;
-}
-
 // Where a cluster's streams begin, and how positions are packed: src/model/packing.rs.
 struct Streams {
     positions: u32,
     triangles: u32,
     normals: u32,
     colors: u32,
+    // Bits of a corner of a triangle.
+    corner: u32,
     // Of x, y and z: the least number, and bits of what is added to it.
     anchor: vec3<u32>,
     widths: vec3<u32>,
@@ -78,9 +76,11 @@ fn streams_of(page: u32, record: u32) -> Streams {
     let positions = data + PACKING_WORDS;
     let ids = positions + packed_words(vertices, widths.x + widths.y + widths.z);
     let triangles = ids + packed_words(vertices, bits >> 24u);
-    let normals = triangles + (3u * triangle_count(record) + 3u) / 4u;
+    let corner = select(WIDE_CORNER_BITS, CORNER_BITS, vertices <= 1u << CORNER_BITS);
+    let normals = triangles + packed_words(triangle_count(record), 3u * corner);
     let anchor = vec3<u32>(page_word(data), page_word(data + 1u), page_word(data + 2u));
-    return Streams(positions, triangles, normals, normals + vertices, anchor, widths, real(data + PACKING_STEP));
+    let step = real(data + PACKING_STEP);
+    return Streams(positions, triangles, normals, normals + vertices, corner, anchor, widths, step);
 }
 
 // Up to 32 bits from a bit of a stream on.
@@ -123,7 +123,7 @@ fn position_of(streams: Streams, vertex: u32) -> vec3<f32> {
 
 // The corners of a triangle.
 fn triangle_corners(streams: Streams, triangle: u32) -> vec3<u32> {
-    let at = 3u * triangle;
-    let start = streams.triangles;
-    return vec3<u32>(byte(start, at), byte(start, at + 1u), byte(start, at + 2u));
+    let w = streams.corner;
+    let bits = packed_bits(streams.triangles, 3u * w * triangle, 3u * w);
+    return vec3<u32>(extractBits(bits, 0u, w), extractBits(bits, w, w), extractBits(bits, 2u * w, w));
 }

@@ -13,8 +13,9 @@ use super::store::VertexStore;
 use crate::limits::CLUSTER_MAX_TRIANGLES;
 use crate::math::{Aabb, Bounds, octahedral};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
-use crate::model::packing::{VertexRow, vertex_row};
+use crate::model::packing::{VertexRow, vertex_row, write_triangles};
 use crate::model::page::{GroupSize, paginate};
+use crate::model::rule::ROOT_ERROR;
 use crate::model::{BuildReport, ClusterRecord, Dag, Group, Packing, PageEntry, PageWords, Pages};
 
 /// Lays the graph out.
@@ -123,6 +124,7 @@ fn size(group: &BuildGroup, graph: &Graph, packed: &[Packed]) -> GroupSize {
     let source = group.members.iter().map(|c| &graph.clusters[*c as usize]).filter(|c| c.level == 0);
     GroupSize {
         level: group.level,
+        root: group.error == ROOT_ERROR,
         clusters: group.members.len() as u32,
         words: words.sum::<usize>() as u32,
         faces: source.map(|c| c.mesh.triangles.len() as u32).sum(),
@@ -179,10 +181,7 @@ fn record(store: &VertexStore, cluster: &BuildCluster, group: u32, refined: u32,
 /// Everything but positions and identities.
 fn write_streams(store: &VertexStore, cluster: &BuildCluster, streams: Streams, out: &mut [u32]) {
     let (count, layout) = (cluster.mesh.vertices.len(), store.layout);
-    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut out[streams.triangles..streams.normals]);
-    for (t, triangle) in cluster.mesh.triangles.iter().enumerate() {
-        bytes[3 * t..3 * t + 3].copy_from_slice(triangle);
-    }
+    write_triangles(&cluster.mesh.triangles, count, &mut out[streams.triangles..streams.normals]);
     for (i, v) in cluster.mesh.vertices.iter().enumerate() {
         let row = store.row(*v);
         out[streams.normals + i] = octahedral::encode([row[0], row[1], row[2]]);

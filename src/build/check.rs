@@ -80,7 +80,7 @@ fn cluster(dag: &Dag, at: ClusterAddress) -> Result<()> {
     if geometry.triangles.is_empty() || geometry.positions.len() < 3 {
         return fail("no triangle");
     }
-    if geometry.triangles.iter().flatten().any(|v| *v >= record.vertex_count) {
+    if geometry.triangles.iter().flatten().any(|v| v >= record.vertex_count) {
         return fail("a triangle refers to a vertex that does not exist");
     }
     if record.level == 0 && (record.error != SOURCE_ERROR || record.refined != NO_GROUP) {
@@ -95,7 +95,7 @@ fn cluster(dag: &Dag, at: ClusterAddress) -> Result<()> {
             return fail("error and sphere differ from those of the group that made it");
         }
     }
-    bounds(record, &geometry.positions.to_vec(), geometry.triangles).or_else(fail)
+    bounds(record, &geometry.positions.to_vec(), &geometry.triangles.to_vec()).or_else(fail)
 }
 
 /// The stored box and sphere hold the vertices; cone and longest edge are those of the triangles.

@@ -13,7 +13,7 @@ use super::clusterize::{self, ClusterMesh};
 use super::content::Content;
 use super::lock_borders::shared_positions;
 use super::memory;
-use super::partition::partition;
+use super::partition::{most_words, partition, split_to_fit};
 use super::reference::{Patch, Pieces, Reference};
 use super::relax::relax;
 use super::silhouette::Sight;
@@ -21,13 +21,13 @@ use super::simplify::{Simplified, Step, ratio, simplify};
 use super::store::{LocalMesh, RoundPositions, VertexStore};
 use crate::config::{BuildOptions, ErrorMeasure, Quality};
 use crate::error::{Error, Result};
-use crate::limits::MAX_ROUNDS;
+use crate::limits::{MAX_ROUNDS, ROOT_PAGE_MAX_BYTES};
 use crate::math::sphere::round_up;
 use crate::math::{Aabb, Sphere};
 use crate::mesh::{Channels, WeldedMesh};
 use crate::model::cluster::NO_GROUP;
 use crate::model::rule::{ERROR_FLOOR, ERROR_STEP, ROOT_ERROR, SOURCE_ERROR};
-use crate::model::{BuildReport, Frame, LevelReport, StuckGroup, StuckReason};
+use crate::model::{AttributeLayout, BuildReport, Frame, LevelReport, StuckGroup, StuckReason};
 
 /// A cluster of the growing DAG.
 #[derive(Clone, Debug)]
@@ -236,7 +236,7 @@ impl Growth {
             level.groups = groups.len() as u32;
             for group in &groups {
                 let members: Vec<u32> = group.iter().map(|c| pending[*c as usize]).collect();
-                self.terminal(&members, round);
+                self.terminal(store.layout, &members, round);
             }
             report.levels.push(level);
             return Ok(Vec::new());
@@ -306,7 +306,7 @@ impl Growth {
                 if !single {
                     report.stuck.push(self.stuck_report(&members, round, reason));
                 }
-                self.terminal(&members, round);
+                self.terminal(store.layout, &members, round);
             }
         }
         report.levels.push(level);
@@ -332,17 +332,21 @@ impl Growth {
         Sphere::of_spheres(&spheres)
     }
 
-    fn terminal(&mut self, members: &[u32], round: u32) {
-        let lod_sphere = self.sphere_of(members);
-        self.groups.push(BuildGroup {
-            members: members.to_vec(),
-            lod_sphere,
-            error: ROOT_ERROR,
-            bound: ROOT_ERROR,
-            quadric: ROOT_ERROR,
-            attribute_error: 0.0,
-            level: round,
-        });
+    /// Adds a group that nothing is made from, in parts that fit root pages.
+    fn terminal(&mut self, layout: AttributeLayout, members: &[u32], round: u32) {
+        let words = |c: u32| most_words(layout, &self.clusters[c as usize].mesh);
+        for members in split_to_fit(members, ROOT_PAGE_MAX_BYTES, &words) {
+            let lod_sphere = self.sphere_of(&members);
+            self.groups.push(BuildGroup {
+                members,
+                lod_sphere,
+                error: ROOT_ERROR,
+                bound: ROOT_ERROR,
+                quadric: ROOT_ERROR,
+                attribute_error: 0.0,
+                level: round,
+            });
+        }
     }
 
     /// Adds a simplified group and its clusters; returns its errors, of shape and attributes.

@@ -38,7 +38,8 @@ pub fn partition(
         #[cfg(feature = "metis")]
         Partition::Metis => of_graph(clusters, round, options.group_clusters),
     };
-    groups.into_iter().flat_map(|g| split_to_fit(layout, clusters, g)).collect()
+    let words = |c: u32| most_words(layout, clusters[c as usize]);
+    groups.iter().flat_map(|g| split_to_fit(g, PAGE_MAX_BYTES, &words)).collect()
 }
 
 /// meshoptimizer's groups.
@@ -77,16 +78,18 @@ fn of_graph(clusters: &[&ClusterMesh], round: &RoundPositions, target: usize) ->
     groups.into_iter().flatten().collect()
 }
 
-/// Cuts a group that exceeds a page or the most clusters of a group.
-fn split_to_fit(layout: AttributeLayout, clusters: &[&ClusterMesh], group: Vec<u32>) -> Vec<Vec<u32>> {
-    let words = |c: u32| {
-        let c = clusters[c as usize];
-        RECORD_WORDS + layout.streams(c.vertices.len(), c.triangles.len(), WIDEST).end
-    };
+/// Words that a cluster takes of a page at most.
+pub fn most_words(layout: AttributeLayout, cluster: &ClusterMesh) -> usize {
+    RECORD_WORDS + layout.streams(cluster.vertices.len(), cluster.triangles.len(), WIDEST).end
+}
+
+/// Cuts a group that takes more bytes than a page may have, or exceeds the most clusters of a group; `words` says what a
+/// cluster takes.
+pub fn split_to_fit(group: &[u32], bytes: usize, words: &impl Fn(u32) -> usize) -> Vec<Vec<u32>> {
     let total: usize = group.iter().map(|c| words(*c)).sum();
-    if group.len() <= GROUP_MAX_CLUSTERS && 4 * total <= PAGE_MAX_BYTES || group.len() == 1 {
-        return vec![group];
+    if group.len() <= GROUP_MAX_CLUSTERS && 4 * total <= bytes || group.len() == 1 {
+        return vec![group.to_vec()];
     }
     let (a, b) = group.split_at(group.len() / 2);
-    [a, b].into_iter().flat_map(|half| split_to_fit(layout, clusters, half.to_vec())).collect()
+    [a, b].into_iter().flat_map(|half| split_to_fit(half, bytes, words)).collect()
 }

@@ -97,7 +97,7 @@ impl<'a> Point<'a> {
         let (view, cluster) = (surfels.view, surfels.clusters[lane]);
         let geometry = view.pages.geometry(cluster);
         let material = view.materials.of(view.pages.record(cluster).material);
-        let corners = geometry.triangles[surfels.hits[lane].triangle as usize].map(usize::from);
+        let corners = geometry.triangles.get(surfels.hits[lane].triangle as usize).map(usize::from);
         let (uvs, vertices) = (geometry.uvs, geometry.positions.len());
         Self { material, surfels, detail, lane, shading, corners, uvs, vertices }
     }

@@ -110,7 +110,7 @@ fn draw_cluster<S: Sink>(
     let points: Vec<[f32; 3]> = geometry.positions.iter().map(|p| view.homogeneous(p)).collect();
     let mut drawn = 0;
     let mut shared = Vec::new();
-    for (t, &[a, b, c]) in geometry.triangles.iter().enumerate() {
+    for (t, [a, b, c]) in geometry.triangles.iter().enumerate() {
         let (b, c) = if view.mirrored { (b, c) } else { (c, b) };
         let corners = [a, b, c].map(|v| points[usize::from(v)]);
         let mut reached = false;

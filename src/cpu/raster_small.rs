@@ -11,7 +11,7 @@ use super::project::{InstanceView, Screen};
 use super::triangle::{UNIT, edge_bias, pixels, snap};
 use super::visibility::{Sink, Visible, payload};
 use crate::limits::CLUSTER_MAX_VERTICES;
-use crate::model::packing::{Positions, coordinate_of};
+use crate::model::packing::{Positions, Triangles, coordinate_of};
 
 /// Clusters per task.
 const CLUSTERS_PER_TASK: usize = 8;
@@ -51,8 +51,8 @@ pub fn run<S: Sink>(
 impl<S: Sink> Job<'_, S> {
     fn draw_chunk(&self, numbers: &[u32]) -> u64 {
         #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2.
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
+            // SAFETY: the processor has AVX2 and BMI2.
             return unsafe { self.draw_chunk_avx2(numbers) };
         }
         self.draw_chunk_anywhere(numbers)
@@ -60,7 +60,7 @@ impl<S: Sink> Job<'_, S> {
 
     /// The same with 256-bit vectors. No operation fuses, so the result is the same bit for bit.
     #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
+    #[target_feature(enable = "avx2,bmi2")]
     fn draw_chunk_avx2(&self, numbers: &[u32]) -> u64 {
         self.draw_chunk_anywhere(numbers)
     }
@@ -135,7 +135,7 @@ struct Faces {
 
 #[inline(always)]
 fn draw<S: Sink, const ORTHOGRAPHIC: bool>(
-    triangles: &[[u8; 3]],
+    triangles: Triangles<'_>,
     vertices: &Vertices,
     faces: Faces,
     screen: &Screen,
@@ -144,7 +144,7 @@ fn draw<S: Sink, const ORTHOGRAPHIC: bool>(
 ) -> u64 {
     let mut drawn = 0;
     let width = screen.width as usize;
-    for (t, &[a, b, c]) in triangles.iter().enumerate() {
+    for (t, [a, b, c]) in triangles.iter().enumerate() {
         // Counter-clockwise in the world is clockwise with y down: the inside is on the right of every edge.
         let (a, mut b, mut c) = (usize::from(a), usize::from(b), usize::from(c));
         if !faces.mirrored {

@@ -200,8 +200,8 @@ impl Shader<'_> {
             let start = chunk * ROWS * width;
             let range = start..start + out.len() / 3;
             #[cfg(target_arch = "x86_64")]
-            if is_x86_feature_detected!("avx2") {
-                // SAFETY: the processor has AVX2.
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
+                // SAFETY: the processor has AVX2 and BMI2.
                 return unsafe { self.run_avx2::<T, DETAIL>(range, background, written, out) };
             }
             self.run::<T, DETAIL>(range, background, written, out);
@@ -252,7 +252,7 @@ impl Shader<'_> {
 
     /// The same with 256-bit vectors. No operation fuses, so the result is the same bit for bit.
     #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
+    #[target_feature(enable = "avx2,bmi2")]
     fn run_avx2<T: Copy + PartialEq, const DETAIL: bool>(
         &self,
         range: std::ops::Range<usize>,

@@ -165,7 +165,7 @@ impl<'a> Gathered<'a> {
         let lane = self.count;
         self.count += 1;
         (self.pixels[lane], self.hits[lane], self.clusters[lane]) = (pixel, hit, cluster);
-        let corners = geometry.triangles[hit.triangle as usize];
+        let corners = geometry.triangles.get(hit.triangle as usize);
         for (i, corner) in corners.into_iter().enumerate() {
             let corner = usize::from(corner);
             let p = geometry.positions.get(corner);

@@ -13,7 +13,7 @@ use super::page::Context;
 use super::page_decode::Decoder;
 use super::validate;
 use crate::error::{Error, Result};
-use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_CLUSTERS};
+use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
 use crate::math::Aabb;
 use crate::model::cluster::NO_GROUP;
 use crate::model::{
@@ -248,6 +248,10 @@ impl<'a> Container<'a> {
             if row.words as usize > MAX_EXPANSION / 4 * row.bytes as usize || known > u64::from(row.bytes) {
                 return fault("too few bytes for what it holds");
             }
+            // Who keeps pages in places of one size relies on it.
+            if row.words as usize > PAGE_MAX_BYTES / size_of::<u32>() {
+                return fault("it decodes to more than a page may have");
+            }
             if row.faces > row.clusters * CLUSTER_MAX_TRIANGLES as u32 {
                 return fault("number of triangles");
             }
@@ -422,6 +426,7 @@ impl Head {
         let records = limits.check(row.clusters, row.faces, &words).map_err(|what| fault(&what))?;
         let depends = |r: &ClusterRecord| {
             r.refined == NO_GROUP
+                || r.refined_page as usize == page
                 || self.dependencies.of(r.refined_page as usize).binary_search(&(page as u32)).is_ok()
         };
         if !records.iter().all(depends) {

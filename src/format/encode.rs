@@ -225,13 +225,14 @@ pub fn contexts<'a>(rounded: &'a Rounded<'_>) -> Vec<Context<'a>> {
     (0..count).map(context).collect()
 }
 
-/// For each page those with clusters that were made from its groups, ascending.
+/// For each page the others with clusters that were made from its groups, ascending.
 fn dependencies(rounded: &Rounded<'_>) -> Vec<Vec<u32>> {
     let mut out = vec![Vec::new(); rounded.table.len()];
     for page in 0..rounded.table.len() {
         for at in rounded.members(page) {
-            let refined_page = rounded.page_of(rounded.dag.record(at).refined);
-            if let Some(list) = out.get_mut(refined_page as usize)
+            let refined_page = rounded.page_of(rounded.dag.record(at).refined) as usize;
+            if let Some(list) = out.get_mut(refined_page)
+                && refined_page != page
                 && list.last() != Some(&(page as u32))
             {
                 list.push(page as u32);

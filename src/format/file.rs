@@ -14,7 +14,7 @@ use crate::model::Dag;
 /// First bytes of a file. The high bit and the line ends catch transfers that are not binary-safe.
 pub const MAGIC: [u8; 8] = *b"\x89NANITE\n";
 /// Version of the layout. Readers refuse any other.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 /// Bytes before the section table.
 pub const HEADER_BYTES: usize = 24;
 /// Bytes of an entry of the section table.
@@ -37,7 +37,7 @@ pub enum Kind {
     Nodes = 3,
     /// [`PageRow`] records.
     PageTable = 4,
-    /// For each page the numbers of the pages with clusters that were made from its groups, ascending.
+    /// For each page the numbers of the others with clusters that were made from its groups, ascending.
     Dependencies = 8,
     /// Coded pages without a gap; the checksums are those of the table.
     Pages = 5,
@@ -75,7 +75,7 @@ pub struct PageRow {
     pub words: u32,
     /// Number of clusters.
     pub clusters: u32,
-    /// Level of every group.
+    /// Level of its first group.
     pub level: u32,
     /// The first group whose members it holds.
     pub first_group: u32,

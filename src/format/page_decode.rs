@@ -14,7 +14,7 @@ use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, PAGE_MAX_CLUSTE
 use crate::math::octahedral::{NORMAL_BITS, widen};
 use crate::math::{Aabb, Ball, Sphere};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
-use crate::model::packing::{self, VertexRow, coordinate_of, ordered};
+use crate::model::packing::{self, VertexRow, coordinate_of, ordered, write_triangles};
 use crate::model::rule::SOURCE_ERROR;
 use crate::model::{ClusterRecord, Packing};
 
@@ -240,17 +240,18 @@ fn read_triangles(
     let extra = &mut extra[..count];
     reader.bytes(extra)?;
     let (mut symbols, mut extra) = (symbols, extra.iter());
+    let mut triangles = [[0; 3]; CLUSTER_MAX_TRIANGLES];
     // Each cluster takes 256, of which the next one overwrites those that are too many.
     let (vertices, mut first) = (shapes.iter().map(|s| s.vertices).sum::<usize>(), 0);
     sources.resize(vertices + 256, Source::default());
     for shape in &*shapes {
         let (own, after) = symbols.split_at(shape.triangles);
         symbols = after;
-        let stream = shape.data + shape.streams.triangles..shape.data + shape.streams.normals;
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut out[stream]);
-        let triangles = bytemuck::cast_slice_mut(&mut bytes[..3 * shape.triangles]);
+        let triangles = &mut triangles[..shape.triangles];
         let window = sources[first..].first_chunk_mut().ok_or("more vertices than there are")?;
         topology::decode(tables, own, &mut extra, shape.vertices, triangles, window)?;
+        let stream = shape.data + shape.streams.triangles..shape.data + shape.streams.normals;
+        write_triangles(triangles, shape.vertices, &mut out[stream]);
         first += shape.vertices;
     }
     sources.truncate(vertices);

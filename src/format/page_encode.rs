@@ -66,7 +66,7 @@ pub fn encode(
 
     let (mut symbols, mut extra, mut sources, mut places) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for geometry in &geometry {
-        topology::encode(geometry.triangles, &mut symbols, &mut extra, &mut sources);
+        topology::encode(&geometry.triangles.to_vec(), &mut symbols, &mut extra, &mut sources);
         // Vertices that no triangle uses have no place: what is read back is then not what was written, and said so.
         sources.resize(geometry.positions.len(), Source::default());
         places.extend(sources.iter().map(|sources| Place { shared: false, sources: *sources }));

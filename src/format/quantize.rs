@@ -15,8 +15,9 @@ use crate::error::{Error, Result};
 use crate::math::octahedral::{NORMAL_BITS, narrow, widen};
 use crate::math::{Aabb, Bounds};
 use crate::model::cluster::{NO_PAGE, RECORD_WORDS, Streams};
-use crate::model::packing::{VertexRow, vertex_row};
+use crate::model::packing::{VertexRow, vertex_row, write_triangles};
 use crate::model::page::{GroupSize, paginate};
+use crate::model::rule::ROOT_ERROR;
 use crate::model::{
     AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, FOREVER, Grid, Group, Node,
     Packing, PageEntry, Pages,
@@ -97,6 +98,7 @@ impl<'a> Rounded<'a> {
             let source = group.members().map(|at| dag.record(at)).filter(|record| record.level == 0);
             GroupSize {
                 level: group.level,
+                root: group.error == ROOT_ERROR,
                 clusters: group.count,
                 words: *words as u32,
                 faces: source.map(|record| u32::from(record.triangle_count)).sum(),
@@ -160,8 +162,8 @@ impl<'a> Rounded<'a> {
         for (slot, at) in self.members(page).enumerate() {
             let (record, geometry) = (self.dag.record(at), self.dag.geometry(at));
             let positions: Vec<[f32; 3]> = geometry.positions.iter().map(|p| snap(p, grid.step())).collect();
-            let Bounds { center, extent, radius, max_edge, cone } =
-                Bounds::of(&positions, geometry.triangles);
+            let triangles = geometry.triangles.to_vec();
+            let Bounds { center, extent, radius, max_edge, cone } = Bounds::of(&positions, &triangles);
             let bounds = ClusterRecord { center, radius, extent, cone, max_edge, ..*record };
             let refined_page = self.page_of(record.refined);
             let data = out.len();
@@ -169,12 +171,9 @@ impl<'a> Rounded<'a> {
             out[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
 
             let packed = pack(&positions, &geometry, self.dag.layout(), grid);
-            out.resize(data + packed.streams.triangles, 0);
-            packed.packing.write(&packed.rows, &mut out[data..]);
-            let corners: &[u8] = bytemuck::cast_slice(geometry.triangles);
-            let start = out.len();
             out.resize(data + packed.streams.normals, 0);
-            bytemuck::cast_slice_mut(&mut out[start..])[..corners.len()].copy_from_slice(corners);
+            packed.packing.write(&packed.rows, &mut out[data..]);
+            write_triangles(&triangles, positions.len(), &mut out[data + packed.streams.triangles..]);
             out.extend(geometry.normals.iter().map(|normal| {
                 let [x, y] = narrow(*normal, grid.normal_bits).map(|t| u32::from(widen(t, grid.normal_bits)));
                 x | y << NORMAL_BITS

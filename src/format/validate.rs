@@ -177,7 +177,7 @@ impl PageLimits<'_> {
         let sizes = [record.radius, record.lod_sphere.radius, record.error, record.max_edge];
         fault(finite(&sizes) && record.lod_sphere.radius >= 0.0, "sizes")?;
         let geometry = ClusterGeometry::new(own, self.layout, vertices, triangles);
-        fault(geometry.triangles.iter().flatten().all(|v| usize::from(*v) < vertices), "corners")?;
+        fault(geometry.triangles.iter().flatten().all(|v| usize::from(v) < vertices), "corners")?;
         fault(geometry.ids.iter().all(|id| id < self.vertex_count), "identities")?;
         let positions = step > 0.0 || geometry.positions.iter().all(|p| finite(&p));
         fault(step == self.step && positions, "positions")?;

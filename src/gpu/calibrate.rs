@@ -23,7 +23,7 @@ use crate::error::Result;
 use crate::gpu_types::{Call, Counters, Dispatch, Instance, View, VisibleCluster};
 use crate::limits::CLUSTER_MAX_TRIANGLES;
 use crate::model::cluster::RECORD_WORDS;
-use crate::model::packing::{VertexRow, vertex_row};
+use crate::model::packing::{VertexRow, vertex_row, write_triangles};
 use crate::model::{AttributeLayout, ClusterRecord, Packing};
 
 /// Side of the picture, pixels.
@@ -297,14 +297,15 @@ fn page() -> Vec<u32> {
     let streams = AttributeLayout::default().streams(row * row, CLUSTER_MAX_TRIANGLES, packing.widths);
     let corners = (0..QUADS * QUADS).flat_map(|quad| {
         let first = quad / QUADS * row + quad % QUADS;
-        [first, first + 1, first + row + 1, first, first + row + 1, first + row].map(|v| v as u8)
+        let corners = [[first, first + 1, first + row + 1], [first, first + row + 1, first + row]];
+        corners.map(|triangle| triangle.map(|v| v as u8))
     });
+    let triangles: Vec<[u8; 3]> = corners.collect();
     let mut words: Vec<u32> = bytemuck::cast_slice(&[record]).to_vec();
     words.resize(RECORD_WORDS + streams.end, 0);
     let own = &mut words[RECORD_WORDS..];
     packing.write(&vertices, own);
-    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut own[streams.triangles..]);
-    bytes.iter_mut().zip(corners).for_each(|(byte, corner)| *byte = corner);
+    write_triangles(&triangles, row * row, &mut own[streams.triangles..]);
     words
 }
 
@@ -338,7 +339,7 @@ mod tests {
         assert_eq!(triangles, CLUSTER_MAX_TRIANGLES);
         let layout = AttributeLayout::default();
         let geometry = ClusterGeometry::new(&words[RECORD_WORDS..], layout, vertices, triangles);
-        assert!(geometry.triangles.iter().flatten().all(|&corner| usize::from(corner) < vertices));
+        assert!(geometry.triangles.iter().flatten().all(|corner| usize::from(corner) < vertices));
         assert_eq!(geometry.corners(127), [[7.0, 7.0, 0.0], [8.0, 8.0, 0.0], [7.0, 8.0, 0.0]]);
     }
 }

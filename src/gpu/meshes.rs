@@ -1,5 +1,5 @@
-//! Meshes on the device: uploaded once, one after the other in arrays of nodes, groups, pages and a table of pages. Pages
-//! of streamed meshes come and go.
+//! Meshes on the device: uploaded once, one after the other in arrays of nodes, groups, pages and a table of pages. Of
+//! streamed meshes root pages stay, others come and go.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use super::context::Context;
 use super::page_arrays::PageArrays;
 use super::shaders::PAGE_ARRAYS;
 use crate::error::Result;
-use crate::model::{Dag, Group, Node, Pages};
+use crate::model::{Dag, Group, Node, PageEntry, Pages};
 use crate::stream::{Needs, Request, Resident};
 
 /// Where a mesh starts in each array.
@@ -46,6 +46,8 @@ struct Mesh {
     placement: Placement,
     /// The first word of each page.
     starts: Vec<u32>,
+    /// How many of them stay: all, or root pages.
+    stay: usize,
     /// Where it is streamed: what was there when pages were last brought.
     streamed: Option<Arc<Pages>>,
 }
@@ -63,6 +65,12 @@ pub struct Meshes {
 
 fn address(mesh: &Arc<Dag>) -> usize {
     Arc::as_ptr(mesh).addr()
+}
+
+/// The pages that stay on the device as long as the mesh does.
+fn staying<'a>(mesh: &'a Arc<Dag>, resident: &Resident) -> &'a [PageEntry] {
+    let table = &mesh.pages.table;
+    if resident.streams(mesh) { &table[..mesh.root_pages()] } else { table }
 }
 
 fn sizes(mesh: &Dag) -> Sizes {
@@ -85,8 +93,8 @@ fn depth(mesh: &Dag) -> u32 {
 }
 
 impl Meshes {
-    /// Makes sure that all of `meshes` are there, of those that are streamed all but the pages. Where there is no room,
-    /// only these stay.
+    /// Makes sure that all of `meshes` are there, of those that are streamed all but the pages that come and go. Where there
+    /// is no room, only these stay.
     pub fn upload<'a>(
         &mut self,
         context: &Context,
@@ -103,16 +111,13 @@ impl Meshes {
             self.rearrange(context, &meshes)?;
         }
         for mesh in new {
-            let streamed = resident.streams(mesh);
-            let starts = if streamed {
-                vec![ABSENT; mesh.pages.table.len()]
-            } else {
-                self.pages.append(context, mesh)?
-            };
-            // None of its pages is there yet.
+            let (staying, pages) = (staying(mesh, resident), resident.pages(mesh));
+            let mut starts = self.pages.append(context, staying, |page| pages.page(page))?;
+            starts.resize(mesh.pages.table.len(), ABSENT);
+            // None of its other pages is there yet.
             let none = || Arc::new(Pages::absent(Arc::clone(&mesh.pages.table), mesh.layout()));
-            let streamed = streamed.then(none);
-            self.append(context, Arc::clone(mesh), starts, streamed)?;
+            let streamed = resident.streams(mesh).then(none);
+            self.append(context, Arc::clone(mesh), starts, staying.len(), streamed)?;
         }
         Ok(())
     }
@@ -120,10 +125,10 @@ impl Meshes {
     /// Makes sure that there is room for the pages of these meshes, of streamed ones for as many as the pool has at most, so
     /// that no frame waits for more when pages come. Where there is not, there is nothing else any more.
     fn make_room(&mut self, context: &Context, meshes: &[&Arc<Dag>], resident: &Resident) -> Result<()> {
-        let whole = || meshes.iter().filter(|mesh| !resident.streams(mesh)).map(|mesh| &***mesh);
-        let new = |mesh: &&Arc<Dag>| !resident.streams(mesh) && !self.resident.contains_key(&address(mesh));
-        let new = meshes.iter().filter(|mesh| new(mesh)).map(|mesh| &***mesh);
-        let alone = PageArrays::default().words_with(context, whole());
+        let is_new = |mesh: &&&Arc<Dag>| !self.resident.contains_key(&address(mesh));
+        let new = meshes.iter().filter(is_new).map(|mesh| staying(mesh, resident));
+        let all = meshes.iter().map(|mesh| staying(mesh, resident));
+        let alone = PageArrays::default().words_with(context, all);
         let fit = PageArrays::places_beside(context, alone);
         let places =
             |times: usize| (times * resident.total()).min(resident.most()).min(fit).max(resident.held());
@@ -157,15 +162,13 @@ impl Meshes {
         self.room = std::array::from_fn(|k| self.buffers[k].size() / ARRAYS[k].1);
         self.used = Sizes::default();
         for mesh in meshes {
-            if let Some(Mesh { dag, starts, streamed, .. }) = known.remove(&address(mesh)) {
-                self.append(context, dag, starts, streamed)?;
+            if let Some(Mesh { dag, starts, stay, streamed, .. }) = known.remove(&address(mesh)) {
+                self.append(context, dag, starts, stay, streamed)?;
             }
         }
-        for gone in known.into_values().filter(|mesh| mesh.streamed.is_some()) {
-            gone.starts
-                .into_iter()
-                .filter(|start| *start != ABSENT)
-                .for_each(|start| self.pages.clear(start));
+        for Mesh { starts, stay, .. } in known.into_values() {
+            let come = starts.into_iter().skip(stay).filter(|start| *start != ABSENT);
+            come.for_each(|start| self.pages.clear(start));
         }
         Ok(())
     }
@@ -176,6 +179,7 @@ impl Meshes {
         context: &Context,
         dag: Arc<Dag>,
         starts: Vec<u32>,
+        stay: usize,
         streamed: Option<Arc<Pages>>,
     ) -> Result<()> {
         let [first_node, first_group, first_page] = self.used.map(|first| first as u32);
@@ -190,7 +194,7 @@ impl Meshes {
         }
         self.used = sum(self.used, sizes(&dag));
         let placement = Placement { first_node, first_group, first_page, depth: depth(&dag) };
-        self.resident.insert(address(&dag), Mesh { dag, placement, starts, streamed });
+        self.resident.insert(address(&dag), Mesh { dag, placement, starts, stay, streamed });
         Ok(())
     }
 
@@ -202,7 +206,7 @@ impl Meshes {
     /// Brings what is there of the streamed meshes up to date.
     pub fn stream(&mut self, context: &Context, resident: &Resident) -> Result<()> {
         let mut changed = Vec::new();
-        for (address, Mesh { dag, starts, streamed, .. }) in &mut self.resident {
+        for (address, Mesh { dag, starts, stay, streamed, .. }) in &mut self.resident {
             let Some(known) = streamed else { continue };
             let pages = resident.pages(dag);
             if Arc::ptr_eq(known, pages) {
@@ -210,8 +214,8 @@ impl Meshes {
             }
             // Of a mesh that no scene has any more, nothing is there.
             let streams = resident.streams(dag);
-            for (page, start) in starts.iter_mut().enumerate().filter(|(_, start)| **start != ABSENT) {
-                if !(streams && pages.holds(page)) {
+            for (page, start) in starts.iter_mut().enumerate().skip(*stay) {
+                if *start != ABSENT && !(streams && pages.holds(page)) {
                     self.pages.clear(std::mem::replace(start, ABSENT));
                 }
             }

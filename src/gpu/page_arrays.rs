@@ -1,6 +1,6 @@
-//! Arrays of pages on the device: in front the pages of meshes that are in memory, one after the other, behind them
-//! places of one size for those of streamed meshes, which come and go. Where all of it is more than a device binds as one
-//! array, it lies in several.
+//! Arrays of pages on the device: in front the pages that stay, one after the other, which are those of meshes in memory
+//! and root pages; behind them places of one size for the others of streamed meshes, which come and go. Where all of it is
+//! more than a device binds as one array, it lies in several.
 //!
 //! All places that a pool has are made at once, so that no frame waits for more of them. Of the arrays only what has been
 //! written to is bound: wgpu clears what is bound, and a device that gives memory when it is first touched gives none for
@@ -12,7 +12,7 @@ use super::context::{Context, mib, unavailable};
 use super::shaders::PAGE_ARRAYS;
 use crate::error::{Error, Result};
 use crate::limits::PAGE_MAX_BYTES;
-use crate::model::Dag;
+use crate::model::PageEntry;
 
 /// What pages hold, for messages.
 const WHAT: &str = "the clusters of the meshes";
@@ -27,7 +27,7 @@ pub(super) struct PageArrays {
     /// All but the last of 2^`bits` words.
     arrays: Vec<Buffer>,
     bits: u32,
-    /// Words given to meshes in memory, and words that there are for them. Places begin behind these.
+    /// Words given to pages that stay, and words that there are for them. Places begin behind these.
     used: u64,
     room: u64,
     places: u64,
@@ -37,11 +37,11 @@ pub(super) struct PageArrays {
     written: u64,
 }
 
-/// Where each page of a mesh goes from word `at` on, so that none lies in two arrays of 2^`bits` words; and the first
-/// word behind them.
-fn layout(mesh: &Dag, mut at: u64, bits: u32) -> (Vec<u64>, u64) {
-    let mut offsets = Vec::with_capacity(mesh.pages.table.len());
-    for page in mesh.pages.table.iter() {
+/// Where each page goes from word `at` on, so that none lies in two arrays of 2^`bits` words; and the first word behind
+/// them.
+fn layout(pages: &[PageEntry], mut at: u64, bits: u32) -> (Vec<u64>, u64) {
+    let mut offsets = Vec::with_capacity(pages.len());
+    for page in pages {
         let words = u64::from(page.words);
         if at >> bits != (at + words.max(1) - 1) >> bits {
             at = ((at >> bits) + 1) << bits;
@@ -58,18 +58,22 @@ fn most_words(context: &Context) -> u64 {
 }
 
 impl PageArrays {
-    /// Words that are given away once these meshes follow what is there already.
-    pub(super) fn words_with<'a>(&self, context: &Context, meshes: impl Iterator<Item = &'a Dag>) -> u64 {
-        meshes.fold(self.used, |at, mesh| layout(mesh, at, context.array_bits()).1)
+    /// Words that are given away once the pages of these meshes follow what is there already.
+    pub(super) fn words_with<'a>(
+        &self,
+        context: &Context,
+        meshes: impl Iterator<Item = &'a [PageEntry]>,
+    ) -> u64 {
+        meshes.fold(self.used, |at, pages| layout(pages, at, context.array_bits()).1)
     }
 
-    /// How many places a device has beside so many words of meshes in memory.
+    /// How many places a device has beside so many words of pages that stay.
     pub(super) fn places_beside(context: &Context, words: u64) -> usize {
         (most_words(context).saturating_sub(words) / PLACE_WORDS) as usize
     }
 
-    /// Arrays with so many places and room for so many words of meshes in memory, and where the device allows for as
-    /// many words again.
+    /// Arrays with so many places and room for so many words of pages that stay, and where the device allows for as many
+    /// words again.
     pub(super) fn new(context: &Context, words: u64, places: usize) -> Result<Self> {
         let (bits, array) = (context.array_bits(), 1 << context.array_bits());
         let place_words = places as u64 * PLACE_WORDS;
@@ -91,16 +95,21 @@ impl PageArrays {
         Ok(Self { arrays, bits, used: 0, room: all - place_words, places: places as u64, free, written: 0 })
     }
 
-    /// Whether there is room for so many words of meshes in memory and for so many places.
+    /// Whether there is room for so many words of pages that stay and for so many places.
     pub(super) fn has_room(&self, words: u64, places: usize) -> bool {
         !self.arrays.is_empty() && words <= self.room && places as u64 <= self.places
     }
 
-    /// Appends the pages of a mesh in memory. Returns where each starts.
-    pub(super) fn append(&mut self, context: &Context, mesh: &Dag) -> Result<Vec<u32>> {
-        let (starts, end) = layout(mesh, self.used, self.bits);
+    /// Appends pages that stay, of which `words` has the words. Returns where each starts.
+    pub(super) fn append<'a>(
+        &mut self,
+        context: &Context,
+        pages: &[PageEntry],
+        words: impl Fn(usize) -> &'a [u32],
+    ) -> Result<Vec<u32>> {
+        let (starts, end) = layout(pages, self.used, self.bits);
         for (page, at) in starts.iter().enumerate() {
-            self.write(context, *at, mesh.pages.page(page))?;
+            self.write(context, *at, words(page))?;
         }
         (self.used, self.written) = (end, self.written.max(end));
         // What all arrays hold bounds them.

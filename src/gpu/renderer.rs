@@ -207,7 +207,7 @@ impl Renderer {
                     instances: self.instances.room(),
                     group_words: self.instances.group_words(),
                     depth: self.instances.depth(),
-                    pages: if resident.held() > 0 { self.meshes.page_count() } else { 0 },
+                    pages: if resident.is_empty() { 0 } else { self.meshes.page_count() },
                     pixels: u64::from(job.view.width) * u64::from(job.view.height),
                     room: self.room,
                     occlusion: ways.occlusion,

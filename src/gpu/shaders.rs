@@ -13,6 +13,7 @@ use crate::limits::{
     TRIANGLE_BITS,
 };
 use crate::model::cluster::RECORD_WORDS;
+use crate::model::packing::{CORNER_BITS, WIDE_CORNER_BITS};
 use crate::model::{ClusterRecord, Packing};
 use crate::scene::Slot;
 use crate::scene::image::TexelFormat;
@@ -471,6 +472,8 @@ pub fn constants() -> String {
         ("SHADING_PYRENDER", Shading::Pyrender as u32),
         ("SHADING_FLAT", Shading::Flat as u32),
         ("SHADING_NORMALS", Shading::Normals as u32),
+        ("CORNER_BITS", CORNER_BITS),
+        ("WIDE_CORNER_BITS", WIDE_CORNER_BITS),
     ];
     let fields = [
         ("RECORD_CENTER", offset_of!(ClusterRecord, center)),

@@ -2,7 +2,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::packing::{Identities, PACKING_WORDS, Packing, Positions, Widths, packed_words};
+use super::packing::{
+    Identities, PACKING_WORDS, Packing, Positions, Triangles, Widths, corner_bits, packed_words,
+};
 use crate::limits::PAGE_SLOT_BITS;
 use crate::math::Sphere;
 
@@ -89,7 +91,7 @@ impl ClusterRecord {
 /// Which per-vertex streams a mesh carries besides positions and identities.
 ///
 /// The streams of a cluster, in the order in which they follow each other: a [`Packing`], positions, vertex identities,
-/// triangles (3 bytes each, padded to a word), normals (octahedral, 1 word), colours (RGBA8, 1 word), and `uv_sets` ×
+/// triangles (three corners each, see [`Triangles`]), normals (octahedral, 1 word), colours (RGBA8, 1 word), and `uv_sets` ×
 /// (2 × f32).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct AttributeLayout {
@@ -125,7 +127,7 @@ impl AttributeLayout {
         let [x, y, z, id] = widths.map(usize::from);
         let ids = PACKING_WORDS + packed_words(vertices, x + y + z);
         let triangles_at = ids + packed_words(vertices, id);
-        let normals = triangles_at + (3 * triangles).div_ceil(4);
+        let normals = triangles_at + packed_words(triangles, 3 * corner_bits(vertices) as usize);
         let colors = normals + vertices;
         let uvs = colors + if self.colors { vertices } else { 0 };
         Streams {
@@ -147,7 +149,7 @@ pub struct ClusterGeometry<'a> {
     /// Vertex identities: two clusters share a vertex exactly when the identities are equal.
     pub ids: Identities<'a>,
     /// Corners of each triangle, counter-clockwise seen from the front.
-    pub triangles: &'a [[u8; 3]],
+    pub triangles: Triangles<'a>,
     /// Octahedral normals, see [`crate::math::octahedral`].
     pub normals: &'a [u32],
     /// RGBA8 colours, red in the low byte; empty when the mesh has none.
@@ -163,11 +165,11 @@ impl<'a> ClusterGeometry<'a> {
         let streams = layout.streams(vertices, triangles, packing.widths);
         let words = &words[..streams.end];
         let bytes: &[u8] = bytemuck::cast_slice(words);
-        // Triangles and normals follow, which are two words at least: what a read of packed numbers may reach.
+        // Triangles and normals follow, each a word at least: what reads of packed numbers may reach.
         Self {
             positions: Positions::new(&bytes[4 * PACKING_WORDS..], vertices, packing),
             ids: Identities::new(&bytes[4 * streams.ids..], vertices, packing),
-            triangles: bytemuck::cast_slice(&bytes[4 * streams.triangles..][..3 * triangles]),
+            triangles: Triangles::new(&bytes[4 * streams.triangles..], triangles, vertices),
             normals: &words[streams.normals..streams.colors],
             colors: bytemuck::cast_slice(&words[streams.colors..streams.uvs]),
             uvs: bytemuck::cast_slice(&words[streams.uvs..]),
@@ -181,6 +183,6 @@ impl<'a> ClusterGeometry<'a> {
 
     /// The corners of triangle `t`.
     pub fn corners(&self, t: usize) -> [[f32; 3]; 3] {
-        self.triangles[t].map(|v| self.positions.get(usize::from(v)))
+        self.triangles.get(t).map(|v| self.positions.get(usize::from(v)))
     }
 }

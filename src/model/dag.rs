@@ -10,6 +10,7 @@ use super::hierarchy::Node;
 use super::page::Pages;
 use super::reading::Patience;
 use super::report::BuildReport;
+use super::rule::ROOT_ERROR;
 use super::words::Words;
 use crate::error::Result;
 use crate::math::{Aabb, Sphere};
@@ -159,6 +160,13 @@ impl Dag {
     /// The words beside the pages: those of channels, and face ids.
     pub fn words(&self) -> impl Iterator<Item = &Words> {
         self.channels.iter().map(|channel| &channel.words).chain(&self.face_ids)
+    }
+
+    /// Number of root pages: the first ones, up to the last with a group that nothing coarser was made from. What they
+    /// depend on is before them.
+    pub fn root_pages(&self) -> usize {
+        let last = self.groups.iter().rfind(|group| group.error == ROOT_ERROR);
+        last.map_or(0, |group| group.first.page() + 1)
     }
 
     /// Streams every cluster carries.

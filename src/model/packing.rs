@@ -1,7 +1,10 @@
 //! How a cluster holds positions and identities: as whole numbers above the least of each column, in as many bits as
-//! the largest of the cluster needs. Reading one takes a few instructions, on any processor, and unpacks nothing else.
+//! the largest of the cluster needs; and triangles, a corner in seven bits or eight. Reading one takes a few instructions,
+//! on any processor, and unpacks nothing else.
 
 use bytemuck::{Pod, Zeroable};
+
+use crate::limits::CLUSTER_MAX_TRIANGLES;
 
 /// Bits of x, y, z and of an identity in a cluster, 0 to 32 each.
 pub type Widths = [u8; 4];
@@ -168,6 +171,102 @@ fn mask(width: u32) -> u64 {
     (1 << width) - 1
 }
 
+/// Bits of a corner of a triangle where they number all vertices of a cluster, which is as good as always.
+pub const CORNER_BITS: u32 = 7;
+/// Bits of a corner elsewhere.
+pub const WIDE_CORNER_BITS: u32 = u8::BITS;
+
+/// Bits of a corner of a triangle in a cluster of so many vertices.
+pub fn corner_bits(vertices: usize) -> u32 {
+    if vertices <= 1 << CORNER_BITS { CORNER_BITS } else { WIDE_CORNER_BITS }
+}
+
+/// Writes triangles of a cluster of so many vertices to the head of words.
+pub fn write_triangles(triangles: &[[u8; 3]], vertices: usize, out: &mut [u32]) {
+    match corner_bits(vertices) {
+        CORNER_BITS => write_corners::<CORNER_BITS>(triangles, out),
+        _ => write_corners::<WIDE_CORNER_BITS>(triangles, out),
+    }
+}
+
+fn write_corners<const BITS: u32>(triangles: &[[u8; 3]], out: &mut [u32]) {
+    /// They begin and end with a byte.
+    const TOGETHER: usize = 8;
+    let four = |four: &[[u8; 3]]| {
+        four.iter().rev().fold(0u128, |bits, triangle| {
+            let [a, b, c] = triangle.map(u32::from);
+            bits << (3 * BITS) | u128::from(a | b << BITS | c << (2 * BITS))
+        })
+    };
+    let (whole, rest) = triangles.as_chunks::<TOGETHER>();
+    let mut last = [[0; 3]; TOGETHER];
+    last[..rest.len()].copy_from_slice(rest);
+    let mut bytes = [0; 3 * (CLUSTER_MAX_TRIANGLES + TOGETHER) + size_of::<u128>()];
+    for (number, eight) in whole.iter().chain([&last]).enumerate() {
+        let (first, second) = (four(&eight[..4]), four(&eight[4..]));
+        let (begun, bits) = (12 * BITS as usize / 8, 12 * BITS % 8);
+        let to = &mut bytes[3 * BITS as usize * number..][..begun + size_of::<u128>()];
+        to[..size_of::<u128>()].copy_from_slice(&first.to_le_bytes());
+        to[begun..].copy_from_slice(&(first >> (8 * begun) | second << bits).to_le_bytes());
+    }
+    let words = packed_words(triangles.len(), 3 * BITS as usize);
+    let out: &mut [u8] = bytemuck::cast_slice_mut(&mut out[..words]);
+    out.copy_from_slice(&bytes[..out.len()]);
+}
+
+/// Triangles of a cluster.
+#[derive(Clone, Copy, Debug)]
+pub struct Triangles<'a> {
+    /// From the first one on, with at least a word behind the last.
+    bytes: &'a [u8],
+    count: usize,
+    /// Of a corner.
+    bits: u32,
+}
+
+impl<'a> Triangles<'a> {
+    /// So many, of a cluster of so many vertices; `bytes` go on behind them.
+    pub(super) fn new(bytes: &'a [u8], count: usize, vertices: usize) -> Self {
+        Self { bytes, count, bits: corner_bits(vertices) }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.count
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// The corners of a triangle, counter-clockwise seen from the front.
+    #[inline(always)]
+    pub fn get(&self, triangle: usize) -> [u8; 3] {
+        let bit = triangle * 3 * self.bits as usize;
+        // At most seven bits before it and three bytes of its own: one word, wherever it begins.
+        let mut word = [0; size_of::<u32>()];
+        word.copy_from_slice(&self.bytes[bit / 8..][..size_of::<u32>()]);
+        let corners = u32::from_le_bytes(word) >> (bit % 8);
+        if self.bits == CORNER_BITS {
+            [0, 1, 2].map(|k| (corners >> (k * CORNER_BITS)) as u8 & ((1 << CORNER_BITS) - 1))
+        } else {
+            [0, 1, 2].map(|k| (corners >> (k * WIDE_CORNER_BITS)) as u8)
+        }
+    }
+
+    /// All of them.
+    #[inline(always)]
+    pub fn iter(self) -> impl ExactSizeIterator<Item = [u8; 3]> + 'a {
+        (0..self.count).map(move |triangle| self.get(triangle))
+    }
+
+    /// All of them in memory of their own.
+    pub fn to_vec(self) -> Vec<[u8; 3]> {
+        self.iter().collect()
+    }
+}
+
 /// Positions of a cluster.
 #[derive(Clone, Copy, Debug)]
 pub struct Positions<'a> {
@@ -310,6 +409,26 @@ mod tests {
                     assert_eq!((positions.numbers(v), ids.get(v)), ([row[0], row[1], row[2]], row[3] as u32));
                 }
                 assert_eq!((positions.iter().len(), ids.iter().len()), (count, count));
+            }
+        }
+    }
+
+    #[test]
+    fn triangles_are_read_as_they_were_written() {
+        for vertices in 1..=255usize {
+            let corner = |i: usize| ((i * 37 + 11) % vertices) as u8;
+            let mut triangles: Vec<[u8; 3]> =
+                (0..128).map(|t| [corner(t), corner(t + 5), corner(2 * t)]).collect();
+            triangles[127] = [(vertices - 1) as u8; 3];
+            for count in [1, 2, 3, 11, 128] {
+                let triangles = &triangles[128 - count..];
+                let words = packed_words(count, 3 * corner_bits(vertices) as usize);
+                assert!(0 < words && words <= (3 * count).div_ceil(4));
+                let mut out = vec![u32::MAX; words + 1];
+                write_triangles(triangles, vertices, &mut out);
+                assert_eq!(out[words], u32::MAX);
+                let read = Triangles::new(bytemuck::cast_slice(&out), count, vertices);
+                assert_eq!(read.to_vec(), triangles);
             }
         }
     }

@@ -1,5 +1,5 @@
 //! Pages: the unit of storage and of streaming. A page is words: the records of its clusters, then their streams. Pages
-//! hold whole groups of one level, coarsest level first.
+//! hold whole groups, coarsest level first: a small root page the coarsest of all levels, each other page those of one.
 
 use std::fmt;
 use std::sync::{Arc, OnceLock};
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, RECORD_WORDS};
 use super::reading::{Patience, read_pages};
 use crate::error::Result;
-use crate::limits::{PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
+use crate::limits::{PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS, ROOT_PAGE_MAX_BYTES};
 
 /// The words of a page, shared by all who look at it.
 pub type PageWords = Arc<[u32]>;
@@ -23,7 +23,8 @@ pub struct PageEntry {
     pub clusters: u32,
     /// Clusters in all pages before this one.
     pub first_cluster: u32,
-    /// Level of every group of the page; a cluster that could not be simplified comes again at the next.
+    /// Level of its first group, and of all others but those of a root page; a cluster that could not be simplified comes
+    /// again at the next.
     pub level: u32,
     /// Triangles of the source: those of its clusters that were never simplified, at whatever level these are grouped.
     pub faces: u32,
@@ -51,6 +52,8 @@ impl PageEntry {
 pub struct GroupSize {
     /// Its level.
     pub level: u32,
+    /// Nothing coarser was made from it.
+    pub root: bool,
     /// Number of its clusters.
     pub clusters: u32,
     /// Words of their records and streams.
@@ -59,17 +62,21 @@ pub struct GroupSize {
     pub faces: u32,
 }
 
-/// The table of pages that hold groups in this order, whole, of one level, as many as go into a page; and the address of
-/// the first member of each.
+/// The table of pages that hold groups in this order, whole, as many as go into a page; and the address of the first
+/// member of each. Roots come first. What the last of their pages has room for besides is of the next levels, so that
+/// little memory holds something to draw; further pages are of one level each.
 pub fn paginate(groups: impl Iterator<Item = GroupSize>) -> (Vec<PageEntry>, Vec<ClusterAddress>) {
     let (mut table, mut first) = (Vec::<PageEntry>::new(), Vec::new());
-    for GroupSize { level, clusters, words, faces } in groups {
+    let mut of_roots = false;
+    for GroupSize { level, root, clusters, words, faces } in groups {
         let last = table.last().copied().unwrap_or_default();
+        let most = if of_roots { ROOT_PAGE_MAX_BYTES } else { PAGE_MAX_BYTES };
         let fits = !table.is_empty()
-            && last.level == level
-            && size_of::<u32>() * (last.words + words) as usize <= PAGE_MAX_BYTES
+            && (of_roots || last.level == level)
+            && size_of::<u32>() * (last.words + words) as usize <= most
             && (last.clusters + clusters) as usize <= PAGE_MAX_CLUSTERS;
         if !fits {
+            of_roots = root;
             table.push(last.next(0, 0, level, 0));
         }
         let page = table.len() - 1;
@@ -87,7 +94,7 @@ pub trait PageSource: fmt::Debug + Send + Sync {
     /// The words of a page, checked; on any thread.
     fn read(&self, page: usize) -> Result<PageWords>;
 
-    /// The pages with the clusters that were made from the groups of a page, ascending, all before it.
+    /// The other pages with clusters that were made from the groups of a page, ascending, all before it.
     fn dependencies(&self, page: usize) -> &[u32];
 }
 

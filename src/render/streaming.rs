@@ -31,7 +31,7 @@ pub(super) fn missed(absent: &[GroupCandidate], views: &[InstanceView]) -> Needs
 
 /// The pages of what was drawn; and where something stands in for what is finer and not there, those of the latter.
 pub(super) fn drawn(frame: &Rastered, tau: f32, resident: &Resident, needs: &mut Needs) {
-    if resident.held() == 0 {
+    if resident.is_empty() {
         return;
     }
     let mut last = None;
@@ -66,7 +66,7 @@ pub(super) fn expected(
     resident: &Resident,
     needs: &mut Needs,
 ) {
-    if before.len() != now.len() || resident.held() == 0 {
+    if before.len() != now.len() || resident.is_empty() {
         return;
     }
     let streamed = |(_, instance): &(u32, &Instance)| resident.streams(&instance.mesh);

@@ -11,6 +11,7 @@
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Bound;
 
 use super::request::Request;
 use crate::model::PageWords;
@@ -90,7 +91,7 @@ pub struct Pool {
     evicted: u64,
     /// Pages that may be drawn.
     resident: usize,
-    /// Bytes of those that always are there.
+    /// Bytes of those that are always there.
     root_bytes: u64,
 }
 
@@ -108,6 +109,11 @@ impl Pool {
     /// Bytes there may be.
     pub fn budget(&self) -> u64 {
         self.budget
+    }
+
+    /// Bytes of the pages that are always there.
+    pub fn root_bytes(&self) -> u64 {
+        self.root_bytes
     }
 
     /// Pages evicted so far.
@@ -220,7 +226,9 @@ impl Pool {
     /// Lets those enter that wait and whose dependencies are resident, up to so many bytes of them. Smaller numbers come
     /// first, so that once through is enough.
     pub fn enter(&mut self, mut most: u64) {
-        for ask in self.waiting.clone() {
+        let mut next = self.waiting.first().copied();
+        while let Some(ask) = next {
+            next = self.waiting.range((Bound::Excluded(ask), Bound::Unbounded)).next().copied();
             let page = self.page(ask);
             let there = |&page: &u32| self.holds(Ask { page, ..ask });
             if !page.dependencies.iter().all(there) {

@@ -10,9 +10,9 @@ use crate::model::{Dag, Pages};
 #[derive(Clone, Debug, Default)]
 pub struct Resident {
     pub(super) meshes: FxHashMap<usize, Arc<Pages>>,
-    /// Pages of all of them.
+    /// Their pages but for those of roots.
     pub(super) held: usize,
-    /// How many of them the pool has room for.
+    /// How many of these the pool has room for.
     pub(super) most: usize,
 }
 
@@ -29,18 +29,23 @@ impl Resident {
 
     /// The pages of a mesh that may be drawn: its own, unless it is streamed.
     pub fn pages<'a>(&'a self, mesh: &'a Arc<Dag>) -> &'a Arc<Pages> {
-        if self.meshes.is_empty() {
+        if self.is_empty() {
             return &mesh.pages;
         }
         self.meshes.get(&address(mesh)).unwrap_or(&mesh.pages)
     }
 
-    /// How many pages of streamed meshes there are.
+    /// Whether no mesh is streamed.
+    pub fn is_empty(&self) -> bool {
+        self.meshes.is_empty()
+    }
+
+    /// How many pages of streamed meshes there are besides root pages.
     pub fn held(&self) -> usize {
         self.held
     }
 
-    /// How many of them the pool has room for.
+    /// How many of these the pool has room for.
     pub fn most(&self) -> usize {
         self.most
     }

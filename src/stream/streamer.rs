@@ -9,7 +9,7 @@ use super::request::Needs;
 use super::resident::{Resident, address};
 use crate::error::{Error, Result};
 use crate::limits::PAGE_MAX_BYTES;
-use crate::model::{Dag, PageEntry, PageSource, PageWords, Pages, Patience, read_pages};
+use crate::model::{Dag, PageSource, PageWords, Pages, Patience, read_pages};
 
 /// How often a page is read that the system could not read, before it counts as lost.
 const ATTEMPTS: u32 = 3;
@@ -22,7 +22,7 @@ const ENTER_BYTES: u64 = 16 << 20;
 pub struct StreamOptions {
     /// Bytes of pages in memory.
     pub pool_bytes: u64,
-    /// Every page counts as the largest there may be: a device keeps them in places of one size.
+    /// Every page but those of roots counts as the largest there may be: a device keeps them in places of one size.
     pub equal_pages: bool,
 }
 
@@ -68,6 +68,8 @@ struct Mesh {
     generation: u64,
     /// What is resident; changed in place unless a frame still looks at it.
     pages: Arc<Pages>,
+    /// Number of its root pages.
+    roots: usize,
     attempts: Vec<u32>,
 }
 
@@ -144,43 +146,27 @@ impl Streamer {
         self.collect();
         self.pool.enter(if wait { u64::MAX } else { ENTER_BYTES });
         self.apply();
-        let places = self.pool.budget() / PAGE_MAX_BYTES as u64;
-        let (held, most) = (self.pool.resident(), places as usize);
-        let mut out = Resident { held, most: most.max(held), ..Resident::default() };
+        let roots: usize = self.meshes.iter().map(|mesh| mesh.roots).sum();
+        let held = self.pool.resident() - roots;
+        let places = (self.pool.budget() - self.pool.root_bytes()) / PAGE_MAX_BYTES as u64;
+        let mut out = Resident { held, most: held.max(places as usize), ..Resident::default() };
         for mesh in &self.meshes {
             out.set(&mesh.dag, Arc::clone(&mesh.pages));
         }
         Ok(out)
     }
 
-    /// What a page takes of the pool.
-    fn bytes(&self, entry: &PageEntry) -> u64 {
-        if self.equal_pages {
-            PAGE_MAX_BYTES as u64
-        } else {
-            u64::from(entry.words) * size_of::<u32>() as u64
-        }
-    }
-
     fn attach(&mut self, dag: Arc<Dag>, source: Arc<dyn PageSource>, go_on: Patience<'_>) -> Result<()> {
-        let pages: Vec<(u64, Vec<u32>)> = dag
-            .pages
-            .table
-            .iter()
-            .enumerate()
-            .map(|(page, entry)| (self.bytes(entry), source.dependencies(page).to_vec()))
-            .collect();
-        let mut roots: BTreeSet<u32> = BTreeSet::new();
-        let mut open: Vec<u32> =
-            dag.groups.iter().filter(|g| g.error.is_infinite()).map(|g| g.first.page() as u32).collect();
-        while let Some(page) = open.pop() {
-            if roots.insert(page) {
-                open.extend(&pages[page as usize].1);
-            }
-        }
-        let least: u64 = roots.iter().map(|page| pages[*page as usize].0).sum();
-        let numbers = roots.into_iter().map(|page| page as usize).collect();
+        let count = dag.root_pages();
+        let bytes = |page: usize| match self.equal_pages && page >= count {
+            true => PAGE_MAX_BYTES as u64,
+            false => u64::from(dag.pages.table[page].words) * size_of::<u32>() as u64,
+        };
+        let page = |page: usize| (bytes(page), source.dependencies(page).to_vec());
+        let pages: Vec<(u64, Vec<u32>)> = (0..dag.pages.table.len()).map(page).collect();
+        let least: u64 = pages[..count].iter().map(|page| page.0).sum();
         let mut roots: Vec<(u32, PageWords)> = Vec::new();
+        let numbers = (0..count).collect();
         read_pages(&source, numbers, go_on, |page, words| roots.push((page as u32, words)))?;
         let attempts = vec![0; pages.len()];
         if self.pool.used() + least > self.pool.budget() {
@@ -190,7 +176,7 @@ impl Streamer {
         }
         let Some(number) = self.pool.attach(pages, roots) else {
             let message = format!(
-                "the pool has {} bytes; the coarsest pages of the meshes of the scene, which are always there, take {} more \
+                "the pool has {} bytes; the root pages of the meshes of the scene, which are always there, take {} more \
                  than are left",
                 self.pool.budget(),
                 least
@@ -199,7 +185,8 @@ impl Streamer {
         };
         self.generations += 1;
         let pages = Arc::new(Pages::absent(Arc::clone(&dag.pages.table), dag.layout()));
-        self.meshes.push(Mesh { dag, source, number, generation: self.generations, pages, attempts });
+        let generation = self.generations;
+        self.meshes.push(Mesh { dag, source, number, generation, pages, roots: count, attempts });
         Ok(())
     }
 

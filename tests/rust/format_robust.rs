@@ -1,6 +1,7 @@
 //! Files: what is written comes back, and nothing that is read is trusted.
 
 use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -15,13 +16,13 @@ use nanite_rs::format::quantize::Rounded;
 use nanite_rs::format::{
     Precision, file_info, from_bytes, open, page_encode, quantize, save, to_bytes, validate,
 };
-use nanite_rs::limits::{CLUSTER_MAX_VERTICES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
+use nanite_rs::limits::{CLUSTER_MAX_VERTICES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS, ROOT_PAGE_MAX_BYTES};
 use nanite_rs::lod::{cut_error, extract, select};
 use nanite_rs::measure::{BoundOptions, Surface, hausdorff_upper};
 use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::cluster::RECORD_WORDS;
-use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{ChannelInfo, ChannelType, ClusterAddress, Dag, FOREVER, Grid, Node};
+use nanite_rs::model::rule::{ROOT_ERROR, Threshold};
+use nanite_rs::model::{ChannelInfo, ChannelType, ClusterAddress, Dag, FOREVER, Grid, Group, Node};
 use proptest::prelude::*;
 use rayon::prelude::*;
 
@@ -162,35 +163,82 @@ fn clusters_of_the_most_vertices_come_back() {
     }
 }
 
+/// Bytes of the clusters of a group.
+fn bytes_of(mesh: &Dag, group: &Group) -> usize {
+    let words = |at: ClusterAddress| {
+        let record = mesh.record(at);
+        let counts = (usize::from(record.vertex_count), usize::from(record.triangle_count));
+        RECORD_WORDS + mesh.layout().streams(counts.0, counts.1, mesh.geometry(at).widths()).end
+    };
+    4 * group.members().map(words).sum::<usize>()
+}
+
+/// Root pages come first and are small, the last of them filled up with what is coarsest; others are of one level, and
+/// end where the next group has no room.
+fn pages_are_as_they_should_be(mesh: &Dag) {
+    check(mesh).unwrap();
+    let roots = mesh.root_pages();
+    let table = &mesh.pages.table;
+    let most = |page: usize| if page < roots { ROOT_PAGE_MAX_BYTES } else { PAGE_MAX_BYTES };
+    for (page, entry) in table.iter().enumerate() {
+        assert!(4 * entry.words as usize <= most(page) && entry.clusters as usize <= PAGE_MAX_CLUSTERS);
+    }
+    let is_root = |group: &Group| group.error == ROOT_ERROR;
+    assert!(mesh.groups.is_sorted_by_key(|group| !is_root(group)));
+    for (group, next) in mesh.groups.iter().zip(&mesh.groups[1..]) {
+        let page = group.first.page();
+        assert!(group.level >= next.level);
+        assert!(page < roots || table[page].level == group.level);
+        if next.first.page() != page {
+            let room = most(page).saturating_sub(4 * table[page].words as usize);
+            let slots = PAGE_MAX_CLUSTERS - table[page].clusters as usize;
+            let fits = bytes_of(mesh, next) <= room && next.count as usize <= slots;
+            assert!(!fits || page >= roots && next.level != group.level, "page {page}");
+        }
+    }
+}
+
+#[test]
+fn root_pages_are_small_and_hold_the_coarsest_of_all_levels() {
+    let mut random = Random(3);
+    let mut number = |below: usize| (random.next() * below as f64) as u32;
+    // Where every vertex has hundreds of triangles nothing can be simplified.
+    let positions = (0..90).map(|_| [0, 1, 2].map(|_| number(1000) as f32)).collect();
+    let tangle = (positions, (0..9000).map(|_| [0, 1, 2].map(|_| number(90))).collect());
+    // Of one root, of many, and all in one page.
+    for (mesh, several) in
+        [(shapes::bumpy_sphere(160), false), (tangle, true), (shapes::torus(30, 12), false)]
+    {
+        let dag = build_mesh(&mesh);
+        for mesh in [&dag, &rounded(&dag, Precision::Auto)] {
+            pages_are_as_they_should_be(mesh);
+            assert_eq!(mesh.root_pages() > 1, several);
+            let of_roots = |group: &&Group| group.first.page() < mesh.root_pages();
+            let levels: BTreeSet<u32> = mesh.groups.iter().filter(of_roots).map(|g| g.level).collect();
+            assert!(several || levels.len() > 3, "{levels:?}");
+            let used = 4 * mesh.pages.table[..mesh.root_pages()].iter().map(|page| page.words).sum::<u32>();
+            let all = 4 * mesh.pages.word_count();
+            assert!(
+                u64::from(used) == all || used as usize > ROOT_PAGE_MAX_BYTES / 2,
+                "{used} of {all} bytes"
+            );
+            assert!(from_bytes(&to_bytes(mesh).unwrap(), "x").unwrap() == *mesh);
+        }
+    }
+}
+
 #[test]
 fn pages_are_filled_anew_when_numbers_take_fewer_bits() {
     let dag = build_mesh(&shapes::bumpy_sphere(160));
     let read = rounded(&dag, Precision::Auto);
     assert!(read.pages.table.len() < dag.pages.table.len());
     assert!(read.pages.word_count() < dag.pages.word_count() * 9 / 10);
-    for mesh in [&dag, &read] {
-        check(mesh).unwrap();
-        let table = &mesh.pages.table;
-        for (page, entry) in table.iter().enumerate() {
-            assert!(
-                4 * entry.words as usize <= PAGE_MAX_BYTES && entry.clusters as usize <= PAGE_MAX_CLUSTERS
-            );
-            let Some(next) = table.get(page + 1).filter(|next| next.level == entry.level) else { continue };
-            // The first group of the next page has no room in this one.
-            let group = mesh.groups.iter().find(|g| g.first == ClusterAddress::new(page + 1, 0)).unwrap();
-            let end = match group.members().map(|at| at.slot() + 1).last().unwrap() {
-                last if last < next.clusters as usize => mesh.pages.records(page + 1)[last].data,
-                _ => next.words,
-            };
-            let streams = end - mesh.pages.records(page + 1)[0].data;
-            let words = streams as usize + group.count as usize * RECORD_WORDS;
-            assert!(4 * (entry.words as usize + words) > PAGE_MAX_BYTES);
-        }
-    }
+    pages_are_as_they_should_be(&dag);
+    pages_are_as_they_should_be(&read);
     // Clusters are what they were, in the same order.
     for (a, b) in dag.pages.addresses().zip(read.pages.addresses()) {
         let (a, b) = (dag.geometry(a), read.geometry(b));
-        assert!(a.triangles == b.triangles && a.ids.iter().eq(b.ids.iter()));
+        assert!(a.triangles.iter().eq(b.triangles.iter()) && a.ids.iter().eq(b.ids.iter()));
     }
 }
 
@@ -386,7 +434,7 @@ fn hostile_pages_never_panic() {
 /// Rows of the page table that promise more than the file could hold are refused before anything is allocated for them.
 #[test]
 fn what_is_allocated_is_bounded_by_the_file() {
-    let bytes = to_bytes(&rich_mesh(6)).unwrap();
+    let bytes = to_bytes(&rich_mesh(20)).unwrap();
     let table = section(&bytes, Kind::PageTable);
     let refused = |field: std::ops::Range<usize>, value: u64, what: &str| {
         let mut damaged = bytes.clone();
@@ -402,6 +450,7 @@ fn what_is_allocated_is_bounded_by_the_file() {
         }
     };
     refused(16..20, u64::from(u32::MAX), "too few bytes");
+    refused(16..20, 1 + PAGE_MAX_BYTES as u64 / 4, "more than a page");
     refused(16..20, 1, "does not fit");
     refused(8..12, u64::from(u32::MAX), "does not");
     refused(0..8, u64::MAX, "does not follow");

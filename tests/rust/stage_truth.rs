@@ -10,7 +10,7 @@ use nanite_rs::gpu_types::{
 use nanite_rs::limits::{PYRAMID_ABOVE, PYRAMID_LEVELS};
 use nanite_rs::math::Sphere;
 use nanite_rs::model::cluster::RECORD_WORDS;
-use nanite_rs::model::packing::{VertexRow, vertex_row};
+use nanite_rs::model::packing::{VertexRow, vertex_row, write_triangles};
 use nanite_rs::model::{AttributeLayout, ClusterAddress, ClusterRecord, Group, Node, Packing};
 
 use crate::gpu_parity::device;
@@ -868,8 +868,7 @@ fn drawn(
         let streams = AttributeLayout::default().streams(corners.len(), triangles.len(), packing.widths);
         let mut own = vec![0; streams.end];
         packing.write(&rows, &mut own);
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut own[streams.triangles..]);
-        bytes.iter_mut().zip(triangles.as_flattened()).for_each(|(byte, corner)| *byte = *corner);
+        write_triangles(triangles, corners.len(), &mut own[streams.triangles..]);
         pages.extend(own);
     }
     offsets.resize(4, 0);

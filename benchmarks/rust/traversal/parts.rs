@@ -38,7 +38,7 @@ fn part(mesh: &Dag, first: ClusterAddress, count: usize) -> Group {
         error: groups().map(|group| group.error).fold(0.0, f32::max) * ERROR_STEP,
         first,
         count: count as u32,
-        level: mesh.pages.table[first.page()].level,
+        level: mesh.group_of(first).level,
         center,
         extent,
         ..bytemuck::Zeroable::zeroed()
