@@ -3,7 +3,7 @@
 
 use bytemuck::{Pod, Zeroable, cast_slice};
 use nanite_rs::gpu::Context;
-use nanite_rs::gpu::shaders::{Bits, Kernel, Phase, SCAN_BLOCK, Step, Words};
+use nanite_rs::gpu::shaders::{Bits, Kernel, List, Phase, SCAN_BLOCK, Step, Words};
 use nanite_rs::gpu_types::{
     Call, Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
 };
@@ -268,6 +268,8 @@ fn what_the_earlier_pyramid_hides_is_put_off() {
 }
 
 /// A sphere and an error at distance 10 that make exactly a pixel: 0.125 · 64 / (10 − 1.875 − 0.125).
+const LISTS: usize = List::COUNT as usize;
+
 const SPHERE: Sphere = Sphere { center: [0.0; 3], radius: 1.875 };
 const PIXEL: f32 = 0.125;
 /// The next smaller error: 0.125 − 2⁻²⁷ makes 1 − 2⁻²⁴ pixels, the next smaller f32.
@@ -787,23 +789,25 @@ fn clusters_are_listed_in_scene_order() {
                 &sums,
                 words(&vec![VisibleCluster::zeroed(); room]),
                 &vec![99; 2 * room],
-                words(&[Dispatch::default(); 3]),
+                words(&[Dispatch::default(); LISTS]),
                 words(&[Counters::default()]),
                 words(first),
                 &[88; 4],
-                words(&[Call::zeroed(); 3]),
+                words(&[Call::zeroed(); LISTS]),
             ],
         );
         let draws: Vec<Dispatch> = entries(&out[7]);
-        let counts = [0, 1, 2].map(|list: usize| draws[list].count as usize);
+        let counts = [0, 1, 2, 3].map(|list: usize| draws[list].count as usize);
         assert_eq!(draws, counts.map(|n| dispatch(n as u32, u32::from(n > 0), n as u32)));
-        // The same for draws of 128 triangles; clipped ones are not drawn so.
+        // The same for draws of 128 triangles; clipped ones and those with holes are not drawn so.
         let calls: Vec<Call> = entries(&out[11]);
         assert_eq!(calls.iter().map(|call| call.instances as usize).collect::<Vec<_>>(), counts);
-        assert_eq!([calls[0].vertices, calls[1].vertices, calls[2].vertices], [384, 384, 0]);
-        let [small, large, clipped] = counts.map(|n| n.min(room));
+        assert_eq!(calls.iter().map(|call| call.vertices).collect::<Vec<_>>(), [384, 384, 0, 0]);
+        let [small, large, clipped, masked] = counts.map(|n| n.min(room));
         let mut front = out[6][..small].to_vec();
-        let mut back = [&out[6][room - large..room], &out[6][room..room + clipped]].concat();
+        let lists =
+            [&out[6][room - large..room], &out[6][room..room + clipped], &out[6][2 * room - masked..]];
+        let mut back = lists.concat();
         front.sort_unstable();
         back.sort_unstable();
         let counters: Counters = entry(&out[8]);
@@ -818,6 +822,11 @@ fn clusters_are_listed_in_scene_order() {
     // Small ones from the front, large ones from the back.
     assert_eq!((small, large, count), (vec![0, 2, 3], vec![1, 4], 5));
     assert_eq!((firsts[0].first, firsts[2].first), (0, 3));
+    // Some of the small ones may have holes, and are drawn where large ones are.
+    let holes = [Marks { clipped: 0b1, ..marks[0] }, marks[1], Marks { clipped: 0b1, ..marks[2] }];
+    let (found, small, large, count, ..) = list(Phase::First, &candidates, drawn, holes, &holes, 6);
+    assert_eq!((small, large, count), (vec![2], vec![0, 1, 3, 4], 5));
+    assert_eq!(found[..5].iter().map(|v| v.large).collect::<Vec<_>>(), [1, 1, 0, 1, 1]);
     // With too little room the rest is counted.
     let (found, .., count, _, _) = list(Phase::First, &candidates, drawn, marks, &marks, 3);
     assert_eq!((&found[..], count), (&visible[..3], 5));
@@ -886,7 +895,7 @@ fn drawn(
     for number in 0..clusters.len() {
         numbers[if large { room - 1 - number } else { number }] = number as u32;
     }
-    let mut draws = [Dispatch::default(); 3];
+    let mut draws = [Dispatch::default(); LISTS];
     draws[usize::from(large)] = dispatch(count, 1, count);
     let (view, instance) = (words(std::slice::from_ref(view)), [instance]);
     let mut results = Vec::new();
@@ -1117,7 +1126,8 @@ fn settled(
     other: Counters,
 ) -> (Vec<Dispatch>, u32) {
     let view = View { group_words: 5000, ..view() };
-    let draws = [dispatch(fresh, 1, fresh), Dispatch::default(), Dispatch::default()];
+    let mut draws = [Dispatch::default(); LISTS];
+    draws[0] = dispatch(fresh, 1, fresh);
     let steps = [Dispatch::default(); Step::COUNT as usize];
     let later = dispatch(later, 1, later);
     let out = run(
