@@ -9,7 +9,7 @@ use glam::{DAffine3, DVec3};
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, ErrorMeasure, Raster, Shading};
 use nanite_rs::gpu::meshes::Meshes;
-use nanite_rs::gpu::{Context, DeviceStage, Job, Renderer, Ways};
+use nanite_rs::gpu::{Context, DeviceStage, Job, Renderer, Shown, Ways};
 use nanite_rs::gpu_types::{Look, View, VisibleCluster};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
@@ -209,7 +209,14 @@ fn main() {
         let mut forms = Forms::new(&slots, RING).expect("a scene");
         let mut renderer = Renderer::new().expect("a device");
         for (slot, instance) in (0..).zip(&slots) {
-            renderer.set(slot, instance.as_ref().map(|(placed, mesh)| (*placed, Look::zeroed(), mesh)));
+            let look = Look { first_material: u32::MAX, ..Look::zeroed() };
+            let shown = instance.as_ref().map(|(placed, mesh)| Shown {
+                placed: *placed,
+                look,
+                mesh,
+                materials: None,
+            });
+            renderer.set(slot, shown);
         }
         for (camera, distance) in DISTANCES {
             print(faces.len(), count, camera, &measure(&mut forms, &mut renderer, distance));

@@ -30,7 +30,7 @@ fn log2_of(v: f32) -> f32 {
     let bits = bitcast<u32>(v);
     let exponent = f32(bits >> 23u) - 127.0;
     let t = bitcast<f32>(bits & 0x7fffffu | 0x3f800000u) - 1.0;
-    let bend = ((-0.04400469 * t + 0.14631434) * t - 0.26602988) * t + 0.4417403;
+    let bend = ((-0.04400469 * t + 0.14631434) * t - 0.2660299) * t + 0.4417403;
     return exponent + (t + t * (1.0 - t) * bend);
 }
 

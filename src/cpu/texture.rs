@@ -148,7 +148,7 @@ fn log2(v: f32) -> f32 {
     let bits = v.to_bits();
     let exponent = (bits >> 23) as f32 - 127.0;
     let t = f32::from_bits(bits & 0x7f_ffff | 0x3f80_0000) - 1.0;
-    let bend = ((-0.044_004_69 * t + 0.146_314_34) * t - 0.266_029_88) * t + 0.441_740_3;
+    let bend = ((-0.044_004_69 * t + 0.146_314_34) * t - 0.266_029_9) * t + 0.441_740_3;
     exponent + (t + t * (1.0 - t) * bend)
 }
 

@@ -78,7 +78,7 @@ impl Image {
             _ => TexelFormat::Half,
         };
         let transfer = if srgb { Transfer::Srgb } else { Transfer::Linear };
-        let opaque = channels % 2 == 1
+        let opaque = !channels.is_multiple_of(2)
             || match pixels {
                 Pixels::Bytes(values) => values.chunks(channels).all(|c| c[channels - 1] == u8::MAX),
                 Pixels::Words(values) => values.chunks(channels).all(|c| c[channels - 1] == u16::MAX),
@@ -268,7 +268,7 @@ pub fn srgb_light(v: f32) -> f32 {
 fn expanded<T: Copy>(channels: usize, channel: impl Fn(usize) -> T, opaque: T) -> [T; 4] {
     let grey = channels < 3;
     let color = |k: usize| channel(if grey { 0 } else { k });
-    let alpha = if channels % 2 == 0 { channel(channels - 1) } else { opaque };
+    let alpha = if channels.is_multiple_of(2) { channel(channels - 1) } else { opaque };
     [color(0), color(1), color(2), alpha]
 }
 

@@ -78,14 +78,14 @@ fn material(images: &[Arc<Image>; 4], number: usize) -> Material {
         metallic: 0.5 + 0.1 * (number % 5) as f32,
         roughness: 0.9,
         emissive: [0.1 * (number % 3) as f32; 3],
-        double_sided: number % 2 == 0,
+        double_sided: number.is_multiple_of(2),
         smooth: number % 5 != 4,
         normal_scale: 0.7,
         occlusion_strength: 0.6,
         ..Material::default()
     };
     for slot in Slot::ALL {
-        if (number + slot as usize) % 3 != 0 {
+        if !(number + slot as usize).is_multiple_of(3) {
             material.textures[slot as usize] = Some(texture(images, number * 5 + slot as usize));
         }
     }
@@ -142,6 +142,25 @@ fn poster(material: impl Into<Materials>, colors: Option<[u8; 4]>) -> (Scene, In
 
 fn look(scene: &Scene, camera: &Camera, size: u32, options: &RenderOptions) -> Frame {
     shoot(scene, camera, &at(0.0, 0.0, 2.0), (size, size), options)
+}
+
+#[test]
+fn what_is_hidden_changes_no_texture() {
+    let (scene, pose) = (gallery(), at(0.0, 0.6, 4.5));
+    for shading in SHADINGS {
+        let [whole, culled] = [false, true].map(|occlusion| {
+            let options = RenderOptions { occlusion, ..options(shading) };
+            shoot(&scene, &CAMERA, &pose, SIZE, &options)
+        });
+        for output in [Output::Color, Output::Linear] {
+            assert!(whole.array(output).unwrap() == culled.array(output).unwrap(), "{shading:?}");
+        }
+        for output in OUTPUTS.into_iter().filter(|output| output.surface()) {
+            let numbers = Vec::<f32>::from(whole.array(output).unwrap());
+            assert!(numbers.iter().all(|v| v.is_finite()), "{shading:?}: {}", output.name());
+            assert!(numbers == Vec::<f32>::from(culled.array(output).unwrap()));
+        }
+    }
 }
 
 #[cfg(feature = "gpu")]
@@ -319,7 +338,7 @@ fn back_faces_are_seen_by_the_material_of_their_cluster() {
     let sheet = mesh(&flat(20), false, 5);
     let one = |n: usize| Material {
         base_color: [0.2 * (n + 1) as f32; 3],
-        double_sided: n % 2 == 0,
+        double_sided: n.is_multiple_of(2),
         ..Material::default()
     };
     let mut scene = Scene::new();
@@ -373,7 +392,7 @@ fn what_cannot_be_shaded_is_refused() {
 
 /// A chessboard of holes, red where there is none.
 fn lattice(cutoff: f32) -> Material {
-    let alpha = |i: usize| if (i % 8 + i / 8) % 2 == 0 { 255 } else { 40 };
+    let alpha = |i: usize| if (i % 8 + i / 8).is_multiple_of(2) { 255 } else { 40 };
     let bytes: Vec<u8> = (0..64).flat_map(|i| [255, 30, 20, alpha(i)]).collect();
     let image = Arc::new(Image::new(Pixels::Bytes(&bytes), 8, 8, 4, true).unwrap());
     let mut material = Material {
