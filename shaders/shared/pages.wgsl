@@ -39,14 +39,19 @@ fn triangle_count(record: u32) -> u32 {
     return page_word(record + RECORD_COUNTS) >> 8u & 0xffu;
 }
 
+// Of bits by material, that of a cluster: src/scene/material.rs.
+fn material_bit(bits: u32, record: u32) -> bool {
+    return (bits >> min(page_word(record + RECORD_MATERIAL), 31u) & 1u) != 0u;
+}
+
 // Whether a cluster shows its back faces.
 fn two_sided(instance: u32, record: u32) -> bool {
-    return (instances[instance].double_sided >> min(page_word(record + RECORD_MATERIAL), 31u) & 1u) != 0u;
+    return material_bit(instances[instance].double_sided, record);
 }
 
 // Whether a cluster may have holes.
 fn has_holes(instance: u32, record: u32) -> bool {
-    return (instances[instance].masked >> min(page_word(record + RECORD_MATERIAL), 31u) & 1u) != 0u;
+    return material_bit(instances[instance].masked, record);
 }
 
 // Where a cluster's streams begin, and how positions are packed: src/model/packing.rs.

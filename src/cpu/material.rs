@@ -3,7 +3,7 @@
 
 use super::lanes::{LANES, Lanes, Vec3x8, splat3};
 use super::surface::{Detail, Surfels};
-use super::texture::Place;
+use super::texture::{Place, turned};
 use crate::config::Shading;
 use crate::scene::{Material, Slot, Texture};
 
@@ -141,9 +141,8 @@ impl<'a> Point<'a> {
         let Some(texture) = self.texture(Slot::Normal) else { return own };
         let rows = self.rows(texture);
         let [a, b, c] = self.corner_uvs(texture);
-        let on_image = |d: [f32; 2]| rows.map(|[u, v, _]| u * d[0] + v * d[1]);
-        let [s1, t1] = on_image([b[0] - a[0], b[1] - a[1]]);
-        let [s2, t2] = on_image([c[0] - a[0], c[1] - a[1]]);
+        let [s1, t1] = turned(&rows, [b[0] - a[0], b[1] - a[1]]);
+        let [s2, t2] = turned(&rows, [c[0] - a[0], c[1] - a[1]]);
         let [a, b, c] = self.detail.corners.each_ref().map(lane);
         let (e1, e2) = (minus(b, a), minus(c, a));
         let turn = if s1 * t2 - s2 * t1 < 0.0 { -1.0 } else { 1.0 };

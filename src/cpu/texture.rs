@@ -22,10 +22,15 @@ impl Place {
     /// From UVs by the rows of [`Texture::rows`].
     #[inline]
     pub fn new(rows: &[[f32; 3]; 2], uv: [f32; 2], change: [[f32; 2]; 2]) -> Self {
-        let turned = |d: [f32; 2]| rows.map(|[u, v, _]| u * d[0] + v * d[1]);
-        let at = turned(uv);
-        Self { at: [at[0] + rows[0][2], at[1] + rows[1][2]], change: [turned(change[0]), turned(change[1])] }
+        let at = turned(rows, uv);
+        Self { at: [at[0] + rows[0][2], at[1] + rows[1][2]], change: change.map(|d| turned(rows, d)) }
     }
+}
+
+/// A way between UVs as one on the image, by the rows of [`Texture::rows`].
+#[inline]
+pub fn turned(rows: &[[f32; 3]; 2], d: [f32; 2]) -> [f32; 2] {
+    rows.map(|[u, v, _]| u * d[0] + v * d[1])
 }
 
 impl Texture {

@@ -56,13 +56,8 @@ impl MaterialTable {
         self.buffers.as_ref()
     }
 
-    /// Images of which levels were left out.
-    pub(super) fn reduced(&self) -> u32 {
-        self.images.values().filter(|resident| resident.skipped > 0).count() as u32
-    }
-
-    /// Puts the materials of all slots on the device, as frames with this shading want them. Returns for each slot the number of its first, and how many
-    /// follow; `u32::MAX` for plain ones.
+    /// Puts the materials of all slots on the device, as frames with this shading want them. Returns for each slot the
+    /// number of its first, and how many follow; `u32::MAX` for plain ones.
     pub(super) fn upload<'a>(
         &mut self,
         context: &Context,

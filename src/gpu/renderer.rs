@@ -119,8 +119,6 @@ pub struct Drawn {
     pub made: Vec<(Output, Array)>,
     /// Bytes of instances written to the device.
     pub uploaded_bytes: u64,
-    /// Images whose finest levels the device had no room for.
-    pub reduced_images: u32,
     /// Which rasterizers drew it.
     pub raster: Raster,
     /// One phase, or two.
@@ -239,7 +237,6 @@ impl Renderer {
             if room == self.room {
                 for ((drawn, sight), (view, culling)) in drawn.iter_mut().zip(&mut self.sights).zip(&views) {
                     (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
-                    drawn.reduced_images = self.instances.table().reduced();
                     drawn.needs = self.meshes.needs(&drawn.wanted);
                     sight.remember(view, drawn, *culling, ways.occlusion);
                 }

@@ -94,6 +94,8 @@ pub struct Materials {
     masked: u32,
     /// Any of them is smooth.
     smooth: bool,
+    /// There is one, with neither textures nor holes. Asked for every few pixels.
+    plain: bool,
 }
 
 impl From<Material> for Materials {
@@ -108,7 +110,8 @@ impl From<Vec<Material>> for Materials {
         let smooth = list.iter().any(|material| material.smooth);
         let double_sided = bits(&list, |material| material.double_sided);
         let masked = bits(&list, Material::may_have_holes);
-        Self { list, double_sided, masked, smooth }
+        let plain = list.len() == 1 && list[0].textures.iter().all(Option::is_none) && masked == 0;
+        Self { list, double_sided, masked, smooth, plain }
     }
 }
 
@@ -118,6 +121,12 @@ fn bits(list: &[Material], is: impl Fn(&Material) -> bool) -> u32 {
     let any = if rest.is_empty() { own.last().is_some_and(&is) } else { rest.iter().any(&is) };
     let bit = |k: usize| u32::from(own.get(k).map_or(any, &is)) << k;
     (0..u32::BITS as usize).map(bit).sum()
+}
+
+/// The bit of a number among those that [`bits`] made.
+#[inline]
+fn bit(bits: u32, number: i32) -> bool {
+    bits >> number.cast_unsigned().min(u32::BITS - 1) & 1 != 0
 }
 
 impl Materials {
@@ -145,9 +154,9 @@ impl Materials {
     }
 
     /// The only one, where it has neither textures nor holes.
+    #[inline]
     pub fn plain(&self) -> Option<&Material> {
-        let plain = |m: &&Material| m.textures.iter().all(Option::is_none) && !m.may_have_holes();
-        if self.list.len() == 1 { self.list.first().filter(plain) } else { None }
+        self.plain.then(|| self.of(0))
     }
 
     /// Whether clusters with a number show their back faces: a bit each, the last for all from there on.
@@ -159,7 +168,7 @@ impl Materials {
     /// Whether clusters with this number show their back faces.
     #[inline]
     pub fn double_sided(&self, number: i32) -> bool {
-        self.double_sided >> number.cast_unsigned().min(u32::BITS - 1) & 1 != 0
+        bit(self.double_sided, number)
     }
 
     /// Whether clusters with a number may have holes: a bit each, in the same way.
@@ -171,7 +180,7 @@ impl Materials {
     /// Whether clusters with this number may have holes.
     #[inline]
     pub fn masked(&self, number: i32) -> bool {
-        self.masked >> number.cast_unsigned().min(u32::BITS - 1) & 1 != 0
+        bit(self.masked, number)
     }
 
     /// Checks each of them.
