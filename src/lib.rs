@@ -11,6 +11,7 @@ pub mod format;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod gpu_types;
+pub mod layout;
 pub mod limits;
 pub mod lod;
 pub mod math;

@@ -7,14 +7,13 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::dag::{BuildCluster, BuildGroup, Graph};
-use super::hierarchy;
 use super::order;
 use super::store::VertexStore;
+use crate::layout::{GroupSize, Paging, by_first_use, hierarchy, paginate, renamed_rows, spatial_order};
 use crate::limits::CLUSTER_MAX_TRIANGLES;
 use crate::math::{Aabb, Bounds, octahedral};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row, write_triangles};
-use crate::model::page::{GroupSize, paginate};
 use crate::model::rule::ROOT_ERROR;
 use crate::model::{BuildReport, ClusterRecord, Dag, Group, Packing, PageEntry, PageWords, Pages};
 
@@ -32,18 +31,30 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
         .iter()
         .map(|g| g.members.iter().fold(Aabb::EMPTY, |b, c| b.union(&cluster_boxes[*c as usize])))
         .collect();
-    let (nodes, order) = hierarchy::build(&graph.groups, &boxes);
-    let members = order.iter().flat_map(|g| &graph.groups[*g as usize].members);
-    let uses = members.flat_map(|c| &graph.clusters[*c as usize].mesh.vertices);
-    let (names, vertex_count) = order::by_first_use(uses, store.count());
-    let packed: Vec<Packed> = graph.clusters.par_iter().map(|c| Packed::of(store, c, &names)).collect();
-    let (table, first) = paginate(order.iter().map(|g| size(&graph.groups[*g as usize], &graph, &packed)));
+    let spatial = spatial_order(graph.groups.iter().map(|g| g.level).zip(boxes.iter().copied()));
+    let names_in = |order: &[u32]| {
+        let members = order.iter().flat_map(|g| &graph.groups[*g as usize].members);
+        let uses = members.flat_map(|c| &graph.clusters[*c as usize].mesh.vertices);
+        by_first_use(uses.copied(), store.count())
+    };
+    let pack = |names: &[u32]| -> (Vec<Packed>, Paging) {
+        let packed: Vec<Packed> = graph.clusters.par_iter().map(|c| Packed::of(store, c, names)).collect();
+        let paging = paginate(&spatial, |g| size(&graph.groups[g as usize], &graph, &packed));
+        (packed, paging)
+    };
+    // Names should follow pages, but what a page has room for depends on names, if little: the second time they do all
+    // but follow.
+    let (_, paging) = pack(&names_in(&spatial).0);
+    let (names, vertex_count) = names_in(&paging.order);
+    let (packed, Paging { table, order, first }) = pack(&names);
+    let boxes: Vec<Aabb> = order.iter().map(|g| boxes[*g as usize]).collect();
     let groups: Vec<Group> = order
         .iter()
+        .zip(&boxes)
         .zip(&first)
-        .map(|(g, first)| {
+        .map(|((g, bounds), first)| {
             let group = &graph.groups[*g as usize];
-            let (center, extent) = boxes[*g as usize].center_extent();
+            let (center, extent) = bounds.center_extent();
             Group {
                 lod_sphere: group.lod_sphere,
                 error: group.error,
@@ -63,7 +74,7 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
     order.iter().enumerate().for_each(|(new, old)| renamed[*old as usize] = new as u32);
     let mut channels = graph.channels.finish(&store.attributes, store.stride, &store.labels);
     for channel in &mut channels {
-        let rows = order::renamed_rows(channel.words.held(), channel.info.width(), &names, vertex_count);
+        let rows = renamed_rows(channel.words.held(), channel.info.width(), &names, vertex_count);
         channel.words = rows.into();
     }
     let numbered = order.iter().map(|g| &graph.groups[*g as usize].members).zip(0..);
@@ -87,8 +98,8 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
         frame: graph.frame,
         bounds: graph.bounds,
         pages: Arc::new(pages),
+        nodes: hierarchy(&groups, &boxes),
         groups: groups.into(),
-        nodes,
         vertex_count,
         channels,
         source_faces: graph.source_faces as u64,

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use super::graph::{self, Graph};
 use super::store::{LocalMesh, VertexStore};
 use crate::config::{BuildOptions, Clusterizer};
+use crate::math::median::{Place, median_split};
 #[cfg(feature = "metis")]
 use crate::mesh::hash;
 
@@ -207,15 +208,6 @@ fn tripled_centroid(p: [[f32; 3]; 3]) -> [f32; 3] {
     std::array::from_fn(|k| p[0][k] + p[1][k] + p[2][k])
 }
 
-/// An item to be split off by where it is. Point and number lie together, so that splitting reads memory in order.
-#[derive(Clone, Copy, Debug)]
-pub struct Place {
-    /// Where it is.
-    pub point: [f32; 3],
-    /// What it is.
-    pub number: u32,
-}
-
 /// Halves places by the median along the longest axis until blocks have at most `size`.
 pub fn split_blocks(places: &mut [Place], size: usize) -> Vec<&mut [Place]> {
     if places.len() <= size {
@@ -226,27 +218,6 @@ pub fn split_blocks(places: &mut [Place], size: usize) -> Vec<&mut [Place]> {
     let (mut blocks, mut right) = rayon::join(|| split_blocks(a, size), || split_blocks(b, size));
     blocks.append(&mut right);
     blocks
-}
-
-/// The `middle` smallest along the longest axis of the points, and the rest. Ties go by number, so the two parts, as
-/// sets, depend on the points alone.
-pub fn median_split(places: &mut [Place], middle: usize) -> (&mut [Place], &mut [Place]) {
-    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for Place { point, .. } in places.iter() {
-        for k in 0..3 {
-            low[k] = low[k].min(point[k]);
-            high[k] = high[k].max(point[k]);
-        }
-    }
-    let axis = (0..3).fold(0, |a, b| if high[b] - low[b] > high[a] - low[a] { b } else { a });
-    // Compared as integers: coordinate first, then number.
-    let key = |place: &Place| {
-        let bits = place.point[axis].to_bits() as i32;
-        let ordered = (bits ^ ((bits >> 31) as u32 >> 1) as i32) as u32 ^ 0x8000_0000;
-        u64::from(ordered) << 32 | u64::from(place.number)
-    };
-    places.select_nth_unstable_by_key(middle, key);
-    places.split_at_mut(middle)
 }
 
 #[cfg(test)]

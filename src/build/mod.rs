@@ -1,4 +1,4 @@
-//! Building: weld → clusterize → loop { group → lock shared borders → simplify → split } → hierarchy → pages.
+//! Building: weld → clusterize → loop { group → lock shared borders → simplify → split } → layout.
 //!
 //! The scheme is that of Karis, Stubbe and Wihlidal, "Nanite: A Deep Dive", SIGGRAPH Advances in Real-Time
 //! Rendering, 2021; the shape of the loop follows `clusterlod.h` of meshoptimizer.
@@ -13,7 +13,6 @@ pub mod dag;
 pub mod field;
 #[cfg(feature = "metis")]
 pub mod graph;
-pub mod hierarchy;
 pub mod islands;
 pub mod lock_borders;
 pub mod memory;

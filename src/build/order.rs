@@ -1,12 +1,8 @@
-//! The order of what a layout leaves open: triangles of a cluster along a spiral, each at an edge of one before, its
-//! vertices in the order of their first use, and identities in the order in which pages first use them. Files code
-//! what follows from such an order in next to no bits (`format/page.rs`).
+//! The order of triangles in a cluster: along a spiral, each at an edge of one before, and vertices in the order of their
+//! first use. Files code what follows from such an order in next to no bits (`format/page.rs`).
 
 use super::clusterize::ClusterMesh;
 use crate::limits::CLUSTER_MAX_VERTICES;
-
-/// Not seen yet.
-const UNSEEN: u32 = u32::MAX;
 
 /// Orders and turns the triangles of a cluster so that most begin with an edge of one before, and numbers its
 /// vertices by first use. The walk is that of Rossignac, "Edgebreaker", IEEE TVCG 5(1), 1999: turn right where there
@@ -56,29 +52,6 @@ pub fn spiral(mesh: &mut ClusterMesh) {
         *corner = *slot;
     }
     mesh.vertices = vertices;
-}
-
-/// New numbers for vertices, in the order of their first use, and how many are in use.
-pub fn by_first_use<'a>(uses: impl Iterator<Item = &'a u32>, vertices: usize) -> (Vec<u32>, u32) {
-    let mut names = vec![UNSEEN; vertices];
-    let mut count = 0;
-    for v in uses {
-        let name = &mut names[*v as usize];
-        if *name == UNSEEN {
-            *name = count;
-            count += 1;
-        }
-    }
-    (names, count)
-}
-
-/// Rows of `width` words of those vertices that are in use, by their new numbers.
-pub fn renamed_rows(words: &[u32], width: usize, names: &[u32], count: u32) -> Vec<u32> {
-    let mut out = vec![0; count as usize * width];
-    for (row, name) in words.chunks_exact(width).zip(names).filter(|(_, name)| **name != UNSEEN) {
-        out[*name as usize * width..][..width].copy_from_slice(row);
-    }
-    out
 }
 
 #[cfg(test)]

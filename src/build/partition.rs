@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::clusterize::ClusterMesh;
 #[cfg(feature = "metis")]
-use super::clusterize::{Place, split_blocks};
+use super::clusterize::split_blocks;
 #[cfg(feature = "metis")]
 use super::graph::{Graph, pairs};
 use super::store::RoundPositions;
@@ -15,6 +15,8 @@ use crate::config::{BuildOptions, Partition};
 use crate::limits::{GROUP_MAX_CLUSTERS, PAGE_MAX_BYTES};
 #[cfg(feature = "metis")]
 use crate::math::Aabb;
+#[cfg(feature = "metis")]
+use crate::math::median::Place;
 use crate::model::AttributeLayout;
 use crate::model::cluster::RECORD_WORDS;
 use crate::model::packing::WIDEST;

@@ -138,8 +138,8 @@ fn sections<'a>(
         (Kind::Groups, vec![bytemuck::cast_slice(&rounded.groups)]),
         (Kind::Nodes, vec![bytemuck::cast_slice(&rounded.nodes)]),
     ];
-    let face_ids = rounded.dag.face_ids.iter().map(|ids| (Kind::FaceIds, ids));
-    let channels = rounded.dag.channels.iter().map(|channel| (Kind::Channels, &channel.words));
+    let face_ids = rounded.face_ids.iter().map(|ids| (Kind::FaceIds, &**ids));
+    let channels = rounded.channels.iter().map(|channel| (Kind::Channels, &channel.words));
     for (kind, words) in face_ids.chain(channels) {
         out.push((kind, vec![bytemuck::cast_slice(words.load()?)]));
     }
@@ -230,7 +230,7 @@ fn dependencies(rounded: &Rounded<'_>) -> Vec<Vec<u32>> {
     let mut out = vec![Vec::new(); rounded.table.len()];
     for page in 0..rounded.table.len() {
         for at in rounded.members(page) {
-            let refined_page = rounded.page_of(rounded.dag.record(at).refined) as usize;
+            let refined_page = rounded.renamed(rounded.dag.record(at).refined).1 as usize;
             if let Some(list) = out.get_mut(refined_page)
                 && refined_page != page
                 && list.last() != Some(&(page as u32))
@@ -245,5 +245,5 @@ fn dependencies(rounded: &Rounded<'_>) -> Vec<Vec<u32>> {
 /// One more than the largest identity of a page.
 fn identities_end(rounded: &Rounded<'_>, page: usize) -> u32 {
     let ids = rounded.members(page).flat_map(|at| rounded.dag.geometry(at).ids.iter());
-    ids.max().map_or(0, |id| id + 1)
+    ids.map(|id| rounded.name(id)).max().map_or(0, |id| id + 1)
 }

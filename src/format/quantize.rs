@@ -12,15 +12,15 @@ use rayon::prelude::*;
 use super::page::MAX_STEPS;
 use super::validate;
 use crate::error::{Error, Result};
+use crate::layout::{GroupSize, Paging, by_first_use, hierarchy, paginate, renamed_rows, spatial_order};
 use crate::math::octahedral::{NORMAL_BITS, narrow, widen};
 use crate::math::{Aabb, Bounds};
-use crate::model::cluster::{NO_PAGE, RECORD_WORDS, Streams};
+use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row, write_triangles};
-use crate::model::page::{GroupSize, paginate};
 use crate::model::rule::ROOT_ERROR;
 use crate::model::{
-    AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, FOREVER, Grid, Group, Node,
-    Packing, PageEntry, Pages,
+    AttributeLayout, Channel, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, FOREVER, Grid, Group,
+    Node, Packing, PageEntry, Pages, Words,
 };
 
 /// Bits of each octahedral coordinate of a normal in files that round: off by a quarter of a degree at most.
@@ -54,10 +54,20 @@ pub struct Rounded<'a> {
     pub bounds: Aabb,
     /// Its pages: of fewer bits, more groups go into one.
     pub table: Cow<'a, [PageEntry]>,
+    /// The number that each group has in the mesh.
+    order: Vec<u32>,
+    /// The number that each group of the mesh has here.
+    renamed: Vec<u32>,
     /// Groups, with their boxes and places.
     pub groups: Cow<'a, [Group]>,
     /// The hierarchy, with its boxes.
     pub nodes: Cow<'a, [Node]>,
+    /// The identity here of each of the mesh; empty where all keep theirs.
+    names: Vec<u32>,
+    /// See [`Dag::channels`].
+    pub channels: Cow<'a, [Channel]>,
+    /// See [`Dag::face_ids`].
+    pub face_ids: Option<Cow<'a, Words>>,
 }
 
 impl<'a> Rounded<'a> {
@@ -66,19 +76,28 @@ impl<'a> Rounded<'a> {
         dag.load_all(FOREVER)?;
         // What could not be read is not written.
         validate::structure(dag).map_err(|(kind, what)| Error::Invariant(format!("{kind:?}: {what}")))?;
+        let numbers: Vec<u32> = (0..dag.groups.len() as u32).collect();
         let asis = Self {
             dag,
+            order: numbers.clone(),
+            renamed: numbers,
             grid: dag.grid,
             bounds: dag.bounds,
             table: Cow::Borrowed(&dag.pages.table),
             groups: Cow::Borrowed(&dag.groups),
             nodes: Cow::Borrowed(&dag.nodes),
+            names: Vec::new(),
+            channels: Cow::Borrowed(&dag.channels),
+            face_ids: dag.face_ids.as_ref().map(Cow::Borrowed),
         };
         let Some(exponent) = exponent(dag, precision)? else { return Ok(asis) };
         let uv_exponent = (dag.layout().uv_sets > 0 && uvs_fit(dag)).then_some(STORED_UV_EXPONENT);
         let mut grid = Grid { exponent, normal_bits: STORED_NORMAL_BITS, uv_exponent, moved: 0.0 };
-        let pages: Vec<(f64, Vec<(Aabb, usize)>)> =
-            (0..dag.pages.table.len()).into_par_iter().map(|p| survey(dag, p, grid)).collect();
+        let survey = |grid: Grid, names: &[u32]| -> Vec<(f64, Vec<(Aabb, usize)>)> {
+            (0..dag.pages.table.len()).into_par_iter().map(|p| survey(dag, p, grid, names)).collect()
+        };
+        let names: Vec<u32> = (0..dag.vertex_count).collect();
+        let pages = survey(grid, &names);
         let moved = pages.iter().map(|p| p.0).fold(0.0, f64::max).sqrt();
         let before = dag.grid.map_or(0.0, |grid| grid.moved);
         // The squares and their sum, the root and the product are off by a few units in the last place.
@@ -87,46 +106,54 @@ impl<'a> Rounded<'a> {
             grid.moved = grid.moved.next_up();
         }
 
-        let mut clusters = pages.iter().flat_map(|p| &p.1);
-        let none = (Aabb::EMPTY, 0);
-        let of_group = |g: &Group| {
-            let own = clusters.by_ref().take(g.count as usize);
-            own.fold(none, |(bounds, words), (b, w)| (bounds.union(b), words + w))
+        let (boxes, words) = of_groups(dag, &pages);
+        let spatial = spatial_order(dag.groups.iter().map(|group| group.level).zip(boxes.iter().copied()));
+        let paginate = |words: &[usize]| {
+            paginate(&spatial, |g| {
+                let group = &dag.groups[g as usize];
+                let source = group.members().map(|at| dag.record(at)).filter(|record| record.level == 0);
+                GroupSize {
+                    level: group.level,
+                    root: group.error == ROOT_ERROR,
+                    clusters: group.count,
+                    words: words[g as usize] as u32,
+                    faces: source.map(|record| u32::from(record.triangle_count)).sum(),
+                }
+            })
         };
-        let (boxes, words): (Vec<Aabb>, Vec<usize>) = dag.groups.iter().map(of_group).unzip();
-        let size = |(group, words): (&Group, &usize)| {
-            let source = group.members().map(|at| dag.record(at)).filter(|record| record.level == 0);
-            GroupSize {
-                level: group.level,
-                root: group.error == ROOT_ERROR,
-                clusters: group.count,
-                words: *words as u32,
-                faces: source.map(|record| u32::from(record.triangle_count)).sum(),
-            }
+        // As building does: names follow pages, all but.
+        let members = |g: &u32| dag.groups[*g as usize].members();
+        let by_page = paginate(&words).order;
+        let uses = by_page.iter().flat_map(members).flat_map(|at| dag.geometry(at).ids.iter());
+        let (names, _) = by_first_use(uses, dag.vertex_count as usize);
+        let (_, words) = of_groups(dag, &survey(grid, &names));
+        let Paging { table, order, first } = paginate(&words);
+        let boxes: Vec<Aabb> = order.iter().map(|g| boxes[*g as usize]).collect();
+        let place = |((g, first), bounds): ((&u32, &ClusterAddress), &Aabb)| {
+            let (center, extent) = bounds.center_extent();
+            Group { first: *first, center, extent, ..dag.groups[*g as usize] }
         };
-        let (table, first) = paginate(dag.groups.iter().zip(&words).map(size));
-        let mut groups = dag.groups.to_vec();
-        for ((group, bounds), first) in groups.iter_mut().zip(&boxes).zip(first) {
-            (group.center, group.extent) = bounds.center_extent();
-            group.first = first;
-        }
-        let mut nodes = dag.nodes.clone();
-        let mut below = vec![Aabb::EMPTY; nodes.len()];
-        // Children come after their parents.
-        for (n, node) in nodes.iter_mut().enumerate().rev() {
-            let children = node.first as usize..node.first as usize + usize::from(node.count);
-            let of = if node.is_leaf == 1 { &boxes[children] } else { &below[children] };
-            below[n] = of.iter().fold(Aabb::EMPTY, |b, c| b.union(c));
-            (node.center, node.extent) = below[n].center_extent();
-        }
+        let groups: Vec<Group> = order.iter().zip(&first).zip(&boxes).map(place).collect();
+        let mut renamed = vec![0; order.len()];
+        order.iter().zip(0..).for_each(|(old, new)| renamed[*old as usize] = new);
+        let face_ids = dag.face_ids.as_ref().map(|rows| Ok(Cow::Owned(reordered(dag, &order, rows.load()?))));
+        let channels = dag.channels.iter().map(|Channel { info, words }| {
+            let rows = renamed_rows(words.load()?, info.width(), &names, dag.vertex_count);
+            Ok(Channel { info: info.clone(), words: rows.into() })
+        });
         // Rounding keeps the order of numbers: the box of what was rounded is the rounded box.
         let bounds = Aabb { min: snap(dag.bounds.min, grid.step()), max: snap(dag.bounds.max, grid.step()) };
         Ok(Self {
             grid: Some(grid),
             bounds,
             table: Cow::Owned(table),
+            order,
+            renamed,
+            nodes: Cow::Owned(hierarchy(&groups, &boxes)),
             groups: Cow::Owned(groups),
-            nodes: Cow::Owned(nodes),
+            channels: channels.collect::<Result<_>>()?,
+            names,
+            face_ids: face_ids.transpose()?,
             ..asis
         })
     }
@@ -140,12 +167,19 @@ impl<'a> Rounded<'a> {
 
     /// The clusters of a page, as the mesh addresses them.
     pub fn members(&self, page: usize) -> impl Iterator<Item = ClusterAddress> {
-        self.dag.groups[self.groups_of(page)].iter().flat_map(Group::members)
+        self.order[self.groups_of(page)].iter().flat_map(|g| self.dag.groups[*g as usize].members())
     }
 
-    /// The page of the members of a group; [`NO_PAGE`] where there is none.
-    pub fn page_of(&self, group: u32) -> u32 {
-        self.groups.get(group as usize).map_or(NO_PAGE, |group| group.first.page() as u32)
+    /// The number here of a group of the mesh, and the page of its members; [`NO_GROUP`] and [`NO_PAGE`] where there is
+    /// none.
+    pub fn renamed(&self, group: u32) -> (u32, u32) {
+        let number = self.renamed.get(group as usize);
+        number.map_or((NO_GROUP, NO_PAGE), |n| (*n, self.groups[*n as usize].first.page() as u32))
+    }
+
+    /// The identity here of one of the mesh.
+    pub fn name(&self, id: u32) -> u32 {
+        self.names.get(id as usize).copied().unwrap_or(id)
     }
 
     /// The words of a page.
@@ -165,12 +199,13 @@ impl<'a> Rounded<'a> {
             let triangles = geometry.triangles.to_vec();
             let Bounds { center, extent, radius, max_edge, cone } = Bounds::of(&positions, &triangles);
             let bounds = ClusterRecord { center, radius, extent, cone, max_edge, ..*record };
-            let refined_page = self.page_of(record.refined);
+            let (group, _) = self.renamed(record.group);
+            let (refined, refined_page) = self.renamed(record.refined);
             let data = out.len();
-            let record = ClusterRecord { data: data as u32, refined_page, ..bounds };
+            let record = ClusterRecord { data: data as u32, group, refined, refined_page, ..bounds };
             out[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
 
-            let packed = pack(&positions, &geometry, self.dag.layout(), grid);
+            let packed = pack(&positions, &geometry, &self.names, self.dag.layout(), grid);
             out.resize(data + packed.streams.normals, 0);
             packed.packing.write(&packed.rows, &mut out[data..]);
             write_triangles(&triangles, positions.len(), &mut out[data + packed.streams.triangles..]);
@@ -198,10 +233,11 @@ struct Packed {
 fn pack(
     positions: &[[f32; 3]],
     geometry: &ClusterGeometry<'_>,
+    names: &[u32],
     layout: AttributeLayout,
     grid: Grid,
 ) -> Packed {
-    let vertex = |(p, id): (&[f32; 3], u32)| vertex_row(*p, id, grid.step());
+    let vertex = |(p, id): (&[f32; 3], u32)| vertex_row(*p, names[id as usize], grid.step());
     let rows: Vec<VertexRow> = positions.iter().zip(geometry.ids.iter()).map(vertex).collect();
     let packing = Packing::of(&rows, grid.step());
     let streams = layout.streams(rows.len(), geometry.triangles.len(), packing.widths);
@@ -218,8 +254,31 @@ pub fn quantize(dag: &Dag, precision: Precision) -> Result<Dag> {
         bounds: rounded.bounds,
         groups: rounded.groups.into(),
         nodes: rounded.nodes.into_owned(),
+        channels: rounded.channels.into_owned(),
+        face_ids: rounded.face_ids.map(Cow::into_owned),
         ..dag.clone()
     })
+}
+
+/// Box and words of each group, of those of the clusters of all pages.
+fn of_groups(dag: &Dag, pages: &[(f64, Vec<(Aabb, usize)>)]) -> (Vec<Aabb>, Vec<usize>) {
+    let mut clusters = pages.iter().flat_map(|p| &p.1);
+    let of_group = |g: &Group| {
+        let own = clusters.by_ref().take(g.count as usize);
+        own.fold((Aabb::EMPTY, 0), |(bounds, words), (b, w)| (bounds.union(b), words + w))
+    };
+    dag.groups.iter().map(of_group).unzip()
+}
+
+/// Rows of faces where groups come in this order.
+fn reordered(dag: &Dag, order: &[u32], rows: &[u32]) -> Words {
+    let members = order.iter().flat_map(|g| dag.groups[*g as usize].members());
+    let source = members.filter(|at| dag.record(*at).level == 0);
+    let rows = source.flat_map(|at| {
+        let first = dag.pages.first_face(at);
+        &rows[first..first + usize::from(dag.record(at).triangle_count)]
+    });
+    rows.copied().collect::<Vec<u32>>().into()
 }
 
 /// The exponent of the grid to round to; none where everything stays.
@@ -312,7 +371,7 @@ fn snap<const N: usize>(p: [f32; N], step: f32) -> [f32; N] {
 
 /// The square of the largest distance that a vertex of a page moves, internal units, and of each of its clusters the box
 /// after, and the words that it takes.
-fn survey(dag: &Dag, page: usize, grid: Grid) -> (f64, Vec<(Aabb, usize)>) {
+fn survey(dag: &Dag, page: usize, grid: Grid, names: &[u32]) -> (f64, Vec<(Aabb, usize)>) {
     let mut most = 0f64;
     let mut clusters = Vec::new();
     let mut snapped: Vec<[f32; 3]> = Vec::new();
@@ -325,7 +384,7 @@ fn survey(dag: &Dag, page: usize, grid: Grid) -> (f64, Vec<(Aabb, usize)>) {
             let squared = (0..3).map(|k| (f64::from(p[k]) - f64::from(q[k])).powi(2)).sum();
             most = most.max(squared);
         }
-        let words = RECORD_WORDS + pack(&snapped, &geometry, dag.layout(), grid).streams.end;
+        let words = RECORD_WORDS + pack(&snapped, &geometry, names, dag.layout(), grid).streams.end;
         clusters.push((Aabb::of_points(&snapped), words));
     }
     (most, clusters)

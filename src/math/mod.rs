@@ -1,7 +1,8 @@
-//! Geometry without meshes: spheres, boxes, packing of directions, projection of errors.
+//! Geometry without meshes: spheres, boxes, halving, packing of directions, projection of errors.
 
 pub mod aabb;
 pub mod bounds;
+pub mod median;
 pub mod morton;
 pub mod octahedral;
 pub mod pair;

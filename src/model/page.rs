@@ -9,7 +9,6 @@ use rayon::prelude::*;
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, RECORD_WORDS};
 use super::reading::{Patience, read_pages};
 use crate::error::Result;
-use crate::limits::{PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS, ROOT_PAGE_MAX_BYTES};
 
 /// The words of a page, shared by all who look at it.
 pub type PageWords = Arc<[u32]>;
@@ -45,48 +44,6 @@ impl PageEntry {
             first_face: self.first_face.saturating_add(self.faces),
         }
     }
-}
-
-/// What a group brings to a page.
-#[derive(Clone, Copy, Debug)]
-pub struct GroupSize {
-    /// Its level.
-    pub level: u32,
-    /// Nothing coarser was made from it.
-    pub root: bool,
-    /// Number of its clusters.
-    pub clusters: u32,
-    /// Words of their records and streams.
-    pub words: u32,
-    /// Triangles of the source among theirs.
-    pub faces: u32,
-}
-
-/// The table of pages that hold groups in this order, whole, as many as go into a page; and the address of the first
-/// member of each. Roots come first. What the last of their pages has room for besides is of the next levels, so that
-/// little memory holds something to draw; further pages are of one level each.
-pub fn paginate(groups: impl Iterator<Item = GroupSize>) -> (Vec<PageEntry>, Vec<ClusterAddress>) {
-    let (mut table, mut first) = (Vec::<PageEntry>::new(), Vec::new());
-    let mut of_roots = false;
-    for GroupSize { level, root, clusters, words, faces } in groups {
-        let last = table.last().copied().unwrap_or_default();
-        let most = if of_roots { ROOT_PAGE_MAX_BYTES } else { PAGE_MAX_BYTES };
-        let fits = !table.is_empty()
-            && (of_roots || last.level == level)
-            && size_of::<u32>() * (last.words + words) as usize <= most
-            && (last.clusters + clusters) as usize <= PAGE_MAX_CLUSTERS;
-        if !fits {
-            of_roots = root;
-            table.push(last.next(0, 0, level, 0));
-        }
-        let page = table.len() - 1;
-        let entry = &mut table[page];
-        first.push(ClusterAddress::new(page, entry.clusters as usize));
-        entry.words += words;
-        entry.clusters += clusters;
-        entry.faces += faces;
-    }
-    (table, first)
 }
 
 /// Where pages come from that are not in memory.
