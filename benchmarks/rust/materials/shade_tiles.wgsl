@@ -11,8 +11,8 @@ fn shade_tiles(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invoc
     let block = vec2<u32>(workgroup.x % across, workgroup.x / across);
     // Lanes that run together lie together, however many they are.
     let own = vec2<u32>(
-        lane & 1u | lane >> 1u & 2u | lane >> 2u & 4u,
-        lane >> 1u & 1u | lane >> 2u & 2u | lane >> 3u & 4u,
+        (lane & 1u) | (lane >> 1u & 2u) | (lane >> 2u & 4u),
+        (lane >> 1u & 1u) | (lane >> 2u & 2u) | (lane >> 3u & 4u),
     );
     let at = vec2<u32>(tile % turn.columns, tile / turn.columns) * TILE + block * BLOCK + own;
     if at.x >= view.width || at.y >= view.height {
