@@ -22,7 +22,7 @@ const MATERIALS: [usize; 4] = [1, 10, 50, 200];
 /// Rounds that count, after those that do not.
 const ROUNDS: usize = 9;
 const WARM_UP: usize = 1;
-/// Quads of the sheet across and down, about eight pixels each.
+/// Quads of the sheet across and down, about ten pixels each.
 const QUADS: [usize; 2] = [176, 120];
 /// Pixels across and down.
 const IMAGE: u32 = 192;
