@@ -1,5 +1,5 @@
 //! Three ways to shade a picture of many materials, in turn, on the device: `cargo bench --bench materials`; with
-//! numbers behind `--`, of so many materials. Every picture of every way is compared with the others, and with what the product makes.
+//! numbers behind `--`, of so many materials. Every picture of every way is compared with what the product makes.
 
 use std::sync::Arc;
 
