@@ -332,6 +332,33 @@ pub(super) fn raster_bindings<'a>(
     ]
 }
 
+/// What shading and all other arrays bind.
+pub(super) type SurfaceBindings<'a> = [&'a Buffer; 11];
+
+/// That of an array which goes to `out`.
+pub(super) fn surface_bindings<'a>(
+    buffers: &'a Buffers,
+    meshes: &'a Meshes,
+    seen: &'a Buffer,
+    instances: &'a Slots,
+    out: &'a Buffer,
+) -> SurfaceBindings<'a> {
+    let [pages, pages_1, pages_2, pages_3] = meshes.pages();
+    [
+        &buffers.view,
+        seen,
+        meshes.page_offsets(),
+        pages,
+        pages_1,
+        pages_2,
+        pages_3,
+        &buffers.visible,
+        &instances.looks,
+        &buffers.words,
+        out,
+    ]
+}
+
 /// Records a stage for a view, in a phase.
 pub(super) struct Recorder<'a> {
     pub(super) context: &'a Context,
@@ -385,22 +412,8 @@ impl<'a> Recorder<'a> {
     }
 
     /// What shading and all other arrays bind, one of which goes to `out`.
-    pub(super) fn surface_bindings(&self, out: &'a Buffer) -> [&'a Buffer; 11] {
-        let (b, m) = (self.buffers, self.meshes);
-        let [pages, pages_1, pages_2, pages_3] = m.pages();
-        [
-            &b.view,
-            self.seen,
-            m.page_offsets(),
-            pages,
-            pages_1,
-            pages_2,
-            pages_3,
-            &b.visible,
-            &self.instances.looks,
-            &b.words,
-            out,
-        ]
+    pub(super) fn surface_bindings(&self, out: &'a Buffer) -> SurfaceBindings<'a> {
+        surface_bindings(self.buffers, self.meshes, self.seen, self.instances, out)
     }
 
     /// Workgroups whose lanes take four pixels each.

@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
-use wgpu::CommandEncoderDescriptor;
+use wgpu::{BindingResource, CommandEncoderDescriptor};
 
 use super::context::Context;
-use super::frame::{Buffers, Room, Shape};
+use super::frame::{Buffers, Room, Shape, surface_bindings};
 use super::instances::{Instances, Shown};
 use super::meshes::Meshes;
 use super::passes::Passes;
 use super::raster_hardware::{self, Target};
-use super::shaders::{List, Phase, Words};
+use super::shaders::{Kernel, List, Phase, Words};
 use super::sight::{Sight, Turn};
 use super::{
     cluster_cull, hzb, instance_cull, node_cull, occlusion, output, raster_large, raster_small, shade, times,
@@ -166,6 +166,19 @@ impl Renderer {
     /// Whether a frame of the view at a place has, with occlusion, no earlier one to start from.
     pub fn starts(&self, place: usize, view: &View) -> bool {
         self.sights.get(place).is_none_or(|sight| sight.pyramids.starts(view))
+    }
+
+    /// What shaded an array of the last frame's first view: the kernel, all that it binds, and whether pages lie in several
+    /// arrays. For benchmarks, which shade the same picture in other ways.
+    pub fn shading(&self, output: Output) -> Option<(Kernel, Vec<BindingResource<'_>>, bool)> {
+        let Sight { seen: Some((_, seen)), buffers: Some(buffers), light, .. } = self.sights.first()? else {
+            return None;
+        };
+        let (_, out) = buffers.outputs.iter().find(|(made, _)| *made == output && made.shaded())?;
+        let surface = surface_bindings(buffers, &self.meshes, seen, self.instances.slots()?, out);
+        let (kernel, bindings) = shade::kernel(output, surface, light, self.instances.table().buffers());
+        let bindings = bindings.into_iter().map(|buffer| self.meshes.binding(buffer)).collect();
+        Some((kernel, bindings, self.meshes.split()))
     }
 
     /// Draws what is in the slots, in their order, and of streamed meshes resident, from several views of pictures of one

@@ -3,10 +3,10 @@
 use wgpu::{Buffer, BufferUsages};
 
 use super::context::Context;
-use super::frame::Recorder;
+use super::frame::{Recorder, SurfaceBindings};
 use super::materials::Buffers;
 use super::shaders::{Kernel, Skin};
-use crate::config::Transfer;
+use crate::config::{Output, Transfer};
 use crate::error::Result;
 use crate::gpu_types::{self, Lighting};
 
@@ -55,17 +55,28 @@ impl Light {
     }
 }
 
+/// What makes an array, and all that it binds.
+pub(super) fn kernel<'a>(
+    output: Output,
+    surface: SurfaceBindings<'a>,
+    light: &'a Light,
+    materials: Option<&'a Buffers>,
+) -> (Kernel, Vec<&'a Buffer>) {
+    let Light { lighting, lights, steps, .. } = light;
+    let mut bindings = [&surface[..], &[lighting, lights, steps]].concat();
+    let skin = match materials {
+        Some(Buffers { materials, texels, .. }) => {
+            bindings.extend([materials, texels]);
+            Skin::Textured
+        }
+        None => Skin::Plain,
+    };
+    (Kernel::Shade(output, skin), bindings)
+}
+
 pub(super) fn record(r: &mut Recorder<'_>) {
-    let Light { lighting, lights, steps, .. } = r.light;
     for (output, out) in r.buffers.outputs.iter().filter(|(output, _)| output.shaded()) {
-        let mut bindings = [&r.surface_bindings(out)[..], &[lighting, lights, steps]].concat();
-        let skin = match r.materials {
-            Some(Buffers { materials, texels, .. }) => {
-                bindings.extend([materials, texels]);
-                Skin::Textured
-            }
-            None => Skin::Plain,
-        };
-        r.run(Kernel::Shade(*output, skin), &bindings, r.picture_workgroups());
+        let (kernel, bindings) = kernel(*output, r.surface_bindings(out), r.light, r.materials);
+        r.run(kernel, &bindings, r.picture_workgroups());
     }
 }

@@ -34,6 +34,10 @@ impl Device {
         Ok(Self { renderer: Renderer::new()?, known: None })
     }
 
+    pub(super) fn renderer(&self) -> &Renderer {
+        &self.renderer
+    }
+
     pub(super) fn context(&self) -> &Context {
         self.renderer.context()
     }

@@ -246,6 +246,15 @@ impl Renderer {
         }
     }
 
+    /// The device with what it knows of the last frame, on the GPU backend: for benchmarks.
+    #[cfg(feature = "gpu")]
+    pub fn on_device(&self) -> Option<&crate::gpu::Renderer> {
+        match &self.device {
+            Device::Cpu => None,
+            Device::Gpu { device, .. } => Some(device.renderer()),
+        }
+    }
+
     /// Renders `scene` as `camera` sees it from the camera-to-world `pose`.
     pub fn render(
         &mut self,

@@ -10,6 +10,8 @@ mod gpu_parity;
 #[cfg(feature = "gpu")]
 mod gpu_raster;
 mod layering;
+#[cfg(feature = "gpu")]
+mod many_materials;
 mod materials;
 mod measure;
 mod render_frames;

@@ -23,7 +23,7 @@ fn flat(side: usize) -> Mesh {
     (positions.into_iter().map(|[x, y, z]| [2.0 * x - 1.0, 2.0 * y - 1.0, z]).collect(), faces)
 }
 
-const SIZE: (u32, u32) = (240, 160);
+pub const SIZE: (u32, u32) = (240, 160);
 
 /// A mesh with two UV sets, colours where wished, and materials by bands.
 fn mesh((positions, faces): &Mesh, colors: bool, bands: i32) -> Arc<Dag> {
@@ -93,7 +93,7 @@ fn material(images: &[Arc<Image>; 4], number: usize) -> Material {
 }
 
 /// Textured balls and a ground that reaches behind the eye, beside instances without textures.
-fn gallery() -> Scene {
+pub fn gallery() -> Scene {
     let images = images();
     let (ball, bare) = (mesh(&bumpy_sphere(24), true, 5), mesh(&bumpy_sphere(16), false, 1));
     let ground = mesh(&flat(12), false, 1);
