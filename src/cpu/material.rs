@@ -38,6 +38,7 @@ impl Bsdf {
     }
 
     /// Of the materials of an instance, each point by itself.
+    #[inline(always)]
     pub fn textured(surfels: &Surfels<'_>, detail: &Detail, shading: Shading) -> Self {
         let zero = Lanes::splat(0.0);
         let mut out = Self {
@@ -51,13 +52,18 @@ impl Bsdf {
         for lane in 0..surfels.count.min(LANES) {
             let point = Point::new(surfels, detail, lane, shading);
             let Point { material, .. } = point;
-            let [r, g, b, _] = point.sample(Slot::BaseColor);
+            let mut texels = [[0.0; 4]; Slot::COUNT];
+            for slot in Slot::ALL {
+                texels[slot as usize] = point.sample(slot);
+            }
+            let of = |slot: Slot| texels[slot as usize];
+            let [r, g, b, _] = of(Slot::BaseColor);
             let base = [material.base_color[0] * r, material.base_color[1] * g, material.base_color[2] * b];
-            let [_, rough, metal, _] = point.sample(Slot::MetallicRoughness);
-            let [r, g, b, _] = point.sample(Slot::Emissive);
+            let [_, rough, metal, _] = of(Slot::MetallicRoughness);
+            let [r, g, b, _] = of(Slot::Emissive);
             let emissive = [material.emissive[0] * r, material.emissive[1] * g, material.emissive[2] * b];
-            let [open, ..] = point.sample(Slot::Occlusion);
-            let normal = point.normal();
+            let [open, ..] = of(Slot::Occlusion);
+            let normal = point.normal(of(Slot::Normal));
             for k in 0..3 {
                 out.base[k].0[lane] = base[k];
                 out.emissive[k].0[lane] = emissive[k];
@@ -93,6 +99,7 @@ struct Point<'a> {
 }
 
 impl<'a> Point<'a> {
+    #[inline(always)]
     fn new(surfels: &'a Surfels<'a>, detail: &'a Detail, lane: usize, shading: Shading) -> Self {
         let (view, cluster) = (surfels.view, surfels.clusters[lane]);
         let geometry = view.pages.geometry(cluster);
@@ -102,27 +109,32 @@ impl<'a> Point<'a> {
         Self { material, surfels, detail, lane, shading, corners, uvs, vertices }
     }
 
+    #[inline(always)]
     fn texture(&self, slot: Slot) -> Option<&'a Texture> {
         self.material.textures[slot as usize].as_ref()
     }
 
     /// UVs of the corners.
+    #[inline(always)]
     fn corner_uvs(&self, texture: &Texture) -> [[f32; 2]; 3] {
         // pyrender knows one set.
         let set = if self.shading == Shading::Pyrender { 0 } else { usize::from(texture.uv_set) };
         self.corners.map(|corner| self.uvs[set * self.vertices + corner])
     }
 
+    #[inline(always)]
     fn rows(&self, texture: &Texture) -> [[f32; 3]; 2] {
         if self.shading == Shading::Pyrender { Texture::UPRIGHT } else { texture.rows }
     }
 
     /// How much of a texture counts, which pyrender does not know.
+    #[inline(always)]
     fn strength(&self, strength: f32) -> f32 {
         if self.shading == Shading::Pyrender { 1.0 } else { strength }
     }
 
     /// What a texture shows; white where there is none.
+    #[inline(always)]
     fn sample(&self, slot: Slot) -> [f32; 4] {
         let Some(texture) = self.texture(slot) else { return [1.0; 4] };
         let lane = |v: &Vec3x8| v.each_ref().map(|c| c.0[self.lane]);
@@ -133,9 +145,10 @@ impl<'a> Point<'a> {
         texture.sample(texture.image_for(self.shading), &Place::new(&self.rows(texture), uv, change))
     }
 
-    /// The normal, with that of the texture in the frame that the UVs give: its first two axes lie along the rows of the
+    /// The normal, with that of the texture, `texel`, in the frame that the UVs give: its first two axes lie along the rows of the
     /// image and up its columns.
-    fn normal(&self) -> [f32; 3] {
+    #[inline(always)]
+    fn normal(&self, texel: [f32; 4]) -> [f32; 3] {
         let lane = |v: &Vec3x8| v.each_ref().map(|c| c.0[self.lane]);
         let own = if self.material.smooth { lane(&self.surfels.normal) } else { lane(&self.detail.face) };
         let Some(texture) = self.texture(Slot::Normal) else { return own };
@@ -154,7 +167,7 @@ impl<'a> Point<'a> {
         let Some(tangent) = unit([0, 1, 2].map(|k| along[k] - own[k] * part)) else { return own };
         let side = cross(own, tangent);
         let sign = if self.shading != Shading::Pyrender && dot(side, up) < 0.0 { -1.0 } else { 1.0 };
-        let [x, y, z, _] = self.sample(Slot::Normal);
+        let [x, y, z, _] = texel;
         let scale = self.strength(self.material.normal_scale);
         let (x, y, z) = ((2.0 * x - 1.0) * scale, (2.0 * y - 1.0) * scale * sign, 2.0 * z - 1.0);
         unit([0, 1, 2].map(|k| tangent[k] * x + side[k] * y + own[k] * z)).unwrap_or(own)

@@ -20,7 +20,7 @@ pub struct Place {
 
 impl Place {
     /// From UVs by the rows of [`Texture::rows`].
-    #[inline]
+    #[inline(always)]
     pub fn new(rows: &[[f32; 3]; 2], uv: [f32; 2], change: [[f32; 2]; 2]) -> Self {
         let at = turned(rows, uv);
         Self { at: [at[0] + rows[0][2], at[1] + rows[1][2]], change: change.map(|d| turned(rows, d)) }
@@ -28,13 +28,15 @@ impl Place {
 }
 
 /// A way between UVs as one on the image, by the rows of [`Texture::rows`].
-#[inline]
+#[inline(always)]
 pub fn turned(rows: &[[f32; 3]; 2], d: [f32; 2]) -> [f32; 2] {
     rows.map(|[u, v, _]| u * d[0] + v * d[1])
 }
 
 impl Texture {
-    /// What the pixel sees of it, linear RGBA, where it shows `image`.
+    /// What the pixel sees of it, linear RGBA, where it shows `image`. Always inlined, with all that it calls, so that it is
+    /// compiled with the vectors of its caller, and rounding is an instruction.
+    #[inline(always)]
     pub fn sample(&self, image: &Image, place: &Place) -> [f32; 4] {
         let Place { at, change: [right, below] } = place;
         let size = [image.width() as f32, image.height() as f32];
@@ -68,7 +70,7 @@ impl Texture {
     }
 
     /// At a point, between levels.
-    #[inline]
+    #[inline(always)]
     fn filtered(&self, image: &Image, at: [f32; 2], lod: f32) -> [f32; 4] {
         let (level, part) = match self.mipmaps {
             Mipmaps::Linear => (lod as u32, lod - (lod as u32) as f32),
@@ -79,30 +81,31 @@ impl Texture {
     }
 
     /// At a point of a level.
-    #[inline]
+    #[inline(always)]
     fn level(&self, image: &Image, at: [f32; 2], level: u32) -> [f32; 4] {
-        let (size, start) = (image.size(level), image.offset(level));
-        let point = [0, 1].map(|k| self.wrap[k].point(at[k]) * size[k] as f32);
-        let texel = |x: i32, y: i32| {
-            let x = self.wrap[0].texel(x, size[0] as i32);
-            let y = self.wrap[1].texel(y, size[1] as i32);
-            image.texel(start, y as usize * size[0] as usize + x as usize)
-        };
+        let [width, height] = image.size(level);
+        let (x, y) = (self.wrap[0].point(at[0]) * width as f32, self.wrap[1].point(at[1]) * height as f32);
+        let rest = if self.linear { 0.5 } else { 0.0 };
+        let (left, top) = ((x - rest).floor(), (y - rest).floor());
+        let (i, j) = (left as i32, top as i32);
+        let start = image.offset(level);
+        let columns = [self.wrap[0].texel(i, width as i32), self.wrap[0].texel(i + 1, width as i32)];
+        let row = |y: i32| self.wrap[1].texel(y, height as i32) as usize * width as usize;
+        let (above, below) = (row(j), row(j + 1));
+        let first = image.texel(start, above + columns[0] as usize);
         if !self.linear {
-            return texel(point[0].floor() as i32, point[1].floor() as i32);
+            return first;
         }
-        let [x, y] = point.map(|p| p - 0.5);
-        let (left, top) = (x.floor(), y.floor());
-        let (x, y, i, j) = (x - left, y - top, left as i32, top as i32);
-        let above = blend(texel(i, j), texel(i + 1, j), x);
-        let below = blend(texel(i, j + 1), texel(i + 1, j + 1), x);
-        blend(above, below, y)
+        let (x, y) = (x - rest - left, y - rest - top);
+        let above = blend(first, image.texel(start, above + columns[1] as usize), x);
+        let left = image.texel(start, below + columns[0] as usize);
+        blend(above, blend(left, image.texel(start, below + columns[1] as usize), x), y)
     }
 }
 
 impl Wrap {
     /// A coordinate brought to where it has a period: 0 to 1, or to 2 for a mirror.
-    #[inline]
+    #[inline(always)]
     fn point(self, at: f32) -> f32 {
         match self {
             Self::Repeat => between(at - at.floor(), 0.0, 1.0),
@@ -112,7 +115,7 @@ impl Wrap {
     }
 
     /// The texel of a number up to one beyond its period.
-    #[inline]
+    #[inline(always)]
     fn texel(self, at: i32, count: i32) -> i32 {
         match self {
             Self::Repeat if at < 0 => at + count,
@@ -130,25 +133,25 @@ impl Wrap {
 const LONGEST: f32 = 1.0e30;
 
 /// Between `low` and `high`; `low` for NaN.
-#[inline]
+#[inline(always)]
 fn between(v: f32, low: f32, high: f32) -> f32 {
     let above = if v > low { v } else { low };
     if above < high { above } else { high }
 }
 
 /// The larger one.
-#[inline]
+#[inline(always)]
 fn above(v: f32, low: f32) -> f32 {
     if v > low { v } else { low }
 }
 
-#[inline]
+#[inline(always)]
 fn blend(a: [f32; 4], b: [f32; 4], part: f32) -> [f32; 4] {
     std::array::from_fn(|k| a[k] + (b[k] - a[k]) * part)
 }
 
 /// The logarithm of a normal number, within 2.2e-5, the same on every device: the exponent, and a polynomial for the rest.
-#[inline]
+#[inline(always)]
 fn log2(v: f32) -> f32 {
     let bits = v.to_bits();
     let exponent = (bits >> 23) as f32 - 127.0;
@@ -223,5 +226,34 @@ mod tests {
                 .sample(&step.image, &Place { at: [0.5 - 1.0 / 64.0, 0.5], change: square(16.0) })[0],
             0.0
         );
+    }
+
+    /// The level and the number of samples as the OpenGL extension EXT_texture_filter_anisotropic has them, in f64, of
+    /// footprints no narrower than a texel; of narrower ones as many samples as reach from texel to texel.
+    #[test]
+    fn levels_are_those_of_the_extension() {
+        let numbered = Arc::new(Image::of_numbered_levels(10));
+        let side = f64::from(numbered.width());
+        let mut seed = 1u64;
+        let mut random = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 33) as f64 / f64::from(1u32 << 31)
+        };
+        for _ in 0..20_000 {
+            let ways = [0, 1].map(|_| {
+                let (angle, texels) = (random() * std::f64::consts::TAU, (random() * 14.0 - 3.0).exp2());
+                [angle.cos() * texels / side, angle.sin() * texels / side].map(|d| d as f32)
+            });
+            let [a, b] = ways.map(|[x, y]| f64::from(x).hypot(f64::from(y)) * side);
+            let (long, short) = (a.max(b), a.min(b));
+            for most in [1, 2, 7, 16] {
+                let count = (long / short.max(1.0)).ceil().clamp(1.0, f64::from(most));
+                let expected = (long / count).max(short).log2().clamp(0.0, 9.0);
+                let texture = Texture { anisotropy: most, ..Texture::new(Arc::clone(&numbered)) };
+                let place = Place { at: [0.3, 0.6], change: ways };
+                let found = f64::from(texture.sample(&numbered, &place)[0]);
+                assert!((found - expected).abs() < 1e-4, "{long} x {short}, {most}: {found} for {expected}");
+            }
+        }
     }
 }

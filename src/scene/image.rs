@@ -48,7 +48,8 @@ pub struct Image {
     width: u32,
     height: u32,
     format: TexelFormat,
-    levels: u32,
+    /// Where each level starts in `words`.
+    starts: Vec<usize>,
     opaque: bool,
     words: Vec<u32>,
     encoded: OnceLock<Arc<Self>>,
@@ -85,7 +86,8 @@ impl Image {
                 Pixels::Floats(values) => values.chunks(channels).all(|c| c[channels - 1] >= 1.0),
             };
         let words = Vec::with_capacity(count * 3 / 2);
-        let mut image = Self { width, height, format, levels: 1, opaque, words, encoded: OnceLock::new() };
+        let mut image =
+            Self { width, height, format, starts: vec![0], opaque, words, encoded: OnceLock::new() };
         // Bytes stay what they are.
         match pixels {
             Pixels::Bytes(bytes) => image.words.par_extend((0..count).into_par_iter().map(|at| {
@@ -119,13 +121,30 @@ impl Image {
             return self;
         }
         self.encoded.get_or_init(|| {
-            let words = self.words[..self.offset(1)].to_vec();
+            let end = self.starts.get(1).copied().unwrap_or(self.words.len());
+            let words = self.words[..end].to_vec();
             let Self { width, height, opaque, .. } = **self;
             let (format, encoded) = (TexelFormat::Encoded8, OnceLock::new());
-            let mut image = Self { width, height, format, levels: 1, opaque, words, encoded };
+            let mut image = Self { width, height, format, starts: vec![0], opaque, words, encoded };
             image.add_levels();
             Arc::new(image)
         })
+    }
+
+    /// A square of so many levels, of which each has its own number everywhere.
+    #[cfg(test)]
+    pub(crate) fn of_numbered_levels(levels: u32) -> Self {
+        let side = 1 << (levels - 1);
+        let mut image =
+            Self::new(Pixels::Floats(&vec![0.0; side * side]), side as u32, side as u32, 1, false).unwrap();
+        for level in 0..levels {
+            let end = image.starts.get(level as usize + 1).copied().unwrap_or(image.words.len());
+            let start = image.offset(level);
+            for texel in image.words[start..end].chunks_exact_mut(2) {
+                texel.copy_from_slice(&halves([level as f32, 0.0, 0.0, 1.0]));
+            }
+        }
+        image
     }
 
     /// Width, texels.
@@ -145,7 +164,7 @@ impl Image {
 
     /// How many levels there are.
     pub fn levels(&self) -> u32 {
-        self.levels
+        self.starts.len() as u32
     }
 
     /// Whether alpha is 1 everywhere.
@@ -159,18 +178,19 @@ impl Image {
     }
 
     /// Columns and rows of a level.
+    #[inline]
     pub fn size(&self, level: u32) -> [u32; 2] {
         [(self.width >> level).max(1), (self.height >> level).max(1)]
     }
 
     /// Where a level starts, words.
+    #[inline]
     pub fn offset(&self, level: u32) -> usize {
-        let texels = (0..level).map(|l| self.size(l)).map(|[w, h]| w as usize * h as usize).sum::<usize>();
-        texels * self.format.words()
+        self.starts[level as usize]
     }
 
     /// A texel in linear light, unless it is decoded later.
-    #[inline]
+    #[inline(always)]
     pub fn texel(&self, start: usize, at: usize) -> Texel {
         match self.format {
             TexelFormat::Linear8 | TexelFormat::Encoded8 => {
@@ -192,19 +212,18 @@ impl Image {
 
     /// Makes all levels after the first: means of what is under each texel, by how much of it is.
     fn add_levels(&mut self) {
-        let (mut size, mut start) = ([self.width, self.height], 0);
+        let mut size = [self.width, self.height];
         while size != [1, 1] {
             let next = size.map(|side| (side / 2).max(1));
             let taps = [Taps::new(size[0], next[0]), Taps::new(size[1], next[1])];
-            let image = &*self;
+            let (image, start) = (&*self, self.offset(self.levels() - 1));
             let row = |y: u32| -> Vec<u32> {
                 let means = (0..next[0]).map(|x| image.mean(start, size[0] as usize, &taps, [x, y]));
                 means.flat_map(|mean| image.word_of(mean)).collect()
             };
             let words: Vec<Vec<u32>> = (0..next[1]).into_par_iter().map(row).collect();
-            start += size[0] as usize * size[1] as usize * self.format.words();
+            self.starts.push(self.words.len());
             self.words.extend(words.iter().flatten());
-            self.levels += 1;
             size = next;
         }
     }

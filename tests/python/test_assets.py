@@ -123,7 +123,7 @@ class Shots:
         scene.ambient_light, scene.bg_color = AMBIENT, (0.0, 0.0, 0.0)
         self.view = camera.framing(np.concatenate(points), case.direction, width=WIDTH, height=HEIGHT)
         self.light()
-        lens = nrs.PerspectiveCamera(yfov=self.view.yfov, znear=self.view.znear)
+        self.lens = lens = nrs.PerspectiveCamera(yfov=self.view.yfov, znear=self.view.znear)
         eye = self.pyrender.PerspectiveCamera(yfov=self.view.yfov, znear=self.view.znear)
         self.theirs.add(eye, pose=self.view.pose)
         color, self.depth = picture._offscreen(WIDTH, HEIGHT).render(self.theirs)
@@ -234,6 +234,21 @@ def test_pictures_are_pyrenders(shots: Shots) -> None:
     assert shots.inside.sum() > 0.3 * shots.both.sum()
     assert other < 2e-3
     assert inside >= shots.case.psnr
+
+
+def test_a_gpu_shows_the_same(shots: Shots) -> None:
+    try:
+        renderer = nrs.Renderer(WIDTH, HEIGHT, backend="gpu")
+    except nrs.BackendError as error:
+        pytest.skip(str(error))
+    with renderer:
+        frame = renderer.render(
+            shots.loaded.scene, shots.lens, shots.view.pose, pixel_error=1.0, shading="pyrender"
+        )
+        assert renderer.backend == "gpu"
+    # Drivers may round colours otherwise, and whose pixel an edge is; on software Vulkan all is the same.
+    off = (np.abs(frame.color.astype(int) - shots.cut.color) > 1).any(axis=-1)
+    assert np.count_nonzero(off) <= 1e-3 * off.size
 
 
 @pytest.mark.parametrize("name", ["FlightHelmet", "ToyCar"])
