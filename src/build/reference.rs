@@ -369,7 +369,9 @@ impl Footing {
 fn sheet_of(patches: &[Patch<'_>]) -> (Sheet, Vec<u32>) {
     let positions: Vec<[f32; 3]> = patches.iter().flat_map(|p| &p.positions).copied().collect();
     let first_equal = hash::first_equal(bytemuck::cast_slice(&positions), 3);
-    let (mut triangles, mut corners, mut owners) = (Vec::new(), Vec::new(), Vec::new());
+    let count = patches.iter().map(|p| p.triangles.len()).sum();
+    let (mut triangles, mut corners) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    let mut owners = Vec::with_capacity(count);
     let mut first = 0;
     for (i, patch) in patches.iter().enumerate() {
         for t in patch.triangles {

@@ -9,6 +9,7 @@
 //! The proof and its rounding stand in docs/numerics.md.
 
 use std::cell::OnceCell;
+use std::hint::select_unpredictable;
 
 use super::bvh::Bvh;
 use super::closest::{Triangle, Vec3, cross, dot, normal, squared_distance, sub};
@@ -168,20 +169,23 @@ impl Sheet {
     }
 
     /// A triangle that a point lies about over: walks there from `start`.
+    #[inline]
     pub fn locate(&self, p: Vec3, start: u32) -> u32 {
         self.walk(p, start).unwrap_or_else(|| self.nearest(p, start))
     }
 
     /// Walks from a triangle towards a point; `None` where that leads nowhere.
+    // With the point in registers, and no branch that depends on the way.
+    #[inline(always)]
     fn walk(&self, p: Vec3, start: u32) -> Option<u32> {
         let (mut at, mut from) = (start, start);
         for _ in 0..MOST_STEPS {
             let (mut most, mut next) = (0.0, at);
             for (side, neighbour) in self.sides[at as usize].iter().zip(self.neighbours[at as usize]) {
                 let side = side.of(p);
-                if side > most {
-                    (most, next) = (side, neighbour);
-                }
+                let farther = side > most;
+                most = if farther { side } else { most };
+                next = select_unpredictable(farther, neighbour, next);
             }
             if next == at || next == from {
                 // Between two that send it to each other it belongs to both.
@@ -482,12 +486,13 @@ fn neighbours(corners: &[[u32; 3]]) -> Vec<[u32; 3]> {
     for i in 2..starts.len() {
         starts[i] += starts[i - 1];
     }
-    let mut halves = vec![(0u32, 0u32); 3 * corners.len()];
+    // The larger end above the triangle and its corner: numbers compare faster than pairs.
+    let mut halves = vec![0u64; 3 * corners.len()];
     for (i, f) in corners.iter().enumerate() {
         for k in 0..3 {
             let (a, b) = ends(f, k);
             let at = &mut starts[a.min(b) as usize + 1];
-            halves[*at as usize] = (a.max(b), (4 * i + k) as u32);
+            halves[*at as usize] = u64::from(a.max(b)) << 32 | (4 * i + k) as u64;
             *at += 1;
         }
     }
@@ -495,12 +500,12 @@ fn neighbours(corners: &[[u32; 3]]) -> Vec<[u32; 3]> {
     for bucket in 0..points {
         let uses = &mut halves[starts[bucket] as usize..starts[bucket + 1] as usize];
         uses.sort_unstable();
-        for same in uses.chunk_by(|x, y| x.0 == y.0) {
-            for (i, (_, half)) in same.iter().enumerate() {
-                let of = |half: u32| (half as usize / 4, half as usize % 4);
+        for same in uses.chunk_by(|x, y| x >> 32 == y >> 32) {
+            for (i, half) in same.iter().enumerate() {
+                let of = |half: u64| (half as u32 as usize / 4, half as usize % 4);
                 let (t, k) = of(*half);
                 let start = corners[t][k];
-                let others = (1..same.len()).map(|j| of(same[(i + j) % same.len()].1));
+                let others = (1..same.len()).map(|j| of(same[(i + j) % same.len()]));
                 let opposite = others.clone().find(|(u, j)| *u != t && corners[*u][*j] != start);
                 let other = opposite.or_else(|| others.clone().find(|(u, _)| *u != t));
                 out[t][k] = other.map_or(NO_TRIANGLE, |(u, _)| u as u32);
