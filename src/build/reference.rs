@@ -190,9 +190,7 @@ impl Reference {
     /// The triangles that some clusters answer for, and the number of each in the order of [`Pieces::each`].
     fn local(&self, pieces: &[Pieces], all: &[BuildCluster]) -> (Local, Vec<u32>) {
         let count = pieces.iter().map(|p| p.whole.len() + p.parts.len()).sum();
-        let (mut of_triangles, mut of_points) = (Numbering::default(), Numbering::default());
-        of_triangles.reset(count);
-        of_points.reset(3 * count);
+        let [mut of_triangles, mut of_points] = [0; 2].map(|_| Numbering::with_room(count));
         let mut out = Local {
             triangles: Vec::with_capacity(count),
             corners: Vec::with_capacity(count),
