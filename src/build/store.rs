@@ -262,3 +262,21 @@ impl LocalMesh {
         local
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_go_by_first_appearance_however_many_keys_there_are() {
+        let mut numbering = Numbering::with_room(3);
+        // Each key twice, the second time far behind the first.
+        let keys = || (0..1000u32).map(|i| i.wrapping_mul(0x0100_0193) >> 1);
+        for (key, i) in keys().zip(0..) {
+            assert_eq!(numbering.number(key), (i, true));
+        }
+        for (key, i) in keys().zip(0..) {
+            assert_eq!(numbering.number(key), (i, false));
+        }
+    }
+}

@@ -9,7 +9,6 @@
 //! The proof and its rounding stand in docs/numerics.md.
 
 use std::cell::OnceCell;
-use std::hint::select_unpredictable;
 
 use super::bvh::Bvh;
 use super::closest::{Triangle, Vec3, cross, dot, normal, squared_distance, sub};
@@ -169,23 +168,20 @@ impl Sheet {
     }
 
     /// A triangle that a point lies about over: walks there from `start`.
-    #[inline]
     pub fn locate(&self, p: Vec3, start: u32) -> u32 {
         self.walk(p, start).unwrap_or_else(|| self.nearest(p, start))
     }
 
     /// Walks from a triangle towards a point; `None` where that leads nowhere.
-    // With the point in registers, and no branch that depends on the way.
-    #[inline(always)]
     fn walk(&self, p: Vec3, start: u32) -> Option<u32> {
         let (mut at, mut from) = (start, start);
         for _ in 0..MOST_STEPS {
             let (mut most, mut next) = (0.0, at);
             for (side, neighbour) in self.sides[at as usize].iter().zip(self.neighbours[at as usize]) {
                 let side = side.of(p);
-                let farther = side > most;
-                most = if farther { side } else { most };
-                next = select_unpredictable(farther, neighbour, next);
+                if side > most {
+                    (most, next) = (side, neighbour);
+                }
             }
             if next == at || next == from {
                 // Between two that send it to each other it belongs to both.
