@@ -262,6 +262,8 @@ impl Growth {
         let outcomes: Vec<_> = groups
             .par_iter()
             .zip(pieces)
+            // One at a time: a thread that is through takes what another has not begun.
+            .with_max_len(1)
             .map(|(members, pieces)| {
                 let local = LocalMesh::of_clusters(store, &meshes, &positions, members, &shared);
                 let members: Vec<&BuildCluster> =

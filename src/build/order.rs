@@ -2,26 +2,36 @@
 //! first use. Files code what follows from such an order in next to no bits (`format/page.rs`).
 
 use super::clusterize::ClusterMesh;
-use crate::limits::CLUSTER_MAX_VERTICES;
+use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES};
 
 /// Orders and turns the triangles of a cluster so that most begin with an edge of one before, and numbers its
 /// vertices by first use. The walk is that of Rossignac, "Edgebreaker", IEEE TVCG 5(1), 1999: turn right where there
 /// is a triangle, else left, else go back to the last edge that was left aside.
 pub fn spiral(mesh: &mut ClusterMesh) {
-    let triangles = std::mem::take(&mut mesh.triangles);
-    // Every directed edge with its triangle and the corner where it starts.
-    let mut edges: Vec<([u8; 2], u8, u8)> = Vec::with_capacity(3 * triangles.len());
-    for (t, corners) in triangles.iter().enumerate() {
-        edges.extend((0..3).map(|k| ([corners[k], corners[(k + 1) % 3]], t as u8, k as u8)));
+    let room = Vec::with_capacity(mesh.triangles.len());
+    let triangles = std::mem::replace(&mut mesh.triangles, room);
+    // Every directed edge by where it starts: where it ends, its triangle and the corner. Counted two places ahead, so
+    // that filling leaves the starts where they belong.
+    let mut starts = [0u16; CLUSTER_MAX_VERTICES + 2];
+    triangles.as_flattened().iter().for_each(|v| starts[usize::from(*v) + 2] += 1);
+    for i in 2..starts.len() {
+        starts[i] += starts[i - 1];
     }
-    edges.sort_unstable();
-    let mut done = vec![false; triangles.len()];
-    let mut gates: Vec<[u8; 2]> = Vec::new();
+    let mut edges = [(0u8, 0u8, 0u8); 3 * CLUSTER_MAX_TRIANGLES];
+    for (t, corners) in triangles.iter().enumerate() {
+        for k in 0..3 {
+            let at = &mut starts[usize::from(corners[k]) + 1];
+            edges[usize::from(*at)] = (corners[(k + 1) % 3], t as u8, k as u8);
+            *at += 1;
+        }
+    }
+    let mut done = [false; CLUSTER_MAX_TRIANGLES];
+    let mut gates: Vec<[u8; 2]> = Vec::with_capacity(2 * triangles.len());
     let mut next = 0;
     while mesh.triangles.len() < triangles.len() {
-        let across = |gate: [u8; 2]| {
-            let at = edges.partition_point(|e| e.0 < gate);
-            let mut same = edges[at..].iter().take_while(|e| e.0 == gate);
+        let across = |[a, b]: [u8; 2]| {
+            let [start, end] = [0, 1].map(|k| usize::from(starts[usize::from(a) + k]));
+            let mut same = edges[start..end].iter().filter(|e| e.0 == b);
             same.find(|e| !done[usize::from(e.1)]).map(|e| (usize::from(e.1), usize::from(e.2)))
         };
         let found = match gates.pop() {

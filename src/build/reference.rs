@@ -53,6 +53,16 @@ pub struct Pieces {
 }
 
 impl Pieces {
+    /// None yet, with room for about so many.
+    fn with_room(count: usize) -> Self {
+        Self {
+            whole: Vec::with_capacity(count),
+            parts: Vec::with_capacity(count),
+            offsets: Vec::with_capacity(4 * count),
+            radii: Vec::new(),
+        }
+    }
+
     fn push(&mut self, number: u32, triangle: Triangle, part: &Piece) {
         self.parts.push((number, part.corners().len() as u8, part.cuts()));
         let offset = |p: &[f64; 3]| std::array::from_fn(|k| (p[k] - triangle[0][k]) as f32);
@@ -90,6 +100,18 @@ fn restored(triangle: Triangle, offsets: &[[f32; 3]], cuts: u8) -> Piece {
 /// The largest coordinate that an offset within a triangle can have.
 fn size([a, b, c]: Triangle) -> f64 {
     (0..3).fold(0.0, |size, k| (b[k] - a[k]).abs().max((c[k] - a[k]).abs()).max(size))
+}
+
+/// The largest coordinate of some triangles.
+fn largest(triangles: &[Triangle]) -> f64 {
+    let mut most = [0.0; 9];
+    for triangle in triangles {
+        // Nine at a time: none waits for the one before.
+        for (most, x) in most.iter_mut().zip(triangle.as_flattened()) {
+            *most = if x.abs() > *most { x.abs() } else { *most };
+        }
+    }
+    most.into_iter().fold(0.0, f64::max)
 }
 
 /// A cluster that is being measured.
@@ -168,9 +190,7 @@ impl Reference {
     /// The triangles that some clusters answer for, and the number of each in the order of [`Pieces::each`].
     fn local(&self, pieces: &[Pieces], all: &[BuildCluster]) -> (Local, Vec<u32>) {
         let count = pieces.iter().map(|p| p.whole.len() + p.parts.len()).sum();
-        let (mut of_triangles, mut of_points) = (Numbering::default(), Numbering::default());
-        of_triangles.reset(count);
-        of_points.reset(3 * count);
+        let [mut of_triangles, mut of_points] = [0; 2].map(|_| Numbering::with_room(count));
         let mut out = Local {
             triangles: Vec::with_capacity(count),
             corners: Vec::with_capacity(count),
@@ -302,7 +322,9 @@ impl Footing {
         let goal =
             BoundOptions { floor: f64::from(estimate) * FLOOR, slack: SLACK, ..BoundOptions::default() };
         let mut bounds = Bounds::new(goal);
-        let mut handed = vec![Pieces::default(); patches.len()];
+        // Room for as many as there are on average: what is too much goes back.
+        let mean = if keep { numbers.len() / patches.len().max(1) } else { 0 };
+        let mut handed: Vec<Pieces> = patches.iter().map(|_| Pieces::with_room(mean)).collect();
         let mut radii = vec![0.0f64; after.triangles().len()];
 
         let mut to_after = Overlay::new(&after);
@@ -352,8 +374,7 @@ impl Footing {
                 0
             });
         }
-        let both = before.triangles().iter().chain(after.triangles());
-        let largest = both.flatten().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
+        let largest = largest(before.triangles()).max(largest(after.triangles()));
         let stated = |upper: f64| round_up(outwards(upper, largest));
         if !keep {
             let mut radii = radii.into_iter().map(stated);
@@ -369,7 +390,9 @@ impl Footing {
 fn sheet_of(patches: &[Patch<'_>]) -> (Sheet, Vec<u32>) {
     let positions: Vec<[f32; 3]> = patches.iter().flat_map(|p| &p.positions).copied().collect();
     let first_equal = hash::first_equal(bytemuck::cast_slice(&positions), 3);
-    let (mut triangles, mut corners, mut owners) = (Vec::new(), Vec::new(), Vec::new());
+    let count = patches.iter().map(|p| p.triangles.len()).sum();
+    let (mut triangles, mut corners) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    let mut owners = Vec::with_capacity(count);
     let mut first = 0;
     for (i, patch) in patches.iter().enumerate() {
         for t in patch.triangles {

@@ -381,10 +381,11 @@ fn run(
     let columns = if best { content.stride() } else { MOST_COLUMNS - LABEL_COLUMNS };
     let guides = Guides::new(mesh, content, columns, edge);
     let width = guides.weights.len();
-    let mut steered = LocalMesh { attributes: guides.rows, ..mesh.clone() };
+    let mut steered;
     if best {
-        (steered, error) = collapse(&steered, locked, &guides.weights, target, &Policy::default());
+        (steered, error) = collapse(mesh, locked, guides.rows, &guides.weights, target, &Policy::default());
     } else {
+        steered = LocalMesh { attributes: guides.rows, ..mesh.clone() };
         let between_labels = differ_at_position(mesh, &mesh.labels);
         let lock = |v: usize| match (locked[v], between_materials[v] || between_labels[v]) {
             (true, _) => SimplifyVertex::Lock,

@@ -114,8 +114,8 @@ pub struct LocalMesh {
     pub indices: Vec<u32>,
 }
 
-/// Numbers keys by first appearance: a small open-addressing table, reused.
-#[derive(Debug, Default)]
+/// Numbers keys by first appearance: a small open-addressing table, at most half full.
+#[derive(Debug)]
 pub struct Numbering {
     table: Vec<(u32, u32)>,
     count: u32,
@@ -124,27 +124,46 @@ pub struct Numbering {
 impl Numbering {
     const EMPTY: (u32, u32) = (u32::MAX, u32::MAX);
 
-    /// An empty numbering for at most `keys` keys below `u32::MAX`.
-    pub fn reset(&mut self, keys: usize) {
-        self.table.clear();
-        self.table.resize((2 * keys).next_power_of_two().max(16), Self::EMPTY);
-        self.count = 0;
+    /// An empty numbering of keys below `u32::MAX`, with room for so many; it grows where there are more.
+    pub fn with_room(keys: usize) -> Self {
+        Self { table: vec![Self::EMPTY; (2 * keys).next_power_of_two().max(16)], count: 0 }
     }
 
     /// The number of `key`, and whether it is new.
+    #[inline]
     pub fn number(&mut self, key: u32) -> (u32, bool) {
+        let slot = self.slot(key);
+        let (known, number) = self.table[slot];
+        if known == key {
+            return (number, false);
+        }
+        let number = self.count;
+        self.table[slot] = (key, number);
+        self.count += 1;
+        if 2 * self.count as usize > self.table.len() {
+            self.grow();
+        }
+        (number, true)
+    }
+
+    /// Where a key is or belongs.
+    #[inline]
+    fn slot(&self, key: u32) -> usize {
         let mask = self.table.len() - 1;
         let mut slot = (key.wrapping_mul(0x9e37_79b1) as usize >> 7) & mask;
-        loop {
-            match &mut self.table[slot] {
-                entry if *entry == Self::EMPTY => {
-                    *entry = (key, self.count);
-                    self.count += 1;
-                    return (self.count - 1, true);
-                }
-                (k, number) if *k == key => return (*number, false),
-                _ => slot = (slot + 1) & mask,
-            }
+        while self.table[slot].0 != key && self.table[slot] != Self::EMPTY {
+            slot = (slot + 1) & mask;
+        }
+        slot
+    }
+
+    #[cold]
+    fn grow(&mut self) {
+        let known = std::mem::take(&mut self.table);
+        self.table = vec![Self::EMPTY; 2 * known.len()];
+        for entry in known.into_iter().filter(|entry| *entry != Self::EMPTY) {
+            let slot = self.slot(entry.0);
+            self.table[slot] = entry;
         }
     }
 }
@@ -158,11 +177,9 @@ impl LocalMesh {
         members: &[u32],
         shared: &[bool],
     ) -> Self {
-        let mut numbering = Numbering::default();
-        numbering.reset(members.iter().map(|c| clusters[*c as usize].vertices.len()).sum());
+        let vertices = members.iter().map(|c| clusters[*c as usize].vertices.len()).sum();
+        let [mut numbering, mut at_position] = [0; 2].map(|_| Numbering::with_room(vertices));
         let mut local = Self::default();
-        let mut at_position = Numbering::default();
-        at_position.reset(members.iter().map(|c| clusters[*c as usize].vertices.len()).sum());
         let mut first = Vec::new();
         for c in members {
             let cluster = clusters[*c as usize];
@@ -198,8 +215,7 @@ impl LocalMesh {
 
     /// Some of the triangles with the vertices they use; enough to clusterize.
     fn part(&self, triangles: &[u32]) -> Self {
-        let mut numbering = Numbering::default();
-        numbering.reset(3 * triangles.len());
+        let mut numbering = Numbering::with_room(triangles.len());
         let mut part = Self::default();
         for t in triangles {
             for v in &self.indices[3 * *t as usize..][..3] {
@@ -233,8 +249,7 @@ impl LocalMesh {
 
     /// Gathers the positions of triangles over identities; enough to clusterize.
     pub fn of_faces(store: &VertexStore, faces: impl ExactSizeIterator<Item = [u32; 3]>) -> Self {
-        let mut numbering = Numbering::default();
-        numbering.reset(3 * faces.len());
+        let mut numbering = Numbering::with_room(faces.len());
         let mut local = Self::default();
         for v in faces.flatten() {
             let (number, new) = numbering.number(v);
@@ -245,5 +260,23 @@ impl LocalMesh {
         }
         local.positions = local.ids.iter().map(|v| store.positions[*v as usize]).collect();
         local
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_go_by_first_appearance_however_many_keys_there_are() {
+        let mut numbering = Numbering::with_room(3);
+        // Each key twice, the second time far behind the first.
+        let keys = || (0..1000u32).map(|i| i.wrapping_mul(0x0100_0193) >> 1);
+        for (key, i) in keys().zip(0..) {
+            assert_eq!(numbering.number(key), (i, true));
+        }
+        for (key, i) in keys().zip(0..) {
+            assert_eq!(numbering.number(key), (i, false));
+        }
     }
 }

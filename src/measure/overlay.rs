@@ -482,30 +482,39 @@ fn neighbours(corners: &[[u32; 3]]) -> Vec<[u32; 3]> {
     for i in 2..starts.len() {
         starts[i] += starts[i - 1];
     }
-    let mut halves = vec![(0u32, 0u32); 3 * corners.len()];
+    // The larger end above the triangle and its corner: numbers compare faster than pairs.
+    let mut halves = vec![0u64; 3 * corners.len()];
     for (i, f) in corners.iter().enumerate() {
         for k in 0..3 {
             let (a, b) = ends(f, k);
             let at = &mut starts[a.min(b) as usize + 1];
-            halves[*at as usize] = (a.max(b), (4 * i + k) as u32);
+            halves[*at as usize] = u64::from(a.max(b)) << 32 | (4 * i + k) as u64;
             *at += 1;
         }
     }
     let mut out = vec![[NO_TRIANGLE; 3]; corners.len()];
+    let of = |half: u64| (half as u32 as usize / 4, half as usize % 4);
+    let mut join = |same: &[u64]| {
+        if let [a, b] = *same {
+            let ((t, k), (u, j)) = (of(a), of(b));
+            if t != u {
+                (out[t][k], out[u][j]) = (u as u32, t as u32);
+            }
+            return;
+        }
+        for (i, half) in same.iter().enumerate() {
+            let (t, k) = of(*half);
+            let start = corners[t][k];
+            let others = (1..same.len()).map(|j| of(same[(i + j) % same.len()]));
+            let opposite = others.clone().find(|(u, j)| *u != t && corners[*u][*j] != start);
+            let other = opposite.or_else(|| others.clone().find(|(u, _)| *u != t));
+            out[t][k] = other.map_or(NO_TRIANGLE, |(u, _)| u as u32);
+        }
+    };
     for bucket in 0..points {
         let uses = &mut halves[starts[bucket] as usize..starts[bucket + 1] as usize];
         uses.sort_unstable();
-        for same in uses.chunk_by(|x, y| x.0 == y.0) {
-            for (i, (_, half)) in same.iter().enumerate() {
-                let of = |half: u32| (half as usize / 4, half as usize % 4);
-                let (t, k) = of(*half);
-                let start = corners[t][k];
-                let others = (1..same.len()).map(|j| of(same[(i + j) % same.len()].1));
-                let opposite = others.clone().find(|(u, j)| *u != t && corners[*u][*j] != start);
-                let other = opposite.or_else(|| others.clone().find(|(u, _)| *u != t));
-                out[t][k] = other.map_or(NO_TRIANGLE, |(u, _)| u as u32);
-            }
-        }
+        uses.chunk_by(|x, y| x >> 32 == y >> 32).for_each(&mut join);
     }
     out
 }

@@ -103,20 +103,21 @@ const REACH: f64 = 2.0;
 /// Collapses edges until at most `target` triangles are left or no edge may collapse.
 ///
 /// Points (distinct positions) of `mesh` with `locked` set on a vertex stay, as do the attributes of their vertices.
-/// `weights` holds one weight for each float of the attribute rows: a unit of it as a part of the mesh's extent (the
-/// longest side of its box). Returns the mesh with its vertices in their places, some moved and with new attributes,
-/// the triangles that are left; and the largest root of the mean squared distance of a new point to the planes of
-/// the faces it replaced, in the unit of the positions: an estimate, not a bound.
+/// `rows` holds the attributes of each vertex, `weights` one weight for each float of a row: a unit of it as a part of
+/// the mesh's extent (the longest side of its box). Returns the mesh with its vertices in their places, some moved and
+/// with new attributes, the triangles that are left; and the largest root of the mean squared distance of a new point
+/// to the planes of the faces it replaced, in the unit of the positions: an estimate, not a bound.
 ///
 /// Topology by position is kept, for any input; triangles with two corners at one position are dropped.
 pub fn collapse(
     mesh: &LocalMesh,
     locked: &[bool],
+    rows: Vec<f32>,
     weights: &[f32],
     target: usize,
     policy: &Policy,
 ) -> (LocalMesh, f32) {
-    let mut collapser = Collapser::new(mesh, locked, weights, *policy);
+    let mut collapser = Collapser::new(mesh, locked, rows, weights, *policy);
     let error = collapser.run(target);
     (collapser.finish(mesh), error)
 }
@@ -189,7 +190,7 @@ struct Collapser {
 }
 
 impl Collapser {
-    fn new(mesh: &LocalMesh, locked: &[bool], weights: &[f32], policy: Policy) -> Self {
+    fn new(mesh: &LocalMesh, locked: &[bool], rows: Vec<f32>, weights: &[f32], policy: Policy) -> Self {
         let bounds = Aabb::of_points(&mesh.positions);
         let [min, max] = [bounds.min, bounds.max].map(|p| DVec3::from_array(p.map(f64::from)));
         let extent = Some((max - min).max_element()).filter(|e| *e > 0.0 && e.is_finite()).unwrap_or(1.0);
@@ -217,7 +218,6 @@ impl Collapser {
                 Channel { column, weight: f64::from(weights[column]) * factor }
             })
             .collect();
-        let rows = mesh.attributes.clone();
         let forms = Forms::new(&surface, &rows, stride, mesh.positions.len(), channels, policy);
         let area: f64 = (0..surface.faces.len()).map(|f| forms.plane(f).1).sum();
         let mean = area / surface.faces.len().max(1) as f64;

@@ -23,7 +23,7 @@ fn mesh(positions: &[[f32; 3]], faces: &[[u32; 3]]) -> LocalMesh {
 const WEIGHTS: [f32; 3] = [0.02; 3];
 
 fn run(mesh: &LocalMesh, target: usize) -> (LocalMesh, f32) {
-    collapse(mesh, &mesh.locked, &WEIGHTS, target, &Policy::default())
+    collapse(mesh, &mesh.locked, mesh.attributes.clone(), &WEIGHTS, target, &Policy::default())
 }
 
 /// A square of n × n cells without those that `hole` names.
@@ -126,7 +126,8 @@ fn closed_surfaces_stay_closed_down_to_the_last_triangle() {
         let before = counts(&sphere);
         for target in [800, 100, 0] {
             let policy = Policy { cost, ..Policy::default() };
-            let (out, error) = collapse(&sphere, &sphere.locked, &WEIGHTS, target, &policy);
+            let (out, error) =
+                collapse(&sphere, &sphere.locked, sphere.attributes.clone(), &WEIGHTS, target, &policy);
             assert_eq!(counts(&out), before);
             assert!(out.indices.len() / 3 <= target.max(20), "{}", out.indices.len() / 3);
             assert!(error > 0.0 && error < 1.0);
