@@ -339,6 +339,23 @@ fn large_triangles_are_equal() {
 }
 
 #[test]
+fn triangles_that_fill_the_picture_are_equal() {
+    let Some(_) = device("triangles_that_fill_the_picture_are_equal") else { return };
+    let sheet = dag(&grid(1, |_, _| 0.0));
+    let both_sides = Material { double_sided: true, ..Material::default() };
+    let mut scene = lit();
+    // Upright behind; a floor from behind the eye, which is clipped; and one before them, tilted.
+    scene.add(Arc::clone(&sheet), &scaled(at(-4.0, -4.0, -3.0), 8.0), both_sides.clone()).unwrap();
+    let floor = [[40.0, 0.0, 0.0, -20.0], [0.0, 0.0, 1.0, -0.4], [0.0, -40.0, 0.0, 20.0], IDENTITY[3]];
+    scene.add(Arc::clone(&sheet), &floor, both_sides.clone()).unwrap();
+    scene.add(sheet, &turned(at(-0.5, -0.2, -1.0), 0.3), both_sides).unwrap();
+    let size = (2048, 1536);
+    let (frame, _) = compared(&scene, &CAMERA, &at(0.0, 0.0, 0.0), size, 0.0);
+    assert_eq!(frame.stats.covered_pixels, u64::from(size.0 * size.1));
+    assert!(frame.stats.drawn_large >= 5, "{}", frame.stats.drawn_large);
+}
+
+#[test]
 fn a_crowd_is_equal() {
     let Some(_) = device("a_crowd_is_equal") else { return };
     let scene = crowd();
