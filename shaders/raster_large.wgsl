@@ -5,6 +5,8 @@
 
 // Pixels of boxes that a workgroup fills by itself.
 override PART_PIXELS: u32 = 65536u;
+// Of a cluster; so that its blocks of rows times them fit a word.
+const MOST_PARTS: u32 = 1024u;
 // Boxes are counted in so many pixels, so that sums do not overflow.
 const BOX_PIXELS: u32 = 256u;
 
@@ -265,14 +267,11 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     workgroupBarrier();
     let total = lanes[CLUSTER_MAX_TRIANGLES - 1u];
     let blocks = (total + CLUSTER_MAX_TRIANGLES - 1u) / CLUSTER_MAX_TRIANGLES;
-    let parts = clamp(atomicLoad(&boxes) / (PART_PIXELS / BOX_PIXELS), 1u, max(blocks, 1u));
+    let parts = clamp(atomicLoad(&boxes) / (PART_PIXELS / BOX_PIXELS), 1u, clamp(blocks, 1u, MOST_PARTS));
     share = share_out(share, lane, parts);
-    for (var block = 0u; block < blocks; block++) {
-        let item = block * CLUSTER_MAX_TRIANGLES + lane;
-        let place = block % share.parts;
-        if place < share.first || place >= share.end || item >= total {
-            continue;
-        }
+    let first = blocks * share.first / share.parts * CLUSTER_MAX_TRIANGLES;
+    let end = min(blocks * share.end / share.parts * CLUSTER_MAX_TRIANGLES, total);
+    for (var item = first + lane; item < end; item += CLUSTER_MAX_TRIANGLES) {
         // The first triangle whose rows end after this one.
         var triangle = 0u;
         for (var step = CLUSTER_MAX_TRIANGLES / 2u; step > 0u; step /= 2u) {

@@ -288,8 +288,7 @@ fn workgroup_number(id: vec3<u32>) -> u32 {
     return id.y * MAX_WORKGROUPS + id.x;
 }
 
-// What a workgroup fills of a cluster: of its rows, taken in blocks and each block's number modulo `parts`, those from
-// `first` up to `end`.
+// What a workgroup fills of a cluster: of `parts` that its rows fall into, those from `first` up to `end`.
 struct Share {
     // Of the cluster in its list.
     index: u32,

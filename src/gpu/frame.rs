@@ -21,7 +21,7 @@ use crate::gpu_types::{
 const STORAGE: BufferUsages =
     BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
 /// Parts of large clusters that are listed at most; a workgroup that finds no room fills its own.
-const MOST_PARTS: u32 = 1 << 12;
+const MOST_SHARES: u32 = 1 << 12;
 const DISPATCH: BufferUsages = STORAGE.union(BufferUsages::INDIRECT);
 
 /// Entries of the lists whose lengths only the device knows.
@@ -119,8 +119,9 @@ impl Phase {
         let Shape { group_words, depth, room, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let dispatch = |count: u32| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
-        let shares =
-            || context.buffer("parts of clusters", bytes::<Shares>(1) + bytes::<Share>(MOST_PARTS), DISPATCH);
+        let shares = || {
+            context.buffer("parts of clusters", bytes::<Shares>(1) + bytes::<Share>(MOST_SHARES), DISPATCH)
+        };
         let sums = |words: u32| storage("counts of bits", bytes::<u32>(words.div_ceil(SCAN_BLOCK) + 1));
         Ok(Self {
             starts: storage("the instances of the scene", bytes::<Visit>(starts))?,

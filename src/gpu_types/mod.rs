@@ -358,8 +358,7 @@ pub struct VisibleCluster {
     pub large: u32,
 }
 
-/// What a workgroup fills of a large cluster: of its rows, taken in blocks and each block's number modulo `parts`, those from
-/// `first` up to `end`.
+/// What a workgroup fills of a large cluster: of `parts` that its rows fall into, those from `first` up to `end`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct Share {
