@@ -1,14 +1,6 @@
 // Stage 5. Clusters with large triangles, or that reach the near plane, the far plane or the guard band -> visibility
-// buffer: a workgroup per cluster. Each lane clips a triangle; then the rows of all of them are shared out, and where there
-// is much to fill, to several workgroups: shared/shares_out.wgsl. Clusters with holes of any size are drawn by the same, and
-// a test at each pixel.
-
-// Pixels of boxes that a workgroup fills by itself.
-override PART_PIXELS: u32 = 65536u;
-// Of a cluster; so that its blocks of rows times them fit a word.
-const MOST_PARTS: u32 = 1024u;
-// Boxes are counted in so many pixels, so that sums do not overflow.
-const BOX_PIXELS: u32 = 256u;
+// buffer: a workgroup per cluster. Each lane clips a triangle; then the rows of all of them are shared out. Clusters with
+// holes of any size are drawn by the same, and a test at each pixel.
 
 // A triangle cut by five planes has eight corners at most.
 const MOST_CORNERS: u32 = 8u;
@@ -16,8 +8,6 @@ const CORNERS: u32 = MOST_CORNERS * CLUSTER_MAX_TRIANGLES;
 
 // Triangles that face the eye and have a pixel to offer.
 var<workgroup> drawn: atomic<u32>;
-// Pixels of the boxes of all pieces, in BOX_PIXELS.
-var<workgroup> boxes: atomic<u32>;
 // The clipped polygons, snapped, with their depth values; and of each the corners and the rows up to its end.
 var<workgroup> snapped: array<vec2<i32>, CORNERS>;
 var<workgroup> values: array<f32, CORNERS>;
@@ -121,7 +111,6 @@ struct Piece {
     area: Wide,
     // First and last row on the picture; empty when first > last.
     rows: vec2<i32>,
-    columns: u32,
 }
 
 fn piece(polygon: u32, number: u32, double_sided: bool) -> Piece {
@@ -130,13 +119,12 @@ fn piece(polygon: u32, number: u32, double_sided: bool) -> Piece {
     let a = snapped[corners.x];
     let b = snapped[corners.y];
     let c = snapped[corners.z];
-    let nothing = Piece(corners, Wide(0, 0u), vec2<i32>(0, -1), 0u);
+    let nothing = Piece(corners, Wide(0, 0u), vec2<i32>(0, -1));
     var area = edge_function(a, b, c);
-    var columns = pixel_range(min(min(a.x, b.x), c.x), max(max(a.x, b.x), c.x));
-    columns = vec2<i32>(max(columns.x, 0), min(columns.y, i32(view.width) - 1));
+    let columns = pixel_range(min(min(a.x, b.x), c.x), max(max(a.x, b.x), c.x));
     var rows = pixel_range(min(min(a.y, b.y), c.y), max(max(a.y, b.y), c.y));
     rows = vec2<i32>(max(rows.x, 0), min(rows.y, i32(view.height) - 1));
-    if columns.x > columns.y || rows.x > rows.y {
+    if max(columns.x, 0) > min(columns.y, i32(view.width) - 1) || rows.x > rows.y {
         return nothing;
     }
     if area.high < 0 {
@@ -148,7 +136,7 @@ fn piece(polygon: u32, number: u32, double_sided: bool) -> Piece {
     } else if area.high == 0 && area.low == 0u {
         return nothing;
     }
-    return Piece(corners, area, rows, u32(columns.y - columns.x + 1));
+    return Piece(corners, area, rows);
 }
 
 // An edge function along a row: biased value at column 0, step per column, bias.
@@ -225,8 +213,7 @@ fn fill(p: Piece, row: i32, low: u32) {
 @compute @workgroup_size(CLUSTER_MAX_TRIANGLES)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let list = select(select(LIST_CLIPPED, LIST_LARGE, view.viewport == 0u), LIST_MASKED, MASKED);
-    var share = share_of(workgroup_number(workgroup));
-    let number = listed(list, share.index);
+    let number = listed(list, workgroup_number(workgroup));
     if number == NONE {
         return;
     }
@@ -237,12 +224,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     let streams = streams_of(page, record);
     let double_sided = two_sided(instance, record);
     let rows = instances[instance].screen;
-    if lane == 0u {
-        atomicStore(&drawn, 0u);
-        atomicStore(&boxes, 0u);
-    }
     var height = 0u;
-    var box_pixels = 0u;
     if lane < triangle_count(record) {
         var corners = triangle_corners(streams, lane);
         if instances[instance].mirrored == 0u {
@@ -254,24 +236,18 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
         set_up(lane, a, b, c);
         for (var i = 0u; i + 2u < corner_counts[lane]; i++) {
             let p = piece(lane, i, double_sided);
-            let rows = u32(p.rows.y - p.rows.x + 1);
-            height += rows;
-            box_pixels += rows * p.columns;
+            height += u32(p.rows.y - p.rows.x + 1);
         }
+    }
+    if lane == 0u {
+        atomicStore(&drawn, 0u);
     }
     inclusive_sum(lane, height);
     if height > 0u {
         atomicAdd(&drawn, 1u);
-        atomicAdd(&boxes, box_pixels / BOX_PIXELS);
     }
-    workgroupBarrier();
     let total = lanes[CLUSTER_MAX_TRIANGLES - 1u];
-    let blocks = (total + CLUSTER_MAX_TRIANGLES - 1u) / CLUSTER_MAX_TRIANGLES;
-    let parts = clamp(atomicLoad(&boxes) / (PART_PIXELS / BOX_PIXELS), 1u, clamp(blocks, 1u, MOST_PARTS));
-    share = share_out(share, lane, parts);
-    let first = blocks * share.first / share.parts * CLUSTER_MAX_TRIANGLES;
-    let end = min(blocks * share.end / share.parts * CLUSTER_MAX_TRIANGLES, total);
-    for (var item = first + lane; item < end; item += CLUSTER_MAX_TRIANGLES) {
+    for (var item = lane; item < total; item += CLUSTER_MAX_TRIANGLES) {
         // The first triangle whose rows end after this one.
         var triangle = 0u;
         for (var step = CLUSTER_MAX_TRIANGLES / 2u; step > 0u; step /= 2u) {
@@ -294,7 +270,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
         }
     }
     workgroupBarrier();
-    if FIRST_PASS && !SHARED && lane == 0u {
+    if FIRST_PASS && lane == 0u {
         atomicAdd(&counters.drawn_large, atomicLoad(&drawn));
     }
 }

@@ -288,34 +288,6 @@ fn workgroup_number(id: vec3<u32>) -> u32 {
     return id.y * MAX_WORKGROUPS + id.x;
 }
 
-// What a workgroup fills of a cluster: of `parts` that its rows fall into, those from `first` up to `end`.
-struct Share {
-    // Of the cluster in its list.
-    index: u32,
-    first: u32,
-    end: u32,
-    parts: u32,
-}
-
-// A dispatch, and a part for each of its workgroups.
-struct Shares {
-    x: u32,
-    y: u32,
-    z: u32,
-    // Parts that there should be room for.
-    count: u32,
-    parts: array<Share>,
-}
-
-// The same while it is written.
-struct SharesOut {
-    x: atomic<u32>,
-    y: atomic<u32>,
-    z: atomic<u32>,
-    count: atomic<u32>,
-    parts: array<Share>,
-}
-
 struct Counters {
     visited_clusters: atomic<u32>,
     drawn_small: atomic<u32>,

@@ -20,7 +20,7 @@ use super::shaders::{Kernel, List, Words};
 use super::times::{self, Times};
 use crate::config::{Calibration, Raster};
 use crate::error::Result;
-use crate::gpu_types::{Call, Counters, Dispatch, Instance, Share, Shares, View, VisibleCluster};
+use crate::gpu_types::{Call, Counters, Dispatch, Instance, View, VisibleCluster};
 use crate::limits::CLUSTER_MAX_TRIANGLES;
 use crate::model::cluster::RECORD_WORDS;
 use crate::model::packing::{VertexRow, vertex_row, write_triangles};
@@ -98,7 +98,6 @@ struct Stand<'a> {
     calls: Buffer,
     pixels: Buffer,
     counters: Buffer,
-    shares: Buffer,
     target: Target,
     times: Times,
     staging: Buffer,
@@ -153,8 +152,6 @@ impl<'a> Stand<'a> {
             calls: storage(bytemuck::cast_slice(&calls(0)))?,
             pixels: context.buffer("calibration", PIXEL_BYTES, usage | BufferUsages::STORAGE)?,
             counters: storage(bytemuck::bytes_of(&Counters::default()))?,
-            // There is nothing large enough to be shared out.
-            shares: storage(&[0; size_of::<Shares>() + size_of::<Share>()])?,
             target,
             times: Times::new(context)?,
             staging: context.buffer("calibration", Times::BYTES + PIXEL_BYTES, staging)?,
@@ -221,18 +218,14 @@ impl<'a> Stand<'a> {
     }
 
     fn record_compute(&self, encoder: &mut CommandEncoder, list: List) {
-        let mut bindings = self.bindings(false);
         let kernel = match list {
             List::Small => Kernel::RasterSmall(self.words),
-            _ => {
-                bindings.push(self.shares.as_entire_binding());
-                Kernel::RasterLarge(self.words)
-            }
+            _ => Kernel::RasterLarge(self.words),
         };
         let timestamp_writes = self.times.of_pass(0);
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor { label: None, timestamp_writes });
         pass.set_pipeline(self.context.pipeline(kernel, false));
-        pass.set_bind_group(0, &self.context.bind(kernel, false, bindings), &[]);
+        pass.set_bind_group(0, &self.context.bind(kernel, false, self.bindings(false)), &[]);
         pass.dispatch_workgroups_indirect(&self.draws, list as u64 * size_of::<Dispatch>() as u64);
     }
 

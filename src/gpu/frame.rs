@@ -14,14 +14,10 @@ use super::shaders::{self, Kernel, List, MAX_WORKGROUPS, SCAN_BLOCK, Step};
 use super::times::Times;
 use crate::config::{Output, Outputs};
 use crate::error::Result;
-use crate::gpu_types::{
-    Call, Candidate, Counters, Dispatch, Marks, Share, Shares, View, VisibleCluster, Visit,
-};
+use crate::gpu_types::{Call, Candidate, Counters, Dispatch, Marks, View, VisibleCluster, Visit};
 
 const STORAGE: BufferUsages =
     BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
-/// Parts of large clusters that are listed at most; a workgroup that finds no room fills its own.
-const MOST_SHARES: u32 = 1 << 12;
 const DISPATCH: BufferUsages = STORAGE.union(BufferUsages::INDIRECT);
 
 /// Entries of the lists whose lengths only the device knows.
@@ -108,8 +104,6 @@ pub(super) struct Phase {
     pub(super) draws: Buffer,
     pub(super) calls: Buffer,
     pub(super) counters: Buffer,
-    /// What a workgroup should not fill alone of a large cluster, for each time that they are drawn.
-    pub(super) shares: [Buffer; 3],
     /// What is decided after it.
     pub(super) steps: Buffer,
 }
@@ -119,9 +113,6 @@ impl Phase {
         let Shape { group_words, depth, room, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let dispatch = |count: u32| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
-        let shares = || {
-            context.buffer("parts of clusters", bytes::<Shares>(1) + bytes::<Share>(MOST_SHARES), DISPATCH)
-        };
         let sums = |words: u32| storage("counts of bits", bytes::<u32>(words.div_ceil(SCAN_BLOCK) + 1));
         Ok(Self {
             starts: storage("the instances of the scene", bytes::<Visit>(starts))?,
@@ -138,7 +129,6 @@ impl Phase {
             draws: dispatch(List::COUNT)?,
             calls: context.buffer("draws", bytes::<Call>(List::COUNT), DISPATCH)?,
             counters: storage("counters", bytes::<Counters>(1))?,
-            shares: [shares()?, shares()?, shares()?],
             steps: dispatch(Step::COUNT)?,
         })
     }
@@ -146,7 +136,6 @@ impl Phase {
     /// Lists start empty, bits at zero.
     fn clear(&self, encoder: &mut CommandEncoder) {
         let lists = [&self.culling, &self.counting, &self.draws, &self.calls, &self.steps];
-        self.shares.iter().for_each(|shares| encoder.clear_buffer(shares, 0, Some(bytes::<Shares>(1))));
         let one = [&self.group_bits, &self.counters];
         self.levels.iter().chain(lists).chain(one).for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
     }

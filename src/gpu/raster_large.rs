@@ -1,5 +1,5 @@
-//! Stage 5. Clusters with large triangles, or that have to be clipped, → visibility buffer, a workgroup per cluster,
-//! and more for what one should not fill alone. Where `raster_hardware` draws, what it leaves. Clusters that may have holes, of any size, are drawn here in each form.
+//! Stage 5. Clusters with large triangles, or that have to be clipped, → visibility buffer, a workgroup per cluster.
+//! Where `raster_hardware` draws, what it leaves. Clusters that may have holes, of any size, are drawn here in each form.
 
 use wgpu::Buffer;
 
@@ -8,16 +8,8 @@ use super::materials::Buffers;
 use super::shaders::{Kernel, List, Words};
 
 pub(super) fn record<'a>(r: &mut Recorder<'a>, list: List, words: Words, to: &'a Buffer) {
-    let (bindings, own) = (r.raster_bindings(to), r.own());
-    // Each draws anew.
-    let shares = match words {
-        Words::Wide | Words::Keys | Words::Depth => &own.shares[0],
-        Words::Lows => &own.shares[1],
-        Words::Count => &own.shares[2],
-    };
-    let bindings = [&bindings[..], &[shares]].concat();
-    r.run_indirect(Kernel::RasterLarge(words), &bindings, &own.draws, list as u32);
-    r.run_indirect(Kernel::RasterShared(words), &bindings, shares, 0);
+    let bindings = r.raster_bindings(to);
+    r.run_indirect(Kernel::RasterLarge(words), &bindings, &r.own().draws, list as u32);
 }
 
 /// Clusters that may have holes, where any material has them.

@@ -160,8 +160,6 @@ pub enum Kernel {
     RasterSmall(Words),
     /// Large clusters → visibility buffer.
     RasterLarge(Words),
-    /// Parts of large clusters → visibility buffer.
-    RasterShared(Words),
     /// Clusters that may have holes → visibility buffer.
     RasterMasked(Words),
     /// Clusters of a list → visibility buffer, by the rasterizer of the device.
@@ -183,7 +181,7 @@ pub enum Kernel {
 }
 
 /// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 64] = [
+pub const KERNELS: [Kernel; 59] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
@@ -217,11 +215,6 @@ pub const KERNELS: [Kernel; 64] = [
     Kernel::RasterLarge(Words::Count),
     Kernel::RasterSmall(Words::Depth),
     Kernel::RasterLarge(Words::Depth),
-    Kernel::RasterShared(Words::Wide),
-    Kernel::RasterShared(Words::Keys),
-    Kernel::RasterShared(Words::Lows),
-    Kernel::RasterShared(Words::Count),
-    Kernel::RasterShared(Words::Depth),
     Kernel::RasterMasked(Words::Wide),
     Kernel::RasterMasked(Words::Keys),
     Kernel::RasterMasked(Words::Lows),
@@ -307,7 +300,7 @@ impl Kernel {
             Self::ClusterCull(_) => "cluster_cull",
             Self::ListClusters(_) => "list_clusters",
             Self::RasterSmall(_) => "raster_small",
-            Self::RasterLarge(_) | Self::RasterShared(_) | Self::RasterMasked(_) => "raster_large",
+            Self::RasterLarge(_) | Self::RasterMasked(_) => "raster_large",
             Self::RasterHardware(..) => "raster_hardware",
             Self::Hzb(_) => "hzb",
             Self::Settle(_) => "settle",
@@ -339,18 +332,14 @@ impl Kernel {
             Self::ClusterCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, PAGES, CONE, file!("cluster_cull")],
             Self::ListClusters(_) => vec![TYPES, SCAN, file!("list_clusters")],
             Self::RasterSmall(w) => vec![TYPES, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")],
-            Self::RasterLarge(w) | Self::RasterShared(w) => {
-                let shares = match self {
-                    Self::RasterShared(_) => file!("shared/shares_in"),
-                    _ => file!("shared/shares_out"),
-                };
-                let raster = [TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w)];
-                [&raster[..], &[file!("shared/whole"), shares, file!("raster_large")]].concat()
+            Self::RasterLarge(w) => {
+                let whole = file!("shared/whole");
+                vec![TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w), whole, file!("raster_large")]
             }
             Self::RasterMasked(w) => {
                 let surface = [SURFACE, TEXTURE, MATERIAL, file!("shared/holes")];
                 let raster = [TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w)];
-                [&raster[..], &surface, &[file!("shared/shares_none"), file!("raster_large")]].concat()
+                [&raster[..], &surface, &[file!("raster_large")]].concat()
             }
             Self::RasterHardware(_, w) => {
                 vec![TYPES, CULL, PAGES, TRIANGLE, WIDE, words(w), file!("raster_hardware")]
@@ -376,8 +365,6 @@ impl Kernel {
         match self {
             // There a workgroup is a loop over its lanes, a few at a time, from one barrier to the next.
             Self::RasterSmall(_) => &[("RASTER_LANES", 16.0)],
-            // Enough that each of a few cores has some.
-            Self::RasterLarge(_) | Self::RasterShared(_) => &[("PART_PIXELS", 1_048_576.0)],
             _ => &[],
         }
     }
@@ -395,7 +382,6 @@ impl Kernel {
         source += &format!("const PAGE_ARRAY_BITS: u32 = {}u;\n", array_bits.unwrap_or(u32::BITS - 1));
         if let Self::RasterSmall(words)
         | Self::RasterLarge(words)
-        | Self::RasterShared(words)
         | Self::RasterMasked(words)
         | Self::RasterHardware(_, words) = self
         {

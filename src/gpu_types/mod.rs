@@ -358,34 +358,6 @@ pub struct VisibleCluster {
     pub large: u32,
 }
 
-/// What a workgroup fills of a large cluster: of `parts` that its rows fall into, those from `first` up to `end`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct Share {
-    /// Of the cluster in its list.
-    pub index: u32,
-    /// The first place.
-    pub first: u32,
-    /// Behind the last.
-    pub end: u32,
-    /// Parts of the cluster.
-    pub parts: u32,
-}
-
-/// The dispatch of parts, which follow it.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct Shares {
-    /// Workgroups.
-    pub x: u32,
-    /// 1 where there are any.
-    pub y: u32,
-    /// 1 where there are any.
-    pub z: u32,
-    /// Parts that there should have been room for.
-    pub count: u32,
-}
-
 /// What stages count besides their lists.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]

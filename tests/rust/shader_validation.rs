@@ -7,8 +7,8 @@ use naga::{AddressSpace, Module, ShaderStage, TypeInner};
 use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
 use nanite_rs::gpu::shaders::{DRAWS, KERNELS, Kernel, Phase, Words};
 use nanite_rs::gpu_types::{
-    Call, Candidate, Counters, Dispatch, Instance, Light, Lighting, Look, Marks, Material, Placed, Share,
-    Texture, View, VisibleCluster, Visit,
+    Call, Candidate, Counters, Dispatch, Instance, Light, Lighting, Look, Marks, Material, Placed, Texture,
+    View, VisibleCluster, Visit,
 };
 use nanite_rs::model::{Group, Node};
 
@@ -27,7 +27,6 @@ fn capabilities(kernel: Kernel) -> Capabilities {
     match kernel {
         Kernel::RasterSmall(Words::Wide)
         | Kernel::RasterLarge(Words::Wide)
-        | Kernel::RasterShared(Words::Wide)
         | Kernel::RasterMasked(Words::Wide)
         | Kernel::RasterHardware(_, Words::Wide) => {
             Capabilities::SHADER_INT64 | Capabilities::SHADER_INT64_ATOMIC_MIN_MAX
@@ -118,7 +117,6 @@ fn structs_lie_in_wgsl_as_in_rust() {
             triangles_large, drawn_hardware, covered),
         fields!(Placed: linear, inverse, center, lod_scale, extent, first_node, first_group, first_page,
             group_words, double_sided, mirrored, visible, masked, unused),
-        fields!(Share: index, first, end, parts),
         fields!(Marks: large, held, first, clipped),
         fields!(Call: vertices, instances, first_vertex, first_instance),
         fields!(Look: normal, emissive, metallic, roughness, flags, first_material, last_material),

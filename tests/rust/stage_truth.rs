@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable, cast_slice};
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu::shaders::{Bits, Kernel, List, Phase, SCAN_BLOCK, Step, Words};
 use nanite_rs::gpu_types::{
-    Call, Candidate, Counters, Dispatch, Instance, Marks, Placed, Share, Shares, View, VisibleCluster, Visit,
+    Call, Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
 };
 use nanite_rs::limits::{PYRAMID_ABOVE, PYRAMID_LEVELS};
 use nanite_rs::math::Sphere;
@@ -858,21 +858,6 @@ fn drawn(
     instance: Instance,
     clusters: &[Triangles],
 ) -> (Vec<(u32, u32)>, u32) {
-    let (pixels, triangles, _) = drawn_and_shared(device, large, view, instance, clusters);
-    (pixels, triangles)
-}
-
-/// Parts of clusters that there is room for, when there is more to fill than a workgroup should.
-const SHARES: usize = 3;
-
-/// The same, with the parts that they were shared out in.
-fn drawn_and_shared(
-    device: &Context,
-    large: bool,
-    view: &View,
-    instance: Instance,
-    clusters: &[Triangles],
-) -> (Vec<(u32, u32)>, u32, u32) {
     // A page for each: its record, and its streams. Positions are on a grid where they can be, and else as they are.
     const STEP: f32 = 0.0625;
     let (mut pages, mut offsets) = (Vec::new(), Vec::new());
@@ -912,54 +897,33 @@ fn drawn_and_shared(
     }
     let mut draws = [Dispatch::default(); LISTS];
     draws[usize::from(large)] = dispatch(count, 1, count);
-    let size = (view.width * view.height) as usize;
     let (view, instance) = (words(std::slice::from_ref(view)), [instance]);
     let mut results = Vec::new();
-    let mut shared = 0;
     let mut keys = Vec::new();
     let mut forms = vec![vec![Words::Depth], vec![Words::Keys, Words::Lows]];
     forms.extend(device.wide_atomics().then(|| vec![Words::Wide]));
     for form in forms {
         let alone = form == [Words::Depth];
-        let pixels = if alone { size } else { 2 * size };
+        let pixels = if alone { SIDE * SIDE } else { 2 * SIDE * SIDE };
         let (mut picture, mut counters) = (vec![0; pixels], vec![0; size_of::<Counters>() / 4]);
         for pass in form {
-            let mut shares = vec![0; (size_of::<Shares>() + SHARES * size_of::<Share>()) / 4];
-            let mut run = |kernel, workgroups| {
-                let bindings: [&[u32]; 13] = [
-                    view,
-                    words(&instance),
-                    &offsets,
-                    &pages,
-                    words(&visible),
-                    &numbers,
-                    words(&draws),
-                    &picture,
-                    &counters,
-                    &pages,
-                    &pages,
-                    &pages,
-                    &shares,
-                ];
-                let bindings = if large { &bindings[..] } else { &bindings[..12] };
-                let mut out = device.run(kernel, bindings, workgroups).unwrap();
-                if large {
-                    shares = out.swap_remove(12);
-                }
-                (counters, picture) = (out.swap_remove(8), out.swap_remove(7));
-                Shares { x: shares[0], y: shares[1], z: shares[2], count: shares[3] }
-            };
-            if !large {
-                run(Kernel::RasterSmall(pass), count);
-                continue;
-            }
-            let Shares { x, y, z, count } = run(Kernel::RasterLarge(pass), count);
-            let any = u32::from(x > 0);
-            assert_eq!((x, y, z), (count.min(SHARES as u32), any, any));
-            if x > 0 {
-                run(Kernel::RasterShared(pass), x);
-            }
-            shared = count;
+            let kernel = if large { Kernel::RasterLarge(pass) } else { Kernel::RasterSmall(pass) };
+            let bindings: [&[u32]; 12] = [
+                view,
+                words(&instance),
+                &offsets,
+                &pages,
+                words(&visible),
+                &numbers,
+                words(&draws),
+                &picture,
+                &counters,
+                &pages,
+                &pages,
+                &pages,
+            ];
+            let mut out = device.run(kernel, &bindings, count).unwrap();
+            (counters, picture) = (out.swap_remove(8), out.swap_remove(7));
         }
         let counters: Counters = entry(&counters);
         let triangles = if large { counters.drawn_large } else { counters.drawn_small };
@@ -972,7 +936,7 @@ fn drawn_and_shared(
     assert!(results.iter().all(|result| *result == results[0]), "two passes draw the same");
     let (pixels, triangles): (Vec<(u32, u32)>, u32) = results.swap_remove(0);
     assert_eq!(keys, [(pixels.iter().map(|(key, _)| *key).collect(), triangles)], "keys alone are the same");
-    (pixels, triangles, shared)
+    (pixels, triangles)
 }
 
 /// A parallel view whose world is its picture: x right and y down, pixels; and depth.
@@ -1233,31 +1197,6 @@ fn pixels_get_the_numbers_of_both_phases() {
         &[words(&steps), &[9, 7, 8, 1_000_000], words(&before.map(<[u32; 2]>::from))],
     );
     assert_eq!(entries::<[u32; 2]>(&out[2]), after.map(<[u32; 2]>::from));
-}
-
-#[test]
-fn what_is_large_is_shared_out_as_far_as_there_is_room() {
-    let Some(device) = device("what_is_large_is_shared_out_as_far_as_there_is_room") else { return };
-    // Boxes of 2 · 3.9 million pixels; a small square before them; nothing behind the edges.
-    let view = View { width: 2000, height: 2000, ..flat() };
-    let small = square(3.0, 7.0, |_, _| 1.5);
-    let clusters = [square(10.0, 1985.0, |_, _| 2.0), small];
-    let (pixels, triangles, shared) = drawn_and_shared(&device, true, &view, plain(), &clusters);
-    assert_eq!(triangles, 4);
-    // A cluster is shared out whole, and there is room for some.
-    assert!(shared > SHARES as u32, "{shared}");
-    let payload = |cluster: u32, triangle: u32| !((cluster + 1) << 7 | triangle);
-    for (pixel, found) in pixels.into_iter().enumerate() {
-        let (x, y) = (pixel % 2000, pixel / 2000);
-        let within = |low, high| (low..high).contains(&x) && (low..high).contains(&y);
-        let triangle = u32::from(y > x);
-        let expected = match (within(10, 1985), within(3, 7)) {
-            (true, _) => (flat_key(2.0), payload(0, triangle)),
-            (_, true) => (flat_key(1.5), payload(1, triangle)),
-            _ => (0, 0),
-        };
-        assert_eq!(found, expected, "{x} {y}");
-    }
 }
 
 #[test]
