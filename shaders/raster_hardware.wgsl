@@ -61,6 +61,7 @@ fn corner(@builtin(vertex_index) vertex: u32, @builtin(instance_index) index: u3
     }
     let place = vertex % 3u;
     if FIRST_PASS && place == 0u {
+        atomicAdd(&counters.drawn_hardware, 1u);
         if LIST == LIST_SMALL {
             atomicAdd(&counters.drawn_small, 1u);
         } else {

@@ -151,6 +151,8 @@ class FrameStats:
     """Of these, drawn by the rasterizer for small triangles: facing the eye and near a pixel centre."""
     drawn_large: int
     """The same for large and clipped triangles."""
+    drawn_hardware: int
+    """Of both, drawn by the GPU's own rasterizer: see `raster`."""
     covered_pixels: int
     """Pixels that show a surface."""
     occluded_instances: int

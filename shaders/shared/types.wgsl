@@ -301,4 +301,8 @@ struct Counters {
     // Triangles of the clusters that each rasterizer draws.
     triangles_small: atomic<u32>,
     triangles_large: atomic<u32>,
+    // Of the triangles drawn, small or large, those that the device's own rasterizer drew.
+    drawn_hardware: atomic<u32>,
+    // Pixels that show anything, of a picture that stays on the device; in the first phase.
+    covered: atomic<u32>,
 }

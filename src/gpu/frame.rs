@@ -1,6 +1,8 @@
 //! The buffers of a frame, and the recording of its stages.
 
-use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePass};
+use std::sync::Arc;
+
+use wgpu::{Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePass};
 
 use super::context::Context;
 use super::instances::Slots;
@@ -64,9 +66,16 @@ pub struct Shape {
     pub depth_only: bool,
     /// Arrays to make.
     pub outputs: Outputs,
+    /// The visibility buffer is not read back.
+    pub leaves: bool,
 }
 
 impl Shape {
+    /// The same of what does not come back.
+    pub(super) fn inner(self) -> Self {
+        Self { outputs: Outputs::default(), leaves: false, ..self }
+    }
+
     /// Bytes of the visibility buffer.
     fn word_bytes(&self) -> u64 {
         let pixel = if self.depth_only { size_of::<u32>() } else { size_of::<u64>() };
@@ -162,7 +171,10 @@ pub(super) struct Buffers {
     pub(super) visible: Buffer,
     /// Numbers in the list of both phases for those of the first.
     pub(super) renumbered: Buffer,
-    pub(super) words: Buffer,
+    /// The visibility buffer, which nobody else holds while it is drawn to.
+    pub(super) words: Arc<Buffer>,
+    /// Those of earlier frames, which may hold them still.
+    left: Vec<Arc<Buffer>>,
     /// How much pages are missed, by entries of their tables.
     pub(super) wanted: Buffer,
     pub(super) outputs: Vec<(Output, Buffer)>,
@@ -201,7 +213,7 @@ fn array_bytes(output: Output, pixels: u64) -> u64 {
 
 impl Buffers {
     pub(super) fn new(context: &Context, shape: Shape) -> Result<Self> {
-        let Shape { instances, room, occlusion, outputs, .. } = shape;
+        let Shape { instances, room, occlusion, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let visits = || storage("nodes to look at", bytes::<Visit>(room.visits));
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
@@ -221,20 +233,25 @@ impl Buffers {
             group_blocks: context.buffer("dispatches", bytes::<Dispatch>(1), DISPATCH)?,
             visible: storage("visible clusters", bytes::<VisibleCluster>(room.visible))?,
             renumbered: storage("visible clusters", if occlusion { bytes::<u32>(room.visible) } else { 0 })?,
-            words: storage("the pixels of the picture", shape.word_bytes())?,
+            words: Self::new_words(context, shape)?,
+            left: Vec::new(),
             wanted: storage("pages that are missed", bytes::<u32>(shape.pages))?,
             outputs: Vec::new(),
             times: Times::new(context)?,
             staging: context.buffer("counters", 0, BufferUsages::MAP_READ)?,
             staged: 0,
         };
-        out.making(context, outputs)
+        out.making(context, shape)
     }
 
-    /// The same for other arrays.
-    pub(super) fn making(mut self, context: &Context, outputs: Outputs) -> Result<Self> {
-        self.shape.outputs = outputs;
-        let pixels = self.shape.pixels;
+    fn new_words(context: &Context, shape: Shape) -> Result<Arc<Buffer>> {
+        context.buffer("the pixels of the picture", shape.word_bytes(), STORAGE).map(Arc::new)
+    }
+
+    /// The same where something else comes back.
+    pub(super) fn making(mut self, context: &Context, shape: Shape) -> Result<Self> {
+        let Shape { outputs, pixels, .. } = shape;
+        self.shape = shape;
         // Others go before new ones are made.
         (self.outputs, self.staging) = (Vec::new(), context.buffer("counters", 0, BufferUsages::MAP_READ)?);
         for output in outputs.iter() {
@@ -247,6 +264,25 @@ impl Buffers {
         Ok(self)
     }
 
+    /// Sees to it that no frame holds what is drawn to.
+    pub(super) fn release_words(&mut self, context: &Context) -> Result<()> {
+        if Arc::strong_count(&self.words) > 1 {
+            let free = self.left.iter().position(|words| Arc::strong_count(words) == 1);
+            let free = match free {
+                Some(place) => self.left.swap_remove(place),
+                None => Self::new_words(context, self.shape)?,
+            };
+            self.left.push(std::mem::replace(&mut self.words, free));
+        }
+        Ok(())
+    }
+
+    /// Frames that are there and whose visibility buffers were left here.
+    pub(super) fn frames_left(&self) -> usize {
+        let held = |words: &&Arc<Buffer>| Arc::strong_count(words) > 1;
+        self.left.iter().chain([&self.words]).filter(held).count()
+    }
+
     /// What comes back: of the frame, then of each phase.
     fn parts<'a>(&'a self) -> Vec<Vec<Part<'a>>> {
         let Shape { instances, pixels, room, depth_only, .. } = self.shape;
@@ -257,7 +293,8 @@ impl Buffers {
         let mut arrays = self.outputs.iter().map(array);
         // Depth that is made here comes in place of the keys it is made of.
         let depth = if depth_only { arrays.next() } else { None };
-        let words = depth.unwrap_or(Part { buffer: &self.words, bytes: self.shape.word_bytes() });
+        let word_bytes = if self.shape.leaves { 0 } else { self.shape.word_bytes() };
+        let words = depth.unwrap_or(Part { buffer: &self.words, bytes: word_bytes });
         let wanted = Part { buffer: &self.wanted, bytes: bytes::<u32>(self.shape.pages) };
         let mut whole = vec![ticks, words, visible, wanted];
         whole.extend(arrays);
@@ -300,6 +337,35 @@ impl Buffers {
             head
         };
         self.parts().iter().map(|parts| parts.iter().map(&mut take).collect()).collect()
+    }
+}
+
+/// A visibility buffer that stayed on the device.
+#[derive(Debug)]
+pub struct Left {
+    context: Arc<Context>,
+    words: Arc<Buffer>,
+    bytes: u64,
+}
+
+impl Left {
+    /// That of the frame drawn last.
+    pub(super) fn new(context: &Arc<Context>, buffers: &Buffers) -> Self {
+        let (context, words) = (Arc::clone(context), Arc::clone(&buffers.words));
+        Self { context, words, bytes: buffers.shape.word_bytes() }
+    }
+
+    /// Reads it.
+    pub fn read(&self) -> Result<Vec<u64>> {
+        let context = &self.context;
+        let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
+        let staging = context.buffer("the pixels of the picture", self.bytes, usage)?;
+        let mut encoder = context.device().create_command_encoder(&CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(&self.words, 0, &staging, 0, self.bytes);
+        let mut words = Vec::new();
+        context
+            .submit(encoder, &staging, self.bytes, |staged| words = bytemuck::pod_collect_to_vec(staged))?;
+        Ok(words)
     }
 }
 

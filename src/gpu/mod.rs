@@ -2,8 +2,8 @@
 //!
 //! Stage `x` is `src/gpu/x.rs`, which records it, and `shaders/x.wgsl`, which is the twin of `src/cpu/x.rs`. A frame is
 //! one submission: every stage decides the dispatch of the next on the device. What is read back afterwards are the
-//! visibility buffer, the visible list and the counts of every list; where one was too short, it grows and the frame
-//! runs again. [`context`] finds a device, [`meshes`] holds what is uploaded once, with its pages in `page_arrays`,
+//! visible list and the counts of every list; where one was too short, it grows and the frame runs again. The visibility
+//! buffer is read with them where the CPU makes something of it now, else when it first does. [`context`] finds a device, [`meshes`] holds what is uploaded once, with its pages in `page_arrays`,
 //! [`shaders`] puts sources together. `raster_hardware` is another form of the two raster stages, by the device's own
 //! rasterizer; `calibrate` finds out whether it is the faster one.
 
@@ -31,6 +31,7 @@ mod sight;
 mod times;
 
 pub use context::Context;
+pub use frame::Left;
 pub use instances::Shown;
 pub use renderer::{Counted, DeviceStage, Drawn, Job, Renderer, Ways};
 pub use shaders::Phase;

@@ -1,12 +1,20 @@
 //! Stage 8. Visibility buffer → the arrays that a caller asks for.
 
 use super::frame::Recorder;
-use super::shaders::{Kernel, List, Words};
+use super::shaders::{Kernel, List, PIXELS_PER_LANE, WIDTH, Words};
 use super::{raster_large, raster_small};
 use crate::config::Output;
 
-/// Arrays of the finished picture: all but colour, which is the stage before, and overdraw.
+/// Arrays of the finished picture: all but colour, which is the stage before, and overdraw. Of a picture that stays on the
+/// device, also how much of it is covered.
 pub(super) fn record(r: &mut Recorder<'_>) {
+    let b = r.buffers;
+    if b.shape.leaves {
+        let bindings = [&b.view, &*b.words, &b.phases[0].counters];
+        // As many as a picture has at most fit.
+        let workgroups = b.shape.pixels.div_ceil(u64::from(WIDTH * PIXELS_PER_LANE)) as u32;
+        r.run(Kernel::CountCovered, &bindings, workgroups);
+    }
     for (output, out) in &r.buffers.outputs {
         if !(output.shaded() || *output == Output::Overdraw) {
             let bindings = r.surface_bindings(out);

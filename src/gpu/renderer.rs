@@ -5,7 +5,7 @@ use std::sync::Arc;
 use wgpu::{BindingResource, CommandEncoderDescriptor};
 
 use super::context::Context;
-use super::frame::{Buffers, Room, Shape, surface_bindings};
+use super::frame::{Buffers, Left, Room, Shape, surface_bindings};
 use super::instances::{Instances, Shown};
 use super::meshes::Meshes;
 use super::passes::Passes;
@@ -23,6 +23,10 @@ use crate::stream::{Needs, Resident};
 
 /// Lists of a first frame; each grows to what frames need.
 const FIRST_ROOM: Room = Room { visits: 1 << 12, candidates: 1 << 12, visible: 1 << 14 };
+
+/// Frames of a view that may leave their visibility buffers on the device, while they are there: in a loop, one is while the
+/// next is drawn. With more of them they are read.
+const MOST_LEFT: usize = 2;
 
 /// What may be done in other ways, with the same picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +51,9 @@ pub struct Job<'a> {
     /// What is filled: the visibility buffer, the low half of each word first. With [`Ways::depth_only`] a number per
     /// pixel: its depth where that is to be made, else its key.
     pub words: &'a mut [u32],
+    /// The visibility buffer may stay on the device, see [`Drawn::left`]; then none is filled. Not with
+    /// [`Ways::depth_only`].
+    pub leave: bool,
     /// The arrays.
     pub outputs: Outputs,
     /// All but the lights.
@@ -62,7 +69,15 @@ impl<'a> Job<'a> {
     pub fn new(view: View, words: &'a mut [u64]) -> Self {
         let (outputs, lighting) = (Outputs::default(), bytemuck::Zeroable::zeroed());
         let words = bytemuck::cast_slice_mut(words);
-        Self { view, words, outputs, lighting, lights: Vec::new(), transfer: Transfer::default() }
+        Self {
+            view,
+            words,
+            leave: false,
+            outputs,
+            lighting,
+            lights: Vec::new(),
+            transfer: Transfer::default(),
+        }
     }
 }
 
@@ -117,6 +132,8 @@ pub struct Drawn {
     pub needs: Needs,
     /// The arrays asked for.
     pub made: Vec<(Output, Array)>,
+    /// The visibility buffer, where it was left on the device.
+    pub left: Option<Left>,
     /// Bytes of instances written to the device.
     pub uploaded_bytes: u64,
     /// Which rasterizers drew it.
@@ -225,14 +242,20 @@ impl Renderer {
                     depth_only: ways.depth_only,
                     // Its lists are for other rasterizers then than those which count.
                     outputs: if hardware { job.outputs.without(Output::Overdraw) } else { job.outputs },
+                    leaves: false,
                 };
+                let context = &self.context;
                 // Others go before new ones are made.
-                let fits = |own: &Buffers| Shape { outputs: shape.outputs, ..own.shape } == shape;
-                let buffers = match sight.buffers.take().filter(fits) {
+                let fits = |own: &Buffers| own.shape.inner() == shape.inner();
+                let buffers = sight.buffers.take().filter(fits);
+                let left = buffers.as_ref().map_or(0, Buffers::frames_left);
+                let shape = Shape { leaves: job.leave && left < MOST_LEFT, ..shape };
+                let buffers = match buffers {
                     Some(own) if own.shape == shape => Ok(own),
-                    Some(own) => own.making(&self.context, shape.outputs),
-                    None => Buffers::new(&self.context, shape),
+                    Some(own) => own.making(context, shape),
+                    None => Buffers::new(context, shape),
                 };
+                let buffers = buffers.and_then(|mut own| own.release_words(context).map(|()| own));
                 sight.buffers = Some(buffers.inspect_err(|_| self.room = FIRST_ROOM)?);
             }
             let mut turns = Vec::with_capacity(jobs.len());
@@ -251,6 +274,8 @@ impl Renderer {
                 for ((drawn, sight), (view, culling)) in drawn.iter_mut().zip(&mut self.sights).zip(&views) {
                     (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
                     drawn.needs = self.meshes.needs(&drawn.wanted);
+                    let buffers = sight.buffers.as_ref().filter(|buffers| buffers.shape.leaves);
+                    drawn.left = buffers.map(|buffers| Left::new(&self.context, buffers));
                     sight.remember(view, drawn, *culling, ways.occlusion);
                 }
                 return Ok(drawn);
@@ -335,7 +360,8 @@ impl Renderer {
         if made(Output::shaded) {
             passes.run(DeviceStage::Shade, Phase::First, shade::record);
         }
-        if made(|output| !(output.shaded() || output == Output::Overdraw)) {
+        let leaves = turns.iter().any(|turn| turn.buffers.shape.leaves);
+        if leaves || made(|output| !(output.shaded() || output == Output::Overdraw)) {
             passes.run(DeviceStage::Output, Phase::First, output::record);
         }
         let passes = passes.passes;
@@ -384,7 +410,9 @@ fn report(
         if number == 0 {
             let [ticks, pixels, list, asked, arrays @ ..] = &parts[..] else { continue };
             drawn.wanted = self::list(asked, shape.pages);
-            bytemuck::cast_slice_mut(words).copy_from_slice(pixels);
+            if !shape.leaves {
+                bytemuck::cast_slice_mut(words).copy_from_slice(pixels);
+            }
             visible = list;
             let arrays = shape.outputs.iter().zip(arrays);
             let pixels = shape.pixels as usize;

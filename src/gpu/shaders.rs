@@ -44,8 +44,8 @@ pub fn group_bit_words(words: u32) -> u32 {
 
 /// Arrays that the pages of all meshes may lie in.
 pub const PAGE_ARRAYS: usize = 4;
-/// Pixels that a lane gives new numbers.
-const PIXELS_PER_LANE: u32 = 16;
+/// Pixels that a lane gives new numbers, or counts.
+pub const PIXELS_PER_LANE: u32 = 16;
 /// Side of a workgroup that makes a part of the depth pyramid.
 const PYRAMID_SIDE: u32 = 8;
 /// Levels of the depth pyramid that a dispatch makes, as `hzb.wgsl` is written.
@@ -170,6 +170,8 @@ pub enum Kernel {
     Settle(Phase),
     /// Visibility buffer of the first phase → with the numbers of both.
     Renumber,
+    /// Visibility buffer → how many pixels show anything.
+    CountCovered,
     /// Visibility buffer → colour, encoded or not.
     Shade(Output, Skin),
     /// Visibility buffer → another array; what is shaded and overdraw are made otherwise.
@@ -179,7 +181,7 @@ pub enum Kernel {
 }
 
 /// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 58] = [
+pub const KERNELS: [Kernel; 59] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
@@ -195,6 +197,7 @@ pub const KERNELS: [Kernel; 58] = [
     Kernel::Settle(Phase::First),
     Kernel::Settle(Phase::Second),
     Kernel::Renumber,
+    Kernel::CountCovered,
     Kernel::Hzb(0),
     Kernel::Hzb(1),
     Kernel::Hzb(2),
@@ -302,6 +305,7 @@ impl Kernel {
             Self::Hzb(_) => "hzb",
             Self::Settle(_) => "settle",
             Self::Renumber => "renumber",
+            Self::CountCovered => "count_covered",
             Self::Shade(..) => "shade",
             Self::Output(_) => "output",
             Self::LoopProbe => "loop_probe",
@@ -343,6 +347,7 @@ impl Kernel {
             Self::Hzb(_) => vec![TYPES, KEY, file!("hzb")],
             Self::Settle(_) => vec![TYPES, file!("settle")],
             Self::Renumber => vec![TYPES, file!("renumber")],
+            Self::CountCovered => vec![TYPES, file!("count_covered")],
             Self::Shade(_, Skin::Plain) => {
                 vec![TYPES, PAGES, PICTURE, SURFACE, BSDF, file!("shared/plain"), file!("shade")]
             }

@@ -378,4 +378,8 @@ pub struct Counters {
     pub triangles_small: u32,
     /// The same, large rasterizer.
     pub triangles_large: u32,
+    /// Of the triangles drawn, small or large, those that the device's own rasterizer drew.
+    pub drawn_hardware: u32,
+    /// Pixels that show anything, of a picture that stays on the device; in the first phase.
+    pub covered: u32,
 }

@@ -315,6 +315,7 @@ impl Frame {
                 ("triangles", stats.triangles),
                 ("drawn_small", stats.drawn_small),
                 ("drawn_large", stats.drawn_large),
+                ("drawn_hardware", stats.drawn_hardware),
                 ("covered_pixels", stats.covered_pixels),
                 ("occluded_instances", stats.occluded_instances),
                 ("occluded_clusters", stats.occluded_clusters),

@@ -1,10 +1,12 @@
 //! The stages of a frame on the GPU backend: what goes to the device, and what of its answer the
 //! frame keeps.
 
+use std::sync::OnceLock;
+
 use rayon::prelude::*;
 
 use super::pass::INSTANCE_OVERLAP;
-use super::picture::Picture;
+use super::picture::{Picture, Spare};
 use super::queue::Queue;
 use super::renderer::{Rastered, Shot};
 use super::stages::Stage;
@@ -59,7 +61,7 @@ impl Device {
     }
 
     /// Draws the visible instances of a scene from several views, and makes what is asked for.
-    pub(super) fn draw(&mut self, shots: &[Shot<'_>], mut pictures: Vec<Picture>) -> Result<Vec<Rastered>> {
+    pub(super) fn draw(&mut self, shots: &[Shot<'_>], spare: &Spare) -> Result<Vec<Rastered>> {
         let Some(Shot { scene, options, resident, .. }) = shots.first() else { return Ok(Vec::new()) };
         self.update(scene);
         let RenderOptions { wide_atomics, occlusion, raster, depth_only, shading, .. } = **options;
@@ -74,15 +76,23 @@ impl Device {
             _ => &[Output::Color, Output::Linear],
         };
         let outputs = shaded.iter().fold(outputs, |outputs, shaded| outputs.without(*shaded));
+        // Where the CPU is to make nothing of it now, the visibility buffer is read when it is. A device that is software
+        // has it in this memory, and reading it costs less than counting its pixels there.
+        let leave = on_device && !depth_only;
         let views = shots.iter().enumerate().map(|(place, shot)| {
             let view = view_record(&shot.screen, &shot.eye, options.pixel_error);
             let starts = occlusion && self.renderer.starts(place, &view);
             gpu_types::View { occluders: if starts { occluders(shot) } else { 0 }, ..view }
         });
         let views: Vec<gpu_types::View> = views.collect();
+        let picture = |Shot { screen, .. }: &Shot<'_>| {
+            spare.take(screen.width as usize * screen.height as usize, depth_only)
+        };
+        let mut pictures: Vec<Picture> = shots.iter().map(picture).collect();
         let jobs = shots.iter().zip(views).zip(&mut pictures).map(|((shot, view), picture)| Job {
             view,
             words: picture.bits(),
+            leave,
             outputs,
             lighting: lighting_record(&shot.lighting),
             lights: shot.lighting.lights.iter().map(light).collect(),
@@ -93,7 +103,13 @@ impl Device {
             .iter()
             .zip(drawn)
             .zip(pictures)
-            .map(|((shot, drawn), picture)| rastered(shot, drawn, picture, on_device))
+            .map(|((shot, mut drawn), picture)| match drawn.left.take() {
+                None => rastered(shot, drawn, picture, on_device),
+                Some(left) => {
+                    spare.give(picture);
+                    rastered(shot, drawn, Picture::Left(left, OnceLock::new()), on_device)
+                }
+            })
             .collect())
     }
 }
@@ -121,12 +137,16 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool
     };
     let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
     let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
-    stats.covered_pixels = picture.covered();
+    stats.covered_pixels = match picture {
+        Picture::Left(..) => drawn.phases.iter().map(|phase| u64::from(phase.counters.covered)).sum(),
+        _ => picture.covered(),
+    };
     stats.stages = stages(&drawn, instances.len() as u64, stats.covered_pixels, screen);
     stats.uploaded_bytes = drawn.uploaded_bytes;
     stats.raster = drawn.raster;
     stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
     stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
+    stats.drawn_hardware = drawn.phases.iter().map(|phase| u64::from(phase.counters.drawn_hardware)).sum();
     if !on_device {
         picture.measure(screen, &mut stats);
     }

@@ -102,8 +102,11 @@ impl Frame {
 
     /// Makes what of `outputs` is not there.
     pub(super) fn finish(&mut self, outputs: Outputs) -> Result<()> {
-        let Picture::Words(words) = &self.picture else { return Ok(()) };
-        let (pixels, mut stats) = (words.len() as u64, std::mem::take(&mut self.stats));
+        if let Picture::Depth(_) = self.picture {
+            return Ok(());
+        }
+        let pixels = u64::from(self.width()) * u64::from(self.height());
+        let mut stats = std::mem::take(&mut self.stats);
         for output in outputs.iter() {
             if self.made.iter().any(|(made, _)| *made == output) {
                 continue;
@@ -124,17 +127,16 @@ impl Frame {
         if let (Picture::Depth(depth), Output::Depth) = (&self.picture, output) {
             return Ok(depth.clone().into());
         }
+        match (&self.light, output) {
+            (Some(light), Output::Color) => return Ok(shade::encode(light, self.lighting.transfer).into()),
+            (Some(light), Output::Linear) => return Ok(light.clone().into()),
+            _ => {}
+        }
         let pixels = self.pixels(output.name())?;
         let debug = |view| Array::from(output::debug(pixels, view).into_flattened());
         Ok(match output {
-            Output::Color => match &self.light {
-                Some(light) => shade::encode(light, self.lighting.transfer).into(),
-                None => shade::color(pixels, &self.eye, &self.lighting).into(),
-            },
-            Output::Linear => match &self.light {
-                Some(light) => light.clone().into(),
-                None => shade::linear(pixels, &self.eye, &self.lighting).into(),
-            },
+            Output::Color => shade::color(pixels, &self.eye, &self.lighting).into(),
+            Output::Linear => shade::linear(pixels, &self.eye, &self.lighting).into(),
             Output::BaseColor | Output::ShadingNormal | Output::Orm | Output::Emissive => {
                 shade::surface(pixels, &self.eye, &self.lighting, output).into()
             }

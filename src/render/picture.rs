@@ -1,5 +1,7 @@
 //! What a frame keeps of its picture. The memory of frames that are gone is used again.
 
+#[cfg(feature = "gpu")]
+use std::sync::OnceLock;
 use std::sync::{Arc, Mutex};
 
 use super::stages::Stage;
@@ -8,6 +10,8 @@ use crate::cpu::output;
 use crate::cpu::project::Screen;
 use crate::cpu::visibility::covered;
 use crate::error::{Error, Result};
+#[cfg(feature = "gpu")]
+use crate::gpu;
 
 /// The pixels of a frame, row by row from the top.
 #[derive(Debug)]
@@ -16,20 +20,12 @@ pub(super) enum Picture {
     Words(Vec<u64>),
     /// Depth and nothing else; the bits of keys until [`Picture::measure`].
     Depth(Vec<f32>),
+    /// The visibility buffer on a device, and here once it was read.
+    #[cfg(feature = "gpu")]
+    Left(gpu::Left, OnceLock<Vec<u64>>),
 }
 
 impl Picture {
-    fn len(&self) -> usize {
-        match self {
-            Self::Words(words) => words.len(),
-            Self::Depth(depth) => depth.len(),
-        }
-    }
-
-    fn is_depth(&self) -> bool {
-        matches!(self, Self::Depth(_))
-    }
-
     /// The visibility buffer; an error where `what` is to be made of it and it is not there.
     pub(super) fn words(&self, what: &str) -> Result<&[u64]> {
         match self {
@@ -37,14 +33,21 @@ impl Picture {
             Self::Depth(_) => {
                 Err(Error::argument("depth_only", format!("the frame has depth alone, and no {what}")))
             }
+            #[cfg(feature = "gpu")]
+            Self::Left(left, words) => match words.get() {
+                Some(words) => Ok(words),
+                None => left.read().map(|read| &words.get_or_init(|| read)[..]),
+            },
         }
     }
 
-    /// As a device has it: two halves for each word, the lower one first, or one number.
+    /// As a device has it: two halves for each word, the lower one first, or one number. Nothing of what is left there.
     pub(super) fn bits(&mut self) -> &mut [u32] {
         match self {
             Self::Words(words) => bytemuck::cast_slice_mut(words),
             Self::Depth(depth) => bytemuck::cast_slice_mut(depth),
+            #[cfg(feature = "gpu")]
+            Self::Left(..) => &mut [],
         }
     }
 
@@ -60,8 +63,8 @@ impl Picture {
     /// How many pixels show anything.
     pub(super) fn covered(&self) -> u64 {
         match self {
-            Self::Words(words) => covered(words),
             Self::Depth(depth) => covered::<u32>(bytemuck::cast_slice(depth)),
+            words => words.words("coverage").map_or(0, covered),
         }
     }
 }
@@ -76,7 +79,12 @@ impl Spare {
 
     /// A picture of so many pixels, which may hold anything.
     pub(super) fn take(&self, pixels: usize, depth_only: bool) -> Picture {
-        let fits = |picture: &Picture| picture.len() == pixels && picture.is_depth() == depth_only;
+        let fits = |picture: &Picture| match picture {
+            Picture::Words(words) => !depth_only && words.len() == pixels,
+            Picture::Depth(depth) => depth_only && depth.len() == pixels,
+            #[cfg(feature = "gpu")]
+            Picture::Left(..) => false,
+        };
         let found = self.0.lock().ok().and_then(|mut kept| {
             let at = kept.iter().position(fits)?;
             Some(kept.remove(at))
@@ -89,6 +97,14 @@ impl Spare {
 
     /// Takes one back.
     pub(super) fn give(&self, picture: Picture) {
+        #[cfg(feature = "gpu")]
+        let picture = match picture {
+            Picture::Left(_, words) => match words.into_inner() {
+                Some(words) => Picture::Words(words),
+                None => return,
+            },
+            here => here,
+        };
         if let Ok(mut kept) = self.0.lock() {
             if kept.len() == Self::MOST {
                 kept.remove(0);

@@ -390,9 +390,7 @@ impl Renderer {
     fn draw_on_device(&mut self, shots: &[Shot<'_>]) -> Result<Vec<Rastered>> {
         #[cfg(feature = "gpu")]
         if let Device::Gpu { device, replaceable } = &mut self.device {
-            let pixels = self.width as usize * self.height as usize;
-            let picture = |shot: &Shot<'_>| self.spare.take(pixels, shot.options.depth_only);
-            match device.draw(shots, shots.iter().map(picture).collect()) {
+            match device.draw(shots, &self.spare) {
                 Err(error @ Error::Backend { .. }) if *replaceable => {
                     (self.device, self.reason) = (Device::Cpu, error.to_string());
                 }
@@ -417,7 +415,7 @@ impl Renderer {
         let hzb = &mut self.hzb;
         let (list, absent) = match &mut picture {
             Picture::Words(words) => raster(shot, &views, words, hzb, &mut stats)?,
-            depth @ Picture::Depth(_) => raster(shot, &views, depth.bits(), hzb, &mut stats)?,
+            depth => raster(shot, &views, depth.bits(), hzb, &mut stats)?,
         };
         stats.covered_pixels = picture.covered();
         picture.measure(screen, &mut stats);

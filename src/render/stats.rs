@@ -36,6 +36,8 @@ pub struct FrameStats {
     pub drawn_small: u64,
     /// The same by the large one.
     pub drawn_large: u64,
+    /// Of both, those that a device's own rasterizer drew.
+    pub drawn_hardware: u64,
     /// Pixels that show a surface.
     pub covered_pixels: u64,
     /// Instances that the depth pyramid hid.

@@ -15,7 +15,7 @@ use nanite_rs::model::{Dag, FOREVER};
 use nanite_rs::render::{Backend, Frame, Renderer, Stage};
 use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
-use crate::gpu_raster;
+use crate::gpu_raster::{self, Hardware};
 use crate::render_frames::{
     AnyView, CAMERA, IDENTITY, Pose, any_views, at, city, crowd, dag, lit, shoot, turned,
 };
@@ -80,8 +80,19 @@ fn differences(a: &Frame, b: &Frame) -> (usize, usize) {
     (other, depth)
 }
 
-/// Both frames: the same clusters and counts, and every bit of the picture.
+/// A frame of the device in compute, equal to the CPU's: the same clusters and counts, and every bit of the picture.
 fn equal(scene: &Scene, camera: &Camera, pose: &Pose, size: (u32, u32), tau: f32) -> Frame {
+    compared(scene, camera, pose, size, tau).0
+}
+
+/// The same, with triangles that the device's own rasterizer drew of the view in other forms, which cover as much.
+pub fn compared(
+    scene: &Scene,
+    camera: &Camera,
+    pose: &Pose,
+    size: (u32, u32),
+    tau: f32,
+) -> (Frame, Option<Hardware>) {
     let cpu = shoot(scene, camera, pose, size, &options(tau));
     let gpu = on_device(scene, camera, pose, size, &options(tau));
     assert_eq!(counts(&gpu), counts(&cpu));
@@ -89,7 +100,8 @@ fn equal(scene: &Scene, camera: &Camera, pose: &Pose, size: (u32, u32), tau: f32
     assert!(gpu.visible() == cpu.visible(), "other clusters");
     assert_eq!(differences(&gpu, &cpu), (0, 0));
     assert!(gpu.words().unwrap() == cpu.words().unwrap());
-    gpu
+    let hardware = gpu_raster::other_forms(scene, camera, pose, &options(tau), &gpu);
+    (gpu, hardware)
 }
 
 #[test]
@@ -149,6 +161,44 @@ fn every_array_is_made_on_the_device() {
             // Of the same list, drawn again by the CPU.
             assert!(gpu.array(Output::Overdraw).unwrap() == gpu.make(Output::Overdraw).unwrap());
         }
+    }
+}
+
+#[test]
+fn what_stays_on_the_device_is_read_when_it_is_asked_for() {
+    let Some(_) = device("what_stays_on_the_device_is_read_when_it_is_asked_for") else { return };
+    let (scene, size) = (crowd(), (201, 113));
+    let poses: Vec<Pose> = (0..6).map(|k| at(0.2 * f64::from(k), 0.1, 6.0)).collect();
+    let colors = RenderOptions { device_outputs: Some(true), ..options(1.0) };
+    let nothing = RenderOptions { outputs: [].into_iter().collect(), ..colors.clone() };
+    for options in [colors, nothing] {
+        let expected: Vec<Frame> =
+            poses.iter().map(|pose| shoot(&scene, &CAMERA, pose, size, &options)).collect();
+        let same = |frame: &Frame, expected: &Frame| {
+            assert_eq!(frame.stats.covered_pixels, expected.stats.covered_pixels);
+            assert!(frame.stats.covered_pixels > 1000);
+            same_color(&frame.color().unwrap(), &expected.color().unwrap(), "color");
+            assert!(frame.words().unwrap() == expected.words().unwrap());
+            assert!(frame.face_ids().unwrap() == expected.face_ids().unwrap());
+        };
+        let mut renderer = Renderer::new(size.0, size.1, "gpu").unwrap();
+        let mut render = |pose| renderer.render(&scene, &CAMERA, pose, &options).unwrap();
+        // All of them are there while the next are drawn, and asked in another order, some after the renderer's end.
+        let frames: Vec<Frame> = poses.iter().map(&mut render).collect();
+        for place in [4, 1, 5] {
+            same(&frames[place], &expected[place]);
+        }
+        // As in a loop, where one is there while the next is drawn.
+        let mut last = render(&poses[0]);
+        for (pose, expected) in poses.iter().zip(&expected) {
+            last = render(pose);
+            same(&last, expected);
+        }
+        drop(renderer);
+        for place in [0, 2, 3] {
+            same(&frames[place], &expected[place]);
+        }
+        same(&last, &expected[5]);
     }
 }
 
@@ -282,9 +332,27 @@ fn large_triangles_are_equal() {
         let pose = scaled(at(-4.0 - k, -3.0, -4.0 * k), 6.0 + 3.0 * k);
         scene.add(Arc::clone(&sheet), &pose, both_sides.clone()).unwrap();
     }
-    let frame = equal(&scene, &CAMERA, &at(0.0, 0.0, 6.0), (640, 360), 0.0);
+    let (frame, hardware) = compared(&scene, &CAMERA, &at(0.0, 0.0, 6.0), (640, 360), 0.0);
     assert!(frame.stats.drawn_large > 50, "{}", frame.stats.drawn_large);
+    assert!(hardware.is_none_or(|[hybrid, _]| hybrid > 50), "{hardware:?}");
     equal(&scene, &PARALLEL, &at(0.0, 0.0, 4.0), (640, 360), 0.0);
+}
+
+#[test]
+fn triangles_that_fill_the_picture_are_equal() {
+    let Some(_) = device("triangles_that_fill_the_picture_are_equal") else { return };
+    let sheet = dag(&grid(1, |_, _| 0.0));
+    let both_sides = Material { double_sided: true, ..Material::default() };
+    let mut scene = lit();
+    // Upright behind; a floor from behind the eye, which is clipped; and one before them, tilted.
+    scene.add(Arc::clone(&sheet), &scaled(at(-4.0, -4.0, -3.0), 8.0), both_sides.clone()).unwrap();
+    let floor = [[40.0, 0.0, 0.0, -20.0], [0.0, 0.0, 1.0, -0.4], [0.0, -40.0, 0.0, 20.0], IDENTITY[3]];
+    scene.add(Arc::clone(&sheet), &floor, both_sides.clone()).unwrap();
+    scene.add(sheet, &turned(at(-0.5, -0.2, -1.0), 0.3), both_sides).unwrap();
+    let size = (2048, 1536);
+    let (frame, _) = compared(&scene, &CAMERA, &at(0.0, 0.0, 0.0), size, 0.0);
+    assert_eq!(frame.stats.covered_pixels, u64::from(size.0 * size.1));
+    assert!(frame.stats.drawn_large >= 5, "{}", frame.stats.drawn_large);
 }
 
 #[test]
@@ -292,7 +360,8 @@ fn a_crowd_is_equal() {
     let Some(_) = device("a_crowd_is_equal") else { return };
     let scene = crowd();
     for (pose, tau) in [(at(0.0, 0.0, 6.0), 1.0), (at(-1.0, 0.0, 12.0), 0.5), (at(-1.0, 0.0, 30.0), 0.0)] {
-        equal(&scene, &CAMERA, &pose, (639, 361), tau);
+        let (_, hardware) = compared(&scene, &CAMERA, &pose, (639, 361), tau);
+        assert!(hardware.is_none_or(|[_, all]| all > 10_000), "{hardware:?}");
     }
 }
 
@@ -302,8 +371,9 @@ fn pictures_of_any_size_are_equal() {
     let scene = crowd();
     let pose = at(0.3, 0.2, 1.8);
     for size in [(1, 1), (1, 97), (101, 1), (3, 2), (127, 129), (4099, 2161)] {
-        let whole = equal(&scene, &CAMERA, &pose, size, 1.0);
+        let (whole, hardware) = compared(&scene, &CAMERA, &pose, size, 1.0);
         assert!(whole.stats.covered_pixels > 0, "{size:?}");
+        assert!(hardware.is_none_or(|[_, all]| all > 0), "{size:?}");
         // Again with pyramids of that size: the first frame has none of an earlier one, the second has.
         let mut renderer = Renderer::new(size.0, size.1, "gpu").unwrap();
         let mut hidden = 0;
@@ -577,10 +647,14 @@ fn clipped_triangles_are_equal() {
         (&room, at(20.0, 1.3, -7.0)),
         (&room, at(0.65, -0.9, 3.9)),
     ];
+    let mut clipped = 0;
     for (scene, pose) in views {
-        let frame = equal(scene, &CAMERA, &pose, (639, 361), 0.5);
+        let (frame, hardware) = compared(scene, &CAMERA, &pose, (639, 361), 0.5);
         assert!(frame.stats.drawn_large > 20, "{}", frame.stats.drawn_large);
+        clipped += frame.stats.drawn_large - hardware.map_or(0, |[hybrid, _]| hybrid);
     }
+    // They are not for the device's rasterizer.
+    assert!(clipped > 50, "{clipped}");
 }
 
 /// Received and passed of a stage in a pass.
@@ -592,11 +666,14 @@ fn funnel(frame: &Frame, stage: Stage, pass: u8) -> (u64, u64) {
 #[test]
 fn any_view_of_any_poses_is_equal() {
     let Some(_) = device("any_view_of_any_poses_is_equal") else { return };
-    let mut covered = 0;
+    let (mut covered, mut drawn) = (0, [0; 2]);
     for AnyView { scene, camera, pose, picture, options } in any_views(80) {
-        covered += equal(&scene, &camera, &pose, picture, options.pixel_error).stats.covered_pixels;
+        let (frame, hardware) = compared(&scene, &camera, &pose, picture, options.pixel_error);
+        covered += frame.stats.covered_pixels;
+        let more = hardware.unwrap_or([u64::from(u32::MAX); 2]);
+        drawn.iter_mut().zip(more).for_each(|(n, more)| *n += more);
     }
-    assert!(covered > 60_000, "{covered}");
+    assert!(covered > 60_000 && drawn.iter().all(|&n| n > 1000), "{covered} {drawn:?}");
 }
 
 #[test]
@@ -619,12 +696,7 @@ fn more_than_an_array_holds_is_split() {
         scene.add(copy, &pose, Material::default()).unwrap();
     }
     for (distance, tau) in [(14.0, 1.0), (2.5, 0.0)] {
-        let compute = equal(&scene, &CAMERA, &at(0.3, 0.2, distance), (320, 200), tau);
-        if gpu_raster::rasterizer("more_than_an_array_holds_is_split").is_some() {
-            let options = RenderOptions { raster: Raster::Hardware, ..options(tau) };
-            let hardware = on_device(&scene, &CAMERA, &at(0.3, 0.2, distance), (320, 200), &options);
-            gpu_raster::agree(&hardware, &compute, Raster::Hardware);
-        }
+        equal(&scene, &CAMERA, &at(0.3, 0.2, distance), (320, 200), tau);
     }
 }
 

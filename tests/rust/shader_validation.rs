@@ -114,7 +114,7 @@ fn structs_lie_in_wgsl_as_in_rust() {
         fields!(VisibleCluster: instance, cluster, large),
         fields!(Dispatch: x, y, z, count, visited, hidden, unused),
         fields!(Counters: visited_clusters, drawn_small, drawn_large, visible, held, pyramid, triangles_small,
-            triangles_large),
+            triangles_large, drawn_hardware, covered),
         fields!(Placed: linear, inverse, center, lod_scale, extent, first_node, first_group, first_page,
             group_words, double_sided, mirrored, visible, masked, unused),
         fields!(Marks: large, held, first, clipped),

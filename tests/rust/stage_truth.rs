@@ -1200,6 +1200,23 @@ fn pixels_get_the_numbers_of_both_phases() {
 }
 
 #[test]
+fn pixels_that_show_anything_are_counted() {
+    let Some(device) = device("pixels_that_show_anything_are_counted") else { return };
+    // 1030 pixels, two workgroups; behind them, one that is not of the picture.
+    let view = View { width: 103, height: 10, ..bytemuck::Zeroable::zeroed() };
+    let mut pixels = vec![[0u32; 2]; 1040];
+    for (pixel, word) in
+        [(0, [1, 0]), (63, [0, 1]), (64, [7, 7]), (1023, [9, 0]), (1029, [1, 1]), (1030, [1, 1])]
+    {
+        pixels[pixel] = word;
+    }
+    let (view, counters) = ([view], [Counters { covered: 100, ..Counters::default() }]);
+    let bindings = [words(&view), words(&pixels), words(&counters)];
+    let out = device.run(Kernel::CountCovered, &bindings, 2).unwrap();
+    assert_eq!(entry::<Counters>(&out[2]), Counters { covered: 105, ..Counters::default() });
+}
+
+#[test]
 fn a_kernel_leaves_what_its_bindings_hold() {
     let Some(device) = device("a_kernel_leaves_what_its_bindings_hold") else { return };
     // Two trips from 3: (n ^ n >> 7) · 1664525 + 0, then + 1, modulo 2³².

@@ -1,0 +1,26 @@
+// Visibility buffer -> how many pixels show anything: what the host counts by itself where it reads the buffer.
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> words: array<vec2<u32>>;
+@group(0) @binding(2) var<storage, read_write> counters: Counters;
+
+var<workgroup> covered: atomic<u32>;
+
+@compute @workgroup_size(WIDTH)
+fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    if lane == 0u {
+        atomicStore(&covered, 0u);
+    }
+    workgroupBarrier();
+    let first = workgroup_number(workgroup) * WIDTH * PIXELS_PER_LANE + lane;
+    let end = min(first + WIDTH * PIXELS_PER_LANE, view.width * view.height);
+    var own = 0u;
+    for (var pixel = first; pixel < end; pixel += WIDTH) {
+        own += u32(any(words[pixel] != vec2<u32>()));
+    }
+    atomicAdd(&covered, own);
+    workgroupBarrier();
+    if lane == 0u {
+        atomicAdd(&counters.covered, atomicLoad(&covered));
+    }
+}
