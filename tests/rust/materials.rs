@@ -93,7 +93,7 @@ fn material(images: &[Arc<Image>; 4], number: usize) -> Material {
 }
 
 /// Textured balls and a ground that reaches behind the eye, beside instances without textures.
-fn gallery() -> Scene {
+pub fn gallery() -> Scene {
     let images = images();
     let (ball, bare) = (mesh(&bumpy_sphere(24), true, 5), mesh(&bumpy_sphere(16), false, 1));
     let ground = mesh(&flat(12), false, 1);
