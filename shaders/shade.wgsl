@@ -48,7 +48,7 @@ struct Seen {
 }
 
 // From pixels and distances to camera space.
-fn position_of(point: vec2<f32>, distance: f32) -> vec3<f32> {
+fn unprojected(point: vec2<f32>, distance: f32) -> vec3<f32> {
     let scale = select(distance, 1.0, view.orthographic != 0u);
     let at = point - view.center;
     return vec3<f32>(at.x * view.inverse_focal.x * scale, -at.y * view.inverse_focal.y * scale, -distance);
@@ -56,7 +56,7 @@ fn position_of(point: vec2<f32>, distance: f32) -> vec3<f32> {
 
 fn seen_of(surfel: Surfel) -> Seen {
     var bsdf = bsdf_of(surfel);
-    let position = position_of(surfel.point, surfel.distance);
+    let position = unprojected(surfel.point, surfel.distance);
     var v = unit(-position);
     // pyrender's vertex colours come after the light, and its back faces have the normals of the front.
     if lighting.shading != SHADING_PYRENDER {

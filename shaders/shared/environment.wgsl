@@ -79,7 +79,7 @@ fn shows_surroundings() -> bool {
 // What is seen of the map itself at a pixel.
 fn light_behind(pixel: u32) -> vec3<f32> {
     let point = vec2<f32>(f32(pixel % view.width), f32(pixel / view.width)) + 0.5;
-    var direction = position_of(point, 1.0);
+    var direction = unprojected(point, 1.0);
     if view.orthographic != 0u {
         direction = vec3<f32>(0.0, 0.0, -1.0);
     }
