@@ -263,7 +263,11 @@ mod tests {
                     most[k] = most[k].max(expected[k]);
                 }
             }
-            assert!((0..3).all(|k| worst[k] < 0.03 * most[k]), "{kernel:?}: off by {worst:?} of {most:?}");
+            let bound = match kernel {
+                Kernel::Cosine => 0.002,
+                Kernel::Ggx(_) => 0.075,
+            };
+            assert!((0..3).all(|k| worst[k] < bound * most[k]), "{kernel:?}: off by {worst:?} of {most:?}");
         }
     }
 
