@@ -3,8 +3,8 @@
 
 @group(0) @binding(11) var<uniform> lighting: Lighting;
 @group(0) @binding(12) var<storage, read> lights: array<Light>;
-// The least value of each byte, and what is above all.
-@group(0) @binding(13) var<storage, read> steps: array<f32>;
+// The least value of each byte, and what is above all; then the environment's.
+@group(0) @binding(13) var<storage, read> tables: array<f32>;
 
 const PI: f32 = 3.14159265358979;
 
@@ -47,15 +47,16 @@ struct Seen {
     view: vec3<f32>,
 }
 
+// From pixels and distances to camera space.
+fn unprojected(point: vec2<f32>, distance: f32) -> vec3<f32> {
+    let scale = select(distance, 1.0, view.orthographic != 0u);
+    let at = point - view.center;
+    return vec3<f32>(at.x * view.inverse_focal.x * scale, -at.y * view.inverse_focal.y * scale, -distance);
+}
+
 fn seen_of(surfel: Surfel) -> Seen {
     var bsdf = bsdf_of(surfel);
-    let scale = select(surfel.distance, 1.0, view.orthographic != 0u);
-    let at = surfel.point - view.center;
-    let position = vec3<f32>(
-        at.x * view.inverse_focal.x * scale,
-        -at.y * view.inverse_focal.y * scale,
-        -surfel.distance,
-    );
+    let position = unprojected(surfel.point, surfel.distance);
     var v = unit(-position);
     // pyrender's vertex colours come after the light, and its back faces have the normals of the front.
     if lighting.shading != SHADING_PYRENDER {
@@ -104,6 +105,7 @@ fn color_of(seen: Seen, tint: vec3<f32>) -> vec3<f32> {
     let rest = -(bsdf.metallic - 1.0);
     let diffuse = bsdf.base * select(rest * 0.96, rest, gltf);
     let f0 = rest * 0.04 + bsdf.base * bsdf.metallic;
+    color = color + reflect_surroundings(bsdf, diffuse, f0, seen.view) * bsdf.occlusion;
     for (var i = 0u; i < lighting.lights; i++) {
         let light = lights[i];
         var l = light.vector;
@@ -134,13 +136,17 @@ fn color_of(seen: Seen, tint: vec3<f32>) -> vec3<f32> {
 fn encode(value: f32) -> u32 {
     let c = between(value, 0.0, 1.0);
     var byte = u32(min(pow(c, lighting.power) * 255.0 + 0.5, 255.0));
-    while steps[byte + 1u] <= c {
+    while tables[byte + 1u] <= c {
         byte++;
     }
-    while byte > 0u && steps[byte] > c {
+    while byte > 0u && tables[byte] > c {
         byte--;
     }
     return byte;
+}
+
+fn encoded(color: vec3<f32>) -> u32 {
+    return encode(color.x) | encode(color.y) << 8u | encode(color.z) << 16u;
 }
 
 @compute @workgroup_size(WIDTH)
@@ -160,7 +166,12 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
             if hit.covered {
                 color = value_of(surfel_of(pixel, hit));
                 if OUTPUT_RGB {
-                    rgb[i] = encode(color.x) | encode(color.y) << 8u | encode(color.z) << 16u;
+                    rgb[i] = encoded(color);
+                }
+            } else if shows_surroundings() && !OUTPUT_SURFACE {
+                color = light_behind(pixel);
+                if OUTPUT_RGB {
+                    rgb[i] = encoded(color);
                 }
             }
             if !OUTPUT_RGB {

@@ -34,7 +34,16 @@ from nanite_rs.renderer import (
     StreamWarning,
 )
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
-from nanite_rs.scene import DirectionalLight, LightNode, Material, MeshNode, PointLight, Scene, SpotLight
+from nanite_rs.scene import (
+    DirectionalLight,
+    Environment,
+    LightNode,
+    Material,
+    MeshNode,
+    PointLight,
+    Scene,
+    SpotLight,
+)
 from nanite_rs.texture import Image, Texture
 
 __all__ = [
@@ -50,6 +59,7 @@ __all__ = [
     "DependencyError",
     "DirectionalLight",
     "DtypeError",
+    "Environment",
     "FileError",
     "FormatError",
     "Frame",

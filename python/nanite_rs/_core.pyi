@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = [
     "ChannelRows",
     "Cut",
+    "EnvironmentMap",
     "Frame",
     "Image",
     "Mesh",
@@ -152,6 +153,7 @@ _Rgb: TypeAlias = tuple[float, float, float]
 _Materials: TypeAlias = list[dict[str, Any]]
 _Light: TypeAlias = tuple[str, _Rgb, float, float | None, tuple[float, float] | None]
 _Camera: TypeAlias = tuple[str, list[float], float, float | None]
+_Environment: TypeAlias = tuple[EnvironmentMap, float, float, bool]
 
 def check_camera(spec: _Camera) -> None: ...
 def check_pose(pose: ArrayLike) -> None: ...
@@ -176,10 +178,15 @@ class Scene:
     @property
     def bg_color(self) -> _Rgb: ...
     def set_bg_color(self, color: _Rgb) -> None: ...
+    def set_environment(self, environment: _Environment | None) -> None: ...
     @property
     def instance_count(self) -> int: ...
     @property
     def light_count(self) -> int: ...
+
+@final
+class EnvironmentMap:
+    def __new__(cls, pixels: NDArray[Any]) -> EnvironmentMap: ...
 
 @final
 class Image:

@@ -1,4 +1,4 @@
-"""Scenes: many instances of many meshes, lights, ambient light and background.
+"""Scenes: many instances of many meshes, lights, ambient light, environment and background.
 
 Poses are 4×4 object-to-world matrices (float64), rows first, right-handed. Adding, moving, hiding and removing
 one instance costs the same in a scene of one as in a scene of a million.
@@ -6,7 +6,8 @@ one instance costs the same in a scene of one as in a scene of a million.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
@@ -14,14 +15,23 @@ import numpy as np
 from nanite_rs import _core
 from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError
 from nanite_rs.mesh import NaniteMesh
-from nanite_rs.texture import Texture
+from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["DirectionalLight", "LightNode", "Material", "MeshNode", "PointLight", "Scene", "SpotLight"]
+__all__ = [
+    "DirectionalLight",
+    "Environment",
+    "LightNode",
+    "Material",
+    "MeshNode",
+    "PointLight",
+    "Scene",
+    "SpotLight",
+]
 
 Color: TypeAlias = "Sequence[float] | NDArray[Any]"
 Rgb: TypeAlias = tuple[float, float, float]
@@ -202,6 +212,45 @@ class SpotLight:
 Light: TypeAlias = DirectionalLight | PointLight | SpotLight
 
 
+@dataclass(frozen=True)
+class Environment:
+    """Light from all around, as an equirectangular map of it: ``shading="gltf"`` alone knows it.
+
+    Rows go from +Y down to −Y. The middle of the map is +X; to its right follow +Z, then, at both edges, −X, then
+    −Z. What surfaces of each roughness see of it is worked out once for an `Image`, when an environment of it is
+    first given to a scene; others of the same image with another intensity or rotation cost nothing.
+
+    Examples
+    --------
+    >>> sky = np.linspace([0.5, 0.7, 1.0], [0.2, 0.15, 0.1], 32)[:, None] * np.ones((1, 64, 1))
+    >>> scene = nrs.Scene(environment=nrs.Environment(sky, intensity=0.8, background=True))
+    """
+
+    image: Image
+    """The map, twice as wide as high: linear light that may exceed 1 where it holds floats, else sRGB. A path is
+    read by `Image.open`, an array makes one."""
+    intensity: float = field(default=1.0, kw_only=True)
+    """Times its light."""
+    rotation: float = field(default=0.0, kw_only=True)
+    """Turns it about +Y, radians, counter-clockwise as seen from above: by π/2, what was at +X is at −Z."""
+    background: bool = field(default=False, kw_only=True)
+    """Show it where nothing is in front of it, in place of ``Scene.bg_color``; as sharp as 512 rows are."""
+
+    def __post_init__(self) -> None:
+        image: Any = self.image
+        if isinstance(image, str | PathLike):
+            object.__setattr__(self, "image", Image.open(image))
+        elif not isinstance(image, Image):
+            object.__setattr__(self, "image", Image(image))
+        for name, value in (("intensity", self.intensity), ("rotation", self.rotation)):
+            if not isinstance(value, int | float | np.integer | np.floating):
+                raise DtypeError(f"{name}: expected a number, not {value!r}")
+            object.__setattr__(self, name, float(value))
+
+    def _raw(self) -> tuple[_core.EnvironmentMap, float, float, bool]:
+        return self.image._environment(), self.intensity, self.rotation, bool(self.background)
+
+
 def _pose(pose: ArrayLike | None) -> ArrayLike:
     return np.eye(4) if pose is None else pose
 
@@ -353,7 +402,7 @@ class LightNode(_Node):
 
 
 class Scene:
-    """Instances of meshes, lights, ambient light and a background.
+    """Instances of meshes, lights, ambient light, an environment and a background.
 
     There is no default light: without lights and ambient light surfaces are black, as in pyrender.
 
@@ -363,6 +412,8 @@ class Scene:
         Constant light on every surface, linear RGB.
     bg_color : three floats
         Colour of pixels that nothing covers, 0 to 1, written as it is (not gamma-encoded).
+    environment : Environment, optional
+        Light from all around, by a map.
 
     Examples
     --------
@@ -378,12 +429,19 @@ class Scene:
     nanite_rs.exceptions.StaleHandleError: stale handle: instance 0 (generation 0) was removed from the scene
     """
 
-    __slots__ = ("__weakref__", "_core")
+    __slots__ = ("__weakref__", "_core", "_environment")
 
-    def __init__(self, *, ambient_light: Color = (0.0, 0.0, 0.0), bg_color: Color = (1.0, 1.0, 1.0)) -> None:
+    def __init__(
+        self,
+        *,
+        ambient_light: Color = (0.0, 0.0, 0.0),
+        bg_color: Color = (1.0, 1.0, 1.0),
+        environment: Environment | None = None,
+    ) -> None:
         self._core = _core.Scene()
         self.ambient_light = ambient_light
         self.bg_color = bg_color
+        self.environment = environment
 
     @overload
     def add(
@@ -456,6 +514,22 @@ class Scene:
     @bg_color.setter
     def bg_color(self, color: Color) -> None:
         self._core.set_bg_color(_rgb(color, "bg_color"))
+
+    @property
+    def environment(self) -> Environment | None:
+        """Light from all around, by a map; assign to change it, or ``None`` for none.
+
+        Assigning raises `ArgumentError` where the map is not twice as wide as high, where its light is negative or
+        brighter than 1e18, and where intensity or rotation are out of range.
+        """
+        return self._environment
+
+    @environment.setter
+    def environment(self, environment: Environment | None) -> None:
+        if not (environment is None or isinstance(environment, Environment)):
+            raise DtypeError(f"environment: expected an Environment, not {type(environment).__name__}")
+        self._core.set_environment(None if environment is None else environment._raw())
+        self._environment = environment
 
     def __len__(self) -> int:
         """Return the number of mesh instances."""

@@ -51,7 +51,7 @@ class Image:
     <Image 128 x 128, 1 channel, uint8>
     """
 
-    __slots__ = ("_cores", "_pixels")
+    __slots__ = ("_cores", "_map", "_pixels")
 
     def __init__(self, pixels: ArrayLike) -> None:
         array = np.asarray(pixels)
@@ -73,6 +73,7 @@ class Image:
         self._pixels: NDArray[Any] = np.array(array, order="C", copy=True)
         self._pixels.flags.writeable = False
         self._cores: dict[bool, _core.Image] = {}
+        self._map: _core.EnvironmentMap | None = None
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> Image:
@@ -99,6 +100,12 @@ class Image:
     def size(self) -> tuple[int, int]:
         """Width and height."""
         return self._pixels.shape[1], self._pixels.shape[0]
+
+    def _environment(self) -> _core.EnvironmentMap:
+        """The image as a map of the light around."""
+        if self._map is None:
+            self._map = _core.EnvironmentMap(self._pixels)
+        return self._map
 
     def _core(self, color: bool) -> _core.Image:
         """The image as renderers have it, of colours or of other numbers."""

@@ -135,8 +135,14 @@ struct Lighting {
     power: f32,
     // SHADING_GLTF and so on.
     shading: u32,
-    unused_a: u32,
-    unused_b: u32,
+    // 1 where the environment is seen behind all.
+    surrounded: u32,
+    // Times the light of the environment.
+    intensity: f32,
+    // Rows of the rotation from camera space to its map.
+    to_map: array<vec4<f32>, 3>,
+    // Of its grids: nodes along a side, and where it starts.
+    grids: array<vec4<u32>, GRIDS>,
 }
 
 struct Instance {

@@ -6,6 +6,7 @@
 
 pub mod clip;
 pub mod cluster_cull;
+pub mod environment;
 pub mod hzb;
 pub mod instance_cull;
 pub mod lanes;

@@ -3,16 +3,18 @@
 //!
 //! The model is glTF's metallic-roughness BRDF: f0 = lerp(0.04, base, metal), Schlick's Fresnel, GGX with α = r², Smith's
 //! visibility with heights correlated (Khronos, glTF 2.0, appendix B), the sum over lights, plus base · ambient ·
-//! occlusion, plus emission; or as pyrender 0.1.45 evaluates it: G with k = (r + 1)²/8, back faces with the normals of the
+//! occlusion, plus emission, plus light from all around by a map ([`super::environment`]); or as pyrender 0.1.45 evaluates it: G with k = (r + 1)²/8, back faces with the normals of the
 //! front, occlusion and vertex colours times the sum. Emission is applied once (pyrender squares the factor). The background
 //! is written as it is.
 
 use rayon::prelude::*;
 
-use super::lanes::{Lanes, Vec3x8, dot, minus, normalize, splat3};
+use super::environment;
+use super::lanes::{LANES, Lanes, Vec3x8, dot, minus, normalize, splat3};
 use super::material::Bsdf;
 use super::output::ROWS;
 use super::surface::{Pixels, Surfels, Walk};
+use super::visibility::decode;
 use crate::config::{Output, Shading, Transfer};
 use crate::scene::placement::Eye;
 use crate::scene::{Falloff, Lighting};
@@ -150,6 +152,13 @@ fn shade(seen: Seen, eye: &Eye, lighting: &Lighting) -> Vec3x8 {
         }
     }
     let reflector = Reflector::new(&bsdf, view, gltf);
+    if let Some(around) = &lighting.surroundings {
+        let Reflector { normal, diffuse, f0, view, .. } = &reflector;
+        let out = environment::reflect(around, normal, view, bsdf.roughness, diffuse, f0);
+        for c in 0..3 {
+            color[c] = color[c] + out[c] * occlusion;
+        }
+    }
     for light in &lighting.lights {
         let (l, falloff) = match light.falloff {
             None => (splat3(light.vector), Lanes::splat(1.0)),
@@ -223,6 +232,9 @@ impl Shader<'_> {
         } else {
             out.chunks_exact_mut(3).for_each(|pixel| pixel.copy_from_slice(&background));
         }
+        if !self.output.surface() {
+            self.surround(range.clone(), &written, out);
+        }
         let Some(mut walk) = Walk::<DETAIL>::new(self.pixels, range) else { return };
         while let Some(surfels) = walk.step() {
             let bsdf = match (surfels.view.materials.plain(), &surfels.detail) {
@@ -250,7 +262,39 @@ impl Shader<'_> {
         }
     }
 
-    /// The same with 256-bit vectors. No operation fuses, so the result is the same bit for bit.
+    /// Where nothing is covered, what lies around.
+    #[inline(always)]
+    fn surround<T>(&self, range: std::ops::Range<usize>, written: &impl Fn(f32) -> T, out: &mut [T]) {
+        let Some(around) = self.lighting.surroundings.as_ref().filter(|around| around.background) else {
+            return;
+        };
+        let Pixels { words, screen, .. } = self.pixels;
+        for first in range.clone().step_by(LANES) {
+            let pixels = first..(first + LANES).min(range.end);
+            if words[pixels.clone()].iter().all(|word| decode(*word).is_some()) {
+                continue;
+            }
+            let mut point = [Lanes::splat(0.5); 2];
+            for lane in 0..LANES {
+                let pixel = (first + lane) as u32;
+                point[0].0[lane] += (pixel % screen.width) as f32;
+                point[1].0[lane] += (pixel / screen.width) as f32;
+            }
+            let mut direction = position(self.eye, screen.orthographic, &point, Lanes::splat(1.0));
+            if screen.orthographic {
+                direction = splat3([0.0, 0.0, -1.0]);
+            }
+            let color = environment::behind(around, &direction);
+            for pixel in pixels.filter(|pixel| decode(words[*pixel]).is_none()) {
+                let at = 3 * (pixel - range.start);
+                for c in 0..3 {
+                    out[at + c] = written(color[c].0[pixel - first]);
+                }
+            }
+        }
+    }
+
+    /// [`Shader::run`] with 256-bit vectors. No operation fuses, so the result is the same bit for bit.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,bmi2")]
     fn run_avx2<T: Copy + PartialEq, const DETAIL: bool>(

@@ -19,6 +19,7 @@ use crate::config::{Output, Outputs, Raster, Shading, Transfer};
 use crate::error::{Error, Result};
 use crate::gpu_types::{self, Array, Counters, Dispatch, Lighting, View, VisibleCluster, Visit};
 use crate::limits::MAX_VISIBLE;
+use crate::scene::EnvironmentMap;
 use crate::stream::{Needs, Resident};
 
 /// Lists of a first frame; each grows to what frames need.
@@ -62,6 +63,8 @@ pub struct Job<'a> {
     pub lights: Vec<gpu_types::Light>,
     /// How colours are encoded.
     pub transfer: Transfer,
+    /// The map of light from all around, of which `lighting` has the rest.
+    pub environment: Option<Arc<EnvironmentMap>>,
 }
 
 impl<'a> Job<'a> {
@@ -69,15 +72,8 @@ impl<'a> Job<'a> {
     pub fn new(view: View, words: &'a mut [u64]) -> Self {
         let (outputs, lighting) = (Outputs::default(), bytemuck::Zeroable::zeroed());
         let words = bytemuck::cast_slice_mut(words);
-        Self {
-            view,
-            words,
-            leave: false,
-            outputs,
-            lighting,
-            lights: Vec::new(),
-            transfer: Transfer::default(),
-        }
+        let transfer = Transfer::default();
+        Self { view, words, leave: false, outputs, lighting, lights: Vec::new(), transfer, environment: None }
     }
 }
 

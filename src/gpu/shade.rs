@@ -1,14 +1,18 @@
 //! Stage 7. Visibility buffer → colour, encoded or not, and the lights for it.
 
+use std::sync::Arc;
+
 use wgpu::{Buffer, BufferUsages};
 
 use super::context::Context;
 use super::frame::{Recorder, SurfaceBindings};
 use super::materials::Buffers;
-use super::shaders::{Kernel, Skin};
+use super::renderer::Job;
+use super::shaders::{Around, Kernel, Skin};
 use crate::config::{Output, Transfer};
 use crate::error::Result;
-use crate::gpu_types::{self, Lighting};
+use crate::gpu_types::Lighting;
+use crate::scene::EnvironmentMap;
 
 /// What shading needs besides surfaces.
 #[derive(Debug)]
@@ -16,41 +20,60 @@ pub(super) struct Light {
     /// [`Lighting`].
     lighting: Buffer,
     lights: Buffer,
-    /// The steps of bytes of a transfer.
-    steps: Buffer,
+    /// The steps of bytes of a transfer, then what there is of an environment.
+    tables: Buffer,
     transfer: Transfer,
+    environment: Option<Arc<EnvironmentMap>>,
 }
 
 impl Light {
     pub(super) fn new(context: &Context) -> Result<Self> {
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
         let transfer = Transfer::default();
-        let values = transfer.encoder().steps();
-        let steps = context.buffer("steps of bytes", size_of_val(values) as u64, storage)?;
-        context.queue().write_buffer(&steps, 0, bytemuck::cast_slice(values));
+        let steps = transfer.encoder().steps();
+        let tables = context.buffer("steps of bytes", size_of_val(steps) as u64, storage)?;
+        context.queue().write_buffer(&tables, 0, bytemuck::cast_slice(steps));
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let lighting = context.buffer("light", size_of::<Lighting>() as u64, uniform)?;
-        Ok(Self { lighting, lights: context.buffer("lights", 0, storage)?, steps, transfer })
+        let lights = context.buffer("lights", 0, storage)?;
+        Ok(Self { lighting, lights, tables, transfer, environment: None })
     }
 
-    /// Writes the lights of a frame.
-    pub(super) fn write(
-        &mut self,
-        context: &Context,
-        lighting: &Lighting,
-        lights: &[gpu_types::Light],
-        transfer: Transfer,
-    ) -> Result<()> {
-        if self.transfer != transfer {
-            self.transfer = transfer;
-            context.queue().write_buffer(&self.steps, 0, bytemuck::cast_slice(transfer.encoder().steps()));
+    /// Writes the light of a frame.
+    pub(super) fn write(&mut self, context: &Context, job: &Job<'_>) -> Result<()> {
+        let Job { lighting, lights, transfer, environment, .. } = job;
+        let known = self.environment.as_ref().map(Arc::as_ptr);
+        if (self.transfer, known) != (*transfer, environment.as_ref().map(Arc::as_ptr)) {
+            self.write_tables(context, *transfer, environment.as_ref())?;
         }
-        let bytes = size_of_val(lights) as u64;
+        let bytes = size_of_val(&lights[..]) as u64;
         if self.lights.size() < bytes {
             self.lights = context.buffer("lights", bytes.next_power_of_two(), self.lights.usage())?;
         }
         context.write("lights", &self.lights, 0, bytemuck::cast_slice(lights))?;
         context.queue().write_buffer(&self.lighting, 0, bytemuck::bytes_of(lighting));
+        Ok(())
+    }
+
+    fn write_tables(
+        &mut self,
+        context: &Context,
+        transfer: Transfer,
+        environment: Option<&Arc<EnvironmentMap>>,
+    ) -> Result<()> {
+        const WHAT: &str = "the environment of the scene";
+        let steps = transfer.encoder().steps();
+        let values = environment.map_or(&[][..], |map| map.values());
+        let head = size_of_val(steps) as u64;
+        // Nothing is known until all is written.
+        self.environment = None;
+        let bytes = head + size_of_val(values) as u64;
+        if self.tables.size() != bytes {
+            self.tables = context.buffer(WHAT, bytes, self.tables.usage())?;
+        }
+        context.queue().write_buffer(&self.tables, 0, bytemuck::cast_slice(steps));
+        context.write(WHAT, &self.tables, head, bytemuck::cast_slice(values))?;
+        (self.transfer, self.environment) = (transfer, environment.cloned());
         Ok(())
     }
 }
@@ -62,8 +85,8 @@ pub(super) fn kernel<'a>(
     light: &'a Light,
     materials: Option<&'a Buffers>,
 ) -> (Kernel, Vec<&'a Buffer>) {
-    let Light { lighting, lights, steps, .. } = light;
-    let mut bindings = [&surface[..], &[lighting, lights, steps]].concat();
+    let Light { lighting, lights, tables, environment, .. } = light;
+    let mut bindings = [&surface[..], &[lighting, lights, tables]].concat();
     let skin = match materials {
         Some(Buffers { materials, texels, .. }) => {
             bindings.extend([materials, texels]);
@@ -71,7 +94,9 @@ pub(super) fn kernel<'a>(
         }
         None => Skin::Plain,
     };
-    (Kernel::Shade(output, skin), bindings)
+    let lit = environment.is_some() && matches!(output, Output::Color | Output::Linear);
+    let around = if lit { Around::Environment } else { Around::Nothing };
+    (Kernel::Shade(output, skin, around), bindings)
 }
 
 pub(super) fn record(r: &mut Recorder<'_>) {

@@ -16,8 +16,11 @@ use crate::model::cluster::RECORD_WORDS;
 use crate::model::packing::{CORNER_BITS, WIDE_CORNER_BITS};
 use crate::model::{ClusterRecord, Packing};
 use crate::scene::Slot;
+use crate::scene::albedo::ALBEDO_SIDE;
+use crate::scene::environment::{GRIDS, MATT, ROUGHNESS_LEVELS};
 use crate::scene::image::TexelFormat;
 use crate::scene::texture::{Mipmaps, Wrap};
+use crate::scene::transfer::BYTE_STEPS;
 
 /// Lanes of a workgroup where each entry is looked at by itself.
 pub const WIDTH: u32 = 64;
@@ -139,6 +142,15 @@ pub enum Skin {
     Textured,
 }
 
+/// What lights surfaces besides lights, and the same from everywhere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Around {
+    /// Nothing.
+    Nothing,
+    /// An environment.
+    Environment,
+}
+
 /// Everything that runs on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
@@ -173,7 +185,7 @@ pub enum Kernel {
     /// Visibility buffer → how many pixels show anything.
     CountCovered,
     /// Visibility buffer → colour, encoded or not.
-    Shade(Output, Skin),
+    Shade(Output, Skin, Around),
     /// Visibility buffer → another array; what is shaded and overdraw are made otherwise.
     Output(Output),
     /// A long loop, to see whether the driver finishes it.
@@ -181,7 +193,7 @@ pub enum Kernel {
 }
 
 /// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 59] = [
+pub const KERNELS: [Kernel; 63] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
@@ -220,18 +232,22 @@ pub const KERNELS: [Kernel; 59] = [
     Kernel::RasterMasked(Words::Lows),
     Kernel::RasterMasked(Words::Count),
     Kernel::RasterMasked(Words::Depth),
-    Kernel::Shade(Output::Color, Skin::Plain),
-    Kernel::Shade(Output::Linear, Skin::Plain),
-    Kernel::Shade(Output::Color, Skin::Textured),
-    Kernel::Shade(Output::Linear, Skin::Textured),
-    Kernel::Shade(Output::BaseColor, Skin::Plain),
-    Kernel::Shade(Output::ShadingNormal, Skin::Plain),
-    Kernel::Shade(Output::Orm, Skin::Plain),
-    Kernel::Shade(Output::Emissive, Skin::Plain),
-    Kernel::Shade(Output::BaseColor, Skin::Textured),
-    Kernel::Shade(Output::ShadingNormal, Skin::Textured),
-    Kernel::Shade(Output::Orm, Skin::Textured),
-    Kernel::Shade(Output::Emissive, Skin::Textured),
+    Kernel::Shade(Output::Color, Skin::Plain, Around::Nothing),
+    Kernel::Shade(Output::Linear, Skin::Plain, Around::Nothing),
+    Kernel::Shade(Output::Color, Skin::Textured, Around::Nothing),
+    Kernel::Shade(Output::Linear, Skin::Textured, Around::Nothing),
+    Kernel::Shade(Output::Color, Skin::Plain, Around::Environment),
+    Kernel::Shade(Output::Linear, Skin::Plain, Around::Environment),
+    Kernel::Shade(Output::Color, Skin::Textured, Around::Environment),
+    Kernel::Shade(Output::Linear, Skin::Textured, Around::Environment),
+    Kernel::Shade(Output::BaseColor, Skin::Plain, Around::Nothing),
+    Kernel::Shade(Output::ShadingNormal, Skin::Plain, Around::Nothing),
+    Kernel::Shade(Output::Orm, Skin::Plain, Around::Nothing),
+    Kernel::Shade(Output::Emissive, Skin::Plain, Around::Nothing),
+    Kernel::Shade(Output::BaseColor, Skin::Textured, Around::Nothing),
+    Kernel::Shade(Output::ShadingNormal, Skin::Textured, Around::Nothing),
+    Kernel::Shade(Output::Orm, Skin::Textured, Around::Nothing),
+    Kernel::Shade(Output::Emissive, Skin::Textured, Around::Nothing),
     Kernel::Output(Output::Depth),
     Kernel::Output(Output::Normal),
     Kernel::Output(Output::InstanceId),
@@ -348,12 +364,16 @@ impl Kernel {
             Self::Settle(_) => vec![TYPES, file!("settle")],
             Self::Renumber => vec![TYPES, file!("renumber")],
             Self::CountCovered => vec![TYPES, file!("count_covered")],
-            Self::Shade(_, Skin::Plain) => {
-                vec![TYPES, PAGES, PICTURE, SURFACE, BSDF, file!("shared/plain"), file!("shade")]
-            }
-            Self::Shade(_, Skin::Textured) => {
-                let skin = [BSDF, TEXTURE, MATERIAL, file!("shared/textured")];
-                [&[TYPES, PAGES, PICTURE, SURFACE][..], &skin, &[file!("shade")]].concat()
+            Self::Shade(_, skin, around) => {
+                let skin = match skin {
+                    Skin::Plain => &[BSDF, file!("shared/plain")][..],
+                    Skin::Textured => &[BSDF, TEXTURE, MATERIAL, file!("shared/textured")],
+                };
+                let around = match around {
+                    Around::Nothing => file!("shared/no_environment"),
+                    Around::Environment => file!("shared/environment"),
+                };
+                [&[TYPES, PAGES, PICTURE, SURFACE], skin, &[around, file!("shade")]].concat()
             }
             Self::Output(_) => vec![TYPES, PAGES, PICTURE, SURFACE, KEY, file!("output")],
             Self::LoopProbe => vec![file!("loop_probe")],
@@ -388,7 +408,7 @@ impl Kernel {
             let first = matches!(words, Words::Wide | Words::Keys | Words::Depth);
             source += &format!("const FIRST_PASS: bool = {first};\n");
         }
-        if let Self::Shade(output, _) | Self::Output(output) = self {
+        if let Self::Shade(output, ..) | Self::Output(output) = self {
             let (number, rgb, surface) = (output as u32, output.rgb(), output.surface());
             source += &format!("const OUTPUT: u32 = {number}u;\nconst OUTPUT_RGB: bool = {rgb};\n");
             source += &format!("const OUTPUT_SURFACE: bool = {surface};\n");
@@ -473,6 +493,11 @@ pub fn constants() -> String {
         ("FORMAT_SRGB_8", TexelFormat::Srgb8 as u32),
         ("FORMAT_HALF", TexelFormat::Half as u32),
         ("FORMAT_ENCODED_8", TexelFormat::Encoded8 as u32),
+        ("BYTE_STEPS", BYTE_STEPS as u32),
+        ("GRIDS", GRIDS as u32),
+        ("MATT", MATT as u32),
+        ("ROUGHNESS_LEVELS", ROUGHNESS_LEVELS as u32),
+        ("ALBEDO_SIDE", ALBEDO_SIDE as u32),
         ("SHADING_GLTF", Shading::Gltf as u32),
         ("SHADING_PYRENDER", Shading::Pyrender as u32),
         ("SHADING_FLAT", Shading::Flat as u32),

@@ -35,7 +35,7 @@ impl Sight {
         job: &Job<'_>,
         occlusion: bool,
     ) -> Result<(View, bool)> {
-        self.light.write(context, &job.lighting, &job.lights, job.transfer)?;
+        self.light.write(context, job)?;
         let room = instances.room();
         if self.seen.as_ref().is_none_or(|(seen, _)| *seen != room) {
             self.seen = None;

@@ -212,6 +212,9 @@ pub struct Light {
     pub unused: [f32; 3],
 }
 
+/// Grids of an environment.
+pub const ENVIRONMENT_GRIDS: usize = 10;
+
 /// What lights a view besides its lights.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -228,10 +231,14 @@ pub struct Lighting {
     pub power: f32,
     /// [`crate::config::Shading`] by number.
     pub shading: u32,
-    /// Zero.
-    pub unused_a: u32,
-    /// Zero.
-    pub unused_b: u32,
+    /// 1 where the environment is seen behind all.
+    pub surrounded: u32,
+    /// Times the light of the environment.
+    pub intensity: f32,
+    /// Rows of the rotation from camera space to its map.
+    pub to_map: [[f32; 4]; 3],
+    /// Of its grids: nodes along a side, and where it starts.
+    pub grids: [[u32; 4]; ENVIRONMENT_GRIDS],
 }
 
 /// An instance as seen from a view.

@@ -1,4 +1,4 @@
-//! `_core.Image`: pictures from Python.
+//! `_core.Image` and `_core.EnvironmentMap`: pictures from Python.
 
 use std::sync::Arc;
 
@@ -6,6 +6,7 @@ use numpy::{PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use super::errors::to_python;
+use crate::scene::EnvironmentMap as Map;
 use crate::scene::image::{self, Pixels};
 
 /// An image with its levels. See `nanite_rs.Image`.
@@ -22,18 +23,41 @@ enum Array<'py> {
     Floats(PyReadonlyArray3<'py, f32>),
 }
 
+impl Array<'_> {
+    /// The pixels, their columns, rows and channels.
+    fn parts(&self) -> PyResult<(Pixels<'_>, u32, u32, usize)> {
+        let (pixels, shape) = match self {
+            Self::Bytes(array) => (Pixels::Bytes(array.as_slice()?), array.shape()),
+            Self::Words(array) => (Pixels::Words(array.as_slice()?), array.shape()),
+            Self::Floats(array) => (Pixels::Floats(array.as_slice()?), array.shape()),
+        };
+        let side = |k: usize| u32::try_from(shape[k]).unwrap_or(u32::MAX);
+        Ok((pixels, side(1), side(0), shape[2]))
+    }
+}
+
+/// A map of the light around. See `nanite_rs.Environment`.
+#[pyclass(frozen, module = "nanite_rs._core")]
+pub struct EnvironmentMap {
+    pub(super) inner: Arc<Map>,
+}
+
+#[pymethods]
+impl EnvironmentMap {
+    #[new]
+    fn new(py: Python<'_>, pixels: Array<'_>) -> PyResult<Self> {
+        let (pixels, width, height, channels) = pixels.parts()?;
+        let made = py.detach(|| Map::new(pixels, width, height, channels));
+        Ok(Self { inner: Arc::new(made.map_err(|error| to_python(py, error))?) })
+    }
+}
+
 #[pymethods]
 impl Image {
     #[new]
     fn new(py: Python<'_>, pixels: Array<'_>, srgb: bool) -> PyResult<Self> {
-        let (samples, shape) = match &pixels {
-            Array::Bytes(array) => (Pixels::Bytes(array.as_slice()?), array.shape()),
-            Array::Words(array) => (Pixels::Words(array.as_slice()?), array.shape()),
-            Array::Floats(array) => (Pixels::Floats(array.as_slice()?), array.shape()),
-        };
-        let side = |k: usize| u32::try_from(shape[k]).unwrap_or(u32::MAX);
-        let (width, height, channels) = (side(1), side(0), shape[2]);
-        let made = py.detach(|| image::Image::new(samples, width, height, channels, srgb));
+        let (pixels, width, height, channels) = pixels.parts()?;
+        let made = py.detach(|| image::Image::new(pixels, width, height, channels, srgb));
         Ok(Self { inner: Arc::new(made.map_err(|error| to_python(py, error))?) })
     }
 

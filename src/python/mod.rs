@@ -24,6 +24,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(measure::surface_distance, module)?)?;
     module.add_function(wrap_pyfunction!(measure::closest_points, module)?)?;
     module.add_class::<image::Image>()?;
+    module.add_class::<image::EnvironmentMap>()?;
     module.add_class::<scene::Scene>()?;
     module.add_class::<renderer::Renderer>()?;
     module.add_class::<renderer::Frame>()?;

@@ -7,12 +7,13 @@ use pyo3::prelude::*;
 
 use super::arrays::matrix4;
 use super::errors::to_python;
-use super::image::Image;
+use super::image::{EnvironmentMap, Image};
 use super::mesh::Mesh;
 use crate::error::{Error, Result};
 use crate::scene::texture::{Mipmaps, Wrap};
 use crate::scene::{
-    self, Handle, InstanceHandle, Light, LightHandle, LightKind, Material, Materials, Slot, Texture, pose,
+    self, Environment, Handle, InstanceHandle, Light, LightHandle, LightKind, Material, Materials, Slot,
+    Texture, pose,
 };
 
 /// Index and generation.
@@ -49,6 +50,9 @@ struct RawTexture {
 
 /// Kind, colour, intensity, range, inner and outer angle of the cone.
 type RawLight = (String, [f32; 3], f32, Option<f32>, Option<(f64, f64)>);
+
+/// Map, intensity, rotation, and whether it is seen behind all.
+type RawEnvironment = (Py<EnvironmentMap>, f32, f64, bool);
 
 /// What is drawn. See `nanite_rs.Scene`.
 #[pyclass(frozen, module = "nanite_rs._core")]
@@ -241,6 +245,17 @@ impl Scene {
     /// Sets the background colour.
     fn set_bg_color(&self, py: Python<'_>, color: [f32; 3]) -> PyResult<()> {
         self.edit(py, |scene| scene.set_bg_color(color))
+    }
+
+    /// Sets the environment, or takes it away.
+    fn set_environment(&self, py: Python<'_>, environment: Option<RawEnvironment>) -> PyResult<()> {
+        let environment = environment.map(|(map, intensity, rotation, background)| Environment {
+            map: Arc::clone(&map.get().inner),
+            intensity,
+            rotation,
+            background,
+        });
+        self.edit(py, |scene| scene.set_environment(environment))
     }
 
     /// Number of instances.

@@ -1,7 +1,7 @@
 //! The stages of a frame on the GPU backend: what goes to the device, and what of its answer the
 //! frame keeps.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
@@ -19,6 +19,7 @@ use crate::error::Result;
 use crate::gpu::{Context, Counted, DeviceStage, Drawn, Job, Phase, Renderer, Shown, Ways};
 use crate::gpu_types::{self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, Look, Placed, VisibleCluster};
 use crate::model::ClusterAddress;
+use crate::scene::environment::{GRIDS, Grid};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Lighting, Scene, ShadeLight};
 
@@ -97,6 +98,7 @@ impl Device {
             lighting: lighting_record(&shot.lighting),
             lights: shot.lighting.lights.iter().map(light).collect(),
             transfer: shot.lighting.transfer,
+            environment: shot.lighting.surroundings.as_ref().map(|around| Arc::clone(&around.map)),
         });
         let drawn = self.renderer.draw(&mut jobs.collect::<Vec<_>>(), ways, resident)?;
         Ok(shots
@@ -305,6 +307,9 @@ fn light(light: &ShadeLight) -> gpu_types::Light {
 
 fn lighting_record(lighting: &Lighting) -> gpu_types::Lighting {
     let [red, green, blue] = lighting.background;
+    let around = lighting.surroundings.as_ref();
+    let grids = around
+        .map_or([[0; 4]; GRIDS], |around| around.map.grids().map(|Grid { side, start }| [side, start, 0, 0]));
     gpu_types::Lighting {
         ambient: lighting.ambient,
         lights: lighting.lights.len() as u32,
@@ -312,6 +317,9 @@ fn lighting_record(lighting: &Lighting) -> gpu_types::Lighting {
         background: u32::from_le_bytes([red, green, blue, 0]),
         power: lighting.transfer.power(),
         shading: lighting.shading as u32,
-        ..bytemuck::Zeroable::zeroed()
+        surrounded: u32::from(around.is_some_and(|around| around.background)),
+        intensity: around.map_or(0.0, |around| around.intensity),
+        to_map: around.map_or([[0.0; 4]; 3], |around| rows(&around.to_map, &[0.0; 3])),
+        grids,
     }
 }

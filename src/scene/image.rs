@@ -257,7 +257,7 @@ impl Image {
 }
 
 impl Pixels<'_> {
-    fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         match self {
             Self::Bytes(values) => values.len(),
             Self::Words(values) => values.len(),
@@ -301,19 +301,19 @@ fn halves(texel: Texel) -> [u32; 2] {
     [r | g << 16, b | a << 16]
 }
 
-/// Along one side: which texels are under each of the next level, and how much of it each is.
-struct Taps {
+/// Along one side: which texels are under each of another size, and how much of it each is.
+pub(super) struct Taps {
     from: u32,
     to: u32,
 }
 
 impl Taps {
-    fn new(from: u32, to: u32) -> Self {
+    pub(super) fn new(from: u32, to: u32) -> Self {
         Self { from, to }
     }
 
     /// Texels under texel `at`, and their parts, which sum to 1.
-    fn of(&self, at: u32) -> impl Iterator<Item = (usize, f32)> + Clone + use<> {
+    pub(super) fn of(&self, at: u32) -> impl Iterator<Item = (usize, f32)> + Clone + use<> {
         let Self { from, to } = *self;
         // In units of 1/to of a texel.
         let (low, high) = (at * from, (at + 1) * from);

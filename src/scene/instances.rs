@@ -1,10 +1,11 @@
-//! The scene: many instances of many meshes, lights, ambient and background.
+//! The scene: many instances of many meshes, lights, ambient, environment and background.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DAffine3, DVec3};
 
+use super::environment::Environment;
 use super::light::Light;
 use super::material::{Materials, Slot};
 use super::placement::Placement;
@@ -83,6 +84,7 @@ pub struct Scene {
     lights: Slots<Light>,
     ambient_light: [f32; 3],
     bg_color: [f32; 3],
+    environment: Option<Environment>,
 }
 
 impl Clone for Scene {
@@ -91,6 +93,7 @@ impl Clone for Scene {
             identity: NEXT.fetch_add(1, Ordering::Relaxed),
             instances: self.instances.clone(),
             lights: self.lights.clone(),
+            environment: self.environment.clone(),
             ..*self
         }
     }
@@ -104,6 +107,7 @@ impl Default for Scene {
             lights: Slots::new("light"),
             ambient_light: [0.0; 3],
             bg_color: [1.0; 3],
+            environment: None,
         }
     }
 }
@@ -222,6 +226,18 @@ impl Scene {
     /// Sets the background colour.
     pub fn set_bg_color(&mut self, color: [f32; 3]) -> Result<()> {
         self.bg_color = finite("bg_color", color)?;
+        Ok(())
+    }
+
+    /// Light from all around, by a map.
+    pub fn environment(&self) -> Option<&Environment> {
+        self.environment.as_ref()
+    }
+
+    /// Sets the environment, or takes it away.
+    pub fn set_environment(&mut self, environment: Option<Environment>) -> Result<()> {
+        environment.as_ref().map_or(Ok(()), Environment::validate)?;
+        self.environment = environment;
         Ok(())
     }
 }

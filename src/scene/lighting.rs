@@ -1,6 +1,6 @@
 //! The light of a scene as seen from a view, in the precision of shading.
 
-use super::{LightKind, Scene, View};
+use super::{LightKind, Scene, Surroundings, View};
 use crate::config::{Shading, Transfer};
 
 /// The least difference of the cosines between which a spot falls off: glTF's and pyrender's.
@@ -37,6 +37,8 @@ pub struct Lighting {
     pub lights: Vec<ShadeLight>,
     /// Light from everywhere.
     pub ambient: [f32; 3],
+    /// Light from all around by a map, which glTF's shading alone knows.
+    pub surroundings: Option<Surroundings>,
     /// The background as it is written.
     pub background: [u8; 3],
     /// What colours are.
@@ -80,10 +82,12 @@ impl Lighting {
             let radiance = light.color.map(|c| c * light.intensity);
             ShadeLight { vector: vector.as_vec3().to_array(), radiance, falloff }
         });
+        let environment = scene.environment().filter(|_| shading == Shading::Gltf);
         let byte = |c: f32| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
         Self {
             lights: lights.collect(),
             ambient: scene.ambient_light(),
+            surroundings: environment.map(|environment| Surroundings::new(environment, view)),
             background: scene.bg_color().map(byte),
             shading,
             transfer,

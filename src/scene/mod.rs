@@ -4,7 +4,9 @@
 //! Conventions are OpenGL's and pyrender's: right-handed world, poses are object-to-world or camera-to-world
 //! 4×4 matrices, a camera looks along its −Z with +Y up, a directional light shines along its −Z.
 
+pub mod albedo;
 pub mod camera;
+pub mod environment;
 pub mod image;
 pub mod instances;
 pub mod light;
@@ -12,12 +14,14 @@ pub mod lighting;
 pub mod material;
 pub mod placement;
 pub mod pose;
+pub mod prefilter;
 pub mod samples;
 mod slots;
 pub mod texture;
 pub mod transfer;
 
 pub use camera::{Camera, Projection, View};
+pub use environment::{Environment, EnvironmentMap, Surroundings};
 pub use image::Image;
 pub use instances::{Instance, InstanceHandle, LightHandle, Scene};
 pub use light::{Light, LightKind};

@@ -57,13 +57,13 @@ fn clamped(c: f32) -> f32 {
 }
 
 /// Bytes, and what is above all.
-const STEPS: usize = 257;
+pub const BYTE_STEPS: usize = 257;
 
 /// round(255 · encode(c)), exactly: a table of the 255 values of c where the result steps, entered by the
 /// leading bits of c.
 #[derive(Debug)]
 pub struct Encoder {
-    steps: [f32; STEPS],
+    steps: [f32; BYTE_STEPS],
     first: Vec<u8>,
 }
 
@@ -74,8 +74,8 @@ impl Encoder {
     const ONE: u32 = 0x3f80_0000;
 
     fn new(transfer: Transfer) -> Self {
-        let mut steps = [f32::INFINITY; STEPS];
-        for (k, step) in steps.iter_mut().enumerate().take(STEPS - 1) {
+        let mut steps = [f32::INFINITY; BYTE_STEPS];
+        for (k, step) in steps.iter_mut().enumerate().take(BYTE_STEPS - 1) {
             *step = transfer.decode((k as f64 - 0.5).max(0.0) / 255.0) as f32;
         }
         let first = (0..=(Self::ONE - Self::LOW) >> Self::SHIFT).map(|i| {

@@ -4,6 +4,7 @@ mod channels;
 mod dag_invariants;
 mod damage;
 mod depth_only;
+mod environment;
 mod format_robust;
 #[cfg(feature = "gpu")]
 mod gpu_parity;

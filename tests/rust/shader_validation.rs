@@ -124,7 +124,8 @@ fn structs_lie_in_wgsl_as_in_rust() {
         fields!(Material: base, alpha, emissive, metallic, roughness, normal_scale, occlusion_strength, alpha_cutoff,
             flags, unused_a, unused_b, unused_c, textures),
         fields!(Light: vector, point, radiance, inverse_range, direction, cone_scale, cone_offset, unused),
-        fields!(Lighting: ambient, lights, behind, background, power, shading, unused_a, unused_b),
+        fields!(Lighting: ambient, lights, behind, background, power, shading, surrounded, intensity,
+            to_map, grids),
     ];
     // The same structs with atomic members.
     for (name, of) in [("DispatchOut", "Dispatch"), ("CallOut", "Call")] {
