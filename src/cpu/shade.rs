@@ -198,7 +198,8 @@ struct Shader<'a> {
 }
 
 impl Shader<'_> {
-    fn rows<T: Copy + Default + PartialEq + Send + Sync, const DETAIL: bool>(
+    /// With the detail of each point, or without; of materials with textures, too, or of plain ones alone.
+    fn rows<T: Copy + Default + PartialEq + Send + Sync, const DETAIL: bool, const TEXTURED: bool>(
         &self,
         background: [T; 3],
         written: impl Fn(f32) -> T + Copy + Sync,
@@ -211,15 +212,15 @@ impl Shader<'_> {
             #[cfg(target_arch = "x86_64")]
             if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
                 // SAFETY: the processor has AVX2 and BMI2.
-                return unsafe { self.run_avx2::<T, DETAIL>(range, background, written, out) };
+                return unsafe { self.run_avx2::<T, DETAIL, TEXTURED>(range, background, written, out) };
             }
-            self.run::<T, DETAIL>(range, background, written, out);
+            self.run::<T, DETAIL, TEXTURED>(range, background, written, out);
         });
         out
     }
 
     #[inline(always)]
-    fn run<T: Copy + PartialEq, const DETAIL: bool>(
+    fn run<T: Copy + PartialEq, const DETAIL: bool, const TEXTURED: bool>(
         &self,
         range: std::ops::Range<usize>,
         background: [T; 3],
@@ -238,7 +239,7 @@ impl Shader<'_> {
         let Some(mut walk) = Walk::<DETAIL>::new(self.pixels, range) else { return };
         while let Some(surfels) = walk.step() {
             let bsdf = match (surfels.view.materials.plain(), &surfels.detail) {
-                (None, Some(detail)) => Bsdf::textured(&surfels, detail, self.lighting.shading),
+                (None, Some(detail)) if TEXTURED => Bsdf::textured(&surfels, detail, self.lighting.shading),
                 (material, _) => {
                     Bsdf::plain(material.unwrap_or_else(|| surfels.view.materials.of(0)), &surfels)
                 }
@@ -297,14 +298,14 @@ impl Shader<'_> {
     /// [`Shader::run`] with 256-bit vectors. No operation fuses, so the result is the same bit for bit.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,bmi2")]
-    fn run_avx2<T: Copy + PartialEq, const DETAIL: bool>(
+    fn run_avx2<T: Copy + PartialEq, const DETAIL: bool, const TEXTURED: bool>(
         &self,
         range: std::ops::Range<usize>,
         background: [T; 3],
         written: impl Fn(f32) -> T,
         out: &mut [T],
     ) {
-        self.run::<T, DETAIL>(range, background, written, out)
+        self.run::<T, DETAIL, TEXTURED>(range, background, written, out)
     }
 }
 
@@ -341,12 +342,12 @@ fn run<T: Copy + Default + PartialEq + Send + Sync>(
     written: impl Fn(f32) -> T + Copy + Sync,
 ) -> Vec<T> {
     let textured = pixels.views.iter().any(|view| view.materials.plain().is_none());
-    // Also where back faces are told from front faces.
     let shader = Shader { pixels, lighting, eye, output };
-    if textured || lighting.shading != Shading::Pyrender {
-        shader.rows::<T, true>(background, written)
-    } else {
-        shader.rows::<T, false>(background, written)
+    match (textured, lighting.shading) {
+        (true, _) => shader.rows::<T, true, true>(background, written),
+        (_, Shading::Pyrender) => shader.rows::<T, false, false>(background, written),
+        // Detail tells back faces from front faces.
+        _ => shader.rows::<T, true, false>(background, written),
     }
 }
 
