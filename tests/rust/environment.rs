@@ -5,11 +5,10 @@ use std::sync::Arc;
 use nanite_rs::config::{Output, RenderOptions, Shading};
 use nanite_rs::render::Frame;
 use nanite_rs::scene::image::Pixels;
-use nanite_rs::scene::{Camera, Environment, EnvironmentMap, Projection, Scene};
+use nanite_rs::scene::{Environment, EnvironmentMap};
 
 use crate::materials::gallery;
-use crate::render_frames::{CAMERA, at, dag, lit, shoot};
-use crate::shapes::bumpy_sphere;
+use crate::render_frames::{CAMERA, at, shoot};
 
 const SIZE: (u32, u32) = (240, 160);
 
@@ -64,11 +63,14 @@ fn maps_are_the_same_whenever_they_are_made() {
 #[test]
 fn devices_shade_by_a_map_as_the_cpu_does() {
     use nanite_rs::render::Renderer;
+    use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
     use crate::gpu_parity::{device, same_color};
+    use crate::render_frames::{dag, lit};
+    use crate::shapes::bumpy_sphere;
     let Some(_) = device("devices_shade_by_a_map_as_the_cpu_does") else { return };
     let mut plain = lit();
-    plain.add(dag(&bumpy_sphere(40)), &at(0.3, 0.0, 0.0), nanite_rs::scene::Material::default()).unwrap();
+    plain.add(dag(&bumpy_sphere(40)), &at(0.3, 0.0, 0.0), Material::default()).unwrap();
     let parallel = Camera { projection: Projection::Orthographic { xmag: 2.4, ymag: 1.6 }, ..CAMERA };
     let (dim, bright) = (map(1.0), map(300.0));
     let hidden = Environment { background: false, rotation: -2.0, ..environment(&dim) };

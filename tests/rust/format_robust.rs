@@ -1,7 +1,7 @@
 //! Files: what is written comes back, and nothing that is read is trusted.
 
 use std::cell::RefCell;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -25,6 +25,7 @@ use nanite_rs::model::rule::{ROOT_ERROR, Threshold};
 use nanite_rs::model::{Channel, ChannelInfo, ChannelType, ClusterAddress, Dag, FOREVER, Grid, Group, Node};
 use proptest::prelude::*;
 use rayon::prelude::*;
+use rustc_hash::FxHashMap;
 
 use crate::dag_invariants::{Random, build_mesh};
 use crate::damage::{self, reseal};
@@ -260,9 +261,9 @@ fn same_in_another_order(dag: &Dag, read: &Dag) {
             .map(|p| p.map(|x| ((x / step).round_ties_even() * step + 0.0).to_bits()));
         (record.level, record.error.to_bits(), geometry.triangles.to_vec(), snapped.collect::<Vec<_>>())
     };
-    let there: HashMap<_, ClusterAddress> = read.pages.addresses().map(|at| (key(read, at), at)).collect();
+    let there: FxHashMap<_, ClusterAddress> = read.pages.addresses().map(|at| (key(read, at), at)).collect();
     assert_eq!(there.len(), dag.cluster_count(), "two clusters are alike, or some are missing");
-    let (mut names, mut groups) = (HashMap::new(), HashMap::new());
+    let (mut names, mut groups) = (FxHashMap::default(), FxHashMap::default());
     groups.insert(NO_GROUP, NO_GROUP);
     let rows = |dag: &Dag, at| {
         let first = dag.pages.first_face(at);
