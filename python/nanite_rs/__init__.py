@@ -32,6 +32,7 @@ from nanite_rs.renderer import (
     StageStats,
     StreamStats,
     StreamWarning,
+    TextureWarning,
 )
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import (
@@ -91,6 +92,7 @@ __all__ = [
     "StreamWarning",
     "StuckGroup",
     "Texture",
+    "TextureWarning",
     "__version__",
     "compare",
     "from_pyrender",

@@ -23,7 +23,16 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Calibration", "Frame", "FrameStats", "Renderer", "StageStats", "StreamStats", "StreamWarning"]
+__all__ = [
+    "Calibration",
+    "Frame",
+    "FrameStats",
+    "Renderer",
+    "StageStats",
+    "StreamStats",
+    "StreamWarning",
+    "TextureWarning",
+]
 
 ViewName: TypeAlias = Literal["shaded", "triangles", "clusters", "groups", "levels", "overdraw"]
 OutputName: TypeAlias = Literal[
@@ -86,6 +95,10 @@ class StageStats:
     passed_unit: str
     ms: float
     """Milliseconds: wall time, or what a GPU's own clock says; NaN where it has none."""
+
+
+class TextureWarning(UserWarning):
+    """A GPU has no room for all textures: some are shown from smaller versions of their images."""
 
 
 class StreamWarning(UserWarning):
@@ -161,6 +174,8 @@ class FrameStats:
     """Clusters that passed every other test, and that the depth pyramid hid."""
     uploaded_bytes: int
     """Bytes of instances that were written to a device, because they changed."""
+    smaller_images: int
+    """Images of textures that lack their largest levels on a GPU, which has no room for them."""
     samples: int
     """Samples of each pixel's colour. With several, `stages` are sums over all passes: one for each sample, and the
     one through pixel centres, of which all other numbers are."""
@@ -568,6 +583,8 @@ class Renderer:
         pool = _whole(pool_bytes, "pool_bytes", 1 << 63, "0 and 2^63")
         self._core: _core.Renderer | None = _core.Renderer(*self._size, backend, pool if streaming else None)
         self._backend = self._core.backend
+        # Images that the last frame showed smaller than they are.
+        self._smaller = 0
 
     @property
     def width(self) -> int:
@@ -819,6 +836,14 @@ class Renderer:
         )
         for fault in self._core.faults():
             warnings.warn(fault, StreamWarning, stacklevel=3)
+        smaller = max((dict(frame.totals()[0])["smaller_images"] for frame in frames), default=0)
+        if smaller > self._smaller:
+            warnings.warn(
+                f"the GPU has no room for all textures: {smaller} of the images lack their largest levels",
+                TextureWarning,
+                stacklevel=3,
+            )
+        self._smaller = smaller
         self._backend = self._core.backend
         made = {
             "pixel_error": float(pixel_error),

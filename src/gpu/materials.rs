@@ -56,6 +56,11 @@ impl MaterialTable {
         self.buffers.as_ref()
     }
 
+    /// How many images lack their largest levels, since the device has no room for them.
+    pub(super) fn smaller_images(&self) -> u64 {
+        self.images.values().filter(|resident| resident.skipped > 0).count() as u64
+    }
+
     /// Puts the materials of all slots on the device, as frames with this shading want them. Returns for each slot the
     /// number of its first, and how many follow; `u32::MAX` for plain ones.
     pub(super) fn upload<'a>(
@@ -106,9 +111,8 @@ impl MaterialTable {
                 new.push(Resident { image: Arc::clone(image), start: 0, skipped: 0 });
             }
         }
-        let words = |new: &[Resident]| new.iter().map(Resident::words).sum::<u64>();
         let room = self.buffers.as_ref().map_or(0, |buffers| buffers.texels.size() / 4);
-        if self.buffers.is_none() || self.used + words(&new) > room {
+        if self.buffers.is_none() || self.used + total(&new) > room {
             // All that are shown, anew.
             let mut all: Vec<Resident> = Vec::new();
             seen.clear();
@@ -118,15 +122,9 @@ impl MaterialTable {
                 }
             }
             let most = context.largest_array() / 4 - Self::HEAD;
-            while words(&all) > most {
-                let largest = all.iter_mut().max_by_key(|resident| resident.words());
-                let Some(largest) = largest.filter(|resident| resident.words() > 2) else {
-                    return Err(Error::TooLarge("the device has no room for so many textures".to_owned()));
-                };
-                largest.skipped += 1;
-            }
+            fit(&mut all, most)?;
             let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-            let wanted = Self::HEAD + (words(&all) * 5 / 4).min(most);
+            let wanted = Self::HEAD + (total(&all) * 5 / 4).min(most);
             let materials = match self.buffers.take() {
                 Some(Buffers { materials, .. }) => materials,
                 None => context.buffer(WHAT, size_of::<Material>() as u64, storage)?,
@@ -205,5 +203,47 @@ impl Resident {
     /// How many it takes.
     fn words(&self) -> u64 {
         (self.image.words().len() - self.image.offset(self.skipped)) as u64
+    }
+}
+
+/// Words of some images.
+fn total(images: &[Resident]) -> u64 {
+    images.iter().map(Resident::words).sum()
+}
+
+/// Leaves largest levels out, of the image that takes most at a time, until no more than so many words are left.
+fn fit(images: &mut [Resident], most: u64) -> Result<()> {
+    while total(images) > most {
+        let largest = images.iter_mut().max_by_key(|resident| resident.words());
+        let Some(largest) = largest.filter(|resident| resident.skipped + 1 < resident.image.levels()) else {
+            return Err(Error::TooLarge("the device has no room for so many textures".to_owned()));
+        };
+        largest.skipped += 1;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::image::Pixels;
+
+    #[test]
+    fn the_largest_images_lose_levels_until_all_have_room() {
+        let image = |side: u32| {
+            let pixels = vec![7; (side * side) as usize];
+            let image = Arc::new(Image::new(Pixels::Bytes(&pixels), side, side, 1, false).unwrap());
+            Resident { image, start: 0, skipped: 0 }
+        };
+        let skipped = |most: u64| {
+            let mut images = [image(8), image(4), image(1)];
+            fit(&mut images, most).map(|()| images.map(|resident| resident.skipped))
+        };
+        // 64 + 16 + 4 + 1, 16 + 4 + 1 and 1.
+        assert_eq!(skipped(107).unwrap(), [0, 0, 0]);
+        assert_eq!(skipped(106).unwrap(), [1, 0, 0]);
+        assert_eq!(skipped(30).unwrap().iter().sum::<u32>(), 2);
+        assert_eq!(skipped(3).unwrap(), [3, 2, 0]);
+        assert!(matches!(skipped(2), Err(Error::TooLarge(_))));
     }
 }

@@ -132,6 +132,8 @@ pub struct Drawn {
     pub left: Option<Left>,
     /// Bytes of instances written to the device.
     pub uploaded_bytes: u64,
+    /// Images that lack their largest levels there.
+    pub smaller_images: u64,
     /// Which rasterizers drew it.
     pub raster: Raster,
     /// One phase, or two.
@@ -269,6 +271,7 @@ impl Renderer {
             if room == self.room {
                 for ((drawn, sight), (view, culling)) in drawn.iter_mut().zip(&mut self.sights).zip(&views) {
                     (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
+                    drawn.smaller_images = self.instances.table().smaller_images();
                     drawn.needs = self.meshes.needs(&drawn.wanted);
                     let buffers = sight.buffers.as_ref().filter(|buffers| buffers.shape.leaves);
                     drawn.left = buffers.map(|buffers| Left::new(&self.context, buffers));

@@ -320,6 +320,7 @@ impl Frame {
                 ("occluded_instances", stats.occluded_instances),
                 ("occluded_clusters", stats.occluded_clusters),
                 ("uploaded_bytes", stats.uploaded_bytes),
+                ("smaller_images", stats.smaller_images),
                 ("samples", stats.samples.into()),
             ];
             (totals, stats.total_ms, stats.raster.name())

@@ -145,6 +145,7 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool
     };
     stats.stages = stages(&drawn, instances.len() as u64, stats.covered_pixels, screen);
     stats.uploaded_bytes = drawn.uploaded_bytes;
+    stats.smaller_images = drawn.smaller_images;
     stats.raster = drawn.raster;
     stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
     stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());

@@ -46,6 +46,8 @@ pub struct FrameStats {
     pub occluded_clusters: u64,
     /// Bytes of instances that were written to a device, because they changed.
     pub uploaded_bytes: u64,
+    /// Images of textures that lack their largest levels on a device, since it has no room for them.
+    pub smaller_images: u64,
     /// Which rasterizers drew: on a GPU never `Auto`, on the CPU always `Compute`.
     pub raster: Raster,
     /// What streaming did, where meshes are streamed.

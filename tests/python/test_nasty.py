@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import nanite_rs as nrs
 from oracles import data, subjects, topology
@@ -29,6 +30,12 @@ def files(folder: str):
     return found or [pytest.param(None, id="absent")]
 
 
+def corners(mesh: nrs.NaniteMesh) -> np.ndarray:
+    """Nine coordinates for each triangle at full detail."""
+    cut = mesh.cut(error=0.0)
+    return np.asarray(cut.vertices, np.float64)[cut.faces].reshape(-1, 9)
+
+
 @pytest.mark.parametrize("path", files("nasty") + files("cad"))
 def test_nasty_and_cad_files(path, tmp_path) -> None:
     if path is None:
@@ -46,7 +53,12 @@ def test_nasty_and_cad_files(path, tmp_path) -> None:
     mesh.save(tmp_path / "m.nanite")
     rounded = nrs.NaniteMesh.open(tmp_path / "m.nanite")
     rounded.check()
-    np.testing.assert_array_equal(rounded.cut(error=0.0).faces, mesh.cut(error=0.0).faces)
+    # Rounding may put groups into other pages, and triangles in another order. All are there, moved by rounding alone.
+    before, after = corners(mesh), corners(rounded)
+    assert len(before) == len(after)
+    for these, those in ((before, after), (after, before)):
+        moved, _ = cKDTree(these).query(those, p=np.inf)
+        assert moved.max() <= rounded.info["rounding"]
     assert len(mesh.cut(error=0.0).faces) == mesh.report.input_faces - (
         mesh.report.degenerate_faces + mesh.report.duplicate_faces
     )

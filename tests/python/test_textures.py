@@ -90,3 +90,31 @@ def test_nothing_sparkles_at_grazing_angles() -> None:
     assert change(rough[:, :10]) > 0.3
     off = np.abs(smooth - reference).mean()
     assert off < 0.05, off
+
+
+def test_textures_that_a_device_has_no_room_for_are_told_of_once() -> None:
+    """Which images lose levels is a unit test in Rust; here what a frame says of it is made up."""
+
+    class Said:
+        def __init__(self, core: object, smaller: int) -> None:
+            self.core, self.smaller = core, smaller
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(self.core, name)
+
+        def render(self, *args: object, **options: object) -> list[object]:
+            return [Said(frame, self.smaller) for frame in self.core.render(*args, **options)]
+
+        def totals(self) -> tuple:
+            totals, *rest = self.core.totals()
+            return [(name, self.smaller if name == "smaller_images" else n) for name, n in totals], *rest
+
+    shown = scene(plane(1, 1), checker())
+    with nrs.Renderer(*SIZE, backend="cpu") as renderer:
+        assert renderer.render(shown, CAMERA, eye(0.0)).stats.smaller_images == 0
+        renderer._core = Said(renderer._core, 3)
+        with pytest.warns(nrs.TextureWarning, match="3 of the images") as told:
+            frames = [renderer.render(shown, CAMERA, eye(0.0)) for _ in range(2)]
+        assert len(told) == 1
+        assert frames[1].stats.smaller_images == 3
+        renderer._core = renderer._core.core
