@@ -53,7 +53,7 @@ def test_nasty_and_cad_files(path, tmp_path) -> None:
     mesh.save(tmp_path / "m.nanite")
     rounded = nrs.NaniteMesh.open(tmp_path / "m.nanite")
     rounded.check()
-    # Rounding may put groups into other pages, and triangles in another order. All are there, moved by rounding alone.
+    # Rounding may put groups into other pages, so in another order. All are there, moved by rounding alone.
     before, after = corners(mesh), corners(rounded)
     assert len(before) == len(after)
     for these, those in ((before, after), (after, before)):
