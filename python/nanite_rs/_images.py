@@ -101,6 +101,15 @@ def write_png(path: str, picture: NDArray[np.uint8], texts: Mapping[str, str]) -
         image.save(temporary, format="PNG", compress_level=3, pnginfo=info)
 
 
+def png(picture: NDArray[np.uint8]) -> bytes:
+    """Encode (H, W, 3) uint8, for notebooks."""
+    from PIL import Image
+
+    buffer = BytesIO()
+    Image.fromarray(picture).save(buffer, format="PNG", compress_level=3)
+    return buffer.getvalue()
+
+
 def write_deep_png(path: str, picture: NDArray[np.uint16], texts: Mapping[str, str]) -> None:
     """Write (H, W, 3) uint16 with texts: by OpenImageIO, since Pillow knows no such pictures."""
     oiio = openimageio(path)

@@ -10,18 +10,16 @@ import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import nanite_rs as nrs
 from nanite_rs import _images, io, shapes
+from nanite_rs._preview import UP, picture
 from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
 
 T = TypeVar("T")
 
@@ -200,10 +198,10 @@ def _render(arguments: argparse.Namespace) -> int:
     with nrs.Renderer(
         *arguments.size, backend=arguments.backend, streaming=True, pool_bytes=1 << 40
     ) as renderer:
-        frame = _picture(
+        frame = picture(
             renderer,
             shown,
-            arguments,
+            **_view(arguments),
             distance=arguments.distance,
             pixel_error=arguments.pixel_error,
             samples=arguments.samples,
@@ -217,84 +215,10 @@ def _render(arguments: argparse.Namespace) -> int:
     return 0
 
 
-# ---------------------------------------------------------------------------------------------------- views
-
-
-#: Columns: where the X, Y and Z axes of a view with Y up lie in the mesh.
-UP: Final = {
-    "y": np.eye(3),
-    "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
-}
-
-
-def _facing(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation of what looks against ``direction``, along its own −Z, with Y up."""
-    back = direction / np.linalg.norm(direction)
-    right = np.cross([0.0, 1.0, 0.0] if abs(back[1]) < 0.999 else [0.0, 0.0, -np.sign(back[1])], back)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(back, right), back], axis=1)
-
-
-def _pose(rotation: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, place
-    return pose
-
-
-def _picture(
-    renderer: nrs.Renderer,
-    shown: nrs.NaniteMesh | nrs.LoadedScene,
-    arguments: argparse.Namespace,
-    *,
-    distance: float,
-    pixel_error: float,
-    samples: Literal[1, 4, 16] = 1,
-) -> nrs.Frame:
-    """A frame of a mesh alone, or of a scene with its materials; at ``distance`` 1 it fills the picture."""
-    center = shown.bounds.mean(axis=0)
-    width, height = arguments.size
-    yfov = np.radians(arguments.yfov)
-    azimuth, elevation = np.radians([arguments.azimuth, arguments.elevation])
-    direction = np.array(
-        [np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)]
-    )
-    turn = UP[arguments.up]
-    axes = turn @ _facing(direction)
-    # As near as the corners of a coarse cut allow, with a margin.
-    local = (_outline(shown) - center) @ axes
-    tangents = 0.92 * np.tan(yfov / 2.0) * np.array([width / height, 1.0])
-    away = max(float((local[:, 2] + (np.abs(local[:, :2]) / tangents).max(axis=1)).max()), 1e-30)
-    radius = float(np.linalg.norm(local, axis=1).max())
-    away *= distance
-
-    pose = _pose(axes, center + axes[:, 2] * away)
-    key = _pose(axes @ _facing(np.array([-0.8, 0.8, 1.0])), center)  # from behind the camera's left shoulder
-    fill = _pose(axes @ _facing(np.array([1.0, 0.0, 0.5])), center)
-    background = (0.92, 0.93, 0.95)
-    if isinstance(shown, nrs.LoadedScene):
-        # Metals show nothing but what they reflect, which is not much of two lights.
-        scene, ambient = shown.scene, 0.25
-        shading: Literal["gltf", "pyrender"] = "gltf"
-    else:
-        scene, ambient = nrs.Scene(), 0.06
-        shading = "pyrender"
-        scene.add(shown, material=nrs.Material(smooth=not arguments.flat))
-    scene.ambient_light, scene.bg_color = (ambient, ambient, ambient + 0.01), background
-    scene.add(nrs.DirectionalLight(intensity=2.4), pose=key)
-    scene.add(nrs.DirectionalLight(intensity=0.6), pose=fill)
-    camera = nrs.PerspectiveCamera(yfov=yfov, znear=max(away - 1.5 * radius, away * 1e-3))
-    return renderer.render(scene, camera, pose, pixel_error=pixel_error, samples=samples, shading=shading)
-
-
-def _outline(shown: nrs.NaniteMesh | nrs.LoadedScene) -> NDArray[np.float64]:
-    """Points of all that is shown, (N, 3): vertices of coarse cuts."""
-    if isinstance(shown, nrs.NaniteMesh):
-        return np.asarray(shown.cut(target_faces=2_000).vertices, np.float64)
-    nodes = [node for own in shown.instances.values() for node in own]
-    points = [
-        node.mesh.cut(target_faces=500).vertices @ node.pose[:3, :3].T + node.pose[:3, 3] for node in nodes
-    ]
-    return np.concatenate(points)
+def _view(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What `picture` takes of the options of a view."""
+    angles = {name: getattr(arguments, name) for name in ("yfov", "azimuth", "elevation", "up")}
+    return {**angles, "material": nrs.Material(smooth=not arguments.flat)}
 
 
 # ----------------------------------------------------------------------------------------------------- demo
@@ -362,7 +286,9 @@ def _demo_pictures(
     with nrs.Renderer(*arguments.size, backend=arguments.backend) as renderer:
         for label, (distance, pixel_error) in views.items():
             for _ in range(2):  # the first frame allocates; the second is timed
-                frame = _picture(renderer, mesh, arguments, distance=distance, pixel_error=pixel_error)
+                frame = picture(
+                    renderer, mesh, **_view(arguments), distance=distance, pixel_error=pixel_error
+                )
             stats = frame.stats
             drawn = stats.drawn_small + stats.drawn_large
             numbers = (stats.source_triangles, stats.triangles, drawn, stats.covered_pixels)

@@ -147,7 +147,7 @@ class NaniteMesh:
     """A triangle mesh of any size as a cluster LOD DAG: every level of detail at once.
 
     Made by `from_arrays`, `from_trimesh`, `from_file` or `open`; immutable. ``len(mesh)`` is the number of source
-    triangles, ``==`` compares content, and meshes can be pickled.
+    triangles, ``==`` compares content, and meshes can be pickled. Notebooks show a small picture.
 
     Examples
     --------
@@ -621,6 +621,12 @@ class NaniteMesh:
             f"NaniteMesh({core.source_faces:,} faces, {core.source_vertices:,} vertices, "
             f"{core.level_count} levels, {core.cluster_count:,} clusters, {core.nbytes / 1e6:,.1f} MB in memory)"
         )
+
+    def _repr_png_(self) -> bytes | None:
+        """Return a picture for notebooks; None, so that they show the text, where the file is damaged."""
+        from nanite_rs import _preview
+
+        return _preview.mesh_png(self)
 
     def __eq__(self, other: object) -> bool:
         """Compare content."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
+import math
 import os
 import warnings
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 import numpy as np
 
 from nanite_rs import _core, _images
+from nanite_rs._html import pairs, table
 from nanite_rs.camera import Camera
 from nanite_rs.exceptions import ArgumentError, DtypeError, NaniteError
 from nanite_rs.scene import Scene
@@ -222,6 +223,34 @@ class FrameStats:
         if self.stream is not None:
             lines.append(str(self.stream))
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        head = ("stage", "received", "of", "passed on", "of", "ms")
+        rows = [
+            (
+                s.stage if s.pass_number == 1 else f"{s.stage} (2)",
+                f"{s.received:,}",
+                s.received_unit,
+                f"{s.passed:,}",
+                s.passed_unit,
+                "–" if math.isnan(s.ms) else f"{s.ms:.2f}",
+            )
+            for s in self.stages
+        ]
+        rows.append(("frame", "", "", "", "", f"{self.total_ms:.2f}"))
+        drawn = self.drawn_small + self.drawn_large
+        totals = [
+            ("in the source", f"{self.source_triangles:,} triangles"),
+            ("in the cut", f"{self.triangles:,} triangles in {self.clusters:,} clusters"),
+            ("rasterized", f"{drawn:,} triangles, {self.drawn_large:,} of them large; {self.raster}"),
+            ("covered", f"{self.covered_pixels:,} pixels"),
+            ("hidden", f"{self.occluded_instances:,} instances, {self.occluded_clusters:,} clusters"),
+        ]
+        if self.samples > 1:
+            totals.append(("samples", f"{self.samples} of each pixel; stages are sums over all of them"))
+        if self.stream is not None:
+            totals.append(("streamed", str(self.stream)))
+        return pairs(totals) + table(head, rows, text=(0, 2, 4))
 
     def __repr__(self) -> str:
         return (
@@ -514,16 +543,17 @@ class Frame:
         return channels
 
     def _repr_png_(self) -> bytes | None:
-        from PIL import Image
-
-        if self._made["depth_only"]:  # it has no picture
+        """Return `color` for notebooks; None, so that they show the text, where there is none."""
+        if self._made["depth_only"]:
             return None
-        buffer = io.BytesIO()
-        Image.fromarray(self.color).save(buffer, format="PNG", compress_level=3)
-        return buffer.getvalue()
+        try:
+            return _images.png(self.color)
+        except NaniteError:  # the device was lost, with what it kept of the frame
+            return None
 
     def __repr__(self) -> str:
-        return f"<Frame {self.width}×{self.height}: {self.stats!r}>"
+        depth = " of depth alone" if self._made["depth_only"] else ""
+        return f"<Frame {self.width}×{self.height}{depth}: {self.stats!r}>"
 
 
 class Renderer:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, fields
-from html import escape
 from typing import Any
+
+from nanite_rs._html import pairs, table
 
 __all__ = ["BuildReport", "CheckReport", "LevelReport", "StuckGroup"]
 
@@ -158,10 +159,7 @@ class BuildReport:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        summary = "".join(f"<tr><th>{escape(n)}</th><td>{escape(v)}</td></tr>" for n, v in self._summary())
-        head = "".join(f"<th>{escape(name)}</th>" for name in self._COLUMNS)
-        body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in self._rows())
-        return f"<table>{summary}</table><table><tr>{head}</tr>{body}</table>"
+        return pairs(self._summary()) + table(self._COLUMNS, self._rows())
 
 
 @dataclass(frozen=True)
@@ -178,3 +176,6 @@ class CheckReport:
     """Vertex identities that have one position everywhere."""
     borders: int
     """Groups whose boundary was compared before and after simplification."""
+
+    def _repr_html_(self) -> str:
+        return pairs([(name, f"{count:,}") for name, count in vars(self).items()])

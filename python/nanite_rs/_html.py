@@ -1,0 +1,34 @@
+"""Tables for notebooks: plain HTML, without colours, so that they read well on any background."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Sequence
+
+__all__ = ["pairs", "table"]
+
+
+def pairs(rows: Iterable[tuple[str, str]]) -> str:
+    """Names on the left, what they are on the right."""
+    body = (f"<tr>{_cell(name, 'th', 'left')}{_cell(value, 'td', 'left')}</tr>" for name, value in rows)
+    return f"<table>{''.join(body)}</table>"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, text: Collection[int] = ()) -> str:
+    """Rows below names of columns: numbers flush right, the columns of ``text`` flush left."""
+    sides = ["left" if column in text else "right" for column in range(len(head))]
+
+    def row(cells: Sequence[str], tag: str) -> str:
+        inner = (_cell(cell, tag, side) for cell, side in zip(cells, sides, strict=True))
+        return f"<tr>{''.join(inner)}</tr>"
+
+    body = "".join(row(cells, "td") for cells in rows)
+    return f"<table><thead>{row(head, 'th')}</thead><tbody>{body}</tbody></table>"
+
+
+def _cell(content: str, tag: str, side: str) -> str:
+    # Notebooks have sides of their own; only what is said in the cell holds everywhere.
+    return f'<{tag} style="text-align: {side}; padding: 0.1em 0.6em">{escape(content)}</{tag}>'

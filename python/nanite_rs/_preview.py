@@ -1,0 +1,150 @@
+"""A picture of all of a mesh, a cut or a scene: where the camera stands, and what lights it."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
+
+from nanite_rs._images import png
+from nanite_rs.assets import LoadedScene
+from nanite_rs.camera import PerspectiveCamera
+from nanite_rs.exceptions import NaniteError
+from nanite_rs.mesh import BuildOptions, NaniteMesh
+from nanite_rs.renderer import Frame, Renderer, StreamWarning
+from nanite_rs.scene import DirectionalLight, Material, Scene
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from nanite_rs.cut import Cut
+
+SIZE: Final = (480, 360)
+"""Pixels of a notebook's picture."""
+
+CUT_FACES: Final = 250_000
+"""Most triangles of a cut that notebooks show: they are built to be drawn, which takes a second for a million."""
+
+OUTLINE: Final = 0.01
+"""Error of the cut that a picture is framed by, of the diagonal: what may stick out of it fits the margin."""
+
+#: Columns: where the X, Y and Z axes of a view with Y up lie in the mesh.
+UP: Final = {
+    "y": np.eye(3),
+    "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+}
+
+
+def picture(
+    renderer: Renderer,
+    shown: NaniteMesh | LoadedScene,
+    *,
+    yfov: float = 45.0,
+    azimuth: float = 30.0,
+    elevation: float = 20.0,
+    up: str = "y",
+    distance: float = 1.0,
+    pixel_error: float = 1.0,
+    samples: Literal[1, 4, 16] = 1,
+    material: Material | None = None,
+) -> Frame:
+    """A frame of a mesh alone, or of a scene with its materials; at ``distance`` 1 it fills the picture.
+
+    Angles are degrees, the elevation above the horizon of ``up``; ``material`` is that of a mesh.
+    """
+    center = shown.bounds.mean(axis=0)
+    fov = np.radians(yfov)
+    around, above = np.radians([azimuth, elevation])
+    direction = np.array([np.cos(above) * np.sin(around), np.sin(above), np.cos(above) * np.cos(around)])
+    axes = UP[up] @ _facing(direction)
+    # As near as the corners of a coarse cut allow, with a margin.
+    local = (_outline(shown) - center) @ axes
+    tangents = 0.92 * np.tan(fov / 2.0) * np.array([renderer.width / renderer.height, 1.0])
+    away = max(float((local[:, 2] + (np.abs(local[:, :2]) / tangents).max(axis=1)).max()), 1e-30)
+    radius = float(np.linalg.norm(local, axis=1).max())
+    away *= distance
+
+    pose = _pose(axes, center + axes[:, 2] * away)
+    key = _pose(axes @ _facing(np.array([-0.8, 0.8, 1.0])), center)  # from behind the camera's left shoulder
+    fill = _pose(axes @ _facing(np.array([1.0, 0.0, 0.5])), center)
+    background = (0.92, 0.93, 0.95)
+    if isinstance(shown, LoadedScene):
+        # Metals show nothing but what they reflect, which is not much of two lights.
+        scene, ambient = shown.scene, 0.25
+        shading: Literal["gltf", "pyrender"] = "gltf"
+    else:
+        scene, ambient = Scene(), 0.06
+        shading = "pyrender"
+        scene.add(shown, material=material or Material())
+    scene.ambient_light, scene.bg_color = (ambient, ambient, ambient + 0.01), background
+    scene.add(DirectionalLight(intensity=2.4), pose=key)
+    scene.add(DirectionalLight(intensity=0.6), pose=fill)
+    camera = PerspectiveCamera(yfov=fov, znear=max(away - 1.5 * radius, away * 1e-3))
+    return renderer.render(scene, camera, pose, pixel_error=pixel_error, samples=samples, shading=shading)
+
+
+def mesh_frame(mesh: NaniteMesh, *, pixel_error: float = 1.0, flat: bool = False) -> Frame:
+    """A small frame of a mesh, in milliseconds for any size: of a file what it shows is read and not kept."""
+    with Renderer(*SIZE, backend="cpu", streaming=True, pool_bytes=1 << 40) as renderer:
+        # From both sides, since open surfaces may turn their backs.
+        material = Material(smooth=not flat, double_sided=True)
+        return picture(renderer, mesh, pixel_error=pixel_error, samples=4, material=material)
+
+
+def mesh_png(mesh: NaniteMesh) -> bytes | None:
+    """PNG of `mesh_frame`; None where the mesh cannot be read."""
+    try:
+        with warnings.catch_warnings():
+            # Of a damaged file no picture, rather than one that lacks detail and says so elsewhere.
+            warnings.simplefilter("error", StreamWarning)
+            return png(mesh_frame(mesh).color)
+    except (NaniteError, StreamWarning):
+        return None
+
+
+def cut_frame(cut: Cut) -> Frame:
+    """A small frame of all triangles of a cut, each shaded as it lies."""
+    # Nothing is asked of the errors of this mesh: only its triangles are drawn, which are those of the cut.
+    options = BuildOptions(error="quadric")
+    mesh = NaniteMesh.from_arrays(cut.vertices, cut.faces, colors=cut.colors, options=options, progress=False)
+    return mesh_frame(mesh, pixel_error=0.0, flat=True)
+
+
+def cut_png(cut: Cut) -> bytes | None:
+    """PNG of `cut_frame`; None for cuts of more than `CUT_FACES`, and where the caller's changes left no mesh."""
+    if len(cut.faces) > CUT_FACES:
+        return None
+    try:
+        return png(cut_frame(cut).color)
+    except NaniteError:
+        return None
+
+
+def _facing(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation of what looks against ``direction``, along its own −Z, with Y up."""
+    back = direction / np.linalg.norm(direction)
+    right = np.cross([0.0, 1.0, 0.0] if abs(back[1]) < 0.999 else [0.0, 0.0, -np.sign(back[1])], back)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(back, right), back], axis=1)
+
+
+def _pose(rotation: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, place
+    return pose
+
+
+def _outline(shown: NaniteMesh | LoadedScene) -> NDArray[np.float64]:
+    """Points of all that is shown, (N, 3): vertices of coarse cuts.
+
+    Cuts for an error, since of a mesh in a file they read few pages.
+    """
+    if isinstance(shown, NaniteMesh):
+        return np.asarray(_coarse(shown), np.float64)
+    nodes = [node for own in shown.instances.values() for node in own]
+    return np.concatenate([_coarse(node.mesh) @ node.pose[:3, :3].T + node.pose[:3, 3] for node in nodes])
+
+
+def _coarse(mesh: NaniteMesh) -> NDArray[np.floating]:
+    return mesh.cut(error=OUTLINE * float(np.linalg.norm(mesh.bounds[1] - mesh.bounds[0]))).vertices
