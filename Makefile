@@ -138,7 +138,6 @@ bench-gpu: build $(VENV)/.stamp-test-requirements system vulkan
 	@$(with_vulkan); $(BIN)/python -m benchmarks.python --only gpu --name gpu
 
 bench-streaming: build $(VENV)/.stamp-test-requirements system vulkan
-	@$(PIP) -r requirements/plot.txt
 	@$(with_vulkan); $(BIN)/python -m benchmarks.python.streaming
 
 bench-error: build $(VENV)/.stamp-test-requirements

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nanite_rs import measure, shapes
+from nanite_rs import measure, plot, shapes
 from nanite_rs._core import __version__
 from nanite_rs.assets import LoadedScene, load_scene
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
@@ -98,6 +98,7 @@ __all__ = [
     "from_pyrender",
     "load_scene",
     "measure",
+    "plot",
     "shapes",
     "simplify",
 ]

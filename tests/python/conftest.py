@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
+os.environ.setdefault("MPLBACKEND", "agg")
 
 SOAK = bool(os.environ.get("NANITE_SOAK"))
 
