@@ -36,11 +36,11 @@ def covered(picture: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def frame() -> nrs.Frame:
+def frame(backend) -> nrs.Frame:
     scene = nrs.Scene(ambient_light=(0.1, 0.1, 0.1))
     scene.add(subjects.built("sphere"))
     scene.add(nrs.DirectionalLight(intensity=3.0))
-    with nrs.Renderer(160, 90, backend="cpu") as renderer:
+    with nrs.Renderer(160, 90, backend=backend) as renderer:
         return renderer.render(scene, nrs.PerspectiveCamera(yfov=0.8), at(0, 0, 4))
 
 
@@ -201,7 +201,7 @@ def test_stats_show_every_stage(frame) -> None:
         assert row[0].endswith(" (2)") == (stage.pass_number == 2)
         assert row[1:3] == [f"{stage.received:,}", stage.received_unit]
         assert row[3:5] == [f"{stage.passed:,}", stage.passed_unit]
-        assert float(row[5]) == pytest.approx(stage.ms, abs=0.0051)
+        assert row[5] == ("–" if np.isnan(stage.ms) else f"{stage.ms:.2f}")
     assert stages[-1] == ["frame", "", "", "", "", f"{stats.total_ms:.2f}"]
     found = dict(totals)
     assert found["in the source"] == f"{stats.source_triangles:,} triangles"
