@@ -56,7 +56,7 @@ pub fn clusterize(
     let of_one: Vec<&mut [Place]> = places.chunk_by_mut(|a, b| material(a) == material(b)).collect();
     of_one
         .into_par_iter()
-        .flat_map_iter(|places| split_blocks(places, BLOCK_TRIANGLES))
+        .flat_map(|places| split_blocks(places, BLOCK_TRIANGLES))
         .map(|block| {
             // The order inside a block is the caller's, which keeps what locality it has.
             block.sort_unstable_by_key(|f| f.number);

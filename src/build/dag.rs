@@ -209,8 +209,8 @@ const ROOT_PART: u64 = 100;
 const ROOT_TRIANGLES: u64 = 32;
 /// Fewer triangles make no shape: a cube ends as two back to back.
 const FEWEST_TRIANGLES: u64 = 8;
-/// Rounds of no more than this part of the source need little memory.
-const SMALL_ROUND_PART: u64 = 100;
+/// Rounds of no more than this part of the source need less memory than those before took.
+const SMALL_ROUND_PART: u64 = 3;
 
 impl Growth {
     /// One round over the pending clusters; returns those of the next.
@@ -244,14 +244,15 @@ impl Growth {
         let shared = shared_positions(&positions, &groups);
         let ratio = ratio(level.triangles, options);
         if options.error == ErrorMeasure::Bound {
-            // Measuring takes blocks of other sizes in each round. Small rounds add little.
+            // Measuring takes blocks of other sizes in each round. What a round gives back, the next has to fetch again.
             if SMALL_ROUND_PART * level.triangles > self.source_faces as u64 {
                 memory::give_back(self.source_faces);
             }
             if self.reference.as_ref().is_none_or(Reference::has_served) {
                 self.start_reference(&positions, &pending);
             }
-            self.reference.iter_mut().for_each(|r| r.begin(level.triangles as f32 * ratio));
+            let pieces = pending.iter().map(|c| &self.clusters[*c as usize].pieces);
+            self.reference.iter_mut().for_each(|r| r.begin(level.triangles as f32 * ratio, pieces.clone()));
         }
         // A group frees what its members answered for, and gives it back only where it is stuck.
         let mut take = |c: &u32| std::mem::take(&mut self.clusters[pending[*c as usize] as usize].pieces);

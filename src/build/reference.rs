@@ -26,6 +26,8 @@ use crate::mesh::hash;
 const FIRST_PART: f32 = 0.3;
 /// The same for each further one.
 const PART: f32 = 0.08;
+/// Triangles in so many parts or more stay cut.
+const MANY: u8 = u8::MAX;
 /// Rounds of a reference at most.
 const MOST_ROUNDS: u32 = 8;
 /// How far storing a part moves its corners, as a part of the size of its triangle: once a round but the last, by up to
@@ -80,12 +82,43 @@ impl Pieces {
         }
     }
 
+    /// Makes triangles whole again, as `becomes` says of each part by its triangle.
+    fn join(&mut self, mut becomes: impl FnMut(u32) -> Joined) {
+        let (whole, offsets) = (&mut self.whole, &mut self.offsets);
+        let (mut from, mut to) = (0, 0);
+        self.parts.retain(|(t, count, _)| {
+            let corners = from..from + usize::from(*count);
+            from = corners.end;
+            match becomes(*t) {
+                Joined::Part => {
+                    offsets.copy_within(corners, to);
+                    to += usize::from(*count);
+                    return true;
+                }
+                Joined::Whole => whole.push(*t),
+                Joined::Gone => {}
+            }
+            false
+        });
+        offsets.truncate(to);
+    }
+
     /// Gives back what was reserved too much.
     fn shrink(&mut self) {
         self.whole.shrink_to_fit();
         self.parts.shrink_to_fit();
         self.offsets.shrink_to_fit();
     }
+}
+
+/// What becomes of a part.
+enum Joined {
+    /// It stays as it is.
+    Part,
+    /// It stands for its triangle, which is whole again.
+    Whole,
+    /// Another part stands for it.
+    Gone,
 }
 
 /// A stored part of a triangle.
@@ -130,8 +163,12 @@ pub struct Reference {
     /// Its clusters, and the number of the first triangle of each.
     clusters: Vec<u32>,
     starts: Vec<u32>,
+    /// Number of its triangles.
+    count: u32,
     /// The radius of each of their triangles; empty at the source.
     radii: Vec<f32>,
+    /// In how many parts each of them is in the round that was begun last, or [`MANY`]; empty where all are whole.
+    shares: Vec<u8>,
     /// It has served when so many triangles are left.
     least: f32,
     rounds: u32,
@@ -165,7 +202,18 @@ impl Reference {
             Some(_) => (PART, pending.iter().flat_map(|c| radii(&all[*c as usize])).collect()),
         };
         let least = count as f32 * part;
-        Self { positions, clusters: pending.to_vec(), starts, radii, least, rounds: 0, is_last: false }
+        let clusters = pending.to_vec();
+        Self {
+            positions,
+            clusters,
+            starts,
+            count,
+            radii,
+            shares: Vec::new(),
+            least,
+            rounds: 0,
+            is_last: false,
+        }
     }
 
     /// Whether the round that was begun last was the last one to be measured against it.
@@ -173,10 +221,43 @@ impl Reference {
         self.is_last
     }
 
-    /// Begins a round that aims at so many triangles.
-    pub fn begin(&mut self, target: f32) {
+    /// Begins a round that aims at so many triangles, with what its clusters answer for.
+    pub fn begin<'a>(&mut self, target: f32, pieces: impl Iterator<Item = &'a Pieces>) {
         self.rounds += 1;
         self.is_last = target < self.least || self.rounds == MOST_ROUNDS;
+        self.shares.clear();
+        for (t, ..) in pieces.flat_map(|pieces| &pieces.parts) {
+            if self.shares.is_empty() {
+                self.shares.resize(self.count as usize, 0);
+            }
+            let share = &mut self.shares[*t as usize];
+            *share = share.saturating_add(1);
+        }
+    }
+
+    /// Makes triangles whole again all of whose parts are here: what answers for each part answers for all of it.
+    fn join(&self, pieces: &mut [Pieces]) {
+        let mut numbering = Numbering::with_room(pieces.iter().map(|p| p.parts.len()).sum());
+        let mut missing = Vec::new();
+        for (t, ..) in pieces.iter().flat_map(|pieces| &pieces.parts) {
+            let (number, new) = numbering.number(*t);
+            if new {
+                missing.push(self.shares[*t as usize]);
+            }
+            let missing = &mut missing[number as usize];
+            *missing -= u8::from(*missing != MANY);
+        }
+        let mut joined = vec![false; missing.len()];
+        for pieces in pieces {
+            pieces.join(|t| {
+                let number = numbering.number(t).0 as usize;
+                match (missing[number], std::mem::replace(&mut joined[number], true)) {
+                    (0, false) => Joined::Whole,
+                    (0, true) => Joined::Gone,
+                    _ => Joined::Part,
+                }
+            });
+        }
     }
 
     /// What each of its clusters answers for: itself.
@@ -227,7 +308,8 @@ impl Reference {
     }
 
     /// What some clusters answer for, laid out.
-    pub fn footing(&self, pieces: Vec<Pieces>, all: &[BuildCluster]) -> Footing {
+    pub fn footing(&self, mut pieces: Vec<Pieces>, all: &[BuildCluster]) -> Footing {
+        self.join(&mut pieces);
         let (local, numbers) = self.local(&pieces, all);
         let before = Sheet::new(local.triangles, &local.corners, local.radii);
         Footing { before, pieces, numbers, keep: !self.is_last }
@@ -411,5 +493,69 @@ impl<'a> Patch<'a> {
     /// A cluster with its positions.
     pub fn new(mesh: &'a ClusterMesh, position: impl Fn(u32) -> [f32; 3]) -> Self {
         Self { positions: mesh.vertices.iter().map(|v| position(*v)).collect(), triangles: &mesh.triangles }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TRIANGLE: Triangle = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+
+    /// The halves of triangles, one of each in each of two clusters.
+    fn halves(triangles: &[u32]) -> [Pieces; 2] {
+        let (first, second) = Piece::new(TRIANGLE).halves();
+        [first, second.unwrap()].map(|half| {
+            let mut pieces = Pieces::default();
+            triangles.iter().for_each(|t| pieces.push(*t, TRIANGLE, &half));
+            pieces
+        })
+    }
+
+    fn reference(count: u32, pieces: &[Pieces]) -> Reference {
+        let positions = Arc::default();
+        let mut reference = Reference {
+            positions,
+            clusters: Vec::new(),
+            starts: Vec::new(),
+            count,
+            radii: Vec::new(),
+            shares: Vec::new(),
+            least: 0.0,
+            rounds: 0,
+            is_last: false,
+        };
+        reference.begin(1.0, pieces.iter());
+        reference
+    }
+
+    #[test]
+    fn triangles_become_whole_where_all_parts_meet() {
+        let [a, b] = halves(&[3, 5, 4]);
+        // Of 5 a third part is elsewhere.
+        let [elsewhere, _] = halves(&[5]);
+        let all = [a, b, elsewhere];
+        let reference = reference(6, &all);
+        let [mut a, mut b, mut elsewhere] = all;
+        let kept = a.offsets[usize::from(a.parts[0].1)..][..usize::from(a.parts[1].1)].to_vec();
+        let mut group = [std::mem::take(&mut a), std::mem::take(&mut b)];
+        reference.join(&mut group);
+        assert_eq!(group[0].whole, [3, 4]);
+        assert!(group[1].whole.is_empty());
+        for pieces in &group {
+            assert_eq!(pieces.parts.iter().map(|(t, ..)| *t).collect::<Vec<_>>(), [5]);
+            assert_eq!(pieces.offsets.len(), usize::from(pieces.parts[0].1));
+        }
+        assert_eq!(group[0].offsets, kept);
+        reference.join(std::slice::from_mut(&mut elsewhere));
+        assert!(elsewhere.whole.is_empty() && elsewhere.parts.len() == 1);
+    }
+
+    #[test]
+    fn triangles_in_too_many_parts_stay_cut() {
+        let [mut many, _] = halves(&vec![0; usize::from(MANY) + 1]);
+        let reference = reference(1, std::slice::from_ref(&many));
+        reference.join(std::slice::from_mut(&mut many));
+        assert!(many.whole.is_empty() && many.parts.len() == usize::from(MANY) + 1);
     }
 }

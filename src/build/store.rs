@@ -48,7 +48,7 @@ impl VertexStore {
 
 /// The distinct positions of a round's clusters: adjacency, borders and locks go by position, never by identity
 /// (seams have several identities at one position) and never by distance.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct RoundPositions {
     /// Each distinct position once.
     pub positions: Vec<[f32; 3]>,
