@@ -21,6 +21,7 @@ from nanite_rs.exceptions import (
     MissingFileError,
     NaniteError,
     StaleHandleError,
+    UsageWarning,
 )
 from nanite_rs.interop import PyrenderView, from_pyrender
 from nanite_rs.mesh import BuildOptions, NaniteMesh, simplify
@@ -93,6 +94,7 @@ __all__ = [
     "StuckGroup",
     "Texture",
     "TextureWarning",
+    "UsageWarning",
     "__version__",
     "compare",
     "from_pyrender",

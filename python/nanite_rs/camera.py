@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _core
+from nanite_rs import _advice, _core
+from nanite_rs.exceptions import ArgumentError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,7 +39,12 @@ class Camera(ABC):
     zfar: float | None
 
     def __post_init__(self) -> None:
-        _core.check_camera(self._spec())
+        try:
+            _core.check_camera(self._spec())
+        except ArgumentError as error:
+            degrees = str(error).startswith("yfov") and vars(self)["yfov"] > np.pi
+            more = f"give degrees as np.radians({vars(self)['yfov']:g})" if degrees else ""
+            raise _advice.advised(error, more) from None
 
     @abstractmethod
     def _parameters(self) -> tuple[str, list[float]]:

@@ -1,6 +1,6 @@
-"""Every error of nanite_rs.
+"""Every error of nanite_rs, and the warning of what is seldom meant.
 
-`NaniteError` is the base of all of them; each also derives from the built-in that a caller would catch.
+`NaniteError` is the base of all errors; each also derives from the built-in that a caller would catch.
 
 Examples
 --------
@@ -24,6 +24,7 @@ __all__ = [
     "MissingFileError",
     "NaniteError",
     "StaleHandleError",
+    "UsageWarning",
 ]
 
 
@@ -65,6 +66,10 @@ class StaleHandleError(NaniteError, RuntimeError):
 
 class BackendError(NaniteError, RuntimeError):
     """The requested rendering backend is not available here; the message says what is missing."""
+
+
+class UsageWarning(UserWarning):
+    """What was asked for can be done, but is seldom meant; the message says what to do."""
 
 
 class InternalError(NaniteError, RuntimeError):

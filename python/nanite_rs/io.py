@@ -164,7 +164,9 @@ def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Source:
     if isinstance(mesh, trimesh.Trimesh):
         return _single(mesh)
     if not isinstance(mesh, trimesh.Scene):
-        raise DtypeError(f"mesh: expected trimesh.Trimesh or trimesh.Scene, not {type(mesh).__name__}")
+        advice = "; NaniteMesh.from_file reads files" if isinstance(mesh, str | os.PathLike) else ""
+        found = type(mesh).__name__
+        raise DtypeError(f"mesh: expected trimesh.Trimesh or trimesh.Scene, not {found}{advice}")
     parts = []
     for node in mesh.graph.nodes_geometry:
         transform, name = mesh.graph[node]

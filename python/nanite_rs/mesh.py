@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _channels, io
+from nanite_rs import _advice, _channels, io
 from nanite_rs._channels import Channel
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._progress import Progress, reporter
 from nanite_rs.camera import Camera
 from nanite_rs.cut import Cut
-from nanite_rs.exceptions import ArgumentError, DtypeError
+from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError
 from nanite_rs.report import BuildReport, CheckReport
 
 if TYPE_CHECKING:
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 __all__ = ["BuildOptions", "NaniteMesh", "simplify"]
 
 PathLike: TypeAlias = str | os.PathLike[str]
+
+# Endings of meshes in other formats, which nobody means a .nanite file to have.
+_OTHERS = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,11 @@ def _real(value: object, name: str) -> float:
     return float(value)
 
 
+def _bad_reduction(reduction: float) -> ArgumentError:
+    percent = f"; {reduction:g} % is {reduction / 100:g}" if 1.0 < reduction <= 100.0 else ""
+    return ArgumentError(f"target_reduction: must be between 0 and 1, not {reduction}{percent}")
+
+
 class NaniteMesh:
     """A triangle mesh of any size as a cluster LOD DAG: every level of detail at once.
 
@@ -247,6 +255,29 @@ class NaniteMesh:
         """
         vertices = _array(vertices, "vertices")
         faces = _array(faces, "faces")
+        if not isinstance(options, BuildOptions | None):
+            raise DtypeError(
+                f"options: expected BuildOptions, not {type(options).__name__}; give BuildOptions(quality=...)"
+            )
+        given = {"normals": normals, "colors": colors, "uvs": uvs, "face_materials": face_materials}
+        try:
+            return cls._build(vertices, faces, given, channels, options, progress)
+        except ArgumentError as error:
+            more = _advice.for_arrays(str(error), vertices, faces, given)
+            raise (_advice.advised(error, more) if more else _advice.near(error)) from None
+
+    @classmethod
+    def _build(
+        cls,
+        vertices: NDArray[Any],
+        faces: NDArray[Any],
+        given: dict[str, Any],
+        channels: Mapping[str, ArrayLike] | None,
+        options: BuildOptions | None,
+        progress: Progress,
+    ) -> NaniteMesh:
+        normals, colors = given["normals"], given["colors"]
+        uvs, face_materials = given["uvs"], given["face_materials"]
         with reporter(progress, "building") as report:
             core = CoreMesh.build(
                 vertices,
@@ -342,7 +373,14 @@ class NaniteMesh:
             The file is damaged, of another version, or something else. A page or channel that is damaged raises
             this when it is needed; a renderer that streams draws coarser clusters instead.
         """
-        return cls._wrap(CoreMesh.open(path))
+        if not isinstance(path, str | os.PathLike):
+            raise DtypeError(f"path: expected a path, not {type(path).__name__}")
+        try:
+            return cls._wrap(CoreMesh.open(path))
+        except FormatError as error:
+            if "at byte 0" not in str(error):
+                raise
+            raise _advice.advised(error, _advice.for_file(path)) from None
 
     def save(self, path: PathLike, *, precision: Literal["auto", "exact"] | float = "auto") -> None:
         """Write a ``.nanite`` file; an existing one is replaced in one step or not at all.
@@ -371,6 +409,8 @@ class NaniteMesh:
         ------
         ArgumentError, DtypeError
             The precision is none of these.
+        FormatError
+            The name ends as that of a mesh in another format, such as ``.ply``.
         FileError
             The file cannot be written.
 
@@ -389,6 +429,11 @@ class NaniteMesh:
         >>> 0.0 < small.cut(error=0.0).error == small.info["rounding"] < small.info["precision"]
         True
         """
+        ending = os.path.splitext(os.fspath(path))[1].lower()
+        if ending in _OTHERS:
+            raise FormatError(
+                f"{path}: save writes .nanite files; mesh.cut(error=0).to_trimesh().export(path) writes {ending}"
+            )
         if isinstance(precision, str):
             self._core.save(path, precision)
         else:
@@ -485,19 +530,26 @@ class NaniteMesh:
             return self._cut_view(camera, pose, viewport, pixel_error)
         if pose is not None or viewport is not None:
             raise ArgumentError("pose, viewport: these go with camera=")
+        if pixel_error != 1.0:
+            raise ArgumentError("pixel_error: goes with camera=; error= is in units of the mesh")
         if error is not None:
             error = _real(error, "error")
-            if not error >= 0.0:
-                raise ArgumentError(f"error: must be 0 or more, not {error}")
+            if not 0.0 <= error < math.inf:
+                raise ArgumentError(
+                    f"error: must be 0 or more and finite, not {error}; target_faces=1 gives the coarsest cut"
+                )
             return Cut(self._core.cut_error(error))
         if target_faces is None:
             reduction = _real(target_reduction, "target_reduction")
             if not 0.0 <= reduction <= 1.0:
-                raise ArgumentError(f"target_reduction: must be between 0 and 1, not {reduction}")
+                raise _bad_reduction(reduction)
             # A fraction such as 0.9 is not exact: what is meant is the integer beside it.
             target_faces = math.floor((1.0 - reduction) * len(self) + 1e-6)
         elif isinstance(target_faces, bool) or not isinstance(target_faces, int | np.integer):
-            raise DtypeError(f"target_faces: expected an integer, not {type(target_faces).__name__}")
+            raise DtypeError(
+                f"target_faces: expected an integer, not {type(target_faces).__name__}; "
+                "target_reduction takes a fraction to remove"
+            )
         elif target_faces < 1:
             raise ArgumentError(f"target_faces: must be 1 or more, not {target_faces}")
         return Cut(self._core.cut_faces(min(int(target_faces), len(self))))
@@ -711,7 +763,7 @@ def simplify(
     if target_count is None:
         reduction = _real(target_reduction, "target_reduction")
         if not 0.0 <= reduction <= 1.0:
-            raise ArgumentError(f"target_reduction: must be between 0 and 1, not {reduction}")
+            raise _bad_reduction(reduction)
         target_count = math.floor((1.0 - reduction) * len(faces) + 1e-6)
     elif not 0 <= target_count <= len(faces):
         raise ArgumentError(f"target_count: must be between 0 and {len(faces)}, not {target_count}")

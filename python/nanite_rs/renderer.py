@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _core, _images
+from nanite_rs import _advice, _core, _images, _unseen
 from nanite_rs._html import pairs, table
 from nanite_rs.camera import Camera
-from nanite_rs.exceptions import ArgumentError, DtypeError, NaniteError
+from nanite_rs.exceptions import ArgumentError, DtypeError, NaniteError, UsageWarning
 from nanite_rs.scene import Scene
 
 if TYPE_CHECKING:
@@ -611,7 +611,15 @@ class Renderer:
     ) -> None:
         self._size = _pixels(width, "width"), _pixels(height, "height")
         pool = _whole(pool_bytes, "pool_bytes", 1 << 63, "0 and 2^63")
-        self._core: _core.Renderer | None = _core.Renderer(*self._size, backend, pool if streaming else None)
+        if not isinstance(backend, str):
+            raise DtypeError(f'backend: expected "auto", "cpu" or "gpu", not {backend!r}')
+        try:
+            core = _core.Renderer(*self._size, backend, pool if streaming else None)
+        except ArgumentError as error:
+            raise _advice.near(error) from None
+        self._core: _core.Renderer | None = core
+        # Until a picture shows something, one that shows nothing is looked into.
+        self._blank = True
         self._backend = self._core.backend
         # Images that the last frame showed smaller than they are.
         self._smaller = 0
@@ -712,6 +720,12 @@ class Renderer:
             renderer stays usable. Otherwise draw at once with what is there, for interactive use; coarser clusters
             stand in for what is on its way, and `FrameStats.stream` says how much they are off.
 
+        Warns
+        -----
+        UsageWarning
+            If the picture shows nothing and no picture of this renderer did before, with what would help: as found
+            by a few coarse frames with other poses and clip distances.
+
         Returns
         -------
         Frame
@@ -743,8 +757,12 @@ class Renderer:
         >>> np.array_equal(plain.depth, smooth.depth)
         True
         """
+        if not isinstance(scene, Scene):
+            raise _no_scene(scene)
         if not isinstance(camera, Camera):
-            raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
+            raise DtypeError(
+                f"camera: expected a camera of nanite_rs, not {type(camera).__name__}; give scene, camera, pose"
+            )
         (frame,) = self._render(
             scene,
             [(camera, pose)],
@@ -848,22 +866,31 @@ class Renderer:
         wait: bool,
     ) -> list[Frame]:
         if self._core is None:
-            raise NaniteError("the renderer was closed")
+            raise NaniteError("the renderer was closed; make another: Renderer(width, height)")
         if not isinstance(scene, Scene):
-            raise DtypeError(f"scene: expected a Scene, not {type(scene).__name__}")
-        frames = self._core.render(
-            scene._core,
-            [(camera._spec(), pose) for camera, pose in views],
-            pixel_error=float(pixel_error),
-            occlusion=bool(occlusion),
-            raster=str(raster),
-            outputs=[outputs] if isinstance(outputs, str) else None if outputs is None else list(outputs),
-            depth_only=bool(depth_only),
-            samples=_whole(samples, "samples", 1 << 32, "1 and 16"),
-            shading=str(shading),
-            transfer=str(transfer),
-            wait=bool(wait),
-        )
+            raise _no_scene(scene)
+        if not isinstance(pixel_error, int | float | np.integer | np.floating):
+            raise DtypeError(f"pixel_error: expected a number, not {type(pixel_error).__name__}")
+        try:
+            frames = self._core.render(
+                scene._core,
+                [(camera._spec(), pose) for camera, pose in views],
+                pixel_error=float(pixel_error),
+                occlusion=bool(occlusion),
+                raster=str(raster),
+                outputs=[outputs] if isinstance(outputs, str) else None if outputs is None else list(outputs),
+                depth_only=bool(depth_only),
+                samples=_whole(samples, "samples", 1 << 32, "1 and 16"),
+                shading=str(shading),
+                transfer=str(transfer),
+                wait=bool(wait),
+            )
+        except ArgumentError as error:
+            if str(error).startswith("pose"):
+                raise _advice.advised(error, _advice.for_pose(views[0][1])) from None
+            if str(error).startswith("pool_bytes"):
+                raise _advice.advised(error, "it counts bytes: 512 << 20 is 512 MiB") from None
+            raise _advice.near(error) from None
         for fault in self._core.faults():
             warnings.warn(fault, StreamWarning, stacklevel=3)
         smaller = max((dict(frame.totals()[0])["smaller_images"] for frame in frames), default=0)
@@ -874,6 +901,11 @@ class Renderer:
                 stacklevel=3,
             )
         self._smaller = smaller
+        if self._blank and frames:
+            self._blank = not any(dict(frame.totals()[0])["covered_pixels"] for frame in frames)
+            if self._blank:
+                reason = _unseen.reason(scene._core, views[0][0], views[0][1], self._size)
+                warnings.warn(f"the picture shows no mesh: {reason}", UsageWarning, stacklevel=3)
         self._backend = self._core.backend
         made = {
             "pixel_error": float(pixel_error),
@@ -905,6 +937,11 @@ class Renderer:
     def __repr__(self) -> str:
         closed = ", closed" if self._core is None else ""
         return f"<Renderer {self.width}×{self.height} on {self.backend}{closed}>"
+
+
+def _no_scene(found: object) -> DtypeError:
+    error = DtypeError(f"scene: expected a Scene, not {_advice.name_of_type(found)}")
+    return _advice.advised(error, _advice.for_item(found))
 
 
 def _lens(camera: Camera) -> dict[str, Any]:

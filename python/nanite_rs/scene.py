@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
 
-from nanite_rs import _core
+from nanite_rs import _advice, _core
 from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.texture import Image, Texture
@@ -251,6 +251,21 @@ class Environment:
         return self.image._environment(), self.intensity, self.rotation, bool(self.background)
 
 
+def _no_item(item: object) -> DtypeError:
+    error = DtypeError(f"item: expected a NaniteMesh or a light, not {_advice.name_of_type(item)}")
+    return _advice.advised(error, _advice.for_item(item))
+
+
+def _advised(error: ArgumentError, pose: ArrayLike | None) -> ArgumentError:
+    """Say what to do about an instance that was refused."""
+    message = str(error)
+    if message.startswith("pose"):
+        return _advice.advised(error, _advice.for_pose(pose))
+    if "wants UV set" in message:
+        return _advice.advised(error, "give the mesh uvs= when it is built")
+    return _advice.advised(error, "divide colours of 0 to 255 by 255" if "base_color" in message else "")
+
+
 def _pose(pose: ArrayLike | None) -> ArrayLike:
     return np.eye(4) if pose is None else pose
 
@@ -281,12 +296,19 @@ Look: TypeAlias = "Material | Sequence[Material]"
 
 
 def _raw(material: Look) -> list[dict[str, Any]]:
+    if isinstance(material, Texture):
+        raise DtypeError(
+            "material: expected a Material, not Texture; give Material(base_color_texture=texture)"
+        )
     materials = [material] if isinstance(material, Material) else list(material)
     if not materials:
         raise ArgumentError("material: expected one at least, found an empty sequence")
     for number, one in enumerate(materials):
         if not isinstance(one, Material):
-            raise DtypeError(f"material: expected a Material, not {type(one).__name__}, as number {number}")
+            raise DtypeError(
+                f"material: expected a Material, not {type(one).__name__}, as number {number}; "
+                "a colour goes into Material(base_color=...)"
+            )
     return [one._raw() for one in materials]
 
 
@@ -483,18 +505,21 @@ class Scene:
         """
         if isinstance(item, NaniteMesh):
             material = Material() if material is None else material
-            handle = self._core.add_mesh(item._core, _pose(pose), _raw(material))
+            try:
+                handle = self._core.add_mesh(item._core, _pose(pose), _raw(material))
+            except ArgumentError as error:
+                raise _advised(error, pose) from None
             return MeshNode(self, handle, item, material)
         if isinstance(item, DirectionalLight | PointLight | SpotLight):
             if material is not None:
                 raise ArgumentError("material: a light has none")
             return LightNode(self, self._core.add_light(item._raw(), _pose(pose)), item)
-        raise DtypeError(f"item: expected a NaniteMesh or a light, not {type(item).__name__}")
+        raise _no_item(item)
 
     def remove(self, node: MeshNode | LightNode) -> None:
         """Remove ``node``, which `add` returned. Raises `StaleHandleError` when it was removed before."""
         if node.scene is not self:
-            raise ArgumentError("node: belongs to another scene")
+            raise ArgumentError("node: belongs to another scene; node.remove() removes it from its own")
         node.remove()
 
     @property

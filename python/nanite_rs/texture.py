@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
@@ -12,8 +13,6 @@ from nanite_rs._images import read_image
 from nanite_rs.exceptions import ArgumentError, DtypeError
 
 if TYPE_CHECKING:
-    import os
-
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["Image", "Texture"]
@@ -54,6 +53,8 @@ class Image:
     __slots__ = ("_cores", "_map", "_pixels")
 
     def __init__(self, pixels: ArrayLike) -> None:
+        if isinstance(pixels, str | os.PathLike):
+            raise DtypeError(f"pixels: expected an array, not {pixels!r}; Image.open reads files")
         array = np.asarray(pixels)
         if array.dtype.name not in _DTYPES:
             raise DtypeError(f"pixels: must be {', '.join(_DTYPES)}, not {array.dtype}")

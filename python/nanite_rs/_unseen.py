@@ -1,0 +1,64 @@
+"""Why a picture shows nothing: tried out with coarse frames of poses and clip distances that may be meant."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nanite_rs import _core
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from nanite_rs.camera import Camera
+
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+_POOL = 512 << 20
+
+
+def reason(scene: _core.Scene, camera: Camera, pose: ArrayLike, size: tuple[int, int]) -> str:
+    """Say what would show something. Of streamed meshes nothing but their coarsest pages is read."""
+    if scene.instance_count == 0:
+        return "the scene has no mesh; add one with scene.add(mesh)"
+    renderer = _core.Renderer(*size, "cpu", _POOL)
+    kind, parameters, near, far = camera._spec()
+
+    def depth(at: NDArray[np.float64], znear: float = near, zfar: float | None = far) -> NDArray[np.float32]:
+        (frame,) = renderer.render(
+            scene,
+            [((kind, parameters, znear, zfar), at)],
+            pixel_error=8.0,
+            occlusion=True,
+            raster="auto",
+            outputs=None,
+            depth_only=True,
+            samples=1,
+            shading="pyrender",
+            transfer="gamma22",
+            wait=False,
+        )
+        return frame.depth()
+
+    given: NDArray[np.float64] = np.asarray(pose, np.float64)
+    unclipped = depth(given, max(near * 1e-6, 1e-30), None)
+    if unclipped.any():
+        if far is not None and unclipped.max() > far:
+            return f"all of it is farther than zfar={far:g}; give a larger one, or None"
+        return f"all of it is nearer than znear={near:g}; give a smaller one"
+    world_to_camera = np.asarray(np.linalg.inv(given), np.float64)
+    tries = {
+        "np.linalg.inv(pose), if that maps world to camera": world_to_camera,
+        "pose @ np.diag([1, -1, -1, 1]), if the camera looks along its +Z as in OpenCV": given @ _FLIP,
+        "np.linalg.inv(pose) @ np.diag([1, -1, -1, 1]), if that maps world to an OpenCV camera": world_to_camera
+        @ _FLIP,
+    }
+    found = [advice for advice, at in tries.items() if depth(at).any()]
+    if found:
+        return (
+            f"the camera looks along its −Z, and nothing is there; would show something: {'; '.join(found)}"
+        )
+    return (
+        "check that pose is camera-to-world and looks along −Z at the mesh, that instances are visible, and that "
+        "the camera is not inside a mesh, whose back faces only Material(double_sided=True) shows"
+    )

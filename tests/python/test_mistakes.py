@@ -1,0 +1,339 @@
+"""Mistakes that new users make: each gives an error or a warning that says what to do; ordinary use gives none."""
+
+from __future__ import annotations
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+
+import nanite_rs as nrs
+
+V, F = nrs.shapes.icosphere(faces=500)
+F = F.astype(np.int64)
+LENS = nrs.PerspectiveCamera(yfov=0.8)
+POSE = np.eye(4)
+POSE[2, 3] = 4.0
+OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def build(vertices=V, faces=F, **more):
+    return nrs.NaniteMesh.from_arrays(vertices, faces, progress=False, **more)
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return build()
+
+
+def with_nan() -> np.ndarray:
+    bad = V.copy()
+    bad[7] = np.nan
+    return bad
+
+
+QUADS = np.zeros((10, 4), np.int64)
+PYVISTA = np.c_[np.full(len(F), 3), F]
+N, M = len(V), len(F)
+
+BUILDING = {
+    "vertices transposed": (lambda: build(V.T), nrs.ArgumentError, "vertices: .*transposed, give vertices.T"),
+    "faces transposed": (lambda: build(V, F.T), nrs.ArgumentError, "faces: .*give faces.T"),
+    "vertices flat": (lambda: build(V.ravel()), nrs.ArgumentError, "vertices.reshape(-1, 3)"),
+    "vertices homogeneous": (lambda: build(np.c_[V, np.ones(N)]), nrs.ArgumentError, "vertices[:, :3]"),
+    "vertices and faces swapped": (lambda: build(F, V), nrs.DtypeError, "are vertices and faces swapped?"),
+    "vertices as integers": (lambda: build((V * 9).astype(int)), nrs.DtypeError, "astype(np.float32)"),
+    "a NaN among vertices": (lambda: build(with_nan()), nrs.MeshError, "vertices[7].*leave out such rows"),
+    "a path for vertices": (
+        lambda: build("bunny.ply"),
+        nrs.ArgumentError,
+        "NaniteMesh.from_file reads files",
+    ),
+    "a trimesh for vertices": (
+        lambda: build(trimesh.creation.box()),
+        nrs.ArgumentError,
+        "NaniteMesh.from_trimesh",
+    ),
+    "faces from 1": (lambda: build(V, F + 1), nrs.MeshError, "count from 1.*faces - 1"),
+    "faces as floats": (lambda: build(V, F.astype(float)), nrs.DtypeError, "faces.astype(np.int64)"),
+    "faces flat": (lambda: build(V, F.ravel()), nrs.ArgumentError, "faces.reshape(-1, 3)"),
+    "quads": (lambda: build(V, QUADS), nrs.ArgumentError, "split quads"),
+    "faces of PyVista": (lambda: build(V, PYVISTA.ravel()), nrs.ArgumentError, "faces.reshape(-1, 4)[:, 1:]"),
+    "normals of faces": (
+        lambda: build(normals=np.ones((M, 3))),
+        nrs.ArgumentError,
+        "normals: .*one for each face",
+    ),
+    "colours of faces": (
+        lambda: build(colors=np.zeros((M, 3), np.uint8)),
+        nrs.ArgumentError,
+        "colors: .*one for each face",
+    ),
+    "RGBA floats of 0 to 255": (
+        lambda: build(colors=np.full((N, 4), 200.0)),
+        nrs.ArgumentError,
+        "colors / 255",
+    ),
+    "colours as int64": (lambda: build(colors=np.full((N, 3), 9)), nrs.DtypeError, "colors.astype(np.uint8)"),
+    "UVs of faces": (lambda: build(uvs=np.zeros((M, 2))), nrs.ArgumentError, "uvs: .*one for each face"),
+    "materials of vertices": (
+        lambda: build(face_materials=np.zeros(N, int)),
+        nrs.ArgumentError,
+        "face_materials[faces[:, 0]]",
+    ),
+    "options as a dictionary": (lambda: build(options={"threads": 1}), nrs.DtypeError, "give BuildOptions"),
+    "an option misspelt": (
+        lambda: build(options=nrs.BuildOptions(quality="bestt")),
+        nrs.ArgumentError,
+        'did you mean "best"?',
+    ),
+    "a path for from_trimesh": (
+        lambda: nrs.NaniteMesh.from_trimesh("bunny.ply"),
+        nrs.DtypeError,
+        "NaniteMesh.from_file",
+    ),
+    "an empty trimesh scene": (
+        lambda: nrs.NaniteMesh.from_trimesh(trimesh.Scene()),
+        nrs.MeshError,
+        "the scene has no triangles",
+    ),
+    "a mesh for a path": (
+        lambda: nrs.NaniteMesh.open(trimesh.creation.box()),
+        nrs.DtypeError,
+        "expected a path",
+    ),
+}
+
+
+def check(call, error, message) -> None:
+    """Raises that error; ``message`` is literal but for ``.*``."""
+    with pytest.raises(error, match=".*".join(map(re.escape, message.split(".*")))) as caught:
+        call()
+    assert isinstance(caught.value, nrs.NaniteError)
+
+
+@pytest.mark.parametrize("mistake", BUILDING)
+def test_building(mistake) -> None:
+    check(*BUILDING[mistake])
+
+
+CUTTING = {
+    "a negative error": ({"error": -0.1}, nrs.ArgumentError, "error: must be 0 or more"),
+    "an infinite error": ({"error": np.inf}, nrs.ArgumentError, "target_faces=1 gives the coarsest cut"),
+    "an error and a number of triangles": (
+        {"error": 0.1, "target_faces": 9},
+        nrs.ArgumentError,
+        "exactly one of .*found error and target_faces",
+    ),
+    "a reduction in percent": ({"target_reduction": 50}, nrs.ArgumentError, "50 % is 0.5"),
+    "a fraction of triangles": ({"target_faces": 0.5}, nrs.DtypeError, "target_reduction takes a fraction"),
+    "pixels without a camera": (
+        {"error": 0.1, "pixel_error": 2.0},
+        nrs.ArgumentError,
+        "pixel_error: goes with camera=",
+    ),
+    "a camera without its pose": ({"camera": LENS}, nrs.ArgumentError, "pose= and viewport= are needed"),
+}
+
+
+@pytest.mark.parametrize("mistake", CUTTING)
+def test_cutting(mistake, mesh) -> None:
+    arguments, error, message = CUTTING[mistake]
+    check(lambda: mesh.cut(**arguments), error, message)
+
+
+def made(mesh) -> nrs.Scene:
+    scene = nrs.Scene(ambient_light=(1, 1, 1))
+    scene.add(mesh)
+    return scene
+
+
+def shot(mesh, pose=POSE, camera=LENS, scene=None, **options):
+    with nrs.Renderer(64, 48, backend="cpu") as renderer:
+        return renderer.render(made(mesh) if scene is None else scene, camera, pose, **options)
+
+
+def closed(mesh):
+    renderer = nrs.Renderer(64, 48, backend="cpu")
+    renderer.close()
+    return renderer.render(made(mesh), LENS, POSE)
+
+
+def stale(mesh):
+    node = made(mesh).add(mesh)
+    node.remove()
+    node.pose = POSE
+
+
+def textured(mesh):
+    look = nrs.Material(base_color_texture=nrs.Texture(np.zeros((2, 2, 3), np.uint8)))
+    nrs.Scene().add(mesh, material=look)
+
+
+DRAWING = {
+    "degrees for radians": (lambda _: nrs.PerspectiveCamera(yfov=60), nrs.ArgumentError, "np.radians(60)"),
+    "near beyond far": (
+        lambda _: nrs.PerspectiveCamera(0.8, znear=9, zfar=1),
+        nrs.ArgumentError,
+        "zfar: must be greater than znear (9)",
+    ),
+    "a pose of 3x4": (lambda m: shot(m, POSE[:3]), nrs.ArgumentError, "np.vstack([pose, [0, 0, 0, 1]])"),
+    "a transposed pose": (lambda m: shot(m, POSE.T), nrs.ArgumentError, "transposed, give pose.T"),
+    "a translation for a pose": (
+        lambda m: shot(m, [0, 0, 4]),
+        nrs.ArgumentError,
+        "pose[:3, 3] = translation",
+    ),
+    "rotation and translation for a pose": (
+        lambda m: shot(m, (np.eye(3), [0, 0, 4])),
+        nrs.ArgumentError,
+        "give one matrix",
+    ),
+    "scale in a camera's pose": (
+        lambda m: shot(m, POSE @ np.diag([2, 2, 2, 1.0])),
+        nrs.ArgumentError,
+        "2, 2, 2 long: divide",
+    ),
+    "an instance's pose transposed": (lambda m: nrs.Scene().add(m, pose=POSE.T), nrs.ArgumentError, "pose.T"),
+    "an image without pixels": (
+        lambda _: nrs.Renderer(0, 48),
+        nrs.ArgumentError,
+        "width: .*1 and 8192, not 0",
+    ),
+    "an image size of floats": (
+        lambda _: nrs.Renderer(64.0, 48),
+        nrs.DtypeError,
+        "width: expected an integer",
+    ),
+    "a backend misspelt": (
+        lambda _: nrs.Renderer(64, 48, backend="CPUs"),
+        nrs.ArgumentError,
+        'backend: .*did you mean "cpu"?',
+    ),
+    "no backend": (lambda _: nrs.Renderer(64, 48, backend=None), nrs.DtypeError, "backend: expected"),
+    "a shading misspelt": (
+        lambda m: shot(m, shading="pyrendr"),
+        nrs.ArgumentError,
+        'shading: .*did you mean "pyrender"?',
+    ),
+    "an output misspelt": (lambda m: shot(m, outputs=["colour"]), nrs.ArgumentError, 'did you mean "color"?'),
+    "pixels as text": (lambda m: shot(m, pixel_error="1"), nrs.DtypeError, "pixel_error: expected a number"),
+    "a mesh for a scene": (lambda m: shot(m, scene=m), nrs.DtypeError, "scene.add(mesh)"),
+    "a trimesh scene": (
+        lambda m: shot(m, scene=trimesh.Scene()),
+        nrs.DtypeError,
+        "not trimesh.Scene; load_scene takes it over",
+    ),
+    "arguments in another order": (lambda m: shot(m, camera=POSE, pose=LENS), nrs.DtypeError, "camera, pose"),
+    "a closed renderer": (closed, nrs.NaniteError, "closed; make another: Renderer(width, height)"),
+    "a stale handle": (stale, nrs.StaleHandleError, "was removed from the scene"),
+    "an instance of another scene": (
+        lambda m: nrs.Scene().remove(made(m).add(m)),
+        nrs.ArgumentError,
+        "another scene; node.remove()",
+    ),
+    "a camera added to a scene": (
+        lambda _: nrs.Scene().add(LENS),
+        nrs.DtypeError,
+        "renderer.render(scene, camera",
+    ),
+    "a trimesh added to a scene": (
+        lambda _: nrs.Scene().add(trimesh.creation.box()),
+        nrs.DtypeError,
+        "not trimesh.Trimesh; NaniteMesh.from_trimesh",
+    ),
+    "a path added to a scene": (lambda _: nrs.Scene().add("a.ply"), nrs.DtypeError, "from_file reads files"),
+    "a colour for a material": (
+        lambda m: nrs.Scene().add(m, material=(1, 0, 0)),
+        nrs.DtypeError,
+        "Material(base_color=...)",
+    ),
+    "a texture for a material": (
+        lambda m: nrs.Scene().add(m, material=nrs.Texture(np.zeros((2, 2, 3)))),
+        nrs.DtypeError,
+        "Material(base_color_texture=texture)",
+    ),
+    "a colour of 0 to 255": (
+        lambda m: nrs.Scene().add(m, material=nrs.Material(base_color=(255, 0, 0))),
+        nrs.ArgumentError,
+        "base_color: .*by 255",
+    ),
+    "a texture without UVs": (textured, nrs.ArgumentError, "give the mesh uvs="),
+    "a path for an image": (lambda _: nrs.Texture("wood.png"), nrs.DtypeError, "Image.open reads files"),
+}
+
+
+@pytest.mark.parametrize("mistake", DRAWING)
+def test_drawing(mistake, mesh) -> None:
+    call, error, message = DRAWING[mistake]
+    check(lambda: call(mesh), error, message)
+
+
+def test_files(mesh, tmp_path) -> None:
+    check(lambda: nrs.NaniteMesh.open(tmp_path / "none.nanite"), nrs.MissingFileError, "none.nanite")
+    text = tmp_path / "text.nanite"
+    text.write_text("this is a text, and no mesh")
+    check(lambda: nrs.NaniteMesh.open(text), nrs.FormatError, "it is text, which begins 'this is")
+    text.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\n")
+    check(lambda: nrs.NaniteMesh.open(text), nrs.FormatError, "git lfs pull")
+    trimesh.creation.box().export(tmp_path / "box.glb")
+    check(lambda: nrs.NaniteMesh.open(tmp_path / "box.glb"), nrs.FormatError, "NaniteMesh.from_file")
+    check(lambda: mesh.save(tmp_path / "box.ply"), nrs.FormatError, "to_trimesh().export(path) writes .ply")
+    check(lambda: shot(mesh).save(tmp_path / "a.jpg"), nrs.FormatError, ".jpg is unknown; .*.png or .exr")
+    mesh.save(tmp_path / "m.nanite")
+    scene = made(nrs.NaniteMesh.open(tmp_path / "m.nanite"))
+    with nrs.Renderer(64, 48, backend="cpu", streaming=True, pool_bytes=10) as renderer:
+        check(
+            lambda: renderer.render(scene, LENS, POSE),
+            nrs.ArgumentError,
+            "pool_bytes: .*512 << 20 is 512 MiB",
+        )
+
+
+def moved(x: float, y: float, z: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+BLANK = {
+    "an empty scene": ({"scene": nrs.Scene()}, "add one with scene.add(mesh)"),
+    "a world-to-camera pose": ({"pose": np.linalg.inv(POSE)}, "np.linalg.inv(pose)"),
+    "a camera that looks away": ({"pose": POSE @ OPENCV}, "pose @ np.diag([1, -1, -1, 1])"),
+    "a world-to-camera pose of OpenCV": (
+        {"pose": np.linalg.inv(moved(3, 0, 4) @ OPENCV), "camera": nrs.PerspectiveCamera(yfov=1.6)},
+        "to an OpenCV camera",
+    ),
+    "all nearer than the near plane": (
+        {"camera": nrs.PerspectiveCamera(0.8, znear=50.0)},
+        "nearer than znear=50; give a smaller one",
+    ),
+    "all beyond the far plane": ({"camera": nrs.PerspectiveCamera(0.8, zfar=0.1)}, "farther than zfar=0.1"),
+    "a camera inside a mesh": ({"pose": np.eye(4)}, "double_sided=True"),
+}
+
+
+@pytest.mark.parametrize("mistake", BLANK)
+def test_pictures_that_show_nothing(mistake, mesh) -> None:
+    arguments, message = BLANK[mistake]
+    with pytest.warns(nrs.UsageWarning, match=re.escape(message)) as told:
+        frame = shot(mesh, **arguments)
+    assert not frame.depth.any()
+    assert len(told) == 1
+    assert told[0].filename == __file__
+
+
+def test_ordinary_use_is_silent(mesh, tmp_path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(mesh.cut(error=0)) == M
+        assert shot(mesh, pixel_error=0).depth.any()
+        scene = made(mesh)
+        with nrs.Renderer(64, 48, backend="cpu") as renderer:
+            assert renderer.render(scene, LENS, POSE).depth.any()
+            # It has shown something: what shows nothing from now on is meant.
+            assert not renderer.render(scene, LENS, POSE @ OPENCV).depth.any()
+        mesh.save(tmp_path / "any ending")
+        assert nrs.NaniteMesh.open(tmp_path / "any ending") is not None
