@@ -55,7 +55,8 @@ def test_a_frame_is_its_colours(frame) -> None:
 def test_a_frame_without_colours_says_what_it_has() -> None:
     with nrs.Renderer(16, 9, backend="cpu") as renderer:
         scene, lens = nrs.Scene(), nrs.PerspectiveCamera(yfov=0.8)
-        frame = renderer.render(scene, lens, np.eye(4), depth_only=True)
+        with pytest.warns(nrs.UsageWarning, match="no mesh"):
+            frame = renderer.render(scene, lens, np.eye(4), depth_only=True)
     assert frame._repr_png_() is None
     assert repr(frame).startswith("<Frame 16×9 of depth alone: ")
 

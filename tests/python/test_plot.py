@@ -192,7 +192,7 @@ def test_it_draws_where_it_is_told_and_returns_that(name, subject) -> None:
 def test_the_smallest_mesh_and_an_empty_frame(tmp_path) -> None:
     mesh = nrs.NaniteMesh.from_arrays([[0, 0, 0], [1.0, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     mesh.save(tmp_path / "one.nanite")
-    with nrs.Renderer(8, 8, backend="cpu") as renderer:
+    with nrs.Renderer(8, 8, backend="cpu") as renderer, pytest.warns(nrs.UsageWarning, match="no mesh"):
         empty = renderer.render(nrs.Scene(), nrs.PerspectiveCamera(yfov=0.8), np.eye(4))
     for ax in (
         nrs.plot.levels(mesh),
