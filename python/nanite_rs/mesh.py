@@ -488,7 +488,7 @@ class NaniteMesh:
         ----------
         error : float
             Largest error in the units of the mesh, of the shape (`Cut.error`) and of what it carries
-            (`Cut.attribute_error`); 0 is full detail.
+            (`Cut.attribute_error`); 0 is full detail, infinity the coarsest cut.
         target_faces : int
             At most so many triangles, or the coarsest cut there is. Groups are compared by the simplifier's
             estimate, which says more about the mean than a bound does; what the cut states is the bound as always.
@@ -534,10 +534,8 @@ class NaniteMesh:
             raise ArgumentError("pixel_error: goes with camera=; error= is in units of the mesh")
         if error is not None:
             error = _real(error, "error")
-            if not 0.0 <= error < math.inf:
-                raise ArgumentError(
-                    f"error: must be 0 or more and finite, not {error}; target_faces=1 gives the coarsest cut"
-                )
+            if not error >= 0.0:
+                raise ArgumentError(f"error: must be 0 or more, not {error}")
             return Cut(self._core.cut_error(error))
         if target_faces is None:
             reduction = _real(target_reduction, "target_reduction")

@@ -292,7 +292,8 @@ impl Mesh {
     /// The cut for an error in object units.
     fn cut_error(&self, py: Python<'_>, error: f64) -> PyResult<Cut> {
         // Rounded down: the cut never takes more than was allowed.
-        let internal = ((error - self.dag.rounding()).max(0.0) / self.dag.frame.scale) as f32;
+        // Below infinity, which is the parent error of roots: the coarsest cut holds them.
+        let internal = (((error - self.dag.rounding()).max(0.0) / self.dag.frame.scale) as f32).min(f32::MAX);
         let internal =
             if f64::from(internal) * self.dag.frame.scale > error { internal.next_down() } else { internal };
         self.cut_at(py, Threshold::Uniform(internal.max(0.0)))
@@ -322,7 +323,7 @@ impl Mesh {
         let view = renderer::camera(camera).and_then(|camera| camera.view(&pose, viewport.0, viewport.1));
         let view = view.map_err(|error| to_python(py, error))?;
         let lod = view.lod_view(&view.object_to_view(&DAffine3::IDENTITY, frame), frame, 1.0);
-        self.cut_at(py, Threshold::View(lod, pixel_error))
+        self.cut_at(py, Threshold::View(lod, pixel_error.min(f32::MAX)))
     }
 
     /// Row of the caller's `faces` for each level-0 triangle of the full-detail cut; `None` unless built with

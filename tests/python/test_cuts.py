@@ -30,6 +30,7 @@ def test_targets_are_kept_and_approached(sphere) -> None:
 
 def test_budget_below_the_coarsest_gives_the_coarsest(sphere) -> None:
     coarsest = sphere.cut(error=1e9)
+    assert np.array_equal(sphere.cut(error=np.inf).faces, coarsest.faces)
     assert len(sphere.cut(target_faces=1).faces) == len(coarsest.faces)
     assert len(coarsest.faces) < 300
 
