@@ -74,9 +74,10 @@ $(VENV)/.stamp-module: $(RUST_SOURCES) $(VENV)/.stamp-build-requirements
 		$(BIN)/maturin develop --release --locked --quiet
 	@touch $@
 
-# libOSMesa for pyrender, the oracle of the image tests. The tests say so when it is missing.
+# libOSMesa for pyrender, the oracle of the image tests, and a display for the viewer. The tests say so when one is
+# missing.
 system:
-	@tools/system-packages $(BIN)/python "the image tests" OSMesa=libosmesa6
+	@tools/system-packages $(BIN)/python "the image tests and those of the viewer" OSMesa=libosmesa6 bin/Xvfb=xvfb
 
 vulkan:
 	@tools/software-vulkan $(SOFTWARE_VULKAN)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import time
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, get_args
 
@@ -32,7 +33,7 @@ HELP: Final = (
 )
 
 _PACKAGES: Final = {
-    "jupyter": ("rendercanvas", "jupyter_rfb", "ipywidgets"),
+    "jupyter": ("rendercanvas", "ipywidgets", "jupyter_rfb"),
     "glfw": ("rendercanvas", "glfw", "wgpu"),
     "qt": ("rendercanvas",),
     "wx": ("rendercanvas", "wx"),
@@ -112,16 +113,30 @@ def _needed(package: str, name: str) -> None:
         raise BackendError(f"canvas: {name} cannot be used here: {error}") from error
 
 
+def _start_glfw() -> None:
+    """Start glfw before rendercanvas does, which ends the process where there is no display."""
+    import glfw
+
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        if not glfw.init():
+            raise OSError(str(said[-1].message) if said else "it does not start")
+
+
 def attach(viewer: Viewer, name: str, *, block: bool) -> None:
     """Put a viewer on a new canvas, and wait until it is closed, if wished and there is a window."""
     width, height = viewer.size
+    title = "" if name == "jupyter" else "nanite_rs"
     try:
+        if name == "glfw":
+            _start_glfw()
         module = importlib.import_module(f"rendercanvas.{name}")
-        canvas = module.RenderCanvas(size=(width, height), title="nanite_rs", max_fps=60)
+        canvas = module.RenderCanvas(size=(width, height), title=title, max_fps=60)
         binding = Binding(
             viewer, canvas, module.loop if name != "offscreen" else None, text=name != "jupyter"
         )
     except Exception as error:
+        viewer.close()
         raise BackendError(
             f"canvas: {name} cannot open a window here: {error}; canvas='jupyter' shows in a notebook, "
             "and Renderer draws without any window"
@@ -133,7 +148,8 @@ def attach(viewer: Viewer, name: str, *, block: bool) -> None:
         viewer.widget = _widgets.around(viewer, binding)
     elif name != "offscreen" and block:
         module.loop.run()
-        viewer.close()
+        if canvas.get_closed():  # with a loop that runs already it returns at once
+            viewer.close()
 
 
 class Binding:
@@ -151,7 +167,7 @@ class Binding:
         self.moved: list[Any] = []
         """Called without arguments after each picture."""
         self._moving, self._until = False, 0.0
-        self._button, self._slider = 0, False
+        self._button, self._slider, self._dragged = 0, False, False
         self._down = self._last = (0.0, 0.0)
         self._context = canvas.get_bitmap_context()
         canvas.add_event_handler(
@@ -195,14 +211,17 @@ class Binding:
 
     def status(self) -> list[str]:
         """What is shown, in a few lines."""
-        viewer = self.viewer
-        stats = viewer.stats
-        lines = [viewer.view + (", frozen" if viewer.frozen else "")]
-        if stats is not None:
-            lines += [
-                f"{_short(stats.triangles)} triangles in {_short(stats.clusters)} clusters",
-                f"of {_short(stats.source_triangles)}, {stats.total_ms:.0f} ms",
-            ]
+        viewer, stats = self.viewer, self.viewer.stats
+        if viewer.frozen:
+            counts = viewer.frozen_triangles, len(viewer.frozen_clusters)
+        else:
+            counts = (stats.triangles, stats.clusters) if stats else (0, 0)
+        frozen = ", frozen" if viewer.frozen else f" of {_short(stats.source_triangles)}" if stats else ""
+        lines = [
+            viewer.view,
+            f"{_short(counts[0])} triangles{frozen}, {_short(counts[1])} clusters",
+            f"{self.milliseconds:.0f} ms",
+        ]
         if self.message:
             lines.append(self.message)
         return lines
@@ -248,7 +267,7 @@ class Binding:
     def _on_pointer_down(self, event: dict[str, Any]) -> None:
         if self._button:
             return
-        self._button = event["button"]
+        self._button, self._dragged = event["button"], False
         self._down = self._last = event["x"], event["y"]
         self._slider = self._text and self._button == 1 and self._bar().holds(*self._place(event))
         if self._slider:
@@ -260,10 +279,11 @@ class Binding:
         if self._slider:
             self._slide(event, dragging=True)
             return
+        self._dragged = self._dragged or not self._is_near(event)
+        if not self._dragged:
+            return
         dx, dy = event["x"] - self._last[0], event["y"] - self._last[1]
         self._last = event["x"], event["y"]
-        if self._is_click(event) and not self._moving:
-            return  # not yet a drag
         if self._button == 1 and "Shift" not in event.get("modifiers", ()):
             self.viewer.orbit.turn(-dx * _TURN, dy * _TURN)
         else:
@@ -276,13 +296,14 @@ class Binding:
         if self._slider:
             self._slider = False
             self._slide(event, dragging=False)
-        elif button == 1 and self._is_click(event):
+        elif button == 1 and not self._dragged:
             self.viewer.pick(*self._place(event), select=True)
         if self._loop is None:
             self._moving = False
         self._redraw()
 
-    def _is_click(self, event: dict[str, Any]) -> bool:
+    def _is_near(self, event: dict[str, Any]) -> bool:
+        """Whether the pointer is about where the button was pressed, so that it was a click."""
         away = max(abs(event["x"] - self._down[0]), abs(event["y"] - self._down[1]))
         return bool(away <= _CLICK)
 

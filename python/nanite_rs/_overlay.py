@@ -63,7 +63,10 @@ def draw(
     pixel_error: float,
     ratio: float = 1.0,
 ) -> None:
-    """Write on a picture: what is shown at the upper left, what was picked below it, help at the bottom."""
+    """Write on a picture: what is shown at the upper left, what was picked below it, help at the bottom.
+
+    The slider stands at the upper right; ``ratio`` is pixels of the picture for each logical one.
+    """
     from PIL import Image, ImageDraw
 
     height, width = picture.shape[:2]
@@ -73,6 +76,8 @@ def draw(
     slider = Slider(width, ratio)
     blocks = [(gap, status), (gap * 2 + line * len(status) + gap, picked)]
     help_lines = _wrapped(helps, font, width - 2 * gap)
+    if line * len(help_lines) > height // 3:
+        help_lines = []  # there is no room
     bottom = height - gap - line * len(help_lines)
     blocks.append((bottom, help_lines))
     for top, lines in blocks:

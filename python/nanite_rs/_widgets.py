@@ -56,8 +56,6 @@ def around(viewer: Viewer, binding: Binding) -> Any:
     viewer.changed.append(follow)
     binding.moved.append(after_picture)
     follow()
-    width, _ = viewer.size
-    binding.canvas.layout.width = f"{width}px"
     return w.VBox([w.HBox([menu, slider, freeze, reset, save]), binding.canvas, status, picked])
 
 

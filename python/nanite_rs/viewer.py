@@ -33,7 +33,7 @@ from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError, InternalError
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.renderer import POOL_BYTES, Frame, FrameStats, Renderer, ShadingName
-from nanite_rs.scene import Material, MeshNode, Scene
+from nanite_rs.scene import LightNode, Material, MeshNode, Scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -284,7 +284,7 @@ class Viewer:
         self._frozen: Frozen | None = None
         self._shot: _Shot | None = None
         self.changed: list[Callable[[], object]] = []
-        """Called without arguments whenever something else is to be shown; not for changes of `orbit`."""
+        """Called without arguments whenever something else is to be shown: see `redraw`."""
         self.selected: Pick | None = None
         """What was picked last with ``select=True``: its cluster is tinted."""
         self.canvas: Any = None
@@ -304,9 +304,13 @@ class Viewer:
             center, 1.0, math.radians(azimuth), math.radians(elevation), math.radians(yfov), up
         )
         """The camera."""
-        self._lights = (
-            [(self._scene.add(light), turned) for light, turned in LIGHTS] if _is_dark(self._scene) else []
-        )
+        self._lights: list[tuple[LightNode, NDArray[np.float64]]] = []
+        self._ambient = self._scene.ambient_light
+        if self._scene._core.light_count == 0 and self._scene.environment is None:
+            self._lights = [(self._scene.add(light), turned) for light, turned in LIGHTS]
+            # Metals show nothing but what they reflect, which is not much of two lights.
+            least = 0.25 if self._shading == "gltf" else 0.06
+            self._scene.ambient_light = np.maximum(self._ambient, least)
         self._points = points - center
         self._home = center, math.radians(azimuth), math.radians(elevation)
         self.reset()
@@ -380,6 +384,11 @@ class Viewer:
             return np.zeros((0, 2), np.int64)
         return np.stack([self._frozen.instance.astype(np.int64), self._frozen.cluster], axis=1)
 
+    @property
+    def frozen_triangles(self) -> int:
+        """Triangles of the frozen cut; 0 where none is frozen."""
+        return 0 if self._frozen is None else self._frozen.triangles
+
     def resize(self, width: int, height: int) -> None:
         """Change the size of the pictures.
 
@@ -400,6 +409,22 @@ class Viewer:
         self.orbit.pivot, self.orbit.azimuth, self.orbit.elevation = self._home
         width, height = self._size
         self.orbit.distance, _ = framing(self._points, self.orbit.axes, self.orbit.yfov, width / height)
+        self._notify()
+
+    def redraw(self) -> None:
+        """Show what has changed in `orbit` or in the scene. Everything else shows itself.
+
+        Examples
+        --------
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000))
+        >>> with nrs.Viewer(mesh, width=64, height=64) as viewer:
+        ...     before = viewer.picture()
+        ...     viewer.scene.instances[0].visible = False
+        ...     viewer.redraw()
+        ...     bool((viewer.picture() == before).all())
+        False
+        """
+        self._shot = None
         self._notify()
 
     # -------------------------------------------------------------------------------------- pictures
@@ -535,12 +560,16 @@ class Viewer:
     # ----------------------------------------------------------------------------------------- ending
 
     def close(self) -> None:
-        """Thaw, take away lights that were added, and give the memory back."""
+        """Thaw, take away lights that were added, close the canvas, and give the memory back."""
         self.thaw()
         for light, _ in self._lights:
             light.remove()
+        if self._lights:
+            self._scene.ambient_light = self._ambient
         self._lights = []
         self._close_renderers()
+        if self.canvas is not None and not self.canvas.get_closed():
+            self.canvas.close()
 
     def __enter__(self) -> Viewer:
         return self
@@ -787,7 +816,7 @@ def projected(view: View, node: MeshNode, sphere: NDArray[np.float64], error: fl
 def _scene_of(shown: Shown, material: Material | None) -> tuple[Scene, NDArray[np.float64]]:
     """A scene, and points around all of it."""
     if isinstance(shown, NaniteMesh):
-        scene = Scene(ambient_light=(0.06, 0.06, 0.07), bg_color=BACKGROUND)
+        scene = Scene(bg_color=BACKGROUND)
         scene.add(shown, material=material or Material(double_sided=True))
         return scene, _outline(shown)
     if material is not None:
@@ -802,10 +831,6 @@ def _scene_of(shown: Shown, material: Material | None) -> tuple[Scene, NDArray[n
         raise ArgumentError("shown: the scene has no instance of a mesh")
     low, high = scene.bounds
     return scene, np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
-
-
-def _is_dark(scene: Scene) -> bool:
-    return scene._core.light_count == 0 and scene.environment is None
 
 
 def view(
