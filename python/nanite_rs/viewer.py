@@ -66,6 +66,9 @@ VIEWS: Final[tuple[LiveViewName, ...]] = get_args(LiveViewName)
 _OF_FRAMES: Final = ("triangles", "clusters", "groups", "levels", "overdraw")
 """Views that frames have themselves."""
 
+_UNSEEN: Final = np.array((28.0, 40.0, 64.0), np.float32)
+"""What is added to the grey of clusters that a frozen camera did not see: a dark blue."""
+
 _NEAREST: Final = 1e-3
 """Distance of the near plane, of that of the pivot."""
 
@@ -459,7 +462,7 @@ class Viewer:
         if self._frozen is not None and shot.rows is not None:
             unseen = np.append(~self._frozen.seen, False)[shot.rows]
             grey = picture[unseen].astype(np.float32).mean(axis=-1, keepdims=True)
-            picture[unseen] = (0.5 * grey + 48.0).astype(np.uint8)
+            picture[unseen] = (0.45 * grey + _UNSEEN).astype(np.uint8)
             self._draw_outline(picture, shot, self._frozen)
         if self.selected is not None:
             self._tint(picture, shot.ids, self.selected)
@@ -535,8 +538,8 @@ class Viewer:
 
         The cut of each instance that is in sight is made for this camera and built into a mesh of its own, which
         stands in for the instance in the scene until `thaw`; that takes about a second for a million triangles.
-        Pictures then show these clusters from everywhere, in grey those of which this camera saw nothing. Where an
-        instance is scaled differently along its axes, its frozen cut may be finer than what was drawn.
+        Pictures then show these clusters from everywhere, in bluish grey those of which this camera saw nothing.
+        Where an instance is scaled differently along its axes, its frozen cut may be finer than what was drawn.
         """
         if self._frozen is None:
             self._freeze(self._at_full_size())
@@ -732,9 +735,15 @@ class Viewer:
 
     @staticmethod
     def _tint(picture: NDArray[np.uint8], ids: Ids, picked: Pick) -> None:
+        """Tint a cluster, more so its triangle, and draw a line around it."""
         cluster = (ids.instance == picked.instance_id) & (ids.cluster == picked.cluster_id)
-        for where, part in ((cluster, 0.5), (cluster & (ids.triangle == picked.triangle_id), 0.8)):
-            mixed = picture[where] * (1.0 - part) + np.array((255, 214, 10)) * part
+        inner = cluster.copy()
+        for axis in (0, 1):
+            for step in (-1, 1):
+                inner &= np.roll(cluster, step, axis)
+        triangle = cluster & (ids.triangle == picked.triangle_id)
+        for where, part in ((cluster, 0.35), (triangle, 0.8), (cluster & ~inner, 1.0)):
+            mixed = picture[where] * (1.0 - part) + np.array((255, 224, 30)) * part
             picture[where] = mixed.astype(np.uint8)
 
     # ----------------------------------------------------------------------------------------- asking
@@ -787,6 +796,7 @@ class Viewer:
         """The clusters of an instance's mesh, by address."""
         key = id(node.mesh._core)
         if key not in self._tables:
+            node.mesh.cut(target_faces=1)  # brings all pages of a file into memory, which the table takes
             self._tables[key] = _core.cluster_table(node.mesh._core)
         return self._tables[key]
 
