@@ -252,7 +252,11 @@ class Binding:
 
     def handle(self, event: dict[str, Any]) -> None:
         """Do what an event asks for."""
-        getattr(self, f"_on_{event['event_type']}")(event)
+        try:
+            getattr(self, f"_on_{event['event_type']}")(event)
+        except NaniteError as error:  # such as a damaged page, which a pick reads
+            self.message = str(error)
+            self._redraw()
 
     def _place(self, event: dict[str, Any]) -> tuple[float, float]:
         """A place of the picture, pixels, inside of it."""

@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -196,16 +197,32 @@ class Pick:
         )
 
 
-@dataclass(frozen=True)
 class _Shot:
-    """A frame, where it was taken from, and what its pixels show."""
+    """A frame, where it was taken from, and what its pixels show, found when it is needed."""
 
-    frame: Frame
-    view: View
-    state: tuple[Any, ...]
-    ids: Ids
-    rows: NDArray[np.int64] | None
-    """Rows of the frozen cut's clusters."""
+    def __init__(self, frame: Frame, view: View, state: tuple[Any, ...], frozen: Frozen | None) -> None:
+        self.frame, self.view, self.state, self.frozen = frame, view, state, frozen
+
+    @cached_property
+    def ids(self) -> Ids:
+        """What pixels show of the instances, frozen or not."""
+        return ids_of(self.frame) if self.frozen is None else self._of_frozen[0]
+
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """Rows of the frozen cut's clusters."""
+        return self._of_frozen[1]
+
+    @property
+    def cut(self) -> Frozen:
+        """The frozen cut, where there is one."""
+        if self.frozen is None:
+            raise InternalError("viewer: there is no frozen cut")
+        return self.frozen
+
+    @cached_property
+    def _of_frozen(self) -> tuple[Ids, NDArray[np.int64]]:
+        return self.cut.ids(self.frame)
 
 
 class Viewer:
@@ -459,7 +476,7 @@ class Viewer:
         samples: Literal[1, 4, 16] = 1 if moving or self._view != "shaded" else self._samples
         shot = self._take(scale, samples, not moving)
         picture = self._painted(shot)
-        if self._frozen is not None and shot.rows is not None:
+        if self._frozen is not None:
             unseen = np.append(~self._frozen.seen, False)[shot.rows]
             grey = picture[unseen].astype(np.float32).mean(axis=-1, keepdims=True)
             picture[unseen] = (0.45 * grey + _UNSEEN).astype(np.uint8)
@@ -646,29 +663,27 @@ class Viewer:
             wait=wait,
         )
         self.stats = frame.stats
-        if self._frozen is not None:
-            ids, rows = self._frozen.ids(frame)
-        else:
-            ids, rows = ids_of(frame), None
-        shot = _Shot(frame, view, state, ids, rows)
+        shot = _Shot(frame, view, state, self._frozen)
         # One that did not wait may lack pages: it is not kept.
         self._shot = shot if wait else None
         return shot
 
     def _outputs(self) -> list[OutputName]:
-        own: list[OutputName] = ["color", "depth"]
-        if self._view in _OF_FRAMES and self._frozen is None:
-            own = [self._view, "depth"]
-        elif self._view != "shaded":
-            own = ["depth"]
-        return own + list(_IDS)
+        """What the picture is made of, which a GPU makes with the frame."""
+        name = self._view
+        made: list[OutputName] = ["color", "depth"] if name == "shaded" else ["depth"]
+        if name in _OF_FRAMES and (self._frozen is None or name == "overdraw"):
+            made.append(name)
+        elif name != "shaded" or self._frozen is not None or self.selected is not None:
+            made += _IDS
+        return made
 
     def _painted(self, shot: _Shot) -> NDArray[np.uint8]:
         """The present view of a shot."""
         name, frame = self._view, shot.frame
         if name == "shaded":
             return frame.color.copy()
-        covered = shot.ids.instance >= 0
+        covered = frame.depth > 0.0
         picture = np.empty((*covered.shape, 3), np.uint8)
         picture[:] = np.rint(np.array(self._scene.bg_color) * 255.0)
         if name == "overdraw" or (name in _OF_FRAMES and self._frozen is None):
@@ -695,12 +710,11 @@ class Viewer:
             return _paint.hues(instance, cluster >> np.uint32(_paint.PAGE_BITS), _paint.PAGES)
         if name == "instances":
             return _paint.hues(instance, instance, _paint.INSTANCES)
-        if self._frozen is None or shot.rows is None:
-            raise InternalError(f"view: {name} is painted of frozen cuts alone")
-        rows = shot.rows[covered]
+        # What is left are levels and groups of a frozen cut.
+        frozen, rows = shot.cut, shot.rows[covered]
         if name == "levels":
-            return _paint.levels(self._frozen.level)[rows]
-        return _paint.hues(instance, self._groups(self._frozen)[rows], _paint.GROUPS)
+            return _paint.levels(frozen.level)[rows]
+        return _paint.hues(instance, self._groups(frozen)[rows], _paint.GROUPS)
 
     def _groups(self, frozen: Frozen) -> NDArray[np.uint32]:
         """The group of each cluster of a frozen cut; that of roots is 0xFFFFFFFF."""
