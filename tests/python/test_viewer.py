@@ -428,6 +428,27 @@ def test_meshes_in_files_are_streamed(mesh, tmp_path) -> None:
             np.testing.assert_array_equal(viewer.frozen_clusters, whole.frozen_clusters)
 
 
+def test_a_gpu_shows_the_same(mesh) -> None:
+    try:
+        gpu = nrs.Viewer(scene_of(mesh), **SIZE, backend="gpu")
+    except nrs.BackendError as error:
+        pytest.skip(str(error))
+    with gpu, nrs.Viewer(scene_of(mesh), **SIZE, backend="cpu") as cpu:
+        for frozen in (False, True):
+            gpu.frozen = cpu.frozen = frozen
+            np.testing.assert_array_equal(gpu.frozen_clusters, cpu.frozen_clusters)
+            for viewer in (gpu, cpu):
+                viewer.orbit.turn(0.2 if frozen else 0.0, 0.0)
+            for name in module.VIEWS:
+                gpu.view = cpu.view = name
+                difference = np.abs(gpu.picture(moving=True).astype(int) - cpu.picture(moving=True))
+                assert (difference.max(axis=-1) <= 2).mean() > 0.999, (frozen, name)
+            shows = np.argwhere(covered(cpu))
+            y, x = shows[len(shows) // 2].tolist()
+            assert gpu.pick(x, y).cluster_id == cpu.pick(x, y).cluster_id
+        assert gpu.frame().metadata["backend"] == "gpu"
+
+
 # ------------------------------------------------------------------------------------------------ arguments
 
 
