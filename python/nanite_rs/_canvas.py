@@ -167,6 +167,7 @@ class Binding:
         self.moved: list[Any] = []
         """Called without arguments after each picture."""
         self._moving, self._until = False, 0.0
+        self._drawn = 0, 0, 0.0  # size and scale of the picture before
         self._button, self._slider, self._dragged = 0, False, False
         self._down = self._last = (0.0, 0.0)
         self._context = canvas.get_bitmap_context()
@@ -193,12 +194,15 @@ class Binding:
             return
         self.viewer.resize(min(width, 8192), min(height, 8192))
         moving = self._moving
+        scale = self.budget.scale if moving else 1.0
         start = time.perf_counter()
-        picture = self.viewer.picture(moving=moving, scale=self.budget.scale if moving else 1.0)
+        picture = self.viewer.picture(moving=moving, scale=scale)
         seconds = time.perf_counter() - start
         self.milliseconds = seconds * 1e3
-        if moving:
+        # The first picture of a size takes memory for it. On a GPU pixels are not what costs time.
+        if moving and self._drawn == (*self.viewer.size, scale) and self.viewer.backend == "cpu":
             self.budget.took(seconds)
+        self._drawn = *self.viewer.size, scale
         if self._text:
             picture = _overlay.resized(picture, *self.viewer.size)
             ratio = self.canvas.get_pixel_ratio()

@@ -334,7 +334,7 @@ class Viewer:
         self._points = points - center
         self._home = center, math.radians(azimuth), math.radians(elevation)
         self.reset()
-        self._renderer(self._size)
+        self._renderer(self._size)  # errors of the backend come now
 
     # ------------------------------------------------------------------------------------------ state
 
@@ -347,6 +347,11 @@ class Viewer:
     def size(self) -> tuple[int, int]:
         """Width and height of the pictures, pixels."""
         return self._size
+
+    @property
+    def backend(self) -> str:
+        """What renders: ``"cpu"`` or ``"gpu"``."""
+        return self._renderer(self._size).backend
 
     @property
     def view(self) -> LiveViewName:
@@ -871,7 +876,7 @@ def view(
     in the working directory, V and shift V change the view, [ and ] the pixel error, 0 shows full detail, H hides
     the help, Escape forgets what was picked. In a notebook there are a menu, a slider and buttons besides.
 
-    While the camera moves, pictures are drawn at a lower resolution where the full one takes too long.
+    While the camera moves, the CPU draws pictures at a lower resolution where the full one takes too long.
 
     Parameters
     ----------
