@@ -11,12 +11,13 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 import urllib.request
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -126,7 +127,11 @@ def lab(folder: Path) -> Iterator[str]:
     options += ["--LabApp.expose_app_in_browser=True", f"--ServerApp.root_dir={folder}"]
     with log.open("w") as stream:
         process = subprocess.Popen(
-            [sys.executable, "-m", "jupyterlab", *options], cwd=folder, env=environment, stderr=stream
+            [sys.executable, "-m", "jupyterlab", *options],
+            cwd=folder,
+            env=environment,
+            stdout=stream,
+            stderr=stream,
         )
     try:
         end = time.monotonic() + 60.0
@@ -144,8 +149,6 @@ class Browser:
     """A page of Chromium."""
 
     def __init__(self, folder: Path, width: int, height: int) -> None:
-        import websocket
-
         program = next(filter(None, map(shutil.which, BROWSERS)), None)
         if program is None:
             raise SystemExit(f"there is none of {', '.join(BROWSERS)}")
@@ -161,17 +164,28 @@ class Browser:
             f"--window-size={width},{height}",
             "--remote-allow-origins=*",
         ]
-        self._process = subprocess.Popen([program, *options, "about:blank"], stderr=subprocess.DEVNULL)
+        # The program may be a script that starts the browser: both end together.
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+        self._process = subprocess.Popen([program, *options, "about:blank"], **quiet)
+        self._number = 0
+        try:
+            self._socket = self._connected(program, folder / "DevToolsActivePort")
+        except BaseException:
+            self.close()
+            raise
+
+    def _connected(self, program: str, port: Path) -> Any:
+        import websocket
+
         end = time.monotonic() + 60.0
-        while not (port := folder / "DevToolsActivePort").exists() or not port.read_text():
+        while not port.exists() or not port.read_text():
             if self._process.poll() is not None or time.monotonic() > end:
                 raise SystemExit(f"{program} does not start")
             time.sleep(0.1)
         listing = f"http://127.0.0.1:{port.read_text().split()[0]}/json"
         with urllib.request.urlopen(listing) as answer:
             (page,) = [page for page in json.load(answer) if page["type"] == "page"]
-        self._socket = websocket.create_connection(page["webSocketDebuggerUrl"], timeout=60)
-        self._number = 0
+        return websocket.create_connection(page["webSocketDebuggerUrl"], timeout=60)
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Call a method of the protocol."""
@@ -225,7 +239,8 @@ class Browser:
 
     def close(self) -> None:
         """End it."""
-        self._process.terminate()
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGTERM)
         self._process.wait(20)
 
 
