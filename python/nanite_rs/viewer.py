@@ -915,9 +915,9 @@ def view(
     """
     from nanite_rs import _canvas
 
-    name = _canvas.chosen(canvas)
-    viewer = shown if isinstance(shown, Viewer) else Viewer(shown, **options)
     if isinstance(shown, Viewer) and options:
         raise ArgumentError(f"{', '.join(options)}: assign to the viewer that is shown")
+    name = _canvas.chosen(canvas)
+    viewer = shown if isinstance(shown, Viewer) else Viewer(shown, **options)
     _canvas.attach(viewer, name, block=block)
     return viewer
