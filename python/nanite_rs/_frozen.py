@@ -65,11 +65,8 @@ def cut_of(node: MeshNode, view: View, pixel_error: float) -> Cut:
     linear, place = node.pose[:3, :3], node.pose[:3, 3]
     left, scales, right = np.linalg.svd(linear)
     small, large = scales[-1], scales[0]
-    turn = (left @ right).T @ view.pose[:3, :3]
-    if np.linalg.det(turn) < 0.0:
-        turn[:, 0] *= -1.0  # seen in a mirror, distances are the same
     pose = np.eye(4)
-    pose[:3, :3] = turn
+    pose[:3, :3] = (left @ right).T @ view.pose[:3, :3]
     pose[:3, 3] = np.linalg.solve(linear, view.pose[:3, 3] - place)
     camera = replace(view.camera, znear=view.camera.znear / small)
     return node.mesh.cut(

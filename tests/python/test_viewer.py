@@ -143,8 +143,12 @@ def test_views_of_frames_are_those_of_the_frame(viewer, name) -> None:
 
 
 def test_the_shaded_view_is_the_frame_of_several_samples(mesh, viewer) -> None:
-    np.testing.assert_array_equal(viewer.picture(), viewer.frame(samples=4).color)
-    np.testing.assert_array_equal(viewer.picture(moving=True), viewer.frame().color)
+    still, moving = viewer.picture(), viewer.picture(moving=True)
+    for picture, samples in ((still, 4), (moving, 1)):
+        frame = viewer.frame(samples=samples)
+        assert frame.stats.samples == samples
+        np.testing.assert_array_equal(picture, frame.color)
+    assert (still != moving).any()
 
 
 def test_other_views_show_what_they_say(mesh) -> None:
@@ -579,6 +583,23 @@ def test_dragging_turns_moves_and_zooms(shown) -> None:
     shown.canvas.submit_event(wheel)
     draw(shown)
     assert 0.5 * distance < orbit.distance < 0.9 * distance
+
+
+def test_pictures_have_all_samples_unless_a_button_is_held(shown) -> None:
+    shown.view = "shaded"
+    draw(shown)
+    assert shown.stats.samples == 4
+    pointer(shown, "down", 100, 80)
+    pointer(shown, "move", 130, 80)
+    draw(shown)
+    assert shown.stats.samples == 1
+    pointer(shown, "up", 130, 80)
+    draw(shown)
+    assert shown.stats.samples == 4
+    wheel = {"event_type": "wheel", "dx": 0.0, "dy": 100.0, "x": 100, "y": 75, "buttons": (), "modifiers": ()}
+    shown.canvas.submit_event(wheel)
+    draw(shown)
+    assert shown.stats.samples == 4
 
 
 def test_a_click_picks_and_a_double_click_centers(shown) -> None:
