@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, get_args
 import numpy as np
 
 from nanite_rs import _overlay
-from nanite_rs.exceptions import ArgumentError, BackendError, DependencyError, NaniteError
+from nanite_rs.exceptions import ArgumentError, BackendError, DependencyError, NaniteError, StaleHandleError
 from nanite_rs.viewer import VIEWS, CanvasName, Viewer
 
 if TYPE_CHECKING:
@@ -206,9 +206,8 @@ class Binding:
         if self._text:
             picture = _overlay.resized(picture, *self.viewer.size)
             ratio = self.canvas.get_pixel_ratio()
-            picked = str(self.viewer.selected).splitlines() if self.viewer.selected else ()
             lines = HELP if self.help else ()
-            _overlay.draw(picture, self.status(), lines, picked, self.viewer.pixel_error, ratio)
+            _overlay.draw(picture, self.status(), lines, self.picked(), self.viewer.pixel_error, ratio)
         self._context.set_bitmap(_opaque(picture))
         for call in self.moved:
             call()
@@ -229,6 +228,16 @@ class Binding:
         if self.message:
             lines.append(self.message)
         return lines
+
+    def picked(self) -> list[str]:
+        """What was picked, in a few lines, with its error as it is seen now."""
+        found = self.viewer.selected
+        if found is None:
+            return []
+        try:
+            return found.table(self.viewer.pixels_now(found)).splitlines()
+        except StaleHandleError:
+            return ["it was removed from the scene"]
 
     def _redraw(self) -> None:
         self.canvas.request_draw()

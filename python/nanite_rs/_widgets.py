@@ -35,7 +35,7 @@ def around(viewer: Viewer, binding: Binding) -> Any:
     reset, save = w.Button(description="Reset", icon="home"), w.Button(description="Save", icon="download")
     for button in (freeze, reset, save):
         button.layout = w.Layout(width="92px")
-    status, picked = w.HTML(), w.HTML()
+    status, picked = w.HTML(), w.HTML(_lines([HINT]))
 
     # Each steers the viewer, and follows it: assigning what is there already does nothing.
     menu.observe(lambda change: setattr(viewer, "view", change["new"]), "value")
@@ -47,11 +47,10 @@ def around(viewer: Viewer, binding: Binding) -> Any:
     def follow() -> None:
         menu.value, freeze.value = viewer.view, viewer.frozen
         slider.value = _on_slider(viewer.pixel_error)
-        text = str(viewer.selected) if viewer.selected else HINT
-        picked.value = _lines(text.splitlines())
 
     def after_picture() -> None:
         status.value = _lines([" · ".join(binding.status())])
+        picked.value = _lines(binding.picked() or [HINT])
 
     viewer.changed.append(follow)
     binding.moved.append(after_picture)

@@ -31,7 +31,7 @@ from nanite_rs._frozen import Frozen, Ids, View, ids_of
 from nanite_rs._preview import BACKGROUND, LIGHTS, UP, _outline, framing, posed
 from nanite_rs.assets import LoadedScene
 from nanite_rs.camera import PerspectiveCamera
-from nanite_rs.exceptions import ArgumentError, DtypeError, InternalError
+from nanite_rs.exceptions import ArgumentError, DtypeError, InternalError, StaleHandleError
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.renderer import POOL_BYTES, Frame, FrameStats, Renderer, ShadingName
 from nanite_rs.scene import LightNode, Material, MeshNode, Scene
@@ -188,11 +188,21 @@ class Pick:
     """Its distance along the view axis, world units."""
 
     def __str__(self) -> str:
+        return self.table(self.pixels)
+
+    def table(self, pixels: float) -> str:
+        """Return it in four lines.
+
+        Parameters
+        ----------
+        pixels : float
+            What the error is in pixels: `pixels`, or what `Viewer.pixels_now` returns.
+        """
         x, y, z = self.position
         return (
             f"instance {self.instance_id}, cluster {self.cluster_id}, triangle {self.triangle_id}\n"
             f"level {self.level}, group {self.group}, page {self.page}\n"
-            f"error {self.error:.4g} units = {self.pixels:.3g} pixels\n"
+            f"error {self.error:.4g} units = {pixels:.3g} pixels\n"
             f"at ({x:.6g}, {y:.6g}, {z:.6g})"
         )
 
@@ -536,6 +546,35 @@ class Viewer:
             self._notify()
         return found
 
+    def pixels_now(self, picked: Pick) -> float:
+        """Project the error of what was picked as the camera sees it now: grows as one nears a frozen cut.
+
+        Parameters
+        ----------
+        picked : Pick
+            What `pick` returned.
+
+        Raises
+        ------
+        StaleHandleError
+            The instance was removed from the scene.
+
+        Examples
+        --------
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.displaced_icosphere(faces=20_000))
+        >>> with nrs.Viewer(mesh, width=160, height=120, pixel_error=4.0) as viewer:
+        ...     found = viewer.pick(80, 60)
+        ...     viewer.pixels_now(found) == found.pixels
+        ...     viewer.orbit.zoom(2.0)
+        ...     viewer.pixels_now(found) > 2.0 * found.pixels
+        True
+        True
+        """
+        node = self._node(picked.instance_id)
+        table = self._table(node)
+        sphere = table["sphere"][np.searchsorted(table["id"], picked.cluster_id)]
+        return projected(self._at_full_size(), node, sphere, picked.error)
+
     def center_on(self, x: float, y: float) -> bool:
         """Make what a pixel shows the pivot, at the distance that it has; False where nothing is shown.
 
@@ -789,7 +828,7 @@ class Viewer:
         instance = int(shot.ids.instance[row, column])
         if instance < 0:
             return None
-        node = next(node for node in self._scene.instances if node.instance_id == instance)
+        node = self._node(instance)
         cluster = int(shot.ids.cluster[row, column])
         table = self._table(node)
         at = int(np.searchsorted(table["id"], cluster))
@@ -810,6 +849,12 @@ class Viewer:
             position=(px, py, pz),
             depth=depth,
         )
+
+    def _node(self, instance: int) -> MeshNode:
+        for at, (mesh, _) in self._scene._shown.items():
+            if at[0] == instance:
+                return MeshNode(self._scene, at, mesh)
+        raise StaleHandleError(f"instance {instance} was removed from the scene")
 
     def _table(self, node: MeshNode) -> dict[str, NDArray[Any]]:
         """The clusters of an instance's mesh, by address."""

@@ -344,6 +344,10 @@ def test_freezing_holds_the_clusters_while_the_camera_moves(viewer) -> None:
     viewer.orbit.zoom(4.0)
     held = viewer.pick(100, 75)
     assert held.pixels > viewer.pixel_error
+    viewer.orbit.zoom(0.25)
+    assert viewer.pixels_now(held) <= viewer.pixel_error * (1 + 1e-4)  # where it was chosen
+    viewer.orbit.zoom(4.0)
+    assert viewer.pixels_now(held) == pytest.approx(held.pixels)
     viewer.thaw()
     assert not viewer.frozen
     assert len(viewer.frozen_clusters) == 0
@@ -370,6 +374,19 @@ def test_a_frozen_cut_is_whole_and_what_was_not_seen_is_bluish(viewer) -> None:
     assert behind.sum() > 0.9 * (rows >= 0).sum()
     assert (bluish | outline)[behind].all()
     assert outline.any()
+
+
+def test_what_was_picked_may_leave_the_scene(mesh) -> None:
+    scene = scene_of(mesh)
+    with nrs.Viewer(scene, **SIZE, backend="cpu") as viewer:
+        found = viewer.pick(*_first(viewer), select=True)
+        (node,) = [node for node in scene.instances if node.instance_id == found.instance_id]
+        node.remove()
+        viewer.redraw()
+        assert not (viewer._take(1.0, None, True).ids.instance == found.instance_id).any()
+        viewer.picture()
+        with pytest.raises(nrs.StaleHandleError):
+            viewer.pixels_now(found)
 
 
 def test_of_a_scene_what_is_in_sight_stays(mesh) -> None:
@@ -745,6 +762,7 @@ def test_widgets_and_the_viewer_steer_each_other(cell) -> None:
     reset.click()
     assert cell.orbit.azimuth < azimuth
     cell.pick(100, 75, select=True)
+    sent(cell)
     for line in str(cell.selected).splitlines():
         assert line in picked.value
 
@@ -786,6 +804,9 @@ def test_a_window_shows_what_the_viewer_draws(tmp_path) -> None:
         nrs.Renderer(8, 8, backend="gpu").close()
     except nrs.BackendError as error:
         pytest.skip(f"windows are drawn by wgpu: {error}")
+    with nrs.Renderer(8, 8) as renderer:
+        if renderer.backend == "gpu":
+            pytest.skip("drivers of real GPUs may not draw into Xvfb's windows")
     width, height = 560, 420
     mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.SHAPES[SHAPE](faces=FACES, seed=0))
     command = [sys.executable, "-m", "nanite_rs", "view", f"shape:{SHAPE}:{FACES}", "--backend", "cpu"]
