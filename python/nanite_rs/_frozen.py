@@ -76,8 +76,16 @@ def cut_of(node: MeshNode, view: View, pixel_error: float) -> Cut:
 
 def _built(cut: Cut) -> NaniteMesh:
     """All triangles of a cut as a mesh of their own."""
-    # Nothing is asked of the errors of this mesh: it is drawn at full detail.
-    options = BuildOptions(error="quadric", face_ids=True)
+    # Nothing is asked of the errors of this mesh, which is drawn at full detail: they take
+    # as little time as can be.
+    options = BuildOptions(
+        error="quadric",
+        face_ids=True,
+        normal_weight=0.0,
+        color_weight=0.0,
+        uv_weight=0.0,
+        channel_weight=0.0,
+    )
     return NaniteMesh.from_arrays(
         cut.vertices,
         cut.faces,

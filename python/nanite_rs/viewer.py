@@ -598,7 +598,7 @@ class Viewer:
         """Keep the cut of the present camera while the camera moves on.
 
         The cut of each instance that is in sight is made for this camera and built into a mesh of its own, which
-        stands in for the instance in the scene until `thaw`; that takes some seconds for a million triangles.
+        stands in for the instance in the scene until `thaw`; that takes some two seconds for a million triangles.
         Pictures then show these clusters from everywhere, in bluish grey those of which this camera saw nothing.
         Where an instance is scaled differently along its axes, its frozen cut may be finer than what was drawn.
         """
