@@ -9,6 +9,7 @@
 #   make bench-gpu         frames on a GPU, or on software Vulkan, beside the CPU's, pyrender's and Embree's
 #   make bench-streaming   opening and flying along meshes that stay in their files
 #   make bench-error       run time against error, beside the simplifiers that Python has
+#   make screenshots       the viewer in a window and in JupyterLab, into target/screenshots
 #   make soak              the long property tests
 #   make clean             removes target/, .venv and what the targets wrote
 
@@ -41,7 +42,7 @@ endef
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build demo test test-rust test-python lint fmt bench bench-error bench-gpu bench-streaming soak clean tools system vulkan
+.PHONY: help build demo test test-rust test-python lint fmt bench bench-error bench-gpu bench-streaming screenshots soak clean tools system vulkan
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -74,9 +75,10 @@ $(VENV)/.stamp-module: $(RUST_SOURCES) $(VENV)/.stamp-build-requirements
 		$(BIN)/maturin develop --release --locked --quiet
 	@touch $@
 
-# libOSMesa for pyrender, the oracle of the image tests. The tests say so when it is missing.
+# libOSMesa for pyrender, the oracle of the image tests, and a display for the viewer. The tests say so when one is
+# missing.
 system:
-	@tools/system-packages $(BIN)/python "the image tests" OSMesa=libosmesa6
+	@tools/system-packages $(BIN)/python "the image tests and those of the viewer" OSMesa=libosmesa6 bin/Xvfb=xvfb
 
 vulkan:
 	@tools/software-vulkan $(SOFTWARE_VULKAN)
@@ -144,6 +146,14 @@ bench-error: build $(VENV)/.stamp-test-requirements
 	@tools/system-packages $(BIN)/python Open3D usb-1.0=libusb-1.0-0 GL=libgl1
 	@$(PIP) -r requirements/error.txt
 	$(BIN)/python -m benchmarks.python.error
+
+# ------------------------------------------------------------------------------------------------ viewer
+
+# Xvfb shows the window, Chromium without a screen the notebook.
+screenshots: build $(VENV)/.stamp-test-requirements system vulkan
+	@tools/system-packages $(BIN)/python "make screenshots" bin/chromium-headless-shell=chromium-headless-shell
+	@$(PIP) -r requirements/screenshots.txt
+	@$(with_vulkan); $(BIN)/python tests/python/screenshots.py target/screenshots
 
 clean:
 	rm -rf target $(VENV) $(DEMO_OUTPUT) .pytest_cache .mypy_cache .ruff_cache

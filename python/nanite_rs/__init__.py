@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nanite_rs import measure, plot, shapes
+from nanite_rs import measure, plot, shapes, viewer
 from nanite_rs._core import __version__
 from nanite_rs.assets import LoadedScene, load_scene
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
@@ -47,6 +47,7 @@ from nanite_rs.scene import (
     SpotLight,
 )
 from nanite_rs.texture import Image, Texture
+from nanite_rs.viewer import Orbit, Pick, Viewer, view
 
 __all__ = [
     "ArgumentError",
@@ -79,8 +80,10 @@ __all__ = [
     "MissingFileError",
     "NaniteError",
     "NaniteMesh",
+    "Orbit",
     "OrthographicCamera",
     "PerspectiveCamera",
+    "Pick",
     "PointLight",
     "PyrenderView",
     "Renderer",
@@ -95,6 +98,7 @@ __all__ = [
     "Texture",
     "TextureWarning",
     "UsageWarning",
+    "Viewer",
     "__version__",
     "compare",
     "from_pyrender",
@@ -103,4 +107,6 @@ __all__ = [
     "plot",
     "shapes",
     "simplify",
+    "view",
+    "viewer",
 ]

@@ -29,6 +29,9 @@ CUT_FACES: Final = 250_000
 OUTLINE: Final = 0.01
 """Error of the cut that a picture is framed by, of the diagonal: what may stick out of it fits the margin."""
 
+BACKGROUND: Final = (0.92, 0.93, 0.95)
+"""Colour behind what is shown."""
+
 #: Columns: where the X, Y and Z axes of a view with Y up lie in the mesh.
 UP: Final = {
     "y": np.eye(3),
@@ -58,17 +61,9 @@ def picture(
     around, above = np.radians([azimuth, elevation])
     direction = np.array([np.cos(above) * np.sin(around), np.sin(above), np.cos(above) * np.cos(around)])
     axes = UP[up] @ _facing(direction)
-    # As near as the corners of a coarse cut allow, with a margin.
-    local = (_outline(shown) - center) @ axes
-    tangents = 0.92 * np.tan(fov / 2.0) * np.array([renderer.width / renderer.height, 1.0])
-    away = max(float((local[:, 2] + (np.abs(local[:, :2]) / tangents).max(axis=1)).max()), 1e-30)
-    radius = float(np.linalg.norm(local, axis=1).max())
+    away, radius = framing(_outline(shown) - center, axes, fov, renderer.width / renderer.height)
     away *= distance
-
-    pose = _pose(axes, center + axes[:, 2] * away)
-    key = _pose(axes @ _facing(np.array([-0.8, 0.8, 1.0])), center)  # from behind the camera's left shoulder
-    fill = _pose(axes @ _facing(np.array([1.0, 0.0, 0.5])), center)
-    background = (0.92, 0.93, 0.95)
+    pose = posed(axes, center + axes[:, 2] * away)
     if isinstance(shown, LoadedScene):
         # Metals show nothing but what they reflect, which is not much of two lights.
         scene, ambient = shown.scene, 0.25
@@ -77,9 +72,9 @@ def picture(
         scene, ambient = Scene(), 0.06
         shading = "pyrender"
         scene.add(shown, material=material or Material())
-    scene.ambient_light, scene.bg_color = (ambient, ambient, ambient + 0.01), background
-    scene.add(DirectionalLight(intensity=2.4), pose=key)
-    scene.add(DirectionalLight(intensity=0.6), pose=fill)
+    scene.ambient_light, scene.bg_color = (ambient, ambient, ambient + 0.01), BACKGROUND
+    for light, turned in LIGHTS:
+        scene.add(light, pose=posed(axes @ turned, center))
     camera = PerspectiveCamera(yfov=fov, znear=max(away - 1.5 * radius, away * 1e-3))
     return renderer.render(scene, camera, pose, pixel_error=pixel_error, samples=samples, shading=shading)
 
@@ -129,7 +124,26 @@ def _facing(direction: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([right, np.cross(back, right), back], axis=1)
 
 
-def _pose(rotation: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+#: What lights a picture, with the way it faces as the camera sees it: from behind its left shoulder, and a little
+#: from the right.
+LIGHTS: Final = (
+    (DirectionalLight(intensity=2.4), _facing(np.array([-0.8, 0.8, 1.0]))),
+    (DirectionalLight(intensity=0.6), _facing(np.array([1.0, 0.0, 0.5]))),
+)
+
+
+def framing(
+    points: NDArray[np.float64], axes: NDArray[np.float64], yfov: float, aspect: float
+) -> tuple[float, float]:
+    """How far along Z of ``axes`` a camera sees all of some points, with a margin; and how far out they lie."""
+    local = points @ axes
+    tangents = 0.92 * np.tan(yfov / 2.0) * np.array([aspect, 1.0])
+    away = max(float((local[:, 2] + (np.abs(local[:, :2]) / tangents).max(axis=1)).max()), 1e-30)
+    return away, float(np.linalg.norm(local, axis=1).max())
+
+
+def posed(rotation: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A matrix of a rotation and a place."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, place
     return pose

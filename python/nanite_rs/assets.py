@@ -49,15 +49,7 @@ class LoadedScene:
     @property
     def bounds(self) -> NDArray[np.float64]:
         """A box around the boxes of all instances, (2, 3); all zero where there are none."""
-        corners = []
-        for node in (node for own in self.instances.values() for node in own):
-            low, high = node.mesh.bounds
-            box = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
-            corners.append(box @ node.pose[:3, :3].T + node.pose[:3, 3])
-        if not corners:
-            return np.zeros((2, 3))
-        joined = np.concatenate(corners)
-        return np.stack([joined.min(axis=0), joined.max(axis=0)])
+        return self.scene.bounds
 
     def view(
         self, direction: tuple[float, float, float] = (0.5, 0.4, 1.0), *, yfov: float = 0.8

@@ -31,6 +31,7 @@ examples:
   nanite-rs cut dragon.nanite -o close.obj --error 0.001
   nanite-rs render dragon.nanite -o dragon.png --size 1920x1080
   nanite-rs render dragon.nanite -o clusters.png --view clusters --pixel-error 4
+  nanite-rs view dragon.nanite                      look around in a window
   nanite-rs demo                                    all of it, on a generated mesh
   nanite-rs demo dragon.ply                         all of it, on yours
 
@@ -188,12 +189,7 @@ def _cut(arguments: argparse.Namespace) -> int:
 
 def _render(arguments: argparse.Namespace) -> int:
     _images.suffix(arguments.output)
-    shown: nrs.NaniteMesh | nrs.LoadedScene
-    if arguments.materials:
-        progress = False if arguments.quiet else None
-        shown = nrs.load_scene(arguments.input, options=_options(arguments), progress=progress)
-    else:
-        shown = _mesh(arguments)
+    shown = _shown(arguments)
     # Of a .nanite file what the picture needs is read, however large the rest.
     with nrs.Renderer(
         *arguments.size, backend=arguments.backend, streaming=True, pool_bytes=1 << 40
@@ -213,6 +209,26 @@ def _render(arguments: argparse.Namespace) -> int:
     if arguments.stats:
         print(frame.stats)
     return 0
+
+
+def _look(arguments: argparse.Namespace) -> int:
+    shown = _shown(arguments)
+    options = {name: getattr(arguments, name) for name in ("pixel_error", "backend", "up")}
+    options |= {name: getattr(arguments, name) for name in ("yfov", "azimuth", "elevation")}
+    if isinstance(shown, nrs.NaniteMesh):
+        options["material"] = nrs.Material(smooth=not arguments.flat, double_sided=True)
+    width, height = arguments.size
+    view = arguments.view or "shaded"
+    nrs.view(shown, canvas=arguments.canvas, width=width, height=height, view=view, **options)
+    return 0
+
+
+def _shown(arguments: argparse.Namespace) -> nrs.NaniteMesh | nrs.LoadedScene:
+    """What INPUT names, with its materials if wished."""
+    if arguments.materials:
+        progress = False if arguments.quiet else None
+        return nrs.load_scene(arguments.input, options=_options(arguments), progress=progress)
+    return _mesh(arguments)
 
 
 def _view(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -432,11 +448,7 @@ def _add_render(commands: Any) -> None:
     sub.add_argument(
         "--stats", action="store_true", help="print what each stage received, passed on and took"
     )
-    sub.add_argument(
-        "--materials",
-        action="store_true",
-        help="show a scene (glTF, OBJ …) with its materials and textures, shaded as glTF defines it",
-    )
+    _add_materials(sub)
     sub.add_argument(
         "--samples", type=int, default=1, choices=(1, 4, 16), help="of each pixel, against jagged edges (1)"
     )
@@ -444,6 +456,27 @@ def _add_render(commands: Any) -> None:
     sub.add_argument(
         "--distance", type=float, default=1.0, metavar="D", help="camera distance; 1 fills the picture (1)"
     )
+    _add_building(sub)
+
+
+def _add_materials(sub: Any) -> None:
+    sub.add_argument(
+        "--materials",
+        action="store_true",
+        help="show a scene (glTF, OBJ …) with its materials and textures, shaded as glTF defines it",
+    )
+
+
+def _add_view(commands: Any) -> None:
+    text = (
+        "Look around in a window: turn, move, zoom, change the error, freeze the cut, ask what a pixel shows."
+    )
+    sub = _command(commands, "view", _look, text, "nanite-rs view dragon.nanite --view clusters")
+    sub.add_argument("input", metavar="INPUT", help=INPUT_HELP)
+    sub.add_argument("--view", choices=nrs.viewer.VIEWS, help="what is shown at first (shaded)")
+    sub.add_argument("--canvas", choices=("glfw", "qt", "wx"), default="glfw", help="what opens it (glfw)")
+    _add_materials(sub)
+    _add_viewing(sub)
     _add_building(sub)
 
 
@@ -465,7 +498,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"nanite-rs {nrs.__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for add in (_add_build, _add_info, _add_cut, _add_render, _add_demo):
+    for add in (_add_build, _add_info, _add_cut, _add_render, _add_view, _add_demo):
         add(commands)
     return parser
 

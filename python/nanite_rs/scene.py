@@ -318,11 +318,11 @@ class MeshNode(_Node):
     Every use after the instance was removed raises `StaleHandleError`.
     """
 
-    __slots__ = ("_material", "_mesh")
+    __slots__ = ("_mesh",)
 
-    def __init__(self, scene: Scene, handle: Handle, mesh: NaniteMesh, material: Look) -> None:
+    def __init__(self, scene: Scene, handle: Handle, mesh: NaniteMesh) -> None:
         super().__init__(scene, handle)
-        self._mesh, self._material = mesh, material
+        self._mesh = mesh
 
     @property
     def mesh(self) -> NaniteMesh:
@@ -358,16 +358,18 @@ class MeshNode(_Node):
     @property
     def material(self) -> Look:
         """The look: a material, or those of the mesh's ``face_materials`` by number; assign to change it."""
-        return self._material
+        self._scene._core.pose(self._handle)  # stale handles raise
+        return self._scene._shown[self._handle][1]
 
     @material.setter
     def material(self, material: Look) -> None:
         self._scene._core.set_material(self._handle, _raw(material))
-        self._material = material
+        self._scene._shown[self._handle] = self._mesh, material
 
     def remove(self) -> None:
         """Remove the instance from its scene."""
         self._scene._core.remove(self._handle)
+        del self._scene._shown[self._handle]
 
     def __repr__(self) -> str:
         try:
@@ -378,6 +380,15 @@ class MeshNode(_Node):
         return (
             f"<MeshNode {self.instance_id}: {len(self._mesh):,} triangles at ({x:g}, {y:g}, {z:g}){hidden}>"
         )
+
+
+def _corners(node: MeshNode) -> NDArray[np.float64]:
+    """Corners of the box around an instance's mesh in the world, (8, 3)."""
+    low, high = node.mesh.bounds
+    box = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
+    pose = node.pose
+    corners: NDArray[np.float64] = box @ pose[:3, :3].T + pose[:3, 3]
+    return corners
 
 
 class LightNode(_Node):
@@ -451,7 +462,7 @@ class Scene:
     nanite_rs.exceptions.StaleHandleError: stale handle: instance 0 (generation 0) was removed from the scene
     """
 
-    __slots__ = ("__weakref__", "_core", "_environment")
+    __slots__ = ("__weakref__", "_core", "_environment", "_shown")
 
     def __init__(
         self,
@@ -461,6 +472,8 @@ class Scene:
         environment: Environment | None = None,
     ) -> None:
         self._core = _core.Scene()
+        # Mesh and look of each instance. Not its node, which refers to the scene.
+        self._shown: dict[Handle, tuple[NaniteMesh, Look]] = {}
         self.ambient_light = ambient_light
         self.bg_color = bg_color
         self.environment = environment
@@ -509,7 +522,8 @@ class Scene:
                 handle = self._core.add_mesh(item._core, _pose(pose), _raw(material))
             except ArgumentError as error:
                 raise _advised(error, pose) from None
-            return MeshNode(self, handle, item, material)
+            self._shown[handle] = item, material
+            return MeshNode(self, handle, item)
         if isinstance(item, DirectionalLight | PointLight | SpotLight):
             if material is not None:
                 raise ArgumentError("material: a light has none")
@@ -521,6 +535,28 @@ class Scene:
         if node.scene is not self:
             raise ArgumentError("node: belongs to another scene; node.remove() removes it from its own")
         node.remove()
+
+    @property
+    def instances(self) -> list[MeshNode]:
+        """The instances of meshes, hidden ones included, in the order in which they were added.
+
+        Examples
+        --------
+        >>> scene = nrs.Scene()
+        >>> node = scene.add(nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20)))
+        >>> scene.instances == [node]
+        True
+        """
+        return [MeshNode(self, handle, mesh) for handle, (mesh, _) in self._shown.items()]
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """A box around the boxes of all instances, (2, 3) float64; all zero where there are none."""
+        corners = [_corners(node) for node in self.instances]
+        if not corners:
+            return np.zeros((2, 3))
+        joined = np.concatenate(corners)
+        return np.stack([joined.min(axis=0), joined.max(axis=0)])
 
     @property
     def ambient_light(self) -> Rgb:

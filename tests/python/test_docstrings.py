@@ -48,6 +48,8 @@ def frame() -> nrs.Frame:
 def test_examples_run(example, frame, tmp_path, monkeypatch):
     if example.name.startswith("nanite_rs.plot"):
         pytest.importorskip("matplotlib")
+    if example.name == "nanite_rs.viewer.view":
+        pytest.importorskip("rendercanvas")
     monkeypatch.chdir(tmp_path)
     example.globs.setdefault("frame", frame)
     printed: list[str] = []
