@@ -53,7 +53,8 @@ def execute(path: Path, folder: Path, **environment: str) -> dict[str, list[dict
     missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
     if missing:
         pytest.skip(f"notebooks need {', '.join(missing)}")
-    settings = {"NANITE_NOTEBOOK_FACES": FACES, "MESH": "", "PYTHONPATH": str(ROOT / "python"), **environment}
+    own = {"PYTHONPATH": str(ROOT / "python"), "IPYTHONDIR": str(folder / "ipython")}
+    settings = {"NANITE_NOTEBOOK_FACES": FACES, "MESH": "", "MESH_UP": "y"} | own | environment
     done = subprocess.run(
         [sys.executable, str(ROOT / "tools/run-notebooks.py"), "--timeout", "120", str(folder), str(path)],
         capture_output=True,
