@@ -2,6 +2,7 @@
 #
 #   make demo              build, cut and render a generated mesh into demo_output/
 #   make demo MESH=path    the same with a mesh of yours
+#   make notebooks         execute notebooks/ into target/notebooks/, with their pictures; with MESH=path on yours
 #   make test              cargo test, pytest, and the skipped tests with their reasons
 #   make test STRICT=1     fails when any test was skipped
 #   make lint              rustfmt, clippy, rustdoc, ruff, mypy, stubtest
@@ -42,7 +43,7 @@ endef
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build demo test test-rust test-python lint fmt bench bench-error bench-gpu bench-streaming screenshots soak clean tools system vulkan
+.PHONY: help build demo notebooks test test-rust test-python lint fmt bench bench-error bench-gpu bench-streaming screenshots soak clean tools system vulkan
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -89,6 +90,10 @@ build: $(VENV)/.stamp-module
 
 demo: build
 	@$(BIN)/python -m nanite_rs demo --output $(DEMO_OUTPUT) $(if $(MESH),"$(MESH)")
+
+# MESH is made absolute, since notebooks run where their copies go.
+notebooks: build $(VENV)/.stamp-test-requirements system
+	@$(if $(MESH),MESH="$(abspath $(MESH))") $(BIN)/python tools/run-notebooks.py target/notebooks
 
 # ------------------------------------------------------------------------------------------------ tests
 

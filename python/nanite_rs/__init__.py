@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from nanite_rs import measure, plot, shapes, viewer
 from nanite_rs._core import __version__
+from nanite_rs.animation import save_animation
 from nanite_rs.assets import LoadedScene, load_scene
-from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
+from nanite_rs.camera import (
+    Camera,
+    IntrinsicsCamera,
+    OrthographicCamera,
+    PerspectiveCamera,
+    look_at,
+    orbit,
+)
 from nanite_rs.comparison import Comparison, SilhouetteDistance, compare
 from nanite_rs.cut import Cut
 from nanite_rs.exceptions import (
@@ -103,8 +111,11 @@ __all__ = [
     "compare",
     "from_pyrender",
     "load_scene",
+    "look_at",
     "measure",
+    "orbit",
     "plot",
+    "save_animation",
     "shapes",
     "simplify",
     "view",

@@ -71,9 +71,9 @@ def openimageio(purpose: str) -> Any:
 
 
 @contextmanager
-def _beside(path: str) -> Iterator[str]:
+def beside(path: str) -> Iterator[str]:
     """Name a new empty file beside ``path``: it takes that name when the block ends well, and goes otherwise."""
-    name = f".nanite-{secrets.token_hex(8)}{suffix(path)}"
+    name = f".nanite-{secrets.token_hex(8)}{os.path.splitext(path)[1].lower()}"
     temporary = os.path.join(os.path.dirname(path), name)
     try:
         with open(temporary, "xb"):
@@ -97,7 +97,7 @@ def write_png(path: str, picture: NDArray[np.uint8], texts: Mapping[str, str]) -
     for key, text in texts.items():
         info.add_text(key, text)
     image = Image.fromarray(picture)
-    with _beside(path) as temporary:
+    with beside(path) as temporary:
         image.save(temporary, format="PNG", compress_level=3, pnginfo=info)
 
 
@@ -147,7 +147,7 @@ def _described(spec: Any, texts: Mapping[str, str]) -> Any:
 
 def _write(oiio: Any, path: str, parts: Sequence[tuple[Any, NDArray[Any]]]) -> None:
     """Write the parts of a file: specification and pixels each."""
-    with _beside(path) as temporary:
+    with beside(path) as temporary:
         output = oiio.ImageOutput.create(temporary)
         specs = tuple(spec for spec, _ in parts)
         written = output.open(temporary, specs if len(specs) > 1 else specs[0])

@@ -1,4 +1,4 @@
-"""Cameras with pyrender's parameters.
+"""Cameras with pyrender's parameters, and poses for them.
 
 A camera has no pose of its own: a 4×4 camera-to-world matrix goes with it when a frame is rendered or a cut is
 made. Axes are OpenGL's: the camera looks along its −Z, +Y is up, +X right. Distances are in world units.
@@ -11,17 +11,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 
 from nanite_rs import _advice, _core
-from nanite_rs.exceptions import ArgumentError
+from nanite_rs.exceptions import ArgumentError, DtypeError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Camera", "IntrinsicsCamera", "OrthographicCamera", "PerspectiveCamera"]
+__all__ = ["Camera", "IntrinsicsCamera", "OrthographicCamera", "PerspectiveCamera", "look_at", "orbit"]
 
 Spec: TypeAlias = tuple[str, list[float], float, float | None]
 
@@ -174,3 +174,155 @@ class OrthographicCamera(Camera):
                 [0.0, 0.0, 0.0, 1.0],
             ]
         )
+
+
+class HasBounds(Protocol):
+    """What knows its box: meshes and scenes of nanite_rs and of trimesh."""
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Smallest and largest corner: (2, 3)."""
+
+
+def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 1.0, 0.0)) -> NDArray[np.float64]:
+    """Return the pose of a camera, or of a light, at ``eye`` that looks at ``target``.
+
+    Parameters
+    ----------
+    eye : (3,) array
+        Where it stands, world units.
+    target : (3,) array
+        What is in the middle of its picture.
+    up : (3,) array
+        What is upward in its picture, of any length; not along the line of sight.
+
+    Returns
+    -------
+    (4, 4) float64 array
+        Camera-to-world matrix, OpenGL axes.
+
+    Raises
+    ------
+    ArgumentError, DtypeError
+        An argument is not three finite numbers, `eye` is at `target`, or `up` is along the line of sight.
+
+    Examples
+    --------
+    >>> nrs.look_at((0, 0, 3), (0, 0, 0))
+    array([[1., 0., 0., 0.],
+           [0., 1., 0., 0.],
+           [0., 0., 1., 3.],
+           [0., 0., 0., 1.]])
+    """
+    place, seen, upward = _three(eye, "eye"), _three(target, "target"), _three(up, "up")
+    back = place - seen
+    length = float(np.linalg.norm(back))
+    if length == 0.0:
+        raise ArgumentError("eye: is at target; a camera has to look somewhere")
+    back /= length
+    right = np.cross(upward, back)
+    across = float(np.linalg.norm(right))
+    if not across > 1e-9 * float(np.linalg.norm(upward)):
+        raise ArgumentError(f"up: {upward.tolist()} is along the line of sight; give another direction")
+    right /= across
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = right, np.cross(back, right), back, place
+    return pose
+
+
+def orbit(
+    around: HasBounds | ArrayLike,
+    count: int,
+    *,
+    yfov: float = np.pi / 4,
+    elevation: float = np.pi / 9,
+    azimuth: float = 0.0,
+    distance: float = 1.0,
+    up: ArrayLike = (0.0, 1.0, 0.0),
+) -> list[NDArray[np.float64]]:
+    """Return poses on a circle about something, all of them looking at its middle: a camera's way around it.
+
+    The circle is gone round once, counter-clockwise as seen from above; the last pose is one step before the
+    first, so that an animation repeats without a stop.
+
+    Parameters
+    ----------
+    around : NaniteMesh, LoadedScene, anything else with ``bounds``, or (2, 3) array
+        What to go round: the smallest and the largest corner of its box.
+    count : int
+        How many poses, 1 or more.
+    yfov : float
+        Vertical field of view of the camera that will be used, radians.
+    elevation : float
+        Angle above the horizon, radians, between −π/2 and π/2.
+    azimuth : float
+        Where to begin, radians. With Y up, 0 is on the side of +Z and π/2 on that of +X.
+    distance : float
+        At 1 the sphere about the box fits the height of the picture; half of it is twice as near.
+    up : (3,) array
+        What is upward: the axis of the circle.
+
+    Returns
+    -------
+    list of (4, 4) float64 arrays
+        Camera-to-world matrices, OpenGL axes.
+
+    Raises
+    ------
+    ArgumentError, DtypeError
+        An argument has another type or shape, or is out of range.
+
+    Examples
+    --------
+    >>> poses = nrs.orbit([[-1, -1, -1], [1, 1, 1]], 4, elevation=0.0)
+    >>> [np.rint(2 * pose[:3, 3]).astype(int).tolist() for pose in poses]
+    [[0, 0, 9], [9, 0, 0], [0, 0, -9], [-9, 0, 0]]
+    """
+    box = np.asarray(around.bounds if hasattr(around, "bounds") else around, np.float64)
+    if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
+        raise ArgumentError(
+            "around: expected a mesh, a scene, or the two corners of a box, the smaller first"
+        )
+    if isinstance(count, bool) or not isinstance(count, int | np.integer):
+        raise DtypeError(f"count: expected an integer, not {type(count).__name__}")
+    if count < 1:
+        raise ArgumentError(f"count: must be 1 or more, not {count}")
+    if not 0.0 < yfov < np.pi:
+        raise ArgumentError(
+            f"yfov: must be between 0 and π, not {yfov}; give degrees as np.radians({yfov:g})"
+        )
+    if not abs(elevation) < np.pi / 2:
+        raise ArgumentError(f"elevation: must be between −π/2 and π/2, not {elevation}; angles are radians")
+    if not np.isfinite(azimuth):
+        raise ArgumentError(f"azimuth: must be finite, not {azimuth}")
+    radius = float(np.linalg.norm(box[1] - box[0])) / 2.0
+    away = float(distance) * radius / np.sin(yfov / 2.0)
+    if not (away > 0.0 and np.isfinite(away)):
+        raise ArgumentError(f"distance: must be positive, and the box more than a point, not {distance}")
+    upward = _three(up, "up")
+    length = float(np.linalg.norm(upward))
+    if length == 0.0:
+        raise ArgumentError("up: expected a direction, found zeros")
+    upward /= length
+    # +Z where that is possible, made upright.
+    front = np.array([0.0, 0.0, 1.0]) if abs(upward[2]) < 0.9 else np.array([0.0, -np.sign(upward[2]), 0.0])
+    front -= (front @ upward) * upward
+    front /= np.linalg.norm(front)
+    side = np.cross(upward, front)
+    middle = box.mean(axis=0)
+    poses = []
+    for turn in azimuth + 2.0 * np.pi * np.arange(int(count)) / int(count):
+        level = np.cos(turn) * front + np.sin(turn) * side
+        direction = np.cos(elevation) * level + np.sin(elevation) * upward
+        poses.append(look_at(middle + away * direction, middle, upward))
+    return poses
+
+
+def _three(value: ArrayLike, name: str) -> NDArray[np.float64]:
+    try:
+        array = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        raise DtypeError(f"{name}: expected three numbers, not {value!r}") from None
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise ArgumentError(f"{name}: expected three finite numbers, found {value!r}")
+    return array
