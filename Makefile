@@ -4,7 +4,8 @@
 #   make demo MESH=path    the same with a mesh of yours
 #   make test              cargo test, pytest, and the skipped tests with their reasons
 #   make test STRICT=1     fails when any test was skipped
-#   make lint              rustfmt, clippy, rustdoc, ruff, mypy, stubtest
+#   make lint              rustfmt, clippy, rustdoc, ruff, mypy, stubtest, and the documentation
+#   make docs              the documentation as HTML, into target/docs
 #   make bench             benchmarks/, Rust and Python
 #   make bench-gpu         frames on a GPU, or on software Vulkan, beside the CPU's, pyrender's and Embree's
 #   make bench-streaming   opening and flying along meshes that stay in their files
@@ -41,7 +42,7 @@ endef
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build demo test test-rust test-python lint fmt bench bench-error bench-gpu bench-streaming soak clean tools system vulkan
+.PHONY: help build demo test test-rust test-python lint docs fmt bench bench-error bench-gpu bench-streaming soak clean tools system vulkan
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -65,6 +66,11 @@ $(VENV)/.stamp-test-requirements: requirements/test.txt requirements/pyrender.tx
 	@echo "installing what the tests need into $(VENV)"
 	@$(PIP) -r requirements/test.txt
 	@$(PIP) --no-deps -r requirements/pyrender.txt
+	@touch $@
+
+$(VENV)/.stamp-docs-requirements: requirements/docs.txt $(VENV)/.stamp-build-requirements
+	@echo "installing what the documentation needs into $(VENV)"
+	@$(PIP) -r requirements/docs.txt
 	@touch $@
 
 # The compiled module lands in python/nanite_rs/, which .venv then imports in place.
@@ -121,6 +127,12 @@ lint: build $(VENV)/.stamp-test-requirements
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest nanite_rs._core --ignore-disjoint-bases
+	@$(MAKE) --no-print-directory docs
+
+# All anew each time: pages that did not change would keep their warnings to themselves.
+docs: build $(VENV)/.stamp-docs-requirements
+	$(BIN)/python -m sphinx -q -E -W --keep-going -c docs -d target/doctrees . target/docs
+	@echo "wrote target/docs/index.html"
 
 fmt: $(VENV)/.stamp-test-requirements
 	cargo fmt

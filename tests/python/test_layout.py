@@ -42,14 +42,14 @@ def test_every_make_target_is_documented():
     targets = set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
     phony = set(re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)[1].split())
     assert phony <= targets
-    for target in ("demo", "test", "lint", "bench", "soak", "clean"):
+    for target in ("demo", "test", "lint", "docs", "bench", "soak", "clean"):
         assert f"make {target}" in makefile.split("SHELL :=")[0]
     for target in ("demo", "test"):
         assert f"make {target}" in read("README.md")
 
 
 def test_requirements_are_pinned():
-    for name in ("build", "test", "pyrender"):
+    for name in ("build", "test", "docs", "pyrender"):
         for line in read(f"requirements/{name}.txt").splitlines():
             if line and not line.startswith(("#", "-r")):
                 assert re.match(r"^[\w.-]+==[\w.]+( *;.*)?$", line), f"{name}.txt: {line}"

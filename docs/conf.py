@@ -1,0 +1,63 @@
+"""Sphinx's settings: `make docs` writes the site to target/docs.
+
+The source folder is the whole repository, so that links between guides, README, results and the rest are
+the same in the repository and on the site.
+"""
+
+import re
+
+import nanite_rs
+
+project = "nanite_rs"
+version = release = nanite_rs.__version__
+project_copyright = ""
+html_show_copyright = False
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+root_doc = "docs/index"
+include_patterns = [
+    "docs/*.md",
+    "docs/reference/*.rst",
+    "benchmarks/README.md",
+    "benchmarks/results/*.md",
+    "fuzz/README.md",
+    "ARCHITECTURE.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "README.md",
+]
+exclude_patterns = [".venv", "target", "**/.*"]
+templates_path = ["_templates"]
+
+# Markdown: headings are targets as they are where repositories are shown, and [ ] is text.
+myst_heading_anchors = 4
+
+# `NaniteMesh.cut` in a docstring is a link where there is such a name, and code where not.
+default_role = "py:obj"
+autodoc_default_options = {"members": True}
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_class_signature = "mixed"
+napoleon_numpy_docstring = True
+napoleon_google_docstring = False
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+python_maximum_signature_line_length = 80
+add_module_names = False
+toc_object_entries_show_parents = "hide"
+
+html_theme = "furo"
+html_title = f"nanite_rs {release}"
+html_copy_source = False
+# The front page lies in docs/, as its source does; index.html leads there.
+html_additional_pages = {"index": "redirect.html"}
+
+
+def link_guides(_app, _what, _name, _object, _options, lines):
+    """What docstrings call docs/numerics.md is a link on the site."""
+    lines[:] = [re.sub(r"(?<!`)\bdocs/(\w+)\.md\b", r":doc:`/docs/\1`", line) for line in lines]
+
+
+def setup(app):
+    """What Sphinx calls."""
+    app.connect("autodoc-process-docstring", link_guides)
