@@ -53,11 +53,24 @@ html_copy_source = False
 html_additional_pages = {"index": "redirect.html"}
 
 
-def link_guides(_app, _what, _name, _object, _options, lines):
-    """What docstrings call docs/numerics.md is a link on the site."""
+def prepare(_app, what, _name, _object, _options, lines):
+    """What docstrings call docs/numerics.md is a link on the site, and those of attributes are prose.
+
+    Napoleon takes the first line of an attribute's docstring up to a colon for its type: here that line is an
+    escaped end of line, which shows as nothing.
+    """
     lines[:] = [re.sub(r"(?<!`)\bdocs/(\w+)\.md\b", r":doc:`/docs/\1`", line) for line in lines]
+    if what in ("attribute", "data", "property"):
+        lines.insert(0, "\\")
+
+
+def hide_internal(_app, what, _name, _object, _options, signature, _returns):
+    """Classes that only the package makes are shown without how."""
+    made_inside = what == "class" and re.search(r"\b(core|handle)\b", signature or "")
+    return ("", None) if made_inside else None
 
 
 def setup(app):
     """What Sphinx calls."""
-    app.connect("autodoc-process-docstring", link_guides)
+    app.connect("autodoc-process-docstring", prepare, priority=400)
+    app.connect("autodoc-process-signature", hide_internal)
