@@ -6,6 +6,8 @@
 #   make test STRICT=1     fails when any test was skipped
 #   make lint              rustfmt, clippy, rustdoc, ruff, mypy, stubtest, and the documentation
 #   make docs              the documentation as HTML, into target/docs
+#   make wheel             a wheel and a source archive, into target/wheels
+#   make check-wheel       the same, then installs and tries the wheel in an environment of its own
 #   make bench             benchmarks/, Rust and Python
 #   make bench-gpu         frames on a GPU, or on software Vulkan, beside the CPU's, pyrender's and Embree's
 #   make bench-streaming   opening and flying along meshes that stay in their files
@@ -42,7 +44,7 @@ endef
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build demo test test-rust test-python lint docs fmt bench bench-error bench-gpu bench-streaming soak clean tools system vulkan
+.PHONY: help build demo test test-rust test-python lint docs wheel check-wheel fmt bench bench-error bench-gpu bench-streaming soak clean tools system vulkan
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -138,6 +140,16 @@ fmt: $(VENV)/.stamp-test-requirements
 	cargo fmt
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
+
+# ------------------------------------------------------------------------------------------- packaging
+
+wheel: $(VENV)/.stamp-build-requirements
+	@rm -rf target/wheels
+	@$(BIN)/maturin build --release --locked --quiet --out target/wheels
+	@$(BIN)/maturin sdist --quiet --out target/wheels
+
+check-wheel: wheel
+	@$(BIN)/python tools/check-wheel.py target/wheels
 
 # --------------------------------------------------------------------------------------------- measuring
 
