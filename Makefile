@@ -8,7 +8,7 @@
 #   make docs              the documentation as HTML, into target/docs
 #   make wheel             a wheel and a source archive, into target/wheels
 #   make check-wheel       the same, then installs and tries the wheel in an environment of its own
-#   make bench             benchmarks/, Rust and Python
+#   make bench             benchmarks/, Rust and Python, and a page of them in target/report
 #   make bench-gpu         frames on a GPU, or on software Vulkan, beside the CPU's, pyrender's and Embree's
 #   make bench-streaming   opening and flying along meshes that stay in their files
 #   make bench-error       run time against error, beside the simplifiers that Python has
@@ -159,7 +159,7 @@ bench: build $(VENV)/.stamp-test-requirements system vulkan
 
 # On a machine with a GPU its driver is used; without, software Vulkan.
 bench-gpu: build $(VENV)/.stamp-test-requirements system vulkan
-	@$(with_vulkan); $(BIN)/python -m benchmarks.python --only gpu --name gpu
+	@$(with_vulkan); $(BIN)/python -m benchmarks.python --only gpu --name gpu --report target/report/gpu
 
 bench-streaming: build $(VENV)/.stamp-test-requirements system vulkan
 	@$(with_vulkan); $(BIN)/python -m benchmarks.python.streaming
