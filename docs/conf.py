@@ -4,9 +4,15 @@ The source folder is the whole repository, so that links between guides, README,
 the same in the repository and on the site.
 """
 
+import contextlib
+import io
 import re
 
+from docutils import nodes
+from docutils.parsers.rst import Directive
+
 import nanite_rs
+from nanite_rs import cli
 
 project = "nanite_rs"
 version = release = nanite_rs.__version__
@@ -70,7 +76,20 @@ def hide_internal(_app, what, _name, _object, _options, signature, _returns):
     return ("", None) if made_inside else None
 
 
+class CommandHelp(Directive):
+    """What the command line prints for ``--help``, of the command that is named."""
+
+    optional_arguments = 1
+
+    def run(self):
+        """A literal block."""
+        with contextlib.redirect_stdout(io.StringIO()) as text:
+            cli.main([*self.arguments, "--help"])
+        return [nodes.literal_block(text.getvalue(), text.getvalue(), language="text")]
+
+
 def setup(app):
     """What Sphinx calls."""
+    app.add_directive("command-help", CommandHelp)
     app.connect("autodoc-process-docstring", prepare, priority=400)
     app.connect("autodoc-process-signature", hide_internal)

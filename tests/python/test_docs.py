@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import nanite_rs as nrs
+from nanite_rs import cli
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDES = sorted((ROOT / "docs").glob("*.md"))
@@ -116,6 +117,16 @@ def test_no_public_module_is_forgotten():
             assert id(getattr(module, name)) in reachable, (
                 f"{found.name}.{name} is in no page of docs/reference"
             )
+
+
+def test_reference_has_every_command(capsys):
+    assert cli.main(["--help"]) == 0
+    commands = re.findall(
+        r"^    (\w+) {2,}\S", capsys.readouterr().out.partition("COMMAND\n")[2], re.MULTILINE
+    )
+    text = (ROOT / "docs" / "reference" / "command-line.rst").read_text(encoding="utf-8")
+    assert commands
+    assert re.findall(r"^\.\. command-help:: (\w+)$", text, re.MULTILINE) == commands
 
 
 def test_front_page_leads_to_every_page():
