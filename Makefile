@@ -146,7 +146,7 @@ fmt: $(VENV)/.stamp-test-requirements
 wheel: $(VENV)/.stamp-build-requirements
 	@rm -rf target/wheels
 	@$(BIN)/maturin build --release --locked --quiet --out target/wheels
-	@$(BIN)/maturin sdist --quiet --out target/wheels
+	@$(BIN)/maturin sdist --out target/wheels
 
 check-wheel: wheel
 	@$(BIN)/python tools/check-wheel.py target/wheels
