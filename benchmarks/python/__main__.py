@@ -31,12 +31,10 @@ def main() -> None:
     )
     options = parser.parse_args()
     results = report.measure(tuple(options.only), fast=options.quick)
-    document = tables.document(results)
-    print(document)
     options.output.mkdir(parents=True, exist_ok=True)
     stem = f"{results['date']}-{options.name}{'-quick' if options.quick else ''}"
     (options.output / f"{stem}.json").write_text(json.dumps(results, indent=1) + "\n")
-    (options.output / f"{stem}.md").write_text(document)
+    (options.output / f"{stem}.md").write_text(tables.document(results))
     report.write(results, options.report)
     print(f"wrote {options.output / stem}.md and .json, and {options.report / 'index.html'}")
 

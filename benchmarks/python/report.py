@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from matplotlib.figure import Figure as Plot
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from . import build, cut, distance, files, frames, gpu, instances, machine, memory
+from . import build, cut, distance, files, frames, gpu, instances, machine, memory, tables
 from .tables import TITLES, cell
 
 if TYPE_CHECKING:
@@ -83,7 +83,9 @@ def measure(names: tuple[str, ...] = DEFAULT, *, fast: bool) -> dict[str, object
     for name in names:
         start = time.perf_counter()
         results[name] = BENCHMARKS[name].run(quick=fast)
-        print(f"{name}: {time.perf_counter() - start:.1f} s", flush=True)
+        print(
+            f"{tables.section(name, results[name])}\nTook {time.perf_counter() - start:.1f} s.\n", flush=True
+        )
     return results
 
 
