@@ -145,7 +145,7 @@ fmt: $(VENV)/.stamp-test-requirements
 
 wheel: $(VENV)/.stamp-build-requirements
 	@rm -rf target/wheels
-	@$(BIN)/maturin build --release --locked --quiet --out target/wheels
+	@$(BIN)/maturin build --release --locked --quiet --interpreter $(BIN)/python --out target/wheels
 	@$(BIN)/maturin sdist --out target/wheels
 
 check-wheel: wheel
