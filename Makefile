@@ -5,8 +5,11 @@
 #   make notebooks         execute notebooks/ into target/notebooks/, with their pictures; with MESH=path on yours
 #   make test              cargo test, pytest, and the skipped tests with their reasons
 #   make test STRICT=1     fails when any test was skipped
-#   make lint              rustfmt, clippy, rustdoc, ruff, mypy, stubtest
-#   make bench             benchmarks/, Rust and Python
+#   make lint              rustfmt, clippy, rustdoc, ruff, mypy, stubtest, and the documentation
+#   make docs              the documentation as HTML, into target/docs
+#   make wheel             a wheel and a source archive, into target/wheels
+#   make check-wheel       the same, then installs and tries the wheel in an environment of its own
+#   make bench             benchmarks/, Rust and Python, and a page of them in target/report
 #   make bench-gpu         frames on a GPU, or on software Vulkan, beside the CPU's, pyrender's and Embree's
 #   make bench-streaming   opening and flying along meshes that stay in their files
 #   make bench-error       run time against error, beside the simplifiers that Python has
@@ -43,7 +46,7 @@ endef
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build demo notebooks test test-rust test-python lint fmt bench bench-error bench-gpu bench-streaming screenshots soak clean tools system vulkan
+.PHONY: help build demo notebooks test test-rust test-python lint docs wheel check-wheel fmt bench bench-error bench-gpu bench-streaming screenshots soak clean tools system vulkan
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -67,6 +70,11 @@ $(VENV)/.stamp-test-requirements: requirements/test.txt requirements/pyrender.tx
 	@echo "installing what the tests need into $(VENV)"
 	@$(PIP) -r requirements/test.txt
 	@$(PIP) --no-deps -r requirements/pyrender.txt
+	@touch $@
+
+$(VENV)/.stamp-docs-requirements: requirements/docs.txt $(VENV)/.stamp-build-requirements
+	@echo "installing what the documentation needs into $(VENV)"
+	@$(PIP) -r requirements/docs.txt
 	@touch $@
 
 # The compiled module lands in python/nanite_rs/, which .venv then imports in place.
@@ -128,11 +136,27 @@ lint: build $(VENV)/.stamp-test-requirements
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest nanite_rs._core --ignore-disjoint-bases
+	@$(MAKE) --no-print-directory docs
+
+# All anew each time: pages that did not change would keep their warnings to themselves.
+docs: build $(VENV)/.stamp-docs-requirements
+	$(BIN)/python -m sphinx -q -E -W --keep-going -c docs -d target/doctrees . target/docs
+	@echo "wrote target/docs/index.html"
 
 fmt: $(VENV)/.stamp-test-requirements
 	cargo fmt
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
+
+# ------------------------------------------------------------------------------------------- packaging
+
+wheel: $(VENV)/.stamp-build-requirements
+	@rm -rf target/wheels
+	@$(BIN)/maturin build --release --locked --quiet --interpreter $(BIN)/python --out target/wheels
+	@$(BIN)/maturin sdist --out target/wheels
+
+check-wheel: wheel
+	@$(BIN)/python tools/check-wheel.py target/wheels
 
 # --------------------------------------------------------------------------------------------- measuring
 
@@ -142,7 +166,7 @@ bench: build $(VENV)/.stamp-test-requirements system vulkan
 
 # On a machine with a GPU its driver is used; without, software Vulkan.
 bench-gpu: build $(VENV)/.stamp-test-requirements system vulkan
-	@$(with_vulkan); $(BIN)/python -m benchmarks.python --only gpu --name gpu
+	@$(with_vulkan); $(BIN)/python -m benchmarks.python --only gpu --name gpu --report target/report/gpu
 
 bench-streaming: build $(VENV)/.stamp-test-requirements system vulkan
 	@$(with_vulkan); $(BIN)/python -m benchmarks.python.streaming

@@ -1,24 +1,13 @@
-"""Runs the Python benchmarks and writes Markdown and JSON into ``benchmarks/results``."""
+"""Runs the Python benchmarks: Markdown and JSON into ``benchmarks/results``, a page into ``target/report``."""
 
 from __future__ import annotations
 
 import argparse
-import datetime
 import json
 from pathlib import Path
 
-from . import build, cut, distance, files, frames, gpu, instances, machine, memory, report
+from . import report, tables
 
-BENCHMARKS = {
-    "build": build,
-    "cut": cut,
-    "distance": distance,
-    "files": files,
-    "frames": frames,
-    "gpu": gpu,
-    "instances": instances,
-    "memory": memory,
-}
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 
 
@@ -28,8 +17,8 @@ def main() -> None:
     parser.add_argument(
         "--only",
         nargs="+",
-        choices=BENCHMARKS,
-        default=[name for name in BENCHMARKS if name != "gpu"],
+        choices=report.BENCHMARKS,
+        default=report.DEFAULT,
         help="which to run; gpu, which needs a device, only when asked for",
     )
     parser.add_argument(
@@ -37,21 +26,17 @@ def main() -> None:
     )
     parser.add_argument("--name", default="python", help="end of the name of the results (%(default)s)")
     parser.add_argument("--output", type=Path, default=RESULTS, help="folder for the results (%(default)s)")
+    parser.add_argument(
+        "--report", type=Path, default=report.REPORT, help="folder for the page (%(default)s)"
+    )
     options = parser.parse_args()
-    results: dict[str, object] = {
-        "date": datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
-        "quick": options.quick,
-        "machine": machine.describe(),
-    }
-    for name in options.only:
-        print(f"{name} …", flush=True)
-        results[name] = BENCHMARKS[name].run(quick=options.quick)
-        print(report.section(name, results[name]), flush=True)
+    results = report.measure(tuple(options.only), fast=options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
     stem = f"{results['date']}-{options.name}{'-quick' if options.quick else ''}"
     (options.output / f"{stem}.json").write_text(json.dumps(results, indent=1) + "\n")
-    (options.output / f"{stem}.md").write_text(report.document(results))
-    print(f"wrote {options.output / stem}.md and .json")
+    (options.output / f"{stem}.md").write_text(tables.document(results))
+    report.write(results, options.report)
+    print(f"wrote {options.output / stem}.md and .json, and {options.report / 'index.html'}")
 
 
 if __name__ == "__main__":

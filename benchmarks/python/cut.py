@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 def run(*, quick: bool) -> dict[str, object]:
     """Times and deviations; JSON-ready."""
-    vertices, faces = nrs.shapes.displaced_icosphere(faces=100_000 if quick else 1_000_000)
-    source = Source(vertices, faces, samples=100_000)
+    vertices, faces = nrs.shapes.displaced_icosphere(faces=50_000 if quick else 1_000_000)
+    source = Source(vertices, faces, samples=20_000 if quick else 100_000)
     diagonal = source.diagonal
     scaled = (vertices * (100 / diagonal)).astype(np.float32)
     signed = faces.astype(np.int32)

@@ -64,7 +64,7 @@ def run(*, quick: bool) -> dict[str, object]:
     """A row for each mesh and codec; JSON-ready."""
     rows: list[dict[str, object]] = []
     absent = []
-    for name in NAMES[-1:] if quick else NAMES:
+    for name in ("sphere 100 k",) if quick else NAMES:
         command = [sys.executable, "-m", "benchmarks.python.files", name]
         result = subprocess.run(
             command,

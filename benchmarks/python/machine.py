@@ -7,6 +7,8 @@ import platform
 from importlib import metadata
 from pathlib import Path
 
+import nanite_rs as nrs
+
 PACKAGES = ("nanite-rs", "numpy", "trimesh", "pyrender", "PyOpenGL", "fast-simplification", "libigl")
 
 
@@ -18,6 +20,7 @@ def describe(more: tuple[str, ...] = ()) -> dict[str, object]:
         "memory_gib": _memory(),
         "load": _load(),
         "system": f"{platform.system()} {platform.machine()}, {_distribution()}",
+        "device": _device(),
         "python": platform.python_version(),
         "packages": {name: _version(name) for name in (*PACKAGES, *more)},
     }
@@ -31,6 +34,15 @@ def _processor() -> str:
     return next(
         (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.machine()
     )
+
+
+def _device() -> str:
+    """The device and the driver that wgpu finds, or why there is none."""
+    try:
+        with nrs.Renderer(8, 8, backend="gpu") as renderer:
+            return renderer.backend_reason.removeprefix("asked for: ")
+    except nrs.BackendError as error:
+        return f"none: {error}".partition(". ")[0]
 
 
 def _load() -> float | None:

@@ -24,6 +24,7 @@ MESHES: dict[str, Callable[[], Arrays]] = {
     "lucy": lambda: load("scans/lucy_100k/lucy.ply"),
     "turbine": lambda: load("scans/turbine_blade_199k/turbineblade.ply"),
     "dragon": lambda: load("scans/stanford_dragon_res2/dragon_vrip_res2.ply.gz"),
+    "sphere 100 k": lambda: nrs.shapes.displaced_icosphere(faces=100_000)[:2],
     "sphere 1 M": lambda: nrs.shapes.displaced_icosphere(faces=1_000_000)[:2],
     "sphere 5 M": lambda: nrs.shapes.displaced_icosphere(faces=5_000_000)[:2],
 }

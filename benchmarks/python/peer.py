@@ -15,15 +15,22 @@ YFOV = 0.8
 
 
 class Pyrender:
-    """One smooth mesh under one directional light."""
+    """One smooth mesh, or several instances of it, under one directional light."""
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> None:
+    def __init__(
+        self,
+        vertices: np.ndarray,
+        faces: np.ndarray,
+        normals: np.ndarray,
+        poses: list[np.ndarray] | None = None,
+    ) -> None:
         import pyrender
 
         primitive = pyrender.Primitive(
             positions=np.asarray(vertices, np.float32),
             normals=np.asarray(normals, np.float32),
             indices=np.asarray(faces, np.uint32),
+            poses=None if poses is None else np.stack(poses),
             material=pyrender.MetallicRoughnessMaterial(
                 baseColorFactor=(0.7, 0.65, 0.6, 1.0), metallicFactor=0.1, roughnessFactor=0.5
             ),
@@ -41,6 +48,12 @@ class Pyrender:
         self.scene.set_pose(self.camera, pose)
         self.scene.set_pose(self.light, pose)
         return self.renderer.render(self.scene)
+
+    def driver(self) -> str:
+        """What OpenGL calls the device that drew the last picture."""
+        from OpenGL import GL
+
+        return GL.glGetString(GL.GL_RENDERER).decode()
 
     def close(self) -> None:
         """Frees the context."""

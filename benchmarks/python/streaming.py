@@ -16,7 +16,7 @@ import numpy as np
 
 import nanite_rs as nrs
 
-from . import machine, report
+from . import machine, tables
 from .peer import SIZE, YFOV
 
 POOL = 64 << 20
@@ -210,10 +210,10 @@ def main() -> None:
         "",
         "## First image, with an empty pool",
         "",
-        report.table(images),
+        tables.table(images),
         f"## A flight of {FRAMES} frames with a pool of {POOL >> 20} MiB",
         "",
-        report.table(flights),
+        tables.table(flights),
     ]
     options.output.mkdir(parents=True, exist_ok=True)
     stem = options.output / f"{date}-streaming{'-quick' if options.quick else ''}"

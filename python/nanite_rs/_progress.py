@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeAlias
 
-from tqdm import tqdm
-
 Progress: TypeAlias = bool | Callable[[int, int], object] | None
 
 #: Seconds after which a bar appears by itself.
@@ -28,6 +26,9 @@ def reporter(progress: Progress, description: str) -> Iterator[Callable[[int, in
     if progress is False or (progress is None and not sys.stderr.isatty()):
         yield None
         return
+    # A third of the time that importing nanite_rs takes beyond NumPy.
+    from tqdm import tqdm
+
     delay = 0.0 if progress else _DELAY
     with tqdm(
         desc=description,

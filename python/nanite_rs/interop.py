@@ -80,9 +80,9 @@ def from_pyrender(
     ----------
     scene : pyrender.Scene
         The scene; it is not changed.
-    viewport : (width, height), optional
-        Pixels of the picture. pyrender's orthographic cameras take their width from it; without it the camera's
-        ``xmag`` counts.
+    viewport : (int, int), optional
+        Width and height of the picture in pixels. pyrender's orthographic cameras take their width from it; without
+        it the camera's ``xmag`` counts.
     options : BuildOptions, optional
         How to build meshes that were not seen before.
 

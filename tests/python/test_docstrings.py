@@ -7,7 +7,6 @@ import importlib
 import inspect
 import pkgutil
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ MODULES = sorted(
     for m in pkgutil.iter_modules(nrs.__path__, "nanite_rs.")
     if not m.name.endswith(("_core", "__main__"))
 )
-README = Path(__file__).resolve().parents[2] / "README.md"
 
 
 def examples() -> list[doctest.DocTest]:
@@ -103,15 +101,3 @@ def test_everything_public_is_exported_and_sorted():
     assert list(nrs.__all__) == sorted(nrs.__all__)
     for name in nrs.__all__:
         assert hasattr(nrs, name)
-
-
-def test_readme_code_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    nrs.NaniteMesh.from_arrays(*nrs.shapes.torus_knot(faces=20_000)).cut(error=0.0).to_trimesh().export(
-        "dragon.ply"
-    )
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-    assert blocks
-    names: dict[str, object] = {}
-    for block in blocks:
-        exec(compile(block, "README.md", "exec"), names)

@@ -42,14 +42,14 @@ def test_every_make_target_is_documented():
     targets = set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
     phony = set(re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)[1].split())
     assert phony <= targets
-    for target in ("demo", "test", "lint", "bench", "soak", "clean"):
+    for target in ("demo", "test", "lint", "docs", "bench", "soak", "clean"):
         assert f"make {target}" in makefile.split("SHELL :=")[0]
     for target in ("demo", "test"):
         assert f"make {target}" in read("README.md")
 
 
 def test_requirements_are_pinned():
-    for name in ("build", "test", "pyrender", "screenshots"):
+    for name in ("build", "test", "docs", "pyrender", "screenshots"):
         for line in read(f"requirements/{name}.txt").splitlines():
             if line and not line.startswith(("#", "-r")):
                 assert re.match(r"^[\w.-]+==[\w.]+( *;.*)?$", line), f"{name}.txt: {line}"
@@ -67,7 +67,7 @@ def test_architecture_names_every_module():
 
 def test_import_is_quick_and_quiet():
     """What costs time is imported when it is needed."""
-    late = ("trimesh", "PIL", "scipy", "OpenImageIO", "matplotlib", "rendercanvas", "IPython")
+    late = ("trimesh", "PIL", "scipy", "OpenImageIO", "matplotlib", "rendercanvas", "IPython", "tqdm")
     code = f"import sys, nanite_rs; print([m for m in {late} if m in sys.modules])"
     result = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True
