@@ -860,7 +860,6 @@ class Viewer:
         """The clusters of an instance's mesh, by address."""
         key = id(node.mesh._core)
         if key not in self._tables:
-            node.mesh.cut(target_faces=1)  # brings all pages of a file into memory, which the table takes
             self._tables[key] = _core.cluster_table(node.mesh._core)
         return self._tables[key]
 

@@ -78,9 +78,68 @@ impl Plate<'_> {
         })
     }
 
-    /// The squared distances to those points.
-    fn squared_distances<const N: usize>(&self, points: [Vec3; N]) -> [f64; N] {
-        self.shares(points).map(|(_, rest)| dot(rest, rest))
+    /// The largest squared distance of some points to those points of the triangle, if none is above `enough`.
+    fn farthest(&self, points: &[Vec3], enough: f64) -> Option<f64> {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx") {
+            // SAFETY: the processor has AVX.
+            return unsafe { self.farthest_avx(points, enough) };
+        }
+        self.farthest_of_pairs(points, enough)
+    }
+
+    fn farthest_of_pairs(&self, points: &[Vec3], enough: f64) -> Option<f64> {
+        let mut most = 0.0;
+        for pair in points.chunks(2) {
+            for d in self.shares([pair[0], *pair.last()?]).map(|(_, rest)| dot(rest, rest)) {
+                if d > enough || d.is_nan() {
+                    return None;
+                }
+                most = if d > most { d } else { most };
+            }
+        }
+        Some(most)
+    }
+
+    /// Four at a time, by the same operations in the same order: the result has the same bits.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx")]
+    fn farthest_avx(&self, points: &[Vec3], enough: f64) -> Option<f64> {
+        use std::arch::x86_64::*;
+        // As `if x > y { x } else { y }`, where x is no number too.
+        let larger = |x, y| _mm256_max_pd(x, y);
+        let dot = |a: [__m256d; 3], b: [__m256d; 3]| {
+            let xy = _mm256_add_pd(_mm256_mul_pd(a[0], b[0]), _mm256_mul_pd(a[1], b[1]));
+            _mm256_add_pd(xy, _mm256_mul_pd(a[2], b[2]))
+        };
+        let in_all = |v: Vec3| v.map(|x| _mm256_set1_pd(x));
+        let ([ab, ac], [to_b, to_c]) = (self.edges.map(in_all), self.dual.map(in_all));
+        let (corner, allowed) = (in_all(self.corner), _mm256_set1_pd(enough));
+        let mut most = _mm256_setzero_pd();
+        for four in points.chunks(4) {
+            // A lane without a point has the last one.
+            let last = four.len() - 1;
+            let [p, q, r, s] = [0, 1.min(last), 2.min(last), last].map(|i| four[i]);
+            let way: [__m256d; 3] =
+                std::array::from_fn(|k| _mm256_sub_pd(_mm256_set_pd(s[k], r[k], q[k], p[k]), corner[k]));
+            let v = larger(dot(to_b, way), _mm256_setzero_pd());
+            let w = larger(dot(to_c, way), _mm256_setzero_pd());
+            let over = larger(_mm256_add_pd(v, w), _mm256_set1_pd(1.0));
+            let (v, w) = (_mm256_div_pd(v, over), _mm256_div_pd(w, over));
+            let rest: [__m256d; 3] = std::array::from_fn(|k| {
+                let rest = _mm256_sub_pd(way[k], _mm256_mul_pd(v, ab[k]));
+                _mm256_sub_pd(rest, _mm256_mul_pd(w, ac[k]))
+            });
+            let d = dot(rest, rest);
+            let beyond = _mm256_cmp_pd::<_CMP_GT_OQ>(d, allowed);
+            let no_number = _mm256_cmp_pd::<_CMP_UNORD_Q>(d, d);
+            if _mm256_movemask_pd(_mm256_or_pd(beyond, no_number)) != 0 {
+                return None;
+            }
+            most = larger(d, most);
+        }
+        let most = _mm_max_pd(_mm256_castpd256_pd128(most), _mm256_extractf128_pd::<1>(most));
+        Some(_mm_cvtsd_f64(_mm_max_sd(most, _mm_unpackhi_pd(most, most))))
     }
 }
 
@@ -367,17 +426,7 @@ impl<L: FnMut(u32, f64) -> u32> Laying<'_, '_, L> {
         if reach < 0.0 {
             return None;
         }
-        let plate = self.sheet.plate(at);
-        let enough = reach * reach;
-        let mut most = 0.0;
-        for pair in piece.corners().chunks(2) {
-            for d in plate.squared_distances([pair[0], *pair.last()?]) {
-                if d > enough || d.is_nan() {
-                    return None;
-                }
-                most = if d > most { d } else { most };
-            }
-        }
+        let most = self.sheet.plate(at).farthest(piece.corners(), reach * reach)?;
         Some(most.sqrt() + radius)
     }
 
@@ -517,4 +566,44 @@ fn neighbours(corners: &[[u32; 3]]) -> Vec<[u32; 3]> {
         uses.chunk_by(|x, y| x >> 32 == y >> 32).for_each(&mut join);
     }
     out
+}
+
+#[cfg(all(test, target_arch = "x86_64"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn four_at_a_time_give_the_same_bits() {
+        if !std::arch::is_x86_feature_detected!("avx") {
+            eprintln!("skipped: the processor has no AVX");
+            return;
+        }
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        };
+        let (mut within, mut beyond) = (0, 0);
+        for round in 0..20_000 {
+            let mut point = || -> Vec3 { std::array::from_fn(|_| random()) };
+            let [a, b, mut c] = std::array::from_fn(|_| point());
+            let mut points: Vec<Vec3> = (0..3 + round % 6).map(|_| point()).collect();
+            match round % 16 {
+                0 => c = b,
+                1 => points[round % 3][1] = f64::NAN,
+                2 => points[2] = a,
+                3 => points[round % 3][0] *= 1.0e200,
+                _ => {}
+            }
+            let dual = dual([a, b, c]);
+            let plate = Plate { corner: a, edges: [sub(b, a), sub(c, a)], dual: &dual };
+            let enough = if round % 3 == 0 { f64::INFINITY } else { random() + 0.8 };
+            let pairs = plate.farthest_of_pairs(&points, enough);
+            // SAFETY: the processor has AVX, see above.
+            let fours = unsafe { plate.farthest_avx(&points, enough) };
+            assert_eq!(pairs.map(f64::to_bits), fours.map(f64::to_bits), "{points:?} over {a:?} {b:?} {c:?}");
+            *(if pairs.is_some() { &mut within } else { &mut beyond }) += 1;
+        }
+        assert!(within > 5_000 && beyond > 5_000, "{within} {beyond}");
+    }
 }

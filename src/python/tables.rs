@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{into_array, into_rows};
+use super::errors::interruptible;
 use super::mesh::Mesh;
 use crate::math::Sphere;
 use crate::model::cluster::NO_GROUP;
@@ -23,6 +24,7 @@ fn spheres(py: Python<'_>, dag: &Dag, of: impl Iterator<Item = Sphere>) -> PyRes
 #[pyfunction]
 pub(super) fn cluster_table(py: Python<'_>, mesh: &Mesh) -> PyResult<Py<PyDict>> {
     let dag = &*mesh.dag;
+    interruptible(py, |go_on| dag.pages.load_all(go_on))?;
     let records: Vec<&ClusterRecord> = dag.pages.addresses().map(|at| dag.record(at)).collect();
     let signed = |group: u32| if group == NO_GROUP { -1 } else { i64::from(group) };
     let out = PyDict::new(py);

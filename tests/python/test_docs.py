@@ -84,12 +84,14 @@ def documented() -> set[str]:
 
 
 def public() -> set[str]:
-    """Whole names of all that users may import: what the package exports, and what its modules do."""
+    """Whole names of all that users may import: what the package exports, and what only its modules do."""
     names = set()
     for name in nrs.__all__:
         value = getattr(nrs, name)
         if type(value).__name__ == "module":
-            names |= {value.__name__} | {f"{value.__name__}.{n}" for n in value.__all__}
+            names |= {value.__name__} | {
+                f"{value.__name__}.{n}" for n in value.__all__ if n not in nrs.__all__
+            }
         elif name != "__version__":
             names.add(f"nanite_rs.{name}")
     return names
