@@ -1,4 +1,4 @@
-"""What to do about plausible mistakes: looked for only after an error, or after a picture that shows nothing."""
+"""What to do about plausible mistakes: looked for where something looks like one."""
 
 from __future__ import annotations
 
@@ -34,6 +34,11 @@ def near(error: E) -> E:
     names = {name.lower(): name for name in allowed}
     best = difflib.get_close_matches(found.lower(), list(names), 1)
     return advised(error, f'did you mean "{names[best[0]]}"?' if best else "")
+
+
+def is_of_bytes(color: tuple[float, ...]) -> bool:
+    """Whether a colour looks like one of 0 to 255. Light may exceed 1, but seldom by so much in whole numbers."""
+    return 16 < max(color) <= 255 and all(x.is_integer() for x in color)
 
 
 def for_item(item: object) -> str:

@@ -287,17 +287,31 @@ class Frame:
     True
     """
 
-    def __init__(self, core: _core.Frame, made: dict[str, Any]) -> None:
+    def __init__(self, core: _core.Frame, made: dict[str, Any], unlit: bool = False) -> None:
         self._frame = core
         self._made = made
+        self._unlit = unlit
 
     @cached_property
     def color(self) -> NDArray[np.uint8]:
         """Shaded picture, (H, W, 3) uint8: `linear`, cut off at 1 and encoded by the frame's ``transfer``.
 
         The background is ``Scene.bg_color`` as it is, where all samples of a pixel show it.
+
+        Warns
+        -----
+        UsageWarning
+            Where all is black since the scene had no light.
         """
-        return self._frame.color()
+        color = self._frame.color()
+        if self._unlit and (seen := self.depth > 0).any() and not color[seen].any():
+            warnings.warn(
+                "the picture is black: the scene has no light; scene.add(nrs.DirectionalLight(intensity=3.0), "
+                'pose=pose), scene.ambient_light = (1, 1, 1), or render(shading="flat")',
+                UsageWarning,
+                stacklevel=3,
+            )
+        return color
 
     @cached_property
     def linear(self) -> NDArray[np.float32]:
@@ -914,8 +928,9 @@ class Renderer:
             "transfer": str(transfer),
             "backend": self.backend,
         }
+        unlit = not (scene._core.light_count or any(scene.ambient_light) or scene.environment)
         return [
-            Frame(frame, _lens(camera) | {"pose": np.asarray(pose, np.float64).tolist()} | made)
+            Frame(frame, _lens(camera) | {"pose": np.asarray(pose, np.float64).tolist()} | made, unlit)
             for frame, (camera, pose) in zip(frames, views, strict=True)
         ]
 

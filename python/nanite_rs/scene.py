@@ -6,6 +6,8 @@ one instance costs the same in a scene of one as in a scene of a million.
 
 from __future__ import annotations
 
+import math
+import warnings
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
@@ -13,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 import numpy as np
 
 from nanite_rs import _advice, _core
-from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError
+from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError, UsageWarning
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.texture import Image, Texture
 
@@ -48,6 +50,18 @@ def _rgb(value: Color, name: str) -> Rgb:
     if array.shape not in {(3,), (4,)}:
         raise ArgumentError(f"{name}: expected three numbers, found shape {array.shape}")
     return float(array[0]), float(array[1]), float(array[2])
+
+
+def _bright(value: Color, name: str) -> Rgb:
+    """The same of what may exceed 1."""
+    rgb = _rgb(value, name)
+    if _advice.is_of_bytes(rgb):
+        warnings.warn(
+            f"{name}: {rgb} looks like 0 to 255; colours are 0 to 1: divide by 255",
+            UsageWarning,
+            stacklevel=4,
+        )
+    return rgb
 
 
 AlphaMode: TypeAlias = Literal["opaque", "mask", "blend"]
@@ -104,7 +118,7 @@ class Material:
         base = np.asarray(self.base_color, np.float64) if np.ndim(self.base_color) == 1 else None
         alpha = (float(base[3]),) if base is not None and base.shape == (4,) and base[3] != 1.0 else ()
         object.__setattr__(self, "base_color", _rgb(self.base_color, "base_color") + alpha)
-        object.__setattr__(self, "emissive", _rgb(self.emissive, "emissive"))
+        object.__setattr__(self, "emissive", _bright(self.emissive, "emissive"))
         if self.alpha_mode not in get_args(AlphaMode):
             raise ArgumentError(f"alpha_mode: must be opaque, mask or blend, not {self.alpha_mode!r}")
         for name in _SLOTS:
@@ -156,7 +170,7 @@ class DirectionalLight:
     """Lux."""
 
     def _raw(self) -> RawLight:
-        return "directional", _rgb(self.color, "color"), float(self.intensity), None, None
+        return "directional", _bright(self.color, "color"), float(self.intensity), None, None
 
 
 @dataclass(frozen=True)
@@ -177,7 +191,7 @@ class PointLight:
 
     def _raw(self) -> RawLight:
         reach = None if self.range is None else float(self.range)
-        return "point", _rgb(self.color, "color"), float(self.intensity), reach, None
+        return "point", _bright(self.color, "color"), float(self.intensity), reach, None
 
 
 @dataclass(frozen=True)
@@ -206,7 +220,7 @@ class SpotLight:
     def _raw(self) -> RawLight:
         reach = None if self.range is None else float(self.range)
         cone = float(self.innerConeAngle), float(self.outerConeAngle)
-        return "spot", _rgb(self.color, "color"), float(self.intensity), reach, cone
+        return "spot", _bright(self.color, "color"), float(self.intensity), reach, cone
 
 
 Light: TypeAlias = DirectionalLight | PointLight | SpotLight
@@ -246,6 +260,12 @@ class Environment:
             if not isinstance(value, int | float | np.integer | np.floating):
                 raise DtypeError(f"{name}: expected a number, not {value!r}")
             object.__setattr__(self, name, float(value))
+        if math.tau < abs(self.rotation) <= 360.0 and self.rotation.is_integer():
+            warnings.warn(
+                f"rotation: {self.rotation:g} looks like degrees; it is in radians: np.radians({self.rotation:g})",
+                UsageWarning,
+                stacklevel=3,
+            )
 
     def _raw(self) -> tuple[_core.EnvironmentMap, float, float, bool]:
         return self.image._environment(), self.intensity, self.rotation, bool(self.background)
@@ -565,7 +585,7 @@ class Scene:
 
     @ambient_light.setter
     def ambient_light(self, color: Color) -> None:
-        self._core.set_ambient_light(_rgb(color, "ambient_light"))
+        self._core.set_ambient_light(_bright(color, "ambient_light"))
 
     @property
     def bg_color(self) -> Rgb:
@@ -574,7 +594,7 @@ class Scene:
 
     @bg_color.setter
     def bg_color(self, color: Color) -> None:
-        self._core.set_bg_color(_rgb(color, "bg_color"))
+        self._core.set_bg_color(_bright(color, "bg_color"))
 
     @property
     def environment(self) -> Environment | None:

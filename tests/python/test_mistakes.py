@@ -325,6 +325,38 @@ def test_pictures_that_show_nothing(mistake, mesh) -> None:
     assert told[0].filename == __file__
 
 
+SKY = np.ones((2, 4, 3), np.float32)
+
+DOUBTFUL = {
+    "a background of 0 to 255": (lambda: nrs.Scene(bg_color=(255, 255, 255)), "divide by 255"),
+    "ambient light of 0 to 255": (lambda: nrs.Scene(ambient_light=[64, 64, 64]), "divide by 255"),
+    "emission of 0 to 255": (lambda: nrs.Material(emissive=(200, 180, 20)), "divide by 255"),
+    "an environment turned by degrees": (lambda: nrs.Environment(SKY, rotation=90), "np.radians(90)"),
+}
+
+
+@pytest.mark.parametrize("mistake", DOUBTFUL)
+def test_values_that_are_seldom_meant(mistake) -> None:
+    call, message = DOUBTFUL[mistake]
+    with pytest.warns(nrs.UsageWarning, match=re.escape(message)) as told:
+        call()
+    assert len(told) == 1
+
+
+def test_a_scene_without_light_says_so_when_it_is_looked_at(mesh) -> None:
+    scene = nrs.Scene()
+    scene.add(mesh)
+    with nrs.Renderer(64, 48, backend="cpu") as renderer, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        frame = renderer.render(scene, LENS, POSE)
+        assert frame.depth.any()
+        assert renderer.render(scene, LENS, POSE, shading="flat").color.any()
+        with pytest.warns(nrs.UsageWarning, match="the scene has no light"):
+            assert not frame.color[frame.depth > 0].any()
+        scene.ambient_light = (2.0, 2.0, 2.0)
+        assert renderer.render(scene, LENS, POSE).color.any()
+
+
 def test_ordinary_use_is_silent(mesh, tmp_path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
