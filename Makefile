@@ -72,6 +72,12 @@ $(VENV)/.stamp-test-requirements: requirements/test.txt requirements/pyrender.tx
 	@$(PIP) --no-deps -r requirements/pyrender.txt
 	@touch $@
 
+$(VENV)/.stamp-error-requirements: requirements/error.txt $(VENV)/.stamp-test-requirements | tools
+	@echo "installing the peers of make bench-error into $(VENV)"
+	@tools/system-packages $(BIN)/python Open3D usb-1.0=libusb-1.0-0 GL=libgl1
+	@$(PIP) -r requirements/error.txt
+	@touch $@
+
 $(VENV)/.stamp-docs-requirements: requirements/docs.txt $(VENV)/.stamp-build-requirements
 	@echo "installing what the documentation needs into $(VENV)"
 	@$(PIP) -r requirements/docs.txt
@@ -124,7 +130,7 @@ test-python: build $(VENV)/.stamp-test-requirements system vulkan
 	NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(BIN)/python -m pytest $(PYTEST_ARGS)
 
 soak: export NANITE_SOAK := 1
-soak: test
+soak: $(VENV)/.stamp-error-requirements test
 
 lint: build $(VENV)/.stamp-test-requirements
 	cargo fmt --check
@@ -171,9 +177,7 @@ bench-gpu: build $(VENV)/.stamp-test-requirements system vulkan
 bench-streaming: build $(VENV)/.stamp-test-requirements system vulkan
 	@$(with_vulkan); $(BIN)/python -m benchmarks.python.streaming
 
-bench-error: build $(VENV)/.stamp-test-requirements
-	@tools/system-packages $(BIN)/python Open3D usb-1.0=libusb-1.0-0 GL=libgl1
-	@$(PIP) -r requirements/error.txt
+bench-error: build $(VENV)/.stamp-error-requirements
 	$(BIN)/python -m benchmarks.python.error
 
 # ------------------------------------------------------------------------------------------------ viewer

@@ -1,7 +1,7 @@
 """Shading beside VTK's physically based renderer, by a light and by an environment, and what a map costs.
 
-Run as ``python -m benchmarks.python.environment [--pictures FOLDER] [scene.gltf …]`` with VTK, which
-requirements/error.txt has. A grid of balls, metallic 0, 0.5 and 1 down, roughness 0.1 to 1 to the right, and the
+Run as ``python -m benchmarks.python.environment [--pictures FOLDER] [scene.gltf …]`` with VTK, which the tests
+need as well. A grid of balls, metallic 0, 0.5 and 1 down, roughness 0.1 to 1 to the right, and the
 scenes given, as each package loads them. Both write light through the power 1/2.2 to 8 bits, without tone mapping;
 pictures are compared as sRGB. Prints Markdown.
 """

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from nanite_rs import _exchange
 from nanite_rs._channels import CutChannels
 
 if TYPE_CHECKING:
@@ -171,3 +172,45 @@ class Cut:
             visual=visual,
             process=process,
         )
+
+    def to_pyvista(self) -> Any:
+        """Convert to a `pyvista.PolyData` with normals, colours, the first UV set, channels and face materials.
+
+        Raises
+        ------
+        DependencyError
+            PyVista is not installed.
+
+        Examples
+        --------
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20_000))
+        >>> mesh.cut(target_faces=1_000).to_pyvista().is_manifold
+        True
+        """
+        return _exchange.to_pyvista(self)
+
+    def to_open3d(self) -> Any:
+        """Convert to an Open3D ``TriangleMesh`` with normals, colours, the first UV set and face materials.
+
+        Raises
+        ------
+        DependencyError
+            Open3D is not installed.
+        """
+        return _exchange.to_open3d(self)
+
+    def to_meshio(self) -> Any:
+        """Convert to a `meshio.Mesh` with normals, colours, the first UV set, channels and face materials as data.
+
+        Raises
+        ------
+        DependencyError
+            meshio is not installed.
+
+        Examples
+        --------
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20_000))
+        >>> sorted(mesh.cut(target_faces=1_000).to_meshio().point_data)
+        ['Normals']
+        """
+        return _exchange.to_meshio(self)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _advice, _channels, io
+from nanite_rs import _advice, _channels, _exchange, io
 from nanite_rs._channels import Channel
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._progress import Progress, reporter
@@ -320,6 +320,105 @@ class NaniteMesh:
         1280
         """
         source = io.from_trimesh(mesh)
+        return cls.from_arrays(**source.arrays(), options=options, progress=progress)
+
+    @classmethod
+    def from_pyvista(
+        cls, mesh: Any, *, options: BuildOptions | None = None, progress: Progress = None
+    ) -> NaniteMesh:
+        """Build from a PyVista data set: the triangles of its surface.
+
+        Normals, texture coordinates, colours (``RGB`` or ``RGBA``), the other point data as channels, and the cell
+        data ``face_materials`` are carried along.
+
+        Parameters
+        ----------
+        mesh : pyvista.DataSet
+            The mesh.
+        options, progress
+            As in `from_arrays`.
+
+        Raises
+        ------
+        MeshError
+            No triangles in it.
+        DtypeError
+            It is something else.
+
+        Examples
+        --------
+        >>> import pyvista
+        >>> len(nrs.NaniteMesh.from_pyvista(pyvista.Sphere(theta_resolution=40, phi_resolution=40)))
+        3040
+        """
+        source = _exchange.from_pyvista(mesh)
+        return cls.from_arrays(**source.arrays(), options=options, progress=progress)
+
+    @classmethod
+    def from_open3d(
+        cls,
+        mesh: Any,
+        *,
+        options: BuildOptions | None = None,
+        progress: Progress = None,
+    ) -> NaniteMesh:
+        """Build from an Open3D mesh, of ``open3d.geometry`` or ``open3d.t.geometry``.
+
+        Vertex normals, vertex colours, ``triangle_uvs`` and ``triangle_material_ids`` are carried along.
+
+        Parameters
+        ----------
+        mesh : open3d.geometry.TriangleMesh
+            The mesh.
+        options, progress
+            As in `from_arrays`.
+
+        Raises
+        ------
+        MeshError
+            No triangles in it.
+        DtypeError
+            It is something else.
+
+        Examples
+        --------
+        >>> import open3d  # doctest: +SKIP
+        >>> nrs.NaniteMesh.from_open3d(open3d.io.read_triangle_mesh("dragon.ply"))  # doctest: +SKIP
+        """
+        source = _exchange.from_open3d(mesh)
+        return cls.from_arrays(**source.arrays(), options=options, progress=progress)
+
+    @classmethod
+    def from_meshio(
+        cls, mesh: Any, *, options: BuildOptions | None = None, progress: Progress = None
+    ) -> NaniteMesh:
+        """Build from the triangles and quadrilaterals of a meshio mesh.
+
+        Points may have two coordinates. Point data become normals (``Normals``), colours (``RGB`` or ``RGBA``) and
+        channels; the cell data ``face_materials`` are carried along.
+
+        Parameters
+        ----------
+        mesh : meshio.Mesh
+            The mesh.
+        options, progress
+            As in `from_arrays`.
+
+        Raises
+        ------
+        MeshError
+            No triangles in it.
+        DtypeError
+            It is something else.
+
+        Examples
+        --------
+        >>> import meshio
+        >>> vertices, faces = nrs.shapes.icosphere(faces=5_000)
+        >>> len(nrs.NaniteMesh.from_meshio(meshio.Mesh(vertices, [("triangle", faces)])))
+        5120
+        """
+        source = _exchange.from_meshio(mesh)
         return cls.from_arrays(**source.arrays(), options=options, progress=progress)
 
     @classmethod

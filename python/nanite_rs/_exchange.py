@@ -1,0 +1,176 @@
+"""Meshes of PyVista, Open3D and meshio, in and out. Only what makes one of theirs imports their package.
+
+Signatures say `Any` and docstrings the type: following PyVista's own types takes a type checker most of a minute.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from nanite_rs import _advice
+from nanite_rs.exceptions import DependencyError, DtypeError, MeshError
+from nanite_rs.io import Source, _as_rgba
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from types import ModuleType
+
+    from numpy.typing import NDArray
+
+    from nanite_rs.cut import Cut
+
+NORMALS: Final = "Normals"
+"""Point data that holds normals, as VTK's filters name it."""
+COLORS: Final = "RGBA"
+UVS: Final = "Texture Coordinates"
+MATERIALS: Final = "face_materials"
+
+
+def _refused(mesh: object, expected: str) -> DtypeError:
+    error = DtypeError(f"mesh: expected {expected}, not {_advice.name_of_type(mesh)}")
+    return _advice.advised(error, _advice.for_item(mesh))
+
+
+def _needed(package: str) -> ModuleType:
+    try:
+        return __import__(package)
+    except ImportError:
+        raise DependencyError(f"{package} is not installed: pip install {package}") from None
+
+
+def _taken(source: Source, point_data: Mapping[str, Any]) -> Source:
+    """Give a source what its points carry: normals and UVs by their names, colours, all else as channels."""
+    for name, values in point_data.items():
+        array = np.asarray(values)
+        columns = array.shape[1] if array.ndim == 2 else 0
+        if name.lower() == NORMALS.lower() and columns == 3:
+            source.normals = np.asarray(array, np.float32)
+        elif name == UVS and columns == 2:
+            source.uvs = [np.asarray(array, np.float32)]
+        elif name.upper() in ("RGB", "RGBA", "COLORS") and columns in (3, 4) and source.colors is None:
+            source.colors = _as_rgba(array)
+        elif array.ndim in (1, 2) and array.size and array.dtype.kind in "fiub":
+            source.channels[str(name)] = array
+    return source
+
+
+def from_pyvista(mesh: Any) -> Source:
+    """Take the arrays out of any PyVista data set: the triangles of its surface."""
+    if not hasattr(mesh, "point_data") or not hasattr(mesh, "triangulate"):
+        raise _refused(mesh, "a PyVista data set")
+    surface: Any = (
+        mesh if hasattr(mesh, "regular_faces") else mesh.extract_surface(algorithm="dataset_surface")
+    )
+    if not surface.is_all_triangles:
+        surface = surface.triangulate()
+    faces = np.asarray(surface.regular_faces)
+    if not len(faces):
+        raise MeshError("mesh: it has no triangles")
+    source = _taken(Source(np.asarray(surface.points), faces), surface.point_data)
+    uvs, normals = surface.point_data.active_texture_coordinates, surface.point_data.active_normals
+    if uvs is not None:
+        source.uvs = [np.asarray(uvs, np.float32)]
+        source.channels.pop(surface.point_data.active_texture_coordinates_name, None)
+    if normals is not None:
+        source.normals = np.asarray(normals, np.float32)
+        source.channels.pop(surface.point_data.active_normals_name, None)
+    materials = np.asarray(surface.cell_data.get(MATERIALS, ()))
+    source.face_materials = materials if materials.shape == (len(faces),) else None
+    return source
+
+
+def to_pyvista(cut: Cut) -> Any:
+    """Make a PolyData that carries all that a cut does."""
+    pyvista = _needed("pyvista")
+    out = pyvista.PolyData.from_regular_faces(cut.vertices, cut.faces)
+    out.point_data[NORMALS] = cut.normals
+    out.point_data.active_normals_name = NORMALS
+    if cut.uvs:
+        out.point_data.active_texture_coordinates = cut.uvs[0]
+    for name, values in _carried(cut).items():
+        out.point_data[name] = values
+    if cut.face_materials is not None:
+        out.cell_data[MATERIALS] = cut.face_materials
+    return out
+
+
+def _carried(cut: Cut) -> dict[str, NDArray[Any]]:
+    """Colours and channels by name."""
+    return ({} if cut.colors is None else {COLORS: cut.colors}) | dict(cut.channels)
+
+
+def from_open3d(mesh: Any) -> Source:
+    """Take the arrays out of an Open3D mesh, of either of its kinds."""
+    legacy: Any = mesh.to_legacy() if hasattr(mesh, "to_legacy") else mesh
+    if not hasattr(legacy, "triangles") or not hasattr(legacy, "vertex_normals"):
+        raise _refused(mesh, "an Open3D TriangleMesh")
+    source = Source(np.asarray(legacy.vertices), np.asarray(legacy.triangles))
+    if not len(source.faces):
+        raise MeshError("mesh: it has no triangles")
+    if legacy.has_vertex_normals():
+        source.normals = np.asarray(legacy.vertex_normals, np.float32)
+    if legacy.has_vertex_colors():
+        source.colors = _as_rgba(np.asarray(legacy.vertex_colors))
+    if legacy.has_triangle_material_ids():
+        source.face_materials = np.asarray(legacy.triangle_material_ids)
+    if legacy.has_triangle_uvs():
+        # One UV for each corner: every face gets vertices of its own. Equal ones are welded again by the build.
+        corners = source.faces.reshape(-1)
+        source.vertices = source.vertices[corners]
+        source.normals = None if source.normals is None else source.normals[corners]
+        source.colors = None if source.colors is None else source.colors[corners]
+        source.faces = np.arange(len(corners)).reshape(-1, 3)
+        source.uvs = [np.asarray(legacy.triangle_uvs, np.float32)]
+    return source
+
+
+def to_open3d(cut: Cut) -> Any:
+    """Make an Open3D mesh with normals, colours, the first UV set and face materials."""
+    o3d: Any = _needed("open3d")
+    rows, numbers = o3d.utility.Vector3dVector, o3d.utility.Vector3iVector
+    out = o3d.geometry.TriangleMesh(
+        rows(cut.vertices.astype(np.float64)), numbers(cut.faces.astype(np.int32))
+    )
+    out.vertex_normals = rows(cut.normals.astype(np.float64))
+    if cut.colors is not None:
+        out.vertex_colors = rows(cut.colors[:, :3] / 255.0)
+    if cut.uvs:
+        out.triangle_uvs = o3d.utility.Vector2dVector(cut.uvs[0][cut.faces.reshape(-1)].astype(np.float64))
+    if cut.face_materials is not None:
+        out.triangle_material_ids = o3d.utility.IntVector(cut.face_materials)
+    return out
+
+
+def from_meshio(mesh: Any) -> Source:
+    """Take the arrays out of a meshio mesh: its triangles and quadrilaterals."""
+    if not hasattr(mesh, "points") or not hasattr(mesh, "cells_dict"):
+        raise _refused(mesh, "a meshio.Mesh")
+    points = np.asarray(mesh.points)
+    if points.ndim == 2 and points.shape[1] == 2:
+        points = np.column_stack([points, np.zeros(len(points), points.dtype)])
+    faces, materials = [], []
+    given = mesh.cell_data.get(MATERIALS)
+    for at, block in enumerate(mesh.cells):
+        if block.type not in ("triangle", "quad"):
+            continue
+        data = np.asarray(block.data)
+        parts = 1 if block.type == "triangle" else 2
+        faces.append(data if parts == 1 else data[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3))
+        materials.append(() if given is None else np.repeat(np.asarray(given[at]), parts))
+    if not sum(map(len, faces)):
+        kinds = ", ".join(sorted({block.type for block in mesh.cells})) or "none"
+        raise MeshError(f"mesh: it has no triangles or quads; its cells are: {kinds}")
+    source = _taken(Source(points, np.concatenate(faces)), mesh.point_data)
+    source.face_materials = None if given is None else np.concatenate(materials)
+    return source
+
+
+def to_meshio(cut: Cut) -> Any:
+    """Make a meshio mesh that carries all that a cut does."""
+    point_data = {NORMALS: cut.normals} | ({UVS: cut.uvs[0]} if cut.uvs else {}) | _carried(cut)
+    cell_data = {} if cut.face_materials is None else {MATERIALS: [cut.face_materials]}
+    return _needed("meshio").Mesh(
+        cut.vertices, [("triangle", cut.faces)], point_data=point_data, cell_data=cell_data
+    )
