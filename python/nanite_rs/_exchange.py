@@ -36,8 +36,8 @@ def _refused(mesh: object, expected: str) -> DtypeError:
 def _needed(package: str) -> ModuleType:
     try:
         return __import__(package)
-    except ImportError:
-        raise DependencyError(f"{package} is not installed: pip install {package}") from None
+    except ImportError as error:
+        raise DependencyError(f"{package} cannot be imported ({error}): pip install {package}") from None
 
 
 def _taken(source: Source, point_data: Mapping[str, Any]) -> Source:
