@@ -597,7 +597,7 @@ mod tests {
             }
             let dual = dual([a, b, c]);
             let plate = Plate { corner: a, edges: [sub(b, a), sub(c, a)], dual: &dual };
-            let enough = if round % 3 == 0 { f64::INFINITY } else { random() + 0.8 };
+            let enough = if round % 3 == 0 { f64::INFINITY } else { 0.5 * random() + 0.5 };
             let pairs = plate.farthest_of_pairs(&points, enough);
             // SAFETY: the processor has AVX, see above.
             let fours = unsafe { plate.farthest_avx(&points, enough) };
