@@ -18,6 +18,7 @@ pub mod math;
 pub mod measure;
 pub mod mesh;
 pub mod model;
+pub mod processor;
 #[cfg(feature = "python")]
 mod python;
 pub mod render;

@@ -1,6 +1,10 @@
 //! The edges of triangles with their uses. Bucketed by the smaller end: buckets are short, so sorting each is
 //! cheaper than sorting all.
 
+use std::ops::Range;
+
+use rayon::prelude::*;
+
 /// Half-edges from which on the work is shared between threads.
 const PARALLEL_HALVES: usize = 1 << 16;
 
@@ -42,28 +46,57 @@ impl Edges {
         Self::named(faces, |v| v)
     }
 
-    /// The edges of faces whose corners go by other names.
-    pub fn named(faces: &[[u32; 3]], name: impl Fn(u32) -> u32) -> Self {
-        let points = faces.iter().flatten().map(|v| name(*v)).max().map_or(0, |v| v as usize + 1);
-        let halves_of = |f: &[u32; 3]| {
-            let [a, b, c] = f.map(&name);
-            [(a, b), (b, c), (c, a)]
+    /// The edges of faces whose corners go by other names. Of many faces each thread looks for those edges whose
+    /// smaller end lies in its share of the points.
+    pub fn named(faces: &[[u32; 3]], name: impl Fn(u32) -> u32 + Sync) -> Self {
+        let last = |face: &[u32; 3]| face.iter().map(|v| name(*v)).max();
+        if 3 * faces.len() < PARALLEL_HALVES {
+            let points = faces.iter().filter_map(last).max().map_or(0, |v| v + 1);
+            return Self::within(0..points, faces, name);
+        }
+        let points = faces.par_iter().filter_map(last).max().map_or(0, |v| v + 1);
+        let size = points.div_ceil(rayon::current_num_threads() as u32).max(1);
+        let firsts: Vec<u32> = (0..points).step_by(size as usize).collect();
+        let share = |first: u32| Self::within(first..(first + size).min(points), faces, &name);
+        let mut shares = firsts.into_par_iter().map(share).collect::<Vec<_>>().into_iter();
+        let Some(mut all) = shares.next() else { return Self::within(0..0, faces, name) };
+        for Self { starts, halves } in shares {
+            let before = all.halves.len() as u32;
+            all.starts.extend(starts[1..].iter().map(|start| before + start));
+            all.halves.extend(halves);
+        }
+        all
+    }
+
+    /// The edges whose smaller end is in a range of points, numbered from there.
+    fn within(range: Range<u32>, faces: &[[u32; 3]], name: impl Fn(u32) -> u32) -> Self {
+        let points = range.len();
+        let halves_of = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(&name);
+            [(a, b), (b, c), (c, a)].map(|(a, b)| {
+                // Far beyond all points where it is below the range.
+                let bucket = a.min(b).wrapping_sub(range.start) as usize;
+                (bucket, 2 * a.max(b) + u32::from(a > b))
+            })
         };
-        let mut starts = vec![0u32; points + 2];
+        let halves = || faces.iter().flat_map(halves_of).filter(|(bucket, _)| *bucket < points);
         // Counted two places ahead, so that filling leaves the starts where they belong.
-        faces.iter().flat_map(halves_of).for_each(|(a, b)| starts[a.min(b) as usize + 2] += 1);
+        let mut starts = vec![0u32; points + 2];
+        halves().for_each(|(bucket, _)| starts[bucket + 2] += 1);
         for i in 2..starts.len() {
             starts[i] += starts[i - 1];
         }
-        let mut halves = vec![0u32; 3 * faces.len()];
-        for (a, b) in faces.iter().flat_map(halves_of) {
-            let at = &mut starts[a.min(b) as usize + 1];
-            halves[*at as usize] = 2 * a.max(b) + u32::from(a > b);
+        let mut filled = vec![0u32; starts[points + 1] as usize];
+        for (bucket, half) in halves() {
+            let at = &mut starts[bucket + 1];
+            filled[*at as usize] = half;
             *at += 1;
         }
         starts.truncate(points + 1);
-        sort_buckets(&mut halves, &starts);
-        Self { starts, halves }
+        for bucket in starts.windows(2) {
+            filled[bucket[0] as usize..bucket[1] as usize].sort_unstable();
+        }
+        Self { starts, halves: filled }
     }
 
     /// The edges whose smaller end is `point`.
@@ -89,20 +122,6 @@ impl Edges {
     }
 }
 
-/// Sorts each bucket; large sets of them on all threads.
-fn sort_buckets(halves: &mut [u32], starts: &[u32]) {
-    if halves.len() < PARALLEL_HALVES {
-        let first = starts[0];
-        starts
-            .windows(2)
-            .for_each(|w| halves[(w[0] - first) as usize..(w[1] - first) as usize].sort_unstable());
-        return;
-    }
-    let middle = starts.len() / 2;
-    let (a, b) = halves.split_at_mut((starts[middle] - starts[0]) as usize);
-    rayon::join(|| sort_buckets(a, &starts[..=middle]), || sort_buckets(b, &starts[middle..]));
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -114,5 +133,23 @@ mod tests {
         assert_eq!(all, [((0, 1), 2, 0), ((0, 2), 0, 2), ((1, 2), 2, 1), ((1, 5), 1, 0), ((2, 5), 0, 1)]);
         assert_eq!(Edges::of(&[]).iter().count(), 0);
         assert_eq!(edges.at(17).count(), 0);
+    }
+
+    #[test]
+    fn many_faces_have_the_same_edges_in_any_number_of_shares() {
+        let mut state = 1u32;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) % 5_000
+        };
+        let faces: Vec<[u32; 3]> = (0..PARALLEL_HALVES).map(|_| std::array::from_fn(|_| random())).collect();
+        let last = faces.iter().flatten().max().unwrap();
+        let whole = Edges::within(0..last + 1, &faces, |v| v);
+        for threads in [1, 2, 3, 7] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let shared = pool.install(|| Edges::of(&faces));
+            assert_eq!((&shared.starts, &shared.halves), (&whole.starts, &whole.halves));
+        }
+        assert_eq!(whole.iter().map(|e| e.faces() as usize).sum::<usize>(), 3 * faces.len());
     }
 }

@@ -1,5 +1,7 @@
 //! Welding and mending: bit-identical vertices become one, faces that cannot have area and repeated faces go.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use bytemuck::cast_slice;
 use rayon::prelude::*;
 
@@ -95,15 +97,15 @@ fn mend(
     position_ids: &[u32],
     report: &mut BuildReport,
 ) -> (Vec<[u32; 3]>, Vec<u32>) {
-    let mut kept = Vec::with_capacity(faces.len());
-    let mut rows = Vec::with_capacity(faces.len());
-    for (row, face) in faces.iter().enumerate() {
-        let [a, b, c] = face.map(|v| position_ids[v as usize]);
-        if a != b && b != c && c != a {
-            kept.push(face.map(|v| vertex_ids[v as usize]));
-            rows.push(row as u32);
-        }
-    }
+    let (mut kept, mut rows): (Vec<_>, Vec<_>) = faces
+        .par_iter()
+        .enumerate()
+        .filter_map(|(row, face)| {
+            let [a, b, c] = face.map(|v| position_ids[v as usize]);
+            let stays = a != b && b != c && c != a;
+            stays.then(|| (face.map(|v| vertex_ids[v as usize]), row as u32))
+        })
+        .unzip();
     report.degenerate_faces = (faces.len() - kept.len()) as u64;
     // Faces that are the same run along the same edges in the same direction: mostly none do.
     if count_edges(&kept, position_ids, report) {
@@ -146,17 +148,17 @@ fn compact(
     mut faces: Vec<[u32; 3]>,
     report: &mut BuildReport,
 ) -> (WeldedMesh, Vec<u32>) {
-    let mut used = vec![false; positions.len()];
-    faces.iter().flatten().for_each(|v| used[*v as usize] = true);
+    let used: Vec<AtomicBool> = positions.par_iter().map(|_| AtomicBool::new(false)).collect();
+    faces.par_iter().flatten().for_each(|v| used[*v as usize].store(true, Ordering::Relaxed));
     let mut rename = vec![u32::MAX; positions.len()];
     let mut order = Vec::new();
     for v in 0..positions.len() {
-        if used[v] {
+        if used[v].load(Ordering::Relaxed) {
             rename[v] = order.len() as u32;
             order.push(v as u32);
         }
     }
-    let distinct = vertex_ids.iter().enumerate().filter(|(i, v)| **v as usize == *i).count();
+    let distinct = vertex_ids.par_iter().enumerate().filter(|(i, v)| **v as usize == *i).count();
     report.welded_vertices = (positions.len() - distinct) as u64;
     report.unreferenced_vertices = (distinct - order.len()) as u64;
     drop(vertex_ids);

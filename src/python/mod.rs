@@ -10,11 +10,22 @@ mod renderer;
 mod scene;
 mod tables;
 
+use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
+
+use crate::processor;
 
 /// The compiled part of nanite_rs. Use the package `nanite_rs`, not this module.
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    let missing = processor::missing();
+    if !missing.is_empty() {
+        return Err(PyImportError::new_err(format!(
+            "nanite_rs is compiled for x86-64-v2, processors since 2009; this one has no {}. From source it builds for \
+             older ones with the environment variable RUSTFLAGS=-Ctarget-cpu=x86-64",
+            missing.join(", ")
+        )));
+    }
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<mesh::Cut>()?;

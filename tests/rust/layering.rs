@@ -24,13 +24,26 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("format", &["model", "layout"]),
     ("stream", &["model", "format"]),
     ("gpu_types", &[]),
+    ("processor", &[]),
     ("scene", &["model"]),
     ("cpu", &["model", "lod", "gpu_types", "scene", "stream"]),
     ("gpu", &["model", "gpu_types", "scene", "stream"]),
     ("render", &["model", "lod", "gpu_types", "scene", "stream", "cpu", "gpu"]),
     (
         "python",
-        &["model", "mesh", "measure", "build", "lod", "format", "stream", "gpu_types", "scene", "render"],
+        &[
+            "model",
+            "mesh",
+            "measure",
+            "build",
+            "lod",
+            "format",
+            "stream",
+            "gpu_types",
+            "scene",
+            "render",
+            "processor",
+        ],
     ),
 ];
 
