@@ -290,6 +290,8 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, help="ours, VTK's, and four times the difference")
     parser.add_argument("scenes", nargs="*", type=Path)
     options = parser.parse_args()
+    if options.pictures:
+        options.pictures.mkdir(parents=True, exist_ok=True)
     print(f"{machine.describe()}\n")
     print("| picture | PSNR, dB | FLIP | mean light, ours by VTK's |\n|---|---|---|---|")
     kinds = ("light", "sky", "sky with a sun")

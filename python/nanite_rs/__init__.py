@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from nanite_rs import measure, plot, shapes, viewer
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+
+from nanite_rs import _advice, measure, plot, shapes, viewer
 from nanite_rs._core import __version__
 from nanite_rs.animation import save_animation
 from nanite_rs.assets import LoadedScene, load_scene
@@ -121,3 +123,8 @@ __all__ = [
     "view",
     "viewer",
 ]
+
+if not _TYPE_CHECKING:
+
+    def __getattr__(name: str) -> object:
+        raise _advice.absent("nanite_rs", name)

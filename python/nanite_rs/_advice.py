@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import os
 import re
+import sys
+import warnings
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,6 +16,104 @@ import numpy as np
 from nanite_rs.exceptions import NaniteError
 
 E = TypeVar("E", bound=NaniteError)
+F = TypeVar("F", bound=Callable[..., Any])
+
+# Modules whose lines no warning points at: this package, and what calls its properties.
+_INNER = {"nanite_rs", "functools"}
+
+_ONE_LEVEL = "a mesh holds all levels of detail; of one of them, cut = mesh.cut(error=0) gives cut.{}"
+_EXPORT = "cut.to_trimesh().export(path) writes it"
+_AS_IMAGE = "PIL.Image.fromarray(frame.color)"
+_ADD = "scene.add(mesh, pose=pose) adds meshes and lights"
+# What other packages call what is found elsewhere here, by type.
+_ELSEWHERE = {
+    "NaniteMesh": {
+        **{name: _ONE_LEVEL.format(name) for name in ("vertices", "faces", "normals", "colors", "uvs")},
+        **dict.fromkeys(("points", "verts"), _ONE_LEVEL.format("vertices")),
+        "triangles": _ONE_LEVEL.format("faces"),
+        **{
+            f"to_{name}": _ONE_LEVEL.format(f"to_{name}()")
+            for name in ("trimesh", "pyvista", "open3d", "meshio")
+        },
+        **dict.fromkeys(("simplify", "decimate"), "mesh.cut(target_reduction=0.9) removes 90 %"),
+        **dict.fromkeys(("show", "view", "plot"), "nanite_rs.view(mesh) opens it in a window or a notebook"),
+        "export": "mesh.save(path) writes all levels; mesh.cut(error=0).to_trimesh().export(path) one of them",
+        **dict.fromkeys(("extents", "center", "centroid", "box"), "mesh.bounds has the corners of its box"),
+        "levels": "mesh.report.levels says what each has",
+    },
+    "Cut": {
+        **dict.fromkeys(("export", "save"), _EXPORT),
+        "show": "cut.to_trimesh().show() opens it",
+        **dict.fromkeys(("points", "verts"), "these are cut.vertices"),
+        "triangles": "these are cut.faces",
+        "vertex_normals": "these are cut.normals",
+        **dict.fromkeys(("mesh", "trimesh"), "cut.to_trimesh() makes one"),
+    },
+    "Frame": {
+        **dict.fromkeys(("image", "rgb", "pixels"), "that is frame.color"),
+        "show": f"{_AS_IMAGE}.show(), or plt.imshow(frame.color)",
+        **dict.fromkeys(("to_pil", "to_image"), _AS_IMAGE),
+        "mask": "frame.depth > 0 says where a mesh is",
+    },
+    "Scene": {
+        **dict.fromkeys(("add_node", "add_mesh", "add_light", "add_geometry"), _ADD),
+        **dict.fromkeys(("show", "view"), "nanite_rs.view(scene) opens it in a window or a notebook"),
+    },
+    "Renderer": {"delete": "renderer.close()"},
+    "nanite_rs": {
+        **dict.fromkeys(
+            ("load", "open", "read", "load_mesh"),
+            "NaniteMesh.from_file(path) builds a mesh of a file, NaniteMesh.open(path) opens a .nanite file",
+        ),
+        **dict.fromkeys(
+            ("Mesh", "build"), "NaniteMesh.from_arrays(vertices, faces), from_trimesh and from_file"
+        ),
+        "simplify_mesh": "simplify(points, triangles, 0.9), or NaniteMesh.from_pyvista(mesh).cut(...)",
+        "OffscreenRenderer": "Renderer(width, height)",
+        "Node": "scene.add(mesh, pose=pose) returns one",
+    },
+}
+
+
+def absent(owner: object, name: str) -> AttributeError:
+    """Return the error of a name that is not there, with where to look instead."""
+    kind = owner if isinstance(owner, str) else type(owner).__name__
+    what = f"module {kind!r}" if isinstance(owner, str) else f"{kind!r} object"
+    advice = _ELSEWHERE.get(kind, {}).get(name, "")
+    message = f"{what} has no attribute {name!r}{'; ' if advice else ''}{advice}"
+    return (
+        AttributeError(message) if isinstance(owner, str) else AttributeError(message, name=name, obj=owner)
+    )
+
+
+def teaches(*, otherwise: str = "", **keywords: str) -> Callable[[F], F]:
+    """Decorate what says more than Python does where arguments do not fit: of a keyword, or ``otherwise``."""
+
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def call(*arguments: Any, **named: Any) -> Any:
+            try:
+                return function(*arguments, **named)
+            except TypeError as error:
+                # What comes from inside the function has a line there.
+                if error.__traceback__ is None or error.__traceback__.tb_next is not None:
+                    raise
+                found = re.search(r"keyword argument '(\w+)'", str(error))
+                advice = keywords.get(found[1], otherwise) if found else otherwise
+                message = f"{error}; {advice}" if advice else str(error)
+            raise TypeError(message)
+
+        return call  # type: ignore[return-value]
+
+    return decorate
+
+
+def warn(message: str, category: type[Warning]) -> None:
+    """Warn, at the line outside of this package that led here."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] in _INNER:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)
 
 
 def advised(error: E, advice: str) -> E:

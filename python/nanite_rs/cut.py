@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _exchange
+from nanite_rs import _advice, _exchange
 from nanite_rs._channels import CutChannels
 
 if TYPE_CHECKING:
@@ -100,6 +100,11 @@ class Cut:
         self.cluster_materials: NDArray[np.int32] | None = core.cluster_materials
         self.vertex_ids: NDArray[np.uint32] = core.vertex_ids
         self._first_face: NDArray[np.uint32] = core.first_face
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            raise _advice.absent(self, name)
 
     def __len__(self) -> int:
         """Return the number of triangles."""

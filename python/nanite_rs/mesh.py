@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -16,7 +17,7 @@ from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._progress import Progress, reporter
 from nanite_rs.camera import Camera
 from nanite_rs.cut import Cut
-from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError
+from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, UsageWarning
 from nanite_rs.report import BuildReport, CheckReport
 
 if TYPE_CHECKING:
@@ -107,7 +108,13 @@ def _colors(value: object) -> NDArray[np.uint8]:
         if not np.isfinite(array).all() or array.min(initial=0.0) < 0.0 or array.max(initial=0.0) > 1.0:
             raise ArgumentError("colors: floating-point colours must lie between 0 and 1")
         array = np.rint(array * 255.0).astype(np.uint8)
-    elif array.dtype != np.uint8:
+    elif array.dtype == np.uint8:
+        if len(array) and array.max() == 1:
+            _advice.warn(
+                "colors: uint8 of 0 and 1 are next to black: give colors * 255, or floats of 0 to 1",
+                UsageWarning,
+            )
+    else:
         raise DtypeError(f"colors: expected uint8 or a floating-point dtype, not {array.dtype}")
     if array.shape[1] == 3:
         array = np.concatenate([array, np.full((len(array), 1), 255, np.uint8)], axis=1)
@@ -176,7 +183,7 @@ class NaniteMesh:
     _core: CoreMesh
     _report: BuildReport | None
 
-    def __init__(self) -> None:
+    def __init__(self, *_: object, **__: object) -> None:
         raise TypeError("use NaniteMesh.from_arrays, from_trimesh, from_file or open")
 
     @classmethod
@@ -189,6 +196,11 @@ class NaniteMesh:
     # ------------------------------------------------------------------------------------------ making
 
     @classmethod
+    @_advice.teaches(
+        vertex_colors="give colors=",
+        **dict.fromkeys(("quality", "error", "threads"), "give options=BuildOptions(...)"),
+        otherwise="give from_arrays(vertices, faces), or from_trimesh(mesh), or from_file(path)",
+    )
     def from_arrays(
         cls,
         vertices: ArrayLike,
@@ -568,6 +580,11 @@ class NaniteMesh:
 
     # ----------------------------------------------------------------------------------------- cutting
 
+    @_advice.teaches(
+        **dict.fromkeys(("faces", "count", "target_count", "n_faces"), "target_faces=5000 keeps so many"),
+        **dict.fromkeys(("ratio", "reduction"), "target_reduction=0.9 removes 90 %"),
+        otherwise="say of what: cut(error=0.1), target_faces=5000, target_reduction=0.9, or camera=",
+    )
     def cut(
         self,
         *,
@@ -657,9 +674,11 @@ class NaniteMesh:
         if pose is None or viewport is None:
             raise ArgumentError("camera: pose= and viewport= are needed with it")
         try:
-            width, height = (int(side) for side in viewport)
+            width, height = (operator.index(side) for side in viewport)
         except (TypeError, ValueError):
-            raise ArgumentError(f"viewport: expected (width, height), not {viewport!r}") from None
+            raise ArgumentError(
+                f"viewport: expected (width, height) in whole pixels, not {viewport!r}"
+            ) from None
         if min(width, height) < 1:
             raise ArgumentError(f"viewport: sides must be positive, not {width} × {height}")
         pixel_error = _real(pixel_error, "pixel_error")
@@ -759,6 +778,11 @@ class NaniteMesh:
         """Bytes in memory: of an opened file the pages, channels and face ids that were read so far."""
         return self._core.nbytes
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            raise _advice.absent(self, name)
+
     def __len__(self) -> int:
         """Return the number of source triangles, after mending."""
         return self._core.source_faces
@@ -802,6 +826,7 @@ def _from_bytes(data: bytes) -> NaniteMesh:
     return NaniteMesh._wrap(CoreMesh.from_bytes(data))
 
 
+@_advice.teaches(otherwise="give simplify(points, triangles, 0.9)")
 def simplify(
     points: ArrayLike,
     triangles: ArrayLike,
@@ -851,17 +876,27 @@ def simplify(
     for name, wanted in flags.items():
         if wanted:
             raise ArgumentError(f"{name}: not available here")
+    if not isinstance(points, np.ndarray | Sequence):
+        raise DtypeError(
+            f"points: expected an array, not {_advice.name_of_type(points)}; give vertices and faces"
+        )
     if (target_reduction is None) == (target_count is None):
         raise ArgumentError("simplify: expected exactly one of target_reduction and target_count")
     vertices = _array(points, "points")
     if vertices.dtype.kind != "f":
         vertices = vertices.astype(np.float64)
-    faces = _array(triangles, "triangles")
+    # By the name by which lists of whole numbers stay what they are.
+    faces = _array(triangles, "faces")
     if target_count is None:
         reduction = _real(target_reduction, "target_reduction")
         if not 0.0 <= reduction <= 1.0:
             raise _bad_reduction(reduction)
         target_count = math.floor((1.0 - reduction) * len(faces) + 1e-6)
+    elif isinstance(target_count, bool) or not isinstance(target_count, int | np.integer):
+        raise DtypeError(
+            f"target_count: expected an integer, not {type(target_count).__name__}; "
+            "target_reduction takes a fraction to remove"
+        )
     elif not 0 <= target_count <= len(faces):
         raise ArgumentError(f"target_count: must be between 0 and {len(faces)}, not {target_count}")
     mesh = NaniteMesh.from_arrays(vertices, faces, progress=verbose)

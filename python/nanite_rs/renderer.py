@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
@@ -305,11 +304,10 @@ class Frame:
         """
         color = self._frame.color()
         if self._unlit and (seen := self.depth > 0).any() and not color[seen].any():
-            warnings.warn(
+            _advice.warn(
                 "the picture is black: the scene has no light; scene.add(nrs.DirectionalLight(intensity=3.0), "
                 'pose=pose), scene.ambient_light = (1, 1, 1), or render(shading="flat")',
                 UsageWarning,
-                stacklevel=3,
             )
         return color
 
@@ -421,6 +419,18 @@ class Frame:
     def height(self) -> int:
         """Rows."""
         return self._frame.size[1]
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            raise _advice.absent(self, name)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """The picture, `color`, for ``np.asarray(frame)`` and ``plt.imshow(frame)``."""
+        return self.color.astype(dtype or np.uint8, copy=copy is not False)
+
+    def __iter__(self) -> Iterator[Any]:
+        raise TypeError("a frame is no tuple: frame.color and frame.depth are its pictures")
 
     def view(self, name: ViewName = "shaded") -> NDArray[np.uint8]:
         """Return a picture, (H, W, 3) uint8.
@@ -614,6 +624,7 @@ class Renderer:
     True
     """
 
+    @_advice.teaches(otherwise="give Renderer(width, height)")
     def __init__(
         self,
         width: int,
@@ -627,6 +638,8 @@ class Renderer:
         pool = _whole(pool_bytes, "pool_bytes", 1 << 63, "0 and 2^63")
         if not isinstance(backend, str):
             raise DtypeError(f'backend: expected "auto", "cpu" or "gpu", not {backend!r}')
+        if not streaming and pool != POOL_BYTES:
+            _advice.warn("pool_bytes: counts with streaming=True alone", UsageWarning)
         try:
             core = _core.Renderer(*self._size, backend, pool if streaming else None)
         except ArgumentError as error:
@@ -667,6 +680,11 @@ class Renderer:
         raster, reason, times = found
         return Calibration(raster, reason, dict(times))
 
+    @_advice.teaches(
+        error="give pixel_error=",
+        flags="give shading=, outputs= or depth_only=",
+        otherwise="give render(scene, camera, pose); orbit and look_at make poses",
+    )
     def render(
         self,
         scene: Scene,
@@ -906,20 +924,21 @@ class Renderer:
                 raise _advice.advised(error, "it counts bytes: 512 << 20 is 512 MiB") from None
             raise _advice.near(error) from None
         for fault in self._core.faults():
-            warnings.warn(fault, StreamWarning, stacklevel=3)
+            _advice.warn(fault, StreamWarning)
         smaller = max((dict(frame.totals()[0])["smaller_images"] for frame in frames), default=0)
         if smaller > self._smaller:
-            warnings.warn(
+            _advice.warn(
                 f"the GPU has no room for all textures: {smaller} of the images lack their largest levels",
                 TextureWarning,
-                stacklevel=3,
             )
         self._smaller = smaller
         if self._blank and frames:
             self._blank = not any(dict(frame.totals()[0])["covered_pixels"] for frame in frames)
+            if np.linalg.det(np.asarray(views[0][1], np.float64)[:3, :3]) < 0.0:
+                _advice.warn("pose: it mirrors the picture: its determinant is below 0", UsageWarning)
             if self._blank:
                 reason = _unseen.reason(scene._core, views[0][0], views[0][1], self._size)
-                warnings.warn(f"the picture shows no mesh: {reason}", UsageWarning, stacklevel=3)
+                _advice.warn(f"the picture shows no mesh: {reason}", UsageWarning)
         self._backend = self._core.backend
         made = {
             "pixel_error": float(pixel_error),
@@ -933,6 +952,11 @@ class Renderer:
             Frame(frame, _lens(camera) | {"pose": np.asarray(pose, np.float64).tolist()} | made, unlit)
             for frame, (camera, pose) in zip(frames, views, strict=True)
         ]
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            raise _advice.absent(self, name)
 
     def close(self) -> None:
         """Give the memory back. Frames stay valid."""

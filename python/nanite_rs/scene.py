@@ -7,7 +7,6 @@ one instance costs the same in a scene of one as in a scene of a million.
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
@@ -56,11 +55,7 @@ def _bright(value: Color, name: str) -> Rgb:
     """The same of what may exceed 1."""
     rgb = _rgb(value, name)
     if _advice.is_of_bytes(rgb):
-        warnings.warn(
-            f"{name}: {rgb} looks like 0 to 255; colours are 0 to 1: divide by 255",
-            UsageWarning,
-            stacklevel=4,
-        )
+        _advice.warn(f"{name}: {rgb} looks like 0 to 255; colours are 0 to 1: divide by 255", UsageWarning)
     return rgb
 
 
@@ -261,10 +256,9 @@ class Environment:
                 raise DtypeError(f"{name}: expected a number, not {value!r}")
             object.__setattr__(self, name, float(value))
         if math.tau < abs(self.rotation) <= 360.0 and self.rotation.is_integer():
-            warnings.warn(
+            _advice.warn(
                 f"rotation: {self.rotation:g} looks like degrees; it is in radians: np.radians({self.rotation:g})",
                 UsageWarning,
-                stacklevel=3,
             )
 
     def _raw(self) -> tuple[_core.EnvironmentMap, float, float, bool]:
@@ -498,12 +492,20 @@ class Scene:
         self.bg_color = bg_color
         self.environment = environment
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            raise _advice.absent(self, name)
+
     @overload
     def add(
         self, item: NaniteMesh, *, pose: ArrayLike | None = None, material: Look | None = None
     ) -> MeshNode: ...
     @overload
     def add(self, item: Light, *, pose: ArrayLike | None = None) -> LightNode: ...
+    @_advice.teaches(
+        **dict.fromkeys(("transform", "matrix"), "give pose="), otherwise="give scene.add(item, pose=pose)"
+    )
     def add(
         self,
         item: NaniteMesh | Light,

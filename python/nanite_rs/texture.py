@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from nanite_rs import _core
+from nanite_rs import _advice, _core
 from nanite_rs._images import read_image
-from nanite_rs.exceptions import ArgumentError, DtypeError
+from nanite_rs.exceptions import ArgumentError, DtypeError, UsageWarning
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -71,6 +71,11 @@ class Image:
                 value = array[row, column, channel]
                 raise ArgumentError(f"pixels: {value} at row {row}, column {column}, channel {channel}")
             array = array.astype(np.float32)
+            if 16 < array.max() <= 255 and array.min() >= 0 and (array == np.rint(array)).all():
+                _advice.warn(
+                    "pixels: they look like 0 to 255; floats are 0 to 1: give pixels.astype(np.uint8)",
+                    UsageWarning,
+                )
         self._pixels: NDArray[Any] = np.array(array, order="C", copy=True)
         self._pixels.flags.writeable = False
         self._cores: dict[bool, _core.Image] = {}

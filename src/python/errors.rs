@@ -71,7 +71,13 @@ pub(super) fn to_python(py: Python<'_>, error: Error) -> PyErr {
         // OSError's own arguments, so that errno, strerror and filename are set.
         let reason = source.to_string();
         let reason = reason.split(" (os error").next().unwrap_or(&reason).to_owned();
-        let arguments = (source.raw_os_error(), reason, path.as_os_str().to_owned());
+        // Some errors come wrapped, with their kind alone.
+        let number = source.raw_os_error().or(match source.kind() {
+            std::io::ErrorKind::NotFound => Some(2),
+            std::io::ErrorKind::PermissionDenied => Some(13),
+            _ => None,
+        });
+        let arguments = (number, reason, path.as_os_str().to_owned());
         return match arguments.into_pyobject(py) {
             Ok(arguments) => exception(py, class, arguments),
             Err(error) => error,

@@ -9,6 +9,7 @@ use std::sync::{Arc, OnceLock};
 use glam::DAffine3;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::IntoPyObjectExt;
+use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use rayon::prelude::*;
@@ -122,25 +123,37 @@ fn build_options(options: Option<&Bound<'_, PyDict>>) -> PyResult<BuildOptions> 
     let mut out = BuildOptions::default();
     let Some(options) = options else { return Ok(out) };
     for (name, value) in options {
-        match name.extract::<String>()?.as_str() {
-            "cluster_triangles" => out.cluster_triangles = value.extract()?,
-            "cluster_vertices" => out.cluster_vertices = value.extract()?,
-            "group_clusters" => out.group_clusters = value.extract()?,
-            "clusterizer" => out.clusterizer = value.extract::<String>()?.parse().map_err(to_raise)?,
-            "partition" => out.partition = value.extract::<String>()?.parse().map_err(to_raise)?,
-            "quality" => out.quality = value.extract::<String>()?.parse().map_err(to_raise)?,
-            "error" => out.error = value.extract::<String>()?.parse().map_err(to_raise)?,
-            "normal_weight" => out.normal_weight = value.extract()?,
-            "color_weight" => out.color_weight = value.extract()?,
-            "uv_weight" => out.uv_weight = value.extract()?,
-            "channel_weight" => out.channel_weight = value.extract()?,
-            "preserve_area" => out.preserve_area = value.extract()?,
-            "face_ids" => out.face_ids = value.extract()?,
-            "threads" => out.threads = value.extract()?,
-            other => return Err(argument_error(name.py(), "options", format!("no option {other:?}"))),
-        }
+        let name = name.extract::<String>()?;
+        set_option(&mut out, &name, &value).map_err(|error| {
+            let py = value.py();
+            // What no unsigned number can be.
+            let out_of_range = error.is_instance_of::<PyOverflowError>(py);
+            let message = || format!("{name} must not be {value}");
+            if out_of_range { argument_error(py, "options", message()) } else { error }
+        })?;
     }
     Ok(out)
+}
+
+fn set_option(out: &mut BuildOptions, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
+    match name {
+        "cluster_triangles" => out.cluster_triangles = value.extract()?,
+        "cluster_vertices" => out.cluster_vertices = value.extract()?,
+        "group_clusters" => out.group_clusters = value.extract()?,
+        "clusterizer" => out.clusterizer = value.extract::<String>()?.parse().map_err(to_raise)?,
+        "partition" => out.partition = value.extract::<String>()?.parse().map_err(to_raise)?,
+        "quality" => out.quality = value.extract::<String>()?.parse().map_err(to_raise)?,
+        "error" => out.error = value.extract::<String>()?.parse().map_err(to_raise)?,
+        "normal_weight" => out.normal_weight = value.extract()?,
+        "color_weight" => out.color_weight = value.extract()?,
+        "uv_weight" => out.uv_weight = value.extract()?,
+        "channel_weight" => out.channel_weight = value.extract()?,
+        "preserve_area" => out.preserve_area = value.extract()?,
+        "face_ids" => out.face_ids = value.extract()?,
+        "threads" => out.threads = value.extract()?,
+        other => return Err(argument_error(value.py(), "options", format!("no option {other:?}"))),
+    }
+    Ok(())
 }
 
 #[pymethods]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 import warnings
 
@@ -39,6 +40,11 @@ PYVISTA = np.c_[np.full(len(F), 3), F]
 N, M = len(V), len(F)
 
 BUILDING = {
+    "threads below 0": (
+        lambda: build(options=nrs.BuildOptions(threads=-1)),
+        nrs.ArgumentError,
+        "threads must not be -1",
+    ),
     "vertices transposed": (lambda: build(V.T), nrs.ArgumentError, "vertices: .*transposed, give vertices.T"),
     "faces transposed": (lambda: build(V, F.T), nrs.ArgumentError, "faces: .*give faces.T"),
     "vertices flat": (lambda: build(V.ravel()), nrs.ArgumentError, "vertices.reshape(-1, 3)"),
@@ -120,6 +126,11 @@ def test_building(mistake) -> None:
 
 
 CUTTING = {
+    "half a pixel": (
+        {"camera": LENS, "pose": POSE, "viewport": (640.5, 480)},
+        nrs.ArgumentError,
+        "viewport: .*whole pixels",
+    ),
     "a negative error": ({"error": -0.1}, nrs.ArgumentError, "error: must be 0 or more"),
     "an error that is no number": ({"error": np.nan}, nrs.ArgumentError, "error: must be 0 or more"),
     "an error and a number of triangles": (
@@ -282,6 +293,10 @@ def test_files(mesh, tmp_path) -> None:
     check(lambda: nrs.NaniteMesh.open(tmp_path / "box.glb"), nrs.FormatError, "NaniteMesh.from_file")
     check(lambda: mesh.save(tmp_path / "box.ply"), nrs.FormatError, "to_trimesh().export(path) writes .ply")
     check(lambda: shot(mesh).save(tmp_path / "a.jpg"), nrs.FormatError, ".jpg is unknown; .*.png or .exr")
+    with pytest.raises(nrs.MissingFileError) as missing:
+        mesh.save(tmp_path / "none" / "m.nanite")
+    assert missing.value.errno == errno.ENOENT
+    assert "none" in str(missing.value.filename)
     mesh.save(tmp_path / "m.nanite")
     scene = made(nrs.NaniteMesh.open(tmp_path / "m.nanite"))
     with nrs.Renderer(64, 48, backend="cpu", streaming=True, pool_bytes=10) as renderer:
@@ -332,6 +347,19 @@ DOUBTFUL = {
     "ambient light of 0 to 255": (lambda: nrs.Scene(ambient_light=[64, 64, 64]), "divide by 255"),
     "emission of 0 to 255": (lambda: nrs.Material(emissive=(200, 180, 20)), "divide by 255"),
     "an environment turned by degrees": (lambda: nrs.Environment(SKY, rotation=90), "np.radians(90)"),
+    "colours of 0 and 1 as bytes": (lambda: build(colors=np.ones((N, 3), np.uint8)), "colors * 255"),
+    "an image of floats of 0 to 255": (
+        lambda: nrs.Image(np.full((2, 2, 3), 200.0)),
+        "give pixels.astype(np.uint8)",
+    ),
+    "a pool without streaming": (
+        lambda: nrs.Renderer(8, 8, backend="cpu", pool_bytes=1 << 20),
+        "streaming=True",
+    ),
+    "a camera that mirrors": (
+        lambda: shot(build(), pose=POSE @ np.diag([-1.0, 1.0, 1.0, 1.0])),
+        "its determinant is below 0",
+    ),
 }
 
 
@@ -341,6 +369,7 @@ def test_values_that_are_seldom_meant(mistake) -> None:
     with pytest.warns(nrs.UsageWarning, match=re.escape(message)) as told:
         call()
     assert len(told) == 1
+    assert told[0].filename == __file__
 
 
 def test_a_scene_without_light_says_so_when_it_is_looked_at(mesh) -> None:
@@ -355,6 +384,105 @@ def test_a_scene_without_light_says_so_when_it_is_looked_at(mesh) -> None:
             assert not frame.color[frame.depth > 0].any()
         scene.ambient_light = (2.0, 2.0, 2.0)
         assert renderer.render(scene, LENS, POSE).color.any()
+
+
+# Names that other packages have, and what the message has to say.
+NAMES = {
+    "mesh.vertices": "cut = mesh.cut(error=0) gives cut.vertices",
+    "mesh.to_trimesh": "gives cut.to_trimesh()",
+    "mesh.simplify": "mesh.cut(target_reduction=0.9)",
+    "mesh.show": "nanite_rs.view(mesh)",
+    "mesh.export": "mesh.save(path)",
+    "mesh.extents": "mesh.bounds",
+    "cut.export": "cut.to_trimesh().export(path)",
+    "cut.points": "cut.vertices",
+    "cut.triangles": "cut.faces",
+    "cut.vertex_normals": "cut.normals",
+    "frame.show": "PIL.Image.fromarray(frame.color).show()",
+    "frame.image": "frame.color",
+    "frame.mask": "frame.depth > 0",
+    "scene.add_node": "scene.add(mesh, pose=pose)",
+    "scene.show": "nanite_rs.view(scene)",
+    "renderer.delete": "renderer.close()",
+    "nrs.load": "NaniteMesh.from_file(path)",
+    "nrs.Mesh": "NaniteMesh.from_arrays(vertices, faces)",
+    "nrs.OffscreenRenderer": "Renderer(width, height)",
+}
+
+
+@pytest.fixture(scope="module")
+def things(mesh):
+    with nrs.Renderer(64, 48, backend="cpu") as renderer:
+        scene = made(mesh)
+        frame = renderer.render(scene, LENS, POSE)
+        yield {
+            "mesh": mesh,
+            "cut": mesh.cut(error=0),
+            "frame": frame,
+            "scene": scene,
+            "renderer": renderer,
+            "nrs": nrs,
+        }
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_of_other_packages(name, things) -> None:
+    owner, attribute = name.split(".")
+    with pytest.raises(AttributeError, match=re.escape(NAMES[name])):
+        getattr(things[owner], attribute)
+    # What nobody guesses is said as Python says it.
+    with pytest.raises(AttributeError, match=r"has no attribute 'frobnicate'$"):
+        things[owner].frobnicate  # noqa: B018
+
+
+CALLS = {
+    "a cut of a number": (lambda of: of["mesh"].cut(0.1), "cut(error=0.1), target_faces=5000"),
+    "a cut of a ratio": (lambda of: of["mesh"].cut(ratio=0.1), "target_reduction=0.9 removes 90 %"),
+    "a cut of faces": (lambda of: of["mesh"].cut(faces=100), "target_faces=5000"),
+    "a mesh of a path": (lambda _: nrs.NaniteMesh("bunny.ply"), "from_file"),
+    "arrays of a trimesh": (
+        lambda _: nrs.NaniteMesh.from_arrays(trimesh.creation.box()),
+        "from_trimesh(mesh)",
+    ),
+    "colours of vertices": (lambda _: build(vertex_colors=V), "give colors="),
+    "options one by one": (lambda _: build(quality="fast"), "options=BuildOptions(...)"),
+    "a size in one": (lambda _: nrs.Renderer((64, 48)), "Renderer(width, height)"),
+    "a render of a scene alone": (
+        lambda of: of["renderer"].render(of["scene"]),
+        "orbit and look_at make poses",
+    ),
+    "flags of pyrender": (
+        lambda of: of["renderer"].render(of["scene"], LENS, POSE, flags=1),
+        "shading=, outputs= or depth_only=",
+    ),
+    "a pose without its name": (lambda of: of["scene"].add(of["mesh"], POSE), "scene.add(item, pose=pose)"),
+    "a transform": (lambda of: of["scene"].add(of["mesh"], transform=POSE), "give pose="),
+    "a frame as a tuple": (lambda of: tuple(of["frame"]), "frame.color and frame.depth"),
+    "a trimesh to simplify": (lambda _: nrs.simplify(trimesh.creation.box(), 0.9), "give vertices and faces"),
+}
+
+
+@pytest.mark.parametrize("mistake", CALLS)
+def test_arguments_that_do_not_fit(mistake, things) -> None:
+    call, message = CALLS[mistake]
+    with pytest.raises(TypeError, match=re.escape(message)):
+        call(things)
+
+
+def test_a_frame_is_its_picture(things) -> None:
+    frame = things["frame"]
+    assert np.array_equal(np.asarray(frame), frame.color)
+    assert np.asarray(frame).dtype == np.uint8
+    assert np.asarray(frame, np.float32).max() == frame.color.max()
+    np.array(frame)[:] = 0
+    assert frame.color.any()
+
+
+def test_simplify_takes_lists_and_says_what_it_does_not() -> None:
+    points, triangles = nrs.simplify(V.tolist(), F.tolist(), 0.5)
+    assert len(triangles) <= M // 2
+    assert triangles.max() < len(points)
+    check(lambda: nrs.simplify(V, F, target_count=0.5), nrs.DtypeError, "target_reduction takes a fraction")
 
 
 def test_ordinary_use_is_silent(mesh, tmp_path) -> None:
