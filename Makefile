@@ -1,7 +1,7 @@
 # Each target sets up what it needs by itself, in .venv and target/, and does nothing twice.
 #
 #   make demo              build, cut and render a generated mesh into demo_output/
-#   make demo MESH=path    the same with a mesh of yours
+#   make demo MESH=path    the same with a mesh of yours, MESH_UP=z where Z is upward
 #   make notebooks         execute notebooks/ into target/notebooks/, with their pictures; with MESH=path on yours
 #   make test              cargo test, pytest, and the skipped tests with their reasons
 #   make test STRICT=1     fails when any test was skipped
@@ -103,7 +103,7 @@ build: $(VENV)/.stamp-module
 # -------------------------------------------------------------------------------------------- for users
 
 demo: build
-	@$(BIN)/python -m nanite_rs demo --output $(DEMO_OUTPUT) $(if $(MESH),"$(MESH)")
+	@$(BIN)/python -m nanite_rs demo --output $(DEMO_OUTPUT) $(if $(MESH),"$(MESH)") $(if $(MESH_UP),--up $(MESH_UP))
 
 # MESH is made absolute, since notebooks run where their copies go.
 notebooks: build $(VENV)/.stamp-test-requirements system
