@@ -938,6 +938,10 @@ class Renderer:
                 _advice.warn("pose: it mirrors the picture: its determinant is below 0", UsageWarning)
             if self._blank:
                 reason = _unseen.reason(scene._core, views[0][0], views[0][1], self._size)
+                if scene.instances:
+                    eye, middle = np.asarray(views[0][1], np.float64)[:3, 3], scene.bounds.mean(axis=0)
+                    places = [", ".join(f"{x:.4g}" for x in place) for place in (eye, middle)]
+                    reason += f"; the camera is at ({places[0]}), the middle of the meshes at ({places[1]})"
                 _advice.warn(f"the picture shows no mesh: {reason}", UsageWarning)
         self._backend = self._core.backend
         made = {

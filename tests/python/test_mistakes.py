@@ -337,6 +337,8 @@ def test_pictures_that_show_nothing(mistake, mesh) -> None:
         frame = shot(mesh, **arguments)
     assert not frame.depth.any()
     assert len(told) == 1
+    where = "the camera is at (" in str(told[0].message)
+    assert where == (mistake != "an empty scene")
     assert told[0].filename == __file__
 
 
