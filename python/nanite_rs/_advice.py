@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from nanite_rs.exceptions import NaniteError
+from nanite_rs.exceptions import FileError, NaniteError
 
 E = TypeVar("E", bound=NaniteError)
 F = TypeVar("F", bound=Callable[..., Any])
@@ -118,7 +118,15 @@ def warn(message: str, category: type[Warning]) -> None:
 
 def advised(error: E, advice: str) -> E:
     """Return the error with advice behind its message."""
-    return type(error)(f"{error}; {advice}") if advice else error
+    if not advice:
+        return error
+    if isinstance(error, FileError):
+        return type(error)(error.errno, f"{error.strerror}; {advice}", error.filename)
+    return type(error)(f"{error}; {advice}")
+
+
+# What to do about a texture that cannot be read.
+WITHOUT_TEXTURE = 'load_scene(..., bad_textures="drop") goes on without it'
 
 
 def name_of_type(value: object) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from nanite_rs import _advice
 from nanite_rs._accessors import Document
 from nanite_rs._asset import Asset, Notes, Part, fitted, has_area, triangles
 from nanite_rs._images import read_image
@@ -414,7 +415,7 @@ class _Reader:
 
     def _refuse(self, error: NaniteError) -> None:
         if not self._drop:
-            raise error
+            raise _advice.advised(error, _advice.WITHOUT_TEXTURE) from None
         self._notes.add("textures left out, as they cannot be read", str(error))
 
     def _read_image(self, row: dict[str, Any], what: str) -> Image:

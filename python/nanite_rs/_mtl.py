@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from nanite_rs import _advice
 from nanite_rs._accessors import beside
 from nanite_rs._images import read_bytes, read_image
 from nanite_rs.exceptions import FileError, FormatError, MissingFileError
@@ -167,7 +168,7 @@ class _Reader:
                 self._images[path] = Image(read_image(read_bytes(path, what), f"{what}: {path}"))
             except (FileError, FormatError) as error:
                 if not self._drop:
-                    raise
+                    raise _advice.advised(error, _advice.WITHOUT_TEXTURE) from None
                 self._images[path] = None
                 self._notes.add("textures left out, as they cannot be read", str(error))
         return self._images[path]

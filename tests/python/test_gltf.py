@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import errno
 import gzip
 import io
 import json
@@ -927,12 +928,15 @@ def test_missing_and_bad_textures_are_refused_or_dropped(tmp_path) -> None:
     path = document.save(tmp_path / "a.glb")
     with pytest.raises(nrs.MissingFileError, match=r"a\.glb: images\[1\].*wood\.png"):
         read_asset(path)
+    with pytest.raises(nrs.MissingFileError, match='bad_textures="drop"') as missing:
+        read_asset(path)
+    assert missing.value.errno == errno.ENOENT
     asset, (part,) = parts_of(path, drop_bad_textures=True)
     assert part.material.base_color_texture is None
     assert "textures left out, as they cannot be read" in str(asset.notes)
     for content in (b"no image", png(PIXELS)[:60], b"\xabKTX 20\xbb\r\n\x1a\n"):
         (tmp_path / "wood.png").write_bytes(content)
-        with pytest.raises(nrs.FormatError, match=r"wood\.png"):
+        with pytest.raises(nrs.FormatError, match=r'wood\.png.*bad_textures="drop"'):
             read_asset(path)
         assert read_asset(path, drop_bad_textures=True).meshes[0][0].material.base_color_texture is None
 
