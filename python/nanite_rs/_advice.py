@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import functools
+import inspect
 import os
 import re
 import sys
@@ -17,6 +18,7 @@ from nanite_rs.exceptions import FileError, NaniteError
 
 E = TypeVar("E", bound=NaniteError)
 F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
 
 # Modules whose lines no warning points at: this package, and what calls its properties.
 _INNER = {"nanite_rs", "functools"}
@@ -86,6 +88,14 @@ def absent(owner: object, name: str) -> AttributeError:
     )
 
 
+def _like(name: str, known: list[str]) -> str:
+    """Return what of some names is like another, be it written as in glTF: ``baseColorFactor``."""
+    snake = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower().removesuffix("_factor")
+    return " or ".join(
+        f"{near}=" for near in difflib.get_close_matches(snake, known, 1 if snake in known else 3)
+    )
+
+
 def teaches(*, otherwise: str = "", **keywords: str) -> Callable[[F], F]:
     """Decorate what says more than Python does where arguments do not fit: of a keyword, or ``otherwise``."""
 
@@ -99,13 +109,22 @@ def teaches(*, otherwise: str = "", **keywords: str) -> Callable[[F], F]:
                 if error.__traceback__ is None or error.__traceback__.tb_next is not None:
                     raise
                 found = re.search(r"keyword argument '(\w+)'", str(error))
-                advice = keywords.get(found[1], otherwise) if found else otherwise
+                advice = otherwise
+                if found:
+                    like = _like(found[1], list(inspect.signature(function).parameters))
+                    advice = keywords.get(found[1], f"did you mean {like}?" if like else otherwise)
                 message = f"{error}; {advice}" if advice else str(error)
             raise TypeError(message)
 
         return call  # type: ignore[return-value]
 
     return decorate
+
+
+def teaching(kind: type[T]) -> type[T]:
+    """Decorate a dataclass that does so."""
+    kind.__init__ = teaches()(kind.__init__)  # type: ignore[method-assign]
+    return kind
 
 
 def warn(message: str, category: type[Warning]) -> None:

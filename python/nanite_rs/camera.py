@@ -69,6 +69,7 @@ class Camera(ABC):
         return matrix
 
 
+@_advice.teaching
 @dataclass(frozen=True)
 class PerspectiveCamera(Camera):
     """A pinhole camera by its field of view.
@@ -102,6 +103,7 @@ class PerspectiveCamera(Camera):
         return self._depth_rows(matrix)
 
 
+@_advice.teaching
 @dataclass(frozen=True)
 class IntrinsicsCamera(Camera):
     """A pinhole camera by focal lengths and optical centre in pixels.
@@ -137,6 +139,7 @@ class IntrinsicsCamera(Camera):
         return self._depth_rows(matrix)
 
 
+@_advice.teaching
 @dataclass(frozen=True)
 class OrthographicCamera(Camera):
     """A camera of parallel rays.

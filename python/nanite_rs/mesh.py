@@ -32,6 +32,7 @@ PathLike: TypeAlias = str | os.PathLike[str]
 _OTHERS = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 
 
+@_advice.teaching
 @dataclass(frozen=True)
 class BuildOptions:
     """How a mesh is built. The defaults suit scans, CAD and game assets alike.

@@ -62,6 +62,7 @@ def _bright(value: Color, name: str) -> Rgb:
 AlphaMode: TypeAlias = Literal["opaque", "mask", "blend"]
 
 
+@_advice.teaching
 @dataclass(frozen=True)
 class Material:
     """A metallic-roughness material as in glTF: factors, linear, and textures that multiply them.
@@ -150,6 +151,7 @@ _SLOTS = (
 _COLORS = ("base_color_texture", "emissive_texture")
 
 
+@_advice.teaching
 @dataclass(frozen=True)
 class DirectionalLight:
     """Light along the −Z of its pose, the same everywhere.
@@ -168,6 +170,7 @@ class DirectionalLight:
         return "directional", _bright(self.color, "color"), float(self.intensity), None, None
 
 
+@_advice.teaching
 @dataclass(frozen=True)
 class PointLight:
     """Light from the origin of its pose, falling off with the square of the distance.
@@ -189,6 +192,7 @@ class PointLight:
         return "point", _bright(self.color, "color"), float(self.intensity), reach, None
 
 
+@_advice.teaching
 @dataclass(frozen=True)
 class SpotLight:
     """Light from the origin of its pose along its −Z, within a cone; otherwise as a `PointLight`.
@@ -221,6 +225,7 @@ class SpotLight:
 Light: TypeAlias = DirectionalLight | PointLight | SpotLight
 
 
+@_advice.teaching
 @dataclass(frozen=True)
 class Environment:
     """Light from all around, as an equirectangular map of it: ``shading="gltf"`` alone knows it.

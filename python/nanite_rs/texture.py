@@ -134,6 +134,7 @@ def _pair(value: object, name: str) -> tuple[float, float]:
     return float(array[0]), float(array[1])
 
 
+@_advice.teaching
 @dataclass(frozen=True)
 class Texture:
     """An image, the UV set that it lies on a surface by, and how it is filtered.

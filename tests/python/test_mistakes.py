@@ -459,6 +459,10 @@ CALLS = {
     ),
     "a pose without its name": (lambda of: of["scene"].add(of["mesh"], POSE), "scene.add(item, pose=pose)"),
     "a transform": (lambda of: of["scene"].add(of["mesh"], transform=POSE), "give pose="),
+    "a field of view": (lambda _: nrs.PerspectiveCamera(fov=0.8), "did you mean yfov=?"),
+    "a factor of glTF": (lambda _: nrs.Material(baseColorFactor=(1, 0, 0)), "did you mean base_color=?"),
+    "a colour of a material": (lambda _: nrs.Material(color=(1, 0, 0)), "did you mean base_color=?"),
+    "a size of clusters": (lambda _: nrs.BuildOptions(cluster_size=64), "cluster_triangles="),
     "a frame as a tuple": (lambda of: tuple(of["frame"]), "frame.color and frame.depth"),
     "a trimesh to simplify": (lambda _: nrs.simplify(trimesh.creation.box(), 0.9), "give vertices and faces"),
 }
