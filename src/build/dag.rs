@@ -210,7 +210,7 @@ const ROOT_TRIANGLES: u64 = 32;
 /// Fewer triangles make no shape: a cube ends as two back to back.
 const FEWEST_TRIANGLES: u64 = 8;
 /// Rounds of no more than this part of the source need less memory than those before took.
-const SMALL_ROUND_PART: u64 = 3;
+const SMALL_ROUND_PART: u64 = 40;
 
 impl Growth {
     /// One round over the pending clusters; returns those of the next.
