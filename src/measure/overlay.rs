@@ -55,10 +55,10 @@ fn dual([a, b, c]: Triangle) -> Dual {
     [of(cc, -bc), of(-bc, bb)]
 }
 
-/// A triangle to lay points over.
+/// A triangle to lay points over. All of it is read from where it lies: numbers that were copied one by one and are
+/// then read in pairs wait for the copies.
 struct Plate<'a> {
-    corner: Vec3,
-    edges: [Vec3; 2],
+    triangle: &'a Triangle,
     dual: &'a Dual,
 }
 
@@ -67,13 +67,14 @@ impl Plate<'_> {
     /// the way from there, for each of some points: whatever rounding made of the shares, they are those of a point
     /// of the triangle. Without branches, so that two points take hardly longer than one.
     fn shares<const N: usize>(&self, points: [Vec3; N]) -> [([f64; 2], Vec3); N] {
-        let Self { corner, edges: [ab, ac], dual: [to_b, to_c] } = self;
-        let ways = points.map(|p| sub(p, *corner));
+        let ([a, b, c], [to_b, to_c]) = (self.triangle, self.dual);
+        let (ab, ac) = (sub(*b, *a), sub(*c, *a));
+        let ways = points.map(|p| sub(p, *a));
         let positive = |x: f64| if x > 0.0 { x } else { 0.0 };
         let shares = ways.map(|d| [positive(dot(*to_b, d)), positive(dot(*to_c, d))]);
-        let over = shares.map(|[v, w]| if v + w > 1.0 { v + w } else { 1.0 });
+        let scale = shares.map(|[v, w]| 1.0 / if v + w > 1.0 { v + w } else { 1.0 });
         std::array::from_fn(|i| {
-            let ([v, w], d) = (shares[i].map(|share| share / over[i]), ways[i]);
+            let ([v, w], d) = (shares[i].map(|share| share * scale[i]), ways[i]);
             ([v, w], std::array::from_fn(|k| d[k] - v * ab[k] - w * ac[k]))
         })
     }
@@ -112,9 +113,12 @@ impl Plate<'_> {
             let xy = _mm256_add_pd(_mm256_mul_pd(a[0], b[0]), _mm256_mul_pd(a[1], b[1]));
             _mm256_add_pd(xy, _mm256_mul_pd(a[2], b[2]))
         };
-        let in_all = |v: Vec3| v.map(|x| _mm256_set1_pd(x));
-        let ([ab, ac], [to_b, to_c]) = (self.edges.map(in_all), self.dual.map(in_all));
-        let (corner, allowed) = (in_all(self.corner), _mm256_set1_pd(enough));
+        let in_all = |v: &Vec3| v.each_ref().map(|x| _mm256_broadcast_sd(x));
+        let [corner, b, c] = self.triangle.each_ref().map(in_all);
+        let [to_b, to_c] = self.dual.each_ref().map(in_all);
+        let [ab, ac]: [[__m256d; 3]; 2] =
+            [b, c].map(|p| std::array::from_fn(|k| _mm256_sub_pd(p[k], corner[k])));
+        let (one, allowed) = (_mm256_set1_pd(1.0), _mm256_set1_pd(enough));
         let mut most = _mm256_setzero_pd();
         for four in points.chunks(4) {
             // A lane without a point has the last one.
@@ -124,8 +128,8 @@ impl Plate<'_> {
                 std::array::from_fn(|k| _mm256_sub_pd(_mm256_set_pd(s[k], r[k], q[k], p[k]), corner[k]));
             let v = larger(dot(to_b, way), _mm256_setzero_pd());
             let w = larger(dot(to_c, way), _mm256_setzero_pd());
-            let over = larger(_mm256_add_pd(v, w), _mm256_set1_pd(1.0));
-            let (v, w) = (_mm256_div_pd(v, over), _mm256_div_pd(w, over));
+            let scale = _mm256_div_pd(one, larger(_mm256_add_pd(v, w), one));
+            let (v, w) = (_mm256_mul_pd(v, scale), _mm256_mul_pd(w, scale));
             let rest: [__m256d; 3] = std::array::from_fn(|k| {
                 let rest = _mm256_sub_pd(way[k], _mm256_mul_pd(v, ab[k]));
                 _mm256_sub_pd(rest, _mm256_mul_pd(w, ac[k]))
@@ -188,8 +192,7 @@ impl Sheet {
     }
 
     fn plate(&self, t: u32) -> Plate<'_> {
-        let [a, b, c] = self.triangles[t as usize];
-        Plate { corner: a, edges: [sub(b, a), sub(c, a)], dual: &self.duals[t as usize] }
+        Plate { triangle: &self.triangles[t as usize], dual: &self.duals[t as usize] }
     }
 
     /// Its triangles.
@@ -595,8 +598,8 @@ mod tests {
                 3 => points[round % 3][0] *= 1.0e200,
                 _ => {}
             }
-            let dual = dual([a, b, c]);
-            let plate = Plate { corner: a, edges: [sub(b, a), sub(c, a)], dual: &dual };
+            let triangle = [a, b, c];
+            let plate = Plate { triangle: &triangle, dual: &dual(triangle) };
             let enough = if round % 3 == 0 { f64::INFINITY } else { 0.5 * random() + 0.5 };
             let pairs = plate.farthest_of_pairs(&points, enough);
             // SAFETY: the processor has AVX, see above.

@@ -128,9 +128,10 @@ impl Forms {
         }
         let normal = cross * size.recip();
         let area = 0.5 * size;
-        self.planes[f] = normal.extend(-normal.dot(p));
+        let plane = normal.extend(-normal.dot(p));
+        self.planes[f] = plane;
         self.areas[f] = area;
-        self.distances[f] = Quadric::of_square(self.planes[f], self.weight(area));
+        self.distances[f] = Quadric::of_square(plane, self.weight(area));
         if self.channels.is_empty() {
             return;
         }
