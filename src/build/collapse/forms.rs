@@ -39,6 +39,17 @@ pub struct Sums {
     pub area: f64,
 }
 
+/// What a face adds to the sums of its points, in one place: they are asked for together.
+#[derive(Clone, Copy, Debug, Default)]
+struct Share {
+    /// Plane (unit normal, offset) and area; zero if it has none.
+    plane: DVec4,
+    area: f64,
+    /// Squared distances to the plane, and squared attributes.
+    distances: Quadric,
+    squares: Quadric,
+}
+
 /// The sums of every point.
 #[derive(Debug)]
 pub struct Forms {
@@ -46,12 +57,7 @@ pub struct Forms {
     channels: Vec<Channel>,
     /// Columns of the attribute rows.
     stride: usize,
-    /// Plane (unit normal, offset) and area of each face; zero if it has none.
-    planes: Vec<DVec4>,
-    areas: Vec<f64>,
-    /// What each face adds to the sums of its points: squared distances, and squared attributes.
-    distances: Vec<Quadric>,
-    squares: Vec<Quadric>,
+    shares: Vec<Share>,
     /// For each face and channel the weighted attribute as an affine form, times the area.
     linear: Vec<DVec4>,
     points: Vec<Sums>,
@@ -80,10 +86,7 @@ impl Forms {
         let mut new = Self {
             policy,
             stride,
-            planes: vec![DVec4::ZERO; faces],
-            areas: vec![0.0; faces],
-            distances: vec![Quadric::default(); faces],
-            squares: vec![Quadric::default(); faces],
+            shares: vec![Share::default(); faces],
             linear: vec![DVec4::ZERO; faces * channels.len()],
             points: vec![Sums::default(); points],
             fresh: vec![false; points],
@@ -108,7 +111,8 @@ impl Forms {
 
     /// Plane of a face, and its area.
     pub fn plane(&self, face: usize) -> (DVec4, f64) {
-        (self.planes[face], self.areas[face])
+        let Share { plane, area, .. } = self.shares[face];
+        (plane, area)
     }
 
     /// Takes in where a face is now.
@@ -119,20 +123,17 @@ impl Forms {
         let cross = u.cross(v);
         let size = cross.length();
         if size <= 0.0 {
-            self.planes[f] = DVec4::ZERO;
-            self.areas[f] = 0.0;
-            self.distances[f] = Quadric::default();
-            self.squares[f] = Quadric::default();
+            self.shares[f] = Share::default();
             self.linear[f * self.channels.len()..][..self.channels.len()].fill(DVec4::ZERO);
             return;
         }
         let normal = cross * size.recip();
         let area = 0.5 * size;
         let plane = normal.extend(-normal.dot(p));
-        self.planes[f] = plane;
-        self.areas[f] = area;
-        self.distances[f] = Quadric::of_square(plane, self.weight(area));
+        let distances = Quadric::of_square(plane, self.weight(area));
+        let mut squares = Quadric::default();
         if self.channels.is_empty() {
+            self.shares[f] = Share { plane, area, distances, squares };
             return;
         }
         let sides = u.length_squared() + v.length_squared();
@@ -140,7 +141,6 @@ impl Forms {
         let scaled = cross * damped.recip();
         let (du, dv) = (v.cross(scaled), scaled.cross(u));
         let rows = face.wedges.map(|w| &rows[w as usize * self.stride..][..self.stride]);
-        let mut squares = Quadric::default();
         let linear = &mut self.linear[f * self.channels.len()..];
         for (linear, channel) in linear.iter_mut().zip(&self.channels) {
             let [a, b, c] = rows.map(|row| f64::from(row[channel.column]));
@@ -149,7 +149,7 @@ impl Forms {
             squares.add_square(form, area);
             *linear = form * area;
         }
-        self.squares[f] = squares;
+        self.shares[f] = Share { plane, area, distances, squares };
     }
 
     /// Forgets the sums of a point.
@@ -186,16 +186,17 @@ impl Forms {
         };
         let p = surface.positions[face.points[side] as usize];
         let along = surface.positions[face.points[(side + 1) % 3] as usize] - p;
-        let normal = along.cross(self.planes[f].truncate()).try_normalize()?;
+        let normal = along.cross(self.shares[f].plane.truncate()).try_normalize()?;
         Some((normal.extend(-normal.dot(p)), self.weight(weight * along.length_squared())))
     }
 
     fn sum_planes(&mut self, surface: &Surface, point: u32) {
         let mut sums = Sums::default();
         for (f, k) in surface.around(point) {
-            sums.geometry += self.distances[f];
-            sums.volume += self.planes[f] * self.areas[f];
-            sums.area += self.areas[f];
+            let share = &self.shares[f];
+            sums.geometry += share.distances;
+            sums.volume += share.plane * share.area;
+            sums.area += share.area;
             if surface.faces[f].has_lines() {
                 for side in [k, (k + 2) % 3] {
                     if let Some((plane, weight)) = self.upright(surface, f, side) {
@@ -221,17 +222,19 @@ impl Forms {
             let w = surface.faces[f].wedges[k];
             several |= *single.get_or_insert(w) != w;
             self.wedge_areas[w as usize] = 0.0;
-            self.wedge_linear[w as usize * count..][..count].fill(DVec4::ZERO);
         }
         let mut attribute = Quadric::default();
         if count > 0 {
             for (f, k) in surface.around(point) {
                 let w = surface.faces[f].wedges[k] as usize;
-                self.wedge_areas[w] += self.areas[f];
-                attribute += self.squares[f];
+                let share = &self.shares[f];
+                attribute += share.squares;
                 let of_face = &self.linear[f * count..][..count];
+                // Nothing is known of a wedge before the first face that has an area.
+                let is_first = self.wedge_areas[w] == 0.0;
+                self.wedge_areas[w] += share.area;
                 for (sum, linear) in self.wedge_linear[w * count..].iter_mut().zip(of_face) {
-                    *sum += *linear;
+                    *sum = if is_first { *linear } else { *sum + *linear };
                 }
             }
         }
@@ -289,9 +292,10 @@ impl Forms {
         let count = self.channels.len();
         for f in &self.shared {
             if self.policy.cost != Cost::GarlandHeckbert {
-                sums.geometry -= self.distances[*f];
-                sums.volume -= self.planes[*f] * self.areas[*f];
-                sums.area -= self.areas[*f];
+                let share = &self.shares[*f];
+                sums.geometry -= share.distances;
+                sums.volume -= share.plane * share.area;
+                sums.area -= share.area;
                 let face = &surface.faces[*f];
                 if face.has_lines()
                     && let Some(side) = face.edges.iter().position(|e| *e == edge)
@@ -300,7 +304,7 @@ impl Forms {
                     sums.geometry.add_square(plane, -weight);
                 }
             }
-            sums.attribute -= self.squares[*f];
+            sums.attribute -= self.shares[*f].squares;
         }
         if count > 0 {
             for (v, w) in &self.pairs {
@@ -317,7 +321,7 @@ impl Forms {
     fn take_best(&self, surface: &Surface, v: u32, w: u32, quadric: &mut Quadric) {
         let count = self.channels.len();
         let between = || self.shared.iter().filter(|f| surface.faces[**f].wedges.contains(&v));
-        let twice: f64 = between().map(|f| self.areas[*f]).sum();
+        let twice: f64 = between().map(|f| self.shares[*f].area).sum();
         let area = self.wedge_areas[v as usize] + self.wedge_areas[w as usize] - twice;
         if area <= 0.0 {
             return;
@@ -384,14 +388,14 @@ impl Forms {
         let ends = surface.edges[edge as usize].ends;
         let folds = |(f, k): (usize, usize)| {
             let face = &surface.faces[f];
-            if face.has_edge(edge) || self.areas[f] == 0.0 {
+            if face.has_edge(edge) || self.shares[f].area == 0.0 {
                 return false;
             }
             let [q, r] = [1, 2].map(|j| surface.positions[face.points[(k + j) % 3] as usize]);
             let (u, v) = (q - position, r - position);
             let cross = u.cross(v);
             let size = cross.length();
-            if cross.dot(self.planes[f].truncate()) <= self.policy.turn * size {
+            if cross.dot(self.shares[f].plane.truncate()) <= self.policy.turn * size {
                 return true;
             }
             let thinness = |size: f64, u: DVec3, v: DVec3| {
@@ -402,7 +406,7 @@ impl Forms {
                 return false;
             }
             let p = surface.positions[face.points[k] as usize];
-            now < 0.5 * thinness(2.0 * self.areas[f], q - p, r - p)
+            now < 0.5 * thinness(2.0 * self.shares[f].area, q - p, r - p)
         };
         surface.around(ends[0]).any(folds) || surface.around(ends[1]).any(folds)
     }
@@ -412,9 +416,9 @@ impl Forms {
         let ends = surface.edges[edge as usize].ends;
         let (mut sum, mut area) = (0.0, 0.0);
         for (f, _) in ends.into_iter().flat_map(|p| surface.around(p)) {
-            let d = self.planes[f].dot(position.extend(1.0));
-            sum += self.areas[f] * d * d;
-            area += self.areas[f];
+            let d = self.shares[f].plane.dot(position.extend(1.0));
+            sum += self.shares[f].area * d * d;
+            area += self.shares[f].area;
         }
         if area > 0.0 { sum / area } else { 0.0 }
     }

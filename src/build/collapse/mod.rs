@@ -127,8 +127,6 @@ pub fn collapse(
 struct Entry {
     /// Number of collapses when it was looked at.
     seen: u32,
-    /// Taken out of the queue until something around it changes.
-    blocked: bool,
     /// Its best place folds the surface; its cost is that of the next best.
     second: bool,
     /// Its best place, whether it folds the surface or not.
@@ -167,6 +165,8 @@ struct Collapser {
     forms: Forms,
     queue: Queue,
     entries: Vec<Entry>,
+    /// Edges taken out of the queue until something around them changes.
+    blocked: Vec<bool>,
     /// Number of collapses when the faces at a point last changed.
     changed: Vec<u32>,
     /// Collapses so far.
@@ -228,6 +228,7 @@ impl Collapser {
             attribute_limit: policy.attribute_limit * policy.attribute_limit * mean * 4.0 / 3f64.sqrt(),
             queue: Queue::default(),
             entries: vec![Entry::default(); surface.edges.len()],
+            blocked: vec![false; surface.edges.len()],
             changed: vec![0; places.len()],
             rank: ranks(mesh, &point_of, places.len()),
             drift: vec![0.0; places.len()],
@@ -292,12 +293,13 @@ impl Collapser {
 
     fn block(&mut self, edge: u32) {
         self.queue.remove(edge);
-        self.entries[edge as usize].blocked = true;
+        self.blocked[edge as usize] = true;
     }
 
     /// Works out what an edge costs now and puts it in its place.
     fn look(&mut self, edge: u32) {
         self.entries[edge as usize] = Entry { seen: self.count, ..Entry::default() };
+        self.blocked[edge as usize] = false;
         if self.fixed(edge) == [true; 2] || !self.forms.edge(&self.surface, edge, &mut self.sums) {
             self.block(edge);
             return;
@@ -468,8 +470,11 @@ impl Collapser {
             for (f, k) in self.surface.around(*p) {
                 let edges = &self.surface.faces[f].edges;
                 for edge in [edges[k], edges[(k + 2) % 3]] {
+                    if !self.policy.eager && !self.blocked[edge as usize] {
+                        continue;
+                    }
                     let entry = &mut self.entries[edge as usize];
-                    if (self.policy.eager || entry.blocked) && entry.seen != self.count {
+                    if entry.seen != self.count {
                         entry.seen = self.count;
                         self.pending.push(edge);
                     }
