@@ -159,7 +159,7 @@ def _bad_reduction(reduction: float) -> ArgumentError:
     return ArgumentError(f"target_reduction: must be between 0 and 1, not {reduction}{percent}")
 
 
-class NaniteMesh:
+class NaniteMesh(_advice.Teaching):
     """A triangle mesh of any size as a cluster LOD DAG: every level of detail at once.
 
     Made by `from_arrays`, `from_trimesh`, `from_file` or `open`; immutable. ``len(mesh)`` is the number of source
@@ -778,11 +778,6 @@ class NaniteMesh:
     def nbytes(self) -> int:
         """Bytes in memory: of an opened file the pages, channels and face ids that were read so far."""
         return self._core.nbytes
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            raise _advice.absent(self, name)
 
     def __len__(self) -> int:
         """Return the number of source triangles, after mending."""

@@ -271,7 +271,7 @@ class Calibration:
     that the device lacks, and those whose pixels were not exactly those of ``"compute"``."""
 
 
-class Frame:
+class Frame(_advice.Teaching):
     """A rendered frame: arrays with row 0 on top, each made when first asked for unless rendered with the frame.
 
     All arrays are owned, contiguous and writable; each is made once and then kept. A frame does not follow later
@@ -419,11 +419,6 @@ class Frame:
     def height(self) -> int:
         """Rows."""
         return self._frame.size[1]
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            raise _advice.absent(self, name)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """The picture, `color`, for ``np.asarray(frame)`` and ``plt.imshow(frame)``."""
@@ -580,7 +575,7 @@ class Frame:
         return f"<Frame {self.width}×{self.height}{depth}: {self.stats!r}>"
 
 
-class Renderer:
+class Renderer(_advice.Teaching):
     """Renders scenes into pictures of one size.
 
     Memory is kept between frames; use it in a ``with`` block, or call `close`, to give it back at once.
@@ -956,11 +951,6 @@ class Renderer:
             Frame(frame, _lens(camera) | {"pose": np.asarray(pose, np.float64).tolist()} | made, unlit)
             for frame, (camera, pose) in zip(frames, views, strict=True)
         ]
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            raise _advice.absent(self, name)
 
     def close(self) -> None:
         """Give the memory back. Frames stay valid."""

@@ -453,7 +453,7 @@ class LightNode(_Node):
         return f"<LightNode {type(self._light).__name__} at ({x:g}, {y:g}, {z:g})>"
 
 
-class Scene:
+class Scene(_advice.Teaching):
     """Instances of meshes, lights, ambient light, an environment and a background.
 
     There is no default light: without lights and ambient light surfaces are black, as in pyrender.
@@ -496,11 +496,6 @@ class Scene:
         self.ambient_light = ambient_light
         self.bg_color = bg_color
         self.environment = environment
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            raise _advice.absent(self, name)
 
     @overload
     def add(
