@@ -642,6 +642,8 @@ class Renderer(_advice.Teaching):
         self._core: _core.Renderer | None = core
         # Until a picture shows something, one that shows nothing is looked into.
         self._blank = True
+        # Whether a pose was found to mirror: said once.
+        self._mirrors = False
         self._backend = self._core.backend
         # Images that the last frame showed smaller than they are.
         self._smaller = 0
@@ -751,7 +753,7 @@ class Renderer(_advice.Teaching):
         -----
         UsageWarning
             If the picture shows nothing and no picture of this renderer did before, with what would help: as found
-            by a few coarse frames with other poses and clip distances.
+            by a few coarse frames with other poses and clip distances. And once if a pose mirrors.
 
         Returns
         -------
@@ -927,10 +929,10 @@ class Renderer(_advice.Teaching):
                 TextureWarning,
             )
         self._smaller = smaller
+        if not self._mirrors:
+            self._look_for_mirrors([pose for _, pose in views])
         if self._blank and frames:
             self._blank = not any(dict(frame.totals()[0])["covered_pixels"] for frame in frames)
-            if np.linalg.det(np.asarray(views[0][1], np.float64)[:3, :3]) < 0.0:
-                _advice.warn("pose: it mirrors the picture: its determinant is below 0", UsageWarning)
             if self._blank:
                 reason = _unseen.reason(scene._core, views[0][0], views[0][1], self._size)
                 if scene.instances:
@@ -951,6 +953,15 @@ class Renderer(_advice.Teaching):
             Frame(frame, _lens(camera) | {"pose": np.asarray(pose, np.float64).tolist()} | made, unlit)
             for frame, (camera, pose) in zip(frames, views, strict=True)
         ]
+
+    def _look_for_mirrors(self, poses: list[ArrayLike]) -> None:
+        """Warn about the first pose that mirrors, once."""
+        for i, pose in enumerate(poses):
+            if np.linalg.det(np.asarray(pose, np.float64)[:3, :3]) < 0.0:
+                self._mirrors = True
+                which = f"views[{i}]: " if len(poses) > 1 else ""
+                _advice.warn(f"{which}pose: it mirrors the picture: its determinant is below 0", UsageWarning)
+                return
 
     def close(self) -> None:
         """Give the memory back. Frames stay valid."""
