@@ -90,10 +90,11 @@ $(VENV)/.stamp-module: $(RUST_SOURCES) $(VENV)/.stamp-build-requirements
 		$(BIN)/maturin develop --release --locked --quiet
 	@touch $@
 
-# libOSMesa for pyrender, the oracle of the image tests, and a display for the viewer. The tests say so when one is
-# missing.
+# libOSMesa for pyrender, the oracle of the image tests, and a display and a browser for the viewer. The tests say so
+# when one is missing. The browser is asked for by itself: not every system has a package of that name.
 system:
 	@tools/system-packages $(BIN)/python "the image tests and those of the viewer" OSMesa=libosmesa6 bin/Xvfb=xvfb
+	@tools/system-packages $(BIN)/python "the viewer's test in a browser" bin/chromium-headless-shell=chromium-headless-shell
 
 vulkan:
 	@tools/software-vulkan $(SOFTWARE_VULKAN)
@@ -184,8 +185,6 @@ bench-error: build $(VENV)/.stamp-error-requirements
 
 # Xvfb shows the window, Chromium without a screen the notebook.
 screenshots: build $(VENV)/.stamp-test-requirements system vulkan
-	@tools/system-packages $(BIN)/python "make screenshots" bin/chromium-headless-shell=chromium-headless-shell
-	@$(PIP) -r requirements/screenshots.txt
 	@$(with_vulkan); $(BIN)/python tests/python/screenshots.py target/screenshots
 
 clean:

@@ -149,6 +149,9 @@ def check_libraries(module: bytes) -> None:
         fail("readelf found no needed library, so this check would find nothing")
     if wanted - SYSTEM:
         fail(f"the module needs {sorted(wanted - SYSTEM)} of the system")
+    searched = [line.strip() for line in lines if "(RPATH)" in line or "(RUNPATH)" in line]
+    if searched:
+        fail(f"the module looks for libraries where they were on the machine that built it: {searched}")
 
 
 def check_sources(archive: Path) -> None:

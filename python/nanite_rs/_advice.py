@@ -10,7 +10,7 @@ import re
 import sys
 import warnings
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -86,6 +86,17 @@ def absent(owner: object, name: str) -> AttributeError:
     return (
         AttributeError(message) if isinstance(owner, str) else AttributeError(message, name=name, obj=owner)
     )
+
+
+class Teaching:
+    """A base of classes whose absent attributes are errors with advice."""
+
+    __slots__ = ()
+
+    if not TYPE_CHECKING:  # for checkers an absent attribute is one
+
+        def __getattr__(self, name: str) -> Any:
+            raise absent(self, name)
 
 
 def _like(name: str, known: list[str]) -> str:

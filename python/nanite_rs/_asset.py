@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from nanite_rs.exceptions import ArgumentError
+
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from nanite_rs.camera import Camera
@@ -84,6 +89,15 @@ class Asset:
     )
     cameras: list[tuple[Camera, NDArray[np.float64]]] = field(default_factory=list)
     notes: Notes = field(default_factory=Notes)
+
+
+@contextmanager
+def named(name: str, what: str) -> Iterator[None]:
+    """Say in errors where in which file the fault is."""
+    try:
+        yield
+    except ArgumentError as error:
+        raise type(error)(f"{name}: {what}: {error}") from error
 
 
 def triangles(order: NDArray[np.int64], mode: int) -> NDArray[np.int64] | None:

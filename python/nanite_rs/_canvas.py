@@ -235,9 +235,12 @@ class Binding:
         if found is None:
             return []
         try:
-            return found.table(self.viewer.pixels_now(found)).splitlines()
+            lines = found.table(self.viewer.pixels_now(found)).splitlines()
         except StaleHandleError:
             return ["it was removed from the scene"]
+        if not self.viewer.selected_pixels:
+            lines.append("not seen now: hidden, or drawn at another level")
+        return lines
 
     def _redraw(self) -> None:
         self.canvas.request_draw()

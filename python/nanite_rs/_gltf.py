@@ -14,7 +14,7 @@ import numpy as np
 
 from nanite_rs import _advice
 from nanite_rs._accessors import Document
-from nanite_rs._asset import Asset, Notes, Part, fitted, has_area, triangles
+from nanite_rs._asset import Asset, Notes, Part, fitted, has_area, named, triangles
 from nanite_rs._images import read_image
 from nanite_rs.camera import Camera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, FileError, FormatError, NaniteError
@@ -308,22 +308,23 @@ class _Reader:
             emissive, emissive_texture = color[:3], painted
             color, metallic, roughness, rough_texture = np.array([0.0, 0.0, 0.0, color[3]]), 1.0, 1.0, None
             normal, occlusion = {}, {}
-        return Material(
-            base_color=color,
-            metallic=metallic,
-            roughness=roughness,
-            emissive=emissive,
-            double_sided=row.get("doubleSided", False) is True,
-            base_color_texture=painted,
-            metallic_roughness_texture=rough_texture,
-            normal_texture=self._texture({"": normal}, "", name) if normal else None,
-            occlusion_texture=self._texture({"": occlusion}, "", name) if occlusion else None,
-            emissive_texture=emissive_texture,
-            normal_scale=document.number(normal, "scale", 1.0),
-            occlusion_strength=float(_unit(document.number(occlusion, "strength", 1.0))),
-            alpha_mode=mode.lower(),
-            alpha_cutoff=document.number(row, "alphaCutoff", 0.5) if mode == "MASK" else 0.5,
-        )
+        with named(document.name, f"material {name!r:.60}"):
+            return Material(
+                base_color=color,
+                metallic=metallic,
+                roughness=roughness,
+                emissive=emissive,
+                double_sided=row.get("doubleSided", False) is True,
+                base_color_texture=painted,
+                metallic_roughness_texture=rough_texture,
+                normal_texture=self._texture({"": normal}, "", name) if normal else None,
+                occlusion_texture=self._texture({"": occlusion}, "", name) if occlusion else None,
+                emissive_texture=emissive_texture,
+                normal_scale=document.number(normal, "scale", 1.0),
+                occlusion_strength=float(_unit(document.number(occlusion, "strength", 1.0))),
+                alpha_mode=mode.lower(),
+                alpha_cutoff=document.number(row, "alphaCutoff", 0.5) if mode == "MASK" else 0.5,
+            )
 
     def _from_glossy(
         self, row: dict[str, Any], textured: bool, name: str

@@ -12,6 +12,7 @@ import numpy as np
 
 from nanite_rs import _advice
 from nanite_rs._accessors import beside
+from nanite_rs._asset import named
 from nanite_rs._images import read_bytes, read_image
 from nanite_rs.exceptions import FileError, FormatError, MissingFileError
 from nanite_rs.scene import Material
@@ -111,16 +112,17 @@ class _Reader:
             self._notes.add("transparency, drawn as holes where alpha is below one half", self._label)
         if clear is not None:
             painted = self._with_alpha(painted, clear)
-        return Material(
-            base_color=(*np.clip(color, 0.0, 1.0), opacity),
-            metallic=0.0 if metallic is None else float(np.clip(metallic[0], 0.0, 1.0)),
-            roughness=float(np.clip(rough[0], 0.0, 1.0)),
-            emissive=np.maximum(glow, 0.0),
-            base_color_texture=painted,
-            normal_texture=self._texture(rows, "norm"),
-            emissive_texture=glowing,
-            alpha_mode="mask" if clear is not None else "blend" if opacity < 1.0 else "opaque",
-        )
+        with named(self._name, f"material {self._label!r}"):
+            return Material(
+                base_color=(*np.clip(color, 0.0, 1.0), opacity),
+                metallic=0.0 if metallic is None else float(np.clip(metallic[0], 0.0, 1.0)),
+                roughness=float(np.clip(rough[0], 0.0, 1.0)),
+                emissive=np.maximum(glow, 0.0),
+                base_color_texture=painted,
+                normal_texture=self._texture(rows, "norm"),
+                emissive_texture=glowing,
+                alpha_mode="mask" if clear is not None else "blend" if opacity < 1.0 else "opaque",
+            )
 
     def _numbers(self, rows: dict[str, str], key: str, count: int) -> NDArray[np.float64] | None:
         words = rows.get(key, "").split()

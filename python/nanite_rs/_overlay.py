@@ -1,4 +1,4 @@
-"""Text and a slider over the picture in a window, drawn with Pillow."""
+"""Text over pictures, a slider, and a legend, drawn with Pillow."""
 
 from __future__ import annotations
 
@@ -97,6 +97,23 @@ def draw(
     pen.line((slider.left, ink, slider.left + slider.length, ink), fill=_DIM, width=thick)
     at, knob = slider.column(pixel_error), 6.0 * ratio
     pen.ellipse((at - knob, ink - knob, at + knob, ink + knob), fill=_ACCENT)
+    picture[:] = np.asarray(image)
+
+
+def legend(picture: NDArray[np.uint8], names: Sequence[str], colors: NDArray[np.uint8]) -> None:
+    """Write names at the upper left of a picture, each behind a patch of its colour, (N, 3)."""
+    from PIL import Image, ImageDraw
+
+    size, gap = 13, 10
+    line, font = round(size * 1.45), _font(size)
+    wide = max((font.getlength(name) for name in names), default=0.0)
+    _shade(picture, gap // 2, gap // 2, gap * 3 + line + wide, gap * 1.5 + line * len(names))
+    image = Image.fromarray(picture)
+    pen = ImageDraw.Draw(image)
+    for k, (name, color) in enumerate(zip(names, colors, strict=True)):
+        top = gap + k * line
+        pen.rectangle((gap, top + 1, gap + line - 3, top + line - 4), fill=tuple(int(c) for c in color))
+        pen.text((gap * 2 + line, top), name, fill=_INK, font=font)
     picture[:] = np.asarray(image)
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from nanite_rs._canvas import Binding
     from nanite_rs.viewer import Viewer
 
-HINT = "drag turns, shift and drag moves, the wheel zooms, a double click centres, a click picks"
+HINT = "drag turns, shift and drag moves, the wheel zooms once clicked, a double click centres, a click picks"
 
 
 def around(viewer: Viewer, binding: Binding) -> Any:

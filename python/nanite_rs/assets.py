@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import os
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from nanite_rs import io
-from nanite_rs._asset import Asset, Part, fitted, has_area
+from nanite_rs._asset import Asset, Part, fitted, has_area, named
 from nanite_rs._images import from_pillow, read_bytes
 from nanite_rs.camera import Camera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, MeshError
@@ -223,7 +222,7 @@ def _build(
     try:
         _add_meshes(asset, loaded, options, progress)
         for light, pose in asset.lights:
-            with _named(asset, "light"):
+            with named(asset.name, "light"):
                 loaded.lights.append(loaded.scene.add(light, pose=pose))
         if not loaded.instances and not loaded.lights and not loaded.cameras:
             raise MeshError(f"{asset.name}: there are no triangles in it")
@@ -247,20 +246,11 @@ def _add_meshes(asset: Asset, loaded: LoadedScene, options: BuildOptions | None,
             continue
         own = loaded.instances.setdefault(name, [])
         for part in parts:
-            with _named(asset, part.name):
+            with named(asset.name, part.name):
                 mesh = built.get(id(part.source))
                 if mesh is None:
                     mesh = built[id(part.source)] = _mesh(part, options, progress)
                 own.append(loaded.scene.add(mesh, pose=pose, material=part.material))
-
-
-@contextmanager
-def _named(asset: Asset, name: str) -> Iterator[None]:
-    """Say in errors where in which file the fault is."""
-    try:
-        yield
-    except ArgumentError as error:
-        raise type(error)(f"{asset.name}: {name}: {error}") from error
 
 
 def _mesh(part: Part, options: BuildOptions | None, progress: Progress) -> NaniteMesh:
@@ -351,7 +341,8 @@ class _Looks:
         name = str(found.name or mesh)
         material = self._materials.get(name)
         if material is None:
-            material = self._simple(found, name) if hasattr(found, "diffuse") else self._pbr(found, name)
+            with named(self._asset.name, f"material {name!r}"):
+                material = self._simple(found, name) if hasattr(found, "diffuse") else self._pbr(found, name)
         if material.alpha_mode == "blend" and name not in self._materials:
             what = "transparency, drawn as holes where alpha is below one half"
             self._asset.notes.add(what, name)

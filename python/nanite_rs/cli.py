@@ -12,14 +12,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+import numpy as np
+
 import nanite_rs as nrs
-from nanite_rs import _images, io, shapes
+from nanite_rs import _core, _images, _overlay, _paint, io, shapes
 from nanite_rs._preview import UP, picture
 from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from numpy.typing import NDArray
 
 T = TypeVar("T")
 
@@ -216,7 +219,7 @@ def _look(arguments: argparse.Namespace) -> int:
     options = {name: getattr(arguments, name) for name in ("pixel_error", "backend", "up")}
     options |= {name: getattr(arguments, name) for name in ("yfov", "azimuth", "elevation")}
     if isinstance(shown, nrs.NaniteMesh):
-        options["material"] = nrs.Material(smooth=not arguments.flat, double_sided=True)
+        options["material"] = nrs.Material(smooth=not arguments.face_normals, double_sided=True)
     width, height = arguments.size
     view = arguments.view or "shaded"
     nrs.view(shown, canvas=arguments.canvas, width=width, height=height, view=view, **options)
@@ -234,7 +237,7 @@ def _shown(arguments: argparse.Namespace) -> nrs.NaniteMesh | nrs.LoadedScene:
 def _view(arguments: argparse.Namespace) -> dict[str, Any]:
     """What `picture` takes of the options of a view."""
     angles = {name: getattr(arguments, name) for name in ("yfov", "azimuth", "elevation", "up")}
-    return {**angles, "material": nrs.Material(smooth=not arguments.flat)}
+    return {**angles, "material": nrs.Material(smooth=not arguments.face_normals)}
 
 
 # ----------------------------------------------------------------------------------------------------- demo
@@ -243,7 +246,9 @@ def _view(arguments: argparse.Namespace) -> dict[str, Any]:
 def _demo(arguments: argparse.Namespace) -> int:
     folder = Path(arguments.output)
     folder.mkdir(parents=True, exist_ok=True)
-    name = arguments.input
+    # Named after the mesh, so that several demos can share a folder.
+    name, stem = arguments.input, folder / _stem(arguments.input)
+    found = {path.name for path in folder.iterdir()}
     steps: list[tuple[str, str, str]] = [("step", "result", "time")]
 
     def step(what: str, work: Callable[[], T], result: Callable[[T], str]) -> T:
@@ -257,7 +262,7 @@ def _demo(arguments: argparse.Namespace) -> int:
     step(
         "check", mesh.check, lambda r: f"{r.clusters:,} clusters, {r.groups:,} groups: every invariant holds"
     )
-    path = folder / f"{_stem(name)}{io.NANITE_SUFFIX}"
+    path = Path(f"{stem}{io.NANITE_SUFFIX}")
     step("save", lambda: mesh.save(path), lambda _: f"{path}, {_megabytes(path.stat().st_size)}")
     mesh = step("open", lambda: nrs.NaniteMesh.open(path), lambda _: "the same mesh again")
     for reduction in (0.9, 0.99, 0.999):
@@ -266,7 +271,7 @@ def _demo(arguments: argparse.Namespace) -> int:
             lambda reduction=reduction: mesh.cut(target_reduction=reduction),  # type: ignore[misc]
             lambda cut: f"{len(cut):,} triangles, error {cut.error:.3g}",
         )
-    pictures = _demo_pictures(mesh, arguments, folder)
+    pictures = _demo_pictures(mesh, arguments, stem)
     lines = [
         f"nanite_rs {nrs.__version__}, {platform.machine()}, {os.cpu_count()} cores, "
         f"{arguments.size[0]} × {arguments.size[1]}, pixel error {arguments.pixel_error:g}",
@@ -275,19 +280,27 @@ def _demo(arguments: argparse.Namespace) -> int:
         "",
         "triangles",
         _table(pictures, right=(1, 2, 3, 4, 5)),
+        "in the cut: of the clusters that show what is in sight within the pixel error",
+        "drawn: of these, what faces the camera and may reach the centre of a pixel",
         "",
     ]
-    (folder / "report.txt").write_text("\n".join(lines), encoding="utf-8")
+    Path(f"{stem}_report.txt").write_text("\n".join(lines), encoding="utf-8")
     print("\n".join(lines))
     print(
-        f"pictures in {folder}/: {', '.join(PICTURES)} × {', '.join(PICTURE_VIEWS)}; stage times in stages.txt"
+        f"pictures: {stem}_A_B.png, where A is {_listed(PICTURES)} and B is {_listed(PICTURE_VIEWS)}\n"
+        f"  clusters: a colour for each; levels: red is the source, towards blue each has half the triangles\n"
+        f"what each stage received, passed on and took: {stem}_stages.txt"
     )
+    if f"{stem.name}_report.txt" in found:
+        print(f"files of an earlier demo of {stem.name} in {folder} were replaced")
     return 0
 
 
-def _demo_pictures(
-    mesh: nrs.NaniteMesh, arguments: argparse.Namespace, folder: Path
-) -> list[tuple[str, ...]]:
+def _listed(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def _demo_pictures(mesh: nrs.NaniteMesh, arguments: argparse.Namespace, stem: Path) -> list[tuple[str, ...]]:
     """Save pictures from near and far; return the table of what each skipped, headed."""
     rows: list[tuple[str, ...]] = [
         ("picture", "in the source", "in the cut", "drawn", "covered pixels", "frame")
@@ -311,10 +324,26 @@ def _demo_pictures(
             rows.append((label, *(f"{n:,}" for n in numbers), f"{stats.total_ms:.1f} ms"))
             if label in PICTURES:
                 for view in PICTURE_VIEWS:
-                    frame.save(folder / f"{label}_{view}.png", view=view)
+                    path = f"{stem}_{label}_{view}.png"
+                    if view == "levels":
+                        _images.write_png(path, _with_legend(frame, mesh), frame._texts())
+                    else:
+                        frame.save(path, view=view)
             if label == "whole":
-                (folder / "stages.txt").write_text(f"{stats}\n", encoding="utf-8")
+                Path(f"{stem}_stages.txt").write_text(f"{stats}\n", encoding="utf-8")
     return rows
+
+
+def _with_legend(frame: nrs.Frame, mesh: nrs.NaniteMesh) -> NDArray[np.uint8]:
+    """The picture of levels, with the name and colour of each that it shows."""
+    shown = frame.view("levels")
+    table = _core.cluster_table(mesh._core)
+    rows = np.searchsorted(table["id"], np.unique(frame.cluster_id[frame.depth > 0.0]))
+    levels = np.unique(table["level"][rows])
+    colors = np.rint(_paint.levels(levels) * 255.0).astype(np.uint8)
+    names = [f"level {level}{' (source)' if level == 0 else ''}" for level in levels]
+    _overlay.legend(shown, names, colors)
+    return shown
 
 
 def _demo_mesh(name: str, arguments: argparse.Namespace, step: Callable[..., Any]) -> nrs.NaniteMesh:
@@ -402,7 +431,11 @@ def _add_viewing(sub: Any) -> None:
     group.add_argument("--azimuth", type=float, default=30.0, metavar="DEG", help="around the Y axis (30)")
     group.add_argument("--elevation", type=float, default=20.0, metavar="DEG", help="above the horizon (20)")
     group.add_argument("--up", default="y", choices=sorted(UP), help="which axis of the mesh points up (y)")
-    group.add_argument("--flat", action="store_true", help="shade by face normals, not by vertex normals")
+    group.add_argument(
+        "--face-normals", action="store_true", help="shade each face by its own normal, not by vertex normals"
+    )
+    # What that was called at first. shading="flat" is something else: no light.
+    group.add_argument("--flat", dest="face_normals", action="store_true", help=argparse.SUPPRESS)
     group.add_argument("--backend", default="auto", choices=("auto", "cpu", "gpu"), help="(auto)")
 
 

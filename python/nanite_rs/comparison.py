@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _images
+from nanite_rs import _checks, _images
 from nanite_rs.exceptions import ArgumentError, DtypeError, InternalError
 from nanite_rs.measure import closest_points
-from nanite_rs.mesh import _array, _real
+from nanite_rs.mesh import _array
 from nanite_rs.renderer import Frame
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def compare(
     if shown.shape != expected.shape:
         sizes = [f"{width} × {height}" for height, width, _ in (shown.shape, expected.shape)]
         raise ArgumentError(f"image: must be as large as the reference, {sizes[1]} pixels, not {sizes[0]}")
-    pixels_per_degree = _real(pixels_per_degree, "pixels_per_degree")
+    pixels_per_degree = _checks.number(pixels_per_degree, "pixels_per_degree")
     if not 2.0 <= pixels_per_degree <= 1000.0:
         raise ArgumentError(f"pixels_per_degree: must be between 2 and 1000, not {pixels_per_degree}")
     if mask is not None and reference_covered is None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["Cut"]
 
 
-class Cut:
+class Cut(_advice.Teaching):
     """The clusters of one threshold as a mesh. Made by `NaniteMesh.cut`.
 
     Vertices are welded by stored identity, never by distance, so a cut is watertight where its source is. All
@@ -100,11 +100,6 @@ class Cut:
         self.cluster_materials: NDArray[np.int32] | None = core.cluster_materials
         self.vertex_ids: NDArray[np.uint32] = core.vertex_ids
         self._first_face: NDArray[np.uint32] = core.first_face
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            raise _advice.absent(self, name)
 
     def __len__(self) -> int:
         """Return the number of triangles."""

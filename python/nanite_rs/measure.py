@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _core
+from nanite_rs import _checks, _core
 from nanite_rs.exceptions import ArgumentError, DtypeError
-from nanite_rs.mesh import NaniteMesh, _array, _real
+from nanite_rs.mesh import NaniteMesh, _array
 
 if TYPE_CHECKING:
     import trimesh
@@ -241,7 +241,7 @@ def surface_distance(
     """
     if mode not in ("sampled", "bounded"):
         raise ArgumentError(f'mode: must be "sampled" or "bounded", not {mode!r}')
-    tolerance = _real(tolerance, "tolerance")
+    tolerance = _checks.number(tolerance, "tolerance")
     if not 0.0 < tolerance < 1.0:
         raise ArgumentError(f"tolerance: must be between 0 and 1, not {tolerance}")
     budget = _count(budget, "budget", 0)

@@ -7,11 +7,11 @@ import operator
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from nanite_rs import _advice, _channels, _exchange, io
+from nanite_rs import _advice, _channels, _checks, _exchange, io
 from nanite_rs._channels import Channel
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._progress import Progress, reporter
@@ -36,6 +36,11 @@ _OTHERS = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 @dataclass(frozen=True)
 class BuildOptions:
     """How a mesh is built. The defaults suit scans, CAD and game assets alike.
+
+    Raises
+    ------
+    ArgumentError, DtypeError
+        For a value out of range or of another type, when the options are made.
 
     Examples
     --------
@@ -80,6 +85,24 @@ class BuildOptions:
     """Keep the map from full-detail triangles to rows of the caller's ``faces``."""
     threads: int = 0
     """Threads; 0 uses all cores. The result does not depend on it."""
+
+    def __post_init__(self) -> None:
+        limits = {
+            "cluster_triangles": (16, 128),
+            "cluster_vertices": (32, 255),
+            "group_clusters": (4, 24),
+            "threads": (0,),
+        }
+        checked: dict[str, Any] = {n: _checks.whole(getattr(self, n), n, *of) for n, of in limits.items()}
+        for name, alias in get_type_hints(type(self)).items():
+            if get_origin(alias) is Literal:
+                checked[name] = _checks.choice(getattr(self, name), name, get_args(alias))
+        for name in ("normal_weight", "color_weight", "uv_weight", "channel_weight"):
+            checked[name] = _checks.not_negative(getattr(self, name), name)
+        for name in ("preserve_area", "face_ids"):
+            checked[name] = _checks.truth(getattr(self, name), name)
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
 
 
 def _array(value: object, name: str) -> NDArray[Any]:
@@ -148,18 +171,12 @@ def _materials(value: object) -> NDArray[np.int32]:
     return np.ascontiguousarray(array, np.int32)
 
 
-def _real(value: object, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise DtypeError(f"{name}: expected a number, not {type(value).__name__}")
-    return float(value)
-
-
 def _bad_reduction(reduction: float) -> ArgumentError:
     percent = f"; {reduction:g} % is {reduction / 100:g}" if 1.0 < reduction <= 100.0 else ""
     return ArgumentError(f"target_reduction: must be between 0 and 1, not {reduction}{percent}")
 
 
-class NaniteMesh:
+class NaniteMesh(_advice.Teaching):
     """A triangle mesh of any size as a cluster LOD DAG: every level of detail at once.
 
     Made by `from_arrays`, `from_trimesh`, `from_file` or `open`; immutable. ``len(mesh)`` is the number of source
@@ -549,7 +566,7 @@ class NaniteMesh:
         if isinstance(precision, str):
             self._core.save(path, precision)
         else:
-            self._core.save(path, "auto", _real(precision, "precision"))
+            self._core.save(path, "auto", _checks.number(precision, "precision"))
 
     @staticmethod
     def file_info(path: PathLike) -> dict[str, Any]:
@@ -650,12 +667,12 @@ class NaniteMesh:
         if pixel_error != 1.0:
             raise ArgumentError("pixel_error: goes with camera=; error= is in units of the mesh")
         if error is not None:
-            error = _real(error, "error")
+            error = _checks.number(error, "error")
             if not error >= 0.0:
                 raise ArgumentError(f"error: must be 0 or more, not {error}")
             return Cut(self._core.cut_error(error))
         if target_faces is None:
-            reduction = _real(target_reduction, "target_reduction")
+            reduction = _checks.number(target_reduction, "target_reduction")
             if not 0.0 <= reduction <= 1.0:
                 raise _bad_reduction(reduction)
             # A fraction such as 0.9 is not exact: what is meant is the integer beside it.
@@ -682,7 +699,7 @@ class NaniteMesh:
             ) from None
         if min(width, height) < 1:
             raise ArgumentError(f"viewport: sides must be positive, not {width} × {height}")
-        pixel_error = _real(pixel_error, "pixel_error")
+        pixel_error = _checks.number(pixel_error, "pixel_error")
         if not pixel_error >= 0.0:
             raise ArgumentError(f"pixel_error: must be 0 or more, not {pixel_error}")
         if not isinstance(camera, Camera):
@@ -778,11 +795,6 @@ class NaniteMesh:
     def nbytes(self) -> int:
         """Bytes in memory: of an opened file the pages, channels and face ids that were read so far."""
         return self._core.nbytes
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            raise _advice.absent(self, name)
 
     def __len__(self) -> int:
         """Return the number of source triangles, after mending."""
@@ -889,7 +901,7 @@ def simplify(
     # By the name by which lists of whole numbers stay what they are.
     faces = _array(triangles, "faces")
     if target_count is None:
-        reduction = _real(target_reduction, "target_reduction")
+        reduction = _checks.number(target_reduction, "target_reduction")
         if not 0.0 <= reduction <= 1.0:
             raise _bad_reduction(reduction)
         target_count = math.floor((1.0 - reduction) * len(faces) + 1e-6)

@@ -271,7 +271,7 @@ class Calibration:
     that the device lacks, and those whose pixels were not exactly those of ``"compute"``."""
 
 
-class Frame:
+class Frame(_advice.Teaching):
     """A rendered frame: arrays with row 0 on top, each made when first asked for unless rendered with the frame.
 
     All arrays are owned, contiguous and writable; each is made once and then kept. A frame does not follow later
@@ -419,11 +419,6 @@ class Frame:
     def height(self) -> int:
         """Rows."""
         return self._frame.size[1]
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            raise _advice.absent(self, name)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """The picture, `color`, for ``np.asarray(frame)`` and ``plt.imshow(frame)``."""
@@ -580,7 +575,7 @@ class Frame:
         return f"<Frame {self.width}×{self.height}{depth}: {self.stats!r}>"
 
 
-class Renderer:
+class Renderer(_advice.Teaching):
     """Renders scenes into pictures of one size.
 
     Memory is kept between frames; use it in a ``with`` block, or call `close`, to give it back at once.
@@ -647,6 +642,8 @@ class Renderer:
         self._core: _core.Renderer | None = core
         # Until a picture shows something, one that shows nothing is looked into.
         self._blank = True
+        # Whether a pose was found to mirror: said once.
+        self._mirrors = False
         self._backend = self._core.backend
         # Images that the last frame showed smaller than they are.
         self._smaller = 0
@@ -756,7 +753,7 @@ class Renderer:
         -----
         UsageWarning
             If the picture shows nothing and no picture of this renderer did before, with what would help: as found
-            by a few coarse frames with other poses and clip distances.
+            by a few coarse frames with other poses and clip distances. And once if a pose mirrors.
 
         Returns
         -------
@@ -932,10 +929,10 @@ class Renderer:
                 TextureWarning,
             )
         self._smaller = smaller
+        if not self._mirrors:
+            self._look_for_mirrors([pose for _, pose in views])
         if self._blank and frames:
             self._blank = not any(dict(frame.totals()[0])["covered_pixels"] for frame in frames)
-            if np.linalg.det(np.asarray(views[0][1], np.float64)[:3, :3]) < 0.0:
-                _advice.warn("pose: it mirrors the picture: its determinant is below 0", UsageWarning)
             if self._blank:
                 reason = _unseen.reason(scene._core, views[0][0], views[0][1], self._size)
                 if scene.instances:
@@ -957,10 +954,14 @@ class Renderer:
             for frame, (camera, pose) in zip(frames, views, strict=True)
         ]
 
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            raise _advice.absent(self, name)
+    def _look_for_mirrors(self, poses: list[ArrayLike]) -> None:
+        """Warn about the first pose that mirrors, once."""
+        for i, pose in enumerate(poses):
+            if np.linalg.det(np.asarray(pose, np.float64)[:3, :3]) < 0.0:
+                self._mirrors = True
+                which = f"views[{i}]: " if len(poses) > 1 else ""
+                _advice.warn(f"{which}pose: it mirrors the picture: its determinant is below 0", UsageWarning)
+                return
 
     def close(self) -> None:
         """Give the memory back. Frames stay valid."""

@@ -11,6 +11,12 @@ from nanite_rs._html import pairs, table
 __all__ = ["BuildReport", "CheckReport", "LevelReport", "StuckGroup"]
 
 
+_ROUNDS = """\
+Each round gathers the clusters of a level, finest first, into groups and halves the triangles of each group.
+retried: groups that go on to the next round as they are. by step: groups simplified with their attributes / with
+another topology / permissively / sloppily. max error, of attributes: the largest made, in units of the mesh."""
+
+
 @dataclass(frozen=True)
 class LevelReport:
     """One round of grouping and simplifying, finest first."""
@@ -24,7 +30,8 @@ class LevelReport:
     retried: int
     """Groups whose clusters went on to the next round unchanged."""
     steps: tuple[int, ...]
-    """Groups simplified by each step of the chain: attributes, permissive, sloppy."""
+    """Groups simplified by each step of the chain: attributes, the same with a change of topology, permissive,
+    sloppy."""
     max_error: float
     """Largest error of the shape made, in the units of the mesh."""
     max_attribute_error: float
@@ -149,13 +156,14 @@ class BuildReport:
         ]
 
     def __str__(self) -> str:
-        """Summary and one line per round."""
+        """Summary and one line per round, with what its columns are."""
         lines = [f"{name:>13}  {value}" for name, value in self._summary()]
         rows = [self._COLUMNS, *self._rows()]
         widths = [max(len(row[k]) for row in rows) for k in range(len(self._COLUMNS))]
         lines += [
             "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows
         ]
+        lines.append(_ROUNDS)
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:

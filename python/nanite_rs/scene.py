@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
 
-from nanite_rs import _advice, _core
+from nanite_rs import _advice, _checks, _core
 from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError, UsageWarning
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.texture import Image, Texture
@@ -70,6 +70,11 @@ class Material:
     An instance has one for its whole mesh, or one for each number of the mesh's ``face_materials``; another one can
     be assigned at any time without building anything anew. A scene without textures pays nothing for them.
 
+    Raises
+    ------
+    ArgumentError, DtypeError
+        For a value out of range or of another type, when the material is made.
+
     Examples
     --------
     >>> clay = nrs.Material(base_color=(0.7, 0.65, 0.6), metallic=0.1, roughness=0.5)
@@ -113,10 +118,21 @@ class Material:
     def __post_init__(self) -> None:
         base = np.asarray(self.base_color, np.float64) if np.ndim(self.base_color) == 1 else None
         alpha = (float(base[3]),) if base is not None and base.shape == (4,) and base[3] != 1.0 else ()
-        object.__setattr__(self, "base_color", _rgb(self.base_color, "base_color") + alpha)
+        color = _rgb(self.base_color, "base_color")
+        try:
+            for one in color:
+                _checks.unit(one, "base_color")
+        except ArgumentError as error:
+            raise _advice.advised(error, "divide colours of 0 to 255 by 255") from None
+        for one in alpha:
+            _checks.unit(one, "alpha")
+        object.__setattr__(self, "base_color", color + alpha)
         object.__setattr__(self, "emissive", _bright(self.emissive, "emissive"))
-        if self.alpha_mode not in get_args(AlphaMode):
-            raise ArgumentError(f"alpha_mode: must be opaque, mask or blend, not {self.alpha_mode!r}")
+        for one in self.emissive:
+            _checks.not_negative(one, "emissive")
+        for name, check in _NUMBERS.items():
+            object.__setattr__(self, name, check(getattr(self, name), name))
+        _checks.choice(self.alpha_mode, "alpha_mode", get_args(AlphaMode))
         for name in _SLOTS:
             texture = getattr(self, name)
             if not (texture is None or isinstance(texture, Texture)):
@@ -126,14 +142,14 @@ class Material:
         textures = [getattr(self, name) for name in _SLOTS]
         return {
             "base_color": (*_rgb(self.base_color, "base_color"), *self.base_color[3:], 1.0)[:4],
-            "metallic": float(self.metallic),
-            "roughness": float(self.roughness),
+            "metallic": self.metallic,
+            "roughness": self.roughness,
             "emissive": _rgb(self.emissive, "emissive"),
             "double_sided": bool(self.double_sided),
             "smooth": bool(self.smooth),
-            "normal_scale": float(self.normal_scale),
-            "occlusion_strength": float(self.occlusion_strength),
-            "alpha_cutoff": None if self.alpha_mode == "opaque" else float(self.alpha_cutoff),
+            "normal_scale": self.normal_scale,
+            "occlusion_strength": self.occlusion_strength,
+            "alpha_cutoff": None if self.alpha_mode == "opaque" else self.alpha_cutoff,
             "textures": [
                 None if texture is None else texture._raw(name in _COLORS)
                 for name, texture in zip(_SLOTS, textures, strict=True)
@@ -141,6 +157,13 @@ class Material:
         }
 
 
+_NUMBERS = {
+    "metallic": _checks.unit,
+    "roughness": _checks.unit,
+    "normal_scale": _checks.finite,
+    "occlusion_strength": _checks.unit,
+    "alpha_cutoff": _checks.finite,
+}
 _SLOTS = (
     "base_color_texture",
     "metallic_roughness_texture",
@@ -282,7 +305,7 @@ def _advised(error: ArgumentError, pose: ArrayLike | None) -> ArgumentError:
         return _advice.advised(error, _advice.for_pose(pose))
     if "wants UV set" in message:
         return _advice.advised(error, "give the mesh uvs= when it is built")
-    return _advice.advised(error, "divide colours of 0 to 255 by 255" if "base_color" in message else "")
+    return error
 
 
 def _pose(pose: ArrayLike | None) -> ArrayLike:
@@ -453,7 +476,7 @@ class LightNode(_Node):
         return f"<LightNode {type(self._light).__name__} at ({x:g}, {y:g}, {z:g})>"
 
 
-class Scene:
+class Scene(_advice.Teaching):
     """Instances of meshes, lights, ambient light, an environment and a background.
 
     There is no default light: without lights and ambient light surfaces are black, as in pyrender.
@@ -496,11 +519,6 @@ class Scene:
         self.ambient_light = ambient_light
         self.bg_color = bg_color
         self.environment = environment
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            raise _advice.absent(self, name)
 
     @overload
     def add(

@@ -317,6 +317,9 @@ class Viewer:
         """Called without arguments whenever something else is to be shown: see `redraw`."""
         self.selected: Pick | None = None
         """What was picked last with ``select=True``: its cluster is tinted."""
+        self.selected_pixels = 0
+        """Pixels of the last picture that show the selected cluster; 0 where it is turned away or hidden, or where
+        another level is drawn in its place."""
         self.canvas: Any = None
         """The canvas of rendercanvas that `nanite_rs.view` put this on, or None."""
         self.widget: Any = None
@@ -496,8 +499,7 @@ class Viewer:
             grey = picture[unseen].astype(np.float32).mean(axis=-1, keepdims=True)
             picture[unseen] = (0.45 * grey + _UNSEEN).astype(np.uint8)
             self._draw_outline(picture, shot, self._frozen)
-        if self.selected is not None:
-            self._tint(picture, shot.ids, self.selected)
+        self.selected_pixels = self._tint(picture, shot.ids, self.selected) if self.selected else 0
         return picture
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -792,17 +794,17 @@ class Viewer:
             picture[y[free] + dy, x[free] + dx] = (214, 69, 38)
 
     @staticmethod
-    def _tint(picture: NDArray[np.uint8], ids: Ids, picked: Pick) -> None:
-        """Tint a cluster, more so its triangle, and draw a line around it."""
+    def _tint(picture: NDArray[np.uint8], ids: Ids, picked: Pick) -> int:
+        """Tint a cluster, more so its triangle, draw a line around it, and return how many pixels it has."""
         cluster = (ids.instance == picked.instance_id) & (ids.cluster == picked.cluster_id)
-        inner = cluster.copy()
-        for axis in (0, 1):
-            for step in (-1, 1):
-                inner &= np.roll(cluster, step, axis)
         triangle = cluster & (ids.triangle == picked.triangle_id)
-        for where, part in ((cluster, 0.35), (triangle, 0.8), (cluster & ~inner, 1.0)):
-            mixed = picture[where] * (1.0 - part) + np.array((255, 224, 30)) * part
+        inner = _shrunk(cluster)
+        # One of the two lines is seen on any colour.
+        edges = (cluster & ~inner, _YELLOW, 1.0), (inner & ~_shrunk(inner), _DARK, 1.0)
+        for where, color, part in ((cluster, _YELLOW, 0.35), (triangle, _YELLOW, 0.8), *edges):
+            mixed = picture[where] * (1.0 - part) + np.array(color) * part
             picture[where] = mixed.astype(np.uint8)
+        return int(cluster.sum())
 
     # ----------------------------------------------------------------------------------------- asking
 
@@ -865,6 +867,14 @@ class Viewer:
 
 
 _IDS: Final[tuple[OutputName, ...]] = ("instance_id", "cluster_id", "triangle_id")
+_YELLOW: Final = (255, 224, 30)
+_DARK: Final = (25, 25, 30)
+
+
+def _shrunk(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """A mask without the pixels at its rim, which the rim of the picture is not."""
+    padded = np.pad(mask, 1, mode="edge")
+    return mask & padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
 
 
 def projected(view: View, node: MeshNode, sphere: NDArray[np.float64], error: float) -> float:

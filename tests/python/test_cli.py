@@ -90,6 +90,7 @@ def test_info_for_people_and_for_programs(built, capsys):
     text = capsys.readouterr().out
     assert "bounds" in text
     assert "CheckReport" in text
+    assert "Each round gathers" in text
     assert cli.main(["info", str(built), "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["faces"] == data["report"]["input_faces"] == len(nrs.NaniteMesh.open(built))
@@ -137,14 +138,71 @@ def test_demo_on_a_small_mesh(tmp_path, capsys):
     folder = tmp_path / "demo"
     assert cli.main(["demo", "shape:gyroid_shell:50000", "-o", str(folder), "--size", "320x180"]) == 0
     text = capsys.readouterr().out
-    for word in ("generate", "build", "check", "save", "open", "cut, −99.0%", "in the source", "drawn", "ms"):
+    for word in (
+        "generate",
+        "build",
+        "check",
+        "save",
+        "open",
+        "cut, −99.0%",
+        "in the source",
+        "drawn:",
+        "ms",
+    ):
         assert word in text
+    assert "levels: red is the source" in text
+    assert "replaced" not in text
     pictures = {p.name for p in folder.glob("*.png")}
     assert pictures == {
-        f"{a}_{b}.png" for a in ("near", "whole", "far") for b in ("shaded", "clusters", "levels")
+        f"gyroid_shell_{a}_{b}.png"
+        for a in ("near", "whole", "far")
+        for b in ("shaded", "clusters", "levels")
     }
     assert (folder / "gyroid_shell.nanite").exists()
-    assert (folder / "report.txt").read_text(encoding="utf-8").strip() in text
+    assert (folder / "gyroid_shell_report.txt").read_text(encoding="utf-8").strip() in text
+
+
+def test_a_second_demo_leaves_the_first_ones_files(tmp_path, capsys):
+    options = ["-o", str(tmp_path), "--size", "160x90", "-q", "--face-normals"]
+    assert cli.main(["demo", "shape:torus_knot:5000", *options]) == 0
+    first = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert cli.main(["demo", "shape:displaced_icosphere:5000", *options]) == 0
+    assert "replaced" not in capsys.readouterr().out
+    assert len(list(tmp_path.iterdir())) == 2 * len(first)
+    assert all(path.read_bytes() == content for path, content in first.items())
+    assert cli.main(["demo", "shape:displaced_icosphere:8000", *options]) == 0
+    assert "files of an earlier demo of displaced_icosphere" in capsys.readouterr().out
+
+
+def test_the_demos_legend_has_the_colours_of_the_levels(tmp_path):
+    """Red for the source alone, where full detail is asked for; where it is not, others."""
+    seen = {}
+    for pixel_error in ("0", "8"):
+        arguments = ["demo", "shape:torus_knot:40000", "-o", str(tmp_path), "--size", "320x180", "-q"]
+        assert cli.main([*arguments, "--pixel-error", pixel_error]) == 0
+        with Image.open(tmp_path / "torus_knot_whole_levels.png") as image:
+            assert "nanite_rs:pose" in image.text
+            picture = np.asarray(image.convert("RGB"))
+        # The patches: a column through them, without their frame.
+        colors, counts = np.unique(picture[:, 16], axis=0, return_counts=True)
+        seen[pixel_error] = {
+            tuple(map(int, color)) for color, n in zip(colors, counts, strict=True) if 12 <= n < 40
+        }
+    red = tuple(round(255 * x) for x in (0.97, 0.12, 0.12))
+    assert red in seen["0"]
+    assert red not in seen["8"]
+    assert len(seen["8"]) >= 1
+
+
+@pytest.mark.parametrize("name", ["--face-normals", "--flat"])
+def test_faces_are_shaded_by_their_own_normals(tmp_path, name):
+    counts = []
+    for options in ([], [name]):
+        path = tmp_path / "ball.png"
+        view = ["--size", "120x120", "--pixel-error", "0", "-q", *options]
+        assert cli.main(["render", "shape:torus_knot:500", "-o", str(path), *view]) == 0
+        counts.append(len(np.unique(np.asarray(Image.open(path)).reshape(-1, 3), axis=0)))
+    assert counts[1] < 0.5 * counts[0]
 
 
 def test_help_teaches(capsys):

@@ -289,13 +289,35 @@ def test_scenes_are_added_to(street) -> None:
 
 
 def test_scenes_are_left_as_they_were_where_loading_fails(tmp_path) -> None:
+    """The light is added when the mesh is there already."""
     document = Document()
-    document.row("materials", emissiveFactor=[1e39, 0, 0])
-    document.mesh(document.quad(), document.quad(material=0))
+    document.mesh(document.quad(), document.quad())
+    document.json["extensions"] = {
+        "KHR_lights_punctual": {"lights": [{"type": "directional", "intensity": 1e39}]}
+    }
+    document.row("nodes", mesh=0)
+    document.row("nodes", name="sun", extensions={"KHR_lights_punctual": {"light": 0}})
     scene = nrs.Scene()
-    with pytest.raises(nrs.ArgumentError, match=r"a\.glb: meshes\[0\], primitive 1: emissive"):
+    with pytest.raises(nrs.ArgumentError, match=r"a\.glb: light: intensity"):
         nrs.load_scene(document.save(tmp_path / "a.glb"), scene=scene)
     assert len(scene) == 0
+
+
+def test_materials_that_cannot_be_are_named_with_their_file(tmp_path) -> None:
+    document = Document()
+    document.row("materials", name="lamp", emissiveFactor=[1e39, 0, 0])
+    document.mesh(document.quad(), document.quad(material=0))
+    with pytest.raises(nrs.ArgumentError, match=r"a\.glb: material 'lamp': emissive: must be finite"):
+        nrs.load_scene(document.save(tmp_path / "a.glb"))
+    (tmp_path / "b.mtl").write_text("newmtl lamp\nKe 1e39 0 0\n")
+    (tmp_path / "b.obj").write_text("mtllib b.mtl\nusemtl lamp\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(nrs.ArgumentError, match=r"b\.obj: material 'lamp': emissive: must be finite"):
+        nrs.load_scene(tmp_path / "b.obj")
+    box = trimesh.creation.box()
+    material = trimesh.visual.material.PBRMaterial(name="lamp", emissiveFactor=[np.inf, 0, 0])
+    box.visual = trimesh.visual.TextureVisuals(uv=box.vertices[:, :2], material=material)
+    with pytest.raises(nrs.ArgumentError, match=r"trimesh scene: material 'lamp': emissive: must be finite"):
+        nrs.load_scene(box)
 
 
 @pytest.mark.parametrize("direction", [(0, 0, 1), (1, 1, 1), (0, 1, 0), (0, -1, 0)])

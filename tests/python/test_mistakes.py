@@ -43,7 +43,7 @@ BUILDING = {
     "threads below 0": (
         lambda: build(options=nrs.BuildOptions(threads=-1)),
         nrs.ArgumentError,
-        "threads must not be -1",
+        "threads: must be 0 or more, not -1",
     ),
     "vertices transposed": (lambda: build(V.T), nrs.ArgumentError, "vertices: .*transposed, give vertices.T"),
     "faces transposed": (lambda: build(V, F.T), nrs.ArgumentError, "faces: .*give faces.T"),
@@ -372,6 +372,19 @@ def test_values_that_are_seldom_meant(mistake) -> None:
         call()
     assert len(told) == 1
     assert told[0].filename == __file__
+
+
+def test_each_view_is_looked_at_for_mirrors_until_one_is_found(mesh) -> None:
+    scene = nrs.Scene(ambient_light=(1, 1, 1))
+    scene.add(mesh)
+    mirrored = POSE @ np.diag([-1.0, 1.0, 1.0, 1.0])
+    with nrs.Renderer(64, 48, backend="cpu") as renderer, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        renderer.render_views(scene, [(LENS, POSE), (LENS, POSE)])
+        with pytest.warns(nrs.UsageWarning, match=re.escape("views[1]: pose: it mirrors")) as told:
+            renderer.render_views(scene, [(LENS, POSE), (LENS, mirrored), (LENS, mirrored)])
+        assert [one.filename for one in told] == [__file__]
+        renderer.render(scene, LENS, mirrored)
 
 
 def test_a_scene_without_light_says_so_when_it_is_looked_at(mesh) -> None:

@@ -296,6 +296,11 @@ def test_a_selected_cluster_is_tinted(viewer) -> None:
     assert viewer.selected == found
     changed = (viewer.picture(moving=True) != before).any(axis=-1)
     np.testing.assert_array_equal(changed, viewer.frame().cluster_id == found.cluster_id)
+    assert viewer.selected_pixels == changed.sum()
+    viewer.orbit.turn(np.pi, 0.0)
+    viewer.picture(moving=True)
+    assert viewer.selected_pixels == 0
+    viewer.orbit.turn(np.pi, 0.0)
     assert viewer.pick(0, 0, select=True) is None
     np.testing.assert_array_equal(viewer.picture(moving=True), before)
 
@@ -722,7 +727,7 @@ def test_steps_of_the_pixel_error_end_at_0_and_64() -> None:
 
 
 # ------------------------------------------------------------------------- in Jupyter, without a kernel
-# `make screenshots` has a notebook and a browser.
+# test_browser.py has a notebook in a browser.
 
 
 @pytest.fixture

@@ -1,0 +1,77 @@
+"""Values of arguments: each check returns the value as Python's own, or raises the error that names its argument.
+
+Ranges are those that Rust refuses by: tests hold both together.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from nanite_rs import _advice
+from nanite_rs.exceptions import ArgumentError, DtypeError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def number(value: Any, name: str) -> float:
+    """Return a number."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise DtypeError(f"{name}: expected a number, not {type(value).__name__}")
+    return float(value)
+
+
+def _single(value: Any, name: str) -> float:
+    """A number as it is once Rust has it, in single precision."""
+    with np.errstate(over="ignore"):
+        return float(np.float32(number(value, name)))
+
+
+def finite(value: Any, name: str) -> float:
+    """Return a finite number."""
+    if not math.isfinite(_single(value, name)):
+        raise ArgumentError(f"{name}: must be finite, not {value}")
+    return float(value)
+
+
+def not_negative(value: Any, name: str) -> float:
+    """Return a finite number from 0."""
+    if not 0.0 <= _single(value, name) < math.inf:
+        raise ArgumentError(f"{name}: must be finite and not negative, not {value}")
+    return float(value)
+
+
+def unit(value: Any, name: str) -> float:
+    """Return a number from 0 to 1."""
+    if not 0.0 <= _single(value, name) <= 1.0:
+        raise ArgumentError(f"{name}: must be between 0 and 1, not {value}")
+    return float(value)
+
+
+def whole(value: Any, name: str, least: int, most: int | None = None) -> int:
+    """Return a whole number from one to another."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise DtypeError(f"{name}: expected an integer, not {type(value).__name__}")
+    if value < least or (most is not None and value > most):
+        allowed = f"{least} or more" if most is None else f"between {least} and {most}"
+        raise ArgumentError(f"{name}: must be {allowed}, not {value}")
+    return int(value)
+
+
+def truth(value: Any, name: str) -> bool:
+    """Return True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise DtypeError(f"{name}: expected True or False, not {type(value).__name__}")
+    return bool(value)
+
+
+def choice(value: Any, name: str, allowed: Sequence[str]) -> str:
+    """Return one of some names; an error suggests the nearest."""
+    if value not in allowed:
+        *others, last = (f'"{one}"' for one in allowed)
+        found = f'"{value}"' if isinstance(value, str) else repr(value)
+        raise _advice.near(ArgumentError(f"{name}: must be {', '.join(others)} or {last}, not {found}"))
+    return str(value)
