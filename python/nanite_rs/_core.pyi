@@ -20,12 +20,16 @@ __all__ = [
     "closest_points",
     "cluster_table",
     "group_table",
+    "page_table",
+    "page_table_of_file",
     "surface_distance",
 ]
 __version__: str
 
 def cluster_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
 def group_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
+def page_table(mesh: Mesh) -> dict[str, NDArray[np.uint32]]: ...
+def page_table_of_file(path: str | PathLike[str]) -> dict[str, NDArray[np.uint32]]: ...
 def surface_distance(
     a_vertices: NDArray[Any],
     a_faces: NDArray[Any],

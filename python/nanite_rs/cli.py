@@ -47,7 +47,7 @@ SHAPE_PREFIX: Final = "shape:"
 DEMO_SHAPE: Final = "shape:displaced_icosphere:2000000"
 PICTURES: Final = ("whole", "near", "far")
 PICTURE_VIEWS: Final = ("shaded", "clusters", "levels")
-VIEWS: Final = ("shaded", "triangles", "clusters", "groups", "levels", "overdraw")
+VIEWS: Final = ("shaded", "triangles", "clusters", "groups", "levels", "rasterizers", "overdraw")
 
 
 # ---------------------------------------------------------------------------------------------------- input

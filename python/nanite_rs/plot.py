@@ -14,11 +14,11 @@ Examples
 from __future__ import annotations
 
 import os
-from io import BytesIO
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
+from nanite_rs import _core
 from nanite_rs.exceptions import ArgumentError, DependencyError, DtypeError
 from nanite_rs.mesh import NaniteMesh, PathLike
 from nanite_rs.renderer import Frame
@@ -26,7 +26,6 @@ from nanite_rs.renderer import Frame
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import ListedColormap
-    from numpy.typing import NDArray
 
 __all__ = ["error_against_triangles", "funnel", "levels", "pages"]
 
@@ -236,8 +235,7 @@ def pages(source: NaniteMesh | PathLike, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     source : path or NaniteMesh
-        The file, of which only the beginning is read, whatever its size; or a mesh, which is first made into the
-        bytes of a file as pickling does, and takes as long.
+        The file, of which only the beginning is read, whatever its size; or a mesh.
     ax : matplotlib.axes.Axes, optional
         Where to draw; by default a new figure.
 
@@ -269,12 +267,10 @@ def pages(source: NaniteMesh | PathLike, *, ax: Axes | None = None) -> Axes:
     from matplotlib.collections import PolyCollection
 
     if isinstance(source, NaniteMesh):
-        table = _page_table(BytesIO(source._core.to_bytes()))
+        table = _core.page_table(source._core)
     else:
-        NaniteMesh.file_info(source)  # refuses what is no such file, or damaged
-        with open(source, "rb") as file:
-            table = _page_table(file)
-    count, deepest = len(table), int(table["level"].max())
+        table = _core.page_table_of_file(source)
+    count, deepest = len(table["level"]), int(table["level"].max())
     kib = table["words"] * (4 / 1024)
     # A gap between few pages, so that each is seen.
     half = 0.45 if count <= 200 else 0.5
@@ -283,10 +279,10 @@ def pages(source: NaniteMesh | PathLike, *, ax: Axes | None = None) -> Axes:
     bars = PolyCollection(list(corners), array=table["level"], cmap=_palette(deepest + 1), linewidths=0)
     bars.set_clim(-0.5, deepest + 0.5)
     ax.add_collection(bars)
-    if not isinstance(source, NaniteMesh):
+    if "bytes" in table:
         edges = np.arange(count + 1) - 0.5
         ax.stairs(
-            table["coded"] / 1024,
+            table["bytes"] / 1024,
             edges,
             baseline=None,
             color=rcParams["text.color"],
@@ -305,36 +301,6 @@ def pages(source: NaniteMesh | PathLike, *, ax: Axes | None = None) -> Axes:
     _whole_ticks(scale.ax.yaxis)
     scale.ax.minorticks_off()
     return ax
-
-
-def _page_table(file: BinaryIO) -> NDArray[Any]:
-    """Rows of the page table, as docs/format.md has them."""
-    header = file.read(24)
-    sections = np.frombuffer(file.read(32 * int.from_bytes(header[12:16], "little")), _SECTION)
-    at = sections[sections["kind"] == _PAGE_TABLE][0]
-    file.seek(int(at["offset"]))
-    return np.frombuffer(file.read(int(at["length"])), _PAGE)
-
-
-_PAGE_TABLE: Final = 4
-_SECTION: Final = np.dtype(
-    [("kind", "<u4"), ("crc", "<u4"), ("offset", "<u8"), ("length", "<u8"), ("zero", "<u8")]
-)
-_PAGE: Final = np.dtype(
-    [
-        ("offset", "<u8"),
-        ("coded", "<u4"),
-        ("crc", "<u4"),
-        ("words", "<u4"),
-        ("clusters", "<u4"),
-        ("level", "<u4"),
-        ("first_group", "<u4"),
-        ("first_identity", "<u4"),
-        ("source_triangles", "<u4"),
-        ("dependencies", "<u4"),
-        ("parts", "<u4", 7),
-    ]
-)
 
 
 def _check(value: object, kind: type, name: str) -> None:

@@ -34,7 +34,9 @@ __all__ = [
     "TextureWarning",
 ]
 
-ViewName: TypeAlias = Literal["shaded", "triangles", "clusters", "groups", "levels", "overdraw"]
+ViewName: TypeAlias = Literal[
+    "shaded", "triangles", "clusters", "groups", "levels", "rasterizers", "overdraw"
+]
 OutputName: TypeAlias = Literal[
     "color",
     "linear",
@@ -434,8 +436,9 @@ class Frame(_advice.Teaching):
         ----------
         name : str
             ``"shaded"`` (a copy of `color`), ``"triangles"``, ``"clusters"`` or ``"groups"`` (a colour for each),
-            ``"levels"`` (red is the finest level of detail, then towards blue), or ``"overdraw"`` (blue once, red
-            eight times or more).
+            ``"levels"`` (red is the finest level of detail, then towards blue), ``"rasterizers"`` (blue where the
+            rasterizer of small triangles drew what is seen, orange where that of large ones did), or ``"overdraw"``
+            (blue once, red eight times or more).
 
         Raises
         ------

@@ -58,14 +58,18 @@ LiveViewName: TypeAlias = Literal[
     "pages",
     "instances",
     "sizes",
+    "rasterizers",
     "overdraw",
 ]
 
 VIEWS: Final[tuple[LiveViewName, ...]] = get_args(LiveViewName)
 """What a `Viewer` can show."""
 
-_OF_FRAMES: Final = ("triangles", "clusters", "groups", "levels", "overdraw")
+_OF_FRAMES: Final = ("triangles", "clusters", "groups", "levels", "rasterizers", "overdraw")
 """Views that frames have themselves."""
+
+_OF_DRAWING: Final = ("rasterizers", "overdraw")
+"""Those of how the frame itself was drawn: they show nothing of a frozen cut."""
 
 _UNSEEN: Final = np.array((28.0, 40.0, 64.0), np.float32)
 """What is added to the grey of clusters that a frozen camera did not see: a dark blue."""
@@ -370,9 +374,9 @@ class Viewer:
     def view(self) -> LiveViewName:
         """What is shown; assign one of `VIEWS`.
 
-        ``"shaded"``, ``"triangles"``, ``"clusters"``, ``"groups"``, ``"levels"`` and ``"overdraw"`` as for
-        `Frame.view`; ``"normals"``; ``"pages"`` and ``"instances"``, a colour for each; and ``"sizes"``, pixels of
-        the picture that show the same triangle: red for one, blue for 1,024 or more.
+        ``"shaded"``, ``"triangles"``, ``"clusters"``, ``"groups"``, ``"levels"``, ``"rasterizers"`` and
+        ``"overdraw"`` as for `Frame.view`; ``"normals"``; ``"pages"`` and ``"instances"``, a colour for each; and
+        ``"sizes"``, pixels of the picture that show the same triangle: red for one, blue for 1,024 or more.
         """
         return self._view
 
@@ -718,7 +722,9 @@ class Viewer:
         """What the picture is made of, which a GPU makes with the frame."""
         name = self._view
         made: list[OutputName] = ["color", "depth"] if name == "shaded" else ["depth"]
-        if name in _OF_FRAMES and (self._frozen is None or name == "overdraw"):
+        if name == "rasterizers":
+            return made
+        if name in _OF_FRAMES and (self._frozen is None or name in _OF_DRAWING):
             made.append(name)
         elif name != "shaded" or self._frozen is not None or self.selected is not None:
             made += _IDS
@@ -732,7 +738,7 @@ class Viewer:
         covered = frame.depth > 0.0
         picture = np.empty((*covered.shape, 3), np.uint8)
         picture[:] = np.rint(np.array(self._scene.bg_color) * 255.0)
-        if name == "overdraw" or (name in _OF_FRAMES and self._frozen is None):
+        if name in _OF_DRAWING or (name in _OF_FRAMES and self._frozen is None):
             picture[covered] = frame.view(name)[covered]
         elif name == "normals":
             picture[covered] = np.rint(frame.normal[covered] * 127.5 + 127.5)

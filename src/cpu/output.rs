@@ -18,6 +18,11 @@ pub(super) const ROWS: usize = 8;
 /// What `cluster_ids` holds where nothing is covered.
 pub const NO_CLUSTER: u32 = u32::MAX;
 
+/// What the rasterizer of small triangles drew: blue.
+const SMALL_COLOR: [f32; 3] = [0.25, 0.6, 0.95];
+/// What that of large triangles drew: orange.
+const LARGE_COLOR: [f32; 3] = [0.95, 0.5, 0.15];
+
 /// A debug view: what pixels of equal colour have in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DebugView {
@@ -140,19 +145,32 @@ pub fn overdraw(pixels: Pixels<'_>, large: &[bool]) -> Vec<u32> {
     cells.into_iter().map(AtomicU32::into_inner).collect()
 }
 
-/// A debug view in RGB, darkened where the surface turns away; black where nothing is covered.
-pub fn debug(pixels: Pixels<'_>, what: DebugView) -> Vec<[u8; 3]> {
+/// Colours in RGB bytes, darkened where the surface turns away; black where nothing is covered.
+fn faced(pixels: Pixels<'_>, color: impl Fn(&Surfels<'_>, usize) -> [f32; 3] + Sync) -> Vec<[u8; 3]> {
     map_surface(pixels, [0; 3], |surfels, lane| {
+        let facing = 0.35 + 0.65 * surfels.normal[2].0[lane].abs();
+        color(surfels, lane).map(|c| (c * facing * 255.0 + 0.5) as u8)
+    })
+}
+
+/// A debug view in RGB; black where nothing is covered.
+pub fn debug(pixels: Pixels<'_>, what: DebugView) -> Vec<[u8; 3]> {
+    faced(pixels, |surfels, lane| {
         let (view, cluster) = (surfels.view, surfels.clusters[lane]);
         let record = view.pages.record(cluster);
-        let color = match what {
+        match what {
             DebugView::Triangles => hue(hash([view.slot, cluster.0, surfels.hits[lane].triangle])),
             DebugView::Clusters => hue(hash([view.slot, cluster.0, 1 << 8])),
             DebugView::Groups => hue(hash([view.slot, record.group, 1 << 9])),
             DebugView::Levels => ramp(f32::from(record.level) / 14.0),
-        };
-        let facing = 0.35 + 0.65 * surfels.normal[2].0[lane].abs();
-        color.map(|c| (c * facing * 255.0 + 0.5) as u8)
+        }
+    })
+}
+
+/// Which rasterizer drew what is seen, in RGB: [`SMALL_COLOR`] or [`LARGE_COLOR`]; black where nothing is covered.
+pub fn rasterizers(pixels: Pixels<'_>, large: &[bool]) -> Vec<[u8; 3]> {
+    faced(pixels, |surfels, lane| {
+        if large[surfels.hits[lane].visible as usize] { LARGE_COLOR } else { SMALL_COLOR }
     })
 }
 

@@ -32,6 +32,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<mesh::ChannelRows>()?;
     module.add_function(wrap_pyfunction!(tables::cluster_table, module)?)?;
     module.add_function(wrap_pyfunction!(tables::group_table, module)?)?;
+    module.add_function(wrap_pyfunction!(tables::page_table, module)?)?;
+    module.add_function(wrap_pyfunction!(tables::page_table_of_file, module)?)?;
     module.add_function(wrap_pyfunction!(measure::surface_distance, module)?)?;
     module.add_function(wrap_pyfunction!(measure::closest_points, module)?)?;
     module.add_class::<image::Image>()?;

@@ -1,12 +1,15 @@
 //! The DAG as plain tables: for tests that verify it without its own rules, and for the curious.
 
+use std::path::PathBuf;
+
 use numpy::PyArray2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{into_array, into_rows};
-use super::errors::interruptible;
+use super::errors::{detached, interruptible};
 use super::mesh::Mesh;
+use crate::format;
 use crate::math::Sphere;
 use crate::model::cluster::NO_GROUP;
 use crate::model::{ClusterRecord, Dag, Group};
@@ -54,5 +57,26 @@ pub(super) fn group_table(py: Python<'_>, mesh: &Mesh) -> PyResult<Py<PyDict>> {
     out.set_item("level", into_array(py, dag.groups.iter().map(|g| g.level).collect()))?;
     out.set_item("count", into_array(py, dag.groups.iter().map(|g| g.count).collect()))?;
     out.set_item("sphere", spheres(py, dag, dag.groups.iter().map(|g| g.lod_sphere))?)?;
+    Ok(out.unbind())
+}
+
+/// Columns of all pages: the words that each takes in memory, and the level of its first group.
+#[pyfunction]
+pub(super) fn page_table(py: Python<'_>, mesh: &Mesh) -> PyResult<Py<PyDict>> {
+    let table = &mesh.dag.pages.table;
+    let out = PyDict::new(py);
+    out.set_item("words", into_array(py, table.iter().map(|page| page.words).collect()))?;
+    out.set_item("level", into_array(py, table.iter().map(|page| page.level).collect()))?;
+    Ok(out.unbind())
+}
+
+/// The same of a file, of which only the beginning is read, and the bytes that each page takes there.
+#[pyfunction]
+pub(super) fn page_table_of_file(py: Python<'_>, path: PathBuf) -> PyResult<Py<PyDict>> {
+    let table = detached(py, || format::file_info(&path))?.pages;
+    let out = PyDict::new(py);
+    out.set_item("words", into_array(py, table.iter().map(|page| page.words).collect()))?;
+    out.set_item("level", into_array(py, table.iter().map(|page| page.level).collect()))?;
+    out.set_item("bytes", into_array(py, table.iter().map(|page| page.bytes).collect()))?;
     Ok(out.unbind())
 }

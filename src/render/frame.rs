@@ -24,10 +24,12 @@ pub enum ImageView {
     Rgb(Output),
     /// Triangles per pixel, in colours.
     Overdraw,
+    /// What the rasterizers of small and of large triangles drew.
+    Rasterizers,
 }
 
 impl ImageView {
-    /// By name: shaded, triangles, clusters, groups, levels or overdraw.
+    /// By name: shaded, triangles, clusters, groups, levels, rasterizers or overdraw.
     pub fn parse(name: &str) -> Result<Self> {
         Ok(match name {
             "shaded" => Self::Rgb(Output::Color),
@@ -36,10 +38,13 @@ impl ImageView {
             "groups" => Self::Rgb(Output::Groups),
             "levels" => Self::Rgb(Output::Levels),
             "overdraw" => Self::Overdraw,
+            "rasterizers" => Self::Rasterizers,
             _ => {
                 return Err(Error::argument(
                     "view",
-                    format!("must be shaded, triangles, clusters, groups, levels or overdraw, not {name:?}"),
+                    format!(
+                        "must be shaded, triangles, clusters, groups, levels, rasterizers or overdraw, not {name:?}"
+                    ),
                 ));
             }
         })
@@ -227,6 +232,9 @@ impl Frame {
         Ok(match what {
             ImageView::Rgb(output) => self.array(output)?.into(),
             ImageView::Overdraw => output::overdraw_colors(&self.overdraw()?).into_flattened(),
+            ImageView::Rasterizers => {
+                output::rasterizers(self.pixels("rasterizers")?, &self.large).into_flattened()
+            }
         })
     }
 }

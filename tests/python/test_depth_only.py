@@ -13,7 +13,7 @@ from oracles.setup import setup
 SIZE = 320, 180
 LENS = nrs.PerspectiveCamera(yfov=0.8)
 OTHERS = ("color", "normal", "instance_id", "cluster_id", "triangle_id", "face_id", "overdraw")
-VIEWS = ("shaded", "triangles", "clusters", "groups", "levels", "overdraw")
+VIEWS = ("shaded", "triangles", "clusters", "groups", "levels", "rasterizers", "overdraw")
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ LENSES = {
     "parallel": nrs.OrthographicCamera(xmag=3.2, ymag=1.8),
     "parallel, with a far plane": nrs.OrthographicCamera(xmag=1.0, ymag=2.5, znear=3.0, zfar=6.5),
 }
-VIEWS = ("shaded", "triangles", "clusters", "groups", "levels", "overdraw")
+VIEWS = ("shaded", "triangles", "clusters", "groups", "levels", "rasterizers", "overdraw")
 ARRAYS = ("color", "depth", "normal", "instance_id", "cluster_id", "triangle_id", "face_id", "overdraw")
 
 

@@ -132,7 +132,7 @@ def test_centering_keeps_what_is_seen_at_its_distance(viewer) -> None:
 # ------------------------------------------------------------------------------------------------ pictures
 
 
-@pytest.mark.parametrize("name", ["triangles", "clusters", "groups", "levels", "overdraw"])
+@pytest.mark.parametrize("name", ["triangles", "clusters", "groups", "levels", "rasterizers", "overdraw"])
 def test_views_of_frames_are_those_of_the_frame(viewer, name) -> None:
     viewer.view = name
     shows = covered(viewer)
