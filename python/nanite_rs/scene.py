@@ -89,7 +89,7 @@ class Material:
     roughness: float = 0.6
     """Perceptual roughness, 0 to 1; below 0.04 it is shaded as 0.04."""
     emissive: Color = (0.0, 0.0, 0.0)
-    """Light given off, linear RGB."""
+    """Light given off, linear RGB; ``shading="pyrender"`` multiplies by it twice, as pyrender does."""
     double_sided: bool = False
     """Draw back faces too."""
     smooth: bool = True

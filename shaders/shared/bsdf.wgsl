@@ -13,9 +13,14 @@ struct Bsdf {
     occlusion: f32,
 }
 
+// What a material gives off: pyrender multiplies by it twice.
+fn shaded_emission(emissive: vec3<f32>) -> vec3<f32> {
+    return select(emissive, emissive * emissive, lighting.shading == SHADING_PYRENDER);
+}
+
 // Of a material without textures.
 fn plain_bsdf(surfel: Surfel) -> Bsdf {
     let look = looks[surfel.instance];
     let base = vec3<f32>(look.normal[0].w, look.normal[1].w, look.normal[2].w);
-    return Bsdf(surfel.normal, base, look.metallic, look.roughness, look.emissive, 1.0);
+    return Bsdf(surfel.normal, base, look.metallic, look.roughness, shaded_emission(look.emissive), 1.0);
 }

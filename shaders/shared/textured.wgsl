@@ -25,7 +25,7 @@ fn bsdf_of(surfel: Surfel) -> Bsdf {
         materials[number].base * samples[SLOT_BASE_COLOR].xyz,
         between(materials[number].metallic * map.z, 0.0, 1.0),
         between(materials[number].roughness * map.y, 0.04, 1.0),
-        materials[number].emissive * samples[SLOT_EMISSIVE].xyz,
+        shaded_emission(materials[number].emissive) * samples[SLOT_EMISSIVE].xyz,
         1.0 + select(materials[number].occlusion_strength, 1.0, as_in_pyrender()) * (open - 1.0),
     );
 }

@@ -26,13 +26,13 @@ pub struct Bsdf {
 impl Bsdf {
     /// Of a material without textures.
     #[inline(always)]
-    pub fn plain(material: &Material, surfels: &Surfels<'_>) -> Self {
+    pub fn plain(material: &Material, surfels: &Surfels<'_>, shading: Shading) -> Self {
         Self {
             normal: surfels.normal,
             base: splat3(material.base_color),
             metallic: Lanes::splat(material.metallic),
             roughness: Lanes::splat(material.shaded_roughness(1.0)),
-            emissive: splat3(material.emissive),
+            emissive: splat3(material.shaded_emission(shading)),
             occlusion: Lanes::splat(1.0),
         }
     }
@@ -61,7 +61,8 @@ impl Bsdf {
             let base = [material.base_color[0] * r, material.base_color[1] * g, material.base_color[2] * b];
             let [_, rough, metal, _] = of(Slot::MetallicRoughness);
             let [r, g, b, _] = of(Slot::Emissive);
-            let emissive = [material.emissive[0] * r, material.emissive[1] * g, material.emissive[2] * b];
+            let emission = material.shaded_emission(shading);
+            let emissive = [emission[0] * r, emission[1] * g, emission[2] * b];
             let [open, ..] = of(Slot::Occlusion);
             let normal = point.normal(of(Slot::Normal));
             for k in 0..3 {

@@ -167,11 +167,14 @@ pub fn debug(pixels: Pixels<'_>, what: DebugView) -> Vec<[u8; 3]> {
     })
 }
 
-/// Which rasterizer drew what is seen, in RGB: [`SMALL_COLOR`] or [`LARGE_COLOR`]; black where nothing is covered.
+/// Which rasterizer drew what is seen, in RGB: that of small triangles blue, that of large ones orange; black where nothing is covered.
 pub fn rasterizers(pixels: Pixels<'_>, large: &[bool]) -> Vec<[u8; 3]> {
-    faced(pixels, |surfels, lane| {
-        if large[surfels.hits[lane].visible as usize] { LARGE_COLOR } else { SMALL_COLOR }
-    })
+    faced(
+        pixels,
+        |surfels, lane| {
+            if large[surfels.hits[lane].visible as usize] { LARGE_COLOR } else { SMALL_COLOR }
+        },
+    )
 }
 
 /// Overdraw in RGB: black none, then from blue (1) to red (8 and more).

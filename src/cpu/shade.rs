@@ -4,8 +4,7 @@
 //! The model is glTF's metallic-roughness BRDF: f0 = lerp(0.04, base, metal), Schlick's Fresnel, GGX with α = r², Smith's
 //! visibility with heights correlated (Khronos, glTF 2.0, appendix B), the sum over lights, plus base · ambient ·
 //! occlusion, plus emission, plus light from all around by a map ([`super::environment`]); or as pyrender 0.1.45 evaluates it: G with k = (r + 1)²/8, back faces with the normals of the
-//! front, occlusion and vertex colours times the sum. Emission is applied once (pyrender squares the factor). The background
-//! is written as it is.
+//! front, occlusion and vertex colours times the sum, emission by the square of its factor. The background is written as it is.
 
 use rayon::prelude::*;
 
@@ -238,14 +237,15 @@ impl Shader<'_> {
         }
         let Some(mut walk) = Walk::<DETAIL>::new(self.pixels, range) else { return };
         while let Some(surfels) = walk.step() {
+            let shading = self.lighting.shading;
             let bsdf = match (surfels.view.materials.plain(), &surfels.detail) {
-                (None, Some(detail)) if TEXTURED => Bsdf::textured(&surfels, detail, self.lighting.shading),
+                (None, Some(detail)) if TEXTURED => Bsdf::textured(&surfels, detail, shading),
                 (material, _) => {
-                    Bsdf::plain(material.unwrap_or_else(|| surfels.view.materials.of(0)), &surfels)
+                    Bsdf::plain(material.unwrap_or_else(|| surfels.view.materials.of(0)), &surfels, shading)
                 }
             };
             let orthographic = self.pixels.screen.orthographic;
-            let seen = Seen::new(bsdf, &surfels, self.eye, orthographic, self.lighting.shading);
+            let seen = Seen::new(bsdf, &surfels, self.eye, orthographic, shading);
             let color = match self.output {
                 Output::BaseColor => seen.bsdf.base,
                 Output::ShadingNormal => seen.world_normal(self.eye),

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::texture::Texture;
+use crate::config::Shading;
 use crate::error::{Error, Result};
 
 /// The textures of a material, by their place.
@@ -194,6 +195,15 @@ impl Material {
     #[inline(always)]
     pub fn shaded_roughness(&self, texture: f32) -> f32 {
         (self.roughness * texture).clamp(0.04, 1.0)
+    }
+
+    /// What it gives off where a texture has 1, as it is shaded: pyrender multiplies by it twice.
+    #[inline(always)]
+    pub fn shaded_emission(&self, shading: Shading) -> [f32; 3] {
+        match shading {
+            Shading::Pyrender => self.emissive.map(|c| c * c),
+            _ => self.emissive,
+        }
     }
 
     /// Whether alpha is below the cutoff anywhere, as far as one can tell without looking at each texel.

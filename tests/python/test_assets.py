@@ -181,7 +181,7 @@ class Shots:
             baseColorFactor=(*material.base_color, 1.0)[:4],
             metallicFactor=material.metallic,
             roughnessFactor=material.roughness,
-            emissiveFactor=np.sqrt(np.asarray(material.emissive, np.float64)),
+            emissiveFactor=material.emissive,
             doubleSided=material.double_sided,
         )
         for slot, (name, channels) in PYRENDER.items():

@@ -32,7 +32,10 @@ def scene(pyrender):
     ball.visual.vertex_colors = np.uint8(127.5 * (1.0 + np.c_[ball.vertices, np.ones(len(ball.vertices))]))
     scene.add(pyrender.Mesh.from_trimesh(ball), pose=moved(0.0, 0.0, -0.5, 0.8), parent_node=arm)
     clay = pyrender.MetallicRoughnessMaterial(
-        baseColorFactor=(0.8, 0.4, 0.2, 1.0), metallicFactor=0.3, roughnessFactor=0.4
+        baseColorFactor=(0.8, 0.4, 0.2, 1.0),
+        metallicFactor=0.3,
+        roughnessFactor=0.4,
+        emissiveFactor=(0.1, 0.3, 0.5),
     )
     knot = trimesh.creation.torus(0.8, 0.3, 64, 32)
     poses = np.array([moved(1.3, 0.8, 0.0, 0.5), moved(1.3, -0.9, -0.3, 2.0)])
@@ -81,6 +84,35 @@ def test_pictures_are_pyrenders(pyrender, scene, kind, tmp_path) -> None:
         # pyrender takes the depth of parallel views for that of a pinhole.
         assert kind == "orthographic" or np.abs(frame.depth - depth)[inside].max() < 0.01
         assert compare.psnr(frame.color, color[..., :3], inside) >= 40
+
+
+@pytest.mark.parametrize("backend", ["cpu", "gpu"])
+@pytest.mark.parametrize("textured", [False, True])
+def test_emission_counts_twice_in_pyrender(pyrender, backend, textured) -> None:
+    glow = pyrender.MetallicRoughnessMaterial(
+        emissiveFactor=(0.25, 0.5, 0.75),
+        emissiveTexture=np.full((4, 4, 3), 255, np.uint8) if textured else None,
+    )
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    uv = np.zeros((len(ball.vertices), 2), np.float32)
+    ball = pyrender.Primitive(
+        ball.vertices, ball.vertices, texcoord_0=uv, indices=ball.faces, material=glow, mode=4
+    )
+    dark = pyrender.Scene(ambient_light=(0.0, 0.0, 0.0))
+    dark.add(pyrender.Mesh([ball]))
+    dark.add(pyrender.PerspectiveCamera(yfov=0.9), pose=moved(0.0, 0.0, 5.0))
+    color, depth = picture._offscreen(WIDTH, HEIGHT).render(dark)
+    try:
+        renderer = nrs.Renderer(WIDTH, HEIGHT, backend=backend)
+    except nrs.BackendError as error:
+        pytest.skip(str(error))
+    with renderer:
+        view = nrs.from_pyrender(dark, viewport=(WIDTH, HEIGHT))
+        frames = [renderer.render(*view, shading=shading) for shading in ("pyrender", "gltf")]
+    seen = (depth > 0) & (frames[0].depth > 0)
+    np.testing.assert_allclose(frames[0].linear[seen], [[0.0625, 0.25, 0.5625]] * seen.sum(), rtol=1e-6)
+    np.testing.assert_allclose(frames[1].linear[seen], [[0.25, 0.5, 0.75]] * seen.sum(), rtol=1e-6)
+    assert np.abs(frames[0].color[seen].astype(int) - color[seen]).max() <= 1
 
 
 def meshes_of(view: nrs.PyrenderView) -> set[int]:
