@@ -102,13 +102,6 @@ impl Pieces {
         });
         offsets.truncate(to);
     }
-
-    /// Gives back what was reserved too much.
-    fn shrink(&mut self) {
-        self.whole.shrink_to_fit();
-        self.parts.shrink_to_fit();
-        self.offsets.shrink_to_fit();
-    }
 }
 
 /// What becomes of a part.
@@ -445,7 +438,9 @@ impl Footing {
                 }
             });
         }
-        handed.iter_mut().for_each(Pieces::shrink);
+        // Copies have no more room than they need. Giving back what was reserved too much would leave gaps of all sizes
+        // between what stays, which later allocations search.
+        let mut handed: Vec<Pieces> = handed.iter().map(Pieces::clone).collect();
         let mut to_before = Overlay::new(&before);
         for ((t, radius), start) in after.triangles().iter().zip(&mut radii).zip(starts) {
             if start != NO_TRIANGLE {

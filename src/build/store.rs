@@ -179,8 +179,15 @@ impl LocalMesh {
     ) -> Self {
         let vertices = members.iter().map(|c| clusters[*c as usize].vertices.len()).sum();
         let [mut numbering, mut at_position] = [0; 2].map(|_| Numbering::with_room(vertices));
-        let mut local = Self::default();
-        let mut first = Vec::new();
+        let triangles: usize = members.iter().map(|c| clusters[*c as usize].triangles.len()).sum();
+        let mut local = Self {
+            ids: Vec::with_capacity(vertices),
+            position_ids: Vec::with_capacity(vertices),
+            locked: Vec::with_capacity(vertices),
+            indices: Vec::with_capacity(3 * triangles),
+            ..Self::default()
+        };
+        let mut first = Vec::with_capacity(vertices);
         for c in members {
             let cluster = clusters[*c as usize];
             let mut numbers = [0; CLUSTER_MAX_VERTICES];

@@ -334,7 +334,7 @@ impl Collapser {
     }
 
     /// What it costs to put the point that an edge becomes at `p`, apart from [`Self::total`].
-    #[inline]
+    #[inline(always)]
     fn cost(&self, sums: &Sums, ends: [DVec3; 2], p: DVec3) -> f64 {
         let moved = 0.5 * (p.distance_squared(ends[0]) + p.distance_squared(ends[1]));
         let geometry = sums.geometry.at(p).max(0.0);
