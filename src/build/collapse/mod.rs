@@ -167,6 +167,8 @@ struct Collapser {
     entries: Vec<Entry>,
     /// Edges taken out of the queue until something around them changes.
     blocked: Vec<bool>,
+    /// Points at which any edge may be blocked.
+    waiting: Vec<bool>,
     /// Number of collapses when the faces at a point last changed.
     changed: Vec<u32>,
     /// Collapses so far.
@@ -229,6 +231,7 @@ impl Collapser {
             queue: Queue::default(),
             entries: vec![Entry::default(); surface.edges.len()],
             blocked: vec![false; surface.edges.len()],
+            waiting: vec![false; places.len()],
             changed: vec![0; places.len()],
             rank: ranks(mesh, &point_of, places.len()),
             drift: vec![0.0; places.len()],
@@ -294,12 +297,18 @@ impl Collapser {
     fn block(&mut self, edge: u32) {
         self.queue.remove(edge);
         self.blocked[edge as usize] = true;
+        self.surface.edges[edge as usize].ends.iter().for_each(|p| self.waiting[*p as usize] = true);
     }
 
     /// Works out what an edge costs now and puts it in its place.
     fn look(&mut self, edge: u32) {
         self.entries[edge as usize] = Entry { seen: self.count, ..Entry::default() };
         self.blocked[edge as usize] = false;
+        if self.surface.edges[edge as usize].ends.iter().all(|p| self.surface.locked[*p as usize]) {
+            // For good: it waits for nothing.
+            self.queue.remove(edge);
+            return;
+        }
         if self.fixed(edge) == [true; 2] || !self.forms.edge(&self.surface, edge, &mut self.sums) {
             self.block(edge);
             return;
@@ -443,6 +452,7 @@ impl Collapser {
         if !self.rank.is_empty() {
             self.rank[keep as usize] = self.rank[keep as usize].max(self.rank[other as usize]);
         }
+        self.waiting[keep as usize] |= self.waiting[other as usize];
         self.merge.apply(surface, &mut self.rows, self.stride, keep);
         self.count += 1;
         self.ring.clear();
@@ -467,6 +477,9 @@ impl Collapser {
     fn look_around(&mut self) {
         self.pending.clear();
         for p in &self.ring {
+            if !std::mem::take(&mut self.waiting[*p as usize]) && !self.policy.eager {
+                continue;
+            }
             for (f, k) in self.surface.around(*p) {
                 let edges = &self.surface.faces[f].edges;
                 for edge in [edges[k], edges[(k + 2) % 3]] {

@@ -56,6 +56,8 @@ pub struct Edge {
     pub ends: [u32; 2],
     /// Number of faces.
     pub faces: u32,
+    /// The faces where they are two at most; the rest [`NONE`].
+    sides: [u32; 2],
     /// Whether attributes change across: two faces with different wedges at one end.
     pub crease: bool,
 }
@@ -147,10 +149,14 @@ impl Surface {
                     let known = &mut edge_to[q as usize];
                     if known.0 != p {
                         *known = (p, self.edges.len() as u32);
-                        self.edges.push(Edge { ends: [p, q], faces: 0, crease: false });
+                        self.edges.push(Edge { ends: [p, q], faces: 0, sides: [NONE; 2], crease: false });
                     }
                     self.faces[f].edges[side] = known.1;
-                    self.edges[known.1 as usize].faces += 1;
+                    let edge = &mut self.edges[known.1 as usize];
+                    if let Some(free) = edge.sides.get_mut(edge.faces as usize) {
+                        *free = f as u32;
+                    }
+                    edge.faces += 1;
                 }
                 corner = self.next[corner as usize];
             }
@@ -160,14 +166,22 @@ impl Surface {
     /// Faces at a point, each with the corner that lies there.
     #[inline]
     pub fn around(&self, point: u32) -> Around<'_> {
-        Around { next: &self.next, corner: self.first[point as usize] }
+        self.around_from(self.first[point as usize])
+    }
+
+    /// The same from a corner on.
+    #[inline]
+    fn around_from(&self, corner: u32) -> Around<'_> {
+        Around { next: &self.next, corner }
     }
 
     /// Faces at an edge.
     #[inline]
     pub fn beside(&self, edge: u32) -> impl Iterator<Item = usize> {
-        let a = self.edges[edge as usize].ends[0];
-        self.around(a).filter(move |(f, _)| self.faces[*f].has_edge(edge)).map(|(f, _)| f)
+        let Edge { ends, faces, sides, .. } = self.edges[edge as usize];
+        let (few, from) = if faces <= 2 { (sides, NONE) } else { ([NONE; 2], self.first[ends[0] as usize]) };
+        let few = few.into_iter().filter(|f| *f != NONE).map(|f| f as usize);
+        few.chain(self.around_from(from).filter(move |(f, _)| self.faces[*f].has_edge(edge)).map(|(f, _)| f))
     }
 
     /// Looks whether attributes change across an edge.
@@ -316,8 +330,7 @@ impl Surface {
             if let Some(side) = face.edges.iter().position(|e| *e == edge) {
                 let (ahead, behind) = (face.edges[(side + 1) % 3], face.edges[(side + 2) % 3]);
                 let (stays, goes) = if face.points[side] == keep { (behind, ahead) } else { (ahead, behind) };
-                let faces = self.edges[stays as usize].faces + self.edges[goes as usize].faces - 2;
-                self.edges[stays as usize].faces = faces;
+                self.join(stays, goes, f as u32);
                 joined.push((goes, stays));
                 self.unlink(face.points[(side + 2) % 3], f);
                 self.unlink(keep, f);
@@ -356,10 +369,36 @@ impl Surface {
             self.next[last as usize] = self.first[keep as usize];
             self.first[keep as usize] = rest;
         }
+        for (_, stays) in &joined {
+            self.find_sides(*stays, keep);
+        }
         self.first[other as usize] = NONE;
         self.positions[keep as usize] = position;
         self.singular[keep as usize] |= self.singular[other as usize];
         self.joined = joined;
+    }
+
+    /// Gives the faces of the edge `goes` to `stays`, but for the face between them.
+    fn join(&mut self, stays: u32, goes: u32, between: u32) {
+        let Edge { faces, sides, .. } = self.edges[goes as usize];
+        let edge = &mut self.edges[stays as usize];
+        let other = |sides: [u32; 2]| if sides[0] == between { sides[1] } else { sides[0] };
+        // Of more than two nobody knows which are left.
+        let known = edge.faces <= 2 && faces <= 2;
+        edge.sides = if known { [other(edge.sides), other(sides)] } else { [NONE; 2] };
+        edge.faces = edge.faces + faces - 2;
+    }
+
+    /// Looks for the faces of an edge at a point where they are two at most and not known.
+    fn find_sides(&mut self, edge: u32, point: u32) {
+        let Edge { faces, sides, .. } = self.edges[edge as usize];
+        if faces > 2 || sides.iter().filter(|f| **f != NONE).count() == faces as usize {
+            return;
+        }
+        let mut found = [NONE; 2];
+        let at_edge = self.around(point).filter(|(f, _)| self.faces[*f].has_edge(edge));
+        found.iter_mut().zip(at_edge).for_each(|(found, (f, _))| *found = f as u32);
+        self.edges[edge as usize].sides = found;
     }
 
     /// Gives the corners at a point the second of each pair of wedges for the first: the last step of a collapse.
@@ -409,5 +448,46 @@ impl Iterator for Around<'_> {
         let corner = self.corner as usize;
         self.corner = *self.next.get(corner)?;
         Some((corner / 3, corner % 3))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(200))]
+
+        /// Whatever is collapsed, also where many sheets meet.
+        #[test]
+        fn faces_beside_an_edge_are_those_that_have_it(
+            corners in prop::collection::vec(prop::array::uniform3(0u32..12), 1..60),
+            order in prop::collection::vec(0usize..1000, 20),
+        ) {
+            let positions: Vec<DVec3> = (0..12).map(|p| DVec3::splat(f64::from(p))).collect();
+            let points: Vec<u32> = (0..12).collect();
+            let mut surface = Surface::new(positions, vec![false; 12], &points, corners.as_flattened());
+            for choice in order {
+                let living = |e: &u32| surface.edges[*e as usize].ends[0] != NONE;
+                let edges: Vec<u32> = (0..surface.edges.len() as u32).filter(living).collect();
+                for e in &edges {
+                    let has = |(f, face): (usize, &Face)| (face.alive() && face.has_edge(*e)).then_some(f);
+                    let expected: Vec<usize> = surface.faces.iter().enumerate().filter_map(has).collect();
+                    let mut found: Vec<usize> = surface.beside(*e).collect();
+                    found.sort_unstable();
+                    prop_assert_eq!(found, expected);
+                }
+                if edges.is_empty() {
+                    break;
+                }
+                let edge = edges[choice % edges.len()];
+                if surface.can_collapse(edge) {
+                    let keep = surface.edges[edge as usize].ends[0];
+                    surface.collapse(edge, keep, DVec3::ZERO, |_| {});
+                }
+            }
+        }
     }
 }
