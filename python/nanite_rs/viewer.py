@@ -723,6 +723,7 @@ class Viewer:
         name = self._view
         made: list[OutputName] = ["color", "depth"] if name == "shaded" else ["depth"]
         if name == "rasterizers":
+            # Made from what comes with any frame.
             return made
         if name in _OF_FRAMES and (self._frozen is None or name in _OF_DRAWING):
             made.append(name)

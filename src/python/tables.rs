@@ -63,20 +63,23 @@ pub(super) fn group_table(py: Python<'_>, mesh: &Mesh) -> PyResult<Py<PyDict>> {
 /// Columns of all pages: the words that each takes in memory, and the level of its first group.
 #[pyfunction]
 pub(super) fn page_table(py: Python<'_>, mesh: &Mesh) -> PyResult<Py<PyDict>> {
-    let table = &mesh.dag.pages.table;
-    let out = PyDict::new(py);
-    out.set_item("words", into_array(py, table.iter().map(|page| page.words).collect()))?;
-    out.set_item("level", into_array(py, table.iter().map(|page| page.level).collect()))?;
-    Ok(out.unbind())
+    let rows = mesh.dag.pages.table.iter().map(|page| (page.words, page.level));
+    Ok(page_columns(py, rows)?.unbind())
 }
 
 /// The same of a file, of which only the beginning is read, and the bytes that each page takes there.
 #[pyfunction]
 pub(super) fn page_table_of_file(py: Python<'_>, path: PathBuf) -> PyResult<Py<PyDict>> {
     let table = detached(py, || format::file_info(&path))?.pages;
-    let out = PyDict::new(py);
-    out.set_item("words", into_array(py, table.iter().map(|page| page.words).collect()))?;
-    out.set_item("level", into_array(py, table.iter().map(|page| page.level).collect()))?;
+    let out = page_columns(py, table.iter().map(|page| (page.words, page.level)))?;
     out.set_item("bytes", into_array(py, table.iter().map(|page| page.bytes).collect()))?;
     Ok(out.unbind())
+}
+
+fn page_columns(py: Python<'_>, rows: impl Iterator<Item = (u32, u32)>) -> PyResult<Bound<'_, PyDict>> {
+    let (words, levels): (Vec<u32>, Vec<u32>) = rows.unzip();
+    let out = PyDict::new(py);
+    out.set_item("words", into_array(py, words))?;
+    out.set_item("level", into_array(py, levels))?;
+    Ok(out)
 }
