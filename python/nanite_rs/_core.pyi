@@ -16,6 +16,7 @@ __all__ = [
     "Scene",
     "__version__",
     "check_camera",
+    "check_light",
     "check_pose",
     "closest_points",
     "cluster_table",
@@ -160,6 +161,7 @@ _Camera: TypeAlias = tuple[str, list[float], float, float | None]
 _Environment: TypeAlias = tuple[EnvironmentMap, float, float, bool]
 
 def check_camera(spec: _Camera) -> None: ...
+def check_light(shape: _Light) -> None: ...
 def check_pose(pose: ArrayLike) -> None: ...
 
 @final

@@ -7,6 +7,7 @@ one instance costs the same in a scene of one as in a scene of a million.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
@@ -174,10 +175,39 @@ _SLOTS = (
 _COLORS = ("base_color_texture", "emissive_texture")
 
 
+class _Shining(ABC):
+    """Base of the lights: parameters are checked when one is made."""
+
+    def __post_init__(self) -> None:
+        try:
+            _core.check_light(self._raw())
+        except ArgumentError as error:
+            name = str(error).partition(":")[0]
+            angle = vars(self)[name] if name.endswith("Angle") else 0.0
+            more = f"give degrees as np.radians({angle:g})" if angle > np.pi else ""
+            raise _advice.advised(error, more) from None
+
+    @abstractmethod
+    def _raw(self) -> RawLight:
+        """As Rust takes it."""
+
+    def _color(self) -> tuple[Rgb, float]:
+        return _bright(vars(self)["color"], "color"), _checks.number(vars(self)["intensity"], "intensity")
+
+    def _range(self) -> float | None:
+        reach = vars(self)["range"]
+        return None if reach is None else _checks.number(reach, "range")
+
+
 @_advice.teaching
 @dataclass(frozen=True)
-class DirectionalLight:
+class DirectionalLight(_Shining):
     """Light along the −Z of its pose, the same everywhere.
+
+    Raises
+    ------
+    ArgumentError, DtypeError
+        For a value out of range or of another type, when the light is made.
 
     Examples
     --------
@@ -190,13 +220,18 @@ class DirectionalLight:
     """Lux."""
 
     def _raw(self) -> RawLight:
-        return "directional", _bright(self.color, "color"), float(self.intensity), None, None
+        return "directional", *self._color(), None, None
 
 
 @_advice.teaching
 @dataclass(frozen=True)
-class PointLight:
+class PointLight(_Shining):
     """Light from the origin of its pose, falling off with the square of the distance.
+
+    Raises
+    ------
+    ArgumentError, DtypeError
+        For a value out of range or of another type, when the light is made.
 
     Examples
     --------
@@ -211,17 +246,21 @@ class PointLight:
     """Distance at which the light has smoothly ended (glTF's window); ``None`` never. pyrender ignores it."""
 
     def _raw(self) -> RawLight:
-        reach = None if self.range is None else float(self.range)
-        return "point", _bright(self.color, "color"), float(self.intensity), reach, None
+        return "point", *self._color(), self._range(), None
 
 
 @_advice.teaching
 @dataclass(frozen=True)
-class SpotLight:
+class SpotLight(_Shining):
     """Light from the origin of its pose along its −Z, within a cone; otherwise as a `PointLight`.
 
     From the inner to the outer angle it falls off with the square of what is left of the cosine, as glTF's
     ``KHR_lights_punctual`` and pyrender have it.
+
+    Raises
+    ------
+    ArgumentError, DtypeError
+        For a value out of range or of another type, when the light is made.
 
     Examples
     --------
@@ -240,9 +279,9 @@ class SpotLight:
     """Angle from the axis, radians, from which on there is no light; above 0, at most π/2."""
 
     def _raw(self) -> RawLight:
-        reach = None if self.range is None else float(self.range)
-        cone = float(self.innerConeAngle), float(self.outerConeAngle)
-        return "spot", _bright(self.color, "color"), float(self.intensity), reach, cone
+        inner = _checks.number(self.innerConeAngle, "innerConeAngle")
+        outer = _checks.number(self.outerConeAngle, "outerConeAngle")
+        return "spot", *self._color(), self._range(), (inner, outer)
 
 
 Light: TypeAlias = DirectionalLight | PointLight | SpotLight

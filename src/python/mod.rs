@@ -39,6 +39,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<image::Image>()?;
     module.add_class::<image::EnvironmentMap>()?;
     module.add_class::<scene::Scene>()?;
+    module.add_function(wrap_pyfunction!(scene::check_light, module)?)?;
     module.add_class::<renderer::Renderer>()?;
     module.add_class::<renderer::Frame>()?;
     module.add_function(wrap_pyfunction!(renderer::check_camera, module)?)?;

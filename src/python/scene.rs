@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
+use glam::DAffine3;
 use numpy::{PyArray, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
@@ -139,6 +140,13 @@ fn light((kind, color, intensity, range, cone): RawLight, rows: &[[f64; 4]; 4]) 
         _ => return Err(Error::argument("kind", format!("no light is {kind:?} with this cone"))),
     };
     Ok(Light { kind, color, intensity, pose: pose::affine("pose", rows)? })
+}
+
+/// Checks the parameters of a light; the error names the first that is wrong.
+#[pyfunction]
+pub(super) fn check_light(py: Python<'_>, shape: RawLight) -> PyResult<()> {
+    let rows = pose::rows(&DAffine3::IDENTITY);
+    light(shape, &rows).and_then(|light| light.validate()).map_err(|error| to_python(py, error))
 }
 
 #[pymethods]

@@ -185,6 +185,15 @@ def textured(mesh):
 
 DRAWING = {
     "degrees for radians": (lambda _: nrs.PerspectiveCamera(yfov=60), nrs.ArgumentError, "np.radians(60)"),
+    "degrees for a cone": (lambda _: nrs.SpotLight(outerConeAngle=45), nrs.ArgumentError, "np.radians(45)"),
+    "light that takes light away": (
+        lambda _: nrs.PointLight(intensity=-1),
+        nrs.ArgumentError,
+        "intensity: must be finite and not negative, not -1",
+    ),
+    "a light's colour by its name": (lambda _: nrs.DirectionalLight("white"), nrs.DtypeError, "color: "),
+    "a light's reach of zero": (lambda _: nrs.PointLight(range=0), nrs.ArgumentError, "range: "),
+    "intensity as words": (lambda _: nrs.SpotLight(intensity="bright"), nrs.DtypeError, "intensity: "),
     "near beyond far": (
         lambda _: nrs.PerspectiveCamera(0.8, znear=9, zfar=1),
         nrs.ArgumentError,

@@ -126,7 +126,7 @@ def test_spots_light_their_cone(mesh, renderer) -> None:
 )
 def test_cones_are_checked(angles, name) -> None:
     with pytest.raises(nrs.ArgumentError, match=name):
-        nrs.Scene().add(nrs.SpotLight(innerConeAngle=angles[0], outerConeAngle=angles[1]))
+        nrs.SpotLight(innerConeAngle=angles[0], outerConeAngle=angles[1])
 
 
 def test_a_node_of_another_scene_is_refused(mesh) -> None:
