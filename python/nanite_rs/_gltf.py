@@ -107,7 +107,8 @@ class _Reader:
                 self._camera(document.whole(node, "camera"), pose)
             light = document.extension(node, "KHR_lights_punctual")
             if light is not None:
-                self._asset.lights.append((self._light(light), rigid(pose)))
+                with named(document.name, "light"):
+                    self._asset.lights.append((self._light(light), rigid(pose)))
         return self._asset
 
     # ----------------------------------------------------------------------------------------- nodes

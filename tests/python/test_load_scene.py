@@ -288,19 +288,37 @@ def test_scenes_are_added_to(street) -> None:
     assert len(scene) == 8
 
 
-def test_scenes_are_left_as_they_were_where_loading_fails(tmp_path) -> None:
-    """The light is added when the mesh is there already."""
+def test_scenes_are_left_as_they_were_where_loading_fails(tmp_path, monkeypatch) -> None:
+    """The first mesh is in the scene when the second one cannot be built."""
     document = Document()
-    document.mesh(document.quad(), document.quad())
+    document.mesh(document.quad())
+    holed = document.quad()
+    holed["attributes"]["POSITION"] = document.accessor(np.where(QUAD == 0, np.nan, QUAD).astype(np.float32))
+    document.mesh(holed)
+    document.row("nodes", mesh=0)
+    document.row("nodes", mesh=1)
+    scene = nrs.Scene()
+    added = []
+    add = nrs.Scene.add
+    monkeypatch.setattr(
+        nrs.Scene, "add", lambda *args, **kwargs: added.append(add(*args, **kwargs)) or added[-1]
+    )
+    with pytest.raises(nrs.MeshError, match="not finite"):
+        nrs.load_scene(document.save(tmp_path / "a.glb"), scene=scene)
+    assert len(added) == 1
+    assert len(scene) == 0
+
+
+def test_lights_out_of_range_are_named_with_their_file(tmp_path) -> None:
+    document = Document()
+    document.mesh(document.quad())
     document.json["extensions"] = {
         "KHR_lights_punctual": {"lights": [{"type": "directional", "intensity": 1e39}]}
     }
     document.row("nodes", mesh=0)
     document.row("nodes", name="sun", extensions={"KHR_lights_punctual": {"light": 0}})
-    scene = nrs.Scene()
     with pytest.raises(nrs.ArgumentError, match=r"a\.glb: light: intensity"):
-        nrs.load_scene(document.save(tmp_path / "a.glb"), scene=scene)
-    assert len(scene) == 0
+        nrs.load_scene(document.save(tmp_path / "a.glb"))
 
 
 def test_materials_that_cannot_be_are_named_with_their_file(tmp_path) -> None:
