@@ -179,6 +179,7 @@ class _Shining(ABC):
     """Base of the lights: parameters are checked when one is made."""
 
     def __post_init__(self) -> None:
+        _bright(vars(self)["color"], "color")
         try:
             _core.check_light(self._raw())
         except ArgumentError as error:
@@ -192,7 +193,7 @@ class _Shining(ABC):
         """As Rust takes it."""
 
     def _color(self) -> tuple[Rgb, float]:
-        return _bright(vars(self)["color"], "color"), _checks.number(vars(self)["intensity"], "intensity")
+        return _rgb(vars(self)["color"], "color"), _checks.number(vars(self)["intensity"], "intensity")
 
     def _range(self) -> float | None:
         reach = vars(self)["range"]
