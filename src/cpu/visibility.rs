@@ -106,6 +106,9 @@ pub trait Pixel: Copy + Default + PartialEq + Send + Sync {
     /// The depth key.
     fn key(self) -> u32;
 
+    /// The visible cluster that it shows, where it says.
+    fn visible(self) -> Option<u32>;
+
     /// Views exclusively held pixels as atomics.
     fn cells(pixels: &mut [Self]) -> &[Self::Cell];
 
@@ -119,6 +122,11 @@ impl Pixel for u64 {
     #[inline(always)]
     fn key(self) -> u32 {
         (self >> 32) as u32
+    }
+
+    #[inline(always)]
+    fn visible(self) -> Option<u32> {
+        decode(self).map(|hit| hit.visible)
     }
 
     fn cells(pixels: &mut [Self]) -> &[AtomicU64] {
@@ -146,6 +154,11 @@ impl Pixel for u32 {
     #[inline(always)]
     fn key(self) -> u32 {
         self
+    }
+
+    /// A key says none.
+    fn visible(self) -> Option<u32> {
+        None
     }
 
     fn cells(pixels: &mut [Self]) -> &[AtomicU32] {

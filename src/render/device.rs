@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
-use super::pass::INSTANCE_OVERLAP;
+use super::pass::INSTANCES;
 use super::picture::{Picture, Spare};
 use super::queue::Queue;
 use super::renderer::{Rastered, Shot};
@@ -168,7 +168,7 @@ fn occluders(shot: &Shot<'_>) -> u32 {
     let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
     let views = instance_cull::run(&instances, view, eye, screen, resident);
     let keys = views.iter().map(|v| (v.footprint, v.footprint.near_key));
-    let mut queue = Queue::new(keys, screen, INSTANCE_OVERLAP);
+    let mut queue = Queue::new(keys, |_| false, screen, INSTANCES);
     let nearest: Vec<u32> = (0..FIRST_PORTIONS).flat_map(|_| queue.take()).collect();
     if queue.is_empty() { 0 } else { nearest.into_iter().min().unwrap_or(0) }
 }

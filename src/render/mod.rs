@@ -7,6 +7,7 @@ mod pass;
 mod picture;
 mod queue;
 pub mod renderer;
+mod shown;
 pub mod stages;
 pub mod stats;
 mod streaming;

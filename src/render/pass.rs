@@ -1,13 +1,14 @@
 //! The culling and raster stages of a frame, in rounds.
 //!
-//! With occlusion, and where footprints overlap enough for it to pay, only the nearest portion is drawn in the
-//! first round; the depth pyramid of what was drawn then culls the next portion, and so on. Hidden clusters have
-//! no pixel, so the picture is the same either way; and since numbers are given in scene order over what is
-//! drawn, so are all ties.
+//! With occlusion, and where footprints overlap enough for it to pay, only what the frame before showed and the
+//! nearest portion are drawn in the first round; the depth pyramid of what was drawn then culls the next portion,
+//! and so on. Hidden clusters have no pixel, so the picture is the same either way; and since numbers are given in
+//! scene order over what is drawn, so are all ties.
 
 use rayon::prelude::*;
 
-use super::queue::Queue;
+use super::queue::{Queue, Terms};
+use super::shown::Shown;
 use super::stages::Stage;
 use super::stats::FrameStats;
 use crate::cpu::cluster_cull::{self, Candidate};
@@ -19,10 +20,12 @@ use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
 use crate::error::{Error, Result};
 use crate::limits::{MAX_VISIBLE, PYRAMID_ABOVE};
 
-/// Instances are put off when their rectangles cover the occupied part of the picture more often than this.
-pub(super) const INSTANCE_OVERLAP: f64 = 1.5;
+/// How instances are put off. One of a few pixels still has a hierarchy to walk, and clusters.
+pub(super) const INSTANCES: Terms = Terms { overlap: 1.5, each: 1024 };
 /// The same for clusters: their rectangles hold about twice the pixels of their triangles.
-const CLUSTER_OVERLAP: f64 = 3.0;
+const CLUSTERS: Terms = Terms { overlap: 3.0, each: 0 };
+/// Where nothing is put off.
+const AT_ONCE: Terms = Terms { overlap: f64::INFINITY, each: 0 };
 
 /// The state of a frame on its way through the culling and raster stages.
 pub(super) struct Pass<'a, P> {
@@ -37,15 +40,25 @@ pub(super) struct Pass<'a, P> {
 
 impl<P: Pixel> Pass<'_, P> {
     /// Culls and draws everything; returns the frame's visible list, in scene order.
-    pub(super) fn draw_scene(&mut self, occlusion: bool, hzb: &mut Hzb) -> Result<Vec<Candidate>> {
-        let overlap = if occlusion { INSTANCE_OVERLAP } else { f64::INFINITY };
-        let footprints = self.views.iter().enumerate().map(|(i, v)| (v.footprint, i as u32));
-        let mut instances = Queue::new(footprints, &self.screen, overlap);
+    pub(super) fn draw_scene(
+        &mut self,
+        occlusion: bool,
+        hzb: &mut Hzb,
+        shown: &mut Shown,
+    ) -> Result<Vec<Candidate>> {
+        let terms = if occlusion { INSTANCES } else { AT_ONCE };
+        let views = self.views;
+        let footprints = views.iter().enumerate().map(|(i, v)| (v.footprint, i as u32));
+        let before = |i: &u32| shown.instance(&views[*i as usize]);
+        let mut instances = Queue::new(footprints, before, &self.screen, terms);
         let candidates = self.cull(1, &instances.take(), None);
         let pays = occlusion && triangles(&candidates) > u64::from(PYRAMID_ABOVE);
-        let overlap = if pays { CLUSTER_OVERLAP } else { f64::INFINITY };
-        let mut clusters = Queue::new(candidates.iter().map(|c| (c.footprint, *c)), &self.screen, overlap);
+        let terms = if pays { CLUSTERS } else { AT_ONCE };
+        let footprints = candidates.iter().map(|c| (c.footprint, *c));
+        let before = |c: &Candidate| shown.cluster(&views[c.visible.instance as usize], c.visible);
+        let mut clusters = Queue::new(footprints, before, &self.screen, terms);
         let mut list = self.draw(1, Vec::new(), clusters.take())?;
+        let in_rounds = !(instances.is_empty() && clusters.is_empty());
         while !(instances.is_empty() && clusters.is_empty()) {
             self.build_pyramid(hzb);
             let mut new = self.unhidden_clusters(&clusters.take(), hzb);
@@ -55,6 +68,11 @@ impl<P: Pixel> Pass<'_, P> {
             }
             new.sort_unstable();
             list = self.draw(2, list, new)?;
+        }
+        if in_rounds {
+            shown.note(self.pixels, self.screen.width as usize, &list, views);
+        } else {
+            shown.clear();
         }
         if occlusion && !self.absent.is_empty() {
             self.build_pyramid(hzb);

@@ -1,33 +1,46 @@
-//! What is drawn in which round: nearest first, a growing portion at a time, so that the depth pyramid of one
-//! round hides as much as possible of the next.
+//! What is drawn in which round: what the frame before showed, then nearest first, a growing portion at a time, so
+//! that the depth pyramid of one round hides as much as possible of the next.
 //!
-//! Only keys and rectangles decide, so the order depends on neither threads nor timing.
+//! Only keys, rectangles and that frame decide, so the order depends on neither threads nor timing.
 
 use crate::cpu::project::{Footprint, Screen};
 
 /// Side, pixels, of the tiles by which the occupied part of the picture is measured.
 const TILE: usize = 32;
 
+/// How entries are put off.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Terms {
+    /// Only where their rectangles cover what they occupy more often than this.
+    pub(super) overlap: f64,
+    /// Pixels that an entry counts for besides its own: what it costs however small it is.
+    pub(super) each: u64,
+}
+
 /// Entries in front-to-back order.
 #[derive(Debug)]
 pub(super) struct Queue<T> {
-    /// Farthest first, so that the nearest are taken from the end.
+    /// Farthest first, so that the nearest are taken from the end; behind them those that were shown.
     entries: Vec<(Footprint, T)>,
+    /// Where the nearest end.
+    shown: usize,
     /// Pixels of the next portion.
     budget: u64,
-    /// Pixels of all entries together.
+    /// What all entries together count for, pixels.
     total: u64,
+    each: u64,
 }
 
 impl<T: Copy + Ord> Queue<T> {
-    /// Queues entries. When all rectangles together cover less than `worthwhile` times what they occupy, there
-    /// is little to hide, and the first portion is everything.
+    /// Queues entries; those that were `shown` before come with the first portion. When all rectangles together cover
+    /// what they occupy no more often than the terms say, there is little to hide, and the first portion is everything.
     pub(super) fn new(
         entries: impl Iterator<Item = (Footprint, T)>,
+        shown: impl Fn(&T) -> bool,
         screen: &Screen,
-        worthwhile: f64,
+        Terms { overlap, each }: Terms,
     ) -> Self {
-        let mut entries: Vec<(Footprint, T)> = entries.collect();
+        let entries: Vec<(Footprint, T)> = entries.collect();
         let columns = (screen.width as usize).div_ceil(TILE);
         let mut tiles = vec![false; columns * (screen.height as usize).div_ceil(TILE)];
         let mut total = 0;
@@ -42,11 +55,16 @@ impl<T: Copy + Ord> Queue<T> {
             }
         }
         let occupied = (tiles.iter().filter(|t| **t).count() * TILE * TILE) as u64;
-        let pays = occupied > 0 && total as f64 >= worthwhile * occupied as f64;
-        if pays {
-            entries.sort_unstable_by_key(|(f, entry)| (f.near_key, std::cmp::Reverse(*entry)));
+        let pays = occupied > 0 && total as f64 >= overlap * occupied as f64;
+        if !pays {
+            return Self { shown: 0, entries, budget: u64::MAX, total, each: 0 };
         }
-        Self { entries, budget: if pays { occupied } else { u64::MAX }, total }
+        let (mut entries, mut before): (Vec<_>, Vec<_>) = entries.into_iter().partition(|(_, e)| !shown(e));
+        entries.sort_unstable_by_key(|(f, entry)| (f.near_key, std::cmp::Reverse(*entry)));
+        let nearest = entries.len();
+        entries.append(&mut before);
+        total += each * entries.len() as u64;
+        Self { shown: nearest, entries, budget: occupied, total, each }
     }
 
     /// True when all was taken.
@@ -54,17 +72,18 @@ impl<T: Copy + Ord> Queue<T> {
         self.entries.is_empty()
     }
 
-    /// Takes the nearest entries that together could cover the budget, in ascending order, and doubles the
+    /// Takes the nearest entries that together count for the budget, in ascending order, and doubles the
     /// budget. A rest of less than a budget comes along.
     pub(super) fn take(&mut self) -> Vec<T> {
         let mut sum = 0;
         let mut keep = self.entries.len();
-        while keep > 0 && (sum < self.budget || self.total < self.budget) {
+        while keep > 0 && (keep > self.shown || sum < self.budget || self.total < self.budget) {
             keep -= 1;
-            let area = self.entries[keep].0.area();
-            sum += area;
-            self.total -= area;
+            let pixels = self.entries[keep].0.area() + self.each;
+            sum += pixels;
+            self.total -= pixels;
         }
+        self.shown = self.entries.len();
         self.budget = self.budget.saturating_mul(2);
         let mut taken: Vec<T> = self.entries.drain(keep..).map(|(_, entry)| entry).collect();
         taken.sort_unstable();
@@ -76,6 +95,8 @@ impl<T: Copy + Ord> Queue<T> {
 mod tests {
     use super::*;
 
+    const TERMS: Terms = Terms { overlap: 1.5, each: 0 };
+
     /// A fourth of the four tiles around it.
     fn square(x: u16, key: u32) -> Footprint {
         Footprint { rect: [x, 16, x + 31, 47], near_key: key, span: 32, clipped: false }
@@ -86,16 +107,31 @@ mod tests {
         let screen =
             Screen { width: 64, height: 64, orthographic: false, near: 1.0, far: f32::INFINITY, far_key: 0 };
         // Apart from each other: all at once, in order.
-        let mut apart = Queue::new([(square(0, 7), 3), (square(32, 5), 1)].into_iter(), &screen, 1.5);
+        let mut apart =
+            Queue::new([(square(0, 7), 3), (square(32, 5), 1)].into_iter(), |_| true, &screen, TERMS);
         assert_eq!(apart.take(), [1, 3]);
         assert!(apart.is_empty());
         // A pile of 15 where 4 fill the occupied tiles: 4, then 8, then the rest.
         let pile = (0..15).map(|i| (square(16, 100 - i), i));
-        let mut pile = Queue::new(pile, &screen, 1.5);
+        let mut pile = Queue::new(pile, |_| false, &screen, TERMS);
         assert_eq!(pile.take(), [0, 1, 2, 3]);
         assert_eq!(pile.take(), (4..15).collect::<Vec<_>>());
         assert!(pile.is_empty() && pile.take().is_empty());
-        let mut tower = Queue::new((0..60).map(|i| (square(16, 100 - i), i)), &screen, 1.5);
-        assert_eq!([tower.take().len(), tower.take().len(), tower.take().len()], [4, 8, 16]);
+        let tower = |shown: fn(&u32) -> bool| {
+            Queue::new((0..60).map(|i| (square(16, 100 - i), i)), shown, &screen, TERMS)
+        };
+        let mut unknown = tower(|_| false);
+        assert_eq!([unknown.take().len(), unknown.take().len(), unknown.take().len()], [4, 8, 16]);
+        // However small they are, they count.
+        let grains = (0..60).map(|i| (square(16, 100 - i), i));
+        let mut grains = Queue::new(grains, |_| false, &screen, Terms { each: 1024, ..TERMS });
+        assert_eq!([grains.take().len(), grains.take().len(), grains.take().len()], [2, 4, 8]);
+        // What was shown comes first, and the nearest only as far as that leaves room.
+        let mut known = tower(|i| [40, 41].contains(i));
+        assert_eq!(known.take(), [0, 1, 40, 41]);
+        assert_eq!(known.take(), (2..10).collect::<Vec<_>>());
+        let mut many = tower(|i| *i >= 50);
+        assert_eq!(many.take(), (50..60).collect::<Vec<_>>());
+        assert_eq!(many.take(), (0..8).collect::<Vec<_>>());
     }
 }

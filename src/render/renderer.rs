@@ -9,6 +9,7 @@ use super::device;
 use super::frame::Frame;
 use super::pass::Pass;
 use super::picture::{Picture, Spare};
+use super::shown::Shown;
 use super::stages::Stage;
 use super::stats::FrameStats;
 use super::streaming;
@@ -179,6 +180,8 @@ pub struct Renderer {
     device: Device,
     reason: String,
     hzb: Hzb,
+    /// What each view of the frame before showed, where the CPU draws.
+    shown: Vec<Shown>,
     spare: Spare,
     /// There when meshes in files are streamed.
     streamer: Option<Streamer>,
@@ -196,8 +199,8 @@ impl Renderer {
             }
         }
         let (device, reason) = Device::choose(backend)?;
-        let (hzb, spare) = (Hzb::default(), Spare::default());
-        Ok(Self { width, height, device, reason, hzb, spare, streamer: None, before: Vec::new() })
+        let (hzb, shown, spare) = (Hzb::default(), Vec::new(), Spare::default());
+        Ok(Self { width, height, device, reason, hzb, shown, spare, streamer: None, before: Vec::new() })
     }
 
     /// From now on, of meshes whose pages lie in files, those are read that frames need, into a pool of so many bytes; or again
@@ -397,10 +400,11 @@ impl Renderer {
                 drawn => return drawn,
             }
         }
-        shots.iter().map(|shot| self.draw_on_cpu(shot)).collect()
+        self.shown.resize_with(shots.len(), Shown::default);
+        shots.iter().enumerate().map(|(number, shot)| self.draw_on_cpu(number, shot)).collect()
     }
 
-    fn draw_on_cpu(&mut self, shot: &Shot<'_>) -> Result<Rastered> {
+    fn draw_on_cpu(&mut self, number: usize, shot: &Shot<'_>) -> Result<Rastered> {
         let Shot { scene, view, eye, screen, options, resident, .. } = shot;
         let pixels = self.width as usize * self.height as usize;
         let mut picture = self.spare.take(pixels, options.depth_only);
@@ -412,10 +416,10 @@ impl Renderer {
             (views, instances.len() as u64, count)
         });
         stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
-        let hzb = &mut self.hzb;
+        let (hzb, shown) = (&mut self.hzb, &mut self.shown[number]);
         let (list, absent) = match &mut picture {
-            Picture::Words(words) => raster(shot, &views, words, hzb, &mut stats)?,
-            depth => raster(shot, &views, depth.bits(), hzb, &mut stats)?,
+            Picture::Words(words) => raster(shot, &views, words, hzb, shown, &mut stats)?,
+            depth => raster(shot, &views, depth.bits(), hzb, shown, &mut stats)?,
         };
         stats.covered_pixels = picture.covered();
         picture.measure(screen, &mut stats);
@@ -443,12 +447,13 @@ fn raster<P: Pixel>(
     views: &[InstanceView],
     pixels: &mut [P],
     hzb: &mut Hzb,
+    shown: &mut Shown,
     stats: &mut FrameStats,
 ) -> Result<(Vec<Candidate>, Vec<GroupCandidate>)> {
     let Shot { screen, options, .. } = shot;
     let mut pass =
         Pass { screen: *screen, tau: options.pixel_error, views, pixels, absent: Vec::new(), stats };
-    let list = pass.draw_scene(options.occlusion, hzb)?;
+    let list = pass.draw_scene(options.occlusion, hzb, shown)?;
     Ok((list, pass.absent))
 }
 

@@ -6,7 +6,7 @@ use nanite_rs::Error;
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, RenderOptions};
 use nanite_rs::mesh::{Positions, SourceMesh};
-use nanite_rs::model::Dag;
+use nanite_rs::model::{Dag, FOREVER};
 use nanite_rs::render::{Frame, Renderer};
 use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
@@ -122,6 +122,48 @@ fn from_the_street_a_city_costs_what_is_seen() {
     }
     println!("{after} of {before} clusters");
     assert!(20 * after <= before, "{after} of {before} clusters");
+}
+
+#[test]
+fn what_a_frame_before_showed_changes_cost_and_no_pixel() {
+    let mut scene = city(60);
+    let ball = scene.add(dag(&bumpy_sphere(60)), &at(88.5, 2.0, -88.5), Material::default()).unwrap();
+    let size = (639, 361);
+    // Along a street, a turn, jumps to another one and above the roofs, and back; and twice from each place.
+    let mut path: Vec<Pose> = (0..4).map(|k| at(88.5, 1.7, -80.0 - 0.7 * f64::from(k))).collect();
+    path.extend((1..4).map(|k| turned(at(88.5, 1.7, -82.5), 0.5 * f64::from(k))));
+    path.extend([at(40.5, 1.7, -40.5), at(88.0, 60.0, 20.0), at(88.5, 1.7, -80.0)]);
+    let mut kept = [(); 2].map(|()| Renderer::new(size.0, size.1, "cpu").unwrap());
+    let (mut fresh, mut again) = (0, 0);
+    for (k, pose) in path.iter().enumerate() {
+        // The ball fills the street, rolls on, and jumps.
+        let place = [-84.0, -84.5, -85.0, -20.0][k % 4];
+        scene.set_pose(ball, &at(88.5, 1.5, place)).unwrap();
+        let options = RenderOptions::default();
+        let whole = RenderOptions { occlusion: false, ..RenderOptions::default() };
+        let expected = shoot(&scene, &CAMERA, pose, size, &whole);
+        let alone = shoot(&scene, &CAMERA, pose, size, &options);
+        // Another view beside it, whose pictures are of elsewhere.
+        let other = (CAMERA, at(10.0, 1.7, -10.0));
+        let pair = [(CAMERA, *pose), other];
+        let mut beside = kept[1].render_views(&scene, &pair, &options, FOREVER).unwrap();
+        let frames = [
+            kept[0].render(&scene, &CAMERA, pose, &options).unwrap(),
+            kept[0].render(&scene, &CAMERA, pose, &options).unwrap(),
+            beside.swap_remove(0),
+        ];
+        for frame in &frames {
+            assert!(frame.color().unwrap() == expected.color().unwrap(), "{k}");
+            assert!(frame.depth().unwrap() == expected.depth().unwrap(), "{k}");
+            assert!(frame.instance_ids().unwrap() == expected.instance_ids().unwrap(), "{k}");
+            assert!(frame.cluster_ids().unwrap() == expected.cluster_ids().unwrap(), "{k}");
+            assert!(frame.triangle_ids().unwrap() == expected.triangle_ids().unwrap(), "{k}");
+        }
+        fresh += alone.stats.clusters;
+        again += frames[1].stats.clusters;
+    }
+    println!("{fresh} clusters without a frame before, {again} where it was of the same place");
+    assert!(again < fresh, "{again} of {fresh}");
 }
 
 #[test]
