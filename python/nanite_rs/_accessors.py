@@ -16,8 +16,9 @@ from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 
+from nanite_rs import _advice
 from nanite_rs._images import read_bytes
-from nanite_rs.exceptions import DependencyError, FormatError
+from nanite_rs.exceptions import FormatError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -210,8 +211,7 @@ class Document:
         except ImportError as error:
             if name not in self.required:
                 return None  # there is another form of the data
-            message = f"{self.name}: meshoptimizer is needed; pip install 'nanite-rs[io]'"
-            raise DependencyError(message, name="meshoptimizer") from error
+            raise _advice.missing(self.name, "meshoptimizer") from error
         packed = self.extension(row, name) or {}
         count, stride = self.whole(packed, "count"), self.whole(packed, "byteStride")
         mode, kind = packed.get("mode"), packed.get("filter", "NONE")
@@ -327,8 +327,7 @@ class Document:
         except ImportError as error:
             if "KHR_draco_mesh_compression" not in self.required:
                 return None
-            message = f"{self.name}: DracoPy is needed; pip install 'nanite-rs[io]'"
-            raise DependencyError(message, name="DracoPy") from error
+            raise _advice.missing(self.name, "DracoPy") from error
         data = bytes(self.view(self.whole(packed, "bufferView")))
         try:
             decoded = DracoPy.decode(data)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from nanite_rs.exceptions import FileError, NaniteError
+from nanite_rs.exceptions import DependencyError, FileError, NaniteError
 
 E = TypeVar("E", bound=NaniteError)
 F = TypeVar("F", bound=Callable[..., Any])
@@ -155,6 +155,16 @@ def advised(error: E, advice: str) -> E:
     return type(error)(f"{error}; {advice}")
 
 
+# Packages whose distributions are called otherwise.
+_DISTRIBUTIONS = {"collada": "pycollada"}
+
+
+def missing(what: str, package: str) -> DependencyError:
+    """Return the error of an optional package that ``what`` needs."""
+    distribution = _DISTRIBUTIONS.get(package, package)
+    return DependencyError(f"{what}: {package} is needed; pip install {distribution}", name=package)
+
+
 # What to do about a texture that cannot be read.
 WITHOUT_TEXTURE = 'load_scene(..., bad_textures="drop") goes on without it'
 
@@ -203,6 +213,17 @@ def for_item(item: object) -> str:
         "IntrinsicsCamera": "cameras go to renderer.render(scene, camera, pose)",
         "OrthographicCamera": "cameras go to renderer.render(scene, camera, pose)",
     }.get(name, "")
+
+
+def for_texture(value: object) -> str:
+    """How to make a texture of something else."""
+    if isinstance(value, str | os.PathLike):
+        return f"give nanite_rs.Texture({os.fspath(value)!r})"
+    return (
+        "give nanite_rs.Texture(image)"
+        if isinstance(value, np.ndarray) or name_of_type(value) == "Image"
+        else ""
+    )
 
 
 def for_pose(pose: object) -> str:
@@ -258,6 +279,8 @@ def for_arrays(message: str, vertices: Any, faces: Any, given: dict[str, Any]) -
 
 def _shape(name: str, array: Any) -> str:
     columns = 2 if name == "uvs" else 3
+    if not array.size:
+        return "there is nothing in it"
     if name == "faces" and array.ndim == 1 and array.size and not array.size % 4 and (array[::4] == 3).all():
         return "of PyVista, give faces.reshape(-1, 4)[:, 1:]"
     if name == "faces" and array.ndim == 2 and array.shape[1] == 4:

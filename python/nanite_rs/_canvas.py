@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
 
-from nanite_rs import _overlay
-from nanite_rs.exceptions import ArgumentError, BackendError, DependencyError, NaniteError, StaleHandleError
+from nanite_rs import _advice, _overlay
+from nanite_rs.exceptions import ArgumentError, BackendError, NaniteError, StaleHandleError
 from nanite_rs.viewer import VIEWS, CanvasName, Viewer
 
 if TYPE_CHECKING:
@@ -39,6 +39,9 @@ _PACKAGES: Final = {
     "wx": ("rendercanvas", "wx"),
     "offscreen": ("rendercanvas",),
 }
+
+_SHOWING: Final = ("Vulkan", "Metal", "D3D12")
+"""Backends of wgpu that windows can be drawn by: with OpenGL its surfaces may fail, which ends the process."""
 
 _STILL: Final = 0.2
 """Seconds after the last movement from which on pictures are drawn in full."""
@@ -107,20 +110,26 @@ def _needed(package: str, name: str) -> None:
     try:
         importlib.import_module(package)
     except ImportError as error:
-        message = f"view: {package} is needed for {name}; pip install 'nanite-rs[viewer]'"
-        raise DependencyError(message, name=package) from error
+        raise _advice.missing(f"view: canvas={name!r}", package) from error
     except Exception as error:  # such as glfw's, where a library of the system is missing
         raise BackendError(f"canvas: {name} cannot be used here: {error}") from error
 
 
 def _start_glfw() -> None:
-    """Start glfw before rendercanvas does, which ends the process where there is no display."""
+    """Try what would end the process: glfw without a display, and a window on a device that cannot show any."""
     import glfw
+    import wgpu
 
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         if not glfw.init():
             raise OSError(str(said[-1].message) if said else "it does not start")
+    adapter = wgpu.gpu.request_adapter_sync(power_preference="high-performance").info
+    if adapter["backend_type"] not in _SHOWING:
+        raise OSError(
+            f"it wants Vulkan, Metal or DX12, and there is {adapter['backend_type']} on {adapter['device']} alone; "
+            "a driver in software will do, such as Mesa's lavapipe, and canvas='qt' does without"
+        )
 
 
 def attach(viewer: Viewer, name: str, *, block: bool) -> None:

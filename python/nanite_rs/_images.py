@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs.exceptions import DependencyError, FileError, FormatError, MissingFileError
+from nanite_rs import _advice
+from nanite_rs.exceptions import FileError, FormatError, MissingFileError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -65,8 +66,7 @@ def openimageio(purpose: str) -> Any:
     try:
         import OpenImageIO
     except ImportError as error:
-        message = f"{purpose}: OpenImageIO is needed; pip install 'nanite-rs[io]'"
-        raise DependencyError(message, name="OpenImageIO") from error
+        raise _advice.missing(purpose, "OpenImageIO") from error
     return OpenImageIO
 
 

@@ -58,6 +58,8 @@ def reason(scene: _core.Scene, camera: Camera, pose: ArrayLike, size: tuple[int,
         return (
             f"the camera looks along its −Z, and nothing is there; would show something: {'; '.join(found)}"
         )
+    if min(size) < 8:
+        return f"a picture of {size[0]} × {size[1]} pixels is too small: a pixel shows what is at its centre"
     return (
         "check that pose is camera-to-world and looks along −Z at the mesh, that instances are visible, and that "
         "the camera is not inside a mesh, whose back faces only Material(double_sided=True) shows"

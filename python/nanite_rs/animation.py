@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from nanite_rs import _advice
 from nanite_rs._images import beside
-from nanite_rs.exceptions import ArgumentError, DependencyError, DtypeError, FormatError
+from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError
 from nanite_rs.renderer import Frame
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def save_animation(
     path : path
         The file, replaced if it exists. ``.gif`` has 256 colours in a frame and is shown everywhere; ``.webp`` has
         all colours, with hardly visible loss; ``.mp4`` is H.264 and the smallest. That takes PyAV, which
-        ``pip install 'nanite-rs[video]'`` installs; of a picture with an odd number of columns or rows it repeats
+        ``pip install av`` installs; of a picture with an odd number of columns or rows it repeats
         the last one, since H.264 has even ones.
     frames : iterable of Frame or (H, W, 3) uint8 arrays
         The pictures, all of one size: `Frame.color`, or such as `Frame.view` gives.
@@ -142,6 +143,5 @@ def _pyav(purpose: str) -> Any:
     try:
         import av
     except ImportError as error:
-        message = f"{purpose}: PyAV is needed; pip install 'nanite-rs[video]', or save a .gif or .webp"
-        raise DependencyError(message, name="av") from error
+        raise _advice.advised(_advice.missing(purpose, "av"), "or save a .gif or .webp") from error
     return av

@@ -8,6 +8,7 @@ import os
 import platform
 import sys
 import time
+import warnings
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -231,6 +232,8 @@ def _shown(arguments: argparse.Namespace) -> nrs.NaniteMesh | nrs.LoadedScene:
     if arguments.materials:
         progress = False if arguments.quiet else None
         return nrs.load_scene(arguments.input, options=_options(arguments), progress=progress)
+    if arguments.input.lower().removesuffix(".gz").endswith((".gltf", ".glb")) and not arguments.quiet:
+        print("nanite-rs: materials and textures are left out; --materials shows them", file=sys.stderr)
     return _mesh(arguments)
 
 
@@ -267,7 +270,7 @@ def _demo(arguments: argparse.Namespace) -> int:
     mesh = step("open", lambda: nrs.NaniteMesh.open(path), lambda _: "the same mesh again")
     for reduction in (0.9, 0.99, 0.999):
         step(
-            f"cut, −{reduction:.1%}",
+            f"cut, −{reduction:.1%}" + (", and reading the file" if reduction == 0.9 else ""),
             lambda reduction=reduction: mesh.cut(target_reduction=reduction),  # type: ignore[misc]
             lambda cut: f"{len(cut):,} triangles, error {cut.error:.3g}",
         )
@@ -516,7 +519,9 @@ def _add_view(commands: Any) -> None:
 def _add_demo(commands: Any) -> None:
     text = "Build, save, open, cut and render a mesh; print what was skipped and how long it took."
     sub = _command(commands, "demo", _demo, text, "nanite-rs demo dragon.ply --output dragon_demo")
-    sub.add_argument("input", metavar="INPUT", nargs="?", default=DEMO_SHAPE, help=f"as above ({DEMO_SHAPE})")
+    sub.add_argument(
+        "input", metavar="INPUT", nargs="?", default=DEMO_SHAPE, help=f"see `nanite-rs --help` ({DEMO_SHAPE})"
+    )
     sub.add_argument("--output", "-o", default="demo_output", metavar="FOLDER", help="(demo_output)")
     _add_viewing(sub)
     _add_building(sub)
@@ -542,6 +547,11 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
+def _say(message: Warning | str, *_: object, **__: object) -> None:
+    """Print a warning as the shell's users read it: there is no line of theirs that it comes from."""
+    print(f"nanite-rs: warning: {' '.join(str(message).split())}", file=sys.stderr)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line.
 
@@ -560,7 +570,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:  # argparse has printed usage, help or version
         return int(stop.code or 0)
     try:
-        code: int = arguments.run(arguments)
+        with warnings.catch_warnings():
+            warnings.showwarning = _say
+            code: int = arguments.run(arguments)
         sys.stdout.flush()
     except BrokenPipeError:  # such as `nanite-rs info x | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

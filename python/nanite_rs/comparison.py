@@ -2,7 +2,7 @@
 
 The difference to the eye is FLIP for displays of low dynamic range (Andersson, Nilsson, Akenine-Möller, Oskarsson,
 Åström and Fairchild, "FLIP: A Difference Evaluator for Alternating Images", HPG 2020), as OpenImageIO computes it
-with the constants of the paper; ``pip install 'nanite-rs[io]'`` installs it.
+with the constants of the paper; ``pip install OpenImageIO`` installs it.
 
 Examples
 --------

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from nanite_rs import _advice
 from nanite_rs.exceptions import (
     ArgumentError,
-    DependencyError,
     DtypeError,
     FileError,
     FormatError,
@@ -99,8 +99,7 @@ def load(path: str | os.PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:
     except NaniteError:
         raise
     except ImportError as error:
-        package = error.name or "an optional package"
-        raise DependencyError(f"{path}: {package} is needed; pip install 'nanite-rs[io]'") from error
+        raise _advice.missing(str(path), error.name or "an optional package") from error
     except OSError as error:
         if isinstance(error, gzip.BadGzipFile) or error.errno is None:
             raise FormatError(f"{path}: cannot be read as .{suffix}: {error}") from error
@@ -136,7 +135,7 @@ def _check_gltf(path: Path, data: bytes) -> None:
         try:
             import DracoPy  # noqa: F401
         except ImportError as error:
-            raise DependencyError(f"{path}: DracoPy is needed; pip install 'nanite-rs[io]'") from error
+            raise _advice.missing(str(path), "DracoPy") from error
     undecoded = sorted(name for name in required if "compression" in name and "draco" not in name)
     if undecoded:
         raise FormatError(

@@ -123,6 +123,22 @@ def _vertex_floats(value: object, name: str) -> NDArray[np.float32]:
     return array.astype(np.float32, copy=False)
 
 
+def _look_for_lost_faces(vertices: NDArray[Any], mesh: NaniteMesh) -> None:
+    """Warn where float32 so far from the origin leaves no area to many faces."""
+    report = mesh.report
+    lost = report.degenerate_faces + report.duplicate_faces
+    if vertices.dtype == np.float64 or lost < 0.05 * report.input_faces:
+        return
+    size = float(np.max(mesh.bounds[1] - mesh.bounds[0]))
+    away = float(np.abs(mesh.bounds).max())
+    if away > 1e4 * size or size < 1e4 * float(np.spacing(np.float32(away))):
+        _advice.warn(
+            f"vertices: {lost:,} of {report.input_faces:,} faces have no area: float32 has too few digits "
+            f"{away:.3g} from the origin; give float64, or subtract an offset before",
+            UsageWarning,
+        )
+
+
 def _colors(value: object) -> NDArray[np.uint8]:
     """Colours as (N, 4) uint8 from uint8 or floats of 0 to 1, with or without alpha."""
     array = _array(value, "colors")
@@ -320,7 +336,9 @@ class NaniteMesh(_advice.Teaching):
                 options=asdict(options or BuildOptions()),
                 progress=report,
             )
-        return cls._wrap(core)
+        mesh = cls._wrap(core)
+        _look_for_lost_faces(vertices, mesh)
+        return mesh
 
     @classmethod
     def from_trimesh(

@@ -1,4 +1,4 @@
-"""Plots of meshes and frames with matplotlib, which ``pip install 'nanite-rs[plot]'`` installs.
+"""Plots of meshes and frames with matplotlib, which ``pip install matplotlib`` installs.
 
 Each function draws on the `matplotlib.axes.Axes` given, or on those of a new figure, and returns them. Levels have
 one colour in all plots: red is the finest, then towards blue, as in ``frame.view("levels")``.
@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from nanite_rs import _core
-from nanite_rs.exceptions import ArgumentError, DependencyError, DtypeError
+from nanite_rs import _advice, _core
+from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.mesh import NaniteMesh, PathLike
 from nanite_rs.renderer import Frame
 
@@ -314,8 +314,7 @@ def _axes(ax: Axes | None, name: str, size: tuple[float, float] | None = None) -
         import matplotlib.axes
         from matplotlib import pyplot
     except ImportError as error:
-        message = f"plot.{name}: matplotlib is needed; pip install 'nanite-rs[plot]'"
-        raise DependencyError(message, name="matplotlib") from error
+        raise _advice.missing(f"plot.{name}", "matplotlib") from error
     if ax is None:
         made: Axes = pyplot.subplots(figsize=size, layout="constrained")[1]
         return made

@@ -288,7 +288,7 @@ class Frame(_advice.Teaching):
     True
     """
 
-    def __init__(self, core: _core.Frame, made: dict[str, Any], unlit: bool = False) -> None:
+    def __init__(self, core: _core.Frame, made: dict[str, Any], unlit: str = "") -> None:
         self._frame = core
         self._made = made
         self._unlit = unlit
@@ -302,15 +302,12 @@ class Frame(_advice.Teaching):
         Warns
         -----
         UsageWarning
-            Where all is black since the scene had no light.
+            Where most of what is seen is black since the scene had no light, or none that counts with the
+            ``shading``.
         """
         color = self._frame.color()
-        if self._unlit and (seen := self.depth > 0).any() and not color[seen].any():
-            _advice.warn(
-                "the picture is black: the scene has no light; scene.add(nrs.DirectionalLight(intensity=3.0), "
-                'pose=pose), scene.ambient_light = (1, 1, 1), or render(shading="flat")',
-                UsageWarning,
-            )
+        if self._unlit and (seen := self.depth > 0).any() and color[seen].any(axis=-1).mean() < 0.5:
+            _advice.warn(f"meshes are black: {self._unlit}", UsageWarning)
         return color
 
     @cached_property
@@ -490,7 +487,7 @@ class Frame(_advice.Teaching):
         ----------
         path : path
             File to write, ``.png`` or ``.exr``; replaced if it exists. EXR takes OpenImageIO, which
-            ``pip install 'nanite-rs[io]'`` installs.
+            ``pip install OpenImageIO`` installs.
         view : str
             Which picture a PNG shows, see `view`; ``"shaded"`` by default.
         outputs : sequence of str
@@ -935,14 +932,7 @@ class Renderer(_advice.Teaching):
         if not self._mirrors:
             self._look_for_mirrors([pose for _, pose in views])
         if self._blank and frames:
-            self._blank = not any(dict(frame.totals()[0])["covered_pixels"] for frame in frames)
-            if self._blank:
-                reason = _unseen.reason(scene._core, views[0][0], views[0][1], self._size)
-                if scene.instances:
-                    eye, middle = np.asarray(views[0][1], np.float64)[:3, 3], scene.bounds.mean(axis=0)
-                    places = [", ".join(f"{x:.4g}" for x in place) for place in (eye, middle)]
-                    reason += f"; the camera is at ({places[0]}), the middle of the meshes at ({places[1]})"
-                _advice.warn(f"the picture shows no mesh: {reason}", UsageWarning)
+            self._look_at_first(frames, scene, views)
         self._backend = self._core.backend
         made = {
             "pixel_error": float(pixel_error),
@@ -951,11 +941,33 @@ class Renderer(_advice.Teaching):
             "transfer": str(transfer),
             "backend": self.backend,
         }
-        unlit = not (scene._core.light_count or any(scene.ambient_light) or scene.environment)
+        unlit = _unlit(scene, str(shading))
         return [
             Frame(frame, _lens(camera) | {"pose": np.asarray(pose, np.float64).tolist()} | made, unlit)
             for frame, (camera, pose) in zip(frames, views, strict=True)
         ]
+
+    def _look_at_first(
+        self, frames: list[_core.Frame], scene: Scene, views: list[tuple[Camera, ArrayLike]]
+    ) -> None:
+        """Warn where the first pictures show nothing; and where a mesh reaches the near distance, which cuts it."""
+        camera, pose = views[0]
+        self._blank = not any(dict(frame.totals()[0])["covered_pixels"] for frame in frames)
+        if self._blank:
+            reason = _unseen.reason(scene._core, camera, pose, self._size)
+            if scene.instances:
+                eye, middle = np.asarray(pose, np.float64)[:3, 3], scene.bounds.mean(axis=0)
+                places = [", ".join(f"{x:.4g}" for x in place) for place in (eye, middle)]
+                reason += f"; the camera is at ({places[0]}), the middle of the meshes at ({places[1]})"
+            _advice.warn(f"the picture shows no mesh: {reason}", UsageWarning)
+            return
+        _, _, near, _ = camera._spec()
+        depth = frames[0].depth()
+        if depth[depth > 0.0].min(initial=np.inf) < 1.02 * near:
+            _advice.warn(
+                f"the meshes reach znear={near:g}, and what is nearer is cut off; give a smaller one",
+                UsageWarning,
+            )
 
     def _look_for_mirrors(self, poses: list[ArrayLike]) -> None:
         """Warn about the first pose that mirrors, once."""
@@ -984,6 +996,18 @@ class Renderer(_advice.Teaching):
     def __repr__(self) -> str:
         closed = ", closed" if self._core is None else ""
         return f"<Renderer {self.width}×{self.height} on {self.backend}{closed}>"
+
+
+def _unlit(scene: Scene, shading: str) -> str:
+    """Say why nothing lights the meshes, and what would; empty where something does."""
+    if scene._core.light_count or any(scene.ambient_light):
+        return ""
+    if scene.environment is None:
+        return (
+            "the scene has no light; scene.add(nrs.DirectionalLight(intensity=3.0), pose=pose), "
+            'scene.ambient_light = (1, 1, 1), or render(shading="flat")'
+        )
+    return "" if shading == "gltf" else 'the environment counts with render(shading="gltf") alone'
 
 
 def _no_scene(found: object) -> DtypeError:

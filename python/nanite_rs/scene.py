@@ -137,7 +137,8 @@ class Material:
         for name in _SLOTS:
             texture = getattr(self, name)
             if not (texture is None or isinstance(texture, Texture)):
-                raise DtypeError(f"{name}: expected a Texture, not {type(texture).__name__}")
+                wrong = DtypeError(f"{name}: expected a Texture, not {type(texture).__name__}")
+                raise _advice.advised(wrong, _advice.for_texture(texture))
 
     def _raw(self) -> dict[str, Any]:
         textures = [getattr(self, name) for name in _SLOTS]

@@ -54,7 +54,7 @@ class Image:
 
     def __init__(self, pixels: ArrayLike) -> None:
         if isinstance(pixels, str | os.PathLike):
-            raise DtypeError(f"pixels: expected an array, not {pixels!r}; Image.open reads files")
+            raise DtypeError(f"pixels: expected an array, not {pixels!r}; nanite_rs.Image.open reads files")
         array = np.asarray(pixels)
         if array.dtype.name not in _DTYPES:
             raise DtypeError(f"pixels: must be {', '.join(_DTYPES)}, not {array.dtype}")
@@ -152,7 +152,7 @@ class Texture:
     """
 
     image: Image
-    """The picture; an array makes one."""
+    """The picture; an array makes one, and the path of a file is read by `Image.open`."""
     uv_set: int = field(default=0, kw_only=True)
     """Which of the mesh's UV sets."""
     wrap: Wrap | tuple[Wrap, Wrap] = field(default="repeat", kw_only=True)
@@ -175,7 +175,9 @@ class Texture:
             object.__setattr__(self, name, value)
 
         image: Any = self.image
-        if not isinstance(image, Image):
+        if isinstance(image, str | os.PathLike):
+            keep("image", Image.open(image))
+        elif not isinstance(image, Image):
             keep("image", Image(image))
         wrap = (self.wrap, self.wrap) if isinstance(self.wrap, str) else tuple(self.wrap)
         if len(wrap) != 2 or not set(wrap) <= set(get_args(Wrap)):

@@ -2,7 +2,8 @@
 
 A `Viewer` has a camera that turns about a point, one of the `VIEWS`, the pixel error, a cut that may be frozen, and
 what was picked; it draws pictures as arrays and needs no canvas. `view` puts it on one of rendercanvas, which
-``pip install 'nanite-rs[viewer]'`` installs, with ipywidgets in Jupyter and a line of help in a window.
+``pip install rendercanvas glfw wgpu jupyter_rfb ipywidgets`` installs, with ipywidgets in Jupyter and a line of
+help in a window.
 
 Examples
 --------
@@ -962,7 +963,7 @@ def view(
     ArgumentError, DtypeError
         An argument is none of these.
     DependencyError
-        A package is missing; ``pip install 'nanite-rs[viewer]'`` installs what Jupyter and glfw need.
+        A package is missing; the message says which.
     BackendError
         No window can be opened here.
 

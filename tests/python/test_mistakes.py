@@ -62,6 +62,7 @@ BUILDING = {
         nrs.ArgumentError,
         "NaniteMesh.from_trimesh",
     ),
+    "no vertices": (lambda: build([], []), nrs.ArgumentError, "vertices: .*there is nothing in it"),
     "faces from 1": (lambda: build(V, F + 1), nrs.MeshError, "count from 1.*faces - 1"),
     "faces as floats": (lambda: build(V, F.astype(float)), nrs.DtypeError, "faces.astype(np.int64)"),
     "faces flat": (lambda: build(V, F.ravel()), nrs.ArgumentError, "faces.reshape(-1, 3)"),
@@ -161,8 +162,8 @@ def made(mesh) -> nrs.Scene:
     return scene
 
 
-def shot(mesh, pose=POSE, camera=LENS, scene=None, **options):
-    with nrs.Renderer(64, 48, backend="cpu") as renderer:
+def shot(mesh, pose=POSE, camera=LENS, scene=None, size=(64, 48), **options):
+    with nrs.Renderer(*size, backend="cpu") as renderer:
         return renderer.render(made(mesh) if scene is None else scene, camera, pose, **options)
 
 
@@ -281,7 +282,17 @@ DRAWING = {
         "base_color: .*by 255",
     ),
     "a texture without UVs": (textured, nrs.ArgumentError, "give the mesh uvs="),
-    "a path for an image": (lambda _: nrs.Texture("wood.png"), nrs.DtypeError, "Image.open reads files"),
+    "a path for pixels": (lambda m: nrs.Image("wood.png"), nrs.DtypeError, "Image.open reads files"),
+    "a path for a texture": (
+        lambda m: nrs.Material(base_color_texture="wood.png"),
+        nrs.DtypeError,
+        "base_color_texture: .*give nanite_rs.Texture('wood.png')",
+    ),
+    "an image for a texture": (
+        lambda m: nrs.Material(base_color_texture=nrs.Image(np.ones((2, 2)))),
+        nrs.DtypeError,
+        "base_color_texture: .*give nanite_rs.Texture(image)",
+    ),
 }
 
 
@@ -336,6 +347,7 @@ BLANK = {
     ),
     "all beyond the far plane": ({"camera": nrs.PerspectiveCamera(0.8, zfar=0.1)}, "farther than zfar=0.1"),
     "a camera inside a mesh": ({"pose": np.eye(4)}, "double_sided=True"),
+    "a picture of a few pixels": ({"pose": moved(2.5, 0, 4), "size": (2, 2)}, "2 × 2 pixels is too small"),
 }
 
 
@@ -362,6 +374,14 @@ DOUBTFUL = {
     "an image of floats of 0 to 255": (
         lambda: nrs.Image(np.full((2, 2, 3), 200.0)),
         "give pixels.astype(np.uint8)",
+    ),
+    "a near plane in a mesh": (
+        lambda: shot(build(), camera=nrs.PerspectiveCamera(yfov=0.8, znear=3.2)),
+        "the meshes reach znear=3.2",
+    ),
+    "single precision far away": (
+        lambda: build((V + 1e7).astype(np.float32)),
+        "give float64, or subtract an offset",
     ),
     "a pool without streaming": (
         lambda: nrs.Renderer(8, 8, backend="cpu", pool_bytes=1 << 20),
@@ -406,6 +426,19 @@ def test_a_scene_without_light_says_so_when_it_is_looked_at(mesh) -> None:
         assert renderer.render(scene, LENS, POSE, shading="flat").color.any()
         with pytest.warns(nrs.UsageWarning, match="the scene has no light"):
             assert not frame.color[frame.depth > 0].any()
+        # What glows lights nothing else.
+        glowing = np.eye(4)
+        glowing[:3, :3] *= 0.1
+        glowing[0, 3] = 1.2
+        lamp = scene.add(mesh, pose=glowing, material=nrs.Material(emissive=(1.0, 1.0, 1.0)))
+        with pytest.warns(nrs.UsageWarning, match="the scene has no light"):
+            assert renderer.render(scene, LENS, POSE).color.any()
+        lamp.remove()
+        scene.environment = nrs.Environment(SKY)
+        with pytest.warns(nrs.UsageWarning, match="the environment counts with"):
+            assert not renderer.render(scene, LENS, POSE).color[frame.depth > 0].any()
+        assert renderer.render(scene, LENS, POSE, shading="gltf").color[frame.depth > 0].any()
+        scene.environment = None
         scene.ambient_light = (2.0, 2.0, 2.0)
         assert renderer.render(scene, LENS, POSE).color.any()
 

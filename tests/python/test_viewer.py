@@ -516,7 +516,7 @@ def test_a_missing_package_is_named_with_the_line_that_installs_it(
     for other in {"rendercanvas", "glfw", "ipywidgets"} - {package}:
         pytest.importorskip(other)
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(nrs.DependencyError, match=r"pip install 'nanite-rs\[viewer\]'") as error:
+    with pytest.raises(nrs.DependencyError, match=f"pip install {package}$") as error:
         nrs.view(mesh, canvas=canvas)
     assert error.value.name == package
 
@@ -881,3 +881,23 @@ def test_without_a_display_the_command_says_so_in_a_line() -> None:
     assert result.returncode == 1
     assert result.stderr.splitlines()[-1].startswith("nanite-rs: canvas: glfw cannot open a window here")
     assert "Traceback" not in result.stderr
+
+
+def test_without_a_device_for_its_window_the_command_says_so_in_a_line() -> None:
+    """wgpu would take OpenGL, whose surfaces need not show anything, and end the process."""
+    for package in ("rendercanvas", "glfw", "wgpu"):
+        pytest.importorskip(package)
+    if sys.platform != "linux":
+        pytest.skip("elsewhere there is Metal or DX12")
+    with screen(200, 150) as display:
+        environment = {k: v for k, v in os.environ.items() if k != "WAYLAND_DISPLAY"} | {"DISPLAY": display}
+        environment |= dict.fromkeys(("VK_DRIVER_FILES", "VK_ICD_FILENAMES"), os.devnull)
+        command = [sys.executable, "-m", "nanite_rs", "view", f"shape:{SHAPE}:2000", "--backend", "cpu"]
+        result = subprocess.run(
+            command, env=environment, capture_output=True, text=True, timeout=60, check=False
+        )
+    assert result.returncode == 1, result.stderr
+    last = result.stderr.splitlines()[-1]
+    assert last.startswith("nanite-rs: canvas: glfw cannot open a window here")
+    assert "Traceback" not in result.stderr
+    assert "panicked" not in result.stderr
