@@ -159,10 +159,10 @@ def advised(error: E, advice: str) -> E:
 _DISTRIBUTIONS = {"collada": "pycollada"}
 
 
-def missing(what: str, package: str) -> DependencyError:
+def missing(what: str, package: str, otherwise: str = "") -> DependencyError:
     """Return the error of an optional package that ``what`` needs."""
-    distribution = _DISTRIBUTIONS.get(package, package)
-    return DependencyError(f"{what}: {package} is needed; pip install {distribution}", name=package)
+    advice = f"pip install {_DISTRIBUTIONS.get(package, package)}{otherwise}"
+    return DependencyError(f"{what}: {package} is needed; {advice}", name=package)
 
 
 # What to do about a texture that cannot be read.

@@ -143,5 +143,5 @@ def _pyav(purpose: str) -> Any:
     try:
         import av
     except ImportError as error:
-        raise _advice.advised(_advice.missing(purpose, "av"), "or save a .gif or .webp") from error
+        raise _advice.missing(purpose, "av", ", or save a .gif or .webp") from error
     return av
