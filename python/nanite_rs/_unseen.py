@@ -1,4 +1,4 @@
-"""Why a picture shows nothing: tried out with coarse frames of poses and clip distances that may be meant."""
+"""Why a picture shows nothing, or not all: tried out with coarse frames of what may be meant."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ if TYPE_CHECKING:
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _POOL = 512 << 20
+# A near distance that cuts nothing off, as a part of the one given.
+_NEARER = 1e-6
 
 
-def reason(scene: _core.Scene, camera: Camera, pose: ArrayLike, size: tuple[int, int]) -> str:
-    """Say what would show something. Of streamed meshes nothing but their coarsest pages is read."""
-    if scene.instance_count == 0:
-        return "the scene has no mesh; add one with scene.add(mesh)"
-    renderer = _core.Renderer(*size, "cpu", _POOL)
-    kind, parameters, near, far = camera._spec()
+class _Depth:
+    """Coarse pictures of a scene's depth. Of streamed meshes nothing but their coarsest pages is read."""
 
-    def depth(at: NDArray[np.float64], znear: float = near, zfar: float | None = far) -> NDArray[np.float32]:
-        (frame,) = renderer.render(
-            scene,
-            [((kind, parameters, znear, zfar), at)],
+    def __init__(self, scene: _core.Scene, camera: Camera, size: tuple[int, int]) -> None:
+        self._scene, self._renderer = scene, _core.Renderer(*size, "cpu", _POOL)
+        self._kind, self._parameters, self.near, self.far = camera._spec()
+
+    def __call__(self, pose: NDArray[np.float64], near: float, far: float | None) -> NDArray[np.float32]:
+        (frame,) = self._renderer.render(
+            self._scene,
+            [((self._kind, self._parameters, near, far), pose)],
             pixel_error=8.0,
             occlusion=True,
             raster="auto",
@@ -40,8 +42,23 @@ def reason(scene: _core.Scene, camera: Camera, pose: ArrayLike, size: tuple[int,
         )
         return frame.depth()
 
+
+def cut_off(scene: _core.Scene, camera: Camera, pose: ArrayLike, size: tuple[int, int]) -> bool:
+    """Whether anything is seen nearer than the near distance."""
+    depth = _Depth(scene, camera, size)
+    seen = depth(np.asarray(pose, np.float64), max(depth.near * _NEARER, 1e-30), depth.far)
+    # Coarse, so that what is just there may lie a little before.
+    return bool(((seen > 0.0) & (seen < 0.98 * depth.near)).any())
+
+
+def reason(scene: _core.Scene, camera: Camera, pose: ArrayLike, size: tuple[int, int]) -> str:
+    """Say what would show something."""
+    if scene.instance_count == 0:
+        return "the scene has no mesh; add one with scene.add(mesh)"
+    depth = _Depth(scene, camera, size)
+    near, far = depth.near, depth.far
     given: NDArray[np.float64] = np.asarray(pose, np.float64)
-    unclipped = depth(given, max(near * 1e-6, 1e-30), None)
+    unclipped = depth(given, max(near * _NEARER, 1e-30), None)
     if unclipped.any():
         if far is not None and unclipped.max() > far:
             return f"all of it is farther than zfar={far:g}; give a larger one, or None"
@@ -53,7 +70,7 @@ def reason(scene: _core.Scene, camera: Camera, pose: ArrayLike, size: tuple[int,
         "np.linalg.inv(pose) @ np.diag([1, -1, -1, 1]), if that maps world to an OpenCV camera": world_to_camera
         @ _FLIP,
     }
-    found = [advice for advice, at in tries.items() if depth(at).any()]
+    found = [advice for advice, at in tries.items() if depth(at, near, far).any()]
     if found:
         return (
             f"the camera looks along its −Z, and nothing is there; would show something: {'; '.join(found)}"

@@ -127,7 +127,7 @@ def _look_for_lost_faces(vertices: NDArray[Any], mesh: NaniteMesh) -> None:
     """Warn where float32 so far from the origin leaves no area to many faces."""
     report = mesh.report
     lost = report.degenerate_faces + report.duplicate_faces
-    if vertices.dtype == np.float64 or lost < 0.05 * report.input_faces:
+    if lost < 0.05 * report.input_faces or (vertices != vertices.astype(np.float32)).any():
         return
     size = float(np.max(mesh.bounds[1] - mesh.bounds[0]))
     away = float(np.abs(mesh.bounds).max())

@@ -963,9 +963,10 @@ class Renderer(_advice.Teaching):
             return
         _, _, near, _ = camera._spec()
         depth = frames[0].depth()
-        if depth[depth > 0.0].min(initial=np.inf) < 1.02 * near:
+        reaches = depth[depth > 0.0].min(initial=np.inf) < 1.02 * near
+        if reaches and _unseen.cut_off(scene._core, camera, pose, self._size):
             _advice.warn(
-                f"the meshes reach znear={near:g}, and what is nearer is cut off; give a smaller one",
+                f"meshes are cut off at znear={near:g}, from which on they are drawn; give a smaller one",
                 UsageWarning,
             )
 

@@ -268,3 +268,28 @@ def test_ctrl_c_stops_a_build(tmp_path):
     assert text.strip() == "nanite-rs: interrupted"
     assert time.monotonic() - start < 10.0
     assert list(tmp_path.iterdir()) == []
+
+
+def test_warnings_are_a_line_and_name_no_code(tmp_path):
+    """What is left out of a glTF is said, and how it is shown; what a picture lacks, without a line of Python."""
+    vertices, faces = nrs.shapes.icosphere(faces=500)
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh.visual = trimesh.visual.TextureVisuals(
+        uv=vertices[:, :2], material=trimesh.visual.material.PBRMaterial(baseColorFactor=[200, 30, 30, 255])
+    )
+    mesh.export(tmp_path / "ball.glb")
+    far = trimesh.Trimesh(vertices + np.float32(1e7), faces, process=False)
+    far.export(tmp_path / "far.ply")
+    command = ["render", "ball.glb", "-o", "ball.png", "--size", "32x24", "--backend", "cpu"]
+    plain = run(*command, cwd=tmp_path)
+    assert plain.returncode == 0
+    assert "nanite-rs: materials and textures are left out; --materials shows them" in plain.stderr
+    shown = run(*command, "--materials", cwd=tmp_path)
+    assert shown.returncode == 0
+    assert "left out" not in shown.stderr
+    single = run("info", "far.ply", cwd=tmp_path)
+    assert single.returncode == 0
+    assert single.stderr.startswith("nanite-rs: warning: vertices: ")
+    for line in (plain.stderr + shown.stderr + single.stderr).splitlines():
+        assert "Warning" not in line
+        assert ".py:" not in line

@@ -282,14 +282,14 @@ DRAWING = {
         "base_color: .*by 255",
     ),
     "a texture without UVs": (textured, nrs.ArgumentError, "give the mesh uvs="),
-    "a path for pixels": (lambda m: nrs.Image("wood.png"), nrs.DtypeError, "Image.open reads files"),
+    "a path for pixels": (lambda _: nrs.Image("wood.png"), nrs.DtypeError, "Image.open reads files"),
     "a path for a texture": (
-        lambda m: nrs.Material(base_color_texture="wood.png"),
+        lambda _: nrs.Material(base_color_texture="wood.png"),
         nrs.DtypeError,
         "base_color_texture: .*give nanite_rs.Texture('wood.png')",
     ),
     "an image for a texture": (
-        lambda m: nrs.Material(base_color_texture=nrs.Image(np.ones((2, 2)))),
+        lambda _: nrs.Material(base_color_texture=nrs.Image(np.ones((2, 2)))),
         nrs.DtypeError,
         "base_color_texture: .*give nanite_rs.Texture(image)",
     ),
@@ -377,7 +377,7 @@ DOUBTFUL = {
     ),
     "a near plane in a mesh": (
         lambda: shot(build(), camera=nrs.PerspectiveCamera(yfov=0.8, znear=3.2)),
-        "the meshes reach znear=3.2",
+        "meshes are cut off at znear=3.2",
     ),
     "single precision far away": (
         lambda: build((V + 1e7).astype(np.float32)),

@@ -211,9 +211,7 @@ def test_the_smallest_mesh_and_an_empty_frame(tmp_path) -> None:
 @pytest.mark.parametrize("name", PLOTS)
 def test_without_matplotlib_the_error_says_what_to_install(name, subject, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(
-        nrs.DependencyError, match=rf"plot\.{name}: .*pip install matplotlib"
-    ) as error:
+    with pytest.raises(nrs.DependencyError, match=rf"plot\.{name}: .*pip install matplotlib") as error:
         getattr(nrs.plot, name)(subject[name])
     assert error.value.name == "matplotlib"
     assert isinstance(error.value, ImportError)
