@@ -132,8 +132,7 @@ impl Seen {
 
 /// The light that surface points send to the eye.
 #[inline(always)]
-fn shade(seen: Seen, eye: &Eye, lighting: &Lighting) -> Vec3x8 {
-    let shading = lighting.shading;
+fn shade(seen: Seen, eye: &Eye, lighting: &Lighting, shading: Shading) -> Vec3x8 {
     if shading == Shading::Normals {
         return seen.world_normal(eye).map(|c| c * 0.5 + 0.5);
     }
@@ -151,7 +150,7 @@ fn shade(seen: Seen, eye: &Eye, lighting: &Lighting) -> Vec3x8 {
         }
     }
     let reflector = Reflector::new(&bsdf, view, gltf);
-    if let Some(around) = &lighting.surroundings {
+    if let (Some(around), true) = (&lighting.surroundings, gltf) {
         let Reflector { normal, diffuse, f0, view, .. } = &reflector;
         let out = environment::reflect(around, normal, view, bsdf.roughness, diffuse, f0);
         for c in 0..3 {
@@ -197,7 +196,8 @@ struct Shader<'a> {
 }
 
 impl Shader<'_> {
-    /// With the detail of each point, or without; of materials with textures, too, or of plain ones alone.
+    /// With the detail of each point, or as pyrender shades, without; of materials with textures, too, or of plain ones
+    /// alone.
     fn rows<T: Copy + Default + PartialEq + Send + Sync, const DETAIL: bool, const TEXTURED: bool>(
         &self,
         background: [T; 3],
@@ -236,8 +236,9 @@ impl Shader<'_> {
             self.surround(range.clone(), &written, out);
         }
         let Some(mut walk) = Walk::<DETAIL>::new(self.pixels, range) else { return };
+        // Known when this is compiled, so that what other ways of shading need is left out.
+        let shading = if DETAIL { self.lighting.shading } else { Shading::Pyrender };
         while let Some(surfels) = walk.step() {
-            let shading = self.lighting.shading;
             let bsdf = match (surfels.view.materials.plain(), &surfels.detail) {
                 (None, Some(detail)) if TEXTURED => Bsdf::textured(&surfels, detail, shading),
                 (material, _) => {
@@ -251,7 +252,7 @@ impl Shader<'_> {
                 Output::ShadingNormal => seen.world_normal(self.eye),
                 Output::Orm => [seen.bsdf.occlusion, seen.bsdf.roughness, seen.bsdf.metallic],
                 Output::Emissive => seen.bsdf.emissive,
-                _ => shade(seen, self.eye, self.lighting),
+                _ => shade(seen, self.eye, self.lighting, shading),
             };
             for lane in 0..surfels.count {
                 let at = 3 * (surfels.pixels[lane] as usize - start);
