@@ -23,9 +23,9 @@ __all__ = ["Cut"]
 class Cut(_advice.Teaching):
     """The clusters of one threshold as a mesh. Made by `NaniteMesh.cut`.
 
-    Vertices are welded by stored identity, never by distance, so a cut is watertight where its source is. All
-    arrays are the caller's own: contiguous and writable. Notebooks show cuts of up to 250,000 triangles as a small
-    picture, each triangle shaded as it lies.
+    Vertices are welded by stored identity, never by distance, so a cut has no border where its source has none; two
+    sheets may meet in an edge, which then has four faces. All arrays are the caller's own: contiguous and writable.
+    Notebooks show cuts of up to 250,000 triangles as a small picture, each triangle shaded as it lies.
 
     Attributes
     ----------

@@ -64,8 +64,8 @@ class BuildOptions:
     """What gathers clusters into groups, meshoptimizer or METIS: both keep together what shares much border."""
     quality: Literal["fast", "best"] = "fast"
     """What simplifies groups: "fast" is meshoptimizer; "best" an edge collapse that leaves scans some 20 to 40 %
-    less root mean square error at the same size, builds some three times as long with "quadric" errors, and stores
-    two thirds more below a quarter of a million triangles, where its levels lie closer."""
+    less root mean square error at the same size, builds two to three times as long, and stores two thirds more
+    below a quarter of a million triangles, where its levels lie closer."""
     error: Literal["quadric", "bound"] = "bound"
     """How the errors that cuts state are found: "bound" proves them for every point of both surfaces, in either
     direction (see docs/numerics.md); "quadric" trusts the simplifier, which is often too low and builds fastest."""
@@ -80,7 +80,8 @@ class BuildOptions:
     mean edge length of distance."""
     preserve_area: bool = False
     """For foliage and hair: of small islands such as leaves, those that stay grow until as much is covered as
-    before, seen from all around, where otherwise a crown of leaves thins out. Builds some four times as long."""
+    before, seen from all around, where otherwise a crown of leaves thins out. Builds up to twice as long, of
+    many small islands and with "quadric" errors four times and more."""
     face_ids: bool = False
     """Keep the map from full-detail triangles to rows of the caller's ``faces``."""
     threads: int = 0
@@ -869,7 +870,7 @@ def simplify(
     lossless: bool = False,
     preserve_border: bool = False,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Simplify a mesh once: the call of `fast_simplification.simplify`, with the same arguments and results.
+    """Simplify a mesh once: the call of `fast_simplification.simplify`, with arguments and arrays of the same kind.
 
     Builds the whole DAG and cuts it. To cut more than once keep a `NaniteMesh`: its cuts cost next to nothing.
 

@@ -44,7 +44,9 @@ def test_code_runs(path, tmp_path, monkeypatch):
 
 
 def test_guides_have_code():
-    assert {"build", "cut", "render", "gpu", "README"} <= {p.stem for p in PAGES if code(p)}
+    assert {"build", "cut", "render", "gpu", "materials", "streaming", "README"} <= {
+        p.stem for p in PAGES if code(p)
+    }
 
 
 def anchors(path: Path) -> set[str]:
