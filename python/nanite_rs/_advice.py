@@ -196,6 +196,8 @@ def for_item(item: object) -> str:
     name = name_of_type(item)
     if isinstance(item, str | os.PathLike):
         return "NaniteMesh.from_file reads files"
+    if isinstance(item, tuple) and item and name_of_type(item[0]) == "Scene":
+        return "of what load_scene and from_pyrender return: renderer.render(*loaded)"
     if name == "trimesh.Trimesh":
         return "NaniteMesh.from_trimesh builds one of it"
     if name == "trimesh.Scene":
@@ -262,8 +264,7 @@ def for_arrays(message: str, vertices: Any, faces: Any, given: dict[str, Any]) -
     if name == "faces" and array.dtype.kind == "f":
         return "give faces.astype(np.int64)"
     if name == "faces" and "refers to" in message and array.size:
-        one_based = array.min() == 1 and array.max() == len(vertices)
-        return "they count from 1, and have to from 0: give faces - 1" if one_based else ""
+        return _out_of_range(array, len(vertices))
     if name == "colors":
         if "between 0 and 1" in message:
             return "of 0 to 255, give colors / 255 or colors.astype(np.uint8)"
@@ -275,6 +276,24 @@ def for_arrays(message: str, vertices: Any, faces: Any, given: dict[str, Any]) -
     if found and found[2] == "faces" and int(found[3]) == len(vertices):
         return f"that is one for each vertex: give {name}[faces[:, 0]]"
     return ""
+
+
+def _out_of_range(faces: Any, vertices: int) -> str:
+    if faces.min() == 1 and faces.max() == vertices:
+        return "they count from 1, and have to from 0: give faces - 1"
+    if faces.min() < 0:
+        return "where that marks an empty place, leave such rows out: faces[(faces >= 0).all(axis=1)]"
+    return ""
+
+
+def for_rows(name: str, rows: object) -> str:
+    """Which of some rows, of which no array could be made, is of another length than most."""
+    if not isinstance(rows, list | tuple) or not rows:
+        return ""
+    lengths = [len(row) if hasattr(row, "__len__") else 0 for row in rows]
+    usual = max(set(lengths), key=lengths.count)
+    other = next((i for i, length in enumerate(lengths) if length != usual), None)
+    return "" if other is None else f"{name}[{other}] has {lengths[other]} numbers and not {usual}"
 
 
 def _shape(name: str, array: Any) -> str:

@@ -204,10 +204,11 @@ class Binding:
         self.viewer.resize(min(width, 8192), min(height, 8192))
         moving = self._moving
         scale = self.budget.scale if moving else 1.0
-        start = time.perf_counter()
+        start, before = time.perf_counter(), self.viewer.stats
         picture = self.viewer.picture(moving=moving, scale=scale)
         seconds = time.perf_counter() - start
-        self.milliseconds = seconds * 1e3
+        if self.viewer.stats is not before:  # else it was drawn before
+            self.milliseconds = seconds * 1e3
         # The first picture of a size takes memory for it. On a GPU pixels are not what costs time.
         if moving and self._drawn == (*self.viewer.size, scale) and self.viewer.backend == "cpu":
             self.budget.took(seconds)

@@ -134,7 +134,9 @@ def from_pyrender(
             out.add(light, pose=scene.get_pose(node))
     node = scene.main_camera_node
     if node is None:
-        raise ArgumentError("scene: has no camera")
+        raise ArgumentError(
+            "scene: has no camera; scene.add(pyrender.PerspectiveCamera(yfov=0.8), pose=pose) adds one"
+        )
     if lost:
         warnings.warn(f"left out of the pyrender scene: {', '.join(sorted(lost))}", stacklevel=2)
     pose = np.array(scene.get_pose(node), np.float64)

@@ -111,7 +111,8 @@ def _array(value: object, name: str) -> NDArray[Any]:
     try:
         array = np.asarray(value)
     except ValueError as error:
-        raise ArgumentError(f"{name}: {error}") from None
+        wrong = ArgumentError(f"{name}: {error}")
+        raise _advice.advised(wrong, _advice.for_rows(name, value)) from None
     if not isinstance(value, np.ndarray) and name != "faces" and array.dtype.kind in "iu":
         array = array.astype(np.float64)
     return array

@@ -606,7 +606,8 @@ class Viewer:
 
         The cut of each instance that is in sight is made for this camera and built into a mesh of its own, which
         stands in for the instance in the scene until `thaw`; that takes some two seconds for a million triangles.
-        Pictures then show these clusters from everywhere, in bluish grey those of which this camera saw nothing.
+        Pictures then show these clusters from everywhere, in bluish grey those of which this camera saw nothing; so
+        there are more of them than it drew.
         Where an instance is scaled differently along its axes, its frozen cut may be finer than what was drawn.
         """
         if self._frozen is None:

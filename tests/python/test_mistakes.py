@@ -64,6 +64,16 @@ BUILDING = {
     ),
     "no vertices": (lambda: build([], []), nrs.ArgumentError, "vertices: .*there is nothing in it"),
     "faces from 1": (lambda: build(V, F + 1), nrs.MeshError, "count from 1.*faces - 1"),
+    "faces padded by -1": (
+        lambda: build(V, np.r_[F, [[0, 1, -1]]]),
+        nrs.MeshError,
+        "refers to vertex -1.*faces[(faces >= 0).all(axis=1)]",
+    ),
+    "a row too short": (
+        lambda: build([[0.0, 0.0, 0.0], [1.0, 0.0], [0.0, 1.0, 0.0]], [[0, 1, 2]]),
+        nrs.ArgumentError,
+        "vertices[1] has 2 numbers and not 3",
+    ),
     "faces as floats": (lambda: build(V, F.astype(float)), nrs.DtypeError, "faces.astype(np.int64)"),
     "faces flat": (lambda: build(V, F.ravel()), nrs.ArgumentError, "faces.reshape(-1, 3)"),
     "quads": (lambda: build(V, QUADS), nrs.ArgumentError, "split quads"),
@@ -282,6 +292,11 @@ DRAWING = {
         "base_color: .*by 255",
     ),
     "a texture without UVs": (textured, nrs.ArgumentError, "give the mesh uvs="),
+    "what was loaded for a scene": (
+        lambda m: shot(m, scene=(made(m), LENS, POSE)),
+        nrs.DtypeError,
+        "scene: .*renderer.render(*loaded)",
+    ),
     "a path for pixels": (lambda _: nrs.Image("wood.png"), nrs.DtypeError, "Image.open reads files"),
     "a path for a texture": (
         lambda _: nrs.Material(base_color_texture="wood.png"),
