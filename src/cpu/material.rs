@@ -26,7 +26,7 @@ pub struct Bsdf {
 impl Bsdf {
     /// Of a material without textures.
     #[inline(always)]
-    pub fn plain(material: &Material, surfels: &Surfels<'_>, shading: Shading) -> Self {
+    pub fn plain<D>(material: &Material, surfels: &Surfels<'_, D>, shading: Shading) -> Self {
         Self {
             normal: surfels.normal,
             base: splat3(material.base_color),
@@ -39,7 +39,7 @@ impl Bsdf {
 
     /// Of the materials of an instance, each point by itself.
     #[inline(always)]
-    pub fn textured(surfels: &Surfels<'_>, detail: &Detail, shading: Shading) -> Self {
+    pub fn textured<D>(surfels: &Surfels<'_, D>, detail: &Detail, shading: Shading) -> Self {
         let zero = Lanes::splat(0.0);
         let mut out = Self {
             normal: surfels.normal,
@@ -79,17 +79,17 @@ impl Bsdf {
 }
 
 /// Whether a surface has a hole at its first point.
-pub fn is_hole(surfels: &Surfels<'_>, detail: &Detail) -> bool {
+pub fn is_hole(surfels: &Surfels<'_, Detail>) -> bool {
     // Holes do not depend on how the rest is shaded.
-    let point = Point::new(surfels, detail, 0, Shading::Gltf);
+    let point = Point::new(surfels, &surfels.detail, 0, Shading::Gltf);
     let [.., alpha] = point.sample(Slot::BaseColor);
     point.material.alpha_cutoff.is_some_and(|cutoff| point.material.alpha * alpha < cutoff)
 }
 
 /// One surface point.
-struct Point<'a> {
+struct Point<'a, D> {
     material: &'a Material,
-    surfels: &'a Surfels<'a>,
+    surfels: &'a Surfels<'a, D>,
     detail: &'a Detail,
     lane: usize,
     shading: Shading,
@@ -99,9 +99,9 @@ struct Point<'a> {
     vertices: usize,
 }
 
-impl<'a> Point<'a> {
+impl<'a, D> Point<'a, D> {
     #[inline(always)]
-    fn new(surfels: &'a Surfels<'a>, detail: &'a Detail, lane: usize, shading: Shading) -> Self {
+    fn new(surfels: &'a Surfels<'a, D>, detail: &'a Detail, lane: usize, shading: Shading) -> Self {
         let (view, cluster) = (surfels.view, surfels.clusters[lane]);
         let geometry = view.pages.geometry(cluster);
         let material = view.materials.of(view.pages.record(cluster).material);

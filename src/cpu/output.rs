@@ -59,7 +59,7 @@ fn map_surface<T: Send + Copy>(
     let mut out = vec![background; pixels.words.len()];
     out.par_chunks_mut(chunk).enumerate().for_each(|(i, out)| {
         let start = i * chunk;
-        let Some(mut walk) = Walk::<false>::new(pixels, start..start + out.len()) else { return };
+        let Some(mut walk) = Walk::new(pixels, start..start + out.len()) else { return };
         while let Some(surfels) = walk.step() {
             for lane in 0..surfels.count {
                 out[surfels.pixels[lane] as usize - start] = value(&surfels, lane);

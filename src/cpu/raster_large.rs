@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::clip::clip;
 use super::material::is_hole;
 use super::project::{InstanceView, Screen};
-use super::surface::{self, Pixels, Surfels};
+use super::surface::{self, Pixels};
 use super::triangle::{UNIT, edge_bias, pixels, project, snap};
 use super::visibility::{Sink, Visible, decode, payload};
 use crate::limits::GUARD_BAND;
@@ -64,8 +64,7 @@ struct Masked<'a, S> {
 impl<S: Sink> Sink for Masked<'_, S> {
     fn put(&self, pixel: usize, word: u64) {
         let point = decode(word).map(|hit| surface::one(self.pixels, pixel, hit));
-        let hole = |point: &Surfels<'_>| point.detail.as_ref().is_some_and(|detail| is_hole(point, detail));
-        if !point.as_ref().is_some_and(hole) {
+        if !point.as_ref().is_some_and(is_hole) {
             self.sink.put(pixel, word);
         }
     }

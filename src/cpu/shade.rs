@@ -12,7 +12,7 @@ use super::environment;
 use super::lanes::{LANES, Lanes, Vec3x8, dot, minus, normalize, splat3};
 use super::material::Bsdf;
 use super::output::ROWS;
-use super::surface::{Pixels, Surfels, Walk};
+use super::surface::{Detail, Extra, Pixels, Surfels, Walk};
 use super::visibility::decode;
 use crate::config::{Output, Shading, Transfer};
 use crate::scene::placement::Eye;
@@ -96,7 +96,13 @@ struct Seen {
 
 impl Seen {
     #[inline(always)]
-    fn new(mut bsdf: Bsdf, surfels: &Surfels<'_>, eye: &Eye, orthographic: bool, shading: Shading) -> Self {
+    fn new<D: Extra>(
+        mut bsdf: Bsdf,
+        surfels: &Surfels<'_, D>,
+        eye: &Eye,
+        orthographic: bool,
+        shading: Shading,
+    ) -> Self {
         let late = if shading == Shading::Pyrender { surfels.color } else { None };
         if let (Some(tint), None) = (&surfels.color, &late) {
             for c in 0..3 {
@@ -105,7 +111,7 @@ impl Seen {
         }
         let position = position(eye, orthographic, &surfels.point, surfels.distance);
         let mut view = normalize(&[-position[0], -position[1], -position[2]]);
-        if let (Some(detail), true) = (&surfels.detail, shading != Shading::Pyrender) {
+        if let (Some(detail), true) = (surfels.detail.detail(), shading != Shading::Pyrender) {
             if orthographic {
                 view = splat3([0.0, 0.0, 1.0]);
             }
@@ -198,7 +204,7 @@ struct Shader<'a> {
 impl Shader<'_> {
     /// With the detail of each point, or as pyrender shades, without; of materials with textures, too, or of plain ones
     /// alone.
-    fn rows<T: Copy + Default + PartialEq + Send + Sync, const DETAIL: bool, const TEXTURED: bool>(
+    fn rows<T: Copy + Default + PartialEq + Send + Sync, D: Extra, const TEXTURED: bool>(
         &self,
         background: [T; 3],
         written: impl Fn(f32) -> T + Copy + Sync,
@@ -211,15 +217,15 @@ impl Shader<'_> {
             #[cfg(target_arch = "x86_64")]
             if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
                 // SAFETY: the processor has AVX2 and BMI2.
-                return unsafe { self.run_avx2::<T, DETAIL, TEXTURED>(range, background, written, out) };
+                return unsafe { self.run_avx2::<T, D, TEXTURED>(range, background, written, out) };
             }
-            self.run::<T, DETAIL, TEXTURED>(range, background, written, out);
+            self.run::<T, D, TEXTURED>(range, background, written, out);
         });
         out
     }
 
     #[inline(always)]
-    fn run<T: Copy + PartialEq, const DETAIL: bool, const TEXTURED: bool>(
+    fn run<T: Copy + PartialEq, D: Extra, const TEXTURED: bool>(
         &self,
         range: std::ops::Range<usize>,
         background: [T; 3],
@@ -235,11 +241,11 @@ impl Shader<'_> {
         if !self.output.surface() {
             self.surround(range.clone(), &written, out);
         }
-        let Some(mut walk) = Walk::<DETAIL>::new(self.pixels, range) else { return };
+        let Some(mut walk) = Walk::new(self.pixels, range) else { return };
         // Known when this is compiled, so that what other ways of shading need is left out.
-        let shading = if DETAIL { self.lighting.shading } else { Shading::Pyrender };
-        while let Some(surfels) = walk.step() {
-            let bsdf = match (surfels.view.materials.plain(), &surfels.detail) {
+        let shading = if D::DETAIL { self.lighting.shading } else { Shading::Pyrender };
+        while let Some(surfels) = walk.step::<D>() {
+            let bsdf = match (surfels.view.materials.plain(), surfels.detail.detail()) {
                 (None, Some(detail)) if TEXTURED => Bsdf::textured(&surfels, detail, shading),
                 (material, _) => {
                     Bsdf::plain(material.unwrap_or_else(|| surfels.view.materials.of(0)), &surfels, shading)
@@ -299,14 +305,14 @@ impl Shader<'_> {
     /// [`Shader::run`] with 256-bit vectors. No operation fuses, so the result is the same bit for bit.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,bmi2")]
-    fn run_avx2<T: Copy + PartialEq, const DETAIL: bool, const TEXTURED: bool>(
+    fn run_avx2<T: Copy + PartialEq, D: Extra, const TEXTURED: bool>(
         &self,
         range: std::ops::Range<usize>,
         background: [T; 3],
         written: impl Fn(f32) -> T,
         out: &mut [T],
     ) {
-        self.run::<T, DETAIL, TEXTURED>(range, background, written, out)
+        self.run::<T, D, TEXTURED>(range, background, written, out)
     }
 }
 
@@ -345,10 +351,10 @@ fn run<T: Copy + Default + PartialEq + Send + Sync>(
     let textured = pixels.views.iter().any(|view| view.materials.plain().is_none());
     let shader = Shader { pixels, lighting, eye, output };
     match (textured, lighting.shading) {
-        (true, _) => shader.rows::<T, true, true>(background, written),
-        (_, Shading::Pyrender) => shader.rows::<T, false, false>(background, written),
+        (true, _) => shader.rows::<T, Detail, true>(background, written),
+        (_, Shading::Pyrender) => shader.rows::<T, (), false>(background, written),
         // Detail tells back faces from front faces.
-        _ => shader.rows::<T, true, false>(background, written),
+        _ => shader.rows::<T, Detail, false>(background, written),
     }
 }
 

@@ -34,8 +34,8 @@ struct Gathered<'a> {
     colors: [[u32; LANES]; 3],
 }
 
-/// Up to eight surface points of one instance.
-pub struct Surfels<'a> {
+/// Up to eight surface points of one instance, with [`Detail`] or, as `()`, without.
+pub struct Surfels<'a, D = ()> {
     /// How many lanes count.
     pub count: usize,
     /// Index of the instance in the frame's list.
@@ -57,7 +57,7 @@ pub struct Surfels<'a> {
     /// Vertex colours, linear RGB, of meshes that have them.
     pub color: Option<Vec3x8>,
     /// How the triangle lies, where that was asked for.
-    pub detail: Option<Detail>,
+    pub detail: D,
 }
 
 /// How triangles lie at surface points.
@@ -72,8 +72,44 @@ pub struct Detail {
     pub face: Vec3x8,
 }
 
-/// Walks the covered pixels of a range in order, up to eight of one instance at a time; with or without [`Detail`].
-pub struct Walk<'a, const DETAIL: bool> {
+/// What surface points have besides: a type, so that points without are no larger for it.
+pub trait Extra: Sized {
+    /// Whether it is [`Detail`].
+    const DETAIL: bool;
+    /// What it is of what `make` makes.
+    fn of(make: impl FnOnce() -> Detail) -> Self;
+    /// The detail, where it is that.
+    fn detail(&self) -> Option<&Detail>;
+}
+
+impl Extra for () {
+    const DETAIL: bool = false;
+
+    #[inline(always)]
+    fn of(_: impl FnOnce() -> Detail) -> Self {}
+
+    #[inline(always)]
+    fn detail(&self) -> Option<&Detail> {
+        None
+    }
+}
+
+impl Extra for Detail {
+    const DETAIL: bool = true;
+
+    #[inline(always)]
+    fn of(make: impl FnOnce() -> Detail) -> Self {
+        make()
+    }
+
+    #[inline(always)]
+    fn detail(&self) -> Option<&Detail> {
+        Some(self)
+    }
+}
+
+/// Walks the covered pixels of a range in order, up to eight of one instance at a time.
+pub struct Walk<'a> {
     pixels: Pixels<'a>,
     next: usize,
     end: usize,
@@ -84,7 +120,7 @@ pub struct Walk<'a, const DETAIL: bool> {
     gathered: Gathered<'a>,
 }
 
-impl<'a, const DETAIL: bool> Walk<'a, DETAIL> {
+impl<'a> Walk<'a> {
     /// Starts a walk; `None` where nothing can be covered.
     #[inline(always)]
     pub fn new(pixels: Pixels<'a>, range: std::ops::Range<usize>) -> Option<Self> {
@@ -96,7 +132,7 @@ impl<'a, const DETAIL: bool> Walk<'a, DETAIL> {
 
     /// The next surface points.
     #[inline(always)]
-    pub fn step(&mut self) -> Option<Surfels<'a>> {
+    pub fn step<D: Extra>(&mut self) -> Option<Surfels<'a, D>> {
         self.gathered.count = 0;
         while self.next < self.end {
             let words = self.pixels.words;
@@ -129,17 +165,17 @@ impl<'a, const DETAIL: bool> Walk<'a, DETAIL> {
         if self.gathered.count == 0 {
             return None;
         }
-        Some(self.gathered.evaluate::<DETAIL>(self.pixels.screen))
+        Some(self.gathered.evaluate(self.pixels.screen))
     }
 }
 
 /// The surface point of one pixel, where it shows what `hit` says.
-pub fn one<'a>(pixels: Pixels<'a>, pixel: usize, hit: Hit) -> Surfels<'a> {
+pub fn one<'a>(pixels: Pixels<'a>, pixel: usize, hit: Hit) -> Surfels<'a, Detail> {
     let at = pixels.visible[hit.visible as usize];
     let geometry = pixels.views[at.instance as usize].pages.geometry(at.cluster);
     let mut gathered = Gathered::none(pixels, at);
     gathered.push(pixel as u32, hit, at.cluster, &geometry);
-    gathered.evaluate::<true>(pixels.screen)
+    gathered.evaluate(pixels.screen)
 }
 
 impl<'a> Gathered<'a> {
@@ -180,7 +216,7 @@ impl<'a> Gathered<'a> {
     }
 
     #[inline(always)]
-    fn evaluate<const DETAIL: bool>(&self, screen: &Screen) -> Surfels<'a> {
+    fn evaluate<D: Extra>(&self, screen: &Screen) -> Surfels<'a, D> {
         let (view, width) = (self.view, screen.width);
         let mut point = [Lanes::splat(0.5); 2];
         let mut distance = Lanes::splat(1.0);
@@ -208,7 +244,7 @@ impl<'a> Gathered<'a> {
         } else {
             face()
         };
-        let detail = DETAIL.then(|| Detail {
+        let detail = D::of(|| Detail {
             weights,
             change: coordinates.change(&view.screen, screen.orthographic, [a, b, c], &weights),
             corners: self.positions,
