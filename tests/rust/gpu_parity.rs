@@ -230,13 +230,13 @@ fn several_views_of_one_submission_are_as_alone() {
         let theirs = on_cpu.render_views(&scene, views, &options, FOREVER).unwrap();
         assert_eq!((frames.len(), theirs.len()), (count, count));
         for ((frame, their), (camera, pose)) in frames.iter().zip(&theirs).zip(views) {
+            // Words number what was drawn, of which what is hidden depends on the frame before.
             let alone = shoot(&scene, camera, pose, size, &options);
-            assert!(
-                their.words().unwrap() == alone.words().unwrap()
-                    && their.color().unwrap() == alone.color().unwrap()
-            );
+            assert!(their.color().unwrap() == alone.color().unwrap());
             for output in [Output::Depth, Output::InstanceId, Output::ClusterId, Output::TriangleId] {
-                assert!(frame.array(output).unwrap() == alone.array(output).unwrap(), "{}", output.name());
+                let expected = alone.array(output).unwrap();
+                assert!(frame.array(output).unwrap() == expected, "{}", output.name());
+                assert!(their.array(output).unwrap() == expected, "{}", output.name());
             }
             assert_eq!(frame.stats.covered_pixels, alone.stats.covered_pixels);
             assert_eq!(frame.stats.source_triangles > 0, alone.stats.source_triangles > 0);
