@@ -753,8 +753,8 @@ class Renderer(_advice.Teaching):
         -----
         UsageWarning
             If the picture shows nothing and no picture of this renderer did before, with what would help: as found
-            by a few coarse frames with other poses and clip distances; or if the first that shows something is cut off
-            by the near plane. And once if a pose mirrors.
+            by a few coarse frames with other poses and clip distances; or if the first that shows something is cut
+            off by the near plane. And once if a pose mirrors.
 
         Returns
         -------
