@@ -28,6 +28,7 @@ BIN := $(VENV)/bin
 DEMO_OUTPUT ?= demo_output
 STRICT ?=
 MESH ?=
+override MESH := $(patsubst ~/%,$(HOME)/%,$(MESH))
 PYTEST_ARGS ?=
 CARGO_TEST_ARGS ?=
 
@@ -104,7 +105,7 @@ build: $(VENV)/.stamp-module
 # -------------------------------------------------------------------------------------------- for users
 
 demo: build
-	@$(BIN)/python -m nanite_rs demo --output $(DEMO_OUTPUT) $(if $(MESH),"$(patsubst ~/%,$(HOME)/%,$(MESH))") $(if $(MESH_UP),--up $(MESH_UP))
+	@$(BIN)/python -m nanite_rs demo --output $(DEMO_OUTPUT) $(if $(MESH),"$(MESH)") $(if $(MESH_UP),--up $(MESH_UP))
 	@echo "next: $(BIN)/nanite-rs --help; $(BIN)/python has nanite_rs, and README.md ten lines to begin with"
 
 # MESH is made absolute, since notebooks run where their copies go.

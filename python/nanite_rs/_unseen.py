@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _POOL = 512 << 20
-# A near distance that cuts nothing off, as a part of the one given.
-_NEARER = 1e-6
 
 
 class _Depth:
@@ -25,6 +23,8 @@ class _Depth:
     def __init__(self, scene: _core.Scene, camera: Camera, size: tuple[int, int]) -> None:
         self._scene, self._renderer = scene, _core.Renderer(*size, "cpu", _POOL)
         self._kind, self._parameters, self.near, self.far = camera._spec()
+        self.nearest = max(self.near * 1e-6, 1e-30)
+        """A near distance that cuts nothing off."""
 
     def __call__(self, pose: NDArray[np.float64], near: float, far: float | None) -> NDArray[np.float32]:
         (frame,) = self._renderer.render(
@@ -46,7 +46,7 @@ class _Depth:
 def cut_off(scene: _core.Scene, camera: Camera, pose: ArrayLike, size: tuple[int, int]) -> bool:
     """Whether anything is seen nearer than the near distance."""
     depth = _Depth(scene, camera, size)
-    seen = depth(np.asarray(pose, np.float64), max(depth.near * _NEARER, 1e-30), depth.far)
+    seen = depth(np.asarray(pose, np.float64), depth.nearest, depth.far)
     # Coarse, so that what is just there may lie a little before.
     return bool(((seen > 0.0) & (seen < 0.98 * depth.near)).any())
 
@@ -58,7 +58,7 @@ def reason(scene: _core.Scene, camera: Camera, pose: ArrayLike, size: tuple[int,
     depth = _Depth(scene, camera, size)
     near, far = depth.near, depth.far
     given: NDArray[np.float64] = np.asarray(pose, np.float64)
-    unclipped = depth(given, max(near * _NEARER, 1e-30), None)
+    unclipped = depth(given, depth.nearest, None)
     if unclipped.any():
         if far is not None and unclipped.max() > far:
             return f"all of it is farther than zfar={far:g}; give a larger one, or None"

@@ -178,9 +178,8 @@ def load_scene(
 
 def read_asset(path: Path, *, drop_bad_textures: bool = False) -> Asset:
     """Read a file, building nothing."""
-    packed = path.suffix.lower() == ".gz"
-    suffix = (Path(path.stem) if packed else path).suffix.lower()
-    if suffix in (".glb", ".gltf"):
+    suffix, packed = io.ending(path)
+    if suffix in io.GLTF:
         from nanite_rs import _gltf
 
         return _gltf.read(
@@ -189,7 +188,7 @@ def read_asset(path: Path, *, drop_bad_textures: bool = False) -> Asset:
     mesh = io.load(path)
     materials: dict[str, Material] = {}
     notes = Asset("").notes
-    if suffix == ".obj":
+    if suffix == "obj":
         from nanite_rs import _mtl
 
         content = _unpacked(path, packed)

@@ -34,7 +34,8 @@ __all__ = ["Source", "from_trimesh", "load"]
 
 #: Suffix of built meshes.
 NANITE_SUFFIX: Final = ".nanite"
-_GLTF: Final = ("glb", "gltf")
+#: Endings of glTF.
+GLTF: Final = ("glb", "gltf")
 
 
 @dataclass
@@ -62,6 +63,12 @@ class Source:
         }
 
 
+def ending(path: Path) -> tuple[str, bool]:
+    """What a file holds by its name, in small letters without the dot, and whether it is packed by gzip."""
+    packed = path.suffix.lower() == ".gz"
+    return (Path(path.stem) if packed else path).suffix.lower().removeprefix("."), packed
+
+
 def load(path: str | os.PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:
     """Read a mesh file with trimesh, unprocessed, so that vertices stay as they are stored.
 
@@ -78,8 +85,7 @@ def load(path: str | os.PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:
     import trimesh
 
     path = Path(path)
-    packed = path.suffix.lower() == ".gz"
-    suffix = (Path(path.stem) if packed else path).suffix.lower().removeprefix(".")
+    suffix, packed = ending(path)
     known = sorted(trimesh.available_formats())
     if path.is_dir():
         raise FileError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -89,10 +95,10 @@ def load(path: str | os.PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:
         found = f"extension .{suffix} is unknown" if suffix else "the name has no extension"
         raise FormatError(f"{path}: {found}; trimesh reads {', '.join(known)}")
     try:
-        content = path.read_bytes() if packed or suffix in _GLTF else b""
+        content = path.read_bytes() if packed or suffix in GLTF else b""
         if packed:
             content = gzip.decompress(content)
-        if suffix in _GLTF:
+        if suffix in GLTF:
             _check_gltf(path, content)
         source = BytesIO(content) if packed else path
         loaded = trimesh.load(source, file_type=suffix if packed else None, process=False)

@@ -133,7 +133,7 @@ def _look_for_lost_faces(vertices: NDArray[Any], mesh: NaniteMesh) -> None:
         return
     size = float(np.max(mesh.bounds[1] - mesh.bounds[0]))
     away = float(np.abs(mesh.bounds).max())
-    if away > 1e4 * size or size < 1e4 * float(np.spacing(np.float32(away))):
+    if size < 1e4 * float(np.spacing(np.float32(away))):
         _advice.warn(
             f"vertices: {lost:,} of {report.input_faces:,} faces have no area: float32 has too few digits "
             f"{away:.3g} from the origin; give float64, or subtract an offset before",

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
@@ -315,11 +314,7 @@ class Environment:
     """Show it where nothing is in front of it, in place of ``Scene.bg_color``; as sharp as 512 rows are."""
 
     def __post_init__(self) -> None:
-        image: Any = self.image
-        if isinstance(image, str | PathLike):
-            object.__setattr__(self, "image", Image.open(image))
-        elif not isinstance(image, Image):
-            object.__setattr__(self, "image", Image(image))
+        object.__setattr__(self, "image", Image._of(self.image))
         for name, value in (("intensity", self.intensity), ("rotation", self.rotation)):
             if not isinstance(value, int | float | np.integer | np.floating):
                 raise DtypeError(f"{name}: expected a number, not {value!r}")

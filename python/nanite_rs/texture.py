@@ -97,6 +97,13 @@ class Image:
         """
         return cls(read_image(path))
 
+    @classmethod
+    def _of(cls, given: Image | ArrayLike | str | os.PathLike[str]) -> Image:
+        """An image as it is, of an array, or of a file by its path."""
+        if isinstance(given, Image):
+            return given
+        return cls.open(given) if isinstance(given, str | os.PathLike) else cls(given)
+
     @property
     def pixels(self) -> NDArray[Any]:
         """(H, W, C), read-only."""
@@ -174,11 +181,7 @@ class Texture:
         def keep(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
-        image: Any = self.image
-        if isinstance(image, str | os.PathLike):
-            keep("image", Image.open(image))
-        elif not isinstance(image, Image):
-            keep("image", Image(image))
+        keep("image", Image._of(self.image))
         wrap = (self.wrap, self.wrap) if isinstance(self.wrap, str) else tuple(self.wrap)
         if len(wrap) != 2 or not set(wrap) <= set(get_args(Wrap)):
             raise ArgumentError(f"wrap: must be repeat, mirror or clamp, or two of them, not {self.wrap!r}")

@@ -18,7 +18,7 @@ use nanite_rs::scene::{Material, Scene};
 use nanite_rs::stream::{Ask, Needs, Pool, Request, StreamOptions, StreamStats, Streamer};
 
 use crate::dag_invariants::Random;
-use crate::render_frames::{CAMERA, IDENTITY, Pose, at, dag, lit, shoot};
+use crate::render_frames::{CAMERA, IDENTITY, Pose, at, dag, lit, same, shoot};
 use crate::shapes::{bumpy_sphere, cube, grid, torus, unindexed};
 
 /// A disk that loses pages, fails now and then, or is slow.
@@ -103,17 +103,6 @@ fn stream(frame: &Frame) -> &StreamStats {
 
 fn page_bytes(mesh: &Dag) -> u64 {
     4 * mesh.pages.word_count()
-}
-
-/// What the picture shows, bit for bit.
-fn same(a: &Frame, b: &Frame) {
-    let depth = |f: &Frame| f.depth().unwrap().into_iter().map(f32::to_bits).collect::<Vec<_>>();
-    assert!(depth(a) == depth(b), "depth");
-    assert!(a.instance_ids().unwrap() == b.instance_ids().unwrap(), "instances");
-    assert!(a.cluster_ids().unwrap() == b.cluster_ids().unwrap(), "clusters");
-    assert!(a.triangle_ids().unwrap() == b.triangle_ids().unwrap(), "triangles");
-    assert!(a.face_ids().unwrap() == b.face_ids().unwrap(), "faces");
-    assert!(a.color().unwrap() == b.color().unwrap(), "colours");
 }
 
 /// From far to near and around.
