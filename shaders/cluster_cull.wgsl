@@ -19,10 +19,16 @@
 @group(0) @binding(13) var<storage, read> pages_2: array<u32>;
 @group(0) @binding(14) var<storage, read> pages_3: array<u32>;
 
+// Members of each group that are to be looked at.
+var<workgroup> waiting: array<u32, GROUPS_PER_WORKGROUP>;
 var<workgroup> drawn_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 var<workgroup> large_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 var<workgroup> clipped_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 var<workgroup> held_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
+// What the workgroup adds to the counters: one addition there for all its lanes.
+var<workgroup> held: atomic<u32>;
+var<workgroup> triangles_small: atomic<u32>;
+var<workgroup> triangles_large: atomic<u32>;
 
 // Pixels between the picture and the sides of the viewport that it lies in the middle of.
 fn viewport_margin() -> u32 {
@@ -34,17 +40,6 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
     let cluster = candidate.first + member;
     let bit = 1u << member;
     let again = SECOND && candidate.before != NONE;
-    if again {
-        if (first_drawn[candidate.before] & bit) != 0u {
-            atomicOr(&drawn_bits[group], bit);
-            atomicOr(&held_bits[group], bit);
-            atomicOr(&large_bits[group], first_marks[candidate.before].large & bit);
-            return;
-        }
-        if (first_marks[candidate.before].held & bit) == 0u {
-            return;
-        }
-    }
     let record = record_start(page_start(instance, cluster), cluster);
     let at = record + RECORD_LOD_SPHERE;
     let sphere = Sphere(array<f32, 3>(real(at), real(at + 1u), real(at + 2u)), real(at + 3u));
@@ -62,7 +57,7 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
         return;
     }
     if hidden(place, instance, center, extent) {
-        atomicAdd(&counters.held, 1u);
+        atomicAdd(&held, 1u);
         if !SECOND {
             atomicOr(&held_bits[group], bit);
         }
@@ -73,48 +68,93 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
     let edge = f32(place.span) / max(sqrt(f32(triangle_count(record)) * 0.5), 1.0);
     if has_holes(instance, record) {
         atomicOr(&clipped_bits[group], bit);
-        atomicAdd(&counters.triangles_large, triangle_count(record));
+        atomicAdd(&triangles_large, triangle_count(record));
     } else if place.clipped || place.span > MAX_SPAN || edge > SMALL_EDGE {
         atomicOr(&large_bits[group], bit);
         if view.viewport != 0u && (place.clipped || place.span >= viewport_margin()) {
             atomicOr(&clipped_bits[group], bit);
         }
-        atomicAdd(&counters.triangles_large, triangle_count(record));
+        atomicAdd(&triangles_large, triangle_count(record));
     } else {
-        atomicAdd(&counters.triangles_small, triangle_count(record));
+        atomicAdd(&triangles_small, triangle_count(record));
     }
+}
+
+// The n-th of the bits that are set.
+fn nth_bit(bits: u32, n: u32) -> u32 {
+    if !SECOND {
+        // All from the first on.
+        return n;
+    }
+    var rest = bits;
+    for (var i = 0u; i < n; i++) {
+        rest &= rest - 1u;
+    }
+    return firstTrailingBit(rest);
 }
 
 @compute @workgroup_size(WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let group = lane / LANES_PER_GROUP;
-    let first = lane % LANES_PER_GROUP;
-    let number = workgroup_number(workgroup) * GROUPS_PER_WORKGROUP + group;
-    let exists = number < min(culling.count, arrayLength(&candidates));
-    if first == 0u {
-        atomicStore(&drawn_bits[group], 0u);
-        atomicStore(&large_bits[group], 0u);
-        atomicStore(&clipped_bits[group], 0u);
-        atomicStore(&held_bits[group], 0u);
+    let first = workgroup_number(workgroup) * GROUPS_PER_WORKGROUP;
+    let count = min(culling.count, arrayLength(&candidates));
+    let own = first + lane;
+    let leads = lane < GROUPS_PER_WORKGROUP;
+    if lane == 0u {
+        atomicStore(&held, 0u);
+        atomicStore(&triangles_small, 0u);
+        atomicStore(&triangles_large, 0u);
     }
-    workgroupBarrier();
-    if exists {
-        let candidate = candidates[number];
-        if first == 0u {
-            var looked_at = candidate.count;
+    if leads {
+        var kept = 0u;
+        var kept_large = 0u;
+        var members = 0u;
+        if own < count {
+            let candidate = candidates[own];
+            members = NONE >> (32u - candidate.count);
             if SECOND && candidate.before != NONE {
-                looked_at = countOneBits(first_marks[candidate.before].held);
+                let before = first_marks[candidate.before];
+                kept = first_drawn[candidate.before];
+                kept_large = before.large & kept;
+                members = before.held;
             }
-            atomicAdd(&counters.visited_clusters, looked_at);
         }
-        for (var member = first; member < candidate.count; member += LANES_PER_GROUP) {
-            cull(candidate, group, member);
-        }
+        waiting[lane] = members;
+        atomicStore(&drawn_bits[lane], kept);
+        atomicStore(&large_bits[lane], kept_large);
+        atomicStore(&clipped_bits[lane], 0u);
+        atomicStore(&held_bits[lane], kept);
     }
     workgroupBarrier();
-    if exists && first == 0u {
-        drawn[number] = atomicLoad(&drawn_bits[group]);
-        let clipped = atomicLoad(&clipped_bits[group]);
-        marks[number] = Marks(atomicLoad(&large_bits[group]), atomicLoad(&held_bits[group]), 0u, clipped);
+    // Lanes share out what waits, of all groups together.
+    var total = 0u;
+    for (var group = 0u; group < GROUPS_PER_WORKGROUP; group++) {
+        total += countOneBits(waiting[group]);
+    }
+    for (var entry = lane; entry < total; entry += WIDTH) {
+        var rest = entry;
+        var group = 0u;
+        var end = 0u;
+        for (var before = 0u; before + 1u < GROUPS_PER_WORKGROUP; before++) {
+            end += countOneBits(waiting[before]);
+            if entry >= end {
+                group = before + 1u;
+                rest = entry - end;
+            }
+        }
+        cull(candidates[first + group], group, nth_bit(waiting[group], rest));
+    }
+    workgroupBarrier();
+    if leads && own < count {
+        drawn[own] = atomicLoad(&drawn_bits[lane]);
+        let clipped = atomicLoad(&clipped_bits[lane]);
+        marks[own] = Marks(atomicLoad(&large_bits[lane]), atomicLoad(&held_bits[lane]), 0u, clipped);
+    }
+    if lane == 0u {
+        atomicAdd(&counters.visited_clusters, total);
+        if atomicLoad(&held) != 0u {
+            atomicAdd(&counters.held, atomicLoad(&held));
+        }
+        atomicAdd(&counters.triangles_small, atomicLoad(&triangles_small));
+        atomicAdd(&counters.triangles_large, atomicLoad(&triangles_large));
     }
 }

@@ -1,5 +1,5 @@
-// The set bits of each block of SCAN_BLOCK words; `others` are those of the first phase, or the same again. Where most
-// words are zero, bits behind them tell which are not.
+// The set bits of each block of words; `others` are those of the first phase, or the same again. Where most words are
+// zero, bits behind them tell which are not.
 
 @group(0) @binding(0) var<storage, read> bits: array<u32>;
 @group(0) @binding(1) var<storage, read> blocks: Dispatch;
@@ -12,11 +12,12 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     let words = words_of_lane(block, lane, min(blocks.count, min(arrayLength(&bits), arrayLength(&others))));
     var count = 0u;
     if SPARSE {
-        var filled = filled_words(words, bits[blocks.count + words.x / 32u] | others[blocks.count + words.x / 32u]);
-        while filled != 0u {
-            let word = words.x + firstTrailingBit(filled);
-            filled &= filled - 1u;
-            count += countOneBits(bits[word] | others[word]);
+        for (var first = words.x; first < words.y; first += 32u) {
+            let filled_at = blocks.count + first / 32u;
+            for (var filled = bits[filled_at] | others[filled_at]; filled != 0u; filled &= filled - 1u) {
+                let word = first + firstTrailingBit(filled);
+                count += countOneBits(bits[word] | others[word]);
+            }
         }
     } else {
         for (var word = words.x; word < words.y; word++) {

@@ -53,25 +53,30 @@ fn list(word: u32, mask_of_word: u32, first_mask: u32, at_of_word: u32, first_at
     }
 }
 
+// Of 32 words from `first` on those that are not zero.
+fn filled_from(first: u32) -> u32 {
+    let at = blocks.count + first / 32u;
+    if SECOND {
+        return bits[at] | first_bits[at];
+    }
+    return bits[at];
+}
+
 @compute @workgroup_size(SCAN_WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let block = workgroup_number(workgroup);
     let words = words_of_lane(block, lane, blocks.count);
-    let filled_at = blocks.count + words.x / 32u;
-    var filled = bits[filled_at];
-    if SECOND {
-        filled |= first_bits[filled_at];
-    }
-    filled = filled_words(words, filled);
     var count = 0u;
     var first_count = 0u;
-    for (var rest = filled; rest != 0u; rest &= rest - 1u) {
-        let word = words.x + firstTrailingBit(rest);
-        if SECOND {
-            first_count += countOneBits(first_bits[word]);
-            count += countOneBits(bits[word] | first_bits[word]);
-        } else {
-            count += countOneBits(bits[word]);
+    for (var first = words.x; first < words.y; first += 32u) {
+        for (var rest = filled_from(first); rest != 0u; rest &= rest - 1u) {
+            let word = first + firstTrailingBit(rest);
+            if SECOND {
+                first_count += countOneBits(first_bits[word]);
+                count += countOneBits(bits[word] | first_bits[word]);
+            } else {
+                count += countOneBits(bits[word]);
+            }
         }
     }
     var first_at = 0u;
@@ -84,18 +89,20 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
         let total = sums[(blocks.count + SCAN_BLOCK - 1u) / SCAN_BLOCK];
         let kept = min(total, arrayLength(&candidates));
         culling = workgroups(kept, GROUPS_PER_WORKGROUP, total);
-        counting = workgroups(kept, SCAN_BLOCK, kept);
+        counting = workgroups(kept, CLUSTER_BLOCK, kept);
     }
-    for (var rest = filled; rest != 0u; rest &= rest - 1u) {
-        let word = words.x + firstTrailingBit(rest);
-        var mask = bits[word];
-        var first_mask = 0u;
-        if SECOND {
-            first_mask = first_bits[word];
-            mask |= first_mask;
+    for (var first = words.x; first < words.y; first += 32u) {
+        for (var rest = filled_from(first); rest != 0u; rest &= rest - 1u) {
+            let word = first + firstTrailingBit(rest);
+            var mask = bits[word];
+            var first_mask = 0u;
+            if SECOND {
+                first_mask = first_bits[word];
+                mask |= first_mask;
+            }
+            list(word, mask, first_mask, at, first_at);
+            at += countOneBits(mask);
+            first_at += countOneBits(first_mask);
         }
-        list(word, mask, first_mask, at, first_at);
-        at += countOneBits(mask);
-        first_at += countOneBits(first_mask);
     }
 }

@@ -44,14 +44,28 @@ fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
     let e2 = edge(p0, p1, first);
 
     let depth = plane(p0, p1, p2, v, first);
-    for (var row = rows.x; row <= rows.y; row++) {
-        let j = row - rows.x;
-        var at = vec3<i32>(e0.x + j * e0.z, e1.x + j * e1.z, e2.x + j * e2.z);
-        for (var column = columns.x; column <= columns.y; column++) {
-            if (at.x | at.y | at.z) >= 0 {
-                put(u32(row) * view.width + u32(column), depth_key(value_at(depth, column - columns.x, j)), low);
-            }
-            at += vec3<i32>(e0.y, e1.y, e2.y);
+    let across = columns.y - columns.x + 1;
+    let count = across * (rows.y - rows.x + 1);
+    let right = vec3<i32>(e0.y, e1.y, e2.y);
+    // From behind the end of a row to the start of the next.
+    let down = vec3<i32>(e0.z, e1.z, e2.z) - across * right;
+    var at = vec3<i32>(e0.x, e1.x, e2.x);
+    var pixel = u32(rows.x) * view.width + u32(columns.x);
+    var column = 0;
+    var row = 0;
+    // One loop over rows and columns: lanes wait for the triangle with most pixels, not for most rows times most columns.
+    for (var n = 0; n < count; n++) {
+        if (at.x | at.y | at.z) >= 0 {
+            put(pixel, depth_key(value_at(depth, column, row)), low);
+        }
+        column++;
+        pixel++;
+        at += right;
+        if column == across {
+            column = 0;
+            row++;
+            pixel += view.width - u32(across);
+            at += down;
         }
     }
     return true;
@@ -72,8 +86,11 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     if lane == 0u {
         atomicStore(&drawn, 0u);
     }
+    // Once, not for each vertex and triangle.
+    let screen = instances[instance].screen;
+    let mirrored = instances[instance].mirrored != 0u;
     for (var v = lane; v < vertices; v += RASTER_LANES) {
-        let p = project(homogeneous(instances[instance].screen, position_of(streams, v)));
+        let p = project(homogeneous(screen, position_of(streams, v)));
         snapped[v] = vec2<i32>(snap(p.x), snap(p.y));
         values[v] = p.z;
     }
@@ -83,7 +100,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     var own = 0u;
     for (var t = lane; t < triangles; t += RASTER_LANES) {
         var corners = triangle_corners(streams, t);
-        if instances[instance].mirrored == 0u {
+        if !mirrored {
             corners = corners.xzy;
         }
         if draw(corners, double_sided, payload(number) - t) {

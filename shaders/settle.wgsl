@@ -25,7 +25,7 @@ fn build_pyramid() {
 fn main() {
     if !SECOND {
         if later_level.count > 0u || atomicLoad(&counters.held) > 0u {
-            steps[STEP_GROUPS] = workgroups(view.group_words, SCAN_BLOCK, view.group_words);
+            steps[STEP_GROUPS] = workgroups(view.group_words, GROUP_BLOCK, view.group_words);
             build_pyramid();
         }
         return;

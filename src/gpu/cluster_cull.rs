@@ -36,7 +36,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         &own.counting,
         0,
     );
-    r.run(Kernel::ScanBlocks, &[&own.counting, &own.cluster_sums], 1);
+    r.run(Kernel::ScanBlocks(Bits::Clusters), &[&own.counting, &own.cluster_sums], 1);
     let bindings = [
         &own.candidates,
         &own.counting,

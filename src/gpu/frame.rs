@@ -10,7 +10,7 @@ use super::materials;
 use super::meshes::Meshes;
 use super::occlusion::Pyramids;
 use super::shade::Light;
-use super::shaders::{self, Kernel, List, MAX_WORKGROUPS, SCAN_BLOCK, Step};
+use super::shaders::{self, Bits, Kernel, List, MAX_WORKGROUPS, Step};
 use super::times::Times;
 use crate::config::{Output, Outputs};
 use crate::error::Result;
@@ -113,18 +113,19 @@ impl Phase {
         let Shape { group_words, depth, room, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let dispatch = |count: u32| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
-        let sums = |words: u32| storage("counts of bits", bytes::<u32>(words.div_ceil(SCAN_BLOCK) + 1));
+        let sums =
+            |of: Bits, words: u32| storage("counts of bits", bytes::<u32>(words.div_ceil(of.block()) + 1));
         Ok(Self {
             starts: storage("the instances of the scene", bytes::<Visit>(starts))?,
             levels: (0..=depth).map(|_| dispatch(1)).collect::<Result<_>>()?,
             group_bits: storage("bits of groups", bytes::<u32>(shaders::group_bit_words(group_words)))?,
-            group_sums: sums(group_words)?,
+            group_sums: sums(Bits::Groups, group_words)?,
             candidates: storage("groups to look at", bytes::<Candidate>(room.candidates))?,
             culling: dispatch(1)?,
             counting: dispatch(1)?,
             drawn: storage("bits of clusters", bytes::<u32>(room.candidates))?,
             marks: storage("bits of clusters", bytes::<Marks>(room.candidates))?,
-            cluster_sums: sums(room.candidates)?,
+            cluster_sums: sums(Bits::Clusters, room.candidates)?,
             numbers: storage("visible clusters", 2 * bytes::<u32>(room.visible))?,
             draws: dispatch(List::COUNT)?,
             calls: context.buffer("draws", bytes::<Call>(List::COUNT), DISPATCH)?,
@@ -315,10 +316,7 @@ impl Buffers {
 
     /// What `group_blocks` holds.
     pub(super) fn group_dispatch(&self) -> Dispatch {
-        let count = self.shape.group_words;
-        let workgroups = count.div_ceil(SCAN_BLOCK);
-        let (x, y) = (workgroups.min(MAX_WORKGROUPS), workgroups.div_ceil(MAX_WORKGROUPS));
-        Dispatch { x, y, z: 1, count, ..Dispatch::default() }
+        Bits::Groups.dispatch(self.shape.group_words)
     }
 
     pub(super) fn copy_back(&self, encoder: &mut CommandEncoder) {

@@ -41,7 +41,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         blocks,
         number,
     );
-    r.run(Kernel::ScanBlocks, &[blocks, &own.group_sums], 1);
+    r.run(Kernel::ScanBlocks(Bits::Groups), &[blocks, &own.group_sums], 1);
     let bindings = [
         &b.view,
         r.seen,

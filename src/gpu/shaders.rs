@@ -5,7 +5,8 @@ use std::mem::offset_of;
 use super::meshes::ABSENT;
 use crate::config::{OUTPUTS, Output, Shading};
 use crate::gpu_types::{
-    LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP,
+    Dispatch, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS,
+    TEXTURE_WRAP,
 };
 use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN,
@@ -28,17 +29,10 @@ pub const WIDTH: u32 = 64;
 pub const SCAN_WIDTH: u32 = CLUSTER_MAX_TRIANGLES as u32;
 /// Lanes whose values each of them adds up by itself.
 const SCAN_ROW: u32 = 16;
-/// Words that a lane of such a workgroup takes.
-const WORDS_PER_LANE: u32 = 16;
-/// Words that such a workgroup takes.
-pub const SCAN_BLOCK: u32 = SCAN_WIDTH * WORDS_PER_LANE;
 /// Workgroups that every device allows along a dimension.
 pub const MAX_WORKGROUPS: u32 = 65_535;
-/// Lanes that look at the clusters of a group: most groups that are looked at have fewer to draw, and only the largest
-/// four times as many.
-const LANES_PER_GROUP: u32 = 8;
-/// Groups whose clusters a workgroup culls.
-const GROUPS_PER_WORKGROUP: u32 = WIDTH / LANES_PER_GROUP;
+/// Groups whose clusters a workgroup culls, all of them shared out among its lanes: most have some six to look at.
+pub const GROUPS_PER_WORKGROUP: u32 = 8;
 
 /// Words of bits of groups with the bits that tell which of them are not zero.
 pub fn group_bit_words(words: u32) -> u32 {
@@ -133,6 +127,29 @@ pub enum Bits {
     Clusters,
 }
 
+impl Bits {
+    /// Words that a lane of a workgroup takes which sums them up. Of groups those that are not zero are looked at, which bits
+    /// tell of 32 words together: so few that waiting for each other takes longer than looking.
+    const fn words_per_lane(self) -> u32 {
+        match self {
+            Self::Groups => 64,
+            Self::Clusters => 16,
+        }
+    }
+
+    /// Words that such a workgroup takes.
+    pub const fn block(self) -> u32 {
+        SCAN_WIDTH * self.words_per_lane()
+    }
+
+    /// A dispatch of such workgroups over so many words.
+    pub fn dispatch(self, count: u32) -> Dispatch {
+        let workgroups = count.div_ceil(self.block());
+        let (x, y) = (workgroups.min(MAX_WORKGROUPS), workgroups.div_ceil(MAX_WORKGROUPS));
+        Dispatch { x, y, z: 1, count, ..Dispatch::default() }
+    }
+}
+
 /// What surfaces are that are shaded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Skin {
@@ -161,7 +178,7 @@ pub enum Kernel {
     /// Words → set bits of each block of words.
     CountBits(Bits),
     /// Set bits of blocks → where each block starts.
-    ScanBlocks,
+    ScanBlocks(Bits),
     /// Bits of groups → the list of groups.
     ListGroups(Phase),
     /// Groups → bits of clusters.
@@ -193,13 +210,14 @@ pub enum Kernel {
 }
 
 /// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 63] = [
+pub const KERNELS: [Kernel; 64] = [
     Kernel::InstanceCull,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
     Kernel::CountBits(Bits::Groups),
     Kernel::CountBits(Bits::Clusters),
-    Kernel::ScanBlocks,
+    Kernel::ScanBlocks(Bits::Groups),
+    Kernel::ScanBlocks(Bits::Clusters),
     Kernel::ListGroups(Phase::First),
     Kernel::ListGroups(Phase::Second),
     Kernel::ClusterCull(Phase::First),
@@ -288,6 +306,7 @@ const PUT_OFF: &str = file!("shared/put_off");
 const DERIVE: &str = file!("shared/derive");
 const OCCLUSION: &str = file!("shared/occlusion");
 const SCAN: &str = file!("shared/workgroup_scan");
+const WORD_BLOCKS: &str = file!("shared/word_blocks");
 const TRIANGLE: &str = file!("shared/triangle");
 const PAIR: &str = file!("shared/pair");
 const WIDE: &str = file!("shared/wide");
@@ -311,7 +330,7 @@ impl Kernel {
             Self::InstanceCull => "instance_cull",
             Self::NodeCull(_) => "node_cull",
             Self::CountBits(_) => "count_bits",
-            Self::ScanBlocks => "scan_blocks",
+            Self::ScanBlocks(_) => "scan_blocks",
             Self::ListGroups(_) => "list_groups",
             Self::ClusterCull(_) => "cluster_cull",
             Self::ListClusters(_) => "list_clusters",
@@ -342,11 +361,11 @@ impl Kernel {
             Self::NodeCull(_) => {
                 vec![TYPES, CULL, OCCLUSION, LOD, GROUP_BITS, APPEND, PUT_OFF, file!("node_cull")]
             }
-            Self::CountBits(_) => vec![TYPES, SCAN, file!("count_bits")],
-            Self::ScanBlocks => vec![TYPES, SCAN, file!("scan_blocks")],
-            Self::ListGroups(_) => vec![TYPES, SCAN, file!("list_groups")],
+            Self::CountBits(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("count_bits")],
+            Self::ScanBlocks(_) => vec![TYPES, SCAN, file!("scan_blocks")],
+            Self::ListGroups(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("list_groups")],
             Self::ClusterCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, PAGES, CONE, file!("cluster_cull")],
-            Self::ListClusters(_) => vec![TYPES, SCAN, file!("list_clusters")],
+            Self::ListClusters(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("list_clusters")],
             Self::RasterSmall(w) => vec![TYPES, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")],
             Self::RasterLarge(w) => {
                 let whole = file!("shared/whole");
@@ -380,11 +399,21 @@ impl Kernel {
         }
     }
 
+    /// The set whose words it shares out among lanes, if any.
+    fn scans(self) -> Option<Bits> {
+        match self {
+            Self::CountBits(bits) | Self::ScanBlocks(bits) => Some(bits),
+            Self::ListGroups(_) => Some(Bits::Groups),
+            Self::ListClusters(_) => Some(Bits::Clusters),
+            _ => None,
+        }
+    }
+
     /// Values of `override` constants that others than a GPU go with.
     pub fn overrides_in_software(self) -> &'static [(&'static str, f64)] {
         match self {
             // There a workgroup is a loop over its lanes, a few at a time, from one barrier to the next.
-            Self::RasterSmall(_) => &[("RASTER_LANES", 16.0)],
+            Self::RasterSmall(_) => &[("RASTER_LANES", 8.0)],
             _ => &[],
         }
     }
@@ -420,6 +449,10 @@ impl Kernel {
         if let Self::CountBits(bits) = self {
             source += &format!("const SPARSE: bool = {};\n", bits == Bits::Groups);
         }
+        if let Some(bits) = self.scans() {
+            source += &format!("const WORDS_PER_LANE: u32 = {}u;\n", bits.words_per_lane());
+            source += &format!("const SCAN_BLOCK: u32 = {}u;\n", bits.block());
+        }
         if let Self::Hzb(round) = self {
             source += &format!("const ROUND: u32 = {round}u;\n");
         }
@@ -442,10 +475,9 @@ pub fn constants() -> String {
         ("WIDTH", WIDTH),
         ("SCAN_WIDTH", SCAN_WIDTH),
         ("SCAN_ROW", SCAN_ROW),
-        ("WORDS_PER_LANE", WORDS_PER_LANE),
-        ("SCAN_BLOCK", SCAN_BLOCK),
+        ("GROUP_BLOCK", Bits::Groups.block()),
+        ("CLUSTER_BLOCK", Bits::Clusters.block()),
         ("MAX_WORKGROUPS", MAX_WORKGROUPS),
-        ("LANES_PER_GROUP", LANES_PER_GROUP),
         ("GROUPS_PER_WORKGROUP", GROUPS_PER_WORKGROUP),
         ("CLUSTER_MAX_TRIANGLES", CLUSTER_MAX_TRIANGLES as u32),
         ("CLUSTER_MAX_VERTICES", CLUSTER_MAX_VERTICES as u32),

@@ -3,7 +3,7 @@
 
 use bytemuck::{Pod, Zeroable, cast_slice};
 use nanite_rs::gpu::Context;
-use nanite_rs::gpu::shaders::{Bits, Kernel, List, Phase, SCAN_BLOCK, Step, Words};
+use nanite_rs::gpu::shaders::{Bits, Kernel, List, Phase, Step, Words};
 use nanite_rs::gpu_types::{
     Call, Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
 };
@@ -637,47 +637,49 @@ fn with_filled(bits: &[u32]) -> Vec<u32> {
 }
 
 /// Set bits of each block, and where blocks start; behind the last one the total.
-fn sums(device: &Context, bits: &[u32], others: &[u32]) -> (Vec<u32>, Vec<u32>) {
-    let count = bits.len() as u32;
-    let blocks = dispatch(count.div_ceil(SCAN_BLOCK), 1, count);
+fn sums(device: &Context, of: Bits, bits: &[u32], others: &[u32]) -> (Vec<u32>, Vec<u32>) {
+    let blocks = of.dispatch(bits.len() as u32);
     let room = vec![77; blocks.x as usize + 1];
     let dispatch = [blocks];
-    let bindings = [bits, words(&dispatch), &room, others];
-    let counts = device.run(Kernel::CountBits(Bits::Clusters), &bindings, blocks.x).unwrap().swap_remove(2);
-    let (bits, others) = (with_filled(bits), with_filled(others));
-    let bindings = [&bits[..], words(&dispatch), &room, &others];
-    let of_groups = device.run(Kernel::CountBits(Bits::Groups), &bindings, blocks.x).unwrap().swap_remove(2);
-    assert_eq!(of_groups, counts);
-    let starts = run(device, Kernel::ScanBlocks, &[words(&dispatch), &counts]).swap_remove(1);
+    let tables = match of {
+        Bits::Clusters => [bits.to_vec(), others.to_vec()],
+        Bits::Groups => [bits, others].map(with_filled),
+    };
+    let bindings = [&tables[0][..], words(&dispatch), &room, &tables[1]];
+    let counts = device.run(Kernel::CountBits(of), &bindings, blocks.x).unwrap().swap_remove(2);
+    let starts = run(device, Kernel::ScanBlocks(of), &[words(&dispatch), &counts]).swap_remove(1);
     (counts[..blocks.x as usize].to_vec(), starts)
 }
 
 #[test]
 fn bits_are_counted_and_blocks_start_where_those_before_end() {
     let Some(device) = device("bits_are_counted_and_blocks_start_where_those_before_end") else { return };
-    let block = SCAN_BLOCK as usize;
     let none = |count: usize| vec![0u32; count];
-    // 65 words: empty, all ones, and one bit in the last.
-    assert_eq!(sums(&device, &none(65), &none(65)), (vec![0], vec![0, 0]));
-    assert_eq!(sums(&device, &[u32::MAX; 65], &none(65)), (vec![2080], vec![0, 2080]));
-    let mut last = none(65);
-    last[64] = 1 << 31;
-    assert_eq!(sums(&device, &last, &none(65)), (vec![1], vec![0, 1]));
-    // Bits of either phase count once.
-    assert_eq!(sums(&device, &[0b0110; 65], &[0b0011; 65]), (vec![195], vec![0, 195]));
-    // A word more than a block; a full block, an empty one, and a word.
-    let mut bits = none(block + 1);
-    (bits[0], bits[block - 1], bits[block]) = (0b111, 1, 0b11);
-    assert_eq!(sums(&device, &bits, &none(block + 1)), (vec![4, 2], vec![0, 4, 6]));
-    let mut bits = none(2 * block + 1);
-    bits[..block].fill(u32::MAX);
-    bits[2 * block] = 0xff;
-    let full = 32 * SCAN_BLOCK;
-    assert_eq!(sums(&device, &bits, &none(bits.len())), (vec![full, 0, 8], vec![0, full, full, full + 8]));
-    // More blocks than the one workgroup that sums them has lanes: 130 with a bit each.
-    let mut bits = none(130 * block);
-    bits.chunks_mut(block).enumerate().for_each(|(k, words)| words[k * 15] = 1 << (k % 32));
-    assert_eq!(sums(&device, &bits, &none(bits.len())), (vec![1; 130], (0..=130).collect()));
+    for of in [Bits::Groups, Bits::Clusters] {
+        let sums = |bits: &[u32], others: &[u32]| sums(&device, of, bits, others);
+        let block = of.block() as usize;
+        // 65 words: empty, all ones, and one bit in the last.
+        assert_eq!(sums(&none(65), &none(65)), (vec![0], vec![0, 0]));
+        assert_eq!(sums(&[u32::MAX; 65], &none(65)), (vec![2080], vec![0, 2080]));
+        let mut last = none(65);
+        last[64] = 1 << 31;
+        assert_eq!(sums(&last, &none(65)), (vec![1], vec![0, 1]));
+        // Bits of either phase count once.
+        assert_eq!(sums(&[0b0110; 65], &[0b0011; 65]), (vec![195], vec![0, 195]));
+        // A word more than a block; a full block, an empty one, and a word.
+        let mut bits = none(block + 1);
+        (bits[0], bits[block - 1], bits[block]) = (0b111, 1, 0b11);
+        assert_eq!(sums(&bits, &none(block + 1)), (vec![4, 2], vec![0, 4, 6]));
+        let mut bits = none(2 * block + 1);
+        bits[..block].fill(u32::MAX);
+        bits[2 * block] = 0xff;
+        let full = 32 * of.block();
+        assert_eq!(sums(&bits, &none(bits.len())), (vec![full, 0, 8], vec![0, full, full, full + 8]));
+        // More blocks than the one workgroup that sums them has lanes: 130 with a bit each.
+        let mut bits = none(130 * block);
+        bits.chunks_mut(block).enumerate().for_each(|(k, words)| words[k * 15] = 1 << (k % 32));
+        assert_eq!(sums(&bits, &none(bits.len())), (vec![1; 130], (0..=130).collect()));
+    }
 }
 
 /// Candidates listed of the bits of both phases, and the dispatches that follow.
@@ -697,10 +699,9 @@ fn listed(
     let groups: Vec<Group> = (0..100 * starts.len() as u32 + 2080)
         .map(|n| Group { first: ClusterAddress(1000 * n), count: n % 5 + 1, ..Group::zeroed() })
         .collect();
-    let (_, starts_of_both) = sums(device, bits, first);
-    let (_, starts_of_first) = sums(device, first, first);
-    let count = bits.len() as u32;
-    let blocks = dispatch(count.div_ceil(SCAN_BLOCK), 1, count);
+    let (_, starts_of_both) = sums(device, Bits::Groups, bits, first);
+    let (_, starts_of_first) = sums(device, Bits::Groups, first, first);
+    let blocks = Bits::Groups.dispatch(bits.len() as u32);
     let view = View { instances: instances.len() as u32, ..view() };
     let (bits, first) = (with_filled(bits), with_filled(first));
     let out = device
@@ -777,7 +778,7 @@ fn clusters_are_listed_in_scene_order() {
                 first: &[Marks],
                 room: usize| {
         let blocks = dispatch(1, 1, 3);
-        let (_, sums) = sums(&device, &drawn[..3], &drawn[..3]);
+        let (_, sums) = sums(&device, Bits::Clusters, &drawn[..3], &drawn[..3]);
         let out = run(
             &device,
             Kernel::ListClusters(phase),
@@ -1125,7 +1126,7 @@ fn settled(
     own: Counters,
     other: Counters,
 ) -> (Vec<Dispatch>, u32) {
-    let view = View { group_words: 5000, ..view() };
+    let view = View { group_words: 20_000, ..view() };
     let mut draws = [Dispatch::default(); LISTS];
     draws[0] = dispatch(fresh, 1, fresh);
     let steps = [Dispatch::default(); Step::COUNT as usize];
@@ -1153,7 +1154,7 @@ fn phases_settle_what_comes_next() {
     // The first: where something waits, a node or a cluster, the second has words of bits to list.
     assert_eq!(settle(Phase::First, 0, 9, none, none), (nothing.clone(), 0));
     let mut waits = pyramid.clone();
-    waits[Step::Groups.number() as usize] = dispatch(3, 1, 5000);
+    waits[Step::Groups.number() as usize] = dispatch(3, 1, 20_000);
     assert_eq!(settle(Phase::First, 1, 9, none, none), (waits.clone(), 1));
     assert_eq!(settle(Phase::First, 0, 9, Counters { held: 1, ..none }, none), (waits, 1));
     // The second: pixels get other numbers where it draws something new among what was drawn, 1024 to a workgroup.

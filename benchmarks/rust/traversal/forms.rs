@@ -8,7 +8,7 @@ use std::time::Instant;
 use nanite_rs::cpu::project::Screen;
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu::meshes::Meshes;
-use nanite_rs::gpu::shaders::{List, MAX_WORKGROUPS, SCAN_BLOCK, group_bit_words};
+use nanite_rs::gpu::shaders::{Bits, List, group_bit_words};
 use nanite_rs::gpu::wgpu::{
     self, Buffer, BufferUsages, ComputePassDescriptor, ComputePassTimestampWrites, ComputePipeline,
     ComputePipelineDescriptor, QuerySet, QuerySetDescriptor, QueryType, ShaderModuleDescriptor, ShaderSource,
@@ -137,9 +137,7 @@ impl Arranged {
         let placed = storage("instances", bytes::<Placed>(instances))?;
         context.queue().write_buffer(&placed, 0, bytemuck::cast_slice(&records));
         let blocks = context.buffer("dispatches", bytes::<Dispatch>(1), DISPATCH)?;
-        let workgroups = words.div_ceil(SCAN_BLOCK);
-        let (x, y) = (workgroups.min(MAX_WORKGROUPS), workgroups.div_ceil(MAX_WORKGROUPS));
-        let record = Dispatch { x, y, z: 1, count: words, ..Dispatch::default() };
+        let record = Bits::Groups.dispatch(words);
         context.queue().write_buffer(&blocks, 0, bytemuck::bytes_of(&record));
         Ok(Self {
             placed,
@@ -147,7 +145,7 @@ impl Arranged {
             words,
             blocks,
             bits: storage("bits", bytes::<u32>(group_bit_words(words)))?,
-            sums: storage("counts of bits", bytes::<u32>(workgroups + 1))?,
+            sums: storage("counts of bits", bytes::<u32>(words.div_ceil(Bits::Groups.block()) + 1))?,
         })
     }
 }
@@ -421,7 +419,7 @@ impl Lists {
             candidates: storage("groups to look at", bytes::<Candidate>(candidates))?,
             drawn: storage("bits of clusters", bytes::<u32>(candidates))?,
             marks: storage("bits of clusters", bytes::<Marks>(candidates))?,
-            sums: storage("counts of bits", bytes::<u32>(candidates.div_ceil(SCAN_BLOCK) + 1))?,
+            sums: storage("counts of bits", bytes::<u32>(candidates.div_ceil(Bits::Clusters.block()) + 1))?,
             visible: storage("visible clusters", bytes::<VisibleCluster>(visible))?,
             numbers: storage("visible clusters", 2 * bytes::<u32>(visible))?,
         })

@@ -1,7 +1,7 @@
 //! The kernels that are the benchmark's own: their sources, with the constants of a scene.
 
 use nanite_rs::gpu::Phase;
-use nanite_rs::gpu::shaders::{self, Kernel, WIDTH};
+use nanite_rs::gpu::shaders::{self, GROUPS_PER_WORKGROUP, Kernel, WIDTH};
 
 use super::parts::PART;
 
@@ -107,7 +107,7 @@ impl Sizes {
             Own::ListParts => {
                 let line = |per: u32| format!("const GROUPS_PER_WORKGROUP: u32 = {per}u;\n");
                 let product = Kernel::ListGroups(Phase::First).source(None);
-                return Some(product.replace(&line(WIDTH / u32::BITS), &line(WIDTH / PART as u32)));
+                return Some(product.replace(&line(GROUPS_PER_WORKGROUP), &line(WIDTH / PART as u32)));
             }
             Own::PartClusters => vec![
                 types,

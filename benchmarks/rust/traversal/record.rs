@@ -115,7 +115,7 @@ impl Forms {
         };
         let bindings = [&of.bits, &of.blocks, &of.sums, &of.bits];
         self.run_as(pass, Use::Product(Kernel::CountBits(Bits::Groups)), &bindings, &of.blocks);
-        self.run_kernel(pass, Use::Product(Kernel::ScanBlocks), &[&of.blocks, &of.sums], 1);
+        self.run_kernel(pass, Use::Product(Kernel::ScanBlocks(Bits::Groups)), &[&of.blocks, &of.sums], 1);
         let bindings = [
             &self.view,
             &of.seen,
@@ -161,7 +161,12 @@ impl Forms {
         self.run_as(pass, kernel, &[&common[..], &more].concat(), &self.culling);
         let bindings = [&lists.drawn, &self.counting, &lists.sums, &lists.drawn];
         self.run_as(pass, Use::Product(Kernel::CountBits(Bits::Clusters)), &bindings, &self.counting);
-        self.run_kernel(pass, Use::Product(Kernel::ScanBlocks), &[&self.counting, &lists.sums], 1);
+        self.run_kernel(
+            pass,
+            Use::Product(Kernel::ScanBlocks(Bits::Clusters)),
+            &[&self.counting, &lists.sums],
+            1,
+        );
         let bindings = [
             &lists.candidates,
             &self.counting,

@@ -1,0 +1,7 @@
+// How the lanes of workgroups share out words of bits.
+
+// The first of the words that a lane takes of a block, and the one behind the last, of `count` in all.
+fn words_of_lane(block: u32, lane: u32, count: u32) -> vec2<u32> {
+    let first = block * SCAN_BLOCK + lane * WORDS_PER_LANE;
+    return vec2<u32>(first, min(first + WORDS_PER_LANE, count));
+}
