@@ -70,7 +70,7 @@ impl Hzb {
         }
         // What is seen is mostly seen in the middle: a look there saves most boxes all others.
         let finer = level.saturating_sub(PYRAMID_FINER);
-        let middle = |a: u16, b: u16| (usize::from(a) + usize::from(b)) / 2 >> (finer + 1);
+        let middle = |a: u16, b: u16| ((usize::from(a) + usize::from(b)) / 2) >> (finer + 1);
         if footprint.near_key >= self.key(finer, middle(x0, x1), middle(y0, y1)) {
             return false;
         }

@@ -167,8 +167,8 @@ fn occluders(shot: &Shot<'_>) -> u32 {
     let Shot { scene, view, eye, screen, resident, .. } = shot;
     let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
     let views = instance_cull::run(&instances, view, eye, screen, resident);
-    let keys = views.iter().map(|v| (v.footprint, v.footprint.near_key));
-    let mut queue = Queue::new(keys, |_| false, screen, INSTANCES);
+    let keys = views.iter().map(|v| (v.footprint, v.footprint.near_key, false));
+    let mut queue = Queue::new(keys, screen, INSTANCES);
     let nearest: Vec<u32> = (0..FIRST_PORTIONS).flat_map(|_| queue.take()).collect();
     if queue.is_empty() { 0 } else { nearest.into_iter().min().unwrap_or(0) }
 }

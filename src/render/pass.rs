@@ -48,15 +48,14 @@ impl<P: Pixel> Pass<'_, P> {
     ) -> Result<Vec<Candidate>> {
         let terms = if occlusion { INSTANCES } else { AT_ONCE };
         let views = self.views;
-        let footprints = views.iter().enumerate().map(|(i, v)| (v.footprint, i as u32));
-        let before = |i: &u32| shown.instance(&views[*i as usize]);
-        let mut instances = Queue::new(footprints, before, &self.screen, terms);
+        let entries = (0..).zip(views).map(|(i, v)| (v.footprint, i, shown.instance(v)));
+        let mut instances: Queue<u32> = Queue::new(entries, &self.screen, terms);
         let candidates = self.cull(1, &instances.take(), None);
         let pays = occlusion && triangles(&candidates) > u64::from(PYRAMID_ABOVE);
         let terms = if pays { CLUSTERS } else { AT_ONCE };
-        let footprints = candidates.iter().map(|c| (c.footprint, *c));
         let before = |c: &Candidate| shown.cluster(&views[c.visible.instance as usize], c.visible);
-        let mut clusters = Queue::new(footprints, before, &self.screen, terms);
+        let entries = candidates.iter().map(|c| (c.footprint, *c, before(c)));
+        let mut clusters = Queue::new(entries, &self.screen, terms);
         let mut list = self.draw(1, Vec::new(), clusters.take())?;
         let in_rounds = !(instances.is_empty() && clusters.is_empty());
         while !(instances.is_empty() && clusters.is_empty()) {

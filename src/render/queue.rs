@@ -3,6 +3,8 @@
 //!
 //! Only keys, rectangles and that frame decide, so the order depends on neither threads nor timing.
 
+use rayon::prelude::*;
+
 use crate::cpu::project::{Footprint, Screen};
 
 /// Side, pixels, of the tiles by which the occupied part of the picture is measured.
@@ -31,20 +33,22 @@ pub(super) struct Queue<T> {
     each: u64,
 }
 
-impl<T: Copy + Ord> Queue<T> {
-    /// Queues entries; those that were `shown` before come with the first portion. When all rectangles together cover
-    /// what they occupy no more often than the terms say, there is little to hide, and the first portion is everything.
+impl<T: Copy + Ord + Send> Queue<T> {
+    /// Queues entries, each with whether it was shown before: those come with the first portion. When all rectangles
+    /// together cover what they occupy no more often than the terms say, there is little to hide, and the first portion is
+    /// everything.
     pub(super) fn new(
-        entries: impl Iterator<Item = (Footprint, T)>,
-        shown: impl Fn(&T) -> bool,
+        all: impl Iterator<Item = (Footprint, T, bool)>,
         screen: &Screen,
         Terms { overlap, each }: Terms,
     ) -> Self {
-        let entries: Vec<(Footprint, T)> = entries.collect();
         let columns = (screen.width as usize).div_ceil(TILE);
         let mut tiles = vec![false; columns * (screen.height as usize).div_ceil(TILE)];
         let mut total = 0;
-        for (footprint, _) in &entries {
+        let (mut entries, mut before) = (Vec::with_capacity(all.size_hint().0), Vec::new());
+        for (footprint, entry, shown) in all {
+            let list = if shown { &mut before } else { &mut entries };
+            list.push((footprint, entry));
             total += footprint.area();
             if footprint.near_key == u32::MAX {
                 continue;
@@ -57,10 +61,10 @@ impl<T: Copy + Ord> Queue<T> {
         let occupied = (tiles.iter().filter(|t| **t).count() * TILE * TILE) as u64;
         let pays = occupied > 0 && total as f64 >= overlap * occupied as f64;
         if !pays {
+            entries.append(&mut before);
             return Self { shown: 0, entries, budget: u64::MAX, total, each: 0 };
         }
-        let (mut entries, mut before): (Vec<_>, Vec<_>) = entries.into_iter().partition(|(_, e)| !shown(e));
-        entries.sort_unstable_by_key(|(f, entry)| (f.near_key, std::cmp::Reverse(*entry)));
+        entries.par_sort_unstable_by_key(|(f, entry)| (f.near_key, std::cmp::Reverse(*entry)));
         let nearest = entries.len();
         entries.append(&mut before);
         total += each * entries.len() as u64;
@@ -108,23 +112,23 @@ mod tests {
             Screen { width: 64, height: 64, orthographic: false, near: 1.0, far: f32::INFINITY, far_key: 0 };
         // Apart from each other: all at once, in order.
         let mut apart =
-            Queue::new([(square(0, 7), 3), (square(32, 5), 1)].into_iter(), |_| true, &screen, TERMS);
+            Queue::new([(square(0, 7), 3, true), (square(32, 5), 1, true)].into_iter(), &screen, TERMS);
         assert_eq!(apart.take(), [1, 3]);
         assert!(apart.is_empty());
         // A pile of 15 where 4 fill the occupied tiles: 4, then 8, then the rest.
-        let pile = (0..15).map(|i| (square(16, 100 - i), i));
-        let mut pile = Queue::new(pile, |_| false, &screen, TERMS);
+        let pile = (0..15).map(|i| (square(16, 100 - i), i, false));
+        let mut pile = Queue::new(pile, &screen, TERMS);
         assert_eq!(pile.take(), [0, 1, 2, 3]);
         assert_eq!(pile.take(), (4..15).collect::<Vec<_>>());
         assert!(pile.is_empty() && pile.take().is_empty());
         let tower = |shown: fn(&u32) -> bool| {
-            Queue::new((0..60).map(|i| (square(16, 100 - i), i)), shown, &screen, TERMS)
+            Queue::new((0..60).map(|i| (square(16, 100 - i), i, shown(&i))), &screen, TERMS)
         };
         let mut unknown = tower(|_| false);
         assert_eq!([unknown.take().len(), unknown.take().len(), unknown.take().len()], [4, 8, 16]);
         // However small they are, they count.
-        let grains = (0..60).map(|i| (square(16, 100 - i), i));
-        let mut grains = Queue::new(grains, |_| false, &screen, Terms { each: 1024, ..TERMS });
+        let grains = (0..60).map(|i| (square(16, 100 - i), i, false));
+        let mut grains = Queue::new(grains, &screen, Terms { each: 1024, ..TERMS });
         assert_eq!([grains.take().len(), grains.take().len(), grains.take().len()], [2, 4, 8]);
         // What was shown comes first, and the nearest only as far as that leaves room.
         let mut known = tower(|i| [40, 41].contains(i));

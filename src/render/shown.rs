@@ -15,25 +15,30 @@ use crate::model::ClusterAddress;
 /// Of so many columns and of so many rows one is looked at.
 const EVERY: usize = 2;
 
-/// Clusters that a frame showed, each with the slot of its instance, in ascending order.
+/// Clusters that a frame showed.
 #[derive(Debug, Default)]
-pub(super) struct Shown(Vec<(u32, ClusterAddress)>);
+pub(super) struct Shown {
+    /// Each with the slot of its instance, in ascending order.
+    clusters: Vec<(u32, ClusterAddress)>,
+    /// By slot, as far as any was seen.
+    instances: Vec<bool>,
+}
 
 impl Shown {
     /// Whether any cluster of the instance was seen.
     pub(super) fn instance(&self, view: &InstanceView) -> bool {
-        let at = self.0.partition_point(|(slot, _)| *slot < view.slot);
-        self.0.get(at).is_some_and(|(slot, _)| *slot == view.slot)
+        self.instances.get(view.slot as usize).is_some_and(|seen| *seen)
     }
 
     /// Whether the cluster was seen.
     pub(super) fn cluster(&self, view: &InstanceView, of: Visible) -> bool {
-        self.0.binary_search(&(view.slot, of.cluster)).is_ok()
+        self.clusters.binary_search(&(view.slot, of.cluster)).is_ok()
     }
 
     /// Forgets.
     pub(super) fn clear(&mut self) {
-        self.0.clear();
+        self.clusters.clear();
+        self.instances.clear();
     }
 
     /// Takes note of the clusters of `list` that pixels, in rows of `width`, show; depth alone shows none.
@@ -53,9 +58,11 @@ impl Shown {
         for (candidate, seen) in list.iter().zip(marks) {
             if seen.into_inner() {
                 let Visible { instance, cluster } = candidate.visible;
-                self.0.push((views[instance as usize].slot, cluster));
+                self.clusters.push((views[instance as usize].slot, cluster));
             }
         }
-        self.0.sort_unstable();
+        self.clusters.sort_unstable();
+        self.instances.resize(self.clusters.last().map_or(0, |(slot, _)| *slot as usize + 1), false);
+        self.clusters.iter().for_each(|(slot, _)| self.instances[*slot as usize] = true);
     }
 }
