@@ -4,6 +4,8 @@
 //! picture's edge, where no pixel is. So it is conservative for pictures of any size, odd ones included: a
 //! texel never stands for pixels outside its square and leaves none out.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::project::Footprint;
@@ -24,13 +26,16 @@ pub struct Hzb {
 }
 
 impl Hzb {
-    /// Builds the pyramid of a visibility buffer of `width` × `height` pixels, reusing its memory.
-    pub fn build<P: Pixel>(&mut self, pixels: &[P], width: usize, height: usize) {
-        assert_eq!(pixels.len(), width * height);
+    /// Builds the pyramid of a visibility buffer in rows of `width` pixels, reusing its memory. `changed` are the rows that
+    /// changed since it was built of the same picture, or all.
+    pub fn build<P: Pixel>(&mut self, pixels: &[P], width: usize, mut changed: Range<usize>) {
+        let height = pixels.len() / width;
+        assert!(pixels.len() == width * height && changed.end <= height);
         let (mut columns, mut rows) = (width, height);
         let mut depth = 0;
         while depth == 0 || columns > 1 || rows > 1 {
             (columns, rows) = (columns.div_ceil(2), rows.div_ceil(2));
+            changed = changed.start / 2..changed.end.div_ceil(2);
             if self.levels.len() == depth {
                 self.levels.push(Level::default());
             }
@@ -39,8 +44,8 @@ impl Hzb {
             (level.columns, level.rows) = (columns, rows);
             level.keys.resize(columns * rows, 0);
             match below.last() {
-                None => reduce(&mut level.keys, columns, pixels, width),
-                Some(b) => reduce(&mut level.keys, columns, &b.keys, b.columns),
+                None => reduce(&mut level.keys, columns, changed.clone(), pixels, width),
+                Some(b) => reduce(&mut level.keys, columns, changed.clone(), &b.keys, b.columns),
             }
             depth += 1;
         }
@@ -90,9 +95,11 @@ impl Hzb {
     }
 }
 
-/// Minimum over 2 × 2 blocks; a block over the edge has fewer entries.
-fn reduce<P: Pixel>(out: &mut [u32], columns: usize, from: &[P], width: usize) {
+/// Minimum over 2 × 2 blocks, of some rows of them; a block over the edge has fewer entries.
+fn reduce<P: Pixel>(out: &mut [u32], columns: usize, rows: Range<usize>, from: &[P], width: usize) {
+    let out = &mut out[rows.start * columns..rows.end * columns];
     let reduce_row = |(row, out): (usize, &mut [u32])| {
+        let row = rows.start + row;
         let upper = &from[2 * row * width..][..width];
         let lower = from.get((2 * row + 1) * width..(2 * row + 2) * width).unwrap_or(upper);
         for (column, texel) in out.iter_mut().enumerate() {
@@ -122,8 +129,8 @@ mod tests {
         for (width, height) in [(1, 1), (1, 7), (2, 1), (3, 3), (17, 5), (64, 64), (127, 65), (255, 3)] {
             let words: Vec<u64> = (0..width * height).map(|_| random(&mut seed) << 32 | 7).collect();
             let mut hzb = Hzb::default();
-            hzb.build(&[5u64], 1, 1);
-            hzb.build(&words, width, height);
+            hzb.build(&[5u64], 1, 0..1);
+            hzb.build(&words, width, 0..height);
             for level in 0..hzb.depth() {
                 let side = 2usize << level;
                 for row in 0..height.div_ceil(side) {
@@ -143,12 +150,31 @@ mod tests {
     }
 
     #[test]
+    fn where_some_rows_changed_the_rest_stays() {
+        let mut seed = 3;
+        for (width, height) in [(1, 1), (3, 7), (64, 64), (127, 65)] {
+            let mut words: Vec<u64> = (0..width * height).map(|_| random(&mut seed) << 32).collect();
+            let (mut part, mut whole) = (Hzb::default(), Hzb::default());
+            part.build(&words, width, 0..height);
+            for _ in 0..20 {
+                let start = random(&mut seed) as usize % height;
+                let end = start + random(&mut seed) as usize % (height + 1 - start);
+                words[start * width..end * width].iter_mut().for_each(|word| *word = random(&mut seed) << 32);
+                part.build(&words, width, start..end);
+                whole.build(&words, width, 0..height);
+                let keys = |hzb: &Hzb| hzb.levels.iter().map(|level| level.keys.clone()).collect::<Vec<_>>();
+                assert_eq!(keys(&part), keys(&whole));
+            }
+        }
+    }
+
+    #[test]
     fn hides_only_what_is_farther_than_every_pixel_of_the_rectangle() {
         let mut seed = 2;
         let (width, height) = (101, 67);
         let words: Vec<u64> = (0..width * height).map(|_| (random(&mut seed) % 1000) << 32 | 1).collect();
         let mut hzb = Hzb::default();
-        hzb.build(&words, width, height);
+        hzb.build(&words, width, 0..height);
         let mut hidden = 0;
         for _ in 0..20_000 {
             let x0 = random(&mut seed) as usize % width;

@@ -5,6 +5,8 @@
 //! and so on. Hidden clusters have no pixel, so the picture is the same either way; and since numbers are given in
 //! scene order over what is drawn, so are all ties.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::queue::{Queue, Terms};
@@ -35,6 +37,8 @@ pub(super) struct Pass<'a, P> {
     pub(super) pixels: &'a mut [P],
     /// Groups that were to be drawn and whose pages are not there.
     pub(super) absent: Vec<GroupCandidate>,
+    /// Rows of the picture drawn to since its pyramid was built; absent before it was.
+    pub(super) drawn_rows: Option<Range<usize>>,
     pub(super) stats: &'a mut FrameStats,
 }
 
@@ -95,9 +99,14 @@ impl<P: Pixel> Pass<'_, P> {
 
     fn build_pyramid(&mut self, hzb: &mut Hzb) {
         let (width, height) = (self.screen.width as usize, self.screen.height as usize);
+        let rows = self.drawn_rows.replace(height..0).unwrap_or(0..height);
+        if rows.is_empty() {
+            return;
+        }
+        let count = rows.len();
         self.stats.time(Stage::Hzb, 1, || {
-            hzb.build(self.pixels, width, height);
-            ((), (width * height) as u64, (width.div_ceil(2) * height.div_ceil(2)) as u64)
+            hzb.build(self.pixels, width, rows);
+            ((), (width * count) as u64, (width.div_ceil(2) * count.div_ceil(2)) as u64)
         });
     }
 
@@ -146,6 +155,12 @@ impl<P: Pixel> Pass<'_, P> {
         }
         if pass > 1 && new.is_empty() {
             return Ok(old);
+        }
+        if let Some(rows) = &mut self.drawn_rows {
+            for Candidate { footprint, .. } in &new {
+                let [_, first, _, last] = footprint.rect.map(usize::from);
+                *rows = rows.start.min(first)..rows.end.max(last + 1);
+            }
         }
         let (list, numbers_old, numbers) = merge(old, &new);
         if !numbers_old.is_empty() {

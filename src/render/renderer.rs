@@ -451,8 +451,8 @@ fn raster<P: Pixel>(
     stats: &mut FrameStats,
 ) -> Result<(Vec<Candidate>, Vec<GroupCandidate>)> {
     let Shot { screen, options, .. } = shot;
-    let mut pass =
-        Pass { screen: *screen, tau: options.pixel_error, views, pixels, absent: Vec::new(), stats };
+    let (tau, absent) = (options.pixel_error, Vec::new());
+    let mut pass = Pass { screen: *screen, tau, views, pixels, absent, drawn_rows: None, stats };
     let list = pass.draw_scene(options.occlusion, hzb, shown)?;
     Ok((list, pass.absent))
 }
