@@ -2,6 +2,9 @@
 // the second half of the rule of the cut, the picture's bounds, the backface cone and the depth pyramid. The second
 // phase keeps what the first one drew, and looks at what waited for the pyramid alone.
 
+// GROUPS_PER_WORKGROUP at least: one for each is written to by a lane of its own.
+override CULL_LANES: u32 = WIDTH;
+
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
 @group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
@@ -93,7 +96,7 @@ fn nth_bit(bits: u32, n: u32) -> u32 {
     return firstTrailingBit(rest);
 }
 
-@compute @workgroup_size(WIDTH)
+@compute @workgroup_size(CULL_LANES)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let first = workgroup_number(workgroup) * GROUPS_PER_WORKGROUP;
     let count = min(culling.count, arrayLength(&candidates));
@@ -130,7 +133,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     for (var group = 0u; group < GROUPS_PER_WORKGROUP; group++) {
         total += countOneBits(waiting[group]);
     }
-    for (var entry = lane; entry < total; entry += WIDTH) {
+    for (var entry = lane; entry < total; entry += CULL_LANES) {
         var rest = entry;
         var group = 0u;
         var end = 0u;
@@ -151,9 +154,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     }
     if lane == 0u {
         atomicAdd(&counters.visited_clusters, total);
-        if atomicLoad(&held) != 0u {
-            atomicAdd(&counters.held, atomicLoad(&held));
-        }
+        atomicAdd(&counters.held, atomicLoad(&held));
         atomicAdd(&counters.triangles_small, atomicLoad(&triangles_small));
         atomicAdd(&counters.triangles_large, atomicLoad(&triangles_large));
     }

@@ -113,8 +113,7 @@ impl Phase {
         let Shape { group_words, depth, room, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let dispatch = |count: u32| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
-        let sums =
-            |of: Bits, words: u32| storage("counts of bits", bytes::<u32>(words.div_ceil(of.block()) + 1));
+        let sums = |of: Bits, words: u32| storage("counts of bits", bytes::<u32>(of.sums(words)));
         Ok(Self {
             starts: storage("the instances of the scene", bytes::<Visit>(starts))?,
             levels: (0..=depth).map(|_| dispatch(1)).collect::<Result<_>>()?,

@@ -142,6 +142,11 @@ impl Bits {
         SCAN_WIDTH * self.words_per_lane()
     }
 
+    /// Sums that so many words have: one for each block, and behind them the total.
+    pub const fn sums(self, words: u32) -> u32 {
+        words.div_ceil(self.block()) + 1
+    }
+
     /// A dispatch of such workgroups over so many words.
     pub fn dispatch(self, count: u32) -> Dispatch {
         let workgroups = count.div_ceil(self.block());
@@ -413,6 +418,7 @@ impl Kernel {
     pub fn overrides_in_software(self) -> &'static [(&'static str, f64)] {
         match self {
             // There a workgroup is a loop over its lanes, a few at a time, from one barrier to the next.
+            Self::ClusterCull(_) => &[("CULL_LANES", GROUPS_PER_WORKGROUP as f64)],
             Self::RasterSmall(_) => &[("RASTER_LANES", 8.0)],
             _ => &[],
         }

@@ -145,7 +145,7 @@ impl Arranged {
             words,
             blocks,
             bits: storage("bits", bytes::<u32>(group_bit_words(words)))?,
-            sums: storage("counts of bits", bytes::<u32>(words.div_ceil(Bits::Groups.block()) + 1))?,
+            sums: storage("counts of bits", bytes::<u32>(Bits::Groups.sums(words)))?,
         })
     }
 }
@@ -419,7 +419,7 @@ impl Lists {
             candidates: storage("groups to look at", bytes::<Candidate>(candidates))?,
             drawn: storage("bits of clusters", bytes::<u32>(candidates))?,
             marks: storage("bits of clusters", bytes::<Marks>(candidates))?,
-            sums: storage("counts of bits", bytes::<u32>(candidates.div_ceil(Bits::Clusters.block()) + 1))?,
+            sums: storage("counts of bits", bytes::<u32>(Bits::Clusters.sums(candidates)))?,
             visible: storage("visible clusters", bytes::<VisibleCluster>(visible))?,
             numbers: storage("visible clusters", 2 * bytes::<u32>(visible))?,
         })
