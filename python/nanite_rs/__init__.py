@@ -33,29 +33,15 @@ from nanite_rs.exceptions import (
     StaleHandleError,
     UsageWarning,
 )
+from nanite_rs.frame import Frame
 from nanite_rs.interop import PyrenderView, from_pyrender
+from nanite_rs.light import DirectionalLight, Environment, PointLight, SpotLight
+from nanite_rs.material import Material
 from nanite_rs.mesh import BuildOptions, NaniteMesh, simplify
-from nanite_rs.renderer import (
-    Calibration,
-    Frame,
-    FrameStats,
-    Renderer,
-    StageStats,
-    StreamStats,
-    StreamWarning,
-    TextureWarning,
-)
+from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarning
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
-from nanite_rs.scene import (
-    DirectionalLight,
-    Environment,
-    LightNode,
-    Material,
-    MeshNode,
-    PointLight,
-    Scene,
-    SpotLight,
-)
+from nanite_rs.scene import LightNode, MeshNode, Scene
+from nanite_rs.stats import FrameStats, StageStats, StreamStats
 from nanite_rs.texture import Image, Texture
 from nanite_rs.viewer import Orbit, Pick, Viewer, view
 

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     from nanite_rs.camera import Camera
     from nanite_rs.io import Source
-    from nanite_rs.scene import DirectionalLight, Material, PointLight, SpotLight
+    from nanite_rs.light import DirectionalLight, PointLight, SpotLight
+    from nanite_rs.material import Material
 
 # glTF's modes of primitives that are surfaces; they are OpenGL's.
 TRIANGLES: Final = 4

@@ -6,15 +6,20 @@ Ranges are those that Rust refuses by: tests hold both together.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from nanite_rs import _advice
-from nanite_rs.exceptions import ArgumentError, DtypeError
+from nanite_rs.exceptions import ArgumentError, DtypeError, UsageWarning
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+Color: TypeAlias = "Sequence[float] | NDArray[Any]"
+Rgb: TypeAlias = tuple[float, float, float]
 
 
 def number(value: Any, name: str) -> float:
@@ -75,3 +80,22 @@ def choice(value: Any, name: str, allowed: Sequence[str]) -> str:
         found = f'"{value}"' if isinstance(value, str) else repr(value)
         raise _advice.near(ArgumentError(f"{name}: must be {', '.join(others)} or {last}, not {found}"))
     return str(value)
+
+
+def rgb(value: Color, name: str) -> Rgb:
+    """Three floats; a fourth (alpha) is accepted and ignored, as pyrender's users are used to give it."""
+    try:
+        array = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise DtypeError(f"{name}: expected three numbers, not {value!r}") from None
+    if array.shape not in {(3,), (4,)}:
+        raise ArgumentError(f"{name}: expected three numbers, found shape {array.shape}")
+    return float(array[0]), float(array[1]), float(array[2])
+
+
+def bright(value: Color, name: str) -> Rgb:
+    """The same of what may exceed 1."""
+    found = rgb(value, name)
+    if _advice.is_of_bytes(found):
+        _advice.warn(f"{name}: {found} looks like 0 to 255; colours are 0 to 1: divide by 255", UsageWarning)
+    return found

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from nanite_rs.camera import PerspectiveCamera
     from nanite_rs.cut import Cut
-    from nanite_rs.renderer import Frame
+    from nanite_rs.frame import Frame
     from nanite_rs.scene import MeshNode, Scene
 
 

@@ -19,7 +19,8 @@ from nanite_rs._images import read_image
 from nanite_rs.camera import Camera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, FileError, FormatError, NaniteError
 from nanite_rs.io import Source
-from nanite_rs.scene import DirectionalLight, Material, PointLight, SpotLight
+from nanite_rs.light import DirectionalLight, PointLight, SpotLight
+from nanite_rs.material import Material
 from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:

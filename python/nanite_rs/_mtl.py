@@ -15,7 +15,7 @@ from nanite_rs._accessors import beside
 from nanite_rs._asset import named
 from nanite_rs._images import read_bytes, read_image
 from nanite_rs.exceptions import FileError, FormatError, MissingFileError
-from nanite_rs.scene import Material
+from nanite_rs.material import Material
 from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:

@@ -11,14 +11,17 @@ from nanite_rs._images import png
 from nanite_rs.assets import LoadedScene
 from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.exceptions import NaniteError
+from nanite_rs.light import DirectionalLight
+from nanite_rs.material import Material
 from nanite_rs.mesh import BuildOptions, NaniteMesh
-from nanite_rs.renderer import Frame, Renderer, StreamWarning
-from nanite_rs.scene import DirectionalLight, Material, Scene
+from nanite_rs.renderer import Renderer, StreamWarning
+from nanite_rs.scene import Scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs.cut import Cut
+    from nanite_rs.frame import Frame
 
 SIZE: Final = (480, 360)
 """Pixels of a notebook's picture."""

@@ -20,7 +20,7 @@ import numpy as np
 from nanite_rs import _advice
 from nanite_rs._images import beside
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError
-from nanite_rs.renderer import Frame
+from nanite_rs.frame import Frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

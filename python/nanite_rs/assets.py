@@ -15,8 +15,9 @@ from nanite_rs._asset import Asset, Part, fitted, has_area, named
 from nanite_rs._images import from_pillow, read_bytes
 from nanite_rs.camera import Camera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, MeshError
+from nanite_rs.material import Material
 from nanite_rs.mesh import BuildOptions, NaniteMesh
-from nanite_rs.scene import LightNode, Material, MeshNode, Scene
+from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:

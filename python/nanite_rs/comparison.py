@@ -20,9 +20,9 @@ import numpy as np
 
 from nanite_rs import _checks, _images
 from nanite_rs.exceptions import ArgumentError, DtypeError, InternalError
+from nanite_rs.frame import Frame
 from nanite_rs.measure import closest_points
 from nanite_rs.mesh import _array
-from nanite_rs.renderer import Frame
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -12,8 +12,10 @@ import numpy as np
 from nanite_rs._asset import triangles
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError
+from nanite_rs.light import DirectionalLight, PointLight, SpotLight
+from nanite_rs.material import Material
 from nanite_rs.mesh import BuildOptions, NaniteMesh
-from nanite_rs.scene import DirectionalLight, Material, MeshNode, PointLight, Scene, SpotLight
+from nanite_rs.scene import MeshNode, Scene
 from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:

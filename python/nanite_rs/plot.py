@@ -20,8 +20,8 @@ import numpy as np
 
 from nanite_rs import _advice, _core
 from nanite_rs.exceptions import ArgumentError, DtypeError
+from nanite_rs.frame import Frame
 from nanite_rs.mesh import NaniteMesh, PathLike
-from nanite_rs.renderer import Frame
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

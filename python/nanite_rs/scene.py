@@ -6,327 +6,24 @@ one instance costs the same in a scene of one as in a scene of a million.
 
 from __future__ import annotations
 
-import math
-from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
+from typing import TYPE_CHECKING, TypeAlias, overload
 
 import numpy as np
 
 from nanite_rs import _advice, _checks, _core
-from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError, UsageWarning
+from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError
+from nanite_rs.light import DirectionalLight, Environment, Light, PointLight, SpotLight
+from nanite_rs.material import Look, Material, raw_materials
 from nanite_rs.mesh import NaniteMesh
-from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "DirectionalLight",
-    "Environment",
-    "LightNode",
-    "Material",
-    "MeshNode",
-    "PointLight",
-    "Scene",
-    "SpotLight",
-]
+    from nanite_rs._checks import Color, Rgb
 
-Color: TypeAlias = "Sequence[float] | NDArray[Any]"
-Rgb: TypeAlias = tuple[float, float, float]
+__all__ = ["LightNode", "MeshNode", "Scene"]
+
 Handle: TypeAlias = tuple[int, int]
-RawLight: TypeAlias = tuple[str, Rgb, float, float | None, tuple[float, float] | None]
-
-
-def _rgb(value: Color, name: str) -> Rgb:
-    """Three floats; a fourth (alpha) is accepted and ignored, as pyrender's users are used to give it."""
-    try:
-        array = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise DtypeError(f"{name}: expected three numbers, not {value!r}") from None
-    if array.shape not in {(3,), (4,)}:
-        raise ArgumentError(f"{name}: expected three numbers, found shape {array.shape}")
-    return float(array[0]), float(array[1]), float(array[2])
-
-
-def _bright(value: Color, name: str) -> Rgb:
-    """The same of what may exceed 1."""
-    rgb = _rgb(value, name)
-    if _advice.is_of_bytes(rgb):
-        _advice.warn(f"{name}: {rgb} looks like 0 to 255; colours are 0 to 1: divide by 255", UsageWarning)
-    return rgb
-
-
-AlphaMode: TypeAlias = Literal["opaque", "mask", "blend"]
-
-
-@_advice.teaching
-@dataclass(frozen=True)
-class Material:
-    """A metallic-roughness material as in glTF: factors, linear, and textures that multiply them.
-
-    An instance has one for its whole mesh, or one for each number of the mesh's ``face_materials``; another one can
-    be assigned at any time without building anything anew. A scene without textures pays nothing for them.
-
-    Raises
-    ------
-    ArgumentError, DtypeError
-        For a value out of range or of another type, when the material is made.
-
-    Examples
-    --------
-    >>> clay = nrs.Material(base_color=(0.7, 0.65, 0.6), metallic=0.1, roughness=0.5)
-    >>> bricks = nrs.Texture(np.random.default_rng(0).integers(0, 255, (64, 64, 3)).astype(np.uint8))
-    >>> wall = nrs.Material(base_color=(1, 1, 1), base_color_texture=bricks)
-    """
-
-    base_color: Color = (0.8, 0.8, 0.8)
-    """Linear RGB, 0 to 1; a fourth number is alpha."""
-    metallic: float = 0.0
-    """0 dielectric to 1 metal."""
-    roughness: float = 0.6
-    """Perceptual roughness, 0 to 1; below 0.04 it is shaded as 0.04."""
-    emissive: Color = (0.0, 0.0, 0.0)
-    """Light given off, linear RGB; ``shading="pyrender"`` multiplies by it twice, as pyrender does."""
-    double_sided: bool = False
-    """Draw back faces too."""
-    smooth: bool = True
-    """Shade with interpolated vertex normals; otherwise every face is flat."""
-    base_color_texture: Texture | None = None
-    """Times the base colour, and its alpha times alpha; sRGB."""
-    metallic_roughness_texture: Texture | None = None
-    """Roughness in green, metallic in blue, times the factors."""
-    normal_texture: Texture | None = None
-    """Normals in tangent space, 0 to 1 for -1 to 1: +X along u, +Y along v, +Z off the surface. Tangents follow
-    from the UVs."""
-    occlusion_texture: Texture | None = None
-    """In red, how much of the light from everywhere arrives."""
-    emissive_texture: Texture | None = None
-    """Times the light given off; sRGB."""
-    normal_scale: float = 1.0
-    """Times X and Y of the normal texture."""
-    occlusion_strength: float = 1.0
-    """0 for no occlusion to 1 for all that the texture says."""
-    alpha_mode: AlphaMode = "opaque"
-    """What alpha does: nothing; surfaces have holes where it is below the cutoff; or transparency, which is drawn
-    as such holes."""
-    alpha_cutoff: float = 0.5
-    """Where alpha is below it, there is a hole."""
-
-    def __post_init__(self) -> None:
-        base = np.asarray(self.base_color, np.float64) if np.ndim(self.base_color) == 1 else None
-        alpha = (float(base[3]),) if base is not None and base.shape == (4,) and base[3] != 1.0 else ()
-        color = _rgb(self.base_color, "base_color")
-        try:
-            for one in color:
-                _checks.unit(one, "base_color")
-        except ArgumentError as error:
-            raise _advice.advised(error, "divide colours of 0 to 255 by 255") from None
-        for one in alpha:
-            _checks.unit(one, "alpha")
-        object.__setattr__(self, "base_color", color + alpha)
-        object.__setattr__(self, "emissive", _bright(self.emissive, "emissive"))
-        for one in self.emissive:
-            _checks.not_negative(one, "emissive")
-        for name, check in _NUMBERS.items():
-            object.__setattr__(self, name, check(getattr(self, name), name))
-        _checks.choice(self.alpha_mode, "alpha_mode", get_args(AlphaMode))
-        for name in _SLOTS:
-            texture = getattr(self, name)
-            if not (texture is None or isinstance(texture, Texture)):
-                wrong = DtypeError(f"{name}: expected a Texture, not {type(texture).__name__}")
-                raise _advice.advised(wrong, _advice.for_texture(texture))
-
-    def _raw(self) -> dict[str, Any]:
-        textures = [getattr(self, name) for name in _SLOTS]
-        return {
-            "base_color": (*_rgb(self.base_color, "base_color"), *self.base_color[3:], 1.0)[:4],
-            "metallic": self.metallic,
-            "roughness": self.roughness,
-            "emissive": _rgb(self.emissive, "emissive"),
-            "double_sided": bool(self.double_sided),
-            "smooth": bool(self.smooth),
-            "normal_scale": self.normal_scale,
-            "occlusion_strength": self.occlusion_strength,
-            "alpha_cutoff": None if self.alpha_mode == "opaque" else self.alpha_cutoff,
-            "textures": [
-                None if texture is None else texture._raw(name in _COLORS)
-                for name, texture in zip(_SLOTS, textures, strict=True)
-            ],
-        }
-
-
-_NUMBERS = {
-    "metallic": _checks.unit,
-    "roughness": _checks.unit,
-    "normal_scale": _checks.finite,
-    "occlusion_strength": _checks.unit,
-    "alpha_cutoff": _checks.finite,
-}
-_SLOTS = (
-    "base_color_texture",
-    "metallic_roughness_texture",
-    "normal_texture",
-    "occlusion_texture",
-    "emissive_texture",
-)
-_COLORS = ("base_color_texture", "emissive_texture")
-
-
-class _Shining(ABC):
-    """Base of the lights: parameters are checked when one is made."""
-
-    def __post_init__(self) -> None:
-        _bright(vars(self)["color"], "color")
-        try:
-            _core.check_light(self._raw())
-        except ArgumentError as error:
-            name = str(error).partition(":")[0]
-            angle = vars(self)[name] if name.endswith("Angle") else 0.0
-            more = f"give degrees as np.radians({angle:g})" if angle > np.pi else ""
-            raise _advice.advised(error, more) from None
-
-    @abstractmethod
-    def _raw(self) -> RawLight:
-        """As Rust takes it."""
-
-    def _color(self) -> tuple[Rgb, float]:
-        return _rgb(vars(self)["color"], "color"), _checks.number(vars(self)["intensity"], "intensity")
-
-    def _range(self) -> float | None:
-        reach = vars(self)["range"]
-        return None if reach is None else _checks.number(reach, "range")
-
-
-@_advice.teaching
-@dataclass(frozen=True)
-class DirectionalLight(_Shining):
-    """Light along the −Z of its pose, the same everywhere.
-
-    Raises
-    ------
-    ArgumentError, DtypeError
-        For a value out of range or of another type, when the light is made.
-
-    Examples
-    --------
-    >>> light = nrs.DirectionalLight(color=(1.0, 1.0, 1.0), intensity=3.0)
-    """
-
-    color: Color = (1.0, 1.0, 1.0)
-    """Linear RGB."""
-    intensity: float = 1.0
-    """Lux."""
-
-    def _raw(self) -> RawLight:
-        return "directional", *self._color(), None, None
-
-
-@_advice.teaching
-@dataclass(frozen=True)
-class PointLight(_Shining):
-    """Light from the origin of its pose, falling off with the square of the distance.
-
-    Raises
-    ------
-    ArgumentError, DtypeError
-        For a value out of range or of another type, when the light is made.
-
-    Examples
-    --------
-    >>> light = nrs.PointLight(intensity=20.0)
-    """
-
-    color: Color = (1.0, 1.0, 1.0)
-    """Linear RGB."""
-    intensity: float = 1.0
-    """Candela."""
-    range: float | None = None
-    """Distance at which the light has smoothly ended (glTF's window); ``None`` never. pyrender ignores it."""
-
-    def _raw(self) -> RawLight:
-        return "point", *self._color(), self._range(), None
-
-
-@_advice.teaching
-@dataclass(frozen=True)
-class SpotLight(_Shining):
-    """Light from the origin of its pose along its −Z, within a cone; otherwise as a `PointLight`.
-
-    From the inner to the outer angle it falls off with the square of what is left of the cosine, as glTF's
-    ``KHR_lights_punctual`` and pyrender have it.
-
-    Raises
-    ------
-    ArgumentError, DtypeError
-        For a value out of range or of another type, when the light is made.
-
-    Examples
-    --------
-    >>> lamp = nrs.SpotLight(intensity=20.0, innerConeAngle=0.2, outerConeAngle=0.4)
-    """
-
-    color: Color = (1.0, 1.0, 1.0)
-    """Linear RGB."""
-    intensity: float = 1.0
-    """Candela."""
-    range: float | None = None
-    """Distance at which the light has smoothly ended (glTF's window); ``None`` never. pyrender ignores it."""
-    innerConeAngle: float = 0.0  # noqa: N815  pyrender's and glTF's name
-    """Angle from the axis, radians, up to which nothing is lost; below the outer one."""
-    outerConeAngle: float = float(np.pi / 4.0)  # noqa: N815
-    """Angle from the axis, radians, from which on there is no light; above 0, at most π/2."""
-
-    def _raw(self) -> RawLight:
-        inner = _checks.number(self.innerConeAngle, "innerConeAngle")
-        outer = _checks.number(self.outerConeAngle, "outerConeAngle")
-        return "spot", *self._color(), self._range(), (inner, outer)
-
-
-Light: TypeAlias = DirectionalLight | PointLight | SpotLight
-
-
-@_advice.teaching
-@dataclass(frozen=True)
-class Environment:
-    """Light from all around, as an equirectangular map of it: ``shading="gltf"`` alone knows it.
-
-    Rows go from +Y down to −Y. The middle of the map is +X; to its right follow +Z, then, at both edges, −X, then
-    −Z. What surfaces of each roughness see of it is worked out once for an `Image`, when an environment of it is
-    first given to a scene; others of the same image with another intensity or rotation cost nothing.
-
-    Examples
-    --------
-    >>> sky = np.linspace([0.5, 0.7, 1.0], [0.2, 0.15, 0.1], 32)[:, None] * np.ones((1, 64, 1))
-    >>> scene = nrs.Scene(environment=nrs.Environment(sky, intensity=0.8, background=True))
-    """
-
-    image: Image
-    """The map, twice as wide as high: linear light that may exceed 1 where it holds floats, else sRGB. A path is
-    read by `Image.open`, an array makes one."""
-    intensity: float = field(default=1.0, kw_only=True)
-    """Times its light."""
-    rotation: float = field(default=0.0, kw_only=True)
-    """Turns it about +Y, radians, counter-clockwise as seen from above: by π/2, what was at +X is at −Z."""
-    background: bool = field(default=False, kw_only=True)
-    """Show it where nothing is in front of it, in place of ``Scene.bg_color``; as sharp as 512 rows are."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "image", Image._of(self.image))
-        for name, value in (("intensity", self.intensity), ("rotation", self.rotation)):
-            if not isinstance(value, int | float | np.integer | np.floating):
-                raise DtypeError(f"{name}: expected a number, not {value!r}")
-            object.__setattr__(self, name, float(value))
-        if math.tau < abs(self.rotation) <= 360.0 and self.rotation.is_integer():
-            _advice.warn(
-                f"rotation: {self.rotation:g} looks like degrees; it is in radians: np.radians({self.rotation:g})",
-                UsageWarning,
-            )
-
-    def _raw(self) -> tuple[_core.EnvironmentMap, float, float, bool]:
-        return self.image._environment(), self.intensity, self.rotation, bool(self.background)
 
 
 def _no_item(item: object) -> DtypeError:
@@ -368,26 +65,6 @@ class _Node:
     def scene(self) -> Scene:
         """The scene it belongs, or belonged, to."""
         return self._scene
-
-
-Look: TypeAlias = "Material | Sequence[Material]"
-
-
-def _raw(material: Look) -> list[dict[str, Any]]:
-    if isinstance(material, Texture):
-        raise DtypeError(
-            "material: expected a Material, not Texture; give Material(base_color_texture=texture)"
-        )
-    materials = [material] if isinstance(material, Material) else list(material)
-    if not materials:
-        raise ArgumentError("material: expected one at least, found an empty sequence")
-    for number, one in enumerate(materials):
-        if not isinstance(one, Material):
-            raise DtypeError(
-                f"material: expected a Material, not {type(one).__name__}, as number {number}; "
-                "a colour goes into Material(base_color=...)"
-            )
-    return [one._raw() for one in materials]
 
 
 class MeshNode(_Node):
@@ -441,7 +118,7 @@ class MeshNode(_Node):
 
     @material.setter
     def material(self, material: Look) -> None:
-        self._scene._core.set_material(self._handle, _raw(material))
+        self._scene._core.set_material(self._handle, raw_materials(material))
         self._scene._shown[self._handle] = self._mesh, material
 
     def remove(self) -> None:
@@ -600,7 +277,7 @@ class Scene(_advice.Teaching):
         if isinstance(item, NaniteMesh):
             material = Material() if material is None else material
             try:
-                handle = self._core.add_mesh(item._core, _pose(pose), _raw(material))
+                handle = self._core.add_mesh(item._core, _pose(pose), raw_materials(material))
             except ArgumentError as error:
                 raise _advised(error, pose) from None
             self._shown[handle] = item, material
@@ -646,7 +323,7 @@ class Scene(_advice.Teaching):
 
     @ambient_light.setter
     def ambient_light(self, color: Color) -> None:
-        self._core.set_ambient_light(_bright(color, "ambient_light"))
+        self._core.set_ambient_light(_checks.bright(color, "ambient_light"))
 
     @property
     def bg_color(self) -> Rgb:
@@ -655,7 +332,7 @@ class Scene(_advice.Teaching):
 
     @bg_color.setter
     def bg_color(self, color: Color) -> None:
-        self._core.set_bg_color(_bright(color, "bg_color"))
+        self._core.set_bg_color(_checks.bright(color, "bg_color"))
 
     @property
     def environment(self) -> Environment | None:

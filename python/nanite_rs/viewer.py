@@ -33,9 +33,10 @@ from nanite_rs._preview import BACKGROUND, LIGHTS, UP, _outline, framing, posed
 from nanite_rs.assets import LoadedScene
 from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError, InternalError, StaleHandleError
+from nanite_rs.material import Material
 from nanite_rs.mesh import NaniteMesh
-from nanite_rs.renderer import POOL_BYTES, Frame, FrameStats, Renderer, ShadingName
-from nanite_rs.scene import LightNode, Material, MeshNode, Scene
+from nanite_rs.renderer import POOL_BYTES, Renderer, ShadingName
+from nanite_rs.scene import LightNode, MeshNode, Scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,7 +44,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from nanite_rs.renderer import OutputName
+    from nanite_rs.frame import Frame, OutputName
+    from nanite_rs.stats import FrameStats
 
 __all__ = ["VIEWS", "Orbit", "Pick", "Viewer", "view"]
 

@@ -1,0 +1,367 @@
+"""Frames: the arrays of a picture."""
+
+from __future__ import annotations
+
+import json
+import os
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
+
+import numpy as np
+
+from nanite_rs import _advice, _core, _images
+from nanite_rs.exceptions import ArgumentError, NaniteError, UsageWarning
+from nanite_rs.stats import FrameStats, StageStats, StreamStats
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+__all__ = ["Frame"]
+
+ViewName: TypeAlias = Literal[
+    "shaded", "triangles", "clusters", "groups", "levels", "rasterizers", "overdraw"
+]
+
+
+OutputName: TypeAlias = Literal[
+    "color",
+    "linear",
+    "depth",
+    "normal",
+    "instance_id",
+    "cluster_id",
+    "triangle_id",
+    "overdraw",
+    "triangles",
+    "clusters",
+    "groups",
+    "levels",
+    "base_color",
+    "shading_normal",
+    "orm",
+    "emissive",
+]
+
+
+_CHANNELS: Final = {
+    "linear": ("R", "G", "B"),
+    "depth": ("Z",),
+    "normal": ("N.x", "N.y", "N.z"),
+    "instance_id": ("instance_id",),
+    "cluster_id": ("cluster_id",),
+    "triangle_id": ("triangle_id",),
+    "overdraw": ("overdraw",),
+    "base_color": ("base.R", "base.G", "base.B"),
+    "shading_normal": ("shading.x", "shading.y", "shading.z"),
+    "orm": ("occlusion", "roughness", "metallic"),
+    "emissive": ("emissive.R", "emissive.G", "emissive.B"),
+}
+"""Channels of an EXR that hold an array of a frame."""
+
+
+_SAVED: Final = ("linear", "depth", "normal", "instance_id", "cluster_id", "triangle_id")
+"""What an EXR holds unless asked for otherwise."""
+
+
+class Frame(_advice.Teaching):
+    """A rendered frame: arrays with row 0 on top, each made when first asked for unless rendered with the frame.
+
+    All arrays are owned, contiguous and writable; each is made once and then kept. A frame does not follow later
+    edits of the scene. One rendered with ``depth_only=True`` has `depth` and `stats`; all else raises
+    `ArgumentError`.
+
+    Examples
+    --------
+    >>> frame.color.shape, frame.color.dtype
+    ((72, 128, 3), dtype('uint8'))
+    >>> bool((frame.depth > 0).any())
+    True
+    """
+
+    def __init__(self, core: _core.Frame, made: dict[str, Any], unlit: str = "") -> None:
+        self._frame = core
+        self._made = made
+        self._unlit = unlit
+
+    @cached_property
+    def color(self) -> NDArray[np.uint8]:
+        """Shaded picture, (H, W, 3) uint8: `linear`, cut off at 1 and encoded by the frame's ``transfer``.
+
+        The background is ``Scene.bg_color`` as it is, where all samples of a pixel show it.
+
+        Warns
+        -----
+        UsageWarning
+            Where most of what is seen is black since the scene had no light, or none that counts with the
+            ``shading``.
+        """
+        color = self._frame.color()
+        if self._unlit and (seen := self.depth > 0).any() and color[seen].any(axis=-1).mean() < 0.5:
+            _advice.warn(f"meshes are black: {self._unlit}", UsageWarning)
+        return color
+
+    @cached_property
+    def linear(self) -> NDArray[np.float32]:
+        """Shaded picture before it is encoded, (H, W, 3) float32 in linear light, which may exceed 1.
+
+        The mean of a pixel's samples. The background is what ``Scene.bg_color``, rounded to 8 bits, encodes. On a
+        GPU values may differ from the CPU's by 0.1 %.
+
+        Examples
+        --------
+        >>> frame.linear.dtype, np.array_equal(np.round(255 * frame.linear.clip(0, 1) ** (1 / 2.2)), frame.color)
+        (dtype('float32'), True)
+        """
+        return self._frame.linear()
+
+    @cached_property
+    def base_color(self) -> NDArray[np.float32]:
+        """Base colour of what each pixel shows, textures and, but for pyrender's shading, vertex colours included.
+
+        (H, W, 3) float32, linear; zero where nothing is covered. With `shading_normal`, `orm`, `emissive` and
+        `depth` all that light needs, for shading of your own.
+
+        Examples
+        --------
+        >>> facing = frame.shading_normal @ np.array([0.0, 0.0, 1.0], np.float32)
+        >>> unlit = frame.base_color * facing.clip(0, 1)[..., None]
+        >>> unlit.shape == frame.linear.shape
+        True
+        """
+        return self._frame.base_color()
+
+    @cached_property
+    def shading_normal(self) -> NDArray[np.float32]:
+        """Unit normals as they are shaded, with those of textures, (H, W, 3) float32 in world space.
+
+        Zero where nothing is covered. `normal` is without textures.
+        """
+        return self._frame.shading_normal()
+
+    @cached_property
+    def orm(self) -> NDArray[np.float32]:
+        """Occlusion (1 for none), roughness and metallic, (H, W, 3) float32; zero where nothing is covered."""
+        return self._frame.orm()
+
+    @cached_property
+    def emissive(self) -> NDArray[np.float32]:
+        """Light given off, (H, W, 3) float32, linear; zero where nothing is covered."""
+        return self._frame.emissive()
+
+    @cached_property
+    def depth(self) -> NDArray[np.float32]:
+        """Distance along the view axis, (H, W) float32 in world units; 0 where nothing is covered."""
+        return self._frame.depth()
+
+    @cached_property
+    def normal(self) -> NDArray[np.float32]:
+        """Unit surface normals in world space, (H, W, 3) float32; zero where nothing is covered."""
+        return self._frame.normal()
+
+    @cached_property
+    def instance_id(self) -> NDArray[np.int32]:
+        """``MeshNode.instance_id`` of what is shown, (H, W) int32; −1 where nothing is covered."""
+        return self._frame.instance_id()
+
+    @cached_property
+    def cluster_id(self) -> NDArray[np.uint32]:
+        """Address of the cluster inside its mesh, (H, W) uint32; 0xFFFFFFFF where nothing is covered."""
+        return self._frame.cluster_id()
+
+    @cached_property
+    def triangle_id(self) -> NDArray[np.int32]:
+        """Number of the triangle inside its cluster, (H, W) int32; −1 where nothing is covered."""
+        return self._frame.triangle_id()
+
+    @cached_property
+    def face_id(self) -> NDArray[np.int64]:
+        """Row of the source ``faces``, (H, W) int64.
+
+        −1 where nothing is covered, where a level other than the source is shown (render with ``pixel_error=0``),
+        and for meshes built without ``BuildOptions(face_ids=True)``.
+        """
+        return self._frame.face_id()
+
+    @cached_property
+    def overdraw(self) -> NDArray[np.uint32]:
+        """Triangles that cover each pixel, hidden ones included, among the clusters drawn; (H, W) uint32.
+
+        Counted by rasterizing them again.
+        """
+        return self._frame.overdraw()
+
+    @cached_property
+    def stats(self) -> FrameStats:
+        """What the frame cost and skipped."""
+        totals, total_ms, raster = self._frame.totals()
+        stages = tuple(StageStats(*stage) for stage in self._frame.stages())
+        stream = self._frame.stream()
+        streamed = None if stream is None else StreamStats(**dict(stream[0]), coarsest_pixels=stream[1])
+        return FrameStats(stages=stages, total_ms=total_ms, raster=raster, stream=streamed, **dict(totals))
+
+    @property
+    def width(self) -> int:
+        """Pixels in a row."""
+        return self._frame.size[0]
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self._frame.size[1]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """The picture, `color`, for ``np.asarray(frame)`` and ``plt.imshow(frame)``."""
+        return self.color.astype(dtype or np.uint8, copy=copy is not False)
+
+    def __iter__(self) -> Iterator[Any]:
+        raise TypeError("a frame is no tuple: frame.color and frame.depth are its pictures")
+
+    def view(self, name: ViewName = "shaded") -> NDArray[np.uint8]:
+        """Return a picture, (H, W, 3) uint8.
+
+        Parameters
+        ----------
+        name : str
+            ``"shaded"`` (a copy of `color`), ``"triangles"``, ``"clusters"`` or ``"groups"`` (a colour for each),
+            ``"levels"`` (red is the finest level of detail, then towards blue), ``"rasterizers"`` (blue where the
+            rasterizer of small triangles drew what is seen, orange where that of large ones did), or ``"overdraw"``
+            (blue once, red eight times or more).
+
+        Raises
+        ------
+        ArgumentError
+            For another name, or a frame of depth alone.
+        """
+        if name == "shaded":
+            return self.color.copy()
+        return self._frame.view(name)
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """How the frame was made: what `save` writes beside it.
+
+        ``software`` with its version; ``camera``, its kind, and its parameters by their names; ``pose``, the
+        camera-to-world matrix as nested lists; ``pixel_error``, ``depth_only``, ``transfer``, ``backend``, and from
+        `stats` ``raster``, ``samples``, ``source_triangles``, ``triangles`` and ``clusters``. Distances are in
+        world units, angles in radians.
+
+        Examples
+        --------
+        >>> frame.metadata["camera"], frame.metadata["yfov"], frame.metadata["pixel_error"]
+        ('perspective', 0.8, 1.0)
+        """
+        counts = ("raster", "samples", "source_triangles", "triangles", "clusters")
+        software = {"software": f"nanite_rs {_core.__version__}"}
+        return software | self._made | {name: getattr(self.stats, name) for name in counts}
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        view: ViewName | None = None,
+        outputs: Sequence[OutputName] | None = None,
+        bits: Literal[8, 16] = 8,
+    ) -> None:
+        """Write a picture as PNG, or arrays as EXR, with `metadata` beside them.
+
+        A ``.png`` has 8 bits per channel, as `color` has, or 16, to which `linear` is encoded in the same way. An
+        ``.exr`` holds arrays bit for bit. Its part ``geometry`` has float32 channels that compositing programs
+        know: `linear` as ``R``, ``G`` and ``B``, `depth` as ``Z``, and `normal` as ``N.x``, ``N.y`` and ``N.z``.
+        Its part ``ids`` has uint32 channels: ``instance_id``, ``cluster_id`` and ``triangle_id``, 0xFFFFFFFF where
+        nothing is covered, and ``overdraw``.
+
+        Either is written to the side and renamed, so that there is a whole file or none. Metadata are attributes of
+        an EXR and texts of a PNG: ``Software``, and all else as ``nanite_rs:<key>``, numbers and lists as JSON.
+
+        Parameters
+        ----------
+        path : path
+            File to write, ``.png`` or ``.exr``; replaced if it exists. EXR takes OpenImageIO, which
+            ``pip install OpenImageIO`` installs.
+        view : str
+            Which picture a PNG shows, see `view`; ``"shaded"`` by default.
+        outputs : sequence of str
+            Which arrays an EXR holds: of ``"linear"``, for which ``"color"`` stands too, ``"depth"``, ``"normal"``,
+            ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"`` and ``"overdraw"``. By default all but the last;
+            of a frame of depth alone, depth.
+        bits : int
+            Of each channel of a PNG: 8, or 16 for the shaded picture, which takes OpenImageIO too.
+
+        Raises
+        ------
+        FormatError
+            If the name ends otherwise.
+        ArgumentError
+            As for `view`; for an output that is unknown, or that the frame lacks; for `view` or `bits` of an EXR,
+            `outputs` of a PNG, or other `bits` than there are.
+        FileError
+            If the file cannot be written.
+        DependencyError
+            For an EXR or 16 bits without OpenImageIO.
+
+        Examples
+        --------
+        >>> frame.save("clusters.png", view="clusters")
+        >>> frame.save("frame.png", bits=16)
+        >>> frame.save("frame.exr", outputs=["linear", "depth"])
+        """
+        if bits not in (8, 16):
+            raise ArgumentError(f"bits: must be 8 or 16, not {bits!r}")
+        name = os.fsdecode(path)
+        if _images.suffix(name) == ".png":
+            if outputs is not None:
+                raise ArgumentError("outputs: a .png holds one picture, see view; arrays take an .exr")
+            shown: ViewName = "shaded" if view is None else view
+            if bits == 8:
+                _images.write_png(name, self.view(shown), self._texts())
+            elif shown == "shaded":
+                _images.write_deep_png(name, self._frame.deep_color(), self._texts())
+            else:
+                raise ArgumentError(f"bits: the view {shown!r} has 8, not 16")
+        else:
+            if view is not None:
+                raise ArgumentError("view: an .exr holds arrays, see outputs; pictures take a .png")
+            if bits != 8:
+                raise ArgumentError("bits: an .exr holds arrays as they are; bits are of a .png")
+            _images.write_exr(name, self._channels(outputs), self._texts())
+
+    def _texts(self) -> dict[str, str]:
+        made = self.metadata
+        texts = {k: v if isinstance(v, str) else json.dumps(v) for k, v in made.items()}
+        return {"Software": texts.pop("software"), **{f"nanite_rs:{k}": v for k, v in texts.items()}}
+
+    def _channels(self, outputs: Sequence[OutputName] | None) -> dict[str, NDArray[Any]]:
+        """Arrays by the names of channels, integers as uint32."""
+        names: list[str]
+        if outputs is None:
+            names = ["depth"] if self._made["depth_only"] else list(_SAVED)
+        else:
+            names = [outputs] if isinstance(outputs, str) else list(outputs)
+            names = ["linear" if name == "color" else name for name in names]
+        if not names:
+            raise ArgumentError(f"outputs: expected one at least of {', '.join(_CHANNELS)}")
+        channels: dict[str, NDArray[Any]] = {}
+        for name in names:
+            if name not in _CHANNELS:
+                raise ArgumentError(f"outputs: an .exr holds {', '.join(_CHANNELS)}, not {name!r}")
+            array: NDArray[Any] = getattr(self, name)
+            if array.dtype.kind == "i":
+                array = array.view(np.uint32)
+            planes = array.reshape(*array.shape[:2], -1)
+            channels |= {channel: planes[..., k] for k, channel in enumerate(_CHANNELS[name])}
+        return channels
+
+    def _repr_png_(self) -> bytes | None:
+        """Return `color` for notebooks; None, so that they show the text, where there is none."""
+        if self._made["depth_only"]:
+            return None
+        try:
+            return _images.png(self.color)
+        except NaniteError:  # the device was lost, with what it kept of the frame
+            return None
+
+    def __repr__(self) -> str:
+        depth = " of depth alone" if self._made["depth_only"] else ""
+        return f"<Frame {self.width}×{self.height}{depth}: {self.stats!r}>"

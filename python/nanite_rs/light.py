@@ -1,0 +1,173 @@
+"""Lights, and light from all around."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from nanite_rs import _advice, _checks, _core
+from nanite_rs._checks import Color, Rgb
+from nanite_rs.exceptions import ArgumentError, DtypeError, UsageWarning
+from nanite_rs.texture import Image
+
+__all__ = ["DirectionalLight", "Environment", "PointLight", "SpotLight"]
+
+RawLight: TypeAlias = tuple[str, Rgb, float, float | None, tuple[float, float] | None]
+
+
+class _Shining(ABC):
+    """Base of the lights: parameters are checked when one is made."""
+
+    def __post_init__(self) -> None:
+        _checks.bright(vars(self)["color"], "color")
+        try:
+            _core.check_light(self._raw())
+        except ArgumentError as error:
+            name = str(error).partition(":")[0]
+            angle = vars(self)[name] if name.endswith("Angle") else 0.0
+            more = f"give degrees as np.radians({angle:g})" if angle > np.pi else ""
+            raise _advice.advised(error, more) from None
+
+    @abstractmethod
+    def _raw(self) -> RawLight:
+        """As Rust takes it."""
+
+    def _color(self) -> tuple[Rgb, float]:
+        return _checks.rgb(vars(self)["color"], "color"), _checks.number(vars(self)["intensity"], "intensity")
+
+    def _range(self) -> float | None:
+        reach = vars(self)["range"]
+        return None if reach is None else _checks.number(reach, "range")
+
+
+@_advice.teaching
+@dataclass(frozen=True)
+class DirectionalLight(_Shining):
+    """Light along the −Z of its pose, the same everywhere.
+
+    Raises
+    ------
+    ArgumentError, DtypeError
+        For a value out of range or of another type, when the light is made.
+
+    Examples
+    --------
+    >>> light = nrs.DirectionalLight(color=(1.0, 1.0, 1.0), intensity=3.0)
+    """
+
+    color: Color = (1.0, 1.0, 1.0)
+    """Linear RGB."""
+    intensity: float = 1.0
+    """Lux."""
+
+    def _raw(self) -> RawLight:
+        return "directional", *self._color(), None, None
+
+
+@_advice.teaching
+@dataclass(frozen=True)
+class PointLight(_Shining):
+    """Light from the origin of its pose, falling off with the square of the distance.
+
+    Raises
+    ------
+    ArgumentError, DtypeError
+        For a value out of range or of another type, when the light is made.
+
+    Examples
+    --------
+    >>> light = nrs.PointLight(intensity=20.0)
+    """
+
+    color: Color = (1.0, 1.0, 1.0)
+    """Linear RGB."""
+    intensity: float = 1.0
+    """Candela."""
+    range: float | None = None
+    """Distance at which the light has smoothly ended (glTF's window); ``None`` never. pyrender ignores it."""
+
+    def _raw(self) -> RawLight:
+        return "point", *self._color(), self._range(), None
+
+
+@_advice.teaching
+@dataclass(frozen=True)
+class SpotLight(_Shining):
+    """Light from the origin of its pose along its −Z, within a cone; otherwise as a `PointLight`.
+
+    From the inner to the outer angle it falls off with the square of what is left of the cosine, as glTF's
+    ``KHR_lights_punctual`` and pyrender have it.
+
+    Raises
+    ------
+    ArgumentError, DtypeError
+        For a value out of range or of another type, when the light is made.
+
+    Examples
+    --------
+    >>> lamp = nrs.SpotLight(intensity=20.0, innerConeAngle=0.2, outerConeAngle=0.4)
+    """
+
+    color: Color = (1.0, 1.0, 1.0)
+    """Linear RGB."""
+    intensity: float = 1.0
+    """Candela."""
+    range: float | None = None
+    """Distance at which the light has smoothly ended (glTF's window); ``None`` never. pyrender ignores it."""
+    innerConeAngle: float = 0.0  # noqa: N815  pyrender's and glTF's name
+    """Angle from the axis, radians, up to which nothing is lost; below the outer one."""
+    outerConeAngle: float = float(np.pi / 4.0)  # noqa: N815
+    """Angle from the axis, radians, from which on there is no light; above 0, at most π/2."""
+
+    def _raw(self) -> RawLight:
+        inner = _checks.number(self.innerConeAngle, "innerConeAngle")
+        outer = _checks.number(self.outerConeAngle, "outerConeAngle")
+        return "spot", *self._color(), self._range(), (inner, outer)
+
+
+Light: TypeAlias = DirectionalLight | PointLight | SpotLight
+
+
+@_advice.teaching
+@dataclass(frozen=True)
+class Environment:
+    """Light from all around, as an equirectangular map of it: ``shading="gltf"`` alone knows it.
+
+    Rows go from +Y down to −Y. The middle of the map is +X; to its right follow +Z, then, at both edges, −X, then
+    −Z. What surfaces of each roughness see of it is worked out once for an `Image`, when an environment of it is
+    first given to a scene; others of the same image with another intensity or rotation cost nothing.
+
+    Examples
+    --------
+    >>> sky = np.linspace([0.5, 0.7, 1.0], [0.2, 0.15, 0.1], 32)[:, None] * np.ones((1, 64, 1))
+    >>> scene = nrs.Scene(environment=nrs.Environment(sky, intensity=0.8, background=True))
+    """
+
+    image: Image
+    """The map, twice as wide as high: linear light that may exceed 1 where it holds floats, else sRGB. A path is
+    read by `Image.open`, an array makes one."""
+    intensity: float = field(default=1.0, kw_only=True)
+    """Times its light."""
+    rotation: float = field(default=0.0, kw_only=True)
+    """Turns it about +Y, radians, counter-clockwise as seen from above: by π/2, what was at +X is at −Z."""
+    background: bool = field(default=False, kw_only=True)
+    """Show it where nothing is in front of it, in place of ``Scene.bg_color``; as sharp as 512 rows are."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "image", Image._of(self.image))
+        for name, value in (("intensity", self.intensity), ("rotation", self.rotation)):
+            if not isinstance(value, int | float | np.integer | np.floating):
+                raise DtypeError(f"{name}: expected a number, not {value!r}")
+            object.__setattr__(self, name, float(value))
+        if math.tau < abs(self.rotation) <= 360.0 and self.rotation.is_integer():
+            _advice.warn(
+                f"rotation: {self.rotation:g} looks like degrees; it is in radians: np.radians({self.rotation:g})",
+                UsageWarning,
+            )
+
+    def _raw(self) -> tuple[_core.EnvironmentMap, float, float, bool]:
+        return self.image._environment(), self.intensity, self.rotation, bool(self.background)

@@ -1,0 +1,185 @@
+"""What frames count, and what their stages take."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from nanite_rs._html import pairs, table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["FrameStats", "StageStats", "StreamStats"]
+
+
+@dataclass(frozen=True)
+class StageStats:
+    """What one stage received, passed on, and took."""
+
+    stage: str
+    """Name of the stage."""
+    pass_number: int
+    """1, or 2 for what was put off until nearer surfaces were drawn, all such rounds together."""
+    received: int
+    """What came in, counted in `received_unit`."""
+    received_unit: str
+    passed: int
+    """What went out, counted in `passed_unit`."""
+    passed_unit: str
+    ms: float
+    """Milliseconds: wall time, or what a GPU's own clock says; NaN where it has none."""
+
+
+@dataclass(frozen=True)
+class StreamStats:
+    """What streaming did for a frame, see ``Renderer(streaming=True)``."""
+
+    resident_pages: int
+    """Pages that the frame could draw."""
+    pool_bytes: int
+    """Bytes of the pool in use, with those of pages that are being read."""
+    needed_pages: int
+    """Pages that the picture needs."""
+    missing_pages: int
+    """Of these, pages that were not there: coarser clusters stand in for theirs."""
+    refused_pages: int
+    """Of these, pages that the pool has no room for."""
+    arrived_pages: int
+    """Pages that arrived since the frame before."""
+    evicted_pages: int
+    """Pages that had to leave since the frame before."""
+    faults: int
+    """Pages that could not be read, since the renderer was made."""
+    rounds: int
+    """How often the frame was drawn until all was there."""
+    coarsest_pixels: float
+    """Largest error, pixels, of what stands in for something finer; 0 where nothing does. The picture keeps to
+    this, or to its ``pixel_error``, whichever is larger."""
+
+    @property
+    def settled(self) -> bool:
+        """Nothing is missing: the picture is that of the whole mesh."""
+        return self.missing_pages == 0 and self.coarsest_pixels == 0.0
+
+    def __str__(self) -> str:
+        return (
+            f"{self.resident_pages:,} pages in {self.pool_bytes / 2**20:.1f} MiB; {self.missing_pages:,} of "
+            f"{self.needed_pages:,} needed are missing ({self.refused_pages:,} for lack of room), off by up to "
+            f"{self.coarsest_pixels:.2f} pixels; {self.arrived_pages:,} arrived, {self.evicted_pages:,} left"
+        )
+
+
+@dataclass(frozen=True)
+class FrameStats:
+    """What a frame cost and skipped: ``print(stats)`` shows a table, ``stats["shade"]`` is one stage."""
+
+    stages: tuple[StageStats, ...]
+    """Every stage in the order in which it ran."""
+    total_ms: float
+    """Wall time of the frame, milliseconds."""
+    raster: str
+    """Which rasterizers drew: ``"compute"``, ``"hybrid"`` or ``"hardware"``."""
+    source_triangles: int
+    """Triangles of the instances on the screen, at full detail."""
+    clusters: int
+    """Clusters that were drawn."""
+    triangles: int
+    """Triangles of those clusters."""
+    drawn_small: int
+    """Of these, drawn by the rasterizer for small triangles: facing the eye and near a pixel centre."""
+    drawn_large: int
+    """The same for large and clipped triangles."""
+    drawn_hardware: int
+    """Of both, drawn by the GPU's own rasterizer: see `raster`."""
+    covered_pixels: int
+    """Pixels that show a surface."""
+    occluded_instances: int
+    """Instances that the depth pyramid hid."""
+    occluded_clusters: int
+    """Clusters that passed every other test, and that the depth pyramid hid."""
+    uploaded_bytes: int
+    """Bytes of instances that were written to a device, because they changed."""
+    smaller_images: int
+    """Images of textures that lack their largest levels on a GPU, which has no room for them."""
+    samples: int
+    """Samples of each pixel's colour. With several, `stages` are sums over all passes: one for each sample, and the
+    one through pixel centres, of which all other numbers are."""
+    stream: StreamStats | None = None
+    """What streaming did; None where nothing is streamed."""
+
+    def __getitem__(self, stage: str) -> StageStats:
+        """Return a stage by name, both passes taken together."""
+        found = [s for s in self.stages if s.stage == stage]
+        if not found:
+            raise KeyError(stage)
+        first = found[0]
+        received, passed = sum(s.received for s in found), sum(s.passed for s in found)
+        ms = sum(s.ms for s in found)
+        return StageStats(stage, 1, received, first.received_unit, passed, first.passed_unit, ms)
+
+    def __iter__(self) -> Iterator[StageStats]:
+        """Iterate over the stages in the order in which they ran."""
+        return iter(self.stages)
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the totals and, as ``<stage>_ms``, the time of each stage, for tables and data frames."""
+        totals = {k: v for k, v in vars(self).items() if k not in {"stages", "raster", "stream"}}
+        times: dict[str, float] = {}
+        for s in self.stages:
+            times[f"{s.stage}_ms"] = times.get(f"{s.stage}_ms", 0.0) + s.ms
+        stream = {f"stream_{k}": v for k, v in vars(self.stream).items()} if self.stream else {}
+        return totals | times | stream
+
+    def __str__(self) -> str:
+        lines = [f"{'stage':<14}{'received':>16}{'passed on':>16}   {'of':<28}{'ms':>9}"]
+        for s in self.stages:
+            name = s.stage if s.pass_number == 1 else f"{s.stage} (2)"
+            unit = s.received_unit
+            if s.passed_unit != unit:
+                unit = f"{unit} → {s.passed_unit}"
+            lines.append(f"{name:<18}{s.received:>12,}{s.passed:>16,}   {unit:<28}{s.ms:>9.2f}")
+        lines.append(f"{'frame':<77}{self.total_ms:>9.2f}")
+        drawn = self.drawn_small + self.drawn_large
+        lines.append(
+            f"{self.source_triangles:,} triangles in the source → {self.triangles:,} in {self.clusters:,} clusters"
+            f" → {drawn:,} rasterized ({self.drawn_large:,} large; {self.raster}) → {self.covered_pixels:,} pixels"
+        )
+        if self.stream is not None:
+            lines.append(str(self.stream))
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        head = ("stage", "received", "of", "passed on", "of", "ms")
+        rows = [
+            (
+                s.stage if s.pass_number == 1 else f"{s.stage} (2)",
+                f"{s.received:,}",
+                s.received_unit,
+                f"{s.passed:,}",
+                s.passed_unit,
+                "–" if math.isnan(s.ms) else f"{s.ms:.2f}",
+            )
+            for s in self.stages
+        ]
+        rows.append(("frame", "", "", "", "", f"{self.total_ms:.2f}"))
+        drawn = self.drawn_small + self.drawn_large
+        totals = [
+            ("in the source", f"{self.source_triangles:,} triangles"),
+            ("in the cut", f"{self.triangles:,} triangles in {self.clusters:,} clusters"),
+            ("rasterized", f"{drawn:,} triangles, {self.drawn_large:,} of them large; {self.raster}"),
+            ("covered", f"{self.covered_pixels:,} pixels"),
+            ("hidden", f"{self.occluded_instances:,} instances, {self.occluded_clusters:,} clusters"),
+        ]
+        if self.samples > 1:
+            totals.append(("samples", f"{self.samples} of each pixel; stages are sums over all of them"))
+        if self.stream is not None:
+            totals.append(("streamed", str(self.stream)))
+        return pairs(totals) + table(head, rows, text=(0, 2, 4))
+
+    def __repr__(self) -> str:
+        return (
+            f"<FrameStats: {self.total_ms:.1f} ms, {self.source_triangles:,} source triangles, "
+            f"{self.triangles:,} in the cut, {self.covered_pixels:,} pixels>"
+        )
