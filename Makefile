@@ -108,9 +108,8 @@ demo: build
 	@$(BIN)/python -m nanite_rs demo --output $(DEMO_OUTPUT) $(if $(MESH),"$(MESH)") $(if $(MESH_UP),--up $(MESH_UP))
 	@echo "next: $(BIN)/nanite-rs --help; $(BIN)/python has nanite_rs, and README.md ten lines to begin with"
 
-# MESH is made absolute, since notebooks run where their copies go.
 notebooks: build $(VENV)/.stamp-test-requirements system
-	@$(if $(MESH),MESH="$(abspath $(MESH))") $(BIN)/python tools/run-notebooks.py target/notebooks
+	@$(if $(MESH),MESH="$(MESH)") $(BIN)/python tools/run-notebooks.py target/notebooks
 
 # ------------------------------------------------------------------------------------------------ tests
 

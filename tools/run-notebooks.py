@@ -1,7 +1,8 @@
 """Execute notebooks: `run-notebooks.py FOLDER [NOTEBOOK...]`, by default all of `notebooks/`.
 
 Writes each with its outputs into FOLDER, and its pictures into FOLDER/<name>/, and prints how long it took. They
-run in FOLDER, where they leave their own files. The first cell that fails ends it, with what the cell said.
+run in FOLDER, where they leave their own files; the file that MESH names in the environment is found from here.
+The first cell that fails ends it, with what the cell said.
 """
 
 import argparse
@@ -58,6 +59,8 @@ def main() -> int:
     parser.add_argument("--timeout", type=int, default=600, metavar="SECONDS", help="most for a cell (600)")
     arguments = parser.parse_args()
     os.environ.pop("MPLBACKEND", None)  # plots go into the notebooks
+    if mesh := os.environ.get("MESH"):
+        os.environ["MESH"] = str(Path(mesh).absolute())
     arguments.folder.mkdir(parents=True, exist_ok=True)
     for path in arguments.notebooks or sorted(NOTEBOOKS.glob("*.ipynb")):
         start = time.perf_counter()

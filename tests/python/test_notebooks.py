@@ -91,8 +91,9 @@ def test_it_runs_and_shows_its_pictures(path, tmp_path) -> None:
 
 def test_they_run_with_a_mesh_of_ones_own(tmp_path) -> None:
     mesh = subjects.built("part")
-    mesh.cut(error=0.0).to_trimesh().export(tmp_path / "own.ply")
-    cells = execute(ROOT / "notebooks/01_build.ipynb", tmp_path, MESH=str(tmp_path / "own.ply"))
+    mesh.cut(error=0.0).to_trimesh().export(tmp_path / "my own.ply")
+    relative = os.path.relpath(tmp_path / "my own.ply")
+    cells = execute(ROOT / "notebooks/01_build.ipynb", tmp_path, MESH=relative)
     assert f"NaniteMesh({len(mesh):,} faces" in text(cells["from-arrays"])
     assert len(nrs.NaniteMesh.open(tmp_path / "output/mesh.nanite")) == len(mesh)
     assert not (tmp_path / "output/knot.ply").exists()
