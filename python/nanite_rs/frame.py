@@ -23,8 +23,6 @@ __all__ = ["Frame"]
 ViewName: TypeAlias = Literal[
     "shaded", "triangles", "clusters", "groups", "levels", "rasterizers", "overdraw"
 ]
-
-
 OutputName: TypeAlias = Literal[
     "color",
     "linear",
@@ -44,7 +42,6 @@ OutputName: TypeAlias = Literal[
     "emissive",
 ]
 
-
 _CHANNELS: Final = {
     "linear": ("R", "G", "B"),
     "depth": ("Z",),
@@ -59,7 +56,6 @@ _CHANNELS: Final = {
     "emissive": ("emissive.R", "emissive.G", "emissive.B"),
 }
 """Channels of an EXR that hold an array of a frame."""
-
 
 _SAVED: Final = ("linear", "depth", "normal", "instance_id", "cluster_id", "triangle_id")
 """What an EXR holds unless asked for otherwise."""

@@ -124,8 +124,6 @@ _NUMBERS = {
     "occlusion_strength": _checks.unit,
     "alpha_cutoff": _checks.finite,
 }
-
-
 _SLOTS = (
     "base_color_texture",
     "metallic_roughness_texture",
@@ -133,8 +131,6 @@ _SLOTS = (
     "occlusion_texture",
     "emissive_texture",
 )
-
-
 _COLORS = ("base_color_texture", "emissive_texture")
 
 
