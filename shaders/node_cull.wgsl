@@ -39,7 +39,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     }
     let visit = visits[number];
     let node = nodes[instances[visit.instance].first_node + visit.node];
-    if !exceeds(visit.instance, node.lod_sphere, node.max_parent_error) {
+    if !may_be_in_cut(visit.instance, node.lod_sphere, node.max_parent_error, node.min_own_error) {
         return;
     }
     let found = test(visit.instance, node.center, node.extent);
@@ -68,7 +68,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     for (var i = 0u; i < count; i++) {
         let number = node.first + i;
         let group = groups[first_group + number];
-        if !exceeds(visit.instance, group.lod_sphere, group.error) {
+        if !may_be_in_cut(visit.instance, group.lod_sphere, group.error, group.min_own_error) {
             continue;
         }
         var found = test(visit.instance, group.center, group.extent);

@@ -178,6 +178,7 @@ struct Node {
     extent: array<f32, 3>,
     lod_sphere: Sphere,
     max_parent_error: f32,
+    min_own_error: f32,
     first: u32,
     // Number of children, and 1 << 16 where these are groups.
     count: u32,
@@ -195,7 +196,8 @@ struct Group {
     bound: f32,
     quadric: f32,
     attribute_error: f32,
-    reserved: array<u32, 3>,
+    min_own_error: f32,
+    reserved: array<u32, 2>,
 }
 
 // A node of an instance that is to be looked at.

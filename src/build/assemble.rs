@@ -55,6 +55,7 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
         .map(|((g, bounds), first)| {
             let group = &graph.groups[*g as usize];
             let (center, extent) = bounds.center_extent();
+            let own_errors = group.members.iter().map(|c| graph.clusters[*c as usize].error);
             Group {
                 lod_sphere: group.lod_sphere,
                 error: group.error,
@@ -66,7 +67,8 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
                 bound: group.bound,
                 quadric: group.quadric,
                 attribute_error: group.attribute_error,
-                reserved: [0; 3],
+                min_own_error: own_errors.fold(f32::INFINITY, f32::min),
+                reserved: [0; 2],
             }
         })
         .collect();

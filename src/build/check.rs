@@ -132,6 +132,7 @@ fn group(dag: &Dag, g: usize) -> Result<()> {
         holds(group.lod_sphere.contains(&record.lod_sphere), "a member's sphere is not inside the group's")?;
         holds(record.error.max(0.0) * ERROR_STEP <= group.error, "the error is not above a member's")?;
         holds(record.error < group.error, "the error is not strictly above a member's")?;
+        holds(record.error >= group.min_own_error, "a member's own error is below the least")?;
         let made = dag.groups.get(record.refined as usize).map_or(0.0, |g| g.bound);
         let proven = group.error.is_finite() && group.bound.is_finite();
         holds(!proven || made < group.bound, "the bound is not strictly above a member's")?;
@@ -177,6 +178,7 @@ fn nodes(dag: &Dag) -> Result<()> {
             let group = &dag.groups[*g as usize];
             let enclosed = node.lod_sphere.contains(&group.lod_sphere)
                 && node.max_parent_error >= group.error * ERROR_STEP
+                && node.min_own_error <= group.min_own_error
                 && boxes_nest(node.center, node.extent, group.center, group.extent);
             ensure(enclosed, || format!("node {n} does not enclose group {g}"))?;
         }

@@ -1,11 +1,14 @@
 //! Stage 2. Walks the hierarchies of instances, level by level: nodes and groups that the rule of the cut
 //! rules out, that are off the screen or that the depth pyramid hides end there.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use super::hzb::Hzb;
 use super::project::{InstanceView, Screen};
-use crate::model::rule::Threshold;
+use crate::math::Sphere;
+use crate::model::rule::{SOURCE_ERROR, Threshold};
 
 /// Nodes per task.
 const NODES_PER_TASK: usize = 32;
@@ -86,9 +89,15 @@ fn visit_node(
     let seen = |center: [f32; 3], extent: [f32; 3]| {
         instance.footprint(screen, center, extent).is_some_and(|f| hzb.is_none_or(|h| !h.hides(&f)))
     };
+    // What is too coarse may have to be drawn in place of what is not there.
+    let whole = Arc::ptr_eq(&instance.pages, &mesh.pages);
+    let in_cut = |sphere: &Sphere, parent_error: f32, own_error: f32| {
+        threshold.may_be_in_cut(sphere, parent_error, if whole { own_error } else { SOURCE_ERROR })
+    };
     let node = &mesh.nodes[visit.node as usize];
     out.visited += 1;
-    if !threshold.exceeded_by(&node.lod_sphere, node.max_parent_error) || !seen(node.center, node.extent) {
+    if !in_cut(&node.lod_sphere, node.max_parent_error, node.min_own_error) || !seen(node.center, node.extent)
+    {
         return;
     }
     let children = node.first..node.first + u32::from(node.count);
@@ -99,7 +108,7 @@ fn visit_node(
     for group in children {
         let g = &mesh.groups[group as usize];
         out.visited += 1;
-        if threshold.exceeded_by(&g.lod_sphere, g.error) && seen(g.center, g.extent) {
+        if in_cut(&g.lod_sphere, g.error, g.min_own_error) && seen(g.center, g.extent) {
             let there = instance.pages.holds(g.first.page());
             let list = if there { &mut out.groups } else { &mut out.absent };
             list.push(GroupCandidate { instance: visit.instance, group });

@@ -165,7 +165,8 @@ impl PageLimits<'_> {
         let Packing { widths, step, .. } = bytemuck::pod_read_unaligned(bytemuck::cast_slice(head));
         fault(widths.iter().zip(WIDEST).all(|(bits, most)| *bits <= most), "widths")?;
         let own = rest.get(..self.layout.streams(vertices, triangles, widths).end).ok_or("streams")?;
-        fault((record.group as usize) < self.groups.len(), "group")?;
+        let group = self.groups.get(record.group as usize).ok_or("group")?;
+        fault(record.error >= group.min_own_error, "error")?;
         let origin = self.groups.get(record.refined as usize);
         fault(record.refined == NO_GROUP || origin.is_some(), "origin")?;
         let page = origin.map_or(NO_PAGE, |group| group.first.page() as u32);
@@ -212,6 +213,7 @@ fn groups(dag: &Dag) -> Result<(), Fault> {
         fault(finite(&group.lod_sphere.center) && group.lod_sphere.radius.is_finite(), "sphere")?;
         fault(group.error > 0.0 && group.error >= group.attribute_error, "error")?;
         fault(group.bound >= 0.0 && group.quadric >= 0.0, "bound")?;
+        fault(group.min_own_error.is_finite(), "least error")?;
         fault(group.level < MAX_ROUNDS, "level")?;
     }
     let clusters = dag.cluster_count();
@@ -232,12 +234,17 @@ fn nodes(dag: &Dag) -> Result<(), Fault> {
         if node.is_leaf == 1 {
             fault(first + count <= dag.groups.len() as u64, "groups")?;
             for g in first..first + count {
+                let least = dag.groups[g as usize].min_own_error;
+                fault(node.min_own_error <= least, "least error")?;
                 fault(!std::mem::replace(&mut groups_seen[g as usize], true), "a group is in two leaves")?;
             }
         } else {
             fault(node.is_leaf == 0, "kind")?;
             fault(first == next_node && first > n as u64, "children do not follow in order")?;
             fault(first + count <= dag.nodes.len() as u64, "children")?;
+            let children = &dag.nodes[first as usize..][..count as usize];
+            let least = children.iter().all(|child| node.min_own_error <= child.min_own_error);
+            fault(least, "least error")?;
             next_node += count;
             fault(depths[n] < NODE_MAX_DEPTH, "it is too far below the root")?;
             let below = depths[n] + 1;

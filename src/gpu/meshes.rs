@@ -1,6 +1,7 @@
 //! Meshes on the device: uploaded once, one after the other in arrays of nodes, groups, pages and a table of pages. Of
 //! streamed meshes root pages stay, others come and go.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -10,6 +11,7 @@ use super::context::Context;
 use super::page_arrays::PageArrays;
 use super::shaders::PAGE_ARRAYS;
 use crate::error::Result;
+use crate::model::rule::SOURCE_ERROR;
 use crate::model::{Dag, Group, Node, PageEntry, Pages};
 use crate::stream::{Needs, Request, Resident};
 
@@ -183,15 +185,19 @@ impl Meshes {
         streamed: Option<Arc<Pages>>,
     ) -> Result<()> {
         let [first_node, first_group, first_page] = self.used.map(|first| first as u32);
-        let data: [&[u8]; 3] = [
-            bytemuck::cast_slice(&dag.nodes),
-            bytemuck::cast_slice(&dag.groups),
-            bytemuck::cast_slice(&starts),
-        ];
+        let (mut nodes, mut groups) = (Cow::Borrowed(&dag.nodes[..]), Cow::Borrowed(&dag.groups[..]));
+        if streamed.is_some() {
+            // What is too coarse may have to be drawn in place of what is not there.
+            nodes.to_mut().iter_mut().for_each(|node| node.min_own_error = SOURCE_ERROR);
+            groups.to_mut().iter_mut().for_each(|group| group.min_own_error = SOURCE_ERROR);
+        }
+        let data: [&[u8]; 3] =
+            [bytemuck::cast_slice(&nodes), bytemuck::cast_slice(&groups), bytemuck::cast_slice(&starts)];
         for k in 0..ARRAYS.len() {
             let (what, bytes) = ARRAYS[k];
             context.write(what, &self.buffers[k], self.used[k] * bytes, data[k])?;
         }
+        drop((nodes, groups));
         self.used = sum(self.used, sizes(&dag));
         let placement = Placement { first_node, first_group, first_page, depth: depth(&dag) };
         self.resident.insert(address(&dag), Mesh { dag, placement, starts, stay, streamed });

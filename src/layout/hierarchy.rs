@@ -55,11 +55,13 @@ pub fn hierarchy(groups: &[Group], boxes: &[Aabb]) -> Vec<Node> {
             let members = &groups[start..end];
             let spheres: Vec<Sphere> = members.iter().map(|g| g.lod_sphere).collect();
             let largest = members.iter().map(|g| g.error).fold(0.0, f32::max);
+            let least = members.iter().map(|g| g.min_own_error).fold(f32::INFINITY, f32::min);
             Node {
                 center,
                 extent,
                 lod_sphere: Sphere::of_spheres(&spheres),
                 max_parent_error: largest * ERROR_STEP,
+                min_own_error: least,
                 first,
                 count,
                 is_leaf: u16::from(is_leaf),

@@ -4,13 +4,14 @@ use crate::error::Result;
 use crate::model::rule::Threshold;
 use crate::model::{ClusterAddress, Dag, Group, Patience};
 
-/// The groups whose error is too large to be drawn: what was made from them is not in the cut.
-fn exceeding<'a>(dag: &'a Dag, threshold: &Threshold) -> Vec<&'a Group> {
+/// The groups with members that may be drawn: whose error is too large for what was made from them, while that of some
+/// member is not.
+fn candidates<'a>(dag: &'a Dag, threshold: &Threshold) -> Vec<&'a Group> {
     let mut found = Vec::new();
     let mut stack = vec![0u32];
     while let Some(n) = stack.pop() {
         let node = &dag.nodes[n as usize];
-        if !threshold.exceeded_by(&node.lod_sphere, node.max_parent_error) {
+        if !threshold.may_be_in_cut(&node.lod_sphere, node.max_parent_error, node.min_own_error) {
             continue;
         }
         let children = node.first..node.first + u32::from(node.count);
@@ -19,7 +20,8 @@ fn exceeding<'a>(dag: &'a Dag, threshold: &Threshold) -> Vec<&'a Group> {
             continue;
         }
         let groups = &dag.groups[children.start as usize..children.end as usize];
-        found.extend(groups.iter().filter(|group| threshold.exceeded_by(&group.lod_sphere, group.error)));
+        let in_cut = |g: &&Group| threshold.may_be_in_cut(&g.lod_sphere, g.error, g.min_own_error);
+        found.extend(groups.iter().filter(in_cut));
     }
     found
 }
@@ -29,7 +31,7 @@ pub fn load(dag: &Dag, threshold: &Threshold, go_on: Patience<'_>) -> Result<()>
     if dag.pages.source().is_none() {
         return Ok(());
     }
-    let mut pages: Vec<usize> = exceeding(dag, threshold).iter().map(|group| group.first.page()).collect();
+    let mut pages: Vec<usize> = candidates(dag, threshold).iter().map(|group| group.first.page()).collect();
     pages.sort_unstable();
     pages.dedup();
     dag.pages.load(pages.into_iter(), go_on)
@@ -42,7 +44,7 @@ pub fn select(dag: &Dag, threshold: &Threshold) -> Vec<ClusterAddress> {
         let record = dag.record(*at);
         !threshold.exceeded_by(&record.lod_sphere, record.error)
     };
-    let members = exceeding(dag, threshold).into_iter().flat_map(Group::members);
+    let members = candidates(dag, threshold).into_iter().flat_map(Group::members);
     let mut clusters: Vec<ClusterAddress> = members.filter(own).collect();
     clusters.sort_unstable();
     clusters

@@ -1,6 +1,7 @@
 //! From an error in object units to an error in pixels.
 
 use super::Sphere;
+use crate::limits::LEAST_MARGIN;
 
 /// What the level-of-detail test needs of a view and an instance: how far a sphere is, and how large a unit
 /// of error looks there. All lengths are in camera-relative world units.
@@ -48,6 +49,27 @@ impl LodView {
             sec2 = (1.0 + tangent * tangent).min(sec2);
         }
         world * self.focal * sec2 / distance.max(self.near)
+    }
+
+    /// A lower bound of [`LodView::pixels`] of every error of at least `error` on every sphere inside of this one:
+    /// px = E·s·f ÷ max(|c − eye| + r·s, near), less [`LEAST_MARGIN`] of it.
+    ///
+    /// Of a sphere inside, no point is farther than the divisor; [`LodView::pixels`] divides by the distance of one that is
+    /// nearer than all of it, and sec²θ is at least 1.
+    pub fn least_pixels(&self, sphere: &Sphere, error: f32) -> f32 {
+        if error <= 0.0 {
+            return error;
+        }
+        let world = error * self.scale;
+        if self.near == 0.0 {
+            return world * self.focal;
+        }
+        let m = &self.object_to_eye;
+        let c = sphere.center;
+        let at = |r: usize| m[r][0] * c[0] + m[r][1] * c[1] + m[r][2] * c[2] + m[r][3];
+        let (x, y, z) = (at(0), at(1), at(2));
+        let distance = (x * x + y * y + z * z).sqrt() + sphere.radius * self.scale;
+        (1.0 - LEAST_MARGIN) * world * self.focal / distance.max(self.near)
     }
 }
 
@@ -147,6 +169,36 @@ mod tests {
             let larger = error * (1.0 + 1.0 / 32768.0);
             assert!(view.pixels(&outer, larger) >= view.pixels(&inner, error), "{inner:?} {outer:?} {error}");
         }
+    }
+
+    /// Balls of all sizes, some of them points, inside of a ball, as seen from near and far; coordinates are up to 2¹⁴ times
+    /// as large as the distance.
+    #[test]
+    fn whatever_is_inside_of_a_ball_states_no_less_than_the_least() {
+        let seed = &mut 13;
+        let (mut tested, mut nearest) = (0, f32::INFINITY);
+        for _ in 0..200_000 {
+            let (mut view, mut inner, error) = seen(seed);
+            let away = f64::from(-inner.center[2]) * 2f64.powf(15.0 * random(seed) - 1.0);
+            for (row, x) in view.object_to_eye.iter_mut().zip(&mut inner.center) {
+                row[3] = (away * (random(seed) - 0.5)) as f32;
+                *x -= row[3];
+            }
+            inner.radius *= (random(seed) * 2.0 - 1.0).max(0.0) as f32;
+            let part = 3.0 * random(seed).powi(4);
+            let center = inner.center.map(|x| x + (part * f64::from(error) * (random(seed) - 0.5)) as f32);
+            let outer = Sphere::of_spheres(&[inner, Sphere { center, radius: inner.radius }]);
+            let (least, own) = (view.least_pixels(&outer, error), view.pixels(&inner, error));
+            assert!(least <= own, "{inner:?} {outer:?} {error}: {least} {own}");
+            let larger = error * (1.0 + random(seed) as f32);
+            assert!(least <= view.pixels(&inner, larger), "{inner:?} {outer:?} {error}");
+            (tested, nearest) = (tested + 1, nearest.min(own / least));
+        }
+        assert!(tested == 200_000 && nearest < 1.02, "{nearest}");
+        let (view, sphere) = (seen(seed).0, Sphere { center: [0.0, 0.0, -2.0], radius: 1.0 });
+        assert_eq!([-1.0, 0.0].map(|error| view.least_pixels(&sphere, error)), [-1.0, 0.0]);
+        let parallel = LodView { near: 0.0, ..view };
+        assert_eq!(parallel.least_pixels(&sphere, 0.25), 125.0);
     }
 
     #[test]

@@ -42,8 +42,10 @@ pub struct Group {
     pub quadric: f32,
     /// How far attributes are off in what was made from this group, as a length; 0 where nothing was.
     pub attribute_error: f32,
+    /// The least own error of a member: while it is too large everywhere on the sphere, none of them is drawn.
+    pub min_own_error: f32,
     /// Zero: keeps records on 16-byte boundaries.
-    pub reserved: [u32; 3],
+    pub reserved: [u32; 2],
 }
 
 const _: () = assert!(size_of::<Group>() == 80);

@@ -17,6 +17,8 @@ pub struct Node {
     /// Above the error of every group below: when this projects to the threshold or less, nothing below is
     /// drawn.
     pub max_parent_error: f32,
+    /// The least own error of a cluster below: while it is too large everywhere on the sphere, nothing below is drawn.
+    pub min_own_error: f32,
     /// First child node, or first group when `is_leaf`.
     pub first: u32,
     /// Number of children.
@@ -27,4 +29,4 @@ pub struct Node {
     pub level: u32,
 }
 
-const _: () = assert!(size_of::<Node>() == 56);
+const _: () = assert!(size_of::<Node>() == 60);

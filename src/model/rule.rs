@@ -39,4 +39,18 @@ impl Threshold {
             Self::View(view, tau) => view.pixels(sphere, error) > *tau,
         }
     }
+
+    /// Whether clusters inside of a sphere may be drawn, from the largest of their parent errors and the least of their own.
+    pub fn may_be_in_cut(&self, sphere: &Sphere, parent_error: f32, own_error: f32) -> bool {
+        self.exceeded_by(sphere, parent_error) && !self.exceeded_throughout(sphere, own_error)
+    }
+
+    /// True when no error of at least `error`, on whatever sphere inside of this one, is small enough to be drawn: none of
+    /// them fails [`Threshold::exceeded_by`].
+    pub fn exceeded_throughout(&self, sphere: &Sphere, error: f32) -> bool {
+        match self {
+            Self::Uniform(tau) => error > *tau,
+            Self::View(view, tau) => view.least_pixels(sphere, error) > *tau,
+        }
+    }
 }

@@ -115,8 +115,9 @@ fn every_cut_of_a_closed_mesh_is_closed() {
 fn walking_the_hierarchy_finds_what_the_rule_says() {
     let dag = build_mesh(&shapes::bumpy_sphere(64));
     let mut random = Random(3);
-    for _ in 0..200 {
-        let threshold = random_view(&mut random);
+    for number in 0..200 {
+        let uniform = 10f64.powf(random.next() * 6.0 - 6.0) as f32;
+        let threshold = if number % 4 == 0 { Threshold::Uniform(uniform) } else { random_view(&mut random) };
         let by_rule: Vec<ClusterAddress> = dag
             .pages
             .addresses()

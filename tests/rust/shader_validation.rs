@@ -106,7 +106,7 @@ fn structs_lie_in_wgsl_as_in_rust() {
             viewport, occluders, depth_only, lod_widest, asks_later),
         fields!(Instance: screen, before, object_to_eye, center, lod_scale, extent, lod_focal, eye, lod_near, first_node,
             first_group, first_page, group_words, double_sided, mirrored, masked, unused),
-        fields!(Node: center, extent, lod_sphere, max_parent_error, first, count, level),
+        fields!(Node: center, extent, lod_sphere, max_parent_error, min_own_error, first, count, level),
         fields!(Group: lod_sphere, error, first, count, level, center, extent, bound, quadric, attribute_error,
             reserved),
         fields!(Visit: instance, node),

@@ -11,6 +11,7 @@ use nanite_rs::limits::{PYRAMID_ABOVE, PYRAMID_LEVELS};
 use nanite_rs::math::Sphere;
 use nanite_rs::model::cluster::RECORD_WORDS;
 use nanite_rs::model::packing::{VertexRow, vertex_row, write_triangles};
+use nanite_rs::model::rule::SOURCE_ERROR;
 use nanite_rs::model::{AttributeLayout, ClusterAddress, ClusterRecord, Group, Node, Packing};
 
 use crate::gpu_parity::device;
@@ -283,6 +284,7 @@ fn node(max_parent_error: f32, first: u32, count: u16, is_leaf: bool) -> Node {
         extent: [1.0; 3],
         lod_sphere: SPHERE,
         max_parent_error,
+        min_own_error: SOURCE_ERROR,
         first,
         count,
         is_leaf: u16::from(is_leaf),
@@ -292,7 +294,8 @@ fn node(max_parent_error: f32, first: u32, count: u16, is_leaf: bool) -> Node {
 
 fn group(error: f32, x: f32) -> Group {
     let center = [x, 0.0, 0.0];
-    Group { lod_sphere: SPHERE, error, center, extent: [0.5; 3], ..Group::zeroed() }
+    let min_own_error = SOURCE_ERROR;
+    Group { lod_sphere: SPHERE, error, center, extent: [0.5; 3], min_own_error, ..Group::zeroed() }
 }
 
 /// What looking at nodes leaves.
@@ -387,6 +390,55 @@ fn nodes_above_the_threshold_are_walked() {
     // Another instance starts elsewhere in every array: its node 0 is that leaf, and its groups 0 to 2 are 2 to 4 of all.
     let walked = go(&at(0.0), &[Visit { instance: 1, node: 0 }]);
     assert_eq!((walked.next.visited, walked.bits), (3, vec![0, 0b110, 0, 0]));
+}
+
+/// An error of 0.5, on whatever sphere inside of the one at distance 10, makes 0.5 · 64 / (10 + 1.875) pixels at least,
+/// less a 64th of that: 2.6526.
+#[test]
+fn what_is_too_coarse_all_through_is_left_out() {
+    let Some(device) = device("what_is_too_coarse_all_through_is_left_out") else { return };
+    let found = |tau: f32, own: [f32; 3]| {
+        let [of_root, of_leaf, of_group] = own;
+        let nodes = [
+            Node { min_own_error: of_root, ..node(1.0, 1, 1, false) },
+            Node { min_own_error: of_leaf, ..node(1.0, 0, 2, true) },
+        ];
+        let groups = [Group { min_own_error: of_group, ..group(1.0, 0.0) }, group(1.0, 0.0)];
+        let visits = [0, 1].map(|node| Visit { instance: 0, node });
+        let view = View { tau, group_words: 1, ..view() };
+        let out = run(
+            &device,
+            Kernel::NodeCull(Phase::First),
+            &[
+                words(&[view]),
+                words(&[seen()]),
+                words(&nodes),
+                words(&groups),
+                words(&visits),
+                words(&[dispatch(1, 1, 2)]),
+                &[0; 4],
+                words(&[Dispatch::default()]),
+                &[0; 2],
+                &[0; KEYS],
+                &[0; 8],
+                words(&[Dispatch::default()]),
+                &[0],
+                &[0],
+            ],
+        );
+        (entry::<Dispatch>(&out[7]).count, out[8][0])
+    };
+    let (source, error) = (SOURCE_ERROR, 0.5);
+    for (tau, coarse) in [(2.652, true), (2.653, false)] {
+        // One child is walked, and both groups are marked, but for what is too coarse.
+        assert_eq!(found(tau, [source; 3]), (1, 0b11));
+        assert_eq!(found(tau, [error, source, source]), (u32::from(!coarse), 0b11));
+        assert_eq!(found(tau, [source, error, source]), (1, if coarse { 0 } else { 0b11 }));
+        assert_eq!(found(tau, [source, source, error]), (1, if coarse { 0b10 } else { 0b11 }));
+    }
+    // An error of the source is never too large, nor is none.
+    assert_eq!(found(0.0, [source; 3]), (1, 0b11));
+    assert_eq!(found(0.0, [0.0; 3]), (1, 0b11));
 }
 
 /// A page that is not there is asked for with the largest error of its groups on the screen, a pixel here, and none of

@@ -20,7 +20,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
         return;
     }
     let part = parts[instances[instance].first_group + at];
-    if exceeds(instance, part.lod_sphere, part.error)
+    if may_be_in_cut(instance, part.lod_sphere, part.error, part.min_own_error)
         && footprint(instances[instance].screen, vector(part.center), vector(part.extent)).seen {
         mark_group(instances[instance].group_words, at);
     }

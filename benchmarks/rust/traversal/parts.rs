@@ -2,7 +2,7 @@
 //!
 //! The chunks of Haar and Aaltonen, "GPU-Driven Rendering Pipelines", SIGGRAPH 2015, with the rule of the cut: a part
 //! is left out where the largest parent error of its clusters, on a sphere around the spheres of all of them, is
-//! small enough, since each of them is too fine then.
+//! small enough, since each of them is too fine then, or where their least own error is too large anywhere on it.
 
 use nanite_rs::math::{Aabb, Sphere};
 use nanite_rs::model::rule::ERROR_STEP;
@@ -41,6 +41,7 @@ fn part(mesh: &Dag, first: ClusterAddress, count: usize) -> Group {
         level: mesh.group_of(first).level,
         center,
         extent,
+        min_own_error: members.iter().map(|&at| mesh.record(at).error).fold(f32::INFINITY, f32::min),
         ..bytemuck::Zeroable::zeroed()
     }
 }
