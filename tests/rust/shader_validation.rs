@@ -108,7 +108,7 @@ fn structs_lie_in_wgsl_as_in_rust() {
             first_group, first_page, group_words, double_sided, mirrored, masked, unused),
         fields!(Node: center, extent, lod_sphere, max_parent_error, min_own_error, first, count, level),
         fields!(Group: lod_sphere, error, first, count, level, center, extent, bound, quadric, attribute_error,
-            reserved),
+            min_own_error, reserved),
         fields!(Visit: instance, node),
         fields!(Candidate: instance, first, count, before),
         fields!(VisibleCluster: instance, cluster, large),
