@@ -32,11 +32,6 @@ pub const VISIBLE_BITS: u32 = 25;
 /// Most visible clusters of a frame.
 pub const MAX_VISIBLE: usize = (1 << VISIBLE_BITS) - 1;
 
-/// By how much less [`crate::math::LodView::least_pixels`] is than exact numbers would say. Distances to two spheres are
-/// rounded by some 2⁻²³ of the coordinates each; this is more while these are below some 2¹⁶ times the distance. Nearer than
-/// that, the diameter of the inner sphere is more, by which the divisor is too large.
-pub const LEAST_MARGIN: f32 = 1.0 / 64.0;
-
 /// Screen coordinates beyond this many pixels are clipped, so that edge functions stay in range and snapping to 1/256
 /// pixel stays exact.
 pub const GUARD_BAND: f32 = 16_000.0;

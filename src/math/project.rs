@@ -1,7 +1,11 @@
 //! From an error in object units to an error in pixels.
 
 use super::Sphere;
-use crate::limits::LEAST_MARGIN;
+
+/// By how much less [`LodView::least_pixels`] is than exact numbers would say. Distances to two spheres are rounded by some
+/// 2⁻²³ of the coordinates each; this is more while these are below some 2¹⁶ times the distance. Nearer than that, the
+/// diameter of the inner sphere is more, by which the divisor is too large.
+pub const LEAST_MARGIN: f32 = 1.0 / 64.0;
 
 /// What the level-of-detail test needs of a view and an instance: how far a sphere is, and how large a unit
 /// of error looks there. All lengths are in camera-relative world units.
