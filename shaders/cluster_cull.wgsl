@@ -1,6 +1,7 @@
 // Stage 3. Groups whose clusters may be drawn -> one bit for each cluster that is, and one more for the large ones:
-// the second half of the rule of the cut, the picture's bounds, the backface cone and the depth pyramid. The second
-// phase keeps what the first one drew, and looks at what waited for the pyramid alone.
+// the second half of the rule of the cut, the picture's bounds, the backface cone and the depth pyramid. The first phase
+// may start from what the frame before drew, and then looks at the first half of the rule too; the second phase keeps
+// what the first one drew, and looks at all else.
 
 // GROUPS_PER_WORKGROUP at least: one for each is written to by a lane of its own.
 override CULL_LANES: u32 = WIDTH;
@@ -11,13 +12,14 @@ override CULL_LANES: u32 = WIDTH;
 @group(0) @binding(3) var<storage, read> pages: array<u32>;
 @group(0) @binding(4) var<storage, read> candidates: array<Candidate>;
 @group(0) @binding(5) var<storage, read> culling: Dispatch;
+// What the frame before drew, where that is the list; then what this one draws.
 @group(0) @binding(6) var<storage, read_write> drawn: array<u32>;
 @group(0) @binding(7) var<storage, read_write> marks: array<Marks>;
 @group(0) @binding(8) var<storage, read_write> counters: Counters;
 @group(0) @binding(9) var<storage, read> pyramid: array<u32>;
 // Of the first phase; not read there.
 @group(0) @binding(10) var<storage, read> first_drawn: array<u32>;
-@group(0) @binding(11) var<storage, read> first_marks: array<Marks>;
+@group(0) @binding(11) var<storage, read> groups: array<Group>;
 @group(0) @binding(12) var<storage, read> pages_1: array<u32>;
 @group(0) @binding(13) var<storage, read> pages_2: array<u32>;
 @group(0) @binding(14) var<storage, read> pages_3: array<u32>;
@@ -27,7 +29,6 @@ var<workgroup> waiting: array<u32, GROUPS_PER_WORKGROUP>;
 var<workgroup> drawn_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 var<workgroup> large_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 var<workgroup> clipped_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
-var<workgroup> held_bits: array<atomic<u32>, GROUPS_PER_WORKGROUP>;
 // What the workgroup adds to the counters: one addition there for all its lanes.
 var<workgroup> held: atomic<u32>;
 var<workgroup> triangles_small: atomic<u32>;
@@ -42,12 +43,11 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
     let instance = candidate.instance;
     let cluster = candidate.first + member;
     let bit = 1u << member;
-    let again = SECOND && candidate.before != NONE;
     let record = record_start(page_start(instance, cluster), cluster);
     let at = record + RECORD_LOD_SPHERE;
     let sphere = Sphere(array<f32, 3>(real(at), real(at + 1u), real(at + 2u)), real(at + 3u));
     // What it was made from is drawn instead, where that is there.
-    if !again && exceeds(instance, sphere, real(record + RECORD_ERROR)) {
+    if exceeds(instance, sphere, real(record + RECORD_ERROR)) {
         let refined = instances[instance].first_page + page_word(record + RECORD_REFINED_PAGE);
         if page_offsets[refined] != ABSENT {
             return;
@@ -56,14 +56,11 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
     let center = reals(record + RECORD_CENTER);
     let extent = reals(record + RECORD_EXTENT);
     let place = footprint(instances[instance].screen, center, extent);
-    if !again && (!place.seen || (!two_sided(instance, record) && faces_away(instance, record))) {
+    if !place.seen || (!two_sided(instance, record) && faces_away(instance, record)) {
         return;
     }
     if hidden(place, instance, center, extent) {
         atomicAdd(&held, 1u);
-        if !SECOND {
-            atomicOr(&held_bits[group], bit);
-        }
         return;
     }
     atomicOr(&drawn_bits[group], bit);
@@ -85,7 +82,7 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
 
 // The n-th of the bits that are set.
 fn nth_bit(bits: u32, n: u32) -> u32 {
-    if !SECOND {
+    if !SECOND && view.history != HISTORY_LIST {
         // All from the first on.
         return n;
     }
@@ -94,6 +91,18 @@ fn nth_bit(bits: u32, n: u32) -> u32 {
         rest &= rest - 1u;
     }
     return firstTrailingBit(rest);
+}
+
+// Whether clusters of a candidate that an earlier frame found may still be in the cut: what the walk says of it otherwise.
+fn still_refined(candidate: Candidate) -> bool {
+    let instance = candidate.instance;
+    let page = instances[instance].first_page + (candidate.first >> PAGE_SLOT_BITS);
+    // Nothing is to be seen of an instance without a focal length.
+    if instances[instance].lod_focal == 0.0 || page_offsets[page] == ABSENT {
+        return false;
+    }
+    let group = groups[instances[instance].first_group + candidate.group];
+    return exceeds(instance, group.lod_sphere, group.error);
 }
 
 @compute @workgroup_size(CULL_LANES)
@@ -107,25 +116,25 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
         atomicStore(&triangles_small, 0u);
         atomicStore(&triangles_large, 0u);
     }
+    var kept = 0u;
     if leads {
-        var kept = 0u;
-        var kept_large = 0u;
         var members = 0u;
         if own < count {
             let candidate = candidates[own];
             members = NONE >> (32u - candidate.count);
-            if SECOND && candidate.before != NONE {
-                let before = first_marks[candidate.before];
-                kept = first_drawn[candidate.before];
-                kept_large = before.large & kept;
-                members = before.held;
+            if SECOND {
+                if candidate.before != NONE {
+                    kept = first_drawn[candidate.before];
+                    members &= ~kept;
+                }
+            } else if view.history == HISTORY_LIST {
+                members = select(0u, drawn[own], drawn[own] != 0u && still_refined(candidate));
             }
         }
         waiting[lane] = members;
         atomicStore(&drawn_bits[lane], kept);
-        atomicStore(&large_bits[lane], kept_large);
+        atomicStore(&large_bits[lane], 0u);
         atomicStore(&clipped_bits[lane], 0u);
-        atomicStore(&held_bits[lane], kept);
     }
     workgroupBarrier();
     // Lanes share out what waits, of all groups together.
@@ -149,8 +158,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     workgroupBarrier();
     if leads && own < count {
         drawn[own] = atomicLoad(&drawn_bits[lane]);
-        let clipped = atomicLoad(&clipped_bits[lane]);
-        marks[own] = Marks(atomicLoad(&large_bits[lane]), atomicLoad(&held_bits[lane]), 0u, clipped);
+        marks[own] = Marks(atomicLoad(&large_bits[lane]), kept, 0u, atomicLoad(&clipped_bits[lane]));
     }
     if lane == 0u {
         atomicAdd(&counters.visited_clusters, total);

@@ -1,27 +1,24 @@
-// The set bits of each block of words; `others` are those of the first phase, or the same again. Where most words are
-// zero, bits behind them tell which are not.
+// The set bits of each block of words. Where most words are zero, bits behind them tell which are not.
 
 @group(0) @binding(0) var<storage, read> bits: array<u32>;
 @group(0) @binding(1) var<storage, read> blocks: Dispatch;
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
-@group(0) @binding(3) var<storage, read> others: array<u32>;
 
 @compute @workgroup_size(SCAN_WIDTH)
 fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let block = workgroup_number(workgroup);
-    let words = words_of_lane(block, lane, min(blocks.count, min(arrayLength(&bits), arrayLength(&others))));
+    let words = words_of_lane(block, lane, min(blocks.count, arrayLength(&bits)));
     var count = 0u;
     if SPARSE {
         for (var first = words.x; first < words.y; first += 32u) {
-            let filled_at = blocks.count + first / 32u;
-            for (var filled = bits[filled_at] | others[filled_at]; filled != 0u; filled &= filled - 1u) {
+            for (var filled = bits[blocks.count + first / 32u]; filled != 0u; filled &= filled - 1u) {
                 let word = first + firstTrailingBit(filled);
-                count += countOneBits(bits[word] | others[word]);
+                count += countOneBits(bits[word]);
             }
         }
     } else {
         for (var word = words.x; word < words.y; word++) {
-            count += countOneBits(bits[word] | others[word]);
+            count += countOneBits(bits[word]);
         }
     }
     let sum = inclusive_sum(lane, count);

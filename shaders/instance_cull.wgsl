@@ -1,5 +1,5 @@
 // Stage 1. Instances of the scene -> as seen from the view, and the roots of those that may be on the screen. What an
-// earlier frame hid is put off to the second phase.
+// earlier frame hid is put off to the second phase, and all where the first has a list to start from.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> placed: array<Placed>;
@@ -19,6 +19,8 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     // Words of bits tell instances apart, those too that are not seen.
     instances[instance].group_words = placed[instance].group_words;
     if placed[instance].visible == 0u {
+        // It may be on the list of the frame before: this tells that nothing of it is to be seen.
+        instances[instance].lod_focal = 0.0;
         return;
     }
     instances[instance] = derive(placed[instance], instances[instance].screen);
@@ -28,7 +30,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     if !place.seen {
         return;
     }
-    if hidden(place, instance, center, extent) {
+    if view.history == HISTORY_LIST || hidden(place, instance, center, extent) {
         put_off(Visit(instance, 0u));
     } else {
         append(claim(1u), Visit(instance, 0u));

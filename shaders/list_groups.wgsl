@@ -1,5 +1,5 @@
-// The bits of groups -> the list of groups whose clusters may be drawn, in scene order. The second phase lists those of
-// both, and where they were in the list of the first.
+// The bits of groups -> the list of groups whose clusters may be drawn, in scene order. The second phase lists
+// where they were in the list of the first, too.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
@@ -30,11 +30,10 @@ fn instance_of(word: u32) -> u32 {
     return low;
 }
 
-// Lists the groups of a word; `at` and `first_at` are where those of both phases and of the first one go.
-fn list(word: u32, mask_of_word: u32, first_mask: u32, at_of_word: u32, first_at_of_word: u32) {
+// Lists the groups of a word, from a place on; those of the first phase are listed there from `first_at` on.
+fn list(word: u32, mask_of_word: u32, at_of_word: u32, first_mask: u32, first_at: u32) {
     var mask = mask_of_word;
     var at = at_of_word;
-    var first_at = first_at_of_word;
     let instance = instance_of(word);
     let first = 32u * (word - instances[instance].group_words);
     while mask != 0u {
@@ -42,12 +41,11 @@ fn list(word: u32, mask_of_word: u32, first_mask: u32, at_of_word: u32, first_at
         mask &= mask - 1u;
         var before = NONE;
         if (first_mask >> bit & 1u) == 1u {
-            before = first_at;
-            first_at++;
+            before = first_at + countOneBits(first_mask & ((1u << bit) - 1u));
         }
         if at < arrayLength(&candidates) {
             let group = instances[instance].first_group + first + bit;
-            candidates[at] = Candidate(instance, groups[group].first, groups[group].count, before);
+            candidates[at] = Candidate(instance, groups[group].first, groups[group].count, before, first + bit);
         }
         at++;
     }
@@ -73,10 +71,8 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
             let word = first + firstTrailingBit(rest);
             if SECOND {
                 first_count += countOneBits(first_bits[word]);
-                count += countOneBits(bits[word] | first_bits[word]);
-            } else {
-                count += countOneBits(bits[word]);
             }
+            count += countOneBits(bits[word]);
         }
     }
     var first_at = 0u;
@@ -94,13 +90,14 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
     for (var first = words.x; first < words.y; first += 32u) {
         for (var rest = filled_from(first); rest != 0u; rest &= rest - 1u) {
             let word = first + firstTrailingBit(rest);
-            var mask = bits[word];
+            let mask = bits[word];
             var first_mask = 0u;
             if SECOND {
                 first_mask = first_bits[word];
-                mask |= first_mask;
             }
-            list(word, mask, first_mask, at, first_at);
+            if mask != 0u {
+                list(word, mask, at, first_mask, first_at);
+            }
             at += countOneBits(mask);
             first_at += countOneBits(first_mask);
         }

@@ -76,7 +76,7 @@ fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_i
             let page = instances[visit.instance].first_page + (group.first >> PAGE_SLOT_BITS);
             if page_offsets[page] != ABSENT {
                 mark_group(words, number);
-            } else if SECOND || view.asks_later == 0u {
+            } else if SECOND || view.two_phases == 0u {
                 let pixels = error_pixels(visit.instance, group.lod_sphere, group.error);
                 atomicMax(&wanted[page], bitcast<u32>(pixels));
             } else {

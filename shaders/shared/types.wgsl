@@ -13,7 +13,8 @@ struct View {
     zero: u32,
     // Levels of the depth pyramid.
     levels: u32,
-    // 1 where the pyramid of an earlier frame is there.
+    // What there is of an earlier frame: 0 nothing, 1 its pyramid, HISTORY_LIST also the list of what it drew, from which
+    // the first phase starts.
     history: u32,
     // Words of the bits of all groups.
     group_words: u32,
@@ -37,8 +38,8 @@ struct View {
     // 1 where the visibility buffer has keys alone.
     depth_only: u32,
     lod_widest: f32,
-    // 1 where pages that are missed are asked for by the second phase alone.
-    asks_later: u32,
+    // 1 where what is hidden is left out, in two phases; then the second alone asks for pages that are missed.
+    two_phases: u32,
 }
 
 // An instance as the scene places it, whoever looks at it.
@@ -213,13 +214,15 @@ struct Candidate {
     count: u32,
     // Its place among the candidates of the first phase.
     before: u32,
+    // Its number in its mesh.
+    group: u32,
 }
 
 // What is known of the clusters of a candidate, one bit each.
 struct Marks {
     large: u32,
-    // Of the first phase: those that wait for the second. Of the second: those that the first one drew.
-    held: u32,
+    // Of the second phase: those that the first one drew.
+    old: u32,
     // Number of the first in the visible list.
     first: u32,
     // Of the large ones, those that the hardware rasterizer does not take.

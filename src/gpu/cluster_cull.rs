@@ -6,10 +6,11 @@ use super::shaders::{Bits, Kernel, Phase};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
     let (b, m, own, first) = (r.buffers, r.meshes, r.own(), r.first());
+    let groups = &own.groups;
     // The first phase reads nothing of an earlier one; what it writes cannot be bound there.
     let (first_drawn, first_marks) = match r.phase {
-        Phase::First => (&own.candidates, &own.candidates),
-        Phase::Second => (&first.drawn, &first.marks),
+        Phase::First => (&groups.candidates, &groups.candidates),
+        Phase::Second => (&first.groups.drawn, &first.marks),
     };
     let [pages, pages_1, pages_2, pages_3] = m.pages();
     let bindings = [
@@ -17,30 +18,31 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         r.seen,
         m.page_offsets(),
         pages,
-        &own.candidates,
-        &own.culling,
-        &own.drawn,
+        &groups.candidates,
+        &groups.culling,
+        &groups.drawn,
         &own.marks,
         &own.counters,
         r.pyramid(),
         first_drawn,
-        first_marks,
+        m.groups(),
         pages_1,
         pages_2,
         pages_3,
     ];
-    r.run_indirect(Kernel::ClusterCull(r.phase), &bindings, &own.culling, 0);
+    r.run_indirect(Kernel::ClusterCull(r.phase), &bindings, &groups.culling, 0);
     r.run_indirect(
         Kernel::CountBits(Bits::Clusters),
-        &[&own.drawn, &own.counting, &own.cluster_sums, &own.drawn],
-        &own.counting,
+        &[&groups.drawn, &groups.counting, &own.cluster_sums],
+        &groups.counting,
         0,
     );
-    r.run(Kernel::ScanBlocks(Bits::Clusters), &[&own.counting, &own.cluster_sums], 1);
+    r.run(Kernel::ScanBlocks(Bits::Clusters), &[&groups.counting, &own.cluster_sums], 1);
     let bindings = [
-        &own.candidates,
-        &own.counting,
-        &own.drawn,
+        &b.view,
+        &groups.candidates,
+        &groups.counting,
+        &groups.drawn,
         &own.marks,
         &own.cluster_sums,
         &b.visible,
@@ -50,6 +52,8 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         first_marks,
         &b.renumbered,
         &own.calls,
+        r.seen,
+        r.later_groups(),
     ];
-    r.run_indirect(Kernel::ListClusters(r.phase), &bindings, &own.counting, 0);
+    r.run_indirect(Kernel::ListClusters(r.phase), &bindings, &groups.counting, 0);
 }

@@ -76,10 +76,43 @@ impl Shape {
         Self { outputs: Outputs::default(), leaves: false, ..self }
     }
 
+    /// What the lists of the phases depend on.
+    fn lists(&self) -> (u32, u32, u32, Room, bool) {
+        (self.instances, self.group_words, self.depth, self.room, self.occlusion)
+    }
+
     /// Bytes of the visibility buffer.
     fn word_bytes(&self) -> u64 {
         let pixel = if self.depth_only { size_of::<u32>() } else { size_of::<u64>() };
         self.pixels * pixel as u64
+    }
+}
+
+/// The groups that a phase looks at, and which of their clusters are drawn.
+#[derive(Debug)]
+pub(super) struct Groups {
+    pub(super) bits: Buffer,
+    pub(super) sums: Buffer,
+    pub(super) candidates: Buffer,
+    pub(super) culling: Buffer,
+    pub(super) counting: Buffer,
+    pub(super) drawn: Buffer,
+}
+
+impl Groups {
+    fn new(context: &Context, shape: Shape) -> Result<Self> {
+        let Shape { group_words, room, .. } = shape;
+        let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
+        let dispatch = || context.buffer("dispatches", bytes::<Dispatch>(1), DISPATCH);
+        let sums = bytes::<u32>(Bits::Groups.sums(group_words));
+        Ok(Self {
+            bits: storage("bits of groups", bytes::<u32>(shaders::group_bit_words(group_words)))?,
+            sums: storage("counts of bits", sums)?,
+            candidates: storage("groups to look at", bytes::<Candidate>(room.candidates))?,
+            culling: dispatch()?,
+            counting: dispatch()?,
+            drawn: storage("bits of clusters", bytes::<u32>(room.candidates))?,
+        })
     }
 }
 
@@ -90,12 +123,7 @@ pub(super) struct Phase {
     pub(super) starts: Buffer,
     /// One dispatch per level.
     pub(super) levels: Vec<Buffer>,
-    pub(super) group_bits: Buffer,
-    pub(super) group_sums: Buffer,
-    pub(super) candidates: Buffer,
-    pub(super) culling: Buffer,
-    pub(super) counting: Buffer,
-    pub(super) drawn: Buffer,
+    pub(super) groups: Groups,
     pub(super) marks: Buffer,
     pub(super) cluster_sums: Buffer,
     /// Of the clusters of each list, with room for all in the small and the large one together, and in the clipped one.
@@ -110,21 +138,15 @@ pub(super) struct Phase {
 
 impl Phase {
     fn new(context: &Context, shape: Shape, starts: u32) -> Result<Self> {
-        let Shape { group_words, depth, room, .. } = shape;
+        let Shape { depth, room, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let dispatch = |count: u32| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
-        let sums = |of: Bits, words: u32| storage("counts of bits", bytes::<u32>(of.sums(words)));
         Ok(Self {
             starts: storage("the instances of the scene", bytes::<Visit>(starts))?,
             levels: (0..=depth).map(|_| dispatch(1)).collect::<Result<_>>()?,
-            group_bits: storage("bits of groups", bytes::<u32>(shaders::group_bit_words(group_words)))?,
-            group_sums: sums(Bits::Groups, group_words)?,
-            candidates: storage("groups to look at", bytes::<Candidate>(room.candidates))?,
-            culling: dispatch(1)?,
-            counting: dispatch(1)?,
-            drawn: storage("bits of clusters", bytes::<u32>(room.candidates))?,
+            groups: Groups::new(context, shape)?,
             marks: storage("bits of clusters", bytes::<Marks>(room.candidates))?,
-            cluster_sums: sums(Bits::Clusters, room.candidates)?,
+            cluster_sums: storage("counts of bits", bytes::<u32>(Bits::Clusters.sums(room.candidates)))?,
             numbers: storage("visible clusters", 2 * bytes::<u32>(room.visible))?,
             draws: dispatch(List::COUNT)?,
             calls: context.buffer("draws", bytes::<Call>(List::COUNT), DISPATCH)?,
@@ -133,11 +155,13 @@ impl Phase {
         })
     }
 
-    /// Lists start empty, bits at zero.
-    fn clear(&self, encoder: &mut CommandEncoder) {
-        let lists = [&self.culling, &self.counting, &self.draws, &self.calls, &self.steps];
-        let one = [&self.group_bits, &self.counters];
-        self.levels.iter().chain(lists).chain(one).for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
+    /// Lists start empty, bits at zero; but for those of groups where it is to start from them.
+    fn clear(&self, encoder: &mut CommandEncoder, listed: bool) {
+        let groups = [&self.groups.culling, &self.groups.counting, &self.groups.bits];
+        let groups = if listed { &[][..] } else { &groups };
+        let own = [&self.draws, &self.calls, &self.steps, &self.counters];
+        let all = self.levels.iter().chain(own).chain(groups.iter().copied());
+        all.for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
     }
 
     /// What comes back of it, in the order in which [`Buffers::split`] hands it out; `starts` entries of its list.
@@ -145,7 +169,7 @@ impl Phase {
         let dispatch = bytes::<Dispatch>(1);
         let mut parts = vec![
             Part { buffer: &self.counters, bytes: bytes::<Counters>(1) },
-            Part { buffer: &self.culling, bytes: dispatch },
+            Part { buffer: &self.groups.culling, bytes: dispatch },
             Part { buffer: &self.draws, bytes: bytes::<Dispatch>(List::COUNT) },
             Part { buffer: &self.starts, bytes: bytes::<Visit>(starts) },
         ];
@@ -163,6 +187,8 @@ pub(super) struct Buffers {
     pub(super) visits: [Buffer; 2],
     /// The second is there with occlusion; without, nothing is put off.
     pub(super) phases: Vec<Phase>,
+    /// Whether the groups of the first phase are those of the frame before, with what was drawn of them.
+    pub(super) listed: bool,
     /// Where the first phase puts off to when there is no second, and the second, which does not: a list and its count.
     pub(super) nowhere: [Buffer; 2],
     /// The words of the bits of all groups, for the first phase; for the second, a step of the first says it.
@@ -212,20 +238,27 @@ fn array_bytes(output: Output, pixels: u64) -> u64 {
 }
 
 impl Buffers {
-    pub(super) fn new(context: &Context, shape: Shape) -> Result<Self> {
+    /// For frames of a shape. Of those of another, lists stay where they would be the same.
+    pub(super) fn new(context: &Context, shape: Shape, before: Option<Self>) -> Result<Self> {
         let Shape { instances, room, occlusion, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
+        let before = before.filter(|before| before.shape.lists() == shape.lists());
+        let before = before.map(|before| (before.phases, before.listed));
         let visits = || storage("nodes to look at", bytes::<Visit>(room.visits));
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
-        let mut phases = vec![Phase::new(context, shape, instances)?];
-        if occlusion {
-            phases.push(Phase::new(context, shape, room.visits)?);
-        }
+        let (phases, listed) = if let Some(before) = before {
+            before
+        } else {
+            let starts = [instances, room.visits];
+            let phases = starts.iter().take(1 + usize::from(occlusion));
+            (phases.map(|starts| Phase::new(context, shape, *starts)).collect::<Result<_>>()?, false)
+        };
         let out = Self {
             shape,
             view: context.buffer("view", bytes::<View>(1), uniform)?,
             visits: [visits()?, visits()?],
             phases,
+            listed,
             nowhere: [
                 storage("nodes to look at", bytes::<Visit>(1))?,
                 storage("dispatches", bytes::<Dispatch>(1))?,
@@ -304,9 +337,22 @@ impl Buffers {
         parts
     }
 
-    /// Lists start empty, bits and words at zero.
-    pub(super) fn clear(&self, encoder: &mut CommandEncoder) {
-        self.phases.iter().for_each(|phase| phase.clear(encoder));
+    /// Takes in that a frame was drawn: the next can start from its groups, where the second phase listed them.
+    pub(super) fn keep_list(&mut self, both: bool) {
+        self.listed = false;
+        if let [first, second] = &mut self.phases[..]
+            && both
+        {
+            std::mem::swap(&mut first.groups, &mut second.groups);
+            self.listed = true;
+        }
+    }
+
+    /// Lists start empty, bits and words at zero; but for the list that the first phase starts from, if it does.
+    pub(super) fn clear(&self, encoder: &mut CommandEncoder, listed: bool) {
+        for (phase, listed) in self.phases.iter().zip([listed, false]) {
+            phase.clear(encoder, listed);
+        }
         encoder.clear_buffer(&self.words, 0, None);
         encoder.clear_buffer(&self.wanted, 0, None);
         let counted = self.outputs.iter().find(|(output, _)| *output == Output::Overdraw);
@@ -438,6 +484,8 @@ pub(super) struct Recorder<'a> {
     pub(super) materials: Option<&'a materials::Buffers>,
     /// What is hidden is left out, in two phases.
     pub(super) culling: bool,
+    /// The first phase starts from what the frame before drew.
+    pub(super) listed: bool,
     pub(super) phase: shaders::Phase,
     pub(super) pass: ComputePass<'a>,
 }
@@ -458,6 +506,14 @@ impl<'a> Recorder<'a> {
         match (self.phase, &self.buffers.phases[..]) {
             (shaders::Phase::First, [_, second]) => [&second.starts, &second.levels[0]],
             _ => [&self.buffers.nowhere[0], &self.buffers.nowhere[1]],
+        }
+    }
+
+    /// The bits of groups that this phase marks for the second; what nobody writes where there is none.
+    pub(super) fn later_groups(&self) -> &'a Buffer {
+        match (self.phase, &self.buffers.phases[..]) {
+            (shaders::Phase::First, [_, second]) => &second.groups.bits,
+            _ => &self.buffers.nowhere[0],
         }
     }
 

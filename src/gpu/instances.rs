@@ -51,6 +51,8 @@ pub(super) struct Instances {
     /// What frames materials are on the device for.
     shading: Shading,
     buffers: Option<Slots>,
+    /// How often it was told where they lie and which bits are theirs.
+    arrangements: u64,
     /// Words of the bits of all groups, and levels of the deepest hierarchy.
     group_words: u32,
     depth: u32,
@@ -69,7 +71,8 @@ pub(super) struct Slots {
 impl Instances {
     /// Forgets all.
     pub(super) fn clear(&mut self) {
-        *self = Self { buffers: self.buffers.take(), rearranged: true, repainted: true, ..Self::default() };
+        let (buffers, arrangements) = (self.buffers.take(), self.arrangements);
+        *self = Self { buffers, arrangements, rearranged: true, repainted: true, ..Self::default() };
     }
 
     /// Puts an instance in a slot, or nothing. Where its mesh lies on the device is found out later.
@@ -118,6 +121,11 @@ impl Instances {
     /// Whether anything is to be seen.
     pub(super) fn any(&self) -> bool {
         self.records.iter().any(|record| record.visible != 0)
+    }
+
+    /// A number for where they lie and which bits are theirs: lists made with another mean something else.
+    pub(super) fn arrangement(&self) -> u64 {
+        self.arrangements
     }
 
     /// Words of the bits of all groups.
@@ -233,6 +241,7 @@ impl Instances {
             }
         }
         (self.group_words, self.depth) = (words, depth);
+        self.arrangements += 1;
         Ok(())
     }
 

@@ -13,7 +13,7 @@ use super::context::Context;
 use super::frame::Recorder;
 use super::shaders::{Kernel, Phase, Step};
 use crate::error::Result;
-use crate::gpu_types::View;
+use crate::gpu_types::{HISTORY_LIST, View};
 use crate::limits::{CLUSTER_MAX_TRIANGLES, PYRAMID_LEVELS};
 
 /// What two frames must have in common, so that keys mean the same.
@@ -29,6 +29,8 @@ pub(super) struct Pyramids {
     buffers: [Buffer; 2],
     /// Of the frame that the earlier pyramid shows; absent when there is none.
     constants: Option<Constants>,
+    /// The view of the frame before.
+    last: Option<View>,
     /// The key of the view that last had no earlier frame, see [`View::occluders`].
     occluders: u32,
     /// Triangles of the last frame that had no earlier one, with what it hid.
@@ -63,6 +65,29 @@ fn constants(view: &View) -> Constants {
     [view.orthographic, view.near.to_bits(), view.far.to_bits()]
 }
 
+/// Cosine of the largest turn from frame to frame after which most of what was drawn is still on the picture.
+const MOST_TURN: f32 = 0.966;
+/// The same of how much longer or shorter a focal length may be,
+const MOST_ZOOM: f32 = 1.25;
+/// and of how far the eye may move, as a part of the distance of the nearest things that hide others.
+const MOST_WAY: f32 = 0.5;
+
+/// Whether a view shows much the same as that of the frame before.
+fn alike(last: &View, view: &View) -> bool {
+    let dot = |k: usize| (0..3).map(|j| last.rotate[k][j] * view.rotate[k][j]).sum::<f32>();
+    // The trace of a rotation is 1 + 2 cos.
+    let turned = 0.5 * (dot(0) + dot(1) + dot(2) - 1.0);
+    let zoom = |k: usize| (view.focal[k] / last.focal[k]).max(last.focal[k] / view.focal[k]);
+    let way = |k: usize| (view.rotate[k][3] - last.rotate[k][3]) + (view.low[k] - last.low[k]);
+    let way = (0..3).map(|k| way(k) * way(k)).sum::<f32>().sqrt();
+    let distance = match (view.occluders, view.orthographic) {
+        (0, _) => f32::INFINITY,
+        (key, 0) => view.near / f32::from_bits(key),
+        (key, _) => f32::from_bits(!key),
+    };
+    turned >= MOST_TURN && zoom(0).max(zoom(1)) <= MOST_ZOOM && way <= MOST_WAY * distance
+}
+
 impl Pyramids {
     /// For pictures of a size; none for (0, 0).
     pub(super) fn new(context: &Context, size: (u32, u32)) -> Result<Self> {
@@ -74,6 +99,7 @@ impl Pyramids {
             levels,
             buffers: [buffer()?, buffer()?],
             constants: None,
+            last: None,
             occluders: 0,
             whole: 0,
             vain: 0,
@@ -123,12 +149,16 @@ impl Pyramids {
             self.occluders = view.occluders;
         }
         view.occluders = self.occluders;
+        if view.history != 0 && self.last.is_some_and(|last| alike(&last, view)) {
+            view.history = HISTORY_LIST;
+        }
     }
 
     /// Takes in that a frame of so many triangles was drawn and so many clusters hidden at least, which built a pyramid or
     /// did not need one.
     pub(super) fn remember(&mut self, view: &View, triangles: u64, hidden: u64, built: bool) {
         let pixels = u64::from(view.width) * u64::from(view.height);
+        self.last = Some(*view);
         if view.history == 0 {
             self.whole = triangles + hidden * CLUSTER_MAX_TRIANGLES as u64;
         } else if PIXELS_PER_TRIANGLE * self.whole.saturating_sub(triangles) < pixels {

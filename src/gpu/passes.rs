@@ -12,6 +12,7 @@ use super::renderer::DeviceStage;
 use super::shaders::{List, Phase, Words};
 use super::sight::Turn;
 use super::times::Times;
+use crate::gpu_types::HISTORY_LIST;
 
 /// Records stages for all views, a pass at a time.
 pub(super) struct Passes<'a> {
@@ -45,8 +46,9 @@ impl<'a> Passes<'a> {
         // It ends below, where the last recorder does.
         let mut pass = self.encoder.begin_compute_pass(&descriptor).forget_lifetime();
         let Self { context, meshes, instances, slots, materials, .. } = *self;
-        for Turn { seen, buffers, culling, sight, .. } in turns {
+        for Turn { view, seen, buffers, culling, sight } in turns {
             let (pyramids, light, culling) = (&sight.pyramids, &sight.light, *culling);
+            let listed = view.history == HISTORY_LIST;
             let mut recorder = Recorder {
                 context,
                 meshes,
@@ -58,6 +60,7 @@ impl<'a> Passes<'a> {
                 light,
                 materials,
                 culling,
+                listed,
                 phase,
                 pass,
             };

@@ -17,7 +17,9 @@ use super::{
 };
 use crate::config::{Output, Outputs, Raster, Shading, Transfer};
 use crate::error::{Error, Result};
-use crate::gpu_types::{self, Array, Counters, Dispatch, Lighting, View, VisibleCluster, Visit};
+use crate::gpu_types::{
+    self, Array, Counters, Dispatch, HISTORY_LIST, Lighting, View, VisibleCluster, Visit,
+};
 use crate::limits::MAX_VISIBLE;
 use crate::scene::EnvironmentMap;
 use crate::stream::{Needs, Resident};
@@ -136,6 +138,8 @@ pub struct Drawn {
     pub smaller_images: u64,
     /// Which rasterizers drew it.
     pub raster: Raster,
+    /// The first phase started from what the frame before drew.
+    pub listed: bool,
     /// One phase, or two.
     pub phases: Vec<Counted>,
     /// Stage, phase and milliseconds of each pass on the device; NaN where it takes no time.
@@ -223,12 +227,11 @@ impl Renderer {
         for (sight, job) in self.sights.iter_mut().zip(&*jobs) {
             let (view, culling) = sight.prepare(&self.context, &self.instances, job, ways.occlusion)?;
             let depth_only = u32::from(ways.depth_only);
-            // What is missed is asked for where it is known what hides it.
-            let asks_later = u32::from(culling);
-            views.push((View { viewport, depth_only, asks_later, ..view }, culling));
+            let two_phases = u32::from(culling);
+            views.push((View { viewport, depth_only, two_phases, ..view }, culling));
         }
         loop {
-            for (sight, job) in self.sights.iter_mut().zip(&*jobs) {
+            for ((sight, job), (view, _)) in self.sights.iter_mut().zip(&*jobs).zip(&mut views) {
                 let shape = Shape {
                     instances: self.instances.room(),
                     group_words: self.instances.group_words(),
@@ -245,16 +248,23 @@ impl Renderer {
                 let context = &self.context;
                 // Others go before new ones are made.
                 let fits = |own: &Buffers| own.shape.inner() == shape.inner();
-                let buffers = sight.buffers.take().filter(fits);
+                let (buffers, before) = match sight.buffers.take() {
+                    Some(own) if fits(&own) => (Some(own), None),
+                    before => (None, before),
+                };
                 let left = buffers.as_ref().map_or(0, Buffers::frames_left);
                 let shape = Shape { leaves: job.leave && left < MOST_LEFT, ..shape };
                 let buffers = match buffers {
                     Some(own) if own.shape == shape => Ok(own),
                     Some(own) => own.making(context, shape),
-                    None => Buffers::new(context, shape),
+                    None => Buffers::new(context, shape, before),
                 };
                 let buffers = buffers.and_then(|mut own| own.release_words(context).map(|()| own));
-                sight.buffers = Some(buffers.inspect_err(|_| self.room = FIRST_ROOM)?);
+                let buffers = buffers.inspect_err(|_| self.room = FIRST_ROOM)?;
+                if !buffers.listed {
+                    view.history = view.history.min(1);
+                }
+                sight.buffers = Some(buffers);
             }
             let mut turns = Vec::with_capacity(jobs.len());
             for (sight, (view, culling)) in self.sights.iter().zip(&views) {
@@ -271,6 +281,7 @@ impl Renderer {
             if room == self.room {
                 for ((drawn, sight), (view, culling)) in drawn.iter_mut().zip(&mut self.sights).zip(&views) {
                     (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
+                    drawn.listed = view.history == HISTORY_LIST;
                     drawn.smaller_images = self.instances.table().smaller_images();
                     drawn.needs = self.meshes.needs(&drawn.wanted);
                     let buffers = sight.buffers.as_ref().filter(|buffers| buffers.shape.leaves);
@@ -292,7 +303,7 @@ impl Renderer {
         for Turn { view, buffers, .. } in turns {
             queue.write_buffer(&buffers.view, 0, bytemuck::bytes_of(*view));
             queue.write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&buffers.group_dispatch()));
-            buffers.clear(&mut encoder);
+            buffers.clear(&mut encoder, view.history == HISTORY_LIST);
         }
         let forms: &[Words] = match (depth_only, wide_atomics && context.wide_atomics()) {
             (true, _) => &[Words::Depth],

@@ -5,8 +5,8 @@ use std::mem::offset_of;
 use super::meshes::ABSENT;
 use crate::config::{OUTPUTS, Output, Shading};
 use crate::gpu_types::{
-    Dispatch, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS,
-    TEXTURE_WRAP,
+    Dispatch, HISTORY_LIST, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, TEXTURE_FORMAT, TEXTURE_LINEAR,
+    TEXTURE_MIPMAPS, TEXTURE_WRAP,
 };
 use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN,
@@ -80,7 +80,7 @@ impl Step {
 /// Which of the two phases of occlusion culling.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// What an earlier frame does not hide; without occlusion, everything.
+    /// What an earlier frame does not hide, or of what it drew; without occlusion, everything.
     First,
     /// What was put off, by the depth pyramid of the first.
     Second,
@@ -371,7 +371,7 @@ impl Kernel {
             Self::ScanBlocks(_) => vec![TYPES, SCAN, file!("scan_blocks")],
             Self::ListGroups(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("list_groups")],
             Self::ClusterCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, PAGES, CONE, file!("cluster_cull")],
-            Self::ListClusters(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("list_clusters")],
+            Self::ListClusters(_) => vec![TYPES, SCAN, WORD_BLOCKS, GROUP_BITS, file!("list_clusters")],
             Self::RasterSmall(w) => vec![TYPES, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")],
             Self::RasterLarge(w) => {
                 let whole = file!("shared/whole");
@@ -508,6 +508,7 @@ pub fn constants() -> String {
         ("LIST_LARGE", List::Large as u32),
         ("LIST_CLIPPED", List::Clipped as u32),
         ("LIST_MASKED", List::Masked as u32),
+        ("HISTORY_LIST", HISTORY_LIST),
         ("STEPS", Step::COUNT),
         ("STEP_GROUPS", Step::Groups.number()),
         ("STEP_PIXELS", Step::Pixels.number()),

@@ -19,12 +19,14 @@ pub(super) struct Sight {
     pub(super) buffers: Option<Buffers>,
     pub(super) pyramids: Pyramids,
     pub(super) light: Light,
+    /// How instances were arranged when it was last drawn.
+    arrangement: u64,
 }
 
 impl Sight {
     pub(super) fn new(context: &Context) -> Result<Self> {
         let (pyramids, light) = (Pyramids::new(context, (0, 0))?, Light::new(context)?);
-        Ok(Self { seen: None, buffers: None, pyramids, light })
+        Ok(Self { seen: None, buffers: None, pyramids, light, arrangement: 0 })
     }
 
     /// Gets ready to draw; returns the view with what was to be filled in, and whether it culls what is hidden.
@@ -52,21 +54,28 @@ impl Sight {
             self.pyramids = Pyramids::new(context, size)?;
         }
         self.pyramids.recall(&mut view);
+        if std::mem::replace(&mut self.arrangement, instances.arrangement()) != instances.arrangement() {
+            view.history = view.history.min(1);
+        }
         Ok((view, !self.pyramids.paused()))
     }
 
     /// Takes in that a frame was drawn, with culling or without.
     pub(super) fn remember(&mut self, view: &View, drawn: &Drawn, culling: bool, occlusion: bool) {
+        let mut both = false;
         if culling {
             let counters = drawn.phases.iter().map(|phase| phase.counters);
             let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
             let built = counters.clone().any(|c| c.pyramid != 0);
             let hidden = |phase: &Counted| phase.hidden_instances + u64::from(phase.counters.held);
             let hidden = drawn.phases.get(1).map_or(0, hidden);
+            // Where the first phase built one, the second walked.
+            both = drawn.phases.first().is_some_and(|first| first.counters.pyramid != 0);
             self.pyramids.remember(view, counters.map(triangles).sum(), hidden, built);
         } else if occlusion {
             self.pyramids.wait();
         }
+        self.buffers.iter_mut().for_each(|buffers| buffers.keep_list(both));
     }
 }
 

@@ -9,6 +9,9 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::limits::PYRAMID_LEVELS;
 
+/// What [`View::history`] is where there is a list.
+pub const HISTORY_LIST: u32 = 2;
+
 /// A view's constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -33,7 +36,8 @@ pub struct View {
     pub zero: u32,
     /// Levels of the depth pyramid.
     pub levels: u32,
-    /// 1 where the pyramid of an earlier frame is there.
+    /// What there is of an earlier frame: 0 nothing, 1 its pyramid, [`HISTORY_LIST`] also the list of what it drew, from
+    /// which the first phase starts.
     pub history: u32,
     /// Words of the bits of all groups.
     pub group_words: u32,
@@ -65,8 +69,8 @@ pub struct View {
     pub depth_only: u32,
     /// See [`crate::math::LodView::widest`].
     pub lod_widest: f32,
-    /// 1 where pages that are missed are asked for by the second phase alone.
-    pub asks_later: u32,
+    /// 1 where what is hidden is left out, in two phases; then the second alone asks for pages that are missed.
+    pub two_phases: u32,
 }
 
 /// An instance as the scene places it, whoever looks at it.
@@ -323,6 +327,8 @@ pub struct Candidate {
     pub count: u32,
     /// Its place among the candidates of the first phase.
     pub before: u32,
+    /// Its number in its mesh.
+    pub group: u32,
 }
 
 /// What is known of the clusters of a candidate, one bit each.
@@ -331,8 +337,8 @@ pub struct Candidate {
 pub struct Marks {
     /// Those for the large rasterizer.
     pub large: u32,
-    /// Of the first phase: those that wait for the second. Of the second: those that the first one drew.
-    pub held: u32,
+    /// Of the second phase: those that the first one drew.
+    pub old: u32,
     /// Number of the first in the visible list.
     pub first: u32,
     /// Of the large ones, those that the hardware rasterizer does not take; of the others, those that may have holes.
@@ -377,7 +383,7 @@ pub struct Counters {
     pub drawn_large: u32,
     /// Entries of the visible list.
     pub visible: u32,
-    /// Clusters that wait for the second phase; of the second phase: that the pyramid hides.
+    /// Clusters that the pyramid hides: of the first phase that of an earlier frame.
     pub held: u32,
     /// 1 where a pyramid was built.
     pub pyramid: u32,

@@ -206,11 +206,16 @@ fn stages(drawn: &Drawn, instances: u64, covered: u64, screen: &Screen) -> Vec<S
         else {
             continue;
         };
-        let before = if pass == 2 { drawn.phases[0].groups } else { 0 };
+        // A first phase that starts from a list leaves instances to the second and walks to no group; else the second lists
+        // the groups of both.
+        let (later, known) = match (&drawn.phases[..], drawn.listed) {
+            ([_, second], true) => (second.starts, if pass == 1 { *groups } else { 0 }),
+            ([first, _], false) if pass == 2 => (0, first.groups),
+            _ => (0, 0),
+        };
         let (received, passed) = match device_stage {
-            DeviceStage::InstanceCull => (instances, *starts),
-            // The second phase lists the groups of both.
-            DeviceStage::NodeCull => (*visited, groups.saturating_sub(before)),
+            DeviceStage::InstanceCull => (instances, starts + later),
+            DeviceStage::NodeCull => (*visited, groups.saturating_sub(known)),
             DeviceStage::ClusterCull => (counters.visited_clusters.into(), *clusters),
             DeviceStage::RasterSmall => (counters.triangles_small.into(), counters.drawn_small.into()),
             DeviceStage::RasterLarge => (counters.triangles_large.into(), counters.drawn_large.into()),

@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable, cast_slice};
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu::shaders::{Bits, Kernel, List, Phase, Step, Words};
 use nanite_rs::gpu_types::{
-    Call, Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
+    Call, Candidate, Counters, Dispatch, HISTORY_LIST, Instance, Marks, Placed, View, VisibleCluster, Visit,
 };
 use nanite_rs::limits::{PYRAMID_ABOVE, PYRAMID_LEVELS};
 use nanite_rs::math::Sphere;
@@ -186,7 +186,7 @@ fn an_instance_as_seen_from_the_eye() {
     let there = Placed { group_words: 7, first_node: 5, ..placed(3.0, -2.0, -10.0) };
     let hidden = Placed { group_words: 9, visible: 0, ..there };
     let (list, level) = ([0; 4], [Dispatch::default()]);
-    let old = [Instance { screen: [[4.0; 4]; 3], ..Instance::zeroed() }; 2];
+    let old = [Instance { screen: [[4.0; 4]; 3], lod_focal: 9.0, ..Instance::zeroed() }; 2];
     let out = run(
         &device,
         Kernel::InstanceCull,
@@ -211,6 +211,8 @@ fn an_instance_as_seen_from_the_eye() {
     assert_eq!((found.eye, found.extent, found.mirrored), ([-3.0, 2.0, 10.0], [1.0; 3], 1));
     assert_eq!((found.group_words, found.first_node), (7, 5));
     assert_eq!((not_seen.group_words, not_seen.screen), (9, old[1].screen));
+    // Which tells that nothing of it is to be drawn.
+    assert_eq!((found.lod_focal, not_seen.lod_focal), (64.0, 0.0));
 }
 
 /// The depth key of a distance in a view with near distance 1.
@@ -256,6 +258,11 @@ fn what_the_earlier_pyramid_hides_is_put_off() {
         // By where it was; and what reaches the near plane is never hidden.
         assert_eq!(go(&now, placed(5.0, 2.0, -12.0), here), hidden, "{number}");
         assert!(!go(&now, here, placed(0.0, 0.0, -1.5)));
+        // All that is on the picture, where the first phase has a list to start from.
+        let listed = View { history: HISTORY_LIST, ..now };
+        assert!(go(&listed, here, here) && go(&listed, placed(0.0, 0.0, -1.5), here));
+        let nothing = culled(&device, &listed, &[placed(99.0, 0.0, -10.0)], &[here], &pyramid);
+        assert_eq!(nothing, [vec![], vec![]]);
         // What was not on the picture, or where there was none, is put off where it is not near enough.
         let off = placed(99.0, 0.0, -10.0);
         for (history, before) in [(0, here), (1, off)] {
@@ -447,9 +454,9 @@ fn what_is_too_coarse_all_through_is_left_out() {
 fn groups_that_are_not_there_are_asked_for() {
     let Some(device) = device("groups_that_are_not_there_are_asked_for") else { return };
     let leaf = Visit { instance: 0, node: 1 };
-    let view = |asks_later| View { tau: 0.5, asks_later, ..view() };
-    let go = |phase, asks_later, page, key: u32| {
-        walk_pages(&device, phase, &view(asks_later), &[leaf], &[key; KEYS], page)
+    let view = |two_phases| View { tau: 0.5, two_phases, ..view() };
+    let go = |phase, two_phases, page, key: u32| {
+        walk_pages(&device, phase, &view(two_phases), &[leaf], &[key; KEYS], page)
     };
     let there = go(Phase::First, 0, 0, 0);
     assert_eq!((there.wanted, there.bits[0]), (0.0, 0b11));
@@ -568,7 +575,7 @@ fn clusters(
                 words(&[Counters::default()]),
                 &[0; KEYS],
                 &[0; 4],
-                words(&[Marks::zeroed()]),
+                words(&[Group::zeroed()]),
                 pages,
                 pages,
                 pages,
@@ -581,7 +588,7 @@ fn clusters(
 }
 
 fn candidate(page: usize, count: u32) -> Candidate {
-    Candidate { instance: 0, first: ClusterAddress::new(page, 0).0, count, before: NONE }
+    Candidate { instance: 0, first: ClusterAddress::new(page, 0).0, count, before: NONE, group: 0 }
 }
 
 #[test]
@@ -602,7 +609,7 @@ fn clusters_obey_the_rule_and_go_to_their_rasterizer() {
     assert_eq!(drawn, [0b0011, 0b1111, 0b111]);
     let large: Vec<u32> = marks.iter().map(|marks| marks.large).collect();
     assert_eq!(large, [0, 0b1010, 0b010]);
-    assert!(marks.iter().all(|marks| marks.held == 0));
+    assert!(marks.iter().all(|marks| marks.old == 0));
     assert_eq!((counters.visited_clusters, counters.held), (12, 0));
     assert_eq!(counters.triangles_small, 2 + (2 + 128) + (2 + 128));
     assert_eq!(counters.triangles_large, (2 + 128) + 2);
@@ -640,16 +647,17 @@ fn a_cluster_faces_away_by_a_hair() {
     assert_eq!(clusters(&device, &parallel, along, &pages, &list).0, [0b10_1100]);
 }
 
+/// The second phase keeps what the first one drew, and looks at all else.
 #[test]
-fn the_second_phase_looks_at_clusters_that_waited() {
-    let Some(device) = device("the_second_phase_looks_at_clusters_that_waited") else { return };
-    // Of the first candidate cluster 0 was drawn, as a large one, 1 waited, 2 had failed. The second is new.
-    let records = [cluster(3, 0.2), cluster(5, 0.2), cluster(7, 0.2)];
+fn the_second_phase_looks_at_clusters_that_are_not_drawn_yet() {
+    let Some(device) = device("the_second_phase_looks_at_clusters_that_are_not_drawn_yet") else { return };
+    // Of the first candidate cluster 0 was drawn, and 2 is off the screen. The second is new.
+    let off = ClusterRecord { center: [20.0, 0.0, 0.0], ..cluster(7, 0.2) };
+    let records = [cluster(3, 0.2), cluster(5, 0.2), off, cluster(9, 0.2)];
     let (pages, offsets) = pages(&records, &[]);
-    let candidates = [Candidate { before: 1, ..candidate(0, 3) }, candidate(0, 3)];
-    let (drawn, marks) =
-        ([0, 0b001, 0, 0], [Marks::zeroed(), Marks { large: 1, held: 0b010, first: 0, clipped: 0 }]);
-    for (distance, bits, held, small) in [(12.0, [0b011, 0b111], 0, 5 + 15), (8.0, [0b001, 0], 4, 0)] {
+    let candidates = [Candidate { before: 1, ..candidate(0, 3) }, candidate(0, 4)];
+    let drawn = [0, 0b001, 0, 0];
+    for (distance, bits, held, small) in [(12.0, [0b0011, 0b1011], 0, 5 + 17), (8.0, [0b0001, 0], 4, 0)] {
         let out = run(
             &device,
             Kernel::ClusterCull(Phase::Second),
@@ -665,19 +673,69 @@ fn the_second_phase_looks_at_clusters_that_waited() {
                 words(&[Counters::default()]),
                 &[key(distance); KEYS],
                 &drawn,
-                words(&marks),
+                words(&[Group::zeroed()]),
                 &pages,
                 &pages,
                 &pages,
             ],
         );
         assert_eq!(out[6][..2], bits);
-        // What the first phase drew stays drawn and large, and is known by its mark.
+        // What the first phase drew is known by its mark.
         let found: Vec<Marks> = entries(&out[7]);
-        assert!(found.iter().map(|marks| (marks.large, marks.held)).eq([(1, 1), (0, 0)]));
+        assert!(found.iter().map(|marks| (marks.large, marks.old)).eq([(0, 1), (0, 0)]));
         let counters: Counters = entry(&out[8]);
-        assert_eq!((counters.visited_clusters, counters.held), (1 + 3, held));
+        assert_eq!((counters.visited_clusters, counters.held), (2 + 4, held));
         assert_eq!((counters.triangles_small, counters.triangles_large), (small, 0));
+    }
+}
+
+/// From a list, the first phase looks at what the frame before drew, where the group is still refined, its page there and
+/// its instance visible.
+#[test]
+fn the_first_phase_starts_from_a_list() {
+    let Some(device) = device("the_first_phase_starts_from_a_list") else { return };
+    let too_coarse = ClusterRecord { error: PIXEL, ..cluster(5, 0.2) };
+    let records = [cluster(3, 0.2), too_coarse, cluster(7, 0.2), cluster(9, 0.2)];
+    let (pages, _) = pages(&records, &[]);
+    // The second page is not there, the second group is no longer refined, the second instance not visible.
+    let offsets = [0, u32::MAX, 0, 0];
+    let groups = [group(PIXEL, 0.0), group(LESS, 0.0)];
+    let instances = [seen(), Instance { lod_focal: 0.0, ..seen() }];
+    let candidates = [
+        candidate(0, 4),
+        candidate(1, 4),
+        Candidate { group: 1, ..candidate(0, 4) },
+        Candidate { instance: 1, ..candidate(0, 4) },
+        candidate(0, 4),
+        candidate(0, 4),
+    ];
+    let drawn = [0b0111, 0b0111, 0b0111, 0b0111, 0, 0b1000];
+    // What the earlier pyramid hides is left to the second phase: all here, or nothing.
+    for (distance, bits, held) in [(12.0, [0b0101, 0, 0, 0, 0, 0b1000], 0), (8.0, [0; 6], 3)] {
+        let out = run(
+            &device,
+            Kernel::ClusterCull(Phase::First),
+            &[
+                words(&[View { history: HISTORY_LIST, tau: TAU, ..view() }]),
+                words(&instances),
+                &offsets,
+                &pages,
+                words(&candidates),
+                words(&[dispatch(1, 1, 6)]),
+                &drawn,
+                words(&[Marks::zeroed(); 6]),
+                words(&[Counters::default()]),
+                &[key(distance); KEYS],
+                &[0; 4],
+                words(&groups),
+                &pages,
+                &pages,
+                &pages,
+            ],
+        );
+        assert_eq!(out[6], bits);
+        let counters: Counters = entry(&out[8]);
+        assert_eq!((counters.visited_clusters, counters.held), (3 + 1, held));
     }
 }
 
@@ -689,15 +747,12 @@ fn with_filled(bits: &[u32]) -> Vec<u32> {
 }
 
 /// Set bits of each block, and where blocks start; behind the last one the total.
-fn sums(device: &Context, of: Bits, bits: &[u32], others: &[u32]) -> (Vec<u32>, Vec<u32>) {
+fn sums(device: &Context, of: Bits, bits: &[u32]) -> (Vec<u32>, Vec<u32>) {
     let blocks = of.dispatch(bits.len() as u32);
     let room = vec![77; blocks.x as usize + 1];
     let dispatch = [blocks];
-    let tables = match of {
-        Bits::Clusters => [bits.to_vec(), others.to_vec()],
-        Bits::Groups => [bits, others].map(with_filled),
-    };
-    let bindings = [&tables[0][..], words(&dispatch), &room, &tables[1]];
+    let table = if of == Bits::Groups { with_filled(bits) } else { bits.to_vec() };
+    let bindings = [&table[..], words(&dispatch), &room];
     let counts = device.run(Kernel::CountBits(of), &bindings, blocks.x).unwrap().swap_remove(2);
     let starts = run(device, Kernel::ScanBlocks(of), &[words(&dispatch), &counts]).swap_remove(1);
     (counts[..blocks.x as usize].to_vec(), starts)
@@ -708,29 +763,27 @@ fn bits_are_counted_and_blocks_start_where_those_before_end() {
     let Some(device) = device("bits_are_counted_and_blocks_start_where_those_before_end") else { return };
     let none = |count: usize| vec![0u32; count];
     for of in [Bits::Groups, Bits::Clusters] {
-        let sums = |bits: &[u32], others: &[u32]| sums(&device, of, bits, others);
+        let sums = |bits: &[u32]| sums(&device, of, bits);
         let block = of.block() as usize;
         // 65 words: empty, all ones, and one bit in the last.
-        assert_eq!(sums(&none(65), &none(65)), (vec![0], vec![0, 0]));
-        assert_eq!(sums(&[u32::MAX; 65], &none(65)), (vec![2080], vec![0, 2080]));
+        assert_eq!(sums(&none(65)), (vec![0], vec![0, 0]));
+        assert_eq!(sums(&[u32::MAX; 65]), (vec![2080], vec![0, 2080]));
         let mut last = none(65);
         last[64] = 1 << 31;
-        assert_eq!(sums(&last, &none(65)), (vec![1], vec![0, 1]));
-        // Bits of either phase count once.
-        assert_eq!(sums(&[0b0110; 65], &[0b0011; 65]), (vec![195], vec![0, 195]));
+        assert_eq!(sums(&last), (vec![1], vec![0, 1]));
         // A word more than a block; a full block, an empty one, and a word.
         let mut bits = none(block + 1);
         (bits[0], bits[block - 1], bits[block]) = (0b111, 1, 0b11);
-        assert_eq!(sums(&bits, &none(block + 1)), (vec![4, 2], vec![0, 4, 6]));
+        assert_eq!(sums(&bits), (vec![4, 2], vec![0, 4, 6]));
         let mut bits = none(2 * block + 1);
         bits[..block].fill(u32::MAX);
         bits[2 * block] = 0xff;
         let full = 32 * of.block();
-        assert_eq!(sums(&bits, &none(bits.len())), (vec![full, 0, 8], vec![0, full, full, full + 8]));
+        assert_eq!(sums(&bits), (vec![full, 0, 8], vec![0, full, full, full + 8]));
         // More blocks than the one workgroup that sums them has lanes: 130 with a bit each.
         let mut bits = none(130 * block);
         bits.chunks_mut(block).enumerate().for_each(|(k, words)| words[k * 15] = 1 << (k % 32));
-        assert_eq!(sums(&bits, &none(bits.len())), (vec![1; 130], (0..=130).collect()));
+        assert_eq!(sums(&bits), (vec![1; 130], (0..=130).collect()));
     }
 }
 
@@ -751,8 +804,8 @@ fn listed(
     let groups: Vec<Group> = (0..100 * starts.len() as u32 + 2080)
         .map(|n| Group { first: ClusterAddress(1000 * n), count: n % 5 + 1, ..Group::zeroed() })
         .collect();
-    let (_, starts_of_both) = sums(device, Bits::Groups, bits, first);
-    let (_, starts_of_first) = sums(device, Bits::Groups, first, first);
+    let (_, starts_of_all) = sums(device, Bits::Groups, bits);
+    let (_, starts_of_first) = sums(device, Bits::Groups, first);
     let blocks = Bits::Groups.dispatch(bits.len() as u32);
     let view = View { instances: instances.len() as u32, ..view() };
     let (bits, first) = (with_filled(bits), with_filled(first));
@@ -765,7 +818,7 @@ fn listed(
                 words(&groups),
                 &bits,
                 words(&[blocks]),
-                &starts_of_both,
+                &starts_of_all,
                 words(&vec![Candidate::zeroed(); room]),
                 words(&[Dispatch::default()]),
                 words(&[Dispatch::default()]),
@@ -786,6 +839,7 @@ fn groups_are_listed_in_scene_order() {
         first: 1000 * group,
         count: group % 5 + 1,
         before,
+        group: group - 100 * instance,
     };
     // The first instance has two words, the second none, the third the rest.
     let starts = [0, 2, 2];
@@ -800,11 +854,11 @@ fn groups_are_listed_in_scene_order() {
     let (list, culling, counting) = listed(&device, Phase::First, &starts, &bits, &[0; 4], 2);
     assert_eq!(list, expected[..2]);
     assert_eq!((culling, counting), (dispatch(1, 1, 5), dispatch(1, 1, 2)));
-    // The second phase lists those of both, and where they were in the first list.
-    let first = [1 << 31, 0, 0b100, 0];
-    let second = [1, 0, 0b010, 1];
+    // The second phase also says where they were in the first list, of which it need not have all.
+    let first = [1 << 31 | 1 << 3, 0b1, 0b1100, 0];
+    let second = [1 << 31 | 1, 0, 0b110, 1];
     let (list, ..) = listed(&device, Phase::Second, &starts, &second, &first, 5);
-    assert_eq!(list, [c(0, 0, NONE), c(0, 31, 0), c(2, 201, NONE), c(2, 202, 1), c(2, 232, NONE)]);
+    assert_eq!(list, [c(0, 0, NONE), c(0, 31, 1), c(2, 201, NONE), c(2, 202, 3), c(2, 232, NONE)]);
     // All ones over 65 words of an instance: every group once, in order.
     let (list, culling, _) = listed(&device, Phase::First, &[0; 21], &[u32::MAX; 65], &[0; 65], 2080);
     assert_eq!(culling.count, 2080);
@@ -818,23 +872,29 @@ fn groups_are_listed_in_scene_order() {
 fn clusters_are_listed_in_scene_order() {
     let Some(device) = device("clusters_are_listed_in_scene_order") else { return };
     let candidates: Vec<Candidate> = [(0, 100), (0, 200), (1, 300)]
-        .map(|(instance, first)| Candidate { instance, first, count: 32, before: NONE })
+        .map(|(instance, first)| Candidate { instance, first, count: 32, before: NONE, group: first / 100 })
         .to_vec();
     let v = |instance, cluster, large| VisibleCluster { instance, cluster, large };
     let visible = [v(0, 100, 0), v(0, 102, 1), v(0, 105, 0), v(1, 300, 0), v(1, 331, 1)];
-    let mark = |large, held| Marks { large, held, first: 0, clipped: 0 };
+    let mark = |large, old| Marks { large, old, first: 0, clipped: 0 };
+    // Bits of groups: a word for each instance.
+    let instances = [seen(), Instance { group_words: 1, ..seen() }];
     let list = |phase,
                 candidates: &[Candidate],
                 drawn: [u32; 4],
                 marks: [Marks; 3],
                 first: &[Marks],
-                room: usize| {
+                room: usize,
+                history: Option<u32>| {
+        let two_phases = u32::from(history.is_some());
+        let view = View { group_words: 3, two_phases, history: history.unwrap_or(0), ..view() };
         let blocks = dispatch(1, 1, 3);
-        let (_, sums) = sums(&device, Bits::Clusters, &drawn[..3], &drawn[..3]);
+        let (_, sums) = sums(&device, Bits::Clusters, &drawn[..3]);
         let out = run(
             &device,
             Kernel::ListClusters(phase),
             &[
+                words(&[view]),
                 words(candidates),
                 words(&[blocks]),
                 &drawn,
@@ -847,48 +907,61 @@ fn clusters_are_listed_in_scene_order() {
                 words(first),
                 &[88; 4],
                 words(&[Call::zeroed(); LISTS]),
+                words(&instances),
+                &[0; 4],
             ],
         );
-        let draws: Vec<Dispatch> = entries(&out[7]);
+        let draws: Vec<Dispatch> = entries(&out[8]);
         let counts = [0, 1, 2, 3].map(|list: usize| draws[list].count as usize);
         assert_eq!(draws, counts.map(|n| dispatch(n as u32, u32::from(n > 0), n as u32)));
         // The same for draws of 128 triangles; clipped ones and those with holes are not drawn so.
-        let calls: Vec<Call> = entries(&out[11]);
+        let calls: Vec<Call> = entries(&out[12]);
         assert_eq!(calls.iter().map(|call| call.instances as usize).collect::<Vec<_>>(), counts);
         assert_eq!(calls.iter().map(|call| call.vertices).collect::<Vec<_>>(), [384, 384, 0, 0]);
         let [small, large, clipped, masked] = counts.map(|n| n.min(room));
-        let mut front = out[6][..small].to_vec();
+        let mut front = out[7][..small].to_vec();
         let lists =
-            [&out[6][room - large..room], &out[6][room..room + clipped], &out[6][2 * room - masked..]];
+            [&out[7][room - large..room], &out[7][room..room + clipped], &out[7][2 * room - masked..]];
         let mut back = lists.concat();
         front.sort_unstable();
         back.sort_unstable();
-        let counters: Counters = entry(&out[8]);
-        let firsts: Vec<Marks> = entries(&out[3]);
-        (entries::<VisibleCluster>(&out[5]), front, back, counters.visible, firsts, out[10].clone())
+        let counters: Counters = entry(&out[9]);
+        let firsts: Vec<Marks> = entries(&out[4]);
+        let (visible, marked) = (entries::<VisibleCluster>(&out[6]), out[14].clone());
+        (visible, front, back, counters.visible, firsts, out[11].clone(), marked)
     };
     // Members 0, 2 and 5 of the first, none of the second, 0 and 31 of the third.
     let drawn = [0b10_0101, 0, 1 << 31 | 1, 0];
     let marks = [mark(0b100, 0), mark(0, 0), mark(1 << 31, 0)];
-    let (found, small, large, count, firsts, _) = list(Phase::First, &candidates, drawn, marks, &marks, 6);
+    let (found, small, large, count, firsts, _, marked) =
+        list(Phase::First, &candidates, drawn, marks, &marks, 6, None);
     assert_eq!((&found[..5], found[5]), (&visible[..], VisibleCluster::zeroed()));
     // Small ones from the front, large ones from the back.
     assert_eq!((small, large, count), (vec![0, 2, 3], vec![1, 4], 5));
     assert_eq!((firsts[0].first, firsts[2].first), (0, 3));
+    // Where there is a second phase, it lists their groups: all of them, or of a list those that are still drawn.
+    assert_eq!(marked, [0; 4]);
+    let marked = |history| list(Phase::First, &candidates, drawn, marks, &marks, 6, Some(history)).6;
+    for history in [0, 1] {
+        assert_eq!(marked(history), [0b110, 0b1000, 0, 0b11]);
+    }
+    assert_eq!(marked(HISTORY_LIST), [0b010, 0b1000, 0, 0b11]);
     // Some of the small ones may have holes, and are drawn where large ones are.
     let holes = [Marks { clipped: 0b1, ..marks[0] }, marks[1], Marks { clipped: 0b1, ..marks[2] }];
-    let (found, small, large, count, ..) = list(Phase::First, &candidates, drawn, holes, &holes, 6);
+    let (found, small, large, count, ..) = list(Phase::First, &candidates, drawn, holes, &holes, 6, None);
     assert_eq!((small, large, count), (vec![2], vec![0, 1, 3, 4], 5));
     assert_eq!(found[..5].iter().map(|v| v.large).collect::<Vec<_>>(), [1, 1, 0, 1, 1]);
     // With too little room the rest is counted.
-    let (found, .., count, _, _) = list(Phase::First, &candidates, drawn, marks, &marks, 3);
+    let (found, _, _, count, ..) = list(Phase::First, &candidates, drawn, marks, &marks, 3, None);
     assert_eq!((&found[..], count), (&visible[..3], 5));
     // The second phase: the first one drew members 2 and 5 of the first and 31 of the third, as its numbers 0, 1 and 2.
     let again: Vec<Candidate> =
         (0..).zip(&candidates).map(|(k, c)| Candidate { before: [1, NONE, 0][k], ..*c }).collect();
-    let before = [Marks { first: 2, ..mark(0, 0) }, Marks { first: 0, ..mark(0, 0) }];
-    let marks = [mark(0b100, 0b10_0100), mark(0, 0), mark(1 << 31, 1 << 31)];
-    let (found, small, large, count, _, renumbered) = list(Phase::Second, &again, drawn, marks, &before, 6);
+    let before = [Marks { first: 2, ..mark(1 << 31, 0) }, Marks { first: 0, ..mark(0b100, 0) }];
+    let marks = [mark(0, 0b10_0100), mark(0, 0), mark(0, 1 << 31)];
+    let (found, small, large, count, _, renumbered, marked) =
+        list(Phase::Second, &again, drawn, marks, &before, 6, Some(1));
+    assert_eq!(marked, [0; 4]);
     assert_eq!((&found[..5], count), (&visible[..], 5));
     // Only the new ones are drawn; the old ones have become 1, 2 and 4.
     assert_eq!((small, large, renumbered), (vec![0, 3], vec![], vec![1, 2, 4, 88]));

@@ -113,7 +113,7 @@ impl Forms {
             Form::Parts => (Use::Own(Own::ListParts), &self.part_records),
             _ => (Use::Product(Kernel::ListGroups(Phase::First)), self.meshes.groups()),
         };
-        let bindings = [&of.bits, &of.blocks, &of.sums, &of.bits];
+        let bindings = [&of.bits, &of.blocks, &of.sums];
         self.run_as(pass, Use::Product(Kernel::CountBits(Bits::Groups)), &bindings, &of.blocks);
         self.run_kernel(pass, Use::Product(Kernel::ScanBlocks(Bits::Groups)), &[&of.blocks, &of.sums], 1);
         let bindings = [
@@ -155,11 +155,11 @@ impl Forms {
             // No pyramid, and nothing of another phase.
             _ => (
                 Use::Product(Kernel::ClusterCull(Phase::First)),
-                vec![&self.nowhere[0], &lists.candidates, &lists.candidates, pages_1, pages_2, pages_3],
+                vec![&self.nowhere[0], &lists.candidates, self.meshes.groups(), pages_1, pages_2, pages_3],
             ),
         };
         self.run_as(pass, kernel, &[&common[..], &more].concat(), &self.culling);
-        let bindings = [&lists.drawn, &self.counting, &lists.sums, &lists.drawn];
+        let bindings = [&lists.drawn, &self.counting, &lists.sums];
         self.run_as(pass, Use::Product(Kernel::CountBits(Bits::Clusters)), &bindings, &self.counting);
         self.run_kernel(
             pass,
@@ -168,6 +168,7 @@ impl Forms {
             1,
         );
         let bindings = [
+            &self.view,
             &lists.candidates,
             &self.counting,
             &lists.drawn,
@@ -180,6 +181,8 @@ impl Forms {
             &lists.candidates,
             &self.nowhere[0],
             &self.calls,
+            &of.seen,
+            &self.nowhere[1],
         ];
         let kernel = Use::Product(Kernel::ListClusters(Phase::First));
         self.run_as(pass, kernel, &bindings, &self.counting);
