@@ -1,11 +1,12 @@
 //! The two phases of occlusion culling: the depth pyramids of this frame and of an earlier one, and the steps between
 //! phases.
 //!
-//! The first phase leaves out what the pyramid of an earlier frame hides, where instances were then; the second looks
-//! at that again, with the pyramid of what the first one drew (Greene, Kass and Miller, "Hierarchical Z-Buffer
-//! Visibility", 1993; Haar and Aaltonen, "GPU-Driven Rendering Pipelines", 2015). Of what no earlier frame showed, the
-//! first phase draws what is near. Whatever the earlier pyramid holds, the picture is the same: it decides which phase
-//! draws a cluster, and not whether one does.
+//! The first phase takes what the frame before drew, less what the pyramid of that frame hides where instances were then;
+//! the second looks at everything, with the pyramid of what the first one drew (Greene, Kass and Miller, "Hierarchical
+//! Z-Buffer Visibility", 1993; Haar and Aaltonen, "GPU-Driven Rendering Pipelines", 2015). Without a list of what was drawn,
+//! or after a cut, the first phase walks the scene and puts off what the pyramid hides; of what no earlier frame showed, it
+//! draws what is near. Whatever is known of earlier frames, the picture is the same: it decides which phase draws a
+//! cluster, and not whether one does.
 
 use wgpu::{Buffer, BufferUsages};
 
