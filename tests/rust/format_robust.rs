@@ -21,7 +21,7 @@ use nanite_rs::lod::{cut_error, extract, select};
 use nanite_rs::measure::{BoundOptions, Surface, hausdorff_upper};
 use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::cluster::{NO_GROUP, RECORD_WORDS};
-use nanite_rs::model::rule::{ROOT_ERROR, Threshold};
+use nanite_rs::model::rule::{ROOT_ERROR, SOURCE_ERROR, Threshold};
 use nanite_rs::model::{Channel, ChannelInfo, ChannelType, ClusterAddress, Dag, FOREVER, Grid, Group, Node};
 use proptest::prelude::*;
 use rayon::prelude::*;
@@ -528,6 +528,37 @@ fn hierarchies_are_not_deeper_than_stated() {
         assert!(validate::structure(&deeper).is_err_and(|fault| fault.0 == Kind::Nodes));
         assert!(matches!(to_bytes(&deeper), Err(Error::Invariant(_))));
     }
+}
+
+/// What is stated to be too coarse all through would be left out: a statement above any cluster's own error is refused, and
+/// one below only costs time.
+#[test]
+fn least_errors_that_clusters_undercut_are_refused() {
+    let dag = rich_mesh(20);
+    let fault = |change: &dyn Fn(&mut [Group], &mut [Node])| {
+        let mut damaged = dag.clone();
+        let mut groups = damaged.groups.to_vec();
+        change(&mut groups, &mut damaged.nodes);
+        damaged.groups = groups.into();
+        validate::structure(&damaged).err().map(|fault| (fault.0, fault.1))
+    };
+    let coarse = dag.groups.iter().position(|group| group.min_own_error > 0.0).unwrap();
+    let (leaf, inner) = (0..dag.nodes.len()).partition::<Vec<_>, _>(|n| dag.nodes[*n].is_leaf == 1);
+    assert_eq!(fault(&|_, _| {}), None);
+    for value in [f32::NAN, f32::NEG_INFINITY, dag.groups[coarse].min_own_error.next_up()] {
+        let refused = fault(&|groups, nodes| {
+            groups[coarse].min_own_error = value;
+            nodes.iter_mut().for_each(|node| node.min_own_error = SOURCE_ERROR);
+        });
+        assert!(refused.is_some(), "{value}");
+    }
+    for n in [leaf[0], inner[0]] {
+        for value in [f32::NAN, f32::INFINITY, dag.nodes[n].min_own_error.next_up()] {
+            let refused = fault(&|_, nodes| nodes[n].min_own_error = value);
+            assert!(refused.is_some_and(|(kind, what)| kind == Kind::Nodes && what.contains("least")));
+        }
+    }
+    assert_eq!(fault(&|_, nodes| nodes.iter_mut().for_each(|node| node.min_own_error = SOURCE_ERROR)), None);
 }
 
 #[test]
