@@ -215,7 +215,9 @@ def test_channels_of_files_are_read_when_they_are_looked_up(stored) -> None:
     assert opened.nbytes < parts["channels"]
     cut, expected = opened.cut(error=0.0), mesh.cut(error=0.0)
     before = opened.nbytes
-    assert before + parts["channels"] + parts["face_ids"] == mesh.nbytes
+    # Pages of coarser levels are not read: some half of all.
+    coarse = mesh.nbytes - (before + parts["channels"] + parts["face_ids"])
+    assert 0.5 < coarse / before < 1.5
     assert list(cut.channels) == ["label", "wide"]
     assert "wide" in cut.channels
     assert "none" not in cut.channels
@@ -229,8 +231,9 @@ def test_channels_of_files_are_read_when_they_are_looked_up(stored) -> None:
     np.testing.assert_array_equal(cut.channels["wide"], expected.channels["wide"])
     assert opened.nbytes == before + parts["channels"]
     np.testing.assert_array_equal(opened.source_face_ids, mesh.source_face_ids)
-    assert opened.nbytes == mesh.nbytes
+    assert opened.nbytes + coarse == mesh.nbytes
     assert opened == mesh
+    assert opened.nbytes == mesh.nbytes
     for use in (nrs.NaniteMesh.check, pickle.dumps, lambda m: m.save(path, precision="exact"), mesh.__eq__):
         opened = nrs.NaniteMesh.open(path)
         use(opened)
