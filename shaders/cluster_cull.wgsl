@@ -106,8 +106,12 @@ fn still_refined(candidate: Candidate) -> bool {
 }
 
 @compute @workgroup_size(CULL_LANES)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let first = workgroup_number(workgroup) * GROUPS_PER_WORKGROUP;
+fn main(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) all: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let first = workgroup_number(workgroup, all) * GROUPS_PER_WORKGROUP;
     let count = min(culling.count, arrayLength(&candidates));
     let own = first + lane;
     let leads = lane < GROUPS_PER_WORKGROUP;

@@ -7,12 +7,16 @@
 var<workgroup> covered: atomic<u32>;
 
 @compute @workgroup_size(WIDTH)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+fn main(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) all: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
     if lane == 0u {
         atomicStore(&covered, 0u);
     }
     workgroupBarrier();
-    let first = workgroup_number(workgroup) * WIDTH * PIXELS_PER_LANE + lane;
+    let first = workgroup_number(workgroup, all) * WIDTH * PIXELS_PER_LANE + lane;
     let end = min(first + WIDTH * PIXELS_PER_LANE, view.width * view.height);
     var own = 0u;
     for (var pixel = first; pixel < end; pixel += WIDTH) {

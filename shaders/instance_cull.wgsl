@@ -11,8 +11,12 @@
 @group(0) @binding(7) var<storage, read_write> later_level: DispatchOut;
 
 @compute @workgroup_size(WIDTH)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let instance = workgroup_number(workgroup) * WIDTH + lane;
+fn main(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) all: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let instance = workgroup_number(workgroup, all) * WIDTH + lane;
     if instance >= view.instances {
         return;
     }

@@ -83,8 +83,12 @@ fn list(word: u32, mask_of_word: u32, first_number: u32) {
 }
 
 @compute @workgroup_size(SCAN_WIDTH)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let block = workgroup_number(workgroup);
+fn main(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) all: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let block = workgroup_number(workgroup, all);
     let words = words_of_lane(block, lane, blocks.count);
     var count = 0u;
     for (var word = words.x; word < words.y; word++) {

@@ -32,8 +32,12 @@ fn test(instance: u32, center: array<f32, 3>, extent: array<f32, 3>) -> u32 {
 }
 
 @compute @workgroup_size(WIDTH)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let number = workgroup_number(workgroup) * WIDTH + lane;
+fn main(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) all: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let number = workgroup_number(workgroup, all) * WIDTH + lane;
     if number >= min(level.count, arrayLength(&visits)) {
         return;
     }

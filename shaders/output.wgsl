@@ -94,8 +94,12 @@ fn word_of(pixel: u32) -> u32 {
 }
 
 @compute @workgroup_size(WIDTH)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let first = 4u * (workgroup_number(workgroup) * WIDTH + lane);
+fn main(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) all: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let first = 4u * (workgroup_number(workgroup, all) * WIDTH + lane);
     let pixels = view.width * view.height;
     if first >= pixels {
         return;

@@ -211,9 +211,13 @@ fn fill(p: Piece, row: i32, low: u32) {
 }
 
 @compute @workgroup_size(CLUSTER_MAX_TRIANGLES)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+fn main(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) all: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let list = select(select(LIST_CLIPPED, LIST_LARGE, view.viewport == 0u), LIST_MASKED, MASKED);
-    let number = listed(list, workgroup_number(workgroup));
+    let number = listed(list, workgroup_number(workgroup, all));
     if number == NONE {
         return;
     }

@@ -72,8 +72,12 @@ fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
 }
 
 @compute @workgroup_size(RASTER_LANES)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let number = listed(LIST_SMALL, workgroup_number(workgroup));
+fn main(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) all: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let number = listed(LIST_SMALL, workgroup_number(workgroup, all));
     if number == NONE {
         return;
     }

@@ -5,8 +5,12 @@
 @group(0) @binding(2) var<storage, read_write> words: array<u32>;
 
 @compute @workgroup_size(WIDTH)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let first = workgroup_number(workgroup) * WIDTH * PIXELS_PER_LANE + lane;
+fn main(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) all: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let first = workgroup_number(workgroup, all) * WIDTH * PIXELS_PER_LANE + lane;
     let count = steps[STEP_PIXELS].count;
     for (var pixel = first; pixel < min(first + WIDTH * PIXELS_PER_LANE, count); pixel += WIDTH) {
         let low = words[2u * pixel];

@@ -9,12 +9,20 @@
 fn hides_at(level: u32, place: Footprint) -> bool {
     let texels = place.rect >> vec4<u32>(level + 1u);
     let columns = view.pyramid[level].x;
-    let first = view.pyramid[level].z;
-    for (var row = texels.y; row <= texels.w; row++) {
-        for (var column = texels.x; column <= texels.z; column++) {
-            if place.near_key >= pyramid[first + row * columns + column] {
-                return false;
-            }
+    let across = texels.z - texels.x + 1u;
+    let count = across * (texels.w - texels.y + 1u);
+    var at = view.pyramid[level].z + texels.y * columns + texels.x;
+    var column = 0u;
+    // One loop over rows and columns: lanes wait for the box with most texels, not for most rows times most columns.
+    for (var n = 0u; n < count; n++) {
+        if place.near_key >= pyramid[at] {
+            return false;
+        }
+        at++;
+        column++;
+        if column == across {
+            column = 0u;
+            at += columns - across;
         }
     }
     return true;

@@ -294,9 +294,18 @@ fn vector(a: array<f32, 3>) -> vec3<f32> {
     return vec3<f32>(a[0], a[1], a[2]);
 }
 
-// Number of a workgroup in a dispatch that may be wider than one dimension allows.
-fn workgroup_number(id: vec3<u32>) -> u32 {
-    return id.y * MAX_WORKGROUPS + id.x;
+// In software, processors: each takes a run of a dispatch's workgroups, as many as each other.
+override STRANDS: u32 = 1u;
+
+// Number of a workgroup in a dispatch, of `all`, that may be wider than one dimension allows. Runs take numbers by turns,
+// since what is near and slow comes first in many lists, so that no run is done long before another.
+fn workgroup_number(id: vec3<u32>, all: vec3<u32>) -> u32 {
+    let place = id.y * MAX_WORKGROUPS + id.x;
+    let length = all.x * all.y / STRANDS;
+    if STRANDS == 1u || place >= STRANDS * length {
+        return place;
+    }
+    return place % length * STRANDS + place / length;
 }
 
 struct Counters {

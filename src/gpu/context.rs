@@ -332,6 +332,7 @@ impl Context {
             let source = kernel.source(split.then(|| self.array_bits()));
             let source = ShaderSource::Wgsl(source.into());
             let module = self.device.create_shader_module(ShaderModuleDescriptor { label, source });
+            let overrides = if self.software { kernel.overrides_in_software() } else { Vec::new() };
             self.device.create_compute_pipeline(&ComputePipelineDescriptor {
                 label,
                 layout: None,
@@ -339,7 +340,7 @@ impl Context {
                 entry_point: Some("main"),
                 // Shaders write what they read of it.
                 compilation_options: wgpu::PipelineCompilationOptions {
-                    constants: if self.software { kernel.overrides_in_software() } else { &[] },
+                    constants: &overrides,
                     zero_initialize_workgroup_memory: false,
                 },
                 cache: None,

@@ -1,6 +1,8 @@
 //! WGSL sources: constants that Rust has, shared files and the kernel's own, one after the other.
 
 use std::mem::offset_of;
+use std::num::NonZero;
+use std::thread::available_parallelism;
 
 use super::meshes::ABSENT;
 use crate::config::{OUTPUTS, Output, Shading};
@@ -416,13 +418,17 @@ impl Kernel {
     }
 
     /// Values of `override` constants that others than a GPU go with.
-    pub fn overrides_in_software(self) -> &'static [(&'static str, f64)] {
-        match self {
-            // There a workgroup is a loop over its lanes, a few at a time, from one barrier to the next.
-            Self::ClusterCull(_) => &[("CULL_LANES", GROUPS_PER_WORKGROUP as f64)],
-            Self::RasterSmall(_) => &[("RASTER_LANES", 8.0)],
-            _ => &[],
-        }
+    pub fn overrides_in_software(self) -> Vec<(&'static str, f64)> {
+        // There a workgroup is a loop over its lanes, a few at a time, from one barrier to the next.
+        let lanes = match self {
+            Self::ClusterCull(_) => Some(("CULL_LANES", f64::from(GROUPS_PER_WORKGROUP))),
+            Self::RasterSmall(_) => Some(("RASTER_LANES", 8.0)),
+            _ => None,
+        };
+        // A thread for each processor takes workgroups.
+        let threads = available_parallelism().map_or(1, NonZero::get);
+        let strands = self.files().contains(&TYPES).then_some(("STRANDS", threads as f64));
+        lanes.into_iter().chain(strands).collect()
     }
 
     /// Whether it reads pages, so that it depends on how many arrays they lie in.

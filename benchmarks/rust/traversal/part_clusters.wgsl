@@ -53,10 +53,14 @@ fn cull(candidate: Candidate, part: u32, member: u32) {
 }
 
 @compute @workgroup_size(WIDTH)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+fn main(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) all: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let part = lane / PART;
     let member = lane % PART;
-    let number = workgroup_number(workgroup) * PARTS_PER_WORKGROUP + part;
+    let number = workgroup_number(workgroup, all) * PARTS_PER_WORKGROUP + part;
     let exists = number < min(culling.count, arrayLength(&candidates));
     if member == 0u {
         atomicStore(&drawn_bits[part], 0u);

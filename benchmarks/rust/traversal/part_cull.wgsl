@@ -9,8 +9,12 @@
 @group(0) @binding(5) var<storage, read_write> group_bits: array<atomic<u32>>;
 
 @compute @workgroup_size(WIDTH)
-fn main(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let number = workgroup_number(workgroup);
+fn main(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) all: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let number = workgroup_number(workgroup, all);
     if number / BLOCKS >= looking.count {
         return;
     }
