@@ -36,8 +36,8 @@ fn main() {
         steps[STEP_PIXELS] = workgroups(view.width * view.height, WIDTH * PIXELS_PER_LANE, view.width * view.height);
     }
     let triangles = atomicLoad(&other_counters.drawn_small) + atomicLoad(&other_counters.drawn_large);
-    // That of the first phase will do for the next frame where little came to it.
-    if fresh > atomicLoad(&other_counters.visible) / 8u || (atomicLoad(&other_counters.pyramid) == 0u && triangles > PYRAMID_ABOVE) {
+    // That of the first phase will do for the next frame unless much came to it.
+    if fresh > atomicLoad(&other_counters.visible) / 2u || (atomicLoad(&other_counters.pyramid) == 0u && triangles > PYRAMID_ABOVE) {
         build_pyramid();
     }
 }

@@ -16,33 +16,44 @@ from .measure import interleaved
 from .peer import SIZE, YFOV, Pyrender, orbit
 
 COVERAGE = 0.229
-FULL_HD, FOUR_K = (1920, 1080), (3840, 2160)
-#: Instances, and pixels of the picture.
-SCENES = (
-    (1, SIZE),
-    (10, SIZE),
-    (100, SIZE),
-    (10_000, SIZE),
-    (10, FULL_HD),
-    (10_000, FULL_HD),
-    (10, FOUR_K),
-    (10_000, FOUR_K),
-)
-PEERS = 10, SIZE
+#: Pixels of the picture, and instances of the scenes that are drawn by turns.
+SCENES = {
+    SIZE: (1, 10, 100, 10_000),
+    (1920, 1080): (10, 10_000),
+    (3840, 2160): (10, 10_000),
+}
+#: Instances of the scene that others draw, too, and of the largest.
+FEW, MANY = 10, 10_000
+BACKENDS = "cpu", "gpu"
 DEVICE_STAGES = {"instance_cull", "node_cull", "cluster_cull", "raster_small", "raster_large", "hzb"}
 
 
 def run(*, quick: bool) -> dict[str, object]:
-    """One row per scene; JSON-ready."""
+    """One row per scene, and what others take for one of them; JSON-ready."""
     vertices, faces = nrs.shapes.displaced_icosphere(faces=50_000 if quick else 1_000_000)
     mesh = nrs.NaniteMesh.from_arrays(vertices, faces, progress=False)
     with nrs.Renderer(8, 8, backend="gpu") as renderer:
         device = renderer.backend_reason.removeprefix("asked for: ")
-    rows = [_row(mesh, vertices, faces, *scene) for scene in (SCENES[:4] if quick else SCENES)]
-    by_scene = {(row["triangles"], row["size"]): row for row in rows}
-    small, large = ((n * len(faces), "1280×720") for n in (10, 10_000))
-    ratio = by_scene[large]["gpu ms"] / by_scene[small]["gpu ms"]
-    return {"rows": rows, "device": device, "gpu, most triangles ÷ ten meshes": ratio}
+    rows, quotients = [], {}
+    for size, counts in SCENES.items():
+        stands = [Stand(mesh, count, size) for count in counts]
+        calls = {(s.count, b): (lambda step, s=s, b=b: s.draw(b, step)) for s in stands for b in BACKENDS}
+        times = interleaved(calls, runs=25, budget=90, warm_up=5)
+        ms = {call: of["median"] * 1e3 for call, of in times.items()}
+        rows += [stand.row(*(ms[stand.count, backend] for backend in BACKENDS)) for stand in stands]
+        for backend in BACKENDS:
+            quotients[f"{backend}, {_name(size)}"] = ms[MANY, backend] / ms[FEW, backend]
+        for stand in stands:
+            stand.close()
+        if quick:
+            break
+    many, few = (f"{count * len(faces):,}" for count in (MANY, FEW))
+    return {
+        "rows": rows,
+        "device": device,
+        f"{many} triangles ÷ {few}, drawn by turns": quotients,
+        "beside others": _beside_others(mesh, vertices, faces),
+    }
 
 
 def crowd(count: int) -> list[np.ndarray]:
@@ -57,47 +68,71 @@ def crowd(count: int) -> list[np.ndarray]:
     return poses
 
 
-def _row(mesh, vertices, faces, count: int, size: tuple[int, int]) -> dict[str, object]:
-    scene, light = one_light()
-    poses = crowd(count)
-    for pose in poses:
-        scene.add(mesh, pose=pose)
-    camera = nrs.PerspectiveCamera(yfov=YFOV, znear=0.05)
-    renderers = {name: nrs.Renderer(*size, backend=name) for name in ("cpu", "gpu")}
+class Stand:
+    """A crowd, a camera that moves around it, and a renderer of each backend."""
 
-    def ours(name: str, step: int):
-        pose = orbit(step % 8, distance)
-        light.pose = pose
-        frame = renderers[name].render(scene, camera, pose, pixel_error=1.0)
+    def __init__(self, mesh: nrs.NaniteMesh, count: int, size: tuple[int, int]) -> None:
+        self.count, self.size = count, size
+        self.poses = crowd(count)
+        self.scene, self.light = one_light()
+        for pose in self.poses:
+            self.scene.add(mesh, pose=pose)
+        self.triangles = count * len(mesh)
+        self.camera = nrs.PerspectiveCamera(yfov=YFOV, znear=0.05)
+        self.renderers = {name: nrs.Renderer(*size, backend=name) for name in BACKENDS}
+        self.distance = 1.0
+
+        def covered(distance: float) -> float:
+            frame = self.renderers["cpu"].render(self.scene, self.camera, orbit(0, distance))
+            return float((frame.depth > 0).mean())
+
+        self.distance = distance_for(COVERAGE, covered, 1.5, 60.0)
+
+    def draw(self, backend: str, step: int) -> tuple[np.ndarray, np.ndarray, nrs.Frame]:
+        """The picture of a step, by a backend."""
+        pose = orbit(step % 8, self.distance)
+        self.light.pose = pose
+        frame = self.renderers[backend].render(self.scene, self.camera, pose, pixel_error=1.0)
         return frame.color, frame.depth, frame
 
-    distance = 1.0
+    def row(self, cpu: float, gpu: float) -> dict[str, object]:
+        """A row of the table, from the milliseconds of a frame."""
+        _, depth, frame = self.draw("gpu", 1)
+        return {
+            "triangles": self.triangles,
+            "size": _name(self.size),
+            "coverage": float((depth > 0).mean()),
+            "cpu ms": cpu,
+            "gpu ms": gpu,
+            "of it on the device": sum(s.ms for s in frame.stats.stages if s.stage in DEVICE_STAGES),
+            "clusters": frame.stats.clusters,
+        }
 
-    def share(distance: float) -> float:
-        return float((renderers["cpu"].render(scene, camera, orbit(0, distance)).depth > 0).mean())
+    def close(self) -> None:
+        """Frees what its renderers hold."""
+        for renderer in self.renderers.values():
+            renderer.close()
 
-    distance = distance_for(COVERAGE, share, 1.5, 60.0)
-    contestants = {name: (lambda step, n=name: ours(n, step)) for name in renderers}
-    peers = _peers(vertices, faces, poses, distance) if (count, size) == PEERS else {}
-    times = interleaved(contestants | {n: p for n, (p, _) in peers.items()}, runs=9, budget=90, warm_up=3)
-    ms = {name: t["median"] * 1e3 for name, t in times.items()}
-    _, depth, frame = ours("gpu", 1)
-    on_device = sum(s.ms for s in frame.stats.stages if s.stage in DEVICE_STAGES)
-    for renderer in renderers.values():
-        renderer.close()
+
+def _name(size: tuple[int, int]) -> str:
+    return "×".join(str(n) for n in size)
+
+
+def _beside_others(mesh, vertices, faces) -> dict[str, float]:
+    """What pyrender and Embree take for ten meshes, and what we take by turns with them."""
+    stand = Stand(mesh, FEW, SIZE)
+    ours = {f"{name} ms": (lambda step, name=name: stand.draw(name, step)) for name in BACKENDS}
+    peers = _peers(vertices, faces, stand.poses, stand.distance)
+    calls = ours | {name: call for name, (call, _) in peers.items()}
+    times = interleaved(calls, runs=9, budget=90, warm_up=3)
+    stand.close()
     for _, close in peers.values():
         close()
-    return {
-        "triangles": count * len(faces),
-        "size": "×".join(str(n) for n in size),
-        "coverage": float((depth > 0).mean()),
-        "cpu ms": ms["cpu"],
-        "gpu ms": ms["gpu"],
-        "of it on the device": on_device,
-        "clusters": frame.stats.clusters,
-        "pyrender ÷ gpu": ms["pyrender"] / ms["gpu"] if peers else "",
-        "pyrender ÷ cpu": ms["pyrender"] / ms["cpu"] if peers else "",
-        "Embree's rays ÷ gpu": ms["rays"] / ms["gpu"] if peers else "",
+    ms = {name: of["median"] * 1e3 for name, of in times.items()}
+    return ms | {
+        f"{peer.removesuffix(' ms')} ÷ {name}": ms[peer] / ms[f"{name} ms"]
+        for peer in peers
+        for name in BACKENDS
     }
 
 
@@ -124,6 +159,6 @@ def _peers(vertices, faces, poses, distance):
         return hit.run(np.broadcast_to(pose[:3, 3], directions.shape).astype(np.float32), directions), corners
 
     return {
-        "pyrender": (lambda step: peer.render(orbit(step % 8, distance)), peer.close),
-        "rays": (rays, lambda: None),
+        "pyrender ms": (lambda step: peer.render(orbit(step % 8, distance)), peer.close),
+        "Embree's rays ms": (rays, lambda: None),
     }

@@ -248,9 +248,12 @@ def _gpu(result: dict) -> Section:
     for row in rows:
         scene = f"{row['triangles']:,} triangles, {row['size']}"
         figures.append(Figure(scene, "ms", row["gpu ms"], "the CPU backend", row["cpu ms"]))
-        for key, peer in (("pyrender ÷ gpu", "pyrender"), ("Embree's rays ÷ gpu", "Embree's rays")):
-            if row[key]:
-                figures.append(Figure(scene, "ms", row["gpu ms"], peer, row[key] * row["gpu ms"]))
+    few, beside = gpu.FEW * rows[0]["triangles"], result["beside others"]
+    scene = f"{few:,} triangles, {rows[0]['size']}"
+    figures += [
+        Figure(scene, "ms", beside["gpu ms"], peer, beside[f"{peer} ms"])
+        for peer in ("pyrender", "Embree's rays")
+    ]
 
     def draw(plot: Plot) -> None:
         axes = plot.subplots()
@@ -260,9 +263,7 @@ def _gpu(result: dict) -> Section:
                 label = f"{key.removesuffix(' ms')}, {size}"
                 axes.plot([r["triangles"] for r in of], [r[key] for r in of], style, color=color, label=label)
         for peer, color in (("pyrender", PEERS[1]), ("Embree's rays", PEERS[2])):
-            of = [figure for figure in figures if figure.peer == peer]
-            at = [row["triangles"] for row in rows if row[f"{peer} ÷ gpu"]]
-            axes.plot(at, [figure.theirs for figure in of], "D", color=color, label=peer)
+            axes.plot([few], [beside[f"{peer} ms"]], "D", color=color, label=peer)
         axes.set(xscale="log", yscale="log", xlabel="triangles in the scene", ylabel="ms per frame")
         axes.legend(fontsize=8)
 

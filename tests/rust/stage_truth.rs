@@ -1290,9 +1290,9 @@ fn phases_settle_what_comes_next() {
     let before =
         |visible, built, triangles| Counters { visible, pyramid: built, drawn_small: triangles, ..none };
     assert_eq!(settle(Phase::Second, 0, 0, none, before(16, 1, 9)), (nothing.clone(), 0));
-    assert_eq!(settle(Phase::Second, 0, 2, none, before(16, 1, 9)), (pixels.clone(), 0));
-    // More than an eighth is new: the first pyramid no longer does.
-    assert_eq!(settle(Phase::Second, 0, 3, none, before(16, 1, 9)), (both, 1));
+    assert_eq!(settle(Phase::Second, 0, 8, none, before(16, 1, 9)), (pixels.clone(), 0));
+    // More than half is new: the first pyramid no longer does.
+    assert_eq!(settle(Phase::Second, 0, 9, none, before(16, 1, 9)), (both, 1));
     assert_eq!(settle(Phase::Second, 0, 3, none, before(0, 1, 0)), (pyramid.clone(), 1));
     // None was built, and there is enough that one could hide.
     assert_eq!(settle(Phase::Second, 0, 0, none, before(16, 0, PYRAMID_ABOVE)), (nothing, 0));
