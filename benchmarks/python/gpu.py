@@ -16,14 +16,10 @@ from .measure import interleaved
 from .peer import SIZE, YFOV, Pyrender, orbit
 
 COVERAGE = 0.229
-#: Pixels of the picture, and instances of the scenes that are drawn by turns.
-SCENES = {
-    SIZE: (1, 10, 100, 10_000),
-    (1920, 1080): (10, 10_000),
-    (3840, 2160): (10, 10_000),
-}
 #: Instances of the scene that others draw, too, and of the largest.
 FEW, MANY = 10, 10_000
+#: Pixels of the picture, and instances of the scenes that are drawn by turns.
+SCENES = {SIZE: (1, FEW, 100, MANY), (1920, 1080): (FEW, MANY), (3840, 2160): (FEW, MANY)}
 BACKENDS = "cpu", "gpu"
 DEVICE_STAGES = {"instance_cull", "node_cull", "cluster_cull", "raster_small", "raster_large", "hzb"}
 
@@ -80,7 +76,6 @@ class Stand:
         self.triangles = count * len(mesh)
         self.camera = nrs.PerspectiveCamera(yfov=YFOV, znear=0.05)
         self.renderers = {name: nrs.Renderer(*size, backend=name) for name in BACKENDS}
-        self.distance = 1.0
 
         def covered(distance: float) -> float:
             frame = self.renderers["cpu"].render(self.scene, self.camera, orbit(0, distance))
