@@ -32,9 +32,13 @@ fn store(level: u32, x: u32, y: u32, key: u32) {
 
 // The key of a texel of the round's first level.
 fn first(x: u32, y: u32) -> u32 {
-    let upper = min(source(2u * x, 2u * y), source(2u * x + 1u, 2u * y));
-    let lower = min(source(2u * x, 2u * y + 1u), source(2u * x + 1u, 2u * y + 1u));
-    let key = min(upper, lower);
+    var key = source(2u * x, 2u * y);
+    // Nothing is farther than where nothing is drawn: of the background one place in four is looked at.
+    if key != 0u {
+        key = min(key, source(2u * x + 1u, 2u * y));
+        let lower = min(source(2u * x, 2u * y + 1u), source(2u * x + 1u, 2u * y + 1u));
+        key = min(key, lower);
+    }
     store(FIRST_LEVEL, x, y, key);
     return key;
 }

@@ -24,29 +24,49 @@
 // Of the second phase; not written there.
 @group(0) @binding(14) var<storage, read_write> group_bits: array<atomic<u32>>;
 
-fn claim(list: u32) -> u32 {
-    let at = atomicAdd(&draws[list].count, 1u);
-    atomicMax(&draws[list].x, min(at + 1u, MAX_WORKGROUPS));
-    atomicMax(&draws[list].y, at / MAX_WORKGROUPS + 1u);
+// Room for `count` entries of a list; the number of the first.
+fn claim(list: u32, count: u32) -> u32 {
+    if count == 0u {
+        return 0u;
+    }
+    let at = atomicAdd(&draws[list].count, count);
+    atomicMax(&draws[list].x, min(at + count, MAX_WORKGROUPS));
+    atomicMax(&draws[list].y, (at + count - 1u) / MAX_WORKGROUPS + 1u);
     atomicMax(&draws[list].z, 1u);
-    atomicAdd(&calls[list].instances, 1u);
+    atomicAdd(&calls[list].instances, count);
     return at;
 }
 
-// Lists the clusters of a candidate, the first of them by this number.
-fn list(word: u32, mask_of_word: u32, first_number: u32) {
-    var mask = mask_of_word;
-    var number = first_number;
-    let candidate = candidates[word];
+// Of the clusters of a candidate those that this phase draws, by lists.
+fn parts(word: u32, mask: u32) -> vec4<u32> {
     let large = marks[word].large;
     let clipped = marks[word].clipped;
-    var slow = large | clipped;
+    var fresh = mask;
+    if SECOND {
+        fresh &= ~marks[word].old;
+    }
+    var parts: vec4<u32>;
+    parts[LIST_SMALL] = fresh & ~large & ~clipped;
+    parts[LIST_LARGE] = fresh & large & ~clipped;
+    parts[LIST_CLIPPED] = fresh & large & clipped;
+    parts[LIST_MASKED] = fresh & ~large & clipped;
+    return parts;
+}
+
+// Lists the clusters of a candidate, the first of them by this number, from these places in the lists on; returns the
+// places behind.
+fn list(word: u32, mask_of_word: u32, first_number: u32, first_places: vec4<u32>) -> vec4<u32> {
+    var mask = mask_of_word;
+    var number = first_number;
+    var places = first_places;
+    let candidate = candidates[word];
+    let parts = parts(word, mask);
+    var slow = marks[word].large | marks[word].clipped;
     let room = arrayLength(&numbers) / 2u;
     // Those of the first phase keep their order.
-    var old = 0u;
     var old_number = 0u;
     if SECOND {
-        old = marks[word].old;
+        let old = marks[word].old;
         if old != 0u {
             let before = first_marks[candidate.before];
             old_number = before.first;
@@ -58,28 +78,26 @@ fn list(word: u32, mask_of_word: u32, first_number: u32) {
     while mask != 0u {
         let member = firstTrailingBit(mask);
         mask &= mask - 1u;
-        let is_large = (large >> member & 1u) == 1u;
-        let is_clipped = (clipped >> member & 1u) == 1u;
         if number < arrayLength(&visible) {
             visible[number] = VisibleCluster(candidate.instance, candidate.first + member, slow >> member & 1u);
         }
-        if (old >> member & 1u) == 1u {
+        let own = parts >> vec4<u32>(member) & vec4<u32>(1u);
+        if all(own == vec4<u32>()) {
             if old_number < arrayLength(&renumbered) {
                 renumbered[old_number] = number;
             }
             old_number++;
         } else {
-            var list = select(LIST_SMALL, LIST_LARGE, is_large);
-            if is_clipped {
-                list = select(LIST_MASKED, LIST_CLIPPED, is_large);
-            }
-            let at = claim(list);
+            let list = own[LIST_LARGE] * LIST_LARGE + own[LIST_CLIPPED] * LIST_CLIPPED + own[LIST_MASKED] * LIST_MASKED;
+            let at = places[list];
             if at < room {
                 numbers[number_slot(list, at, room)] = number;
             }
+            places += own;
         }
         number++;
     }
+    return places;
 }
 
 @compute @workgroup_size(SCAN_WIDTH)
@@ -111,10 +129,19 @@ fn main(
     if count == 0u {
         return;
     }
+    var own = vec4<u32>();
+    for (var word = words.x; word < words.y; word++) {
+        own += countOneBits(parts(word, drawn[word]));
+    }
+    // Once for all that a lane lists.
+    var places = vec4<u32>();
+    for (var list = 0u; list < LISTS; list++) {
+        places[list] = claim(list, own[list]);
+    }
     for (var word = words.x; word < words.y; word++) {
         let mask = drawn[word];
         if mask != 0u {
-            list(word, mask, number);
+            places = list(word, mask, number, places);
             number += countOneBits(mask);
         }
     }

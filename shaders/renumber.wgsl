@@ -2,7 +2,18 @@
 
 @group(0) @binding(0) var<storage, read> steps: array<Dispatch, STEPS>;
 @group(0) @binding(1) var<storage, read> renumbered: array<u32>;
-@group(0) @binding(2) var<storage, read_write> words: array<u32>;
+// Two pixels each, of which one may lie behind the picture.
+@group(0) @binding(2) var<storage, read_write> words: array<vec4<u32>>;
+
+// The low half of a word, 0 where nothing is, with the new number.
+fn with_number(low: u32) -> u32 {
+    let number = (~low >> TRIANGLE_BITS) - 1u;
+    if low == 0u || number >= arrayLength(&renumbered) {
+        return low;
+    }
+    let triangle = ~low & ((1u << TRIANGLE_BITS) - 1u);
+    return ~(((renumbered[number] + 1u) << TRIANGLE_BITS) | triangle);
+}
 
 @compute @workgroup_size(WIDTH)
 fn main(
@@ -10,17 +21,14 @@ fn main(
     @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let first = workgroup_number(workgroup, all) * WIDTH * PIXELS_PER_LANE + lane;
-    let count = steps[STEP_PIXELS].count;
-    for (var pixel = first; pixel < min(first + WIDTH * PIXELS_PER_LANE, count); pixel += WIDTH) {
-        let low = words[2u * pixel];
-        if low == 0u {
-            continue;
-        }
-        let number = (~low >> TRIANGLE_BITS) - 1u;
-        let triangle = ~low & ((1u << TRIANGLE_BITS) - 1u);
-        if number < arrayLength(&renumbered) {
-            words[2u * pixel] = ~(((renumbered[number] + 1u) << TRIANGLE_BITS) | triangle);
+    let pairs = WIDTH * PIXELS_PER_LANE / 2u;
+    let first = workgroup_number(workgroup, all) * pairs;
+    let end = min(first + pairs, (steps[STEP_PIXELS].count + 1u) / 2u);
+    for (var pair = first + lane; pair < end; pair += WIDTH) {
+        let both = words[pair];
+        if (both.x | both.z) != 0u {
+            words[pair].x = with_number(both.x);
+            words[pair].z = with_number(both.z);
         }
     }
 }

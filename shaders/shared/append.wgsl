@@ -4,9 +4,12 @@
 fn claim(count: u32) -> u32 {
     let at = atomicAdd(&next.count, count);
     let workgroups = (at + count + WIDTH - 1u) / WIDTH;
-    atomicMax(&next.x, min(workgroups, MAX_WORKGROUPS));
-    atomicMax(&next.y, (workgroups + MAX_WORKGROUPS - 1u) / MAX_WORKGROUPS);
-    atomicMax(&next.z, 1u);
+    // Most entries find room in a workgroup that is there for others.
+    if workgroups > (at + WIDTH - 1u) / WIDTH {
+        atomicMax(&next.x, min(workgroups, MAX_WORKGROUPS));
+        atomicMax(&next.y, (workgroups + MAX_WORKGROUPS - 1u) / MAX_WORKGROUPS);
+        atomicMax(&next.z, 1u);
+    }
     return at;
 }
 

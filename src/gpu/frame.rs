@@ -155,9 +155,9 @@ impl Phase {
         })
     }
 
-    /// Lists start empty, bits at zero; but for those of groups where it is to start from them.
+    /// Lists start empty; but for those of groups where it is to start from them.
     fn clear(&self, encoder: &mut CommandEncoder, listed: bool) {
-        let groups = [&self.groups.culling, &self.groups.counting, &self.groups.bits];
+        let groups = [&self.groups.culling, &self.groups.counting];
         let groups = if listed { &[][..] } else { &groups };
         let own = [&self.draws, &self.calls, &self.steps, &self.counters];
         let all = self.levels.iter().chain(own).chain(groups.iter().copied());
@@ -278,7 +278,9 @@ impl Buffers {
     }
 
     fn new_words(context: &Context, shape: Shape) -> Result<Arc<Buffer>> {
-        context.buffer("the pixels of the picture", shape.word_bytes(), STORAGE).map(Arc::new)
+        // Whole pairs of pixels, as `renumber` reads them.
+        let bytes = shape.word_bytes().next_multiple_of(2 * size_of::<u64>() as u64);
+        context.buffer("the pixels of the picture", bytes, STORAGE).map(Arc::new)
     }
 
     /// The same where something else comes back.
@@ -348,7 +350,7 @@ impl Buffers {
         }
     }
 
-    /// Lists start empty, bits and words at zero; but for the list that the first phase starts from, if it does.
+    /// Lists start empty, words at zero; but for the list that the first phase starts from, if it does.
     pub(super) fn clear(&self, encoder: &mut CommandEncoder, listed: bool) {
         for (phase, listed) in self.phases.iter().zip([listed, false]) {
             phase.clear(encoder, listed);

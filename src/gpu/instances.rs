@@ -40,6 +40,8 @@ pub(super) struct Instances {
     records: Vec<Placed>,
     looks: Vec<Look>,
     meshes: Vec<Option<Arc<Dag>>>,
+    /// Triangles of these at full detail.
+    faces: Vec<u64>,
     materials: Vec<Option<Materials>>,
     table: MaterialTable,
     /// Slots to write, with repetitions.
@@ -82,6 +84,7 @@ impl Instances {
             self.records.resize(index + 1, bytemuck::Zeroable::zeroed());
             self.looks.resize(index + 1, bytemuck::Zeroable::zeroed());
             self.meshes.resize(index + 1, None);
+            self.faces.resize(index + 1, 0);
             self.materials.resize(index + 1, None);
         }
         let (record, look, mesh, materials) = match instance {
@@ -101,6 +104,7 @@ impl Instances {
         if known.map(Arc::as_ptr) != mesh.map(Arc::as_ptr) {
             self.rearranged = true;
             self.meshes[index] = mesh.cloned();
+            self.faces[index] = mesh.map_or(0, |mesh| mesh.source_faces);
         }
         let Placed { first_node, first_group, first_page, group_words, .. } = self.records[index];
         let placement = Placed { first_node, first_group, first_page, group_words, ..record };
@@ -111,6 +115,11 @@ impl Instances {
     /// Slots in use, or that were.
     pub(super) fn len(&self) -> u32 {
         self.records.len() as u32
+    }
+
+    /// Triangles at full detail of the mesh in each slot.
+    pub(super) fn faces(&self) -> &[u64] {
+        &self.faces
     }
 
     /// Slots that there is room for.

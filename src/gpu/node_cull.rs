@@ -5,11 +5,14 @@
 //! of the frame before does not walk.
 
 use super::frame::Recorder;
-use super::shaders::{Bits, Kernel, Phase, Step};
+use super::shaders::{Bits, Kernel, Phase, Step, WIDTH};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
-    if r.phase == Phase::First && r.listed {
-        return;
+    if r.phase == Phase::First {
+        clear(r);
+        if r.listed {
+            return;
+        }
     }
     let (b, m, own, [later, later_level]) = (r.buffers, r.meshes, r.own(), r.later());
     let groups = &own.groups;
@@ -57,4 +60,13 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         &before.sums,
     ];
     r.run_indirect(Kernel::ListGroups(r.phase), &bindings, blocks, number);
+}
+
+/// Leaves no bits of groups of an earlier frame, but for those of a list that the first phase starts from.
+fn clear(r: &mut Recorder<'_>) {
+    let b = r.buffers;
+    let workgroups = b.shape.group_words.div_ceil(u32::BITS * WIDTH);
+    for phase in b.phases.iter().skip(usize::from(r.listed)) {
+        r.run(Kernel::ClearGroups, &[&b.group_blocks, &phase.groups.bits], workgroups);
+    }
 }

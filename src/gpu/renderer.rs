@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use rayon::prelude::*;
 use wgpu::{BindingResource, CommandEncoderDescriptor};
 
 use super::context::Context;
@@ -30,6 +31,9 @@ const FIRST_ROOM: Room = Room { visits: 1 << 12, candidates: 1 << 12, visible: 1
 /// Frames of a view that may leave their visibility buffers on the device, while they are there: in a loop, one is while the
 /// next is drawn. With more of them they are read.
 const MOST_LEFT: usize = 2;
+
+/// Bytes of a picture that a thread copies at a time.
+const COPIED_AT_ONCE: usize = 1 << 18;
 
 /// What may be done in other ways, with the same picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -120,8 +124,8 @@ pub struct Counted {
 /// What a frame leaves: its visible list and what each stage received and passed on.
 #[derive(Debug, Default)]
 pub struct Drawn {
-    /// Slots of the instances on the screen, ascending.
-    pub instances: Vec<u32>,
+    /// Triangles at full detail of the instances on the screen.
+    pub source_triangles: u64,
     /// The visible list, in scene order.
     pub visible: Vec<VisibleCluster>,
     /// By entries of the tables of pages, how much those are missed that are not there: the bits of pixels.
@@ -378,11 +382,12 @@ impl Renderer {
         times.resolve(&mut encoder, passes.len() as u32);
         turns.iter().for_each(|turn| turn.buffers.copy_back(&mut encoder));
         let submission = context.start(encoder)?;
+        let faces = self.instances.faces();
         let (mut drawn, mut lengths) = (Vec::with_capacity(turns.len()), Room::default());
         for (Turn { buffers, .. }, job) in turns.iter().zip(jobs) {
             context.read(submission.clone(), &buffers.staging, buffers.staged, |staged| {
                 let (own, wanted) =
-                    report(&buffers.split(staged), buffers.shape, &passes, context.tick(), job.words);
+                    report(&buffers.split(staged), buffers.shape, &passes, context.tick(), faces, job.words);
                 lengths = lengths.grown(wanted);
                 drawn.push(own);
             })?;
@@ -405,23 +410,27 @@ fn list<T: bytemuck::Pod>(bytes: &[u8], count: u32) -> Vec<T> {
     bytes.chunks_exact(size_of::<T>()).take(count as usize).map(value).collect()
 }
 
-/// Reads what came back: the frame, and the lengths that its lists wanted.
+/// Reads what came back: the frame, and the lengths that its lists wanted. `faces` are those of each slot's mesh.
 fn report(
     parts: &[Vec<&[u8]>],
     shape: Shape,
     passes: &[(DeviceStage, Phase)],
     tick: Option<f64>,
+    faces: &[u64],
     words: &mut [u32],
 ) -> (Drawn, Room) {
     let (mut drawn, mut wanted) = <(Drawn, Room)>::default();
     // Of both phases where the second listed any, else of the first.
     let (mut visible, mut listed) = (&[][..], 0);
+    let mut on_screen = vec![false; faces.len()];
     for (number, parts) in parts.iter().enumerate() {
         if number == 0 {
             let [ticks, pixels, list, asked, arrays @ ..] = &parts[..] else { continue };
             drawn.wanted = self::list(asked, shape.pages);
             if !shape.leaves {
-                bytemuck::cast_slice_mut(words).copy_from_slice(pixels);
+                let words: &mut [u8] = bytemuck::cast_slice_mut(words);
+                let parts = words.par_chunks_mut(COPIED_AT_ONCE).zip(pixels.par_chunks(COPIED_AT_ONCE));
+                parts.for_each(|(words, pixels)| words.copy_from_slice(pixels));
             }
             visible = list;
             let arrays = shape.outputs.iter().zip(arrays);
@@ -439,8 +448,12 @@ fn report(
         let of_levels = |of: fn(&Dispatch) -> u32| levels.iter().map(|level| u64::from(of(level))).sum();
         let visited: u64 = of_levels(|level| level.count);
         // The second phase starts anywhere; what it starts at a root is an instance that the first did not walk.
-        let roots = list::<Visit>(starts, levels[0].count).into_iter().filter(|visit| visit.node == 0);
-        drawn.instances.extend(roots.map(|visit| visit.instance));
+        for visit in list::<Visit>(starts, levels[0].count).into_iter().filter(|visit| visit.node == 0) {
+            let slot = visit.instance as usize;
+            if on_screen.get_mut(slot).is_some_and(|met| !std::mem::replace(met, true)) {
+                drawn.source_triangles += faces[slot];
+            }
+        }
         if counters.visible > 0 {
             listed = counters.visible;
         }
@@ -459,7 +472,5 @@ fn report(
         wanted.visible = wanted.visible.max(counters.visible);
     }
     drawn.visible = list(visible, listed);
-    drawn.instances.sort_unstable();
-    drawn.instances.dedup();
     (drawn, wanted)
 }

@@ -181,6 +181,8 @@ pub enum Around {
 pub enum Kernel {
     /// Instances → roots to look at.
     InstanceCull,
+    /// Bits of groups → none.
+    ClearGroups,
     /// A level of nodes → the next, and the bits of groups.
     NodeCull(Phase),
     /// Words → set bits of each block of words.
@@ -218,8 +220,9 @@ pub enum Kernel {
 }
 
 /// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 64] = [
+pub const KERNELS: [Kernel; 65] = [
     Kernel::InstanceCull,
+    Kernel::ClearGroups,
     Kernel::NodeCull(Phase::First),
     Kernel::NodeCull(Phase::Second),
     Kernel::CountBits(Bits::Groups),
@@ -336,6 +339,7 @@ impl Kernel {
     pub fn name(self) -> &'static str {
         match self {
             Self::InstanceCull => "instance_cull",
+            Self::ClearGroups => "clear_groups",
             Self::NodeCull(_) => "node_cull",
             Self::CountBits(_) => "count_bits",
             Self::ScanBlocks(_) => "scan_blocks",
@@ -366,6 +370,7 @@ impl Kernel {
             Self::InstanceCull => {
                 vec![TYPES, CULL, DERIVE, OCCLUSION, APPEND, PUT_OFF, file!("instance_cull")]
             }
+            Self::ClearGroups => vec![TYPES, file!("clear_groups")],
             Self::NodeCull(_) => {
                 vec![TYPES, CULL, OCCLUSION, LOD, GROUP_BITS, APPEND, PUT_OFF, file!("node_cull")]
             }

@@ -121,8 +121,9 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool
     let Shot { scene, eye, screen, resident, .. } = shot;
     let instances = scene.instances();
     let mut stats = FrameStats::default();
-    let on_screen = drawn.instances.iter().filter_map(|&slot| instances.at(slot as usize));
-    stats.source_triangles = on_screen.map(|instance| instance.mesh.source_faces).sum();
+    stats.source_triangles = drawn.source_triangles;
+    let counters = drawn.phases.iter().map(|phase| phase.counters);
+    stats.triangles = counters.map(|c| u64::from(c.triangles_small) + u64::from(c.triangles_large)).sum();
     // In scene order: each instance once.
     let mut slots: Vec<u32> = drawn.visible.iter().map(|v| v.instance).collect();
     slots.dedup();

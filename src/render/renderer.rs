@@ -163,10 +163,8 @@ pub(super) struct Rastered {
 impl Rastered {
     /// Counts what was drawn.
     fn count(&mut self) {
-        let Self { views, visible, stats, .. } = self;
-        stats.clusters = visible.len() as u64;
-        let record = |v: &Visible| views[v.instance as usize].pages.record(v.cluster);
-        stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
+        let stats = &mut self.stats;
+        stats.clusters = self.visible.len() as u64;
         let drawn = |stage| stats.stages.iter().filter(|s| s.stage == stage).map(|s| s.passed).sum();
         (stats.drawn_small, stats.drawn_large) = (drawn(Stage::RasterSmall), drawn(Stage::RasterLarge));
     }
@@ -183,6 +181,8 @@ pub struct Renderer {
     /// What each view of the frame before showed, where the CPU draws.
     shown: Vec<Shown>,
     spare: Spare,
+    /// A scene and its clock when all pages of its meshes were in memory.
+    loaded: Option<(u64, u64)>,
     /// There when meshes in files are streamed.
     streamer: Option<Streamer>,
     /// The views of the call before, where it streamed.
@@ -200,7 +200,8 @@ impl Renderer {
         }
         let (device, reason) = Device::choose(backend)?;
         let (hzb, shown, spare) = (Hzb::default(), Vec::new(), Spare::default());
-        Ok(Self { width, height, device, reason, hzb, shown, spare, streamer: None, before: Vec::new() })
+        let (loaded, streamer, before) = (None, None, Vec::new());
+        Ok(Self { width, height, device, reason, hzb, shown, spare, loaded, streamer, before })
     }
 
     /// From now on, of meshes whose pages lie in files, those are read that frames need, into a pool of so many bytes; or again
@@ -287,8 +288,7 @@ impl Renderer {
             .collect::<Result<_>>()?;
         let mut frames = match self.streamer.take() {
             None => {
-                let load = |(_, instance): (u32, &Instance)| instance.mesh.pages.load_all(go_on);
-                scene.instances().iter().try_for_each(load)?;
+                self.load(scene, go_on)?;
                 let resident = Resident::default();
                 let shots = shots(scene, &views, options, &resident);
                 let mut rastered = self.draw(&shots)?;
@@ -305,6 +305,17 @@ impl Renderer {
         let total_ms = start.elapsed().as_secs_f64() * 1e3;
         frames.iter_mut().for_each(|frame| frame.stats.total_ms = total_ms);
         Ok(frames)
+    }
+
+    /// Sees to it that all pages of the meshes of a scene are in memory.
+    fn load(&mut self, scene: &Scene, go_on: Patience<'_>) -> Result<()> {
+        let slots = scene.instances();
+        // Once there, they stay.
+        let since = self.loaded.filter(|loaded| loaded.0 == scene.identity()).map_or(0, |loaded| loaded.1);
+        let mut new = slots.changed_since(since).filter_map(|(_, instance)| instance);
+        new.try_for_each(|instance| instance.mesh.pages.load_all(go_on))?;
+        self.loaded = Some((scene.identity(), slots.clock()));
+        Ok(())
     }
 
     /// Draws what is there, and asks for what is not; where that is wished, until nothing is missing that could come.
@@ -423,7 +434,9 @@ impl Renderer {
         };
         stats.covered_pixels = picture.covered();
         picture.measure(screen, &mut stats);
-        let visible = list.iter().map(|c| c.visible).collect();
+        let visible: Vec<Visible> = list.iter().map(|c| c.visible).collect();
+        let record = |v: &Visible| views[v.instance as usize].pages.record(v.cluster);
+        stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
         let large = list.iter().map(|c| c.large).collect();
         let needs = streaming::missed(&absent, &views);
         Ok(Rastered { picture, views, visible, large, made: Vec::new(), light: None, needs, stats })

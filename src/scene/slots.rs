@@ -15,14 +15,14 @@ pub struct Handle {
 struct Slot<T> {
     generation: u32,
     value: Option<T>,
-    /// When it was last added, lent for a change or removed.
-    changed: u64,
 }
 
 /// A growable set of entries with stable handles.
 #[derive(Clone, Debug)]
 pub struct Slots<T> {
     slots: Vec<Slot<T>>,
+    /// When each slot's entry was last added, lent for a change or removed: apart, so that asking touches no entry.
+    changed: Vec<u64>,
     free: Vec<u32>,
     /// What an entry is called in messages.
     noun: &'static str,
@@ -33,7 +33,7 @@ pub struct Slots<T> {
 impl<T> Slots<T> {
     /// An empty set; `noun` names an entry in errors.
     pub fn new(noun: &'static str) -> Self {
-        Self { slots: Vec::new(), free: Vec::new(), noun, clock: 0 }
+        Self { slots: Vec::new(), changed: Vec::new(), free: Vec::new(), noun, clock: 0 }
     }
 
     /// Number of entries.
@@ -54,15 +54,16 @@ impl<T> Slots<T> {
     /// Adds an entry in the slot that was freed last, or in a new one.
     pub fn insert(&mut self, value: T) -> Result<Handle> {
         self.clock += 1;
-        let changed = self.clock;
         if let Some(index) = self.free.pop() {
+            self.changed[index as usize] = self.clock;
             let slot = &mut self.slots[index as usize];
-            (slot.value, slot.changed) = (Some(value), changed);
+            slot.value = Some(value);
             return Ok(Handle { index, generation: slot.generation });
         }
         let index = u32::try_from(self.slots.len())
             .map_err(|_| Error::TooLarge(format!("a scene holds at most 2³² of {}", self.noun)))?;
-        self.slots.push(Slot { generation: 0, value: Some(value), changed });
+        self.slots.push(Slot { generation: 0, value: Some(value) });
+        self.changed.push(self.clock);
         Ok(Handle { index, generation: 0 })
     }
 
@@ -84,17 +85,18 @@ impl<T> Slots<T> {
         self.get(handle)?;
         let noun = self.noun;
         self.clock += 1;
-        let slot = &mut self.slots[handle.index as usize];
-        slot.changed = self.clock;
-        slot.value.as_mut().ok_or_else(|| Error::StaleHandle(format!("{noun} {}", handle.index)))
+        self.changed[handle.index as usize] = self.clock;
+        self.slots[handle.index as usize]
+            .value
+            .as_mut().ok_or_else(|| Error::StaleHandle(format!("{noun} {}", handle.index)))
     }
 
     /// Removes an entry; its handle is stale from now on.
     pub fn remove(&mut self, handle: Handle) -> Result<T> {
         self.get(handle)?;
         self.clock += 1;
+        self.changed[handle.index as usize] = self.clock;
         let slot = &mut self.slots[handle.index as usize];
-        slot.changed = self.clock;
         let value = slot.value.take();
         // A slot whose generations are used up is retired: it is never given away again.
         if let Some(next) = slot.generation.checked_add(1) {
@@ -111,8 +113,10 @@ impl<T> Slots<T> {
 
     /// Slots that changed after a time, with what is in them now.
     pub fn changed_since(&self, clock: u64) -> impl Iterator<Item = (u32, Option<&T>)> {
-        let slots = self.slots.iter().zip(0..).filter(move |(slot, _)| slot.changed > clock);
-        slots.map(|(slot, index)| (index, slot.value.as_ref()))
+        // Mostly none.
+        let changed = if self.clock > clock { &self.changed[..] } else { &[] };
+        let slots = changed.iter().zip(0..).filter(move |(changed, _)| **changed > clock);
+        slots.map(|(_, index)| (index, self.slots[index as usize].value.as_ref()))
     }
 
     /// The entry in a slot, if the slot is in use.
