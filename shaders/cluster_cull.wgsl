@@ -47,7 +47,7 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
     let at = record + RECORD_LOD_SPHERE;
     let sphere = Sphere(array<f32, 3>(real(at), real(at + 1u), real(at + 2u)), real(at + 3u));
     // What it was made from is drawn instead, where that is there.
-    if exceeds(instance, sphere, real(record + RECORD_ERROR)) {
+    if exceeds(lod_view(instance), sphere, real(record + RECORD_ERROR)) {
         let refined = instances[instance].first_page + page_word(record + RECORD_REFINED_PAGE);
         if page_offsets[refined] != ABSENT {
             return;
@@ -102,15 +102,16 @@ fn still_refined(candidate: Candidate) -> bool {
         return false;
     }
     let group = groups[instances[instance].first_group + candidate.group];
-    return exceeds(instance, group.lod_sphere, group.error);
+    return exceeds(lod_view(instance), group.lod_sphere, group.error);
 }
 
 @compute @workgroup_size(CULL_LANES)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
     @builtin(num_workgroups) all: vec3<u32>,
-    @builtin(local_invocation_index) lane: u32,
+    @builtin(local_invocation_id) local: vec3<u32>,
 ) {
+    let lane = local.x;
     let first = workgroup_number(workgroup, all) * GROUPS_PER_WORKGROUP;
     let count = min(culling.count, arrayLength(&candidates));
     let own = first + lane;

@@ -15,10 +15,15 @@
 @group(0) @binding(9) var<storage, read> first_bits: array<u32>;
 @group(0) @binding(10) var<storage, read> first_sums: array<u32>;
 
-// The instance that a word belongs to: the last one that starts at or before it.
-fn instance_of(word: u32) -> u32 {
-    var low = 0u;
-    var high = view.instances;
+// The instance that a word belongs to, the last one that starts at or before it, from one on that does.
+fn instance_of(word: u32, earliest: u32) -> u32 {
+    var low = earliest;
+    var high = low + 1u;
+    // Words that follow each other are mostly of the same.
+    if high < view.instances && instances[high].group_words <= word {
+        low = high;
+        high = view.instances;
+    }
     while high - low > 1u {
         let middle = (low + high) / 2u;
         if instances[middle].group_words <= word {
@@ -30,12 +35,12 @@ fn instance_of(word: u32) -> u32 {
     return low;
 }
 
-// Lists the groups of a word, from a place on; those of the first phase are listed there from `first_at` on.
-fn list(word: u32, mask_of_word: u32, at_of_word: u32, first_mask: u32, first_at: u32) {
+// Lists the groups of a word of an instance, from a place on; those of the first phase are listed there from `first_at` on.
+fn list(instance: u32, word: u32, mask_of_word: u32, at_of_word: u32, first_mask: u32, first_at: u32) {
     var mask = mask_of_word;
     var at = at_of_word;
-    let instance = instance_of(word);
     let first = 32u * (word - instances[instance].group_words);
+    let first_group = instances[instance].first_group + first;
     while mask != 0u {
         let bit = firstTrailingBit(mask);
         mask &= mask - 1u;
@@ -44,7 +49,7 @@ fn list(word: u32, mask_of_word: u32, at_of_word: u32, first_mask: u32, first_at
             before = first_at + countOneBits(first_mask & ((1u << bit) - 1u));
         }
         if at < arrayLength(&candidates) {
-            let group = instances[instance].first_group + first + bit;
+            let group = first_group + bit;
             candidates[at] = Candidate(instance, groups[group].first, groups[group].count, before, first + bit);
         }
         at++;
@@ -67,6 +72,16 @@ fn main(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let block = workgroup_number(workgroup, all);
+    if block == 0u && lane == 0u {
+        let total = sums[(blocks.count + SCAN_BLOCK - 1u) / SCAN_BLOCK];
+        let kept = min(total, arrayLength(&candidates));
+        culling = workgroups(kept, GROUPS_PER_WORKGROUP, total);
+        counting = workgroups(kept, CLUSTER_BLOCK, kept);
+    }
+    // Of most instances nothing is to be seen.
+    if sums[block] == sums[block + 1u] {
+        return;
+    }
     let words = words_of_lane(block, lane, blocks.count);
     var count = 0u;
     var first_count = 0u;
@@ -85,12 +100,7 @@ fn main(
         workgroupBarrier();
     }
     var at = sums[block] + inclusive_sum(lane, count) - count;
-    if block == 0u && lane == 0u {
-        let total = sums[(blocks.count + SCAN_BLOCK - 1u) / SCAN_BLOCK];
-        let kept = min(total, arrayLength(&candidates));
-        culling = workgroups(kept, GROUPS_PER_WORKGROUP, total);
-        counting = workgroups(kept, CLUSTER_BLOCK, kept);
-    }
+    var instance = 0u;
     for (var first = words.x; first < words.y; first += 32u) {
         for (var rest = filled_from(first); rest != 0u; rest &= rest - 1u) {
             let word = first + firstTrailingBit(rest);
@@ -100,7 +110,8 @@ fn main(
                 first_mask = first_bits[word];
             }
             if mask != 0u {
-                list(word, mask, at, first_mask, first_at);
+                instance = instance_of(word, instance);
+                list(instance, word, mask, at, first_mask, first_at);
             }
             at += countOneBits(mask);
             first_at += countOneBits(first_mask);

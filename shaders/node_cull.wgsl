@@ -23,8 +23,8 @@ const OFF_SCREEN: u32 = 0u;
 const HIDDEN: u32 = 1u;
 const SEEN: u32 = 2u;
 
-fn test(instance: u32, center: array<f32, 3>, extent: array<f32, 3>) -> u32 {
-    let place = footprint(instances[instance].screen, vector(center), vector(extent));
+fn test(instance: u32, screen: array<vec4<f32>, 3>, center: array<f32, 3>, extent: array<f32, 3>) -> u32 {
+    let place = footprint(screen, vector(center), vector(extent));
     if !place.seen {
         return OFF_SCREEN;
     }
@@ -43,10 +43,13 @@ fn main(
     }
     let visit = visits[number];
     let node = nodes[instances[visit.instance].first_node + visit.node];
-    if !may_be_in_cut(visit.instance, node.lod_sphere, node.max_parent_error, node.min_own_error) {
+    let lod = lod_view(visit.instance);
+    let screen = instances[visit.instance].screen;
+    // What is above all errors and below all others is always between them.
+    if visit.node != 0u && !may_be_in_cut(lod, node.lod_sphere, node.max_parent_error, node.min_own_error) {
         return;
     }
-    let found = test(visit.instance, node.center, node.extent);
+    let found = test(visit.instance, screen, node.center, node.extent);
     if found != SEEN {
         if found == HIDDEN {
             if !SECOND {
@@ -67,21 +70,22 @@ fn main(
     }
     atomicAdd(&next.visited, count);
     let first_group = instances[visit.instance].first_group;
+    let first_page = instances[visit.instance].first_page;
     let words = instances[visit.instance].group_words;
     var waits = false;
     for (var i = 0u; i < count; i++) {
         let number = node.first + i;
         let group = groups[first_group + number];
-        if !may_be_in_cut(visit.instance, group.lod_sphere, group.error, group.min_own_error) {
+        if !may_be_in_cut(lod, group.lod_sphere, group.error, group.min_own_error) {
             continue;
         }
-        var found = test(visit.instance, group.center, group.extent);
+        var found = test(visit.instance, screen, group.center, group.extent);
         if found == SEEN {
-            let page = instances[visit.instance].first_page + (group.first >> PAGE_SLOT_BITS);
+            let page = first_page + (group.first >> PAGE_SLOT_BITS);
             if page_offsets[page] != ABSENT {
                 mark_group(words, number);
             } else if SECOND || view.two_phases == 0u {
-                let pixels = error_pixels(visit.instance, group.lod_sphere, group.error);
+                let pixels = error_pixels(lod, group.lod_sphere, group.error);
                 atomicMax(&wanted[page], bitcast<u32>(pixels));
             } else {
                 // What is drawn instead, with all else, may hide it.

@@ -5,8 +5,8 @@ override RASTER_LANES: u32 = CLUSTER_MAX_TRIANGLES;
 
 // Triangles that face the eye and have a box with pixels.
 var<workgroup> drawn: atomic<u32>;
-var<workgroup> snapped: array<vec2<i32>, CLUSTER_MAX_VERTICES>;
-var<workgroup> values: array<f32, CLUSTER_MAX_VERTICES>;
+// Snapped places, and the bits of depth values.
+var<workgroup> snapped: array<vec3<i32>, CLUSTER_MAX_VERTICES>;
 
 // Value, and steps per column and row, of the edge function from a to b at a first pixel.
 fn edge(a: vec2<i32>, b: vec2<i32>, first: vec2<i32>) -> vec3<i32> {
@@ -17,10 +17,13 @@ fn edge(a: vec2<i32>, b: vec2<i32>, first: vec2<i32>) -> vec3<i32> {
 
 // True when the triangle faces the eye and has a box with pixels.
 fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
-    let p0 = snapped[corners.x];
-    var p1 = snapped[corners.y];
-    var p2 = snapped[corners.z];
-    var v = vec3<f32>(values[corners.x], values[corners.y], values[corners.z]);
+    let s0 = snapped[corners.x];
+    let s1 = snapped[corners.y];
+    let s2 = snapped[corners.z];
+    let p0 = s0.xy;
+    var p1 = s1.xy;
+    var p2 = s2.xy;
+    var v = bitcast<vec3<f32>>(vec3<i32>(s0.z, s1.z, s2.z));
     var columns = pixel_range(min(min(p0.x, p1.x), p2.x), max(max(p0.x, p1.x), p2.x));
     var rows = pixel_range(min(min(p0.y, p1.y), p2.y), max(max(p0.y, p1.y), p2.y));
     let area = (p1.x - p0.x) * (p2.y - p0.y) - (p2.x - p0.x) * (p1.y - p0.y);
@@ -75,32 +78,30 @@ fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
     @builtin(num_workgroups) all: vec3<u32>,
-    @builtin(local_invocation_index) lane: u32,
+    @builtin(local_invocation_id) local: vec3<u32>,
 ) {
-    let number = listed(LIST_SMALL, workgroup_number(workgroup, all));
-    if number == NONE {
-        return;
-    }
+    let lane = local.x;
+    // What all lanes read is read before any branch: once, where lanes are a loop.
+    let entry = listed(LIST_SMALL, workgroup_number(workgroup, all));
+    let number = select(entry, 0u, entry == NONE);
     let instance = visible[number].instance;
     let cluster = visible[number].cluster;
     let page = page_start(instance, cluster);
     let record = record_start(page, cluster);
-    let vertices = vertex_count(record);
+    let vertices = select(vertex_count(record), 0u, entry == NONE);
+    let triangles = select(triangle_count(record), 0u, entry == NONE);
     let streams = streams_of(page, record);
+    let screen = instances[instance].screen;
+    let mirrored = instances[instance].mirrored != 0u;
+    let double_sided = two_sided(instance, record);
     if lane == 0u {
         atomicStore(&drawn, 0u);
     }
-    // Once, not for each vertex and triangle.
-    let screen = instances[instance].screen;
-    let mirrored = instances[instance].mirrored != 0u;
     for (var v = lane; v < vertices; v += RASTER_LANES) {
         let p = project(homogeneous(screen, position_of(streams, v)));
-        snapped[v] = vec2<i32>(snap(p.x), snap(p.y));
-        values[v] = p.z;
+        snapped[v] = vec3<i32>(snap(p.x), snap(p.y), bitcast<i32>(p.z));
     }
     workgroupBarrier();
-    let triangles = triangle_count(record);
-    let double_sided = two_sided(instance, record);
     var own = 0u;
     for (var t = lane; t < triangles; t += RASTER_LANES) {
         var corners = triangle_corners(streams, t);

@@ -1,53 +1,72 @@
 // The rule of the cut: src/model/rule.rs on src/math/project.rs.
 
-fn error_pixels(instance: u32, sphere: Sphere, error: f32) -> f32 {
+// What the rule needs of an instance, read once for all spheres that are looked at.
+struct LodView {
+    object_to_eye: array<vec4<f32>, 3>,
+    scale: f32,
+    focal: f32,
+    near: f32,
+}
+
+fn lod_view(instance: u32) -> LodView {
+    return LodView(
+        instances[instance].object_to_eye,
+        instances[instance].lod_scale,
+        instances[instance].lod_focal,
+        instances[instance].lod_near,
+    );
+}
+
+// Where a sphere's centre is in camera space, and how far that is.
+fn center_of(lod: LodView, sphere: Sphere) -> vec4<f32> {
+    let at = homogeneous(lod.object_to_eye, vector(sphere.center));
+    return vec4<f32>(at, sqrt(at.x * at.x + at.y * at.y + at.z * at.z));
+}
+
+fn pixels_at(lod: LodView, at: vec4<f32>, sphere_radius: f32, error: f32) -> f32 {
     if error <= 0.0 {
         return error;
     }
-    let world = error * instances[instance].lod_scale;
-    let focal = instances[instance].lod_focal;
-    let near = instances[instance].lod_near;
-    if near == 0.0 {
-        return world * focal;
+    let world = error * lod.scale;
+    if lod.near == 0.0 {
+        return world * lod.focal;
     }
-    let at = homogeneous(instances[instance].object_to_eye, vector(sphere.center));
-    let radius = sphere.radius * instances[instance].lod_scale + world;
-    let distance = sqrt(at.x * at.x + at.y * at.y + at.z * at.z) - radius;
+    let radius = sphere_radius * lod.scale + world;
+    let distance = at.w - radius;
     let depth = -at.z - radius;
     var sec2 = view.lod_widest;
     if depth > 0.0 {
         let tangent = (sqrt(at.x * at.x + at.y * at.y) + radius) / depth;
         sec2 = min(1.0 + tangent * tangent, sec2);
     }
-    return world * focal * sec2 / max(distance, near);
+    return world * lod.focal * sec2 / max(distance, lod.near);
+}
+
+fn error_pixels(lod: LodView, sphere: Sphere, error: f32) -> f32 {
+    return pixels_at(lod, center_of(lod, sphere), sphere.radius, error);
 }
 
 // True when an error on a sphere is too large to be drawn.
-fn exceeds(instance: u32, sphere: Sphere, error: f32) -> bool {
-    return error_pixels(instance, sphere, error) > view.tau;
+fn exceeds(lod: LodView, sphere: Sphere, error: f32) -> bool {
+    return error_pixels(lod, sphere, error) > view.tau;
 }
 
-fn least_pixels(instance: u32, sphere: Sphere, error: f32) -> f32 {
+fn least_pixels_at(lod: LodView, at: vec4<f32>, sphere_radius: f32, error: f32) -> f32 {
     if error <= 0.0 {
         return error;
     }
-    let world = error * instances[instance].lod_scale;
-    let focal = instances[instance].lod_focal;
-    let near = instances[instance].lod_near;
-    if near == 0.0 {
-        return world * focal;
+    let world = error * lod.scale;
+    if lod.near == 0.0 {
+        return world * lod.focal;
     }
-    let at = homogeneous(instances[instance].object_to_eye, vector(sphere.center));
-    let distance = sqrt(at.x * at.x + at.y * at.y + at.z * at.z) + sphere.radius * instances[instance].lod_scale;
-    return (1.0 - LEAST_MARGIN) * world * focal / max(distance, near);
+    let distance = at.w + sphere_radius * lod.scale;
+    return (1.0 - LEAST_MARGIN) * world * lod.focal / max(distance, lod.near);
 }
 
-// True when no error of at least this, on whatever sphere inside of this one, is small enough to be drawn.
-fn exceeds_throughout(instance: u32, sphere: Sphere, error: f32) -> bool {
-    return least_pixels(instance, sphere, error) > view.tau;
-}
-
-// Whether clusters inside of a sphere may be in the cut, from the largest parent error and the least of their own.
-fn may_be_in_cut(instance: u32, sphere: Sphere, parent_error: f32, own_error: f32) -> bool {
-    return exceeds(instance, sphere, parent_error) && !exceeds_throughout(instance, sphere, own_error);
+// Whether clusters inside of a sphere may be in the cut, from the largest parent error and the least of their own: one is
+// too large to be drawn, and the other not, on whatever sphere inside of this one.
+fn may_be_in_cut(lod: LodView, sphere: Sphere, parent_error: f32, own_error: f32) -> bool {
+    let at = center_of(lod, sphere);
+    return pixels_at(lod, at, sphere.radius, parent_error) > view.tau
+        && !(least_pixels_at(lod, at, sphere.radius, own_error) > view.tau);
 }

@@ -18,11 +18,9 @@ const UNIT: i32 = 1 << SUBPIXEL_BITS;
 // The number in the visible list of entry `index` of a list; NONE behind its end.
 fn listed(list: u32, index: u32) -> u32 {
     let room = arrayLength(&numbers) / 2u;
-    if index >= min(draws[list].count, room) {
-        return NONE;
-    }
-    let number = numbers[number_slot(list, index, room)];
-    return select(NONE, number, number < arrayLength(&visible));
+    let there = index < min(draws[list].count, room);
+    let number = numbers[number_slot(list, select(0u, index, there), room)];
+    return select(NONE, number, there && number < arrayLength(&visible));
 }
 
 // Snaps a screen coordinate to 1/256 pixel: adding this leaves the nearest integer in the low bits.

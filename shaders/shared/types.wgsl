@@ -305,7 +305,12 @@ fn workgroup_number(id: vec3<u32>, all: vec3<u32>) -> u32 {
     if STRANDS == 1u || place >= STRANDS * length {
         return place;
     }
-    return place % length * STRANDS + place / length;
+    // Compared instead of divided, which takes long in software.
+    var strand = 0u;
+    for (var k = 1u; k < STRANDS; k++) {
+        strand += u32(place >= k * length);
+    }
+    return (place - strand * length) * STRANDS + strand;
 }
 
 struct Counters {

@@ -29,12 +29,12 @@ fn cull(candidate: Candidate, part: u32, member: u32) {
     let record = record_start(page_start(instance, cluster), cluster);
     let base = group_bases[instances[instance].first_page + (cluster >> PAGE_SLOT_BITS)];
     let group = base + page_word(record + RECORD_GROUP);
-    if !exceeds(instance, groups[group].lod_sphere, groups[group].error) {
+    if !exceeds(lod_view(instance), groups[group].lod_sphere, groups[group].error) {
         return;
     }
     let at = record + RECORD_LOD_SPHERE;
     let sphere = Sphere(array<f32, 3>(real(at), real(at + 1u), real(at + 2u)), real(at + 3u));
-    if exceeds(instance, sphere, real(record + RECORD_ERROR)) {
+    if exceeds(lod_view(instance), sphere, real(record + RECORD_ERROR)) {
         return;
     }
     let place = footprint(instances[instance].screen, reals(record + RECORD_CENTER), reals(record + RECORD_EXTENT));

@@ -24,7 +24,7 @@ fn main(
         return;
     }
     let part = parts[instances[instance].first_group + at];
-    if may_be_in_cut(instance, part.lod_sphere, part.error, part.min_own_error)
+    if may_be_in_cut(lod_view(instance), part.lod_sphere, part.error, part.min_own_error)
         && footprint(instances[instance].screen, vector(part.center), vector(part.extent)).seen {
         mark_group(instances[instance].group_words, at);
     }

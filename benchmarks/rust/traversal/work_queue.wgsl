@@ -103,7 +103,7 @@ fn take(ticket: u32) -> Visit {
 fn look_at(visit: Visit) -> vec2<u32> {
     nodes_seen++;
     let node = nodes[instances[visit.instance].first_node + visit.node];
-    if !may_be_in_cut(visit.instance, node.lod_sphere, node.max_parent_error, node.min_own_error) {
+    if !may_be_in_cut(lod_view(visit.instance), node.lod_sphere, node.max_parent_error, node.min_own_error) {
         return vec2<u32>(0u);
     }
     if !footprint(instances[visit.instance].screen, vector(node.center), vector(node.extent)).seen {
@@ -119,7 +119,7 @@ fn look_at(visit: Visit) -> vec2<u32> {
     for (var i = 0u; i < count; i++) {
         let number = node.first + i;
         let group = groups[first_group + number];
-        if may_be_in_cut(visit.instance, group.lod_sphere, group.error, group.min_own_error)
+        if may_be_in_cut(lod_view(visit.instance), group.lod_sphere, group.error, group.min_own_error)
             && footprint(instances[visit.instance].screen, vector(group.center), vector(group.extent)).seen {
             mark_group(words, number);
         }
