@@ -9,7 +9,7 @@ override CULL_LANES: u32 = WIDTH;
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
 @group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
-@group(0) @binding(3) var<storage, read> pages: array<u32>;
+@group(0) @binding(3) var<storage, read> pages: array<vec4<u32>>;
 @group(0) @binding(4) var<storage, read> candidates: array<Candidate>;
 @group(0) @binding(5) var<storage, read> culling: Dispatch;
 // What the frame before drew, where that is the list; then what this one draws.
@@ -20,9 +20,9 @@ override CULL_LANES: u32 = WIDTH;
 // Of the first phase; not read there.
 @group(0) @binding(10) var<storage, read> first_drawn: array<u32>;
 @group(0) @binding(11) var<storage, read> groups: array<Group>;
-@group(0) @binding(12) var<storage, read> pages_1: array<u32>;
-@group(0) @binding(13) var<storage, read> pages_2: array<u32>;
-@group(0) @binding(14) var<storage, read> pages_3: array<u32>;
+@group(0) @binding(12) var<storage, read> pages_1: array<vec4<u32>>;
+@group(0) @binding(13) var<storage, read> pages_2: array<vec4<u32>>;
+@group(0) @binding(14) var<storage, read> pages_3: array<vec4<u32>>;
 
 // Members of each group that are to be looked at.
 var<workgroup> waiting: array<u32, GROUPS_PER_WORKGROUP>;
@@ -44,39 +44,41 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
     let cluster = candidate.first + member;
     let bit = 1u << member;
     let record = record_start(page_start(instance, cluster), cluster);
-    let at = record + RECORD_LOD_SPHERE;
-    let sphere = Sphere(array<f32, 3>(real(at), real(at + 1u), real(at + 2u)), real(at + 3u));
+    let detail = detail_of(record);
     // What it was made from is drawn instead, where that is there.
-    if exceeds(lod_view(instance), sphere, real(record + RECORD_ERROR)) {
-        let refined = instances[instance].first_page + page_word(record + RECORD_REFINED_PAGE);
+    if exceeds(lod_view(instance), detail.lod_sphere, detail.error) {
+        let refined = instances[instance].first_page + detail.refined_page;
         if page_offsets[refined] != ABSENT {
             return;
         }
     }
-    let center = reals(record + RECORD_CENTER);
-    let extent = reals(record + RECORD_EXTENT);
-    let place = footprint(instances[instance].screen, center, extent);
-    if !place.seen || (!two_sided(instance, record) && faces_away(instance, record)) {
+    let shape = shape_of(record);
+    let place = footprint(instances[instance].screen, shape.center, shape.extent);
+    if !place.seen {
         return;
     }
-    if hidden(place, instance, center, extent) {
+    if !material_bit(instances[instance].double_sided, detail.material)
+        && faces_away(instance, shape.center, shape.radius, shape.cone) {
+        return;
+    }
+    if hidden(place, instance, shape.center, shape.extent) {
         atomicAdd(&held, 1u);
         return;
     }
     atomicOr(&drawn_bits[group], bit);
     // A patch of n triangles has some sqrt(n / 2) edges across.
-    let edge = f32(place.span) / max(sqrt(f32(triangle_count(record)) * 0.5), 1.0);
-    if has_holes(instance, record) {
+    let edge = f32(place.span) / max(sqrt(f32(detail.triangles) * 0.5), 1.0);
+    if material_bit(instances[instance].masked, detail.material) {
         atomicOr(&clipped_bits[group], bit);
-        atomicAdd(&triangles_large, triangle_count(record));
+        atomicAdd(&triangles_large, detail.triangles);
     } else if place.clipped || place.span > MAX_SPAN || edge > SMALL_EDGE {
         atomicOr(&large_bits[group], bit);
         if view.viewport != 0u && (place.clipped || place.span >= viewport_margin()) {
             atomicOr(&clipped_bits[group], bit);
         }
-        atomicAdd(&triangles_large, triangle_count(record));
+        atomicAdd(&triangles_large, detail.triangles);
     } else {
-        atomicAdd(&triangles_small, triangle_count(record));
+        atomicAdd(&triangles_small, detail.triangles);
     }
 }
 

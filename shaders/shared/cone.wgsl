@@ -1,7 +1,7 @@
-// Clusters all of whose triangles face away: src/cpu/project.rs. Needs `pages` and `instances`.
+// Clusters all of whose triangles face away: src/cpu/project.rs. Needs `view` and `instances`.
 
-fn faces_away(instance: u32, record: u32) -> bool {
-    let packed = page_word(record + RECORD_CONE);
+// `packed` is the cone of a cluster, whose vertices lie within a radius of its centre.
+fn faces_away(instance: u32, center: vec3<f32>, radius: f32, packed: u32) -> bool {
     let cone = vec4<f32>(
         f32(extractBits(i32(packed), 0u, 8u)) / 127.0,
         f32(extractBits(i32(packed), 8u, 8u)) / 127.0,
@@ -15,8 +15,8 @@ fn faces_away(instance: u32, record: u32) -> bool {
     if view.orthographic != 0u {
         return eye.x * cone.x + eye.y * cone.y + eye.z * cone.z >= cone.w;
     }
-    let to = reals(record + RECORD_CENTER) - eye;
+    let to = center - eye;
     let along = to.x * cone.x + to.y * cone.y + to.z * cone.z;
     let distance = sqrt(to.x * to.x + to.y * to.y + to.z * to.z);
-    return along >= cone.w * distance + real(record + RECORD_RADIUS);
+    return along >= cone.w * distance + radius;
 }

@@ -1,26 +1,17 @@
-// Cluster records and their streams: src/model/cluster.rs. Needs `pages`, `pages_1` to `pages_3`, `page_offsets` and
-// `instances`.
+// Cluster records and their streams, word by word: src/model/cluster.rs. Needs `pages`, `pages_1` to `pages_3`.
 
-// A word of the pages of all meshes. They lie in several arrays where one is too short for them; no page does.
+// A word of the pages of all meshes.
 fn page_word(at: u32) -> u32 {
     if PAGE_ARRAYS == 1u {
         return pages[at];
     }
-    let word = at & ((1u << PAGE_ARRAY_BITS) - 1u);
-    switch at >> PAGE_ARRAY_BITS {
+    let word = place_in_array(at);
+    switch page_array(at) {
         case 0u: { return pages[word]; }
         case 1u: { return pages_1[word]; }
         case 2u: { return pages_2[word]; }
         default: { return pages_3[word]; }
     }
-}
-
-fn page_start(instance: u32, cluster: u32) -> u32 {
-    return page_offsets[instances[instance].first_page + (cluster >> PAGE_SLOT_BITS)];
-}
-
-fn record_start(page: u32, cluster: u32) -> u32 {
-    return page + (cluster & ((1u << PAGE_SLOT_BITS) - 1u)) * RECORD_WORDS;
 }
 
 fn real(at: u32) -> f32 {
@@ -39,19 +30,9 @@ fn triangle_count(record: u32) -> u32 {
     return page_word(record + RECORD_COUNTS) >> 8u & 0xffu;
 }
 
-// Of bits by material, that of a cluster: src/scene/material.rs.
-fn material_bit(bits: u32, record: u32) -> bool {
-    return (bits >> min(page_word(record + RECORD_MATERIAL), 31u) & 1u) != 0u;
-}
-
 // Whether a cluster shows its back faces.
 fn two_sided(instance: u32, record: u32) -> bool {
-    return material_bit(instances[instance].double_sided, record);
-}
-
-// Whether a cluster may have holes.
-fn has_holes(instance: u32, record: u32) -> bool {
-    return material_bit(instances[instance].masked, record);
+    return material_bit(instances[instance].double_sided, page_word(record + RECORD_MATERIAL));
 }
 
 // Where a cluster's streams begin, and how positions are packed: src/model/packing.rs.

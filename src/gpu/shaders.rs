@@ -44,6 +44,8 @@ pub fn group_bit_words(words: u32) -> u32 {
 
 /// Arrays that the pages of all meshes may lie in.
 pub const PAGE_ARRAYS: usize = 4;
+/// Bytes that a kernel reads of a record at a time; pages start at multiples of it.
+pub const QUAD_BYTES: usize = size_of::<[u32; 4]>();
 /// Pixels that a lane gives new numbers, or counts.
 pub const PIXELS_PER_LANE: u32 = 16;
 /// Side of a workgroup that makes a part of the depth pyramid.
@@ -135,7 +137,7 @@ impl Bits {
     /// tell of 32 words together: so few that waiting for each other takes longer than looking.
     const fn words_per_lane(self) -> u32 {
         match self {
-            Self::Groups => 64,
+            Self::Groups => 256,
             Self::Clusters => 16,
         }
     }
@@ -300,6 +302,25 @@ pub const DRAWS: [Kernel; 8] = [
     Kernel::RasterHardware(List::Large, Words::Depth),
 ];
 
+/// What `records.wgsl` reads four words at a time.
+const _: () = {
+    let quads = [
+        [offset_of!(ClusterRecord, center), offset_of!(ClusterRecord, radius)],
+        [offset_of!(ClusterRecord, extent), offset_of!(ClusterRecord, cone)],
+        [offset_of!(ClusterRecord, lod_sphere), offset_of!(ClusterRecord, error) - size_of::<u32>()],
+        [offset_of!(ClusterRecord, error), offset_of!(ClusterRecord, data)],
+        [offset_of!(ClusterRecord, refined), offset_of!(ClusterRecord, refined_page)],
+    ];
+    let mut k = 0;
+    while k < quads.len() {
+        assert!(quads[k][0] == k * QUAD_BYTES && quads[k][1] + size_of::<u32>() == (k + 1) * QUAD_BYTES);
+        k += 1;
+    }
+    assert!(offset_of!(ClusterRecord, vertex_count) == offset_of!(ClusterRecord, error) + 2 * size_of::<u32>());
+    assert!(offset_of!(ClusterRecord, material) == offset_of!(ClusterRecord, refined) + 2 * size_of::<u32>());
+    assert!(RECORD_WORDS * size_of::<u32>() == quads.len() * QUAD_BYTES);
+};
+
 macro_rules! file {
     ($name:literal) => {
         include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $name, ".wgsl"))
@@ -309,7 +330,8 @@ macro_rules! file {
 const TYPES: &str = file!("shared/types");
 const CULL: &str = file!("shared/cull");
 const LOD: &str = file!("shared/lod");
-const PAGES: &str = file!("shared/pages");
+const PAGES: &str = concat!(file!("shared/places"), file!("shared/pages"));
+const RECORDS: &str = concat!(file!("shared/places"), file!("shared/records"));
 const CONE: &str = file!("shared/cone");
 const GROUP_BITS: &str = file!("shared/group_bits");
 const APPEND: &str = file!("shared/append");
@@ -377,7 +399,7 @@ impl Kernel {
             Self::CountBits(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("count_bits")],
             Self::ScanBlocks(_) => vec![TYPES, SCAN, file!("scan_blocks")],
             Self::ListGroups(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("list_groups")],
-            Self::ClusterCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, PAGES, CONE, file!("cluster_cull")],
+            Self::ClusterCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, RECORDS, CONE, file!("cluster_cull")],
             Self::ListClusters(_) => vec![TYPES, SCAN, WORD_BLOCKS, GROUP_BITS, file!("list_clusters")],
             Self::RasterSmall(w) => vec![TYPES, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")],
             Self::RasterLarge(w) => {
@@ -438,7 +460,8 @@ impl Kernel {
 
     /// Whether it reads pages, so that it depends on how many arrays they lie in.
     pub fn reads_pages(self) -> bool {
-        self.files().contains(&PAGES)
+        let files = self.files();
+        files.contains(&PAGES) || files.contains(&RECORDS)
     }
 
     /// The whole source. With `array_bits`, pages lie in several arrays of 2^`array_bits` words.
@@ -567,7 +590,7 @@ pub fn constants() -> String {
         ("RECORD_DATA", offset_of!(ClusterRecord, data)),
         ("RECORD_GROUP", offset_of!(ClusterRecord, group)),
         ("RECORD_MATERIAL", offset_of!(ClusterRecord, material)),
-        ("RECORD_REFINED_PAGE", offset_of!(ClusterRecord, refined_page)),
+        ("RECORD_REFINED", offset_of!(ClusterRecord, refined)),
         ("PACKING_WIDTHS", offset_of!(Packing, widths)),
         ("PACKING_STEP", offset_of!(Packing, step)),
         ("PACKING_WORDS", size_of::<Packing>()),

@@ -38,7 +38,9 @@ fn cull(candidate: Candidate, part: u32, member: u32) {
         return;
     }
     let place = footprint(instances[instance].screen, reals(record + RECORD_CENTER), reals(record + RECORD_EXTENT));
-    if !place.seen || (instances[instance].double_sided == 0u && faces_away(instance, record)) {
+    let away = instances[instance].double_sided == 0u
+        && faces_away(instance, reals(record + RECORD_CENTER), real(record + RECORD_RADIUS), page_word(record + RECORD_CONE));
+    if !place.seen || away {
         return;
     }
     let bit = 1u << member;
