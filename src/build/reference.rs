@@ -6,7 +6,7 @@
 //! the DAG with the clusters that answer for them, cut in pieces where they lie on several, so that each is measured
 //! by the group that simplifies its part of the surface. The proof is in docs/numerics.md.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 
@@ -14,6 +14,7 @@ use super::clusterize::ClusterMesh;
 use super::dag::BuildCluster;
 use super::relax::{Sample, area_normal};
 use super::store::{Numbering, RoundPositions};
+use crate::math::Aabb;
 use crate::math::sphere::round_up;
 use crate::measure::closest::Triangle;
 use crate::measure::overlay::{Bounds, NO_TRIANGLE, Overlay, Sheet};
@@ -156,6 +157,8 @@ pub struct Reference {
     /// Its clusters, and the number of the first triangle of each.
     clusters: Vec<u32>,
     starts: Vec<u32>,
+    /// The boxes of its clusters, once somebody has asked for them.
+    boxes: OnceLock<Vec<Aabb>>,
     /// Number of its triangles.
     count: u32,
     /// The radius of each of their triangles; empty at the source.
@@ -168,12 +171,12 @@ pub struct Reference {
     is_last: bool,
 }
 
-/// A reference as one group needs it: triangles numbered from 0 in order of first use.
-#[derive(Default)]
+/// A part of a reference: triangles numbered from 0 in order of first use.
 struct Local {
     triangles: Vec<Triangle>,
     corners: Vec<[u32; 3]>,
     radii: Vec<f64>,
+    of_points: Numbering,
 }
 
 impl Reference {
@@ -200,6 +203,7 @@ impl Reference {
             positions,
             clusters,
             starts,
+            boxes: OnceLock::new(),
             count,
             radii,
             shares: Vec::new(),
@@ -264,12 +268,8 @@ impl Reference {
     /// The triangles that some clusters answer for, and the number of each in the order of [`Pieces::each`].
     fn local(&self, pieces: &[Pieces], all: &[BuildCluster]) -> (Local, Vec<u32>) {
         let count = pieces.iter().map(|p| p.whole.len() + p.parts.len()).sum();
-        let [mut of_triangles, mut of_points] = [0; 2].map(|_| Numbering::with_room(count));
-        let mut out = Local {
-            triangles: Vec::with_capacity(count),
-            corners: Vec::with_capacity(count),
-            radii: Vec::with_capacity(count),
-        };
+        let mut of_triangles = Numbering::with_room(count);
+        let mut out = Local::with_room(count);
         let mut numbers = Vec::with_capacity(count);
         let mut slot = 0;
         let mut add = |t: u32| {
@@ -285,13 +285,7 @@ impl Reference {
             if !holds(slot) {
                 slot = self.starts.partition_point(|start| *start <= t) - 1;
             }
-            let cluster = &all[self.clusters[slot] as usize];
-            let positions = self.positions.of(slot);
-            let corners =
-                cluster.mesh.triangles[(t - self.starts[slot]) as usize].map(|v| positions[usize::from(v)]);
-            out.triangles.push(corners.map(|p| self.positions.positions[p as usize].map(f64::from)));
-            out.corners.push(corners.map(|p| of_points.number(p).0));
-            out.radii.push(self.radii.get(t as usize).copied().map_or(0.0, f64::from));
+            self.add(&mut out, slot, t, all);
         };
         for pieces in pieces {
             pieces.whole.iter().for_each(|t| add(*t));
@@ -300,12 +294,62 @@ impl Reference {
         (out, numbers)
     }
 
+    /// Adds a triangle of the cluster in a slot.
+    fn add(&self, out: &mut Local, slot: usize, t: u32, all: &[BuildCluster]) {
+        let cluster = &all[self.clusters[slot] as usize];
+        let positions = self.positions.of(slot);
+        let corners =
+            cluster.mesh.triangles[(t - self.starts[slot]) as usize].map(|v| positions[usize::from(v)]);
+        out.triangles.push(corners.map(|p| self.positions.positions[p as usize].map(f64::from)));
+        out.corners.push(corners.map(|p| out.of_points.number(p).0));
+        out.radii.push(self.radii.get(t as usize).copied().map_or(0.0, f64::from));
+    }
+
     /// What some clusters answer for, laid out.
-    pub fn footing(&self, mut pieces: Vec<Pieces>, all: &[BuildCluster]) -> Footing {
+    pub fn footing<'a>(&'a self, mut pieces: Vec<Pieces>, all: &'a [BuildCluster]) -> Footing<'a> {
         self.join(&mut pieces);
         let (local, numbers) = self.local(&pieces, all);
-        let before = Sheet::new(local.triangles, &local.corners, local.radii);
-        Footing { before, pieces, numbers, keep: !self.is_last }
+        Footing { before: local.sheet(), pieces, numbers, reference: self, all }
+    }
+
+    /// All clusters of it that come within some distance of a triangle, whoever answers for them; none where that is none.
+    fn around(&self, triangle: Triangle, reach: f64, all: &[BuildCluster]) -> Option<Sheet> {
+        // Not in parallel: a thread that waits for others here could take a part of a round that waits for this.
+        let boxes = self.boxes.get_or_init(|| {
+            let place = |p: &u32| &self.positions.positions[*p as usize];
+            (0..self.clusters.len())
+                .map(|slot| Aabb::of_points(self.positions.of(slot).iter().map(place)))
+                .collect()
+        });
+        let side = |k: usize| triangle.map(|corner| corner[k]);
+        let [low, high]: [[f64; 3]; 2] = [
+            std::array::from_fn(|k| side(k).into_iter().fold(f64::INFINITY, f64::min) - reach),
+            std::array::from_fn(|k| side(k).into_iter().fold(f64::NEG_INFINITY, f64::max) + reach),
+        ];
+        let mut out = Local::with_room(0);
+        for (slot, of) in boxes.iter().enumerate() {
+            if (0..3).all(|k| f64::from(of.min[k]) <= high[k] && f64::from(of.max[k]) >= low[k]) {
+                let count = all[self.clusters[slot] as usize].mesh.triangles.len() as u32;
+                let start = self.starts[slot];
+                (start..start + count).for_each(|t| self.add(&mut out, slot, t, all));
+            }
+        }
+        (!out.triangles.is_empty()).then(|| out.sheet())
+    }
+}
+
+impl Local {
+    fn with_room(count: usize) -> Self {
+        Self {
+            triangles: Vec::with_capacity(count),
+            corners: Vec::with_capacity(count),
+            radii: Vec::with_capacity(count),
+            of_points: Numbering::with_room(count),
+        }
+    }
+
+    fn sheet(self) -> Sheet {
+        Sheet::new(self.triangles, &self.corners, self.radii)
     }
 }
 
@@ -318,16 +362,17 @@ fn radii(cluster: &BuildCluster) -> impl Iterator<Item = f32> {
 }
 
 /// The part of a reference that a group stands on.
-pub struct Footing {
+pub struct Footing<'a> {
     before: Sheet,
     pieces: Vec<Pieces>,
     /// The triangle of `before` of each piece.
     numbers: Vec<u32>,
-    /// A further round of this reference will ask.
-    keep: bool,
+    /// All of the reference, with all clusters.
+    reference: &'a Reference,
+    all: &'a [BuildCluster],
 }
 
-impl Footing {
+impl Footing<'_> {
     /// Its surface.
     pub fn surface(&self) -> &Sheet {
         &self.before
@@ -392,7 +437,9 @@ impl Footing {
     /// the source, and any point of the source that those clusters answer for from them. Also hands the pieces over,
     /// or, where no further round of this reference will ask, the radii of the triangles.
     pub fn measure(self, patches: &[Patch<'_>], estimate: f32) -> (f32, Vec<Pieces>) {
-        let Self { before, pieces, numbers, keep } = self;
+        let Self { before, pieces, numbers, reference, all } = self;
+        // A further round of this reference will ask.
+        let keep = !reference.is_last;
         let (after, owners) = sheet_of(patches);
         let goal =
             BoundOptions { floor: f64::from(estimate) * FLOOR, slack: SLACK, ..BoundOptions::default() };
@@ -442,14 +489,25 @@ impl Footing {
         // between what stays, which later allocations search.
         let mut handed: Vec<Pieces> = handed.iter().map(Pieces::clone).collect();
         let mut to_before = Overlay::new(&before);
-        for ((t, radius), start) in after.triangles().iter().zip(&mut radii).zip(starts) {
+        let laid = after.triangles().iter().zip(&mut radii).zip(starts);
+        for (number, ((t, radius), start)) in (0..).zip(laid) {
             if start != NO_TRIANGLE {
                 to_before.hint = start;
             }
-            to_before.lay(&mut bounds, &Piece::new(*t), 0.0, |_, bound| {
-                *radius = radius.max(bound);
-                0
-            });
+            let known = bounds;
+            let mut own = lay_whole(&mut to_before, &mut bounds, *t);
+            // Over the border of the group others answer for the reference, which is as near to it all the same.
+            if bounds.lower > known.limit()
+                && after.neighbours(number).contains(&NO_TRIANGLE)
+                && let Some(around) = reference.around(*t, own, all)
+            {
+                let mut again = known;
+                let other = lay_whole(&mut Overlay::new(&around), &mut again, *t);
+                if other < own {
+                    (own, bounds) = (other, again);
+                }
+            }
+            *radius = radius.max(own);
         }
         let largest = largest(before.triangles()).max(largest(after.triangles()));
         let stated = |upper: f64| round_up(outwards(upper, largest));
@@ -461,6 +519,16 @@ impl Footing {
         }
         (stated(bounds.upper), handed)
     }
+}
+
+/// Lays a triangle over a surface; the largest bound of its parts.
+fn lay_whole(overlay: &mut Overlay<'_>, bounds: &mut Bounds, triangle: Triangle) -> f64 {
+    let mut most = 0.0f64;
+    overlay.lay(bounds, &Piece::new(triangle), 0.0, |_, bound| {
+        most = most.max(bound);
+        0
+    });
+    most
 }
 
 /// The sheet of all patches, and which of them each triangle belongs to.
@@ -513,6 +581,7 @@ mod tests {
             positions,
             clusters: Vec::new(),
             starts: Vec::new(),
+            boxes: OnceLock::new(),
             count,
             radii: Vec::new(),
             shares: Vec::new(),
