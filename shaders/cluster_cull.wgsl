@@ -65,6 +65,9 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
         atomicAdd(&held, 1u);
         return;
     }
+    if !SECOND && view.two_phases != 0u {
+        touch(place.rect);
+    }
     atomicOr(&drawn_bits[group], bit);
     // A patch of n triangles has some sqrt(n / 2) edges across.
     let edge = f32(place.span) / max(sqrt(f32(detail.triangles) * 0.5), 1.0);

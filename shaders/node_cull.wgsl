@@ -23,12 +23,12 @@ const OFF_SCREEN: u32 = 0u;
 const HIDDEN: u32 = 1u;
 const SEEN: u32 = 2u;
 
-fn test(instance: u32, screen: array<vec4<f32>, 3>, center: array<f32, 3>, extent: array<f32, 3>) -> u32 {
-    let place = footprint(screen, vector(center), vector(extent));
+fn test(instance: u32, screen: array<vec4<f32>, 3>, center: vec3<f32>, extent: vec3<f32>) -> u32 {
+    let place = footprint(screen, center, extent);
     if !place.seen {
         return OFF_SCREEN;
     }
-    return select(SEEN, HIDDEN, hidden(place, instance, vector(center), vector(extent)));
+    return select(SEEN, HIDDEN, hidden(place, instance, center, extent));
 }
 
 @compute @workgroup_size(WIDTH)

@@ -1,19 +1,11 @@
-// The visibility buffer of the first phase -> the same, with the numbers that clusters have in the list of both.
+// The visibility buffer of the first phase -> the same, with the numbers that clusters have in the list of both. A
+// workgroup takes a block of pixels, a column for each lane, if the first phase drew anything near it.
 
-@group(0) @binding(0) var<storage, read> steps: array<Dispatch, STEPS>;
+@group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> renumbered: array<u32>;
-// Two pixels each, of which one may lie behind the picture.
-@group(0) @binding(2) var<storage, read_write> words: array<vec4<u32>>;
-
-// The low half of a word, 0 where nothing is, with the new number.
-fn with_number(low: u32) -> u32 {
-    let number = (~low >> TRIANGLE_BITS) - 1u;
-    if low == 0u || number >= arrayLength(&renumbered) {
-        return low;
-    }
-    let triangle = ~low & ((1u << TRIANGLE_BITS) - 1u);
-    return ~(((renumbered[number] + 1u) << TRIANGLE_BITS) | triangle);
-}
+@group(0) @binding(2) var<storage, read_write> words: array<vec2<u32>>;
+// Of the first phase.
+@group(0) @binding(3) var<storage, read_write> counters: Counters;
 
 @compute @workgroup_size(WIDTH)
 fn main(
@@ -21,14 +13,21 @@ fn main(
     @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let pairs = WIDTH * PIXELS_PER_LANE / 2u;
-    let first = workgroup_number(workgroup, all) * pairs;
-    let end = min(first + pairs, (steps[STEP_PIXELS].count + 1u) / 2u);
-    for (var pair = first + lane; pair < end; pair += WIDTH) {
-        let both = words[pair];
-        if (both.x | both.z) != 0u {
-            words[pair].x = with_number(both.x);
-            words[pair].z = with_number(both.z);
+    let columns = (view.width + WIDTH - 1u) / WIDTH;
+    let block = workgroup_number(workgroup, all);
+    let first = vec2<u32>(block % columns, block / columns) * vec2<u32>(WIDTH, PIXELS_PER_LANE);
+    let end = min(first + vec2<u32>(WIDTH, PIXELS_PER_LANE), vec2<u32>(view.width, view.height));
+    let column = first.x + lane;
+    if any(first >= end) || column >= end.x || !touched(vec4<u32>(first, end - 1u)) {
+        return;
+    }
+    for (var row = first.y; row < end.y; row++) {
+        let pixel = row * view.width + column;
+        let low = words[pixel].x;
+        let number = (~low >> TRIANGLE_BITS) - 1u;
+        if low != 0u && number < arrayLength(&renumbered) {
+            let triangle = ~low & ((1u << TRIANGLE_BITS) - 1u);
+            words[pixel].x = ~(((renumbered[number] + 1u) << TRIANGLE_BITS) | triangle);
         }
     }
 }

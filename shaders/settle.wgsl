@@ -33,7 +33,9 @@ fn main() {
     let fresh = draws[LIST_SMALL].count + draws[LIST_LARGE].count + draws[LIST_CLIPPED].count
         + draws[LIST_MASKED].count;
     if fresh > 0u && atomicLoad(&other_counters.visible) > 0u {
-        steps[STEP_PIXELS] = workgroups(view.width * view.height, WIDTH * PIXELS_PER_LANE, view.width * view.height);
+        let columns = (view.width + WIDTH - 1u) / WIDTH;
+        let blocks = columns * ((view.height + PIXELS_PER_LANE - 1u) / PIXELS_PER_LANE);
+        steps[STEP_PIXELS] = workgroups(blocks, 1u, blocks);
     }
     let triangles = atomicLoad(&other_counters.drawn_small) + atomicLoad(&other_counters.drawn_large);
     // That of the first phase will do for the next frame unless much came to it.

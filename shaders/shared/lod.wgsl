@@ -19,7 +19,7 @@ fn lod_view(instance: u32) -> LodView {
 
 // Where a sphere's centre is in camera space, and how far that is.
 fn center_of(lod: LodView, sphere: Sphere) -> vec4<f32> {
-    let at = homogeneous(lod.object_to_eye, vector(sphere.center));
+    let at = homogeneous(lod.object_to_eye, sphere.center);
     return vec4<f32>(at, sqrt(at.x * at.x + at.y * at.y + at.z * at.z));
 }
 

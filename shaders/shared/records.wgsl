@@ -43,7 +43,7 @@ fn detail_of(record: u32) -> Detail {
     let counts = record_quad(record, RECORD_ERROR);
     let last = record_quad(record, RECORD_REFINED);
     return Detail(
-        Sphere(array<f32, 3>(sphere.x, sphere.y, sphere.z), sphere.w),
+        Sphere(sphere.xyz, sphere.w),
         bitcast<f32>(counts.x),
         counts.z >> 8u & 0xffu,
         last.z,

@@ -170,35 +170,31 @@ struct Instance {
 }
 
 struct Sphere {
-    center: array<f32, 3>,
+    center: vec3<f32>,
     radius: f32,
 }
 
 struct Node {
-    center: array<f32, 3>,
-    extent: array<f32, 3>,
+    center: vec3<f32>,
+    first: u32,
+    extent: vec3<f32>,
+    // Number of children, and 1 << 16 where these are groups.
+    count: u32,
     lod_sphere: Sphere,
     max_parent_error: f32,
     min_own_error: f32,
-    first: u32,
-    // Number of children, and 1 << 16 where these are groups.
-    count: u32,
-    level: u32,
+    unused: array<u32, 2>,
 }
 
 struct Group {
     lod_sphere: Sphere,
+    center: vec3<f32>,
     error: f32,
+    extent: vec3<f32>,
+    min_own_error: f32,
     first: u32,
     count: u32,
-    level: u32,
-    center: array<f32, 3>,
-    extent: array<f32, 3>,
-    bound: f32,
-    quadric: f32,
-    attribute_error: f32,
-    min_own_error: f32,
-    reserved: array<u32, 2>,
+    unused: array<u32, 2>,
 }
 
 // A node of an instance that is to be looked at.
@@ -290,10 +286,6 @@ fn workgroups(entries: u32, per_workgroup: u32, count: u32) -> Dispatch {
     return Dispatch(min(workgroups, MAX_WORKGROUPS), rows, 1u, count, 0u, 0u, array<u32, 2>());
 }
 
-fn vector(a: array<f32, 3>) -> vec3<f32> {
-    return vec3<f32>(a[0], a[1], a[2]);
-}
-
 // In software, processors: each takes a run of a dispatch's workgroups, as many as each other.
 override STRANDS: u32 = 1u;
 
@@ -330,4 +322,6 @@ struct Counters {
     drawn_hardware: atomic<u32>,
     // Pixels that show anything, of a picture that stays on the device; in the first phase.
     covered: atomic<u32>,
+    // Tiles of the picture that clusters of the first phase may cover, a word for each row of them.
+    tiles: array<atomic<u32>, TILES>,
 }

@@ -278,9 +278,7 @@ impl Buffers {
     }
 
     fn new_words(context: &Context, shape: Shape) -> Result<Arc<Buffer>> {
-        // Whole pairs of pixels, as `renumber` reads them.
-        let bytes = shape.word_bytes().next_multiple_of(2 * size_of::<u64>() as u64);
-        context.buffer("the pixels of the picture", bytes, STORAGE).map(Arc::new)
+        context.buffer("the pixels of the picture", shape.word_bytes(), STORAGE).map(Arc::new)
     }
 
     /// The same where something else comes back.

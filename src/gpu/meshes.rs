@@ -1,7 +1,6 @@
 //! Meshes on the device: uploaded once, one after the other in arrays of nodes, groups, pages and a table of pages. Of
 //! streamed meshes root pages stay, others come and go.
 
-use std::borrow::Cow;
 use std::sync::Arc;
 
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -11,8 +10,9 @@ use super::context::Context;
 use super::page_arrays::PageArrays;
 use super::shaders::PAGE_ARRAYS;
 use crate::error::Result;
+use crate::gpu_types::{Group, Node};
 use crate::model::rule::SOURCE_ERROR;
-use crate::model::{Dag, Group, Node, PageEntry, Pages};
+use crate::model::{self, Dag, PageEntry, Pages};
 use crate::stream::{Needs, Request, Resident};
 
 /// Where a mesh starts in each array.
@@ -77,6 +77,38 @@ fn staying<'a>(mesh: &'a Arc<Dag>, resident: &Resident) -> &'a [PageEntry] {
 
 fn sizes(mesh: &Dag) -> Sizes {
     [mesh.nodes.len(), mesh.groups.len(), mesh.pages.table.len()].map(|n| n as u64)
+}
+
+/// A node as kernels read it.
+fn node(of: &model::Node) -> Node {
+    let model::Node {
+        center,
+        extent,
+        lod_sphere,
+        max_parent_error,
+        min_own_error,
+        first,
+        count,
+        is_leaf,
+        ..
+    } = *of;
+    Node {
+        center,
+        first,
+        extent,
+        count,
+        is_leaf,
+        lod_sphere,
+        max_parent_error,
+        min_own_error,
+        unused: [0; 2],
+    }
+}
+
+/// A group as kernels read it.
+pub fn group(of: &model::Group) -> Group {
+    let model::Group { lod_sphere, error, first, count, center, extent, min_own_error, .. } = *of;
+    Group { lod_sphere, center, error, extent, min_own_error, first: first.0, count, unused: [0; 2] }
 }
 
 fn sum(a: Sizes, b: Sizes) -> Sizes {
@@ -185,11 +217,12 @@ impl Meshes {
         streamed: Option<Arc<Pages>>,
     ) -> Result<()> {
         let [first_node, first_group, first_page] = self.used.map(|first| first as u32);
-        let (mut nodes, mut groups) = (Cow::Borrowed(&dag.nodes[..]), Cow::Borrowed(&dag.groups[..]));
+        let mut nodes: Vec<Node> = dag.nodes.iter().map(node).collect();
+        let mut groups: Vec<Group> = dag.groups.iter().map(group).collect();
         if streamed.is_some() {
             // What is too coarse may have to be drawn in place of what is not there.
-            nodes.to_mut().iter_mut().for_each(|node| node.min_own_error = SOURCE_ERROR);
-            groups.to_mut().iter_mut().for_each(|group| group.min_own_error = SOURCE_ERROR);
+            nodes.iter_mut().for_each(|node| node.min_own_error = SOURCE_ERROR);
+            groups.iter_mut().for_each(|group| group.min_own_error = SOURCE_ERROR);
         }
         let data: [&[u8]; 3] =
             [bytemuck::cast_slice(&nodes), bytemuck::cast_slice(&groups), bytemuck::cast_slice(&starts)];

@@ -190,7 +190,8 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     // Keys say no number.
     if r.phase == Phase::Second && !b.shape.depth_only {
         let number = Step::Pixels.number();
-        r.run_indirect(Kernel::Renumber, &[&own.steps, &b.renumbered, &b.words], &own.steps, number);
+        let bindings = [&b.view, &b.renumbered, &*b.words, &first.counters];
+        r.run_indirect(Kernel::Renumber, &bindings, &own.steps, number);
     }
 }
 

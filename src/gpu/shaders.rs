@@ -8,7 +8,7 @@ use super::meshes::ABSENT;
 use crate::config::{OUTPUTS, Output, Shading};
 use crate::gpu_types::{
     Dispatch, HISTORY_LIST, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, TEXTURE_FORMAT, TEXTURE_LINEAR,
-    TEXTURE_MIPMAPS, TEXTURE_WRAP,
+    TEXTURE_MIPMAPS, TEXTURE_WRAP, TILES,
 };
 use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN,
@@ -316,7 +316,9 @@ const _: () = {
         assert!(quads[k][0] == k * QUAD_BYTES && quads[k][1] + size_of::<u32>() == (k + 1) * QUAD_BYTES);
         k += 1;
     }
-    assert!(offset_of!(ClusterRecord, vertex_count) == offset_of!(ClusterRecord, error) + 2 * size_of::<u32>());
+    assert!(
+        offset_of!(ClusterRecord, vertex_count) == offset_of!(ClusterRecord, error) + 2 * size_of::<u32>()
+    );
     assert!(offset_of!(ClusterRecord, material) == offset_of!(ClusterRecord, refined) + 2 * size_of::<u32>());
     assert!(RECORD_WORDS * size_of::<u32>() == quads.len() * QUAD_BYTES);
 };
@@ -333,6 +335,7 @@ const LOD: &str = file!("shared/lod");
 const PAGES: &str = concat!(file!("shared/places"), file!("shared/pages"));
 const RECORDS: &str = concat!(file!("shared/places"), file!("shared/records"));
 const CONE: &str = file!("shared/cone");
+const TILES_OF: &str = file!("shared/tiles");
 const GROUP_BITS: &str = file!("shared/group_bits");
 const APPEND: &str = file!("shared/append");
 const PUT_OFF: &str = file!("shared/put_off");
@@ -399,7 +402,9 @@ impl Kernel {
             Self::CountBits(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("count_bits")],
             Self::ScanBlocks(_) => vec![TYPES, SCAN, file!("scan_blocks")],
             Self::ListGroups(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("list_groups")],
-            Self::ClusterCull(_) => vec![TYPES, CULL, OCCLUSION, LOD, RECORDS, CONE, file!("cluster_cull")],
+            Self::ClusterCull(_) => {
+                vec![TYPES, CULL, OCCLUSION, LOD, RECORDS, CONE, TILES_OF, file!("cluster_cull")]
+            }
             Self::ListClusters(_) => vec![TYPES, SCAN, WORD_BLOCKS, GROUP_BITS, file!("list_clusters")],
             Self::RasterSmall(w) => vec![TYPES, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")],
             Self::RasterLarge(w) => {
@@ -416,7 +421,7 @@ impl Kernel {
             }
             Self::Hzb(_) => vec![TYPES, KEY, file!("hzb")],
             Self::Settle(_) => vec![TYPES, file!("settle")],
-            Self::Renumber => vec![TYPES, file!("renumber")],
+            Self::Renumber => vec![TYPES, TILES_OF, file!("renumber")],
             Self::CountCovered => vec![TYPES, file!("count_covered")],
             Self::Shade(_, skin, around) => {
                 let skin = match skin {
@@ -537,6 +542,7 @@ pub fn constants() -> String {
         ("LEVELS_PER_ROUND", LEVELS_PER_ROUND),
         ("PYRAMID_SIDE", PYRAMID_SIDE),
         ("PIXELS_PER_LANE", PIXELS_PER_LANE),
+        ("TILES", TILES),
         ("LISTS", List::COUNT),
         ("LIST_SMALL", List::Small as u32),
         ("LIST_LARGE", List::Large as u32),

@@ -8,9 +8,13 @@ pub use array::Array;
 use bytemuck::{Pod, Zeroable};
 
 use crate::limits::PYRAMID_LEVELS;
+use crate::math::Sphere;
 
 /// What [`View::history`] is where there is a list.
 pub const HISTORY_LIST: u32 = 2;
+
+/// Tiles across and down a picture at most, one bit each.
+pub const TILES: u32 = u32::BITS;
 
 /// A view's constants.
 #[repr(C)]
@@ -305,6 +309,52 @@ pub struct Dispatch {
     pub unused: [u32; 2],
 }
 
+/// A node of a hierarchy, laid out so that four numbers are read at a time.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Node {
+    /// Centre of the box around all clusters below.
+    pub center: [f32; 3],
+    /// First child node, or first group.
+    pub first: u32,
+    /// Half extents of that box.
+    pub extent: [f32; 3],
+    /// Number of children.
+    pub count: u16,
+    /// 1 where they are groups.
+    pub is_leaf: u16,
+    /// Encloses the LOD sphere of every group below.
+    pub lod_sphere: Sphere,
+    /// Above the error of every group below.
+    pub max_parent_error: f32,
+    /// The least own error of a cluster below.
+    pub min_own_error: f32,
+    /// Zero.
+    pub unused: [u32; 2],
+}
+
+/// A group, in the same way.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Group {
+    /// Encloses the LOD spheres of its clusters.
+    pub lod_sphere: Sphere,
+    /// Centre of the box around its clusters.
+    pub center: [f32; 3],
+    /// Parent error of its clusters.
+    pub error: f32,
+    /// Half extents of that box.
+    pub extent: [f32; 3],
+    /// The least own error of a cluster of it.
+    pub min_own_error: f32,
+    /// Address of its first cluster.
+    pub first: u32,
+    /// Number of clusters.
+    pub count: u32,
+    /// Zero.
+    pub unused: [u32; 2],
+}
+
 /// A node of an instance that is to be looked at.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
@@ -395,4 +445,6 @@ pub struct Counters {
     pub drawn_hardware: u32,
     /// Pixels that show anything, of a picture that stays on the device; in the first phase.
     pub covered: u32,
+    /// Tiles of the picture that clusters of the first phase may cover, a word for each row of them.
+    pub tiles: [u32; TILES as usize],
 }

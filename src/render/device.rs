@@ -127,12 +127,11 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool
     // In scene order: each instance once.
     let mut slots: Vec<u32> = drawn.visible.iter().map(|v| v.instance).collect();
     slots.dedup();
-    let views: Vec<InstanceView> = slots
-        .par_iter()
-        .filter_map(|&slot| {
-            Some(InstanceView::new(eye, screen, slot, instances.at(slot as usize)?, resident))
-        })
-        .collect();
+    let there: Vec<(u32, &Instance)> =
+        slots.into_iter().filter_map(|slot| Some((slot, instances.at(slot as usize)?))).collect();
+    let view =
+        |&(slot, instance): &(u32, &Instance)| InstanceView::new(eye, screen, slot, instance, resident);
+    let views: Vec<InstanceView> = there.par_iter().map(view).collect();
     let mut at = 0;
     let number = |v: &VisibleCluster| {
         at += usize::from(views.get(at).is_some_and(|view| view.slot != v.instance));

@@ -88,7 +88,8 @@ impl<T> Slots<T> {
         self.changed[handle.index as usize] = self.clock;
         self.slots[handle.index as usize]
             .value
-            .as_mut().ok_or_else(|| Error::StaleHandle(format!("{noun} {}", handle.index)))
+            .as_mut()
+            .ok_or_else(|| Error::StaleHandle(format!("{noun} {}", handle.index)))
     }
 
     /// Removes an entry; its handle is stale from now on.

@@ -7,10 +7,9 @@ use naga::{AddressSpace, Module, ShaderStage, TypeInner};
 use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
 use nanite_rs::gpu::shaders::{DRAWS, KERNELS, Kernel, Phase, Words};
 use nanite_rs::gpu_types::{
-    Call, Candidate, Counters, Dispatch, Instance, Light, Lighting, Look, Marks, Material, Placed, Texture,
-    View, VisibleCluster, Visit,
+    Call, Candidate, Counters, Dispatch, Group, Instance, Light, Lighting, Look, Marks, Material, Node,
+    Placed, Texture, View, VisibleCluster, Visit,
 };
-use nanite_rs::model::{Group, Node};
 
 fn parse(kernel: Kernel) -> Module {
     parse_for(kernel, None)
@@ -106,15 +105,14 @@ fn structs_lie_in_wgsl_as_in_rust() {
             viewport, occluders, depth_only, lod_widest, two_phases),
         fields!(Instance: screen, before, object_to_eye, center, lod_scale, extent, lod_focal, eye, lod_near, first_node,
             first_group, first_page, group_words, double_sided, mirrored, masked, unused),
-        fields!(Node: center, extent, lod_sphere, max_parent_error, min_own_error, first, count, level),
-        fields!(Group: lod_sphere, error, first, count, level, center, extent, bound, quadric, attribute_error,
-            min_own_error, reserved),
+        fields!(Node: center, first, extent, count, lod_sphere, max_parent_error, min_own_error, unused),
+        fields!(Group: lod_sphere, center, error, extent, min_own_error, first, count, unused),
         fields!(Visit: instance, node),
         fields!(Candidate: instance, first, count, before, group),
         fields!(VisibleCluster: instance, cluster, large),
         fields!(Dispatch: x, y, z, count, visited, hidden, unused),
         fields!(Counters: visited_clusters, drawn_small, drawn_large, visible, held, pyramid, triangles_small,
-            triangles_large, drawn_hardware, covered),
+            triangles_large, drawn_hardware, covered, tiles),
         fields!(Placed: linear, inverse, center, lod_scale, extent, first_node, first_group, first_page,
             group_words, double_sided, mirrored, visible, masked, unused),
         fields!(Marks: large, old, first, clipped),

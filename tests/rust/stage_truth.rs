@@ -5,14 +5,15 @@ use bytemuck::{Pod, Zeroable, cast_slice};
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu::shaders::{Bits, Kernel, List, Phase, Step, Words};
 use nanite_rs::gpu_types::{
-    Call, Candidate, Counters, Dispatch, HISTORY_LIST, Instance, Marks, Placed, View, VisibleCluster, Visit,
+    Call, Candidate, Counters, Dispatch, Group, HISTORY_LIST, Instance, Marks, Node, Placed, View,
+    VisibleCluster, Visit,
 };
 use nanite_rs::limits::{PYRAMID_ABOVE, PYRAMID_LEVELS};
 use nanite_rs::math::Sphere;
 use nanite_rs::model::cluster::RECORD_WORDS;
 use nanite_rs::model::packing::{VertexRow, vertex_row, write_triangles};
 use nanite_rs::model::rule::SOURCE_ERROR;
-use nanite_rs::model::{AttributeLayout, ClusterAddress, ClusterRecord, Group, Node, Packing};
+use nanite_rs::model::{AttributeLayout, ClusterAddress, ClusterRecord, Packing};
 
 use crate::gpu_parity::device;
 
@@ -295,7 +296,7 @@ fn node(max_parent_error: f32, first: u32, count: u16, is_leaf: bool) -> Node {
         first,
         count,
         is_leaf: u16::from(is_leaf),
-        level: 0,
+        unused: [0; 2],
     }
 }
 
@@ -802,7 +803,7 @@ fn listed(
         .collect();
     // Group n has n mod 5 + 1 clusters from address 1000 · n on.
     let groups: Vec<Group> = (0..100 * starts.len() as u32 + 2080)
-        .map(|n| Group { first: ClusterAddress(1000 * n), count: n % 5 + 1, ..Group::zeroed() })
+        .map(|n| Group { first: 1000 * n, count: n % 5 + 1, ..Group::zeroed() })
         .collect();
     let (_, starts_of_all) = sums(device, Bits::Groups, bits);
     let (_, starts_of_first) = sums(device, Bits::Groups, first);
@@ -1282,11 +1283,11 @@ fn phases_settle_what_comes_next() {
     waits[Step::Groups.number() as usize] = dispatch(3, 1, 20_000);
     assert_eq!(settle(Phase::First, 1, 9, none, none), (waits.clone(), 1));
     assert_eq!(settle(Phase::First, 0, 9, Counters { held: 1, ..none }, none), (waits, 1));
-    // The second: pixels get other numbers where it draws something new among what was drawn, 1024 to a workgroup.
+    // The second: pixels get other numbers where it draws something new among what was drawn, 64 × 16 to a workgroup.
     let mut pixels = nothing.clone();
-    pixels[Step::Pixels.number() as usize] = dispatch(8, 1, 8000);
+    pixels[Step::Pixels.number() as usize] = dispatch(10, 1, 10);
     let mut both = pyramid.clone();
-    both[Step::Pixels.number() as usize] = dispatch(8, 1, 8000);
+    both[Step::Pixels.number() as usize] = dispatch(10, 1, 10);
     let before =
         |visible, built, triangles| Counters { visible, pyramid: built, drawn_small: triangles, ..none };
     assert_eq!(settle(Phase::Second, 0, 0, none, before(16, 1, 9)), (nothing.clone(), 0));
@@ -1303,26 +1304,50 @@ fn phases_settle_what_comes_next() {
 fn pixels_get_the_numbers_of_both_phases() {
     let Some(device) = device("pixels_get_the_numbers_of_both_phases") else { return };
     let low = |number: u32, triangle: u32| !((number + 1) << 7 | triangle);
-    let mut steps = [Dispatch::default(); Step::COUNT as usize];
-    steps[Step::Pixels.number() as usize] = dispatch(1, 1, 5);
+    // 130 × 20 pixels, in three times two blocks of 64 × 16; tiles of 8 × 8, of which one was drawn to.
+    let view = [View { width: 130, height: 20, ..View::zeroed() }];
+    let renumber = |tile: (u32, u32), before: &[(usize, [u32; 2])]| {
+        let mut pixels = vec![[0; 2]; 130 * 20];
+        before.iter().for_each(|(pixel, word)| pixels[*pixel] = *word);
+        let mut counters = [Counters::default()];
+        counters[0].tiles[tile.1 as usize] = 1 << tile.0;
+        let table = [9, 7, 8, 1_000_000];
+        let bindings = [words(&view), &table, words(&pixels), words(&counters)];
+        let out = device.run(Kernel::Renumber, &bindings, 6).unwrap();
+        let after: Vec<[u32; 2]> = entries(&out[2]);
+        let elsewhere = |pixel: &usize| before.iter().all(|(known, _)| known != pixel);
+        assert!((0..after.len()).filter(elsewhere).all(|pixel| after[pixel] == [0; 2]));
+        before.iter().map(|(pixel, _)| after[*pixel]).collect::<Vec<_>>()
+    };
     let key = 0xdead_beef;
-    // Background, the first and the last triangle, one that the table does not hold, and one behind the last pixel.
-    let before =
-        [(0, 0), (low(0, 0), key), (low(3, 127), key), (low(4, 1), key), (low(1, 5), 1), (low(1, 5), key)];
-    let after = [
-        (0, 0),
-        (low(9, 0), key),
-        (low(1_000_000, 127), key),
-        (low(4, 1), key),
-        (low(7, 5), 1),
-        (low(1, 5), key),
+    // The first and the last triangle, one that the table does not hold, the corners of a block, and the next ones.
+    let (first, last) = (16 * 130 + 64, 19 * 130 + 127);
+    let before = [
+        (first, [low(0, 0), key]),
+        (first + 1, [low(3, 127), key]),
+        (first + 2, [low(4, 1), key]),
+        (last, [low(1, 5), 1]),
+        (first - 1, [low(1, 5), key]),
+        (first - 130, [low(1, 5), key]),
+        (last + 1, [low(1, 5), key]),
     ];
-    let out = run(
-        &device,
-        Kernel::Renumber,
-        &[words(&steps), &[9, 7, 8, 1_000_000], words(&before.map(<[u32; 2]>::from))],
-    );
-    assert_eq!(entries::<[u32; 2]>(&out[2]), after.map(<[u32; 2]>::from));
+    let mut after = before.map(|(_, word)| word);
+    after[..4].copy_from_slice(&[
+        [low(9, 0), key],
+        [low(1_000_000, 127), key],
+        [low(4, 1), key],
+        [low(7, 5), 1],
+    ]);
+    for tile in [(8, 2), (15, 2)] {
+        assert_eq!(renumber(tile, &before), after, "{tile:?}");
+    }
+    // The tiles to the left, above and to the right are of other blocks; the first one's has nothing.
+    let untouched = before.map(|(_, word)| word);
+    for (tile, changed) in [((7, 2), Some(4)), ((8, 1), Some(5)), ((16, 2), Some(6)), ((0, 0), None)] {
+        let mut expected = untouched;
+        changed.iter().for_each(|place: &usize| expected[*place] = [low(7, 5), key]);
+        assert_eq!(renumber(tile, &before), expected, "{tile:?}");
+    }
 }
 
 #[test]

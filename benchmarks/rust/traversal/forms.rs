@@ -14,9 +14,9 @@ use nanite_rs::gpu::wgpu::{
     ComputePipelineDescriptor, QuerySet, QuerySetDescriptor, QueryType, ShaderModuleDescriptor, ShaderSource,
 };
 use nanite_rs::gpu_types::{
-    Call, Candidate, Counters, Dispatch, Instance, Marks, Placed, View, VisibleCluster, Visit,
+    Call, Candidate, Counters, Dispatch, Group, Instance, Marks, Placed, View, VisibleCluster, Visit,
 };
-use nanite_rs::model::{Dag, Group};
+use nanite_rs::model::Dag;
 use nanite_rs::render::{placed, view_record};
 use nanite_rs::scene::placement::Eye;
 use nanite_rs::scene::{Camera, Scene};

@@ -1,8 +1,8 @@
 //! What a run of a form finds and takes, from what comes back of it.
 
-use nanite_rs::gpu_types::{Candidate, Counters, Dispatch, Marks, VisibleCluster, Visit};
+use nanite_rs::gpu_types::{Candidate, Counters, Dispatch, Group, Marks, Node, VisibleCluster, Visit};
 use nanite_rs::math::Sphere;
-use nanite_rs::model::{ClusterRecord, Group, Node};
+use nanite_rs::model::ClusterRecord;
 
 use super::{Form, Forms, Room, STEPS};
 

@@ -33,7 +33,7 @@ fn cull(candidate: Candidate, part: u32, member: u32) {
         return;
     }
     let at = record + RECORD_LOD_SPHERE;
-    let sphere = Sphere(array<f32, 3>(real(at), real(at + 1u), real(at + 2u)), real(at + 3u));
+    let sphere = Sphere(reals(at), real(at + 3u));
     if exceeds(lod_view(instance), sphere, real(record + RECORD_ERROR)) {
         return;
     }

@@ -25,7 +25,7 @@ fn main(
     }
     let part = parts[instances[instance].first_group + at];
     if may_be_in_cut(lod_view(instance), part.lod_sphere, part.error, part.min_own_error)
-        && footprint(instances[instance].screen, vector(part.center), vector(part.extent)).seen {
+        && footprint(instances[instance].screen, part.center, part.extent).seen {
         mark_group(instances[instance].group_words, at);
     }
 }

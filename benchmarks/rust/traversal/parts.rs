@@ -4,9 +4,10 @@
 //! is left out where the largest parent error of its clusters, on a sphere around the spheres of all of them, is
 //! small enough, since each of them is too fine then, or where their least own error is too large anywhere on it.
 
+use nanite_rs::gpu_types::Group;
 use nanite_rs::math::{Aabb, Sphere};
 use nanite_rs::model::rule::ERROR_STEP;
-use nanite_rs::model::{ClusterAddress, Dag, Group};
+use nanite_rs::model::{ClusterAddress, Dag};
 
 /// Clusters of a part at most.
 pub const PART: usize = 8;
@@ -36,9 +37,8 @@ fn part(mesh: &Dag, first: ClusterAddress, count: usize) -> Group {
     Group {
         lod_sphere: Sphere::of_spheres(&spheres),
         error: groups().map(|group| group.error).fold(0.0, f32::max) * ERROR_STEP,
-        first,
+        first: first.0,
         count: count as u32,
-        level: mesh.group_of(first).level,
         center,
         extent,
         min_own_error: members.iter().map(|&at| mesh.record(at).error).fold(f32::INFINITY, f32::min),

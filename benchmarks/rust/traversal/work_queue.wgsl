@@ -106,7 +106,7 @@ fn look_at(visit: Visit) -> vec2<u32> {
     if !may_be_in_cut(lod_view(visit.instance), node.lod_sphere, node.max_parent_error, node.min_own_error) {
         return vec2<u32>(0u);
     }
-    if !footprint(instances[visit.instance].screen, vector(node.center), vector(node.extent)).seen {
+    if !footprint(instances[visit.instance].screen, node.center, node.extent).seen {
         return vec2<u32>(0u);
     }
     let count = node.count & 0xffffu;
@@ -120,7 +120,7 @@ fn look_at(visit: Visit) -> vec2<u32> {
         let number = node.first + i;
         let group = groups[first_group + number];
         if may_be_in_cut(lod_view(visit.instance), group.lod_sphere, group.error, group.min_own_error)
-            && footprint(instances[visit.instance].screen, vector(group.center), vector(group.extent)).seen {
+            && footprint(instances[visit.instance].screen, group.center, group.extent).seen {
             mark_group(words, number);
         }
     }
