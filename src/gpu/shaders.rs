@@ -542,7 +542,7 @@ pub fn constants() -> String {
         ("LEVELS_PER_ROUND", LEVELS_PER_ROUND),
         ("PYRAMID_SIDE", PYRAMID_SIDE),
         ("PIXELS_PER_LANE", PIXELS_PER_LANE),
-        ("TILES", TILES),
+        ("TILES", TILES as u32),
         ("LISTS", List::COUNT),
         ("LIST_SMALL", List::Small as u32),
         ("LIST_LARGE", List::Large as u32),

@@ -14,7 +14,7 @@ use crate::math::Sphere;
 pub const HISTORY_LIST: u32 = 2;
 
 /// Tiles across and down a picture at most, one bit each.
-pub const TILES: u32 = u32::BITS;
+pub const TILES: usize = u32::BITS as usize;
 
 /// A view's constants.
 #[repr(C)]
@@ -446,5 +446,5 @@ pub struct Counters {
     /// Pixels that show anything, of a picture that stays on the device; in the first phase.
     pub covered: u32,
     /// Tiles of the picture that clusters of the first phase may cover, a word for each row of them.
-    pub tiles: [u32; TILES as usize],
+    pub tiles: [u32; TILES],
 }

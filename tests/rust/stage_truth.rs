@@ -1288,8 +1288,12 @@ fn phases_settle_what_comes_next() {
     pixels[Step::Pixels.number() as usize] = dispatch(10, 1, 10);
     let mut both = pyramid.clone();
     both[Step::Pixels.number() as usize] = dispatch(10, 1, 10);
-    let before =
-        |visible, built, triangles| Counters { visible, pyramid: built, drawn_small: triangles, ..none };
+    let before = |visible, built, triangles| Counters {
+        visible,
+        pyramid: built,
+        drawn_small: triangles,
+        ..Counters::default()
+    };
     assert_eq!(settle(Phase::Second, 0, 0, none, before(16, 1, 9)), (nothing.clone(), 0));
     assert_eq!(settle(Phase::Second, 0, 8, none, before(16, 1, 9)), (pixels.clone(), 0));
     // More than half is new: the first pyramid no longer does.
