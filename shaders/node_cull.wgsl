@@ -45,8 +45,7 @@ fn main(
     let node = nodes[instances[visit.instance].first_node + visit.node];
     let lod = lod_view(visit.instance);
     let screen = instances[visit.instance].screen;
-    // What is above all errors and below all others is always between them.
-    if visit.node != 0u && !may_be_in_cut(lod, node.lod_sphere, node.max_parent_error, node.min_own_error) {
+    if !may_be_in_cut(lod, node.lod_sphere, node.max_parent_error, node.min_own_error) {
         return;
     }
     let found = test(visit.instance, screen, node.center, node.extent);

@@ -1252,7 +1252,7 @@ fn settled(
     own: Counters,
     other: Counters,
 ) -> (Vec<Dispatch>, u32) {
-    let view = View { group_words: 20_000, ..view() };
+    let view = View { group_words: 80_000, ..view() };
     let mut draws = [Dispatch::default(); LISTS];
     draws[0] = dispatch(fresh, 1, fresh);
     let steps = [Dispatch::default(); Step::COUNT as usize];
@@ -1280,7 +1280,7 @@ fn phases_settle_what_comes_next() {
     // The first: where something waits, a node or a cluster, the second has words of bits to list.
     assert_eq!(settle(Phase::First, 0, 9, none, none), (nothing.clone(), 0));
     let mut waits = pyramid.clone();
-    waits[Step::Groups.number() as usize] = dispatch(3, 1, 20_000);
+    waits[Step::Groups.number() as usize] = dispatch(3, 1, 80_000);
     assert_eq!(settle(Phase::First, 1, 9, none, none), (waits.clone(), 1));
     assert_eq!(settle(Phase::First, 0, 9, Counters { held: 1, ..none }, none), (waits, 1));
     // The second: pixels get other numbers where it draws something new among what was drawn, 64 × 16 to a workgroup.

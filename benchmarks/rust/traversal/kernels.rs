@@ -113,6 +113,7 @@ impl Sizes {
                 types,
                 cull,
                 lod,
+                product!("places"),
                 product!("pages"),
                 product!("cone"),
                 include_str!("part_clusters.wgsl"),
