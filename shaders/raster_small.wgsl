@@ -81,7 +81,7 @@ fn main(
     @builtin(local_invocation_id) local: vec3<u32>,
 ) {
     let lane = local.x;
-    // What all lanes read is read before any branch: once, where lanes are a loop.
+    // Where there is no entry, the cluster has no vertices and no triangles: no lane leaves before the others.
     let entry = listed(LIST_SMALL, workgroup_number(workgroup, all));
     let number = select(entry, 0u, entry == NONE);
     let instance = visible[number].instance;

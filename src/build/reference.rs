@@ -488,6 +488,7 @@ impl Footing<'_> {
         // Copies have no more room than they need. Giving back what was reserved too much would leave gaps of all sizes
         // between what stays, which later allocations search.
         let mut handed: Vec<Pieces> = handed.iter().map(Pieces::clone).collect();
+        let mut largest_around = 0.0;
         let mut to_before = Overlay::new(&before);
         let laid = after.triangles().iter().zip(&mut radii).zip(starts);
         for (number, ((t, radius), start)) in (0..).zip(laid) {
@@ -501,6 +502,7 @@ impl Footing<'_> {
                 && after.neighbours(number).contains(&NO_TRIANGLE)
                 && let Some(around) = reference.around(*t, own, all)
             {
+                largest_around = largest(around.triangles()).max(largest_around);
                 let mut again = known;
                 let other = lay_whole(&mut Overlay::new(&around), &mut again, *t);
                 if other < own {
@@ -509,7 +511,7 @@ impl Footing<'_> {
             }
             *radius = radius.max(own);
         }
-        let largest = largest(before.triangles()).max(largest(after.triangles()));
+        let largest = largest(before.triangles()).max(largest(after.triangles())).max(largest_around);
         let stated = |upper: f64| round_up(outwards(upper, largest));
         if !keep {
             let mut radii = radii.into_iter().map(stated);
