@@ -88,9 +88,10 @@ fn main(
     let cluster = visible[number].cluster;
     let page = page_start(instance, cluster);
     let record = record_start(page, cluster);
-    let vertices = select(vertex_count(record), 0u, entry == NONE);
-    let triangles = select(triangle_count(record), 0u, entry == NONE);
-    let streams = streams_of(page, record);
+    let counts = counts_of(record);
+    let streams = streams_for(page, record, counts);
+    let vertices = select(counts.x, 0u, entry == NONE);
+    let triangles = select(counts.y, 0u, entry == NONE);
     let screen = instances[instance].screen;
     let mirrored = instances[instance].mirrored != 0u;
     let double_sided = two_sided(instance, record);

@@ -1,20 +1,13 @@
 // The rule of the cut: src/model/rule.rs on src/math/project.rs.
 
-// What the rule needs of an instance, read once for all spheres that are looked at.
+// What the rule needs of an instance that is to be seen, read once for all spheres that are looked at.
 struct LodView {
     object_to_eye: array<vec4<f32>, 3>,
     scale: f32,
-    focal: f32,
-    near: f32,
 }
 
 fn lod_view(instance: u32) -> LodView {
-    return LodView(
-        instances[instance].object_to_eye,
-        instances[instance].lod_scale,
-        instances[instance].lod_focal,
-        instances[instance].lod_near,
-    );
+    return LodView(instances[instance].object_to_eye, instances[instance].lod_scale);
 }
 
 // Where a sphere's centre is in camera space, and how far that is.
@@ -28,8 +21,8 @@ fn pixels_at(lod: LodView, at: vec4<f32>, sphere_radius: f32, error: f32) -> f32
         return error;
     }
     let world = error * lod.scale;
-    if lod.near == 0.0 {
-        return world * lod.focal;
+    if view.lod_near == 0.0 {
+        return world * view.lod_focal;
     }
     let radius = sphere_radius * lod.scale + world;
     let distance = at.w - radius;
@@ -39,7 +32,7 @@ fn pixels_at(lod: LodView, at: vec4<f32>, sphere_radius: f32, error: f32) -> f32
         let tangent = (sqrt(at.x * at.x + at.y * at.y) + radius) / depth;
         sec2 = min(1.0 + tangent * tangent, sec2);
     }
-    return world * lod.focal * sec2 / max(distance, lod.near);
+    return world * view.lod_focal * sec2 / max(distance, view.lod_near);
 }
 
 fn error_pixels(lod: LodView, sphere: Sphere, error: f32) -> f32 {
@@ -56,11 +49,11 @@ fn least_pixels_at(lod: LodView, at: vec4<f32>, sphere_radius: f32, error: f32) 
         return error;
     }
     let world = error * lod.scale;
-    if lod.near == 0.0 {
-        return world * lod.focal;
+    if view.lod_near == 0.0 {
+        return world * view.lod_focal;
     }
     let distance = at.w + sphere_radius * lod.scale;
-    return (1.0 - LEAST_MARGIN) * world * lod.focal / max(distance, lod.near);
+    return (1.0 - LEAST_MARGIN) * world * view.lod_focal / max(distance, view.lod_near);
 }
 
 // Whether clusters inside of a sphere may be in the cut, from the largest parent error and the least of their own: one is

@@ -22,12 +22,14 @@ fn reals(at: u32) -> vec3<f32> {
     return vec3<f32>(real(at), real(at + 1u), real(at + 2u));
 }
 
-fn vertex_count(record: u32) -> u32 {
-    return page_word(record + RECORD_COUNTS) & 0xffu;
+// Numbers of vertices and triangles.
+fn counts_of(record: u32) -> vec2<u32> {
+    let counts = page_word(record + RECORD_COUNTS);
+    return vec2<u32>(counts & 0xffu, counts >> 8u & 0xffu);
 }
 
 fn triangle_count(record: u32) -> u32 {
-    return page_word(record + RECORD_COUNTS) >> 8u & 0xffu;
+    return counts_of(record).y;
 }
 
 // Whether a cluster shows its back faces.
@@ -55,15 +57,19 @@ fn packed_words(count: u32, bits: u32) -> u32 {
 }
 
 fn streams_of(page: u32, record: u32) -> Streams {
+    return streams_for(page, record, counts_of(record));
+}
+
+fn streams_for(page: u32, record: u32, counts: vec2<u32>) -> Streams {
     let data = page + page_word(record + RECORD_DATA);
-    let vertices = vertex_count(record);
+    let vertices = counts.x;
     let bits = page_word(data + PACKING_WIDTHS);
     let widths = vec3<u32>(bits & 0xffu, bits >> 8u & 0xffu, bits >> 16u & 0xffu);
     let positions = data + PACKING_WORDS;
     let ids = positions + packed_words(vertices, widths.x + widths.y + widths.z);
     let triangles = ids + packed_words(vertices, bits >> 24u);
     let corner = select(WIDE_CORNER_BITS, CORNER_BITS, vertices <= 1u << CORNER_BITS);
-    let normals = triangles + packed_words(triangle_count(record), 3u * corner);
+    let normals = triangles + packed_words(counts.y, 3u * corner);
     let anchor = vec3<u32>(page_word(data), page_word(data + 1u), page_word(data + 2u));
     let step = real(data + PACKING_STEP);
     return Streams(positions, triangles, normals, normals + vertices, corner, anchor, widths, step);
