@@ -183,7 +183,7 @@ def test_bounds_of_groups_are_tight() -> None:
 
 
 def test_many_groups_state_little_more_than_there_is() -> None:
-    """Of 200,000 faces some groups have triangles that reach over what they answer for: these state no more for it."""
+    """Some groups have triangles that reach over what they answer for, and state no more for it."""
     vertices, faces = nrs.shapes.displaced_icosphere(faces=200_000)
     mesh = nrs.NaniteMesh.from_arrays(vertices, faces, progress=False)
     for share in (0.5, 0.25, 0.1, 0.05, 0.03, 0.02):
