@@ -106,7 +106,7 @@ fn node(of: &model::Node) -> Node {
 }
 
 /// A group as kernels read it.
-pub fn group(of: &model::Group) -> Group {
+fn group(of: &model::Group) -> Group {
     let model::Group { lod_sphere, error, first, count, center, extent, min_own_error, .. } = *of;
     Group { lod_sphere, center, error, extent, min_own_error, first: first.0, count, unused: [0; 2] }
 }

@@ -9,7 +9,7 @@ use super::occlusion::Pyramids;
 use super::renderer::{Counted, Drawn, Job};
 use super::shade::Light;
 use crate::error::Result;
-use crate::gpu_types::{Counters, Instance, View};
+use crate::gpu_types::{Instance, View};
 
 /// What a view keeps on the device between frames.
 #[derive(Debug)]
@@ -65,13 +65,12 @@ impl Sight {
         let mut both = false;
         if culling {
             let counters = drawn.phases.iter().map(|phase| phase.counters);
-            let triangles = |c: Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
             let built = counters.clone().any(|c| c.pyramid != 0);
             let hidden = |phase: &Counted| phase.hidden_instances + u64::from(phase.counters.held);
             let hidden = drawn.phases.get(1).map_or(0, hidden);
             // Where the first phase built one, the second walked.
             both = drawn.phases.first().is_some_and(|first| first.counters.pyramid != 0);
-            self.pyramids.remember(view, counters.map(triangles).sum(), hidden, built);
+            self.pyramids.remember(view, counters.map(|c| c.triangles()).sum(), hidden, built);
         } else if occlusion {
             self.pyramids.wait();
         }

@@ -448,3 +448,10 @@ pub struct Counters {
     /// Tiles of the picture that clusters of the first phase may cover, a word for each row of them.
     pub tiles: [u32; TILES],
 }
+
+impl Counters {
+    /// Triangles of the clusters that either rasterizer draws.
+    pub fn triangles(&self) -> u64 {
+        u64::from(self.triangles_small) + u64::from(self.triangles_large)
+    }
+}

@@ -17,9 +17,7 @@ use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
 use crate::cpu::visibility::Visible;
 use crate::error::Result;
 use crate::gpu::{Context, Counted, DeviceStage, Drawn, Job, Phase, Renderer, Shown, Ways};
-use crate::gpu_types::{
-    self, Counters, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, Look, Placed, VisibleCluster,
-};
+use crate::gpu_types::{self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, Look, Placed, VisibleCluster};
 use crate::model::ClusterAddress;
 use crate::scene::environment::{GRIDS, Grid};
 use crate::scene::placement::Eye;
@@ -122,8 +120,7 @@ impl Device {
 fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool) -> Rastered {
     let Shot { scene, eye, screen, resident, .. } = shot;
     let instances = scene.instances();
-    let triangles = |c: &Counters| u64::from(c.triangles_small) + u64::from(c.triangles_large);
-    let triangles = drawn.phases.iter().map(|phase| triangles(&phase.counters)).sum();
+    let triangles = drawn.phases.iter().map(|phase| phase.counters.triangles()).sum();
     let source_triangles = drawn.source_triangles;
     let mut stats = FrameStats { source_triangles, triangles, ..FrameStats::default() };
     // In scene order: each instance once.
