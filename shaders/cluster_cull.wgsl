@@ -65,7 +65,7 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
         atomicAdd(&held, 1u);
         return;
     }
-    if !SECOND && view.two_phases != 0u {
+    if view.two_phases != 0u {
         touch(place.rect);
     }
     atomicOr(&drawn_bits[group], bit);

@@ -4,12 +4,13 @@
 @group(0) @binding(1) var<storage, read> blocks: Dispatch;
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
 
-@compute @workgroup_size(SCAN_WIDTH)
+@compute @workgroup_size(SCAN_LANES)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
     @builtin(num_workgroups) all: vec3<u32>,
-    @builtin(local_invocation_index) lane: u32,
+    @builtin(local_invocation_id) local: vec3<u32>,
 ) {
+    let lane = local.x;
     let block = workgroup_number(workgroup, all);
     let words = words_of_lane(block, lane, min(blocks.count, arrayLength(&bits)));
     var count = 0u;
@@ -26,7 +27,7 @@ fn main(
         }
     }
     let sum = inclusive_sum(lane, count);
-    if lane == SCAN_WIDTH - 1u && block < arrayLength(&sums) {
+    if lane == SCAN_LANES - 1u && block < arrayLength(&sums) {
         sums[block] = sum;
     }
 }

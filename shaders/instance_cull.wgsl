@@ -20,21 +20,23 @@ fn main(
     if instance >= view.instances {
         return;
     }
-    // Words of bits tell instances apart, those too that are not seen.
-    instances[instance].group_words = placed[instance].group_words;
     if placed[instance].visible == 0u {
+        // Words of bits tell instances apart, those too that are not seen.
+        instances[instance].group_words = placed[instance].group_words;
         // It may be on the list of the frame before: this tells that nothing of it is to be seen.
         instances[instance].lod_focal = 0.0;
         return;
     }
-    instances[instance] = derive(placed[instance], instances[instance].screen);
-    let center = instances[instance].center;
-    let extent = instances[instance].extent;
-    let place = footprint(instances[instance].screen, center, extent);
+    var seen = derive(placed[instance], instances[instance].screen);
+    let place = footprint(seen.screen, seen.center, seen.extent);
+    // For the second phase, which looks at the box again.
+    seen.rect = place.rect;
+    seen.near_key = place.near_key;
+    instances[instance] = seen;
     if !place.seen {
         return;
     }
-    if view.history == HISTORY_LIST || hidden(place, instance, center, extent) {
+    if view.history == HISTORY_LIST || hidden(place, instance, seen.center, seen.extent) {
         put_off(Visit(instance, 0u));
     } else {
         append(claim(1u), Visit(instance, 0u));

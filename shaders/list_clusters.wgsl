@@ -100,12 +100,13 @@ fn list(word: u32, mask_of_word: u32, first_number: u32, first_places: vec4<u32>
     return places;
 }
 
-@compute @workgroup_size(SCAN_WIDTH)
+@compute @workgroup_size(SCAN_LANES)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
     @builtin(num_workgroups) all: vec3<u32>,
-    @builtin(local_invocation_index) lane: u32,
+    @builtin(local_invocation_id) local: vec3<u32>,
 ) {
+    let lane = local.x;
     let block = workgroup_number(workgroup, all);
     let words = words_of_lane(block, lane, blocks.count);
     var count = 0u;

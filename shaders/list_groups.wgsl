@@ -18,11 +18,20 @@
 // The instance that a word belongs to, the last one that starts at or before it, from one on that does.
 fn instance_of(word: u32, earliest: u32) -> u32 {
     var low = earliest;
-    var high = low + 1u;
-    // Words that follow each other are mostly of the same.
-    if high < view.instances && instances[high].group_words <= word {
-        low = high;
-        high = view.instances;
+    var high = view.instances;
+    if low + 1u < high {
+        // Of a crowd many have as many words as each other: if all had, it would be this one.
+        let start = instances[low].group_words;
+        let own = max(instances[low + 1u].group_words - start, 1u);
+        let guess = min(low + (word - start) / own, high - 1u);
+        if instances[guess].group_words > word {
+            high = guess;
+        } else {
+            low = guess;
+            if low + 1u < high && instances[low + 1u].group_words > word {
+                return low;
+            }
+        }
     }
     while high - low > 1u {
         let middle = (low + high) / 2u;
@@ -65,12 +74,13 @@ fn filled_from(first: u32) -> u32 {
     return bits[at];
 }
 
-@compute @workgroup_size(SCAN_WIDTH)
+@compute @workgroup_size(SCAN_LANES)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
     @builtin(num_workgroups) all: vec3<u32>,
-    @builtin(local_invocation_index) lane: u32,
+    @builtin(local_invocation_id) local: vec3<u32>,
 ) {
+    let lane = local.x;
     let block = workgroup_number(workgroup, all);
     if block == 0u && lane == 0u {
         let total = sums[(blocks.count + SCAN_BLOCK - 1u) / SCAN_BLOCK];

@@ -42,6 +42,13 @@ fn main(
         return;
     }
     let visit = visits[number];
+    if SECOND && visit.node == 0u {
+        // Most instances end here.
+        if hides(Footprint(true, false, 0u, instances[visit.instance].rect, instances[visit.instance].near_key)) {
+            return;
+        }
+        atomicAdd(&next.unhidden, 1u);
+    }
     let node = nodes[instances[visit.instance].first_node + visit.node];
     let lod = lod_view(visit.instance);
     let screen = instances[visit.instance].screen;
@@ -50,12 +57,8 @@ fn main(
     }
     let found = test(visit.instance, screen, node.center, node.extent);
     if found != SEEN {
-        if found == HIDDEN {
-            if !SECOND {
-                put_off(visit);
-            } else if visit.node == 0u {
-                atomicAdd(&next.hidden, 1u);
-            }
+        if found == HIDDEN && !SECOND {
+            put_off(visit);
         }
         return;
     }
@@ -74,6 +77,10 @@ fn main(
     var waits = false;
     for (var i = 0u; i < count; i++) {
         let number = node.first + i;
+        if SECOND && is_marked(words, number) {
+            // The first phase drew some of it: it is in the cut, seen and there.
+            continue;
+        }
         let group = groups[first_group + number];
         if !may_be_in_cut(lod, group.lod_sphere, group.error, group.min_own_error) {
             continue;

@@ -19,6 +19,12 @@ fn build_pyramid() {
         steps[step] = Dispatch(size.x, size.y, 1u, 0u, 0u, 0u, array<u32, 2>());
     }
     atomicStore(&counters.pyramid, 1u);
+    if SECOND {
+        // What was drawn to by now, in either phase.
+        for (var row = 0u; row < TILES; row++) {
+            atomicOr(&counters.tiles[row], atomicLoad(&other_counters.tiles[row]));
+        }
+    }
 }
 
 @compute @workgroup_size(1)

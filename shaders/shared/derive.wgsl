@@ -11,7 +11,7 @@ fn screen_row(k: u32, row: vec4<f32>, distance: vec4<f32>) -> vec4<f32> {
     return view.focal[k] * row + view.center[k] * distance;
 }
 
-// `before` are the rows of the frame before.
+// `before` are the rows of the frame before. Where its box lies is not known yet.
 fn derive(p: Placed, before: array<vec4<f32>, 3>) -> Instance {
     var to_eye: array<vec4<f32>, 3>;
     // The origin of internal space as seen from the eye.
@@ -48,7 +48,7 @@ fn derive(p: Placed, before: array<vec4<f32>, 3>) -> Instance {
         p.extent,
         view.lod_focal,
         eye,
-        view.lod_near,
+        NO_KEY,
         p.first_node,
         p.first_group,
         p.first_page,
@@ -57,5 +57,6 @@ fn derive(p: Placed, before: array<vec4<f32>, 3>) -> Instance {
         p.mirrored ^ view.mirrored,
         p.masked,
         0u,
+        vec4<u32>(),
     );
 }

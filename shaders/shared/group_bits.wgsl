@@ -1,5 +1,9 @@
 // Bits of groups, behind which each word of them that is not zero has a bit. Needs `group_bits`.
 
+fn is_marked(first_word: u32, number: u32) -> bool {
+    return (atomicLoad(&group_bits[first_word + number / 32u]) >> (number % 32u) & 1u) != 0u;
+}
+
 fn mark_group(first_word: u32, number: u32) {
     let word = first_word + number / 32u;
     if atomicOr(&group_bits[word], 1u << (number % 32u)) == 0u {

@@ -1,5 +1,5 @@
-// Which tiles of the picture clusters of the first phase may cover: a bit for each, TILES across and down at most. Needs
-// `view` and `counters`.
+// Which tiles of the picture clusters of a phase may cover: a bit for each, TILES across and down at most. Needs `view` and
+// `counters`.
 
 // Pixels across and down of a tile, as a power of two.
 fn tile_bits() -> u32 {

@@ -158,7 +158,8 @@ struct Instance {
     extent: vec3<f32>,
     lod_focal: f32,
     eye: vec3<f32>,
-    lod_near: f32,
+    // See Footprint, as all fields of the box.
+    near_key: u32,
     first_node: u32,
     first_group: u32,
     first_page: u32,
@@ -167,6 +168,7 @@ struct Instance {
     mirrored: u32,
     masked: u32,
     unused: u32,
+    rect: vec4<u32>,
 }
 
 struct Sphere {
@@ -238,7 +240,7 @@ struct Dispatch {
     z: u32,
     count: u32,
     visited: u32,
-    hidden: u32,
+    unhidden: u32,
     unused: array<u32, 2>,
 }
 
@@ -249,7 +251,7 @@ struct DispatchOut {
     z: atomic<u32>,
     count: atomic<u32>,
     visited: atomic<u32>,
-    hidden: atomic<u32>,
+    unhidden: atomic<u32>,
     unused: array<u32, 2>,
 }
 

@@ -1,5 +1,8 @@
 // Prefix sums over the lanes of a workgroup.
 
+// Lanes that take part; SCAN_WIDTH at most.
+override SCAN_LANES: u32 = SCAN_WIDTH;
+
 var<workgroup> lanes: array<u32, SCAN_WIDTH>;
 // Of every SCAN_ROW lanes.
 var<workgroup> row_sums: array<u32, SCAN_WIDTH / SCAN_ROW>;

@@ -7,7 +7,7 @@ use super::shaders::{Kernel, PYRAMID_ROUNDS, Step};
 pub(super) fn record(r: &mut Recorder<'_>) {
     let (b, own) = (r.buffers, r.own());
     for round in 0..PYRAMID_ROUNDS {
-        let bindings = [&b.view, &b.words, r.pyramids.own()];
+        let bindings = [&b.view, &b.words, r.pyramids.own(), &own.counters];
         r.run_indirect(Kernel::Hzb(round), &bindings, &own.steps, Step::Pyramid(round).number());
     }
 }

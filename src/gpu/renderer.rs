@@ -448,8 +448,10 @@ fn report(
         let of_levels = |of: fn(&Dispatch) -> u32| levels.iter().map(|level| u64::from(of(level))).sum();
         let visited: u64 = of_levels(|level| level.count);
         // The second phase starts anywhere; what it starts at a root is an instance that the first did not walk.
+        let mut roots = 0;
         for visit in list::<Visit>(starts, levels[0].count).into_iter().filter(|visit| visit.node == 0) {
             let slot = visit.instance as usize;
+            roots += 1;
             if on_screen.get_mut(slot).is_some_and(|met| !std::mem::replace(met, true)) {
                 drawn.source_triangles += faces[slot];
             }
@@ -462,7 +464,11 @@ fn report(
             visited: visited + of_levels(|level| level.visited),
             groups: u64::from(groups),
             clusters: draws.iter().map(|draw| u64::from(draw.count)).sum(),
-            hidden_instances: of_levels(|level| level.hidden),
+            // The first phase puts them off.
+            hidden_instances: match number {
+                1 => 0,
+                _ => u64::saturating_sub(roots, of_levels(|level| level.unhidden)),
+            },
             counters,
         });
         // The first list is that of the instances, which has room for all.

@@ -133,18 +133,13 @@ pub enum Bits {
 }
 
 impl Bits {
-    /// Words that a lane of a workgroup takes which sums them up. Of groups those that are not zero are looked at, which bits
-    /// tell of 32 words together: so few that waiting for each other takes longer than looking.
-    const fn words_per_lane(self) -> u32 {
-        match self {
-            Self::Groups => 256,
-            Self::Clusters => 16,
-        }
-    }
-
-    /// Words that such a workgroup takes.
+    /// Words that a workgroup sums up, shared out among its lanes. Of groups those that are not zero are looked at, which
+    /// bits tell of 32 words together: so few that waiting for each other takes longer than looking.
     pub const fn block(self) -> u32 {
-        SCAN_WIDTH * self.words_per_lane()
+        match self {
+            Self::Groups => 4096,
+            Self::Clusters => 512,
+        }
     }
 
     /// Sums that so many words have: one for each block, and behind them the total.
@@ -419,7 +414,7 @@ impl Kernel {
             Self::RasterHardware(_, w) => {
                 vec![TYPES, CULL, PAGES, TRIANGLE, WIDE, words(w), file!("raster_hardware")]
             }
-            Self::Hzb(_) => vec![TYPES, KEY, file!("hzb")],
+            Self::Hzb(_) => vec![TYPES, KEY, TILES_OF, file!("hzb")],
             Self::Settle(_) => vec![TYPES, file!("settle")],
             Self::Renumber => vec![TYPES, TILES_OF, file!("renumber")],
             Self::CountCovered => vec![TYPES, file!("count_covered")],
@@ -455,6 +450,7 @@ impl Kernel {
         let lanes = match self {
             Self::ClusterCull(_) => Some(("CULL_LANES", f64::from(GROUPS_PER_WORKGROUP))),
             Self::RasterSmall(_) => Some(("RASTER_LANES", 8.0)),
+            _ if self.scans().is_some() => Some(("SCAN_LANES", 8.0)),
             _ => None,
         };
         // A thread for each processor takes workgroups.
@@ -496,7 +492,6 @@ impl Kernel {
             source += &format!("const SPARSE: bool = {};\n", bits == Bits::Groups);
         }
         if let Some(bits) = self.scans() {
-            source += &format!("const WORDS_PER_LANE: u32 = {}u;\n", bits.words_per_lane());
             source += &format!("const SCAN_BLOCK: u32 = {}u;\n", bits.block());
         }
         if let Self::Hzb(round) = self {

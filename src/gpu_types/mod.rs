@@ -269,8 +269,8 @@ pub struct Instance {
     pub lod_focal: f32,
     /// The eye in internal space, or the direction of sight.
     pub eye: [f32; 3],
-    /// See [`crate::math::LodView::near`].
-    pub lod_near: f32,
+    /// Key of a distance nearer than anything in that box, u32::MAX where it reaches the near plane.
+    pub near_key: u32,
     /// Where the mesh's nodes start among those of all meshes.
     pub first_node: u32,
     /// Where its groups start.
@@ -287,6 +287,8 @@ pub struct Instance {
     pub masked: u32,
     /// Zero.
     pub unused: u32,
+    /// First column, first row, last column and last row of the pixels that the box may cover.
+    pub rect: [u32; 4],
 }
 
 /// Workgroups of a dispatch that one shader decides for the next.
@@ -303,8 +305,8 @@ pub struct Dispatch {
     pub count: u32,
     /// Groups that the dispatch before looked at.
     pub visited: u32,
-    /// Instances that the pyramid hid from the dispatch before.
-    pub hidden: u32,
+    /// Of the instances that the dispatch before started at in the second phase, those that the pyramid does not hide.
+    pub unhidden: u32,
     /// Zero.
     pub unused: [u32; 2],
 }

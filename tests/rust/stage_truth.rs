@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable, cast_slice};
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu::shaders::{Bits, Kernel, List, Phase, Step, Words};
 use nanite_rs::gpu_types::{
-    Call, Candidate, Counters, Dispatch, Group, HISTORY_LIST, Instance, Marks, Node, Placed, View,
+    Call, Candidate, Counters, Dispatch, Group, HISTORY_LIST, Instance, Marks, Node, Placed, TILES, View,
     VisibleCluster, Visit,
 };
 use nanite_rs::limits::{PYRAMID_ABOVE, PYRAMID_LEVELS};
@@ -94,7 +94,7 @@ fn seen() -> Instance {
         object_to_eye: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -10.0]],
         lod_scale: 1.0,
         lod_focal: 64.0,
-        lod_near: 1.0,
+        near_key: u32::MAX,
         eye: [0.0, 0.0, 10.0],
         ..Instance::zeroed()
     }
@@ -317,7 +317,19 @@ struct Walked {
 }
 
 fn walk(device: &Context, phase: Phase, view: &View, visits: &[Visit], pyramid: &[u32]) -> Walked {
-    walk_pages(device, phase, view, visits, pyramid, 0)
+    walk_from(device, phase, view, seen(), visits, pyramid)
+}
+
+/// Of an instance.
+fn walk_from(
+    device: &Context,
+    phase: Phase,
+    view: &View,
+    instance: Instance,
+    visits: &[Visit],
+    pyramid: &[u32],
+) -> Walked {
+    walk_marked(device, phase, view, instance, visits, pyramid, 0, 0)
 }
 
 /// With a word of the table of the one page that all groups lie in.
@@ -329,13 +341,28 @@ fn walk_pages(
     pyramid: &[u32],
     page: u32,
 ) -> Walked {
+    walk_marked(device, phase, view, seen(), visits, pyramid, page, 0)
+}
+
+/// Where groups of the first word have marks.
+#[allow(clippy::too_many_arguments)]
+fn walk_marked(
+    device: &Context,
+    phase: Phase,
+    view: &View,
+    instance: Instance,
+    visits: &[Visit],
+    pyramid: &[u32],
+    page: u32,
+    marked: u32,
+) -> Walked {
     // The root has two leaves; a pixel is the error of one, less than that of the other.
     let nodes = [node(PIXEL, 1, 2, false), node(PIXEL, 0, 3, true), node(LESS, 3, 1, true)];
     // A pixel, less, off the screen; a pixel.
     let groups =
         [group(PIXEL, 0.0), group(LESS, 0.0), group(PIXEL, 13.0), group(PIXEL, 0.0), group(PIXEL, 0.0)];
     // The mesh of the second instance starts at the second node and the third group.
-    let instances = [seen(), Instance { first_node: 1, first_group: 2, group_words: 1, ..seen() }];
+    let instances = [instance, Instance { first_node: 1, first_group: 2, group_words: 1, ..seen() }];
     let level = dispatch(1, 1, visits.len() as u32);
     let view = View { group_words: 4, ..*view };
     let mut out = run(
@@ -350,7 +377,7 @@ fn walk_pages(
             words(&[level]),
             &[0; 4],
             words(&[Dispatch::default()]),
-            &[0; 5],
+            &with_filled(&[marked, 0, 0, 0]),
             pyramid,
             &[0; 8],
             words(&[Dispatch::default()]),
@@ -513,9 +540,9 @@ fn hidden_nodes_wait_for_the_second_phase() {
         // All of the box is behind distance 8; it starts at 9.
         let walked = go(Phase::First, 8.0);
         assert_eq!((walked.next, &walked.later[..]), (Dispatch::default(), &[visit][..]));
-        // The second phase puts nothing off. It counts the instances that it hides, by their roots.
+        // The second phase puts nothing off. It counts the instances that it does not hide, by their roots.
         let walked = go(Phase::Second, 8.0);
-        assert_eq!(walked.next, Dispatch { hidden: 1 - node, ..Dispatch::default() });
+        assert_eq!(walked.next, Dispatch { unhidden: 1 - node, ..Dispatch::default() });
         assert_eq!((walked.visits, walked.later, walked.bits), (vec![], vec![], vec![0; 4]));
         for phase in [Phase::First, Phase::Second] {
             let walked = go(phase, 12.0);
@@ -524,12 +551,40 @@ fn hidden_nodes_wait_for_the_second_phase() {
             assert_eq!(walked.later, []);
         }
     }
+    // Before it looks at a root, at the box of the instance, where stage 1 left it.
+    let root = Visit { instance: 0, node: 0 };
+    let starts = |rect: [u32; 4], near_key: u32| {
+        let mut pyramid = vec![key(12.0); KEYS];
+        // Of level 0, the square of pixels (42, 30) to (43, 31).
+        pyramid[15 * 50 + 21] = key(8.0);
+        let instance = Instance { rect, near_key, ..seen() };
+        walk_from(&device, Phase::Second, &view, instance, &[root], &pyramid).next
+    };
+    assert_eq!(starts([42, 30, 43, 31], key(8.01)), Dispatch::default());
+    for (rect, distance) in [([42, 30, 43, 31], 7.99), ([41, 30, 43, 31], 8.01), ([42, 30, 43, 32], 8.01)] {
+        let next = starts(rect, key(distance));
+        assert_eq!((next.count, next.unhidden), (2, 1), "{rect:?}, {distance}");
+    }
     // The boxes of the groups start at 9.5: with all nearer than 9.2 the leaf is seen, and they are not.
     let leaf = Visit { instance: 0, node: 1 };
     for (phase, later) in [(Phase::First, vec![leaf]), (Phase::Second, vec![])] {
         let walked = walk(&device, phase, &view, &[leaf], &[key(9.2); KEYS]);
         assert_eq!((walked.next.visited, walked.bits[0], walked.later), (3, 0, later));
     }
+}
+
+#[test]
+fn groups_that_the_first_phase_marked_are_not_looked_at() {
+    let Some(device) = device("groups_that_the_first_phase_marked_are_not_looked_at") else { return };
+    let view = View { tau: TAU, history: 1, ..view() };
+    let leaf = Visit { instance: 0, node: 1 };
+    // Of its three groups, the pyramid hides those that are not marked; a mark stays.
+    let go = |phase| walk_marked(&device, phase, &view, seen(), &[leaf], &[key(9.2); KEYS], 0, 0b110);
+    let walked = go(Phase::Second);
+    assert_eq!((walked.next.visited, walked.bits[0]), (3, 0b110));
+    // The first phase has marks of no other.
+    let walked = go(Phase::First);
+    assert_eq!((walked.next.visited, walked.bits[0], walked.later), (3, 0b110, vec![leaf]));
 }
 
 /// A flat cluster of so many triangles, its box `half` wide to each side.
@@ -783,7 +838,7 @@ fn bits_are_counted_and_blocks_start_where_those_before_end() {
         assert_eq!(sums(&bits), (vec![full, 0, 8], vec![0, full, full, full + 8]));
         // More blocks than the one workgroup that sums them has lanes: 130 with a bit each.
         let mut bits = none(130 * block);
-        bits.chunks_mut(block).enumerate().for_each(|(k, words)| words[k * 15] = 1 << (k % 32));
+        bits.chunks_mut(block).enumerate().for_each(|(k, words)| words[k * 3] = 1 << (k % 32));
         assert_eq!(sums(&bits), (vec![1; 130], (0..=130).collect()));
     }
 }
@@ -864,7 +919,17 @@ fn groups_are_listed_in_scene_order() {
     let (list, culling, _) = listed(&device, Phase::First, &[0; 21], &[u32::MAX; 65], &[0; 65], 2080);
     assert_eq!(culling.count, 2080);
     assert!((0..).zip(&list).all(|(k, found): (u32, _)| *found == c(20, 2000 + k, NONE)));
+    // Instances of two words, and others among them.
+    let starts = [0, 2, 4, 6, 30, 31, 31, 60];
+    let (list, ..) = listed(&device, Phase::First, &starts, &[u32::MAX; 65], &[0; 65], 2080);
+    let instance = |word: u32| starts.partition_point(|start| *start <= word) as u32 - 1;
+    let expected = (0..2080).map(|k: u32| {
+        let instance = instance(k / 32);
+        c(instance, 100 * instance + k - 32 * starts[instance as usize], NONE)
+    });
+    assert!(list.into_iter().eq(expected));
     // Nothing at all.
+    let starts = [0, 2, 2];
     let (_, culling, counting) = listed(&device, Phase::First, &starts, &[0; 4], &[0; 4], 4);
     assert_eq!((culling.x, culling.count, counting.x, counting.count), (0, 0, 0, 0));
 }
@@ -1216,11 +1281,13 @@ fn pyramids_hold_the_farthest_of_each_square() {
         let whole = View { width, height, levels: levels.len() as u32, pyramid, ..view() };
         let alone = View { depth_only: 1, ..whole };
         let picture: Vec<u32> = keys.iter().flat_map(|key| [7, *key]).collect();
+        let drawn = Counters { tiles: [u32::MAX; TILES], ..Counters::default() };
         let texels: u32 = levels.iter().map(|[columns, rows, ..]| columns * rows).sum();
         // Of words, and of keys alone.
         let [of_words, of_keys] = [(whole, &picture[..]), (alone, keys)].map(|(view, picture)| {
             (0..rounds).fold(vec![0; texels as usize], |keys, round| {
-                run(&device, Kernel::Hzb(round), &[words(&[view]), picture, &keys]).swap_remove(2)
+                let (view, drawn) = (&[view], &[drawn]);
+                run(&device, Kernel::Hzb(round), &[words(view), picture, &keys, words(drawn)]).swap_remove(2)
             })
         });
         assert_eq!(of_keys, of_words);
@@ -1241,6 +1308,26 @@ fn pyramids_hold_the_farthest_of_each_square() {
     assert_eq!(build(17, 1, &levels, &row, 2), expected);
     // One pixel.
     assert_eq!(build(1, 1, &[[1, 1, 0, 0]], &[42], 1), [42]);
+}
+
+#[test]
+fn pyramids_leave_out_tiles_that_nothing_was_drawn_to() {
+    let Some(device) = device("pyramids_leave_out_tiles_that_nothing_was_drawn_to") else { return };
+    // Tiles of 4 × 4 pixels: the first to the right of others, and one in the second row, of what is as wide as high.
+    let (width, height) = (100, 12);
+    let view = View { width, height, levels: 1, pyramid: [[50, 6, 0, 0]; PYRAMID_LEVELS], ..view() };
+    let picture = vec![5; 2 * (width * height) as usize];
+    let mut drawn = Counters::default();
+    (drawn.tiles[0], drawn.tiles[1]) = (0b100, 0b1);
+    let (view, drawn) = (&[view], &[drawn]);
+    let bindings = [words(view), &picture, &[9; 300], words(drawn)];
+    // 64 pixels a workgroup.
+    let texels = device.run(Kernel::Hzb(0), &bindings, 2).unwrap().swap_remove(2);
+    // A lane looks at 8 × 8 pixels, where one of its tiles was drawn to: the first two squares of the first row.
+    for (k, texel) in texels.into_iter().enumerate() {
+        let (column, row) = (k % 50, k / 50);
+        assert_eq!(texel, if column < 8 && row < 4 { 5 } else { 0 }, "{column}, {row}");
+    }
 }
 
 /// What is decided after a phase: its steps, and whether a pyramid is to be built.
@@ -1280,7 +1367,7 @@ fn phases_settle_what_comes_next() {
     // The first: where something waits, a node or a cluster, the second has words of bits to list.
     assert_eq!(settle(Phase::First, 0, 9, none, none), (nothing.clone(), 0));
     let mut waits = pyramid.clone();
-    waits[Step::Groups.number() as usize] = dispatch(3, 1, 80_000);
+    waits[Step::Groups.number() as usize] = dispatch(20, 1, 80_000);
     assert_eq!(settle(Phase::First, 1, 9, none, none), (waits.clone(), 1));
     assert_eq!(settle(Phase::First, 0, 9, Counters { held: 1, ..none }, none), (waits, 1));
     // The second: pixels get other numbers where it draws something new among what was drawn, 64 × 16 to a workgroup.
