@@ -16,7 +16,7 @@ override CULL_LANES: u32 = WIDTH;
 @group(0) @binding(6) var<storage, read_write> drawn: array<u32>;
 @group(0) @binding(7) var<storage, read_write> marks: array<Marks>;
 @group(0) @binding(8) var<storage, read_write> counters: Counters;
-@group(0) @binding(9) var<storage, read> pyramid: array<u32>;
+@group(0) @binding(9) var<storage, read> pyramid: array<vec4<u32>>;
 // Of the first phase; not read there.
 @group(0) @binding(10) var<storage, read> first_drawn: array<u32>;
 @group(0) @binding(11) var<storage, read> groups: array<Group>;

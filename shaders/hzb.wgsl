@@ -25,12 +25,12 @@ fn source(x: u32, y: u32) -> u32 {
     if x >= level.x || y >= level.y {
         return NOWHERE;
     }
-    return pyramid[level.z + y * level.x + x];
+    return pyramid[level.z + y * level.w + x];
 }
 
 fn store(level: u32, x: u32, y: u32, key: u32) {
     if level < view.levels && x < view.pyramid[level].x && y < view.pyramid[level].y {
-        pyramid[view.pyramid[level].z + y * view.pyramid[level].x + x] = key;
+        pyramid[view.pyramid[level].z + y * view.pyramid[level].w + x] = key;
     }
 }
 

@@ -6,7 +6,7 @@
 @group(0) @binding(2) var<storage, read_write> instances: array<Instance>;
 @group(0) @binding(3) var<storage, read_write> visits_out: array<Visit>;
 @group(0) @binding(4) var<storage, read_write> next: DispatchOut;
-@group(0) @binding(5) var<storage, read> pyramid: array<u32>;
+@group(0) @binding(5) var<storage, read> pyramid: array<vec4<u32>>;
 @group(0) @binding(6) var<storage, read_write> later: array<Visit>;
 @group(0) @binding(7) var<storage, read_write> later_level: DispatchOut;
 

@@ -11,7 +11,7 @@
 @group(0) @binding(6) var<storage, read_write> visits_out: array<Visit>;
 @group(0) @binding(7) var<storage, read_write> next: DispatchOut;
 @group(0) @binding(8) var<storage, read_write> group_bits: array<atomic<u32>>;
-@group(0) @binding(9) var<storage, read> pyramid: array<u32>;
+@group(0) @binding(9) var<storage, read> pyramid: array<vec4<u32>>;
 @group(0) @binding(10) var<storage, read_write> later: array<Visit>;
 @group(0) @binding(11) var<storage, read_write> later_level: DispatchOut;
 @group(0) @binding(12) var<storage, read> page_offsets: array<u32>;

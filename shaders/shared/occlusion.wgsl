@@ -8,21 +8,24 @@
 // touch.
 fn hides_at(level: u32, place: Footprint) -> bool {
     let texels = place.rect >> vec4<u32>(level + 1u);
-    let columns = view.pyramid[level].x;
-    let across = texels.z - texels.x + 1u;
-    let count = across * (texels.w - texels.y + 1u);
-    var at = view.pyramid[level].z + texels.y * columns + texels.x;
-    var column = 0u;
-    // One loop over rows and columns: lanes wait for the box with most texels, not for most rows times most columns.
+    // Four texels of a row are read at a time.
+    let first = texels.x / 4u;
+    let last = texels.z / 4u;
+    let stride = view.pyramid[level].w / 4u;
+    let count = (last - first + 1u) * (texels.w - texels.y + 1u);
+    var row = view.pyramid[level].z / 4u + texels.y * stride;
+    var quad = first;
+    // One loop over rows and quads: lanes wait for the box with most of them, not for most rows times most columns.
     for (var n = 0u; n < count; n++) {
-        if place.near_key >= pyramid[at] {
+        let columns = vec4<u32>(4u * quad) + vec4<u32>(0u, 1u, 2u, 3u);
+        let beside = (columns < vec4<u32>(texels.x)) | (columns > vec4<u32>(texels.z));
+        if !all((vec4<u32>(place.near_key) < pyramid[row + quad]) | beside) {
             return false;
         }
-        at++;
-        column++;
-        if column == across {
-            column = 0u;
-            at += columns - across;
+        quad++;
+        if quad > last {
+            quad = first;
+            row += stride;
         }
     }
     return true;
@@ -44,7 +47,8 @@ fn hides(place: Footprint) -> bool {
     // What is seen is mostly seen in the middle: a look there saves most boxes all others.
     let finer = max(level, PYRAMID_FINER) - PYRAMID_FINER;
     let middle = ((place.rect.xy + place.rect.zw) / 2u) >> vec2<u32>(finer + 1u);
-    if place.near_key >= pyramid[view.pyramid[finer].z + middle.y * view.pyramid[finer].x + middle.x] {
+    let at = view.pyramid[finer].z + middle.y * view.pyramid[finer].w + middle.x;
+    if place.near_key >= pyramid[at / 4u][at % 4u] {
         return false;
     }
     return hides_at(level, place) || (level > 0u && hides_at(finer, place));

@@ -18,7 +18,7 @@ struct View {
     history: u32,
     // Words of the bits of all groups.
     group_words: u32,
-    // Columns, rows and first key of each level of the pyramid.
+    // Columns, rows and first key of each level of the pyramid, and from row to row: the last two are multiples of 4.
     pyramid: array<vec4<u32>, PYRAMID_LEVELS>,
     // Rows of the rotation from the world to camera space, and of the eye's place the high part.
     rotate: array<vec4<f32>, 3>,

@@ -14,7 +14,7 @@ use super::context::Context;
 use super::frame::Recorder;
 use super::shaders::{Kernel, Phase, Step};
 use crate::error::Result;
-use crate::gpu_types::{HISTORY_LIST, View};
+use crate::gpu_types::{HISTORY_LIST, QUAD, View};
 use crate::limits::{CLUSTER_MAX_TRIANGLES, PYRAMID_LEVELS};
 
 /// What two frames must have in common, so that keys mean the same.
@@ -24,7 +24,7 @@ type Constants = [u32; 3];
 #[derive(Debug)]
 pub(super) struct Pyramids {
     size: (u32, u32),
-    /// Columns, rows and first key of each level.
+    /// See [`View::pyramid`].
     levels: Vec<[u32; 4]>,
     /// This frame's, and the earlier one's.
     buffers: [Buffer; 2],
@@ -56,8 +56,9 @@ fn levels((width, height): (u32, u32)) -> Vec<[u32; 4]> {
     let mut out = Vec::new();
     while width > 0 && (out.is_empty() || columns > 1 || rows > 1) {
         (columns, rows) = (columns.div_ceil(2), rows.div_ceil(2));
-        out.push([columns, rows, first, 0]);
-        first += columns * rows;
+        let stride = columns.next_multiple_of(QUAD);
+        out.push([columns, rows, first, stride]);
+        first += stride * rows;
     }
     out
 }
@@ -93,7 +94,7 @@ impl Pyramids {
     /// For pictures of a size; none for (0, 0).
     pub(super) fn new(context: &Context, size: (u32, u32)) -> Result<Self> {
         let levels = levels(size);
-        let keys: u64 = levels.iter().map(|[columns, rows, ..]| u64::from(*columns) * u64::from(*rows)).sum();
+        let keys: u64 = levels.iter().map(|[_, rows, _, stride]| u64::from(*stride) * u64::from(*rows)).sum();
         let buffer = || context.buffer("the depth pyramid", 4 * keys, BufferUsages::STORAGE);
         Ok(Self {
             size,
@@ -203,8 +204,8 @@ mod tests {
     #[test]
     fn levels_halve_down_to_one_texel() {
         assert_eq!(levels((0, 0)), Vec::<[u32; 4]>::new());
-        assert_eq!(levels((1, 1)), [[1, 1, 0, 0]]);
-        assert_eq!(levels((5, 3)), [[3, 2, 0, 0], [2, 1, 6, 0], [1, 1, 8, 0]]);
+        assert_eq!(levels((1, 1)), [[1, 1, 0, 4]]);
+        assert_eq!(levels((9, 3)), [[5, 2, 0, 8], [3, 1, 16, 4], [2, 1, 20, 4], [1, 1, 24, 4]]);
         assert!(levels((MAX_VIEWPORT, MAX_VIEWPORT)).len() <= PYRAMID_LEVELS);
     }
 }

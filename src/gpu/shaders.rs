@@ -7,7 +7,7 @@ use std::thread::available_parallelism;
 use super::meshes::ABSENT;
 use crate::config::{OUTPUTS, Output, Shading};
 use crate::gpu_types::{
-    Dispatch, HISTORY_LIST, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, TEXTURE_FORMAT, TEXTURE_LINEAR,
+    Dispatch, HISTORY_LIST, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, QUAD, TEXTURE_FORMAT, TEXTURE_LINEAR,
     TEXTURE_MIPMAPS, TEXTURE_WRAP, TILES,
 };
 use crate::limits::{
@@ -45,7 +45,7 @@ pub fn group_bit_words(words: u32) -> u32 {
 /// Arrays that the pages of all meshes may lie in.
 pub const PAGE_ARRAYS: usize = 4;
 /// Bytes that a kernel reads of a record at a time; pages start at multiples of it.
-pub const QUAD_BYTES: usize = size_of::<[u32; 4]>();
+pub const QUAD_BYTES: usize = size_of::<[u32; QUAD as usize]>();
 /// Pixels that a lane gives new numbers, or counts.
 pub const PIXELS_PER_LANE: u32 = 16;
 /// Side of a workgroup that makes a part of the depth pyramid.

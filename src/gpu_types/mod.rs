@@ -13,6 +13,9 @@ use crate::math::Sphere;
 /// What [`View::history`] is where there is a list.
 pub const HISTORY_LIST: u32 = 2;
 
+/// Words that culling reads at a time.
+pub const QUAD: u32 = 4;
+
 /// Tiles across and down a picture at most, one bit each.
 pub const TILES: usize = u32::BITS as usize;
 
@@ -45,7 +48,8 @@ pub struct View {
     pub history: u32,
     /// Words of the bits of all groups.
     pub group_words: u32,
-    /// Columns, rows and first key of each level of the pyramid; the last is zero.
+    /// Columns, rows and first key of each level of the pyramid, and how many keys lie from row to row. The last two are
+    /// multiples of [`QUAD`].
     pub pyramid: [[u32; 4]; PYRAMID_LEVELS],
     /// Rows of the rotation from the world to camera space, and of the eye's place the high part.
     pub rotate: [[f32; 4]; 3],

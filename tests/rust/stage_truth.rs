@@ -45,11 +45,15 @@ fn dispatch(x: u32, y: u32, count: u32) -> Dispatch {
 /// and down, y = ±d.
 fn view() -> View {
     let mut pyramid = [[0; 4]; PYRAMID_LEVELS];
-    let levels =
-        [[50, 40, 0], [25, 20, 2000], [13, 10, 2500], [7, 5, 2630], [4, 3, 2665], [2, 2, 2677], [1, 1, 2681]];
-    for (row, [columns, rows, first]) in pyramid.iter_mut().zip(levels) {
-        *row = [columns, rows, first, 0];
-    }
+    pyramid[..7].copy_from_slice(&[
+        [50, 40, 0, 52],
+        [25, 20, 2080, 28],
+        [13, 10, 2640, 16],
+        [7, 5, 2800, 8],
+        [4, 3, 2840, 4],
+        [2, 2, 2852, 4],
+        [1, 1, 2860, 4],
+    ]);
     View {
         width: 100,
         height: 80,
@@ -71,7 +75,7 @@ fn view() -> View {
 }
 
 /// Keys of the pyramid of that view.
-const KEYS: usize = 2682;
+const KEYS: usize = 2864;
 
 /// A mesh in a box of half extent 1 about a place.
 fn placed(x: f32, y: f32, z: f32) -> Placed {
@@ -227,8 +231,8 @@ fn what_the_earlier_pyramid_hides_is_put_off() {
     // At distance 7 to 9 in the middle: 50 ± 50/7 across and 40 ± 40/7 down, which are the centres of columns 43 to 56
     // and rows 34 to 45. That is columns 5 to 7 and rows 4 to 5 of level 2, the first where no side is longer than four
     // texels, and 21 to 28 and 17 to 22 of level 0, two levels finer.
-    let coarse = |column: usize, row: usize| 2500 + row * 13 + column;
-    let fine = |column: usize, row: usize| row * 50 + column;
+    let coarse = |column: usize, row: usize| 2640 + row * 16 + column;
+    let fine = |column: usize, row: usize| row * 52 + column;
     let box_nearer = 6.99;
     let behind = vec![key(box_nearer); KEYS];
     let with = |holes: &[usize]| {
@@ -556,7 +560,7 @@ fn hidden_nodes_wait_for_the_second_phase() {
     let starts = |rect: [u32; 4], near_key: u32| {
         let mut pyramid = vec![key(12.0); KEYS];
         // Of level 0, the square of pixels (42, 30) to (43, 31).
-        pyramid[15 * 50 + 21] = key(8.0);
+        pyramid[15 * 52 + 21] = key(8.0);
         let instance = Instance { rect, near_key, ..seen() };
         walk_from(&device, Phase::Second, &view, instance, &[root], &pyramid).next
     };
@@ -1282,7 +1286,7 @@ fn pyramids_hold_the_farthest_of_each_square() {
         let alone = View { depth_only: 1, ..whole };
         let picture: Vec<u32> = keys.iter().flat_map(|key| [7, *key]).collect();
         let drawn = Counters { tiles: [u32::MAX; TILES], ..Counters::default() };
-        let texels: u32 = levels.iter().map(|[columns, rows, ..]| columns * rows).sum();
+        let texels: u32 = levels.iter().map(|[_, rows, _, stride]| stride * rows).sum();
         // Of words, and of keys alone.
         let [of_words, of_keys] = [(whole, &picture[..]), (alone, keys)].map(|(view, picture)| {
             (0..rounds).fold(vec![0; texels as usize], |keys, round| {
@@ -1299,15 +1303,15 @@ fn pyramids_hold_the_farthest_of_each_square() {
         4, 3, 2, 1, 9,
         8, 7, 6, 5, 4,
     ];
-    let levels = [[3, 2, 0, 0], [2, 1, 6, 0], [1, 1, 8, 0]];
+    let levels = [[3, 2, 0, 3], [2, 1, 6, 2], [1, 1, 8, 1]];
     assert_eq!(build(5, 3, &levels, &picture, 1), [3, 1, 5, 7, 5, 4, 1, 4, 1]);
     // A row of 17, of five levels: two rounds.
     let row: Vec<u32> = (1..=17).rev().collect();
-    let levels = [[9, 1, 0, 0], [5, 1, 9, 0], [3, 1, 14, 0], [2, 1, 17, 0], [1, 1, 19, 0]];
+    let levels = [[9, 1, 0, 9], [5, 1, 9, 5], [3, 1, 14, 3], [2, 1, 17, 2], [1, 1, 19, 1]];
     let expected = [16, 14, 12, 10, 8, 6, 4, 2, 1, 14, 10, 6, 2, 1, 10, 2, 1, 2, 1, 1];
     assert_eq!(build(17, 1, &levels, &row, 2), expected);
     // One pixel.
-    assert_eq!(build(1, 1, &[[1, 1, 0, 0]], &[42], 1), [42]);
+    assert_eq!(build(1, 1, &[[1, 1, 0, 1]], &[42], 1), [42]);
 }
 
 #[test]
@@ -1315,7 +1319,7 @@ fn pyramids_leave_out_tiles_that_nothing_was_drawn_to() {
     let Some(device) = device("pyramids_leave_out_tiles_that_nothing_was_drawn_to") else { return };
     // Tiles of 4 × 4 pixels: the first to the right of others, and one in the second row, of what is as wide as high.
     let (width, height) = (100, 12);
-    let view = View { width, height, levels: 1, pyramid: [[50, 6, 0, 0]; PYRAMID_LEVELS], ..view() };
+    let view = View { width, height, levels: 1, pyramid: [[50, 6, 0, 50]; PYRAMID_LEVELS], ..view() };
     let picture = vec![5; 2 * (width * height) as usize];
     let mut drawn = Counters::default();
     (drawn.tiles[0], drawn.tiles[1]) = (0b100, 0b1);
