@@ -51,10 +51,10 @@ fn main(
     }
     let node = nodes[instances[visit.instance].first_node + visit.node];
     let lod = lod_view(visit.instance);
-    let screen = instances[visit.instance].screen;
     if !may_be_in_cut(lod, node.lod_sphere, node.max_parent_error, node.min_own_error) {
         return;
     }
+    let screen = instances[visit.instance].screen;
     let found = test(visit.instance, screen, node.center, node.extent);
     if found != SEEN {
         if found == HIDDEN && !SECOND {
