@@ -106,10 +106,10 @@ impl Device {
             .zip(drawn)
             .zip(pictures)
             .map(|((shot, mut drawn), picture)| match drawn.left.take() {
-                None => rastered(shot, drawn, picture, on_device),
+                None => rastered(shot, drawn, picture, spare, on_device),
                 Some(left) => {
                     spare.give(picture);
-                    rastered(shot, drawn, Picture::Left(left, OnceLock::new()), on_device)
+                    rastered(shot, drawn, Picture::Left(left, OnceLock::new()), spare, on_device)
                 }
             })
             .collect())
@@ -117,7 +117,13 @@ impl Device {
 }
 
 /// What a frame keeps of the device's answer.
-fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool) -> Rastered {
+fn rastered(
+    shot: &Shot<'_>,
+    drawn: Drawn,
+    mut picture: Picture,
+    spare: &Spare,
+    on_device: bool,
+) -> Rastered {
     let Shot { scene, eye, screen, resident, .. } = shot;
     let instances = scene.instances();
     let triangles = drawn.phases.iter().map(|phase| phase.counters.triangles()).sum();
@@ -130,7 +136,8 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, on_device: bool
         slots.into_iter().filter_map(|slot| Some((slot, instances.at(slot as usize)?))).collect();
     let view =
         |&(slot, instance): &(u32, &Instance)| InstanceView::new(eye, screen, slot, instance, resident);
-    let views: Vec<InstanceView> = there.par_iter().map(view).collect();
+    let mut views = spare.take_views();
+    there.par_iter().map(view).collect_into_vec(&mut views);
     let mut at = 0;
     let number = |v: &VisibleCluster| {
         at += usize::from(views.get(at).is_some_and(|view| view.slot != v.instance));

@@ -242,5 +242,6 @@ impl Frame {
 impl Drop for Frame {
     fn drop(&mut self) {
         self.spare.give(std::mem::replace(&mut self.picture, Picture::Depth(Vec::new())));
+        self.spare.give_views(std::mem::take(&mut self.views));
     }
 }

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use super::stages::Stage;
 use super::stats::FrameStats;
 use crate::cpu::output;
-use crate::cpu::project::Screen;
+use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::visibility::covered;
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
@@ -69,12 +69,27 @@ impl Picture {
     }
 }
 
-/// Pictures whose memory waits to be used again.
+/// What frames that are gone leave, whose memory waits to be used again.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Spare(Arc<Mutex<Vec<Picture>>>);
+pub(super) struct Spare(Arc<Mutex<Kept>>);
+
+#[derive(Debug, Default)]
+struct Kept {
+    pictures: Vec<Picture>,
+    /// Empty ones.
+    views: Vec<Vec<InstanceView>>,
+}
+
+/// Keeps another, of those given back last.
+fn keep<T>(kept: &mut Vec<T>, other: T) {
+    if kept.len() == Spare::MOST {
+        kept.remove(0);
+    }
+    kept.push(other);
+}
 
 impl Spare {
-    /// How many are kept: those given back last.
+    /// How many are kept of each: those given back last.
     const MOST: usize = 2;
 
     /// A picture of so many pixels, which may hold anything.
@@ -86,8 +101,8 @@ impl Spare {
             Picture::Left(..) => false,
         };
         let found = self.0.lock().ok().and_then(|mut kept| {
-            let at = kept.iter().position(fits)?;
-            Some(kept.remove(at))
+            let at = kept.pictures.iter().position(fits)?;
+            Some(kept.pictures.remove(at))
         });
         found.unwrap_or_else(|| match depth_only {
             true => Picture::Depth(vec![0.0; pixels]),
@@ -106,10 +121,22 @@ impl Spare {
             here => here,
         };
         if let Ok(mut kept) = self.0.lock() {
-            if kept.len() == Self::MOST {
-                kept.remove(0);
-            }
-            kept.push(picture);
+            keep(&mut kept.pictures, picture);
+        }
+    }
+
+    /// An empty list of views.
+    #[cfg(feature = "gpu")]
+    pub(super) fn take_views(&self) -> Vec<InstanceView> {
+        self.0.lock().ok().and_then(|mut kept| kept.views.pop()).unwrap_or_default()
+    }
+
+    /// Takes one back.
+    pub(super) fn give_views(&self, mut views: Vec<InstanceView>) {
+        // Of what they hold nothing is kept alive.
+        views.clear();
+        if let Ok(mut kept) = self.0.lock() {
+            keep(&mut kept.views, views);
         }
     }
 }
