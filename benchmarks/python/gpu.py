@@ -34,7 +34,7 @@ def run(*, quick: bool) -> dict[str, object]:
     for size, counts in SCENES.items():
         stands = [Stand(mesh, count, size) for count in counts]
         calls = {(s.count, b): (lambda step, s=s, b=b: s.draw(b, step)) for s in stands for b in BACKENDS}
-        times = interleaved(calls, runs=25, budget=90, warm_up=5)
+        times = interleaved(calls, runs=100, budget=90, warm_up=5)
         ms = {call: of["median"] * 1e3 for call, of in times.items()}
         rows += [stand.row(*(ms[stand.count, backend] for backend in BACKENDS)) for stand in stands]
         for backend in BACKENDS:

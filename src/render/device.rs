@@ -117,13 +117,7 @@ impl Device {
 }
 
 /// What a frame keeps of the device's answer.
-fn rastered(
-    shot: &Shot<'_>,
-    drawn: Drawn,
-    mut picture: Picture,
-    spare: &Spare,
-    on_device: bool,
-) -> Rastered {
+fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, spare: &Spare, on_device: bool) -> Rastered {
     let Shot { scene, eye, screen, resident, .. } = shot;
     let instances = scene.instances();
     let triangles = drawn.phases.iter().map(|phase| phase.counters.triangles()).sum();
