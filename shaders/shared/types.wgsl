@@ -324,6 +324,6 @@ struct Counters {
     drawn_hardware: atomic<u32>,
     // Pixels that show anything, of a picture that stays on the device; in the first phase.
     covered: atomic<u32>,
-    // Tiles of the picture that clusters of the first phase may cover, a word for each row of them.
+    // Tiles of the picture that clusters may cover, a word for each row of them.
     tiles: array<atomic<u32>, TILES>,
 }

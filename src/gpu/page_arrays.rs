@@ -9,8 +9,9 @@
 use wgpu::{BindingResource, Buffer, BufferBinding, BufferSize, BufferUsages};
 
 use super::context::{Context, mib, unavailable};
-use super::shaders::{PAGE_ARRAYS, QUAD_BYTES};
+use super::shaders::PAGE_ARRAYS;
 use crate::error::{Error, Result};
+use crate::gpu_types::QUAD;
 use crate::limits::PAGE_MAX_BYTES;
 use crate::model::PageEntry;
 
@@ -18,8 +19,6 @@ use crate::model::PageEntry;
 const WHAT: &str = "the clusters of the meshes";
 /// Bytes of a word of a page.
 const WORD: u64 = size_of::<u32>() as u64;
-/// Words that pages start at multiples of.
-const QUAD: u64 = QUAD_BYTES as u64 / WORD;
 /// Words of a place. Arrays are multiples of it, so that no place lies in two.
 const PLACE_WORDS: u64 = PAGE_MAX_BYTES as u64 / WORD;
 
@@ -49,7 +48,7 @@ fn layout(pages: &[PageEntry], mut at: u64, bits: u32) -> (Vec<u64>, u64) {
             at = ((at >> bits) + 1) << bits;
         }
         offsets.push(at);
-        at = (at + words).next_multiple_of(QUAD);
+        at = (at + words).next_multiple_of(QUAD.into());
     }
     (offsets, at)
 }
@@ -152,7 +151,7 @@ impl PageArrays {
     pub(super) fn binding<'a>(&self, buffer: &'a Buffer) -> BindingResource<'a> {
         let array = (0..).zip(&self.arrays).find(|(_, array)| *array == buffer);
         let size = array.and_then(|(number, array): (u64, _)| {
-            let words = self.written.saturating_sub(number << self.bits).max(QUAD);
+            let words = self.written.saturating_sub(number << self.bits).max(QUAD.into());
             BufferSize::new((words * WORD).min(array.size()))
         });
         BindingResource::Buffer(BufferBinding { buffer, offset: 0, size })

@@ -45,7 +45,7 @@ pub fn group_bit_words(words: u32) -> u32 {
 /// Arrays that the pages of all meshes may lie in.
 pub const PAGE_ARRAYS: usize = 4;
 /// Bytes that a kernel reads of a record at a time; pages start at multiples of it.
-pub const QUAD_BYTES: usize = size_of::<[u32; QUAD as usize]>();
+const QUAD_BYTES: usize = size_of::<[u32; QUAD as usize]>();
 /// Pixels that a lane gives new numbers, or counts.
 pub const PIXELS_PER_LANE: u32 = 16;
 /// Side of a workgroup that makes a part of the depth pyramid.

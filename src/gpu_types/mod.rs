@@ -13,7 +13,7 @@ use crate::math::Sphere;
 /// What [`View::history`] is where there is a list.
 pub const HISTORY_LIST: u32 = 2;
 
-/// Words that culling reads at a time.
+/// Words that culling reads at a time, and that what it reads lies at multiples of.
 pub const QUAD: u32 = 4;
 
 /// Tiles across and down a picture at most, one bit each.
@@ -451,7 +451,7 @@ pub struct Counters {
     pub drawn_hardware: u32,
     /// Pixels that show anything, of a picture that stays on the device; in the first phase.
     pub covered: u32,
-    /// Tiles of the picture that clusters of the first phase may cover, a word for each row of them.
+    /// Tiles of the picture that clusters may cover, a word for each row of them.
     pub tiles: [u32; TILES],
 }
 

@@ -320,46 +320,27 @@ struct Walked {
     wanted: f32,
 }
 
-fn walk(device: &Context, phase: Phase, view: &View, visits: &[Visit], pyramid: &[u32]) -> Walked {
-    walk_from(device, phase, view, seen(), visits, pyramid)
-}
-
-/// Of an instance.
-fn walk_from(
-    device: &Context,
+/// What is looked at, and by what.
+#[derive(Clone, Copy)]
+struct Walk<'a> {
     phase: Phase,
-    view: &View,
+    view: &'a View,
+    visits: &'a [Visit],
+    pyramid: &'a [u32],
+    /// The first of two.
     instance: Instance,
-    visits: &[Visit],
-    pyramid: &[u32],
-) -> Walked {
-    walk_marked(device, phase, view, instance, visits, pyramid, 0, 0)
-}
-
-/// With a word of the table of the one page that all groups lie in.
-fn walk_pages(
-    device: &Context,
-    phase: Phase,
-    view: &View,
-    visits: &[Visit],
-    pyramid: &[u32],
+    /// A word of the table of the one page that all groups lie in.
     page: u32,
-) -> Walked {
-    walk_marked(device, phase, view, seen(), visits, pyramid, page, 0)
-}
-
-/// Where groups of the first word have marks.
-#[allow(clippy::too_many_arguments)]
-fn walk_marked(
-    device: &Context,
-    phase: Phase,
-    view: &View,
-    instance: Instance,
-    visits: &[Visit],
-    pyramid: &[u32],
-    page: u32,
+    /// Groups of the first word that have marks.
     marked: u32,
-) -> Walked {
+}
+
+fn walk(device: &Context, phase: Phase, view: &View, visits: &[Visit], pyramid: &[u32]) -> Walked {
+    walk_as(device, Walk { phase, view, visits, pyramid, instance: seen(), page: 0, marked: 0 })
+}
+
+fn walk_as(device: &Context, walk: Walk<'_>) -> Walked {
+    let Walk { phase, view, visits, pyramid, instance, page, marked } = walk;
     // The root has two leaves; a pixel is the error of one, less than that of the other.
     let nodes = [node(PIXEL, 1, 2, false), node(PIXEL, 0, 3, true), node(LESS, 3, 1, true)];
     // A pixel, less, off the screen; a pixel.
@@ -488,7 +469,8 @@ fn groups_that_are_not_there_are_asked_for() {
     let leaf = Visit { instance: 0, node: 1 };
     let view = |two_phases| View { tau: 0.5, two_phases, ..view() };
     let go = |phase, two_phases, page, key: u32| {
-        walk_pages(&device, phase, &view(two_phases), &[leaf], &[key; KEYS], page)
+        let (view, visits, pyramid) = (&view(two_phases), &[leaf][..], &[key; KEYS][..]);
+        walk_as(&device, Walk { phase, view, visits, pyramid, instance: seen(), page, marked: 0 })
     };
     let there = go(Phase::First, 0, 0, 0);
     assert_eq!((there.wanted, there.bits[0]), (0.0, 0b11));
@@ -562,7 +544,8 @@ fn hidden_nodes_wait_for_the_second_phase() {
         // Of level 0, the square of pixels (42, 30) to (43, 31).
         pyramid[15 * 52 + 21] = key(8.0);
         let instance = Instance { rect, near_key, ..seen() };
-        walk_from(&device, Phase::Second, &view, instance, &[root], &pyramid).next
+        let (phase, view, visits) = (Phase::Second, &view, &[root][..]);
+        walk_as(&device, Walk { phase, view, visits, pyramid: &pyramid, instance, page: 0, marked: 0 }).next
     };
     assert_eq!(starts([42, 30, 43, 31], key(8.01)), Dispatch::default());
     for (rect, distance) in [([42, 30, 43, 31], 7.99), ([41, 30, 43, 31], 8.01), ([42, 30, 43, 32], 8.01)] {
@@ -583,7 +566,10 @@ fn groups_that_the_first_phase_marked_are_not_looked_at() {
     let view = View { tau: TAU, history: 1, ..view() };
     let leaf = Visit { instance: 0, node: 1 };
     // Of its three groups, the pyramid hides those that are not marked; a mark stays.
-    let go = |phase| walk_marked(&device, phase, &view, seen(), &[leaf], &[key(9.2); KEYS], 0, 0b110);
+    let (view, visits, pyramid) = (&view, &[leaf][..], &[key(9.2); KEYS][..]);
+    let instance = seen();
+    let go =
+        |phase| walk_as(&device, Walk { phase, view, visits, pyramid, instance, page: 0, marked: 0b110 });
     let walked = go(Phase::Second);
     assert_eq!((walked.next.visited, walked.bits[0]), (3, 0b110));
     // The first phase has marks of no other.
@@ -1317,7 +1303,7 @@ fn pyramids_hold_the_farthest_of_each_square() {
 #[test]
 fn pyramids_leave_out_tiles_that_nothing_was_drawn_to() {
     let Some(device) = device("pyramids_leave_out_tiles_that_nothing_was_drawn_to") else { return };
-    // Tiles of 4 × 4 pixels: the first to the right of others, and one in the second row, of what is as wide as high.
+    // Of tiles of 4 × 4 pixels, the third of the first row and the first of the second.
     let (width, height) = (100, 12);
     let view = View { width, height, levels: 1, pyramid: [[50, 6, 0, 50]; PYRAMID_LEVELS], ..view() };
     let picture = vec![5; 2 * (width * height) as usize];
