@@ -11,9 +11,9 @@
 @group(0) @binding(5) var<storage, read_write> steps: array<Dispatch, STEPS>;
 
 fn build_pyramid() {
-    for (var level = 0u; level < view.levels; level += LEVELS_PER_ROUND) {
-        // Each lane takes a square of the round's first level.
-        let side = PYRAMID_SIDE << (LEVELS_PER_ROUND - 1u);
+    // From the pixels on, each round starts from the last level of the one before.
+    for (var level = 0u; level == 0u || level + 1u < view.levels; level += LEVELS_PER_ROUND) {
+        let side = PYRAMID_SIDE << LEVELS_PER_ROUND;
         let size = (view.pyramid[level].xy + side - 1u) / side;
         let step = STEP_PYRAMID + level / LEVELS_PER_ROUND;
         steps[step] = Dispatch(size.x, size.y, 1u, 0u, 0u, 0u, array<u32, 2>());

@@ -46,8 +46,8 @@ pub const MAX_SPAN: u16 = 120;
 /// Longest edge, pixels, at which a triangle still is for the small rasterizer.
 pub const SMALL_EDGE: f32 = 16.0;
 
-/// Levels of a depth pyramid at most: that of 65,536 × 65,536 pixels.
-pub const PYRAMID_LEVELS: usize = 16;
+/// Levels of a depth pyramid at most: that of 65,536 × 65,536 pixels, which are the first level.
+pub const PYRAMID_LEVELS: usize = 17;
 /// Longest side, texels, of the block that a first test against the pyramid reads.
 pub const PYRAMID_REACH: u16 = 4;
 /// Where the first test does not hide a box, a second reads a level so much finer.

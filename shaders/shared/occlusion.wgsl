@@ -7,7 +7,7 @@
 // True when the texels of a level say that everything drawn so far is nearer than the box on every pixel that it may
 // touch.
 fn hides_at(level: u32, place: Footprint) -> bool {
-    let texels = place.rect >> vec4<u32>(level + 1u);
+    let texels = place.rect >> vec4<u32>(level);
     // Four texels of a row are read at a time.
     let first = texels.x / 4u;
     let last = texels.z / 4u;
@@ -38,7 +38,7 @@ fn hides(place: Footprint) -> bool {
     }
     var level = 0u;
     while level + 1u < view.levels {
-        let block = (place.rect.zw >> vec2<u32>(level + 1u)) - (place.rect.xy >> vec2<u32>(level + 1u));
+        let block = (place.rect.zw >> vec2<u32>(level)) - (place.rect.xy >> vec2<u32>(level));
         if max(block.x, block.y) < PYRAMID_REACH {
             break;
         }
@@ -46,7 +46,7 @@ fn hides(place: Footprint) -> bool {
     }
     // What is seen is mostly seen in the middle: a look there saves most boxes all others.
     let finer = max(level, PYRAMID_FINER) - PYRAMID_FINER;
-    let middle = ((place.rect.xy + place.rect.zw) / 2u) >> vec2<u32>(finer + 1u);
+    let middle = ((place.rect.xy + place.rect.zw) / 2u) >> vec2<u32>(finer);
     let at = view.pyramid[finer].z + middle.y * view.pyramid[finer].w + middle.x;
     if place.near_key >= pyramid[at / 4u][at % 4u] {
         return false;

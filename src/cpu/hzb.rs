@@ -1,4 +1,4 @@
-//! The depth pyramid: for every square of 2, 4, 8, … pixels the farthest depth key in it.
+//! The depth pyramid: the depth key of every pixel, and for every square of 2, 4, 8, … pixels the farthest in it.
 //!
 //! Squares are aligned to multiples of their size, and the last row and column of a level may hang over the
 //! picture's edge, where no pixel is. So it is conservative for pictures of any size, odd ones included: a
@@ -32,10 +32,7 @@ impl Hzb {
         let height = pixels.len() / width;
         assert!(pixels.len() == width * height && changed.end <= height);
         let (mut columns, mut rows) = (width, height);
-        let mut depth = 0;
-        while depth == 0 || columns > 1 || rows > 1 {
-            (columns, rows) = (columns.div_ceil(2), rows.div_ceil(2));
-            changed = changed.start / 2..changed.end.div_ceil(2);
+        for depth in 0.. {
             if self.levels.len() == depth {
                 self.levels.push(Level::default());
             }
@@ -44,15 +41,19 @@ impl Hzb {
             (level.columns, level.rows) = (columns, rows);
             level.keys.resize(columns * rows, 0);
             match below.last() {
-                None => reduce(&mut level.keys, columns, changed.clone(), pixels, width),
+                None => copy(&mut level.keys, width, changed.clone(), pixels),
                 Some(b) => reduce(&mut level.keys, columns, changed.clone(), &b.keys, b.columns),
             }
-            depth += 1;
+            if columns == 1 && rows == 1 {
+                self.levels.truncate(depth + 1);
+                break;
+            }
+            (columns, rows) = (columns.div_ceil(2), rows.div_ceil(2));
+            changed = changed.start / 2..changed.end.div_ceil(2);
         }
-        self.levels.truncate(depth);
     }
 
-    /// Number of levels; level 0 has squares of 2 × 2 pixels.
+    /// Number of levels; level 0 has the pixels, level 1 squares of 2 × 2.
     pub fn depth(&self) -> usize {
         self.levels.len()
     }
@@ -68,14 +69,14 @@ impl Hzb {
         let [x0, y0, x1, y1] = footprint.rect;
         let mut level = 0;
         while level + 1 < self.levels.len()
-            && ((x1 >> (level + 1)) - (x0 >> (level + 1)) >= PYRAMID_REACH
-                || (y1 >> (level + 1)) - (y0 >> (level + 1)) >= PYRAMID_REACH)
+            && ((x1 >> level) - (x0 >> level) >= PYRAMID_REACH
+                || (y1 >> level) - (y0 >> level) >= PYRAMID_REACH)
         {
             level += 1;
         }
         // What is seen is mostly seen in the middle: a look there saves most boxes all others.
         let finer = level.saturating_sub(PYRAMID_FINER);
-        let middle = |a: u16, b: u16| ((usize::from(a) + usize::from(b)) / 2) >> (finer + 1);
+        let middle = |a: u16, b: u16| ((usize::from(a) + usize::from(b)) / 2) >> finer;
         if footprint.near_key >= self.key(finer, middle(x0, x1), middle(y0, y1)) {
             return false;
         }
@@ -86,7 +87,7 @@ impl Hzb {
     fn hides_at(&self, level: usize, footprint: &Footprint) -> bool {
         let [x0, y0, x1, y1] = footprint.rect;
         let l = &self.levels[level];
-        let at = |v: u16| usize::from(v >> (level + 1));
+        let at = |v: u16| usize::from(v >> level);
         (at(y0)..=at(y1)).all(|row| {
             l.keys[row * l.columns + at(x0)..=row * l.columns + at(x1)]
                 .iter()
@@ -95,22 +96,37 @@ impl Hzb {
     }
 }
 
+/// The keys of some rows of pixels.
+fn copy<P: Pixel>(out: &mut [u32], width: usize, rows: Range<usize>, from: &[P]) {
+    let from = &from[rows.start * width..rows.end * width];
+    let copy_row = |row: usize, out: &mut [u32]| {
+        out.iter_mut().zip(&from[row * width..]).for_each(|(key, pixel)| *key = pixel.key());
+    };
+    fill(out, width, rows, copy_row);
+}
+
 /// Minimum over 2 × 2 blocks, of some rows of them; a block over the edge has fewer entries.
-fn reduce<P: Pixel>(out: &mut [u32], columns: usize, rows: Range<usize>, from: &[P], width: usize) {
-    let out = &mut out[rows.start * columns..rows.end * columns];
-    let reduce_row = |(row, out): (usize, &mut [u32])| {
-        let row = rows.start + row;
+fn reduce(out: &mut [u32], columns: usize, rows: Range<usize>, from: &[u32], width: usize) {
+    let start = rows.start;
+    let reduce_row = |row: usize, out: &mut [u32]| {
+        let row = start + row;
         let upper = &from[2 * row * width..][..width];
         let lower = from.get((2 * row + 1) * width..(2 * row + 2) * width).unwrap_or(upper);
         for (column, texel) in out.iter_mut().enumerate() {
             let (a, b) = (2 * column, (2 * column + 1).min(width - 1));
-            *texel = upper[a].key().min(upper[b].key()).min(lower[a].key()).min(lower[b].key());
+            *texel = upper[a].min(upper[b]).min(lower[a]).min(lower[b]);
         }
     };
+    fill(out, columns, rows, reduce_row);
+}
+
+/// Has some rows of a level made, each by its number among them.
+fn fill(out: &mut [u32], columns: usize, rows: Range<usize>, make: impl Fn(usize, &mut [u32]) + Sync) {
+    let out = &mut out[rows.start * columns..rows.end * columns];
     if out.len() < 1 << 13 {
-        out.chunks_mut(columns).enumerate().for_each(reduce_row);
+        out.chunks_mut(columns).enumerate().for_each(|(row, out)| make(row, out));
     } else {
-        out.par_chunks_mut(columns).enumerate().with_min_len(8).for_each(reduce_row);
+        out.par_chunks_mut(columns).enumerate().with_min_len(8).for_each(|(row, out)| make(row, out));
     }
 }
 
@@ -132,7 +148,7 @@ mod tests {
             hzb.build(&[5u64], 1, 0..1);
             hzb.build(&words, width, 0..height);
             for level in 0..hzb.depth() {
-                let side = 2usize << level;
+                let side = 1usize << level;
                 for row in 0..height.div_ceil(side) {
                     for column in 0..width.div_ceil(side) {
                         let expected = (row * side..height.min((row + 1) * side))

@@ -50,15 +50,18 @@ const MOST_VAIN: u32 = 3;
 /// Frames to draw without, at most, before trying again.
 const LONGEST_PAUSE: u32 = 64;
 
-/// Levels of the pyramid of a picture; level 0 has squares of 2 × 2 pixels.
+/// Levels of the pyramid of a picture; level 0 has its pixels.
 fn levels((width, height): (u32, u32)) -> Vec<[u32; 4]> {
     let (mut columns, mut rows, mut first) = (width, height, 0);
     let mut out = Vec::new();
-    while width > 0 && (out.is_empty() || columns > 1 || rows > 1) {
-        (columns, rows) = (columns.div_ceil(2), rows.div_ceil(2));
+    while columns > 0 {
         let stride = columns.next_multiple_of(QUAD);
         out.push([columns, rows, first, stride]);
+        if columns == 1 && rows == 1 {
+            break;
+        }
         first += stride * rows;
+        (columns, rows) = (columns.div_ceil(2), rows.div_ceil(2));
     }
     out
 }
@@ -205,7 +208,10 @@ mod tests {
     fn levels_halve_down_to_one_texel() {
         assert_eq!(levels((0, 0)), Vec::<[u32; 4]>::new());
         assert_eq!(levels((1, 1)), [[1, 1, 0, 4]]);
-        assert_eq!(levels((9, 3)), [[5, 2, 0, 8], [3, 1, 16, 4], [2, 1, 20, 4], [1, 1, 24, 4]]);
+        assert_eq!(
+            levels((9, 3)),
+            [[9, 3, 0, 12], [5, 2, 36, 8], [3, 1, 52, 4], [2, 1, 56, 4], [1, 1, 60, 4]]
+        );
         assert!(levels((MAX_VIEWPORT, MAX_VIEWPORT)).len() <= PYRAMID_LEVELS);
     }
 }

@@ -50,10 +50,10 @@ const QUAD_BYTES: usize = size_of::<[u32; QUAD as usize]>();
 pub const PIXELS_PER_LANE: u32 = 16;
 /// Side of a workgroup that makes a part of the depth pyramid.
 const PYRAMID_SIDE: u32 = 8;
-/// Levels of the depth pyramid that a dispatch makes, as `hzb.wgsl` is written.
+/// Levels of the depth pyramid that a dispatch makes of the one below, as `hzb.wgsl` is written.
 const LEVELS_PER_ROUND: u32 = 3;
 /// Dispatches that make a whole pyramid.
-pub const PYRAMID_ROUNDS: u32 = (PYRAMID_LEVELS as u32).div_ceil(LEVELS_PER_ROUND);
+pub const PYRAMID_ROUNDS: u32 = (PYRAMID_LEVELS as u32 - 1).div_ceil(LEVELS_PER_ROUND);
 
 /// What is decided after the first phase and after the second, in this order: words of bits of groups to list, pixels
 /// to renumber, rounds of the pyramid.

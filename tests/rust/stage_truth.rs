@@ -45,14 +45,15 @@ fn dispatch(x: u32, y: u32, count: u32) -> Dispatch {
 /// and down, y = ±d.
 fn view() -> View {
     let mut pyramid = [[0; 4]; PYRAMID_LEVELS];
-    pyramid[..7].copy_from_slice(&[
-        [50, 40, 0, 52],
-        [25, 20, 2080, 28],
-        [13, 10, 2640, 16],
-        [7, 5, 2800, 8],
-        [4, 3, 2840, 4],
-        [2, 2, 2852, 4],
-        [1, 1, 2860, 4],
+    pyramid[..8].copy_from_slice(&[
+        [100, 80, 0, 100],
+        [50, 40, 8000, 52],
+        [25, 20, 10_080, 28],
+        [13, 10, 10_640, 16],
+        [7, 5, 10_800, 8],
+        [4, 3, 10_840, 4],
+        [2, 2, 10_852, 4],
+        [1, 1, 10_860, 4],
     ]);
     View {
         width: 100,
@@ -61,7 +62,7 @@ fn view() -> View {
         far: 20.0,
         // Of the depth value 1 / 20.
         far_key: 0.05f32.to_bits(),
-        levels: 7,
+        levels: 8,
         pyramid,
         rotate: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
         forward: [0.0, 0.0, -1.0],
@@ -75,7 +76,7 @@ fn view() -> View {
 }
 
 /// Keys of the pyramid of that view.
-const KEYS: usize = 2864;
+const KEYS: usize = 10_864;
 
 /// A mesh in a box of half extent 1 about a place.
 fn placed(x: f32, y: f32, z: f32) -> Placed {
@@ -229,10 +230,10 @@ fn key(distance: f32) -> u32 {
 fn what_the_earlier_pyramid_hides_is_put_off() {
     let Some(device) = device("what_the_earlier_pyramid_hides_is_put_off") else { return };
     // At distance 7 to 9 in the middle: 50 ± 50/7 across and 40 ± 40/7 down, which are the centres of columns 43 to 56
-    // and rows 34 to 45. That is columns 5 to 7 and rows 4 to 5 of level 2, the first where no side is longer than four
-    // texels, and 21 to 28 and 17 to 22 of level 0, two levels finer.
-    let coarse = |column: usize, row: usize| 2640 + row * 16 + column;
-    let fine = |column: usize, row: usize| row * 52 + column;
+    // and rows 34 to 45. That is columns 5 to 7 and rows 4 to 5 of level 3, the first where no side is longer than four
+    // texels, and 21 to 28 and 17 to 22 of level 1, two levels finer.
+    let coarse = |column: usize, row: usize| 10_640 + row * 16 + column;
+    let fine = |column: usize, row: usize| 8000 + row * 52 + column;
     let box_nearer = 6.99;
     let behind = vec![key(box_nearer); KEYS];
     let with = |holes: &[usize]| {
@@ -541,14 +542,17 @@ fn hidden_nodes_wait_for_the_second_phase() {
     let root = Visit { instance: 0, node: 0 };
     let starts = |rect: [u32; 4], near_key: u32| {
         let mut pyramid = vec![key(12.0); KEYS];
-        // Of level 0, the square of pixels (42, 30) to (43, 31).
-        pyramid[15 * 52 + 21] = key(8.0);
+        // Three pixels of a square: what is small is looked for among pixels.
+        [(42, 30), (43, 30), (43, 31)].iter().for_each(|(x, y)| pyramid[100 * y + x] = key(8.0));
         let instance = Instance { rect, near_key, ..seen() };
         let (phase, view, visits) = (Phase::Second, &view, &[root][..]);
         walk_as(&device, Walk { phase, view, visits, pyramid: &pyramid, instance, page: 0, marked: 0 }).next
     };
-    assert_eq!(starts([42, 30, 43, 31], key(8.01)), Dispatch::default());
-    for (rect, distance) in [([42, 30, 43, 31], 7.99), ([41, 30, 43, 31], 8.01), ([42, 30, 43, 32], 8.01)] {
+    for rect in [[43, 31, 43, 31], [42, 30, 43, 30], [43, 30, 43, 31]] {
+        assert_eq!(starts(rect, key(8.01)), Dispatch::default(), "{rect:?}");
+    }
+    let seen = [([43, 31, 43, 31], 7.99), ([42, 31, 42, 31], 8.01), ([42, 30, 43, 31], 8.01)];
+    for (rect, distance) in [&seen[..], &[([41, 30, 43, 30], 8.01), ([43, 31, 43, 32], 8.01)]].concat() {
         let next = starts(rect, key(distance));
         assert_eq!((next.count, next.unhidden), (2, 1), "{rect:?}, {distance}");
     }
@@ -1281,7 +1285,12 @@ fn pyramids_hold_the_farthest_of_each_square() {
             })
         });
         assert_eq!(of_keys, of_words);
-        of_words
+        // Rows fill up to multiples of four with anything.
+        let row = |first: u32, columns: u32| &of_words[first as usize..][..columns as usize];
+        let level = |[columns, rows, first, stride]: [u32; 4]| {
+            (0..rows).flat_map(move |y| row(first + y * stride, columns)).copied().collect::<Vec<u32>>()
+        };
+        levels.iter().map(|of| level(*of)).collect::<Vec<_>>()
     };
     #[rustfmt::skip]
     let picture = [
@@ -1289,15 +1298,17 @@ fn pyramids_hold_the_farthest_of_each_square() {
         4, 3, 2, 1, 9,
         8, 7, 6, 5, 4,
     ];
-    let levels = [[3, 2, 0, 3], [2, 1, 6, 2], [1, 1, 8, 1]];
-    assert_eq!(build(5, 3, &levels, &picture, 1), [3, 1, 5, 7, 5, 4, 1, 4, 1]);
-    // A row of 17, of five levels: two rounds.
+    let levels = [[5, 3, 0, 8], [3, 2, 24, 4], [2, 1, 32, 4], [1, 1, 36, 4]];
+    let expected = [&picture[..], &[3, 1, 5, 7, 5, 4], &[1, 4], &[1]];
+    assert_eq!(build(5, 3, &levels, &picture, 1), expected);
+    // A row of 17, of six levels: two rounds.
     let row: Vec<u32> = (1..=17).rev().collect();
-    let levels = [[9, 1, 0, 9], [5, 1, 9, 5], [3, 1, 14, 3], [2, 1, 17, 2], [1, 1, 19, 1]];
-    let expected = [16, 14, 12, 10, 8, 6, 4, 2, 1, 14, 10, 6, 2, 1, 10, 2, 1, 2, 1, 1];
+    let levels = [[17, 1, 0, 20], [9, 1, 20, 12], [5, 1, 32, 8], [3, 1, 40, 4], [2, 1, 44, 4], [1, 1, 48, 4]];
+    let halves = &[16, 14, 12, 10, 8, 6, 4, 2, 1][..];
+    let expected = [&row[..], halves, &[14, 10, 6, 2, 1], &[10, 2, 1], &[2, 1], &[1]];
     assert_eq!(build(17, 1, &levels, &row, 2), expected);
     // One pixel.
-    assert_eq!(build(1, 1, &[[1, 1, 0, 1]], &[42], 1), [42]);
+    assert_eq!(build(1, 1, &[[1, 1, 0, 4]], &[42], 1), [[42]]);
 }
 
 #[test]
@@ -1305,18 +1316,24 @@ fn pyramids_leave_out_tiles_that_nothing_was_drawn_to() {
     let Some(device) = device("pyramids_leave_out_tiles_that_nothing_was_drawn_to") else { return };
     // Of tiles of 4 × 4 pixels, the third of the first row and the first of the second.
     let (width, height) = (100, 12);
-    let view = View { width, height, levels: 1, pyramid: [[50, 6, 0, 50]; PYRAMID_LEVELS], ..view() };
+    let mut pyramid = [[0; 4]; PYRAMID_LEVELS];
+    (pyramid[0], pyramid[1]) = ([width, height, 0, 100], [50, 6, 1200, 52]);
+    let view = View { width, height, levels: 2, pyramid, ..view() };
     let picture = vec![5; 2 * (width * height) as usize];
     let mut drawn = Counters::default();
     (drawn.tiles[0], drawn.tiles[1]) = (0b100, 0b1);
     let (view, drawn) = (&[view], &[drawn]);
-    let bindings = [words(view), &picture, &[9; 300], words(drawn)];
+    let bindings = [words(view), &picture, &[9; 1512], words(drawn)];
     // 64 pixels a workgroup.
     let texels = device.run(Kernel::Hzb(0), &bindings, 2).unwrap().swap_remove(2);
     // A lane looks at 8 × 8 pixels, where one of its tiles was drawn to: the first two squares of the first row.
-    for (k, texel) in texels.into_iter().enumerate() {
-        let (column, row) = (k % 50, k / 50);
-        assert_eq!(texel, if column < 8 && row < 4 { 5 } else { 0 }, "{column}, {row}");
+    for (k, texel) in texels[..1200].iter().enumerate() {
+        let (column, row) = (k % 100, k / 100);
+        assert_eq!(*texel, if column < 16 && row < 8 { 5 } else { 0 }, "{column}, {row}");
+    }
+    for (k, texel) in texels[1200..].iter().enumerate().filter(|(k, _)| k % 52 < 50) {
+        let (column, row) = (k % 52, k / 52);
+        assert_eq!(*texel, if column < 8 && row < 4 { 5 } else { 0 }, "{column}, {row}");
     }
 }
 
@@ -1347,7 +1364,7 @@ fn settled(
 fn phases_settle_what_comes_next() {
     let Some(device) = device("phases_settle_what_comes_next") else { return };
     let nothing = vec![Dispatch::default(); Step::COUNT as usize];
-    // 100 × 80 pixels make 50 × 40 texels, a workgroup for 32 × 32; three levels on 7 × 5, and again 1 × 1.
+    // 100 × 80 pixels, a workgroup for 64 × 64; three levels on 13 × 10 texels, and again 2 × 2.
     let mut pyramid = nothing.clone();
     for (round, (x, y)) in (0..).zip([(2, 2), (1, 1), (1, 1)]) {
         pyramid[Step::Pyramid(round).number() as usize] = dispatch(x, y, 0);
