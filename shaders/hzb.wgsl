@@ -68,7 +68,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let y = LANE_TEXELS * id.y + 2u * row;
             let upper = source(x, y, drawn);
             let lower = source(x, y + 1u, drawn);
-            if ROUND == 0u {
+            if ROUND == 0u && view.pyramid[0].w > 0u {
                 store(0u, x, y, upper);
                 store(0u, x, y + 1u, lower);
             }

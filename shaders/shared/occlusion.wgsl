@@ -36,7 +36,9 @@ fn hides(place: Footprint) -> bool {
     if !place.seen || place.near_key == NO_KEY {
         return false;
     }
-    var level = 0u;
+    // The first that has keys.
+    let least = u32(view.pyramid[0].w == 0u);
+    var level = least;
     while level + 1u < view.levels {
         let block = (place.rect.zw >> vec2<u32>(level)) - (place.rect.xy >> vec2<u32>(level));
         if max(block.x, block.y) < PYRAMID_REACH {
@@ -45,13 +47,13 @@ fn hides(place: Footprint) -> bool {
         level++;
     }
     // What is seen is mostly seen in the middle: a look there saves most boxes all others.
-    let finer = max(level, PYRAMID_FINER) - PYRAMID_FINER;
+    let finer = max(level, PYRAMID_FINER + least) - PYRAMID_FINER;
     let middle = ((place.rect.xy + place.rect.zw) / 2u) >> vec2<u32>(finer);
     let at = view.pyramid[finer].z + middle.y * view.pyramid[finer].w + middle.x;
     if place.near_key >= pyramid[at / 4u][at % 4u] {
         return false;
     }
-    return hides_at(level, place) || (level > 0u && hides_at(finer, place));
+    return hides_at(level, place) || (level > least && hides_at(finer, place));
 }
 
 // Whether a box, which now lies at `place`, is hidden as far as this phase knows.

@@ -11,7 +11,7 @@ struct View {
     instances: u32,
     // Always zero, which compilers cannot know.
     zero: u32,
-    // Levels of the depth pyramid; level 0 has the pixels.
+    // Levels of the depth pyramid; level 0 has the pixels, or no keys where those would be too many.
     levels: u32,
     // What there is of an earlier frame: 0 nothing, 1 its pyramid, HISTORY_LIST also the list of what it drew, from which
     // the first phase starts.

@@ -50,12 +50,19 @@ const MOST_VAIN: u32 = 3;
 /// Frames to draw without, at most, before trying again.
 const LONGEST_PAUSE: u32 = 64;
 
-/// Levels of the pyramid of a picture; level 0 has its pixels.
-fn levels((width, height): (u32, u32)) -> Vec<[u32; 4]> {
-    let (mut columns, mut rows, mut first) = (width, height, 0);
+/// Levels of the pyramid of a picture; level 0 has its pixels, and no keys where those of all levels would be more than
+/// `most`.
+fn levels(size: (u32, u32), most: u64) -> Vec<[u32; 4]> {
+    let all = levels_from(0, size);
+    if keys(&all) <= most { all } else { levels_from(1, size) }
+}
+
+/// The same, with keys from a level on.
+fn levels_from(least: usize, (mut columns, mut rows): (u32, u32)) -> Vec<[u32; 4]> {
+    let mut first = 0;
     let mut out = Vec::new();
     while columns > 0 {
-        let stride = columns.next_multiple_of(QUAD);
+        let stride = if out.len() < least { 0 } else { columns.next_multiple_of(QUAD) };
         out.push([columns, rows, first, stride]);
         if columns == 1 && rows == 1 {
             break;
@@ -64,6 +71,11 @@ fn levels((width, height): (u32, u32)) -> Vec<[u32; 4]> {
         (columns, rows) = (columns.div_ceil(2), rows.div_ceil(2));
     }
     out
+}
+
+/// Keys of some levels.
+fn keys(levels: &[[u32; 4]]) -> u64 {
+    levels.iter().map(|[_, rows, _, stride]| u64::from(*stride) * u64::from(*rows)).sum()
 }
 
 fn constants(view: &View) -> Constants {
@@ -96,9 +108,10 @@ fn alike(last: &View, view: &View) -> bool {
 impl Pyramids {
     /// For pictures of a size; none for (0, 0).
     pub(super) fn new(context: &Context, size: (u32, u32)) -> Result<Self> {
-        let levels = levels(size);
-        let keys: u64 = levels.iter().map(|[_, rows, _, stride]| u64::from(*stride) * u64::from(*rows)).sum();
-        let buffer = || context.buffer("the depth pyramid", 4 * keys, BufferUsages::STORAGE);
+        let key = size_of::<u32>() as u64;
+        let levels = levels(size, context.largest_array() / key);
+        let bytes = key * keys(&levels);
+        let buffer = || context.buffer("the depth pyramid", bytes, BufferUsages::STORAGE);
         Ok(Self {
             size,
             levels,
@@ -206,12 +219,15 @@ mod tests {
 
     #[test]
     fn levels_halve_down_to_one_texel() {
-        assert_eq!(levels((0, 0)), Vec::<[u32; 4]>::new());
-        assert_eq!(levels((1, 1)), [[1, 1, 0, 4]]);
-        assert_eq!(
-            levels((9, 3)),
-            [[9, 3, 0, 12], [5, 2, 36, 8], [3, 1, 52, 4], [2, 1, 56, 4], [1, 1, 60, 4]]
-        );
-        assert!(levels((MAX_VIEWPORT, MAX_VIEWPORT)).len() <= PYRAMID_LEVELS);
+        let all = |size| levels(size, u64::MAX);
+        assert_eq!(all((0, 0)), Vec::<[u32; 4]>::new());
+        assert_eq!(all((1, 1)), [[1, 1, 0, 4]]);
+        let nine = [[9, 3, 0, 12], [5, 2, 36, 8], [3, 1, 52, 4], [2, 1, 56, 4], [1, 1, 60, 4]];
+        assert_eq!(all((9, 3)), nine);
+        assert!(all((MAX_VIEWPORT, MAX_VIEWPORT)).len() <= PYRAMID_LEVELS);
+        // Too large for keys of all pixels.
+        assert_eq!((keys(&nine), levels((9, 3), 64)), (64, nine.to_vec()));
+        let without = [[9, 3, 0, 0], [5, 2, 0, 8], [3, 1, 16, 4], [2, 1, 20, 4], [1, 1, 24, 4]];
+        assert_eq!(levels((9, 3), 63), without);
     }
 }

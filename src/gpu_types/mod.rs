@@ -41,7 +41,7 @@ pub struct View {
     pub instances: u32,
     /// Always zero, which compilers of shaders cannot know.
     pub zero: u32,
-    /// Levels of the depth pyramid; level 0 has the pixels.
+    /// Levels of the depth pyramid; level 0 has the pixels, or no keys where those would be too many.
     pub levels: u32,
     /// What there is of an earlier frame: 0 nothing, 1 its pyramid, [`HISTORY_LIST`] also the list of what it drew, from
     /// which the first phase starts.

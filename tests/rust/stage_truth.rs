@@ -551,11 +551,25 @@ fn hidden_nodes_wait_for_the_second_phase() {
     for rect in [[43, 31, 43, 31], [42, 30, 43, 30], [43, 30, 43, 31]] {
         assert_eq!(starts(rect, key(8.01)), Dispatch::default(), "{rect:?}");
     }
-    let seen = [([43, 31, 43, 31], 7.99), ([42, 31, 42, 31], 8.01), ([42, 30, 43, 31], 8.01)];
-    for (rect, distance) in [&seen[..], &[([41, 30, 43, 30], 8.01), ([43, 31, 43, 32], 8.01)]].concat() {
+    let shown = [([43, 31, 43, 31], 7.99), ([42, 31, 42, 31], 8.01), ([42, 30, 43, 31], 8.01)];
+    for (rect, distance) in [&shown[..], &[([41, 30, 43, 30], 8.01), ([43, 31, 43, 32], 8.01)]].concat() {
         let next = starts(rect, key(distance));
         assert_eq!((next.count, next.unhidden), (2, 1), "{rect:?}, {distance}");
     }
+    // Where there are no keys of pixels, it is looked for among squares of four.
+    let coarse = |square: f32| {
+        let mut levels = view.pyramid;
+        levels[0][3] = 0;
+        let view = View { pyramid: levels, ..view };
+        let mut pyramid = vec![key(12.0); KEYS];
+        pyramid[8000 + 15 * 52 + 21] = key(square);
+        let instance = Instance { rect: [43, 31, 43, 31], near_key: key(8.01), ..seen() };
+        let (phase, view, visits) = (Phase::Second, &view, &[root][..]);
+        walk_as(&device, Walk { phase, view, visits, pyramid: &pyramid, instance, page: 0, marked: 0 })
+            .next
+            .count
+    };
+    assert_eq!((coarse(8.0), coarse(8.02)), (0, 2));
     // The boxes of the groups start at 9.5: with all nearer than 9.2 the leaf is seen, and they are not.
     let leaf = Visit { instance: 0, node: 1 };
     for (phase, later) in [(Phase::First, vec![leaf]), (Phase::Second, vec![])] {
@@ -1299,8 +1313,8 @@ fn pyramids_hold_the_farthest_of_each_square() {
         8, 7, 6, 5, 4,
     ];
     let levels = [[5, 3, 0, 8], [3, 2, 24, 4], [2, 1, 32, 4], [1, 1, 36, 4]];
-    let expected = [&picture[..], &[3, 1, 5, 7, 5, 4], &[1, 4], &[1]];
-    assert_eq!(build(5, 3, &levels, &picture, 1), expected);
+    let expected_of_picture = [&picture[..], &[3, 1, 5, 7, 5, 4], &[1, 4], &[1]];
+    assert_eq!(build(5, 3, &levels, &picture, 1), expected_of_picture);
     // A row of 17, of six levels: two rounds.
     let row: Vec<u32> = (1..=17).rev().collect();
     let levels = [[17, 1, 0, 20], [9, 1, 20, 12], [5, 1, 32, 8], [3, 1, 40, 4], [2, 1, 44, 4], [1, 1, 48, 4]];
@@ -1309,6 +1323,9 @@ fn pyramids_hold_the_farthest_of_each_square() {
     assert_eq!(build(17, 1, &levels, &row, 2), expected);
     // One pixel.
     assert_eq!(build(1, 1, &[[1, 1, 0, 4]], &[42], 1), [[42]]);
+    // Too large for keys of all pixels: the same without.
+    let without = [[5, 3, 0, 0], [3, 2, 0, 4], [2, 1, 8, 4], [1, 1, 12, 4]];
+    assert_eq!(build(5, 3, &without, &picture, 1)[1..], expected_of_picture[1..]);
 }
 
 #[test]
