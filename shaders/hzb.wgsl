@@ -56,25 +56,25 @@ fn pairs(keys: vec4<u32>) -> vec2<u32> {
     return min(keys.xz, keys.yw);
 }
 
+// The keys of two squares beside each other, of two texels of the source across and down; stores those of pixels.
+fn squares(x: u32, y: u32, drawn: bool) -> vec2<u32> {
+    let upper = source(x, y, drawn);
+    let lower = source(x, y + 1u, drawn);
+    if ROUND == 0u && view.pyramid[0].w > 0u {
+        store(0u, x, y, upper);
+        store(0u, x, y + 1u, lower);
+    }
+    return pairs(min(upper, lower));
+}
+
 @compute @workgroup_size(PYRAMID_SIDE, PYRAMID_SIDE)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let drawn = ROUND > 0u || drawn_to(LANE_TEXELS * id.xy);
     var second = vec2<u32>(NOWHERE);
     var third = NOWHERE;
     for (var row = 0u; row < LANE_TEXELS / 2u; row++) {
-        var first: vec4<u32>;
-        for (var half = 0u; half < 2u; half++) {
-            let x = LANE_TEXELS * id.x + 4u * half;
-            let y = LANE_TEXELS * id.y + 2u * row;
-            let upper = source(x, y, drawn);
-            let lower = source(x, y + 1u, drawn);
-            if ROUND == 0u && view.pyramid[0].w > 0u {
-                store(0u, x, y, upper);
-                store(0u, x, y + 1u, lower);
-            }
-            let two = pairs(min(upper, lower));
-            first = select(vec4<u32>(two, 0u, 0u), vec4<u32>(first.xy, two), half == 1u);
-        }
+        let at = LANE_TEXELS * id.xy + vec2<u32>(0u, 2u * row);
+        let first = vec4<u32>(squares(at.x, at.y, drawn), squares(at.x + 4u, at.y, drawn));
         store(SOURCE + 1u, 4u * id.x, 4u * id.y + row, first);
         second = min(second, pairs(first));
         if row % 2u == 1u {

@@ -98,7 +98,6 @@ impl Hzb {
 
 /// The keys of some rows of pixels.
 fn copy<P: Pixel>(out: &mut [u32], width: usize, rows: Range<usize>, from: &[P]) {
-    let from = &from[rows.start * width..rows.end * width];
     let copy_row = |row: usize, out: &mut [u32]| {
         out.iter_mut().zip(&from[row * width..]).for_each(|(key, pixel)| *key = pixel.key());
     };
@@ -107,9 +106,7 @@ fn copy<P: Pixel>(out: &mut [u32], width: usize, rows: Range<usize>, from: &[P])
 
 /// Minimum over 2 × 2 blocks, of some rows of them; a block over the edge has fewer entries.
 fn reduce(out: &mut [u32], columns: usize, rows: Range<usize>, from: &[u32], width: usize) {
-    let start = rows.start;
     let reduce_row = |row: usize, out: &mut [u32]| {
-        let row = start + row;
         let upper = &from[2 * row * width..][..width];
         let lower = from.get((2 * row + 1) * width..(2 * row + 2) * width).unwrap_or(upper);
         for (column, texel) in out.iter_mut().enumerate() {
@@ -120,13 +117,13 @@ fn reduce(out: &mut [u32], columns: usize, rows: Range<usize>, from: &[u32], wid
     fill(out, columns, rows, reduce_row);
 }
 
-/// Has some rows of a level made, each by its number among them.
+/// Has some rows of a level made, each by its number.
 fn fill(out: &mut [u32], columns: usize, rows: Range<usize>, make: impl Fn(usize, &mut [u32]) + Sync) {
     let out = &mut out[rows.start * columns..rows.end * columns];
     if out.len() < 1 << 13 {
-        out.chunks_mut(columns).enumerate().for_each(|(row, out)| make(row, out));
+        out.chunks_mut(columns).zip(rows).for_each(|(out, row)| make(row, out));
     } else {
-        out.par_chunks_mut(columns).enumerate().with_min_len(8).for_each(|(row, out)| make(row, out));
+        out.par_chunks_mut(columns).zip(rows).with_min_len(8).for_each(|(out, row)| make(row, out));
     }
 }
 

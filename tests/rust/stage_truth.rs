@@ -540,13 +540,15 @@ fn hidden_nodes_wait_for_the_second_phase() {
     }
     // Before it looks at a root, at the box of the instance, where stage 1 left it.
     let root = Visit { instance: 0, node: 0 };
+    let from_root = |view: &View, pyramid: &[u32], instance: Instance| {
+        let (phase, visits) = (Phase::Second, &[root][..]);
+        walk_as(&device, Walk { phase, view, visits, pyramid, instance, page: 0, marked: 0 }).next
+    };
     let starts = |rect: [u32; 4], near_key: u32| {
         let mut pyramid = vec![key(12.0); KEYS];
         // Three pixels of a square: what is small is looked for among pixels.
         [(42, 30), (43, 30), (43, 31)].iter().for_each(|(x, y)| pyramid[100 * y + x] = key(8.0));
-        let instance = Instance { rect, near_key, ..seen() };
-        let (phase, view, visits) = (Phase::Second, &view, &[root][..]);
-        walk_as(&device, Walk { phase, view, visits, pyramid: &pyramid, instance, page: 0, marked: 0 }).next
+        from_root(&view, &pyramid, Instance { rect, near_key, ..seen() })
     };
     for rect in [[43, 31, 43, 31], [42, 30, 43, 30], [43, 30, 43, 31]] {
         assert_eq!(starts(rect, key(8.01)), Dispatch::default(), "{rect:?}");
@@ -564,10 +566,7 @@ fn hidden_nodes_wait_for_the_second_phase() {
         let mut pyramid = vec![key(12.0); KEYS];
         pyramid[8000 + 15 * 52 + 21] = key(square);
         let instance = Instance { rect: [43, 31, 43, 31], near_key: key(8.01), ..seen() };
-        let (phase, view, visits) = (Phase::Second, &view, &[root][..]);
-        walk_as(&device, Walk { phase, view, visits, pyramid: &pyramid, instance, page: 0, marked: 0 })
-            .next
-            .count
+        from_root(&view, &pyramid, instance).count
     };
     assert_eq!((coarse(8.0), coarse(8.02)), (0, 2));
     // The boxes of the groups start at 9.5: with all nearer than 9.2 the leaf is seen, and they are not.
