@@ -269,38 +269,47 @@ impl Surface {
         if rim == [true; 2] {
             return false;
         }
-        if self.stamp >= u32::MAX - 2 {
+        if self.stamp >= u32::MAX - 3 {
             self.marks.fill(0);
             self.stamp = 0;
         }
-        self.stamp += 2;
-        let (near, common) = (self.stamp, self.stamp + 1);
+        self.stamp += 3;
+        let [near, opposite, common] = [0, 1, 2].map(|k| self.stamp + k);
         let mut marks = std::mem::take(&mut self.marks);
-        let mut opposite = 0;
         let mut fits = true;
         for (f, k) in self.around(a) {
             let face = &self.faces[f];
             let (out, back) = (face.edges[k], face.edges[(k + 2) % 3]);
             rim[0] |= self.edges[out as usize].rim() || self.edges[back as usize].rim();
-            marks[face.points[(k + 1) % 3] as usize] = near;
-            marks[face.points[(k + 2) % 3] as usize] = near;
-            if out == edge || back == edge {
-                opposite += 1;
+            let ends = [face.points[(k + 1) % 3], face.points[(k + 2) % 3]];
+            let at_edge = out == edge || back == edge;
+            for p in ends {
+                let mark = &mut marks[p as usize];
+                if at_edge && p != b {
+                    // Two faces over the same point would leave an edge to it without any.
+                    fits &= *mark != opposite;
+                    *mark = opposite;
+                } else if *mark != opposite {
+                    *mark = near;
+                }
+            }
+            if at_edge {
                 // The two other edges become one; were both rims, it would be left without faces or gain some.
                 let others = face.edges.iter().filter(|e| **e != edge);
                 fits &= others.filter(|e| self.edges[**e as usize].rim()).count() < 2;
             }
         }
-        let mut shared = 0;
         for (f, k) in self.around(b) {
             let face = &self.faces[f];
             let (out, back) = (face.edges[k], face.edges[(k + 2) % 3]);
             rim[1] |= self.edges[out as usize].rim() || self.edges[back as usize].rim();
             let ends = [face.points[(k + 1) % 3], face.points[(k + 2) % 3]];
             for p in ends.into_iter().filter(|p| *p != a) {
-                if marks[p as usize] == near {
-                    marks[p as usize] = common;
-                    shared += 1;
+                let mark = &mut marks[p as usize];
+                // Near both ends without a face between.
+                fits &= *mark != near;
+                if *mark == opposite {
+                    *mark = common;
                 }
             }
             // Faces a c d and b c d would become duplicates.
@@ -310,7 +319,7 @@ impl Surface {
             }
         }
         self.marks = marks;
-        fits && shared == opposite && (faces != 2 || rim != [true; 2])
+        fits && (faces != 2 || rim != [true; 2])
     }
 
     /// Collapses an edge that passed [`Self::can_collapse`] onto its end `keep`, which moves to `position`. Wedges
@@ -456,6 +465,18 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    /// Two faces lie on each other at the edge from 0 to 1, and 2 is near both ends without a face between.
+    #[test]
+    fn an_edge_of_two_faces_over_one_point_stays() {
+        let over = [[5u32, 0, 1], [1, 0, 5]];
+        let rest = [[6, 1, 0], [6, 2, 1], [4, 0, 2], [2, 0, 4], [6, 7, 0], [0, 7, 2]];
+        let corners = [&over[..], &rest].concat();
+        let points: Vec<u32> = (0..8).collect();
+        let mut surface = Surface::new(vec![DVec3::ZERO; 8], vec![false; 8], &points, corners.as_flattened());
+        let edge = surface.edges.iter().position(|e| e.ends == [0, 1]).unwrap();
+        assert!(!surface.can_collapse(edge as u32));
+    }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(200))]
