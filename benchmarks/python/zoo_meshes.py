@@ -1,7 +1,8 @@
 """Meshes of many kinds for ``zoo.py``: those of ``../shared/data`` where they are, and generated ones.
 
-``ZOO`` has a maker and a kind for each name. Makers give vertices (N, 3), float32 but for one mesh, and faces (M, 3),
-int64, welded by exact position and without faces that name a vertex twice. The same call gives the same arrays.
+``ZOO`` has a maker and a kind for each name. Makers give vertices (N, 3), float32 but for one mesh, and faces
+(M, 3), int64, welded by exact position and without faces that name a vertex twice. The same call gives the same
+arrays.
 Generated meshes have 5 to 100 thousand triangles (one has 209 thousand), those of files 1 to 400 thousand.
 """
 
@@ -247,10 +248,10 @@ def extruded(outline: np.ndarray, height: float, hole: np.ndarray | None = None)
     whole = outline if hole is None else bridged(outline, hole)
     triangles = ear_clipped(whole)
     flat = np.column_stack([whole, np.zeros(len(whole))])
-    parts = [(flat, triangles[:, ::-1]), (flat + [0, 0, height], triangles)]
+    parts = [(flat, triangles[:, ::-1]), placed((flat, triangles), (0, 0, height))]
     for loop in (outline,) if hole is None else (outline, hole):
         ring = np.column_stack([loop, np.zeros(len(loop))])
-        walls = np.concatenate([ring, ring + [0, 0, height]])
+        walls = np.concatenate([ring, ring + np.array([0, 0, height])])
         parts.append((walls, cells(2, len(loop), wrap_columns=True)))
     return welded(*merged(parts))
 
@@ -356,7 +357,7 @@ def wavy_sheet(steps: int) -> Arrays:
 def two_sheets() -> Arrays:
     """Two open sheets, a ten thousandth apart."""
     v, f = wavy_sheet(110)
-    return merged([(v, f), (v + [0, 0, 1e-4], f[:, ::-1])])
+    return merged([(v, f), placed((v, f[:, ::-1]), (0, 0, 1e-4))])
 
 
 def both_windings() -> Arrays:
@@ -434,7 +435,7 @@ def hanging() -> Arrays:
     for i in range(8):
         for j in range(8):
             v, f = sheet(16 if (i + j) % 2 else 10)
-            parts.append((np.round((v + [i, j, 0]) / 8, 9), f))
+            parts.append((np.round((v + np.array([i, j, 0])) / 8, 9), f))
     v, f = merged(parts)
     v[:, 2] = 0.08 * np.sin(6 * v[:, 0]) * np.cos(5 * v[:, 1])
     return v, f
@@ -533,36 +534,37 @@ def letters() -> Arrays:
         t = np.linspace(first, last, 32) * np.pi
         return np.stack([np.cos(t), np.sin(t)], 1) * radius + center
 
-    t, e = 0.2, 0.6
-    shapes: list[tuple[np.ndarray, np.ndarray | None]] = [
-        (stroke(arc(0.25, 1.75, (0.5, 0.5), 0.4), t), None),
-        (
-            np.array(
-                [(0, 0), (e, 0), (e, t), (t, t), (t, 0.4), (0.5, 0.4), (0.5, 0.6), (t, 0.6)]
-                + [(t, 0.8), (e, 0.8), (e, 1), (0, 1)]
-            ),
-            None,
-        ),
-        (np.array([(0, 0), (t, 0), (t, 1), (0, 1)]), None),
-        (np.array([(0, 0), (e, 0), (e, t), (t, t), (t, 1), (0, 1)]), None),
-        (0.5 + 0.5 * circle, 0.5 + 0.3 * circle[::-1]),
-        (
-            stroke(
-                np.concatenate([arc(0.2, 1.5, (0.4, 0.72), 0.2), arc(0.5, -0.8, (0.4, 0.28), 0.22)[1:]]), 0.12
-            ),
-            None,
-        ),
-        (
-            np.array([(0.3, 0), (0.5, 0), (0.5, 0.8), (0.8, 0.8), (0.8, 1), (0, 1), (0, 0.8), (0.3, 0.8)]),
-            None,
-        ),
-        (
-            stroke(np.concatenate([[(0.1, 1.0)], arc(1.0, 2.0, (0.5, 0.4), 0.4), [(0.9, 1.0)]]), t),
-            None,
-        ),
-    ]
+    letter_e, letter_i, letter_l, letter_t = (
+        np.array(corners) / 10
+        for corners in (
+            [
+                (0, 0),
+                (6, 0),
+                (6, 2),
+                (2, 2),
+                (2, 4),
+                (5, 4),
+                (5, 6),
+                (2, 6),
+                (2, 8),
+                (6, 8),
+                (6, 10),
+                (0, 10),
+            ],
+            [(0, 0), (2, 0), (2, 10), (0, 10)],
+            [(0, 0), (6, 0), (6, 2), (2, 2), (2, 10), (0, 10)],
+            [(3, 0), (5, 0), (5, 8), (8, 8), (8, 10), (0, 10), (0, 8), (3, 8)],
+        )
+    )
+    letter_c = stroke(arc(0.25, 1.75, (0.5, 0.5), 0.4), 0.2)
+    bends = [arc(0.2, 1.5, (0.4, 0.72), 0.2), arc(0.5, -0.8, (0.4, 0.28), 0.22)[1:]]
+    letter_s = stroke(np.concatenate(bends), 0.12)
+    letter_u = stroke(np.concatenate([[(0.1, 1.0)], arc(1.0, 2.0, (0.5, 0.4), 0.4), [(0.9, 1.0)]]), 0.2)
+    letter_o = extruded(0.5 + 0.5 * circle, 0.15, 0.5 + 0.3 * circle[::-1])
+    others = (letter_c, letter_e, letter_i, letter_l, letter_s, letter_t, letter_u)
+    solid = [extruded(outline, 0.15) for outline in others]
+    solid.insert(4, letter_o)
     rng = np.random.default_rng(6)
-    solid = [extruded(outline, 0.15, hole) for outline, hole in shapes]
     which = rng.integers(0, len(solid), 240)
     return merged(
         [placed(solid[k], (1.2 * (i % 24), -1.5 * (i // 24), 0)) for i, k in enumerate(which.tolist())]
@@ -579,7 +581,7 @@ def noisy_sphere() -> Arrays:
 def far_away() -> Arrays:
     """A sphere with relief a million of its radii away, in float64."""
     v, f = nrs.shapes.displaced_icosphere(faces=40_000, seed=9)
-    return v.astype(np.float64) + [1e6, -2e6, 5e5], f
+    return placed((v, f), (1e6, -2e6, 5e5))
 
 
 def spiked() -> Arrays:

@@ -189,8 +189,8 @@ def worst(rows: list[Row]) -> list[str]:
         for row in some[:WORST]:
             vtk = row["peers"]["vtk"]
             lines.append(
-                f"- {_ratio(row):.2f}× {row['mesh']} ({row['kind']}), {row['removed']:g} removed: rms {row['rms']:.3g},"
-                f" VTK {vtk['rms']:.3g} with {vtk['triangles']:,} of {row['triangles']:,}"
+                f"- {_ratio(row):.2f}× {row['mesh']} ({row['kind']}), {row['removed']:g} removed:"
+                f" rms {row['rms']:.3g}, VTK {vtk['rms']:.3g} with {vtk['triangles']:,} of {row['triangles']:,}"
             )
         lines.append("")
     loud = [r for r in rows if r["violated"] or new_open(r) or turned_beyond(r)]
@@ -213,7 +213,8 @@ def changes(rows: list[Row], earlier: list[Row]) -> list[str]:
     ]
     for change, row, before in sorted(moved, key=lambda item: -item[0]):
         lines.append(
-            f"- {change:.2f}× {row['mesh']}, {row['quality']}, {row['removed']:g}: rms {before['rms']:.3g} → {row['rms']:.3g},"
+            f"- {change:.2f}× {row['mesh']}, {row['quality']}, {row['removed']:g}:"
+            f" rms {before['rms']:.3g} → {row['rms']:.3g},"
             f" ÷ VTK {_number(_ratio(before), '.2f')} → {_number(_ratio(row), '.2f')}"
         )
     return lines
