@@ -12,6 +12,7 @@ a second cut of as many triangles as it has is held against it. Needs requiremen
 from __future__ import annotations
 
 import argparse
+import functools
 import hashlib
 import json
 import multiprocessing
@@ -117,9 +118,8 @@ def measure(name: str, qualities: list[str], removed: list[float], peers: list[s
     if ZOO[name].file and not SMALLEST <= len(faces) <= LARGEST:
         print(f"{name}: left out, {len(faces):,} triangles")
         return
-    source = Reference(vertices, faces, samples)
+    kept = Kept(vertices, faces, samples)
     before = edge_counts(vertices, faces)
-    kept = Kept(vertices, faces, source)
     for quality in qualities:
         start = time.process_time()
         options = nrs.BuildOptions(quality=quality)
@@ -137,47 +137,47 @@ def measure(name: str, qualities: list[str], removed: list[float], peers: list[s
                 "build s": seconds,
                 "of target": len(cut.faces) / target,
                 "coarsest": len(cut.faces) > target and len(cut.faces) <= len(mesh.cut(error=np.inf).faces),
-                **measured(source, cut),
+                **measured(kept, cut),
                 "peers": {},
             }
             for peer in peers:
-                row["peers"][peer] = versus(mesh, row, kept.get(peer, len(cut.faces)), source, cut.error)
+                row["peers"][peer] = versus(mesh, row, peer, kept, cut.error)
             yield row
 
 
-def measured(source: Reference, cut: nrs.Cut) -> dict[str, Any]:
+def measured(kept: Kept, cut: nrs.Cut) -> dict[str, Any]:
     """A cut against the source."""
-    found, doubts = source.distances(cut.vertices, cut.faces)
-    stated = cut.error / source.diagonal * 1e4
+    source = kept.source
+    found, doubts = kept.distances(cut.vertices, cut.faces)
+    unit = source.diagonal / 1e4
     violated = False
-    if stated < found["max"] * (1 - 1e-6):
-        slack = source.rounding(cut.vertices, cut.faces) / source.diagonal * 1e4
-        violated = stated < found["max"] * (1 - 1e-6) - slack
+    if cut.error < found["max"] * unit:
+        most, violated = source.beyond(cut.vertices, cut.faces, cut.error)
+        found["max"] = most / unit
     return {
-        "triangles": len(cut.faces),
         **found,
-        "stated": stated,
-        "tightness": stated / found["max"] if found["max"] > FLOOR else None,
+        "stated": cut.error / unit,
+        "tightness": cut.error / unit / found["max"] if found["max"] > FLOOR else None,
         "violated": violated,
         "turned": source.turned(doubts, cut.error),
-        **edge_counts(cut.vertices, cut.faces),
     }
 
 
 def versus(
-    mesh: nrs.NaniteMesh, row: dict[str, Any], peer: dict[str, Any] | None, source: Reference, allowed: float
-) -> dict[str, Any] | None:
+    mesh: nrs.NaniteMesh, row: dict[str, Any], peer: str, kept: Kept, allowed: float
+) -> dict[str, Any]:
     """A peer's figures and the ratio of a cut's rms to its own."""
-    if peer is None or "failed" in peer:
-        return peer
-    result = {key: value for key, value in peer.items() if key != "doubts"}
-    result["turned"] = source.turned(peer["doubts"], allowed)
-    result["ratio"] = ratio(row["rms"], peer["rms"])
-    if peer["triangles"] > EARLY * row["triangles"]:
-        cut = mesh.cut(target_faces=peer["triangles"])
-        found, _ = source.distances(cut.vertices, cut.faces)
-        result["asked"], result["early"] = row["triangles"], len(cut.faces)
-        result["ratio as asked"], result["ratio"] = result["ratio"], ratio(found["rms"], peer["rms"])
+    made = kept.made(peer, row["triangles"])
+    if "failed" in made or not len(made["faces"]):
+        return {"failed": str(made.get("failed", "nothing left"))}
+    found, doubts = kept.distances(made["vertices"], made["faces"])
+    result = {**found, "s": float(made["seconds"]), "turned": kept.source.turned(doubts, allowed)}
+    result["ratio"] = ratio(row["rms"], found["rms"])
+    if found["triangles"] > EARLY * row["triangles"]:
+        cut = mesh.cut(target_faces=found["triangles"])
+        again, _ = kept.distances(cut.vertices, cut.faces)
+        result["early"], result["ratio as asked"] = len(cut.faces), result["ratio"]
+        result["ratio"] = ratio(again["rms"], found["rms"])
     return result
 
 
@@ -227,44 +227,52 @@ VERSION = 1
 """Of what is kept; another one makes all anew."""
 
 
+def digest(vertices: np.ndarray, faces: np.ndarray) -> str:
+    """A name for two arrays."""
+    found = hashlib.sha256(f"{VERSION} {vertices.dtype}".encode())
+    found.update(np.ascontiguousarray(vertices).tobytes())
+    found.update(np.ascontiguousarray(faces, np.int64).tobytes())
+    return found.hexdigest()[:24]
+
+
 class Kept:
-    """What peers make of one mesh, and how far it is from the source; made once, then read from disk."""
+    """What peers make of one mesh, and how far anything is from the source; found once, then read from disk."""
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray, source: Reference) -> None:
-        digest = hashlib.sha256(f"{VERSION} {vertices.dtype}".encode())
-        digest.update(np.ascontiguousarray(vertices).tobytes())
-        digest.update(np.ascontiguousarray(faces).tobytes())
-        self._folder = CACHE / digest.hexdigest()[:24]
-        self._mesh, self._source = (vertices, faces), source
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, samples: int) -> None:
+        self._mesh, self._samples = (vertices, faces), samples
+        self._folder = CACHE / digest(vertices, faces)
+        self._folder.mkdir(parents=True, exist_ok=True)
 
-    def get(self, peer: str, count: int) -> dict[str, Any]:
-        """A peer's mesh of so many triangles, measured; what failed says how."""
-        made = self._folder / f"{peer}-{count}.npz"
-        if not made.exists():
-            self._make(peer, count, made)
-        with np.load(made) as file:
-            if "failed" in file:
-                return {"failed": str(file["failed"])}
-            vertices, faces, seconds = file["vertices"], file["faces"], float(file["seconds"])
-        if not len(faces):
-            return {"failed": "nothing left"}
-        samples = len(self._source._samples)
-        path = self._folder / f"{peer}-{count}-{samples}.npz"
+    @functools.cached_property
+    def source(self) -> Reference:
+        """What others are measured against."""
+        return Reference(*self._mesh, self._samples)
+
+    def distances(self, vertices: np.ndarray, faces: np.ndarray) -> tuple[dict[str, Any], Doubts]:
+        """Distances and edges of a mesh, and what may be turned of it."""
+        path = self._folder / f"{digest(vertices, faces)}-{self._samples}.npz"
         if not path.exists():
-            found, doubts = self._source.distances(vertices, faces)
-            found |= {"triangles": len(faces), "s": seconds, **edge_counts(vertices, faces)}
+            found, doubts = self.source.distances(vertices, faces)
+            found |= {"triangles": len(faces), **edge_counts(vertices, faces)}
             np.savez_compressed(path, found=json.dumps(found), **vars(doubts))
         with np.load(path) as file:
             doubts = Doubts(file["points"], file["normals"], file["distances"], int(file["samples"]))
-            return json.loads(str(file["found"])) | {"doubts": doubts}
+            return json.loads(str(file["found"])), doubts
+
+    def made(self, peer: str, count: int) -> dict[str, Any]:
+        """A peer's mesh of so many triangles, or how it failed."""
+        path = self._folder / f"{peer}-{count}.npz"
+        if not path.exists():
+            self._make(peer, count, path)
+        with np.load(path) as file:
+            return dict(file)
 
     def _make(self, peer: str, count: int, path: Path) -> None:
         """In a process of its own: a peer that crashes on a broken mesh must not end the others."""
-        path.parent.mkdir(parents=True, exist_ok=True)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of forking where there are threads
             child = multiprocessing.get_context("fork").Process(
-                target=_save, args=(path, PEERS[peer], *self._mesh, count, self._source.diagonal)
+                target=_save, args=(path, PEERS[peer], *self._mesh, count, self.source.diagonal)
             )
             child.start()
         child.join(PATIENCE)

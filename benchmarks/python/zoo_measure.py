@@ -18,6 +18,8 @@ NEIGHBOURS = 48
 """Samples of the source around a point in doubt that are tried before its triangles are."""
 EXACT = 300
 """Most points in doubt of a mesh that are held against every triangle; more are extrapolated from so many."""
+PROOF = 400
+"""Most samples farther off than a cut states that are held against every triangle."""
 
 
 @dataclass
@@ -36,13 +38,13 @@ class Reference:
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, samples: int) -> None:
         self.diagonal = float(np.linalg.norm(np.ptp(np.asarray(vertices, np.float64), axis=0)))
         self.surface = Surface(vertices, faces)
-        self._count = samples
+        self.count = samples
         self._samples, _ = self.surface.samples(samples)
 
     def distances(self, vertices: np.ndarray, faces: np.ndarray) -> tuple[dict[str, float], Doubts]:
         """Mean, rms and max, of two directions the larger, in 1e-4 of the diagonal; and what may be turned."""
         other = Surface(vertices, faces)
-        there, of = other.samples(self._count)
+        there, of = other.samples(self.count)
         out, nearest = self.surface.nearest(there)
         back, _ = other.nearest(self._samples)
         scale = 1e4 / self.diagonal
@@ -53,11 +55,11 @@ class Reference:
         }
         normals = other.normals[of]
         away = (normals * self.surface.normals[nearest]).sum(axis=1) <= 0
-        return found, Doubts(there[away], normals[away], out[away], self._count)
+        return found, Doubts(there[away], normals[away], out[away], self.count)
 
     @functools.cached_property
     def _dense(self) -> tuple[cKDTree, np.ndarray]:
-        points, face = self.surface.samples(4 * self._count)
+        points, face = self.surface.samples(4 * self.count)
         return cKDTree(points), self.surface.normals[face]
 
     def turned(self, doubts: Doubts, allowed: float) -> float:
@@ -76,11 +78,22 @@ class Reference:
         bad = sum(not self.surface.faces_along(doubts.points[i], doubts.normals[i], reach[i]) for i in some)
         return bad * len(left) / max(len(some), 1) / doubts.samples
 
-    def rounding(self, vertices: np.ndarray, faces: np.ndarray) -> float:
-        """What libigl finds between surfaces and their own samples: its rounding, large on slivers."""
-        pair = (self.surface, Surface(vertices, faces))
-        own = max(s.nearest(s.samples(self._count)[0])[0].max() for s in pair)
-        return max(float(own), 1e-10 * float(np.abs(self.surface.vertices).max()))
+    def beyond(self, vertices: np.ndarray, faces: np.ndarray, stated: float) -> tuple[float, bool]:
+        """The largest distance, and whether one is more than ``stated``, in the units of the mesh.
+
+        libigl is off by up to the width of a sliver, so samples that it finds too far off are measured once more.
+        """
+        other = Surface(vertices, faces)
+        most, least = 0.0, 1e-10 * float(np.abs(self.surface.vertices).max())
+        for points, surface in ((other.samples(self.count)[0], self.surface), (self._samples, other)):
+            away, _ = surface.nearest(points)
+            far = np.flatnonzero(away > stated)
+            most = max(most, float(np.delete(away, far).max(initial=0)))
+            far = far[np.argsort(-away[far])]
+            rest = np.random.default_rng(0).permutation(far[PROOF // 2 :])
+            for i in np.concatenate([far[: PROOF // 2], rest[: PROOF // 2]]):
+                most = max(most, surface.distance(points[i], away[i]))
+        return most, most > stated * (1 + 1e-6) + least
 
 
 class Surface:
@@ -121,6 +134,12 @@ class Surface:
         corners = self.vertices[self.faces]
         middle = corners.mean(axis=1)
         return middle, np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
+
+    def distance(self, point: np.ndarray, reach: float) -> float:
+        """Distance of one point that is known to be within ``reach``, by every triangle that may be nearest."""
+        middle, radius = self._balls
+        near = np.linalg.norm(middle - point, axis=1) <= radius * (1 + 1e-9) + reach
+        return float(_to_triangles(point, self.vertices[self.faces[near]]).min())
 
     def faces_along(self, point: np.ndarray, normal: np.ndarray, reach: float) -> bool:
         """Whether any face within ``reach`` of a point faces the way that ``normal`` does."""
