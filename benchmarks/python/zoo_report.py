@@ -10,6 +10,9 @@ Row = dict[str, Any]
 TURNED = 1e-3
 """Share of the area that may be turned beyond VTK's."""
 WORST = 10
+"""Rows of each quality that are told apart."""
+ROUNDING = 5e-3
+"""Of a ratio that counts as 1.0."""
 
 
 def _vtk(row: Row) -> Row | None:
@@ -99,7 +102,7 @@ def document(rows: list[Row], errors: list[str], earlier: list[Row]) -> str:
     if not rows:
         return "Nothing was measured.\n" + "".join(f"- {error}\n" for error in errors)
     peers = list(rows[0]["peers"])
-    lines = ["# Cuts of many kinds of meshes", "", summary(rows), ""]
+    lines = ["# Cuts of many kinds of meshes", "", summary(rows), "", by_kind(rows), ""]
     if errors:
         lines += ["## Failed", "", *(f"- {error}" for error in errors), ""]
     lines += ["## Worst", "", *worst(rows), ""]
@@ -162,7 +165,7 @@ def _summary(quality: str, removed: float, rows: list[Row]) -> str:
         quality,
         f"{removed:g}",
         len(rows),
-        f"{(ratios <= 1.0 + 5e-3).sum()} of {len(ratios)}",
+        f"{(ratios <= 1.0 + ROUNDING).sum()} of {len(ratios)}",
         (ratios <= 1.15).sum(),
         f"{np.median(ratios):.2f}" if len(ratios) else "–",
         f"{ratios.max():.2f}" if len(ratios) else "–",
@@ -176,6 +179,22 @@ def _summary(quality: str, removed: float, rows: list[Row]) -> str:
         sum(r["coarsest"] for r in rows if too_many(r)),
     ]
     return f"| {' | '.join(map(str, cells))} |"
+
+
+def by_kind(rows: list[Row]) -> str:
+    """The median ratio to VTK of each kind, and the number of meshes that are no worse."""
+    levels = sorted({(row["quality"], row["removed"]) for row in rows})
+    heads = ["kind", *(f"{quality} {removed:g}" for quality, removed in levels)]
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for kind in sorted({row["kind"] for row in rows}):
+        cells = [kind]
+        for level in levels:
+            these = [r for r in rows if r["kind"] == kind and (r["quality"], r["removed"]) == level]
+            ratios = np.array([r for r in map(_ratio, these) if r is not None])
+            good = (ratios <= 1.0 + ROUNDING).sum()
+            cells.append(f"{np.median(ratios):.2f} ({good} of {len(ratios)})" if len(ratios) else "–")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def worst(rows: list[Row]) -> list[str]:
