@@ -98,7 +98,9 @@ def main() -> None:
             for row in measure(name, options.qualities, options.removed, options.peers, samples):
                 rows.append(row)
                 print(zoo_report.line(row, earlier), flush=True)
-        except Exception as error:  # one mesh must not end the others
+        except (KeyboardInterrupt, SystemExit):
+            raise
+        except BaseException as error:  # one mesh must not end the others, nor a panic, which is no Exception
             errors.append(f"{name}: {type(error).__name__}: {error}")
             print(f"FAILED {errors[-1]}\n{traceback.format_exc(limit=-2)}", flush=True)
         result = {"samples": samples, "rows": rows, "errors": errors}
