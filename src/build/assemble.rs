@@ -68,7 +68,8 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
                 quadric: group.quadric,
                 attribute_error: group.attribute_error,
                 min_own_error: own_errors.fold(f32::INFINITY, f32::min),
-                reserved: [0; 2],
+                rank: group.rank,
+                reserved: 0,
             }
         })
         .collect();

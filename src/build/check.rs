@@ -134,6 +134,8 @@ fn group(dag: &Dag, g: usize) -> Result<()> {
         holds(record.error < group.error, "the error is not strictly above a member's")?;
         holds(record.error >= group.min_own_error, "a member's own error is below the least")?;
         let made = dag.groups.get(record.refined as usize).map_or(0.0, |g| g.bound);
+        let rank = dag.groups.get(record.refined as usize).map_or(0.0, |g| g.rank);
+        holds(rank <= group.rank, "the rank is below a member's")?;
         let proven = group.error.is_finite() && group.bound.is_finite();
         holds(!proven || made < group.bound, "the bound is not strictly above a member's")?;
         let inside = boxes_nest(group.center, group.extent, record.center, record.extent);

@@ -71,6 +71,11 @@ impl Content {
         !self.is_measured() && self.label_weight == 0.0 && !self.materials
     }
 
+    /// Whether normals came with the mesh, and so say what the shape does not.
+    pub fn has_own_normals(&self) -> bool {
+        self.blocks.first().is_some_and(|block| block.measured)
+    }
+
     /// Whether deviations of the rows are part of the error.
     pub fn is_measured(&self) -> bool {
         self.blocks.iter().any(|block| block.measured)

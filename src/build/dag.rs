@@ -17,7 +17,7 @@ use super::partition::{most_words, partition, split_to_fit};
 use super::reference::{Patch, Pieces, Reference};
 use super::relax::relax;
 use super::silhouette::Sight;
-use super::simplify::{Simplified, Step, ratio, simplify};
+use super::simplify::{Effort, Simplified, Step, ratio, simplify, trace};
 use super::store::{LocalMesh, RoundPositions, VertexStore};
 use crate::config::{BuildOptions, ErrorMeasure, Quality};
 use crate::error::{Error, Result};
@@ -42,6 +42,8 @@ pub struct BuildCluster {
     pub quadric: f32,
     /// Deviations of attributes as lengths, added up.
     pub attribute_error: f32,
+    /// The rank of the group that made it.
+    pub rank: f32,
     /// Sphere of the group that made it.
     pub lod_sphere: Sphere,
     /// Longest chain of simplifications behind it.
@@ -67,6 +69,8 @@ pub struct BuildGroup {
     pub quadric: f32,
     /// How far attributes are off in what was made of them.
     pub attribute_error: f32,
+    /// See [`crate::model::Group::rank`].
+    pub rank: f32,
     /// Round in which it was formed.
     pub level: u32,
 }
@@ -143,8 +147,16 @@ pub fn grow(
     let sight = options.preserve_area.then(seen);
     // What nobody asked for makes room for the levels.
     let face_rows = options.face_ids.then_some((faces, face_rows));
-    let mut graph =
-        Growth { content, clusters, groups: Vec::new(), reference: None, sight, source_faces, enough };
+    let mut graph = Growth {
+        content,
+        clusters,
+        groups: Vec::new(),
+        reference: None,
+        sight,
+        source_faces,
+        enough,
+        tries: Tries::Cost,
+    };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
     for round in 0.. {
         pending = graph.round(&mut store, pending, round, options, &meter, report)?;
@@ -181,6 +193,7 @@ fn source_clusters(store: &VertexStore, mesh: &WeldedMesh, options: &BuildOption
                 bound: 0.0,
                 quadric: 0.0,
                 attribute_error: 0.0,
+                rank: 0.0,
                 lod_sphere,
                 level: 0,
                 refined: NO_GROUP,
@@ -201,6 +214,19 @@ struct Growth {
     source_faces: usize,
     /// A root of no more triangles is left as it is.
     enough: u64,
+    /// What the next round tries.
+    tries: Tries,
+}
+
+/// What a round tries, where the round before it made nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Tries {
+    /// Collapses up to what they cost elsewhere.
+    Cost,
+    /// Collapses at any cost.
+    Collapses,
+    /// Everything.
+    Everything,
 }
 
 /// A single cluster is simplified further while it has more than this part of the source,
@@ -209,6 +235,17 @@ const ROOT_PART: u64 = 100;
 const ROOT_TRIANGLES: u64 = 32;
 /// Fewer triangles make no shape: a cube ends as two back to back.
 const FEWEST_TRIANGLES: u64 = 8;
+/// A group keeps at least this part of its triangles, however flat it is: its border stays as it is.
+const LEAST_PART: f32 = 0.1;
+/// One in so many groups is simplified before the others, to find what collapses cost; at least and at most so many.
+const SAMPLED_PART: usize = 16;
+const LEAST_SAMPLED: usize = 6;
+const MOST_SAMPLED: usize = 64;
+/// Part of the bound that a rank is not below where no collapse says what it cost: single bad points count, though less
+/// than they do for an error.
+const RANK_OF_BOUND: f32 = 0.6;
+/// Samples of the reference count where they are no farther than so many times what the dearest collapse moved.
+const RELAX_REACH: f64 = 4.0;
 /// Rounds of no more than this part of the source need less memory than those before took.
 const SMALL_ROUND_PART: u64 = 40;
 
@@ -243,6 +280,9 @@ impl Growth {
         }
         let shared = shared_positions(&positions, &groups);
         let ratio = ratio(level.triangles, options);
+        let cost = self.cost(store, &meshes, &positions, &groups, &shared, ratio, options);
+        let effort = Effort { cost, fallbacks: self.tries == Tries::Everything || single };
+        let part = if cost.is_finite() { LEAST_PART } else { ratio };
         if options.error == ErrorMeasure::Bound {
             // Measuring takes blocks of other sizes in each round. What a round gives back, the next has to fetch again.
             if SMALL_ROUND_PART * level.triangles > self.source_faces as u64 {
@@ -271,11 +311,13 @@ impl Growth {
                     members.iter().map(|c| &self.clusters[pending[*c as usize] as usize]).collect();
                 let proof = self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters });
                 let triangles = local.indices.len() / 3;
-                let target = (triangles as f32 * ratio) as usize;
+                let target = (triangles as f32 * part) as usize;
                 let content = &self.content;
-                let outcome =
-                    simplify_group(store, &local, target, &members, pieces, content, proof, sight, options);
-                (meter.advance(triangles - target), outcome)
+                let outcome = simplify_group(
+                    store, &local, target, effort, &members, pieces, content, proof, sight, options,
+                );
+                let made = outcome.as_ref().map_or(triangles, |split| split.triangles());
+                (meter.advance(triangles - made.min(triangles)), outcome)
             })
             .collect();
         if outcomes.iter().any(|(go_on, _)| !go_on) {
@@ -301,8 +343,14 @@ impl Growth {
         }
         level.retried = stuck.len() as u32;
         let progress_made = !next.is_empty();
+        let last = self.tries == Tries::Everything || single;
+        self.tries = match self.tries {
+            _ if progress_made => Tries::Cost,
+            Tries::Cost => Tries::Collapses,
+            _ => Tries::Everything,
+        };
         for (members, reason) in stuck {
-            if progress_made {
+            if progress_made || !last {
                 // Other neighbours next round: the border that was in the way may lie elsewhere.
                 next.extend(members);
             } else {
@@ -314,6 +362,54 @@ impl Growth {
         }
         report.levels.push(level);
         Ok(next)
+    }
+
+    /// What collapses of a round may cost: with it a sample of the groups keeps that part of its triangles. Then it is
+    /// the same everywhere, as if there were one queue for all groups, and what is flat goes first.
+    fn cost(
+        &self,
+        store: &VertexStore,
+        meshes: &[&ClusterMesh],
+        positions: &RoundPositions,
+        groups: &[Vec<u32>],
+        shared: &[bool],
+        ratio: f32,
+        options: &BuildOptions,
+    ) -> f64 {
+        let of_triangles = options.quality == Quality::Fast || options.preserve_area;
+        if of_triangles || groups.len() < 2 || self.tries != Tries::Cost {
+            return f64::INFINITY;
+        }
+        let count = (groups.len() / SAMPLED_PART).clamp(LEAST_SAMPLED, MOST_SAMPLED).min(groups.len());
+        let traces: Vec<(usize, Vec<(f64, u32)>)> = (0..count)
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|i| {
+                let members = &groups[i * groups.len() / count];
+                let local = LocalMesh::of_clusters(store, meshes, positions, members, shared);
+                let triangles = local.indices.len() / 3;
+                let target = (triangles as f32 * 0.5 * ratio) as usize;
+                (triangles, trace(&local, target, &self.content, options))
+            })
+            .collect();
+        let total: usize = traces.iter().map(|(triangles, _)| triangles).sum();
+        let mut steps: Vec<(f64, u32)> = Vec::new();
+        for (triangles, trace) in &traces {
+            let mut left = *triangles as u32;
+            for (cost, after) in trace {
+                steps.push((*cost, left.saturating_sub(*after)));
+                left = *after;
+            }
+        }
+        steps.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let mut gone = (total as f32 * (1.0 - ratio)) as i64;
+        for (cost, removed) in steps {
+            gone -= i64::from(removed);
+            if gone <= 0 {
+                return cost;
+            }
+        }
+        f64::INFINITY
     }
 
     /// Makes the surface of the pending clusters the reference.
@@ -347,6 +443,7 @@ impl Growth {
                 bound: ROOT_ERROR,
                 quadric: ROOT_ERROR,
                 attribute_error: 0.0,
+                rank: ROOT_ERROR,
                 level: round,
             });
         }
@@ -365,7 +462,7 @@ impl Growth {
         let level = level
             .checked_add(1)
             .ok_or_else(|| Error::TooLarge("more than 255 levels of simplification".into()))?;
-        let Split { error, bound, quadric, attribute_error, .. } = split;
+        let Split { error, bound, quadric, attribute_error, rank, .. } = split;
         let lod_sphere = self.sphere_of(&members);
         let first = u32::try_from(store.count())
             .ok()
@@ -390,6 +487,7 @@ impl Growth {
                 bound,
                 quadric,
                 attribute_error,
+                rank,
                 lod_sphere,
                 level,
                 refined,
@@ -403,6 +501,7 @@ impl Growth {
             bound,
             quadric,
             attribute_error,
+            rank,
             level: round,
         });
         Ok((if bound.is_finite() { bound } else { quadric }, attribute_error))
@@ -412,6 +511,11 @@ impl Growth {
 /// The error of a group: what was measured, and a true step above each of its members.
 fn parent_error(below: f32, measured: f32) -> f32 {
     measured.max((below * ERROR_STEP).next_up()).max(ERROR_FLOOR)
+}
+
+/// What a collapse costs as a length.
+fn length_of(cost: f64) -> f32 {
+    cost.powf(1.0 / 4.5) as f32
 }
 
 /// Vertices of a split at and above this are new: their number is the rest.
@@ -430,6 +534,7 @@ struct Split {
     bound: f32,
     quadric: f32,
     attribute_error: f32,
+    rank: f32,
     step: Step,
 }
 
@@ -440,10 +545,17 @@ struct Proof<'a> {
     all: &'a [BuildCluster],
 }
 
+impl Split {
+    fn triangles(&self) -> usize {
+        self.clusters.iter().map(|c| c.triangles.len()).sum()
+    }
+}
+
 fn simplify_group(
     store: &VertexStore,
     local: &LocalMesh,
     target: usize,
+    effort: Effort,
     members: &[&BuildCluster],
     pieces: Vec<Pieces>,
     content: &Content,
@@ -451,8 +563,8 @@ fn simplify_group(
     sight: Option<Sight>,
     options: &BuildOptions,
 ) -> std::result::Result<Split, (StuckReason, Vec<Pieces>)> {
-    let Simplified { mut mesh, estimate, moved, step } =
-        match simplify(local, target, content, options, sight) {
+    let Simplified { mut mesh, estimate, step_error, moved, cost, step } =
+        match simplify(local, target, effort, content, options, sight) {
             Ok(simplified) => simplified,
             Err(reason) => return Err((reason, pieces)),
         };
@@ -465,7 +577,9 @@ fn simplify_group(
         && content.is_bare()
     {
         let made = mesh.indices.len() / 3;
-        relax(&mut mesh, footing.surface(), |visit| footing.samples(made, visit));
+        relax(&mut mesh, footing.surface(), RELAX_REACH * f64::from(step_error), |visit| {
+            footing.samples(made, visit)
+        });
     }
     // Only the estimate takes the place of a measurement.
     let estimate = if proof.is_none() { estimate.max(moved) } else { estimate };
@@ -475,13 +589,14 @@ fn simplify_group(
     let mut new_positions = Vec::new();
     let mut new_attributes = Vec::new();
     let mut new_labels = Vec::new();
-    let mut used = vec![false; local.ids.len()];
+    let mut used = vec![false; mesh.ids.len()];
     mesh.indices.iter().for_each(|v| used[*v as usize] = true);
-    for v in (0..local.ids.len()).filter(|v| used[*v]) {
+    for v in (0..mesh.ids.len()).filter(|v| used[*v]) {
         let row = v * stride..(v + 1) * stride;
-        if mesh.positions[v] != local.positions[v]
-            || mesh.attributes[row.clone()] != local.attributes[row.clone()]
-            || mesh.labels.get(v) != local.labels.get(v)
+        let origin = mesh.origin(v);
+        if mesh.positions[v] != local.positions[origin]
+            || mesh.attributes[row.clone()] != local.attributes[origin * stride..(origin + 1) * stride]
+            || mesh.labels.get(v) != local.labels.get(origin)
         {
             mesh.ids[v] = NEW_VERTEX + new_positions.len() as u32;
             new_positions.push(mesh.positions[v]);
@@ -500,10 +615,14 @@ fn simplify_group(
         (bound, handed) = footing.measure(&patches, estimate);
         bound = parent_error(most(|c| c.bound), bound);
     }
-    let (distance, shape) = if bound.is_finite() { (bound, quadric.max(bound)) } else { (quadric, quadric) };
-    let deviation = step_deviation(local, &mesh, content, distance);
+    let shape = if bound.is_finite() { bound } else { quadric };
+    let deviation = step_deviation(local, &mesh, content, shape);
     let attribute_error = round_up(f64::from(most(|c| c.attribute_error)) + f64::from(deviation));
     let error = parent_error(most(|c| c.error), shape.max(attribute_error));
+    let rank = match cost {
+        Some(cost) => length_of(cost).max(most(|c| c.rank)),
+        None => quadric.max(RANK_OF_BOUND * shape).max(attribute_error).max(most(|c| c.rank)),
+    };
     Ok(Split {
         clusters,
         new_positions,
@@ -514,6 +633,7 @@ fn simplify_group(
         bound,
         quadric,
         attribute_error,
+        rank,
         step,
     })
 }

@@ -117,7 +117,7 @@ impl<'a> Field<'a> {
         after.indices.iter().for_each(|v| used[*v as usize] = true);
         let mut near = 0;
         for v in (0..used.len()).filter(|v| used[*v]) {
-            if after.positions[v] == self.mesh.positions[v] {
+            if after.positions[v] == self.mesh.positions[after.origin(v)] {
                 continue;
             }
             let row = v * self.stride..(v + 1) * self.stride;

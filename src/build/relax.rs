@@ -120,8 +120,14 @@ pub(super) fn area_normal(corners: [DVec3; 3]) -> DVec3 {
 
 /// Moves the vertices of `mesh` that are not locked towards `samples` of `reference`, the surface it stands for. These come in an order
 /// in which neighbours are near each other. Attributes stay as they are, and so does what fits already. No vertex ends about as
-/// far off as the farthest sample was, unless it was so before. Points that were apart stay apart.
-pub fn relax(mesh: &mut LocalMesh, reference: &Sheet, samples: impl FnOnce(&mut dyn FnMut(Sample))) {
+/// far off as the farthest sample was, unless it was so before. Points that were apart stay apart. Samples farther than
+/// `reach` are of what is there no more, or of another sheet.
+pub fn relax(
+    mesh: &mut LocalMesh,
+    reference: &Sheet,
+    reach: f64,
+    samples: impl FnOnce(&mut dyn FnMut(Sample)),
+) {
     let first = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
     let corners: Vec<u32> = mesh.indices.iter().map(|v| first[*v as usize]).collect();
     let triangles: &[[u32; 3]] = bytemuck::cast_slice(&corners);
@@ -145,7 +151,7 @@ pub fn relax(mesh: &mut LocalMesh, reference: &Sheet, samples: impl FnOnce(&mut 
             let rest = DVec3::from_array(rest);
             let squared = rest.length_squared();
             let over = fit.normal.dot(normal) > OTHER_SHEET * normal.length() && squared <= far * fit.area;
-            if over {
+            if over && squared <= reach * reach {
                 farthest = farthest.max(squared);
                 fit.add(shares, fit.normal.dot(rest), weight);
                 under[t as usize] = triangle;
@@ -252,7 +258,7 @@ mod tests {
     fn relax_to(mesh: &mut LocalMesh, points: &[[f32; 3]], faces: &[[u32; 3]]) {
         let corners = |t: &[u32; 3]| t.map(|v| points[v as usize].map(f64::from));
         let sheet = Sheet::new(faces.iter().map(corners).collect(), faces, vec![0.0; faces.len()]);
-        relax(mesh, &sheet, |visit| {
+        relax(mesh, &sheet, f64::INFINITY, |visit| {
             for (t, triangle) in faces.iter().zip(0..) {
                 let [a, b, c] = corners(t).map(DVec3::from_array);
                 let normal = area_normal([a, b, c]);

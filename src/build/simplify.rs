@@ -10,7 +10,7 @@ use meshopt::{
 };
 use rustc_hash::FxHashSet;
 
-use super::collapse::{Policy, collapse};
+use super::collapse::{Collapsed, Limit, Policy, collapse};
 use super::content::Content;
 use super::field::Field;
 use super::islands::Islands;
@@ -62,10 +62,28 @@ pub struct Simplified {
     pub mesh: LocalMesh,
     /// The simplifier's estimate of the distance to the group's own input, internal units.
     pub estimate: f32,
+    /// The same without what parts that went add to it.
+    pub step_error: f32,
     /// What islands that went or grew add to it: no point of theirs is farther off.
     pub moved: f32,
+    /// What the dearest collapse cost, if collapses made it: see [`super::collapse::Collapsed::cost`].
+    pub cost: Option<f64>,
     /// The step that made it.
     pub step: Step,
+}
+
+/// How far groups are simplified.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// What a collapse may cost with the best quality.
+    pub cost: f64,
+    /// Whether steps that do not keep the topology may be taken.
+    pub fallbacks: bool,
+}
+
+impl Effort {
+    /// By whatever makes something of a group.
+    pub const ANY: Self = Self { cost: f64::INFINITY, fallbacks: true };
 }
 
 /// Part of its triangles that a level of so many keeps.
@@ -80,6 +98,7 @@ pub fn ratio(triangles: u64, options: &BuildOptions) -> f32 {
 pub fn simplify(
     mesh: &LocalMesh,
     target: usize,
+    effort: Effort,
     content: &Content,
     options: &BuildOptions,
     sight: Option<Sight>,
@@ -89,7 +108,15 @@ pub fn simplify(
     {
         return Ok(result);
     }
-    chain(mesh, target, content, options)
+    chain(mesh, target, effort, content, options)
+}
+
+/// What collapses of a group cost: for each the largest so far, and the triangles that were left.
+pub fn trace(mesh: &LocalMesh, target: usize, content: &Content, options: &BuildOptions) -> Vec<(f64, u32)> {
+    let guides = Guides::new(mesh, content, content.stride(), mean_edge(mesh), true);
+    let policy = Policy { cuts: !options.preserve_area, ..Policy::default() };
+    let limit = Limit::triangles(target);
+    collapse(mesh, &mesh.locked, guides.rows, &guides.weights, limit, &policy).trace
 }
 
 /// Leaves go or grow as a whole, the rest passes the chain and keeps the area of its open islands.
@@ -111,12 +138,19 @@ fn with_islands(
     let outcome = if rest.indices.is_empty() {
         Err(StuckReason::Vanished)
     } else {
-        chain(&rest, share, content, options)
+        chain(&rest, share, Effort::ANY, content, options)
     };
     let mut result = match outcome {
         Ok(result) => result,
         Err(reason) if leaves.is_empty() => return Err(reason),
-        Err(_) => Simplified { mesh: rest, estimate: 0.0, moved: 0.0, step: Step::Permissive },
+        Err(_) => Simplified {
+            mesh: rest,
+            estimate: 0.0,
+            step_error: 0.0,
+            moved: 0.0,
+            cost: None,
+            step: Step::Permissive,
+        },
     };
     // Vertex clustering takes no notice of islands.
     let grew = if result.step == Step::Sloppy { 0.0 } else { islands.restore(&mut result.mesh, &rest_sight) };
@@ -147,16 +181,18 @@ fn keeps_border(before: &LocalMesh, after: &LocalMesh) -> bool {
 fn chain(
     mesh: &LocalMesh,
     target: usize,
+    effort: Effort,
     content: &Content,
     options: &BuildOptions,
 ) -> Result<Simplified, StuckReason> {
     let mut reason = StuckReason::TooFewCollapses;
     let before: Vec<[u32; 3]> = faces(&mesh.indices, |v| mesh.position_ids[v as usize]).collect();
     let before = Topology::of(&before);
-    for step in Step::CHAIN {
-        match attempt(mesh, &before, target, content, options, step) {
+    for step in Step::CHAIN.into_iter().filter(|step| *step == Step::Attributes || effort.fallbacks) {
+        match attempt(mesh, &before, target, effort, content, options, step) {
             Ok(result) => return Ok(result),
             Err(StuckReason::TooFewCollapses) => {}
+            Err(StuckReason::TooDear) => return Err(StuckReason::TooDear),
             Err(other) => reason = other,
         }
     }
@@ -168,19 +204,21 @@ fn attempt(
     mesh: &LocalMesh,
     before: &Topology,
     target: usize,
+    effort: Effort,
     content: &Content,
     options: &BuildOptions,
     step: Step,
 ) -> Result<Simplified, StuckReason> {
     let most = (mesh.indices.len() / 3) as f32 * ACCEPT_RATIO;
     let checked = |locked: &[bool]| {
-        let (result, error) = run(mesh, locked, target, content, options, step);
+        let Made { mesh: result, error, moved, cost, stopped } =
+            run(mesh, locked, target, effort.cost, content, options, step);
         let left = result.indices.len() / 3;
         if left == 0 {
             return Err(StuckReason::Vanished);
         }
         if left as f32 > most {
-            return Err(StuckReason::TooFewCollapses);
+            return Err(if stopped { StuckReason::TooDear } else { StuckReason::TooFewCollapses });
         }
         if !keeps_materials(&result) {
             return Err(StuckReason::MixedMaterials);
@@ -188,7 +226,11 @@ fn attempt(
         let after = by_position(mesh, &result);
         let topology = Topology::of(&after);
         let kept = border_kept(&before.edges, &topology.edges, is_locked(mesh));
-        if kept { Ok((result, error, after, topology)) } else { Err(StuckReason::BorderChanged) }
+        if kept {
+            Ok((result, (error, moved, cost), after, topology))
+        } else {
+            Err(StuckReason::BorderChanged)
+        }
     };
     let (mut result, mut error, mut after, mut topology) = checked(&mesh.locked)?;
     let mut done = step;
@@ -202,7 +244,8 @@ fn attempt(
             let ends: FxHashSet<u32> = topology.crowded.iter().flat_map(|e| [e.0, e.1]).collect();
             // Vertices of the result are numbered like those of the group, wherever they moved.
             let corners = after.iter().flatten().zip(&result.indices);
-            let met = corners.filter(|(p, _)| ends.contains(p)).map(|(_, v)| mesh.position_ids[*v as usize]);
+            let met = corners.filter(|(p, _)| ends.contains(p));
+            let met = met.map(|(_, v)| mesh.position_ids[result.origin(*v as usize)]);
             let met: FxHashSet<u32> = met.collect();
             locked.iter_mut().zip(&mesh.position_ids).for_each(|(lock, p)| *lock |= met.contains(p));
             let Ok(again) = checked(&locked) else { break };
@@ -212,7 +255,8 @@ fn attempt(
             done = Step::Topology;
         }
     }
-    Ok(Simplified { mesh: result, estimate: error, moved: 0.0, step: done })
+    let (estimate, step_error, cost) = error;
+    Ok(Simplified { mesh: result, estimate, step_error, moved: 0.0, cost, step: done })
 }
 
 /// Whether points of [`by_position`] are locked.
@@ -276,17 +320,18 @@ fn faces(indices: &[u32], name: impl Fn(u32) -> u32) -> impl Iterator<Item = [u3
 /// Triangles of a result by position: below the number of vertices the first one that *was* there before, above
 /// it a new place. By what the positions are now: seams may have come apart and sheets may have met.
 fn by_position(before: &LocalMesh, after: &LocalMesh) -> Vec<[u32; 3]> {
-    let mut ids = before.position_ids.clone();
+    let mut ids = after.position_ids.clone();
     let mut used = vec![false; ids.len()];
     after.indices.iter().for_each(|v| used[*v as usize] = true);
     let moved = |v: &usize| {
-        used[*v] && after.positions[*v].map(f32::to_bits) != before.positions[*v].map(f32::to_bits)
+        let was = before.positions[after.origin(*v)];
+        used[*v] && after.positions[*v].map(f32::to_bits) != was.map(f32::to_bits)
     };
     let moved: Vec<usize> = (0..ids.len()).filter(moved).collect();
-    let mut places = before.positions.clone();
+    let mut places: Vec<[f32; 3]> = (0..ids.len()).map(|v| before.positions[after.origin(v)]).collect();
     places.extend(moved.iter().map(|v| after.positions[*v]));
     let first = hash::first_equal(bytemuck::cast_slice(&places), 3);
-    moved.iter().zip(&first[before.positions.len()..]).for_each(|(v, place)| ids[*v] = *place);
+    moved.iter().zip(&first[ids.len()..]).for_each(|(v, place)| ids[*v] = *place);
     faces(&after.indices, |v| ids[v as usize]).collect()
 }
 
@@ -307,8 +352,8 @@ struct Guides {
 
 impl Guides {
     /// The columns of a mesh, the first `most` of which steer, and columns for its labels if there are several.
-    fn new(mesh: &LocalMesh, content: &Content, columns: usize, edge: f32) -> Self {
-        let (stride, extent) = (content.stride(), extent(mesh));
+    fn new(mesh: &LocalMesh, content: &Content, columns: usize, edge: f32, best: bool) -> Self {
+        let (stride, extent) = (content.stride(), mesh.extent());
         let unit = if extent > 0.0 { edge / extent } else { 0.0 };
         let codes = label_codes(&mesh.labels);
         let labels = codes.len() / mesh.ids.len().max(1);
@@ -316,6 +361,10 @@ impl Guides {
         let own = columns.min(stride);
         let mut weights: Vec<f32> = content.weights().take(own).map(|weight| weight * unit).collect();
         weights.iter_mut().skip(most).for_each(|weight| *weight = 0.0);
+        if best && !content.has_own_normals() {
+            // The shape says all that they do, and says it more exactly.
+            weights.iter_mut().take(3).for_each(|weight| *weight = 0.0);
+        }
         if labels == 0 && own == stride {
             return Self { rows: mesh.attributes.clone(), weights, own };
         }
@@ -350,12 +399,6 @@ fn label_codes(labels: &[u32]) -> Vec<f32> {
         .collect()
 }
 
-/// Longest side of the box of all vertices: the simplifier's unit of length.
-fn extent(mesh: &LocalMesh) -> f32 {
-    let bounds = Aabb::of_points(&mesh.positions);
-    (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f32::max)
-}
-
 /// The edge of the equilateral triangle of mean area.
 pub fn mean_edge(mesh: &LocalMesh) -> f32 {
     let corners = |t: &[u32]| [0, 1, 2].map(|k| mesh.positions[t[k] as usize]);
@@ -363,27 +406,46 @@ pub fn mean_edge(mesh: &LocalMesh) -> f32 {
     edge_of_area(areas / (mesh.indices.len() / 3).max(1) as f64) as f32
 }
 
+/// What a step made.
+struct Made {
+    mesh: LocalMesh,
+    error: f32,
+    /// See [`Simplified::step_error`].
+    moved: f32,
+    /// See [`Simplified::cost`].
+    cost: Option<f64>,
+    /// Whether the cost was what it stopped at.
+    stopped: bool,
+}
+
 fn run(
     mesh: &LocalMesh,
     locked: &[bool],
     target: usize,
+    cost: f64,
     content: &Content,
     options: &BuildOptions,
     step: Step,
-) -> (LocalMesh, f32) {
+) -> Made {
     let mut error = 0.0;
     let between_materials = differ_at_position(mesh, &mesh.materials);
     if step == Step::Sloppy {
-        return sloppy(mesh, locked, target, &between_materials);
+        let (mesh, error) = sloppy(mesh, locked, target, &between_materials);
+        return Made { mesh, error, moved: error, cost: None, stopped: false };
     }
     let edge = mean_edge(mesh);
     let best = step == Step::Attributes && options.quality == Quality::Best;
     let columns = if best { content.stride() } else { MOST_COLUMNS - LABEL_COLUMNS };
-    let guides = Guides::new(mesh, content, columns, edge);
+    let guides = Guides::new(mesh, content, columns, edge, best);
     let width = guides.weights.len();
     let mut steered;
+    let (mut dearest, mut moved, mut stopped) = (None, None, false);
     if best {
-        (steered, error) = collapse(mesh, locked, guides.rows, &guides.weights, target, &Policy::default());
+        let policy = Policy { cuts: !options.preserve_area, ..Policy::default() };
+        let limit = Limit { target, cost };
+        let made = collapse(mesh, locked, guides.rows, &guides.weights, limit, &policy);
+        (dearest, moved) = (Some(made.cost), Some(made.moved));
+        Collapsed { mesh: steered, error, stopped, .. } = made;
     } else {
         steered = LocalMesh { attributes: guides.rows, ..mesh.clone() };
         let between_labels = differ_at_position(mesh, &mesh.labels);
@@ -414,7 +476,8 @@ fn run(
     }
     let stride = content.stride();
     if width != stride {
-        let guided = std::mem::replace(&mut steered.attributes, mesh.attributes.clone());
+        let own = mesh.with_copies(&steered.copies).attributes;
+        let guided = std::mem::replace(&mut steered.attributes, own);
         for (row, guided) in steered.attributes.chunks_exact_mut(stride).zip(guided.chunks_exact(width)) {
             row[..guides.own].copy_from_slice(&guided[..guides.own]);
         }
@@ -422,7 +485,7 @@ fn run(
     if width > guides.own || guides.own < stride {
         Field::new(mesh, content).read_off(&mut steered, content, guides.own, edge);
     }
-    (steered, error)
+    Made { mesh: steered, error, moved: moved.unwrap_or(error), cost: dearest, stopped }
 }
 
 /// Clusters vertices, each material by itself, with the lines between them locked.
@@ -442,7 +505,7 @@ fn sloppy(mesh: &LocalMesh, locked: &[bool], target: usize, between_materials: &
         out.indices.extend(left);
         worst = worst.max(error);
     }
-    (out, worst * extent(mesh))
+    (out, worst * mesh.extent())
 }
 
 /// Solved normals are not unit, solved colours may leave their range.

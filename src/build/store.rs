@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::clusterize::ClusterMesh;
 use crate::limits::CLUSTER_MAX_VERTICES;
+use crate::math::Aabb;
 use crate::mesh::{WeldedMesh, hash};
 use crate::model::AttributeLayout;
 
@@ -112,6 +113,8 @@ pub struct LocalMesh {
     pub locked: Vec<bool>,
     /// Three local vertices per triangle.
     pub indices: Vec<u32>,
+    /// Of the vertices at the end that a simplifier added where it took sheets apart: which one each is a copy of.
+    pub copies: Vec<u32>,
 }
 
 /// Numbers keys by first appearance: a small open-addressing table, at most half full.
@@ -218,6 +221,61 @@ impl LocalMesh {
             local.labels = local.ids.iter().map(|v| store.labels[*v as usize]).collect();
         }
         local
+    }
+
+    /// The same vertices and copies of some after them, each a position of its own; without triangles.
+    pub fn with_copies(&self, copies: &[u32]) -> Self {
+        fn and_copies<T: Copy>(values: &[T], copies: &[u32], stride: usize) -> Vec<T> {
+            let mut out = Vec::with_capacity(values.len() + copies.len() * stride);
+            out.extend_from_slice(values);
+            if !values.is_empty() {
+                let of = |v: &u32| &values[*v as usize * stride..(*v as usize + 1) * stride];
+                copies.iter().for_each(|v| out.extend_from_slice(of(v)));
+            }
+            out
+        }
+        let count = self.ids.len() as u32;
+        let stride = self.attributes.len() / self.ids.len().max(1);
+        let mut position_ids = self.position_ids.clone();
+        position_ids.extend(count..count + copies.len() as u32);
+        Self {
+            ids: and_copies(&self.ids, copies, 1),
+            positions: and_copies(&self.positions, copies, 1),
+            attributes: and_copies(&self.attributes, copies, stride),
+            labels: and_copies(&self.labels, copies, 1),
+            position_ids,
+            materials: and_copies(&self.materials, copies, 1),
+            locked: and_copies(&self.locked, copies, 1),
+            indices: Vec::new(),
+            copies: copies.to_vec(),
+        }
+    }
+
+    /// The vertex that one is, or is a copy of, among so many.
+    pub fn origin(&self, v: usize) -> usize {
+        v.checked_sub(self.ids.len() - self.copies.len()).map_or(v, |copy| self.copies[copy] as usize)
+    }
+
+    /// A whole mesh, nothing of it locked; `materials` holds one for each vertex, or none at all.
+    pub fn whole(store: &VertexStore, faces: &[[u32; 3]], materials: &[u32]) -> Self {
+        let count = store.count();
+        Self {
+            ids: (0..count as u32).collect(),
+            positions: store.positions.clone(),
+            attributes: store.attributes.clone(),
+            labels: store.labels.clone(),
+            position_ids: hash::first_equal(bytemuck::cast_slice(&store.positions), 3),
+            materials: materials.to_vec(),
+            locked: vec![false; count],
+            indices: faces.as_flattened().to_vec(),
+            copies: Vec::new(),
+        }
+    }
+
+    /// Longest side of the box of all vertices.
+    pub fn extent(&self) -> f32 {
+        let bounds = Aabb::of_points(&self.positions);
+        (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f32::max)
     }
 
     /// Some of the triangles with the vertices they use; enough to clusterize.

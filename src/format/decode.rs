@@ -7,7 +7,7 @@ use bytemuck::AnyBitPattern;
 use rayon::prelude::*;
 
 use super::encode::Metadata;
-use super::file::{ENTRY_BYTES, HEADER_BYTES, Kind, MAGIC, MAX_EXPANSION, PageRow, VERSION};
+use super::file::{ENTRY_BYTES, HEADER_BYTES, Kind, MAGIC, MAX_EXPANSION, OLDEST_VERSION, PageRow, VERSION};
 use super::input::Input;
 use super::page::Context;
 use super::page_decode::Decoder;
@@ -67,7 +67,15 @@ struct Entry {
 /// A file whose header and section table hold.
 pub struct Container<'a> {
     source: Source<'a>,
+    version: u64,
     entries: Vec<Entry>,
+}
+
+/// What files of version 7 compare for a number of triangles, where later ones have a rank: the estimate of the
+/// simplifiers, a part of the bound, and attributes.
+fn rank_of_version_7(group: &Group) -> f32 {
+    const OF_BOUND: f32 = 0.6;
+    group.quadric.max(OF_BOUND * group.distance()).max(group.attribute_error)
 }
 
 /// A section of words whose length was checked, and nothing else: a channel, or the face ids.
@@ -123,8 +131,9 @@ impl<'a> Container<'a> {
             return Err(source.fail(20, "the header's checksum does not match"));
         }
         let version = number::<4>(&header, 8);
-        if version != u64::from(VERSION) {
-            return Err(source.fail(8, format!("version {version}; this build reads version {VERSION}")));
+        if !(u64::from(OLDEST_VERSION)..=u64::from(VERSION)).contains(&version) {
+            let known = format!("this build reads versions {OLDEST_VERSION} to {VERSION}");
+            return Err(source.fail(8, format!("version {version}; {known}")));
         }
         let count = number::<4>(&header, 12);
         let table = source.take(HEADER_BYTES as u64, count * ENTRY_BYTES as u64, "the section table")?;
@@ -138,7 +147,7 @@ impl<'a> Container<'a> {
             length: number::<8>(row, 16),
         };
         let entries: Vec<Entry> = table.chunks_exact(ENTRY_BYTES).map(entry).collect();
-        let out = Self { source, entries };
+        let out = Self { source, version, entries };
         out.kinds()?;
         out.padding()?;
         Ok(out)
@@ -302,7 +311,10 @@ impl<'a> Container<'a> {
         let at = self.entry(Kind::Dependencies).map_or(0, |entry| entry.offset);
         let dependencies = Dependencies::new(&rows, self.records(Kind::Dependencies)?)
             .map_err(|message| self.source.fail(at, format!("section Dependencies: {message}")))?;
-        let groups: Vec<Group> = self.records(Kind::Groups)?;
+        let mut groups: Vec<Group> = self.records(Kind::Groups)?;
+        if self.version < 8 {
+            groups.iter_mut().for_each(|group| group.rank = rank_of_version_7(group));
+        }
         Ok(Head {
             metadata: self.metadata()?,
             rows,

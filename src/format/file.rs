@@ -14,7 +14,9 @@ use crate::model::Dag;
 /// First bytes of a file. The high bit and the line ends catch transfers that are not binary-safe.
 pub const MAGIC: [u8; 8] = *b"\x89NANITE\n";
 /// Version of the layout. Readers refuse any other.
-pub const VERSION: u32 = 7;
+pub const VERSION: u32 = 8;
+/// The oldest version that is read: its groups have no rank.
+pub const OLDEST_VERSION: u32 = 7;
 /// Bytes before the section table.
 pub const HEADER_BYTES: usize = 24;
 /// Bytes of an entry of the section table.

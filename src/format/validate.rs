@@ -213,6 +213,7 @@ fn groups(dag: &Dag) -> Result<(), Fault> {
         fault(finite(&group.lod_sphere.center) && group.lod_sphere.radius.is_finite(), "sphere")?;
         fault(group.error > 0.0 && group.error >= group.attribute_error, "error")?;
         fault(group.bound >= 0.0 && group.quadric >= 0.0, "bound")?;
+        fault(group.rank >= 0.0, "rank")?;
         fault(group.min_own_error.is_finite(), "least error")?;
         fault(group.level < MAX_ROUNDS, "level")?;
     }

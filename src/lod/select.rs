@@ -84,12 +84,9 @@ pub struct FaceBudget {
     groups: Vec<u32>,
 }
 
-/// Part of the bound that an estimate is not below: single bad points count, though less than they do for an error.
-const OF_BOUND: f32 = 0.6;
-
 /// What is compared for a number of triangles.
 fn estimate(group: &Group) -> f32 {
-    group.quadric.max(OF_BOUND * group.distance()).max(group.attribute_error)
+    group.rank
 }
 
 /// The same for what a cluster is itself.

@@ -44,8 +44,11 @@ pub struct Group {
     pub attribute_error: f32,
     /// The least own error of a member: while it is too large everywhere on the sphere, none of them is drawn.
     pub min_own_error: f32,
+    /// What a group costs, as a length that does not fall along the DAG: for a number of triangles, those of the
+    /// least rank are taken coarser first. +∞ where nothing was made from it.
+    pub rank: f32,
     /// Zero: keeps records on 16-byte boundaries.
-    pub reserved: [u32; 2],
+    pub reserved: u32,
 }
 
 const _: () = assert!(size_of::<Group>() == 80);

@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 pub enum StuckReason {
     /// No step of the chain removed enough triangles.
     TooFewCollapses,
+    /// Collapses would have cost more than those of other groups.
+    TooDear,
     /// Every result would have opened a crack to a neighbouring group.
     BorderChanged,
     /// Every result had triangles between materials.

@@ -1,7 +1,7 @@
 //! Bounds of steps against the deviation at points, by its definition and over all triangles.
 
 use super::*;
-use crate::build::simplify::simplify;
+use crate::build::simplify::{Effort, simplify};
 use crate::config::{BuildOptions, Quality};
 use crate::mesh::{Positions, SourceChannel, SourceMesh, weld};
 use crate::model::{BuildReport, ChannelInfo, ChannelType};
@@ -90,6 +90,7 @@ fn group(kind: &str, n: usize, normal_weight: f32, quality: Quality) -> (LocalMe
         positions: mesh.positions,
         attributes: mesh.attributes,
         materials: mesh.materials,
+        copies: Vec::new(),
     };
     (local, content, options)
 }
@@ -240,7 +241,7 @@ fn no_point_deviates_more_than_bounds_state_and_they_are_near() {
         for quality in [Quality::Fast, Quality::Best] {
             let (before, content, options) = group(kind, 10, 1.0, quality);
             let target = before.indices.len() / 6;
-            let after = simplify(&before, target, &content, &options, None).unwrap().mesh;
+            let after = simplify(&before, target, Effort::ANY, &content, &options, None).unwrap().mesh;
             let floor = FLOOR * f64::from(mean_edge(&before));
             for free in [0.0, 0.002, 0.02] {
                 let bound = f64::from(step_deviation(&before, &after, &content, free));

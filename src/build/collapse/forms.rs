@@ -11,6 +11,7 @@ use glam::{DVec3, DVec4};
 
 use super::quadric::Quadric;
 use super::surface::{NONE, Surface};
+use super::wedges::nearest;
 use super::{Cost, Policy};
 
 /// Attributes' gradients are damped on faces thinner than about this, where they mean little. Triangles of CAD meshes
@@ -362,6 +363,43 @@ impl Forms {
         DVec3::new(at(0), at(1), at(2)).try_normalize()
     }
 
+    /// The same where attributes do not count: from the rows of the faces themselves.
+    pub fn mean_normal(
+        &self,
+        surface: &Surface,
+        rows: &[f32],
+        edge: u32,
+        wedges: [u32; 2],
+        position: DVec3,
+    ) -> Option<DVec3> {
+        let [a, b] = surface.edges[edge as usize].ends;
+        let mut sum = DVec3::ZERO;
+        let faces =
+            surface.around(a).chain(surface.around(b).filter(|(f, _)| !surface.faces[*f].has_edge(edge)));
+        for (f, k) in faces {
+            let face = &surface.faces[f];
+            // A face between the ends has a wedge at both.
+            let own = wedges.contains(&face.wedges[k])
+                || face.has_edge(edge) && face.wedges.iter().any(|w| wedges.contains(w));
+            if !own || self.shares[f].area == 0.0 {
+                continue;
+            }
+            let [p, q, r] = face.points.map(|p| surface.positions[p as usize]);
+            let (u, v, to) = (q - p, r - p, position - p);
+            let cross = u.cross(v);
+            let sides = u.length_squared() + v.length_squared();
+            let damped = (cross.length_squared() + (THIN * sides) * (THIN * sides)).recip();
+            let (s, t) = (to.cross(v).dot(cross) * damped, u.cross(to).dot(cross) * damped);
+            let normals = face.wedges.map(|w| {
+                let row = rows[w as usize * self.stride..].first_chunk::<3>();
+                row.map_or(DVec3::ZERO, |n| DVec3::from_array(n.map(f64::from)))
+            });
+            sum += self.shares[f].area
+                * (normals[0] + s * (normals[1] - normals[0]) + t * (normals[2] - normals[0]));
+        }
+        sum.try_normalize()
+    }
+
     fn take_best_of_unpaired(&mut self, surface: &Surface, ends: [u32; 2], quadric: &mut Quadric) {
         let mut wedges = std::mem::take(&mut self.wedges);
         wedges.clear();
@@ -383,32 +421,124 @@ impl Forms {
         self.wedges = wedges;
     }
 
-    /// Where the faces of an edge that collapses to `position` would turn over or become much thinner.
-    pub fn folds(&self, surface: &Surface, edge: u32, position: DVec3) -> bool {
+    /// The faces around an edge that stay when it collapses to `position`: each with the sides that it then has.
+    #[inline]
+    fn moved<'a>(
+        &'a self,
+        surface: &'a Surface,
+        edge: u32,
+        position: DVec3,
+    ) -> impl Iterator<Item = (usize, usize, [DVec3; 2])> + 'a {
         let ends = surface.edges[edge as usize].ends;
-        let folds = |(f, k): (usize, usize)| {
-            let face = &surface.faces[f];
-            if face.has_edge(edge) || self.shares[f].area == 0.0 {
+        let around = ends.into_iter().flat_map(|p| surface.around(p));
+        around.filter(move |(f, _)| !surface.faces[*f].has_edge(edge)).map(move |(f, k)| {
+            let points = surface.faces[f].points;
+            let [q, r] = [1, 2].map(|j| surface.positions[points[(k + j) % 3] as usize]);
+            (f, k, [q - position, r - position])
+        })
+    }
+
+    /// Whether faces of an edge that collapses to `position` would turn over, against what they are or against the
+    /// normals that they carry. `rows` begin with these.
+    pub fn folds(&self, surface: &Surface, rows: &[f32], edge: u32, position: DVec3) -> bool {
+        self.moved(surface, edge, position).any(|(f, _, [u, v])| {
+            if self.shares[f].area == 0.0 {
                 return false;
             }
-            let [q, r] = [1, 2].map(|j| surface.positions[face.points[(k + j) % 3] as usize]);
-            let (u, v) = (q - position, r - position);
             let cross = u.cross(v);
-            let size = cross.length();
-            if cross.dot(self.shares[f].plane.truncate()) <= self.policy.turn * size {
+            let before = self.shares[f].plane.truncate();
+            if cross.dot(before) <= self.policy.turn * cross.length() {
                 return true;
             }
-            let thinness = |size: f64, u: DVec3, v: DVec3| {
-                size / (u.length_squared() + v.length_squared() + (u - v).length_squared())
-            };
-            let now = thinness(size, u, v);
-            if now >= self.policy.thin {
+            if !self.policy.cuts {
                 return false;
             }
-            let p = surface.positions[face.points[k] as usize];
-            now < 0.5 * thinness(2.0 * self.shares[f].area, q - p, r - p)
+            let normals = surface.faces[f].wedges.map(|w| {
+                rows[w as usize * self.stride..]
+                    .first_chunk::<3>()
+                    .map_or(DVec3::ZERO, |n| DVec3::from_array(n.map(f64::from)))
+            });
+            let carried = normals[0] + normals[1] + normals[2];
+            cross.dot(carried) < 0.0 && before.dot(carried) >= 0.0
+        })
+    }
+
+    /// Whether faces of an edge that collapses to `position` would become thin.
+    pub fn thins(&self, surface: &Surface, edge: u32, position: DVec3) -> bool {
+        let thinness = |size: f64, u: DVec3, v: DVec3| {
+            size / (u.length_squared() + v.length_squared() + (u - v).length_squared())
         };
-        surface.around(ends[0]).any(folds) || surface.around(ends[1]).any(folds)
+        self.moved(surface, edge, position).any(|(f, k, [u, v])| {
+            let now = thinness(u.cross(v).length(), u, v);
+            if now >= self.policy.thin || self.shares[f].area == 0.0 {
+                return false;
+            }
+            let face = &surface.faces[f];
+            let [p, q, r] = [0, 1, 2].map(|j| surface.positions[face.points[(k + j) % 3] as usize]);
+            now < 0.5 * thinness(2.0 * self.shares[f].area, q - p, r - p)
+        })
+    }
+
+    /// Squared distances between the faces around an edge and those that are there when it collapses to `position`,
+    /// weighted by area: the larger of both ways. By the rule of three corners and the centre, which is exact for what is
+    /// quadratic.
+    pub fn apart(&self, surface: &Surface, edge: u32, position: DVec3) -> f64 {
+        let ends = surface.edges[edge as usize].ends;
+        let mut before: Vec<[DVec3; 3]> = Vec::new();
+        for (i, end) in ends.into_iter().enumerate() {
+            for (f, _) in surface.around(end) {
+                if i == 0 || !surface.faces[f].has_edge(edge) {
+                    before.push(surface.faces[f].points.map(|p| surface.positions[p as usize]));
+                }
+            }
+        }
+        let after: Vec<[DVec3; 3]> = self
+            .moved(surface, edge, position)
+            .map(|(_, _, [u, v])| [position, position + u, position + v])
+            .collect();
+        let to = |p: DVec3, others: &[[DVec3; 3]]| {
+            others.iter().fold(f64::INFINITY, |best, [a, b, c]| {
+                let at = nearest(p, [*a, *b, *c]);
+                best.min((*a * at[0] + *b * at[1] + *c * at[2]).distance_squared(p))
+            })
+        };
+        let ends = ends.map(|p| surface.positions[p as usize]);
+        let to_after = ends.map(|p| if after.is_empty() { 0.0 } else { to(p, &after) });
+        let to_before = to(position, &before);
+        let one_way = |from: &[[DVec3; 3]], others: &[[DVec3; 3]], known: &dyn Fn(DVec3) -> f64| -> f64 {
+            from.iter()
+                .map(|t| {
+                    let area = 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
+                    let corners: f64 = t.iter().map(|p| known(*p)).sum();
+                    area * (0.75 * to((t[0] + t[1] + t[2]) / 3.0, others) + corners / 12.0)
+                })
+                .sum()
+        };
+        if after.is_empty() {
+            return 0.0;
+        }
+        let at_end = |p: DVec3| ends.iter().position(|end| *end == p).map_or(0.0, |k| to_after[k]);
+        let at_new = |p: DVec3| if p == position { to_before } else { 0.0 };
+        one_way(&before, &after, &at_end).max(one_way(&after, &before, &at_new))
+    }
+
+    /// Room for a further point.
+    pub fn add_point(&mut self) {
+        self.points.push(Sums::default());
+        self.fresh.push(false);
+        self.single.push(NONE);
+    }
+
+    /// Room for so many faces.
+    pub fn add_faces(&mut self, faces: usize) {
+        self.shares.resize(faces, Share::default());
+        self.linear.resize(faces * self.channels.len(), DVec4::ZERO);
+    }
+
+    /// Room for a further wedge.
+    pub fn add_wedge(&mut self) {
+        self.wedge_areas.push(0.0);
+        self.wedge_linear.resize(self.wedge_linear.len() + self.channels.len(), DVec4::ZERO);
     }
 
     /// Mean squared distance of a point to the planes around an edge.

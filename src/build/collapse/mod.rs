@@ -9,8 +9,10 @@
 //! `forms`, what attributes become by `wedges`.
 
 pub mod forms;
+pub mod parts;
 pub mod quadric;
 pub mod queue;
+pub mod sheets;
 pub mod surface;
 pub mod wedges;
 
@@ -18,9 +20,10 @@ use glam::DVec3;
 use rustc_hash::FxHashSet;
 
 use self::forms::{Channel, Forms, Sums};
+use self::parts::Parts;
 use self::quadric::Quadric;
 use self::queue::Queue;
-use self::surface::{Edge, NONE, Surface};
+use self::surface::{Edge, NONE, Ring, Surface};
 use self::wedges::Merge;
 use super::store::LocalMesh;
 use crate::math::Aabb;
@@ -67,8 +70,11 @@ pub struct Policy {
     pub shape_weight: f64,
     /// Cosine of the largest turn of a face.
     pub turn: f64,
-    /// Faces get no thinner than this, area against sides (an equilateral triangle has 0.289), unless they are so.
+    /// Collapses that make a face thinner than this wait, area against sides (an equilateral triangle has 0.289), unless
+    /// it is so: they cost [`THIN_COST`] more.
     pub thin: f64,
+    /// Whether sheets that touch are taken apart, necks are cut and parts go as a whole. Otherwise the topology is kept.
+    pub cuts: bool,
     /// Look at every edge again whose surroundings changed, at once; otherwise when it comes to the front.
     pub eager: bool,
 }
@@ -89,6 +95,7 @@ impl Default for Policy {
             shape_weight: 1.0e-9,
             turn: 0.2,
             thin: 0.02,
+            cuts: true,
             eager: false,
         }
     }
@@ -97,29 +104,74 @@ impl Default for Policy {
 /// The first columns of an attribute row hold the normal.
 const NORMAL_COLUMNS: usize = 3;
 
+/// What a collapse that makes a thin face costs more: this part of the length of the edge, as a distance.
+const THIN_COST: f64 = 0.003;
+/// A ring whose normals' mean is shorter is folded: planes say little of how far its points are, and distances are
+/// looked up.
+const FOLDED: f64 = 0.5;
+
 /// Farthest that a point is placed from the middle of its edge, in lengths of the edge.
 const REACH: f64 = 2.0;
 
-/// Collapses edges until at most `target` triangles are left or no edge may collapse.
+/// How far to collapse.
+#[derive(Clone, Copy, Debug)]
+pub struct Limit {
+    /// Triangles to stop at.
+    pub target: usize,
+    /// The cost to stop at, see [`Collapsed::cost`].
+    pub cost: f64,
+}
+
+impl Limit {
+    /// Down to so many triangles, whatever it costs.
+    pub fn triangles(target: usize) -> Self {
+        Self { target, cost: f64::INFINITY }
+    }
+}
+
+/// What is left of a mesh.
+#[derive(Debug)]
+pub struct Collapsed {
+    /// Its vertices in their places, some moved and with new attributes, and the triangles that are left.
+    pub mesh: LocalMesh,
+    /// The largest root of the mean squared distance of a new point to the planes of the faces it replaced, in the unit
+    /// of the positions, or of a part that went to what is left: an estimate, not a bound.
+    pub error: f32,
+    /// The same without parts that went.
+    pub moved: f32,
+    /// The largest cost of a collapse: an area times a squared distance, times the root of the root of such a distance
+    /// where [`Policy::even`] is set, in the unit of the positions. Costs of different meshes compare.
+    pub cost: f64,
+    /// For each collapse the largest cost so far, and the triangles that were left.
+    pub trace: Vec<(f64, u32)>,
+    /// Whether it stopped at the cost to stop at.
+    pub stopped: bool,
+}
+
+/// Collapses edges until a limit is reached or no edge may collapse.
 ///
 /// Points (distinct positions) of `mesh` with `locked` set on a vertex stay, as do the attributes of their vertices.
 /// `rows` holds the attributes of each vertex, `weights` one weight for each float of a row: a unit of it as a part of
-/// the mesh's extent (the longest side of its box). Returns the mesh with its vertices in their places, some moved and
-/// with new attributes, the triangles that are left; and the largest root of the mean squared distance of a new point
-/// to the planes of the faces it replaced, in the unit of the positions: an estimate, not a bound.
+/// the mesh's extent (the longest side of its box).
 ///
-/// Topology by position is kept, for any input; triangles with two corners at one position are dropped.
+/// Sheets that touch are taken apart, so that vertices may be added at the end, see [`LocalMesh::copies`]. Edges never
+/// get more faces than they have. Triangles with two corners at one position are dropped.
 pub fn collapse(
     mesh: &LocalMesh,
     locked: &[bool],
     rows: Vec<f32>,
     weights: &[f32],
-    target: usize,
+    limit: Limit,
     policy: &Policy,
-) -> (LocalMesh, f32) {
+) -> Collapsed {
     let mut collapser = Collapser::new(mesh, locked, rows, weights, *policy);
-    let error = collapser.run(target);
-    (collapser.finish(mesh), error)
+    // As costs are inside.
+    let unit = collapser.extent.powf(if policy.even { 4.5 } else { 4.0 });
+    let (error, moved, stopped) = collapser.run(limit.target, limit.cost / unit);
+    let mut trace = std::mem::take(&mut collapser.trace);
+    trace.iter_mut().for_each(|(cost, _)| *cost *= unit);
+    let cost = trace.last().map_or(0.0, |(cost, _)| *cost);
+    Collapsed { mesh: collapser.finish(mesh), error, moved, cost, trace, stopped }
 }
 
 /// What is known of an edge in the queue.
@@ -129,6 +181,10 @@ struct Entry {
     seen: u32,
     /// Its best place folds the surface; its cost is that of the next best.
     second: bool,
+    /// It waited as it makes a thin face.
+    thin: bool,
+    /// It waited for a ring in its way.
+    ring: bool,
     /// Its best place, whether it folds the surface or not.
     place: DVec3,
 }
@@ -157,6 +213,14 @@ fn ranks(mesh: &LocalMesh, point_of: &[u32], points: usize) -> Vec<u8> {
 
 struct Collapser {
     policy: Policy,
+    /// What hangs together, and in which order it may go.
+    parts: Parts,
+    part_queue: Queue,
+    /// The vertex that each further one is a copy of, and how many there were.
+    copies: Vec<u32>,
+    vertices: usize,
+    /// See [`Collapsed::trace`].
+    trace: Vec<(f64, u32)>,
     /// Internal = center + extent · local.
     center: DVec3,
     extent: f64,
@@ -192,7 +256,7 @@ struct Collapser {
 }
 
 impl Collapser {
-    fn new(mesh: &LocalMesh, locked: &[bool], rows: Vec<f32>, weights: &[f32], policy: Policy) -> Self {
+    fn new(mesh: &LocalMesh, locked: &[bool], mut rows: Vec<f32>, weights: &[f32], policy: Policy) -> Self {
         let bounds = Aabb::of_points(&mesh.positions);
         let [min, max] = [bounds.min, bounds.max].map(|p| DVec3::from_array(p.map(f64::from)));
         let extent = Some((max - min).max_element()).filter(|e| *e > 0.0 && e.is_finite()).unwrap_or(1.0);
@@ -211,8 +275,32 @@ impl Collapser {
             is_locked[point_of[v] as usize] |= locked[v];
         }
         let local = |p: &[f32; 3]| (DVec3::from_array(p.map(f64::from)) - center) / extent;
-        let surface = Surface::new(places.iter().map(local).collect(), is_locked, &point_of, &mesh.indices);
+        let mut surface =
+            Surface::new(places.iter().map(local).collect(), is_locked, &point_of, &mesh.indices);
         let stride = weights.len();
+        let mut copies = Vec::new();
+        if policy.cuts
+            && let Some(apart) = sheets::take_apart(&surface, mesh.positions.len())
+        {
+            let Surface { mut positions, mut locked, .. } = surface;
+            for (p, q, part) in apart.places {
+                let place = positions[p as usize].lerp(positions[q as usize], part);
+                let internal = (center + place * extent).as_vec3().to_array();
+                let is_copy = part == 0.0;
+                places.push(if is_copy { places[p as usize] } else { internal });
+                positions.push(if is_copy { positions[p as usize] } else { local(&internal) });
+            }
+            for (v, w, part) in apart.wedges {
+                let row = |w: u32, j: usize| rows[w as usize * stride + j];
+                let mixed = |j: usize| row(v, j) + part as f32 * (row(w, j) - row(v, j));
+                let new: Vec<f32> = (0..stride).map(mixed).collect();
+                rows.extend(new);
+                copies.push((v as usize).checked_sub(mesh.positions.len()).map_or(v, |copy| copies[copy]));
+            }
+            point_of.extend(&apart.points);
+            locked.resize(positions.len(), false);
+            surface = Surface::new(positions, locked, &point_of, &apart.corners);
+        }
         let channels = (0..stride)
             .filter(|k| weights[*k] > 0.0)
             .map(|column| {
@@ -220,7 +308,7 @@ impl Collapser {
                 Channel { column, weight: f64::from(weights[column]) * factor }
             })
             .collect();
-        let forms = Forms::new(&surface, &rows, stride, mesh.positions.len(), channels, policy);
+        let forms = Forms::new(&surface, &rows, stride, point_of.len(), channels, policy);
         let area: f64 = (0..surface.faces.len()).map(|f| forms.plane(f).1).sum();
         let mean = area / surface.faces.len().max(1) as f64;
         Self {
@@ -234,6 +322,11 @@ impl Collapser {
             waiting: vec![false; places.len()],
             changed: vec![0; places.len()],
             rank: ranks(mesh, &point_of, places.len()),
+            parts: if policy.cuts { Parts::of(&surface) } else { Parts::default() },
+            part_queue: Queue::default(),
+            copies,
+            trace: Vec::new(),
+            vertices: mesh.positions.len(),
             drift: vec![0.0; places.len()],
             count: 0,
             taken: places.iter().copied().map(bits).collect(),
@@ -249,26 +342,56 @@ impl Collapser {
         }
     }
 
-    /// Collapses down to `target` triangles; returns the error.
-    fn run(&mut self, target: usize) -> f32 {
+    /// Collapses down to `target` triangles, or up to a cost; returns the error, the same without
+    /// parts that went, and whether the cost was the limit.
+    fn run(&mut self, target: usize, limit: f64) -> (f32, f32, bool) {
         self.queue.reset(self.surface.edges.len());
         for edge in 0..self.surface.edges.len() as u32 {
             self.look(edge);
         }
-        let mut worst = 0.0f64;
+        self.part_queue.reset(self.parts.all.len());
+        (0..self.parts.all.len() as u32).for_each(|part| self.queue_part(part));
+        let (mut worst, mut gone, mut most, mut stopped) = (0.0f64, 0.0f64, 0.0f32, false);
         while self.surface.alive > target {
-            let Some((edge, cost)) = self.queue.peek() else { break };
+            let part = self.part_queue.peek();
+            let next = self.queue.peek();
+            if let Some((part, cost)) = part
+                && next.is_none_or(|(_, next)| cost <= next)
+            {
+                let Some(squared) = self.leave_out(part, cost, target, limit, next.is_none()) else {
+                    continue;
+                };
+                (gone, most) = (gone.max(squared), most.max(cost));
+                self.trace.push((most.into(), self.surface.alive as u32));
+                continue;
+            }
+            let Some((edge, cost)) = next else { break };
+            if f64::from(cost) > limit {
+                stopped = true;
+                break;
+            }
             let [a, b] = self.surface.edges[edge as usize].ends;
-            let Entry { seen, second, place: mut position, .. } = self.entries[edge as usize];
+            let Entry { seen, second, thin, ring, place: mut position } = self.entries[edge as usize];
             if seen < self.changed[a as usize].max(self.changed[b as usize]) {
                 self.look(edge);
                 continue;
             }
             if !self.surface.can_collapse(edge) {
+                match self.surface.ring(edge).filter(|_| self.policy.cuts) {
+                    None => self.block(edge),
+                    Some(found) if ring => self.cut(&found),
+                    Some(found) => {
+                        self.entries[edge as usize].ring = true;
+                        self.queue.set(edge, self.with_closing(&found, f64::from(cost)) as f32);
+                    }
+                }
+                continue;
+            }
+            if self.surface.makes_chord(edge) {
                 self.block(edge);
                 continue;
             }
-            if second || self.forms.folds(&self.surface, edge, position) {
+            if second || self.forms.folds(&self.surface, &self.rows, edge, position) {
                 let Some((place, next)) = self.other_place(edge) else {
                     self.block(edge);
                     continue;
@@ -280,18 +403,86 @@ impl Collapser {
                 }
                 position = place;
             }
+            if !thin && self.forms.thins(&self.surface, edge, position) {
+                self.entries[edge as usize].thin = true;
+                self.queue.set(edge, self.later(edge, f64::from(cost)) as f32);
+                continue;
+            }
             let squared = self.forms.squared_distance(&self.surface, edge, position);
-            worst = worst.max(squared);
             let drift = self.past(edge) + squared;
             match self.apply(edge, position) {
                 Some(point) => {
+                    (worst, most) = (worst.max(squared), most.max(cost));
+                    self.trace.push((most.into(), self.surface.alive as u32));
                     self.drift[point as usize] = drift;
                     self.look_around();
                 }
                 None => self.block(edge),
             }
         }
-        (worst.sqrt() * self.extent) as f32
+        let [error, moved] = [worst.max(gone), worst].map(|squared| (squared.sqrt() * self.extent) as f32);
+        (error, moved, stopped)
+    }
+
+    /// What an edge costs that makes a thin face.
+    fn later(&self, edge: u32, cost: f64) -> f64 {
+        let ends = self.surface.edges[edge as usize].ends.map(|p| self.surface.positions[p as usize]);
+        let squared = THIN_COST * THIN_COST * ends[0].distance_squared(ends[1]);
+        let area = self.sums_area(edge);
+        cost + if self.policy.even { area * squared * squared.sqrt().sqrt() } else { area * squared }
+    }
+
+    /// The area of the faces around an edge.
+    fn sums_area(&self, edge: u32) -> f64 {
+        let ends = self.surface.edges[edge as usize].ends;
+        let faces = ends.into_iter().flat_map(|p| self.surface.around(p));
+        faces.map(|(f, _)| self.forms.plane(f).1).sum()
+    }
+
+    /// Puts a part in its place if it may go as a whole, as if it cost nothing: what it costs is worked out in front.
+    fn queue_part(&mut self, part: u32) {
+        if self.parts.may_go(part) && self.parts.several() {
+            self.part_queue.set(part, 0.0);
+        }
+    }
+
+    /// Leaves out a part that came to the front, or puts it where it belongs. Returns the mean squared distance of what
+    /// is left out.
+    fn leave_out(&mut self, part: u32, cost: f32, target: usize, limit: f64, last: bool) -> Option<f64> {
+        let Some(alive) = self.parts.may_go(part).then(|| self.parts.all[part as usize].alive) else {
+            self.part_queue.remove(part);
+            return None;
+        };
+        let Some((sum, area)) = self.parts.apart(&self.surface, part) else {
+            self.part_queue.remove(part);
+            return None;
+        };
+        let squared = if area > 0.0 { sum / area } else { 0.0 };
+        // As much for each pair of triangles as for a collapse, which takes two.
+        let total = 2.0 * sum / f64::from(alive);
+        let now = if self.policy.even { total * squared.sqrt().sqrt() } else { total };
+        if now as f32 > cost {
+            self.part_queue.set(part, now as f32);
+            return None;
+        }
+        let fits = self.surface.alive >= target + alive as usize;
+        if f64::from(cost) > limit || !(fits || last) {
+            self.part_queue.remove(part);
+            return None;
+        }
+        self.part_queue.remove(part);
+        let faces = std::mem::take(&mut self.parts.all[part as usize].faces);
+        for f in faces {
+            let face = &self.surface.faces[f as usize];
+            if !face.alive() || self.parts.at(face.points[0]) != part {
+                continue;
+            }
+            let edges = face.edges;
+            edges.into_iter().for_each(|e| self.queue.remove(e));
+            self.surface.remove_face(f as usize);
+        }
+        self.parts.went(&self.surface, part);
+        Some(squared)
     }
 
     fn block(&mut self, edge: u32) {
@@ -364,8 +555,9 @@ impl Collapser {
     /// The best place for the point that an edge becomes, whether it folds the surface or not, and its cost.
     fn best_place(&self, edge: u32, sums: &Sums) -> (DVec3, f64) {
         let (ends, locked) = self.ends(edge);
+        let folded = self.policy.cuts && sums.volume.truncate().length() < FOLDED * sums.area;
         if let Some(place) = locked {
-            return (place, self.cost(sums, ends, place));
+            return (place, self.price(edge, sums, ends, place, folded));
         }
         let middle = (ends[0] + ends[1]) * 0.5;
         let mut whole = self.to_minimize(sums);
@@ -373,11 +565,18 @@ impl Collapser {
             whole.add_square(sums.volume, self.policy.volume_weight / sums.area);
         }
         let reach = REACH * REACH * ends[0].distance_squared(ends[1]);
-        whole
+        let best = whole
             .minimum_near(middle, self.policy.shape_weight * sums.area)
-            .filter(|offset| offset.length_squared() <= reach)
-            .map(|offset| (middle + offset, self.cost(sums, ends, middle + offset)))
-            .or_else(|| self.cheapest(self.places_on(ends, sums), sums, ends, |_| true))
+            .filter(|offset| offset.length_squared() <= reach);
+        if folded {
+            let [along, ..] = self.places_on(ends, sums);
+            let places = [best.map_or(along, |offset| middle + offset), middle, ends[0], ends[1]];
+            return self
+                .cheapest(edge, places, sums, ends, true, |_| true)
+                .unwrap_or((middle, f64::INFINITY));
+        }
+        best.map(|offset| (middle + offset, self.cost(sums, ends, middle + offset)))
+            .or_else(|| self.cheapest(edge, self.places_on(ends, sums), sums, ends, false, |_| true))
             .unwrap_or((middle, f64::INFINITY))
     }
 
@@ -394,14 +593,22 @@ impl Collapser {
         [ends[0] + along * t, ends[0] + along * 0.5, ends[0], ends[1]]
     }
 
+    /// The cost of a place; around a fold by the distances of the faces before and after.
+    fn price(&self, edge: u32, sums: &Sums, ends: [DVec3; 2], p: DVec3, folded: bool) -> f64 {
+        let cost = self.cost(sums, ends, p);
+        if folded { cost.max(self.forms.apart(&self.surface, edge, p)) } else { cost }
+    }
+
     fn cheapest(
         &self,
+        edge: u32,
         places: [DVec3; 4],
         sums: &Sums,
         ends: [DVec3; 2],
+        folded: bool,
         fits: impl Fn(DVec3) -> bool,
     ) -> Option<(DVec3, f64)> {
-        let mut priced = places.map(|p| (p, self.cost(sums, ends, p)));
+        let mut priced = places.map(|p| (p, self.price(edge, sums, ends, p, folded)));
         priced.sort_by(|a, b| a.1.total_cmp(&b.1));
         priced.into_iter().find(|(p, _)| fits(*p))
     }
@@ -417,7 +624,9 @@ impl Collapser {
             Some(place) => [place; 4],
             None => self.places_on(ends, sums),
         };
-        self.cheapest(places, sums, ends, |p| !self.forms.folds(&self.surface, edge, p))
+        let folded = self.policy.cuts && sums.volume.truncate().length() < FOLDED * sums.area;
+        let fits = |p| !self.forms.folds(&self.surface, &self.rows, edge, p);
+        self.cheapest(edge, places, sums, ends, folded, fits)
             .map(|(place, cost)| (place, self.total(edge, sums, cost)))
     }
 
@@ -447,8 +656,10 @@ impl Collapser {
         self.taken.insert(bits(place));
         self.places[keep as usize] = place;
         let queue = &mut self.queue;
+        let before = surface.alive;
         surface.collapse(edge, keep, at, |e| queue.remove(e));
         self.forms.merge(keep, other);
+        let gone = (before - surface.alive) as u32;
         if !self.rank.is_empty() {
             self.rank[keep as usize] = self.rank[keep as usize].max(self.rank[other as usize]);
         }
@@ -456,7 +667,25 @@ impl Collapser {
         self.merge.apply(surface, &mut self.rows, self.stride, keep);
         self.count += 1;
         self.ring.clear();
-        for (f, k) in surface.around(keep) {
+        self.take_in(keep);
+        if !self.parts.all.is_empty() {
+            let part = self.parts.at(keep);
+            let alive = &mut self.parts.all[part as usize].alive;
+            *alive -= gone;
+            if !self.part_queue.holds(part) {
+                self.queue_part(part);
+            }
+        }
+        for p in &self.ring {
+            self.forms.touch(*p);
+        }
+        Some(keep)
+    }
+
+    /// Takes in that a point, and so the faces around it, changed.
+    fn take_in(&mut self, point: u32) {
+        let surface = &self.surface;
+        for (f, k) in surface.around(point) {
             self.forms.set_face(surface, &self.rows, f);
             for p in [(k + 1) % 3, (k + 2) % 3].map(|j| surface.faces[f].points[j]) {
                 if self.changed[p as usize] != self.count {
@@ -465,12 +694,77 @@ impl Collapser {
                 }
             }
         }
-        self.changed[keep as usize] = self.count;
-        self.ring.push(keep);
-        for p in &self.ring {
-            self.forms.touch(*p);
+        if self.changed[point as usize] != self.count {
+            self.changed[point as usize] = self.count;
+            self.ring.push(point);
         }
-        Some(keep)
+    }
+
+    /// What an edge costs with the face that closes a ring in its way: as if that were a third of its height off.
+    fn with_closing(&self, ring: &Ring, cost: f64) -> f64 {
+        let [a, b, c] = ring.points.map(|p| self.surface.positions[p as usize]);
+        let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
+        let area = 0.5 * (b - a).cross(c - a).length();
+        let squared = if longest > 0.0 { 4.0 * area * area / longest / 9.0 } else { 0.0 };
+        cost + if self.policy.even { area * squared * squared.sqrt().sqrt() } else { area * squared }
+    }
+
+    /// Cuts the surface along a ring and closes both sides.
+    fn cut(&mut self, ring: &Ring) {
+        self.count += 1;
+        self.ring.clear();
+        let new = ring.points.map(|old| self.copy_point(old));
+        let named: [u32; 3] = std::array::from_fn(|i| {
+            let corner = ring.fans[i][0] as usize;
+            let old = self.surface.faces[corner / 3].wedges[corner % 3];
+            self.copies.push(self.origin(old));
+            let row = old as usize * self.stride..(old as usize + 1) * self.stride;
+            self.rows.extend_from_within(row);
+            self.forms.add_wedge();
+            (self.vertices + self.copies.len()) as u32 - 1
+        });
+        self.surface.cut_ring(ring, new, named);
+        self.forms.add_faces(self.surface.faces.len());
+        let edges = self.surface.edges.len();
+        self.entries.resize(edges, Entry::default());
+        self.blocked.resize(edges, false);
+        self.queue.extend(edges);
+        for p in ring.points.into_iter().chain(new) {
+            self.take_in(p);
+            self.waiting[p as usize] = true;
+        }
+        self.ring.iter().for_each(|p| self.forms.touch(*p));
+        for edge in edges - 3..edges {
+            self.look(edge as u32);
+        }
+        self.look_around();
+        let known = self.parts.all.len();
+        self.parts.take_in_cut(&self.surface, [ring.points[0], new[0]]);
+        if self.parts.all.len() > known {
+            self.part_queue.extend(self.parts.all.len());
+            self.queue_part(known as u32);
+        }
+        let part = self.parts.at(ring.points[0]);
+        self.queue_part(part);
+    }
+
+    /// The vertex that a wedge is, or is a copy of.
+    fn origin(&self, wedge: u32) -> u32 {
+        (wedge as usize).checked_sub(self.vertices).map_or(wedge, |copy| self.copies[copy])
+    }
+
+    fn copy_point(&mut self, old: u32) -> u32 {
+        let p = old as usize;
+        self.waiting.push(false);
+        self.changed.push(self.changed[p]);
+        self.places.push(self.places[p]);
+        if !self.rank.is_empty() {
+            self.rank.push(self.rank[p]);
+        }
+        self.drift.push(self.drift[p]);
+        self.forms.add_point();
+        self.parts.copy_point(old);
+        self.surface.copy_point(old)
     }
 
     /// Looks again at the edges that touch the ring: all of them, or those that were blocked.
@@ -501,16 +795,9 @@ impl Collapser {
 
     /// The mesh as it is now.
     fn finish(self, mesh: &LocalMesh) -> LocalMesh {
-        let mut out = LocalMesh {
-            ids: mesh.ids.clone(),
-            positions: mesh.positions.clone(),
-            attributes: self.rows,
-            labels: mesh.labels.clone(),
-            materials: mesh.materials.clone(),
-            position_ids: mesh.position_ids.clone(),
-            locked: mesh.locked.clone(),
-            indices: Vec::with_capacity(3 * self.surface.alive),
-        };
+        let mut out = LocalMesh { attributes: Vec::new(), ..mesh.with_copies(&self.copies) };
+        out.attributes = self.rows;
+        out.indices = Vec::with_capacity(3 * self.surface.alive);
         for face in self.surface.faces.iter().filter(|f| f.alive()) {
             for (w, p) in face.wedges.iter().zip(face.points) {
                 out.positions[*w as usize] = self.places[p as usize];

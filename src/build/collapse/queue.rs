@@ -20,6 +20,11 @@ impl Queue {
         self.places.resize(edges, ABSENT);
     }
 
+    /// Makes room for edges below `edges`.
+    pub fn extend(&mut self, edges: usize) {
+        self.places.resize(edges.max(self.places.len()), ABSENT);
+    }
+
     /// Puts an edge at its cost, whether it was there or not. A cost that is not a number counts as infinite.
     pub fn set(&mut self, edge: u32, cost: f32) {
         let cost = if cost.is_nan() { f32::INFINITY } else { cost.max(0.0) };

@@ -70,6 +70,19 @@ impl Edge {
     }
 }
 
+/// Three edges in a ring without a face.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ring {
+    /// Its points.
+    pub points: [u32; 3],
+    /// The edges from each point to the next.
+    pub edges: [u32; 3],
+    /// The corners at each point on one side of the ring.
+    pub fans: [Vec<u32>; 3],
+    /// The face at each edge on that side.
+    pub sides: [u32; 3],
+}
+
 /// The mesh.
 #[derive(Debug, Default)]
 pub struct Surface {
@@ -262,6 +275,45 @@ impl Surface {
         done < fan.len()
     }
 
+    /// Whether sheets may touch at a point: it is singular, or more than two faces meet at an edge of it.
+    pub fn is_pinched(&self, point: u32) -> bool {
+        let crowded = |(f, k): (usize, usize)| {
+            let edges = &self.faces[f].edges;
+            [edges[k], edges[(k + 2) % 3]].iter().any(|e| self.edges[*e as usize].faces > 2)
+        };
+        self.singular[point as usize] || self.around(point).any(crowded)
+    }
+
+    /// Whether collapsing an edge onto its locked end would join that end to another locked point: a chord, which the
+    /// group on the other side of both may make as well.
+    pub fn makes_chord(&mut self, edge: u32) -> bool {
+        let ends = self.edges[edge as usize].ends;
+        let [a, b] = ends.map(|p| self.locked[p as usize]);
+        if a == b {
+            return false;
+        }
+        let (stays, goes) = if a { (ends[0], ends[1]) } else { (ends[1], ends[0]) };
+        self.next_stamp();
+        let mut marks = std::mem::take(&mut self.marks);
+        marks[stays as usize] = self.stamp;
+        for (f, _) in self.around(stays) {
+            self.faces[f].points.iter().for_each(|p| marks[*p as usize] = self.stamp);
+        }
+        let new = |p: &u32| *p != goes && self.locked[*p as usize] && marks[*p as usize] != self.stamp;
+        let chord = self.around(goes).any(|(f, _)| self.faces[f].points.iter().any(new));
+        self.marks = marks;
+        chord
+    }
+
+    /// Stamps that no mark has.
+    fn next_stamp(&mut self) {
+        if self.stamp >= u32::MAX - 3 {
+            self.marks.fill(0);
+            self.stamp = 0;
+        }
+        self.stamp += 3;
+    }
+
     /// Whether collapsing an edge keeps the topology.
     pub fn can_collapse(&mut self, edge: u32) -> bool {
         let Edge { ends: [a, b], faces, .. } = self.edges[edge as usize];
@@ -269,11 +321,7 @@ impl Surface {
         if rim == [true; 2] {
             return false;
         }
-        if self.stamp >= u32::MAX - 3 {
-            self.marks.fill(0);
-            self.stamp = 0;
-        }
-        self.stamp += 3;
+        self.next_stamp();
         let [near, opposite, common] = [0, 1, 2].map(|k| self.stamp + k);
         let mut marks = std::mem::take(&mut self.marks);
         let mut fits = true;
@@ -421,6 +469,173 @@ impl Surface {
             corner = self.next[corner as usize];
         }
         self.find_lines_around(point);
+    }
+
+    /// The smallest ring of three edges without a face that stands in the way of collapsing an edge: through it and a
+    /// point near both of its ends. None where anything but such rings does, or where they are not free.
+    pub fn ring(&mut self, edge: u32) -> Option<Ring> {
+        let Edge { ends: [a, b], faces, .. } = self.edges[edge as usize];
+        if faces != 2 || ![a, b].into_iter().all(|p| self.is_plain(p)) {
+            return None;
+        }
+        self.next_stamp();
+        let near = self.stamp;
+        for corner in self.corners_at(a) {
+            self.faces[corner / 3].points.into_iter().for_each(|p| self.marks[p as usize] = near);
+        }
+        for f in self.beside(edge).collect::<Vec<_>>() {
+            self.faces[f].points.into_iter().for_each(|p| self.marks[p as usize] = 0);
+        }
+        let near_both = |p: &u32| self.marks[*p as usize] == near;
+        let points = self.around(b).flat_map(|(f, _)| self.faces[f].points).filter(near_both);
+        let corners = |p: u32| [a, b, p].map(|p| self.positions[p as usize]);
+        let area = |p: u32| {
+            let [a, b, c] = corners(p);
+            (b - a).cross(c - a).length_squared()
+        };
+        let at = points.filter(|p| self.is_plain(*p)).min_by(|p, q| area(*p).total_cmp(&area(*q)))?;
+        let to = |p: u32, q: u32| {
+            let edges = self.around(p).flat_map(|(f, k)| {
+                let edges = self.faces[f].edges;
+                [edges[k], edges[(k + 2) % 3]]
+            });
+            edges.into_iter().find(|e| self.edges[*e as usize].ends.contains(&q))
+        };
+        let (points, edges) = ([a, b, at], [edge, to(b, at)?, to(at, a)?]);
+        // One side of it, from the first edge on.
+        let start = self.edges[edge as usize].sides[0] as usize;
+        let of_b = self.fan_between(b, start, edges[0], edges[1])?;
+        let next = *of_b.last()? as usize / 3;
+        let of_c = self.fan_between(at, next, edges[1], edges[2])?;
+        let last = *of_c.last()? as usize / 3;
+        let of_a = self.fan_between(a, start, edges[0], edges[2])?;
+        if *of_a.last()? as usize / 3 != last {
+            return None;
+        }
+        Some(Ring {
+            points,
+            edges,
+            fans: [of_a, of_b, of_c],
+            sides: [start as u32, next as u32, last as u32],
+        })
+    }
+
+    /// Whether a point is free, and all around it is one sheet without seams.
+    pub fn is_plain(&self, point: u32) -> bool {
+        let plain = |(f, k): (usize, usize)| {
+            let edges = &self.faces[f].edges;
+            [edges[k], edges[(k + 2) % 3]].iter().all(|e| {
+                let edge = &self.edges[*e as usize];
+                edge.faces == 2 && !edge.crease
+            })
+        };
+        let p = point as usize;
+        !self.locked[p] && !self.singular[p] && self.around(point).all(plain)
+    }
+
+    /// Corners at a point.
+    fn corners_at(&self, point: u32) -> Vec<usize> {
+        self.around(point).map(|(f, k)| 3 * f + k).collect()
+    }
+
+    /// The corners at a point from a face at one edge on, until the face at another edge.
+    fn fan_between(&self, point: u32, start: usize, from: u32, to: u32) -> Option<Vec<u32>> {
+        let mut corners = Vec::new();
+        let (mut face, mut across) = (start, from);
+        loop {
+            let k = self.faces[face].points.iter().position(|p| *p == point)?;
+            corners.push((3 * face + k) as u32);
+            let edges = &self.faces[face].edges;
+            let [out, back] = [edges[k], edges[(k + 2) % 3]];
+            let next = if out == across { back } else { out };
+            if next == to {
+                return Some(corners);
+            }
+            let sides = self.edges[next as usize].sides;
+            let other = if sides[0] as usize == face { sides[1] } else { sides[0] };
+            if next == from || other == NONE {
+                return None;
+            }
+            (face, across) = (other as usize, next);
+        }
+    }
+
+    /// Cuts the surface along a ring and closes both sides with a face: the corners of its fans move to points of their
+    /// own, `new`, which have no faces yet, with the wedges `named`. Three edges and two faces are added.
+    pub fn cut_ring(&mut self, ring: &Ring, new: [u32; 3], named: [u32; 3]) {
+        let old_wedges: [u32; 3] = std::array::from_fn(|i| {
+            let corner = ring.fans[i][0] as usize;
+            self.faces[corner / 3].wedges[corner % 3]
+        });
+        let first_edge = self.edges.len() as u32;
+        let new_edges = [0, 1, 2].map(|i| first_edge + i);
+        for i in 0..3 {
+            for corner in &ring.fans[i] {
+                let (f, k) = (*corner as usize / 3, *corner as usize % 3);
+                self.unlink(ring.points[i], f);
+                self.faces[f].points[k] = new[i];
+                self.faces[f].wedges[k] = named[i];
+                self.next[*corner as usize] = std::mem::replace(&mut self.first[new[i] as usize], *corner);
+                for side in [k, (k + 2) % 3] {
+                    let e = self.faces[f].edges[side];
+                    if !ring.edges.contains(&e) {
+                        let ends = &mut self.edges[e as usize].ends;
+                        ends.iter_mut().filter(|p| **p == ring.points[i]).for_each(|p| *p = new[i]);
+                    }
+                }
+            }
+        }
+        let closing = [self.faces.len() as u32, self.faces.len() as u32 + 1];
+        let start = &self.faces[ring.sides[0] as usize];
+        let forward = (0..3).any(|k| start.points[k] == new[0] && start.points[(k + 1) % 3] == new[1]);
+        for i in 0..3 {
+            let (edge, side) = (ring.edges[i], ring.sides[i]);
+            self.edges.push(Edge {
+                ends: [new[i], new[(i + 1) % 3]],
+                faces: 2,
+                sides: [side, closing[1]],
+                crease: false,
+            });
+            self.edges[edge as usize].sides.iter_mut().filter(|f| **f == side).for_each(|f| *f = closing[0]);
+            self.faces[side as usize]
+                .edges
+                .iter_mut()
+                .filter(|e| **e == edge)
+                .for_each(|e| *e = new_edges[i]);
+        }
+        // The face that closes a side runs against what is there.
+        self.push_face(ring.points, old_wedges, ring.edges, !forward);
+        self.push_face(new, named, new_edges, forward);
+    }
+
+    /// Adds a face, with its edges from each corner to the next; turned over if asked for.
+    fn push_face(&mut self, points: [u32; 3], wedges: [u32; 3], edges: [u32; 3], turned: bool) {
+        let order = |x: [u32; 3]| if turned { [x[0], x[2], x[1]] } else { x };
+        let edges = if turned { [edges[2], edges[1], edges[0]] } else { edges };
+        let first = 3 * self.faces.len() as u32;
+        self.faces.push(Face { points: order(points), wedges: order(wedges), edges, lines: 0 });
+        for (k, p) in (0..).zip(order(points)) {
+            self.next.push(std::mem::replace(&mut self.first[p as usize], first + k));
+        }
+        self.alive += 1;
+    }
+
+    /// Adds a point at the place of another, without faces.
+    pub fn copy_point(&mut self, point: u32) -> u32 {
+        self.positions.push(self.positions[point as usize]);
+        self.locked.push(false);
+        self.singular.push(false);
+        self.first.push(NONE);
+        self.marks.push(0);
+        self.positions.len() as u32 - 1
+    }
+
+    /// Takes a face away, with what hangs on it; its edges stay numbered and may have no faces left.
+    pub fn remove_face(&mut self, face: usize) {
+        let points = self.faces[face].points;
+        points.into_iter().for_each(|p| self.unlink(p, face));
+        self.faces[face].points = [NONE; 3];
+        self.alive -= 1;
     }
 
     /// Takes a face out of the list of a point.

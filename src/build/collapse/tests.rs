@@ -22,8 +22,20 @@ fn mesh(positions: &[[f32; 3]], faces: &[[u32; 3]]) -> LocalMesh {
 
 const WEIGHTS: [f32; 3] = [0.02; 3];
 
+fn run_by(mesh: &LocalMesh, target: usize, policy: Policy) -> (LocalMesh, f32) {
+    let limit = Limit::triangles(target);
+    let made = collapse(mesh, &mesh.locked, mesh.attributes.clone(), &WEIGHTS, limit, &policy);
+    (made.mesh, made.error)
+}
+
+/// Keeps the topology.
 fn run(mesh: &LocalMesh, target: usize) -> (LocalMesh, f32) {
-    collapse(mesh, &mesh.locked, mesh.attributes.clone(), &WEIGHTS, target, &Policy::default())
+    run_by(mesh, target, Policy { cuts: false, ..Policy::default() })
+}
+
+/// Takes sheets apart, cuts rings, leaves out parts.
+fn run_with_cuts(mesh: &LocalMesh, target: usize) -> (LocalMesh, f32) {
+    run_by(mesh, target, Policy::default())
 }
 
 /// A square of n × n cells without those that `hole` names.
@@ -125,9 +137,8 @@ fn closed_surfaces_stay_closed_down_to_the_last_triangle() {
         let sphere = cube(12, true);
         let before = counts(&sphere);
         for target in [800, 100, 0] {
-            let policy = Policy { cost, ..Policy::default() };
-            let (out, error) =
-                collapse(&sphere, &sphere.locked, sphere.attributes.clone(), &WEIGHTS, target, &policy);
+            let policy = Policy { cost, cuts: false, ..Policy::default() };
+            let (out, error) = run_by(&sphere, target, policy);
             assert_eq!(counts(&out), before);
             assert!(out.indices.len() / 3 <= target.max(20), "{}", out.indices.len() / 3);
             assert!(error > 0.0 && error < 1.0);
@@ -245,6 +256,124 @@ fn sheets_that_meet_keep_meeting() {
     }
 }
 
+/// A ring of n × m cells about a circle.
+fn torus(n: u32, m: u32, place: [f32; 3], size: f32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+    let turn = |k: u32, of: u32| (std::f32::consts::TAU * k as f32 / of as f32).sin_cos();
+    let at = |k: u32| {
+        let ((s, c), (t, d)) = (turn(k / m, n), turn(k % m, m));
+        let r = 1.0 + 0.3 * d;
+        [place[0] + size * r * c, place[1] + size * r * s, place[2] + size * 0.3 * t]
+    };
+    let cell = |k: u32| {
+        let (i, j) = (k / m, k % m);
+        let id = |i: u32, j: u32| (i % n) * m + j % m;
+        let [a, b, c, d] = [id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1)];
+        [[a, b, c], [a, c, d]]
+    };
+    ((0..n * m).map(at).collect(), (0..n * m).flat_map(cell).collect())
+}
+
+/// Faces of each edge, by vertex: what was cut may lie in one place.
+fn faces_of_edges(mesh: &LocalMesh) -> Vec<u32> {
+    let mut edges: BTreeMap<[u32; 2], u32> = BTreeMap::new();
+    for t in mesh.indices.chunks_exact(3) {
+        for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+            *edges.entry([a.min(b), a.max(b)]).or_insert(0) += 1;
+        }
+    }
+    edges.into_values().collect()
+}
+
+#[test]
+fn handles_are_cut_where_nothing_else_is_left() {
+    let (positions, faces) = torus(40, 20, [0.0; 3], 1.0);
+    let ring = mesh(&positions, &faces);
+    let (fine, _) = run_with_cuts(&ring, 400);
+    assert_eq!(counts(&fine).euler, 0);
+    let (out, _) = run_with_cuts(&ring, 4);
+    assert_eq!((counts(&run(&ring, 4).0).euler, counts(&out).euler), (0, 2));
+    assert!(out.indices.len() / 3 <= 8, "{}", out.indices.len() / 3);
+    assert!(faces_of_edges(&out).iter().all(|faces| *faces == 2));
+}
+
+#[test]
+fn small_parts_go_before_large_ones_coarsen() {
+    let (mut positions, mut faces) = torus(40, 20, [0.0; 3], 1.0);
+    for k in 0..10 {
+        let base = positions.len() as u32;
+        let (more, of) = torus(6, 4, [1.32, 0.004 * k as f32, 0.0], 1.0e-3);
+        positions.extend(more);
+        faces.extend(of.iter().map(|f| f.map(|v| v + base)));
+    }
+    let (out, _) = run_with_cuts(&mesh(&positions, &faces), 1000);
+    let sizes = |mesh: &LocalMesh| mesh.indices.iter().filter(|v| **v >= 800).count();
+    assert!(out.indices.len() / 3 > 900 && sizes(&out) == 0, "{}", sizes(&out));
+    // Nothing is left out where nothing else is.
+    let alone = mesh(&positions[..800], &faces[..1600]);
+    assert!(!run_with_cuts(&alone, 0).0.indices.is_empty());
+}
+
+#[test]
+fn sheets_that_touch_come_apart_and_stay_closed() {
+    // Two cubes that share an edge, and a third that shares a corner.
+    let block = cube(6, false);
+    let (mut positions, mut faces) = (Vec::new(), Vec::new());
+    for [x, y, z] in [[0.0, 0.0, 0.0], [2.0, 2.0, 0.0], [-2.0, -2.0, -2.0]] {
+        let base = positions.len() as u32;
+        positions.extend(block.positions.iter().map(|p| [p[0] + x, p[1] + y, p[2] + z]));
+        faces.extend(block.indices.chunks_exact(3).map(|t| [t[0] + base, t[1] + base, t[2] + base]));
+    }
+    let blocks = mesh(&positions, &faces);
+    assert_eq!(counts(&blocks).most_faces, 4);
+    let (out, error) = run_with_cuts(&blocks, 36);
+    assert!(out.indices.len() / 3 <= 40 && error < 1e-6, "{} {error}", out.indices.len() / 3);
+    assert!(faces_of_edges(&out).iter().all(|faces| *faces == 2));
+    assert!((area(&out) - 72.0).abs() < 1e-4);
+}
+
+#[test]
+fn locked_points_are_not_joined_across() {
+    let mut strip = grid(16, |x, y| 0.1 * (5.0 * x).sin() * y, |_, _| false);
+    for v in 0..strip.positions.len() {
+        strip.locked[v] = v / 17 == 4 || v / 17 == 12;
+    }
+    let locked = strip.locked.clone();
+    let (out, _) = run_with_cuts(&strip, 0);
+    let row = |v: u32| v / 17;
+    for t in out.indices.chunks_exact(3) {
+        for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+            let both = (a as usize) < locked.len()
+                && (b as usize) < locked.len()
+                && locked[a as usize]
+                && locked[b as usize];
+            assert!(!both || row(a) == row(b) && a.abs_diff(b) == 1, "{a} {b}");
+        }
+    }
+}
+
+#[test]
+fn what_a_collapse_may_cost_is_a_limit_in_any_unit() {
+    let hill = grid(24, |x, y| 0.3 * (6.0 * x).sin() * (5.0 * y).cos(), |_, _| false);
+    let full = collapse(
+        &hill,
+        &hill.locked,
+        hill.attributes.clone(),
+        &WEIGHTS,
+        Limit::triangles(100),
+        &Policy::default(),
+    );
+    assert!(!full.stopped && full.trace.windows(2).all(|w| w[0].0 <= w[1].0 && w[0].1 > w[1].1));
+    let (cost, left) = full.trace[full.trace.len() / 2];
+    let mut small = hill.clone();
+    small.positions.iter_mut().flatten().for_each(|x| *x *= 0.25);
+    for (mesh, unit) in [(&hill, 1.0), (&small, 0.25f64.powf(4.5))] {
+        let limit = Limit { target: 0, cost: 1.0001 * cost * unit };
+        let made = collapse(mesh, &mesh.locked, mesh.attributes.clone(), &WEIGHTS, limit, &Policy::default());
+        assert!(made.stopped && made.cost <= limit.cost);
+        assert!((made.mesh.indices.len() / 3).abs_diff(left as usize) < 20);
+    }
+}
+
 #[test]
 fn scale_does_not_matter() {
     let hill = grid(12, |x, y| 0.3 * (6.0 * x).sin() * (5.0 * y).cos(), |_, _| false);
@@ -320,5 +449,15 @@ proptest! {
             prop_assert!(out.indices.iter().any(|w| out.positions[*w as usize] == positions[v]));
         }
         prop_assert_eq!(run(&soup, 0).0.indices, out.indices);
+        // With cuts the topology may change, but no edge gets more faces and what is locked stays.
+        let (out, error) = run_with_cuts(&soup, 0);
+        prop_assert!(error.is_finite() && error >= 0.0);
+        prop_assert!(out.positions.iter().flatten().chain(&out.attributes).all(|x| x.is_finite()));
+        let most = |mesh: &LocalMesh| faces_of_edges(mesh).into_iter().max().unwrap_or(0);
+        prop_assert!(most(&out) as usize <= before.most_faces.max(2) as usize);
+        for v in (0..positions.len()).filter(|v| soup.locked[*v] && soup.indices.contains(&(*v as u32))) {
+            prop_assert!(out.indices.iter().any(|w| out.positions[*w as usize] == positions[v]));
+        }
+        prop_assert_eq!(run_with_cuts(&soup, 0).0.indices, out.indices);
     }
 }

@@ -115,7 +115,9 @@ impl Merge {
         wedges: [u32; 2],
         position: DVec3,
     ) {
-        let normal = forms.best_normal(surface, edge, wedges, position);
+        let normal = forms
+            .best_normal(surface, edge, wedges, position)
+            .or_else(|| forms.mean_normal(surface, rows, edge, wedges, position));
         if let Some(normal) = normal.filter(|_| stride == 3) {
             self.rows.extend(normal.as_vec3().to_array());
             return;
