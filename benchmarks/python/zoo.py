@@ -31,7 +31,7 @@ from .zoo_measure import Doubts, Reference, edge_counts
 from .zoo_meshes import LARGEST, SMALLEST, ZOO
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from .zoo_meshes import Arrays
 
@@ -71,6 +71,13 @@ def main() -> None:
     parser.add_argument("--removed", nargs="+", type=float, default=[0.5, 0.9, 0.99], help="parts removed")
     parser.add_argument("--peers", nargs="*", choices=PEERS, default=list(PEERS), help="beside whom")
     parser.add_argument("--samples", type=int, help="points of either surface (50000; 10000 with --quick)")
+    parser.add_argument(
+        "--near",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="take what a peer made earlier if it has at most so much more triangles, 0.01 say: for trying out",
+    )
     parser.add_argument("--quick", action="store_true", help=f"{len(QUICK)} meshes, few samples")
     parser.add_argument("--list", action="store_true", help="print the meshes that were chosen, and stop")
     parser.add_argument("--against", type=Path, metavar="JSON", help="an earlier run to compare with")
@@ -95,7 +102,9 @@ def main() -> None:
     start = time.perf_counter()
     for name in names:
         try:
-            for row in measure(name, options.qualities, options.removed, options.peers, samples):
+            for row in measure(
+                name, options.qualities, options.removed, options.peers, samples, options.near
+            ):
                 rows.append(row)
                 print(zoo_report.line(row, earlier), flush=True)
         except (KeyboardInterrupt, SystemExit):
@@ -114,13 +123,15 @@ def main() -> None:
         options.output.write_text(text)
 
 
-def measure(name: str, qualities: list[str], removed: list[float], peers: list[str], samples: int) -> Any:
+def measure(
+    name: str, qualities: list[str], removed: list[float], peers: list[str], samples: int, near: float
+) -> Iterator[dict[str, Any]]:
     """Rows of one mesh, one after another; JSON-ready."""
     vertices, faces = ZOO[name]()
     if ZOO[name].file and not SMALLEST <= len(faces) <= LARGEST:
         print(f"{name}: left out, {len(faces):,} triangles")
         return
-    kept = Kept(vertices, faces, samples)
+    kept = Kept(vertices, faces, samples, near)
     before = edge_counts(vertices, faces)
     for quality in qualities:
         start = time.process_time()
@@ -240,8 +251,8 @@ def digest(vertices: np.ndarray, faces: np.ndarray) -> str:
 class Kept:
     """What peers make of one mesh, and how far anything is from the source; found once, then read from disk."""
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray, samples: int) -> None:
-        self._mesh, self._samples = (vertices, faces), samples
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, samples: int, near: float) -> None:
+        self._mesh, self._samples, self._near = (vertices, faces), samples, near
         self._folder = CACHE / digest(vertices, faces)
         self._folder.mkdir(parents=True, exist_ok=True)
 
@@ -262,7 +273,10 @@ class Kept:
             return json.loads(str(file["found"])), doubts
 
     def made(self, peer: str, count: int) -> dict[str, Any]:
-        """A peer's mesh of so many triangles, or how it failed."""
+        """A peer's mesh of so many triangles, or how it failed; or one that is there and has few more."""
+        stems = (path.stem for path in self._folder.glob(f"{peer}-*.npz"))
+        there = sorted(int(s[len(peer) + 1 :]) for s in stems if s[len(peer) + 1 :].isdigit())
+        count = next((n for n in there if count <= n <= count * (1 + self._near)), count)
         path = self._folder / f"{peer}-{count}.npz"
         if not path.exists():
             self._make(peer, count, path)
