@@ -27,6 +27,8 @@ pub struct Content {
     pub label_weight: f32,
     /// Whether there are several materials.
     materials: bool,
+    /// The direction over which the source is a graph, if there is one: all faces of all levels face it.
+    pub up: Option<DVec3>,
 }
 
 impl Content {
@@ -53,6 +55,7 @@ impl Content {
             blocks,
             label_weight: if has_labels { options.channel_weight } else { 0.0 },
             materials: mesh.layout.materials,
+            up: up(mesh),
         }
     }
 
@@ -129,6 +132,53 @@ impl Content {
         self.blocks.iter().filter(|block| block.measured).map(of_block).fold(0.0, f64::max)
     }
 }
+
+/// Corrections of the direction that all faces may face.
+const ATTEMPTS: usize = 32;
+
+/// A direction that all faces of a mesh face, if one is found: an axis, the mean normal, or what comes of turning that
+/// towards the face that is farthest from it (the perceptron of Rosenblatt, 1958).
+fn up(mesh: &WeldedMesh) -> Option<DVec3> {
+    let normal = |f: &[u32; 3]| {
+        let [a, b, c] = f.map(|v| DVec3::from_array(mesh.positions[v as usize].map(f64::from)));
+        (b - a).cross(c - a)
+    };
+    // Most meshes are told by a few faces.
+    let step = mesh.faces.len().div_ceil(FEW_FACES);
+    let mean: DVec3 = mesh.faces.iter().step_by(step).map(normal).sum();
+    let worst = |up: DVec3, step: usize| {
+        let facing = |f: &[u32; 3]| {
+            let n = normal(f).normalize_or_zero();
+            (n != DVec3::ZERO).then(|| (n.dot(up), n))
+        };
+        let mut least = (f64::INFINITY, DVec3::ZERO);
+        for (d, n) in mesh.faces.iter().step_by(step).filter_map(facing) {
+            if d < least.0 {
+                least = (d, n);
+            }
+            if step == 1 && d <= 0.0 {
+                break;
+            }
+        }
+        least
+    };
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis, -axis]);
+    let mut tries: Vec<DVec3> = axes.filter(|axis| axis.dot(mean) > 0.0).collect();
+    let mut turned = mean.try_normalize()?;
+    tries.push(turned);
+    for _ in 0..ATTEMPTS {
+        let (least, n) = worst(turned, step);
+        if least > 0.0 {
+            break;
+        }
+        turned = (turned + n * (0.1 - least)).try_normalize()?;
+    }
+    tries.push(turned);
+    tries.into_iter().find(|up| worst(*up, step).0 > 0.0 && worst(*up, 1).0 > 0.0)
+}
+
+/// Faces that a direction is first tried on.
+const FEW_FACES: usize = 4096;
 
 /// Column `k` of a mean of rows.
 fn mean(rows: [&[f32]; 3], k: usize, at: &[f64; 3]) -> f64 {

@@ -577,9 +577,8 @@ fn simplify_group(
         && content.is_bare()
     {
         let made = mesh.indices.len() / 3;
-        relax(&mut mesh, footing.surface(), RELAX_REACH * f64::from(step_error), |visit| {
-            footing.samples(made, visit)
-        });
+        let reach = RELAX_REACH * f64::from(step_error);
+        relax(&mut mesh, footing.surface(), reach, content.up, |visit| footing.samples(made, visit));
     }
     // Only the estimate takes the place of a measurement.
     let estimate = if proof.is_none() { estimate.max(moved) } else { estimate };

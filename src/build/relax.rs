@@ -121,11 +121,12 @@ pub(super) fn area_normal(corners: [DVec3; 3]) -> DVec3 {
 /// Moves the vertices of `mesh` that are not locked towards `samples` of `reference`, the surface it stands for. These come in an order
 /// in which neighbours are near each other. Attributes stay as they are, and so does what fits already. No vertex ends about as
 /// far off as the farthest sample was, unless it was so before. Points that were apart stay apart. Samples farther than
-/// `reach` are of what is there no more, or of another sheet.
+/// `reach` are of what is there no more, or of another sheet. Faces go on facing `up` where they do.
 pub fn relax(
     mesh: &mut LocalMesh,
     reference: &Sheet,
     reach: f64,
+    up: Option<DVec3>,
     samples: impl FnOnce(&mut dyn FnMut(Sample)),
 ) {
     let first = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
@@ -205,7 +206,9 @@ pub fn relax(
     for retry in 0..=RETRIES {
         let turned = |(t, fit): (&[u32; 3], &Fit)| {
             let normal = area_normal(place(*t, &points));
-            let holds = normal.dot(fit.normal) >= TURN * normal.length();
+            let faces = |n: DVec3| up.is_none_or(|up| n.dot(up) > 0.0);
+            let holds =
+                normal.dot(fit.normal) >= TURN * normal.length() && (faces(normal) || !faces(fit.normal));
             (!holds).then_some(*t)
         };
         let back: Vec<[u32; 3]> = triangles.iter().zip(&fits).filter_map(turned).collect();
@@ -258,7 +261,7 @@ mod tests {
     fn relax_to(mesh: &mut LocalMesh, points: &[[f32; 3]], faces: &[[u32; 3]]) {
         let corners = |t: &[u32; 3]| t.map(|v| points[v as usize].map(f64::from));
         let sheet = Sheet::new(faces.iter().map(corners).collect(), faces, vec![0.0; faces.len()]);
-        relax(mesh, &sheet, f64::INFINITY, |visit| {
+        relax(mesh, &sheet, f64::INFINITY, None, |visit| {
             for (t, triangle) in faces.iter().zip(0..) {
                 let [a, b, c] = corners(t).map(DVec3::from_array);
                 let normal = area_normal([a, b, c]);

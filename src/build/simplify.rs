@@ -5,10 +5,10 @@
 //! 1999). The chain: attribute-aware with seams protected → permissive (seams may collapse, loose parts may
 //! go) → sloppy → give up.
 
+use glam::DVec3;
 use meshopt::{
     SimplifyOptions, SimplifyVertex, VertexDataAdapter, simplify_sloppy_with_locks, simplify_with_update,
 };
-use rustc_hash::FxHashSet;
 
 use super::collapse::{Collapsed, Limit, Policy, collapse};
 use super::content::Content;
@@ -21,7 +21,7 @@ use crate::config::{BuildOptions, Quality};
 use crate::math::Aabb;
 use crate::math::sphere::round_up;
 use crate::math::triangle::{area, edge_of_area};
-use crate::mesh::edges::Edges;
+use crate::mesh::edges::{Edge, Edges};
 use crate::mesh::hash;
 use crate::model::StuckReason;
 
@@ -35,9 +35,6 @@ const FINE_TRIANGLES: u64 = 1 << 18;
 /// A result that keeps more than this part is not worth a level.
 const ACCEPT_RATIO: f32 = 0.85;
 
-/// Repeats of the first step, each with more vertices locked, before a change of topology is accepted.
-const TOPOLOGY_RETRIES: usize = 3;
-
 /// A step of the chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Step {
@@ -49,10 +46,13 @@ pub enum Step {
     Permissive,
     /// Vertex clustering.
     Sloppy,
+    /// With the fast quality the collapses of the best one, where meshoptimizer's would join sheets or groups: what they
+    /// make counts as of one of the first two.
+    Collapses,
 }
 
 impl Step {
-    const CHAIN: [Self; 3] = [Self::Attributes, Self::Permissive, Self::Sloppy];
+    const CHAIN: [Self; 4] = [Self::Attributes, Self::Collapses, Self::Permissive, Self::Sloppy];
 }
 
 /// What a group became.
@@ -114,7 +114,7 @@ pub fn simplify(
 /// What collapses of a group cost: for each the largest so far, and the triangles that were left.
 pub fn trace(mesh: &LocalMesh, target: usize, content: &Content, options: &BuildOptions) -> Vec<(f64, u32)> {
     let guides = Guides::new(mesh, content, content.stride(), mean_edge(mesh), true);
-    let policy = Policy { cuts: !options.preserve_area, ..Policy::default() };
+    let policy = Policy { cuts: !options.preserve_area, up: content.up, ..Policy::default() };
     let limit = Limit::triangles(target);
     collapse(mesh, &mesh.locked, guides.rows, &guides.weights, limit, &policy).trace
 }
@@ -188,7 +188,13 @@ fn chain(
     let mut reason = StuckReason::TooFewCollapses;
     let before: Vec<[u32; 3]> = faces(&mesh.indices, |v| mesh.position_ids[v as usize]).collect();
     let before = Topology::of(&before);
-    for step in Step::CHAIN.into_iter().filter(|step| *step == Step::Attributes || effort.fallbacks) {
+    let is_tried = |step: &Step| match step {
+        Step::Attributes => true,
+        // They are those of the first step.
+        Step::Collapses => options.quality == Quality::Fast && !options.preserve_area,
+        _ => effort.fallbacks,
+    };
+    for step in Step::CHAIN.into_iter().filter(is_tried) {
         match attempt(mesh, &before, target, effort, content, options, step) {
             Ok(result) => return Ok(result),
             Err(StuckReason::TooFewCollapses) => {}
@@ -210,9 +216,9 @@ fn attempt(
     step: Step,
 ) -> Result<Simplified, StuckReason> {
     let most = (mesh.indices.len() / 3) as f32 * ACCEPT_RATIO;
-    let checked = |locked: &[bool]| {
+    let checked = |step: Step| {
         let Made { mesh: result, error, moved, cost, stopped } =
-            run(mesh, locked, target, effort.cost, content, options, step);
+            run(mesh, &mesh.locked, target, effort.cost, content, options, step);
         let left = result.indices.len() / 3;
         if left == 0 {
             return Err(StuckReason::Vanished);
@@ -226,37 +232,39 @@ fn attempt(
         let after = by_position(mesh, &result);
         let topology = Topology::of(&after);
         let kept = border_kept(&before.edges, &topology.edges, is_locked(mesh));
-        if kept {
-            Ok((result, (error, moved, cost), after, topology))
-        } else {
-            Err(StuckReason::BorderChanged)
-        }
+        if kept { Ok((result, (error, moved, cost), topology)) } else { Err(StuckReason::BorderChanged) }
     };
-    let (mut result, mut error, mut after, mut topology) = checked(&mesh.locked)?;
+    let (result, error, topology) = checked(step)?;
+    // Two groups could each join the same points of their border; what is crowded was pinched together.
+    let is_manifold = topology.crowded.len() <= before.crowded.len()
+        && !joins_locked(&before.edges, &topology.edges, is_locked(mesh));
+    if !is_manifold {
+        return Err(StuckReason::TooFewCollapses);
+    }
+    if content.up.is_some_and(|up| faces_away(mesh, up) < faces_away(&result, up)) {
+        return Err(StuckReason::TooFewCollapses);
+    }
     let mut done = step;
-    if step == Step::Attributes {
-        let mut locked = mesh.locked.clone();
-        // Collapses have no link condition: where sheets were pinched together, hold what they met at and repeat.
-        for _ in 0..TOPOLOGY_RETRIES {
-            if topology.crowded.len() <= before.crowded.len() {
-                break;
-            }
-            let ends: FxHashSet<u32> = topology.crowded.iter().flat_map(|e| [e.0, e.1]).collect();
-            // Vertices of the result are numbered like those of the group, wherever they moved.
-            let corners = after.iter().flatten().zip(&result.indices);
-            let met = corners.filter(|(p, _)| ends.contains(p));
-            let met = met.map(|(_, v)| mesh.position_ids[result.origin(*v as usize)]);
-            let met: FxHashSet<u32> = met.collect();
-            locked.iter_mut().zip(&mesh.position_ids).for_each(|(lock, p)| *lock |= met.contains(p));
-            let Ok(again) = checked(&locked) else { break };
-            (result, error, after, topology) = again;
-        }
-        if !topology.same_as(before) {
-            done = Step::Topology;
-        }
+    if matches!(step, Step::Attributes | Step::Collapses) {
+        done = if topology.same_as(before) { Step::Attributes } else { Step::Topology };
     }
     let (estimate, step_error, cost) = error;
     Ok(Simplified { mesh: result, estimate, step_error, moved: 0.0, cost, step: done })
+}
+
+/// Whether an edge between locked points is new.
+fn joins_locked(before: &Edges, after: &Edges, locked: impl Fn(u32) -> bool) -> bool {
+    let between = |e: &Edge| locked(e.ends.0) && locked(e.ends.1);
+    after.iter().filter(between).any(|edge| !before.at(edge.ends.0).any(|e| e.ends == edge.ends))
+}
+
+/// Triangles that do not face a direction.
+fn faces_away(mesh: &LocalMesh, up: DVec3) -> usize {
+    let away = |t: &&[u32]| {
+        let [a, b, c] = [0, 1, 2].map(|k| DVec3::from_array(mesh.positions[t[k] as usize].map(f64::from)));
+        (b - a).cross(c - a).dot(up) <= 0.0
+    };
+    mesh.indices.chunks_exact(3).filter(away).count()
 }
 
 /// Whether points of [`by_position`] are locked.
@@ -434,14 +442,14 @@ fn run(
         return Made { mesh, error, moved: error, cost: None, stopped: false };
     }
     let edge = mean_edge(mesh);
-    let best = step == Step::Attributes && options.quality == Quality::Best;
+    let best = step == Step::Collapses || step == Step::Attributes && options.quality == Quality::Best;
     let columns = if best { content.stride() } else { MOST_COLUMNS - LABEL_COLUMNS };
     let guides = Guides::new(mesh, content, columns, edge, best);
     let width = guides.weights.len();
     let mut steered;
     let (mut dearest, mut moved, mut stopped) = (None, None, false);
     if best {
-        let policy = Policy { cuts: !options.preserve_area, ..Policy::default() };
+        let policy = Policy { cuts: !options.preserve_area, up: content.up, ..Policy::default() };
         let limit = Limit { target, cost };
         let made = collapse(mesh, locked, guides.rows, &guides.weights, limit, &policy);
         (dearest, moved) = (Some(made.cost), Some(made.moved));

@@ -6,6 +6,7 @@ pub mod edges;
 pub mod frame;
 pub mod hash;
 pub mod materials;
+pub mod sides;
 pub mod source;
 pub mod stars;
 pub mod validate;

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::edges::Edges;
 use super::materials::ByMaterial;
 use super::source::SourceMesh;
-use super::{Channels, attributes, frame, hash, materials, validate};
+use super::{Channels, attributes, frame, hash, materials, sides, validate};
 use crate::error::{Error, Result};
 use crate::math::Aabb;
 use crate::model::{AttributeLayout, BuildReport, Frame};
@@ -56,28 +56,43 @@ pub fn weld(source: &SourceMesh<'_>, report: &mut BuildReport) -> Result<WeldedM
         channels.copy_rows(copies);
     }
     let faces = by_material.as_ref().map_or(source.faces, |split| &split.faces);
-    let of_vertex = by_material.as_ref().map_or(&[][..], |split| &split.materials);
+    let mut of_vertex = by_material.as_ref().map_or(Vec::new(), |split| split.materials.clone());
 
-    let position_ids = hash::first_equal(cast_slice(&positions), 3);
+    let mut position_ids = hash::first_equal(cast_slice(&positions), 3);
     let plain = source.normals.is_none() && layout == AttributeLayout::default() && channels.infos.is_empty();
-    let vertex_ids = if plain {
+    let mut vertex_ids = if plain {
         position_ids.clone()
     } else {
         let tables = [
             (cast_slice(&positions), 3),
             (cast_slice(&rows), stride),
             (&channels.words[..], channels.width()),
-            (of_vertex, usize::from(layout.materials)),
+            (&of_vertex[..], usize::from(layout.materials)),
         ];
         hash::first_equal_of(&tables)
     };
 
-    let (faces, face_rows) = mend(faces, &vertex_ids, &position_ids, report);
+    let (mut faces, face_rows) = mend(faces, &vertex_ids, &position_ids, report);
+    if source.normals.is_none()
+        && let Some(split) = sides::split(&faces, &positions, &position_ids, report.non_manifold_edges)
+    {
+        let count = positions.len() as u32;
+        split.copies.iter().for_each(|v| {
+            positions.push(positions[*v as usize]);
+            rows.extend_from_within(*v as usize * stride..(*v as usize + 1) * stride);
+            of_vertex.extend(of_vertex.get(*v as usize).copied());
+        });
+        channels.copy_rows(&split.copies);
+        // Normals are added up by position: those of a side by that of the side.
+        position_ids.extend(count..positions.len() as u32);
+        vertex_ids.extend(count..positions.len() as u32);
+        faces = split.faces;
+    }
     if faces.is_empty() {
         return Err(Error::EmptyMesh("no face is left once faces without area are dropped".into()));
     }
     let (mut mesh, position_ids) =
-        compact(positions, rows, stride, channels, of_vertex, vertex_ids, position_ids, faces, report);
+        compact(positions, rows, stride, channels, &of_vertex, vertex_ids, position_ids, faces, report);
     let mended = attributes::fill_normals(
         &mut mesh.attributes,
         mesh.stride,

@@ -450,6 +450,9 @@ impl Forms {
             if cross.dot(before) <= self.policy.turn * cross.length() {
                 return true;
             }
+            if self.policy.up.is_some_and(|up| cross.dot(up) <= 0.0 && before.dot(up) > 0.0) {
+                return true;
+            }
             if !self.policy.cuts {
                 return false;
             }

@@ -75,6 +75,8 @@ pub struct Policy {
     pub thin: f64,
     /// Whether sheets that touch are taken apart, necks are cut and parts go as a whole. Otherwise the topology is kept.
     pub cuts: bool,
+    /// A direction that faces go on facing where they do.
+    pub up: Option<DVec3>,
     /// Look at every edge again whose surroundings changed, at once; otherwise when it comes to the front.
     pub eager: bool,
 }
@@ -96,6 +98,7 @@ impl Default for Policy {
             turn: 0.2,
             thin: 0.02,
             cuts: true,
+            up: None,
             eager: false,
         }
     }
@@ -642,6 +645,10 @@ impl Collapser {
             // Continue with the position as it will be stored.
             place = (self.center + position * self.extent).as_vec3().to_array();
             at = (DVec3::from_array(place.map(f64::from)) - self.center) / self.extent;
+        }
+        // What is stored must face it too.
+        if self.policy.up.is_some() && self.forms.folds(surface, &self.rows, edge, at) {
+            return None;
         }
         let left = [a, b].map(|p| bits(self.places[p as usize]));
         if !left.contains(&bits(place)) && self.taken.contains(&bits(place)) {
