@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use crate::config::BuildOptions;
 use crate::mesh::WeldedMesh;
+use crate::model::{AttributeLayout, ChannelInfo, Weights};
 
 /// Columns that one attribute takes.
 #[derive(Clone, Debug)]
@@ -17,6 +18,16 @@ pub struct Block {
     unit: bool,
     /// Its deviation is part of the error.
     measured: bool,
+}
+
+/// What options say of weights.
+pub fn weights(options: &BuildOptions) -> Weights {
+    Weights {
+        normal: options.normal_weight,
+        color: options.color_weight,
+        uv: options.uv_weight,
+        channel: options.channel_weight,
+    }
 }
 
 /// What a mesh carries besides its shape.
@@ -34,6 +45,18 @@ impl Content {
     /// floating-point channels. Computed normals say nothing that the shape does not: they steer, but are not
     /// measured.
     pub fn new(mesh: &WeldedMesh, computed_normals: bool, options: &BuildOptions) -> Self {
+        let content = Self::of(mesh.layout, &mesh.channels.infos, computed_normals, &weights(options));
+        debug_assert_eq!(content.stride(), mesh.stride);
+        content
+    }
+
+    /// The same from what a finished mesh says of itself.
+    pub fn of(
+        layout: AttributeLayout,
+        channels: &[ChannelInfo],
+        computed_normals: bool,
+        weights: &Weights,
+    ) -> Self {
         let mut blocks = Vec::new();
         let mut at = 0;
         let mut add = |width: usize, weight: f32, unit: bool| {
@@ -41,18 +64,18 @@ impl Content {
             blocks.push(Block { columns: at..at + width, weight, unit, measured });
             at += width;
         };
-        add(3, options.normal_weight, true);
-        if mesh.layout.colors {
-            add(4, options.color_weight, false);
+        add(3, weights.normal, true);
+        if layout.colors {
+            add(4, weights.color, false);
         }
-        (0..mesh.layout.uv_sets).for_each(|_| add(2, options.uv_weight, false));
-        mesh.channels.float_widths().for_each(|width| add(width, options.channel_weight, false));
-        debug_assert_eq!(at, mesh.stride);
-        let has_labels = mesh.channels.infos.iter().any(|info| info.dtype.is_label());
+        (0..layout.uv_sets).for_each(|_| add(2, weights.uv, false));
+        let floats = channels.iter().filter(|info| !info.dtype.is_label());
+        floats.for_each(|info| add(info.width(), weights.channel, false));
+        let has_labels = channels.iter().any(|info| info.dtype.is_label());
         Self {
             blocks,
-            label_weight: if has_labels { options.channel_weight } else { 0.0 },
-            materials: mesh.layout.materials,
+            label_weight: if has_labels { weights.channel } else { 0.0 },
+            materials: layout.materials,
         }
     }
 

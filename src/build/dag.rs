@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::Progress;
 use super::attribute_error::step_deviation;
 use super::clusterize::{self, ClusterMesh};
-use super::content::Content;
+use super::content::{Content, weights};
 use super::lock_borders::shared_positions;
 use super::memory;
 use super::partition::{most_words, partition, split_to_fit};
@@ -133,6 +133,7 @@ pub fn grow(
     let source_vertices = store.count();
     let clusters = source_clusters(&store, &mesh, options);
     let content = Content::new(&mesh, report.computed_normals, options);
+    report.weights = weights(options);
     let WeldedMesh { frame, bounds, faces, face_rows, channels, .. } = mesh;
     let source_faces = faces.len();
     if !meter.advance(source_faces) {

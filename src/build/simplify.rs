@@ -425,6 +425,13 @@ fn run(
     (steered, error)
 }
 
+/// Collapses edges as with the best quality, until at most `target` triangles are left or no edge may collapse. Topology
+/// is kept. Returns the mesh, numbered like `mesh`, and an estimate of its distance.
+pub fn collapse_to(mesh: &LocalMesh, target: usize, content: &Content) -> (LocalMesh, f32) {
+    let options = BuildOptions { quality: Quality::Best, ..BuildOptions::default() };
+    run(mesh, &mesh.locked, target, content, &options, Step::Attributes)
+}
+
 /// Clusters vertices, each material by itself, with the lines between them locked.
 fn sloppy(mesh: &LocalMesh, locked: &[bool], target: usize, between_materials: &[bool]) -> (LocalMesh, f32) {
     let mut out = mesh.clone();
