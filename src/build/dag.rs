@@ -133,7 +133,7 @@ pub fn grow(
     let source_vertices = store.count();
     let clusters = source_clusters(&store, &mesh, options);
     let content = Content::new(&mesh, report.computed_normals, options);
-    report.weights = weights(options);
+    (report.weights, report.preserve_area) = (weights(options), options.preserve_area);
     let WeldedMesh { frame, bounds, faces, face_rows, channels, .. } = mesh;
     let source_faces = faces.len();
     if !meter.advance(source_faces) {

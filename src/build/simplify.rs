@@ -124,7 +124,7 @@ fn with_islands(
     if !leaves.is_empty() {
         let target = target.saturating_sub(result.mesh.indices.len() / 3);
         let target = target.clamp(leaves.len() / 12, leaves.len() / 6);
-        let thinned = islands.thin(&result.mesh, &leaves, target, &sight);
+        let thinned = islands.thin(&result.mesh, &leaves, target, &sight, false);
         let rest = std::mem::replace(&mut result.mesh, thinned.mesh);
         result.mesh.indices.extend(rest.indices);
         moved = moved.max(thinned.moved);
@@ -430,6 +430,38 @@ fn run(
 pub fn collapse_to(mesh: &LocalMesh, target: usize, content: &Content) -> (LocalMesh, f32) {
     let options = BuildOptions { quality: Quality::Best, ..BuildOptions::default() };
     run(mesh, &mesh.locked, target, content, &options, Step::Attributes)
+}
+
+/// Removes leaves as a whole until at most `target` triangles are left; with `preserve_area` those that stay cover as much as
+/// `before` did. Returns the mesh and how far it may be from what it was; nothing where there are too few leaves.
+pub fn thin_to(
+    before: &LocalMesh,
+    mesh: &LocalMesh,
+    target: usize,
+    preserve_area: bool,
+) -> Option<(LocalMesh, f64)> {
+    let islands = Islands::of(mesh);
+    if !preserve_area {
+        let indices = islands.prune(mesh, target)?;
+        return Some((LocalMesh { indices, ..mesh.clone() }, 0.0));
+    }
+    let (leaves, rest) = islands.split(mesh);
+    let room = target.checked_sub(rest.len() / 3).filter(|room| *room > 0 && !leaves.is_empty())?;
+    let sight = Sight::of(Aabb::of_points(&before.positions), &before.positions, &before.indices);
+    let after = LocalMesh { indices: rest, ..mesh.clone() };
+    let thinned = islands.thin(&after, &leaves, room, &sight, true);
+    let mut out = thinned.mesh;
+    out.indices.extend(after.indices);
+    Some((out, thinned.moved))
+}
+
+/// Collapses edges whatever becomes of the topology, and lets loose parts go. Returns the mesh, numbered like `mesh`, and an
+/// estimate of its distance; nothing where it cannot be in the place of `mesh`.
+pub fn collapse_loosely_to(mesh: &LocalMesh, target: usize, content: &Content) -> Option<(LocalMesh, f32)> {
+    let (result, error) =
+        run(mesh, &mesh.locked, target, content, &BuildOptions::default(), Step::Permissive);
+    let fits = !result.indices.is_empty() && keeps_materials(&result) && keeps_border(mesh, &result);
+    fits.then_some((result, error))
 }
 
 /// Clusters vertices, each material by itself, with the lines between them locked.

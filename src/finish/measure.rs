@@ -28,6 +28,8 @@ pub struct Changes {
     pub was: Vec<Option<u32>>,
     /// For each triangle of the region whether it is there no more.
     gone: Vec<bool>,
+    /// What went may have nothing in its place: all is compared with all.
+    pub pruned: bool,
 }
 
 fn corners(mesh: &LocalMesh) -> impl Iterator<Item = [u32; 3]> {
@@ -36,11 +38,11 @@ fn corners(mesh: &LocalMesh) -> impl Iterator<Item = [u32; 3]> {
 
 impl Changes {
     /// Compares a region with what became of it.
-    pub fn new(region: &Region, after: LocalMesh) -> Self {
+    pub fn new(region: &Region, after: LocalMesh, pruned: bool) -> Self {
         let before = &region.mesh;
         let stride = before.attributes.len() / before.ids.len().max(1);
-        let mut moved = vec![false; before.ids.len()];
-        for v in 0..moved.len() {
+        let mut moved = vec![true; after.ids.len()];
+        for v in 0..before.ids.len() {
             let row = v * stride..(v + 1) * stride;
             moved[v] = before.positions[v] != after.positions[v]
                 || before.attributes[row.clone()] != after.attributes[row]
@@ -55,7 +57,7 @@ impl Changes {
                 same
             })
             .collect();
-        Self { after, moved, was, gone }
+        Self { after, moved, was, gone, pruned }
     }
 
     /// The clusters that lost triangles.
@@ -69,9 +71,12 @@ impl Changes {
 
     /// The triangles that went, and those that came.
     fn sides(&self, region: &Region) -> [LocalMesh; 2] {
-        let went = corners(&region.mesh).zip(&self.gone).filter(|(_, gone)| **gone).flat_map(|(t, _)| t);
-        let came = corners(&self.after).zip(&self.was).filter(|(_, was)| was.is_none()).flat_map(|(t, _)| t);
-        [part(&region.mesh, went.collect()), part(&self.after, came.collect())]
+        let went = corners(&region.mesh).zip(&self.gone).filter(|(_, gone)| **gone || self.pruned);
+        let came = corners(&self.after).zip(&self.was).filter(|(_, was)| was.is_none() || self.pruned);
+        [
+            part(&region.mesh, went.flat_map(|(t, _)| t).collect()),
+            part(&self.after, came.flat_map(|(t, _)| t).collect()),
+        ]
     }
 
     /// A bound of the distance to the source: that of the clusters, and of the way from there. Where nothing is above
@@ -83,19 +88,25 @@ impl Changes {
             f64::from(origin.map_or(0.0, Group::distance))
         };
         let of_cluster: Vec<f64> = region.clusters.iter().map(bound_of).collect();
-        let owners = region.owners.iter().zip(&self.gone).filter(|(_, gone)| **gone);
+        let owners = region.owners.iter().zip(&self.gone).filter(|(_, gone)| **gone || self.pruned);
         let radii: Vec<f64> = owners.map(|(owner, _)| of_cluster[*owner as usize]).collect();
         let goal = BoundOptions { floor: enough.into(), slack: SLACK, ..BoundOptions::default() };
         let (before, after) = (sheet(&went, radii), sheet(&came, Vec::new()));
         let mut bounds = Bounds::new(goal);
+        // What stayed is where it was. Where all is here, these are the numbers of what did not.
+        let changed = |flags: &mut dyn Iterator<Item = bool>| -> Vec<u32> {
+            let all = flags.filter(|changed| *changed || self.pruned).zip(0..);
+            all.filter(|(changed, _)| *changed).map(|(_, number)| number).collect()
+        };
         if !before.triangles().is_empty() && !after.triangles().is_empty() {
             let mut overlay = Overlay::new(&after);
-            for (t, number) in before.triangles().iter().zip(0..) {
-                overlay.lay(&mut bounds, &Piece::new(*t), before.radius(number), |_, _| 0);
+            for t in changed(&mut self.gone.iter().copied()) {
+                let piece = Piece::new(before.triangles()[t as usize]);
+                overlay.lay(&mut bounds, &piece, before.radius(t), |_, _| 0);
             }
             let mut overlay = Overlay::new(&before);
-            for t in after.triangles() {
-                overlay.lay(&mut bounds, &Piece::new(*t), 0.0, |_, _| 0);
+            for t in changed(&mut self.was.iter().map(Option::is_none)) {
+                overlay.lay(&mut bounds, &Piece::new(after.triangles()[t as usize]), 0.0, |_, _| 0);
             }
         }
         let all = before.triangles().iter().chain(after.triangles()).flatten().flatten();

@@ -6,6 +6,7 @@
 //! of the cut shares stays as it is, so that no crack opens. The error of what was made is measured against the clusters it was
 //! made from, and what these state is added: docs/numerics.md has the proof.
 
+mod divide;
 mod gather;
 mod measure;
 mod weave;
@@ -14,25 +15,30 @@ use std::sync::OnceLock;
 
 use rustc_hash::FxHashSet;
 
+use self::divide::divide_to;
 use self::gather::Region;
 use self::measure::Changes;
 use crate::build::content::Content;
-use crate::build::simplify::collapse_to;
+use crate::build::simplify::{collapse_loosely_to, collapse_to, thin_to};
 use crate::build::store::LocalMesh;
 use crate::error::Result;
 use crate::lod::{CutArrays, FaceBudget, attribute_error_with, error_with, extract_numbered};
 use crate::math::sphere::round_up;
 use crate::mesh::channels::{Scale, scales};
+use crate::mesh::hash;
 use crate::model::{ClusterAddress, Dag, Group};
 
 /// Triangles that are gathered for each one that has to go: the cheapest edges are chosen among them.
 const ROOM: u64 = 6;
 /// As many are gathered at least, if there are.
 const LEAST: u64 = 4_000;
-/// Where they do not suffice, so many times as many.
+/// Where they do not suffice, so many times as many are.
 const MORE: u64 = 8;
 /// A closed surface loses two triangles at a time.
 const NEAR: u64 = 1;
+/// A cut of so many triangles fewer than its budget meets it, or of this part of it.
+const SHORT: u64 = 2;
+const SHORT_PART: u64 = 200;
 
 /// What is found once of a mesh to cut it by budgets.
 #[derive(Debug)]
@@ -101,28 +107,29 @@ impl Finisher {
         FinishedCut { clusters: self.budget.select(dag, target), made: None }
     }
 
-    /// A cut of `target` triangles or at most [`NEAR`] fewer; the coarsest there is where that has more.
+    /// A cut of `target` triangles or a few less, see [`SHORT`]; the coarsest there is where that has more.
     pub fn exact(&self, dag: &Dag, target: u64) -> Result<FinishedCut> {
         let beside = self.budget.beside(target);
         let (Some(fine), true) = (beside.fine, self.budget.faces(beside.coarse) + NEAR < target) else {
             return Ok(self.whole(dag, target));
         };
         let scales = self.scales(dag)?;
+        let finish = Finish { finisher: self, dag, scales, short: SHORT.max(target / SHORT_PART) as usize };
         let clusters = self.budget.clusters(dag, fine);
         let excess = self.budget.faces(fine) - target;
-        let mut enough = (ROOM * excess).max(LEAST);
-        let mut gathered = 0;
-        loop {
-            let groups = self.gather(dag, fine, enough);
-            if groups.len() == gathered {
-                return Ok(self.whole(dag, target));
-            }
-            gathered = groups.len();
-            if let Some(cut) = self.finish(dag, &clusters, &groups, excess, scales)? {
-                return Ok(cut);
-            }
-            enough *= MORE;
+        let enough = (ROOM * excess).max(LEAST);
+        let groups = self.gather(dag, fine, enough);
+        let few = Attempt::new(&finish, &clusters, &groups, excess)?;
+        if let Some(cut) = few.collapsed().or_else(|| few.thinned()).transpose()? {
+            return Ok(cut);
         }
+        let more = self.gather(dag, fine, MORE * enough);
+        let many =
+            if more.len() > groups.len() { Attempt::new(&finish, &clusters, &more, excess)? } else { few };
+        if let Some(cut) = many.collapsed().or_else(|| many.thinned()).or_else(|| many.loose()).transpose()? {
+            return Ok(cut);
+        }
+        finish.divided(&clusters, &self.budget.clusters(dag, beside.coarse), target)
     }
 
     /// The groups that come next, of at least so many triangles together, if there are as many.
@@ -141,59 +148,121 @@ impl Finisher {
         }
         groups
     }
+}
 
-    /// A cut with `excess` fewer triangles, taken from these groups; nothing where so many cannot go.
-    fn finish(
-        &self,
-        dag: &Dag,
+/// What finishing a cut needs.
+struct Finish<'a> {
+    finisher: &'a Finisher,
+    dag: &'a Dag,
+    scales: &'a [Scale],
+    /// Triangles that may be missing.
+    short: usize,
+}
+
+/// Some groups of a cut after as many collapses as there may be.
+struct Attempt<'a> {
+    finish: &'a Finish<'a>,
+    /// The clusters of the cut that are in none of them.
+    rest: Vec<ClusterAddress>,
+    region: Region,
+    /// Triangles that the budget leaves to it.
+    target: usize,
+    after: LocalMesh,
+    estimate: f32,
+}
+
+impl<'a> Attempt<'a> {
+    fn new(
+        finish: &'a Finish<'a>,
         clusters: &[ClusterAddress],
         groups: &[&Group],
         excess: u64,
-        scales: &[Scale],
-    ) -> Result<Option<FinishedCut>> {
+    ) -> Result<Self> {
         let members: FxHashSet<ClusterAddress> = groups.iter().flat_map(|group| group.members()).collect();
         let (own, rest): (Vec<_>, Vec<_>) = clusters.iter().partition(|at| members.contains(at));
-        let region = Region::gather(dag, own, &rest, scales)?;
-        let Some(target) = region.faces().checked_sub(excess as usize).filter(|target| *target > 0) else {
-            return Ok(None);
-        };
-        let (after, estimate) = collapse_to(&region.mesh, target, &self.content);
-        if after.indices.len() / 3 > target {
-            return Ok(None);
-        }
-        let changes = Changes::new(&region, after);
-        Ok(Some(self.state(dag, rest, region, changes, estimate, scales)?))
+        let region = Region::gather(finish.dag, own, &rest, finish.scales)?;
+        let target = region.faces().saturating_sub(excess as usize);
+        let (after, estimate) = collapse_to(&region.mesh, target, &finish.finisher.content);
+        Ok(Self { finish, rest, region, target, after, estimate })
+    }
+
+    /// Whether a mesh is what the budget leaves.
+    fn fits(&self, mesh: &LocalMesh) -> bool {
+        let faces = mesh.indices.len() / 3;
+        (1..=self.target).contains(&faces) && faces + self.finish.short >= self.target
+    }
+
+    fn state(&self, mesh: LocalMesh, estimate: f32, pruned: bool) -> Result<FinishedCut> {
+        let changes = Changes::new(&self.region, mesh, pruned);
+        self.finish.state(self.rest.clone(), &self.region, changes, estimate)
+    }
+
+    /// The cut, if collapses suffice.
+    fn collapsed(&self) -> Option<Result<FinishedCut>> {
+        self.fits(&self.after).then(|| self.state(self.after.clone(), self.estimate, false))
+    }
+
+    /// The cut, if leaves can go as a whole.
+    fn thinned(&self) -> Option<Result<FinishedCut>> {
+        let preserve_area = self.finish.dag.report.preserve_area;
+        let (mesh, moved) = thin_to(&self.region.mesh, &self.after, self.target, preserve_area)?;
+        let estimate = round_up(f64::from(self.estimate) + moved);
+        self.fits(&mesh).then(|| self.state(mesh, estimate, true))
+    }
+
+    /// The cut, if collapses suffice that change the topology.
+    fn loose(&self) -> Option<Result<FinishedCut>> {
+        let mut mesh = self.after.clone();
+        mesh.position_ids = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
+        let (mesh, error) = collapse_loosely_to(&mesh, self.target, &self.finish.finisher.content)?;
+        let estimate = round_up(f64::from(self.estimate) + f64::from(error));
+        self.fits(&mesh).then(|| self.state(mesh, estimate, true))
+    }
+}
+
+impl Finish<'_> {
+    /// The coarser cut, with edges divided where it is not the finer one.
+    fn divided(
+        &self,
+        fine: &[ClusterAddress],
+        coarse: &[ClusterAddress],
+        target: u64,
+    ) -> Result<FinishedCut> {
+        let known: FxHashSet<ClusterAddress> = fine.iter().copied().collect();
+        let (rest, own): (Vec<_>, Vec<_>) = coarse.iter().partition(|at| known.contains(at));
+        let triangles = |at: &ClusterAddress| usize::from(self.dag.record(*at).triangle_count);
+        let room = (target as usize).saturating_sub(rest.iter().map(triangles).sum());
+        let region = Region::gather(self.dag, own, &rest, self.scales)?;
+        let changes = Changes::new(&region, divide_to(&region.mesh, room), false);
+        self.state(rest, &region, changes, 0.0)
     }
 
     /// Measures what was made, and puts it together.
     fn state(
         &self,
-        dag: &Dag,
         mut clusters: Vec<ClusterAddress>,
-        region: Region,
+        region: &Region,
         changes: Changes,
         estimate: f32,
-        scales: &[Scale],
     ) -> Result<FinishedCut> {
+        let dag = self.dag;
         let largest = |clusters: &[ClusterAddress], of: fn(&Group) -> f32| {
             let origins = clusters.iter().filter_map(|at| dag.groups.get(dag.record(*at).refined as usize));
             origins.map(of).fold(0.0, f32::max)
         };
-        let all = || clusters.iter().chain(&region.clusters).copied().collect::<Vec<_>>();
-        let all = all();
-        let touched = changes.touched(&region);
-        let enough = largest(&all, Group::distance);
+        let all: Vec<_> = clusters.iter().chain(&region.clusters).copied().collect();
+        let touched = changes.touched(region);
         let bounded = largest(&all, |group| group.bound).is_finite();
         let distance = if bounded {
-            changes.bound(dag, &region, enough)
+            changes.bound(dag, region, largest(&all, Group::distance))
         } else {
             round_up(f64::from(largest(&touched, Group::distance)) + f64::from(estimate))
         };
-        let enough = largest(&all, |group| group.attribute_error);
         let known = largest(&touched, |group| group.attribute_error);
-        let step = changes.deviation(&region, &self.content, distance, enough - known);
+        let enough = largest(&all, |group| group.attribute_error) - known;
+        let step = changes.deviation(region, &self.finisher.content, distance, enough);
         let attribute_error = round_up(f64::from(known) + f64::from(step));
-        let (whole, made) = changes.weave(dag, &region, scales)?;
+        let (whole, made) = changes.weave(dag, region, self.scales)?;
         clusters.extend(whole);
         clusters.sort_unstable();
         Ok(FinishedCut { clusters, made: Some(Made { distance, attribute_error, ..made }) })

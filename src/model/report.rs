@@ -105,4 +105,7 @@ pub struct BuildReport {
     /// What attributes weighed.
     #[serde(default)]
     pub weights: Weights,
+    /// Small islands that stay grow until as much is covered as before.
+    #[serde(default)]
+    pub preserve_area: bool,
 }
