@@ -432,22 +432,19 @@ pub fn collapse_to(mesh: &LocalMesh, target: usize, content: &Content) -> (Local
     run(mesh, &mesh.locked, target, content, &options, Step::Attributes)
 }
 
-/// Removes leaves as a whole until at most `target` triangles are left; with `preserve_area` those that stay cover as much as
-/// `before` did. Returns the mesh and how far it may be from what it was; nothing where there are too few leaves.
-pub fn thin_to(
-    before: &LocalMesh,
-    mesh: &LocalMesh,
-    target: usize,
-    preserve_area: bool,
-) -> Option<(LocalMesh, f64)> {
+/// Removes the smallest leaves until at most `target` triangles are left; nothing where there are too few leaves.
+pub fn prune_to(mesh: &LocalMesh, target: usize) -> Option<LocalMesh> {
+    let indices = Islands::of(mesh).prune(mesh, target)?;
+    Some(LocalMesh { indices, ..mesh.clone() })
+}
+
+/// Removes leaves and lets others grow, so that as much is covered, until at most `target` triangles are left. Returns the mesh
+/// and how far it may be from what it was; nothing where there are too few leaves.
+pub fn thin_to(mesh: &LocalMesh, target: usize) -> Option<(LocalMesh, f64)> {
     let islands = Islands::of(mesh);
-    if !preserve_area {
-        let indices = islands.prune(mesh, target)?;
-        return Some((LocalMesh { indices, ..mesh.clone() }, 0.0));
-    }
     let (leaves, rest) = islands.split(mesh);
     let room = target.checked_sub(rest.len() / 3).filter(|room| *room > 0 && !leaves.is_empty())?;
-    let sight = Sight::of(Aabb::of_points(&before.positions), &before.positions, &before.indices);
+    let sight = Sight::of(Aabb::of_points(&mesh.positions), &mesh.positions, &mesh.indices);
     let after = LocalMesh { indices: rest, ..mesh.clone() };
     let thinned = islands.thin(&after, &leaves, room, &sight, true);
     let mut out = thinned.mesh;

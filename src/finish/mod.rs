@@ -19,7 +19,7 @@ use self::divide::divide_to;
 use self::gather::Region;
 use self::measure::Changes;
 use crate::build::content::Content;
-use crate::build::simplify::{collapse_loosely_to, collapse_to, thin_to};
+use crate::build::simplify::{collapse_loosely_to, collapse_to, prune_to, thin_to};
 use crate::build::store::LocalMesh;
 use crate::error::Result;
 use crate::lod::{CutArrays, FaceBudget, attribute_error_with, error_with, extract_numbered};
@@ -34,6 +34,9 @@ const ROOM: u64 = 6;
 const LEAST: u64 = 4_000;
 /// Where they do not suffice, so many times as many are.
 const MORE: u64 = 8;
+/// What is made of a whole cut of at most so many triangles is held against a cut with so many times as many.
+const SMALL: u64 = 3_000;
+const FINER: u64 = 3;
 /// A closed surface loses two triangles at a time.
 const NEAR: u64 = 1;
 /// A cut of so many triangles fewer than its budget meets it, or of this part of it.
@@ -46,6 +49,8 @@ pub struct Finisher {
     /// Triangles of the cuts of whole groups.
     pub budget: FaceBudget,
     content: Content,
+    /// Whether errors are proven.
+    bounded: bool,
     scales: OnceLock<Vec<Scale>>,
 }
 
@@ -90,7 +95,9 @@ impl Finisher {
         let infos: Vec<_> = dag.channels.iter().map(|channel| channel.info.clone()).collect();
         let report = &dag.report;
         let content = Content::of(dag.layout(), &infos, report.computed_normals, &report.weights);
-        Self { budget: FaceBudget::new(dag), content, scales: OnceLock::new() }
+        // Where building proved nothing, no group has a bound.
+        let bounded = dag.groups.iter().all(|group| group.error.is_infinite() || group.bound.is_finite());
+        Self { budget: FaceBudget::new(dag), content, bounded, scales: OnceLock::new() }
     }
 
     /// How floating-point channels are scaled; reads them.
@@ -114,11 +121,24 @@ impl Finisher {
             return Ok(self.whole(dag, target));
         };
         let scales = self.scales(dag)?;
-        let finish = Finish { finisher: self, dag, scales, short: SHORT.max(target / SHORT_PART) as usize };
+        let finish = Finish {
+            finisher: self,
+            dag,
+            scales,
+            short: SHORT.max(target / SHORT_PART) as usize,
+            relaxes: self.bounded && !dag.report.preserve_area && self.content.is_bare(),
+        };
         let clusters = self.budget.clusters(dag, fine);
         let excess = self.budget.faces(fine) - target;
         let enough = (ROOM * excess).max(LEAST);
         let groups = self.gather(dag, fine, enough);
+        if dag.report.preserve_area {
+            // Collapses take area from leaves, and the coarser cut has as much as the source.
+            return match finish.thinned(&clusters, &groups, excess)? {
+                Some(cut) => Ok(cut),
+                None => finish.divided(&clusters, &self.budget.clusters(dag, beside.coarse), target),
+            };
+        }
         let few = Attempt::new(&finish, &clusters, &groups, excess)?;
         if let Some(cut) = few.collapsed().or_else(|| few.thinned()).transpose()? {
             return Ok(cut);
@@ -157,6 +177,8 @@ struct Finish<'a> {
     scales: &'a [Scale],
     /// Triangles that may be missing.
     short: usize,
+    /// Whether what is made moves to where it fits best, as in building.
+    relaxes: bool,
 }
 
 /// Some groups of a cut after as many collapses as there may be.
@@ -178,23 +200,36 @@ impl<'a> Attempt<'a> {
         groups: &[&Group],
         excess: u64,
     ) -> Result<Self> {
-        let members: FxHashSet<ClusterAddress> = groups.iter().flat_map(|group| group.members()).collect();
-        let (own, rest): (Vec<_>, Vec<_>) = clusters.iter().partition(|at| members.contains(at));
-        let region = Region::gather(finish.dag, own, &rest, finish.scales)?;
-        let target = region.faces().saturating_sub(excess as usize);
+        let (region, rest, target) = finish.region(clusters, groups, excess)?;
         let (after, estimate) = collapse_to(&region.mesh, target, &finish.finisher.content);
         Ok(Self { finish, rest, region, target, after, estimate })
     }
 
     /// Whether a mesh is what the budget leaves.
     fn fits(&self, mesh: &LocalMesh) -> bool {
-        let faces = mesh.indices.len() / 3;
-        (1..=self.target).contains(&faces) && faces + self.finish.short >= self.target
+        self.finish.fits(mesh, self.target)
     }
 
     fn state(&self, mesh: LocalMesh, estimate: f32, pruned: bool) -> Result<FinishedCut> {
-        let changes = Changes::new(&self.region, mesh, pruned);
-        self.finish.state(self.rest.clone(), &self.region, changes, estimate)
+        let mut changes = Changes::new(&self.region, mesh, pruned);
+        let finer = self.finer()?;
+        match &finer {
+            Some(finer) if self.finish.relaxes => changes.relax_to(finer),
+            None if self.finish.relaxes => changes.relax(&self.region),
+            _ => {}
+        }
+        self.finish.state(self.rest.clone(), &self.region, changes, estimate, finer.as_ref())
+    }
+
+    /// A cut with several times the triangles, where all of this one is made and that is soon compared.
+    fn finer(&self) -> Result<Option<Region>> {
+        let Finish { finisher, dag, scales, .. } = self.finish;
+        let faces = self.region.faces() as u64;
+        if !finisher.bounded || !self.rest.is_empty() || faces > SMALL {
+            return Ok(None);
+        }
+        let clusters = finisher.budget.select(dag, FINER * faces);
+        Region::gather(dag, clusters, &[], scales).map(Some)
     }
 
     /// The cut, if collapses suffice.
@@ -204,10 +239,8 @@ impl<'a> Attempt<'a> {
 
     /// The cut, if leaves can go as a whole.
     fn thinned(&self) -> Option<Result<FinishedCut>> {
-        let preserve_area = self.finish.dag.report.preserve_area;
-        let (mesh, moved) = thin_to(&self.region.mesh, &self.after, self.target, preserve_area)?;
-        let estimate = round_up(f64::from(self.estimate) + moved);
-        self.fits(&mesh).then(|| self.state(mesh, estimate, true))
+        let mesh = prune_to(&self.after, self.target)?;
+        self.fits(&mesh).then(|| self.state(mesh, self.estimate, true))
     }
 
     /// The cut, if collapses suffice that change the topology.
@@ -221,6 +254,42 @@ impl<'a> Attempt<'a> {
 }
 
 impl Finish<'_> {
+    /// Some groups of a cut, its other clusters, and the triangles that are left to the groups.
+    fn region(
+        &self,
+        clusters: &[ClusterAddress],
+        groups: &[&Group],
+        excess: u64,
+    ) -> Result<(Region, Vec<ClusterAddress>, usize)> {
+        let members: FxHashSet<ClusterAddress> = groups.iter().flat_map(|group| group.members()).collect();
+        let (own, rest): (Vec<_>, Vec<_>) = clusters.iter().partition(|at| members.contains(at));
+        let region = Region::gather(self.dag, own, &rest, self.scales)?;
+        let target = region.faces().saturating_sub(excess as usize);
+        Ok((region, rest, target))
+    }
+
+    /// Whether a mesh has so many triangles, or not many fewer.
+    fn fits(&self, mesh: &LocalMesh, target: usize) -> bool {
+        let faces = mesh.indices.len() / 3;
+        (1..=target).contains(&faces) && faces + self.short >= target
+    }
+
+    /// The cut with fewer leaves that cover as much, if there are enough of them.
+    fn thinned(
+        &self,
+        clusters: &[ClusterAddress],
+        groups: &[&Group],
+        excess: u64,
+    ) -> Result<Option<FinishedCut>> {
+        let (region, rest, target) = self.region(clusters, groups, excess)?;
+        let Some((mesh, moved)) = thin_to(&region.mesh, target).filter(|(mesh, _)| self.fits(mesh, target))
+        else {
+            return Ok(None);
+        };
+        let changes = Changes::new(&region, mesh, true);
+        self.state(rest, &region, changes, round_up(moved), None).map(Some)
+    }
+
     /// The coarser cut, with edges divided where it is not the finer one.
     fn divided(
         &self,
@@ -234,7 +303,7 @@ impl Finish<'_> {
         let room = (target as usize).saturating_sub(rest.iter().map(triangles).sum());
         let region = Region::gather(self.dag, own, &rest, self.scales)?;
         let changes = Changes::new(&region, divide_to(&region.mesh, room), false);
-        self.state(rest, &region, changes, 0.0)
+        self.state(rest, &region, changes, 0.0, None)
     }
 
     /// Measures what was made, and puts it together.
@@ -244,6 +313,7 @@ impl Finish<'_> {
         region: &Region,
         changes: Changes,
         estimate: f32,
+        finer: Option<&Region>,
     ) -> Result<FinishedCut> {
         let dag = self.dag;
         let largest = |clusters: &[ClusterAddress], of: fn(&Group) -> f32| {
@@ -252,11 +322,10 @@ impl Finish<'_> {
         };
         let all: Vec<_> = clusters.iter().chain(&region.clusters).copied().collect();
         let touched = changes.touched(region);
-        let bounded = largest(&all, |group| group.bound).is_finite();
-        let distance = if bounded {
-            changes.bound(dag, region, largest(&all, Group::distance))
-        } else {
-            round_up(f64::from(largest(&touched, Group::distance)) + f64::from(estimate))
+        let distance = match finer {
+            Some(finer) => changes.bound_to(dag, finer),
+            None if self.finisher.bounded => changes.bound(dag, region, largest(&all, Group::distance)),
+            None => round_up(f64::from(largest(&touched, Group::distance)) + f64::from(estimate)),
         };
         let known = largest(&touched, |group| group.attribute_error);
         let enough = largest(&all, |group| group.attribute_error) - known;
