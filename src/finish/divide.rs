@@ -40,7 +40,7 @@ pub fn divide_to(mesh: &LocalMesh, target: usize) -> LocalMesh {
     edges.into_iter().for_each(|edge| divider.push(edge));
     while let Some((_, edge)) = divider.queue.pop() {
         let Some(faces) = divider.faces.get(&edge).filter(|faces| !faces.is_empty()) else { continue };
-        let room = target - divider.mesh.indices.len() / 3;
+        let room = target.saturating_sub(divider.mesh.indices.len() / 3);
         if room == 0 {
             break;
         }

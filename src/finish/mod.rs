@@ -35,7 +35,7 @@ const LEAST: u64 = 4_000;
 /// Where they do not suffice, so many times as many are.
 const MORE: u64 = 8;
 /// What is made of a whole cut of at most so many triangles is held against a cut with so many times as many.
-const SMALL: u64 = 3_000;
+const SMALL: u64 = 4_000;
 const FINER: u64 = 3;
 /// A closed surface loses two triangles at a time.
 const NEAR: u64 = 1;
