@@ -59,8 +59,8 @@ class Cut(_advice.Teaching):
     cluster_materials : (C,) int32 array or None
         Material of each cluster, as given with ``face_materials``.
     vertex_ids : (N,) uint32 array
-        Stored identities of the vertices: the same vertex has the same identity in every cut of a mesh. Vertices that
-        were made for a budget have larger ones, which other cuts give to other vertices.
+        Stored identities of the vertices: the same vertex has the same identity in every cut of a mesh. Vertices
+        that were made for a budget have larger ones, which other cuts give to other vertices.
 
     Examples
     --------

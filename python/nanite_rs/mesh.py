@@ -660,8 +660,8 @@ class NaniteMesh(_advice.Teaching):
             Largest error in pixels, anywhere on the screen; 0 is full detail.
         exact : bool, optional
             Whether to meet a budget, True where it is left out: between two cuts of whole groups a few groups are
-            simplified for it. With False the cut is the finest of whole groups with at most so many triangles, which
-            is a few milliseconds cheaper.
+            simplified for it. With False the cut is the finest of whole groups with at most so many triangles,
+            which is a few milliseconds cheaper.
 
         Returns
         -------
@@ -905,8 +905,8 @@ def simplify(
     triangles : (M, 3) integer array
         Triangles.
     target_reduction : float, optional
-        Fraction of the triangles to remove, 0 to 1. Give this or ``target_count``. Budgets are met as `NaniteMesh.cut`
-        meets them.
+        Fraction of the triangles to remove, 0 to 1. Give this or ``target_count``; both are met as
+        `NaniteMesh.cut` meets its budgets.
     target_count : int, optional
         Triangles to keep, or up to 0.5 % or two fewer.
     agg : float

@@ -61,11 +61,14 @@ def test_budgets_are_met_and_never_exceeded(name: str, quality: str, error: str)
         cut = mesh.cut(target_faces=target)
         assert_met(cut, target)
         faces = cut.faces
-        assert faces.min() == 0 and faces.max() == len(cut.vertices) - 1
-        assert (faces[:, 0] != faces[:, 1]).all() and (faces[:, 1] != faces[:, 2]).all()
+        assert faces.min() == 0
+        assert faces.max() == len(cut.vertices) - 1
+        assert (faces[:, 0] != faces[:, 1]).all()
+        assert (faces[:, 1] != faces[:, 2]).all()
         assert len(np.unique(cut.vertex_ids)) == len(cut.vertex_ids) == len(cut.normals)
         np.testing.assert_allclose(np.linalg.norm(cut.normals, axis=1), 1, atol=1e-3)
-        assert np.isfinite(cut.vertices).all() and cut.error >= 0
+        assert np.isfinite(cut.vertices).all()
+        assert cut.error >= 0
         if closed:
             assert topology.unbalanced_edges(faces) == 0
 
@@ -87,7 +90,8 @@ def test_cuts_of_closed_meshes_are_watertight() -> None:
     mesh = subjects.built("knot", quality="best")
     for target in targets(mesh):
         made = mesh.cut(target_faces=target).to_trimesh()
-        assert made.is_watertight and made.is_winding_consistent, target
+        assert made.is_watertight, target
+        assert made.is_winding_consistent, target
 
 
 @pytest.mark.parametrize("quality", ["fast", "best"])
@@ -169,10 +173,12 @@ def test_what_a_mesh_carries_is_carried_on(quality: str) -> None:
         # Vertices of the source or blends of them: in range, and labels of one source vertex.
         share = (cut.vertices - vertices.min(axis=0)) / np.ptp(vertices, axis=0)
         off = np.abs(cut.colors[:, :3] / 255 - share).max(axis=1)
-        assert np.median(off) < 0.02 and off.max() < 0.5
+        assert np.median(off) < 0.02
+        assert off.max() < 0.5
         assert np.abs(cut.uvs[0] - share[:, :2]).max() < 0.5
         heat = cut.channels["heat"]
-        assert heat.min() >= 100 and heat.max() <= 150
+        assert heat.min() >= 100
+        assert heat.max() <= 150
         assert np.median(np.abs((heat - 100) / 50 - share[:, :2])) < 0.02
         found = zip(cut.channels["band"], cut.channels["half"], strict=True)
         assert {(int(b), bool(h)) for b, h in found} <= pairs
@@ -209,7 +215,8 @@ def test_opened_meshes_give_the_same_cuts(tmp_path) -> None:
         opened = nrs.NaniteMesh.open(tmp_path / "mesh.nanite")
         assert opened.min_faces == mesh.min_faces
         a, b = mesh.cut(target_faces=target), opened.cut(target_faces=target)
-        assert a.error == b.error and a.attribute_error == b.attribute_error
+        assert a.error == b.error
+        assert a.attribute_error == b.attribute_error
         for name in ("vertices", "faces", "normals", "colors", "vertex_ids", "cluster_ids"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
         for name in a.channels:
