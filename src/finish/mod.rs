@@ -114,7 +114,7 @@ impl Finisher {
         FinishedCut { clusters: self.budget.select(dag, target), made: None }
     }
 
-    /// A cut of `target` triangles or a few less, see [`SHORT`]; the coarsest there is where that has more.
+    /// A cut of `target` triangles, or two or half a percent less; the coarsest there is where that has more.
     pub fn exact(&self, dag: &Dag, target: u64) -> Result<FinishedCut> {
         let beside = self.budget.beside(target);
         let (Some(fine), true) = (beside.fine, self.budget.faces(beside.coarse) + NEAR < target) else {
