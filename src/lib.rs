@@ -7,6 +7,7 @@ pub mod build;
 pub mod config;
 pub mod cpu;
 pub mod error;
+pub mod finish;
 pub mod format;
 #[cfg(feature = "gpu")]
 pub mod gpu;

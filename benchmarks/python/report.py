@@ -124,7 +124,7 @@ def _cut(result: dict) -> Section:
     methods = list(dict.fromkeys(row["method"] for row in rows))
     shares = list(dict.fromkeys(row["removed"] for row in rows))
     by = {(row["method"], row["removed"]): row for row in rows}
-    ours, given, best = methods
+    ours, given, best, _ = methods
     figures = [
         Figure(f"{share:.0%} removed", "ms", by[ours, share]["ms"], given, by[given, share]["ms"])
         for share in shares

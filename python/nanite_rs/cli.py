@@ -183,6 +183,7 @@ def _cut(arguments: argparse.Namespace) -> int:
             error=arguments.error,
             target_faces=arguments.target_faces,
             target_reduction=arguments.target_reduction,
+            exact=False if arguments.whole_groups else None,
         )
     )
     cut.to_trimesh().export(output)
@@ -469,8 +470,11 @@ def _add_cut(commands: Any) -> None:
     sub.add_argument("--output", "-o", required=True, metavar="FILE", help="PLY, OBJ, STL, GLB, OFF, …")
     selector = sub.add_mutually_exclusive_group(required=True)
     selector.add_argument("--error", type=float, metavar="E", help="largest error, in units of the mesh")
-    selector.add_argument("--target-faces", type=int, metavar="N", help="most triangles")
+    selector.add_argument("--target-faces", type=int, metavar="N", help="triangles to keep")
     selector.add_argument("--target-reduction", type=float, metavar="R", help="fraction to remove, 0 to 1")
+    sub.add_argument(
+        "--whole-groups", action="store_true", help="stay below a number of triangles rather than meet it"
+    )
     _add_building(sub)
 
 

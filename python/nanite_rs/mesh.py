@@ -633,6 +633,7 @@ class NaniteMesh(_advice.Teaching):
         pose: ArrayLike | None = None,
         viewport: tuple[int, int] | None = None,
         pixel_error: float = 1.0,
+        exact: bool | None = None,
     ) -> Cut:
         """Pick the clusters of one threshold. Give exactly one of the first four.
 
@@ -644,10 +645,11 @@ class NaniteMesh(_advice.Teaching):
             Largest error in the units of the mesh, of the shape (`Cut.error`) and of what it carries
             (`Cut.attribute_error`); 0 is full detail, infinity the coarsest cut.
         target_faces : int
-            At most so many triangles, or the coarsest cut there is. Groups are compared by the simplifier's
-            estimate, which says more about the mean than a bound does; what the cut states is the bound as always.
+            So many triangles, or up to 0.5 % or two fewer, and never more; below `min_faces` the coarsest cut there
+            is. Groups are compared by the simplifier's estimate, which says more about the mean than a bound does;
+            what the cut states is the bound as always.
         target_reduction : float
-            Fraction of the triangles to remove, 0 to 1, as in fast-simplification.
+            Fraction of the triangles to remove, 0 to 1, as in fast-simplification; met as ``target_faces`` is.
         camera : PerspectiveCamera, IntrinsicsCamera or OrthographicCamera
             With ``pose`` and ``viewport``: the cut for this view.
         pose : (4, 4) array
@@ -656,6 +658,10 @@ class NaniteMesh(_advice.Teaching):
             Width and height in pixels.
         pixel_error : float
             Largest error in pixels, anywhere on the screen; 0 is full detail.
+        exact : bool, optional
+            Whether to meet a budget, True where it is left out: between two cuts of whole groups a few groups are
+            simplified for it. With False the cut is the finest of whole groups with at most so many triangles,
+            which is a few milliseconds cheaper.
 
         Returns
         -------
@@ -669,6 +675,8 @@ class NaniteMesh(_advice.Teaching):
         True
         >>> fine.error <= 0.01
         True
+        >>> 998 <= len(mesh.cut(target_faces=1_000)) <= 1_000
+        True
         """
         selectors = {
             "error": error,
@@ -680,6 +688,9 @@ class NaniteMesh(_advice.Teaching):
         if len(given) != 1:
             found = " and ".join(given) or "none"
             raise ArgumentError(f"cut: expected exactly one of {', '.join(selectors)}, found {found}")
+        if exact is not None and (error is not None or camera is not None):
+            raise ArgumentError("exact: goes with target_faces= and target_reduction=")
+        exact = True if exact is None else _checks.truth(exact, "exact")
         if camera is not None:
             return self._cut_view(camera, pose, viewport, pixel_error)
         if pose is not None or viewport is not None:
@@ -704,7 +715,7 @@ class NaniteMesh(_advice.Teaching):
             )
         elif target_faces < 1:
             raise ArgumentError(f"target_faces: must be 1 or more, not {target_faces}")
-        return Cut(self._core.cut_faces(min(int(target_faces), len(self))))
+        return Cut(self._core.cut_faces(min(int(target_faces), len(self)), exact))
 
     def _cut_view(
         self, camera: Camera, pose: ArrayLike | None, viewport: tuple[int, int] | None, pixel_error: float
@@ -781,6 +792,18 @@ class NaniteMesh(_advice.Teaching):
             "normal_rounding": core.normal_rounding,
             "uv_rounding": core.uv_rounding,
         }
+
+    @property
+    def min_faces(self) -> int:
+        """Triangles of the coarsest cut: a smaller budget gets these.
+
+        Examples
+        --------
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20_000))
+        >>> len(mesh.cut(target_faces=1)) == mesh.min_faces
+        True
+        """
+        return self._core.min_faces()
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -882,9 +905,10 @@ def simplify(
     triangles : (M, 3) integer array
         Triangles.
     target_reduction : float, optional
-        Fraction of the triangles to remove, 0 to 1. Give this or ``target_count``.
+        Fraction of the triangles to remove, 0 to 1. Give this or ``target_count``; both are met as
+        `NaniteMesh.cut` meets its budgets.
     target_count : int, optional
-        Triangles to keep at most.
+        Triangles to keep, or up to 0.5 % or two fewer.
     agg : float
         Accepted for compatibility; there is nothing to trade here.
     verbose : bool
@@ -901,7 +925,7 @@ def simplify(
     --------
     >>> vertices, faces = nrs.shapes.icosphere(faces=20_000)
     >>> points, triangles = nrs.simplify(vertices, faces, 0.9)
-    >>> 0 < len(triangles) <= 2_048
+    >>> 0.995 * 2_048 <= len(triangles) <= 2_048
     True
     """
     del agg

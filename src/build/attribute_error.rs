@@ -37,6 +37,17 @@ type Shares = [f64; 3];
 /// A bound of the deviation of `after`, made from `before`, in the unit of the positions: each point of either has one
 /// of the other, no farther off than `free` and the bound together, at which no attribute deviates more.
 pub fn step_deviation(before: &LocalMesh, after: &LocalMesh, content: &Content, free: f32) -> f32 {
+    deviation_above(before, after, content, free, 0.0)
+}
+
+/// The same where deviations up to `enough` need not be told apart.
+pub fn deviation_above(
+    before: &LocalMesh,
+    after: &LocalMesh,
+    content: &Content,
+    free: f32,
+    enough: f32,
+) -> f32 {
     let differ = |values: &[u32]| values.windows(2).any(|pair| pair[0] != pair[1]);
     let labels = differ(&before.labels) && content.label_weight > 0.0;
     let materials = differ(&before.materials);
@@ -45,7 +56,8 @@ pub fn step_deviation(before: &LocalMesh, after: &LocalMesh, content: &Content, 
     }
     let edge = f64::from(mean_edge(before));
     let sides = [before, after].map(|mesh| Side::new(mesh, content, edge));
-    let goal = BoundOptions { floor: FLOOR * edge, slack: SLACK, ..BoundOptions::default() };
+    let floor = (FLOOR * edge).max(enough.into());
+    let goal = BoundOptions { floor, slack: SLACK, ..BoundOptions::default() };
     let mut found = Bounds::new(goal);
     let mut starts = vec![NO_TRIANGLE; sides[1].corners.len()];
     for (from, onto) in [(&sides[0], &sides[1]), (&sides[1], &sides[0])] {

@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use crate::config::BuildOptions;
 use crate::mesh::WeldedMesh;
+use crate::model::{AttributeLayout, ChannelInfo, Weights};
 
 /// Columns that one attribute takes.
 #[derive(Clone, Debug)]
@@ -17,6 +18,16 @@ pub struct Block {
     unit: bool,
     /// Its deviation is part of the error.
     measured: bool,
+}
+
+/// What options say of weights.
+pub fn weights(options: &BuildOptions) -> Weights {
+    Weights {
+        normal: options.normal_weight,
+        color: options.color_weight,
+        uv: options.uv_weight,
+        channel: options.channel_weight,
+    }
 }
 
 /// What a mesh carries besides its shape.
@@ -36,6 +47,18 @@ impl Content {
     /// floating-point channels. Computed normals say nothing that the shape does not: they steer, but are not
     /// measured.
     pub fn new(mesh: &WeldedMesh, computed_normals: bool, options: &BuildOptions) -> Self {
+        let content = Self::of(mesh.layout, &mesh.channels.infos, computed_normals, &weights(options));
+        debug_assert_eq!(content.stride(), mesh.stride);
+        Self { up: up(&mesh.positions, &mesh.faces), ..content }
+    }
+
+    /// The same from what a finished mesh says of itself.
+    pub fn of(
+        layout: AttributeLayout,
+        channels: &[ChannelInfo],
+        computed_normals: bool,
+        weights: &Weights,
+    ) -> Self {
         let mut blocks = Vec::new();
         let mut at = 0;
         let mut add = |width: usize, weight: f32, unit: bool| {
@@ -43,19 +66,19 @@ impl Content {
             blocks.push(Block { columns: at..at + width, weight, unit, measured });
             at += width;
         };
-        add(3, options.normal_weight, true);
-        if mesh.layout.colors {
-            add(4, options.color_weight, false);
+        add(3, weights.normal, true);
+        if layout.colors {
+            add(4, weights.color, false);
         }
-        (0..mesh.layout.uv_sets).for_each(|_| add(2, options.uv_weight, false));
-        mesh.channels.float_widths().for_each(|width| add(width, options.channel_weight, false));
-        debug_assert_eq!(at, mesh.stride);
-        let has_labels = mesh.channels.infos.iter().any(|info| info.dtype.is_label());
+        (0..layout.uv_sets).for_each(|_| add(2, weights.uv, false));
+        let floats = channels.iter().filter(|info| !info.dtype.is_label());
+        floats.for_each(|info| add(info.width(), weights.channel, false));
+        let has_labels = channels.iter().any(|info| info.dtype.is_label());
         Self {
             blocks,
-            label_weight: if has_labels { options.channel_weight } else { 0.0 },
-            materials: mesh.layout.materials,
-            up: up(mesh),
+            label_weight: if has_labels { weights.channel } else { 0.0 },
+            materials: layout.materials,
+            up: None,
         }
     }
 
@@ -138,21 +161,21 @@ const ATTEMPTS: usize = 32;
 
 /// A direction that all faces of a mesh face, if one is found: an axis, the mean normal, or what comes of turning that
 /// towards the face that is farthest from it (the perceptron of Rosenblatt, 1958).
-fn up(mesh: &WeldedMesh) -> Option<DVec3> {
+pub fn up(positions: &[[f32; 3]], faces: &[[u32; 3]]) -> Option<DVec3> {
     let normal = |f: &[u32; 3]| {
-        let [a, b, c] = f.map(|v| DVec3::from_array(mesh.positions[v as usize].map(f64::from)));
+        let [a, b, c] = f.map(|v| DVec3::from_array(positions[v as usize].map(f64::from)));
         (b - a).cross(c - a)
     };
     // Most meshes are told by a few faces.
-    let step = mesh.faces.len().div_ceil(FEW_FACES);
-    let mean: DVec3 = mesh.faces.iter().step_by(step).map(normal).sum();
+    let step = faces.len().div_ceil(FEW_FACES);
+    let mean: DVec3 = faces.iter().step_by(step).map(normal).sum();
     let worst = |up: DVec3, step: usize| {
         let facing = |f: &[u32; 3]| {
             let n = normal(f).normalize_or_zero();
             (n != DVec3::ZERO).then(|| (n.dot(up), n))
         };
         let mut least = (f64::INFINITY, DVec3::ZERO);
-        for (d, n) in mesh.faces.iter().step_by(step).filter_map(facing) {
+        for (d, n) in faces.iter().step_by(step).filter_map(facing) {
             if d < least.0 {
                 least = (d, n);
             }

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::Progress;
 use super::attribute_error::step_deviation;
 use super::clusterize::{self, ClusterMesh};
-use super::content::Content;
+use super::content::{Content, weights};
 use super::lock_borders::shared_positions;
 use super::memory;
 use super::partition::{most_words, partition, split_to_fit};
@@ -137,6 +137,7 @@ pub fn grow(
     let source_vertices = store.count();
     let clusters = source_clusters(&store, &mesh, options);
     let content = Content::new(&mesh, report.computed_normals, options);
+    (report.weights, report.preserve_area) = (weights(options), options.preserve_area);
     let WeldedMesh { frame, bounds, faces, face_rows, channels, .. } = mesh;
     let source_faces = faces.len();
     if !meter.advance(source_faces) {
@@ -245,7 +246,7 @@ const MOST_SAMPLED: usize = 64;
 /// than they do for an error.
 const RANK_OF_BOUND: f32 = 0.6;
 /// Samples of the reference count where they are no farther than so many times what the dearest collapse moved.
-const RELAX_REACH: f64 = 4.0;
+pub const RELAX_REACH: f64 = 4.0;
 /// Rounds of no more than this part of the source need less memory than those before took.
 const SMALL_ROUND_PART: u64 = 40;
 

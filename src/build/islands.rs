@@ -224,8 +224,15 @@ impl Islands {
     }
 
     /// Keeps leaves of about `target` triangles, at least one, and makes them so large that as much is covered as in
-    /// `sight`. `after` holds the rest already.
-    pub fn thin(&self, after: &LocalMesh, leaves: &[u32], target: usize, sight: &Sight) -> Thinned {
+    /// `sight`. `after` holds the rest already. `exactly`: of at most so many, and of as many as can be.
+    pub fn thin(
+        &self,
+        after: &LocalMesh,
+        leaves: &[u32],
+        target: usize,
+        sight: &Sight,
+        exactly: bool,
+    ) -> Thinned {
         let bounds = sight.bounds;
         let mut order: Vec<(u64, u32)> = Vec::new();
         let mut first = vec![NONE; self.area.len()];
@@ -250,6 +257,9 @@ impl Islands {
             let areas = order.iter().map(|(_, i)| (self.area[*i as usize], *i));
             let largest = areas.max_by(|a, b| a.0.total_cmp(&b.0));
             largest.into_iter().for_each(|(_, i)| kept[i as usize] = true);
+        }
+        if exactly {
+            self.correct(&order, target, &mut kept);
         }
         let (stay, go): (Vec<&[u32]>, Vec<&[u32]>) =
             leaves.chunks_exact(3).partition(|t| kept[self.of_vertex[t[0] as usize] as usize]);
@@ -277,6 +287,45 @@ impl Islands {
             moved = moved.max(farthest_gone(t.iter().map(|v| after.positions[*v as usize]), &stay));
         }
         Thinned { mesh: grown, moved }
+    }
+
+    /// Lets the smallest leaves go, or the largest of those that went stay, until those kept have `target` triangles.
+    fn correct(&self, order: &[(u64, u32)], target: usize, kept: &mut [bool]) {
+        let mut by_area: Vec<u32> = order.iter().map(|(_, island)| *island).collect();
+        by_area.sort_by(|a, b| self.area[*a as usize].total_cmp(&self.area[*b as usize]).then(a.cmp(b)));
+        let count = |island: u32| self.triangles[island as usize] as usize;
+        let mut sum: usize = by_area.iter().filter(|i| kept[**i as usize]).map(|i| count(*i)).sum();
+        for island in &by_area {
+            if sum > target && std::mem::take(&mut kept[*island as usize]) {
+                sum -= count(*island);
+            }
+        }
+        for island in by_area.iter().rev().filter(|i| count(**i) > 0) {
+            if !kept[*island as usize] && sum + count(*island) <= target {
+                kept[*island as usize] = true;
+                sum += count(*island);
+            }
+        }
+    }
+
+    /// The triangles of a mesh without the smallest leaves, of at most `target` triangles and as many as can be; nothing where
+    /// leaves do not suffice.
+    pub fn prune(&self, mesh: &LocalMesh, target: usize) -> Option<Vec<u32>> {
+        let (leaves, rest) = self.split(mesh);
+        let target = target.checked_sub(rest.len() / 3)?;
+        let mut order: Vec<(u64, u32)> =
+            leaves.chunks_exact(3).map(|t| (0, self.of_vertex[t[0] as usize])).collect();
+        order.dedup();
+        order.sort_unstable();
+        order.dedup();
+        let mut kept = vec![false; self.area.len()];
+        order.iter().for_each(|(_, island)| kept[*island as usize] = true);
+        self.correct(&order, target, &mut kept);
+        let stays = |t: &[u32]| {
+            !self.is_leaf(self.of_vertex[t[0] as usize]) || kept[self.of_vertex[t[0] as usize] as usize]
+        };
+        let left: Vec<u32> = mesh.indices.chunks_exact(3).filter(|t| stays(t)).flatten().copied().collect();
+        Some(left).filter(|left| !left.is_empty())
     }
 
     /// The area that one leaf stands for, so that `target` triangles are to be expected.
@@ -382,7 +431,7 @@ mod tests {
         assert_eq!((leaves.len(), rest.len()), (6 * 64, 3));
         let sight = Sight::of(Aabb::of_points(&mesh.positions), &mesh.positions, &mesh.indices);
         let after = LocalMesh { indices: rest.clone(), ..mesh.clone() };
-        let thinned = islands.thin(&after, &leaves, leaves.len() / 6, &sight);
+        let thinned = islands.thin(&after, &leaves, leaves.len() / 6, &sight, false);
         let left = thinned.mesh.indices.len() / 3;
         assert!((60..=68).contains(&left), "{left}");
         let mut both = Silhouettes::new(&sight.bounds);

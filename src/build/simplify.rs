@@ -11,7 +11,7 @@ use meshopt::{
 };
 
 use super::collapse::{Collapsed, Limit, Policy, collapse};
-use super::content::Content;
+use super::content::{Content, up};
 use super::field::Field;
 use super::islands::Islands;
 use super::lock_borders::border_kept;
@@ -158,7 +158,7 @@ fn with_islands(
     if !leaves.is_empty() {
         let target = target.saturating_sub(result.mesh.indices.len() / 3);
         let target = target.clamp(leaves.len() / 12, leaves.len() / 6);
-        let thinned = islands.thin(&result.mesh, &leaves, target, &sight);
+        let thinned = islands.thin(&result.mesh, &leaves, target, &sight, false);
         let rest = std::mem::replace(&mut result.mesh, thinned.mesh);
         result.mesh.indices.extend(rest.indices);
         moved = moved.max(thinned.moved);
@@ -494,6 +494,57 @@ fn run(
         Field::new(mesh, content).read_off(&mut steered, content, guides.own, edge);
     }
     Made { mesh: steered, error, moved: moved.unwrap_or(error), cost: dearest, stopped }
+}
+
+/// What [`collapse_to`] made.
+#[derive(Clone, Debug)]
+pub struct Finished {
+    /// The mesh, numbered like the one given, with copies at the end.
+    pub mesh: LocalMesh,
+    /// An estimate of its distance.
+    pub estimate: f32,
+    /// The same without parts that went.
+    pub moved: f32,
+}
+
+/// Collapses edges as with the best quality, until at most `target` triangles are left or no edge may collapse.
+pub fn collapse_to(mesh: &LocalMesh, target: usize, content: &Content) -> Finished {
+    let options = BuildOptions { quality: Quality::Best, ..BuildOptions::default() };
+    let faces: &[[u32; 3]] = bytemuck::cast_slice(&mesh.indices);
+    let mut content = content.clone();
+    content.up = up(&mesh.positions, faces);
+    let made = run(mesh, &mesh.locked, target, f64::INFINITY, &content, &options, Step::Attributes);
+    Finished { mesh: made.mesh, estimate: made.error, moved: made.moved }
+}
+
+/// Removes the smallest leaves until at most `target` triangles are left; nothing where there are too few leaves.
+pub fn prune_to(mesh: &LocalMesh, target: usize) -> Option<LocalMesh> {
+    let indices = Islands::of(mesh).prune(mesh, target)?;
+    Some(LocalMesh { indices, ..mesh.clone() })
+}
+
+/// Removes leaves and lets others grow, so that as much is covered, until at most `target` triangles are left. Returns the mesh
+/// and how far it may be from what it was; nothing where there are too few leaves.
+pub fn thin_to(mesh: &LocalMesh, target: usize) -> Option<(LocalMesh, f64)> {
+    let islands = Islands::of(mesh);
+    let (leaves, rest) = islands.split(mesh);
+    let room = target.checked_sub(rest.len() / 3).filter(|room| *room > 0 && !leaves.is_empty())?;
+    let sight = Sight::of(Aabb::of_points(&mesh.positions), &mesh.positions, &mesh.indices);
+    let after = LocalMesh { indices: rest, ..mesh.clone() };
+    let thinned = islands.thin(&after, &leaves, room, &sight, true);
+    let mut out = thinned.mesh;
+    out.indices.extend(after.indices);
+    Some((out, thinned.moved))
+}
+
+/// Collapses edges whatever becomes of the topology, and lets loose parts go. Returns the mesh, numbered like `mesh`, and an
+/// estimate of its distance; nothing where it cannot be in the place of `mesh`.
+pub fn collapse_loosely_to(mesh: &LocalMesh, target: usize, content: &Content) -> Option<(LocalMesh, f32)> {
+    let options = BuildOptions::default();
+    let Made { mesh: result, error, .. } =
+        run(mesh, &mesh.locked, target, f64::INFINITY, content, &options, Step::Permissive);
+    let fits = !result.indices.is_empty() && keeps_materials(&result) && keeps_border(mesh, &result);
+    fits.then_some((result, error))
 }
 
 /// Clusters vertices, each material by itself, with the lines between them locked.

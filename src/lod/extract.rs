@@ -25,6 +25,11 @@ pub struct CutArrays {
 
 /// Concatenates clusters; vertices with the same identity become one, in order of first use.
 pub fn extract(dag: &Dag, clusters: &[ClusterAddress]) -> CutArrays {
+    extract_numbered(dag, clusters).0
+}
+
+/// The same, and for each identity one more than its row; 0 where it has none.
+pub fn extract_numbered(dag: &Dag, clusters: &[ClusterAddress]) -> (CutArrays, Vec<u32>) {
     let counts = clusters.iter().map(|at| {
         let record = dag.record(*at);
         (usize::from(record.vertex_count), usize::from(record.triangle_count))
@@ -64,13 +69,18 @@ pub fn extract(dag: &Dag, clusters: &[ClusterAddress]) -> CutArrays {
         out.faces.extend(geometry.triangles.iter().map(|t| t.map(|v| local[usize::from(v)])));
     }
     out.first_face.push(out.faces.len() as u32);
-    out
+    (out, number)
 }
 
-/// The words of a channel for the vertices of a cut, row after row; the channel is read if it is not in memory.
-pub fn channel_rows(channel: &Channel, ids: &[u32]) -> Result<Vec<u32>> {
+/// The words of a channel for the vertices of a cut, row after row; the channel is read if it is not in memory. `made` has
+/// the rows of identities behind those of the mesh.
+pub fn channel_rows(channel: &Channel, ids: &[u32], made: &[u32]) -> Result<Vec<u32>> {
     let (words, width) = (channel.words.load()?, channel.info.width());
     let mut rows = Vec::with_capacity(ids.len() * width);
-    ids.iter().for_each(|id| rows.extend_from_slice(&words[*id as usize * width..][..width]));
+    for id in ids {
+        let at = *id as usize * width;
+        let row = words.get(at..at + width);
+        rows.extend_from_slice(row.unwrap_or_else(|| &made[at - words.len()..][..width]));
+    }
     Ok(rows)
 }

@@ -3,5 +3,7 @@
 pub mod extract;
 pub mod select;
 
-pub use extract::{CutArrays, channel_rows, extract};
-pub use select::{FaceBudget, cut_attribute_error, cut_error, load, select};
+pub use extract::{CutArrays, channel_rows, extract, extract_numbered};
+pub use select::{
+    Beside, FaceBudget, attribute_error_with, cut_attribute_error, cut_error, error_with, load, select,
+};

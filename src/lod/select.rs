@@ -58,30 +58,51 @@ fn largest(dag: &Dag, clusters: &[ClusterAddress], error: impl Fn(&Group) -> f32
 
 /// How far attributes are off in a cut, as a length in object units.
 pub fn cut_attribute_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
-    f64::from(largest(dag, clusters, |group| group.attribute_error)) * dag.frame.scale
+    attribute_error_with(dag, clusters, 0.0)
+}
+
+/// The same of a cut that also has what is so far off, in internal units.
+pub fn attribute_error_with(dag: &Dag, clusters: &[ClusterAddress], other: f32) -> f64 {
+    f64::from(largest(dag, clusters, |group| group.attribute_error).max(other)) * dag.frame.scale
 }
 
 /// The largest distance stated for a cut's clusters in object units, plus the rounding of positions; rounded up.
 pub fn cut_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
-    let largest = largest(dag, clusters, Group::distance);
+    error_with(dag, clusters, 0.0)
+}
+
+/// The same of a cut that also has what is so far off, in internal units.
+pub fn error_with(dag: &Dag, clusters: &[ClusterAddress], other: f32) -> f64 {
+    let largest = largest(dag, clusters, Group::distance).max(other);
     let rounding = dag.rounding();
     let error = f64::from(largest) * dag.frame.scale + rounding;
     if largest > 0.0 && rounding > 0.0 { error.next_up() } else { error }
 }
 
-/// How many triangles the cut for each estimate has: found once, then any budget is a search in a table.
+/// How many triangles the cut has after each group that is replaced by what was made from it: found once, then any
+/// budget is a search in a table.
 ///
 /// For a number of triangles it is the estimates of the simplifier that are compared, and not what is proven: a bound
 /// is that of the worst point of a group, an estimate says more about all of them, so that cuts come out nearer in the
-/// mean. Estimates do not decrease along the DAG either, which is all that a cut needs to be whole.
+/// mean. Estimates do not decrease along the DAG either, and of equal ones the finer level comes first, which is all that a cut
+/// needs to be whole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FaceBudget {
-    /// Estimates, increasing, internal units; the first is 0.
-    estimates: Vec<f32>,
-    /// Triangles of the cut at each.
+    /// Groups by rising estimate.
+    order: Vec<u32>,
+    /// The place of each group in that order.
+    ranks: Vec<u32>,
+    /// Triangles of the cut in which so many of them are replaced.
     faces: Vec<u64>,
-    /// Groups by falling estimate.
-    groups: Vec<u32>,
+}
+
+/// The two cuts of whole groups beside a number of triangles, each by the number of groups that are replaced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Beside {
+    /// The one with more, if there is one.
+    pub fine: Option<usize>,
+    /// The one with at most so many, or the coarsest there is.
+    pub coarse: usize,
 }
 
 /// What is compared for a number of triangles.
@@ -89,50 +110,80 @@ fn estimate(group: &Group) -> f32 {
     group.rank
 }
 
-/// The same for what a cluster is itself.
-fn own_estimate(dag: &Dag, at: ClusterAddress) -> f32 {
-    dag.groups.get(dag.record(at).refined as usize).map_or(0.0, estimate)
-}
-
 impl FaceBudget {
     /// Tabulates a mesh whose pages are all in memory. Costs one pass over the clusters.
     pub fn new(dag: &Dag) -> Self {
-        // A cluster counts from its own estimate on, and no longer from its group's.
-        let mut steps: Vec<(f32, i64)> = Vec::with_capacity(2 * dag.cluster_count());
-        for group in dag.groups.iter() {
+        let mut order: Vec<u32> = (0..dag.groups.len() as u32).collect();
+        let of = |g: &u32| &dag.groups[*g as usize];
+        order.sort_by(|a, b| {
+            let by_estimate = estimate(of(a)).total_cmp(&estimate(of(b)));
+            of(a)
+                .error
+                .is_infinite()
+                .cmp(&of(b).error.is_infinite())
+                .then(by_estimate)
+                .then(of(a).level.cmp(&of(b).level))
+                .then(a.cmp(b))
+        });
+        let mut ranks = vec![0; order.len()];
+        order.iter().zip(0..).for_each(|(g, rank)| ranks[*g as usize] = rank);
+        let (mut source, mut steps) = (0, vec![0i64; order.len()]);
+        for (group, rank) in dag.groups.iter().zip(&ranks) {
             for at in group.members() {
-                let triangles = i64::from(dag.record(at).triangle_count);
-                steps.push((own_estimate(dag, at), triangles));
-                if group.error.is_finite() {
-                    steps.push((estimate(group), -triangles));
+                let record = dag.record(at);
+                let triangles = i64::from(record.triangle_count);
+                steps[*rank as usize] -= triangles;
+                match ranks.get(record.refined as usize) {
+                    Some(refined) => steps[*refined as usize] += triangles,
+                    None => source += triangles,
                 }
             }
         }
-        steps.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let mut groups: Vec<u32> = (0..dag.groups.len() as u32).collect();
-        let of = |g: &u32| estimate(&dag.groups[*g as usize]);
-        groups.sort_by(|a, b| of(b).total_cmp(&of(a)));
-        let mut budget = Self { estimates: Vec::new(), faces: Vec::new(), groups };
-        let mut count = 0;
-        for step in steps.chunk_by(|a, b| a.0 == b.0) {
-            count += step.iter().map(|s| s.1).sum::<i64>();
-            budget.estimates.push(step[0].0);
-            budget.faces.push(count.max(0) as u64);
+        let replaceable = order.iter().take_while(|g| of(g).error.is_finite()).count();
+        let mut faces = vec![source.max(0) as u64];
+        for step in &steps[..replaceable] {
+            source += step;
+            faces.push(source.max(0) as u64);
         }
-        budget
+        Self { order, ranks, faces }
     }
 
-    /// The finest cut with at most `target` triangles, or the coarsest there is, in page order.
-    pub fn select(&self, dag: &Dag, target: u64) -> Vec<ClusterAddress> {
-        // Counts fall with the estimate but for rare steps up by a few triangles: take the fullest that fits.
+    /// Triangles of the cut in which so many groups are replaced.
+    pub fn faces(&self, replaced: usize) -> u64 {
+        self.faces[replaced]
+    }
+
+    /// The cuts beside a number of triangles.
+    pub fn beside(&self, target: u64) -> Beside {
+        // Counts fall but for rare steps up by a few triangles: take the fullest that fits.
         let fits = |i: &usize| self.faces[*i] <= target;
         let best = (0..self.faces.len()).filter(fits).max_by_key(|i| (self.faces[*i], std::cmp::Reverse(*i)));
-        let most = best.map_or_else(|| *self.estimates.last().unwrap_or(&0.0), |i| self.estimates[i]);
-        let groups = self.groups.iter().map(|g| &dag.groups[*g as usize]);
-        let coarser = groups.take_while(|group| estimate(group) > most);
-        let members = coarser.flat_map(Group::members);
-        let mut clusters: Vec<_> = members.filter(|at| own_estimate(dag, *at) <= most).collect();
+        let coarse = best.unwrap_or(self.faces.len() - 1);
+        Beside { fine: best.and_then(|best| (0..best).rfind(|i| !fits(i))), coarse }
+    }
+
+    /// The clusters of the cut in which so many groups are replaced, in page order.
+    pub fn clusters(&self, dag: &Dag, replaced: usize) -> Vec<ClusterAddress> {
+        let groups = self.order[replaced.min(self.order.len())..].iter().map(|g| &dag.groups[*g as usize]);
+        let mut clusters: Vec<_> =
+            groups.flat_map(Group::members).filter(|at| self.is_made(dag, *at, replaced)).collect();
         clusters.sort_unstable();
         clusters
+    }
+
+    /// Whether a cluster is of the source, or was made from one of the first groups.
+    fn is_made(&self, dag: &Dag, at: ClusterAddress, replaced: usize) -> bool {
+        self.ranks.get(dag.record(at).refined as usize).is_none_or(|rank| (*rank as usize) < replaced)
+    }
+
+    /// The groups that come next and lie in that cut with all of their members, in order.
+    pub fn next<'a>(&'a self, dag: &'a Dag, replaced: usize) -> impl Iterator<Item = &'a Group> {
+        let groups = self.order[replaced..].iter().map(|g| &dag.groups[*g as usize]);
+        groups.filter(move |group| group.members().all(|at| self.is_made(dag, at, replaced)))
+    }
+
+    /// The finest cut of whole groups with at most `target` triangles, or the coarsest there is, in page order.
+    pub fn select(&self, dag: &Dag, target: u64) -> Vec<ClusterAddress> {
+        self.clusters(dag, self.beside(target).coarse)
     }
 }

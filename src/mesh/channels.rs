@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::hash;
 use super::source::SourceMesh;
+use crate::error::Result;
 use crate::model::{Channel, ChannelInfo};
 
 /// The channels of a mesh.
@@ -22,11 +23,56 @@ pub struct Channels {
 
 /// How a column is scaled.
 #[derive(Clone, Copy, Debug)]
-struct Scale {
+pub struct Scale {
     low: f64,
     high: f64,
     /// The largest range of any column of the channel: vectors keep their direction.
     range: f64,
+}
+
+impl Scale {
+    /// Of the columns of a channel, from their least and largest values.
+    fn of_channel(columns: &[(f64, f64)]) -> impl Iterator<Item = Self> {
+        let range = columns.iter().map(|(low, high)| high - low).fold(0.0, f64::max);
+        columns.iter().map(move |&(low, high)| Self { low, high, range })
+    }
+
+    /// What simplifiers see of a word.
+    pub fn scaled(&self, word: u32) -> f32 {
+        let x = f64::from(f32::from_bits(word));
+        if self.range > 0.0 { ((x - self.low) / self.range) as f32 } else { 0.0 }
+    }
+
+    /// The word for what they made of it. Solved values may leave the range of the source by a little.
+    pub fn word(&self, x: f32) -> u32 {
+        ((self.low + self.range * f64::from(x)).clamp(self.low, self.high) as f32).to_bits()
+    }
+}
+
+/// How the floats of a finished mesh were scaled, a column after the other; reads those channels. Made vertices stay within
+/// the ranges of the source, which is all there.
+pub fn scales(channels: &[Channel]) -> Result<Vec<Scale>> {
+    let mut scales = Vec::new();
+    for channel in channels.iter().filter(|channel| !channel.info.dtype.is_label()) {
+        let width = channel.info.width();
+        scales.extend(Scale::of_channel(&ranges(channel.words.load()?, width)));
+    }
+    Ok(scales)
+}
+
+/// The least and the largest of each column as floats.
+fn ranges(words: &[u32], width: usize) -> Vec<(f64, f64)> {
+    let none = || vec![(f64::INFINITY, f64::NEG_INFINITY); width];
+    words
+        .par_chunks(width)
+        .fold(none, |mut ranges, row| {
+            for (range, word) in ranges.iter_mut().zip(row) {
+                let x = f64::from(f32::from_bits(*word));
+                *range = (range.0.min(x), range.1.max(x));
+            }
+            ranges
+        })
+        .reduce(none, |a, b| a.iter().zip(b).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).collect())
 }
 
 fn width(infos: &[ChannelInfo]) -> usize {
@@ -90,26 +136,14 @@ impl Channels {
             .zip(vertices)
             .for_each(|(row, v)| row.copy_from_slice(&self.words[*v as usize * width..][..width]));
         self.words = words;
-        let none = || vec![(f64::INFINITY, f64::NEG_INFINITY); width];
-        let ranges = self
-            .words
-            .par_chunks(width)
-            .fold(none, |mut ranges, row| {
-                for (range, word) in ranges.iter_mut().zip(row) {
-                    let x = f64::from(f32::from_bits(*word));
-                    *range = (range.0.min(x), range.1.max(x));
-                }
-                ranges
-            })
-            .reduce(none, |a, b| a.iter().zip(b).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).collect());
+        let ranges = ranges(&self.words, width);
         self.scales.clear();
         let mut at = 0;
         for info in &self.infos {
             let columns = &ranges[at..at + info.width()];
             at += info.width();
             if !info.dtype.is_label() {
-                let range = columns.iter().map(|(low, high)| high - low).fold(0.0, f64::max);
-                self.scales.extend(columns.iter().map(|&(low, high)| Scale { low, high, range }));
+                self.scales.extend(Scale::of_channel(columns));
             }
         }
     }
@@ -124,8 +158,7 @@ impl Channels {
         rows.par_chunks_mut(stride).zip(self.words.par_chunks(self.width())).for_each(|(row, words)| {
             let floats = words.iter().zip(&is_label).filter(|(_, label)| !**label).map(|(word, _)| word);
             for ((out, word), scale) in row[first..].iter_mut().zip(floats).zip(&self.scales) {
-                let x = f64::from(f32::from_bits(*word));
-                *out = if scale.range > 0.0 { ((x - scale.low) / scale.range) as f32 } else { 0.0 };
+                *out = scale.scaled(*word);
             }
         });
     }
@@ -165,11 +198,8 @@ impl Channels {
                     return;
                 }
                 let scaled = &rows[v * stride + first + float..][..columns];
-                for ((out, x), Scale { low, high, range }) in
-                    out.iter_mut().zip(scaled).zip(&self.scales[float..])
-                {
-                    // Solved values may leave the range of the source by a little.
-                    *out = ((low + range * f64::from(*x)).clamp(*low, *high) as f32).to_bits();
+                for ((out, x), scale) in out.iter_mut().zip(scaled).zip(&self.scales[float..]) {
+                    *out = scale.word(*x);
                 }
             });
             Channel { info: info.clone(), words: words.into() }

@@ -20,5 +20,5 @@ pub use hierarchy::Node;
 pub use packing::Packing;
 pub use page::{PageEntry, PageSource, PageWords, Pages};
 pub use reading::{FOREVER, LOOK_UP, Patience, read_page, read_pages, wait_for};
-pub use report::{BuildReport, LevelReport, StuckGroup, StuckReason};
+pub use report::{BuildReport, LevelReport, StuckGroup, StuckReason, Weights};
 pub use words::Words;

@@ -51,6 +51,26 @@ pub struct LevelReport {
     pub max_attribute_error: f64,
 }
 
+/// What building was told to weigh, for those who simplify what it made. Files without it get the defaults.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Weights {
+    /// A unit of normal deviation against one mean edge length of distance.
+    pub normal: f32,
+    /// A unit of colour, 0 to 1.
+    pub color: f32,
+    /// A unit of UV.
+    pub uv: f32,
+    /// The range of a channel, or another label.
+    pub channel: f32,
+}
+
+impl Default for Weights {
+    fn default() -> Self {
+        Self { normal: 1.0, color: 1.0, uv: 1.0, channel: 1.0 }
+    }
+}
+
 /// Everything a build reports.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BuildReport {
@@ -84,4 +104,10 @@ pub struct BuildReport {
     pub levels: Vec<LevelReport>,
     /// Groups that stay roots besides the last one.
     pub stuck: Vec<StuckGroup>,
+    /// What attributes weighed.
+    #[serde(default)]
+    pub weights: Weights,
+    /// Small islands that stay grow until as much is covered as before.
+    #[serde(default)]
+    pub preserve_area: bool,
 }

@@ -22,12 +22,13 @@ use super::renderer::{self, RawCamera};
 use crate::build::{self, Progress};
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
+use crate::finish::{FinishedCut, Finisher};
 use crate::format::{self, Precision};
-use crate::lod::{FaceBudget, channel_rows, cut_attribute_error, cut_error, extract, load, select};
+use crate::lod::{channel_rows, load, select};
 use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
-use crate::model::rule::Threshold;
-use crate::model::{Channel, ClusterAddress, Dag, Frame, Grid, LOOK_UP, Patience};
+use crate::model::rule::{ROOT_ERROR, Threshold};
+use crate::model::{Channel, Dag, Frame, Grid, Group, LOOK_UP, Patience};
 
 /// Stack of the thread that builds.
 const STACK_BYTES: usize = 16 << 20;
@@ -37,12 +38,12 @@ const STACK_BYTES: usize = 16 << 20;
 pub struct Mesh {
     /// The cluster DAG.
     pub dag: Arc<Dag>,
-    budget: OnceLock<FaceBudget>,
+    finisher: OnceLock<Finisher>,
 }
 
 impl Mesh {
     fn new(dag: Dag) -> Self {
-        Self { dag: Arc::new(dag), budget: OnceLock::new() }
+        Self { dag: Arc::new(dag), finisher: OnceLock::new() }
     }
 }
 
@@ -312,13 +313,21 @@ impl Mesh {
         self.cut_at(py, Threshold::Uniform(internal.max(0.0)))
     }
 
-    /// The finest cut with at most so many triangles, or the coarsest there is.
-    fn cut_faces(&self, py: Python<'_>, target: u64) -> PyResult<Cut> {
-        let budget = interruptible(py, |go_on| {
+    /// The cut with so many triangles or a few less; with whole groups, the finest with at most so many. Where that is
+    /// less than the coarsest has, that.
+    fn cut_faces(&self, py: Python<'_>, target: u64, exact: bool) -> PyResult<Cut> {
+        let finisher = interruptible(py, |go_on| {
             self.dag.pages.load_all(go_on)?;
-            Ok(self.budget.get_or_init(|| FaceBudget::new(&self.dag)))
+            Ok(self.finisher.get_or_init(|| Finisher::new(&self.dag)))
         })?;
-        self.cut(py, |dag, _| Ok(budget.select(dag, target)))
+        let cut =
+            |dag: &Dag| if exact { finisher.exact(dag, target) } else { Ok(finisher.whole(dag, target)) };
+        self.cut(py, |dag, _| cut(dag))
+    }
+
+    /// Triangles of the coarsest cut.
+    fn min_faces(&self, py: Python<'_>) -> PyResult<u64> {
+        interruptible(py, |go_on| coarsest_faces(&self.dag, go_on))
     }
 
     /// The cut for an error in pixels, from a camera and its camera-to-mesh pose: the clusters that the renderer
@@ -478,23 +487,26 @@ impl Mesh {
     fn cut_at(&self, py: Python<'_>, threshold: Threshold) -> PyResult<Cut> {
         self.cut(py, |dag, go_on| {
             load(dag, &threshold, go_on)?;
-            Ok(select(dag, &threshold))
+            Ok(FinishedCut { clusters: select(dag, &threshold), made: None })
         })
     }
 
     fn cut(
         &self,
         py: Python<'_>,
-        select: impl FnOnce(&Dag, Patience<'_>) -> Result<Vec<ClusterAddress>> + Send,
+        select: impl FnOnce(&Dag, Patience<'_>) -> Result<FinishedCut> + Send,
     ) -> PyResult<Cut> {
         let dag = &*self.dag;
-        let (clusters, arrays, error, positions) = interruptible(py, |go_on| {
-            let clusters = select(dag, go_on)?;
-            let mut arrays = extract(dag, &clusters);
-            let error = (cut_error(dag, &clusters), cut_attribute_error(dag, &clusters));
+        let (cut, arrays, error, positions) = interruptible(py, |go_on| {
+            let cut = select(dag, go_on)?;
+            let mut arrays = cut.extract(dag);
+            let error = (cut.error(dag), cut.attribute_error(dag));
             let positions = object_positions(std::mem::take(&mut arrays.positions), &dag.frame);
-            Ok((clusters, arrays, error, positions))
+            Ok((cut, arrays, error, positions))
         })?;
+        let made = |channel: usize| -> Arc<[u32]> {
+            cut.made.as_ref().map_or_else(Arc::default, |made| made.channels[channel][..].into())
+        };
         let vertices = match positions {
             ObjectPositions::F32(rows) => into_rows(py, rows)?.into_py_any(py)?,
             ObjectPositions::F64(rows) => into_rows(py, rows)?.into_py_any(py)?,
@@ -502,9 +514,10 @@ impl Mesh {
         let faces = arrays.faces.into_iter().map(|face| face.map(u32::cast_signed)).collect();
         let sets = arrays.uvs.into_iter().map(|set| into_rows(py, set)).collect::<PyResult<_>>()?;
         let ids: Arc<[u32]> = if dag.channels.is_empty() { Arc::default() } else { arrays.ids[..].into() };
-        let rows =
-            |channel: &Channel| Py::new(py, ChannelRows { channel: channel.clone(), ids: Arc::clone(&ids) });
-        let channels = dag.channels.iter().map(rows).collect::<PyResult<_>>()?;
+        let rows = |(k, channel): (usize, &Channel)| {
+            Py::new(py, ChannelRows { channel: channel.clone(), ids: Arc::clone(&ids), made: made(k) })
+        };
+        let channels = dag.channels.iter().enumerate().map(rows).collect::<PyResult<_>>()?;
         Ok(Cut {
             vertices,
             faces: into_rows(py, faces)?,
@@ -513,9 +526,9 @@ impl Mesh {
             uvs: sets,
             channels,
             vertex_ids: into_array(py, arrays.ids),
-            cluster_ids: into_array(py, clusters.iter().map(|at| at.0).collect()),
-            cluster_levels: into_array(py, levels(dag, &clusters)),
-            cluster_materials: dag.layout().materials.then(|| into_array(py, materials(dag, &clusters))),
+            cluster_ids: into_array(py, cluster_ids(&cut)),
+            cluster_levels: into_array(py, levels(dag, &cut)),
+            cluster_materials: dag.layout().materials.then(|| into_array(py, materials(dag, &cut))),
             first_face: into_array(py, arrays.first_face),
             error: error.0,
             attribute_error: error.1,
@@ -523,12 +536,28 @@ impl Mesh {
     }
 }
 
-fn levels(dag: &Dag, clusters: &[ClusterAddress]) -> Vec<u8> {
-    clusters.iter().map(|at| dag.record(*at).level).collect()
+/// The triangles of the coarsest cut, whose pages it reads.
+fn coarsest_faces(dag: &Dag, go_on: Patience<'_>) -> Result<u64> {
+    dag.pages.load(0..dag.root_pages(), go_on)?;
+    let roots = dag.groups.iter().filter(|group| group.error == ROOT_ERROR);
+    Ok(roots.flat_map(Group::members).map(|at| u64::from(dag.record(at).triangle_count)).sum())
 }
 
-fn materials(dag: &Dag, clusters: &[ClusterAddress]) -> Vec<i32> {
-    clusters.iter().map(|at| dag.record(*at).material).collect()
+/// What stands for the address of a cluster where triangles are in none.
+const NO_CLUSTER: u32 = u32::MAX;
+
+fn cluster_ids(cut: &FinishedCut) -> Vec<u32> {
+    cut.clusters.iter().map(|at| at.0).chain(cut.parts().iter().map(|_| NO_CLUSTER)).collect()
+}
+
+fn levels(dag: &Dag, cut: &FinishedCut) -> Vec<u8> {
+    let levels = cut.clusters.iter().map(|at| dag.record(*at).level);
+    levels.chain(cut.parts().iter().map(|part| part.level)).collect()
+}
+
+fn materials(dag: &Dag, cut: &FinishedCut) -> Vec<i32> {
+    let materials = cut.clusters.iter().map(|at| dag.record(*at).material);
+    materials.chain(cut.parts().iter().map(|part| part.material)).collect()
 }
 
 enum ObjectPositions {
@@ -569,6 +598,8 @@ pub struct Cut {
 pub struct ChannelRows {
     channel: Channel,
     ids: Arc<[u32]>,
+    /// The rows of vertices that the cut alone has.
+    made: Arc<[u32]>,
 }
 
 #[pymethods]
@@ -593,7 +624,7 @@ impl ChannelRows {
 
     /// The words, a row for each vertex; the channel is read if it is not in memory.
     fn words(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u32>>> {
-        let words = detached(py, || channel_rows(&self.channel, &self.ids))?;
+        let words = detached(py, || channel_rows(&self.channel, &self.ids, &self.made))?;
         into_words(py, words, self.channel.info.width())
     }
 }

@@ -187,6 +187,6 @@ def test_many_groups_state_little_more_than_there_is() -> None:
     vertices, faces = nrs.shapes.displaced_icosphere(faces=200_000)
     mesh = nrs.NaniteMesh.from_arrays(vertices, faces, progress=False)
     for share in (0.5, 0.25, 0.1, 0.05, 0.03, 0.02):
-        cut = mesh.cut(target_faces=int(share * len(faces)))
+        cut = mesh.cut(target_faces=int(share * len(faces)), exact=False)
         found = nrs.measure.surface_distance((vertices, faces), cut, mode="bounded")
         assert found.lower <= cut.error <= 1.5 * found.upper, f"{share}: {cut.error} for {found.upper}"

@@ -17,7 +17,7 @@ def sphere():
 def test_targets_are_kept_and_approached(sphere) -> None:
     total = len(sphere.cut(error=0.0).faces)
     for target in (total, total - 1, total // 2, total // 10, 3000, 1000):
-        cut = sphere.cut(target_faces=target)
+        cut = sphere.cut(target_faces=target, exact=False)
         assert len(cut.faces) <= target
         # Groups are simplified as wholes, so sizes come in steps: of some 2,000 triangles here.
         assert len(cut.faces) >= 0.9 * target - 2500, target

@@ -57,7 +57,7 @@ fn each_is_read_when_it_is_asked_for() {
     assert_eq!(cut, extract(&dag, &clusters(&dag)));
     assert!(words(&stored).iter().all(|words| words.held().is_empty()), "a cut needs none of them");
     for (i, (whole, part)) in dag.channels.iter().zip(&stored.channels).enumerate() {
-        assert_eq!(channel_rows(part, &cut.ids).unwrap(), channel_rows(whole, &cut.ids).unwrap());
+        assert_eq!(channel_rows(part, &cut.ids, &[]).unwrap(), channel_rows(whole, &cut.ids, &[]).unwrap());
         let held: Vec<bool> = stored.channels.iter().map(|c| !c.words.held().is_empty()).collect();
         assert_eq!(held, [true, i == 1]);
     }

@@ -6,9 +6,10 @@ use std::sync::Arc;
 
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, RenderOptions};
+use nanite_rs::finish::Finisher;
 use nanite_rs::format::file::{ENTRY_BYTES, HEADER_BYTES, Kind, PageRow};
 use nanite_rs::format::open_input;
-use nanite_rs::lod::{FaceBudget, channel_rows, cut_error, extract, select};
+use nanite_rs::lod::{channel_rows, cut_error, extract, select};
 use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::rule::Threshold;
 use nanite_rs::model::{ChannelInfo, ChannelType, Dag};
@@ -99,12 +100,16 @@ pub fn reseal(bytes: &mut [u8]) {
 
 /// What an accepted file has to stand: what its user does next ends without a panic.
 pub fn exercise(dag: &Dag) {
-    let by_size = FaceBudget::new(dag).select(dag, dag.source_faces / 3);
+    let finisher = Finisher::new(dag);
+    let by_size = finisher.budget.select(dag, dag.source_faces / 3);
+    drop(finisher.exact(dag, dag.source_faces / 3).map(|cut| cut.extract(dag)));
     let by_error = [0.0, 0.01].map(|error| select(dag, &Threshold::Uniform(error)));
     for clusters in [by_size].iter().chain(&by_error) {
         let cut = extract(dag, clusters);
         let _ = cut_error(dag, clusters);
-        dag.channels.iter().for_each(|c| assert!(channel_rows(c, &cut.ids).unwrap().len() >= cut.ids.len()));
+        dag.channels
+            .iter()
+            .for_each(|c| assert!(channel_rows(c, &cut.ids, &[]).unwrap().len() >= cut.ids.len()));
     }
 }
 

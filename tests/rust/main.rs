@@ -1,5 +1,6 @@
 //! Integration tests: one binary.
 
+mod budgets;
 mod channels;
 mod dag_invariants;
 mod damage;

@@ -1,0 +1,273 @@
+//! What collapsing changed, and how far that is from what it was.
+
+use glam::DVec3;
+use rustc_hash::{FxHashMap, FxHashSet};
+
+use super::gather::Region;
+use crate::build::attribute_error::deviation_above;
+use crate::build::content::{Content, up};
+use crate::build::relax::{Sample, relax};
+use crate::build::store::LocalMesh;
+use crate::math::sphere::round_up;
+use crate::measure::closest::Triangle;
+use crate::measure::overlay::{Bounds, NO_TRIANGLE, Overlay, Sheet};
+use crate::measure::piece::Piece;
+use crate::measure::{BoundOptions, outwards};
+use crate::mesh::hash;
+use crate::model::{ClusterAddress, Dag, Group};
+
+/// A bound may be this part above the largest distance found.
+const SLACK: f64 = 0.1;
+
+/// A region after its edges were collapsed, triangle by triangle.
+#[derive(Debug)]
+pub struct Changes {
+    /// The region as it is now, its vertices numbered as before.
+    pub after: LocalMesh,
+    /// Whether a vertex that is used is another one now.
+    pub moved: Vec<bool>,
+    /// For each triangle the one that it was, if it is the same.
+    pub was: Vec<Option<u32>>,
+    /// For each triangle of the region whether it is there no more.
+    gone: Vec<bool>,
+    /// What went may have nothing in its place: all is compared with all.
+    pub pruned: bool,
+}
+
+fn corners(mesh: &LocalMesh) -> impl Iterator<Item = [u32; 3]> {
+    mesh.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]])
+}
+
+impl Changes {
+    /// Compares a region with what became of it.
+    pub fn new(region: &Region, after: LocalMesh, pruned: bool) -> Self {
+        let before = &region.mesh;
+        let stride = before.attributes.len() / before.ids.len().max(1);
+        let mut moved = vec![true; after.ids.len()];
+        for v in 0..before.ids.len() + after.copies.len() {
+            let was = after.origin(v);
+            let row = |v: usize| v * stride..(v + 1) * stride;
+            moved[v] = before.positions[was] != after.positions[v]
+                || before.attributes[row(was)] != after.attributes[row(v)]
+                || before.labels.get(was) != after.labels.get(v);
+        }
+        let known: FxHashMap<[u32; 3], u32> = corners(before).zip(0..).collect();
+        let mut gone = vec![true; region.faces()];
+        let was = corners(&after)
+            .map(|t| {
+                let same = known.get(&t).copied().filter(|_| t.iter().all(|v| !moved[*v as usize]));
+                same.into_iter().for_each(|t| gone[t as usize] = false);
+                same
+            })
+            .collect();
+        Self { after, moved, was, gone, pruned }
+    }
+
+    /// The clusters that lost triangles.
+    pub fn touched(&self, region: &Region) -> Vec<ClusterAddress> {
+        let owners = region.owners.iter().zip(&self.gone).filter(|(_, gone)| **gone).map(|(owner, _)| *owner);
+        let mut owners: Vec<u32> = owners.collect();
+        owners.sort_unstable();
+        owners.dedup();
+        owners.into_iter().map(|owner| region.clusters[owner as usize]).collect()
+    }
+
+    /// The triangles that went, and those that came; all of them where the surface was pruned.
+    fn sides(&self, region: &Region) -> [Side; 2] {
+        let went = corners(&region.mesh).zip(&self.gone);
+        let came = corners(&self.after).zip(&self.was).map(|(t, was)| (t, was.is_none()));
+        let side = |mesh: &LocalMesh, triangles: Vec<([u32; 3], bool)>| {
+            let here = || triangles.iter().filter(|(_, changed)| *changed || self.pruned);
+            let (part, vertices) = part(mesh, here().flat_map(|(t, _)| *t).collect());
+            Side { part, vertices, changed: here().map(|(_, changed)| *changed).collect() }
+        };
+        [side(&region.mesh, went.map(|(t, gone)| (t, *gone)).collect()), side(&self.after, came.collect())]
+    }
+
+    /// Moves what came to where it fits what went best, as far as that is within `reach`. What does not stays as it is.
+    pub fn relax(&mut self, region: &Region, reach: f64) {
+        let [went, came] = self.sides(region);
+        if self.pruned || went.part.indices.is_empty() || came.part.indices.is_empty() {
+            return;
+        }
+        let mut held = vec![false; self.after.ids.len()];
+        let stays = corners(&self.after).zip(&self.was).filter(|(_, was)| was.is_some());
+        stays.flat_map(|(t, _)| t).for_each(|v| held[v as usize] = true);
+        held.iter_mut().zip(&self.after.locked).for_each(|(held, locked)| *held |= locked);
+        let bits = |p: [f32; 3]| p.map(|x| (x + 0.0).to_bits());
+        let places: FxHashSet<[u32; 3]> =
+            (0..held.len()).filter(|v| held[*v]).map(|v| bits(self.after.positions[v])).collect();
+        let mut mesh = came.part;
+        mesh.locked = mesh.positions.iter().map(|p| places.contains(&bits(*p))).collect();
+        fit(&mut mesh, &sheet(&went.part, Vec::new()), reach);
+        for (v, position) in came.vertices.iter().zip(&mesh.positions) {
+            let v = *v as usize;
+            self.moved[v] |= self.after.positions[v] != *position;
+            self.after.positions[v] = *position;
+        }
+    }
+
+    /// Moves all of a surface to where it fits a finer one best, as far as that is within `reach`.
+    pub fn relax_to(&mut self, finer: &Region, reach: f64) {
+        let before = self.after.positions.clone();
+        fit(&mut self.after, &sheet(&finer.mesh, Vec::new()), reach);
+        for (v, position) in before.iter().enumerate() {
+            self.moved[v] |= self.after.positions[v] != *position;
+        }
+        self.compare();
+    }
+
+    /// Finds out again which triangles are what they were, where vertices moved since.
+    fn compare(&mut self) {
+        for (t, was) in self.after.indices.chunks_exact(3).zip(&mut self.was) {
+            if t.iter().any(|v| self.moved[*v as usize])
+                && let Some(was) = was.take()
+            {
+                self.gone[was as usize] = true;
+            }
+        }
+    }
+
+    /// A bound of the distance of all of it to the source, by that of a finer cut.
+    pub fn bound_to(&self, dag: &Dag, finer: &Region) -> f32 {
+        let all = |mesh: &LocalMesh| -> Side {
+            let (part, vertices) = part(mesh, mesh.indices.clone());
+            Side { changed: vec![true; part.indices.len() / 3], part, vertices }
+        };
+        let [from, onto] = [all(&finer.mesh), all(&self.after)];
+        // Vertices of one have nothing to do with those of the other.
+        let onto = Side { vertices: Vec::new(), ..onto };
+        between(&from, &finer.radii(dag), &onto, 0.0)
+    }
+
+    /// A bound of the distance to the source: that of the clusters, and of the way from there. Where nothing is above
+    /// `enough`, that.
+    pub fn bound(&self, dag: &Dag, region: &Region, enough: f32) -> f32 {
+        let [went, came] = self.sides(region);
+        if went.part.indices.is_empty() || came.part.indices.is_empty() {
+            return enough;
+        }
+        let all = region.radii(dag);
+        let radii = all.into_iter().zip(&self.gone).filter(|(_, gone)| **gone || self.pruned);
+        let radii: Vec<f64> = radii.map(|(radius, _)| radius).collect();
+        between(&went, &radii, &came, enough).max(enough)
+    }
+
+    /// A bound of how far attributes deviate from what they were; deviations up to `enough` are not told apart.
+    pub fn deviation(&self, region: &Region, content: &Content, free: f32, enough: f32) -> f32 {
+        let [went, came] = self.sides(region);
+        if went.part.indices.is_empty() || came.part.indices.is_empty() {
+            return 0.0;
+        }
+        deviation_above(&went.part, &came.part, content, free, enough)
+    }
+}
+
+/// Some triangles of one of the two surfaces.
+struct Side {
+    part: LocalMesh,
+    /// The vertices of the region that its vertices are, if both sides are of one.
+    vertices: Vec<u32>,
+    /// Which of its triangles the other one does not have.
+    changed: Vec<bool>,
+}
+
+impl Region {
+    /// How far each of its triangles may be from the source.
+    fn radii(&self, dag: &Dag) -> Vec<f64> {
+        let bound_of = |at: &ClusterAddress| {
+            let origin = dag.groups.get(dag.record(*at).refined as usize);
+            f64::from(origin.map_or(0.0, Group::distance))
+        };
+        let of_cluster: Vec<f64> = self.clusters.iter().map(bound_of).collect();
+        self.owners.iter().map(|owner| of_cluster[*owner as usize]).collect()
+    }
+}
+
+/// Moves what is not locked of a mesh to where it fits a surface best.
+fn fit(mesh: &mut LocalMesh, reference: &Sheet, reach: f64) {
+    let up = up(&mesh.positions, bytemuck::cast_slice(&mesh.indices));
+    relax(mesh, reference, reach, up, |visit| {
+        for (t, triangle) in reference.triangles().iter().zip(0..) {
+            let [a, b, c] = t.map(DVec3::from_array);
+            let normal = (b - a).cross(c - a);
+            let weight = normal.length() / 6.0;
+            for point in [a + b, b + c, c + a].map(|sum| 0.5 * sum) {
+                visit(Sample { point, normal, weight, triangle });
+            }
+        }
+    });
+}
+
+/// A bound of the distances of two surfaces to each other, triangles of the first of which stand for something within their
+/// radii. Those up to `enough` are not told apart.
+fn between(a: &Side, radii: &[f64], b: &Side, enough: f32) -> f32 {
+    let none = vec![0.0; b.changed.len()];
+    let goal = BoundOptions { floor: enough.into(), slack: SLACK, ..BoundOptions::default() };
+    // Both ways at once: neither needs to know of the other.
+    let (there, back) = rayon::join(
+        || lay(a, radii, sheet(&b.part, none.clone()), b, goal),
+        || lay(b, &none, sheet(&a.part, radii.to_vec()), a, goal),
+    );
+    let all = a.part.positions.iter().chain(&b.part.positions).flatten();
+    let largest = all.fold(0.0f64, |most, x| most.max(f64::from(x.abs())));
+    round_up(outwards(there.max(back), largest))
+}
+
+/// The largest bound of the distances of what changed on one side, each triangle of which stands for something within its
+/// radius, to the other.
+fn lay(from: &Side, radii: &[f64], sheet: Sheet, onto: &Side, goal: BoundOptions) -> f64 {
+    // Where a vertex is on both sides, so are triangles near it.
+    let most = from.vertices.iter().chain(&onto.vertices).max().map_or(0, |v| *v as usize + 1);
+    let mut start = vec![NO_TRIANGLE; most];
+    for (t, number) in corners(&onto.part).zip(0..) {
+        let vertices = t.iter().filter_map(|v| onto.vertices.get(*v as usize));
+        vertices.for_each(|v| start[*v as usize] = number);
+    }
+    let mut bounds = Bounds::new(goal);
+    let mut overlay = Overlay::new(&sheet);
+    let triangles = corners(&from.part).zip(radii).zip(&from.changed).filter(|(_, changed)| **changed);
+    for ((t, radius), _) in triangles {
+        let starts = t.iter().filter_map(|v| from.vertices.get(*v as usize)).map(|v| start[*v as usize]);
+        if let Some(start) = starts.into_iter().find(|start| *start != NO_TRIANGLE) {
+            overlay.hint = start;
+        }
+        let triangle = t.map(|v| from.part.positions[v as usize].map(f64::from));
+        overlay.lay(&mut bounds, &Piece::new(triangle), *radius, |_, _| 0);
+    }
+    bounds.upper
+}
+
+/// Some triangles of a mesh with the vertices that they use, and which these are.
+fn part(mesh: &LocalMesh, mut indices: Vec<u32>) -> (LocalMesh, Vec<u32>) {
+    let stride = mesh.attributes.len() / mesh.ids.len().max(1);
+    let mut number = vec![u32::MAX; mesh.ids.len()];
+    let mut out = LocalMesh::default();
+    let mut vertices = Vec::new();
+    for v in &mut indices {
+        let at = *v as usize;
+        if number[at] == u32::MAX {
+            number[at] = out.ids.len() as u32;
+            out.ids.push(mesh.ids[at]);
+            vertices.push(*v);
+            out.positions.push(mesh.positions[at]);
+            out.attributes.extend_from_slice(&mesh.attributes[at * stride..][..stride]);
+            out.labels.extend(mesh.labels.get(at));
+            out.materials.extend(mesh.materials.get(at));
+        }
+        *v = number[at];
+    }
+    out.indices = indices;
+    (out, vertices)
+}
+
+/// Triangles, each of which stands for something within its radius.
+fn sheet(mesh: &LocalMesh, radii: Vec<f64>) -> Sheet {
+    let points = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
+    let faces: Vec<[u32; 3]> = corners(mesh).collect();
+    let place = |v: u32| mesh.positions[v as usize].map(f64::from);
+    let triangles: Vec<Triangle> = faces.iter().map(|t| t.map(place)).collect();
+    let numbers: Vec<[u32; 3]> = faces.iter().map(|t| t.map(|v| points[v as usize])).collect();
+    let radii = if radii.is_empty() { vec![0.0; faces.len()] } else { radii };
+    Sheet::new(triangles, &numbers, radii)
+}

@@ -1,0 +1,370 @@
+//! Meeting a budget of triangles exactly: cuts come in steps of whole groups, and what is left between two of them is
+//! made when a cut is.
+//!
+//! Of the two cuts beside a budget the finer one is taken. Of the groups that would be replaced next so many are gathered
+//! that edges can be chosen among them, and these are collapsed as in building, down to what the budget leaves. What the rest
+//! of the cut shares stays as it is, so that no crack opens. The error of what was made is measured against the clusters it was
+//! made from, and what these state is added: docs/numerics.md has the proof.
+
+mod divide;
+mod gather;
+mod measure;
+mod weave;
+
+use std::sync::OnceLock;
+
+use rustc_hash::FxHashSet;
+
+use self::divide::divide_to;
+use self::gather::Region;
+use self::measure::Changes;
+use crate::build::content::Content;
+use crate::build::dag::RELAX_REACH;
+use crate::build::simplify::{Finished, collapse_loosely_to, collapse_to, prune_to, thin_to};
+use crate::build::store::LocalMesh;
+use crate::error::Result;
+use crate::lod::{CutArrays, FaceBudget, attribute_error_with, error_with, extract_numbered};
+use crate::math::sphere::round_up;
+use crate::mesh::channels::{Scale, scales};
+use crate::mesh::hash;
+use crate::model::{ClusterAddress, Dag, Group};
+
+/// Triangles that are gathered for each one that has to go: the cheapest edges are chosen among them.
+const ROOM: u64 = 6;
+/// As many are gathered at least, if there are.
+const LEAST: u64 = 4_000;
+/// Where they do not suffice, so many times as many are.
+const MORE: u64 = 8;
+/// What is made of a whole cut of at most so many triangles is held against a cut with so many times as many.
+const SMALL: u64 = 4_000;
+const FINER: u64 = 3;
+/// What collapses since that finer cut moved, in terms of what those of the last step did.
+const FINER_REACH: f64 = 4.0;
+/// A closed surface loses two triangles at a time.
+const NEAR: u64 = 1;
+/// A cut of so many triangles fewer than its budget meets it, or of this part of it.
+const SHORT: u64 = 2;
+const SHORT_PART: u64 = 200;
+
+/// What is found once of a mesh to cut it by budgets.
+#[derive(Debug)]
+pub struct Finisher {
+    /// Triangles of the cuts of whole groups.
+    pub budget: FaceBudget,
+    content: Content,
+    /// Whether errors are proven.
+    bounded: bool,
+    scales: OnceLock<Vec<Scale>>,
+}
+
+/// A cut, some of which may be made for its budget.
+#[derive(Debug)]
+pub struct FinishedCut {
+    /// Its clusters, in page order.
+    pub clusters: Vec<ClusterAddress>,
+    /// The rest.
+    pub made: Option<Made>,
+}
+
+/// Triangles that are in no cluster of the mesh, in the place of some clusters.
+#[derive(Debug)]
+pub struct Made {
+    /// The triangles, with the vertices of what they were made from.
+    pub mesh: LocalMesh,
+    /// Runs of triangles of one material and level.
+    pub parts: Vec<Part>,
+    /// For each channel of the mesh the rows of new vertices, in the order of their identities.
+    pub channels: Vec<Vec<u32>>,
+    /// How far its shape is stated to be off, in internal units.
+    pub distance: f32,
+    /// How far what it carries is.
+    pub attribute_error: f32,
+}
+
+/// A run of made triangles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Part {
+    /// Of its triangles.
+    pub material: i32,
+    /// Times their surface was simplified.
+    pub level: u8,
+    /// Number of triangles.
+    pub faces: u32,
+}
+
+impl Finisher {
+    /// Tabulates a mesh whose pages are all in memory.
+    pub fn new(dag: &Dag) -> Self {
+        let infos: Vec<_> = dag.channels.iter().map(|channel| channel.info.clone()).collect();
+        let report = &dag.report;
+        let content = Content::of(dag.layout(), &infos, report.computed_normals, &report.weights);
+        // Where building proved nothing, no group has a bound.
+        let bounded = dag.groups.iter().all(|group| group.error.is_infinite() || group.bound.is_finite());
+        Self { budget: FaceBudget::new(dag), content, bounded, scales: OnceLock::new() }
+    }
+
+    /// How floating-point channels are scaled; reads them.
+    fn scales(&self, dag: &Dag) -> Result<&[Scale]> {
+        if let Some(scales) = self.scales.get() {
+            return Ok(scales);
+        }
+        let found = scales(&dag.channels)?;
+        Ok(self.scales.get_or_init(|| found))
+    }
+
+    /// A cut of whole groups: the finest with at most `target` triangles, or the coarsest there is.
+    pub fn whole(&self, dag: &Dag, target: u64) -> FinishedCut {
+        FinishedCut { clusters: self.budget.select(dag, target), made: None }
+    }
+
+    /// A cut of `target` triangles, or two or half a percent less; the coarsest there is where that has more.
+    pub fn exact(&self, dag: &Dag, target: u64) -> Result<FinishedCut> {
+        let beside = self.budget.beside(target);
+        let (Some(fine), true) = (beside.fine, self.budget.faces(beside.coarse) + NEAR < target) else {
+            return Ok(self.whole(dag, target));
+        };
+        let scales = self.scales(dag)?;
+        let finish = Finish {
+            finisher: self,
+            dag,
+            scales,
+            short: SHORT.max(target / SHORT_PART) as usize,
+            relaxes: self.bounded && !dag.report.preserve_area && self.content.is_bare(),
+        };
+        let clusters = self.budget.clusters(dag, fine);
+        let excess = self.budget.faces(fine) - target;
+        let enough = (ROOM * excess).max(LEAST);
+        let groups = self.gather(dag, fine, enough);
+        if dag.report.preserve_area {
+            // Collapses take area from leaves, and the coarser cut has as much as the source.
+            return match finish.thinned(&clusters, &groups, excess)? {
+                Some(cut) => Ok(cut),
+                None => finish.divided(&clusters, &self.budget.clusters(dag, beside.coarse), target),
+            };
+        }
+        let few = Attempt::new(&finish, &clusters, &groups, excess)?;
+        if let Some(cut) = few.collapsed().or_else(|| few.thinned()).transpose()? {
+            return Ok(cut);
+        }
+        let more = self.gather(dag, fine, MORE * enough);
+        let many =
+            if more.len() > groups.len() { Attempt::new(&finish, &clusters, &more, excess)? } else { few };
+        if let Some(cut) = many.collapsed().or_else(|| many.thinned()).or_else(|| many.loose()).transpose()? {
+            return Ok(cut);
+        }
+        finish.divided(&clusters, &self.budget.clusters(dag, beside.coarse), target)
+    }
+
+    /// The groups that come next, of at least so many triangles together, if there are as many.
+    fn gather<'a>(&'a self, dag: &'a Dag, fine: usize, enough: u64) -> Vec<&'a Group> {
+        let mut sum = 0;
+        let triangles = |group: &Group| -> u64 {
+            group.members().map(|at| u64::from(dag.record(at).triangle_count)).sum()
+        };
+        let mut groups = Vec::new();
+        for group in self.budget.next(dag, fine) {
+            groups.push(group);
+            sum += triangles(group);
+            if sum >= enough {
+                break;
+            }
+        }
+        groups
+    }
+}
+
+/// What finishing a cut needs.
+struct Finish<'a> {
+    finisher: &'a Finisher,
+    dag: &'a Dag,
+    scales: &'a [Scale],
+    /// Triangles that may be missing.
+    short: usize,
+    /// Whether what is made moves to where it fits best, as in building.
+    relaxes: bool,
+}
+
+/// Some groups of a cut after as many collapses as there may be.
+struct Attempt<'a> {
+    finish: &'a Finish<'a>,
+    /// The clusters of the cut that are in none of them.
+    rest: Vec<ClusterAddress>,
+    region: Region,
+    /// Triangles that the budget leaves to it.
+    target: usize,
+    made: Finished,
+}
+
+impl<'a> Attempt<'a> {
+    fn new(
+        finish: &'a Finish<'a>,
+        clusters: &[ClusterAddress],
+        groups: &[&Group],
+        excess: u64,
+    ) -> Result<Self> {
+        let (region, rest, target) = finish.region(clusters, groups, excess)?;
+        let made = collapse_to(&region.mesh, target, &finish.finisher.content);
+        Ok(Self { finish, rest, region, target, made })
+    }
+
+    /// Whether a mesh is what the budget leaves.
+    fn fits(&self, mesh: &LocalMesh) -> bool {
+        self.finish.fits(mesh, self.target)
+    }
+
+    fn state(&self, mesh: LocalMesh, estimate: f32, pruned: bool) -> Result<FinishedCut> {
+        let mut changes = Changes::new(&self.region, mesh, pruned);
+        let finer = self.finer()?;
+        let reach = RELAX_REACH * f64::from(self.made.moved);
+        match &finer {
+            Some(finer) if self.finish.relaxes => changes.relax_to(finer, FINER_REACH * reach),
+            None if self.finish.relaxes => changes.relax(&self.region, reach),
+            _ => {}
+        }
+        self.finish.state(self.rest.clone(), &self.region, changes, estimate, finer.as_ref())
+    }
+
+    /// A cut with several times the triangles, where all of this one is made and that is soon compared.
+    fn finer(&self) -> Result<Option<Region>> {
+        let Finish { finisher, dag, scales, .. } = self.finish;
+        let faces = self.region.faces() as u64;
+        if !finisher.bounded || !self.rest.is_empty() || faces > SMALL {
+            return Ok(None);
+        }
+        let clusters = finisher.budget.select(dag, FINER * faces);
+        Region::gather(dag, clusters, &[], scales).map(Some)
+    }
+
+    /// The cut, if collapses suffice.
+    fn collapsed(&self) -> Option<Result<FinishedCut>> {
+        let Finished { mesh, estimate, moved } = &self.made;
+        // Nothing need be in the place of parts that went.
+        self.fits(mesh).then(|| self.state(mesh.clone(), *estimate, estimate > moved))
+    }
+
+    /// The cut, if leaves can go as a whole.
+    fn thinned(&self) -> Option<Result<FinishedCut>> {
+        let mesh = prune_to(&self.made.mesh, self.target)?;
+        self.fits(&mesh).then(|| self.state(mesh, self.made.estimate, true))
+    }
+
+    /// The cut, if collapses suffice that change the topology.
+    fn loose(&self) -> Option<Result<FinishedCut>> {
+        let mut mesh = self.made.mesh.clone();
+        mesh.position_ids = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
+        let (mesh, error) = collapse_loosely_to(&mesh, self.target, &self.finish.finisher.content)?;
+        let estimate = round_up(f64::from(self.made.estimate) + f64::from(error));
+        self.fits(&mesh).then(|| self.state(mesh, estimate, true))
+    }
+}
+
+impl Finish<'_> {
+    /// Some groups of a cut, its other clusters, and the triangles that are left to the groups.
+    fn region(
+        &self,
+        clusters: &[ClusterAddress],
+        groups: &[&Group],
+        excess: u64,
+    ) -> Result<(Region, Vec<ClusterAddress>, usize)> {
+        let members: FxHashSet<ClusterAddress> = groups.iter().flat_map(|group| group.members()).collect();
+        let (own, rest): (Vec<_>, Vec<_>) = clusters.iter().partition(|at| members.contains(at));
+        let region = Region::gather(self.dag, own, &rest, self.scales)?;
+        let target = region.faces().saturating_sub(excess as usize);
+        Ok((region, rest, target))
+    }
+
+    /// Whether a mesh has so many triangles, or not many fewer.
+    fn fits(&self, mesh: &LocalMesh, target: usize) -> bool {
+        let faces = mesh.indices.len() / 3;
+        (1..=target).contains(&faces) && faces + self.short >= target
+    }
+
+    /// The cut with fewer leaves that cover as much, if there are enough of them.
+    fn thinned(
+        &self,
+        clusters: &[ClusterAddress],
+        groups: &[&Group],
+        excess: u64,
+    ) -> Result<Option<FinishedCut>> {
+        let (region, rest, target) = self.region(clusters, groups, excess)?;
+        let Some((mesh, moved)) = thin_to(&region.mesh, target).filter(|(mesh, _)| self.fits(mesh, target))
+        else {
+            return Ok(None);
+        };
+        let changes = Changes::new(&region, mesh, true);
+        self.state(rest, &region, changes, round_up(moved), None).map(Some)
+    }
+
+    /// The coarser cut, with edges divided where it is not the finer one.
+    fn divided(
+        &self,
+        fine: &[ClusterAddress],
+        coarse: &[ClusterAddress],
+        target: u64,
+    ) -> Result<FinishedCut> {
+        let known: FxHashSet<ClusterAddress> = fine.iter().copied().collect();
+        let (rest, own): (Vec<_>, Vec<_>) = coarse.iter().partition(|at| known.contains(at));
+        let triangles = |at: &ClusterAddress| usize::from(self.dag.record(*at).triangle_count);
+        let room = (target as usize).saturating_sub(rest.iter().map(triangles).sum());
+        let region = Region::gather(self.dag, own, &rest, self.scales)?;
+        let changes = Changes::new(&region, divide_to(&region.mesh, room), false);
+        self.state(rest, &region, changes, 0.0, None)
+    }
+
+    /// Measures what was made, and puts it together.
+    fn state(
+        &self,
+        mut clusters: Vec<ClusterAddress>,
+        region: &Region,
+        changes: Changes,
+        estimate: f32,
+        finer: Option<&Region>,
+    ) -> Result<FinishedCut> {
+        let dag = self.dag;
+        let largest = |clusters: &[ClusterAddress], of: fn(&Group) -> f32| {
+            let origins = clusters.iter().filter_map(|at| dag.groups.get(dag.record(*at).refined as usize));
+            origins.map(of).fold(0.0, f32::max)
+        };
+        let all: Vec<_> = clusters.iter().chain(&region.clusters).copied().collect();
+        let touched = changes.touched(region);
+        let distance = match finer {
+            Some(finer) => changes.bound_to(dag, finer),
+            None if self.finisher.bounded => changes.bound(dag, region, largest(&all, Group::distance)),
+            None => round_up(f64::from(largest(&touched, Group::distance)) + f64::from(estimate)),
+        };
+        let known = largest(&touched, |group| group.attribute_error);
+        let enough = largest(&all, |group| group.attribute_error) - known;
+        let step = changes.deviation(region, &self.finisher.content, distance, enough);
+        let attribute_error = round_up(f64::from(known) + f64::from(step));
+        let (whole, made) = changes.weave(dag, region, self.scales)?;
+        clusters.extend(whole);
+        clusters.sort_unstable();
+        Ok(FinishedCut { clusters, made: Some(Made { distance, attribute_error, ..made }) })
+    }
+}
+
+impl FinishedCut {
+    /// Its arrays: those of its clusters, and behind them the triangles that were made, each part as if it were a cluster.
+    pub fn extract(&self, dag: &Dag) -> CutArrays {
+        let (mut out, number) = extract_numbered(dag, &self.clusters);
+        if let Some(made) = &self.made {
+            made.append(dag, &mut out, &number);
+        }
+        out
+    }
+
+    /// How far it is stated to be off, in object units; rounded up.
+    pub fn error(&self, dag: &Dag) -> f64 {
+        error_with(dag, &self.clusters, self.made.as_ref().map_or(0.0, |made| made.distance))
+    }
+
+    /// How far what it carries is, as a length in object units.
+    pub fn attribute_error(&self, dag: &Dag) -> f64 {
+        attribute_error_with(dag, &self.clusters, self.made.as_ref().map_or(0.0, |made| made.attribute_error))
+    }
+
+    /// The parts that were made.
+    pub fn parts(&self) -> &[Part] {
+        self.made.as_ref().map_or(&[], |made| &made.parts)
+    }
+}
