@@ -13,6 +13,7 @@
 #   make bench-gpu         frames on a GPU, or on software Vulkan, beside the CPU's, pyrender's and Embree's
 #   make bench-streaming   opening and flying along meshes that stay in their files
 #   make bench-error       run time against error, beside the simplifiers that Python has
+#   make bench-zoo         quality of cuts on meshes of many kinds, beside VTK and others
 #   make screenshots       the viewer in a window and in JupyterLab, into target/screenshots
 #   make soak              the long property tests
 #   make clean             removes target/, .venv and what the targets wrote
@@ -47,7 +48,7 @@ endef
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build demo notebooks test test-rust test-python lint docs wheel check-wheel fmt bench bench-error bench-gpu bench-streaming screenshots soak clean tools system vulkan
+.PHONY: help build demo notebooks test test-rust test-python lint docs wheel check-wheel fmt bench bench-error bench-gpu bench-streaming bench-zoo screenshots soak clean tools system vulkan
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -184,6 +185,9 @@ bench-streaming: build $(VENV)/.stamp-test-requirements system vulkan
 
 bench-error: build $(VENV)/.stamp-error-requirements
 	$(BIN)/python -m benchmarks.python.error
+
+bench-zoo: build $(VENV)/.stamp-error-requirements
+	$(BIN)/python -m benchmarks.python.zoo --output target/zoo.md --json target/zoo.json
 
 # ------------------------------------------------------------------------------------------------ viewer
 

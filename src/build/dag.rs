@@ -133,10 +133,11 @@ pub fn grow(
     if !meter.advance(0) {
         return Err(Error::Cancelled);
     }
+    // Before the store takes the positions.
+    let content = Content::new(&mesh, report.computed_normals, options);
     let mut store = VertexStore::new(&mut mesh);
     let source_vertices = store.count();
     let clusters = source_clusters(&store, &mesh, options);
-    let content = Content::new(&mesh, report.computed_normals, options);
     (report.weights, report.preserve_area) = (weights(options), options.preserve_area);
     let WeldedMesh { frame, bounds, faces, face_rows, channels, .. } = mesh;
     let source_faces = faces.len();
@@ -239,8 +240,8 @@ const FEWEST_TRIANGLES: u64 = 8;
 /// A group keeps at least this part of its triangles, however flat it is: its border stays as it is.
 const LEAST_PART: f32 = 0.1;
 /// One in so many groups is simplified before the others, to find what collapses cost; at least and at most so many.
-const SAMPLED_PART: usize = 16;
-const LEAST_SAMPLED: usize = 6;
+const SAMPLED_PART: usize = 20;
+const LEAST_SAMPLED: usize = 4;
 const MOST_SAMPLED: usize = 64;
 /// Part of the bound that a rank is not below where no collapse says what it cost: single bad points count, though less
 /// than they do for an error.

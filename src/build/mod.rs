@@ -10,7 +10,6 @@ pub mod clusterize;
 pub mod collapse;
 pub mod content;
 pub mod dag;
-pub mod decimate;
 pub mod field;
 #[cfg(feature = "metis")]
 pub mod graph;

@@ -205,6 +205,11 @@ fn chain(
     Err(reason)
 }
 
+/// Whether a step is by our own collapses.
+fn is_collapse(step: Step, options: &BuildOptions) -> bool {
+    step == Step::Collapses || step == Step::Attributes && options.quality == Quality::Best
+}
+
 /// One step of the chain, checked and measured.
 fn attempt(
     mesh: &LocalMesh,
@@ -235,9 +240,11 @@ fn attempt(
         if kept { Ok((result, (error, moved, cost), topology)) } else { Err(StuckReason::BorderChanged) }
     };
     let (result, error, topology) = checked(step)?;
-    // Two groups could each join the same points of their border; what is crowded was pinched together.
-    let is_manifold = topology.crowded.len() <= before.crowded.len()
-        && !joins_locked(&before.edges, &topology.edges, is_locked(mesh));
+    // Our own collapses see to it that no edge gets more faces and none joins locked points, which two groups could each do.
+    // Those that came apart may lie in one place.
+    let is_manifold = is_collapse(step, options)
+        || topology.crowded.len() <= before.crowded.len()
+            && !joins_locked(&before.edges, &topology.edges, is_locked(mesh));
     if !is_manifold {
         return Err(StuckReason::TooFewCollapses);
     }
@@ -442,7 +449,7 @@ fn run(
         return Made { mesh, error, moved: error, cost: None, stopped: false };
     }
     let edge = mean_edge(mesh);
-    let best = step == Step::Collapses || step == Step::Attributes && options.quality == Quality::Best;
+    let best = is_collapse(step, options);
     let columns = if best { content.stride() } else { MOST_COLUMNS - LABEL_COLUMNS };
     let guides = Guides::new(mesh, content, columns, edge, best);
     let width = guides.weights.len();

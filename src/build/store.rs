@@ -256,22 +256,6 @@ impl LocalMesh {
         v.checked_sub(self.ids.len() - self.copies.len()).map_or(v, |copy| self.copies[copy] as usize)
     }
 
-    /// A whole mesh, nothing of it locked; `materials` holds one for each vertex, or none at all.
-    pub fn whole(store: &VertexStore, faces: &[[u32; 3]], materials: &[u32]) -> Self {
-        let count = store.count();
-        Self {
-            ids: (0..count as u32).collect(),
-            positions: store.positions.clone(),
-            attributes: store.attributes.clone(),
-            labels: store.labels.clone(),
-            position_ids: hash::first_equal(bytemuck::cast_slice(&store.positions), 3),
-            materials: materials.to_vec(),
-            locked: vec![false; count],
-            indices: faces.as_flattened().to_vec(),
-            copies: Vec::new(),
-        }
-    }
-
     /// Longest side of the box of all vertices.
     pub fn extent(&self) -> f32 {
         let bounds = Aabb::of_points(&self.positions);

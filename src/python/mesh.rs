@@ -628,35 +628,3 @@ impl ChannelRows {
         into_words(py, words, self.channel.info.width())
     }
 }
-
-/// One mesh of at most so many triangles. See `nanite_rs.decimate`.
-#[pyfunction]
-#[pyo3(signature = (vertices, faces, target, *, options=None))]
-pub(super) fn decimate<'py>(
-    py: Python<'py>,
-    vertices: &Bound<'py, PyAny>,
-    faces: &Bound<'py, PyAny>,
-    target: usize,
-    options: Option<&Bound<'py, PyDict>>,
-) -> PyResult<(Py<PyAny>, Py<PyArray2<i32>>)> {
-    let options = build_options(options)?;
-    let positions = PositionArray::new(vertices, "vertices")?;
-    let count = positions.get().len();
-    let faces = FaceArray::new(faces, "faces", count)?;
-    let source = SourceMesh {
-        positions: positions.get(),
-        faces: faces.get(),
-        normals: None,
-        colors: None,
-        uvs: Vec::new(),
-        channels: Vec::new(),
-        materials: None,
-    };
-    let (arrays, frame) = watched(py, None, |_| build::decimate::decimate(&source, target, &options))?;
-    let vertices = match object_positions(arrays.positions, &frame) {
-        ObjectPositions::F32(rows) => into_rows(py, rows)?.into_py_any(py)?,
-        ObjectPositions::F64(rows) => into_rows(py, rows)?.into_py_any(py)?,
-    };
-    let faces = arrays.faces.into_iter().map(|face| face.map(u32::cast_signed)).collect();
-    Ok((vertices, into_rows(py, faces)?))
-}

@@ -634,5 +634,6 @@ fn neighbouring_triangles_cover_every_pixel_exactly_once() {
             );
         }
     }
-    assert!(drawn.iter().all(|&n| n > 500), "both rasterizers take part: {drawn:?}");
+    // What is flat is coarse at every threshold but that of full detail.
+    assert!(drawn.iter().all(|&n| n > 100), "both rasterizers take part: {drawn:?}");
 }

@@ -111,7 +111,9 @@ const NORMAL_COLUMNS: usize = 3;
 const THIN_COST: f64 = 0.003;
 /// A ring whose normals' mean is shorter is folded: planes say little of how far its points are, and distances are
 /// looked up.
-const FOLDED: f64 = 0.5;
+const FOLDED: f64 = 0.4;
+/// Rings of more faces are not: that takes the square of their number.
+const MOST_FOLDED: usize = 32;
 
 /// Farthest that a point is placed from the middle of its edge, in lengths of the edge.
 const REACH: f64 = 2.0;
@@ -558,7 +560,7 @@ impl Collapser {
     /// The best place for the point that an edge becomes, whether it folds the surface or not, and its cost.
     fn best_place(&self, edge: u32, sums: &Sums) -> (DVec3, f64) {
         let (ends, locked) = self.ends(edge);
-        let folded = self.policy.cuts && sums.volume.truncate().length() < FOLDED * sums.area;
+        let folded = self.is_folded(edge, sums);
         if let Some(place) = locked {
             return (place, self.price(edge, sums, ends, place, folded));
         }
@@ -596,6 +598,17 @@ impl Collapser {
         [ends[0] + along * t, ends[0] + along * 0.5, ends[0], ends[1]]
     }
 
+    /// Whether distances around an edge are looked up.
+    #[inline]
+    fn is_folded(&self, edge: u32, sums: &Sums) -> bool {
+        let faces = || {
+            let ends = self.surface.edges[edge as usize].ends;
+            ends.into_iter().flat_map(|p| self.surface.around(p)).take(MOST_FOLDED + 1).count()
+        };
+        let short = sums.volume.truncate().length() < FOLDED * sums.area;
+        self.policy.cuts && short && faces() <= MOST_FOLDED
+    }
+
     /// The cost of a place; around a fold by the distances of the faces before and after.
     fn price(&self, edge: u32, sums: &Sums, ends: [DVec3; 2], p: DVec3, folded: bool) -> f64 {
         let cost = self.cost(sums, ends, p);
@@ -627,7 +640,7 @@ impl Collapser {
             Some(place) => [place; 4],
             None => self.places_on(ends, sums),
         };
-        let folded = self.policy.cuts && sums.volume.truncate().length() < FOLDED * sums.area;
+        let folded = self.is_folded(edge, sums);
         let fits = |p| !self.forms.folds(&self.surface, &self.rows, edge, p);
         self.cheapest(edge, places, sums, ends, folded, fits)
             .map(|(place, cost)| (place, self.total(edge, sums, cost)))
@@ -805,11 +818,21 @@ impl Collapser {
         let mut out = LocalMesh { attributes: Vec::new(), ..mesh.with_copies(&self.copies) };
         out.attributes = self.rows;
         out.indices = Vec::with_capacity(3 * self.surface.alive);
+        // Copies at one point, which may have several wedges, are told by the first of them.
+        let mut first = vec![NONE; if self.copies.is_empty() { 0 } else { self.places.len() }];
         for face in self.surface.faces.iter().filter(|f| f.alive()) {
             for (w, p) in face.wedges.iter().zip(face.points) {
                 out.positions[*w as usize] = self.places[p as usize];
+                if *w as usize >= self.vertices {
+                    first[p as usize] = first[p as usize].min(*w);
+                }
             }
             out.indices.extend(face.wedges);
+        }
+        for face in self.surface.faces.iter().filter(|f| f.alive()) {
+            for (w, p) in face.wedges.iter().zip(face.points).filter(|(w, _)| **w as usize >= self.vertices) {
+                out.position_ids[*w as usize] = first[p as usize];
+            }
         }
         out
     }

@@ -3,8 +3,8 @@
 //! Lazarus and Horn, "Cutting and Stitching: Converting Sets of Polygons to Manifold Surfaces", 2001). Sheets whose
 //! points did not move meet again in the result, since equal positions are one.
 //!
-//! Faces at an edge are paired such that they run along it in opposite directions, and the flattest first. Where that
-//! does not pair all of them, as at a T of three sheets, the edge stays what it is. Locked points are not taken apart.
+//! Faces at an edge are paired such that they run along it in opposite directions, and the flattest first. One that is
+//! left, as at a T of three sheets, goes with the last pair, so that nothing opens. Locked points are not taken apart.
 
 use glam::DVec3;
 
@@ -59,7 +59,7 @@ pub fn take_apart(surface: &Surface, wedges: usize) -> Option<Apart> {
     };
     let mut beside = Vec::new();
     // Edges of several sheets, and which faces are one.
-    let mut several: Vec<(u32, Vec<(usize, usize)>)> = Vec::new();
+    let mut several: Vec<(u32, Vec<Vec<usize>>)> = Vec::new();
     for e in 0..surface.edges.len() as u32 {
         let ends = surface.edges[e as usize].ends;
         beside.clear();
@@ -68,9 +68,9 @@ pub fn take_apart(surface: &Surface, wedges: usize) -> Option<Apart> {
             ends.into_iter().for_each(|p| sets.join(corner_at(f, p), corner_at(g, p)));
         };
         if crowded(e) {
-            let pairs = pairs(surface, e, &beside);
-            pairs.iter().for_each(|(f, g)| join(*f, *g));
-            several.push((e, pairs));
+            let sheets = sheets(surface, e, &beside);
+            sheets.iter().flat_map(|sheet| sheet.windows(2)).for_each(|w| join(w[0], w[1]));
+            several.push((e, sheets));
         } else {
             beside.windows(2).for_each(|w| join(w[0], w[1]));
         }
@@ -115,11 +115,11 @@ pub fn take_apart(surface: &Surface, wedges: usize) -> Option<Apart> {
     // Sheets that meet at an edge and at both of its ends would have two edges between the same points: all but one of
     // them get a point between.
     let mut middles: Vec<[u32; 3]> = Vec::new();
-    for (e, pairs) in several {
+    for (e, sheets) in several {
         let ends = surface.edges[e as usize].ends;
         let mut of_ends = |f: usize| ends.map(|p| sets.find(corner_at(f, p)));
-        let known: Vec<[u32; 2]> = pairs.iter().map(|(f, _)| of_ends(*f)).collect();
-        for (i, (f, g)) in pairs.iter().enumerate() {
+        let known: Vec<[u32; 2]> = sheets.iter().map(|sheet| of_ends(sheet[0])).collect();
+        for (i, sheet) in sheets.iter().enumerate() {
             let before = known[..i].iter().filter(|other| **other == known[i]).count();
             let locked = ends.iter().all(|p| surface.locked[*p as usize]);
             if before == 0 || locked {
@@ -129,8 +129,7 @@ pub fn take_apart(surface: &Surface, wedges: usize) -> Option<Apart> {
             let point = (surface.positions.len() + parts.places.len()) as u32;
             parts.places.push((ends[0], ends[1], part));
             let mut last = None;
-            let faces = if f == g { &[*f][..] } else { &[*f, *g] };
-            for f in faces.iter().copied() {
+            for f in sheet.iter().copied() {
                 let side = surface.faces[f].edges.iter().position(|edge| *edge == e).unwrap_or(0);
                 let at = |p: u32| parts.corners[corner_at(f, p) as usize];
                 let between = (at(ends[0]), at(ends[1]), part);
@@ -173,8 +172,8 @@ fn divide(corners: [u32; 3], middles: [u32; 3], out: &mut Vec<u32>) {
     }
 }
 
-/// The faces of an edge in pairs that are each one sheet; one that has no partner is paired with itself.
-fn pairs(surface: &Surface, edge: u32, beside: &[usize]) -> Vec<(usize, usize)> {
+/// The faces of an edge by sheets: in pairs, and one that has no partner with the last of them.
+fn sheets(surface: &Surface, edge: u32, beside: &[usize]) -> Vec<Vec<usize>> {
     let [a, b] = surface.edges[edge as usize].ends;
     let runs_forward = |f: &usize| {
         let points = surface.faces[*f].points;
@@ -197,7 +196,7 @@ fn pairs(surface: &Surface, edge: u32, beside: &[usize]) -> Vec<(usize, usize)> 
     for (_, i, j) in ranked {
         if !taken[0][i] && !taken[1][j] {
             (taken[0][i], taken[1][j]) = (true, true);
-            out.push((forward[i], backward[j]));
+            out.push(vec![forward[i], backward[j]]);
         }
     }
     let left = |faces: Vec<usize>, taken: &[bool]| -> Vec<usize> {
@@ -205,6 +204,8 @@ fn pairs(surface: &Surface, edge: u32, beside: &[usize]) -> Vec<(usize, usize)> 
     };
     let mut rest = left(forward, &taken[0]);
     rest.extend(left(backward, &taken[1]));
-    out.extend(rest.chunks(2).map(|pair| (pair[0], pair[pair.len() - 1])));
+    out.extend(rest.chunks_exact(2).map(<[usize]>::to_vec));
+    let single = rest.chunks_exact(2).remainder();
+    out.last_mut().into_iter().for_each(|last| last.extend(single));
     out
 }
