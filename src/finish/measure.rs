@@ -40,7 +40,7 @@ fn corners(mesh: &LocalMesh) -> impl Iterator<Item = [u32; 3]> {
 
 impl Changes {
     /// Compares a region with what became of it.
-    pub fn new(region: &Region, after: LocalMesh, pruned: bool) -> Self {
+    pub fn new(region: &Region, mut after: LocalMesh, pruned: bool) -> Self {
         let before = &region.mesh;
         let stride = before.attributes.len() / before.ids.len().max(1);
         let mut moved = vec![true; after.ids.len()];
@@ -51,6 +51,15 @@ impl Changes {
                 || before.attributes[row(was)] != after.attributes[row(v)]
                 || before.labels.get(was) != after.labels.get(v);
         }
+        // Copies that stayed as they were are what they were copied from: an identity has one row.
+        let copies = std::mem::take(&mut after.copies);
+        for v in &mut after.indices {
+            if let Some(copy) = (*v as usize).checked_sub(before.ids.len())
+                && !moved[*v as usize]
+            {
+                *v = copies[copy];
+            }
+        }
         let known: FxHashMap<[u32; 3], u32> = corners(before).zip(0..).collect();
         let mut gone = vec![true; region.faces()];
         let was = corners(&after)
@@ -60,6 +69,8 @@ impl Changes {
                 same
             })
             .collect();
+        after.copies = copies;
+        let pruned = pruned || lost_a_part(before, &after);
         Self { after, moved, was, gone, pruned }
     }
 
@@ -128,8 +139,8 @@ impl Changes {
         }
     }
 
-    /// A bound of the distance of all of it to the source, by that of a finer cut.
-    pub fn bound_to(&self, dag: &Dag, finer: &Region) -> f32 {
+    /// A bound of the distance of all of it to the source, by that of a finer cut. Where nothing is above `enough`, that.
+    pub fn bound_to(&self, dag: &Dag, finer: &Region, enough: f32) -> f32 {
         let all = |mesh: &LocalMesh| -> Side {
             let (part, vertices) = part(mesh, mesh.indices.clone());
             Side { changed: vec![true; part.indices.len() / 3], part, vertices }
@@ -137,7 +148,7 @@ impl Changes {
         let [from, onto] = [all(&finer.mesh), all(&self.after)];
         // Vertices of one have nothing to do with those of the other.
         let onto = Side { vertices: Vec::new(), ..onto };
-        between(&from, &finer.radii(dag), &onto, 0.0)
+        between(&from, &finer.radii(dag), &onto, enough).max(enough)
     }
 
     /// A bound of the distance to the source: that of the clusters, and of the way from there. Where nothing is above
@@ -170,6 +181,32 @@ struct Side {
     vertices: Vec<u32>,
     /// Which of its triangles the other one does not have.
     changed: Vec<bool>,
+}
+
+/// Whether something that hangs together in a mesh has no vertex left.
+fn lost_a_part(before: &LocalMesh, after: &LocalMesh) -> bool {
+    let mut parents: Vec<u32> = (0..before.ids.len() as u32).collect();
+    let find = |parents: &mut [u32], mut v: u32| {
+        while parents[v as usize] != v {
+            parents[v as usize] = parents[parents[v as usize] as usize];
+            v = parents[v as usize];
+        }
+        v
+    };
+    let points = |t: [u32; 3]| t.map(|v| before.position_ids[v as usize]);
+    for [a, b, c] in corners(before).map(points) {
+        for other in [b, c] {
+            let (root, other) = (find(&mut parents, a), find(&mut parents, other));
+            parents[root.max(other) as usize] = root.min(other);
+        }
+    }
+    let mut left = vec![false; parents.len()];
+    for v in &after.indices {
+        if let Some(point) = before.position_ids.get(after.origin(*v as usize)) {
+            left[find(&mut parents, *point) as usize] = true;
+        }
+    }
+    corners(before).map(points).any(|t| !left[find(&mut parents, t[0]) as usize])
 }
 
 impl Region {

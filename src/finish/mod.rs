@@ -237,9 +237,8 @@ impl<'a> Attempt<'a> {
 
     /// The cut, if collapses suffice.
     fn collapsed(&self) -> Option<Result<FinishedCut>> {
-        let Finished { mesh, estimate, moved } = &self.made;
-        // Nothing need be in the place of parts that went.
-        self.fits(mesh).then(|| self.state(mesh.clone(), *estimate, estimate > moved))
+        let Finished { mesh, estimate, .. } = &self.made;
+        self.fits(mesh).then(|| self.state(mesh.clone(), *estimate, false))
     }
 
     /// The cut, if leaves can go as a whole.
@@ -252,7 +251,10 @@ impl<'a> Attempt<'a> {
     fn loose(&self) -> Option<Result<FinishedCut>> {
         let mut mesh = self.made.mesh.clone();
         mesh.position_ids = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
+        // Vertices that were added are like others here.
+        let copies = std::mem::take(&mut mesh.copies);
         let (mesh, error) = collapse_loosely_to(&mesh, self.target, &self.finish.finisher.content)?;
+        let mesh = LocalMesh { copies, ..mesh };
         let estimate = round_up(f64::from(self.made.estimate) + f64::from(error));
         self.fits(&mesh).then(|| self.state(mesh, estimate, true))
     }
@@ -327,9 +329,10 @@ impl Finish<'_> {
         };
         let all: Vec<_> = clusters.iter().chain(&region.clusters).copied().collect();
         let touched = changes.touched(region);
+        let enough = largest(&all, Group::distance);
         let distance = match finer {
-            Some(finer) => changes.bound_to(dag, finer),
-            None if self.finisher.bounded => changes.bound(dag, region, largest(&all, Group::distance)),
+            Some(finer) => changes.bound_to(dag, finer, enough),
+            None if self.finisher.bounded => changes.bound(dag, region, enough),
             None => round_up(f64::from(largest(&touched, Group::distance)) + f64::from(estimate)),
         };
         let known = largest(&touched, |group| group.attribute_error);
