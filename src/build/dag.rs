@@ -590,15 +590,25 @@ fn simplify_group(
     let mut new_positions = Vec::new();
     let mut new_attributes = Vec::new();
     let mut new_labels = Vec::new();
+    let row_of = |v: usize| v * stride..(v + 1) * stride;
+    let changed = |mesh: &LocalMesh, v: usize| {
+        let origin = mesh.origin(v);
+        mesh.positions[v] != local.positions[origin]
+            || mesh.attributes[row_of(v)] != local.attributes[row_of(origin)]
+            || mesh.labels.get(v) != local.labels.get(origin)
+    };
+    // Copies that stayed as they were are what they were copied from.
+    for i in 0..mesh.indices.len() {
+        let v = mesh.indices[i] as usize;
+        if v >= local.ids.len() && !changed(&mesh, v) {
+            mesh.indices[i] = mesh.origin(v) as u32;
+        }
+    }
     let mut used = vec![false; mesh.ids.len()];
     mesh.indices.iter().for_each(|v| used[*v as usize] = true);
     for v in (0..mesh.ids.len()).filter(|v| used[*v]) {
-        let row = v * stride..(v + 1) * stride;
-        let origin = mesh.origin(v);
-        if mesh.positions[v] != local.positions[origin]
-            || mesh.attributes[row.clone()] != local.attributes[origin * stride..(origin + 1) * stride]
-            || mesh.labels.get(v) != local.labels.get(origin)
-        {
+        let row = row_of(v);
+        if changed(&mesh, v) {
             mesh.ids[v] = NEW_VERTEX + new_positions.len() as u32;
             new_positions.push(mesh.positions[v]);
             new_attributes.extend_from_slice(&mesh.attributes[row]);
