@@ -597,11 +597,12 @@ fn simplify_group(
             || mesh.attributes[row_of(v)] != local.attributes[row_of(origin)]
             || mesh.labels.get(v) != local.labels.get(origin)
     };
-    // Copies that stayed as they were are what they were copied from.
+    // Copies that stayed as they were are what they were copied from, if that did too.
     for i in 0..mesh.indices.len() {
         let v = mesh.indices[i] as usize;
-        if v >= local.ids.len() && !changed(&mesh, v) {
-            mesh.indices[i] = mesh.origin(v) as u32;
+        let origin = mesh.origin(v);
+        if v >= local.ids.len() && !changed(&mesh, v) && !changed(&mesh, origin) {
+            mesh.indices[i] = origin as u32;
         }
     }
     let mut used = vec![false; mesh.ids.len()];

@@ -51,11 +51,12 @@ impl Changes {
                 || before.attributes[row(was)] != after.attributes[row(v)]
                 || before.labels.get(was) != after.labels.get(v);
         }
-        // Copies that stayed as they were are what they were copied from: an identity has one row.
+        // Copies that stayed as they were are what they were copied from, if that did too.
         let copies = std::mem::take(&mut after.copies);
         for v in &mut after.indices {
             if let Some(copy) = (*v as usize).checked_sub(before.ids.len())
                 && !moved[*v as usize]
+                && !moved[copies[copy] as usize]
             {
                 *v = copies[copy];
             }

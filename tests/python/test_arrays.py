@@ -86,7 +86,8 @@ def test_utm_coordinates_keep_their_millimetres() -> None:
         (cut.vertices - origin)[order], (vertices - origin)[expected], rtol=0, atol=max(cut.error, 1e-6)
     )
     coarse = mesh.cut(target_reduction=0.9)
-    assert distance.to_surface(coarse.vertices - origin, vertices - origin, source.faces).max() < 1.0
+    away = distance.to_surface(coarse.vertices - origin, vertices - origin, source.faces)
+    assert away.max() <= coarse.error < 2.0
 
 
 def test_float32_sources_give_float32_back_bit_for_bit() -> None:

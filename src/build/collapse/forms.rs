@@ -442,6 +442,10 @@ impl Forms {
     /// normals that they carry. `rows` begin with these.
     pub fn folds(&self, surface: &Surface, rows: &[f32], edge: u32, position: DVec3) -> bool {
         self.moved(surface, edge, position).any(|(f, _, [u, v])| {
+            // Where sheets were taken apart, two points may lie in one place.
+            if u == DVec3::ZERO || v == DVec3::ZERO {
+                return true;
+            }
             if self.shares[f].area == 0.0 {
                 return false;
             }

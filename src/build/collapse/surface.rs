@@ -493,7 +493,10 @@ impl Surface {
             let [a, b, c] = corners(p);
             (b - a).cross(c - a).length_squared()
         };
-        let at = points.filter(|p| self.is_plain(*p)).min_by(|p, q| area(*p).total_cmp(&area(*q)))?;
+        let apart =
+            |p: &u32| [a, b].iter().all(|q| self.positions[*p as usize] != self.positions[*q as usize]);
+        let at =
+            points.filter(|p| apart(p) && self.is_plain(*p)).min_by(|p, q| area(*p).total_cmp(&area(*q)))?;
         let to = |p: u32, q: u32| {
             let edges = self.around(p).flat_map(|(f, k)| {
                 let edges = self.faces[f].edges;
