@@ -242,7 +242,9 @@ fn attempt(
     let (result, error, topology) = checked(step)?;
     // Our own collapses see to it that no edge gets more faces and none joins locked points, which two groups could each do.
     // Those that came apart may lie in one place.
+    // Where a whole round made nothing else, anything is better than a root that stays so large.
     let is_manifold = is_collapse(step, options)
+        || step != Step::Attributes
         || topology.crowded.len() <= before.crowded.len()
             && !joins_locked(&before.edges, &topology.edges, is_locked(mesh));
     if !is_manifold {
@@ -520,6 +522,7 @@ pub fn collapse_to(mesh: &LocalMesh, target: usize, content: &Content) -> Finish
     let faces: &[[u32; 3]] = bytemuck::cast_slice(&mesh.indices);
     let mut content = content.clone();
     content.up = up(&mesh.positions, faces);
+    let options = BuildOptions { preserve_area: true, ..options };
     let made = run(mesh, &mesh.locked, target, f64::INFINITY, &content, &options, Step::Attributes);
     Finished { mesh: made.mesh, estimate: made.error, moved: made.moved }
 }

@@ -106,7 +106,8 @@ def test_exactly_one_cluster_over_every_piece(name: str) -> None:
                 )
     print(f"{name}: {count} cuts, {len(seen)} different, closed {closed}, Euler {keeps_euler}")
     assert not bad, "\n".join(bad[:20])
-    assert len(seen) >= min(count / 8, len(d.group_error))
+    # What is flat goes in few steps.
+    assert len(seen) >= min(count / 10, len(d.group_error))
 
 
 @pytest.mark.parametrize("name", ["terrain", "plane", "mountain", "bunny"])

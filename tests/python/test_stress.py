@@ -159,7 +159,8 @@ def test_units_place_direction_and_order_matter_little(name: str, quality: str, 
         pairs = zip(found, base, strict=True)
         ratio = [float(np.expm1(np.max(np.abs(np.log(a / b))))) for a, b in pairs]
         print(f"{name} {quality} {error} {variant}:", *(f"{r:.2%}" for r in ratio))
-        assert ratio[0] < 0.002, (variant, "triangles", ratio)
+        # Levels follow what collapses cost, which rounding changes, and not counts.
+        assert ratio[0] < 0.01, (variant, "triangles", ratio)
         for r, most, what in zip(
             ratio[1:], TOLERANCES[name], ("groups", "cuts", "stated", "rms"), strict=True
         ):
