@@ -241,7 +241,7 @@ impl<'a> Attempt<'a> {
 
     fn state(&self, mesh: LocalMesh, estimate: f32, pruned: bool) -> Result<FinishedCut> {
         let mut changes = Changes::new(&self.region, mesh, pruned);
-        // Of what parts went from the rest is as far as it was.
+        // Where parts went, all else stays as it is.
         let finer = if changes.pruned { None } else { self.finer()? };
         let reach = RELAX_REACH * f64::from(self.made.moved);
         match &finer {
