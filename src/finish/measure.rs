@@ -241,39 +241,70 @@ fn fit(mesh: &mut LocalMesh, reference: &Sheet, reach: f64) {
 /// radii. Those up to `enough` are not told apart.
 fn between(a: &Side, radii: &[f64], b: &Side, enough: f32) -> f32 {
     let none = vec![0.0; b.changed.len()];
-    let goal = BoundOptions { floor: enough.into(), slack: SLACK, ..BoundOptions::default() };
-    // Both ways at once: neither needs to know of the other.
-    let (there, back) = rayon::join(
-        || lay(a, radii, sheet(&b.part, none.clone()), b, goal),
-        || lay(b, &none, sheet(&a.part, radii.to_vec()), a, goal),
+    // Both ways at once.
+    let (mut there, mut back) = rayon::join(
+        || Laying::new(a, radii, sheet(&b.part, none.clone()), b),
+        || Laying::new(b, &none, sheet(&a.part, radii.to_vec()), a),
     );
+    let floor = f64::from(enough).max(there.known.max(back.known) * (1.0 + SLACK));
+    let goal = BoundOptions { floor, slack: SLACK, ..BoundOptions::default() };
+    let (there, back) = rayon::join(|| there.bound(goal), || back.bound(goal));
     let all = a.part.positions.iter().chain(&b.part.positions).flatten();
     let largest = all.fold(0.0f64, |most, x| most.max(f64::from(x.abs())));
     round_up(outwards(there.max(back), largest))
 }
 
-/// The largest bound of the distances of what changed on one side, each triangle of which stands for something within its
-/// radius, to the other.
-fn lay(from: &Side, radii: &[f64], sheet: Sheet, onto: &Side, goal: BoundOptions) -> f64 {
-    // Where a vertex is on both sides, so are triangles near it.
-    let most = from.vertices.iter().chain(&onto.vertices).max().map_or(0, |v| *v as usize + 1);
-    let mut start = vec![NO_TRIANGLE; most];
-    for (t, number) in corners(&onto.part).zip(0..) {
-        let vertices = t.iter().filter_map(|v| onto.vertices.get(*v as usize));
-        vertices.for_each(|v| start[*v as usize] = number);
-    }
-    let mut bounds = Bounds::new(goal);
-    let mut overlay = Overlay::new(&sheet);
-    let triangles = corners(&from.part).zip(radii).zip(&from.changed).filter(|(_, changed)| **changed);
-    for ((t, radius), _) in triangles {
-        let starts = t.iter().filter_map(|v| from.vertices.get(*v as usize)).map(|v| start[*v as usize]);
-        if let Some(start) = starts.into_iter().find(|start| *start != NO_TRIANGLE) {
-            overlay.hint = start;
+/// What changed on one side, to be laid over the other one.
+struct Laying {
+    /// Each triangle, how far it may be from what it stands for, and where to look for what it lies over.
+    pieces: Vec<(Triangle, f64, u32)>,
+    sheet: Sheet,
+    /// About the largest distance of a point: what need not be told apart in between is known before.
+    known: f64,
+}
+
+impl Laying {
+    fn new(from: &Side, radii: &[f64], sheet: Sheet, onto: &Side) -> Self {
+        // Where a vertex is on both sides, so are triangles near it.
+        let most = from.vertices.iter().chain(&onto.vertices).max().map_or(0, |v| *v as usize + 1);
+        let mut start = vec![NO_TRIANGLE; most];
+        for (t, number) in corners(&onto.part).zip(0..) {
+            let vertices = t.iter().filter_map(|v| onto.vertices.get(*v as usize));
+            vertices.for_each(|v| start[*v as usize] = number);
         }
-        let triangle = t.map(|v| from.part.positions[v as usize].map(f64::from));
-        overlay.lay(&mut bounds, &Piece::new(triangle), *radius, |_, _| 0);
+        let (mut pieces, mut known, mut hint) = (Vec::new(), 0.0f64, 0);
+        let changed = corners(&from.part).zip(radii).zip(&from.changed).filter(|(_, changed)| **changed);
+        for ((t, radius), _) in changed {
+            let starts = t.iter().filter_map(|v| from.vertices.get(*v as usize)).map(|v| start[*v as usize]);
+            hint = starts.into_iter().find(|start| *start != NO_TRIANGLE).unwrap_or(hint);
+            let triangle = t.map(|v| from.part.positions[v as usize].map(f64::from));
+            let center = Piece::new(triangle).center();
+            let far =
+                |t: u32| sheet.place(center, t).1.iter().map(|x| x * x).sum::<f64>().sqrt() + sheet.radius(t);
+            hint = sheet.locate(center, hint);
+            let mut distance = far(hint);
+            if distance + radius > known {
+                let other = sheet.nearest(center, hint);
+                if far(other) < distance {
+                    (hint, distance) = (other, far(other));
+                }
+                known = known.max(distance + radius);
+            }
+            pieces.push((triangle, *radius, hint));
+        }
+        Self { pieces, sheet, known }
     }
-    bounds.upper
+
+    /// The largest bound.
+    fn bound(&mut self, goal: BoundOptions) -> f64 {
+        let mut bounds = Bounds::new(goal);
+        let mut overlay = Overlay::new(&self.sheet);
+        for (triangle, radius, hint) in &self.pieces {
+            overlay.hint = *hint;
+            overlay.lay(&mut bounds, &Piece::new(*triangle), *radius, |_, _| 0);
+        }
+        bounds.upper
+    }
 }
 
 /// Some triangles of a mesh with the vertices that they use, and which these are.

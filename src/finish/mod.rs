@@ -33,10 +33,18 @@ use crate::model::{ClusterAddress, Dag, Group};
 const ROOM: u64 = 6;
 /// As many are gathered at least, if there are.
 const LEAST: u64 = 4_000;
+/// The same where collapses may change the topology, which takes ten times as long where the surface is folded.
+const ROOM_APART: u64 = 2;
+const LEAST_APART: u64 = 1_000;
+/// What is farther off than so many times the coarser cut is tried again with such collapses.
+const FAR: f32 = 2.0;
+/// Where less than one in so many of the triangles between two cuts are missing, edges of the coarser one are halved: as much
+/// is nearer than what collapses leave.
+const FEW_PART: u64 = 10;
 /// Where they do not suffice, so many times as many are.
 const MORE: u64 = 8;
 /// What is made of a whole cut of at most so many triangles is held against a cut with so many times as many.
-const SMALL: u64 = 4_000;
+const SMALL: u64 = 3_000;
 const FINER: u64 = 3;
 /// What collapses since that finer cut moved, in terms of what those of the last step did.
 const FINER_REACH: f64 = 4.0;
@@ -132,27 +140,45 @@ impl Finisher {
             relaxes: self.bounded && !dag.report.preserve_area && self.content.is_bare(),
         };
         let clusters = self.budget.clusters(dag, fine);
-        let excess = self.budget.faces(fine) - target;
+        let coarser = self.budget.clusters(dag, beside.coarse);
+        let divided = || finish.divided(&clusters, &coarser, target);
+        let [more, fewer] = [fine, beside.coarse].map(|replaced| self.budget.faces(replaced));
+        if FEW_PART * (target - fewer) <= more - fewer {
+            return divided();
+        }
+        let excess = more - target;
         let enough = (ROOM * excess).max(LEAST);
         let groups = self.gather(dag, fine, enough);
         if dag.report.preserve_area {
             // Collapses take area from leaves, and the coarser cut has as much as the source.
-            return match finish.thinned(&clusters, &groups, excess)? {
-                Some(cut) => Ok(cut),
-                None => finish.divided(&clusters, &self.budget.clusters(dag, beside.coarse), target),
-            };
+            return finish.thinned(&clusters, &groups, excess)?.map_or_else(divided, Ok);
         }
-        let few = Attempt::new(&finish, &clusters, &groups, excess)?;
-        if let Some(cut) = few.collapsed().or_else(|| few.thinned()).transpose()? {
+        let attempt = |groups: &[&Group], cuts| Attempt::new(&finish, &clusters, groups, excess, cuts);
+        // What keeps the topology is soon done, and mostly enough.
+        let kept = attempt(&groups, false)?.collapsed().transpose()?;
+        let is_far = |cut: &FinishedCut| cut.made_distance() > FAR * largest(dag, &coarser, Group::distance);
+        if let Some(cut) = kept {
+            if !is_far(&cut) {
+                return Ok(cut);
+            }
+            // Perhaps parts had better gone.
+            let few = self.gather(dag, fine, (ROOM_APART * excess).max(LEAST_APART));
+            let apart = attempt(&few, true)?;
+            let other = apart.collapsed().transpose()?;
+            let nearer = other.filter(|other| other.made_distance() < cut.made_distance());
+            return Ok(nearer.unwrap_or(cut));
+        }
+        let apart = attempt(&groups, true)?;
+        if let Some(cut) = apart.collapsed().or_else(|| apart.thinned()).transpose()? {
             return Ok(cut);
         }
         let more = self.gather(dag, fine, MORE * enough);
-        let many =
-            if more.len() > groups.len() { Attempt::new(&finish, &clusters, &more, excess)? } else { few };
-        if let Some(cut) = many.collapsed().or_else(|| many.thinned()).or_else(|| many.loose()).transpose()? {
+        if more.len() > groups.len()
+            && let Some(cut) = attempt(&more, false)?.collapsed().transpose()?
+        {
             return Ok(cut);
         }
-        finish.divided(&clusters, &self.budget.clusters(dag, beside.coarse), target)
+        apart.loose().unwrap_or_else(divided)
     }
 
     /// The groups that come next, of at least so many triangles together, if there are as many.
@@ -201,9 +227,10 @@ impl<'a> Attempt<'a> {
         clusters: &[ClusterAddress],
         groups: &[&Group],
         excess: u64,
+        cuts: bool,
     ) -> Result<Self> {
         let (region, rest, target) = finish.region(clusters, groups, excess)?;
-        let made = collapse_to(&region.mesh, target, &finish.finisher.content);
+        let made = collapse_to(&region.mesh, target, &finish.finisher.content, cuts);
         Ok(Self { finish, rest, region, target, made })
     }
 
@@ -214,7 +241,8 @@ impl<'a> Attempt<'a> {
 
     fn state(&self, mesh: LocalMesh, estimate: f32, pruned: bool) -> Result<FinishedCut> {
         let mut changes = Changes::new(&self.region, mesh, pruned);
-        let finer = self.finer()?;
+        // Where parts went, all else stays as it is.
+        let finer = if changes.pruned { None } else { self.finer()? };
         let reach = RELAX_REACH * f64::from(self.made.moved);
         match &finer {
             Some(finer) if self.finish.relaxes => changes.relax_to(finer, FINER_REACH * reach),
@@ -323,20 +351,16 @@ impl Finish<'_> {
         finer: Option<&Region>,
     ) -> Result<FinishedCut> {
         let dag = self.dag;
-        let largest = |clusters: &[ClusterAddress], of: fn(&Group) -> f32| {
-            let origins = clusters.iter().filter_map(|at| dag.groups.get(dag.record(*at).refined as usize));
-            origins.map(of).fold(0.0, f32::max)
-        };
         let all: Vec<_> = clusters.iter().chain(&region.clusters).copied().collect();
         let touched = changes.touched(region);
-        let enough = largest(&all, Group::distance);
+        let enough = largest(dag, &all, Group::distance);
         let distance = match finer {
             Some(finer) => changes.bound_to(dag, finer, enough),
             None if self.finisher.bounded => changes.bound(dag, region, enough),
-            None => round_up(f64::from(largest(&touched, Group::distance)) + f64::from(estimate)),
+            None => round_up(f64::from(largest(dag, &touched, Group::distance)) + f64::from(estimate)),
         };
-        let known = largest(&touched, |group| group.attribute_error);
-        let enough = largest(&all, |group| group.attribute_error) - known;
+        let known = largest(dag, &touched, |group| group.attribute_error);
+        let enough = largest(dag, &all, |group| group.attribute_error) - known;
         let step = changes.deviation(region, &self.finisher.content, distance, enough);
         let attribute_error = round_up(f64::from(known) + f64::from(step));
         let (whole, made) = changes.weave(dag, region, self.scales)?;
@@ -346,7 +370,18 @@ impl Finish<'_> {
     }
 }
 
+/// The largest of what the groups state that clusters were made from.
+fn largest(dag: &Dag, clusters: &[ClusterAddress], of: fn(&Group) -> f32) -> f32 {
+    let origins = clusters.iter().filter_map(|at| dag.groups.get(dag.record(*at).refined as usize));
+    origins.map(of).fold(0.0, f32::max)
+}
+
 impl FinishedCut {
+    /// How far what was made is stated to be off, in internal units.
+    fn made_distance(&self) -> f32 {
+        self.made.as_ref().map_or(0.0, |made| made.distance)
+    }
+
     /// Its arrays: those of its clusters, and behind them the triangles that were made, each part as if it were a cluster.
     pub fn extract(&self, dag: &Dag) -> CutArrays {
         let (mut out, number) = extract_numbered(dag, &self.clusters);
@@ -358,7 +393,7 @@ impl FinishedCut {
 
     /// How far it is stated to be off, in object units; rounded up.
     pub fn error(&self, dag: &Dag) -> f64 {
-        error_with(dag, &self.clusters, self.made.as_ref().map_or(0.0, |made| made.distance))
+        error_with(dag, &self.clusters, self.made_distance())
     }
 
     /// How far what it carries is, as a length in object units.
