@@ -627,13 +627,15 @@ fn simplify_group(
         (bound, handed) = footing.measure(&patches, estimate);
         bound = parent_error(most(|c| c.bound), bound);
     }
-    let shape = if bound.is_finite() { bound } else { quadric };
-    let deviation = step_deviation(local, &mesh, content, shape);
+    let distance = if bound.is_finite() { bound } else { quadric };
+    // What is proven is what counts; without a rank, the estimate keeps pictures as near in the mean.
+    let shape = if cost.is_some() { distance } else { distance.max(quadric) };
+    let deviation = step_deviation(local, &mesh, content, distance);
     let attribute_error = round_up(f64::from(most(|c| c.attribute_error)) + f64::from(deviation));
     let error = parent_error(most(|c| c.error), shape.max(attribute_error));
     let rank = match cost {
         Some(cost) => length_of(cost).max(most(|c| c.rank)),
-        None => quadric.max(RANK_OF_BOUND * shape).max(attribute_error).max(most(|c| c.rank)),
+        None => quadric.max(RANK_OF_BOUND * distance).max(attribute_error).max(most(|c| c.rank)),
     };
     Ok(Split {
         clusters,

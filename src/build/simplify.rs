@@ -191,8 +191,8 @@ fn chain(
     let is_tried = |step: &Step| match step {
         Step::Attributes => true,
         // They are those of the first step.
-        Step::Collapses => options.quality == Quality::Fast && !options.preserve_area,
-        _ => effort.fallbacks,
+        Step::Collapses => options.quality == Quality::Fast && !options.preserve_area && content.is_bare(),
+        _ => effort.fallbacks || options.quality == Quality::Fast && !content.is_bare(),
     };
     for step in Step::CHAIN.into_iter().filter(is_tried) {
         match attempt(mesh, &before, target, effort, content, options, step) {
@@ -244,6 +244,7 @@ fn attempt(
     // Those that came apart may lie in one place.
     // Where a whole round made nothing else, anything is better than a root that stays so large.
     let is_manifold = is_collapse(step, options)
+        || !content.is_bare()
         || step != Step::Attributes
         || topology.crowded.len() <= before.crowded.len()
             && !joins_locked(&before.edges, &topology.edges, is_locked(mesh));
@@ -525,7 +526,6 @@ pub fn collapse_to(mesh: &LocalMesh, target: usize, content: &Content, cuts: boo
     let faces: &[[u32; 3]] = bytemuck::cast_slice(&mesh.indices);
     let mut content = content.clone();
     content.up = up(&mesh.positions, faces);
-    let options = BuildOptions { preserve_area: true, ..options };
     let made = run(mesh, &mesh.locked, target, f64::INFINITY, &content, &options, Step::Attributes);
     Finished { mesh: made.mesh, estimate: made.error, moved: made.moved }
 }

@@ -26,6 +26,9 @@ pub struct Apart {
     pub places: Vec<Between>,
 }
 
+/// Faces with the same vertices at an edge are paired before others are.
+const SAME: f64 = 4.0;
+
 /// Sets of corners.
 struct Sets(Vec<u32>);
 
@@ -186,9 +189,19 @@ fn sheets(surface: &Surface, edge: u32, beside: &[usize]) -> Vec<Vec<usize>> {
     };
     let of = |faces: &[usize]| faces.iter().map(|f| normal(*f)).collect::<Vec<DVec3>>();
     let (ahead, back) = (of(&forward), of(&backward));
+    // What was one sheet before stays one.
+    let meet = |f: usize, g: usize| {
+        [a, b].iter().all(|p| {
+            let wedge = |f: usize| {
+                let face = &surface.faces[f];
+                face.points.iter().position(|q| q == p).map(|k| face.wedges[k])
+            };
+            wedge(f) == wedge(g)
+        })
+    };
     let mut ranked: Vec<(f64, usize, usize)> = (0..forward.len())
         .flat_map(|i| (0..backward.len()).map(move |j| (i, j)))
-        .map(|(i, j)| (-ahead[i].dot(back[j]), i, j))
+        .map(|(i, j)| (-ahead[i].dot(back[j]) - f64::from(meet(forward[i], backward[j])) * SAME, i, j))
         .collect();
     ranked.sort_by(|x, y| x.0.total_cmp(&y.0).then((x.1, x.2).cmp(&(y.1, y.2))));
     let mut taken = [vec![false; forward.len()], vec![false; backward.len()]];
