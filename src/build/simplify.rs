@@ -17,7 +17,7 @@ use super::islands::Islands;
 use super::lock_borders::border_kept;
 use super::silhouette::Sight;
 use super::store::LocalMesh;
-use crate::config::{BuildOptions, Quality};
+use crate::config::{BuildOptions, ErrorMeasure, Quality};
 use crate::math::Aabb;
 use crate::math::sphere::round_up;
 use crate::math::triangle::{area, edge_of_area};
@@ -191,8 +191,8 @@ fn chain(
     let is_tried = |step: &Step| match step {
         Step::Attributes => true,
         // They are those of the first step.
-        Step::Collapses => options.quality == Quality::Fast && !options.preserve_area && content.is_bare(),
-        _ => effort.fallbacks || options.quality == Quality::Fast && !content.is_bare(),
+        Step::Collapses => is_strict(content, options) && !options.preserve_area,
+        _ => effort.fallbacks || options.quality == Quality::Fast && !is_strict(content, options),
     };
     for step in Step::CHAIN.into_iter().filter(is_tried) {
         match attempt(mesh, &before, target, effort, content, options, step) {
@@ -203,6 +203,12 @@ fn chain(
         }
     }
     Err(reason)
+}
+
+/// Whether what meshoptimizer joins is collapsed again by our own collapses, with the fast quality. Not where attributes
+/// steer it, and not where its estimates are what is stated: ours are not of the same kind.
+fn is_strict(content: &Content, options: &BuildOptions) -> bool {
+    options.quality == Quality::Fast && content.is_bare() && options.error == ErrorMeasure::Bound
 }
 
 /// Whether a step is by our own collapses.
@@ -244,7 +250,7 @@ fn attempt(
     // Those that came apart may lie in one place.
     // Where a whole round made nothing else, anything is better than a root that stays so large.
     let is_manifold = is_collapse(step, options)
-        || !content.is_bare()
+        || !is_strict(content, options)
         || step != Step::Attributes
         || topology.crowded.len() <= before.crowded.len()
             && !joins_locked(&before.edges, &topology.edges, is_locked(mesh));

@@ -816,24 +816,29 @@ impl Collapser {
     /// The mesh as it is now.
     fn finish(self, mesh: &LocalMesh) -> LocalMesh {
         let mut out = LocalMesh { attributes: Vec::new(), ..mesh.with_copies(&self.copies) };
-        out.attributes = self.rows;
         out.indices = Vec::with_capacity(3 * self.surface.alive);
         // Copies at one point, which may have several wedges, are told by the first of them.
-        let mut first = vec![NONE; if self.copies.is_empty() { 0 } else { self.places.len() }];
+        let count = if self.copies.is_empty() { 0 } else { self.places.len() };
+        let (mut first, mut has_other) = (vec![NONE; count], vec![false; count]);
         for face in self.surface.faces.iter().filter(|f| f.alive()) {
             for (w, p) in face.wedges.iter().zip(face.points) {
                 out.positions[*w as usize] = self.places[p as usize];
                 if *w as usize >= self.vertices {
                     first[p as usize] = first[p as usize].min(*w);
+                } else if count > 0 {
+                    has_other[p as usize] = true;
                 }
             }
             out.indices.extend(face.wedges);
         }
         for face in self.surface.faces.iter().filter(|f| f.alive()) {
             for (w, p) in face.wedges.iter().zip(face.points).filter(|(w, _)| **w as usize >= self.vertices) {
-                out.position_ids[*w as usize] = first[p as usize];
+                // Others that came there are told by their place, which is where this is a copy from.
+                let there = mesh.position_ids[self.origin(*w) as usize];
+                out.position_ids[*w as usize] = if has_other[p as usize] { there } else { first[p as usize] };
             }
         }
+        out.attributes = self.rows;
         out
     }
 }
