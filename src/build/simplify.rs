@@ -9,6 +9,7 @@ use glam::DVec3;
 use meshopt::{
     SimplifyOptions, SimplifyVertex, VertexDataAdapter, simplify_sloppy_with_locks, simplify_with_update,
 };
+use rustc_hash::FxHashSet;
 
 use super::collapse::{Collapsed, Limit, Policy, collapse};
 use super::content::{Content, up};
@@ -34,6 +35,9 @@ const FINE_RATIO: f32 = 0.7;
 const FINE_TRIANGLES: u64 = 1 << 18;
 /// A result that keeps more than this part is not worth a level.
 const ACCEPT_RATIO: f32 = 0.85;
+
+/// Repeats of the first step, each with more vertices locked, before a change of topology is accepted.
+const TOPOLOGY_RETRIES: usize = 3;
 
 /// A step of the chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -227,9 +231,9 @@ fn attempt(
     step: Step,
 ) -> Result<Simplified, StuckReason> {
     let most = (mesh.indices.len() / 3) as f32 * ACCEPT_RATIO;
-    let checked = |step: Step| {
+    let checked = |locked: &[bool]| {
         let Made { mesh: result, error, moved, cost, stopped } =
-            run(mesh, &mesh.locked, target, effort.cost, content, options, step);
+            run(mesh, locked, target, effort.cost, content, options, step);
         let left = result.indices.len() / 3;
         if left == 0 {
             return Err(StuckReason::Vanished);
@@ -243,9 +247,30 @@ fn attempt(
         let after = by_position(mesh, &result);
         let topology = Topology::of(&after);
         let kept = border_kept(&before.edges, &topology.edges, is_locked(mesh));
-        if kept { Ok((result, (error, moved, cost), topology)) } else { Err(StuckReason::BorderChanged) }
+        if kept {
+            Ok((result, (error, moved, cost), after, topology))
+        } else {
+            Err(StuckReason::BorderChanged)
+        }
     };
-    let (result, error, topology) = checked(step)?;
+    let (mut result, mut error, mut after, mut topology) = checked(&mesh.locked)?;
+    if step == Step::Attributes && options.quality == Quality::Fast && !is_strict(content, options) {
+        let mut locked = mesh.locked.clone();
+        // Collapses have no link condition: where sheets were pinched together, hold what they met at and repeat.
+        for _ in 0..TOPOLOGY_RETRIES {
+            if topology.crowded.len() <= before.crowded.len() {
+                break;
+            }
+            let ends: FxHashSet<u32> = topology.crowded.iter().flat_map(|e| [e.0, e.1]).collect();
+            // Vertices of the result are numbered like those of the group, wherever they moved.
+            let corners = after.iter().flatten().zip(&result.indices);
+            let met = corners.filter(|(p, _)| ends.contains(p));
+            let met: FxHashSet<u32> = met.map(|(_, v)| mesh.position_ids[*v as usize]).collect();
+            locked.iter_mut().zip(&mesh.position_ids).for_each(|(lock, p)| *lock |= met.contains(p));
+            let Ok(again) = checked(&locked) else { break };
+            (result, error, after, topology) = again;
+        }
+    }
     // Our own collapses see to it that no edge gets more faces and none joins locked points, which two groups could each do.
     // Those that came apart may lie in one place.
     // Where a whole round made nothing else, anything is better than a root that stays so large.
