@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
+use rustc_hash::FxHashMap;
 
 use super::Progress;
 use super::attribute_error::step_deviation;
@@ -598,11 +599,13 @@ fn simplify_group(
             || mesh.labels.get(v) != local.labels.get(origin)
     };
     // Copies that stayed as they were are what they were copied from, if that did too.
+    let mut stays: FxHashMap<usize, u32> = FxHashMap::default();
     for i in 0..mesh.indices.len() {
         let v = mesh.indices[i] as usize;
-        let origin = mesh.origin(v);
-        if v >= local.ids.len() && !changed(&mesh, v) && !changed(&mesh, origin) {
-            mesh.indices[i] = origin as u32;
+        if v >= local.ids.len() && !changed(&mesh, v) {
+            let origin = mesh.origin(v);
+            let moved = changed(&mesh, origin);
+            mesh.indices[i] = if moved { *stays.entry(origin).or_insert(v as u32) } else { origin as u32 };
         }
     }
     let mut used = vec![false; mesh.ids.len()];

@@ -53,12 +53,14 @@ impl Changes {
         }
         // Copies that stayed as they were are what they were copied from, if that did too.
         let copies = std::mem::take(&mut after.copies);
+        let mut stays: FxHashMap<u32, u32> = FxHashMap::default();
         for v in &mut after.indices {
             if let Some(copy) = (*v as usize).checked_sub(before.ids.len())
+                && copy < copies.len()
                 && !moved[*v as usize]
-                && !moved[copies[copy] as usize]
             {
-                *v = copies[copy];
+                let origin = copies[copy];
+                *v = if moved[origin as usize] { *stays.entry(origin).or_insert(*v) } else { origin };
             }
         }
         let known: FxHashMap<[u32; 3], u32> = corners(before).zip(0..).collect();
