@@ -6,11 +6,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
 
 use super::Progress;
 use super::attribute_error::step_deviation;
 use super::clusterize::{self, ClusterMesh};
+use super::collapse::Policy;
 use super::content::{Content, weights};
 use super::lock_borders::shared_positions;
 use super::memory;
@@ -516,11 +516,6 @@ fn parent_error(below: f32, measured: f32) -> f32 {
     measured.max((below * ERROR_STEP).next_up()).max(ERROR_FLOOR)
 }
 
-/// What a collapse costs as a length.
-fn length_of(cost: f64) -> f32 {
-    cost.powf(1.0 / 4.5) as f32
-}
-
 /// Vertices of a split at and above this are new: their number is the rest.
 const NEW_VERTEX: u32 = 1 << 31;
 
@@ -591,31 +586,14 @@ fn simplify_group(
     let mut new_positions = Vec::new();
     let mut new_attributes = Vec::new();
     let mut new_labels = Vec::new();
-    let row_of = |v: usize| v * stride..(v + 1) * stride;
-    let changed = |mesh: &LocalMesh, v: usize| {
-        let origin = mesh.origin(v);
-        mesh.positions[v] != local.positions[origin]
-            || mesh.attributes[row_of(v)] != local.attributes[row_of(origin)]
-            || mesh.labels.get(v) != local.labels.get(origin)
-    };
-    // Copies that stayed as they were are what they were copied from, if that did too.
-    let mut stays: FxHashMap<usize, u32> = FxHashMap::default();
-    for i in 0..mesh.indices.len() {
-        let v = mesh.indices[i] as usize;
-        if v >= local.ids.len() && !changed(&mesh, v) {
-            let origin = mesh.origin(v);
-            let moved = changed(&mesh, origin);
-            mesh.indices[i] = if moved { *stays.entry(origin).or_insert(v as u32) } else { origin as u32 };
-        }
-    }
+    mesh.join_copies(|mesh, v| mesh.differs(local, v));
     let mut used = vec![false; mesh.ids.len()];
     mesh.indices.iter().for_each(|v| used[*v as usize] = true);
     for v in (0..mesh.ids.len()).filter(|v| used[*v]) {
-        let row = row_of(v);
-        if changed(&mesh, v) {
+        if mesh.differs(local, v) {
             mesh.ids[v] = NEW_VERTEX + new_positions.len() as u32;
             new_positions.push(mesh.positions[v]);
-            new_attributes.extend_from_slice(&mesh.attributes[row]);
+            new_attributes.extend_from_slice(&mesh.attributes[v * stride..(v + 1) * stride]);
             new_labels.extend(mesh.labels.get(v));
         }
     }
@@ -637,7 +615,7 @@ fn simplify_group(
     let attribute_error = round_up(f64::from(most(|c| c.attribute_error)) + f64::from(deviation));
     let error = parent_error(most(|c| c.error), shape.max(attribute_error));
     let rank = match cost {
-        Some(cost) => length_of(cost).max(most(|c| c.rank)),
+        Some(cost) => (Policy::default().length_of(cost) as f32).max(most(|c| c.rank)),
         None => quadric.max(RANK_OF_BOUND * distance).max(attribute_error).max(most(|c| c.rank)),
     };
     Ok(Split {

@@ -118,9 +118,13 @@ pub fn simplify(
 /// What collapses of a group cost: for each the largest so far, and the triangles that were left.
 pub fn trace(mesh: &LocalMesh, target: usize, content: &Content, options: &BuildOptions) -> Vec<(f64, u32)> {
     let guides = Guides::new(mesh, content, content.stride(), mean_edge(mesh), true);
-    let policy = Policy { cuts: !options.preserve_area, up: content.up, ..Policy::default() };
-    let limit = Limit::triangles(target);
+    let (limit, policy) = (Limit::triangles(target), policy(content, options));
     collapse(mesh, &mesh.locked, guides.rows, &guides.weights, limit, &policy).trace
+}
+
+/// How our own collapses go about a group.
+fn policy(content: &Content, options: &BuildOptions) -> Policy {
+    Policy { cuts: !options.preserve_area, up: content.up, ..Policy::default() }
 }
 
 /// Leaves go or grow as a whole, the rest passes the chain and keeps the area of its open islands.
@@ -254,7 +258,8 @@ fn attempt(
         }
     };
     let (mut result, mut error, mut after, mut topology) = checked(&mesh.locked)?;
-    if step == Step::Attributes && options.quality == Quality::Fast && !is_strict(content, options) {
+    let is_strict = is_strict(content, options);
+    if step == Step::Attributes && options.quality == Quality::Fast && !is_strict {
         let mut locked = mesh.locked.clone();
         // Collapses have no link condition: where sheets were pinched together, hold what they met at and repeat.
         for _ in 0..TOPOLOGY_RETRIES {
@@ -271,15 +276,13 @@ fn attempt(
             (result, error, after, topology) = again;
         }
     }
-    // Our own collapses see to it that no edge gets more faces and none joins locked points, which two groups could each do.
-    // Those that came apart may lie in one place.
-    // Where a whole round made nothing else, anything is better than a root that stays so large.
-    let is_manifold = is_collapse(step, options)
-        || !is_strict(content, options)
-        || step != Step::Attributes
-        || topology.crowded.len() <= before.crowded.len()
-            && !joins_locked(&before.edges, &topology.edges, is_locked(mesh));
-    if !is_manifold {
+    // Sheets that were pinched together, or locked points that are joined, which two groups could each do: our own
+    // collapses come next, and see to it that neither happens. Steps after those are better than a root that stays so large.
+    if step == Step::Attributes
+        && is_strict
+        && (topology.crowded.len() > before.crowded.len()
+            || joins_locked(&before.edges, &topology.edges, is_locked(mesh)))
+    {
         return Err(StuckReason::TooFewCollapses);
     }
     if content.up.is_some_and(|up| faces_away(mesh, up) < faces_away(&result, up)) {
@@ -490,8 +493,7 @@ fn run(
     let mut steered;
     let (mut dearest, mut moved, mut stopped) = (None, None, false);
     if best {
-        let policy = Policy { cuts: !options.preserve_area, up: content.up, ..Policy::default() };
-        let limit = Limit { target, cost };
+        let (limit, policy) = (Limit { target, cost }, policy(content, options));
         let made = collapse(mesh, locked, guides.rows, &guides.weights, limit, &policy);
         (dearest, moved) = (Some(made.cost), Some(made.moved));
         Collapsed { mesh: steered, error, stopped, .. } = made;

@@ -2,6 +2,7 @@
 //! position for ever and cuts weld by it.
 
 use rayon::prelude::*;
+use rustc_hash::FxHashMap;
 
 use super::clusterize::ClusterMesh;
 use crate::limits::CLUSTER_MAX_VERTICES;
@@ -254,6 +255,30 @@ impl LocalMesh {
     /// The vertex that one is, or is a copy of, among so many.
     pub fn origin(&self, v: usize) -> usize {
         v.checked_sub(self.ids.len() - self.copies.len()).map_or(v, |copy| self.copies[copy] as usize)
+    }
+
+    /// Whether a vertex is another one than it was, or than it was copied from, in the mesh that this was made from.
+    pub fn differs(&self, before: &Self, v: usize) -> bool {
+        let stride = before.attributes.len() / before.ids.len().max(1);
+        let (was, row) = (self.origin(v), |v: usize| v * stride..(v + 1) * stride);
+        self.positions[v] != before.positions[was]
+            || self.attributes[row(v)] != before.attributes[row(was)]
+            || self.labels.get(v) != before.labels.get(was)
+    }
+
+    /// Lets triangles use what copies were copied from where neither of them `moved`, and else the first copy of it that
+    /// did not: an identity has one vertex.
+    pub fn join_copies(&mut self, moved: impl Fn(&Self, usize) -> bool) {
+        let first = self.ids.len() - self.copies.len();
+        let mut stays: FxHashMap<usize, u32> = FxHashMap::default();
+        for i in 0..self.indices.len() {
+            let v = self.indices[i] as usize;
+            if v >= first && !moved(self, v) {
+                let was = self.origin(v);
+                let known = if moved(self, was) { *stays.entry(was).or_insert(v as u32) } else { was as u32 };
+                self.indices[i] = known;
+            }
+        }
     }
 
     /// Longest side of the box of all vertices.

@@ -42,27 +42,12 @@ impl Changes {
     /// Compares a region with what became of it.
     pub fn new(region: &Region, mut after: LocalMesh, pruned: bool) -> Self {
         let before = &region.mesh;
-        let stride = before.attributes.len() / before.ids.len().max(1);
+        // Vertices behind the copies are new.
         let mut moved = vec![true; after.ids.len()];
-        for v in 0..before.ids.len() + after.copies.len() {
-            let was = after.origin(v);
-            let row = |v: usize| v * stride..(v + 1) * stride;
-            moved[v] = before.positions[was] != after.positions[v]
-                || before.attributes[row(was)] != after.attributes[row(v)]
-                || before.labels.get(was) != after.labels.get(v);
+        for (v, moved) in moved.iter_mut().enumerate().take(before.ids.len() + after.copies.len()) {
+            *moved = after.differs(before, v);
         }
-        // Copies that stayed as they were are what they were copied from, if that did too.
-        let copies = std::mem::take(&mut after.copies);
-        let mut stays: FxHashMap<u32, u32> = FxHashMap::default();
-        for v in &mut after.indices {
-            if let Some(copy) = (*v as usize).checked_sub(before.ids.len())
-                && copy < copies.len()
-                && !moved[*v as usize]
-            {
-                let origin = copies[copy];
-                *v = if moved[origin as usize] { *stays.entry(origin).or_insert(*v) } else { origin };
-            }
-        }
+        after.join_copies(|_, v| moved[v]);
         let known: FxHashMap<[u32; 3], u32> = corners(before).zip(0..).collect();
         let mut gone = vec![true; region.faces()];
         let was = corners(&after)
@@ -72,7 +57,6 @@ impl Changes {
                 same
             })
             .collect();
-        after.copies = copies;
         let pruned = pruned || lost_a_part(before, &after);
         Self { after, moved, was, gone, pruned }
     }

@@ -55,8 +55,11 @@ pub fn weld(source: &SourceMesh<'_>, report: &mut BuildReport) -> Result<WeldedM
         copies.iter().for_each(|v| rows.extend_from_within(copied(v)));
         channels.copy_rows(copies);
     }
-    let faces = by_material.as_ref().map_or(source.faces, |split| &split.faces);
-    let mut of_vertex = by_material.as_ref().map_or(Vec::new(), |split| split.materials.clone());
+    let (split_faces, mut of_vertex) = match by_material {
+        Some(ByMaterial { faces, materials, .. }) => (Some(faces), materials),
+        None => (None, Vec::new()),
+    };
+    let faces = split_faces.as_deref().unwrap_or(source.faces);
 
     let mut position_ids = hash::first_equal(cast_slice(&positions), 3);
     let plain = source.normals.is_none() && layout == AttributeLayout::default() && channels.infos.is_empty();

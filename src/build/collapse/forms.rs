@@ -10,8 +10,8 @@
 use glam::{DVec3, DVec4};
 
 use super::quadric::Quadric;
-use super::surface::{NONE, Surface};
-use super::wedges::nearest;
+use super::surface::{Face, NONE, Surface};
+use super::wedges::squared_distance;
 use super::{Cost, Policy};
 
 /// Attributes' gradients are damped on faces thinner than about this, where they mean little. Triangles of CAD meshes
@@ -390,14 +390,19 @@ impl Forms {
             let sides = u.length_squared() + v.length_squared();
             let damped = (cross.length_squared() + (THIN * sides) * (THIN * sides)).recip();
             let (s, t) = (to.cross(v).dot(cross) * damped, u.cross(to).dot(cross) * damped);
-            let normals = face.wedges.map(|w| {
-                let row = rows[w as usize * self.stride..].first_chunk::<3>();
-                row.map_or(DVec3::ZERO, |n| DVec3::from_array(n.map(f64::from)))
-            });
+            let normals = self.carried(rows, face);
             sum += self.shares[f].area
                 * (normals[0] + s * (normals[1] - normals[0]) + t * (normals[2] - normals[0]));
         }
         sum.try_normalize()
+    }
+
+    /// The normals that a face carries at its corners: `rows` begin with them.
+    fn carried(&self, rows: &[f32], face: &Face) -> [DVec3; 3] {
+        face.wedges.map(|w| {
+            let row = rows[w as usize * self.stride..].first_chunk::<3>();
+            row.map_or(DVec3::ZERO, |n| DVec3::from_array(n.map(f64::from)))
+        })
     }
 
     fn take_best_of_unpaired(&mut self, surface: &Surface, ends: [u32; 2], quadric: &mut Quadric) {
@@ -460,11 +465,7 @@ impl Forms {
             if !self.policy.cuts {
                 return false;
             }
-            let normals = surface.faces[f].wedges.map(|w| {
-                rows[w as usize * self.stride..]
-                    .first_chunk::<3>()
-                    .map_or(DVec3::ZERO, |n| DVec3::from_array(n.map(f64::from)))
-            });
+            let normals = self.carried(rows, &surface.faces[f]);
             let carried = normals[0] + normals[1] + normals[2];
             cross.dot(carried) < 0.0 && before.dot(carried) >= 0.0
         })
@@ -504,10 +505,7 @@ impl Forms {
             .map(|(_, _, [u, v])| [position, position + u, position + v])
             .collect();
         let to = |p: DVec3, others: &[[DVec3; 3]]| {
-            others.iter().fold(f64::INFINITY, |best, [a, b, c]| {
-                let at = nearest(p, [*a, *b, *c]);
-                best.min((*a * at[0] + *b * at[1] + *c * at[2]).distance_squared(p))
-            })
+            others.iter().fold(f64::INFINITY, |best, corners| best.min(squared_distance(p, *corners)))
         };
         let ends = ends.map(|p| surface.positions[p as usize]);
         let to_after = ends.map(|p| if after.is_empty() { 0.0 } else { to(p, &after) });

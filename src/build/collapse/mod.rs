@@ -71,9 +71,9 @@ pub struct Policy {
     /// Cosine of the largest turn of a face.
     pub turn: f64,
     /// Collapses that make a face thinner than this wait, area against sides (an equilateral triangle has 0.289), unless
-    /// it is so: they cost [`THIN_COST`] more.
+    /// it is so: they cost more, as if they moved the surface by a small part of the length of their edge.
     pub thin: f64,
-    /// Whether sheets that touch are taken apart, necks are cut and parts go as a whole. Otherwise the topology is kept.
+    /// Whether sheets that touch are taken apart, rings are cut and parts go as a whole. Otherwise the topology is kept.
     pub cuts: bool,
     /// A direction that faces go on facing where they do.
     pub up: Option<DVec3>,
@@ -101,6 +101,24 @@ impl Default for Policy {
             up: None,
             eager: false,
         }
+    }
+}
+
+impl Policy {
+    /// The power of a length that a cost is.
+    fn power(&self) -> f64 {
+        if self.even { 4.5 } else { 4.0 }
+    }
+
+    /// A cost by the mean squared distance behind it: see [`Policy::even`].
+    #[inline]
+    fn evened(&self, cost: f64, squared: f64) -> f64 {
+        if self.even { cost * squared.sqrt().sqrt() } else { cost }
+    }
+
+    /// What a collapse costs, [`Collapsed::cost`], as a length.
+    pub fn length_of(&self, cost: f64) -> f64 {
+        cost.powf(1.0 / self.power())
     }
 }
 
@@ -171,7 +189,7 @@ pub fn collapse(
 ) -> Collapsed {
     let mut collapser = Collapser::new(mesh, locked, rows, weights, *policy);
     // As costs are inside.
-    let unit = collapser.extent.powf(if policy.even { 4.5 } else { 4.0 });
+    let unit = collapser.extent.powf(policy.power());
     let (error, moved, stopped) = collapser.run(limit.target, limit.cost / unit);
     let mut trace = std::mem::take(&mut collapser.trace);
     trace.iter_mut().for_each(|(cost, _)| *cost *= unit);
@@ -433,8 +451,7 @@ impl Collapser {
     fn later(&self, edge: u32, cost: f64) -> f64 {
         let ends = self.surface.edges[edge as usize].ends.map(|p| self.surface.positions[p as usize]);
         let squared = THIN_COST * THIN_COST * ends[0].distance_squared(ends[1]);
-        let area = self.sums_area(edge);
-        cost + if self.policy.even { area * squared * squared.sqrt().sqrt() } else { area * squared }
+        cost + self.policy.evened(self.sums_area(edge) * squared, squared)
     }
 
     /// The area of the faces around an edge.
@@ -464,18 +481,16 @@ impl Collapser {
         };
         let squared = if area > 0.0 { sum / area } else { 0.0 };
         // As much for each pair of triangles as for a collapse, which takes two.
-        let total = 2.0 * sum / f64::from(alive);
-        let now = if self.policy.even { total * squared.sqrt().sqrt() } else { total };
+        let now = self.policy.evened(2.0 * sum / f64::from(alive), squared);
         if now as f32 > cost {
             self.part_queue.set(part, now as f32);
             return None;
         }
+        self.part_queue.remove(part);
         let fits = self.surface.alive >= target + alive as usize;
         if f64::from(cost) > limit || !(fits || last) {
-            self.part_queue.remove(part);
             return None;
         }
-        self.part_queue.remove(part);
         let faces = std::mem::take(&mut self.parts.all[part as usize].faces);
         for f in faces {
             let face = &self.surface.faces[f as usize];
@@ -554,7 +569,7 @@ impl Collapser {
     #[inline]
     fn total(&self, edge: u32, sums: &Sums, cost: f64) -> f64 {
         let total = cost + self.policy.drift_weight * self.past(edge) * sums.area;
-        if self.policy.even && sums.area > 0.0 { total * (total / sums.area).sqrt().sqrt() } else { total }
+        if sums.area > 0.0 { self.policy.evened(total, total / sums.area) } else { total }
     }
 
     /// The best place for the point that an edge becomes, whether it folds the surface or not, and its cost.
@@ -726,7 +741,7 @@ impl Collapser {
         let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
         let area = 0.5 * (b - a).cross(c - a).length();
         let squared = if longest > 0.0 { 4.0 * area * area / longest / 9.0 } else { 0.0 };
-        cost + if self.policy.even { area * squared * squared.sqrt().sqrt() } else { area * squared }
+        cost + self.policy.evened(area * squared, squared)
     }
 
     /// Cuts the surface along a ring and closes both sides.

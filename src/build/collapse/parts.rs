@@ -5,7 +5,7 @@
 use glam::DVec3;
 
 use super::surface::{NONE, Surface};
-use super::wedges::nearest;
+use super::wedges::squared_distance;
 
 /// A part of no more faces may go as a whole; larger ones collapse first.
 const MOST_FACES: u32 = 64;
@@ -128,9 +128,7 @@ impl Tree {
                     continue;
                 }
                 let corners = face.points.map(|p| surface.positions[p as usize]);
-                let at = nearest(p, corners);
-                let squared =
-                    (corners[0] * at[0] + corners[1] * at[1] + corners[2] * at[2]).distance_squared(p);
+                let squared = squared_distance(p, corners);
                 if squared < best.0 {
                     best = (squared, *f);
                 }
@@ -211,7 +209,7 @@ impl Parts {
         self.of_point[point as usize]
     }
 
-    /// Takes in a point that was copied; [`Self::split`] says later whether it is a part of its own.
+    /// Takes in a point that was copied; [`Self::take_in_cut`] says later whether it is a part of its own.
     pub fn copy_point(&mut self, point: u32) {
         self.of_point.push(self.of_point[point as usize]);
     }

@@ -45,6 +45,12 @@ pub fn nearest(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
     [va / sum, vb / sum, vc / sum]
 }
 
+/// The squared distance of a place from a triangle.
+pub fn squared_distance(p: DVec3, corners: [DVec3; 3]) -> f64 {
+    let at = nearest(p, corners);
+    (corners[0] * at[0] + corners[1] * at[1] + corners[2] * at[2]).distance_squared(p)
+}
+
 /// The wedges of a collapse: found before it, written after it.
 #[derive(Debug, Default)]
 pub struct Merge {
