@@ -199,7 +199,7 @@ fn chain(
     let is_tried = |step: &Step| match step {
         Step::Attributes => true,
         // They are those of the first step.
-        Step::Collapses => is_strict(content, options) && !options.preserve_area,
+        Step::Collapses => has_collapses(content, options) && !options.preserve_area,
         _ => effort.fallbacks || options.quality == Quality::Fast && !is_strict(content, options),
     };
     for step in Step::CHAIN.into_iter().filter(is_tried) {
@@ -213,10 +213,15 @@ fn chain(
     Err(reason)
 }
 
-/// Whether what meshoptimizer joins is collapsed again by our own collapses, with the fast quality. Not where attributes
-/// steer it, and not where its estimates are what is stated: ours are not of the same kind.
+/// Whether our own collapses come next where meshoptimizer's lead nowhere, with the fast quality. Not where attributes steer it.
+fn has_collapses(content: &Content, options: &BuildOptions) -> bool {
+    options.quality == Quality::Fast && content.is_bare()
+}
+
+/// Whether they come next where meshoptimizer joins what was apart, too. Not where its estimates are what is stated: ours
+/// are not of the same kind.
 fn is_strict(content: &Content, options: &BuildOptions) -> bool {
-    options.quality == Quality::Fast && content.is_bare() && options.error == ErrorMeasure::Bound
+    has_collapses(content, options) && options.error == ErrorMeasure::Bound
 }
 
 /// Whether a step is by our own collapses.
