@@ -1,8 +1,11 @@
 """`.nanite` files and pickles: equal after a round trip, and a typed error whatever happens to the bytes."""
 
 import copy
+import hashlib
+import json
 import os
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -307,3 +310,25 @@ def test_damaged_pickles_are_typed_errors(mesh) -> None:
         except nrs.NaniteError:
             caught += 1
     assert caught == 200
+
+
+def digest(cut: nrs.Cut) -> str:
+    arrays = (cut.vertices, cut.faces, cut.normals)
+    return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()[:16]
+
+
+def test_files_of_version_7_give_the_cuts_they_gave(tmp_path: Path) -> None:
+    """A knot built and cut by the last version that wrote such files; the numbers beside it are what it gave."""
+    folder = Path(__file__).parent / "files"
+    given = json.loads((folder / "version7.json").read_text())
+    old = nrs.NaniteMesh.open(folder / "version7.nanite")
+    old.check()
+    old.save(tmp_path / "again.nanite", precision="exact")
+    for mesh in (old, nrs.NaniteMesh.open(tmp_path / "again.nanite")):
+        for target, count, error, name in given["faces"]:
+            cut = mesh.cut(target_faces=target, exact=False)
+            assert (len(cut), cut.error, digest(cut)) == (count, error, name), target
+            assert target - max(2, 0.005 * target) <= len(mesh.cut(target_faces=target)) <= target
+        for most, count, error, name in given["error"]:
+            cut = mesh.cut(error=most)
+            assert (len(cut), cut.error, digest(cut)) == (count, error, name), most
