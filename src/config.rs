@@ -68,10 +68,10 @@ impl std::str::FromStr for Partition {
 /// What simplifies groups.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Quality {
-    /// meshoptimizer's simplifier.
-    #[default]
+    /// meshoptimizer's simplifier: for hurry.
     Fast,
     /// Edge collapse with a queue and memoryless quadrics: less error at the same size for more time.
+    #[default]
     Best,
 }
 

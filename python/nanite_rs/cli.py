@@ -409,7 +409,7 @@ def _add_building(sub: Any) -> None:
     group = sub.add_argument_group("building, where INPUT is not built yet")
     group.add_argument("--cluster-triangles", type=int, metavar="N", help="most triangles of a cluster (128)")
     group.add_argument("--group-clusters", type=int, metavar="N", help="clusters simplified together (16)")
-    group.add_argument("--quality", choices=("fast", "best"), help="best: less error for more time (fast)")
+    group.add_argument("--quality", choices=("fast", "best"), help="fast: less time for more error (best)")
     group.add_argument(
         "--error-measure",
         dest="error_measure",

@@ -269,6 +269,11 @@ impl Forms {
         true
     }
 
+    /// The sums of a point, as they were when an edge of it was last summed up.
+    pub fn of_point(&self, point: u32) -> &Sums {
+        &self.points[point as usize]
+    }
+
     /// Finds the sums of an edge; false if its wedges do not match.
     pub fn edge(&mut self, surface: &Surface, edge: u32, sums: &mut Sums) -> bool {
         let ends = surface.edges[edge as usize].ends;

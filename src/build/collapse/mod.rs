@@ -620,8 +620,10 @@ impl Collapser {
             let ends = self.surface.edges[edge as usize].ends;
             ends.into_iter().flat_map(|p| self.surface.around(p)).take(MOST_FOLDED + 1).count()
         };
-        let short = sums.volume.truncate().length() < FOLDED * sums.area;
-        self.policy.cuts && short && faces() <= MOST_FOLDED
+        // One end alone may be on a fold, such as the rim of a plate.
+        let ends = self.surface.edges[edge as usize].ends.map(|p| self.forms.of_point(p));
+        let is_short = |sums: &Sums| sums.volume.truncate().length() < FOLDED * sums.area;
+        self.policy.cuts && [sums].into_iter().chain(ends).any(is_short) && faces() <= MOST_FOLDED
     }
 
     /// The cost of a place; around a fold by the distances of the faces before and after.
