@@ -40,6 +40,18 @@ pub struct Sums {
     pub area: f64,
 }
 
+/// Faces are folded over whose normals' mean is shorter,
+const FOLDED: f64 = 0.4;
+/// or of whose area more than this part faces against it.
+const AGAINST: f64 = 0.03;
+
+impl Sums {
+    /// Whether the normals nearly cancel.
+    fn cancel(&self) -> bool {
+        self.volume.truncate().length() < FOLDED * self.area
+    }
+}
+
 /// What a face adds to the sums of its points, in one place: they are asked for together.
 #[derive(Clone, Copy, Debug, Default)]
 struct Share {
@@ -62,6 +74,8 @@ pub struct Forms {
     /// For each face and channel the weighted attribute as an affine form, times the area.
     linear: Vec<DVec4>,
     points: Vec<Sums>,
+    /// Whether the faces of a point are folded over, such as at the rim of a plate.
+    folded: Vec<bool>,
     fresh: Vec<bool>,
     /// The wedge of points with one wedge.
     single: Vec<u32>,
@@ -90,6 +104,7 @@ impl Forms {
             shares: vec![Share::default(); faces],
             linear: vec![DVec4::ZERO; faces * channels.len()],
             points: vec![Sums::default(); points],
+            folded: vec![false; points],
             fresh: vec![false; points],
             single: vec![NONE; points],
             wedge_linear: vec![DVec4::ZERO; wedges * channels.len()],
@@ -206,6 +221,11 @@ impl Forms {
                 }
             }
         }
+        let whole = sums.volume.truncate();
+        let against = surface.around(point).map(|(f, _)| &self.shares[f]);
+        let against: f64 =
+            against.filter(|share| share.plane.truncate().dot(whole) < 0.0).map(|share| share.area).sum();
+        self.folded[point as usize] = sums.cancel() || against > AGAINST * sums.area;
         self.points[point as usize] = sums;
     }
 
@@ -269,9 +289,11 @@ impl Forms {
         true
     }
 
-    /// The sums of a point, as they were when an edge of it was last summed up.
-    pub fn of_point(&self, point: u32) -> &Sums {
-        &self.points[point as usize]
+    /// Whether the faces around an edge whose sums were just found are folded over: planes say little of how far their
+    /// points are, and distances are looked up.
+    pub fn is_folded(&self, surface: &Surface, edge: u32, sums: &Sums) -> bool {
+        let ends = surface.edges[edge as usize].ends;
+        sums.cancel() || ends.into_iter().any(|p| self.folded[p as usize])
     }
 
     /// Finds the sums of an edge; false if its wedges do not match.
@@ -535,6 +557,7 @@ impl Forms {
     /// Room for a further point.
     pub fn add_point(&mut self) {
         self.points.push(Sums::default());
+        self.folded.push(false);
         self.fresh.push(false);
         self.single.push(NONE);
     }

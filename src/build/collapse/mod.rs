@@ -127,10 +127,7 @@ const NORMAL_COLUMNS: usize = 3;
 
 /// What a collapse that makes a thin face costs more: this part of the length of the edge, as a distance.
 const THIN_COST: f64 = 0.003;
-/// A ring whose normals' mean is shorter is folded: planes say little of how far its points are, and distances are
-/// looked up.
-const FOLDED: f64 = 0.4;
-/// Rings of more faces are not: that takes the square of their number.
+/// Distances around folds are looked up in rings of at most so many faces: that takes the square of their number.
 const MOST_FOLDED: usize = 32;
 
 /// Farthest that a point is placed from the middle of its edge, in lengths of the edge.
@@ -620,10 +617,7 @@ impl Collapser {
             let ends = self.surface.edges[edge as usize].ends;
             ends.into_iter().flat_map(|p| self.surface.around(p)).take(MOST_FOLDED + 1).count()
         };
-        // One end alone may be on a fold, such as the rim of a plate.
-        let ends = self.surface.edges[edge as usize].ends.map(|p| self.forms.of_point(p));
-        let is_short = |sums: &Sums| sums.volume.truncate().length() < FOLDED * sums.area;
-        self.policy.cuts && [sums].into_iter().chain(ends).any(is_short) && faces() <= MOST_FOLDED
+        self.policy.cuts && self.forms.is_folded(&self.surface, edge, sums) && faces() <= MOST_FOLDED
     }
 
     /// The cost of a place; around a fold by the distances of the faces before and after.
