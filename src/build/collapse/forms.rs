@@ -10,7 +10,7 @@
 use glam::{DVec3, DVec4};
 
 use super::quadric::Quadric;
-use super::surface::{Face, NONE, Surface};
+use super::surface::{NONE, Opening, Surface};
 use super::wedges::squared_distance;
 use super::{Cost, Policy};
 
@@ -44,6 +44,8 @@ pub struct Sums {
 const FOLDED: f64 = 0.4;
 /// or of whose area more than this part faces against it.
 const AGAINST: f64 = 0.03;
+/// Cosine of the angle, from behind, up to which a face that closes an opening may face away from its normals.
+const CLOSES: f64 = 0.5;
 
 impl Sums {
     /// Whether the normals nearly cancel.
@@ -417,16 +419,16 @@ impl Forms {
             let sides = u.length_squared() + v.length_squared();
             let damped = (cross.length_squared() + (THIN * sides) * (THIN * sides)).recip();
             let (s, t) = (to.cross(v).dot(cross) * damped, u.cross(to).dot(cross) * damped);
-            let normals = self.carried(rows, face);
+            let normals = self.carried(rows, face.wedges);
             sum += self.shares[f].area
                 * (normals[0] + s * (normals[1] - normals[0]) + t * (normals[2] - normals[0]));
         }
         sum.try_normalize()
     }
 
-    /// The normals that a face carries at its corners: `rows` begin with them.
-    fn carried(&self, rows: &[f32], face: &Face) -> [DVec3; 3] {
-        face.wedges.map(|w| {
+    /// The normals that the corners of a face carry: `rows` begin with them.
+    fn carried(&self, rows: &[f32], wedges: [u32; 3]) -> [DVec3; 3] {
+        wedges.map(|w| {
             let row = rows[w as usize * self.stride..].first_chunk::<3>();
             row.map_or(DVec3::ZERO, |n| DVec3::from_array(n.map(f64::from)))
         })
@@ -492,10 +494,21 @@ impl Forms {
             if !self.policy.cuts {
                 return false;
             }
-            let normals = self.carried(rows, &surface.faces[f]);
+            let normals = self.carried(rows, surface.faces[f].wedges);
             let carried = normals[0] + normals[1] + normals[2];
             cross.dot(carried) < 0.0 && before.dot(carried) >= 0.0
         })
+    }
+
+    /// Whether the face that closes an opening does not face away from the normals that it would carry, nor from `up`.
+    pub fn faces_along(&self, surface: &Surface, rows: &[f32], opening: &Opening) -> bool {
+        let [a, b, c] = opening.points.map(|p| surface.positions[p as usize]);
+        let cross = (b - a).cross(c - a);
+        let normals = self.carried(rows, opening.wedges);
+        let carried = normals[0] + normals[1] + normals[2];
+        // Those around the end of a tube stand on it.
+        cross.dot(carried) >= -CLOSES * cross.length() * carried.length()
+            && self.policy.up.is_none_or(|up| cross.dot(up) > 0.0)
     }
 
     /// Whether faces of an edge that collapses to `position` would become thin.

@@ -23,7 +23,7 @@ use self::forms::{Channel, Forms, Sums};
 use self::parts::Parts;
 use self::quadric::Quadric;
 use self::queue::Queue;
-use self::surface::{Edge, NONE, Ring, Surface};
+use self::surface::{Edge, NONE, Opening, Ring, Surface};
 use self::wedges::Merge;
 use super::store::LocalMesh;
 use crate::math::Aabb;
@@ -203,10 +203,18 @@ struct Entry {
     second: bool,
     /// It waited as it makes a thin face.
     thin: bool,
-    /// It waited for a ring in its way.
+    /// It waited for a ring or an opening in its way.
     ring: bool,
     /// Its best place, whether it folds the surface or not.
     place: DVec3,
+}
+
+/// What stands in the way of a collapse.
+enum Obstacle {
+    /// The surface is cut along it, and closed.
+    Ring(Ring),
+    /// It is closed.
+    Opening(Opening),
 }
 
 /// A position as it may be looked up: both zeros are one.
@@ -397,12 +405,18 @@ impl Collapser {
                 continue;
             }
             if !self.surface.can_collapse(edge) {
-                match self.surface.ring(edge).filter(|_| self.policy.cuts) {
+                match self.obstacle(edge) {
                     None => self.block(edge),
-                    Some(found) if ring => self.cut(&found),
-                    Some(found) => {
+                    Some(Obstacle::Ring(found)) if ring => self.cut(&found),
+                    Some(Obstacle::Opening(found)) if ring => {
+                        gone = gone.max(self.closing(found.points).1);
+                        self.close(&found);
+                    }
+                    Some(Obstacle::Ring(Ring { points, .. }) | Obstacle::Opening(Opening { points, .. })) => {
+                        let (area, squared) = self.closing(points);
+                        let later = f64::from(cost) + self.policy.evened(area * squared, squared);
                         self.entries[edge as usize].ring = true;
-                        self.queue.set(edge, self.with_closing(&found, f64::from(cost)) as f32);
+                        self.queue.set(edge, later as f32);
                     }
                 }
                 continue;
@@ -731,13 +745,44 @@ impl Collapser {
         }
     }
 
-    /// What an edge costs with the face that closes a ring in its way: as if that were a third of its height off.
-    fn with_closing(&self, ring: &Ring, cost: f64) -> f64 {
-        let [a, b, c] = ring.points.map(|p| self.surface.positions[p as usize]);
+    /// What stands in the way of an edge, if it can be settled.
+    fn obstacle(&mut self, edge: u32) -> Option<Obstacle> {
+        if !self.policy.cuts {
+            return None;
+        }
+        if let Some(ring) = self.surface.ring(edge) {
+            return Some(Obstacle::Ring(ring));
+        }
+        let fits = |found: &Opening| {
+            // Lines between materials stay, and the new face faces what its neighbours do.
+            found.points.iter().all(|p| self.rank.get(*p as usize).is_none_or(|rank| *rank == 0))
+                && self.forms.faces_along(&self.surface, &self.rows, found)
+        };
+        self.surface.opening(edge).filter(fits).map(Obstacle::Opening)
+    }
+
+    /// The area of a face between points, and how far it is squared, as if that were a third of its height off.
+    fn closing(&self, points: [u32; 3]) -> (f64, f64) {
+        let [a, b, c] = points.map(|p| self.surface.positions[p as usize]);
         let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
         let area = 0.5 * (b - a).cross(c - a).length();
-        let squared = if longest > 0.0 { 4.0 * area * area / longest / 9.0 } else { 0.0 };
-        cost + self.policy.evened(area * squared, squared)
+        (area, if longest > 0.0 { 4.0 * area * area / longest / 9.0 } else { 0.0 })
+    }
+
+    /// Closes an opening.
+    fn close(&mut self, opening: &Opening) {
+        self.count += 1;
+        self.ring.clear();
+        self.surface.close(opening);
+        self.forms.add_faces(self.surface.faces.len());
+        for p in opening.points {
+            self.take_in(p);
+            self.waiting[p as usize] = true;
+        }
+        self.ring.iter().for_each(|p| self.forms.touch(*p));
+        self.look_around();
+        let part = self.parts.take_in_closed(&self.surface, opening.points[0]);
+        self.queue_part(part);
     }
 
     /// Cuts the surface along a ring and closes both sides.

@@ -214,6 +214,15 @@ impl Parts {
         self.of_point.push(self.of_point[point as usize]);
     }
 
+    /// Takes in that an opening at a point was closed by a face, the last one; returns its part.
+    pub fn take_in_closed(&mut self, surface: &Surface, point: u32) -> u32 {
+        let number = self.at(point);
+        let part = &mut self.all[number as usize];
+        part.alive += 1;
+        part.faces.push(surface.faces.len() as u32 - 1);
+        number
+    }
+
     /// Takes in that the surface was cut between two points and closed by two faces, the last ones: a small piece becomes
     /// a part of its own.
     pub fn take_in_cut(&mut self, surface: &Surface, points: [u32; 2]) {

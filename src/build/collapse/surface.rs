@@ -83,6 +83,17 @@ pub struct Ring {
     pub sides: [u32; 3],
 }
 
+/// Three rims in a ring around nothing, as the face that closes it runs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Opening {
+    /// Its points.
+    pub points: [u32; 3],
+    /// A wedge at each.
+    pub wedges: [u32; 3],
+    /// The edges from each point to the next.
+    pub edges: [u32; 3],
+}
+
 /// The mesh.
 #[derive(Debug, Default)]
 pub struct Surface {
@@ -521,6 +532,46 @@ impl Surface {
             fans: [of_a, of_b, of_c],
             sides: [start as u32, next as u32, last as u32],
         })
+    }
+
+    /// The smallest opening of three edges of which one is the border: such a border has no edge that could collapse.
+    /// None where two of its points are locked: others may have faces there.
+    pub fn opening(&self, edge: u32) -> Option<Opening> {
+        let Edge { faces: 1, sides: [face, _], .. } = self.edges[edge as usize] else { return None };
+        let face = self.faces.get(face as usize)?;
+        let k = face.edges.iter().position(|e| *e == edge)?;
+        let [a, b] = [k, (k + 1) % 3].map(|k| (face.points[k], face.wedges[k]));
+        // Rims that run to a point, with where they come from.
+        let rims_to = |point: u32| {
+            self.around(point).filter_map(|(f, k)| {
+                let from = (k + 2) % 3;
+                let Face { points, wedges, edges, .. } = &self.faces[f];
+                let is_rim = self.edges[edges[from] as usize].faces == 1 && edges[from] != edge;
+                is_rim.then_some(((points[from], wedges[from]), edges[from]))
+            })
+        };
+        let closed = rims_to(a.0).filter_map(|(c, to_a)| {
+            let (_, to_c) = rims_to(c.0).find(|(from, _)| from.0 == b.0)?;
+            let all = [b, a, c];
+            Some(Opening { points: all.map(|p| p.0), wedges: all.map(|p| p.1), edges: [edge, to_a, to_c] })
+        });
+        let free = |opening: &Opening| opening.points.iter().filter(|p| self.locked[**p as usize]).count() < 2;
+        let size = |opening: &Opening| {
+            let [a, b, c] = opening.points.map(|p| self.positions[p as usize]);
+            (b - a).cross(c - a).length_squared()
+        };
+        closed.filter(free).min_by(|p, q| size(p).total_cmp(&size(q)))
+    }
+
+    /// Closes an opening with a face.
+    pub fn close(&mut self, opening: &Opening) {
+        let new = self.faces.len() as u32;
+        for edge in opening.edges.map(|e| e as usize) {
+            self.edges[edge].sides = [self.edges[edge].sides[0], new];
+            self.edges[edge].faces = 2;
+        }
+        self.push_face(opening.points, opening.wedges, opening.edges, false);
+        opening.points.into_iter().for_each(|p| self.find_lines_around(p));
     }
 
     /// Whether a point is free, and all around it is one sheet without seams.

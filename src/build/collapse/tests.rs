@@ -296,6 +296,40 @@ fn handles_are_cut_where_nothing_else_is_left() {
     assert!(faces_of_edges(&out).iter().all(|faces| *faces == 2));
 }
 
+/// A tube of so many sides and rings, open at both ends, with normals outwards.
+fn tube(sides: u32, rings: u32) -> LocalMesh {
+    let angle = |i: u32| i as f32 / sides as f32 * std::f32::consts::TAU;
+    let points = (0..sides * rings).map(|k| (angle(k % sides), k / sides));
+    let positions: Vec<[f32; 3]> = points.map(|(t, z)| [t.cos(), t.sin(), z as f32]).collect();
+    let cells = (0..sides * (rings - 1)).map(|k| (k % sides, k / sides));
+    let faces: Vec<[u32; 3]> = cells
+        .flat_map(|(i, j)| {
+            let [a, b] = [i, (i + 1) % sides].map(|i| j * sides + i);
+            [[a, b, b + sides], [a, b + sides, a + sides]]
+        })
+        .collect();
+    let attributes = positions.iter().flat_map(|p| [p[0], p[1], 0.0]).collect();
+    LocalMesh { attributes, ..mesh(&positions, &faces) }
+}
+
+#[test]
+fn openings_close_where_nothing_else_is_left() {
+    let source = tube(8, 5);
+    let least = run(&source, 1).0.indices.len() / 3;
+    assert_eq!(least, 6, "three sides between two openings");
+    let (made, error) = run_with_cuts(&source, 4);
+    assert!(made.indices.len() / 3 <= 4, "one of them is closed, at least");
+    let borders = faces_of_edges(&made).iter().filter(|faces| **faces == 1).count();
+    assert!(borders <= 3, "{borders}");
+    assert!(error > 0.0);
+    // Of a border to others nothing is closed.
+    let locked = source.positions.iter().map(|p| p[2] == 0.0).collect();
+    let held = LocalMesh { locked, ..source };
+    let (made, _) = run_with_cuts(&held, 1);
+    let borders = faces_of_edges(&made).iter().filter(|faces| **faces == 1).count();
+    assert_eq!(borders, 8);
+}
+
 #[test]
 fn small_parts_go_before_large_ones_coarsen() {
     let (mut positions, mut faces) = torus(40, 20, [0.0; 3], 1.0);
