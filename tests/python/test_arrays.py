@@ -87,7 +87,8 @@ def test_utm_coordinates_keep_their_millimetres() -> None:
     )
     coarse = mesh.cut(target_reduction=0.9)
     away = distance.to_surface(coarse.vertices - origin, vertices - origin, source.faces)
-    assert away.max() <= coarse.error < 2.0
+    near = nrs.NaniteMesh.from_arrays(vertices - origin, source.faces, progress=False).cut(target_reduction=0.9)
+    assert away.max() <= coarse.error < 1.25 * near.error
 
 
 def test_float32_sources_give_float32_back_bit_for_bit() -> None:

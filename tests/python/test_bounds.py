@@ -182,11 +182,14 @@ def test_bounds_of_groups_are_tight() -> None:
     assert median <= 1.5
 
 
-def test_many_groups_state_little_more_than_there_is() -> None:
-    """Some groups have triangles that reach over what they answer for, and state no more for it."""
+@pytest.mark.parametrize(("quality", "most"), [("fast", 1.5), ("best", 1.75)])
+def test_many_groups_state_little_more_than_there_is(quality: str, most: float) -> None:
+    """Some groups have triangles that reach over what they answer for, and state no more for it. What is best in the
+    mean square does not take those first that state most."""
     vertices, faces = nrs.shapes.displaced_icosphere(faces=200_000)
-    mesh = nrs.NaniteMesh.from_arrays(vertices, faces, progress=False)
+    options = nrs.BuildOptions(quality=quality)
+    mesh = nrs.NaniteMesh.from_arrays(vertices, faces, options=options, progress=False)
     for share in (0.5, 0.25, 0.1, 0.05, 0.03, 0.02):
         cut = mesh.cut(target_faces=int(share * len(faces)), exact=False)
         found = nrs.measure.surface_distance((vertices, faces), cut, mode="bounded")
-        assert found.lower <= cut.error <= 1.5 * found.upper, f"{share}: {cut.error} for {found.upper}"
+        assert found.lower <= cut.error <= most * found.upper, f"{share}: {cut.error} for {found.upper}"

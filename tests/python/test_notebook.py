@@ -104,7 +104,7 @@ def test_a_damaged_mesh_shows_its_text(tmp_path) -> None:
     path = tmp_path / "sphere.nanite"
     subjects.built("sphere").save(path)
     data = bytearray(path.read_bytes())
-    for damage in (slice(len(data) // 2, None), slice(-40_000, None)):
+    for damage in (slice(len(data) // 4, None), slice(len(data) // 4, len(data) // 2)):
         damaged = bytearray(data)
         damaged[damage] = bytes(byte ^ 0x55 for byte in damaged[damage])
         (tmp_path / "damaged.nanite").write_bytes(damaged)
