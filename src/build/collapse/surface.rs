@@ -537,8 +537,8 @@ impl Surface {
     /// The smallest opening of three edges of which one is the border: such a border has no edge that could collapse.
     /// None where two of its points are locked: others may have faces there.
     pub fn opening(&self, edge: u32) -> Option<Opening> {
-        let Edge { faces: 1, sides: [face, _], .. } = self.edges[edge as usize] else { return None };
-        let face = self.faces.get(face as usize)?;
+        let Edge { faces: 1, sides, .. } = self.edges[edge as usize] else { return None };
+        let face = &self.faces[sides.into_iter().find(|f| *f != NONE)? as usize];
         let k = face.edges.iter().position(|e| *e == edge)?;
         let [a, b] = [k, (k + 1) % 3].map(|k| (face.points[k], face.wedges[k]));
         // Rims that run to a point, with where they come from.
@@ -550,7 +550,8 @@ impl Surface {
                 is_rim.then_some(((points[from], wedges[from]), edges[from]))
             })
         };
-        let closed = rims_to(a.0).filter_map(|(c, to_a)| {
+        // A face by itself is no opening.
+        let closed = rims_to(a.0).filter(|(c, _)| !face.points.contains(&c.0)).filter_map(|(c, to_a)| {
             let (_, to_c) = rims_to(c.0).find(|(from, _)| from.0 == b.0)?;
             let all = [b, a, c];
             Some(Opening { points: all.map(|p| p.0), wedges: all.map(|p| p.1), edges: [edge, to_a, to_c] })
@@ -567,8 +568,9 @@ impl Surface {
     pub fn close(&mut self, opening: &Opening) {
         let new = self.faces.len() as u32;
         for edge in opening.edges.map(|e| e as usize) {
-            self.edges[edge].sides = [self.edges[edge].sides[0], new];
-            self.edges[edge].faces = 2;
+            let edge = &mut self.edges[edge];
+            edge.sides.iter_mut().filter(|f| **f == NONE).for_each(|f| *f = new);
+            edge.faces = 2;
         }
         self.push_face(opening.points, opening.wedges, opening.edges, false);
         opening.points.into_iter().for_each(|p| self.find_lines_around(p));
@@ -776,6 +778,13 @@ mod tests {
                 if surface.can_collapse(edge) {
                     let keep = surface.edges[edge as usize].ends[0];
                     surface.collapse(edge, keep, DVec3::ZERO, |_| {});
+                } else if let Some(opening) = surface.opening(edge) {
+                    for (k, e) in opening.edges.into_iter().enumerate() {
+                        let ends = [opening.points[k], opening.points[(k + 1) % 3]];
+                        prop_assert!(ends.iter().all(|p| surface.edges[e as usize].ends.contains(p)));
+                        prop_assert_eq!(surface.edges[e as usize].faces, 1);
+                    }
+                    surface.close(&opening);
                 }
             }
         }
