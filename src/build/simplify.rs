@@ -116,10 +116,15 @@ pub fn simplify(
 }
 
 /// What collapses of a group cost: for each the largest so far, and the triangles that were left.
-pub fn trace(mesh: &LocalMesh, target: usize, content: &Content, options: &BuildOptions) -> Vec<(f64, u32)> {
+pub fn trace(mesh: &LocalMesh, limit: Limit, content: &Content, options: &BuildOptions) -> Vec<(f64, u32)> {
     let guides = Guides::new(mesh, content, content.stride(), mean_edge(mesh), true);
-    let (limit, policy) = (Limit::triangles(target), policy(content, options));
-    collapse(mesh, &mesh.locked, guides.rows, &guides.weights, limit, &policy).trace
+    collapse(mesh, &mesh.locked, guides.rows, &guides.weights, limit, &policy(content, options)).trace
+}
+
+/// A mesh after the collapses of its quality alone, without other steps where they end: numbered like `mesh`, with copies at the
+/// end.
+pub fn reduce(mesh: &LocalMesh, limit: Limit, content: &Content, options: &BuildOptions) -> LocalMesh {
+    run(mesh, &mesh.locked, limit, content, options, Step::Attributes).mesh
 }
 
 /// How our own collapses go about a group.
@@ -240,9 +245,10 @@ fn attempt(
     step: Step,
 ) -> Result<Simplified, StuckReason> {
     let most = (mesh.indices.len() / 3) as f32 * ACCEPT_RATIO;
+    let limit = Limit { cost: effort.cost, ..Limit::triangles(target) };
     let checked = |locked: &[bool]| {
         let Made { mesh: result, error, moved, cost, stopped } =
-            run(mesh, locked, target, effort.cost, content, options, step);
+            run(mesh, locked, limit, content, options, step);
         let left = result.indices.len() / 3;
         if left == 0 {
             return Err(StuckReason::Vanished);
@@ -478,8 +484,7 @@ struct Made {
 fn run(
     mesh: &LocalMesh,
     locked: &[bool],
-    target: usize,
-    cost: f64,
+    limit: Limit,
     content: &Content,
     options: &BuildOptions,
     step: Step,
@@ -487,7 +492,7 @@ fn run(
     let mut error = 0.0;
     let between_materials = differ_at_position(mesh, &mesh.materials);
     if step == Step::Sloppy {
-        let (mesh, error) = sloppy(mesh, locked, target, &between_materials);
+        let (mesh, error) = sloppy(mesh, locked, limit.target, &between_materials);
         return Made { mesh, error, moved: error, cost: None, stopped: false };
     }
     let edge = mean_edge(mesh);
@@ -498,7 +503,8 @@ fn run(
     let mut steered;
     let (mut dearest, mut moved, mut stopped) = (None, None, false);
     if best {
-        let (limit, policy) = (Limit { target, cost }, policy(content, options));
+        let mut policy = policy(content, options);
+        policy.cuts &= limit.distance == f64::INFINITY;
         let made = collapse(mesh, locked, guides.rows, &guides.weights, limit, &policy);
         (dearest, moved) = (Some(made.cost), Some(made.moved));
         Collapsed { mesh: steered, error, stopped, .. } = made;
@@ -522,7 +528,7 @@ fn run(
             &guides.weights,
             width * 4,
             Some(&locks),
-            3 * target,
+            3 * limit.target,
             f32::MAX,
             flags,
             Some(&mut error),
@@ -564,7 +570,7 @@ pub fn collapse_to(mesh: &LocalMesh, target: usize, content: &Content, cuts: boo
     let faces: &[[u32; 3]] = bytemuck::cast_slice(&mesh.indices);
     let mut content = content.clone();
     content.up = up(&mesh.positions, faces);
-    let made = run(mesh, &mesh.locked, target, f64::INFINITY, &content, &options, Step::Attributes);
+    let made = run(mesh, &mesh.locked, Limit::triangles(target), &content, &options, Step::Attributes);
     Finished { mesh: made.mesh, estimate: made.error, moved: made.moved }
 }
 
@@ -593,7 +599,7 @@ pub fn thin_to(mesh: &LocalMesh, target: usize) -> Option<(LocalMesh, f64)> {
 pub fn collapse_loosely_to(mesh: &LocalMesh, target: usize, content: &Content) -> Option<(LocalMesh, f32)> {
     let options = BuildOptions::default();
     let Made { mesh: result, error, .. } =
-        run(mesh, &mesh.locked, target, f64::INFINITY, content, &options, Step::Permissive);
+        run(mesh, &mesh.locked, Limit::triangles(target), content, &options, Step::Permissive);
     let fits = !result.indices.is_empty() && keeps_materials(&result) && keeps_border(mesh, &result);
     fits.then_some((result, error))
 }

@@ -133,6 +133,9 @@ const FOLDED: f64 = 0.4;
 /// Rings of more faces are not: that takes the square of their number.
 const MOST_FOLDED: usize = 32;
 
+/// Attributes that deviate by no more than this part of their limit are the same but for rounding.
+const ALIKE: f64 = 1.0e-3;
+
 /// Farthest that a point is placed from the middle of its edge, in lengths of the edge.
 const REACH: f64 = 2.0;
 
@@ -143,12 +146,16 @@ pub struct Limit {
     pub target: usize,
     /// The cost to stop at, see [`Collapsed::cost`].
     pub cost: f64,
+    /// Points go no farther from any plane around their edge, nor from the planes that stand on borders and lines, and
+    /// attributes deviate no more than by rounding where this is finite. In the unit of the positions. Goes with policies
+    /// that do not cut.
+    pub distance: f64,
 }
 
 impl Limit {
     /// Down to so many triangles, whatever it costs.
     pub fn triangles(target: usize) -> Self {
-        Self { target, cost: f64::INFINITY }
+        Self { target, cost: f64::INFINITY, distance: f64::INFINITY }
     }
 }
 
@@ -190,7 +197,8 @@ pub fn collapse(
     let mut collapser = Collapser::new(mesh, locked, rows, weights, *policy);
     // As costs are inside.
     let unit = collapser.extent.powf(policy.power());
-    let (error, moved, stopped) = collapser.run(limit.target, limit.cost / unit);
+    let inside = Limit { cost: limit.cost / unit, distance: limit.distance / collapser.extent, ..limit };
+    let (error, moved, stopped) = collapser.run(inside);
     let mut trace = std::mem::take(&mut collapser.trace);
     trace.iter_mut().for_each(|(cost, _)| *cost *= unit);
     let cost = trace.last().map_or(0.0, |(cost, _)| *cost);
@@ -365,9 +373,10 @@ impl Collapser {
         }
     }
 
-    /// Collapses down to `target` triangles, or up to a cost; returns the error, the same without
-    /// parts that went, and whether the cost was the limit.
-    fn run(&mut self, target: usize, limit: f64) -> (f32, f32, bool) {
+    /// Collapses up to a limit, which is in its own units; returns the error, the same without parts that went, and
+    /// whether the cost was the limit.
+    fn run(&mut self, limit: Limit) -> (f32, f32, bool) {
+        let Limit { target, cost: limit, distance: reach } = limit;
         self.queue.reset(self.surface.edges.len());
         for edge in 0..self.surface.edges.len() as u32 {
             self.look(edge);
@@ -426,6 +435,10 @@ impl Collapser {
                 }
                 position = place;
             }
+            if reach < f64::INFINITY && !self.keeps_all(edge, position, reach) {
+                self.block(edge);
+                continue;
+            }
             if !thin && self.forms.thins(&self.surface, edge, position) {
                 self.entries[edge as usize].thin = true;
                 self.queue.set(edge, self.later(edge, f64::from(cost)) as f32);
@@ -445,6 +458,17 @@ impl Collapser {
         }
         let [error, moved] = [worst.max(gone), worst].map(|squared| (squared.sqrt() * self.extent) as f32);
         (error, moved, stopped)
+    }
+
+    /// Whether an edge collapses to a place without a change of more than `reach` in the shape, or than rounding in what
+    /// it carries.
+    fn keeps_all(&mut self, edge: u32, place: DVec3, reach: f64) -> bool {
+        if self.forms.farthest(&self.surface, edge, place) > reach
+            || !self.forms.edge(&self.surface, edge, &mut self.sums)
+        {
+            return false;
+        }
+        self.sums.attribute.at(place) <= ALIKE * ALIKE * self.attribute_limit * self.sums.area
     }
 
     /// What an edge costs that makes a thin face.

@@ -1,0 +1,564 @@
+//! One level at once: a mesh simplified to a number of triangles, without a DAG, pages or proofs.
+//!
+//! Rounds over blocks of the whole mesh, on all cores, then what is left in one piece, to the exact number. A block is a
+//! part of space (`math::median`) with the points that it shares with others locked; the next round halves space elsewhere.
+//! With the best quality what a collapse may cost is the same in all blocks of a round, as a sample tells, so that it is as
+//! if there were one queue: what is flat goes first. Nothing depends on the number of threads.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use rayon::prelude::*;
+
+use crate::build::Progress;
+use crate::build::collapse::Limit;
+use crate::build::content::Content;
+use crate::build::dag::merged;
+use crate::build::simplify::{reduce, trace};
+use crate::build::store::{LocalMesh, Numbering};
+use crate::config::{BuildOptions, Quality};
+use crate::error::{Error, Result};
+use crate::lod::CutArrays;
+use crate::math::median::{Place, median_split};
+use crate::mesh::edges::Edges;
+use crate::mesh::{Channels, SourceMesh, WeldedMesh, hash, weld};
+use crate::model::{AttributeLayout, BuildReport, Channel, Frame};
+
+/// Most triangles of a block.
+const BLOCK: usize = 1 << 15;
+/// Part of the triangles that a round leaves, at least: by our own collapses, and by meshoptimizer's, whose order is less
+/// exact the more goes at once.
+const BEST_STEP: f64 = 0.4;
+const FAST_STEP: f64 = 0.5;
+/// Rounds stop at so many times the target; the rest is done with an exact number.
+const ROOM: f64 = 1.15;
+/// A round that misses what it was to leave by more than this part of it is done again, exactly.
+const MISSED: f64 = 0.1;
+/// What an exact round looks at, in terms of what a collapse of it may cost by the sample.
+const BEYOND: f64 = 1.5;
+/// As many triangles are done in one piece, which takes one core; more in blocks.
+const ONE_PIECE: usize = 1 << 18;
+/// A round that takes away less is the last.
+const LEAST_GAIN: f64 = 0.01;
+/// Where space is halved, by turns: borders of blocks are elsewhere in the next round.
+const MIDDLES: [f64; 2] = [0.5, 0.4];
+/// Triangles of a sample of a block, and how far it goes, in parts of what it would keep if all were alike.
+const SAMPLE: usize = 1 << 11;
+const SAMPLED: f64 = 0.25;
+/// What lies so near, in parts of the largest coordinate, is where it was: rounding of f32, several times.
+const ROUNDING: f64 = 4.0 * f32::EPSILON as f64;
+/// The row of what is no vertex of the source.
+const NEW: u32 = u32::MAX;
+
+/// How far to decimate.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Goal {
+    /// Triangles to stop at.
+    pub target: usize,
+    /// Vertices of the mesh's own border stay as they are.
+    pub preserve_border: bool,
+    /// Only what changes neither shape nor attributes goes.
+    pub lossless: bool,
+}
+
+/// A decimated mesh.
+#[derive(Debug)]
+pub struct Decimated {
+    /// Its arrays; runs of triangles of one material take the place of clusters.
+    pub arrays: CutArrays,
+    /// The material of each run.
+    pub materials: Vec<i32>,
+    /// Named channels, a row for each vertex.
+    pub channels: Vec<Channel>,
+    /// Which attributes there are.
+    pub layout: AttributeLayout,
+    /// Internal to object space.
+    pub frame: Frame,
+    /// What was mended.
+    pub report: BuildReport,
+}
+
+/// Decimates a mesh. The result does not depend on the number of threads.
+pub fn decimate(
+    source: &SourceMesh<'_>,
+    goal: Goal,
+    options: &BuildOptions,
+    progress: &dyn Progress,
+) -> Result<Decimated> {
+    options.validate()?;
+    if options.threads == 0 {
+        return run(source, goal, options, progress);
+    }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(options.threads)
+        .build()
+        .map_err(|e| Error::argument("threads", e.to_string()))?;
+    pool.install(|| run(source, goal, options, progress))
+}
+
+fn run(
+    source: &SourceMesh<'_>,
+    goal: Goal,
+    options: &BuildOptions,
+    progress: &dyn Progress,
+) -> Result<Decimated> {
+    let mut report = BuildReport::default();
+    let mut mesh = weld(source, &mut report)?;
+    let content = Content::new(&mesh, report.computed_normals, options);
+    let mut options = options.clone();
+    if goal.lossless {
+        options.quality = Quality::Best;
+    }
+    let meter = Meter {
+        progress,
+        done: AtomicU64::new(0),
+        total: mesh.faces.len().saturating_sub(goal.target) as u64,
+        cancelled: AtomicBool::new(false),
+    };
+    let (layout, frame, stride) = (mesh.layout, mesh.frame, mesh.stride);
+    let channels = std::mem::take(&mut mesh.channels);
+    let whole = whole(mesh, &channels, goal.preserve_border);
+    let mut rounds = Rounds { whole, stride, goal, content, options, meter };
+    rounds.run()?;
+    let (arrays, materials, channels) = finish(rounds.whole, layout, stride, &channels);
+    Ok(Decimated { arrays, materials, channels, layout, frame, report })
+}
+
+/// A welded mesh as one that collapses; `ids` name the vertices of the source.
+fn whole(mesh: WeldedMesh, channels: &Channels, preserve_border: bool) -> LocalMesh {
+    let position_ids = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
+    let mut locked = vec![false; mesh.positions.len()];
+    if preserve_border {
+        let edges = Edges::named(&mesh.faces, |v| position_ids[v as usize]);
+        for edge in edges.iter().filter(|edge| edge.faces() == 1) {
+            (locked[edge.ends.0 as usize], locked[edge.ends.1 as usize]) = (true, true);
+        }
+        (0..locked.len()).for_each(|v| locked[v] = locked[position_ids[v] as usize]);
+    }
+    LocalMesh {
+        ids: (0..mesh.positions.len() as u32).collect(),
+        position_ids,
+        locked,
+        labels: channels.label_numbers(),
+        attributes: mesh.attributes,
+        materials: mesh.materials,
+        indices: mesh.faces.into_flattened(),
+        positions: mesh.positions,
+        copies: Vec::new(),
+    }
+}
+
+/// Counts triangles that went, and passes on a wish to stop.
+struct Meter<'a> {
+    progress: &'a dyn Progress,
+    done: AtomicU64,
+    total: u64,
+    cancelled: AtomicBool,
+}
+
+impl Meter<'_> {
+    /// False once the work is to stop.
+    fn advance(&self, by: usize) -> bool {
+        if self.cancelled.load(Ordering::Relaxed) {
+            return false;
+        }
+        let done = self.done.fetch_add(by as u64, Ordering::Relaxed) + by as u64;
+        let goes_on = self.progress.update(done.min(self.total), self.total);
+        self.cancelled.fetch_or(!goes_on, Ordering::Relaxed);
+        goes_on
+    }
+}
+
+/// What became of a block.
+struct Made {
+    mesh: LocalMesh,
+    /// For each vertex whether it is another one than it was.
+    moved: Vec<bool>,
+}
+
+/// Collapses of some triangles of a block.
+struct Sample {
+    /// Positions that may move.
+    free: usize,
+    triangles: usize,
+    /// See [`trace`].
+    trace: Vec<(f64, u32)>,
+}
+
+/// The mesh while it is decimated.
+struct Rounds<'a> {
+    whole: LocalMesh,
+    stride: usize,
+    goal: Goal,
+    content: Content,
+    options: BuildOptions,
+    meter: Meter<'a>,
+}
+
+impl Rounds<'_> {
+    fn run(&mut self) -> Result<()> {
+        self.advance(0)?;
+        let is_best = self.options.quality == Quality::Best;
+        let step = if is_best { BEST_STEP } else { FAST_STEP };
+        let target = self.goal.target;
+        for number in 0.. {
+            let before = self.faces();
+            let least = ROOM * target as f64;
+            let exact = before as f64 <= (1.0 + MISSED) * least;
+            if before <= target.max(BLOCK) || !self.goal.lossless && exact && before <= ONE_PIECE {
+                break;
+            }
+            let wanted = if exact { target } else { least.max(step * before as f64) as usize };
+            self.round(number, wanted, exact)?;
+            if (before.saturating_sub(self.faces()) as f64) < LEAST_GAIN * before as f64 {
+                break;
+            }
+        }
+        if self.faces() > target && !(self.goal.lossless && self.faces() > ONE_PIECE) {
+            self.one_piece()?;
+        }
+        Ok(())
+    }
+
+    fn advance(&self, by: usize) -> Result<()> {
+        if self.meter.advance(by) { Ok(()) } else { Err(Error::Cancelled) }
+    }
+
+    /// Collapses what is left in one piece: to the exact number.
+    fn one_piece(&mut self) -> Result<()> {
+        let before = self.faces();
+        let whole = std::mem::take(&mut self.whole);
+        let limit = self.limit(self.goal.target, f64::INFINITY);
+        let (after, moved) = self.reduced(&whole, limit);
+        self.whole = after;
+        self.whole.ids.iter_mut().zip(&moved).filter(|(_, moved)| **moved).for_each(|(id, _)| *id = NEW);
+        self.whole = compact(&self.whole, self.stride);
+        self.advance(before.saturating_sub(self.faces()))
+    }
+
+    /// What becomes of a mesh, and for each vertex whether it is another one than it was.
+    fn reduced(&self, mesh: &LocalMesh, limit: Limit) -> (LocalMesh, Vec<bool>) {
+        let mut after = reduce(mesh, limit, &self.content, &self.options);
+        after.join_copies(|after, v| after.differs(mesh, v));
+        let moved = (0..after.ids.len()).map(|v| after.differs(mesh, v)).collect();
+        (after, moved)
+    }
+
+    fn faces(&self) -> usize {
+        self.whole.indices.len() / 3
+    }
+
+    fn limit(&self, target: usize, cost: f64) -> Limit {
+        let distance = if self.goal.lossless { ROUNDING } else { f64::INFINITY };
+        Limit { target, cost, distance }
+    }
+
+    /// Collapses in blocks until about so many triangles are left; not more than one or two fewer where it is `exact`.
+    fn round(&mut self, number: usize, wanted: usize, exact: bool) -> Result<()> {
+        let whole = &self.whole;
+        let place = |t: usize| {
+            let p: [[f32; 3]; 3] =
+                std::array::from_fn(|k| whole.positions[whole.indices[3 * t + k] as usize]);
+            Place { point: std::array::from_fn(|k| p[0][k] + p[1][k] + p[2][k]), number: t as u32 }
+        };
+        let before = self.faces();
+        let mut places: Vec<Place> = (0..before).into_par_iter().map(place).collect();
+        let mut blocks = split(&mut places, BLOCK, MIDDLES[number % MIDDLES.len()]);
+        let shared = self.shared(&blocks);
+        let ratio = wanted as f64 / before as f64;
+        let limits: Vec<Limit> = if self.goal.lossless {
+            vec![self.limit(0, f64::INFINITY); blocks.len()]
+        } else if self.options.quality == Quality::Best {
+            vec![self.limit(0, self.cost(&mut blocks, ratio)); blocks.len()]
+        } else {
+            blocks.iter().map(|b| self.limit((b.len() as f64 * ratio) as usize, f64::INFINITY)).collect()
+        };
+        blocks.par_iter_mut().for_each(|block| block.sort_unstable_by_key(|place| place.number));
+        let missed = |made: &[Made]| {
+            let left: usize = made.iter().map(|made| made.mesh.indices.len() / 3).sum();
+            self.options.quality == Quality::Best
+                && !self.goal.lossless
+                && (left as f64) < (1.0 - MISSED) * wanted as f64
+        };
+        let mut made = None;
+        if !exact || self.options.quality == Quality::Fast {
+            made = Some(self.blocks(&blocks, &shared, &limits)?);
+        }
+        let made = match made.filter(|made| !missed(made)) {
+            Some(made) => made,
+            None => {
+                let limits = self.exact_limits(&blocks, &shared, &limits, wanted)?;
+                self.blocks(&blocks, &shared, &limits)?
+            }
+        };
+        let mut indices = Vec::with_capacity(made.iter().map(|made| made.mesh.indices.len()).sum());
+        for Made { mesh, moved } in made {
+            self.take_in(&mesh, &moved, &mut indices);
+        }
+        self.whole.indices = indices;
+        self.whole = compact(&self.whole, self.stride);
+        self.advance(before.saturating_sub(self.faces()))
+    }
+
+    /// What becomes of each block.
+    fn blocks(&self, blocks: &[&mut [Place]], shared: &[bool], limits: &[Limit]) -> Result<Vec<Made>> {
+        blocks
+            .par_iter()
+            .zip(limits)
+            // One at a time: a thread that is through takes what another has not begun.
+            .with_max_len(1)
+            .map(|(block, limit)| {
+                self.advance(0)?;
+                let local = self.part(block, |position| shared[position as usize]);
+                let (mesh, moved) = self.reduced(&local, *limit);
+                Ok(Made { mesh, moved })
+            })
+            .collect()
+    }
+
+    /// Where each block is to stop so that `wanted` triangles are left of all, in the order of one queue.
+    fn exact_limits(
+        &self,
+        blocks: &[&mut [Place]],
+        shared: &[bool],
+        limits: &[Limit],
+        wanted: usize,
+    ) -> Result<Vec<Limit>> {
+        let traces: Vec<Vec<(f64, u32)>> = blocks
+            .par_iter()
+            .zip(limits)
+            .with_max_len(1)
+            .map(|(block, limit)| {
+                self.advance(0)?;
+                let local = self.part(block, |position| shared[position as usize]);
+                let limit = Limit { cost: BEYOND * limit.cost, ..*limit };
+                Ok(trace(&local, limit, &self.content, &self.options))
+            })
+            .collect::<Result<_>>()?;
+        let mut gone = (self.faces() - wanted) as i64;
+        let steps = merged(blocks.iter().zip(&traces).map(|(block, trace)| (block.len(), &trace[..])));
+        let mut dearest = f64::INFINITY;
+        for (cost, removed) in steps {
+            gone -= i64::from(removed);
+            if gone <= 0 {
+                dearest = cost;
+                break;
+            }
+        }
+        let limit = |(block, trace): (&&mut [Place], &Vec<(f64, u32)>)| {
+            let steps = trace.partition_point(|(cost, _)| *cost <= dearest);
+            let left = steps.checked_sub(1).map_or(block.len(), |last| trace[last].1 as usize);
+            self.limit(left, f64::INFINITY)
+        };
+        Ok(blocks.iter().zip(&traces).map(limit).collect())
+    }
+
+    /// For each position, by the first vertex there, whether several blocks have it, or it stays anyway.
+    fn shared(&self, blocks: &[&mut [Place]]) -> Vec<bool> {
+        let whole = &self.whole;
+        let mut owner = vec![u32::MAX; whole.ids.len()];
+        let mut shared = whole.locked.clone();
+        for (block, places) in (0..).zip(blocks) {
+            for place in places.iter() {
+                for v in &whole.indices[3 * place.number as usize..][..3] {
+                    let position = whole.position_ids[*v as usize] as usize;
+                    if owner[position] == u32::MAX {
+                        owner[position] = block;
+                    } else if owner[position] != block {
+                        shared[position] = true;
+                    }
+                }
+            }
+        }
+        shared
+    }
+
+    /// Some triangles as a mesh of their own, whose `ids` are vertices of the whole.
+    fn part(&self, triangles: &[Place], locked: impl Fn(u32) -> bool) -> LocalMesh {
+        let whole = &self.whole;
+        let [mut numbering, mut at_position] = [0; 2].map(|_| Numbering::with_room(triangles.len()));
+        let mut local = LocalMesh::default();
+        let mut first = Vec::new();
+        for place in triangles {
+            for v in &whole.indices[3 * place.number as usize..][..3] {
+                let (number, new) = numbering.number(*v);
+                local.indices.push(number);
+                if !new {
+                    continue;
+                }
+                let position = whole.position_ids[*v as usize];
+                let (p, new) = at_position.number(position);
+                if new {
+                    first.push(number);
+                }
+                local.ids.push(*v);
+                local.position_ids.push(first[p as usize]);
+                local.locked.push(locked(position));
+            }
+        }
+        let vertices = || local.ids.iter().map(|v| *v as usize);
+        local.positions = vertices().map(|v| whole.positions[v]).collect();
+        local.attributes.reserve(local.ids.len() * self.stride);
+        for v in local.ids.iter().map(|v| *v as usize) {
+            local.attributes.extend_from_slice(&whole.attributes[v * self.stride..][..self.stride]);
+        }
+        if !whole.materials.is_empty() {
+            local.materials = local.ids.iter().map(|v| whole.materials[*v as usize]).collect();
+        }
+        if !whole.labels.is_empty() {
+            local.labels = local.ids.iter().map(|v| whole.labels[*v as usize]).collect();
+        }
+        local
+    }
+
+    /// What collapses may cost: with it samples of the blocks keep that part of their free vertices.
+    fn cost(&self, blocks: &mut [&mut [Place]], ratio: f64) -> f64 {
+        let whole = &self.whole;
+        let mut uses = vec![0u32; whole.ids.len()];
+        whole.indices.iter().for_each(|v| uses[whole.position_ids[*v as usize] as usize] += 1);
+        let samples: Vec<Sample> = blocks
+            .par_iter_mut()
+            .enumerate()
+            .with_max_len(1)
+            .map(|(number, block)| self.sample(block, number, &uses, ratio))
+            .collect();
+        let free: usize = samples.iter().map(|sample| sample.free).sum();
+        // A collapse takes a vertex and two triangles.
+        let mut gone = (2.0 * free as f64 * (1.0 - ratio)) as i64;
+        let traces = samples.iter().map(|sample| (sample.triangles, &sample.trace[..]));
+        for (cost, triangles) in merged(traces) {
+            gone -= i64::from(triangles);
+            if gone <= 0 {
+                return cost;
+            }
+        }
+        f64::INFINITY
+    }
+
+    /// Collapses a few triangles of a block that lie together; `uses` has the corners at each position.
+    fn sample(&self, block: &mut [Place], number: usize, uses: &[u32], ratio: f64) -> Sample {
+        let (mut places, mut turns) = (block, number);
+        while places.len() > SAMPLE {
+            let middle = places.len() / 2;
+            let (low, high) = median_split(places, middle);
+            places = if turns % 2 == 0 { low } else { high };
+            turns /= 2;
+        }
+        let mut local = self.part(places, |_| false);
+        let mut inside = vec![0; local.ids.len()];
+        local.indices.iter().for_each(|v| inside[local.position_ids[*v as usize] as usize] += 1);
+        let mut free = 0;
+        for v in 0..local.ids.len() {
+            let position = self.whole.position_ids[local.ids[v] as usize] as usize;
+            let first = local.position_ids[v] as usize;
+            local.locked[v] = self.whole.locked[position] || inside[first] != uses[position];
+            free += usize::from(first == v && !local.locked[v]);
+        }
+        let triangles = places.len();
+        let limit = Limit::triangles((SAMPLED * ratio * triangles as f64) as usize);
+        Sample { free, triangles, trace: trace(&local, limit, &self.content, &self.options) }
+    }
+
+    /// Writes what became of a block back.
+    fn take_in(&mut self, part: &LocalMesh, moved: &[bool], indices: &mut Vec<u32>) {
+        let (whole, stride) = (&mut self.whole, self.stride);
+        let known = part.ids.len() - part.copies.len();
+        let mut number = part.ids.clone();
+        let mut used = vec![false; part.ids.len()];
+        part.indices.iter().for_each(|v| used[*v as usize] = true);
+        for v in (0..part.ids.len()).filter(|v| used[*v]) {
+            let row = &part.attributes[v * stride..][..stride];
+            if v >= known {
+                let of = whole.ids[part.ids[v] as usize];
+                number[v] = whole.ids.len() as u32;
+                whole.ids.push(if moved[v] { NEW } else { of });
+                whole.positions.push(part.positions[v]);
+                whole.attributes.extend_from_slice(row);
+                whole.labels.extend(part.labels.get(v));
+                whole.materials.extend(part.materials.get(v));
+                whole.locked.push(false);
+            } else if moved[v] {
+                // No other block has it: what is shared is locked.
+                let at = number[v] as usize;
+                whole.ids[at] = NEW;
+                whole.positions[at] = part.positions[v];
+                whole.attributes[at * stride..][..stride].copy_from_slice(row);
+                if let Some(label) = part.labels.get(v) {
+                    whole.labels[at] = *label;
+                }
+            }
+        }
+        indices.extend(part.indices.iter().map(|v| number[*v as usize]));
+    }
+}
+
+/// Halves places until blocks have at most `size`, at that part of each.
+fn split(places: &mut [Place], size: usize, middle: f64) -> Vec<&mut [Place]> {
+    if places.len() <= size {
+        return vec![places];
+    }
+    let at = (places.len() as f64 * middle) as usize;
+    let (a, b) = median_split(places, at);
+    let (mut blocks, mut right) = rayon::join(|| split(a, size, middle), || split(b, size, middle));
+    blocks.append(&mut right);
+    blocks
+}
+
+/// The part of a mesh that its triangles use, in their order.
+fn compact(mesh: &LocalMesh, stride: usize) -> LocalMesh {
+    let mut number = vec![u32::MAX; mesh.ids.len()];
+    let mut order = Vec::new();
+    let mut indices = Vec::with_capacity(mesh.indices.len());
+    for v in &mesh.indices {
+        let number = &mut number[*v as usize];
+        if *number == u32::MAX {
+            *number = order.len() as u32;
+            order.push(*v as usize);
+        }
+        indices.push(*number);
+    }
+    fn pick<T: Copy>(values: &[T], order: &[usize]) -> Vec<T> {
+        if values.is_empty() { Vec::new() } else { order.iter().map(|v| values[*v]).collect() }
+    }
+    let positions = pick(&mesh.positions, &order);
+    LocalMesh {
+        ids: pick(&mesh.ids, &order),
+        attributes: order.iter().flat_map(|v| &mesh.attributes[v * stride..][..stride]).copied().collect(),
+        labels: pick(&mesh.labels, &order),
+        position_ids: hash::first_equal(bytemuck::cast_slice(&positions), 3),
+        materials: pick(&mesh.materials, &order),
+        locked: pick(&mesh.locked, &order),
+        indices,
+        copies: Vec::new(),
+        positions,
+    }
+}
+
+/// The arrays of what is left, by material.
+fn finish(
+    mut mesh: LocalMesh,
+    layout: AttributeLayout,
+    stride: usize,
+    channels: &Channels,
+) -> (CutArrays, Vec<i32>, Vec<Channel>) {
+    let material = |t: &[u32; 3]| mesh.materials.get(t[0] as usize).map_or(0, |m| m.cast_signed());
+    let mut faces: Vec<[u32; 3]> = bytemuck::cast_slice(&mesh.indices).to_vec();
+    // Stable: triangles of a material stay in their order.
+    faces.sort_by_key(material);
+    let mut arrays = CutArrays { uvs: vec![Vec::new(); layout.uv_sets.into()], ..CutArrays::default() };
+    let mut materials = Vec::new();
+    for run in faces.chunk_by(|a, b| material(a) == material(b)) {
+        arrays.first_face.push(arrays.faces.len() as u32);
+        arrays.faces.extend_from_slice(run);
+        materials.push(material(&run[0]));
+    }
+    arrays.first_face.push(arrays.faces.len() as u32);
+    mesh.indices = arrays.faces.as_flattened().to_vec();
+    let mesh = compact(&mesh, stride);
+    arrays.faces = bytemuck::cast_slice(&mesh.indices).to_vec();
+    for (v, row) in mesh.attributes.chunks_exact(stride).enumerate() {
+        arrays.push(layout, mesh.positions[v], v as u32, row, false);
+    }
+    let source = |v: usize| (mesh.ids[v] != NEW).then_some(mesh.ids[v] as usize);
+    let channels = channels.finish_of(&mesh.attributes, stride, &mesh.labels, source);
+    (arrays, materials, channels)
+}
