@@ -12,8 +12,9 @@ use rayon::prelude::*;
 use crate::build::Progress;
 use crate::build::collapse::Limit;
 use crate::build::content::Content;
-use crate::build::dag::merged;
-use crate::build::simplify::{reduce, trace};
+use crate::build::dag::{RELAX_REACH, merged};
+use crate::build::relax::fit;
+use crate::build::simplify::{Finished, reduce, trace};
 use crate::build::store::{LocalMesh, Numbering};
 use crate::config::{BuildOptions, Quality};
 use crate::error::{Error, Result};
@@ -27,7 +28,7 @@ use crate::model::{AttributeLayout, BuildReport, Channel, Frame};
 const BLOCK: usize = 1 << 15;
 /// Part of the triangles that a round leaves, at least: by our own collapses, and by meshoptimizer's, whose order is less
 /// exact the more goes at once.
-const BEST_STEP: f64 = 0.4;
+const BEST_STEP: f64 = 0.2;
 const FAST_STEP: f64 = 0.5;
 /// Rounds stop at so many times the target; the rest is done with an exact number.
 const ROOM: f64 = 1.15;
@@ -237,7 +238,12 @@ impl Rounds<'_> {
 
     /// What becomes of a mesh, and for each vertex whether it is another one than it was.
     fn reduced(&self, mesh: &LocalMesh, limit: Limit) -> (LocalMesh, Vec<bool>) {
-        let mut after = reduce(mesh, limit, &self.content, &self.options);
+        let Finished { mesh: mut after, moved, .. } = reduce(mesh, limit, &self.content, &self.options);
+        let fits = self.options.quality == Quality::Best && !self.goal.lossless;
+        // What moves within the surface would take along what it carries.
+        if fits && self.content.is_bare() && !after.indices.is_empty() {
+            fit(&mut after, mesh, RELAX_REACH * f64::from(moved), self.content.up);
+        }
         after.join_copies(|after, v| after.differs(mesh, v));
         let moved = (0..after.ids.len()).map(|v| after.differs(mesh, v)).collect();
         (after, moved)

@@ -231,6 +231,32 @@ pub fn relax(
     }
 }
 
+/// Moves what is not locked of a mesh to where it fits the surface of another one best: see [`relax`].
+pub fn fit(mesh: &mut LocalMesh, reference: &LocalMesh, reach: f64, up: Option<DVec3>) {
+    let reference = sheet(reference, Vec::new());
+    relax(mesh, &reference, reach, up, |visit| {
+        for (t, triangle) in reference.triangles().iter().zip(0..) {
+            let [a, b, c] = t.map(DVec3::from_array);
+            let normal = (b - a).cross(c - a);
+            let weight = normal.length() / 6.0;
+            for point in [a + b, b + c, c + a].map(|sum| 0.5 * sum) {
+                visit(Sample { point, normal, weight, triangle });
+            }
+        }
+    });
+}
+
+/// The triangles of a mesh, each of which stands for something within its radius; without radii, for itself.
+pub fn sheet(mesh: &LocalMesh, radii: Vec<f64>) -> Sheet {
+    let points = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
+    let faces: &[[u32; 3]] = bytemuck::cast_slice(&mesh.indices);
+    let place = |v: u32| mesh.positions[v as usize].map(f64::from);
+    let triangles = faces.iter().map(|t| t.map(place)).collect();
+    let numbers: Vec<[u32; 3]> = faces.iter().map(|t| t.map(|v| points[v as usize])).collect();
+    let radii = if radii.is_empty() { vec![0.0; faces.len()] } else { radii };
+    Sheet::new(triangles, &numbers, radii)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

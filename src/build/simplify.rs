@@ -121,10 +121,10 @@ pub fn trace(mesh: &LocalMesh, limit: Limit, content: &Content, options: &BuildO
     collapse(mesh, &mesh.locked, guides.rows, &guides.weights, limit, &policy(content, options)).trace
 }
 
-/// A mesh after the collapses of its quality alone, without other steps where they end: numbered like `mesh`, with copies at the
-/// end.
-pub fn reduce(mesh: &LocalMesh, limit: Limit, content: &Content, options: &BuildOptions) -> LocalMesh {
-    run(mesh, &mesh.locked, limit, content, options, Step::Attributes).mesh
+/// A mesh after the collapses of its quality alone, without other steps where they end.
+pub fn reduce(mesh: &LocalMesh, limit: Limit, content: &Content, options: &BuildOptions) -> Finished {
+    let made = run(mesh, &mesh.locked, limit, content, options, Step::Attributes);
+    Finished { mesh: made.mesh, estimate: made.error, moved: made.moved }
 }
 
 /// How our own collapses go about a group.
@@ -550,7 +550,7 @@ fn run(
     Made { mesh: steered, error, moved: moved.unwrap_or(error), cost: dearest, stopped }
 }
 
-/// What [`collapse_to`] made.
+/// What [`collapse_to`] or [`reduce`] made.
 #[derive(Clone, Debug)]
 pub struct Finished {
     /// The mesh, numbered like the one given, with copies at the end.
