@@ -9,6 +9,8 @@
 use glam::{DMat3, DVec3};
 
 use super::store::LocalMesh;
+use crate::math::{Aabb, morton};
+use crate::measure::closest::Triangle;
 use crate::measure::overlay::{NO_TRIANGLE, Sheet};
 use crate::mesh::{Stars, hash};
 
@@ -234,9 +236,14 @@ pub fn relax(
 /// Moves what is not locked of a mesh to where it fits the surface of another one best: see [`relax`].
 pub fn fit(mesh: &mut LocalMesh, reference: &LocalMesh, reach: f64, up: Option<DVec3>) {
     let reference = sheet(reference, Vec::new());
+    // Neighbours one after the other, whatever the order of the triangles is.
+    let bounds = Aabb::of_points(&mesh.positions);
+    let code = |t: &Triangle| morton::code(t[0].map(|x| x as f32), &bounds);
+    let mut order: Vec<(u64, u32)> = reference.triangles().iter().map(code).zip(0..).collect();
+    order.sort_unstable();
     relax(mesh, &reference, reach, up, |visit| {
-        for (t, triangle) in reference.triangles().iter().zip(0..) {
-            let [a, b, c] = t.map(DVec3::from_array);
+        for (_, triangle) in order {
+            let [a, b, c] = reference.triangles()[triangle as usize].map(DVec3::from_array);
             let normal = (b - a).cross(c - a);
             let weight = normal.length() / 6.0;
             for point in [a + b, b + c, c + a].map(|sum| 0.5 * sum) {

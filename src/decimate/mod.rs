@@ -5,21 +5,24 @@
 //! With the best quality what a collapse may cost is the same in all blocks of a round, as a sample tells, so that it is as
 //! if there were one queue: what is flat goes first. Nothing depends on the number of threads.
 
+mod blocks;
+
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
+use self::blocks::{compact, split};
 use crate::build::Progress;
 use crate::build::collapse::Limit;
 use crate::build::content::Content;
 use crate::build::dag::{RELAX_REACH, merged};
 use crate::build::relax::fit;
 use crate::build::simplify::{Finished, reduce, trace};
-use crate::build::store::{LocalMesh, Numbering};
+use crate::build::store::LocalMesh;
 use crate::config::{BuildOptions, Quality};
 use crate::error::{Error, Result};
 use crate::lod::CutArrays;
-use crate::math::median::{Place, median_split};
+use crate::math::median::Place;
 use crate::mesh::edges::Edges;
 use crate::mesh::{Channels, SourceMesh, WeldedMesh, hash, weld};
 use crate::model::{AttributeLayout, BuildReport, Channel, Frame};
@@ -42,9 +45,6 @@ const ONE_PIECE: usize = 1 << 18;
 const LEAST_GAIN: f64 = 0.01;
 /// Where space is halved, by turns: borders of blocks are elsewhere in the next round.
 const MIDDLES: [f64; 2] = [0.5, 0.4];
-/// Triangles of a sample of a block, and how far it goes, in parts of what it would keep if all were alike.
-const SAMPLE: usize = 1 << 11;
-const SAMPLED: f64 = 0.25;
 /// What lies so near, in parts of the largest coordinate, is where it was: rounding of f32, several times.
 const ROUNDING: f64 = 4.0 * f32::EPSILON as f64;
 /// The row of what is no vertex of the source.
@@ -109,12 +109,7 @@ fn run(
     if goal.lossless {
         options.quality = Quality::Best;
     }
-    let meter = Meter {
-        progress,
-        done: AtomicU64::new(0),
-        total: mesh.faces.len().saturating_sub(goal.target) as u64,
-        cancelled: AtomicBool::new(false),
-    };
+    let meter = Meter::new(progress, mesh.faces.len().saturating_sub(goal.target) as u64);
     let (layout, frame, stride) = (mesh.layout, mesh.frame, mesh.stride);
     let channels = std::mem::take(&mut mesh.channels);
     let whole = whole(mesh, &channels, goal.preserve_border);
@@ -156,7 +151,11 @@ struct Meter<'a> {
     cancelled: AtomicBool,
 }
 
-impl Meter<'_> {
+impl<'a> Meter<'a> {
+    fn new(progress: &'a dyn Progress, total: u64) -> Self {
+        Self { progress, done: AtomicU64::new(0), total, cancelled: AtomicBool::new(false) }
+    }
+
     /// False once the work is to stop.
     fn advance(&self, by: usize) -> bool {
         if self.cancelled.load(Ordering::Relaxed) {
@@ -174,15 +173,6 @@ struct Made {
     mesh: LocalMesh,
     /// For each vertex whether it is another one than it was.
     moved: Vec<bool>,
-}
-
-/// Collapses of some triangles of a block.
-struct Sample {
-    /// Positions that may move.
-    free: usize,
-    triangles: usize,
-    /// See [`trace`].
-    trace: Vec<(f64, u32)>,
 }
 
 /// The mesh while it is decimated.
@@ -217,6 +207,11 @@ impl Rounds<'_> {
         if self.faces() > target && !(self.goal.lossless && self.faces() > ONE_PIECE) {
             self.one_piece()?;
         }
+        if self.faces() > target && !is_best {
+            // Meshoptimizer's collapses end where sheets are in each other's way.
+            self.options.quality = Quality::Best;
+            self.one_piece()?;
+        }
         Ok(())
     }
 
@@ -230,6 +225,10 @@ impl Rounds<'_> {
         let whole = std::mem::take(&mut self.whole);
         let limit = self.limit(self.goal.target, f64::INFINITY);
         let (after, moved) = self.reduced(&whole, limit);
+        if after.indices.is_empty() {
+            self.whole = whole;
+            return Ok(());
+        }
         self.whole = after;
         self.whole.ids.iter_mut().zip(&moved).filter(|(_, moved)| **moved).for_each(|(id, _)| *id = NEW);
         self.whole = compact(&self.whole, self.stride);
@@ -340,202 +339,28 @@ impl Rounds<'_> {
                 Ok(trace(&local, limit, &self.content, &self.options))
             })
             .collect::<Result<_>>()?;
-        let mut gone = (self.faces() - wanted) as i64;
-        let steps = merged(blocks.iter().zip(&traces).map(|(block, trace)| (block.len(), &trace[..])));
-        let mut dearest = f64::INFINITY;
-        for (cost, removed) in steps {
-            gone -= i64::from(removed);
-            if gone <= 0 {
-                dearest = cost;
-                break;
-            }
-        }
-        let limit = |(block, trace): (&&mut [Place], &Vec<(f64, u32)>)| {
-            let steps = trace.partition_point(|(cost, _)| *cost <= dearest);
-            let left = steps.checked_sub(1).map_or(block.len(), |last| trace[last].1 as usize);
-            self.limit(left, f64::INFINITY)
-        };
-        Ok(blocks.iter().zip(&traces).map(limit).collect())
-    }
-
-    /// For each position, by the first vertex there, whether several blocks have it, or it stays anyway.
-    fn shared(&self, blocks: &[&mut [Place]]) -> Vec<bool> {
-        let whole = &self.whole;
-        let mut owner = vec![u32::MAX; whole.ids.len()];
-        let mut shared = whole.locked.clone();
-        for (block, places) in (0..).zip(blocks) {
-            for place in places.iter() {
-                for v in &whole.indices[3 * place.number as usize..][..3] {
-                    let position = whole.position_ids[*v as usize] as usize;
-                    if owner[position] == u32::MAX {
-                        owner[position] = block;
-                    } else if owner[position] != block {
-                        shared[position] = true;
-                    }
+        let mut left: Vec<usize> = blocks.iter().map(|block| block.len()).collect();
+        let mut gone = self.faces() - wanted;
+        let steps = merged(left.iter().zip(&traces).map(|(triangles, trace)| (*triangles, &trace[..])));
+        let mut sum = 0;
+        let crossing = steps.iter().find(|(_, removed)| {
+            sum += *removed as usize;
+            sum >= gone
+        });
+        let dearest = crossing.map_or(f64::INFINITY, |(cost, _)| *cost);
+        // What costs as much as the last step goes block by block.
+        let mut taken = vec![0; left.len()];
+        for may_equal in [false, true] {
+            for ((left, taken), trace) in left.iter_mut().zip(&mut taken).zip(&traces) {
+                let end = trace.partition_point(|(cost, _)| *cost < dearest || may_equal && *cost == dearest);
+                while gone > 0 && *taken < end {
+                    let after = trace[*taken].1 as usize;
+                    gone = gone.saturating_sub(left.saturating_sub(after));
+                    (*left, *taken) = (after, *taken + 1);
                 }
             }
         }
-        shared
-    }
-
-    /// Some triangles as a mesh of their own, whose `ids` are vertices of the whole.
-    fn part(&self, triangles: &[Place], locked: impl Fn(u32) -> bool) -> LocalMesh {
-        let whole = &self.whole;
-        let [mut numbering, mut at_position] = [0; 2].map(|_| Numbering::with_room(triangles.len()));
-        let mut local = LocalMesh::default();
-        let mut first = Vec::new();
-        for place in triangles {
-            for v in &whole.indices[3 * place.number as usize..][..3] {
-                let (number, new) = numbering.number(*v);
-                local.indices.push(number);
-                if !new {
-                    continue;
-                }
-                let position = whole.position_ids[*v as usize];
-                let (p, new) = at_position.number(position);
-                if new {
-                    first.push(number);
-                }
-                local.ids.push(*v);
-                local.position_ids.push(first[p as usize]);
-                local.locked.push(locked(position));
-            }
-        }
-        let vertices = || local.ids.iter().map(|v| *v as usize);
-        local.positions = vertices().map(|v| whole.positions[v]).collect();
-        local.attributes.reserve(local.ids.len() * self.stride);
-        for v in local.ids.iter().map(|v| *v as usize) {
-            local.attributes.extend_from_slice(&whole.attributes[v * self.stride..][..self.stride]);
-        }
-        if !whole.materials.is_empty() {
-            local.materials = local.ids.iter().map(|v| whole.materials[*v as usize]).collect();
-        }
-        if !whole.labels.is_empty() {
-            local.labels = local.ids.iter().map(|v| whole.labels[*v as usize]).collect();
-        }
-        local
-    }
-
-    /// What collapses may cost: with it samples of the blocks keep that part of their free vertices.
-    fn cost(&self, blocks: &mut [&mut [Place]], ratio: f64) -> f64 {
-        let whole = &self.whole;
-        let mut uses = vec![0u32; whole.ids.len()];
-        whole.indices.iter().for_each(|v| uses[whole.position_ids[*v as usize] as usize] += 1);
-        let samples: Vec<Sample> = blocks
-            .par_iter_mut()
-            .enumerate()
-            .with_max_len(1)
-            .map(|(number, block)| self.sample(block, number, &uses, ratio))
-            .collect();
-        let free: usize = samples.iter().map(|sample| sample.free).sum();
-        // A collapse takes a vertex and two triangles.
-        let mut gone = (2.0 * free as f64 * (1.0 - ratio)) as i64;
-        let traces = samples.iter().map(|sample| (sample.triangles, &sample.trace[..]));
-        for (cost, triangles) in merged(traces) {
-            gone -= i64::from(triangles);
-            if gone <= 0 {
-                return cost;
-            }
-        }
-        f64::INFINITY
-    }
-
-    /// Collapses a few triangles of a block that lie together; `uses` has the corners at each position.
-    fn sample(&self, block: &mut [Place], number: usize, uses: &[u32], ratio: f64) -> Sample {
-        let (mut places, mut turns) = (block, number);
-        while places.len() > SAMPLE {
-            let middle = places.len() / 2;
-            let (low, high) = median_split(places, middle);
-            places = if turns % 2 == 0 { low } else { high };
-            turns /= 2;
-        }
-        let mut local = self.part(places, |_| false);
-        let mut inside = vec![0; local.ids.len()];
-        local.indices.iter().for_each(|v| inside[local.position_ids[*v as usize] as usize] += 1);
-        let mut free = 0;
-        for v in 0..local.ids.len() {
-            let position = self.whole.position_ids[local.ids[v] as usize] as usize;
-            let first = local.position_ids[v] as usize;
-            local.locked[v] = self.whole.locked[position] || inside[first] != uses[position];
-            free += usize::from(first == v && !local.locked[v]);
-        }
-        let triangles = places.len();
-        let limit = Limit::triangles((SAMPLED * ratio * triangles as f64) as usize);
-        Sample { free, triangles, trace: trace(&local, limit, &self.content, &self.options) }
-    }
-
-    /// Writes what became of a block back.
-    fn take_in(&mut self, part: &LocalMesh, moved: &[bool], indices: &mut Vec<u32>) {
-        let (whole, stride) = (&mut self.whole, self.stride);
-        let known = part.ids.len() - part.copies.len();
-        let mut number = part.ids.clone();
-        let mut used = vec![false; part.ids.len()];
-        part.indices.iter().for_each(|v| used[*v as usize] = true);
-        for v in (0..part.ids.len()).filter(|v| used[*v]) {
-            let row = &part.attributes[v * stride..][..stride];
-            if v >= known {
-                let of = whole.ids[part.ids[v] as usize];
-                number[v] = whole.ids.len() as u32;
-                whole.ids.push(if moved[v] { NEW } else { of });
-                whole.positions.push(part.positions[v]);
-                whole.attributes.extend_from_slice(row);
-                whole.labels.extend(part.labels.get(v));
-                whole.materials.extend(part.materials.get(v));
-                whole.locked.push(false);
-            } else if moved[v] {
-                // No other block has it: what is shared is locked.
-                let at = number[v] as usize;
-                whole.ids[at] = NEW;
-                whole.positions[at] = part.positions[v];
-                whole.attributes[at * stride..][..stride].copy_from_slice(row);
-                if let Some(label) = part.labels.get(v) {
-                    whole.labels[at] = *label;
-                }
-            }
-        }
-        indices.extend(part.indices.iter().map(|v| number[*v as usize]));
-    }
-}
-
-/// Halves places until blocks have at most `size`, at that part of each.
-fn split(places: &mut [Place], size: usize, middle: f64) -> Vec<&mut [Place]> {
-    if places.len() <= size {
-        return vec![places];
-    }
-    let at = (places.len() as f64 * middle) as usize;
-    let (a, b) = median_split(places, at);
-    let (mut blocks, mut right) = rayon::join(|| split(a, size, middle), || split(b, size, middle));
-    blocks.append(&mut right);
-    blocks
-}
-
-/// The part of a mesh that its triangles use, in their order.
-fn compact(mesh: &LocalMesh, stride: usize) -> LocalMesh {
-    let mut number = vec![u32::MAX; mesh.ids.len()];
-    let mut order = Vec::new();
-    let mut indices = Vec::with_capacity(mesh.indices.len());
-    for v in &mesh.indices {
-        let number = &mut number[*v as usize];
-        if *number == u32::MAX {
-            *number = order.len() as u32;
-            order.push(*v as usize);
-        }
-        indices.push(*number);
-    }
-    fn pick<T: Copy>(values: &[T], order: &[usize]) -> Vec<T> {
-        if values.is_empty() { Vec::new() } else { order.iter().map(|v| values[*v]).collect() }
-    }
-    let positions = pick(&mesh.positions, &order);
-    LocalMesh {
-        ids: pick(&mesh.ids, &order),
-        attributes: order.iter().flat_map(|v| &mesh.attributes[v * stride..][..stride]).copied().collect(),
-        labels: pick(&mesh.labels, &order),
-        position_ids: hash::first_equal(bytemuck::cast_slice(&positions), 3),
-        materials: pick(&mesh.materials, &order),
-        locked: pick(&mesh.locked, &order),
-        indices,
-        copies: Vec::new(),
-        positions,
+        Ok(left.into_iter().map(|left| self.limit(left, f64::INFINITY)).collect())
     }
 }
 
@@ -568,3 +393,6 @@ fn finish(
     let channels = channels.finish_of(&mesh.attributes, stride, &mesh.labels, source);
     (arrays, materials, channels)
 }
+
+#[cfg(test)]
+mod tests;
