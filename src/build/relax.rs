@@ -14,6 +14,8 @@ use crate::measure::closest::Triangle;
 use crate::measure::overlay::{NO_TRIANGLE, Sheet};
 use crate::mesh::{Stars, hash};
 
+/// Of a reference with so many times the triangles one point of each is enough.
+const FINE: usize = 4;
 /// Passes over all vertices.
 const SWEEPS: usize = 4;
 /// Weight of staying, against that of the points around: decides where they do not.
@@ -241,13 +243,18 @@ pub fn fit(mesh: &mut LocalMesh, reference: &LocalMesh, reach: f64, up: Option<D
     let code = |t: &Triangle| morton::code(t[0].map(|x| x as f32), &bounds);
     let mut order: Vec<(u64, u32)> = reference.triangles().iter().map(code).zip(0..).collect();
     order.sort_unstable();
+    let is_fine = reference.triangles().len() >= FINE * mesh.indices.len() / 3;
     relax(mesh, &reference, reach, up, |visit| {
         for (_, triangle) in order {
             let [a, b, c] = reference.triangles()[triangle as usize].map(DVec3::from_array);
             let normal = (b - a).cross(c - a);
-            let weight = normal.length() / 6.0;
+            let weight = 0.5 * normal.length();
+            if is_fine {
+                visit(Sample { point: (a + b + c) / 3.0, normal, weight, triangle });
+                continue;
+            }
             for point in [a + b, b + c, c + a].map(|sum| 0.5 * sum) {
-                visit(Sample { point, normal, weight, triangle });
+                visit(Sample { point, normal, weight: weight / 3.0, triangle });
             }
         }
     });

@@ -12,7 +12,7 @@ use crate::math::median::{Place, median_split};
 use crate::mesh::hash;
 
 /// Triangles of a sample of a block, and how far it goes, in parts of what it would keep if all were alike.
-const SAMPLE: usize = 1 << 11;
+const SAMPLE: usize = 1 << 10;
 const SAMPLED: f64 = 0.25;
 
 /// Collapses of some triangles of a block.
@@ -205,4 +205,3 @@ pub fn compact(mesh: &LocalMesh, stride: usize) -> LocalMesh {
         positions,
     }
 }
-

@@ -31,12 +31,14 @@ use crate::model::{AttributeLayout, BuildReport, Channel, Frame};
 const BLOCK: usize = 1 << 15;
 /// Part of the triangles that a round leaves, at least: by our own collapses, and by meshoptimizer's, whose order is less
 /// exact the more goes at once.
-const BEST_STEP: f64 = 0.2;
+const BEST_STEP: f64 = 0.1;
 const FAST_STEP: f64 = 0.5;
 /// Rounds stop at so many times the target; the rest is done with an exact number.
-const ROOM: f64 = 1.15;
+const ROOM: f64 = 1.1;
 /// A round that misses what it was to leave by more than this part of it is done again, exactly.
 const MISSED: f64 = 0.1;
+/// Where a round would take away no more than this part, none is made before the last.
+const NEAR: f64 = 0.2;
 /// What an exact round looks at, in terms of what a collapse of it may cost by the sample.
 const BEYOND: f64 = 1.5;
 /// As many triangles are done in one piece, which takes one core; more in blocks.
@@ -194,7 +196,7 @@ impl Rounds<'_> {
         for number in 0.. {
             let before = self.faces();
             let least = ROOM * target as f64;
-            let exact = before as f64 <= (1.0 + MISSED) * least;
+            let exact = before as f64 <= (1.0 + NEAR) * least;
             if before <= target.max(BLOCK) || !self.goal.lossless && exact && before <= ONE_PIECE {
                 break;
             }
