@@ -1,7 +1,8 @@
 """One level at once: `nrs.decimate` to a tenth of the triangles, against ``fast_simplification.simplify``.
 
-fast-simplification's thresholds are absolute, so it is run on the mesh as given and on the mesh scaled to a diagonal of
-100, where it is at its best; with ``agg=4`` it is slower and more exact, and with less it ends before the target.
+fast-simplification's thresholds are absolute, so it is run on the mesh as given and on the mesh scaled to a
+diagonal of 100, where it is at its best; with ``agg=4`` it is slower and more exact, and with less it ends before
+the target.
 Deviation as for cuts: 100,000 samples each way, by libigl, in units of 1e-4 of the diagonal.
 """
 

@@ -169,11 +169,13 @@ def _decimate(result: dict) -> Section:
         left, right = plot.subplots(1, 2, sharey=True)
         colors = (OURS, OURS_TOO, *PEERS)
         _bars(left, {method: row["s"] for method, row in rows.items()}, "s", colors)
-        _bars(right, {method: row["rms"] for method, row in rows.items()}, "rms, 1e-4 of the diagonal", colors)
+        _bars(
+            right, {method: row["rms"] for method, row in rows.items()}, "rms, 1e-4 of the diagonal", colors
+        )
 
     text = (
-        f"{result['source triangles']:,} triangles to a tenth, from arrays to arrays, on all cores; fast-simplification "
-        "has one, and is most exact scaled to a diagonal of 100."
+        f"{result['source triangles']:,} triangles to a tenth, from arrays to arrays, on all cores; "
+        "fast-simplification has one, and is most exact scaled to a diagonal of 100."
     )
     return Section("decimate", text, figures, draw, (9.0, 2.8))
 

@@ -20,6 +20,7 @@ __all__ = [
     "check_pose",
     "closest_points",
     "cluster_table",
+    "decimate",
     "group_table",
     "page_table",
     "page_table_of_file",
@@ -44,7 +45,6 @@ def surface_distance(
 def closest_points(
     points: NDArray[Any], vertices: NDArray[Any], faces: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.uint32], NDArray[np.float64]]: ...
-
 def decimate(
     vertices: NDArray[Any],
     faces: NDArray[Any],
@@ -60,6 +60,7 @@ def decimate(
     lossless: bool = False,
     progress: Callable[[int, int], object] | None = None,
 ) -> Cut: ...
+
 @final
 class Mesh:
     @staticmethod

@@ -25,8 +25,8 @@ class Cut(_advice.Teaching):
 
     Vertices are welded by stored identity, never by distance, so a cut has no border where its source has none; two
     sheets may meet in an edge, which then has four faces. All arrays are the caller's own: contiguous and writable.
-    Notebooks show cuts of up to 250,000 triangles as a small picture, each triangle shaded as it lies. `decimate` makes
-    such a mesh too, of no cluster.
+    Notebooks show cuts of up to 250,000 triangles as a small picture, each triangle shaded as it lies. `decimate`
+    makes such a mesh too, of no cluster.
 
     Attributes
     ----------

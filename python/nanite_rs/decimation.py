@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 __all__ = ["decimate", "simplify"]
 
-Decimable: TypeAlias = "tuple[ArrayLike, ArrayLike] | trimesh.Trimesh | trimesh.Scene | Cut | str | os.PathLike[str]"
+Decimable: TypeAlias = (
+    "tuple[ArrayLike, ArrayLike] | trimesh.Trimesh | trimesh.Scene | Cut | str | os.PathLike[str]"
+)
 
 _ATTRIBUTES = ("normals", "colors", "uvs", "channels", "face_materials")
 # Of the distance that is proven.
@@ -60,9 +62,9 @@ def decimate(
 ) -> Cut:
     """Simplify a mesh to one number of triangles, on all cores, and keep no other level.
 
-    Takes a third of the time of building a `NaniteMesh`, which is worth its time from the second level on. The interpreter
-    lock is released, Ctrl-C works, and the same input gives the same result on any number of threads. Do not modify the
-    arrays while this runs.
+    Takes a third of the time of building a `NaniteMesh`, which is worth its time from the second level on. The
+    interpreter lock is released, Ctrl-C works, and the same input gives the same result on any number of threads.
+    Do not modify the arrays while this runs.
 
     Parameters
     ----------
@@ -76,16 +78,17 @@ def decimate(
     target_reduction : float, optional
         Fraction of the faces given to remove, 0 to 1, instead of ``target_faces``.
     quality : "best" or "fast"
-        "best" collapses edges by exact costs, as if all were in one queue, and lets small parts go as a whole where that
-        costs less. "fast" is meshoptimizer: a third of the time, some tenths more error, and sheets may touch.
+        "best" collapses edges by exact costs, as if all were in one queue, and lets small parts go as a whole where
+        that costs less. "fast" is meshoptimizer: half the time or less, a third to a half more error, and sheets
+        may touch.
     lossless : bool
-        Without a target: only what changes neither the shape nor what it carries, but for rounding, goes. Always of the
-        best quality.
+        Without a target: only what changes neither the shape nor what it carries, but for rounding, goes. Always of
+        the best quality.
     preserve_border : bool
         Vertices at edges of one face stay as they are.
     proof : bool
-        Measure `Cut.error`, a bound of the distance of all points of both surfaces; infinite otherwise. That mostly takes
-        longer than decimating.
+        Measure `Cut.error`, a bound of the distance of all points of both surfaces; infinite otherwise. That mostly
+        takes longer than decimating.
     normals, colors, uvs, channels, face_materials
         What arrays carry, as in `NaniteMesh.from_arrays`. Other meshes bring their own.
     normal_weight, color_weight, uv_weight, channel_weight : float
@@ -98,8 +101,8 @@ def decimate(
     Returns
     -------
     Cut
-        Of no cluster: `Cut.cluster_ids` has a row of 2³² − 1 for each material. `Cut.vertex_ids` count the vertices, and
-        `Cut.attribute_error` is infinite.
+        Of no cluster: `Cut.cluster_ids` has a row of 2³² − 1 for each material. `Cut.vertex_ids` count vertices,
+        and `Cut.attribute_error` is infinite.
 
     Raises
     ------
@@ -139,7 +142,7 @@ def decimate(
     given = dict(zip(_ATTRIBUTES, (normals, colors, uvs, channels, face_materials), strict=True))
     vertices, faces, given = _taken(mesh, given)
     target = _target(target_faces, target_reduction, len(faces), "target_faces")
-    cut = _decimated(vertices, faces, given, target, options, flags, progress)
+    cut = _decimated(vertices, faces, given, target, options, progress, **flags)
     if proof:
         from nanite_rs.measure import surface_distance
 
@@ -160,13 +163,22 @@ def _decimated(
     given: Mapping[str, Any],
     target: int,
     options: BuildOptions,
-    flags: Mapping[str, bool],
     progress: Progress,
+    *,
+    lossless: bool,
+    preserve_border: bool,
 ) -> Cut:
     try:
         arrays = _core_arrays(vertices, faces, given, given["channels"])
         with reporter(progress, "decimating") as report:
-            core = _core.decimate(**arrays, target=target, options=asdict(options), progress=report, **flags)
+            core = _core.decimate(
+                **arrays,
+                target=target,
+                options=asdict(options),
+                preserve_border=preserve_border,
+                lossless=lossless,
+                progress=report,
+            )
     except ArgumentError as error:
         more = _advice.for_arrays(
             str(error), vertices, faces, {name: given[name] for name in given if name != "channels"}
@@ -268,7 +280,7 @@ def simplify(
     verbose : bool
         Show a progress bar.
     return_collapses : bool
-        Not available; True raises. A `NaniteMesh` keeps all levels, and cuts of it name the vertices that they share.
+        Not available; True raises. A `NaniteMesh` keeps all levels, and its cuts name the vertices that they share.
     lossless : bool
         Only what changes nothing goes, whatever the target, which may be left out.
     preserve_border : bool
@@ -289,8 +301,8 @@ def simplify(
     del agg
     if _checks.truth(return_collapses, "return_collapses"):
         raise ArgumentError(
-            "return_collapses: vertices move to new places, which no list of pairs says; a NaniteMesh keeps all levels, "
-            "and mesh.cut(...).vertex_ids names the vertices that its cuts share"
+            "return_collapses: vertices move to new places, which no list of pairs says; a NaniteMesh keeps all "
+            "levels, and mesh.cut(...).vertex_ids names the vertices that its cuts share"
         )
     if not isinstance(points, np.ndarray | Sequence):
         raise DtypeError(
@@ -315,5 +327,5 @@ def simplify(
             target_count = max(int(target_count), 1)
         target = _target(target_count, target_reduction, len(faces), "target_count")
     given = dict.fromkeys(_ATTRIBUTES)
-    cut = _decimated(vertices, faces, given, target, BuildOptions(quality="best"), flags, verbose)
+    cut = _decimated(vertices, faces, given, target, BuildOptions(quality="best"), verbose, **flags)
     return cut.vertices.astype(np.float64), cut.faces

@@ -26,7 +26,8 @@ def rms(source: data.Mesh, vertices: np.ndarray, faces: np.ndarray) -> float:
     given, made = (
         trimesh.Trimesh(v, f, process=False) for v, f in ((source.vertices, source.faces), (vertices, faces))
     )
-    return float(np.sqrt((squares(given, made).mean() + squares(made, given).mean()) / 2)) / source.diagonal * 1e4
+    mean = (squares(given, made).mean() + squares(made, given).mean()) / 2
+    return float(np.sqrt(mean)) / source.diagonal * 1e4
 
 
 def border(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -184,11 +185,12 @@ def test_vertices_that_stay_keep_what_they_had() -> None:
 
 def test_far_from_the_origin() -> None:
     vertices, faces = nrs.shapes.displaced_icosphere(faces=20_000)
-    away = vertices.astype(np.float64) + [4.5e6, 5.2e6, 120.0]
+    shift = np.array([4.5e6, 5.2e6, 120.0])
+    away = vertices + shift
     made = nrs.decimate((away, faces), 2_000)
     assert made.vertices.dtype == np.float64
     near = nrs.decimate((vertices, faces), 2_000)
-    found = distance.one_sided((made.vertices - [4.5e6, 5.2e6, 120.0], made.faces), (vertices, faces), 5_000)
+    found = distance.one_sided((made.vertices - shift, made.faces), (vertices, faces), 5_000)
     expected = distance.one_sided((near.vertices, near.faces), (vertices, faces), 5_000)
     assert found.max() < 2 * expected.max()
 
@@ -354,7 +356,7 @@ def test_what_is_wrong_is_named(arguments, named, kind, message) -> None:
 
 def test_a_mesh_of_all_levels_is_cut() -> None:
     mesh = nrs.NaniteMesh.from_arrays(*SPHERE)
-    with pytest.raises(nrs.DtypeError, match="mesh.cut"):
+    with pytest.raises(nrs.DtypeError, match=r"mesh\.cut"):
         nrs.decimate(mesh, 10)
     with pytest.raises(TypeError, match="target_faces=5000"):
         nrs.decimate(SPHERE, faces=10)
