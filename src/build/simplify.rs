@@ -11,7 +11,7 @@ use meshopt::{
 };
 use rustc_hash::FxHashSet;
 
-use super::collapse::{Collapsed, Limit, Policy, collapse};
+use super::collapse::{Collapsed, Collapses, Limit, Policy, collapse};
 use super::content::{Content, up};
 use super::field::Field;
 use super::islands::Islands;
@@ -125,6 +125,37 @@ pub fn trace(mesh: &LocalMesh, limit: Limit, content: &Content, options: &BuildO
 pub fn reduce(mesh: &LocalMesh, limit: Limit, content: &Content, options: &BuildOptions) -> Finished {
     let made = run(mesh, &mesh.locked, limit, content, options, Step::Attributes);
     Finished { mesh: made.mesh, estimate: made.error, moved: made.moved }
+}
+
+/// The same with the best quality, while it goes on.
+pub struct Reduction {
+    collapses: Collapses,
+    /// Columns of the mesh that steer, of so many, and the mean edge length.
+    own: usize,
+    width: usize,
+    edge: f32,
+}
+
+impl Reduction {
+    /// Finds what collapses of a mesh cost.
+    pub fn new(mesh: &LocalMesh, content: &Content, options: &BuildOptions) -> Self {
+        let edge = mean_edge(mesh);
+        let Guides { rows, weights, own } = Guides::new(mesh, content, content.stride(), edge, true);
+        let collapses = Collapses::new(mesh, &mesh.locked, rows, &weights, &policy(content, options));
+        Self { collapses, own, width: weights.len(), edge }
+    }
+
+    /// Its collapses.
+    pub fn collapses(&mut self) -> &mut Collapses {
+        &mut self.collapses
+    }
+
+    /// What became of the mesh.
+    pub fn finish(self, mesh: &LocalMesh, content: &Content) -> Finished {
+        let Collapsed { mesh: mut made, error, moved, .. } = self.collapses.finish(mesh);
+        give_back(&mut made, mesh, content, self.own, self.width, self.edge);
+        Finished { mesh: made, estimate: error, moved }
+    }
 }
 
 /// How our own collapses go about a group.
@@ -536,18 +567,23 @@ fn run(
         steered.indices.truncate(kept);
         normalize(&mut steered.attributes, width);
     }
+    give_back(&mut steered, mesh, content, guides.own, width, edge);
+    Made { mesh: steered, error, moved: moved.unwrap_or(error), cost: dearest, stopped }
+}
+
+/// Gives the columns that steered, `own` of `width`, back to a mesh that was made of another one; all else is read off that.
+fn give_back(made: &mut LocalMesh, mesh: &LocalMesh, content: &Content, own: usize, width: usize, edge: f32) {
     let stride = content.stride();
     if width != stride {
-        let own = mesh.with_copies(&steered.copies).attributes;
-        let guided = std::mem::replace(&mut steered.attributes, own);
-        for (row, guided) in steered.attributes.chunks_exact_mut(stride).zip(guided.chunks_exact(width)) {
-            row[..guides.own].copy_from_slice(&guided[..guides.own]);
+        let rows = mesh.with_copies(&made.copies).attributes;
+        let guided = std::mem::replace(&mut made.attributes, rows);
+        for (row, guided) in made.attributes.chunks_exact_mut(stride).zip(guided.chunks_exact(width)) {
+            row[..own].copy_from_slice(&guided[..own]);
         }
     }
-    if width > guides.own || guides.own < stride {
-        Field::new(mesh, content).read_off(&mut steered, content, guides.own, edge);
+    if width > own || own < stride {
+        Field::new(mesh, content).read_off(made, content, own, edge);
     }
-    Made { mesh: steered, error, moved: moved.unwrap_or(error), cost: dearest, stopped }
 }
 
 /// What [`collapse_to`] or [`reduce`] made.

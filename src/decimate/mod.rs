@@ -17,7 +17,7 @@ use crate::build::collapse::Limit;
 use crate::build::content::Content;
 use crate::build::dag::{RELAX_REACH, merged};
 use crate::build::relax::fit;
-use crate::build::simplify::{Finished, reduce, trace};
+use crate::build::simplify::{Finished, Reduction, reduce, trace};
 use crate::build::store::LocalMesh;
 use crate::config::{BuildOptions, Quality};
 use crate::error::{Error, Result};
@@ -41,8 +41,15 @@ const MISSED: f64 = 0.1;
 const NEAR: f64 = 0.2;
 /// What an exact round looks at, in terms of what a collapse of it may cost by the sample.
 const BEYOND: f64 = 1.5;
-/// As many triangles are done in one piece, which takes one core; more in blocks.
-const ONE_PIECE: usize = 1 << 18;
+/// As many triangles are done with all blocks in memory, step by step; more by what each block is found to need.
+const TOGETHER: usize = 1 << 20;
+/// Blocks of the last step, and what they have at least.
+const LAST_BLOCKS: usize = 8;
+const SMALL: usize = 1 << 14;
+/// In the last step blocks go on together by this part in cost until this part too much is left; the rest goes one by one.
+const COST_STEP: f64 = 1.1;
+const ALIKE: f64 = 1.0e-6;
+const REST: f64 = 0.03;
 /// A round that takes away less is the last.
 const LEAST_GAIN: f64 = 0.01;
 /// Where space is halved, by turns: borders of blocks are elsewhere in the next round.
@@ -197,7 +204,16 @@ impl Rounds<'_> {
             let before = self.faces();
             let least = ROOM * target as f64;
             let exact = before as f64 <= (1.0 + NEAR) * least;
-            if before <= target.max(BLOCK) || !self.goal.lossless && exact && before <= ONE_PIECE {
+            if before <= target.max(SMALL) || before <= BLOCK && self.goal.lossless {
+                break;
+            }
+            if !self.goal.lossless && exact && before <= TOGETHER {
+                if is_best {
+                    self.together(number)?;
+                }
+                break;
+            }
+            if before <= BLOCK && !exact {
                 break;
             }
             let wanted = if exact { target } else { least.max(step * before as f64) as usize };
@@ -206,7 +222,7 @@ impl Rounds<'_> {
                 break;
             }
         }
-        if self.faces() > target && !(self.goal.lossless && self.faces() > ONE_PIECE) {
+        if self.faces() > target && !(self.goal.lossless && self.faces() > TOGETHER) {
             self.one_piece()?;
         }
         if self.faces() > target && !is_best {
@@ -215,6 +231,60 @@ impl Rounds<'_> {
             self.one_piece()?;
         }
         Ok(())
+    }
+
+    /// Collapses in blocks to the exact number, in the order of one queue.
+    fn together(&mut self, number: usize) -> Result<()> {
+        let (before, target) = (self.faces(), self.goal.target);
+        let mut places = self.places();
+        let size = (before / LAST_BLOCKS + 1).max(SMALL / 2);
+        let mut blocks = split(&mut places, size, MIDDLES[number % MIDDLES.len()]);
+        let shared = self.shared(&blocks);
+        let cost = self.cost(&mut blocks, target as f64 / before as f64);
+        let started = |block: &&mut [Place]| {
+            let local = self.part(block, |position| shared[position as usize]);
+            let reduction = Reduction::new(&local, &self.content, &self.options);
+            (local, reduction)
+        };
+        blocks.par_iter_mut().for_each(|block| block.sort_unstable_by_key(|place| place.number));
+        let mut parts: Vec<(LocalMesh, Reduction)> = blocks.par_iter().with_max_len(1).map(started).collect();
+        let left = |parts: &mut [(LocalMesh, Reduction)]| -> usize {
+            parts.iter_mut().map(|(_, reduction)| reduction.collapses().triangles()).sum()
+        };
+        let mut limit = cost / COST_STEP;
+        while left(&mut parts) as f64 > (1.0 + REST) * target as f64 && limit.is_finite() {
+            self.advance(0)?;
+            let stopped = parts.par_iter_mut().with_max_len(1).map(|(_, reduction)| {
+                reduction.collapses().go_on(Limit { cost: limit, ..Limit::triangles(0) })
+            });
+            if !stopped.reduce(|| false, |a, b| a || b) {
+                break;
+            }
+            limit *= COST_STEP;
+        }
+        loop {
+            let excess = left(&mut parts).saturating_sub(target);
+            let next = |(at, (_, reduction)): (usize, &mut (LocalMesh, Reduction))| {
+                reduction.collapses().next_cost().map(|cost| (cost, at))
+            };
+            let mut next: Vec<(f64, usize)> = parts.iter_mut().enumerate().filter_map(next).collect();
+            if excess == 0 || next.is_empty() {
+                break;
+            }
+            next.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+            // Up to what the next one asks, and at least one step.
+            let cost = next.get(1).map_or(f64::INFINITY, |(cost, _)| cost.max(next[0].0 * (1.0 + ALIKE)));
+            let collapses = parts[next[0].1].1.collapses();
+            let target = collapses.triangles().saturating_sub(excess);
+            collapses.go_on(Limit { cost, ..Limit::triangles(target) });
+        }
+        let this = &*self;
+        let made = parts.into_par_iter().with_max_len(1).map(|(local, reduction)| {
+            let finished = reduction.finish(&local, &this.content);
+            this.settled(&local, finished)
+        });
+        let made = made.collect();
+        self.put_back(made)
     }
 
     fn advance(&self, by: usize) -> Result<()> {
@@ -226,7 +296,7 @@ impl Rounds<'_> {
         let before = self.faces();
         let whole = std::mem::take(&mut self.whole);
         let limit = self.limit(self.goal.target, f64::INFINITY);
-        let (after, moved) = self.reduced(&whole, limit);
+        let Made { mesh: after, moved } = self.reduced(&whole, limit);
         if after.indices.is_empty() {
             self.whole = whole;
             return Ok(());
@@ -238,8 +308,13 @@ impl Rounds<'_> {
     }
 
     /// What becomes of a mesh, and for each vertex whether it is another one than it was.
-    fn reduced(&self, mesh: &LocalMesh, limit: Limit) -> (LocalMesh, Vec<bool>) {
-        let Finished { mesh: mut after, moved, .. } = reduce(mesh, limit, &self.content, &self.options);
+    fn reduced(&self, mesh: &LocalMesh, limit: Limit) -> Made {
+        self.settled(mesh, reduce(mesh, limit, &self.content, &self.options))
+    }
+
+    /// The same once its collapses are done.
+    fn settled(&self, mesh: &LocalMesh, finished: Finished) -> Made {
+        let Finished { mesh: mut after, moved, .. } = finished;
         let fits = self.options.quality == Quality::Best && !self.goal.lossless;
         // What moves within the surface would take along what it carries.
         if fits && self.content.is_bare() && !after.indices.is_empty() {
@@ -247,7 +322,7 @@ impl Rounds<'_> {
         }
         after.join_copies(|after, v| after.differs(mesh, v));
         let moved = (0..after.ids.len()).map(|v| after.differs(mesh, v)).collect();
-        (after, moved)
+        Made { mesh: after, moved }
     }
 
     fn faces(&self) -> usize {
@@ -261,14 +336,8 @@ impl Rounds<'_> {
 
     /// Collapses in blocks until about so many triangles are left; not more than one or two fewer where it is `exact`.
     fn round(&mut self, number: usize, wanted: usize, exact: bool) -> Result<()> {
-        let whole = &self.whole;
-        let place = |t: usize| {
-            let p: [[f32; 3]; 3] =
-                std::array::from_fn(|k| whole.positions[whole.indices[3 * t + k] as usize]);
-            Place { point: std::array::from_fn(|k| p[0][k] + p[1][k] + p[2][k]), number: t as u32 }
-        };
         let before = self.faces();
-        let mut places: Vec<Place> = (0..before).into_par_iter().map(place).collect();
+        let mut places = self.places();
         let mut blocks = split(&mut places, BLOCK, MIDDLES[number % MIDDLES.len()]);
         let shared = self.shared(&blocks);
         let ratio = wanted as f64 / before as f64;
@@ -297,6 +366,23 @@ impl Rounds<'_> {
                 self.blocks(&blocks, &shared, &limits)?
             }
         };
+        self.put_back(made)
+    }
+
+    /// Three times the centre of each triangle.
+    fn places(&self) -> Vec<Place> {
+        let whole = &self.whole;
+        let place = |t: usize| {
+            let p: [[f32; 3]; 3] =
+                std::array::from_fn(|k| whole.positions[whole.indices[3 * t + k] as usize]);
+            Place { point: std::array::from_fn(|k| p[0][k] + p[1][k] + p[2][k]), number: t as u32 }
+        };
+        (0..self.faces()).into_par_iter().map(place).collect()
+    }
+
+    /// Takes in what became of all blocks.
+    fn put_back(&mut self, made: Vec<Made>) -> Result<()> {
+        let before = self.faces();
         let mut indices = Vec::with_capacity(made.iter().map(|made| made.mesh.indices.len()).sum());
         for Made { mesh, moved } in made {
             self.take_in(&mesh, &moved, &mut indices);
@@ -316,8 +402,7 @@ impl Rounds<'_> {
             .map(|(block, limit)| {
                 self.advance(0)?;
                 let local = self.part(block, |position| shared[position as usize]);
-                let (mesh, moved) = self.reduced(&local, *limit);
-                Ok(Made { mesh, moved })
+                Ok(self.reduced(&local, *limit))
             })
             .collect()
     }
