@@ -11,9 +11,11 @@ use crate::build::store::{LocalMesh, Numbering};
 use crate::math::median::{Place, median_split};
 use crate::mesh::hash;
 
-/// Triangles of a sample of a block, and how far it goes, in parts of what it would keep if all were alike.
+/// Triangles of a sample, and how far it goes, in parts of what it would keep if all were alike.
 const SAMPLE: usize = 1 << 10;
 const SAMPLED: f64 = 0.25;
+/// Samples of all blocks together.
+const LEAST_SAMPLES: usize = 24;
 
 /// Collapses of some triangles of a block.
 struct Sample {
@@ -88,11 +90,15 @@ impl Rounds<'_> {
         let whole = &self.whole;
         let mut uses = vec![0u32; whole.ids.len()];
         whole.indices.iter().for_each(|v| uses[whole.position_ids[*v as usize] as usize] += 1);
+        let each = LEAST_SAMPLES.div_ceil(blocks.len());
         let samples: Vec<Sample> = blocks
             .par_iter_mut()
             .enumerate()
             .with_max_len(1)
-            .map(|(number, block)| self.sample(block, number, &uses, ratio))
+            .flat_map_iter(|(number, block)| {
+                let sample = |turn| self.sample(block, number ^ turn, &uses, ratio);
+                (0..each).map(sample).collect::<Vec<_>>()
+            })
             .collect();
         let free: usize = samples.iter().map(|sample| sample.free).sum();
         // A collapse takes a vertex and two triangles.

@@ -46,7 +46,9 @@ const TOGETHER: usize = 1 << 20;
 /// Blocks of the last step, and what they have at least.
 const LAST_BLOCKS: usize = 8;
 const SMALL: usize = 1 << 14;
-/// In the last step blocks go on together by this part in cost until this part too much is left; the rest goes one by one.
+/// In the last step blocks begin so far below the cost that the sample told and go on together by this part of it, until
+/// this part too much is left; the rest goes one by one. Costs that differ by no more are the same.
+const COST_START: f64 = 1.5;
 const COST_STEP: f64 = 1.1;
 const ALIKE: f64 = 1.0e-6;
 const REST: f64 = 0.03;
@@ -251,16 +253,31 @@ impl Rounds<'_> {
         let left = |parts: &mut [(LocalMesh, Reduction)]| -> usize {
             parts.iter_mut().map(|(_, reduction)| reduction.collapses().triangles()).sum()
         };
-        let mut limit = cost / COST_STEP;
-        while left(&mut parts) as f64 > (1.0 + REST) * target as f64 && limit.is_finite() {
+        let mut limit = cost / COST_START;
+        loop {
             self.advance(0)?;
-            let stopped = parts.par_iter_mut().with_max_len(1).map(|(_, reduction)| {
-                reduction.collapses().go_on(Limit { cost: limit, ..Limit::triangles(0) })
-            });
-            if !stopped.reduce(|| false, |a, b| a || b) {
+            let before = left(&mut parts);
+            let excess = before.saturating_sub(target);
+            if excess as f64 <= REST * target as f64 {
                 break;
             }
-            limit *= COST_STEP;
+            // Even if all of them take as much as they may, no more goes than is to.
+            let most = excess / parts.len();
+            let waits = parts.par_iter_mut().with_max_len(1).map(|(_, reduction)| {
+                let collapses = reduction.collapses();
+                let target = collapses.triangles().saturating_sub(most);
+                let waits = collapses.go_on(Limit { cost: limit, ..Limit::triangles(target) });
+                waits || collapses.triangles() > target
+            });
+            if !waits.reduce(|| true, |a, b| a && b) {
+                continue;
+            }
+            let costs = parts.iter_mut().filter_map(|(_, reduction)| reduction.collapses().next_cost());
+            let Some(next) = costs.min_by(f64::total_cmp) else { break };
+            if limit.is_infinite() && left(&mut parts) == before {
+                break;
+            }
+            limit = next.max(limit * COST_STEP);
         }
         loop {
             let excess = left(&mut parts).saturating_sub(target);
@@ -353,7 +370,7 @@ impl Rounds<'_> {
             let left: usize = made.iter().map(|made| made.mesh.indices.len() / 3).sum();
             self.options.quality == Quality::Best
                 && !self.goal.lossless
-                && (left as f64) < (1.0 - MISSED) * wanted as f64
+                && left < ((1.0 - MISSED) * wanted as f64).max(self.goal.target as f64) as usize
         };
         let mut made = None;
         if !exact || self.options.quality == Quality::Fast {
