@@ -39,8 +39,8 @@ const ROOM: f64 = 1.1;
 const MISSED: f64 = 0.1;
 /// Where a round would take away no more than this part, none is made before the last.
 const NEAR: f64 = 0.2;
-/// What an exact round looks at, in terms of what a collapse of it may cost by the sample.
-const BEYOND: f64 = 1.5;
+/// What an exact round looks at, in terms of what a collapse of it may cost by the sample; more where that is too little.
+const BEYOND: [f64; 3] = [1.5, 6.0, f64::INFINITY];
 /// As many triangles are done with all blocks in memory, step by step; more by what each block is found to need.
 const TOGETHER: usize = 1 << 20;
 /// Blocks of the last step, and what they have at least.
@@ -432,17 +432,26 @@ impl Rounds<'_> {
         limits: &[Limit],
         wanted: usize,
     ) -> Result<Vec<Limit>> {
-        let traces: Vec<Vec<(f64, u32)>> = blocks
-            .par_iter()
-            .zip(limits)
-            .with_max_len(1)
-            .map(|(block, limit)| {
-                self.advance(0)?;
-                let local = self.part(block, |position| shared[position as usize]);
-                let limit = Limit { cost: BEYOND * limit.cost, ..*limit };
-                Ok(trace(&local, limit, &self.content, &self.options))
-            })
-            .collect::<Result<_>>()?;
+        let mut traces: Vec<Vec<(f64, u32)>> = Vec::new();
+        for beyond in BEYOND {
+            traces = blocks
+                .par_iter()
+                .zip(limits)
+                .with_max_len(1)
+                .map(|(block, limit)| {
+                    self.advance(0)?;
+                    let local = self.part(block, |position| shared[position as usize]);
+                    let limit = Limit { cost: beyond * limit.cost, ..*limit };
+                    Ok(trace(&local, limit, &self.content, &self.options))
+                })
+                .collect::<Result<_>>()?;
+            let left = |(block, trace): (&&mut [Place], &Vec<(f64, u32)>)| {
+                trace.last().map_or(block.len(), |(_, after)| *after as usize)
+            };
+            if blocks.iter().zip(&traces).map(left).sum::<usize>() <= wanted {
+                break;
+            }
+        }
         let mut left: Vec<usize> = blocks.iter().map(|block| block.len()).collect();
         let mut gone = self.faces() - wanted;
         let steps = merged(left.iter().zip(&traces).map(|(triangles, trace)| (*triangles, &trace[..])));
