@@ -46,9 +46,8 @@ const TOGETHER: usize = 1 << 20;
 /// Blocks of the last step, and what they have at least.
 const LAST_BLOCKS: usize = 8;
 const SMALL: usize = 1 << 14;
-/// In the last step blocks begin so far below the cost that the sample told and go on together by this part of it, until
-/// this part too much is left; the rest goes one by one. Costs that differ by no more are the same.
-const COST_START: f64 = 1.5;
+/// In the last step blocks go on together by this part in cost until this part too much is left; the rest goes one by one.
+/// Costs that differ by no more are the same.
 const COST_STEP: f64 = 1.1;
 const ALIKE: f64 = 1.0e-6;
 const REST: f64 = 0.03;
@@ -242,7 +241,6 @@ impl Rounds<'_> {
         let size = (before / LAST_BLOCKS + 1).max(SMALL / 2);
         let mut blocks = split(&mut places, size, MIDDLES[number % MIDDLES.len()]);
         let shared = self.shared(&blocks);
-        let cost = self.cost(&mut blocks, target as f64 / before as f64);
         let started = |block: &&mut [Place]| {
             let local = self.part(block, |position| shared[position as usize]);
             let reduction = Reduction::new(&local, &self.content, &self.options);
@@ -253,7 +251,11 @@ impl Rounds<'_> {
         let left = |parts: &mut [(LocalMesh, Reduction)]| -> usize {
             parts.iter_mut().map(|(_, reduction)| reduction.collapses().triangles()).sum()
         };
-        let mut limit = cost / COST_START;
+        let next = |parts: &mut [(LocalMesh, Reduction)]| {
+            let costs = parts.iter_mut().filter_map(|(_, reduction)| reduction.collapses().next_cost());
+            costs.min_by(f64::total_cmp)
+        };
+        let mut limit = next(&mut parts).unwrap_or(f64::INFINITY);
         loop {
             self.advance(0)?;
             let before = left(&mut parts);
@@ -272,8 +274,7 @@ impl Rounds<'_> {
             if !waits.reduce(|| true, |a, b| a && b) {
                 continue;
             }
-            let costs = parts.iter_mut().filter_map(|(_, reduction)| reduction.collapses().next_cost());
-            let Some(next) = costs.min_by(f64::total_cmp) else { break };
+            let Some(next) = next(&mut parts) else { break };
             if limit.is_infinite() && left(&mut parts) == before {
                 break;
             }
