@@ -1,9 +1,10 @@
 //! One level at once: a mesh simplified to a number of triangles, without a DAG, pages or proofs.
 //!
-//! Rounds over blocks of the whole mesh, on all cores, then what is left in one piece, to the exact number. A block is a
-//! part of space (`math::median`) with the points that it shares with others locked; the next round halves space elsewhere.
-//! With the best quality what a collapse may cost is the same in all blocks of a round, as a sample tells, so that it is as
-//! if there were one queue: what is flat goes first. Nothing depends on the number of threads.
+//! Rounds over blocks of the whole mesh, on all cores. A block is a part of space (`math::median`) with the points that it
+//! shares with others locked; the next round halves space elsewhere. With the best quality what a collapse may cost is the
+//! same in all blocks of a round, as a sample tells, and the last blocks go on together to the exact number: it is as if there
+//! were one queue, and what is flat goes first. What is small, or left with the fast quality, is done in one piece. Nothing
+//! depends on the number of threads.
 
 mod blocks;
 
