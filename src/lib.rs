@@ -6,6 +6,7 @@
 pub mod build;
 pub mod config;
 pub mod cpu;
+pub mod decimate;
 pub mod error;
 pub mod finish;
 pub mod format;

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from matplotlib.figure import Figure as Plot
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from . import build, cut, distance, files, frames, gpu, instances, machine, memory, tables
+from . import build, cut, decimate, distance, files, frames, gpu, instances, machine, memory, tables
 from .tables import TITLES, cell
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 BENCHMARKS = {
     "build": build,
     "cut": cut,
+    "decimate": decimate,
     "distance": distance,
     "files": files,
     "frames": frames,
@@ -153,6 +154,30 @@ def _cut(result: dict) -> Section:
         "fast-simplification starts from arrays, as given and scaled to a diagonal of 100, where it is most exact."
     )
     return Section("cut", text, figures, draw)
+
+
+def _decimate(result: dict) -> Section:
+    rows = {row["method"]: row for row in result["rows"]}
+    figures = [
+        Figure(f"{ours.rpartition(', ')[2]}, {what}", unit, rows[ours][key], peer, rows[peer][key])
+        for ours in decimate.OURS
+        for peer in (decimate.GIVEN, decimate.SCALED)
+        for what, unit, key in (("time", "s", "s"), ("rms distance", "1e-4 of the diagonal", "rms"))
+    ]
+
+    def draw(plot: Plot) -> None:
+        left, right = plot.subplots(1, 2, sharey=True)
+        colors = (OURS, OURS_TOO, *PEERS)
+        _bars(left, {method: row["s"] for method, row in rows.items()}, "s", colors)
+        _bars(
+            right, {method: row["rms"] for method, row in rows.items()}, "rms, 1e-4 of the diagonal", colors
+        )
+
+    text = (
+        f"{result['source triangles']:,} triangles to a tenth, from arrays to arrays, on all cores; "
+        "fast-simplification has one, and is most exact scaled to a diagonal of 100."
+    )
+    return Section("decimate", text, figures, draw, (9.0, 2.8))
 
 
 def _distance(result: dict) -> Section:
@@ -328,6 +353,7 @@ SECTIONS: dict[str, Callable[[dict], Section]] = {
     "instances": _instances,
     "gpu": _gpu,
     "cut": _cut,
+    "decimate": _decimate,
     "build": _build,
     "memory": _memory,
     "distance": _distance,

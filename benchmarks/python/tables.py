@@ -5,6 +5,7 @@ from __future__ import annotations
 TITLES = {
     "build": "Building a displaced icosphere, against fast-simplification",
     "cut": "A cut against fast-simplification (deviation in 1e-4 of the diagonal)",
+    "decimate": "One level at once, against fast-simplification (deviation in 1e-4 of the diagonal)",
     "distance": "Distances of points to a mesh, and between meshes",
     "files": "One surface as a file, and by the codecs of glTF",
     "frames": "A frame of a displaced icosphere over 22.9 % of 1280×720, ms, against pyrender on OSMesa",

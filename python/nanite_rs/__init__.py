@@ -18,6 +18,7 @@ from nanite_rs.camera import (
 )
 from nanite_rs.comparison import Comparison, SilhouetteDistance, compare
 from nanite_rs.cut import Cut
+from nanite_rs.decimation import decimate, simplify
 from nanite_rs.exceptions import (
     ArgumentError,
     BackendError,
@@ -37,7 +38,7 @@ from nanite_rs.frame import Frame
 from nanite_rs.interop import PyrenderView, from_pyrender
 from nanite_rs.light import DirectionalLight, Environment, PointLight, SpotLight
 from nanite_rs.material import Material
-from nanite_rs.mesh import BuildOptions, NaniteMesh, simplify
+from nanite_rs.mesh import BuildOptions, NaniteMesh
 from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarning
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import LightNode, MeshNode, Scene
@@ -97,6 +98,7 @@ __all__ = [
     "Viewer",
     "__version__",
     "compare",
+    "decimate",
     "from_pyrender",
     "load_scene",
     "look_at",

@@ -70,7 +70,7 @@ _ELSEWHERE = {
         **dict.fromkeys(
             ("Mesh", "build"), "NaniteMesh.from_arrays(vertices, faces), from_trimesh and from_file"
         ),
-        "simplify_mesh": "simplify(points, triangles, 0.9), or NaniteMesh.from_pyvista(mesh).cut(...)",
+        "simplify_mesh": "decimate(mesh, target_reduction=0.9)",
         "OffscreenRenderer": "Renderer(width, height)",
         "Node": "scene.add(mesh, pose=pose) returns one",
     },

@@ -20,6 +20,7 @@ __all__ = [
     "check_pose",
     "closest_points",
     "cluster_table",
+    "decimate",
     "group_table",
     "page_table",
     "page_table_of_file",
@@ -44,6 +45,21 @@ def surface_distance(
 def closest_points(
     points: NDArray[Any], vertices: NDArray[Any], faces: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.uint32], NDArray[np.float64]]: ...
+def decimate(
+    vertices: NDArray[Any],
+    faces: NDArray[Any],
+    target: int,
+    *,
+    normals: NDArray[np.float32] | None = None,
+    colors: NDArray[np.uint8] | None = None,
+    uvs: Sequence[NDArray[np.float32]] = ...,
+    channels: Sequence[tuple[str, str, NDArray[np.uint32]]] = ...,
+    face_materials: NDArray[np.int32] | None = None,
+    options: dict[str, Any] | None = None,
+    preserve_border: bool = False,
+    lossless: bool = False,
+    progress: Callable[[int, int], object] | None = None,
+) -> Cut: ...
 
 @final
 class Mesh:

@@ -25,7 +25,8 @@ class Cut(_advice.Teaching):
 
     Vertices are welded by stored identity, never by distance, so a cut has no border where its source has none; two
     sheets may meet in an edge, which then has four faces. All arrays are the caller's own: contiguous and writable.
-    Notebooks show cuts of up to 250,000 triangles as a small picture, each triangle shaded as it lies.
+    Notebooks show cuts of up to 250,000 triangles as a small picture, each triangle shaded as it lies. `decimate`
+    makes such a mesh too, of no cluster.
 
     Attributes
     ----------
@@ -45,7 +46,7 @@ class Cut(_advice.Teaching):
     error : float
         No point of the cut is farther from the source surface, and no point of the source from the cut, in the
         units of the mesh: proven and rounded up (docs/numerics.md). With ``error="quadric"`` an estimate, and
-        often too low. 0 at full detail.
+        often too low. 0 at full detail. Infinite where `decimate` made it and nothing was proven.
     attribute_error : float
         How far normals that were given, colours, UVs, channels and materials are off, as a length in the units of
         the mesh: a deviation of one unit counts as its weight in `BuildOptions` times the mean edge length of the

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["BuildOptions", "NaniteMesh", "simplify"]
+__all__ = ["BuildOptions", "NaniteMesh"]
 
 PathLike: TypeAlias = str | os.PathLike[str]
 
@@ -190,6 +190,25 @@ def _materials(value: object) -> NDArray[np.int32]:
     return np.ascontiguousarray(array, np.int32)
 
 
+def _core_arrays(
+    vertices: NDArray[Any],
+    faces: NDArray[Any],
+    given: Mapping[str, Any],
+    channels: Mapping[str, ArrayLike] | None,
+) -> dict[str, Any]:
+    """The arrays of a mesh as the core takes them."""
+    normals, colors, face_materials = given["normals"], given["colors"], given["face_materials"]
+    return {
+        "vertices": vertices,
+        "faces": faces,
+        "normals": None if normals is None else _vertex_floats(normals, "normals"),
+        "colors": None if colors is None else _colors(colors),
+        "uvs": _uv_sets(given["uvs"]),
+        "face_materials": None if face_materials is None else _materials(face_materials),
+        "channels": _channels.pack(channels, len(vertices) if vertices.ndim else 0),
+    }
+
+
 def _bad_reduction(reduction: float) -> ArgumentError:
     percent = f"; {reduction:g} % is {reduction / 100:g}" if 1.0 < reduction <= 100.0 else ""
     return ArgumentError(f"target_reduction: must be between 0 and 1, not {reduction}{percent}")
@@ -325,17 +344,9 @@ class NaniteMesh(_advice.Teaching):
         options: BuildOptions | None,
         progress: Progress,
     ) -> NaniteMesh:
-        normals, colors = given["normals"], given["colors"]
-        uvs, face_materials = given["uvs"], given["face_materials"]
         with reporter(progress, "building") as report:
             core = CoreMesh.build(
-                vertices,
-                faces,
-                normals=None if normals is None else _vertex_floats(normals, "normals"),
-                colors=None if colors is None else _colors(colors),
-                uvs=_uv_sets(uvs),
-                face_materials=None if face_materials is None else _materials(face_materials),
-                channels=_channels.pack(channels, len(vertices) if vertices.ndim else 0),
+                **_core_arrays(vertices, faces, given, channels),
                 options=asdict(options or BuildOptions()),
                 progress=report,
             )
@@ -881,82 +892,3 @@ class NaniteMesh(_advice.Teaching):
 
 def _from_bytes(data: bytes) -> NaniteMesh:
     return NaniteMesh._wrap(CoreMesh.from_bytes(data))
-
-
-@_advice.teaches(otherwise="give simplify(points, triangles, 0.9)")
-def simplify(
-    points: ArrayLike,
-    triangles: ArrayLike,
-    target_reduction: float | None = None,
-    target_count: int | None = None,
-    agg: float = 7.0,
-    verbose: bool = False,
-    return_collapses: bool = False,
-    lossless: bool = False,
-    preserve_border: bool = False,
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Simplify a mesh once: the call of `fast_simplification.simplify`, with arguments and arrays of the same kind.
-
-    Builds the whole DAG and cuts it. To cut more than once keep a `NaniteMesh`: its cuts cost next to nothing.
-
-    Parameters
-    ----------
-    points : (N, 3) array
-        Positions.
-    triangles : (M, 3) integer array
-        Triangles.
-    target_reduction : float, optional
-        Fraction of the triangles to remove, 0 to 1. Give this or ``target_count``; both are met as
-        `NaniteMesh.cut` meets its budgets.
-    target_count : int, optional
-        Triangles to keep, or up to 0.5 % or two fewer.
-    agg : float
-        Accepted for compatibility; there is nothing to trade here.
-    verbose : bool
-        Show a progress bar.
-    return_collapses, lossless, preserve_border : bool
-        Not available; True raises.
-
-    Returns
-    -------
-    points : (N', 3) float64 array
-    triangles : (M', 3) int32 array
-
-    Examples
-    --------
-    >>> vertices, faces = nrs.shapes.icosphere(faces=20_000)
-    >>> points, triangles = nrs.simplify(vertices, faces, 0.9)
-    >>> 0.995 * 2_048 <= len(triangles) <= 2_048
-    True
-    """
-    del agg
-    flags = {"return_collapses": return_collapses, "lossless": lossless, "preserve_border": preserve_border}
-    for name, wanted in flags.items():
-        if wanted:
-            raise ArgumentError(f"{name}: not available here")
-    if not isinstance(points, np.ndarray | Sequence):
-        raise DtypeError(
-            f"points: expected an array, not {_advice.name_of_type(points)}; give vertices and faces"
-        )
-    if (target_reduction is None) == (target_count is None):
-        raise ArgumentError("simplify: expected exactly one of target_reduction and target_count")
-    vertices = _array(points, "points")
-    if vertices.dtype.kind != "f":
-        vertices = vertices.astype(np.float64)
-    # By the name by which lists of whole numbers stay what they are.
-    faces = _array(triangles, "faces")
-    if target_count is None:
-        reduction = _checks.number(target_reduction, "target_reduction")
-        if not 0.0 <= reduction <= 1.0:
-            raise _bad_reduction(reduction)
-        target_count = math.floor((1.0 - reduction) * len(faces) + 1e-6)
-    elif isinstance(target_count, bool) or not isinstance(target_count, int | np.integer):
-        raise DtypeError(
-            f"target_count: expected an integer, not {type(target_count).__name__}; "
-            "target_reduction takes a fraction to remove"
-        )
-    elif not 0 <= target_count <= len(faces):
-        raise ArgumentError(f"target_count: must be between 0 and {len(faces)}, not {target_count}")
-    mesh = NaniteMesh.from_arrays(vertices, faces, progress=verbose)
-    cut = mesh.cut(target_faces=max(int(target_count), 1))
-    return cut.vertices.astype(np.float64), cut.faces

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::Progress;
 use super::attribute_error::step_deviation;
 use super::clusterize::{self, ClusterMesh};
-use super::collapse::Policy;
+use super::collapse::{Limit, Policy};
 use super::content::{Content, weights};
 use super::lock_borders::shared_positions;
 use super::memory;
@@ -206,6 +206,21 @@ fn source_clusters(store: &VertexStore, mesh: &WeldedMesh, options: &BuildOption
         .collect()
 }
 
+/// The steps of collapses that went on side by side, as one queue would have taken them: what each cost, and the triangles that
+/// went. Each mesh is told by its triangles and by its trace.
+pub fn merged<'a>(traces: impl Iterator<Item = (usize, &'a [(f64, u32)])>) -> Vec<(f64, u32)> {
+    let mut steps: Vec<(f64, u32)> = Vec::new();
+    for (triangles, trace) in traces {
+        let mut left = triangles as u32;
+        for (cost, after) in trace {
+            steps.push((*cost, left.saturating_sub(*after)));
+            left = *after;
+        }
+    }
+    steps.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    steps
+}
+
 struct Growth {
     content: Content,
     clusters: Vec<BuildCluster>,
@@ -392,19 +407,11 @@ impl Growth {
                 let local = LocalMesh::of_clusters(store, meshes, positions, members, shared);
                 let triangles = local.indices.len() / 3;
                 let target = (triangles as f32 * 0.5 * ratio) as usize;
-                (triangles, trace(&local, target, &self.content, options))
+                (triangles, trace(&local, Limit::triangles(target), &self.content, options))
             })
             .collect();
         let total: usize = traces.iter().map(|(triangles, _)| triangles).sum();
-        let mut steps: Vec<(f64, u32)> = Vec::new();
-        for (triangles, trace) in &traces {
-            let mut left = *triangles as u32;
-            for (cost, after) in trace {
-                steps.push((*cost, left.saturating_sub(*after)));
-                left = *after;
-            }
-        }
-        steps.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let steps = merged(traces.iter().map(|(triangles, trace)| (*triangles, &trace[..])));
         let mut gone = (total as f32 * (1.0 - ratio)) as i64;
         for (cost, removed) in steps {
             gone -= i64::from(removed);

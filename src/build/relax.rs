@@ -9,9 +9,13 @@
 use glam::{DMat3, DVec3};
 
 use super::store::LocalMesh;
+use crate::math::{Aabb, morton};
+use crate::measure::closest::Triangle;
 use crate::measure::overlay::{NO_TRIANGLE, Sheet};
 use crate::mesh::{Stars, hash};
 
+/// Of a reference with so many times the triangles one point of each is enough.
+const FINE: usize = 4;
 /// Passes over all vertices.
 const SWEEPS: usize = 4;
 /// Weight of staying, against that of the points around: decides where they do not.
@@ -229,6 +233,42 @@ pub fn relax(
     if hash::first_equal(bytemuck::cast_slice(&positions), 3) == first {
         mesh.positions = positions;
     }
+}
+
+/// Moves what is not locked of a mesh to where it fits the surface of another one best: see [`relax`].
+pub fn fit(mesh: &mut LocalMesh, reference: &LocalMesh, reach: f64, up: Option<DVec3>) {
+    let reference = sheet(reference, Vec::new());
+    // Neighbours one after the other, whatever the order of the triangles is.
+    let bounds = Aabb::of_points(&mesh.positions);
+    let code = |t: &Triangle| morton::code(t[0].map(|x| x as f32), &bounds);
+    let mut order: Vec<(u64, u32)> = reference.triangles().iter().map(code).zip(0..).collect();
+    order.sort_unstable();
+    let is_fine = reference.triangles().len() >= FINE * mesh.indices.len() / 3;
+    relax(mesh, &reference, reach, up, |visit| {
+        for (_, triangle) in order {
+            let [a, b, c] = reference.triangles()[triangle as usize].map(DVec3::from_array);
+            let normal = (b - a).cross(c - a);
+            let weight = 0.5 * normal.length();
+            if is_fine {
+                visit(Sample { point: (a + b + c) / 3.0, normal, weight, triangle });
+                continue;
+            }
+            for point in [a + b, b + c, c + a].map(|sum| 0.5 * sum) {
+                visit(Sample { point, normal, weight: weight / 3.0, triangle });
+            }
+        }
+    });
+}
+
+/// The triangles of a mesh, each of which stands for something within its radius; without radii, for itself.
+pub fn sheet(mesh: &LocalMesh, radii: Vec<f64>) -> Sheet {
+    let points = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
+    let faces: &[[u32; 3]] = bytemuck::cast_slice(&mesh.indices);
+    let place = |v: u32| mesh.positions[v as usize].map(f64::from);
+    let triangles = faces.iter().map(|t| t.map(place)).collect();
+    let numbers: Vec<[u32; 3]> = faces.iter().map(|t| t.map(|v| points[v as usize])).collect();
+    let radii = if radii.is_empty() { vec![0.0; faces.len()] } else { radii };
+    Sheet::new(triangles, &numbers, radii)
 }
 
 #[cfg(test)]

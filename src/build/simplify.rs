@@ -11,7 +11,7 @@ use meshopt::{
 };
 use rustc_hash::FxHashSet;
 
-use super::collapse::{Collapsed, Limit, Policy, collapse};
+use super::collapse::{Collapsed, Collapses, Limit, Policy, collapse};
 use super::content::{Content, up};
 use super::field::Field;
 use super::islands::Islands;
@@ -116,10 +116,46 @@ pub fn simplify(
 }
 
 /// What collapses of a group cost: for each the largest so far, and the triangles that were left.
-pub fn trace(mesh: &LocalMesh, target: usize, content: &Content, options: &BuildOptions) -> Vec<(f64, u32)> {
+pub fn trace(mesh: &LocalMesh, limit: Limit, content: &Content, options: &BuildOptions) -> Vec<(f64, u32)> {
     let guides = Guides::new(mesh, content, content.stride(), mean_edge(mesh), true);
-    let (limit, policy) = (Limit::triangles(target), policy(content, options));
-    collapse(mesh, &mesh.locked, guides.rows, &guides.weights, limit, &policy).trace
+    collapse(mesh, &mesh.locked, guides.rows, &guides.weights, limit, &policy(content, options)).trace
+}
+
+/// A mesh after the collapses of its quality alone, without other steps where they end.
+pub fn reduce(mesh: &LocalMesh, limit: Limit, content: &Content, options: &BuildOptions) -> Finished {
+    let made = run(mesh, &mesh.locked, limit, content, options, Step::Attributes);
+    Finished { mesh: made.mesh, estimate: made.error, moved: made.moved }
+}
+
+/// The same with the best quality, while it goes on.
+pub struct Reduction {
+    collapses: Collapses,
+    /// Columns of the mesh that steer, of so many, and the mean edge length.
+    own: usize,
+    width: usize,
+    edge: f32,
+}
+
+impl Reduction {
+    /// Finds what collapses of a mesh cost.
+    pub fn new(mesh: &LocalMesh, content: &Content, options: &BuildOptions) -> Self {
+        let edge = mean_edge(mesh);
+        let Guides { rows, weights, own } = Guides::new(mesh, content, content.stride(), edge, true);
+        let collapses = Collapses::new(mesh, &mesh.locked, rows, &weights, &policy(content, options));
+        Self { collapses, own, width: weights.len(), edge }
+    }
+
+    /// Its collapses.
+    pub fn collapses(&mut self) -> &mut Collapses {
+        &mut self.collapses
+    }
+
+    /// What became of the mesh.
+    pub fn finish(self, mesh: &LocalMesh, content: &Content) -> Finished {
+        let Collapsed { mesh: mut made, error, moved, .. } = self.collapses.finish(mesh);
+        give_back(&mut made, mesh, content, self.own, self.width, self.edge);
+        Finished { mesh: made, estimate: error, moved }
+    }
 }
 
 /// How our own collapses go about a group.
@@ -240,9 +276,10 @@ fn attempt(
     step: Step,
 ) -> Result<Simplified, StuckReason> {
     let most = (mesh.indices.len() / 3) as f32 * ACCEPT_RATIO;
+    let limit = Limit { cost: effort.cost, ..Limit::triangles(target) };
     let checked = |locked: &[bool]| {
         let Made { mesh: result, error, moved, cost, stopped } =
-            run(mesh, locked, target, effort.cost, content, options, step);
+            run(mesh, locked, limit, content, options, step);
         let left = result.indices.len() / 3;
         if left == 0 {
             return Err(StuckReason::Vanished);
@@ -478,8 +515,7 @@ struct Made {
 fn run(
     mesh: &LocalMesh,
     locked: &[bool],
-    target: usize,
-    cost: f64,
+    limit: Limit,
     content: &Content,
     options: &BuildOptions,
     step: Step,
@@ -487,7 +523,7 @@ fn run(
     let mut error = 0.0;
     let between_materials = differ_at_position(mesh, &mesh.materials);
     if step == Step::Sloppy {
-        let (mesh, error) = sloppy(mesh, locked, target, &between_materials);
+        let (mesh, error) = sloppy(mesh, locked, limit.target, &between_materials);
         return Made { mesh, error, moved: error, cost: None, stopped: false };
     }
     let edge = mean_edge(mesh);
@@ -498,7 +534,8 @@ fn run(
     let mut steered;
     let (mut dearest, mut moved, mut stopped) = (None, None, false);
     if best {
-        let (limit, policy) = (Limit { target, cost }, policy(content, options));
+        let mut policy = policy(content, options);
+        policy.cuts &= limit.distance == f64::INFINITY;
         let made = collapse(mesh, locked, guides.rows, &guides.weights, limit, &policy);
         (dearest, moved) = (Some(made.cost), Some(made.moved));
         Collapsed { mesh: steered, error, stopped, .. } = made;
@@ -522,7 +559,7 @@ fn run(
             &guides.weights,
             width * 4,
             Some(&locks),
-            3 * target,
+            3 * limit.target,
             f32::MAX,
             flags,
             Some(&mut error),
@@ -530,21 +567,26 @@ fn run(
         steered.indices.truncate(kept);
         normalize(&mut steered.attributes, width);
     }
-    let stride = content.stride();
-    if width != stride {
-        let own = mesh.with_copies(&steered.copies).attributes;
-        let guided = std::mem::replace(&mut steered.attributes, own);
-        for (row, guided) in steered.attributes.chunks_exact_mut(stride).zip(guided.chunks_exact(width)) {
-            row[..guides.own].copy_from_slice(&guided[..guides.own]);
-        }
-    }
-    if width > guides.own || guides.own < stride {
-        Field::new(mesh, content).read_off(&mut steered, content, guides.own, edge);
-    }
+    give_back(&mut steered, mesh, content, guides.own, width, edge);
     Made { mesh: steered, error, moved: moved.unwrap_or(error), cost: dearest, stopped }
 }
 
-/// What [`collapse_to`] made.
+/// Gives the columns that steered, `own` of `width`, back to a mesh that was made of another one; all else is read off that.
+fn give_back(made: &mut LocalMesh, mesh: &LocalMesh, content: &Content, own: usize, width: usize, edge: f32) {
+    let stride = content.stride();
+    if width != stride {
+        let rows = mesh.with_copies(&made.copies).attributes;
+        let guided = std::mem::replace(&mut made.attributes, rows);
+        for (row, guided) in made.attributes.chunks_exact_mut(stride).zip(guided.chunks_exact(width)) {
+            row[..own].copy_from_slice(&guided[..own]);
+        }
+    }
+    if width > own || own < stride {
+        Field::new(mesh, content).read_off(made, content, own, edge);
+    }
+}
+
+/// What [`collapse_to`] or [`reduce`] made.
 #[derive(Clone, Debug)]
 pub struct Finished {
     /// The mesh, numbered like the one given, with copies at the end.
@@ -564,7 +606,7 @@ pub fn collapse_to(mesh: &LocalMesh, target: usize, content: &Content, cuts: boo
     let faces: &[[u32; 3]] = bytemuck::cast_slice(&mesh.indices);
     let mut content = content.clone();
     content.up = up(&mesh.positions, faces);
-    let made = run(mesh, &mesh.locked, target, f64::INFINITY, &content, &options, Step::Attributes);
+    let made = run(mesh, &mesh.locked, Limit::triangles(target), &content, &options, Step::Attributes);
     Finished { mesh: made.mesh, estimate: made.error, moved: made.moved }
 }
 
@@ -593,7 +635,7 @@ pub fn thin_to(mesh: &LocalMesh, target: usize) -> Option<(LocalMesh, f64)> {
 pub fn collapse_loosely_to(mesh: &LocalMesh, target: usize, content: &Content) -> Option<(LocalMesh, f32)> {
     let options = BuildOptions::default();
     let Made { mesh: result, error, .. } =
-        run(mesh, &mesh.locked, target, f64::INFINITY, content, &options, Step::Permissive);
+        run(mesh, &mesh.locked, Limit::triangles(target), content, &options, Step::Permissive);
     let fits = !result.indices.is_empty() && keeps_materials(&result) && keeps_border(mesh, &result);
     fits.then_some((result, error))
 }

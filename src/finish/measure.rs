@@ -6,14 +6,13 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use super::gather::Region;
 use crate::build::attribute_error::deviation_above;
 use crate::build::content::{Content, up};
-use crate::build::relax::{Sample, relax};
+use crate::build::relax::{fit, sheet};
 use crate::build::store::LocalMesh;
 use crate::math::sphere::round_up;
 use crate::measure::closest::Triangle;
 use crate::measure::overlay::{Bounds, NO_TRIANGLE, Overlay, Sheet};
 use crate::measure::piece::Piece;
 use crate::measure::{BoundOptions, outwards};
-use crate::mesh::hash;
 use crate::model::{ClusterAddress, Dag, Group};
 
 /// A bound may be this part above the largest distance found.
@@ -97,7 +96,8 @@ impl Changes {
             (0..held.len()).filter(|v| held[*v]).map(|v| bits(self.after.positions[v])).collect();
         let mut mesh = came.part;
         mesh.locked = mesh.positions.iter().map(|p| places.contains(&bits(*p))).collect();
-        fit(&mut mesh, &sheet(&went.part, Vec::new()), reach);
+        let up = up_of(&mesh);
+        fit(&mut mesh, &went.part, reach, up);
         for (v, position) in came.vertices.iter().zip(&mesh.positions) {
             let v = *v as usize;
             self.moved[v] |= self.after.positions[v] != *position;
@@ -108,7 +108,8 @@ impl Changes {
     /// Moves all of a surface to where it fits a finer one best, as far as that is within `reach`.
     pub fn relax_to(&mut self, finer: &Region, reach: f64) {
         let before = self.after.positions.clone();
-        fit(&mut self.after, &sheet(&finer.mesh, Vec::new()), reach);
+        let up = up_of(&self.after);
+        fit(&mut self.after, &finer.mesh, reach, up);
         for (v, position) in before.iter().enumerate() {
             self.moved[v] |= self.after.positions[v] != *position;
         }
@@ -208,19 +209,9 @@ impl Region {
     }
 }
 
-/// Moves what is not locked of a mesh to where it fits a surface best.
-fn fit(mesh: &mut LocalMesh, reference: &Sheet, reach: f64) {
-    let up = up(&mesh.positions, bytemuck::cast_slice(&mesh.indices));
-    relax(mesh, reference, reach, up, |visit| {
-        for (t, triangle) in reference.triangles().iter().zip(0..) {
-            let [a, b, c] = t.map(DVec3::from_array);
-            let normal = (b - a).cross(c - a);
-            let weight = normal.length() / 6.0;
-            for point in [a + b, b + c, c + a].map(|sum| 0.5 * sum) {
-                visit(Sample { point, normal, weight, triangle });
-            }
-        }
-    });
+/// The direction that all faces of a mesh face, if there is one.
+fn up_of(mesh: &LocalMesh) -> Option<DVec3> {
+    up(&mesh.positions, bytemuck::cast_slice(&mesh.indices))
 }
 
 /// A bound of the distances of two surfaces to each other, triangles of the first of which stand for something within their
@@ -314,15 +305,4 @@ fn part(mesh: &LocalMesh, mut indices: Vec<u32>) -> (LocalMesh, Vec<u32>) {
     }
     out.indices = indices;
     (out, vertices)
-}
-
-/// Triangles, each of which stands for something within its radius.
-fn sheet(mesh: &LocalMesh, radii: Vec<f64>) -> Sheet {
-    let points = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
-    let faces: Vec<[u32; 3]> = corners(mesh).collect();
-    let place = |v: u32| mesh.positions[v as usize].map(f64::from);
-    let triangles: Vec<Triangle> = faces.iter().map(|t| t.map(place)).collect();
-    let numbers: Vec<[u32; 3]> = faces.iter().map(|t| t.map(|v| points[v as usize])).collect();
-    let radii = if radii.is_empty() { vec![0.0; faces.len()] } else { radii };
-    Sheet::new(triangles, &numbers, radii)
 }

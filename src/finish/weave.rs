@@ -118,24 +118,9 @@ impl Made {
 
     /// Adds a vertex; returns one more than its row.
     fn push(&self, dag: &Dag, out: &mut CutArrays, at: usize, stride: usize) -> u32 {
-        let layout = dag.layout();
         let row = &self.mesh.attributes[at * stride..][..stride];
-        out.positions.push(self.mesh.positions[at]);
-        out.ids.push(self.mesh.ids[at]);
-        // Those of vertices that other cuts have are what they are there.
-        let known = self.mesh.ids[at] < dag.vertex_count;
-        let size = if known { 1.0 } else { row[..3].iter().map(|x| x * x).sum::<f32>().sqrt() };
-        let unit = |k: usize| if size > 0.0 { row[k] / size } else { f32::from(u8::from(k == 2)) };
-        out.normals.push([0, 1, 2].map(unit));
-        let mut next = 3;
-        if layout.colors {
-            out.colors.push([0, 1, 2, 3].map(|k| (row[next + k].clamp(0.0, 1.0) * 255.0 + 0.5) as u8));
-            next += 4;
-        }
-        for set in &mut out.uvs {
-            set.push([row[next], row[next + 1]]);
-            next += 2;
-        }
-        out.positions.len() as u32
+        // Normals of vertices that other cuts have are what they are there.
+        let id = self.mesh.ids[at];
+        out.push(dag.layout(), self.mesh.positions[at], id, row, id < dag.vertex_count)
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::math::octahedral;
-use crate::model::{Channel, ClusterAddress, Dag};
+use crate::model::{AttributeLayout, Channel, ClusterAddress, Dag};
 
 /// A cut as arrays: one mesh, welded by vertex identity.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,6 +21,35 @@ pub struct CutArrays {
     pub faces: Vec<[u32; 3]>,
     /// For each cluster its first triangle; one more entry than clusters.
     pub first_face: Vec<u32>,
+}
+
+impl CutArrays {
+    /// Adds a vertex with an attribute row as building has it; returns one more than its number. Normals that are not
+    /// `known` to be of one length are made so.
+    pub fn push(
+        &mut self,
+        layout: AttributeLayout,
+        position: [f32; 3],
+        id: u32,
+        row: &[f32],
+        known: bool,
+    ) -> u32 {
+        self.positions.push(position);
+        self.ids.push(id);
+        let size = if known { 1.0 } else { row[..3].iter().map(|x| x * x).sum::<f32>().sqrt() };
+        let unit = |k: usize| if size > 0.0 { row[k] / size } else { f32::from(u8::from(k == 2)) };
+        self.normals.push([0, 1, 2].map(unit));
+        let mut next = 3;
+        if layout.colors {
+            self.colors.push([0, 1, 2, 3].map(|k| (row[next + k].clamp(0.0, 1.0) * 255.0 + 0.5) as u8));
+            next += 4;
+        }
+        for set in &mut self.uvs {
+            set.push([row[next], row[next + 1]]);
+            next += 2;
+        }
+        self.positions.len() as u32
+    }
 }
 
 /// Concatenates clusters; vertices with the same identity become one, in order of first use.

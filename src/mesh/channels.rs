@@ -180,8 +180,19 @@ impl Channels {
     /// The channels over all identities: source vertices come first, with the words they came with. `rows` are the
     /// attribute rows of all, of `stride` floats; `labels` the source vertex whose labels each has.
     pub fn finish(&self, rows: &[f32], stride: usize, labels: &[u32]) -> Vec<Channel> {
+        let sources = self.words.len().checked_div(self.width()).unwrap_or(0);
+        self.finish_of(rows, stride, labels, |v| (v < sources).then_some(v))
+    }
+
+    /// The same over any vertices; `source` tells which source vertex one is.
+    pub fn finish_of(
+        &self,
+        rows: &[f32],
+        stride: usize,
+        labels: &[u32],
+        source: impl Fn(usize) -> Option<usize> + Sync,
+    ) -> Vec<Channel> {
         let (width, count) = (self.width(), rows.len() / stride);
-        let sources = self.words.len().checked_div(width).unwrap_or(0);
         let first = stride - self.scales.len();
         let (mut word_at, mut float_at) = (0, 0);
         let finish = |info: &ChannelInfo| {
@@ -192,8 +203,8 @@ impl Channels {
             float_at += if is_label { 0 } else { columns };
             let mut words = vec![0; count * columns];
             words.par_chunks_mut(columns).enumerate().for_each(|(v, out)| {
-                if v < sources || is_label {
-                    let of = if v < sources { v } else { labels[v] as usize };
+                let known = source(v).or_else(|| is_label.then(|| labels[v] as usize));
+                if let Some(of) = known {
                     out.copy_from_slice(&self.words[of * width + word..][..columns]);
                     return;
                 }

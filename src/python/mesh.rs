@@ -21,14 +21,15 @@ use super::errors::{argument_error, detached, interruptible, panic_to_python, to
 use super::renderer::{self, RawCamera};
 use crate::build::{self, Progress};
 use crate::config::BuildOptions;
+use crate::decimate::{Decimated, Goal};
 use crate::error::{Error, Result};
 use crate::finish::{FinishedCut, Finisher};
 use crate::format::{self, Precision};
-use crate::lod::{channel_rows, load, select};
+use crate::lod::{CutArrays, channel_rows, load, select};
 use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
 use crate::model::rule::{ROOT_ERROR, Threshold};
-use crate::model::{Channel, Dag, Frame, Grid, Group, LOOK_UP, Patience};
+use crate::model::{AttributeLayout, Channel, Dag, Frame, Grid, Group, LOOK_UP, Patience};
 
 /// Stack of the thread that builds.
 const STACK_BYTES: usize = 16 << 20;
@@ -157,6 +158,44 @@ fn set_option(out: &mut BuildOptions, name: &str, value: &Bound<'_, PyAny>) -> P
     Ok(())
 }
 
+/// Arrays of a mesh as Python gives them.
+struct Given<'a, 'py> {
+    vertices: &'a Bound<'py, PyAny>,
+    faces: &'a Bound<'py, PyAny>,
+    normals: Option<&'a Bound<'py, PyAny>>,
+    colors: Option<&'a Bound<'py, PyAny>>,
+    uvs: Vec<Bound<'py, PyAny>>,
+    channels: Vec<(String, String, Bound<'py, PyAny>)>,
+    face_materials: Option<PyReadonlyArray1<'py, i32>>,
+}
+
+impl Given<'_, '_> {
+    /// Checks the arrays, and does something with the mesh that they are.
+    fn with_source<T>(self, work: impl FnOnce(&SourceMesh<'_>) -> PyResult<T>) -> PyResult<T> {
+        let positions = PositionArray::new(self.vertices, "vertices")?;
+        let count = positions.get().len();
+        let faces = FaceArray::new(self.faces, "faces", count)?;
+        let normals = self.normals.map(|n| vertex_rows::<f32, 3>(n, "normals", count)).transpose()?;
+        let colors = self.colors.map(|c| vertex_rows::<u8, 4>(c, "colors", count)).transpose()?;
+        let uvs: Vec<_> =
+            self.uvs.iter().map(|u| vertex_rows::<f32, 2>(u, "uvs", count)).collect::<PyResult<_>>()?;
+        let channels: Vec<_> = self
+            .channels
+            .into_iter()
+            .map(|(n, t, v)| ChannelArray::new(n, &t, &v))
+            .collect::<PyResult<_>>()?;
+        work(&SourceMesh {
+            positions: positions.get(),
+            faces: faces.get(),
+            normals: normals.as_ref().map(|n| n.get()),
+            colors: colors.as_ref().map(|c| c.get()),
+            uvs: uvs.iter().map(|u| u.get()).collect(),
+            channels: channels.iter().map(ChannelArray::get).collect(),
+            materials: self.face_materials.as_ref().map(|m| m.as_slice()).transpose()?,
+        })
+    }
+}
+
 #[pymethods]
 impl Mesh {
     /// Builds from arrays. See `nanite_rs.NaniteMesh.from_arrays`.
@@ -175,25 +214,10 @@ impl Mesh {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
         let options = build_options(options)?;
-        let positions = PositionArray::new(vertices, "vertices")?;
-        let count = positions.get().len();
-        let faces = FaceArray::new(faces, "faces", count)?;
-        let normals = normals.map(|n| vertex_rows::<f32, 3>(n, "normals", count)).transpose()?;
-        let colors = colors.map(|c| vertex_rows::<u8, 4>(c, "colors", count)).transpose()?;
-        let uvs: Vec<_> =
-            uvs.iter().map(|u| vertex_rows::<f32, 2>(u, "uvs", count)).collect::<PyResult<_>>()?;
-        let channels: Vec<_> =
-            channels.into_iter().map(|(n, t, v)| ChannelArray::new(n, &t, &v)).collect::<PyResult<_>>()?;
-        let source = SourceMesh {
-            positions: positions.get(),
-            faces: faces.get(),
-            normals: normals.as_ref().map(|n| n.get()),
-            colors: colors.as_ref().map(|c| c.get()),
-            uvs: uvs.iter().map(|u| u.get()).collect(),
-            channels: channels.iter().map(ChannelArray::get).collect(),
-            materials: face_materials.as_ref().map(|m| m.as_slice()).transpose()?,
-        };
-        watched(py, progress.as_ref(), |progress| build::build(&source, &options, progress)).map(Self::new)
+        let given = Given { vertices, faces, normals, colors, uvs, channels, face_materials };
+        given.with_source(|source| {
+            watched(py, progress.as_ref(), |progress| build::build(source, &options, progress)).map(Self::new)
+        })
     }
 
     /// Opens a `.nanite` file; pages, channels and face ids are read when they are needed.
@@ -507,32 +531,22 @@ impl Mesh {
         let made = |channel: usize| -> Arc<[u32]> {
             cut.made.as_ref().map_or_else(Arc::default, |made| made.channels[channel][..].into())
         };
-        let vertices = match positions {
-            ObjectPositions::F32(rows) => into_rows(py, rows)?.into_py_any(py)?,
-            ObjectPositions::F64(rows) => into_rows(py, rows)?.into_py_any(py)?,
-        };
-        let faces = arrays.faces.into_iter().map(|face| face.map(u32::cast_signed)).collect();
-        let sets = arrays.uvs.into_iter().map(|set| into_rows(py, set)).collect::<PyResult<_>>()?;
         let ids: Arc<[u32]> = if dag.channels.is_empty() { Arc::default() } else { arrays.ids[..].into() };
         let rows = |(k, channel): (usize, &Channel)| {
             Py::new(py, ChannelRows { channel: channel.clone(), ids: Arc::clone(&ids), made: made(k) })
         };
         let channels = dag.channels.iter().enumerate().map(rows).collect::<PyResult<_>>()?;
-        Ok(Cut {
-            vertices,
-            faces: into_rows(py, faces)?,
-            normals: into_rows(py, arrays.normals)?,
-            colors: dag.layout().colors.then(|| into_rows(py, arrays.colors)).transpose()?,
-            uvs: sets,
+        CutParts {
+            positions,
+            arrays,
             channels,
-            vertex_ids: into_array(py, arrays.ids),
-            cluster_ids: into_array(py, cluster_ids(&cut)),
-            cluster_levels: into_array(py, levels(dag, &cut)),
-            cluster_materials: dag.layout().materials.then(|| into_array(py, materials(dag, &cut))),
-            first_face: into_array(py, arrays.first_face),
-            error: error.0,
-            attribute_error: error.1,
-        })
+            cluster_ids: cluster_ids(&cut),
+            cluster_levels: levels(dag, &cut),
+            cluster_materials: dag.layout().materials.then(|| materials(dag, &cut)),
+            layout: dag.layout(),
+            error,
+        }
+        .into_cut(py)
     }
 }
 
@@ -573,6 +587,89 @@ fn object_positions(mut internal: Vec<[f32; 3]>, frame: &Frame) -> ObjectPositio
     // In two steps of f64, since the scale itself may lie outside f32.
     internal.par_iter_mut().for_each(|p| *p = frame.to_object(*p).map(|x| x as f32));
     ObjectPositions::F32(internal)
+}
+
+/// Decimates arrays. See `nanite_rs.decimate`.
+#[pyfunction]
+#[pyo3(signature = (vertices, faces, target, *, normals=None, colors=None, uvs=vec![], channels=vec![], face_materials=None, options=None, preserve_border=false, lossless=false, progress=None))]
+pub fn decimate<'py>(
+    py: Python<'py>,
+    vertices: &Bound<'py, PyAny>,
+    faces: &Bound<'py, PyAny>,
+    target: usize,
+    normals: Option<&Bound<'py, PyAny>>,
+    colors: Option<&Bound<'py, PyAny>>,
+    uvs: Vec<Bound<'py, PyAny>>,
+    channels: Vec<(String, String, Bound<'py, PyAny>)>,
+    face_materials: Option<PyReadonlyArray1<'py, i32>>,
+    options: Option<&Bound<'py, PyDict>>,
+    preserve_border: bool,
+    lossless: bool,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Cut> {
+    let options = build_options(options)?;
+    let goal = Goal { target, preserve_border, lossless };
+    let given = Given { vertices, faces, normals, colors, uvs, channels, face_materials };
+    let made = given.with_source(|source| {
+        watched(py, progress.as_ref(), |progress| crate::decimate::decimate(source, goal, &options, progress))
+    })?;
+    let Decimated { mut arrays, materials, channels, layout, frame, .. } = made;
+    let positions = object_positions(std::mem::take(&mut arrays.positions), &frame);
+    let ids: Arc<[u32]> = if channels.is_empty() { Arc::default() } else { arrays.ids[..].into() };
+    let rows =
+        |channel: Channel| Py::new(py, ChannelRows { channel, ids: Arc::clone(&ids), made: Arc::default() });
+    let runs = materials.len();
+    CutParts {
+        positions,
+        arrays,
+        channels: channels.into_iter().map(rows).collect::<PyResult<_>>()?,
+        cluster_ids: vec![NO_CLUSTER; runs],
+        cluster_levels: vec![1; runs],
+        cluster_materials: layout.materials.then_some(materials),
+        layout,
+        error: (f64::INFINITY, f64::INFINITY),
+    }
+    .into_cut(py)
+}
+
+/// What a cut is made of.
+struct CutParts {
+    positions: ObjectPositions,
+    arrays: CutArrays,
+    channels: Vec<Py<ChannelRows>>,
+    cluster_ids: Vec<u32>,
+    cluster_levels: Vec<u8>,
+    cluster_materials: Option<Vec<i32>>,
+    layout: AttributeLayout,
+    /// Of the shape, and of what it carries.
+    error: (f64, f64),
+}
+
+impl CutParts {
+    fn into_cut(self, py: Python<'_>) -> PyResult<Cut> {
+        let Self { arrays, layout, .. } = self;
+        let vertices = match self.positions {
+            ObjectPositions::F32(rows) => into_rows(py, rows)?.into_py_any(py)?,
+            ObjectPositions::F64(rows) => into_rows(py, rows)?.into_py_any(py)?,
+        };
+        let faces = arrays.faces.into_iter().map(|face| face.map(u32::cast_signed)).collect();
+        let sets = arrays.uvs.into_iter().map(|set| into_rows(py, set)).collect::<PyResult<_>>()?;
+        Ok(Cut {
+            vertices,
+            faces: into_rows(py, faces)?,
+            normals: into_rows(py, arrays.normals)?,
+            colors: layout.colors.then(|| into_rows(py, arrays.colors)).transpose()?,
+            uvs: sets,
+            channels: self.channels,
+            vertex_ids: into_array(py, arrays.ids),
+            cluster_ids: into_array(py, self.cluster_ids),
+            cluster_levels: into_array(py, self.cluster_levels),
+            cluster_materials: self.cluster_materials.map(|materials| into_array(py, materials)),
+            first_face: into_array(py, arrays.first_face),
+            error: self.error.0,
+            attribute_error: self.error.1,
+        })
+    }
 }
 
 /// The arrays of a cut.

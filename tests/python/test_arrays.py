@@ -87,7 +87,9 @@ def test_utm_coordinates_keep_their_millimetres() -> None:
     )
     coarse = mesh.cut(target_reduction=0.9)
     away = distance.to_surface(coarse.vertices - origin, vertices - origin, source.faces)
-    near = nrs.NaniteMesh.from_arrays(vertices - origin, source.faces, progress=False).cut(target_reduction=0.9)
+    near = nrs.NaniteMesh.from_arrays(vertices - origin, source.faces, progress=False).cut(
+        target_reduction=0.9
+    )
     assert away.max() <= coarse.error < 1.25 * near.error
 
 

@@ -58,7 +58,14 @@ def test_examples_run(example, frame, tmp_path, monkeypatch):
 
 def test_there_are_examples_for_the_main_names():
     names = {test.name for test in examples()}
-    for name in ("mesh.NaniteMesh", "mesh.NaniteMesh.cut", "mesh.simplify", "cut.Cut", "report.BuildReport"):
+    for name in (
+        "mesh.NaniteMesh",
+        "mesh.NaniteMesh.cut",
+        "decimation.decimate",
+        "decimation.simplify",
+        "cut.Cut",
+        "report.BuildReport",
+    ):
         assert f"nanite_rs.{name}" in names
 
 

@@ -314,7 +314,9 @@ def test_damaged_pickles_are_typed_errors(mesh) -> None:
 
 def digest(cut: nrs.Cut) -> str:
     arrays = (cut.vertices, cut.faces, cut.normals)
-    return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()[:16]
+    return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()[
+        :16
+    ]
 
 
 def test_files_of_version_7_give_the_cuts_they_gave(tmp_path: Path) -> None:

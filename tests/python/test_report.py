@@ -16,7 +16,7 @@ from PIL import Image
 
 pyrender = pytest.importorskip("pyrender")  # one peer of the benchmarks
 ROOT = Path(__file__).resolve().parents[2]
-SECTIONS = {"build", "cut", "distance", "files", "frames", "instances", "memory"}
+SECTIONS = {"build", "cut", "decimate", "distance", "files", "frames", "instances", "memory"}
 HEAD = "|  | unit | nanite_rs | peer | peer's | × |"
 
 

@@ -598,4 +598,19 @@ impl Forms {
         }
         if area > 0.0 { sum / area } else { 0.0 }
     }
+
+    /// The largest distance of a point to the planes around an edge, and to those that stand on borders and creases there.
+    pub fn farthest(&self, surface: &Surface, edge: u32, position: DVec3) -> f64 {
+        let ends = surface.edges[edge as usize].ends;
+        let mut most = 0.0f64;
+        for (f, k) in ends.into_iter().flat_map(|p| surface.around(p)) {
+            most = most.max(self.shares[f].plane.dot(position.extend(1.0)).abs());
+            if surface.faces[f].has_lines() {
+                for (plane, _) in [k, (k + 2) % 3].into_iter().filter_map(|k| self.upright(surface, f, k)) {
+                    most = most.max(plane.dot(position.extend(1.0)).abs());
+                }
+            }
+        }
+        most
+    }
 }

@@ -130,6 +130,9 @@ const THIN_COST: f64 = 0.003;
 /// Distances around folds are looked up in rings of at most so many faces: that takes the square of their number.
 const MOST_FOLDED: usize = 32;
 
+/// Attributes that deviate by no more than this part of their limit are the same but for rounding.
+const ALIKE: f64 = 1.0e-3;
+
 /// Farthest that a point is placed from the middle of its edge, in lengths of the edge.
 const REACH: f64 = 2.0;
 
@@ -140,12 +143,16 @@ pub struct Limit {
     pub target: usize,
     /// The cost to stop at, see [`Collapsed::cost`].
     pub cost: f64,
+    /// Points go no farther from any plane around their edge, nor from the planes that stand on borders and lines, and
+    /// attributes deviate no more than by rounding where this is finite. In the unit of the positions. Goes with policies
+    /// that do not cut.
+    pub distance: f64,
 }
 
 impl Limit {
     /// Down to so many triangles, whatever it costs.
     pub fn triangles(target: usize) -> Self {
-        Self { target, cost: f64::INFINITY }
+        Self { target, cost: f64::INFINITY, distance: f64::INFINITY }
     }
 }
 
@@ -184,14 +191,66 @@ pub fn collapse(
     limit: Limit,
     policy: &Policy,
 ) -> Collapsed {
-    let mut collapser = Collapser::new(mesh, locked, rows, weights, *policy);
-    // As costs are inside.
-    let unit = collapser.extent.powf(policy.power());
-    let (error, moved, stopped) = collapser.run(limit.target, limit.cost / unit);
-    let mut trace = std::mem::take(&mut collapser.trace);
-    trace.iter_mut().for_each(|(cost, _)| *cost *= unit);
-    let cost = trace.last().map_or(0.0, |(cost, _)| *cost);
-    Collapsed { mesh: collapser.finish(mesh), error, moved, cost, trace, stopped }
+    let mut collapses = Collapses::new(mesh, locked, rows, weights, policy);
+    let stopped = collapses.go_on(limit);
+    Collapsed { stopped, ..collapses.finish(mesh) }
+}
+
+/// Collapses that can go on where they stopped: see [`collapse`].
+pub struct Collapses {
+    collapser: Collapser,
+    /// What costs and distances inside are multiples of.
+    unit: f64,
+}
+
+impl Collapses {
+    /// Takes in a mesh, and finds what its edges cost.
+    pub fn new(mesh: &LocalMesh, locked: &[bool], rows: Vec<f32>, weights: &[f32], policy: &Policy) -> Self {
+        let mut collapser = Collapser::new(mesh, locked, rows, weights, *policy);
+        collapser.start();
+        let unit = collapser.extent.powf(policy.power());
+        Self { collapser, unit }
+    }
+
+    /// Collapses until a limit is reached or no edge may collapse; true where the cost was the limit.
+    pub fn go_on(&mut self, limit: Limit) -> bool {
+        let (cost, distance) = (limit.cost / self.unit, limit.distance / self.collapser.extent);
+        self.collapser.run(Limit { cost, distance, ..limit })
+    }
+
+    /// Triangles that are left.
+    pub fn triangles(&self) -> usize {
+        self.collapser.surface.alive
+    }
+
+    /// What the next step costs as far as that is known; none where nothing may collapse.
+    pub fn next_cost(&self) -> Option<f64> {
+        let edge = self.collapser.queue.peek().map(|(_, cost)| cost);
+        let part = self.collapser.part_queue.peek().map(|(_, cost)| cost);
+        let least = edge.into_iter().chain(part).min_by(f32::total_cmp)?;
+        Some(f64::from(least) * self.unit)
+    }
+
+    /// What is left of the mesh.
+    pub fn finish(mut self, mesh: &LocalMesh) -> Collapsed {
+        let collapser = &mut self.collapser;
+        let Worst { moved, gone, .. } = collapser.worst;
+        let length = |squared: f64| (squared.sqrt() * collapser.extent) as f32;
+        let (error, moved) = (length(moved.max(gone)), length(moved));
+        let mut trace = std::mem::take(&mut collapser.trace);
+        trace.iter_mut().for_each(|(cost, _)| *cost *= self.unit);
+        let cost = trace.last().map_or(0.0, |(cost, _)| *cost);
+        Collapsed { mesh: self.collapser.finish(mesh), error, moved, cost, trace, stopped: false }
+    }
+}
+
+/// The largest of what steps did so far.
+#[derive(Clone, Copy, Debug, Default)]
+struct Worst {
+    /// Squared distances that collapses moved, and those of parts that went.
+    moved: f64,
+    gone: f64,
+    cost: f32,
 }
 
 /// What is known of an edge in the queue.
@@ -241,6 +300,7 @@ fn ranks(mesh: &LocalMesh, point_of: &[u32], points: usize) -> Vec<u8> {
 
 struct Collapser {
     policy: Policy,
+    worst: Worst,
     /// What hangs together, and in which order it may go.
     parts: Parts,
     part_queue: Queue,
@@ -341,6 +401,7 @@ impl Collapser {
         let mean = area / surface.faces.len().max(1) as f64;
         Self {
             policy,
+            worst: Worst::default(),
             center,
             extent,
             attribute_limit: policy.attribute_limit * policy.attribute_limit * mean * 4.0 / 3f64.sqrt(),
@@ -370,16 +431,20 @@ impl Collapser {
         }
     }
 
-    /// Collapses down to `target` triangles, or up to a cost; returns the error, the same without
-    /// parts that went, and whether the cost was the limit.
-    fn run(&mut self, target: usize, limit: f64) -> (f32, f32, bool) {
+    /// Finds what all edges and parts cost.
+    fn start(&mut self) {
         self.queue.reset(self.surface.edges.len());
         for edge in 0..self.surface.edges.len() as u32 {
             self.look(edge);
         }
         self.part_queue.reset(self.parts.all.len());
         (0..self.parts.all.len() as u32).for_each(|part| self.queue_part(part));
-        let (mut worst, mut gone, mut most, mut stopped) = (0.0f64, 0.0f64, 0.0f32, false);
+    }
+
+    /// Collapses up to a limit, which is in its own units; returns whether the cost was the limit.
+    fn run(&mut self, limit: Limit) -> bool {
+        let Limit { target, cost: limit, distance: reach } = limit;
+        let mut stopped = false;
         while self.surface.alive > target {
             let part = self.part_queue.peek();
             let next = self.queue.peek();
@@ -389,8 +454,8 @@ impl Collapser {
                 let Some(squared) = self.leave_out(part, cost, target, limit, next.is_none()) else {
                     continue;
                 };
-                (gone, most) = (gone.max(squared), most.max(cost));
-                self.trace.push((most.into(), self.surface.alive as u32));
+                self.worst.gone = self.worst.gone.max(squared);
+                self.took(cost);
                 continue;
             }
             let Some((edge, cost)) = next else { break };
@@ -437,6 +502,10 @@ impl Collapser {
                 }
                 position = place;
             }
+            if reach < f64::INFINITY && !self.keeps_all(edge, position, reach) {
+                self.block(edge);
+                continue;
+            }
             if !thin && self.forms.thins(&self.surface, edge, position) {
                 self.entries[edge as usize].thin = true;
                 self.queue.set(edge, self.later(edge, f64::from(cost)) as f32);
@@ -446,16 +515,32 @@ impl Collapser {
             let drift = self.past(edge) + squared;
             match self.apply(edge, position) {
                 Some(point) => {
-                    (worst, most) = (worst.max(squared), most.max(cost));
-                    self.trace.push((most.into(), self.surface.alive as u32));
+                    self.worst.moved = self.worst.moved.max(squared);
+                    self.took(cost);
                     self.drift[point as usize] = drift;
                     self.look_around();
                 }
                 None => self.block(edge),
             }
         }
-        let [error, moved] = [worst.max(gone), worst].map(|squared| (squared.sqrt() * self.extent) as f32);
-        (error, moved, stopped)
+        stopped
+    }
+
+    /// Takes down a step.
+    fn took(&mut self, cost: f32) {
+        self.worst.cost = self.worst.cost.max(cost);
+        self.trace.push((self.worst.cost.into(), self.surface.alive as u32));
+    }
+
+    /// Whether an edge collapses to a place without a change of more than `reach` in the shape, or than rounding in what
+    /// it carries.
+    fn keeps_all(&mut self, edge: u32, place: DVec3, reach: f64) -> bool {
+        if self.forms.farthest(&self.surface, edge, place) > reach
+            || !self.forms.edge(&self.surface, edge, &mut self.sums)
+        {
+            return false;
+        }
+        self.sums.attribute.at(place) <= ALIKE * ALIKE * self.attribute_limit * self.sums.area
     }
 
     /// What an edge costs that makes a thin face.

@@ -401,7 +401,7 @@ fn what_a_collapse_may_cost_is_a_limit_in_any_unit() {
     let mut small = hill.clone();
     small.positions.iter_mut().flatten().for_each(|x| *x *= 0.25);
     for (mesh, unit) in [(&hill, 1.0), (&small, 0.25f64.powf(4.5))] {
-        let limit = Limit { target: 0, cost: 1.0001 * cost * unit };
+        let limit = Limit { cost: 1.0001 * cost * unit, ..Limit::triangles(0) };
         let made = collapse(mesh, &mesh.locked, mesh.attributes.clone(), &WEIGHTS, limit, &Policy::default());
         assert!(made.stopped && made.cost <= limit.cost);
         assert!((made.mesh.indices.len() / 3).abs_diff(left as usize) < 20);
