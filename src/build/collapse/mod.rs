@@ -470,11 +470,12 @@ impl Collapser {
                 continue;
             }
             if !self.surface.can_collapse(edge) {
-                match self.obstacle(edge) {
+                // A face where there was none is farther off than any reach.
+                match self.obstacle(edge).filter(|_| reach == f64::INFINITY) {
                     None => self.block(edge),
                     Some(Obstacle::Ring(found)) if ring => self.cut(&found),
                     Some(Obstacle::Opening(found)) if ring => {
-                        gone = gone.max(self.closing(found.points).1);
+                        self.worst.gone = self.worst.gone.max(self.closing(found.points).1);
                         self.close(&found);
                     }
                     Some(Obstacle::Ring(Ring { points, .. }) | Obstacle::Opening(Opening { points, .. })) => {
