@@ -184,8 +184,9 @@ def test_bounds_of_groups_are_tight() -> None:
 
 @pytest.mark.parametrize(("quality", "most"), [("fast", 1.5), ("best", 1.75)])
 def test_many_groups_state_little_more_than_there_is(quality: str, most: float) -> None:
-    """Some groups have triangles that reach over what they answer for, and state no more for it. Those that state most
-    are not the ones that cost most in the mean square, by which the best quality chooses."""
+    """Some groups have triangles that reach over what they answer for, and state no more for it.
+
+    Those that state most are not those that cost most in the mean square, by which the best quality chooses."""
     vertices, faces = nrs.shapes.displaced_icosphere(faces=200_000)
     options = nrs.BuildOptions(quality=quality)
     mesh = nrs.NaniteMesh.from_arrays(vertices, faces, options=options, progress=False)

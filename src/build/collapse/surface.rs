@@ -556,7 +556,8 @@ impl Surface {
             let all = [b, a, c];
             Some(Opening { points: all.map(|p| p.0), wedges: all.map(|p| p.1), edges: [edge, to_a, to_c] })
         });
-        let free = |opening: &Opening| opening.points.iter().filter(|p| self.locked[**p as usize]).count() < 2;
+        let free =
+            |opening: &Opening| opening.points.iter().filter(|p| self.locked[**p as usize]).count() < 2;
         let size = |opening: &Opening| {
             let [a, b, c] = opening.points.map(|p| self.positions[p as usize]);
             (b - a).cross(c - a).length_squared()
