@@ -522,8 +522,10 @@ fn run(
 ) -> Made {
     let mut error = 0.0;
     let between_materials = differ_at_position(mesh, &mesh.materials);
+    // meshoptimizer asks for no more than there are.
+    let target = limit.target.min(mesh.indices.len() / 3);
     if step == Step::Sloppy {
-        let (mesh, error) = sloppy(mesh, locked, limit.target, &between_materials);
+        let (mesh, error) = sloppy(mesh, locked, target, &between_materials);
         return Made { mesh, error, moved: error, cost: None, stopped: false };
     }
     let edge = mean_edge(mesh);
@@ -559,7 +561,7 @@ fn run(
             &guides.weights,
             width * 4,
             Some(&locks),
-            3 * limit.target,
+            3 * target,
             f32::MAX,
             flags,
             Some(&mut error),

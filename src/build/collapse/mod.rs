@@ -470,8 +470,7 @@ impl Collapser {
                 continue;
             }
             if !self.surface.can_collapse(edge) {
-                // A face where there was none is farther off than any reach.
-                match self.obstacle(edge).filter(|_| reach == f64::INFINITY) {
+                match self.obstacle(edge) {
                     None => self.block(edge),
                     Some(Obstacle::Ring(found)) if ring => self.cut(&found),
                     Some(Obstacle::Opening(found)) if ring => {
