@@ -36,8 +36,8 @@ const LEAST: u64 = 4_000;
 /// The same where collapses may change the topology, which takes ten times as long where the surface is folded.
 const ROOM_APART: u64 = 2;
 const LEAST_APART: u64 = 1_000;
-/// What is farther off than so many times the coarser cut is tried again with such collapses.
-const FAR: f32 = 2.0;
+/// What is farther off than so many times the coarser cut is tried again with such collapses, and then not taken.
+const FAR: f32 = 1.5;
 /// Where less than one in so many of the triangles between two cuts are missing, edges of the coarser one are halved: as much
 /// is nearer than what collapses leave.
 const FEW_PART: u64 = 10;
@@ -165,8 +165,9 @@ impl Finisher {
             let few = self.gather(dag, fine, (ROOM_APART * excess).max(LEAST_APART));
             let apart = attempt(&few, true)?;
             let other = apart.collapsed().transpose()?;
-            let nearer = other.filter(|other| other.made_distance() < cut.made_distance());
-            return Ok(nearer.unwrap_or(cut));
+            let nearer = other.filter(|other| other.made_distance() < cut.made_distance()).unwrap_or(cut);
+            // Rather the coarser cut's shape than a worse one.
+            return if is_far(&nearer) { divided() } else { Ok(nearer) };
         }
         let apart = attempt(&groups, true)?;
         if let Some(cut) = apart.collapsed().or_else(|| apart.thinned()).transpose()? {
