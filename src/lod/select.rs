@@ -82,13 +82,12 @@ pub fn error_with(dag: &Dag, clusters: &[ClusterAddress], other: f32) -> f64 {
 /// How many triangles the cut has after each group that is replaced by what was made from it: found once, then any
 /// budget is a search in a table.
 ///
-/// For a number of triangles it is the estimates of the simplifier that are compared, and not what is proven: a bound
-/// is that of the worst point of a group, an estimate says more about all of them, so that cuts come out nearer in the
-/// mean. Estimates do not decrease along the DAG either, and of equal ones the finer level comes first, which is all that a cut
-/// needs to be whole.
+/// For a number of triangles it is the ranks of groups that are compared, and not what is proven: a bound is that of the worst
+/// point of a group, a rank says more about all of them, so that cuts come out nearer in the mean. Ranks do not decrease
+/// along the DAG either, and of equal ones the finer level comes first, which is all that a cut needs to be whole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FaceBudget {
-    /// Groups by rising estimate.
+    /// Groups by rising rank.
     order: Vec<u32>,
     /// The place of each group in that order.
     ranks: Vec<u32>,
@@ -105,23 +104,18 @@ pub struct Beside {
     pub coarse: usize,
 }
 
-/// What is compared for a number of triangles.
-fn estimate(group: &Group) -> f32 {
-    group.rank
-}
-
 impl FaceBudget {
     /// Tabulates a mesh whose pages are all in memory. Costs one pass over the clusters.
     pub fn new(dag: &Dag) -> Self {
         let mut order: Vec<u32> = (0..dag.groups.len() as u32).collect();
         let of = |g: &u32| &dag.groups[*g as usize];
         order.sort_by(|a, b| {
-            let by_estimate = estimate(of(a)).total_cmp(&estimate(of(b)));
+            let by_rank = of(a).rank.total_cmp(&of(b).rank);
             of(a)
                 .error
                 .is_infinite()
                 .cmp(&of(b).error.is_infinite())
-                .then(by_estimate)
+                .then(by_rank)
                 .then(of(a).level.cmp(&of(b).level))
                 .then(a.cmp(b))
         });
