@@ -47,6 +47,39 @@ const AGAINST: f64 = 0.03;
 /// Cosine of the angle, from behind, up to which a face that closes an opening may face away from its normals.
 const CLOSES: f64 = 0.5;
 
+/// Distances around folds are looked up in rings of at most so many faces: that takes the square of their number.
+pub const MOST_FOLDED: usize = 32;
+
+/// A triangle with its box.
+struct Boxed {
+    corners: [DVec3; 3],
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Boxed {
+    fn new(corners: [DVec3; 3]) -> Self {
+        let [a, b, c] = corners;
+        Self { corners, low: a.min(b).min(c), high: a.max(b).max(c) }
+    }
+}
+
+/// The squared distance of a place from some triangles. `near` is the one that is looked at first, and becomes the nearest.
+fn nearest(p: DVec3, others: &[Boxed], near: &mut usize) -> f64 {
+    let first = *near;
+    let mut best = others.get(first).map_or(f64::INFINITY, |other| squared_distance(p, other.corners));
+    for (i, other) in others.iter().enumerate() {
+        if i == first || p.distance_squared(p.clamp(other.low, other.high)) >= best {
+            continue;
+        }
+        let squared = squared_distance(p, other.corners);
+        if squared < best {
+            (best, *near) = (squared, i);
+        }
+    }
+    best
+}
+
 impl Sums {
     /// Whether the normals nearly cancel.
     fn cancel(&self) -> bool {
@@ -529,42 +562,45 @@ impl Forms {
 
     /// Squared distances between the faces around an edge and those that are there when it collapses to `position`,
     /// weighted by area: the larger of both ways. By the rule of three corners and the centre, which is exact for what is
-    /// quadratic.
-    pub fn apart(&self, surface: &Surface, edge: u32, position: DVec3) -> f64 {
+    /// quadratic. Ends where it is more than `most`.
+    pub fn apart(&self, surface: &Surface, edge: u32, position: DVec3, most: f64) -> f64 {
         let ends = surface.edges[edge as usize].ends;
-        let mut before: Vec<[DVec3; 3]> = Vec::new();
+        let mut before: Vec<Boxed> = Vec::with_capacity(MOST_FOLDED);
         for (i, end) in ends.into_iter().enumerate() {
             for (f, _) in surface.around(end) {
                 if i == 0 || !surface.faces[f].has_edge(edge) {
-                    before.push(surface.faces[f].points.map(|p| surface.positions[p as usize]));
+                    before.push(Boxed::new(surface.faces[f].points.map(|p| surface.positions[p as usize])));
                 }
             }
         }
-        let after: Vec<[DVec3; 3]> = self
+        let after: Vec<Boxed> = self
             .moved(surface, edge, position)
-            .map(|(_, _, [u, v])| [position, position + u, position + v])
+            .map(|(_, _, [u, v])| Boxed::new([position, position + u, position + v]))
             .collect();
-        let to = |p: DVec3, others: &[[DVec3; 3]]| {
-            others.iter().fold(f64::INFINITY, |best, corners| best.min(squared_distance(p, *corners)))
-        };
-        let ends = ends.map(|p| surface.positions[p as usize]);
-        let to_after = ends.map(|p| if after.is_empty() { 0.0 } else { to(p, &after) });
-        let to_before = to(position, &before);
-        let one_way = |from: &[[DVec3; 3]], others: &[[DVec3; 3]], known: &dyn Fn(DVec3) -> f64| -> f64 {
-            from.iter()
-                .map(|t| {
-                    let area = 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
-                    let corners: f64 = t.iter().map(|p| known(*p)).sum();
-                    area * (0.75 * to((t[0] + t[1] + t[2]) / 3.0, others) + corners / 12.0)
-                })
-                .sum()
-        };
         if after.is_empty() {
             return 0.0;
         }
+        let ends = ends.map(|p| surface.positions[p as usize]);
+        let mut near = 0;
+        let to_after = ends.map(|p| nearest(p, &after, &mut near));
+        let to_before = nearest(position, &before, &mut near);
+        let one_way = |from: &[Boxed], others: &[Boxed], known: &dyn Fn(DVec3) -> f64| -> f64 {
+            let (mut sum, mut near) = (0.0, 0);
+            for Boxed { corners: t, .. } in from {
+                let area = 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
+                let corners: f64 = t.iter().map(|p| known(*p)).sum();
+                sum +=
+                    area * (0.75 * nearest((t[0] + t[1] + t[2]) / 3.0, others, &mut near) + corners / 12.0);
+                if sum > most {
+                    break;
+                }
+            }
+            sum
+        };
         let at_end = |p: DVec3| ends.iter().position(|end| *end == p).map_or(0.0, |k| to_after[k]);
         let at_new = |p: DVec3| if p == position { to_before } else { 0.0 };
-        one_way(&before, &after, &at_end).max(one_way(&after, &before, &at_new))
+        let there = one_way(&before, &after, &at_end);
+        if there > most { there } else { there.max(one_way(&after, &before, &at_new)) }
     }
 
     /// Room for a further point.

@@ -19,7 +19,7 @@ pub mod wedges;
 use glam::DVec3;
 use rustc_hash::FxHashSet;
 
-use self::forms::{Channel, Forms, Sums};
+use self::forms::{Channel, Forms, MOST_FOLDED, Sums};
 use self::parts::Parts;
 use self::quadric::Quadric;
 use self::queue::Queue;
@@ -127,8 +127,6 @@ const NORMAL_COLUMNS: usize = 3;
 
 /// What a collapse that makes a thin face costs more: this part of the length of the edge, as a distance.
 const THIN_COST: f64 = 0.003;
-/// Distances around folds are looked up in rings of at most so many faces: that takes the square of their number.
-const MOST_FOLDED: usize = 32;
 
 /// Attributes that deviate by no more than this part of their limit are the same but for rounding.
 const ALIKE: f64 = 1.0e-3;
@@ -673,7 +671,7 @@ impl Collapser {
         let (ends, locked) = self.ends(edge);
         let folded = self.is_folded(edge, sums);
         if let Some(place) = locked {
-            return (place, self.price(edge, sums, ends, place, folded));
+            return (place, self.price(edge, sums, ends, place, folded, f64::INFINITY));
         }
         let middle = (ends[0] + ends[1]) * 0.5;
         let mut whole = self.to_minimize(sums);
@@ -719,10 +717,10 @@ impl Collapser {
         self.policy.cuts && self.forms.is_folded(&self.surface, edge, sums) && faces() <= MOST_FOLDED
     }
 
-    /// The cost of a place; around a fold by the distances of the faces before and after.
-    fn price(&self, edge: u32, sums: &Sums, ends: [DVec3; 2], p: DVec3, folded: bool) -> f64 {
+    /// The cost of a place; around a fold by the distances of the faces before and after. Exact up to `most`.
+    fn price(&self, edge: u32, sums: &Sums, ends: [DVec3; 2], p: DVec3, folded: bool, most: f64) -> f64 {
         let cost = self.cost(sums, ends, p);
-        if folded { cost.max(self.forms.apart(&self.surface, edge, p)) } else { cost }
+        if folded && cost <= most { cost.max(self.forms.apart(&self.surface, edge, p, most)) } else { cost }
     }
 
     fn cheapest(
@@ -734,9 +732,15 @@ impl Collapser {
         folded: bool,
         fits: impl Fn(DVec3) -> bool,
     ) -> Option<(DVec3, f64)> {
-        let mut priced = places.map(|p| (p, self.price(edge, sums, ends, p, folded)));
-        priced.sort_by(|a, b| a.1.total_cmp(&b.1));
-        priced.into_iter().find(|(p, _)| fits(*p))
+        let mut best: Option<(DVec3, f64)> = None;
+        for p in places {
+            let most = best.map_or(f64::INFINITY, |(_, price)| price);
+            let price = self.price(edge, sums, ends, p, folded, most);
+            if (best.is_none() || price < most) && fits(p) {
+                best = Some((p, price));
+            }
+        }
+        best
     }
 
     /// The best place on an edge that does not fold the surface, and its cost.
