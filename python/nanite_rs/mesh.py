@@ -64,9 +64,9 @@ class BuildOptions:
     """What gathers clusters into groups, meshoptimizer or METIS: both keep together what shares much border."""
     quality: Literal["fast", "best"] = "best"
     """What simplifies groups: "best" is an edge collapse that goes where the error is cheap; "fast", for hurry, is
-    meshoptimizer. It builds in half to three quarters of the time and stores two fifths less below a quarter of a
-    million triangles, where its levels lie farther apart. Scans have a quarter to two thirds more root mean square
-    error at the same size, and meshes of many parts several times as much."""
+    meshoptimizer. It builds in a third to a half of the time and stores two fifths less below a quarter of a
+    million triangles, where its levels lie farther apart. Scans have 10 to 30 % more root mean square error at the
+    same size, other meshes up to two and a half times as much (docs/quality.md)."""
     error: Literal["quadric", "bound"] = "bound"
     """How the errors that cuts state are found: "bound" proves them for every point of both surfaces, in either
     direction (see docs/numerics.md); "quadric" trusts the simplifier, which is often too low and builds fastest."""

@@ -309,7 +309,7 @@ fn with_little_room_frames_come_are_whole_and_say_how_coarse() {
     let mesh = dag(&bumpy_sphere(240));
     let options = RenderOptions { wait: false, pixel_error: 0.1, ..RenderOptions::default() };
     for (backend, all) in backends("with_little_room_frames_come_are_whole_and_say_how_coarse", &mesh) {
-        let room = wanted(backend, &mesh, all, options.pixel_error) / 10;
+        let room = wanted(backend, &mesh, all, options.pixel_error) / 4;
         let stored = open(Disk { delay: Duration::from_micros(300), ..Disk::of(&mesh) });
         let scene = scene_of(&stored);
         let mut streamed = renderer(backend, room);
