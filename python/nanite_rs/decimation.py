@@ -62,7 +62,7 @@ def decimate(
 ) -> Cut:
     """Simplify a mesh to one number of triangles, on all cores, and keep no other level.
 
-    Takes some two fifths of the time of building a `NaniteMesh`, which is worth its time from the second level on. The
+    Takes two fifths of the time of building a `NaniteMesh`, which is worth its time from the second level on. The
     interpreter lock is released, Ctrl-C works, and the same input gives the same result on any number of threads.
     Do not modify the arrays while this runs.
 
