@@ -262,6 +262,9 @@ struct Entry {
     thin: bool,
     /// It waited for a ring or an opening in its way.
     ring: bool,
+    /// Distances around the fold that it lies on are part of its cost. They take long, and edges that never come to the
+    /// front do without.
+    priced: bool,
     /// Its best place, whether it folds the surface or not.
     place: DVec3,
 }
@@ -462,9 +465,13 @@ impl Collapser {
                 break;
             }
             let [a, b] = self.surface.edges[edge as usize].ends;
-            let Entry { seen, second, thin, ring, place: mut position } = self.entries[edge as usize];
+            let Entry { seen, second, thin, ring, priced, place: mut position } = self.entries[edge as usize];
             if seen < self.changed[a as usize].max(self.changed[b as usize]) {
                 self.look(edge);
+                continue;
+            }
+            if !priced {
+                self.price_fold(edge);
                 continue;
             }
             if !self.surface.can_collapse(edge) {
@@ -618,7 +625,24 @@ impl Collapser {
             self.block(edge);
             return;
         }
-        let (place, cost) = self.best_place(edge, &self.sums);
+        let folded = self.is_folded(edge, &self.sums);
+        self.entries[edge as usize].priced = !folded;
+        self.put(edge, false);
+    }
+
+    /// Adds what distances around the fold that an edge lies on cost, and puts it in its place.
+    fn price_fold(&mut self, edge: u32) {
+        self.entries[edge as usize].priced = true;
+        if self.forms.edge(&self.surface, edge, &mut self.sums) {
+            self.put(edge, true);
+        } else {
+            self.block(edge);
+        }
+    }
+
+    /// Puts an edge whose sums were just found in its place.
+    fn put(&mut self, edge: u32, folded: bool) {
+        let (place, cost) = self.best_place(edge, &self.sums, folded);
         self.entries[edge as usize].place = place;
         self.queue.set(edge, self.total(edge, &self.sums, cost) as f32);
     }
@@ -666,10 +690,10 @@ impl Collapser {
         if sums.area > 0.0 { self.policy.evened(total, total / sums.area) } else { total }
     }
 
-    /// The best place for the point that an edge becomes, whether it folds the surface or not, and its cost.
-    fn best_place(&self, edge: u32, sums: &Sums) -> (DVec3, f64) {
+    /// The best place for the point that an edge becomes, whether it folds the surface or not, and its cost; `folded` with
+    /// distances.
+    fn best_place(&self, edge: u32, sums: &Sums, folded: bool) -> (DVec3, f64) {
         let (ends, locked) = self.ends(edge);
-        let folded = self.is_folded(edge, sums);
         if let Some(place) = locked {
             return (place, self.price(edge, sums, ends, place, folded, f64::INFINITY));
         }
