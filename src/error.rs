@@ -75,6 +75,12 @@ pub enum Error {
         /// Why, and what is missing.
         message: String,
     },
+    /// Another thread held something when this process was forked, and nobody gives it back.
+    #[error(
+        "{0} was in use by another thread when this process was forked, and stays so here: make another one in this \
+         process, or start workers with \"spawn\" or \"forkserver\""
+    )]
+    Forked(&'static str),
     /// An invariant of the built mesh does not hold: a bug, or a damaged file.
     #[error("invariant violated: {0}")]
     Invariant(String),

@@ -26,5 +26,6 @@ mod python;
 pub mod render;
 pub mod scene;
 pub mod stream;
+pub mod threads;
 
 pub use error::{Error, Result};

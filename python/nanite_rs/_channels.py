@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -81,18 +80,19 @@ class CutChannels(Mapping[str, "NDArray[Any]"]):
     FileError where the file is damaged. Pickles and copies are plain dictionaries of all channels.
     """
 
-    __slots__ = ("_lock", "_values")
+    __slots__ = ("_made", "_values")
 
     def __init__(self, channels: Sequence[ChannelRows]) -> None:
         self._values: dict[str, ChannelRows | NDArray[Any]] = {rows.name: rows for rows in channels}
-        self._lock = Lock()
+        self._made: dict[str, NDArray[Any]] = {}
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return the values, the same array each time."""
-        with self._lock:
-            value = self._values[name]
-            if isinstance(value, ChannelRows):
-                value = self._values[name] = _unpacked(value)
+        value = self._values[name]
+        if isinstance(value, ChannelRows):
+            # Of threads that come at once each may unpack it; the first array stays. None waits for another, which a
+            # process that was forked does not have.
+            value = self._values[name] = self._made.setdefault(name, _unpacked(value))
         return value
 
     def __contains__(self, name: object) -> bool:

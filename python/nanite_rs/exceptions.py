@@ -17,6 +17,7 @@ __all__ = [
     "DependencyError",
     "DtypeError",
     "FileError",
+    "ForkError",
     "FormatError",
     "InternalError",
     "InvariantError",
@@ -66,6 +67,10 @@ class StaleHandleError(NaniteError, RuntimeError):
 
 class BackendError(NaniteError, RuntimeError):
     """The requested rendering backend is not available here; the message says what is missing."""
+
+
+class ForkError(NaniteError, RuntimeError):
+    """Another thread used it when this process was forked; the message says what it is and what to do."""
 
 
 class UsageWarning(UserWarning):

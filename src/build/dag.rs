@@ -3,11 +3,9 @@
 //! nothing depends on which finished first.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
-use super::Progress;
 use super::attribute_error::step_deviation;
 use super::clusterize::{self, ClusterMesh};
 use super::collapse::{Limit, Policy};
@@ -20,6 +18,7 @@ use super::relax::relax;
 use super::silhouette::Sight;
 use super::simplify::{Effort, Simplified, Step, ratio, simplify, trace};
 use super::store::{LocalMesh, RoundPositions, VertexStore};
+use super::{Meter, Progress};
 use crate::config::{BuildOptions, ErrorMeasure, Quality};
 use crate::error::{Error, Result};
 use crate::limits::{MAX_ROUNDS, ROOT_PAGE_MAX_BYTES};
@@ -99,28 +98,6 @@ pub struct Graph {
     pub source_vertices: usize,
 }
 
-/// Counts work and passes it on; remembers a wish to stop.
-struct Meter<'a> {
-    progress: &'a dyn Progress,
-    done: AtomicU64,
-    total: u64,
-    cancelled: AtomicBool,
-}
-
-impl Meter<'_> {
-    fn advance(&self, by: usize) -> bool {
-        if self.cancelled.load(Ordering::Relaxed) {
-            return false;
-        }
-        let done = self.done.fetch_add(by as u64, Ordering::Relaxed) + by as u64;
-        let go_on = self.progress.update(done.min(self.total), self.total);
-        if !go_on {
-            self.cancelled.store(true, Ordering::Relaxed);
-        }
-        go_on
-    }
-}
-
 /// Grows the whole DAG of a welded mesh.
 pub fn grow(
     mut mesh: WeldedMesh,
@@ -130,7 +107,7 @@ pub fn grow(
 ) -> Result<Graph> {
     // Every triangle is split into clusters once and, but for a few, taken away once.
     let total = 2 * mesh.faces.len() as u64;
-    let meter = Meter { progress, done: AtomicU64::new(0), total, cancelled: AtomicBool::new(false) };
+    let meter = Meter::new(progress, total);
     if !meter.advance(0) {
         return Err(Error::Cancelled);
     }

@@ -11,6 +11,8 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 use metis::option::Seed;
 
+use crate::threads::PerProcess;
+
 const SEED: i32 = 1;
 
 thread_local! {
@@ -46,8 +48,8 @@ extern "C" fn nanite_metis_signal(_: c_int, _: *const c_void) -> *const c_void {
 /// The part of each node of a graph: `starts` has one more entry than nodes, `neighbours` and `weights` one entry
 /// for each direction of each edge. All zero where METIS fails.
 pub fn partition(starts: &[i32], neighbours: &[i32], weights: &[i32], parts: usize) -> Vec<u32> {
-    static TURN: Mutex<()> = Mutex::new(());
-    let turn = (!is_private()).then(|| TURN.lock().unwrap_or_else(PoisonError::into_inner));
+    static TURN: PerProcess<Mutex<()>> = PerProcess::new();
+    let turn = (!is_private()).then(|| TURN.get().lock().unwrap_or_else(PoisonError::into_inner));
     let part = call(starts, neighbours, weights, parts);
     drop(turn);
     part

@@ -26,10 +26,13 @@ pub mod silhouette;
 pub mod simplify;
 pub mod store;
 
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
 use crate::config::BuildOptions;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::mesh::{SourceMesh, weld};
 use crate::model::{BuildReport, Dag};
+use crate::threads;
 
 pub use check::{CheckReport, check};
 
@@ -48,17 +51,36 @@ impl Progress for Silent {
     }
 }
 
+/// Counts work and passes it on; remembers a wish to stop.
+pub struct Meter<'a> {
+    progress: &'a dyn Progress,
+    done: AtomicU64,
+    total: u64,
+    cancelled: AtomicBool,
+}
+
+impl<'a> Meter<'a> {
+    /// Of so many units of work.
+    pub fn new(progress: &'a dyn Progress, total: u64) -> Self {
+        Self { progress, done: AtomicU64::new(0), total, cancelled: AtomicBool::new(false) }
+    }
+
+    /// So much more is done; false once the work is to stop.
+    pub fn advance(&self, by: usize) -> bool {
+        if self.cancelled.load(Ordering::Relaxed) {
+            return false;
+        }
+        let done = self.done.fetch_add(by as u64, Ordering::Relaxed) + by as u64;
+        let goes_on = self.progress.update(done.min(self.total), self.total);
+        self.cancelled.fetch_or(!goes_on, Ordering::Relaxed);
+        goes_on
+    }
+}
+
 /// Builds the cluster DAG of a mesh. The result does not depend on the number of threads.
 pub fn build(source: &SourceMesh<'_>, options: &BuildOptions, progress: &dyn Progress) -> Result<Dag> {
     options.validate()?;
-    if options.threads == 0 {
-        return run(source, options, progress);
-    }
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.threads)
-        .build()
-        .map_err(|e| Error::argument("threads", e.to_string()))?;
-    pool.install(|| run(source, options, progress))
+    threads::install(options.threads, || run(source, options, progress))?
 }
 
 fn run(source: &SourceMesh<'_>, options: &BuildOptions, progress: &dyn Progress) -> Result<Dag> {

@@ -8,18 +8,16 @@
 
 mod blocks;
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-
 use rayon::prelude::*;
 
 use self::blocks::{compact, split};
-use crate::build::Progress;
 use crate::build::collapse::Limit;
 use crate::build::content::Content;
 use crate::build::dag::{RELAX_REACH, merged};
 use crate::build::relax::fit;
 use crate::build::simplify::{Finished, Reduction, reduce, trace};
 use crate::build::store::LocalMesh;
+use crate::build::{Meter, Progress};
 use crate::config::{BuildOptions, Quality};
 use crate::error::{Error, Result};
 use crate::lod::CutArrays;
@@ -27,6 +25,7 @@ use crate::math::median::Place;
 use crate::mesh::edges::Edges;
 use crate::mesh::{Channels, SourceMesh, WeldedMesh, hash, weld};
 use crate::model::{AttributeLayout, BuildReport, Channel, Frame};
+use crate::threads;
 
 /// Most triangles of a block.
 const BLOCK: usize = 1 << 15;
@@ -97,14 +96,7 @@ pub fn decimate(
     progress: &dyn Progress,
 ) -> Result<Decimated> {
     options.validate()?;
-    if options.threads == 0 {
-        return run(source, goal, options, progress);
-    }
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.threads)
-        .build()
-        .map_err(|e| Error::argument("threads", e.to_string()))?;
-    pool.install(|| run(source, goal, options, progress))
+    threads::install(options.threads, || run(source, goal, options, progress))?
 }
 
 fn run(
@@ -151,31 +143,6 @@ fn whole(mesh: WeldedMesh, channels: &Channels, preserve_border: bool) -> LocalM
         indices: mesh.faces.into_flattened(),
         positions: mesh.positions,
         copies: Vec::new(),
-    }
-}
-
-/// Counts triangles that went, and passes on a wish to stop.
-struct Meter<'a> {
-    progress: &'a dyn Progress,
-    done: AtomicU64,
-    total: u64,
-    cancelled: AtomicBool,
-}
-
-impl<'a> Meter<'a> {
-    fn new(progress: &'a dyn Progress, total: u64) -> Self {
-        Self { progress, done: AtomicU64::new(0), total, cancelled: AtomicBool::new(false) }
-    }
-
-    /// False once the work is to stop.
-    fn advance(&self, by: usize) -> bool {
-        if self.cancelled.load(Ordering::Relaxed) {
-            return false;
-        }
-        let done = self.done.fetch_add(by as u64, Ordering::Relaxed) + by as u64;
-        let goes_on = self.progress.update(done.min(self.total), self.total);
-        self.cancelled.fetch_or(!goes_on, Ordering::Relaxed);
-        goes_on
     }
 }
 

@@ -2,13 +2,14 @@
 
 use std::fmt;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use super::decode::{Container, Head, Source, WordSection};
 use super::input::{Input, OnDisk};
 use super::page_decode::Decoder;
 use crate::error::Result;
 use crate::model::{Dag, PageSource, PageWords, Pages, Words};
+use crate::threads::Lock;
 
 /// The pages of an open file.
 pub struct Stored {
@@ -16,7 +17,7 @@ pub struct Stored {
     name: Arc<str>,
     head: Head,
     /// Those that no thread uses.
-    decoders: Mutex<Vec<Decoder>>,
+    decoders: Lock<Vec<Decoder>>,
 }
 
 impl fmt::Debug for Stored {
@@ -27,12 +28,12 @@ impl fmt::Debug for Stored {
 
 impl PageSource for Stored {
     fn read(&self, page: usize) -> Result<PageWords> {
-        let free = || self.decoders.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = free().pop();
+        let free = || self.decoders.write("the file of the mesh");
+        let known = free()?.pop();
         let mut decoder = known.map_or_else(Decoder::new, Ok)?;
         let source = Source::new(&*self.input, &self.name);
         let words = self.head.page(&source, page, &mut decoder);
-        free().push(decoder);
+        free()?.push(decoder);
         words
     }
 
@@ -51,7 +52,7 @@ pub fn open_input(input: Box<dyn Input>, name: &str) -> Result<Dag> {
     };
     let (dag, head) = Container::new(&*input, &name)?.dag(stored)?;
     let (table, layout) = (head.entries(), head.metadata.layout);
-    let source = Stored { input, name, head, decoders: Mutex::default() };
+    let source = Stored { input, name, head, decoders: Lock::new(Vec::new()) };
     Ok(Dag { pages: Arc::new(Pages::stored(table, layout, Arc::new(source))), ..dag })
 }
 

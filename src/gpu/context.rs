@@ -18,6 +18,7 @@ use super::shaders::{KERNELS, Kernel, SCAN_WIDTH};
 use super::{calibrate, raster_hardware};
 use crate::config::Calibration;
 use crate::error::{Error, Result};
+use crate::threads::PerProcess;
 
 /// Storage buffers that a stage binds at most.
 pub const STORAGE_BUFFERS: u32 = 14;
@@ -102,8 +103,16 @@ fn lacking(limits: &Limits) -> Vec<String> {
 impl Context {
     /// The device in use, or the best there is. Nothing of Vulkan, Metal or DX12 is loaded before this.
     pub fn shared() -> Result<Arc<Self>> {
-        static SHARED: Mutex<Weak<Context>> = Mutex::new(Weak::new());
-        let mut shared = lock(&SHARED);
+        static SHARED: PerProcess<Mutex<Weak<Context>>> = PerProcess::new();
+        /// The process that first asked for one.
+        static FIRST: OnceLock<u32> = OnceLock::new();
+        if *FIRST.get_or_init(std::process::id) != std::process::id() {
+            return Err(unavailable(
+                "the process that this one was forked from had a device, and drivers do not work on both sides of a \
+                 fork: start workers with \"spawn\" or \"forkserver\", or use \"cpu\"",
+            ));
+        }
+        let mut shared = lock(SHARED.get());
         if let Some(context) = shared.upgrade()
             && context.check().is_ok()
         {

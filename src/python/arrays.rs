@@ -9,6 +9,7 @@ use numpy::{
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
+use super::calls::detached;
 use super::errors::{argument_error, dtype_error, to_python};
 use crate::error::Error;
 use crate::mesh::{Positions, SourceChannel};
@@ -142,8 +143,8 @@ where
     let py = array.py();
     let source = rows::<T, 3>(array)?;
     let source = source.get();
-    let converted = py.detach(|| {
-        source
+    let converted = detached(py, || {
+        Ok(source
             .par_iter()
             .enumerate()
             .map(|(face, row)| {
@@ -154,8 +155,8 @@ where
                 }
                 Ok(out)
             })
-            .collect::<Result<Vec<_>, (usize, i128)>>()
-    });
+            .collect::<Result<Vec<_>, (usize, i128)>>())
+    })?;
     // Which bad face came first to a thread is chance: name the first in the array.
     converted.map(FaceArray::Converted).map_err(|_| {
         let bad = |v: &T| Into::<i128>::into(*v) < 0 || Into::<i128>::into(*v) >= vertices as i128;

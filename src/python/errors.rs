@@ -1,18 +1,14 @@
-//! The one match from [`Error`] to Python exceptions, and the wall that no panic passes.
+//! The one match from [`Error`] to Python exceptions.
 //!
 //! The classes live in `python/nanite_rs/exceptions.py`, because each has two bases.
 
 use std::any::Any;
-use std::cell::Cell;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::time::Instant;
 
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use crate::error::{Error, Result};
-use crate::model::{LOOK_UP, Patience};
+use crate::error::Error;
 
 /// The class in `nanite_rs.exceptions` that stands for an error; `None` is Python's own KeyboardInterrupt.
 fn class_name(error: &Error) -> Option<&'static str> {
@@ -28,6 +24,7 @@ fn class_name(error: &Error) -> Option<&'static str> {
         Error::Format { .. } => "FormatError",
         Error::StaleHandle(_) => "StaleHandleError",
         Error::Backend { .. } => "BackendError",
+        Error::Forked(_) => "ForkError",
         Error::Invariant(_) => "InvariantError",
     })
 }
@@ -94,33 +91,4 @@ pub(super) fn panic_to_python(py: Python<'_>, payload: &(dyn Any + Send)) -> PyE
         .or_else(|| payload.downcast_ref::<String>().map(String::as_str))
         .unwrap_or("no message");
     exception_with_message(py, "InternalError", &format!("a fault of nanite_rs, please report it: {text}"))
-}
-
-/// Runs `work` without the interpreter lock. Errors and panics become Python exceptions.
-pub(super) fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> Result<T> + Send) -> PyResult<T> {
-    interruptible(py, |_| work())
-}
-
-/// The same for work that waits for a disk, during which this looks at signals, so that Ctrl-C works.
-pub(super) fn interruptible<T: Send>(
-    py: Python<'_>,
-    work: impl FnOnce(Patience<'_>) -> Result<T> + Send,
-) -> PyResult<T> {
-    let (outcome, raised) = py.detach(|| {
-        let (raised, looked) = (Cell::new(None), Cell::new(Instant::now()));
-        let go_on = || {
-            if looked.get().elapsed() < LOOK_UP {
-                return true;
-            }
-            looked.set(Instant::now());
-            let signals = Python::attach(|py| py.check_signals());
-            signals.map_err(|error| raised.set(Some(error))).is_ok()
-        };
-        (catch_unwind(AssertUnwindSafe(|| work(&go_on))), raised.into_inner())
-    });
-    match (outcome, raised) {
-        (Err(payload), _) => Err(panic_to_python(py, &*payload)),
-        (Ok(_), Some(error)) => Err(error),
-        (Ok(result), None) => result.map_err(|error| to_python(py, error)),
-    }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use numpy::{PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::errors::to_python;
+use super::calls::detached;
 use crate::scene::EnvironmentMap as Map;
 use crate::scene::image::{self, Pixels};
 
@@ -47,8 +47,8 @@ impl EnvironmentMap {
     #[new]
     fn new(py: Python<'_>, pixels: Array<'_>) -> PyResult<Self> {
         let (pixels, width, height, channels) = pixels.parts()?;
-        let made = py.detach(|| Map::new(pixels, width, height, channels));
-        Ok(Self { inner: Arc::new(made.map_err(|error| to_python(py, error))?) })
+        let made = detached(py, || Map::new(pixels, width, height, channels))?;
+        Ok(Self { inner: Arc::new(made) })
     }
 }
 
@@ -57,8 +57,8 @@ impl Image {
     #[new]
     fn new(py: Python<'_>, pixels: Array<'_>, srgb: bool) -> PyResult<Self> {
         let (pixels, width, height, channels) = pixels.parts()?;
-        let made = py.detach(|| image::Image::new(pixels, width, height, channels, srgb));
-        Ok(Self { inner: Arc::new(made.map_err(|error| to_python(py, error))?) })
+        let made = detached(py, || image::Image::new(pixels, width, height, channels, srgb))?;
+        Ok(Self { inner: Arc::new(made) })
     }
 
     /// Width and height of each level.

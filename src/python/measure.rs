@@ -8,17 +8,19 @@ use pyo3::types::PyDict;
 use rayon::prelude::*;
 
 use super::arrays::{FaceArray, PositionArray, into_array, into_rows};
-use super::mesh::watched;
+use super::calls::{detached, watched};
 use crate::measure::distance::{OneSided, Summary};
 use crate::measure::{self, DistanceOptions, MeshView};
 use crate::mesh::Positions;
 
 /// Positions as f64, copied only where they are not.
-fn wide<'a>(positions: &'a PositionArray<'_>) -> Cow<'a, [[f64; 3]]> {
-    match positions.get() {
+fn wide<'a>(py: Python<'_>, positions: &'a PositionArray<'_>) -> PyResult<Cow<'a, [[f64; 3]]>> {
+    Ok(match positions.get() {
         Positions::F64(p) => Cow::Borrowed(p),
-        Positions::F32(p) => Cow::Owned(p.par_iter().map(|v| v.map(f64::from)).collect()),
-    }
+        Positions::F32(p) => {
+            Cow::Owned(detached(py, || Ok(p.par_iter().map(|v| v.map(f64::from)).collect()))?)
+        }
+    })
 }
 
 fn summary(s: &Summary) -> (f64, f64, f64) {
@@ -52,11 +54,11 @@ pub(super) fn surface_distance<'py>(
     let b_positions = PositionArray::new(b_vertices, "b.vertices")?;
     let a_faces = FaceArray::new(a_faces, "a.faces", a_positions.get().len())?;
     let b_faces = FaceArray::new(b_faces, "b.faces", b_positions.get().len())?;
-    let (a_wide, b_wide) = (wide(&a_positions), wide(&b_positions));
+    let (a_wide, b_wide) = (wide(py, &a_positions)?, wide(py, &b_positions)?);
     let a = MeshView { name: "a.vertices", vertices: &a_wide, faces: a_faces.get() };
     let b = MeshView { name: "b.vertices", vertices: &b_wide, faces: b_faces.get() };
     let options = DistanceOptions { samples, seed, bounded };
-    let found = watched(py, None, |progress| {
+    let found = watched(py, 0, None, |progress| {
         measure::surface_distance(a, b, &options, &|done, total| progress.update(done, total))
     })?;
     let [from_a, from_b] = found.directions;
@@ -77,9 +79,9 @@ pub(super) fn closest_points<'py>(
     let points = PositionArray::new(points, "points")?;
     let vertices = PositionArray::new(vertices, "mesh.vertices")?;
     let faces = FaceArray::new(faces, "mesh.faces", vertices.get().len())?;
-    let (wide_points, wide_vertices) = (wide(&points), wide(&vertices));
+    let (wide_points, wide_vertices) = (wide(py, &points)?, wide(py, &vertices)?);
     let mesh = MeshView { name: "mesh.vertices", vertices: &wide_vertices, faces: faces.get() };
-    let found = watched(py, None, |progress| {
+    let found = watched(py, 0, None, |progress| {
         measure::closest_points(("points", &wide_points), mesh, &|done, total| progress.update(done, total))
     })?;
     Ok((

@@ -1,9 +1,6 @@
 //! `_core.Mesh`, `_core.Cut` and `_core.ChannelRows`: building, cutting, saving and checking from Python.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, OnceLock};
 
 use glam::DAffine3;
@@ -17,9 +14,10 @@ use rayon::prelude::*;
 use super::arrays::{
     ChannelArray, FaceArray, PositionArray, into_array, into_rows, into_words, matrix4, vertex_rows,
 };
-use super::errors::{argument_error, detached, interruptible, panic_to_python, to_python};
+use super::calls::{detached, interruptible, watched};
+use super::errors::{argument_error, to_python};
 use super::renderer::{self, RawCamera};
-use crate::build::{self, Progress};
+use crate::build;
 use crate::config::BuildOptions;
 use crate::decimate::{Decimated, Goal};
 use crate::error::{Error, Result};
@@ -29,10 +27,8 @@ use crate::lod::{CutArrays, channel_rows, load, select};
 use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
 use crate::model::rule::{ROOT_ERROR, Threshold};
-use crate::model::{AttributeLayout, Channel, Dag, Frame, Grid, Group, LOOK_UP, Patience};
-
-/// Stack of the thread that builds.
-const STACK_BYTES: usize = 16 << 20;
+use crate::model::{AttributeLayout, Channel, Dag, Frame, Grid, Group, Patience};
+use crate::threads::once;
 
 /// A built mesh.
 #[pyclass(frozen, module = "nanite_rs._core")]
@@ -45,74 +41,6 @@ pub struct Mesh {
 impl Mesh {
     fn new(dag: Dag) -> Self {
         Self { dag: Arc::new(dag), finisher: OnceLock::new() }
-    }
-}
-
-/// Progress as the waiting thread sees it.
-#[derive(Default)]
-struct Shared {
-    done: AtomicU64,
-    total: AtomicU64,
-    cancelled: AtomicBool,
-}
-
-impl Progress for Shared {
-    fn update(&self, done: u64, total: u64) -> bool {
-        self.total.store(total, Ordering::Relaxed);
-        self.done.fetch_max(done, Ordering::Relaxed);
-        !self.cancelled.load(Ordering::Relaxed)
-    }
-}
-
-/// Runs `work` on a thread of its own, while this one, without the interpreter lock but for moments, looks at
-/// signals (so that Ctrl-C works) and calls `report(done, total)`. Either may stop the work by raising.
-pub(super) fn watched<T: Send>(
-    py: Python<'_>,
-    report: Option<&Py<PyAny>>,
-    work: impl FnOnce(&dyn Progress) -> Result<T> + Send,
-) -> PyResult<T> {
-    let shared = Shared::default();
-    let watch = || -> PyResult<()> {
-        Python::attach(|py| {
-            py.check_signals()?;
-            let total = shared.total.load(Ordering::Relaxed);
-            if let Some(report) = report.filter(|_| total > 0) {
-                report.call1(py, (shared.done.load(Ordering::Relaxed), total))?;
-            }
-            Ok(())
-        })
-    };
-    let outcome = py.detach(|| {
-        std::thread::scope(|scope| {
-            let (sender, receiver) = channel::<()>();
-            let run = || {
-                let result = catch_unwind(AssertUnwindSafe(|| work(&shared)));
-                drop(sender);
-                result
-            };
-            let worker = std::thread::Builder::new()
-                .name("nanite-build".into())
-                .stack_size(STACK_BYTES)
-                .spawn_scoped(scope, run)
-                .map_err(|error| to_raise(Error::Io { path: "thread".into(), source: error }))?;
-            let mut raised = Ok(());
-            while raised.is_ok() && receiver.recv_timeout(LOOK_UP) == Err(RecvTimeoutError::Timeout) {
-                raised = watch();
-                shared.cancelled.store(raised.is_err(), Ordering::Relaxed);
-            }
-            let result = worker.join().unwrap_or_else(Err);
-            raised.map(|()| result)
-        })
-    });
-    match outcome? {
-        Ok(result) => {
-            let value = result.map_err(|error| to_python(py, error))?;
-            if report.is_some() {
-                watch()?;
-            }
-            Ok(value)
-        }
-        Err(payload) => Err(panic_to_python(py, &*payload)),
     }
 }
 
@@ -216,7 +144,10 @@ impl Mesh {
         let options = build_options(options)?;
         let given = Given { vertices, faces, normals, colors, uvs, channels, face_materials };
         given.with_source(|source| {
-            watched(py, progress.as_ref(), |progress| build::build(source, &options, progress)).map(Self::new)
+            watched(py, options.threads, progress.as_ref(), |progress| {
+                build::build(source, &options, progress)
+            })
+            .map(Self::new)
         })
     }
 
@@ -342,7 +273,7 @@ impl Mesh {
     fn cut_faces(&self, py: Python<'_>, target: u64, exact: bool) -> PyResult<Cut> {
         let finisher = interruptible(py, |go_on| {
             self.dag.pages.load_all(go_on)?;
-            Ok(self.finisher.get_or_init(|| Finisher::new(&self.dag)))
+            Ok(once(&self.finisher, || Finisher::new(&self.dag)))
         })?;
         let cut =
             |dag: &Dag| if exact { finisher.exact(dag, target) } else { Ok(finisher.whole(dag, target)) };
@@ -611,10 +542,13 @@ pub fn decimate<'py>(
     let goal = Goal { target, preserve_border, lossless };
     let given = Given { vertices, faces, normals, colors, uvs, channels, face_materials };
     let made = given.with_source(|source| {
-        watched(py, progress.as_ref(), |progress| crate::decimate::decimate(source, goal, &options, progress))
+        watched(py, options.threads, progress.as_ref(), |progress| {
+            let mut made = crate::decimate::decimate(source, goal, &options, progress)?;
+            let positions = object_positions(std::mem::take(&mut made.arrays.positions), &made.frame);
+            Ok((made, positions))
+        })
     })?;
-    let Decimated { mut arrays, materials, channels, layout, frame, .. } = made;
-    let positions = object_positions(std::mem::take(&mut arrays.positions), &frame);
+    let (Decimated { arrays, materials, channels, layout, .. }, positions) = made;
     let ids: Arc<[u32]> = if channels.is_empty() { Arc::default() } else { arrays.ids[..].into() };
     let rows =
         |channel: Channel| Py::new(py, ChannelRows { channel, ids: Arc::clone(&ids), made: Arc::default() });

@@ -2,6 +2,7 @@
 //! defaults, is Python over it (`python/nanite_rs/`).
 
 mod arrays;
+mod calls;
 mod errors;
 mod image;
 mod measure;
@@ -27,6 +28,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
         )));
     }
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_function(wrap_pyfunction!(calls::set_num_threads, module)?)?;
+    module.add_function(wrap_pyfunction!(calls::num_threads, module)?)?;
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<mesh::Cut>()?;
     module.add_class::<mesh::ChannelRows>()?;

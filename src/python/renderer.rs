@@ -1,17 +1,19 @@
 //! `_core.Renderer` and `_core.Frame`: rendering from Python.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::RwLockWriteGuard;
 
 use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 
 use super::arrays::matrix4;
-use super::errors::{detached, interruptible, to_python};
+use super::calls::{detached, interruptible_on};
+use super::errors::to_python;
 use super::scene::Scene;
 use crate::config::{Output, Raster, RenderOptions, Samples, Shading, Transfer};
 use crate::error::{Error, Result};
-use crate::render::{self, ImageView};
+use crate::render::{self, Backend, ImageView};
 use crate::scene::{Camera, Projection, pose};
+use crate::threads::{Lock, Own};
 
 /// Kind, its parameters, near and far distance.
 pub(super) type RawCamera = (String, Vec<f64>, f64, Option<f64>);
@@ -48,36 +50,55 @@ pub(super) fn check_pose(pose: &Bound<'_, PyAny>) -> PyResult<()> {
 /// Renders scenes. See `nanite_rs.Renderer`.
 #[pyclass(frozen, module = "nanite_rs._core")]
 pub struct Renderer {
-    inner: Mutex<render::Renderer>,
+    inner: Lock<Own<render::Renderer>>,
+    threads: usize,
 }
 
 impl Renderer {
-    fn lock(&self) -> MutexGuard<'_, render::Renderer> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> Result<RwLockWriteGuard<'_, Own<render::Renderer>>> {
+        self.inner.write("the renderer")
     }
+
+    /// Something of the renderer.
+    fn look<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut render::Renderer) -> T + Send,
+    ) -> PyResult<T> {
+        py.detach(|| Ok(work(&mut *self.lock()?))).map_err(|error| to_python(py, error))
+    }
+}
+
+/// Errors where something lies on a device of the process that this one was forked from.
+fn usable<T>(of: &Own<T>, on_device: impl FnOnce(&T) -> bool) -> Result<()> {
+    if of.is_inherited() && on_device(of) {
+        let message = "its device belongs to the process that this one was forked from: make a renderer in this process, \
+                       or start workers with \"spawn\" or \"forkserver\"";
+        return Err(Error::Backend { backend: "gpu".to_owned(), message: message.to_owned() });
+    }
+    Ok(())
 }
 
 #[pymethods]
 impl Renderer {
     #[new]
-    #[pyo3(signature = (width, height, backend, pool_bytes=None))]
+    #[pyo3(signature = (width, height, backend, pool_bytes=None, threads=0))]
     fn new(
         py: Python<'_>,
         width: u32,
         height: u32,
         backend: &str,
         pool_bytes: Option<u64>,
+        threads: usize,
     ) -> PyResult<Self> {
-        let mut inner =
-            render::Renderer::new(width, height, backend).map_err(|error| to_python(py, error))?;
+        let mut inner = detached(py, || render::Renderer::new(width, height, backend))?;
         inner.stream(pool_bytes);
-        Ok(Self { inner: Mutex::new(inner) })
+        Ok(Self { inner: Lock::new(Own::new(inner)), threads })
     }
 
     /// What could not be read of streamed meshes, since this was last called.
-    fn faults(&self, py: Python<'_>) -> Vec<String> {
-        py.detach(|| {
-            let mut inner = self.lock();
+    fn faults(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.look(py, |inner| {
             let faults = inner.streamer().map(|streamer| streamer.faults()).unwrap_or_default();
             faults.into_iter().map(|fault| fault.message).collect()
         })
@@ -85,18 +106,14 @@ impl Renderer {
 
     /// The backend in use, and why.
     #[getter]
-    fn backend(&self, py: Python<'_>) -> (&'static str, String) {
-        py.detach(|| {
-            let inner = self.lock();
-            (inner.backend().name(), inner.backend_reason().to_owned())
-        })
+    fn backend(&self, py: Python<'_>) -> PyResult<(&'static str, String)> {
+        self.look(py, |inner| (inner.backend().name(), inner.backend_reason().to_owned()))
     }
 
     /// How rasterizers were chosen: form, reason, milliseconds of each form.
     #[getter]
-    fn calibration(&self, py: Python<'_>) -> Option<RawCalibration> {
-        py.detach(|| {
-            let inner = self.lock();
+    fn calibration(&self, py: Python<'_>) -> PyResult<Option<RawCalibration>> {
+        self.look(py, |inner| {
             let found = inner.calibration()?;
             let times = found.times.iter().map(|(raster, ms)| (raster.name(), *ms)).collect();
             Some((found.raster.name(), found.reason.clone(), times))
@@ -144,27 +161,36 @@ impl Renderer {
             wait,
             ..defaults
         };
-        let frames = interruptible(py, |go_on| {
+        let frames = interruptible_on(py, self.threads, |go_on| {
             let view = |(camera, pose)| Ok((self::camera(camera)?, pose));
             let views: Vec<_> = views.into_iter().map(view).collect::<Result<_>>()?;
-            self.lock().render_views(&scene.read(), &views, &options, go_on)
+            let mut renderer = self.lock()?;
+            usable(&renderer, |renderer| renderer.backend() == Backend::Gpu)?;
+            renderer.render_views(&*scene.read()?, &views, &options, go_on)
         })?;
-        Ok(frames.into_iter().map(|frame| Frame { inner: Mutex::new(frame) }).collect())
+        Ok(frames.into_iter().map(|frame| Frame { inner: Lock::new(Own::new(frame)) }).collect())
     }
 }
 
 /// A rendered frame. See `nanite_rs.Frame`.
 #[pyclass(frozen, module = "nanite_rs._core")]
 pub struct Frame {
-    inner: Mutex<render::Frame>,
+    inner: Lock<Own<render::Frame>>,
 }
 
 /// One stage: name, pass, received, what of, passed, what of, milliseconds.
 type RawStage = (&'static str, u8, u64, &'static str, u64, &'static str, f64);
 
 impl Frame {
-    fn lock(&self) -> MutexGuard<'_, render::Frame> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> Result<RwLockWriteGuard<'_, Own<render::Frame>>> {
+        let frame = self.inner.write("the frame")?;
+        usable(&frame, render::Frame::is_on_device)?;
+        Ok(frame)
+    }
+
+    /// Something of the frame.
+    fn look<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&render::Frame) -> T + Send) -> PyResult<T> {
+        py.detach(|| Ok(work(&*self.lock()?))).map_err(|error| to_python(py, error))
     }
 
     /// An (H, W) array that takes over what `make` returns.
@@ -174,7 +200,7 @@ impl Frame {
         make: impl FnOnce(&mut render::Frame) -> Result<Vec<T>> + Send,
     ) -> PyResult<Py<PyArray2<T>>> {
         let (values, shape) = detached(py, || {
-            let mut frame = self.lock();
+            let mut frame = self.lock()?;
             let shape = [frame.height() as usize, frame.width() as usize];
             Ok((make(&mut frame)?, shape))
         })?;
@@ -188,7 +214,7 @@ impl Frame {
         make: impl FnOnce(&mut render::Frame) -> Result<Vec<T>> + Send,
     ) -> PyResult<Py<PyArray3<T>>> {
         let (values, shape) = detached(py, || {
-            let mut frame = self.lock();
+            let mut frame = self.lock()?;
             let shape = [frame.height() as usize, frame.width() as usize, 3];
             Ok((make(&mut frame)?, shape))
         })?;
@@ -260,11 +286,8 @@ impl Frame {
 
     /// Width and height.
     #[getter]
-    fn size(&self, py: Python<'_>) -> (u32, u32) {
-        py.detach(|| {
-            let frame = self.lock();
-            (frame.width(), frame.height())
-        })
+    fn size(&self, py: Python<'_>) -> PyResult<(u32, u32)> {
+        self.look(py, |frame| (frame.width(), frame.height()))
     }
 
     /// A picture by name.
@@ -274,9 +297,8 @@ impl Frame {
     }
 
     /// The stages with their counts and times.
-    fn stages(&self, py: Python<'_>) -> Vec<RawStage> {
-        py.detach(|| {
-            let frame = self.lock();
+    fn stages(&self, py: Python<'_>) -> PyResult<Vec<RawStage>> {
+        self.look(py, |frame| {
             let stage = |s: &render::StageStats| {
                 let (received, passed) = s.stage.counts();
                 (s.stage.name(), s.pass, s.received, received, s.passed, passed, s.ms)
@@ -286,9 +308,8 @@ impl Frame {
     }
 
     /// What streaming did for the frame, by name, and the largest error, pixels, of what stood in for something finer.
-    fn stream(&self, py: Python<'_>) -> Option<(Vec<(&'static str, u64)>, f32)> {
-        py.detach(|| {
-            let frame = self.lock();
+    fn stream(&self, py: Python<'_>) -> PyResult<Option<(Vec<(&'static str, u64)>, f32)>> {
+        self.look(py, |frame| {
             let stream = frame.stats.stream.as_ref()?;
             let counts = vec![
                 ("resident_pages", stream.resident_pages),
@@ -306,9 +327,9 @@ impl Frame {
     }
 
     /// The frame's totals by name, its time, and which rasterizers drew it.
-    fn totals(&self, py: Python<'_>) -> (Vec<(&'static str, u64)>, f64, &'static str) {
-        py.detach(|| {
-            let stats = &self.lock().stats;
+    fn totals(&self, py: Python<'_>) -> PyResult<(Vec<(&'static str, u64)>, f64, &'static str)> {
+        self.look(py, |frame| {
+            let stats = &frame.stats;
             let totals = vec![
                 ("source_triangles", stats.source_triangles),
                 ("clusters", stats.clusters),

@@ -1,6 +1,6 @@
 //! `_core.Scene`: instances and lights from Python.
 
-use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+use std::sync::{Arc, RwLockReadGuard, RwLockWriteGuard};
 
 use glam::DAffine3;
 use numpy::{PyArray, PyArray2, PyArrayMethods};
@@ -16,6 +16,7 @@ use crate::scene::{
     self, Environment, Handle, InstanceHandle, Light, LightHandle, LightKind, Material, Materials, Slot,
     Texture, pose,
 };
+use crate::threads::Lock;
 
 /// Index and generation.
 type RawHandle = (u32, u32);
@@ -55,16 +56,19 @@ type RawLight = (String, [f32; 3], f32, Option<f32>, Option<(f64, f64)>);
 /// Map, intensity, rotation, and whether it is seen behind all.
 type RawEnvironment = (Py<EnvironmentMap>, f32, f64, bool);
 
+/// What errors call it.
+const WHAT: &str = "the scene";
+
 /// What is drawn. See `nanite_rs.Scene`.
 #[pyclass(frozen, module = "nanite_rs._core")]
 pub struct Scene {
-    inner: RwLock<scene::Scene>,
+    inner: Lock<scene::Scene>,
 }
 
 impl Scene {
     /// The scene, to be read.
-    pub(super) fn read(&self) -> RwLockReadGuard<'_, scene::Scene> {
-        self.inner.read().unwrap_or_else(PoisonError::into_inner)
+    pub(super) fn read(&self) -> Result<RwLockReadGuard<'_, scene::Scene>> {
+        self.inner.read(WHAT)
     }
 
     /// Edits the scene without the interpreter lock, since a render may hold it for a while.
@@ -73,8 +77,7 @@ impl Scene {
         py: Python<'_>,
         work: impl FnOnce(&mut RwLockWriteGuard<'_, scene::Scene>) -> Result<T> + Send,
     ) -> PyResult<T> {
-        py.detach(|| work(&mut self.inner.write().unwrap_or_else(PoisonError::into_inner)))
-            .map_err(|error| to_python(py, error))
+        py.detach(|| work(&mut self.inner.write(WHAT)?)).map_err(|error| to_python(py, error))
     }
 
     fn look<T: Send>(
@@ -82,7 +85,7 @@ impl Scene {
         py: Python<'_>,
         work: impl FnOnce(&scene::Scene) -> Result<T> + Send,
     ) -> PyResult<T> {
-        py.detach(|| work(&self.read())).map_err(|error| to_python(py, error))
+        py.detach(|| work(&*self.read()?)).map_err(|error| to_python(py, error))
     }
 }
 
@@ -153,7 +156,7 @@ pub(super) fn check_light(py: Python<'_>, shape: RawLight) -> PyResult<()> {
 impl Scene {
     #[new]
     fn new() -> Self {
-        Self { inner: RwLock::default() }
+        Self { inner: Lock::new(scene::Scene::default()) }
     }
 
     /// Adds an instance; returns its handle.

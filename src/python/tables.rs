@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{into_array, into_rows};
-use super::errors::{detached, interruptible};
+use super::calls::{detached, interruptible};
 use super::mesh::Mesh;
 use crate::format;
 use crate::math::Sphere;

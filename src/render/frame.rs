@@ -84,6 +84,11 @@ impl Frame {
         self.screen.height
     }
 
+    /// Whether what arrays are made of lies on a device.
+    pub fn is_on_device(&self) -> bool {
+        self.picture.is_on_device()
+    }
+
     /// The view it was rendered from.
     pub fn view(&self) -> &View {
         &self.view

@@ -1,8 +1,8 @@
 //! What a frame keeps of its picture. The memory of frames that are gone is used again.
 
+use std::sync::Arc;
 #[cfg(feature = "gpu")]
 use std::sync::OnceLock;
-use std::sync::{Arc, Mutex};
 
 use super::stages::Stage;
 use super::stats::FrameStats;
@@ -12,6 +12,7 @@ use crate::cpu::visibility::covered;
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
 use crate::gpu;
+use crate::threads::Lock;
 
 /// The pixels of a frame, row by row from the top.
 #[derive(Debug)]
@@ -26,6 +27,15 @@ pub(super) enum Picture {
 }
 
 impl Picture {
+    /// Whether a device has it, and nobody else.
+    pub(super) fn is_on_device(&self) -> bool {
+        match self {
+            #[cfg(feature = "gpu")]
+            Self::Left(_, words) => words.get().is_none(),
+            _ => false,
+        }
+    }
+
     /// The visibility buffer; an error where `what` is to be made of it and it is not there.
     pub(super) fn words(&self, what: &str) -> Result<&[u64]> {
         match self {
@@ -71,7 +81,7 @@ impl Picture {
 
 /// What frames that are gone leave, whose memory waits to be used again.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Spare(Arc<Mutex<Kept>>);
+pub(super) struct Spare(Arc<Lock<Kept>>);
 
 #[derive(Debug, Default)]
 struct Kept {
@@ -91,6 +101,7 @@ fn keep<T>(kept: &mut Vec<T>, other: T) {
 impl Spare {
     /// How many are kept of each: those given back last.
     const MOST: usize = 2;
+    const WHAT: &str = "the memory of pictures";
 
     /// A picture of so many pixels, which may hold anything.
     pub(super) fn take(&self, pixels: usize, depth_only: bool) -> Picture {
@@ -100,7 +111,7 @@ impl Spare {
             #[cfg(feature = "gpu")]
             Picture::Left(..) => false,
         };
-        let found = self.0.lock().ok().and_then(|mut kept| {
+        let found = self.0.write(Self::WHAT).ok().and_then(|mut kept| {
             let at = kept.pictures.iter().position(fits)?;
             Some(kept.pictures.remove(at))
         });
@@ -120,7 +131,7 @@ impl Spare {
             },
             here => here,
         };
-        if let Ok(mut kept) = self.0.lock() {
+        if let Ok(mut kept) = self.0.write(Self::WHAT) {
             keep(&mut kept.pictures, picture);
         }
     }
@@ -128,14 +139,14 @@ impl Spare {
     /// An empty list of views.
     #[cfg(feature = "gpu")]
     pub(super) fn take_views(&self) -> Vec<InstanceView> {
-        self.0.lock().ok().and_then(|mut kept| kept.views.pop()).unwrap_or_default()
+        self.0.write(Self::WHAT).ok().and_then(|mut kept| kept.views.pop()).unwrap_or_default()
     }
 
     /// Takes one back.
     pub(super) fn give_views(&self, mut views: Vec<InstanceView>) {
         // Of what they hold nothing is kept alive.
         views.clear();
-        if let Ok(mut kept) = self.0.lock() {
+        if let Ok(mut kept) = self.0.write(Self::WHAT) {
             keep(&mut kept.views, views);
         }
     }

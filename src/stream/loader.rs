@@ -64,14 +64,15 @@ impl Shared {
 pub(super) struct Loader {
     shared: Arc<Shared>,
     sender: Sender<Arrival>,
-    arrivals: Receiver<Arrival>,
+    /// Behind a lock that nobody takes: who waits has the loader to himself.
+    arrivals: Mutex<Receiver<Arrival>>,
     threads: usize,
 }
 
 impl Default for Loader {
     fn default() -> Self {
         let (sender, arrivals) = channel();
-        Self { shared: Arc::default(), sender, arrivals, threads: 0 }
+        Self { shared: Arc::default(), sender, arrivals: Mutex::new(arrivals), threads: 0 }
     }
 }
 
@@ -117,13 +118,17 @@ impl Loader {
     }
 
     /// What has arrived.
-    pub(super) fn arrivals(&self) -> impl Iterator<Item = Arrival> + '_ {
-        self.arrivals.try_iter()
+    pub(super) fn arrivals(&mut self) -> impl Iterator<Item = Arrival> + '_ {
+        self.receiver().try_iter()
+    }
+
+    fn receiver(&mut self) -> &mut Receiver<Arrival> {
+        self.arrivals.get_mut().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Waits for one of what was submitted.
-    pub(super) fn wait(&self, go_on: Patience<'_>) -> Result<Option<Arrival>> {
-        wait_for(&self.arrivals, go_on)
+    pub(super) fn wait(&mut self, go_on: Patience<'_>) -> Result<Option<Arrival>> {
+        wait_for(self.receiver(), go_on)
     }
 }
 

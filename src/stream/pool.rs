@@ -194,6 +194,14 @@ impl Pool {
         self.drop_asked(ask, State::Absent);
     }
 
+    /// Of all that was asked for nothing will come.
+    pub fn take_all_back(&mut self) {
+        for page in self.meshes.iter_mut().flatten().filter(|page| matches!(page.state, State::Asked)) {
+            self.used -= page.bytes;
+            page.state = State::Absent;
+        }
+    }
+
     /// A page cannot be read, now or ever.
     pub fn failed(&mut self, ask: Ask, for_good: bool) {
         self.drop_asked(ask, if for_good { State::Failed } else { State::Absent });

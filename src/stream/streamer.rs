@@ -10,6 +10,7 @@ use super::resident::{Resident, address};
 use crate::error::{Error, Result};
 use crate::limits::PAGE_MAX_BYTES;
 use crate::model::{Dag, PageSource, PageWords, Pages, Patience, read_pages};
+use crate::threads::Own;
 
 /// How often a page is read that the system could not read, before it counts as lost.
 const ATTEMPTS: u32 = 3;
@@ -78,7 +79,7 @@ struct Mesh {
 pub struct Streamer {
     pool: Pool,
     equal_pages: bool,
-    loader: Loader,
+    loader: Own<Loader>,
     meshes: Vec<Mesh>,
     generations: u64,
     /// Jobs that threads have or will have.
@@ -96,7 +97,7 @@ impl Streamer {
         Self {
             pool: Pool::new(options.pool_bytes),
             equal_pages: options.equal_pages,
-            loader: Loader::default(),
+            loader: Own::new(Loader::default()),
             meshes: Vec::new(),
             generations: 0,
             asked: 0,
@@ -127,6 +128,7 @@ impl Streamer {
         wait: bool,
         go_on: Patience<'_>,
     ) -> Result<Resident> {
+        self.start_anew();
         let mut seen = BTreeSet::new();
         let mut new = Vec::new();
         for dag in meshes {
@@ -154,6 +156,15 @@ impl Streamer {
             out.set(&mesh.dag, Arc::clone(&mesh.pages));
         }
         Ok(out)
+    }
+
+    /// In a process that was forked, threads stay behind, and so does what they read.
+    fn start_anew(&mut self) {
+        if self.loader.is_inherited() {
+            self.loader = Own::new(Loader::default());
+            self.asked = 0;
+            self.pool.take_all_back();
+        }
     }
 
     fn attach(&mut self, dag: Arc<Dag>, source: Arc<dyn PageSource>, go_on: Patience<'_>) -> Result<()> {

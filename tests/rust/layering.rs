@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Used by everybody, and using nobody but each other as listed.
-const LEAVES: [&str; 4] = ["error", "limits", "config", "math"];
+const LEAVES: [&str; 5] = ["error", "limits", "config", "math", "threads"];
 
 /// Every module of the crate and what it may use besides [`LEAVES`]. DESIGN: dependencies point one way, and
 /// `cpu` and `gpu` never see each other.
@@ -15,6 +15,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("limits", &[]),
     ("config", &[]),
     ("math", &[]),
+    ("threads", &[]),
     ("model", &[]),
     ("mesh", &["model"]),
     ("measure", &[]),
@@ -52,8 +53,13 @@ const MAY_USE: &[(&str, &[&str])] = &[
 ];
 
 /// What the leaves may use of each other.
-const LEAF_MAY_USE: &[(&str, &[&str])] =
-    &[("error", &[]), ("limits", &[]), ("math", &[]), ("config", &["error", "limits"])];
+const LEAF_MAY_USE: &[(&str, &[&str])] = &[
+    ("error", &[]),
+    ("limits", &[]),
+    ("math", &[]),
+    ("config", &["error", "limits"]),
+    ("threads", &["error"]),
+];
 
 /// Crates that stay in one folder.
 const CONFINED: &[(&str, &str)] =
