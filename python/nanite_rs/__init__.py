@@ -25,6 +25,7 @@ from nanite_rs.exceptions import (
     DependencyError,
     DtypeError,
     FileError,
+    ForkError,
     FormatError,
     InternalError,
     InvariantError,
@@ -44,6 +45,7 @@ from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.stats import FrameStats, StageStats, StreamStats
 from nanite_rs.texture import Image, Texture
+from nanite_rs.threads import get_num_threads, set_num_threads
 from nanite_rs.viewer import Orbit, Pick, Viewer, view
 
 __all__ = [
@@ -61,6 +63,7 @@ __all__ = [
     "DtypeError",
     "Environment",
     "FileError",
+    "ForkError",
     "FormatError",
     "Frame",
     "FrameStats",
@@ -100,12 +103,14 @@ __all__ = [
     "compare",
     "decimate",
     "from_pyrender",
+    "get_num_threads",
     "load_scene",
     "look_at",
     "measure",
     "orbit",
     "plot",
     "save_animation",
+    "set_num_threads",
     "shapes",
     "simplify",
     "view",

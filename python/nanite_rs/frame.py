@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _advice, _core, _images
+from nanite_rs import _advice, _core, _images, _kept
 from nanite_rs.exceptions import ArgumentError, NaniteError, UsageWarning
 from nanite_rs.stats import FrameStats, StageStats, StreamStats
 
@@ -66,7 +66,8 @@ class Frame(_advice.Teaching):
 
     All arrays are owned, contiguous and writable; each is made once and then kept. A frame does not follow later
     edits of the scene. One rendered with ``depth_only=True`` has `depth` and `stats`; all else raises
-    `ArgumentError`.
+    `ArgumentError`. Pickled it keeps `color`, `depth`, `normal`, the ids, `stats`, and what was looked at or rendered
+    with it; all else raises `ArgumentError` then.
 
     Examples
     --------
@@ -76,7 +77,7 @@ class Frame(_advice.Teaching):
     True
     """
 
-    def __init__(self, core: _core.Frame, made: dict[str, Any], unlit: str = "") -> None:
+    def __init__(self, core: _core.Frame | _kept.KeptFrame, made: dict[str, Any], unlit: str = "") -> None:
         self._frame = core
         self._made = made
         self._unlit = unlit
@@ -206,6 +207,25 @@ class Frame(_advice.Teaching):
     def height(self) -> int:
         """Rows."""
         return self._frame.size[1]
+
+    def __copy__(self) -> Frame:
+        """Return a frame with the same arrays."""
+        return self._with(dict(vars(self)))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Frame:
+        """Return a frame with arrays of its own; what they are made of does not change, and is shared."""
+        own = {name: value.copy() for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+        return self._with(vars(self) | own)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle color, depth, normal, the ids, the statistics, and what else was looked at before."""
+        core = _kept.kept(self._frame, vars(self), depth_only=self._made["depth_only"])
+        return Frame, (core, self._made, self._unlit)
+
+    def _with(self, state: dict[str, Any]) -> Frame:
+        other = object.__new__(type(self))
+        vars(other).update(state)
+        return other
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """The picture, `color`, for ``np.asarray(frame)`` and ``plt.imshow(frame)``."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _advice, _core, _unseen
+from nanite_rs import _advice, _checks, _core, _unseen
 from nanite_rs.camera import Camera
 from nanite_rs.exceptions import ArgumentError, DtypeError, NaniteError, UsageWarning
 from nanite_rs.frame import Frame
@@ -55,7 +55,8 @@ class Calibration:
 class Renderer(_advice.Teaching):
     """Renders scenes into pictures of one size.
 
-    Memory is kept between frames; use it in a ``with`` block, or call `close`, to give it back at once.
+    Memory is kept between frames; use it in a ``with`` block, or call `close`, to give it back at once. Pickles and
+    copies are new renderers with the same settings.
 
     Parameters
     ----------
@@ -74,6 +75,9 @@ class Renderer(_advice.Teaching):
         Bytes of the pool. What always stays in it, of most meshes 32 KiB at most, has to fit. On a GPU every other
         page counts as 128 KiB, and the first frame takes memory for the pool, at most for twice the pages of the
         scene. Frames that are kept hold the pages that they show, beyond this.
+
+    threads : int
+        Threads that each picture is drawn with on the CPU; 0 for as many as `get_num_threads` says.
 
     Raises
     ------
@@ -105,15 +109,18 @@ class Renderer(_advice.Teaching):
         backend: Literal["auto", "cpu", "gpu"] = "auto",
         streaming: bool = False,
         pool_bytes: int = POOL_BYTES,
+        threads: int = 0,
     ) -> None:
         self._size = _pixels(width, "width"), _pixels(height, "height")
         pool = _whole(pool_bytes, "pool_bytes", 1 << 63, "0 and 2^63")
+        count = _checks.whole(threads, "threads", 0)
+        self._settings = {"backend": backend, "streaming": streaming, "pool_bytes": pool, "threads": count}
         if not isinstance(backend, str):
             raise DtypeError(f'backend: expected "auto", "cpu" or "gpu", not {backend!r}')
         if not streaming and pool != POOL_BYTES:
             _advice.warn("pool_bytes: counts with streaming=True alone", UsageWarning)
         try:
-            core = _core.Renderer(*self._size, backend, pool if streaming else None)
+            core = _core.Renderer(*self._size, backend, pool if streaming else None, count)
         except ArgumentError as error:
             raise _advice.near(error) from None
         self._core: _core.Renderer | None = core
@@ -461,6 +468,10 @@ class Renderer(_advice.Teaching):
         """Give the memory back. Frames stay valid."""
         self._core = None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the settings."""
+        return _made, (self._size, self._settings)
+
     def __enter__(self) -> Renderer:
         return self
 
@@ -475,6 +486,11 @@ class Renderer(_advice.Teaching):
     def __repr__(self) -> str:
         closed = ", closed" if self._core is None else ""
         return f"<Renderer {self.width}×{self.height} on {self.backend}{closed}>"
+
+
+def _made(size: tuple[int, int], settings: dict[str, Any]) -> Renderer:
+    """Make a renderer with the settings of another."""
+    return Renderer(*size, **settings)
 
 
 def _unlit(scene: Scene, shading: str) -> str:

@@ -98,8 +98,8 @@ fn io(path: &Path) -> impl Fn(std::io::Error) -> Error + '_ {
 }
 
 /// Writes a mesh: to a temporary file beside the target, synced, then renamed over it. Whatever happens, the
-/// target is the old file or the new one, whole.
-pub fn save(dag: &Dag, path: &Path, precision: Precision) -> Result<()> {
+/// target is the old file or the new one, whole. Returns how many triangles of the source have no area on the grid.
+pub fn save(dag: &Dag, path: &Path, precision: Precision) -> Result<u64> {
     let rounded = Rounded::new(dag, precision)?;
     let folder = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
@@ -119,5 +119,5 @@ pub fn save(dag: &Dag, path: &Path, precision: Precision) -> Result<()> {
     file.persist(path).map_err(|e| io(path)(e.error))?;
     #[cfg(unix)]
     std::fs::File::open(folder).and_then(|d| d.sync_all()).map_err(io(path))?;
-    Ok(())
+    Ok(rounded.flattened)
 }

@@ -7,6 +7,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::page::MAX_STEPS;
@@ -27,6 +28,10 @@ use crate::model::{
 pub const STORED_NORMAL_BITS: u32 = 10;
 /// With no other wish, a step is at most the median edge of the source over 2 to this power.
 const AUTO_EDGE_BITS: i32 = 4;
+/// And at most what is fine of it over 2 to this power: see [`Sizes::fine`].
+const AUTO_FINE_BITS: i32 = 3;
+/// Of so many triangles of the source one may be finer than that.
+pub const FINE_PART: u64 = 200;
 /// UVs are multiples of 2 to minus this where 2^24 of them reach: rounded by a sixteenth of a texel of 8192 at most.
 pub const STORED_UV_EXPONENT: i32 = 16;
 /// The finest grid: coordinates are about 1 at most.
@@ -35,7 +40,7 @@ pub const MAX_EXPONENT: i32 = MAX_STEPS.ilog2() as i32;
 /// How finely a file keeps positions and normals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Precision {
-    /// A sixteenth of the median edge of the source, or less.
+    /// A sixteenth of the median edge of the source, and an eighth of what is fine of it, or less.
     Auto,
     /// As they are.
     Exact,
@@ -66,6 +71,8 @@ pub struct Rounded<'a> {
     names: Vec<u32>,
     /// See [`Dag::channels`].
     pub channels: Cow<'a, [Channel]>,
+    /// Triangles of the source that have an area, and none on the grid.
+    pub flattened: u64,
     /// See [`Dag::face_ids`].
     pub face_ids: Option<Cow<'a, Words>>,
 }
@@ -87,18 +94,19 @@ impl<'a> Rounded<'a> {
             groups: Cow::Borrowed(&dag.groups),
             nodes: Cow::Borrowed(&dag.nodes),
             names: Vec::new(),
+            flattened: 0,
             channels: Cow::Borrowed(&dag.channels),
             face_ids: dag.face_ids.as_ref().map(Cow::Borrowed),
         };
         let Some(exponent) = exponent(dag, precision)? else { return Ok(asis) };
         let uv_exponent = (dag.layout().uv_sets > 0 && uvs_fit(dag)).then_some(STORED_UV_EXPONENT);
         let mut grid = Grid { exponent, normal_bits: STORED_NORMAL_BITS, uv_exponent, moved: 0.0 };
-        let survey = |grid: Grid, names: &[u32]| -> Vec<(f64, Vec<(Aabb, usize)>)> {
+        let survey = |grid: Grid, names: &[u32]| -> Vec<Surveyed> {
             (0..dag.pages.table.len()).into_par_iter().map(|p| survey(dag, p, grid, names)).collect()
         };
         let names: Vec<u32> = (0..dag.vertex_count).collect();
         let pages = survey(grid, &names);
-        let moved = pages.iter().map(|p| p.0).fold(0.0, f64::max).sqrt();
+        let moved = pages.iter().map(|p| p.moved).fold(0.0, f64::max).sqrt();
         let before = dag.grid.map_or(0.0, |grid| grid.moved);
         // The squares and their sum, the root and the product are off by a few units in the last place.
         grid.moved = if moved > 0.0 { before + moved * dag.frame.scale * (1.0 + 1.0e-15) } else { before };
@@ -153,6 +161,7 @@ impl<'a> Rounded<'a> {
             groups: Cow::Owned(groups),
             channels: channels.collect::<Result<_>>()?,
             names,
+            flattened: pages.iter().map(|p| p.flattened).sum(),
             face_ids: face_ids.transpose()?,
             ..asis
         })
@@ -261,8 +270,8 @@ pub fn quantize(dag: &Dag, precision: Precision) -> Result<Dag> {
 }
 
 /// Box and words of each group, of those of the clusters of all pages.
-fn of_groups(dag: &Dag, pages: &[(f64, Vec<(Aabb, usize)>)]) -> (Vec<Aabb>, Vec<usize>) {
-    let mut clusters = pages.iter().flat_map(|p| &p.1);
+fn of_groups(dag: &Dag, pages: &[Surveyed]) -> (Vec<Aabb>, Vec<usize>) {
+    let mut clusters = pages.iter().flat_map(|p| &p.clusters);
     let of_group = |g: &Group| {
         let own = clusters.by_ref().take(g.count as usize);
         own.fold((Aabb::EMPTY, 0), |(bounds, words), (b, w)| (bounds.union(b), words + w))
@@ -286,7 +295,10 @@ fn exponent(dag: &Dag, precision: Precision) -> Result<Option<i32>> {
     let wanted = match precision {
         Precision::Exact => return Ok(None),
         Precision::Auto if dag.grid.is_some() => return Ok(None),
-        Precision::Auto => AUTO_EDGE_BITS - median_edge_exponent(dag),
+        Precision::Auto => {
+            let Sizes { edge, fine } = Sizes::of(dag);
+            (AUTO_EDGE_BITS - edge).max(AUTO_FINE_BITS - fine)
+        }
         Precision::Step(step) if step > 0.0 && step.is_finite() => -floor_log2(step / dag.frame.scale),
         Precision::Step(step) => {
             return Err(Error::argument("precision", format!("must be positive and finite, not {step}")));
@@ -326,39 +338,76 @@ fn floor_log2(x: f64) -> i32 {
     (x.to_bits() >> (f64::MANTISSA_DIGITS - 1)) as i32 - (f64::MAX_EXP - 1)
 }
 
-/// ⌊log2⌋ of the median edge of the triangles of the source, internal units. An inner edge counts for both its
-/// triangles.
-fn median_edge_exponent(dag: &Dag) -> i32 {
+/// How large the triangles of the source are: ⌊log2⌋ of lengths in internal units.
+struct Sizes {
+    /// The median edge. An inner edge counts for both its triangles.
+    edge: i32,
+    /// What all but one of [`FINE_PART`] triangles reach: the height over the longest edge, their own or that of a neighbour in
+    /// their cluster. A sliver between larger ones is none of what is fine; a strip of a cylinder is.
+    fine: i32,
+}
+
+impl Sizes {
     // Exponents of f64, halved.
     const BINS: i32 = f64::MAX_EXP / 2;
-    let histogram = |p: usize| {
-        let mut bins = vec![0u64; 2 * BINS as usize];
+
+    fn of(dag: &Dag) -> Self {
+        let bins = (0..dag.pages.table.len()).into_par_iter().map(|p| Self::histograms(dag, p));
+        let empty = || [(); 2].map(|()| vec![0u64; 2 * Self::BINS as usize]);
+        let add = |mut a: [Vec<u64>; 2], b: [Vec<u64>; 2]| {
+            a.iter_mut().flatten().zip(b.iter().flatten()).for_each(|(a, b)| *a += b);
+            a
+        };
+        let [edges, heights] = bins.reduce(empty, add);
+        Self { edge: Self::reached(&edges, 2), fine: Self::reached(&heights, FINE_PART) }
+    }
+
+    /// The bin up to which more than one of `part` lie; 0 where there are none.
+    fn reached(bins: &[u64], part: u64) -> i32 {
+        let few = bins.iter().sum::<u64>() / part;
+        let mut count = 0;
+        let bin = bins.iter().position(|bin| {
+            count += bin;
+            count > few
+        });
+        bin.map_or(0, |bin| bin as i32 - Self::BINS)
+    }
+
+    /// Edges and heights of a page.
+    fn histograms(dag: &Dag, p: usize) -> [Vec<u64>; 2] {
+        let [mut edges, mut heights] = [(); 2].map(|()| vec![0u64; 2 * Self::BINS as usize]);
+        let bin = |squared: f64| ((floor_log2(squared) >> 1) + Self::BINS) as usize;
+        // The sides of a cluster with the heights of their triangles.
+        let mut sides: Vec<([u8; 2], u8, f64)> = Vec::new();
         for (slot, _) in dag.pages.records(p).iter().enumerate().filter(|(_, r)| r.level == 0) {
             let geometry = geometry(dag, p, slot);
+            sides.clear();
             for t in 0..geometry.triangles.len() {
-                let corners = geometry.corners(t).map(|c| c.map(f64::from));
+                let corners = geometry.corners(t).map(|c| DVec3::from_array(c.map(f64::from)));
+                let [a, b, c] = corners;
+                let squared = [a.distance_squared(b), b.distance_squared(c), c.distance_squared(a)];
+                squared.iter().for_each(|squared| edges[bin(*squared)] += 1);
+                let longest = squared.iter().fold(f64::MIN_POSITIVE, |most, x| most.max(*x));
+                let height = (b - a).cross(c - a).length_squared() / longest;
+                let names = geometry.triangles.get(t);
                 for k in 0..3 {
-                    let (a, b) = (corners[k], corners[(k + 1) % 3]);
-                    let squared: f64 = (0..3).map(|i| (a[i] - b[i]).powi(2)).sum();
-                    bins[((floor_log2(squared) >> 1) + BINS) as usize] += 1;
+                    let (v, w) = (names[k], names[(k + 1) % 3]);
+                    sides.push(([v.min(w), v.max(w)], t as u8, height));
                 }
             }
+            let mut reached = vec![0f64; geometry.triangles.len()];
+            sides.sort_unstable_by_key(|(side, ..)| *side);
+            for faces in sides.chunk_by(|a, b| a.0 == b.0) {
+                let most = faces.iter().fold(0.0, |most: f64, face| most.max(face.2));
+                faces.iter().for_each(|(_, t, _)| {
+                    let own = &mut reached[usize::from(*t)];
+                    *own = own.max(most);
+                });
+            }
+            reached.iter().filter(|squared| **squared > 0.0).for_each(|squared| heights[bin(*squared)] += 1);
         }
-        bins
-    };
-    let add = |mut a: Vec<u64>, b: Vec<u64>| {
-        a.iter_mut().zip(&b).for_each(|(a, b)| *a += b);
-        a
-    };
-    let bins = (0..dag.pages.table.len()).into_par_iter().map(histogram);
-    let bins = bins.reduce(|| vec![0; 2 * BINS as usize], add);
-    let half = bins.iter().sum::<u64>() / 2;
-    let mut count = 0;
-    let median = bins.iter().position(|bin| {
-        count += bin;
-        count > half
-    });
-    median.map_or(0, |bin| bin as i32 - BINS)
+        [edges, heights]
+    }
 }
 
 /// The nearest point of a grid with such steps, a power of two. Never inlined: LLVM 22 crashes over it in a loop with
@@ -369,11 +418,18 @@ fn snap<const N: usize>(p: [f32; N], step: f32) -> [f32; N] {
     p.map(|x| (x / step).round_ties_even() * step + 0.0)
 }
 
-/// The square of the largest distance that a vertex of a page moves, internal units, and of each of its clusters the box
-/// after, and the words that it takes.
-fn survey(dag: &Dag, page: usize, grid: Grid, names: &[u32]) -> (f64, Vec<(Aabb, usize)>) {
-    let mut most = 0f64;
-    let mut clusters = Vec::new();
+/// What a grid makes of a page.
+struct Surveyed {
+    /// The square of the largest distance that a vertex moves, internal units.
+    moved: f64,
+    /// See [`Rounded::flattened`].
+    flattened: u64,
+    /// Of each cluster the box after, and the words that it takes.
+    clusters: Vec<(Aabb, usize)>,
+}
+
+fn survey(dag: &Dag, page: usize, grid: Grid, names: &[u32]) -> Surveyed {
+    let mut out = Surveyed { moved: 0.0, flattened: 0, clusters: Vec::new() };
     let mut snapped: Vec<[f32; 3]> = Vec::new();
     for slot in 0..dag.pages.table[page].clusters as usize {
         let geometry = geometry(dag, page, slot);
@@ -382,10 +438,21 @@ fn survey(dag: &Dag, page: usize, grid: Grid, names: &[u32]) -> (f64, Vec<(Aabb,
         snapped.extend(positions.iter().map(|p| snap(p, grid.step())));
         for (p, q) in positions.iter().zip(&snapped) {
             let squared = (0..3).map(|k| (f64::from(p[k]) - f64::from(q[k])).powi(2)).sum();
-            most = most.max(squared);
+            out.moved = out.moved.max(squared);
+        }
+        if dag.pages.records(page)[slot].level == 0 {
+            let has_area = |corners: [[f32; 3]; 3]| {
+                let [a, b, c] = corners.map(|p| DVec3::from_array(p.map(f64::from)));
+                (b - a).cross(c - a) != DVec3::ZERO
+            };
+            let is_flattened = |t: &usize| {
+                let after = geometry.triangles.get(*t).map(|v| snapped[usize::from(v)]);
+                has_area(geometry.corners(*t)) && !has_area(after)
+            };
+            out.flattened += (0..geometry.triangles.len()).filter(is_flattened).count() as u64;
         }
         let words = RECORD_WORDS + pack(&snapped, &geometry, names, dag.layout(), grid).streams.end;
-        clusters.push((Aabb::of_points(&snapped), words));
+        out.clusters.push((Aabb::of_points(&snapped), words));
     }
-    (most, clusters)
+    out
 }

@@ -198,9 +198,9 @@ impl Mesh {
     }
 
     /// Writes a `.nanite` file: to a temporary file beside it, which then takes its name. `step` is the largest step
-    /// of positions in object units.
+    /// of positions in object units. Returns how many triangles of the source have no area in it.
     #[pyo3(signature = (path, precision="auto", step=None))]
-    fn save(&self, py: Python<'_>, path: PathBuf, precision: &str, step: Option<f64>) -> PyResult<()> {
+    fn save(&self, py: Python<'_>, path: PathBuf, precision: &str, step: Option<f64>) -> PyResult<u64> {
         let precision = match (precision, step) {
             (_, Some(step)) => Precision::Step(step),
             ("auto", None) => Precision::Auto,

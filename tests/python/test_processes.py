@@ -1,0 +1,253 @@
+"""Whatever the parent has called before, everything works in forked children, or says why not; nothing ever hangs.
+
+Each test runs a script in a process of its own, which forks.
+"""
+
+import os
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+import nanite_rs as nrs
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+
+HEAD = """
+import hashlib, multiprocessing, os, pathlib, pickle, signal, sys, threading, time, warnings
+import numpy as np
+import nanite_rs as nrs
+
+warnings.simplefilter("ignore")
+LIMIT = 30
+
+def forked(work):
+    # What `work` returns in a forked child, or how that ended.
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(reader)
+        try:
+            said = work()
+        except BaseException as error:
+            said = f"{type(error).__name__}: {error}"
+        with os.fdopen(writer, "wb") as file:
+            file.write(pickle.dumps(said))
+        os._exit(0)
+    os.close(writer)
+    late = threading.Timer(LIMIT, os.kill, (child, signal.SIGKILL))
+    late.start()
+    with os.fdopen(reader, "rb") as file:
+        said = file.read()
+    os.waitpid(child, 0)
+    late.cancel()
+    return pickle.loads(said) if said else "hangs"
+
+def digest(*arrays):
+    return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
+
+vertices, faces = nrs.shapes.displaced_icosphere(faces=20_000)
+camera, pose = nrs.PerspectiveCamera(yfov=0.8), np.eye(4)
+pose[2, 3] = 4.0
+mesh = nrs.NaniteMesh.from_arrays(vertices, faces, channels={"x": vertices[:, 0]})
+file = pathlib.Path("sphere.nanite")
+mesh.save(file)
+
+def scene_of(mesh):
+    scene = nrs.Scene(ambient_light=(1, 1, 1))
+    scene.add(mesh)
+    return scene
+
+def picture(renderer, scene):
+    frame = renderer.render(scene, camera, pose)
+    return digest(frame.color, frame.depth)
+"""
+
+
+def run(body: str, folder: os.PathLike[str], **environment: str) -> str:
+    script = HEAD + textwrap.dedent(body)
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=folder,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_call_works_in_a_forked_child(tmp_path) -> None:
+    out = run(
+        """
+        scene, old = scene_of(mesh), nrs.Renderer(160, 120, backend="cpu")
+        opened = nrs.NaniteMesh.open(file)
+        streaming = nrs.Renderer(160, 120, backend="cpu", streaming=True, pool_bytes=1 << 20)
+        streamed = scene_of(opened)
+        viewer = nrs.Viewer(scene, size=(160, 120), backend="cpu") if hasattr(nrs, "Viewer") else None
+        frame = old.render(scene, camera, pose)
+        calls = {
+            "build": lambda: digest(nrs.NaniteMesh.from_arrays(vertices, faces).cut(error=0).vertices),
+            "fast": lambda: len(nrs.NaniteMesh.from_arrays(vertices, faces, options=nrs.BuildOptions(threads=3))),
+            "decimate": lambda: digest(nrs.decimate(nrs.NaniteMesh.from_arrays(vertices, faces).cut(error=0).to_trimesh(), 2_000).vertices),
+            "simplify": lambda: digest(*nrs.simplify(vertices, faces, 0.9)),
+            "cut": lambda: digest(mesh.cut(target_faces=2_000).vertices),
+            "channel": lambda: digest(mesh.cut(target_faces=2_000).channels["x"]),
+            "opened": lambda: digest(nrs.NaniteMesh.open(file).cut(target_faces=2_000).channels["x"]),
+            "opened before": lambda: digest(opened.cut(error=0).vertices),
+            "measure": lambda: nrs.measure.surface_distance(mesh, mesh.cut(target_faces=2_000)).max,
+            "check": lambda: mesh.check().clusters,
+            "pickle": lambda: pickle.loads(pickle.dumps(mesh)) == mesh,
+            "save": lambda: (mesh.save(f"{os.getpid()}.nanite"), os.path.getsize(f"{os.getpid()}.nanite"))[1],
+            "old renderer": lambda: picture(old, scene),
+            "new renderer": lambda: picture(nrs.Renderer(160, 120, backend="cpu"), scene_of(mesh)),
+            "auto": lambda: picture(nrs.Renderer(160, 120, threads=2), scene_of(mesh)),
+            "old streaming": lambda: picture(streaming, streamed),
+            "new streaming": lambda: picture(
+                nrs.Renderer(160, 120, backend="cpu", streaming=True, pool_bytes=1 << 20), scene_of(nrs.NaniteMesh.open(file))
+            ),
+            "old frame": lambda: digest(frame.normal, frame.linear),
+            "image": lambda: digest(nrs.Image(np.zeros((8, 8, 3), np.uint8)).pixels),
+            "environment": lambda: repr(nrs.Environment(np.ones((4, 8, 3)))),
+            "compare": lambda: nrs.compare(np.zeros((64, 64, 3), np.uint8), np.full((64, 64, 3), 5, np.uint8)).psnr,
+        }
+        for name, call in calls.items():
+            before = forked(call)
+            want = call()
+            after = forked(call)
+            print("ok" if before == want == after else f"{name}: {want!r}, forked before {before!r}, after {after!r}")
+        """,
+        tmp_path,
+    )
+    assert set(out.split("\n")) == {"ok", ""}, out
+
+
+def test_what_another_thread_was_at_is_an_error_and_the_rest_works(tmp_path) -> None:
+    out = run(
+        """
+        big = nrs.NaniteMesh.from_arrays(*nrs.shapes.displaced_icosphere(faces=300_000), options=nrs.BuildOptions(quality="fast", error="quadric"))
+        scene, renderer, stop = scene_of(big), nrs.Renderer(2048, 2048, backend="cpu"), False
+        def draw():
+            while not stop:
+                renderer.render(scene, camera, pose, pixel_error=0.1, samples=16, shading="gltf")
+        def build():
+            while not stop:
+                nrs.NaniteMesh.from_arrays(vertices, faces)
+        threads = [threading.Thread(target=draw), threading.Thread(target=build)]
+        for thread in threads:
+            thread.start()
+        time.sleep(0.3)
+        ways = [lambda: picture(renderer, scene), lambda: scene.instances[0].pose[2, 2],
+                lambda: len(nrs.NaniteMesh.from_arrays(vertices, faces)), lambda: len(big.cut(target_faces=5_000)) <= 5_000]
+        said = [forked(way) for way in ways]
+        stop = True
+        for thread in threads:
+            thread.join()
+        print(said[0].split(":")[0], said[2:])
+        print(said[1])
+        """,
+        tmp_path,
+    )
+    first, second, _ = out.split("\n")
+    assert first == "ForkError [20000, True]", out
+    assert second == "1.0", out  # a scene that is drawn may be looked at
+
+
+def test_a_device_is_not_used_on_both_sides_of_a_fork(tmp_path) -> None:
+    try:
+        nrs.Renderer(16, 16, backend="gpu").close()
+    except nrs.BackendError as error:
+        pytest.skip(f"no device: {error}")
+    out = run(
+        """
+        scene, old = scene_of(mesh), nrs.Renderer(160, 120, backend="gpu")
+        frame = old.render(scene, camera, pose)
+        print(forked(lambda: picture(old, scene)))
+        print(forked(lambda: digest(frame.normal)))
+        print(forked(lambda: nrs.Renderer(16, 16, backend="gpu")))
+        def auto():
+            renderer = nrs.Renderer(160, 120)
+            return renderer.backend, picture(renderer, scene) == want
+        want = picture(nrs.Renderer(160, 120, backend="cpu"), scene)
+        print(forked(auto))
+        print(picture(old, scene)[:0] + "parent goes on")
+        """,
+        tmp_path,
+    ).split("\n")
+    assert all(line.startswith("BackendError") and '"spawn"' in line for line in out[:3]), out
+    assert out[3:5] == ["('cpu', True)", "parent goes on"], out
+
+
+def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> None:
+    script = tmp_path / "loader.py"
+    script.write_text(
+        HEAD.replace('mesh.save(file)', 'if __name__ == "__main__": mesh.save(file)')
+        + textwrap.dedent("""
+        class Data:
+            # As a PyTorch data set: made in the parent, indexed in workers.
+            def __init__(self):
+                self.mesh, self.renderer, self.scene = mesh, nrs.Renderer(64, 48, backend="cpu"), None
+                self.poses = nrs.orbit(mesh, 50, yfov=0.8)
+            def __getitem__(self, i):
+                if self.scene is None:
+                    self.scene = scene_of(self.mesh)
+                frame = self.renderer.render(self.scene, camera, self.poses[i % 50])
+                return digest(frame.color, frame.depth)
+            def __getstate__(self):
+                return {**vars(self), "scene": None}
+
+        def main():
+            import concurrent.futures
+            data = Data()
+            want = [data[i] for i in range(50)] * 20
+            for method, workers, count in (("fork", 8, 1_000), ("spawn", 2, 50), ("forkserver", 2, 50)):
+                context = multiprocessing.get_context(method)
+                with context.Pool(workers) as pool:
+                    got = pool.map_async(data.__getitem__, range(count), chunksize=10).get(120)
+                print(method, got == want[:count])
+                with concurrent.futures.ProcessPoolExecutor(2, mp_context=context) as pool:
+                    print(method, list(pool.map(data.__getitem__, range(4))) == want[:4])
+
+        if __name__ == "__main__":
+            main()
+        """)
+    )
+    done = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    said = [line.rsplit(" ", 1) for line in done.stdout.strip().split("\n")]
+    assert [way for way, _ in said] == ["fork"] * 2 + ["spawn"] * 2 + ["forkserver"] * 2
+    assert all(equal == "True" for _, equal in said), done.stdout
+
+
+def test_the_number_of_threads_is_honoured(tmp_path) -> None:
+    body = """
+    before = set(os.listdir("/proc/self/task"))
+    named = lambda: sorted(open(f"/proc/self/task/{task}/comm").read().strip() for task in os.listdir("/proc/self/task"))
+    own = lambda: len({name for name in named() if name.startswith("nanite-")})
+    nrs.NaniteMesh.from_arrays(vertices, faces).cut(target_faces=2_000)
+    nrs.Renderer(64, 48, backend="cpu").render(scene_of(mesh), camera, pose).color
+    print(nrs.get_num_threads(), own())
+    """
+    if not os.path.isdir("/proc/self/task"):
+        pytest.skip("threads are counted in /proc")
+    assert run(body, tmp_path, NANITE_NUM_THREADS="1").split() == ["1", "1"]
+    assert run(body, tmp_path, NANITE_NUM_THREADS="3", RAYON_NUM_THREADS="1").split() == ["3", "3"]
+    assert run(body, tmp_path, RAYON_NUM_THREADS="2").split() == ["2", "2"]
+
+
+def test_set_num_threads() -> None:
+    before = nrs.get_num_threads()
+    nrs.set_num_threads(3)
+    assert nrs.get_num_threads() == 3
+    nrs.set_num_threads(0)
+    assert nrs.get_num_threads() == before
+    with pytest.raises(nrs.ArgumentError, match=r"^threads: must be 0 or more"):
+        nrs.set_num_threads(-1)
+    with pytest.raises(nrs.DtypeError, match=r"^threads: expected an integer"):
+        nrs.set_num_threads(1.5)  # type: ignore[arg-type]
+    with pytest.raises(nrs.ArgumentError, match="threads"):
+        nrs.Renderer(16, 16, threads=-2)
