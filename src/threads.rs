@@ -186,7 +186,12 @@ impl<T> Lock<T> {
 
     /// To look, with others who do. `what` is named where it is held for ever.
     pub fn read(&self, what: &'static str) -> Result<RwLockReadGuard<'_, T>> {
-        self.look(what)?;
+        // Those who will look at it for ever do not keep others from looking.
+        match self.inner.try_read() {
+            Ok(guard) => return Ok(guard),
+            Err(TryLockError::Poisoned(guard)) => return Ok(guard.into_inner()),
+            Err(TryLockError::WouldBlock) => self.look(what)?,
+        }
         Ok(self.inner.read().unwrap_or_else(PoisonError::into_inner))
     }
 
@@ -283,9 +288,13 @@ mod tests {
         *lock.write("it").unwrap() += 1;
         assert_eq!(*lock.read("it").unwrap(), 2);
         lock.seen.store(other, Ordering::Relaxed);
-        let held = lock.inner.read().unwrap();
+        let held = lock.inner.write().unwrap();
         assert!(matches!(lock.read("it"), Err(Error::Forked("it"))));
         drop(held);
+        let looking = lock.inner.read().unwrap();
+        assert!(matches!(lock.write("it"), Err(Error::Forked("it"))));
+        assert_eq!(*lock.read("it").unwrap(), 2);
+        drop(looking);
         assert_eq!(*lock.read("it").unwrap(), 2);
     }
 

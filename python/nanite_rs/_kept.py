@@ -1,4 +1,4 @@
-"""What is left of a frame in another process: arrays, without the renderer's memory that others could be made of."""
+"""What is left of a frame in another process: arrays, without the memory that others could be made of."""
 
 from __future__ import annotations
 
@@ -16,7 +16,16 @@ if TYPE_CHECKING:
 _ALWAYS: Final = ("color", "depth", "normal", "instance_id", "cluster_id", "triangle_id")
 """What goes along whether it was looked at or not."""
 
-_ARRAYS: Final = (*_ALWAYS, "linear", "base_color", "shading_normal", "orm", "emissive", "face_id", "overdraw")
+_ARRAYS: Final = (
+    *_ALWAYS,
+    "linear",
+    "base_color",
+    "shading_normal",
+    "orm",
+    "emissive",
+    "face_id",
+    "overdraw",
+)
 
 
 def kept(core: _core.Frame | KeptFrame, made: dict[str, Any], *, depth_only: bool) -> KeptFrame:
@@ -70,5 +79,5 @@ class KeptFrame:
 
 def _absent(name: str) -> ArgumentError:
     return ArgumentError(
-        f"{name}: this frame was pickled without it; render with outputs=, or look at it, before the frame is pickled"
+        f"{name}: this frame was pickled without it; render with outputs=, or look at it before it is pickled"
     )

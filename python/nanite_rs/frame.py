@@ -66,8 +66,8 @@ class Frame(_advice.Teaching):
 
     All arrays are owned, contiguous and writable; each is made once and then kept. A frame does not follow later
     edits of the scene. One rendered with ``depth_only=True`` has `depth` and `stats`; all else raises
-    `ArgumentError`. Pickled it keeps `color`, `depth`, `normal`, the ids, `stats`, and what was looked at or rendered
-    with it; all else raises `ArgumentError` then.
+    `ArgumentError`. Pickled it keeps `color`, `depth`, `normal`, the ids, `stats`, and what was looked at before;
+    all else raises `ArgumentError` then.
 
     Examples
     --------

@@ -562,8 +562,8 @@ class NaniteMesh(_advice.Teaching):
             The file.
         precision : "auto", "exact" or float
             "auto": steps of a sixteenth of the median edge of the source or less, and of an eighth of the height
-            over the longest edge that 199 of 200 triangles have, or a neighbour of theirs: strips and small parts of
-            CAD meshes keep their shape and area, slivers between larger triangles may lose theirs. "exact":
+            over the longest edge that 199 of 200 triangles have, or a neighbour of theirs: strips and small parts
+            of CAD meshes keep their shape and area, slivers between larger triangles may lose theirs. "exact":
             everything as it is, in files some twice as large. A number: steps of so many units of the mesh or less.
             Where f32 is as coarse as the grid would be, the file is exact.
 
@@ -607,8 +607,8 @@ class NaniteMesh(_advice.Teaching):
             flattened = self._core.save(path, "auto", _checks.number(precision, "precision"))
         if flattened > len(self) / 200:
             _advice.warn(
-                f"precision: {flattened:,} of {len(self):,} faces have no area in {path}, whose grid is too coarse for "
-                'them; give precision="exact", or a smaller number',
+                f"precision: {flattened:,} of {len(self):,} faces have no area in {path}, whose grid is too coarse "
+                'for them; give precision="exact", or a smaller number',
                 UsageWarning,
             )
 

@@ -1,13 +1,13 @@
 """How many threads calls share their work between.
 
-Each call has its threads to itself while it runs, so that calls from several Python threads do not wait for each other.
+Each call has its threads to itself while it runs: calls from several Python threads do not wait for each other.
 Results never depend on their number. In order of precedence it is what a call names (``BuildOptions(threads=)``,
 ``Renderer(threads=)``, `decimate`'s ``threads=``), what `set_num_threads` was given, the environment variables
 ``NANITE_NUM_THREADS`` and ``RAYON_NUM_THREADS``, and one for each core.
 
-A process that was forked has threads of its own: everything works there, whatever the parent has called before. What
-another thread of the parent was using at that moment raises `ForkError`, and a GPU does not work on both sides of a
-fork: there renderers with ``backend="gpu"`` raise `BackendError`, and those with ``"auto"`` draw on the CPU.
+A process that was forked has threads of its own: everything works there, whatever the parent has called before.
+What another thread of the parent was using at that moment raises `ForkError`, and a GPU does not work on both sides
+of a fork: there renderers with ``backend="gpu"`` raise `BackendError`, and those with ``"auto"`` draw on the CPU.
 """
 
 from __future__ import annotations

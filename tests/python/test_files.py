@@ -135,6 +135,61 @@ def test_precision_is_checked(mesh, tmp_path) -> None:
     assert not path.exists()
 
 
+def cylinder(sections: int, radius: float, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Closed, with a fan at either end."""
+    angle = np.linspace(0.0, 2.0 * np.pi, sections, endpoint=False)
+    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    low, high = (np.column_stack([ring, np.full(sections, z)]) for z in (0.0, height))
+    this = np.arange(sections)
+    after, top = (this + 1) % sections, this + sections
+    center = np.full(sections, 2 * sections)
+    rows = [[this, after, after + sections], [this, after + sections, top], [after, this, center]]
+    rows.append([top, after + sections, center + 1])
+    faces = np.concatenate([np.stack(row, axis=1) for row in rows])
+    return np.concatenate([low, high, [[0.0, 0.0, 0.0], [0.0, 0.0, height]]]), faces
+
+
+def areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    a, b, c = (np.asarray(vertices, np.float64)[faces[:, k]] for k in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+def small_beside_large() -> tuple[np.ndarray, np.ndarray]:
+    """A coarse sphere, and a screw of a hundredth of its size with a twentieth of its triangles."""
+    v, f = nrs.shapes.icosphere(faces=20_000)
+    w, g = cylinder(200, 0.01, 0.05)
+    return np.concatenate([v, w + [1.5, 0.0, 0.0]]), np.concatenate([f, g + len(v)])
+
+
+FINE = {
+    "cylinder": lambda: cylinder(2_000, 10.0, 20.0),
+    "rod": lambda: cylinder(64, 0.01, 100.0),
+    "disc": lambda: cylinder(500, 10.0, 0.001),
+    "small part": small_beside_large,
+}
+
+
+@pytest.mark.parametrize("name", FINE)
+@pytest.mark.filterwarnings("error::nanite_rs.UsageWarning")
+def test_saving_keeps_the_area_of_strips_and_small_parts(name: str, tmp_path) -> None:
+    vertices, faces = FINE[name]()
+    mesh = nrs.NaniteMesh.from_arrays(vertices, faces, options=nrs.BuildOptions(quality="fast"))
+    mesh.save(tmp_path / "saved.nanite")
+    opened = nrs.NaniteMesh.open(tmp_path / "saved.nanite").cut(error=0)
+    before, after = (np.sort(areas(*mesh)) for mesh in ((vertices, faces), (opened.vertices, opened.faces)))
+    assert len(after) == len(before) and (after > 0.0).all()
+    assert after.sum() == pytest.approx(before.sum(), rel=5e-3)
+    # Each of its own is off by the rounding of three corners, an eighth of the height at most for each.
+    assert np.abs(after - before).max() < 0.4 * before.max()
+    assert np.median(np.abs(after / before - 1.0)) < 0.1
+
+
+def test_saving_warns_where_faces_lose_their_area(tmp_path) -> None:
+    mesh = nrs.NaniteMesh.from_arrays(*cylinder(2_000, 10.0, 20.0), options=nrs.BuildOptions(quality="fast"))
+    with pytest.warns(nrs.UsageWarning, match=r"precision: [67],\d+ of 8,000 faces have no area"):
+        mesh.save(tmp_path / "saved.nanite", precision=0.5)
+
+
 def test_file_info_reads_what_comes_before_the_pages(mesh, tmp_path) -> None:
     path = tmp_path / "mesh.nanite"
     mesh.save(path)

@@ -69,6 +69,7 @@ def run(body: str, folder: os.PathLike[str], **environment: str) -> str:
     script = HEAD + textwrap.dedent(body)
     done = subprocess.run(
         [sys.executable, "-c", script],
+        check=False,
         cwd=folder,
         env={**os.environ, **environment},
         capture_output=True,
@@ -86,12 +87,12 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
         opened = nrs.NaniteMesh.open(file)
         streaming = nrs.Renderer(160, 120, backend="cpu", streaming=True, pool_bytes=1 << 20)
         streamed = scene_of(opened)
-        viewer = nrs.Viewer(scene, size=(160, 120), backend="cpu") if hasattr(nrs, "Viewer") else None
+        viewer = nrs.Viewer(mesh, width=160, height=120, backend="cpu")
         frame = old.render(scene, camera, pose)
         calls = {
             "build": lambda: digest(nrs.NaniteMesh.from_arrays(vertices, faces).cut(error=0).vertices),
             "fast": lambda: len(nrs.NaniteMesh.from_arrays(vertices, faces, options=nrs.BuildOptions(threads=3))),
-            "decimate": lambda: digest(nrs.decimate(nrs.NaniteMesh.from_arrays(vertices, faces).cut(error=0).to_trimesh(), 2_000).vertices),
+            "decimate": lambda: digest(nrs.decimate(mesh.cut(error=0).to_trimesh(), 2_000).vertices),
             "simplify": lambda: digest(*nrs.simplify(vertices, faces, 0.9)),
             "cut": lambda: digest(mesh.cut(target_faces=2_000).vertices),
             "channel": lambda: digest(mesh.cut(target_faces=2_000).channels["x"]),
@@ -106,8 +107,10 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
             "auto": lambda: picture(nrs.Renderer(160, 120, threads=2), scene_of(mesh)),
             "old streaming": lambda: picture(streaming, streamed),
             "new streaming": lambda: picture(
-                nrs.Renderer(160, 120, backend="cpu", streaming=True, pool_bytes=1 << 20), scene_of(nrs.NaniteMesh.open(file))
+                nrs.Renderer(160, 120, backend="cpu", streaming=True, pool_bytes=1 << 20),
+                scene_of(nrs.NaniteMesh.open(file)),
             ),
+            "old viewer": lambda: digest(viewer.picture()),
             "old frame": lambda: digest(frame.normal, frame.linear),
             "image": lambda: digest(nrs.Image(np.zeros((8, 8, 3), np.uint8)).pixels),
             "environment": lambda: repr(nrs.Environment(np.ones((4, 8, 3)))),
@@ -117,7 +120,7 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
             before = forked(call)
             want = call()
             after = forked(call)
-            print("ok" if before == want == after else f"{name}: {want!r}, forked before {before!r}, after {after!r}")
+            print("ok" if before == want == after else f"{name}: {want!r}, before {before!r}, after {after!r}")
         """,
         tmp_path,
     )
@@ -127,7 +130,8 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
 def test_what_another_thread_was_at_is_an_error_and_the_rest_works(tmp_path) -> None:
     out = run(
         """
-        big = nrs.NaniteMesh.from_arrays(*nrs.shapes.displaced_icosphere(faces=300_000), options=nrs.BuildOptions(quality="fast", error="quadric"))
+        options = nrs.BuildOptions(quality="fast", error="quadric")
+        big = nrs.NaniteMesh.from_arrays(*nrs.shapes.displaced_icosphere(faces=300_000), options=options)
         scene, renderer, stop = scene_of(big), nrs.Renderer(2048, 2048, backend="cpu"), False
         def draw():
             while not stop:
@@ -139,20 +143,22 @@ def test_what_another_thread_was_at_is_an_error_and_the_rest_works(tmp_path) -> 
         for thread in threads:
             thread.start()
         time.sleep(0.3)
-        ways = [lambda: picture(renderer, scene), lambda: scene.instances[0].pose[2, 2],
-                lambda: len(nrs.NaniteMesh.from_arrays(vertices, faces)), lambda: len(big.cut(target_faces=5_000)) <= 5_000]
+        ways = [
+            lambda: picture(renderer, scene),
+            lambda: scene.instances[0].pose[2, 2],
+            lambda: len(nrs.NaniteMesh.from_arrays(vertices, faces)),
+            lambda: len(big.cut(target_faces=5_000)) <= 5_000,
+            lambda: nrs.Renderer(32, 32, backend="cpu").render(scene, camera, pose).depth.any() * 4.0,
+        ]
         said = [forked(way) for way in ways]
         stop = True
         for thread in threads:
             thread.join()
-        print(said[0].split(":")[0], said[2:])
-        print(said[1])
+        print(said[0].split(":")[0], said[1:] == [1.0, len(faces), True, 4.0] or said[1:])
         """,
         tmp_path,
     )
-    first, second, _ = out.split("\n")
-    assert first == "ForkError [20000, True]", out
-    assert second == "1.0", out  # a scene that is drawn may be looked at
+    assert out == "ForkError True\n", out
 
 
 def test_a_device_is_not_used_on_both_sides_of_a_fork(tmp_path) -> None:
@@ -165,8 +171,8 @@ def test_a_device_is_not_used_on_both_sides_of_a_fork(tmp_path) -> None:
         scene, old = scene_of(mesh), nrs.Renderer(160, 120, backend="gpu")
         frame = old.render(scene, camera, pose)
         print(forked(lambda: picture(old, scene)))
-        print(forked(lambda: digest(frame.normal)))
         print(forked(lambda: nrs.Renderer(16, 16, backend="gpu")))
+        print(forked(lambda: digest(frame.normal)) in (digest(frame.normal), "BackendError"))
         def auto():
             renderer = nrs.Renderer(160, 120)
             return renderer.backend, picture(renderer, scene) == want
@@ -176,14 +182,14 @@ def test_a_device_is_not_used_on_both_sides_of_a_fork(tmp_path) -> None:
         """,
         tmp_path,
     ).split("\n")
-    assert all(line.startswith("BackendError") and '"spawn"' in line for line in out[:3]), out
-    assert out[3:5] == ["('cpu', True)", "parent goes on"], out
+    assert all(line.startswith("BackendError") and '"spawn"' in line for line in out[:2]), out
+    assert out[2:5] == ["True", "('cpu', True)", "parent goes on"], out
 
 
 def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> None:
     script = tmp_path / "loader.py"
     script.write_text(
-        HEAD.replace('mesh.save(file)', 'if __name__ == "__main__": mesh.save(file)')
+        HEAD.replace("mesh.save(file)", 'if __name__ == "__main__": mesh.save(file)')
         + textwrap.dedent("""
         class Data:
             # As a PyTorch data set: made in the parent, indexed in workers.
@@ -215,7 +221,7 @@ def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> Non
         """)
     )
     done = subprocess.run(
-        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=300
+        [sys.executable, script], check=False, cwd=tmp_path, capture_output=True, text=True, timeout=300
     )
     assert done.returncode == 0, done.stderr
     said = [line.rsplit(" ", 1) for line in done.stdout.strip().split("\n")]
@@ -225,9 +231,9 @@ def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> Non
 
 def test_the_number_of_threads_is_honoured(tmp_path) -> None:
     body = """
-    before = set(os.listdir("/proc/self/task"))
-    named = lambda: sorted(open(f"/proc/self/task/{task}/comm").read().strip() for task in os.listdir("/proc/self/task"))
-    own = lambda: len({name for name in named() if name.startswith("nanite-")})
+    def own():
+        names = [(task / "comm").read_text() for task in pathlib.Path("/proc/self/task").iterdir()]
+        return len({name for name in names if name.startswith("nanite-")})
     nrs.NaniteMesh.from_arrays(vertices, faces).cut(target_faces=2_000)
     nrs.Renderer(64, 48, backend="cpu").render(scene_of(mesh), camera, pose).color
     print(nrs.get_num_threads(), own())
