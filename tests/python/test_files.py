@@ -158,7 +158,7 @@ def small_beside_large() -> tuple[np.ndarray, np.ndarray]:
     """A coarse sphere, and a screw of a hundredth of its size with a twentieth of its triangles."""
     v, f = nrs.shapes.icosphere(faces=20_000)
     w, g = cylinder(200, 0.01, 0.05)
-    return np.concatenate([v, w + [1.5, 0.0, 0.0]]), np.concatenate([f, g + len(v)])
+    return np.concatenate([v, w + np.array([1.5, 0.0, 0.0])]), np.concatenate([f, g + len(v)])
 
 
 FINE = {
@@ -177,7 +177,8 @@ def test_saving_keeps_the_area_of_strips_and_small_parts(name: str, tmp_path) ->
     mesh.save(tmp_path / "saved.nanite")
     opened = nrs.NaniteMesh.open(tmp_path / "saved.nanite").cut(error=0)
     before, after = (np.sort(areas(*mesh)) for mesh in ((vertices, faces), (opened.vertices, opened.faces)))
-    assert len(after) == len(before) and (after > 0.0).all()
+    assert len(after) == len(before)
+    assert (after > 0.0).all()
     assert after.sum() == pytest.approx(before.sum(), rel=5e-3)
     # Each of its own is off by the rounding of three corners, an eighth of the height at most for each.
     assert np.abs(after - before).max() < 0.4 * before.max()
