@@ -49,6 +49,8 @@ class Source:
     uvs: list[NDArray[np.float32]] = field(default_factory=list)
     channels: dict[str, NDArray[Any]] = field(default_factory=dict)
     face_materials: NDArray[Any] | None = None
+    face_channels: dict[str, NDArray[Any]] = field(default_factory=dict)
+    """What else faces carry, (M,) or (M, K) by name."""
 
     def arrays(self) -> dict[str, Any]:
         """Keyword arguments of `NaniteMesh.from_arrays`."""
