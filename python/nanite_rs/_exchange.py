@@ -11,7 +11,7 @@ import numpy as np
 
 from nanite_rs import _advice
 from nanite_rs.exceptions import DependencyError, DtypeError, MeshError
-from nanite_rs.io import Source, _as_rgba
+from nanite_rs.io import Source, as_rgba
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -50,7 +50,7 @@ def _taken(source: Source, point_data: Mapping[str, Any]) -> Source:
         elif name == UVS and columns == 2:
             source.uvs = [np.asarray(array, np.float32)]
         elif name.upper() in ("RGB", "RGBA", "COLORS") and columns in (3, 4) and source.colors is None:
-            source.colors = _as_rgba(array)
+            source.colors = as_rgba(array)
         elif array.ndim in (1, 2) and array.size and array.dtype.kind in "fiub":
             source.channels[str(name)] = array
     return source
@@ -112,7 +112,7 @@ def from_open3d(mesh: Any) -> Source:
     if legacy.has_vertex_normals():
         source.normals = np.asarray(legacy.vertex_normals, np.float32)
     if legacy.has_vertex_colors():
-        source.colors = _as_rgba(np.asarray(legacy.vertex_colors))
+        source.colors = as_rgba(np.asarray(legacy.vertex_colors))
     if legacy.has_triangle_material_ids():
         source.face_materials = np.asarray(legacy.triangle_material_ids)
     if legacy.has_triangle_uvs():

@@ -18,7 +18,7 @@ import numpy as np
 import nanite_rs as nrs
 from nanite_rs import _core, _images, _overlay, _paint, io, shapes
 from nanite_rs._preview import UP, picture
-from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError
+from nanite_rs.exceptions import ArgumentError, NaniteError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -171,12 +171,7 @@ def _triple(point: Sequence[float]) -> str:
 
 
 def _cut(arguments: argparse.Namespace) -> int:
-    import trimesh
-
     output = Path(arguments.output)
-    known = sorted(set(trimesh.exchange.export._mesh_exporters) - {"dict", "dict64", "stl_ascii"})
-    if output.suffix.lower().removeprefix(".") not in known:
-        raise FormatError(f"{output}: cannot write that; trimesh writes {', '.join(known)}")
     mesh = _mesh(arguments)
     cut, seconds = _timed(
         lambda: mesh.cut(
@@ -186,7 +181,7 @@ def _cut(arguments: argparse.Namespace) -> int:
             exact=False if arguments.whole_groups else None,
         )
     )
-    cut.to_trimesh().export(output)
+    cut.export(output)
     if not arguments.quiet:
         print(f"{output}: {cut} of {len(mesh):,} faces, in {_seconds(seconds)}")
     return 0
@@ -364,7 +359,7 @@ def _demo_mesh(name: str, arguments: argparse.Namespace, step: Callable[..., Any
     else:
         arrays = step(
             "load",
-            lambda: io.from_trimesh(io.load(name)).arrays(),
+            lambda: io.from_file(name).arrays(),
             lambda a: f"{name}, {len(a['faces']):,} triangles",
         )
     built: nrs.NaniteMesh = step(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _advice, _exchange
+from nanite_rs import _advice, _exchange, export, io
 from nanite_rs._channels import CutChannels
 
 if TYPE_CHECKING:
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs import _core
+    from nanite_rs.material import Material
 
 __all__ = ["Cut"]
 
@@ -59,6 +60,9 @@ class Cut(_advice.Teaching):
         Level of each cluster: times its surface was simplified, 0 for the source; of made triangles one more.
     cluster_materials : (C,) int32 array or None
         Material of each cluster, as given with ``face_materials``.
+    materials : tuple of Material
+        The looks of the mesh: that of face material n is the n-th, or the last where there are fewer. Empty where
+        the mesh has none.
     vertex_ids : (N,) uint32 array
         Stored identities of the vertices: the same vertex has the same identity in every cut of a mesh. Vertices
         that were made for a budget have larger ones, which other cuts give to other vertices.
@@ -83,13 +87,14 @@ class Cut(_advice.Teaching):
         "colors",
         "error",
         "faces",
+        "materials",
         "normals",
         "uvs",
         "vertex_ids",
         "vertices",
     )
 
-    def __init__(self, core: _core.Cut) -> None:
+    def __init__(self, core: _core.Cut, materials: tuple[Material, ...] = ()) -> None:
         self.vertices: NDArray[np.float32] | NDArray[np.float64] = core.vertices
         self.faces: NDArray[np.int32] = core.faces
         self.normals: NDArray[np.float32] = core.normals
@@ -102,6 +107,7 @@ class Cut(_advice.Teaching):
         self.cluster_levels: NDArray[np.uint8] = core.cluster_levels
         self.cluster_materials: NDArray[np.int32] | None = core.cluster_materials
         self.vertex_ids: NDArray[np.uint32] = core.vertex_ids
+        self.materials: tuple[Material, ...] = materials
         self._first_face: NDArray[np.uint32] = core.first_face
 
     def __len__(self) -> int:
@@ -149,32 +155,53 @@ class Cut(_advice.Teaching):
         return np.repeat(self.cluster_materials, np.diff(self._first_face))
 
     def to_trimesh(self, *, process: bool = False) -> trimesh.Trimesh:
-        """Convert to a `trimesh.Trimesh` with normals, colours, the first UV set and channels.
+        """Convert to a `trimesh.Trimesh` with normals, colours, the first UV set, materials and channels.
 
-        Face materials become the face attribute ``face_materials``.
+        Materials become a ``PBRMaterial``, or a ``MultiMaterial`` with one for each; colours beside UVs or
+        materials lie in ``visual.vertex_attributes["color"]``. Transforms of textures are applied to the UVs.
+        Face materials are the face attribute ``face_materials`` too. What trimesh has no place for is named in
+        a warning.
 
         Parameters
         ----------
         process : bool
             Let trimesh merge vertices by position. Off by default: a cut is clean already.
         """
-        import trimesh
+        from nanite_rs import _trimesh
 
-        visual: Any = None
-        if self.colors is not None:
-            visual = trimesh.visual.ColorVisuals(vertex_colors=self.colors)
-        elif self.uvs:
-            visual = trimesh.visual.TextureVisuals(uv=self.uvs[0])
-        materials = self.face_materials
-        return trimesh.Trimesh(
-            vertices=self.vertices,
-            faces=self.faces,
-            vertex_normals=self.normals,
-            vertex_attributes=dict(self.channels),
-            face_attributes={} if materials is None else {"face_materials": materials},
-            visual=visual,
-            process=process,
-        )
+        return _trimesh.made(self, process=process)
+
+    def export(self, path: io.PathLike) -> None:
+        """Write a file that other programs read, in the format of its ending.
+
+        ``.glb`` and ``.gltf`` (with a ``.bin`` beside it) hold everything: normals, colours, all UV sets,
+        materials with their textures, samplers and transforms, and channels as attributes that begin with an
+        underscore; images are written as the files that they were read from where these were PNG or JPEG.
+        ``.obj`` has a ``.mtl`` and images beside it. ``.ply`` holds colours, UVs, channels and face materials,
+        ``.stl`` and ``.off`` the surface alone. Other endings are written by trimesh. What a format cannot hold
+        is named in a warning.
+
+        Parameters
+        ----------
+        path : path
+            The file. It is replaced in one step or not at all.
+
+        Raises
+        ------
+        FormatError
+            The ending is unknown.
+        FileError
+            The file cannot be written.
+
+        Examples
+        --------
+        >>> clay = nrs.Material(base_color=(0.7, 0.6, 0.5), roughness=0.9)
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000), materials=clay)
+        >>> mesh.cut(target_faces=200).export("ball.glb")
+        >>> nrs.NaniteMesh.from_file("ball.glb").materials == (clay,)
+        True
+        """
+        export.export(self, io.path_of(path))
 
     def to_pyvista(self) -> Any:
         """Convert to a `pyvista.PolyData` with normals, colours, the first UV set, channels and face materials.

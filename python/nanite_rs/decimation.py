@@ -139,10 +139,14 @@ def decimate(
     flags = {"lossless": lossless, "preserve_border": preserve_border}
     flags = {name: _checks.truth(value, name) for name, value in flags.items()}
     proof = _checks.truth(proof, "proof")
-    given = dict(zip(_ATTRIBUTES, (normals, colors, uvs, channels, face_materials), strict=True))
+    given: dict[str, Any] = dict(
+        zip(_ATTRIBUTES, (normals, colors, uvs, channels, face_materials), strict=True)
+    )
     vertices, faces, given = _taken(mesh, given)
+    looks = given.pop("materials", ())
     target = _target(target_faces, target_reduction, len(faces), "target_faces")
     cut = _decimated(vertices, faces, given, target, options, progress, **flags)
+    cut.materials = looks
     if proof:
         from nanite_rs.measure import surface_distance
 
@@ -228,14 +232,14 @@ def _source(mesh: Any) -> io.Source:
         )
     if isinstance(mesh, Cut):
         own = (mesh.normals, mesh.colors, mesh.uvs, dict(mesh.channels), mesh.face_materials)
-        return io.Source(mesh.vertices, mesh.faces, *own)  # type: ignore[arg-type]
-    if isinstance(mesh, str | os.PathLike):
-        if str(os.fspath(mesh)).lower().endswith(io.NANITE_SUFFIX):
+        return io.Source(mesh.vertices, mesh.faces, *own, materials=mesh.materials)  # type: ignore[arg-type]
+    if isinstance(mesh, str | bytes | os.PathLike):
+        if "." + io.given_file(mesh, name="mesh").format == io.NANITE_SUFFIX:
             raise ArgumentError(
-                f"mesh: {os.fspath(mesh)!s} holds all levels of detail; "
+                f"mesh: {io.path_of(mesh)} holds all levels of detail; "
                 "NaniteMesh.open(path).cut(target_faces=5000) picks one of them"
             )
-        return io.from_trimesh(io.load(mesh))
+        return io.from_file(mesh, name="mesh")
     package = type(mesh).__module__.split(".")[0]
     if package in ("pyvista", "open3d", "meshio"):
         source: io.Source = getattr(_exchange, f"from_{package}")(mesh)

@@ -259,7 +259,8 @@ class Scene(_advice.Teaching):
             Object-to-world matrix; the identity when not given. For a mesh any invertible affine matrix.
         material : Material or sequence of Material, optional
             The look of a mesh instance: one material for all of it, or one for each number of the mesh's
-            ``face_materials``, of which the last stands for all numbers from there on.
+            ``face_materials``, of which the last stands for all numbers from there on. Without it those that the
+            mesh has (`NaniteMesh.materials`), or ``Material()``.
 
         Returns
         -------
@@ -275,7 +276,7 @@ class Scene(_advice.Teaching):
             If ``item`` is something else.
         """
         if isinstance(item, NaniteMesh):
-            material = Material() if material is None else material
+            material = (item.materials or Material()) if material is None else material
             try:
                 handle = self._core.add_mesh(item._core, _pose(pose), raw_materials(material))
             except ArgumentError as error:
