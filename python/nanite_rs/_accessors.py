@@ -366,6 +366,8 @@ class Document:
             self.fail(f"{what}: Draco has {array.shape[1]} numbers a vertex, the accessor {width}")
         if kind.kind in "iu":
             limits = np.iinfo(kind)
+            if array.dtype.kind == "u" and kind.kind == "i":
+                array = array.view(f"i{array.dtype.itemsize}")
             whole = np.rint(array)
             if len(whole) and (whole.min() < limits.min or whole.max() > limits.max):
                 self.fail(f"{what}: what Draco holds does not fit {kind}, the type of the accessor")
