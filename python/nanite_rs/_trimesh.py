@@ -21,6 +21,8 @@ from nanite_rs.material import Material
 from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import PIL.Image
     import trimesh
     from numpy.typing import NDArray
@@ -276,7 +278,9 @@ def _single(mesh: trimesh.Trimesh) -> Source:
     stored = mesh._cache.cache.get("vertex_normals")
     if stored is not None and np.shape(stored) == np.shape(source.vertices):
         source.normals = np.asarray(stored, np.float32)
-    source.channels = _channels(mesh)
+    source.channels = _channels(mesh.vertex_attributes, len(mesh.vertices))
+    source.face_channels = _channels(mesh.face_attributes, len(mesh.faces))
+    source.face_channels.pop("face_materials", None)
     source.face_materials = _face_materials(mesh)
     visual = mesh.visual
     if visual is None or not visual.defined:
@@ -302,12 +306,12 @@ def _single(mesh: trimesh.Trimesh) -> Source:
     return source
 
 
-def _channels(mesh: trimesh.Trimesh) -> dict[str, NDArray[Any]]:
-    """The vertex attributes that can be channels: a number or a row of numbers for each vertex."""
+def _channels(attributes: Mapping[Any, Any], count: int) -> dict[str, NDArray[Any]]:
+    """The attributes that can be channels: a number or a row of numbers for each vertex or face."""
     channels = {}
-    for name, values in mesh.vertex_attributes.items():
+    for name, values in attributes.items():
         array = np.asarray(values)
-        rows = array.ndim in (1, 2) and len(array) == len(mesh.vertices)
+        rows = array.ndim in (1, 2) and len(array) == count
         if rows and array.size and array.dtype.kind in "fiub":
             channels[str(name)] = as_labels(str(name), array)
     return channels
@@ -332,6 +336,7 @@ def made(cut: Cut, *, process: bool) -> trimesh.Trimesh:
     notes = Notes()
     numbers = cut.face_materials
     of_faces = {"face_materials": numbers} if numbers is not None else {}
+    of_faces |= dict(cut.face_channels)
     visual: Any = None
     if cut.materials and not _is_plain(cut):
         visual = _textured(cut, notes)
@@ -347,7 +352,7 @@ def made(cut: Cut, *, process: bool) -> trimesh.Trimesh:
         vertices=cut.vertices,
         faces=cut.faces,
         vertex_normals=cut.normals,
-        vertex_attributes=dict(cut.channels),
+        vertex_attributes=cut._vertex_channels,
         face_attributes=of_faces,
         visual=visual,
         process=process,

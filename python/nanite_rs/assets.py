@@ -215,6 +215,7 @@ def _add_meshes(asset: Asset, loaded: LoadedScene, options: BuildOptions | None,
             with named(asset.name, part.name):
                 mesh = built.get(id(part.source))
                 if mesh is None:
+                    io.settle(part.source, asset.notes)
                     mesh = built[id(part.source)] = _mesh(part, options, progress)
                 own.append(loaded.scene.add(mesh, pose=pose, material=part.material))
 

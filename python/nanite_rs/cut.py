@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _advice, _exchange, export, io
+from nanite_rs import _advice, _exchange, _face_data, export, io
 from nanite_rs._channels import CutChannels
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ class Cut(_advice.Teaching):
     channels : mapping of names to (N,) or (N, K) arrays
         Named channels, with the dimensions given: float32, or labels of the dtype given. Each is read when it is
         first looked up, which raises `FormatError` if the file that the mesh was opened from is damaged there.
+        Labels of faces are there too (`face_channels`).
     error : float
         No point of the cut is farther from the source surface, and no point of the source from the cut, in the
         units of the mesh: proven and rounded up (docs/numerics.md). With ``error="quadric"`` an estimate, and
@@ -78,6 +79,7 @@ class Cut(_advice.Teaching):
     """
 
     __slots__ = (
+        "_face_names",
         "_first_face",
         "attribute_error",
         "channels",
@@ -100,12 +102,16 @@ class Cut(_advice.Teaching):
         self.normals: NDArray[np.float32] = core.normals
         self.colors: NDArray[np.uint8] | None = core.colors
         self.uvs: list[NDArray[np.float32]] = core.uvs
+        layout, self._face_names = _face_data.layout(rows.name for rows in core.channels)
         self.channels: Mapping[str, NDArray[Any]] = CutChannels(core.channels)
         self.error: float = core.error
         self.attribute_error: float = core.attribute_error
         self.cluster_ids: NDArray[np.uint32] = core.cluster_ids
         self.cluster_levels: NDArray[np.uint8] = core.cluster_levels
-        self.cluster_materials: NDArray[np.int32] | None = core.cluster_materials
+        numbers = core.cluster_materials
+        self.cluster_materials: NDArray[np.int32] | None = (
+            numbers if layout is None else layout.materials_of(numbers)
+        )
         self.vertex_ids: NDArray[np.uint32] = core.vertex_ids
         self.materials: tuple[Material, ...] = materials
         self._first_face: NDArray[np.uint32] = core.first_face
@@ -153,6 +159,32 @@ class Cut(_advice.Teaching):
         if self.cluster_materials is None:
             return None
         return np.repeat(self.cluster_materials, np.diff(self._first_face))
+
+    @property
+    def face_channels(self) -> Mapping[str, NDArray[Any]]:
+        """What faces carry, by name: (M,) or (M, K) labels, exactly those of the source's faces there.
+
+        They are in `channels` too, as labels of vertices: all corners of a face have those of the face.
+
+        Examples
+        --------
+        >>> vertices, faces = nrs.shapes.icosphere(faces=20_000)
+        >>> north = vertices[faces].mean(axis=1)[:, 2] > 0.0
+        >>> mesh = nrs.NaniteMesh.from_arrays(vertices, faces, face_channels={"half": north.astype(np.uint8) + 5})
+        >>> cut = mesh.cut(target_reduction=0.9)
+        >>> half = cut.face_channels["half"]
+        >>> half.dtype, len(half) == len(cut)
+        (dtype('uint8'), True)
+        >>> z = cut.vertices[cut.faces].mean(axis=1)[:, 2]
+        >>> bool((z[half == 6] > -0.1).all() and (z[half == 5] < 0.1).all())
+        True
+        """
+        return _face_data.FaceChannels(self.channels, self._face_names, self.faces)
+
+    @property
+    def _vertex_channels(self) -> dict[str, NDArray[Any]]:
+        """Channels without those of faces."""
+        return {name: self.channels[name] for name in self.channels if name not in self._face_names}
 
     def to_trimesh(self, *, process: bool = False) -> trimesh.Trimesh:
         """Convert to a `trimesh.Trimesh` with normals, colours, the first UV set, materials and channels.
@@ -204,7 +236,7 @@ class Cut(_advice.Teaching):
         export.export(self, io.path_of(path))
 
     def to_pyvista(self) -> Any:
-        """Convert to a `pyvista.PolyData` with normals, colours, the first UV set, channels and face materials.
+        """Convert to a `pyvista.PolyData` with normals, colours, the first UV set, channels and face data.
 
         Raises
         ------
@@ -230,7 +262,7 @@ class Cut(_advice.Teaching):
         return _exchange.to_open3d(self)
 
     def to_meshio(self) -> Any:
-        """Convert to a `meshio.Mesh` with normals, colours, the first UV set, channels and face materials as data.
+        """Convert to a `meshio.Mesh` with normals, colours, the first UV set, channels and face data.
 
         Raises
         ------

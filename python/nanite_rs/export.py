@@ -473,16 +473,8 @@ def _ply(cut: Cut, path: str, notes: Notes) -> dict[str, bytes]:
         add("red green blue alpha", cut.colors)
     for number, uv in enumerate(cut.uvs):
         add("s t" if not number else f"s{number} t{number}", uv)
-    for name in cut.channels:
-        values = cut.channels[name]
-        values = values.astype(np.uint8) if values.dtype == bool else values
-        if values.dtype.itemsize == 8:
-            values = values.astype(np.int32 if values.dtype.kind == "i" else np.uint32)
-        label = "_".join(name.split()) or "_"
-        add(
-            [label] if values.ndim == 1 else [f"{label}_{k}" for k in range(values.shape[1])],
-            values,
-        )
+    for name, values in cut._vertex_channels.items():
+        add(*_properties(name, values))
     vertices = np.rec.fromarrays([values.astype(values.dtype.newbyteorder("<")) for _, values in columns])
     faces = [
         np.full(len(cut.faces), 3, np.uint8),
@@ -494,8 +486,23 @@ def _ply(cut: Cut, path: str, notes: Notes) -> dict[str, bytes]:
     if cut.face_materials is not None:
         faces.append(cut.face_materials.astype("<i4"))
         head.append("property int material_index")
+    for name, values in cut.face_channels.items():
+        names, labels = _properties(name, values)
+        rows = labels.reshape(len(labels), -1)
+        for k, label in enumerate(names):
+            faces.append(rows[:, k].astype(rows.dtype.newbyteorder("<")))
+            head.append(f"property {_PLY[rows.dtype.str[1:]]} {label}")
     text = "\n".join([*head, "end_header", ""]).encode()
     return {path: text + vertices.tobytes() + np.rec.fromarrays(faces).tobytes()}
+
+
+def _properties(name: str, values: NDArray[Any]) -> tuple[list[str], NDArray[Any]]:
+    """Names without blanks, a number each, and values of a type that PLY has."""
+    values = values.astype(np.uint8) if values.dtype == bool else values
+    if values.dtype.itemsize == 8:
+        values = values.astype(np.int32 if values.dtype.kind == "i" else np.uint32)
+    label = "_".join(name.split()) or "_"
+    return [label] if values.ndim == 1 else [f"{label}_{k}" for k in range(values.shape[1])], values
 
 
 _PLY: Final = {

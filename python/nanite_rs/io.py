@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _advice
+from nanite_rs import _advice, _face_data
+from nanite_rs._asset import as_labels, has_area
 from nanite_rs._images import read_bytes
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, MeshError
 from nanite_rs.material import Material
@@ -79,6 +80,7 @@ class Source:
             "uvs": self.uvs,
             "channels": self.channels,
             "face_materials": self.face_materials,
+            "face_channels": self.face_channels,
             "materials": self.materials,
         }
 
@@ -273,8 +275,6 @@ def flattened(asset: Asset) -> Source:
     The materials of all parts are rows of one table, in the order in which parts come; where there is one for all,
     face materials keep the numbers that they have, each part's behind those of the part before.
     """
-    from nanite_rs._asset import has_area
-
     parts: list[Part] = []
     for node, number, pose in asset.placed:
         for part in asset.meshes[number]:
@@ -303,7 +303,28 @@ def flattened(asset: Asset) -> Source:
         materials = ()  # nothing was said
     out = _concatenated([part.source for part in parts], asset.notes, follow=len(table) == 1)
     out.materials = materials
+    settle(out, asset.notes)
     return out
+
+
+def settle(source: Source, notes: Notes) -> None:
+    """Make of what faces carry what a mesh can hold: labels of moderate variety; the rest is noted."""
+    renamed = {
+        f"face_{name}" if name in source.channels else name: v for name, v in source.face_channels.items()
+    }
+    labels = {name: as_labels(name, values) for name, values in renamed.items()}
+    labels, blended = _face_data.without_floats(source.vertices, source.faces, labels)
+    for name, values in blended.items():
+        notes.add("floating-point data of faces, averaged to vertices", name)
+        source.channels[name] = values
+    own = np.zeros(len(source.faces), np.int64) if source.face_materials is None else source.face_materials
+    kept: dict[str, NDArray[Any]] = {}
+    for name in sorted(labels, key=lambda name: len(np.unique(labels[name], axis=0))):
+        if _face_data.combinations([own, *kept.values(), labels[name]])[1] <= _face_data.MOST:
+            kept[name] = labels[name]
+        else:
+            notes.add("data of faces that differ too much to be kept apart", name)
+    source.face_channels = {name: labels[name] for name in labels if name in kept}
 
 
 def _looks(part: Part) -> list[Material]:

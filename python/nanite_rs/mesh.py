@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, get_origin,
 
 import numpy as np
 
-from nanite_rs import _advice, _channels, _checks, _exchange, io
+from nanite_rs import _advice, _channels, _checks, _exchange, _face_data, io
 from nanite_rs._channels import Channel
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._progress import Progress, reporter
 from nanite_rs.camera import Camera
 from nanite_rs.cut import Cut
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, UsageWarning
-from nanite_rs.material import several
+from nanite_rs.material import raw_materials, several
 from nanite_rs.report import BuildReport, CheckReport
 
 if TYPE_CHECKING:
@@ -201,7 +201,17 @@ def _core_arrays(
 ) -> dict[str, Any]:
     """The arrays of a mesh as the core takes them."""
     normals, colors, face_materials = given["normals"], given["colors"], given["face_materials"]
-    return {
+    labels: dict[str, NDArray[Any]] = {}
+    if given.get("face_channels"):
+        of_faces = _face_data.checked(given["face_channels"], len(faces) if faces.ndim else 0)
+        for name in of_faces:
+            if name in (channels or ()):
+                raise ArgumentError(f"face_channels[{name!r}]: channels has one of that name")
+        if _are_rows(vertices, faces):
+            labels, blended = _face_data.without_floats(vertices, faces, of_faces)
+            _face_data.warn_of_floats(blended)
+            channels = {**(channels or {}), **blended}
+    arrays = {
         "vertices": vertices,
         "faces": faces,
         "normals": None if normals is None else _vertex_floats(normals, "normals"),
@@ -209,6 +219,38 @@ def _core_arrays(
         "uvs": _uv_sets(given["uvs"]),
         "face_materials": None if face_materials is None else _materials(face_materials),
         "channels": _channels.pack(channels, len(vertices) if vertices.ndim else 0),
+    }
+    return _apart(arrays, labels) if labels else arrays
+
+
+def _are_rows(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
+    """Whether faces name vertices: where they do not, the core says what is wrong."""
+    shaped = vertices.ndim == 2 and vertices.shape[1] == 3 and faces.ndim == 2 and faces.shape[1] == 3
+    if not shaped or faces.dtype.kind not in "iu" or not faces.size:
+        return False
+    return bool(faces.min() >= 0 and faces.max() < len(vertices))
+
+
+def _apart(arrays: dict[str, Any], labels: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """Arrays of the core in which every vertex has the labels of its faces."""
+    numbers = arrays["face_materials"]
+    if numbers is not None and len(numbers) != len(arrays["faces"]):
+        return arrays  # which the core refuses
+    copied, faces, core, channels = _face_data.taken_apart(arrays["faces"], numbers, labels)
+    count = len(arrays["vertices"])
+
+    def of(rows: NDArray[Any] | None) -> NDArray[Any] | None:
+        return rows if rows is None or len(rows) != count else np.ascontiguousarray(rows[copied])
+
+    packed = [(name, kind, words[copied]) for name, kind, words in arrays["channels"]]
+    return {
+        "vertices": of(arrays["vertices"]),
+        "faces": faces,
+        "normals": of(arrays["normals"]),
+        "colors": of(arrays["colors"]),
+        "uvs": [of(uv) for uv in arrays["uvs"]],
+        "face_materials": core,
+        "channels": packed + _channels.pack(channels, len(copied)),
     }
 
 
@@ -272,6 +314,7 @@ class NaniteMesh(_advice.Teaching):
         uvs: ArrayLike | Sequence[ArrayLike] | None = None,
         channels: Mapping[str, ArrayLike] | None = None,
         face_materials: ArrayLike | None = None,
+        face_channels: Mapping[str, ArrayLike] | None = None,
         materials: Look | None = None,
         options: BuildOptions | None = None,
         progress: Progress = None,
@@ -302,6 +345,11 @@ class NaniteMesh(_advice.Teaching):
         face_materials : (M,) array of any integer type, optional
             The number of each face's material, within the range of int32. Clusters have one material each, and
             lines between materials are kept as seams are.
+        face_channels : mapping of names to (M,) or (M, K) arrays, optional
+            Integers and bools that faces carry, such as segments: every face of a cut has those of the source's
+            faces there, and lines between them are kept as those between materials are (`Cut.face_channels`). All
+            together may have up to 4,096 different rows. Floating-point ones become channels of vertices, by means
+            weighted with areas, which a `UsageWarning` says.
         materials : Material or sequence of Material, optional
             The look of the mesh, or one for each number of ``face_materials``, of which the last stands for all
             from there on. They stay with the mesh (`materials`) and its cuts.
@@ -337,9 +385,10 @@ class NaniteMesh(_advice.Teaching):
                 f"options: expected BuildOptions, not {type(options).__name__}; give BuildOptions(quality=...)"
             )
         given = {"normals": normals, "colors": colors, "uvs": uvs, "face_materials": face_materials}
+        of_faces = {"face_channels": face_channels}
         looks = () if materials is None else several(materials, "materials")
         try:
-            mesh = cls._build(vertices, faces, given, channels, options, progress)
+            mesh = cls._build(vertices, faces, given | of_faces, channels, options, progress)
         except ArgumentError as error:
             more = _advice.for_arrays(str(error), vertices, faces, given)
             raise (_advice.advised(error, more) if more else _advice.near(error)) from None
@@ -404,7 +453,7 @@ class NaniteMesh(_advice.Teaching):
         """Build from a PyVista data set: the triangles of its surface.
 
         Normals, texture coordinates, colours (``RGB`` or ``RGBA``), the other point data as channels, and the cell
-        data ``face_materials`` are carried along.
+        data ``face_materials`` are carried along, as are other cell data (``face_channels``).
 
         Parameters
         ----------
@@ -470,7 +519,7 @@ class NaniteMesh(_advice.Teaching):
         """Build from the triangles and quadrilaterals of a meshio mesh.
 
         Points may have two coordinates. Point data become normals (``Normals``), colours (``RGB`` or ``RGBA``) and
-        channels; the cell data ``face_materials`` are carried along.
+        channels; the cell data ``face_materials`` and others (``face_channels``) are carried along.
 
         Parameters
         ----------
@@ -682,7 +731,8 @@ class NaniteMesh(_advice.Teaching):
         >>> info["faces"] == len(mesh), info["bytes"] == sum(info["parts"].values())
         (True, True)
         """
-        return CoreMesh.file_info(io.path_of(path))
+        info = CoreMesh.file_info(io.path_of(path))
+        return info | {"channels": [_face_data.plain(name) for name in info["channels"]]}
 
     # ----------------------------------------------------------------------------------------- cutting
 
@@ -871,7 +921,7 @@ class NaniteMesh(_advice.Teaching):
             "colors": core.has_colors,
             "uv_sets": core.uv_sets,
             "materials": core.has_materials,
-            "channels": [name for name, _, _ in core.channels],
+            "channels": [_face_data.plain(name) for name, _, _ in core.channels],
             "bounds": [list(corner) for corner in core.bounds],
             "origin": list(core.origin),
             "precision": core.precision,
@@ -908,9 +958,28 @@ class NaniteMesh(_advice.Teaching):
         {'x': Channel(dtype=dtype('float32'), width=2)}
         """
         return {
-            name: Channel(np.dtype(dtype), 1 if columns is None else columns)
+            _face_data.plain(name): Channel(np.dtype(dtype), 1 if columns is None else columns)
             for name, dtype, columns in self._core.channels
         }
+
+    @property
+    def face_channels(self) -> dict[str, Channel]:
+        """The dtype and width of what faces carry; `Cut.face_channels` has the values.
+
+        Examples
+        --------
+        >>> vertices, faces = nrs.shapes.icosphere(faces=80)
+        >>> nrs.NaniteMesh.from_arrays(vertices, faces, face_channels={"part": np.arange(80) % 3}).face_channels
+        {'part': Channel(dtype=dtype('int64'), width=1)}
+        """
+        names = _face_data.layout(name for name, _, _ in self._core.channels)[1]
+        return {name: channel for name, channel in self.channels.items() if name in names}
+
+    def _looks(self, material: Look) -> list[dict[str, Any]]:
+        """Looks as the core takes them: one, or one for each of its numbers."""
+        layout, _ = _face_data.layout(name for name, _, _ in self._core.channels)
+        raw = raw_materials(material)
+        return raw if layout is None else layout.spread(raw)
 
     @property
     def source_face_ids(self) -> NDArray[np.uint32] | None:
