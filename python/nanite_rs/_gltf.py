@@ -47,6 +47,8 @@ _KNOWN: Final = (
     "MSFT_texture_dds",
 )
 _LOOKS: Final = "KHR_materials_"
+# What these add are attributes, which are read, and their meaning.
+_SAID_BY: Final = ("EXT_mesh_features",)
 _READ_LOOKS: Final = ("unlit", "emissive_strength", "pbrSpecularGlossiness", "variants")
 
 _WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33648: "mirror", 33071: "clamp"}
@@ -103,6 +105,9 @@ class _Reader:
         )
         if strange:
             document.fail(f"it requires {', '.join(strange)}, which cannot be read")
+        for name in map(str, document.listed(document.json, "extensionsUsed")):
+            if name not in (*_KNOWN, *_SAID_BY) and not name.startswith((_LOOKS, "KHR_xmp")):
+                self._notes.add("extensions", name)
         moving = document.listed(document.json, "animations")
         if moving:
             named_so = [row.get("name") for row in moving if isinstance(row, dict)]
@@ -254,10 +259,13 @@ class _Reader:
         source = Source(vertices, faces)  # type: ignore[arg-type]  # float32 will do
         if "NORMAL" in attributes:
             source.normals = rows.numbers("NORMAL", (3,))
-        if "COLOR_0" in attributes:
-            source.colors = _rgba(rows.numbers("COLOR_0", (3, 4)))
         source.uvs = rows.uvs()
         source.channels = rows.channels()
+        if "COLOR_0" in attributes:
+            colors = rows.numbers("COLOR_0", (3, 4))
+            source.colors = _rgba(colors)
+            if _is_fine(colors):
+                source.channels["COLOR_0"] = colors
         for name in attributes:
             if not _READ.fullmatch(name):
                 self._notes.add("attributes of vertices", name)
@@ -559,6 +567,12 @@ def _rgba(colors: NDArray[np.float32]) -> NDArray[np.uint8]:
     out = np.full((len(colors), 4), 255, np.uint8)
     out[:, : colors.shape[1]] = np.rint(np.clip(np.nan_to_num(colors, nan=1.0), 0.0, 1.0) * 255.0)
     return out
+
+
+def _is_fine(colors: NDArray[np.float32]) -> bool:
+    """Whether 8 bits are too few for them: in the dark the eye sees the steps between such linear numbers."""
+    steps = np.clip(np.nan_to_num(colors, nan=1.0), 0.0, 1.0) * 255.0
+    return bool(np.abs(steps - np.rint(steps)).max(initial=0.0) > 0.01)
 
 
 def _unique(name: str, taken: set[str]) -> str:

@@ -11,7 +11,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from nanite_rs import _advice, export
+from nanite_rs import _advice, _export
 from nanite_rs._asset import Asset, Notes, Part, as_labels, fitted, has_area, named, rigid
 from nanite_rs._images import from_pillow
 from nanite_rs.camera import PerspectiveCamera
@@ -373,8 +373,8 @@ def _textured(cut: Cut, notes: Notes) -> trimesh.visual.TextureVisuals:
 
     uv: Any = cut.uvs[0].copy() if cut.uvs else None
     images: dict[tuple[int, bool], PIL.Image.Image] = {}
-    for piece in export.pieces(cut):
-        found = dict(export.textures(piece.material))
+    for piece in _export.pieces(cut):
+        found = dict(_export.textures(piece.material))
         for first in list(found.values())[: uv is not None]:
             corners = np.column_stack([cut.uvs[first.uv_set][piece.used], np.ones(len(piece.used))])
             places = corners @ np.array(first._rows()).T
@@ -394,7 +394,7 @@ def _pbr(look: Material, name: str, images: dict[tuple[int, bool], PIL.Image.Ima
     from PIL import Image as Pillow
 
     slots: dict[str, Any] = {}
-    found = dict(export.textures(look))
+    found = dict(_export.textures(look))
     laid = [(texture.uv_set, texture._rows()) for texture in found.values()]
     for (slot, texture), own in zip(found.items(), laid, strict=True):
         if own != laid[0]:
@@ -402,14 +402,14 @@ def _pbr(look: Material, name: str, images: dict[tuple[int, bool], PIL.Image.Ima
             continue
         if texture.wrap != ("repeat", "repeat") or texture.filter != "linear":
             notes.add("wrapping and filters of textures", name)
-        key = id(texture.image), slot in export.COLORS and texture.image.pixels.dtype.kind == "f"
+        key = id(texture.image), slot in _export.COLORS and texture.image.pixels.dtype.kind == "f"
         if key not in images:
-            pixels = export.integers(texture.image, key[1], notes)
+            pixels = _export.integers(texture.image, key[1], notes)
             if pixels.dtype == np.uint16:
                 notes.add("pixels beyond 8 bits", name)
                 pixels = np.rint(pixels / 257.0).astype(np.uint8)
             images[key] = Pillow.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
-        slots[export.NAMES[slot]] = images[key]
+        slots[_export.NAMES[slot]] = images[key]
     if max(look.emissive) > 1.0:
         notes.add("light given off beyond 1", name)
     if (look.normal_scale, look.occlusion_strength) != (1.0, 1.0):

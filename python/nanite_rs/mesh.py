@@ -562,7 +562,8 @@ class NaniteMesh(_advice.Teaching):
         """Build from a file: glTF, GLB, PLY, OBJ, STL, OFF and whatever else trimesh reads, gzipped or not.
 
         It is what `load_scene` reads, as one mesh: every instance where it stands, with normals, colours, all UV
-        sets, channels and `materials`. Cameras and lights belong to no mesh and are `load_scene`'s. What else has
+        sets, channels and `materials`. Where 8 bits are too few for a glTF's colours, they are the channel
+        ``COLOR_0`` too, as they are. Cameras and lights belong to no mesh and are `load_scene`'s. What else has
         no counterpart is left out or changed, and a single warning names it. A ``.nanite`` file is opened as it is.
 
         Parameters

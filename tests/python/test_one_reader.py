@@ -53,6 +53,9 @@ def test_colours_of_every_type(tmp_path, kind, columns, said) -> None:
         x, y = cut.vertices[:, 0], cut.vertices[:, 1]
         expected = np.stack([x, y, 1 - x, 0.5 + y / 2], 1)[:, :columns] * 255
         assert np.abs(cut.colors[:, :columns] - expected).max() <= 0.51
+        assert ("COLOR_0" in cut.channels) == (kind is not np.uint8)
+        if kind is not np.uint8:
+            assert np.abs(cut.channels["COLOR_0"] * 255 - expected).max() <= 255 / 65535
 
 
 def test_further_uv_sets_keep_their_numbers(tmp_path) -> None:
@@ -216,6 +219,7 @@ def test_what_is_not_kept_is_named(tmp_path) -> None:
     primitive = document.quad()
     primitive["attributes"]["COLOR_1"] = document.accessor(np.ones((4, 4), np.float32))
     document.mesh(primitive, document.quad(mode=1), skin=0)
+    document.json["extensionsUsed"] = ["EXT_of_tomorrow", "EXT_mesh_features", "KHR_texture_transform"]
     document.row("animations", name="walk", channels=[], samplers=[])
     path = document.save(tmp_path / "a.glb")
     for read in (nrs.load_scene, nrs.NaniteMesh.from_file):
@@ -224,6 +228,7 @@ def test_what_is_not_kept_is_named(tmp_path) -> None:
         (warning,) = caught
         assert warning.filename == __file__
         for text in (
+            "extensions (EXT_of_tomorrow)",
             "animations, which are not played (walk)",
             "vertices (COLOR_1)",
             "points and lines",

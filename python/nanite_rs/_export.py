@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 # Textures whose integers are sRGB.
 COLORS: Final = ("base_color_texture", "emissive_texture")
+FINE_COLORS: Final = "COLOR_0"
+"""The channel of colours that 8 bits are too few for."""
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _JPEG: Final = b"\xff\xd8\xff"
 
@@ -281,6 +283,8 @@ def _document(cut: Cut, notes: Notes) -> _Gltf:
         origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
         vertices, node = (vertices - origin).astype(np.float32), {"mesh": 0, "translation": origin.tolist()}
     extra = _channels(cut, notes)
+    # Colours that were finer than 8 bits in a file are so in this one.
+    colors = extra.pop(f"_{FINE_COLORS}", cut.colors)
     primitives = []
     for piece in pieces(cut):
         own = vertices[piece.used]
@@ -289,8 +293,9 @@ def _document(cut: Cut, notes: Notes) -> _Gltf:
         }
         if piece.material.smooth:  # without normals faces are flat
             attributes["NORMAL"] = out.accessor(cut.normals[piece.used])
-        if cut.colors is not None:
-            attributes["COLOR_0"] = out.accessor(cut.colors[piece.used], normalized=True)
+        if colors is not None:
+            whole = {"normalized": True} if colors.dtype == np.uint8 else {}
+            attributes["COLOR_0"] = out.accessor(colors[piece.used], **whole)
         for number, uv in enumerate(cut.uvs):
             upright = uv[piece.used].astype(np.float64) * (1.0, -1.0) + (0.0, 1.0)
             attributes[f"TEXCOORD_{number}"] = out.accessor(upright.astype(np.float32))
