@@ -13,7 +13,7 @@ import numpy as np
 
 from nanite_rs import _advice
 from nanite_rs._asset import TEXTURES, Notes
-from nanite_rs._images import beside
+from nanite_rs._images import PNG, beside
 from nanite_rs.exceptions import FormatError
 from nanite_rs.material import Material
 
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 COLORS: Final = ("base_color_texture", "emissive_texture")
 FINE_COLORS: Final = "COLOR_0"
 """The channel of colours that 8 bits are too few for."""
-_PNG: Final = b"\x89PNG\r\n\x1a\n"
-_JPEG: Final = b"\xff\xd8\xff"
 
 
 def export(cut: Cut, path: str) -> None:
@@ -102,7 +100,7 @@ def png(pixels: NDArray[Any]) -> bytes:
     kind = {1: 0, 2: 4, 3: 2, 4: 6}[channels]
     head = struct.pack(">IIBBBBB", width, height, 8 * pixels.dtype.itemsize, kind, 0, 0, 0)
     body = zlib.compress(filtered.tobytes(), 6)
-    return _PNG + chunk(b"IHDR", head) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
+    return PNG + chunk(b"IHDR", head) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
 
 
 def integers(image: Image, color: bool, notes: Notes) -> NDArray[Any]:
@@ -125,8 +123,8 @@ def integers(image: Image, color: bool, notes: Notes) -> NDArray[Any]:
 def image_file(image: Image, color: bool, notes: Notes) -> tuple[bytes, str]:
     """Return an image as the file that it came from, or as PNG, and its ending."""
     data = image._file
-    if data is not None and data.startswith((_PNG, _JPEG)):
-        return data, "png" if data.startswith(_PNG) else "jpg"
+    if data is not None:
+        return data, "png" if data.startswith(PNG) else "jpg"
     return png(integers(image, color, notes)), "png"
 
 

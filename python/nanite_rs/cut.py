@@ -192,7 +192,7 @@ class Cut(_advice.Teaching):
         Materials become a ``PBRMaterial``, or a ``MultiMaterial`` with one for each; colours beside UVs or
         materials lie in ``visual.vertex_attributes["color"]``. Transforms of textures are applied to the UVs.
         Face materials are the face attribute ``face_materials`` too. What trimesh has no place for is named in
-        a warning.
+        a warning. A GLB that it writes of that has the first of several materials; `export` writes all.
 
         Parameters
         ----------

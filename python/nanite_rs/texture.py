@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from nanite_rs import _advice, _core
-from nanite_rs._images import read_bytes, read_image
+from nanite_rs._images import JPEG, PNG, read_bytes, read_image
 from nanite_rs.exceptions import ArgumentError, DtypeError, UsageWarning
 
 if TYPE_CHECKING:
@@ -101,9 +101,9 @@ class Image:
 
     @classmethod
     def _read(cls, data: bytes, name: str) -> Image:
-        """The content of a file, which is kept: exports write it as it is."""
+        """The content of a file, which is kept where it is PNG or JPEG: exports write it as it is."""
         image = cls(read_image(data, name))
-        image._file = data
+        image._file = data if data.startswith((PNG, JPEG)) else None
         return image
 
     def __reduce__(self) -> tuple[Any, ...]:
