@@ -132,8 +132,12 @@ class _Reader:
         """Each node of the scene with its object-to-world matrix, parents first, however deep they lie."""
         document = self._document
         rows = document.listed(document.json, "nodes")
-        if document.listed(document.json, "scenes"):
+        scenes = document.listed(document.json, "scenes")
+        if scenes:
             scene = document.entry("scenes", document.json.get("scene", 0))
+            for number, other in enumerate(scenes):
+                if other is not scene and isinstance(other, dict) and other.get("nodes"):
+                    self._notes.add("scenes besides the default one", str(other.get("name") or number))
             roots = document.listed(scene, "nodes")
         else:
             children = {child for row in rows if isinstance(row, dict) for child in row.get("children", [])}
@@ -209,6 +213,9 @@ class _Reader:
             for kind in kinds
             if kind in attributes
         }
+        for name in attributes:
+            if name not in kinds:
+                self._notes.add("attributes of instances", name)
         counts = {len(array) for array in arrays.values()}
         if len(counts) != 1 or any(a.shape[1] != len(kinds[kind]) for kind, a in arrays.items()):
             document.fail("EXT_mesh_gpu_instancing: its attributes do not fit each other")
@@ -260,7 +267,7 @@ class _Reader:
         if "NORMAL" in attributes:
             source.normals = rows.numbers("NORMAL", (3,))
         source.uvs = rows.uvs()
-        source.channels = rows.channels()
+        source.channels = rows.channels(self._notes)
         if "COLOR_0" in attributes:
             colors = rows.numbers("COLOR_0", (3, 4))
             source.colors = _rgba(colors)
@@ -545,11 +552,14 @@ class _Vertices:
             sets.append(uv.astype(np.float32))
         return sets
 
-    def channels(self) -> dict[str, NDArray[Any]]:
+    def channels(self, notes: Notes) -> dict[str, NDArray[Any]]:
         """Return what applications added, under its own names."""
         document, found = self._document, {}
         for name in (name for name in self._attributes if name.startswith("_")):
             index = document.whole(self._attributes, name)
+            if str(document.entry("accessors", index).get("type")).startswith("MAT"):
+                notes.add("attributes of vertices", name)
+                continue
             array = self._unpacked.get(name)
             array = document.accessor(index) if array is None else array
             if document.entry("accessors", index).get("normalized") is True:

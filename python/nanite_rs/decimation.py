@@ -238,13 +238,14 @@ def _source(mesh: Any) -> io.Source:
         own = (mesh.normals, mesh.colors, mesh.uvs, mesh._vertex_channels, mesh.face_materials)
         of_faces = dict(mesh.face_channels)
         return io.Source(mesh.vertices, mesh.faces, *own, of_faces, mesh.materials)  # type: ignore[arg-type]
-    if isinstance(mesh, str | bytes | os.PathLike):
-        if "." + io.given_file(mesh, name="mesh").format == io.NANITE_SUFFIX:
+    if isinstance(mesh, str | bytes | bytearray | memoryview | os.PathLike) or hasattr(mesh, "read"):
+        file = io.given_file(mesh, name="mesh")
+        if "." + file.format == io.NANITE_SUFFIX:
             raise ArgumentError(
-                f"mesh: {io.path_of(mesh)} holds all levels of detail; "
+                f"mesh: {file.name} holds all levels of detail; "
                 "NaniteMesh.open(path).cut(target_faces=5000) picks one of them"
             )
-        return io.from_file(mesh, name="mesh")
+        return io.from_file(file)
     package = type(mesh).__module__.split(".")[0]
     if package in ("pyvista", "open3d", "meshio"):
         source: io.Source = getattr(_exchange, f"from_{package}")(mesh)

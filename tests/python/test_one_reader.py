@@ -220,6 +220,11 @@ def test_what_is_not_kept_is_named(tmp_path) -> None:
     primitive["attributes"]["COLOR_1"] = document.accessor(np.ones((4, 4), np.float32))
     document.mesh(primitive, document.quad(mode=1), skin=0)
     document.json["extensionsUsed"] = ["EXT_of_tomorrow", "EXT_mesh_features", "KHR_texture_transform"]
+    nothing = {"POSITION": primitive["attributes"]["POSITION"]}
+    document.row("nodes", mesh=document.row("meshes", primitives=[{"attributes": nothing}]))
+    document.json["scenes"] = [{"nodes": [0]}, {"nodes": [1], "name": "night"}]
+    turns = {"TRANSLATION": document.accessor(np.zeros((1, 3), np.float32)), "_TREE": 0}
+    document.json["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": turns}}
     document.row("animations", name="walk", channels=[], samplers=[])
     path = document.save(tmp_path / "a.glb")
     for read in (nrs.load_scene, nrs.NaniteMesh.from_file):
@@ -229,6 +234,8 @@ def test_what_is_not_kept_is_named(tmp_path) -> None:
         assert warning.filename == __file__
         for text in (
             "extensions (EXT_of_tomorrow)",
+            "scenes besides the default one (night)",
+            "attributes of instances (_TREE)",
             "animations, which are not played (walk)",
             "vertices (COLOR_1)",
             "points and lines",
@@ -309,6 +316,8 @@ def test_every_kind_of_path_and_content(ball) -> None:
         assert len(own[0].mesh) == 320
     with ball.open("rb") as file:
         assert len(nrs.NaniteMesh.from_file(file)) == 320
+        file.seek(0)
+        assert 0 < len(nrs.decimate(file, 100)) <= 100
     mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=80))
     mesh.save(os.fsencode(ball.with_suffix(".nanite")))
     saved = ball.with_suffix(".nanite").read_bytes()
