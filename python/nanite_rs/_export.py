@@ -33,7 +33,7 @@ FINE_COLORS: Final = "COLOR_0"
 
 def export(cut: Cut, path: str) -> None:
     """Write a cut in the format of the ending of ``path``; what the format cannot hold is named in a warning."""
-    ending = Path(path).suffix.lower().removeprefix(".")
+    ending = ending_of(path)
     notes = Notes()
     writer = _WRITERS.get(ending)
     if writer is None:
@@ -44,6 +44,19 @@ def export(cut: Cut, path: str) -> None:
         with beside(name) as temporary:
             Path(temporary).write_bytes(content)
     notes.warn(path)
+
+
+def ending_of(path: str) -> str:
+    """Return the ending of a path that can be written; any other is an error."""
+    ending = Path(path).suffix.lower().removeprefix(".")
+    if ending not in _WRITERS:
+        import trimesh
+
+        theirs = set(trimesh.exchange.export._mesh_exporters) - {"dict", "dict64", "stl_ascii"}
+        if ending not in theirs:
+            known = ", ".join(sorted(theirs | set(_WRITERS)))
+            raise FormatError(f"{path}: cannot write that; what can be written are {known}")
+    return ending
 
 
 # ------------------------------------------------------------------------------------------ what is written
@@ -542,11 +555,6 @@ def _off(cut: Cut, path: str, notes: Notes) -> dict[str, bytes]:
 
 
 def _by_trimesh(cut: Cut, path: str, ending: str, notes: Notes) -> dict[str, bytes]:
-    import trimesh
-
-    known = sorted({*trimesh.exchange.export._mesh_exporters, *_WRITERS} - {"dict", "dict64", "stl_ascii"})
-    if ending not in known:
-        raise FormatError(f"{path}: cannot write that; what can be written are {', '.join(known)}")
     try:
         content = cut.to_trimesh().export(file_type=ending)
     except ImportError as error:
@@ -556,5 +564,3 @@ def _by_trimesh(cut: Cut, path: str, ending: str, notes: Notes) -> dict[str, byt
 
 
 _WRITERS: Final = {"glb": _glb, "gltf": _gltf, "obj": _obj, "off": _off, "ply": _ply, "stl": _stl}
-ENDINGS: Final = tuple(_WRITERS)
-"""Formats that are written here, without trimesh."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 
 import nanite_rs as nrs
-from nanite_rs import _core, _images, _overlay, _paint, io, shapes
+from nanite_rs import _core, _export, _images, _overlay, _paint, io, shapes
 from nanite_rs._preview import UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 
@@ -39,7 +39,7 @@ examples:
   nanite-rs demo                                    all of it, on a generated mesh
   nanite-rs demo dragon.ply                         all of it, on yours
 
-INPUT is a .nanite file, any mesh file that trimesh reads (PLY, OBJ, STL, GLB, glTF, OFF, …, also .gz), or a
+INPUT is a .nanite file, any mesh file (PLY, OBJ, STL, GLB, glTF, OFF, …, also .gz), or a
 generated mesh written as shape:NAME, shape:NAME:FACES or shape:NAME:FACES:SEED, where NAME is one of
 {shapes}.
 """
@@ -172,6 +172,7 @@ def _triple(point: Sequence[float]) -> str:
 
 def _cut(arguments: argparse.Namespace) -> int:
     output = Path(arguments.output)
+    _export.ending_of(arguments.output)  # before anything is built
     mesh = _mesh(arguments)
     cut, seconds = _timed(
         lambda: mesh.cut(
@@ -457,7 +458,7 @@ def _add_info(commands: Any) -> None:
 
 
 def _add_cut(commands: Any) -> None:
-    text = "Cut a mesh for an error or a number of triangles, and write it with trimesh."
+    text = "Cut a mesh for an error or a number of triangles, and write it."
     sub = _command(
         commands, "cut", _cut, text, "nanite-rs cut dragon.nanite -o small.ply --target-reduction 0.99"
     )
