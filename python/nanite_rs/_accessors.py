@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import errno
 import json
 import os
 import re
@@ -18,7 +19,7 @@ import numpy as np
 
 from nanite_rs import _advice
 from nanite_rs._images import read_bytes
-from nanite_rs.exceptions import FormatError
+from nanite_rs.exceptions import FormatError, MissingFileError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,7 +40,7 @@ _MOST_ZEROS: Final = 1 << 27
 class Document:
     """A glTF file: its JSON, and the bytes that it refers to, read when they are first asked for."""
 
-    def __init__(self, name: str, data: bytes, folder: Path) -> None:
+    def __init__(self, name: str, data: bytes, folder: Path | None) -> None:
         self.name, self.folder = name, folder
         self._body: bytes | None = None
         if data[:4] == b"glTF":
@@ -162,6 +163,12 @@ class Document:
                 self.fail(f"{what}: the data URI is damaged: {error}")
         if _SCHEME.match(uri):
             self.fail(f"{what}: {uri:.80} is not fetched; only files beside this one are read")
+        if self.folder is None:
+            raise MissingFileError(
+                errno.ENOENT,
+                f"{what} lies in a file of its own, and nothing says in which folder; give the path",
+                f"{self.name}: {uri:.80}",
+            )
         return read_bytes(beside(self.folder, unquote(uri), uri), f"{self.name}: {what}")
 
     def buffer(self, index: int) -> bytes:
@@ -303,11 +310,17 @@ class Document:
             return np.zeros((0, width), kind)
         return np.ndarray((count, width), kind, view, start, (stride, kind.itemsize))
 
-    def floats(self, index: int, array: NDArray[Any] | None = None) -> NDArray[np.float32]:
-        """Return an accessor as float32; ``array`` is its content if that lies elsewhere."""
+    def floats(
+        self, index: int, array: NDArray[Any] | None = None, *, always: bool = False
+    ) -> NDArray[np.float32]:
+        """Return an accessor as float32; ``array`` is its content if that lies elsewhere.
+
+        With ``always`` integers are of a fixed point though the accessor does not say so: as colours they can mean
+        nothing else.
+        """
         row = self.entry("accessors", index)
         array = self.accessor(index) if array is None else array
-        if array.dtype.kind == "f" or row.get("normalized") is not True:
+        if array.dtype.kind == "f" or not (always or row.get("normalized") is True):
             return np.ascontiguousarray(array, np.float32)
         return np.maximum(array / float(np.iinfo(array.dtype).max), -1.0).astype(np.float32)
 
@@ -319,7 +332,7 @@ class Document:
         return array[:, 0].astype(np.int64)
 
     def draco(
-        self, packed: dict[str, Any], what: str
+        self, packed: dict[str, Any], attributes: dict[str, Any], what: str
     ) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]] | None:
         """Return faces and attributes out of KHR_draco_mesh_compression; nothing where it need not be used."""
         try:
@@ -339,8 +352,27 @@ class Document:
         missing = [name for name, ident in names.items() if ident not in stored]
         if missing:
             self.fail(f"{what}: {', '.join(missing)} are not in what Draco compressed")
-        rows = {name: stored[ident] for name, ident in names.items()}
-        return faces, {name: array.reshape(len(array), -1) for name, array in rows.items()}
+        rows = {name: stored[ident].reshape(len(stored[ident]), -1) for name, ident in names.items()}
+        return faces, {
+            name: self._of_accessor(array, attributes.get(name), f"{what}: {name}")
+            for name, array in rows.items()
+        }
+
+    def _of_accessor(self, array: NDArray[Any], index: object, what: str) -> NDArray[Any]:
+        """Give what Draco decoded the type of its accessor: the decoder's integers may be wider."""
+        row = self.entry("accessors", index)
+        kind, width = self._kind(row, what), _WIDTHS.get(str(row.get("type")))
+        if array.shape[1] != width:
+            self.fail(f"{what}: Draco has {array.shape[1]} numbers a vertex, the accessor {width}")
+        if kind.kind in "iu":
+            limits = np.iinfo(kind)
+            if array.dtype.kind == "u" and kind.kind == "i":
+                array = array.view(f"i{array.dtype.itemsize}")
+            whole = np.rint(array)
+            if len(whole) and (whole.min() < limits.min or whole.max() > limits.max):
+                self.fail(f"{what}: what Draco holds does not fit {kind}, the type of the accessor")
+            array = whole
+        return array.astype(kind)
 
 
 def beside(folder: Path, *names: str) -> Path:

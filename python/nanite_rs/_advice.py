@@ -24,7 +24,6 @@ T = TypeVar("T")
 _INNER = {"nanite_rs", "functools"}
 
 _ONE_LEVEL = "a mesh holds all levels of detail; of one of them, cut = mesh.cut(error=0) gives cut.{}"
-_EXPORT = "cut.to_trimesh().export(path) writes it"
 _AS_IMAGE = "PIL.Image.fromarray(frame.color)"
 _ADD = "scene.add(mesh, pose=pose) adds meshes and lights"
 # What other packages call what is found elsewhere here, by type.
@@ -39,12 +38,12 @@ _ELSEWHERE = {
         },
         **dict.fromkeys(("simplify", "decimate"), "mesh.cut(target_reduction=0.9) removes 90 %"),
         **dict.fromkeys(("show", "view", "plot"), "nanite_rs.view(mesh) opens it in a window or a notebook"),
-        "export": "mesh.save(path) writes all levels; mesh.cut(error=0).to_trimesh().export(path) one of them",
+        "export": "mesh.save(path) writes all levels; mesh.cut(error=0).export(path) one of them",
         **dict.fromkeys(("extents", "center", "centroid", "box"), "mesh.bounds has the corners of its box"),
         "levels": "mesh.report.levels says what each has",
     },
     "Cut": {
-        **dict.fromkeys(("export", "save"), _EXPORT),
+        "save": "cut.export(path) writes it",
         "show": "cut.to_trimesh().show() opens it",
         **dict.fromkeys(("points", "verts"), "these are cut.vertices"),
         "triangles": "these are cut.faces",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
+import re
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from nanite_rs import _advice
 from nanite_rs.exceptions import ArgumentError
 
 if TYPE_CHECKING:
@@ -71,10 +72,10 @@ class Notes:
             texts.append(f"{what} ({some})" if names else what)
         return "; ".join(texts)
 
-    def warn(self, name: str, stacklevel: int) -> None:
-        """Warn once, if there is anything to say."""
+    def warn(self, name: str) -> None:
+        """Warn once, if there is anything to say, at the line that called this package."""
         if self._found:
-            warnings.warn(f"{name}: not everything is kept: {self}", stacklevel=stacklevel + 1)
+            _advice.warn(f"{name}: not everything is kept: {self}", UserWarning)
 
 
 @dataclass
@@ -90,6 +91,25 @@ class Asset:
     )
     cameras: list[tuple[Camera, NDArray[np.float64]]] = field(default_factory=list)
     notes: Notes = field(default_factory=Notes)
+
+
+# Names of numbers that count things, whatever their type: _BATCHID, _FEATURE_ID_0, object_id, label, segmentation.
+_IDS: Final = re.compile(
+    r"(.*_)?((batch|feature|object|instance|face|part|group)?ids?|index|labels?|class|classification|category"
+    r"|segments?|segmentation)(_\d+)?",
+    re.IGNORECASE,
+)
+
+
+def as_labels(name: str, values: NDArray[Any]) -> NDArray[Any]:
+    """Make labels of whole floating-point numbers by the name of an id: formats without integers hold ids so."""
+    if values.dtype.kind != "f" or not _IDS.fullmatch(name):
+        return values
+    with np.errstate(invalid="ignore"):
+        whole = values.astype(np.int64)
+    limits = np.iinfo(np.int32)
+    fits = bool((whole == values).all()) and whole.min(initial=0) >= limits.min
+    return whole.astype(np.int32) if fits and whole.max(initial=0) <= limits.max else values
 
 
 @contextmanager
@@ -138,3 +158,19 @@ def fitted(material: Material, name: str, uv_sets: int, notes: Notes) -> Materia
         return material
     notes.add("textures left out, as surfaces have no such UVs", name)
     return replace(material, **lost)
+
+
+def rigid(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave out scale and shear: cameras and lights have none."""
+    out, (right, up, back) = np.eye(4), pose[:3, :3].T
+    out[:3, 3] = pose[:3, 3]
+
+    def unit(v: NDArray[np.float64], otherwise: tuple[float, float, float]) -> NDArray[np.float64]:
+        length = float(np.linalg.norm(v))
+        return v / length if length > 0.0 else np.array(otherwise)
+
+    back = unit(back, (0.0, 0.0, 1.0))
+    side = right if np.linalg.norm(np.cross(up, back)) == 0.0 else np.cross(up, back)
+    side = unit(side - back * np.dot(side, back), (1.0, 0.0, 0.0))
+    out[:3, 0], out[:3, 1], out[:3, 2] = side, np.cross(back, side), back
+    return out

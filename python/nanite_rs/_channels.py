@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from nanite_rs._core import ChannelRows
+from nanite_rs._face_data import plain
 from nanite_rs.exceptions import ArgumentError, DtypeError
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ class CutChannels(Mapping[str, "NDArray[Any]"]):
     __slots__ = ("_made", "_values")
 
     def __init__(self, channels: Sequence[ChannelRows]) -> None:
-        self._values: dict[str, ChannelRows | NDArray[Any]] = {rows.name: rows for rows in channels}
+        self._values: dict[str, ChannelRows | NDArray[Any]] = {plain(rows.name): rows for rows in channels}
         self._made: dict[str, NDArray[Any]] = {}
 
     def __getitem__(self, name: str) -> NDArray[Any]:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _advice
+from nanite_rs._asset import Notes
 from nanite_rs.exceptions import DependencyError, DtypeError, MeshError
-from nanite_rs.io import Source, _as_rgba
+from nanite_rs.io import Source, as_rgba, settle
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -50,9 +51,23 @@ def _taken(source: Source, point_data: Mapping[str, Any]) -> Source:
         elif name == UVS and columns == 2:
             source.uvs = [np.asarray(array, np.float32)]
         elif name.upper() in ("RGB", "RGBA", "COLORS") and columns in (3, 4) and source.colors is None:
-            source.colors = _as_rgba(array)
+            source.colors = as_rgba(array)
         elif array.ndim in (1, 2) and array.size and array.dtype.kind in "fiub":
             source.channels[str(name)] = array
+    return source
+
+
+def _with_cells(source: Source, cell_data: Mapping[str, Any]) -> Source:
+    """Give a source what its faces carry but materials and normals: labels, and the rest as means at points."""
+    for name, values in cell_data.items():
+        array = np.asarray(values)
+        numbers = array.dtype.kind in "fiub" and array.ndim in (1, 2) and len(array) == len(source.faces)
+        # Where its filters kept faces from, VTK says in such an array.
+        if numbers and name not in (MATERIALS, NORMALS) and not str(name).startswith("vtkOriginal"):
+            source.face_channels[str(name)] = array
+    notes = Notes()
+    settle(source, notes)
+    notes.warn("mesh")
     return source
 
 
@@ -78,7 +93,7 @@ def from_pyvista(mesh: Any) -> Source:
         source.channels.pop(surface.point_data.active_normals_name, None)
     materials = np.asarray(surface.cell_data.get(MATERIALS, ()))
     source.face_materials = materials if materials.shape == (len(faces),) else None
-    return source
+    return _with_cells(source, surface.cell_data)
 
 
 def to_pyvista(cut: Cut) -> Any:
@@ -93,12 +108,14 @@ def to_pyvista(cut: Cut) -> Any:
         out.point_data[name] = values
     if cut.face_materials is not None:
         out.cell_data[MATERIALS] = cut.face_materials
+    for name, values in cut.face_channels.items():
+        out.cell_data[name] = values
     return out
 
 
 def _carried(cut: Cut) -> dict[str, NDArray[Any]]:
-    """Colours and channels by name."""
-    return ({} if cut.colors is None else {COLORS: cut.colors}) | dict(cut.channels)
+    """Colours and channels of vertices by name."""
+    return ({} if cut.colors is None else {COLORS: cut.colors}) | cut._vertex_channels
 
 
 def from_open3d(mesh: Any) -> Source:
@@ -112,7 +129,7 @@ def from_open3d(mesh: Any) -> Source:
     if legacy.has_vertex_normals():
         source.normals = np.asarray(legacy.vertex_normals, np.float32)
     if legacy.has_vertex_colors():
-        source.colors = _as_rgba(np.asarray(legacy.vertex_colors))
+        source.colors = as_rgba(np.asarray(legacy.vertex_colors))
     if legacy.has_triangle_material_ids():
         source.face_materials = np.asarray(legacy.triangle_material_ids)
     if legacy.has_triangle_uvs():
@@ -150,27 +167,30 @@ def from_meshio(mesh: Any) -> Source:
     points = np.asarray(mesh.points)
     if points.ndim == 2 and points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points), points.dtype)])
-    faces, materials = [], []
-    given = mesh.cell_data.get(MATERIALS)
+    faces: list[Any] = []
+    carried: dict[str, list[Any]] = {name: [] for name in mesh.cell_data}
     for at, block in enumerate(mesh.cells):
         if block.type not in ("triangle", "quad"):
             continue
         data = np.asarray(block.data)
         parts = 1 if block.type == "triangle" else 2
         faces.append(data if parts == 1 else data[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3))
-        materials.append(() if given is None else np.repeat(np.asarray(given[at]), parts))
+        for name, blocks in mesh.cell_data.items():
+            carried[name].append(np.repeat(np.asarray(blocks[at]), parts, axis=0))
     if not sum(map(len, faces)):
         kinds = ", ".join(sorted({block.type for block in mesh.cells})) or "none"
         raise MeshError(f"mesh: it has no triangles or quads; its cells are: {kinds}")
     source = _taken(Source(points, np.concatenate(faces)), mesh.point_data)
-    source.face_materials = None if given is None else np.concatenate(materials)
-    return source
+    of_faces = {str(name): np.concatenate(rows) for name, rows in carried.items()}
+    source.face_materials = of_faces.get(MATERIALS)
+    return _with_cells(source, of_faces)
 
 
 def to_meshio(cut: Cut) -> Any:
     """Make a meshio mesh that carries all that a cut does."""
     point_data = {NORMALS: cut.normals} | ({UVS: cut.uvs[0]} if cut.uvs else {}) | _carried(cut)
     cell_data = {} if cut.face_materials is None else {MATERIALS: [cut.face_materials]}
+    cell_data |= {name: [values] for name, values in cut.face_channels.items()}
     return _needed("meshio").Mesh(
         cut.vertices, [("triangle", cut.faces)], point_data=point_data, cell_data=cell_data
     )

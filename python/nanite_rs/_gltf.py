@@ -7,6 +7,7 @@ instances that share a mesh.
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,8 +15,7 @@ import numpy as np
 
 from nanite_rs import _advice
 from nanite_rs._accessors import Document
-from nanite_rs._asset import Asset, Notes, Part, fitted, has_area, named, triangles
-from nanite_rs._images import read_image
+from nanite_rs._asset import Asset, Notes, Part, as_labels, fitted, has_area, named, rigid, triangles
 from nanite_rs.camera import Camera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, FileError, FormatError, NaniteError
 from nanite_rs.io import Source
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 # Extensions that a file may require: those that are read, and those that only refine a look.
 _KNOWN: Final = (
+    "CESIUM_RTC",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_avif",
@@ -46,6 +47,8 @@ _KNOWN: Final = (
     "MSFT_texture_dds",
 )
 _LOOKS: Final = "KHR_materials_"
+# What these add are attributes, which are read, and their meaning.
+_SAID_BY: Final = ("EXT_mesh_features",)
 _READ_LOOKS: Final = ("unlit", "emissive_strength", "pbrSpecularGlossiness", "variants")
 
 _WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33648: "mirror", 33071: "clamp"}
@@ -65,8 +68,11 @@ _IMAGES: Final = ("EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds", "K
 # UV sets that a mesh can have.
 _UV_SETS: Final = 4
 
+# Attributes that are read, or that belong to skins, which a note names. Tangents follow from UVs.
+_READ: Final = re.compile(r"POSITION|NORMAL|TANGENT|COLOR_0|TEXCOORD_[0-3]|JOINTS_\d+|WEIGHTS_\d+|_.*")
 
-def read(name: str, data: bytes, folder: Path, *, drop_bad_textures: bool) -> Asset:
+
+def read(name: str, data: bytes, folder: Path | None, *, drop_bad_textures: bool) -> Asset:
     """Read a glTF file, or raise an error that says what is wrong with it."""
     document = Document(name, data, folder)
     try:
@@ -86,7 +92,7 @@ class _Reader:
         self._images: dict[int, Image | None] = {}
         self._materials: dict[int | None, Material] = {}
         self._sources: dict[str, Source | None] = {}
-        self._meshes: dict[int, int] = {}
+        self._meshes: dict[tuple[int, tuple[float, ...]], int] = {}
         self._asset = Asset(document.name, notes=self._notes)
 
     def asset(self) -> Asset:
@@ -99,6 +105,14 @@ class _Reader:
         )
         if strange:
             document.fail(f"it requires {', '.join(strange)}, which cannot be read")
+        for name in map(str, document.listed(document.json, "extensionsUsed")):
+            if name not in (*_KNOWN, *_SAID_BY) and not name.startswith((_LOOKS, "KHR_xmp")):
+                self._notes.add("extensions", name)
+        moving = document.listed(document.json, "animations")
+        if moving:
+            named_so = [row.get("name") for row in moving if isinstance(row, dict)]
+            for number, label in enumerate(named_so):
+                self._notes.add("animations, which are not played", str(label or f"animations[{number}]"))
         names: set[str] = set()
         for index, node, pose in self._nodes():
             name = _unique(str(node.get("name") or f"node_{index}"), names)
@@ -118,14 +132,23 @@ class _Reader:
         """Each node of the scene with its object-to-world matrix, parents first, however deep they lie."""
         document = self._document
         rows = document.listed(document.json, "nodes")
-        if document.listed(document.json, "scenes"):
+        scenes = document.listed(document.json, "scenes")
+        if scenes:
             scene = document.entry("scenes", document.json.get("scene", 0))
+            for number, other in enumerate(scenes):
+                if other is not scene and isinstance(other, dict) and other.get("nodes"):
+                    self._notes.add("scenes besides the default one", str(other.get("name") or number))
             roots = document.listed(scene, "nodes")
         else:
             children = {child for row in rows if isinstance(row, dict) for child in row.get("children", [])}
             roots = [index for index in range(len(rows)) if index not in children]
         seen: set[int] = set()
-        waiting = [(root, np.eye(4)) for root in reversed(roots)]
+        first = np.eye(4)
+        centre = document.extension(document.json, "CESIUM_RTC")
+        if centre is not None:
+            # Positions are relative to it, so that float32 will do.
+            first[:3, 3] = document.numbers(centre, "center", (0.0, 0.0, 0.0))
+        waiting = [(root, first) for root in reversed(roots)]
         while waiting:
             index, above = waiting.pop()
             node = document.entry("nodes", index)
@@ -154,22 +177,27 @@ class _Reader:
 
     def _mesh(self, name: str, node: dict[str, Any], pose: NDArray[np.float64]) -> None:
         document, index = self._document, self._document.whole(node, "mesh")
-        if index not in self._meshes:
-            row = document.entry("meshes", index)
+        row = document.entry("meshes", index)
+        weights = self._weights(node if "weights" in node else row)
+        key = index, weights
+        if key not in self._meshes:
             label = f"meshes[{index}]" + (f" {row['name']!r:.60}" if row.get("name") else "")
-            weights = row.get("weights") or node.get("weights")
-            if weights and any(weights):
-                self._notes.add("morph targets", name)
             parts = [
-                self._part(document.entry("primitives", number, row), f"{label}, primitive {number}")
+                self._part(document.entry("primitives", number, row), weights, f"{label}, primitive {number}")
                 for number in range(len(document.listed(row, "primitives")))
             ]
-            self._meshes[index] = len(self._asset.meshes)
+            self._meshes[key] = len(self._asset.meshes)
             self._asset.meshes.append([part for part in parts if part is not None])
         if "skin" in node:
             self._notes.add("skins, drawn as their meshes are stored", name)
         for instance in self._instances(node):
-            self._asset.placed.append((name, self._meshes[index], pose @ instance))
+            self._asset.placed.append((name, self._meshes[key], pose @ instance))
+
+    def _weights(self, holder: dict[str, Any]) -> tuple[float, ...]:
+        """How far each morph target is applied at rest; nothing where none is."""
+        values = self._document.listed(holder, "weights")
+        weights = self._document.numbers(holder, "weights", (0.0,) * len(values))
+        return tuple(weights.tolist()) if weights.any() else ()
 
     def _instances(self, node: dict[str, Any]) -> Iterator[NDArray[np.float64]]:
         """Matrices of EXT_mesh_gpu_instancing, or one that does nothing."""
@@ -185,6 +213,9 @@ class _Reader:
             for kind in kinds
             if kind in attributes
         }
+        for name in attributes:
+            if name not in kinds:
+                self._notes.add("attributes of instances", name)
         counts = {len(array) for array in arrays.values()}
         if len(counts) != 1 or any(a.shape[1] != len(kinds[kind]) for kind, a in arrays.items()):
             document.fail("EXT_mesh_gpu_instancing: its attributes do not fit each other")
@@ -195,8 +226,8 @@ class _Reader:
 
     # ---------------------------------------------------------------------------------------- shapes
 
-    def _part(self, row: dict[str, Any], what: str) -> Part | None:
-        source = self._source(row, what)
+    def _part(self, row: dict[str, Any], weights: tuple[float, ...], what: str) -> Part | None:
+        source = self._source(row, weights, what)
         if source is None:
             return None
         index = self._document.whole(row, "material") if "material" in row else None
@@ -205,67 +236,56 @@ class _Reader:
             material = replace(material, smooth=False)  # as glTF wants it
         return Part(what, source, material)
 
-    def _source(self, row: dict[str, Any], what: str) -> Source | None:
+    def _source(self, row: dict[str, Any], weights: tuple[float, ...], what: str) -> Source | None:
         """Arrays of a primitive, one and the same for primitives that differ in nothing but their material."""
         keys = ("attributes", "indices", "mode", "targets", "extensions")
-        key = json.dumps([row.get(key) for key in keys], sort_keys=True)
+        key = json.dumps([weights, *(row.get(key) for key in keys)], sort_keys=True)
         if key not in self._sources:
-            self._sources[key] = self._arrays(row, what)
+            self._sources[key] = self._arrays(row, weights, what)
         return self._sources[key]
 
-    def _arrays(self, row: dict[str, Any], what: str) -> Source | None:
+    def _arrays(self, row: dict[str, Any], weights: tuple[float, ...], what: str) -> Source | None:
         document = self._document
         attributes = document.member(row, "attributes")
         if "POSITION" not in attributes:
             self._notes.add("primitives without positions")
             return None
         packed = document.extension(row, "KHR_draco_mesh_compression")
-        decoded = document.draco(packed, what) if packed is not None else None
+        decoded = document.draco(packed, attributes, what) if packed is not None else None
         faces, unpacked = decoded if decoded is not None else (None, {})
-
-        def numbers(name: str, widths: tuple[int, ...]) -> NDArray[np.float32]:
-            array = document.floats(document.whole(attributes, name), unpacked.get(name))
-            if array.shape[1] not in widths:
-                wanted = " or ".join(str(width) for width in widths)
-                document.fail(f"{what}: {name} has {array.shape[1]} numbers a vertex, expected {wanted}")
-            if name != "POSITION" and len(array) != len(vertices):
-                document.fail(f"{what}: {len(array)} of {name} for {len(vertices)} vertices")
-            return array
-
-        vertices = numbers("POSITION", (3,))
-        if faces is None:
-            count = len(vertices)
-            order = document.indices(document.whole(row, "indices")) if "indices" in row else np.arange(count)
-            faces = triangles(order, document.whole(row, "mode", 4))
-            if faces is None:
-                self._notes.add("points and lines")
-                return None
-            if len(faces) and faces.max() >= count:
-                document.fail(f"{what}: index {faces.max()} is beyond the {count} vertices")
-        if not has_area(vertices, faces):
-            self._notes.add("surfaces without area")
+        targets = document.listed(row, "targets")
+        if len(weights) > len(targets):
+            self._notes.add("weights of morph targets that are missing", what)
+        moved = [(weight, target) for weight, target in zip(weights, targets, strict=False) if weight]
+        rows = _Vertices(document, attributes, unpacked, moved, what)
+        vertices = rows.numbers("POSITION", (3,))
+        faces = self._faces(row, len(vertices), what) if faces is None else faces
+        if faces is None or not has_area(vertices, faces):
+            self._notes.add("points and lines" if faces is None else "surfaces without area")
             return None
         source = Source(vertices, faces)  # type: ignore[arg-type]  # float32 will do
         if "NORMAL" in attributes:
-            source.normals = numbers("NORMAL", (3,))
+            source.normals = rows.numbers("NORMAL", (3,))
+        source.uvs = rows.uvs()
+        source.channels = rows.channels(self._notes)
         if "COLOR_0" in attributes:
-            source.colors = _rgba(numbers("COLOR_0", (3, 4)))
-        for number in range(_UV_SETS):
-            if f"TEXCOORD_{number}" not in attributes:
-                break
-            uv = numbers(f"TEXCOORD_{number}", (2,)).astype(np.float64)
-            uv[:, 1] = 1.0 - uv[:, 1]
-            source.uvs.append(uv.astype(np.float32))
+            colors = rows.numbers("COLOR_0", (3, 4))
+            source.colors = _rgba(colors)
+            if _is_fine(colors):
+                source.channels["COLOR_0"] = colors
         for name in attributes:
-            if name.startswith("_"):
-                array = (
-                    document.accessor(document.whole(attributes, name))
-                    if name not in unpacked
-                    else unpacked[name]
-                )
-                if len(array) == len(vertices):
-                    source.channels[name] = array[:, 0] if array.shape[1] == 1 else array
+            if not _READ.fullmatch(name):
+                self._notes.add("attributes of vertices", name)
         return source
+
+    def _faces(self, row: dict[str, Any], count: int, what: str) -> NDArray[np.int64] | None:
+        """Rows of three indices; nothing for points and lines."""
+        document = self._document
+        order = document.indices(document.whole(row, "indices")) if "indices" in row else np.arange(count)
+        faces = triangles(order, document.whole(row, "mode", 4))
+        if faces is not None and len(faces) and faces.max() >= count:
+            document.fail(f"{what}: index {faces.max()} is beyond the {count} vertices")
+        return faces
 
     # ----------------------------------------------------------------------------------------- looks
 
@@ -428,7 +448,7 @@ class _Reader:
         else:
             data, name = document.uri(row.get("uri"), what), str(row.get("uri"))
             name = row.get("name") if name[:5].lower() == "data:" else name
-        return Image(read_image(data, f"{document.name}: {what}" + (f" {name!r:.80}" if name else "")))
+        return Image._read(data, f"{document.name}: {what}" + (f" {name!r:.80}" if name else ""))
 
     # --------------------------------------------------------------------------- lights and cameras
 
@@ -478,6 +498,77 @@ class _Reader:
         self._asset.cameras.append((camera, rigid(pose)))
 
 
+class _Vertices:
+    """The attributes of a primitive's vertices, moved by its morph targets."""
+
+    def __init__(
+        self,
+        document: Document,
+        attributes: dict[str, Any],
+        unpacked: dict[str, NDArray[Any]],
+        moved: list[tuple[float, dict[str, Any]]],
+        what: str,
+    ) -> None:
+        self._document, self._attributes, self._unpacked = document, attributes, unpacked
+        self._moved, self._what = moved, what
+        self._count: int | None = None
+
+    def _fitting(self, name: str, array: NDArray[Any], widths: tuple[int, ...]) -> None:
+        if array.shape[1] not in widths:
+            wanted = " or ".join(str(width) for width in widths)
+            self._document.fail(
+                f"{self._what}: {name} has {array.shape[1]} numbers a vertex, expected {wanted}"
+            )
+        # The first that is asked for are positions.
+        self._count = len(array) if self._count is None else self._count
+        if len(array) != self._count:
+            self._document.fail(f"{self._what}: {len(array)} of {name} for {self._count} vertices")
+
+    def numbers(self, name: str, widths: tuple[int, ...]) -> NDArray[np.float32]:
+        """Return an attribute as float32."""
+        document = self._document
+        index, stored = document.whole(self._attributes, name), self._unpacked.get(name)
+        array = document.floats(index, stored, always=name.startswith("COLOR_"))
+        self._fitting(name, array, widths)
+        for weight, target in self._moved:
+            if name in target:
+                change = document.floats(document.whole(target, name))
+                if change.shape != array.shape:
+                    document.fail(
+                        f"{self._what}: a morph target has {name} of shape {change.shape} for {array.shape}"
+                    )
+                array = array + np.float32(weight) * change
+        return array
+
+    def uvs(self) -> list[NDArray[np.float32]]:
+        """Return the UV sets, v up. Those that are missing are zero: others keep their numbers."""
+        known = [number for number in range(_UV_SETS) if f"TEXCOORD_{number}" in self._attributes]
+        sets = []
+        for number in range(max(known, default=-1) + 1):
+            uv = np.zeros((self._count or 0, 2))
+            if number in known:
+                uv = self.numbers(f"TEXCOORD_{number}", (2,)).astype(np.float64)
+            uv[:, 1] = 1.0 - uv[:, 1]
+            sets.append(uv.astype(np.float32))
+        return sets
+
+    def channels(self, notes: Notes) -> dict[str, NDArray[Any]]:
+        """Return what applications added, under its own names."""
+        document, found = self._document, {}
+        for name in (name for name in self._attributes if name.startswith("_")):
+            index = document.whole(self._attributes, name)
+            if str(document.entry("accessors", index).get("type")).startswith("MAT"):
+                notes.add("attributes of vertices", name)
+                continue
+            array = self._unpacked.get(name)
+            array = document.accessor(index) if array is None else array
+            if document.entry("accessors", index).get("normalized") is True:
+                array = document.floats(index, array)
+            self._fitting(name, array, (1, 2, 3, 4))
+            found[name] = as_labels(name, array[:, 0] if array.shape[1] == 1 else array)
+        return found
+
+
 def _unit(values: Any) -> Any:
     return np.clip(values, 0.0, 1.0)
 
@@ -486,6 +577,12 @@ def _rgba(colors: NDArray[np.float32]) -> NDArray[np.uint8]:
     out = np.full((len(colors), 4), 255, np.uint8)
     out[:, : colors.shape[1]] = np.rint(np.clip(np.nan_to_num(colors, nan=1.0), 0.0, 1.0) * 255.0)
     return out
+
+
+def _is_fine(colors: NDArray[np.float32]) -> bool:
+    """Whether 8 bits are too few for them: in the dark the eye sees the steps between such linear numbers."""
+    steps = np.clip(np.nan_to_num(colors, nan=1.0), 0.0, 1.0) * 255.0
+    return bool(np.abs(steps - np.rint(steps)).max(initial=0.0) > 0.01)
 
 
 def _unique(name: str, taken: set[str]) -> str:
@@ -513,19 +610,3 @@ def _placed(
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn * scale, translation
     return pose
-
-
-def rigid(pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Leave out scale and shear: cameras and lights have none."""
-    out, (right, up, back) = np.eye(4), pose[:3, :3].T
-    out[:3, 3] = pose[:3, 3]
-
-    def unit(v: NDArray[np.float64], otherwise: tuple[float, float, float]) -> NDArray[np.float64]:
-        length = float(np.linalg.norm(v))
-        return v / length if length > 0.0 else np.array(otherwise)
-
-    back = unit(back, (0.0, 0.0, 1.0))
-    side = right if np.linalg.norm(np.cross(up, back)) == 0.0 else np.cross(up, back)
-    side = unit(side - back * np.dot(side, back), (1.0, 0.0, 0.0))
-    out[:3, 0], out[:3, 1], out[:3, 2] = side, np.cross(back, side), back
-    return out

@@ -48,7 +48,9 @@ _OPENIMAGEIO: Final = {
     b"II+\0": ".tif",
     b"MM\0+": ".tif",
 }
-_PNG: Final = b"\x89PNG\r\n\x1a\n"
+PNG: Final = b"\x89PNG\r\n\x1a\n"
+"""How files begin that glTF can hold; here PNG, and JPEG below."""
+JPEG: Final = b"\xff\xd8\xff"
 _KTX: Final = b"\xabKTX "
 
 
@@ -204,7 +206,7 @@ def read_image(source: str | os.PathLike[str] | bytes, name: str | None = None) 
     else:
         data, name = read_bytes(source), name or os.fspath(source)
     ending = next((end for start, end in _OPENIMAGEIO.items() if data.startswith(start)), None)
-    if data.startswith(_PNG) and data[24:25] == b"\x10":
+    if data.startswith(PNG) and data[24:25] == b"\x10":
         ending = ".png"  # Pillow makes 8 bits of colours of 16
     if ending:
         return _read_deep(data, ending, name)

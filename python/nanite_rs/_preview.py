@@ -74,7 +74,7 @@ def picture(
     else:
         scene, ambient = Scene(), 0.06
         shading = "pyrender"
-        scene.add(shown, material=material or Material())
+        scene.add(shown, material=material or shown.materials or Material())
     scene.ambient_light, scene.bg_color = (ambient, ambient, ambient + 0.01), BACKGROUND
     for light, turned in LIGHTS:
         scene.add(light, pose=posed(axes @ turned, center))

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 
 import nanite_rs as nrs
-from nanite_rs import _core, _images, _overlay, _paint, io, shapes
+from nanite_rs import _core, _export, _images, _overlay, _paint, io, shapes
 from nanite_rs._preview import UP, picture
-from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError
+from nanite_rs.exceptions import ArgumentError, NaniteError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -39,7 +39,7 @@ examples:
   nanite-rs demo                                    all of it, on a generated mesh
   nanite-rs demo dragon.ply                         all of it, on yours
 
-INPUT is a .nanite file, any mesh file that trimesh reads (PLY, OBJ, STL, GLB, glTF, OFF, …, also .gz), or a
+INPUT is a .nanite file, any mesh file (PLY, OBJ, STL, GLB, glTF, OFF, …, also .gz), or a
 generated mesh written as shape:NAME, shape:NAME:FACES or shape:NAME:FACES:SEED, where NAME is one of
 {shapes}.
 """
@@ -171,12 +171,8 @@ def _triple(point: Sequence[float]) -> str:
 
 
 def _cut(arguments: argparse.Namespace) -> int:
-    import trimesh
-
     output = Path(arguments.output)
-    known = sorted(set(trimesh.exchange.export._mesh_exporters) - {"dict", "dict64", "stl_ascii"})
-    if output.suffix.lower().removeprefix(".") not in known:
-        raise FormatError(f"{output}: cannot write that; trimesh writes {', '.join(known)}")
+    _export.ending_of(arguments.output)  # before anything is built
     mesh = _mesh(arguments)
     cut, seconds = _timed(
         lambda: mesh.cut(
@@ -186,7 +182,7 @@ def _cut(arguments: argparse.Namespace) -> int:
             exact=False if arguments.whole_groups else None,
         )
     )
-    cut.to_trimesh().export(output)
+    cut.export(output)
     if not arguments.quiet:
         print(f"{output}: {cut} of {len(mesh):,} faces, in {_seconds(seconds)}")
     return 0
@@ -364,7 +360,7 @@ def _demo_mesh(name: str, arguments: argparse.Namespace, step: Callable[..., Any
     else:
         arrays = step(
             "load",
-            lambda: io.from_trimesh(io.load(name)).arrays(),
+            lambda: io.from_file(name).arrays(),
             lambda a: f"{name}, {len(a['faces']):,} triangles",
         )
     built: nrs.NaniteMesh = step(
@@ -462,7 +458,7 @@ def _add_info(commands: Any) -> None:
 
 
 def _add_cut(commands: Any) -> None:
-    text = "Cut a mesh for an error or a number of triangles, and write it with trimesh."
+    text = "Cut a mesh for an error or a number of triangles, and write it."
     sub = _command(
         commands, "cut", _cut, text, "nanite-rs cut dragon.nanite -o small.ply --target-reduction 0.99"
     )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _advice, _exchange
+from nanite_rs import _advice, _exchange, _export, _face_data, io
 from nanite_rs._channels import CutChannels
 
 if TYPE_CHECKING:
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs import _core
+    from nanite_rs.material import Material
 
 __all__ = ["Cut"]
 
@@ -43,6 +44,7 @@ class Cut(_advice.Teaching):
     channels : mapping of names to (N,) or (N, K) arrays
         Named channels, with the dimensions given: float32, or labels of the dtype given. Each is read when it is
         first looked up, which raises `FormatError` if the file that the mesh was opened from is damaged there.
+        Labels of faces are there too (`face_channels`).
     error : float
         No point of the cut is farther from the source surface, and no point of the source from the cut, in the
         units of the mesh: proven and rounded up (docs/numerics.md). With ``error="quadric"`` an estimate, and
@@ -59,6 +61,9 @@ class Cut(_advice.Teaching):
         Level of each cluster: times its surface was simplified, 0 for the source; of made triangles one more.
     cluster_materials : (C,) int32 array or None
         Material of each cluster, as given with ``face_materials``.
+    materials : tuple of Material
+        The looks of the mesh: that of face material n is the n-th, or the last where there are fewer. Empty where
+        the mesh has none.
     vertex_ids : (N,) uint32 array
         Stored identities of the vertices: the same vertex has the same identity in every cut of a mesh. Vertices
         that were made for a budget have larger ones, which other cuts give to other vertices.
@@ -74,6 +79,7 @@ class Cut(_advice.Teaching):
     """
 
     __slots__ = (
+        "_face_names",
         "_first_face",
         "attribute_error",
         "channels",
@@ -83,25 +89,31 @@ class Cut(_advice.Teaching):
         "colors",
         "error",
         "faces",
+        "materials",
         "normals",
         "uvs",
         "vertex_ids",
         "vertices",
     )
 
-    def __init__(self, core: _core.Cut) -> None:
+    def __init__(self, core: _core.Cut, materials: tuple[Material, ...] = ()) -> None:
         self.vertices: NDArray[np.float32] | NDArray[np.float64] = core.vertices
         self.faces: NDArray[np.int32] = core.faces
         self.normals: NDArray[np.float32] = core.normals
         self.colors: NDArray[np.uint8] | None = core.colors
         self.uvs: list[NDArray[np.float32]] = core.uvs
+        layout, self._face_names = _face_data.layout(rows.name for rows in core.channels)
         self.channels: Mapping[str, NDArray[Any]] = CutChannels(core.channels)
         self.error: float = core.error
         self.attribute_error: float = core.attribute_error
         self.cluster_ids: NDArray[np.uint32] = core.cluster_ids
         self.cluster_levels: NDArray[np.uint8] = core.cluster_levels
-        self.cluster_materials: NDArray[np.int32] | None = core.cluster_materials
+        numbers = core.cluster_materials
+        self.cluster_materials: NDArray[np.int32] | None = (
+            numbers if layout is None else layout.materials_of(numbers)
+        )
         self.vertex_ids: NDArray[np.uint32] = core.vertex_ids
+        self.materials: tuple[Material, ...] = materials
         self._first_face: NDArray[np.uint32] = core.first_face
 
     def __len__(self) -> int:
@@ -148,36 +160,83 @@ class Cut(_advice.Teaching):
             return None
         return np.repeat(self.cluster_materials, np.diff(self._first_face))
 
-    def to_trimesh(self, *, process: bool = False) -> trimesh.Trimesh:
-        """Convert to a `trimesh.Trimesh` with normals, colours, the first UV set and channels.
+    @property
+    def face_channels(self) -> Mapping[str, NDArray[Any]]:
+        """What faces carry, by name: (M,) or (M, K) labels, exactly those of the source's faces there.
 
-        Face materials become the face attribute ``face_materials``.
+        They are in `channels` too, as labels of vertices: all corners of a face have those of the face.
+
+        Examples
+        --------
+        >>> vertices, faces = nrs.shapes.icosphere(faces=20_000)
+        >>> north = vertices[faces].mean(axis=1)[:, 2] > 0.0
+        >>> mesh = nrs.NaniteMesh.from_arrays(vertices, faces, face_channels={"half": north.astype(np.uint8) + 5})
+        >>> cut = mesh.cut(target_reduction=0.9)
+        >>> half = cut.face_channels["half"]
+        >>> half.dtype, len(half) == len(cut)
+        (dtype('uint8'), True)
+        >>> z = cut.vertices[cut.faces].mean(axis=1)[:, 2]
+        >>> bool((z[half == 6] > -0.1).all() and (z[half == 5] < 0.1).all())
+        True
+        """
+        return _face_data.FaceChannels(self.channels, self._face_names, self.faces)
+
+    @property
+    def _vertex_channels(self) -> dict[str, NDArray[Any]]:
+        """Channels without those of faces."""
+        return {name: self.channels[name] for name in self.channels if name not in self._face_names}
+
+    def to_trimesh(self, *, process: bool = False) -> trimesh.Trimesh:
+        """Convert to a `trimesh.Trimesh` with normals, colours, the first UV set, materials and channels.
+
+        Materials become a ``PBRMaterial``, or a ``MultiMaterial`` with one for each; colours beside UVs or
+        materials lie in ``visual.vertex_attributes["color"]``. Transforms of textures are applied to the UVs.
+        Face materials are the face attribute ``face_materials`` too. What trimesh has no place for is named in
+        a warning. A GLB that it writes of that has the first of several materials; `export` writes all.
 
         Parameters
         ----------
         process : bool
             Let trimesh merge vertices by position. Off by default: a cut is clean already.
         """
-        import trimesh
+        from nanite_rs import _trimesh
 
-        visual: Any = None
-        if self.colors is not None:
-            visual = trimesh.visual.ColorVisuals(vertex_colors=self.colors)
-        elif self.uvs:
-            visual = trimesh.visual.TextureVisuals(uv=self.uvs[0])
-        materials = self.face_materials
-        return trimesh.Trimesh(
-            vertices=self.vertices,
-            faces=self.faces,
-            vertex_normals=self.normals,
-            vertex_attributes=dict(self.channels),
-            face_attributes={} if materials is None else {"face_materials": materials},
-            visual=visual,
-            process=process,
-        )
+        return _trimesh.made(self, process=process)
+
+    def export(self, path: io.PathLike) -> None:
+        """Write a file that other programs read, in the format of its ending.
+
+        ``.glb`` and ``.gltf`` (with a ``.bin`` beside it) hold everything: normals, colours, all UV sets,
+        materials with their textures, samplers and transforms, and channels as attributes that begin with an
+        underscore; images are written as the files that they were read from where these were PNG or JPEG.
+        ``.obj`` has a ``.mtl`` and images beside it. ``.ply`` holds colours, UVs, channels and face materials,
+        ``.stl`` and ``.off`` the surface alone. Other endings are written by trimesh. What a format cannot hold
+        is named in a warning.
+
+        Parameters
+        ----------
+        path : path
+            The file. It is replaced in one step or not at all.
+
+        Raises
+        ------
+        FormatError
+            The ending is unknown.
+        FileError
+            The file cannot be written.
+
+        Examples
+        --------
+        >>> clay = nrs.Material(base_color=(0.7, 0.6, 0.5), roughness=0.9)
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000), materials=clay)
+        >>> mesh.cut(target_faces=200).export("ball.glb")
+        >>> nrs.NaniteMesh.from_file("ball.glb").materials == (clay,)
+        True
+        """
+        _export.export(self, io.path_of(path))
 
     def to_pyvista(self) -> Any:
-        """Convert to a `pyvista.PolyData` with normals, colours, the first UV set, channels and face materials.
+        """Convert to a `pyvista.PolyData` with normals, colours, the first UV set, channels and face data.
 
         Raises
         ------
@@ -203,7 +262,7 @@ class Cut(_advice.Teaching):
         return _exchange.to_open3d(self)
 
     def to_meshio(self) -> Any:
-        """Convert to a `meshio.Mesh` with normals, colours, the first UV set, channels and face materials as data.
+        """Convert to a `meshio.Mesh` with normals, colours, the first UV set, channels and face data.
 
         Raises
         ------

@@ -26,7 +26,7 @@ Decimable: TypeAlias = (
     "tuple[ArrayLike, ArrayLike] | trimesh.Trimesh | trimesh.Scene | Cut | str | os.PathLike[str]"
 )
 
-_ATTRIBUTES = ("normals", "colors", "uvs", "channels", "face_materials")
+_ATTRIBUTES = ("normals", "colors", "uvs", "channels", "face_materials", "face_channels")
 # Of the distance that is proven.
 _TOLERANCE = 0.05
 _SAMPLES = 20_000
@@ -53,6 +53,7 @@ def decimate(
     uvs: ArrayLike | Sequence[ArrayLike] | None = None,
     channels: Mapping[str, ArrayLike] | None = None,
     face_materials: ArrayLike | None = None,
+    face_channels: Mapping[str, ArrayLike] | None = None,
     normal_weight: float = 1.0,
     color_weight: float = 1.0,
     uv_weight: float = 1.0,
@@ -89,7 +90,7 @@ def decimate(
     proof : bool
         Measure `Cut.error`, a bound of the distance of all points of both surfaces; infinite otherwise. That mostly
         takes longer than decimating.
-    normals, colors, uvs, channels, face_materials
+    normals, colors, uvs, channels, face_materials, face_channels
         What arrays carry, as in `NaniteMesh.from_arrays`. Other meshes bring their own.
     normal_weight, color_weight, uv_weight, channel_weight : float
         As in `BuildOptions`.
@@ -139,10 +140,14 @@ def decimate(
     flags = {"lossless": lossless, "preserve_border": preserve_border}
     flags = {name: _checks.truth(value, name) for name, value in flags.items()}
     proof = _checks.truth(proof, "proof")
-    given = dict(zip(_ATTRIBUTES, (normals, colors, uvs, channels, face_materials), strict=True))
+    given: dict[str, Any] = dict(
+        zip(_ATTRIBUTES, (normals, colors, uvs, channels, face_materials, face_channels), strict=True)
+    )
     vertices, faces, given = _taken(mesh, given)
+    looks = given.pop("materials", ())
     target = _target(target_faces, target_reduction, len(faces), "target_faces")
     cut = _decimated(vertices, faces, given, target, options, progress, **flags)
+    cut.materials = looks
     if proof:
         from nanite_rs.measure import surface_distance
 
@@ -181,7 +186,10 @@ def _decimated(
             )
     except ArgumentError as error:
         more = _advice.for_arrays(
-            str(error), vertices, faces, {name: given[name] for name in given if name != "channels"}
+            str(error),
+            vertices,
+            faces,
+            {name: given[name] for name in given if not name.endswith("channels")},
         )
         raise (_advice.advised(error, more) if more else _advice.near(error)) from None
     return Cut(core)
@@ -227,15 +235,17 @@ def _source(mesh: Any) -> io.Source:
             "mesh: a NaniteMesh holds all levels of detail; mesh.cut(target_faces=5000) picks one of them"
         )
     if isinstance(mesh, Cut):
-        own = (mesh.normals, mesh.colors, mesh.uvs, dict(mesh.channels), mesh.face_materials)
-        return io.Source(mesh.vertices, mesh.faces, *own)  # type: ignore[arg-type]
-    if isinstance(mesh, str | os.PathLike):
-        if str(os.fspath(mesh)).lower().endswith(io.NANITE_SUFFIX):
+        own = (mesh.normals, mesh.colors, mesh.uvs, mesh._vertex_channels, mesh.face_materials)
+        of_faces = dict(mesh.face_channels)
+        return io.Source(mesh.vertices, mesh.faces, *own, of_faces, mesh.materials)  # type: ignore[arg-type]
+    if isinstance(mesh, str | bytes | bytearray | memoryview | os.PathLike) or hasattr(mesh, "read"):
+        file = io.given_file(mesh, name="mesh")
+        if "." + file.format == io.NANITE_SUFFIX:
             raise ArgumentError(
-                f"mesh: {os.fspath(mesh)!s} holds all levels of detail; "
+                f"mesh: {file.name} holds all levels of detail; "
                 "NaniteMesh.open(path).cut(target_faces=5000) picks one of them"
             )
-        return io.from_trimesh(io.load(mesh))
+        return io.from_file(file)
     package = type(mesh).__module__.split(".")[0]
     if package in ("pyvista", "open3d", "meshio"):
         source: io.Source = getattr(_exchange, f"from_{package}")(mesh)

@@ -1,41 +1,57 @@
-"""Meshes in and out of files and trimesh objects."""
+"""Files, objects of trimesh and descriptions of scenes as the arrays of one mesh."""
 
 from __future__ import annotations
 
-import errno
 import gzip
-import json
 import os
-from dataclasses import dataclass, field
-from io import BytesIO
+import zlib
+from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _advice
-from nanite_rs.exceptions import (
-    ArgumentError,
-    DtypeError,
-    FileError,
-    FormatError,
-    MeshError,
-    MissingFileError,
-    NaniteError,
-)
+from nanite_rs import _advice, _face_data
+from nanite_rs._asset import as_labels, has_area
+from nanite_rs._images import read_bytes
+from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, MeshError
+from nanite_rs.material import Material
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from typing import BinaryIO
 
     import trimesh
     from numpy.typing import NDArray
 
-__all__ = ["Source", "from_trimesh", "load"]
+    from nanite_rs._asset import Asset, Notes, Part
+
+__all__ = ["Source", "from_file", "from_trimesh"]
 
 #: Suffix of built meshes.
 NANITE_SUFFIX: Final = ".nanite"
 #: Endings of glTF.
 GLTF: Final = ("glb", "gltf")
+
+#: Formats with a module of their own here, by endings. Each has
+#: ``read(name, data, folder, *, drop_bad_textures) -> Asset``; trimesh reads everything else.
+READERS: Final = {"glb": "_gltf", "gltf": "_gltf"}
+
+PathLike: TypeAlias = "str | bytes | os.PathLike[str] | os.PathLike[bytes]"
+Readable: TypeAlias = "PathLike | bytearray | memoryview | BinaryIO | File"
+
+# Most numbers of a path: what is longer, or has a zero byte, is the content of a file.
+_LONGEST: Final = 4096
+# How files begin that say themselves what they are.
+_STARTS: Final = {
+    b"glTF": "glb",
+    b"ply\n": "ply",
+    b"ply\r": "ply",
+    b"{": "gltf",
+    b"OFF": "off",
+    b"solid": "stl",
+}
 
 
 @dataclass
@@ -49,6 +65,10 @@ class Source:
     uvs: list[NDArray[np.float32]] = field(default_factory=list)
     channels: dict[str, NDArray[Any]] = field(default_factory=dict)
     face_materials: NDArray[Any] | None = None
+    face_channels: dict[str, NDArray[Any]] = field(default_factory=dict)
+    """What else faces carry, (M,) or (M, K) by name."""
+    materials: tuple[Material, ...] = ()
+    """The look of each number of the face materials, of which the last stands for all from there on."""
 
     def arrays(self) -> dict[str, Any]:
         """Keyword arguments of `NaniteMesh.from_arrays`."""
@@ -60,7 +80,28 @@ class Source:
             "uvs": self.uvs,
             "channels": self.channels,
             "face_materials": self.face_materials,
+            "face_channels": self.face_channels,
+            "materials": self.materials,
         }
+
+
+# --------------------------------------------------------------------------------------------------- files
+
+
+def path_of(value: object, name: str = "path") -> str:
+    """Return a path as a string.
+
+    Raises
+    ------
+    DtypeError
+        It is no path.
+    """
+    if isinstance(value, str | bytes | os.PathLike):
+        try:
+            return os.fsdecode(value)
+        except (TypeError, ValueError) as error:
+            raise DtypeError(f"{name}: {error}") from None
+    raise DtypeError(f"{name}: expected a path, not {_advice.name_of_type(value)}")
 
 
 def ending(path: Path) -> tuple[str, bool]:
@@ -69,84 +110,131 @@ def ending(path: Path) -> tuple[str, bool]:
     return (Path(path.stem) if packed else path).suffix.lower().removeprefix("."), packed
 
 
-def load(path: str | os.PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:
-    """Read a mesh file with trimesh, unprocessed, so that vertices stay as they are stored.
+@dataclass(frozen=True)
+class File:
+    """What a user gave to read: its name in errors, and its content, which is read when it is asked for."""
+
+    name: str
+    path: Path | None
+    """Where it lies, or where an open file says that it does."""
+    format: str
+    """Ending without the dot, in small letters."""
+    packed: bool
+    given: bytes | None
+
+    @property
+    def folder(self) -> Path | None:
+        """Where files lie that it refers to."""
+        return None if self.path is None else self.path.parent
+
+    def raw(self) -> bytes:
+        """Return the content as it lies there."""
+        if self.given is not None or self.path is None:
+            return self.given or b""
+        return read_bytes(self.path)
+
+    def data(self) -> bytes:
+        """Return the content, unpacked."""
+        raw = self.raw()
+        if not self.packed:
+            return raw
+        try:
+            return gzip.decompress(raw)
+        except (OSError, EOFError, ValueError, zlib.error) as error:
+            raise FormatError(f"{self.name}: cannot be unpacked: {error}") from None
+
+
+def given_file(source: object, format: str | None = None, name: str = "path") -> File:
+    """Take a path, an open binary file, or the content of one.
 
     Parameters
     ----------
-    path : path
-        Any format that trimesh reads; ``.gz`` is unpacked on the way.
+    source : str, bytes, os.PathLike, bytearray, memoryview or binary file
+        ``bytes`` are a path, unless ``format`` is given or they can be none.
+    format : str, optional
+        Ending of such files, such as ``"glb"`` or ``"ply.gz"``, instead of that of the name.
+    name : str
+        What errors call the argument.
 
     Raises
     ------
-    MissingFileError, FileError, FormatError, DependencyError
-        Each names the file.
+    DtypeError, ArgumentError
+        It is nothing of that.
     """
-    import trimesh
-
-    path = Path(path)
-    suffix, packed = ending(path)
-    known = sorted(trimesh.available_formats())
-    if path.is_dir():
-        raise FileError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    if not path.exists():
-        raise MissingFileError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-    if suffix not in known:
-        found = f"extension .{suffix} is unknown" if suffix else "the name has no extension"
-        raise FormatError(f"{path}: {found}; trimesh reads {', '.join(known)}")
-    try:
-        content = path.read_bytes() if packed or suffix in GLTF else b""
-        if packed:
-            content = gzip.decompress(content)
-        if suffix in GLTF:
-            _check_gltf(path, content)
-        source = BytesIO(content) if packed else path
-        loaded = trimesh.load(source, file_type=suffix if packed else None, process=False)
-    except NaniteError:
-        raise
-    except ImportError as error:
-        raise _advice.missing(str(path), error.name or "an optional package") from error
-    except OSError as error:
-        if isinstance(error, gzip.BadGzipFile) or error.errno is None:
-            raise FormatError(f"{path}: cannot be read as .{suffix}: {error}") from error
-        raise FileError(error.errno, error.strerror, str(path)) from error
-    except Exception as error:  # whatever a loader trips over in a damaged file
-        message = f"{type(error).__name__}: {error}"
-        raise FormatError(f"{path}: cannot be read as .{suffix}: {message}") from error
-    _refuse_empty(path, loaded)
-    return loaded
-
-
-def _refuse_empty(path: Path, loaded: object) -> None:
-    """Loaders return point clouds, paths or nothing where there is no triangle; say so with the file's name."""
-    import trimesh
-
-    if isinstance(loaded, trimesh.Scene):
-        loaded = list(loaded.geometry.values())
-    parts = loaded if isinstance(loaded, list) else [loaded]
-    if not any(isinstance(part, trimesh.Trimesh) and len(part.faces) for part in parts):
-        kinds = ", ".join(sorted({type(part).__name__ for part in parts}))
-        raise MeshError(f"{path}: there are no triangles in it" + (f", only {kinds}" if kinds else ""))
-
-
-def _check_gltf(path: Path, data: bytes) -> None:
-    """Refuse compressed glTF that trimesh would read as zeros: it only logs what it cannot decode."""
-    try:
-        if data[:4] == b"glTF":
-            data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
-        required = set(json.loads(data).get("extensionsRequired", []))
-    except (ValueError, AttributeError):
-        return  # not glTF at all: the loader says so
-    if "KHR_draco_mesh_compression" in required:
-        try:
-            import DracoPy  # noqa: F401
-        except ImportError as error:
-            raise _advice.missing(str(path), "DracoPy") from error
-    undecoded = sorted(name for name in required if "compression" in name and "draco" not in name)
-    if undecoded:
-        raise FormatError(
-            f"{path}: it requires {', '.join(undecoded)}, which trimesh does not decode; load_scene reads it"
+    if isinstance(source, File):
+        return source
+    if format is not None and not isinstance(format, str):
+        raise DtypeError(f"format: expected an ending such as 'glb', not {_advice.name_of_type(format)}")
+    known = None if format is None else Path("x." + format.strip().lower().lstrip("."))
+    content: bytes | None = None
+    path: Path | None = None
+    if isinstance(source, bytes) and (known is not None or b"\0" in source or len(source) > _LONGEST):
+        content = source
+    elif isinstance(source, bytearray | memoryview):
+        content = bytes(source)
+    elif isinstance(source, str | bytes | os.PathLike):
+        path = Path(path_of(source, name))
+    elif hasattr(source, "read"):
+        content, path = _read(source, name)
+    else:
+        raise DtypeError(
+            f"{name}: expected a path, an open binary file or bytes, not {_advice.name_of_type(source)}"
         )
+    label = "bytes" if path is None else str(path)
+    kind, packed = ending(known or path or Path("bytes"))
+    if content is not None:
+        packed = packed or content.startswith(b"\x1f\x8b")
+        if not kind:
+            start = File(label, path, "", packed, content).data()[:16].lstrip()
+            kind = next((kind for begin, kind in _STARTS.items() if start.startswith(begin)), "")
+        if not kind:
+            raise ArgumentError(f"{name}: nothing says what these bytes are; give format='glb' or the like")
+    return File(label, path, kind, packed, content)
+
+
+def _read(source: Any, name: str) -> tuple[bytes, Path | None]:
+    """Read an open file to its end."""
+    try:
+        content = source.read()
+    except OSError as error:
+        raise ArgumentError(f"{name}: the file cannot be read: {error}") from error
+    except Exception as error:  # closed, or an object of any kind that has such a method
+        raise ArgumentError(f"{name}: the file cannot be read: {error}") from None
+    if not isinstance(content, bytes | bytearray | memoryview):
+        found = type(content).__name__
+        raise DtypeError(f"{name}: reading gives {found} and not bytes; open the file with mode 'rb'")
+    label = getattr(source, "name", None)
+    return bytes(content), Path(os.fsdecode(label)) if isinstance(label, str | bytes) and label else None
+
+
+def read_asset(
+    source: Readable, *, format: str | None = None, drop_bad_textures: bool = False, name: str = "source"
+) -> Asset:
+    """Read a file, building nothing."""
+    file = given_file(source, format, name)
+    module = READERS.get(file.format)
+    if module is None:
+        from nanite_rs import _trimesh
+
+        return _trimesh.read(file, drop_bad_textures=drop_bad_textures)
+    reader = import_module(f"nanite_rs.{module}")
+    asset: Asset = reader.read(file.name, file.data(), file.folder, drop_bad_textures=drop_bad_textures)
+    return asset
+
+
+def from_file(
+    source: Readable, *, format: str | None = None, bad_textures: str = "drop", name: str = "path"
+) -> Source:
+    """Read a file as one mesh: what `load_scene` makes of it, flattened.
+
+    What is left out or changed is said in one warning.
+    """
+    if bad_textures not in ("raise", "drop"):
+        raise ArgumentError(f"bad_textures: must be 'raise' or 'drop', not {bad_textures!r}")
+    asset = read_asset(source, format=format, drop_bad_textures=bad_textures == "drop", name=name)
+    out = flattened(asset)
+    asset.notes.warn(asset.name)
+    return out
 
 
 def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Source:
@@ -166,75 +254,85 @@ def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Source:
     """
     import trimesh
 
-    if isinstance(mesh, trimesh.Trimesh):
-        return _single(mesh)
-    if not isinstance(mesh, trimesh.Scene):
+    from nanite_rs import _trimesh
+
+    if not isinstance(mesh, trimesh.Trimesh | trimesh.Scene):
         advice = "; NaniteMesh.from_file reads files" if isinstance(mesh, str | os.PathLike) else ""
         found = type(mesh).__name__
         raise DtypeError(f"mesh: expected trimesh.Trimesh or trimesh.Scene, not {found}{advice}")
-    parts = []
-    for node in mesh.graph.nodes_geometry:
-        transform, name = mesh.graph[node]
-        geometry = mesh.geometry[name]
-        if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
-            parts.append(_transformed(_single(geometry), np.asarray(transform, np.float64)))
+    asset = _trimesh.described(mesh, "mesh", {}, drop_bad_textures=True)
+    out = flattened(asset)
+    asset.notes.warn(asset.name)
+    return out
+
+
+# ------------------------------------------------------------------------------------------------ flattening
+
+
+def flattened(asset: Asset) -> Source:
+    """Put all instances of a description where they stand, into one mesh.
+
+    The materials of all parts are rows of one table, in the order in which parts come; where there is one for all,
+    face materials keep the numbers that they have, each part's behind those of the part before.
+    """
+    parts: list[Part] = []
+    for node, number, pose in asset.placed:
+        for part in asset.meshes[number]:
+            source = _transformed(replace(part.source), pose)
+            if has_area(source.vertices, source.faces):
+                parts.append(replace(part, source=source))
+            else:
+                asset.notes.add("nodes flattened to nothing", node)
     if not parts:
-        raise MeshError("mesh: the scene has no triangles")
-    return _concatenated(parts)
+        lost = f" ({asset.notes})" if str(asset.notes) else ""
+        raise MeshError(f"{asset.name}: there are no triangles in it{lost}")
+    table: dict[Material, int] = {}
+    for part in parts:
+        for look in _looks(part):
+            table.setdefault(look, len(table))
+    materials = tuple(table)
+    if len(table) > 1:
+        for part in parts:
+            rows = np.array([table[look] for look in _looks(part)], np.int32)
+            own = part.source.face_materials
+            own = np.zeros(len(part.source.faces), np.int64) if own is None else np.asarray(own, np.int64)
+            if len(rows) == 1 and own.any():
+                asset.notes.add("numbers of face materials, as there is one material", part.name)
+            part.source.face_materials = rows[np.clip(own, 0, len(rows) - 1)]
+    elif materials == (Material(),):
+        materials = ()  # nothing was said
+    out = _concatenated([part.source for part in parts], asset.notes, follow=len(table) == 1)
+    out.materials = materials
+    settle(out, asset.notes)
+    return out
 
 
-def _single(mesh: trimesh.Trimesh) -> Source:
-    source = Source(np.asarray(mesh.vertices), np.asarray(mesh.faces))
-    # Normals that came with the file lie in the cache; asking for `vertex_normals` would compute missing ones.
-    stored = mesh._cache.cache.get("vertex_normals")
-    if stored is not None and np.shape(stored) == np.shape(source.vertices):
-        source.normals = np.asarray(stored, np.float32)
-    source.channels = _channels(mesh)
-    source.face_materials = _face_materials(mesh)
-    visual = mesh.visual
-    if visual is None or not visual.defined:
-        return source
-    if visual.kind == "vertex":
-        source.colors = np.asarray(visual.vertex_colors, np.uint8)
-    elif visual.kind == "face":
-        # One colour per face: every face gets vertices of its own. Equal ones are welded again by the build.
-        corners = source.faces.reshape(-1)
-        source.vertices = source.vertices[corners]
-        if source.normals is not None:
-            source.normals = source.normals[corners]
-        source.channels = {name: values[corners] for name, values in source.channels.items()}
-        source.colors = np.repeat(np.asarray(visual.face_colors, np.uint8), 3, axis=0)
-        source.faces = np.arange(len(corners)).reshape(-1, 3)
-    elif visual.kind == "texture" and getattr(visual, "uv", None) is not None:
-        if len(visual.uv) == len(source.vertices):
-            source.uvs = [np.asarray(visual.uv, np.float32)]
-        attribute = getattr(visual, "vertex_attributes", {}).get("color")
-        if attribute is not None and np.shape(attribute)[0] == len(source.vertices):
-            source.colors = _as_rgba(np.asarray(attribute))
-    return source
+def settle(source: Source, notes: Notes) -> None:
+    """Make of what faces carry what a mesh can hold: labels of moderate variety; the rest is noted."""
+    renamed = {
+        f"face_{name}" if name in source.channels else name: v for name, v in source.face_channels.items()
+    }
+    labels = {name: as_labels(name, values) for name, values in renamed.items()}
+    labels, blended = _face_data.without_floats(source.vertices, source.faces, labels)
+    for name, values in blended.items():
+        notes.add("floating-point data of faces, averaged to vertices", name)
+        source.channels[name] = values
+    own = np.zeros(len(source.faces), np.int64) if source.face_materials is None else source.face_materials
+    kept: dict[str, NDArray[Any]] = {}
+    for name in sorted(labels, key=lambda name: len(np.unique(labels[name], axis=0))):
+        if _face_data.combinations([own, *kept.values(), labels[name]])[1] <= _face_data.MOST:
+            kept[name] = labels[name]
+        else:
+            notes.add("data of faces that differ too much to be kept apart", name)
+    source.face_channels = {name: labels[name] for name in labels if name in kept}
 
 
-def _channels(mesh: trimesh.Trimesh) -> dict[str, NDArray[Any]]:
-    """The vertex attributes that can be channels: a number or a row of numbers for each vertex."""
-    channels = {}
-    for name, values in mesh.vertex_attributes.items():
-        array = np.asarray(values)
-        rows = array.ndim in (1, 2) and len(array) == len(mesh.vertices)
-        if rows and array.size and array.dtype.kind in "fiub":
-            channels[str(name)] = array
-    return channels
+def _looks(part: Part) -> list[Material]:
+    return [part.material] if isinstance(part.material, Material) else list(part.material)
 
 
-def _face_materials(mesh: trimesh.Trimesh) -> NDArray[Any] | None:
-    """Face materials of a texture with several materials, or the face attribute that `Cut.to_trimesh` makes."""
-    found = getattr(mesh.visual, "face_materials", None)
-    if found is None:
-        found = mesh.face_attributes.get("face_materials")
-    array = np.asarray([] if found is None else found)
-    return array if array.shape == (len(mesh.faces),) and array.dtype.kind in "iu" else None
-
-
-def _as_rgba(colors: NDArray[Any]) -> NDArray[np.uint8]:
+def as_rgba(colors: NDArray[Any]) -> NDArray[np.uint8]:
+    """Colours of any number of columns and type as (N, 4) uint8."""
     if colors.dtype.kind == "f":
         colors = np.rint(np.clip(colors, 0.0, 1.0) * 255.0).astype(np.uint8)
     rgba = np.full((len(colors), 4), 255, np.uint8)
@@ -258,7 +356,8 @@ def _transformed(source: Source, transform: NDArray[np.float64]) -> Source:
     return source
 
 
-def _concatenated(parts: list[Source]) -> Source:
+def _concatenated(parts: list[Source], notes: Notes, *, follow: bool) -> Source:
+    """Join parts; with ``follow`` the face materials of each follow those of the part before."""
     if len(parts) == 1:
         return parts[0]
     counts = [len(part.vertices) for part in parts]
@@ -294,20 +393,32 @@ def _concatenated(parts: list[Source]) -> Source:
             own = part.face_materials
             own = np.zeros(len(part.faces), np.int64) if own is None else own.astype(np.int64)
             numbers.append(own + first)
-            first = max(first, int(numbers[-1].max()) + 1)
+            first = max(first, int(numbers[-1].max()) + 1) if follow else 0
         out.face_materials = np.concatenate(numbers)
-    for name in {name: None for part in parts for name in part.channels}:
-        known = [part.channels[name] for part in parts if name in part.channels]
-        if len({array.shape[1:] for array in known}) > 1:
-            raise ArgumentError(
-                f"mesh: vertex attribute {name!r} has another width in other parts of the scene"
-            )
-        # A part without it has zeros.
-        missing = np.zeros(known[0].shape[1:], np.result_type(*known))
-        out.channels[name] = np.concatenate(
-            [
-                part.channels.get(name, np.broadcast_to(missing, (count, *missing.shape)))
-                for part, count in zip(parts, counts, strict=True)
-            ]
-        )
+    out.channels = _joined_channels([part.channels for part in parts], counts, notes)
+    out.face_channels = _joined_channels(
+        [part.face_channels for part in parts], [len(part.faces) for part in parts], notes
+    )
+    return out
+
+
+def _joined_channels(
+    parts: list[dict[str, NDArray[Any]]], counts: list[int], notes: Notes
+) -> dict[str, NDArray[Any]]:
+    """Channels by name, with zeros where a part has none, or one of another width than the first that has one."""
+    out = {}
+    for name in {name: None for part in parts for name in part}:
+        known = [part[name] for part in parts if name in part]
+        shape = known[0].shape[1:]
+        fitting = [array for array in known if array.shape[1:] == shape]
+        if len(fitting) < len(known):
+            notes.add("channels of parts where they have another width than elsewhere", name)
+        missing = np.zeros(shape, np.result_type(*fitting))
+        rows = [
+            part[name]
+            if name in part and part[name].shape[1:] == shape
+            else np.broadcast_to(missing, (count, *shape))
+            for part, count in zip(parts, counts, strict=True)
+        ]
+        out[name] = np.concatenate(rows).astype(missing.dtype, copy=False)
     return out

@@ -137,19 +137,32 @@ _COLORS = ("base_color_texture", "emissive_texture")
 Look: TypeAlias = "Material | Sequence[Material]"
 
 
-def raw_materials(material: Look) -> list[dict[str, Any]]:
-    """One or several, as Rust takes them."""
+def several(material: Look, name: str) -> tuple[Material, ...]:
+    """One or several as a tuple; ``name`` is the argument's."""
     if isinstance(material, Texture):
         raise DtypeError(
-            "material: expected a Material, not Texture; give Material(base_color_texture=texture)"
+            f"{name}: expected a Material, not Texture; give Material(base_color_texture=texture)"
         )
-    materials = [material] if isinstance(material, Material) else list(material)
-    if not materials:
-        raise ArgumentError("material: expected one at least, found an empty sequence")
+    if isinstance(material, Material):
+        return (material,)
+    try:
+        materials = tuple(material)
+    except TypeError:
+        raise DtypeError(
+            f"{name}: expected a Material or a sequence of them, not {_advice.name_of_type(material)}"
+        ) from None
     for number, one in enumerate(materials):
         if not isinstance(one, Material):
             raise DtypeError(
-                f"material: expected a Material, not {type(one).__name__}, as number {number}; "
+                f"{name}: expected a Material, not {type(one).__name__}, as number {number}; "
                 "a colour goes into Material(base_color=...)"
             )
+    return materials
+
+
+def raw_materials(material: Look) -> list[dict[str, Any]]:
+    """One or several, as Rust takes them."""
+    materials = several(material, "material")
+    if not materials:
+        raise ArgumentError("material: expected one at least, found an empty sequence")
     return [one._raw() for one in materials]

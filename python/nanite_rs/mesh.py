@@ -11,22 +11,25 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, get_origin,
 
 import numpy as np
 
-from nanite_rs import _advice, _channels, _checks, _exchange, io
+from nanite_rs import _advice, _channels, _checks, _exchange, _face_data, io
 from nanite_rs._channels import Channel
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._progress import Progress, reporter
 from nanite_rs.camera import Camera
 from nanite_rs.cut import Cut
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, UsageWarning
+from nanite_rs.material import raw_materials, several
 from nanite_rs.report import BuildReport, CheckReport
 
 if TYPE_CHECKING:
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
+    from nanite_rs.material import Look, Material
+
 __all__ = ["BuildOptions", "NaniteMesh"]
 
-PathLike: TypeAlias = str | os.PathLike[str]
+PathLike: TypeAlias = str | bytes | os.PathLike[str] | os.PathLike[bytes]
 
 # Endings of meshes in other formats, which nobody means a .nanite file to have.
 _OTHERS = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
@@ -198,7 +201,17 @@ def _core_arrays(
 ) -> dict[str, Any]:
     """The arrays of a mesh as the core takes them."""
     normals, colors, face_materials = given["normals"], given["colors"], given["face_materials"]
-    return {
+    labels: dict[str, NDArray[Any]] = {}
+    if given.get("face_channels"):
+        of_faces = _face_data.checked(given["face_channels"], len(faces) if faces.ndim else 0)
+        for name in of_faces:
+            if name in (channels or ()):
+                raise ArgumentError(f"face_channels[{name!r}]: channels has one of that name")
+        if _are_rows(vertices, faces):
+            labels, blended = _face_data.without_floats(vertices, faces, of_faces)
+            _face_data.warn_of_floats(blended)
+            channels = {**(channels or {}), **blended}
+    arrays = {
         "vertices": vertices,
         "faces": faces,
         "normals": None if normals is None else _vertex_floats(normals, "normals"),
@@ -206,6 +219,38 @@ def _core_arrays(
         "uvs": _uv_sets(given["uvs"]),
         "face_materials": None if face_materials is None else _materials(face_materials),
         "channels": _channels.pack(channels, len(vertices) if vertices.ndim else 0),
+    }
+    return _apart(arrays, labels) if labels else arrays
+
+
+def _are_rows(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
+    """Whether faces name vertices: where they do not, the core says what is wrong."""
+    shaped = vertices.ndim == 2 and vertices.shape[1] == 3 and faces.ndim == 2 and faces.shape[1] == 3
+    if not shaped or faces.dtype.kind not in "iu" or not faces.size:
+        return False
+    return bool(faces.min() >= 0 and faces.max() < len(vertices))
+
+
+def _apart(arrays: dict[str, Any], labels: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """Arrays of the core in which every vertex has the labels of its faces."""
+    numbers = arrays["face_materials"]
+    if numbers is not None and len(numbers) != len(arrays["faces"]):
+        return arrays  # which the core refuses
+    copied, faces, core, channels = _face_data.taken_apart(arrays["faces"], numbers, labels)
+    count = len(arrays["vertices"])
+
+    def of(rows: NDArray[Any] | None) -> NDArray[Any] | None:
+        return rows if rows is None or len(rows) != count else np.ascontiguousarray(rows[copied])
+
+    packed = [(name, kind, words[copied]) for name, kind, words in arrays["channels"]]
+    return {
+        "vertices": of(arrays["vertices"]),
+        "faces": faces,
+        "normals": of(arrays["normals"]),
+        "colors": of(arrays["colors"]),
+        "uvs": [of(uv) for uv in arrays["uvs"]],
+        "face_materials": core,
+        "channels": packed + _channels.pack(channels, len(copied)),
     }
 
 
@@ -234,18 +279,20 @@ class NaniteMesh(_advice.Teaching):
     50000
     """
 
-    __slots__ = ("_core", "_report")
+    __slots__ = ("_core", "_materials", "_report")
 
     _core: CoreMesh
+    _materials: tuple[Material, ...]
     _report: BuildReport | None
 
     def __init__(self, *_: object, **__: object) -> None:
         raise TypeError("use NaniteMesh.from_arrays, from_trimesh, from_file or open")
 
     @classmethod
-    def _wrap(cls, core: CoreMesh) -> NaniteMesh:
+    def _wrap(cls, core: CoreMesh, materials: tuple[Material, ...] = ()) -> NaniteMesh:
         mesh = object.__new__(cls)
         mesh._core = core
+        mesh._materials = materials
         mesh._report = None
         return mesh
 
@@ -267,6 +314,8 @@ class NaniteMesh(_advice.Teaching):
         uvs: ArrayLike | Sequence[ArrayLike] | None = None,
         channels: Mapping[str, ArrayLike] | None = None,
         face_materials: ArrayLike | None = None,
+        face_channels: Mapping[str, ArrayLike] | None = None,
+        materials: Look | None = None,
         options: BuildOptions | None = None,
         progress: Progress = None,
     ) -> NaniteMesh:
@@ -296,6 +345,14 @@ class NaniteMesh(_advice.Teaching):
         face_materials : (M,) array of any integer type, optional
             The number of each face's material, within the range of int32. Clusters have one material each, and
             lines between materials are kept as seams are.
+        face_channels : mapping of names to (M,) or (M, K) arrays, optional
+            Integers and bools that faces carry, such as segments: every face of a cut has those of the source's
+            faces there, and lines between them are kept as those between materials are (`Cut.face_channels`). All
+            together may have up to 4,096 different rows. Floating-point ones become channels of vertices, by means
+            weighted with areas, which a `UsageWarning` says.
+        materials : Material or sequence of Material, optional
+            The look of the mesh, or one for each number of ``face_materials``, of which the last stands for all
+            from there on. They stay with the mesh (`materials`) and its cuts.
         options : BuildOptions, optional
             How to build.
         progress : bool or callable, optional
@@ -328,11 +385,15 @@ class NaniteMesh(_advice.Teaching):
                 f"options: expected BuildOptions, not {type(options).__name__}; give BuildOptions(quality=...)"
             )
         given = {"normals": normals, "colors": colors, "uvs": uvs, "face_materials": face_materials}
+        of_faces = {"face_channels": face_channels}
+        looks = () if materials is None else several(materials, "materials")
         try:
-            return cls._build(vertices, faces, given, channels, options, progress)
+            mesh = cls._build(vertices, faces, given | of_faces, channels, options, progress)
         except ArgumentError as error:
             more = _advice.for_arrays(str(error), vertices, faces, given)
             raise (_advice.advised(error, more) if more else _advice.near(error)) from None
+        mesh._materials = looks
+        return mesh
 
     @classmethod
     def _build(
@@ -364,9 +425,10 @@ class NaniteMesh(_advice.Teaching):
     ) -> NaniteMesh:
         """Build from a `trimesh.Trimesh`, or from a `trimesh.Scene` flattened with its transforms.
 
-        Vertex and face colours, the UV set, ``vertex_attributes``, and normals and face materials that came with
-        the mesh are carried along. Where parts of a scene have face materials, those of each part follow those of
-        the part before.
+        Materials with their textures, vertex and face colours, the UV set, ``vertex_attributes``, and normals and
+        face materials that came with the mesh are carried along. Where parts of a scene differ in their material,
+        faces have the number of theirs in `materials`. Where they do not, and have face materials, those of each
+        part follow those of the part before.
 
         Parameters
         ----------
@@ -391,7 +453,7 @@ class NaniteMesh(_advice.Teaching):
         """Build from a PyVista data set: the triangles of its surface.
 
         Normals, texture coordinates, colours (``RGB`` or ``RGBA``), the other point data as channels, and the cell
-        data ``face_materials`` are carried along.
+        data ``face_materials`` are carried along, as are other cell data (``face_channels``).
 
         Parameters
         ----------
@@ -457,7 +519,7 @@ class NaniteMesh(_advice.Teaching):
         """Build from the triangles and quadrilaterals of a meshio mesh.
 
         Points may have two coordinates. Point data become normals (``Normals``), colours (``RGB`` or ``RGBA``) and
-        channels; the cell data ``face_materials`` are carried along.
+        channels; the cell data ``face_materials`` and others (``face_channels``) are carried along.
 
         Parameters
         ----------
@@ -484,32 +546,67 @@ class NaniteMesh(_advice.Teaching):
         return cls.from_arrays(**source.arrays(), options=options, progress=progress)
 
     @classmethod
+    @_advice.teaches(
+        **dict.fromkeys(("file_type", "ext", "type"), "format='glb' says what bytes are"),
+        otherwise="give from_file(path), or from_file(data, format='glb')",
+    )
     def from_file(
-        cls, path: PathLike, *, options: BuildOptions | None = None, progress: Progress = None
+        cls,
+        path: io.Readable,
+        *,
+        format: str | None = None,
+        bad_textures: Literal["raise", "drop"] = "drop",
+        options: BuildOptions | None = None,
+        progress: Progress = None,
     ) -> NaniteMesh:
-        """Build from a file that trimesh reads: PLY, OBJ, STL, GLB, glTF, OFF and more, gzipped or not.
+        """Build from a file: glTF, GLB, PLY, OBJ, STL, OFF and whatever else trimesh reads, gzipped or not.
 
-        A ``.nanite`` file is opened as it is.
+        It is what `load_scene` reads, as one mesh: every instance where it stands, with normals, colours, all UV
+        sets, channels and `materials`. Where 8 bits are too few for a glTF's colours, they are the channel
+        ``COLOR_0`` too, as they are. Cameras and lights belong to no mesh and are `load_scene`'s. What else has
+        no counterpart is left out or changed, and a single warning names it. A ``.nanite`` file is opened as it is.
 
         Parameters
         ----------
-        path : path
-            The file.
+        path : str, bytes or os.PathLike, or a binary file, or bytes, bytearray or memoryview
+            The file, an open one, or the content of one. ``bytes`` are taken as content where ``format`` is given,
+            or where no path can be like that. Files beside an open one are found by its name; those beside content
+            are not.
+        format : str, optional
+            What the content is, such as ``"glb"`` or ``"ply.gz"``, instead of the ending of the name.
+        bad_textures : {"raise", "drop"}
+            Whether a texture that is missing, damaged or of an unknown format is an error, or left out with the
+            warning.
         options, progress
             As in `from_arrays`.
 
         Raises
         ------
-        MissingFileError
-            There is no such file.
+        MissingFileError, FileError
+            The file, or one that it refers to, cannot be read.
         FormatError
             The extension is unknown, or the content is not what the extension says.
         DependencyError
             The file needs an optional package, such as DracoPy.
+        MeshError
+            There are no triangles.
+        ArgumentError, DtypeError
+            It is nothing that can be read, or content of which nothing says what it is.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> data = trimesh.creation.icosphere(subdivisions=3).export(file_type="glb")
+        >>> len(nrs.NaniteMesh.from_file(data, format="glb"))
+        1280
         """
-        if str(os.fspath(path)).lower().endswith(io.NANITE_SUFFIX):
-            return cls.open(path)
-        return cls.from_trimesh(io.load(path), options=options, progress=progress)
+        file = io.given_file(path, format)
+        if "." + file.format == io.NANITE_SUFFIX:
+            if file.path is not None and file.given is None:
+                return cls.open(file.path)
+            return cls._wrap(CoreMesh.from_bytes(file.data()))
+        source = io.from_file(file, bad_textures=bad_textures)
+        return cls.from_arrays(**source.arrays(), options=options, progress=progress)
 
     @classmethod
     def open(cls, path: PathLike) -> NaniteMesh:
@@ -534,8 +631,7 @@ class NaniteMesh(_advice.Teaching):
             The file is damaged, of another version, or something else. A page or channel that is damaged raises
             this when it is needed; a renderer that streams draws coarser clusters instead.
         """
-        if not isinstance(path, str | os.PathLike):
-            raise DtypeError(f"path: expected a path, not {type(path).__name__}")
+        path = io.path_of(path)
         try:
             return cls._wrap(CoreMesh.open(path))
         except FormatError as error:
@@ -555,6 +651,8 @@ class NaniteMesh(_advice.Teaching):
         Bytes go to a temporary file beside the target, are synced to disk, and then take its name: whenever the
         process ends, the target is the old file or the new one, whole. A process that is killed leaves its
         temporary file, ``.nanite-*.tmp``, which nothing reads and anyone may delete.
+
+        Files hold no materials: where the mesh has some, a `UsageWarning` says so.
 
         Parameters
         ----------
@@ -596,10 +694,11 @@ class NaniteMesh(_advice.Teaching):
         >>> 0.0 < small.cut(error=0.0).error == small.info["rounding"] < small.info["precision"]
         True
         """
-        ending = os.path.splitext(os.fspath(path))[1].lower()
+        path = io.path_of(path)
+        ending = os.path.splitext(path)[1].lower()
         if ending in _OTHERS:
             raise FormatError(
-                f"{path}: save writes .nanite files; mesh.cut(error=0).to_trimesh().export(path) writes {ending}"
+                f"{path}: save writes .nanite files; mesh.cut(error=0).export(path) writes {ending}"
             )
         if isinstance(precision, str):
             flattened = self._core.save(path, precision)
@@ -609,6 +708,13 @@ class NaniteMesh(_advice.Teaching):
             _advice.warn(
                 f"precision: {flattened:,} of {len(self):,} faces have no area in {path}, whose grid is too coarse "
                 'for them; give precision="exact", or a smaller number',
+                UsageWarning,
+            )
+        if self._materials:
+            looks = "its look is" if len(self._materials) == 1 else f"its {len(self._materials)} looks are"
+            _advice.warn(
+                f"{path}: .nanite files hold no materials: {looks} not in it; keep mesh.materials, for "
+                "scene.add(opened, material=materials)",
                 UsageWarning,
             )
 
@@ -638,7 +744,8 @@ class NaniteMesh(_advice.Teaching):
         >>> info["faces"] == len(mesh), info["bytes"] == sum(info["parts"].values())
         (True, True)
         """
-        return CoreMesh.file_info(path)
+        info = CoreMesh.file_info(io.path_of(path))
+        return info | {"channels": [_face_data.plain(name) for name in info["channels"]]}
 
     # ----------------------------------------------------------------------------------------- cutting
 
@@ -725,7 +832,7 @@ class NaniteMesh(_advice.Teaching):
             error = _checks.number(error, "error")
             if not error >= 0.0:
                 raise ArgumentError(f"error: must be 0 or more, not {error}")
-            return Cut(self._core.cut_error(error))
+            return Cut(self._core.cut_error(error), self._materials)
         if target_faces is None:
             reduction = _checks.number(target_reduction, "target_reduction")
             if not 0.0 <= reduction <= 1.0:
@@ -739,7 +846,7 @@ class NaniteMesh(_advice.Teaching):
             )
         elif target_faces < 1:
             raise ArgumentError(f"target_faces: must be 1 or more, not {target_faces}")
-        return Cut(self._core.cut_faces(min(int(target_faces), len(self)), exact))
+        return Cut(self._core.cut_faces(min(int(target_faces), len(self)), exact), self._materials)
 
     def _cut_view(
         self, camera: Camera, pose: ArrayLike | None, viewport: tuple[int, int] | None, pixel_error: float
@@ -759,7 +866,7 @@ class NaniteMesh(_advice.Teaching):
             raise ArgumentError(f"pixel_error: must be 0 or more, not {pixel_error}")
         if not isinstance(camera, Camera):
             raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
-        return Cut(self._core.cut_view(camera._spec(), pose, (width, height), pixel_error))
+        return Cut(self._core.cut_view(camera._spec(), pose, (width, height), pixel_error), self._materials)
 
     # ------------------------------------------------------------------------------------------ asking
 
@@ -769,6 +876,25 @@ class NaniteMesh(_advice.Teaching):
         if self._report is None:
             self._report = BuildReport._from_json(self._core.report_json())
         return self._report
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        """The looks that came with the mesh: that of face material n is the n-th, or the last if there are fewer.
+
+        `Scene.add` draws it with them where it is given no other, and cuts have them too. Empty where there were
+        none. Pickles keep them, ``.nanite`` files do not, of which `save` warns.
+
+        Examples
+        --------
+        >>> red, blue = nrs.Material(base_color=(1, 0, 0)), nrs.Material(base_color=(0, 0, 1))
+        >>> vertices, faces = nrs.shapes.icosphere(faces=20)
+        >>> mesh = nrs.NaniteMesh.from_arrays(
+        ...     vertices, faces, face_materials=np.arange(20) % 2, materials=[red, blue]
+        ... )
+        >>> mesh.materials == mesh.cut(error=0).materials == (red, blue)
+        True
+        """
+        return self._materials
 
     def check(self) -> CheckReport:
         """Verify every invariant of the DAG.
@@ -808,7 +934,7 @@ class NaniteMesh(_advice.Teaching):
             "colors": core.has_colors,
             "uv_sets": core.uv_sets,
             "materials": core.has_materials,
-            "channels": [name for name, _, _ in core.channels],
+            "channels": [_face_data.plain(name) for name, _, _ in core.channels],
             "bounds": [list(corner) for corner in core.bounds],
             "origin": list(core.origin),
             "precision": core.precision,
@@ -845,9 +971,28 @@ class NaniteMesh(_advice.Teaching):
         {'x': Channel(dtype=dtype('float32'), width=2)}
         """
         return {
-            name: Channel(np.dtype(dtype), 1 if columns is None else columns)
+            _face_data.plain(name): Channel(np.dtype(dtype), 1 if columns is None else columns)
             for name, dtype, columns in self._core.channels
         }
+
+    @property
+    def face_channels(self) -> dict[str, Channel]:
+        """The dtype and width of what faces carry; `Cut.face_channels` has the values.
+
+        Examples
+        --------
+        >>> vertices, faces = nrs.shapes.icosphere(faces=80)
+        >>> nrs.NaniteMesh.from_arrays(vertices, faces, face_channels={"part": np.arange(80) % 3}).face_channels
+        {'part': Channel(dtype=dtype('int64'), width=1)}
+        """
+        names = _face_data.layout(name for name, _, _ in self._core.channels)[1]
+        return {name: channel for name, channel in self.channels.items() if name in names}
+
+    def _looks(self, material: Look) -> list[dict[str, Any]]:
+        """Looks as the core takes them: one, or one for each of its numbers."""
+        layout, _ = _face_data.layout(name for name, _, _ in self._core.channels)
+        raw = raw_materials(material)
+        return raw if layout is None else layout.spread(raw)
 
     @property
     def source_face_ids(self) -> NDArray[np.uint32] | None:
@@ -882,7 +1027,7 @@ class NaniteMesh(_advice.Teaching):
         return _preview.mesh_png(self)
 
     def __eq__(self, other: object) -> bool:
-        """Compare content."""
+        """Compare content: all levels of detail with what they carry, but not the looks."""
         if not isinstance(other, NaniteMesh):
             return NotImplemented
         return self._core.equals(other._core)
@@ -898,9 +1043,9 @@ class NaniteMesh(_advice.Teaching):
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as the bytes of a ``.nanite`` file."""
-        return _from_bytes, (self._core.to_bytes(),)
+        """Pickle as the bytes of a ``.nanite`` file, with the materials."""
+        return _from_bytes, (self._core.to_bytes(), self._materials)
 
 
-def _from_bytes(data: bytes) -> NaniteMesh:
-    return NaniteMesh._wrap(CoreMesh.from_bytes(data))
+def _from_bytes(data: bytes, materials: tuple[Material, ...] = ()) -> NaniteMesh:
+    return NaniteMesh._wrap(CoreMesh.from_bytes(data), materials)

@@ -270,7 +270,7 @@ def pages(source: NaniteMesh | PathLike, *, ax: Axes | None = None) -> Axes:
     if isinstance(source, NaniteMesh):
         table = _core.page_table(source._core)
     else:
-        table = _core.page_table_of_file(source)
+        table = _core.page_table_of_file(os.fsdecode(source))
     count, deepest = len(table["level"]), int(table["level"].max())
     kib = table["words"] * (4 / 1024)
     # A gap between few pages, so that each is seen.

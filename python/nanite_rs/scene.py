@@ -13,7 +13,7 @@ import numpy as np
 from nanite_rs import _advice, _checks, _core
 from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError
 from nanite_rs.light import DirectionalLight, Environment, Light, PointLight, SpotLight
-from nanite_rs.material import Look, Material, raw_materials
+from nanite_rs.material import Look, Material
 from nanite_rs.mesh import NaniteMesh
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ class MeshNode(_Node):
 
     @material.setter
     def material(self, material: Look) -> None:
-        self._scene._core.set_material(self._handle, raw_materials(material))
+        self._scene._core.set_material(self._handle, self._mesh._looks(material))
         self._scene._shown[self._handle] = self._mesh, material
 
     def remove(self) -> None:
@@ -259,7 +259,8 @@ class Scene(_advice.Teaching):
             Object-to-world matrix; the identity when not given. For a mesh any invertible affine matrix.
         material : Material or sequence of Material, optional
             The look of a mesh instance: one material for all of it, or one for each number of the mesh's
-            ``face_materials``, of which the last stands for all numbers from there on.
+            ``face_materials``, of which the last stands for all numbers from there on. Without it those that the
+            mesh has (`NaniteMesh.materials`), or ``Material()``.
 
         Returns
         -------
@@ -275,9 +276,9 @@ class Scene(_advice.Teaching):
             If ``item`` is something else.
         """
         if isinstance(item, NaniteMesh):
-            material = Material() if material is None else material
+            material = (item.materials or Material()) if material is None else material
             try:
-                handle = self._core.add_mesh(item._core, _pose(pose), raw_materials(material))
+                handle = self._core.add_mesh(item._core, _pose(pose), item._looks(material))
             except ArgumentError as error:
                 raise _advised(error, pose) from None
             self._shown[handle] = item, material

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from nanite_rs import _advice, _core
-from nanite_rs._images import read_image
+from nanite_rs._images import JPEG, PNG, read_bytes, read_image
 from nanite_rs.exceptions import ArgumentError, DtypeError, UsageWarning
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Image:
     <Image 128 x 128, 1 channel, uint8>
     """
 
-    __slots__ = ("_cores", "_map", "_pixels")
+    __slots__ = ("_cores", "_file", "_map", "_pixels")
 
     def __init__(self, pixels: ArrayLike) -> None:
         if isinstance(pixels, str | os.PathLike):
@@ -80,6 +80,8 @@ class Image:
         self._pixels.flags.writeable = False
         self._cores: dict[bool, _core.Image] = {}
         self._map: _core.EnvironmentMap | None = None
+        # The file that the pixels were read from, for files that can hold it as it is.
+        self._file: bytes | None = None
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> Image:
@@ -95,7 +97,18 @@ class Image:
         MissingFileError, FileError, FormatError, DependencyError
             Each names the file.
         """
-        return cls(read_image(path))
+        return cls._read(read_bytes(path), os.fspath(path))
+
+    @classmethod
+    def _read(cls, data: bytes, name: str) -> Image:
+        """The content of a file, which is kept where it is PNG or JPEG: exports write it as it is."""
+        image = cls(read_image(data, name))
+        image._file = data if data.startswith((PNG, JPEG)) else None
+        return image
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the pixels, and the file that they came from."""
+        return _image, (self._pixels, self._file)
 
     @classmethod
     def _of(cls, given: Image | ArrayLike | str | os.PathLike[str]) -> Image:
@@ -132,6 +145,12 @@ class Image:
         height, width, channels = self._pixels.shape
         plural = "" if channels == 1 else "s"
         return f"<Image {width} x {height}, {channels} channel{plural}, {self._pixels.dtype}>"
+
+
+def _image(pixels: NDArray[Any], file: bytes | None) -> Image:
+    image = Image(pixels)
+    image._file = file
+    return image
 
 
 def _pair(value: object, name: str) -> tuple[float, float]:

@@ -263,7 +263,7 @@ class Viewer:
     up : str
         Which axis of the world points up, ``"y"`` or ``"z"``.
     material : Material, optional
-        The look of a mesh. By default both sides are drawn.
+        The look of a mesh; by default those that it has, or one that shows both sides.
     shading : str, optional
         As for `Renderer.render`: by default ``"gltf"`` for a `LoadedScene`, otherwise ``"pyrender"``.
     samples : int
@@ -911,7 +911,7 @@ def _scene_of(shown: Shown, material: Material | None) -> tuple[Scene, NDArray[n
     """A scene, and points around all of it."""
     if isinstance(shown, NaniteMesh):
         scene = Scene(bg_color=BACKGROUND)
-        scene.add(shown, material=material or Material(double_sided=True))
+        scene.add(shown, material=material or shown.materials or Material(double_sided=True))
         return scene, _outline(shown)
     if material is not None:
         raise ArgumentError("material: goes with a mesh; instances of a scene have their own")

@@ -240,7 +240,7 @@ def test_wrong_usage_exits_with_two(arguments):
         (["build", "shape:soup:10", "-o", "x.ply"], "the output must end in .nanite"),
         (["build", "shape:soup:10", "-o", "nowhere/x.nanite"], "nowhere/x.nanite: No such file or directory"),
         (["build", "shape:soup:10", "--cluster-triangles", "7"], "cluster_triangles: must be between"),
-        (["cut", "shape:soup:10", "-o", "x.xyzzy", "--error", "0"], "trimesh writes"),
+        (["cut", "shape:soup:10", "-o", "x.xyzzy", "--error", "0"], "what can be written are 3mf"),
         (["render", "shape:soup:10", "-o", "x.jpg"], "x.jpg: extension .jpg is unknown"),
         (["cut", "shape:soup:10", "-o", "x.ply", "--error", "-1"], "error: must be 0 or more"),
     ],

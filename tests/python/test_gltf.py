@@ -966,7 +966,7 @@ def test_notes_say_what_was_changed(tmp_path) -> None:
         "transparency, drawn as holes where alpha is below one half (wood)",
         "points and lines",
         "surfaces without area",
-        "morph targets (node_1)",
+        "weights of morph targets that are missing (meshes[0], primitive 0",
         "skins",
     ):
         assert text in str(asset.notes)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import json
-import struct
 import sys
 
 import numpy as np
@@ -14,6 +12,7 @@ import trimesh
 import nanite_rs as nrs
 from nanite_rs import io
 from oracles import data
+from oracles.documents import Document
 
 
 @pytest.fixture
@@ -188,15 +187,6 @@ def test_wrong_object():
         nrs.NaniteMesh.from_trimesh([1, 2])
 
 
-def glb(document: dict, binary: bytes = b"\0" * 12) -> bytes:
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    chunks = (
-        struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
-    )
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
-
-
 def test_draco_without_its_package_says_what_to_install(monkeypatch):
     name = "USNM_1145291-150k-2048-medium-100k-2048_draco.glb"
     path = data.require("scans", "smithsonian_fossil_100k", name)
@@ -206,24 +196,12 @@ def test_draco_without_its_package_says_what_to_install(monkeypatch):
         nrs.NaniteMesh.from_file(path)
 
 
-def test_undecodable_compression_is_named(tmp_path):
-    primitive = {"attributes": {"POSITION": 0}, "indices": 1}
-    document = {
-        "asset": {"version": "2.0"},
-        "extensionsRequired": ["EXT_meshopt_compression"],
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [primitive]}],
-        "buffers": [{"byteLength": 12}],
-        "bufferViews": [{"buffer": 3, "byteLength": 12}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"},
-            {"bufferView": 0, "componentType": 5125, "count": 3, "type": "SCALAR"},
-        ],
-    }
-    (tmp_path / "packed.glb").write_bytes(glb(document))
-    with pytest.raises(nrs.FormatError, match="it requires EXT_meshopt_compression"):
-        nrs.NaniteMesh.from_file(tmp_path / "packed.glb")
+def test_extensions_that_nobody_reads_are_named(tmp_path):
+    document = Document()
+    document.mesh(document.quad())
+    document.json["extensionsRequired"] = ["EXT_packed_by_magic"]
+    with pytest.raises(nrs.FormatError, match="it requires EXT_packed_by_magic"):
+        nrs.NaniteMesh.from_file(document.save(tmp_path / "packed.glb"))
 
 
 def test_gzipped_scan():

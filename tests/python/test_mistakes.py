@@ -114,7 +114,7 @@ BUILDING = {
     "an empty trimesh scene": (
         lambda: nrs.NaniteMesh.from_trimesh(trimesh.Scene()),
         nrs.MeshError,
-        "the scene has no triangles",
+        "mesh: there are no triangles in it",
     ),
     "a mesh for a path": (
         lambda: nrs.NaniteMesh.open(trimesh.creation.box()),
@@ -326,7 +326,9 @@ def test_files(mesh, tmp_path) -> None:
     check(lambda: nrs.NaniteMesh.open(text), nrs.FormatError, "git lfs pull")
     trimesh.creation.box().export(tmp_path / "box.glb")
     check(lambda: nrs.NaniteMesh.open(tmp_path / "box.glb"), nrs.FormatError, "NaniteMesh.from_file")
-    check(lambda: mesh.save(tmp_path / "box.ply"), nrs.FormatError, "to_trimesh().export(path) writes .ply")
+    check(
+        lambda: mesh.save(tmp_path / "box.ply"), nrs.FormatError, "mesh.cut(error=0).export(path) writes .ply"
+    )
     check(lambda: shot(mesh).save(tmp_path / "a.jpg"), nrs.FormatError, ".jpg is unknown; .*.png or .exr")
     with pytest.raises(nrs.MissingFileError) as missing:
         mesh.save(tmp_path / "none" / "m.nanite")
@@ -466,7 +468,7 @@ NAMES = {
     "mesh.show": "nanite_rs.view(mesh)",
     "mesh.export": "mesh.save(path)",
     "mesh.extents": "mesh.bounds",
-    "cut.export": "cut.to_trimesh().export(path)",
+    "cut.save": "cut.export(path)",
     "cut.points": "cut.vertices",
     "cut.triangles": "cut.faces",
     "cut.vertex_normals": "cut.normals",
