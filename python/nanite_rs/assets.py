@@ -1,10 +1,11 @@
-"""Whole scenes out of files: glTF as it is defined, everything else as trimesh reads it."""
+"""Whole scenes out of files: glTF, PLY, STL, OBJ, OFF as they are defined, all else as trimesh reads it."""
 
 from __future__ import annotations
 
 import gzip
 import os
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -104,7 +105,8 @@ def load_scene(
     white), metallic-roughness materials with their textures, samplers and ``KHR_texture_transform``, lights and
     cameras; also ``KHR_mesh_quantization``, ``EXT_mesh_gpu_instancing``, ``KHR_materials_unlit``,
     ``_emissive_strength`` and ``_pbrSpecularGlossiness``, Draco (with DracoPy) and meshopt (with meshoptimizer).
-    Everything else is read by trimesh, OBJ with the materials of its MTL files.
+    PLY, STL, OFF, and OBJ with its MTL files are read by their definitions: instances are named after objects and
+    solids, and whatever vertices and faces carry is kept by its name. Everything else is read by trimesh.
 
     What has no counterpart here is left out or changed, and a single warning says so: transparency is drawn as
     holes, textures go whose UVs the surface does not have, nodes flattened to nothing go, as do points and lines,
@@ -186,19 +188,13 @@ def read_asset(path: Path, *, drop_bad_textures: bool = False) -> Asset:
         return _gltf.read(
             str(path), _unpacked(path, packed), path.parent, drop_bad_textures=drop_bad_textures
         )
-    mesh = io.load(path)
-    materials: dict[str, Material] = {}
-    notes = Asset("").notes
-    if suffix == "obj":
-        from nanite_rs import _mtl
-
-        content = _unpacked(path, packed)
-        materials = _mtl.read(
-            str(path), content, path.parent, drop_bad_textures=drop_bad_textures, notes=notes
+    if suffix in io.READERS:
+        reader = import_module(f"nanite_rs.{io.READERS[suffix]}")
+        asset: Asset = reader.read(
+            str(path), _unpacked(path, packed), path.parent, drop_bad_textures=drop_bad_textures
         )
-    asset = _from_trimesh(mesh, str(path), materials, drop_bad_textures=drop_bad_textures)
-    asset.notes.merge(notes)
-    return asset
+        return asset
+    return _from_trimesh(io.load(path), str(path), {}, drop_bad_textures=drop_bad_textures)
 
 
 def _unpacked(path: Path, packed: bool) -> bytes:

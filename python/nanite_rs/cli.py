@@ -364,7 +364,7 @@ def _demo_mesh(name: str, arguments: argparse.Namespace, step: Callable[..., Any
     else:
         arrays = step(
             "load",
-            lambda: io.from_trimesh(io.load(name)).arrays(),
+            lambda: io.from_file(name).arrays(),
             lambda a: f"{name}, {len(a['faces']):,} triangles",
         )
     built: nrs.NaniteMesh = step(

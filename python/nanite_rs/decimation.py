@@ -235,7 +235,7 @@ def _source(mesh: Any) -> io.Source:
                 f"mesh: {os.fspath(mesh)!s} holds all levels of detail; "
                 "NaniteMesh.open(path).cut(target_faces=5000) picks one of them"
             )
-        return io.from_trimesh(io.load(mesh))
+        return io.from_file(mesh)
     package = type(mesh).__module__.split(".")[0]
     if package in ("pyvista", "open3d", "meshio"):
         source: io.Source = getattr(_exchange, f"from_{package}")(mesh)

@@ -36,6 +36,8 @@ __all__ = ["Source", "from_trimesh", "load"]
 NANITE_SUFFIX: Final = ".nanite"
 #: Endings of glTF.
 GLTF: Final = ("glb", "gltf")
+#: Formats with a module of their own here, by endings.
+READERS: Final = {"ply": "_ply", "stl": "_stl", "obj": "_obj", "off": "_off"}
 
 
 @dataclass
@@ -69,6 +71,20 @@ def ending(path: Path) -> tuple[str, bool]:
     """What a file holds by its name, in small letters without the dot, and whether it is packed by gzip."""
     packed = path.suffix.lower() == ".gz"
     return (Path(path.stem) if packed else path).suffix.lower().removeprefix("."), packed
+
+
+def from_file(path: str | os.PathLike[str]) -> Source:
+    """Read a file as one mesh of all its parts, with a warning that names what was left out."""
+    if ending(Path(path))[0] not in READERS:
+        return from_trimesh(load(path))
+    from nanite_rs import assets
+
+    asset = assets.read_asset(Path(path), drop_bad_textures=True)
+    parts = [part.source for _, number, _ in asset.placed for part in asset.meshes[number]]
+    if not parts:
+        raise MeshError(f"{asset.name}: there are no triangles in it ({asset.notes})")
+    asset.notes.warn(asset.name, stacklevel=3)
+    return _concatenated(parts)
 
 
 def load(path: str | os.PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:

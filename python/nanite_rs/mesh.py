@@ -487,7 +487,7 @@ class NaniteMesh(_advice.Teaching):
     def from_file(
         cls, path: PathLike, *, options: BuildOptions | None = None, progress: Progress = None
     ) -> NaniteMesh:
-        """Build from a file that trimesh reads: PLY, OBJ, STL, GLB, glTF, OFF and more, gzipped or not.
+        """Build from a file: PLY, OBJ, STL, OFF, or what else trimesh reads, GLB, glTF and more, gzipped or not.
 
         A ``.nanite`` file is opened as it is.
 
@@ -509,7 +509,8 @@ class NaniteMesh(_advice.Teaching):
         """
         if str(os.fspath(path)).lower().endswith(io.NANITE_SUFFIX):
             return cls.open(path)
-        return cls.from_trimesh(io.load(path), options=options, progress=progress)
+        source = io.from_file(path)
+        return cls.from_arrays(**source.arrays(), options=options, progress=progress)
 
     @classmethod
     def open(cls, path: PathLike) -> NaniteMesh:
