@@ -66,7 +66,7 @@ proptest! {
 
     #[test]
     fn any_polygons_end(
-        points in prop::collection::vec(prop::array::uniform3(any::<f64>()), 1..9),
+        points in prop::collection::vec(prop::array::uniform3(prop::num::f64::ANY), 1..9),
         corners in prop::collection::vec(0u32..9, 0..30),
         counts in prop::collection::vec(0u32..12, 0..6),
     ) {
