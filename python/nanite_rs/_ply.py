@@ -164,13 +164,15 @@ class _Reader:
 
     def _wedges(
         self, values: NDArray[Any], lengths: NDArray[np.uint32], counts: NDArray[np.uint32]
-    ) -> NDArray[np.float32]:
+    ) -> NDArray[np.float32] | None:
         """Texture coordinates of corners. A face may have none, which is zero."""
         bad = (lengths != 0) & (lengths != 2 * counts)
         if bad.any():
             row = int(np.argmax(bad))
             found = f"{lengths[row]} texture coordinates for {counts[row]} corners"
             raise FormatError(f"{self._name}: element face, row {row}: {found}")
+        if not lengths.any():
+            return None
         if (lengths != 0).all():
             return values.reshape(-1, 2).astype(np.float32)
         out = np.zeros((int(counts.sum()), 2), np.float32)
@@ -187,15 +189,23 @@ class _Reader:
             texture = None if image is None else Texture(image)
             look = Material(base_color=(1.0, 1.0, 1.0), base_color_texture=texture)
             looks.append(fitted(look, name, len(source.uvs), self._notes))
-        numbers = source.face_materials
-        if numbers is None or len(looks) < 2:
-            source.face_materials = None
-            return looks[0] if looks else plain(source)
+        numbers, source.face_materials = source.face_materials, None
+        if not looks:
+            if numbers is not None and numbers.any():
+                source.face_channels["texnumber"] = numbers
+            return plain(source)
+        if numbers is None:
+            for name in names[1:]:
+                self._notes.add("textures that no face names", name)
+            return looks[0]
         # Faces without a texture, such as -1, come last.
         outside = (numbers < 0) | (numbers >= len(looks))
         if outside.any():
-            source.face_materials = np.where(outside, len(looks), numbers).astype(np.int32)
+            numbers = np.where(outside, len(looks), numbers).astype(np.int32)
             looks.append(plain(source))
+        if len(looks) == 1:
+            return looks[0]
+        source.face_materials = numbers
         return looks
 
 
