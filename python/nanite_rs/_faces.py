@@ -30,7 +30,7 @@ def corner_numbers(name: str, values: NDArray[Any], lengths: NDArray[Any], point
         raise MeshError(
             f"{name}: faces[{face}] refers to vertex {values[place]}, but there are {points} vertices"
         )
-    return np.ascontiguousarray(values, np.uint32)
+    return values.view(np.uint32) if values.dtype == np.int32 else np.ascontiguousarray(values, np.uint32)
 
 
 def triangulated(

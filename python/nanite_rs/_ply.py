@@ -125,6 +125,8 @@ class _Reader:
             counts.append(lengths)
         if not corners:
             return None
+        if len(corners) == 1:
+            return corners[0], counts[0]
         return np.concatenate(corners), np.concatenate(counts)
 
     def _faces(self, source: Source, corners: NDArray[np.uint32], counts: NDArray[np.uint32]) -> None:
@@ -146,7 +148,9 @@ class _Reader:
         numbers = names.pop("texnumber", None) if wedges is not None else None
         own = None if wedges is None or wedges[1] is None else self._wedges(wedges[0], wedges[1], counts)
         if own is None and colors is None:
-            source.faces = np.asarray(corners[triangles])
+            # Of nothing but triangles they are the list itself.
+            whole = isinstance(polygons, slice)
+            source.faces = np.asarray(corners.reshape(-1, 3) if whole else corners[triangles])
         else:
             exploded(source, corners, triangles)
         if own is not None:
