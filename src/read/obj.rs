@@ -51,6 +51,9 @@ pub struct Part {
 
 const NONE: u32 = u32::MAX;
 
+/// An object and a material: what makes a part.
+type Key = (u32, Option<u32>);
+
 /// What holds from a face on.
 #[derive(Clone, Copy, PartialEq)]
 struct State {
@@ -318,8 +321,8 @@ impl Statements {
         let mut left: Vec<_> = std::mem::take(&mut self.left).into_iter().collect();
         left.sort_unstable();
         // Faces of an object and a material, in the order of their first.
-        let mut places: FxHashMap<(u32, Option<u32>), usize> = FxHashMap::default();
-        let mut rows: Vec<((u32, Option<u32>), Vec<usize>)> = Vec::new();
+        let mut places: FxHashMap<Key, usize> = FxHashMap::default();
+        let mut rows: Vec<(Key, Vec<usize>)> = Vec::new();
         for (run, (_, state)) in self.runs.iter().enumerate() {
             let key = (if by_group { state.group } else { state.object }, state.material);
             let place = *places.entry(key).or_insert(rows.len());
