@@ -64,6 +64,14 @@ pub enum Error {
         /// What was expected and what was found.
         message: String,
     },
+    /// A file of another program is not what its format defines.
+    #[error("{place}: {message}")]
+    Source {
+        /// Line, element or byte.
+        place: String,
+        /// What was expected and what was found.
+        message: String,
+    },
     /// A scene handle refers to something that was removed.
     #[error("stale handle: {0} was removed from the scene")]
     StaleHandle(String),

@@ -23,6 +23,7 @@ pub mod model;
 pub mod processor;
 #[cfg(feature = "python")]
 mod python;
+pub mod read;
 pub mod render;
 pub mod scene;
 pub mod stream;

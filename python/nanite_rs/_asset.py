@@ -37,6 +37,10 @@ TEXTURES: Final = (
 """The slots of a material."""
 
 
+# Faces that are looked at together: the first of most meshes say enough.
+_BLOCK: Final = 4096
+
+
 @dataclass
 class Part:
     """A surface that is built by itself. Parts may share a source, which is then built once."""
@@ -143,8 +147,13 @@ def has_area(vertices: NDArray[np.floating], faces: NDArray[np.int64]) -> bool:
     # Rows that do not exist are for the build to complain of.
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         return True
-    a, b, c = (np.asarray(vertices, np.float32)[faces[:, k]] for k in range(3))
-    return bool(((a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1)).any())
+    vertices = np.asarray(vertices)
+    for first in range(0, len(faces), _BLOCK):
+        # As they are: far from the origin float32 would see no difference, where the build does.
+        a, b, c = (vertices[faces[first : first + _BLOCK, k]] for k in range(3))
+        if ((a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1)).any():
+            return True
+    return False
 
 
 def fitted(material: Material, name: str, uv_sets: int, notes: Notes) -> Material:

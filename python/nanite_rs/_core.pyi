@@ -24,7 +24,13 @@ __all__ = [
     "group_table",
     "page_table",
     "page_table_of_file",
+    "read_obj",
+    "read_off",
+    "read_ply",
+    "read_stl",
+    "strips",
     "surface_distance",
+    "triangulate",
 ]
 __version__: str
 
@@ -45,6 +51,14 @@ def surface_distance(
 def closest_points(
     points: NDArray[Any], vertices: NDArray[Any], faces: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.uint32], NDArray[np.float64]]: ...
+def read_ply(file: str, data: bytes) -> dict[str, Any]: ...
+def read_stl(file: str, data: bytes) -> dict[str, Any]: ...
+def read_obj(file: str, data: bytes) -> dict[str, Any]: ...
+def read_off(file: str, data: bytes) -> dict[str, Any]: ...
+def triangulate(
+    file: str, points: NDArray[np.float64], corners: NDArray[np.uint32], counts: NDArray[np.uint32]
+) -> tuple[NDArray[np.uint32], NDArray[np.uint32], int]: ...
+def strips(values: NDArray[np.int64], lengths: NDArray[np.uint32]) -> NDArray[np.int64]: ...
 def decimate(
     vertices: NDArray[Any],
     faces: NDArray[Any],

@@ -1,20 +1,20 @@
-"""Materials of Wavefront OBJ files, read from the MTL files beside them: trimesh is silent on what it cannot read.
+"""Materials of Wavefront OBJ files, read from the MTL files beside them.
 
 Colours are taken as linear, as trimesh and pyrender take them; ``Ns`` becomes a roughness as it does there.
 """
 
 from __future__ import annotations
 
+import codecs
 import re
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _advice
-from nanite_rs._accessors import beside
 from nanite_rs._asset import named
-from nanite_rs._images import read_bytes, read_image
-from nanite_rs.exceptions import FileError, FormatError, MissingFileError
+from nanite_rs._beside import Pictures, find, text
+from nanite_rs._images import read_bytes
+from nanite_rs.exceptions import FormatError
 from nanite_rs.material import Material
 from nanite_rs.texture import Image, Texture
 
@@ -40,51 +40,77 @@ _OPTIONS: Final = {
 }
 _VECTORS: Final = {"-o": 0.0, "-s": 1.0, "-t": 0.0}
 _MAPS: Final = ("map_kd", "map_ke", "map_d", "norm")
+# Names may have a # within.
+_COMMENT: Final = re.compile(rb"(?<=\S)\s+#.*", re.DOTALL)
 _LEFT: Final = ("map_bump", "bump", "map_ns", "map_ks", "map_pr", "map_pm", "disp", "refl")
 
 
 def read(
-    name: str, text: bytes, folder: Path, *, drop_bad_textures: bool, notes: Notes
+    name: str, libraries: list[bytes], folder: Path | None, *, drop_bad_textures: bool, notes: Notes
 ) -> dict[str, Material]:
-    """Read the materials that an OBJ file refers to, by their names."""
+    """Read the materials of an OBJ file by their names, out of what follows each of its ``mtllib``."""
     found: dict[str, Material] = {}
-    images: dict[Path, Image | None] = {}
-    for line in re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", text, re.MULTILINE):
-        library = line.decode("utf-8", "replace")
-        path = beside(folder, library, *library.split())
-        try:
-            content = read_bytes(path, f"{name}: mtllib")
-        except MissingFileError:
-            notes.add("materials of files that are missing", library)
-            continue
-        for label, rows in _materials(content.decode("utf-8", "replace")).items():
-            reader = _Reader(name, label, path.parent, images, drop_bad_textures, notes)
-            found[label] = reader.material(rows)
+    pictures: dict[Path, Pictures] = {}
+    for library in dict.fromkeys(libraries):
+        for path in _files(library, folder, notes):
+            own = pictures.setdefault(path.parent, Pictures(path.parent, drop_bad_textures, notes))
+            for label, rows in _materials(read_bytes(path, f"{name}: mtllib")).items():
+                found.setdefault(label, _Reader(name, label, own, notes).material(rows))
     return found
 
 
-def _materials(text: str) -> dict[str, dict[str, str]]:
+def label(raw: bytes) -> str:
+    """Return the name of a material, as OBJ and MTL files both have it: the encodings of the two may differ."""
+    return " ".join(text(raw).split())
+
+
+def _files(library: bytes, folder: Path | None, notes: Notes) -> list[Path]:
+    """The files that a ``mtllib`` names: one whose name has blanks, or several."""
+    whole = text(library)
+    if not whole:
+        return []
+    path = None if folder is None else find(folder, whole)
+    if path is not None or folder is None:
+        found = {whole: path}
+    else:
+        found = {word: find(folder, word) for word in whole.split()}
+        if not any(found.values()):
+            found = {whole: None}
+    for name, path in found.items():
+        if path is None:
+            notes.add("materials of files that are missing", name)
+    return [path for path in found.values() if path is not None]
+
+
+def _materials(data: bytes) -> dict[str, dict[str, str]]:
     """Statements of each material by their first words, which are lowered."""
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        data = data.decode("utf-16", "replace").encode()
+    data = data.removeprefix(codecs.BOM_UTF8).replace(b"\0", b" ")
     materials: dict[str, dict[str, str]] = {}
     rows: dict[str, str] = {}
-    for line in text.splitlines():
-        key, _, rest = line.strip().partition(" " if "\t" not in line.strip().split(" ")[0] else "\t")
-        key, rest = key.lower(), rest.strip()
-        if key == "newmtl":
-            rows = materials.setdefault(" ".join(rest.split()), {})
-        elif rest and not key.startswith("#"):
-            rows[key] = rest
+    before = b""
+    for own in data.splitlines():
+        line = before + own.strip()
+        before = b""
+        if line.startswith(b"#") or not line:
+            continue
+        if line.endswith(b"\\"):
+            before = line[:-1] + b" "
+            continue
+        key, *rest = _COMMENT.sub(b"", line).split(None, 1)
+        if key.lower() == b"newmtl":
+            rows = materials.setdefault(label(b"".join(rest)), {})
+        elif rest:
+            rows[text(key).lower()] = text(rest[0]).strip()
     return materials
 
 
 class _Reader:
     """The statements of one material."""
 
-    def __init__(
-        self, name: str, label: str, folder: Path, images: dict[Path, Image | None], drop: bool, notes: Notes
-    ) -> None:
-        self._name, self._label, self._folder = name, label, folder
-        self._images, self._drop, self._notes = images, drop, notes
+    def __init__(self, name: str, label: str, pictures: Pictures, notes: Notes) -> None:
+        self._name, self._label, self._pictures, self._notes = name, label, pictures, notes
 
     def material(self, rows: dict[str, str]) -> Material:
         for key in _LEFT:
@@ -143,37 +169,25 @@ class _Reader:
     def _texture(self, rows: dict[str, str], key: str) -> Texture | None:
         if key not in rows:
             return None
-        words, options = rows[key].split(), dict.fromkeys(_VECTORS, np.zeros(3))
-        options["-s"], wrap = np.ones(3), "repeat"
-        while words and words[0].lower() in (*_OPTIONS, *_VECTORS):
-            option = words.pop(0).lower()
-            if option in _VECTORS:
-                values: list[float] = []
-                while words and len(values) < 3 and _is_number(words[0]):
-                    values.append(float(words.pop(0)))
-                options[option] = np.array(values + [_VECTORS[option]] * (3 - len(values)))
-                continue
-            wrap = "clamp" if option == "-clamp" and words[:1] == ["on"] else wrap
-            del words[: _OPTIONS[option]]
-        image = self._image(" ".join(words), key)
+        options: dict[str, Any] = dict.fromkeys(_VECTORS, np.zeros(3))
+        options["-s"], options["wrap"] = np.ones(3), "repeat"
+        file = _without_options(rows[key], options)
+        # Some write options behind the name, which may have such words in it too.
+        words, more = file.split(), dict(options)
+        last = next((k for k in range(1, len(words)) if words[k].lower() in (*_OPTIONS, *_VECTORS)), None)
+        names = [file]
+        if last is not None and not _without_options(" ".join(words[last:]), more):
+            names.append(" ".join(words[:last]))
+            folder = self._pictures.folder
+            if folder is None or find(folder, file) is None:
+                names, options = names[::-1], more
+        image = self._pictures.get(f"{self._name}: material {self._label!r}: {key}", *names)
         if image is None:
             return None
+        wrap = options["wrap"]
         # Those of MTL count from below, those of `Texture` from above.
         (su, sv, _), (ou, ov, _) = options["-s"], options["-o"]
-        return Texture(image, wrap=wrap, offset=(ou, 1.0 - sv - ov), scale=(su, sv))  # type: ignore[arg-type]
-
-    def _image(self, file: str, key: str) -> Image | None:
-        path = beside(self._folder, file, file.replace("\\", "/").rsplit("/", 1)[-1])
-        if path not in self._images:
-            what = f"{self._name}: material {self._label!r}: {key}"
-            try:
-                self._images[path] = Image(read_image(read_bytes(path, what), f"{what}: {path}"))
-            except (FileError, FormatError) as error:
-                if not self._drop:
-                    raise _advice.advised(error, _advice.WITHOUT_TEXTURE) from None
-                self._images[path] = None
-                self._notes.add("textures left out, as they cannot be read", str(error))
-        return self._images[path]
+        return Texture(image, wrap=wrap, offset=(ou, 1.0 - sv - ov), scale=(su, sv))
 
     def _with_alpha(self, painted: Texture | None, clear: Texture) -> Texture:
         """Return colours with the alpha of another image, white where there are none."""
@@ -194,6 +208,27 @@ class _Reader:
         if painted is not None:
             rest = {"wrap": painted.wrap, "offset": painted.offset, "scale": painted.scale}
         return Texture(Image(np.dstack([colors, alpha])), **rest)
+
+
+def _without_options(rest: str, options: dict[str, Any]) -> str:
+    """Return what is left behind the options at the beginning, which are filled in."""
+    words = rest.split()
+    while words and words[0].lower() in (*_OPTIONS, *_VECTORS):
+        option = words.pop(0).lower()
+        rest = rest.split(None, 1)[1] if words else ""
+        taken = _OPTIONS.get(option, 0)
+        if option in _VECTORS:
+            values: list[float] = []
+            while len(values) < min(3, len(words)) and _is_number(words[len(values)]):
+                values.append(float(words[len(values)]))
+            options[option] = np.array(values + [_VECTORS[option]] * (3 - len(values)))
+            taken = len(values)
+        elif option == "-clamp" and words[:1] == ["on"]:
+            options["wrap"] = "clamp"
+        del words[:taken]
+        for _ in range(taken):
+            rest = rest.split(None, 1)[1] if len(rest.split(None, 1)) > 1 else ""
+    return rest.strip()
 
 
 def _one(array: NDArray[Any]) -> float:

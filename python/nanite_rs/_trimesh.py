@@ -72,14 +72,7 @@ def read(file: File, *, drop_bad_textures: bool) -> Asset:
         message = f"{type(error).__name__}: {error}"
         raise FormatError(f"{name}: cannot be read as .{suffix}: {message}") from error
     _refuse_empty(name, loaded)
-    materials: dict[str, Material] = {}
-    notes = Notes()
-    if suffix == "obj" and folder is not None:
-        from nanite_rs import _mtl
-
-        materials = _mtl.read(name, data, folder, drop_bad_textures=drop_bad_textures, notes=notes)
-    asset = described(loaded, name, materials, drop_bad_textures=drop_bad_textures)
-    asset.notes.merge(notes)
+    asset = described(loaded, name, drop_bad_textures=drop_bad_textures)
     if suffix in ("dae", "zae"):
         upright = _collada_frame(data if suffix == "dae" else _packed_collada(data))
         asset.placed = [(node, mesh, upright @ pose) for node, mesh, pose in asset.placed]
@@ -132,15 +125,14 @@ def _collada_frame(data: bytes) -> NDArray[np.float64]:
 def described(
     mesh: trimesh.Scene | trimesh.Trimesh,
     name: str,
-    materials: dict[str, Material],
     *,
     drop_bad_textures: bool,
 ) -> Asset:
-    """Describe a trimesh object. Materials given by name go before its own."""
+    """Describe a trimesh object."""
     import trimesh
 
     asset = Asset(name)
-    looks = _Looks(asset, materials, drop_bad_textures)
+    looks = _Looks(asset, drop_bad_textures)
     if isinstance(mesh, trimesh.Trimesh):
         if looks.add("mesh", mesh):
             asset.placed.append(("mesh", 0, np.eye(4)))
@@ -167,8 +159,8 @@ def described(
 class _Looks:
     """Meshes of trimesh with their materials; images that are the same object are read once."""
 
-    def __init__(self, asset: Asset, materials: dict[str, Material], drop: bool) -> None:
-        self._asset, self._materials, self._drop = asset, materials, drop
+    def __init__(self, asset: Asset, drop: bool) -> None:
+        self._asset, self._drop = asset, drop
         self._images: dict[int, tuple[PIL.Image.Image, Image | None]] = {}
 
     def add(self, name: str, mesh: trimesh.Trimesh) -> bool:
@@ -196,11 +188,9 @@ class _Looks:
 
     def _one(self, found: Any, mesh: str, source: Source) -> Material:
         name = str(found.name or mesh)
-        material = self._materials.get(name)
-        if material is None:
-            with named(self._asset.name, f"material {name!r}"):
-                material = self._simple(found, name) if hasattr(found, "diffuse") else self._pbr(found, name)
-        if material.alpha_mode == "blend" and name not in self._materials:
+        with named(self._asset.name, f"material {name!r}"):
+            material = self._simple(found, name) if hasattr(found, "diffuse") else self._pbr(found, name)
+        if material.alpha_mode == "blend":
             what = "transparency, drawn as holes where alpha is below one half"
             self._asset.notes.add(what, name)
         return fitted(material, name, len(source.uvs), self._asset.notes)

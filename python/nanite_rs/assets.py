@@ -1,4 +1,4 @@
-"""Whole scenes out of files: glTF as it is defined, everything else as trimesh reads it."""
+"""Whole scenes out of files: glTF, PLY, STL, OBJ, OFF as they are defined, all else as trimesh reads it."""
 
 from __future__ import annotations
 
@@ -100,9 +100,10 @@ def load_scene(
     white), metallic-roughness materials with their textures, samplers and ``KHR_texture_transform``, lights and
     cameras; also ``KHR_mesh_quantization``, ``EXT_mesh_gpu_instancing``, ``KHR_materials_unlit``,
     ``_emissive_strength`` and ``_pbrSpecularGlossiness``, Draco (with DracoPy) and meshopt (with meshoptimizer).
-    Morph targets are applied by their weights at rest, and the centre of ``CESIUM_RTC`` is added. Everything else
-    is read by trimesh, OBJ with the materials of its MTL files; COLLADA comes in metres with +Y up, whatever its
-    unit and axis.
+    Morph targets are applied by their weights at rest, and the centre of ``CESIUM_RTC`` is added. PLY, STL, OFF,
+    and OBJ with its MTL files are read by their definitions: instances are named after objects and solids, and
+    whatever vertices and faces carry is kept by its name. Everything else is read by trimesh; COLLADA comes in
+    metres with +Y up, whatever its unit and axis.
 
     What has no counterpart here is left out or changed, and a single warning says so: transparency is drawn as
     holes, textures go whose UVs the surface does not have, nodes flattened to nothing go, as do points and lines,
@@ -164,7 +165,7 @@ def load_scene(
         raise ArgumentError(f"bad_textures: must be 'raise' or 'drop', not {bad_textures!r}")
     drop = bad_textures == "drop"
     if isinstance(source, trimesh.Scene | trimesh.Trimesh):
-        asset = _trimesh.described(source, "trimesh scene", {}, drop_bad_textures=drop)
+        asset = _trimesh.described(source, "trimesh scene", drop_bad_textures=drop)
     else:
         file = io.given_file(source, format, "source")
         if "." + file.format == io.NANITE_SUFFIX:

@@ -19,7 +19,7 @@ from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, MeshErr
 from nanite_rs.material import Material
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
     from typing import BinaryIO
 
     import trimesh
@@ -36,7 +36,14 @@ GLTF: Final = ("glb", "gltf")
 
 #: Formats with a module of their own here, by endings. Each has
 #: ``read(name, data, folder, *, drop_bad_textures) -> Asset``; trimesh reads everything else.
-READERS: Final = {"glb": "_gltf", "gltf": "_gltf"}
+READERS: Final = {
+    "glb": "_gltf",
+    "gltf": "_gltf",
+    "obj": "_obj",
+    "off": "_off",
+    "ply": "_ply",
+    "stl": "_stl",
+}
 
 PathLike: TypeAlias = "str | bytes | os.PathLike[str] | os.PathLike[bytes]"
 Readable: TypeAlias = "PathLike | bytearray | memoryview | BinaryIO | File"
@@ -260,7 +267,7 @@ def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Source:
         advice = "; NaniteMesh.from_file reads files" if isinstance(mesh, str | os.PathLike) else ""
         found = type(mesh).__name__
         raise DtypeError(f"mesh: expected trimesh.Trimesh or trimesh.Scene, not {found}{advice}")
-    asset = _trimesh.described(mesh, "mesh", {}, drop_bad_textures=True)
+    asset = _trimesh.described(mesh, "mesh", drop_bad_textures=True)
     out = flattened(asset)
     asset.notes.warn(asset.name)
     return out
@@ -380,7 +387,7 @@ def _concatenated(parts: list[Source], notes: Notes, *, follow: bool) -> Source:
 
     # A zero normal asks the build to compute it; a part without colour is white.
     out.normals = joined((part.normals for part in parts), np.zeros(3, np.float32))
-    out.colors = joined((part.colors for part in parts), np.full(4, 255, np.uint8))
+    out.colors = _joined_colors([part.colors for part in parts], joined)
     for number in range(max(len(part.uvs) for part in parts)):
         sets = joined(
             (part.uvs[number] if number < len(part.uvs) else None for part in parts), np.zeros(2, np.float32)
@@ -400,6 +407,20 @@ def _concatenated(parts: list[Source], notes: Notes, *, follow: bool) -> Source:
         [part.face_channels for part in parts], [len(part.faces) for part in parts], notes
     )
     return out
+
+
+def _joined_colors(
+    parts: list[NDArray[Any] | None],
+    joined: Callable[[Iterable[NDArray[Any] | None], NDArray[Any]], NDArray[Any] | None],
+) -> NDArray[Any] | None:
+    """Colours of all parts: bytes where all are, otherwise float32 from 0 to 1."""
+    if all(part is None or part.dtype == np.uint8 for part in parts):
+        return joined(parts, np.full(4, 255, np.uint8))
+    fine = (
+        part if part is None or part.dtype != np.uint8 else part.astype(np.float32) / np.float32(255)
+        for part in parts
+    )
+    return joined(fine, np.ones(4, np.float32))
 
 
 def _joined_channels(

@@ -21,7 +21,7 @@ fn class_name(error: &Error) -> Option<&'static str> {
         Error::Cancelled => return None,
         Error::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => "MissingFileError",
         Error::Io { .. } => "FileError",
-        Error::Format { .. } => "FormatError",
+        Error::Format { .. } | Error::Source { .. } => "FormatError",
         Error::StaleHandle(_) => "StaleHandleError",
         Error::Backend { .. } => "BackendError",
         Error::Forked(_) => "ForkError",
