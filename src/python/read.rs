@@ -5,7 +5,8 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
 
 use super::arrays::{into_array, into_rows};
-use super::errors::{detached, exception_with_message, to_python};
+use super::calls::detached;
+use super::errors::{exception_with_message, to_python};
 use crate::error::{Error, Result};
 use crate::read::{obj, off, ply, polygon, stl};
 
