@@ -190,7 +190,8 @@ def test_ply_keeps_every_property(tmp_path, kind, end) -> None:
     cut = nrs.NaniteMesh.from_file(path).cut(error=0.0)
     assert len(cut.uvs) == 1
     assert cut.colors is not None
-    assert set(cut.channels) == {"label", "quality", "flag"}
+    assert set(cut.channels) == {"label", "quality", "flag", "region", "weight"}
+    assert sorted(cut.face_channels["region"].tolist()) == [7, 9]
 
 
 @pytest.mark.parametrize(
