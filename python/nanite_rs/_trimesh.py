@@ -181,7 +181,6 @@ class _Looks:
             return Material()
         several = getattr(found, "materials", None)
         if several is None:
-            source.face_materials = None
             return self._one(found, name, source)
         looks = [self._one(material, name, source) for material in several]
         return looks if looks and source.face_materials is not None else (looks or [Material()])[0]

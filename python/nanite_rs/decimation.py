@@ -238,6 +238,12 @@ def _source(mesh: Any) -> io.Source:
         own = (mesh.normals, mesh.colors, mesh.uvs, mesh._vertex_channels, mesh.face_materials)
         of_faces = dict(mesh.face_channels)
         return io.Source(mesh.vertices, mesh.faces, *own, of_faces, mesh.materials)  # type: ignore[arg-type]
+    package = type(mesh).__module__.split(".")[0]
+    if package in ("pyvista", "open3d", "meshio"):
+        source: io.Source = getattr(_exchange, f"from_{package}")(mesh)
+        return source
+    if package == "trimesh":
+        return io.from_trimesh(mesh)
     if isinstance(mesh, str | bytes | bytearray | memoryview | os.PathLike) or hasattr(mesh, "read"):
         file = io.given_file(mesh, name="mesh")
         if "." + file.format == io.NANITE_SUFFIX:
@@ -246,12 +252,6 @@ def _source(mesh: Any) -> io.Source:
                 "NaniteMesh.open(path).cut(target_faces=5000) picks one of them"
             )
         return io.from_file(file)
-    package = type(mesh).__module__.split(".")[0]
-    if package in ("pyvista", "open3d", "meshio"):
-        source: io.Source = getattr(_exchange, f"from_{package}")(mesh)
-        return source
-    if package == "trimesh":
-        return io.from_trimesh(mesh)
     raise DtypeError(
         f"mesh: expected (vertices, faces), a mesh of trimesh, PyVista, Open3D or meshio, a Cut or a path, "
         f"not {_advice.name_of_type(mesh)}"

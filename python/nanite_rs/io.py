@@ -293,22 +293,27 @@ def flattened(asset: Asset) -> Source:
     if not parts:
         lost = f" ({asset.notes})" if str(asset.notes) else ""
         raise MeshError(f"{asset.name}: there are no triangles in it{lost}")
-    table: dict[Material, int] = {}
-    for part in parts:
-        for look in _looks(part):
-            table.setdefault(look, len(table))
-    materials = tuple(table)
-    if len(table) > 1:
-        for part in parts:
-            rows = np.array([table[look] for look in _looks(part)], np.int32)
-            own = part.source.face_materials
-            own = np.zeros(len(part.source.faces), np.int64) if own is None else np.asarray(own, np.int64)
-            if len(rows) == 1 and own.any():
-                asset.notes.add("numbers of face materials, as there is one material", part.name)
-            part.source.face_materials = rows[np.clip(own, 0, len(rows) - 1)]
+    table: dict[tuple[Any, ...], int] = {}
+    rows = []
+    for number, part in enumerate(parts):
+        looks, own = _looks(part), part.source.face_materials
+        own = np.zeros(len(part.source.faces), np.int64) if own is None else np.asarray(own, np.int64)
+        keys: list[tuple[Any, ...]] = [(look,) for look in looks]
+        own = np.clip(own, 0, len(looks) - 1) if len(looks) > 1 else own
+        if len(looks) == 1 and own.any():
+            # Numbers that no looks belong to stay apart.
+            values, own = np.unique(own, return_inverse=True)
+            keys = [(looks[0], number, value) for value in values.tolist()]
+        places = np.array([table.setdefault(key, len(table)) for key in keys], np.int32)
+        rows.append(places[own.reshape(-1)])
+    several = len({key[0] for key in table}) > 1
+    materials = tuple(key[0] for key in table) if several else (next(iter(table))[0],)
+    if several:
+        for part, row in zip(parts, rows, strict=True):
+            part.source.face_materials = row
     elif materials == (Material(),):
         materials = ()  # nothing was said
-    out = _concatenated([part.source for part in parts], asset.notes, follow=len(table) == 1)
+    out = _concatenated([part.source for part in parts], asset.notes, follow=not several)
     out.materials = materials
     settle(out, asset.notes)
     return out
