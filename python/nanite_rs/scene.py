@@ -332,8 +332,8 @@ class Scene(_advice.Teaching):
         >>> scene = nrs.Scene(ambient_light=(0.5, 0.5, 0.5))
         >>> sun = scene.add(nrs.DirectionalLight())
         >>> scene.clear()
-        >>> scene.lights, scene.ambient_light
-        ([], (0.5, 0.5, 0.5))
+        >>> scene.lights, len(scene)
+        ([], 0)
         """
         nodes: list[MeshNode | LightNode] = [*self.instances, *self.lights]
         for node in nodes:

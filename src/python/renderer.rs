@@ -182,7 +182,7 @@ impl Frame {
         Ok(PyArray::from_vec(py, values).reshape(shape)?.unbind())
     }
 
-    /// An (H, W, 3) array that takes over what `make` returns.
+    /// An (H, W, 3) array that takes over what `make` returns, or (H, W, 4) where that is as many.
     fn planes<T: Element>(
         &self,
         py: Python<'_>,
@@ -190,8 +190,10 @@ impl Frame {
     ) -> PyResult<Py<PyArray3<T>>> {
         let (values, shape) = detached(py, || {
             let mut frame = self.lock();
-            let shape = [frame.height() as usize, frame.width() as usize, 3];
-            Ok((make(&mut frame)?, shape))
+            let [high, wide] = [frame.height(), frame.width()].map(|side| side as usize);
+            let values = make(&mut frame)?;
+            let channels = values.len() / (high * wide).max(1);
+            Ok((values, [high, wide, channels]))
         })?;
         Ok(PyArray::from_vec(py, values).reshape(shape)?.unbind())
     }
