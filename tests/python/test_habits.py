@@ -130,7 +130,8 @@ def test_layers_laid_over_a_background_are_the_picture(samples, backend) -> None
             for color in ((1, 1, 1), (0, 0.2, 1))
         ]
     rgba = frames[0].rgba
-    assert rgba.shape == (48, 64, 4) and rgba.dtype == np.uint8
+    assert rgba.shape == (48, 64, 4)
+    assert rgba.dtype == np.uint8
     assert np.array_equal(rgba, frames[1].rgba)
     alpha = rgba[..., 3:] / 255.0
     for frame, color in zip(frames, ((1, 1, 1), (0, 0.2, 1)), strict=True):
@@ -156,7 +157,8 @@ def test_rgba_files(tmp_path) -> None:
         alone = renderer.render(scene_of(), CAMERA, POSE, depth_only=True)
     frame.save(tmp_path / "a.png", alpha=True)
     image = PIL.Image.open(tmp_path / "a.png")
-    assert image.mode == "RGBA" and np.array_equal(np.asarray(image), frame.rgba)
+    assert image.mode == "RGBA"
+    assert np.array_equal(np.asarray(image), frame.rgba)
     with pytest.raises(nrs.ArgumentError, match="alpha: goes with the shaded picture"):
         frame.save(tmp_path / "b.png", alpha=True, view="clusters")
     with pytest.raises(nrs.ArgumentError, match="depth_only"):
@@ -164,7 +166,8 @@ def test_rgba_files(tmp_path) -> None:
     pytest.importorskip("OpenImageIO")
     frame.save(tmp_path / "deep.png", alpha=True, bits=16)
     deep = nrs.Image.open(tmp_path / "deep.png").pixels
-    assert deep.dtype == np.uint16 and np.abs(deep / 65535 - frame.rgba / 255).max() < 0.6 / 255
+    assert deep.dtype == np.uint16
+    assert np.abs(deep / 65535 - frame.rgba / 255).max() < 0.6 / 255
     frame.save(tmp_path / "a.exr", alpha=True, outputs=["linear"])
     layer = nrs.Image.open(tmp_path / "a.exr").pixels
     assert np.allclose(layer[..., 3], frame.rgba[..., 3] / 255, atol=0.003)
@@ -180,12 +183,15 @@ def test_depth_as_whole_numbers(tmp_path, depth_only) -> None:
         frame.save_depth(tmp_path / "d.png", unit=unit)
         image = PIL.Image.open(tmp_path / "d.png")
         steps = np.asarray(image)
-        assert steps.dtype == np.uint16 and image.text["nanite_rs:depth_unit"] == repr(unit)
+        assert steps.dtype == np.uint16
+        assert image.text["nanite_rs:depth_unit"] == repr(unit)
         assert np.abs(steps * unit - frame.depth).max() <= 0.5001 * unit
         assert np.array_equal(steps > 0, frame.depth > 0)
     (tmp_path / "d.png").unlink()
     for unit, better in ((1e-6, r"unit=0\.0001"), (50.0, r"unit=0\.0001")):
-        with pytest.raises(nrs.ArgumentError, match=rf"unit: depths from .* do not fit; they do with {better}"):
+        with pytest.raises(
+            nrs.ArgumentError, match=rf"unit: depths from .* do not fit; they do with {better}"
+        ):
             frame.save_depth(tmp_path / "d.png", unit=unit)
         assert not (tmp_path / "d.png").exists()
     for bad in (0.0, -1.0, np.nan, np.inf):
@@ -215,9 +221,7 @@ def part() -> trimesh.Trimesh:
 
 def test_edges_of_parts_stay_sharp(part) -> None:
     smooth = nrs.NaniteMesh.from_arrays(part.vertices, part.faces)
-    sharp = nrs.NaniteMesh.from_arrays(
-        part.vertices, part.faces, options=nrs.BuildOptions(crease_angle=30.0)
-    )
+    sharp = nrs.NaniteMesh.from_arrays(part.vertices, part.faces, options=nrs.BuildOptions(crease_angle=30.0))
     flat = nrs.NaniteMesh.from_arrays(part.vertices, part.faces, options=nrs.BuildOptions(crease_angle=0.0))
     assert turning(smooth.cut(error=0.0)).max() > 40
     assert turning(sharp.cut(error=0.0)).max() < 360 / 64

@@ -41,7 +41,8 @@ def test_what_is_nearly_a_rotation_is_seen_as_the_nearest(scene, error) -> None:
             renderer.render(scene, CAMERA, given)
             expected = renderer.render(scene, CAMERA, nearest).depth
     both = (depth > 0) & (expected > 0)
-    assert both.mean() > 0.1 and np.abs(depth - expected)[both].max() < 1e-4
+    assert both.mean() > 0.1
+    assert np.abs(depth - expected)[both].max() < 1e-4
     mesh = scene.instances[0].mesh
     with pytest.warns(nrs.UsageWarning, match="off a rotation"):
         cut = mesh.cut(camera=CAMERA, pose=given, viewport=(48, 48))
@@ -129,7 +130,8 @@ def test_places_are_those_of_opencv(skew, backend) -> None:
         rows, columns = np.nonzero(frame.instance_id == number)
         if 5 < x / w < 315 and 5 < y / w < 235:
             shown += 1
-            assert abs(columns.mean() - x / w) < 0.35 and abs(rows.mean() - y / w) < 0.35
+            assert abs(columns.mean() - x / w) < 0.35
+            assert abs(rows.mean() - y / w) < 0.35
     assert shown >= 3
     # The matrix says the same.
     point = np.append(pose[:3, :3] @ flip @ seen[0] + pose[:3, 3], 1.0)
@@ -186,7 +188,7 @@ def test_a_matrix_of_another_size_is_noticed() -> None:
     with pytest.warns(nrs.UsageWarning, match="outside of a picture of 320 × 240"):
         nrs.IntrinsicsCamera.from_opencv([[800, 0, 640], [0, 800, 360], [0, 0, 1]], 320, 240)
     for bad in ("x", np.eye(2), np.eye(3) * 2, [[1, 0], [2]]):
-        with pytest.raises(nrs.NaniteError, match="^R: "):
+        with pytest.raises(nrs.NaniteError, match=r"^R: "):
             nrs.pose_from_opencv(bad, [0, 0, 0])
-    with pytest.raises(nrs.ArgumentError, match="^t: "):
+    with pytest.raises(nrs.ArgumentError, match=r"^t: "):
         nrs.pose_from_opencv(np.eye(3), [0, 0])
