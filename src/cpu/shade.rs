@@ -451,6 +451,7 @@ mod tests {
                     roughness: Lanes::splat(roughness),
                     emissive: splat3([0.0; 3]),
                     occlusion: Lanes::splat(1.0),
+                    lit: Lanes::splat(1.0),
                 };
                 let view = splat3([tilt.sin() as f32, 0.0, tilt.cos() as f32]);
                 let reflector = Reflector::new(&bsdf, view, true);
