@@ -51,7 +51,9 @@ struct Seen {
 fn unprojected(point: vec2<f32>, distance: f32) -> vec3<f32> {
     let scale = select(distance, 1.0, view.orthographic != 0u);
     let at = point - view.center;
-    return vec3<f32>(at.x * view.inverse_focal.x * scale, -at.y * view.inverse_focal.y * scale, -distance);
+    let up = -at.y * view.inverse_focal.y;
+    let right = (at.x - up * view.skew) * view.inverse_focal.x;
+    return vec3<f32>(right * scale, up * scale, -distance);
 }
 
 fn seen_of(surfel: Surfel) -> Seen {
@@ -125,7 +127,7 @@ fn color_of(seen: Seen, tint: vec3<f32>) -> vec3<f32> {
     if !gltf {
         color = color * bsdf.occlusion;
     }
-    color = color + bsdf.emissive;
+    color = select(bsdf.base, color + bsdf.emissive, bsdf.lit);
     if !gltf {
         color = color * tint;
     }

@@ -128,6 +128,9 @@ pub struct BuildOptions {
     pub channel_weight: f32,
     /// Of small islands such as leaves, those that stay grow until as much is covered as before. For foliage and hair.
     pub preserve_area: bool,
+    /// Of sources without normals: where faces meet at more than so many degrees there is an edge, and computed normals
+    /// are not smooth over it. `None` for smooth normals everywhere.
+    pub crease_angle: Option<f32>,
     /// Keep the map from level-0 triangles to rows of the caller's `faces`.
     pub face_ids: bool,
     /// Threads; 0 uses all cores. The result does not depend on it.
@@ -149,6 +152,7 @@ impl Default for BuildOptions {
             uv_weight: 1.0,
             channel_weight: 1.0,
             preserve_area: false,
+            crease_angle: None,
             face_ids: false,
             threads: 0,
         }
@@ -168,6 +172,12 @@ impl BuildOptions {
         range("cluster_triangles", self.cluster_triangles, 16, CLUSTER_MAX_TRIANGLES)?;
         range("cluster_vertices", self.cluster_vertices, 32, CLUSTER_MAX_VERTICES)?;
         range("group_clusters", self.group_clusters, 4, GROUP_MAX_CLUSTERS * 3 / 4)?;
+        if let Some(angle) = self.crease_angle.filter(|angle| !(0.0..=180.0).contains(angle)) {
+            return Err(Error::argument(
+                "crease_angle",
+                format!("must be between 0 and 180 degrees, not {angle}"),
+            ));
+        }
         for (name, weight) in [
             ("normal_weight", self.normal_weight),
             ("color_weight", self.color_weight),

@@ -43,9 +43,6 @@ def execute(path: Path, folder: Path, timeout: int) -> None:
         resources={"metadata": {"path": str(folder)}},
         extra_arguments=["--IPKernelApp.log_level=40"],  # errors alone
     )
-    # What sliders show is an output like any other. Kept in the widget, it is told to the kernel as well, and
-    # ipykernel 7 at times sleeps over the next cell then.
-    client.comm_open_handlers = {}
     client.execute()
     nbformat.write(notebook, folder / path.name)
     save_pictures(notebook, folder / path.stem)

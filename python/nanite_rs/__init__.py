@@ -15,6 +15,7 @@ from nanite_rs.camera import (
     PerspectiveCamera,
     look_at,
     orbit,
+    pose_from_opencv,
 )
 from nanite_rs.comparison import Comparison, SilhouetteDistance, compare
 from nanite_rs.cut import Cut
@@ -109,6 +110,7 @@ __all__ = [
     "measure",
     "orbit",
     "plot",
+    "pose_from_opencv",
     "save_animation",
     "set_num_threads",
     "shapes",

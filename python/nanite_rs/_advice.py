@@ -241,8 +241,27 @@ def for_pose(pose: object) -> str:
         return "the translation is in the last row: the matrix is transposed, give pose.T"
     if array.shape == (4, 4) and np.isfinite(array).all() and np.linalg.det(array[:3, :3]):
         lengths = np.linalg.norm(array[:3, :3], axis=0)
-        return f"its columns are {', '.join(f'{x:.4g}' for x in lengths)} long: divide pose[:3, :3] by these"
+        straight = array[:3, :3] / lengths
+        if np.abs(straight.T @ straight - np.eye(3)).max() < 0.01:
+            return (
+                f"its columns are {', '.join(f'{x:.4g}' for x in lengths)} long: divide pose[:3, :3] by these"
+            )
+        return (
+            "its columns are not at right angles; the nearest rotation is u @ vt of "
+            "u, _, vt = np.linalg.svd(pose[:3, :3])"
+        )
     return ""
+
+
+# How far a number of a pose may be off a rotation before it is said: poses in single precision are nearer.
+_ROUNDED = 1e-4
+
+
+def of_rounded_pose(off: float) -> str:
+    """What to say of a pose that is off a rotation, if it is worth saying."""
+    if off <= _ROUNDED:
+        return ""
+    return f"pose: it is off a rotation by {off:.1g}; the nearest rotation is taken"
 
 
 def for_arrays(message: str, vertices: Any, faces: Any, given: dict[str, Any]) -> str:

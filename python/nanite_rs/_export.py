@@ -15,7 +15,7 @@ from nanite_rs import _advice
 from nanite_rs._asset import TEXTURES, Notes
 from nanite_rs._images import PNG, beside
 from nanite_rs.exceptions import FormatError
-from nanite_rs.material import Material
+from nanite_rs.material import Material, default_material
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -84,7 +84,8 @@ def pieces(cut: Cut) -> list[Piece]:
     out = []
     for number in np.unique(rows).tolist():
         used, faces = np.unique(cut.faces[rows == number], return_inverse=True)
-        material = cut.materials[number] if cut.materials else Material()
+        colored = cut.colors is not None
+        material = cut.materials[number] if cut.materials else default_material(colored=colored)
         out.append(Piece(number, material, used, faces.reshape(-1, 3)))
     return out
 
@@ -220,9 +221,14 @@ class _Gltf:
         brightest = max(look.emissive)
         if brightest > 0.0:
             fields["emissiveFactor"] = [value / max(brightest, 1.0) for value in look.emissive]
+        extensions: dict[str, Any] = {}
         if brightest > 1.0:
             strength = {"emissiveStrength": brightest}
-            fields["extensions"] = self.extension("KHR_materials_emissive_strength", strength)
+            extensions |= self.extension("KHR_materials_emissive_strength", strength)
+        if look.unlit:
+            extensions |= self.extension("KHR_materials_unlit", {})
+        if extensions:
+            fields["extensions"] = extensions
         if look.double_sided:
             fields["doubleSided"] = True
         if look.alpha_mode != "opaque":
@@ -423,6 +429,7 @@ def _mtl(piece: Piece, path: str, files: dict[str, bytes], notes: Notes) -> str:
         "Kd %.9g %.9g %.9g" % look.base_color[:3],  # noqa: UP031
         "Ke %.9g %.9g %.9g" % look.emissive,  # noqa: UP031
         f"Ns {max(2.0 / rough**4 - 2.0, 0.0):.9g}",
+        f"Pm {look.metallic:.9g}",
     ]
     if look.alpha_mode != "opaque":
         rows.append(f"d {(*look.base_color, 1.0)[3]:.9g}")

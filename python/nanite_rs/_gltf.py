@@ -20,7 +20,7 @@ from nanite_rs.camera import Camera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, FileError, FormatError, NaniteError
 from nanite_rs.io import Source
 from nanite_rs.light import DirectionalLight, PointLight, SpotLight
-from nanite_rs.material import Material
+from nanite_rs.material import TRANSPARENCY, Material
 from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:
@@ -320,23 +320,17 @@ class _Reader:
         mode = row.get("alphaMode", "OPAQUE")
         if mode not in ("OPAQUE", "MASK", "BLEND"):
             document.fail(f"material {name!r:.60}: alphaMode {mode!r:.40} is unknown")
-        if mode == "BLEND":
-            self._notes.add("transparency, drawn as holes where alpha is below one half", name)
         for extension in document.member(row, "extensions"):
             if extension.removeprefix(_LOOKS) not in _READ_LOOKS:
                 self._notes.add(extension, name)
-        if document.extension(row, "KHR_materials_unlit") is not None:
-            # It gives off what it would reflect, and reflects next to nothing.
-            emissive, emissive_texture = color[:3], painted
-            color, metallic, roughness, rough_texture = np.array([0.0, 0.0, 0.0, color[3]]), 1.0, 1.0, None
-            normal, occlusion = {}, {}
         with named(document.name, f"material {name!r:.60}"):
-            return Material(
+            material = Material(
                 base_color=color,
                 metallic=metallic,
                 roughness=roughness,
                 emissive=emissive,
                 double_sided=row.get("doubleSided", False) is True,
+                unlit=document.extension(row, "KHR_materials_unlit") is not None,
                 base_color_texture=painted,
                 metallic_roughness_texture=rough_texture,
                 normal_texture=self._texture({"": normal}, "", name) if normal else None,
@@ -347,6 +341,9 @@ class _Reader:
                 alpha_mode=mode.lower(),
                 alpha_cutoff=document.number(row, "alphaCutoff", 0.5) if mode == "MASK" else 0.5,
             )
+        if material._is_transparent():
+            self._notes.add(TRANSPARENCY, name)
+        return material
 
     def _from_glossy(
         self, row: dict[str, Any], textured: bool, name: str
@@ -485,14 +482,14 @@ class _Reader:
             far = document.number(lens, "zfar")
         camera: Camera
         try:
+            # As viewers have it, the height of the view is the file's and the width the picture's: nothing is
+            # stretched, whatever the picture's aspect.
             if kind == "perspective":
-                aspect = document.number(lens, "aspectRatio") if "aspectRatio" in lens else None
-                camera = PerspectiveCamera(document.number(lens, "yfov"), near, far, aspect)
+                camera = PerspectiveCamera(document.number(lens, "yfov"), near, far)
             else:
                 # glTF allows a near plane at 0, where float32 depth has no step.
                 near = max(near, 1e-6 * (far or 1.0))
-                wide, high = (abs(document.number(lens, key)) for key in ("xmag", "ymag"))
-                camera = OrthographicCamera(wide, high, near, far)
+                camera = OrthographicCamera(None, abs(document.number(lens, "ymag")), near, far)
         except ArgumentError as error:
             document.fail(f"cameras[{index}]: {error}")
         self._asset.cameras.append((camera, rigid(pose)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import secrets
+import stat
 import tempfile
 from contextlib import contextmanager
 from io import BytesIO
@@ -74,15 +75,23 @@ def openimageio(purpose: str) -> Any:
 
 @contextmanager
 def beside(path: str) -> Iterator[str]:
-    """Name a new empty file beside ``path``: it takes that name when the block ends well, and goes otherwise."""
-    name = f".nanite-{secrets.token_hex(8)}{os.path.splitext(path)[1].lower()}"
-    temporary = os.path.join(os.path.dirname(path), name)
+    """Name a new empty file beside ``path``: it takes that name when the block ends well, and goes otherwise.
+
+    It takes the mode of a file of that name, too. Where ``path`` is a symbolic link, the place that it leads to is
+    meant, and the link stays.
+    """
     try:
+        old = _mode(path)
+        target = os.path.realpath(path)
+        name = f".nanite-{secrets.token_hex(8)}{os.path.splitext(path)[1].lower()}"
+        temporary = os.path.join(os.path.dirname(target), name)
         with open(temporary, "xb"):
             pass
         try:
             yield temporary
-            os.replace(temporary, path)
+            if old is not None:
+                os.chmod(temporary, old)
+            os.replace(temporary, target)
         except BaseException:
             os.unlink(temporary)
             raise
@@ -91,8 +100,23 @@ def beside(path: str) -> Iterator[str]:
         raise kind(error.errno, error.strerror, path) from None
 
 
-def write_png(path: str, picture: NDArray[np.uint8], texts: Mapping[str, str]) -> None:
-    """Write (H, W, 3) uint8 with texts: by Pillow, which every installation has."""
+def _mode(path: str) -> int | None:
+    """The mode of a file; None where there is none yet. What is neither is no place for one."""
+    try:
+        found = os.stat(path).st_mode
+    except FileNotFoundError:
+        return None
+    except ValueError:  # a zero byte in the name
+        raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), path) from None
+    if stat.S_ISDIR(found):
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), path)
+    if not stat.S_ISREG(found):
+        raise OSError(errno.EINVAL, "neither a file nor a place for one", path)
+    return stat.S_IMODE(found)
+
+
+def write_png(path: str, picture: NDArray[Any], texts: Mapping[str, str]) -> None:
+    """Write (H, W, 3 or 4) uint8, or (H, W) uint16, with texts: by Pillow, which every installation has."""
     from PIL import Image, PngImagePlugin
 
     info = PngImagePlugin.PngInfo()
@@ -113,10 +137,12 @@ def png(picture: NDArray[np.uint8]) -> bytes:
 
 
 def write_deep_png(path: str, picture: NDArray[np.uint16], texts: Mapping[str, str]) -> None:
-    """Write (H, W, 3) uint16 with texts: by OpenImageIO, since Pillow knows no such pictures."""
+    """Write (H, W, 3 or 4) uint16 with texts: by OpenImageIO, since Pillow knows no such pictures."""
     oiio = openimageio(path)
     height, width, count = picture.shape
     spec = _described(oiio.ImageSpec(width, height, count, oiio.UINT16), texts)
+    # Colours as they are, not multiplied by alpha, as PNG has them.
+    spec.attribute("oiio:UnassociatedAlpha", 1)
     _write(oiio, path, [(spec, picture)])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -33,6 +34,8 @@ OUTLINE: Final = 0.01
 """Error of the cut that a picture is framed by, of the diagonal: what may stick out of it fits the margin."""
 
 BACKGROUND: Final = (0.92, 0.93, 0.95)
+# What shapes are seen best in: brighter than what is drawn of meshes without a material.
+CLAY: Final = Material(base_color=(0.8, 0.8, 0.8), metallic=0.0, roughness=0.6)
 """Colour behind what is shown."""
 
 #: Columns: where the X, Y and Z axes of a view with Y up lie in the mesh.
@@ -74,7 +77,7 @@ def picture(
     else:
         scene, ambient = Scene(), 0.06
         shading = "pyrender"
-        scene.add(shown, material=material or shown.materials or Material())
+        scene.add(shown, material=material or shown.materials or CLAY)
     scene.ambient_light, scene.bg_color = (ambient, ambient, ambient + 0.01), BACKGROUND
     for light, turned in LIGHTS:
         scene.add(light, pose=posed(axes @ turned, center))
@@ -86,7 +89,7 @@ def mesh_frame(mesh: NaniteMesh, *, pixel_error: float = 1.0, flat: bool = False
     """A small frame of a mesh, in milliseconds for any size: of a file what it shows is read and not kept."""
     with Renderer(*SIZE, backend="cpu", streaming=True, pool_bytes=1 << 40) as renderer:
         # From both sides, since open surfaces may turn their backs.
-        material = Material(smooth=not flat, double_sided=True)
+        material = replace(CLAY, smooth=not flat, double_sided=True)
         return picture(renderer, mesh, pixel_error=pixel_error, samples=4, material=material)
 
 

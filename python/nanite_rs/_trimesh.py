@@ -17,7 +17,7 @@ from nanite_rs._images import from_pillow
 from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.exceptions import FileError, FormatError, MeshError, NaniteError
 from nanite_rs.io import Source, as_rgba
-from nanite_rs.material import Material
+from nanite_rs.material import TRANSPARENCY, Material, default_material
 from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:
@@ -175,7 +175,7 @@ class _Looks:
     def _material(self, name: str, mesh: trimesh.Trimesh, source: Source) -> Material | list[Material]:
         visual = mesh.visual
         if source.colors is not None and getattr(visual, "kind", None) != "texture":
-            return Material(base_color=(1.0, 1.0, 1.0))
+            return default_material(colored=True)
         found = getattr(visual, "material", None) if getattr(visual, "kind", None) == "texture" else None
         if found is None:
             return Material()
@@ -189,9 +189,8 @@ class _Looks:
         name = str(found.name or mesh)
         with named(self._asset.name, f"material {name!r}"):
             material = self._simple(found, name) if hasattr(found, "diffuse") else self._pbr(found, name)
-        if material.alpha_mode == "blend":
-            what = "transparency, drawn as holes where alpha is below one half"
-            self._asset.notes.add(what, name)
+        if material._is_transparent():
+            self._asset.notes.add(TRANSPARENCY, name)
         return fitted(material, name, len(source.uvs), self._asset.notes)
 
     def _simple(self, found: Any, name: str) -> Material:
@@ -202,6 +201,7 @@ class _Looks:
         glossiness = max(float(np.ravel(np.asarray(glossiness, np.float64))[0]), 0.0)
         return Material(
             base_color=_color(found.diffuse, (0.8, 0.8, 0.8, 1.0)),
+            metallic=0.0,
             roughness=float((2.0 / (glossiness + 2.0)) ** 0.25),
             base_color_texture=self._texture(found.image, name),
         )
@@ -352,7 +352,7 @@ def made(cut: Cut, *, process: bool) -> trimesh.Trimesh:
 
 def _is_plain(cut: Cut) -> bool:
     """Whether colours of vertices are all that there is to see: what a file of such colours was given."""
-    white = replace(cut.materials[0], smooth=True, double_sided=False) == Material(base_color=(1.0, 1.0, 1.0))
+    white = replace(cut.materials[0], smooth=True, double_sided=False) == default_material(colored=True)
     return len(cut.materials) == 1 and white and cut.colors is not None and not cut.uvs
 
 

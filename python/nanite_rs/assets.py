@@ -13,7 +13,7 @@ from nanite_rs._asset import Asset, Part, named
 from nanite_rs.camera import Camera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, MeshError
 from nanite_rs.io import read_asset
-from nanite_rs.mesh import BuildOptions, NaniteMesh
+from nanite_rs.mesh import BuildOptions, NaniteMesh, creased
 from nanite_rs.scene import LightNode, MeshNode, Scene
 
 if TYPE_CHECKING:
@@ -105,9 +105,13 @@ def load_scene(
     whatever vertices and faces carry is kept by its name. Everything else is read by trimesh; COLLADA comes in
     metres with +Y up, whatever its unit and axis.
 
-    What has no counterpart here is left out or changed, and a single warning says so: transparency is drawn as
-    holes, textures go whose UVs the surface does not have, nodes flattened to nothing go, as do points and lines,
-    skins, animations and the finer looks (clearcoat, sheen, transmission …).
+    What has no counterpart here is left out or changed, and a single warning says so: transparency is drawn
+    opaque where alpha is not 0, textures go whose UVs the surface does not have, nodes flattened to nothing go, as
+    do points and lines, skins, animations and the finer looks (clearcoat, sheen, transmission …).
+
+    Of a glTF camera the height of the view counts, ``yfov`` or ``ymag``, and its width follows from the picture, as
+    in web viewers: nothing is stretched where the picture has another aspect than the camera. STL files have
+    creases where faces meet at more than 30 degrees, see ``BuildOptions.crease_angle``.
 
     Parameters
     ----------
@@ -173,6 +177,7 @@ def load_scene(
             node = target.add(NaniteMesh.from_file(file))
             return LoadedScene(target, {Path(file.name).stem: [node]}, [], [])
         asset = read_asset(file, drop_bad_textures=drop)
+        options = creased(options, None, file.format)
     loaded = _build(asset, scene, options, progress)
     asset.notes.warn(asset.name)
     return loaded
@@ -186,6 +191,8 @@ def _build(
 ) -> LoadedScene:
     """Build everything and add it; where that fails, take out again what was added."""
     loaded = LoadedScene(Scene() if scene is None else scene, {}, [], list(asset.cameras))
+    # What is said of transparency has names here.
+    blends, loaded.scene._blends = loaded.scene._blends, True
     try:
         _add_meshes(asset, loaded, options, progress)
         for light, pose in asset.lights:
@@ -199,6 +206,8 @@ def _build(
         for node in (node for own in loaded.instances.values() for node in own):
             node.remove()
         raise
+    finally:
+        loaded.scene._blends = blends
     return loaded
 
 

@@ -1,7 +1,9 @@
 """Cameras with pyrender's parameters, and poses for them.
 
 A camera has no pose of its own: a 4×4 camera-to-world matrix goes with it when a frame is rendered or a cut is
-made. Axes are OpenGL's: the camera looks along its −Z, +Y is up, +X right. Distances are in world units.
+made. Axes are OpenGL's: the camera looks along its −Z, +Y is up, +X right. Distances are in world units. A
+pose that is a rotation but for 0.01 in its numbers, as those of data sets are, becomes the nearest rotation; what
+is farther off is refused.
 
 Unlike in pyrender, ``zfar`` is infinite unless given, for all cameras: depth is reversed and infinite, so a far
 plane gains no precision and nothing vanishes by default.
@@ -15,13 +17,21 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _advice, _core
-from nanite_rs.exceptions import ArgumentError, DtypeError
+from nanite_rs import _advice, _checks, _core
+from nanite_rs.exceptions import ArgumentError, DtypeError, UsageWarning
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Camera", "IntrinsicsCamera", "OrthographicCamera", "PerspectiveCamera", "look_at", "orbit"]
+__all__ = [
+    "Camera",
+    "IntrinsicsCamera",
+    "OrthographicCamera",
+    "PerspectiveCamera",
+    "look_at",
+    "orbit",
+    "pose_from_opencv",
+]
 
 Spec: TypeAlias = tuple[str, list[float], float, float | None]
 
@@ -88,7 +98,8 @@ class PerspectiveCamera(Camera):
     zfar: float | None = None
     """Nothing farther is drawn; ``None`` draws everything."""
     aspectRatio: float | None = None  # noqa: N815  pyrender's and glTF's name
-    """Width over height of the field of view; ``None`` takes the picture's."""
+    """Width over height of the field of view; ``None`` takes the picture's. Another one stretches the picture, as
+    in pyrender. Cameras of files have ``None``, see `load_scene`."""
 
     def _parameters(self) -> tuple[str, list[float]]:
         aspect = [] if self.aspectRatio is None else [float(self.aspectRatio)]
@@ -107,6 +118,9 @@ class PerspectiveCamera(Camera):
 @dataclass(frozen=True)
 class IntrinsicsCamera(Camera):
     """A pinhole camera by focal lengths and optical centre in pixels.
+
+    Places are counted from the outer edge of the picture, so that the middle of the first pixel is at 0.5, as in
+    pyrender, OpenGL and COLMAP. OpenCV counts from the middle of the first pixel: see `from_opencv`.
 
     Examples
     --------
@@ -128,14 +142,80 @@ class IntrinsicsCamera(Camera):
     zfar: float | None = None
     """Nothing farther is drawn; ``None`` draws everything."""
 
+    skew: float = 0.0
+    """How far right a place goes for each unit of tangent down, pixels: K[0, 1]."""
+
+    @classmethod
+    def from_opencv(
+        cls,
+        K: ArrayLike,  # noqa: N803  OpenCV's name
+        width: int,
+        height: int,
+        *,
+        znear: float = 0.05,
+        zfar: float | None = None,
+    ) -> IntrinsicsCamera:
+        """Make a camera of OpenCV's matrix of intrinsics, skew included.
+
+        OpenCV has (0, 0) in the middle of the first pixel, and this package at its outer corner: half a pixel is
+        added to the optical centre. Of a matrix that has it at the corner (COLMAP, pyrender, most of computer
+        graphics), give ``IntrinsicsCamera(K[0, 0], K[1, 1], K[0, 2], K[1, 2], skew=K[0, 1])``. Distortion is not
+        rendered: undistort pictures that you compare with (``cv2.undistort``).
+
+        Parameters
+        ----------
+        K : (3, 3) array
+            ``[[fx, skew, cx], [0, fy, cy], [0, 0, 1]]``, pixels.
+        width, height : int
+            Size of the pictures that it is of, pixels. A `Renderer` of another size needs a scaled matrix.
+        znear, zfar
+            As in `IntrinsicsCamera`.
+
+        Raises
+        ------
+        ArgumentError, DtypeError
+            It is no such matrix, or a size is not positive.
+
+        Warns
+        -----
+        UsageWarning
+            The optical centre is outside of the picture, as happens with a matrix of another size.
+
+        Examples
+        --------
+        >>> K = [[800.0, 0.0, 639.5], [0.0, 800.0, 359.5], [0.0, 0.0, 1.0]]
+        >>> nrs.IntrinsicsCamera.from_opencv(K, 1280, 720).cx
+        640.0
+        """
+        matrix = _numbers(K, (3, 3), "K")
+        sides = _checks.whole(width, "width", 1), _checks.whole(height, "height", 1)
+        if matrix[2, 2] == 0.0 or not np.allclose(
+            [matrix[1, 0], matrix[2, 0], matrix[2, 1]], 0.0, atol=1e-9 * np.abs(matrix).max()
+        ):
+            transposed = np.allclose(matrix[:2, 2], 0.0) and matrix[2, :2].any()
+            advice = "; it is transposed, give K.T" if transposed else ""
+            raise ArgumentError(f"K: expected [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]{advice}")
+        matrix = matrix / matrix[2, 2]
+        centre = matrix[0, 2] + 0.5, matrix[1, 2] + 0.5
+        if not all(0.0 <= at <= side for at, side in zip(centre, sides, strict=True)):
+            _advice.warn(
+                f"K: its optical centre ({matrix[0, 2]:g}, {matrix[1, 2]:g}) is outside of a picture of "
+                f"{width} × {height}; a matrix of pictures of another size has to be scaled",
+                UsageWarning,
+            )
+        fx, skew, fy = float(matrix[0, 0]), float(matrix[0, 1]), float(matrix[1, 1])
+        return cls(fx, fy, float(centre[0]), float(centre[1]), znear, zfar, skew)
+
     def _parameters(self) -> tuple[str, list[float]]:
-        return "intrinsics", [float(self.fx), float(self.fy), float(self.cx), float(self.cy)]
+        numbers = (self.fx, self.fy, self.cx, self.cy, self.skew)
+        return "intrinsics", [float(value) for value in numbers]
 
     def projection_matrix(self, width: int, height: int) -> NDArray[np.float64]:
         """Return the 4×4 OpenGL projection matrix for a viewport of ``width`` × ``height`` pixels."""
         matrix = np.zeros((4, 4))
         matrix[0, 0], matrix[1, 1] = 2.0 * self.fx / width, 2.0 * self.fy / height
         matrix[0, 2], matrix[1, 2] = 1.0 - 2.0 * self.cx / width, 2.0 * self.cy / height - 1.0
+        matrix[0, 1] = -2.0 * self.skew / width
         return self._depth_rows(matrix)
 
 
@@ -144,15 +224,16 @@ class IntrinsicsCamera(Camera):
 class OrthographicCamera(Camera):
     """A camera of parallel rays.
 
-    Both magnifications count as given. (pyrender replaces ``xmag`` by ``ymag`` times the picture's aspect ratio.)
+    Both magnifications count as given. (pyrender replaces ``xmag`` by ``ymag`` times the picture's aspect ratio, as
+    ``None`` does here.)
 
     Examples
     --------
     >>> camera = nrs.OrthographicCamera(xmag=1.6, ymag=0.9)
     """
 
-    xmag: float
-    """Half the width of the view, world units."""
+    xmag: float | None
+    """Half the width of the view, world units; ``None`` takes the picture's of that height."""
     ymag: float
     """Half the height of the view, world units."""
     znear: float = 0.05
@@ -161,17 +242,18 @@ class OrthographicCamera(Camera):
     """Nothing farther is drawn; ``None`` draws everything."""
 
     def _parameters(self) -> tuple[str, list[float]]:
-        return "orthographic", [float(self.xmag), float(self.ymag)]
+        return "orthographic", [float(self.ymag), *([] if self.xmag is None else [float(self.xmag)])]
 
-    def projection_matrix(self, width: int, height: int) -> NDArray[np.float64]:  # noqa: ARG002
-        """Return the 4×4 OpenGL projection matrix, whatever ``width`` and ``height``.
+    def projection_matrix(self, width: int, height: int) -> NDArray[np.float64]:
+        """Return the 4×4 OpenGL projection matrix for a viewport of ``width`` × ``height`` pixels.
 
         Without ``zfar`` it is that for a far plane at 100, as in pyrender.
         """
         near, far = self.znear, 100.0 + self.znear if self.zfar is None else self.zfar
+        xmag = self.ymag * width / height if self.xmag is None else self.xmag
         return np.array(
             [
-                [1.0 / self.xmag, 0.0, 0.0, 0.0],
+                [1.0 / xmag, 0.0, 0.0, 0.0],
                 [0.0, 1.0 / self.ymag, 0.0, 0.0],
                 [0.0, 0.0, 2.0 / (near - far), (far + near) / (near - far)],
                 [0.0, 0.0, 0.0, 1.0],
@@ -231,6 +313,81 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 1.0, 0.0)) 
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = right, np.cross(back, right), back, place
     return pose
+
+
+def pose_from_opencv(
+    R: ArrayLike,  # noqa: N803  OpenCV's name
+    t: ArrayLike,
+) -> NDArray[np.float64]:
+    """Return the pose of a camera of OpenCV: camera to world, OpenGL axes.
+
+    OpenCV, and COLMAP, say where a point of the world is as the camera sees it, ``R @ point + t``, with +X right,
+    +Y down and +Z forward; `cv2.solvePnP` gives that. This package's poses are the other way round, and look along
+    −Z with +Y up.
+
+    Parameters
+    ----------
+    R : (3, 3) or (3,) array
+        The rotation, or a vector along its axis as long as its angle in radians, as ``cv2.Rodrigues`` takes it.
+    t : (3,) array
+        The translation, also as (3, 1).
+
+    Returns
+    -------
+    (4, 4) float64 array
+        Camera-to-world matrix.
+
+    Raises
+    ------
+    ArgumentError, DtypeError
+        They are of another shape, not finite, or `R` is no rotation.
+
+    Examples
+    --------
+    >>> nrs.pose_from_opencv(np.eye(3), [0, 0, 5])[:3, 3] + 0.0
+    array([ 0.,  0., -5.])
+    """
+    try:
+        shape = np.shape(R)
+    except ValueError:
+        shape = ()
+    if shape in ((3,), (3, 1), (1, 3)):
+        rotation = _rodrigues(_numbers(R, shape, "R").ravel())
+    else:
+        rotation = _numbers(R, (3, 3), "R")
+    place = np.zeros(3) + _numbers(t, (3, 1) if np.shape(t) == (3, 1) else (3,), "t").ravel()
+    from_world = np.eye(4)
+    from_world[:3, :3] = rotation
+    try:
+        _core.check_pose(from_world)
+    except ArgumentError:
+        raise _advice.advised(ArgumentError("R: is no rotation"), _advice.for_pose(from_world)) from None
+    u, _, vt = np.linalg.svd(rotation)
+    turned = (u @ vt).T
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turned @ np.diag([1.0, -1.0, -1.0]), -turned @ place
+    return pose
+
+
+def _rodrigues(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation about an axis by as many radians as it is long."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector / angle if angle > 0.0 else np.zeros(3)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turned: NDArray[np.float64] = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    return turned
+
+
+def _numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
+    try:
+        array = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        raise DtypeError(f"{name}: expected numbers of shape {shape}, not {value!r}") from None
+    if array.shape != shape:
+        raise ArgumentError(f"{name}: expected shape {shape}, found {array.shape}")
+    if not np.isfinite(array).all():
+        raise ArgumentError(f"{name}: must be finite")
+    return array
 
 
 def orbit(

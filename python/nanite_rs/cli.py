@@ -9,7 +9,7 @@ import platform
 import sys
 import time
 import warnings
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -17,7 +17,7 @@ import numpy as np
 
 import nanite_rs as nrs
 from nanite_rs import _core, _export, _images, _overlay, _paint, io, shapes
-from nanite_rs._preview import UP, picture
+from nanite_rs._preview import CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 
 if TYPE_CHECKING:
@@ -217,7 +217,7 @@ def _look(arguments: argparse.Namespace) -> int:
     options = {name: getattr(arguments, name) for name in ("pixel_error", "backend", "up")}
     options |= {name: getattr(arguments, name) for name in ("yfov", "azimuth", "elevation")}
     if isinstance(shown, nrs.NaniteMesh):
-        options["material"] = nrs.Material(smooth=not arguments.face_normals, double_sided=True)
+        options["material"] = replace(CLAY, smooth=not arguments.face_normals, double_sided=True)
     width, height = arguments.size
     view = arguments.view or "shaded"
     nrs.view(shown, canvas=arguments.canvas, width=width, height=height, view=view, **options)
@@ -237,7 +237,7 @@ def _shown(arguments: argparse.Namespace) -> nrs.NaniteMesh | nrs.LoadedScene:
 def _view(arguments: argparse.Namespace) -> dict[str, Any]:
     """What `picture` takes of the options of a view."""
     angles = {name: getattr(arguments, name) for name in ("yfov", "azimuth", "elevation", "up")}
-    return {**angles, "material": nrs.Material(smooth=not arguments.face_normals)}
+    return {**angles, "material": replace(CLAY, smooth=not arguments.face_normals)}
 
 
 # ----------------------------------------------------------------------------------------------------- demo

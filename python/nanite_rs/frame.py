@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _advice, _core, _images, _kept
-from nanite_rs.exceptions import ArgumentError, NaniteError, UsageWarning
+from nanite_rs import _advice, _checks, _core, _images, _kept
+from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError, UsageWarning
 from nanite_rs.stats import FrameStats, StageStats, StreamStats
 
 if TYPE_CHECKING:
@@ -56,6 +56,9 @@ _CHANNELS: Final = {
     "emissive": ("emissive.R", "emissive.G", "emissive.B"),
 }
 """Channels of an EXR that hold an array of a frame."""
+
+_DEEPEST: Final = 65_535
+"""The most that 16 bits hold."""
 
 _SAVED: Final = ("linear", "depth", "normal", "instance_id", "cluster_id", "triangle_id")
 """What an EXR holds unless asked for otherwise."""
@@ -112,6 +115,22 @@ class Frame(_advice.Teaching):
         (dtype('float32'), True)
         """
         return self._frame.linear()
+
+    @cached_property
+    def rgba(self) -> NDArray[np.uint8]:
+        """Shaded picture of the meshes alone, (H, W, 4) uint8, to be laid over another one.
+
+        Colours are as in `color`, and not multiplied by alpha; alpha is the share of the pixel's samples that show
+        a mesh: 0 or 255 unless rendered with several ``samples``. The background, be it a colour or an environment,
+        is left out: where nothing is covered all four are 0.
+
+        Examples
+        --------
+        >>> alpha = frame.rgba[..., 3]
+        >>> np.array_equal(alpha == 255, frame.depth > 0)
+        True
+        """
+        return self._frame.rgba()
 
     @cached_property
     def base_color(self) -> NDArray[np.float32]:
@@ -279,6 +298,7 @@ class Frame(_advice.Teaching):
         view: ViewName | None = None,
         outputs: Sequence[OutputName] | None = None,
         bits: Literal[8, 16] = 8,
+        alpha: bool = False,
     ) -> None:
         """Write a picture as PNG, or arrays as EXR, with `metadata` beside them.
 
@@ -288,7 +308,8 @@ class Frame(_advice.Teaching):
         Its part ``ids`` has uint32 channels: ``instance_id``, ``cluster_id`` and ``triangle_id``, 0xFFFFFFFF where
         nothing is covered, and ``overdraw``.
 
-        Either is written to the side and renamed, so that there is a whole file or none. Metadata are attributes of
+        Either is written to the side and renamed, so that there is a whole file or none; a file that is overwritten
+        keeps its mode, and a symbolic link goes on being one. Metadata are attributes of
         an EXR and texts of a PNG: ``Software``, and all else as ``nanite_rs:<key>``, numbers and lists as JSON.
 
         Parameters
@@ -304,6 +325,9 @@ class Frame(_advice.Teaching):
             of a frame of depth alone, depth.
         bits : int
             Of each channel of a PNG: 8, or 16 for the shaded picture, which takes OpenImageIO too.
+        alpha : bool
+            Leave out the background: a PNG is as `rgba`; an EXR has `linear` of the meshes alone, times alpha, and
+            alpha as ``A``, as compositing programs expect it.
 
         Raises
         ------
@@ -311,7 +335,7 @@ class Frame(_advice.Teaching):
             If the name ends otherwise.
         ArgumentError
             As for `view`; for an output that is unknown, or that the frame lacks; for `view` or `bits` of an EXR,
-            `outputs` of a PNG, or other `bits` than there are.
+            `outputs` of a PNG, other `bits` than there are, or `alpha` of other views than the shaded one.
         FileError
             If the file cannot be written.
         DependencyError
@@ -321,6 +345,7 @@ class Frame(_advice.Teaching):
         --------
         >>> frame.save("clusters.png", view="clusters")
         >>> frame.save("frame.png", bits=16)
+        >>> frame.save("cut-out.png", alpha=True)
         >>> frame.save("frame.exr", outputs=["linear", "depth"])
         """
         if bits not in (8, 16):
@@ -330,10 +355,13 @@ class Frame(_advice.Teaching):
             if outputs is not None:
                 raise ArgumentError("outputs: a .png holds one picture, see view; arrays take an .exr")
             shown: ViewName = "shaded" if view is None else view
+            if alpha and shown != "shaded":
+                raise ArgumentError(f"alpha: goes with the shaded picture, not with view={shown!r}")
             if bits == 8:
-                _images.write_png(name, self.view(shown), self._texts())
+                _images.write_png(name, self.rgba if alpha else self.view(shown), self._texts())
             elif shown == "shaded":
-                _images.write_deep_png(name, self._frame.deep_color(), self._texts())
+                deep = self._frame.deep_rgba() if alpha else self._frame.deep_color()
+                _images.write_deep_png(name, deep, self._texts())
             else:
                 raise ArgumentError(f"bits: the view {shown!r} has 8, not 16")
         else:
@@ -341,7 +369,62 @@ class Frame(_advice.Teaching):
                 raise ArgumentError("view: an .exr holds arrays, see outputs; pictures take a .png")
             if bits != 8:
                 raise ArgumentError("bits: an .exr holds arrays as they are; bits are of a .png")
-            _images.write_exr(name, self._channels(outputs), self._texts())
+            channels = self._channels(outputs)
+            if alpha:
+                if "R" not in channels:
+                    raise ArgumentError('alpha: goes with outputs that have "linear"')
+                layer = self._frame.layer()
+                channels |= {channel: layer[..., k] for k, channel in enumerate("RGBA")}
+            _images.write_exr(name, channels, self._texts())
+
+    def save_depth(self, path: str | os.PathLike[str], *, unit: float = 0.001) -> None:
+        """Write `depth` as a grey PNG of 16 bits: whole numbers of a unit, and 0 where nothing is covered.
+
+        That is what depth cameras give and Open3D, ROS and most data sets read: of a scene in metres, the default
+        is millimetres. Numbers are rounded to the nearest. `metadata` and ``depth_unit`` are beside them. An EXR
+        keeps depth as it is: ``frame.save(path, outputs=["depth"])``.
+
+        Parameters
+        ----------
+        path : path
+            File to write, ``.png``; replaced as `save` does it.
+        unit : float
+            What 1 stands for, world units: depths up to 65,535 of it can be written.
+
+        Raises
+        ------
+        FormatError
+            If the name ends otherwise.
+        ArgumentError, DtypeError
+            If `unit` is not positive, or a depth does not fit: more than 65,535 of it, or so near that it would be
+            rounded to 0. The message names a unit that would.
+        FileError
+            If the file cannot be written.
+
+        Examples
+        --------
+        >>> frame.save_depth("depth.png")
+        >>> from PIL import Image
+        >>> millimetres = np.asarray(Image.open("depth.png"))
+        >>> millimetres.dtype, bool(abs(millimetres / 1000 - frame.depth).max() <= 0.0005001)
+        (dtype('uint16'), True)
+        """
+        unit = _checks.number(unit, "unit")
+        if not 0.0 < unit < float("inf"):
+            raise ArgumentError(f"unit: must be positive and finite, not {unit}")
+        name = os.fsdecode(path)
+        if _images.suffix(name) != ".png":
+            raise FormatError(
+                f'{name}: depth is saved as .png; frame.save(path, outputs=["depth"]) writes .exr'
+            )
+        steps = np.rint(self.depth.astype(np.float64) / unit)
+        covered = self.depth[self.depth > 0.0].astype(np.float64)
+        near, far = (covered.min(), covered.max()) if covered.size else (unit, unit)
+        if steps.max(initial=0.0) > _DEEPEST or round(near / unit) < 1:
+            raise ArgumentError(
+                f"unit: depths from {near:.4g} to {far:.4g} do not fit; {_unit_for(near, far)}"
+            )
+        _images.write_png(name, steps.astype(np.uint16), self._texts() | {"nanite_rs:depth_unit": repr(unit)})
 
     def _texts(self) -> dict[str, str]:
         made = self.metadata
@@ -381,3 +464,14 @@ class Frame(_advice.Teaching):
     def __repr__(self) -> str:
         depth = " of depth alone" if self._made["depth_only"] else ""
         return f"<Frame {self.width}×{self.height}{depth}: {self.stats!r}>"
+
+
+def _unit_for(near: float, far: float) -> str:
+    """A unit in which depths fit into 16 bits: a power of ten where one does."""
+    least = far / _DEEPEST
+    unit = 10.0 ** np.ceil(np.log10(least) - 1e-9)
+    if near / unit < 0.5:
+        unit = least
+    if near / unit < 0.5:
+        return 'no unit has room for both: frame.save(path, outputs=["depth"]) writes an .exr'
+    return f"they do with unit={unit:.6g}"

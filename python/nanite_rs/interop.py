@@ -73,7 +73,7 @@ def from_pyrender(
     arrays were replaced; everything else is read anew each time, so poses may change from frame to frame.
 
     What has no counterpart here is left out, and a warning says so once for each call: wireframes, points and
-    lines, specular colours; transparency is drawn as holes where alpha is below one half. Metal-rough materials
+    lines, specular colours; transparency is drawn opaque where alpha is not 0. Metal-rough materials
     with their textures and samplers, vertex colours and double-sidedness are kept. As in pyrender, textures lie on
     the first UV set and are filtered without anisotropy, and lights have no range. Masks have the holes that glTF
     wants and pyrender does not draw.
@@ -116,6 +116,7 @@ def from_pyrender(
             raise DtypeError(f"scene: expected a pyrender.Scene, not {type(scene).__name__}")
     lost: set[str] = set()
     out = Scene(ambient_light=scene.ambient_light, bg_color=scene.bg_color)
+    out._blends = True  # said below
     instances: dict[pyrender.Node, list[MeshNode]] = {}
     for node in (node for node in scene.nodes if node.mesh is not None):
         pose = scene.get_pose(node)
@@ -210,7 +211,7 @@ def _material(primitive: pyrender.Primitive, lost: set[str]) -> Material:
     if mode == "blend" and not _is_transparent(color, painted, primitive.color_0):
         mode = "opaque"  # what `pyrender.Mesh.from_trimesh` makes blends, and has nothing to blend
     if mode == "blend":
-        lost.add("transparency (drawn as holes)")
+        lost.add("transparency (drawn opaque where alpha is not 0)")
     emissive = np.zeros(3) if material.emissiveFactor is None else material.emissiveFactor
     found = {
         "base_color_texture": painted,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -26,6 +26,8 @@ AlphaMode: TypeAlias = Literal["opaque", "mask", "blend"]
 class Material:
     """A metallic-roughness material as in glTF: factors, linear, and textures that multiply them.
 
+    What is not given is as pyrender has it for meshes without a material, so that ``Material()`` looks as there.
+
     An instance has one for its whole mesh, or one for each number of the mesh's ``face_materials``; another one can
     be assigned at any time without building anything anew. A scene without textures pays nothing for them.
 
@@ -41,11 +43,11 @@ class Material:
     >>> wall = nrs.Material(base_color=(1, 1, 1), base_color_texture=bricks)
     """
 
-    base_color: Color = (0.8, 0.8, 0.8)
+    base_color: Color = (0.3, 0.3, 0.3)
     """Linear RGB, 0 to 1; a fourth number is alpha."""
-    metallic: float = 0.0
+    metallic: float = 0.2
     """0 dielectric to 1 metal."""
-    roughness: float = 0.6
+    roughness: float = 0.8
     """Perceptual roughness, 0 to 1; below 0.04 it is shaded as 0.04."""
     emissive: Color = (0.0, 0.0, 0.0)
     """Light given off, linear RGB; ``shading="pyrender"`` multiplies by it twice, as pyrender does."""
@@ -53,6 +55,8 @@ class Material:
     """Draw back faces too."""
     smooth: bool = True
     """Shade with interpolated vertex normals; otherwise every face is flat."""
+    unlit: bool = False
+    """Show the base colour, textures and vertex colours included, whatever the light (``KHR_materials_unlit``)."""
     base_color_texture: Texture | None = None
     """Times the base colour, and its alpha times alpha; sRGB."""
     metallic_roughness_texture: Texture | None = None
@@ -69,10 +73,11 @@ class Material:
     occlusion_strength: float = 1.0
     """0 for no occlusion to 1 for all that the texture says."""
     alpha_mode: AlphaMode = "opaque"
-    """What alpha does: nothing; surfaces have holes where it is below the cutoff; or transparency, which is drawn
-    as such holes."""
+    """What alpha does: nothing; surfaces have holes where it is below the cutoff; or transparency. That is not
+    blended yet: what is not all transparent, alpha of 1/255 or more, is drawn opaque, and a `UsageWarning` says so
+    when such a material comes into a scene."""
     alpha_cutoff: float = 0.5
-    """Where alpha is below it, there is a hole."""
+    """With ``"mask"``: where alpha is below it, there is a hole."""
 
     def __post_init__(self) -> None:
         base = np.asarray(self.base_color, np.float64) if np.ndim(self.base_color) == 1 else None
@@ -107,14 +112,33 @@ class Material:
             "emissive": _checks.rgb(self.emissive, "emissive"),
             "double_sided": bool(self.double_sided),
             "smooth": bool(self.smooth),
+            "unlit": bool(self.unlit),
             "normal_scale": self.normal_scale,
             "occlusion_strength": self.occlusion_strength,
-            "alpha_cutoff": None if self.alpha_mode == "opaque" else self.alpha_cutoff,
+            "alpha_cutoff": {"opaque": None, "mask": self.alpha_cutoff, "blend": _VISIBLE}[self.alpha_mode],
             "textures": [
                 None if texture is None else texture._raw(name in _COLORS)
                 for name, texture in zip(_SLOTS, textures, strict=True)
             ],
         }
+
+    def _is_transparent(self) -> bool:
+        """Whether it wants to be blended and anything of it would let light through."""
+        texture = self.base_color_texture
+        varies = texture is not None and texture.image._has_holes()
+        return self.alpha_mode == "blend" and (varies or (*self.base_color[3:], 1.0)[0] < 1.0)
+
+
+# The least alpha of what is drawn of transparent surfaces: a step of eight bits.
+_VISIBLE = 1.0 / 255.0
+
+TRANSPARENCY: Final = "transparency, which is not blended yet: drawn opaque where alpha is not 0"
+"""What warnings say of it."""
+
+
+def default_material(*, colored: bool) -> Material:
+    """The look of a mesh that nothing is said of, as pyrender has it: white times the colours of vertices."""
+    return Material(base_color=(1.0, 1.0, 1.0)) if colored else Material()
 
 
 _NUMBERS = {

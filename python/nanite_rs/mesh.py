@@ -6,14 +6,15 @@ import math
 import operator
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from nanite_rs import _advice, _channels, _checks, _exchange, _face_data, io
 from nanite_rs._channels import Channel
 from nanite_rs._core import Mesh as CoreMesh
+from nanite_rs._core import check_pose
 from nanite_rs._progress import Progress, reporter
 from nanite_rs.camera import Camera
 from nanite_rs.cut import Cut
@@ -86,6 +87,10 @@ class BuildOptions:
     """For foliage and hair: of small islands such as leaves, those that stay grow until as much is covered as
     before, seen from all around, where otherwise a crown of leaves thins out. Builds up to twice as long, of
     many small islands and with "quadric" errors four times and more."""
+    crease_angle: float | None = None
+    """Of meshes without normals: faces that meet at more than so many degrees, 0 to 180, have an edge between them,
+    and shading is smooth up to it on either side. ``None`` smooths over everything; 0 makes every face flat. For
+    parts from CAD 30 is usual, and what `from_file` takes for STL."""
     face_ids: bool = False
     """Keep the map from full-detail triangles to rows of the caller's ``faces``."""
     threads: int = 0
@@ -104,10 +109,38 @@ class BuildOptions:
                 checked[name] = _checks.choice(getattr(self, name), name, get_args(alias))
         for name in ("normal_weight", "color_weight", "uv_weight", "channel_weight"):
             checked[name] = _checks.not_negative(getattr(self, name), name)
+        if self.crease_angle is not None:
+            checked["crease_angle"] = _angle(self.crease_angle)
         for name in ("preserve_area", "face_ids"):
             checked[name] = _checks.truth(getattr(self, name), name)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+
+def _no_options(found: object) -> DtypeError:
+    return DtypeError(
+        f"options: expected BuildOptions, not {type(found).__name__}; give BuildOptions(quality=...)"
+    )
+
+
+def _angle(value: float) -> float:
+    angle = _checks.number(value, "crease_angle")
+    if not 0.0 <= angle <= 180.0:
+        raise ArgumentError(f"crease_angle: must be between 0 and 180 degrees, not {value}")
+    return angle
+
+
+# Degrees at which parts of CAD have their edges.
+_CREASE: Final = 30.0
+
+
+def creased(options: BuildOptions | None, angle: float | None, format: str) -> BuildOptions | None:
+    """Options with a crease angle: that given, theirs, or of an STL, which lacks normals, the usual."""
+    if not isinstance(options, BuildOptions | None):
+        raise _no_options(options)
+    if angle is None and format.partition(".")[0] == "stl":
+        angle = _CREASE if options is None or options.crease_angle is None else options.crease_angle
+    return options if angle is None else replace(options or BuildOptions(), crease_angle=angle)
 
 
 def _array(value: object, name: str) -> NDArray[Any]:
@@ -381,9 +414,7 @@ class NaniteMesh(_advice.Teaching):
         vertices = _array(vertices, "vertices")
         faces = _array(faces, "faces")
         if not isinstance(options, BuildOptions | None):
-            raise DtypeError(
-                f"options: expected BuildOptions, not {type(options).__name__}; give BuildOptions(quality=...)"
-            )
+            raise _no_options(options)
         given = {"normals": normals, "colors": colors, "uvs": uvs, "face_materials": face_materials}
         of_faces = {"face_channels": face_channels}
         looks = () if materials is None else several(materials, "materials")
@@ -556,6 +587,7 @@ class NaniteMesh(_advice.Teaching):
         *,
         format: str | None = None,
         bad_textures: Literal["raise", "drop"] = "drop",
+        crease_angle: float | None = None,
         options: BuildOptions | None = None,
         progress: Progress = None,
     ) -> NaniteMesh:
@@ -577,6 +609,9 @@ class NaniteMesh(_advice.Teaching):
         bad_textures : {"raise", "drop"}
             Whether a texture that is missing, damaged or of an unknown format is an error, or left out with the
             warning.
+        crease_angle : float, optional
+            As in `BuildOptions`, of a file without normals. STL files, which have none of vertices, get edges where
+            faces meet at more than 30 degrees unless it is given: 180 smooths over everything.
         options, progress
             As in `from_arrays`.
 
@@ -606,6 +641,7 @@ class NaniteMesh(_advice.Teaching):
                 return cls.open(file.path)
             return cls._wrap(CoreMesh.from_bytes(file.data()))
         source = io.from_file(file, bad_textures=bad_textures)
+        options = creased(options, crease_angle, file.format)
         return cls.from_arrays(**source.arrays(), options=options, progress=progress)
 
     @classmethod
@@ -866,7 +902,14 @@ class NaniteMesh(_advice.Teaching):
             raise ArgumentError(f"pixel_error: must be 0 or more, not {pixel_error}")
         if not isinstance(camera, Camera):
             raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
-        return Cut(self._core.cut_view(camera._spec(), pose, (width, height), pixel_error), self._materials)
+        try:
+            core = self._core.cut_view(camera._spec(), pose, (width, height), pixel_error)
+        except ArgumentError as error:
+            of_pose = str(error).startswith("pose")
+            raise _advice.advised(error, _advice.for_pose(pose) if of_pose else "") from None
+        if note := _advice.of_rounded_pose(check_pose(pose)):
+            _advice.warn(note, UsageWarning)
+        return Cut(core, self._materials)
 
     # ------------------------------------------------------------------------------------------ asking
 

@@ -126,8 +126,9 @@ class Renderer(_advice.Teaching):
         self._core: _core.Renderer | None = core
         # Until a picture shows something, one that shows nothing is looked into.
         self._blank = True
-        # Whether a pose was found to mirror: said once.
+        # Whether a pose was found to mirror, or to be off a rotation: said once.
         self._mirrors = False
+        self._inexact = False
         self._backend = self._core.backend
         # Images that the last frame showed smaller than they are.
         self._smaller = 0
@@ -191,7 +192,8 @@ class Renderer(_advice.Teaching):
         camera : PerspectiveCamera, IntrinsicsCamera or OrthographicCamera
             How to project it.
         pose : (4, 4) array
-            Camera-to-world matrix: a rotation and a translation. The camera looks along its −Z, +Y is up.
+            Camera-to-world matrix: a rotation and a translation. The camera looks along its −Z, +Y is up. Of one
+            whose numbers are off a rotation by up to 0.01 the nearest rotation is taken.
         pixel_error : float
             Threshold of the cut: the error of no cluster projects above so many pixels. 0 is full detail.
         occlusion : bool
@@ -238,7 +240,7 @@ class Renderer(_advice.Teaching):
         UsageWarning
             If the picture shows nothing and no picture of this renderer did before, with what would help: as found
             by a few coarse frames with other poses and clip distances; or if the first that shows something is cut
-            off by the near plane. And once if a pose mirrors.
+            off by the near plane. And once if a pose mirrors, and if one is off a rotation by more than 0.0001.
 
         Returns
         -------
@@ -414,8 +416,7 @@ class Renderer(_advice.Teaching):
                 TextureWarning,
             )
         self._smaller = smaller
-        if not self._mirrors:
-            self._look_for_mirrors([pose for _, pose in views])
+        self._look_at_poses([pose for _, pose in views])
         if self._blank and frames:
             self._look_at_first(frames, scene, views)
         self._backend = self._core.backend
@@ -455,14 +456,16 @@ class Renderer(_advice.Teaching):
                 UsageWarning,
             )
 
-    def _look_for_mirrors(self, poses: list[ArrayLike]) -> None:
-        """Warn about the first pose that mirrors, once."""
+    def _look_at_poses(self, poses: list[ArrayLike]) -> None:
+        """Warn about the first pose that mirrors, and the first that is off a rotation, once each."""
         for i, pose in enumerate(poses):
-            if np.linalg.det(np.asarray(pose, np.float64)[:3, :3]) < 0.0:
+            which = f"views[{i}]: " if len(poses) > 1 else ""
+            if not self._mirrors and np.linalg.det(np.asarray(pose, np.float64)[:3, :3]) < 0.0:
                 self._mirrors = True
-                which = f"views[{i}]: " if len(poses) > 1 else ""
                 _advice.warn(f"{which}pose: it mirrors the picture: its determinant is below 0", UsageWarning)
-                return
+            if not self._inexact and (note := _advice.of_rounded_pose(_core.check_pose(pose))):
+                self._inexact = True
+                _advice.warn(f"{which}{note}", UsageWarning)
 
     def close(self) -> None:
         """Give the memory back. Frames stay valid."""
@@ -495,7 +498,7 @@ def _made(size: tuple[int, int], settings: dict[str, Any]) -> Renderer:
 
 def _unlit(scene: Scene, shading: str) -> str:
     """Say why nothing lights the meshes, and what would; empty where something does."""
-    if scene._core.light_count or any(scene.ambient_light):
+    if any(node.visible for node in scene.lights) or any(scene.ambient_light):
         return ""
     if scene.environment is None:
         return (

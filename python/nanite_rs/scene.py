@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, TypeAlias, overload
 import numpy as np
 
 from nanite_rs import _advice, _checks, _core
-from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError
+from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError, UsageWarning
 from nanite_rs.light import DirectionalLight, Environment, Light, PointLight, SpotLight
-from nanite_rs.material import Look, Material
+from nanite_rs.material import TRANSPARENCY, Look, Material, default_material, several
 from nanite_rs.mesh import NaniteMesh
 
 if TYPE_CHECKING:
@@ -119,6 +119,7 @@ class MeshNode(_Node):
     @material.setter
     def material(self, material: Look) -> None:
         self._scene._core.set_material(self._handle, self._mesh._looks(material))
+        self._scene._look_for_transparency(material)
         self._scene._shown[self._handle] = self._mesh, material
 
     def remove(self) -> None:
@@ -152,21 +153,29 @@ class LightNode(_Node):
     Every use after the light was removed raises `StaleHandleError`.
     """
 
-    __slots__ = ("_light",)
-
-    def __init__(self, scene: Scene, handle: Handle, light: Light) -> None:
-        super().__init__(scene, handle)
-        self._light = light
+    __slots__ = ()
 
     @property
     def light(self) -> Light:
         """The light; assign to change it."""
-        return self._light
+        self._scene._core.light_visible(self._handle)  # stale handles raise
+        return self._scene._shining[self._handle]
 
     @light.setter
     def light(self, light: Light) -> None:
+        if not isinstance(light, DirectionalLight | PointLight | SpotLight):
+            raise DtypeError(f"light: expected a light, not {_advice.name_of_type(light)}")
         self._scene._core.set_light(self._handle, light._raw(), self.pose)
-        self._light = light
+        self._scene._shining[self._handle] = light
+
+    @property
+    def visible(self) -> bool:
+        """False switches the light off; assign to change it."""
+        return self._scene._core.light_visible(self._handle)
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        self._scene._core.set_light_visible(self._handle, bool(visible))
 
     @property
     def pose(self) -> NDArray[np.float64]:
@@ -175,18 +184,20 @@ class LightNode(_Node):
 
     @pose.setter
     def pose(self, pose: ArrayLike) -> None:
-        self._scene._core.set_light(self._handle, self._light._raw(), pose)
+        self._scene._core.set_light(self._handle, self.light._raw(), pose)
 
     def remove(self) -> None:
         """Remove the light from its scene."""
         self._scene._core.remove_light(self._handle)
+        del self._scene._shining[self._handle]
 
     def __repr__(self) -> str:
         try:
             x, y, z = self.pose[:3, 3]
         except StaleHandleError:
             return "<LightNode, removed>"
-        return f"<LightNode {type(self._light).__name__} at ({x:g}, {y:g}, {z:g})>"
+        hidden = "" if self.visible else ", off"
+        return f"<LightNode {type(self.light).__name__} at ({x:g}, {y:g}, {z:g}){hidden}>"
 
 
 class Scene(_advice.Teaching):
@@ -217,7 +228,7 @@ class Scene(_advice.Teaching):
     nanite_rs.exceptions.StaleHandleError: stale handle: instance 0 (generation 0) was removed from the scene
     """
 
-    __slots__ = ("__weakref__", "_core", "_environment", "_shown")
+    __slots__ = ("__weakref__", "_blends", "_core", "_environment", "_shining", "_shown")
 
     def __init__(
         self,
@@ -229,6 +240,9 @@ class Scene(_advice.Teaching):
         self._core = _core.Scene()
         # Mesh and look of each instance. Not its node, which refers to the scene.
         self._shown: dict[Handle, tuple[NaniteMesh, Look]] = {}
+        self._shining: dict[Handle, Light] = {}
+        # Whether a material was found to be transparent: said once.
+        self._blends = False
         self.ambient_light = ambient_light
         self.bg_color = bg_color
         self.environment = environment
@@ -260,7 +274,8 @@ class Scene(_advice.Teaching):
         material : Material or sequence of Material, optional
             The look of a mesh instance: one material for all of it, or one for each number of the mesh's
             ``face_materials``, of which the last stands for all numbers from there on. Without it those that the
-            mesh has (`NaniteMesh.materials`), or ``Material()``.
+            mesh has (`NaniteMesh.materials`), or as pyrender has it: ``Material()``, with a base colour of white
+            where the mesh has colours.
 
         Returns
         -------
@@ -274,9 +289,16 @@ class Scene(_advice.Teaching):
             UV set that the mesh has not.
         DtypeError
             If ``item`` is something else.
+
+        Warns
+        -----
+        UsageWarning
+            The first time that a material is transparent: it is drawn opaque.
         """
         if isinstance(item, NaniteMesh):
-            material = (item.materials or Material()) if material is None else material
+            if material is None:
+                material = item.materials or default_material(colored=item._core.has_colors)
+            self._look_for_transparency(material)
             try:
                 handle = self._core.add_mesh(item._core, _pose(pose), item._looks(material))
             except ArgumentError as error:
@@ -286,8 +308,49 @@ class Scene(_advice.Teaching):
         if isinstance(item, DirectionalLight | PointLight | SpotLight):
             if material is not None:
                 raise ArgumentError("material: a light has none")
-            return LightNode(self, self._core.add_light(item._raw(), _pose(pose)), item)
+            handle = self._core.add_light(item._raw(), _pose(pose))
+            self._shining[handle] = item
+            return LightNode(self, handle)
         raise _no_item(item)
+
+    def _look_for_transparency(self, material: Look) -> None:
+        """Say once that it is not blended."""
+        if self._blends:
+            return
+        for number, one in enumerate(several(material, "material")):
+            if one._is_transparent():
+                self._blends = True
+                which = "" if isinstance(material, Material) else f"[{number}]"
+                _advice.warn(f"material{which}: {TRANSPARENCY}", UsageWarning)
+                return
+
+    def clear(self) -> None:
+        """Remove all instances and lights. Ambient light, environment and background stay, as in pyrender.
+
+        Examples
+        --------
+        >>> scene = nrs.Scene(ambient_light=(0.5, 0.5, 0.5))
+        >>> sun = scene.add(nrs.DirectionalLight())
+        >>> scene.clear()
+        >>> scene.lights, len(scene)
+        ([], 0)
+        """
+        nodes: list[MeshNode | LightNode] = [*self.instances, *self.lights]
+        for node in nodes:
+            node.remove()
+
+    @property
+    def lights(self) -> list[LightNode]:
+        """The lights, those switched off included, in the order in which they were added.
+
+        Examples
+        --------
+        >>> scene = nrs.Scene()
+        >>> sun = scene.add(nrs.DirectionalLight(intensity=3.0))
+        >>> scene.lights == [sun]
+        True
+        """
+        return [LightNode(self, handle) for handle in self._shining]
 
     def remove(self, node: MeshNode | LightNode) -> None:
         """Remove ``node``, which `add` returned. Raises `StaleHandleError` when it was removed before."""

@@ -127,6 +127,12 @@ class Image:
         """Width and height."""
         return self._pixels.shape[1], self._pixels.shape[0]
 
+    def _has_holes(self) -> bool:
+        """Whether alpha is below 1 anywhere."""
+        pixels = self._pixels
+        full = 1.0 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
+        return pixels.shape[2] in (2, 4) and bool((pixels[..., -1] < full).any())
+
     def _environment(self) -> _core.EnvironmentMap:
         """The image as a map of the light around."""
         if self._map is None:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
@@ -29,11 +29,10 @@ import numpy as np
 
 from nanite_rs import _core, _images, _paint
 from nanite_rs._frozen import Frozen, Ids, View, ids_of
-from nanite_rs._preview import BACKGROUND, LIGHTS, UP, _outline, framing, posed
+from nanite_rs._preview import BACKGROUND, CLAY, LIGHTS, UP, _outline, framing, posed
 from nanite_rs.assets import LoadedScene
 from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError, InternalError, StaleHandleError
-from nanite_rs.material import Material
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.renderer import POOL_BYTES, Renderer, ShadingName
 from nanite_rs.scene import LightNode, MeshNode, Scene
@@ -45,6 +44,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs.frame import Frame, OutputName
+    from nanite_rs.material import Material
     from nanite_rs.stats import FrameStats
 
 __all__ = ["VIEWS", "Orbit", "Pick", "Viewer", "view"]
@@ -911,7 +911,7 @@ def _scene_of(shown: Shown, material: Material | None) -> tuple[Scene, NDArray[n
     """A scene, and points around all of it."""
     if isinstance(shown, NaniteMesh):
         scene = Scene(bg_color=BACKGROUND)
-        scene.add(shown, material=material or shown.materials or Material(double_sided=True))
+        scene.add(shown, material=material or shown.materials or replace(CLAY, double_sided=True))
         return scene, _outline(shown)
     if material is not None:
         raise ArgumentError("material: goes with a mesh; instances of a scene have their own")

@@ -11,6 +11,8 @@ struct Bsdf {
     emissive: vec3<f32>,
     // How much of the light from everywhere arrives.
     occlusion: f32,
+    // Whether light counts.
+    lit: bool,
 }
 
 // What a material gives off: pyrender multiplies by it twice.
@@ -22,5 +24,6 @@ fn shaded_emission(emissive: vec3<f32>) -> vec3<f32> {
 fn plain_bsdf(surfel: Surfel) -> Bsdf {
     let look = looks[surfel.instance];
     let base = vec3<f32>(look.normal[0].w, look.normal[1].w, look.normal[2].w);
-    return Bsdf(surfel.normal, base, look.metallic, look.roughness, shaded_emission(look.emissive), 1.0);
+    let lit = (look.flags & LOOK_UNLIT) == 0u;
+    return Bsdf(surfel.normal, base, look.metallic, look.roughness, shaded_emission(look.emissive), 1.0, lit);
 }

@@ -4,11 +4,12 @@ fn dot3(a: vec3<f32>, b: vec3<f32>) -> f32 {
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
-fn screen_row(k: u32, row: vec4<f32>, distance: vec4<f32>) -> vec4<f32> {
+// `skewed` is what of the rows up the picture goes to the right.
+fn screen_row(k: u32, row: vec4<f32>, skewed: vec4<f32>, distance: vec4<f32>) -> vec4<f32> {
     if view.orthographic != 0u {
-        return view.focal[k] * row + vec4<f32>(0.0, 0.0, 0.0, view.center[k]);
+        return view.focal[k] * row + skewed + vec4<f32>(0.0, 0.0, 0.0, view.center[k]);
     }
-    return view.focal[k] * row + view.center[k] * distance;
+    return view.focal[k] * row + skewed + view.center[k] * distance;
 }
 
 // `before` are the rows of the frame before. Where its box lies is not known yet.
@@ -28,8 +29,8 @@ fn derive(p: Placed, before: array<vec4<f32>, 3>) -> Instance {
     }
     let distance = -to_eye[2];
     let screen = array<vec4<f32>, 3>(
-        screen_row(0u, to_eye[0], distance),
-        screen_row(1u, to_eye[1], distance),
+        screen_row(0u, to_eye[0], view.skew * to_eye[1], distance),
+        screen_row(1u, to_eye[1], vec4<f32>(), distance),
         distance,
     );
     let parallel = view.orthographic != 0u;

@@ -10,8 +10,7 @@ fn uv_at(surfel: Surfel, uv_set: u32, corner: u32) -> vec2<f32> {
 
 // UVs of the corners of a triangle.
 fn corner_uvs(surfel: Surfel, texture: Texture) -> array<vec2<f32>, 3> {
-    // pyrender knows one set.
-    let uv_set = select(texture.flags & 3u, 0u, as_in_pyrender());
+    let uv_set = texture.flags & 3u;
     let c = surfel.corners;
     return array<vec2<f32>, 3>(uv_at(surfel, uv_set, c.x), uv_at(surfel, uv_set, c.y), uv_at(surfel, uv_set, c.z));
 }
@@ -20,22 +19,12 @@ fn uv_sum(w: vec3<f32>, uvs: array<vec2<f32>, 3>) -> vec2<f32> {
     return w.x * uvs[0] + w.y * uvs[1] + w.z * uvs[2];
 }
 
-// A texture as the frame has it.
-fn texture_of(number: u32, slot: u32) -> Texture {
-    var texture = materials[number].textures[slot];
-    if as_in_pyrender() {
-        texture.rows[0] = vec4<f32>(1.0, 0.0, 0.0, texture.rows[0].w);
-        texture.rows[1] = vec4<f32>(0.0, -1.0, 1.0, texture.rows[1].w);
-    }
-    return texture;
-}
-
 // What a texture shows; white where there is none.
 fn sample_of(surfel: Surfel, change: array<vec3<f32>, 2>, number: u32, slot: u32) -> vec4<f32> {
     if materials[number].textures[slot].start == NONE {
         return vec4<f32>(1.0);
     }
-    let texture = texture_of(number, slot);
+    let texture = materials[number].textures[slot];
     let uvs = corner_uvs(surfel, texture);
     let place =
         place_of(texture, uv_sum(surfel.weights, uvs), uv_sum(change[0], uvs), uv_sum(change[1], uvs));
@@ -52,7 +41,7 @@ fn mapped_normal(surfel: Surfel, number: u32, map: vec3<f32>) -> vec3<f32> {
     if materials[number].textures[SLOT_NORMAL].start == NONE {
         return own;
     }
-    let texture = texture_of(number, SLOT_NORMAL);
+    let texture = materials[number].textures[SLOT_NORMAL];
     let uvs = corner_uvs(surfel, texture);
     let st1 = turned(texture, uvs[1] - uvs[0]);
     let st2 = turned(texture, uvs[2] - uvs[0]);
@@ -69,7 +58,7 @@ fn mapped_normal(surfel: Surfel, number: u32, map: vec3<f32>) -> vec3<f32> {
     let tangent = flat * (1.0 / sqrt(dot3(flat, flat)));
     let side = cross3(own, tangent);
     let sign = select(1.0, -1.0, !as_in_pyrender() && dot3(side, up) < 0.0);
-    let scale = select(materials[number].normal_scale, 1.0, as_in_pyrender());
+    let scale = materials[number].normal_scale;
     let x = (2.0 * map.x - 1.0) * scale;
     let y = (2.0 * map.y - 1.0) * scale * sign;
     let z = 2.0 * map.z - 1.0;

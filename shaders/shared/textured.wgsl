@@ -26,6 +26,7 @@ fn bsdf_of(surfel: Surfel) -> Bsdf {
         between(materials[number].metallic * map.z, 0.0, 1.0),
         between(materials[number].roughness * map.y, 0.04, 1.0),
         shaded_emission(materials[number].emissive) * samples[SLOT_EMISSIVE].xyz,
-        1.0 + select(materials[number].occlusion_strength, 1.0, as_in_pyrender()) * (open - 1.0),
+        1.0 + materials[number].occlusion_strength * (open - 1.0),
+        (materials[number].flags & LOOK_UNLIT) == 0u,
     );
 }

@@ -40,6 +40,11 @@ struct View {
     lod_widest: f32,
     // 1 where what is hidden is left out, in two phases; then the second alone asks for pages that are missed.
     two_phases: u32,
+    // Pixels to the right per unit of tangent up the picture.
+    skew: f32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
 }
 
 // An instance as the scene places it, whoever looks at it.
@@ -71,7 +76,7 @@ struct Look {
     emissive: vec3<f32>,
     metallic: f32,
     roughness: f32,
-    // LOOK_SMOOTH, LOOK_CONFORMAL, LOOK_COLORS.
+    // LOOK_SMOOTH, LOOK_CONFORMAL, LOOK_COLORS, LOOK_UNLIT.
     flags: u32,
     // Of an instance with textures or several materials: its first one, and how many follow. Otherwise NONE.
     first_material: u32,
@@ -100,7 +105,7 @@ struct Material {
     normal_scale: f32,
     occlusion_strength: f32,
     alpha_cutoff: f32,
-    // LOOK_SMOOTH.
+    // LOOK_SMOOTH, LOOK_UNLIT.
     flags: u32,
     unused_a: u32,
     unused_b: u32,

@@ -85,7 +85,7 @@ pub fn build(source: &SourceMesh<'_>, options: &BuildOptions, progress: &dyn Pro
 
 fn run(source: &SourceMesh<'_>, options: &BuildOptions, progress: &dyn Progress) -> Result<Dag> {
     let mut report = BuildReport::default();
-    let mesh = weld(source, &mut report)?;
+    let mesh = weld(source, options.crease_angle, &mut report)?;
     let graph = dag::grow(mesh, options, progress, &mut report)?;
     // What is laid out comes on top of what was grown.
     memory::give_back(graph.source_faces);

@@ -21,6 +21,8 @@ pub struct Bsdf {
     pub emissive: Vec3x8,
     /// How much of the light from everywhere arrives.
     pub occlusion: Lanes,
+    /// Below zero where light does not count.
+    pub lit: Lanes,
 }
 
 impl Bsdf {
@@ -34,6 +36,7 @@ impl Bsdf {
             roughness: Lanes::splat(material.shaded_roughness(1.0)),
             emissive: splat3(material.shaded_emission(shading)),
             occlusion: Lanes::splat(1.0),
+            lit: Lanes::splat(material.lit()),
         }
     }
 
@@ -48,6 +51,7 @@ impl Bsdf {
             roughness: zero,
             emissive: [zero; 3],
             occlusion: Lanes::splat(1.0),
+            lit: Lanes::splat(1.0),
         };
         for lane in 0..surfels.count.min(LANES) {
             let point = Point::new(surfels, detail, lane, shading);
@@ -72,7 +76,8 @@ impl Bsdf {
             }
             out.metallic.0[lane] = between(material.metallic * metal);
             out.roughness.0[lane] = material.shaded_roughness(rough);
-            out.occlusion.0[lane] = 1.0 + point.strength(material.occlusion_strength) * (open - 1.0);
+            out.lit.0[lane] = material.lit();
+            out.occlusion.0[lane] = 1.0 + material.occlusion_strength * (open - 1.0);
         }
         out
     }
@@ -118,20 +123,8 @@ impl<'a, D> Point<'a, D> {
     /// UVs of the corners.
     #[inline(always)]
     fn corner_uvs(&self, texture: &Texture) -> [[f32; 2]; 3] {
-        // pyrender knows one set.
-        let set = if self.shading == Shading::Pyrender { 0 } else { usize::from(texture.uv_set) };
+        let set = usize::from(texture.uv_set);
         self.corners.map(|corner| self.uvs[set * self.vertices + corner])
-    }
-
-    #[inline(always)]
-    fn rows(&self, texture: &Texture) -> [[f32; 3]; 2] {
-        if self.shading == Shading::Pyrender { Texture::UPRIGHT } else { texture.rows }
-    }
-
-    /// How much of a texture counts, which pyrender does not know.
-    #[inline(always)]
-    fn strength(&self, strength: f32) -> f32 {
-        if self.shading == Shading::Pyrender { 1.0 } else { strength }
     }
 
     /// What a texture shows; white where there is none.
@@ -143,7 +136,7 @@ impl<'a, D> Point<'a, D> {
         let sum = |w: [f32; 3]| [0, 1].map(|k| w[0] * a[k] + w[1] * b[k] + w[2] * c[k]);
         let uv = sum(lane(&self.detail.weights));
         let change = self.detail.change.each_ref().map(|change| sum(lane(change)));
-        texture.sample(texture.image_for(self.shading), &Place::new(&self.rows(texture), uv, change))
+        texture.sample(texture.image_for(self.shading), &Place::new(&texture.rows, uv, change))
     }
 
     /// The normal, with that of the texture, `texel`, in the frame that the UVs give: its first two axes lie along the rows of the
@@ -153,7 +146,7 @@ impl<'a, D> Point<'a, D> {
         let lane = |v: &Vec3x8| v.each_ref().map(|c| c.0[self.lane]);
         let own = if self.material.smooth { lane(&self.surfels.normal) } else { lane(&self.detail.face) };
         let Some(texture) = self.texture(Slot::Normal) else { return own };
-        let rows = self.rows(texture);
+        let rows = texture.rows;
         let [a, b, c] = self.corner_uvs(texture);
         let [s1, t1] = turned(&rows, [b[0] - a[0], b[1] - a[1]]);
         let [s2, t2] = turned(&rows, [c[0] - a[0], c[1] - a[1]]);
@@ -169,7 +162,7 @@ impl<'a, D> Point<'a, D> {
         let side = cross(own, tangent);
         let sign = if self.shading != Shading::Pyrender && dot(side, up) < 0.0 { -1.0 } else { 1.0 };
         let [x, y, z, _] = texel;
-        let scale = self.strength(self.material.normal_scale);
+        let scale = self.material.normal_scale;
         let (x, y, z) = ((2.0 * x - 1.0) * scale, (2.0 * y - 1.0) * scale * sign, 2.0 * z - 1.0);
         unit([0, 1, 2].map(|k| tangent[k] * x + side[k] * y + own[k] * z)).unwrap_or(own)
     }

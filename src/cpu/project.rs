@@ -218,6 +218,8 @@ fn derive(eye: &Eye, orthographic: bool, placement: &Placement) -> Derived {
         [dot(&r[k], column(0)), dot(&r[k], column(1)), dot(&r[k], column(2)), dot(&r[k], way)]
     });
     let distance = object_to_eye[2].map(|v| -v);
+    // What goes to the right of what goes up.
+    let skewed = |k: usize, up: f32| if k == 0 { eye.skew * up } else { 0.0 };
     let axis = |k: usize| -> [f32; 4] {
         std::array::from_fn(|j| {
             let center = if orthographic {
@@ -225,7 +227,7 @@ fn derive(eye: &Eye, orthographic: bool, placement: &Placement) -> Derived {
             } else {
                 eye.center[k] * distance[j]
             };
-            eye.focal[k] * object_to_eye[k][j] + center
+            eye.focal[k] * object_to_eye[k][j] + skewed(k, object_to_eye[1][j]) + center
         })
     };
     let to = if orthographic { eye.forward } else { way.map(|v| -v) };

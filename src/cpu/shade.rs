@@ -185,7 +185,7 @@ fn shade(seen: Seen, eye: &Eye, lighting: &Lighting, shading: Shading) -> Vec3x8
         if !gltf {
             color[c] = color[c] * occlusion;
         }
-        color[c] = color[c] + emissive[c];
+        color[c] = bsdf.lit.where_negative(bsdf.base[c], color[c] + emissive[c]);
         if let Some(tint) = &late {
             color[c] = color[c] * tint[c];
         }
@@ -362,9 +362,9 @@ fn run<T: Copy + Default + PartialEq + Send + Sync>(
 #[inline(always)]
 fn position(eye: &Eye, orthographic: bool, point: &[Lanes; 2], distance: Lanes) -> Vec3x8 {
     let scale = if orthographic { Lanes::splat(1.0) } else { distance };
-    let x = (point[0] - eye.center[0]) * eye.inverse_focal[0] * scale;
-    let y = -(point[1] - eye.center[1]) * eye.inverse_focal[1] * scale;
-    [x, y, -distance]
+    let up = -(point[1] - eye.center[1]) * eye.inverse_focal[1];
+    let right = (point[0] - eye.center[0] - up * eye.skew) * eye.inverse_focal[0];
+    [right * scale, up * scale, -distance]
 }
 
 #[cfg(test)]
@@ -385,6 +385,7 @@ mod tests {
             roughness: Lanes::splat(roughness),
             emissive: splat3([0.0; 3]),
             occlusion: one,
+            lit: one,
         };
         let d64 = |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| f64::from(a[k]) * f64::from(b[k])).sum::<f64>();
         let h = normalize([l[0] + v[0], l[1] + v[1], l[2] + v[2]]);
@@ -450,6 +451,7 @@ mod tests {
                     roughness: Lanes::splat(roughness),
                     emissive: splat3([0.0; 3]),
                     occlusion: Lanes::splat(1.0),
+                    lit: Lanes::splat(1.0),
                 };
                 let view = splat3([tilt.sin() as f32, 0.0, tilt.cos() as f32]);
                 let reflector = Reflector::new(&bsdf, view, true);

@@ -106,7 +106,7 @@ fn run(
     progress: &dyn Progress,
 ) -> Result<Decimated> {
     let mut report = BuildReport::default();
-    let mut mesh = weld(source, &mut report)?;
+    let mut mesh = weld(source, options.crease_angle, &mut report)?;
     let content = Content::new(&mesh, report.computed_normals, options);
     let mut options = options.clone();
     if goal.lossless {

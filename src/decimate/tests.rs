@@ -43,7 +43,7 @@ fn an_exact_round_keeps_so_many() {
     let source = SourceMesh::new(Positions::F32(&positions), &faces);
     let options = BuildOptions { quality: Quality::Best, ..BuildOptions::default() };
     let mut report = BuildReport::default();
-    let mut mesh = weld(&source, &mut report).unwrap();
+    let mut mesh = weld(&source, None, &mut report).unwrap();
     let content = Content::new(&mesh, true, &options);
     let stride = mesh.stride;
     let channels = std::mem::take(&mut mesh.channels);

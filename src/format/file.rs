@@ -1,7 +1,7 @@
 //! Files: constants of the container, reading, and atomic writing.
 
 use std::io::BufWriter;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use bytemuck::{Pod, Zeroable};
 
@@ -97,11 +97,38 @@ fn io(path: &Path) -> impl Fn(std::io::Error) -> Error + '_ {
     |source| Error::Io { path: path.to_path_buf(), source }
 }
 
+/// Most symbolic links on the way to a file, as on Linux.
+const MAX_LINKS: usize = 40;
+
+/// Where a path leads if it is a symbolic link, there or not.
+fn target(path: &Path) -> std::io::Result<PathBuf> {
+    let mut target = path.to_path_buf();
+    for _ in 0..MAX_LINKS {
+        match std::fs::read_link(&target) {
+            Ok(next) => target = target.parent().map_or(next.clone(), |folder| folder.join(&next)),
+            // No link, or nothing there yet.
+            Err(_) => return Ok(target),
+        }
+    }
+    // The system's own words for it.
+    Err(std::fs::metadata(path).err().unwrap_or_else(|| std::io::ErrorKind::InvalidInput.into()))
+}
+
 /// Writes a mesh: to a temporary file beside the target, synced, then renamed over it. Whatever happens, the
-/// target is the old file or the new one, whole. Returns how many triangles of the source have no area on the grid.
+/// target is the old file or the new one, whole. It keeps the mode of the old one; a symbolic link goes on being one,
+/// and what it leads to is replaced. Returns how many triangles of the source have no area on the grid.
 pub fn save(dag: &Dag, path: &Path, precision: Precision) -> Result<u64> {
     let rounded = Rounded::new(dag, precision)?;
-    let folder = match path.parent() {
+    let target = target(path).map_err(io(path))?;
+    let old = match std::fs::metadata(&target) {
+        Ok(old) if old.is_file() || old.is_dir() => Some(old.permissions()),
+        Ok(_) => {
+            let message = "neither a file nor a place for one";
+            return Err(io(path)(std::io::Error::new(std::io::ErrorKind::InvalidInput, message)));
+        }
+        Err(_) => None,
+    };
+    let folder = match target.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),
     };
@@ -115,8 +142,11 @@ pub fn save(dag: &Dag, path: &Path, precision: Precision) -> Result<u64> {
     }
     let file = builder.tempfile_in(folder).map_err(io(path))?;
     write(&rounded, &mut BufWriter::new(file.as_file()), &io(path))?;
+    if let Some(permissions) = old {
+        file.as_file().set_permissions(permissions).map_err(io(path))?;
+    }
     file.as_file().sync_all().map_err(io(path))?;
-    file.persist(path).map_err(|e| io(path)(e.error))?;
+    file.persist(&target).map_err(|e| io(path)(e.error))?;
     #[cfg(unix)]
     std::fs::File::open(folder).and_then(|d| d.sync_all()).map_err(io(path))?;
     Ok(rounded.flattened)

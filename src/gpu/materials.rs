@@ -10,7 +10,7 @@ use super::context::Context;
 use crate::config::Shading;
 use crate::error::{Error, Result};
 use crate::gpu_types::{
-    LOOK_SMOOTH, Material, TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP, Texture,
+    LOOK_SMOOTH, LOOK_UNLIT, Material, TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP, Texture,
 };
 use crate::scene::image::srgb_table;
 use crate::scene::{self, Image, Materials, Slot};
@@ -162,7 +162,7 @@ impl MaterialTable {
             normal_scale: material.normal_scale,
             occlusion_strength: material.occlusion_strength,
             alpha_cutoff: material.alpha_cutoff.unwrap_or(f32::NEG_INFINITY),
-            flags: if material.smooth { LOOK_SMOOTH } else { 0 },
+            flags: u32::from(material.smooth) * LOOK_SMOOTH | u32::from(material.unlit) * LOOK_UNLIT,
             textures,
             ..bytemuck::Zeroable::zeroed()
         }

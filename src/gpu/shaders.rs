@@ -7,8 +7,8 @@ use std::thread::available_parallelism;
 use super::meshes::ABSENT;
 use crate::config::{OUTPUTS, Output, Shading};
 use crate::gpu_types::{
-    Dispatch, HISTORY_LIST, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, QUAD, TEXTURE_FORMAT, TEXTURE_LINEAR,
-    TEXTURE_MIPMAPS, TEXTURE_WRAP, TILES,
+    Dispatch, HISTORY_LIST, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, LOOK_UNLIT, QUAD, TEXTURE_FORMAT,
+    TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP, TILES,
 };
 use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN,
@@ -549,6 +549,7 @@ pub fn constants() -> String {
         ("STEP_PIXELS", Step::Pixels.number()),
         ("STEP_PYRAMID", Step::Pyramid(0).number()),
         ("LOOK_SMOOTH", LOOK_SMOOTH),
+        ("LOOK_UNLIT", LOOK_UNLIT),
         ("LOOK_CONFORMAL", LOOK_CONFORMAL),
         ("LOOK_COLORS", LOOK_COLORS),
         ("SLOTS", Slot::COUNT as u32),

@@ -79,6 +79,14 @@ pub struct View {
     pub lod_widest: f32,
     /// 1 where what is hidden is left out, in two phases; then the second alone asks for pages that are missed.
     pub two_phases: u32,
+    /// Pixels to the right per unit of tangent up the picture.
+    pub skew: f32,
+    /// Zero.
+    pub unused_a: u32,
+    /// Zero.
+    pub unused_b: u32,
+    /// Zero.
+    pub unused_c: u32,
 }
 
 /// An instance as the scene places it, whoever looks at it.
@@ -127,7 +135,7 @@ pub struct Look {
     pub metallic: f32,
     /// Perceptual roughness, as it is shaded.
     pub roughness: f32,
-    /// [`LOOK_SMOOTH`], [`LOOK_CONFORMAL`], [`LOOK_COLORS`].
+    /// [`LOOK_SMOOTH`], [`LOOK_CONFORMAL`], [`LOOK_COLORS`], [`LOOK_UNLIT`].
     pub flags: u32,
     /// Of an instance with textures or several materials, the first of these; otherwise `u32::MAX`.
     pub first_material: u32,
@@ -183,7 +191,7 @@ pub struct Material {
     pub occlusion_strength: f32,
     /// Where alpha is below it there is a hole.
     pub alpha_cutoff: f32,
-    /// [`LOOK_SMOOTH`].
+    /// [`LOOK_SMOOTH`], [`LOOK_UNLIT`].
     pub flags: u32,
     /// Zero.
     pub unused_a: u32,
@@ -201,6 +209,8 @@ pub const LOOK_SMOOTH: u32 = 1;
 pub const LOOK_CONFORMAL: u32 = 2;
 /// Of [`Look::flags`]: vertices have colours.
 pub const LOOK_COLORS: u32 = 4;
+/// Of [`Look::flags`] and [`Material::flags`]: light does not count.
+pub const LOOK_UNLIT: u32 = 8;
 
 /// A light in camera space.
 #[repr(C)]

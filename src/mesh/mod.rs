@@ -2,6 +2,7 @@
 
 pub mod attributes;
 pub mod channels;
+pub mod creases;
 pub mod edges;
 pub mod frame;
 pub mod hash;

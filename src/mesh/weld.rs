@@ -5,10 +5,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use bytemuck::cast_slice;
 use rayon::prelude::*;
 
+use super::creases::{self, Creased};
 use super::edges::Edges;
 use super::materials::ByMaterial;
+use super::sides::{self, BySide};
 use super::source::SourceMesh;
-use super::{Channels, attributes, frame, hash, materials, sides, validate};
+use super::{Channels, attributes, frame, hash, materials, validate};
 use crate::error::{Error, Result};
 use crate::math::Aabb;
 use crate::model::{AttributeLayout, BuildReport, Frame};
@@ -38,8 +40,9 @@ pub struct WeldedMesh {
     pub face_rows: Vec<u32>,
 }
 
-/// Validates, frames, welds and mends. Counts what it did in `report`.
-pub fn weld(source: &SourceMesh<'_>, report: &mut BuildReport) -> Result<WeldedMesh> {
+/// Validates, frames, welds and mends; where normals are computed, not over edges at which faces meet at more than
+/// `crease` degrees. Counts what it did in `report`.
+pub fn weld(source: &SourceMesh<'_>, crease: Option<f32>, report: &mut BuildReport) -> Result<WeldedMesh> {
     validate::validate(source)?;
     report.input_faces = source.faces.len() as u64;
     report.input_vertices = source.positions.len() as u64;
@@ -76,20 +79,33 @@ pub fn weld(source: &SourceMesh<'_>, report: &mut BuildReport) -> Result<WeldedM
     };
 
     let (mut faces, face_rows) = mend(faces, &vertex_ids, &position_ids, report);
-    if source.normals.is_none()
-        && let Some(split) = sides::split(&faces, &positions, &position_ids, report.non_manifold_edges)
-    {
+    let mut copy = |copies: &[u32], sides: &[u32], positions: &mut Vec<[f32; 3]>, ids: &mut Vec<u32>| {
         let count = positions.len() as u32;
-        split.copies.iter().for_each(|v| {
+        copies.iter().for_each(|v| {
             positions.push(positions[*v as usize]);
             rows.extend_from_within(*v as usize * stride..(*v as usize + 1) * stride);
             of_vertex.extend(of_vertex.get(*v as usize).copied());
         });
-        channels.copy_rows(&split.copies);
+        channels.copy_rows(copies);
         // Normals are added up by position: those of a side by that of the side.
-        position_ids.extend(count..positions.len() as u32);
+        ids.extend(sides);
         vertex_ids.extend(count..positions.len() as u32);
-        faces = split.faces;
+    };
+    if source.normals.is_none() {
+        if let Some(BySide { faces: split, copies }) =
+            sides::split(&faces, &positions, &position_ids, report.non_manifold_edges)
+        {
+            let sides: Vec<u32> = (positions.len() as u32..).take(copies.len()).collect();
+            copy(&copies, &sides, &mut positions, &mut position_ids);
+            faces = split;
+        }
+        if let Some(degrees) = crease
+            && let Some(Creased { faces: split, copies, sides }) =
+                creases::split(&faces, &positions, &position_ids, degrees)
+        {
+            copy(&copies, &sides, &mut positions, &mut position_ids);
+            faces = split;
+        }
     }
     if faces.is_empty() {
         return Err(Error::EmptyMesh("no face is left once faces without area are dropped".into()));

@@ -79,6 +79,7 @@ fn set_option(out: &mut BuildOptions, name: &str, value: &Bound<'_, PyAny>) -> P
         "uv_weight" => out.uv_weight = value.extract()?,
         "channel_weight" => out.channel_weight = value.extract()?,
         "preserve_area" => out.preserve_area = value.extract()?,
+        "crease_angle" => out.crease_angle = value.extract()?,
         "face_ids" => out.face_ids = value.extract()?,
         "threads" => out.threads = value.extract()?,
         other => return Err(argument_error(value.py(), "options", format!("no option {other:?}"))),

@@ -22,8 +22,9 @@ pub(super) fn camera((kind, parameters, znear, zfar): RawCamera) -> Result<Camer
     let projection = match (kind.as_str(), parameters.as_slice()) {
         ("perspective", &[yfov]) => Projection::Perspective { yfov, aspect: None },
         ("perspective", &[yfov, aspect]) => Projection::Perspective { yfov, aspect: Some(aspect) },
-        ("intrinsics", &[fx, fy, cx, cy]) => Projection::Intrinsics { fx, fy, cx, cy },
-        ("orthographic", &[xmag, ymag]) => Projection::Orthographic { xmag, ymag },
+        ("intrinsics", &[fx, fy, cx, cy, skew]) => Projection::Intrinsics { fx, fy, cx, cy, skew },
+        ("orthographic", &[ymag]) => Projection::Orthographic { xmag: None, ymag },
+        ("orthographic", &[ymag, xmag]) => Projection::Orthographic { xmag: Some(xmag), ymag },
         _ => return Err(Error::argument("camera", format!("no camera {kind:?} of {parameters:?}"))),
     };
     let camera = Camera { projection, znear, zfar };
@@ -40,11 +41,11 @@ pub(super) fn check_camera(py: Python<'_>, spec: RawCamera) -> PyResult<()> {
 /// Form, reason, milliseconds of each form.
 type RawCalibration = (&'static str, String, Vec<(&'static str, f64)>);
 
-/// Checks a camera's pose.
+/// Checks a camera's pose; returns how far it is off a rotation.
 #[pyfunction]
-pub(super) fn check_pose(pose: &Bound<'_, PyAny>) -> PyResult<()> {
+pub(super) fn check_pose(pose: &Bound<'_, PyAny>) -> PyResult<f64> {
     let rows = matrix4(pose, "pose")?;
-    pose::rigid("pose", &rows).map(drop).map_err(|error| to_python(pose.py(), error))
+    pose::rigid("pose", &rows).map(|(_, off)| off).map_err(|error| to_python(pose.py(), error))
 }
 
 /// Renders scenes. See `nanite_rs.Renderer`.
@@ -207,7 +208,7 @@ impl Frame {
         Ok(PyArray::from_vec(py, values).reshape(shape)?.unbind())
     }
 
-    /// An (H, W, 3) array that takes over what `make` returns.
+    /// An (H, W, 3) array that takes over what `make` returns, or (H, W, 4) where that is as many.
     fn planes<T: Element>(
         &self,
         py: Python<'_>,
@@ -215,8 +216,10 @@ impl Frame {
     ) -> PyResult<Py<PyArray3<T>>> {
         let (values, shape) = detached(py, || {
             let mut frame = self.lock()?;
-            let shape = [frame.height() as usize, frame.width() as usize, 3];
-            Ok((make(&mut frame)?, shape))
+            let [high, wide] = [frame.height(), frame.width()].map(|side| side as usize);
+            let values = make(&mut frame)?;
+            let channels = values.len() / (high * wide).max(1);
+            Ok((values, [high, wide, channels]))
         })?;
         Ok(PyArray::from_vec(py, values).reshape(shape)?.unbind())
     }
@@ -254,6 +257,21 @@ impl Frame {
 
     fn deep_color(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u16>>> {
         self.planes(py, |frame| frame.deep_color())
+    }
+
+    /// RGBA, bytes.
+    fn rgba(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u8>>> {
+        self.planes(py, |frame| frame.rgba())
+    }
+
+    /// RGBA, 16 bits.
+    fn deep_rgba(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u16>>> {
+        self.planes(py, |frame| frame.deep_rgba())
+    }
+
+    /// Linear light times coverage, and coverage.
+    fn layer(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
+        self.planes(py, |frame| frame.layer().map(Vec::into_flattened))
     }
 
     fn depth(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f32>>> {

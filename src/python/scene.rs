@@ -31,6 +31,7 @@ pub(super) struct RawMaterial {
     emissive: [f32; 3],
     double_sided: bool,
     smooth: bool,
+    unlit: bool,
     normal_scale: f32,
     occlusion_strength: f32,
     alpha_cutoff: Option<f32>,
@@ -107,6 +108,7 @@ fn material(raw: RawMaterial) -> Material {
         emissive: raw.emissive,
         double_sided: raw.double_sided,
         smooth: raw.smooth,
+        unlit: raw.unlit,
         normal_scale: raw.normal_scale,
         occlusion_strength: raw.occlusion_strength,
         alpha_cutoff: raw.alpha_cutoff,
@@ -142,7 +144,7 @@ fn light((kind, color, intensity, range, cone): RawLight, rows: &[[f64; 4]; 4]) 
         ("spot", Some((inner, outer))) => LightKind::Spot { range, inner, outer },
         _ => return Err(Error::argument("kind", format!("no light is {kind:?} with this cone"))),
     };
-    Ok(Light { kind, color, intensity, pose: pose::affine("pose", rows)? })
+    Ok(Light { kind, color, intensity, pose: pose::affine("pose", rows)?, visible: true })
 }
 
 /// Checks the parameters of a light; the error names the first that is wrong.
@@ -222,7 +224,24 @@ impl Scene {
     ) -> PyResult<()> {
         let rows = matrix4(pose, "pose")?;
         let at = LightHandle(handle(at));
-        self.edit(py, |scene| scene.set_light(at, light(shape, &rows)?))
+        self.edit(py, |scene| {
+            let visible = scene.light(at)?.visible;
+            scene.set_light(at, Light { visible, ..light(shape, &rows)? })
+        })
+    }
+
+    /// Switches a light on or off.
+    fn set_light_visible(&self, py: Python<'_>, at: RawHandle, visible: bool) -> PyResult<()> {
+        let at = LightHandle(handle(at));
+        self.edit(py, |scene| {
+            let light = Light { visible, ..*scene.light(at)? };
+            scene.set_light(at, light)
+        })
+    }
+
+    /// True unless a light is switched off.
+    fn light_visible(&self, py: Python<'_>, at: RawHandle) -> PyResult<bool> {
+        self.look(py, |s| Ok(s.light(LightHandle(handle(at)))?.visible))
     }
 
     /// Light to world of a light.

@@ -17,7 +17,9 @@ use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
 use crate::cpu::visibility::Visible;
 use crate::error::Result;
 use crate::gpu::{Context, Counted, DeviceStage, Drawn, Job, Phase, Renderer, Shown, Ways};
-use crate::gpu_types::{self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, Look, Placed, VisibleCluster};
+use crate::gpu_types::{
+    self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, LOOK_UNLIT, Look, Placed, VisibleCluster,
+};
 use crate::model::ClusterAddress;
 use crate::scene::environment::{GRIDS, Grid};
 use crate::scene::placement::Eye;
@@ -154,7 +156,7 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, spare: &Spare, 
         picture.measure(screen, &mut stats);
     }
     let (made, needs) = (drawn.made, drawn.needs);
-    Rastered { picture, views, visible, large, made, light: None, needs, stats }
+    Rastered { picture, views, visible, large, made, light: None, layer: None, needs, stats }
 }
 
 /// Portions of instances that the first phase of a first frame draws: in a city, one leaves more to the second phase than
@@ -252,6 +254,7 @@ pub fn view_record(screen: &Screen, eye: &Eye, tau: f32) -> gpu_types::View {
         focal: eye.focal,
         center: eye.center,
         inverse_focal: eye.inverse_focal,
+        skew: eye.skew,
         mirrored: u32::from(eye.mirrored),
         ..bytemuck::Zeroable::zeroed()
     }
@@ -292,7 +295,8 @@ fn look(instance: &Instance) -> Look {
         first_material: u32::MAX,
         flags: flag(instance.materials.smooth(), LOOK_SMOOTH)
             | flag(placement.conformal, LOOK_CONFORMAL)
-            | flag(instance.mesh.layout().colors, LOOK_COLORS),
+            | flag(instance.mesh.layout().colors, LOOK_COLORS)
+            | flag(material.unlit, LOOK_UNLIT),
         last_material: 0,
     }
 }

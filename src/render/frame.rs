@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::layers;
 use super::picture::{Picture, Spare};
 use super::stages::Stage;
 use super::stats::FrameStats;
@@ -66,6 +67,8 @@ pub struct Frame {
     pub(super) lighting: Lighting,
     /// Colour before it is encoded, where each pixel has several samples.
     pub(super) light: Option<Vec<f32>>,
+    /// The same of meshes alone, see [`layers`].
+    pub(super) layer: Option<Vec<[f32; 4]>>,
     /// Arrays made so far.
     pub(super) made: Vec<(Output, Array)>,
     pub(super) spare: Spare,
@@ -195,6 +198,29 @@ impl Frame {
     pub fn deep_color(&self) -> Result<Vec<u16>> {
         let transfer = self.lighting.transfer;
         Ok(self.linear()?.into_par_iter().map(|c| transfer.word(c)).collect())
+    }
+
+    /// What is seen of meshes alone: linear light times coverage, and coverage, which is 0 or 1 for one sample.
+    pub fn layer(&self) -> Result<Vec<[f32; 4]>> {
+        if let Some(layer) = &self.layer {
+            return Ok(layer.clone());
+        }
+        let (light, depth) = (self.linear()?, self.depth()?);
+        let mut layer = vec![[0.0; 4]; depth.len()];
+        layers::add(&mut layer, &light, &depth, 1.0);
+        Ok(layer)
+    }
+
+    /// The same as RGBA bytes: colours as [`Frame::color`] encodes them, not multiplied by coverage.
+    pub fn rgba(&self) -> Result<Vec<u8>> {
+        let encoder = self.lighting.transfer.encoder();
+        Ok(layers::straight(&self.layer()?, |c| encoder.encode(c), |a| (a * 255.0 + 0.5) as u8))
+    }
+
+    /// The same with 16 bits.
+    pub fn deep_rgba(&self) -> Result<Vec<u16>> {
+        let transfer = self.lighting.transfer;
+        Ok(layers::straight(&self.layer()?, |c| transfer.word(c), |a| (a * 65535.0 + 0.5) as u16))
     }
 
     /// Distance along the view axis in world units; 0 where nothing is covered.

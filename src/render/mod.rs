@@ -3,6 +3,7 @@
 #[cfg(feature = "gpu")]
 mod device;
 pub mod frame;
+mod layers;
 mod pass;
 mod picture;
 mod queue;

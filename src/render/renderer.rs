@@ -7,6 +7,7 @@ use rayon::prelude::*;
 #[cfg(feature = "gpu")]
 use super::device;
 use super::frame::Frame;
+use super::layers;
 use super::pass::Pass;
 use super::picture::{Picture, Spare};
 use super::shown::Shown;
@@ -154,6 +155,8 @@ pub(super) struct Rastered {
     pub(super) made: Vec<(Output, Array)>,
     /// Colour before it is encoded, where each pixel has several samples: their mean.
     pub(super) light: Option<Vec<f32>>,
+    /// The same of samples that show a mesh, times how many of all that are, and how many.
+    pub(super) layer: Option<Vec<[f32; 4]>>,
     /// Streamed pages that it shows or misses.
     pub(super) needs: Needs,
     /// All but what makes arrays, and the time of the whole.
@@ -369,8 +372,9 @@ impl Renderer {
     fn sample(&mut self, shots: &[Shot<'_>], rastered: &mut [Rastered]) -> Result<()> {
         let Some(Shot { options, .. }) = shots.first() else { return Ok(()) };
         let offsets = options.samples.offsets();
-        let outputs = [Output::Linear].into_iter().collect();
+        let outputs = [Output::Linear, Output::Depth].into_iter().collect();
         let options = RenderOptions { outputs, samples: Samples::One, ..(*options).clone() };
+        let share = 1.0 / offsets.len() as f32;
         for (number, by) in offsets.into_iter().enumerate() {
             let moved: Vec<Shot<'_>> = shots.iter().map(|shot| shot.moved(by, &options)).collect();
             let drawn = self.draw(&moved)?;
@@ -379,6 +383,9 @@ impl Renderer {
                 let mut frame = finished(shot, drawn, self.spare.clone())?;
                 whole.stats.add(&frame.stats.stages);
                 let new = Vec::from(frame.take(Output::Linear)?);
+                let depth: Vec<f32> = frame.take(Output::Depth)?.into();
+                let layer = whole.layer.get_or_insert_with(|| vec![[0.0; 4]; depth.len()]);
+                layers::add(layer, &new, &depth, share);
                 match &mut whole.light {
                     None => whole.light = Some(new),
                     Some(mean) => blend(mean, &new, 1.0 / (number + 1) as f32),
@@ -439,7 +446,17 @@ impl Renderer {
         stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
         let large = list.iter().map(|c| c.large).collect();
         let needs = streaming::missed(&absent, &views);
-        Ok(Rastered { picture, views, visible, large, made: Vec::new(), light: None, needs, stats })
+        Ok(Rastered {
+            picture,
+            views,
+            visible,
+            large,
+            made: Vec::new(),
+            light: None,
+            layer: None,
+            needs,
+            stats,
+        })
     }
 }
 
@@ -478,11 +495,24 @@ fn blend(numbers: &mut [f32], others: &[f32], part: f32) {
 
 /// The frame of what was drawn, with the arrays asked for.
 fn finished(shot: Shot<'_>, rastered: Rastered, spare: Spare) -> Result<Frame> {
-    let Rastered { picture, views, visible, large, made, light, mut stats, .. } = rastered;
+    let Rastered { picture, views, visible, large, made, light, layer, mut stats, .. } = rastered;
     let Shot { view, eye, screen, lighting, options, .. } = shot;
     stats.samples = options.samples as u32;
-    let mut frame =
-        Frame { picture, visible, large, views, screen, view, eye, lighting, light, made, spare, stats };
+    let mut frame = Frame {
+        picture,
+        visible,
+        large,
+        views,
+        screen,
+        view,
+        eye,
+        lighting,
+        light,
+        layer,
+        made,
+        spare,
+        stats,
+    };
     frame.finish(options.outputs)?;
     Ok(frame)
 }

@@ -34,11 +34,13 @@ pub enum Projection {
         cx: f64,
         /// Optical centre, pixels from the upper edge.
         cy: f64,
+        /// Pixels to the right for each unit of tangent down.
+        skew: f64,
     },
     /// Parallel.
     Orthographic {
-        /// Half the width of the view, world units.
-        xmag: f64,
+        /// Half the width of the view, world units; `None` takes the picture's of that height.
+        xmag: Option<f64>,
         /// Half the height of the view, world units.
         ymag: f64,
     },
@@ -66,6 +68,8 @@ pub struct View {
     pub orthographic: bool,
     /// Pixels per unit of tangent (pinhole) or per world unit (parallel), along x and y.
     pub focal: [f64; 2],
+    /// Pixels to the right per unit of tangent down: sides of pixels that are not at right angles.
+    pub skew: f64,
     /// Where the optical axis meets the picture, pixels from the upper left corner.
     pub center: [f64; 2],
     /// Near distance.
@@ -97,17 +101,17 @@ impl Camera {
                 }
                 aspect.map_or(Ok(()), |a| positive("aspectRatio", a))?;
             }
-            Projection::Intrinsics { fx, fy, cx, cy } => {
+            Projection::Intrinsics { fx, fy, cx, cy, skew } => {
                 positive("fx", fx)?;
                 positive("fy", fy)?;
-                for (name, value) in [("cx", cx), ("cy", cy)] {
+                for (name, value) in [("cx", cx), ("cy", cy), ("skew", skew)] {
                     if !value.is_finite() {
                         return Err(Error::argument(name, format!("must be finite, not {value}")));
                     }
                 }
             }
             Projection::Orthographic { xmag, ymag } => {
-                positive("xmag", xmag)?;
+                xmag.map_or(Ok(()), |x| positive("xmag", x))?;
                 positive("ymag", ymag)?;
             }
         }
@@ -138,19 +142,22 @@ impl Camera {
                 ));
             }
         }
-        let pose = pose::rigid("pose", pose)?;
+        let (pose, _) = pose::rigid("pose", pose)?;
         let (w, h) = (f64::from(width), f64::from(height));
+        let skew = if let Projection::Intrinsics { skew, .. } = self.projection { skew } else { 0.0 };
         let (orthographic, focal, center) = match self.projection {
             Projection::Perspective { yfov, aspect } => {
                 let t = (0.5 * yfov).tan();
                 (false, [0.5 * w / (aspect.unwrap_or(w / h) * t), 0.5 * h / t], [0.5 * w, 0.5 * h])
             }
-            Projection::Intrinsics { fx, fy, cx, cy } => (false, [fx, fy], [cx, cy]),
+            Projection::Intrinsics { fx, fy, cx, cy, .. } => (false, [fx, fy], [cx, cy]),
             Projection::Orthographic { xmag, ymag } => {
-                (true, [0.5 * w / xmag, 0.5 * h / ymag], [0.5 * w, 0.5 * h])
+                let high = 0.5 * h / ymag;
+                (true, [xmag.map_or(high, |xmag| 0.5 * w / xmag), high], [0.5 * w, 0.5 * h])
             }
         };
-        Ok(View { width, height, orthographic, focal, center, near: self.znear, far: self.zfar, pose })
+        let (near, far) = (self.znear, self.zfar);
+        Ok(View { width, height, orthographic, focal, skew, center, near, far, pose })
     }
 }
 
@@ -183,7 +190,8 @@ impl View {
         let m = &self.pose.matrix3;
         let mut planes = vec![(-m.z_axis, -self.near)];
         planes.extend(self.far.map(|far| (m.z_axis, far)));
-        for (axis, k, size) in [(m.x_axis, 0, self.width), (-m.y_axis, 1, self.height)] {
+        let right = m.x_axis - self.skew / self.focal[0] * m.y_axis;
+        for (axis, k, size) in [(right, 0, self.width), (-m.y_axis, 1, self.height)] {
             let low = -1.0 - self.center[k];
             let high = f64::from(size) + 1.0 - self.center[k];
             // low·d ≤ focal·a ≤ high·d, with a along the axis and d the distance.
@@ -203,14 +211,16 @@ impl View {
     fn sec2(&self) -> f64 {
         let reach = |k: usize, size: u32| {
             let c = self.center[k];
-            (c.abs().max((f64::from(size) - c).abs()) / self.focal[k]).powi(2)
+            c.abs().max((f64::from(size) - c).abs()) / self.focal[k]
         };
-        1.0 + reach(0, self.width) + reach(1, self.height)
+        let (across, down) = (reach(0, self.width), reach(1, self.height));
+        let across = across + self.skew.abs() / self.focal[0] * down;
+        1.0 + across * across + down * down
     }
 
     /// Focal length, widest angle and near distance of [`LodView`].
     pub fn lod_constants(&self) -> (f32, f32, f32) {
-        let focal = self.focal[0].max(self.focal[1]);
+        let focal = self.focal[0].max(self.focal[1]) + self.skew.abs();
         let (widest, near) = if self.orthographic { (1.0, 0.0) } else { (self.sec2(), self.near) };
         (round_up(focal), round_up(widest), near as f32)
     }
@@ -245,7 +255,8 @@ mod tests {
             zfar: None,
         };
         let a = fov.view(&IDENTITY, 640, 360).unwrap();
-        let projection = Projection::Intrinsics { fx: a.focal[0], fy: a.focal[1], cx: 320.0, cy: 180.0 };
+        let projection =
+            Projection::Intrinsics { fx: a.focal[0], fy: a.focal[1], cx: 320.0, cy: 180.0, skew: 0.0 };
         let b = Camera { projection, ..fov }.view(&IDENTITY, 640, 360).unwrap();
         assert_eq!((a.focal, a.center), (b.focal, b.center));
         assert!((a.focal[0] - a.focal[1]).abs() < 1e-9);
@@ -266,7 +277,7 @@ mod tests {
             (fov(0.8, Some(0.0)), "aspectRatio"),
             (Camera { znear: 0.0, ..good }, "znear"),
             (Camera { zfar: Some(0.01), ..good }, "zfar"),
-            (Camera { projection: Projection::Orthographic { xmag: -1.0, ymag: 1.0 }, ..good }, "xmag"),
+            (Camera { projection: Projection::Orthographic { xmag: Some(-1.0), ymag: 1.0 }, ..good }, "xmag"),
         ] {
             let message = camera.view(&IDENTITY, 8, 8).unwrap_err().to_string();
             assert!(message.starts_with(&format!("{name}: ")), "{message}");

@@ -40,6 +40,8 @@ pub struct Light {
     pub intensity: f32,
     /// Light-to-world; only its rotation (directional) or its position (point) counts, or both (spot).
     pub pose: DAffine3,
+    /// False where it is switched off.
+    pub visible: bool,
 }
 
 impl Light {

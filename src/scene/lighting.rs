@@ -53,7 +53,7 @@ impl Lighting {
         // Normals are no light.
         let transfer = if shading == Shading::Normals { Transfer::Linear } else { transfer };
         let rotate = view.pose.matrix3.inverse();
-        let lights = scene.lights().iter().map(|(_, light)| {
+        let lights = scene.lights().iter().filter(|(_, light)| light.visible).map(|(_, light)| {
             let axis = (rotate * light.pose.matrix3.z_axis).normalize_or_zero();
             let position = rotate * (light.pose.translation - view.eye());
             let inverse = |range: Option<f32>| range.map_or(0.0, |r| 1.0 / r);

@@ -57,6 +57,8 @@ pub struct Material {
     pub double_sided: bool,
     /// Shade with interpolated vertex normals; otherwise with the normal of each face.
     pub smooth: bool,
+    /// Shown as its base colour, whatever the light (`KHR_materials_unlit`).
+    pub unlit: bool,
     /// Times X and Y of the normal texture.
     pub normal_scale: f32,
     /// How much of the occlusion texture counts, 0 to 1.
@@ -70,13 +72,14 @@ pub struct Material {
 impl Default for Material {
     fn default() -> Self {
         Self {
-            base_color: [0.8; 3],
+            base_color: [0.3; 3],
             alpha: 1.0,
-            metallic: 0.0,
-            roughness: 0.6,
+            metallic: 0.2,
+            roughness: 0.8,
             emissive: [0.0; 3],
             double_sided: false,
             smooth: true,
+            unlit: false,
             normal_scale: 1.0,
             occlusion_strength: 1.0,
             alpha_cutoff: None,
@@ -204,6 +207,12 @@ impl Material {
             Shading::Pyrender => self.emissive.map(|c| c * c),
             _ => self.emissive,
         }
+    }
+
+    /// Below zero where light does not count, and otherwise above.
+    #[inline(always)]
+    pub fn lit(&self) -> f32 {
+        if self.unlit { -1.0 } else { 1.0 }
     }
 
     /// Whether alpha is below the cutoff anywhere, as far as one can tell without looking at each texel.

@@ -84,6 +84,8 @@ pub struct Eye {
     pub focal: [f32; 2],
     /// One over what is used for `focal`, up the picture for y.
     pub inverse_focal: [f32; 2],
+    /// Pixels to the right per unit of tangent up the picture.
+    pub skew: f32,
     /// Where the optical axis meets the picture, pixels.
     pub center: [f32; 2],
     /// See [`crate::math::LodView::focal`].
@@ -109,6 +111,7 @@ impl Eye {
             low,
             focal: [view.focal[0] as f32, -view.focal[1] as f32],
             inverse_focal: view.focal.map(|f| (1.0 / f) as f32),
+            skew: -view.skew as f32,
             center: view.center.map(|v| v as f32),
             lod_focal,
             lod_widest,

@@ -89,7 +89,7 @@ def test_threads_and_truths_of_options() -> None:
 
 
 def test_every_option_is_checked() -> None:
-    names = {*WHOLE, *WEIGHTS, *CHOICES, "threads", "preserve_area", "face_ids"}
+    names = {*WHOLE, *WEIGHTS, *CHOICES, "threads", "preserve_area", "face_ids", "crease_angle"}
     assert names == set(vars(nrs.BuildOptions()))
 
 

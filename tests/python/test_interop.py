@@ -220,7 +220,7 @@ def test_blending_counts_where_there_is_something_to_blend(pyrender, alpha, mode
         node = node_of(nrs.from_pyrender(scene))
     assert node.material.alpha_mode == mode
     assert [str(one.message) for one in caught if issubclass(one.category, UserWarning)] == [
-        "left out of the pyrender scene: transparency (drawn as holes)"
+        "left out of the pyrender scene: transparency (drawn opaque where alpha is not 0)"
     ][: int(mode == "blend")]
 
 

@@ -89,6 +89,33 @@ def test_it_runs_and_shows_its_pictures(path, tmp_path) -> None:
     assert re.search(pattern, text(cells[cell]))
 
 
+@pytest.mark.parametrize("path", NOTEBOOKS[:2], ids=lambda path: path.stem)
+def test_nbconvert_runs_a_copy_elsewhere(path, tmp_path) -> None:
+    """With nothing of the repository but the package: a notebook stands for itself, sliders included."""
+    for name in (*NEEDED, "nbconvert"):
+        pytest.importorskip(name)
+    (tmp_path / path.name).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    settings = {"NANITE_NOTEBOOK_FACES": FACES, "MESH": "", "IPYTHONDIR": str(tmp_path / "ipython")}
+    settings |= {"PYTHONPATH": str(Path(nrs.__file__).parents[1])}
+    inherited = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}
+    command = [sys.executable, "-m", "nbconvert", "--execute", "--to", "notebook", "--output", "done.ipynb"]
+    done = subprocess.run(
+        [*command, path.name],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env=inherited | settings,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    made = [
+        c["outputs"] for c in json.loads((tmp_path / "done.ipynb").read_text())["cells"] if "outputs" in c
+    ]
+    pictures = [one for outputs in made for one in outputs if "image/png" in one.get("data", {})]
+    assert len(pictures) >= len(PICTURES[path.stem])
+
+
 def test_they_run_with_a_mesh_of_ones_own(tmp_path) -> None:
     mesh = subjects.built("part")
     mesh.cut(error=0.0).to_trimesh().export(tmp_path / "my own.ply")

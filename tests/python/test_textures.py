@@ -36,7 +36,8 @@ def checker() -> np.ndarray:
 
 def scene(mesh: nrs.NaniteMesh, pixels: np.ndarray, **options: object) -> nrs.Scene:
     out = nrs.Scene(ambient_light=(1.0, 1.0, 1.0))
-    out.add(mesh, material=nrs.Material(base_color_texture=nrs.Texture(nrs.Image(pixels), **options)))
+    texture = nrs.Texture(nrs.Image(pixels), **options)
+    out.add(mesh, material=nrs.Material(base_color=(0.8, 0.8, 0.8), base_color_texture=texture))
     return out
 
 

@@ -71,7 +71,7 @@ fn devices_shade_by_a_map_as_the_cpu_does() {
     let Some(_) = device("devices_shade_by_a_map_as_the_cpu_does") else { return };
     let mut plain = lit();
     plain.add(dag(&bumpy_sphere(40)), &at(0.3, 0.0, 0.0), Material::default()).unwrap();
-    let parallel = Camera { projection: Projection::Orthographic { xmag: 2.4, ymag: 1.6 }, ..CAMERA };
+    let parallel = Camera { projection: Projection::Orthographic { xmag: Some(2.4), ymag: 1.6 }, ..CAMERA };
     let (dim, bright) = (map(1.0), map(300.0));
     let hidden = Environment { background: false, rotation: -2.0, ..environment(&dim) };
     let mut renderer = Renderer::new(SIZE.0, SIZE.1, "gpu").unwrap();

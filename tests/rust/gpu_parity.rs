@@ -129,6 +129,7 @@ fn every_array_is_made_on_the_device() {
         color: [1.0, 0.7, 0.4],
         intensity: 20.0,
         pose: glam::DAffine3::from_translation(glam::DVec3::new(place[0][3], place[1][3], place[2][3])),
+        visible: true,
     };
     many.add_light(point(None, at(0.0, 3.0, 4.0))).unwrap();
     many.add_light(point(Some(6.0), at(-3.0, 0.0, 4.0))).unwrap();
@@ -300,8 +301,11 @@ pub fn scaled(pose: Pose, scale: f64) -> Pose {
     out
 }
 
-pub const PARALLEL: Camera =
-    Camera { projection: Projection::Orthographic { xmag: 2.0, ymag: 1.2 }, znear: 0.05, zfar: Some(9.0) };
+pub const PARALLEL: Camera = Camera {
+    projection: Projection::Orthographic { xmag: Some(2.0), ymag: 1.2 },
+    znear: 0.05,
+    zfar: Some(9.0),
+};
 
 #[test]
 fn frames_of_one_mesh_are_equal() {

@@ -43,7 +43,7 @@ fn ways_show_the_same() {
     let materials = scene.instances().iter().filter(|(_, instance)| instance.materials.plain().is_none());
     let materials = materials.map(|(_, instance)| instance.materials.list().len() as u32).sum();
     let tiles = SIZE.0.div_ceil(TILE) * SIZE.1.div_ceil(TILE);
-    let parallel = Camera { projection: Projection::Orthographic { xmag: 2.4, ymag: 1.6 }, ..CAMERA };
+    let parallel = Camera { projection: Projection::Orthographic { xmag: Some(2.4), ymag: 1.6 }, ..CAMERA };
     let mut renderer = Renderer::new(SIZE.0, SIZE.1, "gpu").unwrap();
     for (camera, shading) in [(CAMERA, Shading::Gltf), (parallel, Shading::Pyrender)] {
         let options = RenderOptions {

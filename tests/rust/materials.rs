@@ -114,7 +114,9 @@ pub fn gallery() -> Scene {
     scene.add(ground, &lying, material(&images, 21)).unwrap();
     let pose = glam::DAffine3::from_translation(glam::DVec3::new(0.5, 2.0, 2.0));
     let point = LightKind::Point { range: Some(9.0) };
-    scene.add_light(Light { kind: point, color: [1.0, 0.8, 0.6], intensity: 9.0, pose }).unwrap();
+    scene
+        .add_light(Light { kind: point, color: [1.0, 0.8, 0.6], intensity: 9.0, pose, visible: true })
+        .unwrap();
     scene
 }
 
@@ -136,7 +138,7 @@ fn poster(material: impl Into<Materials>, colors: Option<[u8; 4]>) -> (Scene, In
     let dag = Arc::new(build(&source, &BuildOptions::default(), &Silent).unwrap());
     let mut scene = Scene::new();
     let handle = scene.add(dag, &IDENTITY, material).unwrap();
-    let projection = Projection::Orthographic { xmag: 1.0, ymag: 1.0 };
+    let projection = Projection::Orthographic { xmag: Some(1.0), ymag: 1.0 };
     (scene, handle, Camera { projection, znear: 0.1, zfar: None })
 }
 
@@ -170,7 +172,7 @@ fn devices_shade_textures_as_the_cpu_does() {
     let Some(_) = device("devices_shade_textures_as_the_cpu_does") else { return };
     let scene = gallery();
     let pose = at(0.0, 0.6, 4.5);
-    let parallel = Camera { projection: Projection::Orthographic { xmag: 2.4, ymag: 1.6 }, ..CAMERA };
+    let parallel = Camera { projection: Projection::Orthographic { xmag: Some(2.4), ymag: 1.6 }, ..CAMERA };
     for camera in [CAMERA, parallel] {
         for shading in SHADINGS {
             let surface = OUTPUTS.into_iter().filter(|output| output.surface());

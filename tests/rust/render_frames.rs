@@ -35,7 +35,15 @@ pub fn lit() -> Scene {
     let mut scene = Scene::new();
     scene.set_ambient_light([0.1; 3]).unwrap();
     let pose = glam::DAffine3::from_rotation_x(-0.5) * glam::DAffine3::from_rotation_y(0.4);
-    scene.add_light(Light { kind: LightKind::Directional, color: [1.0; 3], intensity: 3.0, pose }).unwrap();
+    scene
+        .add_light(Light {
+            kind: LightKind::Directional,
+            color: [1.0; 3],
+            intensity: 3.0,
+            pose,
+            visible: true,
+        })
+        .unwrap();
     scene
 }
 
@@ -274,13 +282,13 @@ fn any_size_and_any_projection() {
     }
     // A pinhole given both ways is the same picture.
     let focal = 0.5 * 90.0 / 0.4f64.tan();
-    let intrinsics = Projection::Intrinsics { fx: focal, fy: focal, cx: 60.0, cy: 45.0 };
+    let intrinsics = Projection::Intrinsics { fx: focal, fy: focal, cx: 60.0, cy: 45.0, skew: 0.0 };
     let a = shoot(&scene, &CAMERA, &at(0.0, 0.0, 3.0), (120, 90), &full());
     let b =
         shoot(&scene, &Camera { projection: intrinsics, ..CAMERA }, &at(0.0, 0.0, 3.0), (120, 90), &full());
     assert_eq!(a.instance_ids().unwrap(), b.instance_ids().unwrap());
     // A shifted centre shifts the picture by whole pixels.
-    let shifted = Projection::Intrinsics { fx: focal, fy: focal, cx: 70.0, cy: 40.0 };
+    let shifted = Projection::Intrinsics { fx: focal, fy: focal, cx: 70.0, cy: 40.0, skew: 0.0 };
     let c = shoot(&scene, &Camera { projection: shifted, ..CAMERA }, &at(0.0, 0.0, 3.0), (120, 90), &full());
     let (b, c) = (b.depth().unwrap(), c.depth().unwrap());
     let differing = (0..85)
@@ -297,8 +305,11 @@ fn parallel_views_have_exact_silhouettes_and_depth() {
     scene
         .add(dag(&grid(20, |_, _| 0.0)), &IDENTITY, Material { double_sided: true, ..Material::default() })
         .unwrap();
-    let parallel =
-        Camera { projection: Projection::Orthographic { xmag: 1.0, ymag: 1.0 }, znear: 0.1, zfar: None };
+    let parallel = Camera {
+        projection: Projection::Orthographic { xmag: Some(1.0), ymag: 1.0 },
+        znear: 0.1,
+        zfar: None,
+    };
     for tau in [0.0, 1.0] {
         let options = RenderOptions { pixel_error: tau, ..RenderOptions::default() };
         let frame = shoot(&scene, &parallel, &at(0.5, 0.5, 2.0), (101, 101), &options);
@@ -322,7 +333,13 @@ fn a_mirrored_instance_is_a_mirrored_picture() {
         scene.set_ambient_light([0.2; 3]).unwrap();
         let pose = glam::DAffine3::from_rotation_y(0.5 * sign);
         scene
-            .add_light(Light { kind: LightKind::Directional, color: [1.0; 3], intensity: 2.0, pose })
+            .add_light(Light {
+                kind: LightKind::Directional,
+                color: [1.0; 3],
+                intensity: 2.0,
+                pose,
+                visible: true,
+            })
             .unwrap();
         let mut pose = IDENTITY;
         pose[0][0] = sign;
@@ -372,7 +389,7 @@ fn clip_distances_cut() {
     scene
         .add(dag(&bumpy_sphere(32)), &IDENTITY, Material { double_sided: true, ..Material::default() })
         .unwrap();
-    for projection in [CAMERA.projection, Projection::Orthographic { xmag: 1.5, ymag: 1.5 }] {
+    for projection in [CAMERA.projection, Projection::Orthographic { xmag: Some(1.5), ymag: 1.5 }] {
         let camera = Camera { projection, znear: 2.7, zfar: Some(3.1) };
         let depth = shoot(&scene, &camera, &at(0.0, 0.0, 3.0), (150, 150), &full()).depth().unwrap();
         let covered: Vec<f32> = depth.into_iter().filter(|d| *d > 0.0).collect();
@@ -548,8 +565,14 @@ pub fn any_views(rounds: u32) -> impl Iterator<Item = AnyView> {
             scene.add(Arc::clone(mesh), &pose, look).unwrap();
         }
         let projection = match round % 4 {
-            0 => Projection::Orthographic { xmag: size * dice.within(0.1, 3.0), ymag: size },
-            1 => Projection::Intrinsics { fx: 90.0, fy: 70.0, cx: dice.within(-40.0, 200.0), cy: 40.0 },
+            0 => Projection::Orthographic { xmag: Some(size * dice.within(0.1, 3.0)), ymag: size },
+            1 => Projection::Intrinsics {
+                fx: 90.0,
+                fy: 70.0,
+                cx: dice.within(-40.0, 200.0),
+                cy: 40.0,
+                skew: 0.0,
+            },
             _ => Projection::Perspective { yfov: dice.within(0.01, 2.9), aspect: None },
         };
         let znear = size * 10f64.powf(dice.within(-4.0, 0.3));

@@ -38,7 +38,7 @@ fn same_but_colour(a: &Frame, b: &Frame) {
 fn an_edge_covers_what_it_covers() {
     // pyrender, whose shading is the default, multiplies by it twice.
     let glow = Material { base_color: [0.0; 3], emissive: [1.0, 0.5, 0.25], ..Material::default() };
-    let parallel = Projection::Orthographic { xmag: 1.0, ymag: 1.0 };
+    let parallel = Projection::Orthographic { xmag: Some(1.0), ymag: 1.0 };
     let camera = Camera { projection: parallel, znear: 0.05, zfar: None };
     let side = 32u32;
     let pixel_side = 2.0 / f64::from(side);
@@ -103,7 +103,13 @@ fn the_mean_is_that_of_pictures_moved_by_hand() {
         let mut mean = vec![0.0f64; 3 * width as usize * height as usize];
         let options = |samples| RenderOptions { pixel_error: 0.0, ..sampled(samples) };
         let lens = |x: f64, y: f64| Camera {
-            projection: Projection::Intrinsics { fx: 110.0, fy: 105.0, cx: 60.0 - x, cy: 40.0 - y },
+            projection: Projection::Intrinsics {
+                fx: 110.0,
+                fy: 105.0,
+                cx: 60.0 - x,
+                cy: 40.0 - y,
+                skew: 0.0,
+            },
             znear: 0.05,
             zfar: None,
         };
@@ -202,8 +208,11 @@ fn a_device_samples_as_the_cpu_does() {
     let mut scene = crowd();
     scene.set_bg_color([0.2, 0.4, 0.6]).unwrap();
     let size = (160, 100);
-    let parallel =
-        Camera { projection: Projection::Orthographic { xmag: 3.0, ymag: 2.0 }, znear: 0.05, zfar: None };
+    let parallel = Camera {
+        projection: Projection::Orthographic { xmag: Some(3.0), ymag: 2.0 },
+        znear: 0.05,
+        zfar: None,
+    };
     let views = [(CAMERA, at(0.0, 0.0, 6.0)), (parallel, at(0.3, 0.1, 4.0))];
     for samples in [Samples::One, Samples::Four, Samples::Sixteen] {
         for (device_outputs, occlusion, transfer) in

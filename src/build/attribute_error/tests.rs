@@ -79,7 +79,7 @@ fn group(kind: &str, n: usize, normal_weight: f32, quality: Quality) -> (LocalMe
         source.materials = Some(&materials);
     }
     let options = BuildOptions { quality, normal_weight, ..BuildOptions::default() };
-    let mesh = weld(&source, &mut BuildReport::default()).unwrap();
+    let mesh = weld(&source, None, &mut BuildReport::default()).unwrap();
     let content = Content::new(&mesh, source.normals.is_none(), &options);
     let local = LocalMesh {
         ids: (0..mesh.positions.len() as u32).collect(),
