@@ -25,6 +25,7 @@ _ARRAYS: Final = (
     "emissive",
     "face_id",
     "overdraw",
+    "rgba",
 )
 
 
@@ -66,6 +67,10 @@ class KeptFrame:
         raise _absent(f"view({name!r})")
 
     def deep_color(self) -> NDArray[Any]:
+        """Refuse: it is made of the renderer's memory."""
+        raise _absent("16 bits")
+
+    def deep_rgba(self) -> NDArray[Any]:
         """Refuse: it is made of the renderer's memory."""
         raise _absent("16 bits")
 

@@ -6,7 +6,7 @@ one instance costs the same in a scene of one as in a scene of a million.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 import numpy as np
 
@@ -65,6 +65,23 @@ class _Node:
     def scene(self) -> Scene:
         """The scene it belongs, or belonged, to."""
         return self._scene
+
+    def __copy__(self) -> _Node:
+        """Return the node itself: there is one of it in its scene."""
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle with the scene."""
+        return _node, (type(self), self._scene, self._handle[0])
+
+
+def _node(kind: type[MeshNode | LightNode], scene: Scene, number: int) -> MeshNode | LightNode:
+    """Find the entry of a scene that came out of a pickle or a copy."""
+    nodes: list[MeshNode | LightNode] = [*(scene.instances if kind is MeshNode else scene.lights)]
+    for node in nodes:
+        if node._handle[0] == number:
+            return node
+    raise StaleHandleError(f"stale handle: entry {number} was removed from the scene before it was copied")
 
 
 class MeshNode(_Node):
@@ -351,6 +368,45 @@ class Scene(_advice.Teaching):
         True
         """
         return [LightNode(self, handle) for handle in self._shining]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle all that was added; instances and lights keep their numbers, and their meshes are shared."""
+        kept = self.ambient_light, self.bg_color, self.environment
+        shown = [(*self._shown[n._handle], n.pose, n.visible, n._handle[0]) for n in self.instances]
+        shining = [(n.light, n.pose, n.visible, n._handle[0]) for n in self.lights]
+        return Scene, (), (kept, shown, shining)
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        """Add everything."""
+        (self.ambient_light, self.bg_color, self.environment), shown, shining = state
+        self._blends = True  # said before
+        tables: tuple[tuple[Any, dict[Handle, Any]], ...] = (
+            (shown, self._shown),
+            (shining, self._shining),
+        )
+        for entries, own in tables:
+            # Numbers are given in order: what others had in between is added and removed.
+            known = {entry[-1]: entry for entry in entries}
+            nodes: dict[int, Any] = {}
+            for number in range(max(known, default=-1) + 1):
+                item, *look, pose, visible, _ = known.get(number, entries[0])
+                nodes[number] = self.add(item, pose=pose, material=look[0] if look else None)
+                nodes[number].visible = visible
+            for number in nodes.keys() - known.keys():
+                nodes[number].remove()
+            order = [nodes[number]._handle for number in known]
+            own.update([(handle, own.pop(handle)) for handle in order])
+
+    def __copy__(self) -> Scene:
+        """Return a scene of its own with the same meshes, looks and lights."""
+        other = Scene()
+        other.__setstate__(self.__reduce__()[2])
+        return other
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
+        """Return the same: what is shared does not change."""
+        memo[id(self)] = other = self.__copy__()
+        return other
 
     def remove(self, node: MeshNode | LightNode) -> None:
         """Remove ``node``, which `add` returned. Raises `StaleHandleError` when it was removed before."""
