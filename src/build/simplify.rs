@@ -231,11 +231,13 @@ fn chain(
 ) -> Result<Simplified, StuckReason> {
     let mut reason = StuckReason::TooFewCollapses;
     let before: Vec<[u32; 3]> = faces(&mesh.indices, |v| mesh.position_ids[v as usize]).collect();
+    // Sheets whose every face is there in both windings have no border for meshoptimizer, which goes by positions.
+    let doubled = options.quality == Quality::Fast && !options.preserve_area && has_both_windings(&before);
     let before = Topology::of(&before);
     let is_tried = |step: &Step| match step {
-        Step::Attributes => true,
+        Step::Attributes => !doubled,
         // They are those of the first step.
-        Step::Collapses => has_collapses(content, options) && !options.preserve_area,
+        Step::Collapses => doubled || has_collapses(content, options) && !options.preserve_area,
         _ => effort.fallbacks || options.quality == Quality::Fast && !is_strict(content, options),
     };
     for step in Step::CHAIN.into_iter().filter(is_tried) {
@@ -247,6 +249,14 @@ fn chain(
         }
     }
     Err(reason)
+}
+
+/// Whether a face is there in both windings.
+fn has_both_windings(faces: &[[u32; 3]]) -> bool {
+    let first = |face: &[u32; 3]| face.iter().zip(0..).min().map_or(0, |(_, k)| k);
+    let from = |face: &[u32; 3], k: usize| [0, 1, 2].map(|i| face[(k + i) % 3]);
+    let known: FxHashSet<[u32; 3]> = faces.iter().map(|face| from(face, first(face))).collect();
+    known.iter().any(|[a, b, c]| known.contains(&[*a, *c, *b]))
 }
 
 /// Whether our own collapses come next where meshoptimizer's lead nowhere, with the fast quality. Not where attributes steer it.
