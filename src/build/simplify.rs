@@ -311,37 +311,31 @@ fn attempt(
     };
     let (mut result, mut error, mut after, mut topology) = checked(&mesh.locked)?;
     let is_strict = is_strict(content, options);
-    // With the fast quality, collapses have no link condition and know nothing of other groups: where sheets were pinched
-    // together, or locked points joined, which two groups could each do, hold what did it and repeat.
-    let chords = |topology: &Topology| {
-        if is_strict { joined(&before.edges, &topology.edges, is_locked(mesh)) } else { Vec::new() }
-    };
-    let pinches = |topology: &Topology| topology.crowded.len() > before.crowded.len();
-    if step == Step::Attributes && options.quality == Quality::Fast {
+    if step == Step::Attributes && options.quality == Quality::Fast && !is_strict {
         let mut locked = mesh.locked.clone();
-        let mut new = chords(&topology);
+        // Collapses have no link condition: where sheets were pinched together, hold what they met at and repeat.
         for _ in 0..TOPOLOGY_RETRIES {
-            let mut held = around(mesh, &new);
-            if pinches(&topology) {
-                let ends: FxHashSet<u32> = topology.crowded.iter().flat_map(|e| [e.0, e.1]).collect();
-                // Vertices of the result are numbered like those of the group, wherever they moved.
-                let corners = after.iter().flatten().zip(&result.indices);
-                let met = corners.filter(|(p, _)| ends.contains(p));
-                held.extend(met.map(|(_, v)| mesh.position_ids[*v as usize]));
-            }
-            if held.is_empty() {
+            if topology.crowded.len() <= before.crowded.len() {
                 break;
             }
-            locked.iter_mut().zip(&mesh.position_ids).for_each(|(lock, p)| *lock |= held.contains(p));
+            let ends: FxHashSet<u32> = topology.crowded.iter().flat_map(|e| [e.0, e.1]).collect();
+            // Vertices of the result are numbered like those of the group, wherever they moved.
+            let corners = after.iter().flatten().zip(&result.indices);
+            let met = corners.filter(|(p, _)| ends.contains(p));
+            let met: FxHashSet<u32> = met.map(|(_, v)| mesh.position_ids[*v as usize]).collect();
+            locked.iter_mut().zip(&mesh.position_ids).for_each(|(lock, p)| *lock |= met.contains(p));
             let Ok(again) = checked(&locked) else { break };
             (result, error, after, topology) = again;
-            new = chords(&topology);
         }
-        // Our own collapses come next, and see to it that neither happens. Steps after those are better than a root that
-        // stays so large.
-        if is_strict && (pinches(&topology) || !new.is_empty()) {
-            return Err(StuckReason::TooFewCollapses);
-        }
+    }
+    // Sheets that were pinched together, or locked points that are joined, which two groups could each do: our own
+    // collapses come next, and see to it that neither happens. Steps after those are better than a root that stays so large.
+    if step == Step::Attributes
+        && is_strict
+        && (topology.crowded.len() > before.crowded.len()
+            || joins_locked(&before.edges, &topology.edges, is_locked(mesh)))
+    {
+        return Err(StuckReason::TooFewCollapses);
     }
     if content.up.is_some_and(|up| faces_away(mesh, up) < faces_away(&result, up)) {
         return Err(StuckReason::TooFewCollapses);
@@ -354,19 +348,10 @@ fn attempt(
     Ok(Simplified { mesh: result, estimate, step_error, moved: 0.0, cost, step: done })
 }
 
-/// New edges between locked points.
-fn joined(before: &Edges, after: &Edges, locked: impl Fn(u32) -> bool) -> Vec<(u32, u32)> {
+/// Whether an edge between locked points is new.
+fn joins_locked(before: &Edges, after: &Edges, locked: impl Fn(u32) -> bool) -> bool {
     let between = |e: &Edge| locked(e.ends.0) && locked(e.ends.1);
-    let new = |e: &Edge| !before.at(e.ends.0).any(|was| was.ends == e.ends);
-    after.iter().filter(|e| between(e) && new(e)).map(|e| e.ends).collect()
-}
-
-/// The points around one end of each edge, without which nothing new gets there.
-fn around(mesh: &LocalMesh, edges: &[(u32, u32)]) -> FxHashSet<u32> {
-    let ends: FxHashSet<u32> = edges.iter().map(|e| e.0).collect();
-    let all = faces(&mesh.indices, |v| mesh.position_ids[v as usize]);
-    let near = all.filter(|face| !ends.is_empty() && face.iter().any(|p| ends.contains(p)));
-    near.flatten().collect()
+    after.iter().filter(between).any(|edge| !before.at(edge.ends.0).any(|e| e.ends == edge.ends))
 }
 
 /// Triangles that do not face a direction.
