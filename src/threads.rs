@@ -35,6 +35,12 @@ fn process() -> u32 {
 /// A value that each process makes for itself. That of a process before it was forked is never touched or freed again.
 pub struct PerProcess<T: 'static>(AtomicPtr<(u32, T)>);
 
+impl<T: Default + Sync> Default for PerProcess<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl<T: Default + Sync> PerProcess<T> {
     /// Made when it is first asked for.
     pub const fn new() -> Self {
@@ -277,7 +283,7 @@ mod tests {
         install(1, move || sender.send(7).unwrap()).unwrap();
         assert_eq!(first.join().unwrap(), 7);
         let crew = Crew::new(2).unwrap();
-        assert_eq!(crew.beside(|| rayon::current_num_threads(), || 5), (2, 5));
+        assert_eq!(crew.beside(rayon::current_num_threads, || 5), (2, 5));
     }
 
     #[test]

@@ -162,7 +162,7 @@ impl MaterialTable {
             normal_scale: material.normal_scale,
             occlusion_strength: material.occlusion_strength,
             alpha_cutoff: material.alpha_cutoff.unwrap_or(f32::NEG_INFINITY),
-            flags: u32::from(material.smooth) * LOOK_SMOOTH | u32::from(material.unlit) * LOOK_UNLIT,
+            flags: (u32::from(material.smooth) * LOOK_SMOOTH) | (u32::from(material.unlit) * LOOK_UNLIT),
             textures,
             ..bytemuck::Zeroable::zeroed()
         }

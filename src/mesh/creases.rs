@@ -50,17 +50,14 @@ pub fn split(
     let mut out = Creased { faces: Vec::new(), copies: Vec::new(), sides: Vec::new() };
     let mut known: FxHashMap<(u32, u32), u32> = FxHashMap::default();
     let mut firsts: FxHashMap<u32, u32> = FxHashMap::default();
-    let mut at = 0;
-    for side in sides.iter().flatten() {
-        let corner = corners.list[at];
-        at += 1;
+    for (side, corner) in sides.iter().flatten().zip(&corners.list) {
         if *side == u32::MAX {
             continue; // keeps its vertex
         }
         if out.faces.is_empty() {
             out.faces = faces.to_vec();
         }
-        let corner = corner as usize;
+        let corner = *corner as usize;
         let v = faces[corner / 3][corner % 3];
         out.faces[corner / 3][corner % 3] = *known.entry((v, *side)).or_insert_with(|| {
             let copy = (positions.len() + out.copies.len()) as u32;

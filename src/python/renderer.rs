@@ -179,6 +179,9 @@ pub struct Frame {
     inner: Lock<Own<render::Frame>>,
 }
 
+/// Counts by name.
+type RawCounts = Vec<(&'static str, u64)>;
+
 /// One stage: name, pass, received, what of, passed, what of, milliseconds.
 type RawStage = (&'static str, u8, u64, &'static str, u64, &'static str, f64);
 
@@ -326,7 +329,7 @@ impl Frame {
     }
 
     /// What streaming did for the frame, by name, and the largest error, pixels, of what stood in for something finer.
-    fn stream(&self, py: Python<'_>) -> PyResult<Option<(Vec<(&'static str, u64)>, f32)>> {
+    fn stream(&self, py: Python<'_>) -> PyResult<Option<(RawCounts, f32)>> {
         self.look(py, |frame| {
             let stream = frame.stats.stream.as_ref()?;
             let counts = vec![
@@ -345,7 +348,7 @@ impl Frame {
     }
 
     /// The frame's totals by name, its time, and which rasterizers drew it.
-    fn totals(&self, py: Python<'_>) -> PyResult<(Vec<(&'static str, u64)>, f64, &'static str)> {
+    fn totals(&self, py: Python<'_>) -> PyResult<(RawCounts, f64, &'static str)> {
         self.look(py, |frame| {
             let stats = &frame.stats;
             let totals = vec![
