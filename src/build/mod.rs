@@ -38,7 +38,7 @@ pub use check::{CheckReport, check};
 
 /// Told how far a build is; may stop it. Called from worker threads, a few hundred times per build.
 pub trait Progress: Sync {
-    /// `done` of `total` units of work. Returning false cancels: the build ends with [`Error::Cancelled`].
+    /// `done` of `total` units of work. Returning false cancels: the build ends with [`crate::Error::Cancelled`].
     fn update(&self, done: u64, total: u64) -> bool;
 }
 
