@@ -76,7 +76,7 @@ def load(path: Path) -> Arrays:
                 parts.append((points, faces[:, ::-1] if np.linalg.det(pose[:3, :3]) < 0 else faces))
         vertices, faces = merged(parts)
     else:
-        source = nrs.io.from_trimesh(nrs.io.load(path))
+        source = nrs.io.from_file(path)
         vertices, faces = source.vertices, source.faces
     return np.asarray(vertices, np.float32), faces
 

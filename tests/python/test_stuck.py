@@ -110,9 +110,9 @@ FILES = [p for folder in FOLDERS for p in data.folder_models(folder)]
 def test_real_meshes_have_a_root_and_stay_closed(path, quality: str) -> None:
     if any(name in path.parts for name in REFUSED):
         with pytest.raises(nrs.NaniteError):
-            nrs.io.load(path)
+            nrs.io.from_file(path)
         return
-    arrays = nrs.io.from_trimesh(nrs.io.load(path)).arrays()
+    arrays = nrs.io.from_file(path).arrays()
     options = nrs.BuildOptions(quality=quality, error="quadric")
     mesh = nrs.NaniteMesh.from_arrays(**arrays, options=options, progress=False)
     check_root(mesh)

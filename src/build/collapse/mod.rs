@@ -305,6 +305,8 @@ struct Collapser {
     /// What hangs together, and in which order it may go.
     parts: Parts,
     part_queue: Queue,
+    /// Rings along which the surface was cut: their points, and the copies of these.
+    rings: Vec<[[u32; 3]; 2]>,
     /// The vertex that each further one is a copy of, and how many there were.
     copies: Vec<u32>,
     vertices: usize,
@@ -414,6 +416,7 @@ impl Collapser {
             rank: ranks(mesh, &point_of, places.len()),
             parts: if policy.cuts { Parts::of(&surface) } else { Parts::default() },
             part_queue: Queue::default(),
+            rings: Vec::new(),
             copies,
             trace: Vec::new(),
             vertices: mesh.positions.len(),
@@ -913,6 +916,7 @@ impl Collapser {
             (self.vertices + self.copies.len()) as u32 - 1
         });
         self.surface.cut_ring(ring, new, named);
+        self.rings.push([ring.points, new]);
         self.forms.add_faces(self.surface.faces.len());
         let edges = self.surface.edges.len();
         self.entries.resize(edges, Entry::default());
@@ -982,8 +986,40 @@ impl Collapser {
         }
     }
 
+    /// Joins again what was cut along a ring and has not moved since: the faces that close both sides lie in one place, and
+    /// edges there would have four of them.
+    fn rejoin(&mut self) {
+        for [old, new] in std::mem::take(&mut self.rings) {
+            let face = |points: [u32; 3]| {
+                let mut around = self.surface.around(points[0]).map(|(f, _)| f);
+                around.find(|f| points.iter().all(|p| self.surface.faces[*f].points.contains(p)))
+            };
+            let (Some(front), Some(back)) = (face(old), face(new)) else { continue };
+            let name = |f: usize, point: u32| {
+                let face = &self.surface.faces[f];
+                (0..3).find(|k| face.points[*k] == point).map(|k| face.wedges[k])
+            };
+            let row = |w: u32| &self.rows[w as usize * self.stride..][..self.stride];
+            let names: [Option<u32>; 3] = std::array::from_fn(|i| {
+                let (w, copy) = (name(front, old[i])?, name(back, new[i])?);
+                let is_copy = |(f, k): (usize, usize)| self.surface.faces[f].wedges[k] == copy;
+                let same = self.places[old[i] as usize] == self.places[new[i] as usize]
+                    && self.origin(copy) == self.origin(w)
+                    && row(copy) == row(w);
+                (same && self.surface.around(new[i]).all(is_copy)).then_some(w)
+            });
+            let [Some(a), Some(b), Some(c)] = names else { continue };
+            self.surface.remove_face(front);
+            self.surface.remove_face(back);
+            for (point, name) in new.into_iter().zip([a, b, c]) {
+                self.surface.name(point, name);
+            }
+        }
+    }
+
     /// The mesh as it is now.
-    fn finish(self, mesh: &LocalMesh) -> LocalMesh {
+    fn finish(mut self, mesh: &LocalMesh) -> LocalMesh {
+        self.rejoin();
         let mut out = LocalMesh { attributes: Vec::new(), ..mesh.with_copies(&self.copies) };
         out.indices = Vec::with_capacity(3 * self.surface.alive);
         // Copies at one point, which may have several wedges, are told by the first of them.

@@ -687,6 +687,13 @@ impl Surface {
         self.positions.len() as u32 - 1
     }
 
+    /// Gives all corners at a point one wedge.
+    pub fn name(&mut self, point: u32, wedge: u32) {
+        for corner in self.corners_at(point) {
+            self.faces[corner / 3].wedges[corner % 3] = wedge;
+        }
+    }
+
     /// Takes a face away, with what hangs on it; its edges stay numbered and may have no faces left.
     pub fn remove_face(&mut self, face: usize) {
         let points = self.faces[face].points;

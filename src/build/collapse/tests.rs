@@ -284,6 +284,27 @@ fn faces_of_edges(mesh: &LocalMesh) -> Vec<u32> {
     edges.into_values().collect()
 }
 
+/// The same, by where vertices are.
+fn faces_of_edges_by_place(mesh: &LocalMesh) -> Vec<u32> {
+    let mut names = BTreeMap::new();
+    let mut name = |v: &u32| {
+        let next = names.len() as u32;
+        *names.entry(mesh.positions[*v as usize].map(|x| (x + 0.0).to_bits())).or_insert(next)
+    };
+    let indices = mesh.indices.iter().map(&mut name).collect();
+    faces_of_edges(&LocalMesh { indices, ..mesh.clone() })
+}
+
+#[test]
+fn rings_that_were_cut_last_are_joined_again() {
+    let (positions, faces) = torus(40, 20, [0.0; 3], 1.0);
+    let ring = mesh(&positions, &faces);
+    for target in 4..200 {
+        let (out, _) = run_with_cuts(&ring, target);
+        assert!(faces_of_edges_by_place(&out).iter().all(|faces| *faces == 2), "{target}");
+    }
+}
+
 #[test]
 fn handles_are_cut_where_nothing_else_is_left() {
     let (positions, faces) = torus(40, 20, [0.0; 3], 1.0);
