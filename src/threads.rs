@@ -22,6 +22,8 @@ pub const COUNT_VARIABLES: [&str; 2] = ["NANITE_NUM_THREADS", "RAYON_NUM_THREADS
 
 /// Stack of each thread: METIS and deep trees of joins.
 const STACK_BYTES: usize = 16 << 20;
+/// Threads of a call, at most.
+const MOST_THREADS: usize = 1024;
 /// Pools that wait for a call, at most.
 const MOST_IDLE: usize = 4;
 /// How long a lock may be held by those who are just looking at it first.
@@ -112,7 +114,7 @@ pub struct Crew(Option<ThreadPool>);
 impl Crew {
     /// So many threads, or [`count`] of them for 0.
     pub fn new(threads: usize) -> Result<Self> {
-        let threads = if threads == 0 { count() } else { threads };
+        let threads = if threads == 0 { count() } else { threads }.min(MOST_THREADS);
         let mut idle = idle();
         if let Some(at) = idle.iter().position(|pool| pool.current_num_threads() == threads) {
             return Ok(Self(Some(idle.swap_remove(at))));

@@ -48,6 +48,8 @@ class Document:
         try:
             content = json.loads(data)
         except (ValueError, RecursionError) as error:
+            if data.lstrip()[:1] != b"{":
+                self.fail(f"it is no glTF: it begins with {data[:8]!r}" if data else "it is empty")
             self.fail(f"its JSON is damaged: {error}")
         if not isinstance(content, dict):
             self.fail("its JSON is no object")

@@ -6,6 +6,7 @@ Ranges are those that Rust refuses by: tests hold both together.
 from __future__ import annotations
 
 import math
+import os
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -56,6 +57,10 @@ def unit(value: Any, name: str) -> float:
     return float(value)
 
 
+MOST_THREADS = 1024
+"""Of a call: what is more has no cores to run on, and takes the system minutes to make."""
+
+
 def whole(value: Any, name: str, least: int, most: int | None = None) -> int:
     """Return a whole number from one to another."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
@@ -99,3 +104,22 @@ def bright(value: Color, name: str) -> Rgb:
     if _advice.is_of_bytes(found):
         _advice.warn(f"{name}: {found} looks like 0 to 255; colours are 0 to 1: divide by 255", UsageWarning)
     return found
+
+
+def path_of(value: object, name: str = "path") -> str:
+    """Return a path as a string.
+
+    Raises
+    ------
+    DtypeError
+        It is no path.
+    """
+    if isinstance(value, str | bytes | os.PathLike):
+        try:
+            path = os.fsdecode(value)
+        except (TypeError, ValueError) as error:
+            raise DtypeError(f"{name}: {error}") from None
+        if not path:
+            raise ArgumentError(f"{name}: the name is empty")
+        return path
+    raise DtypeError(f"{name}: expected a path, not {_advice.name_of_type(value)}")

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, Final
 from nanite_rs.exceptions import ArgumentError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
     from nanite_rs import _core
 
-_ALWAYS: Final = ("color", "depth", "normal", "instance_id", "cluster_id", "triangle_id")
+_ALWAYS: Final = ("color", "rgba", "depth", "normal", "instance_id", "cluster_id", "triangle_id")
 """What goes along whether it was looked at or not."""
 
 _ARRAYS: Final = (
@@ -25,14 +25,15 @@ _ARRAYS: Final = (
     "emissive",
     "face_id",
     "overdraw",
-    "rgba",
 )
 
 
-def kept(core: _core.Frame | KeptFrame, made: dict[str, Any], *, depth_only: bool) -> KeptFrame:
-    """Keep of a frame what is always kept, and the arrays that were ``made``."""
-    names = ("depth",) if depth_only else _ALWAYS
-    arrays = {name: made[name] if name in made else getattr(core, name)() for name in names}
+def kept(
+    core: _core.Frame | KeptFrame, made: dict[str, Any], asked_for: Iterable[str], *, depth_only: bool
+) -> KeptFrame:
+    """Keep of a frame what is always kept, what was ``made``, and what was asked for when it was rendered."""
+    names = ("depth",) if depth_only else (*_ALWAYS, *(name for name in asked_for if name in _ARRAYS))
+    arrays = {name: made[name] if name in made else getattr(core, name)() for name in dict.fromkeys(names)}
     arrays |= {name: made[name] for name in _ARRAYS if name in made}
     return KeptFrame(arrays, core.size, core.stages(), core.stream(), core.totals())
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _advice
+from nanite_rs import _advice, _checks
 from nanite_rs._images import beside
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError
 from nanite_rs.frame import Frame
@@ -70,7 +70,7 @@ def save_animation(
     >>> Image.open("fading.gif").n_frames
     16
     """
-    name = os.fsdecode(path)
+    name = _checks.path_of(path)
     ending = os.path.splitext(name)[1].lower()
     if ending not in (".gif", ".webp", ".mp4"):
         raise FormatError(

@@ -144,6 +144,8 @@ class IntrinsicsCamera(Camera):
 
     skew: float = 0.0
     """How far right a place goes for each unit of tangent down, pixels: K[0, 1]."""
+    size: tuple[int, int] | None = None
+    """Width and height of its pictures, pixels; a renderer of others refuses it. ``None`` fits any."""
 
     @classmethod
     def from_opencv(
@@ -167,7 +169,7 @@ class IntrinsicsCamera(Camera):
         K : (3, 3) array
             ``[[fx, skew, cx], [0, fy, cy], [0, 0, 1]]``, pixels.
         width, height : int
-            Size of the pictures that it is of, pixels. A `Renderer` of another size needs a scaled matrix.
+            Size of the pictures that it is of, pixels. A `Renderer` of another size refuses it: scale the matrix.
         znear, zfar
             As in `IntrinsicsCamera`.
 
@@ -204,7 +206,7 @@ class IntrinsicsCamera(Camera):
                 UsageWarning,
             )
         fx, skew, fy = float(matrix[0, 0]), float(matrix[0, 1]), float(matrix[1, 1])
-        return cls(fx, fy, float(centre[0]), float(centre[1]), znear, zfar, skew)
+        return cls(fx, fy, float(centre[0]), float(centre[1]), znear, zfar, skew, sides)
 
     def _parameters(self) -> tuple[str, list[float]]:
         numbers = (self.fx, self.fy, self.cx, self.cy, self.skew)
@@ -364,6 +366,8 @@ def pose_from_opencv(
         raise _advice.advised(ArgumentError("R: is no rotation"), _advice.for_pose(from_world)) from None
     u, _, vt = np.linalg.svd(rotation)
     turned = (u @ vt).T
+    if np.linalg.det(turned) < 0.0:
+        raise ArgumentError("R: it mirrors; a rotation has a determinant of 1, not -1")
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turned @ np.diag([1.0, -1.0, -1.0]), -turned @ place
     return pose

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _advice, _exchange, _export, _face_data, io
+from nanite_rs import _advice, _checks, _exchange, _export, _face_data, io
 from nanite_rs._channels import CutChannels
 
 if TYPE_CHECKING:
@@ -233,7 +233,7 @@ class Cut(_advice.Teaching):
         >>> nrs.NaniteMesh.from_file("ball.glb").materials == (clay,)
         True
         """
-        _export.export(self, io.path_of(path))
+        _export.export(self, _checks.path_of(path))
 
     def to_pyvista(self) -> Any:
         """Convert to a `pyvista.PolyData` with normals, colours, the first UV set, channels and face data.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
@@ -14,6 +13,7 @@ from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError, UsageW
 from nanite_rs.stats import FrameStats, StageStats, StreamStats
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
@@ -69,8 +69,8 @@ class Frame(_advice.Teaching):
 
     All arrays are owned, contiguous and writable; each is made once and then kept. A frame does not follow later
     edits of the scene. One rendered with ``depth_only=True`` has `depth` and `stats`; all else raises
-    `ArgumentError`. Pickled it keeps `color`, `depth`, `normal`, the ids, `stats`, and what was looked at before;
-    all else raises `ArgumentError` then.
+    `ArgumentError`. Pickled it keeps `color`, `rgba`, `depth`, `normal`, the ids, `stats`, what ``outputs=`` named,
+    and what was looked at before; all else raises `ArgumentError` then.
 
     Examples
     --------
@@ -80,10 +80,17 @@ class Frame(_advice.Teaching):
     True
     """
 
-    def __init__(self, core: _core.Frame | _kept.KeptFrame, made: dict[str, Any], unlit: str = "") -> None:
+    def __init__(
+        self,
+        core: _core.Frame | _kept.KeptFrame,
+        made: dict[str, Any],
+        unlit: str = "",
+        asked_for: tuple[str, ...] = (),
+    ) -> None:
         self._frame = core
         self._made = made
         self._unlit = unlit
+        self._asked_for = asked_for
 
     @cached_property
     def color(self) -> NDArray[np.uint8]:
@@ -237,9 +244,10 @@ class Frame(_advice.Teaching):
         return self._with(vars(self) | own)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle color, depth, normal, the ids, the statistics, and what else was looked at before."""
-        core = _kept.kept(self._frame, vars(self), depth_only=self._made["depth_only"])
-        return Frame, (core, self._made, self._unlit)
+        """Pickle color, depth, normal, the ids, the statistics, what was asked for and what was looked at."""
+        depth_only = self._made["depth_only"]
+        core = _kept.kept(self._frame, vars(self), self._asked_for, depth_only=depth_only)
+        return Frame, (core, self._made, self._unlit, self._asked_for)
 
     def _with(self, state: dict[str, Any]) -> Frame:
         other = object.__new__(type(self))
@@ -350,7 +358,7 @@ class Frame(_advice.Teaching):
         """
         if bits not in (8, 16):
             raise ArgumentError(f"bits: must be 8 or 16, not {bits!r}")
-        name = os.fsdecode(path)
+        name = _checks.path_of(path)
         if _images.suffix(name) == ".png":
             if outputs is not None:
                 raise ArgumentError("outputs: a .png holds one picture, see view; arrays take an .exr")
@@ -412,7 +420,7 @@ class Frame(_advice.Teaching):
         unit = _checks.number(unit, "unit")
         if not 0.0 < unit < float("inf"):
             raise ArgumentError(f"unit: must be positive and finite, not {unit}")
-        name = os.fsdecode(path)
+        name = _checks.path_of(path)
         if _images.suffix(name) != ".png":
             raise FormatError(
                 f'{name}: depth is saved as .png; frame.save(path, outputs=["depth"]) writes .exr'

@@ -7,6 +7,7 @@ import os
 import zlib
 from dataclasses import dataclass, field, replace
 from importlib import import_module
+from io import TextIOBase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from nanite_rs import _advice, _face_data
 from nanite_rs._asset import as_labels, has_area
+from nanite_rs._checks import path_of
 from nanite_rs._images import read_bytes
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, MeshError
 from nanite_rs.material import Material
@@ -93,22 +95,6 @@ class Source:
 
 
 # --------------------------------------------------------------------------------------------------- files
-
-
-def path_of(value: object, name: str = "path") -> str:
-    """Return a path as a string.
-
-    Raises
-    ------
-    DtypeError
-        It is no path.
-    """
-    if isinstance(value, str | bytes | os.PathLike):
-        try:
-            return os.fsdecode(value)
-        except (TypeError, ValueError) as error:
-            raise DtypeError(f"{name}: {error}") from None
-    raise DtypeError(f"{name}: expected a path, not {_advice.name_of_type(value)}")
 
 
 def ending(path: Path) -> tuple[str, bool]:
@@ -201,6 +187,8 @@ def given_file(source: object, format: str | None = None, name: str = "path") ->
 
 def _read(source: Any, name: str) -> tuple[bytes, Path | None]:
     """Read an open file to its end."""
+    if isinstance(source, TextIOBase):
+        raise DtypeError(f"{name}: it is open as text; open the file with mode 'rb'")
     try:
         content = source.read()
     except OSError as error:

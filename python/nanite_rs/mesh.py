@@ -19,14 +19,14 @@ from nanite_rs._progress import Progress, reporter
 from nanite_rs.camera import Camera
 from nanite_rs.cut import Cut
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, UsageWarning
-from nanite_rs.material import raw_materials, several
+from nanite_rs.material import Material, default_material, raw_materials, several
 from nanite_rs.report import BuildReport, CheckReport
 
 if TYPE_CHECKING:
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
-    from nanite_rs.material import Look, Material
+    from nanite_rs.material import Look
 
 __all__ = ["BuildOptions", "NaniteMesh"]
 
@@ -101,7 +101,7 @@ class BuildOptions:
             "cluster_triangles": (16, 128),
             "cluster_vertices": (32, 255),
             "group_clusters": (4, 24),
-            "threads": (0,),
+            "threads": (0, _checks.MOST_THREADS),
         }
         checked: dict[str, Any] = {n: _checks.whole(getattr(self, n), n, *of) for n, of in limits.items()}
         for name, alias in get_type_hints(type(self)).items():
@@ -667,7 +667,7 @@ class NaniteMesh(_advice.Teaching):
             The file is damaged, of another version, or something else. A page or channel that is damaged raises
             this when it is needed; a renderer that streams draws coarser clusters instead.
         """
-        path = io.path_of(path)
+        path = _checks.path_of(path)
         try:
             return cls._wrap(CoreMesh.open(path))
         except FormatError as error:
@@ -730,7 +730,7 @@ class NaniteMesh(_advice.Teaching):
         >>> 0.0 < small.cut(error=0.0).error == small.info["rounding"] < small.info["precision"]
         True
         """
-        path = io.path_of(path)
+        path = _checks.path_of(path)
         ending = os.path.splitext(path)[1].lower()
         if ending in _OTHERS:
             raise FormatError(
@@ -746,7 +746,7 @@ class NaniteMesh(_advice.Teaching):
                 'for them; give precision="exact", or a smaller number',
                 UsageWarning,
             )
-        if self._materials:
+        if any(look not in (Material(), default_material(colored=True)) for look in self._materials):
             looks = "its look is" if len(self._materials) == 1 else f"its {len(self._materials)} looks are"
             _advice.warn(
                 f"{path}: .nanite files hold no materials: {looks} not in it; keep mesh.materials, for "
@@ -780,7 +780,7 @@ class NaniteMesh(_advice.Teaching):
         >>> info["faces"] == len(mesh), info["bytes"] == sum(info["parts"].values())
         (True, True)
         """
-        info = CoreMesh.file_info(io.path_of(path))
+        info = CoreMesh.file_info(_checks.path_of(path))
         return info | {"channels": [_face_data.plain(name) for name in info["channels"]]}
 
     # ----------------------------------------------------------------------------------------- cutting

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from nanite_rs import _advice, _checks, _core, _unseen
-from nanite_rs.camera import Camera
+from nanite_rs.camera import Camera, IntrinsicsCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError, NaniteError, UsageWarning
 from nanite_rs.frame import Frame
 from nanite_rs.scene import Scene
@@ -113,7 +113,7 @@ class Renderer(_advice.Teaching):
     ) -> None:
         self._size = _pixels(width, "width"), _pixels(height, "height")
         pool = _whole(pool_bytes, "pool_bytes", 1 << 63, "0 and 2^63")
-        count = _checks.whole(threads, "threads", 0)
+        count = _checks.whole(threads, "threads", 0, _checks.MOST_THREADS)
         self._settings = {"backend": backend, "streaming": streaming, "pool_bytes": pool, "threads": count}
         if not isinstance(backend, str):
             raise DtypeError(f'backend: expected "auto", "cpu" or "gpu", not {backend!r}')
@@ -387,6 +387,13 @@ class Renderer(_advice.Teaching):
             raise _no_scene(scene)
         if not isinstance(pixel_error, int | float | np.integer | np.floating):
             raise DtypeError(f"pixel_error: expected a number, not {type(pixel_error).__name__}")
+        for camera, _ in views:
+            size = camera.size if isinstance(camera, IntrinsicsCamera) else None
+            if size is not None and size != self._size:
+                raise ArgumentError(
+                    f"camera: it is of pictures of {size[0]} × {size[1]}, and this renderer makes {self.width} × "
+                    f"{self.height}: scale its numbers, or make a Renderer of its size"
+                )
         try:
             frames = self._core.render(
                 scene._core,
@@ -428,8 +435,14 @@ class Renderer(_advice.Teaching):
             "backend": self.backend,
         }
         unlit = _unlit(scene, str(shading))
+        asked_for = (outputs,) if isinstance(outputs, str) else tuple(outputs or ())
         return [
-            Frame(frame, _lens(camera) | {"pose": np.asarray(pose, np.float64).tolist()} | made, unlit)
+            Frame(
+                frame,
+                _lens(camera) | {"pose": np.asarray(pose, np.float64).tolist()} | made,
+                unlit,
+                asked_for,
+            )
             for frame, (camera, pose) in zip(frames, views, strict=True)
         ]
 
@@ -516,7 +529,7 @@ def _no_scene(found: object) -> DtypeError:
 def _lens(camera: Camera) -> dict[str, Any]:
     """Kind and parameters of a camera; those that are not given are left out."""
     kind, _ = camera._parameters()
-    return {"camera": kind, **{k: float(v) for k, v in vars(camera).items() if v is not None}}
+    return {"camera": kind, **{k: float(v) for k, v in vars(camera).items() if v is not None and k != "size"}}
 
 
 def _whole(value: Any, name: str, end: int, allowed: str) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from nanite_rs import _advice, _core
+from nanite_rs import _advice, _checks, _core
 from nanite_rs._images import JPEG, PNG, read_bytes, read_image
 from nanite_rs.exceptions import ArgumentError, DtypeError, UsageWarning
 
@@ -97,7 +97,8 @@ class Image:
         MissingFileError, FileError, FormatError, DependencyError
             Each names the file.
         """
-        return cls._read(read_bytes(path), os.fspath(path))
+        name = _checks.path_of(path)
+        return cls._read(read_bytes(name), name)
 
     @classmethod
     def _read(cls, data: bytes, name: str) -> Image:

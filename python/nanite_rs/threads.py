@@ -23,12 +23,12 @@ def set_num_threads(threads: int) -> None:
     Parameters
     ----------
     threads : int
-        At least 1; 0 leaves it to the environment again.
+        1 to 1024; 0 leaves it to the environment again.
 
     Raises
     ------
     ArgumentError, DtypeError
-        For a negative number, or something else.
+        For another number, or something else.
 
     Examples
     --------
@@ -37,7 +37,7 @@ def set_num_threads(threads: int) -> None:
     1
     >>> nrs.set_num_threads(0)
     """
-    _core.set_num_threads(_checks.whole(threads, "threads", 0))
+    _core.set_num_threads(_checks.whole(threads, "threads", 0, _checks.MOST_THREADS))
 
 
 def get_num_threads() -> int:

@@ -73,8 +73,10 @@ def test_nodes_that_are_gone_cannot_come_back() -> None:
 def test_frames_keep_their_arrays(way: str, renderer: nrs.Renderer, tmp_path) -> None:
     frame = renderer.render(made(), LENS, at(0, 0, 4))
     looked_at = frame.linear
+    asked_for = renderer.render(made(), LENS, at(0, 0, 4), outputs=["base_color", "orm"])
+    assert np.array_equal(WAYS[way](asked_for).orm, asked_for.orm)
     other = WAYS[way](frame)
-    for name in ("color", "depth", "normal", "instance_id", "cluster_id", "triangle_id", "linear"):
+    for name in ("color", "depth", "normal", "instance_id", "cluster_id", "triangle_id", "linear", "rgba"):
         assert np.array_equal(getattr(frame, name), getattr(other, name)), name
     assert (other.width, other.height, other.stats) == (frame.width, frame.height, frame.stats)
     assert other.metadata == frame.metadata

