@@ -18,7 +18,7 @@ from nanite_rs.exceptions import FormatError
 from nanite_rs.material import Material, default_material
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -68,9 +68,20 @@ class Piece:
 
     number: int
     """Face material."""
+    label: str
+    """What a file calls it."""
     material: Material
     used: NDArray[np.int64]
     faces: NDArray[np.int64]
+
+
+def labels(materials: Sequence[Material]) -> list[str]:
+    """Name materials as they are named, and apart: those without a name by their number."""
+    found: dict[str, None] = {}
+    for number, material in enumerate(materials):
+        own = material.name or f"material_{number}"
+        found[own if own not in found else f"{own}_{number}"] = None
+    return list(found) if len(found) == len(materials) else [f"material_{k}" for k in range(len(materials))]
 
 
 def pieces(cut: Cut) -> list[Piece]:
@@ -81,12 +92,14 @@ def pieces(cut: Cut) -> list[Piece]:
     if cut.materials:
         # The last stands for all numbers from there on, and for those below zero.
         rows = np.where((rows < 0) | (rows > last), last, rows)
+    names = labels(cut.materials)
     out = []
     for number in np.unique(rows).tolist():
         used, faces = np.unique(cut.faces[rows == number], return_inverse=True)
         colored = cut.colors is not None
         material = cut.materials[number] if cut.materials else default_material(colored=colored)
-        out.append(Piece(number, material, used, faces.reshape(-1, 3)))
+        label = names[number] if names else f"material_{number}"
+        out.append(Piece(number, label, material, used, faces.reshape(-1, 3)))
     return out
 
 
@@ -320,7 +333,7 @@ def _document(cut: Cut, notes: Notes) -> _Gltf:
             attributes[name] = out.accessor(values[piece.used])
         kind = np.uint16 if len(piece.used) < 65535 else np.uint32
         indices = out.accessor(piece.faces.reshape(-1).astype(kind), target=34963)
-        material = out.material(piece.material, f"material_{piece.number}")
+        material = out.material(piece.material, piece.label)
         primitives.append({"attributes": attributes, "indices": indices, "material": material})
     out.row("meshes", {"primitives": primitives})
     out.row("nodes", node)
@@ -389,6 +402,11 @@ def _numbers(values: NDArray[Any]) -> str:
     return "%.17g" if values.dtype == np.float64 else "%.9g"
 
 
+def _word(label: str) -> str:
+    """A name as OBJ and MTL can hold it: one word."""
+    return "_".join(label.split())
+
+
 def _obj(cut: Cut, path: str, notes: Notes) -> dict[str, bytes]:
     digits = _numbers(cut.vertices)
     text = [] if not cut.materials else [f"mtllib {Path(path).stem}.mtl\n"]
@@ -406,7 +424,7 @@ def _obj(cut: Cut, path: str, notes: Notes) -> dict[str, bytes]:
     split = pieces(cut)
     for piece in split:
         if cut.materials or len(split) > 1:
-            text.append(f"usemtl material_{piece.number}\n")
+            text.append(f"usemtl {_word(piece.label)}\n")
         corners = np.repeat(piece.used[piece.faces].reshape(-1) + 1, 3 if cut.uvs else 2)
         text.append(_lines(f"f {corner} {corner} {corner}\n", corners.reshape(len(piece.faces), -1)))
         if cut.materials:
@@ -422,7 +440,7 @@ def _obj(cut: Cut, path: str, notes: Notes) -> dict[str, bytes]:
 
 def _mtl(piece: Piece, path: str, files: dict[str, bytes], notes: Notes) -> str:
     """Write a material of an MTL file; its images go into ``files``."""
-    look, name = piece.material, f"material_{piece.number}"
+    look, name = piece.material, _word(piece.label)
     rough = max(look.roughness, 0.04)
     rows = [
         f"newmtl {name}",

@@ -325,6 +325,7 @@ class _Reader:
                 self._notes.add(extension, name)
         with named(document.name, f"material {name!r:.60}"):
             material = Material(
+                name=str(row.get("name") or ""),
                 base_color=color,
                 metallic=metallic,
                 roughness=roughness,

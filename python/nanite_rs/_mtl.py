@@ -140,6 +140,7 @@ class _Reader:
             painted = self._with_alpha(painted, clear)
         with named(self._name, f"material {self._label!r}"):
             return Material(
+                name=self._label,
                 base_color=(*np.clip(color, 0.0, 1.0), opacity),
                 metallic=0.0 if metallic is None else float(np.clip(metallic[0], 0.0, 1.0)),
                 roughness=float(np.clip(rough[0], 0.0, 1.0)),

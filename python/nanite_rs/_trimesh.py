@@ -200,6 +200,7 @@ class _Looks:
             glossiness = found.kwargs.get("Ns", found.kwargs.get("ns", 1.0))
         glossiness = max(float(np.ravel(np.asarray(glossiness, np.float64))[0]), 0.0)
         return Material(
+            name=str(found.name or ""),
             base_color=_color(found.diffuse, (0.8, 0.8, 0.8, 1.0)),
             metallic=0.0,
             roughness=float((2.0 / (glossiness + 2.0)) ** 0.25),
@@ -225,6 +226,7 @@ class _Looks:
             np.zeros(3) if found.emissiveFactor is None else np.asarray(found.emissiveFactor, np.float64)
         )
         return Material(
+            name=str(found.name or ""),
             base_color=_color(found.baseColorFactor, (1.0, 1.0, 1.0, 1.0)),
             metallic=factor(found.metallicFactor),
             roughness=factor(found.roughnessFactor),
@@ -368,7 +370,8 @@ def _textured(cut: Cut, notes: Notes) -> trimesh.visual.TextureVisuals:
             corners = np.column_stack([cut.uvs[first.uv_set][piece.used], np.ones(len(piece.used))])
             places = corners @ np.array(first._rows()).T
             uv[piece.used] = np.column_stack([places[:, 0], 1.0 - places[:, 1]])
-    looks = [_pbr(look, f"material_{k}", images, notes) for k, look in enumerate(cut.materials)]
+    named = zip(cut.materials, _export.labels(cut.materials), strict=True)
+    looks = [_pbr(look, label, images, notes) for look, label in named]
     if len(looks) == 1:
         return trimesh.visual.TextureVisuals(uv=uv, material=looks[0])
     numbers = np.zeros(len(cut.faces), np.int32) if cut.face_materials is None else cut.face_materials

@@ -228,6 +228,7 @@ def _material(primitive: pyrender.Primitive, lost: set[str]) -> Material:
     if len(textures) < sum(texture is not None for texture in found.values()):
         lost.add("textures of primitives without UVs")
     return Material(
+        name=str(material.name or ""),
         base_color=color,
         metallic=metallic,
         roughness=roughness,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -78,8 +78,12 @@ class Material:
     when such a material comes into a scene."""
     alpha_cutoff: float = 0.5
     """With ``"mask"``: where alpha is below it, there is a hole."""
+    name: str = field(default="", compare=False)
+    """What files and messages call it; nothing that is seen, so materials of other names may be equal."""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise DtypeError(f"name: expected a string, not {_advice.name_of_type(self.name)}")
         base = np.asarray(self.base_color, np.float64) if np.ndim(self.base_color) == 1 else None
         alpha = (float(base[3]),) if base is not None and base.shape == (4,) and base[3] != 1.0 else ()
         color = _checks.rgb(self.base_color, "base_color")

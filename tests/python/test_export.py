@@ -399,3 +399,23 @@ def test_cuts_of_real_files_look_the_same_again(tmp_path, path) -> None:
     if path[1] not in BEYOND_TRIMESH:
         assert pictures(cut, trimesh.load(tmp_path / "a.glb", process=False)) >= 40
         assert pictures(cut, cut.to_trimesh()) >= 40
+
+
+@pytest.mark.parametrize("ending", ["glb", "gltf", "obj"])
+def test_names_of_materials_are_kept(ending: str, tmp_path) -> None:
+    vertices, faces = nrs.shapes.icosphere(faces=320)
+    looks = [nrs.Material(name="bark"), nrs.Material(base_color=(1, 0, 0), name="bark"), nrs.Material()]
+    rows = np.arange(len(faces)) % 3
+    mesh = nrs.NaniteMesh.from_arrays(vertices, faces, face_materials=rows, materials=looks)
+    path = tmp_path / f"named.{ending}"
+    mesh.cut(error=0).export(path)
+    again = nrs.NaniteMesh.from_file(path)
+    assert {look.name for look in again.materials} <= {"bark", "bark_1", "material_2"}
+    assert len(again.materials) >= 2
+    loaded = trimesh.load(path)
+    parts = loaded.geometry.values() if isinstance(loaded, trimesh.Scene) else [loaded]
+    names = {part.visual.material.name for part in parts if getattr(part.visual.material, "name", None)}
+    assert {"bark", "bark_1", "material_2"} >= names
+    assert nrs.Material(name="a") == nrs.Material(name="b")
+    with pytest.raises(nrs.DtypeError, match=r"^name"):
+        nrs.Material(name=3)  # type: ignore[arg-type]
