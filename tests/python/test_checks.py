@@ -80,7 +80,7 @@ def test_choices_of_options(name) -> None:
 
 
 def test_threads_and_truths_of_options() -> None:
-    with pytest.raises(nrs.ArgumentError, match="threads: must be 0 or more, not -1"):
+    with pytest.raises(nrs.ArgumentError, match="threads: must be between 0 and 1024, not -1"):
         nrs.BuildOptions(threads=-1)
     for name in ("preserve_area", "face_ids"):
         assert getattr(nrs.BuildOptions(**{name: np.True_}), name) is True

@@ -43,7 +43,7 @@ BUILDING = {
     "threads below 0": (
         lambda: build(options=nrs.BuildOptions(threads=-1)),
         nrs.ArgumentError,
-        "threads: must be 0 or more, not -1",
+        "threads: must be between 0 and 1024, not -1",
     ),
     "vertices transposed": (lambda: build(V.T), nrs.ArgumentError, "vertices: .*transposed, give vertices.T"),
     "faces transposed": (lambda: build(V, F.T), nrs.ArgumentError, "faces: .*give faces.T"),

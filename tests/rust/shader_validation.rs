@@ -102,7 +102,7 @@ fn structs_lie_in_wgsl_as_in_rust() {
     let mut structs = vec![
         fields!(View: width, height, orthographic, near, far, far_key, tau, instances, zero, levels, history,
             group_words, pyramid, rotate, forward, lod_focal, low, lod_near, focal, center, inverse_focal, mirrored,
-            viewport, occluders, depth_only, lod_widest, two_phases),
+            viewport, occluders, depth_only, lod_widest, two_phases, skew, unused_a, unused_b, unused_c),
         fields!(Instance: screen, before, object_to_eye, center, lod_scale, extent, lod_focal, eye, near_key, first_node,
             first_group, first_page, group_words, double_sided, mirrored, masked, unused, rect),
         fields!(Node: center, first, extent, count, lod_sphere, max_parent_error, min_own_error, unused),
