@@ -293,7 +293,7 @@ fn shading_is_what_its_name_says() {
     };
     close(surface(Output::BaseColor), [0.5 * half, 0.4, 0.3]);
     close(surface(Output::ShadingNormal), [0.0, 0.0, 1.0]);
-    close(surface(Output::Orm), [0.6, 0.6, 0.0]);
+    close(surface(Output::Orm), [0.6, 0.8, 0.2]);
     close(surface(Output::Emissive), [0.0; 3]);
 }
 
