@@ -103,7 +103,7 @@ def summed(image, frame, at, metallic, roughness, parts=8):
 
 def test_a_sun_on_matt_surfaces(ball) -> None:
     """Of dielectrics at roughness 1 nearly all light is diffuse, which is looked up where it was summed up."""
-    frame = shoot(lit(ball, nrs.Environment(suns()), roughness=1.0))
+    frame = shoot(lit(ball, nrs.Environment(suns()), metallic=0.0, roughness=1.0))
     found = []
     for x, y in np.random.default_rng(3).integers(24, 104, (30, 2)):
         expected = summed(suns(), frame, (y, x), 0.0, 1.0)
