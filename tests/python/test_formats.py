@@ -507,7 +507,7 @@ def test_obj_errors_name_the_line(tmp_path) -> None:
 NAMES = {
     "blanks": (b"my file.mtl", b"my tex.png", "my file.mtl", "my tex.png"),
     "folders": (b"m.mtl", b"tex dir\\my tex.png", "m.mtl", "tex dir/my tex.png"),
-    "another machine": (b"C:\\Users\\a b\\m.mtl", b"/home/a b/my tex.png", "m.mtl", "my tex.png"),
+    "another machine": (b"C:\\Users\\a b\\m.mtl", b"/Volumes/a b/my tex.png", "m.mtl", "my tex.png"),
     "UTF-8": ("grün.mtl".encode(), "grønn.png".encode(), "grün.mtl", "grønn.png"),
     "Latin-1": ("grün.mtl".encode("latin-1"), "grønn.png".encode("latin-1"), "grün.mtl", "grønn.png"),
     "Latin-1 on the disk": ("grün.mtl".encode(), "grønn.png".encode(), "gr\udcfcn.mtl", "gr\udcf8nn.png"),
