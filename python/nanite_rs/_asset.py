@@ -21,20 +21,35 @@ if TYPE_CHECKING:
     from nanite_rs.io import Source
     from nanite_rs.light import DirectionalLight, PointLight, SpotLight
     from nanite_rs.material import Material
+    from nanite_rs.texture import Filter, Wrap
 
 # glTF's modes of primitives that are surfaces; they are OpenGL's.
 TRIANGLES: Final = 4
 STRIP: Final = 5
 FAN: Final = 6
 
-TEXTURES: Final = (
-    "base_color_texture",
-    "metallic_roughness_texture",
-    "normal_texture",
-    "occlusion_texture",
-    "emissive_texture",
-)
+GLTF_SLOTS: Final = {
+    "base_color_texture": "baseColorTexture",
+    "metallic_roughness_texture": "metallicRoughnessTexture",
+    "normal_texture": "normalTexture",
+    "occlusion_texture": "occlusionTexture",
+    "emissive_texture": "emissiveTexture",
+}
+"""What glTF and trimesh call the slots of a material."""
+TEXTURES: Final = tuple(GLTF_SLOTS)
 """The slots of a material."""
+
+# Numbers of OpenGL in samplers.
+WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33648: "mirror", 33071: "clamp"}
+MINIFICATION: Final[dict[tuple[Filter, Filter | None], int]] = {
+    ("nearest", None): 9728,
+    ("linear", None): 9729,
+    ("nearest", "nearest"): 9984,
+    ("linear", "nearest"): 9985,
+    ("nearest", "linear"): 9986,
+    ("linear", "linear"): 9987,
+}
+"""By the filter inside a level, and that between levels."""
 
 
 # Faces that are looked at together: the first of most meshes say enough.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _advice
-from nanite_rs._asset import TEXTURES, Notes
+from nanite_rs._asset import GLTF_SLOTS, MINIFICATION, TEXTURES, WRAPS, Notes
 from nanite_rs._images import PNG, beside
 from nanite_rs.exceptions import FormatError
 from nanite_rs.material import Material, default_material
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 COLORS: Final = ("base_color_texture", "emissive_texture")
 FINE_COLORS: Final = "COLOR_0"
 """The channel of colours that 8 bits are too few for."""
+
+_WRAP_NUMBERS: Final[dict[str, int]] = {wrap: number for number, wrap in WRAPS.items()}
 
 
 def export(cut: Cut, path: str) -> None:
@@ -218,7 +220,7 @@ class _Gltf:
 
         def info(slot: str, **more: Any) -> dict[str, Any]:
             texture = slots.get(slot)
-            return {} if texture is None else {NAMES[slot]: self._texture(texture, slot) | more}
+            return {} if texture is None else {GLTF_SLOTS[slot]: self._texture(texture, slot) | more}
 
         rough: dict[str, Any] = {
             "baseColorFactor": [*look.base_color, 1.0][:4],
@@ -259,9 +261,9 @@ class _Gltf:
             self.row("images", {"bufferView": self.view(data), "mimeType": kind}, key)
         sampler = {
             "magFilter": 9728 if texture.filter == "nearest" else 9729,
-            "minFilter": _MINIFICATION[texture.filter, texture.mipmaps],
-            "wrapS": _WRAPS[texture.wrap[0]],
-            "wrapT": _WRAPS[texture.wrap[1]],
+            "minFilter": MINIFICATION[texture.filter, texture.mipmaps],
+            "wrapS": _WRAP_NUMBERS[texture.wrap[0]],
+            "wrapT": _WRAP_NUMBERS[texture.wrap[1]],
         }
         fields = {
             "source": self._known["images", key],
@@ -285,24 +287,6 @@ class _Gltf:
             self.json["extensionsUsed"] = sorted(self._extensions)
         self.json["buffers"] = [{"byteLength": len(self.body), **buffer}]
         return json.dumps(self.json, separators=(",", ":"), allow_nan=False).encode()
-
-
-NAMES: Final = {
-    "base_color_texture": "baseColorTexture",
-    "metallic_roughness_texture": "metallicRoughnessTexture",
-    "normal_texture": "normalTexture",
-    "occlusion_texture": "occlusionTexture",
-    "emissive_texture": "emissiveTexture",
-}
-_WRAPS: Final = {"repeat": 10497, "mirror": 33648, "clamp": 33071}
-_MINIFICATION: Final = {
-    ("nearest", None): 9728,
-    ("linear", None): 9729,
-    ("nearest", "nearest"): 9984,
-    ("linear", "nearest"): 9985,
-    ("nearest", "linear"): 9986,
-    ("linear", "linear"): 9987,
-}
 
 
 def _document(cut: Cut, notes: Notes) -> _Gltf:

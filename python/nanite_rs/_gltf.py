@@ -15,7 +15,19 @@ import numpy as np
 
 from nanite_rs import _advice
 from nanite_rs._accessors import Document
-from nanite_rs._asset import Asset, Notes, Part, as_labels, fitted, has_area, named, rigid, triangles
+from nanite_rs._asset import (
+    MINIFICATION,
+    WRAPS,
+    Asset,
+    Notes,
+    Part,
+    as_labels,
+    fitted,
+    has_area,
+    named,
+    rigid,
+    triangles,
+)
 from nanite_rs.camera import Camera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, FileError, FormatError, NaniteError
 from nanite_rs.io import Source
@@ -29,7 +41,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from nanite_rs.texture import Filter, Wrap
+    from nanite_rs.texture import Filter
 
 # Extensions that a file may require: those that are read, and those that only refine a look.
 _KNOWN: Final = (
@@ -51,16 +63,8 @@ _LOOKS: Final = "KHR_materials_"
 _SAID_BY: Final = ("EXT_mesh_features",)
 _READ_LOOKS: Final = ("unlit", "emissive_strength", "pbrSpecularGlossiness", "variants")
 
-_WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33648: "mirror", 33071: "clamp"}
-_NEAREST: Final = (9728, 9984, 9986)
-_MIPMAPS: Final[dict[int, Filter | None]] = {
-    9728: None,
-    9729: None,
-    9984: "nearest",
-    9985: "nearest",
-    9986: "linear",
-    9987: "linear",
-}
+_NEAREST: Final = [number for (own, _), number in MINIFICATION.items() if own == "nearest"]
+_MIPMAPS: Final[dict[int, Filter | None]] = {number: levels for (_, levels), number in MINIFICATION.items()}
 
 # Where a texture has its image, in the order in which they are tried.
 _IMAGES: Final = ("EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds", "KHR_texture_basisu")
@@ -395,8 +399,8 @@ class _Reader:
         for what, value, known in (
             ("minFilter", least, _MIPMAPS),
             ("magFilter", most, (9728, 9729)),
-            ("wrapS", sampler.get("wrapS", 10497), _WRAPS),
-            ("wrapT", sampler.get("wrapT", 10497), _WRAPS),
+            ("wrapS", sampler.get("wrapS", 10497), WRAPS),
+            ("wrapT", sampler.get("wrapT", 10497), WRAPS),
         ):
             if value is not None and value not in known:
                 document.fail(f"samplers[{row['sampler']}]: {what} {value!r:.40} is unknown")
@@ -405,7 +409,7 @@ class _Reader:
         return Texture(
             image,
             uv_set=sets,
-            wrap=(_WRAPS[sampler.get("wrapS", 10497)], _WRAPS[sampler.get("wrapT", 10497)]),
+            wrap=(WRAPS[sampler.get("wrapS", 10497)], WRAPS[sampler.get("wrapT", 10497)]),
             filter="nearest" if near == 9728 else "linear",
             mipmaps="linear" if least is None else _MIPMAPS[least],
             offset=tuple(document.numbers(moved, "offset", (0.0, 0.0)).tolist()),

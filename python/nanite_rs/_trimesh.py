@@ -12,7 +12,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from nanite_rs import _advice, _export
-from nanite_rs._asset import Asset, Notes, Part, as_labels, fitted, has_area, named, rigid
+from nanite_rs._asset import GLTF_SLOTS, Asset, Notes, Part, as_labels, fitted, has_area, named, rigid
 from nanite_rs._images import from_pillow
 from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.exceptions import FileError, FormatError, MeshError, NaniteError
@@ -213,14 +213,7 @@ class _Looks:
 
         mode = str(found.alphaMode or "OPAQUE").lower()
         textures: dict[str, Any] = {
-            slot: self._texture(getattr(found, key, None), name)
-            for slot, key in (
-                ("base_color_texture", "baseColorTexture"),
-                ("metallic_roughness_texture", "metallicRoughnessTexture"),
-                ("normal_texture", "normalTexture"),
-                ("occlusion_texture", "occlusionTexture"),
-                ("emissive_texture", "emissiveTexture"),
-            )
+            slot: self._texture(getattr(found, key, None), name) for slot, key in GLTF_SLOTS.items()
         }
         emissive = (
             np.zeros(3) if found.emissiveFactor is None else np.asarray(found.emissiveFactor, np.float64)
@@ -401,7 +394,7 @@ def _pbr(look: Material, name: str, images: dict[tuple[int, bool], PIL.Image.Ima
                 notes.add("pixels beyond 8 bits", name)
                 pixels = np.rint(pixels / 257.0).astype(np.uint8)
             images[key] = Pillow.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
-        slots[_export.NAMES[slot]] = images[key]
+        slots[GLTF_SLOTS[slot]] = images[key]
     if max(look.emissive) > 1.0:
         notes.add("light given off beyond 1", name)
     if (look.normal_scale, look.occlusion_strength) != (1.0, 1.0):
