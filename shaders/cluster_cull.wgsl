@@ -70,7 +70,7 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
     }
     atomicOr(&drawn_bits[group], bit);
     // A patch of n triangles has some sqrt(n / 2) edges across.
-    let edge = f32(place.span) / max(sqrt(f32(detail.triangles) * 0.5), 1.0);
+    let edge = quotient(f32(place.span), max(root(f32(detail.triangles) * 0.5), 1.0));
     if material_bit(instances[instance].masked, detail.material) {
         atomicOr(&clipped_bits[group], bit);
         atomicAdd(&triangles_large, detail.triangles);

@@ -93,7 +93,7 @@ fn value_of_large(pixel: vec2<i32>, a: vec2<i32>, b: vec2<i32>, c: vec2<i32>, v:
     // The three weights make up the area.
     let of_c = wide_add(area, wide_negate(wide_add(of_a, of_b)));
     let weights = vec3<f32>(wide_nearest(of_a), wide_nearest(of_b), wide_nearest(of_c));
-    return mean(weights, v, 1.0 / wide_nearest(area));
+    return mean(weights, v, quotient(1.0, wide_nearest(area)));
 }
 
 @fragment

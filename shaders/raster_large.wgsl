@@ -194,7 +194,7 @@ fn fill(p: Piece, row: i32, low: u32) {
     if span.x > span.y {
         return;
     }
-    let inverse = 1.0 / wide_nearest(p.area);
+    let inverse = quotient(1.0, wide_nearest(p.area));
     var at0 = at_column(e0, span.x);
     var at1 = at_column(e1, span.x);
     var at2 = at_column(e2, span.x);

@@ -14,10 +14,14 @@ fn reflect_light(bsdf: Bsdf, diffuse: vec3<f32>, f0: vec3<f32>, v: vec3<f32>, l:
     let r = bsdf.roughness;
     let alpha2 = (r * r) * (r * r);
     let h = unit(l + v);
-    let nh = between(dot3(n, h), 0.0, 1.0);
+    let cosine = dot3(n, h);
+    let nh = between(cosine, 0.0, 1.0);
+    let side = cross3(n, h);
     let m = -(between(dot3(v, h), 0.0, 1.0) - 1.0);
     let schlick = m * m * m * m * m;
-    let d = nh * nh * (alpha2 - 1.0) + 1.0;
+    // 1 - (n h)² is the square of |n × h|, which has no digits to lose where highlights are sharpest (Guy and Agopian,
+    // "Physically Based Rendering in Filament").
+    let d = select(dot3(side, side), 1.0, cosine < 0.0) + nh * nh * alpha2;
     var nl: f32;
     var gloss: f32;
     if lighting.shading == SHADING_GLTF {

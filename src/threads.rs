@@ -71,7 +71,8 @@ impl<T: Default + Sync> PerProcess<T> {
     }
 }
 
-/// What is computed once. Two threads may both compute it; none waits for another, which might not be there.
+/// What is computed once. Two threads may both compute it; none waits for another, which might not be there in a forked
+/// process, or be this one: a thread that waits for its part of a sum may take work that asks for the same.
 pub fn once<T>(cell: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
     match cell.get() {
         Some(value) => value,
@@ -269,7 +270,21 @@ impl<T> Drop for Own<T> {
 
 #[cfg(test)]
 mod tests {
+    use rayon::prelude::*;
+
     use super::*;
+
+    #[test]
+    fn what_many_threads_make_may_be_asked_for_by_all_of_them() {
+        // With a lock around it, a thread that waits for its part of the sum takes work that waits for the lock.
+        for _ in 0..50 {
+            let made = OnceLock::new();
+            let sum = || (0..20_000u64).into_par_iter().map(|n| n % 7).sum::<u64>();
+            let ask = |_| *once(&made, sum);
+            let found = install(2, || (0..64).into_par_iter().map(ask).collect::<Vec<_>>()).unwrap();
+            assert!(found.iter().all(|sum| *sum == found[0]));
+        }
+    }
 
     #[test]
     fn calls_have_as_many_threads_as_they_ask_for_and_each_its_own() {

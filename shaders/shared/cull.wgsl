@@ -1,4 +1,4 @@
-// Where boxes lie on the screen: src/cpu/project.rs, operation for operation.
+// Where boxes lie on the screen: src/cpu/project.rs, operation for operation. Needs exact.wgsl.
 
 struct Footprint {
     // Some of it may be on the picture.
@@ -24,25 +24,22 @@ fn depth_key(value: f32) -> u32 {
 // Sums are written out, so that their order is known.
 fn homogeneous(rows: array<vec4<f32>, 3>, p: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(
-        rows[0].x * p.x + rows[0].y * p.y + rows[0].z * p.z + rows[0].w,
-        rows[1].x * p.x + rows[1].y * p.y + rows[1].z * p.z + rows[1].w,
-        rows[2].x * p.x + rows[2].y * p.y + rows[2].z * p.z + rows[2].w,
+        inner(rows[0].xyz, p) + rows[0].w,
+        inner(rows[1].xyz, p) + rows[1].w,
+        inner(rows[2].xyz, p) + rows[2].w,
     );
 }
 
 fn reach(row: vec4<f32>, extent: vec3<f32>) -> f32 {
-    let h = abs(row);
-    return h.x * extent.x + h.y * extent.y + h.z * extent.z;
+    return inner(abs(row.xyz), extent);
 }
 
 fn slack(row: vec4<f32>, center: vec3<f32>, extent: vec3<f32>) -> f32 {
-    let h = abs(row);
-    let c = abs(center);
-    return FOOTPRINT_ROUNDING * (h.x * c.x + h.y * c.y + h.z * c.z + reach(row, extent) + h.w);
+    return times(FOOTPRINT_ROUNDING, inner(abs(row.xyz), abs(center)) + reach(row, extent) + abs(row.w));
 }
 
 fn plane_misses(p: vec4<f32>, center: vec3<f32>, extent: vec3<f32>, error: f32) -> bool {
-    let at = p.x * center.x + p.y * center.y + p.z * center.z + p.w;
+    let at = inner(p.xyz, center) + p.w;
     return at + reach(p, extent) + error < 0.0;
 }
 
@@ -62,9 +59,9 @@ fn footprint(rows: array<vec4<f32>, 3>, center: vec3<f32>, extent: vec3<f32>) ->
     if !(nearest > view.near && slack2 < 1.0e-3 * nearest) {
         // It reaches the near plane: test the half spaces.
         for (var k = 0u; k < 2u; k++) {
-            let error = select(slack0, slack1, k == 1u) + slack2 * (size[k] + 1.0);
-            let low = select(1.0 * rows[2], vec4<f32>(0.0, 0.0, 0.0, 1.0), parallel);
-            let high = select((size[k] + 1.0) * rows[2], vec4<f32>(0.0, 0.0, 0.0, size[k] + 1.0), parallel);
+            let error = select(slack0, slack1, k == 1u) + times(slack2, size[k] + 1.0);
+            let low = select(rows[2], vec4<f32>(0.0, 0.0, 0.0, 1.0), parallel);
+            let high = select(scaled(rows[2], size[k] + 1.0), vec4<f32>(0.0, 0.0, 0.0, size[k] + 1.0), parallel);
             if plane_misses(rows[k] + low, center, extent, error)
                 || plane_misses(-rows[k] + high, center, extent, error) {
                 return UNSEEN;
@@ -73,10 +70,10 @@ fn footprint(rows: array<vec4<f32>, 3>, center: vec3<f32>, extent: vec3<f32>) ->
         let whole = vec4<u32>(0u, 0u, view.width - 1u, view.height - 1u);
         return Footprint(true, true, UNKNOWN_SPAN, whole, NO_KEY);
     }
-    let scale = select(1.0 / nearest, 1.0, parallel);
-    let edge_x = rows[0].xyz * extent;
-    let edge_y = rows[1].xyz * extent;
-    let deep = rows[2].xyz * extent;
+    let scale = select(quotient(1.0, nearest), 1.0, parallel);
+    let edge_x = times3(rows[0].xyz, extent);
+    let edge_y = times3(rows[1].xyz, extent);
+    let deep = times3(rows[2].xyz, extent);
     var low = vec2<f32>(3.0e38);
     var high = vec2<f32>(-3.0e38);
     for (var corner = 0u; corner < 8u; corner++) {
@@ -87,14 +84,14 @@ fn footprint(rows: array<vec4<f32>, 3>, center: vec3<f32>, extent: vec3<f32>) ->
         var at = vec2<f32>(c.x + ex.x + ex.y + ex.z, c.y + ey.x + ey.y + ey.z);
         let d = c.z + ed.x + ed.y + ed.z;
         if !parallel {
-            at = vec2<f32>(at.x / d, at.y / d);
+            at = vec2<f32>(quotient(at.x, d), quotient(at.y, d));
         }
         low = min(low, at);
         high = max(high, at);
     }
     let widest = max(abs(low), abs(high));
-    let across = select(widest * slack2, vec2<f32>(0.0), parallel);
-    let error = FOOTPRINT_MARGIN + scale * (vec2<f32>(slack0, slack1) + across);
+    let across = select(vec2<f32>(times(widest.x, slack2), times(widest.y, slack2)), vec2<f32>(0.0), parallel);
+    let error = FOOTPRINT_MARGIN + vec2<f32>(times(scale, slack0 + across.x), times(scale, slack1 + across.y));
     low = low - error;
     high = high + error;
     // The pixels whose centres lie inside: what has none is never drawn.
@@ -105,7 +102,7 @@ fn footprint(rows: array<vec4<f32>, 3>, center: vec3<f32>, extent: vec3<f32>) ->
     }
     let span = max(high.x - low.x, high.y - low.y);
     let inside = all(abs(low) < vec2<f32>(GUARD_BAND)) && all(abs(high) < vec2<f32>(GUARD_BAND));
-    let value = select(view.near / nearest * (1.0 + FOOTPRINT_ROUNDING), nearest, parallel);
+    let value = select(times(quotient(view.near, nearest), 1.0 + FOOTPRINT_ROUNDING), nearest, parallel);
     let clipped = !inside || farthest > view.far;
     let rect = vec4<u32>(first, end - 1u);
     return Footprint(true, clipped, u32(min(span, f32(UNKNOWN_SPAN))), rect, depth_key(value));

@@ -1,15 +1,11 @@
 // An instance as seen from the view: src/cpu/project.rs, operation for operation.
 
-fn dot3(a: vec3<f32>, b: vec3<f32>) -> f32 {
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-
 // `skewed` is what of the rows up the picture goes to the right.
 fn screen_row(k: u32, row: vec4<f32>, skewed: vec4<f32>, distance: vec4<f32>) -> vec4<f32> {
     if view.orthographic != 0u {
-        return view.focal[k] * row + skewed + vec4<f32>(0.0, 0.0, 0.0, view.center[k]);
+        return scaled(row, view.focal[k]) + skewed + vec4<f32>(0.0, 0.0, 0.0, view.center[k]);
     }
-    return view.focal[k] * row + skewed + view.center[k] * distance;
+    return scaled(row, view.focal[k]) + skewed + scaled(distance, view.center[k]);
 }
 
 // `before` are the rows of the frame before. Where its box lies is not known yet.
@@ -25,20 +21,21 @@ fn derive(p: Placed, before: array<vec4<f32>, 3>) -> Instance {
     let z = vec3<f32>(p.linear[0].z, p.linear[1].z, p.linear[2].z);
     for (var k = 0u; k < 3u; k++) {
         let r = view.rotate[k].xyz;
-        to_eye[k] = vec4<f32>(dot3(r, x), dot3(r, y), dot3(r, z), dot3(r, way));
+        to_eye[k] = vec4<f32>(inner(r, x), inner(r, y), inner(r, z), inner(r, way));
     }
     let distance = -to_eye[2];
     let screen = array<vec4<f32>, 3>(
-        screen_row(0u, to_eye[0], view.skew * to_eye[1], distance),
+        screen_row(0u, to_eye[0], scaled(to_eye[1], view.skew), distance),
         screen_row(1u, to_eye[1], vec4<f32>(), distance),
         distance,
     );
     let parallel = view.orthographic != 0u;
     let to = select(-way, view.forward, parallel);
-    var eye = vec3<f32>(dot3(p.inverse[0].xyz, to), dot3(p.inverse[1].xyz, to), dot3(p.inverse[2].xyz, to));
+    var eye = vec3<f32>(inner(p.inverse[0].xyz, to), inner(p.inverse[1].xyz, to), inner(p.inverse[2].xyz, to));
     if parallel {
-        let length = sqrt(dot3(eye, eye));
-        eye = select(vec3<f32>(0.0), eye / length, length > 0.0);
+        let length = root(inner(eye, eye));
+        let unit = vec3<f32>(quotient(eye.x, length), quotient(eye.y, length), quotient(eye.z, length));
+        eye = select(vec3<f32>(0.0), unit, length > 0.0);
     }
     return Instance(
         screen,
@@ -57,7 +54,7 @@ fn derive(p: Placed, before: array<vec4<f32>, 3>) -> Instance {
         p.double_sided,
         p.mirrored ^ view.mirrored,
         p.masked,
-        0u,
+        p.rounding,
         vec4<u32>(),
     );
 }

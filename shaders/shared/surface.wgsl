@@ -1,4 +1,4 @@
-// From the visibility buffer to surface points: src/cpu/surface.rs, operation for operation. Needs `view`, `instances`,
+// From the visibility buffer to surface points: src/cpu/surface.rs, operation for operation. Needs exact.wgsl, `view`, `instances`,
 // `visible`, `looks` and pages.
 
 // What a pixel shows.
@@ -39,7 +39,7 @@ fn distance_of(key: u32) -> f32 {
     if view.orthographic != 0u {
         return bitcast<f32>(~key);
     }
-    return view.near / bitcast<f32>(key);
+    return quotient(view.near, bitcast<f32>(key));
 }
 
 fn dot3(a: vec3<f32>, b: vec3<f32>) -> f32 {

@@ -33,8 +33,8 @@ fn project(p: vec3<f32>) -> vec3<f32> {
     if view.orthographic != 0u {
         return p;
     }
-    let r = 1.0 / p.z;
-    return vec3<f32>(p.x * r, p.y * r, r * view.near);
+    let r = quotient(1.0, p.z);
+    return vec3<f32>(times(p.x, r), times(p.y, r), times(r, view.near));
 }
 
 // First and last pixel whose centre lies between two snapped coordinates; empty when first > last.
@@ -68,24 +68,24 @@ fn plane(p0: vec2<i32>, p1: vec2<i32>, p2: vec2<i32>, v: vec3<f32>, first: vec2<
     let c = vec2<f32>(p2) * (1.0 / f32(UNIT)) - a;
     let b_value = v.y - v.x;
     let c_value = v.z - v.x;
-    let determinant = b.x * c.y - c.x * b.y;
-    let inverse = select(1.0 / determinant, 0.0, determinant == 0.0);
-    let dx = (b_value * c.y - c_value * b.y) * inverse;
-    let dy = (c_value * b.x - b_value * c.x) * inverse;
-    let start = v.x + (f32(first.x) + 0.5 - a.x) * dx + (f32(first.y) + 0.5 - a.y) * dy;
+    let determinant = times(b.x, c.y) - times(c.x, b.y);
+    let inverse = select(quotient(1.0, determinant), 0.0, determinant == 0.0);
+    let dx = times(times(b_value, c.y) - times(c_value, b.y), inverse);
+    let dy = times(times(c_value, b.x) - times(b_value, c.x), inverse);
+    let start = v.x + times(f32(first.x) + 0.5 - a.x, dx) + times(f32(first.y) + 0.5 - a.y, dy);
     return Plane(start, dx, dy, most(most(v.x, v.y), v.z), least(least(v.x, v.y), v.z));
 }
 
 // So many columns and rows from the first pixel.
 fn value_at(p: Plane, column: i32, row: i32) -> f32 {
-    return least(most(p.start + f32(column) * p.dx + f32(row) * p.dy, p.farthest), p.nearest);
+    return least(most(p.start + times(f32(column), p.dx) + times(f32(row), p.dy), p.farthest), p.nearest);
 }
 
 // The depth value of a large triangle: a mean of its corners' by weights whose sum is 1 / `inverse`. No term is negative,
 // so that its relative error stays small everywhere.
 fn mean(weights: vec3<f32>, v: vec3<f32>, inverse: f32) -> f32 {
-    let sum = weights.x * v.x + weights.y * v.y + weights.z * v.z;
-    return least(most(sum * inverse, least(least(v.x, v.y), v.z)), most(most(v.x, v.y), v.z));
+    let sum = inner(weights, v);
+    return least(most(times(sum, inverse), least(least(v.x, v.y), v.z)), most(most(v.x, v.y), v.z));
 }
 
 // The larger; `b` where they do not compare.

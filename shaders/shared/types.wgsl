@@ -66,7 +66,8 @@ struct Placed {
     visible: u32,
     // Clusters with holes, by material as for double_sided.
     masked: u32,
-    unused: u32,
+    // Largest distance by which positions were moved where they were stored: of every error above the source's.
+    rounding: f32,
 }
 
 // The look of an instance.
@@ -172,7 +173,7 @@ struct Instance {
     double_sided: u32,
     mirrored: u32,
     masked: u32,
-    unused: u32,
+    rounding: f32,
     rect: vec4<u32>,
 }
 

@@ -135,6 +135,7 @@ impl InstanceView {
             lod: LodView {
                 object_to_eye,
                 scale: placement.lod_scale,
+                rounding: placement.rounding,
                 focal: eye.lod_focal,
                 widest: eye.lod_widest,
                 near: eye.lod_near,

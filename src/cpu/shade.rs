@@ -9,7 +9,7 @@
 use rayon::prelude::*;
 
 use super::environment;
-use super::lanes::{LANES, Lanes, Vec3x8, dot, minus, normalize, splat3};
+use super::lanes::{LANES, Lanes, Vec3x8, cross, dot, minus, normalize, splat3};
 use super::material::Bsdf;
 use super::output::ROWS;
 use super::surface::{Detail, Extra, Pixels, Surfels, Walk};
@@ -55,10 +55,14 @@ impl Reflector {
     fn reflect(&self, l: &Vec3x8) -> Vec3x8 {
         let Self { normal: n, alpha2, k, diffuse, f0, view: v, gltf } = self;
         let h = normalize(&[l[0] + v[0], l[1] + v[1], l[2] + v[2]]);
-        let nh = dot(n, &h).max(0.0).min(1.0);
+        let cosine = dot(n, &h);
+        let nh = cosine.max(0.0).min(1.0);
+        let side = cross(n, &h);
         let m = -(dot(v, &h).max(0.0).min(1.0) - 1.0);
         let schlick = m * m * m * m * m;
-        let d = nh * nh * (*alpha2 - 1.0) + 1.0;
+        // 1 − (n·h)² is |n × h|², which has no digits to lose where highlights are sharpest (Guy and Agopian, "Physically
+        // Based Rendering in Filament").
+        let d = cosine.where_negative(Lanes::splat(1.0), dot(&side, &side)) + nh * nh * *alpha2;
         let (nl, gloss);
         if *gltf {
             nl = dot(n, l).max(0.0).min(1.0);

@@ -87,6 +87,30 @@ fn rank(adapter: &Adapter) -> u8 {
     }
 }
 
+/// The best adapter. The instance that knows it stays: some drivers can be loaded a few dozen times in a process, and then
+/// no more (NVIDIA's 580).
+fn adapter() -> Result<Adapter> {
+    static INSTANCE: Mutex<Option<Instance>> = Mutex::new(None);
+    let mut known = lock(&INSTANCE);
+    let instance = known.take().unwrap_or_else(|| {
+        let mut descriptor = InstanceDescriptor::new_without_display_handle();
+        descriptor.backends = Backends::PRIMARY;
+        // Its checks of indirect dispatches cost one more dispatch each; ours are computed within the limits.
+        descriptor.flags = InstanceFlags::empty();
+        Instance::new(descriptor)
+    });
+    let adapters = block_on(instance.enumerate_adapters(Backends::PRIMARY));
+    let best = adapters.into_iter().max_by_key(rank).ok_or_else(|| {
+        unavailable(
+            "there is no Vulkan, Metal or DX12 adapter. Install a driver (in software: Mesa 25 or later with \
+             lavapipe), or use \"cpu\"",
+        )
+    })?;
+    // Where it knows none, another may once a driver is there.
+    *known = Some(instance);
+    Ok(best)
+}
+
 /// What of the limits that every stage counts on an adapter lacks.
 fn lacking(limits: &Limits) -> Vec<String> {
     [
@@ -124,18 +148,7 @@ impl Context {
     }
 
     fn new() -> Result<Self> {
-        let mut descriptor = InstanceDescriptor::new_without_display_handle();
-        descriptor.backends = Backends::PRIMARY;
-        // Its checks of indirect dispatches cost one more dispatch each; ours are computed within the limits.
-        descriptor.flags = InstanceFlags::empty();
-        let instance = Instance::new(descriptor);
-        let adapters = block_on(instance.enumerate_adapters(Backends::PRIMARY));
-        let Some(adapter) = adapters.into_iter().max_by_key(rank) else {
-            return Err(unavailable(
-                "there is no Vulkan, Metal or DX12 adapter. Install a driver (in software: Mesa 25 or later with \
-                 lavapipe), or use \"cpu\"",
-            ));
-        };
+        let adapter = adapter()?;
         let info = adapter.get_info();
         let name = [info.name, info.driver_info].join(", ").trim_end_matches(", ").to_owned();
         let limits = adapter.limits();
@@ -334,6 +347,11 @@ impl Context {
         (self.largest_array() / size_of::<u32>() as u64).ilog2().min(u32::BITS - 2)
     }
 
+    /// Values of `override` constants that a kernel takes here.
+    pub(super) fn overrides(&self, kernel: Kernel) -> Vec<(&'static str, f64)> {
+        if self.software { kernel.overrides_in_software() } else { Vec::new() }
+    }
+
     /// The pipeline of a kernel, compiled when first used; `split` where the pages lie in several arrays.
     pub fn pipeline(&self, kernel: Kernel, split: bool) -> &ComputePipeline {
         self.pipelines[kernel.number()][usize::from(split)].get_or_init(|| {
@@ -341,7 +359,7 @@ impl Context {
             let source = kernel.source(split.then(|| self.array_bits()));
             let source = ShaderSource::Wgsl(source.into());
             let module = self.device.create_shader_module(ShaderModuleDescriptor { label, source });
-            let overrides = if self.software { kernel.overrides_in_software() } else { Vec::new() };
+            let overrides = self.overrides(kernel);
             self.device.create_compute_pipeline(&ComputePipelineDescriptor {
                 label,
                 layout: None,

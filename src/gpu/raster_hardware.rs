@@ -79,7 +79,9 @@ impl Pipelines {
             let source = kernel.source(split.then(|| context.array_bits()));
             let source = ShaderSource::Wgsl(source.into());
             let module = &device.create_shader_module(ShaderModuleDescriptor { label, source });
-            let compilation_options = PipelineCompilationOptions::default();
+            let overrides = context.overrides(kernel);
+            let compilation_options =
+                PipelineCompilationOptions { constants: &overrides, ..PipelineCompilationOptions::default() };
             let target = ColorTargetState { format: NO_COLOR, blend: None, write_mask: ColorWrites::empty() };
             device.create_render_pipeline(&RenderPipelineDescriptor {
                 label,

@@ -11,7 +11,7 @@ use super::renderer::Job;
 use super::shaders::{Around, Kernel, Skin};
 use crate::config::{Output, Transfer};
 use crate::error::Result;
-use crate::gpu_types::Lighting;
+use crate::gpu_types::{self, Lighting};
 use crate::scene::EnvironmentMap;
 
 /// What shading needs besides surfaces.
@@ -35,7 +35,8 @@ impl Light {
         context.queue().write_buffer(&tables, 0, bytemuck::cast_slice(steps));
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let lighting = context.buffer("light", size_of::<Lighting>() as u64, uniform)?;
-        let lights = context.buffer("lights", 0, storage)?;
+        // What is bound has room for one, also where a scene has none.
+        let lights = context.buffer("lights", size_of::<gpu_types::Light>() as u64, storage)?;
         Ok(Self { lighting, lights, tables, transfer, environment: None })
     }
 

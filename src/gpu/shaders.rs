@@ -325,7 +325,8 @@ macro_rules! file {
 }
 
 const TYPES: &str = file!("shared/types");
-const CULL: &str = file!("shared/cull");
+const EXACT: &str = file!("shared/exact");
+const CULL: &str = concat!(file!("shared/exact"), file!("shared/cull"));
 const LOD: &str = file!("shared/lod");
 const PAGES: &str = concat!(file!("shared/places"), file!("shared/pages"));
 const RECORDS: &str = concat!(file!("shared/places"), file!("shared/records"));
@@ -427,9 +428,9 @@ impl Kernel {
                     Around::Nothing => file!("shared/no_environment"),
                     Around::Environment => file!("shared/environment"),
                 };
-                [&[TYPES, PAGES, PICTURE, SURFACE], skin, &[around, file!("shade")]].concat()
+                [&[TYPES, EXACT, PAGES, PICTURE, SURFACE], skin, &[around, file!("shade")]].concat()
             }
-            Self::Output(_) => vec![TYPES, PAGES, PICTURE, SURFACE, KEY, file!("output")],
+            Self::Output(_) => vec![TYPES, EXACT, PAGES, PICTURE, SURFACE, KEY, file!("output")],
             Self::LoopProbe => vec![file!("loop_probe")],
         }
     }
@@ -455,8 +456,11 @@ impl Kernel {
         };
         // A thread for each processor takes workgroups.
         let threads = available_parallelism().map_or(1, NonZero::get);
-        let strands = self.files().contains(&TYPES).then_some(("STRANDS", threads as f64));
-        lanes.into_iter().chain(strands).collect()
+        let files = self.files();
+        let strands = files.contains(&TYPES).then_some(("STRANDS", threads as f64));
+        // It divides as the CPU does.
+        let exact = files.contains(&EXACT) || files.contains(&CULL);
+        lanes.into_iter().chain(strands).chain(exact.then_some(("ROUNDS_TO_NEAREST", 1.0))).collect()
     }
 
     /// Whether it reads pages, so that it depends on how many arrays they lie in.

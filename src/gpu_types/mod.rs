@@ -119,8 +119,8 @@ pub struct Placed {
     pub visible: u32,
     /// Clusters that may have holes, by material in the same way.
     pub masked: u32,
-    /// Zero.
-    pub unused: u32,
+    /// See [`crate::math::LodView::rounding`].
+    pub rounding: f32,
 }
 
 /// The look of an instance, for shading: in the slot of its [`Placed`].
@@ -299,8 +299,8 @@ pub struct Instance {
     pub mirrored: u32,
     /// Clusters that may have holes, by material in the same way.
     pub masked: u32,
-    /// Zero.
-    pub unused: u32,
+    /// See [`crate::math::LodView::rounding`].
+    pub rounding: f32,
     /// First column, first row, last column and last row of the pixels that the box may cover.
     pub rect: [u32; 4],
 }

@@ -15,6 +15,9 @@ pub struct LodView {
     pub object_to_eye: [[f32; 4]; 3],
     /// An upper bound of the largest singular value of its linear part.
     pub scale: f32,
+    /// Largest distance, internal units, by which positions were moved where they were stored: added to every error above
+    /// that of the source.
+    pub rounding: f32,
     /// Pixels per unit of tangent (perspective), or per world unit (orthographic).
     pub focal: f32,
     /// sec² of the angle between the optical axis and the farthest corner of the picture, rounded up.
@@ -25,7 +28,7 @@ pub struct LodView {
 
 impl LodView {
     /// An upper bound, in pixels, of how far a displacement of `error` anywhere on `sphere` moves on the
-    /// screen: px = E·s·f·sec²θ ÷ max(|c − eye| − r·s − E·s, near).
+    /// screen: px = E·s·f·sec²θ ÷ max(|c − eye| − r·s − E·s, near), E being `error` and what storing moved.
     ///
     /// A point at a distance d from the eye and an angle θ off the optical axis moves by f·sec²θ ÷ d pixels per unit
     /// at most. Of all the points between the two ends of a displacement, which lie in a ball of radius r·s + E·s, none
@@ -36,7 +39,7 @@ impl LodView {
         if error <= 0.0 {
             return error;
         }
-        let world = error * self.scale;
+        let world = (error + self.rounding) * self.scale;
         if self.near == 0.0 {
             return world * self.focal;
         }
@@ -64,7 +67,7 @@ impl LodView {
         if error <= 0.0 {
             return error;
         }
-        let world = error * self.scale;
+        let world = (error + self.rounding) * self.scale;
         if self.near == 0.0 {
             return world * self.focal;
         }
@@ -121,7 +124,8 @@ mod tests {
     /// A view of 90° down an axis, and a ball somewhere before it.
     fn seen(seed: &mut u64) -> (LodView, Sphere, f32) {
         let object_to_eye = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
-        let view = LodView { object_to_eye, scale: 1.0, focal: 500.0, widest: 3.0, near: 0.01 };
+        let view =
+            LodView { object_to_eye, scale: 1.0, rounding: 0.0, focal: 500.0, widest: 3.0, near: 0.01 };
         let depth = 10f64.powf(3.0 * random(seed) - 1.0);
         let mut across = || ((2.4 * random(seed) - 1.2) * depth) as f32;
         let center = [across(), across(), -depth as f32];

@@ -300,7 +300,8 @@ impl Mesh {
         let frame = &self.dag.frame;
         let view = renderer::camera(camera).and_then(|camera| camera.view(&pose, viewport.0, viewport.1));
         let view = view.map_err(|error| to_python(py, error))?;
-        let lod = view.lod_view(&view.object_to_view(&DAffine3::IDENTITY, frame), frame, 1.0);
+        let lod =
+            view.lod_view(&view.object_to_view(&DAffine3::IDENTITY, frame), frame, self.dag.rounding(), 1.0);
         self.cut_at(py, Threshold::View(lod, pixel_error.min(f32::MAX)))
     }
 

@@ -272,6 +272,7 @@ pub fn placed(instance: &Instance) -> Placed {
         extent,
         double_sided: instance.materials.double_sided_bits(),
         masked: instance.materials.masked_bits(),
+        rounding: placement.rounding,
         mirrored: u32::from(placement.mirrored),
         visible: u32::from(instance.visible),
         ..bytemuck::Zeroable::zeroed()

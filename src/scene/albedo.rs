@@ -10,6 +10,8 @@ use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
+use crate::threads::once;
+
 /// Entries along each side of the table: roots of cosines to the eye, and roughnesses, from 0 to 1.
 pub const ALBEDO_SIDE: usize = 48;
 /// Numbers of an entry: A, B and C.
@@ -22,7 +24,7 @@ const GRAZING: f64 = 0.001;
 /// A, B and C, by rows of equal roughness. Made once.
 pub fn table() -> &'static [f32] {
     static TABLE: OnceLock<Vec<f32>> = OnceLock::new();
-    TABLE.get_or_init(|| {
+    once::<Vec<f32>>(&TABLE, || {
         let part = |at: usize| at as f64 / (ALBEDO_SIDE - 1) as f64;
         let entry = |at: usize| albedo(part(at % ALBEDO_SIDE).powi(2).max(GRAZING), part(at / ALBEDO_SIDE));
         let entries: Vec<[f64; ALBEDO_PARTS]> =

@@ -226,13 +226,14 @@ impl View {
     }
 
     /// What the rule of the cut needs for an instance: `object_to_view` from [`View::object_to_view`],
-    /// `scale` a bound of the largest singular value of the instance's pose.
-    pub fn lod_view(&self, object_to_view: &DAffine3, frame: &Frame, scale: f64) -> LodView {
+    /// `rounding` that of the mesh, object units, `scale` a bound of the largest singular value of the instance's pose.
+    pub fn lod_view(&self, object_to_view: &DAffine3, frame: &Frame, rounding: f64, scale: f64) -> LodView {
         let (focal, widest, near) = self.lod_constants();
         let rows = pose::rows(object_to_view);
         LodView {
             object_to_eye: std::array::from_fn(|r| rows[r].map(|v| v as f32)),
             scale: round_up(scale * frame.scale * (1.0 + 1.0e-6)),
+            rounding: round_up(rounding / frame.scale),
             focal,
             widest,
             near,

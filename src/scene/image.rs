@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use crate::config::Transfer;
 use crate::error::{Error, Result};
+use crate::threads::once;
 
 /// Longest side of an image, pixels.
 pub const MAX_IMAGE_SIDE: u32 = 1 << 15;
@@ -120,7 +121,7 @@ impl Image {
         if self.format != TexelFormat::Srgb8 {
             return self;
         }
-        self.encoded.get_or_init(|| {
+        once(&self.encoded, || {
             let end = self.starts.get(1).copied().unwrap_or(self.words.len());
             let words = self.words[..end].to_vec();
             let Self { width, height, opaque, .. } = **self;
@@ -272,7 +273,7 @@ const UNIT: f32 = 1.0 / 255.0;
 /// The light of bytes that are sRGB.
 pub fn srgb_table() -> &'static [f32; 256] {
     static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
-    TABLE.get_or_init(|| std::array::from_fn(|byte| Transfer::Srgb.light(byte as u8)))
+    once(&TABLE, || std::array::from_fn(|byte| Transfer::Srgb.light(byte as u8)))
 }
 
 /// The light of a number that is sRGB, between those of two bytes.

@@ -68,7 +68,7 @@ impl Instance {
         let center = pose.transform_point3(DVec3::from_array(frame.to_object(bounds.center())));
         let radius = 0.5 * f64::from(bounds.diagonal()) * frame.scale * self.scale;
         self.sphere = (center, radius * (1.0 + 1.0e-6));
-        self.placement = Placement::new(&pose, frame, self.scale);
+        self.placement = Placement::new(&pose, frame, self.mesh.rounding(), self.scale);
     }
 }
 

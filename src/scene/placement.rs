@@ -36,13 +36,15 @@ pub struct Placement {
     pub low: [f32; 3],
     /// An upper bound of the largest singular value of the linear part.
     pub lod_scale: f32,
+    /// See [`crate::math::LodView::rounding`].
+    pub rounding: f32,
     /// It reverses orientation.
     pub mirrored: bool,
 }
 
 impl Placement {
-    /// Of an instance at a pose that stretches lengths by up to `scale`.
-    pub fn new(pose: &DAffine3, frame: &Frame, scale: f64) -> Self {
+    /// Of an instance at a pose that stretches lengths by up to `scale`; `rounding` is that of its mesh, object units.
+    pub fn new(pose: &DAffine3, frame: &Frame, rounding: f64, scale: f64) -> Self {
         let linear = pose.matrix3 * frame.scale;
         let (high, low) = split_vector(pose.transform_point3(DVec3::from_array(frame.origin)));
         let rows = |m| pose::linear_rows(&m).map(|row: [f64; 3]| row.map(|v| v as f32));
@@ -57,6 +59,7 @@ impl Placement {
             high,
             low,
             lod_scale: round_up(scale * frame.scale * (1.0 + 1.0e-6)),
+            rounding: round_up(rounding / frame.scale),
             mirrored: linear.determinant() < 0.0,
         }
     }

@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use crate::config::Transfer;
+use crate::threads::once;
 
 impl Transfer {
     /// What a picture holds for light, both from 0 to 1.
@@ -46,7 +47,7 @@ impl Transfer {
     /// For bytes; made once.
     pub fn encoder(self) -> &'static Encoder {
         static ENCODERS: [OnceLock<Encoder>; 3] = [const { OnceLock::new() }; 3];
-        ENCODERS[self as usize].get_or_init(|| Encoder::new(self))
+        once(&ENCODERS[self as usize], || Encoder::new(self))
     }
 }
 

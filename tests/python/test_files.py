@@ -1,5 +1,6 @@
 """`.nanite` files and pickles: equal after a round trip, and a typed error whatever happens to the bytes."""
 
+import contextlib
 import copy
 import hashlib
 import json
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 import nanite_rs as nrs
-from oracles import subjects
+from oracles import camera, subjects
 
 SOAK = bool(os.environ.get("NANITE_SOAK"))
 
@@ -390,3 +391,33 @@ def test_files_of_version_7_give_the_cuts_they_gave(tmp_path: Path) -> None:
         for most, count, error, name in given["error"]:
             cut = mesh.cut(error=most)
             assert (len(cut), cut.error, digest(cut)) == (count, error, name), most
+
+
+@pytest.mark.parametrize("steps", [4, 40, 400])
+def test_what_storing_moved_counts_in_pixels(tmp_path, steps) -> None:
+    """A parallel view shows a unit of the mesh as 100 pixels everywhere; steps are thousandths of a unit."""
+    mesh = subjects.built("small sphere")
+    mesh.save(tmp_path / "m.nanite", precision=steps / 1000)
+    stored = nrs.NaniteMesh.open(tmp_path / "m.nanite")
+    moved = 100 * stored.info["rounding"]
+    assert moved > 0
+    lens, size = nrs.OrthographicCamera(xmag=1.0, ymag=1.0), (200, 200)
+    coarser = 0
+    for pixels in (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 64.0):
+        cut = stored.cut(camera=lens, pose=camera.at(0, 0, 3), viewport=size, pixel_error=pixels)
+        if len(cut.faces) == len(stored):
+            continue
+        coarser += 1
+        assert 100 * cut.error <= pixels * (1 + 1e-5)
+        assert moved < pixels
+        scene = nrs.Scene()
+        scene.add(stored)
+        for backend in ("cpu", "gpu"):
+            with contextlib.suppress(nrs.BackendError), nrs.Renderer(*size, backend=backend) as renderer:
+                frame = renderer.render(scene, lens, camera.at(0, 0, 3), pixel_error=pixels, occlusion=False)
+                drawn, all_of_it = (
+                    len(np.unique(a)) for a in (frame.cluster_id[frame.depth > 0], cut.face_clusters)
+                )
+                # Clusters of the side that is seen.
+                assert all_of_it / 3 <= drawn <= all_of_it
+    assert coarser > 0

@@ -172,7 +172,9 @@ def test_a_device_is_not_used_on_both_sides_of_a_fork(tmp_path) -> None:
         frame = old.render(scene, camera, pose)
         print(forked(lambda: picture(old, scene)))
         print(forked(lambda: nrs.Renderer(16, 16, backend="gpu")))
-        print(forked(lambda: digest(frame.normal)) in (digest(frame.normal), "BackendError"))
+        # Where it is kept on the device, it belongs to the parent, too.
+        normal = forked(lambda: digest(frame.normal))
+        print(normal == digest(frame.normal) or normal.startswith("BackendError"))
         def auto():
             renderer = nrs.Renderer(160, 120)
             return renderer.backend, picture(renderer, scene) == want

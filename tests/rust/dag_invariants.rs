@@ -81,6 +81,7 @@ fn random_view(random: &mut Random) -> Threshold {
     let view = LodView {
         object_to_eye: [row(right), row(back.cross(right)), row(back)],
         scale: 1.0,
+        rounding: 0.0,
         focal: 1000.0,
         widest: 1.0 + 8.0 * random.next().powi(3) as f32,
         near: 0.01,

@@ -135,7 +135,11 @@ fn every_array_is_made_on_the_device() {
     many.add_light(point(Some(6.0), at(-3.0, 0.0, 4.0))).unwrap();
     let spot = LightKind::Spot { range: Some(20.0), inner: 0.1, outer: 0.3 };
     many.add_light(Light { kind: spot, ..point(None, at(0.0, 0.5, 6.0)) }).unwrap();
+    // Without any light.
+    let mut unlit = Scene::new();
+    unlit.add(dag(&bumpy_sphere(30)), &IDENTITY, Material::default()).unwrap();
     for (scene, camera, size) in [
+        (&unlit, &CAMERA, (64, 48)),
         (&many, &CAMERA, (320, 200)),
         (&many, &PARALLEL, (201, 113)),
         (&lit(), &CAMERA, (5, 3)),
@@ -262,13 +266,26 @@ fn several_views_of_one_submission_are_as_alone() {
     }
 }
 
-/// Colours before they are encoded: within a thousandth.
-pub fn same_light(gpu: &[f32], cpu: &[f32]) {
+/// Colours before they are encoded: within a thousandth and `floor`. Elsewhere than in software one number in ten thousand
+/// may be off by a hundredth: roots and quotients of shading are a device's own, and bent normals magnify what is rounded.
+pub fn same_light(gpu: &[f32], cpu: &[f32], floor: f32, what: &str) {
     assert_eq!(gpu.len(), cpu.len());
-    let near = |(a, b): (&f32, &f32)| (a - b).abs() <= 1e-3 * a.max(*b);
-    let other: Vec<_> = gpu.iter().zip(cpu).enumerate().filter(|(_, pair)| !near(*pair)).collect();
-    assert!(other.is_empty(), "{} of {}, such as {:?}", other.len(), gpu.len(), &other[..other.len().min(4)]);
+    let beyond = |part: f32| {
+        let excess = move |(a, b): (&f32, &f32)| (a - b).abs() - part * a.max(*b) - floor;
+        gpu.iter().zip(cpu).enumerate().filter(move |(_, pair)| !(excess(*pair) <= 0.0))
+    };
+    let few = if software() { 0 } else { gpu.len() / 10_000 };
+    let (some, many) = (beyond(1e-2).count(), beyond(1e-3).count());
+    let such: Vec<_> = beyond(1e-3).take(6).collect();
+    assert!(some == 0 && many <= few, "{what}: {some}, {many} of {}, such as {such:?}", gpu.len());
 }
+
+fn software() -> bool {
+    Context::shared().unwrap().software()
+}
+
+/// Below this no light is told from another: a hundredth of the smallest step of a byte.
+pub const DARK: f32 = 3e-6;
 
 /// Colours, of which a few are rounded the other way, since a device may order the operations of shading as it likes:
 /// never by more than one step.
@@ -286,11 +303,21 @@ fn same_arrays(gpu: &Frame, cpu: &Frame) {
         match (gpu.array(output).unwrap(), cpu.array(output).unwrap()) {
             (Array::Bytes(ours), Array::Bytes(theirs)) => same_color(&ours, &theirs, output.name()),
             (Array::Floats(ours), Array::Floats(theirs)) if output == Output::Linear => {
-                same_light(&ours, &theirs)
+                same_light(&ours, &theirs, DARK, output.name())
+            }
+            (Array::Floats(ours), Array::Floats(theirs)) if output == Output::Normal || output.surface() => {
+                same_surface(&ours, &theirs, output.name())
             }
             (ours, theirs) => assert!(ours == theirs, "{}", output.name()),
         }
     }
+}
+
+/// Unit vectors, and what surfaces are: equal in software, and some units in the last place apart elsewhere.
+fn same_surface(gpu: &[f32], cpu: &[f32], what: &str) {
+    let most = if software() { 0.0 } else { 2e-6 };
+    let worst = gpu.iter().zip(cpu).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(gpu.len() == cpu.len() && worst <= most, "{what}: {worst:e}");
 }
 
 pub fn scaled(pose: Pose, scale: f64) -> Pose {

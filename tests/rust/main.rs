@@ -6,6 +6,8 @@ mod dag_invariants;
 mod damage;
 mod depth_only;
 mod environment;
+#[cfg(feature = "gpu")]
+mod exact;
 mod format_robust;
 #[cfg(feature = "gpu")]
 mod gpu_parity;

@@ -168,7 +168,7 @@ fn what_is_hidden_changes_no_texture() {
 #[cfg(feature = "gpu")]
 #[test]
 fn devices_shade_textures_as_the_cpu_does() {
-    use crate::gpu_parity::{device, on_device, same_color};
+    use crate::gpu_parity::{device, on_device, same_color, same_light};
     let Some(_) = device("devices_shade_textures_as_the_cpu_does") else { return };
     let scene = gallery();
     let pose = at(0.0, 0.6, 4.5);
@@ -184,8 +184,7 @@ fn devices_shade_textures_as_the_cpu_does() {
             same_color(&gpu.color().unwrap(), &cpu.color().unwrap(), "color");
             // Within a thousandth, and a twentieth of a byte's step: bent normals magnify what is rounded.
             let (a, b) = (gpu.linear().unwrap(), cpu.linear().unwrap());
-            let near = |(a, b): (&f32, &f32)| (a - b).abs() <= 1e-3 * a.max(*b) + 2e-4;
-            assert!(a.iter().zip(&b).all(near), "{shading:?}");
+            same_light(&a, &b, 2e-4, &format!("{shading:?}"));
             for output in surface {
                 let numbers = |frame: &Frame| Vec::<f32>::from(frame.array(output).unwrap());
                 let near = |(a, b): (&f32, &f32)| (a - b).abs() <= 1e-3;

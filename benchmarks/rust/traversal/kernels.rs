@@ -97,7 +97,9 @@ impl Sizes {
             whole("PART", PART as u64),
             whole("BLOCKS", self.parts.div_ceil(WIDTH).max(1).into()),
         ];
-        let (types, cull, lod) = (product!("types"), product!("cull"), product!("lod"));
+        let types = product!("types");
+        let cull = concat!(product!("exact"), product!("cull"));
+        let lod = product!("lod");
         let bits = product!("group_bits");
         let files = match kernel {
             Own::WorkQueue => vec![types, cull, lod, bits, include_str!("work_queue.wgsl")],
