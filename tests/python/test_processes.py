@@ -208,6 +208,7 @@ def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> Non
 
         def main():
             import concurrent.futures
+            import joblib
             data = Data()
             want = [data[i] for i in range(50)] * 20
             for method, workers, count in (("fork", 8, 1_000), ("spawn", 2, 50), ("forkserver", 2, 50)):
@@ -217,6 +218,9 @@ def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> Non
                 print(method, got == want[:count])
                 with concurrent.futures.ProcessPoolExecutor(2, mp_context=context) as pool:
                     print(method, list(pool.map(data.__getitem__, range(4))) == want[:4])
+            for backend in ("loky", "multiprocessing"):
+                work = (joblib.delayed(data.__getitem__)(i) for i in range(20))
+                print(backend, joblib.Parallel(n_jobs=2, backend=backend)(work) == want[:20])
 
         if __name__ == "__main__":
             main()
@@ -227,7 +231,8 @@ def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> Non
     )
     assert done.returncode == 0, done.stderr
     said = [line.rsplit(" ", 1) for line in done.stdout.strip().split("\n")]
-    assert [way for way, _ in said] == ["fork"] * 2 + ["spawn"] * 2 + ["forkserver"] * 2
+    ways = ["fork"] * 2 + ["spawn"] * 2 + ["forkserver"] * 2 + ["loky", "multiprocessing"]
+    assert [way for way, _ in said] == ways
     assert all(equal == "True" for _, equal in said), done.stdout
 
 
