@@ -5,6 +5,8 @@
 #   make notebooks         execute notebooks/ into target/notebooks/, with their pictures; with MESH=path on yours
 #   make test              cargo test, pytest, and the skipped tests with their reasons
 #   make test STRICT=1     fails when any test was skipped
+#   make quick             the module alone, without link-time optimization: seconds to a minute after a change
+#   make test-fast         tests that take less than a second or two each, on that module, in some minutes
 #   make lint              rustfmt, clippy, rustdoc, ruff, mypy, stubtest, and the documentation
 #   make docs              the documentation as HTML, into target/docs
 #   make wheel             a wheel and a source archive, into target/wheels
@@ -31,6 +33,8 @@ STRICT ?=
 MESH ?=
 override MESH := $(patsubst ~/%,$(HOME)/%,$(MESH))
 PYTEST_ARGS ?=
+# Processes that share the files of Python tests out.
+PYTEST_WORKERS ?= 2
 CARGO_TEST_ARGS ?=
 
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
@@ -48,7 +52,7 @@ endef
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build demo notebooks test test-rust test-python lint docs wheel check-wheel fmt bench bench-error bench-gpu bench-streaming bench-zoo screenshots soak clean tools system vulkan
+.PHONY: help build quick test-fast demo notebooks test test-rust test-python lint docs wheel check-wheel fmt bench bench-error bench-gpu bench-streaming bench-zoo screenshots soak clean tools system vulkan
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -103,6 +107,12 @@ vulkan:
 
 build: $(VENV)/.stamp-module
 
+# In the same place. `make build` puts the one that is released there again.
+quick: $(VENV)/.stamp-build-requirements
+	@VIRTUAL_ENV=$(abspath $(VENV)) PATH="$(abspath $(BIN)):$$PATH" PIP_QUIET=1 \
+		$(BIN)/maturin develop --profile quick --locked --quiet
+	@rm -f $(VENV)/.stamp-module
+
 # -------------------------------------------------------------------------------------------- for users
 
 demo: build
@@ -130,7 +140,12 @@ test-rust: vulkan | tools
 test-python: build $(VENV)/.stamp-test-requirements system vulkan
 	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/python-*
 	@$(with_vulkan); \
-	NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(BIN)/python -m pytest $(PYTEST_ARGS)
+	NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(BIN)/python -m pytest -n $(PYTEST_WORKERS) --dist loadfile $(PYTEST_ARGS)
+
+# What is slow is marked so. The rest tells most faults.
+test-fast: quick $(VENV)/.stamp-test-requirements system vulkan
+	@$(with_vulkan); cargo test --locked --quiet --profile quick --lib; \
+	$(BIN)/python -m pytest -q -n $(PYTEST_WORKERS) --dist loadfile -m "not slow" $(PYTEST_ARGS)
 
 soak: export NANITE_SOAK := 1
 soak: $(VENV)/.stamp-error-requirements test

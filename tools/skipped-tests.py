@@ -15,11 +15,13 @@ IGNORED = re.compile(r"^test (?P<test>\S+) \.\.\. ignored(?:, (?P<reason>.*))?$"
 
 def skipped(reports: Path) -> list[tuple[str, str]]:
     """Every skipped test with its reason."""
-    found = []
+    named = {}
+    # Workers that share the tests out collect all of them, so that each names the modules that are skipped.
     for file in sorted(reports.glob("*-skips.txt")):
         for line in file.read_text().splitlines():
             test, _, reason = line.partition("\t")
-            found.append((test, reason or "no reason given"))
+            named[test] = reason or "no reason given"
+    found = list(named.items())
     log = reports / "rust-log.txt"
     if log.exists():
         matches = filter(None, map(IGNORED.match, log.read_text().splitlines()))

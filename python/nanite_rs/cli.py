@@ -229,9 +229,10 @@ def _shown(arguments: argparse.Namespace) -> nrs.NaniteMesh | nrs.LoadedScene:
     if arguments.materials:
         progress = False if arguments.quiet else None
         return nrs.load_scene(arguments.input, options=_options(arguments), progress=progress)
-    if io.ending(Path(arguments.input))[0] in io.GLTF and not arguments.quiet:
+    mesh = _mesh(arguments)
+    if mesh.materials and not arguments.quiet:
         print("nanite-rs: materials and textures are left out; --materials shows them", file=sys.stderr)
-    return _mesh(arguments)
+    return mesh
 
 
 def _view(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -33,6 +33,10 @@ def pytest_collectreport(report: pytest.CollectReport) -> None:
 
 def pytest_sessionfinish() -> None:
     target = os.environ.get("NANITE_SKIPS")
+    worker = os.environ.get("PYTEST_XDIST_WORKER")
+    if target and worker:
+        # Whoever collects the reports of workers does not hear of modules that they skipped.
+        target = target.removesuffix("-skips.txt") + f"-{worker}-skips.txt"
     if target:
         lines = (f"{test}\t{' '.join(reason.split())}\n" for test, reason in _skips.items())
         Path(target).write_text("".join(lines))
