@@ -74,6 +74,18 @@ def openimageio(purpose: str) -> Any:
 
 
 @contextmanager
+def _without_threads(oiio: Any) -> Iterator[None]:
+    """Keep OpenEXR from making threads, for which a process forked from this one would wait for ever."""
+    before = oiio.get_int_attribute("exr_threads")
+    oiio.attribute("exr_threads", -1)
+    try:
+        yield
+    finally:
+        # Only what asks for threads then makes them.
+        oiio.attribute("exr_threads", before)
+
+
+@contextmanager
 def beside(path: str) -> Iterator[str]:
     """Name a new empty file beside ``path``: it takes that name when the block ends well, and goes otherwise.
 
@@ -175,7 +187,7 @@ def _described(spec: Any, texts: Mapping[str, str]) -> Any:
 
 def _write(oiio: Any, path: str, parts: Sequence[tuple[Any, NDArray[Any]]]) -> None:
     """Write the parts of a file: specification and pixels each."""
-    with beside(path) as temporary:
+    with _without_threads(oiio), beside(path) as temporary:
         output = oiio.ImageOutput.create(temporary)
         specs = tuple(spec for spec, _ in parts)
         written = output.open(temporary, specs if len(specs) > 1 else specs[0])
@@ -283,28 +295,12 @@ def from_pillow(image: PIL.Image.Image) -> NDArray[Any]:
 def _read_deep(data: bytes, ending: str, name: str) -> NDArray[Any]:
     """Read by OpenImageIO, which takes files only."""
     oiio = openimageio(name)
-    pixels: NDArray[Any]
     handle, path = tempfile.mkstemp(ending)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
-        wanted = oiio.ImageSpec()
-        wanted.attribute("oiio:UnassociatedAlpha", 1)
-        source = oiio.ImageInput.open(path, wanted)
-        if source is None:
-            raise FormatError(f"{name}: the image is damaged: {_reason(oiio.geterror(), path)}")
-        try:
-            spec = source.spec()
-            _refuse_bombs(spec, name)
-            # Wider types than float32 and more channels than a picture's have no use here.
-            kind = {"uint8": "uint8", "uint16": "uint16"}.get(str(spec.format), "float")
-            pixels = source.read_image(kind)
-            if pixels is None:
-                raise FormatError(f"{name}: the image is damaged: {_reason(source.geterror(), path)}")
-            pixels = np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels)
-            pixels = pixels[..., _picture(list(spec.channelnames))]
-        finally:
-            source.close()
+        with _without_threads(oiio):
+            pixels = _read_file(oiio, path, name)
     finally:
         os.unlink(path)
     if pixels.dtype.kind == "f" and not np.isfinite(pixels).all():
@@ -313,6 +309,28 @@ def _read_deep(data: bytes, ending: str, name: str) -> NDArray[Any]:
         raise FormatError(f"{name}: {value} at row {row}, column {column}, channel {channel}")
     picture: NDArray[Any] = pixels[..., 0] if pixels.shape[2] == 1 else pixels
     return picture
+
+
+def _read_file(oiio: Any, path: str, name: str) -> NDArray[Any]:
+    """Read the picture of a file that errors call ``name``."""
+    wanted = oiio.ImageSpec()
+    wanted.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(path, wanted)
+    if source is None:
+        raise FormatError(f"{name}: the image is damaged: {_reason(oiio.geterror(), path)}")
+    try:
+        spec = source.spec()
+        _refuse_bombs(spec, name)
+        # Wider types than float32 and more channels than a picture's have no use here.
+        kind = {"uint8": "uint8", "uint16": "uint16"}.get(str(spec.format), "float")
+        pixels = source.read_image(kind)
+        if pixels is None:
+            raise FormatError(f"{name}: the image is damaged: {_reason(source.geterror(), path)}")
+        pixels = np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels)
+        picture: NDArray[Any] = pixels[..., _picture(list(spec.channelnames))]
+        return picture
+    finally:
+        source.close()
 
 
 def _reason(message: str, path: str) -> str:

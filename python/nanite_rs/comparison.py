@@ -200,9 +200,11 @@ def _flip(
 
     # What carries no name of a colour space is taken as linear, and no configuration of OpenColorIO matters.
     linear = (np.ascontiguousarray(_decoded(x), np.float32) for x in (reference, image))
-    flip = oiio.ImageBufAlgo.FLIP_diff(*map(oiio.ImageBuf, linear), hdr=0, ppd=pixels_per_degree)
+    # By this thread alone: others would be missing in a process forked from this one, and gain little.
+    buffers = map(oiio.ImageBuf, linear)
+    flip = oiio.ImageBufAlgo.FLIP_diff(*buffers, hdr=0, ppd=pixels_per_degree, nthreads=1)
     flip_map = pixels(flip)[..., 0].copy()
-    magma = _encoded(pixels(oiio.ImageBufAlgo.color_map(flip, 0, "magma")))
+    magma = _encoded(pixels(oiio.ImageBufAlgo.color_map(flip, 0, "magma", nthreads=1)))
     return flip_map, np.rint(255.0 * magma).astype(np.uint8)
 
 

@@ -114,6 +114,8 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
             "old frame": lambda: digest(frame.normal, frame.linear),
             "image": lambda: digest(nrs.Image(np.zeros((8, 8, 3), np.uint8)).pixels),
             "environment": lambda: repr(nrs.Environment(np.ones((4, 8, 3)))),
+            "exr": lambda: frame.save("f.exr"),
+            "image of a file": lambda: digest(nrs.Image.open("f.exr").pixels),
             "compare": lambda: nrs.compare(np.zeros((64, 64, 3), np.uint8), np.full((64, 64, 3), 5, np.uint8)).psnr,
         }
         for name, call in calls.items():
