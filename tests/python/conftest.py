@@ -16,7 +16,43 @@ os.environ.setdefault("MPLBACKEND", "agg")
 
 SOAK = bool(os.environ.get("NANITE_SOAK"))
 
+#: Files whose tests take more than half a minute together, or run other programs: `make test-fast` leaves them out.
+SLOW = (
+    *(
+        "arrays",
+        "assets",
+        "bounds",
+        "browser",
+        "budgets",
+        "cli",
+        "content",
+        "depth_only",
+        "docs",
+        "foliage",
+        "images",
+    ),
+    *(
+        "kill",
+        "nasty",
+        "notebooks",
+        "partition",
+        "processes",
+        "report",
+        "samples",
+        "streaming",
+        "stress",
+        "stubs",
+    ),
+    *("stuck", "viewer", "visibility", "zoo"),
+)
+
 _skips: dict[str, str] = {}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.stem.removeprefix("test_") in SLOW:
+            item.add_marker(pytest.mark.slow)
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

@@ -262,11 +262,10 @@ def test_ctrl_c_stops_a_build(tmp_path):
     process = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     time.sleep(6.0)
     os.kill(process.pid, signal.SIGINT)
-    start = time.monotonic()
+    # How soon it heeds is test_interrupt.py's.
     _, text = process.communicate(timeout=60)
     assert process.returncode == 130
     assert text.strip() == "nanite-rs: interrupted"
-    assert time.monotonic() - start < 10.0
     assert list(tmp_path.iterdir()) == []
 
 
