@@ -271,8 +271,8 @@ fn several_views_of_one_submission_are_as_alone() {
 pub fn same_light(gpu: &[f32], cpu: &[f32], floor: f32, what: &str) {
     assert_eq!(gpu.len(), cpu.len());
     let beyond = |part: f32| {
-        let excess = move |(a, b): (&f32, &f32)| (a - b).abs() - part * a.max(*b) - floor;
-        gpu.iter().zip(cpu).enumerate().filter(move |(_, pair)| !(excess(*pair) <= 0.0))
+        let near = move |(a, b): (&f32, &f32)| (a - b).abs() <= part * a.max(*b) + floor;
+        gpu.iter().zip(cpu).enumerate().filter(move |(_, pair)| !near(*pair))
     };
     let few = if software() { 0 } else { gpu.len() / 10_000 };
     let (some, many) = (beyond(1e-2).count(), beyond(1e-3).count());
