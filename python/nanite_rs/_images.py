@@ -6,6 +6,7 @@ import errno
 import os
 import secrets
 import stat
+import sys
 import tempfile
 from contextlib import contextmanager
 from io import BytesIO
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _advice
-from nanite_rs.exceptions import FileError, FormatError, MissingFileError
+from nanite_rs.exceptions import FileError, ForkError, FormatError, MissingFileError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -65,12 +66,31 @@ def suffix(path: str) -> str:
 
 
 def openimageio(purpose: str) -> Any:
-    """Import OpenImageIO, some 20 MB that not everybody needs; where it is missing the error names ``purpose``."""
+    """Import OpenImageIO, some 20 MB that not everybody needs; where it is missing the error names ``purpose``.
+
+    Where nobody has imported it before, it works by one thread from then on.
+    """
+    known = "OpenImageIO" in sys.modules
     try:
         import OpenImageIO
     except ImportError as error:
         raise _advice.missing(purpose, "OpenImageIO") from error
+    if not known:
+        # A forked process would wait for its threads for ever, and can neither let go of them nor make others.
+        OpenImageIO.attribute("threads", 1)
+    elif "OpenImageIO" in _inherited and OpenImageIO.get_int_attribute("threads") != 1:
+        raise ForkError(
+            f"{purpose}: OpenImageIO has threads in the process that this one was forked from, and not in this "
+            'one: call OpenImageIO.attribute("threads", 1) there before anything else, or start workers with "spawn"'
+        )
     return OpenImageIO
+
+
+_inherited: set[str] = set()
+"""What was imported in the process that this one was forked from."""
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=lambda: _inherited.update(sys.modules))
 
 
 @contextmanager

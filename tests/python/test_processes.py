@@ -125,8 +125,29 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
             print("ok" if before == want == after else f"{name}: {want!r}, before {before!r}, after {after!r}")
         """,
         tmp_path,
+        # As many as a larger machine has.
+        OPENIMAGEIO_THREADS="16",
     )
     assert set(out.split("\n")) == {"ok", ""}, out
+
+
+def test_threads_of_openimageio_that_are_the_parents_are_an_error(tmp_path) -> None:
+    """Whoever imports it first may have made them; one who has none goes on."""
+    out = run(
+        """
+        import OpenImageIO
+        a, b = np.zeros((64, 64, 3), np.uint8), np.full((64, 64, 3), 5, np.uint8)
+        want = nrs.compare(a, b).psnr
+        print(forked(lambda: nrs.compare(a, b).psnr))
+        OpenImageIO.attribute("threads", 1)
+        print(forked(lambda: nrs.compare(a, b).psnr == want))
+        """,
+        tmp_path,
+        OPENIMAGEIO_THREADS="16",
+    )
+    refused, fine = out.split("\n")[:2]
+    assert refused.startswith("ForkError: compare: OpenImageIO has threads in the process")
+    assert fine == "True"
 
 
 def test_what_another_thread_was_at_is_an_error_and_the_rest_works(tmp_path) -> None:
