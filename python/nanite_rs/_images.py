@@ -81,7 +81,7 @@ def openimageio(purpose: str) -> Any:
     elif "OpenImageIO" in _inherited and OpenImageIO.get_int_attribute("threads") != 1:
         raise ForkError(
             f"{purpose}: OpenImageIO has threads in the process that this one was forked from, and not in this "
-            'one: call OpenImageIO.attribute("threads", 1) there before anything else, or start workers with "spawn"'
+            'one: call OpenImageIO.attribute("threads", 1) there before all else, or start workers with "spawn"'
         )
     return OpenImageIO
 
