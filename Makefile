@@ -33,7 +33,8 @@ STRICT ?=
 MESH ?=
 override MESH := $(patsubst ~/%,$(HOME)/%,$(MESH))
 PYTEST_ARGS ?=
-# Processes that share the files of Python tests out.
+# Processes that share the files of Python tests out, in the order of their names: those of few tests take longest, and
+# would come last.
 PYTEST_WORKERS ?= 2
 CARGO_TEST_ARGS ?=
 
@@ -140,12 +141,12 @@ test-rust: vulkan | tools
 test-python: build $(VENV)/.stamp-test-requirements system vulkan
 	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/python-*
 	@$(with_vulkan); \
-	NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(BIN)/python -m pytest -n $(PYTEST_WORKERS) --dist loadfile $(PYTEST_ARGS)
+	NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(BIN)/python -m pytest -n $(PYTEST_WORKERS) --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 # What is slow is marked so. The rest tells most faults.
 test-fast: quick $(VENV)/.stamp-test-requirements system vulkan
 	@$(with_vulkan); cargo test --locked --quiet --profile quick --lib; \
-	$(BIN)/python -m pytest -q -n $(PYTEST_WORKERS) --dist loadfile -m "not slow" $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -q -n $(PYTEST_WORKERS) --dist loadfile --no-loadscope-reorder -m "not slow" $(PYTEST_ARGS)
 
 soak: export NANITE_SOAK := 1
 soak: $(VENV)/.stamp-error-requirements test
