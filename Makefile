@@ -6,7 +6,7 @@
 #   make test              cargo test, pytest, and the skipped tests with their reasons
 #   make test STRICT=1     fails when any test was skipped
 #   make quick             the module alone, without link-time optimization: seconds to a minute after a change
-#   make test-fast         tests that take less than a second or two each, on that module, in some minutes
+#   make test-fast         Rust's unit tests, and pytest without the slow files, on that module, in some minutes
 #   make lint              rustfmt, clippy, rustdoc, ruff, mypy, stubtest, and the documentation
 #   make docs              the documentation as HTML, into target/docs
 #   make wheel             a wheel and a source archive, into target/wheels
@@ -39,6 +39,8 @@ PYTEST_WORKERS ?= 2
 CARGO_TEST_ARGS ?=
 
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+DEVELOP = VIRTUAL_ENV=$(abspath $(VENV)) PATH="$(abspath $(BIN)):$$PATH" PIP_QUIET=1 $(BIN)/maturin develop --locked --quiet
+PYTEST = $(BIN)/python -m pytest -n $(PYTEST_WORKERS) --dist loadfile --no-loadscope-reorder
 RUST_SOURCES := $(shell find src shaders -type f 2>/dev/null) Cargo.toml Cargo.lock pyproject.toml
 REPORTS := target/test-reports
 
@@ -93,8 +95,7 @@ $(VENV)/.stamp-docs-requirements: requirements/docs.txt $(VENV)/.stamp-build-req
 # The compiled module lands in python/nanite_rs/, which .venv then imports in place.
 $(VENV)/.stamp-module: $(RUST_SOURCES) $(VENV)/.stamp-build-requirements
 	@echo "building the compiled module (some minutes the first time)"
-	@VIRTUAL_ENV=$(abspath $(VENV)) PATH="$(abspath $(BIN)):$$PATH" PIP_QUIET=1 \
-		$(BIN)/maturin develop --release --locked --quiet
+	@$(DEVELOP) --release
 	@touch $@
 
 # libOSMesa for pyrender, the oracle of the image tests, and a display and a browser for the viewer. The tests say so
@@ -110,8 +111,7 @@ build: $(VENV)/.stamp-module
 
 # In the same place. `make build` puts the one that is released there again.
 quick: $(VENV)/.stamp-build-requirements
-	@VIRTUAL_ENV=$(abspath $(VENV)) PATH="$(abspath $(BIN)):$$PATH" PIP_QUIET=1 \
-		$(BIN)/maturin develop --profile quick --locked --quiet
+	@$(DEVELOP) --profile quick
 	@rm -f $(VENV)/.stamp-module
 
 # -------------------------------------------------------------------------------------------- for users
@@ -141,12 +141,12 @@ test-rust: vulkan | tools
 test-python: build $(VENV)/.stamp-test-requirements system vulkan
 	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/python-*
 	@$(with_vulkan); \
-	NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(BIN)/python -m pytest -n $(PYTEST_WORKERS) --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
+	NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(PYTEST) $(PYTEST_ARGS)
 
 # What is slow is marked so. The rest tells most faults.
 test-fast: quick $(VENV)/.stamp-test-requirements system vulkan
 	@$(with_vulkan); cargo test --locked --quiet --profile quick --lib; \
-	$(BIN)/python -m pytest -q -n $(PYTEST_WORKERS) --dist loadfile --no-loadscope-reorder -m "not slow" $(PYTEST_ARGS)
+	$(PYTEST) -q -m "not slow" $(PYTEST_ARGS)
 
 soak: export NANITE_SOAK := 1
 soak: $(VENV)/.stamp-error-requirements test

@@ -326,7 +326,7 @@ macro_rules! file {
 
 const TYPES: &str = file!("shared/types");
 const EXACT: &str = file!("shared/exact");
-const CULL: &str = concat!(file!("shared/exact"), file!("shared/cull"));
+const CULL: &str = file!("shared/cull");
 const LOD: &str = file!("shared/lod");
 const PAGES: &str = concat!(file!("shared/places"), file!("shared/pages"));
 const RECORDS: &str = concat!(file!("shared/places"), file!("shared/records"));
@@ -389,31 +389,45 @@ impl Kernel {
         };
         match self {
             Self::InstanceCull => {
-                vec![TYPES, CULL, DERIVE, OCCLUSION, APPEND, PUT_OFF, file!("instance_cull")]
+                vec![TYPES, EXACT, CULL, DERIVE, OCCLUSION, APPEND, PUT_OFF, file!("instance_cull")]
             }
             Self::ClearGroups => vec![TYPES, file!("clear_groups")],
             Self::NodeCull(_) => {
-                vec![TYPES, CULL, OCCLUSION, LOD, GROUP_BITS, APPEND, PUT_OFF, file!("node_cull")]
+                vec![TYPES, EXACT, CULL, OCCLUSION, LOD, GROUP_BITS, APPEND, PUT_OFF, file!("node_cull")]
             }
             Self::CountBits(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("count_bits")],
             Self::ScanBlocks(_) => vec![TYPES, SCAN, file!("scan_blocks")],
             Self::ListGroups(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("list_groups")],
             Self::ClusterCull(_) => {
-                vec![TYPES, CULL, OCCLUSION, LOD, RECORDS, CONE, TILES_OF, file!("cluster_cull")]
+                vec![TYPES, EXACT, CULL, OCCLUSION, LOD, RECORDS, CONE, TILES_OF, file!("cluster_cull")]
             }
             Self::ListClusters(_) => vec![TYPES, SCAN, WORD_BLOCKS, GROUP_BITS, file!("list_clusters")],
-            Self::RasterSmall(w) => vec![TYPES, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")],
+            Self::RasterSmall(w) => {
+                vec![TYPES, EXACT, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")]
+            }
             Self::RasterLarge(w) => {
                 let whole = file!("shared/whole");
-                vec![TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w), whole, file!("raster_large")]
+                vec![
+                    TYPES,
+                    EXACT,
+                    CULL,
+                    PAGES,
+                    TRIANGLE,
+                    PAIR,
+                    WIDE,
+                    SCAN,
+                    words(w),
+                    whole,
+                    file!("raster_large"),
+                ]
             }
             Self::RasterMasked(w) => {
                 let surface = [SURFACE, TEXTURE, MATERIAL, file!("shared/holes")];
-                let raster = [TYPES, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w)];
+                let raster = [TYPES, EXACT, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w)];
                 [&raster[..], &surface, &[file!("raster_large")]].concat()
             }
             Self::RasterHardware(_, w) => {
-                vec![TYPES, CULL, PAGES, TRIANGLE, WIDE, words(w), file!("raster_hardware")]
+                vec![TYPES, EXACT, CULL, PAGES, TRIANGLE, WIDE, words(w), file!("raster_hardware")]
             }
             Self::Hzb(_) => vec![TYPES, KEY, TILES_OF, file!("hzb")],
             Self::Settle(_) => vec![TYPES, file!("settle")],
@@ -459,8 +473,8 @@ impl Kernel {
         let files = self.files();
         let strands = files.contains(&TYPES).then_some(("STRANDS", threads as f64));
         // It divides as the CPU does.
-        let exact = files.contains(&EXACT) || files.contains(&CULL);
-        lanes.into_iter().chain(strands).chain(exact.then_some(("ROUNDS_TO_NEAREST", 1.0))).collect()
+        let exact = files.contains(&EXACT).then_some(("ROUNDS_TO_NEAREST", 1.0));
+        lanes.into_iter().chain(strands).chain(exact).collect()
     }
 
     /// Whether it reads pages, so that it depends on how many arrays they lie in.
