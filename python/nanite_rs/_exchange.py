@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _advice
+from nanite_rs import _advice, _colors
 from nanite_rs._asset import Notes
 from nanite_rs.exceptions import DependencyError, DtypeError, MeshError
-from nanite_rs.io import Source, as_rgba, settle
+from nanite_rs.io import Source, settle
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,7 +51,7 @@ def _taken(source: Source, point_data: Mapping[str, Any]) -> Source:
         elif name == UVS and columns == 2:
             source.uvs = [np.asarray(array, np.float32)]
         elif name.upper() in ("RGB", "RGBA", "COLORS") and columns in (3, 4) and source.colors is None:
-            source.colors = as_rgba(array)
+            source.colors = _colors.rgba(array)
         elif array.ndim in (1, 2) and array.size and array.dtype.kind in "fiub":
             source.channels[str(name)] = array
     return source
@@ -115,7 +115,12 @@ def to_pyvista(cut: Cut) -> Any:
 
 def _carried(cut: Cut) -> dict[str, NDArray[Any]]:
     """Colours and channels of vertices by name."""
-    return ({} if cut.colors is None else {COLORS: cut.colors}) | cut._vertex_channels
+    colors = cut.colors
+    if colors is None:
+        return dict(cut._vertex_channels)
+    # What is no byte is a number of 0 to 1 there.
+    fine = colors if colors.dtype == np.uint8 else _colors.unit(colors).astype(np.float32)
+    return {COLORS: fine} | cut._vertex_channels
 
 
 def from_open3d(mesh: Any) -> Source:
@@ -129,7 +134,7 @@ def from_open3d(mesh: Any) -> Source:
     if legacy.has_vertex_normals():
         source.normals = np.asarray(legacy.vertex_normals, np.float32)
     if legacy.has_vertex_colors():
-        source.colors = as_rgba(np.asarray(legacy.vertex_colors))
+        source.colors = _colors.rgba(np.asarray(legacy.vertex_colors))
     if legacy.has_triangle_material_ids():
         source.face_materials = np.asarray(legacy.triangle_material_ids)
     if legacy.has_triangle_uvs():
@@ -152,7 +157,7 @@ def to_open3d(cut: Cut) -> Any:
     )
     out.vertex_normals = rows(cut.normals.astype(np.float64))
     if cut.colors is not None:
-        out.vertex_colors = rows(cut.colors[:, :3] / 255.0)
+        out.vertex_colors = rows(_colors.unit(cut.colors[:, :3]))
     if cut.uvs:
         out.triangle_uvs = o3d.utility.Vector2dVector(cut.uvs[0][cut.faces.reshape(-1)].astype(np.float64))
     if cut.face_materials is not None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _advice
+from nanite_rs import _advice, _colors
 from nanite_rs._asset import GLTF_SLOTS, MINIFICATION, TEXTURES, WRAPS, Notes
 from nanite_rs._images import PNG, beside
 from nanite_rs.exceptions import FormatError
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 # Textures whose integers are sRGB.
 COLORS: Final = ("base_color_texture", "emissive_texture")
-FINE_COLORS: Final = "COLOR_0"
-"""The channel of colours that 8 bits are too few for."""
 
 _WRAP_NUMBERS: Final[dict[str, int]] = {wrap: number for number, wrap in WRAPS.items()}
 
@@ -297,8 +295,6 @@ def _document(cut: Cut, notes: Notes) -> _Gltf:
         origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
         vertices, node = (vertices - origin).astype(np.float32), {"mesh": 0, "translation": origin.tolist()}
     extra = _channels(cut, notes)
-    # Colours that were finer than 8 bits in a file are so in this one.
-    colors = extra.pop(f"_{FINE_COLORS}", cut.colors)
     primitives = []
     for piece in pieces(cut):
         own = vertices[piece.used]
@@ -307,9 +303,9 @@ def _document(cut: Cut, notes: Notes) -> _Gltf:
         }
         if piece.material.smooth:  # without normals faces are flat
             attributes["NORMAL"] = out.accessor(cut.normals[piece.used])
-        if colors is not None:
-            whole = {"normalized": True} if colors.dtype == np.uint8 else {}
-            attributes["COLOR_0"] = out.accessor(colors[piece.used], **whole)
+        if cut.colors is not None:
+            whole = {"normalized": True} if cut.colors.dtype.kind == "u" else {}
+            attributes["COLOR_0"] = out.accessor(cut.colors[piece.used], **whole)
         for number, uv in enumerate(cut.uvs):
             upright = uv[piece.used].astype(np.float64) * (1.0, -1.0) + (0.0, 1.0)
             attributes[f"TEXCOORD_{number}"] = out.accessor(upright.astype(np.float32))
@@ -397,9 +393,9 @@ def _obj(cut: Cut, path: str, notes: Notes) -> dict[str, bytes]:
     if cut.colors is None:
         text.append(_lines(f"v {digits} {digits} {digits}\n", cut.vertices))
     else:
-        rows = np.concatenate([cut.vertices.astype(np.float64), cut.colors[:, :3] / 255.0], axis=1)
+        rows = np.concatenate([cut.vertices.astype(np.float64), _colors.unit(cut.colors[:, :3])], axis=1)
         text.append(_lines(f"v {digits} {digits} {digits} %.9g %.9g %.9g\n", rows))
-        _note(notes, "alpha of vertex colours", (cut.colors[:, 3] < 255).any())
+        _note(notes, "alpha of vertex colours", not _colors.is_white(_colors.as_bytes(cut.colors[:, 3])))
     text.extend(_lines("vt %.9g %.9g\n", uv) for uv in cut.uvs[:1])
     text.append(_lines("vn %.9g %.9g %.9g\n", cut.normals))
     corner = "%d/%d/%d" if cut.uvs else "%d//%d"

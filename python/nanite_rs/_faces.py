@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _core
+from nanite_rs import _colors, _core
 from nanite_rs._asset import Part, as_labels, has_area
 from nanite_rs.exceptions import MeshError
 from nanite_rs.material import Material
@@ -43,14 +43,14 @@ def triangulated(
 
 
 def colors_of(columns: list[NDArray[Any]]) -> NDArray[Any]:
-    """Three or four columns of any type as (N, 4): uint8 where they are bytes, otherwise float32 from 0 to 1."""
+    """Three or four columns of any type as (N, 4), in the narrowest dtype that holds them."""
     parts = [_unit(column) for column in columns]
     if len(parts) == 3:
         parts.append(np.full(len(parts[0]), 255, np.uint8))
     if all(part.dtype == np.uint8 for part in parts):
         return np.stack(parts, axis=1)
     parts = [part / np.float32(255) if part.dtype == np.uint8 else part for part in parts]
-    return bytes_if_exact(np.stack(parts, axis=1).astype(np.float32))
+    return _colors.narrowed(np.stack(parts, axis=1).astype(np.float32), _colors.ANY_DIGITS)
 
 
 def _unit(values: NDArray[Any]) -> NDArray[Any]:
@@ -64,13 +64,6 @@ def _unit(values: NDArray[Any]) -> NDArray[Any]:
     if values.dtype.itemsize > 2 and values.max(initial=0) <= 255:
         return np.asarray(np.clip(values, 0, 255), np.uint8)
     return np.asarray(np.clip(values / 65535.0, 0.0, 1.0), np.float32)
-
-
-def bytes_if_exact(colors: NDArray[np.float32]) -> NDArray[Any]:
-    """Colours from 0 to 1 as uint8 if that is what was written, with three digits or more."""
-    scaled = colors * np.float32(255)
-    rounded = np.rint(scaled)
-    return rounded.astype(np.uint8) if np.abs(scaled - rounded).max(initial=0) < 0.1 else colors
 
 
 def add_channels(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _advice
+from nanite_rs import _advice, _colors
 from nanite_rs._accessors import Document
 from nanite_rs._asset import (
     MINIFICATION,
@@ -273,10 +273,7 @@ class _Reader:
         source.uvs = rows.uvs()
         source.channels = rows.channels(self._notes)
         if "COLOR_0" in attributes:
-            colors = rows.numbers("COLOR_0", (3, 4))
-            source.colors = _rgba(colors)
-            if _is_fine(colors):
-                source.channels["COLOR_0"] = colors
+            source.colors = _colors.rgba(rows.numbers("COLOR_0", (3, 4)))
         for name in attributes:
             if not _READ.fullmatch(name):
                 self._notes.add("attributes of vertices", name)
@@ -573,18 +570,6 @@ class _Vertices:
 
 def _unit(values: Any) -> Any:
     return np.clip(values, 0.0, 1.0)
-
-
-def _rgba(colors: NDArray[np.float32]) -> NDArray[np.uint8]:
-    out = np.full((len(colors), 4), 255, np.uint8)
-    out[:, : colors.shape[1]] = np.rint(np.clip(np.nan_to_num(colors, nan=1.0), 0.0, 1.0) * 255.0)
-    return out
-
-
-def _is_fine(colors: NDArray[np.float32]) -> bool:
-    """Whether 8 bits are too few for them: in the dark the eye sees the steps between such linear numbers."""
-    steps = np.clip(np.nan_to_num(colors, nan=1.0), 0.0, 1.0) * 255.0
-    return bool(np.abs(steps - np.rint(steps)).max(initial=0.0) > 0.01)
 
 
 def _unique(name: str, taken: set[str]) -> str:

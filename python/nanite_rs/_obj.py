@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _core, _mtl
+from nanite_rs import _colors, _core, _mtl
 from nanite_rs._asset import Asset, fitted
-from nanite_rs._faces import add, bytes_if_exact, plain
+from nanite_rs._faces import add, plain
 from nanite_rs.io import Source
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def _source(row: dict[str, Any]) -> Source:
     source = Source(row["positions"], row["faces"], normals=row["normals"])
     source.uvs = [] if row["uvs"] is None else [row["uvs"]]
     if row["colors"] is not None:
-        source.colors = bytes_if_exact(row["colors"])
+        source.colors = _colors.narrowed(row["colors"], _colors.ANY_DIGITS)
     for name, key in (("group", "groups"), ("smoothing_group", "smoothing")):
         numbers = row[key]
         if numbers is not None and (numbers != numbers[0]).any():

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nanite_rs import _core
+from nanite_rs import _colors, _core
 from nanite_rs._asset import Asset
-from nanite_rs._faces import add, bytes_if_exact, exploded, plain, triangulated
+from nanite_rs._faces import add, exploded, plain, triangulated
 from nanite_rs.io import Source
 
 if TYPE_CHECKING:
@@ -25,14 +25,14 @@ def read(name: str, data: bytes, folder: Path | None, *, drop_bad_textures: bool
     asset = Asset(name)
     source = Source(found["positions"], np.zeros((0, 3), np.int64))
     source.normals = found["normals"]
-    source.colors = None if found["colors"] is None else bytes_if_exact(found["colors"])
+    source.colors = None if found["colors"] is None else _colors.narrowed(found["colors"], _colors.ANY_DIGITS)
     source.uvs = [] if found["uvs"] is None else [found["uvs"]]
     corners, counts = found["corners"], found["counts"]
     triangles, polygons, without = triangulated(name, source.vertices, corners, counts)
     colors = found["face_colors"]
     if colors is not None and source.colors is None:
         exploded(source, corners, triangles)
-        source.colors = np.repeat(bytes_if_exact(colors), counts, axis=0)
+        source.colors = np.repeat(_colors.narrowed(colors, _colors.ANY_DIGITS), counts, axis=0)
     else:
         source.faces = corners[triangles]
         if colors is not None:

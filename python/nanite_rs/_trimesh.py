@@ -11,12 +11,12 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from nanite_rs import _advice, _export
+from nanite_rs import _advice, _colors, _export
 from nanite_rs._asset import GLTF_SLOTS, Asset, Notes, Part, as_labels, fitted, has_area, named, rigid
 from nanite_rs._images import from_pillow
 from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.exceptions import FileError, FormatError, MeshError, NaniteError
-from nanite_rs.io import Source, as_rgba
+from nanite_rs.io import Source
 from nanite_rs.material import TRANSPARENCY, Material, default_material
 from nanite_rs.texture import Image, Texture
 
@@ -286,7 +286,7 @@ def _single(mesh: trimesh.Trimesh) -> Source:
             source.uvs = [np.asarray(uv, np.float32)]
         attribute = attributes.get("color")
         if attribute is not None and np.shape(attribute)[0] == len(source.vertices):
-            source.colors = as_rgba(np.asarray(attribute))
+            source.colors = _colors.rgba(np.asarray(attribute))
     return source
 
 
@@ -327,11 +327,13 @@ def made(cut: Cut, *, process: bool) -> trimesh.Trimesh:
     elif cut.uvs:
         visual = trimesh.visual.TextureVisuals(uv=cut.uvs[0])
     elif cut.colors is not None:
-        visual = trimesh.visual.ColorVisuals(vertex_colors=cut.colors)
+        visual = trimesh.visual.ColorVisuals(vertex_colors=_colors.as_bytes(cut.colors))
     if cut.colors is not None and isinstance(visual, trimesh.visual.TextureVisuals):
-        visual.vertex_attributes["color"] = cut.colors
+        visual.vertex_attributes["color"] = _colors.as_bytes(cut.colors)
     if len(cut.uvs) > 1:
         notes.add("UV sets beyond the first")
+    if cut.colors is not None and cut.colors.dtype != np.uint8:
+        notes.add("colours finer than 8 bits")
     mesh = trimesh.Trimesh(
         vertices=cut.vertices,
         faces=cut.faces,

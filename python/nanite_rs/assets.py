@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from nanite_rs import _trimesh, io
+from nanite_rs import _colors, _trimesh, io
 from nanite_rs._asset import Asset, Part, named
 from nanite_rs.camera import Camera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, MeshError
@@ -233,7 +233,7 @@ def _add_meshes(asset: Asset, loaded: LoadedScene, options: BuildOptions | None,
 def _mesh(part: Part, options: BuildOptions | None, progress: Progress) -> NaniteMesh:
     arrays = part.source.arrays()
     arrays.pop("materials")  # the instance has them
-    if arrays["colors"] is not None and (arrays["colors"] == 255).all():
+    if arrays["colors"] is not None and _colors.is_white(arrays["colors"]):
         arrays["colors"] = None
     return NaniteMesh.from_arrays(**arrays, options=options, progress=progress)
 

@@ -37,7 +37,7 @@ class Cut(_advice.Teaching):
         Triangles, counter-clockwise seen from the front.
     normals : (N, 3) float32 array
         Unit normals.
-    colors : (N, 4) uint8 array or None
+    colors : (N, 4) uint8, uint16 or float32 array or None
         Vertex colours.
     uvs : list of (N, 2) float32 arrays
         UV sets, as many as the source had.
@@ -100,7 +100,7 @@ class Cut(_advice.Teaching):
         self.vertices: NDArray[np.float32] | NDArray[np.float64] = core.vertices
         self.faces: NDArray[np.int32] = core.faces
         self.normals: NDArray[np.float32] = core.normals
-        self.colors: NDArray[np.uint8] | None = core.colors
+        self.colors: NDArray[Any] | None = core.colors
         self.uvs: list[NDArray[np.float32]] = core.uvs
         layout, self._face_names = _face_data.layout(rows.name for rows in core.channels)
         self.channels: Mapping[str, NDArray[Any]] = CutChannels(core.channels)

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from nanite_rs import _colors
 from nanite_rs._asset import triangles
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError
@@ -175,7 +176,7 @@ def _mesh(primitive: pyrender.Primitive, options: BuildOptions | None, lost: set
     known = _built.get(primitive)
     # The arrays are kept, so that no other can have the identity of one of them.
     if known is None or any(a is not b for a, b in zip(known[0], arrays, strict=True)):
-        colors = None if primitive.color_0 is None else np.clip(primitive.color_0, 0.0, 1.0)
+        colors = None if primitive.color_0 is None else _colors.rgba(np.asarray(primitive.color_0))
         mesh = NaniteMesh.from_arrays(
             primitive.positions,
             faces,

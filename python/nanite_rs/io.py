@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _advice, _face_data
+from nanite_rs import _advice, _colors, _face_data
 from nanite_rs._asset import as_labels, has_area
 from nanite_rs._checks import path_of
 from nanite_rs._images import read_bytes
@@ -21,7 +21,7 @@ from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, MeshErr
 from nanite_rs.material import Material
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
     from typing import BinaryIO
 
     import trimesh
@@ -70,7 +70,7 @@ class Source:
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     normals: NDArray[np.float32] | None = None
-    colors: NDArray[np.uint8] | None = None
+    colors: NDArray[Any] | None = None
     uvs: list[NDArray[np.float32]] = field(default_factory=list)
     channels: dict[str, NDArray[Any]] = field(default_factory=dict)
     face_materials: NDArray[Any] | None = None
@@ -331,15 +331,6 @@ def _looks(part: Part) -> list[Material]:
     return [part.material] if isinstance(part.material, Material) else list(part.material)
 
 
-def as_rgba(colors: NDArray[Any]) -> NDArray[np.uint8]:
-    """Colours of any number of columns and type as (N, 4) uint8."""
-    if colors.dtype.kind == "f":
-        colors = np.rint(np.clip(colors, 0.0, 1.0) * 255.0).astype(np.uint8)
-    rgba = np.full((len(colors), 4), 255, np.uint8)
-    rgba[:, : min(colors.shape[1], 4)] = colors[:, :4]
-    return rgba
-
-
 def _transformed(source: Source, transform: NDArray[np.float64]) -> Source:
     if np.array_equal(transform, np.eye(4)):
         return source
@@ -380,7 +371,9 @@ def _concatenated(parts: list[Source], notes: Notes, *, follow: bool) -> Source:
 
     # A zero normal asks the build to compute it; a part without colour is white.
     out.normals = joined((part.normals for part in parts), np.zeros(3, np.float32))
-    out.colors = _joined_colors([part.colors for part in parts], joined)
+    colors = _colors.alike([part.colors for part in parts])
+    kind = next((part.dtype for part in colors if part is not None), np.dtype(np.uint8))
+    out.colors = joined(colors, np.full(4, _colors.white(kind), kind))
     for number in range(max(len(part.uvs) for part in parts)):
         sets = joined(
             (part.uvs[number] if number < len(part.uvs) else None for part in parts), np.zeros(2, np.float32)
@@ -400,20 +393,6 @@ def _concatenated(parts: list[Source], notes: Notes, *, follow: bool) -> Source:
         [part.face_channels for part in parts], [len(part.faces) for part in parts], notes
     )
     return out
-
-
-def _joined_colors(
-    parts: list[NDArray[Any] | None],
-    joined: Callable[[Iterable[NDArray[Any] | None], NDArray[Any]], NDArray[Any] | None],
-) -> NDArray[Any] | None:
-    """Colours of all parts: bytes where all are, otherwise float32 from 0 to 1."""
-    if all(part is None or part.dtype == np.uint8 for part in parts):
-        return joined(parts, np.full(4, 255, np.uint8))
-    fine = (
-        part if part is None or part.dtype != np.uint8 else part.astype(np.float32) / np.float32(255)
-        for part in parts
-    )
-    return joined(fine, np.ones(4, np.float32))
 
 
 def _joined_channels(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args, get_
 
 import numpy as np
 
-from nanite_rs import _advice, _channels, _checks, _exchange, _face_data, io
+from nanite_rs import _advice, _channels, _checks, _colors, _exchange, _face_data, io
 from nanite_rs._channels import Channel
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._core import check_pose
@@ -178,26 +178,29 @@ def _look_for_lost_faces(vertices: NDArray[Any], mesh: NaniteMesh) -> None:
         )
 
 
-def _colors(value: object) -> NDArray[np.uint8]:
-    """Colours as (N, 4) uint8 from uint8 or floats of 0 to 1, with or without alpha."""
+def _checked_colors(value: object) -> NDArray[Any]:
+    """Colours as (N, 4) from uint8, uint16 or floats of 0 to 1, with or without alpha."""
     array = _array(value, "colors")
     if array.ndim != 2 or array.shape[1] not in (3, 4):
         raise ArgumentError(f"colors: expected shape (N, 3) or (N, 4), found {array.shape}")
     if array.dtype.kind == "f":
         if not np.isfinite(array).all() or array.min(initial=0.0) < 0.0 or array.max(initial=0.0) > 1.0:
             raise ArgumentError("colors: floating-point colours must lie between 0 and 1")
-        array = np.rint(array * 255.0).astype(np.uint8)
+        array = array.astype(np.float32)
     elif array.dtype == np.uint8:
         if len(array) and array.max() == 1:
             _advice.warn(
                 "colors: uint8 of 0 and 1 are next to black: give colors * 255, or floats of 0 to 1",
                 UsageWarning,
             )
+    elif array.dtype == np.uint16:
+        if len(array) and 0 < array.max() <= 255:
+            _advice.warn(
+                "colors: uint16 of 0 to 255 are next to black: give colors.astype(np.uint8)", UsageWarning
+            )
     else:
-        raise DtypeError(f"colors: expected uint8 or a floating-point dtype, not {array.dtype}")
-    if array.shape[1] == 3:
-        array = np.concatenate([array, np.full((len(array), 1), 255, np.uint8)], axis=1)
-    return np.ascontiguousarray(array)
+        raise DtypeError(f"colors: expected uint8, uint16 or a floating-point dtype, not {array.dtype}")
+    return _colors.opaque(array)
 
 
 def _uv_sets(value: object) -> list[NDArray[np.float32]]:
@@ -248,7 +251,7 @@ def _core_arrays(
         "vertices": vertices,
         "faces": faces,
         "normals": None if normals is None else _vertex_floats(normals, "normals"),
-        "colors": None if colors is None else _colors(colors),
+        "colors": None if colors is None else _checked_colors(colors),
         "uvs": _uv_sets(given["uvs"]),
         "face_materials": None if face_materials is None else _materials(face_materials),
         "channels": _channels.pack(channels, len(vertices) if vertices.ndim else 0),
@@ -367,7 +370,8 @@ class NaniteMesh(_advice.Teaching):
         normals : (N, 3) floating-point array, optional
             Vertex normals of any length; computed, weighted by angle, when missing.
         colors : (N, 3) or (N, 4) array, optional
-            Vertex colours: uint8, or floating-point from 0 to 1.
+            Linear vertex colours: uint8, uint16, or floating-point from 0 to 1 (kept as float32). They stay as
+            precise as they are, in pictures, cuts and files; bytes take a quarter of the memory of floats.
         uvs : (N, 2) floating-point array or a sequence of up to four, optional
             Texture coordinates.
         channels : mapping of names to (N,) or (N, K) arrays, optional
@@ -594,9 +598,9 @@ class NaniteMesh(_advice.Teaching):
         """Build from a file: glTF, GLB, PLY, OBJ, STL, OFF and whatever else trimesh reads, gzipped or not.
 
         It is what `load_scene` reads, as one mesh: every instance where it stands, with normals, colours, all UV
-        sets, channels and `materials`. Where 8 bits are too few for a glTF's colours, they are the channel
-        ``COLOR_0`` too, as they are. Cameras and lights belong to no mesh and are `load_scene`'s. What else has
-        no counterpart is left out or changed, and a single warning names it. A ``.nanite`` file is opened as it is.
+        sets, channels and `materials`. Colours have as many bits as in the file. Cameras and lights belong to no
+        mesh and are `load_scene`'s. What else has no counterpart is left out or changed, and a single warning
+        names it. A ``.nanite`` file is opened as it is.
 
         Parameters
         ----------
@@ -974,7 +978,7 @@ class NaniteMesh(_advice.Teaching):
             "nodes": core.node_count,
             "pages": core.page_count,
             "bytes": core.nbytes,
-            "colors": core.has_colors,
+            "colors": core.colors,
             "uv_sets": core.uv_sets,
             "materials": core.has_materials,
             "channels": [_face_data.plain(name) for name, _, _ in core.channels],

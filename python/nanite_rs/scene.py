@@ -314,7 +314,7 @@ class Scene(_advice.Teaching):
         """
         if isinstance(item, NaniteMesh):
             if material is None:
-                material = item.materials or default_material(colored=item._core.has_colors)
+                material = item.materials or default_material(colored=item._core.colors is not None)
             self._look_for_transparency(material)
             try:
                 handle = self._core.add_mesh(item._core, _pose(pose), item._looks(material))

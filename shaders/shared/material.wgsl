@@ -3,7 +3,7 @@
 
 fn uv_at(surfel: Surfel, uv_set: u32, corner: u32) -> vec2<f32> {
     let vertices = surfel.streams.colors - surfel.streams.normals;
-    let colors = select(0u, vertices, (looks[surfel.instance].flags & LOOK_COLORS) != 0u);
+    let colors = vertices * color_words(looks[surfel.instance].flags);
     let at = surfel.streams.colors + colors + 2u * (uv_set * vertices + corner);
     return vec2<f32>(real(at), real(at + 1u));
 }

@@ -138,9 +138,24 @@ fn decode_normal(packed: u32) -> vec3<f32> {
     return v * (1.0 / sqrt(dot3(v, v)));
 }
 
-fn decode_color(packed: u32) -> vec3<f32> {
-    let bytes = vec3<u32>(packed & 0xffu, packed >> 8u & 0xffu, packed >> 16u & 0xffu);
-    return vec3<f32>(bytes) * (1.0 / 255.0);
+// Words of a vertex's colour; 0 without colours.
+fn color_words(flags: u32) -> u32 {
+    return flags >> LOOK_COLOR_WORDS;
+}
+
+// The colour of a vertex, in one of the formats of src/model/colors.rs.
+fn color_of_vertex(colors: u32, words: u32, vertex: u32) -> vec3<f32> {
+    let at = colors + words * vertex;
+    let first = page_word(at);
+    if words == 1u {
+        let bytes = vec3<u32>(first & 0xffu, first >> 8u & 0xffu, first >> 16u & 0xffu);
+        return vec3<f32>(bytes) * (1.0 / 255.0);
+    }
+    if words == 2u {
+        let shorts = vec3<u32>(first & 0xffffu, first >> 16u, page_word(at + 1u) & 0xffffu);
+        return vec3<f32>(shorts) * (1.0 / 65535.0);
+    }
+    return reals(at);
 }
 
 // Rows of the map of normals to camera space.
@@ -187,10 +202,11 @@ fn surfel_of(pixel: u32, hit: Hit) -> Surfel {
         }
     }
     var tint = vec3<f32>(1.0);
-    if (flags & LOOK_COLORS) != 0u {
-        let ca = decode_color(page_word(streams.colors + corners.x));
-        let cb = decode_color(page_word(streams.colors + corners.y));
-        let cc = decode_color(page_word(streams.colors + corners.z));
+    let words = color_words(flags);
+    if words != 0u {
+        let ca = color_of_vertex(streams.colors, words, corners.x);
+        let cb = color_of_vertex(streams.colors, words, corners.y);
+        let cc = color_of_vertex(streams.colors, words, corners.z);
         tint = blend(weights, ca, cb, cc);
     }
     let distance = distance_of(hit.key);

@@ -77,7 +77,7 @@ struct Look {
     emissive: vec3<f32>,
     metallic: f32,
     roughness: f32,
-    // LOOK_SMOOTH, LOOK_CONFORMAL, LOOK_COLORS, LOOK_UNLIT.
+    // LOOK_SMOOTH, LOOK_CONFORMAL, LOOK_UNLIT; from bit LOOK_COLOR_WORDS on, words of a vertex's colour.
     flags: u32,
     // Of an instance with textures or several materials: its first one, and how many follow. Otherwise NONE.
     first_material: u32,

@@ -200,9 +200,10 @@ fn write_streams(store: &VertexStore, cluster: &BuildCluster, streams: Streams, 
         let row = store.row(*v);
         out[streams.normals + i] = octahedral::encode([row[0], row[1], row[2]]);
         let mut at = 3;
-        if layout.colors {
-            let bytes = [0, 1, 2, 3].map(|k| (row[at + k].clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
-            out[streams.colors + i] = u32::from_le_bytes(bytes);
+        if layout.colors.is_some() {
+            let (color, words) =
+                (layout.colors.pack([0, 1, 2, 3].map(|k| row[at + k])), layout.colors.words());
+            out[streams.colors + words * i..][..words].copy_from_slice(&color[..words]);
             at += 4;
         }
         for set in 0..usize::from(layout.uv_sets) {

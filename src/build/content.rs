@@ -67,7 +67,7 @@ impl Content {
             at += width;
         };
         add(3, weights.normal, true);
-        if layout.colors {
+        if layout.colors.is_some() {
             add(4, weights.color, false);
         }
         (0..layout.uv_sets).for_each(|_| add(2, weights.uv, false));

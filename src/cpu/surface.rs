@@ -4,7 +4,7 @@
 use super::lanes::{LANES, Lanes, Vec3x8, apply, blend, cross, minus, normalize};
 use super::project::{InstanceView, Screen};
 use super::visibility::{Hit, Visible, decode};
-use crate::model::{ClusterAddress, ClusterGeometry};
+use crate::model::{ClusterAddress, ClusterGeometry, ColorFormat};
 
 /// A finished visibility buffer with all that is needed to read it.
 #[derive(Clone, Copy)]
@@ -31,7 +31,8 @@ struct Gathered<'a> {
     clusters: [ClusterAddress; LANES],
     positions: [[Lanes; 3]; 3],
     normals: [[u32; LANES]; 3],
-    colors: [[u32; LANES]; 3],
+    /// Components of the corners' colours, unscaled.
+    colors: [Vec3x8; 3],
 }
 
 /// Up to eight surface points of one instance, with [`Detail`] or, as `()`, without.
@@ -192,7 +193,7 @@ impl<'a> Gathered<'a> {
             clusters: [at.cluster; LANES],
             positions: [[zero; 3]; 3],
             normals: [[0; LANES]; 3],
-            colors: [[0; LANES]; 3],
+            colors: [[zero; 3]; 3],
         }
     }
 
@@ -210,7 +211,10 @@ impl<'a> Gathered<'a> {
             }
             self.normals[i][lane] = geometry.normals[corner];
             if !geometry.colors.is_empty() {
-                self.colors[i][lane] = u32::from_le_bytes(geometry.colors[corner]);
+                let color = components(self.view.mesh.layout().colors, geometry.colors, corner);
+                for k in 0..3 {
+                    self.colors[i][k].0[lane] = color[k];
+                }
             }
         }
     }
@@ -250,12 +254,13 @@ impl<'a> Gathered<'a> {
             corners: self.positions,
             face: normalize(&face()),
         });
-        let color = if view.mesh.layout().colors {
-            let [a, b, c] = &self.colors;
-            Some(blend(&weights, &[decode_color(a), decode_color(b), decode_color(c)]))
-        } else {
-            None
+        let one = match view.mesh.layout().colors {
+            ColorFormat::None => None,
+            ColorFormat::Unorm8 => Some(1.0 / 255.0),
+            ColorFormat::Unorm16 => Some(1.0 / 65_535.0),
+            ColorFormat::Float32 => Some(1.0),
         };
+        let color = one.map(|one| blend(&weights, &self.colors.map(|corner| corner.map(|x| x * one))));
         Surfels {
             count: self.count,
             instance: self.instance,
@@ -378,16 +383,20 @@ fn decode_normal(packed: &[u32; LANES]) -> Vec3x8 {
     [v[0] * inverse, v[1] * inverse, v[2] * inverse]
 }
 
+/// Red, green and blue of a vertex, as whole numbers where the format has such.
 #[inline(always)]
-fn decode_color(packed: &[u32; LANES]) -> Vec3x8 {
-    let mut out = [Lanes::splat(0.0); 3];
-    for k in 0..3 {
-        for lane in 0..LANES {
-            out[k].0[lane] = (packed[lane] >> (8 * k) & 0xff) as i32 as f32;
+fn components(format: ColorFormat, colors: &[u32], vertex: usize) -> [f32; 3] {
+    let at = format.words() * vertex;
+    let whole = |x: u32| x as i32 as f32;
+    match format {
+        ColorFormat::None => [0.0; 3],
+        ColorFormat::Unorm8 => [0, 8, 16].map(|shift| whole(colors[at] >> shift & 0xff)),
+        ColorFormat::Unorm16 => {
+            let [rg, b] = [colors[at], colors[at + 1]];
+            [rg & 0xffff, rg >> 16, b & 0xffff].map(whole)
         }
-        out[k] = out[k] * (1.0 / 255.0);
+        ColorFormat::Float32 => [0, 1, 2].map(|k| f32::from_bits(colors[at + k])),
     }
-    out
 }
 
 #[cfg(test)]

@@ -53,7 +53,10 @@ impl Region {
                 }
                 let row = &mut mesh.attributes;
                 row.extend(octahedral::decode(geometry.normals[i]));
-                row.extend(geometry.colors.get(i).iter().flat_map(|c| c.map(|x| f32::from(x) / 255.0)));
+                if layout.colors.is_some() {
+                    let words = layout.colors.words();
+                    row.extend(layout.colors.unpack(&geometry.colors[words * i..][..words]));
+                }
                 (0..sets).for_each(|set| row.extend(geometry.uvs[set * count + i]));
                 let mut scales = scales.iter();
                 for (words, width, _) in words.iter().filter(|(_, _, is_label)| !is_label) {

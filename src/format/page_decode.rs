@@ -16,7 +16,7 @@ use crate::math::{Aabb, Ball, Sphere};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
 use crate::model::packing::{self, VertexRow, coordinate_of, ordered, write_triangles};
 use crate::model::rule::SOURCE_ERROR;
-use crate::model::{ClusterRecord, Packing};
+use crate::model::{ClusterRecord, ColorFormat, Packing};
 
 /// Room for a row of every vertex of a page, and for zeros before them, so that any number of 16 bits is one of a row.
 const ROWS: usize = 1 << 16;
@@ -111,12 +111,31 @@ impl Decoder {
             row[0] = wide(row[0]) | wide(row[1]) << NORMAL_BITS;
         }
         put_rows::<1>(|s| s.streams.normals, buffers, rows, out);
-        if layout.colors {
-            read_rows::<4>(&Color, &mut reader, buffers, rows)?;
-            for row in &mut rows[..buffers.rows] {
-                row[0] = u32::from_le_bytes(row.map(|byte| byte as u8));
+        let stream = |s: &Shape| s.streams.colors;
+        match layout.colors {
+            ColorFormat::None => {}
+            ColorFormat::Unorm8 => {
+                read_rows::<4>(&Color, &mut reader, buffers, rows)?;
+                for row in &mut rows[..buffers.rows] {
+                    row[0] = u32::from_le_bytes(row.map(|byte| byte as u8));
+                }
+                put_rows::<1>(stream, buffers, rows, out);
             }
-            put_rows::<1>(|s| s.streams.colors, buffers, rows, out);
+            ColorFormat::Unorm16 => {
+                read_rows::<4>(&Whole, &mut reader, buffers, rows)?;
+                for row in &mut rows[..buffers.rows] {
+                    let [r, g, b, a] = *row;
+                    if r | g | b | a > 0xffff {
+                        return Err("a colour of more than 16 bits");
+                    }
+                    [row[0], row[1]] = [r | g << 16, b | a << 16];
+                }
+                put_rows::<2>(stream, buffers, rows, out);
+            }
+            ColorFormat::Float32 => {
+                read_rows::<4>(&Float, &mut reader, buffers, rows)?;
+                put_rows::<4>(stream, buffers, rows, out);
+            }
         }
         for set in 0..usize::from(layout.uv_sets) {
             let step = context.uv_step();

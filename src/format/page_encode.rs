@@ -13,7 +13,7 @@ use crate::limits::CLUSTER_MAX_VERTICES;
 use crate::math::octahedral::narrow;
 use crate::model::cluster::{NO_GROUP, RECORD_WORDS};
 use crate::model::packing::{number_of, ordered};
-use crate::model::{AttributeLayout, ClusterGeometry, ClusterRecord};
+use crate::model::{AttributeLayout, ClusterGeometry, ClusterRecord, ColorFormat};
 
 /// Writes rows of all vertices that have to be, as differences from what is expected.
 fn write_rows<const N: usize>(
@@ -90,9 +90,24 @@ pub fn encode(
     write_rows(writer, &Normal { bits }, &geometry, &places, normal)?;
     ended(Part::Normals, writer);
 
-    if layout.colors {
-        let color = |c: usize, i: usize| geometry[c].colors[i].map(u32::from);
-        write_rows(writer, &Color, &geometry, &places, color)?;
+    match layout.colors {
+        ColorFormat::None => {}
+        ColorFormat::Unorm8 => {
+            let color = |c: usize, i: usize| geometry[c].colors[i].to_le_bytes().map(u32::from);
+            write_rows(writer, &Color, &geometry, &places, color)?;
+        }
+        ColorFormat::Unorm16 => {
+            let half = |c: usize, i: usize| geometry[c].colors[i];
+            let color = |c: usize, i: usize| {
+                let [rg, ba] = [half(c, 2 * i), half(c, 2 * i + 1)];
+                [rg & 0xffff, rg >> 16, ba & 0xffff, ba >> 16]
+            };
+            write_rows(writer, &Whole, &geometry, &places, color)?;
+        }
+        ColorFormat::Float32 => {
+            let color = |c: usize, i: usize| [0, 1, 2, 3].map(|k| geometry[c].colors[4 * i + k]);
+            write_rows(writer, &Float, &geometry, &places, color)?;
+        }
     }
     ended(Part::Colors, writer);
 

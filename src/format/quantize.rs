@@ -222,7 +222,7 @@ impl<'a> Rounded<'a> {
                 let [x, y] = narrow(*normal, grid.normal_bits).map(|t| u32::from(widen(t, grid.normal_bits)));
                 x | y << NORMAL_BITS
             }));
-            out.extend::<&[u32]>(bytemuck::cast_slice(geometry.colors));
+            out.extend(geometry.colors);
             match grid.uv_step() {
                 0.0 => out.extend::<&[u32]>(bytemuck::cast_slice(geometry.uvs)),
                 step => out.extend(geometry.uvs.iter().flat_map(|uv| snap(*uv, step).map(f32::to_bits))),

@@ -16,8 +16,8 @@ use crate::math::octahedral::NORMAL_BITS;
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
 use crate::model::packing::{PACKING_WORDS, WIDEST};
 use crate::model::{
-    AttributeLayout, Channel, ChannelType, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Packing,
-    PageEntry,
+    AttributeLayout, Channel, ChannelType, ClusterGeometry, ClusterRecord, ColorFormat, Dag, Grid, Group,
+    Packing, PageEntry,
 };
 
 type Fault = (Kind, String);
@@ -182,6 +182,11 @@ impl PageLimits<'_> {
         fault(geometry.ids.iter().all(|id| id < self.vertex_count), "identities")?;
         let positions = step > 0.0 || geometry.positions.iter().all(|p| finite(&p));
         fault(step == self.step && positions, "positions")?;
+        let colors: &[f32] = match self.layout.colors {
+            ColorFormat::Float32 => bytemuck::cast_slice(geometry.colors),
+            _ => &[],
+        };
+        fault(colors.iter().all(|x| (0.0..=1.0).contains(x)), "colours")?;
         fault(finite(geometry.uvs.as_flattened()), "UVs")
     }
 }

@@ -7,7 +7,7 @@ use std::thread::available_parallelism;
 use super::meshes::ABSENT;
 use crate::config::{OUTPUTS, Output, Shading};
 use crate::gpu_types::{
-    Dispatch, HISTORY_LIST, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, LOOK_UNLIT, QUAD, TEXTURE_FORMAT,
+    Dispatch, HISTORY_LIST, LOOK_COLOR_WORDS, LOOK_CONFORMAL, LOOK_SMOOTH, LOOK_UNLIT, QUAD, TEXTURE_FORMAT,
     TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP, TILES,
 };
 use crate::limits::{
@@ -569,7 +569,7 @@ pub fn constants() -> String {
         ("LOOK_SMOOTH", LOOK_SMOOTH),
         ("LOOK_UNLIT", LOOK_UNLIT),
         ("LOOK_CONFORMAL", LOOK_CONFORMAL),
-        ("LOOK_COLORS", LOOK_COLORS),
+        ("LOOK_COLOR_WORDS", LOOK_COLOR_WORDS),
         ("SLOTS", Slot::COUNT as u32),
         ("SLOT_BASE_COLOR", Slot::BaseColor as u32),
         ("SLOT_METALLIC_ROUGHNESS", Slot::MetallicRoughness as u32),

@@ -135,7 +135,7 @@ pub struct Look {
     pub metallic: f32,
     /// Perceptual roughness, as it is shaded.
     pub roughness: f32,
-    /// [`LOOK_SMOOTH`], [`LOOK_CONFORMAL`], [`LOOK_COLORS`], [`LOOK_UNLIT`].
+    /// [`LOOK_SMOOTH`], [`LOOK_CONFORMAL`], [`LOOK_UNLIT`], [`LOOK_COLOR_WORDS`].
     pub flags: u32,
     /// Of an instance with textures or several materials, the first of these; otherwise `u32::MAX`.
     pub first_material: u32,
@@ -207,10 +207,10 @@ pub struct Material {
 pub const LOOK_SMOOTH: u32 = 1;
 /// Of [`Look::flags`]: [`Look::normal`] keeps angles.
 pub const LOOK_CONFORMAL: u32 = 2;
-/// Of [`Look::flags`]: vertices have colours.
-pub const LOOK_COLORS: u32 = 4;
 /// Of [`Look::flags`] and [`Material::flags`]: light does not count.
-pub const LOOK_UNLIT: u32 = 8;
+pub const LOOK_UNLIT: u32 = 4;
+/// The bit of [`Look::flags`] from which on the words of each vertex's colour are stated, 0 without colours.
+pub const LOOK_COLOR_WORDS: u32 = 3;
 
 /// A light in camera space.
 #[repr(C)]

@@ -11,8 +11,8 @@ pub struct CutArrays {
     pub positions: Vec<[f32; 3]>,
     /// Unit normals.
     pub normals: Vec<[f32; 3]>,
-    /// RGBA8, empty when the mesh has none.
-    pub colors: Vec<[u8; 4]>,
+    /// As many words each as [`AttributeLayout::colors`] says; empty when the mesh has none.
+    pub colors: Vec<u32>,
     /// UV sets.
     pub uvs: Vec<Vec<[f32; 2]>>,
     /// Vertex identities.
@@ -40,8 +40,9 @@ impl CutArrays {
         let unit = |k: usize| if size > 0.0 { row[k] / size } else { f32::from(u8::from(k == 2)) };
         self.normals.push([0, 1, 2].map(unit));
         let mut next = 3;
-        if layout.colors {
-            self.colors.push([0, 1, 2, 3].map(|k| (row[next + k].clamp(0.0, 1.0) * 255.0 + 0.5) as u8));
+        if layout.colors.is_some() {
+            let color = layout.colors.pack([0, 1, 2, 3].map(|k| row[next + k]));
+            self.colors.extend_from_slice(&color[..layout.colors.words()]);
             next += 4;
         }
         for set in &mut self.uvs {
@@ -70,7 +71,7 @@ pub fn extract_numbered(dag: &Dag, clusters: &[ClusterAddress]) -> (CutArrays, V
     out.ids.reserve(vertices);
     out.faces.reserve(triangles);
     out.first_face.reserve(clusters.len() + 1);
-    let sets = usize::from(dag.layout().uv_sets);
+    let (color_words, sets) = (dag.layout().colors.words(), usize::from(dag.layout().uv_sets));
     out.uvs = vec![Vec::new(); sets];
     // Zeroed memory comes lazily from the system: only the parts that the cut touches cost anything.
     let mut number = vec![0u32; dag.vertex_count as usize];
@@ -84,9 +85,7 @@ pub fn extract_numbered(dag: &Dag, clusters: &[ClusterAddress]) -> (CutArrays, V
                 out.positions.push(geometry.positions.get(i));
                 out.normals.push(octahedral::decode(geometry.normals[i]));
                 out.ids.push(id);
-                if let Some(color) = geometry.colors.get(i) {
-                    out.colors.push(*color);
-                }
+                out.colors.extend_from_slice(&geometry.colors[color_words * i..][..color_words]);
                 for set in 0..sets {
                     out.uvs[set].push(geometry.uvs[set * count + i]);
                 }

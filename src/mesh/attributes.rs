@@ -4,21 +4,21 @@ use std::f64::consts::PI;
 
 use rayon::prelude::*;
 
-use super::source::SourceMesh;
-use crate::model::AttributeLayout;
+use super::source::{Colors, SourceMesh};
+use crate::model::{AttributeLayout, ColorFormat};
 
 /// Faces whose weights are kept at a time: few enough to stay in cache.
 const CHUNK_FACES: usize = 1 << 14;
 
 /// Floats per vertex.
 pub fn stride(layout: AttributeLayout) -> usize {
-    3 + 4 * usize::from(layout.colors) + 2 * usize::from(layout.uv_sets)
+    3 + 4 * usize::from(layout.colors.is_some()) + 2 * usize::from(layout.uv_sets)
 }
 
 /// Which attributes a source has.
 pub fn layout(source: &SourceMesh<'_>) -> AttributeLayout {
     AttributeLayout {
-        colors: source.colors.is_some(),
+        colors: source.colors.map_or(ColorFormat::None, Colors::format),
         uv_sets: source.uvs.len() as u8,
         materials: source.materials.is_some(),
     }
@@ -35,9 +35,7 @@ pub fn gather(source: &SourceMesh<'_>) -> Vec<f32> {
         }
         let mut at = 3;
         if let Some(colors) = source.colors {
-            for k in 0..4 {
-                row[at + k] = f32::from(colors[i][k]) / 255.0;
-            }
+            row[at..at + 4].copy_from_slice(&colors.get(i));
             at += 4;
         }
         for set in &source.uvs {

@@ -14,6 +14,6 @@ pub mod validate;
 pub mod weld;
 
 pub use channels::Channels;
-pub use source::{Positions, SourceChannel, SourceMesh};
+pub use source::{Colors, Positions, SourceChannel, SourceMesh};
 pub use stars::Stars;
 pub use weld::{WeldedMesh, weld};

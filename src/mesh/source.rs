@@ -1,6 +1,6 @@
 //! Borrowed views of the caller's arrays.
 
-use crate::model::ChannelInfo;
+use crate::model::{ChannelInfo, ColorFormat};
 
 /// Vertex positions, object units.
 #[derive(Clone, Copy, Debug)]
@@ -43,6 +43,51 @@ pub struct SourceChannel<'a> {
     pub words: &'a [u32],
 }
 
+/// RGBA colours as the caller has them, each kept as precise as it is.
+#[derive(Clone, Copy, Debug)]
+pub enum Colors<'a> {
+    /// Bytes over 255.
+    U8(&'a [[u8; 4]]),
+    /// 16-bit numbers over 65,535.
+    U16(&'a [[u16; 4]]),
+    /// Numbers of 0 to 1.
+    F32(&'a [[f32; 4]]),
+}
+
+impl Colors<'_> {
+    /// Number of colours.
+    pub fn len(self) -> usize {
+        match self {
+            Self::U8(rows) => rows.len(),
+            Self::U16(rows) => rows.len(),
+            Self::F32(rows) => rows.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(self) -> bool {
+        self.len() == 0
+    }
+
+    /// The colour of vertex `i`, 0 to 1.
+    pub fn get(self, i: usize) -> [f32; 4] {
+        match self {
+            Self::U8(rows) => rows[i].map(|x| f32::from(x) / 255.0),
+            Self::U16(rows) => rows[i].map(|x| f32::from(x) / 65_535.0),
+            Self::F32(rows) => rows[i],
+        }
+    }
+
+    /// What a mesh stores them as.
+    pub fn format(self) -> ColorFormat {
+        match self {
+            Self::U8(_) => ColorFormat::Unorm8,
+            Self::U16(_) => ColorFormat::Unorm16,
+            Self::F32(_) => ColorFormat::Float32,
+        }
+    }
+}
+
 /// A triangle mesh as the caller has it. Nothing is trusted until [`super::validate::validate`] passed.
 #[derive(Clone, Debug)]
 pub struct SourceMesh<'a> {
@@ -52,8 +97,8 @@ pub struct SourceMesh<'a> {
     pub faces: &'a [[u32; 3]],
     /// N normals of any length; computed when missing.
     pub normals: Option<&'a [[f32; 3]]>,
-    /// N RGBA8 colours.
-    pub colors: Option<&'a [[u8; 4]]>,
+    /// N RGBA colours.
+    pub colors: Option<Colors<'a>>,
     /// UV sets of N pairs each, at most [`SourceMesh::MAX_UV_SETS`].
     pub uvs: Vec<&'a [[f32; 2]]>,
     /// Named channels.

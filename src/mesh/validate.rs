@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::frame::LARGEST_EXPONENT;
-use super::source::{Positions, SourceChannel, SourceMesh};
+use super::source::{Colors, Positions, SourceChannel, SourceMesh};
 use crate::error::{Error, Result};
 
 /// Most vertices and most faces: identities are 32-bit and new ones are made at every level.
@@ -76,6 +76,11 @@ pub fn validate(source: &SourceMesh<'_>) -> Result<()> {
     }
     if let Some(colors) = source.colors {
         same_length("colors", colors.len(), vertices)?;
+        if let Colors::F32(rows) = colors
+            && let Some(row) = rows.iter().position(|row| !row.iter().all(|x| (0.0..=1.0).contains(x)))
+        {
+            return Err(Error::argument("colors", format!("row {row}: numbers must lie between 0 and 1")));
+        }
     }
     if source.uvs.len() > SourceMesh::MAX_UV_SETS {
         return Err(Error::argument(

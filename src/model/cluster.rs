@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::colors::ColorFormat;
 use super::packing::{
     Identities, PACKING_WORDS, Packing, Positions, Triangles, Widths, corner_bits, packed_words,
 };
@@ -91,12 +92,12 @@ impl ClusterRecord {
 /// Which per-vertex streams a mesh carries besides positions and identities.
 ///
 /// The streams of a cluster, in the order in which they follow each other: a [`Packing`], positions, vertex identities,
-/// triangles (three corners each, see [`Triangles`]), normals (octahedral, 1 word), colours (RGBA8, 1 word), and `uv_sets` ×
-/// (2 × f32).
+/// triangles (three corners each, see [`Triangles`]), normals (octahedral, 1 word), colours (see
+/// [`ColorFormat`]), and `uv_sets` × (2 × f32).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct AttributeLayout {
-    /// Vertex colours are present.
-    pub colors: bool,
+    /// What vertex colours are stored as.
+    pub colors: ColorFormat,
     /// Number of UV sets.
     pub uv_sets: u8,
     /// Clusters have materials.
@@ -129,7 +130,7 @@ impl AttributeLayout {
         let triangles_at = ids + packed_words(vertices, id);
         let normals = triangles_at + packed_words(triangles, 3 * corner_bits(vertices) as usize);
         let colors = normals + vertices;
-        let uvs = colors + if self.colors { vertices } else { 0 };
+        let uvs = colors + self.colors.words() * vertices;
         Streams {
             ids,
             triangles: triangles_at,
@@ -152,8 +153,8 @@ pub struct ClusterGeometry<'a> {
     pub triangles: Triangles<'a>,
     /// Octahedral normals, see [`crate::math::octahedral`].
     pub normals: &'a [u32],
-    /// RGBA8 colours, red in the low byte; empty when the mesh has none.
-    pub colors: &'a [[u8; 4]],
+    /// Colours, as many words each as [`AttributeLayout::colors`] says; empty when the mesh has none.
+    pub colors: &'a [u32],
     /// UV sets, one after the other; empty when the mesh has none.
     pub uvs: &'a [[f32; 2]],
 }
@@ -171,7 +172,7 @@ impl<'a> ClusterGeometry<'a> {
             ids: Identities::new(&bytes[4 * streams.ids..], vertices, packing),
             triangles: Triangles::new(&bytes[4 * streams.triangles..], triangles, vertices),
             normals: &words[streams.normals..streams.colors],
-            colors: bytemuck::cast_slice(&words[streams.colors..streams.uvs]),
+            colors: &words[streams.colors..streams.uvs],
             uvs: bytemuck::cast_slice(&words[streams.uvs..]),
         }
     }

@@ -4,6 +4,7 @@
 
 pub mod channel;
 pub mod cluster;
+pub mod colors;
 pub mod dag;
 pub mod hierarchy;
 pub mod packing;
@@ -15,6 +16,7 @@ pub mod words;
 
 pub use channel::{Channel, ChannelInfo, ChannelType};
 pub use cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
+pub use colors::ColorFormat;
 pub use dag::{Dag, Frame, Grid, Group};
 pub use hierarchy::Node;
 pub use packing::Packing;

@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use super::calls::detached;
 use super::errors::{argument_error, dtype_error, to_python};
 use crate::error::Error;
-use crate::mesh::{Positions, SourceChannel};
-use crate::model::{ChannelInfo, ChannelType};
+use crate::mesh::{Colors, Positions, SourceChannel};
+use crate::model::{ChannelInfo, ChannelType, ColorFormat};
 
 /// An (N, C) array of `T`, C-contiguous and aligned, that stays alive and unwritten by us.
 pub(super) struct Rows<'py, T: Element, const C: usize>(PyReadonlyArray2<'py, T>);
@@ -68,6 +68,45 @@ fn rows<'py, T: Element + bytemuck::Pod, const C: usize>(
     let copy = py.import("numpy")?.call_method1("array", (array, dtype::<T>(py)))?;
     let copy = py.import("numpy")?.call_method1("ascontiguousarray", (copy,))?;
     Ok(Rows(copy.cast::<PyArray2<T>>()?.try_readonly()?))
+}
+
+/// RGBA colours of any of the dtypes that are kept.
+pub(super) enum ColorArray<'py> {
+    U8(Rows<'py, u8, 4>),
+    U16(Rows<'py, u16, 4>),
+    F32(Rows<'py, f32, 4>),
+}
+
+impl<'py> ColorArray<'py> {
+    /// Checks that `value` is (N, 4) of uint8, uint16 or float32, one row for each of so many vertices.
+    pub(super) fn new(value: &Bound<'py, PyAny>, argument: &'static str, vertices: usize) -> PyResult<Self> {
+        let array = untyped(value, argument)?;
+        Ok(match (array.dtype().kind(), array.dtype().itemsize()) {
+            (b'u', 2) => Self::U16(vertex_rows(value, argument, vertices)?),
+            (b'f', 4) => Self::F32(vertex_rows(value, argument, vertices)?),
+            _ => Self::U8(vertex_rows(value, argument, vertices)?),
+        })
+    }
+
+    /// The rows, without copying.
+    pub(super) fn get(&self) -> Colors<'_> {
+        match self {
+            Self::U8(rows) => Colors::U8(rows.get()),
+            Self::U16(rows) => Colors::U16(rows.get()),
+            Self::F32(rows) => Colors::F32(rows.get()),
+        }
+    }
+}
+
+/// Colours as an (N, 4) array of the dtype of their format; None without.
+pub(super) fn into_colors(
+    py: Python<'_>,
+    words: Vec<u32>,
+    format: ColorFormat,
+) -> PyResult<Option<Py<PyAny>>> {
+    let Some(dtype) = format.dtype() else { return Ok(None) };
+    let rows = into_words(py, words, format.words())?;
+    Ok(Some(rows.bind(py).call_method1("view", (dtype,))?.unbind()))
 }
 
 /// Vertex positions of either precision.

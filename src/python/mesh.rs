@@ -12,7 +12,8 @@ use pyo3::types::{PyBytes, PyDict};
 use rayon::prelude::*;
 
 use super::arrays::{
-    ChannelArray, FaceArray, PositionArray, into_array, into_rows, into_words, matrix4, vertex_rows,
+    ChannelArray, ColorArray, FaceArray, PositionArray, into_array, into_colors, into_rows, into_words,
+    matrix4, vertex_rows,
 };
 use super::calls::{detached, interruptible, watched};
 use super::errors::{argument_error, to_python};
@@ -105,7 +106,7 @@ impl Given<'_, '_> {
         let count = positions.get().len();
         let faces = FaceArray::new(self.faces, "faces", count)?;
         let normals = self.normals.map(|n| vertex_rows::<f32, 3>(n, "normals", count)).transpose()?;
-        let colors = self.colors.map(|c| vertex_rows::<u8, 4>(c, "colors", count)).transpose()?;
+        let colors = self.colors.map(|c| ColorArray::new(c, "colors", count)).transpose()?;
         let uvs: Vec<_> =
             self.uvs.iter().map(|u| vertex_rows::<f32, 2>(u, "uvs", count)).collect::<PyResult<_>>()?;
         let channels: Vec<_> = self
@@ -117,7 +118,7 @@ impl Given<'_, '_> {
             positions: positions.get(),
             faces: faces.get(),
             normals: normals.as_ref().map(|n| n.get()),
-            colors: colors.as_ref().map(|c| c.get()),
+            colors: colors.as_ref().map(ColorArray::get),
             uvs: uvs.iter().map(|u| u.get()).collect(),
             channels: channels.iter().map(ChannelArray::get).collect(),
             materials: self.face_materials.as_ref().map(|m| m.as_slice()).transpose()?,
@@ -179,7 +180,7 @@ impl Mesh {
         out.set_item("pages", pages.len())?;
         out.set_item("bytes", info.bytes)?;
         out.set_item("page_bytes", 4 * pages.iter().map(|page| u64::from(page.words)).sum::<u64>())?;
-        out.set_item("colors", metadata.layout.colors)?;
+        out.set_item("colors", metadata.layout.colors.dtype())?;
         out.set_item("uv_sets", metadata.layout.uv_sets)?;
         out.set_item("materials", metadata.layout.materials)?;
         out.set_item("channels", metadata.channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>())?;
@@ -366,10 +367,10 @@ impl Mesh {
             + dag.words().map(|words| size_of_val(words.held())).sum::<usize>()
     }
 
-    /// Vertex colours are present.
+    /// The dtype of vertex colours; None without.
     #[getter]
-    fn has_colors(&self) -> bool {
-        self.dag.layout().colors
+    fn colors(&self) -> Option<&'static str> {
+        self.dag.layout().colors.dtype()
     }
 
     /// Clusters have materials.
@@ -594,7 +595,7 @@ impl CutParts {
             vertices,
             faces: into_rows(py, faces)?,
             normals: into_rows(py, arrays.normals)?,
-            colors: layout.colors.then(|| into_rows(py, arrays.colors)).transpose()?,
+            colors: into_colors(py, arrays.colors, layout.colors)?,
             uvs: sets,
             channels: self.channels,
             vertex_ids: into_array(py, arrays.ids),
@@ -614,7 +615,7 @@ pub struct Cut {
     vertices: Py<PyAny>,
     faces: Py<PyArray2<i32>>,
     normals: Py<PyArray2<f32>>,
-    colors: Option<Py<PyArray2<u8>>>,
+    colors: Option<Py<PyAny>>,
     uvs: Vec<Py<PyArray2<f32>>>,
     channels: Vec<Py<ChannelRows>>,
     vertex_ids: Py<PyArray1<u32>>,

@@ -18,7 +18,7 @@ use crate::cpu::visibility::Visible;
 use crate::error::Result;
 use crate::gpu::{Context, Counted, DeviceStage, Drawn, Job, Phase, Renderer, Shown, Ways};
 use crate::gpu_types::{
-    self, LOOK_COLORS, LOOK_CONFORMAL, LOOK_SMOOTH, LOOK_UNLIT, Look, Placed, VisibleCluster,
+    self, LOOK_COLOR_WORDS, LOOK_CONFORMAL, LOOK_SMOOTH, LOOK_UNLIT, Look, Placed, VisibleCluster,
 };
 use crate::model::ClusterAddress;
 use crate::scene::environment::{GRIDS, Grid};
@@ -296,7 +296,7 @@ fn look(instance: &Instance) -> Look {
         first_material: u32::MAX,
         flags: flag(instance.materials.smooth(), LOOK_SMOOTH)
             | flag(placement.conformal, LOOK_CONFORMAL)
-            | flag(instance.mesh.layout().colors, LOOK_COLORS)
+            | (instance.mesh.layout().colors.words() as u32) << LOOK_COLOR_WORDS
             | flag(material.unlit, LOOK_UNLIT),
         last_material: 0,
     }

@@ -10,7 +10,7 @@ use nanite_rs::finish::Finisher;
 use nanite_rs::format::file::{ENTRY_BYTES, HEADER_BYTES, Kind, PageRow};
 use nanite_rs::format::open_input;
 use nanite_rs::lod::{channel_rows, cut_error, extract, select};
-use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
+use nanite_rs::mesh::{Colors, Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::rule::Threshold;
 use nanite_rs::model::{ChannelInfo, ChannelType, Dag};
 use nanite_rs::render::Renderer;
@@ -24,7 +24,7 @@ pub fn rich_mesh(n: usize) -> Dag {
     let colors: Vec<[u8; 4]> = (0..positions.len()).map(|i| [i as u8, (i >> 8) as u8, 7, 255]).collect();
     let uvs: Vec<[f32; 2]> = positions.iter().map(|p| [p[0], p[1]]).collect();
     let mut source = SourceMesh::new(Positions::F32(&positions), &faces);
-    source.colors = Some(&colors);
+    source.colors = Some(Colors::U8(&colors));
     source.uvs = vec![&uvs, &uvs];
     let heat: Vec<u32> = positions.iter().flat_map(|p| [p[2].to_bits(), (1.0e20 * p[0]).to_bits()]).collect();
     let parts: Vec<u32> =

@@ -19,10 +19,12 @@ use nanite_rs::format::{
 use nanite_rs::limits::{CLUSTER_MAX_VERTICES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS, ROOT_PAGE_MAX_BYTES};
 use nanite_rs::lod::{cut_error, extract, select};
 use nanite_rs::measure::{BoundOptions, Surface, hausdorff_upper};
-use nanite_rs::mesh::{Positions, SourceChannel, SourceMesh};
+use nanite_rs::mesh::{Colors, Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::cluster::{NO_GROUP, RECORD_WORDS};
 use nanite_rs::model::rule::{ROOT_ERROR, SOURCE_ERROR, Threshold};
-use nanite_rs::model::{Channel, ChannelInfo, ChannelType, ClusterAddress, Dag, FOREVER, Grid, Group, Node};
+use nanite_rs::model::{
+    Channel, ChannelInfo, ChannelType, ClusterAddress, ColorFormat, Dag, FOREVER, Grid, Group, Node,
+};
 use proptest::prelude::*;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
@@ -626,7 +628,7 @@ fn channels_that_do_not_fit_are_refused() {
 struct Anything {
     positions: Vec<[f32; 3]>,
     faces: Vec<[u32; 3]>,
-    colors: bool,
+    colors: ColorFormat,
     uv_sets: usize,
     materials: bool,
     channel: bool,
@@ -639,7 +641,13 @@ fn anything() -> impl Strategy<Value = Anything> {
     let face = prop::array::uniform3(0u32..60);
     let position = prop::array::uniform3(-8i32..8).prop_map(|p| p.map(|x| x as f32 * 0.37));
     let mesh = (prop::collection::vec(position, 60), prop::collection::vec(face, 1..300));
-    let carries = (any::<bool>(), 0usize..3, any::<bool>(), any::<bool>(), any::<bool>());
+    let colors = prop::sample::select(vec![
+        ColorFormat::None,
+        ColorFormat::Unorm8,
+        ColorFormat::Unorm16,
+        ColorFormat::Float32,
+    ]);
+    let carries = (colors, 0usize..3, any::<bool>(), any::<bool>(), any::<bool>());
     (mesh, carries, 16usize..=128, -8.0f64..1.0).prop_map(|(mesh, carries, triangles, step)| Anything {
         positions: mesh.0,
         faces: mesh.1,
@@ -661,12 +669,19 @@ proptest! {
     #[test]
     fn any_mesh_comes_back(any in anything()) {
         let Anything { positions, faces, .. } = &any;
-        let colors: Vec<[u8; 4]> = (0..positions.len()).map(|i| [i as u8, 3, (i * 77) as u8, 255]).collect();
+        let bytes: Vec<[u8; 4]> = (0..positions.len()).map(|i| [i as u8, 3, (i * 77) as u8, 255]).collect();
+        let shorts: Vec<[u16; 4]> = bytes.iter().map(|c| c.map(|x| u16::from(x) * 256 + 7)).collect();
+        let fine: Vec<[f32; 4]> = bytes.iter().map(|c| c.map(|x| f32::from(x).sqrt() / 16.0)).collect();
         let uvs: Vec<[f32; 2]> = positions.iter().map(|p| [p[0] * 1.0e-3, -p[1] * 1.0e7]).collect();
         let words: Vec<u32> = (0..positions.len() as u32).map(|i| i * 0x0101_0101).collect();
         let materials: Vec<i32> = (0..faces.len() as i32).map(|f| f / 9 - 4).collect();
         let mut source = SourceMesh::new(Positions::F32(positions), faces);
-        source.colors = any.colors.then_some(&colors);
+        source.colors = match any.colors {
+            ColorFormat::None => None,
+            ColorFormat::Unorm8 => Some(Colors::U8(&bytes)),
+            ColorFormat::Unorm16 => Some(Colors::U16(&shorts)),
+            ColorFormat::Float32 => Some(Colors::F32(&fine)),
+        };
         source.uvs = vec![&uvs; any.uv_sets];
         source.materials = any.materials.then_some(&materials);
         if any.channel {

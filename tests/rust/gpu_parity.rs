@@ -10,8 +10,8 @@ use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, OUTPUTS, Output, Raster, RenderOptions};
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu_types::{self, Array};
-use nanite_rs::mesh::{Positions, SourceMesh};
-use nanite_rs::model::{Dag, FOREVER};
+use nanite_rs::mesh::{Colors, Positions, SourceMesh};
+use nanite_rs::model::{ColorFormat, Dag, FOREVER};
 use nanite_rs::render::{Backend, Frame, Renderer, Stage};
 use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
@@ -107,15 +107,27 @@ pub fn compared(
 #[test]
 fn every_array_is_made_on_the_device() {
     let Some(_) = device("every_array_is_made_on_the_device") else { return };
-    let colored = |(positions, faces): Mesh| {
-        let byte = |v: f32| (255.0 * v.abs().min(1.0)) as u8;
-        let colors: Vec<[u8; 4]> = positions.iter().map(|p| [byte(p[0]), 128, byte(p[1]), 255]).collect();
+    let colored = |(positions, faces): Mesh, format: ColorFormat| {
+        let color = |p: &[f32; 3]| [p[0].abs().min(1.0), 0.5, p[1].abs().min(1.0), 1.0];
+        let fine: Vec<[f32; 4]> = positions.iter().map(color).collect();
+        let shorts: Vec<[u16; 4]> = fine.iter().map(|c| c.map(|x| (65_535.0 * x) as u16)).collect();
+        let bytes: Vec<[u8; 4]> = fine.iter().map(|c| c.map(|x| (255.0 * x) as u8)).collect();
         let mut source = SourceMesh::new(Positions::F32(&positions), &faces);
-        source.colors = Some(&colors);
+        source.colors = match format {
+            ColorFormat::None => None,
+            ColorFormat::Unorm8 => Some(Colors::U8(&bytes)),
+            ColorFormat::Unorm16 => Some(Colors::U16(&shorts)),
+            ColorFormat::Float32 => Some(Colors::F32(&fine)),
+        };
         Arc::new(build(&source, &BuildOptions::default(), &Silent).unwrap())
     };
     let mut many = crowd();
-    many.add(colored(bumpy_sphere(30)), &at(-1.0, 0.5, 3.0), Material::default()).unwrap();
+    for (k, format) in
+        [ColorFormat::Unorm8, ColorFormat::Unorm16, ColorFormat::Float32].into_iter().enumerate()
+    {
+        let place = at(2.0 * k as f64 - 1.0, 0.5, 3.0);
+        many.add(colored(bumpy_sphere(30), format), &place, Material::default()).unwrap();
+    }
     let metal = Material {
         base_color: [0.9, 0.6, 0.2],
         metallic: 0.8,

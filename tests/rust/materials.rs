@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nanite_rs::Error;
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, OUTPUTS, Output, RenderOptions, Shading, Transfer};
-use nanite_rs::mesh::{Positions, SourceMesh};
+use nanite_rs::mesh::{Colors, Positions, SourceMesh};
 use nanite_rs::model::Dag;
 use nanite_rs::render::Frame;
 use nanite_rs::scene::image::Pixels;
@@ -30,13 +30,13 @@ fn mesh((positions, faces): &Mesh, colors: bool, bands: i32) -> Arc<Dag> {
     let uvs: Vec<[f32; 2]> =
         positions.iter().map(|p| [0.7 * p[0] + 0.2 * p[2], 0.9 * p[1] - 0.1 * p[0]]).collect();
     let others: Vec<[f32; 2]> = positions.iter().map(|p| [-2.0 * p[1], 3.0 * p[0]]).collect();
-    let byte = |v: f32| (255.0 * v.abs().min(1.0)) as u8;
-    let tints: Vec<[u8; 4]> = positions.iter().map(|p| [255, byte(p[0]), byte(p[1]), 255]).collect();
+    let short = |v: f32| (65_535.0 * v.abs().min(1.0)) as u16;
+    let tints: Vec<[u16; 4]> = positions.iter().map(|p| [65_535, short(p[0]), short(p[1]), 65_535]).collect();
     let band = |f: &[u32; 3]| ((positions[f[0] as usize][1] + 1.0) * 0.5 * bands as f32) as i32;
     let materials: Vec<i32> = faces.iter().map(|f| band(f).clamp(0, bands - 1)).collect();
     let mut source = SourceMesh::new(Positions::F32(positions), faces);
     source.uvs = vec![&uvs, &others];
-    source.colors = colors.then_some(&tints);
+    source.colors = colors.then_some(Colors::U16(&tints));
     source.materials = (bands > 1).then_some(&materials);
     Arc::new(build(&source, &BuildOptions::default(), &Silent).unwrap())
 }
@@ -134,7 +134,7 @@ fn poster(material: impl Into<Materials>, colors: Option<[u8; 4]>) -> (Scene, In
     let colors = colors.map(|color| [color; 4]);
     let mut source = SourceMesh::new(Positions::F32(&positions), &faces);
     source.uvs = vec![&uvs];
-    source.colors = colors.as_ref().map(|colors| &colors[..]);
+    source.colors = colors.as_ref().map(|colors| Colors::U8(colors));
     let dag = Arc::new(build(&source, &BuildOptions::default(), &Silent).unwrap());
     let mut scene = Scene::new();
     let handle = scene.add(dag, &IDENTITY, material).unwrap();

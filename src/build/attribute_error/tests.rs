@@ -3,7 +3,7 @@
 use super::*;
 use crate::build::simplify::{Effort, simplify};
 use crate::config::{BuildOptions, Quality};
-use crate::mesh::{Positions, SourceChannel, SourceMesh, weld};
+use crate::mesh::{Colors, Positions, SourceChannel, SourceMesh, weld};
 use crate::model::{BuildReport, ChannelInfo, ChannelType};
 
 /// Points along an edge of a triangle at which deviations are looked at, corners included.
@@ -61,7 +61,7 @@ fn group(kind: &str, n: usize, normal_weight: f32, quality: Quality) -> (LocalMe
     let has = |what: &str| kind == what || kind == "all";
     let mut source = SourceMesh::new(Positions::F32(&positions), &faces);
     if ["flat", "noise", "smooth", "colors", "all"].contains(&kind) {
-        source.colors = Some(&colors);
+        source.colors = Some(Colors::U8(&colors));
     }
     if kind == "seam" {
         source.uvs.push(&uvs);
