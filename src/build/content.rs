@@ -1,9 +1,11 @@
 //! What the attribute rows mean: which columns belong together, what each weighs, and how far two rows are apart.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::source_labels::SourceLabels;
 use crate::config::BuildOptions;
 use crate::mesh::WeldedMesh;
 use crate::model::{AttributeLayout, ChannelInfo, Weights};
@@ -40,6 +42,8 @@ pub struct Content {
     materials: bool,
     /// The direction over which the source is a graph, if there is one: all faces of all levels face it.
     pub up: Option<DVec3>,
+    /// The labels of the source, where it has any and is known.
+    pub source_labels: Option<Arc<SourceLabels>>,
 }
 
 impl Content {
@@ -79,6 +83,7 @@ impl Content {
             label_weight: if has_labels { weights.channel } else { 0.0 },
             materials: layout.materials,
             up: None,
+            source_labels: None,
         }
     }
 

@@ -17,6 +17,7 @@ use super::reference::{Patch, Pieces, Reference};
 use super::relax::relax;
 use super::silhouette::Sight;
 use super::simplify::{Effort, Simplified, Step, ratio, simplify, trace};
+use super::source_labels::SourceLabels;
 use super::store::{LocalMesh, RoundPositions, VertexStore};
 use super::{Meter, Progress};
 use crate::config::{BuildOptions, ErrorMeasure, Quality};
@@ -52,6 +53,25 @@ pub struct BuildCluster {
     pub refined: u32,
     /// What it answers for while it waits for the next round.
     pub pieces: Pieces,
+}
+
+impl BuildCluster {
+    /// A cluster of the source, whose vertices lie at `positions`.
+    pub fn of_source(mesh: ClusterMesh, positions: &[[f32; 3]]) -> Self {
+        let points: Vec<[f32; 3]> = mesh.vertices.iter().map(|v| positions[*v as usize]).collect();
+        Self {
+            mesh,
+            error: SOURCE_ERROR,
+            bound: 0.0,
+            quadric: 0.0,
+            attribute_error: 0.0,
+            rank: 0.0,
+            lod_sphere: Sphere::of_points(&points),
+            level: 0,
+            refined: NO_GROUP,
+            pieces: Pieces::default(),
+        }
+    }
 }
 
 /// A group of the growing DAG.
@@ -112,10 +132,13 @@ pub fn grow(
         return Err(Error::Cancelled);
     }
     // Before the store takes the positions.
-    let content = Content::new(&mesh, report.computed_normals, options);
+    let mut content = Content::new(&mesh, report.computed_normals, options);
     let mut store = VertexStore::new(&mut mesh);
     let source_vertices = store.count();
     let clusters = source_clusters(&store, &mesh, options);
+    if content.label_weight > 0.0 {
+        content.source_labels = Some(Arc::new(SourceLabels::new(&store, &clusters)));
+    }
     (report.weights, report.preserve_area) = (weights(options), options.preserve_area);
     let WeldedMesh { frame, bounds, faces, face_rows, channels, .. } = mesh;
     let source_faces = faces.len();
@@ -164,22 +187,7 @@ pub fn grow(
 fn source_clusters(store: &VertexStore, mesh: &WeldedMesh, options: &BuildOptions) -> Vec<BuildCluster> {
     clusterize::clusterize(store, &mesh.faces, &mesh.materials, options)
         .into_par_iter()
-        .map(|mesh| {
-            let points: Vec<[f32; 3]> = mesh.vertices.iter().map(|v| store.positions[*v as usize]).collect();
-            let lod_sphere = Sphere::of_points(&points);
-            BuildCluster {
-                mesh,
-                error: SOURCE_ERROR,
-                bound: 0.0,
-                quadric: 0.0,
-                attribute_error: 0.0,
-                rank: 0.0,
-                lod_sphere,
-                level: 0,
-                refined: NO_GROUP,
-                pieces: Pieces::default(),
-            }
-        })
+        .map(|mesh| BuildCluster::of_source(mesh, &store.positions))
         .collect()
 }
 

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::collapse::wedges::nearest;
 use super::content::Content;
+use super::source_labels::label_at;
 use super::store::LocalMesh;
 use crate::measure::TriangleTree;
 use crate::mesh::{Stars, hash};
@@ -72,10 +73,7 @@ impl<'a> Field<'a> {
 
     /// The label at a place: that of the corner that is nearest by its barycentric coordinates, equal ones added.
     pub fn label(&self, place: &Place) -> u32 {
-        let labels = place.corners.map(|v| self.mesh.labels[v as usize]);
-        let share = |k: usize| (0..3).filter(|j| labels[*j] == labels[k]).map(|j| place.at[j]).sum::<f32>();
-        let best = (1..3).fold(0, |best, k| if share(k) > share(best) { k } else { best });
-        labels[best]
+        label_at(place.corners.map(|v| self.mesh.labels[v as usize]), place.at)
     }
 
     /// The material at a place.
@@ -111,11 +109,12 @@ impl<'a> Field<'a> {
         (place, least)
     }
 
-    /// Gives the vertices of `after` that moved the labels of this surface and its columns from `first` on.
+    /// Gives the vertices of `after` that moved its columns from `first` on, and the labels of the source where these are
+    /// known, otherwise those of this surface.
     pub fn read_off(&self, after: &mut LocalMesh, content: &Content, first: usize, edge: f32) {
         let mut used = vec![false; after.positions.len()];
         after.indices.iter().for_each(|v| used[*v as usize] = true);
-        let mut near = 0;
+        let (mut near, mut source_near) = (0, 0);
         for v in (0..used.len()).filter(|v| used[*v]) {
             if after.positions[v] == self.mesh.positions[after.origin(v)] {
                 continue;
@@ -137,8 +136,13 @@ impl<'a> Field<'a> {
             for (k, x) in after.attributes[row].iter_mut().enumerate().skip(first) {
                 *x = (0..3).map(|c| place.at[c] * rows[c][k]).sum();
             }
-            if let Some(label) = after.labels.get_mut(v) {
-                *label = self.label(&place);
+            if !after.labels.is_empty() {
+                let normal = &after.attributes[v * self.stride..][..3];
+                let material = after.materials.get(v).copied();
+                let source = content.source_labels.as_ref();
+                let found =
+                    source.and_then(|s| s.label(after.positions[v], normal, material, &mut source_near));
+                after.labels[v] = found.unwrap_or_else(|| self.label(&place));
             }
         }
     }

@@ -24,6 +24,7 @@ pub mod reference;
 pub mod relax;
 pub mod silhouette;
 pub mod simplify;
+pub mod source_labels;
 pub mod store;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

@@ -36,11 +36,33 @@ impl TriangleTree {
         Self { triangles, boxes, leaves }
     }
 
+    /// The corners of a triangle.
+    pub fn triangle(&self, t: u32) -> [[f32; 3]; 3] {
+        self.triangles[t as usize]
+    }
+
     /// The triangle nearest to a point, looked for around triangle `near` first; `near` where there is none, or the
     /// point is not finite.
     pub fn nearest(&self, p: [f32; 3], near: u32) -> u32 {
-        let mut nearest = near;
-        let mut best = self.triangles.get(near as usize).map_or(f32::INFINITY, |t| squared_distance(p, *t));
+        self.nearest_where(p, near, |_, _| true).unwrap_or(near)
+    }
+
+    /// The same of the triangles that `fits`; `None` where there is none, or the point is not finite.
+    #[inline]
+    pub fn nearest_where(
+        &self,
+        p: [f32; 3],
+        near: u32,
+        fits: impl Fn(u32, &[[f32; 3]; 3]) -> bool,
+    ) -> Option<u32> {
+        let mut nearest = None;
+        let mut best = f32::INFINITY;
+        if let Some(triangle) = self.triangles.get(near as usize).filter(|triangle| fits(near, triangle)) {
+            let distance = squared_distance(p, *triangle);
+            if distance < best {
+                (best, nearest) = (distance, Some(near));
+            }
+        }
         let mut stack = [(0u32, 0.0f32); 64];
         let mut top = 1;
         stack[0] = (0, squared_to_box(p, &self.boxes[0]));
@@ -55,8 +77,8 @@ impl TriangleTree {
                 let first = (node + 1 - self.leaves) * LEAF;
                 for (t, triangle) in self.triangles.iter().enumerate().skip(first).take(LEAF) {
                     let distance = squared_distance(p, *triangle);
-                    if distance < best {
-                        (best, nearest) = (distance, t as u32);
+                    if distance < best && fits(t as u32, triangle) {
+                        (best, nearest) = (distance, Some(t as u32));
                     }
                 }
                 continue;

@@ -317,3 +317,42 @@ def test_stated_deviations_hold_at_points_of_real_meshes(quality, name) -> None:
         ratios.append(stated / most)
     print(f"{name} {quality}: stated / largest of samples {np.round(ratios, 2)}")
     assert np.median(ratios) < 4.0
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_vertices_have_the_label_of_the_source_beside_them(quality) -> None:
+    """At every level, since labels do not come from the level before, where they may be off by half a triangle."""
+    v, f = nrs.shapes.displaced_icosphere(faces=40_000)
+    labels = np.floor(4 * v) @ np.array([1, 10, 100])
+    mesh = build(v, f, quality, channels={"part": labels.astype(np.int32)})
+    for reduction in (0.5, 0.9, 0.97):
+        cut = mesh.cut(target_reduction=reduction)
+        _, face, near = igl.point_mesh_squared_distance(cut.vertices.astype(float), v.astype(float), f)
+        at = trimesh.triangles.points_to_barycentric(v[f[face]].astype(float), near)
+        of_corners = labels[f[face]]
+        shares = ((of_corners[:, :, None] == of_corners[:, None]) * at[:, None]).sum(axis=2)
+        expected = of_corners[np.arange(len(at)), shares.argmax(axis=1)]
+        wrong = (cut.channels["part"] != expected).mean()
+        print(f"{quality} {reduction}: {wrong:.2%} have another label than the source beside them")
+        assert wrong < 0.06
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_the_sides_of_a_thin_wall_keep_their_labels(quality) -> None:
+    """A shell a hundredth thick, with a label on each side, also where the error is larger than that."""
+    v, f = nrs.shapes.displaced_icosphere(faces=20_000)
+    inner = v - 0.01 * v / np.linalg.norm(v, axis=1, keepdims=True)
+    shell = np.concatenate([v, inner]).astype(np.float32), np.concatenate([f, f[:, ::-1] + len(v)])
+    side = np.repeat(np.int32([5, -5]), len(v))
+    mesh = build(*shell, quality, channels={"side": side})
+    for reduction in (0.5, 0.9, 0.97):
+        cut = mesh.cut(target_reduction=reduction)
+        corners = cut.vertices[cut.faces].astype(float)
+        outwards = (
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * corners.mean(axis=1)
+        ).sum(1)
+        wrong = (cut.channels["side"][cut.faces] != 5 * np.sign(outwards)[:, None]).mean()
+        print(
+            f"{quality} {reduction}: error {cut.error:.4f}, {wrong:.2%} of corners have the other side's label"
+        )
+        assert wrong < 0.05
