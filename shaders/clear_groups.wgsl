@@ -1,4 +1,6 @@
-// The bits of groups of an earlier frame -> none. Bits behind them tell which words are not zero, few of a large scene.
+// Clears the bits of groups that an earlier frame marked.
+// One invocation handles 32 words of bits: it clears those that the summary bits behind them name.
+// Reads and writes the bits of groups and their summary bits.
 
 @group(0) @binding(0) var<storage, read> blocks: Dispatch;
 @group(0) @binding(1) var<storage, read_write> bits: array<u32>;
@@ -6,10 +8,9 @@
 @compute @workgroup_size(WIDTH)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let number = workgroup_number(workgroup, all) * WIDTH + lane;
+    let number = workgroup_number(workgroup) * WIDTH + lane;
     let at = blocks.count + number;
     if 32u * number >= blocks.count {
         return;

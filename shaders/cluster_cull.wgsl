@@ -1,7 +1,10 @@
-// Stage 3. Groups whose clusters may be drawn -> one bit for each cluster that is, and one more for the large ones:
-// the second half of the rule of the cut, the picture's bounds, the backface cone and the depth pyramid. The first phase
-// may start from what the frame before drew, and then looks at the first half of the rule too; the second phase keeps
-// what the first one drew, and looks at all else.
+// Stage 3, cluster culling: tests the clusters of candidate groups by the second half of the rule of the cut, the frustum,
+// the backface cone and the depth pyramid.
+// One workgroup handles GROUPS_PER_WORKGROUP candidate groups and shares their clusters out among its invocations.
+// Reads candidate groups and cluster records. Writes a bit for each cluster that is drawn, and one more for those of large
+// triangles. A first pass that starts from the visible clusters of the frame before tests the first half of the rule, too.
+// The second pass keeps what the first one drew, and tests all other clusters.
+// Needs: occlusion.wgsl, lod.wgsl, records.wgsl, cone.wgsl, tiles.wgsl.
 
 // GROUPS_PER_WORKGROUP at least: one for each is written to by a lane of its own.
 override CULL_LANES: u32 = WIDTH;
@@ -10,14 +13,14 @@ override CULL_LANES: u32 = WIDTH;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
 @group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
 @group(0) @binding(3) var<storage, read> pages: array<vec4<u32>>;
-@group(0) @binding(4) var<storage, read> candidates: array<Candidate>;
+@group(0) @binding(4) var<storage, read> candidate_groups: array<CandidateGroup>;
 @group(0) @binding(5) var<storage, read> culling: Dispatch;
 // What the frame before drew, where that is the list; then what this one draws.
 @group(0) @binding(6) var<storage, read_write> drawn: array<u32>;
 @group(0) @binding(7) var<storage, read_write> marks: array<Marks>;
 @group(0) @binding(8) var<storage, read_write> counters: Counters;
 @group(0) @binding(9) var<storage, read> pyramid: array<vec4<u32>>;
-// Of the first phase; not read there.
+// Of the first pass; not read there.
 @group(0) @binding(10) var<storage, read> first_drawn: array<u32>;
 @group(0) @binding(11) var<storage, read> groups: array<Group>;
 @group(0) @binding(12) var<storage, read> pages_1: array<vec4<u32>>;
@@ -39,7 +42,7 @@ fn viewport_margin() -> u32 {
     return (view.viewport - max(view.width, view.height)) / 2u;
 }
 
-fn cull(candidate: Candidate, group: u32, member: u32) {
+fn cull(candidate: CandidateGroup, group: u32, member: u32) {
     let instance = candidate.instance;
     let cluster = candidate.first + member;
     let bit = 1u << member;
@@ -65,13 +68,13 @@ fn cull(candidate: Candidate, group: u32, member: u32) {
         atomicAdd(&held, 1u);
         return;
     }
-    if view.two_phases != 0u {
+    if view.two_passes != 0u {
         touch(place.rect);
     }
     atomicOr(&drawn_bits[group], bit);
     // A patch of n triangles has some sqrt(n / 2) edges across.
     let edge = quotient(f32(place.span), max(root(f32(detail.triangles) * 0.5), 1.0));
-    if material_bit(instances[instance].masked, detail.material) {
+    if material_bit(instances[instance].alpha_tested, detail.material) {
         atomicOr(&clipped_bits[group], bit);
         atomicAdd(&triangles_large, detail.triangles);
     } else if place.clipped || place.span > MAX_SPAN || edge > SMALL_EDGE {
@@ -99,7 +102,7 @@ fn nth_bit(bits: u32, n: u32) -> u32 {
 }
 
 // Whether clusters of a candidate that an earlier frame found may still be in the cut: what the walk says of it otherwise.
-fn still_refined(candidate: Candidate) -> bool {
+fn still_refined(candidate: CandidateGroup) -> bool {
     let instance = candidate.instance;
     let page = instances[instance].first_page + (candidate.first >> PAGE_SLOT_BITS);
     // Nothing is to be seen of an instance without a focal length.
@@ -113,12 +116,11 @@ fn still_refined(candidate: Candidate) -> bool {
 @compute @workgroup_size(CULL_LANES)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_id) local: vec3<u32>,
 ) {
     let lane = local.x;
-    let first = workgroup_number(workgroup, all) * GROUPS_PER_WORKGROUP;
-    let count = min(culling.count, arrayLength(&candidates));
+    let first = workgroup_number(workgroup) * GROUPS_PER_WORKGROUP;
+    let count = min(culling.count, arrayLength(&candidate_groups));
     let own = first + lane;
     let leads = lane < GROUPS_PER_WORKGROUP;
     if lane == 0u {
@@ -130,7 +132,7 @@ fn main(
     if leads {
         var members = 0u;
         if own < count {
-            let candidate = candidates[own];
+            let candidate = candidate_groups[own];
             members = NONE >> (32u - candidate.count);
             if SECOND {
                 if candidate.before != NONE {
@@ -163,7 +165,7 @@ fn main(
                 rest = entry - end;
             }
         }
-        cull(candidates[first + group], group, nth_bit(waiting[group], rest));
+        cull(candidate_groups[first + group], group, nth_bit(waiting[group], rest));
     }
     workgroupBarrier();
     if leads && own < count {
@@ -172,7 +174,7 @@ fn main(
     }
     if lane == 0u {
         atomicAdd(&counters.visited_clusters, total);
-        atomicAdd(&counters.held, atomicLoad(&held));
+        atomicAdd(&counters.occluded, atomicLoad(&held));
         atomicAdd(&counters.triangles_small, atomicLoad(&triangles_small));
         atomicAdd(&counters.triangles_large, atomicLoad(&triangles_large));
     }

@@ -1,4 +1,8 @@
-// The set bits of each block of words. Where most words are zero, bits behind them tell which are not.
+// Counts the set bits of each block of words: the first step of stream compaction (count, scan, list).
+// One workgroup handles a block, one invocation a run of its words. Sparse sets have summary bits that name the words
+// which are not zero.
+// Reads bits of groups or of clusters. Writes one sum for each block.
+// Needs: workgroup_scan.wgsl, word_blocks.wgsl.
 
 @group(0) @binding(0) var<storage, read> bits: array<u32>;
 @group(0) @binding(1) var<storage, read> blocks: Dispatch;
@@ -7,11 +11,10 @@
 @compute @workgroup_size(SCAN_LANES)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_id) local: vec3<u32>,
 ) {
     let lane = local.x;
-    let block = workgroup_number(workgroup, all);
+    let block = workgroup_number(workgroup);
     let words = words_of_lane(block, lane, min(blocks.count, arrayLength(&bits)));
     var count = 0u;
     if SPARSE {

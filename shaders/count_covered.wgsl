@@ -1,4 +1,6 @@
-// Visibility buffer -> how many pixels show anything: what the host counts by itself where it reads the buffer.
+// Counts the covered pixels of a visibility buffer that stays on the device.
+// One invocation handles PIXELS_PER_LANE pixels.
+// Reads the visibility buffer. Adds to the counters.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> words: array<vec2<u32>>;
@@ -9,14 +11,13 @@ var<workgroup> covered: atomic<u32>;
 @compute @workgroup_size(WIDTH)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
     if lane == 0u {
         atomicStore(&covered, 0u);
     }
     workgroupBarrier();
-    let first = workgroup_number(workgroup, all) * WIDTH * PIXELS_PER_LANE + lane;
+    let first = workgroup_number(workgroup) * WIDTH * PIXELS_PER_LANE + lane;
     let end = min(first + WIDTH * PIXELS_PER_LANE, view.width * view.height);
     var own = 0u;
     for (var pixel = first; pixel < end; pixel += WIDTH) {

@@ -1,6 +1,8 @@
-// Stage 6. Visibility buffer -> depth pyramid: the key of every pixel, and for every square of 2, 4, 8, ... pixels the
-// farthest in it. A round makes LEVELS_PER_ROUND levels from the one below, a lane for each texel of the last of them: no
-// lane waits for another. Pixels are looked at in tiles that something was drawn to.
+// Stage 6, hierarchical Z-buffer: reduces the visibility buffer to a pyramid of the farthest key of every 2, 4, 8, ...
+// pixels (Greene, Kass and Miller 1993).
+// One dispatch makes LEVELS_PER_DISPATCH levels from the one below; one invocation handles one texel of the last of them.
+// Reads the visibility buffer, only in tiles that something was drawn to, or the level below. Writes the depth pyramid.
+// Needs: key.wgsl, tiles.wgsl.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> words: array<u32>;
@@ -8,9 +10,9 @@
 @group(0) @binding(3) var<storage, read_write> counters: Counters;
 
 // What a round starts from.
-const SOURCE: u32 = ROUND * LEVELS_PER_ROUND;
+const SOURCE: u32 = PYRAMID_DISPATCH * LEVELS_PER_DISPATCH;
 // Texels of it across and down that a lane looks at.
-const LANE_TEXELS: u32 = 1u << LEVELS_PER_ROUND;
+const LANE_TEXELS: u32 = 1u << LEVELS_PER_DISPATCH;
 // Where nothing is: nearer than anything.
 const NOWHERE: u32 = 0xffffffffu;
 
@@ -21,7 +23,7 @@ fn source(x: u32, y: u32, drawn: bool) -> vec4<u32> {
     if y >= level.y {
         return vec4<u32>(NOWHERE);
     }
-    if ROUND > 0u {
+    if PYRAMID_DISPATCH > 0u {
         keys = pyramid[(level.z + y * level.w + x) / 4u];
     } else if drawn {
         // Reading behind the end of a row does no harm.
@@ -60,7 +62,7 @@ fn pairs(keys: vec4<u32>) -> vec2<u32> {
 fn squares(x: u32, y: u32, drawn: bool) -> vec2<u32> {
     let upper = source(x, y, drawn);
     let lower = source(x, y + 1u, drawn);
-    if ROUND == 0u && view.pyramid[0].w > 0u {
+    if PYRAMID_DISPATCH == 0u && view.pyramid[0].w > 0u {
         store(0u, x, y, upper);
         store(0u, x, y + 1u, lower);
     }
@@ -69,7 +71,7 @@ fn squares(x: u32, y: u32, drawn: bool) -> vec2<u32> {
 
 @compute @workgroup_size(PYRAMID_SIDE, PYRAMID_SIDE)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let drawn = ROUND > 0u || drawn_to(LANE_TEXELS * id.xy);
+    let drawn = PYRAMID_DISPATCH > 0u || drawn_to(LANE_TEXELS * id.xy);
     var second = vec2<u32>(NOWHERE);
     var third = NOWHERE;
     for (var row = 0u; row < LANE_TEXELS / 2u; row++) {

@@ -1,5 +1,8 @@
-// The bits of groups -> the list of groups whose clusters may be drawn, in scene order. The second phase lists
-// where they were in the list of the first, too.
+// Lists the candidate groups in scene order: the third step of stream compaction.
+// One workgroup handles a block of words, one invocation a run of them. The second pass also finds where a group was in
+// the list of the first.
+// Reads bits of groups, sums of blocks, instances. Writes candidate groups and the indirect arguments of cluster_cull.
+// Needs: word_blocks.wgsl.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
@@ -7,11 +10,11 @@
 @group(0) @binding(3) var<storage, read> bits: array<u32>;
 @group(0) @binding(4) var<storage, read> blocks: Dispatch;
 @group(0) @binding(5) var<storage, read> sums: array<u32>;
-@group(0) @binding(6) var<storage, read_write> candidates: array<Candidate>;
+@group(0) @binding(6) var<storage, read_write> candidate_groups: array<CandidateGroup>;
 // For culling their clusters, and for counting what is left of them.
 @group(0) @binding(7) var<storage, read_write> culling: Dispatch;
 @group(0) @binding(8) var<storage, read_write> counting: Dispatch;
-// Of the first phase; not read there.
+// Of the first pass; not read there.
 @group(0) @binding(9) var<storage, read> first_bits: array<u32>;
 @group(0) @binding(10) var<storage, read> first_sums: array<u32>;
 
@@ -44,7 +47,7 @@ fn instance_of(word: u32, earliest: u32) -> u32 {
     return low;
 }
 
-// Lists the groups of a word of an instance, from a place on; those of the first phase are listed there from `first_at` on.
+// Lists the groups of a word of an instance, from a place on; those of the first pass are listed there from `first_at` on.
 fn list(instance: u32, word: u32, mask_of_word: u32, at_of_word: u32, first_mask: u32, first_at: u32) {
     var mask = mask_of_word;
     var at = at_of_word;
@@ -57,9 +60,9 @@ fn list(instance: u32, word: u32, mask_of_word: u32, at_of_word: u32, first_mask
         if (first_mask >> bit & 1u) == 1u {
             before = first_at + countOneBits(first_mask & ((1u << bit) - 1u));
         }
-        if at < arrayLength(&candidates) {
+        if at < arrayLength(&candidate_groups) {
             let group = first_group + bit;
-            candidates[at] = Candidate(instance, groups[group].first, groups[group].count, before, first + bit);
+            candidate_groups[at] = CandidateGroup(instance, groups[group].first, groups[group].count, before, first + bit);
         }
         at++;
     }
@@ -77,14 +80,13 @@ fn filled_from(first: u32) -> u32 {
 @compute @workgroup_size(SCAN_LANES)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_id) local: vec3<u32>,
 ) {
     let lane = local.x;
-    let block = workgroup_number(workgroup, all);
+    let block = workgroup_number(workgroup);
     if block == 0u && lane == 0u {
         let total = sums[(blocks.count + SCAN_BLOCK - 1u) / SCAN_BLOCK];
-        let kept = min(total, arrayLength(&candidates));
+        let kept = min(total, arrayLength(&candidate_groups));
         culling = workgroups(kept, GROUPS_PER_WORKGROUP, total);
         counting = workgroups(kept, CLUSTER_BLOCK, kept);
     }

@@ -1,4 +1,6 @@
-// A loop of many trips: drivers that stop loops early give another last number.
+// Finds drivers that stop loops early: after a loop of many iterations, such a driver gives another last number.
+// One invocation.
+// Reads the number of iterations. Writes the last number.
 
 @group(0) @binding(0) var<storage, read_write> state: array<u32, 2>;
 

@@ -1,5 +1,7 @@
-// Stage 8. Visibility buffer -> one of the arrays that a caller asks for, four pixels a lane: src/cpu/output.rs, operation
-// for operation.
+// Stage 8, outputs: makes one of the arrays that a caller asks for: src/cpu/output.rs, operation for operation.
+// One invocation handles four pixels.
+// Reads the visibility buffer and pages. Writes depth, normals, ids or a debug view.
+// Needs: picture.wgsl, surface.wgsl, key.wgsl.
 
 fn mixed(bits: u32, word: u32) -> u32 {
     var x = (bits ^ word) * 0x85ebca6bu;
@@ -96,10 +98,9 @@ fn word_of(pixel: u32) -> u32 {
 @compute @workgroup_size(WIDTH)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let first = 4u * (workgroup_number(workgroup, all) * WIDTH + lane);
+    let first = 4u * (workgroup_number(workgroup) * WIDTH + lane);
     let pixels = view.width * view.height;
     if first >= pixels {
         return;

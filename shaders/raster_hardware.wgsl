@@ -1,6 +1,8 @@
-// Stages 4 and 5 in another form: clusters of a list -> visibility buffer, an instance per cluster, three vertices per
-// triangle. The device only says which pixels a triangle covers: corners are snapped before, on a viewport whose side is
-// a power of two, so that nothing is rounded on the way, and depth is computed as in compute.
+// Stages 4 and 5 by the device's rasterizer: an instance for each cluster, three vertices for each triangle.
+// The device only finds which pixels a triangle covers. Vertices are snapped before, on a viewport whose side is a power of
+// two, so that nothing is rounded on the way; fragments compute depth as the software rasterizers do.
+// Reads a list of clusters and their pages. Writes the visibility buffer by atomic maxima.
+// Needs: triangle.wgsl, int64.wgsl.
 
 struct Corner {
     @builtin(position) position: vec4<f32>,

@@ -1,6 +1,8 @@
-// Stage 5. Clusters with large triangles, or that reach the near plane, the far plane or the guard band -> visibility
-// buffer: a workgroup per cluster. Each lane clips a triangle; then the rows of all of them are shared out. Clusters with
-// holes of any size are drawn by the same, and a test at each pixel.
+// Stage 5, software rasterizer for large triangles, for clusters that cross the near plane, the far plane or the guard band,
+// and for alpha-tested clusters of any size: src/cpu/raster_large.rs, operation for operation.
+// One workgroup handles one cluster; each invocation clips one triangle, then all rows are shared out.
+// Reads the lists of large, clipped or alpha-tested clusters and their pages. Writes the visibility buffer by atomic maxima.
+// Needs: triangle.wgsl, double_single.wgsl, int64.wgsl, workgroup_scan.wgsl, offer.
 
 // A triangle cut by five planes has eight corners at most.
 const MOST_CORNERS: u32 = 8u;
@@ -19,16 +21,16 @@ struct Polygon {
 }
 
 // Distance to one of five planes, inside at 0 and above.
-fn inside(p: vec3<f32>, plane: u32) -> Pair {
+fn inside(p: vec3<f32>, plane: u32) -> DoubleSingle {
     if plane == 0u {
         return pair_sum(p.z, -view.near);
     }
     let guard = pair_product(GUARD_BAND, select(p.z, 1.0, view.orthographic != 0u));
     switch plane {
-        case 1u: { return pair_plus(guard, Pair(p.x, 0.0)); }
-        case 2u: { return pair_plus(guard, Pair(-p.x, 0.0)); }
-        case 3u: { return pair_plus(guard, Pair(p.y, 0.0)); }
-        default: { return pair_plus(guard, Pair(-p.y, 0.0)); }
+        case 1u: { return pair_plus(guard, DoubleSingle(p.x, 0.0)); }
+        case 2u: { return pair_plus(guard, DoubleSingle(-p.x, 0.0)); }
+        case 3u: { return pair_plus(guard, DoubleSingle(p.y, 0.0)); }
+        default: { return pair_plus(guard, DoubleSingle(-p.y, 0.0)); }
     }
 }
 
@@ -43,14 +45,14 @@ fn comes_after(a: vec3<f32>, b: vec3<f32>) -> bool {
 }
 
 // From the smaller to the larger end, so that the two triangles of an edge agree.
-fn intersection(a: vec3<f32>, da: Pair, b: vec3<f32>, db: Pair) -> vec3<f32> {
+fn intersection(a: vec3<f32>, da: DoubleSingle, b: vec3<f32>, db: DoubleSingle) -> vec3<f32> {
     if comes_after(a, b) {
         return crossing(b, db, a, da);
     }
     return crossing(a, da, b, db);
 }
 
-fn crossing(a: vec3<f32>, da: Pair, b: vec3<f32>, db: Pair) -> vec3<f32> {
+fn crossing(a: vec3<f32>, da: DoubleSingle, b: vec3<f32>, db: DoubleSingle) -> vec3<f32> {
     let length = pair_minus(db, da);
     return vec3<f32>(
         pair_over(pair_minus(pair_times(db, a.x), pair_times(da, b.x)), length),
@@ -213,11 +215,10 @@ fn fill(p: Piece, row: i32, low: u32) {
 @compute @workgroup_size(CLUSTER_MAX_TRIANGLES)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let list = select(select(LIST_CLIPPED, LIST_LARGE, view.viewport == 0u), LIST_MASKED, MASKED);
-    let number = listed(list, workgroup_number(workgroup, all));
+    let list = select(select(LIST_CLIPPED, LIST_LARGE, view.viewport == 0u), LIST_ALPHA_TESTED, ALPHA_TESTED);
+    let number = listed(list, workgroup_number(workgroup));
     if number == NONE {
         return;
     }

@@ -1,5 +1,7 @@
-// Stage 4. Clusters of small triangles -> visibility buffer: a workgroup per cluster, whose lanes share out its vertices,
-// then its triangles. src/cpu/raster_small.rs, operation for operation.
+// Stage 4, software rasterizer for small triangles: src/cpu/raster_small.rs, operation for operation (Karis 2021).
+// One workgroup handles one cluster; its invocations share out the vertices, then the triangles.
+// Reads the list of small clusters and their pages. Writes the visibility buffer by atomic maxima.
+// Needs: triangle.wgsl.
 
 override RASTER_LANES: u32 = CLUSTER_MAX_TRIANGLES;
 
@@ -77,12 +79,11 @@ fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
 @compute @workgroup_size(RASTER_LANES)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_id) local: vec3<u32>,
 ) {
     let lane = local.x;
     // Where there is no entry, the cluster has no vertices and no triangles: no lane leaves before the others.
-    let entry = listed(LIST_SMALL, workgroup_number(workgroup, all));
+    let entry = listed(LIST_SMALL, workgroup_number(workgroup));
     let number = select(entry, 0u, entry == NONE);
     let instance = visible[number].instance;
     let cluster = visible[number].cluster;

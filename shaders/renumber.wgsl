@@ -1,20 +1,22 @@
-// The visibility buffer of the first phase -> the same, with the numbers that clusters have in the list of both. A
-// workgroup takes a block of pixels, a column for each lane, if the first phase drew anything near it.
+// Gives the pixels of the first pass the numbers that its clusters have in the visible cluster list of both passes.
+// One workgroup handles a block of pixels, one invocation a column of it; blocks that the first pass did not touch are
+// skipped.
+// Reads the new numbers. Reads and writes the visibility buffer.
+// Needs: tiles.wgsl.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> renumbered: array<u32>;
 @group(0) @binding(2) var<storage, read_write> words: array<vec2<u32>>;
-// Of the first phase.
+// Of the first pass.
 @group(0) @binding(3) var<storage, read_write> counters: Counters;
 
 @compute @workgroup_size(WIDTH)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
     let columns = (view.width + WIDTH - 1u) / WIDTH;
-    let block = workgroup_number(workgroup, all);
+    let block = workgroup_number(workgroup);
     let first = vec2<u32>(block % columns, block / columns) * vec2<u32>(WIDTH, PIXELS_PER_LANE);
     let end = min(first + vec2<u32>(WIDTH, PIXELS_PER_LANE), vec2<u32>(view.width, view.height));
     let column = first.x + lane;

@@ -1,4 +1,7 @@
-// The counts of blocks -> where each block starts, and after the last one the total. One workgroup.
+// Makes an exclusive prefix sum of the sums of blocks: the second step of stream compaction.
+// One workgroup handles all of them.
+// Reads and writes the sums of blocks. Writes the total behind the last.
+// Needs: workgroup_scan.wgsl.
 
 @group(0) @binding(0) var<storage, read> blocks: Dispatch;
 @group(0) @binding(1) var<storage, read_write> sums: array<u32>;

@@ -1,5 +1,7 @@
-// Stage 7. Visibility buffer -> colour, encoded or not, four pixels a lane: src/cpu/shade.rs, operation for operation.
-// glTF's metallic-roughness BRDF, or as pyrender has it.
+// Stage 7, shading: evaluates glTF's metallic-roughness BRDF, or pyrender's: src/cpu/shade.rs, operation for operation.
+// One invocation handles four pixels.
+// Reads the visibility buffer, pages, materials, lights. Writes colour, encoded or linear.
+// Needs: picture.wgsl, surface.wgsl, bsdf_of, image_based_light.
 
 @group(0) @binding(11) var<uniform> lighting: Lighting;
 @group(0) @binding(12) var<storage, read> lights: array<Light>;
@@ -111,7 +113,7 @@ fn color_of(seen: Seen, tint: vec3<f32>) -> vec3<f32> {
     let rest = -(bsdf.metallic - 1.0);
     let diffuse = bsdf.base * select(rest * 0.96, rest, gltf);
     let f0 = rest * 0.04 + bsdf.base * bsdf.metallic;
-    color = color + reflect_surroundings(bsdf, diffuse, f0, seen.view) * bsdf.occlusion;
+    color = color + image_based_light(bsdf, diffuse, f0, seen.view) * bsdf.occlusion;
     for (var i = 0u; i < lighting.lights; i++) {
         let light = lights[i];
         var l = light.vector;
@@ -158,10 +160,9 @@ fn encoded(color: vec3<f32>) -> u32 {
 @compute @workgroup_size(WIDTH)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let first = 4u * (workgroup_number(workgroup, all) * WIDTH + lane);
+    let first = 4u * (workgroup_number(workgroup) * WIDTH + lane);
     let pixels = view.width * view.height;
     if first >= pixels {
         return;
@@ -178,7 +179,7 @@ fn main(
                 if OUTPUT_RGB {
                     rgb[i] = encoded(color);
                 }
-            } else if shows_surroundings() && !OUTPUT_SURFACE {
+            } else if shows_environment() && !OUTPUT_SURFACE {
                 color = light_behind(pixel);
                 if OUTPUT_RGB {
                     rgb[i] = encoded(color);

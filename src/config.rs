@@ -451,7 +451,7 @@ pub struct RenderOptions {
     /// Skip what a first, near portion of the frame hides. The picture does not depend on it.
     pub occlusion: bool,
     /// On a GPU, draw by 64-bit atomics where the device has them. The picture does not depend on it.
-    pub wide_atomics: bool,
+    pub int64_atomics: bool,
     /// On a GPU, which rasterizers draw.
     pub raster: Raster,
     /// What to make with the frame; the rest, when it is first read.
@@ -479,7 +479,7 @@ impl Default for RenderOptions {
         Self {
             pixel_error: 1.0,
             occlusion: true,
-            wide_atomics: true,
+            int64_atomics: true,
             raster: Raster::default(),
             outputs: [Output::Color, Output::Depth].into_iter().collect(),
             device_outputs: None,

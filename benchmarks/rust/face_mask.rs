@@ -11,7 +11,7 @@ use std::sync::Arc;
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, RenderOptions};
 use nanite_rs::mesh::{Positions, SourceMesh};
-use nanite_rs::model::{ClusterAddress, Dag, FOREVER};
+use nanite_rs::model::{ClusterAddress, Dag, UNINTERRUPTED};
 use nanite_rs::render::Renderer;
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
@@ -78,12 +78,12 @@ fn look(name: &str, mesh: &Arc<Dag>) {
             let own = count(mesh, at, eye);
             std::array::from_fn(|k| sums[k] + own[k])
         };
-        let [all, away_from_eye, masked] = drawn.visible().into_iter().fold([0; 3], sum);
+        let [all, away_from_eye, alpha_tested] = drawn.visible().into_iter().fold([0; 3], sum);
         let share = |n: usize| 100.0 * n as f64 / all.max(1) as f64;
         println!(
             "{name}, {away} sizes away: {all} triangles of drawn clusters, {:.0} % face away, the mask knows {:.1} %",
             share(away_from_eye),
-            share(masked)
+            share(alpha_tested)
         );
     }
 }
@@ -92,7 +92,7 @@ fn main() {
     let files: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with('-')).collect();
     for file in &files {
         let mesh = nanite_rs::format::open(Path::new(file)).expect("a mesh");
-        mesh.pages.load_all(FOREVER).expect("its pages");
+        mesh.pages.load_all(UNINTERRUPTED).expect("its pages");
         look(file, &Arc::new(mesh));
     }
     if files.is_empty() {

@@ -21,7 +21,7 @@ use nanite_rs::format::quantize::Rounded;
 use nanite_rs::format::{Precision, open, page_encode, quantize};
 use nanite_rs::math::octahedral::narrow;
 use nanite_rs::mesh::{Positions, SourceMesh};
-use nanite_rs::model::{ClusterAddress, Dag, FOREVER};
+use nanite_rs::model::{ClusterAddress, Dag, UNINTERRUPTED};
 
 /// Rounds of decoding, of which the fastest counts: others may be at work.
 const ROUNDS: usize = 40;
@@ -173,7 +173,7 @@ fn main() {
     let files: Vec<String> = std::env::args().skip(1).filter(|word| word.ends_with(".nanite")).collect();
     for file in &files {
         let mesh = open(Path::new(file)).unwrap();
-        mesh.pages.load_all(FOREVER).unwrap();
+        mesh.pages.load_all(UNINTERRUPTED).unwrap();
         report(file, &mesh);
     }
     if files.is_empty() {

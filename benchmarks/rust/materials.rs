@@ -15,7 +15,7 @@ use nanite_rs::scene::{Camera, Image, Light, LightKind, Material, Projection, Sc
 #[path = "materials/ways.rs"]
 mod ways;
 
-use ways::{Found, Picture, STEPS, Shaders, Step, TILE, WAYS, Way};
+use ways::{Found, INDIRECT_ENTRIES, IndirectEntry, Picture, Shaders, TILE, WAYS, Way};
 
 const PICTURE: (u32, u32) = (1280, 720);
 const MATERIALS: [usize; 4] = [1, 10, 50, 200];
@@ -178,7 +178,7 @@ fn print(layout: Layout, kind: Kind, count: usize, measured: &[Vec<Found>; 3]) {
     let sum = |rounds: &[Found]| median(rounds.iter().map(|found| found.ms.iter().sum()));
     let tiles = f64::from(PICTURE.0.div_ceil(TILE) * PICTURE.1.div_ceil(TILE));
     for (way, rounds) in WAYS.iter().zip(measured) {
-        let step = |step: Step| median(rounds.iter().map(|found| found.ms[step as usize]));
+        let step = |step: IndirectEntry| median(rounds.iter().map(|found| found.ms[step as usize]));
         let pairs = match way {
             Way::Tiles => format!("{:.1}", f64::from(rounds[0].pairs) / tiles),
             _ => String::new(),
@@ -188,9 +188,9 @@ fn print(layout: Layout, kind: Kind, count: usize, measured: &[Vec<Found>; 3]) {
             layout.name(),
             kind.name(),
             way.name(),
-            step(Step::Sort),
-            step(Step::Shade),
-            step(Step::Pack),
+            step(IndirectEntry::Sort),
+            step(IndirectEntry::Shade),
+            step(IndirectEntry::Pack),
             sum(rounds),
             wall(rounds),
             wall(rounds) / wall(&measured[0]),
@@ -207,7 +207,7 @@ fn main() {
     println!(
         "\n| layout | textures | materials | way | sort ms | shade ms | pack ms | sum ms | wall ms | wall, × one dispatch | materials of a tile |"
     );
-    println!("|{}", "---|".repeat(4 + STEPS + 4));
+    println!("|{}", "---|".repeat(4 + INDIRECT_ENTRIES + 4));
     let camera =
         Camera { projection: Projection::Perspective { yfov: 0.8, aspect: None }, znear: 0.05, zfar: None };
     // As near as that the sheet covers the picture.

@@ -9,8 +9,8 @@ use glam::{DAffine3, DVec3};
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, ErrorMeasure, Raster, Shading};
 use nanite_rs::gpu::meshes::Meshes;
-use nanite_rs::gpu::{Context, DeviceStage, Job, Renderer, Shown, Ways};
-use nanite_rs::gpu_types::{Look, View, VisibleCluster};
+use nanite_rs::gpu::{Context, DeviceRenderer, DeviceStage, SceneInstance, ViewRequest, Ways};
+use nanite_rs::gpu_types::{InstanceMaterial, View, VisibleCluster};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
@@ -27,7 +27,7 @@ mod kernels;
 #[path = "traversal/parts.rs"]
 mod parts;
 
-use forms::{FORMS, Form, Forms, Found, STEPS, Slots, Step, slots};
+use forms::{FORMS, Form, Forms, Found, INDIRECT_ENTRIES, IndirectEntry, Slots, slots};
 use kernels::{RING, Ring};
 
 /// 1.0 M triangles.
@@ -83,14 +83,14 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Frames of all forms in turn; and of the product with its occlusion culling, ms of the same steps in both phases and
+/// Frames of all forms in turn; and of the product with its occlusion culling, ms of the same steps in both passes and
 /// clusters drawn.
 struct Measured {
     of_form: [Vec<Found>; 3],
     product: Vec<(f64, u64)>,
 }
 
-fn measure(forms: &mut Forms, renderer: &mut Renderer, distance: f64) -> Measured {
+fn measure(forms: &mut Forms, renderer: &mut DeviceRenderer, distance: f64) -> Measured {
     let mut out = Measured { of_form: Default::default(), product: Vec::new() };
     let mut words = vec![0; (PICTURE.0 * PICTURE.1) as usize];
     for frame in 0..WARM_UP + FRAMES {
@@ -106,14 +106,14 @@ fn measure(forms: &mut Forms, renderer: &mut Renderer, distance: f64) -> Measure
         assert!(sorted(flat) == sorted(levels), "parts find others");
         let mut draw = |occlusion| {
             let ways = Ways {
-                wide_atomics: true,
+                int64_atomics: true,
                 occlusion,
                 raster: Raster::Compute,
                 depth_only: false,
                 shading: Shading::default(),
             };
             let drawn = renderer
-                .draw(&mut [Job::new(view, &mut words)], ways, &Resident::default())
+                .draw(&mut [ViewRequest::new(view, &mut words)], ways, &Resident::default())
                 .expect("a frame");
             drawn.into_iter().next().expect("a picture")
         };
@@ -148,15 +148,17 @@ fn mebibytes(bytes: f64) -> String {
 fn print(triangles: usize, count: usize, camera: &str, measured: &Measured) {
     for (form, frames) in FORMS.iter().zip(&measured.of_form) {
         let of = |of: &dyn Fn(&Found) -> f64| median(frames.iter().map(of));
-        let step = |step: Step| STEPS.iter().position(|s| *s == step).map_or(f64::NAN, |k| of(&|f| f.ms[k]));
+        let step = |step: IndirectEntry| {
+            INDIRECT_ENTRIES.iter().position(|s| *s == step).map_or(f64::NAN, |k| of(&|f| f.ms[k]))
+        };
         let (nodes, groups) = (of(&|f| f.nodes as f64), of(&|f| f.groups as f64));
         println!(
             "| {} | {camera} | {} | {:.2} | {:.2} | {:.2} | {:.2} | {:.1} | {} | {} | {} | {} | {} | {} | {} |",
             thousands((triangles * count) as f64),
             form.name(),
-            step(Step::Walk),
-            step(Step::List),
-            step(Step::Clusters),
+            step(IndirectEntry::Walk),
+            step(IndirectEntry::List),
+            step(IndirectEntry::Clusters),
             of(&|f| f.ms[1..].iter().sum()),
             of(&|f| f.wall),
             thousands(nodes),
@@ -170,7 +172,7 @@ fn print(triangles: usize, count: usize, camera: &str, measured: &Measured) {
     }
     let product = |of: fn(&(f64, u64)) -> f64| median(measured.product.iter().map(of));
     println!(
-        "| {} | {camera} | product, two phases |  |  |  | {:.2} |  |  |  |  |  | {} |  |  |",
+        "| {} | {camera} | product, two cull_passes |  |  |  | {:.2} |  |  |  |  |  | {} |  |  |",
         thousands((triangles * count) as f64),
         product(|p| p.0),
         thousands(product(|p| p.1 as f64)),
@@ -207,12 +209,12 @@ fn main() {
     for count in CROWDS {
         let slots = crowd(&mesh, count);
         let mut forms = Forms::new(&slots, RING).expect("a scene");
-        let mut renderer = Renderer::new().expect("a device");
+        let mut renderer = DeviceRenderer::new().expect("a device");
         for (slot, instance) in (0..).zip(&slots) {
-            let look = Look { first_material: u32::MAX, ..Look::zeroed() };
-            let shown = instance.as_ref().map(|(placed, mesh)| Shown {
-                placed: *placed,
-                look,
+            let material = InstanceMaterial { first_material: u32::MAX, ..InstanceMaterial::zeroed() };
+            let shown = instance.as_ref().map(|(instance_transform, mesh)| SceneInstance {
+                transform: *instance_transform,
+                material,
                 mesh,
                 materials: None,
             });

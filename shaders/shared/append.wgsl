@@ -1,4 +1,5 @@
-// Appending to the nodes that the next dispatch looks at. Needs `next` and `visits_out`.
+// Appends to the traversal queue of the next level.
+// Needs: next, items_out.
 
 // Room for `count` entries; the number of the first. Counts on past the end, so that the host learns the need.
 fn claim(count: u32) -> u32 {
@@ -13,8 +14,8 @@ fn claim(count: u32) -> u32 {
     return at;
 }
 
-fn append(at: u32, visit: Visit) {
-    if at < arrayLength(&visits_out) {
-        visits_out[at] = visit;
+fn append(at: u32, item: TraversalItem) {
+    if at < arrayLength(&items_out) {
+        items_out[at] = item;
     }
 }

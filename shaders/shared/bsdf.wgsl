@@ -1,4 +1,5 @@
-// A surface point with all that light needs: src/cpu/material.rs.
+// The BSDF of a surface point: src/cpu/material.rs.
+// Needs: surface.wgsl, instance_materials, lighting.
 
 struct Bsdf {
     // Unit, camera space.
@@ -7,7 +8,7 @@ struct Bsdf {
     metallic: f32,
     // Perceptual, 0.04 to 1.
     roughness: f32,
-    // Light given off.
+    // Emitted light.
     emissive: vec3<f32>,
     // How much of the light from everywhere arrives.
     occlusion: f32,
@@ -22,8 +23,8 @@ fn shaded_emission(emissive: vec3<f32>) -> vec3<f32> {
 
 // Of a material without textures.
 fn plain_bsdf(surfel: Surfel) -> Bsdf {
-    let look = looks[surfel.instance];
-    let base = vec3<f32>(look.normal[0].w, look.normal[1].w, look.normal[2].w);
-    let lit = (look.flags & LOOK_UNLIT) == 0u;
-    return Bsdf(surfel.normal, base, look.metallic, look.roughness, shaded_emission(look.emissive), 1.0, lit);
+    let instance_material = instance_materials[surfel.instance];
+    let base = vec3<f32>(instance_material.normal[0].w, instance_material.normal[1].w, instance_material.normal[2].w);
+    let lit = (instance_material.flags & MATERIAL_UNLIT) == 0u;
+    return Bsdf(surfel.normal, base, instance_material.metallic, instance_material.roughness, shaded_emission(instance_material.emissive), 1.0, lit);
 }

@@ -1,4 +1,5 @@
-// Clusters all of whose triangles face away: src/cpu/project.rs. Needs `view` and `instances`.
+// Backface culling of clusters by their cones: src/cpu/project.rs.
+// Needs: exact.wgsl, view, instances.
 
 // `packed` is the cone of a cluster, whose vertices lie within a radius of its centre.
 fn faces_away(instance: u32, center: vec3<f32>, radius: f32, packed: u32) -> bool {

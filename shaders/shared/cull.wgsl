@@ -1,4 +1,5 @@
-// Where boxes lie on the screen: src/cpu/project.rs, operation for operation. Needs exact.wgsl.
+// Footprints: bounds of boxes on the screen. src/cpu/project.rs, operation for operation.
+// Needs: exact.wgsl, view.
 
 struct Footprint {
     // Some of it may be on the picture.

@@ -1,4 +1,5 @@
-// An instance as seen from the view: src/cpu/project.rs, operation for operation.
+// Instance transforms for a view: src/cpu/project.rs, operation for operation.
+// Needs: exact.wgsl, cull.wgsl, view.
 
 // `skewed` is what of the rows up the picture goes to the right.
 fn screen_row(k: u32, row: vec4<f32>, skewed: vec4<f32>, distance: vec4<f32>) -> vec4<f32> {
@@ -9,7 +10,7 @@ fn screen_row(k: u32, row: vec4<f32>, skewed: vec4<f32>, distance: vec4<f32>) ->
 }
 
 // `before` are the rows of the frame before. Where its box lies is not known yet.
-fn derive(p: Placed, before: array<vec4<f32>, 3>) -> Instance {
+fn derive(p: InstanceTransform, before: array<vec4<f32>, 3>) -> Instance {
     var to_eye: array<vec4<f32>, 3>;
     // The origin of internal space as seen from the eye.
     var way: vec3<f32>;
@@ -53,7 +54,7 @@ fn derive(p: Placed, before: array<vec4<f32>, 3>) -> Instance {
         p.group_words,
         p.double_sided,
         p.mirrored ^ view.mirrored,
-        p.masked,
+        p.alpha_tested,
         p.rounding,
         vec4<u32>(),
     );

@@ -1,4 +1,5 @@
-// Light from all around, by a map: src/cpu/environment.rs, operation for operation.
+// Image-based lighting by an environment map: src/cpu/environment.rs, operation for operation.
+// Needs: bsdf.wgsl, lighting.
 
 // Where directions lie on an unfolded octahedron, -1 to 1.
 fn unfolded(d: vec3<f32>) -> vec2<f32> {
@@ -54,10 +55,10 @@ fn light_at(grid: u32, place: vec2<f32>) -> vec3<f32> {
 }
 
 // Light reflected to `v`.
-fn reflect_surroundings(bsdf: Bsdf, diffuse: vec3<f32>, f0: vec3<f32>, v: vec3<f32>) -> vec3<f32> {
+fn image_based_light(bsdf: Bsdf, diffuse: vec3<f32>, f0: vec3<f32>, v: vec3<f32>) -> vec3<f32> {
     let n = bsdf.normal;
     let nv = dot3(n, v);
-    let matt = light_at(MATT, unfolded(to_map(n)));
+    let irradiance = light_at(IRRADIANCE, unfolded(to_map(n)));
     let mirrored = n * (nv * 2.0) - v;
     // Rough surfaces reflect nearer to their normals.
     let alpha = bsdf.roughness * bsdf.roughness;
@@ -69,11 +70,11 @@ fn reflect_surroundings(bsdf: Bsdf, diffuse: vec3<f32>, f0: vec3<f32>, v: vec3<f
     let gloss = finer + (light_at(level.node + 1u, place) - finer) * level.part;
     let albedo = bilinear(ALBEDO_SIDE, BYTE_STEPS, vec2<f32>(sqrt(between(nv, 0.0, 1.0)), bsdf.roughness));
     let kept = (1.0 - f0) * (1.0 - albedo.z);
-    return (matt * (diffuse * kept) + gloss * (f0 * albedo.x + albedo.y)) * lighting.intensity;
+    return (irradiance * (diffuse * kept) + gloss * (f0 * albedo.x + albedo.y)) * lighting.intensity;
 }
 
-fn shows_surroundings() -> bool {
-    return lighting.surrounded != 0u;
+fn shows_environment() -> bool {
+    return lighting.environment_visible != 0u;
 }
 
 // What is seen of the map itself at a pixel.

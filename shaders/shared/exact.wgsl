@@ -1,6 +1,7 @@
-// Arithmetic as IEEE 754 rounds it, and so as the CPU does, on every device. Vulkan lets a device fuse products with
-// sums, and be off by units in the last place in quotients and roots (on an H100 30 % of quotients and 17 % of roots
-// are). Whatever decides which pixel shows which triangle goes through these. Needs `view`.
+// Arithmetic as IEEE 754 rounds it, and so as the CPU does, on every device. Vulkan lets a device fuse products with sums, and
+// lets quotients and roots be off by units in the last place (on an H100, 30 % of quotients and 17 % of roots are). All
+// arithmetic that decides which pixel shows which triangle goes through these functions.
+// Needs: view.
 
 // Whether the device rounds quotients and roots to the nearest by itself.
 override ROUNDS_TO_NEAREST: bool = false;

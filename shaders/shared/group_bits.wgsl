@@ -1,4 +1,5 @@
-// Bits of groups, behind which each word of them that is not zero has a bit. Needs `group_bits`.
+// Bits of groups. Behind them lies a summary bit for each word that is not zero.
+// Needs: view, group_bits.
 
 fn is_marked(first_word: u32, number: u32) -> bool {
     return (atomicLoad(&group_bits[first_word + number / 32u]) >> (number % 32u) & 1u) != 0u;

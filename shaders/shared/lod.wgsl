@@ -1,4 +1,5 @@
 // The rule of the cut: src/model/rule.rs on src/math/project.rs.
+// Needs: exact.wgsl.
 
 // What the rule needs of an instance that is to be seen, read once for all spheres that are looked at.
 struct LodView {

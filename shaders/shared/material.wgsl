@@ -1,9 +1,9 @@
-// Surfaces with textures: src/cpu/material.rs, operation for operation. Needs `materials`, and whether they are
-// `as_in_pyrender`.
+// Materials with textures: src/cpu/material.rs, operation for operation.
+// Needs: surface.wgsl, texture.wgsl, materials, as_in_pyrender.
 
 fn uv_at(surfel: Surfel, uv_set: u32, corner: u32) -> vec2<f32> {
     let vertices = surfel.streams.colors - surfel.streams.normals;
-    let colors = vertices * color_words(looks[surfel.instance].flags);
+    let colors = vertices * color_words(instance_materials[surfel.instance].flags);
     let at = surfel.streams.colors + colors + 2u * (uv_set * vertices + corner);
     return vec2<f32>(real(at), real(at + 1u));
 }
@@ -37,7 +37,7 @@ fn no_vector(v: vec3<f32>) -> bool {
 
 // The normal, with that of the texture, `map`, in the frame that the UVs give.
 fn mapped_normal(surfel: Surfel, number: u32, map: vec3<f32>) -> vec3<f32> {
-    let own = select(surfel.face, surfel.normal, (materials[number].flags & LOOK_SMOOTH) != 0u);
+    let own = select(surfel.face, surfel.normal, (materials[number].flags & MATERIAL_SMOOTH) != 0u);
     if materials[number].textures[SLOT_NORMAL].start == NONE {
         return own;
     }
@@ -79,6 +79,6 @@ fn to_eye(rows: array<vec4<f32>, 3>, v: vec3<f32>) -> vec3<f32> {
 
 // The material of a cluster.
 fn material_of(surfel: Surfel) -> u32 {
-    let look = looks[surfel.instance];
-    return look.first_material + min(page_word(surfel.record + RECORD_MATERIAL), look.last_material);
+    let instance_material = instance_materials[surfel.instance];
+    return instance_material.first_material + min(page_word(surfel.record + RECORD_MATERIAL), instance_material.last_material);
 }

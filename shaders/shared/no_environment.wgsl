@@ -1,10 +1,11 @@
-// A scene without light from all around by a map.
+// A scene without an environment map.
+// Needs: bsdf.wgsl.
 
-fn reflect_surroundings(bsdf: Bsdf, diffuse: vec3<f32>, f0: vec3<f32>, v: vec3<f32>) -> vec3<f32> {
+fn image_based_light(bsdf: Bsdf, diffuse: vec3<f32>, f0: vec3<f32>, v: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(0.0);
 }
 
-fn shows_surroundings() -> bool {
+fn shows_environment() -> bool {
     return false;
 }
 

@@ -1,8 +1,8 @@
-// What the depth pyramid hides: src/cpu/hzb.rs. Needs `pyramid`.
-//
-// The first phase takes the pyramid of an earlier frame, and where instances were then; what that frame did not show, it
-// takes for hidden where it is far away. What it hides is put off to the second, which takes the pyramid of what the
-// first one drew: so no picture depends on the earlier frame.
+// Occlusion culling by the depth pyramid: src/cpu/hzb.rs.
+// The first pass tests against the pyramid of an earlier frame, where instances were then. Where that frame shows nothing of
+// them, it takes what is far away as occluded. It defers what is occluded to the second pass, which tests against the
+// pyramid of what the first pass drew. So no picture depends on the earlier frame.
+// Needs: cull.wgsl, view, instances, pyramid.
 
 // True when the texels of a level say that everything drawn so far is nearer than the box on every pixel that it may
 // touch.
@@ -56,7 +56,7 @@ fn hides(place: Footprint) -> bool {
     return hides_at(level, place) || (level > least && hides_at(finer, place));
 }
 
-// Whether a box, which now lies at `place`, is hidden as far as this phase knows.
+// Whether a box, which now lies at `place`, is hidden as far as this pass knows.
 fn hidden(place: Footprint, instance: u32, center: vec3<f32>, extent: vec3<f32>) -> bool {
     if SECOND {
         return hides(place);

@@ -1,4 +1,5 @@
-// Cluster records and their streams, word by word: src/model/cluster.rs. Needs `pages`, `pages_1` to `pages_3`.
+// Cluster records and their streams, one word at a time: src/model/cluster.rs.
+// Needs: places.wgsl, pages, pages_1, pages_2, pages_3.
 
 // A word of the pages of all meshes.
 fn page_word(at: u32) -> u32 {

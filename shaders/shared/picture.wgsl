@@ -1,4 +1,4 @@
-// What kernels bind that read a finished visibility buffer, and write an array of it.
+// Bindings of all kernels that read a finished visibility buffer and write an array of it.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
@@ -8,7 +8,7 @@
 @group(0) @binding(5) var<storage, read> pages_2: array<u32>;
 @group(0) @binding(6) var<storage, read> pages_3: array<u32>;
 @group(0) @binding(7) var<storage, read> visible: array<VisibleCluster>;
-@group(0) @binding(8) var<storage, read> looks: array<Look>;
+@group(0) @binding(8) var<storage, read> instance_materials: array<InstanceMaterial>;
 @group(0) @binding(9) var<storage, read> words: array<u32>;
 @group(0) @binding(10) var<storage, read_write> out: array<u32>;
 

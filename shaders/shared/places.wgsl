@@ -1,4 +1,5 @@
-// Where cluster records lie among the words of the pages of all meshes. Needs `page_offsets` and `instances`.
+// Addresses of cluster records among the words of the pages of all meshes.
+// Needs: page_offsets, instances.
 
 // Pages lie in several arrays where one is too short for them; no page does. The array of a word, and its place there.
 fn page_array(at: u32) -> u32 {

@@ -1,4 +1,5 @@
-// What culling reads of cluster records, four words at a time: src/model/cluster.rs. Needs `pages`, `pages_1` to `pages_3`.
+// Cluster records for culling, four words at a time: src/model/cluster.rs.
+// Needs: places.wgsl, pages, pages_1, pages_2, pages_3.
 
 // Four words of a record, of which RECORD_* names the first.
 fn record_quad(record: u32, first: u32) -> vec4<u32> {

@@ -1,5 +1,5 @@
-// From the visibility buffer to surface points: src/cpu/surface.rs, operation for operation. Needs exact.wgsl, `view`, `instances`,
-// `visible`, `looks` and pages.
+// Surface points of pixels, from the visibility buffer: src/cpu/surface.rs, operation for operation.
+// Needs: exact.wgsl, pages.wgsl, view, instances, visible, instance_materials.
 
 // What a pixel shows.
 struct Hit {
@@ -140,7 +140,7 @@ fn decode_normal(packed: u32) -> vec3<f32> {
 
 // Words of a vertex's colour; 0 without colours.
 fn color_words(flags: u32) -> u32 {
-    return flags >> LOOK_COLOR_WORDS;
+    return flags >> MATERIAL_COLOR_WORDS;
 }
 
 // The colour of a vertex, in one of the formats of src/model/colors.rs.
@@ -159,10 +159,10 @@ fn color_of_vertex(colors: u32, words: u32, vertex: u32) -> vec3<f32> {
 }
 
 // Rows of the map of normals to camera space.
-fn normal_map(look: array<vec4<f32>, 3>) -> array<vec3<f32>, 3> {
-    let x = vec3<f32>(look[0].x, look[1].x, look[2].x);
-    let y = vec3<f32>(look[0].y, look[1].y, look[2].y);
-    let z = vec3<f32>(look[0].z, look[1].z, look[2].z);
+fn normal_map(instance_material: array<vec4<f32>, 3>) -> array<vec3<f32>, 3> {
+    let x = vec3<f32>(instance_material[0].x, instance_material[1].x, instance_material[2].x);
+    let y = vec3<f32>(instance_material[0].y, instance_material[1].y, instance_material[2].y);
+    let z = vec3<f32>(instance_material[0].z, instance_material[1].z, instance_material[2].z);
     var rows: array<vec3<f32>, 3>;
     for (var k = 0u; k < 3u; k++) {
         let r = view.rotate[k].xyz;
@@ -187,15 +187,15 @@ fn surfel_of(pixel: u32, hit: Hit) -> Surfel {
     let c = position_of(streams, corners.z);
     let point = vec2<f32>(f32(pixel % view.width), f32(pixel / view.width)) + 0.5;
     let weights = barycentric(instances[instance].screen, a, b, c, point);
-    let to_eye = normal_map(looks[instance].normal);
-    let flags = looks[instance].flags;
+    let to_eye = normal_map(instance_materials[instance].normal);
+    let flags = instance_materials[instance].flags;
     let face = apply(to_eye, unit(cross3(b - a, c - a)));
     var normal = face;
-    if (flags & LOOK_SMOOTH) != 0u {
+    if (flags & MATERIAL_SMOOTH) != 0u {
         let na = decode_normal(page_word(streams.normals + corners.x));
         let nb = decode_normal(page_word(streams.normals + corners.y));
         let nc = decode_normal(page_word(streams.normals + corners.z));
-        if (flags & LOOK_CONFORMAL) != 0u {
+        if (flags & MATERIAL_CONFORMAL) != 0u {
             normal = apply(to_eye, blend(weights, na, nb, nc));
         } else {
             normal = blend(weights, unit(apply(to_eye, na)), unit(apply(to_eye, nb)), unit(apply(to_eye, nc)));

@@ -1,5 +1,6 @@
-// A texture at a place: src/cpu/texture.rs, operation for operation. Needs `texels`, which start with the light of sRGB
-// bytes.
+// Texture filtering, anisotropic over mip levels: src/cpu/texture.rs, operation for operation. `texels` begins with the linear
+// light of sRGB bytes.
+// Needs: texels.
 
 // Squared texels that no footprint is longer than.
 const LONGEST: f32 = 1.0e30;

@@ -1,4 +1,5 @@
 // Surfaces of a scene with textures.
+// Needs: bsdf.wgsl, texture.wgsl, material.wgsl.
 
 @group(0) @binding(14) var<storage, read> materials: array<Material>;
 @group(0) @binding(15) var<storage, read> texels: array<u32>;
@@ -8,7 +9,7 @@ fn as_in_pyrender() -> bool {
 }
 
 fn bsdf_of(surfel: Surfel) -> Bsdf {
-    if looks[surfel.instance].first_material == NONE {
+    if instance_materials[surfel.instance].first_material == NONE {
         return plain_bsdf(surfel);
     }
     let number = material_of(surfel);
@@ -27,6 +28,6 @@ fn bsdf_of(surfel: Surfel) -> Bsdf {
         between(materials[number].roughness * map.y, 0.04, 1.0),
         shaded_emission(materials[number].emissive) * samples[SLOT_EMISSIVE].xyz,
         1.0 + materials[number].occlusion_strength * (open - 1.0),
-        (materials[number].flags & LOOK_UNLIT) == 0u,
+        (materials[number].flags & MATERIAL_UNLIT) == 0u,
     );
 }

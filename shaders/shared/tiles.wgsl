@@ -1,5 +1,5 @@
-// Which tiles of the picture clusters of a phase may cover: a bit for each, TILES across and down at most. Needs `view` and
-// `counters`.
+// Tiles of the screen that clusters of a pass may cover: one bit each, at most TILES across and down.
+// Needs: view, counters.
 
 // Pixels across and down of a tile, as a power of two.
 fn tile_bits() -> u32 {

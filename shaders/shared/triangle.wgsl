@@ -1,4 +1,5 @@
-// What all rasterizers share: src/cpu/triangle.rs and src/cpu/visibility.rs.
+// Triangle set-up and bindings of all rasterizers: src/cpu/triangle.rs and src/cpu/visibility.rs.
+// Needs: exact.wgsl, cull.wgsl, pages.wgsl, put.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;

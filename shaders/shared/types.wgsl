@@ -1,4 +1,4 @@
-// The structs of src/gpu_types/ and src/model/; a test compares offsets.
+// The structs that Rust and WGSL share: src/gpu_types/ and src/model/. A test compares their offsets.
 
 struct View {
     width: u32,
@@ -14,7 +14,7 @@ struct View {
     // Levels of the depth pyramid; level 0 has the pixels, or no keys where those would be too many.
     levels: u32,
     // What there is of an earlier frame: 0 nothing, 1 its pyramid, HISTORY_LIST also the list of what it drew, from which
-    // the first phase starts.
+    // the first pass starts.
     history: u32,
     // Words of the bits of all groups.
     group_words: u32,
@@ -33,13 +33,13 @@ struct View {
     mirrored: u32,
     // Side, pixels, of the viewport of the hardware rasterizer; 0 where it draws nothing.
     viewport: u32,
-    // Of what no earlier frame showed, the first phase draws what has this key or a larger one: what is near.
+    // Of what no earlier frame showed, the first pass draws what has this key or a larger one: what is near.
     occluders: u32,
     // 1 where the visibility buffer has keys alone.
     depth_only: u32,
     lod_widest: f32,
-    // 1 where what is hidden is left out, in two phases; then the second alone asks for pages that are missed.
-    two_phases: u32,
+    // 1 where what is hidden is left out, in two passes; then the second alone asks for pages that are missed.
+    two_passes: u32,
     // Pixels to the right per unit of tangent up the picture.
     skew: f32,
     unused_a: u32,
@@ -48,7 +48,7 @@ struct View {
 }
 
 // An instance as the scene places it, whoever looks at it.
-struct Placed {
+struct InstanceTransform {
     // Rows of the linear map from internal space to the world, and of the origin's place the high part.
     linear: array<vec4<f32>, 3>,
     // Rows of its inverse, and the low part.
@@ -65,13 +65,13 @@ struct Placed {
     // 0 where nothing is, or nothing to be seen.
     visible: u32,
     // Clusters with holes, by material as for double_sided.
-    masked: u32,
+    alpha_tested: u32,
     // Largest distance by which positions were moved where they were stored: of every error above the source's.
     rounding: f32,
 }
 
 // The look of an instance.
-struct Look {
+struct InstanceMaterial {
     // Rows of the map of normals from internal space to the world, each with a component of the base colour.
     normal: array<vec4<f32>, 3>,
     emissive: vec3<f32>,
@@ -143,7 +143,7 @@ struct Lighting {
     // SHADING_GLTF and so on.
     shading: u32,
     // 1 where the environment is seen behind all.
-    surrounded: u32,
+    environment_visible: u32,
     // Times the light of the environment.
     intensity: f32,
     // Rows of the rotation from camera space to its map.
@@ -172,7 +172,7 @@ struct Instance {
     group_words: u32,
     double_sided: u32,
     mirrored: u32,
-    masked: u32,
+    alpha_tested: u32,
     rounding: f32,
     rect: vec4<u32>,
 }
@@ -206,17 +206,17 @@ struct Group {
 }
 
 // A node of an instance that is to be looked at.
-struct Visit {
+struct TraversalItem {
     instance: u32,
     node: u32,
 }
 
 // A group of an instance whose clusters may be drawn.
-struct Candidate {
+struct CandidateGroup {
     instance: u32,
     first: u32,
     count: u32,
-    // Its place among the candidates of the first phase.
+    // Its place among the candidates of the first pass.
     before: u32,
     // Its number in its mesh.
     group: u32,
@@ -225,7 +225,7 @@ struct Candidate {
 // What is known of the clusters of a candidate, one bit each.
 struct Marks {
     large: u32,
-    // Of the second phase: those that the first one drew.
+    // Of the second pass: those that the first one drew.
     old: u32,
     // Number of the first in the visible list.
     first: u32,
@@ -251,7 +251,7 @@ struct Dispatch {
 }
 
 // The same while it is written.
-struct DispatchOut {
+struct DispatchArgsOut {
     x: atomic<u32>,
     y: atomic<u32>,
     z: atomic<u32>,
@@ -262,7 +262,7 @@ struct DispatchOut {
 }
 
 // A draw as a device takes it.
-struct Call {
+struct DrawArgs {
     vertices: u32,
     instances: u32,
     first_vertex: u32,
@@ -270,7 +270,7 @@ struct Call {
 }
 
 // The same while it is written.
-struct CallOut {
+struct DrawArgsOut {
     vertices: u32,
     instances: atomic<u32>,
     first_vertex: u32,
@@ -294,23 +294,9 @@ fn workgroups(entries: u32, per_workgroup: u32, count: u32) -> Dispatch {
     return Dispatch(min(workgroups, MAX_WORKGROUPS), rows, 1u, count, 0u, 0u, array<u32, 2>());
 }
 
-// In software, processors: each takes a run of a dispatch's workgroups, as many as each other.
-override STRANDS: u32 = 1u;
-
-// Number of a workgroup in a dispatch, of `all`, that may be wider than one dimension allows. Runs take numbers by turns,
-// since what is near and slow comes first in many lists, so that no run is done long before another.
-fn workgroup_number(id: vec3<u32>, all: vec3<u32>) -> u32 {
-    let place = id.y * MAX_WORKGROUPS + id.x;
-    let length = all.x * all.y / STRANDS;
-    if STRANDS == 1u || place >= STRANDS * length {
-        return place;
-    }
-    // Compared instead of divided, which takes long in software.
-    var strand = 0u;
-    for (var k = 1u; k < STRANDS; k++) {
-        strand += u32(place >= k * length);
-    }
-    return (place - strand * length) * STRANDS + strand;
+// Number of a workgroup in a dispatch that may be wider than one dimension allows.
+fn workgroup_number(id: vec3<u32>) -> u32 {
+    return id.y * MAX_WORKGROUPS + id.x;
 }
 
 struct Counters {
@@ -319,8 +305,8 @@ struct Counters {
     drawn_large: atomic<u32>,
     // Entries of the visible list.
     visible: atomic<u32>,
-    // Clusters that wait for the second phase; of the second phase: that the pyramid hides.
-    held: atomic<u32>,
+    // Clusters that wait for the second pass; of the second pass: that the pyramid hides.
+    occluded: atomic<u32>,
     // 1 where a pyramid was built.
     pyramid: atomic<u32>,
     // Triangles of the clusters that each rasterizer draws.
@@ -328,7 +314,7 @@ struct Counters {
     triangles_large: atomic<u32>,
     // Of the triangles drawn, small or large, those that the device's own rasterizer drew.
     drawn_hardware: atomic<u32>,
-    // Pixels that show anything, of a picture that stays on the device; in the first phase.
+    // Pixels that show anything, of a picture that stays on the device; in the first pass.
     covered: atomic<u32>,
     // Tiles of the picture that clusters may cover, a word for each row of them.
     tiles: array<atomic<u32>, TILES>,

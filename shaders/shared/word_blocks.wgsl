@@ -1,4 +1,5 @@
-// How the lanes of workgroups share out words of bits.
+// Which words of a block of bits each invocation of a workgroup takes.
+// Needs: workgroup_scan.wgsl.
 
 // The first of the words that a lane takes of a block, and the one behind the last, of `count` in all.
 fn words_of_lane(block: u32, lane: u32, count: u32) -> vec2<u32> {

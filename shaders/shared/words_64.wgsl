@@ -1,4 +1,4 @@
-// The visibility buffer by one 64-bit maximum.
+// Writes the visibility buffer by one 64-bit atomic maximum.
 
 @group(0) @binding(7) var<storage, read_write> words: array<atomic<u64>>;
 

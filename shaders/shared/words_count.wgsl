@@ -1,4 +1,4 @@
-// Instead of the visibility buffer: triangles that cover each pixel, hidden or not.
+// Counts the triangles that cover each pixel (overdraw) instead of writing a visibility buffer.
 
 @group(0) @binding(7) var<storage, read_write> counts: array<atomic<u32>>;
 

@@ -1,4 +1,4 @@
-// A visibility buffer of keys alone: one 32-bit maximum.
+// Writes a visibility buffer of keys alone by one 32-bit atomic maximum.
 
 @group(0) @binding(7) var<storage, read_write> words: array<atomic<u32>>;
 

@@ -1,4 +1,4 @@
-// Prefix sums over the lanes of a workgroup.
+// Inclusive prefix sums over the invocations of a workgroup.
 
 // Lanes that take part; SCAN_WIDTH at most.
 override SCAN_LANES: u32 = SCAN_WIDTH;

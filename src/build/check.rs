@@ -9,7 +9,7 @@ use crate::mesh::edges::Edges;
 use crate::mesh::hash;
 use crate::model::cluster::NO_GROUP;
 use crate::model::rule::{ERROR_STEP, ROOT_ERROR, SOURCE_ERROR};
-use crate::model::{ClusterAddress, ClusterRecord, Dag, FOREVER};
+use crate::model::{ClusterAddress, ClusterRecord, Dag, UNINTERRUPTED};
 
 /// What was verified.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -36,7 +36,7 @@ fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<()> {
 
 /// Verifies a mesh; the error names the first cluster, group or node at fault.
 pub fn check(dag: &Dag) -> Result<CheckReport> {
-    dag.load_all(FOREVER)?;
+    dag.load_all(UNINTERRUPTED)?;
     links(dag)?;
     let addresses: Vec<ClusterAddress> = dag.pages.addresses().collect();
     addresses.par_iter().try_for_each(|at| cluster(dag, *at))?;

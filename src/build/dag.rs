@@ -15,7 +15,7 @@ use super::memory;
 use super::partition::{most_words, partition, split_to_fit};
 use super::reference::{Patch, Pieces, Reference};
 use super::relax::relax;
-use super::silhouette::Sight;
+use super::silhouette::Silhouette;
 use super::simplify::{Effort, Simplified, Step, ratio, simplify, trace};
 use super::source_labels::SourceLabels;
 use super::store::{LocalMesh, RoundPositions, VertexStore};
@@ -28,7 +28,7 @@ use crate::math::{Aabb, Sphere};
 use crate::mesh::{Channels, WeldedMesh};
 use crate::model::cluster::NO_GROUP;
 use crate::model::rule::{ERROR_FLOOR, ERROR_STEP, ROOT_ERROR, SOURCE_ERROR};
-use crate::model::{AttributeLayout, BuildReport, Frame, LevelReport, StuckGroup, StuckReason};
+use crate::model::{AttributeLayout, BuildReport, CoordinateFrame, LevelReport, StuckGroup, StuckReason};
 
 /// A cluster of the growing DAG.
 #[derive(Clone, Debug)]
@@ -99,7 +99,7 @@ pub struct BuildGroup {
 #[derive(Debug)]
 pub struct Graph {
     /// Internal to object space.
-    pub frame: Frame,
+    pub frame: CoordinateFrame,
     /// Box of the source.
     pub bounds: Aabb,
     /// All vertices.
@@ -146,8 +146,8 @@ pub fn grow(
         return Err(Error::Cancelled);
     }
     let enough = (source_faces as u64 / ROOT_PART).clamp(FEWEST_TRIANGLES, ROOT_TRIANGLES);
-    let seen = || Sight::of(bounds, &store.positions, faces.as_flattened());
-    let sight = options.preserve_area.then(seen);
+    let seen = || Silhouette::of(bounds, &store.positions, faces.as_flattened());
+    let silhouette = options.preserve_area.then(seen);
     // What nobody asked for makes room for the levels.
     let face_rows = options.face_ids.then_some((faces, face_rows));
     let mut graph = Growth {
@@ -155,7 +155,7 @@ pub fn grow(
         clusters,
         groups: Vec::new(),
         reference: None,
-        sight,
+        silhouette,
         source_faces,
         enough,
         tries: Tries::Cost,
@@ -212,7 +212,7 @@ struct Growth {
     groups: Vec<BuildGroup>,
     reference: Option<Reference>,
     /// What the source covers, to keep the area.
-    sight: Option<Sight>,
+    silhouette: Option<Silhouette>,
     /// Faces of the source after mending.
     source_faces: usize,
     /// A root of no more triangles is left as it is.
@@ -289,7 +289,7 @@ impl Growth {
         if options.error == ErrorMeasure::Bound {
             // Measuring takes blocks of other sizes in each round. What a round gives back, the next has to fetch again.
             if SMALL_ROUND_PART * level.triangles > self.source_faces as u64 {
-                memory::give_back(self.source_faces);
+                memory::trim_heap(self.source_faces);
             }
             if self.reference.as_ref().is_none_or(Reference::has_served) {
                 self.start_reference(&positions, &pending);
@@ -302,7 +302,7 @@ impl Growth {
         let pieces: Vec<Vec<Pieces>> = groups.iter().map(|g| g.iter().map(&mut take).collect()).collect();
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
         // One group is the whole mesh: it can be held against the source, so that no differences add up.
-        let sight = self.sight.filter(|_| groups.len() == 1);
+        let silhouette = self.silhouette.filter(|_| groups.len() == 1);
         let outcomes: Vec<_> = groups
             .par_iter()
             .zip(pieces)
@@ -317,13 +317,13 @@ impl Growth {
                 let target = (triangles as f32 * part) as usize;
                 let content = &self.content;
                 let outcome = simplify_group(
-                    store, &local, target, effort, &members, pieces, content, proof, sight, options,
+                    store, &local, target, effort, &members, pieces, content, proof, silhouette, options,
                 );
                 let made = outcome.as_ref().map_or(triangles, |split| split.triangles());
                 (meter.advance(triangles - made.min(triangles)), outcome)
             })
             .collect();
-        if outcomes.iter().any(|(go_on, _)| !go_on) {
+        if outcomes.iter().any(|(proceed, _)| !proceed) {
             return Err(Error::Cancelled);
         }
         level.groups = groups.len() as u32;
@@ -550,16 +550,16 @@ fn simplify_group(
     pieces: Vec<Pieces>,
     content: &Content,
     proof: Option<Proof<'_>>,
-    sight: Option<Sight>,
+    silhouette: Option<Silhouette>,
     options: &BuildOptions,
 ) -> std::result::Result<Split, (StuckReason, Vec<Pieces>)> {
     let Simplified { mut mesh, estimate, step_error, moved, cost, step } =
-        match simplify(local, target, effort, content, options, sight) {
+        match simplify(local, target, effort, content, options, silhouette) {
             Ok(simplified) => simplified,
             Err(reason) => return Err((reason, pieces)),
         };
-    let footing = proof.map(|Proof { reference, all }| reference.footing(pieces, all));
-    if let Some(footing) = &footing
+    let correspondence = proof.map(|Proof { reference, all }| reference.correspondence(pieces, all));
+    if let Some(correspondence) = &correspondence
         && step <= Step::Topology
         && options.quality == Quality::Best
         && !options.preserve_area
@@ -568,7 +568,9 @@ fn simplify_group(
     {
         let made = mesh.indices.len() / 3;
         let reach = RELAX_REACH * f64::from(step_error);
-        relax(&mut mesh, footing.surface(), reach, content.up, |visit| footing.samples(made, visit));
+        relax(&mut mesh, correspondence.surface(), reach, content.up, |visit| {
+            correspondence.samples(made, visit)
+        });
     }
     // Only the estimate takes the place of a measurement.
     let estimate = if proof.is_none() { estimate.max(moved) } else { estimate };
@@ -591,13 +593,13 @@ fn simplify_group(
     }
     let clusters = clusterize::clusterize_local(&compact(&mesh, &used), options);
     let (mut bound, mut handed) = (f32::INFINITY, Vec::new());
-    if let Some(footing) = footing {
+    if let Some(correspondence) = correspondence {
         let place = |v: u32| match v.checked_sub(NEW_VERTEX) {
             Some(new) => new_positions[new as usize],
             None => store.positions[v as usize],
         };
         let patches: Vec<Patch<'_>> = clusters.iter().map(|c| Patch::new(c, place)).collect();
-        (bound, handed) = footing.measure(&patches, estimate);
+        (bound, handed) = correspondence.measure(&patches, estimate);
         bound = parent_error(most(|c| c.bound), bound);
     }
     let distance = if bound.is_finite() { bound } else { quadric };

@@ -8,7 +8,7 @@
 //! the area the trees that were measured covered up to three times what they had. What is seen is counted in small
 //! pictures from all around, see `silhouette`.
 
-use super::silhouette::{Sight, Silhouettes};
+use super::silhouette::{Silhouette, Silhouettes};
 use super::store::LocalMesh;
 use crate::math::triangle::area_normal;
 use crate::math::{Aabb, morton};
@@ -141,9 +141,9 @@ impl Islands {
         (leaves, rest)
     }
 
-    /// Makes islands that simplification shrank larger until as much is covered as in `sight`, closed ones thicker,
+    /// Makes islands that simplification shrank larger until as much is covered as in `silhouette`, closed ones thicker,
     /// others as a whole. Returns the farthest that a vertex moved.
-    pub fn restore(&self, after: &mut LocalMesh, sight: &Sight) -> f64 {
+    pub fn restore(&self, after: &mut LocalMesh, silhouette: &Silhouette) -> f64 {
         let mut left = vec![0.0; self.area.len()];
         let mut order: Vec<(u32, u32)> = Vec::with_capacity(after.indices.len() / 3);
         for (i, t) in after.indices.chunks_exact(3).enumerate() {
@@ -177,11 +177,11 @@ impl Islands {
         let grow = |by: f64| -> Vec<[f32; 3]> {
             places.iter().zip(&grown).map(|(p, q)| between(*p, *q, by)).collect()
         };
-        let covered = |by| Sight::of(sight.bounds, &grow(by), &after.indices).covered;
-        let by = if grown == places || covered(0.0) >= sight.covered {
+        let covered = |by| Silhouette::of(silhouette.bounds, &grow(by), &after.indices).covered;
+        let by = if grown == places || covered(0.0) >= silhouette.covered {
             0.0
         } else {
-            sight.solve(0.0, 2.0, covered)
+            silhouette.solve(0.0, 2.0, covered)
         };
         after.positions = grow(by);
         places.iter().zip(&after.positions).fold(0.0, |most, (p, q)| distance(*p, *q).max(most))
@@ -224,16 +224,16 @@ impl Islands {
     }
 
     /// Keeps leaves of about `target` triangles, at least one, and makes them so large that as much is covered as in
-    /// `sight`. `after` holds the rest already. `exactly`: of at most so many, and of as many as can be.
+    /// `silhouette`. `after` holds the rest already. `exactly`: of at most so many, and of as many as can be.
     pub fn thin(
         &self,
         after: &LocalMesh,
         leaves: &[u32],
         target: usize,
-        sight: &Sight,
+        silhouette: &Silhouette,
         exactly: bool,
     ) -> Thinned {
-        let bounds = sight.bounds;
+        let bounds = silhouette.bounds;
         let mut order: Vec<(u64, u32)> = Vec::new();
         let mut first = vec![NONE; self.area.len()];
         for t in leaves.chunks_exact(3) {
@@ -273,14 +273,14 @@ impl Islands {
             let moved = self.scale(&mut mesh, &scales);
             (mesh, moved)
         };
-        let mut rest = Silhouettes::new(&sight.bounds);
+        let mut rest = Silhouettes::new(&silhouette.bounds);
         rest.draw_all(&after.positions, &after.indices);
         let covered = |bits| {
             let (mut all, grown) = (rest.clone(), grow(bits).0);
             all.draw_all(&grown.positions, &grown.indices);
             all.covered()
         };
-        let (grown, mut moved) = grow(sight.solve(-FACTOR_BITS, 0.5 * FACTOR_BITS, covered));
+        let (grown, mut moved) = grow(silhouette.solve(-FACTOR_BITS, 0.5 * FACTOR_BITS, covered));
         let stay = order.iter().filter(|(_, i)| kept[*i as usize]);
         let stay: Vec<_> = stay.map(|(_, i)| grown.positions[first[*i as usize] as usize]).collect();
         for t in go {
@@ -429,15 +429,15 @@ mod tests {
         let islands = Islands::of(&mesh);
         let (leaves, rest) = islands.split(&mesh);
         assert_eq!((leaves.len(), rest.len()), (6 * 64, 3));
-        let sight = Sight::of(Aabb::of_points(&mesh.positions), &mesh.positions, &mesh.indices);
+        let silhouette = Silhouette::of(Aabb::of_points(&mesh.positions), &mesh.positions, &mesh.indices);
         let after = LocalMesh { indices: rest.clone(), ..mesh.clone() };
-        let thinned = islands.thin(&after, &leaves, leaves.len() / 6, &sight, false);
+        let thinned = islands.thin(&after, &leaves, leaves.len() / 6, &silhouette, false);
         let left = thinned.mesh.indices.len() / 3;
         assert!((60..=68).contains(&left), "{left}");
-        let mut both = Silhouettes::new(&sight.bounds);
+        let mut both = Silhouettes::new(&silhouette.bounds);
         both.draw_all(&mesh.positions, &rest);
         both.draw_all(&thinned.mesh.positions, &thinned.mesh.indices);
-        let ratio = f64::from(both.covered()) / f64::from(sight.covered);
+        let ratio = f64::from(both.covered()) / f64::from(silhouette.covered);
         assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
         // Leaves are two apart: a few steps to the next one that stays, and how much that grew.
         assert!(thinned.moved > 2.0 && thinned.moved < 8.0, "{}", thinned.moved);
@@ -455,12 +455,13 @@ mod tests {
         mesh.position_ids = mesh.ids.clone();
         mesh.locked = vec![false; 16];
         let islands = Islands::of(&mesh);
-        let sight = Sight::of(Aabb::of_points(&mesh.positions), &mesh.positions, &mesh.indices);
+        let silhouette = Silhouette::of(Aabb::of_points(&mesh.positions), &mesh.positions, &mesh.indices);
         let mut after = LocalMesh { indices: vec![2, 6, 10, 2, 10, 14], ..mesh.clone() };
-        let covered = |m: &LocalMesh| f64::from(Sight::of(sight.bounds, &m.positions, &m.indices).covered);
-        let before = covered(&after) / f64::from(sight.covered);
-        let moved = islands.restore(&mut after, &sight);
-        let restored = covered(&after) / f64::from(sight.covered);
+        let covered =
+            |m: &LocalMesh| f64::from(Silhouette::of(silhouette.bounds, &m.positions, &m.indices).covered);
+        let before = covered(&after) / f64::from(silhouette.covered);
+        let moved = islands.restore(&mut after, &silhouette);
+        let restored = covered(&after) / f64::from(silhouette.covered);
         assert!(before < 0.7 && (restored - 1.0).abs() < 0.03 && moved > 0.1, "{before} {restored} {moved}");
     }
 }

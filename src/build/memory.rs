@@ -5,7 +5,7 @@
 const WORTHWHILE: usize = 1 << 18;
 
 /// Returns free pages to the system, where the source had many triangles and the allocator keeps pages.
-pub fn give_back(source_faces: usize) {
+pub fn trim_heap(source_faces: usize) {
     if source_faces < WORTHWHILE {
         return;
     }

@@ -89,6 +89,6 @@ fn run(source: &SourceMesh<'_>, options: &BuildOptions, progress: &dyn Progress)
     let mesh = weld(source, options.crease_angle, &mut report)?;
     let graph = dag::grow(mesh, options, progress, &mut report)?;
     // What is laid out comes on top of what was grown.
-    memory::give_back(graph.source_faces);
+    memory::trim_heap(graph.source_faces);
     Ok(assemble::assemble(graph, report))
 }

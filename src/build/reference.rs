@@ -306,10 +306,14 @@ impl Reference {
     }
 
     /// What some clusters answer for, laid out.
-    pub fn footing<'a>(&'a self, mut pieces: Vec<Pieces>, all: &'a [BuildCluster]) -> Footing<'a> {
+    pub fn correspondence<'a>(
+        &'a self,
+        mut pieces: Vec<Pieces>,
+        all: &'a [BuildCluster],
+    ) -> Correspondence<'a> {
         self.join(&mut pieces);
         let (local, numbers) = self.local(&pieces, all);
-        Footing { before: local.sheet(), pieces, numbers, reference: self, all }
+        Correspondence { before: local.sheet(), pieces, numbers, reference: self, all }
     }
 
     /// All clusters of it that come within some distance of a triangle, whoever answers for them; none where that is none.
@@ -362,7 +366,7 @@ fn radii(cluster: &BuildCluster) -> impl Iterator<Item = f32> {
 }
 
 /// The part of a reference that a group stands on.
-pub struct Footing<'a> {
+pub struct Correspondence<'a> {
     before: Sheet,
     pieces: Vec<Pieces>,
     /// The triangle of `before` of each piece.
@@ -372,7 +376,7 @@ pub struct Footing<'a> {
     all: &'a [BuildCluster],
 }
 
-impl Footing<'_> {
+impl Correspondence<'_> {
     /// Its surface.
     pub fn surface(&self) -> &Sheet {
         &self.before

@@ -37,14 +37,14 @@ pub struct Silhouettes {
 
 /// What is covered inside a box.
 #[derive(Clone, Copy, Debug)]
-pub struct Sight {
+pub struct Silhouette {
     /// The box.
     pub bounds: Aabb,
     /// Pixels, over all views.
     pub covered: u32,
 }
 
-impl Sight {
+impl Silhouette {
     /// What triangles cover inside a box around them.
     pub fn of(bounds: Aabb, positions: &[[f32; 3]], indices: &[u32]) -> Self {
         let mut silhouettes = Silhouettes::new(&bounds);

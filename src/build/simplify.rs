@@ -16,7 +16,7 @@ use super::content::{Content, up};
 use super::field::Field;
 use super::islands::Islands;
 use super::lock_borders::border_kept;
-use super::silhouette::Sight;
+use super::silhouette::Silhouette;
 use super::store::LocalMesh;
 use crate::config::{BuildOptions, ErrorMeasure, Quality};
 use crate::math::Aabb;
@@ -98,17 +98,17 @@ pub fn ratio(triangles: u64, options: &BuildOptions) -> f32 {
 }
 
 /// Simplifies a group to `target` triangles. With `preserve_area` it goes on covering what it does, or as much as in
-/// `sight`.
+/// `silhouette`.
 pub fn simplify(
     mesh: &LocalMesh,
     target: usize,
     effort: Effort,
     content: &Content,
     options: &BuildOptions,
-    sight: Option<Sight>,
+    silhouette: Option<Silhouette>,
 ) -> Result<Simplified, StuckReason> {
     if options.preserve_area
-        && let Ok(result) = with_islands(mesh, target, content, options, sight)
+        && let Ok(result) = with_islands(mesh, target, content, options, silhouette)
     {
         return Ok(result);
     }
@@ -153,7 +153,7 @@ impl Reduction {
     /// What became of the mesh.
     pub fn finish(self, mesh: &LocalMesh, content: &Content) -> Finished {
         let Collapsed { mesh: mut made, error, moved, .. } = self.collapses.finish(mesh);
-        give_back(&mut made, mesh, content, self.own, self.width, self.edge);
+        restore_columns(&mut made, mesh, content, self.own, self.width, self.edge);
         Finished { mesh: made, estimate: error, moved }
     }
 }
@@ -169,15 +169,15 @@ fn with_islands(
     target: usize,
     content: &Content,
     options: &BuildOptions,
-    sight: Option<Sight>,
+    silhouette: Option<Silhouette>,
 ) -> Result<Simplified, StuckReason> {
     let islands = Islands::of(mesh);
     let (leaves, rest) = islands.split(mesh);
     let rest = LocalMesh { indices: rest, ..mesh.clone() };
     let bounds = Aabb::of_points(&mesh.positions);
-    let sight = sight.unwrap_or_else(|| Sight::of(bounds, &mesh.positions, &mesh.indices));
+    let silhouette = silhouette.unwrap_or_else(|| Silhouette::of(bounds, &mesh.positions, &mesh.indices));
     let rest_sight =
-        if leaves.is_empty() { sight } else { Sight::of(bounds, &rest.positions, &rest.indices) };
+        if leaves.is_empty() { silhouette } else { Silhouette::of(bounds, &rest.positions, &rest.indices) };
     let share = target * rest.indices.len() / mesh.indices.len().max(1);
     let outcome = if rest.indices.is_empty() {
         Err(StuckReason::Vanished)
@@ -202,7 +202,7 @@ fn with_islands(
     if !leaves.is_empty() {
         let target = target.saturating_sub(result.mesh.indices.len() / 3);
         let target = target.clamp(leaves.len() / 12, leaves.len() / 6);
-        let thinned = islands.thin(&result.mesh, &leaves, target, &sight, false);
+        let thinned = islands.thin(&result.mesh, &leaves, target, &silhouette, false);
         let rest = std::mem::replace(&mut result.mesh, thinned.mesh);
         result.mesh.indices.extend(rest.indices);
         moved = moved.max(thinned.moved);
@@ -579,12 +579,19 @@ fn run(
         steered.indices.truncate(kept);
         normalize(&mut steered.attributes, width);
     }
-    give_back(&mut steered, mesh, content, guides.own, width, edge);
+    restore_columns(&mut steered, mesh, content, guides.own, width, edge);
     Made { mesh: steered, error, moved: moved.unwrap_or(error), cost: dearest, stopped }
 }
 
 /// Gives the columns that steered, `own` of `width`, back to a mesh that was made of another one; all else is read off that.
-fn give_back(made: &mut LocalMesh, mesh: &LocalMesh, content: &Content, own: usize, width: usize, edge: f32) {
+fn restore_columns(
+    made: &mut LocalMesh,
+    mesh: &LocalMesh,
+    content: &Content,
+    own: usize,
+    width: usize,
+    edge: f32,
+) {
     let stride = content.stride();
     if width != stride {
         let rows = mesh.with_copies(&made.copies).attributes;
@@ -634,9 +641,9 @@ pub fn thin_to(mesh: &LocalMesh, target: usize) -> Option<(LocalMesh, f64)> {
     let islands = Islands::of(mesh);
     let (leaves, rest) = islands.split(mesh);
     let room = target.checked_sub(rest.len() / 3).filter(|room| *room > 0 && !leaves.is_empty())?;
-    let sight = Sight::of(Aabb::of_points(&mesh.positions), &mesh.positions, &mesh.indices);
+    let silhouette = Silhouette::of(Aabb::of_points(&mesh.positions), &mesh.positions, &mesh.indices);
     let after = LocalMesh { indices: rest, ..mesh.clone() };
-    let thinned = islands.thin(&after, &leaves, room, &sight, true);
+    let thinned = islands.thin(&after, &leaves, room, &silhouette, true);
     let mut out = thinned.mesh;
     out.indices.extend(after.indices);
     Some((out, thinned.moved))

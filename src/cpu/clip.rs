@@ -6,7 +6,7 @@
 
 use super::project::Screen;
 use crate::limits::GUARD_BAND;
-use crate::math::Pair;
+use crate::math::DoubleSingle;
 
 /// A convex polygon in homogeneous screen coordinates: a triangle cut by five planes at most.
 #[derive(Clone, Copy, Debug)]
@@ -27,7 +27,7 @@ impl Polygon {
         self.count += 1;
     }
 
-    fn cut(&self, inside: impl Fn(&[f32; 3]) -> Pair) -> Self {
+    fn cut(&self, inside: impl Fn(&[f32; 3]) -> DoubleSingle) -> Self {
         let mut out = Self { count: 0, ..*self };
         for i in 0..self.count {
             let (a, b) = (self.vertices[i], self.vertices[(i + 1) % self.count]);
@@ -43,7 +43,7 @@ impl Polygon {
     }
 }
 
-fn intersect(a: [f32; 3], da: Pair, b: [f32; 3], db: Pair) -> [f32; 3] {
+fn intersect(a: [f32; 3], da: DoubleSingle, b: [f32; 3], db: DoubleSingle) -> [f32; 3] {
     let swap = a.iter().zip(&b).map(|(x, y)| x.total_cmp(y)).find(|o| o.is_ne()).is_some_and(|o| o.is_gt());
     let (a, da, b, db) = if swap { (b, db, a, da) } else { (a, da, b, db) };
     let length = db.minus(da);
@@ -55,11 +55,12 @@ fn intersect(a: [f32; 3], da: Pair, b: [f32; 3], db: Pair) -> [f32; 3] {
 pub fn clip(corners: [[f32; 3]; 3], screen: &Screen) -> Polygon {
     let [a, b, c] = corners;
     let whole = Polygon { vertices: [a, b, c, c, c, c, c, c], count: 3 };
-    let mut polygon = whole.cut(|v| Pair::sum(v[2], -screen.near));
-    let guard = |v: &[f32; 3]| Pair::product(GUARD_BAND, if screen.orthographic { 1.0 } else { v[2] });
+    let mut polygon = whole.cut(|v| DoubleSingle::sum(v[2], -screen.near));
+    let guard =
+        |v: &[f32; 3]| DoubleSingle::product(GUARD_BAND, if screen.orthographic { 1.0 } else { v[2] });
     for k in 0..2 {
-        polygon = polygon.cut(|v| guard(v).plus(Pair { high: v[k], low: 0.0 }));
-        polygon = polygon.cut(|v| guard(v).plus(Pair { high: -v[k], low: 0.0 }));
+        polygon = polygon.cut(|v| guard(v).plus(DoubleSingle { high: v[k], low: 0.0 }));
+        polygon = polygon.cut(|v| guard(v).plus(DoubleSingle { high: -v[k], low: 0.0 }));
     }
     polygon
 }
@@ -94,7 +95,7 @@ mod tests {
             let new = |[a, b, c]: [[f32; 3]; 3]| -> Vec<[f32; 3]> {
                 // Only the near plane: with more planes other edges meet there.
                 let whole = Polygon { vertices: [a, b, c, a, a, a, a, a], count: 3 };
-                let cut = whole.cut(|v| Pair::sum(v[2], -0.5));
+                let cut = whole.cut(|v| DoubleSingle::sum(v[2], -0.5));
                 cut.vertices().iter().copied().filter(|v| ![a, b, c].contains(v)).collect()
             };
             let (left, right) = (new([a, b, c]), new([b, a, d]));

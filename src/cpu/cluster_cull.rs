@@ -5,7 +5,7 @@
 use rayon::prelude::*;
 
 use super::hzb::Hzb;
-use super::node_cull::GroupCandidate;
+use super::node_cull::CandidateGroup;
 use super::project::{Footprint, InstanceView, Screen};
 use super::visibility::Visible;
 use crate::limits::{MAX_SPAN, SMALL_EDGE};
@@ -17,7 +17,7 @@ const GROUPS_PER_TASK: usize = 8;
 
 /// A cluster to draw. Candidates compare by scene order: by instance, then by cluster address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Candidate {
+pub struct CandidateCluster {
     /// The cluster and its instance.
     pub visible: Visible,
     /// Where it lies.
@@ -32,14 +32,14 @@ pub struct Candidate {
 #[derive(Debug, Default)]
 pub struct Culled {
     /// Survivors, in scene order.
-    pub candidates: Vec<Candidate>,
+    pub candidates: Vec<CandidateCluster>,
     /// Clusters looked at.
     pub visited: u64,
 }
 
 /// Culls the clusters of `groups`.
 pub fn run(
-    groups: &[GroupCandidate],
+    groups: &[CandidateGroup],
     views: &[InstanceView],
     screen: &Screen,
     tau: f32,
@@ -64,7 +64,7 @@ pub fn run(
 }
 
 fn cull_group(
-    at: GroupCandidate,
+    at: CandidateGroup,
     views: &[InstanceView],
     screen: &Screen,
     tau: f32,
@@ -97,14 +97,14 @@ fn cull_group(
         // A patch of n triangles has some √(n/2) edges across.
         let edge = f32::from(footprint.span) / (f32::from(record.triangle_count) * 0.5).sqrt().max(1.0);
         // Those that may have holes are drawn in one form.
-        let masked = instance.materials.masked(record.material);
-        let large = masked || footprint.clipped || footprint.span > MAX_SPAN || edge > SMALL_EDGE;
+        let alpha_tested = instance.materials.alpha_tested(record.material);
+        let large = alpha_tested || footprint.clipped || footprint.span > MAX_SPAN || edge > SMALL_EDGE;
         let visible = Visible { instance: at.instance, cluster };
-        out.candidates.push(Candidate { visible, footprint, large, triangles: record.triangle_count });
+        out.candidates.push(CandidateCluster { visible, footprint, large, triangles: record.triangle_count });
     }
 }
 
 /// A later round, over clusters that passed every other test: keeps those that the depth pyramid does not hide.
-pub fn unhidden(candidates: &[Candidate], hzb: &Hzb) -> Vec<Candidate> {
+pub fn unhidden(candidates: &[CandidateCluster], hzb: &Hzb) -> Vec<CandidateCluster> {
     candidates.iter().filter(|c| !hzb.hides(&c.footprint)).copied().collect()
 }

@@ -8,7 +8,7 @@
 
 use super::lanes::{LANES, Lanes, Vec3x8, apply, dot};
 use crate::scene::albedo::{ALBEDO_PARTS, ALBEDO_SIDE};
-use crate::scene::environment::{Grid, MATT, ROUGHNESS_LEVELS};
+use crate::scene::environment::{Grid, IRRADIANCE, ROUGHNESS_LEVELS};
 use crate::scene::{EnvironmentMap, Surroundings};
 
 /// Light reflected to `view`.
@@ -39,13 +39,13 @@ pub fn reflect(
     let mut out = *f0;
     for lane in 0..LANES {
         let lane_of = |place: &[Lanes; 2]| place.each_ref().map(|c| c.0[lane]);
-        let matt = at(&around.map, MATT, lane_of(&matt_place));
+        let irradiance = at(&around.map, IRRADIANCE, lane_of(&matt_place));
         let gloss = between_levels(&around.map, roughness.0[lane], lane_of(&gloss_place));
         let [scale, offset, loss] = albedo(&around.map, facing.0[lane], roughness.0[lane]);
         for c in 0..3 {
             let f0 = f0[c].0[lane];
             let kept = (1.0 - f0) * (1.0 - loss);
-            let sum = matt[c] * (diffuse[c].0[lane] * kept) + gloss[c] * (f0 * scale + offset);
+            let sum = irradiance[c] * (diffuse[c].0[lane] * kept) + gloss[c] * (f0 * scale + offset);
             out[c].0[lane] = sum * around.intensity;
         }
     }

@@ -17,7 +17,7 @@ pub struct Bsdf {
     pub metallic: Lanes,
     /// Perceptual, 0.04 to 1.
     pub roughness: Lanes,
-    /// Light given off.
+    /// Emitted light.
     pub emissive: Vec3x8,
     /// How much of the light from everywhere arrives.
     pub occlusion: Lanes,

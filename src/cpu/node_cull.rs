@@ -15,7 +15,7 @@ const NODES_PER_TASK: usize = 32;
 
 /// A group whose clusters may be drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct GroupCandidate {
+pub struct CandidateGroup {
     /// Index in the frame's list of instances.
     pub instance: u32,
     /// Group of its mesh.
@@ -26,9 +26,9 @@ pub struct GroupCandidate {
 #[derive(Debug, Default)]
 pub struct Walk {
     /// Surviving groups in scene order: by instance, then by group.
-    pub groups: Vec<GroupCandidate>,
+    pub groups: Vec<CandidateGroup>,
     /// Groups that would survive, but whose pages are not there, in any order.
-    pub absent: Vec<GroupCandidate>,
+    pub absent: Vec<CandidateGroup>,
     /// Nodes and groups looked at.
     pub visited: u64,
 }
@@ -42,8 +42,8 @@ struct Visit {
 #[derive(Default)]
 struct Found {
     nodes: Vec<Visit>,
-    groups: Vec<GroupCandidate>,
-    absent: Vec<GroupCandidate>,
+    groups: Vec<CandidateGroup>,
+    absent: Vec<CandidateGroup>,
     visited: u64,
 }
 
@@ -111,7 +111,7 @@ fn visit_node(
         if in_cut(&g.lod_sphere, g.error, g.min_own_error) && seen(g.center, g.extent) {
             let there = instance.pages.holds(g.first.page());
             let list = if there { &mut out.groups } else { &mut out.absent };
-            list.push(GroupCandidate { instance: visit.instance, group });
+            list.push(CandidateGroup { instance: visit.instance, group });
         }
     }
 }

@@ -42,26 +42,26 @@ pub fn run<S: Sink>(
     screen: &Screen,
     sink: &S,
 ) -> u64 {
-    if views.iter().all(|view| view.materials.masked_bits() == 0) {
+    if views.iter().all(|view| view.materials.alpha_tested_bits() == 0) {
         return draw(numbers, visible, views, screen, sink);
     }
-    let (masked, whole): (Vec<u32>, Vec<u32>) = numbers.iter().partition(|&&number| {
+    let (alpha_tested, whole): (Vec<u32>, Vec<u32>) = numbers.iter().partition(|&&number| {
         let Visible { instance, cluster } = visible[number as usize];
         let view = &views[instance as usize];
-        view.materials.masked(view.pages.record(cluster).material)
+        view.materials.alpha_tested(view.pages.record(cluster).material)
     });
     let pixels = Pixels { words: &[], visible, views, screen };
     draw(&whole, visible, views, screen, sink)
-        + draw(&masked, visible, views, screen, &Masked { pixels, sink })
+        + draw(&alpha_tested, visible, views, screen, &AlphaTested { pixels, sink })
 }
 
 /// Passes on what is not a hole.
-struct Masked<'a, S> {
+struct AlphaTested<'a, S> {
     pixels: Pixels<'a>,
     sink: &'a S,
 }
 
-impl<S: Sink> Sink for Masked<'_, S> {
+impl<S: Sink> Sink for AlphaTested<'_, S> {
     fn put(&self, pixel: usize, word: u64) {
         let point = decode(word).map(|hit| surface::one(self.pixels, pixel, hit));
         if !point.as_ref().is_some_and(is_hole) {

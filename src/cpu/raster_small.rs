@@ -28,7 +28,7 @@ struct Vertices {
 const VERTICES: usize = (CLUSTER_MAX_VERTICES + 1).next_multiple_of(LANES);
 
 /// What drawing a cluster needs.
-struct Job<'a, S> {
+struct RasterTask<'a, S> {
     visible: &'a [Visible],
     views: &'a [InstanceView],
     screen: &'a Screen,
@@ -44,11 +44,11 @@ pub fn run<S: Sink>(
     screen: &Screen,
     sink: &S,
 ) -> u64 {
-    let job = Job { visible, views, screen, sink };
-    numbers.par_chunks(CLUSTERS_PER_TASK).map(|chunk| job.draw_chunk(chunk)).sum()
+    let task = RasterTask { visible, views, screen, sink };
+    numbers.par_chunks(CLUSTERS_PER_TASK).map(|chunk| task.draw_chunk(chunk)).sum()
 }
 
-impl<S: Sink> Job<'_, S> {
+impl<S: Sink> RasterTask<'_, S> {
     fn draw_chunk(&self, numbers: &[u32]) -> u64 {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {

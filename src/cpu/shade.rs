@@ -160,7 +160,7 @@ fn shade(seen: Seen, eye: &Eye, lighting: &Lighting, shading: Shading) -> Vec3x8
         }
     }
     let reflector = Reflector::new(&bsdf, view, gltf);
-    if let (Some(around), true) = (&lighting.surroundings, gltf) {
+    if let (Some(around), true) = (&lighting.environment, gltf) {
         let Reflector { normal, diffuse, f0, view, .. } = &reflector;
         let out = environment::reflect(around, normal, view, bsdf.roughness, diffuse, f0);
         for c in 0..3 {
@@ -277,7 +277,7 @@ impl Shader<'_> {
     /// Where nothing is covered, what lies around.
     #[inline(always)]
     fn surround<T>(&self, range: std::ops::Range<usize>, written: &impl Fn(f32) -> T, out: &mut [T]) {
-        let Some(around) = self.lighting.surroundings.as_ref().filter(|around| around.background) else {
+        let Some(around) = self.lighting.environment.as_ref().filter(|around| around.background) else {
             return;
         };
         let Pixels { words, screen, .. } = self.pixels;

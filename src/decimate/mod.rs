@@ -24,7 +24,7 @@ use crate::lod::CutArrays;
 use crate::math::median::Place;
 use crate::mesh::edges::Edges;
 use crate::mesh::{Channels, SourceMesh, WeldedMesh, hash, weld};
-use crate::model::{AttributeLayout, BuildReport, Channel, Frame};
+use crate::model::{AttributeLayout, BuildReport, Channel, CoordinateFrame};
 use crate::threads;
 
 /// Most triangles of a block.
@@ -83,7 +83,7 @@ pub struct Decimated {
     /// Which attributes there are.
     pub layout: AttributeLayout,
     /// Internal to object space.
-    pub frame: Frame,
+    pub frame: CoordinateFrame,
     /// What was mended.
     pub report: BuildReport,
 }
@@ -236,7 +236,7 @@ impl Rounds<'_> {
             let waits = parts.par_iter_mut().with_max_len(1).map(|(_, reduction)| {
                 let collapses = reduction.collapses();
                 let target = collapses.triangles().saturating_sub(most);
-                let waits = collapses.go_on(Limit { cost: limit, ..Limit::triangles(target) });
+                let waits = collapses.proceed(Limit { cost: limit, ..Limit::triangles(target) });
                 waits || collapses.triangles() > target
             });
             if !waits.reduce(|| true, |a, b| a && b) {
@@ -262,7 +262,7 @@ impl Rounds<'_> {
             let cost = next.get(1).map_or(f64::INFINITY, |(cost, _)| cost.max(next[0].0 * (1.0 + ALIKE)));
             let collapses = parts[next[0].1].1.collapses();
             let target = collapses.triangles().saturating_sub(excess);
-            collapses.go_on(Limit { cost, ..Limit::triangles(target) });
+            collapses.proceed(Limit { cost, ..Limit::triangles(target) });
         }
         let this = &*self;
         let made = parts.into_par_iter().with_max_len(1).map(|(local, reduction)| {

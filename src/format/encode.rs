@@ -13,7 +13,7 @@ use super::page_encode;
 use super::planes::{Writer, ZSTD_LEVEL};
 use super::quantize::{Precision, Rounded};
 use crate::error::{Error, Result};
-use crate::model::{AttributeLayout, BuildReport, ChannelInfo, Dag, Frame, Grid};
+use crate::model::{AttributeLayout, BuildReport, ChannelInfo, CoordinateFrame, Dag, Grid};
 
 /// Pages that are coded between two writes.
 const BATCH: usize = 256;
@@ -24,7 +24,7 @@ pub struct Metadata {
     /// What wrote the file.
     pub generator: String,
     /// Internal to object space.
-    pub frame: Frame,
+    pub frame: CoordinateFrame,
     /// Smallest and largest corner of the source, internal units.
     pub bounds: [[f32; 3]; 2],
     /// What positions and normals were rounded to.

@@ -20,8 +20,8 @@ use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row, write_triangles};
 use crate::model::rule::ROOT_ERROR;
 use crate::model::{
-    AttributeLayout, Channel, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, FOREVER, Grid, Group,
-    Node, Packing, PageEntry, Pages, Words,
+    AttributeLayout, Channel, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Node,
+    Packing, PageEntry, Pages, UNINTERRUPTED, Words,
 };
 
 /// Bits of each octahedral coordinate of a normal in files that round: off by a quarter of a degree at most.
@@ -80,7 +80,7 @@ pub struct Rounded<'a> {
 impl<'a> Rounded<'a> {
     /// Finds the grid and everything but the pages.
     pub fn new(dag: &'a Dag, precision: Precision) -> Result<Self> {
-        dag.load_all(FOREVER)?;
+        dag.load_all(UNINTERRUPTED)?;
         // What could not be read is not written.
         validate::structure(dag).map_err(|(kind, what)| Error::Invariant(format!("{kind:?}: {what}")))?;
         let numbers: Vec<u32> = (0..dag.groups.len() as u32).collect();

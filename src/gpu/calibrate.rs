@@ -20,7 +20,7 @@ use super::shaders::{Kernel, List, Words};
 use super::times::{self, Times};
 use crate::config::{Calibration, Raster};
 use crate::error::Result;
-use crate::gpu_types::{Call, Counters, Dispatch, Instance, View, VisibleCluster};
+use crate::gpu_types::{Counters, Dispatch, DrawArgs, Instance, View, VisibleCluster};
 use crate::limits::CLUSTER_MAX_TRIANGLES;
 use crate::model::cluster::RECORD_WORDS;
 use crate::model::packing::{VertexRow, vertex_row, write_triangles};
@@ -95,7 +95,7 @@ struct Stand<'a> {
     visible: Buffer,
     numbers: Buffer,
     draws: Buffer,
-    calls: Buffer,
+    draw_args: Buffer,
     pixels: Buffer,
     counters: Buffer,
     target: Target,
@@ -149,13 +149,13 @@ impl<'a> Stand<'a> {
             // Small ones from the front, large ones from the back, then room for clipped ones.
             numbers: storage(bytemuck::cast_slice(&(0..2 * count).collect::<Vec<_>>()))?,
             draws: storage(bytemuck::cast_slice(&dispatches(0)))?,
-            calls: storage(bytemuck::cast_slice(&calls(0)))?,
+            draw_args: storage(bytemuck::cast_slice(&draw_args(0)))?,
             pixels: context.buffer("calibration", PIXEL_BYTES, usage | BufferUsages::STORAGE)?,
             counters: storage(bytemuck::bytes_of(&Counters::default()))?,
             target,
             times: Times::new(context)?,
             staging: context.buffer("calibration", Times::BYTES + PIXEL_BYTES, staging)?,
-            words: if context.wide_atomics() { Words::Wide } else { Words::Keys },
+            words: if context.int64_atomics() { Words::Int64 } else { Words::Keys },
         })
     }
 
@@ -182,7 +182,7 @@ impl<'a> Stand<'a> {
     fn compare(&self, list: List, clusters: u32) -> Result<(f64, f64, bool)> {
         let queue = self.context.queue();
         queue.write_buffer(&self.draws, 0, bytemuck::cast_slice(&dispatches(clusters)));
-        queue.write_buffer(&self.calls, 0, bytemuck::cast_slice(&calls(clusters)));
+        queue.write_buffer(&self.draw_args, 0, bytemuck::cast_slice(&draw_args(clusters)));
         let mut best = (f64::INFINITY, f64::INFINITY, true);
         for run in 0..RUNS {
             let (compute, hardware) = (self.draw(list, false)?, self.draw(list, true)?);
@@ -235,7 +235,7 @@ impl<'a> Stand<'a> {
             words: self.words,
             split: false,
             bindings: self.bindings(true),
-            calls: &self.calls,
+            draw_args: &self.draw_args,
             target: &self.target,
             times: self.times.of_draw(0, true, true),
         };
@@ -249,9 +249,9 @@ fn dispatches(count: u32) -> [Dispatch; List::COUNT as usize] {
 }
 
 /// The same as draws.
-fn calls(instances: u32) -> [Call; List::COUNT as usize] {
+fn draw_args(instances: u32) -> [DrawArgs; List::COUNT as usize] {
     let vertices = 3 * CLUSTER_MAX_TRIANGLES as u32;
-    [Call { vertices, instances, first_vertex: 0, first_instance: 0 }; List::COUNT as usize]
+    [DrawArgs { vertices, instances, first_vertex: 0, first_instance: 0 }; List::COUNT as usize]
 }
 
 /// Bytes of the picture.

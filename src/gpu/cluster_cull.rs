@@ -1,16 +1,16 @@
-//! Stage 3. Clusters of groups → the visible list in scene order, and what of it each rasterizer draws. The second phase
+//! Stage 3. Clusters of groups → the visible list in scene order, and what of it each rasterizer draws. The second pass
 //! lists the clusters of both and draws those that are new.
 
 use super::frame::Recorder;
-use super::shaders::{Bits, Kernel, Phase};
+use super::shaders::{Bits, CullPass, Kernel};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
     let (b, m, own, first) = (r.buffers, r.meshes, r.own(), r.first());
     let groups = &own.groups;
-    // The first phase reads nothing of an earlier one; what it writes cannot be bound there.
-    let (first_drawn, first_marks) = match r.phase {
-        Phase::First => (&groups.candidates, &groups.candidates),
-        Phase::Second => (&first.groups.drawn, &first.marks),
+    // The first pass reads nothing of an earlier one; what it writes cannot be bound there.
+    let (first_drawn, first_marks) = match r.cull_pass {
+        CullPass::First => (&groups.candidate_groups, &groups.candidate_groups),
+        CullPass::Second => (&first.groups.drawn, &first.marks),
     };
     let [pages, pages_1, pages_2, pages_3] = m.pages();
     let bindings = [
@@ -18,7 +18,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         r.seen,
         m.page_offsets(),
         pages,
-        &groups.candidates,
+        &groups.candidate_groups,
         &groups.culling,
         &groups.drawn,
         &own.marks,
@@ -30,7 +30,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         pages_2,
         pages_3,
     ];
-    r.run_indirect(Kernel::ClusterCull(r.phase), &bindings, &groups.culling, 0);
+    r.run_indirect(Kernel::ClusterCull(r.cull_pass), &bindings, &groups.culling, 0);
     r.run_indirect(
         Kernel::CountBits(Bits::Clusters),
         &[&groups.drawn, &groups.counting, &own.cluster_sums],
@@ -40,7 +40,7 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     r.run(Kernel::ScanBlocks(Bits::Clusters), &[&groups.counting, &own.cluster_sums], 1);
     let bindings = [
         &b.view,
-        &groups.candidates,
+        &groups.candidate_groups,
         &groups.counting,
         &groups.drawn,
         &own.marks,
@@ -51,9 +51,9 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         &own.counters,
         first_marks,
         &b.renumbered,
-        &own.calls,
+        &own.draw_args,
         r.seen,
-        r.later_groups(),
+        r.deferred_groups(),
     ];
-    r.run_indirect(Kernel::ListClusters(r.phase), &bindings, &groups.counting, 0);
+    r.run_indirect(Kernel::ListClusters(r.cull_pass), &bindings, &groups.counting, 0);
 }

@@ -40,7 +40,7 @@ pub struct Context {
     queue: Queue,
     name: String,
     software: bool,
-    wide_atomics: bool,
+    int64_atomics: bool,
     tick: Option<f64>,
     limits: Limits,
     /// See [`Context::limit_memory`].
@@ -102,7 +102,7 @@ fn adapter() -> Result<Adapter> {
     let adapters = block_on(instance.enumerate_adapters(Backends::PRIMARY));
     let best = adapters.into_iter().max_by_key(rank).ok_or_else(|| {
         unavailable(
-            "there is no Vulkan, Metal or DX12 adapter. Install a driver (in software: Mesa 25 or later with \
+            "there is no Vulkan, Metal or DX12 adapter. Install a driver (in software: Mesa 25 or occluded_queue with \
              lavapipe), or use \"cpu\"",
         )
     })?;
@@ -156,7 +156,7 @@ impl Context {
         if !lacking.is_empty() {
             return Err(unavailable(format!("{name} has {}", lacking.join(", "))));
         }
-        let wide_atomics = adapter.features().contains(WIDE_ATOMICS);
+        let int64_atomics = adapter.features().contains(WIDE_ATOMICS);
         let descriptor = DeviceDescriptor {
             label: Some("nanite_rs"),
             required_features: adapter.features()
@@ -184,7 +184,7 @@ impl Context {
             queue,
             name,
             software,
-            wide_atomics,
+            int64_atomics,
             tick,
             limits,
             memory: AtomicU64::new(u64::MAX),
@@ -206,7 +206,7 @@ impl Context {
         let found = self.run(Kernel::LoopProbe, &[&[PROBE_TRIPS, seed]], 1)?;
         if found[0][1] != expected {
             return Err(unavailable(format!(
-                "{} ends loops of shaders early, as Mesa 22 does; it has to be 25 or later",
+                "{} ends loops of shaders early, as Mesa 22 does; it has to be 25 or occluded_queue",
                 self.name
             )));
         }
@@ -224,8 +224,8 @@ impl Context {
     }
 
     /// The device has 64-bit atomic maxima.
-    pub fn wide_atomics(&self) -> bool {
-        self.wide_atomics
+    pub fn int64_atomics(&self) -> bool {
+        self.int64_atomics
     }
 
     /// Milliseconds of a tick of the device's clock, where it has one.

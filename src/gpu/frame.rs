@@ -10,11 +10,13 @@ use super::materials;
 use super::meshes::Meshes;
 use super::occlusion::Pyramids;
 use super::shade::Light;
-use super::shaders::{self, Bits, Kernel, List, MAX_WORKGROUPS, Step};
+use super::shaders::{self, Bits, IndirectEntry, Kernel, List, MAX_WORKGROUPS};
 use super::times::Times;
 use crate::config::{Output, Outputs};
 use crate::error::Result;
-use crate::gpu_types::{Call, Candidate, Counters, Dispatch, Marks, View, VisibleCluster, Visit};
+use crate::gpu_types::{
+    CandidateGroup, Counters, Dispatch, DrawArgs, Marks, TraversalItem, View, VisibleCluster,
+};
 
 const STORAGE: BufferUsages =
     BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
@@ -24,9 +26,9 @@ const DISPATCH: BufferUsages = STORAGE.union(BufferUsages::INDIRECT);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Room {
     /// Nodes of a level.
-    pub visits: u32,
+    pub items: u32,
     /// Groups.
-    pub candidates: u32,
+    pub candidate_groups: u32,
     /// Visible clusters.
     pub visible: u32,
 }
@@ -38,8 +40,8 @@ impl Room {
             if count > room { count.checked_next_power_of_two().unwrap_or(count) } else { room }
         };
         Self {
-            visits: grow(self.visits, wanted.visits),
-            candidates: grow(self.candidates, wanted.candidates),
+            items: grow(self.items, wanted.items),
+            candidate_groups: grow(self.candidate_groups, wanted.candidate_groups),
             visible: grow(self.visible, wanted.visible),
         }
     }
@@ -60,23 +62,23 @@ pub struct Shape {
     pub pixels: u64,
     /// Lengths of lists.
     pub room: Room,
-    /// What is hidden is left out, in two phases.
+    /// What is hidden is left out, in two passes.
     pub occlusion: bool,
     /// The visibility buffer has keys alone.
     pub depth_only: bool,
     /// Arrays to make.
     pub outputs: Outputs,
     /// The visibility buffer is not read back.
-    pub leaves: bool,
+    pub stays_on_device: bool,
 }
 
 impl Shape {
     /// The same of what does not come back.
     pub(super) fn inner(self) -> Self {
-        Self { outputs: Outputs::default(), leaves: false, ..self }
+        Self { outputs: Outputs::default(), stays_on_device: false, ..self }
     }
 
-    /// What the lists of the phases depend on.
+    /// What the lists of the passes depend on.
     fn lists(&self) -> (u32, u32, u32, Room, bool) {
         (self.instances, self.group_words, self.depth, self.room, self.occlusion)
     }
@@ -88,12 +90,12 @@ impl Shape {
     }
 }
 
-/// The groups that a phase looks at, and which of their clusters are drawn.
+/// The groups that a pass looks at, and which of their clusters are drawn.
 #[derive(Debug)]
 pub(super) struct Groups {
     pub(super) bits: Buffer,
     pub(super) sums: Buffer,
-    pub(super) candidates: Buffer,
+    pub(super) candidate_groups: Buffer,
     pub(super) culling: Buffer,
     pub(super) counting: Buffer,
     pub(super) drawn: Buffer,
@@ -108,18 +110,18 @@ impl Groups {
         Ok(Self {
             bits: storage("bits of groups", bytes::<u32>(shaders::group_bit_words(group_words)))?,
             sums: storage("counts of bits", sums)?,
-            candidates: storage("groups to look at", bytes::<Candidate>(room.candidates))?,
+            candidate_groups: storage("groups to look at", bytes::<CandidateGroup>(room.candidate_groups))?,
             culling: dispatch()?,
             counting: dispatch()?,
-            drawn: storage("bits of clusters", bytes::<u32>(room.candidates))?,
+            drawn: storage("bits of clusters", bytes::<u32>(room.candidate_groups))?,
         })
     }
 }
 
-/// What one phase writes: its walk, its candidates, its list.
+/// What one pass writes: its walk, its candidates, its list.
 #[derive(Debug)]
-pub(super) struct Phase {
-    /// Nodes to start from: roots of instances on the screen, or what the first phase put off.
+pub(super) struct PassBuffers {
+    /// Nodes to start from: roots of instances on the screen, or what the first pass put off.
     pub(super) starts: Buffer,
     /// One dispatch per level.
     pub(super) levels: Vec<Buffer>,
@@ -130,28 +132,31 @@ pub(super) struct Phase {
     pub(super) numbers: Buffer,
     /// The lists for rasterizers in compute, and for the device's.
     pub(super) draws: Buffer,
-    pub(super) calls: Buffer,
+    pub(super) draw_args: Buffer,
     pub(super) counters: Buffer,
     /// What is decided after it.
-    pub(super) steps: Buffer,
+    pub(super) indirect: Buffer,
 }
 
-impl Phase {
+impl PassBuffers {
     fn new(context: &Context, shape: Shape, starts: u32) -> Result<Self> {
         let Shape { depth, room, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let dispatch = |count: u32| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
         Ok(Self {
-            starts: storage("the instances of the scene", bytes::<Visit>(starts))?,
+            starts: storage("the instances of the scene", bytes::<TraversalItem>(starts))?,
             levels: (0..=depth).map(|_| dispatch(1)).collect::<Result<_>>()?,
             groups: Groups::new(context, shape)?,
-            marks: storage("bits of clusters", bytes::<Marks>(room.candidates))?,
-            cluster_sums: storage("counts of bits", bytes::<u32>(Bits::Clusters.sums(room.candidates)))?,
+            marks: storage("bits of clusters", bytes::<Marks>(room.candidate_groups))?,
+            cluster_sums: storage(
+                "counts of bits",
+                bytes::<u32>(Bits::Clusters.sums(room.candidate_groups)),
+            )?,
             numbers: storage("visible clusters", 2 * bytes::<u32>(room.visible))?,
             draws: dispatch(List::COUNT)?,
-            calls: context.buffer("draws", bytes::<Call>(List::COUNT), DISPATCH)?,
+            draw_args: context.buffer("draws", bytes::<DrawArgs>(List::COUNT), DISPATCH)?,
             counters: storage("counters", bytes::<Counters>(1))?,
-            steps: dispatch(Step::COUNT)?,
+            indirect: dispatch(IndirectEntry::COUNT)?,
         })
     }
 
@@ -159,7 +164,7 @@ impl Phase {
     fn clear(&self, encoder: &mut CommandEncoder, listed: bool) {
         let groups = [&self.groups.culling, &self.groups.counting];
         let groups = if listed { &[][..] } else { &groups };
-        let own = [&self.draws, &self.calls, &self.steps, &self.counters];
+        let own = [&self.draws, &self.draw_args, &self.indirect, &self.counters];
         let all = self.levels.iter().chain(own).chain(groups.iter().copied());
         all.for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
     }
@@ -171,7 +176,7 @@ impl Phase {
             Part { buffer: &self.counters, bytes: bytes::<Counters>(1) },
             Part { buffer: &self.groups.culling, bytes: dispatch },
             Part { buffer: &self.draws, bytes: bytes::<Dispatch>(List::COUNT) },
-            Part { buffer: &self.starts, bytes: bytes::<Visit>(starts) },
+            Part { buffer: &self.starts, bytes: bytes::<TraversalItem>(starts) },
         ];
         parts.extend(self.levels.iter().map(|buffer| Part { buffer, bytes: dispatch }));
         parts
@@ -184,23 +189,23 @@ pub(super) struct Buffers {
     pub(super) shape: Shape,
     pub(super) view: Buffer,
     /// Nodes of a level, by turns.
-    pub(super) visits: [Buffer; 2],
+    pub(super) items: [Buffer; 2],
     /// The second is there with occlusion; without, nothing is put off.
-    pub(super) phases: Vec<Phase>,
-    /// Whether the groups of the first phase are those of the frame before, with what was drawn of them.
+    pub(super) cull_passes: Vec<PassBuffers>,
+    /// Whether the groups of the first pass are those of the frame before, with what was drawn of them.
     pub(super) listed: bool,
-    /// Where the first phase puts off to when there is no second, and the second, which does not: a list and its count.
-    pub(super) nowhere: [Buffer; 2],
-    /// The words of the bits of all groups, for the first phase; for the second, a step of the first says it.
+    /// Where the first pass puts off to when there is no second, and the second, which does not: a list and its count.
+    pub(super) unused_queue: [Buffer; 2],
+    /// The words of the bits of all groups, for the first pass; for the second, a step of the first says it.
     pub(super) group_blocks: Buffer,
-    /// The visible list: of the first phase, then of both.
+    /// The visible list: of the first pass, then of both.
     pub(super) visible: Buffer,
-    /// Numbers in the list of both phases for those of the first.
+    /// Numbers in the list of both passes for those of the first.
     pub(super) renumbered: Buffer,
     /// The visibility buffer, which nobody else holds while it is drawn to.
     pub(super) words: Arc<Buffer>,
     /// Those of earlier frames, which may hold them still.
-    left: Vec<Arc<Buffer>>,
+    held_words: Vec<Arc<Buffer>>,
     /// How much pages are missed, by entries of their tables.
     pub(super) wanted: Buffer,
     pub(super) outputs: Vec<(Output, Buffer)>,
@@ -243,31 +248,34 @@ impl Buffers {
         let Shape { instances, room, occlusion, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
         let before = before.filter(|before| before.shape.lists() == shape.lists());
-        let before = before.map(|before| (before.phases, before.listed));
-        let visits = || storage("nodes to look at", bytes::<Visit>(room.visits));
+        let before = before.map(|before| (before.cull_passes, before.listed));
+        let items = || storage("nodes to look at", bytes::<TraversalItem>(room.items));
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
-        let (phases, listed) = if let Some(before) = before {
+        let (cull_passes, listed) = if let Some(before) = before {
             before
         } else {
-            let starts = [instances, room.visits];
-            let phases = starts.iter().take(1 + usize::from(occlusion));
-            (phases.map(|starts| Phase::new(context, shape, *starts)).collect::<Result<_>>()?, false)
+            let starts = [instances, room.items];
+            let cull_passes = starts.iter().take(1 + usize::from(occlusion));
+            (
+                cull_passes.map(|starts| PassBuffers::new(context, shape, *starts)).collect::<Result<_>>()?,
+                false,
+            )
         };
         let out = Self {
             shape,
             view: context.buffer("view", bytes::<View>(1), uniform)?,
-            visits: [visits()?, visits()?],
-            phases,
+            items: [items()?, items()?],
+            cull_passes,
             listed,
-            nowhere: [
-                storage("nodes to look at", bytes::<Visit>(1))?,
+            unused_queue: [
+                storage("nodes to look at", bytes::<TraversalItem>(1))?,
                 storage("dispatches", bytes::<Dispatch>(1))?,
             ],
             group_blocks: context.buffer("dispatches", bytes::<Dispatch>(1), DISPATCH)?,
             visible: storage("visible clusters", bytes::<VisibleCluster>(room.visible))?,
             renumbered: storage("visible clusters", if occlusion { bytes::<u32>(room.visible) } else { 0 })?,
             words: Self::new_words(context, shape)?,
-            left: Vec::new(),
+            held_words: Vec::new(),
             wanted: storage("pages that are missed", bytes::<u32>(shape.pages))?,
             outputs: Vec::new(),
             times: Times::new(context)?,
@@ -300,23 +308,23 @@ impl Buffers {
     /// Sees to it that no frame holds what is drawn to.
     pub(super) fn release_words(&mut self, context: &Context) -> Result<()> {
         if Arc::strong_count(&self.words) > 1 {
-            let free = self.left.iter().position(|words| Arc::strong_count(words) == 1);
+            let free = self.held_words.iter().position(|words| Arc::strong_count(words) == 1);
             let free = match free {
-                Some(place) => self.left.swap_remove(place),
+                Some(place) => self.held_words.swap_remove(place),
                 None => Self::new_words(context, self.shape)?,
             };
-            self.left.push(std::mem::replace(&mut self.words, free));
+            self.held_words.push(std::mem::replace(&mut self.words, free));
         }
         Ok(())
     }
 
     /// Frames that are there and whose visibility buffers were left here.
-    pub(super) fn frames_left(&self) -> usize {
+    pub(super) fn frames_on_device(&self) -> usize {
         let held = |words: &&Arc<Buffer>| Arc::strong_count(words) > 1;
-        self.left.iter().chain([&self.words]).filter(held).count()
+        self.held_words.iter().chain([&self.words]).filter(held).count()
     }
 
-    /// What comes back: of the frame, then of each phase.
+    /// What comes back: of the frame, then of each pass.
     fn parts<'a>(&'a self) -> Vec<Vec<Part<'a>>> {
         let Shape { instances, pixels, room, depth_only, .. } = self.shape;
         let ticks = Part { buffer: self.times.ticks(), bytes: Times::BYTES };
@@ -326,21 +334,21 @@ impl Buffers {
         let mut arrays = self.outputs.iter().map(array);
         // Depth that is made here comes in place of the keys it is made of.
         let depth = if depth_only { arrays.next() } else { None };
-        let word_bytes = if self.shape.leaves { 0 } else { self.shape.word_bytes() };
+        let word_bytes = if self.shape.stays_on_device { 0 } else { self.shape.word_bytes() };
         let words = depth.unwrap_or(Part { buffer: &self.words, bytes: word_bytes });
         let wanted = Part { buffer: &self.wanted, bytes: bytes::<u32>(self.shape.pages) };
         let mut whole = vec![ticks, words, visible, wanted];
         whole.extend(arrays);
         let mut parts = vec![whole];
-        let starts = [instances, room.visits];
-        parts.extend(self.phases.iter().zip(starts).map(|(phase, starts)| phase.parts(starts)));
+        let starts = [instances, room.items];
+        parts.extend(self.cull_passes.iter().zip(starts).map(|(cull_pass, starts)| cull_pass.parts(starts)));
         parts
     }
 
-    /// Takes in that a frame was drawn: the next can start from its groups, where the second phase listed them.
+    /// Takes in that a frame was drawn: the next can start from its groups, where the second pass listed them.
     pub(super) fn keep_list(&mut self, both: bool) {
         self.listed = false;
-        if let [first, second] = &mut self.phases[..]
+        if let [first, second] = &mut self.cull_passes[..]
             && both
         {
             std::mem::swap(&mut first.groups, &mut second.groups);
@@ -348,10 +356,10 @@ impl Buffers {
         }
     }
 
-    /// Lists start empty, words at zero; but for the list that the first phase starts from, if it does.
+    /// Lists start empty, words at zero; but for the list that the first pass starts from, if it does.
     pub(super) fn clear(&self, encoder: &mut CommandEncoder, listed: bool) {
-        for (phase, listed) in self.phases.iter().zip([listed, false]) {
-            phase.clear(encoder, listed);
+        for (cull_pass, listed) in self.cull_passes.iter().zip([listed, false]) {
+            cull_pass.clear(encoder, listed);
         }
         encoder.clear_buffer(&self.words, 0, None);
         encoder.clear_buffer(&self.wanted, 0, None);
@@ -372,7 +380,7 @@ impl Buffers {
         }
     }
 
-    /// The parts of what came back: of the frame, then of each phase.
+    /// The parts of what came back: of the frame, then of each pass.
     pub(super) fn split<'a>(&self, mut staged: &'a [u8]) -> Vec<Vec<&'a [u8]>> {
         let mut take = |part: &Part<'_>| {
             let (head, tail) = staged.split_at(part.bytes as usize);
@@ -385,13 +393,13 @@ impl Buffers {
 
 /// A visibility buffer that stayed on the device.
 #[derive(Debug)]
-pub struct Left {
+pub struct DeviceVisibility {
     context: Arc<Context>,
     words: Arc<Buffer>,
     bytes: u64,
 }
 
-impl Left {
+impl DeviceVisibility {
     /// That of the frame drawn last.
     pub(super) fn new(context: &Arc<Context>, buffers: &Buffers) -> Self {
         let (context, words) = (Arc::clone(context), Arc::clone(&buffers.words));
@@ -415,15 +423,15 @@ impl Left {
 /// What the rasterizers bind.
 pub(super) type RasterBindings<'a> = [&'a Buffer; 12];
 
-/// That of a phase.
+/// That of a pass.
 pub(super) fn raster_bindings<'a>(
     buffers: &'a Buffers,
     meshes: &'a Meshes,
     seen: &'a Buffer,
-    phase: shaders::Phase,
+    cull_pass: shaders::CullPass,
     words: &'a Buffer,
 ) -> RasterBindings<'a> {
-    let own = &buffers.phases[phase as usize];
+    let own = &buffers.cull_passes[cull_pass as usize];
     let [pages, pages_1, pages_2, pages_3] = meshes.pages();
     [
         &buffers.view,
@@ -462,13 +470,13 @@ pub(super) fn surface_bindings<'a>(
         pages_2,
         pages_3,
         &buffers.visible,
-        &instances.looks,
+        &instances.instance_materials,
         &buffers.words,
         out,
     ]
 }
 
-/// Records a stage for a view, in a phase.
+/// Records a stage for a view, in a pass.
 pub(super) struct Recorder<'a> {
     pub(super) context: &'a Context,
     pub(super) meshes: &'a Meshes,
@@ -482,52 +490,52 @@ pub(super) struct Recorder<'a> {
     pub(super) light: &'a Light,
     /// Materials, where an instance has others than a plain one.
     pub(super) materials: Option<&'a materials::Buffers>,
-    /// What is hidden is left out, in two phases.
+    /// What is hidden is left out, in two passes.
     pub(super) culling: bool,
-    /// The first phase starts from what the frame before drew.
+    /// The first pass starts from what the frame before drew.
     pub(super) listed: bool,
-    pub(super) phase: shaders::Phase,
+    pub(super) cull_pass: shaders::CullPass,
     pub(super) pass: ComputePass<'a>,
 }
 
 impl<'a> Recorder<'a> {
-    /// What this phase writes.
-    pub(super) fn own(&self) -> &'a Phase {
-        &self.buffers.phases[self.phase as usize]
+    /// What this pass writes.
+    pub(super) fn own(&self) -> &'a PassBuffers {
+        &self.buffers.cull_passes[self.cull_pass as usize]
     }
 
-    /// What the first phase wrote, for the second; for the first, what nobody reads.
-    pub(super) fn first(&self) -> &'a Phase {
-        &self.buffers.phases[0]
+    /// What the first pass wrote, for the second; for the first, what nobody reads.
+    pub(super) fn first(&self) -> &'a PassBuffers {
+        &self.buffers.cull_passes[0]
     }
 
-    /// Where this phase puts nodes off to: a list and its count.
-    pub(super) fn later(&self) -> [&'a Buffer; 2] {
-        match (self.phase, &self.buffers.phases[..]) {
-            (shaders::Phase::First, [_, second]) => [&second.starts, &second.levels[0]],
-            _ => [&self.buffers.nowhere[0], &self.buffers.nowhere[1]],
+    /// Where this pass puts nodes off to: a list and its count.
+    pub(super) fn occluded_queue(&self) -> [&'a Buffer; 2] {
+        match (self.cull_pass, &self.buffers.cull_passes[..]) {
+            (shaders::CullPass::First, [_, second]) => [&second.starts, &second.levels[0]],
+            _ => [&self.buffers.unused_queue[0], &self.buffers.unused_queue[1]],
         }
     }
 
-    /// The bits of groups that this phase marks for the second; what nobody writes where there is none.
-    pub(super) fn later_groups(&self) -> &'a Buffer {
-        match (self.phase, &self.buffers.phases[..]) {
-            (shaders::Phase::First, [_, second]) => &second.groups.bits,
-            _ => &self.buffers.nowhere[0],
+    /// The bits of groups that this pass marks for the second; what nobody writes where there is none.
+    pub(super) fn deferred_groups(&self) -> &'a Buffer {
+        match (self.cull_pass, &self.buffers.cull_passes[..]) {
+            (shaders::CullPass::First, [_, second]) => &second.groups.bits,
+            _ => &self.buffers.unused_queue[0],
         }
     }
 
-    /// The depth pyramid that this phase culls with.
+    /// The depth pyramid that this pass culls with.
     pub(super) fn pyramid(&self) -> &'a Buffer {
-        match self.phase {
-            shaders::Phase::First => self.pyramids.earlier(),
-            shaders::Phase::Second => self.pyramids.own(),
+        match self.cull_pass {
+            shaders::CullPass::First => self.pyramids.earlier(),
+            shaders::CullPass::Second => self.pyramids.own(),
         }
     }
 
     /// What the rasterizers bind, which write into `words`.
     pub(super) fn raster_bindings(&self, words: &'a Buffer) -> RasterBindings<'a> {
-        raster_bindings(self.buffers, self.meshes, self.seen, self.phase, words)
+        raster_bindings(self.buffers, self.meshes, self.seen, self.cull_pass, words)
     }
 
     /// What shading and all other arrays bind, one of which goes to `out`.

@@ -1,13 +1,13 @@
-//! Stage 6. Visibility buffer → depth pyramid, where it is needed: after the first phase for what it put off, and at the
+//! Stage 6. Visibility buffer → depth pyramid, where it is needed: after the first pass for what it put off, and at the
 //! end of the frame for the next one.
 
 use super::frame::Recorder;
-use super::shaders::{Kernel, PYRAMID_ROUNDS, Step};
+use super::shaders::{IndirectEntry, Kernel, PYRAMID_DISPATCHES};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
     let (b, own) = (r.buffers, r.own());
-    for round in 0..PYRAMID_ROUNDS {
+    for round in 0..PYRAMID_DISPATCHES {
         let bindings = [&b.view, &b.words, r.pyramids.own(), &own.counters];
-        r.run_indirect(Kernel::Hzb(round), &bindings, &own.steps, Step::Pyramid(round).number());
+        r.run_indirect(Kernel::Hzb(round), &bindings, &own.indirect, IndirectEntry::Pyramid(round).number());
     }
 }

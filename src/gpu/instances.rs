@@ -10,7 +10,7 @@ use super::materials::MaterialTable;
 use super::meshes::Meshes;
 use crate::config::Shading;
 use crate::error::{Error, Result};
-use crate::gpu_types::{Look, Placed};
+use crate::gpu_types::{InstanceMaterial, InstanceTransform};
 use crate::model::Dag;
 use crate::scene::Materials;
 use crate::stream::Resident;
@@ -23,11 +23,11 @@ pub(super) const WHAT: &str = "the instances of the scene";
 
 /// An instance as it is drawn. Where its mesh and its materials lie on the device is filled in.
 #[derive(Debug)]
-pub struct Shown<'a> {
+pub struct SceneInstance<'a> {
     /// Where it is.
-    pub placed: Placed,
+    pub transform: InstanceTransform,
     /// How it looks.
-    pub look: Look,
+    pub material: InstanceMaterial,
     /// What it is.
     pub mesh: &'a Arc<Dag>,
     /// Its materials, unless there is a plain one, which is part of the look.
@@ -37,8 +37,8 @@ pub struct Shown<'a> {
 /// The slots of a scene.
 #[derive(Debug, Default)]
 pub(super) struct Instances {
-    records: Vec<Placed>,
-    looks: Vec<Look>,
+    records: Vec<InstanceTransform>,
+    instance_materials: Vec<InstanceMaterial>,
     meshes: Vec<Option<Arc<Dag>>>,
     /// Triangles of these at full detail.
     faces: Vec<u64>,
@@ -65,9 +65,9 @@ pub(super) struct Instances {
 pub(super) struct Slots {
     room: u32,
     /// As the scene places them.
-    pub(super) placed: Buffer,
+    pub(super) transforms: Buffer,
     /// How they look.
-    pub(super) looks: Buffer,
+    pub(super) instance_materials: Buffer,
 }
 
 impl Instances {
@@ -78,27 +78,29 @@ impl Instances {
     }
 
     /// Puts an instance in a slot, or nothing. Where its mesh lies on the device is found out later.
-    pub(super) fn set(&mut self, slot: u32, instance: Option<Shown<'_>>) {
+    pub(super) fn set(&mut self, slot: u32, instance: Option<SceneInstance<'_>>) {
         let index = slot as usize;
         if self.records.len() <= index {
             self.records.resize(index + 1, bytemuck::Zeroable::zeroed());
-            self.looks.resize(index + 1, bytemuck::Zeroable::zeroed());
+            self.instance_materials.resize(index + 1, bytemuck::Zeroable::zeroed());
             self.meshes.resize(index + 1, None);
             self.faces.resize(index + 1, 0);
             self.materials.resize(index + 1, None);
         }
-        let (record, look, mesh, materials) = match instance {
-            Some(Shown { placed, look, mesh, materials }) => (placed, look, Some(mesh), materials),
+        let (record, material, mesh, materials) = match instance {
+            Some(SceneInstance { transform, material, mesh, materials }) => {
+                (transform, material, Some(mesh), materials)
+            }
             None => (bytemuck::Zeroable::zeroed(), bytemuck::Zeroable::zeroed(), None, None),
         };
         if self.materials[index].as_ref() != materials {
             self.repainted = true;
             self.materials[index] = materials.cloned();
         }
-        let Look { first_material, last_material, .. } = self.looks[index];
-        self.looks[index] = match materials {
-            Some(_) => Look { first_material, last_material, ..look },
-            None => look,
+        let InstanceMaterial { first_material, last_material, .. } = self.instance_materials[index];
+        self.instance_materials[index] = match materials {
+            Some(_) => InstanceMaterial { first_material, last_material, ..material },
+            None => material,
         };
         let known = self.meshes[index].as_ref();
         if known.map(Arc::as_ptr) != mesh.map(Arc::as_ptr) {
@@ -106,8 +108,8 @@ impl Instances {
             self.meshes[index] = mesh.cloned();
             self.faces[index] = mesh.map_or(0, |mesh| mesh.source_faces);
         }
-        let Placed { first_node, first_group, first_page, group_words, .. } = self.records[index];
-        let placement = Placed { first_node, first_group, first_page, group_words, ..record };
+        let InstanceTransform { first_node, first_group, first_page, group_words, .. } = self.records[index];
+        let placement = InstanceTransform { first_node, first_group, first_page, group_words, ..record };
         self.records[index] = placement;
         self.changed.push(slot);
     }
@@ -170,8 +172,9 @@ impl Instances {
             let buffer = |bytes: usize| context.buffer(WHAT, u64::from(room) * bytes as u64, storage);
             // The old ones go first.
             self.buffers = None;
-            let (placed, looks) = (buffer(size_of::<Placed>())?, buffer(size_of::<Look>())?);
-            self.buffers = Some(Slots { room, placed, looks });
+            let (transforms, instance_materials) =
+                (buffer(size_of::<InstanceTransform>())?, buffer(size_of::<InstanceMaterial>())?);
+            self.buffers = Some(Slots { room, transforms, instance_materials });
             self.changed = (0..self.len()).collect();
         }
         let Some(slots) = &self.buffers else { return Ok(0) };
@@ -180,8 +183,8 @@ impl Instances {
         for run in self.changed.chunk_by(|a, b| (b - a) as usize <= GAP) {
             let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
             let run = *first as usize..=*last as usize;
-            written += write(context, &slots.placed, *first, &self.records[run.clone()])?;
-            written += write(context, &slots.looks, *first, &self.looks[run])?;
+            written += write(context, &slots.transforms, *first, &self.records[run.clone()])?;
+            written += write(context, &slots.instance_materials, *first, &self.instance_materials[run])?;
         }
         self.changed.clear();
         Ok(written)
@@ -208,12 +211,14 @@ impl Instances {
             self.table.upload(context, materials, self.shading)?
         } else {
             self.table = MaterialTable::default();
-            vec![[u32::MAX, 0]; self.looks.len()]
+            vec![[u32::MAX, 0]; self.instance_materials.len()]
         };
-        for ((look, [first_material, last_material]), slot) in self.looks.iter_mut().zip(firsts).zip(0..) {
-            let painted = Look { first_material, last_material, ..*look };
-            if *look != painted {
-                *look = painted;
+        for ((material, [first_material, last_material]), slot) in
+            self.instance_materials.iter_mut().zip(firsts).zip(0..)
+        {
+            let painted = InstanceMaterial { first_material, last_material, ..*material };
+            if *material != painted {
+                *material = painted;
                 self.changed.push(slot);
             }
         }
@@ -229,7 +234,7 @@ impl Instances {
     fn arrange(&mut self, meshes: &Meshes) -> Result<()> {
         let (mut words, mut depth) = (0u32, 0);
         for ((record, mesh), slot) in self.records.iter_mut().zip(&self.meshes).zip(0..) {
-            let mut arranged = Placed { group_words: words, ..*record };
+            let mut arranged = InstanceTransform { group_words: words, ..*record };
             if let Some(mesh) = mesh {
                 let Some(place) = meshes.placement(mesh) else {
                     return Err(Error::Invariant("a mesh of the scene was not uploaded".to_owned()));

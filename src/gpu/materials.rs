@@ -1,5 +1,5 @@
 //! The materials of a scene on the device, and the images of their textures. Instances that have a plain one are without:
-//! theirs lies in their [`crate::gpu_types::Look`].
+//! theirs lies in their [`crate::gpu_types::InstanceMaterial`].
 
 use std::sync::Arc;
 
@@ -10,7 +10,8 @@ use super::context::Context;
 use crate::config::Shading;
 use crate::error::{Error, Result};
 use crate::gpu_types::{
-    LOOK_SMOOTH, LOOK_UNLIT, Material, TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP, Texture,
+    MATERIAL_SMOOTH, MATERIAL_UNLIT, Material, TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP,
+    Texture,
 };
 use crate::scene::image::srgb_table;
 use crate::scene::{self, Image, Materials, Slot};
@@ -34,7 +35,7 @@ pub(super) struct Buffers {
     pub(super) materials: Buffer,
     pub(super) texels: Buffer,
     /// Some material may have holes.
-    pub(super) masked: bool,
+    pub(super) alpha_tested: bool,
 }
 
 /// All materials, and all images.
@@ -86,8 +87,8 @@ impl MaterialTable {
             [first, last]
         });
         let firsts: Vec<[u32; 2]> = firsts.collect();
-        if let Some(Buffers { materials, masked, .. }) = &mut self.buffers {
-            *masked = slots.flatten().any(|materials| materials.masked_bits() != 0);
+        if let Some(Buffers { materials, alpha_tested, .. }) = &mut self.buffers {
+            *alpha_tested = slots.flatten().any(|materials| materials.alpha_tested_bits() != 0);
             let bytes = size_of_val(&table[..]) as u64;
             if materials.size() < bytes {
                 *materials = context.buffer(WHAT, bytes.next_power_of_two(), materials.usage())?;
@@ -133,7 +134,7 @@ impl MaterialTable {
             let texels = context.buffer(WHAT, 4 * wanted, storage)?;
             context.write(WHAT, &texels, 0, bytemuck::cast_slice(&srgb_table()[..]))?;
             self.used = Self::HEAD;
-            self.buffers = Some(Buffers { materials, texels, masked: false });
+            self.buffers = Some(Buffers { materials, texels, alpha_tested: false });
             new = all;
         }
         let Some(Buffers { texels, .. }) = &self.buffers else { return Ok(()) };
@@ -162,7 +163,8 @@ impl MaterialTable {
             normal_scale: material.normal_scale,
             occlusion_strength: material.occlusion_strength,
             alpha_cutoff: material.alpha_cutoff.unwrap_or(f32::NEG_INFINITY),
-            flags: (u32::from(material.smooth) * LOOK_SMOOTH) | (u32::from(material.unlit) * LOOK_UNLIT),
+            flags: (u32::from(material.smooth) * MATERIAL_SMOOTH)
+                | (u32::from(material.unlit) * MATERIAL_UNLIT),
             textures,
             ..bytemuck::Zeroable::zeroed()
         }

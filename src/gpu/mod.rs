@@ -27,13 +27,13 @@ mod raster_small;
 pub mod renderer;
 mod shade;
 pub mod shaders;
-mod sight;
 mod times;
+mod view_history;
 
 pub use context::Context;
-pub use frame::Left;
-pub use instances::Shown;
-pub use renderer::{Counted, DeviceStage, Drawn, Job, Renderer, Ways};
-pub use shaders::Phase;
+pub use frame::DeviceVisibility;
+pub use instances::SceneInstance;
+pub use renderer::{Counted, DeviceRenderer, DeviceStage, Drawn, ViewRequest, Ways};
+pub use shaders::CullPass;
 // For benchmarks, which run stages of their own on the same device.
 pub use wgpu;

@@ -1,25 +1,25 @@
 //! Stage 2. Walks the hierarchies of instances, one dispatch per level, and lists the groups found in scene order.
 //!
-//! Nodes of a level come in any order; groups are bits of a set, and listing it restores the order. The second phase
-//! resumes at the nodes that the first one put off, and lists the groups of both. A first phase that starts from the list
+//! Nodes of a level come in any order; groups are bits of a set, and listing it restores the order. The second pass
+//! resumes at the nodes that the first one put off, and lists the groups of both. A first pass that starts from the list
 //! of the frame before does not walk.
 
 use super::frame::Recorder;
-use super::shaders::{Bits, Kernel, Phase, Step, WIDTH};
+use super::shaders::{Bits, CullPass, IndirectEntry, Kernel, WIDTH};
 
 pub(super) fn record(r: &mut Recorder<'_>) {
-    if r.phase == Phase::First {
+    if r.cull_pass == CullPass::First {
         clear(r);
         if r.listed {
             return;
         }
     }
-    let (b, m, own, [later, later_level]) = (r.buffers, r.meshes, r.own(), r.later());
+    let (b, m, own, [occluded_queue, occluded_dispatch]) = (r.buffers, r.meshes, r.own(), r.occluded_queue());
     let groups = &own.groups;
     for level in 0..b.shape.depth as usize {
-        let from = if level == 0 { &own.starts } else { &b.visits[level % 2] };
+        let from = if level == 0 { &own.starts } else { &b.items[level % 2] };
         let (dispatch, next) = (&own.levels[level], &own.levels[level + 1]);
-        let to = &b.visits[(level + 1) % 2];
+        let to = &b.items[(level + 1) % 2];
         let bindings = [
             &b.view,
             r.seen,
@@ -31,18 +31,18 @@ pub(super) fn record(r: &mut Recorder<'_>) {
             next,
             &groups.bits,
             r.pyramid(),
-            later,
-            later_level,
+            occluded_queue,
+            occluded_dispatch,
             m.page_offsets(),
             &b.wanted,
         ];
-        r.run_indirect(Kernel::NodeCull(r.phase), &bindings, dispatch, 0);
+        r.run_indirect(Kernel::NodeCull(r.cull_pass), &bindings, dispatch, 0);
     }
     let first = r.first();
     let before = &first.groups;
-    let (blocks, number) = match r.phase {
-        Phase::First => (&b.group_blocks, 0),
-        Phase::Second => (&first.steps, Step::Groups.number()),
+    let (blocks, number) = match r.cull_pass {
+        CullPass::First => (&b.group_blocks, 0),
+        CullPass::Second => (&first.indirect, IndirectEntry::Groups.number()),
     };
     r.run_indirect(Kernel::CountBits(Bits::Groups), &[&groups.bits, blocks, &groups.sums], blocks, number);
     r.run(Kernel::ScanBlocks(Bits::Groups), &[blocks, &groups.sums], 1);
@@ -53,20 +53,20 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         &groups.bits,
         blocks,
         &groups.sums,
-        &groups.candidates,
+        &groups.candidate_groups,
         &groups.culling,
         &groups.counting,
         &before.bits,
         &before.sums,
     ];
-    r.run_indirect(Kernel::ListGroups(r.phase), &bindings, blocks, number);
+    r.run_indirect(Kernel::ListGroups(r.cull_pass), &bindings, blocks, number);
 }
 
-/// Leaves no bits of groups of an earlier frame, but for those of a list that the first phase starts from.
+/// Leaves no bits of groups of an earlier frame, but for those of a list that the first pass starts from.
 fn clear(r: &mut Recorder<'_>) {
     let b = r.buffers;
     let workgroups = b.shape.group_words.div_ceil(u32::BITS * WIDTH);
-    for phase in b.phases.iter().skip(usize::from(r.listed)) {
-        r.run(Kernel::ClearGroups, &[&b.group_blocks, &phase.groups.bits], workgroups);
+    for cull_pass in b.cull_passes.iter().skip(usize::from(r.listed)) {
+        r.run(Kernel::ClearGroups, &[&b.group_blocks, &cull_pass.groups.bits], workgroups);
     }
 }

@@ -1,18 +1,18 @@
-//! The two phases of occlusion culling: the depth pyramids of this frame and of an earlier one, and the steps between
-//! phases.
+//! The two passes of occlusion culling: the depth pyramids of this frame and of an earlier one, and the steps between
+//! passes.
 //!
-//! The first phase takes what the frame before drew, less what the pyramid of that frame hides where instances were then;
+//! The first pass takes what the frame before drew, less what the pyramid of that frame hides where instances were then;
 //! the second looks at everything, with the pyramid of what the first one drew (Greene, Kass and Miller, "Hierarchical
 //! Z-Buffer Visibility", 1993; Haar and Aaltonen, "GPU-Driven Rendering Pipelines", 2015). Without a list of what was drawn,
-//! or after a cut, the first phase walks the scene and puts off what the pyramid hides; of what no earlier frame showed, it
-//! draws what is near. Whatever is known of earlier frames, the picture is the same: it decides which phase draws a
+//! or after a cut, the first pass walks the scene and puts off what the pyramid hides; of what no earlier frame showed, it
+//! draws what is near. Whatever is known of earlier frames, the picture is the same: it decides which pass draws a
 //! cluster, and not whether one does.
 
 use wgpu::{Buffer, BufferUsages};
 
 use super::context::Context;
 use super::frame::Recorder;
-use super::shaders::{Kernel, Phase, Step};
+use super::shaders::{CullPass, IndirectEntry, Kernel};
 use crate::error::Result;
 use crate::gpu_types::{HISTORY_LIST, QUAD, View};
 use crate::limits::{CLUSTER_MAX_TRIANGLES, PYRAMID_LEVELS};
@@ -196,19 +196,19 @@ impl Pyramids {
     }
 }
 
-/// After the culling of a phase: decides what comes next, and gives what the first phase drew the numbers that it has
+/// After the culling of a pass: decides what comes next, and gives what the first pass drew the numbers that it has
 /// in the list of both.
 pub(super) fn record(r: &mut Recorder<'_>) {
     let (b, own) = (r.buffers, r.own());
-    let [first, second] = &b.phases[..] else { return };
-    let other = if r.phase == Phase::First { second } else { first };
-    let bindings = [&b.view, &second.levels[0], &own.draws, &own.counters, &other.counters, &own.steps];
-    r.run(Kernel::Settle(r.phase), &bindings, 1);
+    let [first, second] = &b.cull_passes[..] else { return };
+    let other = if r.cull_pass == CullPass::First { second } else { first };
+    let bindings = [&b.view, &second.levels[0], &own.draws, &own.counters, &other.counters, &own.indirect];
+    r.run(Kernel::PrepareIndirect(r.cull_pass), &bindings, 1);
     // Keys say no number.
-    if r.phase == Phase::Second && !b.shape.depth_only {
-        let number = Step::Pixels.number();
+    if r.cull_pass == CullPass::Second && !b.shape.depth_only {
+        let number = IndirectEntry::Pixels.number();
         let bindings = [&b.view, &b.renumbered, &*b.words, &first.counters];
-        r.run_indirect(Kernel::Renumber, &bindings, &own.steps, number);
+        r.run_indirect(Kernel::Renumber, &bindings, &own.indirect, number);
     }
 }
 

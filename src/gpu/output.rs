@@ -9,8 +9,8 @@ use crate::config::Output;
 /// device, also how much of it is covered.
 pub(super) fn record(r: &mut Recorder<'_>) {
     let b = r.buffers;
-    if b.shape.leaves {
-        let bindings = [&b.view, &*b.words, &b.phases[0].counters];
+    if b.shape.stays_on_device {
+        let bindings = [&b.view, &*b.words, &b.cull_passes[0].counters];
         // As many as a picture has at most fit.
         let workgroups = b.shape.pixels.div_ceil(u64::from(WIDTH * PIXELS_PER_LANE)) as u32;
         r.run(Kernel::CountCovered, &bindings, workgroups);
@@ -23,11 +23,11 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     }
 }
 
-/// Overdraw: what a phase drew, drawn again; where everything is drawn in compute.
+/// Overdraw: what a pass drew, drawn again; where everything is drawn in compute.
 pub(super) fn count(r: &mut Recorder<'_>) {
     for (_, counts) in r.buffers.outputs.iter().filter(|(output, _)| *output == Output::Overdraw) {
         raster_small::record(r, Words::Count, counts);
         raster_large::record(r, List::Large, Words::Count, counts);
-        raster_large::record_masked(r, Words::Count, counts);
+        raster_large::record_alpha_tested(r, Words::Count, counts);
     }
 }

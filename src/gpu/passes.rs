@@ -9,9 +9,9 @@ use super::materials;
 use super::meshes::Meshes;
 use super::raster_hardware::{Draw, Target};
 use super::renderer::DeviceStage;
-use super::shaders::{List, Phase, Words};
-use super::sight::Turn;
+use super::shaders::{CullPass, List, Words};
 use super::times::Times;
+use super::view_history::SubmittedView;
 use crate::gpu_types::HISTORY_LIST;
 
 /// Records stages for all views, a pass at a time.
@@ -19,26 +19,34 @@ pub(super) struct Passes<'a> {
     pub(super) context: &'a Context,
     pub(super) meshes: &'a Meshes,
     pub(super) target: Option<&'a Target>,
-    pub(super) turns: &'a [Turn<'a>],
+    pub(super) submitted: &'a [SubmittedView<'a>],
     /// The instances of the scene, and how many slots there are.
     pub(super) instances: &'a Slots,
     pub(super) slots: u32,
     pub(super) materials: Option<&'a materials::Buffers>,
     pub(super) times: &'a Times,
     pub(super) encoder: &'a mut CommandEncoder,
-    /// Stage and phase of each so far.
-    pub(super) passes: Vec<(DeviceStage, Phase)>,
+    /// Stage and pass of each so far.
+    pub(super) passes: Vec<(DeviceStage, CullPass)>,
 }
 
 impl<'a> Passes<'a> {
-    /// Of a phase, the views that have it.
-    fn turns(&self, phase: Phase) -> Vec<&'a Turn<'a>> {
-        self.turns.iter().filter(|turn| phase == Phase::First || turn.culling).collect()
+    /// Of a pass, the views that have it.
+    fn submitted(&self, cull_pass: CullPass) -> Vec<&'a SubmittedView<'a>> {
+        self.submitted
+            .iter()
+            .filter(|submitted_view| cull_pass == CullPass::First || submitted_view.culling)
+            .collect()
     }
 
-    pub(super) fn run(&mut self, stage: DeviceStage, phase: Phase, record: impl Fn(&mut Recorder<'a>)) {
-        let turns = self.turns(phase);
-        if turns.is_empty() {
+    pub(super) fn run(
+        &mut self,
+        stage: DeviceStage,
+        cull_pass: CullPass,
+        record: impl Fn(&mut Recorder<'a>),
+    ) {
+        let submitted = self.submitted(cull_pass);
+        if submitted.is_empty() {
             return;
         }
         let timestamp_writes = self.times.of_pass(self.passes.len() as u32);
@@ -46,8 +54,8 @@ impl<'a> Passes<'a> {
         // It ends below, where the last recorder does.
         let mut pass = self.encoder.begin_compute_pass(&descriptor).forget_lifetime();
         let Self { context, meshes, instances, slots, materials, .. } = *self;
-        for Turn { view, seen, buffers, culling, sight } in turns {
-            let (pyramids, light, culling) = (&sight.pyramids, &sight.light, *culling);
+        for SubmittedView { view, seen, buffers, culling, history } in submitted {
+            let (pyramids, light, culling) = (&history.pyramids, &history.light, *culling);
             let listed = view.history == HISTORY_LIST;
             let mut recorder = Recorder {
                 context,
@@ -61,34 +69,34 @@ impl<'a> Passes<'a> {
                 materials,
                 culling,
                 listed,
-                phase,
+                cull_pass,
                 pass,
             };
             record(&mut recorder);
             pass = recorder.pass;
         }
-        self.passes.push((stage, phase));
+        self.passes.push((stage, cull_pass));
     }
 
     /// Has the device's rasterizer draw a list.
-    pub(super) fn draw(&mut self, stage: DeviceStage, phase: Phase, list: List, words: Words) {
+    pub(super) fn draw(&mut self, stage: DeviceStage, cull_pass: CullPass, list: List, words: Words) {
         let Self { context, meshes, target: Some(target), .. } = *self else { return };
-        let (turns, number) = (self.turns(phase), self.passes.len() as u32);
-        for (place, Turn { buffers, seen, .. }) in turns.iter().enumerate() {
-            let bindings = raster_bindings(buffers, meshes, seen, phase, &buffers.words);
+        let (submitted, number) = (self.submitted(cull_pass), self.passes.len() as u32);
+        for (place, SubmittedView { buffers, seen, .. }) in submitted.iter().enumerate() {
+            let bindings = raster_bindings(buffers, meshes, seen, cull_pass, &buffers.words);
             let draw = Draw {
                 list,
                 words,
                 split: meshes.split(),
                 bindings: bindings.iter().map(|buffer| meshes.binding(buffer)).collect(),
-                calls: &buffers.phases[phase as usize].calls,
+                draw_args: &buffers.cull_passes[cull_pass as usize].draw_args,
                 target,
-                times: self.times.of_draw(number, place == 0, place + 1 == turns.len()),
+                times: self.times.of_draw(number, place == 0, place + 1 == submitted.len()),
             };
             draw.record(context, self.encoder);
         }
-        if !turns.is_empty() {
-            self.passes.push((stage, phase));
+        if !submitted.is_empty() {
+            self.passes.push((stage, cull_pass));
         }
     }
 }

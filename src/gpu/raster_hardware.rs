@@ -17,7 +17,7 @@ use super::context::{Context, entries, unavailable};
 use super::shaders::{DRAWS, Kernel, List, Words};
 use crate::config::Raster;
 use crate::error::Result;
-use crate::gpu_types::Call;
+use crate::gpu_types::DrawArgs;
 use crate::limits::{GUARD_BAND, MAX_SPAN};
 
 /// What it needs of a device besides what every device has: vertex shaders count the triangles that are drawn. Where a
@@ -155,14 +155,14 @@ pub(super) struct Draw<'a> {
     pub(super) words: Words,
     pub(super) split: bool,
     pub(super) bindings: Vec<BindingResource<'a>>,
-    pub(super) calls: &'a Buffer,
+    pub(super) draw_args: &'a Buffer,
     pub(super) target: &'a Target,
     pub(super) times: Option<RenderPassTimestampWrites<'a>>,
 }
 
 impl Draw<'_> {
     pub(super) fn record(self, context: &Context, encoder: &mut CommandEncoder) {
-        let Self { list, words, split, bindings, calls, target, times } = self;
+        let Self { list, words, split, bindings, draw_args, target, times } = self;
         let kernel = Kernel::RasterHardware(list, words);
         let pipeline = context.draws().get(context, kernel, split);
         let entries: Vec<_> = entries(bindings).collect();
@@ -185,7 +185,7 @@ impl Draw<'_> {
         let side = target.viewport as f32;
         let first = |pixels: u32| (pixels / 2) as f32 - 0.5 * side;
         pass.set_viewport(first(target.size.0), first(target.size.1), side, side, 0.0, 1.0);
-        pass.draw_indirect(calls, list as u64 * size_of::<Call>() as u64);
+        pass.draw_indirect(draw_args, list as u64 * size_of::<DrawArgs>() as u64);
     }
 }
 

@@ -13,9 +13,9 @@ pub(super) fn record<'a>(r: &mut Recorder<'a>, list: List, words: Words, to: &'a
 }
 
 /// Clusters that may have holes, where any material has them.
-pub(super) fn record_masked<'a>(r: &mut Recorder<'a>, words: Words, to: &'a Buffer) {
-    let Some(Buffers { materials, texels, masked: true }) = r.materials else { return };
+pub(super) fn record_alpha_tested<'a>(r: &mut Recorder<'a>, words: Words, to: &'a Buffer) {
+    let Some(Buffers { materials, texels, alpha_tested: true }) = r.materials else { return };
     let bindings = r.raster_bindings(to);
-    let bindings = [&bindings[..], &[&r.instances.looks, materials, texels]].concat();
-    r.run_indirect(Kernel::RasterMasked(words), &bindings, &r.own().draws, List::Masked as u32);
+    let bindings = [&bindings[..], &[&r.instances.instance_materials, materials, texels]].concat();
+    r.run_indirect(Kernel::RasterAlphaTested(words), &bindings, &r.own().draws, List::AlphaTested as u32);
 }

@@ -6,31 +6,31 @@ use rayon::prelude::*;
 use wgpu::{BindingResource, CommandEncoderDescriptor};
 
 use super::context::Context;
-use super::frame::{Buffers, Left, Room, Shape, surface_bindings};
-use super::instances::{Instances, Shown};
+use super::frame::{Buffers, DeviceVisibility, Room, Shape, surface_bindings};
+use super::instances::{Instances, SceneInstance};
 use super::meshes::Meshes;
 use super::passes::Passes;
 use super::raster_hardware::{self, Target};
-use super::shaders::{Kernel, List, Phase, Words};
-use super::sight::{Sight, Turn};
+use super::shaders::{CullPass, Kernel, List, Words};
+use super::view_history::{SubmittedView, ViewHistory};
 use super::{
     cluster_cull, hzb, instance_cull, node_cull, occlusion, output, raster_large, raster_small, shade, times,
 };
 use crate::config::{Output, Outputs, Raster, Shading, Transfer};
 use crate::error::{Error, Result};
 use crate::gpu_types::{
-    self, Array, Counters, Dispatch, HISTORY_LIST, Lighting, View, VisibleCluster, Visit,
+    self, Array, Counters, Dispatch, HISTORY_LIST, Lighting, TraversalItem, View, VisibleCluster,
 };
 use crate::limits::MAX_VISIBLE;
 use crate::scene::EnvironmentMap;
 use crate::stream::{Needs, Resident};
 
 /// Lists of a first frame; each grows to what frames need.
-const FIRST_ROOM: Room = Room { visits: 1 << 12, candidates: 1 << 12, visible: 1 << 14 };
+const FIRST_ROOM: Room = Room { items: 1 << 12, candidate_groups: 1 << 12, visible: 1 << 14 };
 
 /// Frames of a view that may leave their visibility buffers on the device, while they are there: in a loop, one is while the
 /// next is drawn. With more of them they are read.
-const MOST_LEFT: usize = 2;
+const MOST_ON_DEVICE: usize = 2;
 
 /// Bytes of a picture that a thread copies at a time.
 const COPIED_AT_ONCE: usize = 1 << 18;
@@ -39,8 +39,8 @@ const COPIED_AT_ONCE: usize = 1 << 18;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ways {
     /// One 64-bit maximum instead of two 32-bit passes, where the device has it.
-    pub wide_atomics: bool,
-    /// Leaves out what is hidden, in two phases.
+    pub int64_atomics: bool,
+    /// Leaves out what is hidden, in two passes.
     pub occlusion: bool,
     /// Which rasterizers draw; the only one of these ways by which a picture may differ.
     pub raster: Raster,
@@ -52,7 +52,7 @@ pub struct Ways {
 
 /// A view to draw, and the arrays to make of its picture.
 #[derive(Debug)]
-pub struct Job<'a> {
+pub struct ViewRequest<'a> {
     /// The view.
     pub view: View,
     /// What is filled: the visibility buffer, the low half of each word first. With [`Ways::depth_only`] a number per
@@ -60,7 +60,7 @@ pub struct Job<'a> {
     pub words: &'a mut [u32],
     /// The visibility buffer may stay on the device, see [`Drawn::left`]; then none is filled. Not with
     /// [`Ways::depth_only`].
-    pub leave: bool,
+    pub keep_on_device: bool,
     /// The arrays.
     pub outputs: Outputs,
     /// All but the lights.
@@ -73,13 +73,22 @@ pub struct Job<'a> {
     pub environment: Option<Arc<EnvironmentMap>>,
 }
 
-impl<'a> Job<'a> {
+impl<'a> ViewRequest<'a> {
     /// A view of which nothing is made but the visibility buffer.
     pub fn new(view: View, words: &'a mut [u64]) -> Self {
         let (outputs, lighting) = (Outputs::default(), bytemuck::Zeroable::zeroed());
         let words = bytemuck::cast_slice_mut(words);
         let transfer = Transfer::default();
-        Self { view, words, leave: false, outputs, lighting, lights: Vec::new(), transfer, environment: None }
+        Self {
+            view,
+            words,
+            keep_on_device: false,
+            outputs,
+            lighting,
+            lights: Vec::new(),
+            transfer,
+            environment: None,
+        }
     }
 }
 
@@ -104,16 +113,16 @@ pub enum DeviceStage {
     Output,
 }
 
-/// What a phase counted.
+/// What a pass counted.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Counted {
     /// Nodes to start from.
     pub starts: u64,
     /// Nodes and groups looked at.
     pub visited: u64,
-    /// Groups of the list, for the second phase with those of the first.
+    /// Groups of the list, for the second pass with those of the first.
     pub groups: u64,
-    /// Clusters that this phase draws.
+    /// Clusters that this pass draws.
     pub clusters: u64,
     /// Instances that the pyramid of this frame hides.
     pub hidden_instances: u64,
@@ -135,40 +144,40 @@ pub struct Drawn {
     /// The arrays asked for.
     pub made: Vec<(Output, Array)>,
     /// The visibility buffer, where it was left on the device.
-    pub left: Option<Left>,
+    pub visibility: Option<DeviceVisibility>,
     /// Bytes of instances written to the device.
     pub uploaded_bytes: u64,
     /// Images that lack their largest levels there.
     pub smaller_images: u64,
     /// Which rasterizers drew it.
     pub raster: Raster,
-    /// The first phase started from what the frame before drew.
+    /// The first pass started from what the frame before drew.
     pub listed: bool,
-    /// One phase, or two.
-    pub phases: Vec<Counted>,
-    /// Stage, phase and milliseconds of each pass on the device; NaN where it takes no time.
-    pub times: Vec<(DeviceStage, Phase, f64)>,
+    /// One pass, or two.
+    pub cull_passes: Vec<Counted>,
+    /// Stage, pass and milliseconds of each pass on the device; NaN where it takes no time.
+    pub times: Vec<(DeviceStage, CullPass, f64)>,
 }
 
 /// A device with what stays on it between frames.
 #[derive(Debug)]
-pub struct Renderer {
+pub struct DeviceRenderer {
     context: Arc<Context>,
     meshes: Meshes,
     instances: Instances,
     room: Room,
     /// By their place among the views drawn together.
-    sights: Vec<Sight>,
+    histories: Vec<ViewHistory>,
     /// There once the hardware rasterizer has drawn.
     target: Option<Target>,
 }
 
-impl Renderer {
+impl DeviceRenderer {
     /// A renderer on the best device there is.
     pub fn new() -> Result<Self> {
         let context = Context::shared()?;
         let (meshes, instances) = (Meshes::default(), Instances::default());
-        Ok(Self { context, meshes, instances, room: FIRST_ROOM, sights: Vec::new(), target: None })
+        Ok(Self { context, meshes, instances, room: FIRST_ROOM, histories: Vec::new(), target: None })
     }
 
     /// The device.
@@ -182,19 +191,21 @@ impl Renderer {
     }
 
     /// Puts an instance in a slot of the scene, or nothing. Where its mesh lies on the device is filled in.
-    pub fn set(&mut self, slot: u32, instance: Option<Shown<'_>>) {
+    pub fn set(&mut self, slot: u32, instance: Option<SceneInstance<'_>>) {
         self.instances.set(slot, instance);
     }
 
     /// Whether a frame of the view at a place has, with occlusion, no earlier one to start from.
     pub fn starts(&self, place: usize, view: &View) -> bool {
-        self.sights.get(place).is_none_or(|sight| sight.pyramids.starts(view))
+        self.histories.get(place).is_none_or(|history| history.pyramids.starts(view))
     }
 
     /// What shaded an array of the last frame's first view: the kernel, all that it binds, and whether pages lie in several
     /// arrays. For benchmarks, which shade the same picture in other ways.
     pub fn shading(&self, output: Output) -> Option<(Kernel, Vec<BindingResource<'_>>, bool)> {
-        let Sight { seen: Some((_, seen)), buffers: Some(buffers), light, .. } = self.sights.first()? else {
+        let ViewHistory { seen: Some((_, seen)), buffers: Some(buffers), light, .. } =
+            self.histories.first()?
+        else {
             return None;
         };
         let (_, out) = buffers.outputs.iter().find(|(made, _)| *made == output && made.shaded())?;
@@ -206,15 +217,20 @@ impl Renderer {
 
     /// Draws what is in the slots, in their order, and of streamed meshes resident, from several views of pictures of one
     /// size, in one submission.
-    pub fn draw(&mut self, jobs: &mut [Job<'_>], ways: Ways, resident: &Resident) -> Result<Vec<Drawn>> {
+    pub fn draw(
+        &mut self,
+        requests: &mut [ViewRequest<'_>],
+        ways: Ways,
+        resident: &Resident,
+    ) -> Result<Vec<Drawn>> {
         self.context.check()?;
-        let Some(first) = jobs.first() else { return Ok(Vec::new()) };
+        let Some(first) = requests.first() else { return Ok(Vec::new()) };
         let size = (first.view.width, first.view.height);
         if !self.instances.any() {
             // Nothing is to be drawn, so nothing to be measured.
             let raster = if ways.raster == Raster::Auto { Raster::Compute } else { ways.raster };
-            jobs.iter_mut().for_each(|job| job.words.fill(0));
-            return Ok(jobs.iter().map(|_| Drawn { raster, ..Drawn::default() }).collect());
+            requests.iter_mut().for_each(|request| request.words.fill(0));
+            return Ok(requests.iter().map(|_| Drawn { raster, ..Drawn::default() }).collect());
         }
         let raster = raster_hardware::choose(&self.context, ways.raster, size)?;
         let hardware = raster != Raster::Compute;
@@ -224,40 +240,45 @@ impl Renderer {
         let viewport = self.target.as_ref().filter(|_| hardware).map_or(0, Target::viewport);
         let uploaded_bytes =
             self.instances.upload(&self.context, &mut self.meshes, resident, ways.shading)?;
-        while self.sights.len() < jobs.len() {
-            self.sights.push(Sight::new(&self.context)?);
+        while self.histories.len() < requests.len() {
+            self.histories.push(ViewHistory::new(&self.context)?);
         }
-        let mut views = Vec::with_capacity(jobs.len());
-        for (sight, job) in self.sights.iter_mut().zip(&*jobs) {
-            let (view, culling) = sight.prepare(&self.context, &self.instances, job, ways.occlusion)?;
+        let mut views = Vec::with_capacity(requests.len());
+        for (history, request) in self.histories.iter_mut().zip(&*requests) {
+            let (view, culling) = history.prepare(&self.context, &self.instances, request, ways.occlusion)?;
             let depth_only = u32::from(ways.depth_only);
-            let two_phases = u32::from(culling);
-            views.push((View { viewport, depth_only, two_phases, ..view }, culling));
+            let two_passes = u32::from(culling);
+            views.push((View { viewport, depth_only, two_passes, ..view }, culling));
         }
         loop {
-            for ((sight, job), (view, _)) in self.sights.iter_mut().zip(&*jobs).zip(&mut views) {
+            for ((history, request), (view, _)) in self.histories.iter_mut().zip(&*requests).zip(&mut views) {
                 let shape = Shape {
                     instances: self.instances.room(),
                     group_words: self.instances.group_words(),
                     depth: self.instances.depth(),
                     pages: if resident.is_empty() { 0 } else { self.meshes.page_count() },
-                    pixels: u64::from(job.view.width) * u64::from(job.view.height),
+                    pixels: u64::from(request.view.width) * u64::from(request.view.height),
                     room: self.room,
                     occlusion: ways.occlusion,
                     depth_only: ways.depth_only,
                     // Its lists are for other rasterizers then than those which count.
-                    outputs: if hardware { job.outputs.without(Output::Overdraw) } else { job.outputs },
-                    leaves: false,
+                    outputs: if hardware {
+                        request.outputs.without(Output::Overdraw)
+                    } else {
+                        request.outputs
+                    },
+                    stays_on_device: false,
                 };
                 let context = &self.context;
                 // Others go before new ones are made.
                 let fits = |own: &Buffers| own.shape.inner() == shape.inner();
-                let (buffers, before) = match sight.buffers.take() {
+                let (buffers, before) = match history.buffers.take() {
                     Some(own) if fits(&own) => (Some(own), None),
                     before => (None, before),
                 };
-                let left = buffers.as_ref().map_or(0, Buffers::frames_left);
-                let shape = Shape { leaves: job.leave && left < MOST_LEFT, ..shape };
+                let left = buffers.as_ref().map_or(0, Buffers::frames_on_device);
+                let shape =
+                    Shape { stays_on_device: request.keep_on_device && left < MOST_ON_DEVICE, ..shape };
                 let buffers = match buffers {
                     Some(own) if own.shape == shape => Ok(own),
                     Some(own) => own.making(context, shape),
@@ -268,14 +289,14 @@ impl Renderer {
                 if !buffers.listed {
                     view.history = view.history.min(1);
                 }
-                sight.buffers = Some(buffers);
+                history.buffers = Some(buffers);
             }
-            let mut turns = Vec::with_capacity(jobs.len());
-            for (sight, (view, culling)) in self.sights.iter().zip(&views) {
-                let (Some((_, seen)), Some(buffers)) = (&sight.seen, &sight.buffers) else { continue };
-                turns.push(Turn { view, culling: *culling, seen, buffers, sight });
+            let mut submitted = Vec::with_capacity(requests.len());
+            for (history, (view, culling)) in self.histories.iter().zip(&views) {
+                let (Some((_, seen)), Some(buffers)) = (&history.seen, &history.buffers) else { continue };
+                submitted.push(SubmittedView { view, culling: *culling, seen, buffers, history });
             }
-            let (mut drawn, lengths) = self.submit(&turns, Ways { raster, ..ways }, jobs)?;
+            let (mut drawn, lengths) = self.submit(&submitted, Ways { raster, ..ways }, requests)?;
             if lengths.visible as usize > MAX_VISIBLE {
                 let count = lengths.visible;
                 let message = format!("{count} clusters are visible at once, the most is {MAX_VISIBLE}");
@@ -283,14 +304,16 @@ impl Renderer {
             }
             let room = self.room.grown(lengths);
             if room == self.room {
-                for ((drawn, sight), (view, culling)) in drawn.iter_mut().zip(&mut self.sights).zip(&views) {
+                for ((drawn, history), (view, culling)) in
+                    drawn.iter_mut().zip(&mut self.histories).zip(&views)
+                {
                     (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
                     drawn.listed = view.history == HISTORY_LIST;
                     drawn.smaller_images = self.instances.table().smaller_images();
                     drawn.needs = self.meshes.needs(&drawn.wanted);
-                    let buffers = sight.buffers.as_ref().filter(|buffers| buffers.shape.leaves);
-                    drawn.left = buffers.map(|buffers| Left::new(&self.context, buffers));
-                    sight.remember(view, drawn, *culling, ways.occlusion);
+                    let buffers = history.buffers.as_ref().filter(|buffers| buffers.shape.stays_on_device);
+                    drawn.visibility = buffers.map(|buffers| DeviceVisibility::new(&self.context, buffers));
+                    history.remember(view, drawn, *culling, ways.occlusion);
                 }
                 return Ok(drawn);
             }
@@ -299,32 +322,38 @@ impl Renderer {
     }
 
     /// Runs the stages once; also the lengths that their lists wanted.
-    fn submit(&self, turns: &[Turn<'_>], ways: Ways, jobs: &mut [Job<'_>]) -> Result<(Vec<Drawn>, Room)> {
-        let Ways { wide_atomics, raster, depth_only, .. } = ways;
+    fn submit(
+        &self,
+        submitted: &[SubmittedView<'_>],
+        ways: Ways,
+        requests: &mut [ViewRequest<'_>],
+    ) -> Result<(Vec<Drawn>, Room)> {
+        let Ways { int64_atomics, raster, depth_only, .. } = ways;
         let context = &*self.context;
         let queue = context.queue();
         let mut encoder = context.device().create_command_encoder(&CommandEncoderDescriptor::default());
-        for Turn { view, buffers, .. } in turns {
+        for SubmittedView { view, buffers, .. } in submitted {
             queue.write_buffer(&buffers.view, 0, bytemuck::bytes_of(*view));
             queue.write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&buffers.group_dispatch()));
             buffers.clear(&mut encoder, view.history == HISTORY_LIST);
         }
-        let forms: &[Words] = match (depth_only, wide_atomics && context.wide_atomics()) {
+        let forms: &[Words] = match (depth_only, int64_atomics && context.int64_atomics()) {
             (true, _) => &[Words::Depth],
-            (false, true) => &[Words::Wide],
+            (false, true) => &[Words::Int64],
             (false, false) => &[Words::Keys, Words::Lows],
         };
-        let (Some(instances), Some(first)) = (self.instances.slots(), turns.first()) else {
+        let (Some(instances), Some(first)) = (self.instances.slots(), submitted.first()) else {
             return Ok(Default::default());
         };
         let times = &first.buffers.times;
-        let made =
-            |which: fn(Output) -> bool| turns.iter().any(|turn| turn.buffers.shape.outputs.iter().any(which));
+        let made = |which: fn(Output) -> bool| {
+            submitted.iter().any(|submitted_view| submitted_view.buffers.shape.outputs.iter().any(which))
+        };
         let mut passes = Passes {
             context,
             meshes: &self.meshes,
             target: self.target.as_ref(),
-            turns,
+            submitted,
             instances,
             slots: self.instances.len(),
             materials: self.instances.table().buffers(),
@@ -332,10 +361,10 @@ impl Renderer {
             encoder: &mut encoder,
             passes: Vec::new(),
         };
-        passes.run(DeviceStage::InstanceCull, Phase::First, instance_cull::record);
-        for phase in [Phase::First, Phase::Second] {
-            passes.run(DeviceStage::NodeCull, phase, node_cull::record);
-            passes.run(DeviceStage::ClusterCull, phase, |r| {
+        passes.run(DeviceStage::InstanceCull, CullPass::First, instance_cull::record);
+        for cull_pass in [CullPass::First, CullPass::Second] {
+            passes.run(DeviceStage::NodeCull, cull_pass, node_cull::record);
+            passes.run(DeviceStage::ClusterCull, cull_pass, |r| {
                 cluster_cull::record(r);
                 if r.culling {
                     occlusion::record(r);
@@ -343,28 +372,28 @@ impl Renderer {
             });
             for &form in forms {
                 if raster == Raster::Hardware {
-                    passes.draw(DeviceStage::RasterSmall, phase, List::Small, form);
+                    passes.draw(DeviceStage::RasterSmall, cull_pass, List::Small, form);
                 } else {
-                    passes.run(DeviceStage::RasterSmall, phase, |r| {
+                    passes.run(DeviceStage::RasterSmall, cull_pass, |r| {
                         raster_small::record(r, form, &r.buffers.words)
                     });
                 }
                 let mut rest = List::Large;
                 if raster != Raster::Compute {
-                    passes.draw(DeviceStage::RasterLarge, phase, List::Large, form);
+                    passes.draw(DeviceStage::RasterLarge, cull_pass, List::Large, form);
                     rest = List::Clipped;
                 }
-                passes.run(DeviceStage::RasterLarge, phase, |r| {
+                passes.run(DeviceStage::RasterLarge, cull_pass, |r| {
                     raster_large::record(r, rest, form, &r.buffers.words);
-                    raster_large::record_masked(r, form, &r.buffers.words);
+                    raster_large::record_alpha_tested(r, form, &r.buffers.words);
                 });
             }
-            // The visible list is that of this phase now, and not later.
+            // The visible list is that of this pass now, and not later.
             if made(|output| output == Output::Overdraw) {
-                passes.run(DeviceStage::Output, phase, output::count);
+                passes.run(DeviceStage::Output, cull_pass, output::count);
             }
-            if turns.iter().any(|turn| turn.culling) {
-                passes.run(DeviceStage::Hzb, phase, |r| {
+            if submitted.iter().any(|submitted_view| submitted_view.culling) {
+                passes.run(DeviceStage::Hzb, cull_pass, |r| {
                     if r.culling {
                         hzb::record(r);
                     }
@@ -372,22 +401,29 @@ impl Renderer {
             }
         }
         if made(Output::shaded) {
-            passes.run(DeviceStage::Shade, Phase::First, shade::record);
+            passes.run(DeviceStage::Shade, CullPass::First, shade::record);
         }
-        let leaves = turns.iter().any(|turn| turn.buffers.shape.leaves);
-        if leaves || made(|output| !(output.shaded() || output == Output::Overdraw)) {
-            passes.run(DeviceStage::Output, Phase::First, output::record);
+        let stays_on_device =
+            submitted.iter().any(|submitted_view| submitted_view.buffers.shape.stays_on_device);
+        if stays_on_device || made(|output| !(output.shaded() || output == Output::Overdraw)) {
+            passes.run(DeviceStage::Output, CullPass::First, output::record);
         }
         let passes = passes.passes;
         times.resolve(&mut encoder, passes.len() as u32);
-        turns.iter().for_each(|turn| turn.buffers.copy_back(&mut encoder));
+        submitted.iter().for_each(|submitted_view| submitted_view.buffers.copy_back(&mut encoder));
         let submission = context.start(encoder)?;
         let faces = self.instances.faces();
-        let (mut drawn, mut lengths) = (Vec::with_capacity(turns.len()), Room::default());
-        for (Turn { buffers, .. }, job) in turns.iter().zip(jobs) {
+        let (mut drawn, mut lengths) = (Vec::with_capacity(submitted.len()), Room::default());
+        for (SubmittedView { buffers, .. }, request) in submitted.iter().zip(requests) {
             context.read(submission.clone(), &buffers.staging, buffers.staged, |staged| {
-                let (own, wanted) =
-                    report(&buffers.split(staged), buffers.shape, &passes, context.tick(), faces, job.words);
+                let (own, wanted) = report(
+                    &buffers.split(staged),
+                    buffers.shape,
+                    &passes,
+                    context.tick(),
+                    faces,
+                    request.words,
+                );
                 lengths = lengths.grown(wanted);
                 drawn.push(own);
             })?;
@@ -414,20 +450,20 @@ fn list<T: bytemuck::Pod>(bytes: &[u8], count: u32) -> Vec<T> {
 fn report(
     parts: &[Vec<&[u8]>],
     shape: Shape,
-    passes: &[(DeviceStage, Phase)],
+    passes: &[(DeviceStage, CullPass)],
     tick: Option<f64>,
     faces: &[u64],
     words: &mut [u32],
 ) -> (Drawn, Room) {
     let (mut drawn, mut wanted) = <(Drawn, Room)>::default();
-    // Of both phases where the second listed any, else of the first.
+    // Of both passes where the second listed any, else of the first.
     let (mut visible, mut listed) = (&[][..], 0);
     let mut on_screen = vec![false; faces.len()];
     for (number, parts) in parts.iter().enumerate() {
         if number == 0 {
             let [ticks, pixels, list, asked, arrays @ ..] = &parts[..] else { continue };
             drawn.wanted = self::list(asked, shape.pages);
-            if !shape.leaves {
+            if !shape.stays_on_device {
                 let words: &mut [u8] = bytemuck::cast_slice_mut(words);
                 let parts = words.par_chunks_mut(COPIED_AT_ONCE).zip(pixels.par_chunks(COPIED_AT_ONCE));
                 parts.for_each(|(words, pixels)| words.copy_from_slice(pixels));
@@ -437,7 +473,7 @@ fn report(
             let pixels = shape.pixels as usize;
             drawn.made = arrays.map(|(output, bytes)| (output, Array::read(output, pixels, bytes))).collect();
             let times = passes.iter().zip(times::milliseconds(ticks, tick));
-            drawn.times = times.map(|((stage, phase), ms)| (*stage, *phase, ms)).collect();
+            drawn.times = times.map(|((stage, cull_pass), ms)| (*stage, *cull_pass, ms)).collect();
             continue;
         }
         let [counters, culling, draws, starts, levels @ ..] = &parts[..] else { continue };
@@ -447,10 +483,10 @@ fn report(
         let levels: Vec<Dispatch> = levels.iter().map(|level| value(level)).collect();
         let of_levels = |of: fn(&Dispatch) -> u32| levels.iter().map(|level| u64::from(of(level))).sum();
         let visited: u64 = of_levels(|level| level.count);
-        // The second phase starts anywhere; what it starts at a root is an instance that the first did not walk.
+        // The second pass starts anywhere; what it starts at a root is an instance that the first did not walk.
         let mut roots = 0;
-        for visit in list::<Visit>(starts, levels[0].count).into_iter().filter(|visit| visit.node == 0) {
-            let slot = visit.instance as usize;
+        for item in list::<TraversalItem>(starts, levels[0].count).into_iter().filter(|item| item.node == 0) {
+            let slot = item.instance as usize;
             roots += 1;
             if on_screen.get_mut(slot).is_some_and(|met| !std::mem::replace(met, true)) {
                 drawn.source_triangles += faces[slot];
@@ -459,12 +495,12 @@ fn report(
         if counters.visible > 0 {
             listed = counters.visible;
         }
-        drawn.phases.push(Counted {
+        drawn.cull_passes.push(Counted {
             starts: u64::from(levels[0].count),
             visited: visited + of_levels(|level| level.visited),
             groups: u64::from(groups),
             clusters: draws.iter().map(|draw| u64::from(draw.count)).sum(),
-            // The first phase puts them off.
+            // The first pass puts them off.
             hidden_instances: match number {
                 1 => 0,
                 _ => u64::saturating_sub(roots, of_levels(|level| level.unhidden)),
@@ -472,9 +508,9 @@ fn report(
             counters,
         });
         // The first list is that of the instances, which has room for all.
-        let visits = levels.iter().skip(usize::from(number == 1)).map(|level| level.count);
-        wanted.visits = visits.fold(wanted.visits, u32::max);
-        wanted.candidates = wanted.candidates.max(groups);
+        let items = levels.iter().skip(usize::from(number == 1)).map(|level| level.count);
+        wanted.items = items.fold(wanted.items, u32::max);
+        wanted.candidate_groups = wanted.candidate_groups.max(groups);
         wanted.visible = wanted.visible.max(counters.visible);
     }
     drawn.visible = list(visible, listed);

@@ -7,8 +7,8 @@ use wgpu::{Buffer, BufferUsages};
 use super::context::Context;
 use super::frame::{Recorder, SurfaceBindings};
 use super::materials::Buffers;
-use super::renderer::Job;
-use super::shaders::{Around, Kernel, Skin};
+use super::renderer::ViewRequest;
+use super::shaders::{Ibl, Kernel, MaterialKind};
 use crate::config::{Output, Transfer};
 use crate::error::Result;
 use crate::gpu_types::{self, Lighting};
@@ -41,8 +41,8 @@ impl Light {
     }
 
     /// Writes the light of a frame.
-    pub(super) fn write(&mut self, context: &Context, job: &Job<'_>) -> Result<()> {
-        let Job { lighting, lights, transfer, environment, .. } = job;
+    pub(super) fn write(&mut self, context: &Context, request: &ViewRequest<'_>) -> Result<()> {
+        let ViewRequest { lighting, lights, transfer, environment, .. } = request;
         let known = self.environment.as_ref().map(Arc::as_ptr);
         if (self.transfer, known) != (*transfer, environment.as_ref().map(Arc::as_ptr)) {
             self.write_tables(context, *transfer, environment.as_ref())?;
@@ -91,12 +91,12 @@ pub(super) fn kernel<'a>(
     let skin = match materials {
         Some(Buffers { materials, texels, .. }) => {
             bindings.extend([materials, texels]);
-            Skin::Textured
+            MaterialKind::Textured
         }
-        None => Skin::Plain,
+        None => MaterialKind::Plain,
     };
     let lit = environment.is_some() && matches!(output, Output::Color | Output::Linear);
-    let around = if lit { Around::Environment } else { Around::Nothing };
+    let around = if lit { Ibl::On } else { Ibl::Off };
     (Kernel::Shade(output, skin, around), bindings)
 }
 

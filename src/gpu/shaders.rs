@@ -1,14 +1,12 @@
 //! WGSL sources: constants that Rust has, shared files and the kernel's own, one after the other.
 
 use std::mem::offset_of;
-use std::num::NonZero;
-use std::thread::available_parallelism;
 
 use super::meshes::ABSENT;
 use crate::config::{OUTPUTS, Output, Shading};
 use crate::gpu_types::{
-    Dispatch, HISTORY_LIST, LOOK_COLOR_WORDS, LOOK_CONFORMAL, LOOK_SMOOTH, LOOK_UNLIT, QUAD, TEXTURE_FORMAT,
-    TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP, TILES,
+    Dispatch, HISTORY_LIST, MATERIAL_COLOR_WORDS, MATERIAL_CONFORMAL, MATERIAL_SMOOTH, MATERIAL_UNLIT, QUAD,
+    TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP, TILES,
 };
 use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN,
@@ -21,7 +19,7 @@ use crate::model::packing::{CORNER_BITS, WIDE_CORNER_BITS};
 use crate::model::{ClusterRecord, Packing};
 use crate::scene::Slot;
 use crate::scene::albedo::ALBEDO_SIDE;
-use crate::scene::environment::{GRIDS, MATT, ROUGHNESS_LEVELS};
+use crate::scene::environment::{GRIDS, IRRADIANCE, ROUGHNESS_LEVELS};
 use crate::scene::image::TexelFormat;
 use crate::scene::texture::{Mipmaps, Wrap};
 use crate::scene::transfer::BYTE_STEPS;
@@ -51,25 +49,25 @@ pub const PIXELS_PER_LANE: u32 = 16;
 /// Side of a workgroup that makes a part of the depth pyramid.
 const PYRAMID_SIDE: u32 = 8;
 /// Levels of the depth pyramid that a dispatch makes of the one below, as `hzb.wgsl` is written.
-const LEVELS_PER_ROUND: u32 = 3;
+const LEVELS_PER_DISPATCH: u32 = 3;
 /// Dispatches that make a whole pyramid.
-pub const PYRAMID_ROUNDS: u32 = (PYRAMID_LEVELS as u32 - 1).div_ceil(LEVELS_PER_ROUND);
+pub const PYRAMID_DISPATCHES: u32 = (PYRAMID_LEVELS as u32 - 1).div_ceil(LEVELS_PER_DISPATCH);
 
-/// What is decided after the first phase and after the second, in this order: words of bits of groups to list, pixels
+/// What is decided after the first pass and after the second, in this order: words of bits of groups to list, pixels
 /// to renumber, rounds of the pyramid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
-    /// Blocks of the bits of groups, for the second phase.
+pub enum IndirectEntry {
+    /// Blocks of the bits of groups, for the second pass.
     Groups,
-    /// Pixels that get the numbers of the list of both phases.
+    /// Pixels that get the numbers of the list of both passes.
     Pixels,
     /// A round of the depth pyramid.
     Pyramid(u32),
 }
 
-impl Step {
+impl IndirectEntry {
     /// How many there are.
-    pub const COUNT: u32 = 2 + PYRAMID_ROUNDS;
+    pub const COUNT: u32 = 2 + PYRAMID_DISPATCHES;
 
     /// Place among them.
     pub const fn number(self) -> u32 {
@@ -81,9 +79,9 @@ impl Step {
     }
 }
 
-/// Which of the two phases of occlusion culling.
+/// Which of the two passes of occlusion culling.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Phase {
+pub enum CullPass {
     /// What an earlier frame does not hide, or of what it drew; without occlusion, everything.
     First,
     /// What was put off, by the depth pyramid of the first.
@@ -94,7 +92,7 @@ pub enum Phase {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Words {
     /// By one 64-bit atomic maximum.
-    Wide,
+    Int64,
     /// The nearest key of every pixel, the first of two 32-bit passes.
     Keys,
     /// The largest low half among those with that key, the second.
@@ -115,7 +113,7 @@ pub enum List {
     /// With the hardware rasterizer, large ones that it does not take: that have to be clipped.
     Clipped,
     /// Of any size, that may have holes.
-    Masked,
+    AlphaTested,
 }
 
 impl List {
@@ -157,7 +155,7 @@ impl Bits {
 
 /// What surfaces are that are shaded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Skin {
+pub enum MaterialKind {
     /// Each instance has a material without textures.
     Plain,
     /// Some have textures, or several materials.
@@ -166,11 +164,11 @@ pub enum Skin {
 
 /// What lights surfaces besides lights, and the same from everywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Around {
+pub enum Ibl {
     /// Nothing.
-    Nothing,
+    Off,
     /// An environment.
-    Environment,
+    On,
 }
 
 /// Everything that runs on the device.
@@ -181,35 +179,35 @@ pub enum Kernel {
     /// Bits of groups → none.
     ClearGroups,
     /// A level of nodes → the next, and the bits of groups.
-    NodeCull(Phase),
+    NodeCull(CullPass),
     /// Words → set bits of each block of words.
     CountBits(Bits),
     /// Set bits of blocks → where each block starts.
     ScanBlocks(Bits),
     /// Bits of groups → the list of groups.
-    ListGroups(Phase),
+    ListGroups(CullPass),
     /// Groups → bits of clusters.
-    ClusterCull(Phase),
+    ClusterCull(CullPass),
     /// Bits of clusters → the visible list.
-    ListClusters(Phase),
+    ListClusters(CullPass),
     /// Small clusters → visibility buffer.
     RasterSmall(Words),
     /// Large clusters → visibility buffer.
     RasterLarge(Words),
     /// Clusters that may have holes → visibility buffer.
-    RasterMasked(Words),
+    RasterAlphaTested(Words),
     /// Clusters of a list → visibility buffer, by the rasterizer of the device.
     RasterHardware(List, Words),
     /// Visibility buffer → a round of the depth pyramid.
     Hzb(u32),
-    /// Counts of a phase → what comes next.
-    Settle(Phase),
-    /// Visibility buffer of the first phase → with the numbers of both.
+    /// Counts of a pass → what comes next.
+    PrepareIndirect(CullPass),
+    /// Visibility buffer of the first pass → with the numbers of both.
     Renumber,
     /// Visibility buffer → how many pixels show anything.
     CountCovered,
     /// Visibility buffer → colour, encoded or not.
-    Shade(Output, Skin, Around),
+    Shade(Output, MaterialKind, Ibl),
     /// Visibility buffer → another array; what is shaded and overdraw are made otherwise.
     Output(Output),
     /// A long loop, to see whether the driver finishes it.
@@ -220,20 +218,20 @@ pub enum Kernel {
 pub const KERNELS: [Kernel; 65] = [
     Kernel::InstanceCull,
     Kernel::ClearGroups,
-    Kernel::NodeCull(Phase::First),
-    Kernel::NodeCull(Phase::Second),
+    Kernel::NodeCull(CullPass::First),
+    Kernel::NodeCull(CullPass::Second),
     Kernel::CountBits(Bits::Groups),
     Kernel::CountBits(Bits::Clusters),
     Kernel::ScanBlocks(Bits::Groups),
     Kernel::ScanBlocks(Bits::Clusters),
-    Kernel::ListGroups(Phase::First),
-    Kernel::ListGroups(Phase::Second),
-    Kernel::ClusterCull(Phase::First),
-    Kernel::ClusterCull(Phase::Second),
-    Kernel::ListClusters(Phase::First),
-    Kernel::ListClusters(Phase::Second),
-    Kernel::Settle(Phase::First),
-    Kernel::Settle(Phase::Second),
+    Kernel::ListGroups(CullPass::First),
+    Kernel::ListGroups(CullPass::Second),
+    Kernel::ClusterCull(CullPass::First),
+    Kernel::ClusterCull(CullPass::Second),
+    Kernel::ListClusters(CullPass::First),
+    Kernel::ListClusters(CullPass::Second),
+    Kernel::PrepareIndirect(CullPass::First),
+    Kernel::PrepareIndirect(CullPass::Second),
     Kernel::Renumber,
     Kernel::CountCovered,
     Kernel::Hzb(0),
@@ -243,37 +241,37 @@ pub const KERNELS: [Kernel; 65] = [
     Kernel::Hzb(4),
     Kernel::Hzb(5),
     Kernel::LoopProbe,
-    Kernel::RasterSmall(Words::Wide),
+    Kernel::RasterSmall(Words::Int64),
     Kernel::RasterSmall(Words::Keys),
     Kernel::RasterSmall(Words::Lows),
-    Kernel::RasterLarge(Words::Wide),
+    Kernel::RasterLarge(Words::Int64),
     Kernel::RasterLarge(Words::Keys),
     Kernel::RasterLarge(Words::Lows),
     Kernel::RasterSmall(Words::Count),
     Kernel::RasterLarge(Words::Count),
     Kernel::RasterSmall(Words::Depth),
     Kernel::RasterLarge(Words::Depth),
-    Kernel::RasterMasked(Words::Wide),
-    Kernel::RasterMasked(Words::Keys),
-    Kernel::RasterMasked(Words::Lows),
-    Kernel::RasterMasked(Words::Count),
-    Kernel::RasterMasked(Words::Depth),
-    Kernel::Shade(Output::Color, Skin::Plain, Around::Nothing),
-    Kernel::Shade(Output::Linear, Skin::Plain, Around::Nothing),
-    Kernel::Shade(Output::Color, Skin::Textured, Around::Nothing),
-    Kernel::Shade(Output::Linear, Skin::Textured, Around::Nothing),
-    Kernel::Shade(Output::Color, Skin::Plain, Around::Environment),
-    Kernel::Shade(Output::Linear, Skin::Plain, Around::Environment),
-    Kernel::Shade(Output::Color, Skin::Textured, Around::Environment),
-    Kernel::Shade(Output::Linear, Skin::Textured, Around::Environment),
-    Kernel::Shade(Output::BaseColor, Skin::Plain, Around::Nothing),
-    Kernel::Shade(Output::ShadingNormal, Skin::Plain, Around::Nothing),
-    Kernel::Shade(Output::Orm, Skin::Plain, Around::Nothing),
-    Kernel::Shade(Output::Emissive, Skin::Plain, Around::Nothing),
-    Kernel::Shade(Output::BaseColor, Skin::Textured, Around::Nothing),
-    Kernel::Shade(Output::ShadingNormal, Skin::Textured, Around::Nothing),
-    Kernel::Shade(Output::Orm, Skin::Textured, Around::Nothing),
-    Kernel::Shade(Output::Emissive, Skin::Textured, Around::Nothing),
+    Kernel::RasterAlphaTested(Words::Int64),
+    Kernel::RasterAlphaTested(Words::Keys),
+    Kernel::RasterAlphaTested(Words::Lows),
+    Kernel::RasterAlphaTested(Words::Count),
+    Kernel::RasterAlphaTested(Words::Depth),
+    Kernel::Shade(Output::Color, MaterialKind::Plain, Ibl::Off),
+    Kernel::Shade(Output::Linear, MaterialKind::Plain, Ibl::Off),
+    Kernel::Shade(Output::Color, MaterialKind::Textured, Ibl::Off),
+    Kernel::Shade(Output::Linear, MaterialKind::Textured, Ibl::Off),
+    Kernel::Shade(Output::Color, MaterialKind::Plain, Ibl::On),
+    Kernel::Shade(Output::Linear, MaterialKind::Plain, Ibl::On),
+    Kernel::Shade(Output::Color, MaterialKind::Textured, Ibl::On),
+    Kernel::Shade(Output::Linear, MaterialKind::Textured, Ibl::On),
+    Kernel::Shade(Output::BaseColor, MaterialKind::Plain, Ibl::Off),
+    Kernel::Shade(Output::ShadingNormal, MaterialKind::Plain, Ibl::Off),
+    Kernel::Shade(Output::Orm, MaterialKind::Plain, Ibl::Off),
+    Kernel::Shade(Output::Emissive, MaterialKind::Plain, Ibl::Off),
+    Kernel::Shade(Output::BaseColor, MaterialKind::Textured, Ibl::Off),
+    Kernel::Shade(Output::ShadingNormal, MaterialKind::Textured, Ibl::Off),
+    Kernel::Shade(Output::Orm, MaterialKind::Textured, Ibl::Off),
+    Kernel::Shade(Output::Emissive, MaterialKind::Textured, Ibl::Off),
     Kernel::Output(Output::Depth),
     Kernel::Output(Output::Normal),
     Kernel::Output(Output::InstanceId),
@@ -287,10 +285,10 @@ pub const KERNELS: [Kernel; 65] = [
 
 /// All that draw, with a vertex and a fragment shader; [`Kernel::number`] is the place here.
 pub const DRAWS: [Kernel; 8] = [
-    Kernel::RasterHardware(List::Small, Words::Wide),
+    Kernel::RasterHardware(List::Small, Words::Int64),
     Kernel::RasterHardware(List::Small, Words::Keys),
     Kernel::RasterHardware(List::Small, Words::Lows),
-    Kernel::RasterHardware(List::Large, Words::Wide),
+    Kernel::RasterHardware(List::Large, Words::Int64),
     Kernel::RasterHardware(List::Large, Words::Keys),
     Kernel::RasterHardware(List::Large, Words::Lows),
     Kernel::RasterHardware(List::Small, Words::Depth),
@@ -318,36 +316,104 @@ const _: () = {
     assert!(RECORD_WORDS * size_of::<u32>() == quads.len() * QUAD_BYTES);
 };
 
-macro_rules! file {
-    ($name:literal) => {
-        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $name, ".wgsl"))
+macro_rules! sources {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $name, ".wgsl")))),*]
     };
 }
 
-const TYPES: &str = file!("shared/types");
-const EXACT: &str = file!("shared/exact");
-const CULL: &str = file!("shared/cull");
-const LOD: &str = file!("shared/lod");
-const PAGES: &str = concat!(file!("shared/places"), file!("shared/pages"));
-const RECORDS: &str = concat!(file!("shared/places"), file!("shared/records"));
-const CONE: &str = file!("shared/cone");
-const TILES_OF: &str = file!("shared/tiles");
-const GROUP_BITS: &str = file!("shared/group_bits");
-const APPEND: &str = file!("shared/append");
-const PUT_OFF: &str = file!("shared/put_off");
-const DERIVE: &str = file!("shared/derive");
-const OCCLUSION: &str = file!("shared/occlusion");
-const SCAN: &str = file!("shared/workgroup_scan");
-const WORD_BLOCKS: &str = file!("shared/word_blocks");
-const TRIANGLE: &str = file!("shared/triangle");
-const PAIR: &str = file!("shared/pair");
-const WIDE: &str = file!("shared/wide");
-const SURFACE: &str = file!("shared/surface");
-const PICTURE: &str = file!("shared/picture");
-const MATERIAL: &str = file!("shared/material");
-const BSDF: &str = file!("shared/bsdf");
-const TEXTURE: &str = file!("shared/texture");
-const KEY: &str = file!("shared/key");
+/// Every file by name.
+const SOURCES: &[(&str, &str)] = sources![
+    "clear_groups",
+    "cluster_cull",
+    "count_bits",
+    "count_covered",
+    "hzb",
+    "instance_cull",
+    "list_clusters",
+    "list_groups",
+    "loop_probe",
+    "node_cull",
+    "output",
+    "prepare_indirect",
+    "raster_hardware",
+    "raster_large",
+    "raster_small",
+    "renumber",
+    "scan_blocks",
+    "shade",
+    "shared/alpha_test",
+    "shared/append",
+    "shared/bsdf",
+    "shared/cone",
+    "shared/cull",
+    "shared/defer",
+    "shared/derive",
+    "shared/double_single",
+    "shared/environment",
+    "shared/exact",
+    "shared/group_bits",
+    "shared/int64",
+    "shared/key",
+    "shared/lod",
+    "shared/material",
+    "shared/no_environment",
+    "shared/occlusion",
+    "shared/opaque",
+    "shared/pages",
+    "shared/picture",
+    "shared/places",
+    "shared/plain",
+    "shared/records",
+    "shared/surface",
+    "shared/texture",
+    "shared/textured",
+    "shared/tiles",
+    "shared/triangle",
+    "shared/types",
+    "shared/word_blocks",
+    "shared/words_32",
+    "shared/words_64",
+    "shared/words_count",
+    "shared/words_depth",
+    "shared/workgroup_scan",
+];
+
+/// The source of a file; empty where there is none of that name.
+fn source_of(name: &str) -> &'static str {
+    SOURCES.iter().find(|(own, _)| *own == name).map_or("", |(_, source)| source)
+}
+
+/// What a file says at its head that it needs: other shared files, by their names without a folder, and what whoever includes
+/// it declares.
+fn needs(source: &str) -> impl Iterator<Item = &str> {
+    let head = source.lines().take_while(|line| line.starts_with("//"));
+    let line = head.filter_map(|line| line.strip_prefix("// Needs: ")).next().unwrap_or_default();
+    line.trim_end_matches('.').split(", ").filter(|need| !need.is_empty())
+}
+
+/// Adds a file to a list, behind the shared files that it needs.
+fn include(name: &'static str, files: &mut Vec<&'static str>) {
+    if files.contains(&name) {
+        return;
+    }
+    for shared in needs(source_of(name)).filter_map(|need| need.strip_suffix(".wgsl")) {
+        let known = SOURCES.iter().find(|(own, _)| own.strip_prefix("shared/") == Some(shared));
+        known.iter().for_each(|(shared, _)| include(shared, files));
+    }
+    files.push(name);
+}
+
+/// Whether WGSL declares a name for all functions.
+fn declares(source: &str, name: &str) -> bool {
+    source.lines().any(|line| {
+        let Some(at) = line.find(name) else { return false };
+        let (before, after) = (&line[..at], &line[at + name.len()..]);
+        let item = before.starts_with("@group")
+            || ["var", "const ", "fn ", "struct ", "override "].iter().any(|k| before.starts_with(k));
+        item && before.ends_with(' ') && !after.starts_with(|c: char| c.is_alphanumeric() || c == '_')
+    })
+}
 
 impl Kernel {
     /// Place in [`KERNELS`], or in [`DRAWS`].
@@ -368,10 +434,10 @@ impl Kernel {
             Self::ClusterCull(_) => "cluster_cull",
             Self::ListClusters(_) => "list_clusters",
             Self::RasterSmall(_) => "raster_small",
-            Self::RasterLarge(_) | Self::RasterMasked(_) => "raster_large",
+            Self::RasterLarge(_) | Self::RasterAlphaTested(_) => "raster_large",
             Self::RasterHardware(..) => "raster_hardware",
             Self::Hzb(_) => "hzb",
-            Self::Settle(_) => "settle",
+            Self::PrepareIndirect(_) => "prepare_indirect",
             Self::Renumber => "renumber",
             Self::CountCovered => "count_covered",
             Self::Shade(..) => "shade",
@@ -380,73 +446,55 @@ impl Kernel {
         }
     }
 
-    fn files(self) -> Vec<&'static str> {
+    /// The shared files that its own does not name, since they depend on the kernel.
+    fn variants(self) -> Vec<&'static str> {
         let words = |words| match words {
-            Words::Wide => file!("shared/words_64"),
-            Words::Keys | Words::Lows => file!("shared/words_32"),
-            Words::Count => file!("shared/words_count"),
-            Words::Depth => file!("shared/words_depth"),
+            Words::Int64 => "shared/words_64",
+            Words::Keys | Words::Lows => "shared/words_32",
+            Words::Count => "shared/words_count",
+            Words::Depth => "shared/words_depth",
         };
         match self {
-            Self::InstanceCull => {
-                vec![TYPES, EXACT, CULL, DERIVE, OCCLUSION, APPEND, PUT_OFF, file!("instance_cull")]
-            }
-            Self::ClearGroups => vec![TYPES, file!("clear_groups")],
-            Self::NodeCull(_) => {
-                vec![TYPES, EXACT, CULL, OCCLUSION, LOD, GROUP_BITS, APPEND, PUT_OFF, file!("node_cull")]
-            }
-            Self::CountBits(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("count_bits")],
-            Self::ScanBlocks(_) => vec![TYPES, SCAN, file!("scan_blocks")],
-            Self::ListGroups(_) => vec![TYPES, SCAN, WORD_BLOCKS, file!("list_groups")],
-            Self::ClusterCull(_) => {
-                vec![TYPES, EXACT, CULL, OCCLUSION, LOD, RECORDS, CONE, TILES_OF, file!("cluster_cull")]
-            }
-            Self::ListClusters(_) => vec![TYPES, SCAN, WORD_BLOCKS, GROUP_BITS, file!("list_clusters")],
-            Self::RasterSmall(w) => {
-                vec![TYPES, EXACT, CULL, PAGES, TRIANGLE, words(w), file!("raster_small")]
-            }
-            Self::RasterLarge(w) => {
-                let whole = file!("shared/whole");
-                vec![
-                    TYPES,
-                    EXACT,
-                    CULL,
-                    PAGES,
-                    TRIANGLE,
-                    PAIR,
-                    WIDE,
-                    SCAN,
-                    words(w),
-                    whole,
-                    file!("raster_large"),
-                ]
-            }
-            Self::RasterMasked(w) => {
-                let surface = [SURFACE, TEXTURE, MATERIAL, file!("shared/holes")];
-                let raster = [TYPES, EXACT, CULL, PAGES, TRIANGLE, PAIR, WIDE, SCAN, words(w)];
-                [&raster[..], &surface, &[file!("raster_large")]].concat()
-            }
-            Self::RasterHardware(_, w) => {
-                vec![TYPES, EXACT, CULL, PAGES, TRIANGLE, WIDE, words(w), file!("raster_hardware")]
-            }
-            Self::Hzb(_) => vec![TYPES, KEY, TILES_OF, file!("hzb")],
-            Self::Settle(_) => vec![TYPES, file!("settle")],
-            Self::Renumber => vec![TYPES, TILES_OF, file!("renumber")],
-            Self::CountCovered => vec![TYPES, file!("count_covered")],
-            Self::Shade(_, skin, around) => {
-                let skin = match skin {
-                    Skin::Plain => &[BSDF, file!("shared/plain")][..],
-                    Skin::Textured => &[BSDF, TEXTURE, MATERIAL, file!("shared/textured")],
+            Self::RasterSmall(form) | Self::RasterHardware(_, form) => vec![words(form)],
+            Self::RasterLarge(form) => vec![words(form), "shared/opaque"],
+            Self::RasterAlphaTested(form) => vec![words(form), "shared/alpha_test"],
+            Self::Shade(_, kind, ibl) => {
+                let kind = match kind {
+                    MaterialKind::Plain => "shared/plain",
+                    MaterialKind::Textured => "shared/textured",
                 };
-                let around = match around {
-                    Around::Nothing => file!("shared/no_environment"),
-                    Around::Environment => file!("shared/environment"),
+                let ibl = match ibl {
+                    Ibl::Off => "shared/no_environment",
+                    Ibl::On => "shared/environment",
                 };
-                [&[TYPES, EXACT, PAGES, PICTURE, SURFACE], skin, &[around, file!("shade")]].concat()
+                vec![kind, ibl]
             }
-            Self::Output(_) => vec![TYPES, EXACT, PAGES, PICTURE, SURFACE, KEY, file!("output")],
-            Self::LoopProbe => vec![file!("loop_probe")],
+            _ => Vec::new(),
         }
+    }
+
+    /// All files of its source, each behind those that it needs.
+    fn files(self) -> Vec<&'static str> {
+        let mut files = Vec::new();
+        [&["shared/types"][..], &self.variants(), &[self.name()]]
+            .concat()
+            .into_iter()
+            .for_each(|name| include(name, &mut files));
+        files
+    }
+
+    /// What files of its source need and no other declares.
+    pub fn undeclared(self) -> Vec<String> {
+        let source = self.source(None);
+        let files = self.files();
+        let missing = |name: &'static str| {
+            let unknown = |need: &&str| match need.strip_suffix(".wgsl") {
+                Some(shared) => source_of(&format!("shared/{shared}")).is_empty(),
+                None => !declares(&source, need),
+            };
+            needs(source_of(name)).filter(unknown).map(move |need| format!("{name}: {need}"))
+        };
+        files.into_iter().flat_map(missing).collect()
     }
 
     /// The set whose words it shares out among lanes, if any.
@@ -468,19 +516,15 @@ impl Kernel {
             _ if self.scans().is_some() => Some(("SCAN_LANES", 8.0)),
             _ => None,
         };
-        // A thread for each processor takes workgroups.
-        let threads = available_parallelism().map_or(1, NonZero::get);
-        let files = self.files();
-        let strands = files.contains(&TYPES).then_some(("STRANDS", threads as f64));
         // It divides as the CPU does.
-        let exact = files.contains(&EXACT).then_some(("ROUNDS_TO_NEAREST", 1.0));
-        lanes.into_iter().chain(strands).chain(exact).collect()
+        let exact = self.files().contains(&"shared/exact").then_some(("ROUNDS_TO_NEAREST", 1.0));
+        lanes.into_iter().chain(exact).collect()
     }
 
     /// Whether it reads pages, so that it depends on how many arrays they lie in.
     pub fn reads_pages(self) -> bool {
         let files = self.files();
-        files.contains(&PAGES) || files.contains(&RECORDS)
+        files.contains(&"shared/pages") || files.contains(&"shared/records")
     }
 
     /// The whole source. With `array_bits`, pages lie in several arrays of 2^`array_bits` words.
@@ -491,10 +535,10 @@ impl Kernel {
         source += &format!("const PAGE_ARRAY_BITS: u32 = {}u;\n", array_bits.unwrap_or(u32::BITS - 1));
         if let Self::RasterSmall(words)
         | Self::RasterLarge(words)
-        | Self::RasterMasked(words)
+        | Self::RasterAlphaTested(words)
         | Self::RasterHardware(_, words) = self
         {
-            let first = matches!(words, Words::Wide | Words::Keys | Words::Depth);
+            let first = matches!(words, Words::Int64 | Words::Keys | Words::Depth);
             source += &format!("const FIRST_PASS: bool = {first};\n");
         }
         if let Self::Shade(output, ..) | Self::Output(output) = self {
@@ -502,7 +546,7 @@ impl Kernel {
             source += &format!("const OUTPUT: u32 = {number}u;\nconst OUTPUT_RGB: bool = {rgb};\n");
             source += &format!("const OUTPUT_SURFACE: bool = {surface};\n");
         }
-        source += &format!("const MASKED: bool = {};\n", matches!(self, Self::RasterMasked(_)));
+        source += &format!("const ALPHA_TESTED: bool = {};\n", matches!(self, Self::RasterAlphaTested(_)));
         if let Self::RasterHardware(list, _) = self {
             source += &format!("const LIST: u32 = {}u;\n", list as u32);
         }
@@ -513,18 +557,18 @@ impl Kernel {
             source += &format!("const SCAN_BLOCK: u32 = {}u;\n", bits.block());
         }
         if let Self::Hzb(round) = self {
-            source += &format!("const ROUND: u32 = {round}u;\n");
+            source += &format!("const PYRAMID_DISPATCH: u32 = {round}u;\n");
         }
         let second = matches!(
             self,
-            Self::NodeCull(Phase::Second)
-                | Self::ListGroups(Phase::Second)
-                | Self::ClusterCull(Phase::Second)
-                | Self::ListClusters(Phase::Second)
-                | Self::Settle(Phase::Second)
+            Self::NodeCull(CullPass::Second)
+                | Self::ListGroups(CullPass::Second)
+                | Self::ClusterCull(CullPass::Second)
+                | Self::ListClusters(CullPass::Second)
+                | Self::PrepareIndirect(CullPass::Second)
         );
         source += &format!("const SECOND: bool = {second};\n");
-        source + &self.files().join("\n")
+        source + &self.files().into_iter().map(source_of).collect::<Vec<_>>().join("\n")
     }
 }
 
@@ -552,7 +596,7 @@ pub fn constants() -> String {
         ("PYRAMID_REACH", u32::from(PYRAMID_REACH)),
         ("PYRAMID_FINER", PYRAMID_FINER as u32),
         ("PYRAMID_ABOVE", PYRAMID_ABOVE),
-        ("LEVELS_PER_ROUND", LEVELS_PER_ROUND),
+        ("LEVELS_PER_DISPATCH", LEVELS_PER_DISPATCH),
         ("PYRAMID_SIDE", PYRAMID_SIDE),
         ("PIXELS_PER_LANE", PIXELS_PER_LANE),
         ("TILES", TILES as u32),
@@ -560,16 +604,16 @@ pub fn constants() -> String {
         ("LIST_SMALL", List::Small as u32),
         ("LIST_LARGE", List::Large as u32),
         ("LIST_CLIPPED", List::Clipped as u32),
-        ("LIST_MASKED", List::Masked as u32),
+        ("LIST_ALPHA_TESTED", List::AlphaTested as u32),
         ("HISTORY_LIST", HISTORY_LIST),
-        ("STEPS", Step::COUNT),
-        ("STEP_GROUPS", Step::Groups.number()),
-        ("STEP_PIXELS", Step::Pixels.number()),
-        ("STEP_PYRAMID", Step::Pyramid(0).number()),
-        ("LOOK_SMOOTH", LOOK_SMOOTH),
-        ("LOOK_UNLIT", LOOK_UNLIT),
-        ("LOOK_CONFORMAL", LOOK_CONFORMAL),
-        ("LOOK_COLOR_WORDS", LOOK_COLOR_WORDS),
+        ("INDIRECT_ENTRIES", IndirectEntry::COUNT),
+        ("INDIRECT_GROUPS", IndirectEntry::Groups.number()),
+        ("INDIRECT_PIXELS", IndirectEntry::Pixels.number()),
+        ("INDIRECT_PYRAMID", IndirectEntry::Pyramid(0).number()),
+        ("MATERIAL_SMOOTH", MATERIAL_SMOOTH),
+        ("MATERIAL_UNLIT", MATERIAL_UNLIT),
+        ("MATERIAL_CONFORMAL", MATERIAL_CONFORMAL),
+        ("MATERIAL_COLOR_WORDS", MATERIAL_COLOR_WORDS),
         ("SLOTS", Slot::COUNT as u32),
         ("SLOT_BASE_COLOR", Slot::BaseColor as u32),
         ("SLOT_METALLIC_ROUGHNESS", Slot::MetallicRoughness as u32),
@@ -589,7 +633,7 @@ pub fn constants() -> String {
         ("FORMAT_ENCODED_8", TexelFormat::Encoded8 as u32),
         ("BYTE_STEPS", BYTE_STEPS as u32),
         ("GRIDS", GRIDS as u32),
-        ("MATT", MATT as u32),
+        ("IRRADIANCE", IRRADIANCE as u32),
         ("ROUGHNESS_LEVELS", ROUGHNESS_LEVELS as u32),
         ("ALBEDO_SIDE", ALBEDO_SIDE as u32),
         ("SHADING_GLTF", Shading::Gltf as u32),

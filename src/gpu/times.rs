@@ -8,7 +8,7 @@ use wgpu::{
 use super::context::Context;
 use crate::error::Result;
 
-/// Passes of a frame at most: six stages in two phases, the first of them in one; those that draw may take two each, and
+/// Passes of a frame at most: six stages in two passes, the first of them in one; those that draw may take two each, and
 /// large triangles twice as many; then shading, and other arrays in three.
 const PASSES: u32 = 6 + 5 + 4 + 4 + 4;
 /// Timestamps of a pass: before and after.

@@ -44,7 +44,7 @@ pub struct View {
     /// Levels of the depth pyramid; level 0 has the pixels, or no keys where those would be too many.
     pub levels: u32,
     /// What there is of an earlier frame: 0 nothing, 1 its pyramid, [`HISTORY_LIST`] also the list of what it drew, from
-    /// which the first phase starts.
+    /// which the first pass starts.
     pub history: u32,
     /// Words of the bits of all groups.
     pub group_words: u32,
@@ -71,14 +71,14 @@ pub struct View {
     pub mirrored: u32,
     /// Side, pixels, of the viewport of the hardware rasterizer; 0 where it draws nothing.
     pub viewport: u32,
-    /// Of what no earlier frame showed, the first phase draws what has this key or a larger one: what is near.
+    /// Of what no earlier frame showed, the first pass draws what has this key or a larger one: what is near.
     pub occluders: u32,
     /// 1 where the visibility buffer has keys alone.
     pub depth_only: u32,
     /// See [`crate::math::LodView::widest`].
     pub lod_widest: f32,
-    /// 1 where what is hidden is left out, in two phases; then the second alone asks for pages that are missed.
-    pub two_phases: u32,
+    /// 1 where what is hidden is left out, in two passes; then the second alone asks for pages that are missed.
+    pub two_passes: u32,
     /// Pixels to the right per unit of tangent up the picture.
     pub skew: f32,
     /// Zero.
@@ -92,7 +92,7 @@ pub struct View {
 /// An instance as the scene places it, whoever looks at it.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct Placed {
+pub struct InstanceTransform {
     /// Rows of the linear map from internal space to the world, and of the origin's place the high part.
     pub linear: [[f32; 4]; 3],
     /// Rows of its inverse, and the low part.
@@ -118,24 +118,24 @@ pub struct Placed {
     /// 0 where nothing is, or nothing to be seen.
     pub visible: u32,
     /// Clusters that may have holes, by material in the same way.
-    pub masked: u32,
+    pub alpha_tested: u32,
     /// See [`crate::math::LodView::rounding`].
     pub rounding: f32,
 }
 
-/// The look of an instance, for shading: in the slot of its [`Placed`].
+/// The look of an instance, for shading: in the slot of its [`InstanceTransform`].
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct Look {
+pub struct InstanceMaterial {
     /// Rows of the map of normals from internal space to the world, each with a component of the base colour.
     pub normal: [[f32; 4]; 3],
-    /// Light given off.
+    /// Emitted light.
     pub emissive: [f32; 3],
     /// 0 dielectric to 1 metal.
     pub metallic: f32,
     /// Perceptual roughness, as it is shaded.
     pub roughness: f32,
-    /// [`LOOK_SMOOTH`], [`LOOK_CONFORMAL`], [`LOOK_UNLIT`], [`LOOK_COLOR_WORDS`].
+    /// [`MATERIAL_SMOOTH`], [`MATERIAL_CONFORMAL`], [`MATERIAL_UNLIT`], [`MATERIAL_COLOR_WORDS`].
     pub flags: u32,
     /// Of an instance with textures or several materials, the first of these; otherwise `u32::MAX`.
     pub first_material: u32,
@@ -179,7 +179,7 @@ pub struct Material {
     pub base: [f32; 3],
     /// 0 to 1.
     pub alpha: f32,
-    /// Light given off.
+    /// Emitted light.
     pub emissive: [f32; 3],
     /// 0 dielectric to 1 metal.
     pub metallic: f32,
@@ -191,7 +191,7 @@ pub struct Material {
     pub occlusion_strength: f32,
     /// Where alpha is below it there is a hole.
     pub alpha_cutoff: f32,
-    /// [`LOOK_SMOOTH`], [`LOOK_UNLIT`].
+    /// [`MATERIAL_SMOOTH`], [`MATERIAL_UNLIT`].
     pub flags: u32,
     /// Zero.
     pub unused_a: u32,
@@ -199,18 +199,18 @@ pub struct Material {
     pub unused_b: u32,
     /// Zero.
     pub unused_c: u32,
-    /// Colour and alpha, metallic and roughness, normals, occlusion, light given off.
+    /// Colour and alpha, metallic and roughness, normals, occlusion, emitted light.
     pub textures: [Texture; TEXTURE_SLOTS],
 }
 
-/// Of [`Look::flags`]: normals are interpolated.
-pub const LOOK_SMOOTH: u32 = 1;
-/// Of [`Look::flags`]: [`Look::normal`] keeps angles.
-pub const LOOK_CONFORMAL: u32 = 2;
-/// Of [`Look::flags`] and [`Material::flags`]: light does not count.
-pub const LOOK_UNLIT: u32 = 4;
-/// The bit of [`Look::flags`] from which on the words of each vertex's colour are stated, 0 without colours.
-pub const LOOK_COLOR_WORDS: u32 = 3;
+/// Of [`InstanceMaterial::flags`]: normals are interpolated.
+pub const MATERIAL_SMOOTH: u32 = 1;
+/// Of [`InstanceMaterial::flags`]: [`InstanceMaterial::normal`] keeps angles.
+pub const MATERIAL_CONFORMAL: u32 = 2;
+/// Of [`InstanceMaterial::flags`] and [`Material::flags`]: light does not count.
+pub const MATERIAL_UNLIT: u32 = 4;
+/// The bit of [`InstanceMaterial::flags`] from which on the words of each vertex's colour are stated, 0 without colours.
+pub const MATERIAL_COLOR_WORDS: u32 = 3;
 
 /// A light in camera space.
 #[repr(C)]
@@ -254,7 +254,7 @@ pub struct Lighting {
     /// [`crate::config::Shading`] by number.
     pub shading: u32,
     /// 1 where the environment is seen behind all.
-    pub surrounded: u32,
+    pub environment_visible: u32,
     /// Times the light of the environment.
     pub intensity: f32,
     /// Rows of the rotation from camera space to its map.
@@ -298,7 +298,7 @@ pub struct Instance {
     /// 1 where the map to the screen reverses orientation.
     pub mirrored: u32,
     /// Clusters that may have holes, by material in the same way.
-    pub masked: u32,
+    pub alpha_tested: u32,
     /// See [`crate::math::LodView::rounding`].
     pub rounding: f32,
     /// First column, first row, last column and last row of the pixels that the box may cover.
@@ -319,7 +319,7 @@ pub struct Dispatch {
     pub count: u32,
     /// Groups that the dispatch before looked at.
     pub visited: u32,
-    /// Of the instances that the dispatch before started at in the second phase, those that the pyramid does not hide.
+    /// Of the instances that the dispatch before started at in the second pass, those that the pyramid does not hide.
     pub unhidden: u32,
     /// Zero.
     pub unused: [u32; 2],
@@ -374,7 +374,7 @@ pub struct Group {
 /// A node of an instance that is to be looked at.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
-pub struct Visit {
+pub struct TraversalItem {
     /// Number of the instance.
     pub instance: u32,
     /// Node of its mesh.
@@ -384,14 +384,14 @@ pub struct Visit {
 /// A group whose clusters may be drawn.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
-pub struct Candidate {
+pub struct CandidateGroup {
     /// Number of the instance.
     pub instance: u32,
     /// Address of the first cluster.
     pub first: u32,
     /// Number of clusters.
     pub count: u32,
-    /// Its place among the candidates of the first phase.
+    /// Its place among the candidates of the first pass.
     pub before: u32,
     /// Its number in its mesh.
     pub group: u32,
@@ -403,7 +403,7 @@ pub struct Candidate {
 pub struct Marks {
     /// Those for the large rasterizer.
     pub large: u32,
-    /// Of the second phase: those that the first one drew.
+    /// Of the second pass: those that the first one drew.
     pub old: u32,
     /// Number of the first in the visible list.
     pub first: u32,
@@ -414,7 +414,7 @@ pub struct Marks {
 /// A draw as a device takes it.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
-pub struct Call {
+pub struct DrawArgs {
     /// Vertices of each instance.
     pub vertices: u32,
     /// Instances.
@@ -449,8 +449,8 @@ pub struct Counters {
     pub drawn_large: u32,
     /// Entries of the visible list.
     pub visible: u32,
-    /// Clusters that the pyramid hides: of the first phase that of an earlier frame.
-    pub held: u32,
+    /// Clusters that the pyramid hides: of the first pass that of an earlier frame.
+    pub occluded: u32,
     /// 1 where a pyramid was built.
     pub pyramid: u32,
     /// Triangles of the clusters that the small rasterizer draws.
@@ -459,7 +459,7 @@ pub struct Counters {
     pub triangles_large: u32,
     /// Of the triangles drawn, small or large, those that the device's own rasterizer drew.
     pub drawn_hardware: u32,
-    /// Pixels that show anything, of a picture that stays on the device; in the first phase.
+    /// Pixels that show anything, of a picture that stays on the device; in the first pass.
     pub covered: u32,
     /// Tiles of the picture that clusters may cover, a word for each row of them.
     pub tiles: [u32; TILES],

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::model::rule::Threshold;
-use crate::model::{ClusterAddress, Dag, Group, Patience};
+use crate::model::{ClusterAddress, Dag, Group, InterruptCheck};
 
 /// The groups with members that may be drawn: whose error is too large for what was made from them, while that of some
 /// member is not.
@@ -27,14 +27,14 @@ fn candidates<'a>(dag: &'a Dag, threshold: &Threshold) -> Vec<&'a Group> {
 }
 
 /// Brings the pages into memory that [`select`] looks at, if they are in a file.
-pub fn load(dag: &Dag, threshold: &Threshold, go_on: Patience<'_>) -> Result<()> {
+pub fn load(dag: &Dag, threshold: &Threshold, proceed: InterruptCheck<'_>) -> Result<()> {
     if dag.pages.source().is_none() {
         return Ok(());
     }
     let mut pages: Vec<usize> = candidates(dag, threshold).iter().map(|group| group.first.page()).collect();
     pages.sort_unstable();
     pages.dedup();
-    dag.pages.load(pages.into_iter(), go_on)
+    dag.pages.load(pages.into_iter(), proceed)
 }
 
 /// The clusters that the rule of the cut draws, in page order: exactly one over every piece of the surface. Their pages

@@ -29,7 +29,7 @@ pub(super) struct Cover<'a> {
     surface: &'a Bvh,
     goal: BoundOptions,
     /// Asked now and then; after `false` nothing is worth having.
-    go_on: &'a dyn Fn() -> bool,
+    proceed: &'a dyn Fn() -> bool,
     /// The largest distance at a point.
     pub lower: f64,
     /// That point.
@@ -50,11 +50,16 @@ pub(super) struct Cover<'a> {
 
 impl<'a> Cover<'a> {
     /// Nothing covered. `lower` is a distance known to occur.
-    pub(super) fn new(surface: &'a Bvh, goal: BoundOptions, lower: f64, go_on: &'a dyn Fn() -> bool) -> Self {
+    pub(super) fn new(
+        surface: &'a Bvh,
+        goal: BoundOptions,
+        lower: f64,
+        proceed: &'a dyn Fn() -> bool,
+    ) -> Self {
         Self {
             surface,
             goal,
-            go_on,
+            proceed,
             lower,
             witness: None,
             upper: 0.0,
@@ -103,7 +108,7 @@ impl<'a> Cover<'a> {
                 continue;
             }
             self.steps += 1;
-            if self.steps.is_multiple_of(STEPS_BETWEEN_ASKING) && !(self.go_on)() {
+            if self.steps.is_multiple_of(STEPS_BETWEEN_ASKING) && !(self.proceed)() {
                 self.stack.clear();
                 self.complete = false;
                 self.upper = f64::INFINITY;

@@ -270,7 +270,7 @@ fn direction(
     to: &Prepared<'_>,
     options: &DistanceOptions,
     scale: f64,
-    go_on: GoOn<'_>,
+    proceed: GoOn<'_>,
 ) -> Result<OneSided> {
     let mut used = vec![false; from.vertices.len()];
     from.faces.iter().flatten().for_each(|v| used[*v as usize] = true);
@@ -280,7 +280,7 @@ fn direction(
         .par_chunks_mut(WORK)
         .zip(ranges(from.vertices.len()))
         .map(|(out, range)| {
-            if !go_on(0, 0) {
+            if !proceed(0, 0) {
                 return Err(Error::Cancelled);
             }
             let (mut hint, mut most) = (usize::MAX, none);
@@ -300,7 +300,7 @@ fn direction(
     let parts = ranges(options.samples)
         .into_par_iter()
         .map(|range| {
-            if !go_on(0, 0) {
+            if !proceed(0, 0) {
                 return Err(Error::Cancelled);
             }
             let (mut hint, mut most) = (usize::MAX, none);
@@ -327,7 +327,7 @@ fn direction(
 
     let bound = match options.bounded {
         Some((tolerance, budget)) => {
-            let bound = one_sided(&from.tree, &to.tree, farthest, tolerance, budget, LARGEST, go_on)?;
+            let bound = one_sided(&from.tree, &to.tree, farthest, tolerance, budget, LARGEST, proceed)?;
             Some(OneSidedBound { lower: bound.lower / scale, upper: bound.upper / scale, ..bound })
         }
         None => None,
@@ -350,7 +350,7 @@ pub fn surface_distance(
     a: MeshView<'_>,
     b: MeshView<'_>,
     options: &DistanceOptions,
-    go_on: GoOn<'_>,
+    proceed: GoOn<'_>,
 ) -> Result<SurfaceDistance> {
     if options.samples == 0 {
         return Err(Error::argument("samples", "must be 1 or more"));
@@ -362,7 +362,8 @@ pub fn surface_distance(
     }
     let scale = scale_for(check(a)?.max(check(b)?));
     let (a, b) = (Prepared::new(a, scale), Prepared::new(b, scale));
-    let directions = [direction(&a, &b, options, scale, go_on)?, direction(&b, &a, options, scale, go_on)?];
+    let directions =
+        [direction(&a, &b, options, scale, proceed)?, direction(&b, &a, options, scale, proceed)?];
     Ok(SurfaceDistance { directions, rounding: 4.0 * LARGEST * POSITION_ROUNDING / scale })
 }
 
@@ -370,7 +371,7 @@ pub fn surface_distance(
 pub fn closest_points(
     points: (&'static str, &[Vec3]),
     mesh: MeshView<'_>,
-    go_on: GoOn<'_>,
+    proceed: GoOn<'_>,
 ) -> Result<Vec<(f64, u32, Vec3)>> {
     let scale = scale_for(check(mesh)?.max(check_points(points.0, points.1)?));
     let mesh = Prepared::new(mesh, scale);
@@ -378,7 +379,7 @@ pub fn closest_points(
         .1
         .par_chunks(WORK)
         .map(|part| {
-            if !go_on(0, 0) {
+            if !proceed(0, 0) {
                 return Err(Error::Cancelled);
             }
             let mut hint = usize::MAX;

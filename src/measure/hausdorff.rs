@@ -122,7 +122,7 @@ const LARGEST_ROUND: usize = 1 << 10;
 ///
 /// `lower` and `witness` are a distance known to occur and where; `tolerance` is what upper − lower should not exceed
 /// as a part of the upper bound; `budget` is the number of pieces to look at one by one in all, about; `largest` is the
-/// largest coordinate. `go_on(done, total)` is asked now and then.
+/// largest coordinate. `proceed(done, total)` is asked now and then.
 pub(super) fn one_sided(
     from: &Bvh,
     surface: &Bvh,
@@ -130,7 +130,7 @@ pub(super) fn one_sided(
     tolerance: f64,
     budget: u64,
     largest: f64,
-    go_on: &(dyn Fn(u64, u64) -> bool + Sync),
+    proceed: &(dyn Fn(u64, u64) -> bool + Sync),
 ) -> Result<OneSidedBound> {
     let floor = largest * POSITION_ROUNDING;
     // A little less than allowed, for what rounding the bounds outwards takes.
@@ -145,11 +145,11 @@ pub(super) fn one_sided(
         let round: Vec<_> = from.triangles()[start..end]
             .par_chunks(WORK)
             .map(|part| {
-                let go_on = || go_on(start as u64, from.len() as u64);
-                let mut cover = Cover::new(surface, goal, lower, &go_on);
+                let proceed = || proceed(start as u64, from.len() as u64);
+                let mut cover = Cover::new(surface, goal, lower, &proceed);
                 for t in part {
                     cover.triangle(*t, 0.0);
-                    if !go_on() {
+                    if !proceed() {
                         return Err(Error::Cancelled);
                     }
                 }

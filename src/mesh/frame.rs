@@ -7,13 +7,13 @@ use rayon::prelude::*;
 
 use super::source::Positions;
 use crate::math::Aabb;
-use crate::model::Frame;
+use crate::model::CoordinateFrame;
 
 /// Coordinates are at most 2 to this power, which is also the largest scale, and the inverse of the smallest.
 pub const LARGEST_EXPONENT: i32 = 1000;
 
 /// Internal positions and their frame.
-pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, Frame) {
+pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, CoordinateFrame) {
     let count = positions.len();
     let exact = match positions {
         Positions::F32(_) => true,
@@ -39,7 +39,7 @@ pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, Frame) {
             std::array::from_fn(|k| ((p[k] - origin[k]) / scale) as f32 + 0.0)
         })
         .collect();
-    let frame = Frame { origin, scale, rounding: 0.0 };
+    let frame = CoordinateFrame { origin, scale, rounding: 0.0 };
     let rounding = (0..count)
         .into_par_iter()
         .map(|i| {
@@ -47,7 +47,7 @@ pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, Frame) {
             (0..3).map(|k| ((p[k] - q[k]) / scale).powi(2)).sum::<f64>().sqrt() * scale
         })
         .reduce(|| 0.0, f64::max);
-    (internal, Frame { rounding: rounding * (1.0 + 1.0e-15), ..frame })
+    (internal, CoordinateFrame { rounding: rounding * (1.0 + 1.0e-15), ..frame })
 }
 
 /// The smallest power of two not below a positive number; 1 for zero. Stays within the normal range of f64.

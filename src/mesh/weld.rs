@@ -13,13 +13,13 @@ use super::source::SourceMesh;
 use super::{Channels, attributes, frame, hash, materials, validate};
 use crate::error::{Error, Result};
 use crate::math::Aabb;
-use crate::model::{AttributeLayout, BuildReport, Frame};
+use crate::model::{AttributeLayout, BuildReport, CoordinateFrame};
 
 /// A clean indexed mesh in internal space.
 #[derive(Clone, Debug)]
 pub struct WeldedMesh {
     /// Internal to object space.
-    pub frame: Frame,
+    pub frame: CoordinateFrame,
     /// Box of the positions.
     pub bounds: Aabb,
     /// Positions.
@@ -220,7 +220,7 @@ fn compact(
     channels.keep(&order);
     channels.scale(&mut attributes, stride);
     let mesh = WeldedMesh {
-        frame: Frame { origin: [0.0; 3], scale: 1.0, rounding: 0.0 },
+        frame: CoordinateFrame { origin: [0.0; 3], scale: 1.0, rounding: 0.0 },
         bounds: Aabb::EMPTY,
         positions: order.par_iter().map(|v| positions[*v as usize]).collect(),
         layout: AttributeLayout::default(),

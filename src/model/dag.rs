@@ -8,7 +8,7 @@ use super::channel::Channel;
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
 use super::hierarchy::Node;
 use super::page::Pages;
-use super::reading::Patience;
+use super::reading::InterruptCheck;
 use super::report::BuildReport;
 use super::rule::ROOT_ERROR;
 use super::words::Words;
@@ -71,7 +71,7 @@ impl Group {
 /// `scale` is a power of two, so that it changes no mantissa; `origin` is zero unless the source positions
 /// need more than f32.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Frame {
+pub struct CoordinateFrame {
     /// Position of the internal origin, object units.
     pub origin: [f64; 3],
     /// Object units per internal unit, a power of two.
@@ -80,7 +80,7 @@ pub struct Frame {
     pub rounding: f64,
 }
 
-impl Frame {
+impl CoordinateFrame {
     /// Object-space position, exact for f32 sources.
     pub fn to_object(&self, p: [f32; 3]) -> [f64; 3] {
         std::array::from_fn(|k| self.origin[k] + self.scale * f64::from(p[k]))
@@ -129,7 +129,7 @@ impl Grid {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dag {
     /// Internal to object space.
-    pub frame: Frame,
+    pub frame: CoordinateFrame,
     /// Internal box of the source surface.
     pub bounds: Aabb,
     /// All clusters.
@@ -157,8 +157,8 @@ pub struct Dag {
 
 impl Dag {
     /// Reads all that is not in memory: pages, channels and face ids.
-    pub fn load_all(&self, go_on: Patience<'_>) -> Result<()> {
-        self.pages.load_all(go_on)?;
+    pub fn load_all(&self, proceed: InterruptCheck<'_>) -> Result<()> {
+        self.pages.load_all(proceed)?;
         self.words().try_for_each(|words| words.load().map(drop))
     }
 

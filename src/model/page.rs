@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 use rayon::prelude::*;
 
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, RECORD_WORDS};
-use super::reading::{Patience, read_pages};
+use super::reading::{InterruptCheck, read_pages};
 use crate::error::Result;
 
 /// The words of a page, shared by all who look at it.
@@ -97,17 +97,17 @@ impl Pages {
     }
 
     /// Reads those of `pages` that are not in memory, in parallel; they then stay.
-    pub fn load(&self, pages: impl Iterator<Item = usize>, go_on: Patience<'_>) -> Result<()> {
+    pub fn load(&self, pages: impl Iterator<Item = usize>, proceed: InterruptCheck<'_>) -> Result<()> {
         let Some(source) = &self.source else { return Ok(()) };
         let absent = pages.filter(|page| !self.holds(*page)).collect();
         // Another thread may have been faster, with the same words.
-        read_pages(source, absent, go_on, |page, words| drop(self.words[page].set(words)))
+        read_pages(source, absent, proceed, |page, words| drop(self.words[page].set(words)))
     }
 
     /// Reads all that is not in memory.
-    pub fn load_all(&self, go_on: Patience<'_>) -> Result<()> {
+    pub fn load_all(&self, proceed: InterruptCheck<'_>) -> Result<()> {
         if self.whole.get().is_none() {
-            self.load(0..self.table.len(), go_on)?;
+            self.load(0..self.table.len(), proceed)?;
             self.whole.get_or_init(|| ());
         }
         Ok(())

@@ -11,18 +11,18 @@ use crate::error::{Error, Result};
 
 /// Asked some twenty times a second by those who wait for a disk: whether to go on. If not, they return
 /// [`Error::Cancelled`] at once, however long the disk takes.
-pub type Patience<'a> = &'a dyn Fn() -> bool;
+pub type InterruptCheck<'a> = &'a dyn Fn() -> bool;
 
 /// Waits however long it takes.
-pub const FOREVER: Patience<'static> = &|| true;
+pub const UNINTERRUPTED: InterruptCheck<'static> = &|| true;
 
 /// How long somebody waits without asking.
-pub const LOOK_UP: Duration = Duration::from_millis(50);
+pub const INTERRUPT_INTERVAL: Duration = Duration::from_millis(50);
 
 /// What comes next from other threads; nothing where they have ended.
-pub fn wait_for<T>(receiver: &Receiver<T>, go_on: Patience<'_>) -> Result<Option<T>> {
-    while go_on() {
-        match receiver.recv_timeout(LOOK_UP) {
+pub fn wait_for<T>(receiver: &Receiver<T>, proceed: InterruptCheck<'_>) -> Result<Option<T>> {
+    while proceed() {
+        match receiver.recv_timeout(INTERRUPT_INTERVAL) {
             Ok(next) => return Ok(Some(next)),
             Err(RecvTimeoutError::Disconnected) => return Ok(None),
             Err(RecvTimeoutError::Timeout) => {}
@@ -42,7 +42,7 @@ pub fn read_page(source: &dyn PageSource, page: usize) -> Result<PageWords> {
 pub fn read_pages(
     source: &Arc<dyn PageSource>,
     pages: Vec<usize>,
-    go_on: Patience<'_>,
+    proceed: InterruptCheck<'_>,
     mut take: impl FnMut(usize, PageWords),
 ) -> Result<()> {
     let (count, pages, next) = (pages.len(), Arc::new(pages), Arc::new(AtomicUsize::new(0)));
@@ -63,7 +63,7 @@ pub fn read_pages(
     drop(sender);
     for _ in 0..count {
         let ended = || Error::Invariant("a thread that reads pages ended before".to_owned());
-        let (page, words) = wait_for(&receiver, go_on)?.ok_or_else(ended)?;
+        let (page, words) = wait_for(&receiver, proceed)?.ok_or_else(ended)?;
         take(page, words?);
     }
     Ok(())

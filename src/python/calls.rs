@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use super::errors::{panic_to_python, to_python};
 use crate::build::Progress;
 use crate::error::Result;
-use crate::model::{LOOK_UP, Patience};
+use crate::model::{INTERRUPT_INTERVAL, InterruptCheck};
 use crate::threads::{self, Crew};
 
 /// Progress as the waiting thread sees it.
@@ -37,7 +37,7 @@ pub(super) fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> Result<T>
 /// The same for work that waits for a disk, and may be told not to.
 pub(super) fn interruptible<T: Send>(
     py: Python<'_>,
-    work: impl FnOnce(Patience<'_>) -> Result<T> + Send,
+    work: impl FnOnce(InterruptCheck<'_>) -> Result<T> + Send,
 ) -> PyResult<T> {
     interruptible_on(py, 0, work)
 }
@@ -46,7 +46,7 @@ pub(super) fn interruptible<T: Send>(
 pub(super) fn interruptible_on<T: Send>(
     py: Python<'_>,
     threads: usize,
-    work: impl FnOnce(Patience<'_>) -> Result<T> + Send,
+    work: impl FnOnce(InterruptCheck<'_>) -> Result<T> + Send,
 ) -> PyResult<T> {
     run(py, threads, None, |shared| work(&|| !shared.cancelled.load(Ordering::Relaxed)))
 }
@@ -89,7 +89,9 @@ fn run<T: Send>(
         };
         let wait = || {
             let mut raised = Ok(());
-            while raised.is_ok() && receiver.recv_timeout(LOOK_UP) == Err(RecvTimeoutError::Timeout) {
+            while raised.is_ok()
+                && receiver.recv_timeout(INTERRUPT_INTERVAL) == Err(RecvTimeoutError::Timeout)
+            {
                 raised = watch();
                 shared.cancelled.store(raised.is_err(), Ordering::Relaxed);
             }

@@ -28,7 +28,7 @@ use crate::lod::{CutArrays, channel_rows, load, select};
 use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
 use crate::model::rule::{ROOT_ERROR, Threshold};
-use crate::model::{AttributeLayout, Channel, Dag, Frame, Grid, Group, Patience};
+use crate::model::{AttributeLayout, Channel, CoordinateFrame, Dag, Grid, Group, InterruptCheck};
 use crate::threads::once;
 
 /// A built mesh.
@@ -212,16 +212,16 @@ impl Mesh {
                 return Err(argument_error(py, "precision", message));
             }
         };
-        interruptible(py, |go_on| {
-            self.dag.load_all(go_on)?;
+        interruptible(py, |proceed| {
+            self.dag.load_all(proceed)?;
             format::save(&self.dag, &path, precision)
         })
     }
 
     /// The bytes of a `.nanite` file.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = interruptible(py, |go_on| {
-            self.dag.load_all(go_on)?;
+        let bytes = interruptible(py, |proceed| {
+            self.dag.load_all(proceed)?;
             format::to_bytes(&self.dag)
         })?;
         Ok(PyBytes::new(py, &bytes))
@@ -229,8 +229,8 @@ impl Mesh {
 
     /// Verifies every invariant; returns what was counted.
     fn check<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let report = interruptible(py, |go_on| {
-            self.dag.load_all(go_on)?;
+        let report = interruptible(py, |proceed| {
+            self.dag.load_all(proceed)?;
             build::check(&self.dag)
         })?;
         let out = PyDict::new(py);
@@ -250,12 +250,12 @@ impl Mesh {
     /// True when both hold the same content.
     fn equals(&self, py: Python<'_>, other: &Self) -> PyResult<bool> {
         let (a, b) = (Arc::clone(&self.dag), Arc::clone(&other.dag));
-        interruptible(py, move |go_on| {
+        interruptible(py, move |proceed| {
             if Arc::ptr_eq(&a, &b) {
                 return Ok(true);
             }
-            a.load_all(go_on)?;
-            b.load_all(go_on)?;
+            a.load_all(proceed)?;
+            b.load_all(proceed)?;
             Ok(a == b)
         })
     }
@@ -273,8 +273,8 @@ impl Mesh {
     /// The cut with so many triangles or a few less; with whole groups, the finest with at most so many. Where that is
     /// less than the coarsest has, that.
     fn cut_faces(&self, py: Python<'_>, target: u64, exact: bool) -> PyResult<Cut> {
-        let finisher = interruptible(py, |go_on| {
-            self.dag.pages.load_all(go_on)?;
+        let finisher = interruptible(py, |proceed| {
+            self.dag.pages.load_all(proceed)?;
             Ok(once(&self.finisher, || Finisher::new(&self.dag)))
         })?;
         let cut =
@@ -284,7 +284,7 @@ impl Mesh {
 
     /// Triangles of the coarsest cut.
     fn min_faces(&self, py: Python<'_>) -> PyResult<u64> {
-        interruptible(py, |go_on| coarsest_faces(&self.dag, go_on))
+        interruptible(py, |proceed| coarsest_faces(&self.dag, proceed))
     }
 
     /// The cut for an error in pixels, from a camera and its camera-to-mesh pose: the clusters that the renderer
@@ -429,7 +429,7 @@ impl Mesh {
     }
 }
 
-fn precision(frame: &Frame, grid: Grid) -> f64 {
+fn precision(frame: &CoordinateFrame, grid: Grid) -> f64 {
     frame.scale * f64::from(grid.step())
 }
 
@@ -443,8 +443,8 @@ fn uv_rounding(grid: Option<Grid>) -> f32 {
 
 impl Mesh {
     fn cut_at(&self, py: Python<'_>, threshold: Threshold) -> PyResult<Cut> {
-        self.cut(py, |dag, go_on| {
-            load(dag, &threshold, go_on)?;
+        self.cut(py, |dag, proceed| {
+            load(dag, &threshold, proceed)?;
             Ok(FinishedCut { clusters: select(dag, &threshold), made: None })
         })
     }
@@ -452,11 +452,11 @@ impl Mesh {
     fn cut(
         &self,
         py: Python<'_>,
-        select: impl FnOnce(&Dag, Patience<'_>) -> Result<FinishedCut> + Send,
+        select: impl FnOnce(&Dag, InterruptCheck<'_>) -> Result<FinishedCut> + Send,
     ) -> PyResult<Cut> {
         let dag = &*self.dag;
-        let (cut, arrays, error, positions) = interruptible(py, |go_on| {
-            let cut = select(dag, go_on)?;
+        let (cut, arrays, error, positions) = interruptible(py, |proceed| {
+            let cut = select(dag, proceed)?;
             let mut arrays = cut.extract(dag);
             let error = (cut.error(dag), cut.attribute_error(dag));
             let positions = object_positions(std::mem::take(&mut arrays.positions), &dag.frame);
@@ -485,8 +485,8 @@ impl Mesh {
 }
 
 /// The triangles of the coarsest cut, whose pages it reads.
-fn coarsest_faces(dag: &Dag, go_on: Patience<'_>) -> Result<u64> {
-    dag.pages.load(0..dag.root_pages(), go_on)?;
+fn coarsest_faces(dag: &Dag, proceed: InterruptCheck<'_>) -> Result<u64> {
+    dag.pages.load(0..dag.root_pages(), proceed)?;
     let roots = dag.groups.iter().filter(|group| group.error == ROOT_ERROR);
     Ok(roots.flat_map(Group::members).map(|at| u64::from(dag.record(at).triangle_count)).sum())
 }
@@ -514,7 +514,7 @@ enum ObjectPositions {
 }
 
 /// Positions in the caller's space and precision. Scaling by a power of two is exact.
-fn object_positions(mut internal: Vec<[f32; 3]>, frame: &Frame) -> ObjectPositions {
+fn object_positions(mut internal: Vec<[f32; 3]>, frame: &CoordinateFrame) -> ObjectPositions {
     if !frame.is_f32() {
         return ObjectPositions::F64(internal.into_par_iter().map(|p| frame.to_object(p)).collect());
     }

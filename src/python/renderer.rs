@@ -98,10 +98,10 @@ impl Renderer {
     }
 
     /// What could not be read of streamed meshes, since this was last called.
-    fn faults(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+    fn read_errors(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         self.look(py, |inner| {
-            let faults = inner.streamer().map(|streamer| streamer.faults()).unwrap_or_default();
-            faults.into_iter().map(|fault| fault.message).collect()
+            let read_errors = inner.streamer().map(|streamer| streamer.read_errors()).unwrap_or_default();
+            read_errors.into_iter().map(|fault| fault.message).collect()
         })
     }
 
@@ -162,12 +162,12 @@ impl Renderer {
             wait,
             ..defaults
         };
-        let frames = interruptible_on(py, self.threads, |go_on| {
+        let frames = interruptible_on(py, self.threads, |proceed| {
             let view = |(camera, pose)| Ok((self::camera(camera)?, pose));
             let views: Vec<_> = views.into_iter().map(view).collect::<Result<_>>()?;
             let mut renderer = self.lock()?;
             usable(&renderer, |renderer| renderer.backend() == Backend::Gpu)?;
-            renderer.render_views(&*scene.read()?, &views, &options, go_on)
+            renderer.render_views(&*scene.read()?, &views, &options, proceed)
         })?;
         Ok(frames.into_iter().map(|frame| Frame { inner: Lock::new(Own::new(frame)) }).collect())
     }
@@ -340,7 +340,7 @@ impl Frame {
                 ("refused_pages", stream.refused_pages),
                 ("arrived_pages", stream.arrived_pages),
                 ("evicted_pages", stream.evicted_pages),
-                ("faults", stream.faults),
+                ("read_errors", stream.read_errors),
                 ("rounds", stream.rounds),
             ];
             Some((counts, stream.coarsest_pixels))

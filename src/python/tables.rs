@@ -27,7 +27,7 @@ fn spheres(py: Python<'_>, dag: &Dag, of: impl Iterator<Item = Sphere>) -> PyRes
 #[pyfunction]
 pub(super) fn cluster_table(py: Python<'_>, mesh: &Mesh) -> PyResult<Py<PyDict>> {
     let dag = &*mesh.dag;
-    interruptible(py, |go_on| dag.pages.load_all(go_on))?;
+    interruptible(py, |proceed| dag.pages.load_all(proceed))?;
     let records: Vec<&ClusterRecord> = dag.pages.addresses().map(|at| dag.record(at)).collect();
     let signed = |group: u32| if group == NO_GROUP { -1 } else { i64::from(group) };
     let out = PyDict::new(py);

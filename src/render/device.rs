@@ -6,9 +6,9 @@ use std::sync::{Arc, OnceLock};
 use rayon::prelude::*;
 
 use super::pass::INSTANCES;
-use super::picture::{Picture, Spare};
+use super::picture::{Picture, ScratchPool};
 use super::queue::Queue;
-use super::renderer::{Rastered, Shot};
+use super::renderer::{FrameContext, Rastered};
 use super::stages::Stage;
 use super::stats::{FrameStats, StageStats};
 use crate::config::{Output, Outputs, RenderOptions, Samples};
@@ -16,9 +16,12 @@ use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
 use crate::cpu::visibility::Visible;
 use crate::error::Result;
-use crate::gpu::{Context, Counted, DeviceStage, Drawn, Job, Phase, Renderer, Shown, Ways};
+use crate::gpu::{
+    Context, Counted, CullPass, DeviceRenderer, DeviceStage, Drawn, SceneInstance, ViewRequest, Ways,
+};
 use crate::gpu_types::{
-    self, LOOK_COLOR_WORDS, LOOK_CONFORMAL, LOOK_SMOOTH, LOOK_UNLIT, Look, Placed, VisibleCluster,
+    self, InstanceMaterial, InstanceTransform, MATERIAL_COLOR_WORDS, MATERIAL_CONFORMAL, MATERIAL_SMOOTH,
+    MATERIAL_UNLIT, VisibleCluster,
 };
 use crate::model::ClusterAddress;
 use crate::scene::environment::{GRIDS, Grid};
@@ -28,7 +31,7 @@ use crate::scene::{Instance, Lighting, Scene, ShadeLight};
 /// A device and what it knows of the scene drawn last.
 #[derive(Debug)]
 pub(super) struct Device {
-    renderer: Renderer,
+    renderer: DeviceRenderer,
     /// The scene, and its clock then.
     known: Option<(u64, u64)>,
 }
@@ -36,10 +39,10 @@ pub(super) struct Device {
 impl Device {
     /// On the best device there is.
     pub(super) fn new() -> Result<Self> {
-        Ok(Self { renderer: Renderer::new()?, known: None })
+        Ok(Self { renderer: DeviceRenderer::new()?, known: None })
     }
 
-    pub(super) fn renderer(&self) -> &Renderer {
+    pub(super) fn renderer(&self) -> &DeviceRenderer {
         &self.renderer
     }
 
@@ -58,17 +61,23 @@ impl Device {
         };
         let slots = scene.instances();
         for (slot, instance) in slots.changed_since(since) {
-            self.renderer.set(slot, instance.map(shown));
+            self.renderer.set(slot, instance.map(scene_instance));
         }
         self.known = Some((scene.identity(), slots.clock()));
     }
 
     /// Draws the visible instances of a scene from several views, and makes what is asked for.
-    pub(super) fn draw(&mut self, shots: &[Shot<'_>], spare: &Spare) -> Result<Vec<Rastered>> {
-        let Some(Shot { scene, options, resident, .. }) = shots.first() else { return Ok(Vec::new()) };
+    pub(super) fn draw(
+        &mut self,
+        frame_contexts: &[FrameContext<'_>],
+        scratch: &ScratchPool,
+    ) -> Result<Vec<Rastered>> {
+        let Some(FrameContext { scene, options, resident, .. }) = frame_contexts.first() else {
+            return Ok(Vec::new());
+        };
         self.update(scene);
-        let RenderOptions { wide_atomics, occlusion, raster, depth_only, shading, .. } = **options;
-        let ways = Ways { wide_atomics, occlusion, raster, depth_only, shading };
+        let RenderOptions { int64_atomics, occlusion, raster, depth_only, shading, .. } = **options;
+        let ways = Ways { int64_atomics, occlusion, raster, depth_only, shading };
         let on_device = options.device_outputs.unwrap_or(!self.context().software());
         // A frame of depth alone has depth, asked for or not.
         let outputs = if depth_only { RenderOptions::depth_only().outputs } else { options.outputs };
@@ -81,37 +90,50 @@ impl Device {
         let outputs = shaded.iter().fold(outputs, |outputs, shaded| outputs.without(*shaded));
         // Where the CPU is to make nothing of it now, the visibility buffer is read when it is. A device that is software
         // has it in this memory, and reading it costs less than counting its pixels there.
-        let leave = on_device && !depth_only;
-        let views = shots.iter().enumerate().map(|(place, shot)| {
-            let view = view_record(&shot.screen, &shot.eye, options.pixel_error);
+        let keep_on_device = on_device && !depth_only;
+        let views = frame_contexts.iter().enumerate().map(|(place, frame_context)| {
+            let view = view_record(&frame_context.screen, &frame_context.eye, options.pixel_error);
             let starts = occlusion && self.renderer.starts(place, &view);
-            gpu_types::View { occluders: if starts { occluders(shot) } else { 0 }, ..view }
+            gpu_types::View { occluders: if starts { occluders(frame_context) } else { 0 }, ..view }
         });
         let views: Vec<gpu_types::View> = views.collect();
-        let picture = |Shot { screen, .. }: &Shot<'_>| {
-            spare.take(screen.width as usize * screen.height as usize, depth_only)
+        let picture = |FrameContext { screen, .. }: &FrameContext<'_>| {
+            scratch.take(screen.width as usize * screen.height as usize, depth_only)
         };
-        let mut pictures: Vec<Picture> = shots.iter().map(picture).collect();
-        let jobs = shots.iter().zip(views).zip(&mut pictures).map(|((shot, view), picture)| Job {
-            view,
-            words: picture.bits(),
-            leave,
-            outputs,
-            lighting: lighting_record(&shot.lighting),
-            lights: shot.lighting.lights.iter().map(light).collect(),
-            transfer: shot.lighting.transfer,
-            environment: shot.lighting.surroundings.as_ref().map(|around| Arc::clone(&around.map)),
-        });
-        let drawn = self.renderer.draw(&mut jobs.collect::<Vec<_>>(), ways, resident)?;
-        Ok(shots
+        let mut pictures: Vec<Picture> = frame_contexts.iter().map(picture).collect();
+        let requests =
+            frame_contexts.iter().zip(views).zip(&mut pictures).map(|((frame_context, view), picture)| {
+                ViewRequest {
+                    view,
+                    words: picture.bits(),
+                    keep_on_device,
+                    outputs,
+                    lighting: lighting_record(&frame_context.lighting),
+                    lights: frame_context.lighting.lights.iter().map(light).collect(),
+                    transfer: frame_context.lighting.transfer,
+                    environment: frame_context
+                        .lighting
+                        .environment
+                        .as_ref()
+                        .map(|environment| Arc::clone(&environment.map)),
+                }
+            });
+        let drawn = self.renderer.draw(&mut requests.collect::<Vec<_>>(), ways, resident)?;
+        Ok(frame_contexts
             .iter()
             .zip(drawn)
             .zip(pictures)
-            .map(|((shot, mut drawn), picture)| match drawn.left.take() {
-                None => rastered(shot, drawn, picture, spare, on_device),
+            .map(|((frame_context, mut drawn), picture)| match drawn.visibility.take() {
+                None => rastered(frame_context, drawn, picture, scratch, on_device),
                 Some(left) => {
-                    spare.give(picture);
-                    rastered(shot, drawn, Picture::Left(left, OnceLock::new()), spare, on_device)
+                    scratch.give(picture);
+                    rastered(
+                        frame_context,
+                        drawn,
+                        Picture::OnDevice(left, OnceLock::new()),
+                        scratch,
+                        on_device,
+                    )
                 }
             })
             .collect())
@@ -119,10 +141,16 @@ impl Device {
 }
 
 /// What a frame keeps of the device's answer.
-fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, spare: &Spare, on_device: bool) -> Rastered {
-    let Shot { scene, eye, screen, resident, .. } = shot;
+fn rastered(
+    frame_context: &FrameContext<'_>,
+    drawn: Drawn,
+    mut picture: Picture,
+    scratch: &ScratchPool,
+    on_device: bool,
+) -> Rastered {
+    let FrameContext { scene, eye, screen, resident, .. } = frame_context;
     let instances = scene.instances();
-    let triangles = drawn.phases.iter().map(|phase| phase.counters.triangles()).sum();
+    let triangles = drawn.cull_passes.iter().map(|cull_pass| cull_pass.counters.triangles()).sum();
     let source_triangles = drawn.source_triangles;
     let mut stats = FrameStats { source_triangles, triangles, ..FrameStats::default() };
     // In scene order: each instance once.
@@ -132,7 +160,7 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, spare: &Spare, 
         slots.into_iter().filter_map(|slot| Some((slot, instances.at(slot as usize)?))).collect();
     let view =
         |&(slot, instance): &(u32, &Instance)| InstanceView::new(eye, screen, slot, instance, resident);
-    let mut views = spare.take_views();
+    let mut views = scratch.take_views();
     there.par_iter().map(view).collect_into_vec(&mut views);
     let mut at = 0;
     let number = |v: &VisibleCluster| {
@@ -142,16 +170,19 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, spare: &Spare, 
     let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
     let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
     stats.covered_pixels = match picture {
-        Picture::Left(..) => drawn.phases.iter().map(|phase| u64::from(phase.counters.covered)).sum(),
+        Picture::OnDevice(..) => {
+            drawn.cull_passes.iter().map(|cull_pass| u64::from(cull_pass.counters.covered)).sum()
+        }
         _ => picture.covered(),
     };
     stats.stages = stages(&drawn, instances.len() as u64, stats.covered_pixels, screen);
     stats.uploaded_bytes = drawn.uploaded_bytes;
     stats.smaller_images = drawn.smaller_images;
     stats.raster = drawn.raster;
-    stats.occluded_instances = drawn.phases.iter().map(|phase| phase.hidden_instances).sum();
-    stats.occluded_clusters = drawn.phases.get(1).map_or(0, |second| second.counters.held.into());
-    stats.drawn_hardware = drawn.phases.iter().map(|phase| u64::from(phase.counters.drawn_hardware)).sum();
+    stats.occluded_instances = drawn.cull_passes.iter().map(|cull_pass| cull_pass.hidden_instances).sum();
+    stats.occluded_clusters = drawn.cull_passes.get(1).map_or(0, |second| second.counters.occluded.into());
+    stats.drawn_hardware =
+        drawn.cull_passes.iter().map(|cull_pass| u64::from(cull_pass.counters.drawn_hardware)).sum();
     if !on_device {
         picture.measure(screen, &mut stats);
     }
@@ -159,14 +190,14 @@ fn rastered(shot: &Shot<'_>, drawn: Drawn, mut picture: Picture, spare: &Spare, 
     Rastered { picture, views, visible, large, made, light: None, layer: None, needs, stats }
 }
 
-/// Portions of instances that the first phase of a first frame draws: in a city, one leaves more to the second phase than
+/// Portions of instances that the first pass of a first frame draws: in a city, one leaves more to the second pass than
 /// it saves, and three are more than hide the rest.
 const FIRST_PORTIONS: usize = 2;
 
 /// The key of the farthest of the nearest instances that could cover the occupied part of the picture; 0 where they
 /// overlap too little.
-fn occluders(shot: &Shot<'_>) -> u32 {
-    let Shot { scene, view, eye, screen, resident, .. } = shot;
+fn occluders(frame_context: &FrameContext<'_>) -> u32 {
+    let FrameContext { scene, view, eye, screen, resident, .. } = frame_context;
     let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
     let views = instance_cull::run(&instances, view, eye, screen, resident);
     let keys = views.iter().map(|v| (v.footprint, v.footprint.near_key, false));
@@ -193,10 +224,10 @@ fn stages(drawn: &Drawn, instances: u64, covered: u64, screen: &Screen) -> Vec<S
     let pixels = u64::from(screen.width) * u64::from(screen.height);
     let texels = u64::from(screen.width.div_ceil(2)) * u64::from(screen.height.div_ceil(2));
     let mut out: Vec<StageStats> = Vec::new();
-    for &(device_stage, phase, ms) in &drawn.times {
-        let pass = match phase {
-            Phase::First => 1,
-            Phase::Second => 2,
+    for &(device_stage, cull_pass, ms) in &drawn.times {
+        let pass = match cull_pass {
+            CullPass::First => 1,
+            CullPass::Second => 2,
         };
         let stage = stage_of(device_stage);
         if let Some(known) = out.iter_mut().find(|s| s.stage == stage && s.pass == pass) {
@@ -204,19 +235,19 @@ fn stages(drawn: &Drawn, instances: u64, covered: u64, screen: &Screen) -> Vec<S
             continue;
         }
         let Some(Counted { starts, visited, groups, clusters, counters, .. }) =
-            drawn.phases.get(usize::from(pass) - 1)
+            drawn.cull_passes.get(usize::from(pass) - 1)
         else {
             continue;
         };
-        // A first phase that starts from a list leaves instances to the second and walks to no group; else the second lists
+        // A first pass that starts from a list leaves instances to the second and walks to no group; else the second lists
         // the groups of both.
-        let (later, known) = match (&drawn.phases[..], drawn.listed) {
+        let (occluded_queue, known) = match (&drawn.cull_passes[..], drawn.listed) {
             ([_, second], true) => (second.starts, if pass == 1 { *groups } else { 0 }),
             ([first, _], false) if pass == 2 => (0, first.groups),
             _ => (0, 0),
         };
         let (received, passed) = match device_stage {
-            DeviceStage::InstanceCull => (instances, starts + later),
+            DeviceStage::InstanceCull => (instances, starts + occluded_queue),
             DeviceStage::NodeCull => (*visited, groups.saturating_sub(known)),
             DeviceStage::ClusterCull => (counters.visited_clusters.into(), *clusters),
             DeviceStage::RasterSmall => (counters.triangles_small.into(), counters.drawn_small.into()),
@@ -261,17 +292,17 @@ pub fn view_record(screen: &Screen, eye: &Eye, tau: f32) -> gpu_types::View {
 }
 
 /// An instance as shaders read it: all but where the mesh lies on the device.
-pub fn placed(instance: &Instance) -> Placed {
+pub fn instance_transform(instance: &Instance) -> InstanceTransform {
     let placement = instance.placement();
     let (center, extent) = mesh_bounds(&instance.mesh);
-    Placed {
+    InstanceTransform {
         linear: rows(&placement.linear, &placement.high),
         inverse: rows(&placement.inverse, &placement.low),
         center,
         lod_scale: placement.lod_scale,
         extent,
         double_sided: instance.materials.double_sided_bits(),
-        masked: instance.materials.masked_bits(),
+        alpha_tested: instance.materials.alpha_tested_bits(),
         rounding: placement.rounding,
         mirrored: u32::from(placement.mirrored),
         visible: u32::from(instance.visible),
@@ -279,25 +310,30 @@ pub fn placed(instance: &Instance) -> Placed {
     }
 }
 
-fn shown(instance: &Instance) -> Shown<'_> {
+fn scene_instance(instance: &Instance) -> SceneInstance<'_> {
     let plain = instance.materials.plain();
     let materials = if plain.is_some() { None } else { Some(&instance.materials) };
-    Shown { placed: placed(instance), look: look(instance), mesh: &instance.mesh, materials }
+    SceneInstance {
+        transform: instance_transform(instance),
+        material: instance_material(instance),
+        mesh: &instance.mesh,
+        materials,
+    }
 }
 
-fn look(instance: &Instance) -> Look {
+fn instance_material(instance: &Instance) -> InstanceMaterial {
     let (placement, material) = (instance.placement(), instance.materials.of(0));
     let flag = |is: bool, bit: u32| if is { bit } else { 0 };
-    Look {
+    InstanceMaterial {
         normal: rows(&placement.normal, &material.base_color),
         emissive: material.emissive,
         metallic: material.metallic,
         roughness: material.shaded_roughness(1.0),
         first_material: u32::MAX,
-        flags: flag(instance.materials.smooth(), LOOK_SMOOTH)
-            | flag(placement.conformal, LOOK_CONFORMAL)
-            | (instance.mesh.layout().colors.words() as u32) << LOOK_COLOR_WORDS
-            | flag(material.unlit, LOOK_UNLIT),
+        flags: flag(instance.materials.smooth(), MATERIAL_SMOOTH)
+            | flag(placement.conformal, MATERIAL_CONFORMAL)
+            | (instance.mesh.layout().colors.words() as u32) << MATERIAL_COLOR_WORDS
+            | flag(material.unlit, MATERIAL_UNLIT),
         last_material: 0,
     }
 }
@@ -318,9 +354,10 @@ fn light(light: &ShadeLight) -> gpu_types::Light {
 
 fn lighting_record(lighting: &Lighting) -> gpu_types::Lighting {
     let [red, green, blue] = lighting.background;
-    let around = lighting.surroundings.as_ref();
-    let grids = around
-        .map_or([[0; 4]; GRIDS], |around| around.map.grids().map(|Grid { side, start }| [side, start, 0, 0]));
+    let environment = lighting.environment.as_ref();
+    let grids = environment.map_or([[0; 4]; GRIDS], |environment| {
+        environment.map.grids().map(|Grid { side, start }| [side, start, 0, 0])
+    });
     gpu_types::Lighting {
         ambient: lighting.ambient,
         lights: lighting.lights.len() as u32,
@@ -328,9 +365,9 @@ fn lighting_record(lighting: &Lighting) -> gpu_types::Lighting {
         background: u32::from_le_bytes([red, green, blue, 0]),
         power: lighting.transfer.power(),
         shading: lighting.shading as u32,
-        surrounded: u32::from(around.is_some_and(|around| around.background)),
-        intensity: around.map_or(0.0, |around| around.intensity),
-        to_map: around.map_or([[0.0; 4]; 3], |around| rows(&around.to_map, &[0.0; 3])),
+        environment_visible: u32::from(environment.is_some_and(|environment| environment.background)),
+        intensity: environment.map_or(0.0, |environment| environment.intensity),
+        to_map: environment.map_or([[0.0; 4]; 3], |environment| rows(&environment.to_map, &[0.0; 3])),
         grids,
     }
 }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::layers;
-use super::picture::{Picture, Spare};
+use super::picture::{Picture, ScratchPool};
 use super::stages::Stage;
 use super::stats::FrameStats;
 use crate::config::{Output, Outputs};
@@ -71,7 +71,7 @@ pub struct Frame {
     pub(super) layer: Option<Vec<[f32; 4]>>,
     /// Arrays made so far.
     pub(super) made: Vec<(Output, Array)>,
-    pub(super) spare: Spare,
+    pub(super) scratch: ScratchPool,
     /// What the frame cost and skipped.
     pub stats: FrameStats,
 }
@@ -272,7 +272,7 @@ impl Frame {
 
 impl Drop for Frame {
     fn drop(&mut self) {
-        self.spare.give(std::mem::replace(&mut self.picture, Picture::Depth(Vec::new())));
-        self.spare.give_views(std::mem::take(&mut self.views));
+        self.scratch.give(std::mem::replace(&mut self.picture, Picture::Depth(Vec::new())));
+        self.scratch.give_views(std::mem::take(&mut self.views));
     }
 }

@@ -3,18 +3,18 @@
 #[cfg(feature = "gpu")]
 mod device;
 pub mod frame;
+mod history;
 mod layers;
 mod pass;
 mod picture;
 mod queue;
 pub mod renderer;
-mod shown;
 pub mod stages;
 pub mod stats;
 mod streaming;
 
 #[cfg(feature = "gpu")]
-pub use device::{placed, view_record};
+pub use device::{instance_transform, view_record};
 pub use frame::{Frame, ImageView};
 pub use renderer::{Backend, Renderer};
 pub use stages::Stage;

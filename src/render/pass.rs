@@ -9,13 +9,13 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::history::VisibilityHistory;
 use super::queue::{Queue, Terms};
-use super::shown::Shown;
 use super::stages::Stage;
 use super::stats::FrameStats;
-use crate::cpu::cluster_cull::{self, Candidate};
+use crate::cpu::cluster_cull::{self, CandidateCluster};
 use crate::cpu::hzb::Hzb;
-use crate::cpu::node_cull::GroupCandidate;
+use crate::cpu::node_cull::CandidateGroup;
 use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::visibility::{Nearest, Pixel, Visible};
 use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
@@ -36,7 +36,7 @@ pub(super) struct Pass<'a, P> {
     pub(super) views: &'a [InstanceView],
     pub(super) pixels: &'a mut [P],
     /// Groups that were to be drawn and whose pages are not there.
-    pub(super) absent: Vec<GroupCandidate>,
+    pub(super) absent: Vec<CandidateGroup>,
     /// Rows of the picture drawn to since its pyramid was built; absent before it was.
     pub(super) drawn_rows: Option<Range<usize>>,
     pub(super) stats: &'a mut FrameStats,
@@ -48,16 +48,16 @@ impl<P: Pixel> Pass<'_, P> {
         &mut self,
         occlusion: bool,
         hzb: &mut Hzb,
-        shown: &mut Shown,
-    ) -> Result<Vec<Candidate>> {
+        history: &mut VisibilityHistory,
+    ) -> Result<Vec<CandidateCluster>> {
         let terms = if occlusion { INSTANCES } else { AT_ONCE };
         let views = self.views;
-        let entries = (0..).zip(views).map(|(i, v)| (v.footprint, i, shown.instance(v)));
+        let entries = (0..).zip(views).map(|(i, v)| (v.footprint, i, history.instance(v)));
         let mut instances: Queue<u32> = Queue::new(entries, &self.screen, terms);
         let candidates = self.cull(1, &instances.take(), None);
         let pays = occlusion && triangles(&candidates) > u64::from(PYRAMID_ABOVE);
         let terms = if pays { CLUSTERS } else { AT_ONCE };
-        let before = |c: &Candidate| shown.cluster(&views[c.visible.instance as usize], c.visible);
+        let before = |c: &CandidateCluster| history.cluster(&views[c.visible.instance as usize], c.visible);
         let entries = candidates.iter().map(|c| (c.footprint, *c, before(c)));
         let mut clusters = Queue::new(entries, &self.screen, terms);
         let mut list = self.draw(1, Vec::new(), clusters.take())?;
@@ -73,9 +73,9 @@ impl<P: Pixel> Pass<'_, P> {
             list = self.draw(2, list, new)?;
         }
         if in_rounds {
-            shown.note(self.pixels, self.screen.width as usize, &list, views);
+            history.note(self.pixels, self.screen.width as usize, &list, views);
         } else {
-            shown.clear();
+            history.clear();
         }
         if occlusion && !self.absent.is_empty() {
             self.build_pyramid(hzb);
@@ -110,7 +110,7 @@ impl<P: Pixel> Pass<'_, P> {
         });
     }
 
-    fn unhidden_clusters(&mut self, later: &[Candidate], hzb: &Hzb) -> Vec<Candidate> {
+    fn unhidden_clusters(&mut self, later: &[CandidateCluster], hzb: &Hzb) -> Vec<CandidateCluster> {
         let unhidden = cluster_cull::unhidden(later, hzb);
         self.stats.occluded_clusters += (later.len() - unhidden.len()) as u64;
         unhidden
@@ -127,7 +127,7 @@ impl<P: Pixel> Pass<'_, P> {
     }
 
     /// Node and cluster culling of instances; survivors in scene order.
-    fn cull(&mut self, pass: u8, instances: &[u32], hzb: Option<&Hzb>) -> Vec<Candidate> {
+    fn cull(&mut self, pass: u8, instances: &[u32], hzb: Option<&Hzb>) -> Vec<CandidateCluster> {
         let (views, screen, tau) = (self.views, &self.screen, self.tau);
         let walk = self.stats.time(Stage::NodeCull, pass, || {
             let walk = node_cull::run(instances, views, screen, tau, hzb);
@@ -147,7 +147,12 @@ impl<P: Pixel> Pass<'_, P> {
 
     /// Draws `new` into what shows `old`, both in scene order; returns both as one list, renumbered. The first
     /// pass starts from background.
-    fn draw(&mut self, pass: u8, old: Vec<Candidate>, new: Vec<Candidate>) -> Result<Vec<Candidate>> {
+    fn draw(
+        &mut self,
+        pass: u8,
+        old: Vec<CandidateCluster>,
+        new: Vec<CandidateCluster>,
+    ) -> Result<Vec<CandidateCluster>> {
         let count = old.len() + new.len();
         if count > MAX_VISIBLE {
             let message = format!("{count} clusters are visible at once, the most is {MAX_VISIBLE}");
@@ -157,7 +162,7 @@ impl<P: Pixel> Pass<'_, P> {
             return Ok(old);
         }
         if let Some(rows) = &mut self.drawn_rows {
-            for Candidate { footprint, .. } in &new {
+            for CandidateCluster { footprint, .. } in &new {
                 let [_, first, _, last] = footprint.rect.map(usize::from);
                 *rows = rows.start.min(first)..rows.end.max(last + 1);
             }
@@ -195,12 +200,12 @@ impl<P: Pixel> Pass<'_, P> {
 }
 
 /// Triangles of the clusters of a list.
-fn triangles(list: &[Candidate]) -> u64 {
+fn triangles(list: &[CandidateCluster]) -> u64 {
     list.iter().map(|c| u64::from(c.triangles)).sum()
 }
 
 /// Merges two lists in scene order; also the numbers that the entries of each get.
-fn merge(a: Vec<Candidate>, b: &[Candidate]) -> (Vec<Candidate>, Vec<u32>, Vec<u32>) {
+fn merge(a: Vec<CandidateCluster>, b: &[CandidateCluster]) -> (Vec<CandidateCluster>, Vec<u32>, Vec<u32>) {
     if a.is_empty() {
         return (b.to_vec(), Vec::new(), (0..b.len() as u32).collect());
     }

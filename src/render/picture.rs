@@ -23,7 +23,7 @@ pub(super) enum Picture {
     Depth(Vec<f32>),
     /// The visibility buffer on a device, and here once it was read.
     #[cfg(feature = "gpu")]
-    Left(gpu::Left, OnceLock<Vec<u64>>),
+    OnDevice(gpu::DeviceVisibility, OnceLock<Vec<u64>>),
 }
 
 impl Picture {
@@ -31,7 +31,7 @@ impl Picture {
     pub(super) fn is_on_device(&self) -> bool {
         match self {
             #[cfg(feature = "gpu")]
-            Self::Left(_, words) => words.get().is_none(),
+            Self::OnDevice(_, words) => words.get().is_none(),
             _ => false,
         }
     }
@@ -44,7 +44,7 @@ impl Picture {
                 Err(Error::argument("depth_only", format!("the frame has depth alone, and no {what}")))
             }
             #[cfg(feature = "gpu")]
-            Self::Left(left, words) => match words.get() {
+            Self::OnDevice(left, words) => match words.get() {
                 Some(words) => Ok(words),
                 None => left.read().map(|read| &words.get_or_init(|| read)[..]),
             },
@@ -57,7 +57,7 @@ impl Picture {
             Self::Words(words) => bytemuck::cast_slice_mut(words),
             Self::Depth(depth) => bytemuck::cast_slice_mut(depth),
             #[cfg(feature = "gpu")]
-            Self::Left(..) => &mut [],
+            Self::OnDevice(..) => &mut [],
         }
     }
 
@@ -81,7 +81,7 @@ impl Picture {
 
 /// What frames that are gone leave, whose memory waits to be used again.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Spare(Arc<Lock<Kept>>);
+pub(super) struct ScratchPool(Arc<Lock<Kept>>);
 
 #[derive(Debug, Default)]
 struct Kept {
@@ -92,13 +92,13 @@ struct Kept {
 
 /// Keeps another, of those given back last.
 fn keep<T>(kept: &mut Vec<T>, other: T) {
-    if kept.len() == Spare::MOST {
+    if kept.len() == ScratchPool::MOST {
         kept.remove(0);
     }
     kept.push(other);
 }
 
-impl Spare {
+impl ScratchPool {
     /// How many are kept of each: those given back last.
     const MOST: usize = 2;
     const WHAT: &str = "the memory of pictures";
@@ -109,7 +109,7 @@ impl Spare {
             Picture::Words(words) => !depth_only && words.len() == pixels,
             Picture::Depth(depth) => depth_only && depth.len() == pixels,
             #[cfg(feature = "gpu")]
-            Picture::Left(..) => false,
+            Picture::OnDevice(..) => false,
         };
         let found = self.0.write(Self::WHAT).ok().and_then(|mut kept| {
             let at = kept.pictures.iter().position(fits)?;
@@ -125,7 +125,7 @@ impl Spare {
     pub(super) fn give(&self, picture: Picture) {
         #[cfg(feature = "gpu")]
         let picture = match picture {
-            Picture::Left(_, words) => match words.into_inner() {
+            Picture::OnDevice(_, words) => match words.into_inner() {
                 Some(words) => Picture::Words(words),
                 None => return,
             },

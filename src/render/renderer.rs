@@ -7,29 +7,29 @@ use rayon::prelude::*;
 #[cfg(feature = "gpu")]
 use super::device;
 use super::frame::Frame;
+use super::history::VisibilityHistory;
 use super::layers;
 use super::pass::Pass;
-use super::picture::{Picture, Spare};
-use super::shown::Shown;
+use super::picture::{Picture, ScratchPool};
 use super::stages::Stage;
 use super::stats::FrameStats;
 use super::streaming;
 use crate::config::{Calibration, Output, Raster, RenderOptions, Samples};
-use crate::cpu::cluster_cull::Candidate;
+use crate::cpu::cluster_cull::CandidateCluster;
 use crate::cpu::hzb::Hzb;
 use crate::cpu::instance_cull;
-use crate::cpu::node_cull::GroupCandidate;
+use crate::cpu::node_cull::CandidateGroup;
 use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::visibility::{Pixel, Visible};
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
-use crate::model::{FOREVER, Patience};
+use crate::model::{InterruptCheck, UNINTERRUPTED};
 use crate::scene::placement::Eye;
 use crate::scene::{Camera, Instance, Lighting, Scene, View};
 use crate::stream::{Needs, Resident, StreamOptions, Streamer};
 
 /// Frames that are drawn at most until all is there: more than levels, of which each makes the next one wanted.
-const MOST_ROUNDS: u64 = 64;
+const MOST_FRAMES: u64 = 64;
 
 /// Where frames are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,7 +111,7 @@ impl Device {
 }
 
 /// What is to be drawn, and how.
-pub(super) struct Shot<'a> {
+pub(super) struct FrameContext<'a> {
     pub(super) scene: &'a Scene,
     pub(super) view: View,
     pub(super) eye: Eye,
@@ -122,7 +122,7 @@ pub(super) struct Shot<'a> {
     pub(super) resident: &'a Resident,
 }
 
-impl<'a> Shot<'a> {
+impl<'a> FrameContext<'a> {
     fn new(scene: &'a Scene, view: View, options: &'a RenderOptions, resident: &'a Resident) -> Self {
         let (eye, screen) = (Eye::new(&view), Screen::new(&view));
         let lighting = Lighting::new(scene, &view, options.shading, options.transfer);
@@ -130,14 +130,22 @@ impl<'a> Shot<'a> {
     }
 
     /// The same through points so far from the pixel centres, right and down. The cut is the same: only the picture moves.
-    fn moved<'b>(&self, by: [f64; 2], options: &'b RenderOptions) -> Shot<'b>
+    fn moved<'b>(&self, by: [f64; 2], options: &'b RenderOptions) -> FrameContext<'b>
     where
         'a: 'b,
     {
         let center = std::array::from_fn(|k| (self.view.center[k] - by[k]) as f32);
         let Self { scene, view, eye, screen, lighting, resident, .. } = self;
         let (view, lighting) = (view.clone(), lighting.clone());
-        Shot { scene, view, eye: Eye { center, ..*eye }, screen: *screen, lighting, options, resident }
+        FrameContext {
+            scene,
+            view,
+            eye: Eye { center, ..*eye },
+            screen: *screen,
+            lighting,
+            options,
+            resident,
+        }
     }
 }
 
@@ -182,8 +190,8 @@ pub struct Renderer {
     reason: String,
     hzb: Hzb,
     /// What each view of the frame before showed, where the CPU draws.
-    shown: Vec<Shown>,
-    spare: Spare,
+    history: Vec<VisibilityHistory>,
+    scratch: ScratchPool,
     /// A scene and its clock when all pages of its meshes were in memory.
     loaded: Option<(u64, u64)>,
     /// There when meshes in files are streamed.
@@ -202,9 +210,9 @@ impl Renderer {
             }
         }
         let (device, reason) = Device::choose(backend)?;
-        let (hzb, shown, spare) = (Hzb::default(), Vec::new(), Spare::default());
+        let (hzb, history, scratch) = (Hzb::default(), Vec::new(), ScratchPool::default());
         let (loaded, streamer, before) = (None, None, Vec::new());
-        Ok(Self { width, height, device, reason, hzb, shown, spare, loaded, streamer, before })
+        Ok(Self { width, height, device, reason, hzb, history, scratch, loaded, streamer, before })
     }
 
     /// From now on, of meshes whose pages lie in files, those are read that frames need, into a pool of so many bytes; or again
@@ -255,7 +263,7 @@ impl Renderer {
 
     /// The device with what it knows of the last frame, on the GPU backend: for benchmarks.
     #[cfg(feature = "gpu")]
-    pub fn on_device(&self) -> Option<&crate::gpu::Renderer> {
+    pub fn on_device(&self) -> Option<&crate::gpu::DeviceRenderer> {
         match &self.device {
             Device::Cpu => None,
             Device::Gpu { device, .. } => Some(device.renderer()),
@@ -270,18 +278,18 @@ impl Renderer {
         pose: &[[f64; 4]; 4],
         options: &RenderOptions,
     ) -> Result<Frame> {
-        let mut frames = self.render_views(scene, &[(*camera, *pose)], options, FOREVER)?;
+        let mut frames = self.render_views(scene, &[(*camera, *pose)], options, UNINTERRUPTED)?;
         frames.pop().ok_or_else(|| Error::Invariant("a view gave no frame".to_owned()))
     }
 
     /// Renders `scene` as several cameras see it, on a GPU in one submission: a frame for each, as if rendered alone. Times
-    /// are of all together. Where it waits for pages in files, it asks `go_on`.
+    /// are of all together. Where it waits for pages in files, it asks `proceed`.
     pub fn render_views(
         &mut self,
         scene: &Scene,
         views: &[(Camera, [[f64; 4]; 4])],
         options: &RenderOptions,
-        go_on: Patience<'_>,
+        proceed: InterruptCheck<'_>,
     ) -> Result<Vec<Frame>> {
         options.validate()?;
         let start = Instant::now();
@@ -291,15 +299,15 @@ impl Renderer {
             .collect::<Result<_>>()?;
         let mut frames = match self.streamer.take() {
             None => {
-                self.load(scene, go_on)?;
+                self.load(scene, proceed)?;
                 let resident = Resident::default();
-                let shots = shots(scene, &views, options, &resident);
-                let mut rastered = self.draw(&shots)?;
-                self.sample(&shots, &mut rastered)?;
-                self.finish(shots, rastered)?
+                let frame_contexts = frame_contexts(scene, &views, options, &resident);
+                let mut rastered = self.draw(&frame_contexts)?;
+                self.sample(&frame_contexts, &mut rastered)?;
+                self.finish(frame_contexts, rastered)?
             }
             Some(mut streamer) => {
-                let frames = self.streamed(&mut streamer, scene, &views, options, go_on);
+                let frames = self.streamed(&mut streamer, scene, &views, options, proceed);
                 streamer.finish();
                 self.streamer = Some(streamer);
                 frames?
@@ -311,12 +319,12 @@ impl Renderer {
     }
 
     /// Sees to it that all pages of the meshes of a scene are in memory.
-    fn load(&mut self, scene: &Scene, go_on: Patience<'_>) -> Result<()> {
+    fn load(&mut self, scene: &Scene, proceed: InterruptCheck<'_>) -> Result<()> {
         let slots = scene.instances();
         // Once there, they stay.
         let since = self.loaded.filter(|loaded| loaded.0 == scene.identity()).map_or(0, |loaded| loaded.1);
         let mut new = slots.changed_since(since).filter_map(|(_, instance)| instance);
-        new.try_for_each(|instance| instance.mesh.pages.load_all(go_on))?;
+        new.try_for_each(|instance| instance.mesh.pages.load_all(proceed))?;
         self.loaded = Some((scene.identity(), slots.clock()));
         Ok(())
     }
@@ -328,59 +336,60 @@ impl Renderer {
         scene: &Scene,
         views: &[View],
         options: &RenderOptions,
-        go_on: Patience<'_>,
+        proceed: InterruptCheck<'_>,
     ) -> Result<Vec<Frame>> {
         // Rounds of which the picture is not kept are without.
         let mut sampled = !options.wait || options.samples == Samples::One;
         loop {
             let meshes = scene.instances().iter().map(|(_, instance)| &instance.mesh);
-            let resident = streamer.resident(meshes, options.wait, go_on)?;
-            let shots = shots(scene, views, options, &resident);
-            let mut rastered = self.draw(&shots)?;
+            let resident = streamer.resident(meshes, options.wait, proceed)?;
+            let frame_contexts = frame_contexts(scene, views, options, &resident);
+            let mut rastered = self.draw(&frame_contexts)?;
             if sampled {
-                self.sample(&shots, &mut rastered)?;
+                self.sample(&frame_contexts, &mut rastered)?;
             }
             let mut needs = Needs::default();
             rastered.iter_mut().for_each(|rastered| needs.merge(std::mem::take(&mut rastered.needs)));
             streaming::expected(scene, &self.before, views, options.pixel_error, &resident, &mut needs);
             let stats = streamer.request(&needs)?;
             let settled = stats.missing_pages == stats.refused_pages;
-            let again = options.wait && !settled && stats.rounds < MOST_ROUNDS;
+            let again = options.wait && !settled && stats.rounds < MOST_FRAMES;
             if again || !sampled {
-                rastered.into_iter().for_each(|rastered| self.spare.give(rastered.picture));
+                rastered.into_iter().for_each(|rastered| self.scratch.give(rastered.picture));
                 if again {
-                    streamer.wait(go_on)?;
+                    streamer.wait(proceed)?;
                 }
                 sampled |= !again;
                 continue;
             }
             self.before = views.to_vec();
-            let mut frames = self.finish(shots, rastered)?;
+            let mut frames = self.finish(frame_contexts, rastered)?;
             frames.iter_mut().for_each(|frame| frame.stats.stream = Some(stats.clone()));
             return Ok(frames);
         }
     }
 
     /// The frames of what was drawn.
-    fn finish(&self, shots: Vec<Shot<'_>>, rastered: Vec<Rastered>) -> Result<Vec<Frame>> {
-        let frame = |(shot, rastered)| finished(shot, rastered, self.spare.clone());
-        shots.into_iter().zip(rastered).map(frame).collect()
+    fn finish(&self, frame_contexts: Vec<FrameContext<'_>>, rastered: Vec<Rastered>) -> Result<Vec<Frame>> {
+        let frame = |(frame_context, rastered)| finished(frame_context, rastered, self.scratch.clone());
+        frame_contexts.into_iter().zip(rastered).map(frame).collect()
     }
 
     /// Gives pixels of several samples the mean of what is seen through each, a frame for every place in a pixel. To
     /// stages it adds theirs.
-    fn sample(&mut self, shots: &[Shot<'_>], rastered: &mut [Rastered]) -> Result<()> {
-        let Some(Shot { options, .. }) = shots.first() else { return Ok(()) };
+    fn sample(&mut self, frame_contexts: &[FrameContext<'_>], rastered: &mut [Rastered]) -> Result<()> {
+        let Some(FrameContext { options, .. }) = frame_contexts.first() else { return Ok(()) };
         let offsets = options.samples.offsets();
         let outputs = [Output::Linear, Output::Depth].into_iter().collect();
         let options = RenderOptions { outputs, samples: Samples::One, ..(*options).clone() };
         let share = 1.0 / offsets.len() as f32;
         for (number, by) in offsets.into_iter().enumerate() {
-            let moved: Vec<Shot<'_>> = shots.iter().map(|shot| shot.moved(by, &options)).collect();
+            let moved: Vec<FrameContext<'_>> =
+                frame_contexts.iter().map(|frame_context| frame_context.moved(by, &options)).collect();
             let drawn = self.draw(&moved)?;
-            for ((shot, mut drawn), whole) in moved.into_iter().zip(drawn).zip(&mut *rastered) {
+            for ((frame_context, mut drawn), whole) in moved.into_iter().zip(drawn).zip(&mut *rastered) {
                 whole.needs.merge(std::mem::take(&mut drawn.needs));
-                let mut frame = finished(shot, drawn, self.spare.clone())?;
+                let mut frame = finished(frame_context, drawn, self.scratch.clone())?;
                 whole.stats.add(&frame.stats.stages);
                 let new = Vec::from(frame.take(Output::Linear)?);
                 let depth: Vec<f32> = frame.take(Output::Depth)?.into();
@@ -396,36 +405,40 @@ impl Renderer {
     }
 
     /// The culling and raster stages, and on a device more.
-    fn draw(&mut self, shots: &[Shot<'_>]) -> Result<Vec<Rastered>> {
-        let mut drawn = self.draw_on_device(shots)?;
-        for (shot, drawn) in shots.iter().zip(&mut drawn) {
+    fn draw(&mut self, frame_contexts: &[FrameContext<'_>]) -> Result<Vec<Rastered>> {
+        let mut drawn = self.draw_on_device(frame_contexts)?;
+        for (frame_context, drawn) in frame_contexts.iter().zip(&mut drawn) {
             drawn.count();
             let mut needs = std::mem::take(&mut drawn.needs);
-            streaming::drawn(drawn, shot.options.pixel_error, shot.resident, &mut needs);
+            streaming::drawn(drawn, frame_context.options.pixel_error, frame_context.resident, &mut needs);
             drawn.needs = needs;
         }
         Ok(drawn)
     }
 
     /// The same where there is a device, or else on the CPU.
-    fn draw_on_device(&mut self, shots: &[Shot<'_>]) -> Result<Vec<Rastered>> {
+    fn draw_on_device(&mut self, frame_contexts: &[FrameContext<'_>]) -> Result<Vec<Rastered>> {
         #[cfg(feature = "gpu")]
         if let Device::Gpu { device, replaceable } = &mut self.device {
-            match device.draw(shots, &self.spare) {
+            match device.draw(frame_contexts, &self.scratch) {
                 Err(error @ Error::Backend { .. }) if *replaceable => {
                     (self.device, self.reason) = (Device::Cpu, error.to_string());
                 }
                 drawn => return drawn,
             }
         }
-        self.shown.resize_with(shots.len(), Shown::default);
-        shots.iter().enumerate().map(|(number, shot)| self.draw_on_cpu(number, shot)).collect()
+        self.history.resize_with(frame_contexts.len(), VisibilityHistory::default);
+        frame_contexts
+            .iter()
+            .enumerate()
+            .map(|(number, frame_context)| self.draw_on_cpu(number, frame_context))
+            .collect()
     }
 
-    fn draw_on_cpu(&mut self, number: usize, shot: &Shot<'_>) -> Result<Rastered> {
-        let Shot { scene, view, eye, screen, options, resident, .. } = shot;
+    fn draw_on_cpu(&mut self, number: usize, frame_context: &FrameContext<'_>) -> Result<Rastered> {
+        let FrameContext { scene, view, eye, screen, options, resident, .. } = frame_context;
         let pixels = self.width as usize * self.height as usize;
-        let mut picture = self.spare.take(pixels, options.depth_only);
+        let mut picture = self.scratch.take(pixels, options.depth_only);
         let mut stats = FrameStats { raster: Raster::Compute, ..FrameStats::default() };
         let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
         let views = stats.time(Stage::InstanceCull, 1, || {
@@ -434,10 +447,10 @@ impl Renderer {
             (views, instances.len() as u64, count)
         });
         stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
-        let (hzb, shown) = (&mut self.hzb, &mut self.shown[number]);
+        let (hzb, history) = (&mut self.hzb, &mut self.history[number]);
         let (list, absent) = match &mut picture {
-            Picture::Words(words) => raster(shot, &views, words, hzb, shown, &mut stats)?,
-            depth => raster(shot, &views, depth.bits(), hzb, shown, &mut stats)?,
+            Picture::Words(words) => raster(frame_context, &views, words, hzb, history, &mut stats)?,
+            depth => raster(frame_context, &views, depth.bits(), hzb, history, &mut stats)?,
         };
         stats.covered_pixels = picture.covered();
         picture.measure(screen, &mut stats);
@@ -461,29 +474,29 @@ impl Renderer {
 }
 
 /// What is to be drawn from each view.
-fn shots<'a>(
+fn frame_contexts<'a>(
     scene: &'a Scene,
     views: &[View],
     options: &'a RenderOptions,
     resident: &'a Resident,
-) -> Vec<Shot<'a>> {
-    views.iter().map(|view| Shot::new(scene, view.clone(), options, resident)).collect()
+) -> Vec<FrameContext<'a>> {
+    views.iter().map(|view| FrameContext::new(scene, view.clone(), options, resident)).collect()
 }
 
 /// Culls and draws into pixels of one kind or the other; returns the frame's visible list, and the groups that were to
 /// be drawn and whose pages are not there.
 fn raster<P: Pixel>(
-    shot: &Shot<'_>,
+    frame_context: &FrameContext<'_>,
     views: &[InstanceView],
     pixels: &mut [P],
     hzb: &mut Hzb,
-    shown: &mut Shown,
+    history: &mut VisibilityHistory,
     stats: &mut FrameStats,
-) -> Result<(Vec<Candidate>, Vec<GroupCandidate>)> {
-    let Shot { screen, options, .. } = shot;
+) -> Result<(Vec<CandidateCluster>, Vec<CandidateGroup>)> {
+    let FrameContext { screen, options, .. } = frame_context;
     let (tau, absent) = (options.pixel_error, Vec::new());
     let mut pass = Pass { screen: *screen, tau, views, pixels, absent, drawn_rows: None, stats };
-    let list = pass.draw_scene(options.occlusion, hzb, shown)?;
+    let list = pass.draw_scene(options.occlusion, hzb, history)?;
     Ok((list, pass.absent))
 }
 
@@ -494,9 +507,9 @@ fn blend(numbers: &mut [f32], others: &[f32], part: f32) {
 }
 
 /// The frame of what was drawn, with the arrays asked for.
-fn finished(shot: Shot<'_>, rastered: Rastered, spare: Spare) -> Result<Frame> {
+fn finished(frame_context: FrameContext<'_>, rastered: Rastered, scratch: ScratchPool) -> Result<Frame> {
     let Rastered { picture, views, visible, large, made, light, layer, mut stats, .. } = rastered;
-    let Shot { view, eye, screen, lighting, options, .. } = shot;
+    let FrameContext { view, eye, screen, lighting, options, .. } = frame_context;
     stats.samples = options.samples as u32;
     let mut frame = Frame {
         picture,
@@ -510,7 +523,7 @@ fn finished(shot: Shot<'_>, rastered: Rastered, spare: Spare) -> Result<Frame> {
         light,
         layer,
         made,
-        spare,
+        scratch,
         stats,
     };
     frame.finish(options.outputs)?;

@@ -6,7 +6,7 @@
 use rustc_hash::FxHashSet;
 
 use super::renderer::Rastered;
-use crate::cpu::node_cull::GroupCandidate;
+use crate::cpu::node_cull::CandidateGroup;
 use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::{instance_cull, node_cull};
 use crate::model::rule::Threshold;
@@ -18,7 +18,7 @@ use crate::stream::{Needs, Request, Resident};
 const AHEAD: usize = 8;
 
 /// Groups that were to be drawn and whose pages are not there.
-pub(super) fn missed(absent: &[GroupCandidate], views: &[InstanceView]) -> Needs {
+pub(super) fn missed(absent: &[CandidateGroup], views: &[InstanceView]) -> Needs {
     let mut needs = Needs::default();
     for at in absent {
         let view = &views[at.instance as usize];

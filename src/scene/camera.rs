@@ -9,7 +9,7 @@ use super::pose;
 use crate::error::{Error, Result};
 use crate::math::LodView;
 use crate::math::sphere::round_up;
-use crate::model::Frame;
+use crate::model::CoordinateFrame;
 
 /// Largest width and height of a picture: with it, every edge function stays in range.
 pub const MAX_VIEWPORT: u32 = 8192;
@@ -178,7 +178,7 @@ impl View {
     /// The affine map from a mesh's internal space to camera space (x right, y up, −z forward) for an
     /// instance at `pose`. The eye is subtracted before anything is rotated, so nothing shakes far from the
     /// world's origin.
-    pub fn object_to_view(&self, pose: &DAffine3, frame: &Frame) -> DAffine3 {
+    pub fn object_to_view(&self, pose: &DAffine3, frame: &CoordinateFrame) -> DAffine3 {
         let rotate = self.pose.matrix3.inverse();
         let origin = pose.matrix3 * DVec3::from_array(frame.origin) + (pose.translation - self.eye());
         DAffine3 { matrix3: rotate * pose.matrix3 * frame.scale, translation: rotate * origin }
@@ -227,7 +227,13 @@ impl View {
 
     /// What the rule of the cut needs for an instance: `object_to_view` from [`View::object_to_view`],
     /// `rounding` that of the mesh, object units, `scale` a bound of the largest singular value of the instance's pose.
-    pub fn lod_view(&self, object_to_view: &DAffine3, frame: &Frame, rounding: f64, scale: f64) -> LodView {
+    pub fn lod_view(
+        &self,
+        object_to_view: &DAffine3,
+        frame: &CoordinateFrame,
+        rounding: f64,
+        scale: f64,
+    ) -> LodView {
         let (focal, widest, near) = self.lod_constants();
         let rows = pose::rows(object_to_view);
         LodView {
@@ -299,7 +305,7 @@ mod tests {
         };
         let view = camera.view(&eye, 64, 64).unwrap();
         let object = DAffine3::from_translation(DVec3::new(far + 0.125, 0.0, -2.0));
-        let frame = Frame { origin: [0.0; 3], scale: 1.0, rounding: 0.0 };
+        let frame = CoordinateFrame { origin: [0.0; 3], scale: 1.0, rounding: 0.0 };
         let map = view.object_to_view(&object, &frame);
         assert_eq!(map.translation.to_array(), [0.125, 0.0, -2.0]);
     }

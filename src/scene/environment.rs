@@ -22,7 +22,7 @@ use crate::error::{Error, Result};
 /// Grids for surfaces of equal steps of roughness, from a mirror to 1.
 pub const ROUGHNESS_LEVELS: usize = 9;
 /// The grid for matt surfaces, behind those.
-pub const MATT: usize = ROUGHNESS_LEVELS;
+pub const IRRADIANCE: usize = ROUGHNESS_LEVELS;
 /// All grids.
 pub const GRIDS: usize = ROUGHNESS_LEVELS + 1;
 /// Nodes along the sides of all but the first.
@@ -100,7 +100,7 @@ impl EnvironmentMap {
                 let direction = node(side, at);
                 match number {
                     0 => seen(&texels, 2 * rows as usize, direction),
-                    MATT => tree.mean(direction.as_vec3().to_array(), Kernel::Cosine),
+                    IRRADIANCE => tree.mean(direction.as_vec3().to_array(), Kernel::Cosine),
                     _ => tree.mean(direction.as_vec3().to_array(), Kernel::Ggx(alpha)),
                 }
             };
@@ -117,7 +117,7 @@ impl EnvironmentMap {
         &self.values
     }
 
-    /// By roughness in equal steps, then [`MATT`].
+    /// By roughness in equal steps, then [`IRRADIANCE`].
     pub fn grids(&self) -> &[Grid; GRIDS] {
         &self.grids
     }

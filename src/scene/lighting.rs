@@ -38,7 +38,7 @@ pub struct Lighting {
     /// Light from everywhere.
     pub ambient: [f32; 3],
     /// Light from all around by a map, which glTF's shading alone knows.
-    pub surroundings: Option<Surroundings>,
+    pub environment: Option<Surroundings>,
     /// The background as it is written.
     pub background: [u8; 3],
     /// What colours are.
@@ -87,7 +87,7 @@ impl Lighting {
         Self {
             lights: lights.collect(),
             ambient: scene.ambient_light(),
-            surroundings: environment.map(|environment| Surroundings::new(environment, view)),
+            environment: environment.map(|environment| Surroundings::new(environment, view)),
             background: scene.bg_color().map(byte),
             shading,
             transfer,

@@ -17,7 +17,7 @@ pub enum Slot {
     Normal,
     /// Of light from everywhere, how much arrives, in red.
     Occlusion,
-    /// Light given off.
+    /// Emitted light.
     Emissive,
 }
 
@@ -51,7 +51,7 @@ pub struct Material {
     pub metallic: f32,
     /// Perceptual roughness, 0 to 1; clamped to 0.04 and above when shaded.
     pub roughness: f32,
-    /// Light given off, linear RGB.
+    /// Emitted light, linear RGB.
     pub emissive: [f32; 3],
     /// Draw back faces too.
     pub double_sided: bool,
@@ -95,7 +95,7 @@ pub struct Materials {
     /// A bit for each of the first numbers; the last stands for all from there on.
     double_sided: u32,
     /// The same for holes.
-    masked: u32,
+    alpha_tested: u32,
     /// Any of them is smooth.
     smooth: bool,
     /// There is one, with neither textures nor holes. Asked for every few pixels.
@@ -113,9 +113,9 @@ impl From<Vec<Material>> for Materials {
         let list: Arc<[Material]> = if list.is_empty() { [Material::default()].into() } else { list.into() };
         let smooth = list.iter().any(|material| material.smooth);
         let double_sided = bits(&list, |material| material.double_sided);
-        let masked = bits(&list, Material::may_have_holes);
-        let plain = list.len() == 1 && list[0].textures.iter().all(Option::is_none) && masked == 0;
-        Self { list, double_sided, masked, smooth, plain }
+        let alpha_tested = bits(&list, Material::may_have_holes);
+        let plain = list.len() == 1 && list[0].textures.iter().all(Option::is_none) && alpha_tested == 0;
+        Self { list, double_sided, alpha_tested, smooth, plain }
     }
 }
 
@@ -177,14 +177,14 @@ impl Materials {
 
     /// Whether clusters with a number may have holes: a bit each, in the same way.
     #[inline]
-    pub fn masked_bits(&self) -> u32 {
-        self.masked
+    pub fn alpha_tested_bits(&self) -> u32 {
+        self.alpha_tested
     }
 
     /// Whether clusters with this number may have holes.
     #[inline]
-    pub fn masked(&self, number: i32) -> bool {
-        bit(self.masked, number)
+    pub fn alpha_tested(&self, number: i32) -> bool {
+        bit(self.alpha_tested, number)
     }
 
     /// Checks each of them.

@@ -6,7 +6,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use super::camera::View;
 use super::pose;
 use crate::math::sphere::round_up;
-use crate::model::Frame;
+use crate::model::CoordinateFrame;
 
 /// A number as the sum of two f32, some 48 bits.
 fn split(v: f64) -> (f32, f32) {
@@ -44,7 +44,7 @@ pub struct Placement {
 
 impl Placement {
     /// Of an instance at a pose that stretches lengths by up to `scale`; `rounding` is that of its mesh, object units.
-    pub fn new(pose: &DAffine3, frame: &Frame, rounding: f64, scale: f64) -> Self {
+    pub fn new(pose: &DAffine3, frame: &CoordinateFrame, rounding: f64, scale: f64) -> Self {
         let linear = pose.matrix3 * frame.scale;
         let (high, low) = split_vector(pose.transform_point3(DVec3::from_array(frame.origin)));
         let rows = |m| pose::linear_rows(&m).map(|row: [f64; 3]| row.map(|v| v as f32));

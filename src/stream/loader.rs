@@ -5,14 +5,14 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use super::pool::Ask;
 use crate::error::{Error, Result};
-use crate::model::{PageSource, PageWords, Patience, read_page, wait_for};
+use crate::model::{InterruptCheck, PageSource, PageWords, read_page, wait_for};
 
 /// Threads at most: a disk and a few cores are busy with less.
 const MOST_THREADS: usize = 4;
 
 /// A page to be read.
 #[derive(Clone, Debug)]
-pub(super) struct Job {
+pub(super) struct LoadRequest {
     pub(super) ask: Ask,
     /// Which of the meshes that had this number.
     pub(super) generation: u64,
@@ -22,14 +22,14 @@ pub(super) struct Job {
 /// A page that was read, or why not.
 #[derive(Debug)]
 pub(super) struct Arrival {
-    pub(super) job: Job,
+    pub(super) request: LoadRequest,
     pub(super) words: Result<PageWords>,
 }
 
 #[derive(Debug, Default)]
 struct Queue {
     /// The next one last.
-    jobs: Vec<Job>,
+    requests: Vec<LoadRequest>,
     closed: bool,
 }
 
@@ -45,14 +45,14 @@ impl Shared {
     }
 
     /// The next job; nothing once closed.
-    fn next(&self) -> Option<Job> {
+    fn next(&self) -> Option<LoadRequest> {
         let mut queue = self.lock();
         loop {
             if queue.closed {
                 return None;
             }
-            if let Some(job) = queue.jobs.pop() {
-                return Some(job);
+            if let Some(request) = queue.requests.pop() {
+                return Some(request);
             }
             queue = self.filled.wait(queue).unwrap_or_else(PoisonError::into_inner);
         }
@@ -78,18 +78,18 @@ impl Default for Loader {
 
 impl Loader {
     /// Takes back the jobs that no thread has begun.
-    pub(super) fn take_back(&self) -> Vec<Job> {
-        std::mem::take(&mut self.shared.lock().jobs)
+    pub(super) fn take_back(&self) -> Vec<LoadRequest> {
+        std::mem::take(&mut self.shared.lock().requests)
     }
 
     /// Puts jobs in the queue, what matters most first.
-    pub(super) fn submit(&mut self, mut jobs: Vec<Job>) -> Result<()> {
-        if jobs.is_empty() {
+    pub(super) fn submit(&mut self, mut requests: Vec<LoadRequest>) -> Result<()> {
+        if requests.is_empty() {
             return Ok(());
         }
         self.start()?;
-        jobs.reverse();
-        self.shared.lock().jobs = jobs;
+        requests.reverse();
+        self.shared.lock().requests = requests;
         self.shared.filled.notify_all();
         Ok(())
     }
@@ -99,10 +99,10 @@ impl Loader {
         while self.threads < count {
             let (shared, sender) = (Arc::clone(&self.shared), self.sender.clone());
             let thread = std::thread::Builder::new().name("nanite-load".into()).spawn(move || {
-                while let Some(job) = shared.next() {
-                    let words = read_page(&*job.source, job.ask.page as usize);
+                while let Some(request) = shared.next() {
+                    let words = read_page(&*request.source, request.ask.page as usize);
                     // Nobody listens any more when the renderer goes.
-                    if sender.send(Arrival { job, words }).is_err() {
+                    if sender.send(Arrival { request, words }).is_err() {
                         return;
                     }
                 }
@@ -127,8 +127,8 @@ impl Loader {
     }
 
     /// Waits for one of what was submitted.
-    pub(super) fn wait(&mut self, go_on: Patience<'_>) -> Result<Option<Arrival>> {
-        wait_for(self.receiver(), go_on)
+    pub(super) fn wait(&mut self, proceed: InterruptCheck<'_>) -> Result<Option<Arrival>> {
+        wait_for(self.receiver(), proceed)
     }
 }
 

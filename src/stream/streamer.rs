@@ -3,13 +3,13 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use super::loader::{Arrival, Job, Loader};
+use super::loader::{Arrival, LoadRequest, Loader};
 use super::pool::{Ask, Change, Plan, Pool};
 use super::request::Needs;
 use super::resident::{Resident, address};
 use crate::error::{Error, Result};
 use crate::limits::PAGE_MAX_BYTES;
-use crate::model::{Dag, PageSource, PageWords, Pages, Patience, read_pages};
+use crate::model::{Dag, InterruptCheck, PageSource, PageWords, Pages, read_pages};
 use crate::threads::Own;
 
 /// How often a page is read that the system could not read, before it counts as lost.
@@ -52,7 +52,7 @@ pub struct StreamStats {
     /// Pages that left before the frame.
     pub evicted_pages: u64,
     /// Pages so far that could not be read.
-    pub faults: u64,
+    pub read_errors: u64,
     /// Largest error, pixels, of what was drawn in place of something finer; 0 where nothing was.
     pub coarsest_pixels: f32,
     /// Frames that were drawn until all was there; 1 without waiting.
@@ -84,7 +84,7 @@ pub struct Streamer {
     generations: u64,
     /// Jobs that threads have or will have.
     asked: usize,
-    faults: Vec<Fault>,
+    read_errors: Vec<Fault>,
     fault_count: u64,
     arrived: u64,
     evicted_before: u64,
@@ -101,7 +101,7 @@ impl Streamer {
             meshes: Vec::new(),
             generations: 0,
             asked: 0,
-            faults: Vec::new(),
+            read_errors: Vec::new(),
             fault_count: 0,
             arrived: 0,
             evicted_before: 0,
@@ -115,8 +115,8 @@ impl Streamer {
     }
 
     /// Faults since this was last called.
-    pub fn faults(&mut self) -> Vec<Fault> {
-        std::mem::take(&mut self.faults)
+    pub fn read_errors(&mut self) -> Vec<Fault> {
+        std::mem::take(&mut self.read_errors)
     }
 
     /// Takes in what has arrived, and says what of `meshes` a frame may draw. Those with files are streamed from now on:
@@ -126,7 +126,7 @@ impl Streamer {
         &mut self,
         meshes: impl Iterator<Item = &'a Arc<Dag>>,
         wait: bool,
-        go_on: Patience<'_>,
+        proceed: InterruptCheck<'_>,
     ) -> Result<Resident> {
         self.start_anew();
         let mut seen = BTreeSet::new();
@@ -143,7 +143,7 @@ impl Streamer {
             self.pool.detach(gone.number);
         }
         for (dag, source) in new {
-            self.attach(dag, source, go_on)?;
+            self.attach(dag, source, proceed)?;
         }
         self.collect();
         self.pool.enter(if wait { u64::MAX } else { ENTER_BYTES });
@@ -167,7 +167,12 @@ impl Streamer {
         }
     }
 
-    fn attach(&mut self, dag: Arc<Dag>, source: Arc<dyn PageSource>, go_on: Patience<'_>) -> Result<()> {
+    fn attach(
+        &mut self,
+        dag: Arc<Dag>,
+        source: Arc<dyn PageSource>,
+        proceed: InterruptCheck<'_>,
+    ) -> Result<()> {
         let count = dag.root_pages();
         let bytes = |page: usize| match self.equal_pages && page >= count {
             true => PAGE_MAX_BYTES as u64,
@@ -178,12 +183,12 @@ impl Streamer {
         let least: u64 = pages[..count].iter().map(|page| page.0).sum();
         let mut roots: Vec<(u32, PageWords)> = Vec::new();
         let numbers = (0..count).collect();
-        read_pages(&source, numbers, go_on, |page, words| roots.push((page as u32, words)))?;
+        read_pages(&source, numbers, proceed, |page, words| roots.push((page as u32, words)))?;
         let attempts = vec![0; pages.len()];
         if self.pool.used() + least > self.pool.budget() {
             // What is being read cannot leave before it is here.
             self.take_back();
-            self.wait(go_on)?;
+            self.wait(proceed)?;
         }
         let Some(number) = self.pool.attach(pages, roots) else {
             let message = format!(
@@ -207,9 +212,9 @@ impl Streamer {
         arrivals.into_iter().for_each(|arrival| self.take(arrival));
     }
 
-    fn take(&mut self, Arrival { job, words }: Arrival) {
+    fn take(&mut self, Arrival { request, words }: Arrival) {
         self.asked -= 1;
-        let Job { ask, generation, .. } = job;
+        let LoadRequest { ask, generation, .. } = request;
         let Some(mesh) = self.meshes.iter_mut().find(|m| m.number == ask.mesh && m.generation == generation)
         else {
             return;
@@ -227,7 +232,7 @@ impl Streamer {
                 self.pool.failed(ask, for_good);
                 if for_good {
                     self.fault_count += 1;
-                    self.faults.push(Fault { message: error.to_string() });
+                    self.read_errors.push(Fault { message: error.to_string() });
                 }
             }
         }
@@ -253,13 +258,13 @@ impl Streamer {
         let needed: Vec<_> = self.meshes.iter().map(|mesh| (mesh.number, needs.of(&mesh.dag))).collect();
         let (resident, used) = (self.pool.resident(), self.pool.used());
         let Plan { load, needed: count, missing, refused } = self.pool.request(&needed);
-        let job = |ask: &Ask| {
+        let request = |ask: &Ask| {
             let mesh = self.meshes.iter().find(|mesh| mesh.number == ask.mesh)?;
-            Some(Job { ask: *ask, generation: mesh.generation, source: Arc::clone(&mesh.source) })
+            Some(LoadRequest { ask: *ask, generation: mesh.generation, source: Arc::clone(&mesh.source) })
         };
-        let jobs: Vec<Job> = load.iter().filter_map(job).collect();
-        self.asked += jobs.len();
-        self.loader.submit(jobs)?;
+        let requests: Vec<LoadRequest> = load.iter().filter_map(request).collect();
+        self.asked += requests.len();
+        self.loader.submit(requests)?;
         Ok(StreamStats {
             resident_pages: resident as u64,
             pool_bytes: used,
@@ -268,7 +273,7 @@ impl Streamer {
             refused_pages: refused as u64,
             arrived_pages: self.arrived,
             evicted_pages: self.pool.evicted() - self.evicted_before,
-            faults: self.fault_count,
+            read_errors: self.fault_count,
             coarsest_pixels: needs.coarsest,
             rounds: self.rounds,
         })
@@ -276,10 +281,10 @@ impl Streamer {
 
     /// What nobody has begun to read is not asked for any more.
     fn take_back(&mut self) {
-        for job in self.loader.take_back() {
+        for request in self.loader.take_back() {
             self.asked -= 1;
-            if self.meshes.iter().any(|mesh| mesh.generation == job.generation) {
-                self.pool.take_back(job.ask);
+            if self.meshes.iter().any(|mesh| mesh.generation == request.generation) {
+                self.pool.take_back(request.ask);
             }
         }
     }
@@ -290,9 +295,9 @@ impl Streamer {
     }
 
     /// Waits until all that was asked for has arrived. Where it does not go on, what has not yet comes later.
-    pub fn wait(&mut self, go_on: Patience<'_>) -> Result<()> {
+    pub fn wait(&mut self, proceed: InterruptCheck<'_>) -> Result<()> {
         while self.asked > 0 {
-            let Some(arrival) = self.loader.wait(go_on)? else { return Ok(()) };
+            let Some(arrival) = self.loader.wait(proceed)? else { return Ok(()) };
             self.take(arrival);
         }
         Ok(())

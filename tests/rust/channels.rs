@@ -14,7 +14,7 @@ use nanite_rs::format::input::Input;
 use nanite_rs::format::{Precision, from_bytes, open, open_input, save, to_bytes};
 use nanite_rs::lod::{channel_rows, extract, load, select};
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{Dag, FOREVER, Words};
+use nanite_rs::model::{Dag, UNINTERRUPTED, Words};
 use nanite_rs::render::Renderer;
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
@@ -50,7 +50,7 @@ fn each_is_read_when_it_is_asked_for() {
     let stored = lazy(to_bytes(&dag).unwrap());
     assert!(words(&stored).iter().all(|words| words.held().is_empty() && words.count() > 0));
     let clusters = |dag: &Dag| {
-        load(dag, &Threshold::Uniform(0.01), FOREVER).unwrap();
+        load(dag, &Threshold::Uniform(0.01), UNINTERRUPTED).unwrap();
         select(dag, &Threshold::Uniform(0.01))
     };
     let cut = extract(&stored, &clusters(&stored));
@@ -62,7 +62,7 @@ fn each_is_read_when_it_is_asked_for() {
         assert_eq!(held, [true, i == 1]);
     }
     assert!(stored.face_ids.as_ref().unwrap().held().is_empty());
-    stored.load_all(FOREVER).unwrap();
+    stored.load_all(UNINTERRUPTED).unwrap();
     assert!(stored == dag);
 }
 
@@ -127,7 +127,7 @@ fn damage_is_found_when_it_is_asked_for() {
             }
         }
         let threshold = Threshold::Uniform(0.0);
-        load(&stored, &threshold, FOREVER).unwrap();
+        load(&stored, &threshold, UNINTERRUPTED).unwrap();
         assert_eq!(extract(&stored, &select(&stored, &threshold)).faces.len() as u64, dag.source_faces);
         format_fault(to_bytes(&stored), place.start, &[name]);
         format_fault(check(&stored), place.start, &[name]);

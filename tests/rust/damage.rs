@@ -129,7 +129,7 @@ pub fn stream(bytes: Vec<u8>) {
         render(dag.clone(), &mut renderer, wait);
         let streamer = renderer.streamer().unwrap();
         streamer.pool().check().unwrap();
-        streamer.faults();
+        streamer.read_errors();
     }
 }
 

@@ -150,7 +150,7 @@ fn nothing_but_depth_is_asked_for_or_given() {
 #[cfg(feature = "gpu")]
 mod on_a_device {
     use nanite_rs::config::Raster;
-    use nanite_rs::model::FOREVER;
+    use nanite_rs::model::UNINTERRUPTED;
     use nanite_rs::scene::Camera;
 
     use super::*;
@@ -161,10 +161,10 @@ mod on_a_device {
     /// Ways to draw ordinary frames, of which depth is made.
     fn ways(raster: Raster, tau: f32) -> impl Iterator<Item = RenderOptions> {
         let all = [(true, true), (true, false), (false, true), (false, false)];
-        all.into_iter().map(move |(wide_atomics, occlusion)| RenderOptions {
+        all.into_iter().map(move |(int64_atomics, occlusion)| RenderOptions {
             pixel_error: tau,
             raster,
-            wide_atomics,
+            int64_atomics,
             occlusion,
             outputs: RenderOptions::depth_only().outputs,
             // On the device with occlusion, by the CPU without.
@@ -300,8 +300,8 @@ mod on_a_device {
                     (CAMERA, at(0.0, 1.0, 9.0 + 10.0 * step)),
                 ];
                 let views = &all[..count];
-                let frames = on_gpu.render_views(&scene, views, &options, FOREVER).unwrap();
-                let theirs = on_cpu.render_views(&scene, views, &options, FOREVER).unwrap();
+                let frames = on_gpu.render_views(&scene, views, &options, UNINTERRUPTED).unwrap();
+                let theirs = on_cpu.render_views(&scene, views, &options, UNINTERRUPTED).unwrap();
                 assert_eq!((frames.len(), theirs.len()), (count, count));
                 for ((frame, their), (camera, pose)) in frames.iter().zip(&theirs).zip(views) {
                     let whole = shoot(&scene, camera, pose, size, &RenderOptions::default());

@@ -40,15 +40,16 @@ fn same(a: &Frame, b: &Frame) -> bool {
 #[test]
 fn only_what_asks_for_it_is_lit_by_it() {
     let (bare, pose) = (gallery(), at(0.0, 0.6, 4.5));
-    let mut surrounded = bare.clone();
-    surrounded.set_environment(Some(environment(&map(200.0)))).unwrap();
+    let mut environment_visible = bare.clone();
+    environment_visible.set_environment(Some(environment(&map(200.0)))).unwrap();
     for shading in [Shading::Gltf, Shading::Pyrender, Shading::Flat, Shading::Normals] {
-        let [a, b] = [&bare, &surrounded].map(|scene| shoot(scene, &CAMERA, &pose, SIZE, &options(shading)));
+        let [a, b] =
+            [&bare, &environment_visible].map(|scene| shoot(scene, &CAMERA, &pose, SIZE, &options(shading)));
         assert_eq!(same(&a, &b), shading != Shading::Gltf, "{shading:?}");
     }
-    surrounded.set_environment(None).unwrap();
-    let [a, b] =
-        [&bare, &surrounded].map(|scene| shoot(scene, &CAMERA, &pose, SIZE, &options(Shading::Gltf)));
+    environment_visible.set_environment(None).unwrap();
+    let [a, b] = [&bare, &environment_visible]
+        .map(|scene| shoot(scene, &CAMERA, &pose, SIZE, &options(Shading::Gltf)));
     assert!(same(&a, &b));
 }
 

@@ -23,7 +23,7 @@ use nanite_rs::mesh::{Colors, Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::cluster::{NO_GROUP, RECORD_WORDS};
 use nanite_rs::model::rule::{ROOT_ERROR, SOURCE_ERROR, Threshold};
 use nanite_rs::model::{
-    Channel, ChannelInfo, ChannelType, ClusterAddress, ColorFormat, Dag, FOREVER, Grid, Group, Node,
+    Channel, ChannelInfo, ChannelType, ClusterAddress, ColorFormat, Dag, Grid, Group, Node, UNINTERRUPTED,
 };
 use proptest::prelude::*;
 use rayon::prelude::*;
@@ -48,7 +48,7 @@ fn rich_mesh(n: usize) -> Dag {
 fn opened(path: &Path) -> Dag {
     let dag = open(path).unwrap();
     assert!((0..dag.pages.table.len()).all(|page| !dag.pages.holds(page)), "opening reads no page");
-    dag.load_all(FOREVER).unwrap();
+    dag.load_all(UNINTERRUPTED).unwrap();
     dag
 }
 

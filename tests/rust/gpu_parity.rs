@@ -11,7 +11,7 @@ use nanite_rs::config::{BuildOptions, OUTPUTS, Output, Raster, RenderOptions};
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu_types::{self, Array};
 use nanite_rs::mesh::{Colors, Positions, SourceMesh};
-use nanite_rs::model::{ColorFormat, Dag, FOREVER};
+use nanite_rs::model::{ColorFormat, Dag, UNINTERRUPTED};
 use nanite_rs::render::{Backend, Frame, Renderer, Stage};
 use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
@@ -167,7 +167,7 @@ fn every_array_is_made_on_the_device() {
         let ran = |stage| gpu.stats.stages.iter().filter(|s| s.stage == stage).count();
         assert_eq!((ran(Stage::Shade), ran(Stage::Output)), (1, 1));
         same_arrays(&gpu, &cpu);
-        // In two phases, overdraw apart.
+        // In two passes, overdraw apart.
         let hidden = RenderOptions { occlusion: true, ..options.clone() };
         let mut renderer = Renderer::new(size.0, size.1, "gpu").unwrap();
         for _ in 0..3 {
@@ -232,7 +232,7 @@ fn several_views_of_one_submission_are_as_alone() {
     };
     let mut together = Renderer::new(size.0, size.1, "gpu").unwrap();
     let mut on_cpu = Renderer::new(size.0, size.1, "cpu").unwrap();
-    assert!(together.render_views(&scene, &[], &options, FOREVER).unwrap().is_empty());
+    assert!(together.render_views(&scene, &[], &options, UNINTERRUPTED).unwrap().is_empty());
     // Their number changes, and so do their eyes; one of them looks away from everything.
     for (step, count) in [(0.0, 3), (0.1, 3), (0.2, 5), (0.3, 1), (0.4, 4)] {
         let all = [
@@ -243,8 +243,8 @@ fn several_views_of_one_submission_are_as_alone() {
             (PARALLEL, at(-1.0, 0.0, 5.0)),
         ];
         let views = &all[..count];
-        let frames = together.render_views(&scene, views, &options, FOREVER).unwrap();
-        let theirs = on_cpu.render_views(&scene, views, &options, FOREVER).unwrap();
+        let frames = together.render_views(&scene, views, &options, UNINTERRUPTED).unwrap();
+        let theirs = on_cpu.render_views(&scene, views, &options, UNINTERRUPTED).unwrap();
         assert_eq!((frames.len(), theirs.len()), (count, count));
         for ((frame, their), (camera, pose)) in frames.iter().zip(&theirs).zip(views) {
             // Words number what was drawn, of which what is hidden depends on the frame before.
@@ -260,7 +260,7 @@ fn several_views_of_one_submission_are_as_alone() {
         }
         // Bit for bit what each of them draws by itself where nothing is left out.
         let whole = RenderOptions { occlusion: false, ..options.clone() };
-        let frames = together.render_views(&scene, views, &whole, FOREVER).unwrap();
+        let frames = together.render_views(&scene, views, &whole, UNINTERRUPTED).unwrap();
         for (frame, (camera, pose)) in frames.iter().zip(views) {
             same_arrays(frame, &on_device(&scene, camera, pose, size, &whole));
             assert!(frame.words().unwrap() == shoot(&scene, camera, pose, size, &whole).words().unwrap());
@@ -269,7 +269,7 @@ fn several_views_of_one_submission_are_as_alone() {
     // The device's own rasterizer takes its turn for each of them.
     let views = [(CAMERA, at(0.0, 0.0, 6.0)), (PARALLEL, at(0.1, 0.2, 4.0))];
     let hybrid = RenderOptions { raster: Raster::Hybrid, ..options };
-    if let Ok(frames) = together.render_views(&scene, &views, &hybrid, FOREVER) {
+    if let Ok(frames) = together.render_views(&scene, &views, &hybrid, UNINTERRUPTED) {
         for (frame, (camera, pose)) in frames.iter().zip(&views) {
             let alone = shoot(&scene, camera, pose, size, &hybrid);
             let covered = |frame: &Frame| frame.words().unwrap().iter().map(|w| *w != 0).collect::<Vec<_>>();
@@ -488,7 +488,7 @@ fn two_passes_of_32_bits_draw_the_same() {
     let pose = at(0.3, 0.2, 1.8);
     let mut options = options(0.5);
     let wide = on_device(&scene, &CAMERA, &pose, (639, 361), &options);
-    options.wide_atomics = false;
+    options.int64_atomics = false;
     let narrow = on_device(&scene, &CAMERA, &pose, (639, 361), &options);
     assert!(narrow.words().unwrap() == wide.words().unwrap());
     assert_eq!(counts(&narrow), counts(&wide));
@@ -522,7 +522,8 @@ fn a_renderer_follows_its_scene() {
 #[test]
 fn what_did_not_change_is_not_written_again() {
     let Some(_) = device("what_did_not_change_is_not_written_again") else { return };
-    let record = (size_of::<gpu_types::Placed>() + size_of::<gpu_types::Look>()) as u64;
+    let record =
+        (size_of::<gpu_types::InstanceTransform>() + size_of::<gpu_types::InstanceMaterial>()) as u64;
     let mut renderer = Renderer::new(160, 120, "gpu").unwrap();
     let mut scene = crowd();
     let mesh = dag(&torus(30, 12));
@@ -754,7 +755,7 @@ fn what_is_hidden_changes_no_pixel() {
     path.extend((1..5).map(|k| turned(at(1.5, 1.7, 2.5), 0.35 * f64::from(k))));
     path.extend([at(40.5, 1.7, -20.0), at(40.5, 1.6, -20.1), at(30.0, 40.0, 50.0), at(1.5, 1.7, 6.0)]);
     let (size, wide) = ((317, 203), RenderOptions { occlusion: true, ..options(0.0) });
-    let narrow = RenderOptions { wide_atomics: false, ..wide.clone() };
+    let narrow = RenderOptions { int64_atomics: false, ..wide.clone() };
     let whole = RenderOptions { occlusion: false, ..wide.clone() };
     let mut renderers = [(); 3].map(|()| Renderer::new(size.0, size.1, "gpu").unwrap());
     let (mut resumed, mut hidden, mut lists) = (0, 0, Vec::new());
@@ -764,7 +765,7 @@ fn what_is_hidden_changes_no_pixel() {
         scene.set_pose(ball, &scaled(at(1.5, 1.5, to), 1.2)).unwrap();
         let [expected, ours, narrow] = [&whole, &wide, &narrow].map(|options| {
             let renderer =
-                &mut renderers[usize::from(options.occlusion) + usize::from(!options.wide_atomics)];
+                &mut renderers[usize::from(options.occlusion) + usize::from(!options.int64_atomics)];
             renderer.render(&scene, &CAMERA, pose, options).unwrap()
         });
         assert_eq!(differences(&ours, &expected), (0, 0), "frame {k}");
@@ -788,7 +789,7 @@ fn what_is_hidden_changes_no_pixel() {
     assert!((0..).zip(&lists).all(|(k, list)| *list == listed.contains(&k)), "{lists:?}");
 }
 
-/// Whether a frame started from what the one before drew: its first phase did not walk.
+/// Whether a frame started from what the one before drew: its first pass did not walk.
 fn from_a_list(frame: &Frame) -> bool {
     funnel(frame, Stage::NodeCull, 1).0 == 0
 }

@@ -85,8 +85,8 @@ pub fn other_forms(
     let size = (compute.width(), compute.height());
     let mut hardware = [0; 2];
     for (raster, drawn) in FORMS.into_iter().zip(&mut hardware) {
-        for wide_atomics in [true, false] {
-            let options = RenderOptions { raster, wide_atomics, ..options.clone() };
+        for int64_atomics in [true, false] {
+            let options = RenderOptions { raster, int64_atomics, ..options.clone() };
             let frame = on_device(scene, camera, pose, size, &options);
             agree(&frame, compute, raster);
             assert_eq!(counts(&frame), counts(compute));
@@ -182,7 +182,8 @@ fn forms_agree_with_occlusion() {
         let compute = renderers[0].render(&scene, &CAMERA, pose, &options(0.0)).unwrap();
         for ((renderer, raster), drawn) in renderers[1..].iter_mut().zip(FORMS).zip(&mut hardware) {
             // Every other frame by 32-bit atomics.
-            let options = RenderOptions { raster, occlusion: true, wide_atomics: k % 2 == 0, ..options(0.0) };
+            let options =
+                RenderOptions { raster, occlusion: true, int64_atomics: k % 2 == 0, ..options(0.0) };
             let frame = renderer.render(&scene, &CAMERA, pose, &options).unwrap();
             agree(&frame, &compute, raster);
             hidden += frame.stats.occluded_instances + frame.stats.occluded_clusters;

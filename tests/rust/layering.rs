@@ -150,7 +150,7 @@ fn crate_paths(code: &str) -> Vec<String> {
 fn dependencies_point_one_way() {
     let allowed: BTreeMap<&str, &[&str]> = MAY_USE.iter().copied().collect();
     let leaf_allowed: BTreeMap<&str, &[&str]> = LEAF_MAY_USE.iter().copied().collect();
-    let mut faults = Vec::new();
+    let mut read_errors = Vec::new();
     let mut seen = 0;
     for line in code() {
         for path in crate_paths(&line.code) {
@@ -166,17 +166,17 @@ fn dependencies_point_one_way() {
                 None => LEAVES.contains(&used) || allowed.get(module).is_some_and(|l| l.contains(&used)),
             };
             if !fine {
-                faults.push(format!("{module} may not use {used}: {}", line.place()));
+                read_errors.push(format!("{module} may not use {used}: {}", line.place()));
             }
         }
     }
     assert!(seen > 40, "the test reads the use lines of the crate");
-    assert!(faults.is_empty(), "\n{}", faults.join("\n"));
+    assert!(read_errors.is_empty(), "\n{}", read_errors.join("\n"));
 }
 
 #[test]
 fn modules_reach_each_other_only_by_crate_paths() {
-    let faults: Vec<_> = code()
+    let read_errors: Vec<_> = code()
         .iter()
         .filter(|line| {
             let depth = line.file.matches('/').count();
@@ -186,7 +186,7 @@ fn modules_reach_each_other_only_by_crate_paths() {
         })
         .map(Line::place)
         .collect();
-    assert!(faults.is_empty(), "\n{}", faults.join("\n"));
+    assert!(read_errors.is_empty(), "\n{}", read_errors.join("\n"));
 }
 
 #[test]
@@ -204,19 +204,19 @@ fn every_module_stands_in_the_table() {
 
 #[test]
 fn confined_crates_stay_home() {
-    let faults: Vec<_> = code()
+    let read_errors: Vec<_> = code()
         .iter()
         .flat_map(|line| CONFINED.iter().map(move |c| (line, c)))
         .filter(|(line, (name, home))| line.module != *home && words(&line.code).any(|w| w == *name))
         .map(|(line, (name, home))| format!("{name} belongs under src/{home}/: {}", line.place()))
         .collect();
-    assert!(faults.is_empty(), "\n{}", faults.join("\n"));
+    assert!(read_errors.is_empty(), "\n{}", read_errors.join("\n"));
 }
 
 /// Numbers that are limits of clusters, groups and pages: written out nowhere but in limits.rs.
 #[test]
 fn limits_have_one_home() {
-    let faults: Vec<_> = code()
+    let read_errors: Vec<_> = code()
         .iter()
         .filter(|line| line.module != "limits")
         .filter(|line| {
@@ -229,7 +229,7 @@ fn limits_have_one_home() {
         })
         .map(Line::place)
         .collect();
-    assert!(faults.is_empty(), "use a constant of limits.rs:\n{}", faults.join("\n"));
+    assert!(read_errors.is_empty(), "use a constant of limits.rs:\n{}", read_errors.join("\n"));
 }
 
 #[test]

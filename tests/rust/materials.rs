@@ -459,11 +459,11 @@ fn devices_leave_the_same_holes() {
     scene.add(ball, &at(-1.0, 1.0, -6.0), bands()).unwrap();
     let (pose, size) = (at(0.0, 0.6, 4.5), (96, 64));
     for occlusion in [false, true] {
-        for wide_atomics in [true, false] {
+        for int64_atomics in [true, false] {
             let outputs = [Output::Color, Output::Overdraw].into_iter().collect();
             let options = RenderOptions {
                 occlusion,
-                wide_atomics,
+                int64_atomics,
                 outputs,
                 raster: Raster::Compute,
                 device_outputs: Some(true),

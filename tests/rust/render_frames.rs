@@ -6,7 +6,7 @@ use nanite_rs::Error;
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, RenderOptions};
 use nanite_rs::mesh::{Positions, SourceMesh};
-use nanite_rs::model::{Dag, FOREVER};
+use nanite_rs::model::{Dag, UNINTERRUPTED};
 use nanite_rs::render::{Frame, Renderer};
 use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
@@ -165,7 +165,7 @@ fn what_a_frame_before_showed_changes_cost_and_no_pixel() {
         // Another view beside it, whose pictures are of elsewhere.
         let other = (CAMERA, at(10.0, 1.7, -10.0));
         let pair = [(CAMERA, *pose), other];
-        let mut beside = kept[1].render_views(&scene, &pair, &options, FOREVER).unwrap();
+        let mut beside = kept[1].render_views(&scene, &pair, &options, UNINTERRUPTED).unwrap();
         let frames = [
             kept[0].render(&scene, &CAMERA, pose, &options).unwrap(),
             kept[0].render(&scene, &CAMERA, pose, &options).unwrap(),

@@ -5,10 +5,10 @@ use std::mem::{offset_of, size_of};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, ShaderStage, TypeInner};
 use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
-use nanite_rs::gpu::shaders::{DRAWS, KERNELS, Kernel, Phase, Words};
+use nanite_rs::gpu::shaders::{CullPass, DRAWS, KERNELS, Kernel, Words};
 use nanite_rs::gpu_types::{
-    Call, Candidate, Counters, Dispatch, Group, Instance, Light, Lighting, Look, Marks, Material, Node,
-    Placed, Texture, View, VisibleCluster, Visit,
+    CandidateGroup, Counters, Dispatch, DrawArgs, Group, Instance, InstanceMaterial, InstanceTransform,
+    Light, Lighting, Marks, Material, Node, Texture, TraversalItem, View, VisibleCluster,
 };
 
 fn parse(kernel: Kernel) -> Module {
@@ -24,10 +24,10 @@ fn parse_for(kernel: Kernel, array_bits: Option<u32>) -> Module {
 /// What every device with and without 64-bit atomics must accept.
 fn capabilities(kernel: Kernel) -> Capabilities {
     match kernel {
-        Kernel::RasterSmall(Words::Wide)
-        | Kernel::RasterLarge(Words::Wide)
-        | Kernel::RasterMasked(Words::Wide)
-        | Kernel::RasterHardware(_, Words::Wide) => {
+        Kernel::RasterSmall(Words::Int64)
+        | Kernel::RasterLarge(Words::Int64)
+        | Kernel::RasterAlphaTested(Words::Int64)
+        | Kernel::RasterHardware(_, Words::Int64) => {
             Capabilities::SHADER_INT64 | Capabilities::SHADER_INT64_ATOMIC_MIN_MAX
         }
         _ => Capabilities::empty(),
@@ -53,6 +53,13 @@ fn every_kernel_is_valid() {
             let entries = module.entry_points.iter().map(|entry| (entry.name.as_str(), entry.stage));
             assert_eq!(entries.collect::<Vec<_>>(), expected);
         }
+    }
+}
+
+#[test]
+fn shared_files_find_what_they_need() {
+    for kernel in KERNELS.into_iter().chain(DRAWS) {
+        assert_eq!(kernel.undeclared(), Vec::<String>::new(), "{kernel:?}");
     }
 }
 
@@ -98,35 +105,35 @@ macro_rules! fields {
 
 #[test]
 fn structs_lie_in_wgsl_as_in_rust() {
-    let module = parse(Kernel::ClusterCull(Phase::Second));
+    let module = parse(Kernel::ClusterCull(CullPass::Second));
     let mut structs = vec![
         fields!(View: width, height, orthographic, near, far, far_key, tau, instances, zero, levels, history,
             group_words, pyramid, rotate, forward, lod_focal, low, lod_near, focal, center, inverse_focal, mirrored,
-            viewport, occluders, depth_only, lod_widest, two_phases, skew, unused_a, unused_b, unused_c),
+            viewport, occluders, depth_only, lod_widest, two_passes, skew, unused_a, unused_b, unused_c),
         fields!(Instance: screen, before, object_to_eye, center, lod_scale, extent, lod_focal, eye, near_key, first_node,
-            first_group, first_page, group_words, double_sided, mirrored, masked, rounding, rect),
+            first_group, first_page, group_words, double_sided, mirrored, alpha_tested, rounding, rect),
         fields!(Node: center, first, extent, count, lod_sphere, max_parent_error, min_own_error, unused),
         fields!(Group: lod_sphere, center, error, extent, min_own_error, first, count, unused),
-        fields!(Visit: instance, node),
-        fields!(Candidate: instance, first, count, before, group),
+        fields!(TraversalItem: instance, node),
+        fields!(CandidateGroup: instance, first, count, before, group),
         fields!(VisibleCluster: instance, cluster, large),
         fields!(Dispatch: x, y, z, count, visited, unhidden, unused),
-        fields!(Counters: visited_clusters, drawn_small, drawn_large, visible, held, pyramid, triangles_small,
+        fields!(Counters: visited_clusters, drawn_small, drawn_large, visible, occluded, pyramid, triangles_small,
             triangles_large, drawn_hardware, covered, tiles),
-        fields!(Placed: linear, inverse, center, lod_scale, extent, first_node, first_group, first_page,
-            group_words, double_sided, mirrored, visible, masked, rounding),
+        fields!(InstanceTransform: linear, inverse, center, lod_scale, extent, first_node, first_group, first_page,
+            group_words, double_sided, mirrored, visible, alpha_tested, rounding),
         fields!(Marks: large, old, first, clipped),
-        fields!(Call: vertices, instances, first_vertex, first_instance),
-        fields!(Look: normal, emissive, metallic, roughness, flags, first_material, last_material),
+        fields!(DrawArgs: vertices, instances, first_vertex, first_instance),
+        fields!(InstanceMaterial: normal, emissive, metallic, roughness, flags, first_material, last_material),
         fields!(Texture: rows, start, levels, flags, anisotropy),
         fields!(Material: base, alpha, emissive, metallic, roughness, normal_scale, occlusion_strength, alpha_cutoff,
             flags, unused_a, unused_b, unused_c, textures),
         fields!(Light: vector, point, radiance, inverse_range, direction, cone_scale, cone_offset, unused),
-        fields!(Lighting: ambient, lights, behind, background, power, shading, surrounded, intensity,
+        fields!(Lighting: ambient, lights, behind, background, power, shading, environment_visible, intensity,
             to_map, grids),
     ];
     // The same structs with atomic members.
-    for (name, of) in [("DispatchOut", "Dispatch"), ("CallOut", "Call")] {
+    for (name, of) in [("DispatchArgsOut", "Dispatch"), ("DrawArgsOut", "DrawArgs")] {
         let (_, size, members) = structs.iter().find(|s| s.0 == of).unwrap().clone();
         structs.push((name, size, members));
     }

@@ -3,10 +3,10 @@
 
 use bytemuck::{Pod, Zeroable, cast_slice};
 use nanite_rs::gpu::Context;
-use nanite_rs::gpu::shaders::{Bits, Kernel, List, Phase, Step, Words};
+use nanite_rs::gpu::shaders::{Bits, CullPass, IndirectEntry, Kernel, List, Words};
 use nanite_rs::gpu_types::{
-    Call, Candidate, Counters, Dispatch, Group, HISTORY_LIST, Instance, Marks, Node, Placed, TILES, View,
-    VisibleCluster, Visit,
+    CandidateGroup, Counters, Dispatch, DrawArgs, Group, HISTORY_LIST, Instance, InstanceTransform, Marks,
+    Node, TILES, TraversalItem, View, VisibleCluster,
 };
 use nanite_rs::limits::{PYRAMID_ABOVE, PYRAMID_LEVELS};
 use nanite_rs::math::Sphere;
@@ -79,14 +79,14 @@ fn view() -> View {
 const KEYS: usize = 10_864;
 
 /// A mesh in a box of half extent 1 about a place.
-fn placed(x: f32, y: f32, z: f32) -> Placed {
-    Placed {
+fn instance_transform(x: f32, y: f32, z: f32) -> InstanceTransform {
+    InstanceTransform {
         linear: [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z]],
         inverse: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
         lod_scale: 1.0,
         extent: [1.0; 3],
         visible: 1,
-        ..Placed::zeroed()
+        ..InstanceTransform::zeroed()
     }
 }
 
@@ -109,10 +109,10 @@ fn seen() -> Instance {
 fn culled(
     device: &Context,
     view: &View,
-    placed: &[Placed],
-    before: &[Placed],
+    instance_transform: &[InstanceTransform],
+    before: &[InstanceTransform],
     pyramid: &[u32],
-) -> [Vec<Visit>; 2] {
+) -> [Vec<TraversalItem>; 2] {
     let before: Vec<Instance> = before
         .iter()
         .map(|p| {
@@ -124,18 +124,27 @@ fn culled(
             instance
         })
         .collect();
-    let (list, level) = (vec![0; 2 * placed.len().max(2)], [Dispatch::default()]);
+    let (list, level) = (vec![0; 2 * instance_transform.len().max(2)], [Dispatch::default()]);
     let view = words(std::slice::from_ref(view));
-    let bindings = [view, words(placed), words(&before), &list, words(&level), pyramid, &list, words(&level)];
+    let bindings = [
+        view,
+        words(instance_transform),
+        words(&before),
+        &list,
+        words(&level),
+        pyramid,
+        &list,
+        words(&level),
+    ];
     let out = run(device, Kernel::InstanceCull, &bindings);
     [[3, 4], [6, 7]].map(|[list, level]| {
         let level: Dispatch = entry(&out[level]);
         let x = u32::from(level.count > 0);
         assert_eq!(level, dispatch(x, x, level.count));
-        let mut visits: Vec<Visit> = entries(&out[list]);
-        visits.truncate(level.count as usize);
-        visits.sort();
-        visits
+        let mut items: Vec<TraversalItem> = entries(&out[list]);
+        items.truncate(level.count as usize);
+        items.sort();
+        items
     })
 }
 
@@ -173,14 +182,15 @@ fn instances_are_seen_as_far_as_a_pixel_may_show_them() {
         ([0.0, -3.04, -1.0], true),
         ([0.0, -3.06, -1.0], false),
     ];
-    let mut instances: Vec<Placed> = table.iter().map(|([x, y, z], _)| placed(*x, *y, *z)).collect();
+    let mut instances: Vec<InstanceTransform> =
+        table.iter().map(|([x, y, z], _)| instance_transform(*x, *y, *z)).collect();
     // One that the user hid.
-    instances.push(Placed { visible: 0, ..instances[0] });
+    instances.push(InstanceTransform { visible: 0, ..instances[0] });
     let view = View { instances: instances.len() as u32, ..view() };
-    let expected: Vec<Visit> = (0..)
+    let expected: Vec<TraversalItem> = (0..)
         .zip(&table)
         .filter(|(_, (_, seen))| *seen)
-        .map(|(instance, _)| Visit { instance, node: 0 })
+        .map(|(instance, _)| TraversalItem { instance, node: 0 })
         .collect();
     assert_eq!(culled(&device, &view, &instances, &instances, &[0; KEYS]), [expected, vec![]]);
 }
@@ -189,8 +199,8 @@ fn instances_are_seen_as_far_as_a_pixel_may_show_them() {
 fn an_instance_as_seen_from_the_eye() {
     let Some(device) = device("an_instance_as_seen_from_the_eye") else { return };
     let view = View { instances: 2, mirrored: 1, ..view() };
-    let there = Placed { group_words: 7, first_node: 5, ..placed(3.0, -2.0, -10.0) };
-    let hidden = Placed { group_words: 9, visible: 0, ..there };
+    let there = InstanceTransform { group_words: 7, first_node: 5, ..instance_transform(3.0, -2.0, -10.0) };
+    let hidden = InstanceTransform { group_words: 9, visible: 0, ..there };
     let (list, level) = ([0; 4], [Dispatch::default()]);
     let old = [Instance { screen: [[4.0; 4]; 3], lod_focal: 9.0, ..Instance::zeroed() }; 2];
     let out = run(
@@ -253,29 +263,29 @@ fn what_the_earlier_pyramid_hides_is_put_off() {
         (with(&[coarse(5, 4), fine(29, 23)]), true),
     ];
     for (number, (pyramid, hidden)) in table.into_iter().enumerate() {
-        let go = |view: &View, now: Placed, before: Placed| {
-            let [drawn, later] = culled(&device, view, &[now], &[before], &pyramid);
-            assert_eq!([&drawn[..], &later].concat(), [Visit { instance: 0, node: 0 }]);
-            later.len() == 1
+        let go = |view: &View, now: InstanceTransform, before: InstanceTransform| {
+            let [drawn, occluded_queue] = culled(&device, view, &[now], &[before], &pyramid);
+            assert_eq!([&drawn[..], &occluded_queue].concat(), [TraversalItem { instance: 0, node: 0 }]);
+            occluded_queue.len() == 1
         };
-        let here = placed(0.0, 0.0, -8.0);
+        let here = instance_transform(0.0, 0.0, -8.0);
         let now = View { instances: 1, history: 1, ..view() };
         assert_eq!(go(&now, here, here), hidden, "{number}");
         // By where it was; and what reaches the near plane is never hidden.
-        assert_eq!(go(&now, placed(5.0, 2.0, -12.0), here), hidden, "{number}");
-        assert!(!go(&now, here, placed(0.0, 0.0, -1.5)));
-        // All that is on the picture, where the first phase has a list to start from.
+        assert_eq!(go(&now, instance_transform(5.0, 2.0, -12.0), here), hidden, "{number}");
+        assert!(!go(&now, here, instance_transform(0.0, 0.0, -1.5)));
+        // All that is on the picture, where the first pass has a list to start from.
         let listed = View { history: HISTORY_LIST, ..now };
-        assert!(go(&listed, here, here) && go(&listed, placed(0.0, 0.0, -1.5), here));
-        let nothing = culled(&device, &listed, &[placed(99.0, 0.0, -10.0)], &[here], &pyramid);
+        assert!(go(&listed, here, here) && go(&listed, instance_transform(0.0, 0.0, -1.5), here));
+        let nothing = culled(&device, &listed, &[instance_transform(99.0, 0.0, -10.0)], &[here], &pyramid);
         assert_eq!(nothing, [vec![], vec![]]);
         // What was not on the picture, or where there was none, is put off where it is not near enough.
-        let off = placed(99.0, 0.0, -10.0);
+        let off = instance_transform(99.0, 0.0, -10.0);
         for (history, before) in [(0, here), (1, off)] {
             for (occluders, far) in [(0, false), (key(7.01), false), (key(6.99), true), (u32::MAX, true)] {
                 let view = View { history, occluders, ..now };
                 assert_eq!(go(&view, here, before), far);
-                assert!(!go(&view, placed(0.0, 0.0, -1.5), before));
+                assert!(!go(&view, instance_transform(0.0, 0.0, -1.5), before));
             }
         }
     }
@@ -314,9 +324,9 @@ fn group(error: f32, x: f32) -> Group {
 /// What looking at nodes leaves.
 struct Walked {
     next: Dispatch,
-    visits: Vec<Visit>,
+    items: Vec<TraversalItem>,
     bits: Vec<u32>,
-    later: Vec<Visit>,
+    occluded_queue: Vec<TraversalItem>,
     /// Pixels by which the page of the groups is missed.
     wanted: f32,
 }
@@ -324,9 +334,9 @@ struct Walked {
 /// What is looked at, and by what.
 #[derive(Clone, Copy)]
 struct Walk<'a> {
-    phase: Phase,
+    cull_pass: CullPass,
     view: &'a View,
-    visits: &'a [Visit],
+    items: &'a [TraversalItem],
     pyramid: &'a [u32],
     /// The first of two.
     instance: Instance,
@@ -336,12 +346,18 @@ struct Walk<'a> {
     marked: u32,
 }
 
-fn walk(device: &Context, phase: Phase, view: &View, visits: &[Visit], pyramid: &[u32]) -> Walked {
-    walk_as(device, Walk { phase, view, visits, pyramid, instance: seen(), page: 0, marked: 0 })
+fn walk(
+    device: &Context,
+    cull_pass: CullPass,
+    view: &View,
+    items: &[TraversalItem],
+    pyramid: &[u32],
+) -> Walked {
+    walk_as(device, Walk { cull_pass, view, items, pyramid, instance: seen(), page: 0, marked: 0 })
 }
 
 fn walk_as(device: &Context, walk: Walk<'_>) -> Walked {
-    let Walk { phase, view, visits, pyramid, instance, page, marked } = walk;
+    let Walk { cull_pass, view, items, pyramid, instance, page, marked } = walk;
     // The root has two leaves; a pixel is the error of one, less than that of the other.
     let nodes = [node(PIXEL, 1, 2, false), node(PIXEL, 0, 3, true), node(LESS, 3, 1, true)];
     // A pixel, less, off the screen; a pixel.
@@ -349,17 +365,17 @@ fn walk_as(device: &Context, walk: Walk<'_>) -> Walked {
         [group(PIXEL, 0.0), group(LESS, 0.0), group(PIXEL, 13.0), group(PIXEL, 0.0), group(PIXEL, 0.0)];
     // The mesh of the second instance starts at the second node and the third group.
     let instances = [instance, Instance { first_node: 1, first_group: 2, group_words: 1, ..seen() }];
-    let level = dispatch(1, 1, visits.len() as u32);
+    let level = dispatch(1, 1, items.len() as u32);
     let view = View { group_words: 4, ..*view };
     let mut out = run(
         device,
-        Kernel::NodeCull(phase),
+        Kernel::NodeCull(cull_pass),
         &[
             words(&[view]),
             words(&instances),
             words(&nodes),
             words(&groups),
-            words(visits),
+            words(items),
             words(&[level]),
             &[0; 4],
             words(&[Dispatch::default()]),
@@ -371,36 +387,36 @@ fn walk_as(device: &Context, walk: Walk<'_>) -> Walked {
             &[0],
         ],
     );
-    let (next, later_level): (Dispatch, Dispatch) = (entry(&out[7]), entry(&out[11]));
+    let (next, occluded_dispatch): (Dispatch, Dispatch) = (entry(&out[7]), entry(&out[11]));
     let list = |words: &[u32], count: u32| {
-        let mut visits: Vec<Visit> = entries(words);
-        visits.truncate(count as usize);
-        visits.sort();
-        visits
+        let mut items: Vec<TraversalItem> = entries(words);
+        items.truncate(count as usize);
+        items.sort();
+        items
     };
-    let (visits, later) = (list(&out[6], next.count), list(&out[10], later_level.count));
+    let (items, occluded_queue) = (list(&out[6], next.count), list(&out[10], occluded_dispatch.count));
     let wanted = f32::from_bits(out[13][0]);
     let mut bits = out.swap_remove(8);
     let found = bits.clone();
     bits.truncate(4);
     assert_eq!(found, with_filled(&bits));
-    Walked { next, visits, bits, later, wanted }
+    Walked { next, items, bits, occluded_queue, wanted }
 }
 
 #[test]
 fn nodes_above_the_threshold_are_walked() {
     let Some(device) = device("nodes_above_the_threshold_are_walked") else { return };
-    let root = Visit { instance: 0, node: 0 };
+    let root = TraversalItem { instance: 0, node: 0 };
     let at = |tau: f32| View { tau, ..view() };
     let no_pyramid = [0; KEYS];
-    let go = |view: &View, visits: &[Visit]| walk(&device, Phase::First, view, visits, &no_pyramid);
+    let go = |view: &View, items: &[TraversalItem]| walk(&device, CullPass::First, view, items, &no_pyramid);
     // The root is at the threshold, then by one step above it.
     let walked = go(&at(1.0), &[root]);
-    assert_eq!((walked.next, walked.visits), (Dispatch::default(), vec![]));
+    assert_eq!((walked.next, walked.items), (Dispatch::default(), vec![]));
     let walked = go(&at(TAU), &[root]);
-    let children = [1, 2].map(|node| Visit { instance: 0, node });
-    assert_eq!((walked.next, &walked.visits[..]), (dispatch(1, 1, 2), &children[..]));
-    assert_eq!((&walked.bits[..], &walked.later[..]), (&[0; 4][..], &[][..]));
+    let children = [1, 2].map(|node| TraversalItem { instance: 0, node });
+    assert_eq!((walked.next, &walked.items[..]), (dispatch(1, 1, 2), &children[..]));
+    assert_eq!((&walked.bits[..], &walked.occluded_queue[..]), (&[0; 4][..], &[][..]));
     // Of the leaves one is above it, and of its three groups the first: the second is below, the third off the screen.
     let walked = go(&at(TAU), &children);
     assert_eq!(walked.next, Dispatch { visited: 3, ..Dispatch::default() });
@@ -409,7 +425,7 @@ fn nodes_above_the_threshold_are_walked() {
     let walked = go(&at(0.0), &children);
     assert_eq!((walked.next.visited, walked.bits), (4, vec![0b1011, 0, 0, 0]));
     // Another instance starts elsewhere in every array: its node 0 is that leaf, and its groups 0 to 2 are 2 to 4 of all.
-    let walked = go(&at(0.0), &[Visit { instance: 1, node: 0 }]);
+    let walked = go(&at(0.0), &[TraversalItem { instance: 1, node: 0 }]);
     assert_eq!((walked.next.visited, walked.bits), (3, vec![0, 0b110, 0, 0]));
 }
 
@@ -425,17 +441,17 @@ fn what_is_too_coarse_all_through_is_left_out() {
             Node { min_own_error: of_leaf, ..node(1.0, 0, 2, true) },
         ];
         let groups = [Group { min_own_error: of_group, ..group(1.0, 0.0) }, group(1.0, 0.0)];
-        let visits = [0, 1].map(|node| Visit { instance: 0, node });
+        let items = [0, 1].map(|node| TraversalItem { instance: 0, node });
         let view = View { tau, group_words: 1, ..view() };
         let out = run(
             &device,
-            Kernel::NodeCull(Phase::First),
+            Kernel::NodeCull(CullPass::First),
             &[
                 words(&[view]),
                 words(&[seen()]),
                 words(&nodes),
                 words(&groups),
-                words(&visits),
+                words(&items),
                 words(&[dispatch(1, 1, 2)]),
                 &[0; 4],
                 words(&[Dispatch::default()]),
@@ -463,26 +479,29 @@ fn what_is_too_coarse_all_through_is_left_out() {
 }
 
 /// A page that is not there is asked for with the largest error of its groups on the screen, a pixel here, and none of
-/// its groups is marked. Where a second phase knows what hides them, the first leaves it to that.
+/// its groups is marked. Where a second pass knows what hides them, the first leaves it to that.
 #[test]
 fn groups_that_are_not_there_are_asked_for() {
     let Some(device) = device("groups_that_are_not_there_are_asked_for") else { return };
-    let leaf = Visit { instance: 0, node: 1 };
-    let view = |two_phases| View { tau: 0.5, two_phases, ..view() };
-    let go = |phase, two_phases, page, key: u32| {
-        let (view, visits, pyramid) = (&view(two_phases), &[leaf][..], &[key; KEYS][..]);
-        walk_as(&device, Walk { phase, view, visits, pyramid, instance: seen(), page, marked: 0 })
+    let leaf = TraversalItem { instance: 0, node: 1 };
+    let view = |two_passes| View { tau: 0.5, two_passes, ..view() };
+    let go = |cull_pass, two_passes, page, key: u32| {
+        let (view, items, pyramid) = (&view(two_passes), &[leaf][..], &[key; KEYS][..]);
+        walk_as(&device, Walk { cull_pass, view, items, pyramid, instance: seen(), page, marked: 0 })
     };
-    let there = go(Phase::First, 0, 0, 0);
+    let there = go(CullPass::First, 0, 0, 0);
     assert_eq!((there.wanted, there.bits[0]), (0.0, 0b11));
-    let pixels = go(Phase::First, 0, u32::MAX, 0);
-    assert_eq!((pixels.wanted, pixels.bits[0], pixels.later.len()), (1.0, 0, 0));
-    let later = go(Phase::First, 1, u32::MAX, 0);
-    assert_eq!((later.wanted, later.bits[0], &later.later[..]), (0.0, 0, &[leaf][..]));
-    let second = go(Phase::Second, 1, u32::MAX, key(f32::INFINITY));
-    assert_eq!((second.wanted, second.bits[0], second.later.len()), (1.0, 0, 0));
-    let hidden = go(Phase::Second, 1, u32::MAX, key(1.0));
-    assert_eq!((hidden.wanted, hidden.bits[0], hidden.later.len()), (0.0, 0, 0));
+    let pixels = go(CullPass::First, 0, u32::MAX, 0);
+    assert_eq!((pixels.wanted, pixels.bits[0], pixels.occluded_queue.len()), (1.0, 0, 0));
+    let occluded_queue = go(CullPass::First, 1, u32::MAX, 0);
+    assert_eq!(
+        (occluded_queue.wanted, occluded_queue.bits[0], &occluded_queue.occluded_queue[..]),
+        (0.0, 0, &[leaf][..])
+    );
+    let second = go(CullPass::Second, 1, u32::MAX, key(f32::INFINITY));
+    assert_eq!((second.wanted, second.bits[0], second.occluded_queue.len()), (1.0, 0, 0));
+    let hidden = go(CullPass::Second, 1, u32::MAX, key(1.0));
+    assert_eq!((hidden.wanted, hidden.bits[0], hidden.occluded_queue.len()), (0.0, 0, 0));
 }
 
 /// The ball of the root's sphere and error has radius 2 and lies on the axis at distance 10: 8 is its least depth, so that
@@ -490,10 +509,10 @@ fn groups_that_are_not_there_are_asked_for() {
 #[test]
 fn errors_grow_towards_the_corners_of_the_picture() {
     let Some(device) = device("errors_grow_towards_the_corners_of_the_picture") else { return };
-    let root = Visit { instance: 0, node: 0 };
+    let root = TraversalItem { instance: 0, node: 0 };
     let walked = |lod_widest: f32, tau: f32| {
         let view = View { tau, lod_widest, ..view() };
-        walk(&device, Phase::First, &view, &[root], &[0; KEYS]).next.count > 0
+        walk(&device, CullPass::First, &view, &[root], &[0; KEYS]).next.count > 0
     };
     let angle = 1.0625;
     assert!(walked(4.0, angle - 0.001) && !walked(4.0, angle));
@@ -507,14 +526,14 @@ fn a_list_of_nodes_counts_on_past_its_end() {
     // Three roots with two children each, and room for two.
     let walked = walk(
         &device,
-        Phase::First,
+        CullPass::First,
         &View { tau: TAU, ..view() },
-        &[Visit { instance: 0, node: 0 }; 3],
+        &[TraversalItem { instance: 0, node: 0 }; 3],
         &[0; KEYS],
     );
     assert_eq!(walked.next, dispatch(1, 1, 6));
-    assert_eq!(walked.visits.len(), 2);
-    assert!(walked.visits.iter().all(|visit| visit.instance == 0 && (1..3).contains(&visit.node)));
+    assert_eq!(walked.items.len(), 2);
+    assert!(walked.items.iter().all(|item| item.instance == 0 && (1..3).contains(&item.node)));
 }
 
 #[test]
@@ -522,27 +541,27 @@ fn hidden_nodes_wait_for_the_second_phase() {
     let Some(device) = device("hidden_nodes_wait_for_the_second_phase") else { return };
     let view = View { tau: TAU, history: 1, ..view() };
     for node in [0, 1] {
-        let visit = Visit { instance: 0, node };
-        let go = |phase, distance: f32| walk(&device, phase, &view, &[visit], &[key(distance); KEYS]);
+        let item = TraversalItem { instance: 0, node };
+        let go = |cull_pass, distance: f32| walk(&device, cull_pass, &view, &[item], &[key(distance); KEYS]);
         // All of the box is behind distance 8; it starts at 9.
-        let walked = go(Phase::First, 8.0);
-        assert_eq!((walked.next, &walked.later[..]), (Dispatch::default(), &[visit][..]));
-        // The second phase puts nothing off. It counts the instances that it does not hide, by their roots.
-        let walked = go(Phase::Second, 8.0);
+        let walked = go(CullPass::First, 8.0);
+        assert_eq!((walked.next, &walked.occluded_queue[..]), (Dispatch::default(), &[item][..]));
+        // The second pass puts nothing off. It counts the instances that it does not hide, by their roots.
+        let walked = go(CullPass::Second, 8.0);
         assert_eq!(walked.next, Dispatch { unhidden: 1 - node, ..Dispatch::default() });
-        assert_eq!((walked.visits, walked.later, walked.bits), (vec![], vec![], vec![0; 4]));
-        for phase in [Phase::First, Phase::Second] {
-            let walked = go(phase, 12.0);
+        assert_eq!((walked.items, walked.occluded_queue, walked.bits), (vec![], vec![], vec![0; 4]));
+        for cull_pass in [CullPass::First, CullPass::Second] {
+            let walked = go(cull_pass, 12.0);
             let expected = [(2, 0, 0), (0, 3, 1)][node as usize];
             assert_eq!((walked.next.count, walked.next.visited, walked.bits[0]), expected);
-            assert_eq!(walked.later, []);
+            assert_eq!(walked.occluded_queue, []);
         }
     }
     // Before it looks at a root, at the box of the instance, where stage 1 left it.
-    let root = Visit { instance: 0, node: 0 };
+    let root = TraversalItem { instance: 0, node: 0 };
     let from_root = |view: &View, pyramid: &[u32], instance: Instance| {
-        let (phase, visits) = (Phase::Second, &[root][..]);
-        walk_as(&device, Walk { phase, view, visits, pyramid, instance, page: 0, marked: 0 }).next
+        let (cull_pass, items) = (CullPass::Second, &[root][..]);
+        walk_as(&device, Walk { cull_pass, view, items, pyramid, instance, page: 0, marked: 0 }).next
     };
     let starts = |rect: [u32; 4], near_key: u32| {
         let mut pyramid = vec![key(12.0); KEYS];
@@ -570,10 +589,10 @@ fn hidden_nodes_wait_for_the_second_phase() {
     };
     assert_eq!((coarse(8.0), coarse(8.02)), (0, 2));
     // The boxes of the groups start at 9.5: with all nearer than 9.2 the leaf is seen, and they are not.
-    let leaf = Visit { instance: 0, node: 1 };
-    for (phase, later) in [(Phase::First, vec![leaf]), (Phase::Second, vec![])] {
-        let walked = walk(&device, phase, &view, &[leaf], &[key(9.2); KEYS]);
-        assert_eq!((walked.next.visited, walked.bits[0], walked.later), (3, 0, later));
+    let leaf = TraversalItem { instance: 0, node: 1 };
+    for (cull_pass, occluded_queue) in [(CullPass::First, vec![leaf]), (CullPass::Second, vec![])] {
+        let walked = walk(&device, cull_pass, &view, &[leaf], &[key(9.2); KEYS]);
+        assert_eq!((walked.next.visited, walked.bits[0], walked.occluded_queue), (3, 0, occluded_queue));
     }
 }
 
@@ -581,17 +600,18 @@ fn hidden_nodes_wait_for_the_second_phase() {
 fn groups_that_the_first_phase_marked_are_not_looked_at() {
     let Some(device) = device("groups_that_the_first_phase_marked_are_not_looked_at") else { return };
     let view = View { tau: TAU, history: 1, ..view() };
-    let leaf = Visit { instance: 0, node: 1 };
+    let leaf = TraversalItem { instance: 0, node: 1 };
     // Of its three groups, the pyramid hides those that are not marked; a mark stays.
-    let (view, visits, pyramid) = (&view, &[leaf][..], &[key(9.2); KEYS][..]);
+    let (view, items, pyramid) = (&view, &[leaf][..], &[key(9.2); KEYS][..]);
     let instance = seen();
-    let go =
-        |phase| walk_as(&device, Walk { phase, view, visits, pyramid, instance, page: 0, marked: 0b110 });
-    let walked = go(Phase::Second);
+    let go = |cull_pass| {
+        walk_as(&device, Walk { cull_pass, view, items, pyramid, instance, page: 0, marked: 0b110 })
+    };
+    let walked = go(CullPass::Second);
     assert_eq!((walked.next.visited, walked.bits[0]), (3, 0b110));
-    // The first phase has marks of no other.
-    let walked = go(Phase::First);
-    assert_eq!((walked.next.visited, walked.bits[0], walked.later), (3, 0b110, vec![leaf]));
+    // The first pass has marks of no other.
+    let walked = go(CullPass::First);
+    assert_eq!((walked.next.visited, walked.bits[0], walked.occluded_queue), (3, 0b110, vec![leaf]));
 }
 
 /// A flat cluster of so many triangles, its box `half` wide to each side.
@@ -619,13 +639,13 @@ fn clusters(
     view: &View,
     instance: Instance,
     (pages, offsets): &(Vec<u32>, [u32; 4]),
-    candidates: &[Candidate],
+    candidates: &[CandidateGroup],
 ) -> (Vec<u32>, Vec<Marks>, Counters) {
     let culling = dispatch(1, 1, candidates.len() as u32);
     let (bits, marks) = (vec![9; 4], vec![Marks::zeroed(); candidates.len()]);
     let out = device
         .run(
-            Kernel::ClusterCull(Phase::First),
+            Kernel::ClusterCull(CullPass::First),
             &[
                 words(&[*view]),
                 words(&[instance]),
@@ -650,8 +670,8 @@ fn clusters(
     (out[6][..candidates.len()].to_vec(), entries(&out[7]), entry(&out[8]))
 }
 
-fn candidate(page: usize, count: u32) -> Candidate {
-    Candidate { instance: 0, first: ClusterAddress::new(page, 0).0, count, before: NONE, group: 0 }
+fn candidate(page: usize, count: u32) -> CandidateGroup {
+    CandidateGroup { instance: 0, first: ClusterAddress::new(page, 0).0, count, before: NONE, group: 0 }
 }
 
 #[test]
@@ -673,7 +693,7 @@ fn clusters_obey_the_rule_and_go_to_their_rasterizer() {
     let large: Vec<u32> = marks.iter().map(|marks| marks.large).collect();
     assert_eq!(large, [0, 0b1010, 0b010]);
     assert!(marks.iter().all(|marks| marks.old == 0));
-    assert_eq!((counters.visited_clusters, counters.held), (12, 0));
+    assert_eq!((counters.visited_clusters, counters.occluded), (12, 0));
     assert_eq!(counters.triangles_small, 2 + (2 + 128) + (2 + 128));
     assert_eq!(counters.triangles_large, (2 + 128) + 2);
 }
@@ -710,7 +730,7 @@ fn a_cluster_faces_away_by_a_hair() {
     assert_eq!(clusters(&device, &parallel, along, &pages, &list).0, [0b10_1100]);
 }
 
-/// The second phase keeps what the first one drew, and looks at all else.
+/// The second pass keeps what the first one drew, and looks at all else.
 #[test]
 fn the_second_phase_looks_at_clusters_that_are_not_drawn_yet() {
     let Some(device) = device("the_second_phase_looks_at_clusters_that_are_not_drawn_yet") else { return };
@@ -718,12 +738,12 @@ fn the_second_phase_looks_at_clusters_that_are_not_drawn_yet() {
     let off = ClusterRecord { center: [20.0, 0.0, 0.0], ..cluster(7, 0.2) };
     let records = [cluster(3, 0.2), cluster(5, 0.2), off, cluster(9, 0.2)];
     let (pages, offsets) = pages(&records, &[]);
-    let candidates = [Candidate { before: 1, ..candidate(0, 3) }, candidate(0, 4)];
+    let candidates = [CandidateGroup { before: 1, ..candidate(0, 3) }, candidate(0, 4)];
     let drawn = [0, 0b001, 0, 0];
     for (distance, bits, held, small) in [(12.0, [0b0011, 0b1011], 0, 5 + 17), (8.0, [0b0001, 0], 4, 0)] {
         let out = run(
             &device,
-            Kernel::ClusterCull(Phase::Second),
+            Kernel::ClusterCull(CullPass::Second),
             &[
                 words(&[View { history: 1, ..view() }]),
                 words(&[seen()]),
@@ -743,16 +763,16 @@ fn the_second_phase_looks_at_clusters_that_are_not_drawn_yet() {
             ],
         );
         assert_eq!(out[6][..2], bits);
-        // What the first phase drew is known by its mark.
+        // What the first pass drew is known by its mark.
         let found: Vec<Marks> = entries(&out[7]);
         assert!(found.iter().map(|marks| (marks.large, marks.old)).eq([(0, 1), (0, 0)]));
         let counters: Counters = entry(&out[8]);
-        assert_eq!((counters.visited_clusters, counters.held), (2 + 4, held));
+        assert_eq!((counters.visited_clusters, counters.occluded), (2 + 4, held));
         assert_eq!((counters.triangles_small, counters.triangles_large), (small, 0));
     }
 }
 
-/// From a list, the first phase looks at what the frame before drew, where the group is still refined, its page there and
+/// From a list, the first pass looks at what the frame before drew, where the group is still refined, its page there and
 /// its instance visible.
 #[test]
 fn the_first_phase_starts_from_a_list() {
@@ -767,17 +787,17 @@ fn the_first_phase_starts_from_a_list() {
     let candidates = [
         candidate(0, 4),
         candidate(1, 4),
-        Candidate { group: 1, ..candidate(0, 4) },
-        Candidate { instance: 1, ..candidate(0, 4) },
+        CandidateGroup { group: 1, ..candidate(0, 4) },
+        CandidateGroup { instance: 1, ..candidate(0, 4) },
         candidate(0, 4),
         candidate(0, 4),
     ];
     let drawn = [0b0111, 0b0111, 0b0111, 0b0111, 0, 0b1000];
-    // What the earlier pyramid hides is left to the second phase: all here, or nothing.
+    // What the earlier pyramid hides is left to the second pass: all here, or nothing.
     for (distance, bits, held) in [(12.0, [0b0101, 0, 0, 0, 0, 0b1000], 0), (8.0, [0; 6], 3)] {
         let out = run(
             &device,
-            Kernel::ClusterCull(Phase::First),
+            Kernel::ClusterCull(CullPass::First),
             &[
                 words(&[View { history: HISTORY_LIST, tau: TAU, ..view() }]),
                 words(&instances),
@@ -798,7 +818,7 @@ fn the_first_phase_starts_from_a_list() {
         );
         assert_eq!(out[6], bits);
         let counters: Counters = entry(&out[8]);
-        assert_eq!((counters.visited_clusters, counters.held), (3 + 1, held));
+        assert_eq!((counters.visited_clusters, counters.occluded), (3 + 1, held));
     }
 }
 
@@ -850,15 +870,15 @@ fn bits_are_counted_and_blocks_start_where_those_before_end() {
     }
 }
 
-/// Candidates listed of the bits of both phases, and the dispatches that follow.
+/// Candidates listed of the bits of both passes, and the dispatches that follow.
 fn listed(
     device: &Context,
-    phase: Phase,
+    cull_pass: CullPass,
     starts: &[u32],
     bits: &[u32],
     first: &[u32],
     room: usize,
-) -> (Vec<Candidate>, Dispatch, Dispatch) {
+) -> (Vec<CandidateGroup>, Dispatch, Dispatch) {
     let instances: Vec<Instance> = (0..)
         .zip(starts)
         .map(|(k, &group_words)| Instance { group_words, first_group: 100 * k, ..seen() })
@@ -874,7 +894,7 @@ fn listed(
     let (bits, first) = (with_filled(bits), with_filled(first));
     let out = device
         .run(
-            Kernel::ListGroups(phase),
+            Kernel::ListGroups(cull_pass),
             &[
                 words(&[view]),
                 words(&instances),
@@ -882,7 +902,7 @@ fn listed(
                 &bits,
                 words(&[blocks]),
                 &starts_of_all,
-                words(&vec![Candidate::zeroed(); room]),
+                words(&vec![CandidateGroup::zeroed(); room]),
                 words(&[Dispatch::default()]),
                 words(&[Dispatch::default()]),
                 &first,
@@ -897,7 +917,7 @@ fn listed(
 #[test]
 fn groups_are_listed_in_scene_order() {
     let Some(device) = device("groups_are_listed_in_scene_order") else { return };
-    let c = |instance, group: u32, before| Candidate {
+    let c = |instance, group: u32, before| CandidateGroup {
         instance,
         first: 1000 * group,
         count: group % 5 + 1,
@@ -907,28 +927,28 @@ fn groups_are_listed_in_scene_order() {
     // The first instance has two words, the second none, the third the rest.
     let starts = [0, 2, 2];
     let bits = [1 << 31 | 1, 0, 0b110, 1];
-    let (list, culling, counting) = listed(&device, Phase::First, &starts, &bits, &[0; 4], 6);
+    let (list, culling, counting) = listed(&device, CullPass::First, &starts, &bits, &[0; 4], 6);
     let expected = [c(0, 0, NONE), c(0, 31, NONE), c(2, 201, NONE), c(2, 202, NONE), c(2, 232, NONE)];
     assert_eq!(list[..5], expected);
-    assert_eq!(list[5], Candidate::zeroed());
+    assert_eq!(list[5], CandidateGroup::zeroed());
     // Eight groups a workgroup; the bits of all clusters in one block.
     assert_eq!((culling, counting), (dispatch(1, 1, 5), dispatch(1, 1, 5)));
     // With too little room what fits is listed, and what there is is counted.
-    let (list, culling, counting) = listed(&device, Phase::First, &starts, &bits, &[0; 4], 2);
+    let (list, culling, counting) = listed(&device, CullPass::First, &starts, &bits, &[0; 4], 2);
     assert_eq!(list, expected[..2]);
     assert_eq!((culling, counting), (dispatch(1, 1, 5), dispatch(1, 1, 2)));
-    // The second phase also says where they were in the first list, of which it need not have all.
+    // The second pass also says where they were in the first list, of which it need not have all.
     let first = [1 << 31 | 1 << 3, 0b1, 0b1100, 0];
     let second = [1 << 31 | 1, 0, 0b110, 1];
-    let (list, ..) = listed(&device, Phase::Second, &starts, &second, &first, 5);
+    let (list, ..) = listed(&device, CullPass::Second, &starts, &second, &first, 5);
     assert_eq!(list, [c(0, 0, NONE), c(0, 31, 1), c(2, 201, NONE), c(2, 202, 3), c(2, 232, NONE)]);
     // All ones over 65 words of an instance: every group once, in order.
-    let (list, culling, _) = listed(&device, Phase::First, &[0; 21], &[u32::MAX; 65], &[0; 65], 2080);
+    let (list, culling, _) = listed(&device, CullPass::First, &[0; 21], &[u32::MAX; 65], &[0; 65], 2080);
     assert_eq!(culling.count, 2080);
     assert!((0..).zip(&list).all(|(k, found): (u32, _)| *found == c(20, 2000 + k, NONE)));
     // Instances of two words, and others among them.
     let starts = [0, 2, 4, 6, 30, 31, 31, 60];
-    let (list, ..) = listed(&device, Phase::First, &starts, &[u32::MAX; 65], &[0; 65], 2080);
+    let (list, ..) = listed(&device, CullPass::First, &starts, &[u32::MAX; 65], &[0; 65], 2080);
     let instance = |word: u32| starts.partition_point(|start| *start <= word) as u32 - 1;
     let expected = (0..2080).map(|k: u32| {
         let instance = instance(k / 32);
@@ -937,35 +957,41 @@ fn groups_are_listed_in_scene_order() {
     assert!(list.into_iter().eq(expected));
     // Nothing at all.
     let starts = [0, 2, 2];
-    let (_, culling, counting) = listed(&device, Phase::First, &starts, &[0; 4], &[0; 4], 4);
+    let (_, culling, counting) = listed(&device, CullPass::First, &starts, &[0; 4], &[0; 4], 4);
     assert_eq!((culling.x, culling.count, counting.x, counting.count), (0, 0, 0, 0));
 }
 
 #[test]
 fn clusters_are_listed_in_scene_order() {
     let Some(device) = device("clusters_are_listed_in_scene_order") else { return };
-    let candidates: Vec<Candidate> = [(0, 100), (0, 200), (1, 300)]
-        .map(|(instance, first)| Candidate { instance, first, count: 32, before: NONE, group: first / 100 })
+    let candidates: Vec<CandidateGroup> = [(0, 100), (0, 200), (1, 300)]
+        .map(|(instance, first)| CandidateGroup {
+            instance,
+            first,
+            count: 32,
+            before: NONE,
+            group: first / 100,
+        })
         .to_vec();
     let v = |instance, cluster, large| VisibleCluster { instance, cluster, large };
     let visible = [v(0, 100, 0), v(0, 102, 1), v(0, 105, 0), v(1, 300, 0), v(1, 331, 1)];
     let mark = |large, old| Marks { large, old, first: 0, clipped: 0 };
     // Bits of groups: a word for each instance.
     let instances = [seen(), Instance { group_words: 1, ..seen() }];
-    let list = |phase,
-                candidates: &[Candidate],
+    let list = |cull_pass,
+                candidates: &[CandidateGroup],
                 drawn: [u32; 4],
                 marks: [Marks; 3],
                 first: &[Marks],
                 room: usize,
                 history: Option<u32>| {
-        let two_phases = u32::from(history.is_some());
-        let view = View { group_words: 3, two_phases, history: history.unwrap_or(0), ..view() };
+        let two_passes = u32::from(history.is_some());
+        let view = View { group_words: 3, two_passes, history: history.unwrap_or(0), ..view() };
         let blocks = dispatch(1, 1, 3);
         let (_, sums) = sums(&device, Bits::Clusters, &drawn[..3]);
         let out = run(
             &device,
-            Kernel::ListClusters(phase),
+            Kernel::ListClusters(cull_pass),
             &[
                 words(&[view]),
                 words(candidates),
@@ -979,7 +1005,7 @@ fn clusters_are_listed_in_scene_order() {
                 words(&[Counters::default()]),
                 words(first),
                 &[88; 4],
-                words(&[Call::zeroed(); LISTS]),
+                words(&[DrawArgs::zeroed(); LISTS]),
                 words(&instances),
                 &[0; 4],
             ],
@@ -988,13 +1014,13 @@ fn clusters_are_listed_in_scene_order() {
         let counts = [0, 1, 2, 3].map(|list: usize| draws[list].count as usize);
         assert_eq!(draws, counts.map(|n| dispatch(n as u32, u32::from(n > 0), n as u32)));
         // The same for draws of 128 triangles; clipped ones and those with holes are not drawn so.
-        let calls: Vec<Call> = entries(&out[12]);
-        assert_eq!(calls.iter().map(|call| call.instances as usize).collect::<Vec<_>>(), counts);
-        assert_eq!(calls.iter().map(|call| call.vertices).collect::<Vec<_>>(), [384, 384, 0, 0]);
-        let [small, large, clipped, masked] = counts.map(|n| n.min(room));
+        let draw_args: Vec<DrawArgs> = entries(&out[12]);
+        assert_eq!(draw_args.iter().map(|call| call.instances as usize).collect::<Vec<_>>(), counts);
+        assert_eq!(draw_args.iter().map(|call| call.vertices).collect::<Vec<_>>(), [384, 384, 0, 0]);
+        let [small, large, clipped, alpha_tested] = counts.map(|n| n.min(room));
         let mut front = out[7][..small].to_vec();
         let lists =
-            [&out[7][room - large..room], &out[7][room..room + clipped], &out[7][2 * room - masked..]];
+            [&out[7][room - large..room], &out[7][room..room + clipped], &out[7][2 * room - alpha_tested..]];
         let mut back = lists.concat();
         front.sort_unstable();
         back.sort_unstable();
@@ -1007,33 +1033,33 @@ fn clusters_are_listed_in_scene_order() {
     let drawn = [0b10_0101, 0, 1 << 31 | 1, 0];
     let marks = [mark(0b100, 0), mark(0, 0), mark(1 << 31, 0)];
     let (found, small, large, count, firsts, _, marked) =
-        list(Phase::First, &candidates, drawn, marks, &marks, 6, None);
+        list(CullPass::First, &candidates, drawn, marks, &marks, 6, None);
     assert_eq!((&found[..5], found[5]), (&visible[..], VisibleCluster::zeroed()));
     // Small ones from the front, large ones from the back.
     assert_eq!((small, large, count), (vec![0, 2, 3], vec![1, 4], 5));
     assert_eq!((firsts[0].first, firsts[2].first), (0, 3));
-    // Where there is a second phase, it lists their groups: all of them, or of a list those that are still drawn.
+    // Where there is a second pass, it lists their groups: all of them, or of a list those that are still drawn.
     assert_eq!(marked, [0; 4]);
-    let marked = |history| list(Phase::First, &candidates, drawn, marks, &marks, 6, Some(history)).6;
+    let marked = |history| list(CullPass::First, &candidates, drawn, marks, &marks, 6, Some(history)).6;
     for history in [0, 1] {
         assert_eq!(marked(history), [0b110, 0b1000, 0, 0b11]);
     }
     assert_eq!(marked(HISTORY_LIST), [0b010, 0b1000, 0, 0b11]);
     // Some of the small ones may have holes, and are drawn where large ones are.
     let holes = [Marks { clipped: 0b1, ..marks[0] }, marks[1], Marks { clipped: 0b1, ..marks[2] }];
-    let (found, small, large, count, ..) = list(Phase::First, &candidates, drawn, holes, &holes, 6, None);
+    let (found, small, large, count, ..) = list(CullPass::First, &candidates, drawn, holes, &holes, 6, None);
     assert_eq!((small, large, count), (vec![2], vec![0, 1, 3, 4], 5));
     assert_eq!(found[..5].iter().map(|v| v.large).collect::<Vec<_>>(), [1, 1, 0, 1, 1]);
     // With too little room the rest is counted.
-    let (found, _, _, count, ..) = list(Phase::First, &candidates, drawn, marks, &marks, 3, None);
+    let (found, _, _, count, ..) = list(CullPass::First, &candidates, drawn, marks, &marks, 3, None);
     assert_eq!((&found[..], count), (&visible[..3], 5));
-    // The second phase: the first one drew members 2 and 5 of the first and 31 of the third, as its numbers 0, 1 and 2.
-    let again: Vec<Candidate> =
-        (0..).zip(&candidates).map(|(k, c)| Candidate { before: [1, NONE, 0][k], ..*c }).collect();
+    // The second pass: the first one drew members 2 and 5 of the first and 31 of the third, as its numbers 0, 1 and 2.
+    let again: Vec<CandidateGroup> =
+        (0..).zip(&candidates).map(|(k, c)| CandidateGroup { before: [1, NONE, 0][k], ..*c }).collect();
     let before = [Marks { first: 2, ..mark(1 << 31, 0) }, Marks { first: 0, ..mark(0b100, 0) }];
     let marks = [mark(0, 0b10_0100), mark(0, 0), mark(0, 1 << 31)];
     let (found, small, large, count, _, renumbered, marked) =
-        list(Phase::Second, &again, drawn, marks, &before, 6, Some(1));
+        list(CullPass::Second, &again, drawn, marks, &before, 6, Some(1));
     assert_eq!(marked, [0; 4]);
     assert_eq!((&found[..5], count), (&visible[..], 5));
     // Only the new ones are drawn; the old ones have become 1, 2 and 4.
@@ -1100,7 +1126,7 @@ fn drawn(
     let mut results = Vec::new();
     let mut keys = Vec::new();
     let mut forms = vec![vec![Words::Depth], vec![Words::Keys, Words::Lows]];
-    forms.extend(device.wide_atomics().then(|| vec![Words::Wide]));
+    forms.extend(device.int64_atomics().then(|| vec![Words::Int64]));
     for form in forms {
         let alone = form == [Words::Depth];
         let pixels = if alone { SIDE * SIDE } else { 2 * SIDE * SIDE };
@@ -1353,11 +1379,11 @@ fn pyramids_leave_out_tiles_that_nothing_was_drawn_to() {
     }
 }
 
-/// What is decided after a phase: its steps, and whether a pyramid is to be built.
+/// What is decided after a pass: its steps, and whether a pyramid is to be built.
 fn settled(
     device: &Context,
-    phase: Phase,
-    later: u32,
+    cull_pass: CullPass,
+    occluded_queue: u32,
     fresh: u32,
     own: Counters,
     other: Counters,
@@ -1365,12 +1391,19 @@ fn settled(
     let view = View { group_words: 80_000, ..view() };
     let mut draws = [Dispatch::default(); LISTS];
     draws[0] = dispatch(fresh, 1, fresh);
-    let steps = [Dispatch::default(); Step::COUNT as usize];
-    let later = dispatch(later, 1, later);
+    let steps = [Dispatch::default(); IndirectEntry::COUNT as usize];
+    let occluded_queue = dispatch(occluded_queue, 1, occluded_queue);
     let out = run(
         device,
-        Kernel::Settle(phase),
-        &[words(&[view]), words(&[later]), words(&draws), words(&[own]), words(&[other]), words(&steps)],
+        Kernel::PrepareIndirect(cull_pass),
+        &[
+            words(&[view]),
+            words(&[occluded_queue]),
+            words(&draws),
+            words(&[own]),
+            words(&[other]),
+            words(&steps),
+        ],
     );
     let own: Counters = entry(&out[3]);
     (entries(&out[5]), own.pyramid)
@@ -1379,39 +1412,44 @@ fn settled(
 #[test]
 fn phases_settle_what_comes_next() {
     let Some(device) = device("phases_settle_what_comes_next") else { return };
-    let nothing = vec![Dispatch::default(); Step::COUNT as usize];
+    let nothing = vec![Dispatch::default(); IndirectEntry::COUNT as usize];
     // 100 × 80 pixels, a workgroup for 64 × 64; three levels on 13 × 10 texels, and again 2 × 2.
     let mut pyramid = nothing.clone();
     for (round, (x, y)) in (0..).zip([(2, 2), (1, 1), (1, 1)]) {
-        pyramid[Step::Pyramid(round).number() as usize] = dispatch(x, y, 0);
+        pyramid[IndirectEntry::Pyramid(round).number() as usize] = dispatch(x, y, 0);
     }
     let none = Counters::default();
-    let settle = |phase, later, fresh, own, other| settled(&device, phase, later, fresh, own, other);
+    let prepare_indirect = |cull_pass, occluded_queue, fresh, own, other| {
+        settled(&device, cull_pass, occluded_queue, fresh, own, other)
+    };
     // The first: where something waits, a node or a cluster, the second has words of bits to list.
-    assert_eq!(settle(Phase::First, 0, 9, none, none), (nothing.clone(), 0));
+    assert_eq!(prepare_indirect(CullPass::First, 0, 9, none, none), (nothing.clone(), 0));
     let mut waits = pyramid.clone();
-    waits[Step::Groups.number() as usize] = dispatch(20, 1, 80_000);
-    assert_eq!(settle(Phase::First, 1, 9, none, none), (waits.clone(), 1));
-    assert_eq!(settle(Phase::First, 0, 9, Counters { held: 1, ..none }, none), (waits, 1));
+    waits[IndirectEntry::Groups.number() as usize] = dispatch(20, 1, 80_000);
+    assert_eq!(prepare_indirect(CullPass::First, 1, 9, none, none), (waits.clone(), 1));
+    assert_eq!(prepare_indirect(CullPass::First, 0, 9, Counters { occluded: 1, ..none }, none), (waits, 1));
     // The second: pixels get other numbers where it draws something new among what was drawn, 64 × 16 to a workgroup.
     let mut pixels = nothing.clone();
-    pixels[Step::Pixels.number() as usize] = dispatch(10, 1, 10);
+    pixels[IndirectEntry::Pixels.number() as usize] = dispatch(10, 1, 10);
     let mut both = pyramid.clone();
-    both[Step::Pixels.number() as usize] = dispatch(10, 1, 10);
+    both[IndirectEntry::Pixels.number() as usize] = dispatch(10, 1, 10);
     let before = |visible, built, triangles| Counters {
         visible,
         pyramid: built,
         drawn_small: triangles,
         ..Counters::default()
     };
-    assert_eq!(settle(Phase::Second, 0, 0, none, before(16, 1, 9)), (nothing.clone(), 0));
-    assert_eq!(settle(Phase::Second, 0, 8, none, before(16, 1, 9)), (pixels.clone(), 0));
+    assert_eq!(prepare_indirect(CullPass::Second, 0, 0, none, before(16, 1, 9)), (nothing.clone(), 0));
+    assert_eq!(prepare_indirect(CullPass::Second, 0, 8, none, before(16, 1, 9)), (pixels.clone(), 0));
     // More than half is new: the first pyramid no longer does.
-    assert_eq!(settle(Phase::Second, 0, 9, none, before(16, 1, 9)), (both, 1));
-    assert_eq!(settle(Phase::Second, 0, 3, none, before(0, 1, 0)), (pyramid.clone(), 1));
+    assert_eq!(prepare_indirect(CullPass::Second, 0, 9, none, before(16, 1, 9)), (both, 1));
+    assert_eq!(prepare_indirect(CullPass::Second, 0, 3, none, before(0, 1, 0)), (pyramid.clone(), 1));
     // None was built, and there is enough that one could hide.
-    assert_eq!(settle(Phase::Second, 0, 0, none, before(16, 0, PYRAMID_ABOVE)), (nothing, 0));
-    assert_eq!(settle(Phase::Second, 0, 0, none, before(16, 0, PYRAMID_ABOVE + 1)), (pyramid, 1));
+    assert_eq!(prepare_indirect(CullPass::Second, 0, 0, none, before(16, 0, PYRAMID_ABOVE)), (nothing, 0));
+    assert_eq!(
+        prepare_indirect(CullPass::Second, 0, 0, none, before(16, 0, PYRAMID_ABOVE + 1)),
+        (pyramid, 1)
+    );
 }
 
 #[test]

@@ -12,7 +12,7 @@ use nanite_rs::format::{from_bytes, open_input, to_bytes};
 use nanite_rs::gpu::meshes::Meshes;
 use nanite_rs::limits::{PAGE_MAX_BYTES, ROOT_PAGE_MAX_BYTES};
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{Dag, FOREVER, PageWords};
+use nanite_rs::model::{Dag, PageWords, UNINTERRUPTED};
 use nanite_rs::render::{Frame, Renderer};
 use nanite_rs::scene::{Material, Scene};
 use nanite_rs::stream::{Ask, Needs, Pool, Request, StreamOptions, StreamStats, Streamer};
@@ -187,11 +187,11 @@ fn opening_reads_no_page_and_cuts_read_what_they_need() {
     let stored = open(disk);
     assert_eq!(reads.load(Ordering::Relaxed), 0);
     let coarse = Threshold::Uniform(0.02);
-    nanite_rs::lod::load(&stored, &coarse, FOREVER).unwrap();
+    nanite_rs::lod::load(&stored, &coarse, UNINTERRUPTED).unwrap();
     let read = reads.load(Ordering::Relaxed) as usize;
     assert!(0 < read && 4 * read < stored.pages.table.len(), "{read} of {}", stored.pages.table.len());
     assert!(nanite_rs::lod::select(&stored, &coarse) == nanite_rs::lod::select(&mesh, &coarse));
-    stored.load_all(FOREVER).unwrap();
+    stored.load_all(UNINTERRUPTED).unwrap();
     assert!(*stored == *mesh && reads.load(Ordering::Relaxed) as usize == mesh.pages.table.len());
 }
 
@@ -260,10 +260,10 @@ fn a_device_has_places_for_all_pages_of_the_pool() {
     for count in [0, 1, 10, pages] {
         let mut needs = Needs::default();
         (0..count as u32).for_each(|page| needs.add(&stored, Request { page, pixels: 1.0 }));
-        streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
+        streamer.resident([&stored].into_iter(), true, UNINTERRUPTED).unwrap();
         streamer.request(&needs).unwrap();
-        streamer.wait(FOREVER).unwrap();
-        let resident = streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
+        streamer.wait(UNINTERRUPTED).unwrap();
+        let resident = streamer.resident([&stored].into_iter(), true, UNINTERRUPTED).unwrap();
         assert!(resident.held() + stored.root_pages() >= count);
         if arrays.is_none() {
             meshes.upload(&context, [&stored].into_iter(), &resident).unwrap();
@@ -326,7 +326,7 @@ fn with_little_room_frames_come_are_whole_and_say_how_coarse() {
             let streamer = streamed.streamer().unwrap();
             streamer.pool().check().unwrap();
             if i % 10 == 0 {
-                let resident = streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
+                let resident = streamer.resident([&stored].into_iter(), true, UNINTERRUPTED).unwrap();
                 let pages = resident.pages(&stored);
                 whole_surface(&mesh, |page| pages.holds(page), &Threshold::Uniform(0.0));
                 whole_surface(&mesh, |page| pages.holds(page), &Threshold::Uniform(0.003));
@@ -359,13 +359,13 @@ fn lost_pages_cost_detail_and_nothing_else() {
         let mut streamed = renderer("cpu", page_bytes(&mesh));
         let frame = streamed.render(&scene, &CAMERA, &pose, &options).unwrap();
         let stats = stream(&frame).clone();
-        assert!(stats.faults > 0 && stats.coarsest_pixels > 0.1, "{what}: {stats:?}");
-        let faults = streamed.streamer().unwrap().faults();
-        assert_eq!(faults.len() as u64, stats.faults);
-        assert!(faults.iter().all(|fault| fault.message.contains(what)), "{faults:?}");
+        assert!(stats.read_errors > 0 && stats.coarsest_pixels > 0.1, "{what}: {stats:?}");
+        let read_errors = streamed.streamer().unwrap().read_errors();
+        assert_eq!(read_errors.len() as u64, stats.read_errors);
+        assert!(read_errors.iter().all(|fault| fault.message.contains(what)), "{read_errors:?}");
         let again = streamed.render(&scene, &CAMERA, &pose, &options).unwrap();
-        assert_eq!(stream(&again).faults, stats.faults, "what is lost is not read again");
-        assert!(streamed.streamer().unwrap().faults().is_empty());
+        assert_eq!(stream(&again).read_errors, stats.read_errors, "what is lost is not read again");
+        assert!(streamed.streamer().unwrap().read_errors().is_empty());
         // As many pixels, but for the outline, and as far away.
         let near = frame.stats.covered_pixels as f64 / good.stats.covered_pixels as f64;
         assert!((near - 1.0).abs() < 0.02, "{near}");
@@ -384,7 +384,7 @@ fn a_disk_that_fails_now_and_then_loses_nothing() {
     let pose = at(0.0, 0.0, 2.2);
     let mut streamed = renderer("cpu", page_bytes(&mesh));
     let frame = streamed.render(&scene, &CAMERA, &pose, &RenderOptions::default()).unwrap();
-    assert_eq!((stream(&frame).faults, stream(&frame).missing_pages), (0, 0));
+    assert_eq!((stream(&frame).read_errors, stream(&frame).missing_pages), (0, 0));
     same(&frame, &shoot(&scene_of(&mesh), &CAMERA, &pose, (320, 240), &RenderOptions::default()));
 }
 
@@ -416,14 +416,14 @@ fn waiting_for_a_disk_can_be_given_up() {
             let mut renderer = renderer(backend, all);
             renderer.stream(streaming.then_some(all));
             // What always is there, or everything.
-            given_up(|go_on| renderer.render_views(&scene, &near, &options, go_on));
+            given_up(|proceed| renderer.render_views(&scene, &near, &options, proceed));
             if streaming {
                 hangs.store(false, Ordering::Relaxed);
-                renderer.render_views(&scene, &far, &options, FOREVER).unwrap();
+                renderer.render_views(&scene, &far, &options, UNINTERRUPTED).unwrap();
                 hangs.store(true, Ordering::Relaxed);
                 // What the picture needs besides: frames that do not wait come meanwhile.
                 for _ in 0..2 {
-                    given_up(|go_on| renderer.render_views(&scene, &near, &options, go_on));
+                    given_up(|proceed| renderer.render_views(&scene, &near, &options, proceed));
                     let soon = RenderOptions { wait: false, ..options.clone() };
                     let frame = renderer.render(&scene, &CAMERA, &near[0].1, &soon).unwrap();
                     assert!(stream(&frame).missing_pages > 0 && stream(&frame).rounds == 1);
@@ -433,23 +433,25 @@ fn waiting_for_a_disk_can_be_given_up() {
             hangs.store(false, Ordering::Relaxed);
             let frame = renderer.render(&scene, &CAMERA, &near[0].1, &options).unwrap();
             same(&frame, &whole);
-            assert!(frame.stats.stream.as_ref().is_none_or(|stats| stats.rounds < 5 && stats.faults == 0));
+            assert!(
+                frame.stats.stream.as_ref().is_none_or(|stats| stats.rounds < 5 && stats.read_errors == 0)
+            );
         }
         // Nor does the end of a renderer wait.
         let (stored, hangs) = hanging();
         hangs.store(false, Ordering::Relaxed);
         let mut renderer = renderer(backend, all);
-        renderer.render_views(&scene_of(&stored), &far, &options, FOREVER).unwrap();
+        renderer.render_views(&scene_of(&stored), &far, &options, UNINTERRUPTED).unwrap();
         hangs.store(true, Ordering::Relaxed);
-        given_up(|go_on| renderer.render_views(&scene_of(&stored), &near, &options, go_on));
+        given_up(|proceed| renderer.render_views(&scene_of(&stored), &near, &options, proceed));
         drop(renderer);
         hangs.store(false, Ordering::Relaxed);
     }
     let (stored, hangs) = hanging();
-    given_up(|go_on| stored.load_all(go_on));
-    given_up(|go_on| nanite_rs::lod::load(&stored, &Threshold::Uniform(0.02), go_on));
+    given_up(|proceed| stored.load_all(proceed));
+    given_up(|proceed| nanite_rs::lod::load(&stored, &Threshold::Uniform(0.02), proceed));
     hangs.store(false, Ordering::Relaxed);
-    stored.load_all(FOREVER).unwrap();
+    stored.load_all(UNINTERRUPTED).unwrap();
     assert!(*stored == *mesh);
 }
 
@@ -638,10 +640,10 @@ fn nothing_is_read_that_nobody_needs() {
     let mesh = dag(&bumpy_sphere(80));
     let stored = open(Disk::of(&mesh));
     let mut streamer = Streamer::new(StreamOptions { pool_bytes: page_bytes(&mesh), equal_pages: false });
-    streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
+    streamer.resident([&stored].into_iter(), true, UNINTERRUPTED).unwrap();
     let stats = streamer.request(&Needs::default()).unwrap();
-    streamer.wait(FOREVER).unwrap();
-    let resident = streamer.resident([&stored].into_iter(), true, FOREVER).unwrap();
+    streamer.wait(UNINTERRUPTED).unwrap();
+    let resident = streamer.resident([&stored].into_iter(), true, UNINTERRUPTED).unwrap();
     let held = (0..stored.pages.table.len()).filter(|page| resident.pages(&stored).holds(*page)).count();
     assert_eq!((held as u64, stats.needed_pages, stats.missing_pages), (stats.resident_pages, 0, 0));
     assert!(held < stored.pages.table.len() && from_bytes(&to_bytes(&mesh).unwrap(), "x").is_ok());

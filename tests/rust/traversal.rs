@@ -3,8 +3,8 @@
 use bytemuck::Zeroable;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use nanite_rs::config::{Raster, Shading};
-use nanite_rs::gpu::{Job, Renderer, Shown, Ways};
-use nanite_rs::gpu_types::{Group, Look, View};
+use nanite_rs::gpu::{DeviceRenderer, SceneInstance, ViewRequest, Ways};
+use nanite_rs::gpu_types::{Group, InstanceMaterial, View};
 use nanite_rs::model::ClusterAddress;
 use nanite_rs::scene::{Material, Scene};
 use nanite_rs::stream::Resident;
@@ -34,7 +34,7 @@ fn set(found: &Found) -> Vec<(u32, u32, u32)> {
 }
 
 /// What the forms find in a view; the same, and what the product draws.
-fn agree(forms: &mut Forms, renderer: &mut Renderer, view: &View) -> [Found; 3] {
+fn agree(forms: &mut Forms, renderer: &mut DeviceRenderer, view: &View) -> [Found; 3] {
     let found = FORMS.map(|form| forms.run(form, view).unwrap());
     let [levels, queue, flat] = &found;
     assert!(queue.bits == levels.bits, "other groups");
@@ -42,7 +42,7 @@ fn agree(forms: &mut Forms, renderer: &mut Renderer, view: &View) -> [Found; 3] 
     assert_eq!((queue.nodes, queue.groups), (levels.nodes, levels.groups));
     assert!(set(flat) == set(levels), "other clusters");
     let ways = Ways {
-        wide_atomics: true,
+        int64_atomics: true,
         occlusion: false,
         raster: Raster::Compute,
         depth_only: false,
@@ -50,22 +50,23 @@ fn agree(forms: &mut Forms, renderer: &mut Renderer, view: &View) -> [Found; 3] 
     };
     let mut words = vec![0; (view.width * view.height) as usize];
     assert!(
-        renderer.draw(&mut [Job::new(*view, &mut words)], ways, &Resident::default()).unwrap()[0].visible
+        renderer.draw(&mut [ViewRequest::new(*view, &mut words)], ways, &Resident::default()).unwrap()[0]
+            .visible
             == levels.visible,
         "not the product's"
     );
     found
 }
 
-fn both(scene: &Scene, ring: Ring) -> (Forms, Renderer) {
+fn both(scene: &Scene, ring: Ring) -> (Forms, DeviceRenderer) {
     let slots = slots(scene);
-    let mut renderer = Renderer::new().unwrap();
+    let mut renderer = DeviceRenderer::new().unwrap();
     for (slot, instance) in (0..).zip(&slots) {
         renderer.set(
             slot,
-            instance.as_ref().map(|(placed, mesh)| {
-                let look = Look { first_material: u32::MAX, ..Look::zeroed() };
-                Shown { placed: *placed, look, mesh, materials: None }
+            instance.as_ref().map(|(instance_transform, mesh)| {
+                let material = InstanceMaterial { first_material: u32::MAX, ..InstanceMaterial::zeroed() };
+                SceneInstance { transform: *instance_transform, material, mesh, materials: None }
             }),
         );
     }
@@ -184,7 +185,7 @@ mod model {
         Add,
         Root,
         Take(u32),
-        Look(u32),
+        InstanceMaterial(u32),
         Put { first: u32, ticket: u32, more: u32 },
         Left,
     }
@@ -322,15 +323,15 @@ mod model {
                 }
                 Next::Root if self.root => {
                     (self.root, self.outstanding) = (false, self.outstanding + 1);
-                    Next::Look(0)
+                    Next::InstanceMaterial(0)
                 }
                 Next::Root if self.outstanding == 0 || forced => Next::Left,
                 Next::Root => {
                     now.tries += 1;
                     Next::Tail
                 }
-                Next::Take(ticket) => self.take(ticket).map_or(Next::Tail, Next::Look),
-                Next::Look(item) => {
+                Next::Take(ticket) => self.take(ticket).map_or(Next::Tail, Next::InstanceMaterial),
+                Next::InstanceMaterial(item) => {
                     self.done[item as usize] += 1;
                     let children = (3 * item + 1..3 * item + 4).filter(|child| *child < ITEMS).count();
                     self.tail += children as u32;
@@ -356,7 +357,7 @@ mod model {
                 }
                 Next::Left => Next::Left,
             };
-            if matches!(next, Next::Take(_) | Next::Look(_)) {
+            if matches!(next, Next::Take(_) | Next::InstanceMaterial(_)) {
                 (now.tries, now.alone) = (0, 0);
             }
             // Nobody waits: a claim is a bounded number of operations.

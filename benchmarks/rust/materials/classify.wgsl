@@ -4,7 +4,7 @@
 // Of each material as many as there are in the picture.
 @group(1) @binding(2) var<storage, read_write> lists: array<u32>;
 // Of each material: blocks of a tile, tiles, 1.
-@group(1) @binding(3) var<storage, read_write> calls: array<atomic<u32>>;
+@group(1) @binding(3) var<storage, read_write> draw_args: array<atomic<u32>>;
 @group(1) @binding(4) var picture: texture_storage_2d<r32uint, write>;
 
 const OCCURS: u32 = MOST_MATERIALS / 32u;
@@ -35,7 +35,7 @@ fn classify(@builtin(workgroup_id) tile: vec3<u32>, @builtin(local_invocation_in
     workgroupBarrier();
     for (var i = lane; i < turn.materials; i += LANES) {
         if (atomicLoad(&occurs[i / 32u]) >> (i % 32u) & 1u) != 0u {
-            let place = atomicAdd(&calls[3u * i + 1u], 1u);
+            let place = atomicAdd(&draw_args[3u * i + 1u], 1u);
             lists[i * turn.tiles + place] = tile.y * turn.columns + tile.x;
         }
     }

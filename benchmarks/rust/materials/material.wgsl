@@ -24,7 +24,7 @@ fn material_at(pixel: u32) -> u32 {
         return NONE;
     }
     let instance = visible[hit.number].instance;
-    if looks[instance].first_material == NONE {
+    if instance_materials[instance].first_material == NONE {
         return turn.materials - 1u;
     }
     let cluster = visible[hit.number].cluster;

@@ -5,10 +5,9 @@
 @compute @workgroup_size(WIDTH)
 fn pack(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let first = 4u * (workgroup_number(workgroup, all) * WIDTH + lane);
+    let first = 4u * (workgroup_number(workgroup) * WIDTH + lane);
     let pixels = view.width * view.height;
     if first >= pixels {
         return;

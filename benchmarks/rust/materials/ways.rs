@@ -19,7 +19,7 @@ use nanite_rs::gpu::wgpu::{
     TextureDimension, TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor,
     TextureViewDimension, VertexState,
 };
-use nanite_rs::gpu::{Context, Renderer};
+use nanite_rs::gpu::{Context, DeviceRenderer};
 use nanite_rs::{Error, Result};
 
 /// Side of a tile, pixels.
@@ -66,7 +66,7 @@ impl Way {
 
 /// The steps of a way between two timestamps each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
+pub enum IndirectEntry {
     /// Each pixel's material; none where each is looked up when it is shaded.
     Sort,
     /// What shades.
@@ -76,7 +76,7 @@ pub enum Step {
 }
 
 /// How many there are.
-pub const STEPS: usize = 3;
+pub const INDIRECT_ENTRIES: usize = 3;
 
 /// What a way found, and how long it took.
 #[derive(Clone, Debug, Default)]
@@ -84,7 +84,7 @@ pub struct Found {
     /// Three bytes per pixel.
     pub colors: Vec<u8>,
     /// Milliseconds of each step on the device; NaN where it takes no time.
-    pub ms: [f64; STEPS],
+    pub ms: [f64; INDIRECT_ENTRIES],
     /// From the first command recorded to the answer.
     pub wall: f64,
     /// Of tiles: pairs of a material and a tile in which it occurs.
@@ -149,7 +149,7 @@ fn layout(
 
 impl Shaders {
     /// For frames like the last one of this renderer.
-    pub fn new(renderer: &Renderer) -> Result<Self> {
+    pub fn new(renderer: &DeviceRenderer) -> Result<Self> {
         let context = renderer.context();
         let (kernel, bindings, split) = shading(renderer)?;
         let types = (0..).zip(&bindings).map(|(number, binding)| {
@@ -214,7 +214,7 @@ impl Shaders {
     }
 }
 
-fn shading(renderer: &Renderer) -> Result<(Kernel, Vec<BindingResource<'_>>, bool)> {
+fn shading(renderer: &DeviceRenderer) -> Result<(Kernel, Vec<BindingResource<'_>>, bool)> {
     let shading = renderer.shading(Output::Color);
     shading.ok_or_else(|| Error::Invariant("the device shaded no colours".to_owned()))
 }
@@ -296,8 +296,8 @@ pub struct Picture<'a> {
     out: Buffer,
     depth: TextureView,
     picture: TextureView,
-    calls: Buffer,
-    /// What [`Self::calls`] starts as.
+    draw_args: Buffer,
+    /// What [`Self::draw_args`] starts as.
     no_calls: Buffer,
     times: Option<(QuerySet, Buffer)>,
     staging: Buffer,
@@ -308,7 +308,7 @@ impl<'a> Picture<'a> {
     /// without a place there.
     pub fn new(
         shaders: &'a Shaders,
-        renderer: &'a Renderer,
+        renderer: &'a DeviceRenderer,
         size: (u32, u32),
         materials: u32,
         plain: bool,
@@ -346,9 +346,9 @@ impl<'a> Picture<'a> {
         let numbers = context.buffer("numbers", word * u64::from(size.0 * size.1), storage)?;
         let lists = context.buffer("lists", word * u64::from(materials * count), storage)?;
         let bytes = word * u64::from(CALL * materials);
-        let calls = storage | BufferUsages::INDIRECT | BufferUsages::COPY_SRC;
-        let calls = context.buffer("calls", bytes, calls)?;
-        let no_calls = context.buffer("calls", bytes, BufferUsages::COPY_DST | BufferUsages::COPY_SRC)?;
+        let draw_args = storage | BufferUsages::INDIRECT | BufferUsages::COPY_SRC;
+        let draw_args = context.buffer("draw_args", bytes, draw_args)?;
+        let no_calls = context.buffer("draw_args", bytes, BufferUsages::COPY_DST | BufferUsages::COPY_SRC)?;
         let none = [(TILE / BLOCK).pow(2), 0, 1].repeat(materials as usize);
         context.queue().write_buffer(&no_calls, 0, bytemuck::cast_slice(&none));
         let texture = |format, usage| {
@@ -368,14 +368,14 @@ impl<'a> Picture<'a> {
         let depth = texture(DEPTH, TextureUsages::empty());
         let picture = texture(NUMBERS, TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING);
         let times = context.tick().map(|_| {
-            let count = 2 * STEPS as u32;
+            let count = 2 * INDIRECT_ENTRIES as u32;
             let descriptor = QuerySetDescriptor { label: None, ty: QueryType::Timestamp, count };
             let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
             let ticks = context.buffer("times", u64::from(count) * size_of::<u64>() as u64, usage)?;
             Ok::<_, Error>((context.device().create_query_set(&descriptor), ticks))
         });
         let times = times.transpose()?;
-        let total = out.size() + calls.size() + times.as_ref().map_or(0, |(_, ticks)| ticks.size());
+        let total = out.size() + draw_args.size() + times.as_ref().map_or(0, |(_, ticks)| ticks.size());
         let bind = |layout: &BindGroupLayout, resources: Vec<BindingResource<'_>>| {
             let entry = |(binding, resource)| BindGroupEntry { binding, resource };
             let entries: Vec<_> = (0..).zip(resources).map(entry).collect();
@@ -388,7 +388,7 @@ impl<'a> Picture<'a> {
         };
         let (numbers, lists) = (|| numbers.as_entire_binding(), || lists.as_entire_binding());
         let texels = || BindingResource::TextureView(&picture);
-        let called = calls.as_entire_binding();
+        let called = draw_args.as_entire_binding();
         let Shaders { turns, classified, tiled, packed, surface, .. } = shaders;
         Ok(Self {
             whole: context.bind(kernel, split, bindings.clone()),
@@ -406,7 +406,7 @@ impl<'a> Picture<'a> {
             out,
             depth,
             picture,
-            calls,
+            draw_args,
             no_calls,
             times,
         })
@@ -425,16 +425,16 @@ impl Picture<'_> {
             Way::Tiles => self.shade_by_tiles(&mut encoder),
         }
         if way != Way::Whole {
-            let mut pass = self.dispatches(&mut encoder, Step::Pack);
+            let mut pass = self.dispatches(&mut encoder, IndirectEntry::Pack);
             pass.set_pipeline(&self.shaders.pack);
             pass.set_bind_group(0, &self.surface, &[]);
             pass.set_bind_group(1, &self.packed, &[0]);
             self.dispatch_whole(&mut pass);
         }
         if let Some((set, ticks)) = &self.times {
-            encoder.resolve_query_set(set, 0..2 * STEPS as u32, ticks, 0);
+            encoder.resolve_query_set(set, 0..2 * INDIRECT_ENTRIES as u32, ticks, 0);
         }
-        let mut parts = vec![&self.out, &self.calls];
+        let mut parts = vec![&self.out, &self.draw_args];
         parts.extend(self.times.as_ref().map(|(_, ticks)| ticks));
         let mut end = 0;
         for part in parts {
@@ -445,28 +445,28 @@ impl Picture<'_> {
         self.context.submit(encoder, &self.staging, end, |staged| {
             found.wall = start.elapsed().as_secs_f64() * 1e3;
             let (colors, rest) = staged.split_at(self.out.size() as usize);
-            let (calls, ticks) = rest.split_at(self.calls.size() as usize);
+            let (draw_args, ticks) = rest.split_at(self.draw_args.size() as usize);
             found.colors = colors[..3 * (self.size.0 * self.size.1) as usize].to_vec();
             found.ms = self.milliseconds(way, ticks);
             if way == Way::Tiles {
-                let calls: Vec<u32> = bytemuck::pod_collect_to_vec(calls);
-                let calls = calls.chunks_exact(CALL as usize).take(self.materials as usize);
-                found.pairs = calls.map(|call| call[1]).sum();
+                let draw_args: Vec<u32> = bytemuck::pod_collect_to_vec(draw_args);
+                let draw_args = draw_args.chunks_exact(CALL as usize).take(self.materials as usize);
+                found.pairs = draw_args.map(|call| call[1]).sum();
             }
         })?;
         Ok(found)
     }
 
-    fn milliseconds(&self, way: Way, ticks: &[u8]) -> [f64; STEPS] {
+    fn milliseconds(&self, way: Way, ticks: &[u8]) -> [f64; INDIRECT_ENTRIES] {
         let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(ticks);
         std::array::from_fn(|k| match (way, self.context.tick()) {
-            (Way::Whole, Some(_)) if k != Step::Shade as usize => 0.0,
+            (Way::Whole, Some(_)) if k != IndirectEntry::Shade as usize => 0.0,
             (_, Some(tick)) => ticks[2 * k + 1].saturating_sub(ticks[2 * k]) as f64 * tick,
             (_, None) => f64::NAN,
         })
     }
 
-    fn times(&self, step: Step) -> Option<ComputePassTimestampWrites<'_>> {
+    fn times(&self, step: IndirectEntry) -> Option<ComputePassTimestampWrites<'_>> {
         let number = 2 * step as u32;
         self.times.as_ref().map(|(query_set, _)| ComputePassTimestampWrites {
             query_set,
@@ -475,7 +475,7 @@ impl Picture<'_> {
         })
     }
 
-    fn dispatches<'e>(&self, encoder: &'e mut CommandEncoder, step: Step) -> wgpu::ComputePass<'e> {
+    fn dispatches<'e>(&self, encoder: &'e mut CommandEncoder, step: IndirectEntry) -> wgpu::ComputePass<'e> {
         encoder.begin_compute_pass(&ComputePassDescriptor { label: None, timestamp_writes: self.times(step) })
     }
 
@@ -486,7 +486,7 @@ impl Picture<'_> {
     }
 
     fn shade_whole(&self, encoder: &mut CommandEncoder) {
-        let mut pass = self.dispatches(encoder, Step::Shade);
+        let mut pass = self.dispatches(encoder, IndirectEntry::Shade);
         pass.set_pipeline(self.context.pipeline(self.shaders.kernel, self.shaders.split));
         pass.set_bind_group(0, &self.whole, &[]);
         self.dispatch_whole(&mut pass);
@@ -498,8 +498,8 @@ impl Picture<'_> {
     }
 
     fn shade_by_depth(&self, encoder: &mut CommandEncoder) {
-        for step in [Step::Sort, Step::Shade] {
-            let shades = step == Step::Shade;
+        for step in [IndirectEntry::Sort, IndirectEntry::Shade] {
+            let shades = step == IndirectEntry::Shade;
             let ops = Operations { load: LoadOp::Clear(0.0), store: StoreOp::Store };
             // No material is that of what shows none.
             let nothing = Color { r: f64::from(u32::MAX), ..Color::TRANSPARENT };
@@ -537,20 +537,20 @@ impl Picture<'_> {
     }
 
     fn shade_by_tiles(&self, encoder: &mut CommandEncoder) {
-        encoder.copy_buffer_to_buffer(&self.no_calls, 0, &self.calls, 0, self.calls.size());
-        let mut pass = self.dispatches(encoder, Step::Sort);
+        encoder.copy_buffer_to_buffer(&self.no_calls, 0, &self.draw_args, 0, self.draw_args.size());
+        let mut pass = self.dispatches(encoder, IndirectEntry::Sort);
         pass.set_pipeline(&self.shaders.classify);
         pass.set_bind_group(0, &self.surface, &[]);
         pass.set_bind_group(1, &self.classified, &[0]);
         pass.dispatch_workgroups(self.tiles.0, self.tiles.1, 1);
         drop(pass);
-        let mut pass = self.dispatches(encoder, Step::Shade);
+        let mut pass = self.dispatches(encoder, IndirectEntry::Shade);
         pass.set_pipeline(&self.shaders.shade_tiles);
         pass.set_bind_group(0, &self.surface, &[]);
         for material in 0..self.materials {
             pass.set_bind_group(1, &self.tiled, &[Self::offset(material)]);
             let call = CALL * material * size_of::<u32>() as u32;
-            pass.dispatch_workgroups_indirect(&self.calls, u64::from(call));
+            pass.dispatch_workgroups_indirect(&self.draw_args, u64::from(call));
         }
     }
 }

@@ -14,10 +14,11 @@ use nanite_rs::gpu::wgpu::{
     ComputePipelineDescriptor, QuerySet, QuerySetDescriptor, QueryType, ShaderModuleDescriptor, ShaderSource,
 };
 use nanite_rs::gpu_types::{
-    Call, Candidate, Counters, Dispatch, Group, Instance, Marks, Placed, View, VisibleCluster, Visit,
+    CandidateGroup, Counters, Dispatch, DrawArgs, Group, Instance, InstanceTransform, Marks, TraversalItem,
+    View, VisibleCluster,
 };
 use nanite_rs::model::Dag;
-use nanite_rs::render::{placed, view_record};
+use nanite_rs::render::{instance_transform, view_record};
 use nanite_rs::scene::placement::Eye;
 use nanite_rs::scene::{Camera, Scene};
 use nanite_rs::stream::Resident;
@@ -61,7 +62,7 @@ impl Form {
 
 /// The steps of a form between two timestamps each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
+pub enum IndirectEntry {
     /// `instance_cull`, the same in all.
     Instances,
     /// What tells forms apart.
@@ -73,15 +74,16 @@ pub enum Step {
 }
 
 /// In the order in which they run.
-pub const STEPS: [Step; 4] = [Step::Instances, Step::Walk, Step::List, Step::Clusters];
+pub const INDIRECT_ENTRIES: [IndirectEntry; 4] =
+    [IndirectEntry::Instances, IndirectEntry::Walk, IndirectEntry::List, IndirectEntry::Clusters];
 
 /// What every slot of a scene holds.
-pub type Slots = Vec<Option<(Placed, Arc<Dag>)>>;
+pub type Slots = Vec<Option<(InstanceTransform, Arc<Dag>)>>;
 
 /// The slots of a scene.
 pub fn slots(scene: &Scene) -> Slots {
     let all = scene.instances();
-    let of = |slot| all.at(slot).map(|instance| (placed(instance), Arc::clone(&instance.mesh)));
+    let of = |slot| all.at(slot).map(|instance| (instance_transform(instance), Arc::clone(&instance.mesh)));
     (0..all.capacity()).map(of).collect()
 }
 
@@ -102,7 +104,7 @@ fn bytes<T>(count: u32) -> u64 {
 /// The instances of a scene with what their numbers of groups, or of parts, lead to.
 #[derive(Debug)]
 struct Arranged {
-    placed: Buffer,
+    instance_transform: Buffer,
     seen: Buffer,
     /// Words of bits, as a dispatch over blocks of them.
     words: u32,
@@ -118,8 +120,8 @@ impl Arranged {
         let mut words = 0;
         let mut records = Vec::with_capacity(slots.len());
         for slot in slots {
-            let mut record = Placed { group_words: words, ..bytemuck::Zeroable::zeroed() };
-            if let Some((placed, mesh)) = slot
+            let mut record = InstanceTransform { group_words: words, ..bytemuck::Zeroable::zeroed() };
+            if let Some((instance_transform, mesh)) = slot
                 && let Some(place) = meshes.placement(mesh)
             {
                 let (first_node, first_group, count) = match catalog.and_then(|catalog| catalog.of(mesh)) {
@@ -127,20 +129,20 @@ impl Arranged {
                     Some(known) => (known.count, known.first, known.count),
                 };
                 let first_page = place.first_page;
-                let here = Placed { first_node, first_group, first_page, ..*placed };
-                record = Placed { group_words: words, ..here };
+                let here = InstanceTransform { first_node, first_group, first_page, ..*instance_transform };
+                record = InstanceTransform { group_words: words, ..here };
                 words += count.div_ceil(u32::BITS);
             }
             records.push(record);
         }
         let instances = records.len() as u32;
-        let placed = storage("instances", bytes::<Placed>(instances))?;
-        context.queue().write_buffer(&placed, 0, bytemuck::cast_slice(&records));
+        let instance_transform = storage("instances", bytes::<InstanceTransform>(instances))?;
+        context.queue().write_buffer(&instance_transform, 0, bytemuck::cast_slice(&records));
         let blocks = context.buffer("dispatches", bytes::<Dispatch>(1), DISPATCH)?;
         let record = Bits::Groups.dispatch(words);
         context.queue().write_buffer(&blocks, 0, bytemuck::bytes_of(&record));
         Ok(Self {
-            placed,
+            instance_transform,
             seen: storage("instances", bytes::<Instance>(instances))?,
             words,
             blocks,
@@ -197,7 +199,7 @@ impl Catalog {
 /// Lists whose lengths only the device knows, made anew where they were too short.
 #[derive(Debug)]
 struct Lists {
-    visits: [Buffer; 2],
+    items: [Buffer; 2],
     candidates: Buffer,
     drawn: Buffer,
     marks: Buffer,
@@ -208,7 +210,7 @@ struct Lists {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Room {
-    visits: u32,
+    items: u32,
     candidates: u32,
     visible: u32,
 }
@@ -236,14 +238,14 @@ pub struct Forms {
     starts: Buffer,
     /// One dispatch per level; the first counts the instances on the screen.
     levels: Vec<Buffer>,
-    nowhere: [Buffer; 2],
+    unused_queue: [Buffer; 2],
     queue: Buffer,
     slots: Buffer,
     looking: Buffer,
     culling: Buffer,
     counting: Buffer,
     draws: Buffer,
-    calls: Buffer,
+    draw_args: Buffer,
     counters: Buffer,
     room: Room,
     lists: Lists,
@@ -266,13 +268,13 @@ impl Forms {
         context.queue().write_buffer(&part_records, 0, bytemuck::cast_slice(all_parts));
         let group_bases = storage("pages", bytes::<u32>(bases.len() as u32))?;
         context.queue().write_buffer(&group_bases, 0, bytemuck::cast_slice(bases));
-        let count = |slot: &Option<(Placed, Arc<Dag>)>| Some(catalog.of(&slot.as_ref()?.1)?.count);
+        let count = |slot: &Option<(InstanceTransform, Arc<Dag>)>| Some(catalog.of(&slot.as_ref()?.1)?.count);
 
         let own = OWN.map(|kernel| compile(&context, kernel, sizes, ring, meshes.split()));
         let own = own.into_iter().collect::<Result<Vec<_>>>()?;
-        let room = Room { visits: 1 << 12, candidates: 1 << 12, visible: 1 << 14 };
+        let room = Room { items: 1 << 12, candidates: 1 << 12, visible: 1 << 14 };
         let times = context.tick().map(|_| {
-            let count = 2 * STEPS.len() as u32;
+            let count = 2 * INDIRECT_ENTRIES.len() as u32;
             let descriptor = QuerySetDescriptor { label: None, ty: QueryType::Timestamp, count };
             let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
             let ticks = context.buffer("times", bytes::<u64>(count), usage)?;
@@ -288,16 +290,16 @@ impl Forms {
             part_counts: slots.iter().map(|slot| count(slot).unwrap_or(0)).collect(),
             instances: sizes.instances,
             view: context.buffer("view", bytes::<View>(1), BufferUsages::UNIFORM | BufferUsages::COPY_DST)?,
-            starts: storage("instances on the screen", bytes::<Visit>(sizes.instances))?,
+            starts: storage("instances on the screen", bytes::<TraversalItem>(sizes.instances))?,
             levels: (0..=sizes.depth).map(|_| dispatch(1)).collect::<Result<_>>()?,
-            nowhere: [storage("nowhere", 16)?, storage("nowhere", bytes::<Dispatch>(1))?],
+            unused_queue: [storage("unused_queue", 16)?, storage("unused_queue", bytes::<Dispatch>(1))?],
             queue: storage("the queue", bytes::<u32>(8))?,
             slots: storage("the ring", bytes::<u32>(ring.slots))?,
             looking: dispatch(1)?,
             culling: dispatch(1)?,
             counting: dispatch(1)?,
             draws: dispatch(List::COUNT)?,
-            calls: storage("draws", bytes::<Call>(List::COUNT))?,
+            draw_args: storage("draws", bytes::<DrawArgs>(List::COUNT))?,
             counters: storage("counters", bytes::<Counters>(1))?,
             room,
             lists: Lists::new(&context, room)?,
@@ -316,7 +318,7 @@ impl Forms {
             let (found, wanted) = self.submit(form, view)?;
             let grow = |room: u32, wanted: u32| if wanted > room { wanted.next_power_of_two() } else { room };
             let room = Room {
-                visits: grow(self.room.visits, wanted.visits),
+                items: grow(self.room.items, wanted.items),
                 candidates: grow(self.room.candidates, wanted.candidates),
                 visible: grow(self.room.visible, wanted.visible),
             };
@@ -335,12 +337,12 @@ impl Forms {
         context.queue().write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
         let mut encoder = context.device().create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let always =
-            [&arranged.bits, &self.culling, &self.counting, &self.draws, &self.calls, &self.counters];
+            [&arranged.bits, &self.culling, &self.counting, &self.draws, &self.draw_args, &self.counters];
         let of_queue: &[&Buffer] = if form == Form::Queue { &[&self.queue, &self.slots] } else { &[] };
         for buffer in always.into_iter().chain(of_queue.iter().copied()).chain(&self.levels) {
             encoder.clear_buffer(buffer, 0, None);
         }
-        for (number, step) in (0..).zip(STEPS) {
+        for (number, step) in (0..).zip(INDIRECT_ENTRIES) {
             let timestamp_writes = self.times.as_ref().map(|(query_set, _)| ComputePassTimestampWrites {
                 query_set,
                 beginning_of_pass_write_index: Some(2 * number),
@@ -349,18 +351,18 @@ impl Forms {
             let descriptor = ComputePassDescriptor { label: None, timestamp_writes };
             let mut pass = encoder.begin_compute_pass(&descriptor);
             match step {
-                Step::Instances => self.instance_cull(&mut pass, arranged),
-                Step::Walk => match form {
+                IndirectEntry::Instances => self.instance_cull(&mut pass, arranged),
+                IndirectEntry::Walk => match form {
                     Form::Levels => self.walk_levels(&mut pass),
                     Form::Queue => self.walk_queue(&mut pass),
                     Form::Parts => self.look_at_parts(&mut pass),
                 },
-                Step::List => self.list(&mut pass, form),
-                Step::Clusters => self.cull_clusters(&mut pass, form),
+                IndirectEntry::List => self.list(&mut pass, form),
+                IndirectEntry::Clusters => self.cull_clusters(&mut pass, form),
             }
         }
         if let Some((set, ticks)) = &self.times {
-            encoder.resolve_query_set(set, 0..2 * STEPS.len() as u32, ticks, 0);
+            encoder.resolve_query_set(set, 0..2 * INDIRECT_ENTRIES.len() as u32, ticks, 0);
         }
         // What comes back, the same for all forms.
         let mut parts: Vec<(&Buffer, u64)> = vec![
@@ -369,7 +371,7 @@ impl Forms {
             (&self.culling, bytes::<Dispatch>(1)),
             (&arranged.bits, bytes::<u32>(arranged.words)),
             (&self.lists.visible, bytes::<VisibleCluster>(self.room.visible)),
-            (&self.starts, bytes::<Visit>(self.instances)),
+            (&self.starts, bytes::<TraversalItem>(self.instances)),
         ];
         parts.extend(self.levels.iter().map(|level| (level, bytes::<Dispatch>(1))));
         parts.extend(self.times.iter().map(|(_, ticks)| (ticks, ticks.size())));
@@ -410,13 +412,13 @@ impl Forms {
 impl Lists {
     fn new(context: &Context, room: Room) -> Result<Self> {
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
-        let Room { visits, candidates, visible } = room;
+        let Room { items, candidates, visible } = room;
         Ok(Self {
-            visits: [
-                storage("nodes to look at", bytes::<Visit>(visits))?,
-                storage("nodes to look at", bytes::<Visit>(visits))?,
+            items: [
+                storage("nodes to look at", bytes::<TraversalItem>(items))?,
+                storage("nodes to look at", bytes::<TraversalItem>(items))?,
             ],
-            candidates: storage("groups to look at", bytes::<Candidate>(candidates))?,
+            candidates: storage("groups to look at", bytes::<CandidateGroup>(candidates))?,
             drawn: storage("bits of clusters", bytes::<u32>(candidates))?,
             marks: storage("bits of clusters", bytes::<Marks>(candidates))?,
             sums: storage("counts of bits", bytes::<u32>(Bits::Clusters.sums(candidates)))?,

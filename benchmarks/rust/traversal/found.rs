@@ -1,15 +1,17 @@
 //! What a run of a form finds and takes, from what comes back of it.
 
-use nanite_rs::gpu_types::{Candidate, Counters, Dispatch, Group, Marks, Node, VisibleCluster, Visit};
+use nanite_rs::gpu_types::{
+    CandidateGroup, Counters, Dispatch, Group, Marks, Node, TraversalItem, VisibleCluster,
+};
 use nanite_rs::math::Sphere;
 use nanite_rs::model::ClusterRecord;
 
-use super::{Form, Forms, Room, STEPS};
+use super::{Form, Forms, INDIRECT_ENTRIES, Room};
 
 /// What one run of a form found and took.
 #[derive(Clone, Debug, Default)]
 pub struct Found {
-    /// Milliseconds of each of [`STEPS`] by the device's clock; NaN without one.
+    /// Milliseconds of each of [`INDIRECT_ENTRIES`] by the device's clock; NaN without one.
     pub ms: [f64; 4],
     /// Milliseconds from the submission to the answer, clearing of buffers included.
     pub wall: f64,
@@ -80,24 +82,26 @@ impl Forms {
             Form::Levels => (of_levels(|level| level.count), of_levels(|level| level.visited)),
             Form::Queue => (of_queue(4), of_queue(5)),
             Form::Parts => {
-                let starts = all::<Visit>(answer.starts).into_iter().take(levels[0].count as usize);
+                let starts = all::<TraversalItem>(answer.starts).into_iter().take(levels[0].count as usize);
                 (starts.map(|start| u64::from(self.part_counts[start.instance as usize])).sum(), 0)
             }
         };
         let clusters = u64::from(counters.visited_clusters);
         let listed = u64::from(candidates);
-        let lists = of::<Candidate>(listed) + of::<u32>(listed) + of::<Marks>(listed);
+        let lists = of::<CandidateGroup>(listed) + of::<u32>(listed) + of::<Marks>(listed);
         let words = of::<u32>(bits.len() as u64);
         // Of its group, a cluster of a part reads a sphere and an error.
         let (looked_at, own) = match form {
-            Form::Levels => (of::<Node>(nodes) + of::<Visit>(nodes), of::<Visit>(2 * u64::from(widest))),
+            Form::Levels => {
+                (of::<Node>(nodes) + of::<TraversalItem>(nodes), of::<TraversalItem>(2 * u64::from(widest)))
+            }
             Form::Queue => (of::<Node>(nodes) + of::<u32>(nodes), of::<u32>(self.ring.slots.into())),
             Form::Parts => {
                 (of::<Group>(nodes) + of::<Sphere>(clusters) + of::<f32>(clusters), self.part_bytes)
             }
         };
         let found = Found {
-            ms: std::array::from_fn::<_, { STEPS.len() }, _>(ms),
+            ms: std::array::from_fn::<_, { INDIRECT_ENTRIES.len() }, _>(ms),
             wall,
             bits,
             visible,
@@ -110,6 +114,6 @@ impl Forms {
             read: looked_at + of::<Group>(groups) + of::<ClusterRecord>(clusters) + 2 * words + lists,
             memory: own + words + lists,
         };
-        (found, Room { visits: widest, candidates, visible: counters.visible })
+        (found, Room { items: widest, candidates, visible: counters.visible })
     }
 }

@@ -6,7 +6,7 @@
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
 @group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
 @group(0) @binding(3) var<storage, read> pages: array<u32>;
-@group(0) @binding(4) var<storage, read> candidates: array<Candidate>;
+@group(0) @binding(4) var<storage, read> candidates: array<CandidateGroup>;
 @group(0) @binding(5) var<storage, read> culling: Dispatch;
 @group(0) @binding(6) var<storage, read_write> drawn: array<u32>;
 @group(0) @binding(7) var<storage, read_write> marks: array<Marks>;
@@ -23,7 +23,7 @@ const PARTS_PER_WORKGROUP: u32 = WIDTH / PART;
 var<workgroup> drawn_bits: array<atomic<u32>, PARTS_PER_WORKGROUP>;
 var<workgroup> large_bits: array<atomic<u32>, PARTS_PER_WORKGROUP>;
 
-fn cull(candidate: Candidate, part: u32, member: u32) {
+fn cull(candidate: CandidateGroup, part: u32, member: u32) {
     let instance = candidate.instance;
     let cluster = candidate.first + member;
     let record = record_start(page_start(instance, cluster), cluster);
@@ -57,12 +57,11 @@ fn cull(candidate: Candidate, part: u32, member: u32) {
 @compute @workgroup_size(WIDTH)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
     let part = lane / PART;
     let member = lane % PART;
-    let number = workgroup_number(workgroup, all) * PARTS_PER_WORKGROUP + part;
+    let number = workgroup_number(workgroup) * PARTS_PER_WORKGROUP + part;
     let exists = number < min(culling.count, arrayLength(&candidates));
     if member == 0u {
         atomicStore(&drawn_bits[part], 0u);

@@ -4,17 +4,16 @@
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
 @group(0) @binding(2) var<storage, read> parts: array<Group>;
-@group(0) @binding(3) var<storage, read> starts: array<Visit>;
+@group(0) @binding(3) var<storage, read> starts: array<TraversalItem>;
 @group(0) @binding(4) var<storage, read> looking: Dispatch;
 @group(0) @binding(5) var<storage, read_write> group_bits: array<atomic<u32>>;
 
 @compute @workgroup_size(WIDTH)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
-    @builtin(num_workgroups) all: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let number = workgroup_number(workgroup, all);
+    let number = workgroup_number(workgroup);
     if number / BLOCKS >= looking.count {
         return;
     }

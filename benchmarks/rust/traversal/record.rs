@@ -1,6 +1,6 @@
 //! The steps of every form, recorded: kernels of the product with bindings as in `src/gpu/`, and the benchmark's own.
 
-use nanite_rs::gpu::Phase;
+use nanite_rs::gpu::CullPass;
 use nanite_rs::gpu::shaders::{Bits, Kernel, MAX_WORKGROUPS, WIDTH};
 use nanite_rs::gpu::wgpu::{BindGroupDescriptor, BindGroupEntry, Buffer, ComputePass, ComputePipeline};
 
@@ -49,20 +49,28 @@ impl Forms {
     }
 
     pub(super) fn instance_cull(&self, pass: &mut ComputePass<'_>, of: &Arranged) {
-        let [later, later_level] = &self.nowhere;
+        let [occluded_queue, occluded_dispatch] = &self.unused_queue;
         // There is no earlier frame: any buffer does for its pyramid.
         let pyramid = &self.group_bases;
-        let bindings =
-            [&self.view, &of.placed, &of.seen, &self.starts, &self.levels[0], pyramid, later, later_level];
+        let bindings = [
+            &self.view,
+            &of.instance_transform,
+            &of.seen,
+            &self.starts,
+            &self.levels[0],
+            pyramid,
+            occluded_queue,
+            occluded_dispatch,
+        ];
         let kernel = Use::Product(Kernel::InstanceCull);
         self.run_kernel(pass, kernel, &bindings, self.instances.div_ceil(WIDTH));
     }
 
     /// As `src/gpu/node_cull.rs`.
     pub(super) fn walk_levels(&self, pass: &mut ComputePass<'_>) {
-        let [later, later_level] = &self.nowhere;
+        let [occluded_queue, occluded_dispatch] = &self.unused_queue;
         for level in 0..self.sizes.depth as usize {
-            let from = if level == 0 { &self.starts } else { &self.lists.visits[level % 2] };
+            let from = if level == 0 { &self.starts } else { &self.lists.items[level % 2] };
             let bindings = [
                 &self.view,
                 &self.groups.seen,
@@ -70,16 +78,16 @@ impl Forms {
                 self.meshes.groups(),
                 from,
                 &self.levels[level],
-                &self.lists.visits[(level + 1) % 2],
+                &self.lists.items[(level + 1) % 2],
                 &self.levels[level + 1],
                 &self.groups.bits,
                 &self.group_bases,
-                later,
-                later_level,
+                occluded_queue,
+                occluded_dispatch,
                 self.meshes.page_offsets(),
                 &self.wanted,
             ];
-            let kernel = Use::Product(Kernel::NodeCull(Phase::First));
+            let kernel = Use::Product(Kernel::NodeCull(CullPass::First));
             self.run_as(pass, kernel, &bindings, &self.levels[level]);
         }
     }
@@ -111,7 +119,7 @@ impl Forms {
         let of = self.arranged(form);
         let (kernel, records) = match form {
             Form::Parts => (Use::Own(Own::ListParts), &self.part_records),
-            _ => (Use::Product(Kernel::ListGroups(Phase::First)), self.meshes.groups()),
+            _ => (Use::Product(Kernel::ListGroups(CullPass::First)), self.meshes.groups()),
         };
         let bindings = [&of.bits, &of.blocks, &of.sums];
         self.run_as(pass, Use::Product(Kernel::CountBits(Bits::Groups)), &bindings, &of.blocks);
@@ -152,10 +160,17 @@ impl Forms {
                 Use::Own(Own::PartClusters),
                 vec![self.meshes.groups(), &self.group_bases, pages_1, pages_2, pages_3],
             ),
-            // No pyramid, and nothing of another phase.
+            // No pyramid, and nothing of another pass.
             _ => (
-                Use::Product(Kernel::ClusterCull(Phase::First)),
-                vec![&self.nowhere[0], &lists.candidates, self.meshes.groups(), pages_1, pages_2, pages_3],
+                Use::Product(Kernel::ClusterCull(CullPass::First)),
+                vec![
+                    &self.unused_queue[0],
+                    &lists.candidates,
+                    self.meshes.groups(),
+                    pages_1,
+                    pages_2,
+                    pages_3,
+                ],
             ),
         };
         self.run_as(pass, kernel, &[&common[..], &more].concat(), &self.culling);
@@ -179,12 +194,12 @@ impl Forms {
             &self.draws,
             &self.counters,
             &lists.candidates,
-            &self.nowhere[0],
-            &self.calls,
+            &self.unused_queue[0],
+            &self.draw_args,
             &of.seen,
-            &self.nowhere[1],
+            &self.unused_queue[1],
         ];
-        let kernel = Use::Product(Kernel::ListClusters(Phase::First));
+        let kernel = Use::Product(Kernel::ListClusters(CullPass::First));
         self.run_as(pass, kernel, &bindings, &self.counting);
     }
 }

@@ -42,14 +42,14 @@ struct Queue {
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
 @group(0) @binding(2) var<storage, read> nodes: array<Node>;
 @group(0) @binding(3) var<storage, read> groups: array<Group>;
-@group(0) @binding(4) var<storage, read> starts: array<Visit>;
+@group(0) @binding(4) var<storage, read> starts: array<TraversalItem>;
 @group(0) @binding(5) var<storage, read> level: Dispatch;
 @group(0) @binding(6) var<storage, read_write> group_bits: array<atomic<u32>>;
 @group(0) @binding(7) var<storage, read_write> queue: Queue;
 @group(0) @binding(8) var<storage, read_write> ring: array<atomic<u32>>;
 
 const PAYLOAD: u32 = (1u << PAYLOAD_BITS) - 1u;
-const NOTHING: Visit = Visit(NONE, 0u);
+const NOTHING: TraversalItem = TraversalItem(NONE, 0u);
 
 struct Claim {
     // Of the ring.
@@ -70,28 +70,28 @@ var<private> groups_seen: u32;
 var<private> nodes_walked: u32;
 
 // What a lane that wrote `word` to a slot has replaced.
-fn replaced(old: u32, word: u32) -> Visit {
+fn replaced(old: u32, word: u32) -> TraversalItem {
     let payload = old & PAYLOAD;
     if old > word || payload == 0u {
         return NOTHING;
     }
-    return Visit((payload - 1u) / MOST_NODES, (payload - 1u) % MOST_NODES);
+    return TraversalItem((payload - 1u) / MOST_NODES, (payload - 1u) % MOST_NODES);
 }
 
 // Puts an item into the ring, and returns what the lane has to do itself instead: that item, an older one, or nothing.
-fn put(ticket: u32, visit: Visit) -> Visit {
+fn put(ticket: u32, item: TraversalItem) -> TraversalItem {
     if ticket >= TICKETS {
-        return visit;
+        return item;
     }
-    let word = (ticket / RING) << PAYLOAD_BITS | (visit.instance * MOST_NODES + visit.node + 1u);
+    let word = (ticket / RING) << PAYLOAD_BITS | (item.instance * MOST_NODES + item.node + 1u);
     let old = atomicMax(&ring[ticket % RING], word);
     if old > word {
-        return visit;
+        return item;
     }
     return replaced(old, word);
 }
 
-fn take(ticket: u32) -> Visit {
+fn take(ticket: u32) -> TraversalItem {
     if ticket >= TICKETS {
         return NOTHING;
     }
@@ -100,13 +100,13 @@ fn take(ticket: u32) -> Visit {
 }
 
 // Looks at a node; the first of its children to look at, and their number. Groups become bits.
-fn look_at(visit: Visit) -> vec2<u32> {
+fn look_at(item: TraversalItem) -> vec2<u32> {
     nodes_seen++;
-    let node = nodes[instances[visit.instance].first_node + visit.node];
-    if !may_be_in_cut(lod_view(visit.instance), node.lod_sphere, node.max_parent_error, node.min_own_error) {
+    let node = nodes[instances[item.instance].first_node + item.node];
+    if !may_be_in_cut(lod_view(item.instance), node.lod_sphere, node.max_parent_error, node.min_own_error) {
         return vec2<u32>(0u);
     }
-    if !footprint(instances[visit.instance].screen, node.center, node.extent).seen {
+    if !footprint(instances[item.instance].screen, node.center, node.extent).seen {
         return vec2<u32>(0u);
     }
     let count = node.count & 0xffffu;
@@ -114,13 +114,13 @@ fn look_at(visit: Visit) -> vec2<u32> {
         return vec2<u32>(node.first, count);
     }
     groups_seen += count;
-    let first_group = instances[visit.instance].first_group;
-    let words = instances[visit.instance].group_words;
+    let first_group = instances[item.instance].first_group;
+    let words = instances[item.instance].group_words;
     for (var i = 0u; i < count; i++) {
         let number = node.first + i;
         let group = groups[first_group + number];
-        if may_be_in_cut(lod_view(visit.instance), group.lod_sphere, group.error, group.min_own_error)
-            && footprint(instances[visit.instance].screen, group.center, group.extent).seen {
+        if may_be_in_cut(lod_view(item.instance), group.lod_sphere, group.error, group.min_own_error)
+            && footprint(instances[item.instance].screen, group.center, group.extent).seen {
             mark_group(words, number);
         }
     }
@@ -128,10 +128,10 @@ fn look_at(visit: Visit) -> vec2<u32> {
 }
 
 // Looks at a node and all below it.
-fn walk(visit: Visit) {
+fn walk(item: TraversalItem) {
     // Of each level: the next sibling, and how many are left.
     var rest: array<vec2<u32>, DEPTH>;
-    rest[0] = vec2<u32>(visit.node, 1u);
+    rest[0] = vec2<u32>(item.node, 1u);
     var depth = 1u;
     while depth > 0u {
         let next = rest[depth - 1u];
@@ -141,7 +141,7 @@ fn walk(visit: Visit) {
         }
         rest[depth - 1u] = vec2<u32>(next.x + 1u, next.y - 1u);
         nodes_walked++;
-        let children = look_at(Visit(visit.instance, next.x));
+        let children = look_at(TraversalItem(item.instance, next.x));
         if children.y > 0u && depth < DEPTH {
             rest[depth] = children;
             depth++;
@@ -204,19 +204,19 @@ fn main(@builtin(local_invocation_index) lane: u32) {
         if batch.tickets + batch.roots == 0u {
             break;
         }
-        var visit = NOTHING;
+        var item = NOTHING;
         if lane < batch.tickets {
-            visit = take(batch.ticket + lane);
+            item = take(batch.ticket + lane);
         } else if lane - batch.tickets < batch.roots {
-            visit = starts[batch.root + lane - batch.tickets];
+            item = starts[batch.root + lane - batch.tickets];
         }
-        if visit.instance != NONE {
-            let children = look_at(visit);
+        if item.instance != NONE {
+            let children = look_at(item);
             var more = 0u;
             if children.y > 0u {
                 let ticket = atomicAdd(&queue.tail, children.y);
                 for (var i = 0u; i < children.y; i++) {
-                    let left = put(ticket + i, Visit(visit.instance, children.x + i));
+                    let left = put(ticket + i, TraversalItem(item.instance, children.x + i));
                     if left.instance == NONE {
                         more++;
                     } else {

@@ -190,7 +190,7 @@ pub fn collapse(
     policy: &Policy,
 ) -> Collapsed {
     let mut collapses = Collapses::new(mesh, locked, rows, weights, policy);
-    let stopped = collapses.go_on(limit);
+    let stopped = collapses.proceed(limit);
     Collapsed { stopped, ..collapses.finish(mesh) }
 }
 
@@ -211,7 +211,7 @@ impl Collapses {
     }
 
     /// Collapses until a limit is reached or no edge may collapse; true where the cost was the limit.
-    pub fn go_on(&mut self, limit: Limit) -> bool {
+    pub fn proceed(&mut self, limit: Limit) -> bool {
         let (cost, distance) = (limit.cost / self.unit, limit.distance / self.collapser.extent);
         self.collapser.run(Limit { cost, distance, ..limit })
     }

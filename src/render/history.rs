@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use crate::cpu::cluster_cull::Candidate;
+use crate::cpu::cluster_cull::CandidateCluster;
 use crate::cpu::project::InstanceView;
 use crate::cpu::visibility::{Pixel, Visible};
 use crate::model::ClusterAddress;
@@ -17,14 +17,14 @@ const EVERY: usize = 2;
 
 /// Clusters that a frame showed.
 #[derive(Debug, Default)]
-pub(super) struct Shown {
+pub(super) struct VisibilityHistory {
     /// Each with the slot of its instance, in ascending order.
     clusters: Vec<(u32, ClusterAddress)>,
     /// By slot, as far as any was seen.
     instances: Vec<bool>,
 }
 
-impl Shown {
+impl VisibilityHistory {
     /// Whether any cluster of the instance was seen.
     pub(super) fn instance(&self, view: &InstanceView) -> bool {
         self.instances.get(view.slot as usize).is_some_and(|seen| *seen)
@@ -46,7 +46,7 @@ impl Shown {
         &mut self,
         pixels: &[P],
         width: usize,
-        list: &[Candidate],
+        list: &[CandidateCluster],
         views: &[InstanceView],
     ) {
         let marks: Vec<AtomicBool> = list.iter().map(|_| AtomicBool::new(false)).collect();

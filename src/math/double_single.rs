@@ -5,7 +5,7 @@
 
 /// The sum of two numbers, of which the second is below the rounding of the first.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pair {
+pub struct DoubleSingle {
     /// The number rounded to f32.
     pub high: f32,
     /// The rest.
@@ -21,7 +21,7 @@ fn split(a: f32) -> (f32, f32) {
     (high, a - high)
 }
 
-impl Pair {
+impl DoubleSingle {
     /// a + b, exactly.
     pub fn sum(a: f32, b: f32) -> Self {
         let high = a + b;
@@ -72,11 +72,11 @@ mod tests {
             seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             ((seed >> 8) as f32 / 8_388_608.0 - 1.0) * 10f32.powi((seed >> 3) as i32 % 4)
         };
-        let wide = |p: Pair| f64::from(p.high) + f64::from(p.low);
+        let wide = |p: DoubleSingle| f64::from(p.high) + f64::from(p.low);
         for _ in 0..20_000 {
             let (a, b, c, d) = (random(), random(), random(), random());
-            assert_eq!(wide(Pair::product(a, b)), f64::from(a) * f64::from(b));
-            let (x, y) = (Pair::product(a, b), Pair::product(c, d));
+            assert_eq!(wide(DoubleSingle::product(a, b)), f64::from(a) * f64::from(b));
+            let (x, y) = (DoubleSingle::product(a, b), DoubleSingle::product(c, d));
             let size = wide(x).abs().max(wide(y).abs());
             let tiny = size / f64::from(1u32 << 22).powi(2);
             assert!((wide(x.minus(y)) - (wide(x) - wide(y))).abs() <= tiny);

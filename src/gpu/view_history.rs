@@ -6,14 +6,14 @@ use super::context::Context;
 use super::frame::Buffers;
 use super::instances::{self, Instances};
 use super::occlusion::Pyramids;
-use super::renderer::{Counted, Drawn, Job};
+use super::renderer::{Counted, Drawn, ViewRequest};
 use super::shade::Light;
 use crate::error::Result;
 use crate::gpu_types::{Instance, View};
 
 /// What a view keeps on the device between frames.
 #[derive(Debug)]
-pub(super) struct Sight {
+pub(super) struct ViewHistory {
     /// The instances as seen from it, with room for so many slots.
     pub(super) seen: Option<(u32, Buffer)>,
     pub(super) buffers: Option<Buffers>,
@@ -23,7 +23,7 @@ pub(super) struct Sight {
     arrangement: u64,
 }
 
-impl Sight {
+impl ViewHistory {
     pub(super) fn new(context: &Context) -> Result<Self> {
         let (pyramids, light) = (Pyramids::new(context, (0, 0))?, Light::new(context)?);
         Ok(Self { seen: None, buffers: None, pyramids, light, arrangement: 0 })
@@ -34,10 +34,10 @@ impl Sight {
         &mut self,
         context: &Context,
         instances: &Instances,
-        job: &Job<'_>,
+        request: &ViewRequest<'_>,
         occlusion: bool,
     ) -> Result<(View, bool)> {
-        self.light.write(context, job)?;
+        self.light.write(context, request)?;
         let room = instances.room();
         if self.seen.as_ref().is_none_or(|(seen, _)| *seen != room) {
             self.seen = None;
@@ -45,7 +45,8 @@ impl Sight {
             let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
             self.seen = Some((room, context.buffer(instances::WHAT, bytes, storage)?));
         }
-        let mut view = View { instances: instances.len(), group_words: instances.group_words(), ..job.view };
+        let mut view =
+            View { instances: instances.len(), group_words: instances.group_words(), ..request.view };
         if !occlusion {
             return Ok((view, false));
         }
@@ -64,12 +65,13 @@ impl Sight {
     pub(super) fn remember(&mut self, view: &View, drawn: &Drawn, culling: bool, occlusion: bool) {
         let mut both = false;
         if culling {
-            let counters = drawn.phases.iter().map(|phase| phase.counters);
+            let counters = drawn.cull_passes.iter().map(|cull_pass| cull_pass.counters);
             let built = counters.clone().any(|c| c.pyramid != 0);
-            let hidden = |phase: &Counted| phase.hidden_instances + u64::from(phase.counters.held);
-            let hidden = drawn.phases.get(1).map_or(0, hidden);
-            // Where the first phase built one, the second walked.
-            both = drawn.phases.first().is_some_and(|first| first.counters.pyramid != 0);
+            let hidden =
+                |cull_pass: &Counted| cull_pass.hidden_instances + u64::from(cull_pass.counters.occluded);
+            let hidden = drawn.cull_passes.get(1).map_or(0, hidden);
+            // Where the first pass built one, the second walked.
+            both = drawn.cull_passes.first().is_some_and(|first| first.counters.pyramid != 0);
             self.pyramids.remember(view, counters.map(|c| c.triangles()).sum(), hidden, built);
         } else if occlusion {
             self.pyramids.wait();
@@ -79,10 +81,10 @@ impl Sight {
 }
 
 /// A view in a submission.
-pub(super) struct Turn<'a> {
+pub(super) struct SubmittedView<'a> {
     pub(super) view: &'a View,
     pub(super) culling: bool,
     pub(super) seen: &'a Buffer,
     pub(super) buffers: &'a Buffers,
-    pub(super) sight: &'a Sight,
+    pub(super) history: &'a ViewHistory,
 }

@@ -1,6 +1,7 @@
-// Surfaces with holes: where alpha is below the cutoff there is nothing.
+// Alpha-tested surfaces (glTF: mask): a pixel is covered where alpha is not below the cutoff.
+// Needs: surface.wgsl, texture.wgsl, material.wgsl.
 
-@group(0) @binding(12) var<storage, read> looks: array<Look>;
+@group(0) @binding(12) var<storage, read> instance_materials: array<InstanceMaterial>;
 @group(0) @binding(13) var<storage, read> materials: array<Material>;
 @group(0) @binding(14) var<storage, read> texels: array<u32>;
 
