@@ -14,7 +14,7 @@
 @group(0) @binding(6) var<storage, read_write> visible: array<VisibleCluster>;
 // Of the clusters of each list; see `number_slot`.
 @group(0) @binding(7) var<storage, read_write> numbers: array<u32>;
-// Small, large, clipped, with holes.
+// Small, large, clipped, alpha-tested.
 @group(0) @binding(8) var<storage, read_write> draws: array<DispatchArgsOut, LISTS>;
 @group(0) @binding(9) var<storage, read_write> counters: Counters;
 // Of the first pass; not read there.

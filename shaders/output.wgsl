@@ -1,7 +1,7 @@
 // Stage 8, outputs: makes one of the arrays that a caller asks for: src/cpu/output.rs, operation for operation.
 // One invocation handles four pixels.
 // Reads the visibility buffer and pages. Writes depth, normals, ids or a debug view.
-// Needs: picture.wgsl, surface.wgsl, key.wgsl.
+// Needs: frame_bindings.wgsl, surface.wgsl, key.wgsl.
 
 fn mixed(bits: u32, word: u32) -> u32 {
     var x = (bits ^ word) * 0x85ebca6bu;

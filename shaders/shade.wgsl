@@ -1,7 +1,7 @@
 // Stage 7, shading: evaluates glTF's metallic-roughness BRDF, or pyrender's: src/cpu/shade.rs, operation for operation.
 // One invocation handles four pixels.
 // Reads the visibility buffer, pages, materials, lights. Writes colour, encoded or linear.
-// Needs: picture.wgsl, surface.wgsl, bsdf_of, image_based_light.
+// Needs: frame_bindings.wgsl, surface.wgsl, bsdf_of, image_based_light.
 
 @group(0) @binding(11) var<uniform> lighting: Lighting;
 @group(0) @binding(12) var<storage, read> lights: array<Light>;

@@ -448,7 +448,7 @@ pub struct Calibration {
 pub struct RenderOptions {
     /// Threshold of the cut, pixels: no surface point moves farther on the screen. 0 is full detail.
     pub pixel_error: f32,
-    /// Skip what a first, near portion of the frame hides. The picture does not depend on it.
+    /// Occlusion culling in two passes. The image does not depend on it.
     pub occlusion: bool,
     /// On a GPU, draw by 64-bit atomics where the device has them. The picture does not depend on it.
     pub int64_atomics: bool,

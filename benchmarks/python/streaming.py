@@ -113,7 +113,7 @@ def first_image(path: Path, backend: str, runs: int) -> dict[str, object]:
         "open to complete image ms": total_ms,
         "pages": stream.resident_pages,
         "MiB of the pool": stream.pool_bytes / 2**20,
-        "frames until complete": stream.rounds,
+        "frames until complete": stream.draws,
         "image of the whole mesh": equal,
     }
 

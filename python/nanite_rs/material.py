@@ -129,7 +129,7 @@ class Material:
     def _is_transparent(self) -> bool:
         """Whether it wants to be blended and anything of it would let light through."""
         texture = self.base_color_texture
-        varies = texture is not None and texture.image._has_holes()
+        varies = texture is not None and texture.image._alpha_varies()
         return self.alpha_mode == "blend" and (varies or (*self.base_color[3:], 1.0)[0] < 1.0)
 
 

@@ -414,9 +414,9 @@ class Renderer(_advice.Teaching):
             if str(error).startswith("pool_bytes"):
                 raise _advice.advised(error, "it counts bytes: 512 << 20 is 512 MiB") from None
             raise _advice.near(error) from None
-        for fault in self._core.faults():
+        for fault in self._core.read_errors():
             _advice.warn(fault, StreamWarning)
-        smaller = max((dict(frame.totals()[0])["smaller_images"] for frame in frames), default=0)
+        smaller = max((dict(frame.totals()[0])["reduced_images"] for frame in frames), default=0)
         if smaller > self._smaller:
             _advice.warn(
                 f"the GPU has no room for all textures: {smaller} of the images lack their largest levels",

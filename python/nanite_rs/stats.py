@@ -21,7 +21,7 @@ class StageStats:
     stage: str
     """Name of the stage."""
     pass_number: int
-    """1, or 2 for what was put off until nearer surfaces were drawn, all such rounds together."""
+    """The pass: 1, or 2 for what was deferred until nearer surfaces were drawn."""
     received: int
     """What came in, counted in `received_unit`."""
     received_unit: str
@@ -50,9 +50,9 @@ class StreamStats:
     """Pages that arrived since the frame before."""
     evicted_pages: int
     """Pages that had to leave since the frame before."""
-    faults: int
+    read_errors: int
     """Pages that could not be read, since the renderer was made."""
-    rounds: int
+    draws: int
     """How often the frame was drawn until all was there."""
     coarsest_pixels: float
     """Largest error, pixels, of what stands in for something finer; 0 where nothing does. The picture keeps to
@@ -101,7 +101,7 @@ class FrameStats:
     """Clusters that passed every other test, and that the depth pyramid hid."""
     uploaded_bytes: int
     """Bytes of instances that were written to a device, because they changed."""
-    smaller_images: int
+    reduced_images: int
     """Images of textures that lack their largest levels on a GPU, which has no room for them."""
     samples: int
     """Samples of each pixel's colour. With several, `stages` are sums over all passes: one for each sample, and the

@@ -128,7 +128,7 @@ class Image:
         """Width and height."""
         return self._pixels.shape[1], self._pixels.shape[0]
 
-    def _has_holes(self) -> bool:
+    def _alpha_varies(self) -> bool:
         """Whether alpha is below 1 anywhere."""
         pixels = self._pixels
         full = 1.0 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max

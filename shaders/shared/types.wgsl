@@ -64,7 +64,7 @@ struct InstanceTransform {
     mirrored: u32,
     // 0 where nothing is, or nothing to be seen.
     visible: u32,
-    // Clusters with holes, by material as for double_sided.
+    // Alpha-tested clusters, by material as for double_sided.
     alpha_tested: u32,
     // Largest distance by which positions were moved where they were stored: of every error above the source's.
     rounding: f32,
@@ -278,7 +278,7 @@ struct DrawArgsOut {
 }
 
 // Where entry `at` of a list lies among the numbers of all lists, which have room for so many: small ones from the front,
-// large ones from the back; behind both in the same way clipped ones, and those with holes.
+// large ones from the back; behind both in the same way clipped ones, and alpha-tested ones.
 fn number_slot(list: u32, at: u32, room: u32) -> u32 {
     switch list {
         case LIST_SMALL: { return at; }

@@ -51,7 +51,7 @@ pub struct BuildCluster {
     pub level: u8,
     /// The group that made it; [`NO_GROUP`] at level 0.
     pub refined: u32,
-    /// What it answers for while it waits for the next round.
+    /// What it corresponds to while it waits for the next round.
     pub pieces: Pieces,
 }
 
@@ -517,7 +517,7 @@ struct Split {
     new_positions: Vec<[f32; 3]>,
     new_attributes: Vec<f32>,
     new_labels: Vec<u32>,
-    /// What each cluster answers for, when the next round asks.
+    /// What each cluster corresponds to, when the next round asks.
     pieces: Vec<Pieces>,
     /// Parent error of the group.
     error: f32,

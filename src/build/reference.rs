@@ -3,7 +3,7 @@
 //! the rounds after it are measured against that: its own error enters once, and is small.
 //!
 //! From the new surface to the reference any nearest point will do. The other way the reference's triangles travel up
-//! the DAG with the clusters that answer for them, cut in pieces where they lie on several, so that each is measured
+//! the DAG with the clusters that correspond to them, cut in pieces where they lie on several, so that each is measured
 //! by the group that simplifies its part of the surface. The proof is in docs/numerics.md.
 
 use std::sync::{Arc, OnceLock};
@@ -41,7 +41,7 @@ const SLACK: f64 = 0.1;
 /// Distances below this part of the simplifier's estimate are not told apart: the largest is above it.
 const FLOOR: f64 = 0.1;
 
-/// Triangles of the reference, or parts of them, that a cluster answers for.
+/// Triangles of the reference, or parts of them, that a cluster corresponds to.
 #[derive(Clone, Debug, Default)]
 pub struct Pieces {
     /// Numbers of whole triangles.
@@ -51,7 +51,7 @@ pub struct Pieces {
     /// Corners of the parts, from the first corner of their triangle.
     offsets: Vec<[f32; 3]>,
     /// Of a cluster that the next reference has: how far each of its triangles may be from what of the source it
-    /// answers for, either way. Empty where all are at the bound of the cluster.
+    /// corresponds to, either way. Empty where all are at the bound of the cluster.
     radii: Vec<f32>,
 }
 
@@ -218,7 +218,7 @@ impl Reference {
         self.is_last
     }
 
-    /// Begins a round that aims at so many triangles, with what its clusters answer for.
+    /// Begins a round that aims at so many triangles, with what its clusters correspond to.
     pub fn begin<'a>(&mut self, target: f32, pieces: impl Iterator<Item = &'a Pieces>) {
         self.rounds += 1;
         self.is_last = target < self.least || self.rounds == MOST_ROUNDS;
@@ -232,7 +232,7 @@ impl Reference {
         }
     }
 
-    /// Makes triangles whole again all of whose parts are here: what answers for each part answers for all of it.
+    /// Makes triangles whole again all of whose parts are here: what corresponds to each part corresponds to all of it.
     fn join(&self, pieces: &mut [Pieces]) {
         let mut numbering = Numbering::with_room(pieces.iter().map(|p| p.parts.len()).sum());
         let mut missing = Vec::new();
@@ -257,7 +257,7 @@ impl Reference {
         }
     }
 
-    /// What each of its clusters answers for: itself.
+    /// What each of its clusters corresponds to: itself.
     pub fn pieces<'a>(&'a self, all: &'a [BuildCluster]) -> impl Iterator<Item = Pieces> + 'a {
         self.clusters.iter().zip(&self.starts).map(|(c, start)| {
             let count = all[*c as usize].mesh.triangles.len() as u32;
@@ -265,7 +265,7 @@ impl Reference {
         })
     }
 
-    /// The triangles that some clusters answer for, and the number of each in the order of [`Pieces::each`].
+    /// The triangles that some clusters correspond to, and the number of each in the order of [`Pieces::each`].
     fn local(&self, pieces: &[Pieces], all: &[BuildCluster]) -> (Local, Vec<u32>) {
         let count = pieces.iter().map(|p| p.whole.len() + p.parts.len()).sum();
         let mut of_triangles = Numbering::with_room(count);
@@ -305,7 +305,7 @@ impl Reference {
         out.radii.push(self.radii.get(t as usize).copied().map_or(0.0, f64::from));
     }
 
-    /// What some clusters answer for, laid out.
+    /// What some clusters correspond to, laid out.
     pub fn correspondence<'a>(
         &'a self,
         mut pieces: Vec<Pieces>,
@@ -316,7 +316,7 @@ impl Reference {
         Correspondence { before: local.sheet(), pieces, numbers, reference: self, all }
     }
 
-    /// All clusters of it that come within some distance of a triangle, whoever answers for them; none where that is none.
+    /// All clusters of it that come within some distance of a triangle, whoever corresponds to them; none where that is none.
     fn around(&self, triangle: Triangle, reach: f64, all: &[BuildCluster]) -> Option<Sheet> {
         // Not in parallel: a thread that waits for others here could take a part of a round that waits for this.
         let boxes = self.boxes.get_or_init(|| {
@@ -438,7 +438,7 @@ impl Correspondence<'_> {
     }
 
     /// A bound for patches that replace the clusters: how far any of their points may be from
-    /// the source, and any point of the source that those clusters answer for from them. Also hands the pieces over,
+    /// the source, and any point of the source that those clusters correspond to from them. Also hands the pieces over,
     /// or, where no further round of this reference will ask, the radii of the triangles.
     pub fn measure(self, patches: &[Patch<'_>], estimate: f32) -> (f32, Vec<Pieces>) {
         let Self { before, pieces, numbers, reference, all } = self;
@@ -501,7 +501,7 @@ impl Correspondence<'_> {
             }
             let known = bounds;
             let mut own = lay_whole(&mut to_before, &mut bounds, *t);
-            // Over the border of the group others answer for the reference, which is as near to it all the same.
+            // Over the border of the group others correspond to the reference, which is as near to it all the same.
             if bounds.lower > known.limit()
                 && after.neighbours(number).contains(&NO_TRIANGLE)
                 && let Some(around) = reference.around(*t, own, all)

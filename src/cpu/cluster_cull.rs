@@ -96,7 +96,7 @@ fn cull_group(
         }
         // A patch of n triangles has some √(n/2) edges across.
         let edge = f32::from(footprint.span) / (f32::from(record.triangle_count) * 0.5).sqrt().max(1.0);
-        // Those that may have holes are drawn in one form.
+        // Alpha-tested ones are drawn in one form.
         let alpha_tested = instance.materials.alpha_tested(record.material);
         let large = alpha_tested || footprint.clipped || footprint.span > MAX_SPAN || edge > SMALL_EDGE;
         let visible = Visible { instance: at.instance, cluster };

@@ -1,4 +1,4 @@
-//! Light from all around, by a map, off eight surface points at a time: `shaders/shared/environment.wgsl` does the same
+//! Image-based lighting of eight surface points at a time: `shaders/shared/environment.wgsl` does the same
 //! operations in the same order.
 //!
 //! The sum over all directions is split in two, what arrives about the main direction and what is reflected of white (Karis,

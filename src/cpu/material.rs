@@ -83,7 +83,7 @@ impl Bsdf {
     }
 }
 
-/// Whether a surface has a hole at its first point.
+/// Whether the alpha test drops the first point of a surface.
 pub fn is_hole(surfels: &Surfels<'_, Detail>) -> bool {
     // Holes do not depend on how the rest is shaded.
     let point = Point::new(surfels, &surfels.detail, 0, Shading::Gltf);

@@ -6,7 +6,7 @@
 //! negative, so that its relative error stays small where values differ by orders of magnitude. Very large triangles
 //! are set aside and shared out by bands of rows.
 //!
-//! Clusters that may have holes come here whatever their size; alpha is tested at each of their pixels.
+//! Alpha-tested clusters come here whatever their size; alpha is tested at each of their pixels.
 
 use rayon::prelude::*;
 
@@ -55,7 +55,7 @@ pub fn run<S: Sink>(
         + draw(&alpha_tested, visible, views, screen, &AlphaTested { pixels, sink })
 }
 
-/// Passes on what is not a hole.
+/// Passes on what the alpha test keeps.
 struct AlphaTested<'a, S> {
     pixels: Pixels<'a>,
     sink: &'a S,

@@ -3,7 +3,7 @@
 //!
 //! The model is glTF's metallic-roughness BRDF: f0 = lerp(0.04, base, metal), Schlick's Fresnel, GGX with α = r², Smith's
 //! visibility with heights correlated (Khronos, glTF 2.0, appendix B), the sum over lights, plus base · ambient ·
-//! occlusion, plus emission, plus light from all around by a map ([`super::environment`]); or as pyrender 0.1.45 evaluates it: G with k = (r + 1)²/8, back faces with the normals of the
+//! occlusion, plus emission, plus image-based lighting ([`super::environment`]); or as pyrender 0.1.45 evaluates it: G with k = (r + 1)²/8, back faces with the normals of the
 //! front, occlusion and vertex colours times the sum, emission by the square of its factor. The background is written as it is.
 
 use rayon::prelude::*;

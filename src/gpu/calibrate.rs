@@ -177,7 +177,7 @@ impl<'a> Stand<'a> {
         bindings.map(Buffer::as_entire_binding).into()
     }
 
-    /// Draws so many clusters of a batch in compute and by the device's rasterizer, by turns: milliseconds of the fastest
+    /// Draws so many clusters of a batch in compute and by the device's rasterizer, in alternation: milliseconds of the fastest
     /// of each, and whether all pictures are equal.
     fn compare(&self, list: List, clusters: u32) -> Result<(f64, f64, bool)> {
         let queue = self.context.queue();

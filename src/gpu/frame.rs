@@ -121,7 +121,7 @@ impl Groups {
 /// What one pass writes: its walk, its candidates, its list.
 #[derive(Debug)]
 pub(super) struct PassBuffers {
-    /// Nodes to start from: roots of instances on the screen, or what the first pass put off.
+    /// Nodes to start from: roots of instances on the screen, or what the first pass deferred.
     pub(super) starts: Buffer,
     /// One dispatch per level.
     pub(super) levels: Vec<Buffer>,
@@ -188,13 +188,13 @@ impl PassBuffers {
 pub(super) struct Buffers {
     pub(super) shape: Shape,
     pub(super) view: Buffer,
-    /// Nodes of a level, by turns.
+    /// Traversal items of a level and of the next, ping-pong.
     pub(super) items: [Buffer; 2],
-    /// The second is there with occlusion; without, nothing is put off.
+    /// The second is there with occlusion; without, nothing is deferred.
     pub(super) cull_passes: Vec<PassBuffers>,
     /// Whether the groups of the first pass are those of the frame before, with what was drawn of them.
     pub(super) listed: bool,
-    /// Where the first pass puts off to when there is no second, and the second, which does not: a list and its count.
+    /// The occluded queue of a pass that defers nothing: of the first where there is no second, and of the second.
     pub(super) unused_queue: [Buffer; 2],
     /// The words of the bits of all groups, for the first pass; for the second, a step of the first says it.
     pub(super) group_blocks: Buffer,
@@ -509,7 +509,7 @@ impl<'a> Recorder<'a> {
         &self.buffers.cull_passes[0]
     }
 
-    /// Where this pass puts nodes off to: a list and its count.
+    /// The occluded queue to which this pass defers: a list and its count.
     pub(super) fn occluded_queue(&self) -> [&'a Buffer; 2] {
         match (self.cull_pass, &self.buffers.cull_passes[..]) {
             (shaders::CullPass::First, [_, second]) => [&second.starts, &second.levels[0]],

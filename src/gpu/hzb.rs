@@ -1,4 +1,4 @@
-//! Stage 6. Visibility buffer → depth pyramid, where it is needed: after the first pass for what it put off, and at the
+//! Stage 6. Visibility buffer → depth pyramid, where it is needed: after the first pass for what it deferred, and at the
 //! end of the frame for the next one.
 
 use super::frame::Recorder;

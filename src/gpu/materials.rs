@@ -34,7 +34,7 @@ struct Resident {
 pub(super) struct Buffers {
     pub(super) materials: Buffer,
     pub(super) texels: Buffer,
-    /// Some material may have holes.
+    /// Some material is alpha-tested.
     pub(super) alpha_tested: bool,
 }
 
@@ -58,7 +58,7 @@ impl MaterialTable {
     }
 
     /// How many images lack their largest levels, since the device has no room for them.
-    pub(super) fn smaller_images(&self) -> u64 {
+    pub(super) fn reduced_images(&self) -> u64 {
         self.images.values().filter(|resident| resident.skipped > 0).count() as u64
     }
 

@@ -1,7 +1,7 @@
 //! Stage 2. Walks the hierarchies of instances, one dispatch per level, and lists the groups found in scene order.
 //!
 //! Nodes of a level come in any order; groups are bits of a set, and listing it restores the order. The second pass
-//! resumes at the nodes that the first one put off, and lists the groups of both. A first pass that starts from the list
+//! resumes at the nodes that the first one deferred, and lists the groups of both. A first pass that starts from the list
 //! of the frame before does not walk.
 
 use super::frame::Recorder;

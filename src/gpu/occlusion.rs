@@ -1,10 +1,10 @@
-//! The two passes of occlusion culling: the depth pyramids of this frame and of an earlier one, and the steps between
-//! passes.
+//! The two passes of occlusion culling: the depth pyramids of this frame and of an earlier one, and what is decided between
+//! the passes.
 //!
 //! The first pass takes what the frame before drew, less what the pyramid of that frame hides where instances were then;
 //! the second looks at everything, with the pyramid of what the first one drew (Greene, Kass and Miller, "Hierarchical
 //! Z-Buffer Visibility", 1993; Haar and Aaltonen, "GPU-Driven Rendering Pipelines", 2015). Without a list of what was drawn,
-//! or after a cut, the first pass walks the scene and puts off what the pyramid hides; of what no earlier frame showed, it
+//! or after a cut, the first pass traverses the scene and defers what the pyramid occludes; of what no earlier frame showed, it
 //! draws what is near. Whatever is known of earlier frames, the picture is the same: it decides which pass draws a
 //! cluster, and not whether one does.
 

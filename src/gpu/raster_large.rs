@@ -1,5 +1,5 @@
 //! Stage 5. Clusters with large triangles, or that have to be clipped, → visibility buffer, a workgroup per cluster.
-//! Where `raster_hardware` draws, what it leaves. Clusters that may have holes, of any size, are drawn here in each form.
+//! Where `raster_hardware` draws, what it leaves. Alpha-tested clusters of any size are drawn here in each form.
 
 use wgpu::Buffer;
 
@@ -12,7 +12,7 @@ pub(super) fn record<'a>(r: &mut Recorder<'a>, list: List, words: Words, to: &'a
     r.run_indirect(Kernel::RasterLarge(words), &bindings, &r.own().draws, list as u32);
 }
 
-/// Clusters that may have holes, where any material has them.
+/// Alpha-tested clusters, where any material is.
 pub(super) fn record_alpha_tested<'a>(r: &mut Recorder<'a>, words: Words, to: &'a Buffer) {
     let Some(Buffers { materials, texels, alpha_tested: true }) = r.materials else { return };
     let bindings = r.raster_bindings(to);

@@ -69,7 +69,7 @@ pub struct ViewRequest<'a> {
     pub lights: Vec<gpu_types::Light>,
     /// How colours are encoded.
     pub transfer: Transfer,
-    /// The map of light from all around, of which `lighting` has the rest.
+    /// The environment map, of which `lighting` has the rest.
     pub environment: Option<Arc<EnvironmentMap>>,
 }
 
@@ -148,7 +148,7 @@ pub struct Drawn {
     /// Bytes of instances written to the device.
     pub uploaded_bytes: u64,
     /// Images that lack their largest levels there.
-    pub smaller_images: u64,
+    pub reduced_images: u64,
     /// Which rasterizers drew it.
     pub raster: Raster,
     /// The first pass started from what the frame before drew.
@@ -309,7 +309,7 @@ impl DeviceRenderer {
                 {
                     (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
                     drawn.listed = view.history == HISTORY_LIST;
-                    drawn.smaller_images = self.instances.table().smaller_images();
+                    drawn.reduced_images = self.instances.table().reduced_images();
                     drawn.needs = self.meshes.needs(&drawn.wanted);
                     let buffers = history.buffers.as_ref().filter(|buffers| buffers.shape.stays_on_device);
                     drawn.visibility = buffers.map(|buffers| DeviceVisibility::new(&self.context, buffers));
@@ -500,7 +500,7 @@ fn report(
             visited: visited + of_levels(|level| level.visited),
             groups: u64::from(groups),
             clusters: draws.iter().map(|draw| u64::from(draw.count)).sum(),
-            // The first pass puts them off.
+            // The first pass defers them.
             hidden_instances: match number {
                 1 => 0,
                 _ => u64::saturating_sub(roots, of_levels(|level| level.unhidden)),

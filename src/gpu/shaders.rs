@@ -84,7 +84,7 @@ impl IndirectEntry {
 pub enum CullPass {
     /// What an earlier frame does not hide, or of what it drew; without occlusion, everything.
     First,
-    /// What was put off, by the depth pyramid of the first.
+    /// What the first deferred, by its depth pyramid.
     Second,
 }
 
@@ -112,7 +112,7 @@ pub enum List {
     Large,
     /// With the hardware rasterizer, large ones that it does not take: that have to be clipped.
     Clipped,
-    /// Of any size, that may have holes.
+    /// Of any size, alpha-tested.
     AlphaTested,
 }
 
@@ -153,7 +153,7 @@ impl Bits {
     }
 }
 
-/// What surfaces are that are shaded.
+/// What materials the scene has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MaterialKind {
     /// Each instance has a material without textures.
@@ -162,12 +162,12 @@ pub enum MaterialKind {
     Textured,
 }
 
-/// What lights surfaces besides lights, and the same from everywhere.
+/// Whether there is image-based lighting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ibl {
-    /// Nothing.
+    /// No environment map.
     Off,
-    /// An environment.
+    /// An environment map.
     On,
 }
 
@@ -194,7 +194,7 @@ pub enum Kernel {
     RasterSmall(Words),
     /// Large clusters → visibility buffer.
     RasterLarge(Words),
-    /// Clusters that may have holes → visibility buffer.
+    /// Alpha-tested clusters → visibility buffer.
     RasterAlphaTested(Words),
     /// Clusters of a list → visibility buffer, by the rasterizer of the device.
     RasterHardware(List, Words),
@@ -361,7 +361,7 @@ const SOURCES: &[(&str, &str)] = sources![
     "shared/occlusion",
     "shared/opaque",
     "shared/pages",
-    "shared/picture",
+    "shared/frame_bindings",
     "shared/places",
     "shared/plain",
     "shared/records",

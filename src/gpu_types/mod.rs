@@ -77,7 +77,7 @@ pub struct View {
     pub depth_only: u32,
     /// See [`crate::math::LodView::widest`].
     pub lod_widest: f32,
-    /// 1 where what is hidden is left out, in two passes; then the second alone asks for pages that are missed.
+    /// 1 with occlusion culling in two passes; then the second alone requests missing pages.
     pub two_passes: u32,
     /// Pixels to the right per unit of tangent up the picture.
     pub skew: f32,
@@ -89,7 +89,7 @@ pub struct View {
     pub unused_c: u32,
 }
 
-/// An instance as the scene places it, whoever looks at it.
+/// The transform of an instance, the same for all views.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct InstanceTransform {
@@ -117,13 +117,13 @@ pub struct InstanceTransform {
     pub mirrored: u32,
     /// 0 where nothing is, or nothing to be seen.
     pub visible: u32,
-    /// Clusters that may have holes, by material in the same way.
+    /// Which clusters are alpha-tested, by material in the same way.
     pub alpha_tested: u32,
     /// See [`crate::math::LodView::rounding`].
     pub rounding: f32,
 }
 
-/// The look of an instance, for shading: in the slot of its [`InstanceTransform`].
+/// The material of an instance, for shading: in the slot of its [`InstanceTransform`].
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct InstanceMaterial {
@@ -189,7 +189,7 @@ pub struct Material {
     pub normal_scale: f32,
     /// How much of the occlusion texture counts.
     pub occlusion_strength: f32,
-    /// Where alpha is below it there is a hole.
+    /// Where alpha is below it, the surface is not drawn.
     pub alpha_cutoff: f32,
     /// [`MATERIAL_SMOOTH`], [`MATERIAL_UNLIT`].
     pub flags: u32,
@@ -297,7 +297,7 @@ pub struct Instance {
     pub double_sided: u32,
     /// 1 where the map to the screen reverses orientation.
     pub mirrored: u32,
-    /// Clusters that may have holes, by material in the same way.
+    /// Which clusters are alpha-tested, by material in the same way.
     pub alpha_tested: u32,
     /// See [`crate::math::LodView::rounding`].
     pub rounding: f32,
@@ -371,7 +371,7 @@ pub struct Group {
     pub unused: [u32; 2],
 }
 
-/// A node of an instance that is to be looked at.
+/// An item of the hierarchy traversal: a node of an instance.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
 pub struct TraversalItem {
@@ -407,11 +407,11 @@ pub struct Marks {
     pub old: u32,
     /// Number of the first in the visible list.
     pub first: u32,
-    /// Of the large ones, those that the hardware rasterizer does not take; of the others, those that may have holes.
+    /// Of the large ones, those that the hardware rasterizer does not take; of the others, those that are alpha-tested.
     pub clipped: u32,
 }
 
-/// A draw as a device takes it.
+/// Arguments of an indirect draw.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct DrawArgs {
@@ -449,7 +449,7 @@ pub struct Counters {
     pub drawn_large: u32,
     /// Entries of the visible list.
     pub visible: u32,
-    /// Clusters that the pyramid hides: of the first pass that of an earlier frame.
+    /// Clusters that the pyramid occludes: in the first pass that of an earlier frame.
     pub occluded: u32,
     /// 1 where a pyramid was built.
     pub pyramid: u32,

@@ -22,7 +22,7 @@ pub struct MeshView<'a> {
 }
 
 /// Asked now and then with what is done and how much there is; `false` stops the work with [`Error::Cancelled`].
-pub type GoOn<'a> = &'a (dyn Fn(u64, u64) -> bool + Sync);
+pub type Proceed<'a> = &'a (dyn Fn(u64, u64) -> bool + Sync);
 
 /// What to measure.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -270,7 +270,7 @@ fn direction(
     to: &Prepared<'_>,
     options: &DistanceOptions,
     scale: f64,
-    proceed: GoOn<'_>,
+    proceed: Proceed<'_>,
 ) -> Result<OneSided> {
     let mut used = vec![false; from.vertices.len()];
     from.faces.iter().flatten().for_each(|v| used[*v as usize] = true);
@@ -350,7 +350,7 @@ pub fn surface_distance(
     a: MeshView<'_>,
     b: MeshView<'_>,
     options: &DistanceOptions,
-    proceed: GoOn<'_>,
+    proceed: Proceed<'_>,
 ) -> Result<SurfaceDistance> {
     if options.samples == 0 {
         return Err(Error::argument("samples", "must be 1 or more"));
@@ -371,7 +371,7 @@ pub fn surface_distance(
 pub fn closest_points(
     points: (&'static str, &[Vec3]),
     mesh: MeshView<'_>,
-    proceed: GoOn<'_>,
+    proceed: Proceed<'_>,
 ) -> Result<Vec<(f64, u32, Vec3)>> {
     let scale = scale_for(check(mesh)?.max(check_points(points.0, points.1)?));
     let mesh = Prepared::new(mesh, scale);

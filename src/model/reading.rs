@@ -1,4 +1,4 @@
-//! Reading pages on threads of their own, so that whoever waits for a disk may leave.
+//! Reading pages on threads of their own, so that waiting for a disk can be interrupted.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -9,14 +9,14 @@ use std::time::Duration;
 use super::page::{PageSource, PageWords};
 use crate::error::{Error, Result};
 
-/// Asked some twenty times a second by those who wait for a disk: whether to go on. If not, they return
-/// [`Error::Cancelled`] at once, however long the disk takes.
+/// The interrupt check: whoever waits for a disk calls it some twenty times a second. It returns whether to proceed. If not,
+/// they return [`Error::Cancelled`] at once, however long the disk takes.
 pub type InterruptCheck<'a> = &'a dyn Fn() -> bool;
 
-/// Waits however long it takes.
+/// Never interrupts.
 pub const UNINTERRUPTED: InterruptCheck<'static> = &|| true;
 
-/// How long somebody waits without asking.
+/// How long somebody waits between two checks.
 pub const INTERRUPT_INTERVAL: Duration = Duration::from_millis(50);
 
 /// What comes next from other threads; nothing where they have ended.

@@ -341,7 +341,7 @@ impl Frame {
                 ("arrived_pages", stream.arrived_pages),
                 ("evicted_pages", stream.evicted_pages),
                 ("read_errors", stream.read_errors),
-                ("rounds", stream.rounds),
+                ("draws", stream.draws),
             ];
             Some((counts, stream.coarsest_pixels))
         })
@@ -362,7 +362,7 @@ impl Frame {
                 ("occluded_instances", stats.occluded_instances),
                 ("occluded_clusters", stats.occluded_clusters),
                 ("uploaded_bytes", stats.uploaded_bytes),
-                ("smaller_images", stats.smaller_images),
+                ("reduced_images", stats.reduced_images),
                 ("samples", stats.samples.into()),
             ];
             (totals, stats.total_ms, stats.raster.name())

@@ -6,11 +6,11 @@ use std::sync::{Arc, OnceLock};
 use rayon::prelude::*;
 
 use super::pass::INSTANCES;
-use super::picture::{Picture, ScratchPool};
 use super::queue::Queue;
 use super::renderer::{FrameContext, Rastered};
 use super::stages::Stage;
 use super::stats::{FrameStats, StageStats};
+use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs, RenderOptions, Samples};
 use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
@@ -100,7 +100,7 @@ impl Device {
         let picture = |FrameContext { screen, .. }: &FrameContext<'_>| {
             scratch.take(screen.width as usize * screen.height as usize, depth_only)
         };
-        let mut pictures: Vec<Picture> = frame_contexts.iter().map(picture).collect();
+        let mut pictures: Vec<VisibilityBuffer> = frame_contexts.iter().map(picture).collect();
         let requests =
             frame_contexts.iter().zip(views).zip(&mut pictures).map(|((frame_context, view), picture)| {
                 ViewRequest {
@@ -130,7 +130,7 @@ impl Device {
                     rastered(
                         frame_context,
                         drawn,
-                        Picture::OnDevice(left, OnceLock::new()),
+                        VisibilityBuffer::OnDevice(left, OnceLock::new()),
                         scratch,
                         on_device,
                     )
@@ -144,7 +144,7 @@ impl Device {
 fn rastered(
     frame_context: &FrameContext<'_>,
     drawn: Drawn,
-    mut picture: Picture,
+    mut picture: VisibilityBuffer,
     scratch: &ScratchPool,
     on_device: bool,
 ) -> Rastered {
@@ -170,14 +170,14 @@ fn rastered(
     let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
     let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
     stats.covered_pixels = match picture {
-        Picture::OnDevice(..) => {
+        VisibilityBuffer::OnDevice(..) => {
             drawn.cull_passes.iter().map(|cull_pass| u64::from(cull_pass.counters.covered)).sum()
         }
         _ => picture.covered(),
     };
     stats.stages = stages(&drawn, instances.len() as u64, stats.covered_pixels, screen);
     stats.uploaded_bytes = drawn.uploaded_bytes;
-    stats.smaller_images = drawn.smaller_images;
+    stats.reduced_images = drawn.reduced_images;
     stats.raster = drawn.raster;
     stats.occluded_instances = drawn.cull_passes.iter().map(|cull_pass| cull_pass.hidden_instances).sum();
     stats.occluded_clusters = drawn.cull_passes.get(1).map_or(0, |second| second.counters.occluded.into());
@@ -190,9 +190,9 @@ fn rastered(
     Rastered { picture, views, visible, large, made, light: None, layer: None, needs, stats }
 }
 
-/// Portions of instances that the first pass of a first frame draws: in a city, one leaves more to the second pass than
+/// Batches of instances that the first pass of a first frame draws: in a city, one leaves more to the second pass than
 /// it saves, and three are more than hide the rest.
-const FIRST_PORTIONS: usize = 2;
+const FIRST_BATCHES: usize = 2;
 
 /// The key of the farthest of the nearest instances that could cover the occupied part of the picture; 0 where they
 /// overlap too little.
@@ -202,7 +202,7 @@ fn occluders(frame_context: &FrameContext<'_>) -> u32 {
     let views = instance_cull::run(&instances, view, eye, screen, resident);
     let keys = views.iter().map(|v| (v.footprint, v.footprint.near_key, false));
     let mut queue = Queue::new(keys, screen, INSTANCES);
-    let nearest: Vec<u32> = (0..FIRST_PORTIONS).flat_map(|_| queue.take()).collect();
+    let nearest: Vec<u32> = (0..FIRST_BATCHES).flat_map(|_| queue.take()).collect();
     if queue.is_empty() { 0 } else { nearest.into_iter().min().unwrap_or(0) }
 }
 

@@ -3,9 +3,9 @@
 use rayon::prelude::*;
 
 use super::layers;
-use super::picture::{Picture, ScratchPool};
 use super::stages::Stage;
 use super::stats::FrameStats;
+use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs};
 use crate::cpu::output::{self, DebugView};
 use crate::cpu::project::{InstanceView, Screen};
@@ -56,7 +56,7 @@ impl ImageView {
 /// alone has that and `stats`: everything that is made of the visibility buffer is an error.
 #[derive(Debug)]
 pub struct Frame {
-    pub(super) picture: Picture,
+    pub(super) picture: VisibilityBuffer,
     pub(super) visible: Vec<Visible>,
     /// Which of `visible` went to the large rasterizer.
     pub(super) large: Vec<bool>,
@@ -115,7 +115,7 @@ impl Frame {
 
     /// Makes what of `outputs` is not there.
     pub(super) fn finish(&mut self, outputs: Outputs) -> Result<()> {
-        if let Picture::Depth(_) = self.picture {
+        if let VisibilityBuffer::Depth(_) = self.picture {
             return Ok(());
         }
         let pixels = u64::from(self.width()) * u64::from(self.height());
@@ -137,7 +137,7 @@ impl Frame {
 
     /// Makes an array from the visibility buffer, whether or not there is one made with the frame.
     pub fn make(&self, output: Output) -> Result<Array> {
-        if let (Picture::Depth(depth), Output::Depth) = (&self.picture, output) {
+        if let (VisibilityBuffer::Depth(depth), Output::Depth) = (&self.picture, output) {
             return Ok(depth.clone().into());
         }
         match (&self.light, output) {
@@ -272,7 +272,7 @@ impl Frame {
 
 impl Drop for Frame {
     fn drop(&mut self) {
-        self.scratch.give(std::mem::replace(&mut self.picture, Picture::Depth(Vec::new())));
+        self.scratch.give(std::mem::replace(&mut self.picture, VisibilityBuffer::Depth(Vec::new())));
         self.scratch.give_views(std::mem::take(&mut self.views));
     }
 }

@@ -6,12 +6,12 @@ pub mod frame;
 mod history;
 mod layers;
 mod pass;
-mod picture;
 mod queue;
 pub mod renderer;
 pub mod stages;
 pub mod stats;
 mod streaming;
+mod visibility_buffer;
 
 #[cfg(feature = "gpu")]
 pub use device::{instance_transform, view_record};

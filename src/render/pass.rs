@@ -1,9 +1,9 @@
-//! The culling and raster stages of a frame, in rounds.
+//! The culling and raster stages of a frame on the CPU, in two passes.
 //!
-//! With occlusion, and where footprints overlap enough for it to pay, only what the frame before showed and the
-//! nearest portion are drawn in the first round; the depth pyramid of what was drawn then culls the next portion,
-//! and so on. Hidden clusters have no pixel, so the picture is the same either way; and since numbers are given in
-//! scene order over what is drawn, so are all ties.
+//! The first pass draws what the frame before showed, and the nearest batch. The second pass draws the rest in batches: the
+//! depth pyramid of what was drawn so far culls the next batch. Without occlusion culling, and where footprints overlap too
+//! little for it to pay, the first pass draws everything. An occluded cluster has no pixel, so the image is the same either
+//! way. Numbers are given in scene order over what is drawn, so ties are the same, too.
 
 use std::ops::Range;
 
@@ -22,15 +22,15 @@ use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
 use crate::error::{Error, Result};
 use crate::limits::{MAX_VISIBLE, PYRAMID_ABOVE};
 
-/// How instances are put off. One of a few pixels still has a hierarchy to walk, and clusters.
+/// When instances are deferred. One of a few pixels still has a hierarchy to traverse, and clusters.
 pub(super) const INSTANCES: Terms = Terms { overlap: 1.5, each: 1024 };
 /// The same for clusters: their rectangles hold about twice the pixels of their triangles.
 const CLUSTERS: Terms = Terms { overlap: 3.0, each: 0 };
-/// Where nothing is put off.
+/// When nothing is deferred.
 const AT_ONCE: Terms = Terms { overlap: f64::INFINITY, each: 0 };
 
 /// The state of a frame on its way through the culling and raster stages.
-pub(super) struct Pass<'a, P> {
+pub(super) struct FramePasses<'a, P> {
     pub(super) screen: Screen,
     pub(super) tau: f32,
     pub(super) views: &'a [InstanceView],
@@ -42,7 +42,7 @@ pub(super) struct Pass<'a, P> {
     pub(super) stats: &'a mut FrameStats,
 }
 
-impl<P: Pixel> Pass<'_, P> {
+impl<P: Pixel> FramePasses<'_, P> {
     /// Culls and draws everything; returns the frame's visible list, in scene order.
     pub(super) fn draw_scene(
         &mut self,
@@ -61,7 +61,7 @@ impl<P: Pixel> Pass<'_, P> {
         let entries = candidates.iter().map(|c| (c.footprint, *c, before(c)));
         let mut clusters = Queue::new(entries, &self.screen, terms);
         let mut list = self.draw(1, Vec::new(), clusters.take())?;
-        let in_rounds = !(instances.is_empty() && clusters.is_empty());
+        let two_passes = !(instances.is_empty() && clusters.is_empty());
         while !(instances.is_empty() && clusters.is_empty()) {
             self.build_pyramid(hzb);
             let mut new = self.unhidden_clusters(&clusters.take(), hzb);
@@ -72,20 +72,20 @@ impl<P: Pixel> Pass<'_, P> {
             new.sort_unstable();
             list = self.draw(2, list, new)?;
         }
-        if in_rounds {
+        if two_passes {
             history.note(self.pixels, self.screen.width as usize, &list, views);
         } else {
             history.clear();
         }
         if occlusion && !self.absent.is_empty() {
             self.build_pyramid(hzb);
-            self.drop_hidden(hzb);
+            self.drop_occluded(hzb);
         }
         Ok(list)
     }
 
     /// What the picture hides is not missed.
-    fn drop_hidden(&mut self, hzb: &Hzb) {
+    fn drop_occluded(&mut self, hzb: &Hzb) {
         let (views, screen) = (self.views, &self.screen);
         self.absent = std::mem::take(&mut self.absent)
             .into_par_iter()

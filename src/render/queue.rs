@@ -1,7 +1,7 @@
-//! What is drawn in which round: what the frame before showed, then nearest first, a growing portion at a time, so
-//! that the depth pyramid of one round hides as much as possible of the next.
+//! The order in which a frame draws: first what the frame before showed, then nearest first, in batches that grow. So the
+//! depth pyramid of one batch occludes as much as possible of the next.
 //!
-//! Only keys, rectangles and that frame decide, so the order depends on neither threads nor timing.
+//! Only keys, rectangles and that frame decide. The order depends on neither threads nor timing.
 
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ use crate::cpu::project::{Footprint, Screen};
 /// Side, pixels, of the tiles by which the occupied part of the picture is measured.
 const TILE: usize = 32;
 
-/// How entries are put off.
+/// When entries are deferred.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Terms {
     /// Only where their rectangles cover what they occupy more often than this.
@@ -26,7 +26,7 @@ pub(super) struct Queue<T> {
     entries: Vec<(Footprint, T)>,
     /// Where the nearest end.
     shown: usize,
-    /// Pixels of the next portion.
+    /// Pixels of the next batch.
     budget: u64,
     /// What all entries together count for, pixels.
     total: u64,
@@ -34,8 +34,8 @@ pub(super) struct Queue<T> {
 }
 
 impl<T: Copy + Ord + Send> Queue<T> {
-    /// Queues entries, each with whether it was shown before: those come with the first portion. When all rectangles
-    /// together cover what they occupy no more often than the terms say, there is little to hide, and the first portion is
+    /// Queues entries, each with whether it was shown before: those come with the first batch. When all rectangles
+    /// together cover what they occupy no more often than the terms say, little is occluded, and the first batch is
     /// everything.
     pub(super) fn new(
         all: impl Iterator<Item = (Footprint, T, bool)>,
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn portions_come_nearest_first_and_double() {
+    fn batches_come_nearest_first_and_double() {
         let screen =
             Screen { width: 64, height: 64, orthographic: false, near: 1.0, far: f32::INFINITY, far_key: 0 };
         // Apart from each other: all at once, in order.

@@ -9,11 +9,11 @@ use super::device;
 use super::frame::Frame;
 use super::history::VisibilityHistory;
 use super::layers;
-use super::pass::Pass;
-use super::picture::{Picture, ScratchPool};
+use super::pass::FramePasses;
 use super::stages::Stage;
 use super::stats::FrameStats;
 use super::streaming;
+use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Calibration, Output, Raster, RenderOptions, Samples};
 use crate::cpu::cluster_cull::CandidateCluster;
 use crate::cpu::hzb::Hzb;
@@ -152,7 +152,7 @@ impl<'a> FrameContext<'a> {
 /// What the culling and raster stages leave for those after them.
 pub(super) struct Rastered {
     /// The visibility buffer, or depth.
-    pub(super) picture: Picture,
+    pub(super) picture: VisibilityBuffer,
     /// The frame's instances.
     pub(super) views: Vec<InstanceView>,
     /// The frame's visible list.
@@ -353,7 +353,7 @@ impl Renderer {
             streaming::expected(scene, &self.before, views, options.pixel_error, &resident, &mut needs);
             let stats = streamer.request(&needs)?;
             let settled = stats.missing_pages == stats.refused_pages;
-            let again = options.wait && !settled && stats.rounds < MOST_FRAMES;
+            let again = options.wait && !settled && stats.draws < MOST_FRAMES;
             if again || !sampled {
                 rastered.into_iter().for_each(|rastered| self.scratch.give(rastered.picture));
                 if again {
@@ -449,7 +449,7 @@ impl Renderer {
         stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
         let (hzb, history) = (&mut self.hzb, &mut self.history[number]);
         let (list, absent) = match &mut picture {
-            Picture::Words(words) => raster(frame_context, &views, words, hzb, history, &mut stats)?,
+            VisibilityBuffer::Words(words) => raster(frame_context, &views, words, hzb, history, &mut stats)?,
             depth => raster(frame_context, &views, depth.bits(), hzb, history, &mut stats)?,
         };
         stats.covered_pixels = picture.covered();
@@ -495,7 +495,7 @@ fn raster<P: Pixel>(
 ) -> Result<(Vec<CandidateCluster>, Vec<CandidateGroup>)> {
     let FrameContext { screen, options, .. } = frame_context;
     let (tau, absent) = (options.pixel_error, Vec::new());
-    let mut pass = Pass { screen: *screen, tau, views, pixels, absent, drawn_rows: None, stats };
+    let mut pass = FramePasses { screen: *screen, tau, views, pixels, absent, drawn_rows: None, stats };
     let list = pass.draw_scene(options.occlusion, hzb, history)?;
     Ok((list, pass.absent))
 }

@@ -22,7 +22,7 @@ pub enum Stage {
 }
 
 /// All stages in the order in which they run. When a depth pyramid is built, the stages before it run again over
-/// what was put off, on the CPU in portions.
+/// what was deferred, on the CPU in batches.
 pub const STAGES: [Stage; 8] = [
     Stage::InstanceCull,
     Stage::NodeCull,

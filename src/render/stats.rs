@@ -11,7 +11,8 @@ use crate::stream::StreamStats;
 pub struct StageStats {
     /// The stage.
     pub stage: Stage,
-    /// 1, or 2 for what was put off until a depth pyramid of this frame was there, all such rounds together.
+    /// The pass: 1, or 2 for what was deferred until there was a depth pyramid of this frame. On the CPU the second pass has
+    /// several batches, which count as one.
     pub pass: u8,
     /// What came in; [`Stage::counts`] says of what.
     pub received: u64,
@@ -47,7 +48,7 @@ pub struct FrameStats {
     /// Bytes of instances that were written to a device, because they changed.
     pub uploaded_bytes: u64,
     /// Images of textures that lack their largest levels on a device, since it has no room for them.
-    pub smaller_images: u64,
+    pub reduced_images: u64,
     /// Which rasterizers drew: on a GPU never `Auto`, on the CPU always `Compute`.
     pub raster: Raster,
     /// What streaming did, where meshes are streamed.

@@ -1,4 +1,4 @@
-//! How much of the light from a white sky glTF's BRDF reflects: what is integrated beforehand, so that light from all around
+//! How much of the light from a white sky glTF's BRDF reflects: what is integrated beforehand, so that image-based lighting
 //! costs a pixel a few lookups.
 //!
 //! With Schlick's Fresnel the specular part is linear in f0: A · f0 + B, two integrals over GGX and Smith's visibility with

@@ -1,4 +1,4 @@
-//! Light from all around, by a map: what surfaces of each roughness see of it, made beforehand ([`super::prefilter`]), beside
+//! Environment maps: what surfaces of each roughness see of it, made beforehand ([`super::prefilter`]), beside
 //! what they reflect of it ([`super::albedo`]).
 //!
 //! Maps are equirectangular: rows from +Y down, columns around it from −X over −Z, +X in the middle, and +Z. What is made of
@@ -21,7 +21,7 @@ use crate::error::{Error, Result};
 
 /// Grids for surfaces of equal steps of roughness, from a mirror to 1.
 pub const ROUGHNESS_LEVELS: usize = 9;
-/// The grid for matt surfaces, behind those.
+/// The grid of irradiance, behind those.
 pub const IRRADIANCE: usize = ROUGHNESS_LEVELS;
 /// All grids.
 pub const GRIDS: usize = ROUGHNESS_LEVELS + 1;

@@ -229,7 +229,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Light from all around, by a map.
+    /// The environment map.
     pub fn environment(&self) -> Option<&Environment> {
         self.environment.as_ref()
     }

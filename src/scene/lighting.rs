@@ -22,11 +22,11 @@ pub struct ShadeLight {
 pub struct Falloff {
     /// One over the distance at which it ends; 0 never.
     pub inverse_range: f32,
-    /// The way it shines, unit; zero where that is all around.
+    /// The way it shines, unit; zero where it shines in all directions.
     pub direction: [f32; 3],
     /// Times the cosine of the angle from there, plus the offset: the root of what is left of it, held to 0 and 1.
     pub cone_scale: f32,
-    /// 1 where it shines all around.
+    /// 1 where it shines in all directions.
     pub cone_offset: f32,
 }
 
@@ -37,7 +37,7 @@ pub struct Lighting {
     pub lights: Vec<ShadeLight>,
     /// Light from everywhere.
     pub ambient: [f32; 3],
-    /// Light from all around by a map, which glTF's shading alone knows.
+    /// The environment map, which glTF's shading alone uses.
     pub environment: Option<Surroundings>,
     /// The background as it is written.
     pub background: [u8; 3],

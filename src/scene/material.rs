@@ -63,7 +63,7 @@ pub struct Material {
     pub normal_scale: f32,
     /// How much of the occlusion texture counts, 0 to 1.
     pub occlusion_strength: f32,
-    /// Where alpha is below this there is a hole; `None` where there are no holes.
+    /// The alpha cutoff: where alpha is below it, nothing is drawn. `None` of an opaque material.
     pub alpha_cutoff: Option<f32>,
     /// By [`Slot`].
     pub textures: [Option<Texture>; Slot::COUNT],
@@ -94,11 +94,11 @@ pub struct Materials {
     list: Arc<[Material]>,
     /// A bit for each of the first numbers; the last stands for all from there on.
     double_sided: u32,
-    /// The same for holes.
+    /// The same for alpha tests.
     alpha_tested: u32,
     /// Any of them is smooth.
     smooth: bool,
-    /// There is one, with neither textures nor holes. Asked for every few pixels.
+    /// There is one, with neither textures nor alpha test. Asked for every few pixels.
     plain: bool,
 }
 
@@ -113,7 +113,7 @@ impl From<Vec<Material>> for Materials {
         let list: Arc<[Material]> = if list.is_empty() { [Material::default()].into() } else { list.into() };
         let smooth = list.iter().any(|material| material.smooth);
         let double_sided = bits(&list, |material| material.double_sided);
-        let alpha_tested = bits(&list, Material::may_have_holes);
+        let alpha_tested = bits(&list, Material::is_alpha_tested);
         let plain = list.len() == 1 && list[0].textures.iter().all(Option::is_none) && alpha_tested == 0;
         Self { list, double_sided, alpha_tested, smooth, plain }
     }
@@ -157,7 +157,7 @@ impl Materials {
         &self.list
     }
 
-    /// The only one, where it has neither textures nor holes.
+    /// The only one, where it has neither textures nor alpha test.
     #[inline]
     pub fn plain(&self) -> Option<&Material> {
         self.plain.then(|| self.of(0))
@@ -175,13 +175,13 @@ impl Materials {
         bit(self.double_sided, number)
     }
 
-    /// Whether clusters with a number may have holes: a bit each, in the same way.
+    /// Whether clusters with a number are alpha-tested: a bit each, in the same way.
     #[inline]
     pub fn alpha_tested_bits(&self) -> u32 {
         self.alpha_tested
     }
 
-    /// Whether clusters with this number may have holes.
+    /// Whether clusters with this number are alpha-tested.
     #[inline]
     pub fn alpha_tested(&self, number: i32) -> bool {
         bit(self.alpha_tested, number)
@@ -216,7 +216,7 @@ impl Material {
     }
 
     /// Whether alpha is below the cutoff anywhere, as far as one can tell without looking at each texel.
-    pub fn may_have_holes(&self) -> bool {
+    pub fn is_alpha_tested(&self) -> bool {
         let texture = self.textures[Slot::BaseColor as usize].as_ref();
         let varies = texture.is_some_and(|texture| !texture.image.opaque());
         self.alpha_cutoff.is_some_and(|cutoff| varies || self.alpha < cutoff)

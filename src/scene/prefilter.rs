@@ -10,7 +10,7 @@ use rayon::prelude::*;
 /// How much light counts, by the cosine of its angle to the direction that is asked for.
 #[derive(Clone, Copy, Debug)]
 pub enum Kernel {
-    /// As on a matt surface that faces there.
+    /// Irradiance: as on a diffuse surface that faces there.
     Cosine,
     /// As in a surface seen along its normal: GGX with this α, times the cosine.
     Ggx(f32),

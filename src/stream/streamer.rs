@@ -56,7 +56,7 @@ pub struct StreamStats {
     /// Largest error, pixels, of what was drawn in place of something finer; 0 where nothing was.
     pub coarsest_pixels: f32,
     /// Frames that were drawn until all was there; 1 without waiting.
-    pub rounds: u64,
+    pub draws: u64,
 }
 
 /// A mesh that is streamed.
@@ -88,7 +88,7 @@ pub struct Streamer {
     fault_count: u64,
     arrived: u64,
     evicted_before: u64,
-    rounds: u64,
+    draws: u64,
 }
 
 impl Streamer {
@@ -105,7 +105,7 @@ impl Streamer {
             fault_count: 0,
             arrived: 0,
             evicted_before: 0,
-            rounds: 0,
+            draws: 0,
         }
     }
 
@@ -253,7 +253,7 @@ impl Streamer {
 
     /// Asks for what a frame needed. Says what it had, and what happened since the frame before.
     pub fn request(&mut self, needs: &Needs) -> Result<StreamStats> {
-        self.rounds += 1;
+        self.draws += 1;
         self.take_back();
         let needed: Vec<_> = self.meshes.iter().map(|mesh| (mesh.number, needs.of(&mesh.dag))).collect();
         let (resident, used) = (self.pool.resident(), self.pool.used());
@@ -275,7 +275,7 @@ impl Streamer {
             evicted_pages: self.pool.evicted() - self.evicted_before,
             read_errors: self.fault_count,
             coarsest_pixels: needs.coarsest,
-            rounds: self.rounds,
+            draws: self.draws,
         })
     }
 
@@ -291,7 +291,7 @@ impl Streamer {
 
     /// A frame is done: what is counted from frame to frame starts again.
     pub fn finish(&mut self) {
-        (self.arrived, self.rounds, self.evicted_before) = (0, 0, self.pool.evicted());
+        (self.arrived, self.draws, self.evicted_before) = (0, 0, self.pool.evicted());
     }
 
     /// Waits until all that was asked for has arrived. Where it does not go on, what has not yet comes later.

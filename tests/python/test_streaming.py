@@ -84,7 +84,7 @@ def test_settled_pictures_are_those_of_the_whole_mesh(backend, path) -> None:
                 frame = streamed.render(stored, LENS, pose, **options)
                 assert expected.stats.stream is None
                 assert frame.stats.stream.settled
-                assert frame.stats.stream.faults == 0
+                assert frame.stats.stream.read_errors == 0
                 same(frame, expected)
         resident = frame.stats.stream.resident_pages
         assert resident < nrs.NaniteMesh.file_info(path)["pages"]
@@ -133,7 +133,7 @@ def test_a_long_flight_with_little_room(backend, path) -> None:
             frame = renderer.render(stored, LENS, pose, pixel_error=0.2, wait=False)
             stream = frame.stats.stream
             assert stream.pool_bytes <= pool
-            assert stream.rounds == 1
+            assert stream.draws == 1
             assert frame.stats.covered_pixels > 0
             # What is coarser than it should be is missed, and only then.
             assert (stream.coarsest_pixels > 0.2) == (stream.coarsest_pixels > 0.0)
@@ -147,7 +147,7 @@ def test_a_long_flight_with_little_room(backend, path) -> None:
         if memory:
             assert resident_memory() < memory + (32 << 20)
         assert min(missing, arrived, evicted, refused) > 0
-        assert stream.faults == 0
+        assert stream.read_errors == 0
         # At rest, what has room is there soon, and then nothing comes or goes.
         quiet = frames = 0
         while quiet < 20 and frames < 5000:
@@ -198,7 +198,7 @@ def test_a_damaged_page_costs_detail_and_is_told_once(backend, path, tmp_path) -
         frame, pose = frames[-1], poses[-1]
         assert all(frame.stats.covered_pixels > 20_000 for frame in frames)
         messages = {str(warning.message) for warning in told}
-        assert len(messages) == len(told) == frame.stats.stream.faults
+        assert len(messages) == len(told) == frame.stats.stream.read_errors
         assert all("copy.nanite" in message for message in messages)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -216,7 +216,7 @@ def test_a_file_cut_short_underneath(backend, path, tmp_path) -> None:
         with pytest.warns(nrs.StreamWarning, match=r"copy\.nanite"):
             frame = renderer.render(stored, LENS, at(0, 0, 1.6), pixel_error=0.2)
         assert frame.stats.covered_pixels > 20_000
-        assert frame.stats.stream.faults > 0
+        assert frame.stats.stream.read_errors > 0
     target = copy_of(path, tmp_path)
     mesh = nrs.NaniteMesh.open(target)
     os.truncate(target, target.stat().st_size // 3)

@@ -108,14 +108,14 @@ def test_textures_that_a_device_has_no_room_for_are_told_of_once() -> None:
 
         def totals(self) -> tuple:
             totals, *rest = self.core.totals()
-            return [(name, self.smaller if name == "smaller_images" else n) for name, n in totals], *rest
+            return [(name, self.smaller if name == "reduced_images" else n) for name, n in totals], *rest
 
     shown = scene(plane(1, 1), checker())
     with nrs.Renderer(*SIZE, backend="cpu") as renderer:
-        assert renderer.render(shown, CAMERA, eye(0.0)).stats.smaller_images == 0
+        assert renderer.render(shown, CAMERA, eye(0.0)).stats.reduced_images == 0
         renderer._core = Said(renderer._core, 3)
         with pytest.warns(nrs.TextureWarning, match="3 of the images") as told:
             frames = [renderer.render(shown, CAMERA, eye(0.0)) for _ in range(2)]
         assert len(told) == 1
-        assert frames[1].stats.smaller_images == 3
+        assert frames[1].stats.reduced_images == 3
         renderer._core = renderer._core.core

@@ -320,7 +320,7 @@ fn with_little_room_frames_come_are_whole_and_say_how_coarse() {
             let frame = streamed.render(&scene, &CAMERA, &pose, &options).unwrap();
             let stats = stream(&frame).clone();
             let coarse = frame.visible().len();
-            assert!(coarse > 0 && stats.rounds == 1);
+            assert!(coarse > 0 && stats.draws == 1);
             assert!(stats.pool_bytes <= room, "{stats:?}");
             assert_eq!(stats.coarsest_pixels > options.pixel_error, stats.coarsest_pixels > 0.0);
             let streamer = streamed.streamer().unwrap();
@@ -434,7 +434,7 @@ fn waiting_for_a_disk_can_be_given_up() {
             let frame = renderer.render(&scene, &CAMERA, &near[0].1, &options).unwrap();
             same(&frame, &whole);
             assert!(
-                frame.stats.stream.as_ref().is_none_or(|stats| stats.rounds < 5 && stats.read_errors == 0)
+                frame.stats.stream.as_ref().is_none_or(|stats| stats.draws < 5 && stats.read_errors == 0)
             );
         }
         // Nor does the end of a renderer wait.

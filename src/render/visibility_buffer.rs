@@ -16,17 +16,17 @@ use crate::threads::Lock;
 
 /// The pixels of a frame, row by row from the top.
 #[derive(Debug)]
-pub(super) enum Picture {
+pub(super) enum VisibilityBuffer {
     /// The visibility buffer, which everything else can be made of.
     Words(Vec<u64>),
-    /// Depth and nothing else; the bits of keys until [`Picture::measure`].
+    /// Depth and nothing else; the bits of keys until [`VisibilityBuffer::measure`].
     Depth(Vec<f32>),
     /// The visibility buffer on a device, and here once it was read.
     #[cfg(feature = "gpu")]
     OnDevice(gpu::DeviceVisibility, OnceLock<Vec<u64>>),
 }
 
-impl Picture {
+impl VisibilityBuffer {
     /// Whether a device has it, and nobody else.
     pub(super) fn is_on_device(&self) -> bool {
         match self {
@@ -85,7 +85,7 @@ pub(super) struct ScratchPool(Arc<Lock<Kept>>);
 
 #[derive(Debug, Default)]
 struct Kept {
-    pictures: Vec<Picture>,
+    pictures: Vec<VisibilityBuffer>,
     /// Empty ones.
     views: Vec<Vec<InstanceView>>,
 }
@@ -104,29 +104,29 @@ impl ScratchPool {
     const WHAT: &str = "the memory of pictures";
 
     /// A picture of so many pixels, which may hold anything.
-    pub(super) fn take(&self, pixels: usize, depth_only: bool) -> Picture {
-        let fits = |picture: &Picture| match picture {
-            Picture::Words(words) => !depth_only && words.len() == pixels,
-            Picture::Depth(depth) => depth_only && depth.len() == pixels,
+    pub(super) fn take(&self, pixels: usize, depth_only: bool) -> VisibilityBuffer {
+        let fits = |picture: &VisibilityBuffer| match picture {
+            VisibilityBuffer::Words(words) => !depth_only && words.len() == pixels,
+            VisibilityBuffer::Depth(depth) => depth_only && depth.len() == pixels,
             #[cfg(feature = "gpu")]
-            Picture::OnDevice(..) => false,
+            VisibilityBuffer::OnDevice(..) => false,
         };
         let found = self.0.write(Self::WHAT).ok().and_then(|mut kept| {
             let at = kept.pictures.iter().position(fits)?;
             Some(kept.pictures.remove(at))
         });
         found.unwrap_or_else(|| match depth_only {
-            true => Picture::Depth(vec![0.0; pixels]),
-            false => Picture::Words(vec![0; pixels]),
+            true => VisibilityBuffer::Depth(vec![0.0; pixels]),
+            false => VisibilityBuffer::Words(vec![0; pixels]),
         })
     }
 
     /// Takes one back.
-    pub(super) fn give(&self, picture: Picture) {
+    pub(super) fn give(&self, picture: VisibilityBuffer) {
         #[cfg(feature = "gpu")]
         let picture = match picture {
-            Picture::OnDevice(_, words) => match words.into_inner() {
-                Some(words) => Picture::Words(words),
+            VisibilityBuffer::OnDevice(_, words) => match words.into_inner() {
+                Some(words) => VisibilityBuffer::Words(words),
                 None => return,
             },
             here => here,
