@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from nanite_rs.mesh import BuildOptions, NaniteMesh
+from nanite_rs.mesh import NaniteMesh
+from nanite_rs.options import BuildOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

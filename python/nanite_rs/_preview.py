@@ -14,7 +14,8 @@ from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.exceptions import NaniteError
 from nanite_rs.light import DirectionalLight
 from nanite_rs.material import Material
-from nanite_rs.mesh import BuildOptions, NaniteMesh
+from nanite_rs.mesh import NaniteMesh
+from nanite_rs.options import BuildOptions
 from nanite_rs.renderer import Renderer, StreamWarning
 from nanite_rs.scene import Scene
 

@@ -13,7 +13,8 @@ from nanite_rs._asset import Asset, Part, named
 from nanite_rs.camera import Camera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, MeshError
 from nanite_rs.io import read_asset
-from nanite_rs.mesh import BuildOptions, NaniteMesh, creased
+from nanite_rs.mesh import NaniteMesh
+from nanite_rs.options import BuildOptions, creased
 from nanite_rs.scene import LightNode, MeshNode, Scene
 
 if TYPE_CHECKING:
