@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _exchange, _export, _face_data, io
+from nanite_rs import _advice, _checks, _exchange, _export, _face_data, _trimesh, io
 from nanite_rs._channels import CutChannels
 
 if TYPE_CHECKING:
@@ -199,8 +199,6 @@ class Cut(_advice.Teaching):
         process : bool
             Let trimesh merge vertices by position. Off by default: a cut is clean already.
         """
-        from nanite_rs import _trimesh
-
         return _trimesh.made(self, process=process)
 
     def export(self, path: io.PathLike) -> None:
