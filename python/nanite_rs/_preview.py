@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from nanite_rs._images import png
+from nanite_rs import _images, _notebook
 from nanite_rs.assets import LoadedScene
 from nanite_rs.camera import PerspectiveCamera
+from nanite_rs.cut import Cut
 from nanite_rs.exceptions import NaniteError
 from nanite_rs.light import DirectionalLight
 from nanite_rs.material import Material
@@ -22,7 +23,6 @@ from nanite_rs.scene import Scene
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from nanite_rs.cut import Cut
     from nanite_rs.frame import Frame
 
 SIZE: Final = (480, 360)
@@ -94,13 +94,14 @@ def mesh_frame(mesh: NaniteMesh, *, pixel_error: float = 1.0, flat: bool = False
         return picture(renderer, mesh, pixel_error=pixel_error, samples=4, material=material)
 
 
+@_notebook.png.register(NaniteMesh)
 def mesh_png(mesh: NaniteMesh) -> bytes | None:
     """PNG of `mesh_frame`; None where the mesh cannot be read."""
     try:
         with warnings.catch_warnings():
             # Of a damaged file no picture, rather than one that lacks detail and says so elsewhere.
             warnings.simplefilter("error", StreamWarning)
-            return png(mesh_frame(mesh).color)
+            return _images.png(mesh_frame(mesh).color)
     except (NaniteError, StreamWarning):
         return None
 
@@ -113,12 +114,13 @@ def cut_frame(cut: Cut) -> Frame:
     return mesh_frame(mesh, pixel_error=0.0, flat=True)
 
 
+@_notebook.png.register(Cut)
 def cut_png(cut: Cut) -> bytes | None:
     """PNG of `cut_frame`; None for cuts of more than `CUT_FACES`, and where the caller's changes left no mesh."""
     if len(cut.faces) > CUT_FACES:
         return None
     try:
-        return png(cut_frame(cut).color)
+        return _images.png(cut_frame(cut).color)
     except NaniteError:
         return None
 

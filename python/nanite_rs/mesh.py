@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _exchange, _face_data, io
+from nanite_rs import _advice, _checks, _exchange, _face_data, _notebook, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._channels import Channel
 from nanite_rs._core import Mesh as CoreMesh
@@ -809,9 +809,7 @@ class NaniteMesh(_advice.Teaching):
 
     def _repr_png_(self) -> bytes | None:
         """Return a picture for notebooks; None, so that they show the text, where the file is damaged."""
-        from nanite_rs import _preview
-
-        return _preview.mesh_png(self)
+        return _notebook.png(self)
 
     def __eq__(self, other: object) -> bool:
         """Compare content: all levels of detail with what they carry, but not the looks."""
