@@ -68,7 +68,7 @@ def picture(
     around, above = np.radians([azimuth, elevation])
     direction = np.array([np.cos(above) * np.sin(around), np.sin(above), np.cos(above) * np.cos(around)])
     axes = UP[up] @ _facing(direction)
-    away, radius = framing(_outline(shown) - center, axes, fov, renderer.width / renderer.height)
+    away, radius = framing(outline(shown) - center, axes, fov, renderer.width / renderer.height)
     away *= distance
     pose = posed(axes, center + axes[:, 2] * away)
     if isinstance(shown, LoadedScene):
@@ -158,7 +158,7 @@ def posed(rotation: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[
     return pose
 
 
-def _outline(shown: NaniteMesh | LoadedScene) -> NDArray[np.float64]:
+def outline(shown: NaniteMesh | LoadedScene) -> NDArray[np.float64]:
     """Points of all that is shown, (N, 3): vertices of coarse cuts.
 
     Cuts for an error, since of a mesh in a file they read few pages.
