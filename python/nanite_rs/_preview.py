@@ -35,9 +35,10 @@ OUTLINE: Final = 0.01
 """Error of the cut that a picture is framed by, of the diagonal: what may stick out of it fits the margin."""
 
 BACKGROUND: Final = (0.92, 0.93, 0.95)
-# What shapes are seen best in: brighter than what is drawn of meshes without a material.
-CLAY: Final = Material(base_color=(0.8, 0.8, 0.8), metallic=0.0, roughness=0.6)
 """Colour behind what is shown."""
+
+CLAY: Final = Material(base_color=(0.8, 0.8, 0.8), metallic=0.0, roughness=0.6)
+"""What shapes are seen best in: brighter than what is drawn of meshes without a material."""
 
 #: Columns: where the X, Y and Z axes of a view with Y up lie in the mesh.
 UP: Final = {
