@@ -40,7 +40,8 @@ from nanite_rs.frame import Frame
 from nanite_rs.interop import PyrenderView, from_pyrender
 from nanite_rs.light import DirectionalLight, Environment, PointLight, SpotLight
 from nanite_rs.material import Material
-from nanite_rs.mesh import BuildOptions, NaniteMesh
+from nanite_rs.mesh import NaniteMesh
+from nanite_rs.options import BuildOptions
 from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarning
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import LightNode, MeshNode, Scene

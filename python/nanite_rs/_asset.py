@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs.camera import Camera
-    from nanite_rs.io import Source
     from nanite_rs.light import DirectionalLight, PointLight, SpotLight
     from nanite_rs.material import Material
     from nanite_rs.texture import Filter, Wrap
@@ -54,6 +53,37 @@ MINIFICATION: Final[dict[tuple[Filter, Filter | None], int]] = {
 
 # Faces that are looked at together: the first of most meshes say enough.
 _BLOCK: Final = 4096
+
+
+@dataclass
+class Source:
+    """Arrays of a mesh as `NaniteMesh.from_arrays` takes them."""
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    normals: NDArray[np.float32] | None = None
+    colors: NDArray[Any] | None = None
+    uvs: list[NDArray[np.float32]] = field(default_factory=list)
+    channels: dict[str, NDArray[Any]] = field(default_factory=dict)
+    face_materials: NDArray[Any] | None = None
+    face_channels: dict[str, NDArray[Any]] = field(default_factory=dict)
+    """What else faces carry, (M,) or (M, K) by name."""
+    materials: tuple[Material, ...] = ()
+    """The look of each number of the face materials, of which the last stands for all from there on."""
+
+    def arrays(self) -> dict[str, Any]:
+        """Keyword arguments of `NaniteMesh.from_arrays`."""
+        return {
+            "vertices": self.vertices,
+            "faces": self.faces,
+            "normals": self.normals,
+            "colors": self.colors,
+            "uvs": self.uvs,
+            "channels": self.channels,
+            "face_materials": self.face_materials,
+            "face_channels": self.face_channels,
+            "materials": self.materials,
+        }
 
 
 @dataclass

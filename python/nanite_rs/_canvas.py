@@ -6,16 +6,20 @@ import importlib
 import time
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from nanite_rs import _advice, _overlay
+from nanite_rs import _advice, _overlay, _widgets
+from nanite_rs._views import VIEWS
 from nanite_rs.exceptions import ArgumentError, BackendError, NaniteError, StaleHandleError
-from nanite_rs.viewer import VIEWS, CanvasName, Viewer
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from nanite_rs.viewer import Viewer
+
+CanvasName: TypeAlias = Literal["auto", "jupyter", "glfw", "qt", "wx", "offscreen"]
 
 HELP: Final = (
     "drag turns",
@@ -152,8 +156,6 @@ def attach(viewer: Viewer, name: str, *, block: bool) -> None:
         ) from error
     viewer.canvas = canvas
     if name == "jupyter":
-        from nanite_rs import _widgets
-
         viewer.widget = _widgets.around(viewer, binding)
     elif name != "offscreen" and block:
         module.loop.run()

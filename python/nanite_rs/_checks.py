@@ -57,6 +57,15 @@ def unit(value: Any, name: str) -> float:
     return float(value)
 
 
+def reduction(value: Any, name: str = "target_reduction") -> float:
+    """Return the part of the triangles to remove, 0 to 1."""
+    part = number(value, name)
+    if not 0.0 <= part <= 1.0:
+        percent = f"; {part:g} % is {part / 100:g}" if 1.0 < part <= 100.0 else ""
+        raise ArgumentError(f"{name}: must be between 0 and 1, not {part}{percent}")
+    return part
+
+
 MOST_THREADS = 1024
 """Of a call: what is more has no cores to run on, and takes the system minutes to make."""
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _advice, _colors
-from nanite_rs._asset import Notes
+from nanite_rs._asset import Notes, Source
+from nanite_rs._flatten import settle
 from nanite_rs.exceptions import DependencyError, DtypeError, MeshError
-from nanite_rs.io import Source, settle
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from nanite_rs._asset import Asset, Notes
-    from nanite_rs.io import Source
+    from nanite_rs._asset import Asset, Notes, Source
 
 
 def corner_numbers(name: str, values: NDArray[Any], lengths: NDArray[Any], points: int) -> NDArray[np.uint32]:

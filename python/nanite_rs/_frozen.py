@@ -12,11 +12,14 @@ both apart. Of a scene only those instances stay that the camera sees.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from nanite_rs.mesh import BuildOptions, NaniteMesh
+from nanite_rs.exceptions import InternalError
+from nanite_rs.mesh import NaniteMesh
+from nanite_rs.options import BuildOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -186,6 +189,34 @@ class Frozen:
         eye = np.broadcast_to(self.view.pose[:3, 3], corners.shape)
         sides = np.stack([eye, corners], axis=1)
         return np.concatenate([sides, np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)])
+
+
+class ViewFrame:
+    """A frame, where it was taken from, and what its pixels show, found when it is needed."""
+
+    def __init__(self, frame: Frame, view: View, state: tuple[Any, ...], frozen: Frozen | None) -> None:
+        self.frame, self.view, self.state, self.frozen = frame, view, state, frozen
+
+    @cached_property
+    def ids(self) -> Ids:
+        """What pixels show of the instances, frozen or not."""
+        return ids_of(self.frame) if self.frozen is None else self._of_frozen[0]
+
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """Rows of the frozen cut's clusters."""
+        return self._of_frozen[1]
+
+    @property
+    def cut(self) -> Frozen:
+        """The frozen cut, where there is one."""
+        if self.frozen is None:
+            raise InternalError("viewer: there is no frozen cut")
+        return self.frozen
+
+    @cached_property
+    def _of_frozen(self) -> tuple[Ids, NDArray[np.int64]]:
+        return self.cut.ids(self.frame)
 
 
 def _joined(parts: Sequence[NDArray[Any]], dtype: type[_T]) -> NDArray[_T]:

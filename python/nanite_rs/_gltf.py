@@ -21,6 +21,7 @@ from nanite_rs._asset import (
     Asset,
     Notes,
     Part,
+    Source,
     as_labels,
     fitted,
     has_area,
@@ -30,7 +31,6 @@ from nanite_rs._asset import (
 )
 from nanite_rs.camera import Camera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, FileError, FormatError, NaniteError
-from nanite_rs.io import Source
 from nanite_rs.light import DirectionalLight, PointLight, SpotLight
 from nanite_rs.material import TRANSPARENCY, Material
 from nanite_rs.texture import Image, Texture

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nanite_rs import _colors, _core, _mtl
-from nanite_rs._asset import Asset, fitted
+from nanite_rs._asset import Asset, Source, fitted
 from nanite_rs._faces import add, plain
-from nanite_rs.io import Source
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _core
-from nanite_rs._asset import Asset, fitted
+from nanite_rs._asset import Asset, Source, fitted
 from nanite_rs._beside import Pictures, text
 from nanite_rs._faces import add, add_channels, colors_of, corner_numbers, exploded, plain, triangulated
 from nanite_rs.exceptions import FormatError
-from nanite_rs.io import Source
 from nanite_rs.material import Material
 from nanite_rs.texture import Texture
 

@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from nanite_rs._images import png
+from nanite_rs import _images, _notebook
 from nanite_rs.assets import LoadedScene
 from nanite_rs.camera import PerspectiveCamera
+from nanite_rs.cut import Cut
 from nanite_rs.exceptions import NaniteError
 from nanite_rs.light import DirectionalLight
 from nanite_rs.material import Material
-from nanite_rs.mesh import BuildOptions, NaniteMesh
+from nanite_rs.mesh import NaniteMesh
+from nanite_rs.options import BuildOptions
 from nanite_rs.renderer import Renderer, StreamWarning
 from nanite_rs.scene import Scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from nanite_rs.cut import Cut
     from nanite_rs.frame import Frame
 
 SIZE: Final = (480, 360)
@@ -34,9 +35,10 @@ OUTLINE: Final = 0.01
 """Error of the cut that a picture is framed by, of the diagonal: what may stick out of it fits the margin."""
 
 BACKGROUND: Final = (0.92, 0.93, 0.95)
-# What shapes are seen best in: brighter than what is drawn of meshes without a material.
-CLAY: Final = Material(base_color=(0.8, 0.8, 0.8), metallic=0.0, roughness=0.6)
 """Colour behind what is shown."""
+
+CLAY: Final = Material(base_color=(0.8, 0.8, 0.8), metallic=0.0, roughness=0.6)
+"""What shapes are seen best in: brighter than what is drawn of meshes without a material."""
 
 #: Columns: where the X, Y and Z axes of a view with Y up lie in the mesh.
 UP: Final = {
@@ -67,7 +69,7 @@ def picture(
     around, above = np.radians([azimuth, elevation])
     direction = np.array([np.cos(above) * np.sin(around), np.sin(above), np.cos(above) * np.cos(around)])
     axes = UP[up] @ _facing(direction)
-    away, radius = framing(_outline(shown) - center, axes, fov, renderer.width / renderer.height)
+    away, radius = framing(outline(shown) - center, axes, fov, renderer.width / renderer.height)
     away *= distance
     pose = posed(axes, center + axes[:, 2] * away)
     if isinstance(shown, LoadedScene):
@@ -93,13 +95,14 @@ def mesh_frame(mesh: NaniteMesh, *, pixel_error: float = 1.0, flat: bool = False
         return picture(renderer, mesh, pixel_error=pixel_error, samples=4, material=material)
 
 
+@_notebook.png.register(NaniteMesh)
 def mesh_png(mesh: NaniteMesh) -> bytes | None:
     """PNG of `mesh_frame`; None where the mesh cannot be read."""
     try:
         with warnings.catch_warnings():
             # Of a damaged file no picture, rather than one that lacks detail and says so elsewhere.
             warnings.simplefilter("error", StreamWarning)
-            return png(mesh_frame(mesh).color)
+            return _images.png(mesh_frame(mesh).color)
     except (NaniteError, StreamWarning):
         return None
 
@@ -112,12 +115,13 @@ def cut_frame(cut: Cut) -> Frame:
     return mesh_frame(mesh, pixel_error=0.0, flat=True)
 
 
+@_notebook.png.register(Cut)
 def cut_png(cut: Cut) -> bytes | None:
     """PNG of `cut_frame`; None for cuts of more than `CUT_FACES`, and where the caller's changes left no mesh."""
     if len(cut.faces) > CUT_FACES:
         return None
     try:
-        return png(cut_frame(cut).color)
+        return _images.png(cut_frame(cut).color)
     except NaniteError:
         return None
 
@@ -155,7 +159,7 @@ def posed(rotation: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[
     return pose
 
 
-def _outline(shown: NaniteMesh | LoadedScene) -> NDArray[np.float64]:
+def outline(shown: NaniteMesh | LoadedScene) -> NDArray[np.float64]:
     """Points of all that is shown, (N, 3): vertices of coarse cuts.
 
     Cuts for an error, since of a mesh in a file they read few pages.

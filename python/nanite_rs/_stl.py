@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nanite_rs import _core
-from nanite_rs._asset import Asset
+from nanite_rs._asset import Asset, Source
 from nanite_rs._faces import add, plain
-from nanite_rs.io import Source
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,11 +12,10 @@ from zipfile import ZipFile
 import numpy as np
 
 from nanite_rs import _advice, _colors, _export
-from nanite_rs._asset import GLTF_SLOTS, Asset, Notes, Part, as_labels, fitted, has_area, named, rigid
+from nanite_rs._asset import GLTF_SLOTS, Asset, Notes, Part, Source, as_labels, fitted, has_area, named, rigid
 from nanite_rs._images import from_pillow
 from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.exceptions import FileError, FormatError, MeshError, NaniteError
-from nanite_rs.io import Source
 from nanite_rs.material import TRANSPARENCY, Material, default_material
 from nanite_rs.texture import Image, Texture
 

@@ -6,7 +6,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from nanite_rs import _overlay
-from nanite_rs.viewer import VIEWS
+from nanite_rs._views import VIEWS
 
 if TYPE_CHECKING:
     from nanite_rs._canvas import Binding

@@ -10,10 +10,12 @@ import numpy as np
 
 from nanite_rs import _colors, _trimesh, io
 from nanite_rs._asset import Asset, Part, named
+from nanite_rs._flatten import settle
 from nanite_rs.camera import Camera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, MeshError
 from nanite_rs.io import read_asset
-from nanite_rs.mesh import BuildOptions, NaniteMesh, creased
+from nanite_rs.mesh import NaniteMesh
+from nanite_rs.options import BuildOptions, creased
 from nanite_rs.scene import LightNode, MeshNode, Scene
 
 if TYPE_CHECKING:
@@ -225,7 +227,7 @@ def _add_meshes(asset: Asset, loaded: LoadedScene, options: BuildOptions | None,
             with named(asset.name, part.name):
                 mesh = built.get(id(part.source))
                 if mesh is None:
-                    io.settle(part.source, asset.notes)
+                    settle(part.source, asset.notes)
                     mesh = built[id(part.source)] = _mesh(part, options, progress)
                 own.append(loaded.scene.add(mesh, pose=pose, material=part.material))
 

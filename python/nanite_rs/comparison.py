@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from nanite_rs import _checks, _images
+from nanite_rs._arrays import as_array
 from nanite_rs.exceptions import ArgumentError, DtypeError, InternalError
 from nanite_rs.frame import Frame
 from nanite_rs.measure import closest_points
-from nanite_rs.mesh import _array
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -178,7 +178,7 @@ def _picture(
     if array.shape[2] == 4:
         covered = values[..., 3] >= 0.5
     if mask is not None:
-        covered = _array(mask, mask_name)
+        covered = as_array(mask, mask_name)
         if covered.dtype != np.bool_:
             raise DtypeError(f"{mask_name}: expected bool, not {covered.dtype}")
         if covered.shape != array.shape[:2]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _exchange, _export, _face_data, io
+from nanite_rs import _advice, _checks, _exchange, _export, _face_data, _notebook, _trimesh, io
 from nanite_rs._channels import CutChannels
 
 if TYPE_CHECKING:
@@ -129,9 +129,7 @@ class Cut(_advice.Teaching):
 
     def _repr_png_(self) -> bytes | None:
         """Return a picture for notebooks; None, so that they show the text, where there is too much to draw."""
-        from nanite_rs import _preview
-
-        return _preview.cut_png(self)
+        return _notebook.png(self)
 
     @property
     def face_clusters(self) -> NDArray[np.uint32]:
@@ -199,8 +197,6 @@ class Cut(_advice.Teaching):
         process : bool
             Let trimesh merge vertices by position. Off by default: a cut is clean already.
         """
-        from nanite_rs import _trimesh
-
         return _trimesh.made(self, process=process)
 
     def export(self, path: io.PathLike) -> None:

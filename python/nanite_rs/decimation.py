@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from nanite_rs import _advice, _checks, _core, _exchange, io
+from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._progress import Progress, reporter
 from nanite_rs.cut import Cut
 from nanite_rs.exceptions import ArgumentError, DtypeError
-from nanite_rs.mesh import BuildOptions, NaniteMesh, _array, _bad_reduction, _core_arrays
+from nanite_rs.measure import surface_distance
+from nanite_rs.mesh import NaniteMesh
+from nanite_rs.options import BuildOptions
 
 if TYPE_CHECKING:
     import trimesh
@@ -149,8 +152,6 @@ def decimate(
     cut = _decimated(vertices, faces, given, target, options, progress, **flags)
     cut.materials = looks
     if proof:
-        from nanite_rs.measure import surface_distance
-
         found = surface_distance(
             (vertices, faces),
             (cut.vertices, cut.faces),
@@ -174,7 +175,7 @@ def _decimated(
     preserve_border: bool,
 ) -> Cut:
     try:
-        arrays = _core_arrays(vertices, faces, given, given["channels"])
+        arrays = core_arrays(vertices, faces, given, given["channels"])
         with reporter(progress, "decimating") as report:
             core = _core.decimate(
                 **arrays,
@@ -198,9 +199,7 @@ def _decimated(
 def _target(count: int | None, reduction: float | None, faces: int, name: str) -> int:
     """Triangles to keep; as few as may be where nothing is said."""
     if reduction is not None:
-        reduction = _checks.number(reduction, "target_reduction")
-        if not 0.0 <= reduction <= 1.0:
-            raise _bad_reduction(reduction)
+        reduction = _checks.reduction(reduction)
         # A fraction such as 0.9 is not exact: what is meant is the integer beside it.
         return max(math.floor((1.0 - reduction) * faces + 1e-6), 1)
     if count is None:
@@ -217,7 +216,7 @@ def _target(count: int | None, reduction: float | None, faces: int, name: str) -
 def _taken(mesh: Any, given: dict[str, Any]) -> tuple[NDArray[Any], NDArray[Any], dict[str, Any]]:
     """Vertices, faces and what they carry."""
     if isinstance(mesh, tuple | list) and len(mesh) == 2:
-        return _array(mesh[0], "vertices"), _array(mesh[1], "faces"), given
+        return as_array(mesh[0], "vertices"), as_array(mesh[1], "faces"), given
     extra = [name for name, value in given.items() if value is not None]
     source = _source(mesh)
     if extra:
@@ -226,7 +225,7 @@ def _taken(mesh: Any, given: dict[str, Any]) -> tuple[NDArray[Any], NDArray[Any]
         )
     arrays = source.arrays()
     vertices, faces = arrays.pop("vertices"), arrays.pop("faces")
-    return _array(vertices, "vertices"), _array(faces, "faces"), arrays
+    return as_array(vertices, "vertices"), as_array(faces, "faces"), arrays
 
 
 def _source(mesh: Any) -> io.Source:
@@ -324,11 +323,11 @@ def simplify(
     }
     if (target_reduction is None) == (target_count is None) and not flags["lossless"]:
         raise ArgumentError("simplify: expected exactly one of target_reduction and target_count")
-    vertices = _array(points, "points")
+    vertices = as_array(points, "points")
     if vertices.dtype.kind != "f":
         vertices = vertices.astype(np.float64)
     # By the name by which lists of whole numbers stay what they are.
-    faces = _array(triangles, "faces")
+    faces = as_array(triangles, "faces")
     target = 1
     if not flags["lossless"]:
         if target_count is not None and np.issubdtype(type(target_count), np.integer):

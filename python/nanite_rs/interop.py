@@ -15,7 +15,7 @@ from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, Persp
 from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.light import DirectionalLight, PointLight, SpotLight
 from nanite_rs.material import Material
-from nanite_rs.mesh import BuildOptions, NaniteMesh
+from nanite_rs.mesh import NaniteMesh
 from nanite_rs.scene import MeshNode, Scene
 from nanite_rs.texture import Image, Texture
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import pyrender
     from numpy.typing import NDArray
 
+    from nanite_rs.options import BuildOptions
     from nanite_rs.texture import Filter, Wrap
 
 __all__ = ["PyrenderView", "from_pyrender"]

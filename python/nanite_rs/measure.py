@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from nanite_rs import _checks, _core
+from nanite_rs._arrays import as_array
 from nanite_rs.exceptions import ArgumentError, DtypeError
-from nanite_rs.mesh import NaniteMesh, _array
+from nanite_rs.mesh import NaniteMesh
 
 if TYPE_CHECKING:
     import trimesh
@@ -148,7 +149,7 @@ def _mesh_arrays(mesh: MeshLike, name: str) -> tuple[NDArray[Any], NDArray[Any]]
         raise DtypeError(
             f"{name}: expected (vertices, faces), trimesh.Trimesh, Cut or NaniteMesh, not {type(mesh).__name__}"
         )
-    return _array(vertices, f"{name}.vertices"), _array(faces, "faces")
+    return as_array(vertices, f"{name}.vertices"), as_array(faces, "faces")
 
 
 def _count(value: object, name: str, least: int) -> int:
@@ -327,4 +328,4 @@ def closest_points(points: ArrayLike, mesh: MeshLike) -> ClosestPoints:
     True
     """
     vertices, faces = _mesh_arrays(mesh, "mesh")
-    return ClosestPoints(*_core.closest_points(_array(points, "points"), vertices, faces))
+    return ClosestPoints(*_core.closest_points(as_array(points, "points"), vertices, faces))

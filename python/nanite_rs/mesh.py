@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import operator
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args, get_origin, get_type_hints
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from nanite_rs import _advice, _channels, _checks, _colors, _exchange, _face_data, io
+from nanite_rs import _advice, _checks, _exchange, _face_data, _notebook, io
+from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._channels import Channel
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._core import check_pose
@@ -20,279 +20,21 @@ from nanite_rs.camera import Camera
 from nanite_rs.cut import Cut
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, UsageWarning
 from nanite_rs.material import Material, default_material, raw_materials, several
+from nanite_rs.options import BuildOptions, creased, no_options
 from nanite_rs.report import BuildReport, CheckReport
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
     from nanite_rs.material import Look
 
-__all__ = ["BuildOptions", "NaniteMesh"]
-
-PathLike: TypeAlias = str | bytes | os.PathLike[str] | os.PathLike[bytes]
+__all__ = ["NaniteMesh"]
 
 # Endings of meshes in other formats, which nobody means a .nanite file to have.
 _OTHERS = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
-
-
-@_advice.teaching
-@dataclass(frozen=True)
-class BuildOptions:
-    """How a mesh is built. The defaults suit scans, CAD and game assets alike.
-
-    Raises
-    ------
-    ArgumentError, DtypeError
-        For a value out of range or of another type, when the options are made.
-
-    Examples
-    --------
-    >>> vertices, faces = nrs.shapes.icosphere(faces=2_000)
-    >>> mesh = nrs.NaniteMesh.from_arrays(vertices, faces, options=nrs.BuildOptions(cluster_triangles=64))
-    >>> mesh.report.clusters > 30
-    True
-    """
-
-    cluster_triangles: int = 128
-    """Most triangles of a cluster, 16 to 128."""
-    cluster_vertices: int = 255
-    """Most vertices of a cluster, 32 to 255."""
-    group_clusters: int = 16
-    """Clusters that are simplified together, 4 to 24."""
-    clusterizer: Literal["median", "flex", "metis"] = "median"
-    """What splits triangles into clusters: "median" halves them (full clusters, least time), "flex" grows them
-    along the surface with meshoptimizer, "metis" cuts the graph of triangles: a quarter to a half fewer edges
-    between clusters than "median" and about twice its build time."""
-    partition: Literal["meshopt", "metis"] = "meshopt"
-    """What gathers clusters into groups, meshoptimizer or METIS: both keep together what shares much border."""
-    quality: Literal["fast", "best"] = "best"
-    """What simplifies groups: "best" is an edge collapse that goes where the error is cheap; "fast", for hurry, is
-    meshoptimizer. It builds in a third to a half of the time and stores two fifths less below a quarter of a
-    million triangles, where its levels lie farther apart. Scans have 10 to 30 % more root mean square error at the
-    same size, other meshes up to two and a half times as much (docs/quality.md)."""
-    error: Literal["quadric", "bound"] = "bound"
-    """How the errors that cuts state are found: "bound" proves them for every point of both surfaces, in either
-    direction (see docs/numerics.md); "quadric" trusts the simplifier, which is often too low and builds fastest."""
-    normal_weight: float = 1.0
-    """Weight of a unit of normal deviation against one mean edge length of distance."""
-    color_weight: float = 1.0
-    """Weight of a unit of colour (0 to 1) against one mean edge length of distance."""
-    uv_weight: float = 1.0
-    """Weight of a unit of UV against one mean edge length of distance."""
-    channel_weight: float = 1.0
-    """Weight of the range of a floating-point channel over the mesh, or of a label that is another one, against one
-    mean edge length of distance."""
-    preserve_area: bool = False
-    """For foliage and hair: of small islands such as leaves, those that stay grow until as much is covered as
-    before, seen from all around, where otherwise a crown of leaves thins out. Builds up to twice as long, of
-    many small islands and with "quadric" errors four times and more."""
-    crease_angle: float | None = None
-    """Of meshes without normals: faces that meet at more than so many degrees, 0 to 180, have an edge between them,
-    and shading is smooth up to it on either side. ``None`` smooths over everything; 0 makes every face flat. For
-    parts from CAD 30 is usual, and what `from_file` takes for STL."""
-    face_ids: bool = False
-    """Keep the map from full-detail triangles to rows of the caller's ``faces``."""
-    threads: int = 0
-    """Threads; 0 uses all cores. The result does not depend on it."""
-
-    def __post_init__(self) -> None:
-        limits = {
-            "cluster_triangles": (16, 128),
-            "cluster_vertices": (32, 255),
-            "group_clusters": (4, 24),
-            "threads": (0, _checks.MOST_THREADS),
-        }
-        checked: dict[str, Any] = {n: _checks.whole(getattr(self, n), n, *of) for n, of in limits.items()}
-        for name, alias in get_type_hints(type(self)).items():
-            if get_origin(alias) is Literal:
-                checked[name] = _checks.choice(getattr(self, name), name, get_args(alias))
-        for name in ("normal_weight", "color_weight", "uv_weight", "channel_weight"):
-            checked[name] = _checks.not_negative(getattr(self, name), name)
-        if self.crease_angle is not None:
-            checked["crease_angle"] = _angle(self.crease_angle)
-        for name in ("preserve_area", "face_ids"):
-            checked[name] = _checks.truth(getattr(self, name), name)
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
-
-
-def _no_options(found: object) -> DtypeError:
-    return DtypeError(
-        f"options: expected BuildOptions, not {type(found).__name__}; give BuildOptions(quality=...)"
-    )
-
-
-def _angle(value: float) -> float:
-    angle = _checks.number(value, "crease_angle")
-    if not 0.0 <= angle <= 180.0:
-        raise ArgumentError(f"crease_angle: must be between 0 and 180 degrees, not {value}")
-    return angle
-
-
-# Degrees at which parts of CAD have their edges.
-_CREASE: Final = 30.0
-
-
-def creased(options: BuildOptions | None, angle: float | None, format: str) -> BuildOptions | None:
-    """Options with a crease angle: that given, theirs, or of an STL, which lacks normals, the usual."""
-    if not isinstance(options, BuildOptions | None):
-        raise _no_options(options)
-    if angle is None and format.partition(".")[0] == "stl":
-        angle = _CREASE if options is None or options.crease_angle is None else options.crease_angle
-    return options if angle is None else replace(options or BuildOptions(), crease_angle=angle)
-
-
-def _array(value: object, name: str) -> NDArray[Any]:
-    """An array of what is one already; lists become float64 or integers."""
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        wrong = ArgumentError(f"{name}: {error}")
-        raise _advice.advised(wrong, _advice.for_rows(name, value)) from None
-    if not isinstance(value, np.ndarray) and name != "faces" and array.dtype.kind in "iu":
-        array = array.astype(np.float64)
-    return array
-
-
-def _vertex_floats(value: object, name: str) -> NDArray[np.float32]:
-    array = _array(value, name)
-    if array.dtype.kind != "f":
-        raise DtypeError(f"{name}: expected a floating-point dtype, not {array.dtype}")
-    return array.astype(np.float32, copy=False)
-
-
-def _look_for_lost_faces(vertices: NDArray[Any], mesh: NaniteMesh) -> None:
-    """Warn where float32 so far from the origin leaves no area to many faces."""
-    report = mesh.report
-    lost = report.degenerate_faces + report.duplicate_faces
-    if lost < 0.05 * report.input_faces or (vertices != vertices.astype(np.float32)).any():
-        return
-    size = float(np.max(mesh.bounds[1] - mesh.bounds[0]))
-    away = float(np.abs(mesh.bounds).max())
-    if size < 1e4 * float(np.spacing(np.float32(away))):
-        _advice.warn(
-            f"vertices: {lost:,} of {report.input_faces:,} faces have no area: float32 has too few digits "
-            f"{away:.3g} from the origin; give float64, or subtract an offset before",
-            UsageWarning,
-        )
-
-
-def _checked_colors(value: object) -> NDArray[Any]:
-    """Colours as (N, 4) from uint8, uint16 or floats of 0 to 1, with or without alpha."""
-    array = _array(value, "colors")
-    if array.ndim != 2 or array.shape[1] not in (3, 4):
-        raise ArgumentError(f"colors: expected shape (N, 3) or (N, 4), found {array.shape}")
-    if array.dtype.kind == "f":
-        if not np.isfinite(array).all() or array.min(initial=0.0) < 0.0 or array.max(initial=0.0) > 1.0:
-            raise ArgumentError("colors: floating-point colours must lie between 0 and 1")
-        array = array.astype(np.float32)
-    elif array.dtype == np.uint8:
-        if len(array) and array.max() == 1:
-            _advice.warn(
-                "colors: uint8 of 0 and 1 are next to black: give colors * 255, or floats of 0 to 1",
-                UsageWarning,
-            )
-    elif array.dtype == np.uint16:
-        if len(array) and 0 < array.max() <= 255:
-            _advice.warn(
-                "colors: uint16 of 0 to 255 are next to black: give colors.astype(np.uint8)", UsageWarning
-            )
-    else:
-        raise DtypeError(f"colors: expected uint8, uint16 or a floating-point dtype, not {array.dtype}")
-    return _colors.opaque(array)
-
-
-def _uv_sets(value: object) -> list[NDArray[np.float32]]:
-    """UV sets as a list from one (N, 2) array or a sequence of them."""
-    if value is None:
-        return []
-    if isinstance(value, np.ndarray) and value.ndim == 2:
-        return [_vertex_floats(value, "uvs")]
-    if not isinstance(value, Sequence | np.ndarray):
-        raise DtypeError(f"uvs: expected an (N, 2) array or a sequence of them, not {type(value).__name__}")
-    return [_vertex_floats(item, "uvs") for item in value]
-
-
-def _materials(value: object) -> NDArray[np.int32]:
-    array = np.asarray(value)
-    if array.dtype.kind not in "iu":
-        raise DtypeError(f"face_materials: expected an integer dtype, not {array.dtype}")
-    if array.ndim != 1:
-        raise ArgumentError(f"face_materials: expected shape (M,), found {array.shape}")
-    limits = np.iinfo(np.int32)
-    outside = np.flatnonzero((array < limits.min) | (array > limits.max))
-    if len(outside):
-        raise ArgumentError(
-            f"face_materials[{outside[0]}]: {array[outside[0]]} is not between {limits.min} and {limits.max}"
-        )
-    return np.ascontiguousarray(array, np.int32)
-
-
-def _core_arrays(
-    vertices: NDArray[Any],
-    faces: NDArray[Any],
-    given: Mapping[str, Any],
-    channels: Mapping[str, ArrayLike] | None,
-) -> dict[str, Any]:
-    """The arrays of a mesh as the core takes them."""
-    normals, colors, face_materials = given["normals"], given["colors"], given["face_materials"]
-    labels: dict[str, NDArray[Any]] = {}
-    if given.get("face_channels"):
-        of_faces = _face_data.checked(given["face_channels"], len(faces) if faces.ndim else 0)
-        for name in of_faces:
-            if name in (channels or ()):
-                raise ArgumentError(f"face_channels[{name!r}]: channels has one of that name")
-        if _are_rows(vertices, faces):
-            labels, blended = _face_data.without_floats(vertices, faces, of_faces)
-            _face_data.warn_of_floats(blended)
-            channels = {**(channels or {}), **blended}
-    arrays = {
-        "vertices": vertices,
-        "faces": faces,
-        "normals": None if normals is None else _vertex_floats(normals, "normals"),
-        "colors": None if colors is None else _checked_colors(colors),
-        "uvs": _uv_sets(given["uvs"]),
-        "face_materials": None if face_materials is None else _materials(face_materials),
-        "channels": _channels.pack(channels, len(vertices) if vertices.ndim else 0),
-    }
-    return _apart(arrays, labels) if labels else arrays
-
-
-def _are_rows(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Whether faces name vertices: where they do not, the core says what is wrong."""
-    shaped = vertices.ndim == 2 and vertices.shape[1] == 3 and faces.ndim == 2 and faces.shape[1] == 3
-    if not shaped or faces.dtype.kind not in "iu" or not faces.size:
-        return False
-    return bool(faces.min() >= 0 and faces.max() < len(vertices))
-
-
-def _apart(arrays: dict[str, Any], labels: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    """Arrays of the core in which every vertex has the labels of its faces."""
-    numbers = arrays["face_materials"]
-    if numbers is not None and len(numbers) != len(arrays["faces"]):
-        return arrays  # which the core refuses
-    copied, faces, core, channels = _face_data.taken_apart(arrays["faces"], numbers, labels)
-    count = len(arrays["vertices"])
-
-    def of(rows: NDArray[Any] | None) -> NDArray[Any] | None:
-        return rows if rows is None or len(rows) != count else np.ascontiguousarray(rows[copied])
-
-    packed = [(name, kind, words[copied]) for name, kind, words in arrays["channels"]]
-    return {
-        "vertices": of(arrays["vertices"]),
-        "faces": faces,
-        "normals": of(arrays["normals"]),
-        "colors": of(arrays["colors"]),
-        "uvs": [of(uv) for uv in arrays["uvs"]],
-        "face_materials": core,
-        "channels": packed + _channels.pack(channels, len(copied)),
-    }
-
-
-def _bad_reduction(reduction: float) -> ArgumentError:
-    percent = f"; {reduction:g} % is {reduction / 100:g}" if 1.0 < reduction <= 100.0 else ""
-    return ArgumentError(f"target_reduction: must be between 0 and 1, not {reduction}{percent}")
 
 
 class NaniteMesh(_advice.Teaching):
@@ -415,10 +157,10 @@ class NaniteMesh(_advice.Teaching):
         >>> bool(np.abs(cut.channels["x"] - cut.vertices[:, 0]).max() < 0.01)
         True
         """
-        vertices = _array(vertices, "vertices")
-        faces = _array(faces, "faces")
+        vertices = as_array(vertices, "vertices")
+        faces = as_array(faces, "faces")
         if not isinstance(options, BuildOptions | None):
-            raise _no_options(options)
+            raise no_options(options)
         given = {"normals": normals, "colors": colors, "uvs": uvs, "face_materials": face_materials}
         of_faces = {"face_channels": face_channels}
         looks = () if materials is None else several(materials, "materials")
@@ -442,7 +184,7 @@ class NaniteMesh(_advice.Teaching):
     ) -> NaniteMesh:
         with reporter(progress, "building") as report:
             core = CoreMesh.build(
-                **_core_arrays(vertices, faces, given, channels),
+                **core_arrays(vertices, faces, given, channels),
                 options=asdict(options or BuildOptions()),
                 progress=report,
             )
@@ -649,7 +391,7 @@ class NaniteMesh(_advice.Teaching):
         return cls.from_arrays(**source.arrays(), options=options, progress=progress)
 
     @classmethod
-    def open(cls, path: PathLike) -> NaniteMesh:
+    def open(cls, path: io.PathLike) -> NaniteMesh:
         """Open a ``.nanite`` file that `save` wrote, whatever its size, in milliseconds.
 
         What describes the mesh is read. Pages are read when they are needed: by a cut for an error those that
@@ -679,7 +421,7 @@ class NaniteMesh(_advice.Teaching):
                 raise
             raise _advice.advised(error, _advice.for_file(path)) from None
 
-    def save(self, path: PathLike, *, precision: Literal["auto", "exact"] | float = "auto") -> None:
+    def save(self, path: io.PathLike, *, precision: Literal["auto", "exact"] | float = "auto") -> None:
         """Write a ``.nanite`` file; an existing one is replaced in one step or not at all.
 
         Positions of all levels are rounded to one grid, of which the step is a power of two, normals to 10 bits per
@@ -759,7 +501,7 @@ class NaniteMesh(_advice.Teaching):
             )
 
     @staticmethod
-    def file_info(path: PathLike) -> dict[str, Any]:
+    def file_info(path: io.PathLike) -> dict[str, Any]:
         """Sizes and bounds of a ``.nanite`` file as in `info`, of which only the beginning is read.
 
         Here ``bytes`` are those of the file, and ``parts`` says what they are about.
@@ -874,9 +616,7 @@ class NaniteMesh(_advice.Teaching):
                 raise ArgumentError(f"error: must be 0 or more, not {error}")
             return Cut(self._core.cut_error(error), self._materials)
         if target_faces is None:
-            reduction = _checks.number(target_reduction, "target_reduction")
-            if not 0.0 <= reduction <= 1.0:
-                raise _bad_reduction(reduction)
+            reduction = _checks.reduction(target_reduction)
             # A fraction such as 0.9 is not exact: what is meant is the integer beside it.
             target_faces = math.floor((1.0 - reduction) * len(self) + 1e-6)
         elif isinstance(target_faces, bool) or not isinstance(target_faces, int | np.integer):
@@ -1069,9 +809,7 @@ class NaniteMesh(_advice.Teaching):
 
     def _repr_png_(self) -> bytes | None:
         """Return a picture for notebooks; None, so that they show the text, where the file is damaged."""
-        from nanite_rs import _preview
-
-        return _preview.mesh_png(self)
+        return _notebook.png(self)
 
     def __eq__(self, other: object) -> bool:
         """Compare content: all levels of detail with what they carry, but not the looks."""
@@ -1096,3 +834,19 @@ class NaniteMesh(_advice.Teaching):
 
 def _from_bytes(data: bytes, materials: tuple[Material, ...] = ()) -> NaniteMesh:
     return NaniteMesh._wrap(CoreMesh.from_bytes(data), materials)
+
+
+def _look_for_lost_faces(vertices: NDArray[Any], mesh: NaniteMesh) -> None:
+    """Warn where float32 so far from the origin leaves no area to many faces."""
+    report = mesh.report
+    lost = report.degenerate_faces + report.duplicate_faces
+    if lost < 0.05 * report.input_faces or (vertices != vertices.astype(np.float32)).any():
+        return
+    size = float(np.max(mesh.bounds[1] - mesh.bounds[0]))
+    away = float(np.abs(mesh.bounds).max())
+    if size < 1e4 * float(np.spacing(np.float32(away))):
+        _advice.warn(
+            f"vertices: {lost:,} of {report.input_faces:,} faces have no area: float32 has too few digits "
+            f"{away:.3g} from the origin; give float64, or subtract an offset before",
+            UsageWarning,
+        )

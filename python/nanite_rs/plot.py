@@ -21,11 +21,13 @@ import numpy as np
 from nanite_rs import _advice, _core
 from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.frame import Frame
-from nanite_rs.mesh import NaniteMesh, PathLike
+from nanite_rs.mesh import NaniteMesh
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import ListedColormap
+
+    from nanite_rs.io import PathLike
 
 __all__ = ["error_against_triangles", "funnel", "levels", "pages"]
 

@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass, fields
 from typing import Any
 
-from nanite_rs._html import pairs, table
+from nanite_rs._notebook import pairs, table
 
 __all__ = ["BuildReport", "CheckReport", "LevelReport", "StuckGroup"]
 

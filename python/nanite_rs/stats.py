@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from nanite_rs._html import pairs, table
+from nanite_rs._notebook import pairs, table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -21,7 +21,7 @@ import pytest
 from scipy import ndimage
 
 import nanite_rs as nrs
-from nanite_rs import io
+from nanite_rs import _flatten
 from nanite_rs.assets import read_asset
 from oracles import camera, compare, data, picture, rays
 
@@ -127,7 +127,7 @@ class Shots:
                 node = next(nodes[label])
                 self.materials[node] = node.material, comparable(node.material)
                 self.placed.append((part, pose, node))
-                source = io._transformed(replace(part.source), pose) if mirrored else part.source
+                source = _flatten._transformed(replace(part.source), pose) if mirrored else part.source
                 key = node if mirrored else id(part)
                 if key not in primitives:
                     primitives[key] = self.pyrender.Mesh([self.primitive(source, self.materials[node][1])])

@@ -13,9 +13,9 @@ from PIL import Image
 
 import nanite_rs as nrs
 from nanite_rs import _paint
-from nanite_rs import viewer as module
 from nanite_rs._canvas import Budget, stepped
 from nanite_rs._frozen import cut_of
+from nanite_rs._picking import projected
 from oracles.camera import at
 from oracles.desk import Desk, screen
 
@@ -277,7 +277,7 @@ def test_what_is_coarser_would_be_above_the_pixel_error(viewer) -> None:
     for row in rows:
         group = table["group"][row]
         args = viewer._at_full_size(), viewer.scene.instances[0], groups["sphere"][group]
-        assert module.projected(*args, groups["error"][group]) > viewer.pixel_error * (1 - 1e-4)
+        assert projected(*args, groups["error"][group]) > viewer.pixel_error * (1 - 1e-4)
 
 
 def test_rows_of_the_source_are_picked_where_they_are_kept() -> None:
@@ -465,7 +465,7 @@ def test_a_gpu_shows_the_same(mesh) -> None:
             np.testing.assert_array_equal(gpu.frozen_clusters, cpu.frozen_clusters)
             for viewer in (gpu, cpu):
                 viewer.orbit.turn(0.2 if frozen else 0.0, 0.0)
-            for name in module.VIEWS:
+            for name in nrs.viewer.VIEWS:
                 gpu.view = cpu.view = name
                 difference = np.abs(gpu.picture(moving=True).astype(int) - cpu.picture(moving=True))
                 assert (difference.max(axis=-1) <= 2).mean() > 0.999, (frozen, name)

@@ -1,14 +1,30 @@
-"""Tables for notebooks: plain HTML, without colours, so that they read well on any background."""
+"""What notebooks show: pictures, by what was registered for a class, and tables.
+
+Tables are plain HTML, without colours, so that they read well on any background.
+"""
 
 from __future__ import annotations
 
+from functools import singledispatch
 from html import escape
 from typing import TYPE_CHECKING
+
+from nanite_rs.exceptions import InternalError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
 
-__all__ = ["pairs", "table"]
+__all__ = ["pairs", "png", "table"]
+
+
+@singledispatch
+def png(shown: object) -> bytes | None:
+    """Return a small picture of a mesh or a cut; None, so that the text is shown, where there is none.
+
+    DESIGN: drawing needs a scene and a renderer, which need meshes and cuts. So `_preview`, which has all of them,
+    registers what draws each class, and the classes ask here.
+    """
+    raise InternalError(f"notebook: nothing draws {type(shown).__name__}")
 
 
 def pairs(rows: Iterable[tuple[str, str]]) -> str:
