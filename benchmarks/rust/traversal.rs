@@ -172,7 +172,7 @@ fn print(triangles: usize, count: usize, camera: &str, measured: &Measured) {
     }
     let product = |of: fn(&(f64, u64)) -> f64| median(measured.product.iter().map(of));
     println!(
-        "| {} | {camera} | product, two cull_passes |  |  |  | {:.2} |  |  |  |  |  | {} |  |  |",
+        "| {} | {camera} | product, two passes |  |  |  | {:.2} |  |  |  |  |  | {} |  |  |",
         thousands((triangles * count) as f64),
         product(|p| p.0),
         thousands(product(|p| p.1 as f64)),

@@ -26,7 +26,7 @@ __all__ = ["Calibration", "Renderer", "StreamWarning", "TextureWarning"]
 POOL_BYTES = 512 << 20
 """Bytes of a renderer's pool with ``streaming=True``, unless asked for otherwise."""
 
-RasterName: TypeAlias = Literal["auto", "compute", "hybrid", "hardware"]
+RasterName: TypeAlias = Literal["auto", "compute", "hybrid", "hardware", "measured"]
 TransferName: TypeAlias = Literal["gamma22", "srgb", "linear"]
 ShadingName: TypeAlias = Literal["gltf", "pyrender", "flat", "normals"]
 
@@ -44,7 +44,7 @@ class Calibration:
     """Which rasterizers of a device are the fastest, by a short measurement."""
 
     raster: str
-    """What ``raster="auto"`` takes: ``"compute"``, ``"hybrid"`` or ``"hardware"``."""
+    """What ``raster="measured"`` takes: ``"compute"``, ``"hybrid"`` or ``"hardware"``."""
     reason: str
     """Why."""
     times_ms: dict[str, float]
@@ -155,7 +155,7 @@ class Renderer(_advice.Teaching):
 
     @property
     def calibration(self) -> Calibration | None:
-        """How ``raster="auto"`` was decided on the device; None on the CPU, and before it had to be."""
+        """How ``raster="measured"`` chose on the device; None on the CPU, and before its first frame."""
         found = None if self._core is None else self._core.calibration
         if found is None:
             return None
@@ -202,9 +202,11 @@ class Renderer(_advice.Teaching):
         raster : str
             What draws triangles on a GPU: ``"compute"`` shaders, whose pictures are those of the CPU;
             ``"hardware"``, the device's own rasterizer, for all that need not be clipped; ``"hybrid"``, shaders
-            for small triangles and the device's rasterizer for large ones; or ``"auto"``, the fastest of these,
-            see `calibration`. All cover the same pixels, which ``"auto"`` makes sure of on the device; ties in
-            depth and the last bits of depths may differ. The CPU has one form, ``"compute"``.
+            for small triangles and the device's rasterizer for large ones; ``"measured"``, the fastest of these by
+            a short measurement on the device, see `calibration`; or ``"auto"``, which chooses by the adapter alone
+            and so is reproducible: ``"compute"``, the fastest on every GPU that was measured. All cover the same
+            pixels, which ``"measured"`` makes sure of; ties in depth and the last bits of depths may differ. The
+            CPU has one form, ``"compute"``.
         outputs : sequence of str
             What to make right away, on a GPU with the frame: ``"color"``, ``"linear"``, ``"depth"``, ``"normal"``,
             ``"instance_id"``, ``"cluster_id"``, ``"triangle_id"``, ``"overdraw"``, ``"base_color"``,

@@ -8,14 +8,11 @@
 use std::time::Instant;
 
 use pollster::block_on;
-use wgpu::{
-    BindingResource, Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor,
-    ErrorFilter,
-};
+use wgpu::{BindingResource, Buffer, BufferUsages, CommandEncoder, ComputePassDescriptor, ErrorFilter};
 
-use super::context::Context;
-use super::frame::RasterBindings;
-use super::raster_hardware::{Draw, Target};
+use super::context::{Context, unavailable};
+use super::raster_hardware::{Draw, Target, viewport};
+use super::recorder::RasterBindings;
 use super::shaders::{Kernel, List, Words};
 use super::times::{self, Times};
 use crate::config::{Calibration, Raster};
@@ -44,8 +41,28 @@ const GAIN: f64 = 1.1;
 const QUADS: usize = (CLUSTER_MAX_TRIANGLES / 2).isqrt();
 const _: () = assert!(2 * QUADS * QUADS == CLUSTER_MAX_TRIANGLES);
 
+/// Which rasterizers draw a picture of a size.
+pub(super) fn choose(context: &Context, asked: Raster, size: (u32, u32)) -> Result<Raster> {
+    let fits = viewport(context.limits().max_texture_dimension_2d, size).is_some();
+    match asked {
+        Raster::Measured if fits => Ok(context.calibrated(run).raster),
+        Raster::Auto | Raster::Compute | Raster::Measured => Ok(Raster::Compute),
+        Raster::Hybrid | Raster::Hardware => {
+            let (width, height) = size;
+            let large = (!fits).then(|| format!("pictures of {width} × {height} are too large for it"));
+            match context.raster_obstacle().map(str::to_owned).or(large) {
+                None => Ok(asked),
+                Some(reason) => {
+                    let (name, raster) = (context.name(), asked.name());
+                    Err(unavailable(format!("{name} cannot draw with raster {raster:?}: {reason}")))
+                }
+            }
+        }
+    }
+}
+
 /// Measures; whatever fails, compute is what remains.
-pub(super) fn run(context: &Context) -> Calibration {
+fn run(context: &Context) -> Calibration {
     let compute = |reason: String| Calibration { raster: Raster::Compute, times: Vec::new(), reason };
     if let Some(obstacle) = context.raster_obstacle() {
         return compute(format!("the device's rasterizer cannot be used: {obstacle}"));
@@ -197,7 +214,7 @@ impl<'a> Stand<'a> {
     /// Milliseconds, and the words of the picture.
     fn draw(&self, list: List, hardware: bool) -> Result<(f64, Vec<u64>)> {
         let mut words = vec![0; (SIDE * SIDE) as usize];
-        let mut encoder = self.context.device().create_command_encoder(&CommandEncoderDescriptor::default());
+        let mut encoder = self.context.encoder("calibration");
         encoder.clear_buffer(&self.pixels, 0, None);
         if hardware {
             self.record_hardware(&mut encoder, list);

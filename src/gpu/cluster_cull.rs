@@ -1,7 +1,7 @@
 //! Stage 3. Clusters of groups → the visible list in scene order, and what of it each rasterizer draws. The second pass
 //! lists the clusters of both and draws those that are new.
 
-use super::frame::Recorder;
+use super::recorder::Recorder;
 use super::shaders::{Bits, CullPass, Kernel};
 
 pub(super) fn record(r: &mut Recorder<'_>) {

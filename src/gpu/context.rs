@@ -7,15 +7,15 @@ use std::time::Duration;
 use pollster::block_on;
 use wgpu::{
     Adapter, Backends, BindGroup, BindGroupDescriptor, BindGroupEntry, BindingResource, Buffer,
-    BufferDescriptor, BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
-    ComputePipelineDescriptor, Device, DeviceDescriptor, DeviceType, ErrorFilter, Features, Instance,
-    InstanceDescriptor, InstanceFlags, Limits, MapMode, PollType, Queue, ShaderModuleDescriptor,
-    ShaderSource, SubmissionIndex,
+    BufferDescriptor, BufferUsages, ColorTargetState, ColorWrites, CommandEncoder, CommandEncoderDescriptor,
+    ComputePassDescriptor, ComputePipeline, ComputePipelineDescriptor, Device, DeviceDescriptor, DeviceType,
+    DownlevelFlags, ErrorFilter, Features, FragmentState, Instance, InstanceDescriptor, InstanceFlags,
+    Limits, MapMode, MultisampleState, PipelineCompilationOptions, PollType, PrimitiveState, Queue,
+    RenderPipeline, RenderPipelineDescriptor, ShaderModuleDescriptor, ShaderSource, SubmissionIndex,
+    TextureFormat, VertexState,
 };
 
-use super::raster_hardware::Pipelines;
-use super::shaders::{KERNELS, Kernel, SCAN_WIDTH};
-use super::{calibrate, raster_hardware};
+use super::shaders::{DRAWS, KERNELS, Kernel, SCAN_WIDTH};
 use crate::config::Calibration;
 use crate::error::{Error, Result};
 use crate::threads::PerProcess;
@@ -25,13 +25,30 @@ pub const STORAGE_BUFFERS: u32 = 14;
 /// Bytes of workgroup memory that a stage uses at most.
 pub const WORKGROUP_BYTES: u32 = 16 << 10;
 /// A frame that takes longer is given up.
-const PATIENCE: Duration = Duration::from_secs(60);
+const LONGEST_WAIT: Duration = Duration::from_secs(60);
 /// Trips of the loop that the driver has to finish; those known to be bad stop at 65,535.
 const PROBE_TRIPS: u32 = 70_000;
 /// Writes of as many bytes go by a buffer of our own, see [`Context::write`].
 const LONG_WRITE: usize = 64 << 10;
 /// 64-bit atomics and all that they need.
-const WIDE_ATOMICS: Features = Features::SHADER_INT64.union(Features::SHADER_INT64_ATOMIC_MIN_MAX);
+const INT64_ATOMICS: Features = Features::SHADER_INT64.union(Features::SHADER_INT64_ATOMIC_MIN_MAX);
+
+/// What the hardware rasterizer needs of a device besides what every device has: vertex shaders count the triangles that are drawn. Where a
+/// device runs them more than once for a vertex, as some that draw in tiles do, they count more.
+const RASTER_FEATURES: Features = Features::VERTEX_WRITABLE_STORAGE;
+/// Passes that draw have to have a target, which nothing is written to.
+pub(super) const NO_COLOR: TextureFormat = TextureFormat::R8Unorm;
+
+/// What of it an adapter lacks, if it does.
+fn raster_obstacle(adapter: &Adapter) -> Option<String> {
+    let flags = adapter.get_downlevel_capabilities().flags;
+    let needs = [
+        ("vertex", adapter.features().contains(RASTER_FEATURES)),
+        ("fragment", flags.contains(DownlevelFlags::FRAGMENT_WRITABLE_STORAGE)),
+    ];
+    let lacking: Vec<&str> = needs.iter().filter(|(_, has)| !has).map(|(stage, _)| *stage).collect();
+    (!lacking.is_empty()).then(|| format!("its {} shaders cannot write to buffers", lacking.join(" and ")))
+}
 
 /// A device, ready to run kernels.
 #[derive(Debug)]
@@ -51,7 +68,8 @@ pub struct Context {
     pipelines: [[OnceLock<ComputePipeline>; 2]; KERNELS.len()],
     /// What the hardware rasterizer lacks.
     obstacle: Option<String>,
-    draws: Pipelines,
+    /// The same of the kernels that draw.
+    draws: [[OnceLock<RenderPipeline>; 2]; DRAWS.len()],
     calibration: OnceLock<Calibration>,
 }
 
@@ -102,7 +120,7 @@ fn adapter() -> Result<Adapter> {
     let adapters = block_on(instance.enumerate_adapters(Backends::PRIMARY));
     let best = adapters.into_iter().max_by_key(rank).ok_or_else(|| {
         unavailable(
-            "there is no Vulkan, Metal or DX12 adapter. Install a driver (in software: Mesa 25 or occluded_queue with \
+            "there is no Vulkan, Metal or DX12 adapter. Install a driver (in software: Mesa 25 or later with \
              lavapipe), or use \"cpu\"",
         )
     })?;
@@ -156,11 +174,11 @@ impl Context {
         if !lacking.is_empty() {
             return Err(unavailable(format!("{name} has {}", lacking.join(", "))));
         }
-        let int64_atomics = adapter.features().contains(WIDE_ATOMICS);
+        let int64_atomics = adapter.features().contains(INT64_ATOMICS);
         let descriptor = DeviceDescriptor {
             label: Some("nanite_rs"),
             required_features: adapter.features()
-                & (WIDE_ATOMICS | raster_hardware::FEATURES | Features::TIMESTAMP_QUERY),
+                & (INT64_ATOMICS | RASTER_FEATURES | Features::TIMESTAMP_QUERY),
             required_limits: limits.clone(),
             ..DeviceDescriptor::default()
         };
@@ -190,8 +208,8 @@ impl Context {
             memory: AtomicU64::new(u64::MAX),
             failure,
             pipelines,
-            obstacle: raster_hardware::obstacle(&adapter),
-            draws: Pipelines::default(),
+            obstacle: raster_obstacle(&adapter),
+            draws: std::array::from_fn(|_| [OnceLock::new(), OnceLock::new()]),
             calibration: OnceLock::new(),
         };
         context.probe()?;
@@ -206,7 +224,7 @@ impl Context {
         let found = self.run(Kernel::LoopProbe, &[&[PROBE_TRIPS, seed]], 1)?;
         if found[0][1] != expected {
             return Err(unavailable(format!(
-                "{} ends loops of shaders early, as Mesa 22 does; it has to be 25 or occluded_queue",
+                "{} ends loops of shaders early, as Mesa 22 does; it has to be 25 or later",
                 self.name
             )));
         }
@@ -238,18 +256,14 @@ impl Context {
         self.obstacle.as_deref()
     }
 
-    /// The fastest rasterizers, found when first asked for.
-    pub(super) fn calibrate(&self) -> &Calibration {
-        self.calibration.get_or_init(|| calibrate::run(self))
+    /// The fastest rasterizers, measured when first asked for.
+    pub(super) fn calibrated(&self, measure: impl FnOnce(&Self) -> Calibration) -> &Calibration {
+        self.calibration.get_or_init(|| measure(self))
     }
 
     /// The same if it was asked for.
     pub fn calibration(&self) -> Option<&Calibration> {
         self.calibration.get()
-    }
-
-    pub(super) fn draws(&self) -> &Pipelines {
-        &self.draws
     }
 
     pub(super) fn limits(&self) -> &Limits {
@@ -288,6 +302,11 @@ impl Context {
             Some(message) => Err(unavailable(format!("{}: {message}", self.name))),
             None => Ok(()),
         }
+    }
+
+    /// An encoder of commands by the name of what they do.
+    pub(super) fn encoder(&self, label: &str) -> CommandEncoder {
+        self.device.create_command_encoder(&CommandEncoderDescriptor { label: Some(label) })
     }
 
     /// A buffer of zeros. `what` names it where it is too large for the device.
@@ -336,7 +355,7 @@ impl Context {
         mapped.copy_from_slice(data);
         drop(mapped);
         way.unmap();
-        let mut encoder = self.device.create_command_encoder(&CommandEncoderDescriptor::default());
+        let mut encoder = self.encoder(what);
         encoder.copy_buffer_to_buffer(&way, 0, buffer, offset, size);
         self.queue.submit([encoder.finish()]);
         Ok(())
@@ -366,10 +385,45 @@ impl Context {
                 module: &module,
                 entry_point: Some("main"),
                 // Shaders write what they read of it.
-                compilation_options: wgpu::PipelineCompilationOptions {
+                compilation_options: PipelineCompilationOptions {
                     constants: &overrides,
                     zero_initialize_workgroup_memory: false,
                 },
+                cache: None,
+            })
+        })
+    }
+
+    /// The same of a kernel that draws.
+    pub(super) fn draw_pipeline(&self, kernel: Kernel, split: bool) -> &RenderPipeline {
+        self.draws[kernel.number()][usize::from(split)].get_or_init(|| {
+            let (label, device) = (Some(kernel.name()), &self.device);
+            let source = kernel.source(split.then(|| self.array_bits()));
+            let source = ShaderSource::Wgsl(source.into());
+            let module = &device.create_shader_module(ShaderModuleDescriptor { label, source });
+            let overrides = self.overrides(kernel);
+            let compilation_options =
+                PipelineCompilationOptions { constants: &overrides, ..PipelineCompilationOptions::default() };
+            let target = ColorTargetState { format: NO_COLOR, blend: None, write_mask: ColorWrites::empty() };
+            device.create_render_pipeline(&RenderPipelineDescriptor {
+                label,
+                layout: None,
+                vertex: VertexState {
+                    module,
+                    entry_point: Some("corner"),
+                    compilation_options: compilation_options.clone(),
+                    buffers: &[],
+                },
+                primitive: PrimitiveState::default(),
+                depth_stencil: None,
+                multisample: MultisampleState::default(),
+                fragment: Some(FragmentState {
+                    module,
+                    entry_point: Some("pixel"),
+                    compilation_options,
+                    targets: &[Some(target)],
+                }),
+                multiview_mask: None,
                 cache: None,
             })
         })
@@ -402,7 +456,7 @@ impl Context {
         }
         let bytes = bindings.iter().map(|words| size_of_val(*words) as u64).sum();
         let staging = self.buffer(kernel.name(), bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
-        let mut encoder = self.device.create_command_encoder(&CommandEncoderDescriptor::default());
+        let mut encoder = self.encoder(kernel.name());
         {
             let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
             pass.set_pipeline(self.pipeline(kernel, false));
@@ -430,7 +484,7 @@ impl Context {
     /// Submits, waits, and hands over the first `bytes` of `staging`, which the submission wrote.
     pub fn submit(
         &self,
-        encoder: wgpu::CommandEncoder,
+        encoder: CommandEncoder,
         staging: &Buffer,
         bytes: u64,
         read: impl FnOnce(&[u8]),
@@ -440,7 +494,7 @@ impl Context {
     }
 
     /// Submits.
-    pub(super) fn start(&self, encoder: wgpu::CommandEncoder) -> Result<SubmissionIndex> {
+    pub(super) fn start(&self, encoder: CommandEncoder) -> Result<SubmissionIndex> {
         let submission = self.queue.submit([encoder.finish()]);
         self.check()?;
         Ok(submission)
@@ -460,7 +514,7 @@ impl Context {
             // The receiver is gone where waiting failed.
             let _ = sender.send(result);
         });
-        let wait = PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) };
+        let wait = PollType::Wait { submission_index: Some(submission), timeout: Some(LONGEST_WAIT) };
         let polled = self.device.poll(wait);
         if polled.is_err() {
             // A lost device says so by a callback, for which somebody has to ask.
@@ -469,7 +523,7 @@ impl Context {
         self.check()?;
         polled.map_err(|error| self.fail(&error.to_string()))?;
         // Another thread's wait may have taken the answer along, and be about to call back.
-        match receiver.recv_timeout(PATIENCE) {
+        match receiver.recv_timeout(LONGEST_WAIT) {
             Ok(Ok(())) => {}
             Ok(Err(error)) => return Err(self.fail(&error.to_string())),
             Err(_) => return Err(self.fail("the device did not answer")),

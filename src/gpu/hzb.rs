@@ -1,7 +1,7 @@
 //! Stage 6. Visibility buffer → depth pyramid, where it is needed: after the first pass for what it deferred, and at the
 //! end of the frame for the next one.
 
-use super::frame::Recorder;
+use super::recorder::Recorder;
 use super::shaders::{IndirectEntry, Kernel, PYRAMID_DISPATCHES};
 
 pub(super) fn record(r: &mut Recorder<'_>) {

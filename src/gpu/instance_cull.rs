@@ -1,7 +1,7 @@
 //! Stage 1. Instances of the scene → as seen from the view, and the roots of those on the screen, now or in the second
 //! pass.
 
-use super::frame::Recorder;
+use super::recorder::Recorder;
 use super::shaders::{Kernel, WIDTH};
 
 pub(super) fn record(r: &mut Recorder<'_>) {

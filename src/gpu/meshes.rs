@@ -10,7 +10,7 @@ use super::context::Context;
 use super::page_arrays::PageArrays;
 use super::shaders::PAGE_ARRAYS;
 use crate::error::Result;
-use crate::gpu_types::{Group, Node};
+use crate::gpu_types::{ABSENT, Group, Node};
 use crate::model::rule::SOURCE_ERROR;
 use crate::model::{self, Dag, PageEntry, Pages};
 use crate::stream::{Needs, Request, Resident};
@@ -37,9 +37,6 @@ const ARRAYS: [(&str, u64); 3] = [
     ("the groups of the meshes", size_of::<Group>() as u64),
     ("the page tables of the meshes", size_of::<u32>() as u64),
 ];
-
-/// What the table has for a page that is not there.
-pub const ABSENT: u32 = u32::MAX;
 
 /// A mesh on the device.
 #[derive(Debug)]

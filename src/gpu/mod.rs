@@ -7,13 +7,14 @@
 //! [`shaders`] puts sources together. `raster_hardware` is another form of the two raster stages, by the device's own
 //! rasterizer; `calibrate` finds out whether it is the faster one.
 
+mod buffers;
 mod calibrate;
 mod cluster_cull;
 pub mod context;
-mod frame;
 mod hzb;
 mod instance_cull;
 mod instances;
+mod lights;
 mod materials;
 pub mod meshes;
 mod node_cull;
@@ -21,19 +22,23 @@ mod occlusion;
 mod output;
 mod page_arrays;
 mod passes;
+mod pyramids;
 mod raster_hardware;
 mod raster_large;
 mod raster_small;
+mod recorder;
 pub mod renderer;
+mod request;
 mod shade;
 pub mod shaders;
 mod times;
 mod view_history;
 
+pub use buffers::DeviceVisibility;
 pub use context::Context;
-pub use frame::DeviceVisibility;
 pub use instances::SceneInstance;
-pub use renderer::{Counted, DeviceRenderer, DeviceStage, Drawn, ViewRequest, Ways};
+pub use renderer::DeviceRenderer;
+pub use request::{Counted, DeviceStage, Drawn, ViewRequest, Ways};
 pub use shaders::CullPass;
 // For benchmarks, which run stages of their own on the same device.
 pub use wgpu;

@@ -4,7 +4,7 @@
 //! resumes at the nodes that the first one deferred, and lists the groups of both. A first pass that starts from the list
 //! of the frame before does not walk.
 
-use super::frame::Recorder;
+use super::recorder::Recorder;
 use super::shaders::{Bits, CullPass, IndirectEntry, Kernel, WIDTH};
 
 pub(super) fn record(r: &mut Recorder<'_>) {

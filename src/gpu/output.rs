@@ -1,6 +1,6 @@
 //! Stage 8. Visibility buffer → the arrays that a caller asks for.
 
-use super::frame::Recorder;
+use super::recorder::Recorder;
 use super::shaders::{Kernel, List, PIXELS_PER_LANE, WIDTH, Words};
 use super::{raster_large, raster_small};
 use crate::config::Output;

@@ -3,12 +3,12 @@
 use wgpu::{CommandEncoder, ComputePassDescriptor};
 
 use super::context::Context;
-use super::frame::{Recorder, raster_bindings};
 use super::instances::Slots;
 use super::materials;
 use super::meshes::Meshes;
 use super::raster_hardware::{Draw, Target};
-use super::renderer::DeviceStage;
+use super::recorder::{Recorder, raster_bindings};
+use super::request::DeviceStage;
 use super::shaders::{CullPass, List, Words};
 use super::times::Times;
 use super::view_history::SubmittedView;
@@ -50,12 +50,15 @@ impl<'a> Passes<'a> {
             return;
         }
         let timestamp_writes = self.times.of_pass(self.passes.len() as u32);
-        let descriptor = ComputePassDescriptor { label: None, timestamp_writes };
+        let label = format!("{stage:?}, {cull_pass:?} pass");
+        let descriptor = ComputePassDescriptor { label: Some(&label), timestamp_writes };
         // It ends below, where the last recorder does.
         let mut pass = self.encoder.begin_compute_pass(&descriptor).forget_lifetime();
         let Self { context, meshes, instances, slots, materials, .. } = *self;
-        for SubmittedView { view, seen, buffers, culling, history } in submitted {
-            let (pyramids, light, culling) = (&history.pyramids, &history.light, *culling);
+        for (place, SubmittedView { view, seen, buffers, culling, history }) in
+            submitted.into_iter().enumerate()
+        {
+            let (pyramids, lights, culling) = (&history.pyramids, &history.lights, *culling);
             let listed = view.history == HISTORY_LIST;
             let mut recorder = Recorder {
                 context,
@@ -65,14 +68,16 @@ impl<'a> Passes<'a> {
                 seen,
                 buffers,
                 pyramids,
-                light,
+                lights,
                 materials,
                 culling,
                 listed,
                 cull_pass,
                 pass,
             };
+            recorder.pass.push_debug_group(&format!("view {place}"));
             record(&mut recorder);
+            recorder.pass.pop_debug_group();
             pass = recorder.pass;
         }
         self.passes.push((stage, cull_pass));

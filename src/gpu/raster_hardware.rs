@@ -2,110 +2,26 @@
 //! draw with an instance per cluster. Triangles that would have to be clipped are not for it: a device rounds what it
 //! clips as it likes, and the same edge has to look the same in compute.
 
-use std::sync::OnceLock;
-
 use wgpu::{
-    Adapter, BindGroupDescriptor, BindingResource, Buffer, Color, ColorTargetState, ColorWrites,
-    CommandEncoder, DownlevelFlags, Extent3d, Features, FragmentState, LoadOp, MultisampleState, Operations,
-    PipelineCompilationOptions, PrimitiveState, RenderPassColorAttachment, RenderPassDescriptor,
-    RenderPassTimestampWrites, RenderPipeline, RenderPipelineDescriptor, ShaderModuleDescriptor,
-    ShaderSource, StoreOp, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
-    TextureViewDescriptor, VertexState,
+    BindGroupDescriptor, BindingResource, Buffer, Color, CommandEncoder, Extent3d, LoadOp, Operations,
+    RenderPassColorAttachment, RenderPassDescriptor, RenderPassTimestampWrites, StoreOp, TextureDescriptor,
+    TextureDimension, TextureUsages, TextureView, TextureViewDescriptor,
 };
 
-use super::context::{Context, entries, unavailable};
-use super::shaders::{DRAWS, Kernel, List, Words};
-use crate::config::Raster;
+use super::context::{Context, NO_COLOR, entries};
+use super::shaders::{Kernel, List, Words};
 use crate::error::Result;
 use crate::gpu_types::DrawArgs;
 use crate::limits::{GUARD_BAND, MAX_SPAN};
 
-/// What it needs of a device besides what every device has: vertex shaders count the triangles that are drawn. Where a
-/// device runs them more than once for a vertex, as some that draw in tiles do, they count more.
-pub(super) const FEATURES: Features = Features::VERTEX_WRITABLE_STORAGE;
-/// Passes that draw have to have a target, which nothing is written to.
-const NO_COLOR: TextureFormat = TextureFormat::R8Unorm;
-
-/// What an adapter lacks of it, if it does.
-pub(super) fn obstacle(adapter: &Adapter) -> Option<String> {
-    let flags = adapter.get_downlevel_capabilities().flags;
-    let needs = [
-        ("vertex", adapter.features().contains(FEATURES)),
-        ("fragment", flags.contains(DownlevelFlags::FRAGMENT_WRITABLE_STORAGE)),
-    ];
-    let lacking: Vec<&str> = needs.iter().filter(|(_, has)| !has).map(|(stage, _)| *stage).collect();
-    (!lacking.is_empty()).then(|| format!("its {} shaders cannot write to buffers", lacking.join(" and ")))
-}
-
 /// Side of the viewport for pictures of a size, a power of two, so that positions on it are exact; none where it leaves
 /// no room for small clusters beside the picture. Devices have viewports as large as their largest textures.
-fn viewport(largest_texture: u32, (width, height): (u32, u32)) -> Option<u32> {
+pub(super) fn viewport(largest_texture: u32, (width, height): (u32, u32)) -> Option<u32> {
     // Beyond the guard band everything is clipped anyway.
     let most = largest_texture.min((2.0 * GUARD_BAND) as u32);
     let side: u32 = most.checked_ilog2().map_or(0, |bits| 1 << bits);
     let margin = side.saturating_sub(width.max(height)) / 2;
     (margin > u32::from(MAX_SPAN)).then_some(side)
-}
-
-/// Which rasterizers draw a picture of a size.
-pub(super) fn choose(context: &Context, asked: Raster, size: (u32, u32)) -> Result<Raster> {
-    let fits = viewport(context.limits().max_texture_dimension_2d, size).is_some();
-    match asked {
-        Raster::Compute => Ok(asked),
-        Raster::Auto if fits => Ok(context.calibrate().raster),
-        Raster::Auto => Ok(Raster::Compute),
-        Raster::Hybrid | Raster::Hardware => {
-            let (width, height) = size;
-            let large = (!fits).then(|| format!("pictures of {width} × {height} are too large for it"));
-            match context.raster_obstacle().map(str::to_owned).or(large) {
-                None => Ok(asked),
-                Some(reason) => {
-                    let (name, raster) = (context.name(), asked.name());
-                    Err(unavailable(format!("{name} cannot draw with raster {raster:?}: {reason}")))
-                }
-            }
-        }
-    }
-}
-
-/// The pipelines of [`DRAWS`], compiled when first used: with pages in one array, and in several.
-#[derive(Debug, Default)]
-pub(super) struct Pipelines([[OnceLock<RenderPipeline>; 2]; DRAWS.len()]);
-
-impl Pipelines {
-    fn get(&self, context: &Context, kernel: Kernel, split: bool) -> &RenderPipeline {
-        self.0[kernel.number()][usize::from(split)].get_or_init(|| {
-            let (label, device) = (Some(kernel.name()), context.device());
-            let source = kernel.source(split.then(|| context.array_bits()));
-            let source = ShaderSource::Wgsl(source.into());
-            let module = &device.create_shader_module(ShaderModuleDescriptor { label, source });
-            let overrides = context.overrides(kernel);
-            let compilation_options =
-                PipelineCompilationOptions { constants: &overrides, ..PipelineCompilationOptions::default() };
-            let target = ColorTargetState { format: NO_COLOR, blend: None, write_mask: ColorWrites::empty() };
-            device.create_render_pipeline(&RenderPipelineDescriptor {
-                label,
-                layout: None,
-                vertex: VertexState {
-                    module,
-                    entry_point: Some("corner"),
-                    compilation_options: compilation_options.clone(),
-                    buffers: &[],
-                },
-                primitive: PrimitiveState::default(),
-                depth_stencil: None,
-                multisample: MultisampleState::default(),
-                fragment: Some(FragmentState {
-                    module,
-                    entry_point: Some("pixel"),
-                    compilation_options,
-                    targets: &[Some(target)],
-                }),
-                multiview_mask: None,
-                cache: None,
-            })
-        })
-    }
 }
 
 /// Where it draws: what a pass has to have.
@@ -164,7 +80,7 @@ impl Draw<'_> {
     pub(super) fn record(self, context: &Context, encoder: &mut CommandEncoder) {
         let Self { list, words, split, bindings, draw_args, target, times } = self;
         let kernel = Kernel::RasterHardware(list, words);
-        let pipeline = context.draws().get(context, kernel, split);
+        let pipeline = context.draw_pipeline(kernel, split);
         let entries: Vec<_> = entries(bindings).collect();
         let layout = &pipeline.get_bind_group_layout(0);
         let descriptor = BindGroupDescriptor { label: Some(kernel.name()), layout, entries: &entries };

@@ -3,8 +3,8 @@
 
 use wgpu::Buffer;
 
-use super::frame::Recorder;
 use super::materials::Buffers;
+use super::recorder::Recorder;
 use super::shaders::{Kernel, List, Words};
 
 pub(super) fn record<'a>(r: &mut Recorder<'a>, list: List, words: Words, to: &'a Buffer) {

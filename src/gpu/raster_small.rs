@@ -2,7 +2,7 @@
 
 use wgpu::Buffer;
 
-use super::frame::Recorder;
+use super::recorder::Recorder;
 use super::shaders::{Kernel, List, Words};
 
 pub(super) fn record<'a>(r: &mut Recorder<'a>, words: Words, to: &'a Buffer) {

@@ -3,27 +3,27 @@
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use wgpu::{BindingResource, CommandEncoderDescriptor};
+use wgpu::BindingResource;
 
+use super::buffers::{Buffers, DeviceVisibility, Room, Shape};
 use super::context::Context;
-use super::frame::{Buffers, DeviceVisibility, Room, Shape, surface_bindings};
 use super::instances::{Instances, SceneInstance};
 use super::meshes::Meshes;
 use super::passes::Passes;
-use super::raster_hardware::{self, Target};
+use super::raster_hardware::Target;
+use super::recorder::surface_bindings;
+use super::request::{Counted, DeviceStage, Drawn, ViewRequest, Ways};
 use super::shaders::{CullPass, Kernel, List, Words};
 use super::view_history::{SubmittedView, ViewHistory};
 use super::{
-    cluster_cull, hzb, instance_cull, node_cull, occlusion, output, raster_large, raster_small, shade, times,
+    calibrate, cluster_cull, hzb, instance_cull, node_cull, occlusion, output, raster_large, raster_small,
+    shade, times,
 };
-use crate::config::{Output, Outputs, Raster, Shading, Transfer};
+use crate::config::{Output, Raster};
 use crate::error::{Error, Result};
-use crate::gpu_types::{
-    self, Array, Counters, Dispatch, HISTORY_LIST, Lighting, TraversalItem, View, VisibleCluster,
-};
+use crate::gpu_types::{Array, Counters, Dispatch, HISTORY_LIST, TraversalItem, View};
 use crate::limits::MAX_VISIBLE;
-use crate::scene::EnvironmentMap;
-use crate::stream::{Needs, Resident};
+use crate::stream::Resident;
 
 /// Lists of a first frame; each grows to what frames need.
 const FIRST_ROOM: Room = Room { items: 1 << 12, candidate_groups: 1 << 12, visible: 1 << 14 };
@@ -34,130 +34,6 @@ const MOST_ON_DEVICE: usize = 2;
 
 /// Bytes of a picture that a thread copies at a time.
 const COPIED_AT_ONCE: usize = 1 << 18;
-
-/// What may be done in other ways, with the same picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Ways {
-    /// One 64-bit maximum instead of two 32-bit passes, where the device has it.
-    pub int64_atomics: bool,
-    /// Leaves out what is hidden, in two passes.
-    pub occlusion: bool,
-    /// Which rasterizers draw; the only one of these ways by which a picture may differ.
-    pub raster: Raster,
-    /// Keys alone are drawn, and of them depth at most is made.
-    pub depth_only: bool,
-    /// What colours are.
-    pub shading: Shading,
-}
-
-/// A view to draw, and the arrays to make of its picture.
-#[derive(Debug)]
-pub struct ViewRequest<'a> {
-    /// The view.
-    pub view: View,
-    /// What is filled: the visibility buffer, the low half of each word first. With [`Ways::depth_only`] a number per
-    /// pixel: its depth where that is to be made, else its key.
-    pub words: &'a mut [u32],
-    /// The visibility buffer may stay on the device, see [`Drawn::left`]; then none is filled. Not with
-    /// [`Ways::depth_only`].
-    pub keep_on_device: bool,
-    /// The arrays.
-    pub outputs: Outputs,
-    /// All but the lights.
-    pub lighting: Lighting,
-    /// The lights.
-    pub lights: Vec<gpu_types::Light>,
-    /// How colours are encoded.
-    pub transfer: Transfer,
-    /// The environment map, of which `lighting` has the rest.
-    pub environment: Option<Arc<EnvironmentMap>>,
-}
-
-impl<'a> ViewRequest<'a> {
-    /// A view of which nothing is made but the visibility buffer.
-    pub fn new(view: View, words: &'a mut [u64]) -> Self {
-        let (outputs, lighting) = (Outputs::default(), bytemuck::Zeroable::zeroed());
-        let words = bytemuck::cast_slice_mut(words);
-        let transfer = Transfer::default();
-        Self {
-            view,
-            words,
-            keep_on_device: false,
-            outputs,
-            lighting,
-            lights: Vec::new(),
-            transfer,
-            environment: None,
-        }
-    }
-}
-
-/// A stage of the device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DeviceStage {
-    /// `instance_cull`.
-    InstanceCull,
-    /// `node_cull`.
-    NodeCull,
-    /// `cluster_cull`.
-    ClusterCull,
-    /// `raster_small`.
-    RasterSmall,
-    /// `raster_large`.
-    RasterLarge,
-    /// `hzb`.
-    Hzb,
-    /// `shade`.
-    Shade,
-    /// `output`.
-    Output,
-}
-
-/// What a pass counted.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Counted {
-    /// Nodes to start from.
-    pub starts: u64,
-    /// Nodes and groups looked at.
-    pub visited: u64,
-    /// Groups of the list, for the second pass with those of the first.
-    pub groups: u64,
-    /// Clusters that this pass draws.
-    pub clusters: u64,
-    /// Instances that the pyramid of this frame hides.
-    pub hidden_instances: u64,
-    /// The rest.
-    pub counters: Counters,
-}
-
-/// What a frame leaves: its visible list and what each stage received and passed on.
-#[derive(Debug, Default)]
-pub struct Drawn {
-    /// Triangles at full detail of the instances on the screen.
-    pub source_triangles: u64,
-    /// The visible list, in scene order.
-    pub visible: Vec<VisibleCluster>,
-    /// By entries of the tables of pages, how much those are missed that are not there: the bits of pixels.
-    pub wanted: Vec<u32>,
-    /// The same by meshes.
-    pub needs: Needs,
-    /// The arrays asked for.
-    pub made: Vec<(Output, Array)>,
-    /// The visibility buffer, where it was left on the device.
-    pub visibility: Option<DeviceVisibility>,
-    /// Bytes of instances written to the device.
-    pub uploaded_bytes: u64,
-    /// Images that lack their largest levels there.
-    pub reduced_images: u64,
-    /// Which rasterizers drew it.
-    pub raster: Raster,
-    /// The first pass started from what the frame before drew.
-    pub listed: bool,
-    /// One pass, or two.
-    pub cull_passes: Vec<Counted>,
-    /// Stage, pass and milliseconds of each pass on the device; NaN where it takes no time.
-    pub times: Vec<(DeviceStage, CullPass, f64)>,
-}
 
 /// A device with what stays on it between frames.
 #[derive(Debug)]
@@ -203,14 +79,14 @@ impl DeviceRenderer {
     /// What shaded an array of the last frame's first view: the kernel, all that it binds, and whether pages lie in several
     /// arrays. For benchmarks, which shade the same picture in other ways.
     pub fn shading(&self, output: Output) -> Option<(Kernel, Vec<BindingResource<'_>>, bool)> {
-        let ViewHistory { seen: Some((_, seen)), buffers: Some(buffers), light, .. } =
+        let ViewHistory { seen: Some((_, seen)), buffers: Some(buffers), lights, .. } =
             self.histories.first()?
         else {
             return None;
         };
         let (_, out) = buffers.outputs.iter().find(|(made, _)| *made == output && made.shaded())?;
         let surface = surface_bindings(buffers, &self.meshes, seen, self.instances.slots()?, out);
-        let (kernel, bindings) = shade::kernel(output, surface, light, self.instances.table().buffers());
+        let (kernel, bindings) = shade::kernel(output, surface, lights, self.instances.table().buffers());
         let bindings = bindings.into_iter().map(|buffer| self.meshes.binding(buffer)).collect();
         Some((kernel, bindings, self.meshes.split()))
     }
@@ -228,11 +104,12 @@ impl DeviceRenderer {
         let size = (first.view.width, first.view.height);
         if !self.instances.any() {
             // Nothing is to be drawn, so nothing to be measured.
-            let raster = if ways.raster == Raster::Auto { Raster::Compute } else { ways.raster };
+            let open = matches!(ways.raster, Raster::Auto | Raster::Measured);
+            let raster = if open { Raster::Compute } else { ways.raster };
             requests.iter_mut().for_each(|request| request.words.fill(0));
             return Ok(requests.iter().map(|_| Drawn { raster, ..Drawn::default() }).collect());
         }
-        let raster = raster_hardware::choose(&self.context, ways.raster, size)?;
+        let raster = calibrate::choose(&self.context, ways.raster, size)?;
         let hardware = raster != Raster::Compute;
         if hardware && self.target.as_ref().is_none_or(|target| target.size() != size) {
             self.target = Some(Target::new(&self.context, size)?);
@@ -331,7 +208,7 @@ impl DeviceRenderer {
         let Ways { int64_atomics, raster, depth_only, .. } = ways;
         let context = &*self.context;
         let queue = context.queue();
-        let mut encoder = context.device().create_command_encoder(&CommandEncoderDescriptor::default());
+        let mut encoder = context.encoder("a frame");
         for SubmittedView { view, buffers, .. } in submitted {
             queue.write_buffer(&buffers.view, 0, bytemuck::bytes_of(*view));
             queue.write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&buffers.group_dispatch()));

@@ -1,108 +1,37 @@
-//! Stage 7. Visibility buffer → colour, encoded or not, and the lights for it.
+//! Stage 7. Visibility buffer → colour, encoded or not.
 
-use std::sync::Arc;
+use wgpu::Buffer;
 
-use wgpu::{Buffer, BufferUsages};
-
-use super::context::Context;
-use super::frame::{Recorder, SurfaceBindings};
+use super::lights::Lights;
 use super::materials::Buffers;
-use super::renderer::ViewRequest;
+use super::recorder::{Recorder, SurfaceBindings};
 use super::shaders::{Ibl, Kernel, MaterialKind};
-use crate::config::{Output, Transfer};
-use crate::error::Result;
-use crate::gpu_types::{self, Lighting};
-use crate::scene::EnvironmentMap;
-
-/// What shading needs besides surfaces.
-#[derive(Debug)]
-pub(super) struct Light {
-    /// [`Lighting`].
-    lighting: Buffer,
-    lights: Buffer,
-    /// The steps of bytes of a transfer, then what there is of an environment.
-    tables: Buffer,
-    transfer: Transfer,
-    environment: Option<Arc<EnvironmentMap>>,
-}
-
-impl Light {
-    pub(super) fn new(context: &Context) -> Result<Self> {
-        let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        let transfer = Transfer::default();
-        let steps = transfer.encoder().steps();
-        let tables = context.buffer("steps of bytes", size_of_val(steps) as u64, storage)?;
-        context.queue().write_buffer(&tables, 0, bytemuck::cast_slice(steps));
-        let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
-        let lighting = context.buffer("light", size_of::<Lighting>() as u64, uniform)?;
-        // What is bound has room for one, also where a scene has none.
-        let lights = context.buffer("lights", size_of::<gpu_types::Light>() as u64, storage)?;
-        Ok(Self { lighting, lights, tables, transfer, environment: None })
-    }
-
-    /// Writes the light of a frame.
-    pub(super) fn write(&mut self, context: &Context, request: &ViewRequest<'_>) -> Result<()> {
-        let ViewRequest { lighting, lights, transfer, environment, .. } = request;
-        let known = self.environment.as_ref().map(Arc::as_ptr);
-        if (self.transfer, known) != (*transfer, environment.as_ref().map(Arc::as_ptr)) {
-            self.write_tables(context, *transfer, environment.as_ref())?;
-        }
-        let bytes = size_of_val(&lights[..]) as u64;
-        if self.lights.size() < bytes {
-            self.lights = context.buffer("lights", bytes.next_power_of_two(), self.lights.usage())?;
-        }
-        context.write("lights", &self.lights, 0, bytemuck::cast_slice(lights))?;
-        context.queue().write_buffer(&self.lighting, 0, bytemuck::bytes_of(lighting));
-        Ok(())
-    }
-
-    fn write_tables(
-        &mut self,
-        context: &Context,
-        transfer: Transfer,
-        environment: Option<&Arc<EnvironmentMap>>,
-    ) -> Result<()> {
-        const WHAT: &str = "the environment of the scene";
-        let steps = transfer.encoder().steps();
-        let values = environment.map_or(&[][..], |map| map.values());
-        let head = size_of_val(steps) as u64;
-        // Nothing is known until all is written.
-        self.environment = None;
-        let bytes = head + size_of_val(values) as u64;
-        if self.tables.size() != bytes {
-            self.tables = context.buffer(WHAT, bytes, self.tables.usage())?;
-        }
-        context.queue().write_buffer(&self.tables, 0, bytemuck::cast_slice(steps));
-        context.write(WHAT, &self.tables, head, bytemuck::cast_slice(values))?;
-        (self.transfer, self.environment) = (transfer, environment.cloned());
-        Ok(())
-    }
-}
+use crate::config::Output;
 
 /// What makes an array, and all that it binds.
 pub(super) fn kernel<'a>(
     output: Output,
     surface: SurfaceBindings<'a>,
-    light: &'a Light,
+    lights: &'a Lights,
     materials: Option<&'a Buffers>,
 ) -> (Kernel, Vec<&'a Buffer>) {
-    let Light { lighting, lights, tables, environment, .. } = light;
-    let mut bindings = [&surface[..], &[lighting, lights, tables]].concat();
-    let skin = match materials {
+    let (lights, environment) = lights.bindings();
+    let mut bindings = [&surface[..], &lights].concat();
+    let kind = match materials {
         Some(Buffers { materials, texels, .. }) => {
             bindings.extend([materials, texels]);
             MaterialKind::Textured
         }
         None => MaterialKind::Plain,
     };
-    let lit = environment.is_some() && matches!(output, Output::Color | Output::Linear);
-    let around = if lit { Ibl::On } else { Ibl::Off };
-    (Kernel::Shade(output, skin, around), bindings)
+    let lit = environment && matches!(output, Output::Color | Output::Linear);
+    let ibl = if lit { Ibl::On } else { Ibl::Off };
+    (Kernel::Shade(output, kind, ibl), bindings)
 }
 
 pub(super) fn record(r: &mut Recorder<'_>) {
     for (output, out) in r.buffers.outputs.iter().filter(|(output, _)| output.shaded()) {
-        let (kernel, bindings) = kernel(*output, r.surface_bindings(out), r.light, r.materials);
+        let (kernel, bindings) = kernel(*output, r.surface_bindings(out), r.lights, r.materials);
         r.run(kernel, &bindings, r.picture_workgroups());
     }
 }

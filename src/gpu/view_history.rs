@@ -2,12 +2,12 @@
 
 use wgpu::{Buffer, BufferUsages};
 
+use super::buffers::Buffers;
 use super::context::Context;
-use super::frame::Buffers;
 use super::instances::{self, Instances};
-use super::occlusion::Pyramids;
-use super::renderer::{Counted, Drawn, ViewRequest};
-use super::shade::Light;
+use super::lights::Lights;
+use super::pyramids::Pyramids;
+use super::request::{Counted, Drawn, ViewRequest};
 use crate::error::Result;
 use crate::gpu_types::{Instance, View};
 
@@ -18,15 +18,15 @@ pub(super) struct ViewHistory {
     pub(super) seen: Option<(u32, Buffer)>,
     pub(super) buffers: Option<Buffers>,
     pub(super) pyramids: Pyramids,
-    pub(super) light: Light,
+    pub(super) lights: Lights,
     /// How instances were arranged when it was last drawn.
     arrangement: u64,
 }
 
 impl ViewHistory {
     pub(super) fn new(context: &Context) -> Result<Self> {
-        let (pyramids, light) = (Pyramids::new(context, (0, 0))?, Light::new(context)?);
-        Ok(Self { seen: None, buffers: None, pyramids, light, arrangement: 0 })
+        let (pyramids, lights) = (Pyramids::new(context, (0, 0))?, Lights::new(context)?);
+        Ok(Self { seen: None, buffers: None, pyramids, lights, arrangement: 0 })
     }
 
     /// Gets ready to draw; returns the view with what was to be filled in, and whether it culls what is hidden.
@@ -37,7 +37,7 @@ impl ViewHistory {
         request: &ViewRequest<'_>,
         occlusion: bool,
     ) -> Result<(View, bool)> {
-        self.light.write(context, request)?;
+        self.lights.write(context, request)?;
         let room = instances.room();
         if self.seen.as_ref().is_none_or(|(seen, _)| *seen != room) {
             self.seen = None;

@@ -13,6 +13,9 @@ use crate::math::Sphere;
 /// What [`View::history`] is where there is a list.
 pub const HISTORY_LIST: u32 = 2;
 
+/// What the table has for a page that is not there.
+pub const ABSENT: u32 = u32::MAX;
+
 /// Words that culling reads at a time, and that what it reads lies at multiples of.
 pub const QUAD: u32 = 4;
 

@@ -215,7 +215,7 @@ def test_what_is_hidden_is_left_out_of_the_lists_and_not_of_the_picture(device) 
 def test_the_rasterizer_of_the_device_covers_the_same_pixels(device, raster, eye) -> None:
     shown = scene()
     expected = device.render(shown, LENS, eye, pixel_error=0.0, raster="compute")
-    device.render(shown, LENS, eye)
+    device.render(shown, LENS, eye, raster="measured")
     if raster not in device.calibration.times_ms:
         pytest.skip(device.calibration.reason)
     frame = device.render(shown, LENS, eye, pixel_error=0.0, raster=raster)
@@ -230,7 +230,8 @@ def test_the_rasterizer_of_the_device_covers_the_same_pixels(device, raster, eye
 
 
 def test_the_fastest_raster_is_measured_once_and_reported(device) -> None:
-    frame = device.render(scene(), LENS, at(0, 0, 4))
+    assert device.render(scene(), LENS, at(0, 0, 4)).stats.raster == "compute"
+    frame = device.render(scene(), LENS, at(0, 0, 4), raster="measured")
     found = device.calibration
     assert found is not None
     assert frame.stats.raster == found.raster
@@ -243,7 +244,9 @@ def test_the_fastest_raster_is_measured_once_and_reported(device) -> None:
     with nrs.Renderer(*SIZE, backend="cpu") as cpu:
         assert cpu.render(scene(), LENS, at(0, 0, 4), raster="hardware").stats.raster == "compute"
         assert cpu.calibration is None
-        with pytest.raises(nrs.ArgumentError, match='"auto", "compute", "hybrid" or "hardware", not "fast"'):
+        with pytest.raises(
+            nrs.ArgumentError, match='"auto", "compute", "hybrid", "hardware" or "measured", not "fast"'
+        ):
             cpu.render(scene(), LENS, at(0, 0, 4), raster="fast")
 
 

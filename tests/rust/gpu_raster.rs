@@ -24,8 +24,8 @@ fn obstacle(device: &Context) -> Option<String> {
     if device.raster_obstacle().is_some() || is_lavapipe(device) {
         return device.raster_obstacle().map(str::to_owned);
     }
-    let automatic = RenderOptions { raster: Raster::Auto, ..options(1.0) };
-    on_device(&crowd(), &CAMERA, &at(0.0, 0.0, 6.0), (64, 48), &automatic);
+    let measured = RenderOptions { raster: Raster::Measured, ..options(1.0) };
+    on_device(&crowd(), &CAMERA, &at(0.0, 0.0, 6.0), (64, 48), &measured);
     let found = device.calibration().unwrap();
     let taken = found.times.iter().any(|(form, _)| *form == Raster::Hardware);
     (!taken).then(|| found.reason.clone())
@@ -212,18 +212,18 @@ fn the_form_is_measured_when_it_is_first_asked_for() {
     }
     let (scene, pose) = (crowd(), at(0.0, 0.0, 6.0));
     let mut renderer = Renderer::new(320, 200, "gpu").unwrap();
-    let automatic = RenderOptions { raster: Raster::Auto, ..options(1.0) };
+    let measured = RenderOptions { raster: Raster::Measured, ..options(1.0) };
     let compute = renderer.render(&scene, &CAMERA, &pose, &options(1.0)).unwrap();
-    let nothing = renderer.render(&Scene::new(), &CAMERA, &pose, &automatic).unwrap();
+    let nothing = renderer.render(&Scene::new(), &CAMERA, &pose, &measured).unwrap();
     assert_eq!(nothing.stats.raster, Raster::Compute);
     assert_eq!(renderer.calibration(), None);
     let start = std::time::Instant::now();
-    let frame = renderer.render(&scene, &CAMERA, &pose, &automatic).unwrap();
+    let frame = renderer.render(&scene, &CAMERA, &pose, &measured).unwrap();
     let found = renderer.calibration().unwrap().clone();
     println!("{} ms, {found:?}", start.elapsed().as_millis());
     assert_eq!(frame.stats.raster, found.raster);
     assert!(!found.reason.is_empty());
-    assert!(found.times.iter().all(|(form, ms)| *form != Raster::Auto && *ms > 0.0));
+    assert!(found.times.iter().all(|(form, ms)| *form != Raster::Measured && *ms > 0.0));
     assert!(found.raster == Raster::Compute || found.times.iter().any(|(form, _)| *form == found.raster));
     if found.raster == Raster::Compute {
         assert!(frame.words().unwrap() == compute.words().unwrap());
@@ -238,7 +238,7 @@ fn the_form_is_measured_when_it_is_first_asked_for() {
         );
     }
     // Once for a device.
-    let again = renderer.render(&scene, &CAMERA, &pose, &automatic).unwrap();
+    let again = renderer.render(&scene, &CAMERA, &pose, &measured).unwrap();
     assert!(again.words().unwrap() == frame.words().unwrap());
     assert_eq!(Renderer::new(8, 8, "gpu").unwrap().calibration(), Some(&found));
 }

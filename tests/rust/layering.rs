@@ -150,7 +150,7 @@ fn crate_paths(code: &str) -> Vec<String> {
 fn dependencies_point_one_way() {
     let allowed: BTreeMap<&str, &[&str]> = MAY_USE.iter().copied().collect();
     let leaf_allowed: BTreeMap<&str, &[&str]> = LEAF_MAY_USE.iter().copied().collect();
-    let mut read_errors = Vec::new();
+    let mut violations = Vec::new();
     let mut seen = 0;
     for line in code() {
         for path in crate_paths(&line.code) {
@@ -166,17 +166,17 @@ fn dependencies_point_one_way() {
                 None => LEAVES.contains(&used) || allowed.get(module).is_some_and(|l| l.contains(&used)),
             };
             if !fine {
-                read_errors.push(format!("{module} may not use {used}: {}", line.place()));
+                violations.push(format!("{module} may not use {used}: {}", line.place()));
             }
         }
     }
     assert!(seen > 40, "the test reads the use lines of the crate");
-    assert!(read_errors.is_empty(), "\n{}", read_errors.join("\n"));
+    assert!(violations.is_empty(), "\n{}", violations.join("\n"));
 }
 
 #[test]
 fn modules_reach_each_other_only_by_crate_paths() {
-    let read_errors: Vec<_> = code()
+    let violations: Vec<_> = code()
         .iter()
         .filter(|line| {
             let depth = line.file.matches('/').count();
@@ -186,7 +186,7 @@ fn modules_reach_each_other_only_by_crate_paths() {
         })
         .map(Line::place)
         .collect();
-    assert!(read_errors.is_empty(), "\n{}", read_errors.join("\n"));
+    assert!(violations.is_empty(), "\n{}", violations.join("\n"));
 }
 
 #[test]
@@ -204,19 +204,19 @@ fn every_module_stands_in_the_table() {
 
 #[test]
 fn confined_crates_stay_home() {
-    let read_errors: Vec<_> = code()
+    let violations: Vec<_> = code()
         .iter()
         .flat_map(|line| CONFINED.iter().map(move |c| (line, c)))
         .filter(|(line, (name, home))| line.module != *home && words(&line.code).any(|w| w == *name))
         .map(|(line, (name, home))| format!("{name} belongs under src/{home}/: {}", line.place()))
         .collect();
-    assert!(read_errors.is_empty(), "\n{}", read_errors.join("\n"));
+    assert!(violations.is_empty(), "\n{}", violations.join("\n"));
 }
 
 /// Numbers that are limits of clusters, groups and pages: written out nowhere but in limits.rs.
 #[test]
 fn limits_have_one_home() {
-    let read_errors: Vec<_> = code()
+    let violations: Vec<_> = code()
         .iter()
         .filter(|line| line.module != "limits")
         .filter(|line| {
@@ -229,7 +229,7 @@ fn limits_have_one_home() {
         })
         .map(Line::place)
         .collect();
-    assert!(read_errors.is_empty(), "use a constant of limits.rs:\n{}", read_errors.join("\n"));
+    assert!(violations.is_empty(), "use a constant of limits.rs:\n{}", violations.join("\n"));
 }
 
 #[test]
@@ -252,6 +252,68 @@ fn no_public_constant_is_declared_twice() {
     assert!(homes.len() > 10, "the test finds the constants");
     let twice: Vec<_> = homes.values().filter(|places| places.len() > 1).map(|p| p.join("\n")).collect();
     assert!(twice.is_empty(), "\n{}", twice.join("\n"));
+}
+
+/// Folders whose files import each other in one direction only. In the others a file may use what its folder shares.
+const WITHOUT_CYCLES: &[&str] =
+    &["cpu", "decimate", "finish", "gpu", "layout", "lod", "math", "read", "scene", "stream"];
+
+/// The files of a folder that each of its files uses by `super::`.
+fn imports(folder: &str) -> BTreeMap<String, Vec<String>> {
+    let mut sources: BTreeMap<String, String> = BTreeMap::new();
+    for line in code() {
+        if let Some(file) = line.file.strip_prefix(&format!("{folder}/")).and_then(|f| f.strip_suffix(".rs"))
+            && !file.contains('/')
+            && file != "mod"
+        {
+            sources.entry(file.to_owned()).or_default().push_str(&(line.code + "\n"));
+        }
+    }
+    let used = |source: &str| -> Vec<String> {
+        let mut names = Vec::new();
+        for rest in source.split("super::").skip(1) {
+            let list = rest.strip_prefix('{').map_or(rest, |list| list.split(';').next().unwrap_or_default());
+            let entries = if rest.starts_with('{') { list.split(',').collect() } else { vec![list] };
+            names.extend(entries.iter().filter_map(|entry| words(entry).next()).map(str::to_owned));
+        }
+        names.retain(|name| sources.contains_key(name));
+        names
+    };
+    sources.iter().map(|(file, source)| (file.clone(), used(source))).collect()
+}
+
+/// A cycle among imports, if there is one: files that remain when those that use no remaining file are taken away.
+fn cycle(mut imports: BTreeMap<String, Vec<String>>) -> Vec<String> {
+    loop {
+        let known: Vec<String> = imports.keys().cloned().collect();
+        let before = known.len();
+        imports.retain(|file, used| used.iter().any(|name| name != file && known.contains(name)));
+        if imports.len() == before {
+            return known;
+        }
+    }
+}
+
+#[test]
+fn files_of_a_folder_import_each_other_one_way() {
+    for folder in WITHOUT_CYCLES {
+        let imports = imports(folder);
+        assert!(!imports.is_empty(), "src/{folder} has no files");
+        assert_eq!(cycle(imports), Vec::<String>::new(), "an import cycle in src/{folder}");
+    }
+    assert!(imports("gpu").values().map(Vec::len).sum::<usize>() > 60, "the test reads the use lines");
+}
+
+#[test]
+fn a_cycle_would_be_seen() {
+    let graph = |edges: &[(&str, &[&str])]| {
+        edges
+            .iter()
+            .map(|(file, used)| ((*file).to_owned(), used.iter().map(|u| (*u).to_owned()).collect()))
+            .collect()
+    };
+    assert!(cycle(graph(&[("a", &["b", "c"]), ("b", &["c"]), ("c", &[])])).is_empty());
+    assert_eq!(cycle(graph(&[("a", &["b"]), ("b", &["c"]), ("c", &["b"])])), ["a", "b", "c"]);
 }
 
 #[test]

@@ -233,7 +233,7 @@ fn once_settled_several_samples_are_those_of_the_whole_mesh() {
                 RenderOptions { pixel_error: 0.5, samples: Samples::Four, ..RenderOptions::default() };
             let now = RenderOptions { wait: false, ..waits.clone() };
             let early = renderer.render(&streamed, &CAMERA, &at(0.0, 0.0, distance), &now).unwrap();
-            assert_eq!((stream(&early).rounds, early.stats.samples), (1, 4));
+            assert_eq!((stream(&early).draws, early.stats.samples), (1, 4));
             let frame = renderer.render(&streamed, &CAMERA, &at(0.0, 0.0, distance), &waits).unwrap();
             assert_eq!(stream(&frame).missing_pages, 0);
             let expected = resident.render(&whole, &CAMERA, &at(0.0, 0.0, distance), &waits).unwrap();
@@ -426,7 +426,7 @@ fn waiting_for_a_disk_can_be_given_up() {
                     given_up(|proceed| renderer.render_views(&scene, &near, &options, proceed));
                     let soon = RenderOptions { wait: false, ..options.clone() };
                     let frame = renderer.render(&scene, &CAMERA, &near[0].1, &soon).unwrap();
-                    assert!(stream(&frame).missing_pages > 0 && stream(&frame).rounds == 1);
+                    assert!(stream(&frame).missing_pages > 0 && stream(&frame).draws == 1);
                     renderer.streamer().unwrap().pool().check().unwrap();
                 }
             }

@@ -1,16 +1,11 @@
-//! The buffers of a frame, and the recording of its stages.
+//! The buffers of a view's frame: lists, counts, the visibility buffer, and what comes back of them.
 
 use std::sync::Arc;
 
-use wgpu::{Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePass};
+use wgpu::{Buffer, BufferUsages, CommandEncoder};
 
 use super::context::Context;
-use super::instances::Slots;
-use super::materials;
-use super::meshes::Meshes;
-use super::occlusion::Pyramids;
-use super::shade::Light;
-use super::shaders::{self, Bits, IndirectEntry, Kernel, List, MAX_WORKGROUPS};
+use super::shaders::{self, Bits, IndirectEntry, List};
 use super::times::Times;
 use crate::config::{Output, Outputs};
 use crate::error::Result;
@@ -222,7 +217,7 @@ struct Part<'a> {
 }
 
 /// Bytes of `count` entries.
-fn bytes<T>(count: u32) -> u64 {
+pub(super) fn bytes<T>(count: u32) -> u64 {
     u64::from(count) * size_of::<T>() as u64
 }
 
@@ -411,167 +406,11 @@ impl DeviceVisibility {
         let context = &self.context;
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         let staging = context.buffer("the pixels of the picture", self.bytes, usage)?;
-        let mut encoder = context.device().create_command_encoder(&CommandEncoderDescriptor::default());
+        let mut encoder = context.encoder("reading the visibility buffer");
         encoder.copy_buffer_to_buffer(&self.words, 0, &staging, 0, self.bytes);
         let mut words = Vec::new();
         context
             .submit(encoder, &staging, self.bytes, |staged| words = bytemuck::pod_collect_to_vec(staged))?;
         Ok(words)
-    }
-}
-
-/// What the rasterizers bind.
-pub(super) type RasterBindings<'a> = [&'a Buffer; 12];
-
-/// That of a pass.
-pub(super) fn raster_bindings<'a>(
-    buffers: &'a Buffers,
-    meshes: &'a Meshes,
-    seen: &'a Buffer,
-    cull_pass: shaders::CullPass,
-    words: &'a Buffer,
-) -> RasterBindings<'a> {
-    let own = &buffers.cull_passes[cull_pass as usize];
-    let [pages, pages_1, pages_2, pages_3] = meshes.pages();
-    [
-        &buffers.view,
-        seen,
-        meshes.page_offsets(),
-        pages,
-        &buffers.visible,
-        &own.numbers,
-        &own.draws,
-        words,
-        &own.counters,
-        pages_1,
-        pages_2,
-        pages_3,
-    ]
-}
-
-/// What shading and all other arrays bind.
-pub(super) type SurfaceBindings<'a> = [&'a Buffer; 11];
-
-/// That of an array which goes to `out`.
-pub(super) fn surface_bindings<'a>(
-    buffers: &'a Buffers,
-    meshes: &'a Meshes,
-    seen: &'a Buffer,
-    instances: &'a Slots,
-    out: &'a Buffer,
-) -> SurfaceBindings<'a> {
-    let [pages, pages_1, pages_2, pages_3] = meshes.pages();
-    [
-        &buffers.view,
-        seen,
-        meshes.page_offsets(),
-        pages,
-        pages_1,
-        pages_2,
-        pages_3,
-        &buffers.visible,
-        &instances.instance_materials,
-        &buffers.words,
-        out,
-    ]
-}
-
-/// Records a stage for a view, in a pass.
-pub(super) struct Recorder<'a> {
-    pub(super) context: &'a Context,
-    pub(super) meshes: &'a Meshes,
-    /// The instances of the scene, and how many slots there are.
-    pub(super) instances: &'a Slots,
-    pub(super) slots: u32,
-    /// The same as seen from the view.
-    pub(super) seen: &'a Buffer,
-    pub(super) buffers: &'a Buffers,
-    pub(super) pyramids: &'a Pyramids,
-    pub(super) light: &'a Light,
-    /// Materials, where an instance has others than a plain one.
-    pub(super) materials: Option<&'a materials::Buffers>,
-    /// What is hidden is left out, in two passes.
-    pub(super) culling: bool,
-    /// The first pass starts from what the frame before drew.
-    pub(super) listed: bool,
-    pub(super) cull_pass: shaders::CullPass,
-    pub(super) pass: ComputePass<'a>,
-}
-
-impl<'a> Recorder<'a> {
-    /// What this pass writes.
-    pub(super) fn own(&self) -> &'a PassBuffers {
-        &self.buffers.cull_passes[self.cull_pass as usize]
-    }
-
-    /// What the first pass wrote, for the second; for the first, what nobody reads.
-    pub(super) fn first(&self) -> &'a PassBuffers {
-        &self.buffers.cull_passes[0]
-    }
-
-    /// The occluded queue to which this pass defers: a list and its count.
-    pub(super) fn occluded_queue(&self) -> [&'a Buffer; 2] {
-        match (self.cull_pass, &self.buffers.cull_passes[..]) {
-            (shaders::CullPass::First, [_, second]) => [&second.starts, &second.levels[0]],
-            _ => [&self.buffers.unused_queue[0], &self.buffers.unused_queue[1]],
-        }
-    }
-
-    /// The bits of groups that this pass marks for the second; what nobody writes where there is none.
-    pub(super) fn deferred_groups(&self) -> &'a Buffer {
-        match (self.cull_pass, &self.buffers.cull_passes[..]) {
-            (shaders::CullPass::First, [_, second]) => &second.groups.bits,
-            _ => &self.buffers.unused_queue[0],
-        }
-    }
-
-    /// The depth pyramid that this pass culls with.
-    pub(super) fn pyramid(&self) -> &'a Buffer {
-        match self.cull_pass {
-            shaders::CullPass::First => self.pyramids.earlier(),
-            shaders::CullPass::Second => self.pyramids.own(),
-        }
-    }
-
-    /// What the rasterizers bind, which write into `words`.
-    pub(super) fn raster_bindings(&self, words: &'a Buffer) -> RasterBindings<'a> {
-        raster_bindings(self.buffers, self.meshes, self.seen, self.cull_pass, words)
-    }
-
-    /// What shading and all other arrays bind, one of which goes to `out`.
-    pub(super) fn surface_bindings(&self, out: &'a Buffer) -> SurfaceBindings<'a> {
-        surface_bindings(self.buffers, self.meshes, self.seen, self.instances, out)
-    }
-
-    /// Workgroups whose lanes take four pixels each.
-    pub(super) fn picture_workgroups(&self) -> u32 {
-        // As many as a picture has at most fit.
-        self.buffers.shape.pixels.div_ceil(u64::from(4 * shaders::WIDTH)) as u32
-    }
-
-    fn prepare(&mut self, kernel: Kernel, buffers: &[&Buffer]) {
-        let split = kernel.reads_pages() && self.meshes.split();
-        self.pass.set_pipeline(self.context.pipeline(kernel, split));
-        let bindings = buffers.iter().map(|buffer| self.meshes.binding(buffer));
-        self.pass.set_bind_group(0, &self.context.bind(kernel, split, bindings), &[]);
-    }
-
-    /// Runs a kernel in as many workgroups.
-    pub(super) fn run(&mut self, kernel: Kernel, buffers: &[&Buffer], workgroups: u32) {
-        self.prepare(kernel, buffers);
-        let rows = workgroups.div_ceil(MAX_WORKGROUPS);
-        self.pass.dispatch_workgroups(workgroups.min(MAX_WORKGROUPS), rows, 1);
-    }
-
-    /// Runs a kernel in as many workgroups as entry `number` of `dispatches` says by then.
-    pub(super) fn run_indirect(
-        &mut self,
-        kernel: Kernel,
-        buffers: &[&Buffer],
-        dispatches: &Buffer,
-        number: u32,
-    ) {
-        self.prepare(kernel, buffers);
-        self.pass.dispatch_workgroups_indirect(dispatches, bytes::<Dispatch>(number));
     }
 }

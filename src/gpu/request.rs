@@ -1,0 +1,134 @@
+//! What is asked of a device for a view, and what it answers.
+
+use std::sync::Arc;
+
+use super::buffers::DeviceVisibility;
+use super::shaders::CullPass;
+use crate::config::{Output, Outputs, Raster, Shading, Transfer};
+use crate::gpu_types::{self, Array, Counters, Lighting, View, VisibleCluster};
+use crate::scene::EnvironmentMap;
+use crate::stream::Needs;
+
+/// What may be done in other ways, with the same picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ways {
+    /// One 64-bit maximum instead of two 32-bit passes, where the device has it.
+    pub int64_atomics: bool,
+    /// Leaves out what is hidden, in two passes.
+    pub occlusion: bool,
+    /// Which rasterizers draw; the only one of these ways by which a picture may differ.
+    pub raster: Raster,
+    /// Keys alone are drawn, and of them depth at most is made.
+    pub depth_only: bool,
+    /// What colours are.
+    pub shading: Shading,
+}
+
+/// A view to draw, and the arrays to make of its picture.
+#[derive(Debug)]
+pub struct ViewRequest<'a> {
+    /// The view.
+    pub view: View,
+    /// What is filled: the visibility buffer, the low half of each word first. With [`Ways::depth_only`] a number per
+    /// pixel: its depth where that is to be made, else its key.
+    pub words: &'a mut [u32],
+    /// The visibility buffer may stay on the device, see [`Drawn::left`]; then none is filled. Not with
+    /// [`Ways::depth_only`].
+    pub keep_on_device: bool,
+    /// The arrays.
+    pub outputs: Outputs,
+    /// All but the lights.
+    pub lighting: Lighting,
+    /// The lights.
+    pub lights: Vec<gpu_types::Light>,
+    /// How colours are encoded.
+    pub transfer: Transfer,
+    /// The environment map, of which `lighting` has the rest.
+    pub environment: Option<Arc<EnvironmentMap>>,
+}
+
+impl<'a> ViewRequest<'a> {
+    /// A view of which nothing is made but the visibility buffer.
+    pub fn new(view: View, words: &'a mut [u64]) -> Self {
+        let (outputs, lighting) = (Outputs::default(), bytemuck::Zeroable::zeroed());
+        let words = bytemuck::cast_slice_mut(words);
+        let transfer = Transfer::default();
+        Self {
+            view,
+            words,
+            keep_on_device: false,
+            outputs,
+            lighting,
+            lights: Vec::new(),
+            transfer,
+            environment: None,
+        }
+    }
+}
+
+/// A stage of the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DeviceStage {
+    /// `instance_cull`.
+    InstanceCull,
+    /// `node_cull`.
+    NodeCull,
+    /// `cluster_cull`.
+    ClusterCull,
+    /// `raster_small`.
+    RasterSmall,
+    /// `raster_large`.
+    RasterLarge,
+    /// `hzb`.
+    Hzb,
+    /// `shade`.
+    Shade,
+    /// `output`.
+    Output,
+}
+
+/// What a pass counted.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Counted {
+    /// Nodes to start from.
+    pub starts: u64,
+    /// Nodes and groups looked at.
+    pub visited: u64,
+    /// Groups of the list, for the second pass with those of the first.
+    pub groups: u64,
+    /// Clusters that this pass draws.
+    pub clusters: u64,
+    /// Instances that the pyramid of this frame hides.
+    pub hidden_instances: u64,
+    /// The rest.
+    pub counters: Counters,
+}
+
+/// What a frame leaves: its visible list and what each stage received and passed on.
+#[derive(Debug, Default)]
+pub struct Drawn {
+    /// Triangles at full detail of the instances on the screen.
+    pub source_triangles: u64,
+    /// The visible list, in scene order.
+    pub visible: Vec<VisibleCluster>,
+    /// By entries of the tables of pages, how much those are missed that are not there: the bits of pixels.
+    pub wanted: Vec<u32>,
+    /// The same by meshes.
+    pub needs: Needs,
+    /// The arrays asked for.
+    pub made: Vec<(Output, Array)>,
+    /// The visibility buffer, where it was left on the device.
+    pub visibility: Option<DeviceVisibility>,
+    /// Bytes of instances written to the device.
+    pub uploaded_bytes: u64,
+    /// Images that lack their largest levels there.
+    pub reduced_images: u64,
+    /// Which rasterizers drew it.
+    pub raster: Raster,
+    /// The first pass started from what the frame before drew.
+    pub listed: bool,
+    /// One pass, or two.
+    pub cull_passes: Vec<Counted>,
+    /// Stage, pass and milliseconds of each pass on the device; NaN where it takes no time.
+    pub times: Vec<(DeviceStage, CullPass, f64)>,
+}
