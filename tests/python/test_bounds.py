@@ -28,11 +28,14 @@ PER_FACE = 7
 """Of a triangle: corners, middles of edges, and its own."""
 SOURCE_SAMPLES = 5 * SAMPLES
 """Points of the source for each cut that groups are measured in: each group sees few of them."""
-MOST_LOOSE = 2.0
-"""Median of bound ÷ largest of samples of a mesh: a bound is not below those of what it was made from, so one
-part that goes makes those of all groups above it large."""
-TIGHTNESS: dict[tuple[str, str], np.ndarray] = {}
-"""Bound ÷ largest of samples of each group, of what ran."""
+MOST_LOOSE = 1.7 if SOAK else 1.4
+"""Median of bound ÷ largest of samples of a mesh. Six cuts draw less of what moves little than all cuts do."""
+MOST_LOOSE_OF_MANY_PARTS = {
+    "scans/stanford_dragon_res2": 1.9 if SOAK else 1.65,
+    "cad/zdm2_level": 1.9,
+}
+"""The same of meshes of many loose parts. A bound is not below those of what it was made from: one part that goes
+makes those of all groups above it large."""
 
 of_every_mesh = pytest.mark.parametrize(
     ("quality", "name"),
@@ -110,10 +113,11 @@ def test_bounds_of_stored_meshes_are_never_exceeded(name: str, share: float, tmp
         assert worst <= cut.error + slack, f"cut {i}: {worst} is stated as {cut.error}"
 
 
-@of_every_mesh
-def test_bounds_of_groups_are_never_exceeded(name: str, quality: str) -> None:
-    """The bound of each group against samples of the triangles made from it, and of the source below.
+@functools.cache
+def looseness(name: str, quality: str) -> np.ndarray:
+    """Bound ÷ largest of samples of each group, none if most groups of the mesh do not move.
 
+    The bound of each group is held against samples of the triangles made from it, and of the source below.
     Of the drawn clusters above a point of the source one has a point within its bound. Which one is not known from
     outside: samples are held against the largest bound of those above, and count towards the tightness of the one
     that is nearest.
@@ -168,18 +172,23 @@ def test_bounds_of_groups_are_never_exceeded(name: str, quality: str) -> None:
     print(
         f"\ngroups | {name} | {quality} | {len(thresholds)} | {len(groups)} | {moved.sum()} | {ratio:.2f} |"
     )
-    if moved.sum() > len(groups) / 2:
-        TIGHTNESS[name, quality] = ratios
-        assert ratio <= MOST_LOOSE
+    return ratios if moved.sum() > len(groups) / 2 else ratios[:0]
 
 
-def test_bounds_of_groups_are_tight() -> None:
-    """The median over the groups of all meshes above, of which most groups move."""
-    if not TIGHTNESS:
-        test_bounds_of_groups_are_never_exceeded("sphere", "best")
-    median = np.median(np.concatenate(list(TIGHTNESS.values())))
-    print(f"\ngroups | of {len(TIGHTNESS)} meshes | | | | | {median:.2f} |")
-    assert median <= 1.5
+@of_every_mesh
+def test_bounds_of_groups_are_never_exceeded(name: str, quality: str) -> None:
+    ratios = looseness(name, quality)
+    if len(ratios):
+        assert np.median(ratios) <= MOST_LOOSE_OF_MANY_PARTS.get(name, MOST_LOOSE)
+
+
+@pytest.mark.parametrize("quality", ["best", "fast"])
+def test_bounds_of_groups_are_tight(quality: str) -> None:
+    """The median over the groups of all generated meshes of which most groups move."""
+    ratios = [looseness(name, quality) for name in GENERATED]
+    median = np.median(np.concatenate(ratios))
+    print(f"\ngroups | of {sum(map(bool, map(len, ratios)))} meshes | {quality} | | | | {median:.2f} |")
+    assert median <= 1.25
 
 
 @pytest.mark.parametrize(("quality", "most"), [("fast", 1.5), ("best", 1.75)])

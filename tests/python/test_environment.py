@@ -101,6 +101,20 @@ def summed(image, frame, at, metallic, roughness, parts=8):
     return weight @ fine.reshape(-1, 3)
 
 
+def split(image, normal, roughness, parts):
+    """The light that white metal shows by the split sum: light about the main direction, times what white gives."""
+    toward, covers = directions(parts * len(image))
+    normal = normal / np.linalg.norm(normal)
+    white = reflected(normal, VIEW, toward, 1.0, 1.0, roughness) @ covers
+    # The main direction: from the mirrored one to the normal by roughness.
+    smooth = 1.0 - roughness**2
+    main = normal + (2.0 * (normal @ VIEW) * normal - VIEW - normal) * smooth * (smooth**0.5 + roughness**2)
+    cosine = (toward @ main / np.linalg.norm(main)).clip(0.0)
+    weight = covers * cosine / (0.5 * (1.0 + cosine) * (roughness**4 - 1.0) + 1.0) ** 2
+    light = weight @ np.kron(image, np.ones((parts, parts, 1))).reshape(-1, 3) / weight.sum()
+    return white * light
+
+
 def test_a_sun_on_matt_surfaces(ball) -> None:
     """Of dielectrics at roughness 1 nearly all light is diffuse, which is looked up where it was summed up."""
     frame = shoot(lit(ball, nrs.Environment(suns()), metallic=0.0, roughness=1.0))
@@ -112,32 +126,38 @@ def test_a_sun_on_matt_surfaces(ball) -> None:
     assert len(found) > 20
     most = frame.linear.max(axis=(0, 1)).max()
     print(f"matt: off by {np.mean(found) / most:.4f}, at most {np.max(found) / most:.4f} of the brightest")
-    assert np.max(found) < 0.02 * most
+    assert np.max(found) < 0.0017 * most
 
 
-@pytest.mark.parametrize("roughness", [0.25, 0.375, 0.5, 0.75, 1.0])
-def test_a_sun_in_metal_seen_straight_on(ball, roughness) -> None:
-    """The two sums of the split by themselves: light weighted by GGX and the cosine, and what white gives."""
+@pytest.mark.parametrize(
+    ("roughness", "most"), [(0.25, 0.03), (0.375, 0.05), (0.5, 0.058), (0.75, 0.015), (1.0, 0.0012)]
+)
+def test_a_sun_in_metal_seen_straight_on(ball, roughness, most) -> None:
+    """The two sums of the split by themselves: light weighted by GGX and the cosine, and what white gives.
+
+    The sum over light takes cells of the map as wholes, which are large beside the lobe where it falls on a sun of
+    a few texels: 5 % at 0.5. At roughness 1 it is exact to a thousandth.
+    """
     image = np.full((64, 128, 3), 0.02, np.float32)
     # Towards the eye, +Z, and a little beside it.
     image[29:31, 97:99] = 300.0
     frame = shoot(lit(ball, nrs.Environment(image), metallic=1.0, roughness=roughness))
     at = pixels(frame, [1.0])[0]
-    toward, covers = directions(512)
-    white = reflected(VIEW, VIEW, toward, 1.0, 1.0, roughness) @ covers
-    # The main direction: from the mirrored one to the normal by roughness.
-    normal = frame.shading_normal[at].astype(np.float64)
-    smooth = 1.0 - roughness**2
-    main = normal + (2.0 * (normal @ VIEW) * normal - VIEW - normal) * smooth * (smooth**0.5 + roughness**2)
-    cosine = (toward @ main / np.linalg.norm(main)).clip(0.0)
-    weight = covers * cosine / (0.5 * (1.0 + cosine) * (roughness**4 - 1.0) + 1.0) ** 2
-    light = weight @ np.kron(image, np.ones((8, 8, 1))).reshape(-1, 3) / weight.sum()
-    assert frame.linear[at] == pytest.approx(white * light, rel=0.07)
+    expected = split(image, frame.shading_normal[at].astype(np.float64), roughness, parts=8)
+    print(f"roughness {roughness}: off by {np.max(np.abs(frame.linear[at] / expected - 1.0)):.4f}")
+    assert frame.linear[at] == pytest.approx(expected, rel=most)
 
 
-@pytest.mark.parametrize(("roughness", "most"), [(0.35, 0.23), (0.5, 0.2), (0.75, 0.17), (1.0, 0.11)])
-def test_metal_is_near_the_sum_over_all_directions(ball, roughness, most) -> None:
-    """What splitting the sum costs: rms of the light over the ball, beside its mean."""
+@pytest.mark.parametrize(
+    ("roughness", "most", "most_of_tables"),
+    [(0.35, 0.23, 0.06), (0.5, 0.2, 0.04), (0.75, 0.165, 0.0065), (1.0, 0.105, 0.0034)],
+)
+def test_metal_is_near_the_sum_over_all_directions(ball, roughness, most, most_of_tables) -> None:
+    """What splitting the sum costs, and what tables add: rms of the light over the ball, beside its mean.
+
+    The split itself costs 0.18, 0.16, 0.15 and 0.1 by sums in f64: no tables are much nearer. They are interpolated
+    between eighths of roughness, which costs most at 0.35.
+    """
     rows = 64
     toward, _ = directions(rows)
     image = np.where(toward[:, 1:2] > 0.0, [0.25, 0.35, 0.5], [0.16, 0.12, 0.08])
@@ -148,9 +168,15 @@ def test_metal_is_near_the_sum_over_all_directions(ball, roughness, most) -> Non
     chosen = covered[np.random.default_rng(1).choice(len(covered), 150, replace=False)]
     shown = np.array([frame.linear[tuple(at)] for at in chosen])
     expected = np.array([summed(image, frame, tuple(at), 1.0, roughness, parts=2) for at in chosen])
-    off = np.sqrt(((shown - expected) ** 2).mean()) / expected.mean()
-    print(f"roughness {roughness}: {off:.4f}")
+    normals = [frame.shading_normal[tuple(at)].astype(np.float64) for at in chosen]
+    by_parts = np.array([split(image, normal, roughness, parts=2) for normal in normals])
+    off, of_split, of_tables = (
+        np.sqrt((difference**2).mean()) / expected.mean()
+        for difference in (shown - expected, by_parts - expected, shown - by_parts)
+    )
+    print(f"roughness {roughness}: {off:.4f}, of the split {of_split:.4f}, of tables {of_tables:.4f}")
     assert off < most
+    assert of_tables < most_of_tables
 
 
 def test_a_mirror_shows_the_map(ball) -> None:

@@ -110,42 +110,64 @@ def variants(vertices: np.ndarray, faces: np.ndarray) -> dict[str, tuple[np.ndar
 
 FLOOR = 2e-4
 """Distances below are not told apart: a ten-thousandth of the size, as flat parts have next to none."""
+REDUCTIONS = np.array([0.5, 0.75, 0.9])
+"""Of the cuts whose stated errors and root mean squares are compared one by one."""
+BESIDE = np.array([-0.04, -0.02, 0.0, 0.02, 0.04])
+"""Reductions of the base beside each of those: a step of its errors may come so much earlier or later."""
 
 
-def figures(mesh: nrs.NaniteMesh, scale: float) -> tuple[float, float, float, np.ndarray, np.ndarray]:
-    """Triangles of all levels, mean error of groups and of cuts; stated errors and root mean squares of cuts.
+def errors(mesh: nrs.NaniteMesh, scale: float, reductions: np.ndarray) -> np.ndarray:
+    """Stated errors and root mean squares of cuts, as two rows."""
+    full = mesh.cut(error=0.0)
+    source = np.asarray(full.vertices, float) / scale
+    center = source.mean(axis=0)
+    found = []
+    for reduction in reductions.ravel():
+        cut = mesh.cut(target_reduction=float(reduction), exact=False)
+        surface = (np.asarray(cut.vertices, float) / scale - center, cut.faces)
+        rms = np.sqrt(np.mean(distance.one_sided(surface, (source - center, full.faces), 20_000) ** 2))
+        found.append((cut.error / scale, rms))
+    return np.array(found).T.reshape(2, *reductions.shape) + FLOOR
+
+
+def means(mesh: nrs.NaniteMesh, scale: float) -> np.ndarray:
+    """Triangles of all levels, mean error of groups and of cuts.
 
     What a cut states is the error of its worst group, and that is chance: means of several say more.
     """
     d = Dag.of(mesh)
     made = d.group_error[np.isfinite(d.group_error)]
-    full = mesh.cut(error=0.0)
-    source = (np.asarray(full.vertices, float) / scale, full.faces)
-    cuts = [mesh.cut(target_reduction=reduction, exact=False) for reduction in (0.5, 0.75, 0.9)]
-    center = source[0].mean(axis=0)
-    surfaces = [(np.asarray(c.vertices, float) / scale - center, c.faces) for c in cuts]
-    source = (source[0] - center, source[1])
-    rms = [np.sqrt(np.mean(distance.one_sided(s, source, 20_000) ** 2)) for s in surfaces]
     stated = np.array(
         [mesh.cut(target_reduction=reduction, exact=False).error for reduction in np.linspace(0.4, 0.95, 12)]
     )
-    return (
-        float(d.triangles.sum()),
-        float(np.exp(np.log(made / scale + FLOOR).mean())),
-        float(np.exp(np.log(stated / scale + FLOOR).mean())),
-        np.array([c.error / scale for c in cuts]) + FLOOR,
-        np.array(rms) + FLOOR,
-    )
+    mean = [np.exp(np.log(lengths / scale + FLOOR).mean()) for lengths in (made, stated)]
+    return np.array([d.triangles.sum(), *mean])
 
 
-TOLERANCES = {
-    "sphere": (0.1, 0.2, 0.5, 0.1),
-    "knot": (0.1, 0.3, 0.7, 0.1),
-    "part": (0.3, 0.5, 1.5, 0.6),
-    "foliage": (0.15, 0.4, 1.0, 0.8),
+def away(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """By how much the larger of each two exceeds the smaller; the largest of each row."""
+    return np.expm1(np.abs(np.log(a / b)).reshape(len(a), -1).max(axis=1))
+
+
+MOST = {
+    ("sphere", "fast"): (0.06, 0.08, 0.26, 0.05),
+    ("sphere", "best"): (0.06, 0.04, 0.15, 0.035),
+    ("knot", "fast"): (0.04, 0.05, 0.21, 0.045),
+    ("knot", "best"): (0.05, 0.09, 0.42, 0.035),
+    ("part", "fast"): (0.07, 0.06, 0.23, 0.18),
+    ("part", "best"): (0.055, 0.06, 0.3, 0.035),
+    ("foliage", "fast"): (0.09, 0.27, 0.55, 0.08),
+    ("foliage", "best"): (0.095, 0.16, 1.0, 0.65),
 }
-"""How far the mean error of groups, that of cuts, stated errors and root mean squares of cuts may differ. Flat
-parts and leaves are full of edges that cost the same: which goes first is chance."""
+"""How far the mean error of groups, that of cuts, stated errors and root mean squares of cuts may differ.
+
+One group of leaves that goes sooner or later is most of what a cut of the foliage states. So these show where the
+steps are; `MOST_BESIDE` holds how high they are."""
+MOST_TURNED = (0.22, 0.33, 1.5, 0.6)
+"""The same of the part, built fast and turned. Faces along axes are flat to the last bit: their edges cost nothing.
+Turned they cost what rounding leaves, and others go first. A quarter turn, which is exact, stays within `MOST`."""
+MOST_BESIDE = {"sphere": (0.18, 0.035), "knot": (0.18, 0.035), "part": (0.12, 0.035), "foliage": (0.3, 0.035)}
+"""How far stated errors and root mean squares may be outside of what the base has at the reductions beside."""
 
 
 @every_option
@@ -153,20 +175,28 @@ parts and leaves are full of edges that cost the same: which goes first is chanc
 def test_units_place_direction_and_order_matter_little(name: str, quality: str, error: str) -> None:
     options = {"quality": quality, "error": error, "preserve_area": name == "foliage"}
     vertices, faces = shape(name)
-    base = figures(build(vertices, faces, **options), 1.0)
+    base = build(vertices, faces, **options)
+    base_means = means(base, 1.0)
+    base_errors = errors(base, 1.0, REDUCTIONS[:, None] + BESIDE)
     for variant, (v, f, scale) in variants(vertices, faces).items():
-        found = figures(build(v, f, **options), scale)
-        pairs = zip(found, base, strict=True)
-        ratio = [float(np.expm1(np.max(np.abs(np.log(a / b))))) for a, b in pairs]
-        print(f"{name} {quality} {error} {variant}:", *(f"{r:.2%}" for r in ratio))
+        mesh = build(v, f, **options)
+        found = errors(mesh, scale, REDUCTIONS)
+        same = np.concatenate(
+            [away(means(mesh, scale)[:, None], base_means[:, None]), away(found, base_errors[..., 2])]
+        )
+        beside = away(found, np.clip(found, base_errors.min(axis=2), base_errors.max(axis=2)))
+        print(
+            f"{name} {quality} {error} {variant}:", *(f"{r:.2%}" for r in same), *(f"{r:.2%}" for r in beside)
+        )
         # Levels follow what collapses cost, which rounding changes, and not counts.
-        assert ratio[0] < 0.01, (variant, "triangles", ratio)
-        for r, most, what in zip(
-            ratio[1:], TOLERANCES[name], ("groups", "cuts", "stated", "rms"), strict=True
-        ):
-            assert r < most, (variant, what, ratio)
+        assert same[0] < 0.008, (variant, "triangles", same)
+        turned_part = (name, quality, variant) == ("part", "fast", "rotation")
+        most = (*(MOST_TURNED if turned_part else MOST[name, quality]), *MOST_BESIDE[name])
+        whats = ("groups", "cuts", "stated", "rms", "stated beside", "rms beside")
+        for r, limit, what in zip((*same[1:], *beside), most, whats, strict=True):
+            assert r < limit, (variant, what, same, beside)
         if variant == "vertex order":
-            assert max(ratio) == 0.0
+            assert max(same) == 0.0
 
 
 def with_copies(gap: float) -> tuple[np.ndarray, np.ndarray]:
