@@ -207,7 +207,7 @@ class Binding:
         moving = self._moving
         scale = self.budget.scale if moving else 1.0
         start, before = time.perf_counter(), self.viewer.stats
-        picture = self.viewer.picture(moving=moving, scale=scale)
+        picture = self.viewer.image(moving=moving, scale=scale)
         seconds = time.perf_counter() - start
         if self.viewer.stats is not before:  # else it was drawn before
             self.milliseconds = seconds * 1e3

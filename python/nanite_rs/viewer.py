@@ -11,7 +11,7 @@ Examples
 >>> with nrs.Viewer(mesh, width=160, height=120) as viewer:
 ...     viewer.view = "clusters"
 ...     viewer.orbit.turn(0.2, 0.0)
-...     picture = viewer.picture()
+...     picture = viewer.image()
 ...     found = viewer.pick(80, 60)
 >>> picture.shape, found.pixels <= viewer.pixel_error
 ((120, 160, 3), True)
@@ -58,7 +58,7 @@ VIEWS: Final[tuple[LiveViewName, ...]] = _views.VIEWS
 
 
 class Viewer:
-    """What a live view shows, without its canvas: assign, then ask for a `picture`.
+    """What a live view shows, without its canvas: assign, then ask for an `image`.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Viewer:
     >>> with nrs.Viewer(mesh, width=160, height=120, view="levels", pixel_error=4.0) as viewer:
     ...     viewer.freeze()
     ...     viewer.orbit.zoom(4.0)
-    ...     near = viewer.picture()
+    ...     near = viewer.image()
     ...     viewer.pick(80, 60).pixels > viewer.pixel_error
     True
     """
@@ -278,10 +278,10 @@ class Viewer:
         --------
         >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000))
         >>> with nrs.Viewer(mesh, width=64, height=64) as viewer:
-        ...     before = viewer.picture()
+        ...     before = viewer.image()
         ...     viewer.scene.instances[0].visible = False
         ...     viewer.redraw()
-        ...     bool((viewer.picture() == before).all())
+        ...     bool((viewer.image() == before).all())
         False
         """
         self._last = None
@@ -303,7 +303,7 @@ class Viewer:
         """
         return self._take(scale, samples, wait).frame
 
-    def picture(self, *, moving: bool = False, scale: float = 1.0) -> NDArray[np.uint8]:
+    def image(self, *, moving: bool = False, scale: float = 1.0) -> NDArray[np.uint8]:
         """Draw what the camera sees, in the present `view`: (H, W, 3) uint8.
 
         Parameters
@@ -339,7 +339,7 @@ class Viewer:
             raise ArgumentError("path: the viewer writes .png; frame() has arrays for an .exr")
         camera = {"pose": self.orbit.pose.tolist(), "yfov": self.orbit.yfov, "pixel_error": self._pixel_error}
         texts = {f"nanite_rs:{k}": str(v) for k, v in camera.items()} | {"nanite_rs:view": self._view}
-        _images.write_png(name, self.picture(), texts)
+        _images.write_png(name, self.image(), texts)
 
     # --------------------------------------------------------------------------------------- picking
 
@@ -477,7 +477,7 @@ class Viewer:
         """Show the widget in notebooks, and a picture where there is none."""
         if self.widget is not None:
             return self.widget._repr_mimebundle_(**options)
-        return {"image/png": _images.png(self.picture()), "text/plain": repr(self)}
+        return {"image/png": _images.png(self.image()), "text/plain": repr(self)}
 
     # ---------------------------------------------------------------------------------------- drawing
 

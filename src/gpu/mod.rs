@@ -1,11 +1,14 @@
 //! The GPU backend: the stages of `render::stages` on a device of wgpu.
 //!
-//! Stage `x` is `src/gpu/x.rs`, which records it, and `shaders/x.wgsl`, which is the twin of `src/cpu/x.rs`. A frame is
-//! one submission: every stage decides the dispatch of the next on the device. What is read back afterwards are the
-//! visible list and the counts of every list; where one was too short, it grows and the frame runs again. The visibility
-//! buffer is read with them where the CPU makes something of it now, else when it first does. [`context`] finds a device, [`meshes`] holds what is uploaded once, with its pages in `page_arrays`,
-//! [`shaders`] puts sources together. `raster_hardware` is another form of the two raster stages, by the device's own
-//! rasterizer; `calibrate` finds out whether it is the faster one.
+//! Stage `x` is `src/gpu/x.rs`, which records it, and `shaders/x.wgsl`, which is the twin of `src/cpu/x.rs`. A frame is one
+//! submission: every stage decides the indirect arguments of the next on the device. The host reads back the visible cluster
+//! list and the counts of every list. Where a list was too short, it grows and the frame runs again. The visibility buffer is
+//! read with them where the CPU makes something of it now, else when it first does.
+//!
+//! [`context`] finds a device. [`meshes`] holds what is uploaded once, with its pages in `page_arrays`. [`shaders`] puts
+//! sources together. `request` is what a caller asks and gets, `view_history` what a view keeps between frames, `passes` and
+//! `recorder` record the stages. `raster_hardware` is another form of the two raster stages; `calibrate` measures whether it
+//! is faster. Files import each other in one direction, which a test holds.
 
 mod buffers;
 mod calibrate;

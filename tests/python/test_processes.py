@@ -110,7 +110,7 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
                 nrs.Renderer(160, 120, backend="cpu", streaming=True, pool_bytes=1 << 20),
                 scene_of(nrs.NaniteMesh.open(file)),
             ),
-            "old viewer": lambda: digest(viewer.picture()),
+            "old viewer": lambda: digest(viewer.image()),
             "old frame": lambda: digest(frame.normal, frame.linear),
             "image": lambda: digest(nrs.Image(np.zeros((8, 8, 3), np.uint8)).pixels),
             "environment": lambda: repr(nrs.Environment(np.ones((4, 8, 3)))),

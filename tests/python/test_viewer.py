@@ -104,7 +104,7 @@ def test_zooming_divides_the_distance(viewer) -> None:
 def test_everything_is_in_sight_at_first_and_after_a_reset(mesh) -> None:
     for shown in (mesh, scene_of(mesh)):
         with nrs.Viewer(shown, **SIZE, backend="cpu") as viewer:
-            first = viewer.picture()
+            first = viewer.image()
             shows = covered(viewer)
             assert shows.any()
             assert not shows[[0, -1]].any()
@@ -112,9 +112,9 @@ def test_everything_is_in_sight_at_first_and_after_a_reset(mesh) -> None:
             viewer.orbit.turn(1.0, 0.5)
             viewer.orbit.zoom(3.0)
             viewer.orbit.pan(0.2, 0.1)
-            assert (viewer.picture() != first).any()
+            assert (viewer.image() != first).any()
             viewer.reset()
-            np.testing.assert_array_equal(viewer.picture(), first)
+            np.testing.assert_array_equal(viewer.image(), first)
 
 
 def test_centering_keeps_what_is_seen_at_its_distance(viewer) -> None:
@@ -136,14 +136,14 @@ def test_centering_keeps_what_is_seen_at_its_distance(viewer) -> None:
 def test_views_of_frames_are_those_of_the_frame(viewer, name) -> None:
     viewer.view = name
     shows = covered(viewer)
-    picture = viewer.picture()
+    picture = viewer.image()
     np.testing.assert_array_equal(picture[shows], viewer.frame().view(name)[shows])
     background = np.rint(255 * np.array(viewer.scene.bg_color))
     assert (picture[~shows] == background).all()
 
 
 def test_the_shaded_view_is_the_frame_of_several_samples(mesh, viewer) -> None:
-    still, moving = viewer.picture(), viewer.picture(moving=True)
+    still, moving = viewer.image(), viewer.image(moving=True)
     for picture, samples in ((still, 4), (moving, 1)):
         frame = viewer.frame(samples=samples)
         assert frame.stats.samples == samples
@@ -156,7 +156,7 @@ def test_other_views_show_what_they_say(mesh) -> None:
         frame, shows = viewer.frame(), covered(viewer)
         pictures = {}
         for viewer.view in ("normals", "pages", "instances", "sizes"):
-            pictures[viewer.view] = viewer.picture()
+            pictures[viewer.view] = viewer.image()
         expected = np.rint(127.5 * frame.normal[shows] + 127.5)
         np.testing.assert_array_equal(pictures["normals"][shows], expected)
 
@@ -190,18 +190,18 @@ def test_sizes_count_the_pixels_of_triangles() -> None:
 def test_the_pixel_error_chooses_the_cut(viewer) -> None:
     triangles = []
     for viewer.pixel_error in (0.0, 1.0, 4.0, 16.0):
-        viewer.picture()
+        viewer.image()
         triangles.append(viewer.stats.triangles)
     assert triangles[0] > 30_000
     assert (np.diff(triangles) < 0).all()
 
 
 def test_small_pictures_are_small(viewer) -> None:
-    assert viewer.picture(moving=True, scale=0.5).shape == (75, 100, 3)
+    assert viewer.image(moving=True, scale=0.5).shape == (75, 100, 3)
     whole, half = viewer.frame(), viewer.frame(scale=0.5)
     assert (half.depth > 0).mean() == pytest.approx((whole.depth > 0).mean(), abs=0.02)
     viewer.resize(90, 60)
-    assert viewer.picture().shape == (60, 90, 3)
+    assert viewer.image().shape == (60, 90, 3)
 
 
 def test_lights_follow_the_camera_and_leave_with_the_viewer(mesh) -> None:
@@ -224,7 +224,7 @@ def test_saving_writes_the_picture(viewer, tmp_path) -> None:
     viewer.view = "clusters"
     viewer.save(tmp_path / "shot.png")
     with Image.open(tmp_path / "shot.png") as image:
-        np.testing.assert_array_equal(np.asarray(image), viewer.picture())
+        np.testing.assert_array_equal(np.asarray(image), viewer.image())
         assert image.text["nanite_rs:view"] == "clusters"
     with pytest.raises(nrs.ArgumentError, match=r"^path: "):
         viewer.save(tmp_path / "shot.exr")
@@ -291,18 +291,18 @@ def test_rows_of_the_source_are_picked_where_they_are_kept() -> None:
 
 
 def test_a_selected_cluster_is_tinted(viewer) -> None:
-    before = viewer.picture(moving=True)
+    before = viewer.image(moving=True)
     found = viewer.pick(100, 75, select=True)
     assert viewer.selected == found
-    changed = (viewer.picture(moving=True) != before).any(axis=-1)
+    changed = (viewer.image(moving=True) != before).any(axis=-1)
     np.testing.assert_array_equal(changed, viewer.frame().cluster_id == found.cluster_id)
     assert viewer.selected_pixels == changed.sum()
     viewer.orbit.turn(np.pi, 0.0)
-    viewer.picture(moving=True)
+    viewer.image(moving=True)
     assert viewer.selected_pixels == 0
     viewer.orbit.turn(np.pi, 0.0)
     assert viewer.pick(0, 0, select=True) is None
-    np.testing.assert_array_equal(viewer.picture(moving=True), before)
+    np.testing.assert_array_equal(viewer.image(moving=True), before)
 
 
 # ------------------------------------------------------------------------------------------------ freezing
@@ -315,7 +315,7 @@ def test_a_frozen_cut_shows_the_same_ids_from_its_camera(mesh, name) -> None:
         live, ids = {}, viewer._take(1.0, None, True).ids
         names = ("shaded", "triangles", "clusters", "groups", "levels", "pages", "instances", "sizes")
         for viewer.view in names:
-            live[viewer.view] = viewer.picture(moving=True)
+            live[viewer.view] = viewer.image(moving=True)
         viewer.freeze()
         frozen = viewer._take(1.0, None, True).ids
         same = np.ones(ids.instance.shape, bool)
@@ -327,7 +327,7 @@ def test_a_frozen_cut_shows_the_same_ids_from_its_camera(mesh, name) -> None:
         inner = np.zeros_like(same)
         inner[2:-2, 2:-2] = same[2:-2, 2:-2]
         for viewer.view in names:
-            difference = np.abs(viewer.picture(moving=True).astype(int) - live[viewer.view]).max(axis=-1)
+            difference = np.abs(viewer.image(moving=True).astype(int) - live[viewer.view]).max(axis=-1)
             assert (difference[inner] <= 2).mean() > 0.995, viewer.view
 
 
@@ -371,7 +371,7 @@ def test_a_frozen_cut_is_whole_and_what_was_not_seen_is_bluish(viewer) -> None:
     assert cut.to_trimesh().is_watertight
     viewer.orbit.turn(np.pi, 0.0)
     viewer.orbit.elevation *= -1
-    picture = viewer.picture().astype(int)
+    picture = viewer.image().astype(int)
     rows = viewer._take(1.0, None, True).rows
     behind = (rows >= 0) & ~seen[rows]
     bluish = np.abs(picture[..., 2] - picture[..., 0] - 36) <= 1
@@ -389,7 +389,7 @@ def test_what_was_picked_may_leave_the_scene(mesh) -> None:
         node.remove()
         viewer.redraw()
         assert not (viewer._take(1.0, None, True).ids.instance == found.instance_id).any()
-        viewer.picture()
+        viewer.image()
         with pytest.raises(nrs.StaleHandleError):
             viewer.pixels_now(found)
 
@@ -444,10 +444,10 @@ def test_meshes_in_files_are_streamed(mesh, tmp_path) -> None:
     mesh.save(tmp_path / "sphere.nanite", precision="exact")
     opened = nrs.NaniteMesh.open(tmp_path / "sphere.nanite")
     with nrs.Viewer(opened, **SIZE, backend="cpu", view="clusters") as viewer:
-        picture = viewer.picture()
+        picture = viewer.image()
         assert viewer.stats.stream.settled
         with nrs.Viewer(mesh, **SIZE, backend="cpu", view="clusters") as whole:
-            np.testing.assert_array_equal(picture, whole.picture())
+            np.testing.assert_array_equal(picture, whole.image())
             assert viewer.pick(100, 75) == whole.pick(100, 75)
             viewer.freeze()
             whole.freeze()
@@ -467,7 +467,7 @@ def test_a_gpu_shows_the_same(mesh) -> None:
                 viewer.orbit.turn(0.2 if frozen else 0.0, 0.0)
             for name in nrs.viewer.VIEWS:
                 gpu.view = cpu.view = name
-                difference = np.abs(gpu.picture(moving=True).astype(int) - cpu.picture(moving=True))
+                difference = np.abs(gpu.image(moving=True).astype(int) - cpu.image(moving=True))
                 assert (difference.max(axis=-1) <= 2).mean() > 0.999, (frozen, name)
             shows = np.argwhere(covered(cpu))
             y, x = shows[len(shows) // 2].tolist()
@@ -562,14 +562,14 @@ def test_a_canvas_shows_the_picture_below_its_text(shown) -> None:
     drawn = draw(shown)
     assert drawn.shape == (150, 200, 4)
     assert (drawn[..., 3] == 255).all()
-    written = (drawn[..., :3] != shown.picture()).any(axis=-1)
+    written = (drawn[..., :3] != shown.image()).any(axis=-1)
     assert written[:60].any()
     assert not written[80:].any()  # no room for the help
     shown.canvas.set_logical_size(500, 400)
     with_help = draw(shown)
     lower = np.s_[300:, :, :3]
-    assert (with_help[lower] != shown.picture()[lower]).any()
-    np.testing.assert_array_equal(press(shown, "h")[lower], shown.picture()[lower])
+    assert (with_help[lower] != shown.image()[lower]).any()
+    np.testing.assert_array_equal(press(shown, "h")[lower], shown.image()[lower])
     np.testing.assert_array_equal(press(shown, "H")[lower], with_help[lower])
 
 
@@ -750,10 +750,10 @@ def test_widgets_and_the_viewer_steer_each_other(cell) -> None:
     bar, canvas, status, picked = cell.widget.children
     assert canvas is cell.canvas
     menu, slider, freeze, reset, _ = bar.children
-    np.testing.assert_array_equal(sent(cell), cell.picture())
+    np.testing.assert_array_equal(sent(cell), cell.image())
     menu.value, slider.value = "levels", 4.0
     assert (cell.view, cell.pixel_error) == ("levels", 4.0)
-    np.testing.assert_array_equal(sent(cell), cell.picture())
+    np.testing.assert_array_equal(sent(cell), cell.image())
     assert "levels" in status.value
     freeze.value = True
     assert cell.frozen
@@ -831,7 +831,7 @@ def test_a_window_shows_what_the_viewer_draws(tmp_path) -> None:
 
             def shows_the_same() -> bool:
                 assert process.poll() is None, process.stderr.read()
-                picture = here.picture()[middle].astype(int)
+                picture = here.image()[middle].astype(int)
                 return bool(np.abs(desk.seen(width, height)[middle] - picture).max() <= 1)
 
             desk.until(shows_the_same, "the first picture is another")
@@ -862,7 +862,7 @@ def test_a_window_shows_what_the_viewer_draws(tmp_path) -> None:
             saved = tmp_path / "nanite_001.png"
             desk.until(saved.exists, "nothing is saved")
             with Image.open(saved) as image:
-                np.testing.assert_array_equal(np.asarray(image), here.picture())
+                np.testing.assert_array_equal(np.asarray(image), here.image())
             desk.close(window)
             assert process.wait(20) == 0, process.stderr.read()
         finally:

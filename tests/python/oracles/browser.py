@@ -247,7 +247,7 @@ class Cell:
         def same() -> list[np.ndarray]:
             seen = self.seen()
             self.here.resize(seen.shape[1], seen.shape[0])
-            difference = seen.astype(int)[inner] - self.here.picture()[inner]
+            difference = seen.astype(int)[inner] - self.here.image()[inner]
             return [seen] if np.abs(difference).max() <= 1 else []
 
         return self.browser.wait(same, what)[0]
