@@ -257,5 +257,5 @@ fn the_cpu_has_one_form() {
         assert!(frame.words().unwrap() == compute.words().unwrap());
     }
     let error = "fast".parse::<Raster>().unwrap_err().to_string();
-    assert!(error.contains("\"auto\", \"compute\", \"hybrid\" or \"hardware\", not \"fast\""), "{error}");
+    assert!(error.contains("\"hardware\" or \"measured\", not \"fast\""), "{error}");
 }
