@@ -26,6 +26,7 @@ mod python;
 pub mod read;
 pub mod render;
 pub mod scene;
+pub mod stages;
 pub mod stream;
 pub mod threads;
 

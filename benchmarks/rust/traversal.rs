@@ -9,11 +9,12 @@ use glam::{DAffine3, DVec3};
 use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, ErrorMeasure, Raster, Shading};
 use nanite_rs::gpu::meshes::Meshes;
-use nanite_rs::gpu::{Context, DeviceRenderer, DeviceStage, SceneInstance, ViewRequest, Ways};
+use nanite_rs::gpu::{Context, DeviceRenderer, SceneInstance, ViewRequest, Ways};
 use nanite_rs::gpu_types::{InstanceMaterial, View, VisibleCluster};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
+use nanite_rs::stages::Stage;
 use nanite_rs::stream::Resident;
 
 #[path = "../../tests/rust/shapes.rs"]
@@ -121,7 +122,7 @@ fn measure(forms: &mut Forms, renderer: &mut DeviceRenderer, distance: f64) -> M
             assert!(draw(false).visible == levels.visible, "the product finds others");
         }
         let drawn = draw(true);
-        let steps = [DeviceStage::NodeCull, DeviceStage::ClusterCull];
+        let steps = [Stage::NodeCull, Stage::ClusterCull];
         let culling = drawn.times.iter().filter(|(stage, ..)| steps.contains(stage));
         if frame >= WARM_UP {
             out.product.push((culling.map(|(.., ms)| ms).sum(), drawn.visible.len() as u64));

@@ -1,6 +1,6 @@
 //! The CPU twin of every rendering stage: plain slices in and out, rayon inside.
 //!
-//! The order of the stages is in `render::stages`. What several stages share: [`project`] (an instance as seen
+//! The order of the stages is in [`crate::stages`]. What several stages share: [`project`] (an instance as seen
 //! from a view), [`visibility`] (the words of the visibility buffer), [`clip`] and [`triangle`]
 //! (snapping and coverage), [`surface`] (from pixels back to surface points) on [`lanes`].
 

@@ -1,4 +1,4 @@
-//! The GPU backend: the stages of `render::stages` on a device of wgpu.
+//! The GPU backend: the stages of [`crate::stages`] on a device of wgpu.
 //!
 //! Stage `x` is `src/gpu/x.rs`, which records it, and `shaders/x.wgsl`, which is the twin of `src/cpu/x.rs`. A frame is one
 //! submission: every stage decides the indirect arguments of the next on the device. The host reads back the visible cluster
@@ -41,7 +41,7 @@ pub use buffers::DeviceVisibility;
 pub use context::Context;
 pub use instances::SceneInstance;
 pub use renderer::DeviceRenderer;
-pub use request::{Counted, DeviceStage, Drawn, ViewRequest, Ways};
+pub use request::{Counted, Drawn, ViewRequest, Ways};
 pub use shaders::CullPass;
 // For benchmarks, which run stages of their own on the same device.
 pub use wgpu;

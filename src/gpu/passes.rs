@@ -8,11 +8,11 @@ use super::materials;
 use super::meshes::Meshes;
 use super::raster_hardware::{Draw, Target};
 use super::recorder::{Recorder, raster_bindings};
-use super::request::DeviceStage;
 use super::shaders::{CullPass, List, Words};
 use super::times::Times;
 use super::view_history::SubmittedView;
 use crate::gpu_types::HISTORY_LIST;
+use crate::stages::Stage;
 
 /// Records stages for all views, a pass at a time.
 pub(super) struct Passes<'a> {
@@ -27,7 +27,7 @@ pub(super) struct Passes<'a> {
     pub(super) times: &'a Times,
     pub(super) encoder: &'a mut CommandEncoder,
     /// Stage and pass of each so far.
-    pub(super) passes: Vec<(DeviceStage, CullPass)>,
+    pub(super) passes: Vec<(Stage, CullPass)>,
 }
 
 impl<'a> Passes<'a> {
@@ -39,12 +39,7 @@ impl<'a> Passes<'a> {
             .collect()
     }
 
-    pub(super) fn run(
-        &mut self,
-        stage: DeviceStage,
-        cull_pass: CullPass,
-        record: impl Fn(&mut Recorder<'a>),
-    ) {
+    pub(super) fn run(&mut self, stage: Stage, cull_pass: CullPass, record: impl Fn(&mut Recorder<'a>)) {
         let submitted = self.submitted(cull_pass);
         if submitted.is_empty() {
             return;
@@ -84,7 +79,7 @@ impl<'a> Passes<'a> {
     }
 
     /// Has the device's rasterizer draw a list.
-    pub(super) fn draw(&mut self, stage: DeviceStage, cull_pass: CullPass, list: List, words: Words) {
+    pub(super) fn draw(&mut self, stage: Stage, cull_pass: CullPass, list: List, words: Words) {
         let Self { context, meshes, target: Some(target), .. } = *self else { return };
         let (submitted, number) = (self.submitted(cull_pass), self.passes.len() as u32);
         for (place, SubmittedView { buffers, seen, .. }) in submitted.iter().enumerate() {

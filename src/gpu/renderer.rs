@@ -12,7 +12,7 @@ use super::meshes::Meshes;
 use super::passes::Passes;
 use super::raster_hardware::Target;
 use super::recorder::surface_bindings;
-use super::request::{Counted, DeviceStage, Drawn, ViewRequest, Ways};
+use super::request::{Counted, Drawn, ViewRequest, Ways};
 use super::shaders::{CullPass, Kernel, List, Words};
 use super::view_history::{SubmittedView, ViewHistory};
 use super::{
@@ -23,6 +23,7 @@ use crate::config::{Output, Raster};
 use crate::error::{Error, Result};
 use crate::gpu_types::{Array, Counters, Dispatch, HISTORY_LIST, TraversalItem, View};
 use crate::limits::MAX_VISIBLE;
+use crate::stages::Stage;
 use crate::stream::Resident;
 
 /// Lists of a first frame; each grows to what frames need.
@@ -238,10 +239,10 @@ impl DeviceRenderer {
             encoder: &mut encoder,
             passes: Vec::new(),
         };
-        passes.run(DeviceStage::InstanceCull, CullPass::First, instance_cull::record);
+        passes.run(Stage::InstanceCull, CullPass::First, instance_cull::record);
         for cull_pass in [CullPass::First, CullPass::Second] {
-            passes.run(DeviceStage::NodeCull, cull_pass, node_cull::record);
-            passes.run(DeviceStage::ClusterCull, cull_pass, |r| {
+            passes.run(Stage::NodeCull, cull_pass, node_cull::record);
+            passes.run(Stage::ClusterCull, cull_pass, |r| {
                 cluster_cull::record(r);
                 if r.culling {
                     occlusion::record(r);
@@ -249,28 +250,28 @@ impl DeviceRenderer {
             });
             for &form in forms {
                 if raster == Raster::Hardware {
-                    passes.draw(DeviceStage::RasterSmall, cull_pass, List::Small, form);
+                    passes.draw(Stage::RasterSmall, cull_pass, List::Small, form);
                 } else {
-                    passes.run(DeviceStage::RasterSmall, cull_pass, |r| {
+                    passes.run(Stage::RasterSmall, cull_pass, |r| {
                         raster_small::record(r, form, &r.buffers.words)
                     });
                 }
                 let mut rest = List::Large;
                 if raster != Raster::Compute {
-                    passes.draw(DeviceStage::RasterLarge, cull_pass, List::Large, form);
+                    passes.draw(Stage::RasterLarge, cull_pass, List::Large, form);
                     rest = List::Clipped;
                 }
-                passes.run(DeviceStage::RasterLarge, cull_pass, |r| {
+                passes.run(Stage::RasterLarge, cull_pass, |r| {
                     raster_large::record(r, rest, form, &r.buffers.words);
                     raster_large::record_alpha_tested(r, form, &r.buffers.words);
                 });
             }
             // The visible list is that of this pass now, and not later.
             if made(|output| output == Output::Overdraw) {
-                passes.run(DeviceStage::Output, cull_pass, output::count);
+                passes.run(Stage::Output, cull_pass, output::count);
             }
             if submitted.iter().any(|submitted_view| submitted_view.culling) {
-                passes.run(DeviceStage::Hzb, cull_pass, |r| {
+                passes.run(Stage::Hzb, cull_pass, |r| {
                     if r.culling {
                         hzb::record(r);
                     }
@@ -278,12 +279,12 @@ impl DeviceRenderer {
             }
         }
         if made(Output::shaded) {
-            passes.run(DeviceStage::Shade, CullPass::First, shade::record);
+            passes.run(Stage::Shade, CullPass::First, shade::record);
         }
         let stays_on_device =
             submitted.iter().any(|submitted_view| submitted_view.buffers.shape.stays_on_device);
         if stays_on_device || made(|output| !(output.shaded() || output == Output::Overdraw)) {
-            passes.run(DeviceStage::Output, CullPass::First, output::record);
+            passes.run(Stage::Output, CullPass::First, output::record);
         }
         let passes = passes.passes;
         times.resolve(&mut encoder, passes.len() as u32);
@@ -327,7 +328,7 @@ fn list<T: bytemuck::Pod>(bytes: &[u8], count: u32) -> Vec<T> {
 fn report(
     parts: &[Vec<&[u8]>],
     shape: Shape,
-    passes: &[(DeviceStage, CullPass)],
+    passes: &[(Stage, CullPass)],
     tick: Option<f64>,
     faces: &[u64],
     words: &mut [u32],

@@ -7,6 +7,7 @@ use super::shaders::CullPass;
 use crate::config::{Output, Outputs, Raster, Shading, Transfer};
 use crate::gpu_types::{self, Array, Counters, Lighting, View, VisibleCluster};
 use crate::scene::EnvironmentMap;
+use crate::stages::Stage;
 use crate::stream::Needs;
 
 /// What may be done in other ways, with the same picture.
@@ -66,27 +67,6 @@ impl<'a> ViewRequest<'a> {
     }
 }
 
-/// A stage of the device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DeviceStage {
-    /// `instance_cull`.
-    InstanceCull,
-    /// `node_cull`.
-    NodeCull,
-    /// `cluster_cull`.
-    ClusterCull,
-    /// `raster_small`.
-    RasterSmall,
-    /// `raster_large`.
-    RasterLarge,
-    /// `hzb`.
-    Hzb,
-    /// `shade`.
-    Shade,
-    /// `output`.
-    Output,
-}
-
 /// What a pass counted.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Counted {
@@ -130,5 +110,5 @@ pub struct Drawn {
     /// One pass, or two.
     pub cull_passes: Vec<Counted>,
     /// Stage, pass and milliseconds of each pass on the device; NaN where it takes no time.
-    pub times: Vec<(DeviceStage, CullPass, f64)>,
+    pub times: Vec<(Stage, CullPass, f64)>,
 }

@@ -8,7 +8,6 @@ use rayon::prelude::*;
 use super::pass::INSTANCES;
 use super::queue::Queue;
 use super::renderer::{FrameContext, Rastered};
-use super::stages::Stage;
 use super::stats::{FrameStats, StageStats};
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs, RenderOptions, Samples};
@@ -16,9 +15,7 @@ use crate::cpu::instance_cull;
 use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
 use crate::cpu::visibility::Visible;
 use crate::error::Result;
-use crate::gpu::{
-    Context, Counted, CullPass, DeviceRenderer, DeviceStage, Drawn, SceneInstance, ViewRequest, Ways,
-};
+use crate::gpu::{Context, Counted, CullPass, DeviceRenderer, Drawn, SceneInstance, ViewRequest, Ways};
 use crate::gpu_types::{
     self, InstanceMaterial, InstanceTransform, MATERIAL_COLOR_WORDS, MATERIAL_CONFORMAL, MATERIAL_SMOOTH,
     MATERIAL_UNLIT, VisibleCluster,
@@ -27,6 +24,7 @@ use crate::model::ClusterAddress;
 use crate::scene::environment::{GRIDS, Grid};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Lighting, Scene, ShadeLight};
+use crate::stages::Stage;
 
 /// A device and what it knows of the scene drawn last.
 #[derive(Debug)]
@@ -206,30 +204,16 @@ fn occluders(frame_context: &FrameContext<'_>) -> u32 {
     if queue.is_empty() { 0 } else { nearest.into_iter().min().unwrap_or(0) }
 }
 
-fn stage_of(stage: DeviceStage) -> Stage {
-    match stage {
-        DeviceStage::InstanceCull => Stage::InstanceCull,
-        DeviceStage::NodeCull => Stage::NodeCull,
-        DeviceStage::ClusterCull => Stage::ClusterCull,
-        DeviceStage::RasterSmall => Stage::RasterSmall,
-        DeviceStage::RasterLarge => Stage::RasterLarge,
-        DeviceStage::Hzb => Stage::Hzb,
-        DeviceStage::Shade => Stage::Shade,
-        DeviceStage::Output => Stage::Output,
-    }
-}
-
 /// What each stage received and passed on, and its time by the device's clock.
 fn stages(drawn: &Drawn, instances: u64, covered: u64, screen: &Screen) -> Vec<StageStats> {
     let pixels = u64::from(screen.width) * u64::from(screen.height);
     let texels = u64::from(screen.width.div_ceil(2)) * u64::from(screen.height.div_ceil(2));
     let mut out: Vec<StageStats> = Vec::new();
-    for &(device_stage, cull_pass, ms) in &drawn.times {
+    for &(stage, cull_pass, ms) in &drawn.times {
         let pass = match cull_pass {
             CullPass::First => 1,
             CullPass::Second => 2,
         };
-        let stage = stage_of(device_stage);
         if let Some(known) = out.iter_mut().find(|s| s.stage == stage && s.pass == pass) {
             known.ms += ms;
             continue;
@@ -246,15 +230,15 @@ fn stages(drawn: &Drawn, instances: u64, covered: u64, screen: &Screen) -> Vec<S
             ([first, _], false) if pass == 2 => (0, first.groups),
             _ => (0, 0),
         };
-        let (received, passed) = match device_stage {
-            DeviceStage::InstanceCull => (instances, starts + occluded_queue),
-            DeviceStage::NodeCull => (*visited, groups.saturating_sub(known)),
-            DeviceStage::ClusterCull => (counters.visited_clusters.into(), *clusters),
-            DeviceStage::RasterSmall => (counters.triangles_small.into(), counters.drawn_small.into()),
-            DeviceStage::RasterLarge => (counters.triangles_large.into(), counters.drawn_large.into()),
-            DeviceStage::Hzb => (pixels * u64::from(counters.pyramid), texels * u64::from(counters.pyramid)),
-            DeviceStage::Shade => (pixels, covered),
-            DeviceStage::Output => (pixels, pixels),
+        let (received, passed) = match stage {
+            Stage::InstanceCull => (instances, starts + occluded_queue),
+            Stage::NodeCull => (*visited, groups.saturating_sub(known)),
+            Stage::ClusterCull => (counters.visited_clusters.into(), *clusters),
+            Stage::RasterSmall => (counters.triangles_small.into(), counters.drawn_small.into()),
+            Stage::RasterLarge => (counters.triangles_large.into(), counters.drawn_large.into()),
+            Stage::Hzb => (pixels * u64::from(counters.pyramid), texels * u64::from(counters.pyramid)),
+            Stage::Shade => (pixels, covered),
+            Stage::Output => (pixels, pixels),
         };
         out.push(StageStats { stage, pass, received, passed, ms });
     }

@@ -3,7 +3,6 @@
 use rayon::prelude::*;
 
 use super::layers;
-use super::stages::Stage;
 use super::stats::FrameStats;
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs};
@@ -17,6 +16,7 @@ use crate::gpu_types::Array;
 use crate::model::ClusterAddress;
 use crate::scene::placement::Eye;
 use crate::scene::{Lighting, View};
+use crate::stages::Stage;
 
 /// A picture of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,14 +8,13 @@ mod layers;
 mod pass;
 mod queue;
 pub mod renderer;
-pub mod stages;
 pub mod stats;
 mod streaming;
 mod visibility_buffer;
 
+pub use crate::stages::Stage;
 #[cfg(feature = "gpu")]
 pub use device::{instance_transform, view_record};
 pub use frame::{Frame, ImageView};
 pub use renderer::{Backend, Renderer};
-pub use stages::Stage;
 pub use stats::{FrameStats, StageStats};

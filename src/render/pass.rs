@@ -11,7 +11,6 @@ use rayon::prelude::*;
 
 use super::history::VisibilityHistory;
 use super::queue::{Queue, Terms};
-use super::stages::Stage;
 use super::stats::FrameStats;
 use crate::cpu::cluster_cull::{self, CandidateCluster};
 use crate::cpu::hzb::Hzb;
@@ -21,6 +20,7 @@ use crate::cpu::visibility::{Nearest, Pixel, Visible};
 use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
 use crate::error::{Error, Result};
 use crate::limits::{MAX_VISIBLE, PYRAMID_ABOVE};
+use crate::stages::Stage;
 
 /// When instances are deferred. One of a few pixels still has a hierarchy to traverse, and clusters.
 pub(super) const INSTANCES: Terms = Terms { overlap: 1.5, each: 1024 };

@@ -10,7 +10,6 @@ use super::frame::Frame;
 use super::history::VisibilityHistory;
 use super::layers;
 use super::pass::FramePasses;
-use super::stages::Stage;
 use super::stats::FrameStats;
 use super::streaming;
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
@@ -26,6 +25,7 @@ use crate::gpu_types::Array;
 use crate::model::{InterruptCheck, UNINTERRUPTED};
 use crate::scene::placement::Eye;
 use crate::scene::{Camera, Instance, Lighting, Scene, View};
+use crate::stages::Stage;
 use crate::stream::{Needs, Resident, StreamOptions, Streamer};
 
 /// Frames that are drawn at most until all is there: more than levels, of which each makes the next one wanted.

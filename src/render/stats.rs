@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use super::stages::Stage;
 use crate::config::Raster;
+use crate::stages::Stage;
 use crate::stream::StreamStats;
 
 /// One stage of one pass.

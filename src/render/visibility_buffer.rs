@@ -4,7 +4,6 @@ use std::sync::Arc;
 #[cfg(feature = "gpu")]
 use std::sync::OnceLock;
 
-use super::stages::Stage;
 use super::stats::FrameStats;
 use crate::cpu::output;
 use crate::cpu::project::{InstanceView, Screen};
@@ -12,6 +11,7 @@ use crate::cpu::visibility::covered;
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
 use crate::gpu;
+use crate::stages::Stage;
 use crate::threads::Lock;
 
 /// The pixels of a frame, row by row from the top.

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Used by everybody, and using nobody but each other as listed.
-const LEAVES: [&str; 5] = ["error", "limits", "config", "math", "threads"];
+const LEAVES: [&str; 6] = ["error", "limits", "config", "math", "stages", "threads"];
 
 /// Every module of the crate and what it may use besides [`LEAVES`]. DESIGN: dependencies point one way, and
 /// `cpu` and `gpu` never see each other.
@@ -15,6 +15,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("limits", &[]),
     ("config", &[]),
     ("math", &[]),
+    ("stages", &[]),
     ("threads", &[]),
     ("model", &[]),
     ("mesh", &["model"]),
@@ -60,6 +61,7 @@ const LEAF_MAY_USE: &[(&str, &[&str])] = &[
     ("limits", &[]),
     ("math", &[]),
     ("config", &["error", "limits"]),
+    ("stages", &[]),
     ("threads", &["error"]),
 ];
 
