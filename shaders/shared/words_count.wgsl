@@ -1,7 +1,7 @@
 // Counts the triangles that cover each pixel (overdraw) instead of writing a visibility buffer.
 
-@group(0) @binding(7) var<storage, read_write> counts: array<atomic<u32>>;
+@group(0) @binding(7) var<storage, read_write> words: array<atomic<u32>>;
 
 fn put(pixel: u32, key: u32, low: u32) {
-    atomicAdd(&counts[pixel], 1u);
+    atomicAdd(&words[pixel], 1u);
 }

@@ -10,9 +10,9 @@ use std::time::Instant;
 use pollster::block_on;
 use wgpu::{BindingResource, Buffer, BufferUsages, CommandEncoder, ComputePassDescriptor, ErrorFilter};
 
+use super::bindings::{Bindings, RasterBindings};
 use super::context::{Context, unavailable};
 use super::raster_hardware::{Draw, Target, viewport};
-use super::recorder::RasterBindings;
 use super::shaders::{Kernel, List, Words};
 use super::times::{self, Times};
 use crate::config::{Calibration, Raster};
@@ -177,21 +177,21 @@ impl<'a> Stand<'a> {
     }
 
     fn bindings(&self, hardware: bool) -> Vec<BindingResource<'_>> {
-        let bindings: RasterBindings<'_> = [
-            &self.views[usize::from(hardware)],
-            &self.instances,
-            &self.page_offsets,
-            &self.page,
-            &self.visible,
-            &self.numbers,
-            &self.draws,
-            &self.pixels,
-            &self.counters,
-            &self.page,
-            &self.page,
-            &self.page,
-        ];
-        bindings.map(Buffer::as_entire_binding).into()
+        let bindings = RasterBindings {
+            view: &self.views[usize::from(hardware)],
+            instances: &self.instances,
+            page_offsets: &self.page_offsets,
+            pages: &self.page,
+            visible: &self.visible,
+            numbers: &self.numbers,
+            draws: &self.draws,
+            words: &self.pixels,
+            counters: &self.counters,
+            pages_1: &self.page,
+            pages_2: &self.page,
+            pages_3: &self.page,
+        };
+        bindings.buffers().into_iter().map(Buffer::as_entire_binding).collect()
     }
 
     /// Draws so many clusters of a batch in compute and by the device's rasterizer, in alternation: milliseconds of the fastest

@@ -15,12 +15,12 @@ use crate::scene::EnvironmentMap;
 #[derive(Debug)]
 pub(super) struct Lights {
     /// [`Lighting`].
-    lighting: Buffer,
-    lights: Buffer,
+    pub(super) lighting: Buffer,
+    pub(super) lights: Buffer,
     /// The steps of bytes of a transfer, then what there is of an environment.
-    tables: Buffer,
+    pub(super) tables: Buffer,
     transfer: Transfer,
-    environment: Option<Arc<EnvironmentMap>>,
+    pub(super) environment: Option<Arc<EnvironmentMap>>,
 }
 
 impl Lights {
@@ -73,10 +73,5 @@ impl Lights {
         context.write(WHAT, &self.tables, head, bytemuck::cast_slice(values))?;
         (self.transfer, self.environment) = (transfer, environment.cloned());
         Ok(())
-    }
-
-    /// What shading binds, and whether there is an environment map.
-    pub(super) fn bindings(&self) -> ([&Buffer; 3], bool) {
-        ([&self.lighting, &self.lights, &self.tables], self.environment.is_some())
     }
 }

@@ -10,6 +10,7 @@
 //! `recorder` record the stages. `raster_hardware` is another form of the two raster stages; `calibrate` measures whether it
 //! is faster. Files import each other in one direction, which a test holds.
 
+mod bindings;
 mod buffers;
 mod calibrate;
 mod cluster_cull;
@@ -17,6 +18,7 @@ pub mod context;
 mod hzb;
 mod instance_cull;
 mod instances;
+mod layouts;
 mod lights;
 mod materials;
 pub mod meshes;
@@ -40,6 +42,7 @@ mod view_history;
 pub use buffers::DeviceVisibility;
 pub use context::Context;
 pub use instances::SceneInstance;
+pub use layouts::binding_names;
 pub use renderer::DeviceRenderer;
 pub use request::{Counted, Drawn, ViewRequest, Ways};
 pub use shaders::CullPass;

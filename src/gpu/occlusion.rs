@@ -8,8 +8,19 @@
 //! draws what is near. Whatever is known of earlier frames, the picture is the same: it decides which pass draws a
 //! cluster, and not whether one does.
 
+use super::bindings::{Bindings, bindings};
 use super::recorder::Recorder;
 use super::shaders::{CullPass, IndirectEntry, Kernel};
+
+bindings! {
+    /// What `prepare_indirect` binds.
+    PrepareIndirect { view, occluded_dispatch, draws, counters, other_counters, indirect }
+}
+
+bindings! {
+    /// What `renumber` binds.
+    Renumber { view, renumbered, words, counters }
+}
 
 /// After the culling of a pass: decides what comes next, and gives what the first pass drew the numbers that it has
 /// in the list of both.
@@ -17,12 +28,20 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     let (b, own) = (r.buffers, r.own());
     let [first, second] = &b.cull_passes[..] else { return };
     let other = if r.cull_pass == CullPass::First { second } else { first };
-    let bindings = [&b.view, &second.levels[0], &own.draws, &own.counters, &other.counters, &own.indirect];
-    r.run(Kernel::PrepareIndirect(r.cull_pass), &bindings, 1);
+    let bindings = PrepareIndirect {
+        view: &b.view,
+        occluded_dispatch: &second.levels[0],
+        draws: &own.draws,
+        counters: &own.counters,
+        other_counters: &other.counters,
+        indirect: &own.indirect,
+    };
+    r.run(Kernel::PrepareIndirect(r.cull_pass), &bindings.buffers(), 1);
     // Keys say no number.
     if r.cull_pass == CullPass::Second && !b.shape.depth_only {
         let number = IndirectEntry::Pixels.number();
-        let bindings = [&b.view, &b.renumbered, &*b.words, &first.counters];
-        r.run_indirect(Kernel::Renumber, &bindings, &own.indirect, number);
+        let bindings =
+            Renumber { view: &b.view, renumbered: &b.renumbered, words: &b.words, counters: &first.counters };
+        r.run_indirect(Kernel::Renumber, &bindings.buffers(), &own.indirect, number);
     }
 }

@@ -2,12 +2,13 @@
 
 use wgpu::{CommandEncoder, ComputePassDescriptor};
 
+use super::bindings::Bindings;
 use super::context::Context;
 use super::instances::Slots;
 use super::materials;
 use super::meshes::Meshes;
 use super::raster_hardware::{Draw, Target};
-use super::recorder::{Recorder, raster_bindings};
+use super::recorder::{Recorder, raster};
 use super::shaders::{CullPass, List, Words};
 use super::times::Times;
 use super::view_history::SubmittedView;
@@ -83,12 +84,12 @@ impl<'a> Passes<'a> {
         let Self { context, meshes, target: Some(target), .. } = *self else { return };
         let (submitted, number) = (self.submitted(cull_pass), self.passes.len() as u32);
         for (place, SubmittedView { buffers, seen, .. }) in submitted.iter().enumerate() {
-            let bindings = raster_bindings(buffers, meshes, seen, cull_pass, &buffers.words);
+            let bindings = raster(buffers, meshes, seen, cull_pass, &buffers.words).buffers();
             let draw = Draw {
                 list,
                 words,
                 split: meshes.split(),
-                bindings: bindings.iter().map(|buffer| meshes.binding(buffer)).collect(),
+                bindings: bindings.into_iter().map(|buffer| meshes.binding(buffer)).collect(),
                 draw_args: &buffers.cull_passes[cull_pass as usize].draw_args,
                 target,
                 times: self.times.of_draw(number, place == 0, place + 1 == submitted.len()),

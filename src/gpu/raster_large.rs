@@ -3,19 +3,25 @@
 
 use wgpu::Buffer;
 
+use super::bindings::{Bindings, bindings};
 use super::materials::Buffers;
 use super::recorder::Recorder;
 use super::shaders::{Kernel, List, Words};
 
+bindings! {
+    /// What alpha tests bind behind what all rasterizers do.
+    AlphaTest { instance_materials, materials, texels }
+}
+
 pub(super) fn record<'a>(r: &mut Recorder<'a>, list: List, words: Words, to: &'a Buffer) {
-    let bindings = r.raster_bindings(to);
-    r.run_indirect(Kernel::RasterLarge(words), &bindings, &r.own().draws, list as u32);
+    let bindings = r.raster(to);
+    r.run_indirect(Kernel::RasterLarge(words), &bindings.buffers(), &r.own().draws, list as u32);
 }
 
 /// Alpha-tested clusters, where any material is.
 pub(super) fn record_alpha_tested<'a>(r: &mut Recorder<'a>, words: Words, to: &'a Buffer) {
     let Some(Buffers { materials, texels, alpha_tested: true }) = r.materials else { return };
-    let bindings = r.raster_bindings(to);
-    let bindings = [&bindings[..], &[&r.instances.instance_materials, materials, texels]].concat();
+    let test = AlphaTest { instance_materials: &r.instances.instance_materials, materials, texels };
+    let bindings = [r.raster(to).buffers(), test.buffers()].concat();
     r.run_indirect(Kernel::RasterAlphaTested(words), &bindings, &r.own().draws, List::AlphaTested as u32);
 }

@@ -2,10 +2,11 @@
 
 use wgpu::Buffer;
 
+use super::bindings::Bindings;
 use super::recorder::Recorder;
 use super::shaders::{Kernel, List, Words};
 
 pub(super) fn record<'a>(r: &mut Recorder<'a>, words: Words, to: &'a Buffer) {
-    let bindings = r.raster_bindings(to);
-    r.run_indirect(Kernel::RasterSmall(words), &bindings, &r.own().draws, List::Small as u32);
+    let bindings = r.raster(to);
+    r.run_indirect(Kernel::RasterSmall(words), &bindings.buffers(), &r.own().draws, List::Small as u32);
 }

@@ -2,6 +2,7 @@
 
 use wgpu::{Buffer, ComputePass};
 
+use super::bindings::{RasterBindings, SurfaceBindings};
 use super::buffers::{Buffers, PassBuffers, bytes};
 use super::context::Context;
 use super::instances::Slots;
@@ -12,11 +13,8 @@ use super::pyramids::Pyramids;
 use super::shaders::{CullPass, Kernel, MAX_WORKGROUPS, WIDTH};
 use crate::gpu_types::Dispatch;
 
-/// What the rasterizers bind.
-pub(super) type RasterBindings<'a> = [&'a Buffer; 12];
-
-/// That of a pass.
-pub(super) fn raster_bindings<'a>(
+/// What the rasterizers of a pass bind, which write into `words`.
+pub(super) fn raster<'a>(
     buffers: &'a Buffers,
     meshes: &'a Meshes,
     seen: &'a Buffer,
@@ -25,27 +23,24 @@ pub(super) fn raster_bindings<'a>(
 ) -> RasterBindings<'a> {
     let own = &buffers.cull_passes[cull_pass as usize];
     let [pages, pages_1, pages_2, pages_3] = meshes.pages();
-    [
-        &buffers.view,
-        seen,
-        meshes.page_offsets(),
+    RasterBindings {
+        view: &buffers.view,
+        instances: seen,
+        page_offsets: meshes.page_offsets(),
         pages,
-        &buffers.visible,
-        &own.numbers,
-        &own.draws,
+        visible: &buffers.visible,
+        numbers: &own.numbers,
+        draws: &own.draws,
         words,
-        &own.counters,
+        counters: &own.counters,
         pages_1,
         pages_2,
         pages_3,
-    ]
+    }
 }
 
-/// What shading and all other arrays bind.
-pub(super) type SurfaceBindings<'a> = [&'a Buffer; 11];
-
-/// That of an array which goes to `out`.
-pub(super) fn surface_bindings<'a>(
+/// What shading and all other arrays bind, one of which goes to `out`.
+pub(super) fn surface<'a>(
     buffers: &'a Buffers,
     meshes: &'a Meshes,
     seen: &'a Buffer,
@@ -53,19 +48,19 @@ pub(super) fn surface_bindings<'a>(
     out: &'a Buffer,
 ) -> SurfaceBindings<'a> {
     let [pages, pages_1, pages_2, pages_3] = meshes.pages();
-    [
-        &buffers.view,
-        seen,
-        meshes.page_offsets(),
+    SurfaceBindings {
+        view: &buffers.view,
+        instances: seen,
+        page_offsets: meshes.page_offsets(),
         pages,
         pages_1,
         pages_2,
         pages_3,
-        &buffers.visible,
-        &instances.instance_materials,
-        &buffers.words,
+        visible: &buffers.visible,
+        instance_materials: &instances.instance_materials,
+        words: &buffers.words,
         out,
-    ]
+    }
 }
 
 /// Records a stage for a view, in a pass.
@@ -126,13 +121,13 @@ impl<'a> Recorder<'a> {
     }
 
     /// What the rasterizers bind, which write into `words`.
-    pub(super) fn raster_bindings(&self, words: &'a Buffer) -> RasterBindings<'a> {
-        raster_bindings(self.buffers, self.meshes, self.seen, self.cull_pass, words)
+    pub(super) fn raster(&self, words: &'a Buffer) -> RasterBindings<'a> {
+        raster(self.buffers, self.meshes, self.seen, self.cull_pass, words)
     }
 
     /// What shading and all other arrays bind, one of which goes to `out`.
-    pub(super) fn surface_bindings(&self, out: &'a Buffer) -> SurfaceBindings<'a> {
-        surface_bindings(self.buffers, self.meshes, self.seen, self.instances, out)
+    pub(super) fn surface(&self, out: &'a Buffer) -> SurfaceBindings<'a> {
+        surface(self.buffers, self.meshes, self.seen, self.instances, out)
     }
 
     /// Workgroups whose lanes take four pixels each.

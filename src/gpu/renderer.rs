@@ -11,7 +11,7 @@ use super::instances::{Instances, SceneInstance};
 use super::meshes::Meshes;
 use super::passes::Passes;
 use super::raster_hardware::Target;
-use super::recorder::surface_bindings;
+use super::recorder::surface;
 use super::request::{Counted, Drawn, ViewRequest, Ways};
 use super::shaders::{CullPass, Kernel, List, Words};
 use super::view_history::{SubmittedView, ViewHistory};
@@ -86,7 +86,7 @@ impl DeviceRenderer {
             return None;
         };
         let (_, out) = buffers.outputs.iter().find(|(made, _)| *made == output && made.shaded())?;
-        let surface = surface_bindings(buffers, &self.meshes, seen, self.instances.slots()?, out);
+        let surface = &surface(buffers, &self.meshes, seen, self.instances.slots()?, out);
         let (kernel, bindings) = shade::kernel(output, surface, lights, self.instances.table().buffers());
         let bindings = bindings.into_iter().map(|buffer| self.meshes.binding(buffer)).collect();
         Some((kernel, bindings, self.meshes.split()))

@@ -4,6 +4,7 @@ use std::mem::{offset_of, size_of};
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, ShaderStage, TypeInner};
+use nanite_rs::gpu::binding_names;
 use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
 use nanite_rs::gpu::shaders::{CullPass, DRAWS, KERNELS, Kernel, Words};
 use nanite_rs::gpu_types::{
@@ -60,6 +61,25 @@ fn every_kernel_is_valid() {
 fn shared_files_find_what_they_need() {
     for kernel in KERNELS.into_iter().chain(DRAWS) {
         assert_eq!(kernel.undeclared(), Vec::<String>::new(), "{kernel:?}");
+    }
+}
+
+#[test]
+fn kernels_bind_by_the_names_that_they_declare() {
+    for kernel in KERNELS.into_iter().chain(DRAWS) {
+        let module = parse(kernel);
+        let bound = module.global_variables.iter().filter_map(|(_, variable)| {
+            let binding = variable.binding.as_ref()?;
+            Some(((binding.group, binding.binding), variable.name.clone().unwrap()))
+        });
+        let mut bound: Vec<_> = bound.collect();
+        bound.sort();
+        assert!(
+            bound.iter().zip(0..).all(|((place, _), number)| *place == (0, number)),
+            "{kernel:?}: {bound:?}"
+        );
+        let names: Vec<String> = bound.into_iter().map(|(_, name)| name).collect();
+        assert_eq!(names, binding_names(kernel), "{kernel:?}");
     }
 }
 
