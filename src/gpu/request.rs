@@ -33,7 +33,7 @@ pub struct ViewRequest<'a> {
     /// What is filled: the visibility buffer, the low half of each word first. With [`Ways::depth_only`] a number per
     /// pixel: its depth where that is to be made, else its key.
     pub words: &'a mut [u32],
-    /// The visibility buffer may stay on the device, see [`Drawn::left`]; then none is filled. Not with
+    /// The visibility buffer may stay on the device, see [`Drawn::visibility`]; then none is filled. Not with
     /// [`Ways::depth_only`].
     pub keep_on_device: bool,
     /// The arrays.
