@@ -7,7 +7,7 @@ use super::context::Context;
 use super::instances::Slots;
 use super::materials;
 use super::meshes::Meshes;
-use super::raster_hardware::{Draw, Target};
+use super::raster_hardware::Draw;
 use super::recorder::{Recorder, raster};
 use super::shaders::{CullPass, List, Words};
 use super::times::Times;
@@ -19,7 +19,6 @@ use crate::stages::Stage;
 pub(super) struct Passes<'a> {
     pub(super) context: &'a Context,
     pub(super) meshes: &'a Meshes,
-    pub(super) target: Option<&'a Target>,
     pub(super) submitted: &'a [SubmittedView<'a>],
     /// The instances of the scene, and how many slots there are.
     pub(super) instances: &'a Slots,
@@ -81,9 +80,10 @@ impl<'a> Passes<'a> {
 
     /// Has the device's rasterizer draw a list.
     pub(super) fn draw(&mut self, stage: Stage, cull_pass: CullPass, list: List, words: Words) {
-        let Self { context, meshes, target: Some(target), .. } = *self else { return };
+        let Self { context, meshes, .. } = *self;
         let (submitted, number) = (self.submitted(cull_pass), self.passes.len() as u32);
-        for (place, SubmittedView { buffers, seen, .. }) in submitted.iter().enumerate() {
+        for (place, SubmittedView { buffers, seen, history, .. }) in submitted.iter().enumerate() {
+            let Some(target) = &history.target else { continue };
             let bindings = raster(buffers, meshes, seen, cull_pass, &buffers.words).buffers();
             let draw = Draw {
                 list,

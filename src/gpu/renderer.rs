@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use rayon::prelude::*;
+use rustc_hash::FxHashMap;
 use wgpu::BindingResource;
 
 use super::buffers::{Buffers, DeviceVisibility, Room, Shape};
@@ -10,7 +11,6 @@ use super::context::Context;
 use super::instances::{Instances, SceneInstance};
 use super::meshes::Meshes;
 use super::passes::Passes;
-use super::raster_hardware::Target;
 use super::recorder::surface;
 use super::request::{Counted, Drawn, ViewRequest, Ways};
 use super::shaders::{CullPass, Kernel, List, Words};
@@ -33,6 +33,9 @@ const FIRST_ROOM: Room = Room { items: 1 << 12, candidate_groups: 1 << 12, visib
 /// next is drawn. With more of them they are read.
 const MOST_ON_DEVICE: usize = 2;
 
+/// Views that are kept on the device at most, besides those of a call.
+const MOST_HISTORIES: usize = 64;
+
 /// Bytes of a picture that a thread copies at a time.
 const COPIED_AT_ONCE: usize = 1 << 18;
 
@@ -43,10 +46,10 @@ pub struct DeviceRenderer {
     meshes: Meshes,
     instances: Instances,
     room: Room,
-    /// By their place among the views drawn together.
-    histories: Vec<ViewHistory>,
-    /// There once the hardware rasterizer has drawn.
-    target: Option<Target>,
+    /// By the ids of their views.
+    histories: FxHashMap<u64, ViewHistory>,
+    /// The first view that was drawn last.
+    last: Option<u64>,
 }
 
 impl DeviceRenderer {
@@ -54,7 +57,7 @@ impl DeviceRenderer {
     pub fn new() -> Result<Self> {
         let context = Context::shared()?;
         let (meshes, instances) = (Meshes::default(), Instances::default());
-        Ok(Self { context, meshes, instances, room: FIRST_ROOM, histories: Vec::new(), target: None })
+        Ok(Self { context, meshes, instances, room: FIRST_ROOM, histories: FxHashMap::default(), last: None })
     }
 
     /// The device.
@@ -72,16 +75,16 @@ impl DeviceRenderer {
         self.instances.set(slot, instance);
     }
 
-    /// Whether a frame of the view at a place has, with occlusion, no earlier one to start from.
-    pub fn starts(&self, place: usize, view: &View) -> bool {
-        self.histories.get(place).is_none_or(|history| history.pyramids.starts(view))
+    /// Whether a frame of a view has, with occlusion, no earlier one to start from.
+    pub fn starts(&self, id: u64, view: &View) -> bool {
+        self.histories.get(&id).is_none_or(|history| history.pyramids.starts(view))
     }
 
     /// What shaded an array of the last frame's first view: the kernel, all that it binds, and whether pages lie in several
     /// arrays. For benchmarks, which shade the same picture in other ways.
     pub fn shading(&self, output: Output) -> Option<(Kernel, Vec<BindingResource<'_>>, bool)> {
         let ViewHistory { seen: Some((_, seen)), buffers: Some(buffers), lights, .. } =
-            self.histories.first()?
+            self.histories.get(&self.last?)?
         else {
             return None;
         };
@@ -92,8 +95,8 @@ impl DeviceRenderer {
         Some((kernel, bindings, self.meshes.split()))
     }
 
-    /// Draws what is in the slots, in their order, and of streamed meshes resident, from several views of pictures of one
-    /// size, in one submission.
+    /// Draws what is in the slots, in their order, and of streamed meshes resident, from several views of any size, in one
+    /// submission. Each has an id of its own.
     pub fn draw(
         &mut self,
         requests: &mut [ViewRequest<'_>],
@@ -102,7 +105,7 @@ impl DeviceRenderer {
     ) -> Result<Vec<Drawn>> {
         self.context.check()?;
         let Some(first) = requests.first() else { return Ok(Vec::new()) };
-        let size = (first.view.width, first.view.height);
+        self.last = Some(first.id);
         if !self.instances.any() {
             // Nothing is to be drawn, so nothing to be measured.
             let open = matches!(ways.raster, Raster::Auto | Raster::Measured);
@@ -110,26 +113,46 @@ impl DeviceRenderer {
             requests.iter_mut().for_each(|request| request.words.fill(0));
             return Ok(requests.iter().map(|_| Drawn { raster, ..Drawn::default() }).collect());
         }
-        let raster = calibrate::choose(&self.context, ways.raster, size)?;
-        let hardware = raster != Raster::Compute;
-        if hardware && self.target.as_ref().is_none_or(|target| target.size() != size) {
-            self.target = Some(Target::new(&self.context, size)?);
+        let size = |request: &ViewRequest<'_>| (request.view.width, request.view.height);
+        let largest = requests.iter().map(size).fold((0, 0), |a, b| (a.0.max(b.0), a.1.max(b.1)));
+        let raster = calibrate::choose(&self.context, ways.raster, largest)?;
+        // They are out of the table while they are drawn, in the order of the views, and come back whatever happens.
+        let mut histories = Vec::with_capacity(requests.len());
+        for request in &*requests {
+            let known = self.histories.remove(&request.id);
+            histories.push(known.map_or_else(|| ViewHistory::new(&self.context), Ok)?);
         }
-        let viewport = self.target.as_ref().filter(|_| hardware).map_or(0, Target::viewport);
+        let drawn = self.draw_views(&mut histories, requests, Ways { raster, ..ways }, resident);
+        if self.histories.len() + histories.len() > MOST_HISTORIES {
+            self.histories.clear();
+        }
+        self.histories.extend(requests.iter().map(|request| request.id).zip(histories));
+        drawn
+    }
+
+    /// The same with what the views keep, and rasterizers that were chosen.
+    fn draw_views(
+        &mut self,
+        histories: &mut [ViewHistory],
+        requests: &mut [ViewRequest<'_>],
+        ways: Ways,
+        resident: &Resident,
+    ) -> Result<Vec<Drawn>> {
+        let raster = ways.raster;
+        let hardware = raster != Raster::Compute;
         let uploaded_bytes =
             self.instances.upload(&self.context, &mut self.meshes, resident, ways.shading)?;
-        while self.histories.len() < requests.len() {
-            self.histories.push(ViewHistory::new(&self.context)?);
-        }
         let mut views = Vec::with_capacity(requests.len());
-        for (history, request) in self.histories.iter_mut().zip(&*requests) {
+        for (history, request) in histories.iter_mut().zip(&*requests) {
+            let size = (request.view.width, request.view.height);
+            let viewport = history.viewport(&self.context, size, hardware)?;
             let (view, culling) = history.prepare(&self.context, &self.instances, request, ways.occlusion)?;
             let depth_only = u32::from(ways.depth_only);
             let two_passes = u32::from(culling);
             views.push((View { viewport, depth_only, two_passes, ..view }, culling));
         }
         loop {
-            for ((history, request), (view, _)) in self.histories.iter_mut().zip(&*requests).zip(&mut views) {
+            for ((history, request), (view, _)) in histories.iter_mut().zip(&*requests).zip(&mut views) {
                 let shape = Shape {
                     instances: self.instances.room(),
                     group_words: self.instances.group_words(),
@@ -170,7 +193,7 @@ impl DeviceRenderer {
                 history.buffers = Some(buffers);
             }
             let mut submitted = Vec::with_capacity(requests.len());
-            for (history, (view, culling)) in self.histories.iter().zip(&views) {
+            for (history, (view, culling)) in histories.iter().zip(&views) {
                 let (Some((_, seen)), Some(buffers)) = (&history.seen, &history.buffers) else { continue };
                 submitted.push(SubmittedView { view, culling: *culling, seen, buffers, history });
             }
@@ -182,9 +205,7 @@ impl DeviceRenderer {
             }
             let room = self.room.grown(lengths);
             if room == self.room {
-                for ((drawn, history), (view, culling)) in
-                    drawn.iter_mut().zip(&mut self.histories).zip(&views)
-                {
+                for ((drawn, history), (view, culling)) in drawn.iter_mut().zip(&mut *histories).zip(&views) {
                     (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
                     drawn.listed = view.history == HISTORY_LIST;
                     drawn.reduced_images = self.instances.table().reduced_images();
@@ -230,7 +251,6 @@ impl DeviceRenderer {
         let mut passes = Passes {
             context,
             meshes: &self.meshes,
-            target: self.target.as_ref(),
             submitted,
             instances,
             slots: self.instances.len(),

@@ -28,6 +28,8 @@ pub struct Ways {
 /// A view to draw, and the arrays to make of its picture.
 #[derive(Debug)]
 pub struct ViewRequest<'a> {
+    /// Its identity: what it keeps on the device is found by it.
+    pub id: u64,
     /// The view.
     pub view: View,
     /// What is filled: the visibility buffer, the low half of each word first. With [`Ways::depth_only`] a number per
@@ -55,6 +57,7 @@ impl<'a> ViewRequest<'a> {
         let words = bytemuck::cast_slice_mut(words);
         let transfer = Transfer::default();
         Self {
+            id: 0,
             view,
             words,
             keep_on_device: false,

@@ -7,6 +7,7 @@ use super::context::Context;
 use super::instances::{self, Instances};
 use super::lights::Lights;
 use super::pyramids::Pyramids;
+use super::raster_hardware::Target;
 use super::request::{Counted, Drawn, ViewRequest};
 use crate::error::Result;
 use crate::gpu_types::{Instance, View};
@@ -19,6 +20,8 @@ pub(super) struct ViewHistory {
     pub(super) buffers: Option<Buffers>,
     pub(super) pyramids: Pyramids,
     pub(super) lights: Lights,
+    /// There once the hardware rasterizer has drawn it.
+    pub(super) target: Option<Target>,
     /// How instances were arranged when it was last drawn.
     arrangement: u64,
 }
@@ -26,7 +29,15 @@ pub(super) struct ViewHistory {
 impl ViewHistory {
     pub(super) fn new(context: &Context) -> Result<Self> {
         let (pyramids, lights) = (Pyramids::new(context, (0, 0))?, Lights::new(context)?);
-        Ok(Self { seen: None, buffers: None, pyramids, lights, arrangement: 0 })
+        Ok(Self { seen: None, buffers: None, pyramids, lights, target: None, arrangement: 0 })
+    }
+
+    /// The side of the viewport of the hardware rasterizer for images of a size; 0 where it draws nothing.
+    pub(super) fn viewport(&mut self, context: &Context, size: (u32, u32), hardware: bool) -> Result<u32> {
+        if hardware && self.target.as_ref().is_none_or(|target| target.size() != size) {
+            self.target = Some(Target::new(context, size)?);
+        }
+        Ok(self.target.as_ref().filter(|_| hardware).map_or(0, Target::viewport))
     }
 
     /// Gets ready to draw; returns the view with what was to be filled in, and whether it culls what is hidden.

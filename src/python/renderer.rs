@@ -11,7 +11,7 @@ use super::errors::to_python;
 use super::scene::Scene;
 use crate::config::{Output, Raster, RenderOptions, Samples, Shading, Transfer};
 use crate::error::{Error, Result};
-use crate::render::{self, Backend, ImageView};
+use crate::render::{self, Backend, ImageView, ViewDesc};
 use crate::scene::{Camera, Projection, pose};
 use crate::threads::{Lock, Own};
 
@@ -163,8 +163,8 @@ impl Renderer {
             ..defaults
         };
         let frames = interruptible_on(py, self.threads, |proceed| {
-            let view = |(camera, pose)| Ok((self::camera(camera)?, pose));
-            let views: Vec<_> = views.into_iter().map(view).collect::<Result<_>>()?;
+            let view = |(id, (camera, pose))| Ok(ViewDesc::new(id, self::camera(camera)?, pose));
+            let views: Vec<_> = (0..).zip(views).map(view).collect::<Result<_>>()?;
             let mut renderer = self.lock()?;
             usable(&renderer, |renderer| renderer.backend() == Backend::Gpu)?;
             renderer.render_views(&*scene.read()?, &views, &options, proceed)

@@ -89,9 +89,9 @@ impl Device {
         // Where the CPU is to make nothing of it now, the visibility buffer is read when it is. A device that is software
         // has it in this memory, and reading it costs less than counting its pixels there.
         let keep_on_device = on_device && !depth_only;
-        let views = frame_contexts.iter().enumerate().map(|(place, frame_context)| {
+        let views = frame_contexts.iter().map(|frame_context| {
             let view = view_record(&frame_context.screen, &frame_context.eye, options.pixel_error);
-            let starts = occlusion && self.renderer.starts(place, &view);
+            let starts = occlusion && self.renderer.starts(frame_context.id, &view);
             gpu_types::View { occluders: if starts { occluders(frame_context) } else { 0 }, ..view }
         });
         let views: Vec<gpu_types::View> = views.collect();
@@ -102,6 +102,7 @@ impl Device {
         let requests =
             frame_contexts.iter().zip(views).zip(&mut pictures).map(|((frame_context, view), picture)| {
                 ViewRequest {
+                    id: frame_context.id,
                     view,
                     words: picture.bits(),
                     keep_on_device,

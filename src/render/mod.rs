@@ -10,6 +10,7 @@ mod queue;
 pub mod renderer;
 pub mod stats;
 mod streaming;
+mod view;
 mod visibility_buffer;
 
 pub use crate::stages::Stage;
@@ -18,3 +19,4 @@ pub use device::{instance_transform, view_record};
 pub use frame::{Frame, ImageView};
 pub use renderer::{Backend, Renderer};
 pub use stats::{FrameStats, StageStats};
+pub use view::ViewDesc;

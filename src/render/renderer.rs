@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use rayon::prelude::*;
+use rustc_hash::FxHashMap;
 
 #[cfg(feature = "gpu")]
 use super::device;
@@ -12,6 +13,7 @@ use super::layers;
 use super::pass::FramePasses;
 use super::stats::FrameStats;
 use super::streaming;
+use super::view::{ViewDesc, check_ids, check_size};
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Calibration, Output, Raster, RenderOptions, Samples};
 use crate::cpu::cluster_cull::CandidateCluster;
@@ -30,6 +32,9 @@ use crate::stream::{Needs, Resident, StreamOptions, Streamer};
 
 /// Frames that are drawn at most until all is there: more than levels, of which each makes the next one wanted.
 const MOST_FRAMES: u64 = 64;
+
+/// Views whose history is kept at most, besides those of the last call.
+const MOST_HISTORIES: usize = 64;
 
 /// Where frames are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,6 +117,8 @@ impl Device {
 
 /// What is to be drawn, and how.
 pub(super) struct FrameContext<'a> {
+    /// See [`ViewDesc::id`].
+    pub(super) id: u64,
     pub(super) scene: &'a Scene,
     pub(super) view: View,
     pub(super) eye: Eye,
@@ -123,10 +130,15 @@ pub(super) struct FrameContext<'a> {
 }
 
 impl<'a> FrameContext<'a> {
-    fn new(scene: &'a Scene, view: View, options: &'a RenderOptions, resident: &'a Resident) -> Self {
+    fn new(
+        scene: &'a Scene,
+        (id, view): (u64, View),
+        options: &'a RenderOptions,
+        resident: &'a Resident,
+    ) -> Self {
         let (eye, screen) = (Eye::new(&view), Screen::new(&view));
         let lighting = Lighting::new(scene, &view, options.shading, options.transfer);
-        Self { scene, view, eye, screen, lighting, options, resident }
+        Self { id, scene, view, eye, screen, lighting, options, resident }
     }
 
     /// The same through points so far from the pixel centres, right and down. The cut is the same: only the picture moves.
@@ -135,9 +147,10 @@ impl<'a> FrameContext<'a> {
         'a: 'b,
     {
         let center = std::array::from_fn(|k| (self.view.center[k] - by[k]) as f32);
-        let Self { scene, view, eye, screen, lighting, resident, .. } = self;
+        let Self { id, scene, view, eye, screen, lighting, resident, .. } = self;
         let (view, lighting) = (view.clone(), lighting.clone());
         FrameContext {
+            id: *id,
             scene,
             view,
             eye: Eye { center, ..*eye },
@@ -189,28 +202,23 @@ pub struct Renderer {
     device: Device,
     reason: String,
     hzb: Hzb,
-    /// What each view of the frame before showed, where the CPU draws.
-    history: Vec<VisibilityHistory>,
+    /// What each view showed in its last frame, by its id, where the CPU draws.
+    history: FxHashMap<u64, VisibilityHistory>,
     scratch: ScratchPool,
     /// A scene and its clock when all pages of its meshes were in memory.
     loaded: Option<(u64, u64)>,
     /// There when meshes in files are streamed.
     streamer: Option<Streamer>,
     /// The views of the call before, where it streamed.
-    before: Vec<View>,
+    before: Vec<(u64, View)>,
 }
 
 impl Renderer {
     /// A renderer of `width` × `height` pictures; `backend` is "auto", "cpu" or "gpu".
     pub fn new(width: u32, height: u32, backend: &str) -> Result<Self> {
-        for (name, value) in [("width", width), ("height", height)] {
-            let most = crate::scene::camera::MAX_VIEWPORT;
-            if !(1..=most).contains(&value) {
-                return Err(Error::argument(name, format!("must be between 1 and {most}, not {value}")));
-            }
-        }
+        check_size(width, height)?;
         let (device, reason) = Device::choose(backend)?;
-        let (hzb, history, scratch) = (Hzb::default(), Vec::new(), ScratchPool::default());
+        let (hzb, history, scratch) = (Hzb::default(), FxHashMap::default(), ScratchPool::default());
         let (loaded, streamer, before) = (None, None, Vec::new());
         Ok(Self { width, height, device, reason, hzb, history, scratch, loaded, streamer, before })
     }
@@ -278,7 +286,8 @@ impl Renderer {
         pose: &[[f64; 4]; 4],
         options: &RenderOptions,
     ) -> Result<Frame> {
-        let mut frames = self.render_views(scene, &[(*camera, *pose)], options, UNINTERRUPTED)?;
+        let mut frames =
+            self.render_views(scene, &[ViewDesc::new(0, *camera, *pose)], options, UNINTERRUPTED)?;
         frames.pop().ok_or_else(|| Error::Invariant("a view gave no frame".to_owned()))
     }
 
@@ -287,16 +296,16 @@ impl Renderer {
     pub fn render_views(
         &mut self,
         scene: &Scene,
-        views: &[(Camera, [[f64; 4]; 4])],
+        views: &[ViewDesc],
         options: &RenderOptions,
         proceed: InterruptCheck<'_>,
     ) -> Result<Vec<Frame>> {
         options.validate()?;
         let start = Instant::now();
-        let views: Vec<View> = views
-            .iter()
-            .map(|(camera, pose)| camera.view(pose, self.width, self.height))
-            .collect::<Result<_>>()?;
+        check_ids(views)?;
+        let size = (self.width, self.height);
+        let views: Vec<(u64, View)> =
+            views.iter().map(|view| Ok((view.id, view.view(size)?))).collect::<Result<_>>()?;
         let mut frames = match self.streamer.take() {
             None => {
                 self.load(scene, proceed)?;
@@ -334,7 +343,7 @@ impl Renderer {
         &mut self,
         streamer: &mut Streamer,
         scene: &Scene,
-        views: &[View],
+        views: &[(u64, View)],
         options: &RenderOptions,
         proceed: InterruptCheck<'_>,
     ) -> Result<Vec<Frame>> {
@@ -427,17 +436,15 @@ impl Renderer {
                 drawn => return drawn,
             }
         }
-        self.history.resize_with(frame_contexts.len(), VisibilityHistory::default);
-        frame_contexts
-            .iter()
-            .enumerate()
-            .map(|(number, frame_context)| self.draw_on_cpu(number, frame_context))
-            .collect()
+        if self.history.len() > MOST_HISTORIES {
+            self.history.retain(|id, _| frame_contexts.iter().any(|frame_context| frame_context.id == *id));
+        }
+        frame_contexts.iter().map(|frame_context| self.draw_on_cpu(frame_context)).collect()
     }
 
-    fn draw_on_cpu(&mut self, number: usize, frame_context: &FrameContext<'_>) -> Result<Rastered> {
-        let FrameContext { scene, view, eye, screen, options, resident, .. } = frame_context;
-        let pixels = self.width as usize * self.height as usize;
+    fn draw_on_cpu(&mut self, frame_context: &FrameContext<'_>) -> Result<Rastered> {
+        let FrameContext { id, scene, view, eye, screen, options, resident, .. } = frame_context;
+        let pixels = screen.width as usize * screen.height as usize;
         let mut picture = self.scratch.take(pixels, options.depth_only);
         let mut stats = FrameStats { raster: Raster::Compute, ..FrameStats::default() };
         let instances: Vec<(u32, &Instance)> = scene.instances().iter().collect();
@@ -447,7 +454,7 @@ impl Renderer {
             (views, instances.len() as u64, count)
         });
         stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
-        let (hzb, history) = (&mut self.hzb, &mut self.history[number]);
+        let (hzb, history) = (&mut self.hzb, self.history.entry(*id).or_default());
         let (list, absent) = match &mut picture {
             VisibilityBuffer::Words(words) => raster(frame_context, &views, words, hzb, history, &mut stats)?,
             depth => raster(frame_context, &views, depth.bits(), hzb, history, &mut stats)?,
@@ -476,7 +483,7 @@ impl Renderer {
 /// What is to be drawn from each view.
 fn frame_contexts<'a>(
     scene: &'a Scene,
-    views: &[View],
+    views: &[(u64, View)],
     options: &'a RenderOptions,
     resident: &'a Resident,
 ) -> Vec<FrameContext<'a>> {

@@ -60,18 +60,19 @@ pub(super) fn drawn(frame: &Rastered, tau: f32, resident: &Resident, needs: &mut
 /// and this one does not. Nothing is left out for being hidden, so that they come after all that is needed now.
 pub(super) fn expected(
     scene: &Scene,
-    before: &[View],
-    now: &[View],
+    before: &[(u64, View)],
+    now: &[(u64, View)],
     tau: f32,
     resident: &Resident,
     needs: &mut Needs,
 ) {
-    if before.len() != now.len() || resident.is_empty() {
+    if resident.is_empty() {
         return;
     }
     let streamed = |(_, instance): &(u32, &Instance)| resident.streams(&instance.mesh);
     let instances: Vec<(u32, &Instance)> = scene.instances().iter().filter(streamed).collect();
-    for (before, now) in before.iter().zip(now) {
+    for (id, now) in now {
+        let Some((_, before)) = before.iter().find(|(other, _)| other == id) else { continue };
         let Some(ahead) = now.ahead(before, AHEAD) else { continue };
         let (found, _) = refined(&instances, now, tau, resident);
         let known: FxHashSet<(u32, u32)> = found.iter().map(|(slot, group, _)| (*slot, *group)).collect();

@@ -2,7 +2,7 @@
 
 use nanite_rs::Error;
 use nanite_rs::config::{OUTPUTS, Output, Outputs, RenderOptions};
-use nanite_rs::render::{Frame, FrameStats, ImageView, Renderer, Stage};
+use nanite_rs::render::{Frame, FrameStats, ImageView, Renderer, Stage, ViewDesc};
 use nanite_rs::scene::{Material, Scene};
 
 use crate::render_frames::{AnyView, CAMERA, IDENTITY, Pose, any_views, at, crowd, dag, lit, shoot};
@@ -300,8 +300,10 @@ mod on_a_device {
                     (CAMERA, at(0.0, 1.0, 9.0 + 10.0 * step)),
                 ];
                 let views = &all[..count];
-                let frames = on_gpu.render_views(&scene, views, &options, UNINTERRUPTED).unwrap();
-                let theirs = on_cpu.render_views(&scene, views, &options, UNINTERRUPTED).unwrap();
+                let frames =
+                    on_gpu.render_views(&scene, &ViewDesc::numbered(views), &options, UNINTERRUPTED).unwrap();
+                let theirs =
+                    on_cpu.render_views(&scene, &ViewDesc::numbered(views), &options, UNINTERRUPTED).unwrap();
                 assert_eq!((frames.len(), theirs.len()), (count, count));
                 for ((frame, their), (camera, pose)) in frames.iter().zip(&theirs).zip(views) {
                     let whole = shoot(&scene, camera, pose, size, &RenderOptions::default());

@@ -12,7 +12,7 @@ use nanite_rs::gpu::Context;
 use nanite_rs::gpu_types::{self, Array};
 use nanite_rs::mesh::{Colors, Positions, SourceMesh};
 use nanite_rs::model::{ColorFormat, Dag, UNINTERRUPTED};
-use nanite_rs::render::{Backend, Frame, Renderer, Stage};
+use nanite_rs::render::{Backend, Frame, Renderer, Stage, ViewDesc};
 use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
 use crate::gpu_raster::{self, Hardware};
@@ -219,6 +219,49 @@ fn what_stays_on_the_device_is_read_when_it_is_asked_for() {
     }
 }
 
+/// Views of several sizes, whose order changes from call to call: each frame is the one of its view alone, and follows the
+/// one that its view had before.
+pub fn views_by_identity(backend: &str) {
+    let scene = crowd();
+    let options = RenderOptions { occlusion: true, raster: Raster::Compute, ..options(1.0) };
+    let mut together = Renderer::new(200, 120, backend).unwrap();
+    let lens = [
+        ViewDesc::new(7, CAMERA, at(0.0, 0.0, 6.0)),
+        ViewDesc { size: Some((64, 48)), ..ViewDesc::new(3, PARALLEL, at(0.1, 0.0, 4.0)) },
+        ViewDesc { size: Some((333, 17)), ..ViewDesc::new(u64::MAX, CAMERA, at(0.0, 1.0, 9.0)) },
+    ];
+    let size = |view: &ViewDesc| view.size.unwrap_or((200, 120));
+    let mut apart = lens.map(|view| Renderer::new(size(&view).0, size(&view).1, backend).unwrap());
+    for order in [[0, 1, 2], [2, 0, 1], [1, 2, 0], [2, 1, 0]] {
+        let views = order.map(|k| lens[k]);
+        let frames = together.render_views(&scene, &views, &options, UNINTERRUPTED).unwrap();
+        for ((frame, view), k) in frames.iter().zip(&views).zip(order) {
+            assert_eq!((frame.width(), frame.height()), size(view));
+            let alone = apart[k].render(&scene, &view.camera, &view.pose, &options).unwrap();
+            assert!(frame.words().unwrap() == alone.words().unwrap());
+            for pass in [1, 2] {
+                let stages = [Stage::NodeCull, Stage::ClusterCull];
+                let counts = |frame: &Frame| stages.map(|stage| funnel(frame, stage, pass));
+                assert_eq!(counts(frame), counts(&alone), "view {} in pass {pass}", view.id);
+            }
+        }
+    }
+    let refused = |views: &[ViewDesc], what: &str| {
+        let error =
+            Renderer::new(200, 120, backend).unwrap().render_views(&scene, views, &options, UNINTERRUPTED);
+        let message = error.unwrap_err().to_string();
+        assert!(message.contains(what), "{message}");
+    };
+    refused(&[lens[0], lens[1], lens[0]], "views: two of them have the id 7");
+    refused(&[ViewDesc { size: Some((0, 4)), ..lens[0] }], "width: must be between 1 and");
+}
+
+#[test]
+fn views_of_any_size_share_a_submission() {
+    let Some(_) = device("views_of_any_size_share_a_submission") else { return };
+    views_by_identity("gpu");
+}
+
 #[test]
 fn several_views_of_one_submission_are_as_alone() {
     let Some(_) = device("several_views_of_one_submission_are_as_alone") else { return };
@@ -243,8 +286,10 @@ fn several_views_of_one_submission_are_as_alone() {
             (PARALLEL, at(-1.0, 0.0, 5.0)),
         ];
         let views = &all[..count];
-        let frames = together.render_views(&scene, views, &options, UNINTERRUPTED).unwrap();
-        let theirs = on_cpu.render_views(&scene, views, &options, UNINTERRUPTED).unwrap();
+        let frames =
+            together.render_views(&scene, &ViewDesc::numbered(views), &options, UNINTERRUPTED).unwrap();
+        let theirs =
+            on_cpu.render_views(&scene, &ViewDesc::numbered(views), &options, UNINTERRUPTED).unwrap();
         assert_eq!((frames.len(), theirs.len()), (count, count));
         for ((frame, their), (camera, pose)) in frames.iter().zip(&theirs).zip(views) {
             // Words number what was drawn, of which what is hidden depends on the frame before.
@@ -260,7 +305,8 @@ fn several_views_of_one_submission_are_as_alone() {
         }
         // Bit for bit what each of them draws by itself where nothing is left out.
         let whole = RenderOptions { occlusion: false, ..options.clone() };
-        let frames = together.render_views(&scene, views, &whole, UNINTERRUPTED).unwrap();
+        let frames =
+            together.render_views(&scene, &ViewDesc::numbered(views), &whole, UNINTERRUPTED).unwrap();
         for (frame, (camera, pose)) in frames.iter().zip(views) {
             same_arrays(frame, &on_device(&scene, camera, pose, size, &whole));
             assert!(frame.words().unwrap() == shoot(&scene, camera, pose, size, &whole).words().unwrap());
@@ -269,7 +315,7 @@ fn several_views_of_one_submission_are_as_alone() {
     // The device's own rasterizer takes its turn for each of them.
     let views = [(CAMERA, at(0.0, 0.0, 6.0)), (PARALLEL, at(0.1, 0.2, 4.0))];
     let hybrid = RenderOptions { raster: Raster::Hybrid, ..options };
-    if let Ok(frames) = together.render_views(&scene, &views, &hybrid, UNINTERRUPTED) {
+    if let Ok(frames) = together.render_views(&scene, &ViewDesc::numbered(&views), &hybrid, UNINTERRUPTED) {
         for (frame, (camera, pose)) in frames.iter().zip(&views) {
             let alone = shoot(&scene, camera, pose, size, &hybrid);
             let covered = |frame: &Frame| frame.words().unwrap().iter().map(|w| *w != 0).collect::<Vec<_>>();

@@ -7,7 +7,7 @@ use nanite_rs::build::{Silent, build};
 use nanite_rs::config::{BuildOptions, RenderOptions};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::{Dag, UNINTERRUPTED};
-use nanite_rs::render::{Frame, Renderer};
+use nanite_rs::render::{Frame, Renderer, ViewDesc};
 use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
 
 use crate::shapes::{Mesh, bumpy_sphere, cube, grid, torus};
@@ -165,7 +165,8 @@ fn what_a_frame_before_showed_changes_cost_and_no_pixel() {
         // Another view beside it, whose pictures are of elsewhere.
         let other = (CAMERA, at(10.0, 1.7, -10.0));
         let pair = [(CAMERA, *pose), other];
-        let mut beside = kept[1].render_views(&scene, &pair, &options, UNINTERRUPTED).unwrap();
+        let mut beside =
+            kept[1].render_views(&scene, &ViewDesc::numbered(&pair), &options, UNINTERRUPTED).unwrap();
         let frames = [
             kept[0].render(&scene, &CAMERA, pose, &options).unwrap(),
             kept[0].render(&scene, &CAMERA, pose, &options).unwrap(),
@@ -659,4 +660,10 @@ fn neighbouring_triangles_cover_every_pixel_exactly_once() {
     }
     // What is flat is coarse at every threshold but that of full detail.
     assert!(drawn.iter().all(|&n| n > 100), "both rasterizers take part: {drawn:?}");
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+fn on_the_cpu_views_are_found_by_their_identity() {
+    crate::gpu_parity::views_by_identity("cpu");
 }

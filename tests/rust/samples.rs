@@ -5,9 +5,9 @@ use std::f64::consts::FRAC_PI_2;
 use nanite_rs::config::{OUTPUTS, Output, RenderOptions, Samples, Transfer};
 #[cfg(feature = "gpu")]
 use nanite_rs::model::UNINTERRUPTED;
-#[cfg(feature = "gpu")]
-use nanite_rs::render::Renderer;
 use nanite_rs::render::{Frame, Stage};
+#[cfg(feature = "gpu")]
+use nanite_rs::render::{Renderer, ViewDesc};
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
 #[cfg(feature = "gpu")]
@@ -228,10 +228,13 @@ fn a_device_samples_as_the_cpu_does() {
             };
             let mut on_device = Renderer::new(size.0, size.1, "gpu").unwrap();
             let mut on_cpu = Renderer::new(size.0, size.1, "cpu").unwrap();
-            let cpu = on_cpu.render_views(&scene, &views, &options, UNINTERRUPTED).unwrap();
+            let cpu =
+                on_cpu.render_views(&scene, &ViewDesc::numbered(&views), &options, UNINTERRUPTED).unwrap();
             // Again with what is known of the frame before.
             for _ in 0..2 {
-                let gpu = on_device.render_views(&scene, &views, &options, UNINTERRUPTED).unwrap();
+                let gpu = on_device
+                    .render_views(&scene, &ViewDesc::numbered(&views), &options, UNINTERRUPTED)
+                    .unwrap();
                 for (gpu, cpu) in gpu.iter().zip(&cpu) {
                     same_light(&gpu.linear().unwrap(), &cpu.linear().unwrap(), DARK, "linear");
                     assert!(gpu.array(Output::Depth).unwrap() == cpu.array(Output::Depth).unwrap());

@@ -13,7 +13,7 @@ use nanite_rs::gpu::meshes::Meshes;
 use nanite_rs::limits::{PAGE_MAX_BYTES, ROOT_PAGE_MAX_BYTES};
 use nanite_rs::model::rule::Threshold;
 use nanite_rs::model::{Dag, PageWords, UNINTERRUPTED};
-use nanite_rs::render::{Frame, Renderer};
+use nanite_rs::render::{Frame, Renderer, ViewDesc};
 use nanite_rs::scene::{Material, Scene};
 use nanite_rs::stream::{Ask, Needs, Pool, Request, StreamOptions, StreamStats, Streamer};
 
@@ -416,14 +416,16 @@ fn waiting_for_a_disk_can_be_given_up() {
             let mut renderer = renderer(backend, all);
             renderer.stream(streaming.then_some(all));
             // What always is there, or everything.
-            given_up(|proceed| renderer.render_views(&scene, &near, &options, proceed));
+            given_up(|proceed| renderer.render_views(&scene, &ViewDesc::numbered(&near), &options, proceed));
             if streaming {
                 hangs.store(false, Ordering::Relaxed);
-                renderer.render_views(&scene, &far, &options, UNINTERRUPTED).unwrap();
+                renderer.render_views(&scene, &ViewDesc::numbered(&far), &options, UNINTERRUPTED).unwrap();
                 hangs.store(true, Ordering::Relaxed);
                 // What the picture needs besides: frames that do not wait come meanwhile.
                 for _ in 0..2 {
-                    given_up(|proceed| renderer.render_views(&scene, &near, &options, proceed));
+                    given_up(|proceed| {
+                        renderer.render_views(&scene, &ViewDesc::numbered(&near), &options, proceed)
+                    });
                     let soon = RenderOptions { wait: false, ..options.clone() };
                     let frame = renderer.render(&scene, &CAMERA, &near[0].1, &soon).unwrap();
                     assert!(stream(&frame).missing_pages > 0 && stream(&frame).draws == 1);
@@ -441,9 +443,13 @@ fn waiting_for_a_disk_can_be_given_up() {
         let (stored, hangs) = hanging();
         hangs.store(false, Ordering::Relaxed);
         let mut renderer = renderer(backend, all);
-        renderer.render_views(&scene_of(&stored), &far, &options, UNINTERRUPTED).unwrap();
+        renderer
+            .render_views(&scene_of(&stored), &ViewDesc::numbered(&far), &options, UNINTERRUPTED)
+            .unwrap();
         hangs.store(true, Ordering::Relaxed);
-        given_up(|proceed| renderer.render_views(&scene_of(&stored), &near, &options, proceed));
+        given_up(|proceed| {
+            renderer.render_views(&scene_of(&stored), &ViewDesc::numbered(&near), &options, proceed)
+        });
         drop(renderer);
         hangs.store(false, Ordering::Relaxed);
     }
