@@ -115,7 +115,7 @@ def to_pyvista(cut: Cut) -> Any:
 
 def _carried(cut: Cut) -> dict[str, NDArray[Any]]:
     """Colours and channels of vertices by name."""
-    colors = cut.colors
+    colors = cut.fine_colors
     if colors is None:
         return dict(cut._vertex_channels)
     # What is no byte is a number of 0 to 1 there.
@@ -156,8 +156,8 @@ def to_open3d(cut: Cut) -> Any:
         rows(cut.vertices.astype(np.float64)), numbers(cut.faces.astype(np.int32))
     )
     out.vertex_normals = rows(cut.normals.astype(np.float64))
-    if cut.colors is not None:
-        out.vertex_colors = rows(_colors.unit(cut.colors[:, :3]))
+    if cut.fine_colors is not None:
+        out.vertex_colors = rows(_colors.unit(cut.fine_colors[:, :3]))
     if cut.uvs:
         out.triangle_uvs = o3d.utility.Vector2dVector(cut.uvs[0][cut.faces.reshape(-1)].astype(np.float64))
     if cut.face_materials is not None:

@@ -294,7 +294,7 @@ def _document(cut: Cut, notes: Notes) -> _Gltf:
         # Accessors hold float32: what is large is the node's.
         origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
         vertices, node = (vertices - origin).astype(np.float32), {"mesh": 0, "translation": origin.tolist()}
-    extra = _channels(cut, notes)
+    extra, colors = _channels(cut, notes), cut.fine_colors
     primitives = []
     for piece in pieces(cut):
         own = vertices[piece.used]
@@ -303,9 +303,9 @@ def _document(cut: Cut, notes: Notes) -> _Gltf:
         }
         if piece.material.smooth:  # without normals faces are flat
             attributes["NORMAL"] = out.accessor(cut.normals[piece.used])
-        if cut.colors is not None:
-            whole = {"normalized": True} if cut.colors.dtype.kind == "u" else {}
-            attributes["COLOR_0"] = out.accessor(cut.colors[piece.used], **whole)
+        if colors is not None:
+            whole = {"normalized": True} if colors.dtype.kind == "u" else {}
+            attributes["COLOR_0"] = out.accessor(colors[piece.used], **whole)
         for number, uv in enumerate(cut.uvs):
             upright = uv[piece.used].astype(np.float64) * (1.0, -1.0) + (0.0, 1.0)
             attributes[f"TEXCOORD_{number}"] = out.accessor(upright.astype(np.float32))
@@ -390,12 +390,12 @@ def _word(label: str) -> str:
 def _obj(cut: Cut, path: str, notes: Notes) -> dict[str, bytes]:
     digits = _numbers(cut.vertices)
     text = [] if not cut.materials else [f"mtllib {Path(path).stem}.mtl\n"]
-    if cut.colors is None:
+    if cut.fine_colors is None:
         text.append(_lines(f"v {digits} {digits} {digits}\n", cut.vertices))
     else:
-        rows = np.concatenate([cut.vertices.astype(np.float64), _colors.unit(cut.colors[:, :3])], axis=1)
+        rows = np.concatenate([cut.vertices.astype(np.float64), _colors.unit(cut.fine_colors[:, :3])], axis=1)
         text.append(_lines(f"v {digits} {digits} {digits} %.9g %.9g %.9g\n", rows))
-        _note(notes, "alpha of vertex colours", not _colors.is_white(_colors.as_bytes(cut.colors[:, 3])))
+        _note(notes, "alpha of vertex colours", not _colors.is_white(_colors.as_bytes(cut.fine_colors[:, 3])))
     text.extend(_lines("vt %.9g %.9g\n", uv) for uv in cut.uvs[:1])
     text.append(_lines("vn %.9g %.9g %.9g\n", cut.normals))
     corner = "%d/%d/%d" if cut.uvs else "%d//%d"
@@ -490,8 +490,8 @@ def _ply(cut: Cut, path: str, notes: Notes) -> dict[str, bytes]:
 
     add("x y z", cut.vertices)
     add("nx ny nz", cut.normals)
-    if cut.colors is not None:
-        add("red green blue alpha", cut.colors)
+    if cut.fine_colors is not None:
+        add("red green blue alpha", cut.fine_colors)
     for number, uv in enumerate(cut.uvs):
         add("s t" if not number else f"s{number} t{number}", uv)
     for name, values in cut._vertex_channels.items():

@@ -93,7 +93,7 @@ def _built(cut: Cut) -> NaniteMesh:
         cut.vertices,
         cut.faces,
         normals=cut.normals,
-        colors=cut.colors,
+        colors=cut.fine_colors,
         uvs=cut.uvs,
         face_materials=cut.face_materials,
         options=options,

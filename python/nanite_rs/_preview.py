@@ -111,7 +111,9 @@ def cut_frame(cut: Cut) -> Frame:
     """A small frame of all triangles of a cut, each shaded as it lies."""
     # Nothing is asked of the errors of this mesh: only its triangles are drawn, which are those of the cut.
     options = BuildOptions(error="quadric")
-    mesh = NaniteMesh.from_arrays(cut.vertices, cut.faces, colors=cut.colors, options=options, progress=False)
+    mesh = NaniteMesh.from_arrays(
+        cut.vertices, cut.faces, colors=cut.fine_colors, options=options, progress=False
+    )
     return mesh_frame(mesh, pixel_error=0.0, flat=True)
 
 

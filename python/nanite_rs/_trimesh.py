@@ -326,12 +326,12 @@ def made(cut: Cut, *, process: bool) -> trimesh.Trimesh:
     elif cut.uvs:
         visual = trimesh.visual.TextureVisuals(uv=cut.uvs[0])
     elif cut.colors is not None:
-        visual = trimesh.visual.ColorVisuals(vertex_colors=_colors.as_bytes(cut.colors))
+        visual = trimesh.visual.ColorVisuals(vertex_colors=cut.colors)
     if cut.colors is not None and isinstance(visual, trimesh.visual.TextureVisuals):
-        visual.vertex_attributes["color"] = _colors.as_bytes(cut.colors)
+        visual.vertex_attributes["color"] = cut.colors
     if len(cut.uvs) > 1:
         notes.add("UV sets beyond the first")
-    if cut.colors is not None and cut.colors.dtype != np.uint8:
+    if cut.fine_colors is not None and cut.fine_colors.dtype != np.uint8:
         notes.add("colours finer than 8 bits")
     mesh = trimesh.Trimesh(
         vertices=cut.vertices,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _exchange, _export, _face_data, _notebook, _trimesh, io
+from nanite_rs import _advice, _checks, _colors, _exchange, _export, _face_data, _notebook, _trimesh, io
 from nanite_rs._channels import CutChannels
 
 if TYPE_CHECKING:
@@ -37,8 +37,10 @@ class Cut(_advice.Teaching):
         Triangles, counter-clockwise seen from the front.
     normals : (N, 3) float32 array
         Unit normals.
-    colors : (N, 4) uint8, uint16 or float32 array or None
-        Vertex colours.
+    colors : (N, 4) uint8 array or None
+        Vertex colours, linear RGBA.
+    fine_colors : (N, 4) uint8, uint16 or float32 array or None
+        The same as precise as the source has them, white 255, 65,535 or 1; `colors` itself where they are bytes.
     uvs : list of (N, 2) float32 arrays
         UV sets, as many as the source had.
     channels : mapping of names to (N,) or (N, K) arrays
@@ -89,6 +91,7 @@ class Cut(_advice.Teaching):
         "colors",
         "error",
         "faces",
+        "fine_colors",
         "materials",
         "normals",
         "uvs",
@@ -100,7 +103,10 @@ class Cut(_advice.Teaching):
         self.vertices: NDArray[np.float32] | NDArray[np.float64] = core.vertices
         self.faces: NDArray[np.int32] = core.faces
         self.normals: NDArray[np.float32] = core.normals
-        self.colors: NDArray[Any] | None = core.colors
+        self.fine_colors: NDArray[Any] | None = core.colors
+        self.colors: NDArray[np.uint8] | None = (
+            None if self.fine_colors is None else _colors.as_bytes(self.fine_colors)
+        )
         self.uvs: list[NDArray[np.float32]] = core.uvs
         layout, self._face_names = _face_data.layout(rows.name for rows in core.channels)
         self.channels: Mapping[str, NDArray[Any]] = CutChannels(core.channels)

@@ -234,7 +234,7 @@ def _source(mesh: Any) -> io.Source:
             "mesh: a NaniteMesh holds all levels of detail; mesh.cut(target_faces=5000) picks one of them"
         )
     if isinstance(mesh, Cut):
-        own = (mesh.normals, mesh.colors, mesh.uvs, mesh._vertex_channels, mesh.face_materials)
+        own = (mesh.normals, mesh.fine_colors, mesh.uvs, mesh._vertex_channels, mesh.face_materials)
         of_faces = dict(mesh.face_channels)
         return io.Source(mesh.vertices, mesh.faces, *own, of_faces, mesh.materials)  # type: ignore[arg-type]
     package = type(mesh).__module__.split(".")[0]

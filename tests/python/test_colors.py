@@ -28,7 +28,8 @@ def painted(dtype, vertices=VERTICES):
 
 def by_place(cut) -> dict[bytes, bytes]:
     return {
-        p.tobytes(): c.tobytes() for p, c in zip(cut.vertices.astype(np.float32), cut.colors, strict=True)
+        p.tobytes(): c.tobytes()
+        for p, c in zip(cut.vertices.astype(np.float32), cut.fine_colors, strict=True)
     }
 
 
@@ -47,8 +48,10 @@ def test_full_detail_has_the_bits_that_were_given(dtype, quality, tmp_path) -> N
     given = {p.tobytes(): c.tobytes() for p, c in zip(VERTICES, colors, strict=True)}
     for one in (mesh, stored, pickle.loads(pickle.dumps(mesh))):
         cut = one.cut(error=0)
-        assert cut.colors.dtype == dtype
-        assert cut.colors.flags.c_contiguous
+        assert cut.fine_colors.dtype == dtype
+        assert cut.fine_colors.flags.c_contiguous
+        assert cut.colors.dtype == np.uint8
+        assert_array_equal(cut.colors, np.rint(255 * _colors.unit(cut.fine_colors)))
         assert by_place(cut) == given
 
 
@@ -62,12 +65,12 @@ def test_coarse_cuts_and_decimation_blend_what_is_fine(dtype) -> None:
         mesh.cut(target_faces=701),
         nrs.decimate((VERTICES, FACES), target_faces=700, colors=painted(dtype)),
     ):
-        assert cut.colors.dtype == dtype
+        assert cut.fine_colors.dtype == dtype
         near = trimesh.proximity.closest_point(trimesh.Trimesh(VERTICES, FACES), cut.vertices)[0]
         wanted = _colors.unit(painted(np.float32, near))
         # Colours are smooth: a vertex has about those of where it lies.
-        assert np.abs(_colors.unit(cut.colors) - wanted).max() < 0.004 + step
-    steps = np.unique(mesh.cut(target_faces=700).colors[:, 0])
+        assert np.abs(_colors.unit(cut.fine_colors) - wanted).max() < 0.004 + step
+    steps = np.unique(mesh.cut(target_faces=700).fine_colors[:, 0])
     assert (len(steps) < 15) == (dtype == np.uint8)
 
 
@@ -98,15 +101,15 @@ def test_files_keep_them(dtype, tmp_path) -> None:
     for ending in ("glb", "gltf", "ply"):
         cut.export(tmp_path / f"a.{ending}")
         back = nrs.NaniteMesh.from_file(tmp_path / f"a.{ending}").cut(error=0)
-        assert back.colors.dtype == dtype, ending
+        assert back.fine_colors.dtype == dtype, ending
         assert by_place(back) == by_place(cut), ending
     with pytest.warns(UserWarning, match="alpha of vertex colours"):
         cut.export(tmp_path / "a.obj")
     back = nrs.NaniteMesh.from_file(tmp_path / "a.obj").cut(error=0)
-    assert back.colors.dtype == dtype
+    assert back.fine_colors.dtype == dtype
     # Nine digits are read as float64, which is kept about an origin of float64.
     order = [np.lexsort(np.round(one.vertices, 4).T) for one in (back, cut)]
-    assert_array_equal(back.colors[order[0], :3], cut.colors[order[1], :3])
+    assert_array_equal(back.fine_colors[order[0], :3], cut.fine_colors[order[1], :3])
 
 
 def test_parts_of_a_file_meet_in_what_holds_all_of_them() -> None:

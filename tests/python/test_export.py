@@ -158,7 +158,7 @@ def test_what_trimesh_reads_of_a_glb(tmp_path) -> None:
     assert len(mesh.faces) == len(cut)
     assert np.array_equal(mesh.vertices[mesh.faces], cut.vertices[cut.faces])
     assert np.allclose(mesh.visual.uv[mesh.faces], cut.uvs[0][cut.faces], atol=1e-6)
-    assert np.array_equal(mesh.visual.vertex_attributes["color"][mesh.faces], cut.colors[cut.faces])
+    assert np.array_equal(mesh.visual.vertex_attributes["color"][mesh.faces], cut.fine_colors[cut.faces])
     assert np.array_equal(np.asarray(mesh.visual.material.baseColorTexture.convert("RGB")), PIXELS)
     assert mesh.visual.material.roughnessFactor == 0.25
     assert pictures(cut, mesh) > 40
@@ -227,8 +227,8 @@ def test_colours_stay_as_fine_as_they_were(tmp_path) -> None:
     cut.export(tmp_path / "b.glb")
     again = nrs.NaniteMesh.from_file(tmp_path / "b.glb").cut(error=0)
     for one in (cut, again):
-        assert one.colors.dtype == np.float32
-        assert np.array_equal(np.sort(one.colors[:, :3], axis=0), np.sort(dark, axis=0))
+        assert one.fine_colors.dtype == np.float32
+        assert np.array_equal(np.sort(one.fine_colors[:, :3], axis=0), np.sort(dark, axis=0))
 
 
 def test_the_document_is_valid(tmp_path) -> None:
@@ -283,7 +283,7 @@ def test_ply_holds_what_vertices_carry(tmp_path) -> None:
     raw = mesh.metadata["_ply_raw"]
     assert np.array_equal(raw["vertex"]["data"]["part"], cut.channels["part"])
     for k, name in enumerate(("red", "green", "blue", "alpha")):
-        assert np.array_equal(raw["vertex"]["data"][name], cut.colors[:, k])
+        assert np.array_equal(raw["vertex"]["data"][name], cut.fine_colors[:, k])
     assert np.array_equal(raw["vertex"]["data"]["s1"], cut.uvs[1][:, 0])
     assert np.array_equal(raw["face"]["data"]["material_index"].ravel(), cut.face_materials)
 
@@ -339,7 +339,7 @@ def test_to_trimesh_is_textured() -> None:
         cut = mesh.cut(target_faces=500)
         with pytest.warns(UserWarning, match="to_trimesh: not everything is kept: UV sets beyond the first"):
             made = cut.to_trimesh()
-        assert np.array_equal(made.visual.vertex_attributes["color"], np.rint(255 * cut.colors))
+        assert np.array_equal(made.visual.vertex_attributes["color"], cut.colors)
         assert pictures(cut, made) > 40
         back = nrs.NaniteMesh.from_trimesh(made)
         assert len(back.materials) == len(materials)
@@ -353,7 +353,7 @@ def test_colours_alone_stay_colours_for_trimesh() -> None:
         cut = mesh.cut(error=0)
         with pytest.warns(UserWarning, match="colours finer than 8 bits"):
             made = cut.to_trimesh()
-        assert np.array_equal(made.visual.vertex_colors, np.rint(255 * cut.colors))
+        assert np.array_equal(made.visual.vertex_colors, cut.colors)
 
 
 # ------------------------------------------------------------------------------------------------------- real files

@@ -52,9 +52,10 @@ def test_colours_of_every_type(tmp_path, kind, columns, said) -> None:
     for cut in both(document.save(tmp_path / "a.glb")):
         x, y = cut.vertices[:, 0], cut.vertices[:, 1]
         expected = np.stack([x, y, 1 - x, 0.5 + y / 2], 1)[:, :columns]
-        assert cut.colors.dtype == kind
+        assert np.abs(cut.colors[:, :columns] - 255 * expected).max() <= 0.51
+        assert cut.fine_colors.dtype == kind
         white = 1.0 if kind is np.float32 else np.iinfo(kind).max
-        assert np.abs(cut.colors[:, :columns] / white - expected).max() <= 0.51 / white
+        assert np.abs(cut.fine_colors[:, :columns] / white - expected).max() <= 0.51 / white
         assert "COLOR_0" not in cut.channels
 
 
@@ -196,8 +197,8 @@ def test_dracos_numbers_have_the_type_of_their_accessor(tmp_path) -> None:
     )
     for cut in both(document.save(tmp_path / "a.glb")):
         x, y = cut.vertices[:, 0], cut.vertices[:, 1]
-        assert cut.colors.dtype == np.uint16
-        assert np.abs(cut.colors / 65535 - np.stack([x, y, 1 - x, 0 * x + 1], 1)).max() < 1e-4
+        assert cut.fine_colors.dtype == np.uint16
+        assert np.abs(cut.fine_colors / 65535 - np.stack([x, y, 1 - x, 0 * x + 1], 1)).max() < 1e-4
         assert cut.channels["_FEATURE_ID_0"].dtype == np.uint16
         assert np.array_equal(cut.channels["_FEATURE_ID_0"], np.rint(x * 8 + y * 72))
 
