@@ -2,7 +2,7 @@
 
 use nanite_rs::Error;
 use nanite_rs::config::{OUTPUTS, Output, Outputs, RenderOptions};
-use nanite_rs::render::{Frame, FrameStats, ImageView, Renderer, Stage, ViewDesc};
+use nanite_rs::render::{Frame, FrameStats, ImageView, Renderer, Stage};
 use nanite_rs::scene::{Material, Scene};
 
 use crate::render_frames::{AnyView, CAMERA, IDENTITY, Pose, any_views, at, crowd, dag, lit, shoot};
@@ -151,6 +151,7 @@ fn nothing_but_depth_is_asked_for_or_given() {
 mod on_a_device {
     use nanite_rs::config::Raster;
     use nanite_rs::model::UNINTERRUPTED;
+    use nanite_rs::render::ViewDesc;
     use nanite_rs::scene::Camera;
 
     use super::*;
