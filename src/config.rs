@@ -225,7 +225,7 @@ pub enum Output {
     ShadingNormal,
     /// Occlusion, roughness and metallic.
     Orm,
-    /// Light given off.
+    /// Emitted light.
     Emissive,
 }
 

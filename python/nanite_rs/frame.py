@@ -170,7 +170,7 @@ class Frame(_advice.Teaching):
 
     @cached_property
     def emissive(self) -> NDArray[np.float32]:
-        """Light given off, (H, W, 3) float32, linear; zero where nothing is covered."""
+        """Emitted light, (H, W, 3) float32, linear; zero where nothing is covered."""
         return self._frame.emissive()
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Lights, and light from all around."""
+"""Lights, and environment maps."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ Light: TypeAlias = DirectionalLight | PointLight | SpotLight
 @_advice.teaching
 @dataclass(frozen=True)
 class Environment:
-    """Light from all around, as an equirectangular map of it: ``shading="gltf"`` alone knows it.
+    """An environment map, equirectangular, for image-based lighting: ``shading="gltf"`` alone knows it.
 
     Rows go from +Y down to −Y. The middle of the map is +X; to its right follow +Z, then, at both edges, −X, then
     −Z. What surfaces of each roughness see of it is worked out once for an `Image`, when an environment of it is

@@ -50,7 +50,7 @@ class Material:
     roughness: float = 0.8
     """Perceptual roughness, 0 to 1; below 0.04 it is shaded as 0.04."""
     emissive: Color = (0.0, 0.0, 0.0)
-    """Light given off, linear RGB; ``shading="pyrender"`` multiplies by it twice, as pyrender does."""
+    """Emitted light, linear RGB; ``shading="pyrender"`` multiplies by it twice, as pyrender does."""
     double_sided: bool = False
     """Draw back faces too."""
     smooth: bool = True
@@ -67,7 +67,7 @@ class Material:
     occlusion_texture: Texture | None = None
     """In red, how much of the light from everywhere arrives."""
     emissive_texture: Texture | None = None
-    """Times the light given off; sRGB."""
+    """Multiplies the emitted light; sRGB."""
     normal_scale: float = 1.0
     """Times X and Y of the normal texture."""
     occlusion_strength: float = 1.0

@@ -60,7 +60,7 @@ class BuildOptions:
     mean edge length of distance."""
     preserve_area: bool = False
     """For foliage and hair: of small islands such as leaves, those that stay grow until as much is covered as
-    before, seen from all around, where otherwise a crown of leaves thins out. Builds up to twice as long, of
+    before, seen from all directions, where otherwise a crown of leaves thins out. Builds up to twice as long, of
     many small islands and with "quadric" errors four times and more."""
     crease_angle: float | None = None
     """Of meshes without normals: faces that meet at more than so many degrees, 0 to 180, have an edge between them,

@@ -229,7 +229,7 @@ class Scene(_advice.Teaching):
     bg_color : three floats
         Colour of pixels that nothing covers, 0 to 1, written as it is (not gamma-encoded).
     environment : Environment, optional
-        Light from all around, by a map.
+        The environment map.
 
     Examples
     --------
@@ -456,7 +456,7 @@ class Scene(_advice.Teaching):
 
     @property
     def environment(self) -> Environment | None:
-        """Light from all around, by a map; assign to change it, or ``None`` for none.
+        """The environment map; assign to change it, or ``None`` for none.
 
         Assigning raises `ArgumentError` where the map is not twice as wide as high, where its light is negative or
         brighter than 1e18, and where intensity or rotation are out of range.

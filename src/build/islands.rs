@@ -6,7 +6,7 @@
 //! ones such as trunks stay as they are, and of the small ones those that stay share the area evenly. They take over
 //! not the whole area but as much as is seen of it: few leaves hide each other less than many do, and with all of
 //! the area the trees that were measured covered up to three times what they had. What is seen is counted in small
-//! pictures from all around, see `silhouette`.
+//! images from all directions, see `silhouette`.
 
 use super::silhouette::{Silhouette, Silhouettes};
 use super::store::LocalMesh;

@@ -1,4 +1,4 @@
-//! How much of the sight a surface takes, from all around: what foliage has to keep as its leaves become fewer.
+//! How much of the view a surface covers, from all directions: what foliage has to keep as its leaves become fewer.
 
 use crate::math::Aabb;
 

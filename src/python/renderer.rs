@@ -253,7 +253,7 @@ impl Frame {
         self.planes(py, |frame| frame.take(Output::Orm).map(Vec::from))
     }
 
-    /// Light given off, float32.
+    /// Emitted light, float32.
     fn emissive(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
         self.planes(py, |frame| frame.take(Output::Emissive).map(Vec::from))
     }
