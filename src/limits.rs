@@ -29,6 +29,9 @@ pub const SUBPIXEL_BITS: u32 = 8;
 pub const TRIANGLE_BITS: u32 = 7;
 /// Next bits of a visibility word: 1 + the index in the frame's visible list (0 is background).
 pub const VISIBLE_BITS: u32 = 25;
+/// Views whose history is kept, besides those of a call.
+pub const MAX_HISTORIES: usize = 64;
+
 /// Most visible clusters of a frame.
 pub const MAX_VISIBLE: usize = (1 << VISIBLE_BITS) - 1;
 

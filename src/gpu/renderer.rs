@@ -1,5 +1,6 @@
 //! Draws frames: uploads what is needed, submits, reads back, and grows what was too short.
 
+use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -22,7 +23,7 @@ use super::{
 use crate::config::{Output, Raster};
 use crate::error::{Error, Result};
 use crate::gpu_types::{Array, Counters, Dispatch, HISTORY_LIST, TraversalItem, View};
-use crate::limits::MAX_VISIBLE;
+use crate::limits::{MAX_HISTORIES, MAX_VISIBLE};
 use crate::stages::Stage;
 use crate::stream::Resident;
 
@@ -32,9 +33,6 @@ const FIRST_ROOM: Room = Room { items: 1 << 12, candidate_groups: 1 << 12, visib
 /// Frames of a view that may leave their visibility buffers on the device, while they are there: in a loop, one is while the
 /// next is drawn. With more of them they are read.
 const MOST_ON_DEVICE: usize = 2;
-
-/// Views that are kept on the device at most, besides those of a call.
-const MOST_HISTORIES: usize = 64;
 
 /// Bytes of a picture that a thread copies at a time.
 const COPIED_AT_ONCE: usize = 1 << 18;
@@ -116,14 +114,17 @@ impl DeviceRenderer {
         let size = |request: &ViewRequest<'_>| (request.view.width, request.view.height);
         let largest = requests.iter().map(size).fold((0, 0), |a, b| (a.0.max(b.0), a.1.max(b.1)));
         let raster = calibrate::choose(&self.context, ways.raster, largest)?;
-        // They are out of the table while they are drawn, in the order of the views, and come back whatever happens.
-        let mut histories = Vec::with_capacity(requests.len());
+        // What is new is made first, so that nothing known is lost where that fails.
         for request in &*requests {
-            let known = self.histories.remove(&request.id);
-            histories.push(known.map_or_else(|| ViewHistory::new(&self.context), Ok)?);
+            if let Entry::Vacant(place) = self.histories.entry(request.id) {
+                place.insert(ViewHistory::new(&self.context)?);
+            }
         }
+        // They are out of the table while they are drawn, in the order of the views, and come back whatever happens.
+        let mut histories: Vec<ViewHistory> =
+            requests.iter().filter_map(|request| self.histories.remove(&request.id)).collect();
         let drawn = self.draw_views(&mut histories, requests, Ways { raster, ..ways }, resident);
-        if self.histories.len() + histories.len() > MOST_HISTORIES {
+        if self.histories.len() > MAX_HISTORIES {
             self.histories.clear();
         }
         self.histories.extend(requests.iter().map(|request| request.id).zip(histories));

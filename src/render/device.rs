@@ -226,13 +226,13 @@ fn stages(drawn: &Drawn, instances: u64, covered: u64, screen: &Screen) -> Vec<S
         };
         // A first pass that starts from a list leaves instances to the second and walks to no group; else the second lists
         // the groups of both.
-        let (occluded_queue, known) = match (&drawn.cull_passes[..], drawn.listed) {
+        let (deferred, known) = match (&drawn.cull_passes[..], drawn.listed) {
             ([_, second], true) => (second.starts, if pass == 1 { *groups } else { 0 }),
             ([first, _], false) if pass == 2 => (0, first.groups),
             _ => (0, 0),
         };
         let (received, passed) = match stage {
-            Stage::InstanceCull => (instances, starts + occluded_queue),
+            Stage::InstanceCull => (instances, starts + deferred),
             Stage::NodeCull => (*visited, groups.saturating_sub(known)),
             Stage::ClusterCull => (counters.visited_clusters.into(), *clusters),
             Stage::RasterSmall => (counters.triangles_small.into(), counters.drawn_small.into()),

@@ -24,6 +24,7 @@ use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::visibility::{Pixel, Visible};
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
+use crate::limits::MAX_HISTORIES;
 use crate::model::{InterruptCheck, UNINTERRUPTED};
 use crate::scene::placement::Eye;
 use crate::scene::{Camera, Instance, Lighting, Scene, View};
@@ -32,9 +33,6 @@ use crate::stream::{Needs, Resident, StreamOptions, Streamer};
 
 /// Frames that are drawn at most until all is there: more than levels, of which each makes the next one wanted.
 const MOST_FRAMES: u64 = 64;
-
-/// Views whose history is kept at most, besides those of the last call.
-const MOST_HISTORIES: usize = 64;
 
 /// Where frames are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -436,7 +434,7 @@ impl Renderer {
                 drawn => return drawn,
             }
         }
-        if self.history.len() > MOST_HISTORIES {
+        if self.history.len() > MAX_HISTORIES {
             self.history.retain(|id, _| frame_contexts.iter().any(|frame_context| frame_context.id == *id));
         }
         frame_contexts.iter().map(|frame_context| self.draw_on_cpu(frame_context)).collect()
