@@ -6,9 +6,6 @@
 // The second pass keeps what the first one drew, and tests all other clusters.
 // Needs: occlusion.wgsl, lod.wgsl, records.wgsl, cone.wgsl, tiles.wgsl.
 
-// GROUPS_PER_WORKGROUP at least: one for each is written to by a lane of its own.
-override CULL_LANES: u32 = WIDTH;
-
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
 @group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
@@ -113,7 +110,7 @@ fn still_refined(candidate: CandidateGroup) -> bool {
     return exceeds(lod_view(instance), group.lod_sphere, group.error);
 }
 
-@compute @workgroup_size(CULL_LANES)
+@compute @workgroup_size(WIDTH)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
     @builtin(local_invocation_id) local: vec3<u32>,
@@ -154,7 +151,7 @@ fn main(
     for (var group = 0u; group < GROUPS_PER_WORKGROUP; group++) {
         total += countOneBits(waiting[group]);
     }
-    for (var entry = lane; entry < total; entry += CULL_LANES) {
+    for (var entry = lane; entry < total; entry += WIDTH) {
         var rest = entry;
         var group = 0u;
         var end = 0u;

@@ -8,7 +8,7 @@
 @group(0) @binding(1) var<storage, read> blocks: Dispatch;
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
 
-@compute @workgroup_size(SCAN_LANES)
+@compute @workgroup_size(SCAN_WIDTH)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
     @builtin(local_invocation_id) local: vec3<u32>,
@@ -30,7 +30,7 @@ fn main(
         }
     }
     let sum = inclusive_sum(lane, count);
-    if lane == SCAN_LANES - 1u && block < arrayLength(&sums) {
+    if lane == SCAN_WIDTH - 1u && block < arrayLength(&sums) {
         sums[block] = sum;
     }
 }

@@ -103,7 +103,7 @@ fn list(word: u32, mask_of_word: u32, first_number: u32, first_places: vec4<u32>
     return places;
 }
 
-@compute @workgroup_size(SCAN_LANES)
+@compute @workgroup_size(SCAN_WIDTH)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
     @builtin(local_invocation_id) local: vec3<u32>,

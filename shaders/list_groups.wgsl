@@ -22,20 +22,6 @@
 fn instance_of(word: u32, earliest: u32) -> u32 {
     var low = earliest;
     var high = view.instances;
-    if low + 1u < high {
-        // Of a crowd many have as many words as each other: if all had, it would be this one.
-        let start = instances[low].group_words;
-        let own = max(instances[low + 1u].group_words - start, 1u);
-        let guess = min(low + (word - start) / own, high - 1u);
-        if instances[guess].group_words > word {
-            high = guess;
-        } else {
-            low = guess;
-            if low + 1u < high && instances[low + 1u].group_words > word {
-                return low;
-            }
-        }
-    }
     while high - low > 1u {
         let middle = (low + high) / 2u;
         if instances[middle].group_words <= word {
@@ -77,7 +63,7 @@ fn filled_from(first: u32) -> u32 {
     return bits[at];
 }
 
-@compute @workgroup_size(SCAN_LANES)
+@compute @workgroup_size(SCAN_WIDTH)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
     @builtin(local_invocation_id) local: vec3<u32>,

@@ -4,21 +4,21 @@
 // Needs: frame_bindings.wgsl, surface.wgsl, key.wgsl.
 
 fn mixed(bits: u32, word: u32) -> u32 {
-    var x = (bits ^ word) * 0x85ebca6bu;
+    var x = (bits ^ word) * HASH_FACTOR_0;
     x ^= x >> 15u;
-    x = x * 0xc2b2ae35u;
+    x = x * HASH_FACTOR_1;
     return x ^ (x >> 13u);
 }
 
 fn hash(a: u32, b: u32, c: u32) -> u32 {
-    return mixed(mixed(mixed(0x9e3779b9u, a), b), c);
+    return mixed(mixed(mixed(HASH_SEED, a), b), c);
 }
 
 // A bright colour from random bits.
 fn hue(bits: u32) -> vec3<f32> {
     let h = f32(bits & 0xffffu) / 65536.0;
-    let value = 0.7 + 0.3 * (f32(bits >> 16u & 0xffu) / 255.0);
-    let saturation = 0.45 + 0.4 * (f32(bits >> 24u) / 255.0);
+    let value = HUE_VALUE_0 + HUE_VALUE_1 * (f32(bits >> 16u & 0xffu) / 255.0);
+    let saturation = HUE_SATURATION_0 + HUE_SATURATION_1 * (f32(bits >> 24u) / 255.0);
     let t = h + vec3<f32>(0.0, 1.0 / 3.0, 2.0 / 3.0);
     let away = abs((t - floor(t)) * 6.0 - 3.0) - 1.0;
     return value * (1.0 - saturation * (1.0 - clamp(away, vec3<f32>(0.0), vec3<f32>(1.0))));
@@ -26,17 +26,17 @@ fn hue(bits: u32) -> vec3<f32> {
 
 // Red, orange, yellow, green, cyan, blue over 0 to 1.
 fn ramp(t: f32) -> vec3<f32> {
-    let h = clamp(t, 0.0, 1.0) * 4.2;
+    let h = clamp(t, 0.0, 1.0) * RAMP_SIXTHS;
     let shifted = h + vec3<f32>(0.0, 4.0, 2.0);
     let turn = select(shifted, shifted - 6.0, shifted >= vec3<f32>(6.0));
-    return 0.12 + 0.85 * clamp(abs(turn - 3.0) - 1.0, vec3<f32>(0.0), vec3<f32>(1.0));
+    return RAMP_VALUE_0 + RAMP_VALUE_1 * clamp(abs(turn - 3.0) - 1.0, vec3<f32>(0.0), vec3<f32>(1.0));
 }
 
 // The colour of a debug view, darkened where the surface turns away.
 fn identity_color(surfel: Surfel, triangle: u32) -> u32 {
     var color: vec3<f32>;
     if OUTPUT == OUTPUT_LEVELS {
-        color = ramp(f32(page_word(surfel.record + RECORD_COUNTS) >> 16u & 0xffu) / 14.0);
+        color = ramp(f32(page_word(surfel.record + RECORD_COUNTS) >> 16u & 0xffu) / RAMP_LEVELS);
     } else {
         var what = vec2<u32>(surfel.cluster, triangle);
         if OUTPUT == OUTPUT_CLUSTERS {
@@ -47,7 +47,7 @@ fn identity_color(surfel: Surfel, triangle: u32) -> u32 {
         }
         color = hue(hash(surfel.instance, what.x, what.y));
     }
-    let facing = 0.35 + 0.65 * abs(surfel.normal.z);
+    let facing = FACING_0 + FACING_1 * abs(surfel.normal.z);
     let bytes = vec3<u32>(color * facing * 255.0 + 0.5);
     return bytes.x | bytes.y << 8u | bytes.z << 16u;
 }

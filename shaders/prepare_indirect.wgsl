@@ -13,9 +13,9 @@
 @group(0) @binding(5) var<storage, read_write> indirect: array<Dispatch, INDIRECT_ENTRIES>;
 
 fn build_pyramid() {
-    // From the pixels on, each round starts from the last level of the one before.
+    // From the pixels on, each dispatch starts from the last level of the one before.
     for (var level = 0u; level == 0u || level + 1u < view.levels; level += LEVELS_PER_DISPATCH) {
-        let side = PYRAMID_SIDE << LEVELS_PER_DISPATCH;
+        let side = 1u << LEVELS_PER_DISPATCH;
         let size = (view.pyramid[level].xy + side - 1u) / side;
         let entry = INDIRECT_PYRAMID + level / LEVELS_PER_DISPATCH;
         indirect[entry] = Dispatch(size.x, size.y, 1u, 0u, 0u, 0u, array<u32, 2>());

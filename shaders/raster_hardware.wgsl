@@ -101,7 +101,7 @@ fn value_of_large(pixel: vec2<i32>, a: vec2<i32>, b: vec2<i32>, c: vec2<i32>, v:
 @fragment
 fn pixel(in: Corner) {
     let at = vec2<i32>(in.position.xy);
-    let number = u32(at.y) * view.width + u32(at.x);
+    let number = pixel_address(u32(at.x), u32(at.y));
     if LIST == LIST_SMALL {
         put(number, depth_key(value_of_small(at, in.ab.xy, in.ab.zw, in.c, in.values)), in.low);
         return;

@@ -204,7 +204,7 @@ fn fill(p: Piece, row: i32, low: u32) {
         let weights = vec3<f32>(weight(at0, e0.bias), weight(at1, e1.bias), weight(at2, e2.bias));
         let key = depth_key(mean(weights, v, inverse));
         if key >= view.far_key {
-            offer(u32(row) * view.width + u32(column), key, low);
+            offer(pixel_address(u32(column), u32(row)), key, low);
         }
         at0 = wide_add(at0, wide(e0.step));
         at1 = wide_add(at1, wide(e1.step));

@@ -3,8 +3,6 @@
 // Reads the list of small clusters and their pages. Writes the visibility buffer by atomic maxima.
 // Needs: triangle.wgsl.
 
-override RASTER_LANES: u32 = CLUSTER_MAX_TRIANGLES;
-
 // Triangles that face the eye and have a box with pixels.
 var<workgroup> drawn: atomic<u32>;
 // Snapped places, and the bits of depth values.
@@ -55,28 +53,26 @@ fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
     // From behind the end of a row to the start of the next.
     let down = vec3<i32>(e0.z, e1.z, e2.z) - across * right;
     var at = vec3<i32>(e0.x, e1.x, e2.x);
-    var pixel = u32(rows.x) * view.width + u32(columns.x);
     var column = 0;
     var row = 0;
     // One loop over rows and columns: lanes wait for the triangle with most pixels, not for most rows times most columns.
     for (var n = 0; n < count; n++) {
         if (at.x | at.y | at.z) >= 0 {
+            let pixel = pixel_address(u32(columns.x + column), u32(rows.x + row));
             put(pixel, depth_key(value_at(depth, column, row)), low);
         }
         column++;
-        pixel++;
         at += right;
         if column == across {
             column = 0;
             row++;
-            pixel += view.width - u32(across);
             at += down;
         }
     }
     return true;
 }
 
-@compute @workgroup_size(RASTER_LANES)
+@compute @workgroup_size(CLUSTER_MAX_TRIANGLES)
 fn main(
     @builtin(workgroup_id) workgroup: vec3<u32>,
     @builtin(local_invocation_id) local: vec3<u32>,
@@ -99,13 +95,13 @@ fn main(
     if lane == 0u {
         atomicStore(&drawn, 0u);
     }
-    for (var v = lane; v < vertices; v += RASTER_LANES) {
+    for (var v = lane; v < vertices; v += CLUSTER_MAX_TRIANGLES) {
         let p = project(homogeneous(screen, position_of(streams, v)));
         snapped[v] = vec3<i32>(snap(p.x), snap(p.y), bitcast<i32>(p.z));
     }
     workgroupBarrier();
     var own = 0u;
-    for (var t = lane; t < triangles; t += RASTER_LANES) {
+    for (var t = lane; t < triangles; t += CLUSTER_MAX_TRIANGLES) {
         var corners = triangle_corners(streams, t);
         if !mirrored {
             corners = corners.xzy;

@@ -2,7 +2,7 @@
 // One workgroup handles a block of pixels, one invocation a column of it; blocks that the first pass did not touch are
 // skipped.
 // Reads the new numbers. Reads and writes the visibility buffer.
-// Needs: tiles.wgsl.
+// Needs: target.wgsl, tiles.wgsl.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> renumbered: array<u32>;
@@ -24,7 +24,7 @@ fn main(
         return;
     }
     for (var row = first.y; row < end.y; row++) {
-        let pixel = row * view.width + column;
+        let pixel = pixel_address(column, row);
         let low = words[pixel].x;
         let number = (~low >> TRIANGLE_BITS) - 1u;
         if low != 0u && number < arrayLength(&renumbered) {

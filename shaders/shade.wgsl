@@ -28,17 +28,17 @@ fn reflect_light(bsdf: Bsdf, diffuse: vec3<f32>, f0: vec3<f32>, v: vec3<f32>, l:
     var gloss: f32;
     if lighting.shading == SHADING_GLTF {
         nl = between(dot3(n, l), 0.0, 1.0);
-        let nv = between(dot3(n, v), 0.001, 1.0);
+        let nv = between(dot3(n, v), LEAST_COSINE, 1.0);
         let rest = -(alpha2 - 1.0);
         let heights = nl * sqrt(nv * nv * rest + alpha2) + nv * sqrt(nl * nl * rest + alpha2);
         gloss = alpha2 * 0.5 / (d * d * PI * heights);
     } else {
-        nl = between(dot3(n, l), 0.001, 1.0);
-        let nv = between(abs(dot3(n, v)), 0.001, 1.0);
+        nl = between(dot3(n, l), LEAST_COSINE, 1.0);
+        let nv = between(abs(dot3(n, v)), LEAST_COSINE, 1.0);
         let k = (r + 1.0) * (r + 1.0) / 8.0;
         let rest = -(k - 1.0);
         let smith = (nv * rest + k) * (nl * rest + k);
-        gloss = nv * nl * alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + 0.001));
+        gloss = nv * nl * alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + LEAST_COSINE));
     }
     let f = schlick * -(f0 - 1.0) + f0;
     return nl * (-(f - 1.0) * (diffuse * (1.0 / PI)) + f * gloss);
@@ -111,8 +111,8 @@ fn color_of(seen: Seen, tint: vec3<f32>) -> vec3<f32> {
     }
     // pyrender takes what is reflected at right angles off once more.
     let rest = -(bsdf.metallic - 1.0);
-    let diffuse = bsdf.base * select(rest * 0.96, rest, gltf);
-    let f0 = rest * 0.04 + bsdf.base * bsdf.metallic;
+    let diffuse = bsdf.base * select(rest * (1.0 - DIELECTRIC_F0), rest, gltf);
+    let f0 = rest * DIELECTRIC_F0 + bsdf.base * bsdf.metallic;
     color = color + image_based_light(bsdf, diffuse, f0, seen.view) * bsdf.occlusion;
     for (var i = 0u; i < lighting.lights; i++) {
         let light = lights[i];

@@ -43,6 +43,10 @@ pub const FOOTPRINT_ROUNDING: f32 = 1.0e-6;
 /// Pixels by which a box on the screen is widened: snapping moves a corner by 1/512, and rounding by less than 1/64
 /// inside the guard band.
 pub const FOOTPRINT_MARGIN: f32 = 1.0 / 16.0;
+/// Depths may be rounded by this part of the nearest at most, where the corners of a box are projected one by one.
+pub const FOOTPRINT_SLACK: f32 = 1.0e-3;
+/// Adding this to an f32 below 2²² in size leaves its nearest integer in the low bits.
+pub const SNAP_ROUNDER: f32 = 12_582_912.0;
 /// Longest side, pixels, of a cluster on the screen for the small rasterizer: with it, products of two snapped
 /// differences and their difference fit 32 bits.
 pub const MAX_SPAN: u16 = 120;
@@ -65,3 +69,15 @@ const _: () = {
 const _: () = assert!(CLUSTER_MAX_TRIANGLES == 1 << TRIANGLE_BITS);
 const _: () = assert!(TRIANGLE_BITS + VISIBLE_BITS == 32);
 const _: () = assert!(GROUP_MAX_CLUSTERS <= PAGE_MAX_CLUSTERS);
+
+/// Squared texels that no footprint of a texture is longer than.
+pub const LONGEST_FOOTPRINT: f32 = 1.0e30;
+/// Coefficients of the polynomial of the logarithm of texture footprints, that of the cube first.
+pub const LOG2_BEND: [f32; 4] = [-0.044_004_69, 0.146_314_34, -0.266_029_9, 0.441_740_3];
+
+/// What a dielectric reflects where light meets it head on, as glTF has it.
+pub const DIELECTRIC_F0: f32 = 0.04;
+/// The least perceptual roughness that is shaded.
+pub const LEAST_ROUGHNESS: f32 = 0.04;
+/// The least cosine, and the least denominator, of pyrender's reflections.
+pub const LEAST_COSINE: f32 = 0.001;

@@ -57,7 +57,7 @@ fn footprint(rows: array<vec4<f32>, 3>, center: vec3<f32>, extent: vec3<f32>) ->
         return UNSEEN;
     }
     let size = vec2<f32>(f32(view.width), f32(view.height));
-    if !(nearest > view.near && slack2 < 1.0e-3 * nearest) {
+    if !(nearest > view.near && slack2 < FOOTPRINT_SLACK * nearest) {
         // It reaches the near plane: test the half spaces.
         for (var k = 0u; k < 2u; k++) {
             let error = select(slack0, slack1, k == 1u) + times(slack2, size[k] + 1.0);

@@ -31,7 +31,7 @@ fn inner(a: vec3<f32>, b: vec3<f32>) -> f32 {
 
 // The first 12 bits of a number.
 fn upper_half(a: f32) -> f32 {
-    let c = times(4097.0, a);
+    let c = times(SPLITTER, a);
     return rounded(c - rounded(c - a));
 }
 

@@ -1,5 +1,5 @@
 // Surface points of pixels, from the visibility buffer: src/cpu/surface.rs, operation for operation.
-// Needs: exact.wgsl, pages.wgsl, view, instances, visible, instance_materials.
+// Needs: exact.wgsl, pages.wgsl, target.wgsl, view, instances, visible, instance_materials.
 
 // What a pixel shows.
 struct Hit {
@@ -130,8 +130,8 @@ fn change_of(surfel: Surfel) -> array<vec3<f32>, 2> {
 }
 
 fn decode_normal(packed: u32) -> vec3<f32> {
-    let x = f32(bitcast<i32>(packed << 16u) >> 16u) / 32767.0;
-    let y = f32(bitcast<i32>(packed) >> 16u) / 32767.0;
+    let x = f32(bitcast<i32>(packed << 16u) >> 16u) / OCTAHEDRAL_STEPS;
+    let y = f32(bitcast<i32>(packed) >> 16u) / OCTAHEDRAL_STEPS;
     let z = 1.0 - (abs(x) + abs(y));
     let t = select(0.0, -z, -z > 0.0);
     let v = vec3<f32>(select(x - t, x + t, x < 0.0), select(y - t, y + t, y < 0.0), z);
@@ -185,7 +185,7 @@ fn surfel_of(pixel: u32, hit: Hit) -> Surfel {
     let a = position_of(streams, corners.x);
     let b = position_of(streams, corners.y);
     let c = position_of(streams, corners.z);
-    let point = vec2<f32>(f32(pixel % view.width), f32(pixel / view.width)) + 0.5;
+    let point = vec2<f32>(pixel_of(pixel)) + 0.5;
     let weights = barycentric(instances[instance].screen, a, b, c, point);
     let to_eye = normal_map(instance_materials[instance].normal);
     let flags = instance_materials[instance].flags;

@@ -2,9 +2,6 @@
 // light of sRGB bytes.
 // Needs: texels.
 
-// Squared texels that no footprint is longer than.
-const LONGEST: f32 = 1.0e30;
-
 // Where a pixel lies on an image, in the image's sides from its upper left corner.
 struct Place {
     at: vec2<f32>,
@@ -31,7 +28,7 @@ fn log2_of(v: f32) -> f32 {
     let bits = bitcast<u32>(v);
     let exponent = f32(bits >> 23u) - 127.0;
     let t = bitcast<f32>(bits & 0x7fffffu | 0x3f800000u) - 1.0;
-    let bend = ((-0.04400469 * t + 0.14631434) * t - 0.2660299) * t + 0.4417403;
+    let bend = ((LOG2_BEND_0 * t + LOG2_BEND_1) * t + LOG2_BEND_2) * t + LOG2_BEND_3;
     return exponent + (t + t * (1.0 - t) * bend);
 }
 
@@ -154,7 +151,7 @@ fn filtered(texture: Texture, at: vec2<f32>, lod: f32) -> vec4<f32> {
 
 fn footprint_length(d: vec2<f32>, size: vec2<f32>) -> f32 {
     let t = d * size;
-    return between(t.x * t.x + t.y * t.y, 0.0, LONGEST);
+    return between(t.x * t.x + t.y * t.y, 0.0, LONGEST_FOOTPRINT);
 }
 
 // What a pixel sees of a texture, linear RGBA.

@@ -25,7 +25,7 @@ fn bsdf_of(surfel: Surfel) -> Bsdf {
         mapped_normal(surfel, number, samples[SLOT_NORMAL].xyz),
         materials[number].base * samples[SLOT_BASE_COLOR].xyz,
         between(materials[number].metallic * map.z, 0.0, 1.0),
-        between(materials[number].roughness * map.y, 0.04, 1.0),
+        between(materials[number].roughness * map.y, LEAST_ROUGHNESS, 1.0),
         shaded_emission(materials[number].emissive) * samples[SLOT_EMISSIVE].xyz,
         1.0 + materials[number].occlusion_strength * (open - 1.0),
         (materials[number].flags & MATERIAL_UNLIT) == 0u,

@@ -1,5 +1,5 @@
 // Triangle set-up and bindings of all rasterizers: src/cpu/triangle.rs and src/cpu/visibility.rs.
-// Needs: exact.wgsl, cull.wgsl, pages.wgsl, put.
+// Needs: exact.wgsl, cull.wgsl, pages.wgsl, target.wgsl, put.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
@@ -26,7 +26,7 @@ fn listed(list: u32, index: u32) -> u32 {
 
 // Snaps a screen coordinate to 1/256 pixel: adding this leaves the nearest integer in the low bits.
 fn snap(v: f32) -> i32 {
-    return bitcast<i32>(v * f32(UNIT) + 12582912.0) - bitcast<i32>(12582912.0f);
+    return bitcast<i32>(v * f32(UNIT) + SNAP_ROUNDER) - bitcast<i32>(SNAP_ROUNDER);
 }
 
 // Screen position and depth value of a point at or behind the near plane.

@@ -1,8 +1,5 @@
 // Inclusive prefix sums over the invocations of a workgroup.
 
-// Lanes that take part; SCAN_WIDTH at most.
-override SCAN_LANES: u32 = SCAN_WIDTH;
-
 var<workgroup> lanes: array<u32, SCAN_WIDTH>;
 // Of every SCAN_ROW lanes.
 var<workgroup> row_sums: array<u32, SCAN_WIDTH / SCAN_ROW>;

@@ -10,6 +10,7 @@ use super::surface::{Pixels, Surfels, Walk};
 use super::visibility::{Counter, Hit, Pixel, Visible, decode};
 use super::{raster_large, raster_small};
 use crate::error::Result;
+use crate::scene::palette::{FACING, RAMP_LEVELS, hash, hue, ramp};
 use crate::scene::placement::Eye;
 
 /// Rows per task.
@@ -148,7 +149,7 @@ pub fn overdraw(pixels: Pixels<'_>, large: &[bool]) -> Vec<u32> {
 /// Colours in RGB bytes, darkened where the surface turns away; black where nothing is covered.
 fn faced(pixels: Pixels<'_>, color: impl Fn(&Surfels<'_>, usize) -> [f32; 3] + Sync) -> Vec<[u8; 3]> {
     map_surface(pixels, [0; 3], |surfels, lane| {
-        let facing = 0.35 + 0.65 * surfels.normal[2].0[lane].abs();
+        let facing = FACING[0] + FACING[1] * surfels.normal[2].0[lane].abs();
         color(surfels, lane).map(|c| (c * facing * 255.0 + 0.5) as u8)
     })
 }
@@ -162,7 +163,7 @@ pub fn debug(pixels: Pixels<'_>, what: DebugView) -> Vec<[u8; 3]> {
             DebugView::Triangles => hue(hash([view.slot, cluster.0, surfels.hits[lane].triangle])),
             DebugView::Clusters => hue(hash([view.slot, cluster.0, 1 << 8])),
             DebugView::Groups => hue(hash([view.slot, record.group, 1 << 9])),
-            DebugView::Levels => ramp(f32::from(record.level) / 14.0),
+            DebugView::Levels => ramp(f32::from(record.level) / RAMP_LEVELS),
         }
     })
 }
@@ -186,31 +187,4 @@ pub fn overdraw_colors(counts: &[u32]) -> Vec<[u8; 3]> {
             n => ramp(1.0 - (n.min(8) - 1) as f32 / 7.0).map(|c| (c * 255.0 + 0.5) as u8),
         })
         .collect()
-}
-
-fn hash(words: [u32; 3]) -> u32 {
-    words.iter().fold(0x9e37_79b9, |h, &w| {
-        let mut x = (h ^ w).wrapping_mul(0x85eb_ca6b);
-        x ^= x >> 15;
-        x = x.wrapping_mul(0xc2b2_ae35);
-        x ^ x >> 13
-    })
-}
-
-/// A bright colour from random bits.
-fn hue(bits: u32) -> [f32; 3] {
-    let h = (bits & 0xffff) as f32 / 65536.0;
-    let value = 0.7 + 0.3 * ((bits >> 16 & 0xff) as f32 / 255.0);
-    let saturation = 0.45 + 0.4 * ((bits >> 24) as f32 / 255.0);
-    [0.0, 1.0 / 3.0, 2.0 / 3.0].map(|shift| {
-        let t = ((h + shift).fract() * 6.0 - 3.0).abs() - 1.0;
-        value * (1.0 - saturation * (1.0 - t.clamp(0.0, 1.0)))
-    })
-}
-
-/// Red, orange, yellow, green, cyan, blue over 0 to 1.
-fn ramp(t: f32) -> [f32; 3] {
-    let h = t.clamp(0.0, 1.0) * 4.2;
-    let channel = |shift: f32| (((h + shift).rem_euclid(6.0) - 3.0).abs() - 1.0).clamp(0.0, 1.0);
-    [channel(0.0), channel(4.0), channel(2.0)].map(|c| 0.12 + 0.85 * c)
 }

@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use crate::limits::{FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND};
+use crate::limits::{FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, FOOTPRINT_SLACK, GUARD_BAND};
 use crate::math::{LodView, Sphere};
 use crate::model::{Dag, Pages};
 use crate::scene::placement::{Eye, Placement};
@@ -271,7 +271,7 @@ fn footprint(
     let size = [constants.width as f32, constants.height as f32];
     let mut low = [f32::INFINITY; 2];
     let mut high = [f32::NEG_INFINITY; 2];
-    if nearest > constants.near && slack[2] < 1.0e-3 * nearest {
+    if nearest > constants.near && slack[2] < FOOTPRINT_SLACK * nearest {
         let scale = if constants.orthographic { 1.0 } else { 1.0 / nearest };
         for k in 0..2 {
             let edge: [f32; 3] = std::array::from_fn(|j| rows[k][j] * extent[j]);

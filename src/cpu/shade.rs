@@ -15,6 +15,7 @@ use super::output::ROWS;
 use super::surface::{Detail, Extra, Pixels, Surfels, Walk};
 use super::visibility::decode;
 use crate::config::{Output, Shading, Transfer};
+use crate::limits::{DIELECTRIC_F0, LEAST_COSINE};
 use crate::scene::placement::Eye;
 use crate::scene::{Falloff, Lighting};
 
@@ -41,11 +42,11 @@ impl Reflector {
         let (alpha2, k) = ((r * r) * (r * r), (r + 1.0) * (r + 1.0) / 8.0);
         let rest = -(bsdf.metallic - 1.0);
         // pyrender takes what is reflected at right angles off once more.
-        let share = if gltf { rest } else { rest * 0.96 };
+        let share = if gltf { rest } else { rest * (1.0 - DIELECTRIC_F0) };
         let (mut diffuse, mut f0) = ([rest; 3], [rest; 3]);
         for c in 0..3 {
             diffuse[c] = bsdf.base[c] * share;
-            f0[c] = rest * 0.04 + bsdf.base[c] * bsdf.metallic;
+            f0[c] = rest * DIELECTRIC_F0 + bsdf.base[c] * bsdf.metallic;
         }
         Self { normal: bsdf.normal, alpha2, k, diffuse, f0, view, gltf }
     }
@@ -66,17 +67,17 @@ impl Reflector {
         let (nl, gloss);
         if *gltf {
             nl = dot(n, l).max(0.0).min(1.0);
-            let nv = dot(n, v).max(0.001).min(1.0);
+            let nv = dot(n, v).max(LEAST_COSINE).min(1.0);
             let rest = -(*alpha2 - 1.0);
             let heights = nl * (nv * nv * rest + *alpha2).sqrt() + nv * (nl * nl * rest + *alpha2).sqrt();
             gloss = *alpha2 * 0.5 / (d * d * PI * heights);
         } else {
-            nl = dot(n, l).max(0.001).min(1.0);
-            let nv = dot(n, v).abs().max(0.001).min(1.0);
+            nl = dot(n, l).max(LEAST_COSINE).min(1.0);
+            let nv = dot(n, v).abs().max(LEAST_COSINE).min(1.0);
             let rest = -(*k - 1.0);
             // The two quotients of G, D and the denominator of the specular term as one.
             let smith = (nv * rest + *k) * (nl * rest + *k);
-            gloss = nv * nl * *alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + 0.001));
+            gloss = nv * nl * *alpha2 / (smith * (d * d * PI) * (nl * nv * 4.0 + LEAST_COSINE));
         }
         let mut out = [nl; 3];
         for c in 0..3 {

@@ -4,6 +4,7 @@
 use super::lanes::{LANES, Lanes, Vec3x8, apply, blend, cross, minus, normalize};
 use super::project::{InstanceView, Screen};
 use super::visibility::{Hit, Visible, decode};
+use crate::math::octahedral::OCTAHEDRAL_STEPS;
 use crate::model::{ClusterAddress, ClusterGeometry, ColorFormat};
 
 /// A finished visibility buffer with all that is needed to read it.
@@ -375,7 +376,7 @@ fn decode_normal(packed: &[u32; LANES]) -> Vec3x8 {
         x.0[lane] = ((packed[lane] << 16) as i32 >> 16) as f32;
         y.0[lane] = (packed[lane] as i32 >> 16) as f32;
     }
-    let (x, y) = (x / 32767.0, y / 32767.0);
+    let (x, y) = (x / OCTAHEDRAL_STEPS, y / OCTAHEDRAL_STEPS);
     let z = -(x.abs() + y.abs() - 1.0);
     let t = (-z).max(0.0);
     let v = [x.where_negative(x + t, x - t), y.where_negative(y + t, y - t), z];

@@ -5,6 +5,7 @@
 //! graphics hardware does it, after McCormack, Perry, Farkas and Jouppi, "Feline: fast elliptical lines for anisotropic
 //! texture mapping", SIGGRAPH 1999.
 
+use crate::limits::{LOG2_BEND, LONGEST_FOOTPRINT};
 use crate::scene::image::{TexelFormat, srgb_light};
 use crate::scene::texture::{Mipmaps, Wrap};
 use crate::scene::{Image, Texture};
@@ -42,7 +43,7 @@ impl Texture {
         let size = [image.width() as f32, image.height() as f32];
         let length = |d: &[f32; 2]| {
             let (x, y) = (d[0] * size[0], d[1] * size[1]);
-            between(x * x + y * y, 0.0, LONGEST)
+            between(x * x + y * y, 0.0, LONGEST_FOOTPRINT)
         };
         let (a, b) = (length(right), length(below));
         let (axis, long, short) = if a >= b { (right, a, b) } else { (below, b, a) };
@@ -129,9 +130,6 @@ impl Wrap {
     }
 }
 
-/// Squared texels that no footprint is longer than.
-const LONGEST: f32 = 1.0e30;
-
 /// Between `low` and `high`; `low` for NaN.
 #[inline(always)]
 fn between(v: f32, low: f32, high: f32) -> f32 {
@@ -156,7 +154,8 @@ fn log2(v: f32) -> f32 {
     let bits = v.to_bits();
     let exponent = (bits >> 23) as f32 - 127.0;
     let t = f32::from_bits(bits & 0x7f_ffff | 0x3f80_0000) - 1.0;
-    let bend = ((-0.044_004_69 * t + 0.146_314_34) * t - 0.266_029_9) * t + 0.441_740_3;
+    let [cube, square, line, constant] = LOG2_BEND;
+    let bend = ((cube * t + square) * t + line) * t + constant;
     exponent + (t + t * (1.0 - t) * bend)
 }
 

@@ -1,18 +1,15 @@
 //! What the two rasterizers share about triangles: projection, snapping, pixel ranges and the top-left rule.
 
 use super::project::Screen;
-use crate::limits::SUBPIXEL_BITS;
+use crate::limits::{SNAP_ROUNDER, SUBPIXEL_BITS};
 
 /// Units per pixel of snapped coordinates.
 pub const UNIT: i32 = 1 << SUBPIXEL_BITS;
 
-/// Adding this to an f32 below 2²² in size leaves its nearest integer in the low bits.
-const ROUNDER: f32 = 12_582_912.0;
-
 /// Snaps a screen coordinate, inside the guard band, to 1/256 pixel.
 #[inline(always)]
 pub fn snap(v: f32) -> i32 {
-    ((v * UNIT as f32 + ROUNDER).to_bits() as i32).wrapping_sub(ROUNDER.to_bits() as i32)
+    ((v * UNIT as f32 + SNAP_ROUNDER).to_bits() as i32).wrapping_sub(SNAP_ROUNDER.to_bits() as i32)
 }
 
 /// Screen position and depth value of a point at or behind the near plane.

@@ -2,10 +2,12 @@
 
 use std::sync::Arc;
 
-use wgpu::{Buffer, BufferUsages, CommandEncoder};
+use wgpu::{Buffer, BufferSize, BufferUsages, CommandEncoder};
 
+use super::bind_groups::BindGroups;
 use super::context::Context;
-use super::shaders::{self, Bits, IndirectEntry, List};
+use super::kernel::BoundBuffer;
+use super::lists::{Bits, IndirectEntry, List, group_bit_words};
 use super::times::Times;
 use crate::config::{Output, Outputs};
 use crate::error::Result;
@@ -16,6 +18,47 @@ use crate::gpu_types::{
 const STORAGE: BufferUsages =
     BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
 const DISPATCH: BufferUsages = STORAGE.union(BufferUsages::INDIRECT);
+
+/// Where parts of a buffer begin that are bound by themselves: at multiples of what no device asks for more than.
+const PART_BYTES: u64 = 256;
+
+/// A part of a buffer, with so many entries.
+fn part<T>(buffer: &Buffer, number: u32, entries: u32) -> BoundBuffer<'_> {
+    let (offset, size) = (u64::from(number) * PART_BYTES, BufferSize::new(bytes::<T>(entries)));
+    BoundBuffer { buffer, offset, size }
+}
+
+/// The dispatches of the levels of a traversal. That of a level is read while that of the next is written, which may not be
+/// parts of one buffer; so even and odd levels lie in two.
+#[derive(Debug)]
+pub(super) struct Levels([Buffer; 2]);
+
+impl Levels {
+    /// For hierarchies of so many levels, and the one behind them.
+    fn new(context: &Context, depth: u32) -> Result<Self> {
+        let buffer = || context.buffer("dispatches", Self::bytes(depth), DISPATCH);
+        Ok(Self([buffer()?, buffer()?]))
+    }
+
+    /// Bytes of each of the two.
+    fn bytes(depth: u32) -> u64 {
+        u64::from(depth / 2 + 1) * PART_BYTES
+    }
+
+    /// The dispatch of a level.
+    pub(super) fn level(&self, level: usize) -> BoundBuffer<'_> {
+        part::<Dispatch>(&self.0[level % 2], (level / 2) as u32, 1)
+    }
+
+    /// All of them, of what came back.
+    pub(super) fn read(even: &[u8], odd: &[u8], depth: u32) -> Vec<Dispatch> {
+        let of = |level: usize| {
+            let at = level / 2 * PART_BYTES as usize;
+            bytemuck::pod_read_unaligned(&[even, odd][level % 2][at..at + size_of::<Dispatch>()])
+        };
+        (0..=depth as usize).map(of).collect()
+    }
+}
 
 /// Entries of the lists whose lengths only the device knows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -91,8 +134,8 @@ pub(super) struct Groups {
     pub(super) bits: Buffer,
     pub(super) sums: Buffer,
     pub(super) candidate_groups: Buffer,
-    pub(super) culling: Buffer,
-    pub(super) counting: Buffer,
+    /// How their clusters are culled, and how what is left of them is counted.
+    dispatches: Buffer,
     pub(super) drawn: Buffer,
 }
 
@@ -100,16 +143,26 @@ impl Groups {
     fn new(context: &Context, shape: Shape) -> Result<Self> {
         let Shape { group_words, room, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
-        let dispatch = || context.buffer("dispatches", bytes::<Dispatch>(1), DISPATCH);
         let sums = bytes::<u32>(Bits::Groups.sums(group_words));
         Ok(Self {
-            bits: storage("bits of groups", bytes::<u32>(shaders::group_bit_words(group_words)))?,
+            bits: storage("bits of groups", bytes::<u32>(group_bit_words(group_words)))?,
             sums: storage("counts of bits", sums)?,
             candidate_groups: storage("groups to look at", bytes::<CandidateGroup>(room.candidate_groups))?,
-            culling: dispatch()?,
-            counting: dispatch()?,
+            dispatches: context.buffer("dispatches", 2 * PART_BYTES, DISPATCH)?,
             drawn: storage("bits of clusters", bytes::<u32>(room.candidate_groups))?,
         })
+    }
+}
+
+impl Groups {
+    /// The dispatch that culls their clusters.
+    pub(super) fn culling(&self) -> BoundBuffer<'_> {
+        part::<Dispatch>(&self.dispatches, 0, 1)
+    }
+
+    /// The dispatches that count and list what is left of them.
+    pub(super) fn counting(&self) -> BoundBuffer<'_> {
+        part::<Dispatch>(&self.dispatches, 1, 1)
     }
 }
 
@@ -118,16 +171,14 @@ impl Groups {
 pub(super) struct PassBuffers {
     /// Nodes to start from: roots of instances on the screen, or what the first pass deferred.
     pub(super) starts: Buffer,
-    /// One dispatch per level.
-    pub(super) levels: Vec<Buffer>,
+    pub(super) levels: Levels,
     pub(super) groups: Groups,
     pub(super) marks: Buffer,
     pub(super) cluster_sums: Buffer,
     /// Of the clusters of each list, with room for all in the small and the large one together, and in the clipped one.
     pub(super) numbers: Buffer,
     /// The lists for rasterizers in compute, and for the device's.
-    pub(super) draws: Buffer,
-    pub(super) draw_args: Buffer,
+    draws: Buffer,
     pub(super) counters: Buffer,
     /// What is decided after it.
     pub(super) indirect: Buffer,
@@ -137,10 +188,9 @@ impl PassBuffers {
     fn new(context: &Context, shape: Shape, starts: u32) -> Result<Self> {
         let Shape { depth, room, .. } = shape;
         let storage = |what: &str, bytes: u64| context.buffer(what, bytes, STORAGE);
-        let dispatch = |count: u32| context.buffer("dispatches", bytes::<Dispatch>(count), DISPATCH);
         Ok(Self {
             starts: storage("the instances of the scene", bytes::<TraversalItem>(starts))?,
-            levels: (0..=depth).map(|_| dispatch(1)).collect::<Result<_>>()?,
+            levels: Levels::new(context, depth)?,
             groups: Groups::new(context, shape)?,
             marks: storage("bits of clusters", bytes::<Marks>(room.candidate_groups))?,
             cluster_sums: storage(
@@ -148,33 +198,42 @@ impl PassBuffers {
                 bytes::<u32>(Bits::Clusters.sums(room.candidate_groups)),
             )?,
             numbers: storage("visible clusters", 2 * bytes::<u32>(room.visible))?,
-            draws: dispatch(List::COUNT)?,
-            draw_args: context.buffer("draws", bytes::<DrawArgs>(List::COUNT), DISPATCH)?,
+            draws: context.buffer("draws", 2 * PART_BYTES, DISPATCH)?,
             counters: storage("counters", bytes::<Counters>(1))?,
-            indirect: dispatch(IndirectEntry::COUNT)?,
+            indirect: context.buffer("dispatches", bytes::<Dispatch>(IndirectEntry::COUNT), DISPATCH)?,
         })
+    }
+
+    /// How many clusters of each list are drawn in compute.
+    pub(super) fn draws(&self) -> BoundBuffer<'_> {
+        part::<Dispatch>(&self.draws, 0, List::COUNT)
+    }
+
+    /// The same for the device's rasterizer.
+    pub(super) fn draw_args(&self) -> BoundBuffer<'_> {
+        part::<DrawArgs>(&self.draws, 1, List::COUNT)
     }
 
     /// Lists start empty; but for those of groups where it is to start from them.
     fn clear(&self, encoder: &mut CommandEncoder, listed: bool) {
-        let groups = [&self.groups.culling, &self.groups.counting];
-        let groups = if listed { &[][..] } else { &groups };
-        let own = [&self.draws, &self.draw_args, &self.indirect, &self.counters];
-        let all = self.levels.iter().chain(own).chain(groups.iter().copied());
+        let groups = (!listed).then_some(&self.groups.dispatches);
+        let own = [&self.draws, &self.indirect, &self.counters];
+        let all = self.levels.0.iter().chain(own).chain(groups);
         all.for_each(|buffer| encoder.clear_buffer(buffer, 0, None));
     }
 
     /// What comes back of it, in the order in which [`Buffers::split`] hands it out; `starts` entries of its list.
-    fn parts(&self, starts: u32) -> Vec<Part<'_>> {
-        let dispatch = bytes::<Dispatch>(1);
-        let mut parts = vec![
+    fn parts(&self, starts: u32, depth: u32) -> Vec<Part<'_>> {
+        let level = |buffer| Part { buffer, bytes: Levels::bytes(depth) };
+        vec![
             Part { buffer: &self.counters, bytes: bytes::<Counters>(1) },
-            Part { buffer: &self.groups.culling, bytes: dispatch },
+            // Of both dispatches the first, which has the number of groups.
+            Part { buffer: &self.groups.dispatches, bytes: bytes::<Dispatch>(1) },
             Part { buffer: &self.draws, bytes: bytes::<Dispatch>(List::COUNT) },
             Part { buffer: &self.starts, bytes: bytes::<TraversalItem>(starts) },
-        ];
-        parts.extend(self.levels.iter().map(|buffer| Part { buffer, bytes: dispatch }));
-        parts
+            level(&self.levels.0[0]),
+            level(&self.levels.0[1]),
+        ]
     }
 }
 
@@ -182,6 +241,7 @@ impl PassBuffers {
 #[derive(Debug)]
 pub(super) struct Buffers {
     pub(super) shape: Shape,
+    pub(super) bind_groups: BindGroups,
     pub(super) view: Buffer,
     /// Traversal items of a level and of the next, ping-pong.
     pub(super) items: [Buffer; 2],
@@ -258,6 +318,7 @@ impl Buffers {
         };
         let out = Self {
             shape,
+            bind_groups: BindGroups::default(),
             view: context.buffer("view", bytes::<View>(1), uniform)?,
             items: [items()?, items()?],
             cull_passes,
@@ -288,6 +349,7 @@ impl Buffers {
     pub(super) fn making(mut self, context: &Context, shape: Shape) -> Result<Self> {
         let Shape { outputs, pixels, .. } = shape;
         self.shape = shape;
+        self.bind_groups.clear();
         // Others go before new ones are made.
         (self.outputs, self.staging) = (Vec::new(), context.buffer("counters", 0, BufferUsages::MAP_READ)?);
         for output in outputs.iter() {
@@ -321,27 +383,30 @@ impl Buffers {
 
     /// What comes back: of the frame, then of each pass.
     fn parts<'a>(&'a self) -> Vec<Vec<Part<'a>>> {
-        let Shape { instances, pixels, room, depth_only, .. } = self.shape;
+        let Shape { instances, depth, pixels, room, depth_only, .. } = self.shape;
         let ticks = Part { buffer: self.times.ticks(), bytes: Times::BYTES };
         let visible = Part { buffer: &self.visible, bytes: bytes::<VisibleCluster>(room.visible) };
         let array =
             |(output, buffer): &'a (Output, Buffer)| Part { buffer, bytes: array_bytes(*output, pixels) };
         let mut arrays = self.outputs.iter().map(array);
         // Depth that is made here comes in place of the keys it is made of.
-        let depth = if depth_only { arrays.next() } else { None };
+        let made_depth = if depth_only { arrays.next() } else { None };
         let word_bytes = if self.shape.stays_on_device { 0 } else { self.shape.word_bytes() };
-        let words = depth.unwrap_or(Part { buffer: &self.words, bytes: word_bytes });
+        let words = made_depth.unwrap_or(Part { buffer: &self.words, bytes: word_bytes });
         let wanted = Part { buffer: &self.wanted, bytes: bytes::<u32>(self.shape.pages) };
         let mut whole = vec![ticks, words, visible, wanted];
         whole.extend(arrays);
         let mut parts = vec![whole];
         let starts = [instances, room.items];
-        parts.extend(self.cull_passes.iter().zip(starts).map(|(cull_pass, starts)| cull_pass.parts(starts)));
+        parts.extend(
+            self.cull_passes.iter().zip(starts).map(|(cull_pass, starts)| cull_pass.parts(starts, depth)),
+        );
         parts
     }
 
     /// Takes in that a frame was drawn: the next can start from its groups, where the second pass listed them.
     pub(super) fn keep_list(&mut self, both: bool) {
+        self.bind_groups.next_frame();
         self.listed = false;
         if let [first, second] = &mut self.cull_passes[..]
             && both

@@ -8,12 +8,15 @@
 use std::time::Instant;
 
 use pollster::block_on;
-use wgpu::{BindingResource, Buffer, BufferUsages, CommandEncoder, ComputePassDescriptor, ErrorFilter};
+use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePassDescriptor, ErrorFilter};
 
-use super::bindings::{Bindings, RasterBindings};
 use super::context::{Context, unavailable};
-use super::raster_hardware::{Draw, Target, viewport};
-use super::shaders::{Kernel, List, Words};
+use super::kernel::{Bindings, BoundBuffer, bind};
+use super::lists::List;
+use super::raster::{RasterBindings, Words};
+use super::raster_hardware::{Draw, Target, raster_hardware, viewport};
+use super::raster_large::raster_large;
+use super::raster_small::raster_small;
 use super::times::{self, Times};
 use crate::config::{Calibration, Raster};
 use crate::error::Result;
@@ -176,8 +179,8 @@ impl<'a> Stand<'a> {
         })
     }
 
-    fn bindings(&self, hardware: bool) -> Vec<BindingResource<'_>> {
-        let bindings = RasterBindings {
+    fn bindings(&self, hardware: bool) -> Vec<BoundBuffer<'_>> {
+        let bindings = bind!(RasterBindings {
             view: &self.views[usize::from(hardware)],
             instances: &self.instances,
             page_offsets: &self.page_offsets,
@@ -190,8 +193,8 @@ impl<'a> Stand<'a> {
             pages_1: &self.page,
             pages_2: &self.page,
             pages_3: &self.page,
-        };
-        bindings.buffers().into_iter().map(Buffer::as_entire_binding).collect()
+        });
+        bindings.buffers()
     }
 
     /// Draws so many clusters of a batch in compute and by the device's rasterizer, in alternation: milliseconds of the fastest
@@ -236,13 +239,13 @@ impl<'a> Stand<'a> {
 
     fn record_compute(&self, encoder: &mut CommandEncoder, list: List) {
         let kernel = match list {
-            List::Small => Kernel::RasterSmall(self.words),
-            _ => Kernel::RasterLarge(self.words),
+            List::Small => raster_small(self.words),
+            _ => raster_large(self.words),
         };
         let timestamp_writes = self.times.of_pass(0);
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor { label: None, timestamp_writes });
-        pass.set_pipeline(self.context.pipeline(kernel, false));
-        pass.set_bind_group(0, &self.context.bind(kernel, false, self.bindings(false)), &[]);
+        pass.set_pipeline(&self.context.pipeline(kernel, false));
+        pass.set_bind_group(0, &self.context.bind(kernel, &self.bindings(false)), &[]);
         pass.dispatch_workgroups_indirect(&self.draws, list as u64 * size_of::<Dispatch>() as u64);
     }
 
@@ -251,8 +254,8 @@ impl<'a> Stand<'a> {
             list,
             words: self.words,
             split: false,
-            bindings: self.bindings(true),
-            draw_args: &self.draw_args,
+            group: self.context.bind(raster_hardware(list, self.words), &self.bindings(true)),
+            draw_args: (&self.draw_args).into(),
             target: &self.target,
             times: self.times.of_draw(0, true, true),
         };

@@ -5,17 +5,20 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 use std::time::Duration;
 
 use pollster::block_on;
+use rustc_hash::FxHashMap;
 use wgpu::{
-    Adapter, Backends, BindGroup, BindGroupDescriptor, BindGroupEntry, BindingResource, Buffer,
+    Adapter, Backends, BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout,
+    BindGroupLayoutDescriptor, BindGroupLayoutEntry, BindingResource, BindingType, Buffer, BufferBindingType,
     BufferDescriptor, BufferUsages, ColorTargetState, ColorWrites, CommandEncoder, CommandEncoderDescriptor,
     ComputePassDescriptor, ComputePipeline, ComputePipelineDescriptor, Device, DeviceDescriptor, DeviceType,
     DownlevelFlags, ErrorFilter, Features, FragmentState, Instance, InstanceDescriptor, InstanceFlags,
-    Limits, MapMode, MultisampleState, PipelineCompilationOptions, PollType, PrimitiveState, Queue,
-    RenderPipeline, RenderPipelineDescriptor, ShaderModuleDescriptor, ShaderSource, SubmissionIndex,
-    TextureFormat, VertexState,
+    Limits, MapMode, MultisampleState, PipelineCompilationOptions, PipelineLayout, PipelineLayoutDescriptor,
+    PollType, PrimitiveState, Queue, RenderPipeline, RenderPipelineDescriptor, ShaderModule,
+    ShaderModuleDescriptor, ShaderSource, ShaderStages, SubmissionIndex, TextureFormat, VertexState,
 };
 
-use super::shaders::{DRAWS, KERNELS, Kernel, SCAN_WIDTH};
+use super::kernel::{Access, Binding, BindingLists, Bindings, BoundBuffer, Kernel, bindings};
+use super::lists::SCAN_WIDTH;
 use crate::config::Calibration;
 use crate::error::{Error, Result};
 use crate::threads::PerProcess;
@@ -50,6 +53,14 @@ fn raster_obstacle(adapter: &Adapter) -> Option<String> {
     (!lacking.is_empty()).then(|| format!("its {} shaders cannot write to buffers", lacking.join(" and ")))
 }
 
+bindings! {
+    /// What `loop_probe` binds.
+    LoopProbe { state: Write }
+}
+
+/// A long loop, to see whether the driver finishes it.
+pub const LOOP_PROBE: Kernel = Kernel::new("loop_probe", &[LoopProbe::BINDINGS]);
+
 /// A device, ready to run kernels.
 #[derive(Debug)]
 pub struct Context {
@@ -64,12 +75,14 @@ pub struct Context {
     memory: AtomicU64,
     /// The first error that the device reported, which ends its use.
     failure: Arc<Mutex<Option<String>>>,
+    /// By what kernels bind, and the shaders that do.
+    layouts: Mutex<FxHashMap<(BindingLists, ShaderStages), BindGroupLayout>>,
     /// Of each kernel: with pages in one array, and in several.
-    pipelines: [[OnceLock<ComputePipeline>; 2]; KERNELS.len()],
+    pipelines: Mutex<FxHashMap<(Kernel, bool), ComputePipeline>>,
     /// What the hardware rasterizer lacks.
     obstacle: Option<String>,
     /// The same of the kernels that draw.
-    draws: [[OnceLock<RenderPipeline>; 2]; DRAWS.len()],
+    draws: Mutex<FxHashMap<(Kernel, bool), RenderPipeline>>,
     calibration: OnceLock<Calibration>,
 }
 
@@ -81,13 +94,6 @@ pub(super) fn unavailable(message: impl Into<String>) -> Error {
 /// So many bytes, for messages.
 pub(super) fn mib(bytes: u64) -> u64 {
     bytes.div_ceil(1 << 20)
-}
-
-/// Bindings by their numbers.
-pub(super) fn entries<'a>(
-    bindings: impl IntoIterator<Item = BindingResource<'a>>,
-) -> impl Iterator<Item = BindGroupEntry<'a>> {
-    (0..).zip(bindings).map(|(binding, resource)| BindGroupEntry { binding, resource })
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
@@ -196,7 +202,6 @@ impl Context {
         let software = info.device_type == DeviceType::Cpu;
         let timed = device.features().contains(Features::TIMESTAMP_QUERY);
         let tick = timed.then(|| f64::from(queue.get_timestamp_period()) * 1e-6);
-        let pipelines = std::array::from_fn(|_| [OnceLock::new(), OnceLock::new()]);
         let context = Self {
             device,
             queue,
@@ -207,9 +212,10 @@ impl Context {
             limits,
             memory: AtomicU64::new(u64::MAX),
             failure,
-            pipelines,
+            layouts: Mutex::default(),
+            pipelines: Mutex::default(),
             obstacle: raster_obstacle(&adapter),
-            draws: std::array::from_fn(|_| [OnceLock::new(), OnceLock::new()]),
+            draws: Mutex::default(),
             calibration: OnceLock::new(),
         };
         context.probe()?;
@@ -221,7 +227,7 @@ impl Context {
         let seed = 1u32;
         let expected =
             (0..PROBE_TRIPS).fold(seed, |n, trip| (n ^ (n >> 7)).wrapping_mul(1_664_525).wrapping_add(trip));
-        let found = self.run(Kernel::LoopProbe, &[&[PROBE_TRIPS, seed]], 1)?;
+        let found = self.run(LOOP_PROBE, &[&[PROBE_TRIPS, seed]], 1)?;
         if found[0][1] != expected {
             return Err(unavailable(format!(
                 "{} ends loops of shaders early, as Mesa 22 does; it has to be 25 or later",
@@ -371,17 +377,51 @@ impl Context {
         if self.software { kernel.overrides_in_software() } else { Vec::new() }
     }
 
+    /// What a kernel binds, as declared: kernels that bind the same have the same layout.
+    fn layout(&self, kernel: Kernel) -> BindGroupLayout {
+        let new = || {
+            let entry = |(binding, Binding { access, .. }): (u32, Binding)| BindGroupLayoutEntry {
+                binding,
+                visibility: kernel.visibility(),
+                ty: BindingType::Buffer {
+                    ty: match access {
+                        Access::Uniform => BufferBindingType::Uniform,
+                        Access::Read | Access::Write => {
+                            BufferBindingType::Storage { read_only: access == Access::Read }
+                        }
+                    },
+                    has_dynamic_offset: false,
+                    min_binding_size: None,
+                },
+                count: None,
+            };
+            let entries: Vec<_> = (0..).zip(kernel.bound()).map(entry).collect();
+            let descriptor = BindGroupLayoutDescriptor { label: Some(kernel.file), entries: &entries };
+            self.device.create_bind_group_layout(&descriptor)
+        };
+        let key = (kernel.bindings, kernel.visibility());
+        lock(&self.layouts).entry(key).or_insert_with(new).clone()
+    }
+
+    /// The module of a kernel and the layout of its pipeline.
+    fn module(&self, kernel: Kernel, split: bool) -> (ShaderModule, PipelineLayout) {
+        let label = Some(kernel.file);
+        let source = ShaderSource::Wgsl(kernel.source(split.then(|| self.array_bits())).into());
+        let module = self.device.create_shader_module(ShaderModuleDescriptor { label, source });
+        let bind_group_layouts = &[Some(&self.layout(kernel))];
+        let descriptor = PipelineLayoutDescriptor { label, bind_group_layouts, immediate_size: 0 };
+        (module, self.device.create_pipeline_layout(&descriptor))
+    }
+
     /// The pipeline of a kernel, compiled when first used; `split` where the pages lie in several arrays.
-    pub fn pipeline(&self, kernel: Kernel, split: bool) -> &ComputePipeline {
-        self.pipelines[kernel.number()][usize::from(split)].get_or_init(|| {
-            let label = Some(kernel.name());
-            let source = kernel.source(split.then(|| self.array_bits()));
-            let source = ShaderSource::Wgsl(source.into());
-            let module = self.device.create_shader_module(ShaderModuleDescriptor { label, source });
+    pub fn pipeline(&self, kernel: Kernel, split: bool) -> ComputePipeline {
+        let split = split && kernel.reads_pages();
+        let new = || {
+            let (module, layout) = self.module(kernel, split);
             let overrides = self.overrides(kernel);
             self.device.create_compute_pipeline(&ComputePipelineDescriptor {
-                label,
-                layout: None,
+                label: Some(kernel.file),
+                layout: Some(&layout),
                 module: &module,
                 entry_point: Some("main"),
                 // Shaders write what they read of it.
@@ -391,25 +431,23 @@ impl Context {
                 },
                 cache: None,
             })
-        })
+        };
+        lock(&self.pipelines).entry((kernel, split)).or_insert_with(new).clone()
     }
 
     /// The same of a kernel that draws.
-    pub(super) fn draw_pipeline(&self, kernel: Kernel, split: bool) -> &RenderPipeline {
-        self.draws[kernel.number()][usize::from(split)].get_or_init(|| {
-            let (label, device) = (Some(kernel.name()), &self.device);
-            let source = kernel.source(split.then(|| self.array_bits()));
-            let source = ShaderSource::Wgsl(source.into());
-            let module = &device.create_shader_module(ShaderModuleDescriptor { label, source });
+    pub(super) fn draw_pipeline(&self, kernel: Kernel, split: bool) -> RenderPipeline {
+        let new = || {
+            let (module, layout) = self.module(kernel, split);
             let overrides = self.overrides(kernel);
             let compilation_options =
                 PipelineCompilationOptions { constants: &overrides, ..PipelineCompilationOptions::default() };
             let target = ColorTargetState { format: NO_COLOR, blend: None, write_mask: ColorWrites::empty() };
-            device.create_render_pipeline(&RenderPipelineDescriptor {
-                label,
-                layout: None,
+            self.device.create_render_pipeline(&RenderPipelineDescriptor {
+                label: Some(kernel.file),
+                layout: Some(&layout),
                 vertex: VertexState {
-                    module,
+                    module: &module,
                     entry_point: Some("corner"),
                     compilation_options: compilation_options.clone(),
                     buffers: &[],
@@ -418,7 +456,7 @@ impl Context {
                 depth_stencil: None,
                 multisample: MultisampleState::default(),
                 fragment: Some(FragmentState {
-                    module,
+                    module: &module,
                     entry_point: Some("pixel"),
                     compilation_options,
                     targets: &[Some(target)],
@@ -426,19 +464,16 @@ impl Context {
                 multiview_mask: None,
                 cache: None,
             })
-        })
+        };
+        lock(&self.draws).entry((kernel, split)).or_insert_with(new).clone()
     }
 
-    /// A kernel's bindings, in the order of their numbers.
-    pub fn bind<'a>(
-        &self,
-        kernel: Kernel,
-        split: bool,
-        bindings: impl IntoIterator<Item = BindingResource<'a>>,
-    ) -> BindGroup {
-        let entries: Vec<_> = entries(bindings).collect();
-        let layout = self.pipeline(kernel, split).get_bind_group_layout(0);
-        let label = Some(kernel.name());
+    /// What a kernel binds, in the order of the numbers.
+    pub fn bind(&self, kernel: Kernel, bound: &[BoundBuffer<'_>]) -> BindGroup {
+        let resources = bound.iter().map(|bound| BindingResource::from(*bound));
+        let entries: Vec<_> =
+            (0..).zip(resources).map(|(binding, resource)| BindGroupEntry { binding, resource }).collect();
+        let (label, layout) = (Some(kernel.file), self.layout(kernel));
         self.device.create_bind_group(&BindGroupDescriptor { label, layout: &layout, entries: &entries })
     }
 
@@ -447,21 +482,20 @@ impl Context {
     pub fn run(&self, kernel: Kernel, bindings: &[&[u32]], workgroups: u32) -> Result<Vec<Vec<u32>>> {
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
         let mut buffers = Vec::with_capacity(bindings.len());
-        for (number, words) in bindings.iter().enumerate() {
-            // The view of a kernel is its first binding.
-            let usage = if number == 0 { usage | BufferUsages::UNIFORM } else { usage };
-            let buffer = self.buffer(kernel.name(), size_of_val(*words) as u64, usage)?;
-            self.write(kernel.name(), &buffer, 0, bytemuck::cast_slice(words))?;
+        for (binding, words) in kernel.bound().zip(bindings) {
+            let usage = if binding.access == Access::Uniform { usage | BufferUsages::UNIFORM } else { usage };
+            let buffer = self.buffer(kernel.file, size_of_val(*words) as u64, usage)?;
+            self.write(kernel.file, &buffer, 0, bytemuck::cast_slice(words))?;
             buffers.push(buffer);
         }
         let bytes = bindings.iter().map(|words| size_of_val(*words) as u64).sum();
-        let staging = self.buffer(kernel.name(), bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
-        let mut encoder = self.encoder(kernel.name());
+        let staging = self.buffer(kernel.file, bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
+        let mut encoder = self.encoder(kernel.file);
         {
             let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-            pass.set_pipeline(self.pipeline(kernel, false));
-            let whole = buffers.iter().map(Buffer::as_entire_binding);
-            pass.set_bind_group(0, &self.bind(kernel, false, whole), &[]);
+            pass.set_pipeline(&self.pipeline(kernel, false));
+            let whole: Vec<_> = buffers.iter().map(BoundBuffer::from).collect();
+            pass.set_bind_group(0, &self.bind(kernel, &whole), &[]);
             pass.dispatch_workgroups(workgroups, 1, 1);
         }
         let mut at = 0;

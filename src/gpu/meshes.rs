@@ -4,9 +4,10 @@
 use std::sync::Arc;
 
 use rustc_hash::{FxHashMap, FxHashSet};
-use wgpu::{BindingResource, Buffer, BufferUsages};
+use wgpu::{Buffer, BufferUsages};
 
 use super::context::Context;
+use super::kernel::BoundBuffer;
 use super::page_arrays::PageArrays;
 use super::shaders::PAGE_ARRAYS;
 use crate::error::Result;
@@ -315,18 +316,13 @@ impl Meshes {
         &self.buffers[2]
     }
 
-    /// The arrays of pages; the first again where there are fewer.
-    pub fn pages(&self) -> [&Buffer; PAGE_ARRAYS] {
+    /// What kernels bind of the arrays of pages; the first again where there are fewer.
+    pub fn pages(&self) -> [BoundBuffer<'_>; PAGE_ARRAYS] {
         self.pages.arrays()
     }
 
     /// Whether pages lie in several arrays.
     pub fn split(&self) -> bool {
         self.pages.split()
-    }
-
-    /// What of a buffer kernels bind, which may be one of [`Meshes::pages`].
-    pub fn binding<'a>(&self, buffer: &'a Buffer) -> BindingResource<'a> {
-        self.pages.binding(buffer)
     }
 }

@@ -10,7 +10,7 @@
 //! `recorder` record the stages. `raster_hardware` is another form of the two raster stages; `calibrate` measures whether it
 //! is faster. Files import each other in one direction, which a test holds.
 
-mod bindings;
+mod bind_groups;
 mod buffers;
 mod calibrate;
 mod cluster_cull;
@@ -18,8 +18,10 @@ pub mod context;
 mod hzb;
 mod instance_cull;
 mod instances;
-mod layouts;
+mod kernel;
+pub mod kernels;
 mod lights;
+mod lists;
 mod materials;
 pub mod meshes;
 mod node_cull;
@@ -28,6 +30,7 @@ mod output;
 mod page_arrays;
 mod passes;
 mod pyramids;
+mod raster;
 mod raster_hardware;
 mod raster_large;
 mod raster_small;
@@ -36,15 +39,15 @@ pub mod renderer;
 mod request;
 mod shade;
 pub mod shaders;
+mod surface;
 mod times;
 mod view_history;
 
 pub use buffers::DeviceVisibility;
 pub use context::Context;
 pub use instances::SceneInstance;
-pub use layouts::binding_names;
+pub use kernel::CullPass;
 pub use renderer::DeviceRenderer;
 pub use request::{Counted, Drawn, ViewRequest, Ways};
-pub use shaders::CullPass;
 // For benchmarks, which run stages of their own on the same device.
 pub use wgpu;

@@ -8,18 +8,33 @@
 //! draws what is near. Whatever is known of earlier frames, the picture is the same: it decides which pass draws a
 //! cluster, and not whether one does.
 
-use super::bindings::{Bindings, bindings};
+use super::kernel::{Bindings, CullPass, Kernel, bind, bindings};
+use super::lists::IndirectEntry;
 use super::recorder::Recorder;
-use super::shaders::{CullPass, IndirectEntry, Kernel};
 
 bindings! {
     /// What `prepare_indirect` binds.
-    PrepareIndirect { view, occluded_dispatch, draws, counters, other_counters, indirect }
+    PrepareIndirect {
+        view: Uniform, occluded_dispatch: Read, draws: Read, counters: Write, other_counters: Write,
+        indirect: Write,
+    }
 }
 
 bindings! {
     /// What `renumber` binds.
-    Renumber { view, renumbered, words, counters }
+    Renumber { view: Uniform, renumbered: Read, words: Write, counters: Write }
+}
+
+/// Counts of a pass → what comes next.
+pub const fn prepare_indirect(cull_pass: CullPass) -> Kernel {
+    Kernel::new("prepare_indirect", &[PrepareIndirect::BINDINGS]).of(cull_pass)
+}
+
+/// Visibility buffer of the first pass → with the numbers of both.
+pub const RENUMBER: Kernel = Kernel::new("renumber", &[Renumber::BINDINGS]);
+
+pub(super) fn kernels() -> Vec<Kernel> {
+    CullPass::BOTH.into_iter().map(prepare_indirect).chain([RENUMBER]).collect()
 }
 
 /// After the culling of a pass: decides what comes next, and gives what the first pass drew the numbers that it has
@@ -28,20 +43,24 @@ pub(super) fn record(r: &mut Recorder<'_>) {
     let (b, own) = (r.buffers, r.own());
     let [first, second] = &b.cull_passes[..] else { return };
     let other = if r.cull_pass == CullPass::First { second } else { first };
-    let bindings = PrepareIndirect {
+    let bindings = bind!(PrepareIndirect {
         view: &b.view,
-        occluded_dispatch: &second.levels[0],
-        draws: &own.draws,
+        occluded_dispatch: second.levels.level(0),
+        draws: own.draws(),
         counters: &own.counters,
         other_counters: &other.counters,
         indirect: &own.indirect,
-    };
-    r.run(Kernel::PrepareIndirect(r.cull_pass), &bindings.buffers(), 1);
+    });
+    r.run(prepare_indirect(r.cull_pass), &bindings.buffers(), 1);
     // Keys say no number.
     if r.cull_pass == CullPass::Second && !b.shape.depth_only {
         let number = IndirectEntry::Pixels.number();
-        let bindings =
-            Renumber { view: &b.view, renumbered: &b.renumbered, words: &b.words, counters: &first.counters };
-        r.run_indirect(Kernel::Renumber, &bindings.buffers(), &own.indirect, number);
+        let bindings = bind!(Renumber {
+            view: &b.view,
+            renumbered: &b.renumbered,
+            words: &b.words,
+            counters: &first.counters,
+        });
+        r.run_indirect(RENUMBER, &bindings.buffers(), &own.indirect, number);
     }
 }

@@ -6,9 +6,10 @@
 //! written to is bound: wgpu clears what is bound, and a device that gives memory when it is first touched gives none for
 //! the rest.
 
-use wgpu::{BindingResource, Buffer, BufferBinding, BufferSize, BufferUsages};
+use wgpu::{Buffer, BufferSize, BufferUsages};
 
 use super::context::{Context, mib, unavailable};
+use super::kernel::BoundBuffer;
 use super::shaders::PAGE_ARRAYS;
 use crate::error::{Error, Result};
 use crate::gpu_types::QUAD;
@@ -137,23 +138,18 @@ impl PageArrays {
         context.write(WHAT, &self.arrays[array as usize], word * WORD, bytemuck::cast_slice(words))
     }
 
-    /// The arrays; the first again where there are fewer.
-    pub(super) fn arrays(&self) -> [&Buffer; PAGE_ARRAYS] {
-        std::array::from_fn(|k| self.arrays.get(k).unwrap_or(&self.arrays[0]))
+    /// What kernels bind of the arrays: what has been written to. The first again where there are fewer.
+    pub(super) fn arrays(&self) -> [BoundBuffer<'_>; PAGE_ARRAYS] {
+        std::array::from_fn(|k| {
+            let number = if k < self.arrays.len() { k } else { 0 };
+            let buffer = &self.arrays[number];
+            let words = self.written.saturating_sub((number as u64) << self.bits).max(QUAD.into());
+            BoundBuffer { buffer, offset: 0, size: BufferSize::new((words * WORD).min(buffer.size())) }
+        })
     }
 
     /// Whether there are several.
     pub(super) fn split(&self) -> bool {
         self.arrays.len() > 1
-    }
-
-    /// What of a buffer kernels bind: of an array of pages what has been written to, of others all.
-    pub(super) fn binding<'a>(&self, buffer: &'a Buffer) -> BindingResource<'a> {
-        let array = (0..).zip(&self.arrays).find(|(_, array)| *array == buffer);
-        let size = array.and_then(|(number, array): (u64, _)| {
-            let words = self.written.saturating_sub(number << self.bits).max(QUAD.into());
-            BufferSize::new((words * WORD).min(array.size()))
-        });
-        BindingResource::Buffer(BufferBinding { buffer, offset: 0, size })
     }
 }

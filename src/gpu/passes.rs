@@ -2,14 +2,15 @@
 
 use wgpu::{CommandEncoder, ComputePassDescriptor};
 
-use super::bindings::Bindings;
 use super::context::Context;
 use super::instances::Slots;
+use super::kernel::{Bindings, CullPass};
+use super::lists::List;
 use super::materials;
 use super::meshes::Meshes;
-use super::raster_hardware::Draw;
+use super::raster::Words;
+use super::raster_hardware::{Draw, raster_hardware};
 use super::recorder::{Recorder, raster};
-use super::shaders::{CullPass, List, Words};
 use super::times::Times;
 use super::view_history::SubmittedView;
 use crate::gpu_types::HISTORY_LIST;
@@ -84,13 +85,13 @@ impl<'a> Passes<'a> {
         let (submitted, number) = (self.submitted(cull_pass), self.passes.len() as u32);
         for (place, SubmittedView { buffers, seen, history, .. }) in submitted.iter().enumerate() {
             let Some(target) = &history.target else { continue };
-            let bindings = raster(buffers, meshes, seen, cull_pass, &buffers.words).buffers();
+            let bound = raster(buffers, meshes, seen, cull_pass, &buffers.words).buffers();
             let draw = Draw {
                 list,
                 words,
                 split: meshes.split(),
-                bindings: bindings.into_iter().map(|buffer| meshes.binding(buffer)).collect(),
-                draw_args: &buffers.cull_passes[cull_pass as usize].draw_args,
+                group: buffers.bind_groups.get(context, raster_hardware(list, words), &bound),
+                draw_args: buffers.cull_passes[cull_pass as usize].draw_args(),
                 target,
                 times: self.times.of_draw(number, place == 0, place + 1 == submitted.len()),
             };

@@ -3,13 +3,15 @@
 //! clips as it likes, and the same edge has to look the same in compute.
 
 use wgpu::{
-    BindGroupDescriptor, BindingResource, Buffer, Color, CommandEncoder, Extent3d, LoadOp, Operations,
-    RenderPassColorAttachment, RenderPassDescriptor, RenderPassTimestampWrites, StoreOp, TextureDescriptor,
-    TextureDimension, TextureUsages, TextureView, TextureViewDescriptor,
+    BindGroup, Color, CommandEncoder, Extent3d, LoadOp, Operations, RenderPassColorAttachment,
+    RenderPassDescriptor, RenderPassTimestampWrites, StoreOp, TextureDescriptor, TextureDimension,
+    TextureUsages, TextureView, TextureViewDescriptor,
 };
 
-use super::context::{Context, NO_COLOR, entries};
-use super::shaders::{Kernel, List, Words};
+use super::context::{Context, NO_COLOR};
+use super::kernel::{Bindings, BoundBuffer, Constant, Kernel};
+use super::lists::List;
+use super::raster::{RasterBindings, Words};
 use crate::error::Result;
 use crate::gpu_types::DrawArgs;
 use crate::limits::{GUARD_BAND, MAX_SPAN};
@@ -65,28 +67,36 @@ impl Target {
     }
 }
 
+/// Clusters of a list → visibility buffer, by the rasterizer of the device.
+pub const fn raster_hardware(list: List, words: Words) -> Kernel {
+    let kernel = Kernel::new("raster_hardware", &[RasterBindings::BINDINGS]);
+    let list = Constant::Number("LIST", list as u32);
+    Kernel { draws: true, ..kernel }.with([words.file()]).constants([words.constant(), list])
+}
+
+pub(super) fn kernels() -> Vec<Kernel> {
+    let words = Words::ALL.into_iter().filter(|words| *words != Words::Count);
+    words.flat_map(|words| [List::Small, List::Large].map(|list| raster_hardware(list, words))).collect()
+}
+
 /// Draws a list of clusters.
 pub(super) struct Draw<'a> {
     pub(super) list: List,
     pub(super) words: Words,
     pub(super) split: bool,
-    pub(super) bindings: Vec<BindingResource<'a>>,
-    pub(super) draw_args: &'a Buffer,
+    pub(super) group: BindGroup,
+    pub(super) draw_args: BoundBuffer<'a>,
     pub(super) target: &'a Target,
     pub(super) times: Option<RenderPassTimestampWrites<'a>>,
 }
 
 impl Draw<'_> {
     pub(super) fn record(self, context: &Context, encoder: &mut CommandEncoder) {
-        let Self { list, words, split, bindings, draw_args, target, times } = self;
-        let kernel = Kernel::RasterHardware(list, words);
+        let Self { list, words, split, group, draw_args, target, times } = self;
+        let kernel = raster_hardware(list, words);
         let pipeline = context.draw_pipeline(kernel, split);
-        let entries: Vec<_> = entries(bindings).collect();
-        let layout = &pipeline.get_bind_group_layout(0);
-        let descriptor = BindGroupDescriptor { label: Some(kernel.name()), layout, entries: &entries };
-        let group = context.device().create_bind_group(&descriptor);
         let mut pass = encoder.begin_render_pass(&RenderPassDescriptor {
-            label: Some(kernel.name()),
+            label: Some(kernel.file),
             color_attachments: &[Some(RenderPassColorAttachment {
                 view: &target.view,
                 depth_slice: None,
@@ -96,12 +106,13 @@ impl Draw<'_> {
             timestamp_writes: times,
             ..RenderPassDescriptor::default()
         });
-        pass.set_pipeline(pipeline);
+        pass.set_pipeline(&pipeline);
         pass.set_bind_group(0, &group, &[]);
         let side = target.viewport as f32;
         let first = |pixels: u32| (pixels / 2) as f32 - 0.5 * side;
         pass.set_viewport(first(target.size.0), first(target.size.1), side, side, 0.0, 1.0);
-        pass.draw_indirect(draw_args, list as u64 * size_of::<DrawArgs>() as u64);
+        let offset = draw_args.offset + list as u64 * size_of::<DrawArgs>() as u64;
+        pass.draw_indirect(draw_args.buffer, offset);
     }
 }
 

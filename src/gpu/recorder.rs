@@ -2,15 +2,16 @@
 
 use wgpu::{Buffer, ComputePass};
 
-use super::bindings::{RasterBindings, SurfaceBindings};
 use super::buffers::{Buffers, PassBuffers, bytes};
 use super::context::Context;
 use super::instances::Slots;
+use super::kernel::{BoundBuffer, CullPass, Kernel, MAX_WORKGROUPS, WIDTH, bind};
 use super::lights::Lights;
 use super::materials;
 use super::meshes::Meshes;
 use super::pyramids::Pyramids;
-use super::shaders::{CullPass, Kernel, MAX_WORKGROUPS, WIDTH};
+use super::raster::RasterBindings;
+use super::surface::SurfaceBindings;
 use crate::gpu_types::Dispatch;
 
 /// What the rasterizers of a pass bind, which write into `words`.
@@ -23,20 +24,20 @@ pub(super) fn raster<'a>(
 ) -> RasterBindings<'a> {
     let own = &buffers.cull_passes[cull_pass as usize];
     let [pages, pages_1, pages_2, pages_3] = meshes.pages();
-    RasterBindings {
+    bind!(RasterBindings {
         view: &buffers.view,
         instances: seen,
         page_offsets: meshes.page_offsets(),
-        pages,
+        pages: pages,
         visible: &buffers.visible,
         numbers: &own.numbers,
-        draws: &own.draws,
-        words,
+        draws: own.draws(),
+        words: words,
         counters: &own.counters,
-        pages_1,
-        pages_2,
-        pages_3,
-    }
+        pages_1: pages_1,
+        pages_2: pages_2,
+        pages_3: pages_3,
+    })
 }
 
 /// What shading and all other arrays bind, one of which goes to `out`.
@@ -48,19 +49,19 @@ pub(super) fn surface<'a>(
     out: &'a Buffer,
 ) -> SurfaceBindings<'a> {
     let [pages, pages_1, pages_2, pages_3] = meshes.pages();
-    SurfaceBindings {
+    bind!(SurfaceBindings {
         view: &buffers.view,
         instances: seen,
         page_offsets: meshes.page_offsets(),
-        pages,
-        pages_1,
-        pages_2,
-        pages_3,
+        pages: pages,
+        pages_1: pages_1,
+        pages_2: pages_2,
+        pages_3: pages_3,
         visible: &buffers.visible,
         instance_materials: &instances.instance_materials,
         words: &buffers.words,
-        out,
-    }
+        out: out,
+    })
 }
 
 /// Records a stage for a view, in a pass.
@@ -97,10 +98,10 @@ impl<'a> Recorder<'a> {
     }
 
     /// The occluded queue to which this pass defers: a list and its count.
-    pub(super) fn occluded_queue(&self) -> [&'a Buffer; 2] {
+    pub(super) fn occluded_queue(&self) -> [BoundBuffer<'a>; 2] {
         match (self.cull_pass, &self.buffers.cull_passes[..]) {
-            (CullPass::First, [_, second]) => [&second.starts, &second.levels[0]],
-            _ => [&self.buffers.unused_queue[0], &self.buffers.unused_queue[1]],
+            (CullPass::First, [_, second]) => [(&second.starts).into(), second.levels.level(0)],
+            _ => self.buffers.unused_queue.each_ref().map(BoundBuffer::from),
         }
     }
 
@@ -136,30 +137,30 @@ impl<'a> Recorder<'a> {
         self.buffers.shape.pixels.div_ceil(u64::from(4 * WIDTH)) as u32
     }
 
-    fn prepare(&mut self, kernel: Kernel, buffers: &[&Buffer]) {
-        let split = kernel.reads_pages() && self.meshes.split();
-        self.pass.insert_debug_marker(kernel.name());
-        self.pass.set_pipeline(self.context.pipeline(kernel, split));
-        let bindings = buffers.iter().map(|buffer| self.meshes.binding(buffer));
-        self.pass.set_bind_group(0, &self.context.bind(kernel, split, bindings), &[]);
+    fn prepare(&mut self, kernel: Kernel, bound: &[BoundBuffer<'_>]) {
+        self.pass.insert_debug_marker(kernel.file);
+        self.pass.set_pipeline(&self.context.pipeline(kernel, self.meshes.split()));
+        let group = self.buffers.bind_groups.get(self.context, kernel, bound);
+        self.pass.set_bind_group(0, &group, &[]);
     }
 
     /// Runs a kernel in as many workgroups.
-    pub(super) fn run(&mut self, kernel: Kernel, buffers: &[&Buffer], workgroups: u32) {
-        self.prepare(kernel, buffers);
+    pub(super) fn run(&mut self, kernel: Kernel, bound: &[BoundBuffer<'_>], workgroups: u32) {
+        self.prepare(kernel, bound);
         let rows = workgroups.div_ceil(MAX_WORKGROUPS);
         self.pass.dispatch_workgroups(workgroups.min(MAX_WORKGROUPS), rows, 1);
     }
 
     /// Runs a kernel in as many workgroups as entry `number` of `dispatches` says by then.
-    pub(super) fn run_indirect(
+    pub(super) fn run_indirect<'b>(
         &mut self,
         kernel: Kernel,
-        buffers: &[&Buffer],
-        dispatches: &Buffer,
+        bound: &[BoundBuffer<'_>],
+        dispatches: impl Into<BoundBuffer<'b>>,
         number: u32,
     ) {
-        self.prepare(kernel, buffers);
-        self.pass.dispatch_workgroups_indirect(dispatches, bytes::<Dispatch>(number));
+        self.prepare(kernel, bound);
+        let BoundBuffer { buffer, offset, .. } = dispatches.into();
+        self.pass.dispatch_workgroups_indirect(buffer, offset + bytes::<Dispatch>(number));
     }
 }

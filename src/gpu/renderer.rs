@@ -5,16 +5,17 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
-use wgpu::BindingResource;
 
-use super::buffers::{Buffers, DeviceVisibility, Room, Shape};
+use super::buffers::{Buffers, DeviceVisibility, Levels, Room, Shape};
 use super::context::Context;
 use super::instances::{Instances, SceneInstance};
+use super::kernel::{BoundBuffer, CullPass, Kernel};
+use super::lists::List;
 use super::meshes::Meshes;
 use super::passes::Passes;
+use super::raster::Words;
 use super::recorder::surface;
 use super::request::{Counted, Drawn, ViewRequest, Ways};
-use super::shaders::{CullPass, Kernel, List, Words};
 use super::view_history::{SubmittedView, ViewHistory};
 use super::{
     calibrate, cluster_cull, hzb, instance_cull, node_cull, occlusion, output, raster_large, raster_small,
@@ -80,7 +81,7 @@ impl DeviceRenderer {
 
     /// What shaded an array of the last frame's first view: the kernel, all that it binds, and whether pages lie in several
     /// arrays. For benchmarks, which shade the same picture in other ways.
-    pub fn shading(&self, output: Output) -> Option<(Kernel, Vec<BindingResource<'_>>, bool)> {
+    pub fn shading(&self, output: Output) -> Option<(Kernel, Vec<BoundBuffer<'_>>, bool)> {
         let ViewHistory { seen: Some((_, seen)), buffers: Some(buffers), lights, .. } =
             self.histories.get(&self.last?)?
         else {
@@ -89,7 +90,6 @@ impl DeviceRenderer {
         let (_, out) = buffers.outputs.iter().find(|(made, _)| *made == output && made.shaded())?;
         let surface = &surface(buffers, &self.meshes, seen, self.instances.slots()?, out);
         let (kernel, bindings) = shade::kernel(output, surface, lights, self.instances.table().buffers());
-        let bindings = bindings.into_iter().map(|buffer| self.meshes.binding(buffer)).collect();
         Some((kernel, bindings, self.meshes.split()))
     }
 
@@ -375,11 +375,11 @@ fn report(
             drawn.times = times.map(|((stage, cull_pass), ms)| (*stage, *cull_pass, ms)).collect();
             continue;
         }
-        let [counters, culling, draws, starts, levels @ ..] = &parts[..] else { continue };
+        let [counters, culling, draws, starts, even, odd] = &parts[..] else { continue };
         let counters: Counters = value(counters);
         let groups = value::<Dispatch>(culling).count;
         let draws = list::<Dispatch>(draws, List::COUNT);
-        let levels: Vec<Dispatch> = levels.iter().map(|level| value(level)).collect();
+        let levels = Levels::read(even, odd, shape.depth);
         let of_levels = |of: fn(&Dispatch) -> u32| levels.iter().map(|level| u64::from(of(level))).sum();
         let visited: u64 = of_levels(|level| level.count);
         // The second pass starts anywhere; what it starts at a root is an instance that the first did not walk.

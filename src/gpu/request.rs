@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::buffers::DeviceVisibility;
-use super::shaders::CullPass;
+use super::kernel::CullPass;
 use crate::config::{Output, Outputs, Raster, Shading, Transfer};
 use crate::gpu_types::{self, Array, Counters, Lighting, View, VisibleCluster};
 use crate::scene::EnvironmentMap;

@@ -2,297 +2,45 @@
 
 use std::mem::offset_of;
 
-use crate::config::{OUTPUTS, Output, Shading};
+use super::kernel::{Constant, Kernel, MAX_WORKGROUPS, WIDTH};
+use super::lists::{Bits, GROUPS_PER_WORKGROUP, IndirectEntry, LEVELS_PER_DISPATCH, List, SCAN_WIDTH};
+
+use crate::config::{OUTPUTS, Shading};
 use crate::gpu_types::{
-    ABSENT, Dispatch, HISTORY_LIST, MATERIAL_COLOR_WORDS, MATERIAL_CONFORMAL, MATERIAL_SMOOTH,
-    MATERIAL_UNLIT, QUAD, TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP, TILES,
+    ABSENT, HISTORY_LIST, MATERIAL_COLOR_WORDS, MATERIAL_CONFORMAL, MATERIAL_SMOOTH, MATERIAL_UNLIT, QUAD,
+    TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP, TILES,
 };
 use crate::limits::{
-    CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, GUARD_BAND, MAX_SPAN,
-    PAGE_SLOT_BITS, PYRAMID_ABOVE, PYRAMID_FINER, PYRAMID_LEVELS, PYRAMID_REACH, SMALL_EDGE, SUBPIXEL_BITS,
-    TRIANGLE_BITS,
+    CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, DIELECTRIC_F0, FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING,
+    FOOTPRINT_SLACK, GUARD_BAND, LEAST_COSINE, LEAST_ROUGHNESS, LOG2_BEND, LONGEST_FOOTPRINT, MAX_SPAN,
+    PAGE_SLOT_BITS, PYRAMID_ABOVE, PYRAMID_FINER, PYRAMID_LEVELS, PYRAMID_REACH, SMALL_EDGE, SNAP_ROUNDER,
+    SUBPIXEL_BITS, TRIANGLE_BITS,
 };
+use crate::math::bounds::CONE_STEPS;
+use crate::math::double_single::SPLITTER;
+use crate::math::octahedral::OCTAHEDRAL_STEPS;
 use crate::math::project::LEAST_MARGIN;
 use crate::model::cluster::RECORD_WORDS;
 use crate::model::packing::{CORNER_BITS, WIDE_CORNER_BITS};
 use crate::model::{ClusterRecord, Packing};
-use crate::scene::Slot;
 use crate::scene::albedo::ALBEDO_SIDE;
 use crate::scene::environment::{GRIDS, IRRADIANCE, ROUGHNESS_LEVELS};
 use crate::scene::image::TexelFormat;
 use crate::scene::texture::{Mipmaps, Wrap};
 use crate::scene::transfer::BYTE_STEPS;
+use crate::scene::{Slot, palette};
 
-/// Lanes of a workgroup where each entry is looked at by itself.
-pub const WIDTH: u32 = 64;
-/// Lanes of a workgroup that sums up words.
-pub const SCAN_WIDTH: u32 = CLUSTER_MAX_TRIANGLES as u32;
 /// Lanes whose values each of them adds up by itself.
 const SCAN_ROW: u32 = 16;
-/// Workgroups that every device allows along a dimension.
-pub const MAX_WORKGROUPS: u32 = 65_535;
-/// Groups whose clusters a workgroup culls, all of them shared out among its lanes: most have some six to look at.
-pub const GROUPS_PER_WORKGROUP: u32 = 8;
-
-/// Words of bits of groups with the bits that tell which of them are not zero.
-pub fn group_bit_words(words: u32) -> u32 {
-    words + words.div_ceil(u32::BITS)
-}
-
 /// Arrays that the pages of all meshes may lie in.
 pub const PAGE_ARRAYS: usize = 4;
 /// Bytes that a kernel reads of a record at a time; pages start at multiples of it.
 const QUAD_BYTES: usize = size_of::<[u32; QUAD as usize]>();
 /// Pixels that a lane gives new numbers, or counts.
 pub const PIXELS_PER_LANE: u32 = 16;
-/// Side of a workgroup that makes a part of the depth pyramid.
-const PYRAMID_SIDE: u32 = 8;
-/// Levels of the depth pyramid that a dispatch makes of the one below, as `hzb.wgsl` is written.
-const LEVELS_PER_DISPATCH: u32 = 3;
-/// Dispatches that make a whole pyramid.
-pub const PYRAMID_DISPATCHES: u32 = (PYRAMID_LEVELS as u32 - 1).div_ceil(LEVELS_PER_DISPATCH);
-
-/// What is decided after the first pass and after the second, in this order: words of bits of groups to list, pixels
-/// to renumber, rounds of the pyramid.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum IndirectEntry {
-    /// Blocks of the bits of groups, for the second pass.
-    Groups,
-    /// Pixels that get the numbers of the list of both passes.
-    Pixels,
-    /// A round of the depth pyramid.
-    Pyramid(u32),
-}
-
-impl IndirectEntry {
-    /// How many there are.
-    pub const COUNT: u32 = 2 + PYRAMID_DISPATCHES;
-
-    /// Place among them.
-    pub const fn number(self) -> u32 {
-        match self {
-            Self::Groups => 0,
-            Self::Pixels => 1,
-            Self::Pyramid(round) => 2 + round,
-        }
-    }
-}
-
-/// Which of the two passes of occlusion culling.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CullPass {
-    /// What an earlier frame does not hide, or of what it drew; without occlusion, everything.
-    First,
-    /// What the first deferred, by its depth pyramid.
-    Second,
-}
-
-/// How rasterizers write to the visibility buffer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Words {
-    /// By one 64-bit atomic maximum.
-    Int64,
-    /// The nearest key of every pixel, the first of two 32-bit passes.
-    Keys,
-    /// The largest low half among those with that key, the second.
-    Lows,
-    /// How many triangles cover every pixel, instead.
-    Count,
-    /// The nearest key of every pixel and nothing else.
-    Depth,
-}
-
-/// The lists of clusters to draw.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum List {
-    /// Those of small triangles.
-    Small,
-    /// Those of large ones; with the hardware rasterizer, that it takes.
-    Large,
-    /// With the hardware rasterizer, large ones that it does not take: that have to be clipped.
-    Clipped,
-    /// Of any size, alpha-tested.
-    AlphaTested,
-}
-
-impl List {
-    /// How many there are.
-    pub const COUNT: u32 = 4;
-}
-
-/// Sets of bits that are listed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Bits {
-    /// Of all groups of the scene, of which few are looked at.
-    Groups,
-    /// Of the clusters of the groups that are.
-    Clusters,
-}
-
-impl Bits {
-    /// Words that a workgroup sums up, shared out among its lanes. Of groups those that are not zero are looked at, which
-    /// bits tell of 32 words together: so few that waiting for each other takes longer than looking.
-    pub const fn block(self) -> u32 {
-        match self {
-            Self::Groups => 4096,
-            Self::Clusters => 512,
-        }
-    }
-
-    /// Sums that so many words have: one for each block, and behind them the total.
-    pub const fn sums(self, words: u32) -> u32 {
-        words.div_ceil(self.block()) + 1
-    }
-
-    /// A dispatch of such workgroups over so many words.
-    pub fn dispatch(self, count: u32) -> Dispatch {
-        let workgroups = count.div_ceil(self.block());
-        let (x, y) = (workgroups.min(MAX_WORKGROUPS), workgroups.div_ceil(MAX_WORKGROUPS));
-        Dispatch { x, y, z: 1, count, ..Dispatch::default() }
-    }
-}
-
-/// What materials the scene has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MaterialKind {
-    /// Each instance has a material without textures.
-    Plain,
-    /// Some have textures, or several materials.
-    Textured,
-}
-
-/// Whether there is image-based lighting.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ibl {
-    /// No environment map.
-    Off,
-    /// An environment map.
-    On,
-}
-
-/// Everything that runs on the device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kernel {
-    /// Instances → roots to look at.
-    InstanceCull,
-    /// Bits of groups → none.
-    ClearGroups,
-    /// A level of nodes → the next, and the bits of groups.
-    NodeCull(CullPass),
-    /// Words → set bits of each block of words.
-    CountBits(Bits),
-    /// Set bits of blocks → where each block starts.
-    ScanBlocks(Bits),
-    /// Bits of groups → the list of groups.
-    ListGroups(CullPass),
-    /// Groups → bits of clusters.
-    ClusterCull(CullPass),
-    /// Bits of clusters → the visible list.
-    ListClusters(CullPass),
-    /// Small clusters → visibility buffer.
-    RasterSmall(Words),
-    /// Large clusters → visibility buffer.
-    RasterLarge(Words),
-    /// Alpha-tested clusters → visibility buffer.
-    RasterAlphaTested(Words),
-    /// Clusters of a list → visibility buffer, by the rasterizer of the device.
-    RasterHardware(List, Words),
-    /// Visibility buffer → a round of the depth pyramid.
-    Hzb(u32),
-    /// Counts of a pass → what comes next.
-    PrepareIndirect(CullPass),
-    /// Visibility buffer of the first pass → with the numbers of both.
-    Renumber,
-    /// Visibility buffer → how many pixels show anything.
-    CountCovered,
-    /// Visibility buffer → colour, encoded or not.
-    Shade(Output, MaterialKind, Ibl),
-    /// Visibility buffer → another array; what is shaded and overdraw are made otherwise.
-    Output(Output),
-    /// A long loop, to see whether the driver finishes it.
-    LoopProbe,
-}
-
-/// All that are dispatched; [`Kernel::number`] is the place here.
-pub const KERNELS: [Kernel; 65] = [
-    Kernel::InstanceCull,
-    Kernel::ClearGroups,
-    Kernel::NodeCull(CullPass::First),
-    Kernel::NodeCull(CullPass::Second),
-    Kernel::CountBits(Bits::Groups),
-    Kernel::CountBits(Bits::Clusters),
-    Kernel::ScanBlocks(Bits::Groups),
-    Kernel::ScanBlocks(Bits::Clusters),
-    Kernel::ListGroups(CullPass::First),
-    Kernel::ListGroups(CullPass::Second),
-    Kernel::ClusterCull(CullPass::First),
-    Kernel::ClusterCull(CullPass::Second),
-    Kernel::ListClusters(CullPass::First),
-    Kernel::ListClusters(CullPass::Second),
-    Kernel::PrepareIndirect(CullPass::First),
-    Kernel::PrepareIndirect(CullPass::Second),
-    Kernel::Renumber,
-    Kernel::CountCovered,
-    Kernel::Hzb(0),
-    Kernel::Hzb(1),
-    Kernel::Hzb(2),
-    Kernel::Hzb(3),
-    Kernel::Hzb(4),
-    Kernel::Hzb(5),
-    Kernel::LoopProbe,
-    Kernel::RasterSmall(Words::Int64),
-    Kernel::RasterSmall(Words::Keys),
-    Kernel::RasterSmall(Words::Lows),
-    Kernel::RasterLarge(Words::Int64),
-    Kernel::RasterLarge(Words::Keys),
-    Kernel::RasterLarge(Words::Lows),
-    Kernel::RasterSmall(Words::Count),
-    Kernel::RasterLarge(Words::Count),
-    Kernel::RasterSmall(Words::Depth),
-    Kernel::RasterLarge(Words::Depth),
-    Kernel::RasterAlphaTested(Words::Int64),
-    Kernel::RasterAlphaTested(Words::Keys),
-    Kernel::RasterAlphaTested(Words::Lows),
-    Kernel::RasterAlphaTested(Words::Count),
-    Kernel::RasterAlphaTested(Words::Depth),
-    Kernel::Shade(Output::Color, MaterialKind::Plain, Ibl::Off),
-    Kernel::Shade(Output::Linear, MaterialKind::Plain, Ibl::Off),
-    Kernel::Shade(Output::Color, MaterialKind::Textured, Ibl::Off),
-    Kernel::Shade(Output::Linear, MaterialKind::Textured, Ibl::Off),
-    Kernel::Shade(Output::Color, MaterialKind::Plain, Ibl::On),
-    Kernel::Shade(Output::Linear, MaterialKind::Plain, Ibl::On),
-    Kernel::Shade(Output::Color, MaterialKind::Textured, Ibl::On),
-    Kernel::Shade(Output::Linear, MaterialKind::Textured, Ibl::On),
-    Kernel::Shade(Output::BaseColor, MaterialKind::Plain, Ibl::Off),
-    Kernel::Shade(Output::ShadingNormal, MaterialKind::Plain, Ibl::Off),
-    Kernel::Shade(Output::Orm, MaterialKind::Plain, Ibl::Off),
-    Kernel::Shade(Output::Emissive, MaterialKind::Plain, Ibl::Off),
-    Kernel::Shade(Output::BaseColor, MaterialKind::Textured, Ibl::Off),
-    Kernel::Shade(Output::ShadingNormal, MaterialKind::Textured, Ibl::Off),
-    Kernel::Shade(Output::Orm, MaterialKind::Textured, Ibl::Off),
-    Kernel::Shade(Output::Emissive, MaterialKind::Textured, Ibl::Off),
-    Kernel::Output(Output::Depth),
-    Kernel::Output(Output::Normal),
-    Kernel::Output(Output::InstanceId),
-    Kernel::Output(Output::ClusterId),
-    Kernel::Output(Output::TriangleId),
-    Kernel::Output(Output::Triangles),
-    Kernel::Output(Output::Clusters),
-    Kernel::Output(Output::Groups),
-    Kernel::Output(Output::Levels),
-];
-
-/// All that draw, with a vertex and a fragment shader; [`Kernel::number`] is the place here.
-pub const DRAWS: [Kernel; 8] = [
-    Kernel::RasterHardware(List::Small, Words::Int64),
-    Kernel::RasterHardware(List::Small, Words::Keys),
-    Kernel::RasterHardware(List::Small, Words::Lows),
-    Kernel::RasterHardware(List::Large, Words::Int64),
-    Kernel::RasterHardware(List::Large, Words::Keys),
-    Kernel::RasterHardware(List::Large, Words::Lows),
-    Kernel::RasterHardware(List::Small, Words::Depth),
-    Kernel::RasterHardware(List::Large, Words::Depth),
-];
+/// Side of a workgroup that makes a part of the depth pyramid: each lane begins with two by two texels, each level leaves a
+/// quarter of the lanes, and the last one.
+const PYRAMID_SIDE: u32 = 1 << (LEVELS_PER_DISPATCH - 1);
 
 /// What `records.wgsl` reads four words at a time.
 const _: () = {
@@ -366,6 +114,7 @@ const SOURCES: &[(&str, &str)] = sources![
     "shared/records",
     "shared/surface",
     "shared/texture",
+    "shared/target",
     "shared/textured",
     "shared/tiles",
     "shared/triangle",
@@ -414,71 +163,23 @@ fn declares(source: &str, name: &str) -> bool {
     })
 }
 
+impl Constant {
+    /// As WGSL.
+    fn declaration(self) -> String {
+        match self {
+            Self::None => String::new(),
+            Self::Flag(name, value) => format!("const {name}: bool = {value};\n"),
+            Self::Number(name, value) => format!("const {name}: u32 = {value}u;\n"),
+        }
+    }
+}
+
 impl Kernel {
-    /// Place in [`KERNELS`], or in [`DRAWS`].
-    pub fn number(self) -> usize {
-        let place = |kernels: &[Self]| kernels.iter().position(|k| *k == self);
-        place(&KERNELS).or_else(|| place(&DRAWS)).unwrap_or(KERNELS.len())
-    }
-
-    /// Name of its file.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::InstanceCull => "instance_cull",
-            Self::ClearGroups => "clear_groups",
-            Self::NodeCull(_) => "node_cull",
-            Self::CountBits(_) => "count_bits",
-            Self::ScanBlocks(_) => "scan_blocks",
-            Self::ListGroups(_) => "list_groups",
-            Self::ClusterCull(_) => "cluster_cull",
-            Self::ListClusters(_) => "list_clusters",
-            Self::RasterSmall(_) => "raster_small",
-            Self::RasterLarge(_) | Self::RasterAlphaTested(_) => "raster_large",
-            Self::RasterHardware(..) => "raster_hardware",
-            Self::Hzb(_) => "hzb",
-            Self::PrepareIndirect(_) => "prepare_indirect",
-            Self::Renumber => "renumber",
-            Self::CountCovered => "count_covered",
-            Self::Shade(..) => "shade",
-            Self::Output(_) => "output",
-            Self::LoopProbe => "loop_probe",
-        }
-    }
-
-    /// The shared files that its own does not name, since they depend on the kernel.
-    fn variants(self) -> Vec<&'static str> {
-        let words = |words| match words {
-            Words::Int64 => "shared/words_64",
-            Words::Keys | Words::Lows => "shared/words_32",
-            Words::Count => "shared/words_count",
-            Words::Depth => "shared/words_depth",
-        };
-        match self {
-            Self::RasterSmall(form) | Self::RasterHardware(_, form) => vec![words(form)],
-            Self::RasterLarge(form) => vec![words(form), "shared/opaque"],
-            Self::RasterAlphaTested(form) => vec![words(form), "shared/alpha_test"],
-            Self::Shade(_, kind, ibl) => {
-                let kind = match kind {
-                    MaterialKind::Plain => "shared/plain",
-                    MaterialKind::Textured => "shared/textured",
-                };
-                let ibl = match ibl {
-                    Ibl::Off => "shared/no_environment",
-                    Ibl::On => "shared/environment",
-                };
-                vec![kind, ibl]
-            }
-            _ => Vec::new(),
-        }
-    }
-
     /// All files of its source, each behind those that it needs.
     fn files(self) -> Vec<&'static str> {
         let mut files = Vec::new();
-        [&["shared/types"][..], &self.variants(), &[self.name()]]
-            .concat()
-            .into_iter()
-            .for_each(|name| include(name, &mut files));
+        let own = ["shared/types"].into_iter().chain(self.variants.into_iter().flatten()).chain([self.file]);
+        own.for_each(|name| include(name, &mut files));
         files
     }
 
@@ -496,78 +197,23 @@ impl Kernel {
         files.into_iter().flat_map(missing).collect()
     }
 
-    /// The set whose words it shares out among lanes, if any.
-    fn scans(self) -> Option<Bits> {
-        match self {
-            Self::CountBits(bits) | Self::ScanBlocks(bits) => Some(bits),
-            Self::ListGroups(_) => Some(Bits::Groups),
-            Self::ListClusters(_) => Some(Bits::Clusters),
-            _ => None,
-        }
-    }
-
     /// Values of `override` constants that others than a GPU go with.
     pub fn overrides_in_software(self) -> Vec<(&'static str, f64)> {
-        // There a workgroup is a loop over its lanes, a few at a time, from one barrier to the next.
-        let lanes = match self {
-            Self::ClusterCull(_) => Some(("CULL_LANES", f64::from(GROUPS_PER_WORKGROUP))),
-            Self::RasterSmall(_) => Some(("RASTER_LANES", 8.0)),
-            _ if self.scans().is_some() => Some(("SCAN_LANES", 8.0)),
-            _ => None,
-        };
         // It divides as the CPU does.
-        let exact = self.files().contains(&"shared/exact").then_some(("ROUNDS_TO_NEAREST", 1.0));
-        lanes.into_iter().chain(exact).collect()
-    }
-
-    /// Whether it reads pages, so that it depends on how many arrays they lie in.
-    pub fn reads_pages(self) -> bool {
-        let files = self.files();
-        files.contains(&"shared/pages") || files.contains(&"shared/records")
+        self.files().contains(&"shared/exact").then_some(("ROUNDS_TO_NEAREST", 1.0)).into_iter().collect()
     }
 
     /// The whole source. With `array_bits`, pages lie in several arrays of 2^`array_bits` words.
     pub fn source(self, array_bits: Option<u32>) -> String {
-        let mut source = constants();
-        let arrays = if array_bits.is_some() { PAGE_ARRAYS } else { 1 };
-        source += &format!("const PAGE_ARRAYS: u32 = {arrays}u;\n");
-        source += &format!("const PAGE_ARRAY_BITS: u32 = {}u;\n", array_bits.unwrap_or(u32::BITS - 1));
-        if let Self::RasterSmall(words)
-        | Self::RasterLarge(words)
-        | Self::RasterAlphaTested(words)
-        | Self::RasterHardware(_, words) = self
-        {
-            let first = matches!(words, Words::Int64 | Words::Keys | Words::Depth);
-            source += &format!("const FIRST_PASS: bool = {first};\n");
-        }
-        if let Self::Shade(output, ..) | Self::Output(output) = self {
-            let (number, rgb, surface) = (output as u32, output.rgb(), output.surface());
-            source += &format!("const OUTPUT: u32 = {number}u;\nconst OUTPUT_RGB: bool = {rgb};\n");
-            source += &format!("const OUTPUT_SURFACE: bool = {surface};\n");
-        }
-        source += &format!("const ALPHA_TESTED: bool = {};\n", matches!(self, Self::RasterAlphaTested(_)));
-        if let Self::RasterHardware(list, _) = self {
-            source += &format!("const LIST: u32 = {}u;\n", list as u32);
-        }
-        if let Self::CountBits(bits) = self {
-            source += &format!("const SPARSE: bool = {};\n", bits == Bits::Groups);
-        }
-        if let Some(bits) = self.scans() {
-            source += &format!("const SCAN_BLOCK: u32 = {}u;\n", bits.block());
-        }
-        if let Self::Hzb(round) = self {
-            source += &format!("const PYRAMID_DISPATCH: u32 = {round}u;\n");
-        }
-        let second = matches!(
-            self,
-            Self::NodeCull(CullPass::Second)
-                | Self::ListGroups(CullPass::Second)
-                | Self::ClusterCull(CullPass::Second)
-                | Self::ListClusters(CullPass::Second)
-                | Self::PrepareIndirect(CullPass::Second)
-        );
-        source += &format!("const SECOND: bool = {second};\n");
-        source + &self.files().into_iter().map(source_of).collect::<Vec<_>>().join("\n")
+        let arrays = if array_bits.is_some() { PAGE_ARRAYS as u32 } else { 1 };
+        let pages = [
+            Constant::Number("PAGE_ARRAYS", arrays),
+            Constant::Number("PAGE_ARRAY_BITS", array_bits.unwrap_or(u32::BITS - 1)),
+        ];
+        let own = pages.into_iter().chain(self.constants).map(Constant::declaration);
+        let files = self.files().into_iter().map(source_of);
+        let constants = constants() + &own.collect::<String>();
+        constants + &files.collect::<Vec<_>>().join("\n")
     }
 }
 
@@ -639,6 +285,9 @@ pub fn constants() -> String {
         ("SHADING_PYRENDER", Shading::Pyrender as u32),
         ("SHADING_FLAT", Shading::Flat as u32),
         ("SHADING_NORMALS", Shading::Normals as u32),
+        ("HASH_SEED", palette::HASH_SEED),
+        ("HASH_FACTOR_0", palette::HASH_FACTORS[0]),
+        ("HASH_FACTOR_1", palette::HASH_FACTORS[1]),
         ("CORNER_BITS", CORNER_BITS),
         ("WIDE_CORNER_BITS", WIDE_CORNER_BITS),
     ];
@@ -658,12 +307,34 @@ pub fn constants() -> String {
         ("PACKING_STEP", offset_of!(Packing, step)),
         ("PACKING_WORDS", size_of::<Packing>()),
     ];
+    let list = |name: &str, values: &[f32]| {
+        let value = |(k, v): (usize, &f32)| format!("const {name}_{k}: f32 = {v:?}f;\n");
+        values.iter().enumerate().map(value).collect::<String>()
+    };
+    let lists = [
+        list("LOG2_BEND", &LOG2_BEND),
+        list("HUE_VALUE", &palette::HUE_VALUE),
+        list("HUE_SATURATION", &palette::HUE_SATURATION),
+        list("RAMP_VALUE", &palette::RAMP_VALUE),
+        list("FACING", &palette::FACING),
+    ];
     let real = [
         ("GUARD_BAND", GUARD_BAND),
         ("FOOTPRINT_MARGIN", FOOTPRINT_MARGIN),
         ("FOOTPRINT_ROUNDING", FOOTPRINT_ROUNDING),
         ("SMALL_EDGE", SMALL_EDGE),
         ("LEAST_MARGIN", LEAST_MARGIN),
+        ("FOOTPRINT_SLACK", FOOTPRINT_SLACK),
+        ("SNAP_ROUNDER", SNAP_ROUNDER),
+        ("SPLITTER", SPLITTER),
+        ("CONE_STEPS", CONE_STEPS as f32),
+        ("OCTAHEDRAL_STEPS", OCTAHEDRAL_STEPS),
+        ("LONGEST_FOOTPRINT", LONGEST_FOOTPRINT),
+        ("DIELECTRIC_F0", DIELECTRIC_F0),
+        ("LEAST_ROUGHNESS", LEAST_ROUGHNESS),
+        ("LEAST_COSINE", LEAST_COSINE),
+        ("RAMP_SIXTHS", palette::RAMP_SIXTHS),
+        ("RAMP_LEVELS", palette::RAMP_LEVELS),
         ("SMALLEST", f32::MIN_POSITIVE),
         ("LARGEST", f32::MAX),
     ];
@@ -672,5 +343,5 @@ pub fn constants() -> String {
     let whole = whole.map(|(name, value)| format!("const {name}: u32 = {value}u;\n"));
     let fields = fields.map(|(name, bytes)| format!("const {name}: u32 = {}u;\n", bytes / 4));
     let real = real.map(|(name, value)| format!("const {name}: f32 = {value:?}f;\n"));
-    [whole.concat(), fields.concat(), real.concat(), outputs.concat()].concat()
+    [whole.concat(), fields.concat(), real.concat(), lists.concat(), outputs.concat()].concat()
 }

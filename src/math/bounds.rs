@@ -100,13 +100,16 @@ fn difference(a: [f32; 3], b: [f32; 3]) -> [f64; 3] {
     [f64::from(a[0]) - f64::from(b[0]), f64::from(a[1]) - f64::from(b[1]), f64::from(a[2]) - f64::from(b[2])]
 }
 
+/// Steps of the parts of a cone's axis and of its cutoff from 0 to 1.
+pub const CONE_STEPS: f64 = i8::MAX as f64;
+
 /// The backface cone: mean normal and the sine of the widest angle to it, in signed bytes rounded so that the
 /// test stays safe. A cone wider than a half space gets cutoff 127, which never culls.
 ///
 /// Olano and Kuehne's normal cones in the form of meshoptimizer's bounds: all triangles face away from `eye`
 /// when dot(c − eye, axis) ≥ cutoff·|c − eye| + radius.
 fn cone(normals: &[[f64; 3]]) -> [i8; 4] {
-    const NEVER: [i8; 4] = [0, 0, 0, 127];
+    const NEVER: [i8; 4] = [0, 0, 0, i8::MAX];
     let mut sum = [0.0; 3];
     for n in normals {
         sum = [sum[0] + n[0], sum[1] + n[1], sum[2] + n[2]];
@@ -115,8 +118,8 @@ fn cone(normals: &[[f64; 3]]) -> [i8; 4] {
     if size < 1.0e-6 {
         return NEVER;
     }
-    let packed = sum.map(|x| (x / size * 127.0).round() as i8);
-    let axis = packed.map(|x| f64::from(x) / 127.0);
+    let packed = sum.map(|x| (x / size * CONE_STEPS).round() as i8);
+    let axis = packed.map(|x| f64::from(x) / CONE_STEPS);
     let length = (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]).sqrt();
     let mut narrowest = 1f64;
     for n in normals {
@@ -129,8 +132,8 @@ fn cone(normals: &[[f64; 3]]) -> [i8; 4] {
     // With a unit axis the cutoff is the sine; the stored axis has length `length`, and so has the left side of
     // the test, while `radius` on its right side has not: divide where that is unsafe, then round up.
     let cutoff = (1.0 - narrowest * narrowest).max(0.0).sqrt() * length.max(1.0) + (length - 1.0).max(0.0);
-    let stored = (cutoff * 127.0).ceil() + 1.0;
-    if stored >= 127.0 {
+    let stored = (cutoff * CONE_STEPS).ceil() + 1.0;
+    if stored >= CONE_STEPS {
         return NEVER;
     }
     [packed[0], packed[1], packed[2], stored as i8]

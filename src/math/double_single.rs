@@ -13,7 +13,7 @@ pub struct DoubleSingle {
 }
 
 /// Splits the 24 bits of a number in halves.
-const SPLITTER: f32 = 4097.0;
+pub const SPLITTER: f32 = 4097.0;
 
 fn split(a: f32) -> (f32, f32) {
     let c = SPLITTER * a;

@@ -3,7 +3,8 @@
 //! Cigolle et al., "A Survey of Efficient Representations for Independent Unit Vectors", JCGT 3(2), 2014.
 //! The largest angular error is √6 half steps over the shortest vector of the map, 6.5e-5 rad.
 
-const SCALE: f32 = 32767.0;
+/// Steps of a coordinate from 0 to 1.
+pub const OCTAHEDRAL_STEPS: f32 = 32767.0;
 
 fn sign(x: f32) -> f32 {
     if x < 0.0 { -1.0 } else { 1.0 }
@@ -17,14 +18,14 @@ pub fn encode(v: [f32; 3]) -> u32 {
         [x, y] = [(1.0 - y.abs()) * sign(x), (1.0 - x.abs()) * sign(y)];
     }
     // A cast truncates in one instruction; `round` is a call on most targets.
-    let snorm = |t: f32| (t.clamp(-1.0, 1.0) * SCALE + 0.5f32.copysign(t)) as i16 as u16;
+    let snorm = |t: f32| (t.clamp(-1.0, 1.0) * OCTAHEDRAL_STEPS + 0.5f32.copysign(t)) as i16 as u16;
     u32::from(snorm(x)) | u32::from(snorm(y)) << 16
 }
 
 /// Unpacks to a unit vector.
 pub fn decode(packed: u32) -> [f32; 3] {
-    let x = f32::from(packed as u16 as i16) / SCALE;
-    let y = f32::from((packed >> 16) as u16 as i16) / SCALE;
+    let x = f32::from(packed as u16 as i16) / OCTAHEDRAL_STEPS;
+    let y = f32::from((packed >> 16) as u16 as i16) / OCTAHEDRAL_STEPS;
     let z = 1.0 - x.abs() - y.abs();
     let t = (-z).max(0.0);
     let v = [x - sign(x) * t, y - sign(y) * t, z];

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::texture::Texture;
 use crate::config::Shading;
 use crate::error::{Error, Result};
+use crate::limits::LEAST_ROUGHNESS;
 
 /// The textures of a material, by their place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -197,7 +198,7 @@ impl Material {
     /// Perceptual roughness where a texture has this, as it is shaded.
     #[inline(always)]
     pub fn shaded_roughness(&self, texture: f32) -> f32 {
-        (self.roughness * texture).clamp(0.04, 1.0)
+        (self.roughness * texture).clamp(LEAST_ROUGHNESS, 1.0)
     }
 
     /// What it gives off where a texture has 1, as it is shaded: pyrender multiplies by it twice.

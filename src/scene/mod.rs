@@ -12,6 +12,7 @@ pub mod instances;
 pub mod light;
 pub mod lighting;
 pub mod material;
+pub mod palette;
 pub mod placement;
 pub mod pose;
 pub mod prefilter;

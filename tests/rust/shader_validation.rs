@@ -3,10 +3,9 @@
 use std::mem::{offset_of, size_of};
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use naga::{AddressSpace, Module, ShaderStage, TypeInner};
-use nanite_rs::gpu::binding_names;
+use naga::{AddressSpace, Module, ShaderStage, StorageAccess, TypeInner};
 use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
-use nanite_rs::gpu::shaders::{CullPass, DRAWS, KERNELS, Kernel, Words};
+use nanite_rs::gpu::kernels::{Access, CullPass, Kernel, cluster_cull, kernels};
 use nanite_rs::gpu_types::{
     CandidateGroup, Counters, Dispatch, DrawArgs, Group, Instance, InstanceMaterial, InstanceTransform,
     Light, Lighting, Marks, Material, Node, Texture, TraversalItem, View, VisibleCluster,
@@ -24,26 +23,18 @@ fn parse_for(kernel: Kernel, array_bits: Option<u32>) -> Module {
 
 /// What every device with and without 64-bit atomics must accept.
 fn capabilities(kernel: Kernel) -> Capabilities {
-    match kernel {
-        Kernel::RasterSmall(Words::Int64)
-        | Kernel::RasterLarge(Words::Int64)
-        | Kernel::RasterAlphaTested(Words::Int64)
-        | Kernel::RasterHardware(_, Words::Int64) => {
-            Capabilities::SHADER_INT64 | Capabilities::SHADER_INT64_ATOMIC_MIN_MAX
-        }
-        _ => Capabilities::empty(),
+    match kernel.variants.contains(&Some("shared/words_64")) {
+        true => Capabilities::SHADER_INT64 | Capabilities::SHADER_INT64_ATOMIC_MIN_MAX,
+        false => Capabilities::empty(),
     }
 }
 
 #[test]
 fn every_kernel_is_valid() {
-    for (number, kernel) in KERNELS.into_iter().enumerate().chain(DRAWS.into_iter().enumerate()) {
-        assert_eq!(kernel.number(), number);
-        let expected = match kernel {
-            Kernel::RasterHardware(..) => {
-                &[("corner", ShaderStage::Vertex), ("pixel", ShaderStage::Fragment)][..]
-            }
-            _ => &[("main", ShaderStage::Compute)],
+    for kernel in kernels() {
+        let expected = match kernel.draws {
+            true => &[("corner", ShaderStage::Vertex), ("pixel", ShaderStage::Fragment)][..],
+            false => &[("main", ShaderStage::Compute)],
         };
         for array_bits in [None, Some(25)] {
             let module = parse_for(kernel, array_bits);
@@ -59,33 +50,40 @@ fn every_kernel_is_valid() {
 
 #[test]
 fn shared_files_find_what_they_need() {
-    for kernel in KERNELS.into_iter().chain(DRAWS) {
+    for kernel in kernels() {
         assert_eq!(kernel.undeclared(), Vec::<String>::new(), "{kernel:?}");
     }
 }
 
+/// How a variable of a module is bound.
+fn access(space: AddressSpace) -> Option<Access> {
+    match space {
+        AddressSpace::Uniform => Some(Access::Uniform),
+        AddressSpace::Storage { access } if access.contains(StorageAccess::STORE) => Some(Access::Write),
+        AddressSpace::Storage { .. } => Some(Access::Read),
+        _ => None,
+    }
+}
+
 #[test]
-fn kernels_bind_by_the_names_that_they_declare() {
-    for kernel in KERNELS.into_iter().chain(DRAWS) {
+fn kernels_bind_what_they_declare() {
+    for kernel in kernels() {
         let module = parse(kernel);
         let bound = module.global_variables.iter().filter_map(|(_, variable)| {
             let binding = variable.binding.as_ref()?;
-            Some(((binding.group, binding.binding), variable.name.clone().unwrap()))
+            Some(((binding.group, binding.binding), variable.name.clone()?, access(variable.space)?))
         });
         let mut bound: Vec<_> = bound.collect();
-        bound.sort();
-        assert!(
-            bound.iter().zip(0..).all(|((place, _), number)| *place == (0, number)),
-            "{kernel:?}: {bound:?}"
-        );
-        let names: Vec<String> = bound.into_iter().map(|(_, name)| name).collect();
-        assert_eq!(names, binding_names(kernel), "{kernel:?}");
+        bound.sort_by_key(|(place, ..)| *place);
+        let declared = (0..).zip(kernel.bound());
+        let declared = declared.map(|(number, own)| ((0, number), own.name.to_owned(), own.access));
+        assert_eq!(bound, declared.collect::<Vec<_>>(), "{kernel:?}");
     }
 }
 
 #[test]
 fn kernels_bind_no_more_than_devices_allow() {
-    for kernel in KERNELS.into_iter().chain(DRAWS) {
+    for kernel in kernels() {
         let module = parse(kernel);
         let mut storage = 0;
         let mut workgroup = 0;
@@ -125,7 +123,7 @@ macro_rules! fields {
 
 #[test]
 fn structs_lie_in_wgsl_as_in_rust() {
-    let module = parse(Kernel::ClusterCull(CullPass::Second));
+    let module = parse(cluster_cull(CullPass::Second));
     let mut structs = vec![
         fields!(View: width, height, orthographic, near, far, far_key, tau, instances, zero, levels, history,
             group_words, pyramid, rotate, forward, lod_focal, low, lod_near, focal, center, inverse_focal, mirrored,

@@ -5,7 +5,7 @@
 use std::time::Instant;
 
 use nanite_rs::config::Output;
-use nanite_rs::gpu::shaders::{Kernel, MAX_WORKGROUPS, WIDTH};
+use nanite_rs::gpu::kernels::{BoundBuffer, Kernel, MAX_WORKGROUPS, WIDTH};
 use nanite_rs::gpu::wgpu::{
     self, BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor,
     BindGroupLayoutEntry, BindingResource, BindingType, Buffer, BufferBinding, BufferBindingType,
@@ -153,11 +153,7 @@ impl Shaders {
         let context = renderer.context();
         let (kernel, bindings, split) = shading(renderer)?;
         let types = (0..).zip(&bindings).map(|(number, binding)| {
-            let uniform = match binding {
-                BindingResource::Buffer(binding) => binding.buffer.usage().contains(BufferUsages::UNIFORM),
-                _ => false,
-            };
-            let ty = match uniform {
+            let ty = match binding.buffer.usage().contains(BufferUsages::UNIFORM) {
                 true => BufferBindingType::Uniform,
                 false => BufferBindingType::Storage { read_only: number != OUT },
             };
@@ -214,7 +210,7 @@ impl Shaders {
     }
 }
 
-fn shading(renderer: &DeviceRenderer) -> Result<(Kernel, Vec<BindingResource<'_>>, bool)> {
+fn shading(renderer: &DeviceRenderer) -> Result<(Kernel, Vec<BoundBuffer<'_>>, bool)> {
     let shading = renderer.shading(Output::Color);
     shading.ok_or_else(|| Error::Invariant("the device shaded no colours".to_owned()))
 }
@@ -322,10 +318,7 @@ impl<'a> Picture<'a> {
         if (kernel, split) != (shaders.kernel, shaders.split) {
             return Err(Error::Invariant(format!("{:?} was compiled, {kernel:?} shaded", shaders.kernel)));
         }
-        let out = match &bindings[OUT as usize] {
-            BindingResource::Buffer(BufferBinding { buffer, .. }) => (*buffer).clone(),
-            other => return Err(Error::Invariant(format!("the picture goes to {other:?}"))),
-        };
+        let out = bindings[OUT as usize].buffer.clone();
         let tiles = (size.0.div_ceil(TILE), size.1.div_ceil(TILE));
         let count = tiles.0 * tiles.1;
         let word = size_of::<u32>() as u64;
@@ -391,8 +384,8 @@ impl<'a> Picture<'a> {
         let called = draw_args.as_entire_binding();
         let Shaders { turns, classified, tiled, packed, surface, .. } = shaders;
         Ok(Self {
-            whole: context.bind(kernel, split, bindings.clone()),
-            surface: bind(surface, bindings),
+            whole: context.bind(kernel, &bindings),
+            surface: bind(surface, bindings.into_iter().map(BindingResource::from).collect()),
             turns: bind(turns, vec![turn()]),
             classified: bind(classified, vec![turn(), numbers(), lists(), called, texels()]),
             tiled: bind(tiled, vec![turn(), numbers(), lists(), texels()]),
@@ -487,7 +480,7 @@ impl Picture<'_> {
 
     fn shade_whole(&self, encoder: &mut CommandEncoder) {
         let mut pass = self.dispatches(encoder, IndirectEntry::Shade);
-        pass.set_pipeline(self.context.pipeline(self.shaders.kernel, self.shaders.split));
+        pass.set_pipeline(&self.context.pipeline(self.shaders.kernel, self.shaders.split));
         pass.set_bind_group(0, &self.whole, &[]);
         self.dispatch_whole(&mut pass);
     }

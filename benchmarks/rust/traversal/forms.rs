@@ -7,8 +7,8 @@ use std::time::Instant;
 
 use nanite_rs::cpu::project::Screen;
 use nanite_rs::gpu::Context;
+use nanite_rs::gpu::kernels::{Bits, List, group_bit_words};
 use nanite_rs::gpu::meshes::Meshes;
-use nanite_rs::gpu::shaders::{Bits, List, group_bit_words};
 use nanite_rs::gpu::wgpu::{
     self, Buffer, BufferUsages, ComputePassDescriptor, ComputePassTimestampWrites, ComputePipeline,
     ComputePipelineDescriptor, QuerySet, QuerySetDescriptor, QueryType, ShaderModuleDescriptor, ShaderSource,

@@ -1,7 +1,8 @@
 //! The kernels that are the benchmark's own: their sources, with the constants of a scene.
 
 use nanite_rs::gpu::CullPass;
-use nanite_rs::gpu::shaders::{self, GROUPS_PER_WORKGROUP, Kernel, WIDTH};
+use nanite_rs::gpu::kernels::{GROUPS_PER_WORKGROUP, WIDTH, list_groups};
+use nanite_rs::gpu::shaders;
 
 use super::parts::PART;
 
@@ -108,7 +109,7 @@ impl Sizes {
             // As many candidates to a workgroup of the next step as have their lanes there.
             Own::ListParts => {
                 let line = |per: u32| format!("const GROUPS_PER_WORKGROUP: u32 = {per}u;\n");
-                let product = Kernel::ListGroups(CullPass::First).source(None);
+                let product = list_groups(CullPass::First).source(None);
                 return Some(product.replace(&line(GROUPS_PER_WORKGROUP), &line(WIDTH / PART as u32)));
             }
             Own::PartClusters => vec![

@@ -1,8 +1,11 @@
 //! The steps of every form, recorded: kernels of the product with bindings as in `src/gpu/`, and the benchmark's own.
 
 use nanite_rs::gpu::CullPass;
-use nanite_rs::gpu::shaders::{Bits, Kernel, MAX_WORKGROUPS, WIDTH};
-use nanite_rs::gpu::wgpu::{BindGroupDescriptor, BindGroupEntry, Buffer, ComputePass, ComputePipeline};
+use nanite_rs::gpu::kernels::{
+    Bits, BoundBuffer, INSTANCE_CULL, Kernel, MAX_WORKGROUPS, WIDTH, cluster_cull, count_bits, list_clusters,
+    list_groups, node_cull, scan_blocks,
+};
+use nanite_rs::gpu::wgpu::{BindGroupDescriptor, BindGroupEntry, Buffer, ComputePass};
 
 use super::super::kernels::Own;
 use super::{Arranged, Form, Forms};
@@ -15,26 +18,25 @@ enum Use {
 }
 
 impl Forms {
-    fn pipeline(&self, kernel: Use) -> &ComputePipeline {
-        match kernel {
-            Use::Product(kernel) => {
-                self.context.pipeline(kernel, kernel.reads_pages() && self.meshes.split())
-            }
-            Use::Own(kernel) => &self.own[kernel as usize],
-        }
-    }
-
     fn prepare(&self, pass: &mut ComputePass<'_>, kernel: Use, buffers: &[&Buffer]) {
-        let pipeline = self.pipeline(kernel);
-        let entries: Vec<_> = buffers
-            .iter()
-            .zip(0..)
-            .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
-        let layout = pipeline.get_bind_group_layout(0);
-        let descriptor = BindGroupDescriptor { label: None, layout: &layout, entries: &entries };
-        pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, &self.context.device().create_bind_group(&descriptor), &[]);
+        let group = match kernel {
+            Use::Product(kernel) => {
+                pass.set_pipeline(&self.context.pipeline(kernel, self.meshes.split()));
+                let bound: Vec<_> = buffers.iter().map(|buffer| BoundBuffer::from(*buffer)).collect();
+                self.context.bind(kernel, &bound)
+            }
+            Use::Own(kernel) => {
+                let pipeline = &self.own[kernel as usize];
+                pass.set_pipeline(pipeline);
+                let whole = (0..).zip(buffers.iter().map(|buffer| buffer.as_entire_binding()));
+                let entries: Vec<_> =
+                    whole.map(|(binding, resource)| BindGroupEntry { binding, resource }).collect();
+                let layout = &pipeline.get_bind_group_layout(0);
+                let descriptor = BindGroupDescriptor { label: None, layout, entries: &entries };
+                self.context.device().create_bind_group(&descriptor)
+            }
+        };
+        pass.set_bind_group(0, &group, &[]);
     }
 
     fn run_kernel(&self, pass: &mut ComputePass<'_>, kernel: Use, buffers: &[&Buffer], workgroups: u32) {
@@ -62,7 +64,7 @@ impl Forms {
             occluded_queue,
             occluded_dispatch,
         ];
-        let kernel = Use::Product(Kernel::InstanceCull);
+        let kernel = Use::Product(INSTANCE_CULL);
         self.run_kernel(pass, kernel, &bindings, self.instances.div_ceil(WIDTH));
     }
 
@@ -87,7 +89,7 @@ impl Forms {
                 self.meshes.page_offsets(),
                 &self.wanted,
             ];
-            let kernel = Use::Product(Kernel::NodeCull(CullPass::First));
+            let kernel = Use::Product(node_cull(CullPass::First));
             self.run_as(pass, kernel, &bindings, &self.levels[level]);
         }
     }
@@ -119,11 +121,11 @@ impl Forms {
         let of = self.arranged(form);
         let (kernel, records) = match form {
             Form::Parts => (Use::Own(Own::ListParts), &self.part_records),
-            _ => (Use::Product(Kernel::ListGroups(CullPass::First)), self.meshes.groups()),
+            _ => (Use::Product(list_groups(CullPass::First)), self.meshes.groups()),
         };
         let bindings = [&of.bits, &of.blocks, &of.sums];
-        self.run_as(pass, Use::Product(Kernel::CountBits(Bits::Groups)), &bindings, &of.blocks);
-        self.run_kernel(pass, Use::Product(Kernel::ScanBlocks(Bits::Groups)), &[&of.blocks, &of.sums], 1);
+        self.run_as(pass, Use::Product(count_bits(Bits::Groups)), &bindings, &of.blocks);
+        self.run_kernel(pass, Use::Product(scan_blocks(Bits::Groups)), &[&of.blocks, &of.sums], 1);
         let bindings = [
             &self.view,
             &of.seen,
@@ -143,7 +145,7 @@ impl Forms {
     /// As `src/gpu/cluster_cull.rs`.
     pub(super) fn cull_clusters(&self, pass: &mut ComputePass<'_>, form: Form) {
         let (of, lists) = (self.arranged(form), &self.lists);
-        let [pages, pages_1, pages_2, pages_3] = self.meshes.pages();
+        let [pages, pages_1, pages_2, pages_3] = self.meshes.pages().map(|array| array.buffer);
         let common = [
             &self.view,
             &of.seen,
@@ -162,7 +164,7 @@ impl Forms {
             ),
             // No pyramid, and nothing of another pass.
             _ => (
-                Use::Product(Kernel::ClusterCull(CullPass::First)),
+                Use::Product(cluster_cull(CullPass::First)),
                 vec![
                     &self.unused_queue[0],
                     &lists.candidates,
@@ -175,13 +177,8 @@ impl Forms {
         };
         self.run_as(pass, kernel, &[&common[..], &more].concat(), &self.culling);
         let bindings = [&lists.drawn, &self.counting, &lists.sums];
-        self.run_as(pass, Use::Product(Kernel::CountBits(Bits::Clusters)), &bindings, &self.counting);
-        self.run_kernel(
-            pass,
-            Use::Product(Kernel::ScanBlocks(Bits::Clusters)),
-            &[&self.counting, &lists.sums],
-            1,
-        );
+        self.run_as(pass, Use::Product(count_bits(Bits::Clusters)), &bindings, &self.counting);
+        self.run_kernel(pass, Use::Product(scan_blocks(Bits::Clusters)), &[&self.counting, &lists.sums], 1);
         let bindings = [
             &self.view,
             &lists.candidates,
@@ -199,7 +196,7 @@ impl Forms {
             &of.seen,
             &self.unused_queue[1],
         ];
-        let kernel = Use::Product(Kernel::ListClusters(CullPass::First));
+        let kernel = Use::Product(list_clusters(CullPass::First));
         self.run_as(pass, kernel, &bindings, &self.counting);
     }
 }

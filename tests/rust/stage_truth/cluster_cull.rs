@@ -33,7 +33,7 @@ fn clusters(
     let (bits, marks) = (vec![9; 4], vec![Marks::zeroed(); candidates.len()]);
     let out = device
         .run(
-            Kernel::ClusterCull(CullPass::First),
+            cluster_cull(CullPass::First),
             &[
                 words(&[*view]),
                 words(&[instance]),
@@ -131,7 +131,7 @@ fn the_second_phase_looks_at_clusters_that_are_not_drawn_yet() {
     for (distance, bits, held, small) in [(12.0, [0b0011, 0b1011], 0, 5 + 17), (8.0, [0b0001, 0], 4, 0)] {
         let out = run(
             &device,
-            Kernel::ClusterCull(CullPass::Second),
+            cluster_cull(CullPass::Second),
             &[
                 words(&[View { history: 1, ..view() }]),
                 words(&[seen()]),
@@ -185,7 +185,7 @@ fn the_first_phase_starts_from_a_list() {
     for (distance, bits, held) in [(12.0, [0b0101, 0, 0, 0, 0, 0b1000], 0), (8.0, [0; 6], 3)] {
         let out = run(
             &device,
-            Kernel::ClusterCull(CullPass::First),
+            cluster_cull(CullPass::First),
             &[
                 words(&[View { history: HISTORY_LIST, tau: TAU, ..view() }]),
                 words(&instances),

@@ -33,7 +33,7 @@ fn culled(
         &list,
         words(&level),
     ];
-    let out = run(device, Kernel::InstanceCull, &bindings);
+    let out = run(device, INSTANCE_CULL, &bindings);
     [[3, 4], [6, 7]].map(|[list, level]| {
         let level: Dispatch = entry(&out[level]);
         let x = u32::from(level.count > 0);
@@ -102,7 +102,7 @@ fn an_instance_as_seen_from_the_eye() {
     let old = [Instance { screen: [[4.0; 4]; 3], lod_focal: 9.0, ..Instance::zeroed() }; 2];
     let out = run(
         &device,
-        Kernel::InstanceCull,
+        INSTANCE_CULL,
         &[
             words(&[view]),
             words(&[there, hidden]),

@@ -9,8 +9,8 @@ fn sums(device: &Context, of: Bits, bits: &[u32]) -> (Vec<u32>, Vec<u32>) {
     let dispatch = [blocks];
     let table = if of == Bits::Groups { with_filled(bits) } else { bits.to_vec() };
     let bindings = [&table[..], words(&dispatch), &room];
-    let counts = device.run(Kernel::CountBits(of), &bindings, blocks.x).unwrap().swap_remove(2);
-    let starts = run(device, Kernel::ScanBlocks(of), &[words(&dispatch), &counts]).swap_remove(1);
+    let counts = device.run(count_bits(of), &bindings, blocks.x).unwrap().swap_remove(2);
+    let starts = run(device, scan_blocks(of), &[words(&dispatch), &counts]).swap_remove(1);
     (counts[..blocks.x as usize].to_vec(), starts)
 }
 
@@ -67,7 +67,7 @@ fn listed(
     let (bits, first) = (with_filled(bits), with_filled(first));
     let out = device
         .run(
-            Kernel::ListGroups(cull_pass),
+            list_groups(cull_pass),
             &[
                 words(&[view]),
                 words(&instances),
@@ -164,7 +164,7 @@ fn clusters_are_listed_in_scene_order() {
         let (_, sums) = sums(&device, Bits::Clusters, &drawn[..3]);
         let out = run(
             &device,
-            Kernel::ListClusters(cull_pass),
+            list_clusters(cull_pass),
             &[
                 words(&[view]),
                 words(candidates),

@@ -50,7 +50,7 @@ fn walk_as(device: &Context, walk: Walk<'_>) -> Walked {
     let view = View { group_words: 4, ..*view };
     let mut out = run(
         device,
-        Kernel::NodeCull(cull_pass),
+        node_cull(cull_pass),
         &[
             words(&[view]),
             words(&instances),
@@ -126,7 +126,7 @@ fn what_is_too_coarse_all_through_is_left_out() {
         let view = View { tau, group_words: 1, ..view() };
         let out = run(
             &device,
-            Kernel::NodeCull(CullPass::First),
+            node_cull(CullPass::First),
             &[
                 words(&[view]),
                 words(&[seen()]),

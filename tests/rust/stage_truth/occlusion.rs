@@ -5,7 +5,7 @@ use super::*;
 #[test]
 fn pyramids_hold_the_farthest_of_each_square() {
     let Some(device) = device("pyramids_hold_the_farthest_of_each_square") else { return };
-    let build = |width: u32, height: u32, levels: &[[u32; 4]], keys: &[u32], rounds: u32| {
+    let build = |width: u32, height: u32, levels: &[[u32; 4]], keys: &[u32], dispatches: u32| {
         let mut pyramid = [[0; 4]; PYRAMID_LEVELS];
         pyramid[..levels.len()].copy_from_slice(levels);
         let whole = View { width, height, levels: levels.len() as u32, pyramid, ..view() };
@@ -15,9 +15,10 @@ fn pyramids_hold_the_farthest_of_each_square() {
         let texels: u32 = levels.iter().map(|[_, rows, _, stride]| stride * rows).sum();
         // Of words, and of keys alone.
         let [of_words, of_keys] = [(whole, &picture[..]), (alone, keys)].map(|(view, picture)| {
-            (0..rounds).fold(vec![0; texels as usize], |keys, round| {
+            (0..dispatches).fold(vec![0; texels as usize], |keys, number| {
                 let (view, drawn) = (&[view], &[drawn]);
-                run(&device, Kernel::Hzb(round), &[words(view), picture, &keys, words(drawn)]).swap_remove(2)
+                let bindings = [words(view), picture, &keys, words(drawn)];
+                device.run(hzb(number), &bindings, width.div_ceil(16)).unwrap().swap_remove(2)
             })
         });
         assert_eq!(of_keys, of_words);
@@ -37,7 +38,7 @@ fn pyramids_hold_the_farthest_of_each_square() {
     let levels = [[5, 3, 0, 8], [3, 2, 24, 4], [2, 1, 32, 4], [1, 1, 36, 4]];
     let expected_of_picture = [&picture[..], &[3, 1, 5, 7, 5, 4], &[1, 4], &[1]];
     assert_eq!(build(5, 3, &levels, &picture, 1), expected_of_picture);
-    // A row of 17, of six levels: two rounds.
+    // A row of 17, of six levels: two dispatches.
     let row: Vec<u32> = (1..=17).rev().collect();
     let levels = [[17, 1, 0, 20], [9, 1, 20, 12], [5, 1, 32, 8], [3, 1, 40, 4], [2, 1, 44, 4], [1, 1, 48, 4]];
     let halves = &[16, 14, 12, 10, 8, 6, 4, 2, 1][..];
@@ -63,16 +64,35 @@ fn pyramids_leave_out_tiles_that_nothing_was_drawn_to() {
     (drawn.tiles[0], drawn.tiles[1]) = (0b100, 0b1);
     let (view, drawn) = (&[view], &[drawn]);
     let bindings = [words(view), &picture, &[9; 1512], words(drawn)];
-    // 64 pixels a workgroup.
-    let texels = device.run(Kernel::Hzb(0), &bindings, 2).unwrap().swap_remove(2);
-    // A lane looks at 8 × 8 pixels, where one of its tiles was drawn to: the first two squares of the first row.
+    // 16 pixels a workgroup, which looks at them where one of its tiles was drawn to.
+    let texels = device.run(hzb(0), &bindings, 2).unwrap().swap_remove(2);
     for (k, texel) in texels[..1200].iter().enumerate() {
         let (column, row) = (k % 100, k / 100);
-        assert_eq!(*texel, if column < 16 && row < 8 { 5 } else { 0 }, "{column}, {row}");
+        assert_eq!(
+            *texel,
+            if column < 16 {
+                5
+            } else if column < 32 {
+                0
+            } else {
+                9
+            },
+            "{column}, {row}"
+        );
     }
     for (k, texel) in texels[1200..].iter().enumerate().filter(|(k, _)| k % 52 < 50) {
         let (column, row) = (k % 52, k / 52);
-        assert_eq!(*texel, if column < 8 && row < 4 { 5 } else { 0 }, "{column}, {row}");
+        assert_eq!(
+            *texel,
+            if column < 8 {
+                5
+            } else if column < 16 {
+                0
+            } else {
+                9
+            },
+            "{column}, {row}"
+        );
     }
 }
 
@@ -92,7 +112,7 @@ fn settled(
     let occluded_queue = dispatch(occluded_queue, 1, occluded_queue);
     let out = run(
         device,
-        Kernel::PrepareIndirect(cull_pass),
+        prepare_indirect(cull_pass),
         &[
             words(&[view]),
             words(&[occluded_queue]),
@@ -110,10 +130,10 @@ fn settled(
 fn phases_settle_what_comes_next() {
     let Some(device) = device("phases_settle_what_comes_next") else { return };
     let nothing = vec![Dispatch::default(); IndirectEntry::COUNT as usize];
-    // 100 × 80 pixels, a workgroup for 64 × 64; three levels on 13 × 10 texels, and again 2 × 2.
+    // 100 × 80 pixels, a workgroup for 16 × 16; four levels on 7 × 5 texels.
     let mut pyramid = nothing.clone();
-    for (round, (x, y)) in (0..).zip([(2, 2), (1, 1), (1, 1)]) {
-        pyramid[IndirectEntry::Pyramid(round).number() as usize] = dispatch(x, y, 0);
+    for (number, (x, y)) in (0..).zip([(7, 5), (1, 1)]) {
+        pyramid[IndirectEntry::Pyramid(number).number() as usize] = dispatch(x, y, 0);
     }
     let none = Counters::default();
     let prepare_indirect = |cull_pass, occluded_queue, fresh, own, other| {
@@ -162,7 +182,7 @@ fn pixels_get_the_numbers_of_both_phases() {
         counters[0].tiles[tile.1 as usize] = 1 << tile.0;
         let table = [9, 7, 8, 1_000_000];
         let bindings = [words(&view), &table, words(&pixels), words(&counters)];
-        let out = device.run(Kernel::Renumber, &bindings, 6).unwrap();
+        let out = device.run(RENUMBER, &bindings, 6).unwrap();
         let after: Vec<[u32; 2]> = entries(&out[2]);
         let elsewhere = |pixel: &usize| before.iter().all(|(known, _)| known != pixel);
         assert!((0..after.len()).filter(elsewhere).all(|pixel| after[pixel] == [0; 2]));
@@ -212,7 +232,7 @@ fn pixels_that_show_anything_are_counted() {
     }
     let (view, counters) = ([view], [Counters { covered: 100, ..Counters::default() }]);
     let bindings = [words(&view), words(&pixels), words(&counters)];
-    let out = device.run(Kernel::CountCovered, &bindings, 2).unwrap();
+    let out = device.run(COUNT_COVERED, &bindings, 2).unwrap();
     assert_eq!(entry::<Counters>(&out[2]), Counters { covered: 105, ..Counters::default() });
 }
 
@@ -222,5 +242,5 @@ fn a_kernel_leaves_what_its_bindings_hold() {
     // Two trips from 3: (n ^ n >> 7) · 1664525 + 0, then + 1, modulo 2³².
     let first = 3 * 1_664_525u64;
     let second = ((first ^ first >> 7) * 1_664_525 + 1) % (1 << 32);
-    assert_eq!(run(&device, Kernel::LoopProbe, &[&[2, 3]]), [[2, second as u32]]);
+    assert_eq!(run(&device, LOOP_PROBE, &[&[2, 3]]), [[2, second as u32]]);
 }

@@ -68,7 +68,7 @@ fn drawn(
         let pixels = if alone { SIDE * SIDE } else { 2 * SIDE * SIDE };
         let (mut picture, mut counters) = (vec![0; pixels], vec![0; size_of::<Counters>() / 4]);
         for pass in form {
-            let kernel = if large { Kernel::RasterLarge(pass) } else { Kernel::RasterSmall(pass) };
+            let kernel = if large { raster_large(pass) } else { raster_small(pass) };
             let bindings: [&[u32]; 12] = [
                 view,
                 words(&instance),

@@ -1,0 +1,12 @@
+// Where the pixels of a view lie in its target. No other place knows.
+// Needs: view.
+
+// The word of a pixel: row by row.
+fn pixel_address(x: u32, y: u32) -> u32 {
+    return y * view.width + x;
+}
+
+// The pixel of a word.
+fn pixel_of(address: u32) -> vec2<u32> {
+    return vec2<u32>(address % view.width, address / view.width);
+}
