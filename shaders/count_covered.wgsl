@@ -1,9 +1,10 @@
 // Counts the covered pixels of a visibility buffer that stays on the device.
 // One invocation handles PIXELS_PER_LANE pixels.
 // Reads the visibility buffer. Adds to the counters.
+// Needs: key.wgsl.
 
 @group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> words: array<vec2<u32>>;
+@group(0) @binding(1) var<storage, read> words: array<u32>;
 @group(0) @binding(2) var<storage, read_write> counters: Counters;
 
 var<workgroup> covered: atomic<u32>;
@@ -21,7 +22,7 @@ fn main(
     let end = min(first + WIDTH * PIXELS_PER_LANE, view.width * view.height);
     var own = 0u;
     for (var pixel = first; pixel < end; pixel += WIDTH) {
-        own += u32(any(words[pixel] != vec2<u32>()));
+        own += u32(key_of(pixel) != 0u);
     }
     atomicAdd(&covered, own);
     workgroupBarrier();

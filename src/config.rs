@@ -306,6 +306,11 @@ impl Outputs {
         self.0 >> output as u16 & 1 == 1
     }
 
+    /// Whether there is none.
+    pub fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
     /// All but one.
     pub fn without(self, output: Output) -> Self {
         Self(self.0 & !(1 << output as u16))

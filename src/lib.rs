@@ -29,5 +29,6 @@ pub mod scene;
 pub mod stages;
 pub mod stream;
 pub mod threads;
+pub mod views;
 
 pub use error::{Error, Result};

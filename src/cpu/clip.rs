@@ -4,9 +4,9 @@
 //! two triangles of an edge compute the same new vertex, bit for bit, and nothing cracks. Sutherland and
 //! Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974.
 
-use super::project::Screen;
 use crate::limits::GUARD_BAND;
 use crate::math::DoubleSingle;
+use crate::views::Screen;
 
 /// A convex polygon in homogeneous screen coordinates: a triangle cut by five planes at most.
 #[derive(Clone, Copy, Debug)]

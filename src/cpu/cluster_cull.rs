@@ -6,11 +6,10 @@ use rayon::prelude::*;
 
 use super::hzb::Hzb;
 use super::node_cull::CandidateGroup;
-use super::project::{Footprint, InstanceView, Screen};
-use super::visibility::Visible;
 use crate::limits::{MAX_SPAN, SMALL_EDGE};
 use crate::math::Sphere;
 use crate::model::rule::Threshold;
+use crate::views::{Footprint, InstanceView, Screen, Visible};
 
 /// Groups per task.
 const GROUPS_PER_TASK: usize = 8;

@@ -8,9 +8,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::project::Footprint;
 use super::visibility::Pixel;
 use crate::limits::{PYRAMID_FINER, PYRAMID_REACH};
+use crate::views::Footprint;
 
 #[derive(Debug, Default)]
 struct Level {

@@ -3,10 +3,10 @@
 use rayon::prelude::*;
 
 use super::hzb::Hzb;
-use super::project::{InstanceView, Screen};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, View};
 use crate::stream::Resident;
+use crate::views::{InstanceView, Screen};
 
 /// Instances per task.
 const INSTANCES_PER_TASK: usize = 64;

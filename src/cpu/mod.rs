@@ -1,7 +1,7 @@
 //! The CPU twin of every rendering stage: plain slices in and out, rayon inside.
 //!
-//! The order of the stages is in [`crate::stages`]. What several stages share: [`project`] (an instance as seen
-//! from a view), [`visibility`] (the words of the visibility buffer), [`clip`] and [`triangle`]
+//! The order of the stages is in [`crate::stages`]. What several stages share: [`crate::views`] (an instance as seen
+//! from a view), [`visibility`] (where rasterizers write), [`clip`] and [`triangle`]
 //! (snapping and coverage), [`surface`] (from pixels back to surface points) on [`lanes`].
 
 pub mod clip;
@@ -13,7 +13,6 @@ pub mod lanes;
 pub mod material;
 pub mod node_cull;
 pub mod output;
-pub mod project;
 pub mod raster_large;
 pub mod raster_small;
 pub mod shade;

@@ -6,9 +6,9 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::hzb::Hzb;
-use super::project::{InstanceView, Screen};
 use crate::math::Sphere;
 use crate::model::rule::{SOURCE_ERROR, Threshold};
+use crate::views::{InstanceView, Screen};
 
 /// Nodes per task.
 const NODES_PER_TASK: usize = 32;

@@ -5,13 +5,13 @@ use std::sync::atomic::AtomicU32;
 
 use rayon::prelude::*;
 
-use super::project::{InstanceView, Screen};
 use super::surface::{Pixels, Surfels, Walk};
-use super::visibility::{Counter, Hit, Pixel, Visible, decode};
+use super::visibility::{Counter, Pixel};
 use super::{raster_large, raster_small};
 use crate::error::Result;
 use crate::scene::palette::{FACING, RAMP_LEVELS, hash, hue, ramp};
 use crate::scene::placement::Eye;
+use crate::views::{Hit, InstanceView, Screen, Visible, decode};
 
 /// Rows per task.
 pub(super) const ROWS: usize = 8;

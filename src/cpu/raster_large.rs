@@ -12,11 +12,11 @@ use rayon::prelude::*;
 
 use super::clip::clip;
 use super::material::is_hole;
-use super::project::{InstanceView, Screen};
 use super::surface::{self, Pixels};
 use super::triangle::{UNIT, edge_bias, pixels, project, snap};
-use super::visibility::{Sink, Visible, decode, payload};
+use super::visibility::Sink;
 use crate::limits::GUARD_BAND;
+use crate::views::{InstanceView, Screen, Visible, decode, payload};
 
 /// Triangles whose box has more pixels are shared out by bands.
 const SHARE_ABOVE: i64 = 1 << 14;
@@ -188,7 +188,6 @@ fn fill<S: Sink>(setup: &Setup, first: i32, last: i32, screen: &Screen, sink: &S
         Edge { start, step_x: -dy * unit, step_y: dx * unit, bias }
     });
     let far_key = screen.far_key;
-    let width = screen.width as usize;
     let values = setup.values;
     let low = values[0].min(values[1]).min(values[2]);
     let high = values[0].max(values[1]).max(values[2]);
@@ -213,11 +212,11 @@ fn fill<S: Sink>(setup: &Setup, first: i32, last: i32, screen: &Screen, sink: &S
         // The weight of each corner is the edge function of the other two.
         let weight = |k: usize| (at_row[k] - edges[k].bias + left * edges[k].step_x) as f64;
         let [mut a, mut b, mut c] = [0, 1, 2].map(weight);
-        let start = row as usize * width;
-        for pixel in start + left as usize..=start + right as usize {
+        for column in left as usize..=right as usize {
             let mean = (a as f32 * values[0] + b as f32 * values[1] + c as f32 * values[2]) * inverse;
             let key = screen.key(mean.max(low).min(high));
             if key >= far_key {
+                let pixel = screen.pixel_address(column, row as usize);
                 sink.put(pixel, u64::from(key) << 32 | u64::from(setup.low));
             }
             (a, b, c) = (a + steps[0], b + steps[1], c + steps[2]);

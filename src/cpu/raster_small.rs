@@ -7,11 +7,11 @@
 use rayon::prelude::*;
 
 use super::lanes::{LANES, Lanes};
-use super::project::{InstanceView, Screen};
 use super::triangle::{UNIT, edge_bias, pixels, snap};
-use super::visibility::{Sink, Visible, payload};
+use super::visibility::Sink;
 use crate::limits::CLUSTER_MAX_VERTICES;
 use crate::model::packing::{Positions, Triangles, coordinate_of};
+use crate::views::{InstanceView, Screen, Visible, payload};
 
 /// Clusters per task.
 const CLUSTERS_PER_TASK: usize = 8;
@@ -93,7 +93,7 @@ impl<S: Sink> RasterTask<'_, S> {
     }
 }
 
-/// Transforms and snaps vertices, eight at a time: the operations of [`super::project::homogeneous`] and
+/// Transforms and snaps vertices, eight at a time: the operations of [`crate::views::homogeneous`] and
 /// [`super::triangle::project`] in the same order, so that both rasterizers agree bit for bit.
 #[inline(always)]
 fn transform_rows(positions: Positions<'_>, rows: &[[f32; 4]; 3], screen: &Screen, out: &mut Vertices) {
@@ -143,7 +143,6 @@ fn draw<S: Sink, const ORTHOGRAPHIC: bool>(
     sink: &S,
 ) -> u64 {
     let mut drawn = 0;
-    let width = screen.width as usize;
     for (t, [a, b, c]) in triangles.iter().enumerate() {
         // Counter-clockwise in the world is clockwise with y down: the inside is on the right of every edge.
         let (a, mut b, mut c) = (usize::from(a), usize::from(b), usize::from(c));
@@ -178,14 +177,14 @@ fn draw<S: Sink, const ORTHOGRAPHIC: bool>(
         let plane = Plane::new(vertices, [a, b, c], left, top);
         let low = u64::from(payload - t as u32);
         let (mut row0, mut row1, mut row2) = (e0.start, e1.start, e2.start);
-        let mut pixel_row = top as usize * width + left as usize;
         for j in 0..=bottom - top {
             let (mut at0, mut at1, mut at2) = (row0, row1, row2);
             for i in 0..=right - left {
                 if at0 | at1 | at2 >= 0 {
                     let bits = plane.at(i as f32, j as f32).to_bits();
                     let key = if ORTHOGRAPHIC { !bits } else { bits };
-                    sink.put(pixel_row + i as usize, u64::from(key) << 32 | low);
+                    let pixel = screen.pixel_address((left + i) as usize, (top + j) as usize);
+                    sink.put(pixel, u64::from(key) << 32 | low);
                 }
                 // The last step may leave the range; nothing reads its result.
                 at0 = at0.wrapping_add(e0.step_x);
@@ -195,7 +194,6 @@ fn draw<S: Sink, const ORTHOGRAPHIC: bool>(
             row0 = row0.wrapping_add(e0.step_y);
             row1 = row1.wrapping_add(e1.step_y);
             row2 = row2.wrapping_add(e2.step_y);
-            pixel_row += width;
         }
     }
     drawn
@@ -266,11 +264,11 @@ fn least(a: f32, b: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::project::homogeneous;
     use super::super::triangle::project;
     use super::*;
     use crate::model::packing::{VertexRow, vertex_row};
     use crate::model::{AttributeLayout, ClusterGeometry, Packing};
+    use crate::views::homogeneous;
 
     #[test]
     fn eight_vertices_are_transformed_as_one() {

@@ -13,11 +13,11 @@ use super::lanes::{LANES, Lanes, Vec3x8, cross, dot, minus, normalize, splat3};
 use super::material::Bsdf;
 use super::output::ROWS;
 use super::surface::{Detail, Extra, Pixels, Surfels, Walk};
-use super::visibility::decode;
 use crate::config::{Output, Shading, Transfer};
 use crate::limits::{DIELECTRIC_F0, LEAST_COSINE};
 use crate::scene::placement::Eye;
 use crate::scene::{Falloff, Lighting};
+use crate::views::decode;
 
 const PI: f32 = std::f32::consts::PI;
 
@@ -289,9 +289,9 @@ impl Shader<'_> {
             }
             let mut point = [Lanes::splat(0.5); 2];
             for lane in 0..LANES {
-                let pixel = (first + lane) as u32;
-                point[0].0[lane] += (pixel % screen.width) as f32;
-                point[1].0[lane] += (pixel / screen.width) as f32;
+                let [column, row] = screen.pixel_of((first + lane) as u32);
+                point[0].0[lane] += column as f32;
+                point[1].0[lane] += row as f32;
             }
             let mut direction = position(self.eye, screen.orthographic, &point, Lanes::splat(1.0));
             if screen.orthographic {

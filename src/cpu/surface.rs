@@ -2,10 +2,9 @@
 //! interpolated normals and vertex colours, eight pixels of one instance at a time.
 
 use super::lanes::{LANES, Lanes, Vec3x8, apply, blend, cross, minus, normalize};
-use super::project::{InstanceView, Screen};
-use super::visibility::{Hit, Visible, decode};
 use crate::math::octahedral::OCTAHEDRAL_STEPS;
 use crate::model::{ClusterAddress, ClusterGeometry, ColorFormat};
+use crate::views::{Hit, InstanceView, Screen, Visible, decode};
 
 /// A finished visibility buffer with all that is needed to read it.
 #[derive(Clone, Copy)]
@@ -222,13 +221,13 @@ impl<'a> Gathered<'a> {
 
     #[inline(always)]
     fn evaluate<D: Extra>(&self, screen: &Screen) -> Surfels<'a, D> {
-        let (view, width) = (self.view, screen.width);
+        let view = self.view;
         let mut point = [Lanes::splat(0.5); 2];
         let mut distance = Lanes::splat(1.0);
         for lane in 0..LANES {
-            let pixel = self.pixels[lane];
-            point[0].0[lane] += (pixel % width) as f32;
-            point[1].0[lane] += (pixel / width) as f32;
+            let [column, row] = screen.pixel_of(self.pixels[lane]);
+            point[0].0[lane] += column as f32;
+            point[1].0[lane] += row as f32;
             distance.0[lane] = screen.distance(self.hits[lane].key);
         }
         let [a, b, c] = &self.positions;

@@ -1,7 +1,7 @@
 //! What the two rasterizers share about triangles: projection, snapping, pixel ranges and the top-left rule.
 
-use super::project::Screen;
 use crate::limits::{SNAP_ROUNDER, SUBPIXEL_BITS};
+use crate::views::Screen;
 
 /// Units per pixel of snapped coordinates.
 pub const UNIT: i32 = 1 << SUBPIXEL_BITS;

@@ -451,7 +451,7 @@ impl Buffers {
     }
 }
 
-/// A visibility buffer that stayed on the device.
+/// A visibility buffer that stayed on the device, or the keys of depth alone.
 #[derive(Debug)]
 pub struct DeviceVisibility {
     context: Arc<Context>,
@@ -466,8 +466,8 @@ impl DeviceVisibility {
         Self { context, words, bytes: buffers.shape.word_bytes() }
     }
 
-    /// Reads it.
-    pub fn read(&self) -> Result<Vec<u64>> {
+    /// Reads it, a word or a key for each pixel.
+    pub fn read<T: bytemuck::Pod>(&self) -> Result<Vec<T>> {
         let context = &self.context;
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         let staging = context.buffer("the pixels of the picture", self.bytes, usage)?;

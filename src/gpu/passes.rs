@@ -2,6 +2,7 @@
 
 use wgpu::{CommandEncoder, ComputePassDescriptor};
 
+use super::buffers::Buffers;
 use super::context::Context;
 use super::instances::Slots;
 use super::kernel::{Bindings, CullPass};
@@ -79,12 +80,18 @@ impl<'a> Passes<'a> {
         self.passes.push((stage, cull_pass));
     }
 
-    /// Has the device's rasterizer draw a list.
-    pub(super) fn draw(&mut self, stage: Stage, cull_pass: CullPass, list: List, words: Words) {
+    /// Has the device's rasterizer draw a list of each view, in the form that `form` says.
+    pub(super) fn draw(
+        &mut self,
+        stage: Stage,
+        cull_pass: CullPass,
+        list: List,
+        form: impl Fn(&Buffers) -> Option<Words>,
+    ) {
         let Self { context, meshes, .. } = *self;
         let (submitted, number) = (self.submitted(cull_pass), self.passes.len() as u32);
         for (place, SubmittedView { buffers, seen, history, .. }) in submitted.iter().enumerate() {
-            let Some(target) = &history.target else { continue };
+            let (Some(target), Some(words)) = (&history.target, form(buffers)) else { continue };
             let bound = raster(buffers, meshes, seen, cull_pass, &buffers.words).buffers();
             let draw = Draw {
                 list,

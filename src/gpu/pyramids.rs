@@ -4,7 +4,7 @@ use wgpu::{Buffer, BufferUsages};
 
 use super::context::Context;
 use crate::error::Result;
-use crate::gpu_types::{HISTORY_LIST, QUAD, View};
+use crate::gpu_types::{QUAD, View};
 use crate::limits::{CLUSTER_MAX_TRIANGLES, PYRAMID_LEVELS};
 
 /// What two frames must have in common, so that keys mean the same.
@@ -147,19 +147,18 @@ impl Pyramids {
         !known && !self.paused()
     }
 
-    /// Tells the view of a frame what is known of an earlier one.
-    pub(super) fn recall(&mut self, view: &mut View) {
+    /// Tells the view of a frame what is known of an earlier one; whether there is a pyramid of it, and whether the frame
+    /// before showed much the same.
+    pub(super) fn recall(&mut self, view: &mut View) -> (bool, bool) {
         let mut table = [[0; 4]; PYRAMID_LEVELS];
         table[..self.levels.len()].copy_from_slice(&self.levels);
         (view.pyramid, view.levels) = (table, self.levels.len() as u32);
-        view.history = u32::from(self.constants == Some(constants(view)));
-        if view.history == 0 {
+        let known = self.constants == Some(constants(view));
+        if !known {
             self.occluders = view.occluders;
         }
         view.occluders = self.occluders;
-        if view.history != 0 && self.last.is_some_and(|last| alike(&last, view)) {
-            view.history = HISTORY_LIST;
-        }
+        (known, self.last.is_some_and(|last| alike(&last, view)))
     }
 
     /// Takes in that a frame of so many triangles was drawn and so many clusters hidden at least, which built a pyramid or

@@ -1,10 +1,8 @@
 //! Draws frames: uploads what is needed, submits, reads back, and grows what was too short.
 
-use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
 
 use super::buffers::{Buffers, DeviceVisibility, Levels, Room, Shape};
 use super::context::Context;
@@ -16,7 +14,7 @@ use super::passes::Passes;
 use super::raster::Words;
 use super::recorder::surface;
 use super::request::{Counted, Drawn, ViewRequest, Ways};
-use super::view_history::{SubmittedView, ViewHistory};
+use super::view_history::{Prepared, SubmittedView, ViewHistory};
 use super::{
     calibrate, cluster_cull, hzb, instance_cull, node_cull, occlusion, output, raster_large, raster_small,
     shade, times,
@@ -24,9 +22,10 @@ use super::{
 use crate::config::{Output, Raster};
 use crate::error::{Error, Result};
 use crate::gpu_types::{Array, Counters, Dispatch, HISTORY_LIST, TraversalItem, View};
-use crate::limits::{MAX_HISTORIES, MAX_VISIBLE};
+use crate::limits::MAX_VISIBLE;
 use crate::stages::Stage;
 use crate::stream::Resident;
+use crate::views::Histories;
 
 /// Lists of a first frame; each grows to what frames need.
 const FIRST_ROOM: Room = Room { items: 1 << 12, candidate_groups: 1 << 12, visible: 1 << 14 };
@@ -46,7 +45,7 @@ pub struct DeviceRenderer {
     instances: Instances,
     room: Room,
     /// By the ids of their views.
-    histories: FxHashMap<u64, ViewHistory>,
+    histories: Histories<ViewHistory>,
     /// The first view that was drawn last.
     last: Option<u64>,
 }
@@ -56,7 +55,7 @@ impl DeviceRenderer {
     pub fn new() -> Result<Self> {
         let context = Context::shared()?;
         let (meshes, instances) = (Meshes::default(), Instances::default());
-        Ok(Self { context, meshes, instances, room: FIRST_ROOM, histories: FxHashMap::default(), last: None })
+        Ok(Self { context, meshes, instances, room: FIRST_ROOM, histories: Histories::default(), last: None })
     }
 
     /// The device.
@@ -76,14 +75,14 @@ impl DeviceRenderer {
 
     /// Whether a frame of a view has, with occlusion, no earlier one to start from.
     pub fn starts(&self, id: u64, view: &View) -> bool {
-        self.histories.get(&id).is_none_or(|history| history.pyramids.starts(view))
+        self.histories.get(id).is_none_or(|history| history.pyramids.starts(view))
     }
 
     /// What shaded an array of the last frame's first view: the kernel, all that it binds, and whether pages lie in several
     /// arrays. For benchmarks, which shade the same picture in other ways.
     pub fn shading(&self, output: Output) -> Option<(Kernel, Vec<BoundBuffer<'_>>, bool)> {
         let ViewHistory { seen: Some((_, seen)), buffers: Some(buffers), lights, .. } =
-            self.histories.get(&self.last?)?
+            self.histories.get(self.last?)?
         else {
             return None;
         };
@@ -116,18 +115,14 @@ impl DeviceRenderer {
         let raster = calibrate::choose(&self.context, ways.raster, largest)?;
         // What is new is made first, so that nothing known is lost where that fails.
         for request in &*requests {
-            if let Entry::Vacant(place) = self.histories.entry(request.id) {
-                place.insert(ViewHistory::new(&self.context)?);
-            }
+            self.histories.get_or_make(request.id, || ViewHistory::new(&self.context))?;
         }
         // They are out of the table while they are drawn, in the order of the views, and come back whatever happens.
-        let mut histories: Vec<ViewHistory> =
-            requests.iter().filter_map(|request| self.histories.remove(&request.id)).collect();
+        let ids: Vec<u64> = requests.iter().map(|request| request.id).collect();
+        let mut histories = self.histories.take(ids.iter().copied());
         let drawn = self.draw_views(&mut histories, requests, Ways { raster, ..ways }, resident);
-        if self.histories.len() > MAX_HISTORIES {
-            self.histories.clear();
-        }
-        self.histories.extend(requests.iter().map(|request| request.id).zip(histories));
+        self.histories.give(ids.iter().copied().zip(histories));
+        self.histories.trim(ids.iter().copied());
         drawn
     }
 
@@ -147,13 +142,12 @@ impl DeviceRenderer {
         for (history, request) in histories.iter_mut().zip(&*requests) {
             let size = (request.view.width, request.view.height);
             let viewport = history.viewport(&self.context, size, hardware)?;
-            let (view, culling) = history.prepare(&self.context, &self.instances, request, ways.occlusion)?;
-            let depth_only = u32::from(ways.depth_only);
-            let two_passes = u32::from(culling);
-            views.push((View { viewport, depth_only, two_passes, ..view }, culling));
+            let mut prepared = history.prepare(&self.context, &self.instances, request, ways.occlusion)?;
+            prepared.view.viewport = viewport;
+            views.push(prepared);
         }
         loop {
-            for ((history, request), (view, _)) in histories.iter_mut().zip(&*requests).zip(&mut views) {
+            for ((history, request), prepared) in histories.iter_mut().zip(&*requests).zip(&mut views) {
                 let shape = Shape {
                     instances: self.instances.room(),
                     group_words: self.instances.group_words(),
@@ -162,7 +156,7 @@ impl DeviceRenderer {
                     pixels: u64::from(request.view.width) * u64::from(request.view.height),
                     room: self.room,
                     occlusion: ways.occlusion,
-                    depth_only: ways.depth_only,
+                    depth_only: request.depth_only,
                     // Its lists are for other rasterizers then than those which count.
                     outputs: if hardware {
                         request.outputs.without(Output::Overdraw)
@@ -188,13 +182,11 @@ impl DeviceRenderer {
                 };
                 let buffers = buffers.and_then(|mut own| own.release_words(context).map(|()| own));
                 let buffers = buffers.inspect_err(|_| self.room = FIRST_ROOM)?;
-                if !buffers.listed {
-                    view.history = view.history.min(1);
-                }
+                prepared.start(&buffers);
                 history.buffers = Some(buffers);
             }
             let mut submitted = Vec::with_capacity(requests.len());
-            for (history, (view, culling)) in histories.iter().zip(&views) {
+            for (history, Prepared { view, culling, .. }) in histories.iter().zip(&views) {
                 let (Some((_, seen)), Some(buffers)) = (&history.seen, &history.buffers) else { continue };
                 submitted.push(SubmittedView { view, culling: *culling, seen, buffers, history });
             }
@@ -206,7 +198,8 @@ impl DeviceRenderer {
             }
             let room = self.room.grown(lengths);
             if room == self.room {
-                for ((drawn, history), (view, culling)) in drawn.iter_mut().zip(&mut *histories).zip(&views) {
+                for ((drawn, history), prepared) in drawn.iter_mut().zip(&mut *histories).zip(&views) {
+                    let Prepared { view, culling, .. } = prepared;
                     (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
                     drawn.listed = view.history == HISTORY_LIST;
                     drawn.reduced_images = self.instances.table().reduced_images();
@@ -228,7 +221,7 @@ impl DeviceRenderer {
         ways: Ways,
         requests: &mut [ViewRequest<'_>],
     ) -> Result<(Vec<Drawn>, Room)> {
-        let Ways { int64_atomics, raster, depth_only, .. } = ways;
+        let Ways { int64_atomics, raster, .. } = ways;
         let context = &*self.context;
         let queue = context.queue();
         let mut encoder = context.encoder("a frame");
@@ -237,11 +230,17 @@ impl DeviceRenderer {
             queue.write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&buffers.group_dispatch()));
             buffers.clear(&mut encoder, view.history == HISTORY_LIST);
         }
-        let forms: &[Words] = match (depth_only, int64_atomics && context.int64_atomics()) {
-            (true, _) => &[Words::Depth],
-            (false, true) => &[Words::Int64],
-            (false, false) => &[Words::Keys, Words::Lows],
+        let int64_atomics = int64_atomics && context.int64_atomics();
+        // How a view is written to: at once, or in two steps.
+        let form = move |buffers: &Buffers, step: usize| match (buffers.shape.depth_only, int64_atomics, step)
+        {
+            (true, _, 0) => Some(Words::Depth),
+            (false, true, 0) => Some(Words::Int64),
+            (false, false, 0) => Some(Words::Keys),
+            (false, false, 1) => Some(Words::Lows),
+            _ => None,
         };
+        let two_steps = submitted.iter().any(|submitted_view| form(submitted_view.buffers, 1).is_some());
         let (Some(instances), Some(first)) = (self.instances.slots(), submitted.first()) else {
             return Ok(Default::default());
         };
@@ -269,12 +268,15 @@ impl DeviceRenderer {
                     occlusion::record(r);
                 }
             });
-            for &form in forms {
+            for step in 0..1 + usize::from(two_steps) {
+                let form = |buffers: &Buffers| form(buffers, step);
                 if raster == Raster::Hardware {
                     passes.draw(Stage::RasterSmall, cull_pass, List::Small, form);
                 } else {
                     passes.run(Stage::RasterSmall, cull_pass, |r| {
-                        raster_small::record(r, form, &r.buffers.words)
+                        if let Some(words) = form(r.buffers) {
+                            raster_small::record(r, words, &r.buffers.words);
+                        }
                     });
                 }
                 let mut rest = List::Large;
@@ -283,8 +285,10 @@ impl DeviceRenderer {
                     rest = List::Clipped;
                 }
                 passes.run(Stage::RasterLarge, cull_pass, |r| {
-                    raster_large::record(r, rest, form, &r.buffers.words);
-                    raster_large::record_alpha_tested(r, form, &r.buffers.words);
+                    if let Some(words) = form(r.buffers) {
+                        raster_large::record(r, rest, words, &r.buffers.words);
+                        raster_large::record_alpha_tested(r, words, &r.buffers.words);
+                    }
                 });
             }
             // The visible list is that of this pass now, and not later.

@@ -19,8 +19,6 @@ pub struct Ways {
     pub occlusion: bool,
     /// Which rasterizers draw; the only one of these ways by which a picture may differ.
     pub raster: Raster,
-    /// Keys alone are drawn, and of them depth at most is made.
-    pub depth_only: bool,
     /// What colours are.
     pub shading: Shading,
 }
@@ -32,11 +30,12 @@ pub struct ViewRequest<'a> {
     pub id: u64,
     /// The view.
     pub view: View,
-    /// What is filled: the visibility buffer, the low half of each word first. With [`Ways::depth_only`] a number per
-    /// pixel: its depth where that is to be made, else its key.
+    /// Keys alone are drawn, and of them depth at most is made.
+    pub depth_only: bool,
+    /// What is filled: the visibility buffer, the low half of each word first. Of depth alone a number per pixel: its depth
+    /// where that is to be made, else its key.
     pub words: &'a mut [u32],
-    /// The visibility buffer may stay on the device, see [`Drawn::visibility`]; then none is filled. Not with
-    /// [`Ways::depth_only`].
+    /// The visibility buffer may stay on the device, see [`Drawn::visibility`]; then none is filled.
     pub keep_on_device: bool,
     /// The arrays.
     pub outputs: Outputs,
@@ -58,6 +57,7 @@ impl<'a> ViewRequest<'a> {
         let transfer = Transfer::default();
         Self {
             id: 0,
+            depth_only: false,
             view,
             words,
             keep_on_device: false,

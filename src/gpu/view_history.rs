@@ -10,7 +10,7 @@ use super::pyramids::Pyramids;
 use super::raster_hardware::Target;
 use super::request::{Counted, Drawn, ViewRequest};
 use crate::error::Result;
-use crate::gpu_types::{Instance, View};
+use crate::gpu_types::{HISTORY_LIST, Instance, View};
 
 /// What a view keeps on the device between frames.
 #[derive(Debug)]
@@ -40,14 +40,14 @@ impl ViewHistory {
         Ok(self.target.as_ref().filter(|_| hardware).map_or(0, Target::viewport))
     }
 
-    /// Gets ready to draw; returns the view with what was to be filled in, and whether it culls what is hidden.
+    /// Gets ready to draw.
     pub(super) fn prepare(
         &mut self,
         context: &Context,
         instances: &Instances,
         request: &ViewRequest<'_>,
         occlusion: bool,
-    ) -> Result<(View, bool)> {
+    ) -> Result<Prepared> {
         self.lights.write(context, request)?;
         let room = instances.room();
         if self.seen.as_ref().is_none_or(|(seen, _)| *seen != room) {
@@ -56,20 +56,24 @@ impl ViewHistory {
             let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
             self.seen = Some((room, context.buffer(instances::WHAT, bytes, storage)?));
         }
-        let mut view =
-            View { instances: instances.len(), group_words: instances.group_words(), ..request.view };
+        let mut view = View {
+            instances: instances.len(),
+            group_words: instances.group_words(),
+            depth_only: request.depth_only.into(),
+            ..request.view
+        };
         if !occlusion {
-            return Ok((view, false));
+            return Ok(Prepared { view, culling: false, pyramid: false, alike: false });
         }
         let size = (view.width, view.height);
         if self.pyramids.size() != size {
             self.pyramids = Pyramids::new(context, size)?;
         }
-        self.pyramids.recall(&mut view);
-        if std::mem::replace(&mut self.arrangement, instances.arrangement()) != instances.arrangement() {
-            view.history = view.history.min(1);
-        }
-        Ok((view, !self.pyramids.paused()))
+        let (pyramid, alike) = self.pyramids.recall(&mut view);
+        let before = std::mem::replace(&mut self.arrangement, instances.arrangement());
+        let culling = !self.pyramids.paused();
+        view.two_passes = culling.into();
+        Ok(Prepared { view, culling, pyramid, alike: alike && before == instances.arrangement() })
     }
 
     /// Takes in that a frame was drawn, with culling or without.
@@ -88,6 +92,28 @@ impl ViewHistory {
             self.pyramids.wait();
         }
         self.buffers.iter_mut().for_each(|buffers| buffers.keep_list(both));
+    }
+}
+
+/// A view that is ready to be drawn.
+pub(super) struct Prepared {
+    pub(super) view: View,
+    /// It culls what is hidden.
+    pub(super) culling: bool,
+    /// There is a pyramid of an earlier frame.
+    pyramid: bool,
+    /// It shows much the same as the frame before, of the same instances.
+    alike: bool,
+}
+
+impl Prepared {
+    /// Decides what the frame starts from, see [`View::history`]: the list of the frame before that these buffers hold, a
+    /// pyramid, or nothing.
+    pub(super) fn start(&mut self, buffers: &Buffers) {
+        self.view.history = match (self.pyramid, self.alike && buffers.listed) {
+            (true, true) => HISTORY_LIST,
+            (pyramid, _) => pyramid.into(),
+        };
     }
 }
 

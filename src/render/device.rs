@@ -12,8 +12,6 @@ use super::stats::{FrameStats, StageStats};
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs, RenderOptions, Samples};
 use crate::cpu::instance_cull;
-use crate::cpu::project::{InstanceView, Screen, mesh_bounds};
-use crate::cpu::visibility::Visible;
 use crate::error::Result;
 use crate::gpu::{Context, Counted, CullPass, DeviceRenderer, Drawn, SceneInstance, ViewRequest, Ways};
 use crate::gpu_types::{
@@ -25,6 +23,7 @@ use crate::scene::environment::{GRIDS, Grid};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Lighting, Scene, ShadeLight};
 use crate::stages::Stage;
+use crate::views::{InstanceView, Screen, Visible, mesh_bounds};
 
 /// A device and what it knows of the scene drawn last.
 #[derive(Debug)]
@@ -74,29 +73,27 @@ impl Device {
             return Ok(Vec::new());
         };
         self.update(scene);
-        let RenderOptions { int64_atomics, occlusion, raster, depth_only, shading, .. } = **options;
-        let ways = Ways { int64_atomics, occlusion, raster, depth_only, shading };
+        let RenderOptions { int64_atomics, occlusion, raster, shading, .. } = *options;
+        let ways = Ways { int64_atomics, occlusion, raster, shading };
         let on_device = options.device_outputs.unwrap_or(!self.context().software());
-        // A frame of depth alone has depth, asked for or not.
-        let outputs = if depth_only { RenderOptions::depth_only().outputs } else { options.outputs };
-        let outputs = if on_device { outputs } else { Outputs::default() };
-        // That of several samples is their mean.
+        // Colour of several samples is their mean.
         let shaded = match options.samples {
             Samples::One => &[][..],
             _ => &[Output::Color, Output::Linear],
         };
-        let outputs = shaded.iter().fold(outputs, |outputs, shaded| outputs.without(*shaded));
-        // Where the CPU is to make nothing of it now, the visibility buffer is read when it is. A device that is software
-        // has it in this memory, and reading it costs less than counting its pixels there.
-        let keep_on_device = on_device && !depth_only;
+        let outputs = |options: &RenderOptions| {
+            let outputs = if on_device { options.outputs } else { Outputs::default() };
+            shaded.iter().fold(outputs, |outputs, shaded| outputs.without(*shaded))
+        };
         let views = frame_contexts.iter().map(|frame_context| {
-            let view = view_record(&frame_context.screen, &frame_context.eye, options.pixel_error);
+            let view =
+                view_record(&frame_context.screen, &frame_context.eye, frame_context.options.pixel_error);
             let starts = occlusion && self.renderer.starts(frame_context.id, &view);
             gpu_types::View { occluders: if starts { occluders(frame_context) } else { 0 }, ..view }
         });
         let views: Vec<gpu_types::View> = views.collect();
-        let picture = |FrameContext { screen, .. }: &FrameContext<'_>| {
-            scratch.take(screen.width as usize * screen.height as usize, depth_only)
+        let picture = |FrameContext { screen, options, .. }: &FrameContext<'_>| {
+            scratch.take(screen.width as usize * screen.height as usize, options.depth_only)
         };
         let mut pictures: Vec<VisibilityBuffer> = frame_contexts.iter().map(picture).collect();
         let requests =
@@ -104,9 +101,14 @@ impl Device {
                 ViewRequest {
                     id: frame_context.id,
                     view,
+                    depth_only: frame_context.options.depth_only,
                     words: picture.bits(),
-                    keep_on_device,
-                    outputs,
+                    // Where the CPU is to make nothing of it now, the visibility buffer is read when it is. A device that
+                    // is software has it in this memory, and reading it costs less than counting its pixels there. Of
+                    // depth alone that is so where no depth is made.
+                    keep_on_device: on_device
+                        && (!frame_context.options.depth_only || frame_context.options.outputs.is_empty()),
+                    outputs: outputs(&frame_context.options),
                     lighting: lighting_record(&frame_context.lighting),
                     lights: frame_context.lighting.lights.iter().map(light).collect(),
                     transfer: frame_context.lighting.transfer,
@@ -126,13 +128,11 @@ impl Device {
                 None => rastered(frame_context, drawn, picture, scratch, on_device),
                 Some(left) => {
                     scratch.give(picture);
-                    rastered(
-                        frame_context,
-                        drawn,
-                        VisibilityBuffer::OnDevice(left, OnceLock::new()),
-                        scratch,
-                        on_device,
-                    )
+                    let picture = match frame_context.options.depth_only {
+                        true => VisibilityBuffer::DepthOnDevice(left, OnceLock::new()),
+                        false => VisibilityBuffer::OnDevice(left, OnceLock::new()),
+                    };
+                    rastered(frame_context, drawn, picture, scratch, on_device)
                 }
             })
             .collect())
@@ -169,7 +169,7 @@ fn rastered(
     let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
     let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
     stats.covered_pixels = match picture {
-        VisibilityBuffer::OnDevice(..) => {
+        VisibilityBuffer::OnDevice(..) | VisibilityBuffer::DepthOnDevice(..) => {
             drawn.cull_passes.iter().map(|cull_pass| u64::from(cull_pass.counters.covered)).sum()
         }
         _ => picture.covered(),
@@ -182,7 +182,8 @@ fn rastered(
     stats.occluded_clusters = drawn.cull_passes.get(1).map_or(0, |second| second.counters.occluded.into());
     stats.drawn_hardware =
         drawn.cull_passes.iter().map(|cull_pass| u64::from(cull_pass.counters.drawn_hardware)).sum();
-    if !on_device {
+    // A device has made depth of the keys that it was to make it of.
+    if !on_device || frame_context.options.outputs.is_empty() {
         picture.measure(screen, &mut stats);
     }
     let (made, needs) = (drawn.made, drawn.needs);

@@ -7,16 +7,15 @@ use super::stats::FrameStats;
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs};
 use crate::cpu::output::{self, DebugView};
-use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::shade;
 use crate::cpu::surface::Pixels;
-use crate::cpu::visibility::Visible;
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
 use crate::model::ClusterAddress;
 use crate::scene::placement::Eye;
 use crate::scene::{Lighting, View};
 use crate::stages::Stage;
+use crate::views::{InstanceView, Screen, Visible};
 
 /// A picture of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,6 +86,16 @@ impl Frame {
         self.screen.height
     }
 
+    /// Whether it has depth and nothing else.
+    fn depth_only(&self) -> bool {
+        match self.picture {
+            VisibilityBuffer::Depth(_) => true,
+            #[cfg(feature = "gpu")]
+            VisibilityBuffer::DepthOnDevice(..) => true,
+            _ => false,
+        }
+    }
+
     /// Whether what arrays are made of lies on a device.
     pub fn is_on_device(&self) -> bool {
         self.picture.is_on_device()
@@ -115,7 +124,7 @@ impl Frame {
 
     /// Makes what of `outputs` is not there.
     pub(super) fn finish(&mut self, outputs: Outputs) -> Result<()> {
-        if let VisibilityBuffer::Depth(_) = self.picture {
+        if self.depth_only() {
             return Ok(());
         }
         let pixels = u64::from(self.width()) * u64::from(self.height());
@@ -137,8 +146,10 @@ impl Frame {
 
     /// Makes an array from the visibility buffer, whether or not there is one made with the frame.
     pub fn make(&self, output: Output) -> Result<Array> {
-        if let (VisibilityBuffer::Depth(depth), Output::Depth) = (&self.picture, output) {
-            return Ok(depth.clone().into());
+        if output == Output::Depth
+            && let Some(depth) = self.picture.depth(&self.screen)?
+        {
+            return Ok(depth.to_vec().into());
         }
         match (&self.light, output) {
             (Some(light), Output::Color) => return Ok(shade::encode(light, self.lighting.transfer).into()),

@@ -8,9 +8,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use crate::cpu::cluster_cull::CandidateCluster;
-use crate::cpu::project::InstanceView;
-use crate::cpu::visibility::{Pixel, Visible};
+use crate::cpu::visibility::Pixel;
 use crate::model::ClusterAddress;
+use crate::views::{InstanceView, Visible};
 
 /// Of so many columns and of so many rows one is looked at.
 const EVERY: usize = 2;

@@ -10,13 +10,12 @@ mod queue;
 pub mod renderer;
 pub mod stats;
 mod streaming;
-mod view;
 mod visibility_buffer;
 
 pub use crate::stages::Stage;
+pub use crate::views::{ViewDesc, ViewKind};
 #[cfg(feature = "gpu")]
 pub use device::{instance_transform, view_record};
 pub use frame::{Frame, ImageView};
 pub use renderer::{Backend, Renderer};
 pub use stats::{FrameStats, StageStats};
-pub use view::ViewDesc;

@@ -15,12 +15,12 @@ use super::stats::FrameStats;
 use crate::cpu::cluster_cull::{self, CandidateCluster};
 use crate::cpu::hzb::Hzb;
 use crate::cpu::node_cull::CandidateGroup;
-use crate::cpu::project::{InstanceView, Screen};
-use crate::cpu::visibility::{Nearest, Pixel, Visible};
+use crate::cpu::visibility::{Nearest, Pixel};
 use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
 use crate::error::{Error, Result};
 use crate::limits::{MAX_VISIBLE, PYRAMID_ABOVE};
 use crate::stages::Stage;
+use crate::views::{InstanceView, Screen, Visible};
 
 /// When instances are deferred. One of a few pixels still has a hierarchy to traverse, and clusters.
 pub(super) const INSTANCES: Terms = Terms { overlap: 1.5, each: 1024 };

@@ -3,9 +3,8 @@
 //!
 //! Only keys, rectangles and that frame decide. The order depends on neither threads nor timing.
 
+use crate::views::{Footprint, Screen};
 use rayon::prelude::*;
-
-use crate::cpu::project::{Footprint, Screen};
 
 /// Side, pixels, of the tiles by which the occupied part of the picture is measured.
 const TILE: usize = 32;

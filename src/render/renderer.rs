@@ -3,7 +3,6 @@
 use std::time::Instant;
 
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
 
 #[cfg(feature = "gpu")]
 use super::device;
@@ -13,23 +12,23 @@ use super::layers;
 use super::pass::FramePasses;
 use super::stats::FrameStats;
 use super::streaming;
-use super::view::{ViewDesc, check_ids, check_size};
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
-use crate::config::{Calibration, Output, Raster, RenderOptions, Samples};
+use crate::config::{Calibration, Output, Outputs, Raster, RenderOptions, Samples};
 use crate::cpu::cluster_cull::CandidateCluster;
 use crate::cpu::hzb::Hzb;
 use crate::cpu::instance_cull;
 use crate::cpu::node_cull::CandidateGroup;
-use crate::cpu::project::{InstanceView, Screen};
-use crate::cpu::visibility::{Pixel, Visible};
+use crate::cpu::visibility::Pixel;
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
-use crate::limits::MAX_HISTORIES;
 use crate::model::{InterruptCheck, UNINTERRUPTED};
 use crate::scene::placement::Eye;
 use crate::scene::{Camera, Instance, Lighting, Scene, View};
 use crate::stages::Stage;
 use crate::stream::{Needs, Resident, StreamOptions, Streamer};
+use crate::views::desc::{check_ids, check_size};
+use crate::views::{Histories, ViewDesc};
+use crate::views::{InstanceView, Screen, Visible};
 
 /// Frames that are drawn at most until all is there: more than levels, of which each makes the next one wanted.
 const MOST_FRAMES: u64 = 64;
@@ -113,6 +112,16 @@ impl Device {
     }
 }
 
+/// A view that was asked for, checked.
+#[derive(Clone, Debug)]
+pub(super) struct DrawnView {
+    /// See [`ViewDesc::id`].
+    pub(super) id: u64,
+    pub(super) view: View,
+    /// Those of the call, with what the view has of its own.
+    pub(super) options: RenderOptions,
+}
+
 /// What is to be drawn, and how.
 pub(super) struct FrameContext<'a> {
     /// See [`ViewDesc::id`].
@@ -122,28 +131,21 @@ pub(super) struct FrameContext<'a> {
     pub(super) eye: Eye,
     pub(super) screen: Screen,
     pub(super) lighting: Lighting,
-    pub(super) options: &'a RenderOptions,
+    /// Those of the call, with what the view has of its own.
+    pub(super) options: RenderOptions,
     /// Which pages there are.
     pub(super) resident: &'a Resident,
 }
 
 impl<'a> FrameContext<'a> {
-    fn new(
-        scene: &'a Scene,
-        (id, view): (u64, View),
-        options: &'a RenderOptions,
-        resident: &'a Resident,
-    ) -> Self {
+    fn new(scene: &'a Scene, DrawnView { id, view, options }: DrawnView, resident: &'a Resident) -> Self {
         let (eye, screen) = (Eye::new(&view), Screen::new(&view));
         let lighting = Lighting::new(scene, &view, options.shading, options.transfer);
         Self { id, scene, view, eye, screen, lighting, options, resident }
     }
 
     /// The same through points so far from the pixel centres, right and down. The cut is the same: only the picture moves.
-    fn moved<'b>(&self, by: [f64; 2], options: &'b RenderOptions) -> FrameContext<'b>
-    where
-        'a: 'b,
-    {
+    fn moved(&self, by: [f64; 2], options: RenderOptions) -> FrameContext<'a> {
         let center = std::array::from_fn(|k| (self.view.center[k] - by[k]) as f32);
         let Self { id, scene, view, eye, screen, lighting, resident, .. } = self;
         let (view, lighting) = (view.clone(), lighting.clone());
@@ -201,14 +203,14 @@ pub struct Renderer {
     reason: String,
     hzb: Hzb,
     /// What each view showed in its last frame, by its id, where the CPU draws.
-    history: FxHashMap<u64, VisibilityHistory>,
+    histories: Histories<VisibilityHistory>,
     scratch: ScratchPool,
     /// A scene and its clock when all pages of its meshes were in memory.
     loaded: Option<(u64, u64)>,
     /// There when meshes in files are streamed.
     streamer: Option<Streamer>,
     /// The views of the call before, where it streamed.
-    before: Vec<(u64, View)>,
+    before: Vec<DrawnView>,
 }
 
 impl Renderer {
@@ -216,9 +218,9 @@ impl Renderer {
     pub fn new(width: u32, height: u32, backend: &str) -> Result<Self> {
         check_size(width, height)?;
         let (device, reason) = Device::choose(backend)?;
-        let (hzb, history, scratch) = (Hzb::default(), FxHashMap::default(), ScratchPool::default());
+        let (hzb, histories, scratch) = (Hzb::default(), Histories::default(), ScratchPool::default());
         let (loaded, streamer, before) = (None, None, Vec::new());
-        Ok(Self { width, height, device, reason, hzb, history, scratch, loaded, streamer, before })
+        Ok(Self { width, height, device, reason, hzb, histories, scratch, loaded, streamer, before })
     }
 
     /// From now on, of meshes whose pages lie in files, those are read that frames need, into a pool of so many bytes; or again
@@ -302,13 +304,16 @@ impl Renderer {
         let start = Instant::now();
         check_ids(views)?;
         let size = (self.width, self.height);
-        let views: Vec<(u64, View)> =
-            views.iter().map(|view| Ok((view.id, view.view(size)?))).collect::<Result<_>>()?;
+        let checked = |desc: &ViewDesc| {
+            let view = DrawnView { id: desc.id, view: desc.view(size)?, options: desc.options(options) };
+            view.options.validate().map(|()| view)
+        };
+        let views: Vec<DrawnView> = views.iter().map(checked).collect::<Result<_>>()?;
         let mut frames = match self.streamer.take() {
             None => {
                 self.load(scene, proceed)?;
                 let resident = Resident::default();
-                let frame_contexts = frame_contexts(scene, &views, options, &resident);
+                let frame_contexts = frame_contexts(scene, &views, &resident);
                 let mut rastered = self.draw(&frame_contexts)?;
                 self.sample(&frame_contexts, &mut rastered)?;
                 self.finish(frame_contexts, rastered)?
@@ -341,7 +346,7 @@ impl Renderer {
         &mut self,
         streamer: &mut Streamer,
         scene: &Scene,
-        views: &[(u64, View)],
+        views: &[DrawnView],
         options: &RenderOptions,
         proceed: InterruptCheck<'_>,
     ) -> Result<Vec<Frame>> {
@@ -350,14 +355,14 @@ impl Renderer {
         loop {
             let meshes = scene.instances().iter().map(|(_, instance)| &instance.mesh);
             let resident = streamer.resident(meshes, options.wait, proceed)?;
-            let frame_contexts = frame_contexts(scene, views, options, &resident);
+            let frame_contexts = frame_contexts(scene, views, &resident);
             let mut rastered = self.draw(&frame_contexts)?;
             if sampled {
                 self.sample(&frame_contexts, &mut rastered)?;
             }
             let mut needs = Needs::default();
             rastered.iter_mut().for_each(|rastered| needs.merge(std::mem::take(&mut rastered.needs)));
-            streaming::expected(scene, &self.before, views, options.pixel_error, &resident, &mut needs);
+            streaming::expected(scene, &self.before, views, &resident, &mut needs);
             let stats = streamer.request(&needs)?;
             let settled = stats.missing_pages == stats.refused_pages;
             let again = options.wait && !settled && stats.draws < MOST_FRAMES;
@@ -387,12 +392,14 @@ impl Renderer {
     fn sample(&mut self, frame_contexts: &[FrameContext<'_>], rastered: &mut [Rastered]) -> Result<()> {
         let Some(FrameContext { options, .. }) = frame_contexts.first() else { return Ok(()) };
         let offsets = options.samples.offsets();
-        let outputs = [Output::Linear, Output::Depth].into_iter().collect();
-        let options = RenderOptions { outputs, samples: Samples::One, ..(*options).clone() };
+        let outputs: Outputs = [Output::Linear, Output::Depth].into_iter().collect();
         let share = 1.0 / offsets.len() as f32;
         for (number, by) in offsets.into_iter().enumerate() {
-            let moved: Vec<FrameContext<'_>> =
-                frame_contexts.iter().map(|frame_context| frame_context.moved(by, &options)).collect();
+            let moved = frame_contexts.iter().map(|frame_context| {
+                let options = frame_context.options.clone();
+                frame_context.moved(by, RenderOptions { outputs, samples: Samples::One, ..options })
+            });
+            let moved: Vec<FrameContext<'_>> = moved.collect();
             let drawn = self.draw(&moved)?;
             for ((frame_context, mut drawn), whole) in moved.into_iter().zip(drawn).zip(&mut *rastered) {
                 whole.needs.merge(std::mem::take(&mut drawn.needs));
@@ -434,10 +441,9 @@ impl Renderer {
                 drawn => return drawn,
             }
         }
-        if self.history.len() > MAX_HISTORIES {
-            self.history.retain(|id, _| frame_contexts.iter().any(|frame_context| frame_context.id == *id));
-        }
-        frame_contexts.iter().map(|frame_context| self.draw_on_cpu(frame_context)).collect()
+        let drawn = frame_contexts.iter().map(|frame_context| self.draw_on_cpu(frame_context)).collect();
+        self.histories.trim(frame_contexts.iter().map(|frame_context| frame_context.id));
+        drawn
     }
 
     fn draw_on_cpu(&mut self, frame_context: &FrameContext<'_>) -> Result<Rastered> {
@@ -452,7 +458,8 @@ impl Renderer {
             (views, instances.len() as u64, count)
         });
         stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
-        let (hzb, history) = (&mut self.hzb, self.history.entry(*id).or_default());
+        let new = || Ok::<_, Error>(VisibilityHistory::default());
+        let (hzb, history) = (&mut self.hzb, self.histories.get_or_make(*id, new)?);
         let (list, absent) = match &mut picture {
             VisibilityBuffer::Words(words) => raster(frame_context, &views, words, hzb, history, &mut stats)?,
             depth => raster(frame_context, &views, depth.bits(), hzb, history, &mut stats)?,
@@ -481,11 +488,10 @@ impl Renderer {
 /// What is to be drawn from each view.
 fn frame_contexts<'a>(
     scene: &'a Scene,
-    views: &[(u64, View)],
-    options: &'a RenderOptions,
+    views: &[DrawnView],
     resident: &'a Resident,
 ) -> Vec<FrameContext<'a>> {
-    views.iter().map(|view| FrameContext::new(scene, view.clone(), options, resident)).collect()
+    views.iter().map(|view| FrameContext::new(scene, view.clone(), resident)).collect()
 }
 
 /// Culls and draws into pixels of one kind or the other; returns the frame's visible list, and the groups that were to

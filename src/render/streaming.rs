@@ -5,14 +5,14 @@
 
 use rustc_hash::FxHashSet;
 
-use super::renderer::Rastered;
+use super::renderer::{DrawnView, Rastered};
 use crate::cpu::node_cull::CandidateGroup;
-use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::{instance_cull, node_cull};
 use crate::model::rule::Threshold;
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Scene, View};
 use crate::stream::{Needs, Request, Resident};
+use crate::views::{InstanceView, Screen};
 
 /// Frames that are looked ahead: while these are drawn, a disk brings what they will need.
 const AHEAD: usize = 8;
@@ -60,9 +60,8 @@ pub(super) fn drawn(frame: &Rastered, tau: f32, resident: &Resident, needs: &mut
 /// and this one does not. Nothing is left out for being hidden, so that they come after all that is needed now.
 pub(super) fn expected(
     scene: &Scene,
-    before: &[(u64, View)],
-    now: &[(u64, View)],
-    tau: f32,
+    before: &[DrawnView],
+    now: &[DrawnView],
     resident: &Resident,
     needs: &mut Needs,
 ) {
@@ -71,9 +70,10 @@ pub(super) fn expected(
     }
     let streamed = |(_, instance): &(u32, &Instance)| resident.streams(&instance.mesh);
     let instances: Vec<(u32, &Instance)> = scene.instances().iter().filter(streamed).collect();
-    for (id, now) in now {
-        let Some((_, before)) = before.iter().find(|(other, _)| other == id) else { continue };
-        let Some(ahead) = now.ahead(before, AHEAD) else { continue };
+    for DrawnView { id, view: now, options } in now {
+        let tau = options.pixel_error;
+        let Some(before) = before.iter().find(|other| other.id == *id) else { continue };
+        let Some(ahead) = now.ahead(&before.view, AHEAD) else { continue };
         let (found, _) = refined(&instances, now, tau, resident);
         let known: FxHashSet<(u32, u32)> = found.iter().map(|(slot, group, _)| (*slot, *group)).collect();
         let (found, views) = refined(&instances, &ahead, tau, resident);

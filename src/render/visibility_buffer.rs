@@ -6,13 +6,13 @@ use std::sync::OnceLock;
 
 use super::stats::FrameStats;
 use crate::cpu::output;
-use crate::cpu::project::{InstanceView, Screen};
 use crate::cpu::visibility::covered;
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
 use crate::gpu;
 use crate::stages::Stage;
 use crate::threads::Lock;
+use crate::views::{InstanceView, Screen};
 
 /// The pixels of a frame, row by row from the top.
 #[derive(Debug)]
@@ -24,6 +24,9 @@ pub(super) enum VisibilityBuffer {
     /// The visibility buffer on a device, and here once it was read.
     #[cfg(feature = "gpu")]
     OnDevice(gpu::DeviceVisibility, OnceLock<Vec<u64>>),
+    /// The keys of depth alone on a device, and the depth here once it was read.
+    #[cfg(feature = "gpu")]
+    DepthOnDevice(gpu::DeviceVisibility, OnceLock<Vec<f32>>),
 }
 
 impl VisibilityBuffer {
@@ -32,6 +35,8 @@ impl VisibilityBuffer {
         match self {
             #[cfg(feature = "gpu")]
             Self::OnDevice(_, words) => words.get().is_none(),
+            #[cfg(feature = "gpu")]
+            Self::DepthOnDevice(_, depth) => depth.get().is_none(),
             _ => false,
         }
     }
@@ -40,14 +45,30 @@ impl VisibilityBuffer {
     pub(super) fn words(&self, what: &str) -> Result<&[u64]> {
         match self {
             Self::Words(words) => Ok(words),
-            Self::Depth(_) => {
-                Err(Error::argument("depth_only", format!("the frame has depth alone, and no {what}")))
-            }
             #[cfg(feature = "gpu")]
             Self::OnDevice(left, words) => match words.get() {
                 Some(words) => Ok(words),
                 None => left.read().map(|read| &words.get_or_init(|| read)[..]),
             },
+            _ => Err(Error::argument("depth_only", format!("the frame has depth alone, and no {what}"))),
+        }
+    }
+
+    /// Depth, where there is nothing else.
+    pub(super) fn depth(&self, screen: &Screen) -> Result<Option<&[f32]>> {
+        match self {
+            Self::Depth(depth) => Ok(Some(depth)),
+            #[cfg(feature = "gpu")]
+            Self::DepthOnDevice(left, depth) => match depth.get() {
+                Some(depth) => Ok(Some(depth)),
+                None => {
+                    let mut keys: Vec<u32> = left.read()?;
+                    output::depth_of_keys(&mut keys, screen);
+                    let read = bytemuck::allocation::cast_vec(keys);
+                    Ok(Some(depth.get_or_init(|| read)))
+                }
+            },
+            _ => Ok(None),
         }
     }
 
@@ -57,7 +78,7 @@ impl VisibilityBuffer {
             Self::Words(words) => bytemuck::cast_slice_mut(words),
             Self::Depth(depth) => bytemuck::cast_slice_mut(depth),
             #[cfg(feature = "gpu")]
-            Self::OnDevice(..) => &mut [],
+            Self::OnDevice(..) | Self::DepthOnDevice(..) => &mut [],
         }
     }
 
@@ -109,7 +130,7 @@ impl ScratchPool {
             VisibilityBuffer::Words(words) => !depth_only && words.len() == pixels,
             VisibilityBuffer::Depth(depth) => depth_only && depth.len() == pixels,
             #[cfg(feature = "gpu")]
-            VisibilityBuffer::OnDevice(..) => false,
+            VisibilityBuffer::OnDevice(..) | VisibilityBuffer::DepthOnDevice(..) => false,
         };
         let found = self.0.write(Self::WHAT).ok().and_then(|mut kept| {
             let at = kept.pictures.iter().position(fits)?;
@@ -127,6 +148,10 @@ impl ScratchPool {
         let picture = match picture {
             VisibilityBuffer::OnDevice(_, words) => match words.into_inner() {
                 Some(words) => VisibilityBuffer::Words(words),
+                None => return,
+            },
+            VisibilityBuffer::DepthOnDevice(_, depth) => match depth.into_inner() {
+                Some(depth) => VisibilityBuffer::Depth(depth),
                 None => return,
             },
             here => here,

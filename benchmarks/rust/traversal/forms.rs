@@ -5,7 +5,6 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use nanite_rs::cpu::project::Screen;
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu::kernels::{Bits, List, group_bit_words};
 use nanite_rs::gpu::meshes::Meshes;
@@ -22,6 +21,7 @@ use nanite_rs::render::{instance_transform, view_record};
 use nanite_rs::scene::placement::Eye;
 use nanite_rs::scene::{Camera, Scene};
 use nanite_rs::stream::Resident;
+use nanite_rs::views::Screen;
 use nanite_rs::{Error, Result};
 
 #[path = "found.rs"]
