@@ -145,6 +145,7 @@ pub fn covered<P: Pixel>(pixels: &[P]) -> u64 {
 mod tests {
     use super::*;
     use crate::limits::MAX_VISIBLE;
+    use crate::views::Hit;
 
     #[test]
     fn words_decode_to_what_was_put() {
