@@ -110,7 +110,6 @@ fn measure(forms: &mut Forms, renderer: &mut DeviceRenderer, distance: f64) -> M
                 int64_atomics: true,
                 occlusion,
                 raster: Raster::Compute,
-                depth_only: false,
                 shading: Shading::default(),
             };
             let drawn = renderer
