@@ -4,7 +4,7 @@
 // Reads candidate groups and cluster records. Writes a bit for each cluster that is drawn, and one more for those of large
 // triangles. A first pass that starts from the visible clusters of the frame before tests the first half of the rule, too.
 // The second pass keeps what the first one drew, and tests all other clusters.
-// Needs: occlusion.wgsl, lod.wgsl, records.wgsl, cone.wgsl, tiles.wgsl.
+// Needs: occlusion.wgsl, lod.wgsl, cluster_bounds.wgsl, cone.wgsl, tiles.wgsl.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
@@ -52,7 +52,7 @@ fn cull(candidate: CandidateGroup, group: u32, member: u32) {
             return;
         }
     }
-    let shape = shape_of(record);
+    let shape = cluster_bounds(instance, record);
     let place = footprint(instances[instance].screen, shape.center, shape.extent);
     if !place.seen {
         return;

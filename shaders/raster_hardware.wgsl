@@ -48,7 +48,7 @@ fn corner(@builtin(vertex_index) vertex: u32, @builtin(instance_index) index: u3
     var p: array<vec3<f32>, 3>;
     var snapped: array<vec2<i32>, 3>;
     for (var k = 0u; k < 3u; k++) {
-        p[k] = project(homogeneous(rows, position_of(streams, corners[k])));
+        p[k] = project(homogeneous(rows, vertex_position(instance, streams, corners[k])));
         snapped[k] = vec2<i32>(snap(p[k].x), snap(p[k].y));
     }
     let a = snapped[0];

@@ -235,9 +235,9 @@ fn main(
         if instances[instance].mirrored == 0u {
             corners = corners.xzy;
         }
-        let a = homogeneous(rows, position_of(streams, corners.x));
-        let b = homogeneous(rows, position_of(streams, corners.y));
-        let c = homogeneous(rows, position_of(streams, corners.z));
+        let a = homogeneous(rows, vertex_position(instance, streams, corners.x));
+        let b = homogeneous(rows, vertex_position(instance, streams, corners.y));
+        let c = homogeneous(rows, vertex_position(instance, streams, corners.z));
         set_up(lane, a, b, c);
         for (var i = 0u; i + 2u < corner_counts[lane]; i++) {
             let p = piece(lane, i, double_sided);

@@ -96,7 +96,7 @@ fn main(
         atomicStore(&drawn, 0u);
     }
     for (var v = lane; v < vertices; v += CLUSTER_MAX_TRIANGLES) {
-        let p = project(homogeneous(screen, position_of(streams, v)));
+        let p = project(homogeneous(screen, vertex_position(instance, streams, v)));
         snapped[v] = vec3<i32>(snap(p.x), snap(p.y), bitcast<i32>(p.z));
     }
     workgroupBarrier();

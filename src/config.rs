@@ -101,6 +101,16 @@ impl std::str::FromStr for ErrorMeasure {
     }
 }
 
+/// Which levels of detail are built.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Levels {
+    /// The source alone: for what is too small for levels, or changes too often.
+    One,
+    /// Down to a few triangles.
+    #[default]
+    All,
+}
+
 /// How a mesh is built.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BuildOptions {
@@ -131,6 +141,8 @@ pub struct BuildOptions {
     /// Of sources without normals: where faces meet at more than so many degrees there is an edge, and computed normals
     /// are not smooth over it. `None` for smooth normals everywhere.
     pub crease_angle: Option<f32>,
+    /// Which levels of detail are built.
+    pub levels: Levels,
     /// Keep the map from level-0 triangles to rows of the caller's `faces`.
     pub face_ids: bool,
     /// Threads; 0 uses all cores. The result does not depend on it.
@@ -153,6 +165,7 @@ impl Default for BuildOptions {
             channel_weight: 1.0,
             preserve_area: false,
             crease_angle: None,
+            levels: Levels::default(),
             face_ids: false,
             threads: 0,
         }

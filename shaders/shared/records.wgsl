@@ -16,21 +16,7 @@ fn record_quad(record: u32, first: u32) -> vec4<u32> {
     }
 }
 
-// The box of a cluster, the radius about its centre, and the packed cone.
-struct Shape {
-    center: vec3<f32>,
-    radius: f32,
-    extent: vec3<f32>,
-    cone: u32,
-}
-
-fn shape_of(record: u32) -> Shape {
-    let center = record_quad(record, RECORD_CENTER);
-    let extent = record_quad(record, RECORD_EXTENT);
-    return Shape(bitcast<vec3<f32>>(center.xyz), bitcast<f32>(center.w), bitcast<vec3<f32>>(extent.xyz), extent.w);
-}
-
-// The rest of what the rule of the cut and the lists need.
+// What the rule of the cut and the lists need.
 struct Detail {
     lod_sphere: Sphere,
     error: f32,

@@ -1,5 +1,5 @@
 // Surface points of pixels, from the visibility buffer: src/cpu/surface.rs, operation for operation.
-// Needs: exact.wgsl, pages.wgsl, target.wgsl, view, instances, visible, instance_materials.
+// Needs: exact.wgsl, vertex.wgsl, target.wgsl, view, instances, visible, instance_materials.
 
 // What a pixel shows.
 struct Hit {
@@ -182,9 +182,9 @@ fn surfel_of(pixel: u32, hit: Hit) -> Surfel {
     let record = record_start(page, cluster);
     let streams = streams_of(page, record);
     let corners = triangle_corners(streams, hit.triangle);
-    let a = position_of(streams, corners.x);
-    let b = position_of(streams, corners.y);
-    let c = position_of(streams, corners.z);
+    let a = vertex_position(instance, streams, corners.x);
+    let b = vertex_position(instance, streams, corners.y);
+    let c = vertex_position(instance, streams, corners.z);
     let point = vec2<f32>(pixel_of(pixel)) + 0.5;
     let weights = barycentric(instances[instance].screen, a, b, c, point);
     let to_eye = normal_map(instance_materials[instance].normal);

@@ -1,5 +1,5 @@
 // Triangle set-up and bindings of all rasterizers: src/cpu/triangle.rs and src/cpu/visibility.rs.
-// Needs: exact.wgsl, cull.wgsl, pages.wgsl, target.wgsl, put.
+// Needs: exact.wgsl, cull.wgsl, vertex.wgsl, target.wgsl, put.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;

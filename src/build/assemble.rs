@@ -15,7 +15,9 @@ use crate::math::{Aabb, Bounds, octahedral};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row, write_triangles};
 use crate::model::rule::ROOT_ERROR;
-use crate::model::{BuildReport, ClusterRecord, Dag, Group, Packing, PageEntry, PageWords, Pages};
+use crate::model::{
+    BuildReport, ClusterRecord, Dag, GeometryId, Group, Packing, PageEntry, PageWords, Pages,
+};
 
 /// Lays the graph out.
 pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
@@ -98,6 +100,7 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
     report.triangles = graph.clusters.iter().map(|c| c.mesh.triangles.len() as u64).sum();
     report.fill = report.triangles as f64 / (report.clusters as usize * CLUSTER_MAX_TRIANGLES) as f64;
     Dag {
+        id: GeometryId::default(),
         frame: graph.frame,
         bounds: graph.bounds,
         pages: Arc::new(pages),

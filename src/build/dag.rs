@@ -20,7 +20,7 @@ use super::simplify::{Effort, Simplified, Step, ratio, simplify, trace};
 use super::source_labels::SourceLabels;
 use super::store::{LocalMesh, RoundPositions, VertexStore};
 use super::{Meter, Progress};
-use crate::config::{BuildOptions, ErrorMeasure, Quality};
+use crate::config::{BuildOptions, ErrorMeasure, Levels, Quality};
 use crate::error::{Error, Result};
 use crate::limits::{MAX_ROUNDS, ROOT_PAGE_MAX_BYTES};
 use crate::math::sphere::round_up;
@@ -272,7 +272,8 @@ impl Growth {
         let positions = Arc::new(RoundPositions::new(store, &meshes));
         let groups = partition(store.layout, &meshes, &positions, options);
         let single = pending.len() == 1;
-        if single && level.triangles <= self.enough || round + 1 == MAX_ROUNDS {
+        let last = options.levels == Levels::One || round + 1 == MAX_ROUNDS;
+        if single && level.triangles <= self.enough || last {
             level.groups = groups.len() as u32;
             for group in &groups {
                 let members: Vec<u32> = group.iter().map(|c| pending[*c as usize]).collect();

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 use super::hzb::Hzb;
 use super::node_cull::CandidateGroup;
 use crate::limits::{MAX_SPAN, SMALL_EDGE};
-use crate::math::Sphere;
 use crate::model::rule::Threshold;
 use crate::views::{Footprint, InstanceView, Screen, Visible};
 
@@ -81,12 +80,12 @@ fn cull_group(
         {
             continue;
         }
-        let Some(footprint) = instance.footprint(screen, record.center, record.extent) else {
+        let bounds = instance.cluster_bounds(cluster);
+        let Some(footprint) = instance.footprint(screen, bounds.sphere.center, bounds.extent) else {
             continue;
         };
-        let sphere = Sphere { center: record.center, radius: record.radius };
         if !instance.materials.double_sided(record.material)
-            && instance.faces_away(screen.orthographic, &sphere, record.cone())
+            && instance.faces_away(screen.orthographic, &bounds)
         {
             continue;
         }

@@ -108,7 +108,7 @@ impl<'a, D> Point<'a, D> {
     #[inline(always)]
     fn new(surfels: &'a Surfels<'a, D>, detail: &'a Detail, lane: usize, shading: Shading) -> Self {
         let (view, cluster) = (surfels.view, surfels.clusters[lane]);
-        let geometry = view.pages.geometry(cluster);
+        let geometry = view.cluster(cluster);
         let material = view.materials.of(view.pages.record(cluster).material);
         let corners = geometry.triangles.get(surfels.hits[lane].triangle as usize).map(usize::from);
         let (uvs, vertices) = (geometry.uvs, geometry.positions.len());

@@ -77,7 +77,7 @@ impl<S: Sink> RasterTask<'_, S> {
         for &number in numbers {
             let at = self.visible[number as usize];
             let view = &self.views[at.instance as usize];
-            let geometry = view.pages.geometry(at.cluster);
+            let geometry = view.cluster(at.cluster);
             transform_rows(geometry.positions, &view.screen, self.screen, &mut vertices);
             let low = payload(number as usize);
             let material = view.pages.record(at.cluster).material;

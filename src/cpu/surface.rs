@@ -126,7 +126,7 @@ impl<'a> Walk<'a> {
     #[inline(always)]
     pub fn new(pixels: Pixels<'a>, range: std::ops::Range<usize>) -> Option<Self> {
         let at = *pixels.visible.first()?;
-        let geometry = pixels.views[at.instance as usize].pages.geometry(at.cluster);
+        let geometry = pixels.views[at.instance as usize].cluster(at.cluster);
         let gathered = Gathered::none(pixels, at);
         Some(Self { pixels, next: range.start, end: range.end, last: 0, at, geometry, gathered })
     }
@@ -148,7 +148,7 @@ impl<'a> Walk<'a> {
             if hit.visible != self.last {
                 self.last = hit.visible;
                 self.at = self.pixels.visible[hit.visible as usize];
-                self.geometry = self.pixels.views[self.at.instance as usize].pages.geometry(self.at.cluster);
+                self.geometry = self.pixels.views[self.at.instance as usize].cluster(self.at.cluster);
             }
             if self.gathered.instance != self.at.instance {
                 if self.gathered.count > 0 {
@@ -173,7 +173,7 @@ impl<'a> Walk<'a> {
 /// The surface point of one pixel, where it shows what `hit` says.
 pub fn one<'a>(pixels: Pixels<'a>, pixel: usize, hit: Hit) -> Surfels<'a, Detail> {
     let at = pixels.visible[hit.visible as usize];
-    let geometry = pixels.views[at.instance as usize].pages.geometry(at.cluster);
+    let geometry = pixels.views[at.instance as usize].cluster(at.cluster);
     let mut gathered = Gathered::none(pixels, at);
     gathered.push(pixel as u32, hit, at.cluster, &geometry);
     gathered.evaluate(pixels.screen)

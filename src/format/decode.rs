@@ -17,7 +17,8 @@ use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
 use crate::math::Aabb;
 use crate::model::cluster::NO_GROUP;
 use crate::model::{
-    Channel, ChannelInfo, ChannelType, ClusterRecord, Dag, Group, PageEntry, PageWords, Pages, Words,
+    Channel, ChannelInfo, ChannelType, ClusterRecord, Dag, GeometryId, Group, PageEntry, PageWords, Pages,
+    Words,
 };
 
 /// Bytes of words that are read at once.
@@ -336,6 +337,7 @@ impl<'a> Container<'a> {
             words(self.words(entry, "section FaceIds".into(), ChannelType::Uint32, faces)?)
         });
         let dag = Dag {
+            id: GeometryId::default(),
             frame: metadata.frame,
             bounds: Aabb { min: metadata.bounds[0], max: metadata.bounds[1] },
             pages: Arc::new(Pages::absent(head.entries().into(), metadata.layout)),

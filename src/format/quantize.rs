@@ -20,8 +20,8 @@ use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row, write_triangles};
 use crate::model::rule::ROOT_ERROR;
 use crate::model::{
-    AttributeLayout, Channel, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, Grid, Group, Node,
-    Packing, PageEntry, Pages, UNINTERRUPTED, Words,
+    AttributeLayout, Channel, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, GeometryId, Grid, Group,
+    Node, Packing, PageEntry, Pages, UNINTERRUPTED, Words,
 };
 
 /// Bits of each octahedral coordinate of a normal in files that round: off by a quarter of a degree at most.
@@ -258,6 +258,7 @@ pub fn quantize(dag: &Dag, precision: Precision) -> Result<Dag> {
     let rounded = Rounded::new(dag, precision)?;
     let pages = (0..rounded.table.len()).into_par_iter().map(|p| rounded.page(p).into()).collect();
     Ok(Dag {
+        id: GeometryId::default(),
         pages: Arc::new(Pages::new(rounded.table.to_vec(), dag.layout(), pages)),
         grid: rounded.grid,
         bounds: rounded.bounds,

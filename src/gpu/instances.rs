@@ -103,7 +103,7 @@ impl Instances {
             None => material,
         };
         let known = self.meshes[index].as_ref();
-        if known.map(Arc::as_ptr) != mesh.map(Arc::as_ptr) {
+        if known.map(|mesh| mesh.id.number()) != mesh.map(|mesh| mesh.id.number()) {
             self.rearranged = true;
             self.meshes[index] = mesh.cloned();
             self.faces[index] = mesh.map_or(0, |mesh| mesh.source_faces);

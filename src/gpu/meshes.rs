@@ -55,16 +55,12 @@ struct Mesh {
 /// All meshes on the device.
 #[derive(Debug, Default)]
 pub struct Meshes {
-    /// By address, which is stable while the mesh is held.
-    resident: FxHashMap<usize, Mesh>,
+    /// By the numbers of their ids.
+    resident: FxHashMap<u64, Mesh>,
     buffers: Vec<Buffer>,
     used: Sizes,
     room: Sizes,
     pages: PageArrays,
-}
-
-fn address(mesh: &Arc<Dag>) -> usize {
-    Arc::as_ptr(mesh).addr()
 }
 
 /// The pages that stay on the device as long as the mesh does.
@@ -134,9 +130,9 @@ impl Meshes {
         resident: &Resident,
     ) -> Result<()> {
         let mut seen = FxHashSet::default();
-        let meshes: Vec<&Arc<Dag>> = meshes.filter(|mesh| seen.insert(address(mesh))).collect();
+        let meshes: Vec<&Arc<Dag>> = meshes.filter(|mesh| seen.insert(mesh.id.number())).collect();
         self.make_room(context, &meshes, resident)?;
-        let is_new = |mesh: &&&Arc<Dag>| !self.resident.contains_key(&address(mesh));
+        let is_new = |mesh: &&&Arc<Dag>| !self.resident.contains_key(&mesh.id.number());
         let new: Vec<&Arc<Dag>> = meshes.iter().filter(is_new).copied().collect();
         let needed = new.iter().fold(self.used, |total, mesh| sum(total, sizes(mesh)));
         if (0..ARRAYS.len()).any(|k| needed[k] > self.room[k]) {
@@ -157,7 +153,7 @@ impl Meshes {
     /// Makes sure that there is room for the pages of these meshes, of streamed ones for as many as the pool has at most, so
     /// that no frame waits for more when pages come. Where there is not, there is nothing else any more.
     fn make_room(&mut self, context: &Context, meshes: &[&Arc<Dag>], resident: &Resident) -> Result<()> {
-        let is_new = |mesh: &&&Arc<Dag>| !self.resident.contains_key(&address(mesh));
+        let is_new = |mesh: &&&Arc<Dag>| !self.resident.contains_key(&mesh.id.number());
         let new = meshes.iter().filter(is_new).map(|mesh| staying(mesh, resident));
         let all = meshes.iter().map(|mesh| staying(mesh, resident));
         let alone = PageArrays::default().words_with(context, all);
@@ -194,7 +190,7 @@ impl Meshes {
         self.room = std::array::from_fn(|k| self.buffers[k].size() / ARRAYS[k].1);
         self.used = Sizes::default();
         for mesh in meshes {
-            if let Some(Mesh { dag, starts, stay, streamed, .. }) = known.remove(&address(mesh)) {
+            if let Some(Mesh { dag, starts, stay, streamed, .. }) = known.remove(&mesh.id.number()) {
                 self.append(context, dag, starts, stay, streamed)?;
             }
         }
@@ -231,7 +227,7 @@ impl Meshes {
         drop((nodes, groups));
         self.used = sum(self.used, sizes(&dag));
         let placement = Placement { first_node, first_group, first_page, depth: depth(&dag) };
-        self.resident.insert(address(&dag), Mesh { dag, placement, starts, stay, streamed });
+        self.resident.insert(dag.id.number(), Mesh { dag, placement, starts, stay, streamed });
         Ok(())
     }
 
@@ -298,7 +294,7 @@ impl Meshes {
 
     /// Where a mesh that was uploaded lies.
     pub fn placement(&self, mesh: &Arc<Dag>) -> Option<Placement> {
-        self.resident.get(&address(mesh)).map(|mesh| mesh.placement)
+        self.resident.get(&mesh.id.number()).map(|mesh| mesh.placement)
     }
 
     /// The nodes of all meshes.

@@ -6,6 +6,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::channel::Channel;
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
+use super::geometry::GeometryId;
 use super::hierarchy::Node;
 use super::page::Pages;
 use super::reading::InterruptCheck;
@@ -128,6 +129,8 @@ impl Grid {
 /// A cluster DAG with its culling hierarchy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dag {
+    /// By which devices and pools know it.
+    pub id: GeometryId,
     /// Internal to object space.
     pub frame: CoordinateFrame,
     /// Internal box of the source surface.

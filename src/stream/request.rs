@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use rustc_hash::FxHashMap;
 
-use super::resident::address;
 use crate::model::Dag;
 
 /// A page that a frame needs.
@@ -27,7 +26,8 @@ impl Request {
 /// The pages that a frame needs, there or not, each once, with the largest of the errors it was asked for.
 #[derive(Debug, Default)]
 pub struct Needs {
-    meshes: FxHashMap<usize, FxHashMap<u32, f32>>,
+    /// By the numbers of the ids of meshes.
+    meshes: FxHashMap<u64, FxHashMap<u32, f32>>,
     /// Largest error, pixels, of what the frame drew because what is finer was not there; 0 where nothing was.
     pub coarsest: f32,
 }
@@ -35,7 +35,7 @@ pub struct Needs {
 impl Needs {
     /// Asks for a page of a mesh.
     pub fn add(&mut self, mesh: &Arc<Dag>, Request { page, pixels }: Request) {
-        let most = self.meshes.entry(address(mesh)).or_default().entry(page).or_insert(pixels);
+        let most = self.meshes.entry(mesh.id.number()).or_default().entry(page).or_insert(pixels);
         *most = most.max(pixels);
     }
 
@@ -53,7 +53,7 @@ impl Needs {
 
     /// What is asked for of a mesh, in the order of pages.
     pub(super) fn of(&self, mesh: &Arc<Dag>) -> Vec<Request> {
-        let asked = self.meshes.get(&address(mesh)).into_iter().flatten();
+        let asked = self.meshes.get(&mesh.id.number()).into_iter().flatten();
         let mut requests: Vec<Request> = asked.map(|(&page, &pixels)| Request { page, pixels }).collect();
         requests.sort_unstable_by_key(|request| request.page);
         requests

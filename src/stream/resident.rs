@@ -9,22 +9,17 @@ use crate::model::{Dag, Pages};
 /// The pages of streamed meshes that are there, as of one moment: later arrivals and evictions do not change it.
 #[derive(Clone, Debug, Default)]
 pub struct Resident {
-    pub(super) meshes: FxHashMap<usize, Arc<Pages>>,
+    pub(super) meshes: FxHashMap<u64, Arc<Pages>>,
     /// Their pages but for those of roots.
     pub(super) held: usize,
     /// How many of these the pool has room for.
     pub(super) most: usize,
 }
 
-/// A mesh's name while somebody holds it.
-pub(super) fn address(mesh: &Arc<Dag>) -> usize {
-    Arc::as_ptr(mesh).addr()
-}
-
 impl Resident {
     /// Puts the pages of a mesh in place of its own.
     pub(super) fn set(&mut self, mesh: &Arc<Dag>, pages: Arc<Pages>) {
-        self.meshes.insert(address(mesh), pages);
+        self.meshes.insert(mesh.id.number(), pages);
     }
 
     /// The pages of a mesh that may be drawn: its own, unless it is streamed.
@@ -32,7 +27,7 @@ impl Resident {
         if self.is_empty() {
             return &mesh.pages;
         }
-        self.meshes.get(&address(mesh)).unwrap_or(&mesh.pages)
+        self.meshes.get(&mesh.id.number()).unwrap_or(&mesh.pages)
     }
 
     /// Whether no mesh is streamed.
@@ -57,6 +52,6 @@ impl Resident {
 
     /// Whether a mesh is streamed.
     pub fn streams(&self, mesh: &Arc<Dag>) -> bool {
-        self.meshes.contains_key(&address(mesh))
+        self.meshes.contains_key(&mesh.id.number())
     }
 }

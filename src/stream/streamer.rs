@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::loader::{Arrival, LoadRequest, Loader};
 use super::pool::{Ask, Change, Plan, Pool};
 use super::request::Needs;
-use super::resident::{Resident, address};
+use super::resident::Resident;
 use crate::error::{Error, Result};
 use crate::limits::PAGE_MAX_BYTES;
 use crate::model::{Dag, InterruptCheck, PageSource, PageWords, Pages, read_pages};
@@ -133,13 +133,13 @@ impl Streamer {
         let mut new = Vec::new();
         for dag in meshes {
             if let Some(source) = dag.pages.source()
-                && seen.insert(address(dag))
-                && !self.meshes.iter().any(|mesh| Arc::ptr_eq(&mesh.dag, dag))
+                && seen.insert(dag.id.number())
+                && !self.meshes.iter().any(|mesh| mesh.dag.id.number() == dag.id.number())
             {
                 new.push((Arc::clone(dag), Arc::clone(source)));
             }
         }
-        for gone in self.meshes.extract_if(.., |mesh| !seen.contains(&address(&mesh.dag))) {
+        for gone in self.meshes.extract_if(.., |mesh| !seen.contains(&mesh.dag.id.number())) {
             self.pool.detach(gone.number);
         }
         for (dag, source) in new {

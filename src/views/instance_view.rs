@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::footprint::{Footprint, footprint};
 use super::screen::{Screen, homogeneous};
 use crate::math::{LodView, Sphere};
-use crate::model::{Dag, Pages};
+use crate::model::{ClusterAddress, ClusterGeometry, Dag, Pages};
 use crate::scene::placement::{Eye, Placement};
 use crate::scene::{Instance, Materials};
 use crate::stream::Resident;
@@ -35,6 +35,17 @@ pub struct InstanceView {
     pub mirrored: bool,
     /// Pixel bounds and nearest key of the whole instance, where the CPU culls.
     pub footprint: Footprint,
+}
+
+/// Where a cluster lies: internal space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClusterBounds {
+    /// About the centre of its box; encloses its vertices.
+    pub sphere: Sphere,
+    /// Half extents of its box, rounded up.
+    pub extent: [f32; 3],
+    /// Axis and cutoff of its cone of normals, see [`crate::model::ClusterRecord::cone`].
+    pub cone: ([f32; 3], f32),
 }
 
 impl InstanceView {
@@ -82,10 +93,25 @@ impl InstanceView {
         footprint(&self.screen, constants, center, extent)
     }
 
-    /// True when every triangle of a cluster with this sphere and cone faces away.
+    /// Where a cluster lies, and which way it faces. Culling asks here alone, so that a geometry whose shape changes can
+    /// answer otherwise than by its pages.
     #[inline]
-    pub fn faces_away(&self, orthographic: bool, sphere: &Sphere, cone: ([f32; 3], f32)) -> bool {
-        let (axis, cutoff) = cone;
+    pub fn cluster_bounds(&self, cluster: ClusterAddress) -> ClusterBounds {
+        let record = self.pages.record(cluster);
+        let sphere = Sphere { center: record.center, radius: record.radius };
+        ClusterBounds { sphere, extent: record.extent, cone: record.cone() }
+    }
+
+    /// The vertices and triangles of a cluster. Rasterizers and shading fetch them here alone, for the same reason.
+    #[inline]
+    pub fn cluster(&self, cluster: ClusterAddress) -> ClusterGeometry<'_> {
+        self.pages.geometry(cluster)
+    }
+
+    /// True when every triangle of a cluster with these bounds faces away.
+    #[inline]
+    pub fn faces_away(&self, orthographic: bool, bounds: &ClusterBounds) -> bool {
+        let ClusterBounds { sphere, cone: (axis, cutoff), .. } = *bounds;
         if cutoff >= 1.0 {
             return false;
         }

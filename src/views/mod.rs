@@ -11,6 +11,6 @@ pub mod visibility;
 pub use desc::{ViewDesc, ViewKind};
 pub use footprint::Footprint;
 pub use histories::Histories;
-pub use instance_view::{InstanceView, mesh_bounds};
+pub use instance_view::{ClusterBounds, InstanceView, mesh_bounds};
 pub use screen::{Screen, homogeneous};
 pub use visibility::{Hit, Visible, decode, payload};

@@ -20,6 +20,7 @@ mod materials;
 mod measure;
 mod render_frames;
 mod samples;
+mod seams;
 #[cfg(feature = "gpu")]
 mod shader_validation;
 mod shapes;
