@@ -42,7 +42,7 @@ from nanite_rs.light import DirectionalLight, Environment, PointLight, SpotLight
 from nanite_rs.material import Material
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions
-from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarning
+from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarning, View
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.stats import FrameStats, StageStats, StreamStats
@@ -100,6 +100,7 @@ __all__ = [
     "Texture",
     "TextureWarning",
     "UsageWarning",
+    "View",
     "Viewer",
     "__version__",
     "compare",

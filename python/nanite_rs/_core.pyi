@@ -191,6 +191,9 @@ _Rgb: TypeAlias = tuple[float, float, float]
 _Materials: TypeAlias = list[dict[str, Any]]
 _Light: TypeAlias = tuple[str, _Rgb, float, float | None, tuple[float, float] | None]
 _Camera: TypeAlias = tuple[str, list[float], float, float | None]
+_View: TypeAlias = tuple[
+    _Camera, ArrayLike, int, tuple[int, int] | None, float | None, list[str] | None, bool | None
+]
 _Environment: TypeAlias = tuple[EnvironmentMap, float, float, bool]
 
 def set_num_threads(threads: int) -> None: ...
@@ -250,7 +253,7 @@ class Renderer:
     def render(
         self,
         scene: Scene,
-        views: list[tuple[_Camera, ArrayLike]],
+        views: list[_View],
         *,
         pixel_error: float,
         occlusion: bool,

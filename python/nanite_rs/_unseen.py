@@ -29,7 +29,7 @@ class _Depth:
     def __call__(self, pose: NDArray[np.float64], near: float, far: float | None) -> NDArray[np.float32]:
         (frame,) = self._renderer.render(
             self._scene,
-            [((self._kind, self._parameters, near, far), pose)],
+            [((self._kind, self._parameters, near, far), pose, 0, None, None, None, None)],
             pixel_error=8.0,
             occlusion=True,
             raster="auto",

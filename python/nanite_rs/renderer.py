@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from nanite_rs.frame import OutputName
 
-__all__ = ["Calibration", "Renderer", "StreamWarning", "TextureWarning"]
+__all__ = ["Calibration", "Renderer", "StreamWarning", "TextureWarning", "View"]
 
 POOL_BYTES = 512 << 20
 """Bytes of a renderer's pool with ``streaming=True``, unless asked for otherwise."""
@@ -50,6 +50,46 @@ class Calibration:
     times_ms: dict[str, float]
     """Milliseconds that each form takes for 512 clusters of small triangles and 512 of large ones. Absent are those
     that the device lacks, and those whose pixels were not exactly those of ``"compute"``."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A view of a scene for `Renderer.render_views`: a camera, where it is, and what it has of its own.
+
+    What is None is as the call has it.
+
+    Examples
+    --------
+    A picture, and a map of depths from above, in one call:
+
+    >>> scene = nrs.Scene(ambient_light=(1, 1, 1))
+    >>> node = scene.add(nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000)))
+    >>> camera = nrs.PerspectiveCamera(yfov=0.8)
+    >>> views = [
+    ...     nrs.View(camera, nrs.look_at((0, 0, 4), (0, 0, 0))),
+    ...     nrs.View(camera, nrs.look_at((0, 4, 0.1), (0, 0, 0)), id=7, size=(32, 32), depth_only=True),
+    ... ]
+    >>> with nrs.Renderer(64, 48) as renderer:
+    ...     picture, above = renderer.render_views(scene, views)
+    >>> picture.color.shape, above.depth.shape
+    ((48, 64, 3), (32, 32))
+    """
+
+    camera: Camera
+    """How to project the scene."""
+    pose: ArrayLike
+    """(4, 4) camera-to-world matrix, as for `Renderer.render`."""
+    id: int | None = None
+    """Identity, 0 to 2^63 - 1: a frame starts from what the frame before of the same identity showed, whatever else
+    is drawn with it and in whatever order. By default the place among the views of the call."""
+    size: tuple[int, int] | None = None
+    """Width and height of the picture, pixels; by default those of the renderer."""
+    pixel_error: float | None = None
+    """Threshold of the cut, pixels."""
+    outputs: Sequence[OutputName] | None = None
+    """What to make right away."""
+    depth_only: bool | None = None
+    """Draw depth and nothing else."""
 
 
 class Renderer(_advice.Teaching):
@@ -283,7 +323,7 @@ class Renderer(_advice.Teaching):
             )
         (frame,) = self._render(
             scene,
-            [(camera, pose)],
+            [View(camera, pose)],
             pixel_error,
             occlusion,
             raster,
@@ -299,7 +339,7 @@ class Renderer(_advice.Teaching):
     def render_views(
         self,
         scene: Scene,
-        views: Iterable[tuple[Camera, ArrayLike]],
+        views: Iterable[View | tuple[Camera, ArrayLike]],
         *,
         pixel_error: float = 1.0,
         occlusion: bool = True,
@@ -313,16 +353,17 @@ class Renderer(_advice.Teaching):
     ) -> list[Frame]:
         """Render what several cameras see of a scene: on a GPU in one submission, on the CPU one after the other.
 
-        A view finds what the view at the same place of the call before hid, so keep their order from call to call.
+        A view starts from what the view of the same identity showed in an earlier call. By default that is the one
+        at the same place, so keep their order from call to call, or give each a `View.id`.
 
         Parameters
         ----------
         scene : Scene
             What to draw.
-        views : iterable of pairs
-            A camera and its pose each, as for `render`.
+        views : iterable of View or of pairs
+            What each view has of its own, or a camera and its pose, as for `render`.
         pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait
-            As for `render`, for all views.
+            As for `render`, for all views that have none of their own.
 
         Returns
         -------
@@ -333,7 +374,7 @@ class Renderer(_advice.Teaching):
         Raises
         ------
         ArgumentError, BackendError, NaniteError
-            As `render` does; for a view, with its place in `views`.
+            As `render` does; for a view, with its place in `views`. Also for two views of one identity.
 
         Examples
         --------
@@ -346,18 +387,9 @@ class Renderer(_advice.Teaching):
         >>> bool((left.depth > 0).any() and (left.depth != right.depth).any())
         True
         """
-        checked: list[tuple[Camera, ArrayLike]] = []
-        for i, view in enumerate(views):
-            if not (isinstance(view, tuple | list) and len(view) == 2 and isinstance(view[0], Camera)):
-                raise DtypeError(f"views[{i}]: expected a camera and a pose, not {view!r}")
-            try:
-                _core.check_pose(view[1])
-            except ArgumentError as error:
-                raise ArgumentError(f"views[{i}]: {error}") from None
-            checked.append((view[0], view[1]))
         return self._render(
             scene,
-            checked,
+            [_checked(view, i) for i, view in enumerate(views)],
             pixel_error,
             occlusion,
             raster,
@@ -372,7 +404,7 @@ class Renderer(_advice.Teaching):
     def _render(
         self,
         scene: Scene,
-        views: list[tuple[Camera, ArrayLike]],
+        views: list[View],
         pixel_error: float,
         occlusion: bool,
         raster: RasterName,
@@ -389,21 +421,22 @@ class Renderer(_advice.Teaching):
             raise _no_scene(scene)
         if not isinstance(pixel_error, int | float | np.integer | np.floating):
             raise DtypeError(f"pixel_error: expected a number, not {type(pixel_error).__name__}")
-        for camera, _ in views:
-            size = camera.size if isinstance(camera, IntrinsicsCamera) else None
-            if size is not None and size != self._size:
+        for view in views:
+            size = view.camera.size if isinstance(view.camera, IntrinsicsCamera) else None
+            width, height = view.size or self._size
+            if size is not None and size != (width, height):
                 raise ArgumentError(
-                    f"camera: it is of pictures of {size[0]} × {size[1]}, and this renderer makes {self.width} × "
-                    f"{self.height}: scale its numbers, or make a Renderer of its size"
+                    f"camera: it is of pictures of {size[0]} × {size[1]}, and this renderer makes {width} × "
+                    f"{height}: scale its numbers, or make a Renderer of its size"
                 )
         try:
             frames = self._core.render(
                 scene._core,
-                [(camera._spec(), pose) for camera, pose in views],
+                [_raw(view, i) for i, view in enumerate(views)],
                 pixel_error=float(pixel_error),
                 occlusion=bool(occlusion),
                 raster=str(raster),
-                outputs=[outputs] if isinstance(outputs, str) else None if outputs is None else list(outputs),
+                outputs=_names(outputs),
                 depth_only=bool(depth_only),
                 samples=_whole(samples, "samples", 1 << 32, "1 and 16"),
                 shading=str(shading),
@@ -412,7 +445,7 @@ class Renderer(_advice.Teaching):
             )
         except ArgumentError as error:
             if str(error).startswith("pose"):
-                raise _advice.advised(error, _advice.for_pose(views[0][1])) from None
+                raise _advice.advised(error, _advice.for_pose(views[0].pose)) from None
             if str(error).startswith("pool_bytes"):
                 raise _advice.advised(error, "it counts bytes: 512 << 20 is 512 MiB") from None
             raise _advice.near(error) from None
@@ -425,37 +458,30 @@ class Renderer(_advice.Teaching):
                 TextureWarning,
             )
         self._smaller = smaller
-        self._look_at_poses([pose for _, pose in views])
+        self._look_at_poses([view.pose for view in views])
         if self._blank and frames:
             self._look_at_first(frames, scene, views)
         self._backend = self._core.backend
-        made = {
-            "pixel_error": float(pixel_error),
-            "depth_only": bool(depth_only),
-            "shading": str(shading),
-            "transfer": str(transfer),
-            "backend": self.backend,
-        }
+        of_call = {"shading": str(shading), "transfer": str(transfer), "backend": self.backend}
         unlit = _unlit(scene, str(shading))
-        asked_for = (outputs,) if isinstance(outputs, str) else tuple(outputs or ())
-        return [
-            Frame(
-                frame,
-                _lens(camera) | {"pose": np.asarray(pose, np.float64).tolist()} | made,
-                unlit,
-                asked_for,
-            )
-            for frame, (camera, pose) in zip(frames, views, strict=True)
-        ]
 
-    def _look_at_first(
-        self, frames: list[_core.Frame], scene: Scene, views: list[tuple[Camera, ArrayLike]]
-    ) -> None:
+        def made(frame: _core.Frame, view: View) -> Frame:
+            own = {
+                "pose": np.asarray(view.pose, np.float64).tolist(),
+                "pixel_error": float(pixel_error if view.pixel_error is None else view.pixel_error),
+                "depth_only": bool(depth_only if view.depth_only is None else view.depth_only),
+            }
+            asked_for = _names(outputs if view.outputs is None else view.outputs)
+            return Frame(frame, _lens(view.camera) | own | of_call, unlit, tuple(asked_for or ()))
+
+        return [made(frame, view) for frame, view in zip(frames, views, strict=True)]
+
+    def _look_at_first(self, frames: list[_core.Frame], scene: Scene, views: list[View]) -> None:
         """Warn where the first pictures show nothing; and where a mesh reaches the near distance, which cuts it."""
-        camera, pose = views[0]
+        camera, pose, size = views[0].camera, views[0].pose, views[0].size or self._size
         self._blank = not any(dict(frame.totals()[0])["covered_pixels"] for frame in frames)
         if self._blank:
-            reason = _unseen.reason(scene._core, camera, pose, self._size)
+            reason = _unseen.reason(scene._core, camera, pose, size)
             if scene.instances:
                 eye, middle = np.asarray(pose, np.float64)[:3, 3], scene.bounds.mean(axis=0)
                 places = [", ".join(f"{x:.4g}" for x in place) for place in (eye, middle)]
@@ -465,7 +491,7 @@ class Renderer(_advice.Teaching):
         _, _, near, _ = camera._spec()
         depth = frames[0].depth()
         reaches = depth[depth > 0.0].min(initial=np.inf) < 1.02 * near
-        if reaches and _unseen.cut_off(scene._core, camera, pose, self._size):
+        if reaches and _unseen.cut_off(scene._core, camera, pose, size):
             _advice.warn(
                 f"meshes are cut off at znear={near:g}, from which on they are drawn; give a smaller one",
                 UsageWarning,
@@ -504,6 +530,47 @@ class Renderer(_advice.Teaching):
     def __repr__(self) -> str:
         closed = ", closed" if self._core is None else ""
         return f"<Renderer {self.width}×{self.height} on {self.backend}{closed}>"
+
+
+def _checked(view: Any, place: int) -> View:
+    """Return a view that may be given as a pair; an error says at which place."""
+    pair = isinstance(view, tuple | list) and len(view) == 2
+    of = View(*view) if pair else view
+    if not (isinstance(of, View) and isinstance(of.camera, Camera)):
+        raise DtypeError(f"views[{place}]: expected a View, or a camera and a pose, not {view!r}")
+    try:
+        _core.check_pose(of.pose)
+    except ArgumentError as error:
+        raise ArgumentError(f"views[{place}]: {error}") from None
+    return of
+
+
+def _names(outputs: Sequence[OutputName] | None) -> list[str] | None:
+    """Return the names of arrays, of which one may be given by itself."""
+    return [outputs] if isinstance(outputs, str) else None if outputs is None else list(outputs)
+
+
+def _raw(view: View, place: int) -> _core._View:
+    """Return what the core takes of a view."""
+    which = f"views[{place}]: "
+    size = None
+    if view.size is not None:
+        if not (isinstance(view.size, tuple | list) and len(view.size) == 2):
+            raise DtypeError(f"{which}size: expected a width and a height, not {view.size!r}")
+        size = _pixels(view.size[0], f"{which}size"), _pixels(view.size[1], f"{which}size")
+    number = place if view.id is None else _whole(view.id, f"{which}id", 1 << 63, "0 and 2^63 - 1")
+    error = view.pixel_error
+    if not (error is None or isinstance(error, int | float | np.integer | np.floating)):
+        raise DtypeError(f"{which}pixel_error: expected a number, not {type(error).__name__}")
+    return (
+        view.camera._spec(),
+        view.pose,
+        number,
+        size,
+        None if error is None else float(error),
+        _names(view.outputs),
+        None if view.depth_only is None else bool(view.depth_only),
+    )
 
 
 def _made(size: tuple[int, int], settings: dict[str, Any]) -> Renderer:

@@ -9,9 +9,9 @@ use super::arrays::matrix4;
 use super::calls::{detached, interruptible_on};
 use super::errors::to_python;
 use super::scene::Scene;
-use crate::config::{Output, Raster, RenderOptions, Samples, Shading, Transfer};
+use crate::config::{Output, Outputs, Raster, RenderOptions, Samples, Shading, Transfer};
 use crate::error::{Error, Result};
-use crate::render::{self, Backend, ImageView, ViewDesc};
+use crate::render::{self, Backend, ImageView, ViewDesc, ViewKind};
 use crate::scene::{Camera, Projection, pose};
 use crate::threads::{Lock, Own};
 
@@ -36,6 +36,15 @@ pub(super) fn camera((kind, parameters, znear, zfar): RawCamera) -> Result<Camer
 #[pyfunction]
 pub(super) fn check_camera(py: Python<'_>, spec: RawCamera) -> PyResult<()> {
     camera(spec).map(drop).map_err(|error| to_python(py, error))
+}
+
+/// Camera, pose, identity, and what it has of its own: size, threshold, arrays, whether depth alone is drawn.
+type RawView<'py> =
+    (RawCamera, Bound<'py, PyAny>, u64, Option<(u32, u32)>, Option<f32>, Option<Vec<String>>, Option<bool>);
+
+fn of_names(py: Python<'_>, names: &[String]) -> PyResult<Outputs> {
+    let outputs: Result<Outputs> = names.iter().map(|name| name.parse::<Output>()).collect();
+    outputs.map_err(|error| to_python(py, error))
 }
 
 /// Form, reason, milliseconds of each form.
@@ -127,7 +136,7 @@ impl Renderer {
         &self,
         py: Python<'_>,
         scene: &Scene,
-        views: Vec<(RawCamera, Bound<'_, PyAny>)>,
+        views: Vec<RawView<'_>>,
         pixel_error: f32,
         occlusion: bool,
         raster: &str,
@@ -138,16 +147,17 @@ impl Renderer {
         transfer: &str,
         wait: bool,
     ) -> PyResult<Vec<Frame>> {
-        let views: Vec<_> = views
-            .into_iter()
-            .map(|(camera, pose)| Ok((camera, matrix4(&pose, "pose")?)))
-            .collect::<PyResult<_>>()?;
+        let desc = |(camera, pose, id, size, pixel_error, outputs, depth_only): RawView<'_>| {
+            let camera = self::camera(camera).map_err(|error| to_python(py, error))?;
+            let view = ViewDesc::new(id, camera, matrix4(&pose, "pose")?);
+            let outputs = outputs.map(|names| of_names(py, &names)).transpose()?;
+            let kind = depth_only.map(|alone| if alone { ViewKind::DepthOnly } else { ViewKind::Color });
+            Ok(ViewDesc { size, pixel_error, outputs, kind, ..view })
+        };
+        let views: Vec<ViewDesc> = views.into_iter().map(desc).collect::<PyResult<_>>()?;
         let raster: Raster = raster.parse().map_err(|error| to_python(py, error))?;
         let defaults = if depth_only { RenderOptions::depth_only() } else { RenderOptions::default() };
-        let outputs = outputs.map_or(Ok(defaults.outputs), |names| {
-            names.iter().map(|name| name.parse::<Output>()).collect::<Result<_>>()
-        });
-        let outputs = outputs.map_err(|error| to_python(py, error))?;
+        let outputs = outputs.map_or(Ok(defaults.outputs), |names| of_names(py, &names))?;
         let samples = Samples::try_from(samples).map_err(|error| to_python(py, error))?;
         let shading: Shading = shading.parse().map_err(|error| to_python(py, error))?;
         let transfer: Transfer = transfer.parse().map_err(|error| to_python(py, error))?;
@@ -163,8 +173,6 @@ impl Renderer {
             ..defaults
         };
         let frames = interruptible_on(py, self.threads, |proceed| {
-            let view = |(id, (camera, pose))| Ok(ViewDesc::new(id, self::camera(camera)?, pose));
-            let views: Vec<_> = (0..).zip(views).map(view).collect::<Result<_>>()?;
             let mut renderer = self.lock()?;
             usable(&renderer, |renderer| renderer.backend() == Backend::Gpu)?;
             renderer.render_views(&*scene.read()?, &views, &options, proceed)

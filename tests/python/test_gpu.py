@@ -178,9 +178,41 @@ def test_several_views_are_as_alone(device) -> None:
             assert one.render_views(shown, []) == []
 
 
+def test_a_view_has_a_size_threshold_and_kind_of_its_own(device) -> None:
+    shown = scene()
+    views = [
+        (LENS, at(0, 0, 4)),
+        nrs.View(LENS, at(0.2, 0.1, 5), id=9, size=(48, 48), depth_only=True),
+        nrs.View(LENS, at(0, 0, 4), id=5, pixel_error=8.0, outputs=["instance_id"]),
+    ]
+    with nrs.Renderer(*SIZE, backend="cpu") as renderer:
+        for one in (device, renderer):
+            for order in ((0, 1, 2), (2, 1, 0)):
+                frames = one.render_views(shown, [views[k] for k in order])
+                whole, depth, coarse = (frames[order.index(k)] for k in range(3))
+                same(device, whole, renderer.render(shown, LENS, at(0, 0, 4)))
+                assert depth.depth.shape == (48, 48) and (depth.depth > 0).any()
+                with pytest.raises(nrs.ArgumentError, match="depth_only: the frame has depth alone"):
+                    _ = depth.color
+                assert coarse.stats.triangles < whole.stats.triangles
+                expected = renderer.render(shown, LENS, at(0, 0, 4), pixel_error=8.0)
+                assert (coarse.instance_id == expected.instance_id).all()
+        for view, message in (
+            (nrs.View(LENS, at(0, 0, 4), size=(0, 4)), "width: must be between 1 and"),
+            (nrs.View(LENS, at(0, 0, 4), id=-1), r"views\[1\]: id: must be between 0"),
+            (nrs.View(LENS, at(0, 0, 4), id=0), "views: two of them have the id 0"),
+            (nrs.View(LENS, at(0, 0, 4), pixel_error=-1.0), "pixel_error: must be finite and not negative"),
+            (nrs.View(LENS, at(0, 0, 4), outputs=["colour"]), "output"),
+        ):
+            with pytest.raises(nrs.ArgumentError, match=message):
+                renderer.render_views(shown, [views[0], view])
+        with pytest.raises(TypeError, match=r"views\[1\]: size: expected a width and a height"):
+            renderer.render_views(shown, [views[0], nrs.View(LENS, at(0, 0, 4), size=48)])
+
+
 def test_the_view_at_fault_is_named(device) -> None:
     shown = scene()
-    with pytest.raises(TypeError, match=r"views\[1\]: expected a camera and a pose"):
+    with pytest.raises(TypeError, match=r"views\[1\]: expected a View, or a camera and a pose"):
         device.render_views(shown, [(LENS, at(0, 0, 4)), LENS])
     with pytest.raises(nrs.ArgumentError, match=r"views\[1\]: pose: "):
         device.render_views(shown, [(LENS, at(0, 0, 4)), (LENS, np.diag((2.0, 1, 1, 1)))])
