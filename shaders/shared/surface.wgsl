@@ -46,8 +46,9 @@ fn dot3(a: vec3<f32>, b: vec3<f32>) -> f32 {
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
+// Of slivers little is left of these differences, and of how products were rounded much: so they are rounded as on the CPU.
 fn cross3(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
-    return vec3<f32>(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+    return times3(a.yzx, b.zxy) - times3(a.zxy, b.yzx);
 }
 
 // The unit vector; +Z for none.
@@ -70,7 +71,7 @@ fn blend(weights: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> vec3<f
 }
 
 fn row(m: vec4<f32>, p: vec3<f32>) -> f32 {
-    return m.x * p.x + m.y * p.y + m.z * p.z + m.w;
+    return inner(m.xyz, p) + m.w;
 }
 
 // Homogeneous coordinate of a corner, relative to a point of the screen.
@@ -79,7 +80,7 @@ fn along(screen: array<vec4<f32>, 3>, k: u32, p: vec3<f32>, point: f32) -> f32 {
     if view.orthographic != 0u {
         return at - point;
     }
-    return at - point * row(screen[2], p);
+    return at - times(point, row(screen[2], p));
 }
 
 // Perspective-correct barycentric coordinates of a point of the screen.
@@ -87,17 +88,13 @@ fn barycentric(screen: array<vec4<f32>, 3>, a: vec3<f32>, b: vec3<f32>, c: vec3<
     let x = vec3<f32>(along(screen, 0u, a, point.x), along(screen, 0u, b, point.x), along(screen, 0u, c, point.x));
     let y = vec3<f32>(along(screen, 1u, a, point.y), along(screen, 1u, b, point.y), along(screen, 1u, c, point.y));
     let w = cross3(x, y);
-    let inverse = 1.0 / (w.x + w.y + w.z);
-    let inside = vec3<f32>(
-        between(w.x * inverse, 0.0, 1.0),
-        between(w.y * inverse, 0.0, 1.0),
-        between(w.z * inverse, 0.0, 1.0),
-    );
+    let parts = times3(w, vec3<f32>(quotient(1.0, w.x + w.y + w.z)));
+    let inside = vec3<f32>(between(parts.x, 0.0, 1.0), between(parts.y, 0.0, 1.0), between(parts.z, 0.0, 1.0));
     let sum = inside.x + inside.y + inside.z;
     if sum < SMALLEST {
         return vec3<f32>(1.0 / 3.0);
     }
-    return inside * (1.0 / sum);
+    return times3(inside, vec3<f32>(quotient(1.0, sum)));
 }
 
 // What barycentric coordinates change by from a pixel to the next on the right, and to the one below: derivatives of a
