@@ -36,6 +36,7 @@ BUILD = ("src/", "shaders/", "python/", "tests/rust/", "benchmarks/rust/")
 BUILD_FILES = {
     *("Cargo.toml", "Cargo.lock", ".cargo/config.toml", "pyproject.toml"),
     *("README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"),
+    "tests/python/oracles/adapters.json",
 }
 
 IMPORT = """

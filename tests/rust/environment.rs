@@ -66,7 +66,8 @@ fn devices_shade_by_a_map_as_the_cpu_does() {
     use nanite_rs::render::Renderer;
     use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
-    use crate::gpu_parity::{device, same_color, same_light};
+    use crate::gpu_parity::device;
+    use crate::gpu_parity::tolerances::{TEXTURED, same_color, same_light};
     use crate::render_frames::{dag, lit};
     use crate::shapes::bumpy_sphere;
     let Some(_) = device("devices_shade_by_a_map_as_the_cpu_does") else { return };
@@ -88,8 +89,7 @@ fn devices_shade_by_a_map_as_the_cpu_does() {
             let gpu = renderer.render(&scene, &camera, &pose, &options).unwrap();
             same_color(&gpu.color().unwrap(), &cpu.color().unwrap(), "color");
             let (a, b) = (gpu.linear().unwrap(), cpu.linear().unwrap());
-            // As for textures without it.
-            same_light(&a, &b, 2e-4, "linear");
+            same_light(&a, &b, TEXTURED, "linear");
         }
     }
 }

@@ -6,7 +6,8 @@ use nanite_rs::gpu::kernels::{Ibl, MaterialKind, shade};
 use nanite_rs::render::Renderer;
 use nanite_rs::scene::{Camera, Projection};
 
-use crate::gpu_parity::{device, same_color};
+use crate::gpu_parity::device;
+use crate::gpu_parity::tolerances::same_color;
 use crate::materials::{SIZE, gallery};
 use crate::render_frames::{CAMERA, at, shoot};
 

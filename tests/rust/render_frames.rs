@@ -665,5 +665,5 @@ fn neighbouring_triangles_cover_every_pixel_exactly_once() {
 #[cfg(feature = "gpu")]
 #[test]
 fn on_the_cpu_views_are_found_by_their_identity() {
-    crate::gpu_parity::views_by_identity("cpu");
+    crate::gpu_parity::views::views_by_identity("cpu");
 }

@@ -11,7 +11,8 @@ use nanite_rs::render::{Renderer, ViewDesc};
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
 #[cfg(feature = "gpu")]
-use crate::gpu_parity::{DARK, device, same_light};
+use crate::gpu_parity::device;
+use crate::gpu_parity::tolerances::{DARK, same_light};
 use crate::render_frames::{CAMERA, IDENTITY, at, crowd, dag, lit, shoot};
 use crate::shapes::bumpy_sphere;
 
