@@ -1,4 +1,4 @@
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from os import PathLike
 from typing import Any, TypeAlias, final
 
@@ -62,18 +62,12 @@ def triangulate(
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32], int]: ...
 def strips(values: NDArray[np.int64], lengths: NDArray[np.uint32]) -> NDArray[np.int64]: ...
 def decimate(
-    vertices: NDArray[Any],
-    faces: NDArray[Any],
-    target: int,
+    arrays: dict[str, Any],
     *,
-    normals: NDArray[np.float32] | None = None,
-    colors: NDArray[np.uint8] | None = None,
-    uvs: Sequence[NDArray[np.float32]] = ...,
-    channels: Sequence[tuple[str, str, NDArray[np.uint32]]] = ...,
-    face_materials: NDArray[np.int32] | None = None,
-    options: dict[str, Any] | None = None,
-    preserve_border: bool = False,
-    lossless: bool = False,
+    target: int,
+    options: dict[str, Any],
+    preserve_border: bool,
+    lossless: bool,
     progress: Callable[[int, int], object] | None = None,
 ) -> Cut: ...
 
@@ -81,15 +75,9 @@ def decimate(
 class Mesh:
     @staticmethod
     def build(
-        vertices: NDArray[Any],
-        faces: NDArray[Any],
+        arrays: dict[str, Any],
         *,
-        normals: NDArray[np.float32] | None = None,
-        colors: NDArray[np.uint8] | None = None,
-        uvs: Sequence[NDArray[np.float32]] = ...,
-        channels: Sequence[tuple[str, str, NDArray[np.uint32]]] = ...,
-        face_materials: NDArray[np.int32] | None = None,
-        options: dict[str, Any] | None = None,
+        options: dict[str, Any],
         progress: Callable[[int, int], object] | None = None,
     ) -> Mesh: ...
     @staticmethod
@@ -254,16 +242,7 @@ class Renderer:
         self,
         scene: Scene,
         views: list[_View],
-        *,
-        pixel_error: float,
-        occlusion: bool,
-        raster: str,
-        outputs: list[str] | None,
-        depth_only: bool,
-        samples: int,
-        shading: str,
-        transfer: str,
-        wait: bool,
+        options: dict[str, Any],
     ) -> list[Frame]: ...
 
 @final

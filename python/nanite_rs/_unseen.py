@@ -15,6 +15,18 @@ if TYPE_CHECKING:
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _POOL = 512 << 20
+# What a renderer of the core is told: depth alone, with what is in memory.
+_COARSE = {
+    "pixel_error": 8.0,
+    "occlusion": True,
+    "raster": "auto",
+    "outputs": None,
+    "depth_only": True,
+    "samples": 1,
+    "shading": "pyrender",
+    "transfer": "gamma22",
+    "wait": False,
+}
 
 
 class _Depth:
@@ -30,15 +42,7 @@ class _Depth:
         (frame,) = self._renderer.render(
             self._scene,
             [((self._kind, self._parameters, near, far), pose, 0, None, None, None, None)],
-            pixel_error=8.0,
-            occlusion=True,
-            raster="auto",
-            outputs=None,
-            depth_only=True,
-            samples=1,
-            shading="pyrender",
-            transfer="gamma22",
-            wait=False,
+            _COARSE,
         )
         return frame.depth()
 

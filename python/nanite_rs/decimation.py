@@ -178,7 +178,7 @@ def _decimated(
         arrays = core_arrays(vertices, faces, given, given["channels"])
         with reporter(progress, "decimating") as report:
             core = _core.decimate(
-                **arrays,
+                arrays,
                 target=target,
                 options=asdict(options),
                 preserve_border=preserve_border,

@@ -184,7 +184,7 @@ class NaniteMesh(_advice.Teaching):
     ) -> NaniteMesh:
         with reporter(progress, "building") as report:
             core = CoreMesh.build(
-                **core_arrays(vertices, faces, given, channels),
+                core_arrays(vertices, faces, given, channels),
                 options=asdict(options or BuildOptions()),
                 progress=report,
             )

@@ -92,6 +92,37 @@ class View:
     """Draw depth and nothing else."""
 
 
+@dataclass(frozen=True)
+class _Options:
+    """How frames are rendered, see `Renderer.render`."""
+
+    pixel_error: float
+    occlusion: bool
+    raster: RasterName
+    outputs: Sequence[OutputName] | None
+    depth_only: bool
+    samples: int
+    shading: ShadingName
+    transfer: TransferName
+    wait: bool
+
+    def raw(self) -> dict[str, Any]:
+        """What the core takes."""
+        if not isinstance(self.pixel_error, int | float | np.integer | np.floating):
+            raise DtypeError(f"pixel_error: expected a number, not {type(self.pixel_error).__name__}")
+        return {
+            "pixel_error": float(self.pixel_error),
+            "occlusion": bool(self.occlusion),
+            "raster": str(self.raster),
+            "outputs": _names(self.outputs),
+            "depth_only": bool(self.depth_only),
+            "samples": _whole(self.samples, "samples", 1 << 32, "1 and 16"),
+            "shading": str(self.shading),
+            "transfer": str(self.transfer),
+            "wait": bool(self.wait),
+        }
+
+
 class Renderer(_advice.Teaching):
     """Renders scenes into pictures of one size.
 
@@ -324,15 +355,7 @@ class Renderer(_advice.Teaching):
         (frame,) = self._render(
             scene,
             [View(camera, pose)],
-            pixel_error,
-            occlusion,
-            raster,
-            outputs,
-            depth_only,
-            samples,
-            shading,
-            transfer,
-            wait,
+            _Options(pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait),
         )
         return frame
 
@@ -390,37 +413,19 @@ class Renderer(_advice.Teaching):
         return self._render(
             scene,
             [_checked(view, i) for i, view in enumerate(views)],
-            pixel_error,
-            occlusion,
-            raster,
-            outputs,
-            depth_only,
-            samples,
-            shading,
-            transfer,
-            wait,
+            _Options(pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait),
         )
 
     def _render(
         self,
         scene: Scene,
         views: list[View],
-        pixel_error: float,
-        occlusion: bool,
-        raster: RasterName,
-        outputs: Sequence[OutputName] | None,
-        depth_only: bool,
-        samples: int,
-        shading: ShadingName,
-        transfer: TransferName,
-        wait: bool,
+        options: _Options,
     ) -> list[Frame]:
         if self._core is None:
             raise NaniteError("the renderer was closed; make another: Renderer(width, height)")
         if not isinstance(scene, Scene):
             raise _no_scene(scene)
-        if not isinstance(pixel_error, int | float | np.integer | np.floating):
-            raise DtypeError(f"pixel_error: expected a number, not {type(pixel_error).__name__}")
         for view in views:
             size = view.camera.size if isinstance(view.camera, IntrinsicsCamera) else None
             width, height = view.size or self._size
@@ -430,18 +435,11 @@ class Renderer(_advice.Teaching):
                     f"{height}: scale its numbers, or make a Renderer of its size"
                 )
         try:
+            raw = options.raw()
             frames = self._core.render(
                 scene._core,
                 [_raw(view, i) for i, view in enumerate(views)],
-                pixel_error=float(pixel_error),
-                occlusion=bool(occlusion),
-                raster=str(raster),
-                outputs=_names(outputs),
-                depth_only=bool(depth_only),
-                samples=_whole(samples, "samples", 1 << 32, "1 and 16"),
-                shading=str(shading),
-                transfer=str(transfer),
-                wait=bool(wait),
+                raw,
             )
         except ArgumentError as error:
             if str(error).startswith("pose"):
@@ -462,17 +460,15 @@ class Renderer(_advice.Teaching):
         if self._blank and frames:
             self._look_at_first(frames, scene, views)
         self._backend = self._core.backend
-        of_call = {"shading": str(shading), "transfer": str(transfer), "backend": self.backend}
-        unlit = _unlit(scene, str(shading))
+        unlit = _unlit(scene, raw["shading"])
 
         def made(frame: _core.Frame, view: View) -> Frame:
-            own = {
-                "pose": np.asarray(view.pose, np.float64).tolist(),
-                "pixel_error": float(pixel_error if view.pixel_error is None else view.pixel_error),
-                "depth_only": bool(depth_only if view.depth_only is None else view.depth_only),
-            }
-            asked_for = _names(outputs if view.outputs is None else view.outputs)
-            return Frame(frame, _lens(view.camera) | own | of_call, unlit, tuple(asked_for or ()))
+            of_call = {name: raw[name] for name in ("pixel_error", "depth_only", "shading", "transfer")}
+            own = {name: getattr(view, name) for name in ("pixel_error", "depth_only")}
+            how = of_call | {name: value for name, value in own.items() if value is not None}
+            how |= {"pose": np.asarray(view.pose, np.float64).tolist(), "backend": self.backend}
+            asked_for = raw["outputs"] if view.outputs is None else _names(view.outputs)
+            return Frame(frame, _lens(view.camera) | how, unlit, tuple(asked_for or ()))
 
         return [made(frame, view) for frame, view in zip(frames, views, strict=True)]
 

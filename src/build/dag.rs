@@ -316,10 +316,9 @@ impl Growth {
                 let proof = self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters });
                 let triangles = local.indices.len() / 3;
                 let target = (triangles as f32 * part) as usize;
-                let content = &self.content;
-                let outcome = simplify_group(
-                    store, &local, target, effort, &members, pieces, content, proof, silhouette, options,
-                );
+                let group =
+                    GroupMesh { clusters: &members, mesh: &local, pieces, target, effort, silhouette };
+                let outcome = simplify_group(store, group, &self.content, proof, options);
                 let made = outcome.as_ref().map_or(triangles, |split| split.triangles());
                 (meter.advance(triangles - made.min(triangles)), outcome)
             })
@@ -542,18 +541,26 @@ impl Split {
     }
 }
 
-fn simplify_group(
-    store: &VertexStore,
-    local: &LocalMesh,
+/// A group that is to be simplified.
+struct GroupMesh<'a> {
+    clusters: &'a [&'a BuildCluster],
+    /// Their triangles.
+    mesh: &'a LocalMesh,
+    /// What each of them corresponds to.
+    pieces: Vec<Pieces>,
     target: usize,
     effort: Effort,
-    members: &[&BuildCluster],
-    pieces: Vec<Pieces>,
+    silhouette: Option<Silhouette>,
+}
+
+fn simplify_group(
+    store: &VertexStore,
+    group: GroupMesh<'_>,
     content: &Content,
     proof: Option<Proof<'_>>,
-    silhouette: Option<Silhouette>,
     options: &BuildOptions,
 ) -> std::result::Result<Split, (StuckReason, Vec<Pieces>)> {
+    let GroupMesh { clusters: members, mesh: local, pieces, target, effort, silhouette } = group;
     let Simplified { mut mesh, estimate, step_error, moved, cost, step } =
         match simplify(local, target, effort, content, options, silhouette) {
             Ok(simplified) => simplified,

@@ -58,60 +58,48 @@ pub fn weld(source: &SourceMesh<'_>, crease: Option<f32>, report: &mut BuildRepo
         copies.iter().for_each(|v| rows.extend_from_within(copied(v)));
         channels.copy_rows(copies);
     }
-    let (split_faces, mut of_vertex) = match by_material {
+    let (split_faces, materials) = match by_material {
         Some(ByMaterial { faces, materials, .. }) => (Some(faces), materials),
         None => (None, Vec::new()),
     };
     let faces = split_faces.as_deref().unwrap_or(source.faces);
 
-    let mut position_ids = hash::first_equal(cast_slice(&positions), 3);
+    let position_ids = hash::first_equal(cast_slice(&positions), 3);
     let plain = source.normals.is_none() && layout == AttributeLayout::default() && channels.infos.is_empty();
-    let mut vertex_ids = if plain {
+    let vertex_ids = if plain {
         position_ids.clone()
     } else {
         let tables = [
             (cast_slice(&positions), 3),
             (cast_slice(&rows), stride),
             (&channels.words[..], channels.width()),
-            (&of_vertex[..], usize::from(layout.materials)),
+            (&materials[..], usize::from(layout.materials)),
         ];
         hash::first_equal_of(&tables)
     };
 
     let (mut faces, face_rows) = mend(faces, &vertex_ids, &position_ids, report);
-    let mut copy = |copies: &[u32], sides: &[u32], positions: &mut Vec<[f32; 3]>, ids: &mut Vec<u32>| {
-        let count = positions.len() as u32;
-        copies.iter().for_each(|v| {
-            positions.push(positions[*v as usize]);
-            rows.extend_from_within(*v as usize * stride..(*v as usize + 1) * stride);
-            of_vertex.extend(of_vertex.get(*v as usize).copied());
-        });
-        channels.copy_rows(copies);
-        // Normals are added up by position: those of a side by that of the side.
-        ids.extend(sides);
-        vertex_ids.extend(count..positions.len() as u32);
-    };
+    let mut vertices = Vertices { positions, rows, stride, channels, materials, vertex_ids, position_ids };
     if source.normals.is_none() {
         if let Some(BySide { faces: split, copies }) =
-            sides::split(&faces, &positions, &position_ids, report.non_manifold_edges)
+            sides::split(&faces, &vertices.positions, &vertices.position_ids, report.non_manifold_edges)
         {
-            let sides: Vec<u32> = (positions.len() as u32..).take(copies.len()).collect();
-            copy(&copies, &sides, &mut positions, &mut position_ids);
+            let sides: Vec<u32> = (vertices.positions.len() as u32..).take(copies.len()).collect();
+            vertices.copy(&copies, &sides);
             faces = split;
         }
         if let Some(degrees) = crease
             && let Some(Creased { faces: split, copies, sides }) =
-                creases::split(&faces, &positions, &position_ids, degrees)
+                creases::split(&faces, &vertices.positions, &vertices.position_ids, degrees)
         {
-            copy(&copies, &sides, &mut positions, &mut position_ids);
+            vertices.copy(&copies, &sides);
             faces = split;
         }
     }
     if faces.is_empty() {
         return Err(Error::EmptyMesh("no face is left once faces without area are dropped".into()));
     }
-    let (mut mesh, position_ids) =
-        compact(positions, rows, stride, channels, &of_vertex, vertex_ids, position_ids, faces, report);
+    let (mut mesh, position_ids) = compact(vertices, faces, report);
     let mended = attributes::fill_normals(
         &mut mesh.attributes,
         mesh.stride,
@@ -122,6 +110,39 @@ pub fn weld(source: &SourceMesh<'_>, crease: Option<f32>, report: &mut BuildRepo
     report.computed_normals = source.normals.is_none();
     report.mended_normals = if report.computed_normals { 0 } else { mended as u64 };
     Ok(WeldedMesh { frame, bounds: frame::bounds(&mesh.positions), layout, face_rows, ..mesh })
+}
+
+/// The vertices as given and those that splitting added, and which of them are equal.
+struct Vertices {
+    positions: Vec<[f32; 3]>,
+    /// Attribute rows.
+    rows: Vec<f32>,
+    /// Floats per attribute row.
+    stride: usize,
+    channels: Channels,
+    /// Empty when there are no materials.
+    materials: Vec<u32>,
+    /// For each vertex, the first one that equals it.
+    vertex_ids: Vec<u32>,
+    /// For each vertex, the first one at its position.
+    position_ids: Vec<u32>,
+}
+
+impl Vertices {
+    /// Adds copies of vertices; `sides` are their position ids. Normals are added up by position, so those of a side
+    /// have a position id of their own.
+    fn copy(&mut self, copies: &[u32], sides: &[u32]) {
+        let count = self.positions.len() as u32;
+        copies.iter().for_each(|v| {
+            let v = *v as usize;
+            self.positions.push(self.positions[v]);
+            self.rows.extend_from_within(v * self.stride..(v + 1) * self.stride);
+            self.materials.extend(self.materials.get(v).copied());
+        });
+        self.channels.copy_rows(copies);
+        self.position_ids.extend(sides);
+        self.vertex_ids.extend(count..self.positions.len() as u32);
+    }
 }
 
 /// Drops faces with two corners at one position and repeated faces; counts the edges of the rest.
@@ -171,17 +192,9 @@ fn drop_repeats(faces: Vec<[u32; 3]>, rows: Vec<u32>) -> (Vec<[u32; 3]>, Vec<u32
 }
 
 /// Keeps only vertices that faces use, in their order; also tells the first of them at each one's position.
-fn compact(
-    positions: Vec<[f32; 3]>,
-    rows: Vec<f32>,
-    base: usize,
-    mut channels: Channels,
-    materials: &[u32],
-    vertex_ids: Vec<u32>,
-    position_ids: Vec<u32>,
-    mut faces: Vec<[u32; 3]>,
-    report: &mut BuildReport,
-) -> (WeldedMesh, Vec<u32>) {
+fn compact(vertices: Vertices, mut faces: Vec<[u32; 3]>, report: &mut BuildReport) -> (WeldedMesh, Vec<u32>) {
+    let Vertices { positions, rows, stride: base, mut channels, materials, vertex_ids, position_ids } =
+        vertices;
     let used: Vec<AtomicBool> = positions.par_iter().map(|_| AtomicBool::new(false)).collect();
     faces.par_iter().flatten().for_each(|v| used[*v as usize].store(true, Ordering::Relaxed));
     let mut rename = vec![u32::MAX; positions.len()];

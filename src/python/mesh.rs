@@ -50,9 +50,8 @@ fn to_raise(error: Error) -> PyErr {
 }
 
 /// Options from keyword arguments; unknown names are refused.
-fn build_options(options: Option<&Bound<'_, PyDict>>) -> PyResult<BuildOptions> {
+fn build_options(options: &Bound<'_, PyDict>) -> PyResult<BuildOptions> {
     let mut out = BuildOptions::default();
-    let Some(options) = options else { return Ok(out) };
     for (name, value) in options {
         let name = name.extract::<String>()?;
         set_option(&mut out, &name, &value).map_err(|error| {
@@ -88,25 +87,28 @@ fn set_option(out: &mut BuildOptions, name: &str, value: &Bound<'_, PyAny>) -> P
     Ok(())
 }
 
-/// Arrays of a mesh as Python gives them.
-struct Given<'a, 'py> {
-    vertices: &'a Bound<'py, PyAny>,
-    faces: &'a Bound<'py, PyAny>,
-    normals: Option<&'a Bound<'py, PyAny>>,
-    colors: Option<&'a Bound<'py, PyAny>>,
+/// Arrays of a mesh as `nanite_rs._arrays.core_arrays` gives them.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(super) struct RawArrays<'py> {
+    vertices: Bound<'py, PyAny>,
+    faces: Bound<'py, PyAny>,
+    normals: Option<Bound<'py, PyAny>>,
+    colors: Option<Bound<'py, PyAny>>,
     uvs: Vec<Bound<'py, PyAny>>,
     channels: Vec<(String, String, Bound<'py, PyAny>)>,
     face_materials: Option<PyReadonlyArray1<'py, i32>>,
 }
 
-impl Given<'_, '_> {
+impl RawArrays<'_> {
     /// Checks the arrays, and does something with the mesh that they are.
     fn with_source<T>(self, work: impl FnOnce(&SourceMesh<'_>) -> PyResult<T>) -> PyResult<T> {
-        let positions = PositionArray::new(self.vertices, "vertices")?;
+        let positions = PositionArray::new(&self.vertices, "vertices")?;
         let count = positions.get().len();
-        let faces = FaceArray::new(self.faces, "faces", count)?;
-        let normals = self.normals.map(|n| vertex_rows::<f32, 3>(n, "normals", count)).transpose()?;
-        let colors = self.colors.map(|c| ColorArray::new(c, "colors", count)).transpose()?;
+        let faces = FaceArray::new(&self.faces, "faces", count)?;
+        let normals =
+            self.normals.as_ref().map(|n| vertex_rows::<f32, 3>(n, "normals", count)).transpose()?;
+        let colors = self.colors.as_ref().map(|c| ColorArray::new(c, "colors", count)).transpose()?;
         let uvs: Vec<_> =
             self.uvs.iter().map(|u| vertex_rows::<f32, 2>(u, "uvs", count)).collect::<PyResult<_>>()?;
         let channels: Vec<_> = self
@@ -130,22 +132,15 @@ impl Given<'_, '_> {
 impl Mesh {
     /// Builds from arrays. See `nanite_rs.NaniteMesh.from_arrays`.
     #[staticmethod]
-    #[pyo3(signature = (vertices, faces, *, normals=None, colors=None, uvs=vec![], channels=vec![], face_materials=None, options=None, progress=None))]
+    #[pyo3(signature = (arrays, *, options, progress=None))]
     fn build<'py>(
         py: Python<'py>,
-        vertices: &Bound<'py, PyAny>,
-        faces: &Bound<'py, PyAny>,
-        normals: Option<&Bound<'py, PyAny>>,
-        colors: Option<&Bound<'py, PyAny>>,
-        uvs: Vec<Bound<'py, PyAny>>,
-        channels: Vec<(String, String, Bound<'py, PyAny>)>,
-        face_materials: Option<PyReadonlyArray1<'py, i32>>,
-        options: Option<&Bound<'py, PyDict>>,
+        arrays: RawArrays<'py>,
+        options: &Bound<'py, PyDict>,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
         let options = build_options(options)?;
-        let given = Given { vertices, faces, normals, colors, uvs, channels, face_materials };
-        given.with_source(|source| {
+        arrays.with_source(|source| {
             watched(py, options.threads, progress.as_ref(), |progress| {
                 build::build(source, &options, progress)
             })
@@ -525,26 +520,19 @@ fn object_positions(mut internal: Vec<[f32; 3]>, frame: &CoordinateFrame) -> Obj
 
 /// Decimates arrays. See `nanite_rs.decimate`.
 #[pyfunction]
-#[pyo3(signature = (vertices, faces, target, *, normals=None, colors=None, uvs=vec![], channels=vec![], face_materials=None, options=None, preserve_border=false, lossless=false, progress=None))]
-pub fn decimate<'py>(
+#[pyo3(signature = (arrays, *, target, options, preserve_border, lossless, progress=None))]
+pub(super) fn decimate<'py>(
     py: Python<'py>,
-    vertices: &Bound<'py, PyAny>,
-    faces: &Bound<'py, PyAny>,
+    arrays: RawArrays<'py>,
     target: usize,
-    normals: Option<&Bound<'py, PyAny>>,
-    colors: Option<&Bound<'py, PyAny>>,
-    uvs: Vec<Bound<'py, PyAny>>,
-    channels: Vec<(String, String, Bound<'py, PyAny>)>,
-    face_materials: Option<PyReadonlyArray1<'py, i32>>,
-    options: Option<&Bound<'py, PyDict>>,
+    options: &Bound<'py, PyDict>,
     preserve_border: bool,
     lossless: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Cut> {
     let options = build_options(options)?;
     let goal = Goal { target, preserve_border, lossless };
-    let given = Given { vertices, faces, normals, colors, uvs, channels, face_materials };
-    let made = given.with_source(|source| {
+    let made = arrays.with_source(|source| {
         watched(py, options.threads, progress.as_ref(), |progress| {
             let mut made = crate::decimate::decimate(source, goal, &options, progress)?;
             let positions = object_positions(std::mem::take(&mut made.arrays.positions), &made.frame);

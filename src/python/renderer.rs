@@ -9,7 +9,7 @@ use super::arrays::matrix4;
 use super::calls::{detached, interruptible_on};
 use super::errors::to_python;
 use super::scene::Scene;
-use crate::config::{Output, Outputs, Raster, RenderOptions, Samples, Shading, Transfer};
+use crate::config::{Output, Outputs, Raster, RenderOptions, Samples};
 use crate::error::{Error, Result};
 use crate::render::{self, Backend, ImageView, ViewDesc, ViewKind};
 use crate::scene::{Camera, Projection, pose};
@@ -42,9 +42,8 @@ pub(super) fn check_camera(py: Python<'_>, spec: RawCamera) -> PyResult<()> {
 type RawView<'py> =
     (RawCamera, Bound<'py, PyAny>, u64, Option<(u32, u32)>, Option<f32>, Option<Vec<String>>, Option<bool>);
 
-fn of_names(py: Python<'_>, names: &[String]) -> PyResult<Outputs> {
-    let outputs: Result<Outputs> = names.iter().map(|name| name.parse::<Output>()).collect();
-    outputs.map_err(|error| to_python(py, error))
+fn of_names(names: &[String]) -> Result<Outputs> {
+    names.iter().map(|name| name.parse::<Output>()).collect()
 }
 
 /// Form, reason, milliseconds of each form.
@@ -55,6 +54,40 @@ type RawCalibration = (&'static str, String, Vec<(&'static str, f64)>);
 pub(super) fn check_pose(pose: &Bound<'_, PyAny>) -> PyResult<f64> {
     let rows = matrix4(pose, "pose")?;
     pose::rigid("pose", &rows).map(|(_, off)| off).map_err(|error| to_python(pose.py(), error))
+}
+
+/// How frames are rendered, as `nanite_rs.renderer._Options` says it.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct RawOptions {
+    pixel_error: f32,
+    occlusion: bool,
+    raster: String,
+    outputs: Option<Vec<String>>,
+    depth_only: bool,
+    samples: u32,
+    shading: String,
+    transfer: String,
+    wait: bool,
+}
+
+impl RawOptions {
+    fn checked(self) -> Result<RenderOptions> {
+        let raster: Raster = self.raster.parse()?;
+        let defaults = if self.depth_only { RenderOptions::depth_only() } else { RenderOptions::default() };
+        let outputs = self.outputs.map_or(Ok(defaults.outputs), |names| of_names(&names))?;
+        Ok(RenderOptions {
+            pixel_error: self.pixel_error,
+            occlusion: self.occlusion,
+            raster,
+            outputs,
+            samples: Samples::try_from(self.samples)?,
+            shading: self.shading.parse()?,
+            transfer: self.transfer.parse()?,
+            wait: self.wait,
+            ..defaults
+        })
+    }
 }
 
 /// Renders scenes. See `nanite_rs.Renderer`.
@@ -131,47 +164,23 @@ impl Renderer {
     }
 
     /// Renders a frame for each view.
-    #[pyo3(signature = (scene, views, *, pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait))]
     fn render(
         &self,
         py: Python<'_>,
         scene: &Scene,
         views: Vec<RawView<'_>>,
-        pixel_error: f32,
-        occlusion: bool,
-        raster: &str,
-        outputs: Option<Vec<String>>,
-        depth_only: bool,
-        samples: u32,
-        shading: &str,
-        transfer: &str,
-        wait: bool,
+        options: RawOptions,
     ) -> PyResult<Vec<Frame>> {
         let desc = |(camera, pose, id, size, pixel_error, outputs, depth_only): RawView<'_>| {
             let camera = self::camera(camera).map_err(|error| to_python(py, error))?;
             let view = ViewDesc::new(id, camera, matrix4(&pose, "pose")?);
-            let outputs = outputs.map(|names| of_names(py, &names)).transpose()?;
+            let outputs = outputs.map(|names| of_names(&names)).transpose();
+            let outputs = outputs.map_err(|error| to_python(py, error))?;
             let kind = depth_only.map(|alone| if alone { ViewKind::DepthOnly } else { ViewKind::Color });
             Ok(ViewDesc { size, pixel_error, outputs, kind, ..view })
         };
         let views: Vec<ViewDesc> = views.into_iter().map(desc).collect::<PyResult<_>>()?;
-        let raster: Raster = raster.parse().map_err(|error| to_python(py, error))?;
-        let defaults = if depth_only { RenderOptions::depth_only() } else { RenderOptions::default() };
-        let outputs = outputs.map_or(Ok(defaults.outputs), |names| of_names(py, &names))?;
-        let samples = Samples::try_from(samples).map_err(|error| to_python(py, error))?;
-        let shading: Shading = shading.parse().map_err(|error| to_python(py, error))?;
-        let transfer: Transfer = transfer.parse().map_err(|error| to_python(py, error))?;
-        let options = RenderOptions {
-            pixel_error,
-            occlusion,
-            raster,
-            outputs,
-            samples,
-            shading,
-            transfer,
-            wait,
-            ..defaults
-        };
+        let options = options.checked().map_err(|error| to_python(py, error))?;
         let frames = interruptible_on(py, self.threads, |proceed| {
             let mut renderer = self.lock()?;
             usable(&renderer, |renderer| renderer.backend() == Backend::Gpu)?;
