@@ -22,8 +22,8 @@ pub const COUNT_VARIABLES: [&str; 2] = ["NANITE_NUM_THREADS", "RAYON_NUM_THREADS
 
 /// Stack of each thread: METIS and deep trees of joins.
 const STACK_BYTES: usize = 16 << 20;
-/// Threads of a call, at most.
-const MOST_THREADS: usize = 1024;
+/// Threads of a call, at most: more have no cores to run on, and take the system minutes to make.
+pub const MOST_THREADS: usize = 1024;
 /// Pools that wait for a call, at most.
 const MOST_IDLE: usize = 4;
 /// How long a lock may be held by those who are just looking at it first.

@@ -49,6 +49,11 @@ MINIFICATION: Final[dict[tuple[Filter, Filter | None], int]] = {
     ("linear", "linear"): 9987,
 }
 """By the filter inside a level, and that between levels."""
+MIPMAPS: Final[dict[int, Filter | None]] = {number: levels for (_, levels), number in MINIFICATION.items()}
+"""The filter between levels by its number."""
+# Magnification has two of these numbers.
+NEAREST: Final = MINIFICATION["nearest", None]
+LINEAR: Final = MINIFICATION["linear", None]
 
 
 # Faces that are looked at together: the first of most meshes say enough.

@@ -66,10 +66,6 @@ def reduction(value: Any, name: str = "target_reduction") -> float:
     return part
 
 
-MOST_THREADS = 1024
-"""Of a call: what is more has no cores to run on, and takes the system minutes to make."""
-
-
 def whole(value: Any, name: str, least: int, most: int | None = None) -> int:
     """Return a whole number from one to another."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer):

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "FINE_PART",
+    "MOST_THREADS",
     "ChannelRows",
     "Cut",
     "EnvironmentMap",
@@ -35,6 +37,8 @@ __all__ = [
     "triangulate",
 ]
 __version__: str
+FINE_PART: int
+MOST_THREADS: int
 
 def cluster_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
 def group_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...

@@ -16,7 +16,10 @@ import numpy as np
 from nanite_rs import _advice, _colors
 from nanite_rs._accessors import Document
 from nanite_rs._asset import (
+    LINEAR,
     MINIFICATION,
+    MIPMAPS,
+    NEAREST,
     WRAPS,
     Asset,
     Notes,
@@ -41,7 +44,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from nanite_rs.texture import Filter
 
 # Extensions that a file may require: those that are read, and those that only refine a look.
 _KNOWN: Final = (
@@ -64,7 +66,6 @@ _SAID_BY: Final = ("EXT_mesh_features",)
 _READ_LOOKS: Final = ("unlit", "emissive_strength", "pbrSpecularGlossiness", "variants")
 
 _NEAREST: Final = [number for (own, _), number in MINIFICATION.items() if own == "nearest"]
-_MIPMAPS: Final[dict[int, Filter | None]] = {number: levels for (_, levels), number in MINIFICATION.items()}
 
 # Where a texture has its image, in the order in which they are tried.
 _IMAGES: Final = ("EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds", "KHR_texture_basisu")
@@ -394,21 +395,21 @@ class _Reader:
         sampler = document.entry("samplers", row["sampler"]) if "sampler" in row else {}
         least, most = sampler.get("minFilter"), sampler.get("magFilter")
         for what, value, known in (
-            ("minFilter", least, _MIPMAPS),
-            ("magFilter", most, (9728, 9729)),
+            ("minFilter", least, MIPMAPS),
+            ("magFilter", most, (NEAREST, LINEAR)),
             ("wrapS", sampler.get("wrapS", 10497), WRAPS),
             ("wrapT", sampler.get("wrapT", 10497), WRAPS),
         ):
             if value is not None and value not in known:
                 document.fail(f"samplers[{row['sampler']}]: {what} {value!r:.40} is unknown")
         # There is one filter for both directions: that of magnification, which is seen most.
-        near = most if most is not None else 9728 if least in _NEAREST else 9729
+        near = most if most is not None else NEAREST if least in _NEAREST else LINEAR
         return Texture(
             image,
             uv_set=sets,
             wrap=(WRAPS[sampler.get("wrapS", 10497)], WRAPS[sampler.get("wrapT", 10497)]),
-            filter="nearest" if near == 9728 else "linear",
-            mipmaps="linear" if least is None else _MIPMAPS[least],
+            filter="nearest" if near == NEAREST else "linear",
+            mipmaps="linear" if least is None else MIPMAPS[least],
             offset=tuple(document.numbers(moved, "offset", (0.0, 0.0)).tolist()),
             rotation=document.number(moved, "rotation", 0.0),
             scale=tuple(document.numbers(moved, "scale", (1.0, 1.0)).tolist()),

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from nanite_rs import _colors
-from nanite_rs._asset import triangles
+from nanite_rs._asset import MIPMAPS, NEAREST, WRAPS, triangles
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.light import DirectionalLight, PointLight, SpotLight
@@ -26,17 +26,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs.options import BuildOptions
-    from nanite_rs.texture import Filter, Wrap
 
 __all__ = ["PyrenderView", "from_pyrender"]
-
-_WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33648: "mirror"}
-_MIPMAPS: Final[dict[int | None, Filter | None]] = {
-    9728: None,
-    9729: None,
-    9984: "nearest",
-    9985: "nearest",
-}
 
 # What was built of a primitive, as long as it lives, with the arrays that it was built from.
 _built: WeakKeyDictionary[pyrender.Primitive, tuple[tuple[Any, ...], NaniteMesh]] = WeakKeyDictionary()
@@ -264,12 +255,11 @@ def _texture(texture: pyrender.Texture, lost: set[str], *, rough: bool) -> Textu
     if rough not in known[1]:
         known[1][rough] = Image(_pixels(texture.source, rough=rough))
     sampler = texture.sampler
-    near = sampler.magFilter if sampler.magFilter is not None else 9729
     return Texture(
         known[1][rough],
-        wrap=(_WRAPS.get(sampler.wrapS, "clamp"), _WRAPS.get(sampler.wrapT, "clamp")),
-        filter="nearest" if near == 9728 else "linear",
-        mipmaps=_MIPMAPS.get(sampler.minFilter, "linear"),
+        wrap=(WRAPS.get(sampler.wrapS, "clamp"), WRAPS.get(sampler.wrapT, "clamp")),
+        filter="nearest" if sampler.magFilter == NEAREST else "linear",
+        mipmaps=MIPMAPS.get(sampler.minFilter, "linear"),
         anisotropy=1,
     )
 

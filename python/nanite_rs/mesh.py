@@ -13,8 +13,8 @@ import numpy as np
 from nanite_rs import _advice, _checks, _exchange, _face_data, _notebook, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._channels import Channel
+from nanite_rs._core import FINE_PART, check_pose
 from nanite_rs._core import Mesh as CoreMesh
-from nanite_rs._core import check_pose
 from nanite_rs._progress import Progress, reporter
 from nanite_rs.camera import Camera
 from nanite_rs.cut import Cut
@@ -486,7 +486,7 @@ class NaniteMesh(_advice.Teaching):
             flattened = self._core.save(path, precision)
         else:
             flattened = self._core.save(path, "auto", _checks.number(precision, "precision"))
-        if flattened > len(self) / 200:
+        if flattened > len(self) / FINE_PART:
             _advice.warn(
                 f"precision: {flattened:,} of {len(self):,} faces have no area in {path}, whose grid is too coarse "
                 'for them; give precision="exact", or a smaller number',

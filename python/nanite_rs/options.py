@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
 
-from nanite_rs import _advice, _checks
+from nanite_rs import _advice, _checks, _core
 from nanite_rs.exceptions import ArgumentError, DtypeError
 
 __all__ = ["BuildOptions"]
@@ -76,7 +76,7 @@ class BuildOptions:
             "cluster_triangles": (16, 128),
             "cluster_vertices": (32, 255),
             "group_clusters": (4, 24),
-            "threads": (0, _checks.MOST_THREADS),
+            "threads": (0, _core.MOST_THREADS),
         }
         checked: dict[str, Any] = {n: _checks.whole(getattr(self, n), n, *of) for n, of in limits.items()}
         for name, alias in get_type_hints(type(self)).items():

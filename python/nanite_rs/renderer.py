@@ -184,7 +184,7 @@ class Renderer(_advice.Teaching):
     ) -> None:
         self._size = _pixels(width, "width"), _pixels(height, "height")
         pool = _whole(pool_bytes, "pool_bytes", 1 << 63, "0 and 2^63")
-        count = _checks.whole(threads, "threads", 0, _checks.MOST_THREADS)
+        count = _checks.whole(threads, "threads", 0, _core.MOST_THREADS)
         self._settings = {"backend": backend, "streaming": streaming, "pool_bytes": pool, "threads": count}
         if not isinstance(backend, str):
             raise DtypeError(f'backend: expected "auto", "cpu" or "gpu", not {backend!r}')

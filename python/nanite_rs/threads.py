@@ -37,7 +37,7 @@ def set_num_threads(threads: int) -> None:
     1
     >>> nrs.set_num_threads(0)
     """
-    _core.set_num_threads(_checks.whole(threads, "threads", 0, _checks.MOST_THREADS))
+    _core.set_num_threads(_checks.whole(threads, "threads", 0, _core.MOST_THREADS))
 
 
 def get_num_threads() -> int:

@@ -146,11 +146,11 @@ fn color_of_vertex(colors: u32, words: u32, vertex: u32) -> vec3<f32> {
     let first = page_word(at);
     if words == 1u {
         let bytes = vec3<u32>(first & 0xffu, first >> 8u & 0xffu, first >> 16u & 0xffu);
-        return vec3<f32>(bytes) * (1.0 / 255.0);
+        return vec3<f32>(bytes) * (1.0 / UNORM_8);
     }
     if words == 2u {
         let shorts = vec3<u32>(first & 0xffffu, first >> 16u, page_word(at + 1u) & 0xffffu);
-        return vec3<f32>(shorts) * (1.0 / 65535.0);
+        return vec3<f32>(shorts) * (1.0 / UNORM_16);
     }
     return reals(at);
 }

@@ -254,13 +254,10 @@ impl<'a> Gathered<'a> {
             corners: self.positions,
             face: normalize(&face()),
         });
-        let one = match view.mesh.layout().colors {
-            ColorFormat::None => None,
-            ColorFormat::Unorm8 => Some(1.0 / 255.0),
-            ColorFormat::Unorm16 => Some(1.0 / 65_535.0),
-            ColorFormat::Float32 => Some(1.0),
-        };
-        let color = one.map(|one| blend(&weights, &self.colors.map(|corner| corner.map(|x| x * one))));
+        let format = view.mesh.layout().colors;
+        let step = 1.0 / format.one();
+        let color =
+            format.is_some().then(|| blend(&weights, &self.colors.map(|corner| corner.map(|x| x * step))));
         Surfels {
             count: self.count,
             instance: self.instance,

@@ -32,5 +32,5 @@ pub use decode::from_bytes;
 pub use encode::to_bytes;
 pub use file::save;
 pub use info::{FileInfo, file_info};
-pub use quantize::{Precision, quantize};
+pub use quantize::{FINE_PART, Precision, quantize};
 pub use stored::{Stored, open, open_input};

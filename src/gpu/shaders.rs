@@ -22,7 +22,7 @@ use crate::math::octahedral::OCTAHEDRAL_STEPS;
 use crate::math::project::LEAST_MARGIN;
 use crate::model::cluster::RECORD_WORDS;
 use crate::model::packing::{CORNER_BITS, WIDE_CORNER_BITS};
-use crate::model::{ClusterRecord, Packing};
+use crate::model::{ClusterRecord, ColorFormat, Packing};
 use crate::scene::albedo::ALBEDO_SIDE;
 use crate::scene::environment::{GRIDS, IRRADIANCE, ROUGHNESS_LEVELS};
 use crate::scene::image::TexelFormat;
@@ -339,6 +339,8 @@ pub fn constants() -> String {
         ("RAMP_LEVELS", palette::RAMP_LEVELS),
         ("SMALLEST", f32::MIN_POSITIVE),
         ("LARGEST", f32::MAX),
+        ("UNORM_8", ColorFormat::Unorm8.one()),
+        ("UNORM_16", ColorFormat::Unorm16.one()),
     ];
     let outputs = OUTPUTS
         .map(|output| format!("const OUTPUT_{}: u32 = {}u;\n", output.name().to_uppercase(), output as u32));

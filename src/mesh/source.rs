@@ -72,8 +72,8 @@ impl Colors<'_> {
     /// The colour of vertex `i`, 0 to 1.
     pub fn get(self, i: usize) -> [f32; 4] {
         match self {
-            Self::U8(rows) => rows[i].map(|x| f32::from(x) / 255.0),
-            Self::U16(rows) => rows[i].map(|x| f32::from(x) / 65_535.0),
+            Self::U8(rows) => rows[i].map(|x| f32::from(x) / ColorFormat::Unorm8.one()),
+            Self::U16(rows) => rows[i].map(|x| f32::from(x) / ColorFormat::Unorm16.one()),
             Self::F32(rows) => rows[i],
         }
     }

@@ -32,6 +32,16 @@ impl ColorFormat {
         }
     }
 
+    /// What a stored component of 1 is.
+    #[inline]
+    pub const fn one(self) -> f32 {
+        match self {
+            Self::Unorm8 => 255.0,
+            Self::Unorm16 => 65_535.0,
+            Self::None | Self::Float32 => 1.0,
+        }
+    }
+
     /// Whether there are colours.
     #[inline]
     pub const fn is_some(self) -> bool {
@@ -54,9 +64,9 @@ impl ColorFormat {
         let color = color.map(|x| x.clamp(0.0, 1.0));
         match self {
             Self::None => [0; MAX_COLOR_WORDS],
-            Self::Unorm8 => [u32::from_le_bytes(color.map(|x| (x * 255.0 + 0.5) as u8)), 0, 0, 0],
+            Self::Unorm8 => [u32::from_le_bytes(color.map(|x| (x * self.one() + 0.5) as u8)), 0, 0, 0],
             Self::Unorm16 => {
-                let [r, g, b, a] = color.map(|x| (x * 65_535.0 + 0.5) as u32);
+                let [r, g, b, a] = color.map(|x| (x * self.one() + 0.5) as u32);
                 [r | g << 16, b | a << 16, 0, 0]
             }
             Self::Float32 => color.map(f32::to_bits),
@@ -67,8 +77,8 @@ impl ColorFormat {
     #[inline]
     pub fn unpack(self, words: &[u32]) -> [f32; 4] {
         match *words {
-            [word] => word.to_le_bytes().map(|x| f32::from(x) / 255.0),
-            [rg, ba] => [rg, rg >> 16, ba, ba >> 16].map(|x| f32::from(x as u16) / 65_535.0),
+            [word] => word.to_le_bytes().map(|x| f32::from(x) / Self::Unorm8.one()),
+            [rg, ba] => [rg, rg >> 16, ba, ba >> 16].map(|x| f32::from(x as u16) / Self::Unorm16.one()),
             [r, g, b, a] => [r, g, b, a].map(f32::from_bits),
             _ => [1.0; 4],
         }

@@ -15,7 +15,7 @@ mod tables;
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 
-use crate::processor;
+use crate::{format, processor, threads};
 
 /// The compiled part of nanite_rs. Use the package `nanite_rs`, not this module.
 #[pymodule]
@@ -29,6 +29,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
         )));
     }
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("MOST_THREADS", threads::MOST_THREADS)?;
+    module.add("FINE_PART", format::FINE_PART)?;
     module.add_function(wrap_pyfunction!(calls::set_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(calls::num_threads, module)?)?;
     module.add_class::<mesh::Mesh>()?;
