@@ -6,12 +6,12 @@ pub const CLUSTER_MAX_TRIANGLES: usize = 128;
 pub const CLUSTER_MAX_VERTICES: usize = 255;
 /// Most clusters a group holds, so that a group always fits one page.
 pub const GROUP_MAX_CLUSTERS: usize = 32;
-/// Rounds of grouping at most; a mesh of 2^30 triangles takes about 25. What is left then stays a root.
-pub const MAX_ROUNDS: u32 = 255;
+/// Levels of groups at most; a mesh of 2^30 triangles takes about 25. What is left then stays a root.
+pub const MAX_LEVELS: u32 = 255;
 /// Children of a hierarchy node.
 pub const NODE_WIDTH: usize = 8;
 /// Nodes on the way from the root to a group at most. A device takes a pass for each; those that are built stay below
-/// 80, 64 of them for [`MAX_ROUNDS`] levels.
+/// 80, 64 of them for [`MAX_LEVELS`] levels.
 pub const NODE_MAX_DEPTH: u16 = 128;
 
 /// Bytes of a page at most. A page holds whole groups, of one level but for root pages.

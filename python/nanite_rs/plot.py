@@ -45,8 +45,8 @@ def levels(
 ) -> Axes:
     """Draw how many triangles or clusters each level of the DAG has, on a logarithmic axis.
 
-    These are the counts of ``mesh.report.levels``: what entered each round of simplification, with what an earlier
-    round could not simplify. Of a file nothing more is read.
+    These are the counts of ``mesh.report.levels``: what each level simplified, with what an earlier
+    level could not. Of a file nothing more is read.
 
     Parameters
     ----------

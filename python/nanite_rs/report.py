@@ -11,24 +11,24 @@ from nanite_rs._notebook import pairs, table
 __all__ = ["BuildReport", "CheckReport", "LevelReport", "StuckGroup"]
 
 
-_ROUNDS = """\
-Each round gathers the clusters of a level, finest first, into groups and halves the triangles of each group.
-retried: groups that go on to the next round as they are. by step: groups simplified with their attributes / with
+_LEVELS = """\
+At each level, finest first, clusters are gathered into groups, and the triangles of each group are halved.
+retried: groups that go on to the next level as they are. by step: groups simplified with their attributes / with
 another topology / permissively / sloppily. max error, of attributes: the largest made, in units of the mesh."""
 
 
 @dataclass(frozen=True)
 class LevelReport:
-    """One round of grouping and simplifying, finest first."""
+    """What grouping and simplifying one level did."""
 
     clusters: int
-    """Clusters that entered the round."""
+    """Clusters at the level."""
     triangles: int
     """Triangles in them."""
     groups: int
     """Groups they were gathered into."""
     retried: int
-    """Groups whose clusters went on to the next round unchanged."""
+    """Groups whose clusters went on to the next level unchanged."""
     steps: tuple[int, ...]
     """Groups simplified by each step of the chain: attributes, the same with a change of topology, permissive,
     sloppy."""
@@ -90,7 +90,7 @@ class BuildReport:
     fill: float
     """Mean triangles per cluster over the most a cluster holds."""
     levels: tuple[LevelReport, ...]
-    """One entry per round of grouping, finest first."""
+    """One entry per level, finest first."""
     stuck: tuple[StuckGroup, ...]
     """Groups that stayed roots, besides the last one, each with its reason."""
 
@@ -130,7 +130,7 @@ class BuildReport:
         ]
 
     _COLUMNS = (
-        "round",
+        "level",
         "clusters",
         "triangles",
         "groups",
@@ -156,14 +156,14 @@ class BuildReport:
         ]
 
     def __str__(self) -> str:
-        """Summary and one line per round, with what its columns are."""
+        """Summary and one line per level, with what its columns are."""
         lines = [f"{name:>13}  {value}" for name, value in self._summary()]
         rows = [self._COLUMNS, *self._rows()]
         widths = [max(len(row[k]) for row in rows) for k in range(len(self._COLUMNS))]
         lines += [
             "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows
         ]
-        lines.append(_ROUNDS)
+        lines.append(_LEVELS)
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:

@@ -222,12 +222,12 @@ fn borders(dag: &Dag, addresses: &[ClusterAddress], positions: &[u32]) -> Result
     let mut identities = vec![0u32; positions.len()];
     positions.iter().for_each(|p| identities[*p as usize] += 1);
     let is_certain = |p: u32| dag.grid.is_none() || identities[p as usize] == 1;
-    let round = |g: u32| dag.groups[g as usize].level;
+    let level_of = |g: u32| dag.groups[g as usize].level;
     let made: Vec<i64> = addresses
         .iter()
         .map(|at| match dag.record(*at).refined {
             NO_GROUP => -1,
-            g => i64::from(round(g)),
+            g => i64::from(level_of(g)),
         })
         .collect();
     let mut outputs = vec![Vec::new(); dag.groups.len()];
@@ -239,12 +239,12 @@ fn borders(dag: &Dag, addresses: &[ClusterAddress], positions: &[u32]) -> Result
     let top = dag.groups.iter().map(|g| g.level).max().unwrap_or(0);
     let mut compared = 0;
     for level in 0..=top {
-        // All clusters that took part in this round: those of its groups, and those that were stuck in it.
+        // All clusters of this level: those of its groups, and those that were stuck in it.
         let mut owner = vec![u32::MAX; dag.vertex_count as usize];
         let mut shared = vec![false; dag.vertex_count as usize];
         for (at, made) in addresses.iter().zip(&made) {
             let group = dag.record(*at).group;
-            if *made >= i64::from(level) || round(group) < level {
+            if *made >= i64::from(level) || level_of(group) < level {
                 continue;
             }
             for id in dag.geometry(*at).ids.iter() {

@@ -1,6 +1,9 @@
-//! The loop that grows the DAG, round by round: group, lock, simplify, split. A round's groups are simplified
-//! in parallel, each on its own copy of its vertices; their results are appended in the order of the groups, so
-//! nothing depends on which finished first.
+//! The loop that grows the DAG, level by level: group, lock, simplify, split. The groups of a level are simplified in
+//! parallel, each on its own copy of its vertices. Their results are appended in the order of the groups, so that nothing
+//! depends on which finished first.
+//!
+//! A level of a group counts these iterations. A level of a cluster counts the simplifications behind it, of which there are
+//! fewer where a group was stuck.
 
 use std::sync::Arc;
 
@@ -18,11 +21,11 @@ use super::relax::relax;
 use super::silhouette::Silhouette;
 use super::simplify::{Effort, Simplified, Step, ratio, simplify, trace};
 use super::source_labels::SourceLabels;
-use super::store::{LocalMesh, RoundPositions, VertexStore};
+use super::store::{LevelPositions, LocalMesh, VertexStore};
 use super::{Meter, Progress};
 use crate::config::{BuildOptions, ErrorMeasure, Levels, Quality};
 use crate::error::{Error, Result};
-use crate::limits::{MAX_ROUNDS, ROOT_PAGE_MAX_BYTES};
+use crate::limits::{MAX_LEVELS, ROOT_PAGE_MAX_BYTES};
 use crate::math::sphere::round_up;
 use crate::math::{Aabb, Sphere};
 use crate::mesh::{Channels, WeldedMesh};
@@ -39,9 +42,9 @@ pub struct BuildCluster {
     pub error: f32,
     /// Proven distance to the source, and of the source to it; +∞ where nothing is proven.
     pub bound: f32,
-    /// The simplifiers' estimates, added up.
+    /// Sum of the simplifiers' estimates.
     pub quadric: f32,
-    /// Deviations of attributes as lengths, added up.
+    /// Sum of the deviations of attributes, as lengths.
     pub attribute_error: f32,
     /// The rank of the group that made it.
     pub rank: f32,
@@ -51,7 +54,7 @@ pub struct BuildCluster {
     pub level: u8,
     /// The group that made it; [`NO_GROUP`] at level 0.
     pub refined: u32,
-    /// What it corresponds to while it waits for the next round.
+    /// What it corresponds to in the reference, until it is simplified.
     pub pieces: Pieces,
 }
 
@@ -87,11 +90,11 @@ pub struct BuildGroup {
     pub bound: f32,
     /// The simplifiers' estimate of it.
     pub quadric: f32,
-    /// How far attributes are off in what was made of them.
+    /// Deviation of attributes in what was made of them.
     pub attribute_error: f32,
     /// See [`crate::model::Group::rank`].
     pub rank: f32,
-    /// Round in which it was formed.
+    /// Level in which it was formed.
     pub level: u32,
 }
 
@@ -125,7 +128,7 @@ pub fn grow(
     progress: &dyn Progress,
     report: &mut BuildReport,
 ) -> Result<Graph> {
-    // Every triangle is split into clusters once and, but for a few, taken away once.
+    // Every triangle is put into a cluster once and, but for a few, removed once.
     let total = 2 * mesh.faces.len() as u64;
     let meter = Meter::new(progress, total);
     if !meter.advance(0) {
@@ -148,7 +151,7 @@ pub fn grow(
     let enough = (source_faces as u64 / ROOT_PART).clamp(FEWEST_TRIANGLES, ROOT_TRIANGLES);
     let seen = || Silhouette::of(bounds, &store.positions, faces.as_flattened());
     let silhouette = options.preserve_area.then(seen);
-    // What nobody asked for makes room for the levels.
+    // Memory that no option asks for is freed before the levels grow.
     let face_rows = options.face_ids.then_some((faces, face_rows));
     let mut graph = Growth {
         content,
@@ -161,8 +164,8 @@ pub fn grow(
         tries: Tries::Cost,
     };
     let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
-    for round in 0.. {
-        pending = graph.round(&mut store, pending, round, options, &meter, report)?;
+    for level in 0.. {
+        pending = graph.simplify_level(&mut store, pending, level, options, &meter, report)?;
         if pending.is_empty() {
             break;
         }
@@ -191,8 +194,8 @@ fn source_clusters(store: &VertexStore, mesh: &WeldedMesh, options: &BuildOption
         .collect()
 }
 
-/// The steps of collapses that went on side by side, as one queue would have taken them: what each cost, and the triangles that
-/// went. Each mesh is told by its triangles and by its trace.
+/// Merges the collapses of several meshes into the order of one queue: the cost of each step, and the triangles it removed. Each
+/// mesh is given by its number of triangles and its trace.
 pub fn merged<'a>(traces: impl Iterator<Item = (usize, &'a [(f64, u32)])>) -> Vec<(f64, u32)> {
     let mut steps: Vec<(f64, u32)> = Vec::new();
     for (triangles, trace) in traces {
@@ -211,20 +214,20 @@ struct Growth {
     clusters: Vec<BuildCluster>,
     groups: Vec<BuildGroup>,
     reference: Option<Reference>,
-    /// What the source covers, to keep the area.
+    /// The silhouette of the source, where area is preserved.
     silhouette: Option<Silhouette>,
     /// Faces of the source after mending.
     source_faces: usize,
-    /// A root of no more triangles is left as it is.
+    /// A root of at most so many triangles is not simplified further.
     enough: u64,
-    /// What the next round tries.
+    /// What the next level tries.
     tries: Tries,
 }
 
-/// What a round tries, where the round before it made nothing.
+/// What a level tries; the next variant where the level before it made nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Tries {
-    /// Collapses up to what they cost elsewhere.
+    /// Collapses up to the cost of the level.
     Cost,
     /// Collapses at any cost.
     Collapses,
@@ -234,80 +237,80 @@ enum Tries {
 
 /// A single cluster is simplified further while it has more than this part of the source,
 const ROOT_PART: u64 = 100;
-/// or more than these: of what is far away a few are enough.
+/// or more than these: a few are enough for distant meshes.
 const ROOT_TRIANGLES: u64 = 32;
-/// Fewer triangles make no shape: a cube ends as two back to back.
+/// Fewer triangles make no shape: a cube would end as two back to back.
 const FEWEST_TRIANGLES: u64 = 8;
 /// A group keeps at least this part of its triangles, however flat it is: its border stays as it is.
 const LEAST_PART: f32 = 0.1;
-/// One in so many groups is simplified before the others, to find what collapses cost; at least and at most so many.
+/// One in so many groups is sampled to find the cost of the level; at least and at most so many.
 const SAMPLED_PART: usize = 20;
 const LEAST_SAMPLED: usize = 4;
 const MOST_SAMPLED: usize = 64;
-/// Part of the bound that a rank is not below where no collapse says what it cost: single bad points count, though less
-/// than they do for an error.
+/// Without the cost of a collapse, a rank is at least this part of the bound: single bad points count less for a rank than for
+/// an error.
 const RANK_OF_BOUND: f32 = 0.6;
-/// Samples of the reference count where they are no farther than so many times what the dearest collapse moved.
+/// Samples of the reference count up to so many times the distance of the most expensive collapse.
 pub const RELAX_REACH: f64 = 4.0;
-/// Rounds of no more than this part of the source need less memory than those before took.
-const SMALL_ROUND_PART: u64 = 40;
+/// Levels of less than this part of the source need no more memory than those before.
+const SMALL_LEVEL_PART: u64 = 40;
 
 impl Growth {
-    /// One round over the pending clusters; returns those of the next.
-    fn round(
+    /// Groups and simplifies the clusters of a level; returns those of the next level.
+    fn simplify_level(
         &mut self,
         store: &mut VertexStore,
         pending: Vec<u32>,
-        round: u32,
+        level: u32,
         options: &BuildOptions,
         meter: &Meter<'_>,
         report: &mut BuildReport,
     ) -> Result<Vec<u32>> {
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
-        let mut level = LevelReport {
+        let mut counts = LevelReport {
             clusters: pending.len() as u32,
             triangles: meshes.iter().map(|m| m.triangles.len() as u64).sum(),
             ..LevelReport::default()
         };
-        let positions = Arc::new(RoundPositions::new(store, &meshes));
+        let positions = Arc::new(LevelPositions::new(store, &meshes));
         let groups = partition(store.layout, &meshes, &positions, options);
         let single = pending.len() == 1;
-        let last = options.levels == Levels::One || round + 1 == MAX_ROUNDS;
-        if single && level.triangles <= self.enough || last {
-            level.groups = groups.len() as u32;
+        let last = options.levels == Levels::One || level + 1 == MAX_LEVELS;
+        if single && counts.triangles <= self.enough || last {
+            counts.groups = groups.len() as u32;
             for group in &groups {
                 let members: Vec<u32> = group.iter().map(|c| pending[*c as usize]).collect();
-                self.terminal(store.layout, &members, round);
+                self.terminal(store.layout, &members, level);
             }
-            report.levels.push(level);
+            report.levels.push(counts);
             return Ok(Vec::new());
         }
         let shared = shared_positions(&positions, &groups);
-        let ratio = ratio(level.triangles, options);
+        let ratio = ratio(counts.triangles, options);
         let cost = self.cost(store, &meshes, &positions, &groups, &shared, ratio, options);
         let effort = Effort { cost, fallbacks: self.tries == Tries::Everything || single };
         let part = if cost.is_finite() { LEAST_PART } else { ratio };
         if options.error == ErrorMeasure::Bound {
-            // Measuring takes blocks of other sizes in each round. What a round gives back, the next has to fetch again.
-            if SMALL_ROUND_PART * level.triangles > self.source_faces as u64 {
+            // Each level measures with blocks of other sizes. What is trimmed has to be fetched again.
+            if SMALL_LEVEL_PART * counts.triangles > self.source_faces as u64 {
                 memory::trim_heap(self.source_faces);
             }
             if self.reference.as_ref().is_none_or(Reference::has_served) {
                 self.start_reference(&positions, &pending);
             }
             let pieces = pending.iter().map(|c| &self.clusters[*c as usize].pieces);
-            self.reference.iter_mut().for_each(|r| r.begin(level.triangles as f32 * ratio, pieces.clone()));
+            self.reference.iter_mut().for_each(|r| r.begin(counts.triangles as f32 * ratio, pieces.clone()));
         }
-        // A group frees what its members answered for, and gives it back only where it is stuck.
+        // A group frees the pieces of its members, and returns them where it is stuck.
         let mut take = |c: &u32| std::mem::take(&mut self.clusters[pending[*c as usize] as usize].pieces);
         let pieces: Vec<Vec<Pieces>> = groups.iter().map(|g| g.iter().map(&mut take).collect()).collect();
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
-        // One group is the whole mesh: it can be held against the source, so that no differences add up.
+        // A single group is the whole mesh. It is compared with the source, so that no differences add up.
         let silhouette = self.silhouette.filter(|_| groups.len() == 1);
         let outcomes: Vec<_> = groups
             .par_iter()
             .zip(pieces)
-            // One at a time: a thread that is through takes what another has not begun.
+            // One at a time: threads steal what others have not begun.
             .with_max_len(1)
             .map(|(members, pieces)| {
                 let local = LocalMesh::of_clusters(store, &meshes, &positions, members, &shared);
@@ -326,17 +329,17 @@ impl Growth {
         if outcomes.iter().any(|(proceed, _)| !proceed) {
             return Err(Error::Cancelled);
         }
-        level.groups = groups.len() as u32;
+        counts.groups = groups.len() as u32;
         let mut next = Vec::new();
         let mut stuck = Vec::new();
         for (group, (_, outcome)) in groups.iter().zip(outcomes) {
             let members: Vec<u32> = group.iter().map(|c| pending[*c as usize]).collect();
             match outcome {
                 Ok(split) => {
-                    level.steps[split.step as usize] += 1;
-                    let (shape, attributes) = self.append(store, members, split, round, &mut next)?;
-                    level.max_error = level.max_error.max(shape.into());
-                    level.max_attribute_error = level.max_attribute_error.max(attributes.into());
+                    counts.steps[split.step as usize] += 1;
+                    let (shape, attributes) = self.append(store, members, split, level, &mut next)?;
+                    counts.max_error = counts.max_error.max(shape.into());
+                    counts.max_attribute_error = counts.max_attribute_error.max(attributes.into());
                 }
                 Err((reason, pieces)) => {
                     members.iter().zip(pieces).for_each(|(c, p)| self.clusters[*c as usize].pieces = p);
@@ -344,7 +347,7 @@ impl Growth {
                 }
             }
         }
-        level.retried = stuck.len() as u32;
+        counts.retried = stuck.len() as u32;
         let progress_made = !next.is_empty();
         let last = self.tries == Tries::Everything || single;
         self.tries = match self.tries {
@@ -354,26 +357,26 @@ impl Growth {
         };
         for (members, reason) in stuck {
             if progress_made || !last {
-                // Other neighbours next round: the border that was in the way may lie elsewhere.
+                // The next level has other groups: the locked border that was in the way may lie elsewhere.
                 next.extend(members);
             } else {
                 if !single {
-                    report.stuck.push(self.stuck_report(&members, round, reason));
+                    report.stuck.push(self.stuck_report(&members, level, reason));
                 }
-                self.terminal(store.layout, &members, round);
+                self.terminal(store.layout, &members, level);
             }
         }
-        report.levels.push(level);
+        report.levels.push(counts);
         Ok(next)
     }
 
-    /// What collapses of a round may cost: with it a sample of the groups keeps that part of its triangles. Then it is
-    /// the same everywhere, as if there were one queue for all groups, and what is flat goes first.
+    /// The largest cost of a collapse of the level: with it a sample of the groups keeps `ratio` of its triangles. One cost
+    /// for all groups acts as one queue for all: flat parts are simplified first.
     fn cost(
         &self,
         store: &VertexStore,
         meshes: &[&ClusterMesh],
-        positions: &RoundPositions,
+        positions: &LevelPositions,
         groups: &[Vec<u32>],
         shared: &[bool],
         ratio: f32,
@@ -408,7 +411,7 @@ impl Growth {
     }
 
     /// Makes the surface of the pending clusters the reference.
-    fn start_reference(&mut self, positions: &Arc<RoundPositions>, pending: &[u32]) {
+    fn start_reference(&mut self, positions: &Arc<LevelPositions>, pending: &[u32]) {
         let reference =
             Reference::new(self.reference.as_ref(), Arc::clone(positions), pending, &self.clusters);
         let pieces: Vec<Pieces> = reference.pieces(&self.clusters).collect();
@@ -416,9 +419,9 @@ impl Growth {
         self.reference = Some(reference);
     }
 
-    fn stuck_report(&self, members: &[u32], round: u32, reason: StuckReason) -> StuckGroup {
+    fn stuck_report(&self, members: &[u32], level: u32, reason: StuckReason) -> StuckGroup {
         let triangles = members.iter().map(|c| self.clusters[*c as usize].mesh.triangles.len() as u32).sum();
-        StuckGroup { level: round, clusters: members.len() as u32, triangles, reason }
+        StuckGroup { level, clusters: members.len() as u32, triangles, reason }
     }
 
     fn sphere_of(&self, members: &[u32]) -> Sphere {
@@ -426,8 +429,8 @@ impl Growth {
         Sphere::of_spheres(&spheres)
     }
 
-    /// Adds a group that nothing is made from, in parts that fit root pages.
-    fn terminal(&mut self, layout: AttributeLayout, members: &[u32], round: u32) {
+    /// Adds a root group, in parts that fit root pages.
+    fn terminal(&mut self, layout: AttributeLayout, members: &[u32], level: u32) {
         let words = |c: u32| most_words(layout, &self.clusters[c as usize].mesh);
         for members in split_to_fit(members, ROOT_PAGE_MAX_BYTES, &words) {
             let lod_sphere = self.sphere_of(&members);
@@ -439,7 +442,7 @@ impl Growth {
                 quadric: ROOT_ERROR,
                 attribute_error: 0.0,
                 rank: ROOT_ERROR,
-                level: round,
+                level,
             });
         }
     }
@@ -450,7 +453,7 @@ impl Growth {
         store: &mut VertexStore,
         members: Vec<u32>,
         split: Split,
-        round: u32,
+        group_level: u32,
         next: &mut Vec<u32>,
     ) -> Result<(f32, f32)> {
         let level = members.iter().map(|c| self.clusters[*c as usize].level).fold(0, u8::max);
@@ -497,7 +500,7 @@ impl Growth {
             quadric,
             attribute_error,
             rank,
-            level: round,
+            level: group_level,
         });
         Ok((if bound.is_finite() { bound } else { quadric }, attribute_error))
     }
@@ -517,7 +520,7 @@ struct Split {
     new_positions: Vec<[f32; 3]>,
     new_attributes: Vec<f32>,
     new_labels: Vec<u32>,
-    /// What each cluster corresponds to, when the next round asks.
+    /// What each cluster corresponds to, if the next level has the same reference.
     pieces: Vec<Pieces>,
     /// Parent error of the group.
     error: f32,
@@ -528,7 +531,7 @@ struct Split {
     step: Step,
 }
 
-/// What a round's errors are proven against.
+/// What the errors of a level are proven against.
 #[derive(Clone, Copy)]
 struct Proof<'a> {
     reference: &'a Reference,
@@ -571,7 +574,7 @@ fn simplify_group(
         && step <= Step::Topology
         && options.quality == Quality::Best
         && !options.preserve_area
-        // What moves within the surface would take along what it carries.
+        // A vertex that moves along the surface would take its attributes along.
         && content.is_bare()
     {
         let made = mesh.indices.len() / 3;
@@ -580,7 +583,7 @@ fn simplify_group(
             correspondence.samples(made, visit)
         });
     }
-    // Only the estimate takes the place of a measurement.
+    // Without a measurement, the estimate includes what islands moved.
     let estimate = if proof.is_none() { estimate.max(moved) } else { estimate };
     let most = |of: fn(&BuildCluster) -> f32| members.iter().map(|c| of(c)).fold(0.0, f32::max);
     let quadric = round_up(f64::from(most(|c| c.quadric)) + f64::from(estimate));
@@ -611,7 +614,7 @@ fn simplify_group(
         bound = parent_error(most(|c| c.bound), bound);
     }
     let distance = if bound.is_finite() { bound } else { quadric };
-    // What is proven is what counts; without a rank, the estimate keeps pictures as near in the mean.
+    // The proven bound counts. Without a cost for the rank, the estimate keeps frames as close in the mean.
     let shape = if cost.is_some() { distance } else { distance.max(quadric) };
     let deviation = step_deviation(local, &mesh, content, distance);
     let attribute_error = round_up(f64::from(most(|c| c.attribute_error)) + f64::from(deviation));

@@ -1,14 +1,14 @@
-//! What may not move: vertices shared between groups, by position. The mesh's own border stays free.
+//! Locking the borders of groups: vertices that several groups share may not move. The mesh's own border stays free.
 
-use super::store::RoundPositions;
+use super::store::LevelPositions;
 use crate::mesh::edges::{Edge, Edges};
 
-/// For each position of a round, whether clusters of two groups touch it.
-pub fn shared_positions(round: &RoundPositions, groups: &[Vec<u32>]) -> Vec<bool> {
-    let mut owner = vec![u32::MAX; round.positions.len()];
-    let mut shared = vec![false; round.positions.len()];
+/// For each position of a level, whether clusters of two groups touch it.
+pub fn shared_positions(level: &LevelPositions, groups: &[Vec<u32>]) -> Vec<bool> {
+    let mut owner = vec![u32::MAX; level.positions.len()];
+    let mut shared = vec![false; level.positions.len()];
     for (group, members) in groups.iter().enumerate() {
-        for position in members.iter().flat_map(|c| round.of(*c as usize)) {
+        for position in members.iter().flat_map(|c| level.of(*c as usize)) {
             let owner = &mut owner[*position as usize];
             if *owner == u32::MAX {
                 *owner = group as u32;

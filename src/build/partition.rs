@@ -10,7 +10,7 @@ use super::clusterize::ClusterMesh;
 use super::clusterize::split_blocks;
 #[cfg(feature = "metis")]
 use super::graph::{Graph, pairs};
-use super::store::RoundPositions;
+use super::store::LevelPositions;
 use crate::config::{BuildOptions, Partition};
 use crate::limits::{GROUP_MAX_CLUSTERS, PAGE_MAX_BYTES};
 #[cfg(feature = "metis")]
@@ -29,28 +29,28 @@ const BLOCK_CLUSTERS: usize = 1 << 12;
 pub fn partition(
     layout: AttributeLayout,
     clusters: &[&ClusterMesh],
-    round: &RoundPositions,
+    level: &LevelPositions,
     options: &BuildOptions,
 ) -> Vec<Vec<u32>> {
     if clusters.len() <= 1 {
         return vec![(0..clusters.len() as u32).collect()];
     }
     let groups = match options.partition {
-        Partition::Meshopt => merged(clusters, round, options.group_clusters),
+        Partition::Meshopt => merged(clusters, level, options.group_clusters),
         #[cfg(feature = "metis")]
-        Partition::Metis => of_graph(clusters, round, options.group_clusters),
+        Partition::Metis => of_graph(clusters, level, options.group_clusters),
     };
     let words = |c: u32| most_words(layout, clusters[c as usize]);
     groups.iter().flat_map(|g| split_to_fit(g, PAGE_MAX_BYTES, &words)).collect()
 }
 
 /// meshoptimizer's groups.
-fn merged(clusters: &[&ClusterMesh], round: &RoundPositions, target: usize) -> Vec<Vec<u32>> {
+fn merged(clusters: &[&ClusterMesh], level: &LevelPositions, target: usize) -> Vec<Vec<u32>> {
     let counts: Vec<u32> = clusters.iter().map(|c| c.vertices.len() as u32).collect();
-    let bytes: &[u8] = bytemuck::cast_slice(&round.positions);
+    let bytes: &[u8] = bytemuck::cast_slice(&level.positions);
     let mut part = vec![0; clusters.len()];
     let Ok(adapter) = VertexDataAdapter::new(bytes, size_of::<[f32; 3]>(), 0) else { return Vec::new() };
-    let count = partition_clusters_with_positions(&mut part, round.all(), &counts, &adapter, target);
+    let count = partition_clusters_with_positions(&mut part, level.all(), &counts, &adapter, target);
     let mut groups = vec![Vec::new(); count];
     for (cluster, part) in part.iter().enumerate() {
         groups[*part as usize].push(cluster as u32);
@@ -61,14 +61,14 @@ fn merged(clusters: &[&ClusterMesh], round: &RoundPositions, target: usize) -> V
 
 /// METIS's groups: of clusters that share much border.
 #[cfg(feature = "metis")]
-fn of_graph(clusters: &[&ClusterMesh], round: &RoundPositions, target: usize) -> Vec<Vec<u32>> {
-    let points = |c: usize| round.of(c).iter().map(|p| &round.positions[*p as usize]);
+fn of_graph(clusters: &[&ClusterMesh], level: &LevelPositions, target: usize) -> Vec<Vec<u32>> {
+    let points = |c: usize| level.of(c).iter().map(|p| &level.positions[*p as usize]);
     let center = |c: usize| Aabb::of_points(points(c)).center();
     let place = |c: usize| Place { point: center(c), number: c as u32 };
     let mut places: Vec<Place> = (0..clusters.len()).into_par_iter().map(place).collect();
     let groups_of = |block: &mut [Place]| {
         let (centers, members): (Vec<[f32; 3]>, Vec<u32>) = block.iter().map(|c| (c.point, c.number)).unzip();
-        let positions = |c: &u32| round.of(*c as usize).iter().map(|p| u64::from(*p));
+        let positions = |c: &u32| level.of(*c as usize).iter().map(|p| u64::from(*p));
         let mut uses: Vec<(u64, u32)> =
             members.iter().zip(0..).flat_map(|(c, node)| positions(c).map(move |p| (p, node))).collect();
         let graph = Graph::new(&centers, &pairs(&mut uses));

@@ -1,5 +1,5 @@
-//! The vertices of all levels. A vertex is an identity: what moves gets a new one, so that an identity has one
-//! position for ever and cuts weld by it.
+//! The vertices of all levels. A vertex is an identity: a vertex that moves gets a new one. So an identity has one position, and
+//! cuts weld by it.
 
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
@@ -48,10 +48,10 @@ impl VertexStore {
     }
 }
 
-/// The distinct positions of a round's clusters: adjacency, borders and locks go by position, never by identity
+/// The distinct positions of a level's clusters: adjacency, borders and locks go by position, never by identity
 /// (seams have several identities at one position) and never by distance.
 #[derive(Debug, Default)]
-pub struct RoundPositions {
+pub struct LevelPositions {
     /// Each distinct position once.
     pub positions: Vec<[f32; 3]>,
     /// The number of each cluster vertex's position, cluster after cluster.
@@ -60,7 +60,7 @@ pub struct RoundPositions {
     starts: Vec<u32>,
 }
 
-impl RoundPositions {
+impl LevelPositions {
     /// Numbers the positions of clusters.
     pub fn new(store: &VertexStore, clusters: &[&ClusterMesh]) -> Self {
         let mut starts = vec![0];
@@ -114,7 +114,7 @@ pub struct LocalMesh {
     pub locked: Vec<bool>,
     /// Three local vertices per triangle.
     pub indices: Vec<u32>,
-    /// Of the vertices at the end that a simplifier added where it took sheets apart: which one each is a copy of.
+    /// For each vertex at the end, which a simplifier added where it separated sheets, the one that it is a copy of.
     pub copies: Vec<u32>,
 }
 
@@ -173,11 +173,11 @@ impl Numbering {
 }
 
 impl LocalMesh {
-    /// Gathers whole clusters of a round; `shared` tells which positions are locked.
+    /// Gathers whole clusters of a level; `shared` says which positions are locked.
     pub fn of_clusters(
         store: &VertexStore,
         clusters: &[&ClusterMesh],
-        round: &RoundPositions,
+        level: &LevelPositions,
         members: &[u32],
         shared: &[bool],
     ) -> Self {
@@ -196,7 +196,7 @@ impl LocalMesh {
             let cluster = clusters[*c as usize];
             let mut numbers = [0; CLUSTER_MAX_VERTICES];
             for ((number, v), position) in
-                numbers.iter_mut().zip(&cluster.vertices).zip(round.of(*c as usize))
+                numbers.iter_mut().zip(&cluster.vertices).zip(level.of(*c as usize))
             {
                 let (n, new) = numbering.number(*v);
                 *number = n;

@@ -1,4 +1,4 @@
-//! Clusters of a cut as one mesh, as building has it: what a page holds of a vertex becomes its row.
+//! Gathering clusters of a cut into one mesh of the kind that building simplifies.
 
 use rustc_hash::FxHashSet;
 
@@ -10,7 +10,7 @@ use crate::mesh::channels::Scale;
 use crate::mesh::hash;
 use crate::model::{ClusterAddress, ClusterRecord, Dag};
 
-/// Some clusters of a cut as one mesh. What the rest of the cut shares is locked.
+/// Some clusters of a cut as one mesh. Vertices that the rest of the cut shares are locked.
 #[derive(Debug)]
 pub struct Region {
     /// Their vertices and triangles.
@@ -113,7 +113,7 @@ struct Around {
 
 impl Around {
     fn of(record: &ClusterRecord) -> Self {
-        // Outwards: centres and extents are rounded, each by less than this part of the largest coordinate.
+        // Grown: centres and extents are rounded, each by less than this part of the largest coordinate.
         let most = |k: usize| record.center[k].abs() + record.extent[k];
         let margin = |k: usize| record.extent[k] + most(k) * 4.0 * f32::EPSILON;
         Self {
@@ -137,7 +137,7 @@ impl Around {
 /// For each vertex whether the rest of the cut has one at its position.
 fn locked(dag: &Dag, mesh: &LocalMesh, own: &[ClusterAddress], rest: &[ClusterAddress]) -> Vec<bool> {
     let bits = |p: [f32; 3]| p.map(|x| (x + 0.0).to_bits());
-    // Boxes of the groups, whose clusters lie together: of the rest few are near any.
+    // Boxes of the groups, whose clusters lie together: few clusters of the rest are near any.
     let mut near: Vec<(u32, Around)> = Vec::new();
     for at in own {
         let record = dag.record(*at);

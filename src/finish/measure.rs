@@ -1,4 +1,4 @@
-//! What collapsing changed, and how far that is from what it was.
+//! What collapsing changed in a region, and bounds of the distance to what it was.
 
 use glam::DVec3;
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -23,13 +23,13 @@ const SLACK: f64 = 0.1;
 pub struct Changes {
     /// The region as it is now, its vertices numbered as before.
     pub after: LocalMesh,
-    /// Whether a vertex that is used is another one now.
+    /// Whether a vertex that is used is a new one.
     pub moved: Vec<bool>,
-    /// For each triangle the one that it was, if it is the same.
+    /// For each triangle the one of the region that it still is, if any.
     pub was: Vec<Option<u32>>,
-    /// For each triangle of the region whether it is there no more.
+    /// For each triangle of the region whether it is gone.
     gone: Vec<bool>,
-    /// What went may have nothing in its place: all is compared with all.
+    /// Components were removed, so that whole surfaces have to be compared.
     pub pruned: bool,
 }
 
@@ -38,7 +38,7 @@ fn corners(mesh: &LocalMesh) -> impl Iterator<Item = [u32; 3]> {
 }
 
 impl Changes {
-    /// Compares a region with what became of it.
+    /// Compares a region with its simplification.
     pub fn new(region: &Region, mut after: LocalMesh, pruned: bool) -> Self {
         let before = &region.mesh;
         // Vertices behind the copies are new.
@@ -69,7 +69,7 @@ impl Changes {
         owners.into_iter().map(|owner| region.clusters[owner as usize]).collect()
     }
 
-    /// The triangles that went, and those that came; all of them where the surface was pruned.
+    /// The removed triangles and the new ones; all of both where components were removed.
     fn sides(&self, region: &Region) -> [Side; 2] {
         let went = corners(&region.mesh).zip(&self.gone);
         let came = corners(&self.after).zip(&self.was).map(|(t, was)| (t, was.is_none()));
@@ -81,7 +81,7 @@ impl Changes {
         [side(&region.mesh, went.map(|(t, gone)| (t, *gone)).collect()), side(&self.after, came.collect())]
     }
 
-    /// Moves what came to where it fits what went best, as far as that is within `reach`. What does not stays as it is.
+    /// Relaxes the new triangles to fit the removed ones best; samples farther than `reach` do not count.
     pub fn relax(&mut self, region: &Region, reach: f64) {
         let [went, came] = self.sides(region);
         if self.pruned || went.part.indices.is_empty() || came.part.indices.is_empty() {
@@ -105,7 +105,7 @@ impl Changes {
         }
     }
 
-    /// Moves all of a surface to where it fits a finer one best, as far as that is within `reach`.
+    /// Relaxes the whole surface to fit a finer one best; samples farther than `reach` do not count.
     pub fn relax_to(&mut self, finer: &Region, reach: f64) {
         let before = self.after.positions.clone();
         let up = up_of(&self.after);
@@ -116,7 +116,7 @@ impl Changes {
         self.compare();
     }
 
-    /// Finds out again which triangles are what they were, where vertices moved since.
+    /// Finds again which triangles are unchanged, after vertices moved.
     fn compare(&mut self) {
         for (t, was) in self.after.indices.chunks_exact(3).zip(&mut self.was) {
             if t.iter().any(|v| self.moved[*v as usize])
@@ -127,20 +127,19 @@ impl Changes {
         }
     }
 
-    /// A bound of the distance of all of it to the source, by that of a finer cut. Where nothing is above `enough`, that.
+    /// A bound of the distance of the whole to the source, by way of a finer cut; at least `enough`.
     pub fn bound_to(&self, dag: &Dag, finer: &Region, enough: f32) -> f32 {
         let all = |mesh: &LocalMesh| -> Side {
             let (part, vertices) = part(mesh, mesh.indices.clone());
             Side { changed: vec![true; part.indices.len() / 3], part, vertices }
         };
         let [from, onto] = [all(&finer.mesh), all(&self.after)];
-        // Vertices of one have nothing to do with those of the other.
+        // The two share no vertex numbers.
         let onto = Side { vertices: Vec::new(), ..onto };
         between(&from, &finer.radii(dag), &onto, enough).max(enough)
     }
 
-    /// A bound of the distance to the source: that of the clusters, and of the way from there. Where nothing is above
-    /// `enough`, that.
+    /// A bound of the distance to the source: the clusters' own and the distance from them; at least `enough`.
     pub fn bound(&self, dag: &Dag, region: &Region, enough: f32) -> f32 {
         let [went, came] = self.sides(region);
         if went.part.indices.is_empty() || came.part.indices.is_empty() {
@@ -152,7 +151,7 @@ impl Changes {
         between(&went, &radii, &came, enough).max(enough)
     }
 
-    /// A bound of how far attributes deviate from what they were; deviations up to `enough` are not told apart.
+    /// A bound of the deviation of attributes from the clusters'; deviations up to `enough` are not told apart.
     pub fn deviation(&self, region: &Region, content: &Content, free: f32, enough: f32) -> f32 {
         let [went, came] = self.sides(region);
         if went.part.indices.is_empty() || came.part.indices.is_empty() {
@@ -171,7 +170,7 @@ struct Side {
     changed: Vec<bool>,
 }
 
-/// Whether something that hangs together in a mesh has no vertex left.
+/// Whether a connected component of a mesh has no vertex left.
 fn lost_a_part(before: &LocalMesh, after: &LocalMesh) -> bool {
     let mut parents: Vec<u32> = (0..before.ids.len() as u32).collect();
     let find = |parents: &mut [u32], mut v: u32| {
@@ -214,11 +213,11 @@ fn up_of(mesh: &LocalMesh) -> Option<DVec3> {
     up(&mesh.positions, bytemuck::cast_slice(&mesh.indices))
 }
 
-/// A bound of the distances of two surfaces to each other, triangles of the first of which stand for something within their
-/// radii. Those up to `enough` are not told apart.
+/// A bound of the two-sided (Hausdorff) distance of two surfaces. Each triangle of the first stands for any surface within its
+/// radius. Distances up to `enough` are not told apart.
 fn between(a: &Side, radii: &[f64], b: &Side, enough: f32) -> f32 {
     let none = vec![0.0; b.changed.len()];
-    // Both ways at once.
+    // Both directions in parallel.
     let (mut there, mut back) = rayon::join(
         || Laying::new(a, radii, sheet(&b.part, none.clone()), b),
         || Laying::new(b, &none, sheet(&a.part, radii.to_vec()), a),
@@ -231,12 +230,12 @@ fn between(a: &Side, radii: &[f64], b: &Side, enough: f32) -> f32 {
     round_up(outwards(there.max(back), largest))
 }
 
-/// What changed on one side, to be laid over the other one.
+/// The changed triangles of one side, to be overlaid with the other side.
 struct Laying {
-    /// Each triangle, how far it may be from what it stands for, and where to look for what it lies over.
+    /// Each triangle, its radius, and where the search on the other side starts.
     pieces: Vec<(Triangle, f64, u32)>,
     sheet: Sheet,
-    /// About the largest distance of a point: what need not be told apart in between is known before.
+    /// About the largest distance of a point: smaller ones need not be told apart.
     known: f64,
 }
 

@@ -1,21 +1,21 @@
-//! Meeting a budget of triangles exactly: cuts come in steps of whole groups, and what is left between two of them is
-//! made when a cut is.
+//! Meeting a budget of triangles exactly. Cuts come in steps of whole groups; the difference to the budget is simplified when a
+//! cut is made.
 //!
-//! Of the two cuts beside a budget the finer one is taken. Of the groups that would be replaced next so many are gathered
-//! that edges can be chosen among them, and these are collapsed as in building, down to what the budget leaves. What the rest
-//! of the cut shares stays as it is, so that no crack opens. The error of what was made is measured against the clusters it was
-//! made from, and what these state is added: docs/numerics.md has the proof.
+//! The finer of the two cuts beside the budget is the start. The groups that the coarser one would replace next become one mesh,
+//! several times as large as what has to go. Its edges are collapsed as in building, down to what the budget leaves for it.
+//! Vertices that the rest of the cut shares are locked, so that no crack opens. The error of the result is measured against
+//! the clusters it was made from, and their own stated error is added: docs/numerics.md has the proof.
 
-mod divide;
+mod bisect;
 mod gather;
 mod measure;
-mod weave;
+mod stitch;
 
 use std::sync::OnceLock;
 
 use rustc_hash::FxHashSet;
 
-use self::divide::divide_to;
+use self::bisect::bisect_to;
 use self::gather::Region;
 use self::measure::Changes;
 use crate::build::content::Content;
@@ -29,32 +29,33 @@ use crate::mesh::channels::{Scale, scales};
 use crate::mesh::hash;
 use crate::model::{ClusterAddress, Dag, Group};
 
-/// Triangles that are gathered for each one that has to go: the cheapest edges are chosen among them.
+/// Triangles that are gathered for each triangle to remove: the cheapest edges are chosen among them.
 const ROOM: u64 = 6;
-/// As many are gathered at least, if there are.
+/// The least number of triangles that are gathered, if there are as many.
 const LEAST: u64 = 4_000;
 /// The same where collapses may change the topology, which takes ten times as long where the surface is folded.
 const ROOM_APART: u64 = 2;
 const LEAST_APART: u64 = 1_000;
-/// What is farther off than so many times the coarser cut is tried again with such collapses, and then not taken.
+/// Where the error is more than so many times the coarser cut's, collapses that change the topology are tried. Where the better
+/// result is still as far off, the coarser cut is taken.
 const FAR: f32 = 1.5;
-/// Where less than one in so many of the triangles between two cuts are missing, edges of the coarser one are halved: as much
-/// is nearer than what collapses leave.
+/// Where the coarser cut lacks less than one in so many of the triangles between the two cuts, its edges are bisected: it is
+/// nearer to the source than what collapses leave.
 const FEW_PART: u64 = 10;
-/// Where they do not suffice, so many times as many are.
+/// Where the gathered triangles do not suffice, so many times as many are gathered.
 const MORE: u64 = 8;
-/// What is made of a whole cut of at most so many triangles is held against a cut with so many times as many.
+/// A whole cut of at most `SMALL` triangles is measured against a cut with `FINER` times as many.
 const SMALL: u64 = 3_000;
 const FINER: u64 = 3;
-/// What collapses since that finer cut moved, in terms of what those of the last step did.
+/// The distance that collapses since that finer cut moved, as a multiple of that of the last step.
 const FINER_REACH: f64 = 4.0;
 /// A closed surface loses two triangles at a time.
 const NEAR: u64 = 1;
-/// A cut of so many triangles fewer than its budget meets it, or of this part of it.
+/// A cut meets its budget with at most so many triangles fewer, or with one in so many fewer.
 const SHORT: u64 = 2;
 const SHORT_PART: u64 = 200;
 
-/// What is found once of a mesh to cut it by budgets.
+/// What is computed once for a mesh to meet budgets.
 #[derive(Debug)]
 pub struct Finisher {
     /// Triangles of the cuts of whole groups.
@@ -65,16 +66,16 @@ pub struct Finisher {
     scales: OnceLock<Vec<Scale>>,
 }
 
-/// A cut, some of which may be made for its budget.
+/// A cut, part of which may be made for its budget.
 #[derive(Debug)]
 pub struct FinishedCut {
     /// Its clusters, in page order.
     pub clusters: Vec<ClusterAddress>,
-    /// The rest.
+    /// The triangles that were made.
     pub made: Option<Made>,
 }
 
-/// Triangles that are in no cluster of the mesh, in the place of some clusters.
+/// Triangles that replace some clusters and are in no cluster of the mesh.
 #[derive(Debug)]
 pub struct Made {
     /// The triangles, with the vertices of what they were made from.
@@ -83,9 +84,9 @@ pub struct Made {
     pub parts: Vec<Part>,
     /// For each channel of the mesh the rows of new vertices, in the order of their identities.
     pub channels: Vec<Vec<u32>>,
-    /// How far its shape is stated to be off, in internal units.
+    /// The stated error of its shape, in internal units.
     pub distance: f32,
-    /// How far what it carries is.
+    /// The stated error of its attributes.
     pub attribute_error: f32,
 }
 
@@ -141,33 +142,33 @@ impl Finisher {
         };
         let clusters = self.budget.clusters(dag, fine);
         let coarser = self.budget.clusters(dag, beside.coarse);
-        let divided = || finish.divided(&clusters, &coarser, target);
+        let bisected = || finish.bisected(&clusters, &coarser, target);
         let [more, fewer] = [fine, beside.coarse].map(|replaced| self.budget.faces(replaced));
         if FEW_PART * (target - fewer) <= more - fewer {
-            return divided();
+            return bisected();
         }
         let excess = more - target;
         let enough = (ROOM * excess).max(LEAST);
         let groups = self.gather(dag, fine, enough);
         if dag.report.preserve_area {
-            // Collapses take area from leaves, and the coarser cut has as much as the source.
-            return finish.thinned(&clusters, &groups, excess)?.map_or_else(divided, Ok);
+            // Collapses would shrink islands; the coarser cut covers as much as the source.
+            return finish.thinned(&clusters, &groups, excess)?.map_or_else(bisected, Ok);
         }
         let attempt = |groups: &[&Group], cuts| Attempt::new(&finish, &clusters, groups, excess, cuts);
-        // What keeps the topology is soon done, and mostly enough.
+        // Collapses that keep the topology are fast, and mostly enough.
         let kept = attempt(&groups, false)?.collapsed().transpose()?;
         let is_far = |cut: &FinishedCut| cut.made_distance() > FAR * largest(dag, &coarser, Group::distance);
         if let Some(cut) = kept {
             if !is_far(&cut) {
                 return Ok(cut);
             }
-            // Perhaps parts had better gone.
+            // Removing components may be better.
             let few = self.gather(dag, fine, (ROOM_APART * excess).max(LEAST_APART));
             let apart = attempt(&few, true)?;
             let other = apart.collapsed().transpose()?;
             let nearer = other.filter(|other| other.made_distance() < cut.made_distance()).unwrap_or(cut);
-            // Rather the coarser cut's shape than a worse one.
-            return if is_far(&nearer) { divided() } else { Ok(nearer) };
+            // The coarser cut is better than a worse shape.
+            return if is_far(&nearer) { bisected() } else { Ok(nearer) };
         }
         let apart = attempt(&groups, true)?;
         if let Some(cut) = apart.collapsed().or_else(|| apart.thinned()).transpose()? {
@@ -179,10 +180,10 @@ impl Finisher {
         {
             return Ok(cut);
         }
-        apart.loose().unwrap_or_else(divided)
+        apart.loose().unwrap_or_else(bisected)
     }
 
-    /// The groups that come next, of at least so many triangles together, if there are as many.
+    /// The groups that are replaced next, until they have `enough` triangles together.
     fn gather<'a>(&'a self, dag: &'a Dag, fine: usize, enough: u64) -> Vec<&'a Group> {
         let mut sum = 0;
         let triangles = |group: &Group| -> u64 {
@@ -207,17 +208,17 @@ struct Finish<'a> {
     scales: &'a [Scale],
     /// Triangles that may be missing.
     short: usize,
-    /// Whether what is made moves to where it fits best, as in building.
+    /// Whether vertices are relaxed to fit best, as in building.
     relaxes: bool,
 }
 
-/// Some groups of a cut after as many collapses as there may be.
+/// Some groups of a cut after as many collapses as the budget asks for.
 struct Attempt<'a> {
     finish: &'a Finish<'a>,
     /// The clusters of the cut that are in none of them.
     rest: Vec<ClusterAddress>,
     region: Region,
-    /// Triangles that the budget leaves to it.
+    /// Triangles that the budget leaves for it.
     target: usize,
     made: Finished,
 }
@@ -235,14 +236,14 @@ impl<'a> Attempt<'a> {
         Ok(Self { finish, rest, region, target, made })
     }
 
-    /// Whether a mesh is what the budget leaves.
+    /// Whether a mesh meets the budget.
     fn fits(&self, mesh: &LocalMesh) -> bool {
         self.finish.fits(mesh, self.target)
     }
 
     fn state(&self, mesh: LocalMesh, estimate: f32, pruned: bool) -> Result<FinishedCut> {
         let mut changes = Changes::new(&self.region, mesh, pruned);
-        // Where parts went, all else stays as it is.
+        // Where components were removed, all else stays as it is.
         let finer = if changes.pruned { None } else { self.finer()? };
         let reach = RELAX_REACH * f64::from(self.made.moved);
         match &finer {
@@ -253,7 +254,7 @@ impl<'a> Attempt<'a> {
         self.finish.state(self.rest.clone(), &self.region, changes, estimate, finer.as_ref())
     }
 
-    /// A cut with several times the triangles, where all of this one is made and that is soon compared.
+    /// A cut with several times the triangles to measure against, where the whole cut is made and comparing is fast.
     fn finer(&self) -> Result<Option<Region>> {
         let Finish { finisher, dag, scales, .. } = self.finish;
         let faces = self.region.faces() as u64;
@@ -270,7 +271,7 @@ impl<'a> Attempt<'a> {
         self.fits(mesh).then(|| self.state(mesh.clone(), *estimate, false))
     }
 
-    /// The cut, if leaves can go as a whole.
+    /// The cut, if islands can be removed as a whole.
     fn thinned(&self) -> Option<Result<FinishedCut>> {
         let mesh = prune_to(&self.made.mesh, self.target)?;
         self.fits(&mesh).then(|| self.state(mesh, self.made.estimate, true))
@@ -280,7 +281,7 @@ impl<'a> Attempt<'a> {
     fn loose(&self) -> Option<Result<FinishedCut>> {
         let mut mesh = self.made.mesh.clone();
         mesh.position_ids = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
-        // Vertices that were added are like others here.
+        // Added vertices are ordinary ones here.
         let copies = std::mem::take(&mut mesh.copies);
         let (mesh, error) = collapse_loosely_to(&mesh, self.target, &self.finish.finisher.content)?;
         let mesh = LocalMesh { copies, ..mesh };
@@ -290,7 +291,7 @@ impl<'a> Attempt<'a> {
 }
 
 impl Finish<'_> {
-    /// Some groups of a cut, its other clusters, and the triangles that are left to the groups.
+    /// Some groups of a cut as a region, the other clusters, and the triangles that the budget leaves for the region.
     fn region(
         &self,
         clusters: &[ClusterAddress],
@@ -310,7 +311,7 @@ impl Finish<'_> {
         (1..=target).contains(&faces) && faces + self.short >= target
     }
 
-    /// The cut with fewer leaves that cover as much, if there are enough of them.
+    /// The cut with fewer islands that cover as much, if there are enough of them.
     fn thinned(
         &self,
         clusters: &[ClusterAddress],
@@ -326,8 +327,8 @@ impl Finish<'_> {
         self.state(rest, &region, changes, round_up(moved), None).map(Some)
     }
 
-    /// The coarser cut, with edges divided where it is not the finer one.
-    fn divided(
+    /// The coarser cut, with edges bisected where it differs from the finer one.
+    fn bisected(
         &self,
         fine: &[ClusterAddress],
         coarse: &[ClusterAddress],
@@ -338,11 +339,11 @@ impl Finish<'_> {
         let triangles = |at: &ClusterAddress| usize::from(self.dag.record(*at).triangle_count);
         let room = (target as usize).saturating_sub(rest.iter().map(triangles).sum());
         let region = Region::gather(self.dag, own, &rest, self.scales)?;
-        let changes = Changes::new(&region, divide_to(&region.mesh, room), false);
+        let changes = Changes::new(&region, bisect_to(&region.mesh, room), false);
         self.state(rest, &region, changes, 0.0, None)
     }
 
-    /// Measures what was made, and puts it together.
+    /// Measures the error of what was made, and stitches it into the cut.
     fn state(
         &self,
         mut clusters: Vec<ClusterAddress>,
@@ -364,26 +365,26 @@ impl Finish<'_> {
         let enough = largest(dag, &all, |group| group.attribute_error) - known;
         let step = changes.deviation(region, &self.finisher.content, distance, enough);
         let attribute_error = round_up(f64::from(known) + f64::from(step));
-        let (whole, made) = changes.weave(dag, region, self.scales)?;
+        let (whole, made) = changes.stitch(dag, region, self.scales)?;
         clusters.extend(whole);
         clusters.sort_unstable();
         Ok(FinishedCut { clusters, made: Some(Made { distance, attribute_error, ..made }) })
     }
 }
 
-/// The largest of what the groups state that clusters were made from.
+/// The largest stated error of the groups that clusters were made from.
 fn largest(dag: &Dag, clusters: &[ClusterAddress], of: fn(&Group) -> f32) -> f32 {
     let origins = clusters.iter().filter_map(|at| dag.groups.get(dag.record(*at).refined as usize));
     origins.map(of).fold(0.0, f32::max)
 }
 
 impl FinishedCut {
-    /// How far what was made is stated to be off, in internal units.
+    /// The stated error of what was made, in internal units.
     fn made_distance(&self) -> f32 {
         self.made.as_ref().map_or(0.0, |made| made.distance)
     }
 
-    /// Its arrays: those of its clusters, and behind them the triangles that were made, each part as if it were a cluster.
+    /// Its arrays: those of its clusters, then the triangles that were made, each part as if it were a cluster.
     pub fn extract(&self, dag: &Dag) -> CutArrays {
         let (mut out, number) = extract_numbered(dag, &self.clusters);
         if let Some(made) = &self.made {
@@ -392,12 +393,12 @@ impl FinishedCut {
         out
     }
 
-    /// How far it is stated to be off, in object units; rounded up.
+    /// Its stated error, in object units; rounded up.
     pub fn error(&self, dag: &Dag) -> f64 {
         error_with(dag, &self.clusters, self.made_distance())
     }
 
-    /// How far what it carries is, as a length in object units.
+    /// The stated error of its attributes, as a length in object units.
     pub fn attribute_error(&self, dag: &Dag) -> f64 {
         attribute_error_with(dag, &self.clusters, self.made.as_ref().map_or(0.0, |made| made.attribute_error))
     }

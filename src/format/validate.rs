@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::file::Kind;
 use super::quantize::MAX_EXPONENT;
 use crate::limits::{
-    CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, MAX_ROUNDS, NODE_MAX_DEPTH,
+    CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, MAX_LEVELS, NODE_MAX_DEPTH,
     PAGE_MAX_CLUSTERS,
 };
 use crate::math::octahedral::NORMAL_BITS;
@@ -220,7 +220,7 @@ fn groups(dag: &Dag) -> Result<(), Fault> {
         fault(group.bound >= 0.0 && group.quadric >= 0.0, "bound")?;
         fault(group.rank >= 0.0, "rank")?;
         fault(group.min_own_error.is_finite(), "least error")?;
-        fault(group.level < MAX_ROUNDS, "level")?;
+        fault(group.level < MAX_LEVELS, "level")?;
     }
     let clusters = dag.cluster_count();
     ensure(clusters_before == clusters, Kind::Groups, || {

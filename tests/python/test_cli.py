@@ -90,7 +90,7 @@ def test_info_for_people_and_for_programs(built, capsys):
     text = capsys.readouterr().out
     assert "bounds" in text
     assert "CheckReport" in text
-    assert "Each round gathers" in text
+    assert "At each level, finest first" in text
     assert cli.main(["info", str(built), "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["faces"] == data["report"]["input_faces"] == len(nrs.NaniteMesh.open(built))

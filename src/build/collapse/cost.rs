@@ -7,19 +7,18 @@ use super::quadric::Quadric;
 use super::surface::Edge;
 use super::{Collapser, Entry};
 
-/// What a collapse that makes a thin face costs more: this part of the length of the edge, as a distance.
+/// A collapse that makes a thin face costs as much more as a distance of this part of the edge's length.
 const THIN_COST: f64 = 0.003;
 
-/// Attributes that deviate by no more than this part of their limit are the same but for rounding.
+/// Deviations of attributes up to this part of their limit are rounding.
 const ALIKE: f64 = 1.0e-3;
 
 /// Farthest that a point is placed from the middle of its edge, in lengths of the edge.
 const REACH: f64 = 2.0;
 
 impl Collapser {
-    /// Whether an edge collapses to a place without a change of more than `reach` in the shape, or than rounding in what
-    /// it carries.
-    pub(super) fn keeps_all(&mut self, edge: u32, place: DVec3, reach: f64) -> bool {
+    /// Whether collapsing an edge to a place changes the shape by at most `reach`, and attributes by rounding alone.
+    pub(super) fn is_lossless(&mut self, edge: u32, place: DVec3, reach: f64) -> bool {
         if self.forms.farthest(&self.surface, edge, place) > reach
             || !self.forms.edge(&self.surface, edge, &mut self.sums)
         {
@@ -28,15 +27,15 @@ impl Collapser {
         self.sums.attribute.at(place) <= ALIKE * ALIKE * self.attribute_limit * self.sums.area
     }
 
-    /// What an edge costs that makes a thin face.
-    pub(super) fn later(&self, edge: u32, cost: f64) -> f64 {
+    /// The cost of an edge whose collapse makes a thin face.
+    pub(super) fn thin_cost(&self, edge: u32, cost: f64) -> f64 {
         let ends = self.surface.edges[edge as usize].ends.map(|p| self.surface.positions[p as usize]);
         let squared = THIN_COST * THIN_COST * ends[0].distance_squared(ends[1]);
-        cost + self.policy.evened(self.sums_area(edge) * squared, squared)
+        cost + self.policy.evened(self.area_around(edge) * squared, squared)
     }
 
     /// The area of the faces around an edge.
-    fn sums_area(&self, edge: u32) -> f64 {
+    fn area_around(&self, edge: u32) -> f64 {
         let ends = self.surface.edges[edge as usize].ends;
         let faces = ends.into_iter().flat_map(|p| self.surface.around(p));
         faces.map(|(f, _)| self.forms.plane(f).1).sum()
@@ -48,12 +47,12 @@ impl Collapser {
         self.surface.edges[edge as usize].ends.iter().for_each(|p| self.waiting[*p as usize] = true);
     }
 
-    /// Works out what an edge costs now and puts it in its place.
-    pub(super) fn look(&mut self, edge: u32) {
+    /// Evaluates an edge and queues it at its cost.
+    pub(super) fn update(&mut self, edge: u32) {
         self.entries[edge as usize] = Entry { seen: self.count, ..Entry::default() };
         self.blocked[edge as usize] = false;
         if self.surface.edges[edge as usize].ends.iter().all(|p| self.surface.locked[*p as usize]) {
-            // For good: it waits for nothing.
+            // Locked points never change: it needs no second look.
             self.queue.remove(edge);
             return;
         }
@@ -63,28 +62,28 @@ impl Collapser {
         }
         let folded = self.is_folded(edge, &self.sums);
         self.entries[edge as usize].priced = !folded;
-        self.put(edge, false);
+        self.enqueue(edge, false);
     }
 
-    /// Adds what distances around the fold that an edge lies on cost, and puts it in its place.
+    /// Adds the distances around the fold that an edge lies on to its cost, and queues it again.
     pub(super) fn price_fold(&mut self, edge: u32) {
         self.entries[edge as usize].priced = true;
         if self.forms.edge(&self.surface, edge, &mut self.sums) {
-            self.put(edge, true);
+            self.enqueue(edge, true);
         } else {
             self.block(edge);
         }
     }
 
-    /// Puts an edge whose sums were just found in its place.
-    fn put(&mut self, edge: u32, folded: bool) {
+    /// Queues an edge whose sums were just found.
+    fn enqueue(&mut self, edge: u32, folded: bool) {
         let (place, cost) = self.best_place(edge, &self.sums, folded);
         self.entries[edge as usize].place = place;
         self.queue.set(edge, self.total(edge, &self.sums, cost) as f32);
     }
 
-    /// Which ends of an edge stay where they are: locked ones, and those on a line between materials that the edge
-    /// is no part of, so that such lines move along themselves alone.
+    /// Which ends of an edge stay where they are: locked ones, and those on a line between materials unless the edge is
+    /// part of that line. So such lines only collapse along themselves.
     #[inline]
     pub(super) fn fixed(&self, edge: u32) -> [bool; 2] {
         let Edge { ends, crease, .. } = self.surface.edges[edge as usize];
@@ -101,20 +100,20 @@ impl Collapser {
         (at, fixed.map(|k| at[k]))
     }
 
-    /// What past collapses left at the ends of an edge.
-    pub(super) fn past(&self, edge: u32) -> f64 {
+    /// The larger drift of the ends of an edge.
+    pub(super) fn drift_of(&self, edge: u32) -> f64 {
         let [a, b] = self.surface.edges[edge as usize].ends.map(|p| self.drift[p as usize]);
         a.max(b)
     }
 
-    /// What it costs to put the point that an edge becomes at `p`, apart from [`Self::total`].
+    /// The cost of collapsing an edge to `p`, without what [`Self::total`] adds.
     #[inline(always)]
     fn cost(&self, sums: &Sums, ends: [DVec3; 2], p: DVec3) -> f64 {
         let moved = 0.5 * (p.distance_squared(ends[0]) + p.distance_squared(ends[1]));
         let geometry = sums.geometry.at(p).max(0.0);
         let limit = self.attribute_limit * sums.area;
         let deviation = self.policy.attribute_weight * sums.attribute.at(p).max(0.0);
-        // Nears the limit without reaching it: what deviates more always costs more.
+        // Approaches the limit without reaching it: a larger deviation always costs more.
         let attribute = if limit > 0.0 { deviation * (limit / (deviation + limit)) } else { 0.0 };
         geometry + attribute + self.policy.shape_weight * sums.area * moved
     }
@@ -122,12 +121,12 @@ impl Collapser {
     /// The cost that decides which edge comes first.
     #[inline]
     fn total(&self, edge: u32, sums: &Sums, cost: f64) -> f64 {
-        let total = cost + self.policy.drift_weight * self.past(edge) * sums.area;
+        let total = cost + self.policy.drift_weight * self.drift_of(edge) * sums.area;
         if sums.area > 0.0 { self.policy.evened(total, total / sums.area) } else { total }
     }
 
-    /// The best place for the point that an edge becomes, whether it folds the surface or not, and its cost; `folded` with
-    /// distances.
+    /// The best place for the collapse of an edge, and its cost. The place may fold the surface over. `folded`: the cost
+    /// includes distances.
     fn best_place(&self, edge: u32, sums: &Sums, folded: bool) -> (DVec3, f64) {
         let (ends, locked) = self.ends(edge);
         if let Some(place) = locked {
@@ -154,7 +153,7 @@ impl Collapser {
             .unwrap_or((middle, f64::INFINITY))
     }
 
-    /// What the place of a point minimizes, apart from volume and shape.
+    /// The quadric that a placed point minimizes, without volume and shape.
     fn to_minimize(&self, sums: &Sums) -> Quadric {
         sums.geometry + sums.attribute.scaled(self.policy.attribute_pull)
     }
@@ -167,7 +166,7 @@ impl Collapser {
         [ends[0] + along * t, ends[0] + along * 0.5, ends[0], ends[1]]
     }
 
-    /// Whether distances around an edge are looked up.
+    /// Whether the cost of an edge includes distances around a fold.
     #[inline]
     fn is_folded(&self, edge: u32, sums: &Sums) -> bool {
         let faces = || {

@@ -3,18 +3,18 @@
 //! The cost of a collapse is measured against the faces around its edge as they are now, not against planes
 //! remembered from the source (Lindstrom and Turk, "Fast and Memory Efficient Polygonal Simplification", 1998; Hoppe
 //! 1999): about a fifth less error than remembered quadrics at the same number of triangles. A collapse changes the
-//! costs of some 40 edges around it. As costs mostly rise, each is looked at again only when it comes to the front of
-//! the queue, about four for each collapse; looking at all of them at once (`Policy::eager`) was measured to take
-//! twice the time for the same error.
+//! costs of some 40 edges around it. Costs mostly rise, so an edge is evaluated again only when it comes to the front of
+//! the queue: about four edges for each collapse. Evaluating all of them at once (`Policy::eager`) takes twice the time for
+//! the same error.
 //!
 //! `policy` holds what is minimized and the options, `start` takes a mesh in. `surface` says which collapses are legal,
 //! `cost` what they cost and where their point goes, by the quadrics of `forms`; `wedges` says what attributes become.
 //! `obstacles` cuts and closes what stands in the way.
 
+pub mod components;
 mod cost;
 pub mod forms;
 mod obstacles;
-pub mod parts;
 mod policy;
 pub mod quadric;
 pub mod queue;
@@ -26,9 +26,9 @@ pub mod wedges;
 use glam::DVec3;
 use rustc_hash::FxHashSet;
 
+use self::components::Components;
 use self::forms::{Forms, Sums};
 use self::obstacles::Obstacle;
-use self::parts::Parts;
 pub use self::policy::{Cost, Policy};
 use self::queue::Queue;
 use self::surface::{NONE, Opening, Ring, Surface};
@@ -42,8 +42,8 @@ pub struct Limit {
     pub target: usize,
     /// The cost to stop at, see [`Collapsed::cost`].
     pub cost: f64,
-    /// Points go no farther from any plane around their edge, nor from the planes that stand on borders and lines, and
-    /// attributes deviate no more than by rounding where this is finite. In the unit of the positions. Goes with policies
+    /// The largest distance of a new point to the planes around its edge, and to those that stand on borders and creases
+    /// there, in the unit of the positions. Where this is finite, attributes deviate by rounding alone. Goes with policies
     /// that do not cut.
     pub distance: f64,
 }
@@ -60,17 +60,17 @@ impl Limit {
 pub struct Collapsed {
     /// Its vertices in their places, some moved and with new attributes, and the triangles that are left.
     pub mesh: LocalMesh,
-    /// The largest root of the mean squared distance of a new point to the planes of the faces it replaced, in the unit
-    /// of the positions, or of a part that went to what is left: an estimate, not a bound.
+    /// The largest root mean square distance of a new point to the planes of the faces it replaced, or of a removed
+    /// component to the rest, in the unit of the positions: an estimate, not a bound.
     pub error: f32,
-    /// The same without parts that went.
+    /// The same without removed components.
     pub moved: f32,
     /// The largest cost of a collapse: an area times a squared distance, times the root of the root of such a distance
     /// where [`Policy::even`] is set, in the unit of the positions. Costs of different meshes compare.
     pub cost: f64,
     /// For each collapse the largest cost so far, and the triangles that were left.
     pub trace: Vec<(f64, u32)>,
-    /// Whether it stopped at the cost to stop at.
+    /// Whether the limit of the cost ended it.
     pub stopped: bool,
 }
 
@@ -80,7 +80,7 @@ pub struct Collapsed {
 /// `rows` holds the attributes of each vertex, `weights` one weight for each float of a row: a unit of it as a part of
 /// the mesh's extent (the longest side of its box).
 ///
-/// Sheets that touch are taken apart, so that vertices may be added at the end, see [`LocalMesh::copies`]. Edges never
+/// Sheets that touch are separated, so that vertices may be added at the end, see [`LocalMesh::copies`]. Edges never
 /// get more faces than they have. Triangles with two corners at one position are dropped.
 pub fn collapse(
     mesh: &LocalMesh,
@@ -95,15 +95,15 @@ pub fn collapse(
     Collapsed { stopped, ..collapses.finish(mesh) }
 }
 
-/// Collapses that can go on where they stopped: see [`collapse`].
+/// Collapses that can be resumed: see [`collapse`].
 pub struct Collapses {
     collapser: Collapser,
-    /// What costs and distances inside are multiples of.
+    /// The unit of costs inside.
     unit: f64,
 }
 
 impl Collapses {
-    /// Takes in a mesh, and finds what its edges cost.
+    /// Evaluates all edges of a mesh.
     pub fn new(mesh: &LocalMesh, locked: &[bool], rows: Vec<f32>, weights: &[f32], policy: &Policy) -> Self {
         let mut collapser = Collapser::new(mesh, locked, rows, weights, *policy);
         collapser.start();
@@ -122,11 +122,11 @@ impl Collapses {
         self.collapser.surface.alive
     }
 
-    /// What the next step costs as far as that is known; none where nothing may collapse.
+    /// The cost of the next step as far as it is known; none where nothing may collapse.
     pub fn next_cost(&self) -> Option<f64> {
         let edge = self.collapser.queue.peek().map(|(_, cost)| cost);
-        let part = self.collapser.part_queue.peek().map(|(_, cost)| cost);
-        let least = edge.into_iter().chain(part).min_by(f32::total_cmp)?;
+        let component = self.collapser.component_queue.peek().map(|(_, cost)| cost);
+        let least = edge.into_iter().chain(component).min_by(f32::total_cmp)?;
         Some(f64::from(least) * self.unit)
     }
 
@@ -143,10 +143,10 @@ impl Collapses {
     }
 }
 
-/// The largest of what steps did so far.
+/// The largest values of the steps so far.
 #[derive(Clone, Copy, Debug, Default)]
 struct Worst {
-    /// Squared distances that collapses moved, and those of parts that went.
+    /// Squared distances of collapses, and those of removed components and closed openings.
     moved: f64,
     gone: f64,
     cost: f32,
@@ -155,22 +155,22 @@ struct Worst {
 /// What is known of an edge in the queue.
 #[derive(Clone, Copy, Debug, Default)]
 struct Entry {
-    /// Number of collapses when it was looked at.
+    /// Number of collapses when it was evaluated.
     seen: u32,
     /// Its best place folds the surface; its cost is that of the next best.
     second: bool,
-    /// It waited as it makes a thin face.
+    /// Its cost includes that of a thin face.
     thin: bool,
-    /// It waited for a ring or an opening in its way.
+    /// Its cost includes that of the ring or opening in its way.
     ring: bool,
-    /// Distances around the fold that it lies on are part of its cost. They take long, and edges that never come to the
-    /// front do without.
+    /// Its cost includes the distances around the fold that it lies on. They take long, so they are found when it comes to
+    /// the front.
     priced: bool,
     /// Its best place, whether it folds the surface or not.
     place: DVec3,
 }
 
-/// A position as it may be looked up: both zeros are one.
+/// A position as a key: both zeros are one.
 fn bits(position: [f32; 3]) -> [u32; 3] {
     position.map(|x| (x + 0.0).to_bits())
 }
@@ -178,9 +178,9 @@ fn bits(position: [f32; 3]) -> [u32; 3] {
 struct Collapser {
     policy: Policy,
     worst: Worst,
-    /// What hangs together, and in which order it may go.
-    parts: Parts,
-    part_queue: Queue,
+    /// The connected components, and the order in which they may be removed.
+    components: Components,
+    component_queue: Queue,
     /// Rings along which the surface was cut: their points, and the copies of these.
     rings: Vec<[[u32; 3]; 2]>,
     /// The vertex that each further one is a copy of, and how many there were.
@@ -206,7 +206,7 @@ struct Collapser {
     count: u32,
     /// Internal positions of the points.
     places: Vec<[f32; 3]>,
-    /// The same as [`bits`]: no point may come to lie on another one, which would join them.
+    /// The same as [`bits`]: a point that moved onto another one would be joined to it.
     taken: FxHashSet<[u32; 3]>,
     rows: Vec<f32>,
     stride: usize,
@@ -214,9 +214,9 @@ struct Collapser {
     /// Number of materials that meet at each point, less one, and at most two: inside one material, on a line
     /// between two, where lines meet. Empty when there are no materials.
     rank: Vec<u8>,
-    /// Squared distances that collapses left at each point, added up.
+    /// Sum of the squared distances of the collapses behind each point.
     drift: Vec<f64>,
-    /// Sums of the edge weighed last.
+    /// Sums of the edge evaluated last.
     sums: Sums,
     ring: Vec<u32>,
     pending: Vec<u32>,
@@ -228,16 +228,17 @@ impl Collapser {
         let Limit { target, cost: limit, distance: reach } = limit;
         let mut stopped = false;
         while self.surface.alive > target {
-            let part = self.part_queue.peek();
+            let component = self.component_queue.peek();
             let next = self.queue.peek();
-            if let Some((part, cost)) = part
+            if let Some((component, cost)) = component
                 && next.is_none_or(|(_, next)| cost <= next)
             {
-                let Some(squared) = self.leave_out(part, cost, target, limit, next.is_none()) else {
+                let Some(squared) = self.remove_component(component, cost, target, limit, next.is_none())
+                else {
                     continue;
                 };
                 self.worst.gone = self.worst.gone.max(squared);
-                self.took(cost);
+                self.record(cost);
                 continue;
             }
             let Some((edge, cost)) = next else { break };
@@ -248,7 +249,7 @@ impl Collapser {
             let [a, b] = self.surface.edges[edge as usize].ends;
             let Entry { seen, second, thin, ring, priced, place: mut position } = self.entries[edge as usize];
             if seen < self.changed[a as usize].max(self.changed[b as usize]) {
-                self.look(edge);
+                self.update(edge);
                 continue;
             }
             if !priced {
@@ -288,23 +289,23 @@ impl Collapser {
                 }
                 position = place;
             }
-            if reach < f64::INFINITY && !self.keeps_all(edge, position, reach) {
+            if reach < f64::INFINITY && !self.is_lossless(edge, position, reach) {
                 self.block(edge);
                 continue;
             }
             if !thin && self.forms.thins(&self.surface, edge, position) {
                 self.entries[edge as usize].thin = true;
-                self.queue.set(edge, self.later(edge, f64::from(cost)) as f32);
+                self.queue.set(edge, self.thin_cost(edge, f64::from(cost)) as f32);
                 continue;
             }
             let squared = self.forms.squared_distance(&self.surface, edge, position);
-            let drift = self.past(edge) + squared;
+            let drift = self.drift_of(edge) + squared;
             match self.apply(edge, position) {
                 Some(point) => {
                     self.worst.moved = self.worst.moved.max(squared);
-                    self.took(cost);
+                    self.record(cost);
                     self.drift[point as usize] = drift;
-                    self.look_around();
+                    self.update_around();
                 }
                 None => self.block(edge),
             }
@@ -312,53 +313,62 @@ impl Collapser {
         stopped
     }
 
-    /// Takes down a step.
-    fn took(&mut self, cost: f32) {
+    /// Records a step.
+    fn record(&mut self, cost: f32) {
         self.worst.cost = self.worst.cost.max(cost);
         self.trace.push((self.worst.cost.into(), self.surface.alive as u32));
     }
 
-    /// Puts a part in its place if it may go as a whole, as if it cost nothing: what it costs is worked out in front.
-    fn queue_part(&mut self, part: u32) {
-        if self.parts.may_go(part) && self.parts.several() {
-            self.part_queue.set(part, 0.0);
+    /// Queues a component that may be removed, at no cost: the cost is found when it comes to the front.
+    fn queue_component(&mut self, component: u32) {
+        if self.components.is_removable(component) && self.components.several() {
+            self.component_queue.set(component, 0.0);
         }
     }
 
-    /// Leaves out a part that came to the front, or puts it where it belongs. Returns the mean squared distance of what
-    /// is left out.
-    fn leave_out(&mut self, part: u32, cost: f32, target: usize, limit: f64, last: bool) -> Option<f64> {
-        let Some(alive) = self.parts.may_go(part).then(|| self.parts.all[part as usize].alive) else {
-            self.part_queue.remove(part);
+    /// Removes a component that came to the front, or queues it at its cost. Returns the mean squared distance of what was
+    /// removed.
+    fn remove_component(
+        &mut self,
+        component: u32,
+        cost: f32,
+        target: usize,
+        limit: f64,
+        last: bool,
+    ) -> Option<f64> {
+        let Some(alive) =
+            self.components.is_removable(component).then(|| self.components.all[component as usize].alive)
+        else {
+            self.component_queue.remove(component);
             return None;
         };
-        let Some((sum, area)) = self.parts.apart(&self.surface, part) else {
-            self.part_queue.remove(part);
+        let Some((sum, area)) = self.components.distance(&self.surface, component) else {
+            self.component_queue.remove(component);
             return None;
         };
         let squared = if area > 0.0 { sum / area } else { 0.0 };
-        // As much for each pair of triangles as for a collapse, which takes two.
+        // For each pair of triangles what a collapse costs, which removes two.
         let now = self.policy.evened(2.0 * sum / f64::from(alive), squared);
         if now as f32 > cost {
-            self.part_queue.set(part, now as f32);
+            self.component_queue.set(component, now as f32);
             return None;
         }
-        self.part_queue.remove(part);
+        self.component_queue.remove(component);
         let fits = self.surface.alive >= target + alive as usize;
         if f64::from(cost) > limit || !(fits || last) {
             return None;
         }
-        let faces = std::mem::take(&mut self.parts.all[part as usize].faces);
+        let faces = std::mem::take(&mut self.components.all[component as usize].faces);
         for f in faces {
             let face = &self.surface.faces[f as usize];
-            if !face.alive() || self.parts.at(face.points[0]) != part {
+            if !face.alive() || self.components.at(face.points[0]) != component {
                 continue;
             }
             let edges = face.edges;
             edges.into_iter().for_each(|e| self.queue.remove(e));
             self.surface.remove_face(f as usize);
         }
-        self.parts.went(&self.surface, part);
+        self.components.remove(&self.surface, component);
         Some(squared)
     }
 
@@ -371,11 +381,11 @@ impl Collapser {
         let surface = &mut self.surface;
         let (mut place, mut at) = (self.places[keep as usize], surface.positions[keep as usize]);
         if fixed == [false; 2] {
-            // Continue with the position as it will be stored.
+            // The position as it will be stored.
             place = (self.center + position * self.extent).as_vec3().to_array();
             at = (DVec3::from_array(place.map(f64::from)) - self.center) / self.extent;
         }
-        // What is stored must face it too.
+        // Faces keep facing `up` after rounding too.
         if self.policy.up.is_some() && self.forms.folds(surface, &self.rows, edge, at) {
             return None;
         }
@@ -403,13 +413,13 @@ impl Collapser {
         self.merge.apply(surface, &mut self.rows, self.stride, keep);
         self.count += 1;
         self.ring.clear();
-        self.take_in(keep);
-        if !self.parts.all.is_empty() {
-            let part = self.parts.at(keep);
-            let alive = &mut self.parts.all[part as usize].alive;
+        self.update_faces(keep);
+        if !self.components.all.is_empty() {
+            let component = self.components.at(keep);
+            let alive = &mut self.components.all[component as usize].alive;
             *alive -= gone;
-            if !self.part_queue.holds(part) {
-                self.queue_part(part);
+            if !self.component_queue.holds(component) {
+                self.queue_component(component);
             }
         }
         for p in &self.ring {
@@ -418,8 +428,8 @@ impl Collapser {
         Some(keep)
     }
 
-    /// Takes in that a point, and so the faces around it, changed.
-    fn take_in(&mut self, point: u32) {
+    /// Updates the faces around a point that changed, and lists their points.
+    fn update_faces(&mut self, point: u32) {
         let surface = &self.surface;
         for (f, k) in surface.around(point) {
             self.forms.set_face(surface, &self.rows, f);
@@ -436,8 +446,8 @@ impl Collapser {
         }
     }
 
-    /// Looks again at the edges that touch the ring: all of them, or those that were blocked.
-    fn look_around(&mut self) {
+    /// Evaluates again the edges at the listed points: all of them, or those that were blocked.
+    fn update_around(&mut self) {
         self.pending.clear();
         for p in &self.ring {
             if !std::mem::take(&mut self.waiting[*p as usize]) && !self.policy.eager {
@@ -458,7 +468,7 @@ impl Collapser {
             }
         }
         for k in 0..self.pending.len() {
-            self.look(self.pending[k]);
+            self.update(self.pending[k]);
         }
     }
 
@@ -467,7 +477,7 @@ impl Collapser {
         self.rejoin();
         let mut out = LocalMesh { attributes: Vec::new(), ..mesh.with_copies(&self.copies) };
         out.indices = Vec::with_capacity(3 * self.surface.alive);
-        // Copies at one point, which may have several wedges, are told by the first of them.
+        // A point may have several copies as wedges: the first of them names the position.
         let count = if self.copies.is_empty() { 0 } else { self.places.len() };
         let (mut first, mut has_other) = (vec![NONE; count], vec![false; count]);
         for face in self.surface.faces.iter().filter(|f| f.alive()) {
@@ -483,7 +493,7 @@ impl Collapser {
         }
         for face in self.surface.faces.iter().filter(|f| f.alive()) {
             for (w, p) in face.wedges.iter().zip(face.points).filter(|(w, _)| **w as usize >= self.vertices) {
-                // Others that came there are told by their place, which is where this is a copy from.
+                // Where wedges of the source are there too, theirs names it: this one is a copy from there.
                 let there = mesh.position_ids[self.origin(*w) as usize];
                 out.position_ids[*w as usize] = if has_other[p as usize] { there } else { first[p as usize] };
             }

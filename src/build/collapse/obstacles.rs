@@ -12,7 +12,7 @@ pub enum Obstacle {
 }
 
 impl Collapser {
-    /// What stands in the way of an edge, if it can be settled.
+    /// What stands in the way of an edge, if it can be removed.
     pub(super) fn obstacle(&mut self, edge: u32) -> Option<Obstacle> {
         if !self.policy.cuts {
             return None;
@@ -21,14 +21,14 @@ impl Collapser {
             return Some(Obstacle::Ring(ring));
         }
         let fits = |found: &Opening| {
-            // Lines between materials stay, and the new face faces what its neighbours do.
+            // Lines between materials stay, and the new face faces where its neighbours do.
             found.points.iter().all(|p| self.rank.get(*p as usize).is_none_or(|rank| *rank == 0))
                 && self.forms.faces_along(&self.surface, &self.rows, found)
         };
         self.surface.opening(edge).filter(fits).map(Obstacle::Opening)
     }
 
-    /// The area of a face between points, and how far it is squared, as if that were a third of its height off.
+    /// The area of a face between points, and the square of a third of its height, which counts as its distance.
     pub(super) fn closing(&self, points: [u32; 3]) -> (f64, f64) {
         let [a, b, c] = points.map(|p| self.surface.positions[p as usize]);
         let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
@@ -43,13 +43,13 @@ impl Collapser {
         self.surface.close(opening);
         self.forms.add_faces(self.surface.faces.len());
         for p in opening.points {
-            self.take_in(p);
+            self.update_faces(p);
             self.waiting[p as usize] = true;
         }
         self.ring.iter().for_each(|p| self.forms.touch(*p));
-        self.look_around();
-        let part = self.parts.take_in_closed(&self.surface, opening.points[0]);
-        self.queue_part(part);
+        self.update_around();
+        let component = self.components.close_opening(&self.surface, opening.points[0]);
+        self.queue_component(component);
     }
 
     /// Cuts the surface along a ring and closes both sides.
@@ -74,22 +74,22 @@ impl Collapser {
         self.blocked.resize(edges, false);
         self.queue.extend(edges);
         for p in ring.points.into_iter().chain(new) {
-            self.take_in(p);
+            self.update_faces(p);
             self.waiting[p as usize] = true;
         }
         self.ring.iter().for_each(|p| self.forms.touch(*p));
         for edge in edges - 3..edges {
-            self.look(edge as u32);
+            self.update(edge as u32);
         }
-        self.look_around();
-        let known = self.parts.all.len();
-        self.parts.take_in_cut(&self.surface, [ring.points[0], new[0]]);
-        if self.parts.all.len() > known {
-            self.part_queue.extend(self.parts.all.len());
-            self.queue_part(known as u32);
+        self.update_around();
+        let known = self.components.all.len();
+        self.components.cut_ring(&self.surface, [ring.points[0], new[0]]);
+        if self.components.all.len() > known {
+            self.component_queue.extend(self.components.all.len());
+            self.queue_component(known as u32);
         }
-        let part = self.parts.at(ring.points[0]);
-        self.queue_part(part);
+        let component = self.components.at(ring.points[0]);
+        self.queue_component(component);
     }
 
     /// The vertex that a wedge is, or is a copy of.
@@ -107,12 +107,12 @@ impl Collapser {
         }
         self.drift.push(self.drift[p]);
         self.forms.add_point();
-        self.parts.copy_point(old);
+        self.components.copy_point(old);
         self.surface.copy_point(old)
     }
 
-    /// Joins again what was cut along a ring and has not moved since: the faces that close both sides lie in one place, and
-    /// edges there would have four of them.
+    /// Joins cuts along a ring whose points have not moved since. The faces that close the two sides would lie in one
+    /// place, and edges there would have four faces.
     pub(super) fn rejoin(&mut self) {
         for [old, new] in std::mem::take(&mut self.rings) {
             let face = |points: [u32; 3]| {

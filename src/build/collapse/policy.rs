@@ -22,36 +22,36 @@ pub struct Policy {
     /// Weight of a border against the surface: of squared distance to the plane that stands on it, times its length
     /// squared.
     pub border_weight: f64,
-    /// The same for an edge across which attributes change.
+    /// The same for an attribute seam.
     pub crease_weight: f64,
     /// Weight of the squared mean signed distance when a point is placed: keeps the volume.
     pub volume_weight: f64,
     /// Weight of the squared deviation of attributes against squared distance in the cost of a collapse.
     pub attribute_weight: f64,
-    /// The same where a point is placed: enough to decide where the shape does not.
+    /// The same when a point is placed: enough to decide where the shape does not.
     pub attribute_pull: f64,
     /// Weight of the squared deviation of normals, which mostly follow the shape, against that of other attributes.
     /// With 1 the shape of scans is up to a tenth worse and pictures of them at one pixel up to 0.1 dB better.
     pub normal_weight: f64,
     /// Attributes cost less than this part of the mean edge length, however much they deviate.
     pub attribute_limit: f64,
-    /// Weight of the squared distances that past collapses left at the ends of an edge: keeps them from adding up.
+    /// Weight of the squared distances of past collapses at the ends of an edge: keeps errors from adding up.
     pub drift_weight: f64,
     /// Raises costs by the fourth root of the mean squared distance: small parts far off count more, which lowers the
     /// largest deviation and leaves the mean as it is.
     pub even: bool,
-    /// Weight of the squared distance that the ends of an edge move, whichever way: decides where nothing else does.
+    /// Weight of the squared distance that the ends of an edge move: decides where nothing else does.
     pub shape_weight: f64,
     /// Cosine of the largest turn of a face.
     pub turn: f64,
-    /// Collapses that make a face thinner than this wait, area against sides (an equilateral triangle has 0.289), unless
-    /// it is so: they cost more, as if they moved the surface by a small part of the length of their edge.
+    /// Collapses that make a face thinner than this cost more, unless it was nearly as thin before. Thinness is twice the
+    /// area over the sum of squared sides: 0.289 for an equilateral triangle.
     pub thin: f64,
-    /// Whether sheets that touch are taken apart, rings are cut and parts go as a whole. Otherwise the topology is kept.
+    /// Whether sheets that touch are separated, rings cut, and components removed. Otherwise the topology is kept.
     pub cuts: bool,
-    /// A direction that faces go on facing where they do.
+    /// Faces that face this direction go on doing so.
     pub up: Option<DVec3>,
-    /// Look at every edge again whose surroundings changed, at once; otherwise when it comes to the front.
+    /// Evaluate every edge around a collapse at once; otherwise when it comes to the front of the queue.
     pub eager: bool,
 }
 

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
+use super::components::Components;
 use super::forms::{Channel, Forms, Sums};
-use super::parts::Parts;
 use super::queue::Queue;
 use super::surface::{NONE, Surface};
 use super::wedges::Merge;
@@ -88,8 +88,8 @@ impl Collapser {
             waiting: vec![false; places.len()],
             changed: vec![0; places.len()],
             rank: ranks(mesh, &point_of, places.len()),
-            parts: if policy.cuts { Parts::of(&surface) } else { Parts::default() },
-            part_queue: Queue::default(),
+            components: if policy.cuts { Components::of(&surface) } else { Components::default() },
+            component_queue: Queue::default(),
             rings: Vec::new(),
             copies,
             trace: Vec::new(),
@@ -113,10 +113,10 @@ impl Collapser {
     pub(super) fn start(&mut self) {
         self.queue.reset(self.surface.edges.len());
         for edge in 0..self.surface.edges.len() as u32 {
-            self.look(edge);
+            self.update(edge);
         }
-        self.part_queue.reset(self.parts.all.len());
-        (0..self.parts.all.len() as u32).for_each(|part| self.queue_part(part));
+        self.component_queue.reset(self.components.all.len());
+        (0..self.components.all.len() as u32).for_each(|part| self.queue_component(part));
     }
 }
 

@@ -14,14 +14,14 @@ use crate::measure::piece::Piece;
 use crate::measure::{BoundOptions, outwards};
 use crate::mesh::hash;
 
-/// How far storing a part moves its corners, as a part of the size of its triangle: once a round but the last, by up to
+/// How far storing a part moves its corners, as a part of the size of its triangle: once a level but the last, by up to
 /// √3 · 2⁻²⁴.
 const PART_ROUNDING: f64 = 1.0 / (1u64 << 20) as f64;
-/// So many pieces for each triangle made need no more samples than their centres.
+/// With so many pieces for each new triangle, the centres of pieces are samples enough.
 const DENSE: usize = 4;
 /// A bound may be this part above the largest distance found.
 const SLACK: f64 = 0.1;
-/// Distances below this part of the simplifier's estimate are not told apart: the largest is above it.
+/// Distances below this part of the simplifier's estimate are not distinguished: the largest is above it.
 const FLOOR: f64 = 0.1;
 
 /// A cluster that is being measured.
@@ -40,7 +40,7 @@ impl<'a> Patch<'a> {
     }
 }
 
-/// The part of a reference that a group stands on.
+/// The reference patch of a group.
 pub struct Correspondence<'a> {
     before: Sheet,
     pieces: Vec<Pieces>,
@@ -70,8 +70,8 @@ impl Correspondence<'_> {
         &self.before
     }
 
-    /// Samples of the surface, enough to fit so many triangles to it: the centres of triangles and parts, or those of
-    /// edges where these are too few, with which means of what is quadratic on a triangle are exact.
+    /// Samples of the surface, enough to fit `made` triangles to it: the centres of triangles and parts, or the midpoints of
+    /// edges where centres are too few. Midpoints integrate quadratic functions on a triangle exactly.
     pub fn samples(&self, made: usize, visit: &mut dyn FnMut(Sample)) {
         let corners = |t: u32| self.before.triangles()[t as usize].map(DVec3::from_array);
         let normal = |t: u32| area_normal(corners(t));
@@ -125,18 +125,18 @@ impl Correspondence<'_> {
         });
     }
 
-    /// A bound for patches that replace the clusters: how far any of their points may be from
-    /// the source, and any point of the source that those clusters correspond to from them. Also hands the pieces over,
-    /// or, where no further round of this reference will ask, the radii of the triangles.
+    /// A bound for patches that replace the clusters: the two-sided distance of the patches and the part of the source that the
+    /// clusters correspond to. Also returns the pieces of each patch, or the radii of its triangles where this level is the
+    /// reference's last.
     pub fn measure(self, patches: &[Patch<'_>], estimate: f32) -> (f32, Vec<Pieces>) {
         let Self { before, pieces, numbers, reference, all } = self;
-        // A further round of this reference will ask.
+        // A further level of this reference needs the pieces.
         let keep = !reference.is_last;
         let (after, owners) = sheet_of(patches);
         let goal =
             BoundOptions { floor: f64::from(estimate) * FLOOR, slack: SLACK, ..BoundOptions::default() };
         let mut bounds = Bounds::new(goal);
-        // Room for as many as there are on average: what is too much goes back.
+        // Room for the average number; copies below drop the excess.
         let mean = if keep { numbers.len() / patches.len().max(1) } else { 0 };
         let mut handed: Vec<Pieces> = patches.iter().map(|_| Pieces::with_room(mean)).collect();
         let mut radii = vec![0.0f64; after.triangles().len()];
@@ -144,7 +144,7 @@ impl Correspondence<'_> {
         let mut to_after = Overlay::new(&after);
         let mut number = numbers.iter();
         let mut starts = vec![NO_TRIANGLE; after.triangles().len()];
-        // Those of a cluster go as soon as they are handed over.
+        // Frees the pieces of a cluster as soon as they are handed over.
         for pieces in pieces {
             pieces.each(|t, part| {
                 let Some(local) = number.next() else { return };
@@ -177,8 +177,8 @@ impl Correspondence<'_> {
                 }
             });
         }
-        // Copies have no more room than they need. Giving back what was reserved too much would leave gaps of all sizes
-        // between what stays, which later allocations search.
+        // Copies have no excess room. Shrinking in place would leave gaps of all sizes in the heap, which later allocations
+        // search.
         let mut handed: Vec<Pieces> = handed.iter().map(Pieces::clone).collect();
         let mut largest_around = 0.0;
         let mut to_before = Overlay::new(&before);
@@ -189,7 +189,7 @@ impl Correspondence<'_> {
             }
             let known = bounds;
             let mut own = lay_whole(&mut to_before, &mut bounds, *t);
-            // Over the border of the group others correspond to the reference, which is as near to it all the same.
+            // Beyond the border of the group other clusters correspond to the reference: it is as near all the same.
             if bounds.lower > known.limit()
                 && after.neighbours(number).contains(&NO_TRIANGLE)
                 && let Some(around) = reference.around(*t, own, all)

@@ -1,10 +1,10 @@
-//! What a round is measured against. Errors measured against the level below add up, and after many levels their
-//! sum is several times the true distance. So every few rounds the surface as it then is becomes the reference, and
-//! the rounds after it are measured against that: its own error enters once, and is small.
+//! The surface that errors are measured against. Errors measured against the level below add up: after many levels their sum
+//! is several times the true distance. So the surface of every few levels becomes the reference, and the following levels
+//! are measured against it. The reference's own error enters once, and is small.
 //!
-//! From the new surface to the reference any nearest point will do. The other way the reference's triangles travel up
-//! the DAG with the clusters that correspond to them, cut in pieces where they lie on several, so that each is measured
-//! by the group that simplifies its part of the surface. The proof is in docs/numerics.md.
+//! From the new surface to the reference any nearest point will do. For the other direction, the reference's triangles travel
+//! up the DAG with the clusters that correspond to them. A triangle that lies on several clusters is cut into pieces, so that
+//! each piece is measured by the group that simplifies its part of the surface. The proof is in docs/numerics.md.
 
 mod correspondence;
 mod pieces;
@@ -12,7 +12,7 @@ mod pieces;
 use std::sync::{Arc, OnceLock};
 
 use super::dag::BuildCluster;
-use super::store::{Numbering, RoundPositions};
+use super::store::{LevelPositions, Numbering};
 use crate::math::Aabb;
 use crate::measure::closest::Triangle;
 use crate::measure::overlay::Sheet;
@@ -21,34 +21,34 @@ pub use self::correspondence::{Correspondence, Patch};
 use self::pieces::Joined;
 pub use self::pieces::Pieces;
 
-/// The first reference, which is the source, serves until this part of its triangles is left: each round costs in
-/// proportion to them.
+/// The first reference, the source, serves until this part of its triangles is left: a level costs in proportion to the
+/// reference's triangles.
 const FIRST_PART: f32 = 0.3;
 /// The same for each further one.
 const PART: f32 = 0.08;
 /// Triangles in so many parts or more stay cut.
 const MANY: u8 = u8::MAX;
-/// Rounds of a reference at most.
-const MOST_ROUNDS: u32 = 8;
+/// Levels of a reference at most.
+const MOST_LEVELS: u32 = 8;
 
-/// The surface of an earlier round.
+/// The surface of an earlier level.
 #[derive(Debug)]
 pub struct Reference {
-    positions: Arc<RoundPositions>,
+    positions: Arc<LevelPositions>,
     /// Its clusters, and the number of the first triangle of each.
     clusters: Vec<u32>,
     starts: Vec<u32>,
-    /// The boxes of its clusters, once somebody has asked for them.
+    /// The boxes of its clusters, computed when first needed.
     boxes: OnceLock<Vec<Aabb>>,
     /// Number of its triangles.
     count: u32,
     /// The radius of each of their triangles; empty at the source.
     radii: Vec<f32>,
-    /// In how many parts each of them is in the round that was begun last, or [`MANY`]; empty where all are whole.
+    /// In how many parts each of them is in the current level, or [`MANY`]; empty where all are whole.
     shares: Vec<u8>,
-    /// It has served when so many triangles are left.
+    /// It is replaced when so many triangles are left.
     least: f32,
-    rounds: u32,
+    levels: u32,
     is_last: bool,
 }
 
@@ -61,10 +61,10 @@ struct Local {
 }
 
 impl Reference {
-    /// The surface of a round's clusters, with the reference before.
+    /// The surface of a level's clusters, with the reference before.
     pub fn new(
         before: Option<&Self>,
-        positions: Arc<RoundPositions>,
+        positions: Arc<LevelPositions>,
         pending: &[u32],
         all: &[BuildCluster],
     ) -> Self {
@@ -89,20 +89,20 @@ impl Reference {
             radii,
             shares: Vec::new(),
             least,
-            rounds: 0,
+            levels: 0,
             is_last: false,
         }
     }
 
-    /// Whether the round that was begun last was the last one to be measured against it.
+    /// Whether the current level is the last one that is measured against it.
     pub fn has_served(&self) -> bool {
         self.is_last
     }
 
-    /// Begins a round that aims at so many triangles, with what its clusters correspond to.
+    /// Begins a level with `target` triangles, with the pieces of its clusters.
     pub fn begin<'a>(&mut self, target: f32, pieces: impl Iterator<Item = &'a Pieces>) {
-        self.rounds += 1;
-        self.is_last = target < self.least || self.rounds == MOST_ROUNDS;
+        self.levels += 1;
+        self.is_last = target < self.least || self.levels == MOST_LEVELS;
         self.shares.clear();
         for (t, ..) in pieces.flat_map(|pieces| &pieces.parts) {
             if self.shares.is_empty() {
@@ -113,7 +113,7 @@ impl Reference {
         }
     }
 
-    /// Makes triangles whole again all of whose parts are here: what corresponds to each part corresponds to all of it.
+    /// Joins the parts of triangles that are all here: what corresponds to each part corresponds to the triangle.
     fn join(&self, pieces: &mut [Pieces]) {
         let mut numbering = Numbering::with_room(pieces.iter().map(|p| p.parts.len()).sum());
         let mut missing = Vec::new();
@@ -159,7 +159,7 @@ impl Reference {
             if !new {
                 return;
             }
-            // Mostly that of the triangle before.
+            // Mostly the slot of the triangle before.
             let holds = |slot: usize| {
                 self.starts[slot] <= t && self.starts.get(slot + 1).is_none_or(|next| t < *next)
             };
@@ -186,9 +186,9 @@ impl Reference {
         out.radii.push(self.radii.get(t as usize).copied().map_or(0.0, f64::from));
     }
 
-    /// All clusters of it that come within some distance of a triangle, whoever corresponds to them; none where that is none.
+    /// All clusters of the reference within `reach` of a triangle, whatever corresponds to them; `None` where there are none.
     fn around(&self, triangle: Triangle, reach: f64, all: &[BuildCluster]) -> Option<Sheet> {
-        // Not in parallel: a thread that waits for others here could take a part of a round that waits for this.
+        // Not in parallel: a thread that waits here could steal a task of this level, which waits for the boxes.
         let boxes = self.boxes.get_or_init(|| {
             let place = |p: &u32| &self.positions.positions[*p as usize];
             (0..self.clusters.len())
@@ -230,7 +230,7 @@ impl Local {
 /// Of the triangles of a cluster.
 fn radii(cluster: &BuildCluster) -> impl Iterator<Item = f32> {
     let own = &cluster.pieces.radii;
-    // One that waited stands for itself as a whole.
+    // The whole cluster has one bound where it was stuck.
     let rest = cluster.mesh.triangles.len() - own.len();
     own.iter().copied().chain(std::iter::repeat_n(cluster.bound, rest))
 }

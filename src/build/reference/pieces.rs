@@ -19,7 +19,7 @@ pub struct Pieces {
 }
 
 impl Pieces {
-    /// None yet, with room for about so many.
+    /// No pieces, with room for about so many.
     pub(super) fn with_room(count: usize) -> Self {
         Self {
             whole: Vec::with_capacity(count),
@@ -35,7 +35,7 @@ impl Pieces {
         self.offsets.extend(part.corners().iter().map(offset));
     }
 
-    /// Calls `visit` with each triangle, and the corners and cuts of the part of it, if it is not whole.
+    /// Calls `visit` with each triangle, and with the corners and cuts of its part where it is not whole.
     pub(super) fn each(&self, mut visit: impl FnMut(u32, Option<(&[[f32; 3]], u8)>)) {
         self.whole.iter().for_each(|t| visit(*t, None));
         let mut rest = self.offsets.as_slice();
@@ -46,7 +46,7 @@ impl Pieces {
         }
     }
 
-    /// Makes triangles whole again, as `becomes` says of each part by its triangle.
+    /// Joins parts to whole triangles, as `becomes` says of each part by its triangle.
     pub(super) fn join(&mut self, mut becomes: impl FnMut(u32) -> Joined) {
         let (whole, offsets) = (&mut self.whole, &mut self.offsets);
         let (mut from, mut to) = (0, 0);

@@ -24,7 +24,7 @@ fn reference(count: u32, pieces: &[Pieces]) -> Reference {
         radii: Vec::new(),
         shares: Vec::new(),
         least: 0.0,
-        rounds: 0,
+        levels: 0,
         is_last: false,
     };
     reference.begin(1.0, pieces.iter());

@@ -1,4 +1,4 @@
-//! Putting what was made into a cut.
+//! Stitching what was made into a cut.
 
 use super::gather::Region;
 use super::measure::Changes;
@@ -9,8 +9,8 @@ use crate::mesh::channels::Scale;
 use crate::model::{ClusterAddress, Dag};
 
 impl Changes {
-    /// The clusters that are whole, and all else that is there now.
-    pub fn weave(
+    /// The clusters of a region that did not change, and the triangles that replace the others.
+    pub fn stitch(
         mut self,
         dag: &Dag,
         region: &Region,

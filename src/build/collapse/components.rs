@@ -1,47 +1,47 @@
-//! Parts that hang together, and what it costs to leave one out: the squared distance of its surface from what else is
-//! there, in the same measure as the cost of a collapse, shared out to the pairs of triangles that go with it. So parts
-//! compete with collapses, and a small one goes when that is cheaper than to coarsen others.
+//! Connected components, and what it costs to remove one: the squared distance of its surface from the rest of the mesh, in
+//! the measure of a collapse's cost, shared out to the pairs of triangles that go with it. So components compete with
+//! collapses: a small one is removed where that is cheaper than to coarsen others.
 
 use glam::DVec3;
 
 use super::surface::{NONE, Surface};
 use super::wedges::squared_distance;
 
-/// A part of no more faces may go as a whole; larger ones collapse first.
+/// A component of at most so many faces may be removed as a whole; larger ones collapse first.
 const MOST_FACES: u32 = 64;
-/// Places at which the distance of a part is looked up.
+/// Samples of the distance of a component.
 const SAMPLES: usize = 16;
-/// The same with what it stands for besides: parts that went before it.
+/// The same with those of removed components that it stands for.
 const MOST_SAMPLES: usize = 48;
 
-/// A part.
+/// A connected component.
 #[derive(Debug)]
-pub struct Part {
-    /// Faces that it had at first, also those that are gone.
+pub struct Component {
+    /// Faces that it had at first, including those that are gone.
     pub faces: Vec<u32>,
-    /// Number of those that are left.
+    /// Number of faces that are left.
     pub alive: u32,
-    /// It holds a locked point, and stays.
+    /// It has a locked point, and so stays.
     pub locked: bool,
-    /// Places of it, and of parts that went and were nearest to it, and the area that each stands for.
+    /// Samples of its surface and of removed components that it was nearest to, each with the area that it stands for.
     samples: Vec<(DVec3, f64)>,
 }
 
-/// All parts of a surface.
+/// The connected components of a surface.
 #[derive(Debug, Default)]
-pub struct Parts {
+pub struct Components {
     /// Each of them.
-    pub all: Vec<Part>,
-    /// The part of each point.
+    pub all: Vec<Component>,
+    /// The component of each point.
     pub of_point: Vec<u32>,
     tree: Tree,
 }
 
 /// Faces of a leaf of the tree.
 const LEAF: usize = 8;
-/// The tree is made again when so much of the faces is left that it was made of: those that stay have grown.
+/// The tree is rebuilt when this part of its faces is left: those that stay have grown.
 const STALE: f64 = 0.7;
-/// Boxes are larger by this part of the longest side of their faces, for what moves meanwhile.
+/// Boxes are larger by this part of the longest side of their faces, since faces move before the tree is rebuilt.
 const GROWTH: f64 = 0.5;
 
 /// Boxes around faces, halved at medians; the children of a node lie one after the other.
@@ -49,7 +49,7 @@ const GROWTH: f64 = 0.5;
 struct Tree {
     nodes: Vec<Node>,
     faces: Vec<u32>,
-    /// Faces that were there when it was made.
+    /// Number of faces when it was built.
     alive: usize,
 }
 
@@ -57,7 +57,7 @@ struct Tree {
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// The first child, or of a leaf the first face and their number.
+    /// The first child; of a leaf the first face.
     first: u32,
     count: u32,
 }
@@ -104,7 +104,7 @@ impl Tree {
         new
     }
 
-    /// The squared distance of a place from the faces that count, and the nearest.
+    /// The squared distance of a point to the nearest of the faces that count, and that face.
     fn nearest(&self, surface: &Surface, p: DVec3, counts: impl Fn(u32) -> bool) -> Option<(f64, u32)> {
         let mut best = (f64::INFINITY, NONE);
         let to = |node: &Node| p.distance_squared(p.clamp(node.low, node.high));
@@ -138,8 +138,8 @@ impl Tree {
     }
 }
 
-impl Parts {
-    /// The parts of a surface.
+impl Components {
+    /// The components of a surface.
     pub fn of(surface: &Surface) -> Self {
         let mut new = Self { of_point: vec![NONE; surface.positions.len()], ..Self::default() };
         for f in 0..surface.faces.len() {
@@ -157,7 +157,7 @@ impl Parts {
         self.all.len() > 1
     }
 
-    /// The faces that hang together with one, if there are at most so many. Marks nothing.
+    /// The faces connected to one, if they are at most `most`.
     fn flood(&self, surface: &Surface, start: usize, most: usize) -> Option<Vec<u32>> {
         let mut seen = rustc_hash::FxHashSet::default();
         let mut faces = vec![start as u32];
@@ -200,36 +200,35 @@ impl Parts {
             }
             samples.iter_mut().last().into_iter().for_each(|(_, weight)| *weight = area);
         }
-        self.all.push(Part { alive: faces.len() as u32, faces, locked, samples });
+        self.all.push(Component { alive: faces.len() as u32, faces, locked, samples });
         number
     }
 
-    /// The part of a point.
+    /// The component of a point.
     pub fn at(&self, point: u32) -> u32 {
         self.of_point[point as usize]
     }
 
-    /// Takes in a point that was copied; [`Self::take_in_cut`] says later whether it is a part of its own.
+    /// Adds a copy of a point to its component; [`Self::cut_ring`] splits the component later.
     pub fn copy_point(&mut self, point: u32) {
         self.of_point.push(self.of_point[point as usize]);
     }
 
-    /// Takes in that an opening at a point was closed by a face, the last one; returns its part.
-    pub fn take_in_closed(&mut self, surface: &Surface, point: u32) -> u32 {
+    /// Adds the last face, which closed an opening at a point; returns its component.
+    pub fn close_opening(&mut self, surface: &Surface, point: u32) -> u32 {
         let number = self.at(point);
-        let part = &mut self.all[number as usize];
-        part.alive += 1;
-        part.faces.push(surface.faces.len() as u32 - 1);
+        let component = &mut self.all[number as usize];
+        component.alive += 1;
+        component.faces.push(surface.faces.len() as u32 - 1);
         number
     }
 
-    /// Takes in that the surface was cut between two points and closed by two faces, the last ones: a small piece becomes
-    /// a part of its own.
-    pub fn take_in_cut(&mut self, surface: &Surface, points: [u32; 2]) {
+    /// Adds the last two faces, which closed a cut between two points. A small piece becomes a component of its own.
+    pub fn cut_ring(&mut self, surface: &Surface, points: [u32; 2]) {
         let count = surface.faces.len() as u32;
-        let part = self.at(points[0]) as usize;
-        self.all[part].alive += 2;
-        self.all[part].faces.extend([count - 2, count - 1]);
+        let component = self.at(points[0]) as usize;
+        self.all[component].alive += 2;
+        self.all[component].faces.extend([count - 2, count - 1]);
         let of = |p: u32| {
             let (f, _) = surface.around(p).next()?;
             self.flood(surface, f, MOST_FACES as usize)
@@ -246,43 +245,43 @@ impl Parts {
             [Some(piece), None] | [None, Some(piece)] => piece,
             [None, None] => return,
         };
-        self.all[part].alive -= piece.len() as u32;
+        self.all[component].alive -= piece.len() as u32;
         self.add(surface, piece);
     }
 
-    /// Whether a part may go as a whole.
-    pub fn may_go(&self, part: u32) -> bool {
-        let part = &self.all[part as usize];
-        !part.locked && part.alive > 0 && part.alive <= MOST_FACES
+    /// Whether a component may be removed as a whole.
+    pub fn is_removable(&self, component: u32) -> bool {
+        let component = &self.all[component as usize];
+        !component.locked && component.alive > 0 && component.alive <= MOST_FACES
     }
 
-    /// The sum of squared distances of a part from what else there is, weighted by area, and the area; none where there
-    /// is nothing else.
-    pub fn apart(&mut self, surface: &Surface, part: u32) -> Option<(f64, f64)> {
+    /// The sum of squared distances of a component to all others, weighted by area, and the area; none where there are no
+    /// others.
+    pub fn distance(&mut self, surface: &Surface, component: u32) -> Option<(f64, f64)> {
         if (surface.alive as f64) < STALE * self.tree.alive as f64 || self.tree.nodes.is_empty() {
             self.tree = Tree::of(surface);
         }
         let (mut sum, mut area) = (0.0, 0.0);
-        for (p, weight) in &self.all[part as usize].samples {
-            let (squared, _) = self.nearest_other(surface, part, *p)?;
+        for (p, weight) in &self.all[component as usize].samples {
+            let (squared, _) = self.nearest_other(surface, component, *p)?;
             sum += squared * weight;
             area += weight;
         }
         Some((sum, area))
     }
 
-    /// The squared distance of a place from all but one part, and the nearest of these.
-    fn nearest_other(&self, surface: &Surface, part: u32, p: DVec3) -> Option<(f64, u32)> {
-        let (squared, face) = self.tree.nearest(surface, p, |point| self.at(point) != part)?;
+    /// The squared distance of a point to the other components, and the nearest of them.
+    fn nearest_other(&self, surface: &Surface, component: u32, p: DVec3) -> Option<(f64, u32)> {
+        let (squared, face) = self.tree.nearest(surface, p, |point| self.at(point) != component)?;
         Some((squared, self.at(surface.faces[face as usize].points[0])))
     }
 
-    /// Takes in that a part is gone: what it stood for goes to those nearest to it.
-    pub fn went(&mut self, surface: &Surface, part: u32) {
-        let samples = std::mem::take(&mut self.all[part as usize].samples);
-        self.all[part as usize].alive = 0;
+    /// Marks a component as removed: the components nearest to it take over its samples.
+    pub fn remove(&mut self, surface: &Surface, component: u32) {
+        let samples = std::mem::take(&mut self.all[component as usize].samples);
+        self.all[component as usize].alive = 0;
         for (p, weight) in samples {
-            let Some((_, other)) = self.nearest_other(surface, part, p) else { continue };
+            let Some((_, other)) = self.nearest_other(surface, component, p) else { continue };
             let of = &mut self.all[other as usize].samples;
             if of.len() < MOST_SAMPLES {
                 of.push((p, weight));

@@ -1,5 +1,6 @@
-//! Dividing edges, where collapsing others leads nowhere: of what is all handles or loose parts, the coarser cut is as much
-//! as its topology allows, and more triangles are made of it without a change of its shape.
+//! Longest-edge bisection (Rivara, "Algorithms for Refining Triangular Grids Suitable for Adaptive and Multigrid Techniques",
+//! 1984), where collapses of the finer cut do not meet the budget: the coarser cut gets more triangles without a change of its
+//! shape.
 
 use std::collections::BinaryHeap;
 
@@ -11,8 +12,8 @@ use crate::math::triangle::area;
 /// An edge by its points, and its faces.
 type Faces = FxHashMap<(u32, u32), Vec<u32>>;
 
-/// A mesh that is being divided.
-struct Divider {
+/// A mesh whose edges are bisected.
+struct Bisector {
     mesh: LocalMesh,
     stride: usize,
     /// The point of each vertex: the first one there.
@@ -21,11 +22,11 @@ struct Divider {
     queue: BinaryHeap<(u32, (u32, u32))>,
 }
 
-/// Halves the longest edges of a mesh until it has `target` triangles, or as many as can be without more. Edges between
-/// locked points stay. Vertices keep their numbers, new ones follow.
-pub fn divide_to(mesh: &LocalMesh, target: usize) -> LocalMesh {
+/// Bisects the longest edges of a mesh until it has `target` triangles, or nearly. Edges between locked points stay. Vertices
+/// keep their numbers; new ones follow.
+pub fn bisect_to(mesh: &LocalMesh, target: usize) -> LocalMesh {
     let stride = mesh.attributes.len() / mesh.ids.len().max(1);
-    let mut divider = Divider {
+    let mut bisector = Bisector {
         points: mesh.position_ids.clone(),
         mesh: mesh.clone(),
         stride,
@@ -33,27 +34,27 @@ pub fn divide_to(mesh: &LocalMesh, target: usize) -> LocalMesh {
         queue: BinaryHeap::new(),
     };
     for face in 0..mesh.indices.len() as u32 / 3 {
-        divider.enter(face);
+        bisector.enter(face);
     }
-    let mut edges: Vec<(u32, u32)> = divider.faces.keys().copied().collect();
+    let mut edges: Vec<(u32, u32)> = bisector.faces.keys().copied().collect();
     edges.sort_unstable();
-    edges.into_iter().for_each(|edge| divider.push(edge));
-    while let Some((_, edge)) = divider.queue.pop() {
-        let Some(faces) = divider.faces.get(&edge).filter(|faces| !faces.is_empty()) else { continue };
-        let room = target.saturating_sub(divider.mesh.indices.len() / 3);
+    edges.into_iter().for_each(|edge| bisector.push(edge));
+    while let Some((_, edge)) = bisector.queue.pop() {
+        let Some(faces) = bisector.faces.get(&edge).filter(|faces| !faces.is_empty()) else { continue };
+        let room = target.saturating_sub(bisector.mesh.indices.len() / 3);
         if room == 0 {
             break;
         }
         if faces.len() <= room {
-            divider.halve(edge);
+            bisector.halve(edge);
         }
     }
-    divider.fill(target);
-    divider.mesh
+    bisector.fill(target);
+    bisector.mesh
 }
 
-impl Divider {
-    /// Puts points into the largest faces, where no more edges can be halved.
+impl Bisector {
+    /// Splits the largest faces at their centres, where no more edges can be bisected.
     fn fill(&mut self, target: usize) {
         let area = |mesh: &LocalMesh, t: &[u32]| area([0, 1, 2].map(|k| mesh.positions[t[k] as usize]));
         while self.mesh.indices.len() / 3 + 2 <= target {
@@ -99,7 +100,7 @@ impl Divider {
         let squared: f32 = (0..3).map(|k| (a[k] - b[k]) * (a[k] - b[k])).sum();
         let locked = [edge.0, edge.1].iter().all(|p| self.mesh.locked[*p as usize]);
         let between = self.middle([edge.0, edge.1]);
-        // Points that fall together would leave faces without area.
+        // A midpoint that rounds onto an end would leave faces without area.
         if !locked && edge.0 != edge.1 && between != a && between != b {
             self.queue.push((squared.to_bits(), edge));
         }
@@ -110,7 +111,7 @@ impl Divider {
         std::array::from_fn(|k| (sum(k) / N as f64) as f32 + 0.0)
     }
 
-    /// A vertex between others, at a point that may be known. The order of the others changes nothing.
+    /// A vertex between others, at a point that may exist already. It does not depend on the order of the others.
     fn vertex<const N: usize>(&mut self, mut of: [u32; N], point: Option<u32>) -> u32 {
         let new = self.mesh.ids.len() as u32;
         of.sort_unstable();
@@ -171,7 +172,7 @@ impl Divider {
         touched.dedup();
         let point = made.first().map_or(0, |(_, v)| *v);
         for edge in touched {
-            // What was there before is in the queue.
+            // Edges from before are in the queue.
             if edge.0 == point || edge.1 == point {
                 self.push(edge);
             }
@@ -195,9 +196,9 @@ mod tests {
             indices: vec![0, 2, 1, 0, 1, 3, 1, 2, 3, 0, 3, 2],
             ..LocalMesh::default()
         };
-        let divided = divide_to(&mesh, 11);
+        let divided = bisect_to(&mesh, 11);
         assert_eq!(divided.indices.len() / 3, 10, "two at a time, and never more");
-        assert_eq!(divide_to(&divided, 13).indices.len() / 3, 12);
+        assert_eq!(bisect_to(&divided, 13).indices.len() / 3, 12);
         let mut edges = FxHashMap::<(u32, u32), i32>::default();
         for t in divided.indices.chunks_exact(3) {
             for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
@@ -208,7 +209,7 @@ mod tests {
         assert!(edges.contains_key(&(0, 1)), "between locked points");
         assert_eq!(divided.positions[4], [2.0, 1.0, 0.0], "the longest of the others");
         let held = LocalMesh { locked: vec![true; 4], ..mesh };
-        let filled = divide_to(&held, 7);
+        let filled = bisect_to(&held, 7);
         assert_eq!(filled.indices.len() / 3, 6, "a point in the largest face");
         assert_eq!(filled.indices[3..9], [0, 1, 3, 1, 2, 4]);
     }
