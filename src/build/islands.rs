@@ -1,12 +1,11 @@
-//! Keeping what foliage and hair cover. Their islands, such as leaves, are so small that collapsing edges soon makes
-//! them vanish, and a crown of leaves thins out. Here an island goes as a whole, and those that stay grow (Cook,
+//! Preserving the area that foliage and hair cover. Islands, such as leaves, are so small that edge collapses soon make them
+//! vanish, and a crown of leaves thins out. Here an island is removed as a whole, and the remaining ones grow (Cook,
 //! Halstead, Planck and Ryu, "Stochastic Simplification of Aggregate Detail", 2007).
 //!
-//! Which ones stay is drawn with a chance in proportion to their area, evenly along a space-filling curve. So large
-//! ones such as trunks stay as they are, and of the small ones those that stay share the area evenly. They take over
-//! not the whole area but as much as is seen of it: few leaves hide each other less than many do, and with all of
-//! the area the trees that were measured covered up to three times what they had. What is seen is counted in small
-//! images from all directions, see `silhouette`.
+//! Islands are sampled with a probability in proportion to their area, evenly along a space-filling curve. So large islands,
+//! such as trunks, stay as they are, and the small ones that stay share the area evenly. They take over the visible area, not
+//! all of it: few leaves hide each other less than many do. With all of the area, the measured trees covered up to three
+//! times what they had. Visible area is counted in small images from all directions, see `silhouette`.
 
 use super::silhouette::{Silhouette, Silhouettes};
 use super::store::LocalMesh;
@@ -14,20 +13,19 @@ use crate::math::triangle::area_normal;
 use crate::math::{Aabb, morton};
 use crate::mesh::hash;
 
-/// An island of more triangles is simplified first, and goes as a whole once it has no more than this.
+/// An island with more triangles is simplified first. It is a *leaf*, which is removed as a whole, once it has at most so many.
 const LEAF_TRIANGLES: u32 = 8;
-/// Leaves take on the area of those that go, divided by at most two to this power, or times the root of that, so that
-/// as much is covered as before.
+/// Leaves take over the area of removed ones, divided by at most two to this power, or times its root, so that as much is
+/// covered as before.
 const FACTOR_BITS: f64 = 4.0;
-/// Halvings with which a thickness is found.
+/// Bisections that find a thickness.
 const HALVINGS: usize = 10;
 /// Closed islands grow thicker by at most this part of the root of their area.
 const THICKEST: f64 = 0.25;
 
 const NONE: u32 = u32::MAX;
 
-/// The parts of a group's mesh that share no edge, by position, and no vertex. Large ones, and those that
-/// reach into other groups, are islands too.
+/// The connected components of a group's mesh, by position. Large ones, and those that reach into other groups, are islands too.
 #[derive(Debug)]
 pub struct Islands {
     /// The island of each vertex.
@@ -36,20 +34,20 @@ pub struct Islands {
     area: Vec<f64>,
     /// Triangles of each island.
     triangles: Vec<u32>,
-    /// Whether an island must stay as it is, for other groups share it.
+    /// Whether an island must stay as it is because other groups share it.
     locked: Vec<bool>,
-    /// Whether an island has edges with one triangle.
+    /// Whether an island has a border.
     open: Vec<bool>,
     /// The box of each island.
     boxes: Vec<Aabb>,
 }
 
-/// What leaves became.
+/// The leaves after thinning.
 #[derive(Debug)]
 pub struct Thinned {
-    /// Those that stay, and the vertices of all else where they were.
+    /// The remaining leaves, with the vertices of everything else in place.
     pub mesh: LocalMesh,
-    /// No point of either surface is farther than this from the other one.
+    /// A bound of the two-sided distance of the surfaces before and after.
     pub moved: f64,
 }
 
@@ -91,7 +89,7 @@ impl Islands {
                 parents[root.max(other) as usize] = root.min(other);
             }
         }
-        // Roots are the smallest vertices of their islands, so they are numbered before the rest.
+        // The root of an island is its smallest vertex, so it is numbered first.
         let mut count = 0;
         let mut of_vertex = vec![0; parents.len()];
         for v in 0..parents.len() {
@@ -125,7 +123,7 @@ impl Islands {
         islands
     }
 
-    /// Whether an island goes or grows as a whole.
+    /// Whether an island is a leaf: removed or scaled as a whole.
     fn is_leaf(&self, island: u32) -> bool {
         let i = island as usize;
         (1..=LEAF_TRIANGLES).contains(&self.triangles[i]) && !self.locked[i]
@@ -141,8 +139,8 @@ impl Islands {
         (leaves, rest)
     }
 
-    /// Makes islands that simplification shrank larger until as much is covered as in `silhouette`, closed ones thicker,
-    /// others as a whole. Returns the farthest that a vertex moved.
+    /// Enlarges islands that simplification shrank until as much is covered as in `silhouette`: closed ones become thicker,
+    /// others are scaled. Returns the largest distance that a vertex moved.
     pub fn restore(&self, after: &mut LocalMesh, silhouette: &Silhouette) -> f64 {
         let mut left = vec![0.0; self.area.len()];
         let mut order: Vec<(u32, u32)> = Vec::with_capacity(after.indices.len() / 3);
@@ -152,7 +150,7 @@ impl Islands {
             order.push((island, i as u32));
         }
         let free = |i: usize| left[i] > 0.0 && !self.locked[i] && left[i] < self.area[i];
-        // No larger than the box they had: trunks that lose area shall not grow taller.
+        // Within their box: a trunk that lost area must not grow taller.
         let boxes = self.boxes(after);
         let side = |b: &Aabb, k: usize| f64::from(b.max[k]) - f64::from(b.min[k]);
         let room = |i: usize| {
@@ -172,7 +170,7 @@ impl Islands {
                 thicken(after, &indices, self.area[island]);
             }
         }
-        // All of their area would cover too much: what they had may have been hidden.
+        // All of their area may cover too much: part of it was hidden.
         let grown = after.positions.clone();
         let grow = |by: f64| -> Vec<[f32; 3]> {
             places.iter().zip(&grown).map(|(p, q)| between(*p, *q, by)).collect()
@@ -197,8 +195,8 @@ impl Islands {
         boxes
     }
 
-    /// Scales islands of a mesh about their centres, and moves them back into the box of what was there before;
-    /// returns the farthest that a vertex moved.
+    /// Scales islands of a mesh about their centres, and moves them back into the box of the mesh before. Returns the
+    /// largest distance that a vertex moved.
     fn scale(&self, mesh: &mut LocalMesh, scales: &[Option<f64>]) -> f64 {
         let whole = Aabb::of_points(&mesh.positions);
         let boxes = self.boxes(mesh);
@@ -223,8 +221,8 @@ impl Islands {
         most
     }
 
-    /// Keeps leaves of about `target` triangles, at least one, and makes them so large that as much is covered as in
-    /// `silhouette`. `after` holds the rest already. `exactly`: of at most so many, and of as many as can be.
+    /// Keeps leaves of about `target` triangles, at least one, and scales them to cover as much as in `silhouette`. `after`
+    /// already holds the rest. `exactly`: at most `target` triangles, and as many as fit.
     pub fn thin(
         &self,
         after: &LocalMesh,
@@ -289,7 +287,7 @@ impl Islands {
         Thinned { mesh: grown, moved }
     }
 
-    /// Lets the smallest leaves go, or the largest of those that went stay, until those kept have `target` triangles.
+    /// Removes the smallest kept leaves, or restores the largest removed ones, until `target` triangles are kept.
     fn correct(&self, order: &[(u64, u32)], target: usize, kept: &mut [bool]) {
         let mut by_area: Vec<u32> = order.iter().map(|(_, island)| *island).collect();
         by_area.sort_by(|a, b| self.area[*a as usize].total_cmp(&self.area[*b as usize]).then(a.cmp(b)));
@@ -308,8 +306,8 @@ impl Islands {
         }
     }
 
-    /// The triangles of a mesh without the smallest leaves, of at most `target` triangles and as many as can be; nothing where
-    /// leaves do not suffice.
+    /// The triangles of a mesh without the smallest leaves: at most `target`, and as many as fit; `None` where leaves do not
+    /// suffice.
     pub fn prune(&self, mesh: &LocalMesh, target: usize) -> Option<Vec<u32>> {
         let (leaves, rest) = self.split(mesh);
         let target = target.checked_sub(rest.len() / 3)?;
@@ -354,7 +352,7 @@ fn between(p: [f32; 3], q: [f32; 3], by: f64) -> [f32; 3] {
     std::array::from_fn(|k| (f64::from(p[k]) + (f64::from(q[k]) - f64::from(p[k])) * by) as f32 + 0.0)
 }
 
-/// How far the corners of a triangle that went are from the one of some points that is nearest to the first of them.
+/// The largest distance of the corners of a removed triangle to the point that is nearest to its first corner.
 fn farthest_gone(mut corners: impl Iterator<Item = [f32; 3]>, points: &[[f32; 3]]) -> f64 {
     let Some(first) = corners.next() else { return 0.0 };
     let squared = |p: &[f32; 3]| (0..3).map(|k| (p[k] - first[k]) * (p[k] - first[k])).sum::<f32>();

@@ -1,7 +1,7 @@
-//! Freed memory goes back to the system. glibc keeps what threads free between small blocks that live on, for later
-//! blocks of the same thread that may never come: in the end more than the mesh takes.
+//! Trimming the heap. glibc keeps memory that threads free between small live blocks for later blocks of the same thread. In the
+//! end that is more than the mesh takes.
 
-/// Triangles of a source below which that is not worth a look at all the memory of the process.
+/// Sources of fewer triangles are not worth a scan of the heap.
 const WORTHWHILE: usize = 1 << 18;
 
 /// Returns free pages to the system, where the source had many triangles and the allocator keeps pages.

@@ -1,10 +1,10 @@
-//! Moving the vertices that a simplifier left to where their triangles fit the reference best, in the mean square:
-//! what a sequence of collapses cannot see, since each of them looks at the faces around it only.
+//! Relaxing a simplified mesh: its vertices move to where their triangles fit the reference best, by least squares. A sequence
+//! of collapses cannot do that, since each of them sees the faces around its edge alone.
 //!
 //! Points of the reference are each sent to the triangle they lie over, and their distances from its plane made as
 //! small as they can be (point to plane, as in Chen and Medioni 1992; a fit of the whole surface as in Hoppe et al.,
 //! "Mesh Optimization", 1993). A triangle needs no list of its points: what they want of its corners is a matrix and a
-//! vector. The equations are solved a vertex at a time (Gauss–Seidel).
+//! vector. The equations are solved vertex by vertex (Gauss–Seidel).
 
 use glam::{DMat3, DVec3};
 
@@ -14,11 +14,11 @@ use crate::measure::closest::Triangle;
 use crate::measure::overlay::{NO_TRIANGLE, Sheet};
 use crate::mesh::{Stars, hash};
 
-/// Of a reference with so many times the triangles one point of each is enough.
+/// A reference with so many times the triangles needs one sample for each of its triangles.
 const FINE: usize = 4;
 /// Passes over all vertices.
 const SWEEPS: usize = 4;
-/// Weight of staying, against that of the points around: decides where they do not.
+/// Weight of the vertex's own place, against that of the samples around: decides where they do not.
 const HOLD: f64 = 0.01;
 /// No vertex moves farther than so many root mean square distances of the points around it.
 const REACH: f64 = 4.0;

@@ -1,8 +1,8 @@
-//! How much of the view a surface covers, from all directions: what foliage has to keep as its leaves become fewer.
+//! The area of a surface's silhouette, over many directions: foliage keeps it as its leaves become fewer.
 
 use crate::math::Aabb;
 
-/// Directions of sight: the axes, and the diagonals of a cube and of its faces.
+/// View directions: the axes, and the diagonals of a cube and of its faces.
 const DIRECTIONS: [[f64; 3]; 13] = [
     [1.0, 0.0, 0.0],
     [0.0, 1.0, 0.0],
@@ -18,16 +18,16 @@ const DIRECTIONS: [[f64; 3]; 13] = [
     [0.0, 1.0, 1.0],
     [0.0, 1.0, -1.0],
 ];
-/// Halvings with which a number is found.
+/// Bisections that find a number.
 const HALVINGS: usize = 8;
 /// Rows, and pixels of a row.
 const SIZE: usize = u128::BITS as usize;
 
-/// Pictures of one bit per pixel, parallel projections of what was drawn.
+/// Images of one bit per pixel: parallel projections of the drawn triangles.
 #[derive(Clone, Debug)]
 pub struct Silhouettes {
     center: [f64; 3],
-    /// Pixels of a unit.
+    /// Pixels per unit.
     scale: f64,
     /// Rightwards and upwards, unit vectors, of each view.
     axes: Vec<[[f64; 3]; 2]>,
@@ -35,7 +35,7 @@ pub struct Silhouettes {
     rows: Vec<u128>,
 }
 
-/// What is covered inside a box.
+/// The area that is covered inside a box.
 #[derive(Clone, Copy, Debug)]
 pub struct Silhouette {
     /// The box.
@@ -45,7 +45,7 @@ pub struct Silhouette {
 }
 
 impl Silhouette {
-    /// What triangles cover inside a box around them.
+    /// The area that triangles cover inside a box around them.
     pub fn of(bounds: Aabb, positions: &[[f32; 3]], indices: &[u32]) -> Self {
         let mut silhouettes = Silhouettes::new(&bounds);
         silhouettes.draw_all(positions, indices);
@@ -76,7 +76,7 @@ fn unit(a: [f64; 3]) -> [f64; 3] {
 }
 
 impl Silhouettes {
-    /// Empty pictures into which all that lies in a box fits.
+    /// Empty images of a box.
     pub fn new(bounds: &Aabb) -> Self {
         let views = |direction: &[f64; 3]| {
             // Never parallel to any of the directions.

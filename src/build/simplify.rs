@@ -33,7 +33,7 @@ const TARGET_RATIO: f32 = 0.5;
 /// more triangles stored, which is little where there are few.
 const FINE_RATIO: f32 = 0.7;
 const FINE_TRIANGLES: u64 = 1 << 18;
-/// A result that keeps more than this part is not worth a level.
+/// A result that keeps more than this part of the triangles is no level.
 const ACCEPT_RATIO: f32 = 0.85;
 
 /// Repeats of the first step, each with more vertices locked, before a change of topology is accepted.
@@ -44,14 +44,14 @@ const TOPOLOGY_RETRIES: usize = 3;
 pub enum Step {
     /// Attribute-aware, seams protected, topology kept.
     Attributes,
-    /// The same, but the topology changed: a handle or a small part collapsed.
+    /// The same, but the topology changed: a handle or a small component collapsed.
     Topology,
-    /// Collapses across seams, loose parts pruned.
+    /// Collapses across attribute seams, small components pruned.
     Permissive,
     /// Vertex clustering.
     Sloppy,
-    /// With the fast quality the collapses of the best one, where meshoptimizer's would join sheets or groups: what they
-    /// make counts as of one of the first two.
+    /// With the fast quality, the collapses of the best quality where meshoptimizer's would join sheets or groups. Their
+    /// result counts as one of the first two.
     Collapses,
 }
 
@@ -59,18 +59,18 @@ impl Step {
     const CHAIN: [Self; 4] = [Self::Attributes, Self::Collapses, Self::Permissive, Self::Sloppy];
 }
 
-/// What a group became.
+/// A simplified group.
 #[derive(Debug)]
 pub struct Simplified {
     /// The simplified mesh; `ids` still name the vertices it came from.
     pub mesh: LocalMesh,
     /// The simplifier's estimate of the distance to the group's own input, internal units.
     pub estimate: f32,
-    /// The same without what parts that went add to it.
+    /// The same without what removed components add to it.
     pub step_error: f32,
-    /// What islands that went or grew add to it: no point of theirs is farther off.
+    /// What removed and scaled islands add to it: a bound of the distance of their points.
     pub moved: f32,
-    /// What the dearest collapse cost, if collapses made it: see [`super::collapse::Collapsed::cost`].
+    /// The largest cost of a collapse, if collapses made it: see [`super::collapse::Collapsed::cost`].
     pub cost: Option<f64>,
     /// The step that made it.
     pub step: Step,
@@ -79,26 +79,25 @@ pub struct Simplified {
 /// How far groups are simplified.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    /// What a collapse may cost with the best quality.
+    /// The largest cost of a collapse, with the best quality.
     pub cost: f64,
-    /// Whether steps that do not keep the topology may be taken.
+    /// Whether steps that change the topology are allowed.
     pub fallbacks: bool,
 }
 
 impl Effort {
-    /// By whatever makes something of a group.
+    /// Any step that simplifies a group.
     pub const ANY: Self = Self { cost: f64::INFINITY, fallbacks: true };
 }
 
-/// Part of its triangles that a level of so many keeps.
+/// The part of its triangles that a level of `triangles` keeps.
 pub fn ratio(triangles: u64, options: &BuildOptions) -> f32 {
     let fine = options.quality == Quality::Best && triangles <= FINE_TRIANGLES;
-    // Leaves go one at a time: finer steps would only let what they cover drift in more of them.
+    // Islands are removed one at a time: more levels would only let the covered area drift.
     if fine && !options.preserve_area { FINE_RATIO } else { TARGET_RATIO }
 }
 
-/// Simplifies a group to `target` triangles. With `preserve_area` it goes on covering what it does, or as much as in
-/// `silhouette`.
+/// Simplifies a group to `target` triangles. With `preserve_area` it covers as much as before, or as much as in `silhouette`.
 pub fn simplify(
     mesh: &LocalMesh,
     target: usize,
@@ -115,29 +114,29 @@ pub fn simplify(
     chain(mesh, target, effort, content, options)
 }
 
-/// What collapses of a group cost: for each the largest so far, and the triangles that were left.
+/// The trace of a group's collapses: the largest cost so far, and the triangles that were left.
 pub fn trace(mesh: &LocalMesh, limit: Limit, content: &Content, options: &BuildOptions) -> Vec<(f64, u32)> {
     let guides = Guides::new(mesh, content, content.stride(), mean_edge(mesh), true);
     collapse(mesh, &mesh.locked, guides.rows, &guides.weights, limit, &policy(content, options)).trace
 }
 
-/// A mesh after the collapses of its quality alone, without other steps where they end.
+/// A mesh after the collapses of its quality, without the steps of the chain that follow them.
 pub fn reduce(mesh: &LocalMesh, limit: Limit, content: &Content, options: &BuildOptions) -> Finished {
     let made = run(mesh, &mesh.locked, limit, content, options, Step::Attributes);
     Finished { mesh: made.mesh, estimate: made.error, moved: made.moved }
 }
 
-/// The same with the best quality, while it goes on.
+/// The same with the best quality, as collapses that can be resumed.
 pub struct Reduction {
     collapses: Collapses,
-    /// Columns of the mesh that steer, of so many, and the mean edge length.
+    /// Columns of the mesh that steer collapses, all columns, and the mean edge length.
     own: usize,
     width: usize,
     edge: f32,
 }
 
 impl Reduction {
-    /// Finds what collapses of a mesh cost.
+    /// Evaluates the edges of a mesh.
     pub fn new(mesh: &LocalMesh, content: &Content, options: &BuildOptions) -> Self {
         let edge = mean_edge(mesh);
         let Guides { rows, weights, own } = Guides::new(mesh, content, content.stride(), edge, true);
@@ -150,7 +149,7 @@ impl Reduction {
         &mut self.collapses
     }
 
-    /// What became of the mesh.
+    /// The simplified mesh.
     pub fn finish(self, mesh: &LocalMesh, content: &Content) -> Finished {
         let Collapsed { mesh: mut made, error, moved, .. } = self.collapses.finish(mesh);
         restore_columns(&mut made, mesh, content, self.own, self.width, self.edge);
@@ -158,12 +157,12 @@ impl Reduction {
     }
 }
 
-/// How our own collapses go about a group.
+/// The policy of our own collapses for a group.
 fn policy(content: &Content, options: &BuildOptions) -> Policy {
     Policy { cuts: !options.preserve_area, up: content.up, ..Policy::default() }
 }
 
-/// Leaves go or grow as a whole, the rest passes the chain and keeps the area of its open islands.
+/// Islands are removed or scaled as a whole. The rest is simplified by the chain, and its open islands keep their area.
 fn with_islands(
     mesh: &LocalMesh,
     target: usize,
@@ -196,7 +195,7 @@ fn with_islands(
             step: Step::Permissive,
         },
     };
-    // Vertex clustering takes no notice of islands.
+    // Vertex clustering ignores islands.
     let grew = if result.step == Step::Sloppy { 0.0 } else { islands.restore(&mut result.mesh, &rest_sight) };
     let mut moved = f64::from(result.estimate) + grew;
     if !leaves.is_empty() {
@@ -215,13 +214,13 @@ fn with_islands(
     if keeps_border(mesh, &result.mesh) { Ok(result) } else { Err(StuckReason::BorderChanged) }
 }
 
-/// Whether a group's border to others is what it was.
+/// Whether a group's border to others is unchanged.
 fn keeps_border(before: &LocalMesh, after: &LocalMesh) -> bool {
     let was: Vec<[u32; 3]> = faces(&before.indices, |v| before.position_ids[v as usize]).collect();
     border_kept(&Edges::of(&was), &Edges::of(&by_position(before, after)), is_locked(before))
 }
 
-/// The first step that makes something of a group.
+/// The first step of the chain that simplifies a group.
 fn chain(
     mesh: &LocalMesh,
     target: usize,
@@ -231,12 +230,12 @@ fn chain(
 ) -> Result<Simplified, StuckReason> {
     let mut reason = StuckReason::TooFewCollapses;
     let before: Vec<[u32; 3]> = faces(&mesh.indices, |v| mesh.position_ids[v as usize]).collect();
-    // Sheets whose every face is there in both windings have no border for meshoptimizer, which goes by positions.
+    // Sheets with every face in both windings have no border for meshoptimizer, which compares positions.
     let doubled = options.quality == Quality::Fast && !options.preserve_area && has_both_windings(&before);
     let before = Topology::of(&before);
     let is_tried = |step: &Step| match step {
         Step::Attributes => !doubled,
-        // They are those of the first step.
+        // These are the collapses of the first step.
         Step::Collapses => doubled || has_collapses(content, options) && !options.preserve_area,
         _ => effort.fallbacks || options.quality == Quality::Fast && !is_strict(content, options),
     };
@@ -251,7 +250,7 @@ fn chain(
     Err(reason)
 }
 
-/// Whether a face is there in both windings.
+/// Whether any face occurs in both windings.
 fn has_both_windings(faces: &[[u32; 3]]) -> bool {
     let first = |face: &[u32; 3]| face.iter().zip(0..).min().map_or(0, |(_, k)| k);
     let from = |face: &[u32; 3], k: usize| [0, 1, 2].map(|i| face[(k + i) % 3]);
@@ -259,13 +258,13 @@ fn has_both_windings(faces: &[[u32; 3]]) -> bool {
     known.iter().any(|[a, b, c]| known.contains(&[*a, *c, *b]))
 }
 
-/// Whether our own collapses come next where meshoptimizer's lead nowhere, with the fast quality. Not where attributes steer it.
+/// With the fast quality, whether our own collapses follow where meshoptimizer's fail. Not where attributes steer it.
 fn has_collapses(content: &Content, options: &BuildOptions) -> bool {
     options.quality == Quality::Fast && content.is_bare()
 }
 
-/// Whether they come next where meshoptimizer joins what was apart, too. Not where its estimates are what is stated: ours
-/// are not of the same kind.
+/// Whether they also follow where meshoptimizer joins sheets. Not where its estimates are the stated error: ours are of
+/// another kind.
 fn is_strict(content: &Content, options: &BuildOptions) -> bool {
     has_collapses(content, options) && options.error == ErrorMeasure::Bound
 }
@@ -313,7 +312,7 @@ fn attempt(
     let is_strict = is_strict(content, options);
     if step == Step::Attributes && options.quality == Quality::Fast && !is_strict {
         let mut locked = mesh.locked.clone();
-        // Collapses have no link condition: where sheets were pinched together, hold what they met at and repeat.
+        // meshoptimizer has no link condition: where sheets were pinched together, lock the vertices where they met and repeat.
         for _ in 0..TOPOLOGY_RETRIES {
             if topology.crowded.len() <= before.crowded.len() {
                 break;
@@ -328,8 +327,8 @@ fn attempt(
             (result, error, after, topology) = again;
         }
     }
-    // Sheets that were pinched together, or locked points that are joined, which two groups could each do: our own
-    // collapses come next, and see to it that neither happens. Steps after those are better than a root that stays so large.
+    // Sheets were pinched together, or locked points joined, which two groups could each do. Our own collapses follow, which
+    // prevent both. The steps after them are better than a root that stays large.
     if step == Step::Attributes
         && is_strict
         && (topology.crowded.len() > before.crowded.len()
@@ -384,7 +383,7 @@ fn differ_at_position(mesh: &LocalMesh, values: &[u32]) -> Vec<bool> {
     mesh.position_ids.iter().map(|first| differs[*first as usize]).collect()
 }
 
-/// What collapses may change without being asked to.
+/// The topology of a mesh, which collapses may change.
 #[derive(Debug)]
 struct Topology {
     edges: Edges,
@@ -421,8 +420,8 @@ fn faces(indices: &[u32], name: impl Fn(u32) -> u32) -> impl Iterator<Item = [u3
     indices.chunks_exact(3).map(move |t| [t[0], t[1], t[2]].map(&name))
 }
 
-/// Triangles of a result by position: below the number of vertices the first one that *was* there before, above
-/// it a new place. By what the positions are now: seams may have come apart and sheets may have met.
+/// Triangles of a result by position. A number below the number of vertices is the first vertex that *was* at the position; a
+/// number above is a new position. Positions are those of the result: seams may have opened and sheets may have met.
 fn by_position(before: &LocalMesh, after: &LocalMesh) -> Vec<[u32; 3]> {
     let mut ids = after.position_ids.clone();
     let mut used = vec![false; ids.len()];
@@ -439,16 +438,16 @@ fn by_position(before: &LocalMesh, after: &LocalMesh) -> Vec<[u32; 3]> {
     faces(&after.indices, |v| ids[v as usize]).collect()
 }
 
-/// Most columns that steer: what meshoptimizer takes. Columns beyond are read off the surface as it was.
+/// The most columns that steer collapses: meshoptimizer's limit. Further columns are interpolated on the surface before.
 const MOST_COLUMNS: usize = 32;
 /// Columns that stand for labels, at most.
 const LABEL_COLUMNS: usize = 3;
 
-/// What a simplifier sees of the attributes.
+/// The attribute columns that steer a simplifier.
 struct Guides {
     rows: Vec<f32>,
-    /// Weights of its columns, unit-free: a unit of an attribute against one mean edge length, in units of the
-    /// group's extent, as the simplifiers work.
+    /// Weights of its columns: a unit of an attribute counts as a mean edge length times its weight, relative to the group's
+    /// extent.
     weights: Vec<f32>,
     /// Columns that are those of the mesh; labels follow.
     own: usize,
@@ -466,7 +465,7 @@ impl Guides {
         let mut weights: Vec<f32> = content.weights().take(own).map(|weight| weight * unit).collect();
         weights.iter_mut().skip(most).for_each(|weight| *weight = 0.0);
         if best && !content.has_own_normals() {
-            // The shape says all that they do, and says it more exactly.
+            // They follow from the shape, which is more exact.
             weights.iter_mut().take(3).for_each(|weight| *weight = 0.0);
         }
         if labels == 0 && own == stride {
@@ -482,8 +481,8 @@ impl Guides {
     }
 }
 
-/// Columns that tell the labels of vertices apart, so that lines between labels cost what lines between colours
-/// do: up to four labels are a unit apart, more by chance about as much. Empty where all labels are the same.
+/// Columns that encode the labels of vertices, so that lines between labels cost as much as lines between colours. Up to four
+/// labels are a unit apart, more labels about a unit by hashing. Empty where all labels are the same.
 fn label_codes(labels: &[u32]) -> Vec<f32> {
     let mut known: Vec<u32> = labels.to_vec();
     known.sort_unstable();
@@ -518,7 +517,7 @@ struct Made {
     moved: f32,
     /// See [`Simplified::cost`].
     cost: Option<f64>,
-    /// Whether the cost was what it stopped at.
+    /// Whether the limit of the cost ended it.
     stopped: bool,
 }
 
@@ -583,7 +582,8 @@ fn run(
     Made { mesh: steered, error, moved: moved.unwrap_or(error), cost: dearest, stopped }
 }
 
-/// Gives the columns that steered, `own` of `width`, back to a mesh that was made of another one; all else is read off that.
+/// Writes the columns that steered, `own` of `width`, back to a mesh that was made from `before`; the other columns are
+/// interpolated there.
 fn restore_columns(
     made: &mut LocalMesh,
     mesh: &LocalMesh,
@@ -610,17 +610,17 @@ fn restore_columns(
 pub struct Finished {
     /// The mesh, numbered like the one given, with copies at the end.
     pub mesh: LocalMesh,
-    /// An estimate of its distance.
+    /// The estimate of its distance.
     pub estimate: f32,
-    /// The same without parts that went.
+    /// The same without removed components.
     pub moved: f32,
 }
 
-/// Collapses edges as with the best quality, until at most `target` triangles are left or no edge may collapse. `cuts`:
-/// sheets that touch come apart, necks are cut and parts go as a whole; without, the topology is kept, which is several times as
-/// fast where the surface is folded.
+/// Collapses edges as with the best quality, until at most `target` triangles are left or no edge may collapse. `cuts`: sheets
+/// that touch are separated, necks cut, and components removed. Without it the topology is kept, which is several times as fast
+/// where the surface is folded.
 pub fn collapse_to(mesh: &LocalMesh, target: usize, content: &Content, cuts: bool) -> Finished {
-    // With which collapses cut nothing either.
+    // Its collapses cut nothing either.
     let options = BuildOptions { quality: Quality::Best, preserve_area: !cuts, ..BuildOptions::default() };
     let faces: &[[u32; 3]] = bytemuck::cast_slice(&mesh.indices);
     let mut content = content.clone();
@@ -629,14 +629,14 @@ pub fn collapse_to(mesh: &LocalMesh, target: usize, content: &Content, cuts: boo
     Finished { mesh: made.mesh, estimate: made.error, moved: made.moved }
 }
 
-/// Removes the smallest leaves until at most `target` triangles are left; nothing where there are too few leaves.
+/// Removes the smallest islands until at most `target` triangles are left; `None` where there are too few islands.
 pub fn prune_to(mesh: &LocalMesh, target: usize) -> Option<LocalMesh> {
     let indices = Islands::of(mesh).prune(mesh, target)?;
     Some(LocalMesh { indices, ..mesh.clone() })
 }
 
-/// Removes leaves and lets others grow, so that as much is covered, until at most `target` triangles are left. Returns the mesh
-/// and how far it may be from what it was; nothing where there are too few leaves.
+/// Removes islands and scales others up to cover as much, until at most `target` triangles are left. Returns the mesh and a
+/// bound of its distance to `mesh`; `None` where there are too few islands.
 pub fn thin_to(mesh: &LocalMesh, target: usize) -> Option<(LocalMesh, f64)> {
     let islands = Islands::of(mesh);
     let (leaves, rest) = islands.split(mesh);
@@ -649,8 +649,8 @@ pub fn thin_to(mesh: &LocalMesh, target: usize) -> Option<(LocalMesh, f64)> {
     Some((out, thinned.moved))
 }
 
-/// Collapses edges whatever becomes of the topology, and lets loose parts go. Returns the mesh, numbered like `mesh`, and an
-/// estimate of its distance; nothing where it cannot be in the place of `mesh`.
+/// Collapses edges without regard to the topology, and prunes small components. Returns the mesh, numbered like `mesh`, and an
+/// estimate of its distance; `None` where it cannot replace `mesh`.
 pub fn collapse_loosely_to(mesh: &LocalMesh, target: usize, content: &Content) -> Option<(LocalMesh, f32)> {
     let options = BuildOptions::default();
     let Made { mesh: result, error, .. } =
@@ -659,7 +659,7 @@ pub fn collapse_loosely_to(mesh: &LocalMesh, target: usize, content: &Content) -
     fits.then_some((result, error))
 }
 
-/// Clusters vertices, each material by itself, with the lines between them locked.
+/// Clusters vertices, each material by itself, with lines between materials locked.
 fn sloppy(mesh: &LocalMesh, locked: &[bool], target: usize, between_materials: &[bool]) -> (LocalMesh, f32) {
     let mut out = mesh.clone();
     let bytes: &[u8] = bytemuck::cast_slice(&mesh.positions);
@@ -679,7 +679,7 @@ fn sloppy(mesh: &LocalMesh, locked: &[bool], target: usize, between_materials: &
     (out, worst * mesh.extent())
 }
 
-/// Solved normals are not unit, solved colours may leave their range.
+/// Normalizes solved normals and clamps solved colours.
 fn normalize(attributes: &mut [f32], stride: usize) {
     for row in attributes.chunks_exact_mut(stride) {
         let size = row[..3].iter().map(|x| x * x).sum::<f32>().sqrt();
