@@ -1,4 +1,4 @@
-//! What the attribute rows mean: which columns belong together, what each weighs, and how far two rows are apart.
+//! The metric of attribute rows: which columns belong together, their weights, and the distance between two rows.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ pub struct Block {
     measured: bool,
 }
 
-/// What options say of weights.
+/// The weights of the options.
 pub fn weights(options: &BuildOptions) -> Weights {
     Weights {
         normal: options.normal_weight,
@@ -48,7 +48,7 @@ pub struct Content {
 
 impl Content {
     /// The content of a mesh, weighed by the options. Normals come first, then colours, UV sets and the
-    /// floating-point channels. Computed normals say nothing that the shape does not: they steer, but are not
+    /// floating-point channels. Computed normals follow from the shape: they steer, but are not
     /// measured.
     pub fn new(mesh: &WeldedMesh, computed_normals: bool, options: &BuildOptions) -> Self {
         let content = Self::of(mesh.layout, &mesh.channels.infos, computed_normals, &weights(options));

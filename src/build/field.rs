@@ -1,4 +1,4 @@
-//! What the surface of a group carries at each of its places, read off where a simplifier has no say.
+//! The attributes of a group's surface at any of its points, for columns that do not steer the simplifier.
 
 use glam::DVec3;
 
@@ -9,7 +9,7 @@ use super::store::LocalMesh;
 use crate::measure::TriangleTree;
 use crate::mesh::{Stars, hash};
 
-/// Part of the mean edge length that a place may be worse than another one if its label is the one that was.
+/// A place with the vertex's own label may be farther than others by this part of the mean edge length.
 const LABEL_TIE: f32 = 1.0e-3;
 
 /// A place on a surface.
@@ -40,7 +40,7 @@ impl<'a> Field<'a> {
     pub fn new(mesh: &'a LocalMesh, content: &Content) -> Self {
         let point = |v: u32| mesh.positions[v as usize];
         let triangles = mesh.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]].map(point)).collect();
-        // By where vertices are now: a simplifier may have brought together what lay apart.
+        // By the present positions: a simplifier may have joined vertices that were apart.
         let positions = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
         let by_position: Vec<u32> = mesh.indices.iter().map(|v| positions[*v as usize]).collect();
         Self {

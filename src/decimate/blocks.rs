@@ -1,5 +1,5 @@
-//! Blocks of the mesh: parts of space, what each holds as a mesh of its own, what a sample of them tells, and what became of
-//! them put back.
+//! Blocks of the mesh: dividing space, extracting a block as a mesh of its own, sampling the cost of collapses, and writing
+//! simplified blocks back.
 
 use rayon::prelude::*;
 
@@ -11,7 +11,7 @@ use crate::build::store::{LocalMesh, Numbering};
 use crate::math::median::{Place, median_split};
 use crate::mesh::hash;
 
-/// Triangles of a sample, and how far it goes, in parts of what it would keep if all were alike.
+/// Triangles of a sample, and the part of its mean target that it collapses to.
 const SAMPLE: usize = 1 << 10;
 const SAMPLED: f64 = 0.25;
 /// Samples of all blocks together.
@@ -27,7 +27,7 @@ struct Sample {
 }
 
 impl Rounds<'_> {
-    /// For each position, by the first vertex there, whether several blocks have it, or it stays anyway.
+    /// For each position, by the first vertex there, whether it is locked: several blocks have it, or it stays anyway.
     pub fn shared(&self, blocks: &[&mut [Place]]) -> Vec<bool> {
         let whole = &self.whole;
         let mut owner = vec![u32::MAX; whole.ids.len()];
@@ -85,7 +85,7 @@ impl Rounds<'_> {
         local
     }
 
-    /// What collapses may cost: with it samples of the blocks keep that part of their free vertices.
+    /// The cost up to which samples of the blocks collapse to keep `part` of their free vertices.
     pub fn cost(&self, blocks: &mut [&mut [Place]], ratio: f64) -> f64 {
         let whole = &self.whole;
         let mut uses = vec![0u32; whole.ids.len()];
@@ -137,7 +137,7 @@ impl Rounds<'_> {
         Sample { free, triangles, trace: trace(&local, limit, &self.content, &self.options) }
     }
 
-    /// Writes what became of a block back.
+    /// Writes a simplified block back.
     pub fn take_in(&mut self, part: &LocalMesh, moved: &[bool], indices: &mut Vec<u32>) {
         let (whole, stride) = (&mut self.whole, self.stride);
         let known = part.ids.len() - part.copies.len();
@@ -156,7 +156,7 @@ impl Rounds<'_> {
                 whole.materials.extend(part.materials.get(v));
                 whole.locked.push(false);
             } else if moved[v] {
-                // No other block has it: what is shared is locked.
+                // No other block has it: shared vertices are locked.
                 let at = number[v] as usize;
                 whole.ids[at] = NEW;
                 whole.positions[at] = part.positions[v];
@@ -170,7 +170,7 @@ impl Rounds<'_> {
     }
 }
 
-/// Halves places until blocks have at most `size`, at that part of each.
+/// Divides points, at `middle` of each part, until blocks have at most `size`.
 pub fn split(places: &mut [Place], size: usize, middle: f64) -> Vec<&mut [Place]> {
     if places.len() <= size {
         return vec![places];

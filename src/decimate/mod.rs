@@ -1,10 +1,10 @@
 //! One level at once: a mesh simplified to a number of triangles, without a DAG, pages or proofs.
 //!
-//! Rounds over blocks of the whole mesh, on all cores. A block is a part of space (`math::median`) with the points that it
-//! shares with others locked; the next round halves space elsewhere. With the best quality what a collapse may cost is the
-//! same in all blocks of a round, as a sample tells, and the last blocks go on together to the exact number: it is as if there
-//! were one queue, and what is flat goes first. What is small, or left with the fast quality, is done in one piece. Nothing
-//! depends on the number of threads.
+//! Rounds over blocks of the whole mesh, on all cores. A block is a part of space (`math::median`) whose points that other
+//! blocks share are locked; the next round divides space elsewhere. With the best quality all blocks of a round collapse up to
+//! one cost, which a sample gives, and the last blocks proceed together to the exact number. This acts as one queue: flat parts
+//! are simplified first. Small meshes, and the last step with the fast quality, are one piece. Nothing depends on the number
+//! of threads.
 
 mod blocks;
 
@@ -29,35 +29,35 @@ use crate::threads;
 
 /// Most triangles of a block.
 const BLOCK: usize = 1 << 15;
-/// Part of the triangles that a round leaves, at least: by our own collapses, and by meshoptimizer's, whose order is less
-/// exact the more goes at once.
+/// The least part of the triangles that a round leaves: with our own collapses, and with meshoptimizer's, whose order is the
+/// less exact the more a call removes.
 const BEST_STEP: f64 = 0.1;
 const FAST_STEP: f64 = 0.5;
-/// Rounds stop at so many times the target; the rest is done with an exact number.
+/// Rounds stop at so many times the target; the last step reaches the exact number.
 const ROOM: f64 = 1.1;
-/// A round that misses what it was to leave by more than this part of it is done again, exactly.
+/// A round that misses its target by more than this part of it is repeated with an exact number.
 const MISSED: f64 = 0.1;
-/// Where a round would take away no more than this part, none is made before the last.
+/// A round that would remove at most this part is left out: the last step does it.
 const NEAR: f64 = 0.2;
-/// What an exact round looks at, in terms of what a collapse of it may cost by the sample; more where that is too little.
+/// Limits of the cost in an exact round, as multiples of the sampled cost; the next one where that is too low.
 const BEYOND: [f64; 3] = [1.5, 6.0, f64::INFINITY];
-/// As many triangles are done with all blocks in memory, step by step; more by what each block is found to need.
+/// Up to so many triangles all blocks stay in memory and proceed step by step; above, each block gets a target of its own.
 const TOGETHER: usize = 1 << 20;
-/// Blocks of the last step, and what they have at least.
+/// Blocks of the last step, and the least number of triangles of each.
 const LAST_BLOCKS: usize = 8;
 const SMALL: usize = 1 << 14;
-/// In the last step blocks go on together by this part in cost until this part too much is left; the rest goes one by one.
-/// Costs that differ by no more are the same.
+/// In the last step the cost limit of all blocks grows by `COST_STEP` until `REST` too many triangles are left; these are
+/// removed one by one. Costs within `ALIKE` of each other are equal.
 const COST_STEP: f64 = 1.1;
 const ALIKE: f64 = 1.0e-6;
 const REST: f64 = 0.03;
-/// A round that takes away less is the last.
+/// A round that removes less is the last.
 const LEAST_GAIN: f64 = 0.01;
-/// Where space is halved, by turns: borders of blocks are elsewhere in the next round.
+/// Where space is divided, in alternation: borders of blocks are elsewhere in the next round.
 const MIDDLES: [f64; 2] = [0.5, 0.4];
-/// What lies so near, in parts of the largest coordinate, is where it was: rounding of f32, several times.
+/// Points that move less, relative to the largest coordinate, did not move: rounding of f32, several times.
 const ROUNDING: f64 = 4.0 * f32::EPSILON as f64;
-/// The row of what is no vertex of the source.
+/// The row of a new vertex.
 const NEW: u32 = u32::MAX;
 
 /// How far to decimate.
@@ -67,7 +67,7 @@ pub struct Goal {
     pub target: usize,
     /// Vertices of the mesh's own border stay as they are.
     pub preserve_border: bool,
-    /// Only what changes neither shape nor attributes goes.
+    /// Only collapses that change neither shape nor attributes.
     pub lossless: bool,
 }
 
@@ -84,7 +84,7 @@ pub struct Decimated {
     pub layout: AttributeLayout,
     /// Internal to object space.
     pub frame: CoordinateFrame,
-    /// What was mended.
+    /// What welding and mending did.
     pub report: BuildReport,
 }
 
@@ -122,7 +122,7 @@ fn run(
     Ok(Decimated { arrays, materials, channels, layout, frame, report })
 }
 
-/// A welded mesh as one that collapses; `ids` name the vertices of the source.
+/// A welded mesh in the form that collapses take; `ids` name the vertices of the source.
 fn whole(mesh: WeldedMesh, channels: &Channels, preserve_border: bool) -> LocalMesh {
     let position_ids = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
     let mut locked = vec![false; mesh.positions.len()];
@@ -146,10 +146,10 @@ fn whole(mesh: WeldedMesh, channels: &Channels, preserve_border: bool) -> LocalM
     }
 }
 
-/// What became of a block.
+/// A simplified block.
 struct Made {
     mesh: LocalMesh,
-    /// For each vertex whether it is another one than it was.
+    /// Whether each vertex changed.
     moved: Vec<bool>,
 }
 
@@ -195,7 +195,7 @@ impl Rounds<'_> {
             self.one_piece()?;
         }
         if self.faces() > target && !is_best {
-            // Meshoptimizer's collapses end where sheets are in each other's way.
+            // meshoptimizer's collapses end where sheets touch.
             self.options.quality = Quality::Best;
             self.one_piece()?;
         }
@@ -231,7 +231,7 @@ impl Rounds<'_> {
             if excess as f64 <= REST * target as f64 {
                 break;
             }
-            // Even if all of them take as much as they may, no more goes than is to.
+            // So that all blocks together never remove too much.
             let most = excess / parts.len();
             let waits = parts.par_iter_mut().with_max_len(1).map(|(_, reduction)| {
                 let collapses = reduction.collapses();
@@ -258,7 +258,7 @@ impl Rounds<'_> {
                 break;
             }
             next.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-            // Up to what the next one asks, and at least one step.
+            // Up to the cost of the next block, and at least one step.
             let cost = next.get(1).map_or(f64::INFINITY, |(cost, _)| cost.max(next[0].0 * (1.0 + ALIKE)));
             let collapses = parts[next[0].1].1.collapses();
             let target = collapses.triangles().saturating_sub(excess);
@@ -270,14 +270,14 @@ impl Rounds<'_> {
             this.settled(&local, finished)
         });
         let made = made.collect();
-        self.put_back(made)
+        self.write_back(made)
     }
 
     fn advance(&self, by: usize) -> Result<()> {
         if self.meter.advance(by) { Ok(()) } else { Err(Error::Cancelled) }
     }
 
-    /// Collapses what is left in one piece: to the exact number.
+    /// Collapses the mesh in one piece to the exact number.
     fn one_piece(&mut self) -> Result<()> {
         let before = self.faces();
         let whole = std::mem::take(&mut self.whole);
@@ -293,16 +293,16 @@ impl Rounds<'_> {
         self.advance(before.saturating_sub(self.faces()))
     }
 
-    /// What becomes of a mesh, and for each vertex whether it is another one than it was.
+    /// A simplified mesh, and whether each vertex changed.
     fn reduced(&self, mesh: &LocalMesh, limit: Limit) -> Made {
         self.settled(mesh, reduce(mesh, limit, &self.content, &self.options))
     }
 
-    /// The same once its collapses are done.
+    /// The same after its collapses.
     fn settled(&self, mesh: &LocalMesh, finished: Finished) -> Made {
         let Finished { mesh: mut after, moved, .. } = finished;
         let fits = self.options.quality == Quality::Best && !self.goal.lossless;
-        // What moves within the surface would take along what it carries.
+        // A vertex that moves along the surface would take its attributes along.
         if fits && self.content.is_bare() && !after.indices.is_empty() {
             fit(&mut after, mesh, RELAX_REACH * f64::from(moved), self.content.up);
         }
@@ -352,7 +352,7 @@ impl Rounds<'_> {
                 self.blocks(&blocks, &shared, &limits)?
             }
         };
-        self.put_back(made)
+        self.write_back(made)
     }
 
     /// Three times the centre of each triangle.
@@ -366,8 +366,8 @@ impl Rounds<'_> {
         (0..self.faces()).into_par_iter().map(place).collect()
     }
 
-    /// Takes in what became of all blocks.
-    fn put_back(&mut self, made: Vec<Made>) -> Result<()> {
+    /// Writes all simplified blocks back.
+    fn write_back(&mut self, made: Vec<Made>) -> Result<()> {
         let before = self.faces();
         let mut indices = Vec::with_capacity(made.iter().map(|made| made.mesh.indices.len()).sum());
         for Made { mesh, moved } in made {
@@ -378,12 +378,12 @@ impl Rounds<'_> {
         self.advance(before.saturating_sub(self.faces()))
     }
 
-    /// What becomes of each block.
+    /// Simplifies each block.
     fn blocks(&self, blocks: &[&mut [Place]], shared: &[bool], limits: &[Limit]) -> Result<Vec<Made>> {
         blocks
             .par_iter()
             .zip(limits)
-            // One at a time: a thread that is through takes what another has not begun.
+            // One at a time: threads steal what others have not begun.
             .with_max_len(1)
             .map(|(block, limit)| {
                 self.advance(0)?;
@@ -393,7 +393,7 @@ impl Rounds<'_> {
             .collect()
     }
 
-    /// Where each block is to stop so that `wanted` triangles are left of all, in the order of one queue.
+    /// The target of each block such that `wanted` triangles are left in all, in the order of one queue.
     fn exact_limits(
         &self,
         blocks: &[&mut [Place]],
@@ -430,7 +430,7 @@ impl Rounds<'_> {
             sum >= gone
         });
         let dearest = crossing.map_or(f64::INFINITY, |(cost, _)| *cost);
-        // What costs as much as the last step goes block by block.
+        // Steps that cost as much as the last one are taken block by block.
         let mut taken = vec![0; left.len()];
         for may_equal in [false, true] {
             for ((left, taken), trace) in left.iter_mut().zip(&mut taken).zip(&traces) {
@@ -446,7 +446,7 @@ impl Rounds<'_> {
     }
 }
 
-/// The arrays of what is left, by material.
+/// The arrays of the simplified mesh, by material.
 fn finish(
     mut mesh: LocalMesh,
     layout: AttributeLayout,

@@ -1,6 +1,5 @@
-//! Where groups lie: their order, their pages, the hierarchy over them, and the names of
-//! their vertices. Building lays a mesh out, and so does rounding,
-//! which leaves pages room for more.
+//! The layout of groups: their order, their pages, the hierarchy over them, and the numbers of their vertices. Building lays a
+//! mesh out. Quantizing does so again, since pages then hold more.
 
 mod hierarchy;
 mod names;

@@ -1,4 +1,4 @@
-//! The order of groups: coarsest level first, those of a level as a k-d tree over their boxes has them.
+//! The order of groups: coarsest level first, and inside a level the order of a k-d tree over their boxes.
 
 use crate::limits::NODE_WIDTH;
 use crate::math::Aabb;

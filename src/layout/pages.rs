@@ -3,12 +3,12 @@
 use crate::limits::{PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS, ROOT_PAGE_MAX_BYTES};
 use crate::model::{ClusterAddress, PageEntry};
 
-/// Pages of a level that may still be filled. One more page open is some 3 % fewer of them, and views need no more of
-/// them than before; with four, what fills a page up is no longer near the rest of it
+/// Open pages of a level. Each further open page saves some 3 % of the pages, and views need no more of them than before. With
+/// four, the last groups of a page are no longer near the others
 /// (`benchmarks/results/2026-11-22-format.md`).
 const OPEN_PAGES: usize = 2;
 
-/// What a group brings to a page.
+/// What a group adds to a page.
 #[derive(Clone, Copy, Debug)]
 pub struct GroupSize {
     /// Its level.
@@ -52,9 +52,8 @@ impl Filling {
     }
 }
 
-/// Puts groups in this order, coarsest level first, into pages, whole. Roots come first. What the last of their pages has
-/// room for besides is of the next levels, so that little memory holds something to draw; further pages are of one level
-/// each.
+/// Packs whole groups into pages, in this order, coarsest level first. Roots come first. The last root page is filled up with
+/// the next levels, so that little memory holds something to draw. Each further page has one level.
 pub fn paginate(order: &[u32], size: impl Fn(u32) -> GroupSize) -> Paging {
     let mut pages = Vec::<Filling>::new();
     // The first page that is still open, and what one may hold.

@@ -1,11 +1,11 @@
-//! Which clusters make up a cut.
+//! Selecting the clusters of a cut.
 
 use crate::error::Result;
 use crate::model::rule::Threshold;
 use crate::model::{ClusterAddress, Dag, Group, InterruptCheck};
 
-/// The groups with members that may be drawn: whose error is too large for what was made from them, while that of some
-/// member is not.
+/// The groups with members that may be drawn: the group's (parent) error is above the threshold, and a member's own error is
+/// not.
 fn candidates<'a>(dag: &'a Dag, threshold: &Threshold) -> Vec<&'a Group> {
     let mut found = Vec::new();
     let mut stack = vec![0u32];
@@ -26,7 +26,7 @@ fn candidates<'a>(dag: &'a Dag, threshold: &Threshold) -> Vec<&'a Group> {
     found
 }
 
-/// Brings the pages into memory that [`select`] looks at, if they are in a file.
+/// Loads the pages that [`select`] reads, where the mesh is in a file.
 pub fn load(dag: &Dag, threshold: &Threshold, proceed: InterruptCheck<'_>) -> Result<()> {
     if dag.pages.source().is_none() {
         return Ok(());
@@ -56,7 +56,7 @@ fn largest(dag: &Dag, clusters: &[ClusterAddress], error: impl Fn(&Group) -> f32
     origins.map(error).fold(0.0, f32::max)
 }
 
-/// How far attributes are off in a cut, as a length in object units.
+/// The attribute error of a cut, as a length in object units.
 pub fn cut_attribute_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
     attribute_error_with(dag, clusters, 0.0)
 }
@@ -66,7 +66,7 @@ pub fn attribute_error_with(dag: &Dag, clusters: &[ClusterAddress], other: f32) 
     f64::from(largest(dag, clusters, |group| group.attribute_error).max(other)) * dag.frame.scale
 }
 
-/// The largest distance stated for a cut's clusters in object units, plus the rounding of positions; rounded up.
+/// The largest stated error of a cut's clusters in object units, plus the rounding of positions; rounded up.
 pub fn cut_error(dag: &Dag, clusters: &[ClusterAddress]) -> f64 {
     error_with(dag, clusters, 0.0)
 }
@@ -79,15 +79,15 @@ pub fn error_with(dag: &Dag, clusters: &[ClusterAddress], other: f32) -> f64 {
     if largest > 0.0 && rounding > 0.0 { error.next_up() } else { error }
 }
 
-/// How many triangles the cut has after each group that is replaced by what was made from it: found once, then any
-/// budget is a search in a table.
+/// The number of triangles of the cut after each group is replaced by its simplification. Found once; a budget is then a search
+/// in this table.
 ///
-/// For a number of triangles it is the ranks of groups that are compared, and not what is proven: a bound is that of the worst
-/// point of a group, a rank says more about all of them, so that cuts come out nearer in the mean. Ranks do not decrease
-/// along the DAG either, and of equal ones the finer level comes first, which is all that a cut needs to be whole.
+/// Budgets compare the ranks of groups, not their proven errors. A bound is that of the worst point of a group; a rank says more
+/// about all of its points, so that cuts are closer in the mean. Ranks do not decrease along the DAG either, and of equal ones
+/// the finer level comes first. A cut needs no more to be complete.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FaceBudget {
-    /// Groups by rising rank.
+    /// Groups by ascending rank.
     order: Vec<u32>,
     /// The place of each group in that order.
     ranks: Vec<u32>,
@@ -149,7 +149,7 @@ impl FaceBudget {
 
     /// The cuts beside a number of triangles.
     pub fn beside(&self, target: u64) -> Beside {
-        // Counts fall but for rare steps up by a few triangles: take the fullest that fits.
+        // Counts fall, except for rare steps up by a few triangles: take the largest that fits.
         let fits = |i: &usize| self.faces[*i] <= target;
         let best = (0..self.faces.len()).filter(fits).max_by_key(|i| (self.faces[*i], std::cmp::Reverse(*i)));
         let coarse = best.unwrap_or(self.faces.len() - 1);
@@ -170,7 +170,7 @@ impl FaceBudget {
         self.ranks.get(dag.record(at).refined as usize).is_none_or(|rank| (*rank as usize) < replaced)
     }
 
-    /// The groups that come next and lie in that cut with all of their members, in order.
+    /// The groups that are replaced next and have all of their members in that cut, in order.
     pub fn next<'a>(&'a self, dag: &'a Dag, replaced: usize) -> impl Iterator<Item = &'a Group> {
         let groups = self.order[replaced..].iter().map(|g| &dag.groups[*g as usize]);
         groups.filter(move |group| group.members().all(|at| self.is_made(dag, at, replaced)))

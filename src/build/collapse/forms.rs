@@ -1,11 +1,11 @@
-//! What a collapse costs, as sums over the faces around its two points.
+//! The quadratic forms of a collapse's cost: sums over the faces around its two points.
 //!
-//! Three sums are kept for each point and added up for an edge, less what its own faces count twice: the squared
+//! Three sums are kept for each point and added up for an edge, minus its own faces, which count twice: the squared
 //! distances to the planes (Garland and Heckbert 1997), the signed distances, whose sum is the change of volume
 //! (Lindstrom and Turk, "Fast and Memory Efficient Polygonal Simplification", 1998), and the squared deviation of
 //! attributes that are linear on each face (Hoppe, "New Quadric Metric for Simplifying Meshes with Appearance
 //! Attributes", 1999): with c_f(x) the attribute that face f would have at x and A_f its area, the best value there
-//! is the mean of c_f(x), and what is left is Σ A_f c_f(x)² − (Σ A_f c_f(x))² / Σ A_f, again a quadric.
+//! is the mean of c_f(x), and the remaining deviation is Σ A_f c_f(x)² − (Σ A_f c_f(x))² / Σ A_f, again a quadric.
 
 use glam::{DVec3, DVec4};
 
@@ -14,8 +14,8 @@ use super::surface::{NONE, Opening, Surface};
 use super::wedges::squared_distance;
 use super::{Cost, Policy};
 
-/// Attributes' gradients are damped on faces thinner than about this, where they mean little. Triangles of CAD meshes
-/// may well be a thousand times longer than wide, and what shades across them counts.
+/// Gradients of attributes are damped on faces thinner than about this, where they mean little. Triangles of CAD meshes may be
+/// a thousand times longer than wide, and shading across them counts.
 const THIN: f64 = 1.0e-4;
 
 /// An attribute that counts.
@@ -32,7 +32,7 @@ pub struct Channel {
 pub struct Sums {
     /// Squared distances to planes, weighted by area.
     pub geometry: Quadric,
-    /// Squared deviation of attributes; for a point, before the best values are taken off.
+    /// Squared deviation of attributes; for a point, before the best values are subtracted.
     pub attribute: Quadric,
     /// Signed distances to planes, weighted by area.
     pub volume: DVec4,
@@ -40,14 +40,14 @@ pub struct Sums {
     pub area: f64,
 }
 
-/// Faces are folded over whose normals' mean is shorter,
+/// Faces are folded over if the mean of their normals is shorter,
 const FOLDED: f64 = 0.4;
 /// or of whose area more than this part faces against it.
 const AGAINST: f64 = 0.03;
 /// Cosine of the angle, from behind, up to which a face that closes an opening may face away from its normals.
 const CLOSES: f64 = 0.5;
 
-/// Distances around folds are looked up in rings of at most so many faces: that takes the square of their number.
+/// Distances around folds are measured for at most so many faces: the time grows with the square of their number.
 pub const MOST_FOLDED: usize = 32;
 
 /// A triangle with its box.
@@ -64,7 +64,7 @@ impl Boxed {
     }
 }
 
-/// The squared distance of a place from some triangles. `near` is the one that is looked at first, and becomes the nearest.
+/// The squared distance of a point to some triangles. `near` is the first candidate, and becomes the nearest.
 fn nearest(p: DVec3, others: &[Boxed], near: &mut usize) -> f64 {
     let first = *near;
     let mut best = others.get(first).map_or(f64::INFINITY, |other| squared_distance(p, other.corners));
@@ -87,7 +87,7 @@ impl Sums {
     }
 }
 
-/// What a face adds to the sums of its points, in one place: they are asked for together.
+/// What a face adds to the sums of its points. They are read together.
 #[derive(Clone, Copy, Debug, Default)]
 struct Share {
     /// Plane (unit normal, offset) and area; zero if it has none.
@@ -166,7 +166,7 @@ impl Forms {
         (plane, area)
     }
 
-    /// Takes in where a face is now.
+    /// Updates the plane and sums of a face that moved.
     pub fn set_face(&mut self, surface: &Surface, rows: &[f32], f: usize) {
         let face = &surface.faces[f];
         let [p, q, r] = face.points.map(|p| surface.positions[p as usize]);
@@ -203,12 +203,12 @@ impl Forms {
         self.shares[f] = Share { plane, area, distances, squares };
     }
 
-    /// Forgets the sums of a point.
+    /// Invalidates the sums of a point.
     pub fn touch(&mut self, point: u32) {
         self.fresh[point as usize] = false;
     }
 
-    /// Takes in that `other` became part of `keep`.
+    /// Merges a point into another.
     pub fn merge(&mut self, keep: u32, other: u32) {
         if self.policy.cost == Cost::GarlandHeckbert {
             let other = self.points[other as usize];
@@ -298,8 +298,8 @@ impl Forms {
         self.single[point as usize] = if several { NONE } else { single.unwrap_or(NONE) };
     }
 
-    /// Pairs of wedges that the faces of an edge join, one at each end. False if that would join two wedges of one
-    /// point, whose attributes nobody can tell to be alike: there a seam ends.
+    /// Pairs of wedges that the faces of an edge join, one at each end. False if that would join two wedges of one point, whose
+    /// attributes may differ: an attribute seam ends there.
     pub fn pair_wedges(surface: &Surface, edge: u32, pairs: &mut Vec<(u32, u32)>) -> bool {
         let [a, b] = surface.edges[edge as usize].ends;
         pairs.clear();
@@ -324,8 +324,8 @@ impl Forms {
         true
     }
 
-    /// Whether the faces around an edge whose sums were just found are folded over: planes say little of how far their
-    /// points are, and distances are looked up.
+    /// Whether the faces around an edge whose sums were just found are folded over. Distances to planes say little there, so
+    /// distances to faces are measured.
     pub fn is_folded(&self, surface: &Surface, edge: u32, sums: &Sums) -> bool {
         let ends = surface.edges[edge as usize].ends;
         sums.cancel() || ends.into_iter().any(|p| self.folded[p as usize])
@@ -380,7 +380,7 @@ impl Forms {
         true
     }
 
-    /// Takes off a quadric what the best values of a pair of wedges explain.
+    /// Subtracts the part of a quadric that the best values of a pair of wedges explain.
     fn take_best(&self, surface: &Surface, v: u32, w: u32, quadric: &mut Quadric) {
         let count = self.channels.len();
         let between = || self.shared.iter().filter(|f| surface.faces[**f].wedges.contains(&v));
@@ -399,8 +399,8 @@ impl Forms {
         }
     }
 
-    /// The normal of two wedges, or one, that an edge which was just looked at leaves at a place: the first three
-    /// columns of the attributes. None if they do not all count, or if nothing is left of it.
+    /// The normal that an edge, which was just evaluated, leaves at a place for two wedges or one: the first three columns of the
+    /// attributes. `None` if they do not all count, or if the normal vanishes.
     pub fn best_normal(
         &self,
         surface: &Surface,
@@ -488,7 +488,7 @@ impl Forms {
         self.wedges = wedges;
     }
 
-    /// The faces around an edge that stay when it collapses to `position`: each with the sides that it then has.
+    /// The faces around an edge that remain when it collapses to `position`, each with its new sides.
     #[inline]
     fn moved<'a>(
         &'a self,
@@ -505,11 +505,11 @@ impl Forms {
         })
     }
 
-    /// Whether faces of an edge that collapses to `position` would turn over, against what they are or against the
-    /// normals that they carry. `rows` begin with these.
+    /// Whether faces would flip when an edge collapses to `position`, against their own normals or against those of their
+    /// vertices, with which `rows` begin.
     pub fn folds(&self, surface: &Surface, rows: &[f32], edge: u32, position: DVec3) -> bool {
         self.moved(surface, edge, position).any(|(f, _, [u, v])| {
-            // Where sheets were taken apart, two points may lie in one place.
+            // Where sheets were separated, two points may have one place.
             if u == DVec3::ZERO || v == DVec3::ZERO {
                 return true;
             }
@@ -533,7 +533,7 @@ impl Forms {
         })
     }
 
-    /// Whether the face that closes an opening does not face away from the normals that it would carry, nor from `up`.
+    /// Whether the face that closes an opening does not face away from its vertex normals, nor from `up`.
     pub fn faces_along(&self, surface: &Surface, rows: &[f32], opening: &Opening) -> bool {
         let [a, b, c] = opening.points.map(|p| surface.positions[p as usize]);
         let cross = (b - a).cross(c - a);
@@ -544,7 +544,7 @@ impl Forms {
             && self.policy.up.is_none_or(|up| cross.dot(up) > 0.0)
     }
 
-    /// Whether faces of an edge that collapses to `position` would become thin.
+    /// Whether faces would become thin when an edge collapses to `position`.
     pub fn thins(&self, surface: &Surface, edge: u32, position: DVec3) -> bool {
         let thinness = |size: f64, u: DVec3, v: DVec3| {
             size / (u.length_squared() + v.length_squared() + (u - v).length_squared())
@@ -560,9 +560,9 @@ impl Forms {
         })
     }
 
-    /// Squared distances between the faces around an edge and those that are there when it collapses to `position`,
-    /// weighted by area: the larger of both ways. By the rule of three corners and the centre, which is exact for what is
-    /// quadratic. Ends where it is more than `most`.
+    /// Squared distances between the faces around an edge before and after it collapses to `position`, weighted by area: the
+    /// larger of both directions. The quadrature by three corners and the centre is exact for quadratic functions. It stops
+    /// above `most`.
     pub fn apart(&self, surface: &Surface, edge: u32, position: DVec3, most: f64) -> f64 {
         let ends = surface.edges[edge as usize].ends;
         let mut before: Vec<Boxed> = Vec::with_capacity(MOST_FOLDED);

@@ -1,10 +1,10 @@
-//! Taking sheets apart that only touch: where four faces meet at an edge, or two fans at a point, each sheet gets
-//! points of its own. Then each of them is a manifold that collapses as any other does (the cutting of Guéziec, Taubin,
-//! Lazarus and Horn, "Cutting and Stitching: Converting Sets of Polygons to Manifold Surfaces", 2001). Sheets whose
-//! points did not move meet again in the result, since equal positions are one.
+//! Separating sheets that only touch. Where four faces meet at a non-manifold edge, or two fans at a point, each sheet gets
+//! points of its own. Then each sheet is a manifold that collapses as any other (the cutting of Guéziec, Taubin, Lazarus and
+//! Horn, "Cutting and Stitching: Converting Sets of Polygons to Manifold Surfaces", 2001). Sheets whose points did not move meet
+//! again in the result, since equal positions are one.
 //!
-//! Faces at an edge are paired such that they run along it in opposite directions, and the flattest first. One that is
-//! left, as at a T of three sheets, goes with the last pair, so that nothing opens. Locked points are not taken apart.
+//! Faces at an edge are paired such that they run along it in opposite directions, the flattest pair first. A face without a
+//! partner, as at a T of three sheets, joins the last pair, so that nothing opens. Locked points are not separated.
 
 use glam::DVec3;
 
@@ -26,7 +26,7 @@ pub struct Apart {
     pub places: Vec<Between>,
 }
 
-/// Faces with the same vertices at an edge are paired before others are.
+/// Faces with the same vertices at an edge are paired before others.
 const SAME: f64 = 4.0;
 
 /// Sets of corners.
@@ -48,7 +48,7 @@ impl Sets {
     }
 }
 
-/// Takes sheets apart; `wedges` is the number of wedges. None where there is nothing to take apart.
+/// Separates sheets; `wedges` is the number of wedges. `None` where no sheets touch.
 pub fn take_apart(surface: &Surface, wedges: usize) -> Option<Apart> {
     let crowded = |e: u32| surface.edges[e as usize].faces > 2;
     let free = |p: &u32| !surface.locked[*p as usize];
@@ -189,7 +189,7 @@ fn sheets(surface: &Surface, edge: u32, beside: &[usize]) -> Vec<Vec<usize>> {
     };
     let of = |faces: &[usize]| faces.iter().map(|f| normal(*f)).collect::<Vec<DVec3>>();
     let (ahead, back) = (of(&forward), of(&backward));
-    // What was one sheet before stays one.
+    // A single sheet stays one.
     let meet = |f: usize, g: usize| {
         [a, b].iter().all(|p| {
             let wedge = |f: usize| {

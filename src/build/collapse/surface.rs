@@ -208,7 +208,7 @@ impl Surface {
         few.chain(self.around_from(from).filter(move |(f, _)| self.faces[*f].has_edge(edge)).map(|(f, _)| f))
     }
 
-    /// Looks whether attributes change across an edge.
+    /// Updates whether an edge is an attribute seam.
     fn find_crease(&mut self, edge: u32) {
         let [a, b] = self.edges[edge as usize].ends;
         let mut first = None;
@@ -222,13 +222,13 @@ impl Surface {
         self.edges[edge as usize].crease = crease;
     }
 
-    /// Notes which edges of a face are rims or creases.
+    /// Updates which edges of a face are rims or creases.
     fn find_lines(&mut self, face: usize) {
         let edges = self.faces[face].edges.map(|e| self.edges[e as usize]);
         self.faces[face].lines = (0..3).map(|k| u32::from(edges[k].rim() || edges[k].crease) << k).sum();
     }
 
-    /// Looks again at which edges of a point are rims or creases.
+    /// Updates which edges around a point are rims or creases.
     fn find_lines_around(&mut self, point: u32) {
         if self.seams {
             let mut corner = self.first[point as usize];
@@ -295,8 +295,8 @@ impl Surface {
         self.singular[point as usize] || self.around(point).any(crowded)
     }
 
-    /// Whether collapsing an edge onto its locked end would join that end to another locked point: a chord, which the
-    /// group on the other side of both may make as well.
+    /// Whether collapsing an edge onto its locked end would join that end to another locked point by a chord. The group on the
+    /// other side may make the same chord.
     pub fn makes_chord(&mut self, edge: u32) -> bool {
         let ends = self.edges[edge as usize].ends;
         let [a, b] = ends.map(|p| self.locked[p as usize]);
@@ -316,7 +316,7 @@ impl Surface {
         chord
     }
 
-    /// Stamps that no mark has.
+    /// New stamps that no mark has.
     fn next_stamp(&mut self) {
         if self.stamp >= u32::MAX - 3 {
             self.marks.fill(0);
@@ -382,7 +382,7 @@ impl Surface {
     }
 
     /// Collapses an edge that passed [`Self::can_collapse`] onto its end `keep`, which moves to `position`. Wedges
-    /// are left as they are. `gone` is told every edge that is no more.
+    /// are left as they are. `gone` is called with every removed edge.
     pub fn collapse(&mut self, edge: u32, keep: u32, position: DVec3, mut gone: impl FnMut(u32)) {
         let ends = self.edges[edge as usize].ends;
         let other = if ends[0] == keep { ends[1] } else { ends[0] };
@@ -457,7 +457,7 @@ impl Surface {
         edge.faces = edge.faces + faces - 2;
     }
 
-    /// Looks for the faces of an edge at a point where they are two at most and not known.
+    /// Finds the faces of an edge at a point, where they are two at most and not known.
     fn find_sides(&mut self, edge: u32, point: u32) {
         let Edge { faces, sides, .. } = self.edges[edge as usize];
         if faces > 2 || sides.iter().filter(|f| **f != NONE).count() == faces as usize {
