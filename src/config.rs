@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS};
+use crate::stages::Stage;
 
 /// The choice of that name; the error names all.
 fn choose<T: Copy>(argument: &'static str, name: &str, choices: &[(&str, T)]) -> Result<T> {
@@ -490,6 +491,9 @@ pub struct RenderOptions {
     pub shading: Shading,
     /// How colours are encoded.
     pub transfer: Transfer,
+    /// To find a fault of a device: it runs the stages before this one, and their CPU twins the others, which makes the same
+    /// image. In one pass, and slowly. Counts of stages are those of the device.
+    pub cpu_from: Option<Stage>,
     /// Where meshes are streamed, draw until all that the picture needs is there, as far as the pool has room for it;
     /// otherwise once, with what is there.
     pub wait: bool,
@@ -508,6 +512,7 @@ impl Default for RenderOptions {
             samples: Samples::default(),
             shading: Shading::default(),
             transfer: Transfer::default(),
+            cpu_from: None,
             wait: true,
         }
     }

@@ -49,6 +49,11 @@ impl Stage {
         }
     }
 
+    /// The stage of a name.
+    pub fn of_name(name: &str) -> Option<Self> {
+        STAGES.into_iter().find(|stage| stage.name() == name)
+    }
+
     /// What the stage's `received` and `passed` count.
     pub fn counts(self) -> (&'static str, &'static str) {
         match self {

@@ -106,8 +106,13 @@ fn measure(forms: &mut Forms, renderer: &mut DeviceRenderer, distance: f64) -> M
         assert!(queue.bits == levels.bits && queue.visible == levels.visible, "the queue finds others");
         assert!(sorted(flat) == sorted(levels), "parts find others");
         let mut draw = |occlusion| {
-            let ways =
-                Ways { int64_atomics: true, occlusion, raster: Raster::Compute, shading: Shading::default() };
+            let ways = Ways {
+                int64_atomics: true,
+                occlusion,
+                raster: Raster::Compute,
+                shading: Shading::default(),
+                until: None,
+            };
             let drawn = renderer
                 .draw(&mut [ViewRequest::new(view, &mut words)], ways, &Resident::default())
                 .expect("a frame");

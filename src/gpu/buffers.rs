@@ -108,12 +108,14 @@ pub struct Shape {
     pub outputs: Outputs,
     /// The visibility buffer is not read back.
     pub stays_on_device: bool,
+    /// Candidate groups are.
+    pub groups_come_back: bool,
 }
 
 impl Shape {
     /// The same of what does not come back.
     pub(super) fn inner(self) -> Self {
-        Self { outputs: Outputs::default(), stays_on_device: false, ..self }
+        Self { outputs: Outputs::default(), stays_on_device: false, groups_come_back: false, ..self }
     }
 
     /// What the lists of the passes depend on.
@@ -223,9 +225,11 @@ impl PassBuffers {
     }
 
     /// What comes back of it, in the order in which [`Buffers::split`] hands it out; `starts` entries of its list.
-    fn parts(&self, starts: u32, depth: u32) -> Vec<Part<'_>> {
-        let level = |buffer| Part { buffer, bytes: Levels::bytes(depth) };
+    fn parts(&self, starts: u32, shape: Shape) -> Vec<Part<'_>> {
+        let level = |buffer| Part { buffer, bytes: Levels::bytes(shape.depth) };
+        let groups = if shape.groups_come_back { shape.room.candidate_groups } else { 0 };
         vec![
+            Part { buffer: &self.groups.candidate_groups, bytes: bytes::<CandidateGroup>(groups) },
             Part { buffer: &self.counters, bytes: bytes::<Counters>(1) },
             // Of both dispatches the first, which has the number of groups.
             Part { buffer: &self.groups.dispatches, bytes: bytes::<Dispatch>(1) },
@@ -383,7 +387,7 @@ impl Buffers {
 
     /// What comes back: of the frame, then of each pass.
     fn parts<'a>(&'a self) -> Vec<Vec<Part<'a>>> {
-        let Shape { instances, depth, pixels, room, depth_only, .. } = self.shape;
+        let Shape { instances, pixels, room, depth_only, .. } = self.shape;
         let ticks = Part { buffer: self.times.ticks(), bytes: Times::BYTES };
         let visible = Part { buffer: &self.visible, bytes: bytes::<VisibleCluster>(room.visible) };
         let array =
@@ -399,7 +403,10 @@ impl Buffers {
         let mut parts = vec![whole];
         let starts = [instances, room.items];
         parts.extend(
-            self.cull_passes.iter().zip(starts).map(|(cull_pass, starts)| cull_pass.parts(starts, depth)),
+            self.cull_passes
+                .iter()
+                .zip(starts)
+                .map(|(cull_pass, starts)| cull_pass.parts(starts, self.shape)),
         );
         parts
     }

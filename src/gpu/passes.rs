@@ -27,22 +27,23 @@ pub(super) struct Passes<'a> {
     pub(super) slots: u32,
     pub(super) materials: Option<&'a materials::Buffers>,
     pub(super) times: &'a Times,
+    /// See [`super::Ways::until`].
+    pub(super) until: Option<Stage>,
     pub(super) encoder: &'a mut CommandEncoder,
     /// Stage and pass of each so far.
     pub(super) passes: Vec<(Stage, CullPass)>,
 }
 
 impl<'a> Passes<'a> {
-    /// Of a pass, the views that have it.
-    fn submitted(&self, cull_pass: CullPass) -> Vec<&'a SubmittedView<'a>> {
-        self.submitted
-            .iter()
-            .filter(|submitted_view| cull_pass == CullPass::First || submitted_view.culling)
-            .collect()
+    /// Of a pass, the views that have it, where the stage runs.
+    fn submitted(&self, stage: Stage, cull_pass: CullPass) -> Vec<&'a SubmittedView<'a>> {
+        let runs = self.until.is_none_or(|until| stage < until);
+        let has = |view: &&SubmittedView<'_>| runs && (cull_pass == CullPass::First || view.culling);
+        self.submitted.iter().filter(has).collect()
     }
 
     pub(super) fn run(&mut self, stage: Stage, cull_pass: CullPass, record: impl Fn(&mut Recorder<'a>)) {
-        let submitted = self.submitted(cull_pass);
+        let submitted = self.submitted(stage, cull_pass);
         if submitted.is_empty() {
             return;
         }
@@ -89,7 +90,7 @@ impl<'a> Passes<'a> {
         form: impl Fn(&Buffers) -> Option<Words>,
     ) {
         let Self { context, meshes, .. } = *self;
-        let (submitted, number) = (self.submitted(cull_pass), self.passes.len() as u32);
+        let (submitted, number) = (self.submitted(stage, cull_pass), self.passes.len() as u32);
         for (place, SubmittedView { buffers, seen, history, .. }) in submitted.iter().enumerate() {
             let (Some(target), Some(words)) = (&history.target, form(buffers)) else { continue };
             let bound = raster(buffers, meshes, seen, cull_pass, &buffers.words).buffers();

@@ -164,6 +164,7 @@ impl DeviceRenderer {
                         request.outputs
                     },
                     stays_on_device: false,
+                    groups_come_back: ways.until == Some(Stage::ClusterCull),
                 };
                 let context = &self.context;
                 // Others go before new ones are made.
@@ -256,6 +257,7 @@ impl DeviceRenderer {
             slots: self.instances.len(),
             materials: self.instances.table().buffers(),
             times,
+            until: ways.until,
             encoder: &mut encoder,
             passes: Vec::new(),
         };
@@ -379,9 +381,12 @@ fn report(
             drawn.times = times.map(|((stage, cull_pass), ms)| (*stage, *cull_pass, ms)).collect();
             continue;
         }
-        let [counters, culling, draws, starts, even, odd] = &parts[..] else { continue };
+        let [candidates, counters, culling, draws, starts, even, odd] = &parts[..] else { continue };
         let counters: Counters = value(counters);
         let groups = value::<Dispatch>(culling).count;
+        if shape.groups_come_back {
+            drawn.groups = list(candidates, groups);
+        }
         let draws = list::<Dispatch>(draws, List::COUNT);
         let levels = Levels::read(even, odd, shape.depth);
         let of_levels = |of: fn(&Dispatch) -> u32| levels.iter().map(|level| u64::from(of(level))).sum();
@@ -390,6 +395,7 @@ fn report(
         let mut roots = 0;
         for item in list::<TraversalItem>(starts, levels[0].count).into_iter().filter(|item| item.node == 0) {
             let slot = item.instance as usize;
+            drawn.roots.push(item.instance);
             roots += 1;
             if on_screen.get_mut(slot).is_some_and(|met| !std::mem::replace(met, true)) {
                 drawn.source_triangles += faces[slot];

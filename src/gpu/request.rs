@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::buffers::DeviceVisibility;
 use super::kernel::CullPass;
 use crate::config::{Output, Outputs, Raster, Shading, Transfer};
-use crate::gpu_types::{self, Array, Counters, Lighting, View, VisibleCluster};
+use crate::gpu_types::{self, Array, CandidateGroup, Counters, Lighting, View, VisibleCluster};
 use crate::scene::EnvironmentMap;
 use crate::stages::Stage;
 use crate::stream::Needs;
@@ -21,6 +21,8 @@ pub struct Ways {
     pub raster: Raster,
     /// What colours are.
     pub shading: Shading,
+    /// This stage and those behind it do not run; what the one before passed on comes back.
+    pub until: Option<Stage>,
 }
 
 /// A view to draw, and the arrays to make of its picture.
@@ -94,6 +96,10 @@ pub struct Drawn {
     pub source_triangles: u64,
     /// The visible list, in scene order.
     pub visible: Vec<VisibleCluster>,
+    /// Slots of the instances that culling of instances passed on, in any order.
+    pub roots: Vec<u32>,
+    /// With [`Ways::until`] at the culling of clusters, the groups whose clusters it would have culled.
+    pub groups: Vec<CandidateGroup>,
     /// By entries of the tables of pages, how much those are missed that are not there: the bits of pixels.
     pub wanted: Vec<u32>,
     /// The same by meshes.

@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
+use super::bisect;
 use super::pass::INSTANCES;
 use super::queue::Queue;
 use super::renderer::{FrameContext, Rastered};
@@ -73,8 +74,10 @@ impl Device {
             return Ok(Vec::new());
         };
         self.update(scene);
-        let RenderOptions { int64_atomics, occlusion, raster, shading, .. } = *options;
-        let ways = Ways { int64_atomics, occlusion, raster, shading };
+        let RenderOptions { int64_atomics, raster, shading, cpu_from, .. } = *options;
+        // What the CPU goes on with is of one pass.
+        let occlusion = options.occlusion && bisect::on_device(options, Stage::Hzb);
+        let ways = Ways { int64_atomics, occlusion, raster, shading, until: cpu_from };
         let on_device = options.device_outputs.unwrap_or(!self.context().software());
         // Colour of several samples is their mean.
         let shaded = match options.samples {
@@ -82,7 +85,11 @@ impl Device {
             _ => &[Output::Color, Output::Linear],
         };
         let outputs = |options: &RenderOptions| {
-            let outputs = if on_device { options.outputs } else { Outputs::default() };
+            let runs = |output: &Output| {
+                let stage = if output.shaded() { Stage::Shade } else { Stage::Output };
+                on_device && bisect::on_device(options, stage)
+            };
+            let outputs: Outputs = options.outputs.iter().filter(runs).collect();
             shaded.iter().fold(outputs, |outputs, shaded| outputs.without(*shaded))
         };
         let views = frame_contexts.iter().map(|frame_context| {
@@ -107,6 +114,7 @@ impl Device {
                     // is software has it in this memory, and reading it costs less than counting its pixels there. Of
                     // depth alone that is so where no depth is made.
                     keep_on_device: on_device
+                        && cpu_from.is_none()
                         && (!frame_context.options.depth_only || frame_context.options.outputs.is_empty()),
                     outputs: outputs(&frame_context.options),
                     lighting: lighting_record(&frame_context.lighting),
@@ -142,7 +150,7 @@ impl Device {
 /// What a frame keeps of the device's answer.
 fn rastered(
     frame_context: &FrameContext<'_>,
-    drawn: Drawn,
+    mut drawn: Drawn,
     mut picture: VisibilityBuffer,
     scratch: &ScratchPool,
     on_device: bool,
@@ -152,9 +160,11 @@ fn rastered(
     let triangles = drawn.cull_passes.iter().map(|cull_pass| cull_pass.counters.triangles()).sum();
     let source_triangles = drawn.source_triangles;
     let mut stats = FrameStats { source_triangles, triangles, ..FrameStats::default() };
+    let from = frame_context.options.cpu_from.filter(|from| *from < Stage::Hzb);
     // In scene order: each instance once.
     let mut slots: Vec<u32> = drawn.visible.iter().map(|v| v.instance).collect();
     slots.dedup();
+    let slots = from.map_or(slots, |from| bisect::slots(from, &drawn));
     let there: Vec<(u32, &Instance)> =
         slots.into_iter().filter_map(|slot| Some((slot, instances.at(slot as usize)?))).collect();
     let view =
@@ -166,8 +176,16 @@ fn rastered(
         at += usize::from(views.get(at).is_some_and(|view| view.slot != v.instance));
         Visible { instance: at as u32, cluster: ClusterAddress(v.cluster) }
     };
-    let visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
-    let large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
+    let mut visible: Vec<Visible> = drawn.visible.iter().map(number).collect();
+    let mut large: Vec<bool> = drawn.visible.iter().map(|v| v.large != 0).collect();
+    let mut needs = std::mem::take(&mut drawn.needs);
+    if let Some(from) = from {
+        let (list, missed) = bisect::cull(from, frame_context, &drawn, &views);
+        needs.merge(missed);
+        bisect::raster(from, frame_context, &views, &list, &mut picture);
+        visible = list.iter().map(|candidate| candidate.visible).collect();
+        large = list.iter().map(|candidate| candidate.large).collect();
+    }
     stats.covered_pixels = match picture {
         VisibilityBuffer::OnDevice(..) | VisibilityBuffer::DepthOnDevice(..) => {
             drawn.cull_passes.iter().map(|cull_pass| u64::from(cull_pass.counters.covered)).sum()
@@ -183,10 +201,11 @@ fn rastered(
     stats.drawn_hardware =
         drawn.cull_passes.iter().map(|cull_pass| u64::from(cull_pass.counters.drawn_hardware)).sum();
     // A device has made depth of the keys that it was to make it of.
-    if !on_device || frame_context.options.outputs.is_empty() {
+    let made_here = !bisect::on_device(&frame_context.options, Stage::Output);
+    if !on_device || made_here || frame_context.options.outputs.is_empty() {
         picture.measure(screen, &mut stats);
     }
-    let (made, needs) = (drawn.made, drawn.needs);
+    let made = drawn.made;
     Rastered { picture, views, visible, large, made, light: None, layer: None, needs, stats }
 }
 

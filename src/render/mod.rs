@@ -1,6 +1,8 @@
 //! The renderer: a list of stages, the facade that runs them, and the frame that they leave.
 
 #[cfg(feature = "gpu")]
+mod bisect;
+#[cfg(feature = "gpu")]
 mod device;
 pub mod frame;
 mod history;

@@ -24,7 +24,7 @@ use crate::gpu_types::Array;
 use crate::model::{InterruptCheck, UNINTERRUPTED};
 use crate::scene::placement::Eye;
 use crate::scene::{Camera, Instance, Lighting, Scene, View};
-use crate::stages::Stage;
+use crate::stages::{STAGES, Stage};
 use crate::stream::{Needs, Resident, StreamOptions, Streamer};
 use crate::views::desc::{check_ids, check_size};
 use crate::views::{Histories, ViewDesc};
@@ -209,6 +209,8 @@ pub struct Renderer {
     loaded: Option<(u64, u64)>,
     /// There when meshes in files are streamed.
     streamer: Option<Streamer>,
+    /// See [`RenderOptions::cpu_from`], where a frame says nothing.
+    cpu_from: Option<Stage>,
     /// The views of the call before, where it streamed.
     before: Vec<DrawnView>,
 }
@@ -220,7 +222,20 @@ impl Renderer {
         let (device, reason) = Device::choose(backend)?;
         let (hzb, histories, scratch) = (Hzb::default(), Histories::default(), ScratchPool::default());
         let (loaded, streamer, before) = (None, None, Vec::new());
-        Ok(Self { width, height, device, reason, hzb, histories, scratch, loaded, streamer, before })
+        let cpu_from = cpu_from()?;
+        Ok(Self {
+            width,
+            height,
+            device,
+            reason,
+            hzb,
+            histories,
+            scratch,
+            loaded,
+            streamer,
+            cpu_from,
+            before,
+        })
     }
 
     /// From now on, of meshes whose pages lie in files, those are read that frames need, into a pool of so many bytes; or again
@@ -300,6 +315,7 @@ impl Renderer {
         options: &RenderOptions,
         proceed: InterruptCheck<'_>,
     ) -> Result<Vec<Frame>> {
+        let options = &RenderOptions { cpu_from: options.cpu_from.or(self.cpu_from), ..options.clone() };
         options.validate()?;
         let start = Instant::now();
         check_ids(views)?;
@@ -433,7 +449,9 @@ impl Renderer {
     /// The same where there is a device, or else on the CPU.
     fn draw_on_device(&mut self, frame_contexts: &[FrameContext<'_>]) -> Result<Vec<Rastered>> {
         #[cfg(feature = "gpu")]
-        if let Device::Gpu { device, replaceable } = &mut self.device {
+        if let Device::Gpu { device, replaceable } = &mut self.device
+            && frame_contexts.iter().all(|own| own.options.cpu_from != Some(Stage::InstanceCull))
+        {
             match device.draw(frame_contexts, &self.scratch) {
                 Err(error @ Error::Backend { .. }) if *replaceable => {
                     (self.device, self.reason) = (Device::Cpu, error.to_string());
@@ -483,6 +501,16 @@ impl Renderer {
             stats,
         })
     }
+}
+
+/// The variable of the environment that says from which stage on the CPU draws, see [`RenderOptions::cpu_from`].
+const CPU_FROM: &str = "NANITE_CPU_FROM";
+
+fn cpu_from() -> Result<Option<Stage>> {
+    let Ok(name) = std::env::var(CPU_FROM) else { return Ok(None) };
+    let names = STAGES.map(Stage::name).join(", ");
+    let unknown = || Error::argument(CPU_FROM, format!("must be one of {names}, not {name:?}"));
+    Stage::of_name(&name).map(Some).ok_or_else(unknown)
 }
 
 /// What is to be drawn from each view.

@@ -62,7 +62,7 @@ const LEAF_MAY_USE: &[(&str, &[&str])] = &[
     ("error", &[]),
     ("limits", &[]),
     ("math", &[]),
-    ("config", &["error", "limits"]),
+    ("config", &["error", "limits", "stages"]),
     ("stages", &[]),
     ("threads", &["error"]),
 ];

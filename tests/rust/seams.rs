@@ -9,6 +9,8 @@ use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::{Dag, UNINTERRUPTED};
 use nanite_rs::render::{Backend, Renderer, ViewDesc, ViewKind};
 use nanite_rs::scene::{Material, Scene};
+#[cfg(feature = "gpu")]
+use nanite_rs::stages::{STAGES, Stage};
 
 use crate::render_frames::{CAMERA, IDENTITY, at, crowd, dag, lit, shoot};
 use crate::shapes::{Mesh, bumpy_sphere};
@@ -129,5 +131,38 @@ fn a_geometry_of_one_level_is_drawn_like_any_other() {
         let mut alone = Scene::new();
         alone.add(Arc::clone(&flat), &IDENTITY, Material::default()).unwrap();
         assert!(draw(&alone, at(0.0, 0.0, 4.0), &full).stats.covered_pixels > 0);
+    }
+}
+
+/// Whatever the stage from which on the CPU draws, the image is the same: as long as the device does all before it as the
+/// CPU would.
+#[cfg(feature = "gpu")]
+#[test]
+fn any_stage_can_be_the_first_on_the_cpu() {
+    let Some(_) = crate::gpu_parity::device("any_stage_can_be_the_first_on_the_cpu") else { return };
+    let (scene, pose) = (crowd(), at(0.0, 0.0, 6.0));
+    let mut renderer = Renderer::new(160, 90, "gpu").unwrap();
+    for options in [RenderOptions::default(), RenderOptions::depth_only()] {
+        let options = RenderOptions { pixel_error: 0.7, device_outputs: Some(true), ..options };
+        let expected = shoot(&scene, &CAMERA, &pose, (160, 90), &options);
+        for from in STAGES {
+            let cpu_from = RenderOptions { cpu_from: Some(from), ..options.clone() };
+            let frame = renderer.render(&scene, &CAMERA, &pose, &cpu_from).unwrap();
+            assert!(frame.depth().unwrap() == expected.depth().unwrap(), "{from:?}");
+            assert_eq!(frame.stats.covered_pixels, expected.stats.covered_pixels, "{from:?}");
+            if !options.depth_only {
+                assert!(frame.instance_ids().unwrap() == expected.instance_ids().unwrap(), "{from:?}");
+                assert!(frame.triangle_ids().unwrap() == expected.triangle_ids().unwrap(), "{from:?}");
+                crate::gpu_parity::tolerances::same_color(
+                    &frame.color().unwrap(),
+                    &expected.color().unwrap(),
+                    "color",
+                );
+            }
+            // The device ran those before it, and no other but what the CPU then did.
+            let ran = frame.stats.stages.iter().filter(|stats| stats.stage < Stage::Shade);
+            let last = ran.map(|stats| stats.stage).max();
+            assert!(from == Stage::InstanceCull || last.is_none_or(|last| last < from), "{from:?}: {last:?}");
+        }
     }
 }

@@ -41,8 +41,13 @@ fn agree(forms: &mut Forms, renderer: &mut DeviceRenderer, view: &View) -> [Foun
     assert!(queue.visible == levels.visible, "another list");
     assert_eq!((queue.nodes, queue.groups), (levels.nodes, levels.groups));
     assert!(set(flat) == set(levels), "other clusters");
-    let ways =
-        Ways { int64_atomics: true, occlusion: false, raster: Raster::Compute, shading: Shading::default() };
+    let ways = Ways {
+        int64_atomics: true,
+        occlusion: false,
+        raster: Raster::Compute,
+        shading: Shading::default(),
+        until: None,
+    };
     let mut words = vec![0; (view.width * view.height) as usize];
     assert!(
         renderer.draw(&mut [ViewRequest::new(*view, &mut words)], ways, &Resident::default()).unwrap()[0]
