@@ -22,7 +22,7 @@ fn main(
     let end = min(first + WIDTH * PIXELS_PER_LANE, view.width * view.height);
     var own = 0u;
     for (var pixel = first; pixel < end; pixel += WIDTH) {
-        own += u32(key_of(pixel) != 0u);
+        own += u32(covered_at(pixel));
     }
     atomicAdd(&covered, own);
     workgroupBarrier();

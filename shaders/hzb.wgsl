@@ -70,10 +70,10 @@ fn main(
         workgroupBarrier();
         let side = REGION >> level;
         if all(lane.xy < vec2<u32>(side)) {
-            let from = 2u * lane.xy;
+            let at = 2u * lane.xy;
             key = min(
-                min(keys[from.y][from.x], keys[from.y][from.x + 1u]),
-                min(keys[from.y + 1u][from.x], keys[from.y + 1u][from.x + 1u]),
+                min(keys[at.y][at.x], keys[at.y][at.x + 1u]),
+                min(keys[at.y + 1u][at.x], keys[at.y + 1u][at.x + 1u]),
             );
             store(SOURCE + level, side * region.x + lane.x, side * region.y + lane.y, key);
         }

@@ -5,6 +5,7 @@ use nanite_rs::gpu::wgpu::{
     self, BindGroupDescriptor, BindGroupEntry, BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor,
     ComputePipelineDescriptor, ShaderModuleDescriptor, ShaderSource,
 };
+use nanite_rs::math::double_single::SPLITTER;
 
 use crate::gpu_parity::device;
 
@@ -35,7 +36,7 @@ const SOURCE: &str = concat!(
 /// What the device makes of pairs.
 fn run(context: &Context, pairs: &[[f32; 2]], constants: &[(&str, f64)]) -> Vec<[f32; MADE]> {
     let device = context.device();
-    let source = ShaderSource::Wgsl(SOURCE.into());
+    let source = ShaderSource::Wgsl(format!("const SPLITTER: f32 = {SPLITTER:?}f;\n{SOURCE}").into());
     let module = device.create_shader_module(ShaderModuleDescriptor { label: None, source });
     let pipeline = device.create_compute_pipeline(&ComputePipelineDescriptor {
         label: None,

@@ -13,7 +13,7 @@ fn corner(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4<f32> {
     return vec4<f32>(x, y, depth_of(turn.material), 1.0);
 }
 
-fn pixel_of(at: vec4<f32>) -> u32 {
+fn pixel_at(at: vec4<f32>) -> u32 {
     return u32(at.y) * view.width + u32(at.x);
 }
 
