@@ -19,10 +19,10 @@ fn pixel_at(at: vec4<f32>) -> u32 {
 
 @fragment
 fn write_depth(@builtin(position) at: vec4<f32>) -> @builtin(frag_depth) f32 {
-    return depth_of(material_at(pixel_of(at)));
+    return depth_of(material_at(pixel_at(at)));
 }
 
 @fragment
 fn shade_pixel(@builtin(position) at: vec4<f32>) -> @location(0) u32 {
-    return color_at(pixel_of(at));
+    return color_at(pixel_at(at));
 }
