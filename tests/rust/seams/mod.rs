@@ -1,5 +1,5 @@
 //! A trial of each seam that the next capabilities go through: a view with a size, threshold and kind of its own beside
-//! others; a geometry of one level. Sources and sinks of pages are tried in `streaming.rs`.
+//! others; a geometry of one level; in `pages`, sources and sinks of pages.
 
 use std::sync::Arc;
 
