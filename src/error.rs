@@ -99,4 +99,24 @@ impl Error {
     pub fn argument(argument: &'static str, message: impl Into<String>) -> Self {
         Self::Argument { argument, message: message.into() }
     }
+
+    /// Whether the same call may succeed the next time: see [`is_passing`].
+    pub fn is_passing(&self) -> bool {
+        matches!(self, Self::Io { source, .. } if is_passing(source))
+    }
+}
+
+/// Whether a disk or a network may do better the next time. What says that something is not there, is shorter, or must not
+/// be read stays so until somebody changes it; timeouts, dropped connections and what has no name of its own may pass.
+pub fn is_passing(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind;
+    !matches!(
+        error.kind(),
+        ErrorKind::NotFound
+            | ErrorKind::PermissionDenied
+            | ErrorKind::UnexpectedEof
+            | ErrorKind::InvalidData
+            | ErrorKind::InvalidInput
+            | ErrorKind::Unsupported
+    )
 }

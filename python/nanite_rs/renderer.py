@@ -36,7 +36,7 @@ class TextureWarning(UserWarning):
 
 
 class StreamWarning(UserWarning):
-    """Part of a streamed mesh cannot be read: it is shown with less detail."""
+    """Part of a streamed mesh could not be read: it is shown with less detail until it can be."""
 
 
 @dataclass(frozen=True)

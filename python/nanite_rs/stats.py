@@ -51,7 +51,7 @@ class StreamStats:
     evicted_pages: int
     """Pages that had to leave since the frame before."""
     read_errors: int
-    """Pages that could not be read, since the renderer was made."""
+    """Pages that could not be read, since the renderer was made. One that still cannot be is not counted again."""
     draws: int
     """How often the frame was drawn until all was there."""
     coarsest_pixels: float

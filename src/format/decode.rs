@@ -1,6 +1,8 @@
 //! Bytes as a mesh. Sizes, counts and offsets are checked against the length before anything is allocated.
 
 use std::borrow::Cow;
+use std::iter::once;
+use std::ops::Range;
 use std::sync::Arc;
 
 use bytemuck::AnyBitPattern;
@@ -8,7 +10,7 @@ use rayon::prelude::*;
 
 use super::encode::Metadata;
 use super::file::{ENTRY_BYTES, HEADER_BYTES, Kind, MAGIC, MAX_EXPANSION, OLDEST_VERSION, PageRow, VERSION};
-use super::input::Input;
+use super::input::{Input, read_now};
 use super::page::Context;
 use super::page_decode::Decoder;
 use super::validate;
@@ -21,34 +23,97 @@ use crate::model::{
     Words,
 };
 
-/// Bytes of words that are read at once.
-const WORDS_CHUNK: usize = 1 << 20;
+/// Bytes that opening reads first: header, section table and, of most files, all that comes before pages and channels.
+const FIRST_READ: u64 = 1 << 18;
+/// What opening needs.
+const FRONT: [Kind; 5] = [Kind::Metadata, Kind::PageTable, Kind::Dependencies, Kind::Groups, Kind::Nodes];
+/// Bytes of words that are read as one range.
+const WORDS_CHUNK: u64 = 1 << 20;
 
-/// The bytes with a name for error messages.
+/// The bytes that were read of a file, with its name for error messages.
 pub struct Source<'a> {
-    input: &'a dyn Input,
     name: &'a str,
+    length: u64,
+    /// Where more of them come from.
+    input: Option<&'a dyn Input>,
+    /// Each with the offset of its first byte.
+    parts: Vec<(u64, Cow<'a, [u8]>)>,
 }
 
 impl<'a> Source<'a> {
-    /// Bytes with a name.
-    pub fn new(input: &'a dyn Input, name: &'a str) -> Self {
-        Self { input, name }
+    /// All of a file.
+    pub fn of_bytes(bytes: &'a [u8], name: &'a str) -> Self {
+        Self { name, length: bytes.len() as u64, input: None, parts: vec![(0, Cow::Borrowed(bytes))] }
+    }
+
+    /// A file of which nothing is read yet.
+    pub fn of_input(input: &'a dyn Input, name: &'a str) -> Self {
+        Self { name, length: input.length(), input: Some(input), parts: Vec::new() }
     }
 
     /// A format error at an offset.
-    pub fn fail(&self, offset: u64, message: impl Into<String>) -> Error {
-        Error::Format { name: self.name.into(), offset, message: message.into() }
+    fn fail(&self, offset: u64, message: impl Into<String>) -> Error {
+        fault(self.name, offset, message)
     }
 
-    fn take(&self, offset: u64, length: u64, what: &str) -> Result<Cow<'a, [u8]>> {
-        let size = self.input.length();
-        let ends = offset.checked_add(length).is_some_and(|end| end <= size);
-        let Some(length) = usize::try_from(length).ok().filter(|_| ends) else {
-            return Err(self.fail(offset, format!("{what} needs {length} bytes, the file ends at {size}")));
-        };
-        self.input.read(offset, length).map_err(|source| Error::Io { path: self.name.into(), source })
+    /// Reads what is not there of these ranges, as far as the file goes, by one batch. What touches becomes one part.
+    fn fetch(&mut self, wanted: impl IntoIterator<Item = Range<u64>>) -> Result<()> {
+        let Some(input) = self.input else { return Ok(()) };
+        let mut wanted: Vec<Range<u64>> = wanted.into_iter().collect();
+        wanted.sort_by_key(|range| range.start);
+        let mut ranges: Vec<Range<u64>> = Vec::new();
+        for range in wanted {
+            let known = self.parts.iter().map(|(first, bytes)| *first..first + bytes.len() as u64);
+            let behind = |start: u64, other: Range<u64>| match (other.start..=other.end).contains(&start) {
+                true => other.end,
+                false => start,
+            };
+            let start = known.chain(ranges.last().cloned()).fold(range.start, behind);
+            let end = range.end.min(self.length);
+            match ranges.last_mut() {
+                _ if start >= end => {}
+                Some(last) if last.end == start => last.end = end,
+                _ => ranges.push(start..end),
+            }
+        }
+        if ranges.is_empty() {
+            return Ok(());
+        }
+        let read = read_now(input, &ranges).map_err(io(self.name))?;
+        for (bytes, Range { start, .. }) in read.into_iter().zip(ranges) {
+            match self.parts.iter_mut().find(|(first, part)| first + part.len() as u64 == start) {
+                Some((_, part)) => part.to_mut().extend(bytes),
+                None => self.parts.push((start, bytes.into())),
+            }
+        }
+        Ok(())
     }
+
+    /// Bytes that were read. None are there everywhere.
+    fn take(&self, offset: u64, length: u64, what: &str) -> Result<&[u8]> {
+        if offset.checked_add(length).is_none_or(|end| end > self.length) {
+            let size = self.length;
+            return Err(self.fail(offset, format!("{what} needs {length} bytes, the file ends at {size}")));
+        }
+        let inside = |(first, bytes): &(u64, Cow<'a, [u8]>)| {
+            let start = usize::try_from(offset.checked_sub(*first)?).ok()?;
+            let end = start.checked_add(usize::try_from(length).ok()?)?;
+            (end <= bytes.len()).then_some(start..end)
+        };
+        let found = self.parts.iter().find_map(|part| Some(&part.1[inside(part)?]));
+        let none: Option<&[u8]> = (length == 0).then_some(&[]);
+        found.or(none).ok_or_else(|| Error::Invariant(format!("{what} was not read")))
+    }
+}
+
+/// A format error of a file at an offset.
+pub(super) fn fault(name: &str, offset: u64, message: impl Into<String>) -> Error {
+    Error::Format { name: name.into(), offset, message: message.into() }
+}
+
+/// An error of reading a file.
+pub(super) fn io(name: &str) -> impl Fn(std::io::Error) -> Error + '_ {
+    |source| Error::Io { path: name.into(), source }
 }
 
 /// A number in bytes that are there.
@@ -94,16 +159,28 @@ impl WordSection {
         self.entry.length as usize / size_of::<u32>()
     }
 
-    /// Reads and checks the words.
-    pub(super) fn read(&self, source: &Source<'_>) -> Result<Vec<u32>> {
-        let Entry { crc, offset, length, .. } = self.entry;
-        let fault = |what: &str| source.fail(offset, format!("{}: {what}", self.label));
+    /// Where they lie, in ranges of whole words.
+    pub(super) fn ranges(&self) -> Vec<Range<u64>> {
+        let end = self.entry.offset + self.entry.length;
+        let starts = (self.entry.offset..end).step_by(WORDS_CHUNK as usize);
+        starts.map(|start| start..end.min(start + WORDS_CHUNK)).collect()
+    }
+
+    /// Takes the bytes of these ranges as words, and checks them.
+    pub(super) fn words<B: AsRef<[u8]>>(
+        &self,
+        name: &str,
+        parts: impl Iterator<Item = Result<B>>,
+    ) -> Result<Vec<u32>> {
+        let Entry { crc, offset, .. } = self.entry;
+        let fault = |what: &str| fault(name, offset, format!("{}: {what}", self.label));
         // Bounded by the file, which sections are inside of.
         let mut words = Vec::with_capacity(self.count());
         let mut found = crc32fast::Hasher::new();
-        for start in (0..length).step_by(WORDS_CHUNK) {
-            let bytes = source.take(offset + start, (length - start).min(WORDS_CHUNK as u64), &self.label)?;
-            found.update(&bytes);
+        for part in parts {
+            let part = part?;
+            let bytes = part.as_ref();
+            found.update(bytes);
             words.extend(bytes.chunks_exact(size_of::<u32>()).map(bytemuck::pod_read_unaligned::<u32>));
         }
         if u64::from(found.finalize()) != crc {
@@ -117,28 +194,31 @@ impl WordSection {
 /// A section that passed its checksum.
 struct Section<'a> {
     offset: u64,
-    data: Cow<'a, [u8]>,
+    data: &'a [u8],
 }
 
 impl<'a> Container<'a> {
-    /// Reads the header and the section table. `name` appears in error messages.
-    pub fn new(input: &'a dyn Input, name: &'a str) -> Result<Self> {
-        let source = Source::new(input, name);
+    /// Reads the header, the section table and the sections of some kinds: by one batch where they are among the first
+    /// bytes, by two else.
+    pub fn new(mut source: Source<'a>, kinds: &[Kind]) -> Result<Self> {
+        source.fetch(once(0..FIRST_READ))?;
         let header = source.take(0, HEADER_BYTES as u64, "the header")?;
         if header[..8] != MAGIC {
             return Err(source.fail(0, "the magic bytes are missing"));
         }
-        if number::<4>(&header, 20) != u64::from(crc32fast::hash(&header[..20])) {
+        if number::<4>(header, 20) != u64::from(crc32fast::hash(&header[..20])) {
             return Err(source.fail(20, "the header's checksum does not match"));
         }
-        let version = number::<4>(&header, 8);
+        let version = number::<4>(header, 8);
         if !(u64::from(OLDEST_VERSION)..=u64::from(VERSION)).contains(&version) {
             let known = format!("this build reads versions {OLDEST_VERSION} to {VERSION}");
             return Err(source.fail(8, format!("version {version}; {known}")));
         }
-        let count = number::<4>(&header, 12);
-        let table = source.take(HEADER_BYTES as u64, count * ENTRY_BYTES as u64, "the section table")?;
-        if number::<4>(&header, 16) != u64::from(crc32fast::hash(&table)) {
+        let count = number::<4>(header, 12);
+        let (crc, bytes) = (number::<4>(header, 16), count * ENTRY_BYTES as u64);
+        source.fetch(once(HEADER_BYTES as u64..HEADER_BYTES as u64 + bytes))?;
+        let table = source.take(HEADER_BYTES as u64, bytes, "the section table")?;
+        if crc != u64::from(crc32fast::hash(table)) {
             return Err(source.fail(16, "the section table's checksum does not match"));
         }
         let entry = |row: &[u8]| Entry {
@@ -148,10 +228,25 @@ impl<'a> Container<'a> {
             length: number::<8>(row, 16),
         };
         let entries: Vec<Entry> = table.chunks_exact(ENTRY_BYTES).map(entry).collect();
-        let out = Self { source, version, entries };
+        let mut out = Self { source, version, entries };
         out.kinds()?;
+        out.source.fetch(out.wanted(kinds))?;
         out.padding()?;
         Ok(out)
+    }
+
+    /// The sections of some kinds, and the space before each section.
+    fn wanted(&self, kinds: &[Kind]) -> Vec<Range<u64>> {
+        let mut end = (HEADER_BYTES + self.entries.len() * ENTRY_BYTES) as u64;
+        let mut out = Vec::new();
+        for entry in &self.entries {
+            out.push(end..entry.offset);
+            end = entry.offset.saturating_add(entry.length);
+            if kinds.iter().any(|kind| *kind as u64 == entry.kind) {
+                out.push(entry.offset..end);
+            }
+        }
+        out
     }
 
     /// Sections are of kinds that exist, and only channels have more than one.
@@ -179,7 +274,7 @@ impl<'a> Container<'a> {
             }
             end = entry.offset.saturating_add(entry.length);
         }
-        let size = source.input.length();
+        let size = source.length;
         if end == size {
             Ok(())
         } else {
@@ -201,10 +296,10 @@ impl<'a> Container<'a> {
         self.of(kind).map(|entry| entry.length).sum()
     }
 
-    fn required(&self, kind: Kind) -> Result<Section<'a>> {
+    fn required(&self, kind: Kind) -> Result<Section<'_>> {
         let Entry { crc, offset, length, .. } = self.entry(kind).ok_or_else(|| self.missing(kind))?;
         let data = self.source.take(offset, length, &format!("section {kind:?}"))?;
-        if u64::from(crc32fast::hash(&data)) != crc {
+        if u64::from(crc32fast::hash(data)) != crc {
             return Err(self.source.fail(offset, format!("section {kind:?}: the checksum does not match")));
         }
         Ok(Section { offset, data })
@@ -228,7 +323,7 @@ impl<'a> Container<'a> {
     /// The metadata.
     pub fn metadata(&self) -> Result<Metadata> {
         let json = self.required(Kind::Metadata)?;
-        let read = serde_json::from_slice(&json.data);
+        let read = serde_json::from_slice(json.data);
         let fault = |e| self.source.fail(json.offset, format!("section Metadata: {e}"));
         let metadata: Metadata = read.map_err(fault)?;
         let grid = metadata.grid.map_or(Ok(()), validate::grid);
@@ -415,18 +510,29 @@ impl Head {
         self.rows.iter().scan(PageEntry::default(), next).collect()
     }
 
-    /// Reads, decodes and checks a page.
-    pub(super) fn page(&self, source: &Source<'_>, page: usize, decoder: &mut Decoder) -> Result<PageWords> {
+    /// Where a page lies in the file.
+    pub(super) fn place(&self, page: usize) -> Range<u64> {
         let row = &self.rows[page];
         let at = self.pages_at + row.offset;
-        let fault = |what: &str| source.fail(at, format!("page {page}: {what}"));
+        at..at + u64::from(row.bytes)
+    }
+
+    /// Decodes and checks a page.
+    pub(super) fn page(
+        &self,
+        name: &str,
+        page: usize,
+        bytes: &[u8],
+        decoder: &mut Decoder,
+    ) -> Result<PageWords> {
+        let row = &self.rows[page];
+        let fault = |what: &str| fault(name, self.place(page).start, format!("page {page}: {what}"));
         let end = self.rows.get(page + 1).map_or(self.groups.len(), |next| next.first_group as usize);
         let own = row.first_group as usize..end;
         if validate::members(&self.groups, page, &own) != Some(row.clusters) {
             return Err(fault("its clusters are not those of its groups"));
         }
-        let bytes = source.take(at, u64::from(row.bytes), "a page")?;
-        if crc32fast::hash(&bytes) != row.crc {
+        if crc32fast::hash(bytes) != row.crc {
             return Err(fault("the checksum does not match"));
         }
         let Metadata { layout, grid, vertex_count, .. } = self.metadata;
@@ -435,7 +541,7 @@ impl Head {
         let step = context.step();
         // Bounded by the bytes of the page, which are there: see `page_table`.
         let mut words = vec![0u32; row.words as usize];
-        decoder.decode(&context, &bytes, row.clusters as usize, &mut words).map_err(fault)?;
+        decoder.decode(&context, bytes, row.clusters as usize, &mut words).map_err(fault)?;
         let limits = validate::PageLimits { layout, groups: &self.groups, vertex_count, step };
         let records = limits.check(row.clusters, row.faces, &words).map_err(|what| fault(&what))?;
         let depends = |r: &ClusterRecord| {
@@ -452,13 +558,26 @@ impl Head {
 
 /// Parses a mesh, all of it. `name` appears in error messages.
 pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Dag> {
-    let source = Source::new(&bytes, name);
-    let read = |section: WordSection| section.read(&source).map(Words::from);
-    let (dag, head) = Container::new(&bytes, name)?.dag(read)?;
+    // Sections are inside of the file, and pages of theirs.
+    let part = |range: Range<u64>| &bytes[range.start as usize..range.end as usize];
+    let read = |section: WordSection| {
+        let parts = section.ranges().into_iter().map(|range| Ok(part(range)));
+        section.words(name, parts).map(Words::from)
+    };
+    let (dag, head) = Container::new(Source::of_bytes(bytes, name), &FRONT)?.dag(read)?;
     let decode = |decoder: &mut Result<Decoder>, page: usize| match decoder {
-        Ok(decoder) => head.page(&source, page, decoder),
+        Ok(decoder) => head.page(name, page, part(head.place(page)), decoder),
         Err(error) => Err(Error::Invariant(error.to_string())),
     };
     let pages = (0..head.rows.len()).into_par_iter().map_init(Decoder::new, decode).collect::<Result<_>>()?;
     Ok(Dag { pages: Arc::new(Pages::new(head.entries(), dag.layout(), pages)), ..dag })
+}
+
+/// Reads all of a file but pages, channels and face ids: see [`Container::dag`].
+pub(super) fn front(
+    input: &dyn Input,
+    name: &str,
+    words: impl Fn(WordSection) -> Result<Words>,
+) -> Result<(Dag, Head)> {
+    Container::new(Source::of_input(input, name), &FRONT)?.dag(words)
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::decode::Container;
+use super::decode::{Container, Source};
 use super::encode::Metadata;
 use super::file::{Kind, PageRow};
 use super::input::{Input, OnDisk};
@@ -32,7 +32,7 @@ pub fn file_info(path: &Path) -> Result<FileInfo> {
     let name = path.display().to_string();
     let input = OnDisk::open(path)?;
     let length = input.length();
-    let container = Container::new(&input, &name)?;
+    let container = Container::new(Source::of_input(&input, &name), &[Kind::Metadata, Kind::PageTable])?;
     let (metadata, pages) = (container.metadata()?, container.page_table()?);
     let of = |kind| container.bytes_of(kind);
     let mut parts: Vec<(&'static str, u64)> = Part::ALL

@@ -1,46 +1,108 @@
-//! Where the bytes of a file come from: memory, or a file of which parts are read when they are wanted.
+//! Where the bytes of a file come from: memory, or a file of which ranges are read when they are wanted.
 //!
 //! Files are read and not mapped: when somebody cuts a mapped file short, the process that looks at it dies; a read fails,
 //! which can be told.
 
-use std::borrow::Cow;
 use std::fs::File;
+use std::io;
+use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::mpsc::channel;
+use std::time::Instant;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, is_passing};
+use crate::model::retry::{Retry, TRIES};
+use crate::model::{Answer, Workers};
 
-/// Bytes of which parts are read, from any thread.
+/// Bytes that somebody wants.
+pub struct RangeRequest {
+    /// Which; inside of the file as it was opened.
+    pub range: Range<u64>,
+    /// What takes them, all of them.
+    pub answer: Answer<io::Result<Vec<u8>>>,
+}
+
+/// Bytes of which ranges are read.
 pub trait Input: Send + Sync {
     /// Number of bytes.
     fn length(&self) -> u64;
-    /// Some of them.
-    fn read(&self, offset: u64, length: usize) -> std::io::Result<Cow<'_, [u8]>>;
-}
 
-impl Input for &[u8] {
-    fn length(&self) -> u64 {
-        self.len() as u64
-    }
+    /// Reads a batch of ranges, the most wanted first, and returns before they are there. Each is answered by itself: in any
+    /// order, from any thread. What blocks runs on `workers`, see [`read_blocking`]. Ranges that touch may be read as one.
+    fn read(&self, batch: Vec<RangeRequest>, workers: &Workers);
 
-    fn read(&self, offset: u64, length: usize) -> std::io::Result<Cow<'_, [u8]>> {
-        Ok(Cow::Borrowed(&self[offset as usize..][..length]))
+    /// See [`crate::model::PageSource::batch_size`].
+    fn batch_size(&self) -> usize {
+        1
     }
 }
 
+/// Answers a batch by calls that block, on the threads of who asks.
+pub fn read_blocking(
+    batch: Vec<RangeRequest>,
+    workers: &Workers,
+    read: impl Fn(Range<u64>) -> io::Result<Vec<u8>> + Send + Sync + 'static,
+) {
+    let read = Arc::new(read);
+    for RangeRequest { range, answer } in batch {
+        let read = Arc::clone(&read);
+        workers.last(move || answer.send(read(range)));
+    }
+}
+
+/// Reads ranges and waits for them; what fails for a passing reason is read again.
+pub fn read_now(input: &dyn Input, ranges: &[Range<u64>]) -> io::Result<Vec<Vec<u8>>> {
+    let mut found: Vec<Option<Vec<u8>>> = vec![None; ranges.len()];
+    let mut retry = Retry::default();
+    loop {
+        let (sender, receiver) = channel();
+        let absent = (0..ranges.len()).filter(|i| found[*i].is_none());
+        let request = |i: usize| {
+            let sender = sender.clone();
+            let take = move |bytes| drop(sender.send((i, bytes)));
+            RangeRequest { range: ranges[i].clone(), answer: Answer::new(take) }
+        };
+        let batch = absent.map(request).collect();
+        drop(sender);
+        input.read(batch, &Workers::inline());
+        let mut failed = None;
+        for (i, bytes) in receiver {
+            match bytes.unwrap_or_else(|| Err(io::Error::new(io::ErrorKind::Unsupported, "no answer"))) {
+                Ok(bytes) if bytes.len() as u64 == ranges[i].end - ranges[i].start => found[i] = Some(bytes),
+                Ok(_) => return Err(io::ErrorKind::UnexpectedEof.into()),
+                Err(error) if is_passing(&error) => failed = Some(error),
+                Err(error) => return Err(error),
+            }
+        }
+        let Some(error) = failed else { return Ok(found.into_iter().flatten().collect()) };
+        let now = Instant::now();
+        retry.failed(now);
+        if retry.failures() == TRIES {
+            return Err(error);
+        }
+        std::thread::sleep(retry.pause(now));
+    }
+}
+
+/// Bytes in memory are there at once.
 impl Input for Vec<u8> {
     fn length(&self) -> u64 {
         self.len() as u64
     }
 
-    fn read(&self, offset: u64, length: usize) -> std::io::Result<Cow<'_, [u8]>> {
-        Ok(Cow::Borrowed(&self[offset as usize..][..length]))
+    fn read(&self, batch: Vec<RangeRequest>, _: &Workers) {
+        for RangeRequest { range, answer } in batch {
+            let bytes = self.get(range.start as usize..range.end as usize);
+            answer.send(bytes.map(<[u8]>::to_vec).ok_or_else(|| io::ErrorKind::UnexpectedEof.into()));
+        }
     }
 }
 
 /// A file that stays open: what is renamed over it later does not change what is read.
 #[derive(Debug)]
 pub struct OnDisk {
-    file: File,
+    file: Arc<File>,
     length: u64,
 }
 
@@ -50,18 +112,33 @@ impl OnDisk {
         let io = |source| Error::Io { path: path.to_path_buf(), source };
         let file = File::open(path).map_err(io)?;
         let length = file.metadata().map_err(io)?.len();
-        Ok(Self { file, length })
+        Ok(Self { file: Arc::new(file), length })
     }
+}
 
-    #[cfg(unix)]
-    fn read_at(&self, bytes: &mut [u8], offset: u64) -> std::io::Result<usize> {
-        std::os::unix::fs::FileExt::read_at(&self.file, bytes, offset)
-    }
+#[cfg(unix)]
+fn read_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
+    std::os::unix::fs::FileExt::read_at(file, bytes, offset)
+}
 
-    #[cfg(windows)]
-    fn read_at(&self, bytes: &mut [u8], offset: u64) -> std::io::Result<usize> {
-        std::os::windows::fs::FileExt::seek_read(&self.file, bytes, offset)
+#[cfg(windows)]
+fn read_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
+    std::os::windows::fs::FileExt::seek_read(file, bytes, offset)
+}
+
+/// All bytes of a range.
+fn read_range(file: &File, range: &Range<u64>) -> io::Result<Vec<u8>> {
+    let mut bytes = vec![0; (range.end - range.start) as usize];
+    let mut done = 0;
+    while done < bytes.len() {
+        match read_at(file, &mut bytes[done..], range.start + done as u64) {
+            Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(count) => done += count,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
     }
+    Ok(bytes)
 }
 
 impl Input for OnDisk {
@@ -69,17 +146,8 @@ impl Input for OnDisk {
         self.length
     }
 
-    fn read(&self, offset: u64, length: usize) -> std::io::Result<Cow<'_, [u8]>> {
-        let mut bytes = vec![0; length];
-        let mut done = 0;
-        while done < length {
-            match self.read_at(&mut bytes[done..], offset + done as u64) {
-                Ok(0) => return Err(std::io::ErrorKind::UnexpectedEof.into()),
-                Ok(count) => done += count,
-                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(Cow::Owned(bytes))
+    fn read(&self, batch: Vec<RangeRequest>, workers: &Workers) {
+        let file = Arc::clone(&self.file);
+        read_blocking(batch, workers, move |range| read_range(&file, &range));
     }
 }

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, RECORD_WORDS};
 use super::reading::{InterruptCheck, read_pages};
+use super::source::PageSource;
 use crate::error::Result;
 
 /// The words of a page, shared by all who look at it.
@@ -44,15 +45,6 @@ impl PageEntry {
             first_face: self.first_face.saturating_add(self.faces),
         }
     }
-}
-
-/// Where pages come from that are not in memory.
-pub trait PageSource: fmt::Debug + Send + Sync {
-    /// The words of a page, checked; on any thread.
-    fn read(&self, page: usize) -> Result<PageWords>;
-
-    /// The other pages with clusters that were made from the groups of a page, ascending, all before it.
-    fn dependencies(&self, page: usize) -> &[u32];
 }
 
 /// Pages of a mesh: all of them, or those that are in memory.

@@ -1,11 +1,10 @@
 //! Streaming: of meshes whose pages lie in files, memory holds what the view needs.
 //!
 //! After each frame the renderer says which pages the frame needed and how much (`request.rs`); the pool decides what
-//! is to be there (`pool.rs`), threads of their own read and decode it (`loader.rs`), and before the next frame what has
+//! is to be there (`pool.rs`), the loader of `model/` has it read and decoded, and before the next frame what has
 //! arrived takes its place (`streamer.rs`). Both backends share all of it. `docs/streaming.md` follows a request from end
 //! to end.
 
-mod loader;
 mod pool;
 mod request;
 mod resident;

@@ -35,7 +35,7 @@ enum State {
     Waiting(PageWords),
     /// May be drawn.
     Resident,
-    /// Cannot be read.
+    /// Could not be read, and is done without until it is tried again.
     Failed,
 }
 
@@ -66,7 +66,7 @@ pub enum Change {
 pub struct Plan {
     /// To be read, what matters most first.
     pub load: Vec<Ask>,
-    /// Pages needed, with all they depend on, but for those that cannot be read.
+    /// Pages needed, with all they depend on, but for those that could not be read.
     pub needed: usize,
     /// Of these, those that are not resident.
     pub missing: usize,
@@ -202,9 +202,17 @@ impl Pool {
         }
     }
 
-    /// A page cannot be read, now or ever.
-    pub fn failed(&mut self, ask: Ask, for_good: bool) {
-        self.drop_asked(ask, if for_good { State::Failed } else { State::Absent });
+    /// A page that was asked for could not be read: it is done without until [`Pool::retry`].
+    pub fn failed(&mut self, ask: Ask) {
+        self.drop_asked(ask, State::Failed);
+    }
+
+    /// A page that could not be read may be asked for again.
+    pub fn retry(&mut self, ask: Ask) {
+        let page = self.page_mut(ask);
+        if matches!(page.state, State::Failed) {
+            page.state = State::Absent;
+        }
     }
 
     fn drop_asked(&mut self, ask: Ask, state: State) {
@@ -340,7 +348,7 @@ impl Pool {
     }
 
     /// Adds pages with all they depend on, each needed as much as the most needed that depends on it; without those
-    /// that cannot be read, or depend on such.
+    /// that could not be read, or depend on such.
     fn with_dependencies(&self, mesh: u32, requests: &[Request], out: &mut Vec<(Ask, f32)>) {
         let mut all: BTreeMap<u32, f32> = requests.iter().map(|r| (r.page, r.pixels)).collect();
         let mut found = Vec::new();

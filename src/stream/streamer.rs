@@ -1,19 +1,20 @@
 //! Between frames: what has arrived takes its place, what frames need is asked for.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use super::loader::{Arrival, LoadRequest, Loader};
 use super::pool::{Ask, Change, Plan, Pool};
 use super::request::Needs;
 use super::resident::Resident;
 use crate::error::{Error, Result};
 use crate::limits::PAGE_MAX_BYTES;
-use crate::model::{Dag, InterruptCheck, PageSource, PageWords, Pages, read_pages};
+use crate::model::{
+    Arrival, Clock, Dag, InterruptCheck, LoadRequest, Loader, PageSource, PageWords, Pages, Retry, read_pages,
+};
 use crate::threads::Own;
 
-/// How often a page is read that the system could not read, before it counts as lost.
-const ATTEMPTS: u32 = 3;
+/// Threads that read and decode, at most: a disk and a few cores are busy with less.
+const MOST_THREADS: usize = 4;
 
 /// Bytes of pages that enter before a frame that does not wait: what a device takes in a few milliseconds.
 const ENTER_BYTES: u64 = 16 << 20;
@@ -51,7 +52,7 @@ pub struct StreamStats {
     pub arrived_pages: u64,
     /// Pages that left before the frame.
     pub evicted_pages: u64,
-    /// Pages so far that could not be read.
+    /// Pages so far that could not be read; one that still cannot be is not counted again.
     pub read_errors: u64,
     /// Largest error, pixels, of what was drawn in place of something finer; 0 where nothing was.
     pub coarsest_pixels: f32,
@@ -71,7 +72,24 @@ struct Mesh {
     pages: Arc<Pages>,
     /// Number of its root pages.
     roots: usize,
-    attempts: Vec<u32>,
+    /// Pages that could not be read the last time.
+    failing: BTreeMap<u32, Failing>,
+}
+
+/// A page that could not be read the last time.
+#[derive(Debug, Default)]
+struct Failing {
+    retry: Retry,
+    /// It counts as a read error, and the pool does without it until the next try.
+    told: bool,
+}
+
+/// What an arrival belongs to.
+#[derive(Clone, Copy, Debug)]
+struct Tag {
+    ask: Ask,
+    /// Which of the meshes that had this number.
+    generation: u64,
 }
 
 /// See the module's documentation.
@@ -79,7 +97,8 @@ struct Mesh {
 pub struct Streamer {
     pool: Pool,
     equal_pages: bool,
-    loader: Own<Loader>,
+    clock: Clock,
+    loader: Own<Loader<Tag>>,
     meshes: Vec<Mesh>,
     generations: u64,
     /// Jobs that threads have or will have.
@@ -94,10 +113,16 @@ pub struct Streamer {
 impl Streamer {
     /// A streamer with an empty pool.
     pub fn new(options: StreamOptions) -> Self {
+        Self::with_clock(options, Clock::default())
+    }
+
+    /// One whose pauses after failures go by this clock.
+    pub fn with_clock(options: StreamOptions, clock: Clock) -> Self {
         Self {
             pool: Pool::new(options.pool_bytes),
             equal_pages: options.equal_pages,
-            loader: Own::new(Loader::default()),
+            loader: loader(&clock),
+            clock,
             meshes: Vec::new(),
             generations: 0,
             asked: 0,
@@ -161,7 +186,7 @@ impl Streamer {
     /// In a process that was forked, threads stay behind, and so does what they read.
     fn start_anew(&mut self) {
         if self.loader.is_inherited() {
-            self.loader = Own::new(Loader::default());
+            self.loader = loader(&self.clock);
             self.asked = 0;
             self.pool.take_all_back();
         }
@@ -184,7 +209,6 @@ impl Streamer {
         let mut roots: Vec<(u32, PageWords)> = Vec::new();
         let numbers = (0..count).collect();
         read_pages(&source, numbers, proceed, |page, words| roots.push((page as u32, words)))?;
-        let attempts = vec![0; pages.len()];
         if self.pool.used() + least > self.pool.budget() {
             // What is being read cannot leave before it is here.
             self.take_back();
@@ -202,39 +226,46 @@ impl Streamer {
         self.generations += 1;
         let pages = Arc::new(Pages::absent(Arc::clone(&dag.pages.table), dag.layout()));
         let generation = self.generations;
-        self.meshes.push(Mesh { dag, source, number, generation, pages, roots: count, attempts });
+        let failing = BTreeMap::new();
+        self.meshes.push(Mesh { dag, source, number, generation, pages, roots: count, failing });
         Ok(())
     }
 
     /// Takes in what has arrived.
     fn collect(&mut self) {
-        let arrivals: Vec<Arrival> = self.loader.arrivals().collect();
+        let arrivals: Vec<Arrival<Tag>> = self.loader.arrivals().collect();
         arrivals.into_iter().for_each(|arrival| self.take(arrival));
     }
 
-    fn take(&mut self, Arrival { request, words }: Arrival) {
+    fn take(&mut self, Arrival { request, words }: Arrival<Tag>) {
         self.asked -= 1;
-        let LoadRequest { ask, generation, .. } = request;
-        let Some(mesh) = self.meshes.iter_mut().find(|m| m.number == ask.mesh && m.generation == generation)
-        else {
-            return;
-        };
+        let LoadRequest { tag: Tag { ask, generation }, retry, .. } = request;
+        let Some(mesh) = self.meshes.iter_mut().find(|mesh| mesh.generation == generation) else { return };
         match words {
             Ok(words) => {
+                mesh.failing.remove(&ask.page);
                 self.arrived += 1;
                 self.pool.arrived(ask, words);
             }
             Err(error) => {
-                let attempts = &mut mesh.attempts[ask.page as usize];
-                *attempts += 1;
-                // A disk may be better the next time; a file that is wrong stays so.
-                let for_good = !matches!(error, Error::Io { .. }) || *attempts >= ATTEMPTS;
-                self.pool.failed(ask, for_good);
-                if for_good {
+                let failing = mesh.failing.entry(ask.page).or_default();
+                failing.retry = retry;
+                self.pool.failed(ask);
+                if !std::mem::replace(&mut failing.told, true) {
                     self.fault_count += 1;
                     self.read_errors.push(Fault { message: error.to_string() });
                 }
             }
+        }
+    }
+
+    /// What could not be read may be asked for again where its pause is over.
+    fn retry(&mut self) {
+        let now = self.clock.now();
+        for mesh in &self.meshes {
+            let over = |failing: &Failing| failing.told && failing.retry.pause(now).is_zero();
+            let pages = mesh.failing.iter().filter(|(_, failing)| over(failing));
+            pages.for_each(|(page, _)| self.pool.retry(Ask { mesh: mesh.number, page: *page }));
         }
     }
 
@@ -253,6 +284,10 @@ impl Streamer {
 
     /// Asks for what a frame needed. Says what it had, and what happened since the frame before.
     pub fn request(&mut self, needs: &Needs) -> Result<StreamStats> {
+        // Once for a frame: one that waits ends, whatever goes on failing.
+        if self.draws == 0 {
+            self.retry();
+        }
         self.draws += 1;
         self.take_back();
         let needed: Vec<_> = self.meshes.iter().map(|mesh| (mesh.number, needs.of(&mesh.dag))).collect();
@@ -260,9 +295,14 @@ impl Streamer {
         let Plan { load, needed: count, missing, refused } = self.pool.request(&needed);
         let request = |ask: &Ask| {
             let mesh = self.meshes.iter().find(|mesh| mesh.number == ask.mesh)?;
-            Some(LoadRequest { ask: *ask, generation: mesh.generation, source: Arc::clone(&mesh.source) })
+            Some(LoadRequest {
+                source: Arc::clone(&mesh.source),
+                page: ask.page as usize,
+                tag: Tag { ask: *ask, generation: mesh.generation },
+                retry: mesh.failing.get(&ask.page).map(|failing| failing.retry).unwrap_or_default(),
+            })
         };
-        let requests: Vec<LoadRequest> = load.iter().filter_map(request).collect();
+        let requests: Vec<LoadRequest<Tag>> = load.iter().filter_map(request).collect();
         self.asked += requests.len();
         self.loader.submit(requests)?;
         Ok(StreamStats {
@@ -279,12 +319,15 @@ impl Streamer {
         })
     }
 
-    /// What nobody has begun to read is not asked for any more.
+    /// What no source was asked for yet is not asked for any more.
     fn take_back(&mut self) {
-        for request in self.loader.take_back() {
+        for LoadRequest { tag: Tag { ask, generation }, retry, .. } in self.loader.take_back() {
             self.asked -= 1;
-            if self.meshes.iter().any(|mesh| mesh.generation == request.generation) {
-                self.pool.take_back(request.ask);
+            if let Some(mesh) = self.meshes.iter_mut().find(|mesh| mesh.generation == generation) {
+                self.pool.take_back(ask);
+                if retry != Retry::default() {
+                    mesh.failing.entry(ask.page).or_default().retry = retry;
+                }
             }
         }
     }
@@ -294,12 +337,18 @@ impl Streamer {
         (self.arrived, self.draws, self.evicted_before) = (0, 0, self.pool.evicted());
     }
 
-    /// Waits until all that was asked for has arrived. Where it does not go on, what has not yet comes later.
+    /// Waits until all that was asked for has arrived, or cannot be read. Where it does not go on, what has not yet comes
+    /// later.
     pub fn wait(&mut self, proceed: InterruptCheck<'_>) -> Result<()> {
         while self.asked > 0 {
-            let Some(arrival) = self.loader.wait(proceed)? else { return Ok(()) };
+            let arrival = self.loader.wait(proceed)?;
             self.take(arrival);
         }
         Ok(())
     }
+}
+
+fn loader(clock: &Clock) -> Own<Loader<Tag>> {
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get().min(MOST_THREADS));
+    Own::new(Loader::new(threads, clock.clone()))
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 import warnings
 from pathlib import Path
 
@@ -205,6 +206,30 @@ def test_a_damaged_page_costs_detail_and_is_told_once(backend, path, tmp_path) -
             renderer.render(stored, LENS, pose, pixel_error=0.1)
     with nrs.Renderer(*SIZE, backend=backend) as plain, pytest.raises(nrs.FormatError, match="page"):
         plain.render(stored, LENS, pose)
+
+
+def test_a_repaired_file_heals(backend, path, tmp_path) -> None:
+    damaged = copy_of(path, tmp_path)
+    good = damaged.read_bytes()
+    blob = bytearray(good)
+    for place in np.linspace(0.5, 0.95, 40):
+        blob[int(place * len(blob))] ^= 16
+    damaged.write_bytes(blob)
+    stored = scene_of(nrs.NaniteMesh.open(damaged))
+    with (
+        nrs.Renderer(*SIZE, backend=backend) as plain,
+        nrs.Renderer(*SIZE, backend=backend, streaming=True) as renderer,
+    ):
+        with pytest.warns(nrs.StreamWarning, match="checksum"):
+            frame = renderer.render(stored, LENS, at(0, 0, 2), pixel_error=0.1)
+        assert not frame.stats.stream.settled
+        damaged.write_bytes(good)
+        for _ in range(200):
+            frame = renderer.render(stored, LENS, at(0, 0, 2), pixel_error=0.1)
+            if frame.stats.stream.settled:
+                break
+            time.sleep(0.02)
+        same(frame, plain.render(stored, LENS, at(0, 0, 2), pixel_error=0.1))
 
 
 def test_a_file_cut_short_underneath(backend, path, tmp_path) -> None:

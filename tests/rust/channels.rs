@@ -1,6 +1,5 @@
 //! Channels and face ids of files: read when somebody asks for them, and whatever is wrong with one is its own affair.
 
-use std::borrow::Cow;
 use std::fs::File;
 use std::ops::Range;
 use std::sync::Arc;
@@ -10,11 +9,11 @@ use nanite_rs::Error;
 use nanite_rs::build::check;
 use nanite_rs::config::RenderOptions;
 use nanite_rs::format::file::{HEADER_BYTES, Kind};
-use nanite_rs::format::input::Input;
+use nanite_rs::format::input::{Input, RangeRequest};
 use nanite_rs::format::{Precision, from_bytes, open, open_input, save, to_bytes};
 use nanite_rs::lod::{channel_rows, extract, load, select};
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{Dag, UNINTERRUPTED, Words};
+use nanite_rs::model::{Dag, UNINTERRUPTED, Words, Workers};
 use nanite_rs::render::Renderer;
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
@@ -78,12 +77,12 @@ impl Input for Counting {
         self.bytes.len() as u64
     }
 
-    fn read(&self, offset: u64, length: usize) -> std::io::Result<Cow<'_, [u8]>> {
-        if self.counted.contains(&(offset as usize)) && length > 0 {
-            self.reads.fetch_add(1, Ordering::Relaxed);
-            std::thread::sleep(std::time::Duration::from_millis(20));
-        }
-        Ok(Cow::Borrowed(&self.bytes[offset as usize..][..length]))
+    fn read(&self, batch: Vec<RangeRequest>, workers: &Workers) {
+        let counted = |request: &&RangeRequest| self.counted.contains(&(request.range.start as usize));
+        let counted = batch.iter().filter(counted).count() as u32;
+        self.reads.fetch_add(u64::from(counted), Ordering::Relaxed);
+        std::thread::sleep(counted * std::time::Duration::from_millis(20));
+        self.bytes.read(batch, workers);
     }
 }
 

@@ -1,18 +1,19 @@
 //! Streaming: what is drawn of a mesh in a file, with little of it in memory, while pages come, go and fail.
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use nanite_rs::Error;
 use nanite_rs::config::{RenderOptions, Samples};
-use nanite_rs::format::input::Input;
+use nanite_rs::format::input::{Input, RangeRequest, read_blocking};
 use nanite_rs::format::{from_bytes, open_input, to_bytes};
 #[cfg(feature = "gpu")]
 use nanite_rs::gpu::meshes::Meshes;
 use nanite_rs::limits::{PAGE_MAX_BYTES, ROOT_PAGE_MAX_BYTES};
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{Dag, PageWords, UNINTERRUPTED};
+use nanite_rs::model::{Dag, PageWords, UNINTERRUPTED, Workers};
 use nanite_rs::render::{Frame, Renderer, ViewDesc};
 use nanite_rs::scene::{Material, Scene};
 use nanite_rs::stream::{Ask, Needs, Pool, Request, StreamOptions, StreamStats, Streamer};
@@ -39,14 +40,24 @@ struct Disk {
     reads: Arc<AtomicU64>,
 }
 
-impl Input for Disk {
+/// A disk in use.
+struct Drive(Arc<Disk>);
+
+impl Input for Drive {
     fn length(&self) -> u64 {
-        self.bytes.len() as u64
+        self.0.bytes.len() as u64
     }
 
-    fn read(&self, offset: u64, length: usize) -> std::io::Result<std::borrow::Cow<'_, [u8]>> {
-        let mut bytes = self.bytes[offset as usize..][..length].to_vec();
-        if offset >= self.pages_at && length > 0 {
+    fn read(&self, batch: Vec<RangeRequest>, workers: &Workers) {
+        let disk = Arc::clone(&self.0);
+        read_blocking(batch, workers, move |range| disk.range(range));
+    }
+}
+
+impl Disk {
+    fn range(&self, range: Range<u64>) -> std::io::Result<Vec<u8>> {
+        let mut bytes = self.bytes[range.start as usize..range.end as usize].to_vec();
+        if range.start >= self.pages_at {
             let number = self.reads.fetch_add(1, Ordering::Relaxed);
             std::thread::sleep(self.delay);
             while self.hangs.load(Ordering::Relaxed) {
@@ -55,14 +66,15 @@ impl Input for Disk {
             if self.fails > 0 && number % self.fails == 2 {
                 return Err(std::io::Error::other("the disk is old"));
             }
-            if self.ends_at.is_some_and(|end| offset + length as u64 > end) {
+            if self.ends_at.is_some_and(|end| range.end > end) {
                 return Err(std::io::ErrorKind::UnexpectedEof.into());
             }
-            if self.wrong_from.is_some_and(|from| offset >= from) {
-                bytes[length / 2] ^= 1;
+            if self.wrong_from.is_some_and(|from| range.start >= from) {
+                let middle = bytes.len() / 2;
+                bytes[middle] ^= 1;
             }
         }
-        Ok(bytes.into())
+        Ok(bytes)
     }
 }
 
@@ -82,26 +94,26 @@ impl Disk {
 }
 
 fn open(disk: Disk) -> Arc<Dag> {
-    Arc::new(open_input(Box::new(disk), "disk").unwrap())
+    Arc::new(open_input(Box::new(Drive(Arc::new(disk))), "disk").unwrap())
 }
 
-fn scene_of(mesh: &Arc<Dag>) -> Scene {
+pub fn scene_of(mesh: &Arc<Dag>) -> Scene {
     let mut scene = lit();
     scene.add(Arc::clone(mesh), &IDENTITY, Material::default()).unwrap();
     scene
 }
 
-fn renderer(backend: &str, pool_bytes: u64) -> Renderer {
+pub fn renderer(backend: &str, pool_bytes: u64) -> Renderer {
     let mut renderer = Renderer::new(320, 240, backend).unwrap();
     renderer.stream(Some(pool_bytes));
     renderer
 }
 
-fn stream(frame: &Frame) -> &StreamStats {
+pub fn stream(frame: &Frame) -> &StreamStats {
     frame.stats.stream.as_ref().unwrap()
 }
 
-fn page_bytes(mesh: &Dag) -> u64 {
+pub fn page_bytes(mesh: &Dag) -> u64 {
     4 * mesh.pages.word_count()
 }
 
@@ -168,7 +180,7 @@ fn whole_surface(mesh: &Dag, holds: impl Fn(usize) -> bool, threshold: &Threshol
 }
 
 /// Backends that are there, by the name of a test, and bytes of a pool that holds all of a mesh.
-fn backends(test: &str, mesh: &Dag) -> Vec<(&'static str, u64)> {
+pub fn backends(test: &str, mesh: &Dag) -> Vec<(&'static str, u64)> {
     #[cfg(feature = "gpu")]
     let there = crate::gpu_parity::device(test).is_some();
     #[cfg(not(feature = "gpu"))]
@@ -364,7 +376,7 @@ fn lost_pages_cost_detail_and_nothing_else() {
         assert_eq!(read_errors.len() as u64, stats.read_errors);
         assert!(read_errors.iter().all(|fault| fault.message.contains(what)), "{read_errors:?}");
         let again = streamed.render(&scene, &CAMERA, &pose, &options).unwrap();
-        assert_eq!(stream(&again).read_errors, stats.read_errors, "what is lost is not read again");
+        assert_eq!(stream(&again).read_errors, stats.read_errors, "what is still lost is told once");
         assert!(streamed.streamer().unwrap().read_errors().is_empty());
         // As many pixels, but for the outline, and as far away.
         let near = frame.stats.covered_pixels as f64 / good.stats.covered_pixels as f64;
@@ -560,7 +572,7 @@ fn the_pool_keeps_its_rules() {
     let mut pick = move |n: usize| (random.next() * n as f64) as usize;
     let words: PageWords = vec![0u32; 4].into();
     let (mut evictions, mut refusals) = (0, 0);
-    for round in 0..300 {
+    for _ in 0..300 {
         let pages = 4 + pick(60);
         let table: Vec<(u64, Vec<u32>)> = (0..pages)
             .map(|page| {
@@ -593,8 +605,11 @@ fn the_pool_keeps_its_rules() {
             for _ in 0..pick(asked.len() + 1) {
                 let ask = asked.swap_remove(pick(asked.len()));
                 match pick(20) {
-                    0 => pool.failed(ask, false),
-                    1 if round % 3 == 0 => pool.failed(ask, true),
+                    0 => pool.failed(ask),
+                    1 => {
+                        pool.failed(ask);
+                        pool.retry(ask);
+                    }
                     _ => pool.arrived(ask, words.clone()),
                 }
                 pool.check().unwrap();
@@ -604,6 +619,7 @@ fn the_pool_keeps_its_rules() {
         }
         evictions += pool.evicted();
         // No request is lost: asked for again and again, and answered, all that has room comes.
+        (0..pages as u32).for_each(|page| pool.retry(Ask { mesh, page }));
         let wanted: Vec<Request> =
             (0..pages as u32).map(|page| Request { page, pixels: 1000.0 - page as f32 }).collect();
         for _ in 0..pages {
