@@ -6,8 +6,7 @@ use std::path::PathBuf;
 use nanite_fuzz::{meshes, page, plain_file};
 use nanite_rs::format::encode::contexts;
 use nanite_rs::format::planes::ZSTD_LEVEL;
-use nanite_rs::format::quantize::Rounded;
-use nanite_rs::format::{Precision, from_bytes, to_bytes};
+use nanite_rs::format::{from_bytes, to_bytes};
 
 fn main() -> std::io::Result<()> {
     let corpus = std::env::args_os().nth(1).map_or_else(|| "corpus".into(), PathBuf::from);
@@ -23,8 +22,7 @@ fn main() -> std::io::Result<()> {
                 put(target, format!("mesh{m}-{kind}"), &bytes)?;
             }
         }
-        let plan = Rounded::new(dag, Precision::Exact).unwrap();
-        for (p, context) in contexts(&plan).iter().enumerate() {
+        for (p, context) in contexts(dag).iter().enumerate() {
             for (kind, level) in [("zstd", Some(ZSTD_LEVEL)), ("plain", None)] {
                 let bytes = [vec![which], page(dag, context, p, level).0].concat();
                 put("page", format!("mesh{m}-page{p}-{kind}"), &bytes)?;

@@ -17,7 +17,6 @@ use nanite_rs::format::file::PageRow;
 use nanite_rs::format::page::{Context, Part};
 use nanite_rs::format::page_decode::Decoder;
 use nanite_rs::format::planes::{Writer, ZSTD_LEVEL};
-use nanite_rs::format::quantize::Rounded;
 use nanite_rs::format::{Precision, open, page_encode, quantize};
 use nanite_rs::math::octahedral::narrow;
 use nanite_rs::mesh::{Positions, SourceMesh};
@@ -153,15 +152,13 @@ fn report(name: &str, exact: &Dag) {
         let of = |part: &Part| format!("{} {:.3}", part.name(), parts[*part as usize] / faces);
         Part::ALL.iter().map(of).collect::<Vec<_>>().join(", ")
     };
-    let rounded = Rounded::new(&dag, Precision::Auto).unwrap();
-    let contexts_of_grid = contexts(&rounded);
+    let contexts_of_grid = contexts(&dag);
     for level in [None, Some(1), Some(3), Some(ZSTD_LEVEL), Some(19)] {
         let (parts, speed) = own(&dag, &contexts_of_grid, level);
         let what = level.map_or(String::from("planes alone"), |level| format!("planes, zstd {level}"));
         line(&what, parts.iter().sum(), speed, parts_of(&parts));
     }
-    let rounded = Rounded::new(exact, Precision::Exact).unwrap();
-    let (parts, speed) = own(exact, &contexts(&rounded), Some(ZSTD_LEVEL));
+    let (parts, speed) = own(exact, &contexts(exact), Some(ZSTD_LEVEL));
     line(&format!("planes, zstd {ZSTD_LEVEL}, exact"), parts.iter().sum(), speed, parts_of(&parts));
     let hierarchy = size_of_val(&dag.groups[..])
         + size_of_val(&dag.nodes[..])

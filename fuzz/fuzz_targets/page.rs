@@ -10,18 +10,16 @@ use nanite_fuzz::{damage, meshes, one_thread};
 use nanite_rs::format::encode::contexts;
 use nanite_rs::format::page::Context;
 use nanite_rs::format::page_decode::Decoder;
-use nanite_rs::format::quantize::Rounded;
-use nanite_rs::format::{Precision, validate};
+use nanite_rs::format::validate;
 use nanite_rs::model::Dag;
 
-type Page = (&'static Rounded<'static>, usize, Context<'static>);
+type Page = (&'static Dag, usize, Context<'static>);
 
 /// All pages.
 fn pages() -> Vec<Page> {
     let of = |dag: Dag| -> Vec<Page> {
         let dag: &'static Dag = Box::leak(Box::new(dag));
-        let plan: &'static Rounded<'_> = Box::leak(Box::new(Rounded::new(dag, Precision::Exact).unwrap()));
-        contexts(plan).into_iter().enumerate().map(|(p, context)| (plan, p, context)).collect()
+        contexts(dag).into_iter().enumerate().map(|(p, context)| (dag, p, context)).collect()
     };
     meshes().into_iter().flat_map(of).collect()
 }
@@ -34,13 +32,13 @@ thread_local! {
     static DECODER: RefCell<Decoder> = RefCell::new(Decoder::new().unwrap());
 }
 
-fn decode((plan, p, context): &Page, bytes: &[u8]) {
-    let entry = plan.dag.pages.table[*p];
+fn decode((dag, p, context): &Page, bytes: &[u8]) {
+    let entry = dag.pages.table[*p];
     let mut words = vec![0; entry.words as usize];
     let read = DECODER
         .with_borrow_mut(|decoder| decoder.decode(context, bytes, entry.clusters as usize, &mut words));
     if read.is_ok() {
-        let mut dag = plan.dag.clone();
+        let mut dag = (*dag).clone();
         Arc::make_mut(&mut dag.pages).set(*p, Some(words.into()));
         if validate::structure(&dag).is_ok() {
             damage::exercise(&dag);

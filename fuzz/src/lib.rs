@@ -14,7 +14,6 @@ use nanite_rs::format::encode::contexts;
 use nanite_rs::format::file::{ENTRY_BYTES, HEADER_BYTES, Kind, PageRow};
 use nanite_rs::format::page::Context;
 use nanite_rs::format::planes::Writer;
-use nanite_rs::format::quantize::Rounded;
 use nanite_rs::format::{Precision, page_encode, quantize, to_bytes};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
@@ -47,8 +46,7 @@ pub fn plain_file(dag: &Dag) -> Vec<u8> {
     let mut bytes = to_bytes(dag).unwrap();
     let [table, pages] = [Kind::PageTable, Kind::Pages].map(|kind| damage::section(&bytes, kind).unwrap());
     bytes.truncate(pages.start);
-    let plan = Rounded::new(dag, Precision::Exact).unwrap();
-    for (p, context) in contexts(&plan).iter().enumerate() {
+    for (p, context) in contexts(dag).iter().enumerate() {
         let (coded, parts) = page(dag, context, p, None);
         let row = table.start + p * size_of::<PageRow>();
         let offset = (bytes.len() - pages.start) as u64;

@@ -1,5 +1,6 @@
 //! From the grown graph to the final layout: groups in hierarchy order, clusters in pages, records packed and
-//! rounded outwards.
+//! rounded outwards. Order, names and hierarchy are made of small tables of all groups; the words of pages go to a sink as
+//! they are made.
 
 use std::sync::Arc;
 
@@ -9,6 +10,7 @@ use rustc_hash::FxHashMap;
 use super::dag::{BuildCluster, BuildGroup, Graph};
 use super::order;
 use super::store::VertexStore;
+use crate::error::Result;
 use crate::layout::{GroupSize, Paging, by_first_use, hierarchy, paginate, renamed_rows, spatial_order};
 use crate::limits::CLUSTER_MAX_TRIANGLES;
 use crate::math::{Aabb, Bounds, octahedral};
@@ -16,11 +18,12 @@ use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row, write_triangles};
 use crate::model::rule::ROOT_ERROR;
 use crate::model::{
-    BuildReport, ClusterRecord, Dag, GeometryId, Group, Packing, PageEntry, PageWords, Pages,
+    BuildReport, ClusterRecord, Dag, GeometryId, Group, Outline, Packing, PageEntry, PageSink, PageWords,
+    Pages, dependencies,
 };
 
-/// Lays the graph out.
-pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
+/// Lays the graph out and hands its pages to a sink.
+pub fn assemble<S: PageSink>(mut graph: Graph, mut report: BuildReport, sink: S) -> Result<S::Output> {
     graph.clusters.par_iter_mut().for_each(|c| order::spiral(&mut c.mesh));
     let store = &graph.store;
     let cluster_boxes: Vec<Aabb> = graph
@@ -85,27 +88,25 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
     let numbered = order.iter().map(|g| &graph.groups[*g as usize].members).zip(0..);
     let members: Vec<(u32, u32)> =
         numbered.flat_map(|(members, number)| members.iter().map(move |c| (*c, number))).collect();
-    let write = |entry: &PageEntry| {
-        let own = &members[entry.first_cluster as usize..][..entry.clusters as usize];
-        write_page(&graph, own, &packed, &names, |refined| match renamed.get(refined as usize) {
-            Some(group) => (*group, groups[*group as usize].first.page() as u32),
-            None => (NO_GROUP, NO_PAGE),
-        })
+    let of_page = |entry: &PageEntry| &members[entry.first_cluster as usize..][..entry.clusters as usize];
+    let made_from = |refined: u32| match renamed.get(refined as usize) {
+        Some(group) => (*group, groups[*group as usize].first.page() as u32),
+        None => (NO_GROUP, NO_PAGE),
     };
-    let words = table.par_iter().map(write).collect();
-    let pages = Pages::new(table, store.layout, words);
-    let rows = graph.face_rows.as_ref();
-    let face_ids = rows.map(|(faces, rows)| face_ids(&pages, faces, rows, &names).into());
+    let face_ids = graph.face_rows.as_ref().map(|(faces, rows)| {
+        let clusters = members.iter().map(|(cluster, _)| &graph.clusters[*cluster as usize]);
+        face_ids(clusters, faces, rows, &names).into()
+    });
     report.clusters = graph.clusters.len() as u64;
     report.triangles = graph.clusters.iter().map(|c| c.mesh.triangles.len() as u64).sum();
     report.fill = report.triangles as f64 / (report.clusters as usize * CLUSTER_MAX_TRIANGLES) as f64;
-    Dag {
+    let mesh = Dag {
         id: GeometryId::default(),
         frame: graph.frame,
         bounds: graph.bounds,
-        pages: Arc::new(pages),
+        pages: Arc::new(Pages::absent(table.into(), store.layout)),
         nodes: hierarchy(&groups, &boxes),
-        groups: groups.into(),
+        groups: groups.as_slice().into(),
         vertex_count,
         channels,
         source_faces: graph.source_faces as u64,
@@ -113,7 +114,15 @@ pub fn assemble(mut graph: Graph, mut report: BuildReport) -> Dag {
         face_ids,
         grid: None,
         report,
-    }
+    };
+    let table = Arc::clone(&mesh.pages.table);
+    let refined = |page: usize| {
+        let own = of_page(&table[page]).iter();
+        own.map(|(cluster, _)| made_from(graph.clusters[*cluster as usize].refined).1)
+    };
+    let dependencies = dependencies(table.len(), refined);
+    Outline { mesh, dependencies }
+        .fill(sink, |_, page| write_page(&graph, of_page(&table[page]), &packed, &names, made_from))
 }
 
 /// How pages hold a cluster.
@@ -218,21 +227,20 @@ fn write_streams(store: &VertexStore, cluster: &BuildCluster, streams: Streams, 
 
 /// The caller's face row of every level-0 triangle, in page order. A clusterizer may turn a triangle's corners,
 /// never its orientation; and no two faces have the same corners in the same order.
-fn face_ids(pages: &Pages, faces: &[[u32; 3]], rows: &[u32], names: &[u32]) -> Vec<u32> {
+fn face_ids<'a>(
+    clusters: impl Iterator<Item = &'a BuildCluster>,
+    faces: &[[u32; 3]],
+    rows: &[u32],
+    names: &[u32],
+) -> Vec<u32> {
     let canonical = |f: [u32; 3]| {
         let turn = (0..3).fold(0, |best, k| if f[k] < f[best] { k } else { best });
         [f[turn], f[(turn + 1) % 3], f[(turn + 2) % 3]]
     };
-    let named = |f: &[u32; 3]| canonical(f.map(|v| names[v as usize]));
-    let lookup: FxHashMap<[u32; 3], u32> = faces.iter().zip(rows).map(|(f, row)| (named(f), *row)).collect();
-    pages
-        .addresses()
-        .filter(|at| pages.record(*at).level == 0)
-        .flat_map(|at| {
-            let geometry = pages.geometry(at);
-            let corners: Vec<_> =
-                geometry.triangles.iter().map(|t| t.map(|v| geometry.ids.get(usize::from(v)))).collect();
-            corners.into_iter().map(|c| lookup[&canonical(c)])
-        })
-        .collect()
+    let named = |f: [u32; 3]| canonical(f.map(|v| names[v as usize]));
+    let lookup: FxHashMap<[u32; 3], u32> = faces.iter().zip(rows).map(|(f, row)| (named(*f), *row)).collect();
+    let meshes = clusters.filter(|cluster| cluster.level == 0).map(|cluster| &cluster.mesh);
+    let corners =
+        meshes.flat_map(|mesh| mesh.triangles.iter().map(|t| t.map(|v| mesh.vertices[usize::from(v)])));
+    corners.map(|corners| lookup[&named(corners)]).collect()
 }

@@ -32,7 +32,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use crate::config::BuildOptions;
 use crate::error::Result;
 use crate::mesh::{SourceMesh, weld};
-use crate::model::{BuildReport, Dag};
+use crate::model::{BuildReport, Dag, MemorySink, PageSink};
 use crate::threads;
 
 pub use check::{CheckReport, check};
@@ -80,15 +80,30 @@ impl<'a> Meter<'a> {
 
 /// Builds the cluster DAG of a mesh. The result does not depend on the number of threads.
 pub fn build(source: &SourceMesh<'_>, options: &BuildOptions, progress: &dyn Progress) -> Result<Dag> {
-    options.validate()?;
-    threads::install(options.threads, || run(source, options, progress))?
+    build_into(source, options, progress, MemorySink::default())
 }
 
-fn run(source: &SourceMesh<'_>, options: &BuildOptions, progress: &dyn Progress) -> Result<Dag> {
+/// The same with its pages going to a sink.
+pub fn build_into<S: PageSink<Output: Send> + Send>(
+    source: &SourceMesh<'_>,
+    options: &BuildOptions,
+    progress: &dyn Progress,
+    sink: S,
+) -> Result<S::Output> {
+    options.validate()?;
+    threads::install(options.threads, || run(source, options, progress, sink))?
+}
+
+fn run<S: PageSink>(
+    source: &SourceMesh<'_>,
+    options: &BuildOptions,
+    progress: &dyn Progress,
+    sink: S,
+) -> Result<S::Output> {
     let mut report = BuildReport::default();
     let mesh = weld(source, options.crease_angle, &mut report)?;
     let graph = dag::grow(mesh, options, progress, &mut report)?;
     // What is laid out comes on top of what was grown.
     memory::trim_heap(graph.source_faces);
-    Ok(assemble::assemble(graph, report))
+    assemble::assemble(graph, report, sink)
 }

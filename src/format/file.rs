@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use bytemuck::{Pod, Zeroable};
 
-use super::encode::write;
+use super::encode::FileSink;
 use super::page::PartBytes;
 use super::quantize::{Precision, Rounded};
 use crate::error::{Error, Result};
@@ -141,7 +141,8 @@ pub fn save(dag: &Dag, path: &Path, precision: Precision) -> Result<u64> {
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let file = builder.tempfile_in(folder).map_err(io(path))?;
-    write(&rounded, &mut BufWriter::new(file.as_file()), &io(path))?;
+    let flattened = rounded.flattened;
+    rounded.store(FileSink::new(BufWriter::new(file.as_file()), path))?;
     if let Some(permissions) = old {
         file.as_file().set_permissions(permissions).map_err(io(path))?;
     }
@@ -149,5 +150,5 @@ pub fn save(dag: &Dag, path: &Path, precision: Precision) -> Result<u64> {
     file.persist(&target).map_err(|e| io(path)(e.error))?;
     #[cfg(unix)]
     std::fs::File::open(folder).and_then(|d| d.sync_all()).map_err(io(path))?;
-    Ok(rounded.flattened)
+    Ok(flattened)
 }

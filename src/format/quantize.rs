@@ -3,8 +3,6 @@
 //! again from what came out. How far positions moved is kept beside the mesh and is part of what cuts state
 //! (`docs/numerics.md`).
 
-use std::borrow::Cow;
-use std::ops::Range;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -20,8 +18,8 @@ use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row, write_triangles};
 use crate::model::rule::ROOT_ERROR;
 use crate::model::{
-    AttributeLayout, Channel, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, GeometryId, Grid, Group,
-    Node, Packing, PageEntry, Pages, UNINTERRUPTED, Words,
+    AttributeLayout, Channel, ClusterAddress, ClusterGeometry, ClusterRecord, Dag, Grid, Group, MemorySink,
+    Outline, Packing, PageSink, Pages, UNINTERRUPTED, Words, dependencies,
 };
 
 /// Bits of each octahedral coordinate of a normal in files that round: off by a quarter of a degree at most.
@@ -51,30 +49,26 @@ pub enum Precision {
 /// A mesh as it is to be stored, page by page.
 #[derive(Debug)]
 pub struct Rounded<'a> {
-    /// The mesh.
-    pub dag: &'a Dag,
-    /// What its positions and normals are rounded to.
-    pub grid: Option<Grid>,
-    /// Box of the source.
-    pub bounds: Aabb,
-    /// Its pages: of fewer bits, more groups go into one.
-    pub table: Cow<'a, [PageEntry]>,
-    /// The number that each group has in the mesh.
-    order: Vec<u32>,
-    /// The number that each group of the mesh has here.
-    renamed: Vec<u32>,
-    /// Groups, with their boxes and places.
-    pub groups: Cow<'a, [Group]>,
-    /// The hierarchy, with its boxes.
-    pub nodes: Cow<'a, [Node]>,
-    /// The identity here of each of the mesh; empty where all keep theirs.
-    names: Vec<u32>,
-    /// See [`Dag::channels`].
-    pub channels: Cow<'a, [Channel]>,
+    /// The mesh that is rounded.
+    dag: &'a Dag,
+    /// What comes of it.
+    outline: Outline,
+    /// Nothing where all stays as it is.
+    rounding: Option<Rounding>,
     /// Triangles of the source that have an area, and none on the grid.
     pub flattened: u64,
-    /// See [`Dag::face_ids`].
-    pub face_ids: Option<Cow<'a, Words>>,
+}
+
+/// What becomes of groups and identities: of fewer bits, more groups go into a page.
+#[derive(Debug)]
+struct Rounding {
+    grid: Grid,
+    /// The number that each group has in the mesh.
+    order: Vec<u32>,
+    /// The number here of each group of the mesh.
+    renamed: Vec<u32>,
+    /// The identity here of each of the mesh.
+    names: Vec<u32>,
 }
 
 impl<'a> Rounded<'a> {
@@ -83,22 +77,13 @@ impl<'a> Rounded<'a> {
         dag.load_all(UNINTERRUPTED)?;
         // What could not be read is not written.
         validate::structure(dag).map_err(|(kind, what)| Error::Invariant(format!("{kind:?}: {what}")))?;
-        let numbers: Vec<u32> = (0..dag.groups.len() as u32).collect();
-        let asis = Self {
-            dag,
-            order: numbers.clone(),
-            renamed: numbers,
-            grid: dag.grid,
-            bounds: dag.bounds,
-            table: Cow::Borrowed(&dag.pages.table),
-            groups: Cow::Borrowed(&dag.groups),
-            nodes: Cow::Borrowed(&dag.nodes),
-            names: Vec::new(),
-            flattened: 0,
-            channels: Cow::Borrowed(&dag.channels),
-            face_ids: dag.face_ids.as_ref().map(Cow::Borrowed),
+        let Some(exponent) = exponent(dag, precision)? else {
+            let pages = Arc::new(Pages::absent(Arc::clone(&dag.pages.table), dag.layout()));
+            let refined = |page| dag.pages.records(page).iter().map(|record| record.refined_page);
+            let dependencies = dependencies(dag.pages.table.len(), refined);
+            let outline = Outline { mesh: Dag { pages, ..dag.clone() }, dependencies };
+            return Ok(Self { dag, outline, rounding: None, flattened: 0 });
         };
-        let Some(exponent) = exponent(dag, precision)? else { return Ok(asis) };
         let uv_exponent = (dag.layout().uv_sets > 0 && uvs_fit(dag)).then_some(STORED_UV_EXPONENT);
         let mut grid = Grid { exponent, normal_bits: STORED_NORMAL_BITS, uv_exponent, moved: 0.0 };
         let survey = |grid: Grid, names: &[u32]| -> Vec<Surveyed> {
@@ -144,77 +129,75 @@ impl<'a> Rounded<'a> {
         let groups: Vec<Group> = order.iter().zip(&first).zip(&boxes).map(place).collect();
         let mut renamed = vec![0; order.len()];
         order.iter().zip(0..).for_each(|(old, new)| renamed[*old as usize] = new);
-        let face_ids = dag.face_ids.as_ref().map(|rows| Ok(Cow::Owned(reordered(dag, &order, rows.load()?))));
+        let face_ids = dag.face_ids.as_ref().map(|rows| Ok(reordered(dag, &order, rows.load()?)));
         let channels = dag.channels.iter().map(|Channel { info, words }| {
             let rows = renamed_rows(words.load()?, info.width(), &names, dag.vertex_count);
             Ok(Channel { info: info.clone(), words: rows.into() })
         });
         // Rounding keeps the order of numbers: the box of what was rounded is the rounded box.
         let bounds = Aabb { min: snap(dag.bounds.min, grid.step()), max: snap(dag.bounds.max, grid.step()) };
-        Ok(Self {
+        let mesh = Dag {
+            pages: Arc::new(Pages::absent(table.into(), dag.layout())),
             grid: Some(grid),
             bounds,
-            table: Cow::Owned(table),
-            order,
-            renamed,
-            nodes: Cow::Owned(hierarchy(&groups, &boxes)),
-            groups: Cow::Owned(groups),
+            nodes: hierarchy(&groups, &boxes),
+            groups: groups.into(),
             channels: channels.collect::<Result<_>>()?,
-            names,
-            flattened: pages.iter().map(|p| p.flattened).sum(),
             face_ids: face_ids.transpose()?,
-            ..asis
+            ..dag.clone()
+        };
+        let rounding = Rounding { grid, order, renamed, names };
+        let refined = |page| {
+            let own = rounding.members(dag, &mesh, page);
+            own.map(|at| rounding.renamed(&mesh, dag.record(at).refined).1)
+        };
+        let dependencies = dependencies(mesh.pages.table.len(), refined);
+        let flattened = pages.iter().map(|p| p.flattened).sum();
+        Ok(Self { dag, outline: Outline { mesh, dependencies }, rounding: Some(rounding), flattened })
+    }
+
+    /// Hands the pages to a sink.
+    pub fn store<S: PageSink>(self, sink: S) -> Result<S::Output> {
+        let Self { dag, outline, rounding, .. } = self;
+        outline.fill(sink, |mesh, page| match &rounding {
+            Some(rounding) => rounding.page(dag, mesh, page).into(),
+            // All are in memory.
+            None => dag.pages.words(page).cloned().unwrap_or_default(),
         })
     }
+}
 
-    /// Numbers of the groups of a page.
-    pub fn groups_of(&self, page: usize) -> Range<usize> {
-        // Groups follow each other as their members do.
-        let first = |page: usize| self.groups.partition_point(|g| g.first.page() < page);
-        first(page)..first(page + 1)
-    }
-
+/// `dag` is the mesh that is rounded and `mesh` what comes of it.
+impl Rounding {
     /// The clusters of a page, as the mesh addresses them.
-    pub fn members(&self, page: usize) -> impl Iterator<Item = ClusterAddress> {
-        self.order[self.groups_of(page)].iter().flat_map(|g| self.dag.groups[*g as usize].members())
+    fn members(&self, dag: &Dag, mesh: &Dag, page: usize) -> impl Iterator<Item = ClusterAddress> {
+        self.order[mesh.groups_of(page)].iter().flat_map(|g| dag.groups[*g as usize].members())
     }
 
     /// The number here of a group of the mesh, and the page of its members; [`NO_GROUP`] and [`NO_PAGE`] where there is
     /// none.
-    pub fn renamed(&self, group: u32) -> (u32, u32) {
+    fn renamed(&self, mesh: &Dag, group: u32) -> (u32, u32) {
         let number = self.renamed.get(group as usize);
-        number.map_or((NO_GROUP, NO_PAGE), |n| (*n, self.groups[*n as usize].first.page() as u32))
-    }
-
-    /// The identity here of one of the mesh.
-    pub fn name(&self, id: u32) -> u32 {
-        self.names.get(id as usize).copied().unwrap_or(id)
-    }
-
-    /// The words of a page.
-    pub fn page(&self, page: usize) -> Cow<'a, [u32]> {
-        match self.grid {
-            Some(grid) if self.dag.grid != Some(grid) => Cow::Owned(self.round_page(page, grid)),
-            _ => Cow::Borrowed(self.dag.pages.page(page)),
-        }
+        number.map_or((NO_GROUP, NO_PAGE), |n| (*n, mesh.groups[*n as usize].first.page() as u32))
     }
 
     /// A page with positions, normals and UVs rounded, and bounds made again.
-    fn round_page(&self, page: usize, grid: Grid) -> Vec<u32> {
-        let mut out = vec![0; self.table[page].clusters as usize * RECORD_WORDS];
-        for (slot, at) in self.members(page).enumerate() {
-            let (record, geometry) = (self.dag.record(at), self.dag.geometry(at));
+    fn page(&self, dag: &Dag, mesh: &Dag, page: usize) -> Vec<u32> {
+        let grid = self.grid;
+        let mut out = vec![0; mesh.pages.table[page].clusters as usize * RECORD_WORDS];
+        for (slot, at) in self.members(dag, mesh, page).enumerate() {
+            let (record, geometry) = (dag.record(at), dag.geometry(at));
             let positions: Vec<[f32; 3]> = geometry.positions.iter().map(|p| snap(p, grid.step())).collect();
             let triangles = geometry.triangles.to_vec();
             let Bounds { center, extent, radius, max_edge, cone } = Bounds::of(&positions, &triangles);
             let bounds = ClusterRecord { center, radius, extent, cone, max_edge, ..*record };
-            let (group, _) = self.renamed(record.group);
-            let (refined, refined_page) = self.renamed(record.refined);
+            let (group, _) = self.renamed(mesh, record.group);
+            let (refined, refined_page) = self.renamed(mesh, record.refined);
             let data = out.len();
             let record = ClusterRecord { data: data as u32, group, refined, refined_page, ..bounds };
             out[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
 
-            let packed = pack(&positions, &geometry, &self.names, self.dag.layout(), grid);
+            let packed = pack(&positions, &geometry, &self.names, dag.layout(), grid);
             out.resize(data + packed.streams.normals, 0);
             packed.packing.write(&packed.rows, &mut out[data..]);
             write_triangles(&triangles, positions.len(), &mut out[data + packed.streams.triangles..]);
@@ -255,19 +238,7 @@ fn pack(
 
 /// The mesh that a file of this precision holds. One that is on a grid as coarse stays what it is.
 pub fn quantize(dag: &Dag, precision: Precision) -> Result<Dag> {
-    let rounded = Rounded::new(dag, precision)?;
-    let pages = (0..rounded.table.len()).into_par_iter().map(|p| rounded.page(p).into()).collect();
-    Ok(Dag {
-        id: GeometryId::default(),
-        pages: Arc::new(Pages::new(rounded.table.to_vec(), dag.layout(), pages)),
-        grid: rounded.grid,
-        bounds: rounded.bounds,
-        groups: rounded.groups.into(),
-        nodes: rounded.nodes.into_owned(),
-        channels: rounded.channels.into_owned(),
-        face_ids: rounded.face_ids.map(Cow::into_owned),
-        ..dag.clone()
-    })
+    Rounded::new(dag, precision)?.store(MemorySink::default())
 }
 
 /// Box and words of each group, of those of the clusters of all pages.

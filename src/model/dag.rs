@@ -1,5 +1,6 @@
 //! The whole of a built mesh.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
@@ -195,6 +196,12 @@ impl Dag {
     /// One cluster's streams.
     pub fn geometry(&self, at: ClusterAddress) -> ClusterGeometry<'_> {
         self.pages.geometry(at)
+    }
+
+    /// Numbers of the groups of a page, which follow each other as their members do.
+    pub fn groups_of(&self, page: usize) -> Range<usize> {
+        let first = |page: usize| self.groups.partition_point(|group| group.first.page() < page);
+        first(page)..first(page + 1)
     }
 
     /// The group a cluster is a member of.

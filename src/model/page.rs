@@ -138,6 +138,11 @@ impl Pages {
         self.words[page].get().map_or(&[], |words| words)
     }
 
+    /// The same, shared.
+    pub fn words(&self, page: usize) -> Option<&PageWords> {
+        self.words[page].get()
+    }
+
     /// The records of a page, by slot.
     #[inline]
     pub fn records(&self, page: usize) -> &[ClusterRecord] {

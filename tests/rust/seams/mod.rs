@@ -1,6 +1,8 @@
 //! A trial of each seam that the next capabilities go through: a view with a size, threshold and kind of its own beside
 //! others; a geometry of one level; in `pages`, sources and sinks of pages.
 
+mod pages;
+
 use std::sync::Arc;
 
 use nanite_rs::build::{Silent, build, check};

@@ -1,17 +1,27 @@
-//! Page sources that are none of the crate's own.
+//! Page sources and page sinks that are none of the crate's own.
 
-use std::io::{Error as IoError, ErrorKind};
+use std::collections::BTreeMap;
+use std::io::{Cursor, Error as IoError, ErrorKind};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use nanite_rs::Error;
-use nanite_rs::config::RenderOptions;
+use nanite_rs::build::{Silent, build_into};
+use nanite_rs::config::{BuildOptions, RenderOptions};
+use nanite_rs::format::encode::FileSink;
 use nanite_rs::format::file::{HEADER_BYTES, Kind};
 use nanite_rs::format::input::{Input, RangeRequest};
-use nanite_rs::format::{open_input, to_bytes};
-use nanite_rs::model::{Clock, Dag, PageRequest, PageSource, PageWords, UNINTERRUPTED, Workers, read_pages};
+use nanite_rs::format::quantize::Rounded;
+use nanite_rs::format::{Precision, from_bytes, open_input, quantize, to_bytes};
+use nanite_rs::mesh::{Positions, SourceMesh};
+use nanite_rs::model::cluster::RECORD_WORDS;
+use nanite_rs::model::{
+    Clock, ClusterRecord, Dag, Outline, PageRequest, PageSink, PageSource, PageWords, UNINTERRUPTED, Workers,
+    read_pages,
+};
 use nanite_rs::stream::{Needs, Request, StreamOptions, Streamer};
+use nanite_rs::{Error, Result};
 
 use crate::damage::{entries, rich_mesh, section};
 use crate::render_frames::{CAMERA, at, dag, same};
@@ -263,5 +273,78 @@ fn opening_takes_a_batch_or_two() {
             Err(Error::Format { message, .. }) => assert!(message.contains("not empty"), "{message}"),
             other => panic!("{other:?}"),
         }
+    }
+}
+
+/// Groups, clusters and triangles of each level.
+type Census = BTreeMap<u32, [usize; 3]>;
+
+/// Counts what passes and keeps nothing.
+#[derive(Default)]
+struct Count {
+    census: Census,
+    pages: usize,
+}
+
+impl PageSink for Count {
+    type Output = Self;
+
+    fn begin(&mut self, outline: &Outline) -> Result<()> {
+        assert!(self.pages == 0 && outline.mesh.pages.words_held() == 0);
+        assert_eq!(outline.dependencies.len(), outline.mesh.pages.table.len());
+        outline.mesh.groups.iter().for_each(|group| self.census.entry(group.level).or_default()[0] += 1);
+        Ok(())
+    }
+
+    fn pages(&mut self, outline: &Outline, words: Vec<PageWords>) -> Result<()> {
+        for words in words {
+            let entry = outline.mesh.pages.table[self.pages];
+            assert_eq!(words.len(), entry.words as usize);
+            self.pages += 1;
+            let records: &[ClusterRecord] =
+                bytemuck::cast_slice(&words[..entry.clusters as usize * RECORD_WORDS]);
+            for record in records {
+                let level = outline.mesh.groups[record.group as usize].level;
+                let [_, clusters, triangles] = self.census.get_mut(&level).unwrap();
+                *clusters += 1;
+                *triangles += usize::from(record.triangle_count);
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(self, outline: Outline) -> Result<Self> {
+        assert_eq!(self.pages, outline.mesh.pages.table.len());
+        Ok(self)
+    }
+}
+
+fn census(mesh: &Dag) -> Census {
+    let mut out = Census::new();
+    for group in mesh.groups.iter() {
+        let [groups, clusters, triangles] = out.entry(group.level).or_default();
+        *groups += 1;
+        for at in group.members() {
+            *clusters += 1;
+            *triangles += mesh.geometry(at).triangles.len();
+        }
+    }
+    out
+}
+
+#[test]
+fn a_sink_sees_what_the_mesh_has() {
+    let (positions, faces) = bumpy_sphere(60);
+    let source = SourceMesh::new(Positions::F32(&positions), &faces);
+    let options = BuildOptions { face_ids: true, ..BuildOptions::default() };
+    let mesh = nanite_rs::build::build(&source, &options, &Silent).unwrap();
+    let seen = build_into(&source, &options, &Silent, Count::default()).unwrap();
+    assert!(seen.census == census(&mesh) && seen.census.len() > 3, "{:?}", seen.census);
+    let file = FileSink::new(Cursor::new(Vec::new()), Path::new("built"));
+    let built = build_into(&source, &options, &Silent, file).unwrap().into_inner();
+    assert!(built == to_bytes(&mesh).unwrap() && from_bytes(&built, "built").unwrap() == mesh);
+    for precision in [Precision::Auto, Precision::Exact] {
+        let seen = Rounded::new(&mesh, precision).unwrap().store(Count::default()).unwrap();
+        assert!(seen.census == census(&quantize(&mesh, precision).unwrap()));
     }
 }
