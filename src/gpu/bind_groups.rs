@@ -34,6 +34,7 @@ pub(super) struct BindGroups {
     frame: u64,
 }
 
+#[expect(clippy::mutable_key_type, reason = "buffers compare and hash by identity, which does not change")]
 impl BindGroups {
     /// The group of a kernel for these buffers.
     pub(super) fn get(&self, context: &Context, kernel: Kernel, bound: &[BoundBuffer<'_>]) -> BindGroup {

@@ -55,6 +55,7 @@ impl VisibilityBuffer {
     }
 
     /// Depth, where there is nothing else.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "keys come from a device alone"))]
     pub(super) fn depth(&self, screen: &Screen) -> Result<Option<&[f32]>> {
         match self {
             Self::Depth(depth) => Ok(Some(depth)),
