@@ -1,9 +1,9 @@
-//! The loop that grows the DAG, level by level: group, lock, simplify, split. The groups of a level are simplified in
-//! parallel, each on its own copy of its vertices. Their results are appended in the order of the groups, so that nothing
-//! depends on which finished first.
+//! The loop that grows the DAG, level by level: group, lock, simplify, split. The groups of a level are simplified
+//! in parallel, each on its own copy of its vertices. Their results are appended in the order of the groups, so
+//! that nothing depends on which finished first.
 //!
-//! A level of a group counts these iterations. A level of a cluster counts the simplifications behind it, of which there are
-//! fewer where a group was stuck.
+//! A level of a group counts these iterations. A level of a cluster counts the simplifications behind it, of which
+//! there are fewer where a group was stuck.
 
 use std::sync::Arc;
 
@@ -194,8 +194,8 @@ fn source_clusters(store: &VertexStore, mesh: &WeldedMesh, options: &BuildOption
         .collect()
 }
 
-/// Merges the collapses of several meshes into the order of one queue: the cost of each step, and the triangles it removed. Each
-/// mesh is given by its number of triangles and its trace.
+/// Merges the collapses of several meshes into the order of one queue: the cost of each step, and the triangles it
+/// removed. Each mesh is given by its number of triangles and its trace.
 pub fn merged<'a>(traces: impl Iterator<Item = (usize, &'a [(f64, u32)])>) -> Vec<(f64, u32)> {
     let mut steps: Vec<(f64, u32)> = Vec::new();
     for (triangles, trace) in traces {
@@ -247,8 +247,8 @@ const LEAST_PART: f32 = 0.1;
 const SAMPLED_PART: usize = 20;
 const LEAST_SAMPLED: usize = 4;
 const MOST_SAMPLED: usize = 64;
-/// Without the cost of a collapse, a rank is at least this part of the bound: single bad points count less for a rank than for
-/// an error.
+/// Without the cost of a collapse, a rank is at least this part of the bound: single bad points count less for a
+/// rank than for an error.
 const RANK_OF_BOUND: f32 = 0.6;
 /// Samples of the reference count up to so many times the distance of the most expensive collapse.
 pub const RELAX_REACH: f64 = 4.0;
@@ -370,8 +370,8 @@ impl Growth {
         Ok(next)
     }
 
-    /// The largest cost of a collapse of the level: with it a sample of the groups keeps `ratio` of its triangles. One cost
-    /// for all groups acts as one queue for all: flat parts are simplified first.
+    /// The largest cost of a collapse of the level: with it a sample of the groups keeps `ratio` of its triangles.
+    /// One cost for all groups acts as one queue for all: flat parts are simplified first.
     fn cost(
         &self,
         store: &VertexStore,

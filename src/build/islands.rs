@@ -1,11 +1,12 @@
-//! Preserving the area that foliage and hair cover. Islands, such as leaves, are so small that edge collapses soon make them
-//! vanish, and a crown of leaves thins out. Here an island is removed as a whole, and the remaining ones grow (Cook,
-//! Halstead, Planck and Ryu, "Stochastic Simplification of Aggregate Detail", 2007).
+//! Preserving the area that foliage and hair cover. Islands, such as leaves, are so small that edge collapses soon
+//! make them vanish, and a crown of leaves thins out. Here an island is removed as a whole, and the remaining ones
+//! grow (Cook, Halstead, Planck and Ryu, "Stochastic Simplification of Aggregate Detail", 2007).
 //!
-//! Islands are sampled with a probability in proportion to their area, evenly along a space-filling curve. So large islands,
-//! such as trunks, stay as they are, and the small ones that stay share the area evenly. They take over the visible area, not
-//! all of it: few leaves hide each other less than many do. With all of the area, the measured trees covered up to three
-//! times what they had. Visible area is counted in small images from all directions, see `silhouette`.
+//! Islands are sampled with a probability in proportion to their area, evenly along a space-filling curve. So large
+//! islands, such as trunks, stay as they are, and the small ones that stay share the area evenly. They take over
+//! the visible area, not all of it: few leaves hide each other less than many do. With all of the area, the
+//! measured trees covered up to three times what they had. Visible area is counted in small images from all
+//! directions, see `silhouette`.
 
 use super::silhouette::{Silhouette, Silhouettes};
 use super::store::LocalMesh;
@@ -13,10 +14,11 @@ use crate::math::triangle::area_normal;
 use crate::math::{Aabb, morton};
 use crate::mesh::hash;
 
-/// An island with more triangles is simplified first. It is a *leaf*, which is removed as a whole, once it has at most so many.
+/// An island with more triangles is simplified first. It is a *leaf*, which is removed as a whole, once it has at
+/// most so many.
 const LEAF_TRIANGLES: u32 = 8;
-/// Leaves take over the area of removed ones, divided by at most two to this power, or times its root, so that as much is
-/// covered as before.
+/// Leaves take over the area of removed ones, divided by at most two to this power, or times its root, so that as
+/// much is covered as before.
 const FACTOR_BITS: f64 = 4.0;
 /// Bisections that find a thickness.
 const HALVINGS: usize = 10;
@@ -25,7 +27,8 @@ const THICKEST: f64 = 0.25;
 
 const NONE: u32 = u32::MAX;
 
-/// The connected components of a group's mesh, by position. Large ones, and those that reach into other groups, are islands too.
+/// The connected components of a group's mesh, by position. Large ones, and those that reach into other groups, are
+/// islands too.
 #[derive(Debug)]
 pub struct Islands {
     /// The island of each vertex.
@@ -139,8 +142,8 @@ impl Islands {
         (leaves, rest)
     }
 
-    /// Enlarges islands that simplification shrank until as much is covered as in `silhouette`: closed ones become thicker,
-    /// others are scaled. Returns the largest distance that a vertex moved.
+    /// Enlarges islands that simplification shrank until as much is covered as in `silhouette`: closed ones become
+    /// thicker, others are scaled. Returns the largest distance that a vertex moved.
     pub fn restore(&self, after: &mut LocalMesh, silhouette: &Silhouette) -> f64 {
         let mut left = vec![0.0; self.area.len()];
         let mut order: Vec<(u32, u32)> = Vec::with_capacity(after.indices.len() / 3);
@@ -195,8 +198,8 @@ impl Islands {
         boxes
     }
 
-    /// Scales islands of a mesh about their centres, and moves them back into the box of the mesh before. Returns the
-    /// largest distance that a vertex moved.
+    /// Scales islands of a mesh about their centres, and moves them back into the box of the mesh before. Returns
+    /// the largest distance that a vertex moved.
     fn scale(&self, mesh: &mut LocalMesh, scales: &[Option<f64>]) -> f64 {
         let whole = Aabb::of_points(&mesh.positions);
         let boxes = self.boxes(mesh);
@@ -221,8 +224,8 @@ impl Islands {
         most
     }
 
-    /// Keeps leaves of about `target` triangles, at least one, and scales them to cover as much as in `silhouette`. `after`
-    /// already holds the rest. `exactly`: at most `target` triangles, and as many as fit.
+    /// Keeps leaves of about `target` triangles, at least one, and scales them to cover as much as in `silhouette`.
+    /// `after` already holds the rest. `exactly`: at most `target` triangles, and as many as fit.
     pub fn thin(
         &self,
         after: &LocalMesh,
@@ -306,8 +309,8 @@ impl Islands {
         }
     }
 
-    /// The triangles of a mesh without the smallest leaves: at most `target`, and as many as fit; `None` where leaves do not
-    /// suffice.
+    /// The triangles of a mesh without the smallest leaves: at most `target`, and as many as fit; `None` where
+    /// leaves do not suffice.
     pub fn prune(&self, mesh: &LocalMesh, target: usize) -> Option<Vec<u32>> {
         let (leaves, rest) = self.split(mesh);
         let target = target.checked_sub(rest.len() / 3)?;

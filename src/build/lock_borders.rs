@@ -1,4 +1,5 @@
-//! Locking the borders of groups: vertices that several groups share may not move. The mesh's own border stays free.
+//! Locking the borders of groups: vertices that several groups share may not move. The mesh's own border stays
+//! free.
 
 use super::store::LevelPositions;
 use crate::mesh::edges::{Edge, Edges};

@@ -1,5 +1,5 @@
-//! Trimming the heap. glibc keeps memory that threads free between small live blocks for later blocks of the same thread. In the
-//! end that is more than the mesh takes.
+//! Trimming the heap. glibc keeps memory that threads free between small live blocks for later blocks of the same
+//! thread. In the end that is more than the mesh takes.
 
 /// Sources of fewer triangles are not worth a scan of the heap.
 const WORTHWHILE: usize = 1 << 18;

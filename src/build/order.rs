@@ -4,9 +4,9 @@
 use super::clusterize::ClusterMesh;
 use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES};
 
-/// Orders and rotates the triangles of a cluster so that most begin with an edge of an earlier one, and numbers its vertices by
-/// first use. The walk is that of Rossignac, "Edgebreaker", IEEE TVCG 5(1), 1999: turn right where there is a triangle, else
-/// left, else return to the last edge that was skipped.
+/// Orders and rotates the triangles of a cluster so that most begin with an edge of an earlier one, and numbers its
+/// vertices by first use. The walk is that of Rossignac, "Edgebreaker", IEEE TVCG 5(1), 1999: turn right where
+/// there is a triangle, else left, else return to the last edge that was skipped.
 pub fn spiral(mesh: &mut ClusterMesh) {
     let room = Vec::with_capacity(mesh.triangles.len());
     let triangles = std::mem::replace(&mut mesh.triangles, room);

@@ -1,5 +1,5 @@
-//! Relaxing a simplified mesh: its vertices move to where their triangles fit the reference best, by least squares. A sequence
-//! of collapses cannot do that, since each of them sees the faces around its edge alone.
+//! Relaxing a simplified mesh: its vertices move to where their triangles fit the reference best, by least squares.
+//! A sequence of collapses cannot do that, since each of them sees the faces around its edge alone.
 //!
 //! Points of the reference are each sent to the triangle they lie over, and their distances from its plane made as
 //! small as they can be (point to plane, as in Chen and Medioni 1992; a fit of the whole surface as in Hoppe et al.,

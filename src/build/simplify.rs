@@ -50,8 +50,8 @@ pub enum Step {
     Permissive,
     /// Vertex clustering.
     Sloppy,
-    /// With the fast quality, the collapses of the best quality where meshoptimizer's would join sheets or groups. Their
-    /// result counts as one of the first two.
+    /// With the fast quality, the collapses of the best quality where meshoptimizer's would join sheets or groups.
+    /// Their result counts as one of the first two.
     Collapses,
 }
 
@@ -97,7 +97,8 @@ pub fn ratio(triangles: u64, options: &BuildOptions) -> f32 {
     if fine && !options.preserve_area { FINE_RATIO } else { TARGET_RATIO }
 }
 
-/// Simplifies a group to `target` triangles. With `preserve_area` it covers as much as before, or as much as in `silhouette`.
+/// Simplifies a group to `target` triangles. With `preserve_area` it covers as much as before, or as much as in
+/// `silhouette`.
 pub fn simplify(
     mesh: &LocalMesh,
     target: usize,
@@ -162,7 +163,8 @@ fn policy(content: &Content, options: &BuildOptions) -> Policy {
     Policy { cuts: !options.preserve_area, up: content.up, ..Policy::default() }
 }
 
-/// Islands are removed or scaled as a whole. The rest is simplified by the chain, and its open islands keep their area.
+/// Islands are removed or scaled as a whole. The rest is simplified by the chain, and its open islands keep their
+/// area.
 fn with_islands(
     mesh: &LocalMesh,
     target: usize,
@@ -258,13 +260,14 @@ fn has_both_windings(faces: &[[u32; 3]]) -> bool {
     known.iter().any(|[a, b, c]| known.contains(&[*a, *c, *b]))
 }
 
-/// With the fast quality, whether our own collapses follow where meshoptimizer's fail. Not where attributes steer it.
+/// With the fast quality, whether our own collapses follow where meshoptimizer's fail. Not where attributes steer
+/// it.
 fn has_collapses(content: &Content, options: &BuildOptions) -> bool {
     options.quality == Quality::Fast && content.is_bare()
 }
 
-/// Whether they also follow where meshoptimizer joins sheets. Not where its estimates are the stated error: ours are of
-/// another kind.
+/// Whether they also follow where meshoptimizer joins sheets. Not where its estimates are the stated error: ours
+/// are of another kind.
 fn is_strict(content: &Content, options: &BuildOptions) -> bool {
     has_collapses(content, options) && options.error == ErrorMeasure::Bound
 }
@@ -312,7 +315,8 @@ fn attempt(
     let is_strict = is_strict(content, options);
     if step == Step::Attributes && options.quality == Quality::Fast && !is_strict {
         let mut locked = mesh.locked.clone();
-        // meshoptimizer has no link condition: where sheets were pinched together, lock the vertices where they met and repeat.
+        // meshoptimizer has no link condition: where sheets were pinched together, lock the vertices where they met
+        // and repeat.
         for _ in 0..TOPOLOGY_RETRIES {
             if topology.crowded.len() <= before.crowded.len() {
                 break;
@@ -327,8 +331,8 @@ fn attempt(
             (result, error, after, topology) = again;
         }
     }
-    // Sheets were pinched together, or locked points joined, which two groups could each do. Our own collapses follow, which
-    // prevent both. The steps after them are better than a root that stays large.
+    // Sheets were pinched together, or locked points joined, which two groups could each do. Our own collapses
+    // follow, which prevent both. The steps after them are better than a root that stays large.
     if step == Step::Attributes
         && is_strict
         && (topology.crowded.len() > before.crowded.len()
@@ -420,8 +424,9 @@ fn faces(indices: &[u32], name: impl Fn(u32) -> u32) -> impl Iterator<Item = [u3
     indices.chunks_exact(3).map(move |t| [t[0], t[1], t[2]].map(&name))
 }
 
-/// Triangles of a result by position. A number below the number of vertices is the first vertex that *was* at the position; a
-/// number above is a new position. Positions are those of the result: seams may have opened and sheets may have met.
+/// Triangles of a result by position. A number below the number of vertices is the first vertex that *was* at the
+/// position; a number above is a new position. Positions are those of the result: seams may have opened and sheets
+/// may have met.
 fn by_position(before: &LocalMesh, after: &LocalMesh) -> Vec<[u32; 3]> {
     let mut ids = after.position_ids.clone();
     let mut used = vec![false; ids.len()];
@@ -438,7 +443,8 @@ fn by_position(before: &LocalMesh, after: &LocalMesh) -> Vec<[u32; 3]> {
     faces(&after.indices, |v| ids[v as usize]).collect()
 }
 
-/// The most columns that steer collapses: meshoptimizer's limit. Further columns are interpolated on the surface before.
+/// The most columns that steer collapses: meshoptimizer's limit. Further columns are interpolated on the surface
+/// before.
 const MOST_COLUMNS: usize = 32;
 /// Columns that stand for labels, at most.
 const LABEL_COLUMNS: usize = 3;
@@ -446,8 +452,8 @@ const LABEL_COLUMNS: usize = 3;
 /// The attribute columns that steer a simplifier.
 struct Guides {
     rows: Vec<f32>,
-    /// Weights of its columns: a unit of an attribute counts as a mean edge length times its weight, relative to the group's
-    /// extent.
+    /// Weights of its columns: a unit of an attribute counts as a mean edge length times its weight, relative to
+    /// the group's extent.
     weights: Vec<f32>,
     /// Columns that are those of the mesh; labels follow.
     own: usize,
@@ -481,8 +487,8 @@ impl Guides {
     }
 }
 
-/// Columns that encode the labels of vertices, so that lines between labels cost as much as lines between colours. Up to four
-/// labels are a unit apart, more labels about a unit by hashing. Empty where all labels are the same.
+/// Columns that encode the labels of vertices, so that lines between labels cost as much as lines between colours.
+/// Up to four labels are a unit apart, more labels about a unit by hashing. Empty where all labels are the same.
 fn label_codes(labels: &[u32]) -> Vec<f32> {
     let mut known: Vec<u32> = labels.to_vec();
     known.sort_unstable();
@@ -582,8 +588,8 @@ fn run(
     Made { mesh: steered, error, moved: moved.unwrap_or(error), cost: dearest, stopped }
 }
 
-/// Writes the columns that steered, `own` of `width`, back to a mesh that was made from `before`; the other columns are
-/// interpolated there.
+/// Writes the columns that steered, `own` of `width`, back to a mesh that was made from `before`; the other columns
+/// are interpolated there.
 fn restore_columns(
     made: &mut LocalMesh,
     mesh: &LocalMesh,
@@ -616,9 +622,9 @@ pub struct Finished {
     pub moved: f32,
 }
 
-/// Collapses edges as with the best quality, until at most `target` triangles are left or no edge may collapse. `cuts`: sheets
-/// that touch are separated, necks cut, and components removed. Without it the topology is kept, which is several times as fast
-/// where the surface is folded.
+/// Collapses edges as with the best quality, until at most `target` triangles are left or no edge may collapse.
+/// `cuts`: sheets that touch are separated, necks cut, and components removed. Without it the topology is kept,
+/// which is several times as fast where the surface is folded.
 pub fn collapse_to(mesh: &LocalMesh, target: usize, content: &Content, cuts: bool) -> Finished {
     // Its collapses cut nothing either.
     let options = BuildOptions { quality: Quality::Best, preserve_area: !cuts, ..BuildOptions::default() };
@@ -635,8 +641,8 @@ pub fn prune_to(mesh: &LocalMesh, target: usize) -> Option<LocalMesh> {
     Some(LocalMesh { indices, ..mesh.clone() })
 }
 
-/// Removes islands and scales others up to cover as much, until at most `target` triangles are left. Returns the mesh and a
-/// bound of its distance to `mesh`; `None` where there are too few islands.
+/// Removes islands and scales others up to cover as much, until at most `target` triangles are left. Returns the
+/// mesh and a bound of its distance to `mesh`; `None` where there are too few islands.
 pub fn thin_to(mesh: &LocalMesh, target: usize) -> Option<(LocalMesh, f64)> {
     let islands = Islands::of(mesh);
     let (leaves, rest) = islands.split(mesh);
@@ -649,8 +655,8 @@ pub fn thin_to(mesh: &LocalMesh, target: usize) -> Option<(LocalMesh, f64)> {
     Some((out, thinned.moved))
 }
 
-/// Collapses edges without regard to the topology, and prunes small components. Returns the mesh, numbered like `mesh`, and an
-/// estimate of its distance; `None` where it cannot replace `mesh`.
+/// Collapses edges without regard to the topology, and prunes small components. Returns the mesh, numbered like
+/// `mesh`, and an estimate of its distance; `None` where it cannot replace `mesh`.
 pub fn collapse_loosely_to(mesh: &LocalMesh, target: usize, content: &Content) -> Option<(LocalMesh, f32)> {
     let options = BuildOptions::default();
     let Made { mesh: result, error, .. } =

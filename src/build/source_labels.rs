@@ -1,5 +1,5 @@
-//! The labels of the source at a point. Labels taken from the level before would let lines between labels drift by up to half a
-//! triangle at each level.
+//! The labels of the source at a point. Labels taken from the level before would let lines between labels drift by
+//! up to half a triangle at each level.
 
 use glam::DVec3;
 
@@ -36,9 +36,9 @@ impl SourceLabels {
         }
     }
 
-    /// The label nearest to `p`, on triangles of a material that do not face away from `normal`: the other side of a thin wall
-    /// may be nearer. `None` where there is no such triangle. `near` is a triangle to start from, and becomes
-    /// the nearest one.
+    /// The label nearest to `p`, on triangles of a material that do not face away from `normal`: the other side of
+    /// a thin wall may be nearer. `None` where there is no such triangle. `near` is a triangle to start from, and
+    /// becomes the nearest one.
     pub fn label(&self, p: [f32; 3], normal: &[f32], material: Option<u32>, near: &mut u32) -> Option<u32> {
         let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
         let normal = vector([normal[0], normal[1], normal[2]]);

@@ -1,5 +1,5 @@
-//! The vertices of all levels. A vertex is an identity: a vertex that moves gets a new one. So an identity has one position, and
-//! cuts weld by it.
+//! The vertices of all levels. A vertex is an identity: a vertex that moves gets a new one. So an identity has one
+//! position, and cuts weld by it.
 
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
@@ -114,7 +114,8 @@ pub struct LocalMesh {
     pub locked: Vec<bool>,
     /// Three local vertices per triangle.
     pub indices: Vec<u32>,
-    /// For each vertex at the end, which a simplifier added where it separated sheets, the one that it is a copy of.
+    /// For each vertex at the end, which a simplifier added where it separated sheets, the one that it is a copy
+    /// of.
     pub copies: Vec<u32>,
 }
 

@@ -1,5 +1,5 @@
-//! Blocks of the mesh: dividing space, extracting a block as a mesh of its own, sampling the cost of collapses, and writing
-//! simplified blocks back.
+//! Blocks of the mesh: dividing space, extracting a block as a mesh of its own, sampling the cost of collapses, and
+//! writing simplified blocks back.
 
 use rayon::prelude::*;
 
@@ -27,7 +27,8 @@ struct Sample {
 }
 
 impl Rounds<'_> {
-    /// For each position, by the first vertex there, whether it is locked: several blocks have it, or it stays anyway.
+    /// For each position, by the first vertex there, whether it is locked: several blocks have it, or it stays
+    /// anyway.
     pub fn shared(&self, blocks: &[&mut [Place]]) -> Vec<bool> {
         let whole = &self.whole;
         let mut owner = vec![u32::MAX; whole.ids.len()];

@@ -1,10 +1,10 @@
 //! One level at once: a mesh simplified to a number of triangles, without a DAG, pages or proofs.
 //!
-//! Rounds over blocks of the whole mesh, on all cores. A block is a part of space (`math::median`) whose points that other
-//! blocks share are locked; the next round divides space elsewhere. With the best quality all blocks of a round collapse up to
-//! one cost, which a sample gives, and the last blocks proceed together to the exact number. This acts as one queue: flat parts
-//! are simplified first. Small meshes, and the last step with the fast quality, are one piece. Nothing depends on the number
-//! of threads.
+//! Rounds over blocks of the whole mesh, on all cores. A block is a part of space (`math::median`) whose points
+//! that other blocks share are locked; the next round divides space elsewhere. With the best quality all blocks of
+//! a round collapse up to one cost, which a sample gives, and the last blocks proceed together to the exact number.
+//! This acts as one queue: flat parts are simplified first. Small meshes, and the last step with the fast quality,
+//! are one piece. Nothing depends on the number of threads.
 
 mod blocks;
 
@@ -29,8 +29,8 @@ use crate::threads;
 
 /// Most triangles of a block.
 const BLOCK: usize = 1 << 15;
-/// The least part of the triangles that a round leaves: with our own collapses, and with meshoptimizer's, whose order is the
-/// less exact the more a call removes.
+/// The least part of the triangles that a round leaves: with our own collapses, and with meshoptimizer's, whose
+/// order is the less exact the more a call removes.
 const BEST_STEP: f64 = 0.1;
 const FAST_STEP: f64 = 0.5;
 /// Rounds stop at so many times the target; the last step reaches the exact number.
@@ -41,13 +41,14 @@ const MISSED: f64 = 0.1;
 const NEAR: f64 = 0.2;
 /// Limits of the cost in an exact round, as multiples of the sampled cost; the next one where that is too low.
 const BEYOND: [f64; 3] = [1.5, 6.0, f64::INFINITY];
-/// Up to so many triangles all blocks stay in memory and proceed step by step; above, each block gets a target of its own.
+/// Up to so many triangles all blocks stay in memory and proceed step by step; above, each block gets a target of
+/// its own.
 const TOGETHER: usize = 1 << 20;
 /// Blocks of the last step, and the least number of triangles of each.
 const LAST_BLOCKS: usize = 8;
 const SMALL: usize = 1 << 14;
-/// In the last step the cost limit of all blocks grows by `COST_STEP` until `REST` too many triangles are left; these are
-/// removed one by one. Costs within `ALIKE` of each other are equal.
+/// In the last step the cost limit of all blocks grows by `COST_STEP` until `REST` too many triangles are left;
+/// these are removed one by one. Costs within `ALIKE` of each other are equal.
 const COST_STEP: f64 = 1.1;
 const ALIKE: f64 = 1.0e-6;
 const REST: f64 = 0.03;

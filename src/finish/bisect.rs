@@ -1,6 +1,6 @@
-//! Longest-edge bisection (Rivara, "Algorithms for Refining Triangular Grids Suitable for Adaptive and Multigrid Techniques",
-//! 1984), where collapses of the finer cut do not meet the budget: the coarser cut gets more triangles without a change of its
-//! shape.
+//! Longest-edge bisection (Rivara, "Algorithms for Refining Triangular Grids Suitable for Adaptive and Multigrid
+//! Techniques", 1984), where collapses of the finer cut do not meet the budget: the coarser cut gets more triangles
+//! without a change of its shape.
 
 use std::collections::BinaryHeap;
 
@@ -22,8 +22,8 @@ struct Bisector {
     queue: BinaryHeap<(u32, (u32, u32))>,
 }
 
-/// Bisects the longest edges of a mesh until it has `target` triangles, or nearly. Edges between locked points stay. Vertices
-/// keep their numbers; new ones follow.
+/// Bisects the longest edges of a mesh until it has `target` triangles, or nearly. Edges between locked points
+/// stay. Vertices keep their numbers; new ones follow.
 pub fn bisect_to(mesh: &LocalMesh, target: usize) -> LocalMesh {
     let stride = mesh.attributes.len() / mesh.ids.len().max(1);
     let mut bisector = Bisector {

@@ -213,8 +213,8 @@ fn up_of(mesh: &LocalMesh) -> Option<DVec3> {
     up(&mesh.positions, bytemuck::cast_slice(&mesh.indices))
 }
 
-/// A bound of the two-sided (Hausdorff) distance of two surfaces. Each triangle of the first stands for any surface within its
-/// radius. Distances up to `enough` are not told apart.
+/// A bound of the two-sided (Hausdorff) distance of two surfaces. Each triangle of the first stands for any surface
+/// within its radius. Distances up to `enough` are not told apart.
 fn between(a: &Side, radii: &[f64], b: &Side, enough: f32) -> f32 {
     let none = vec![0.0; b.changed.len()];
     // Both directions in parallel.

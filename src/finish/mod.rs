@@ -1,10 +1,11 @@
-//! Meeting a budget of triangles exactly. Cuts come in steps of whole groups; the difference to the budget is simplified when a
-//! cut is made.
+//! Meeting a budget of triangles exactly. Cuts come in steps of whole groups; the difference to the budget is
+//! simplified when a cut is made.
 //!
-//! The finer of the two cuts beside the budget is the start. The groups that the coarser one would replace next become one mesh,
-//! several times as large as what has to go. Its edges are collapsed as in building, down to what the budget leaves for it.
-//! Vertices that the rest of the cut shares are locked, so that no crack opens. The error of the result is measured against
-//! the clusters it was made from, and their own stated error is added: docs/numerics.md has the proof.
+//! The finer of the two cuts beside the budget is the start. The groups that the coarser one would replace next
+//! become one mesh, several times as large as what has to go. Its edges are collapsed as in building, down to what
+//! the budget leaves for it. Vertices that the rest of the cut shares are locked, so that no crack opens. The error
+//! of the result is measured against the clusters it was made from, and their own stated error is added:
+//! docs/numerics.md has the proof.
 
 mod bisect;
 mod gather;
@@ -36,11 +37,11 @@ const LEAST: u64 = 4_000;
 /// The same where collapses may change the topology, which takes ten times as long where the surface is folded.
 const ROOM_APART: u64 = 2;
 const LEAST_APART: u64 = 1_000;
-/// Where the error is more than so many times the coarser cut's, collapses that change the topology are tried. Where the better
-/// result is still as far off, the coarser cut is taken.
+/// Where the error is more than so many times the coarser cut's, collapses that change the topology are tried.
+/// Where the better result is still as far off, the coarser cut is taken.
 const FAR: f32 = 1.5;
-/// Where the coarser cut lacks less than one in so many of the triangles between the two cuts, its edges are bisected: it is
-/// nearer to the source than what collapses leave.
+/// Where the coarser cut lacks less than one in so many of the triangles between the two cuts, its edges are
+/// bisected: it is nearer to the source than what collapses leave.
 const FEW_PART: u64 = 10;
 /// Where the gathered triangles do not suffice, so many times as many are gathered.
 const MORE: u64 = 8;
@@ -254,7 +255,8 @@ impl<'a> Attempt<'a> {
         self.finish.state(self.rest.clone(), &self.region, changes, estimate, finer.as_ref())
     }
 
-    /// A cut with several times the triangles to measure against, where the whole cut is made and comparing is fast.
+    /// A cut with several times the triangles to measure against, where the whole cut is made and comparing is
+    /// fast.
     fn finer(&self) -> Result<Option<Region>> {
         let Finish { finisher, dag, scales, .. } = self.finish;
         let faces = self.region.faces() as u64;
@@ -291,7 +293,8 @@ impl<'a> Attempt<'a> {
 }
 
 impl Finish<'_> {
-    /// Some groups of a cut as a region, the other clusters, and the triangles that the budget leaves for the region.
+    /// Some groups of a cut as a region, the other clusters, and the triangles that the budget leaves for the
+    /// region.
     fn region(
         &self,
         clusters: &[ClusterAddress],

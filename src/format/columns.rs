@@ -1,5 +1,5 @@
-//! What vertices carry, as differences from what the vertices before let expect: a vertex has three others that it is
-//! predicted from (`topology.rs`), which its cluster knows before it.
+//! Vertex data as differences from predictions: a vertex is predicted from three earlier ones of its cluster, which
+//! `topology.rs` names (parallelogram prediction).
 
 use super::planes::{unzigzag, zigzag};
 use crate::math::octahedral::NORMAL_BITS;

@@ -1,9 +1,9 @@
-//! One page as few bytes, and back, by itself: no other page is needed. What follows from something else is not
-//! written: boxes and radii from positions, errors and spheres from groups, numbers of vertices from those before.
+//! One page as few bytes, coded by itself: no other page is needed. Derived values are not written: boxes and radii
+//! follow from positions, errors and spheres from groups, vertex numbers from earlier ones.
 //!
-//! A vertex that several clusters of the page share is written once. Its position and what it carries are differences
-//! from what the vertices around let expect (`columns.rs`), triangles are symbols (`topology.rs`), and all of it goes
-//! to disk in planes (`planes.rs`). `docs/format.md` has every field.
+//! A vertex that several clusters of the page share is written once. Its position and attributes are differences
+//! from a prediction by earlier vertices (`columns.rs`), triangles are symbols (`topology.rs`), and all of it is
+//! stored as bit planes (`planes.rs`). `docs/format.md` has every field.
 
 use std::ops::Range;
 
@@ -13,7 +13,7 @@ use crate::model::cluster::Streams;
 use crate::model::packing::Widths;
 use crate::model::{AttributeLayout, Grid, Group};
 
-/// What the bytes of a page are about, in their order.
+/// The parts of a coded page, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// Counts, levels, origins, materials, and spheres of level 0.

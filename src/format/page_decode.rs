@@ -1,4 +1,4 @@
-//! A page from its bytes. They may hold anything: what is wrong is said, and nothing is allocated beyond what the
+//! Decoding a page. Its bytes may hold anything: errors name what is wrong, and no allocation exceeds what the
 //! number of clusters allows.
 
 use bytemuck::Zeroable;
@@ -23,7 +23,7 @@ const ROWS: usize = 1 << 16;
 const _: () = assert!(PAGE_MAX_CLUSTERS * CLUSTER_MAX_VERTICES < ROWS);
 type Rows = [Row; ROWS];
 
-/// What a thread needs to decode pages, used again from one to the next.
+/// The scratch buffers of a thread that decodes pages.
 pub struct Decoder {
     tools: Tools,
     tables: Tables,

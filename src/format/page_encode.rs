@@ -1,4 +1,4 @@
-//! A page as bytes.
+//! Encoding a page.
 
 use rustc_hash::FxHashMap;
 

@@ -1,6 +1,6 @@
-//! Arrays of numbers as bytes: split into layers of four bits, from the lowest of every number to the highest that any
-//! of them needs. Low ones say nothing that could be coded and stay as they are; the others go through zstd at once,
-//! where bits of one kind meet one table of the entropy coder.
+//! Arrays of numbers as bytes, split into layers of four bits, from the lowest bits of every number to the highest
+//! that any of them needs. The low layers are incompressible noise and stay as they are. The other layers are
+//! compressed together by zstd, so that bits of one kind share a table of the entropy coder.
 
 use zstd::bulk::{Compressor, Decompressor};
 use zstd::zstd_safe::CParameter;
@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 pub const ZSTD_LEVEL: i32 = 12;
 /// Shorter repetitions are mostly chance, and slower to follow than to decode.
 const LEAST_MATCH: u32 = 7;
-/// What zstd is to save, else bytes stay as they are: one in so many, for it takes ten times as long as a copy.
+/// zstd has to save one byte in so many, else bytes are copied: decompressing takes ten times as long as a copy.
 const LEAST_SHARE: usize = 8;
 /// And so many of a frame, which has tables to be set up.
 const LEAST_OF_FRAME: usize = 256;

@@ -1,7 +1,7 @@
-//! Positions and UVs on power-of-two grids and normals in few bits, for every level alike, so that files are small.
-//! Vertices that clusters share have one position before and one after, so that cuts stay closed; bounds are made
-//! again from what came out. How far positions moved is kept beside the mesh and is part of what cuts state
-//! (`docs/numerics.md`).
+//! Quantizing: positions and UVs on power-of-two grids and normals in few bits, the same for every level, so that
+//! files are small. Vertices that clusters share have one position before and one after, so that cuts stay closed.
+//! Bounds are computed again from the result. The rounding of positions is stored with the mesh and is part of the
+//! error of every cut (`docs/numerics.md`).
 
 use std::sync::Arc;
 
@@ -24,11 +24,11 @@ use crate::model::{
 
 /// Bits of each octahedral coordinate of a normal in files that round: off by a quarter of a degree at most.
 pub const STORED_NORMAL_BITS: u32 = 10;
-/// With no other wish, a step is at most the median edge of the source over 2 to this power.
+/// By default a step is at most the median edge of the source over 2 to this power.
 const AUTO_EDGE_BITS: i32 = 4;
-/// And at most what is fine of it over 2 to this power: see [`Sizes::fine`].
+/// And at most its fine detail over 2 to this power: see [`Sizes::fine`].
 const AUTO_FINE_BITS: i32 = 3;
-/// Of so many triangles of the source one may be finer than that.
+/// One in so many triangles of the source may be finer than the fine detail.
 pub const FINE_PART: u64 = 200;
 /// UVs are multiples of 2 to minus this where 2^24 of them reach: rounded by a sixteenth of a texel of 8192 at most.
 pub const STORED_UV_EXPONENT: i32 = 16;
@@ -38,7 +38,7 @@ pub const MAX_EXPONENT: i32 = MAX_STEPS.ilog2() as i32;
 /// How finely a file keeps positions and normals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Precision {
-    /// A sixteenth of the median edge of the source, and an eighth of what is fine of it, or less.
+    /// A sixteenth of the median edge of the source, and an eighth of its fine detail, or less.
     Auto,
     /// As they are.
     Exact,
@@ -236,7 +236,7 @@ fn pack(
     Packed { rows, packing, streams }
 }
 
-/// The mesh that a file of this precision holds. One that is on a grid as coarse stays what it is.
+/// The mesh that a file of this precision holds. A mesh on a grid as coarse is returned unchanged.
 pub fn quantize(dag: &Dag, precision: Precision) -> Result<Dag> {
     Rounded::new(dag, precision)?.store(MemorySink::default())
 }

@@ -1,6 +1,6 @@
-//! The culling hierarchy: a wide tree per level, coarsest level first. Mixing levels in one tree would inflate the bounds. The
-//! roots of the trees hang off a chain of nodes, a few of the coarsest at each. Traversal of a distant mesh visits these alone:
-//! the node of all finer levels is culled.
+//! The culling hierarchy: a wide tree per level, coarsest level first. Mixing levels in one tree would inflate the
+//! bounds. The roots of the trees hang off a chain of nodes, a few of the coarsest at each. Traversal of a distant
+//! mesh visits these alone: the node of all finer levels is culled.
 
 use crate::limits::NODE_WIDTH;
 use crate::math::{Aabb, Sphere};

@@ -1,5 +1,5 @@
-//! The layout of groups: their order, their pages, the hierarchy over them, and the numbers of their vertices. Building lays a
-//! mesh out. Quantizing does so again, since pages then hold more.
+//! The layout of groups: their order, their pages, the hierarchy over them, and the numbers of their vertices.
+//! Building lays a mesh out. Quantizing does so again, since pages then hold more.
 
 mod hierarchy;
 mod names;

@@ -3,8 +3,8 @@
 use crate::limits::{PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS, ROOT_PAGE_MAX_BYTES};
 use crate::model::{ClusterAddress, PageEntry};
 
-/// Open pages of a level. Each further open page saves some 3 % of the pages, and views need no more of them than before. With
-/// four, the last groups of a page are no longer near the others
+/// Open pages of a level. Each further open page saves some 3 % of the pages, and views need no more of them than
+/// before. With four, the last groups of a page are no longer near the others
 /// (`benchmarks/results/2026-11-22-format.md`).
 const OPEN_PAGES: usize = 2;
 
@@ -52,8 +52,8 @@ impl Filling {
     }
 }
 
-/// Packs whole groups into pages, in this order, coarsest level first. Roots come first. The last root page is filled up with
-/// the next levels, so that little memory holds something to draw. Each further page has one level.
+/// Packs whole groups into pages, in this order, coarsest level first. Roots come first. The last root page is
+/// filled up with the next levels, so that little memory holds something to draw. Each further page has one level.
 pub fn paginate(order: &[u32], size: impl Fn(u32) -> GroupSize) -> Paging {
     let mut pages = Vec::<Filling>::new();
     // The first page that is still open, and what one may hold.

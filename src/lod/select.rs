@@ -4,8 +4,8 @@ use crate::error::Result;
 use crate::model::rule::Threshold;
 use crate::model::{ClusterAddress, Dag, Group, InterruptCheck};
 
-/// The groups with members that may be drawn: the group's (parent) error is above the threshold, and a member's own error is
-/// not.
+/// The groups with members that may be drawn: the group's (parent) error is above the threshold, and a member's own
+/// error is not.
 fn candidates<'a>(dag: &'a Dag, threshold: &Threshold) -> Vec<&'a Group> {
     let mut found = Vec::new();
     let mut stack = vec![0u32];
@@ -79,12 +79,12 @@ pub fn error_with(dag: &Dag, clusters: &[ClusterAddress], other: f32) -> f64 {
     if largest > 0.0 && rounding > 0.0 { error.next_up() } else { error }
 }
 
-/// The number of triangles of the cut after each group is replaced by its simplification. Found once; a budget is then a search
-/// in this table.
+/// The number of triangles of the cut after each group is replaced by its simplification. Found once; a budget is
+/// then a search in this table.
 ///
-/// Budgets compare the ranks of groups, not their proven errors. A bound is that of the worst point of a group; a rank says more
-/// about all of its points, so that cuts are closer in the mean. Ranks do not decrease along the DAG either, and of equal ones
-/// the finer level comes first. A cut needs no more to be complete.
+/// Budgets compare the ranks of groups, not their proven errors. A bound is that of the worst point of a group; a
+/// rank says more about all of its points, so that cuts are closer in the mean. Ranks do not decrease along the DAG
+/// either, and of equal ones the finer level comes first. A cut needs no more to be complete.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FaceBudget {
     /// Groups by ascending rank.

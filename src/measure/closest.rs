@@ -101,7 +101,7 @@ pub fn squared_distance(p: Vec3, triangle: Triangle) -> f64 {
     squared(p, closest_point(p, triangle))
 }
 
-/// What the distance from `p` to a triangle cannot be below, but for rounding: some plane has the triangle on its
+/// A lower bound of the distance from `p` to a triangle, but for rounding: some plane has the triangle on its
 /// far side. Whether `closest_point` decided well on the way does not matter.
 pub fn distance_below(p: Vec3, triangle: Triangle) -> f64 {
     let towards = sub(p, closest_point(p, triangle));

@@ -1,13 +1,13 @@
-//! How far a whole triangle is from a surface: an upper bound, and points that come near it.
+//! The distance of a whole triangle to a surface: an upper bound, and points that come near it.
 //!
-//! The distance to *one* triangle t is a convex function, so that over a convex piece of the plane it is largest at a
-//! corner. A triangle is therefore overlaid with the surface: what lies over t (inside the prism on it, or a little
-//! beside it) is cut off and bounded by t, and the rest goes on to the next triangle of the surface. What nobody
-//! takes is measured at its corners and its centre, which raises the lower bound, and cut in two (branch and bound:
-//! Guthe, Borodin and Klein, "Fast and accurate Hausdorff distance calculation between meshes", 2005; Tang, Lee and
-//! Kim, "Interactive Hausdorff distance computation for general polygonal models", 2009).
+//! The distance to *one* triangle t is a convex function, so that over a convex piece of the plane it is largest at
+//! a corner. A triangle is therefore overlaid with the surface. The part that lies over t (inside the prism on it,
+//! or a little beside it) is cut off and bounded by t; the rest is tried with the next triangle of the surface. A
+//! part that no triangle takes is measured at its corners and its centre, which raises the lower bound, and halved
+//! (branch and bound: Guthe, Borodin and Klein, "Fast and accurate Hausdorff distance calculation between meshes",
+//! 2005; Tang, Lee and Kim, "Interactive Hausdorff distance computation for general polygonal models", 2009).
 //!
-//! The proof and its rounding stand in docs/numerics.md.
+//! docs/numerics.md has the proof and its rounding.
 
 use super::bvh::Bvh;
 use super::closest::{Triangle, Vec3, cross, dot, normal, squared_distance, sub};
@@ -18,30 +18,30 @@ use super::piece::{CORNERS, MOST_CUTS, Piece};
 const NEARBY: usize = 40;
 /// Pieces of one triangle during an overlay.
 const PIECES: usize = 48;
-/// Pieces to look at before asking whether to go on.
+/// Pieces between two interrupt checks.
 const STEPS_BETWEEN_ASKING: u64 = 1_000;
-/// How far beside its prism a triangle takes, in parts of the distance allowed. Each is tried where the one before
-/// takes corners too far out, at sharp angles.
+/// How far beside its prism a triangle takes parts, relative to the allowed distance. Each is tried where the one
+/// before takes corners too far out, at sharp angles.
 const BESIDE: [f64; 3] = [0.6, 0.2, 0.002];
 
-/// The bounds of what was covered so far, and what is used over and over on the way.
+/// The bounds of what was covered so far, and scratch buffers.
 pub(super) struct Cover<'a> {
     surface: &'a Bvh,
     goal: BoundOptions,
-    /// Asked now and then; after `false` nothing is worth having.
+    /// The interrupt check; after `false` the result is void.
     proceed: &'a dyn Fn() -> bool,
     /// The largest distance at a point.
     pub lower: f64,
     /// That point.
     pub witness: Option<Vec3>,
-    /// No point of what was covered is farther from the surface.
+    /// An upper bound of the distance of every covered point.
     pub upper: f64,
-    /// Pieces that were looked at more closely.
+    /// Pieces that were overlaid or halved.
     pub steps: u64,
     /// The goal was met everywhere.
     pub complete: bool,
     hint: usize,
-    /// Pieces to do, and whether they were overlaid already, without success.
+    /// Pieces to do, and whether they were already overlaid without success.
     stack: Vec<(Piece, bool)>,
     nearby: Vec<u32>,
     now: Vec<Piece>,
@@ -73,7 +73,7 @@ impl<'a> Cover<'a> {
         }
     }
 
-    /// What is good enough.
+    /// The distance that needs no better bound.
     fn limit(&self) -> f64 {
         self.goal.floor.max(self.lower * (1.0 + self.goal.slack))
     }
@@ -92,13 +92,13 @@ impl<'a> Cover<'a> {
         (distance, nearest.place)
     }
 
-    /// Covers a triangle that stands for something within `extra` of it.
+    /// Covers a triangle that stands for a surface within `extra` of it.
     pub(super) fn triangle(&mut self, triangle: Triangle, extra: f64) {
         self.piece(Piece::new(triangle), extra, &mut |_, _| {});
     }
 
-    /// Covers a piece that stands for something within `extra` of it. `taken` is told which parts of it were bounded
-    /// by which places.
+    /// Covers a piece that stands for a surface within `extra` of it. `taken` is called with each part and the
+    /// place that bounds it.
     pub(super) fn piece(&mut self, piece: Piece, extra: f64, taken: &mut dyn FnMut(&Piece, usize)) {
         let mut budget = self.goal.budget;
         self.stack.push((piece, false));

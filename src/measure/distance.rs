@@ -1,4 +1,5 @@
-//! The distance between two meshes, sampled or bounded, and nearest points of a mesh: what `nanite_rs.measure` shows.
+//! The distance between two meshes, sampled or bounded, and nearest points of a mesh: the core of
+//! `nanite_rs.measure`.
 //!
 //! Everything is f64. Coordinates are first multiplied by a power of two, so that the largest of both meshes is about 1:
 //! that is exact, and keeps products of four lengths in range.
@@ -21,7 +22,7 @@ pub struct MeshView<'a> {
     pub faces: &'a [[u32; 3]],
 }
 
-/// Asked now and then with what is done and how much there is; `false` stops the work with [`Error::Cancelled`].
+/// Called from time to time with the work done and the total; `false` stops the work with [`Error::Cancelled`].
 pub type Proceed<'a> = &'a (dyn Fn(u64, u64) -> bool + Sync);
 
 /// What to measure.

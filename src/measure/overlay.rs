@@ -1,12 +1,13 @@
-//! Overlaying the triangles of one surface with another one that is nearly the same: what a step of simplification
-//! made with what it was made from.
+//! Overlaying the triangles of one surface with a surface that is nearly the same: a simplified surface with the
+//! one before.
 //!
-//! A piece of a triangle starts anywhere on the other surface and moves across edges to where it belongs. What
-//! straddles an edge is cut by the plane that halves the angle there, and each part goes its own way. At the end each
-//! part lies over one triangle, to which its distance is largest at a corner. Walking finds good triangles fast; that
-//! the bound holds does not depend on them. Where the walk ends too far off, `cover` does it from all sides.
+//! A piece of a triangle starts anywhere on the other surface and walks across edges towards its centre. A piece
+//! that straddles an edge is cut by the plane that bisects the angle there, and each part walks on. At the end each
+//! part lies over one triangle, to which its distance is largest at a corner. The walk finds good triangles fast;
+//! the bound holds for any triangle. Where the walk ends too far off, `cover` bounds the part by all triangles
+//! around.
 //!
-//! The proof and its rounding stand in docs/numerics.md.
+//! docs/numerics.md has the proof and its rounding.
 
 use std::cell::OnceCell;
 
@@ -21,11 +22,11 @@ use super::tree::TriangleTree;
 pub const NO_TRIANGLE: u32 = u32::MAX;
 /// Triangles that a walk of a point or a piece crosses at most.
 const MOST_STEPS: u32 = 48;
-/// What sticks out over an edge by less than this part of the distance allowed is not cut off.
+/// A piece that crosses an edge by less than this part of the allowed distance is not cut.
 pub const BESIDE: f64 = 0.1;
-/// Pieces of a triangle that are halved and sent off again before `cover` is asked.
+/// Pieces of a triangle that are halved and walk again before `cover` takes over.
 const TRIES: u32 = 16;
-/// Neighbours whose normals have a cosine below this are folded over: no plane halves their angle well.
+/// Neighbours whose normals have a cosine below this are folded over: no plane bisects their angle well.
 const FOLDED: f64 = -0.9;
 
 /// A plane through an edge of a triangle: the offset of a point outwards.
@@ -55,8 +56,8 @@ fn dual([a, b, c]: Triangle) -> Dual {
     [of(cc, -bc), of(-bc, bb)]
 }
 
-/// A triangle to lay points over. All of it is read from where it lies: numbers that were copied one by one and are
-/// then read in pairs wait for the copies.
+/// A triangle in the form that distances need. It is read in place: values copied one by one and then loaded in
+/// pairs would stall on store forwarding.
 struct Plate<'a> {
     triangle: &'a Triangle,
     dual: &'a Dual,
@@ -170,7 +171,7 @@ impl Sheet {
         for (i, t) in triangles.iter().enumerate() {
             let side = |k: usize| {
                 let (n, other) = (normals[i], neighbours[i][k] as usize);
-                // Two that run along an edge in opposite ways have the same plane there.
+                // Two faces that run along an edge in opposite directions share the plane there.
                 if let Some(twin) = sides.get(other)
                     && let Some(j) = (0..3).find(|j| neighbours[other][*j] as usize == i)
                     && corners[other][j] == corners[i][(k + 1) % 3]
@@ -234,7 +235,7 @@ impl Sheet {
         self.walk(p, start).unwrap_or_else(|| self.nearest(p, start))
     }
 
-    /// Walks from a triangle towards a point; `None` where that leads nowhere.
+    /// Walks from a triangle towards a point; `None` where the walk fails.
     fn walk(&self, p: Vec3, start: u32) -> Option<u32> {
         let (mut at, mut from) = (start, start);
         for _ in 0..MOST_STEPS {
@@ -246,7 +247,7 @@ impl Sheet {
                 }
             }
             if next == at || next == from {
-                // Between two that send it to each other it belongs to both.
+                // Two triangles that send it to each other both hold it.
                 return Some(at);
             }
             if next == NO_TRIANGLE {
@@ -258,26 +259,26 @@ impl Sheet {
     }
 }
 
-/// What becomes of the parts of a piece that is laid over a sheet.
+/// Receives the parts of a piece that is overlaid with a sheet.
 pub trait Lay<C> {
-    /// What it says of a part.
+    /// Its result for a part.
     type Said;
 
-    /// Takes a part over a triangle, if it is good enough there.
+    /// Accepts a part over a triangle, if it is near enough.
     fn accept(&mut self, part: &Piece<C>, at: u32) -> Option<Self::Said>;
 
-    /// What sticks out over an edge by no more is not cut off.
+    /// A part that crosses an edge by no more is not cut.
     fn beside(&self) -> f64;
 
-    /// Takes a part that the walk left at a triangle where it is not good enough.
+    /// Receives a part that ended its walk over a triangle that is not near enough.
     fn bring(&mut self, part: &Piece<C>, at: u32) -> Self::Said;
 
-    /// Two parts that were one.
+    /// Combines the results of the two parts of a cut.
     fn join(&mut self, a: (&Piece<C>, Self::Said), b: (&Piece<C>, Self::Said)) -> Self::Said;
 }
 
 impl Sheet {
-    /// Lets a piece go where it belongs, after `steps` steps.
+    /// Walks a piece to its triangle, after `steps` steps.
     pub fn spread<C: Corner, L: Lay<C>>(
         &self,
         lay: &mut L,
@@ -342,9 +343,9 @@ impl Sheet {
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
     goal: BoundOptions,
-    /// The largest distance found at a point, or what the largest is known to exceed.
+    /// A lower bound of the largest distance.
     pub lower: f64,
-    /// No point of what was overlaid is farther off.
+    /// An upper bound of the largest distance.
     pub upper: f64,
     /// The goal was met everywhere.
     pub complete: bool,
@@ -356,16 +357,16 @@ impl Bounds {
         Self { goal, lower: 0.0, upper: 0.0, complete: true }
     }
 
-    /// What is allowed of the next part.
+    /// The distance that the next part may have.
     pub fn limit(&self) -> f64 {
         self.goal.floor.max(self.lower * (1.0 + self.goal.slack))
     }
 }
 
-/// Lays pieces over a surface.
+/// Overlays pieces with a surface.
 pub struct Overlay<'a> {
     sheet: &'a Sheet,
-    /// Where the last piece was sent: a good start for one nearby.
+    /// The triangle of the last piece: a good start for one nearby.
     pub hint: u32,
     /// The parts of the last piece with their labels, where these differ.
     pub parts: Vec<(Piece, u32)>,
@@ -377,9 +378,9 @@ impl<'a> Overlay<'a> {
         Self { sheet, hint: 0, parts: Vec::new() }
     }
 
-    /// Bounds the distance of a piece, which stands for something within `extra` of it. `label` is asked for each
-    /// triangle that bounds a part, and told the bound. Returns the label if it is that of all parts; otherwise `parts` has them, in as
-    /// few parts as the cuts allow.
+    /// Bounds the distance of a piece, which stands for a surface within `extra` of it. `label` is called with each
+    /// triangle that bounds a part and with the bound. Returns the label if all parts have the same; otherwise
+    /// `parts` has them, as few as the cuts allow.
     pub fn lay(
         &mut self,
         bounds: &mut Bounds,
@@ -400,7 +401,7 @@ impl<'a> Overlay<'a> {
     }
 }
 
-/// What is the same for all parts of a piece that is being laid.
+/// What all parts of a piece share while it is overlaid.
 struct Laying<'a, 'b, L> {
     sheet: &'a Sheet,
     parts: &'b mut Vec<(Piece, u32)>,
@@ -415,7 +416,7 @@ impl<L: FnMut(u32, f64) -> u32> Laying<'_, '_, L> {
         self.bounds.limit() - self.extra
     }
 
-    /// Takes a part at its bound.
+    /// Accepts a part with its bound.
     fn take(&mut self, bound: f64, at: u32) -> Option<u32> {
         let bound = bound + self.extra;
         self.bounds.upper = self.bounds.upper.max(bound);
@@ -453,12 +454,12 @@ impl<L: FnMut(u32, f64) -> u32> Lay<Vec3> for Laying<'_, '_, L> {
         self.allowed() * BESIDE
     }
 
-    /// Perhaps that is where the surface is, perhaps it went astray.
+    /// The surface may be this far, or the walk may have failed.
     fn bring(&mut self, piece: &Piece, mut at: u32) -> Option<u32> {
         let sheet = self.sheet;
         let to = |p: Vec3, t: u32| squared_distance(p, sheet.triangles[t as usize]).sqrt() + sheet.radius(t);
         let mut best = self.distance(piece, at);
-        // Of all corners, the one that makes it far.
+        // The farthest corner.
         let worst = piece
             .corners()
             .iter()
@@ -476,7 +477,7 @@ impl<L: FnMut(u32, f64) -> u32> Lay<Vec3> for Laying<'_, '_, L> {
             return self.take(best, at);
         }
         if self.tries > 0 && piece.cuts < MOST_CUTS {
-            // From where each half is near to.
+            // Each half starts near itself.
             self.tries -= 1;
             let (first, second) = piece.halves();
             let label = sheet.spread(self, &first, sheet.nearest(first.center(), at), 0);

@@ -1,7 +1,7 @@
-//! Named channels between the caller's arrays and the finished mesh: the source's own words, exact, and what the
-//! simplifiers see of them. Floats are scaled to their range over the mesh, a channel at a time, so that weights are
-//! free of units; a label is the number of the first source vertex with the same labels, so that whatever becomes of
-//! a vertex, its labels are those of one source vertex.
+//! Named channels between the caller's arrays and the finished mesh: the exact words of the source, and the columns
+//! that simplifiers work on. Floats are scaled by the range of their channel, so that weights have no unit. A label
+//! is the number of the first source vertex with the same labels, so that a simplified vertex always has the labels
+//! of one source vertex.
 
 use rayon::prelude::*;
 
@@ -37,13 +37,13 @@ impl Scale {
         columns.iter().map(move |&(low, high)| Self { low, high, range })
     }
 
-    /// What simplifiers see of a word.
+    /// The scaled value of a word.
     pub fn scaled(&self, word: u32) -> f32 {
         let x = f64::from(f32::from_bits(word));
         if self.range > 0.0 { ((x - self.low) / self.range) as f32 } else { 0.0 }
     }
 
-    /// The word for what they made of it. Solved values may leave the range of the source by a little.
+    /// The word of a scaled value. Solved values may leave the range of the source by a little.
     pub fn word(&self, x: f32) -> u32 {
         ((self.low + self.range * f64::from(x)).clamp(self.low, self.high) as f32).to_bits()
     }

@@ -1,5 +1,6 @@
-//! Faces that are there in both windings: the two sides of such a sheet get vertices of their own, so that each has the
-//! normals that point away from it. Added up at one vertex they would cancel out, and what is left of that has any sign.
+//! Faces that occur in both windings: the two sides of such a sheet get vertices of their own, so that each side
+//! has normals that point away from it. At a shared vertex the normals would cancel out, and the remainder would
+//! have any sign.
 
 use glam::DVec3;
 use rustc_hash::FxHashMap;

@@ -129,8 +129,8 @@ struct Vertices {
 }
 
 impl Vertices {
-    /// Adds copies of vertices; `sides` are their position ids. Normals are added up by position, so those of a side
-    /// have a position id of their own.
+    /// Adds copies of vertices; `sides` are their position ids. Normals are added up by position, so those of a
+    /// side have a position id of their own.
     fn copy(&mut self, copies: &[u32], sides: &[u32]) {
         let count = self.positions.len() as u32;
         copies.iter().for_each(|v| {

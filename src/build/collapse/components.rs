@@ -1,6 +1,6 @@
-//! Connected components, and what it costs to remove one: the squared distance of its surface from the rest of the mesh, in
-//! the measure of a collapse's cost, shared out to the pairs of triangles that go with it. So components compete with
-//! collapses: a small one is removed where that is cheaper than to coarsen others.
+//! Connected components, and what it costs to remove one: the squared distance of its surface from the rest of the
+//! mesh, in the measure of a collapse's cost, shared out to the pairs of triangles that go with it. So components
+//! compete with collapses: a small one is removed where that is cheaper than to coarsen others.
 
 use glam::DVec3;
 
@@ -23,7 +23,8 @@ pub struct Component {
     pub alive: u32,
     /// It has a locked point, and so stays.
     pub locked: bool,
-    /// Samples of its surface and of removed components that it was nearest to, each with the area that it stands for.
+    /// Samples of its surface and of removed components that it was nearest to, each with the area that it stands
+    /// for.
     samples: Vec<(DVec3, f64)>,
 }
 
@@ -223,7 +224,8 @@ impl Components {
         number
     }
 
-    /// Adds the last two faces, which closed a cut between two points. A small piece becomes a component of its own.
+    /// Adds the last two faces, which closed a cut between two points. A small piece becomes a component of its
+    /// own.
     pub fn cut_ring(&mut self, surface: &Surface, points: [u32; 2]) {
         let count = surface.faces.len() as u32;
         let component = self.at(points[0]) as usize;
@@ -255,8 +257,8 @@ impl Components {
         !component.locked && component.alive > 0 && component.alive <= MOST_FACES
     }
 
-    /// The sum of squared distances of a component to all others, weighted by area, and the area; none where there are no
-    /// others.
+    /// The sum of squared distances of a component to all others, weighted by area, and the area; none where there
+    /// are no others.
     pub fn distance(&mut self, surface: &Surface, component: u32) -> Option<(f64, f64)> {
         if (surface.alive as f64) < STALE * self.tree.alive as f64 || self.tree.nodes.is_empty() {
             self.tree = Tree::of(surface);

@@ -17,7 +17,8 @@ const ALIKE: f64 = 1.0e-3;
 const REACH: f64 = 2.0;
 
 impl Collapser {
-    /// Whether collapsing an edge to a place changes the shape by at most `reach`, and attributes by rounding alone.
+    /// Whether collapsing an edge to a place changes the shape by at most `reach`, and attributes by rounding
+    /// alone.
     pub(super) fn is_lossless(&mut self, edge: u32, place: DVec3, reach: f64) -> bool {
         if self.forms.farthest(&self.surface, edge, place) > reach
             || !self.forms.edge(&self.surface, edge, &mut self.sums)
@@ -82,8 +83,8 @@ impl Collapser {
         self.queue.set(edge, self.total(edge, &self.sums, cost) as f32);
     }
 
-    /// Which ends of an edge stay where they are: locked ones, and those on a line between materials unless the edge is
-    /// part of that line. So such lines only collapse along themselves.
+    /// Which ends of an edge stay where they are: locked ones, and those on a line between materials unless the
+    /// edge is part of that line. So such lines only collapse along themselves.
     #[inline]
     pub(super) fn fixed(&self, edge: u32) -> [bool; 2] {
         let Edge { ends, crease, .. } = self.surface.edges[edge as usize];
@@ -125,8 +126,8 @@ impl Collapser {
         if sums.area > 0.0 { self.policy.evened(total, total / sums.area) } else { total }
     }
 
-    /// The best place for the collapse of an edge, and its cost. The place may fold the surface over. `folded`: the cost
-    /// includes distances.
+    /// The best place for the collapse of an edge, and its cost. The place may fold the surface over. `folded`: the
+    /// cost includes distances.
     fn best_place(&self, edge: u32, sums: &Sums, folded: bool) -> (DVec3, f64) {
         let (ends, locked) = self.ends(edge);
         if let Some(place) = locked {

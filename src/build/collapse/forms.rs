@@ -14,8 +14,8 @@ use super::surface::{NONE, Opening, Surface};
 use super::wedges::squared_distance;
 use super::{Cost, Policy};
 
-/// Gradients of attributes are damped on faces thinner than about this, where they mean little. Triangles of CAD meshes may be
-/// a thousand times longer than wide, and shading across them counts.
+/// Gradients of attributes are damped on faces thinner than about this, where they mean little. Triangles of CAD
+/// meshes may be a thousand times longer than wide, and shading across them counts.
 const THIN: f64 = 1.0e-4;
 
 /// An attribute that counts.
@@ -298,8 +298,8 @@ impl Forms {
         self.single[point as usize] = if several { NONE } else { single.unwrap_or(NONE) };
     }
 
-    /// Pairs of wedges that the faces of an edge join, one at each end. False if that would join two wedges of one point, whose
-    /// attributes may differ: an attribute seam ends there.
+    /// Pairs of wedges that the faces of an edge join, one at each end. False if that would join two wedges of one
+    /// point, whose attributes may differ: an attribute seam ends there.
     pub fn pair_wedges(surface: &Surface, edge: u32, pairs: &mut Vec<(u32, u32)>) -> bool {
         let [a, b] = surface.edges[edge as usize].ends;
         pairs.clear();
@@ -324,8 +324,8 @@ impl Forms {
         true
     }
 
-    /// Whether the faces around an edge whose sums were just found are folded over. Distances to planes say little there, so
-    /// distances to faces are measured.
+    /// Whether the faces around an edge whose sums were just found are folded over. Distances to planes say little
+    /// there, so distances to faces are measured.
     pub fn is_folded(&self, surface: &Surface, edge: u32, sums: &Sums) -> bool {
         let ends = surface.edges[edge as usize].ends;
         sums.cancel() || ends.into_iter().any(|p| self.folded[p as usize])
@@ -399,8 +399,8 @@ impl Forms {
         }
     }
 
-    /// The normal that an edge, which was just evaluated, leaves at a place for two wedges or one: the first three columns of the
-    /// attributes. `None` if they do not all count, or if the normal vanishes.
+    /// The normal that an edge, which was just evaluated, leaves at a place for two wedges or one: the first three
+    /// columns of the attributes. `None` if they do not all count, or if the normal vanishes.
     pub fn best_normal(
         &self,
         surface: &Surface,
@@ -505,8 +505,8 @@ impl Forms {
         })
     }
 
-    /// Whether faces would flip when an edge collapses to `position`, against their own normals or against those of their
-    /// vertices, with which `rows` begin.
+    /// Whether faces would flip when an edge collapses to `position`, against their own normals or against those of
+    /// their vertices, with which `rows` begin.
     pub fn folds(&self, surface: &Surface, rows: &[f32], edge: u32, position: DVec3) -> bool {
         self.moved(surface, edge, position).any(|(f, _, [u, v])| {
             // Where sheets were separated, two points may have one place.
@@ -560,9 +560,9 @@ impl Forms {
         })
     }
 
-    /// Squared distances between the faces around an edge before and after it collapses to `position`, weighted by area: the
-    /// larger of both directions. The quadrature by three corners and the centre is exact for quadratic functions. It stops
-    /// above `most`.
+    /// Squared distances between the faces around an edge before and after it collapses to `position`, weighted by
+    /// area: the larger of both directions. The quadrature by three corners and the centre is exact for quadratic
+    /// functions. It stops above `most`.
     pub fn apart(&self, surface: &Surface, edge: u32, position: DVec3, most: f64) -> f64 {
         let ends = surface.edges[edge as usize].ends;
         let mut before: Vec<Boxed> = Vec::with_capacity(MOST_FOLDED);

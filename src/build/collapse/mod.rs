@@ -1,11 +1,11 @@
 //! Simplifying a mesh by collapsing edges, cheapest first, with *memoryless* quadrics.
 //!
 //! The cost of a collapse is measured against the faces around its edge as they are now, not against planes
-//! remembered from the source (Lindstrom and Turk, "Fast and Memory Efficient Polygonal Simplification", 1998; Hoppe
-//! 1999): about a fifth less error than remembered quadrics at the same number of triangles. A collapse changes the
-//! costs of some 40 edges around it. Costs mostly rise, so an edge is evaluated again only when it comes to the front of
-//! the queue: about four edges for each collapse. Evaluating all of them at once (`Policy::eager`) takes twice the time for
-//! the same error.
+//! remembered from the source (Lindstrom and Turk, "Fast and Memory Efficient Polygonal Simplification", 1998;
+//! Hoppe 1999): about a fifth less error than remembered quadrics at the same number of triangles. A collapse
+//! changes the costs of some 40 edges around it. Costs mostly rise, so an edge is evaluated again only when it
+//! comes to the front of the queue: about four edges for each collapse. Evaluating all of them at once
+//! (`Policy::eager`) takes twice the time for the same error.
 //!
 //! `policy` holds what is minimized and the options, `start` takes a mesh in. `surface` says which collapses are legal,
 //! `cost` what they cost and where their point goes, by the quadrics of `forms`; `wedges` says what attributes become.
@@ -42,9 +42,9 @@ pub struct Limit {
     pub target: usize,
     /// The cost to stop at, see [`Collapsed::cost`].
     pub cost: f64,
-    /// The largest distance of a new point to the planes around its edge, and to those that stand on borders and creases
-    /// there, in the unit of the positions. Where this is finite, attributes deviate by rounding alone. Goes with policies
-    /// that do not cut.
+    /// The largest distance of a new point to the planes around its edge, and to those that stand on borders and
+    /// creases there, in the unit of the positions. Where this is finite, attributes deviate by rounding alone.
+    /// Goes with policies that do not cut.
     pub distance: f64,
 }
 
@@ -80,8 +80,8 @@ pub struct Collapsed {
 /// `rows` holds the attributes of each vertex, `weights` one weight for each float of a row: a unit of it as a part of
 /// the mesh's extent (the longest side of its box).
 ///
-/// Sheets that touch are separated, so that vertices may be added at the end, see [`LocalMesh::copies`]. Edges never
-/// get more faces than they have. Triangles with two corners at one position are dropped.
+/// Sheets that touch are separated, so that vertices may be added at the end, see [`LocalMesh::copies`]. Edges
+/// never get more faces than they have. Triangles with two corners at one position are dropped.
 pub fn collapse(
     mesh: &LocalMesh,
     locked: &[bool],
@@ -163,8 +163,8 @@ struct Entry {
     thin: bool,
     /// Its cost includes that of the ring or opening in its way.
     ring: bool,
-    /// Its cost includes the distances around the fold that it lies on. They take long, so they are found when it comes to
-    /// the front.
+    /// Its cost includes the distances around the fold that it lies on. They take long, so they are found when it
+    /// comes to the front.
     priced: bool,
     /// Its best place, whether it folds the surface or not.
     place: DVec3,
@@ -326,8 +326,8 @@ impl Collapser {
         }
     }
 
-    /// Removes a component that came to the front, or queues it at its cost. Returns the mean squared distance of what was
-    /// removed.
+    /// Removes a component that came to the front, or queues it at its cost. Returns the mean squared distance of
+    /// what was removed.
     fn remove_component(
         &mut self,
         component: u32,

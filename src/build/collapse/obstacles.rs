@@ -111,8 +111,8 @@ impl Collapser {
         self.surface.copy_point(old)
     }
 
-    /// Joins cuts along a ring whose points have not moved since. The faces that close the two sides would lie in one
-    /// place, and edges there would have four faces.
+    /// Joins cuts along a ring whose points have not moved since. The faces that close the two sides would lie in
+    /// one place, and edges there would have four faces.
     pub(super) fn rejoin(&mut self) {
         for [old, new] in std::mem::take(&mut self.rings) {
             let face = |points: [u32; 3]| {

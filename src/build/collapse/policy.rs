@@ -37,15 +37,15 @@ pub struct Policy {
     pub attribute_limit: f64,
     /// Weight of the squared distances of past collapses at the ends of an edge: keeps errors from adding up.
     pub drift_weight: f64,
-    /// Raises costs by the fourth root of the mean squared distance: small parts far off count more, which lowers the
-    /// largest deviation and leaves the mean as it is.
+    /// Raises costs by the fourth root of the mean squared distance: small parts far off count more, which lowers
+    /// the largest deviation and leaves the mean as it is.
     pub even: bool,
     /// Weight of the squared distance that the ends of an edge move: decides where nothing else does.
     pub shape_weight: f64,
     /// Cosine of the largest turn of a face.
     pub turn: f64,
-    /// Collapses that make a face thinner than this cost more, unless it was nearly as thin before. Thinness is twice the
-    /// area over the sum of squared sides: 0.289 for an equilateral triangle.
+    /// Collapses that make a face thinner than this cost more, unless it was nearly as thin before. Thinness is
+    /// twice the area over the sum of squared sides: 0.289 for an equilateral triangle.
     pub thin: f64,
     /// Whether sheets that touch are separated, rings cut, and components removed. Otherwise the topology is kept.
     pub cuts: bool,

@@ -1,10 +1,11 @@
-//! Separating sheets that only touch. Where four faces meet at a non-manifold edge, or two fans at a point, each sheet gets
-//! points of its own. Then each sheet is a manifold that collapses as any other (the cutting of Guéziec, Taubin, Lazarus and
-//! Horn, "Cutting and Stitching: Converting Sets of Polygons to Manifold Surfaces", 2001). Sheets whose points did not move meet
-//! again in the result, since equal positions are one.
+//! Separating sheets that only touch. Where four faces meet at a non-manifold edge, or two fans at a point, each
+//! sheet gets points of its own. Then each sheet is a manifold that collapses as any other (the cutting of Guéziec,
+//! Taubin, Lazarus and Horn, "Cutting and Stitching: Converting Sets of Polygons to Manifold Surfaces", 2001).
+//! Sheets whose points did not move meet again in the result, since equal positions are one.
 //!
-//! Faces at an edge are paired such that they run along it in opposite directions, the flattest pair first. A face without a
-//! partner, as at a T of three sheets, joins the last pair, so that nothing opens. Locked points are not separated.
+//! Faces at an edge are paired such that they run along it in opposite directions, the flattest pair first. A face
+//! without a partner, as at a T of three sheets, joins the last pair, so that nothing opens. Locked points are not
+//! separated.
 
 use glam::DVec3;
 

@@ -295,8 +295,8 @@ impl Surface {
         self.singular[point as usize] || self.around(point).any(crowded)
     }
 
-    /// Whether collapsing an edge onto its locked end would join that end to another locked point by a chord. The group on the
-    /// other side may make the same chord.
+    /// Whether collapsing an edge onto its locked end would join that end to another locked point by a chord. The
+    /// group on the other side may make the same chord.
     pub fn makes_chord(&mut self, edge: u32) -> bool {
         let ends = self.edges[edge as usize].ends;
         let [a, b] = ends.map(|p| self.locked[p as usize]);

@@ -1,6 +1,6 @@
-//! Attributes after a collapse: each new value is interpolated on the old faces at their point nearest to the new place. Normals,
-//! which are smooth, are the mean of the old faces' values, each extrapolated to the new place: the values that the cost
-//! assumes (Hoppe 1999). On scans that leaves a quarter less deviation.
+//! Attributes after a collapse: each new value is interpolated on the old faces at their point nearest to the new
+//! place. Normals, which are smooth, are the mean of the old faces' values, each extrapolated to the new place: the
+//! values that the cost assumes (Hoppe 1999). On scans that leaves a quarter less deviation.
 
 use glam::DVec3;
 

@@ -14,8 +14,8 @@ use crate::measure::piece::Piece;
 use crate::measure::{BoundOptions, outwards};
 use crate::mesh::hash;
 
-/// How far storing a part moves its corners, as a part of the size of its triangle: once a level but the last, by up to
-/// √3 · 2⁻²⁴.
+/// How far storing a part moves its corners, as a part of the size of its triangle: once a level but the last, by
+/// up to √3 · 2⁻²⁴.
 const PART_ROUNDING: f64 = 1.0 / (1u64 << 20) as f64;
 /// With so many pieces for each new triangle, the centres of pieces are samples enough.
 const DENSE: usize = 4;
@@ -70,8 +70,8 @@ impl Correspondence<'_> {
         &self.before
     }
 
-    /// Samples of the surface, enough to fit `made` triangles to it: the centres of triangles and parts, or the midpoints of
-    /// edges where centres are too few. Midpoints integrate quadratic functions on a triangle exactly.
+    /// Samples of the surface, enough to fit `made` triangles to it: the centres of triangles and parts, or the
+    /// midpoints of edges where centres are too few. Midpoints integrate quadratic functions on a triangle exactly.
     pub fn samples(&self, made: usize, visit: &mut dyn FnMut(Sample)) {
         let corners = |t: u32| self.before.triangles()[t as usize].map(DVec3::from_array);
         let normal = |t: u32| area_normal(corners(t));
@@ -125,9 +125,9 @@ impl Correspondence<'_> {
         });
     }
 
-    /// A bound for patches that replace the clusters: the two-sided distance of the patches and the part of the source that the
-    /// clusters correspond to. Also returns the pieces of each patch, or the radii of its triangles where this level is the
-    /// reference's last.
+    /// A bound for patches that replace the clusters: the two-sided distance of the patches and the part of the
+    /// source that the clusters correspond to. Also returns the pieces of each patch, or the radii of its triangles
+    /// where this level is the reference's last.
     pub fn measure(self, patches: &[Patch<'_>], estimate: f32) -> (f32, Vec<Pieces>) {
         let Self { before, pieces, numbers, reference, all } = self;
         // A further level of this reference needs the pieces.
@@ -177,8 +177,8 @@ impl Correspondence<'_> {
                 }
             });
         }
-        // Copies have no excess room. Shrinking in place would leave gaps of all sizes in the heap, which later allocations
-        // search.
+        // Copies have no excess room. Shrinking in place would leave gaps of all sizes in the heap, which later
+        // allocations search.
         let mut handed: Vec<Pieces> = handed.iter().map(Pieces::clone).collect();
         let mut largest_around = 0.0;
         let mut to_before = Overlay::new(&before);
@@ -189,7 +189,8 @@ impl Correspondence<'_> {
             }
             let known = bounds;
             let mut own = lay_whole(&mut to_before, &mut bounds, *t);
-            // Beyond the border of the group other clusters correspond to the reference: it is as near all the same.
+            // Beyond the border of the group other clusters correspond to the reference: it is as near all the
+            // same.
             if bounds.lower > known.limit()
                 && after.neighbours(number).contains(&NO_TRIANGLE)
                 && let Some(around) = reference.around(*t, own, all)

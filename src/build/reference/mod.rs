@@ -1,10 +1,11 @@
-//! The surface that errors are measured against. Errors measured against the level below add up: after many levels their sum
-//! is several times the true distance. So the surface of every few levels becomes the reference, and the following levels
-//! are measured against it. The reference's own error enters once, and is small.
+//! The surface that errors are measured against. Errors measured against the level below add up: after many levels
+//! their sum is several times the true distance. So the surface of every few levels becomes the reference, and the
+//! following levels are measured against it. The reference's own error enters once, and is small.
 //!
-//! From the new surface to the reference any nearest point will do. For the other direction, the reference's triangles travel
-//! up the DAG with the clusters that correspond to them. A triangle that lies on several clusters is cut into pieces, so that
-//! each piece is measured by the group that simplifies its part of the surface. The proof is in docs/numerics.md.
+//! From the new surface to the reference any nearest point will do. For the other direction, the reference's
+//! triangles travel up the DAG with the clusters that correspond to them. A triangle that lies on several clusters
+//! is cut into pieces, so that each piece is measured by the group that simplifies its part of the surface. The
+//! proof is in docs/numerics.md.
 
 mod correspondence;
 mod pieces;
@@ -21,8 +22,8 @@ pub use self::correspondence::{Correspondence, Patch};
 use self::pieces::Joined;
 pub use self::pieces::Pieces;
 
-/// The first reference, the source, serves until this part of its triangles is left: a level costs in proportion to the
-/// reference's triangles.
+/// The first reference, the source, serves until this part of its triangles is left: a level costs in proportion to
+/// the reference's triangles.
 const FIRST_PART: f32 = 0.3;
 /// The same for each further one.
 const PART: f32 = 0.08;
@@ -186,7 +187,8 @@ impl Reference {
         out.radii.push(self.radii.get(t as usize).copied().map_or(0.0, f64::from));
     }
 
-    /// All clusters of the reference within `reach` of a triangle, whatever corresponds to them; `None` where there are none.
+    /// All clusters of the reference within `reach` of a triangle, whatever corresponds to them; `None` where there
+    /// are none.
     fn around(&self, triangle: Triangle, reach: f64, all: &[BuildCluster]) -> Option<Sheet> {
         // Not in parallel: a thread that waits here could steal a task of this level, which waits for the boxes.
         let boxes = self.boxes.get_or_init(|| {

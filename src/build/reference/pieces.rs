@@ -1,5 +1,5 @@
-//! Pieces: the triangles of a reference, or parts of them, that a cluster corresponds to. They travel up the DAG with the
-//! clusters.
+//! Pieces: the triangles of a reference, or parts of them, that a cluster corresponds to. They travel up the DAG
+//! with the clusters.
 
 use crate::measure::closest::Triangle;
 use crate::measure::piece::{CORNERS, Piece};
