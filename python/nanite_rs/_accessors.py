@@ -1,4 +1,4 @@
-"""What lies in the buffers of glTF files: containers, buffer views and what compresses them, accessors.
+"""The binary data of glTF files: containers, buffer views and their compression, accessors.
 
 glTF 2.0, sections 3.6 and 4.4, and the extensions KHR_mesh_quantization, KHR_draco_mesh_compression,
 EXT_meshopt_compression and its successor KHR_meshopt_compression.
@@ -33,7 +33,7 @@ _FILTERS: Final = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
 _STRIDES: Final = {"OCTAHEDRAL": (4, 8), "QUATERNION": (8,)}
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")
 
-# Most numbers of an accessor that nothing is stored of: a few bytes of JSON could ask for any amount of memory.
+# Most numbers of an accessor without stored data: a few bytes of JSON could ask for any amount of memory.
 _MOST_ZEROS: Final = 1 << 27
 
 
@@ -62,7 +62,7 @@ class Document:
         self._views: dict[int, memoryview] = {}
 
     def _unpack(self, data: bytes) -> bytes:
-        """Take a GLB apart; its JSON is returned."""
+        """Split a GLB into its chunks; return its JSON."""
         version, length = int.from_bytes(data[4:8], "little"), int.from_bytes(data[8:12], "little")
         if version != 2:
             self.fail(f"expected version 2 of GLB, found {version}")
@@ -211,7 +211,7 @@ class Document:
         return memoryview(buffer)[start : start + length]
 
     def _decompressed(self, row: dict[str, Any], what: str) -> memoryview | None:
-        """Return what meshoptimizer compressed; nothing where it did not, or where it need not be used."""
+        """Decompress a buffer view by meshoptimizer; None where it is not compressed, or a fallback serves."""
         name = next((name for name in _MESHOPT if self.extension(row, name) is not None), None)
         if name is None:
             return None
@@ -232,7 +232,7 @@ class Document:
             self.fail(f"{what}: the filter COLOR of {name} is not decoded")
         if stride not in _STRIDES.get(kind, range(4, 257, 4) if mode == "ATTRIBUTES" else (2, 4)):
             self.fail(f"{what}: byteStride {stride} cannot be of {name}")
-        # The decoder believes the one that calls it.
+        # The decoder trusts its caller.
         if mode == "TRIANGLES" and count % 3:
             self.fail(f"{what}: {count} indices are no triangles")
         # Every byte of the code stands for at most some thousands of bytes.
@@ -380,6 +380,6 @@ class Document:
 def beside(folder: Path, *names: str) -> Path:
     """Return the file of a folder that is there under one of the names, also as Windows would write it."""
     forms = [form for name in names for form in (name, name.replace("\\", "/")) if "\0" not in form]
-    # Unlike that of pathlib, this says no where there can be no such name.
+    # Unlike pathlib, os.path answers False for names that cannot exist.
     found = (folder / form for form in forms if os.path.isfile(folder / form))
     return next(found, folder / names[0].replace("\\", "/"))

@@ -20,13 +20,13 @@ E = TypeVar("E", bound=NaniteError)
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
-# Modules whose lines no warning points at: this package, and what calls its properties.
+# Modules whose lines no warning names: this package, and modules that call its properties.
 _INNER = {"nanite_rs", "functools"}
 
 _ONE_LEVEL = "a mesh holds all levels of detail; of one of them, cut = mesh.cut(error=0) gives cut.{}"
 _AS_IMAGE = "PIL.Image.fromarray(frame.color)"
 _ADD = "scene.add(mesh, pose=pose) adds meshes and lights"
-# What other packages call what is found elsewhere here, by type.
+# Names of other packages for attributes that are elsewhere here, by type.
 _ELSEWHERE = {
     "NaniteMesh": {
         **{name: _ONE_LEVEL.format(name) for name in ("vertices", "faces", "normals", "colors", "uvs")},
@@ -99,7 +99,7 @@ class Teaching:
 
 
 def _like(name: str, known: list[str]) -> str:
-    """Return what of some names is like another, be it written as in glTF: ``baseColorFactor``."""
+    """Return the name that is most like another, including spellings of glTF such as ``baseColorFactor``."""
     snake = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower().removesuffix("_factor")
     return " or ".join(
         f"{near}=" for near in difflib.get_close_matches(snake, known, 1 if snake in known else 3)
@@ -154,7 +154,7 @@ def advised(error: E, advice: str) -> E:
     return type(error)(f"{error}; {advice}")
 
 
-# Packages whose distributions are called otherwise.
+# Packages whose distributions have another name.
 _DISTRIBUTIONS = {"collada": "pycollada"}
 
 
@@ -253,7 +253,7 @@ def for_pose(pose: object) -> str:
     return ""
 
 
-# How far a number of a pose may be off a rotation before it is said: poses in single precision are nearer.
+# Largest deviation of a pose from a rotation without a warning: poses in single precision deviate less.
 _ROUNDED = 1e-4
 
 

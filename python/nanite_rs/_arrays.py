@@ -115,7 +115,7 @@ def _materials(value: object) -> NDArray[np.int32]:
 
 
 def _are_rows(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Whether faces name vertices: where they do not, the core says what is wrong."""
+    """Whether faces refer to vertices. Where they do not, the core raises the error."""
     shaped = vertices.ndim == 2 and vertices.shape[1] == 3 and faces.ndim == 2 and faces.shape[1] == 3
     if not shaped or faces.dtype.kind not in "iu" or not faces.size:
         return False

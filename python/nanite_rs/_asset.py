@@ -1,4 +1,4 @@
-"""What a file of a scene says, before any of it is built: plain arrays, materials, places, lights and cameras."""
+"""The description of a file, before anything is built: plain arrays, materials, transforms, lights and cameras."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ NEAREST: Final = MINIFICATION["nearest", None]
 LINEAR: Final = MINIFICATION["linear", None]
 
 
-# Faces that are looked at together: the first of most meshes say enough.
+# Faces that are checked together: the first block decides for most meshes.
 _BLOCK: Final = 4096
 
 
@@ -187,14 +187,14 @@ def triangles(order: NDArray[np.int64], mode: int) -> NDArray[np.int64] | None:
         first = np.full(len(order) - 2, order[0])
         return np.stack([first, order[1:-1], order[2:]], axis=1)
     faces = np.stack([order[:-2], order[1:-1], order[2:]], axis=1)
-    # Every other triangle is turned.
+    # Every other triangle of a strip is reversed.
     faces[1::2] = faces[1::2, [1, 0, 2]]
     return faces
 
 
 def has_area(vertices: NDArray[np.floating], faces: NDArray[np.int64]) -> bool:
     """Whether any face has three different corners: the others are dropped by the build, which needs one."""
-    # Rows that do not exist are for the build to complain of.
+    # The build raises the error for rows that do not exist.
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         return True
     vertices = np.asarray(vertices)

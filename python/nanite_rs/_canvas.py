@@ -1,4 +1,4 @@
-"""A `Viewer` on a canvas of rendercanvas: what events do, when pictures are drawn and how large."""
+"""A `Viewer` on a canvas of rendercanvas: event handling, redraws and resolution."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Budget:
 
     def took(self, seconds: float) -> None:
         """Learn what a picture at the present scale took."""
-        # The cost of a frame is at most that of its pixels: it is never smaller than needed for long.
+        # The cost of a frame grows at most with its pixels, so a low resolution recovers soon.
         wanted = self.scale * (self.seconds / max(seconds, 1e-6)) ** 0.5
         at = self.STEPS.index(self.scale)
         if seconds > self.seconds:
@@ -120,7 +120,7 @@ def _needed(package: str, name: str) -> None:
 
 
 def _start_glfw() -> None:
-    """Try what would end the process: glfw without a display, and a window on a device that cannot show any."""
+    """Check for what would end the process: glfw without a display, or a device that cannot present to a window."""
     import glfw
     import wgpu
 
@@ -258,7 +258,7 @@ class Binding:
         self.canvas.request_draw()
 
     def _move(self) -> None:
-        """The camera has moved: small pictures from now on, and a large one when it stays."""
+        """The camera has moved: draw at a lower resolution until it rests."""
         if self._loop is not None:
             self._until = time.perf_counter() + _STILL
             if not self._moving:
@@ -287,7 +287,7 @@ class Binding:
             self._redraw()
 
     def _place(self, event: dict[str, Any]) -> tuple[float, float]:
-        """A place of the picture, pixels, inside of it."""
+        """Clamp a position in pixels to the picture."""
         ratio = self.canvas.get_pixel_ratio()
         width, height = self.viewer.size
         x, y = event["x"] * ratio, event["y"] * ratio
@@ -335,12 +335,12 @@ class Binding:
         self._redraw()
 
     def _is_near(self, event: dict[str, Any]) -> bool:
-        """Whether the pointer is about where the button was pressed, so that it was a click."""
+        """Whether the pointer is near the place where the button was pressed, which makes it a click."""
         away = max(abs(event["x"] - self._down[0]), abs(event["y"] - self._down[1]))
         return bool(away <= _CLICK)
 
     def _slide(self, event: dict[str, Any], *, dragging: bool) -> None:
-        # A frozen cut is made anew for each value: only for the last one.
+        # A frozen cut is rebuilt for a value: only for the last one.
         if not (dragging and self.viewer.frozen):
             self.viewer.pixel_error = self._bar().value(self._place(event)[0])
 

@@ -91,8 +91,8 @@ class CutChannels(Mapping[str, "NDArray[Any]"]):
         """Return the values, the same array each time."""
         value = self._values[name]
         if isinstance(value, ChannelRows):
-            # Of threads that come at once each may unpack it; the first array stays. None waits for another,
-            # which a process that was forked does not have.
+            # Several threads may unpack it at once; the first array is kept. No thread waits for another, which
+            # a forked process would lack.
             value = self._values[name] = self._made.setdefault(name, _unpacked(value))
         return value
 

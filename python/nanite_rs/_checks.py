@@ -31,7 +31,7 @@ def number(value: Any, name: str) -> float:
 
 
 def _single(value: Any, name: str) -> float:
-    """A number as it is once Rust has it, in single precision."""
+    """A number rounded to single precision, as Rust takes it."""
     with np.errstate(over="ignore"):
         return float(np.float32(number(value, name)))
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 ANY_DIGITS: Final = 0.1
 """How far a number of a text may lie from a byte that was written with three digits, in bytes."""
 _ALL_DIGITS: Final = {np.uint8: 1e-4, np.uint16: 1e-2}
-# How far float32 over 255 or 65,535 lie from what they were, in those units.
+# Largest rounding of a byte or 16-bit number that was stored as float32, in its steps.
 
 
 def white(dtype: Any) -> float:

@@ -1,4 +1,4 @@
-"""Meshes of PyVista, Open3D and meshio, in and out. Only what makes one of theirs imports their package.
+"""Meshes of PyVista, Open3D and meshio, in and out. Their packages are imported only to make their objects.
 
 Signatures say `Any` and docstrings the type: following PyVista's own types takes a type checker most of a minute.
 """
@@ -42,7 +42,7 @@ def _needed(package: str) -> ModuleType:
 
 
 def _taken(source: Source, point_data: Mapping[str, Any]) -> Source:
-    """Give a source what its points carry: normals and UVs by their names, colours, all else as channels."""
+    """Add point data to a source: normals and UVs by their names, colours, everything else as channels."""
     for name, values in point_data.items():
         array = np.asarray(values)
         columns = array.shape[1] if array.ndim == 2 else 0
@@ -58,11 +58,11 @@ def _taken(source: Source, point_data: Mapping[str, Any]) -> Source:
 
 
 def _with_cells(source: Source, cell_data: Mapping[str, Any]) -> Source:
-    """Give a source what its faces carry but materials and normals: labels, and the rest as means at points."""
+    """Add cell data to a source, without materials and normals: labels, and the rest as means at points."""
     for name, values in cell_data.items():
         array = np.asarray(values)
         numbers = array.dtype.kind in "fiub" and array.ndim in (1, 2) and len(array) == len(source.faces)
-        # Where its filters kept faces from, VTK says in such an array.
+        # VTK's filters name the original faces in such an array.
         if numbers and name not in (MATERIALS, NORMALS) and not str(name).startswith("vtkOriginal"):
             source.face_channels[str(name)] = array
     notes = Notes()
@@ -118,7 +118,7 @@ def _carried(cut: Cut) -> dict[str, NDArray[Any]]:
     colors = cut.fine_colors
     if colors is None:
         return dict(cut._vertex_channels)
-    # What is no byte is a number of 0 to 1 there.
+    # Colours that are not bytes are numbers of 0 to 1 there.
     fine = colors if colors.dtype == np.uint8 else _colors.unit(colors).astype(np.float32)
     return {COLORS: fine} | cut._vertex_channels
 

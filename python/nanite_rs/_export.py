@@ -1,4 +1,4 @@
-"""Cuts as files of other formats: GLB and glTF with all that they carry, others with what they hold."""
+"""Cuts as files of other formats: GLB and glTF with all attributes, other formats with those that they support."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def pieces(cut: Cut) -> list[Piece]:
     rows = np.zeros(len(cut.faces), np.int64) if numbers is None else numbers.astype(np.int64)
     last = len(cut.materials) - 1
     if cut.materials:
-        # The last stands for all numbers from there on, and for those below zero.
+        # The last material stands for all further numbers, and for negative ones.
         rows = np.where((rows < 0) | (rows > last), last, rows)
     names = labels(cut.materials)
     out = []
@@ -139,7 +139,7 @@ def integers(image: Image, color: bool, notes: Notes) -> NDArray[Any]:
         notes.add("pixels below 0 and above 1")
     pixels = np.clip(pixels, 0.0, 1.0)
     if color:
-        # Floats are linear; alpha is so in files too.
+        # Floats are linear; alpha is linear in files too.
         count = pixels.shape[2] - (pixels.shape[2] in (2, 4))
         bright = pixels[..., :count]
         curve = np.where(bright <= 0.0031308, bright * 12.92, 1.055 * bright ** (1 / 2.4) - 0.055)
@@ -291,7 +291,7 @@ def _document(cut: Cut, notes: Notes) -> _Gltf:
     out = _Gltf(notes)
     vertices, node = cut.vertices, {"mesh": 0}
     if vertices.dtype == np.float64:
-        # Accessors hold float32: what is large is the node's.
+        # Accessors hold float32, so the node has the large part of positions.
         origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
         vertices, node = (vertices - origin).astype(np.float32), {"mesh": 0, "translation": origin.tolist()}
     extra, colors = _channels(cut, notes), cut.fine_colors
@@ -322,7 +322,7 @@ def _document(cut: Cut, notes: Notes) -> _Gltf:
 
 
 def _channels(cut: Cut, notes: Notes) -> dict[str, NDArray[Any]]:
-    """Channels as attributes of applications, which begin with an underscore and have no integers of 32 bits."""
+    """Channels as application-specific attributes: names begin with an underscore, integers have 16 bits."""
     out = {}
     for name in cut.channels:
         values = cut.channels[name]
@@ -378,7 +378,7 @@ def _lines(row: str, values: NDArray[Any]) -> str:
 
 
 def _numbers(values: NDArray[Any]) -> str:
-    """How a number is written so that it reads as the same."""
+    """Format a number such that it reads back as the same."""
     return "%.17g" if values.dtype == np.float64 else "%.9g"
 
 
@@ -465,7 +465,7 @@ def _note(notes: Notes, what: str, is_so: Any, whose: str = "") -> None:
 
 
 def _left_out(cut: Cut, notes: Notes, *what: str) -> None:
-    """Note what a format of plain surfaces does not have."""
+    """Note what a format without materials leaves out."""
     found = {
         "colours": cut.colors is not None,
         "UVs": bool(cut.uvs),

@@ -1,4 +1,4 @@
-"""What faces carry, as what the core keeps: one number for each face, and labels of the vertices around it.
+"""Face data in the form of the core: one number for each face, and labels of the vertices around it.
 
 The core keeps the lines between face materials exactly, at all levels. So each combination of a face's material and
 its labels has a number of its own, which is the material there. Vertices between combinations are taken apart, and

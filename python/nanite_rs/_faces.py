@@ -1,4 +1,4 @@
-"""What readers of meshes share: polygons as triangles, colours, and what no mesh can hold left out with a note."""
+"""Common parts of mesh readers: triangulated polygons, colours, and notes of what a mesh cannot hold."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def colors_of(columns: list[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _unit(values: NDArray[Any]) -> NDArray[Any]:
-    """Bytes as they are; what else there is from 0 to 1, by the range that is in use."""
+    """Return bytes unchanged, and other colours from 0 to 1, scaled by the range in use."""
     if values.dtype.kind == "f":
         values = np.nan_to_num(values, nan=1.0)
         most = 255.0 if values.max(initial=0.0) > 1.0 else 1.0
@@ -110,7 +110,7 @@ def add(asset: Asset, name: str, parts: list[tuple[str, Source, Material | list[
 
 
 def _mend(source: Source, notes: Notes, name: str) -> None:
-    """Leave out vertices of no face that are no places, and what is no number where nothing needs it."""
+    """Drop unused vertices without finite positions; replace normals and UVs that are not finite, with a note."""
     if not np.isfinite(source.vertices).all():
         used, faces = np.unique(source.faces, return_inverse=True)
         exploded(source, used, faces.reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""Descriptions of scenes flattened into one mesh: every instance where it stands, one table of materials."""
+"""Flattening descriptions of scenes into one mesh: every instance in place, one table of materials."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def flattened(asset: Asset) -> Source:
         keys: list[tuple[Any, ...]] = [(look,) for look in looks]
         own = np.clip(own, 0, len(looks) - 1) if len(looks) > 1 else own
         if len(looks) == 1 and own.any():
-            # Numbers that no looks belong to stay apart.
+            # Numbers without a material stay distinct.
             values, own = np.unique(own, return_inverse=True)
             keys = [(looks[0], number, value) for value in values.tolist()]
         places = np.array([table.setdefault(key, len(table)) for key in keys], np.int32)

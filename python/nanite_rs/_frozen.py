@@ -79,8 +79,7 @@ def cut_of(node: MeshNode, view: View, pixel_error: float) -> Cut:
 
 def _built(cut: Cut) -> NaniteMesh:
     """All triangles of a cut as a mesh of their own."""
-    # Nothing is asked of the errors of this mesh, which is drawn at full detail: they take
-    # as little time as can be.
+    # This mesh is drawn at full detail, so nobody reads its errors: the fastest measure will do.
     options = BuildOptions(
         error="quadric",
         face_ids=True,

@@ -61,19 +61,19 @@ _KNOWN: Final = (
     "MSFT_texture_dds",
 )
 _LOOKS: Final = "KHR_materials_"
-# What these add are attributes, which are read, and their meaning.
+# These extensions only add attributes, which are read, and metadata.
 _SAID_BY: Final = ("EXT_mesh_features",)
 _READ_LOOKS: Final = ("unlit", "emissive_strength", "pbrSpecularGlossiness", "variants")
 
 _NEAREST: Final = [number for (own, _), number in MINIFICATION.items() if own == "nearest"]
 
-# Where a texture has its image, in the order in which they are tried.
+# Extensions that name the image of a texture, in the order in which they are tried.
 _IMAGES: Final = ("EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds", "KHR_texture_basisu")
 
 # UV sets that a mesh can have.
 _UV_SETS: Final = 4
 
-# Attributes that are read, or that belong to skins, which a note names. Tangents follow from UVs.
+# Attributes that are read, and those of skins, for which there is a note. Tangents follow from UVs.
 _READ: Final = re.compile(r"POSITION|NORMAL|TANGENT|COLOR_0|TEXCOORD_[0-3]|JOINTS_\d+|WEIGHTS_\d+|_.*")
 
 
@@ -134,7 +134,7 @@ class _Reader:
     # ----------------------------------------------------------------------------------------- nodes
 
     def _nodes(self) -> Iterator[tuple[int, dict[str, Any], NDArray[np.float64]]]:
-        """Each node of the scene with its object-to-world matrix, parents first, however deep they lie."""
+        """Each node of the scene with its object-to-world matrix, parents first, at any depth."""
         document = self._document
         rows = document.listed(document.json, "nodes")
         scenes = document.listed(document.json, "scenes")
@@ -242,7 +242,7 @@ class _Reader:
         return Part(what, source, material)
 
     def _source(self, row: dict[str, Any], weights: tuple[float, ...], what: str) -> Source | None:
-        """Arrays of a primitive, one and the same for primitives that differ in nothing but their material."""
+        """Arrays of a primitive; primitives that differ only in their material share them."""
         keys = ("attributes", "indices", "mode", "targets", "extensions")
         key = json.dumps([weights, *(row.get(key) for key in keys)], sort_keys=True)
         if key not in self._sources:
@@ -402,7 +402,7 @@ class _Reader:
         ):
             if value is not None and value not in known:
                 document.fail(f"samplers[{row['sampler']}]: {what} {value!r:.40} is unknown")
-        # There is one filter for both directions: that of magnification, which is seen most.
+        # `Texture` has one filter; the one for magnification is seen most.
         near = most if most is not None else NEAREST if least in _NEAREST else LINEAR
         return Texture(
             image,
@@ -585,7 +585,7 @@ def _unique(name: str, taken: set[str]) -> str:
 def _placed(
     translation: NDArray[np.float64], rotation: NDArray[np.float64], scale: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Matrix of a translation, a quaternion (x, y, z, w) of any length, and a scale, which comes first."""
+    """Matrix of a scale, then a rotation by a quaternion (x, y, z, w) of any length, then a translation."""
     length = float(np.linalg.norm(rotation))
     x, y, z, w = rotation / length if length > 0.0 else (0.0, 0.0, 0.0, 1.0)
     turn = np.array(

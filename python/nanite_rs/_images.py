@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import PIL.Image
     from numpy.typing import NDArray
 
-# What Pillow is asked to read: nothing that runs another program, as EPS does.
+# Formats that Pillow may read: none that runs another program, as EPS does.
 _PILLOW: Final = (
     "PNG",
     "JPEG",
@@ -40,7 +40,7 @@ _PILLOW: Final = (
     "PCX",
 )
 
-# How files begin that OpenImageIO reads, and the endings that it knows them by.
+# The first bytes of files that OpenImageIO reads, and the extensions by which it knows them.
 _OPENIMAGEIO: Final = {
     b"#?RADIANCE": ".hdr",
     b"#?RGBE": ".hdr",
@@ -76,7 +76,7 @@ def openimageio(purpose: str) -> Any:
     except ImportError as error:
         raise _advice.missing(purpose, "OpenImageIO") from error
     if not known:
-        # A forked process would wait for its threads for ever, and can neither let go of them nor make others.
+        # A forked process would wait forever for its threads, which it can neither release nor make again.
         OpenImageIO.attribute("threads", 1)
     elif "OpenImageIO" in _inherited and OpenImageIO.get_int_attribute("threads") != 1:
         raise ForkError(
@@ -101,7 +101,7 @@ def _without_threads(oiio: Any) -> Iterator[None]:
     try:
         yield
     finally:
-        # Only what asks for threads then makes them.
+        # Threads are then made only on request.
         oiio.attribute("exr_threads", before)
 
 
@@ -133,7 +133,7 @@ def beside(path: str) -> Iterator[str]:
 
 
 def _mode(path: str) -> int | None:
-    """The mode of a file; None where there is none yet. What is neither is no place for one."""
+    """The mode of a file; None where the file does not exist yet. Other failures are errors."""
     try:
         found = os.stat(path).st_mode
     except FileNotFoundError:
@@ -215,7 +215,7 @@ def _write(oiio: Any, path: str, parts: Sequence[tuple[Any, NDArray[Any]]]) -> N
             if number:
                 written = written and output.open(temporary, spec, "AppendSubimage")
             written = written and output.write_image(pixels)
-        # Closing writes what is left, also of a file that failed.
+        # Closing writes the rest, also of a file that failed.
         if not (output.close() and written):
             raise FileError(errno.EIO, output.geterror() or os.strerror(errno.EIO), path)
 
@@ -354,7 +354,7 @@ def _read_file(oiio: Any, path: str, name: str) -> NDArray[Any]:
 
 
 def _reason(message: str, path: str) -> str:
-    """What OpenImageIO says, without the name of the temporary file."""
+    """The message of OpenImageIO, without the name of the temporary file."""
     return message.replace(path, "it").strip() or "no reason is known"
 
 

@@ -1,4 +1,4 @@
-"""What is left of a frame in another process: arrays, without the memory that others could be made of."""
+"""A pickled frame: its arrays, without the memory from which others could be made."""
 
 from __future__ import annotations
 

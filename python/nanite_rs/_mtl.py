@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from nanite_rs._asset import Notes
 
-# Options of texture maps that take so many words; those of up to three numbers are told apart by looking.
+# Options of texture maps with a fixed number of words; those with one to three numbers are parsed by trying.
 _OPTIONS: Final = {
     "-blendu": 1,
     "-blendv": 1,
@@ -119,7 +119,7 @@ class _Reader:
         painted, clear = self._texture(rows, "map_kd"), self._texture(rows, "map_d")
         glowing = self._texture(rows, "map_ke")
         alpha = self._numbers(rows, "d", 1)
-        # Some write transparency into Tr, some opacity: nobody means what is all transparent.
+        # Tr is transparency to some writers and opacity to others: nobody means a fully transparent material.
         through = self._numbers(rows, "tr", 1)
         if alpha is None and through is not None and through[0] < 1.0:
             alpha = 1.0 - through
@@ -173,7 +173,7 @@ class _Reader:
         options: dict[str, Any] = dict.fromkeys(_VECTORS, np.zeros(3))
         options["-s"], options["wrap"] = np.ones(3), "repeat"
         file = _without_options(rows[key], options)
-        # Some write options behind the name, which may have such words in it too.
+        # Some writers put options after the name, which may contain such words too.
         words, more = file.split(), dict(options)
         last = next((k for k in range(1, len(words)) if words[k].lower() in (*_OPTIONS, *_VECTORS)), None)
         names = [file]
@@ -186,7 +186,7 @@ class _Reader:
         if image is None:
             return None
         wrap = options["wrap"]
-        # Those of MTL count from below, those of `Texture` from above.
+        # Offsets of MTL count from below, those of `Texture` from above.
         (su, sv, _), (ou, ov, _) = options["-s"], options["-o"]
         return Texture(image, wrap=wrap, offset=(ou, 1.0 - sv - ov), scale=(su, sv))
 
@@ -212,7 +212,7 @@ class _Reader:
 
 
 def _without_options(rest: str, options: dict[str, Any]) -> str:
-    """Return what is left behind the options at the beginning, which are filled in."""
+    """Fill in the leading options; return the rest."""
     words = rest.split()
     while words and words[0].lower() in (*_OPTIONS, *_VECTORS):
         option = words.pop(0).lower()

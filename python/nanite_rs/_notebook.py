@@ -1,4 +1,4 @@
-"""What notebooks show: pictures, by what was registered for a class, and tables.
+"""Display in notebooks: tables, and pictures by the function that is registered for a class.
 
 Tables are plain HTML, without colours, so that they read well on any background.
 """

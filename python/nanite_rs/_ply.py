@@ -94,7 +94,7 @@ class _Reader:
         return source
 
     def _scalars(self, columns: _Columns, of: str, but: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]:
-        """Properties that are no lists, by their names, those of coordinates in small letters; lists are noted."""
+        """Scalar properties by name, coordinates in lower case; lists are noted."""
         out = {}
         for name, (values, lengths) in columns.items():
             if lengths is None:
@@ -147,7 +147,7 @@ class _Reader:
         numbers = names.pop("texnumber", None) if wedges is not None else None
         own = None if wedges is None or wedges[1] is None else self._wedges(wedges[0], wedges[1], counts)
         if own is None and colors is None:
-            # Of nothing but triangles they are the list itself.
+            # With triangles only, the corners are the list itself.
             whole = isinstance(polygons, slice)
             source.faces = np.asarray(corners.reshape(-1, 3) if whole else corners[triangles])
         else:

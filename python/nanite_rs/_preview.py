@@ -1,4 +1,4 @@
-"""A picture of all of a mesh, a cut or a scene: where the camera stands, and what lights it."""
+"""A picture of a whole mesh, cut or scene: its camera and lights."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def picture(
     away *= distance
     pose = posed(axes, center + axes[:, 2] * away)
     if isinstance(shown, LoadedScene):
-        # Metals show nothing but what they reflect, which is not much of two lights.
+        # Metals only show reflections, and two lights give few.
         scene, ambient = shown.scene, 0.25
         shading: Literal["gltf", "pyrender"] = "gltf"
     else:
@@ -90,7 +90,7 @@ def picture(
 def mesh_frame(mesh: NaniteMesh, *, pixel_error: float = 1.0, flat: bool = False) -> Frame:
     """A small frame of a mesh, in milliseconds for any size: of a file what it shows is read and not kept."""
     with Renderer(*SIZE, backend="cpu", streaming=True, pool_bytes=1 << 40) as renderer:
-        # From both sides, since open surfaces may turn their backs.
+        # From both sides, since open surfaces may face away.
         material = replace(CLAY, smooth=not flat, double_sided=True)
         return picture(renderer, mesh, pixel_error=pixel_error, samples=4, material=material)
 
@@ -100,7 +100,7 @@ def mesh_png(mesh: NaniteMesh) -> bytes | None:
     """PNG of `mesh_frame`; None where the mesh cannot be read."""
     try:
         with warnings.catch_warnings():
-            # Of a damaged file no picture, rather than one that lacks detail and says so elsewhere.
+            # A damaged file has no picture, rather than one that lacks detail.
             warnings.simplefilter("error", StreamWarning)
             return _images.png(mesh_frame(mesh).color)
     except (NaniteError, StreamWarning):
@@ -109,7 +109,7 @@ def mesh_png(mesh: NaniteMesh) -> bytes | None:
 
 def cut_frame(cut: Cut) -> Frame:
     """A small frame of all triangles of a cut, each shaded as it lies."""
-    # Nothing is asked of the errors of this mesh: only its triangles are drawn, which are those of the cut.
+    # Only the triangles of this mesh are drawn, those of the cut: nobody reads its errors.
     options = BuildOptions(error="quadric")
     mesh = NaniteMesh.from_arrays(
         cut.vertices, cut.faces, colors=cut.fine_colors, options=options, progress=False

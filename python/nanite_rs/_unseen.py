@@ -1,4 +1,4 @@
-"""Why a picture shows nothing, or not all: tried out with coarse frames of what may be meant."""
+"""Finding out why a picture shows nothing, or not everything, by coarse frames of what was likely meant."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def cut_off(scene: _core.Scene, camera: Camera, pose: ArrayLike, size: tuple[int
     """Whether anything is seen nearer than the near distance."""
     depth = _Depth(scene, camera, size)
     seen = depth(np.asarray(pose, np.float64), depth.nearest, depth.far)
-    # Coarse, so that what is just there may lie a little before.
+    # Coarse levels may reach a little in front of the surface.
     return bool(((seen > 0.0) & (seen < 0.98 * depth.near)).any())
 
 

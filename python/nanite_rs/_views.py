@@ -1,4 +1,4 @@
-"""What a live view shows: which arrays of a frame each view needs, and the picture that is made of them."""
+"""The views of a viewer: the arrays of a frame that each needs, and the picture made from them."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def _colors(
         return _paint.hues(instance, cluster >> np.uint32(_paint.PAGE_BITS), _paint.PAGES)
     if name == "instances":
         return _paint.hues(instance, instance, _paint.INSTANCES)
-    # What is left are levels and groups of a frozen cut.
+    # The remaining views are levels and groups of a frozen cut.
     frozen, rows = shown.cut, shown.rows[covered]
     if name == "levels":
         return _paint.levels(frozen.level)[rows]

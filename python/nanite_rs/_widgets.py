@@ -1,4 +1,4 @@
-"""What stands around a canvas in Jupyter: menu, slider, buttons and text, by ipywidgets."""
+"""The controls around a canvas in Jupyter: menu, slider, buttons and text, by ipywidgets."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def around(viewer: Viewer, binding: Binding) -> Any:
         button.layout = w.Layout(width="92px")
     status, picked = w.HTML(), w.HTML(_lines([HINT]))
 
-    # Each steers the viewer, and follows it: assigning what is there already does nothing.
+    # Each control sets the viewer and follows it: assigning an equal value does nothing.
     menu.observe(lambda change: setattr(viewer, "view", change["new"]), "value")
     slider.observe(lambda change: _slide(viewer, change["new"]), "value")
     freeze.observe(lambda change: setattr(viewer, "frozen", change["new"]), "value")
@@ -63,7 +63,7 @@ def _on_slider(pixel_error: float) -> float:
 
 
 def _slide(viewer: Viewer, value: float) -> None:
-    # The slider shows its end for what lies beyond.
+    # The slider shows its end for values beyond it.
     if value != _on_slider(viewer.pixel_error):
         viewer.pixel_error = value
 

@@ -1,4 +1,4 @@
-"""Frames one after the other as a file: GIF and WebP by Pillow, MP4 by PyAV.
+"""Animations: frames as GIF and WebP files by Pillow, as MP4 by PyAV.
 
 Examples
 --------

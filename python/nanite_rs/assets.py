@@ -1,4 +1,4 @@
-"""Whole scenes out of files: glTF, PLY, STL, OBJ, OFF as they are defined, all else as trimesh reads it."""
+"""Loading scenes from files: glTF, PLY, STL, OBJ and OFF by readers of our own, other formats by trimesh."""
 
 from __future__ import annotations
 

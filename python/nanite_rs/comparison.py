@@ -1,4 +1,4 @@
-"""How far two pictures are apart: in decibels, to the eye, and in the outline of what they show.
+"""The difference of two pictures: PSNR in decibels, FLIP as the eye sees it, and the distance of outlines.
 
 The difference to the eye is FLIP for displays of low dynamic range (Andersson, Nilsson, Akenine-Möller, Oskarsson,
 Åström and Fairchild, "FLIP: A Difference Evaluator for Alternating Images", HPG 2020), as OpenImageIO computes it
@@ -198,9 +198,9 @@ def _flip(
         found: NDArray[np.float32] = buffer.get_pixels(oiio.FLOAT)
         return found
 
-    # What carries no name of a colour space is taken as linear, and no configuration of OpenColorIO matters.
+    # Images without a colour space are taken as linear, whatever the configuration of OpenColorIO.
     linear = (np.ascontiguousarray(_decoded(x), np.float32) for x in (reference, image))
-    # By this thread alone: others would be missing in a process forked from this one, and gain little.
+    # On this thread alone: a forked process would lack other threads, and they gain little.
     buffers = map(oiio.ImageBuf, linear)
     flip = oiio.ImageBufAlgo.FLIP_diff(*buffers, hdr=0, ppd=pixels_per_degree, nthreads=1)
     flip_map = pixels(flip)[..., 0].copy()

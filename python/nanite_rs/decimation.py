@@ -197,10 +197,10 @@ def _decimated(
 
 
 def _target(count: int | None, reduction: float | None, faces: int, name: str) -> int:
-    """Triangles to keep; as few as may be where nothing is said."""
+    """Triangles to keep; as few as possible where there is no target."""
     if reduction is not None:
         reduction = _checks.reduction(reduction)
-        # A fraction such as 0.9 is not exact: what is meant is the integer beside it.
+        # A fraction such as 0.9 is not exact: the integer beside it is meant.
         return max(math.floor((1.0 - reduction) * faces + 1e-6), 1)
     if count is None:
         return 1

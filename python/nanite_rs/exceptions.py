@@ -1,4 +1,4 @@
-"""Every error of nanite_rs, and the warning of what is seldom meant.
+"""Every error of nanite_rs, and the warning of likely mistakes.
 
 `NaniteError` is the base of all errors; each also derives from the built-in that a caller would catch.
 

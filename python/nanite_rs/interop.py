@@ -1,4 +1,4 @@
-"""Scenes of other packages, taken over. Nothing here imports them: who has one of their scenes has imported it."""
+"""Conversion of scenes of other packages. Nothing here imports one: whoever has such a scene has imported it."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 __all__ = ["PyrenderView", "from_pyrender"]
 
-# What was built of a primitive, as long as it lives, with the arrays that it was built from.
+# The mesh that was built from a primitive, while the primitive lives, with the arrays that it was built from.
 _built: WeakKeyDictionary[pyrender.Primitive, tuple[tuple[Any, ...], NaniteMesh]] = WeakKeyDictionary()
 
-# Likewise the images of a texture: of colours and the like, and of roughness and metalness.
+# Likewise the images of a texture: for roughness and metalness, and for everything else.
 _images: WeakKeyDictionary[pyrender.Texture, tuple[NDArray[np.uint8], dict[bool, Image]]] = (
     WeakKeyDictionary()
 )
@@ -166,7 +166,7 @@ def _mesh(primitive: pyrender.Primitive, options: BuildOptions | None, lost: set
     sets = (primitive.texcoord_0, primitive.texcoord_1)
     arrays = (primitive.positions, primitive.indices, primitive.normals, primitive.color_0, *sets, options)
     known = _built.get(primitive)
-    # The arrays are kept, so that no other can have the identity of one of them.
+    # The arrays are kept alive, so that no other array gets the id of one of them.
     if known is None or any(a is not b for a, b in zip(known[0], arrays, strict=True)):
         colors = None if primitive.color_0 is None else _colors.rgba(np.asarray(primitive.color_0))
         mesh = NaniteMesh.from_arrays(

@@ -1,4 +1,4 @@
-"""What is read and by whom: paths, open files, bytes and objects of trimesh, as descriptions or as one mesh."""
+"""Reading: paths, open files, bytes and objects of trimesh, as descriptions or as one mesh."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ READERS: Final = {
 PathLike: TypeAlias = "str | bytes | os.PathLike[str] | os.PathLike[bytes]"
 Readable: TypeAlias = "PathLike | bytearray | memoryview | BinaryIO | File"
 
-# Most numbers of a path: what is longer, or has a zero byte, is the content of a file.
+# The longest path. Longer bytes, or bytes with a zero, are the content of a file.
 _LONGEST: Final = 4096
-# How files begin that say themselves what they are.
+# The first bytes of formats that identify themselves.
 _STARTS: Final = {
     b"glTF": "glb",
     b"ply\n": "ply",

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NaniteMesh"]
 
-# Endings of meshes in other formats, which nobody means a .nanite file to have.
+# Extensions of other formats, which nobody means for a .nanite file.
 _OTHERS = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 
 
@@ -617,7 +617,7 @@ class NaniteMesh(_advice.Teaching):
             return Cut(self._core.cut_error(error), self._materials)
         if target_faces is None:
             reduction = _checks.reduction(target_reduction)
-            # A fraction such as 0.9 is not exact: what is meant is the integer beside it.
+            # A fraction such as 0.9 is not exact: the integer beside it is meant.
             target_faces = math.floor((1.0 - reduction) * len(self) + 1e-6)
         elif isinstance(target_faces, bool) or not isinstance(target_faces, int | np.integer):
             raise DtypeError(

@@ -86,7 +86,7 @@ def levels(
         ax.bar_label(bars, [_short(count) for count in counts], fontsize="x-small", padding=2)
     _whole_ticks(ax.xaxis)
     ax.set_yscale("log")
-    # A bar for 1 is seen, and there is room for the number of the highest.
+    # A bar of 1 is visible, and the number of the highest has room.
     ax.set_ylim(0.5, 0.5 * (max(counts) / 0.5) ** 1.08)
     ax.set_xlabel(f"level ({_FINEST})")
     ax.set_ylabel(what)
@@ -151,7 +151,7 @@ def error_against_triangles(mesh: NaniteMesh, *, cuts: int = 24, ax: Axes | None
         if above.any():
             ax.plot(sizes[above], errors[above], style, label=name, markersize=3.5, linewidth=1.2)
     if not len(ax.lines):
-        # Logarithmic axes want numbers even where there is nothing to draw.
+        # Logarithmic axes need values even where there is nothing to draw.
         ax.set(xlim=(1, 10 * len(mesh)), ylim=(0.1, 1))
         ax.text(0.5, 0.5, "no cut has an error above 0", transform=ax.transAxes, ha="center")
     ax.grid(alpha=0.3)

@@ -195,13 +195,13 @@ class Renderer(_advice.Teaching):
         except ArgumentError as error:
             raise _advice.near(error) from None
         self._core: _core.Renderer | None = core
-        # Until a picture shows something, one that shows nothing is looked into.
+        # Empty pictures are explained until one shows something.
         self._blank = True
-        # Whether a pose was found to mirror, or to be off a rotation: said once.
+        # Whether there was a warning of a pose that mirrors, or is off a rotation.
         self._mirrors = False
         self._inexact = False
         self._backend = self._core.backend
-        # Images that the last frame showed smaller than they are.
+        # Images whose largest mip levels the last frame lacked.
         self._smaller = 0
 
     @property
@@ -575,7 +575,7 @@ def _made(size: tuple[int, int], settings: dict[str, Any]) -> Renderer:
 
 
 def _unlit(scene: Scene, shading: str) -> str:
-    """Say why nothing lights the meshes, and what would; empty where something does."""
+    """Say why the meshes are unlit, and what would light them; empty where they are lit."""
     if any(node.visible for node in scene.lights) or any(scene.ambient_light):
         return ""
     if scene.environment is None:

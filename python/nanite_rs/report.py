@@ -1,4 +1,4 @@
-"""What a build and a check report, as objects that read well in a terminal and in a notebook."""
+"""Reports of builds and checks, as objects that read well in a terminal and in a notebook."""
 
 from __future__ import annotations
 

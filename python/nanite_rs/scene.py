@@ -255,10 +255,10 @@ class Scene(_advice.Teaching):
         environment: Environment | None = None,
     ) -> None:
         self._core = _core.Scene()
-        # Mesh and look of each instance. Not its node, which refers to the scene.
+        # Mesh and material of each instance. Not its node, which refers to the scene.
         self._shown: dict[Handle, tuple[NaniteMesh, Look]] = {}
         self._shining: dict[Handle, Light] = {}
-        # Whether a material was found to be transparent: said once.
+        # Whether there was a warning of a transparent material.
         self._blends = False
         self.ambient_light = ambient_light
         self.bg_color = bg_color
@@ -385,7 +385,7 @@ class Scene(_advice.Teaching):
             (shining, self._shining),
         )
         for entries, own in tables:
-            # Numbers are given in order: what others had in between is added and removed.
+            # Numbers are given in order: removed entries in between are added and removed again.
             known = {entry[-1]: entry for entry in entries}
             nodes: dict[int, Any] = {}
             for number in range(max(known, default=-1) + 1):

@@ -1,4 +1,4 @@
-"""What frames count, and what their stages take."""
+"""Statistics of frames: counts, and times of stages."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ class Image:
 
     @classmethod
     def _read(cls, data: bytes, name: str) -> Image:
-        """The content of a file, which is kept where it is PNG or JPEG: exports write it as it is."""
+        """The content of a file. PNG and JPEG are kept, so that exports write them unchanged."""
         image = cls(read_image(data, name))
         image._file = data if data.startswith((PNG, JPEG)) else None
         return image
@@ -135,7 +135,7 @@ class Image:
         return pixels.shape[2] in (2, 4) and bool((pixels[..., -1] < full).any())
 
     def _environment(self) -> _core.EnvironmentMap:
-        """The image as a map of the light around."""
+        """The image as an environment map."""
         if self._map is None:
             self._map = _core.EnvironmentMap(self._pixels)
         return self._map

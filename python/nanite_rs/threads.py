@@ -1,4 +1,4 @@
-"""How many threads calls share their work between.
+"""The number of threads that calls use.
 
 Each call has its threads to itself while it runs: calls from several Python threads do not wait for each other.
 Results never depend on their number. In order of precedence it is what a call names (``BuildOptions(threads=)``,

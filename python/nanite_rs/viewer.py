@@ -163,7 +163,7 @@ class Viewer:
         self._ambient = self._scene.ambient_light
         if self._scene._core.light_count == 0 and self._scene.environment is None:
             self._lights = [(self._scene.add(light), turned) for light, turned in LIGHTS]
-            # Metals show nothing but what they reflect, which is not much of two lights.
+            # Metals only show reflections, and two lights give few.
             least = 0.25 if self._shading == "gltf" else 0.06
             self._scene.ambient_light = np.maximum(self._ambient, least)
         self._points = points - center
@@ -512,7 +512,7 @@ class Viewer:
             raise ArgumentError(f"scale: must be above 0 and 1 at most, not {scale}")
         size = max(round(self._size[0] * scale), 1), max(round(self._size[1] * scale), 1)
         view = View(self.orbit.camera, self.orbit.pose, size)
-        # What a frame has ready depends on the view for a GPU alone: everything else is made when asked for.
+        # Only on a GPU does the view decide which arrays come with a frame: everything else is made when asked for.
         state = (view.camera, view.pose.tobytes(), size, self._pixel_error, self._view)
         last = self._last
         if last is not None and last.state == state and samples in (None, last.frame.stats.samples):
@@ -532,7 +532,7 @@ class Viewer:
         )
         self.stats = frame.stats
         shown = ViewFrame(frame, view, state, self._frozen)
-        # One that did not wait may lack pages: it is not kept.
+        # A frame that did not wait may lack pages, so it is not kept.
         self._last = shown if wait else None
         return shown
 
