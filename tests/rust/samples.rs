@@ -12,6 +12,7 @@ use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
 #[cfg(feature = "gpu")]
 use crate::gpu_parity::device;
+#[cfg(feature = "gpu")]
 use crate::gpu_parity::tolerances::{DARK, same_light};
 use crate::render_frames::{CAMERA, IDENTITY, at, crowd, dag, lit, shoot};
 use crate::shapes::bumpy_sphere;
