@@ -534,6 +534,8 @@ def _checked(view: Any, place: int) -> View:
     of = View(*view) if pair else view
     if not (isinstance(of, View) and isinstance(of.camera, Camera)):
         raise DtypeError(f"views[{place}]: expected a View, or a camera and a pose, not {view!r}")
+    if not (of.size is None or (isinstance(of.size, tuple | list) and len(of.size) == 2)):
+        raise DtypeError(f"views[{place}]: size: expected a width and a height, not {of.size!r}")
     try:
         _core.check_pose(of.pose)
     except ArgumentError as error:
@@ -551,8 +553,6 @@ def _raw(view: View, place: int) -> _core._View:
     which = f"views[{place}]: "
     size = None
     if view.size is not None:
-        if not (isinstance(view.size, tuple | list) and len(view.size) == 2):
-            raise DtypeError(f"{which}size: expected a width and a height, not {view.size!r}")
         size = _pixels(view.size[0], f"{which}size"), _pixels(view.size[1], f"{which}size")
     number = place if view.id is None else _whole(view.id, f"{which}id", 1 << 63, "0 and 2^63 - 1")
     error = view.pixel_error
