@@ -212,11 +212,11 @@ fn fill<S: Sink>(setup: &Setup, first: i32, last: i32, screen: &Screen, sink: &S
         // The weight of each corner is the edge function of the other two.
         let weight = |k: usize| (at_row[k] - edges[k].bias + left * edges[k].step_x) as f64;
         let [mut a, mut b, mut c] = [0, 1, 2].map(weight);
-        for column in left as usize..=right as usize {
+        let start = screen.pixel_address(0, row as usize);
+        for pixel in start + left as usize..=start + right as usize {
             let mean = (a as f32 * values[0] + b as f32 * values[1] + c as f32 * values[2]) * inverse;
             let key = screen.key(mean.max(low).min(high));
             if key >= far_key {
-                let pixel = screen.pixel_address(column, row as usize);
                 sink.put(pixel, u64::from(key) << 32 | u64::from(setup.low));
             }
             (a, b, c) = (a + steps[0], b + steps[1], c + steps[2]);

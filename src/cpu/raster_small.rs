@@ -179,12 +179,12 @@ fn draw<S: Sink, const ORTHOGRAPHIC: bool>(
         let (mut row0, mut row1, mut row2) = (e0.start, e1.start, e2.start);
         for j in 0..=bottom - top {
             let (mut at0, mut at1, mut at2) = (row0, row1, row2);
+            let start = screen.pixel_address(left as usize, (top + j) as usize);
             for i in 0..=right - left {
                 if at0 | at1 | at2 >= 0 {
                     let bits = plane.at(i as f32, j as f32).to_bits();
                     let key = if ORTHOGRAPHIC { !bits } else { bits };
-                    let pixel = screen.pixel_address((left + i) as usize, (top + j) as usize);
-                    sink.put(pixel, u64::from(key) << 32 | low);
+                    sink.put(start + i as usize, u64::from(key) << 32 | low);
                 }
                 // The last step may leave the range; nothing reads its result.
                 at0 = at0.wrapping_add(e0.step_x);

@@ -55,7 +55,8 @@ impl Screen {
         if self.orthographic { !value.to_bits() } else { value.to_bits() }
     }
 
-    /// The place of a pixel in the view's target, row by row. No other place knows, but for `shaders/shared/target.wgsl`.
+    /// The place of a pixel in the view's target, row by row; those of a row follow each other. Nobody else knows, but for
+    /// `shaders/shared/target.wgsl`.
     #[inline(always)]
     pub fn pixel_address(&self, column: usize, row: usize) -> usize {
         row * self.width as usize + column
