@@ -53,19 +53,20 @@ fn draw(corners: vec3<u32>, double_sided: bool, low: u32) -> bool {
     // From behind the end of a row to the start of the next.
     let down = vec3<i32>(e0.z, e1.z, e2.z) - across * right;
     var at = vec3<i32>(e0.x, e1.x, e2.x);
+    var start = pixel_address(u32(columns.x), u32(rows.x));
     var column = 0;
     var row = 0;
     // One loop over rows and columns: lanes wait for the triangle with most pixels, not for most rows times most columns.
     for (var n = 0; n < count; n++) {
         if (at.x | at.y | at.z) >= 0 {
-            let pixel = pixel_address(u32(columns.x + column), u32(rows.x + row));
-            put(pixel, depth_key(value_at(depth, column, row)), low);
+            put(start + u32(column), depth_key(value_at(depth, column, row)), low);
         }
         column++;
         at += right;
         if column == across {
             column = 0;
             row++;
+            start = pixel_address(u32(columns.x), u32(rows.x + row));
             at += down;
         }
     }

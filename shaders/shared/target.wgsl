@@ -1,7 +1,7 @@
 // Where the pixels of a view lie in its target. No other place knows.
 // Needs: view.
 
-// The word of a pixel: row by row.
+// The word of a pixel: row by row. Those of a row follow each other.
 fn pixel_address(x: u32, y: u32) -> u32 {
     return y * view.width + x;
 }
