@@ -1,5 +1,5 @@
 // Image-based lighting by an environment map: src/cpu/environment.rs, operation for operation.
-// Needs: bsdf.wgsl, lighting.
+// Needs: bsdf.wgsl, target.wgsl, lighting.
 
 // Where directions lie on an unfolded octahedron, -1 to 1.
 fn unfolded(d: vec3<f32>) -> vec2<f32> {
@@ -79,7 +79,7 @@ fn shows_environment() -> bool {
 
 // What is seen of the map itself at a pixel.
 fn light_behind(pixel: u32) -> vec3<f32> {
-    let point = vec2<f32>(f32(pixel % view.width), f32(pixel / view.width)) + 0.5;
+    let point = vec2<f32>(pixel_of(pixel)) + 0.5;
     var direction = unprojected(point, 1.0);
     if view.orthographic != 0u {
         direction = vec3<f32>(0.0, 0.0, -1.0);
