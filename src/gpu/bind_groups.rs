@@ -27,7 +27,7 @@ struct Kept {
     used: u64,
 }
 
-/// See the module's documentation. Groups hold the buffers that they bind.
+/// See the module's documentation. Groups hold the buffers that they bind: whoever replaces these clears them.
 #[derive(Debug, Default)]
 pub(super) struct BindGroups {
     kept: Mutex<FxHashMap<Key, Kept>>,

@@ -149,17 +149,28 @@ impl Instances {
         self.depth
     }
 
+    /// Takes in what colours will be. Whether bringing the device up to date may then put other buffers in the place of those
+    /// of the scene.
+    pub(super) fn replaces_buffers(
+        &mut self,
+        meshes: &Meshes,
+        resident: &Resident,
+        shading: Shading,
+    ) -> bool {
+        let encoded = |shading| shading == Shading::Pyrender;
+        self.repainted |= encoded(shading) != encoded(self.shading) && self.table.buffers().is_some();
+        self.shading = shading;
+        let meshes_come = self.rearranged || meshes.lacks_places(resident);
+        meshes_come || self.repainted || self.room() < self.len()
+    }
+
     /// Brings the device up to date, meshes first. Returns the bytes of instances written.
     pub(super) fn upload(
         &mut self,
         context: &Context,
         meshes: &mut Meshes,
         resident: &Resident,
-        shading: Shading,
     ) -> Result<u64> {
-        let encoded = |shading| shading == Shading::Pyrender;
-        self.repainted |= encoded(shading) != encoded(self.shading) && self.table.buffers().is_some();
-        self.shading = shading;
         if let Err(error) = self.bring(context, meshes, resident) {
             // Of what has come by then nobody knows.
             (*meshes, self.rearranged) = (Meshes::default(), true);

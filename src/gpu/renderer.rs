@@ -136,8 +136,12 @@ impl DeviceRenderer {
     ) -> Result<Vec<Drawn>> {
         let raster = ways.raster;
         let hardware = raster != Raster::Compute;
-        let uploaded_bytes =
-            self.instances.upload(&self.context, &mut self.meshes, resident, ways.shading)?;
+        if self.instances.replaces_buffers(&self.meshes, resident, ways.shading) {
+            // Views that are not drawn now would keep them alive.
+            let all = self.histories.iter_mut().chain(histories.iter_mut());
+            all.filter_map(|history| history.buffers.as_mut()).for_each(|own| own.bind_groups.clear());
+        }
+        let uploaded_bytes = self.instances.upload(&self.context, &mut self.meshes, resident)?;
         let mut views = Vec::with_capacity(requests.len());
         for (history, request) in histories.iter_mut().zip(&*requests) {
             let size = (request.view.width, request.view.height);

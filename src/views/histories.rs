@@ -28,6 +28,11 @@ impl<T> Histories<T> {
         })
     }
 
+    /// All of them, in any order.
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut T> {
+        self.0.values_mut()
+    }
+
     /// Takes out those of views, in their order.
     pub fn take(&mut self, ids: impl IntoIterator<Item = u64>) -> Vec<T> {
         ids.into_iter().filter_map(|id| self.0.remove(&id)).collect()
