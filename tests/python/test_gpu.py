@@ -191,7 +191,8 @@ def test_a_view_has_a_size_threshold_and_kind_of_its_own(device) -> None:
                 frames = one.render_views(shown, [views[k] for k in order])
                 whole, depth, coarse = (frames[order.index(k)] for k in range(3))
                 same(device, whole, renderer.render(shown, LENS, at(0, 0, 4)))
-                assert depth.depth.shape == (48, 48) and (depth.depth > 0).any()
+                assert depth.depth.shape == (48, 48)
+                assert (depth.depth > 0).any()
                 with pytest.raises(nrs.ArgumentError, match="depth_only: the frame has depth alone"):
                     _ = depth.color
                 assert coarse.stats.triangles < whole.stats.triangles

@@ -90,7 +90,7 @@ impl Policy {
         if self.even { cost * squared.sqrt().sqrt() } else { cost }
     }
 
-    /// What a collapse costs, [`Collapsed::cost`], as a length.
+    /// What a collapse costs, [`super::Collapsed::cost`], as a length.
     pub fn length_of(&self, cost: f64) -> f64 {
         cost.powf(1.0 / self.power())
     }
