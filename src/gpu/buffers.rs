@@ -154,9 +154,7 @@ impl Groups {
             drawn: storage("bits of clusters", bytes::<u32>(room.candidate_groups))?,
         })
     }
-}
 
-impl Groups {
     /// The dispatch that culls their clusters.
     pub(super) fn culling(&self) -> BoundBuffer<'_> {
         part::<Dispatch>(&self.dispatches, 0, 1)

@@ -5,8 +5,8 @@
 //! list and the counts of every list. Where a list was too short, it grows and the frame runs again. The visibility buffer is
 //! read with them where the CPU makes something of it now, else when it first does.
 //!
-//! [`context`] finds a device. [`meshes`] holds what is uploaded once, with its pages in `page_arrays`. [`shaders`] puts
-//! sources together. `request` is what a caller asks and gets, `view_history` what a view keeps between frames, `passes` and
+//! [`context`] finds a device. [`meshes`] holds what is uploaded once, with its pages in `page_arrays`. `kernel` says what a
+//! kernel is, each stage declares its own, [`kernels`] lists them, and [`shaders`] puts sources together. `request` is what a caller asks and gets, `view_history` what a view keeps between frames, `passes` and
 //! `recorder` record the stages. `raster_hardware` is another form of the two raster stages; `calibrate` measures whether it
 //! is faster. Files import each other in one direction, which a test holds.
 

@@ -266,7 +266,7 @@ impl DeviceRenderer {
             passes: Vec::new(),
         };
         passes.run(Stage::InstanceCull, CullPass::First, instance_cull::record);
-        for cull_pass in [CullPass::First, CullPass::Second] {
+        for cull_pass in CullPass::BOTH {
             passes.run(Stage::NodeCull, cull_pass, node_cull::record);
             passes.run(Stage::ClusterCull, cull_pass, |r| {
                 cluster_cull::record(r);

@@ -231,7 +231,7 @@ fn hidden_nodes_wait_for_the_second_phase() {
         let walked = go(CullPass::Second, 8.0);
         assert_eq!(walked.next, Dispatch { unhidden: 1 - node, ..Dispatch::default() });
         assert_eq!((walked.items, walked.occluded_queue, walked.bits), (vec![], vec![], vec![0; 4]));
-        for cull_pass in [CullPass::First, CullPass::Second] {
+        for cull_pass in CullPass::BOTH {
             let walked = go(cull_pass, 12.0);
             let expected = [(2, 0, 0), (0, 3, 1)][node as usize];
             assert_eq!((walked.next.count, walked.next.visited, walked.bits[0]), expected);
