@@ -153,6 +153,7 @@ soak: $(VENV)/.stamp-error-requirements test
 
 lint: build $(VENV)/.stamp-test-requirements
 	cargo fmt --check
+	cargo clippy --locked --features python --quiet -- -D warnings
 	cargo clippy --locked --all-targets --quiet -- -D warnings
 	cargo clippy --locked --all-targets --quiet --features python -- -D warnings
 	cargo clippy --locked --all-targets --quiet --no-default-features -- -D warnings

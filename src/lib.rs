@@ -10,7 +10,9 @@ pub mod decimate;
 pub mod error;
 pub mod finish;
 pub mod format;
-#[cfg(feature = "gpu")]
+#[cfg(all(feature = "gpu", not(feature = "internals")))]
+mod gpu;
+#[cfg(all(feature = "gpu", feature = "internals"))]
 pub mod gpu;
 pub mod gpu_types;
 pub mod layout;

@@ -10,6 +10,9 @@
 //! `recorder` record the stages. `raster_hardware` is another form of the two raster stages; `calibrate` measures whether it
 //! is faster. Files import each other in one direction, which a test holds.
 
+// What only tests and benchmarks reach is unused, and private, without them.
+#![cfg_attr(not(feature = "internals"), allow(dead_code, unused_imports))]
+
 mod bind_groups;
 mod buffers;
 mod calibrate;
@@ -49,5 +52,6 @@ pub use instances::SceneInstance;
 pub use kernel::CullPass;
 pub use renderer::DeviceRenderer;
 pub use request::{Counted, Drawn, ViewRequest, Ways};
-// For benchmarks, which run stages of their own on the same device.
+// For benchmarks, which run kernels of their own on the same device.
+#[cfg(feature = "internals")]
 pub use wgpu;

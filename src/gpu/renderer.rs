@@ -46,8 +46,6 @@ pub struct DeviceRenderer {
     room: Room,
     /// By the ids of their views.
     histories: Histories<ViewHistory>,
-    /// The first view that was drawn last.
-    last: Option<u64>,
 }
 
 impl DeviceRenderer {
@@ -55,7 +53,7 @@ impl DeviceRenderer {
     pub fn new() -> Result<Self> {
         let context = Context::shared()?;
         let (meshes, instances) = (Meshes::default(), Instances::default());
-        Ok(Self { context, meshes, instances, room: FIRST_ROOM, histories: Histories::default(), last: None })
+        Ok(Self { context, meshes, instances, room: FIRST_ROOM, histories: Histories::default() })
     }
 
     /// The device.
@@ -78,11 +76,12 @@ impl DeviceRenderer {
         self.histories.get(id).is_none_or(|history| history.pyramids.starts(view))
     }
 
-    /// What shaded an array of the last frame's first view: the kernel, all that it binds, and whether pages lie in several
-    /// arrays. For benchmarks, which shade the same picture in other ways.
-    pub fn shading(&self, output: Output) -> Option<(Kernel, Vec<BoundBuffer<'_>>, bool)> {
+    /// What shaded an array of a view's last frame: the kernel, all that it binds, and whether pages lie in several arrays.
+    /// For benchmarks, which shade the same picture in other ways.
+    #[cfg(feature = "internals")]
+    pub fn shading(&self, id: u64, output: Output) -> Option<(Kernel, Vec<BoundBuffer<'_>>, bool)> {
         let ViewHistory { seen: Some((_, seen)), buffers: Some(buffers), lights, .. } =
-            self.histories.get(self.last?)?
+            self.histories.get(id)?
         else {
             return None;
         };
@@ -101,8 +100,9 @@ impl DeviceRenderer {
         resident: &Resident,
     ) -> Result<Vec<Drawn>> {
         self.context.check()?;
-        let Some(first) = requests.first() else { return Ok(Vec::new()) };
-        self.last = Some(first.id);
+        if requests.is_empty() {
+            return Ok(Vec::new());
+        }
         if !self.instances.any() {
             // Nothing is to be drawn, so nothing to be measured.
             let open = matches!(ways.raster, Raster::Auto | Raster::Measured);

@@ -40,6 +40,7 @@ impl Device {
         Ok(Self { renderer: DeviceRenderer::new()?, known: None })
     }
 
+    #[cfg(feature = "internals")]
     pub(super) fn renderer(&self) -> &DeviceRenderer {
         &self.renderer
     }

@@ -285,7 +285,7 @@ impl Renderer {
     }
 
     /// The device with what it knows of the last frame, on the GPU backend: for benchmarks.
-    #[cfg(feature = "gpu")]
+    #[cfg(all(feature = "gpu", feature = "internals"))]
     pub fn on_device(&self) -> Option<&crate::gpu::DeviceRenderer> {
         match &self.device {
             Device::Cpu => None,

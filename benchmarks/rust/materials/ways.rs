@@ -211,7 +211,8 @@ impl Shaders {
 }
 
 fn shading(renderer: &DeviceRenderer) -> Result<(Kernel, Vec<BoundBuffer<'_>>, bool)> {
-    let shading = renderer.shading(Output::Color);
+    // `Renderer::render` has one view, of number 0.
+    let shading = renderer.shading(0, Output::Color);
     shading.ok_or_else(|| Error::Invariant("the device shaded no colours".to_owned()))
 }
 
