@@ -454,6 +454,24 @@ impl std::str::FromStr for Transfer {
     }
 }
 
+/// Which lights throw shadows, and how they are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Shadows {
+    /// None.
+    #[default]
+    Off,
+    /// Of all lights that may, by virtual shadow maps.
+    Virtual,
+}
+
+impl std::str::FromStr for Shadows {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        choose("shadows", name, &[("off", Self::Off), ("virtual", Self::Virtual)])
+    }
+}
+
 /// What a device was found to draw fastest with.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
@@ -491,6 +509,10 @@ pub struct RenderOptions {
     pub shading: Shading,
     /// How colours are encoded.
     pub transfer: Transfer,
+    /// Which lights throw shadows.
+    pub shadows: Shadows,
+    /// Bytes of pages of shadow maps at most: where a frame wants more, its shadows are coarser.
+    pub shadow_memory: u64,
     /// To find a fault of a device: it runs the stages before this one, and their CPU twins the others, which makes the same
     /// image. In one pass, and slowly. Counts of stages are those of the device.
     pub cpu_from: Option<Stage>,
@@ -512,6 +534,8 @@ impl Default for RenderOptions {
             samples: Samples::default(),
             shading: Shading::default(),
             transfer: Transfer::default(),
+            shadows: Shadows::default(),
+            shadow_memory: 256 << 20,
             cpu_from: None,
             wait: true,
         }

@@ -28,6 +28,7 @@ mod python;
 pub mod read;
 pub mod render;
 pub mod scene;
+pub mod shadow;
 pub mod stages;
 pub mod stream;
 pub mod threads;

@@ -81,3 +81,20 @@ pub const DIELECTRIC_F0: f32 = 0.04;
 pub const LEAST_ROUGHNESS: f32 = 0.04;
 /// The least cosine, and the least denominator, of pyrender's reflections.
 pub const LEAST_COSINE: f32 = 0.001;
+
+/// Texels of a side of a page of a shadow map.
+pub const SHADOW_PAGE_SIDE: u32 = 128;
+/// Texels of a page.
+pub const SHADOW_PAGE_TEXELS: usize = (SHADOW_PAGE_SIDE * SHADOW_PAGE_SIDE) as usize;
+/// Texels of a side of a shadow map that has an end, and of the slab in which a page of one without measures depths.
+pub const SHADOW_SIDE: u32 = 1 << 14;
+/// Pages of a side of a block, for which casters are culled together: its texels are inside the guard band.
+pub const SHADOW_BLOCK_PAGES: u32 = 64;
+/// Texels between a point and the middle of the texel that it falls into, half a diagonal at most, and what snapping
+/// moves a caster by.
+pub const SHADOW_TEXEL_REACH: f32 = 0.712;
+/// Pixels by which snapping moves a receiver, and what rounds its place on the picture.
+pub const SHADOW_SNAP: f32 = 1.0 / 128.0;
+/// Rounding of a receiver's place, of a caster's, and of what is subtracted: a part of the lengths they are sums of.
+pub const SHADOW_ROUNDING: f32 = 1.0 / (1 << 20) as f32;
+const _: () = assert!((SHADOW_BLOCK_PAGES * SHADOW_PAGE_SIDE) as f32 <= GUARD_BAND);

@@ -134,7 +134,14 @@ fn scene(layout: Layout, kind: Kind, count: usize) -> Scene {
     let mut scene = Scene::new();
     scene.set_ambient_light([0.2; 3]).expect("a colour");
     let pose = glam::DAffine3::from_rotation_x(-0.4);
-    let light = Light { kind: LightKind::Directional, color: [1.0; 3], intensity: 2.0, pose, visible: true };
+    let light = Light {
+        kind: LightKind::Directional,
+        color: [1.0; 3],
+        intensity: 2.0,
+        pose,
+        visible: true,
+        casts_shadows: true,
+    };
     scene.add_light(light).expect("a light");
     let materials: Vec<Material> = (0..count).map(|number| material(kind, number)).collect();
     // Turned, so that no line runs along those of pixels and tiles.

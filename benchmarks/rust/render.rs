@@ -34,7 +34,14 @@ fn scene(mesh: &Arc<Dag>, side: u32) -> Scene {
     let mut scene = Scene::new();
     scene.set_ambient_light([0.1; 3]).expect("a colour");
     let pose = DAffine3::from_rotation_y(0.5) * DAffine3::from_rotation_x(-0.6);
-    let light = Light { kind: LightKind::Directional, color: [1.0; 3], intensity: 3.0, pose, visible: true };
+    let light = Light {
+        kind: LightKind::Directional,
+        color: [1.0; 3],
+        intensity: 3.0,
+        pose,
+        visible: true,
+        casts_shadows: true,
+    };
     scene.add_light(light).expect("a light");
     let scale = 1.0 / f64::from(side);
     for i in 0..side {

@@ -25,6 +25,7 @@ _ARRAYS: Final = (
     "emissive",
     "face_id",
     "overdraw",
+    "shadow",
 )
 
 
@@ -35,17 +36,17 @@ def kept(
     names = ("depth",) if depth_only else (*_ALWAYS, *(name for name in asked_for if name in _ARRAYS))
     arrays = {name: made[name] if name in made else getattr(core, name)() for name in dict.fromkeys(names)}
     arrays |= {name: made[name] for name in _ARRAYS if name in made}
-    return KeptFrame(arrays, core.size, core.stages(), core.stream(), core.totals())
+    return KeptFrame(arrays, core.size, core.stages(), core.stream(), core.totals(), core.shadows())
 
 
 class KeptFrame:
     """Stands where a frame of the core stood."""
 
     def __init__(
-        self, arrays: dict[str, NDArray[Any]], size: tuple[int, int], stages: Any, stream: Any, totals: Any
+        self, arrays: dict[str, NDArray[Any]], size: tuple[int, int], stages: Any, stream: Any, totals: Any, shadows: Any
     ) -> None:
         self._arrays, self.size = arrays, size
-        self._counts = stages, stream, totals
+        self._counts = stages, stream, totals, shadows
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle all there is."""
@@ -62,6 +63,10 @@ class KeptFrame:
     def totals(self) -> Any:
         """As the frame had it."""
         return self._counts[2]
+
+    def shadows(self) -> Any:
+        """As the frame had it."""
+        return self._counts[3]
 
     def view(self, name: str) -> NDArray[Any]:
         """Refuse: views are made of the renderer's memory."""

@@ -26,6 +26,8 @@ _COARSE = {
     "shading": "pyrender",
     "transfer": "gamma22",
     "wait": False,
+    "shadows": "off",
+    "shadow_memory": 0,
 }
 
 

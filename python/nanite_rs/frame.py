@@ -10,7 +10,7 @@ import numpy as np
 
 from nanite_rs import _advice, _checks, _core, _images, _kept
 from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError, UsageWarning
-from nanite_rs.stats import FrameStats, StageStats, StreamStats
+from nanite_rs.stats import FrameStats, ShadowStats, StageStats, StreamStats
 
 if TYPE_CHECKING:
     import os
@@ -124,6 +124,31 @@ class Frame(_advice.Teaching):
         return self._frame.linear()
 
     @cached_property
+    def shadow(self) -> NDArray[np.float32]:
+        """How much of each light reaches each pixel past what is in its way, (H, W, L) float32, 0 to 1.
+
+        The L lights are those of ``scene.lights`` that are switched on, in the order of their numbers. 1 where nothing
+        is covered, and throughout for lights that cast no shadows. For shading of your own; `color` has it counted in.
+
+        Raises
+        ------
+        ArgumentError
+            If the frame was rendered without ``shadows``.
+
+        Examples
+        --------
+        >>> scene = nrs.Scene()
+        >>> ball = scene.add(nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000)))
+        >>> sun = scene.add(nrs.DirectionalLight(intensity=3.0))
+        >>> camera, pose = nrs.PerspectiveCamera(yfov=0.8), nrs.look_at((4, 0, 0), (0, 0, 0))
+        >>> with nrs.Renderer(64, 64) as renderer:
+        ...     shadow = renderer.render(scene, camera, pose, shadows=True).shadow
+        >>> shadow.shape, [int(shadow[32, column, 0]) for column in (22, 42)]
+        ((64, 64, 1), [1, 0])
+        """
+        return self._frame.shadow()
+
+    @cached_property
     def rgba(self) -> NDArray[np.uint8]:
         """Shaded picture of the meshes alone, (H, W, 4) uint8, to be laid over another one.
 
@@ -222,7 +247,19 @@ class Frame(_advice.Teaching):
         stages = tuple(StageStats(*stage) for stage in self._frame.stages())
         stream = self._frame.stream()
         streamed = None if stream is None else StreamStats(**dict(stream[0]), coarsest_pixels=stream[1])
-        return FrameStats(stages=stages, total_ms=total_ms, raster=raster, stream=streamed, **dict(totals))
+        found = self._frame.shadows()
+        shadows = None
+        if found is not None:
+            counts, (mark, draw, test) = found
+            shadows = ShadowStats(**dict(counts), mark_ms=mark, draw_ms=draw, test_ms=test)
+        return FrameStats(
+            stages=stages,
+            total_ms=total_ms,
+            raster=raster,
+            stream=streamed,
+            shadows=shadows,
+            **dict(totals),
+        )
 
     @property
     def width(self) -> int:

@@ -16,7 +16,7 @@ from nanite_rs.texture import Image
 
 __all__ = ["DirectionalLight", "Environment", "PointLight", "SpotLight"]
 
-RawLight: TypeAlias = tuple[str, Rgb, float, float | None, tuple[float, float] | None]
+RawLight: TypeAlias = tuple[str, Rgb, float, float | None, tuple[float, float] | None, bool]
 
 
 class _Shining(ABC):
@@ -63,9 +63,11 @@ class DirectionalLight(_Shining):
     """Linear RGB."""
     intensity: float = 1.0
     """Lux."""
+    casts_shadows: bool = field(default=True, kw_only=True)
+    """What is in its way casts shadows, with ``render(shadows=True)``."""
 
     def _raw(self) -> RawLight:
-        return "directional", *self._color(), None, None
+        return "directional", *self._color(), None, None, bool(self.casts_shadows)
 
 
 @_advice.teaching
@@ -89,9 +91,11 @@ class PointLight(_Shining):
     """Candela."""
     range: float | None = None
     """Distance at which the light has smoothly ended (glTF's window); ``None`` never. pyrender ignores it."""
+    casts_shadows: bool = field(default=True, kw_only=True)
+    """What is in its way casts shadows, with ``render(shadows=True)``."""
 
     def _raw(self) -> RawLight:
-        return "point", *self._color(), self._range(), None
+        return "point", *self._color(), self._range(), None, bool(self.casts_shadows)
 
 
 @_advice.teaching
@@ -122,11 +126,13 @@ class SpotLight(_Shining):
     """Angle from the axis, radians, up to which nothing is lost; below the outer one."""
     outerConeAngle: float = float(np.pi / 4.0)  # noqa: N815
     """Angle from the axis, radians, from which on there is no light; above 0, at most π/2."""
+    casts_shadows: bool = field(default=True, kw_only=True)
+    """What is in its way casts shadows, with ``render(shadows=True)``."""
 
     def _raw(self) -> RawLight:
         inner = _checks.number(self.innerConeAngle, "innerConeAngle")
         outer = _checks.number(self.outerConeAngle, "outerConeAngle")
-        return "spot", *self._color(), self._range(), (inner, outer)
+        return "spot", *self._color(), self._range(), (inner, outer), bool(self.casts_shadows)
 
 
 Light: TypeAlias = DirectionalLight | PointLight | SpotLight

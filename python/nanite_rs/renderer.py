@@ -29,6 +29,10 @@ POOL_BYTES = 512 << 20
 RasterName: TypeAlias = Literal["auto", "compute", "hybrid", "hardware", "measured"]
 TransferName: TypeAlias = Literal["gamma22", "srgb", "linear"]
 ShadingName: TypeAlias = Literal["gltf", "pyrender", "flat", "normals"]
+ShadowsName: TypeAlias = Literal["virtual"]
+
+SHADOW_BYTES = 256 << 20
+"""Bytes of pages of shadow maps at most, unless asked for otherwise."""
 
 
 class TextureWarning(UserWarning):
@@ -105,6 +109,8 @@ class _Options:
     shading: ShadingName
     transfer: TransferName
     wait: bool
+    shadows: bool | ShadowsName
+    shadow_memory: int
 
     def raw(self) -> dict[str, Any]:
         """What the core takes."""
@@ -120,6 +126,8 @@ class _Options:
             "shading": str(self.shading),
             "transfer": str(self.transfer),
             "wait": bool(self.wait),
+            "shadows": _shadows(self.shadows),
+            "shadow_memory": _whole(self.shadow_memory, "shadow_memory", 1 << 63, "0 and 2^63"),
         }
 
 
@@ -253,6 +261,8 @@ class Renderer(_advice.Teaching):
         shading: ShadingName = "pyrender",
         transfer: TransferName = "gamma22",
         wait: bool = True,
+        shadows: bool | ShadowsName = False,
+        shadow_memory: int = SHADOW_BYTES,
     ) -> Frame:
         """Render a frame.
 
@@ -307,6 +317,14 @@ class Renderer(_advice.Teaching):
             the picture is then that of the whole mesh, bit for bit. Ctrl-C ends the wait for a slow disk, and the
             renderer stays usable. Otherwise draw at once with what is there, for interactive use; coarser clusters
             stand in for what is on its way, and `FrameStats.stream` says how much they are off.
+        shadows : bool or str
+            Whether what is in the way of lights casts shadows: True or ``"virtual"``, by virtual shadow maps, in
+            which a texel is about a pixel and whose pages are kept while nothing in them changes. Lights, meshes
+            and materials say whether they take part: ``casts_shadows``, `MeshNode.receives_shadows`. Edges are
+            sharp. Environment and ambient light cast none. See the guide on shadows for how exact they are.
+        shadow_memory : int
+            Bytes of pages of shadow maps at most, 64 KiB each. Where a picture wants more, texels become twice as
+            large until there is room, and ``Frame.stats.shadows.coarser`` says how often.
 
         Warns
         -----
@@ -355,7 +373,19 @@ class Renderer(_advice.Teaching):
         (frame,) = self._render(
             scene,
             [View(camera, pose)],
-            _Options(pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait),
+            _Options(
+                pixel_error,
+                occlusion,
+                raster,
+                outputs,
+                depth_only,
+                samples,
+                shading,
+                transfer,
+                wait,
+                shadows,
+                shadow_memory,
+            ),
         )
         return frame
 
@@ -373,6 +403,8 @@ class Renderer(_advice.Teaching):
         shading: ShadingName = "pyrender",
         transfer: TransferName = "gamma22",
         wait: bool = True,
+        shadows: bool | ShadowsName = False,
+        shadow_memory: int = SHADOW_BYTES,
     ) -> list[Frame]:
         """Render what several cameras see of a scene: on a GPU in one submission, on the CPU one after the other.
 
@@ -385,7 +417,7 @@ class Renderer(_advice.Teaching):
             What to draw.
         views : iterable of View or of pairs
             What each view has of its own, or a camera and its pose, as for `render`.
-        pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait
+        pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait, shadows, shadow_memory
             As for `render`, for all views that have none of their own.
 
         Returns
@@ -413,7 +445,19 @@ class Renderer(_advice.Teaching):
         return self._render(
             scene,
             [_checked(view, i) for i, view in enumerate(views)],
-            _Options(pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait),
+            _Options(
+                pixel_error,
+                occlusion,
+                raster,
+                outputs,
+                depth_only,
+                samples,
+                shading,
+                transfer,
+                wait,
+                shadows,
+                shadow_memory,
+            ),
         )
 
     def _render(
@@ -541,6 +585,15 @@ def _checked(view: Any, place: int) -> View:
     except ArgumentError as error:
         raise ArgumentError(f"views[{place}]: {error}") from None
     return of
+
+
+def _shadows(shadows: bool | str) -> str:
+    """Return the name by which the core knows a kind of shadows."""
+    if isinstance(shadows, bool | np.bool_):
+        return "virtual" if shadows else "off"
+    if not isinstance(shadows, str):
+        raise DtypeError(f'shadows: expected a bool or "virtual", not {type(shadows).__name__}')
+    return shadows
 
 
 def _names(outputs: Sequence[OutputName] | None) -> list[str] | None:

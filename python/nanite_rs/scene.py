@@ -128,6 +128,27 @@ class MeshNode(_Node):
         self._scene._core.set_visible(self._handle, bool(visible))
 
     @property
+    def casts_shadows(self) -> bool:
+        """False where it is in no light's way; assign to change it. Counts with ``render(shadows=True)``.
+
+        Of what is alpha-tested, what is left casts shadows; back faces do as fronts do.
+        """
+        return self._scene._core.shadows(self._handle)[0]
+
+    @casts_shadows.setter
+    def casts_shadows(self, casts: bool) -> None:
+        self._scene._core.set_shadows(self._handle, bool(casts), self.receives_shadows)
+
+    @property
+    def receives_shadows(self) -> bool:
+        """False where no shadow falls on it; assign to change it."""
+        return self._scene._core.shadows(self._handle)[1]
+
+    @receives_shadows.setter
+    def receives_shadows(self, receives: bool) -> None:
+        self._scene._core.set_shadows(self._handle, self.casts_shadows, bool(receives))
+
+    @property
     def material(self) -> Look:
         """The look: a material, or those of the mesh's ``face_materials`` by number; assign to change it."""
         self._scene._core.pose(self._handle)  # stale handles raise
@@ -372,8 +393,11 @@ class Scene(_advice.Teaching):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle all that was added; instances and lights keep their numbers, and their meshes are shared."""
         kept = self.ambient_light, self.bg_color, self.environment
-        shown = [(*self._shown[n._handle], n.pose, n.visible, n._handle[0]) for n in self.instances]
-        shining = [(n.light, n.pose, n.visible, n._handle[0]) for n in self.lights]
+        shown = [
+            (*self._shown[n._handle], n.pose, (n.visible, n.casts_shadows, n.receives_shadows), n._handle[0])
+            for n in self.instances
+        ]
+        shining = [(n.light, n.pose, (n.visible,), n._handle[0]) for n in self.lights]
         return Scene, (), (kept, shown, shining)
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
@@ -389,9 +413,11 @@ class Scene(_advice.Teaching):
             known = {entry[-1]: entry for entry in entries}
             nodes: dict[int, Any] = {}
             for number in range(max(known, default=-1) + 1):
-                item, *look, pose, visible, _ = known.get(number, entries[0])
-                nodes[number] = self.add(item, pose=pose, material=look[0] if look else None)
-                nodes[number].visible = visible
+                item, *look, pose, flags, _ = known.get(number, entries[0])
+                node: Any = self.add(item, pose=pose, material=look[0] if look else None)
+                nodes[number] = node
+                for name, flag in zip(("visible", "casts_shadows", "receives_shadows"), flags, strict=False):
+                    setattr(node, name, flag)
             for number in nodes.keys() - known.keys():
                 nodes[number].remove()
             order = [nodes[number]._handle for number in known]

@@ -11,7 +11,7 @@ from nanite_rs._notebook import pairs, table
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["FrameStats", "StageStats", "StreamStats"]
+__all__ = ["FrameStats", "ShadowStats", "StageStats", "StreamStats"]
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,45 @@ class StreamStats:
 
 
 @dataclass(frozen=True)
+class ShadowStats:
+    """What shadows cost, see ``render(shadows=True)``: of all views of a call together.
+
+    A page is 128 × 128 texels of a light's shadow map, 64 KiB.
+    """
+
+    wanted_pages: int
+    """Pages that the pictures look up."""
+    drawn_pages: int
+    """Of these, pages that were not there and were drawn; the others are from frames before."""
+    invalidated_pages: int
+    """Pages that were dropped because something in them changed."""
+    evicted_pages: int
+    """Pages that were dropped for lack of room."""
+    kept_pages: int
+    """Pages that are kept for the next frame."""
+    clusters: int
+    """Clusters that were drawn; one that touches several pages counts for each."""
+    triangles: int
+    """Triangles of those clusters."""
+    coarser: int
+    """How often texels were made twice as large, for lack of room."""
+    mark_ms: float
+    """Finding what pixels look up, milliseconds."""
+    draw_ms: float
+    """Drawing pages, milliseconds."""
+    test_ms: float
+    """Comparing depths, milliseconds."""
+
+    def __str__(self) -> str:
+        coarser = f", texels {2**self.coarser} times as large" if self.coarser else ""
+        return (
+            f"{self.wanted_pages:,} pages wanted, {self.drawn_pages:,} of them drawn ({self.triangles:,} triangles "
+            f"in {self.clusters:,} clusters), {self.kept_pages:,} kept{coarser}; {self.mark_ms:.2f} ms to mark, "
+            f"{self.draw_ms:.2f} to draw, {self.test_ms:.2f} to test"
+        )
+
+
+@dataclass(frozen=True)
 class FrameStats:
     """What a frame cost and skipped: ``print(stats)`` shows a table, ``stats["shade"]`` is one stage."""
 
@@ -108,6 +147,8 @@ class FrameStats:
     one through pixel centres, of which all other numbers are."""
     stream: StreamStats | None = None
     """What streaming did; None where nothing is streamed."""
+    shadows: ShadowStats | None = None
+    """What shadows cost; None without."""
 
     def __getitem__(self, stage: str) -> StageStats:
         """Return a stage by name, both passes taken together."""
@@ -125,12 +166,13 @@ class FrameStats:
 
     def as_dict(self) -> dict[str, float]:
         """Return the totals and, as ``<stage>_ms``, the time of each stage, for tables and data frames."""
-        totals = {k: v for k, v in vars(self).items() if k not in {"stages", "raster", "stream"}}
+        totals = {k: v for k, v in vars(self).items() if k not in {"stages", "raster", "stream", "shadows"}}
         times: dict[str, float] = {}
         for s in self.stages:
             times[f"{s.stage}_ms"] = times.get(f"{s.stage}_ms", 0.0) + s.ms
         stream = {f"stream_{k}": v for k, v in vars(self.stream).items()} if self.stream else {}
-        return totals | times | stream
+        shadows = {f"shadow_{k}": v for k, v in vars(self.shadows).items()} if self.shadows else {}
+        return totals | times | stream | shadows
 
     def __str__(self) -> str:
         lines = [f"{'stage':<14}{'received':>16}{'passed on':>16}   {'of':<28}{'ms':>9}"]
@@ -148,6 +190,8 @@ class FrameStats:
         )
         if self.stream is not None:
             lines.append(str(self.stream))
+        if self.shadows is not None:
+            lines.append(str(self.shadows))
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -176,6 +220,8 @@ class FrameStats:
             totals.append(("samples", f"{self.samples} of each pixel; stages are sums over all of them"))
         if self.stream is not None:
             totals.append(("streamed", str(self.stream)))
+        if self.shadows is not None:
+            totals.append(("shadows", str(self.shadows)))
         return pairs(totals) + table(head, rows, text=(0, 2, 4))
 
     def __repr__(self) -> str:

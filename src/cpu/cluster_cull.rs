@@ -4,11 +4,10 @@
 
 use rayon::prelude::*;
 
-use super::hzb::Hzb;
 use super::node_cull::CandidateGroup;
 use crate::limits::{MAX_SPAN, SMALL_EDGE};
 use crate::model::rule::Threshold;
-use crate::views::{Footprint, InstanceView, Screen, Visible};
+use crate::views::{Footprint, InstanceView, Occluder, Screen, Visible};
 
 /// Groups per task.
 const GROUPS_PER_TASK: usize = 8;
@@ -41,7 +40,7 @@ pub fn run(
     views: &[InstanceView],
     screen: &Screen,
     tau: f32,
-    hzb: Option<&Hzb>,
+    hzb: Option<&impl Occluder>,
 ) -> Culled {
     let parts: Vec<Culled> = groups
         .par_chunks(GROUPS_PER_TASK)
@@ -66,7 +65,7 @@ fn cull_group(
     views: &[InstanceView],
     screen: &Screen,
     tau: f32,
-    hzb: Option<&Hzb>,
+    hzb: Option<&impl Occluder>,
     out: &mut Culled,
 ) {
     let instance = &views[at.instance as usize];
@@ -84,9 +83,7 @@ fn cull_group(
         let Some(footprint) = instance.footprint(screen, bounds.sphere.center, bounds.extent) else {
             continue;
         };
-        if !instance.materials.double_sided(record.material)
-            && instance.faces_away(screen.orthographic, &bounds)
-        {
+        if !instance.double_sided(record.material) && instance.faces_away(screen.orthographic, &bounds) {
             continue;
         }
         if hzb.is_some_and(|h| h.hides(&footprint)) {
@@ -103,6 +100,6 @@ fn cull_group(
 }
 
 /// A later round, over clusters that passed every other test: keeps those that the depth pyramid does not hide.
-pub fn unhidden(candidates: &[CandidateCluster], hzb: &Hzb) -> Vec<CandidateCluster> {
+pub fn unhidden(candidates: &[CandidateCluster], hzb: &impl Occluder) -> Vec<CandidateCluster> {
     candidates.iter().filter(|c| !hzb.hides(&c.footprint)).copied().collect()
 }

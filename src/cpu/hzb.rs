@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::visibility::Pixel;
 use crate::limits::{PYRAMID_FINER, PYRAMID_REACH};
-use crate::views::Footprint;
+use crate::views::{Footprint, Occluder};
 
 #[derive(Debug, Default)]
 struct Level {
@@ -64,8 +64,22 @@ impl Hzb {
         l.keys[row * l.columns + column]
     }
 
+    /// The same as far as the texels of one level say.
+    fn hides_at(&self, level: usize, footprint: &Footprint) -> bool {
+        let [x0, y0, x1, y1] = footprint.rect;
+        let l = &self.levels[level];
+        let at = |v: u16| usize::from(v >> level);
+        (at(y0)..=at(y1)).all(|row| {
+            l.keys[row * l.columns + at(x0)..=row * l.columns + at(x1)]
+                .iter()
+                .all(|&k| footprint.near_key < k)
+        })
+    }
+}
+
+impl Occluder for Hzb {
     /// True when everything drawn so far is nearer than the box on every pixel that the box may touch.
-    pub fn hides(&self, footprint: &Footprint) -> bool {
+    fn hides(&self, footprint: &Footprint) -> bool {
         let [x0, y0, x1, y1] = footprint.rect;
         let mut level = 0;
         while level + 1 < self.levels.len()
@@ -81,18 +95,6 @@ impl Hzb {
             return false;
         }
         self.hides_at(level, footprint) || (level > 0 && self.hides_at(finer, footprint))
-    }
-
-    /// The same as far as the texels of one level say.
-    fn hides_at(&self, level: usize, footprint: &Footprint) -> bool {
-        let [x0, y0, x1, y1] = footprint.rect;
-        let l = &self.levels[level];
-        let at = |v: u16| usize::from(v >> level);
-        (at(y0)..=at(y1)).all(|row| {
-            l.keys[row * l.columns + at(x0)..=row * l.columns + at(x1)]
-                .iter()
-                .all(|&k| footprint.near_key < k)
-        })
     }
 }
 

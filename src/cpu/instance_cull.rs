@@ -2,11 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::hzb::Hzb;
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, View};
 use crate::stream::Resident;
-use crate::views::{InstanceView, Screen};
+use crate::views::{InstanceView, Occluder, Screen};
 
 /// Instances per task.
 const INSTANCES_PER_TASK: usize = 64;
@@ -47,6 +46,6 @@ pub fn run(
 }
 
 /// A later round: keeps the numbers of instances that the depth pyramid does not hide.
-pub fn unhidden(numbers: &[u32], views: &[InstanceView], hzb: &Hzb) -> Vec<u32> {
+pub fn unhidden(numbers: &[u32], views: &[InstanceView], hzb: &impl Occluder) -> Vec<u32> {
     numbers.iter().copied().filter(|&i| !hzb.hides(&views[i as usize].footprint)).collect()
 }

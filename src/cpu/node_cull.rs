@@ -5,10 +5,9 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::hzb::Hzb;
 use crate::math::Sphere;
 use crate::model::rule::{SOURCE_ERROR, Threshold};
-use crate::views::{InstanceView, Screen};
+use crate::views::{InstanceView, Occluder, Screen};
 
 /// Nodes per task.
 const NODES_PER_TASK: usize = 32;
@@ -49,7 +48,13 @@ struct Found {
 
 /// Walks from the roots of `numbers` (indices in `views`, ascending). A node lives while the largest parent
 /// error below it projects above `tau` pixels.
-pub fn run(numbers: &[u32], views: &[InstanceView], screen: &Screen, tau: f32, hzb: Option<&Hzb>) -> Walk {
+pub fn run(
+    numbers: &[u32],
+    views: &[InstanceView],
+    screen: &Screen,
+    tau: f32,
+    hzb: Option<&impl Occluder>,
+) -> Walk {
     let mut frontier: Vec<Visit> = numbers.iter().map(|&instance| Visit { instance, node: 0 }).collect();
     let mut walk = Walk::default();
     while !frontier.is_empty() {
@@ -80,7 +85,7 @@ fn visit_node(
     views: &[InstanceView],
     screen: &Screen,
     tau: f32,
-    hzb: Option<&Hzb>,
+    hzb: Option<&impl Occluder>,
     out: &mut Found,
 ) {
     let instance = &views[visit.instance as usize];

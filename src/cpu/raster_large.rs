@@ -105,7 +105,7 @@ fn draw_cluster<S: Sink>(
     sink: &S,
 ) -> (u64, Vec<Setup>) {
     let geometry = view.cluster(at.cluster);
-    let double_sided = view.materials.double_sided(view.pages.record(at.cluster).material);
+    let double_sided = view.double_sided(view.pages.record(at.cluster).material);
     let points: Vec<[f32; 3]> = geometry.positions.iter().map(|p| view.homogeneous(p)).collect();
     let mut drawn = 0;
     let mut shared = Vec::new();

@@ -81,8 +81,7 @@ impl<S: Sink> RasterTask<'_, S> {
             transform_rows(geometry.positions, &view.screen, self.screen, &mut vertices);
             let low = payload(number as usize);
             let material = view.pages.record(at.cluster).material;
-            let faces =
-                Faces { mirrored: view.mirrored, double_sided: view.materials.double_sided(material) };
+            let faces = Faces { mirrored: view.mirrored, double_sided: view.double_sided(material) };
             drawn += if self.screen.orthographic {
                 draw::<S, true>(geometry.triangles, &vertices, faces, self.screen, low, self.sink)
             } else {
@@ -182,8 +181,9 @@ fn draw<S: Sink, const ORTHOGRAPHIC: bool>(
             let start = screen.pixel_address(left as usize, (top + j) as usize);
             for i in 0..=right - left {
                 if at0 | at1 | at2 >= 0 {
-                    let bits = plane.at(i as f32, j as f32).to_bits();
-                    let key = if ORTHOGRAPHIC { !bits } else { bits };
+                    let value = plane.at(i as f32, j as f32);
+                    // [`Screen::key`].
+                    let key = if ORTHOGRAPHIC { !most(value, 0.0).to_bits() } else { value.to_bits() };
                     sink.put(start + i as usize, u64::from(key) << 32 | low);
                 }
                 // The last step may leave the range; nothing reads its result.

@@ -12,6 +12,7 @@ use super::environment;
 use super::lanes::{LANES, Lanes, Vec3x8, cross, dot, minus, normalize, splat3};
 use super::material::Bsdf;
 use super::output::ROWS;
+use super::shadow_test::LightVisibility;
 use super::surface::{Detail, Extra, Pixels, Surfels, Walk};
 use crate::config::{Output, Shading, Transfer};
 use crate::limits::{DIELECTRIC_F0, LEAST_COSINE};
@@ -88,6 +89,15 @@ impl Reflector {
     }
 }
 
+/// The light of a frame.
+#[derive(Clone, Copy)]
+pub struct Light<'a> {
+    /// All of it.
+    pub lighting: &'a Lighting,
+    /// Where lights reach, if they throw shadows.
+    pub shadows: Option<&'a LightVisibility>,
+}
+
 /// Surface points as a frame shades them, and where they are seen from.
 struct Seen {
     bsdf: Bsdf,
@@ -141,9 +151,15 @@ impl Seen {
     }
 }
 
-/// The light that surface points send to the eye.
+/// The light that surface points send to the eye; of each light as much reaches them as `reaches` says of its number.
 #[inline(always)]
-fn shade(seen: Seen, eye: &Eye, lighting: &Lighting, shading: Shading) -> Vec3x8 {
+fn shade(
+    seen: Seen,
+    eye: &Eye,
+    lighting: &Lighting,
+    shading: Shading,
+    reaches: impl Fn(usize) -> Option<Lanes>,
+) -> Vec3x8 {
     if shading == Shading::Normals {
         return seen.world_normal(eye).map(|c| c * 0.5 + 0.5);
     }
@@ -168,7 +184,7 @@ fn shade(seen: Seen, eye: &Eye, lighting: &Lighting, shading: Shading) -> Vec3x8
             color[c] = color[c] + out[c] * occlusion;
         }
     }
-    for light in &lighting.lights {
+    for (number, light) in lighting.lights.iter().enumerate() {
         let (l, falloff) = match light.falloff {
             None => (splat3(light.vector), Lanes::splat(1.0)),
             Some(Falloff { inverse_range, direction, cone_scale, cone_offset }) => {
@@ -181,6 +197,7 @@ fn shade(seen: Seen, eye: &Eye, lighting: &Lighting, shading: Shading) -> Vec3x8
                 (l, (-(q * q - 1.0)).max(0.0) / square * (cone * cone))
             }
         };
+        let falloff = reaches(number).map_or(falloff, |reaches| falloff * reaches);
         let out = reflector.reflect(&l);
         for c in 0..3 {
             color[c] = color[c] + out[c] * falloff * light.radiance[c];
@@ -201,7 +218,7 @@ fn shade(seen: Seen, eye: &Eye, lighting: &Lighting, shading: Shading) -> Vec3x8
 /// What shading a row needs.
 struct Shader<'a> {
     pixels: Pixels<'a>,
-    lighting: &'a Lighting,
+    light: Light<'a>,
     eye: &'a Eye,
     output: Output,
 }
@@ -248,7 +265,7 @@ impl Shader<'_> {
         }
         let Some(mut walk) = Walk::new(self.pixels, range) else { return };
         // Known when this is compiled, so that what other ways of shading need is left out.
-        let shading = if D::DETAIL { self.lighting.shading } else { Shading::Pyrender };
+        let shading = if D::DETAIL { self.light.lighting.shading } else { Shading::Pyrender };
         while let Some(surfels) = walk.step::<D>() {
             let bsdf = match (surfels.view.materials.plain(), surfels.detail.detail()) {
                 (None, Some(detail)) if TEXTURED => Bsdf::textured(&surfels, detail, shading),
@@ -263,7 +280,17 @@ impl Shader<'_> {
                 Output::ShadingNormal => seen.world_normal(self.eye),
                 Output::Orm => [seen.bsdf.occlusion, seen.bsdf.roughness, seen.bsdf.metallic],
                 Output::Emissive => seen.bsdf.emissive,
-                _ => shade(seen, self.eye, self.lighting, shading),
+                _ => {
+                    let reaches = |number| {
+                        let lit = self.light.shadows?.of(number)?;
+                        let mut out = Lanes::splat(1.0);
+                        for lane in 0..surfels.count {
+                            out.0[lane] = f32::from(lit[surfels.pixels[lane] as usize]);
+                        }
+                        Some(out)
+                    };
+                    shade(seen, self.eye, self.light.lighting, shading, reaches)
+                }
             };
             for lane in 0..surfels.count {
                 let at = 3 * (surfels.pixels[lane] as usize - start);
@@ -278,7 +305,7 @@ impl Shader<'_> {
     /// Where nothing is covered, what lies around.
     #[inline(always)]
     fn surround<T>(&self, range: std::ops::Range<usize>, written: &impl Fn(f32) -> T, out: &mut [T]) {
-        let Some(around) = self.lighting.environment.as_ref().filter(|around| around.background) else {
+        let Some(around) = self.light.lighting.environment.as_ref().filter(|around| around.background) else {
             return;
         };
         let Pixels { words, screen, .. } = self.pixels;
@@ -322,21 +349,21 @@ impl Shader<'_> {
 }
 
 /// Shades every covered pixel into RGB bytes, row by row.
-pub fn color(pixels: Pixels<'_>, eye: &Eye, lighting: &Lighting) -> Vec<u8> {
-    let encoder = lighting.transfer.encoder();
-    run(pixels, eye, lighting, Output::Color, lighting.background, |c| encoder.encode(c))
+pub fn color(pixels: Pixels<'_>, eye: &Eye, light: &Light<'_>) -> Vec<u8> {
+    let encoder = light.lighting.transfer.encoder();
+    run(pixels, eye, light, Output::Color, light.lighting.background, |c| encoder.encode(c))
 }
 
 /// The same before it is encoded: RGB in linear light.
-pub fn linear(pixels: Pixels<'_>, eye: &Eye, lighting: &Lighting) -> Vec<f32> {
+pub fn linear(pixels: Pixels<'_>, eye: &Eye, light: &Light<'_>) -> Vec<f32> {
     // NaN and infinity (a light at the surface) become numbers, so that means are.
     let written = |c: f32| if c > 0.0 { c.min(f32::MAX) } else { 0.0 };
-    run(pixels, eye, lighting, Output::Linear, lighting.behind(), written)
+    run(pixels, eye, light, Output::Linear, light.lighting.behind(), written)
 }
 
 /// What light meets: one of the arrays that are [`Output::surface`], three numbers for each pixel.
-pub fn surface(pixels: Pixels<'_>, eye: &Eye, lighting: &Lighting, output: Output) -> Vec<f32> {
-    run(pixels, eye, lighting, output, [0.0; 3], |c| c)
+pub fn surface(pixels: Pixels<'_>, eye: &Eye, light: &Light<'_>, output: Output) -> Vec<f32> {
+    run(pixels, eye, light, output, [0.0; 3], |c| c)
 }
 
 /// Encodes what [`linear`] makes: the bytes of [`color`].
@@ -348,14 +375,14 @@ pub fn encode(light: &[f32], transfer: Transfer) -> Vec<u8> {
 fn run<T: Copy + Default + PartialEq + Send + Sync>(
     pixels: Pixels<'_>,
     eye: &Eye,
-    lighting: &Lighting,
+    light: &Light<'_>,
     output: Output,
     background: [T; 3],
     written: impl Fn(f32) -> T + Copy + Sync,
 ) -> Vec<T> {
     let textured = pixels.views.iter().any(|view| view.materials.plain().is_none());
-    let shader = Shader { pixels, lighting, eye, output };
-    match (textured, lighting.shading) {
+    let shader = Shader { pixels, light: *light, eye, output };
+    match (textured, light.lighting.shading) {
         (true, _) => shader.rows::<T, Detail, true>(background, written),
         (_, Shading::Pyrender) => shader.rows::<T, (), false>(background, written),
         // Detail tells back faces from front faces.
@@ -365,7 +392,7 @@ fn run<T: Copy + Default + PartialEq + Send + Sync>(
 
 /// From pixels and distances to camera space.
 #[inline(always)]
-fn position(eye: &Eye, orthographic: bool, point: &[Lanes; 2], distance: Lanes) -> Vec3x8 {
+pub(super) fn position(eye: &Eye, orthographic: bool, point: &[Lanes; 2], distance: Lanes) -> Vec3x8 {
     let scale = if orthographic { Lanes::splat(1.0) } else { distance };
     let up = -(point[1] - eye.center[1]) * eye.inverse_focal[1];
     let right = (point[0] - eye.center[0] - up * eye.skew) * eye.inverse_focal[0];

@@ -69,6 +69,8 @@ struct RawOptions {
     shading: String,
     transfer: String,
     wait: bool,
+    shadows: String,
+    shadow_memory: u64,
 }
 
 impl RawOptions {
@@ -85,6 +87,8 @@ impl RawOptions {
             shading: self.shading.parse()?,
             transfer: self.transfer.parse()?,
             wait: self.wait,
+            shadows: self.shadows.parse()?,
+            shadow_memory: self.shadow_memory,
             ..defaults
         })
     }
@@ -275,6 +279,11 @@ impl Frame {
         self.planes(py, |frame| frame.take(Output::Emissive).map(Vec::from))
     }
 
+    /// How much of each light reaches each pixel, (H, W, lights) float32.
+    fn shadow(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
+        self.planes(py, |frame| frame.shadow())
+    }
+
     fn deep_color(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u16>>> {
         self.planes(py, |frame| frame.deep_color())
     }
@@ -361,6 +370,24 @@ impl Frame {
                 ("draws", stream.draws),
             ];
             Some((counts, stream.coarsest_pixels))
+        })
+    }
+
+    /// What shadows cost, by name, and the milliseconds of marking, drawing and testing.
+    fn shadows(&self, py: Python<'_>) -> PyResult<Option<(RawCounts, [f64; 3])>> {
+        self.look(py, |frame| {
+            let shadows = frame.stats.shadows.as_ref()?;
+            let counts = vec![
+                ("wanted_pages", shadows.wanted),
+                ("drawn_pages", shadows.drawn),
+                ("invalidated_pages", shadows.invalidated),
+                ("evicted_pages", shadows.evicted),
+                ("kept_pages", shadows.kept),
+                ("clusters", shadows.clusters),
+                ("triangles", shadows.triangles),
+                ("coarser", shadows.coarser.into()),
+            ];
+            Some((counts, [shadows.mark_ms, shadows.draw_ms, shadows.test_ms]))
         })
     }
 

@@ -51,8 +51,8 @@ struct RawTexture {
     rows: [[f32; 3]; 2],
 }
 
-/// Kind, colour, intensity, range, inner and outer angle of the cone.
-type RawLight = (String, [f32; 3], f32, Option<f32>, Option<(f64, f64)>);
+/// Kind, colour, intensity, range, inner and outer angle of the cone, whether it casts shadows.
+type RawLight = (String, [f32; 3], f32, Option<f32>, Option<(f64, f64)>, bool);
 
 /// Map, intensity, rotation, and whether it is seen behind all.
 type RawEnvironment = (Py<EnvironmentMap>, f32, f64, bool);
@@ -137,14 +137,17 @@ fn texture(raw: RawTexture) -> Texture {
     }
 }
 
-fn light((kind, color, intensity, range, cone): RawLight, rows: &[[f64; 4]; 4]) -> Result<Light> {
+fn light(
+    (kind, color, intensity, range, cone, casts_shadows): RawLight,
+    rows: &[[f64; 4]; 4],
+) -> Result<Light> {
     let kind = match (&kind[..], cone) {
         ("directional", None) => LightKind::Directional,
         ("point", None) => LightKind::Point { range },
         ("spot", Some((inner, outer))) => LightKind::Spot { range, inner, outer },
         _ => return Err(Error::argument("kind", format!("no light is {kind:?} with this cone"))),
     };
-    Ok(Light { kind, color, intensity, pose: pose::affine("pose", rows)?, visible: true })
+    Ok(Light { kind, color, intensity, pose: pose::affine("pose", rows)?, visible: true, casts_shadows })
 }
 
 /// Checks the parameters of a light; the error names the first that is wrong.
@@ -195,6 +198,19 @@ impl Scene {
     /// True unless an instance is hidden.
     fn visible(&self, py: Python<'_>, at: RawHandle) -> PyResult<bool> {
         self.look(py, |s| Ok(s.instance(InstanceHandle(handle(at)))?.visible))
+    }
+
+    /// Says whether an instance casts shadows, and whether they fall on it.
+    fn set_shadows(&self, py: Python<'_>, at: RawHandle, casts: bool, receives: bool) -> PyResult<()> {
+        self.edit(py, |scene| scene.set_shadows(InstanceHandle(handle(at)), casts, receives))
+    }
+
+    /// Whether an instance casts shadows, and whether they fall on it.
+    fn shadows(&self, py: Python<'_>, at: RawHandle) -> PyResult<(bool, bool)> {
+        self.look(py, |s| {
+            let instance = s.instance(InstanceHandle(handle(at)))?;
+            Ok((instance.casts_shadows, instance.receives_shadows))
+        })
     }
 
     /// Changes the look of an instance.

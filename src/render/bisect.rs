@@ -8,6 +8,7 @@ use super::streaming;
 use super::visibility_buffer::VisibilityBuffer;
 use crate::config::RenderOptions;
 use crate::cpu::cluster_cull::{self, CandidateCluster};
+use crate::cpu::hzb::Hzb;
 use crate::cpu::node_cull::{self, CandidateGroup};
 use crate::cpu::visibility::{Nearest, Pixel};
 use crate::cpu::{raster_large, raster_small};
@@ -45,7 +46,7 @@ pub(super) fn cull(
     let mut groups: Vec<CandidateGroup> = match from {
         Stage::NodeCull => {
             let all: Vec<u32> = (0..views.len() as u32).collect();
-            let walk = node_cull::run(&all, views, screen, tau, None);
+            let walk = node_cull::run(&all, views, screen, tau, None::<&Hzb>);
             needs = streaming::missed(&walk.absent, views);
             walk.groups
         }
@@ -57,7 +58,7 @@ pub(super) fn cull(
     };
     if from < Stage::RasterSmall {
         groups.sort_unstable();
-        let mut list = cluster_cull::run(&groups, views, screen, tau, None).candidates;
+        let mut list = cluster_cull::run(&groups, views, screen, tau, None::<&Hzb>).candidates;
         list.sort_unstable();
         return (list, needs);
     }

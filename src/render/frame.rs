@@ -7,7 +7,8 @@ use super::stats::FrameStats;
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs};
 use crate::cpu::output::{self, DebugView};
-use crate::cpu::shade;
+use crate::cpu::shade::{self, Light};
+use crate::cpu::shadow_test::LightVisibility;
 use crate::cpu::surface::Pixels;
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
@@ -68,6 +69,8 @@ pub struct Frame {
     pub(super) light: Option<Vec<f32>>,
     /// The same of meshes alone, see [`layers`].
     pub(super) layer: Option<Vec<[f32; 4]>>,
+    /// How much of each light reaches each pixel, where lights throw shadows.
+    pub(super) shadows: Option<LightVisibility>,
     /// Arrays made so far.
     pub(super) made: Vec<(Output, Array)>,
     pub(super) scratch: ScratchPool,
@@ -122,6 +125,31 @@ impl Frame {
         Ok(Pixels { words, visible: &self.visible, views: &self.views, screen: &self.screen })
     }
 
+    /// Its light, and where that reaches.
+    fn light(&self) -> Light<'_> {
+        Light { lighting: &self.lighting, shadows: self.shadows.as_ref() }
+    }
+
+    /// How much of each light, switched on, reaches each pixel, row by row: all of the first pixel first. 1 where nothing is
+    /// covered.
+    pub fn shadow(&self) -> Result<Vec<f32>> {
+        let Some(shadows) = &self.shadows else {
+            return Err(Error::argument("shadows", "the frame was rendered without"));
+        };
+        let lights = self.lighting.lights.len();
+        let mut out = vec![1.0; lights * shadows.pixels];
+        for light in 0..lights {
+            for (out, lit) in out[light.min(shadows.pixels)..]
+                .iter_mut()
+                .step_by(lights)
+                .zip(shadows.of(light).unwrap_or(&[]))
+            {
+                *out = f32::from(*lit);
+            }
+        }
+        Ok(out)
+    }
+
     /// Makes what of `outputs` is not there.
     pub(super) fn finish(&mut self, outputs: Outputs) -> Result<()> {
         if self.depth_only() {
@@ -159,10 +187,10 @@ impl Frame {
         let pixels = self.pixels(output.name())?;
         let debug = |view| Array::from(output::debug(pixels, view).into_flattened());
         Ok(match output {
-            Output::Color => shade::color(pixels, &self.eye, &self.lighting).into(),
-            Output::Linear => shade::linear(pixels, &self.eye, &self.lighting).into(),
+            Output::Color => shade::color(pixels, &self.eye, &self.light()).into(),
+            Output::Linear => shade::linear(pixels, &self.eye, &self.light()).into(),
             Output::BaseColor | Output::ShadingNormal | Output::Orm | Output::Emissive => {
-                shade::surface(pixels, &self.eye, &self.lighting, output).into()
+                shade::surface(pixels, &self.eye, &self.light(), output).into()
             }
             Output::Depth => {
                 let mut out = vec![0.0; pixels.words.len()];

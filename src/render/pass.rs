@@ -20,7 +20,7 @@ use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
 use crate::error::{Error, Result};
 use crate::limits::{MAX_VISIBLE, PYRAMID_ABOVE};
 use crate::stages::Stage;
-use crate::views::{InstanceView, Screen, Visible};
+use crate::views::{InstanceView, Occluder, Screen, Visible};
 
 /// When instances are deferred. One of a few pixels still has a hierarchy to traverse, and clusters.
 pub(super) const INSTANCES: Terms = Terms { overlap: 1.5, each: 1024 };

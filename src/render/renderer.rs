@@ -10,20 +10,23 @@ use super::frame::Frame;
 use super::history::VisibilityHistory;
 use super::layers;
 use super::pass::FramePasses;
+use super::shadows;
 use super::stats::FrameStats;
 use super::streaming;
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
-use crate::config::{Calibration, Output, Outputs, Raster, RenderOptions, Samples};
+use crate::config::{Calibration, Output, Outputs, Raster, RenderOptions, Samples, Shadows};
 use crate::cpu::cluster_cull::CandidateCluster;
 use crate::cpu::hzb::Hzb;
 use crate::cpu::instance_cull;
 use crate::cpu::node_cull::CandidateGroup;
+use crate::cpu::shadow_test::LightVisibility;
 use crate::cpu::visibility::Pixel;
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
 use crate::model::{InterruptCheck, UNINTERRUPTED};
 use crate::scene::placement::Eye;
 use crate::scene::{Camera, Instance, Lighting, Scene, View};
+use crate::shadow::ShadowCache;
 use crate::stages::{STAGES, Stage};
 use crate::stream::{Needs, Resident, StreamOptions, Streamer};
 use crate::views::desc::{check_ids, check_size};
@@ -178,6 +181,8 @@ pub(super) struct Rastered {
     pub(super) light: Option<Vec<f32>>,
     /// The same of samples that show a mesh, times how many of all that are, and how many.
     pub(super) layer: Option<Vec<[f32; 4]>>,
+    /// How much of each light reaches each pixel, where lights throw shadows.
+    pub(super) shadows: Option<LightVisibility>,
     /// Streamed pages that it shows or misses.
     pub(super) needs: Needs,
     /// All but what makes arrays, and the time of the whole.
@@ -205,6 +210,8 @@ pub struct Renderer {
     /// What each view showed in its last frame, by its id, where the CPU draws.
     histories: Histories<VisibilityHistory>,
     scratch: ScratchPool,
+    /// Pages of shadow maps.
+    shadows: ShadowCache,
     /// A scene and its clock when all pages of its meshes were in memory.
     loaded: Option<(u64, u64)>,
     /// There when meshes in files are streamed.
@@ -231,6 +238,7 @@ impl Renderer {
             hzb,
             histories,
             scratch,
+            shadows: ShadowCache::default(),
             loaded,
             streamer,
             cpu_from,
@@ -315,7 +323,10 @@ impl Renderer {
         options: &RenderOptions,
         proceed: InterruptCheck<'_>,
     ) -> Result<Vec<Frame>> {
-        let options = &RenderOptions { cpu_from: options.cpu_from.or(self.cpu_from), ..options.clone() };
+        // A device leaves what has shadows to the CPU.
+        let shaded = (options.shadows != Shadows::Off).then_some(Stage::Shade);
+        let cpu_from = [options.cpu_from.or(self.cpu_from), shaded].into_iter().flatten().min();
+        let options = &RenderOptions { cpu_from, ..options.clone() };
         options.validate()?;
         let start = Instant::now();
         check_ids(views)?;
@@ -331,6 +342,7 @@ impl Renderer {
                 let resident = Resident::default();
                 let frame_contexts = frame_contexts(scene, &views, &resident);
                 let mut rastered = self.draw(&frame_contexts)?;
+                shadows::light_up(&mut self.shadows, &frame_contexts, &mut rastered)?;
                 self.sample(&frame_contexts, &mut rastered)?;
                 self.finish(frame_contexts, rastered)?
             }
@@ -373,6 +385,7 @@ impl Renderer {
             let resident = streamer.resident(meshes, options.wait, proceed)?;
             let frame_contexts = frame_contexts(scene, views, &resident);
             let mut rastered = self.draw(&frame_contexts)?;
+            shadows::light_up(&mut self.shadows, &frame_contexts, &mut rastered)?;
             if sampled {
                 self.sample(&frame_contexts, &mut rastered)?;
             }
@@ -416,7 +429,8 @@ impl Renderer {
                 frame_context.moved(by, RenderOptions { outputs, samples: Samples::One, ..options })
             });
             let moved: Vec<FrameContext<'_>> = moved.collect();
-            let drawn = self.draw(&moved)?;
+            let mut drawn = self.draw(&moved)?;
+            shadows::light_up(&mut self.shadows, &moved, &mut drawn)?;
             for ((frame_context, mut drawn), whole) in moved.into_iter().zip(drawn).zip(&mut *rastered) {
                 whole.needs.merge(std::mem::take(&mut drawn.needs));
                 let mut frame = finished(frame_context, drawn, self.scratch.clone())?;
@@ -497,6 +511,7 @@ impl Renderer {
             made: Vec::new(),
             light: None,
             layer: None,
+            shadows: None,
             needs,
             stats,
         })
@@ -547,7 +562,7 @@ fn blend(numbers: &mut [f32], others: &[f32], part: f32) {
 
 /// The frame of what was drawn, with the arrays asked for.
 fn finished(frame_context: FrameContext<'_>, rastered: Rastered, scratch: ScratchPool) -> Result<Frame> {
-    let Rastered { picture, views, visible, large, made, light, layer, mut stats, .. } = rastered;
+    let Rastered { picture, views, visible, large, made, light, layer, shadows, mut stats, .. } = rastered;
     let FrameContext { view, eye, screen, lighting, options, .. } = frame_context;
     stats.samples = options.samples as u32;
     let mut frame = Frame {
@@ -561,6 +576,7 @@ fn finished(frame_context: FrameContext<'_>, rastered: Rastered, scratch: Scratc
         lighting,
         light,
         layer,
+        shadows,
         made,
         scratch,
         stats,

@@ -22,6 +22,33 @@ pub struct StageStats {
     pub ms: f64,
 }
 
+/// What shadows cost: of all views of a call together.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ShadowStats {
+    /// Pages that pixels look up.
+    pub wanted: u64,
+    /// Those of them that were not there and were drawn.
+    pub drawn: u64,
+    /// Pages that were dropped since something in them changed.
+    pub invalidated: u64,
+    /// Pages that were dropped for want of room.
+    pub evicted: u64,
+    /// Pages that are kept for the next frame.
+    pub kept: u64,
+    /// Clusters drawn into pages; one that touches several counts for each.
+    pub clusters: u64,
+    /// Their triangles.
+    pub triangles: u64,
+    /// Levels by which texels are larger than pixels, since the pages had no room.
+    pub coarser: u32,
+    /// Finding what pixels look up, milliseconds.
+    pub mark_ms: f64,
+    /// Drawing pages.
+    pub draw_ms: f64,
+    /// Comparing depths.
+    pub test_ms: f64,
+}
+
 /// Everything a frame reports.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameStats {
@@ -53,6 +80,8 @@ pub struct FrameStats {
     pub raster: Raster,
     /// What streaming did, where meshes are streamed.
     pub stream: Option<StreamStats>,
+    /// What shadows cost, where there are any.
+    pub shadows: Option<ShadowStats>,
     /// Samples of each pixel's colour. Stages are those of all passes together: of the one through pixel centres, and of one
     /// for each sample where there are several. The totals are of the first.
     pub samples: u32,

@@ -6,6 +6,7 @@
 use rustc_hash::FxHashSet;
 
 use super::renderer::{DrawnView, Rastered};
+use crate::cpu::hzb::Hzb;
 use crate::cpu::node_cull::CandidateGroup;
 use crate::cpu::{instance_cull, node_cull};
 use crate::model::rule::Threshold;
@@ -98,7 +99,7 @@ fn refined(
     let (eye, screen) = (Eye::new(view), Screen::new(view));
     let views = instance_cull::run(instances, view, &eye, &screen, resident);
     let all: Vec<u32> = (0..views.len() as u32).collect();
-    let walk = node_cull::run(&all, &views, &screen, tau, None);
+    let walk = node_cull::run(&all, &views, &screen, tau, None::<&Hzb>);
     let found = walk.groups.iter().chain(&walk.absent);
     (found.map(|at| (views[at.instance as usize].slot, at.group, at.instance)).collect(), views)
 }

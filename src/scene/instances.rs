@@ -32,6 +32,10 @@ pub struct Instance {
     pub materials: Materials,
     /// False hides it.
     pub visible: bool,
+    /// It throws shadows, where frames have such.
+    pub casts_shadows: bool,
+    /// Shadows fall on it.
+    pub receives_shadows: bool,
     pose: DAffine3,
     /// Bound of the largest singular value of the pose's linear part.
     scale: f64,
@@ -135,6 +139,8 @@ impl Scene {
             mesh,
             materials,
             visible: true,
+            casts_shadows: true,
+            receives_shadows: true,
             pose: DAffine3::IDENTITY,
             scale: 1.0,
             sphere: (DVec3::ZERO, 0.0),
@@ -159,6 +165,13 @@ impl Scene {
     /// Shows or hides an instance.
     pub fn set_visible(&mut self, handle: InstanceHandle, visible: bool) -> Result<()> {
         self.instances.get_mut(handle.0)?.visible = visible;
+        Ok(())
+    }
+
+    /// Whether an instance throws shadows, and whether they fall on it.
+    pub fn set_shadows(&mut self, handle: InstanceHandle, casts: bool, receives: bool) -> Result<()> {
+        let instance = self.instances.get_mut(handle.0)?;
+        (instance.casts_shadows, instance.receives_shadows) = (casts, receives);
         Ok(())
     }
 

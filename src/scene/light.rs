@@ -42,6 +42,8 @@ pub struct Light {
     pub pose: DAffine3,
     /// False where it is switched off.
     pub visible: bool,
+    /// What is in its way throws shadows, where frames have such.
+    pub casts_shadows: bool,
 }
 
 impl Light {

@@ -16,6 +16,12 @@ pub struct Footprint {
     pub clipped: bool,
 }
 
+/// Something that says which boxes need not be drawn.
+pub trait Occluder: Sync {
+    /// True where nothing in a box with this footprint can be of use.
+    fn hides(&self, footprint: &Footprint) -> bool;
+}
+
 impl Footprint {
     /// Pixels of the rectangle; 1 where it is not known.
     pub fn area(&self) -> u64 {
@@ -55,7 +61,8 @@ pub fn footprint(
     let size = [constants.width as f32, constants.height as f32];
     let mut low = [f32::INFINITY; 2];
     let mut high = [f32::NEG_INFINITY; 2];
-    if nearest > constants.near && slack[2] < FOOTPRINT_SLACK * nearest {
+    let endless = constants.near == f32::NEG_INFINITY;
+    if nearest > constants.near && (endless || slack[2] < FOOTPRINT_SLACK * nearest) {
         let scale = if constants.orthographic { 1.0 } else { 1.0 / nearest };
         for k in 0..2 {
             let edge: [f32; 3] = std::array::from_fn(|j| rows[k][j] * extent[j]);

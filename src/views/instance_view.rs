@@ -33,6 +33,10 @@ pub struct InstanceView {
     pub conformal: bool,
     /// The map from internal to camera space reverses orientation.
     pub mirrored: bool,
+    /// Shadows fall on it.
+    pub receives_shadows: bool,
+    /// Back faces are drawn, whatever its materials say: from a light.
+    pub two_sided: bool,
     /// Pixel bounds and nearest key of the whole instance, where the CPU culls.
     pub footprint: Footprint,
 }
@@ -72,8 +76,22 @@ impl InstanceView {
             normal,
             conformal: placement.conformal,
             mirrored: placement.mirrored != eye.mirrored,
+            receives_shadows: instance.receives_shadows,
+            two_sided: false,
             footprint: Footprint::default(),
         }
+    }
+
+    /// The same instance on the picture of another eye. What decides on its cut stays.
+    pub fn moved_to(&self, eye: &Eye, orthographic: bool, placement: &Placement) -> Self {
+        let Derived { screen, .. } = derive(eye, orthographic, placement);
+        Self { screen, ..self.clone() }
+    }
+
+    /// Whether back faces of clusters with a number are seen.
+    #[inline]
+    pub fn double_sided(&self, material: i32) -> bool {
+        self.two_sided || self.materials.double_sided(material)
     }
 
     /// Centre and half extents of the box around the mesh, rounded up.

@@ -9,7 +9,7 @@ pub mod screen;
 pub mod visibility;
 
 pub use desc::{ViewDesc, ViewKind};
-pub use footprint::Footprint;
+pub use footprint::{Footprint, Occluder};
 pub use histories::Histories;
 pub use instance_view::{ClusterBounds, InstanceView, mesh_bounds};
 pub use screen::{Screen, homogeneous};

@@ -49,10 +49,10 @@ impl Screen {
         if self.orthographic { distance } else { self.near / distance }
     }
 
-    /// The key of a depth value.
+    /// The key of a depth value. What is behind the eye of a parallel view, which has no near plane then, is at it.
     #[inline]
     pub fn key(&self, value: f32) -> u32 {
-        if self.orthographic { !value.to_bits() } else { value.to_bits() }
+        if self.orthographic { !value.max(0.0).to_bits() } else { value.to_bits() }
     }
 
     /// The place of a pixel in the view's target, row by row; those of a row follow each other. Nobody else knows, but for

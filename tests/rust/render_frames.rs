@@ -42,6 +42,7 @@ pub fn lit() -> Scene {
             intensity: 3.0,
             pose,
             visible: true,
+            casts_shadows: true,
         })
         .unwrap();
     scene
@@ -340,6 +341,7 @@ fn a_mirrored_instance_is_a_mirrored_picture() {
                 intensity: 2.0,
                 pose,
                 visible: true,
+                casts_shadows: true,
             })
             .unwrap();
         let mut pose = IDENTITY;

@@ -1,0 +1,202 @@
+//! Pages of shadow maps that are wanted → their depths: instances, nodes and clusters are culled for all pages of a block
+//! together, then each page is drawn by one task.
+
+use rayon::prelude::*;
+use rustc_hash::FxHashMap;
+
+use super::cluster_cull::{self, CandidateCluster};
+use super::node_cull::{self, CandidateGroup};
+use super::visibility::{Nearest, Pixel};
+use super::{raster_large, raster_small};
+use crate::limits::{SHADOW_BLOCK_PAGES, SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS};
+use crate::scene::placement::Eye;
+use crate::scene::{Instance, Scene};
+use crate::shadow::cache::PageTexels;
+use crate::shadow::{Block, PageKey, ShadowMap};
+use crate::stream::Resident;
+use crate::views::{Footprint, InstanceView, Occluder, Screen, Visible};
+
+/// Instances per task.
+const INSTANCES_PER_TASK: usize = 64;
+
+/// What was drawn of a block.
+#[derive(Debug, Default)]
+pub struct DrawnBlock {
+    /// Its pages.
+    pub pages: Vec<(PageKey, PageTexels)>,
+    /// Instances as seen by it.
+    pub views: Vec<InstanceView>,
+    /// Groups that were to be drawn and whose pages are not there.
+    pub absent: Vec<CandidateGroup>,
+    /// Clusters drawn, each once for every page that it may touch.
+    pub clusters: u64,
+    /// Their triangles.
+    pub triangles: u64,
+    /// Threshold of the cut, texels.
+    pub tau: f32,
+}
+
+/// The pages of a block that are wanted: everything else is culled.
+struct Wanted {
+    /// How many are above and to the left of each corner of the grid of pages.
+    sums: Vec<u32>,
+}
+
+/// Corners of a block's grid on a side.
+const CORNERS: usize = SHADOW_BLOCK_PAGES as usize + 1;
+
+impl Wanted {
+    fn new(block: &Block, pages: &[PageKey]) -> Self {
+        let mut sums = vec![0u32; CORNERS * CORNERS];
+        for page in pages {
+            let [x, y] = block.place(page);
+            sums[(y + 1) * CORNERS + x + 1] = 1;
+        }
+        for y in 1..CORNERS {
+            let mut row = 0;
+            for x in 1..CORNERS {
+                row += sums[y * CORNERS + x];
+                sums[y * CORNERS + x] = row + sums[(y - 1) * CORNERS + x];
+            }
+        }
+        Self { sums }
+    }
+
+    /// Columns and rows of pages that a footprint touches, the last ones included.
+    fn rect(footprint: &Footprint) -> [usize; 4] {
+        footprint.rect.map(|v| usize::from(v) / SHADOW_PAGE_SIDE as usize)
+    }
+
+    fn any(&self, [x0, y0, x1, y1]: [usize; 4]) -> bool {
+        let at = |x: usize, y: usize| self.sums[y * CORNERS + x];
+        at(x1 + 1, y1 + 1) + at(x0, y0) > at(x0, y1 + 1) + at(x1 + 1, y0)
+    }
+}
+
+impl Occluder for Wanted {
+    fn hides(&self, footprint: &Footprint) -> bool {
+        !self.any(Self::rect(footprint))
+    }
+}
+
+/// Draws pages, sorted by block.
+pub fn run(
+    pages: &[PageKey],
+    maps: &FxHashMap<u32, ShadowMap>,
+    scene: &Scene,
+    resident: &Resident,
+) -> Vec<DrawnBlock> {
+    let casters: Vec<(u32, &Instance)> =
+        scene.instances().iter().filter(|(_, instance)| instance.visible && instance.casts_shadows).collect();
+    pages
+        .chunk_by(|a, b| a.block() == b.block())
+        .map(|pages| draw_block(pages, &maps[&pages[0].light], &casters, resident))
+        .collect()
+}
+
+fn draw_block(
+    pages: &[PageKey],
+    map: &ShadowMap,
+    casters: &[(u32, &Instance)],
+    resident: &Resident,
+) -> DrawnBlock {
+    let block = pages[0].block();
+    let wanted = Wanted::new(&block, pages);
+    let view = map.block_view(&block);
+    let (eye, screen, planes, place) = (Eye::new(&view), Screen::new(&view), view.planes(), view.eye());
+    let tau = PageKey::threshold(block.0.tau);
+    let seen = |slot: u32, instance: &Instance| {
+        let (center, radius) = instance.sphere();
+        let to = center - place;
+        let radius = radius + 1.0e-12 * (center.length() + place.length());
+        if planes.iter().any(|(n, d)| n.dot(to) + d < -radius) {
+            return None;
+        }
+        let mut seen = InstanceView::new(&eye, &screen, slot, instance, resident);
+        let (center, extent) = seen.bounds();
+        seen.footprint = seen.footprint(&screen, center, extent).filter(|f| !wanted.hides(f))?;
+        // What faces away from a light stops it as well.
+        seen.two_sided = true;
+        Some(seen)
+    };
+    let seen: Vec<Vec<_>> = casters
+        .par_chunks(INSTANCES_PER_TASK)
+        .map(|chunk| {
+            chunk.iter().filter_map(|&(slot, instance)| Some((seen(slot, instance)?, instance))).collect()
+        })
+        .collect();
+    let (views, instances): (Vec<InstanceView>, Vec<&Instance>) = seen.into_iter().flatten().unzip();
+    let numbers: Vec<u32> = (0..views.len() as u32).collect();
+    let walk = node_cull::run(&numbers, &views, &screen, tau, Some(&wanted));
+    let clusters = cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&wanted)).candidates;
+    let of_pages = of_pages(&block, pages, &clusters);
+    let drawn: Vec<(PageKey, PageTexels)> = pages
+        .par_iter()
+        .zip(&of_pages)
+        .map(|(key, numbers)| (*key, draw_page(map, key, numbers, &clusters, &views, &instances)))
+        .collect();
+    let each = |numbers: &Vec<u32>| -> u64 {
+        numbers.iter().map(|number| u64::from(clusters[*number as usize].triangles)).sum()
+    };
+    DrawnBlock {
+        pages: drawn,
+        absent: walk.absent,
+        clusters: of_pages.iter().map(|numbers| numbers.len() as u64).sum(),
+        triangles: of_pages.iter().map(each).sum(),
+        views,
+        tau,
+    }
+}
+
+/// The clusters that may touch each page.
+fn of_pages(block: &Block, pages: &[PageKey], clusters: &[CandidateCluster]) -> Vec<Vec<u32>> {
+    let side = SHADOW_BLOCK_PAGES as usize;
+    let mut places = vec![u32::MAX; side * side];
+    for (number, page) in (0..).zip(pages) {
+        let [x, y] = block.place(page);
+        places[y * side + x] = number;
+    }
+    let mut lists = vec![Vec::new(); pages.len()];
+    for (number, cluster) in (0..).zip(clusters) {
+        let [x0, y0, x1, y1] = Wanted::rect(&cluster.footprint);
+        for y in y0..=y1 {
+            for page in &places[y * side + x0..=y * side + x1] {
+                if *page != u32::MAX {
+                    lists[*page as usize].push(number);
+                }
+            }
+        }
+    }
+    lists
+}
+
+/// The depths of a page: bits that depend on its key and on what there is, and not on what else is drawn.
+fn draw_page(
+    map: &ShadowMap,
+    key: &PageKey,
+    numbers: &[u32],
+    clusters: &[CandidateCluster],
+    views: &[InstanceView],
+    instances: &[&Instance],
+) -> PageTexels {
+    let mut texels = vec![0u32; SHADOW_PAGE_TEXELS].into_boxed_slice();
+    let view = map.page_view(key);
+    let (eye, screen) = (Eye::new(&view), Screen::new(&view));
+    let mut own: Vec<InstanceView> = Vec::new();
+    let mut last = u32::MAX;
+    let (mut visible, mut small, mut large) = (Vec::with_capacity(numbers.len()), Vec::new(), Vec::new());
+    for (number, cluster) in (0..).zip(numbers.iter().map(|number| &clusters[*number as usize])) {
+        let Visible { instance, cluster: address } = cluster.visible;
+        if instance != last {
+            last = instance;
+            let (view, placement) = (&views[instance as usize], instances[instance as usize].placement());
+            own.push(view.moved_to(&eye, screen.orthographic, placement));
+        }
+        visible.push(Visible { instance: own.len() as u32 - 1, cluster: address });
+        if cluster.large { large.push(number) } else { small.push(number) }
+    }
+    let sink = Nearest(u32::cells(&mut texels));
+    raster_small::run(&small, &visible, &own, &screen, &sink);
+    raster_large::run(&large, &visible, &own, &screen, &sink);
+    texels
+}

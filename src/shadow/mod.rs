@@ -1,0 +1,14 @@
+//! Virtual shadow maps: what both backends share about them. A light has one map or six, each a projection fixed to the
+//! light and not to the camera; a map has levels of texels, and a level pages, which are drawn where a view needs them and
+//! kept. docs/shadows.md derives how far a receiver is moved before it looks one up.
+//!
+//! Fernando et al., "Adaptive Shadow Maps", SIGGRAPH 2001; Lefohn, Sengupta and Owens, "Resolution-matched shadow maps",
+//! ACM TOG 26(4), 2007. Pages of 128 × 128 texels, cached, as Unreal 5 has them.
+
+pub mod cache;
+pub mod map;
+pub mod receiver;
+
+pub use cache::ShadowCache;
+pub use map::{Block, PageKey, ShadowMap};
+pub use receiver::{LightView, Lookup, Receiver};

@@ -1,0 +1,292 @@
+//! From a point that a camera sees to the texel that says whether a light sees it.
+//!
+//! The point is moved along the normal of its triangle by what the camera's cut and the light's may be off together, and by
+//! what the slope makes of a texel, so that a surface does not shade itself: docs/shadows.md. What is left is rounding, which
+//! is taken off the depth.
+
+use super::map::{BOUNDED_LEVELS, CUBE_FACES, MapKind, PageKey, ShadowMap};
+use crate::limits::{
+    SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH,
+};
+use crate::scene::View;
+
+/// Levels of a parallel map that a frame may use.
+const LEVELS: usize = 64;
+/// By how many halvings a texel may be smaller than the scene.
+const FINEST: i32 = 48;
+
+/// A point that a camera sees: camera space, world units.
+#[derive(Clone, Copy, Debug)]
+pub struct Receiver {
+    /// Where it is.
+    pub position: [f32; 3],
+    /// Unit normal of its triangle, towards the eye.
+    pub normal: [f32; 3],
+    /// Unit normal that is interpolated, on the same side where both agree.
+    pub smooth: [f32; 3],
+    /// By how much it may be off the source: the error of what is drawn, and rounding.
+    pub error: f32,
+}
+
+/// What a receiver looks up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lookup {
+    /// Nothing: it faces away, and is dark.
+    Dark,
+    /// Nothing: there is no map there.
+    Lit,
+    /// A texel, which shades it where its key is above this one.
+    Texel {
+        /// The page, counted from [`LightView`]'s anchor of its level.
+        page: RelativePage,
+        /// The texel in it.
+        texel: u32,
+        /// Its own key.
+        key: u32,
+    },
+}
+
+/// A page of a light's map, relative to where the camera is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct RelativePage {
+    /// Of a cube.
+    pub face: u8,
+    /// As [`PageKey::level`].
+    pub level: i16,
+    /// Pages right of the anchor.
+    pub x: i32,
+    /// Pages down.
+    pub y: i32,
+    /// Slabs up.
+    pub z: i32,
+}
+
+/// A level of a parallel map near a camera.
+#[derive(Clone, Copy, Debug, Default)]
+struct Anchor {
+    /// The page and the slab of the camera.
+    page: [i64; 3],
+    /// Where in them it is, texels right, down and up.
+    offset: [f32; 3],
+}
+
+/// A light's map as a camera's frame looks it up.
+#[derive(Clone, Debug)]
+pub struct LightView {
+    /// Slot of the light.
+    pub light: u32,
+    kind: MapKind,
+    /// The light's axes in camera space.
+    axes: [[f32; 3]; 3],
+    /// Of one with a position: the camera seen from there, along the axes.
+    eye: [f32; 3],
+    /// Of a parallel one, by level from [`LightView::first`] on.
+    anchors: Vec<Anchor>,
+    first: i32,
+    /// Tangent of half the angle of a pinhole.
+    tangent: f32,
+    near: f32,
+    /// Pixels per unit of tangent or, from a parallel camera, of length.
+    focal: f32,
+    orthographic: bool,
+    tau: i16,
+    /// Levels by which all texels are larger than a pixel, for want of room.
+    coarser: i32,
+}
+
+/// The binary logarithm of a positive number, rounded down.
+fn exponent(v: f32) -> i32 {
+    (v.to_bits() >> 23) as i32 - 127
+}
+
+fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+impl LightView {
+    /// Of a light's map and a view whose cut has errors of up to `pixel_error`, in a scene of some size across.
+    pub fn new(light: u32, map: &ShadowMap, view: &View, pixel_error: f32, scene_size: f64) -> Self {
+        let turn = map.axes.transpose() * view.pose.matrix3;
+        let row = |k: usize| turn.row(k).as_vec3().to_array();
+        let eye = map.axes.transpose() * (view.eye() - map.origin);
+        let first =
+            (scene_size.max(f64::from(f32::MIN_POSITIVE)).log2().ceil() as i32 - FINEST).clamp(-120, 60);
+        let anchor = |level: i32| {
+            let texel = ShadowMap::texel(level as i16);
+            let page = f64::from(SHADOW_PAGE_SIDE);
+            let slab = f64::from(SHADOW_SIDE);
+            let at = [eye.x / texel, -eye.y / texel, eye.z / texel];
+            let sides = [page, page, slab];
+            let index: [f64; 3] = std::array::from_fn(|k| (at[k] / sides[k]).floor());
+            Anchor {
+                page: index.map(|v| v as i64),
+                offset: std::array::from_fn(|k| (at[k] - index[k] * sides[k]) as f32),
+            }
+        };
+        let anchors =
+            if map.parallel() { (first..first + LEVELS as i32).map(anchor).collect() } else { Vec::new() };
+        Self {
+            light,
+            kind: map.kind,
+            axes: [row(0), row(1), row(2)],
+            eye: eye.as_vec3().to_array(),
+            anchors,
+            first,
+            tangent: map.tangent as f32,
+            near: map.near as f32,
+            focal: view.lod_constants().0,
+            orthographic: view.orthographic,
+            tau: PageKey::tau_of(pixel_error),
+            coarser: 0,
+        }
+    }
+
+    /// The same with all texels larger by so many levels.
+    pub fn coarser(&self, levels: i32) -> Self {
+        Self { coarser: levels, ..self.clone() }
+    }
+
+    /// The page of the map that this says.
+    pub fn key(&self, page: &RelativePage) -> PageKey {
+        let RelativePage { face, level, x, y, z } = *page;
+        let base = match self.kind {
+            MapKind::Parallel => self.anchors[(i32::from(level) - self.first) as usize].page,
+            _ => [0; 3],
+        };
+        let [x, y, z] = [base[0] + i64::from(x), base[1] + i64::from(y), base[2] + i64::from(z)];
+        PageKey { light: self.light, face, level, tau: self.tau, x, y, z }
+    }
+
+    /// What a receiver looks up.
+    pub fn look_up(&self, receiver: &Receiver) -> Lookup {
+        let Receiver { position: p, normal, smooth, error } = receiver;
+        let distance = dot(p, p).sqrt();
+        let pixel = if self.orthographic { 1.0 / self.focal } else { distance / self.focal };
+        let rounding = distance * SHADOW_ROUNDING;
+        let own = error + rounding + SHADOW_SNAP * pixel;
+        // From the light's place, or from the camera.
+        let from: [f32; 3] = std::array::from_fn(|k| dot(&self.axes[k], p));
+        if self.kind == MapKind::Parallel {
+            let Some((normal, facing)) = facing(normal, smooth, &self.axes[2]) else { return Lookup::Dark };
+            let level = (exponent(pixel) + self.coarser).clamp(self.first, self.first + LEVELS as i32 - 1);
+            let texel = f32::from_bits(((level + 127) as u32) << 23);
+            let slope = if facing { slope(dot(&self.axes[2], normal)) } else { 1.0 };
+            let by = own + texel * (PageKey::threshold(self.tau) + SHADOW_TEXEL_REACH * slope);
+            let moved: [f32; 3] = std::array::from_fn(|k| from[k] + by * dot(&self.axes[k], normal));
+            let Anchor { offset, .. } = self.anchors[(level - self.first) as usize];
+            let (x, y, z) =
+                (moved[0] / texel + offset[0], offset[1] - moved[1] / texel, moved[2] / texel + offset[2]);
+            let side = SHADOW_PAGE_SIDE as f32;
+            let (column, row, slab) =
+                ((x / side).floor(), (y / side).floor(), (z / SHADOW_SIDE as f32).floor());
+            let depth = ((slab + 1.0) * SHADOW_SIDE as f32 - z) * texel;
+            let depth = depth - (rounding + error_of_texel(texel));
+            let page = RelativePage {
+                face: 0,
+                level: level as i16,
+                x: column as i32,
+                y: row as i32,
+                z: slab as i32,
+            };
+            let key = !depth.max(0.0).to_bits();
+            return Lookup::Texel { page, texel: texel_in(x - column * side, y - row * side), key };
+        }
+        let from: [f32; 3] = std::array::from_fn(|k| from[k] + self.eye[k]);
+        let length = dot(&from, &from).sqrt();
+        // In camera space.
+        let towards: [f32; 3] = std::array::from_fn(|k| {
+            -(self.axes[0][k] * from[0] + self.axes[1][k] * from[1] + self.axes[2][k] * from[2]) / length
+        });
+        let Some((normal, facing)) = facing(normal, smooth, &towards) else { return Lookup::Dark };
+        let normal: [f32; 3] = std::array::from_fn(|k| dot(&self.axes[k], normal));
+        let face = self.face(&from);
+        let depth = -self.along(face, 2, &from);
+        let finest = depth * (2.0 * self.tangent / SHADOW_SIDE as f32);
+        if !(depth > 0.0 && finest > 0.0) {
+            return Lookup::Lit;
+        }
+        let level = (exponent(pixel / finest) + self.coarser).clamp(0, BOUNDED_LEVELS - 1);
+        let texel = finest * f32::from_bits(((level + 127) as u32) << 23);
+        let slope = if facing { slope(self.along(face, 2, &normal)) } else { 1.0 };
+        let by = own + texel * (PageKey::threshold(self.tau) + SHADOW_TEXEL_REACH * slope);
+        let moved: [f32; 3] = std::array::from_fn(|k| from[k] + by * normal[k]);
+        // Of a cube it may be another now.
+        let face = self.face(&moved);
+        let depth = -self.along(face, 2, &moved);
+        let texels = (SHADOW_SIDE >> level) as f32;
+        let scale = 0.5 * texels / (self.tangent * depth);
+        let x = 0.5 * texels + self.along(face, 0, &moved) * scale;
+        let y = 0.5 * texels - self.along(face, 1, &moved) * scale;
+        // The picture of a spot ends with its cone, those of a cube at each other, but for rounding.
+        let cube = self.kind == MapKind::Cube;
+        if !(depth > self.near && (cube || (x >= 0.0 && x < texels && y >= 0.0 && y < texels))) {
+            return Lookup::Lit;
+        }
+        let (x, y) = (x.max(0.0).min(texels.next_down()), y.max(0.0).min(texels.next_down()));
+        let side = SHADOW_PAGE_SIDE as f32;
+        let (column, row) = ((x / side).floor(), (y / side).floor());
+        let page = RelativePage { face, level: level as i16, x: column as i32, y: row as i32, z: 0 };
+        let depth = depth - (rounding + (length + texel) * SHADOW_ROUNDING);
+        let key = (self.near / depth).to_bits();
+        Lookup::Texel { page, texel: texel_in(x - column * side, y - row * side), key }
+    }
+
+    /// The face that sees a point, which is given along the light's axes.
+    fn face(&self, at: &[f32; 3]) -> u8 {
+        if self.kind == MapKind::Cube { face_of(at) } else { 0 }
+    }
+
+    /// How far something, along the light's axes, lies to the right, up, or against the sight of a face.
+    fn along(&self, face: u8, k: usize, v: &[f32; 3]) -> f32 {
+        if self.kind != MapKind::Cube {
+            return v[k];
+        }
+        let (axis, sign) = CUBE_FACES[usize::from(face)][k];
+        sign * v[axis]
+    }
+}
+
+/// What rounding in a page may be off by: depths of up to [`SHADOW_SIDE`] texels.
+fn error_of_texel(texel: f32) -> f32 {
+    texel * (SHADOW_SIDE as f32 * SHADOW_ROUNDING)
+}
+
+/// The normal along which a receiver is moved, and whether it is the triangle's; `None` where it faces away from the light.
+///
+/// A cut's triangle may be turned where the source is not: where the two normals disagree, the map decides.
+fn facing<'a>(
+    normal: &'a [f32; 3],
+    smooth: &'a [f32; 3],
+    towards: &[f32; 3],
+) -> Option<(&'a [f32; 3], bool)> {
+    if dot(normal, towards) > 0.0 {
+        return Some((normal, true));
+    }
+    (dot(smooth, towards) > 0.0).then_some((smooth, false))
+}
+
+/// How fast a surface falls off along a map: the sine of the angle between its normal and the map's axis, of the cosine.
+fn slope(cosine: f32) -> f32 {
+    (1.0 - cosine * cosine).max(0.0).sqrt()
+}
+
+/// The texel of a page at so many texels right and down.
+fn texel_in(x: f32, y: f32) -> u32 {
+    let last = SHADOW_PAGE_SIDE - 1;
+    let texel = (y as u32).min(last) * SHADOW_PAGE_SIDE + (x as u32).min(last);
+    debug_assert!((texel as usize) < SHADOW_PAGE_TEXELS);
+    texel
+}
+
+/// The face of a cube through which a point is seen from its middle.
+fn face_of(at: &[f32; 3]) -> u8 {
+    let size = at.map(f32::abs);
+    let axis = if size[0] >= size[1] && size[0] >= size[2] {
+        0
+    } else if size[1] >= size[2] {
+        1
+    } else {
+        2
+    };
+    2 * axis as u8 + u8::from(at[axis] < 0.0)
+}
