@@ -250,8 +250,8 @@ class Frame(_advice.Teaching):
         found = self._frame.shadows()
         shadows = None
         if found is not None:
-            counts, (mark, draw, test) = found
-            shadows = ShadowStats(**dict(counts), mark_ms=mark, draw_ms=draw, test_ms=test)
+            counts, (mark, draw) = found
+            shadows = ShadowStats(**dict(counts), mark_ms=mark, draw_ms=draw)
         return FrameStats(
             stages=stages,
             total_ms=total_ms,

@@ -98,15 +98,13 @@ class ShadowStats:
     """Finding what pixels look up, milliseconds."""
     draw_ms: float
     """Drawing pages, milliseconds."""
-    test_ms: float
-    """Comparing depths, milliseconds."""
 
     def __str__(self) -> str:
         coarser = f", texels {2**self.coarser} times as large" if self.coarser else ""
         return (
             f"{self.wanted_pages:,} pages wanted, {self.drawn_pages:,} of them drawn ({self.triangles:,} triangles "
-            f"in {self.clusters:,} clusters), {self.kept_pages:,} kept{coarser}; {self.mark_ms:.2f} ms to mark, "
-            f"{self.draw_ms:.2f} to draw, {self.test_ms:.2f} to test"
+            f"in {self.clusters:,} clusters), {self.kept_pages:,} kept{coarser}; {self.mark_ms:.2f} ms to mark "
+            f"them, {self.draw_ms:.2f} to draw"
         )
 
 

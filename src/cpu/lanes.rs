@@ -35,6 +35,12 @@ impl Lanes {
         lanes!(i => self.0[i].sqrt())
     }
 
+    /// The next whole numbers below.
+    #[inline(always)]
+    pub fn floor(self) -> Self {
+        lanes!(i => self.0[i].floor())
+    }
+
     /// Absolute values.
     #[inline(always)]
     pub fn abs(self) -> Self {

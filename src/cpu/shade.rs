@@ -12,7 +12,7 @@ use super::environment;
 use super::lanes::{LANES, Lanes, Vec3x8, cross, dot, minus, normalize, splat3};
 use super::material::Bsdf;
 use super::output::ROWS;
-use super::shadow_test::LightVisibility;
+use super::shadow_test::{Receivers, Shadows};
 use super::surface::{Detail, Extra, Pixels, Surfels, Walk};
 use crate::config::{Output, Shading, Transfer};
 use crate::limits::{DIELECTRIC_F0, LEAST_COSINE};
@@ -94,8 +94,8 @@ impl Reflector {
 pub struct Light<'a> {
     /// All of it.
     pub lighting: &'a Lighting,
-    /// Where lights reach, if they throw shadows.
-    pub shadows: Option<&'a LightVisibility>,
+    /// What is in the way of lights, if they throw shadows.
+    pub shadows: Option<&'a Shadows>,
 }
 
 /// Surface points as a frame shades them, and where they are seen from.
@@ -281,13 +281,16 @@ impl Shader<'_> {
                 Output::Orm => [seen.bsdf.occlusion, seen.bsdf.roughness, seen.bsdf.metallic],
                 Output::Emissive => seen.bsdf.emissive,
                 _ => {
-                    let reaches = |number| {
-                        let lit = self.light.shadows?.of(number)?;
-                        let mut out = Lanes::splat(1.0);
-                        for lane in 0..surfels.count {
-                            out.0[lane] = f32::from(lit[surfels.pixels[lane] as usize]);
+                    let receivers = match (self.light.shadows, surfels.detail.detail()) {
+                        (Some(shadows), Some(detail)) => {
+                            Receivers::new(&surfels, detail, &seen.position, orthographic)
+                                .map(|all| (all, shadows))
                         }
-                        Some(out)
+                        _ => None,
+                    };
+                    let reaches = |number: usize| {
+                        let (receivers, shadows) = receivers.as_ref()?;
+                        Some(receivers.reached_by(shadows[number].as_ref()?))
                     };
                     shade(seen, self.eye, self.light.lighting, shading, reaches)
                 }
@@ -384,7 +387,7 @@ fn run<T: Copy + Default + PartialEq + Send + Sync>(
     let shader = Shader { pixels, light: *light, eye, output };
     match (textured, light.lighting.shading) {
         (true, _) => shader.rows::<T, Detail, true>(background, written),
-        (_, Shading::Pyrender) => shader.rows::<T, (), false>(background, written),
+        (_, Shading::Pyrender) if light.shadows.is_none() => shader.rows::<T, (), false>(background, written),
         // Detail tells back faces from front faces.
         _ => shader.rows::<T, Detail, false>(background, written),
     }

@@ -1,128 +1,170 @@
-//! Visibility buffer → what its pixels look up in shadow maps, and the pages that they want.
+//! Visibility buffer → the pages of shadow maps that its pixels may look up. Depth is enough: a receiver is moved by less
+//! than a margin before it looks one up.
 
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
+use rustc_hash::FxHashSet;
 
+use super::lanes::{LANES, Lanes, Vec3x8, dot};
 use super::output::ROWS;
 use super::shade::position;
-use super::surface::{Detail, Pixels, Surfels, Walk};
-use crate::limits::{SHADOW_PAGE_TEXELS, SHADOW_ROUNDING};
+use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH};
 use crate::scene::placement::Eye;
 use crate::shadow::receiver::RelativePage;
-use crate::shadow::{LightView, Lookup, PageKey, Receiver};
+use crate::shadow::{LightView, PageKey};
+use crate::views::Screen;
 
-/// A pixel that looks nothing up, and is lit.
-pub const LIT: u32 = u32::MAX;
-/// A pixel that looks nothing up, and is dark.
-pub const DARK: u32 = u32::MAX - 1;
-
-/// What a pixel looks up.
+/// By how much what is drawn may be off the source.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
-    /// Page of [`Marked::pages`] times the texels of a page, plus the texel; [`LIT`] or [`DARK`].
-    pub texel: u32,
-    /// Its key: what is nearer to the light has a larger one.
-    pub key: u32,
+pub struct ReceiverError {
+    /// Pixels.
+    pub pixels: f32,
+    /// World units, besides.
+    pub world: f32,
 }
 
-/// What some rows look up in the maps of one light.
-#[derive(Clone, Debug, Default)]
-pub struct Marked {
-    /// Pages that are wanted, each once.
-    pub pages: Vec<PageKey>,
-    /// One for each pixel.
-    pub places: Vec<Place>,
-}
-
-/// What pixels of a frame look up: by stretches of [`ROWS`] rows, then by light.
-pub fn run(pixels: Pixels<'_>, eye: &Eye, lights: &[LightView]) -> Vec<Vec<Marked>> {
-    let stretch = ROWS * pixels.screen.width as usize;
-    let count = pixels.words.len();
-    let starts: Vec<usize> = (0..count).step_by(stretch.max(1)).collect();
-    starts.par_iter().map(|&start| mark(pixels, eye, lights, start..count.min(start + stretch))).collect()
-}
-
-/// What a stretch looks up in one light, while it is found.
-#[derive(Default)]
-struct Finder {
-    numbers: FxHashMap<RelativePage, u32>,
-    last: Option<(RelativePage, u32)>,
-    marked: Marked,
-}
-
-impl Finder {
-    fn note(&mut self, light: &LightView, pixel: usize, lookup: Lookup) {
-        let place = match lookup {
-            Lookup::Lit => return,
-            Lookup::Dark => Place { texel: DARK, key: 0 },
-            Lookup::Texel { page, texel, key } => {
-                let number = match self.last {
-                    Some((last, number)) if last == page => number,
-                    _ => {
-                        let pages = &mut self.marked.pages;
-                        *self.numbers.entry(page).or_insert_with(|| {
-                            pages.push(light.key(&page));
-                            pages.len() as u32 - 1
-                        })
-                    }
-                };
-                self.last = Some((page, number));
-                Place { texel: number * SHADOW_PAGE_TEXELS as u32 + texel, key }
-            }
-        };
-        self.marked.places[pixel] = place;
+/// The pages that pixels of a frame may want, each once, in any order.
+pub fn run(
+    words: &[u64],
+    screen: &Screen,
+    eye: &Eye,
+    error: ReceiverError,
+    lights: &[LightView],
+) -> FxHashSet<PageKey> {
+    let stretch = (ROWS * screen.width as usize).max(1);
+    let marker = Marker { words, screen, eye, error, lights };
+    let starts: Vec<usize> = (0..words.len()).step_by(stretch).collect();
+    let parts: Vec<Vec<FxHashSet<RelativePage>>> =
+        starts.par_iter().map(|&start| marker.mark(start, words.len().min(start + stretch))).collect();
+    let mut pages = FxHashSet::default();
+    for part in parts {
+        for (light, found) in lights.iter().zip(part) {
+            pages.extend(found.iter().map(|page| light.key(page)));
+        }
     }
+    pages
 }
 
-fn mark(pixels: Pixels<'_>, eye: &Eye, lights: &[LightView], range: std::ops::Range<usize>) -> Vec<Marked> {
-    let start = range.start;
-    let new = || {
-        let mut finder = Finder::default();
-        finder.marked.places = vec![Place { texel: LIT, key: 0 }; range.len()];
-        finder
-    };
-    let mut finders: Vec<Finder> = lights.iter().map(|_| new()).collect();
-    if let Some(mut walk) = Walk::new(pixels, range.clone()) {
-        while let Some(surfels) = walk.step::<Detail>() {
-            if !surfels.view.receives_shadows {
+struct Marker<'a> {
+    words: &'a [u64],
+    screen: &'a Screen,
+    eye: &'a Eye,
+    error: ReceiverError,
+    lights: &'a [LightView],
+}
+
+impl Marker<'_> {
+    fn mark(&self, start: usize, end: usize) -> Vec<FxHashSet<RelativePage>> {
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
+            // SAFETY: the processor has AVX2 and BMI2.
+            return unsafe { self.mark_avx2(start, end) };
+        }
+        self.mark_anywhere(start, end)
+    }
+
+    /// The same with 256-bit vectors. No operation fuses, so the result is the same.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,bmi2")]
+    fn mark_avx2(&self, start: usize, end: usize) -> Vec<FxHashSet<RelativePage>> {
+        self.mark_anywhere(start, end)
+    }
+
+    #[inline(always)]
+    fn mark_anywhere(&self, start: usize, end: usize) -> Vec<FxHashSet<RelativePage>> {
+        let mut found: Vec<FxHashSet<RelativePage>> =
+            self.lights.iter().map(|_| FxHashSet::default()).collect();
+        let mut last: Vec<Option<RelativePage>> = vec![None; self.lights.len()];
+        let width = self.screen.width as usize;
+        let places = (start..end)
+            .step_by(width)
+            .flat_map(|row| (row..row + width).step_by(LANES).map(move |at| (row, at)));
+        for (row, first) in places {
+            let words = &self.words[first..(row + width).min(first + LANES)];
+            let mut point =
+                [Lanes::splat((first - row) as f32 + 0.5), Lanes::splat((row / width) as f32 + 0.5)];
+            let mut distance = Lanes::splat(1.0);
+            let mut count = 0;
+            // What is covered, close together.
+            for (lane, word) in words.iter().enumerate().filter(|(_, word)| **word != 0) {
+                point[0].0[count] = (first - row + lane) as f32 + 0.5;
+                distance.0[count] = self.screen.distance((*word >> 32) as u32);
+                count += 1;
+            }
+            if count == 0 {
                 continue;
             }
-            let receivers = receivers(&surfels, eye, pixels.screen.orthographic);
-            for (light, finder) in lights.iter().zip(&mut finders) {
-                for lane in 0..surfels.count {
-                    finder.note(
-                        light,
-                        surfels.pixels[lane] as usize - start,
-                        light.look_up(&receivers[lane]),
-                    );
+            for lane in count..LANES {
+                (point[0].0[lane], distance.0[lane]) = (point[0].0[0], distance.0[0]);
+            }
+            let at = position(self.eye, self.screen.orthographic, &point, distance);
+            for ((light, found), last) in self.lights.iter().zip(&mut found).zip(&mut last) {
+                let mut note = |page| {
+                    if *last != Some(page) {
+                        found.insert(page);
+                        *last = Some(page);
+                    }
+                };
+                if self.mark_together(light, &at, &mut note) {
+                    continue;
+                }
+                for lane in 0..count {
+                    let position = at.map(|c| c.0[lane]);
+                    let error = self.error.world + self.error.pixels * light.pixel(&position).1;
+                    light.mark(&position, error, &mut note);
                 }
             }
         }
+        found
     }
-    finders.into_iter().map(|finder| finder.marked).collect()
-}
 
-/// Surface points as receivers.
-fn receivers(
-    surfels: &Surfels<'_, Detail>,
-    eye: &Eye,
-    orthographic: bool,
-) -> [Receiver; super::lanes::LANES] {
-    let at = position(eye, orthographic, &surfels.point, surfels.distance);
-    let view = surfels.view;
-    let (face, smooth) = (&surfels.detail.face, &surfels.normal);
-    std::array::from_fn(|lane| {
-        let of = |v: &super::lanes::Vec3x8| v.map(|c| c.0[lane]);
-        let (position, normal, smooth) = (of(&at), of(face), of(smooth));
-        let away = match orthographic {
-            true => normal[2] < 0.0,
-            false => (0..3).map(|k| normal[k] * position[k]).sum::<f32>() > 0.0,
+    /// The pages of eight receivers that lie close together in one level of a map without an end, each at least once. False
+    /// where they do not.
+    #[inline(always)]
+    fn mark_together(&self, light: &LightView, at: &Vec3x8, want: &mut impl FnMut(RelativePage)) -> bool {
+        let distance = dot(at, at).sqrt();
+        let pixel = match light.orthographic {
+            true => Lanes::splat(1.0 / light.focal),
+            false => distance / light.focal,
         };
-        let sign = if away { -1.0 } else { 1.0 };
-        // Lanes without a pixel have clusters of anything.
-        let own =
-            if lane < surfels.count { view.pages.record(surfels.clusters[lane]).error.max(0.0) } else { 0.0 };
-        let error = view.lod.scale * (own + view.lod.rounding + SHADOW_ROUNDING);
-        Receiver { position, normal: normal.map(|c| sign * c), smooth: smooth.map(|c| sign * c), error }
-    })
+        let level = light.level_of(pixel.0[0]);
+        let Some(anchor) = light.anchor(level) else { return false };
+        let mut same = true;
+        for lane in 1..LANES {
+            same &= light.level_of(pixel.0[lane]) == level;
+        }
+        if !same {
+            return false;
+        }
+        let inverse = f32::from_bits(((127 - level) as u32) << 23);
+        let own = distance * SHADOW_ROUNDING + pixel * (self.error.pixels + SHADOW_SNAP) + self.error.world;
+        // A little more, for the rounding of what follows.
+        let reach = (own * inverse + (light.threshold + SHADOW_TEXEL_REACH)) * 1.001;
+        let texels = |k: usize| {
+            let axis = &light.axes[k];
+            (at[0] * axis[0] + at[1] * axis[1] + at[2] * axis[2]) * inverse
+        };
+        let range = |along: Lanes, side: f32| {
+            let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+            for lane in 0..LANES {
+                low = low.min(along.0[lane] - reach.0[lane]);
+                high = high.max(along.0[lane] + reach.0[lane]);
+            }
+            ((low / side).floor() as i32, (high / side).floor() as i32)
+        };
+        let side = SHADOW_PAGE_SIDE as f32;
+        let (left, right) = range(texels(0) + anchor[0], side);
+        let (top, bottom) = range(-(texels(1) - anchor[1]), side);
+        let (below, above) = range(texels(2) + anchor[2], SHADOW_SIDE as f32);
+        if right.wrapping_sub(left) > 1 || bottom.wrapping_sub(top) > 1 || above.wrapping_sub(below) > 1 {
+            return false;
+        }
+        for z in below..=above {
+            for y in top..=bottom {
+                for x in left..=right {
+                    want(RelativePage { face: 0, level: level as i16, x, y, z });
+                }
+            }
+        }
+        true
+    }
 }

@@ -179,7 +179,7 @@ fn draw_page(
     views: &[InstanceView],
     instances: &[&Instance],
 ) -> PageTexels {
-    let mut texels = vec![0u32; SHADOW_PAGE_TEXELS].into_boxed_slice();
+    let mut texels = vec![0u32; SHADOW_PAGE_TEXELS];
     let view = map.page_view(key);
     let (eye, screen) = (Eye::new(&view), Screen::new(&view));
     let mut own: Vec<InstanceView> = Vec::new();
@@ -198,5 +198,5 @@ fn draw_page(
     let sink = Nearest(u32::cells(&mut texels));
     raster_small::run(&small, &visible, &own, &screen, &sink);
     raster_large::run(&large, &visible, &own, &screen, &sink);
-    texels
+    texels.into()
 }

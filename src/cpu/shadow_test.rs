@@ -1,56 +1,207 @@
-//! What pixels look up, and pages → how much of each light reaches each pixel.
+//! Surface points and pages of shadow maps → how much of each light reaches them.
+
+use std::sync::Arc;
 
 use rayon::prelude::*;
+use rustc_hash::FxHashMap;
 
-use super::shadow_mark::{DARK, LIT, Marked};
-use crate::limits::SHADOW_PAGE_TEXELS;
-use crate::shadow::ShadowCache;
+use super::lanes::{LANES, Lanes, Vec3x8, dot};
+use super::output::ROWS;
+use super::shade::position;
+use super::surface::{Detail, Pixels, Surfels, Walk};
+use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH};
+use crate::scene::placement::Eye;
+use crate::shadow::receiver::{RelativePage, texel_in};
+use crate::shadow::{LightView, Lookup, Receiver};
 
-/// How much of lights reaches the pixels of a frame.
-#[derive(Clone, Debug, Default)]
-pub struct LightVisibility {
-    /// For each light of the frame whether it throws shadows; then its place among those that do.
-    pub lights: Vec<Option<usize>>,
-    /// Pixels of the frame.
-    pub pixels: usize,
-    /// 0 in shadow, 1 in light: for each light that throws shadows all pixels, row by row.
-    pub lit: Vec<u8>,
+/// The shadow maps of a light, as far as a frame looks them up.
+#[derive(Clone, Debug)]
+pub struct LightShadow {
+    /// How it looks them up.
+    pub view: LightView,
+    /// The pages that it may want.
+    pub pages: FxHashMap<RelativePage, Arc<[u32]>>,
 }
 
-impl LightVisibility {
-    /// That of a light, by its number in the frame; `None` where it reaches everything.
-    #[inline]
-    pub fn of(&self, light: usize) -> Option<&[u8]> {
-        let at = (*self.lights.get(light)?)?;
-        Some(&self.lit[at * self.pixels..][..self.pixels])
+/// The shadows of a frame: one for each of its lights, or none where a light throws no shadow.
+pub type Shadows = Vec<Option<LightShadow>>;
+
+/// Receivers of up to eight pixels, see [`Receiver`].
+pub struct Receivers {
+    count: usize,
+    position: Vec3x8,
+    normal: Vec3x8,
+    smooth: Vec3x8,
+    error: Lanes,
+    distance: Lanes,
+}
+
+impl Receivers {
+    /// Surface points at places in camera space; none where no shadow falls.
+    #[inline(always)]
+    pub fn new<D>(
+        surfels: &Surfels<'_, D>,
+        detail: &Detail,
+        at: &Vec3x8,
+        orthographic: bool,
+    ) -> Option<Self> {
+        let view = surfels.view;
+        if !view.receives_shadows {
+            return None;
+        }
+        let away = if orthographic { -detail.face[2] } else { dot(&detail.face, at) };
+        let turned = |v: &Vec3x8| v.map(|c| (-away).where_negative(-c, c));
+        // Lanes without a pixel have clusters of anything.
+        let mut own = Lanes::splat(0.0);
+        let mut last = None;
+        for lane in 0..surfels.count {
+            let cluster = surfels.clusters[lane];
+            own.0[lane] = match last {
+                Some((known, error)) if known == cluster => error,
+                _ => view.pages.record(cluster).error.max(0.0),
+            };
+            last = Some((cluster, own.0[lane]));
+        }
+        Some(Self {
+            count: surfels.count,
+            position: *at,
+            normal: turned(&detail.face),
+            smooth: turned(&surfels.normal),
+            error: (own + view.lod.rounding + SHADOW_ROUNDING) * view.lod.scale,
+            distance: dot(at, at).sqrt(),
+        })
     }
-}
 
-/// Compares depths.
-pub fn run(marked: &[Vec<Marked>], lights: Vec<Option<usize>>, cache: &ShadowCache) -> LightVisibility {
-    let maps = lights.iter().flatten().count();
-    let pixels: usize = marked.iter().filter_map(|stretch| stretch.first()).map(|one| one.places.len()).sum();
-    let mut lit = vec![1u8; maps * pixels];
-    for (number, lit) in lit.chunks_exact_mut(pixels.max(1)).enumerate() {
-        let stretch =
-            marked.first().and_then(|first| first.get(number)).map_or(1, |first| first.places.len());
-        lit.par_chunks_mut(stretch.max(1))
-            .zip(marked)
-            .for_each(|(lit, marked)| compare(&marked[number], cache, lit));
+    fn one(&self, lane: usize) -> Receiver {
+        let of = |v: &Vec3x8| v.map(|c| c.0[lane]);
+        let (position, normal, smooth) = (of(&self.position), of(&self.normal), of(&self.smooth));
+        Receiver { position, normal, smooth, error: self.error.0[lane] }
     }
-    LightVisibility { lights, pixels, lit }
-}
 
-fn compare(marked: &Marked, cache: &ShadowCache, lit: &mut [u8]) {
-    let pages: Vec<Option<&[u32]>> = marked.pages.iter().map(|key| cache.page(key)).collect();
-    for (place, lit) in marked.places.iter().zip(lit) {
-        *lit = match place.texel {
-            LIT => 1,
-            DARK => 0,
-            at => {
-                let (page, texel) = (at as usize / SHADOW_PAGE_TEXELS, at as usize % SHADOW_PAGE_TEXELS);
-                u8::from(pages[page].is_none_or(|texels| texels[texel] <= place.key))
-            }
+    /// How much of a light reaches each: 1, or 0 in its shadow.
+    #[inline(always)]
+    pub fn reached_by(&self, light: &LightShadow) -> Lanes {
+        let view = &light.view;
+        let pixel = match view.orthographic {
+            true => Lanes::splat(1.0 / view.focal),
+            false => self.distance / view.focal,
         };
+        let level = view.level_of(pixel.0[0]);
+        let mut same = true;
+        for lane in 0..LANES {
+            same &= (view.level_of(pixel.0[lane]) == level) | (lane >= self.count);
+        }
+        match view.anchor(level) {
+            Some(anchor) if same => self.in_level(light, level, &anchor, pixel),
+            _ => self.one_by_one(light),
+        }
     }
+
+    fn one_by_one(&self, light: &LightShadow) -> Lanes {
+        let mut out = Lanes::splat(1.0);
+        let mut pages = Pages { light, last: None };
+        for lane in 0..self.count {
+            out.0[lane] = match light.view.look_up(&self.one(lane)) {
+                Lookup::Lit => 1.0,
+                Lookup::Dark => 0.0,
+                Lookup::Texel { page, texel, key } => pages.compare(page, texel, key),
+            };
+        }
+        out
+    }
+
+    /// [`LightView::look_up`] of receivers that look up one level of a parallel map, operation by operation.
+    #[inline(always)]
+    fn in_level(&self, light: &LightShadow, level: i32, anchor: &[f32; 3], pixel: Lanes) -> Lanes {
+        let LightView { axes, threshold, .. } = &light.view;
+        let along = |k: usize, v: &Vec3x8| v[0] * axes[k][0] + v[1] * axes[k][1] + v[2] * axes[k][2];
+        let (normal, smooth) = (along(2, &self.normal), along(2, &self.smooth));
+        let texel = f32::from_bits(((level + 127) as u32) << 23);
+        // Not above 0, or not a number: the smooth one.
+        let pick = |lane: usize| normal.0[lane] > 0.0;
+        let mut slope = (-(normal * normal - 1.0)).max(0.0).sqrt();
+        let mut chosen = self.normal;
+        for lane in 0..LANES {
+            slope.0[lane] = if pick(lane) { slope.0[lane] } else { 1.0 };
+            for k in 0..3 {
+                chosen[k].0[lane] = if pick(lane) { self.normal[k].0[lane] } else { self.smooth[k].0[lane] };
+            }
+        }
+        let own = self.error + (self.distance * SHADOW_ROUNDING + pixel * SHADOW_SNAP);
+        let by = own + (slope * SHADOW_TEXEL_REACH + *threshold) * texel;
+        let moved = |k: usize| along(k, &self.position) + by * along(k, &chosen);
+        let (x, y, z) =
+            (moved(0) / texel + anchor[0], -(moved(1) / texel - anchor[1]), moved(2) / texel + anchor[2]);
+        let side = SHADOW_PAGE_SIDE as f32;
+        let (column, row) = ((x / side).floor(), (y / side).floor());
+        let slab = (z / SHADOW_SIDE as f32).floor();
+        let depth = ((slab + 1.0) * SHADOW_SIDE as f32 - z) * texel;
+        let depth =
+            depth - (self.distance * SHADOW_ROUNDING + texel * (SHADOW_SIDE as f32 * SHADOW_ROUNDING));
+        let depth = depth.max(0.0);
+        let (x, y) = (x - column * side, y - row * side);
+        let mut pages = Pages { light, last: None };
+        let mut out = Lanes::splat(1.0);
+        for lane in 0..self.count {
+            if !(pick(lane) || smooth.0[lane] > 0.0) {
+                out.0[lane] = 0.0;
+                continue;
+            }
+            let page = RelativePage {
+                face: 0,
+                level: level as i16,
+                x: column.0[lane] as i32,
+                y: row.0[lane] as i32,
+                z: slab.0[lane] as i32,
+            };
+            out.0[lane] = pages.compare(page, texel_in(x.0[lane], y.0[lane]), !depth.0[lane].to_bits());
+        }
+        out
+    }
+}
+
+/// A light's pages, of which the next lookup mostly wants the one before.
+struct Pages<'a> {
+    light: &'a LightShadow,
+    last: Option<(RelativePage, Option<&'a [u32]>)>,
+}
+
+impl Pages<'_> {
+    /// 1 where nothing in a page is nearer to the light.
+    #[inline(always)]
+    fn compare(&mut self, page: RelativePage, texel: u32, key: u32) -> f32 {
+        let texels = match self.last {
+            Some((known, texels)) if known == page => texels,
+            _ => self.light.pages.get(&page).map(|texels| &texels[..]),
+        };
+        debug_assert!(texels.is_some(), "{page:?} was not marked");
+        self.last = Some((page, texels));
+        if texels.is_none_or(|texels| texels[texel as usize] <= key) { 1.0 } else { 0.0 }
+    }
+}
+
+/// How much of each light reaches each pixel, row by row: all lights of the first pixel first. 1 where nothing is covered.
+pub fn run(pixels: Pixels<'_>, eye: &Eye, shadows: &Shadows) -> Vec<f32> {
+    let lights = shadows.len();
+    let mut out = vec![1.0; lights * pixels.words.len()];
+    let stretch = ROWS * pixels.screen.width as usize;
+    out.par_chunks_mut((lights * stretch).max(1)).enumerate().for_each(|(chunk, out)| {
+        let start = chunk * stretch;
+        let Some(mut walk) = Walk::new(pixels, start..start + out.len() / lights) else { return };
+        while let Some(surfels) = walk.step::<Detail>() {
+            let orthographic = pixels.screen.orthographic;
+            let at = position(eye, orthographic, &surfels.point, surfels.distance);
+            let Some(receivers) = Receivers::new(&surfels, &surfels.detail, &at, orthographic) else {
+                continue;
+            };
+            for (number, light) in shadows.iter().enumerate() {
+                let Some(light) = light else { continue };
+                let reached = receivers.reached_by(light);
+                for lane in 0..surfels.count {
+                    out[lights * (surfels.pixels[lane] as usize - start) + number] = reached.0[lane];
+                }
+            }
+        }
+    });
+    out
 }

@@ -373,8 +373,8 @@ impl Frame {
         })
     }
 
-    /// What shadows cost, by name, and the milliseconds of marking, drawing and testing.
-    fn shadows(&self, py: Python<'_>) -> PyResult<Option<(RawCounts, [f64; 3])>> {
+    /// What shadows cost, by name, and the milliseconds of marking and drawing.
+    fn shadows(&self, py: Python<'_>) -> PyResult<Option<(RawCounts, [f64; 2])>> {
         self.look(py, |frame| {
             let shadows = frame.stats.shadows.as_ref()?;
             let counts = vec![
@@ -387,7 +387,7 @@ impl Frame {
                 ("triangles", shadows.triangles),
                 ("coarser", shadows.coarser.into()),
             ];
-            Some((counts, [shadows.mark_ms, shadows.draw_ms, shadows.test_ms]))
+            Some((counts, [shadows.mark_ms, shadows.draw_ms]))
         })
     }
 

@@ -8,7 +8,7 @@ use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs};
 use crate::cpu::output::{self, DebugView};
 use crate::cpu::shade::{self, Light};
-use crate::cpu::shadow_test::LightVisibility;
+use crate::cpu::shadow_test::{self, Shadows};
 use crate::cpu::surface::Pixels;
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
@@ -69,8 +69,8 @@ pub struct Frame {
     pub(super) light: Option<Vec<f32>>,
     /// The same of meshes alone, see [`layers`].
     pub(super) layer: Option<Vec<[f32; 4]>>,
-    /// How much of each light reaches each pixel, where lights throw shadows.
-    pub(super) shadows: Option<LightVisibility>,
+    /// What is in the way of each light, where lights throw shadows.
+    pub(super) shadows: Option<Shadows>,
     /// Arrays made so far.
     pub(super) made: Vec<(Output, Array)>,
     pub(super) scratch: ScratchPool,
@@ -133,21 +133,10 @@ impl Frame {
     /// How much of each light, switched on, reaches each pixel, row by row: all of the first pixel first. 1 where nothing is
     /// covered.
     pub fn shadow(&self) -> Result<Vec<f32>> {
-        let Some(shadows) = &self.shadows else {
-            return Err(Error::argument("shadows", "the frame was rendered without"));
-        };
-        let lights = self.lighting.lights.len();
-        let mut out = vec![1.0; lights * shadows.pixels];
-        for light in 0..lights {
-            for (out, lit) in out[light.min(shadows.pixels)..]
-                .iter_mut()
-                .step_by(lights)
-                .zip(shadows.of(light).unwrap_or(&[]))
-            {
-                *out = f32::from(*lit);
-            }
+        match &self.shadows {
+            Some(shadows) => Ok(shadow_test::run(self.pixels("shadow")?, &self.eye, shadows)),
+            None => Err(Error::argument("shadows", "the frame was rendered without")),
         }
-        Ok(out)
     }
 
     /// Makes what of `outputs` is not there.

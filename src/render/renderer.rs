@@ -19,7 +19,7 @@ use crate::cpu::cluster_cull::CandidateCluster;
 use crate::cpu::hzb::Hzb;
 use crate::cpu::instance_cull;
 use crate::cpu::node_cull::CandidateGroup;
-use crate::cpu::shadow_test::LightVisibility;
+use crate::cpu::shadow_test::Shadows as FrameShadows;
 use crate::cpu::visibility::Pixel;
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
@@ -181,8 +181,8 @@ pub(super) struct Rastered {
     pub(super) light: Option<Vec<f32>>,
     /// The same of samples that show a mesh, times how many of all that are, and how many.
     pub(super) layer: Option<Vec<[f32; 4]>>,
-    /// How much of each light reaches each pixel, where lights throw shadows.
-    pub(super) shadows: Option<LightVisibility>,
+    /// What is in the way of each light, where lights throw shadows.
+    pub(super) shadows: Option<FrameShadows>,
     /// Streamed pages that it shows or misses.
     pub(super) needs: Needs,
     /// All but what makes arrays, and the time of the whole.

@@ -1,6 +1,7 @@
 //! Shadows of a call's frames: what their pixels look up, the pages that this wants and that are not there, and the
 //! comparison. All views of a call share the pages of a light.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -9,22 +10,18 @@ use super::renderer::{FrameContext, Rastered};
 use super::stats::ShadowStats;
 use super::streaming;
 use crate::config::Shadows;
-use crate::cpu::shadow_mark::{self, Marked};
-use crate::cpu::surface::Pixels;
-use crate::cpu::{shadow_raster, shadow_test};
+use crate::cpu::shadow_mark::{self, ReceiverError};
+use crate::cpu::shadow_raster;
+use crate::cpu::shadow_test::LightShadow;
 use crate::error::{Error, Result};
+use crate::limits::SHADOW_ROUNDING;
 use crate::scene::Scene;
 use crate::shadow::cache::PAGE_BYTES;
 use crate::shadow::{LightView, PageKey, ShadowCache, ShadowMap};
+use crate::views::InstanceView;
 
 /// Levels by which shadows are made coarser at most.
 const COARSEST: i32 = 16;
-
-/// What a frame looks up, and in which of its lights.
-struct Frame {
-    lights: Vec<Option<usize>>,
-    views: Vec<LightView>,
-}
 
 /// The size of a scene across: a power of two above the diameter of what is visible, so that it seldom changes.
 fn scene_size(scene: &Scene) -> f64 {
@@ -57,21 +54,20 @@ pub(super) fn light_up(
         visible().filter_map(|(slot, light)| Some((slot, ShadowMap::new(light, size)?))).collect();
     stats.invalidated = cache.update(scene, &maps, resident);
     let of_slot: FxHashMap<u32, ShadowMap> = maps.iter().copied().collect();
-    let frames: Vec<Frame> = frame_contexts
+    let views: Vec<Vec<Option<LightView>>> = frame_contexts
         .iter()
         .map(|own| {
-            let mut views = Vec::new();
-            let lights = visible().map(|(slot, _)| {
+            let view = |(slot, _)| {
                 let map = of_slot.get(&slot)?;
-                views.push(LightView::new(slot, map, &own.view, own.options.pixel_error, size));
-                Some(views.len() - 1)
-            });
-            Frame { lights: lights.collect(), views }
+                Some(LightView::new(slot, map, &own.view, own.options.pixel_error, size))
+            };
+            visible().map(view).collect()
         })
         .collect();
     let most = (options.shadow_memory / PAGE_BYTES).max(1) as usize;
     let start = Instant::now();
-    let (marked, wanted) = mark(frame_contexts, rastered, &frames, most, &mut stats)?;
+    let (views, wanted) = mark(frame_contexts, rastered, &views, most)?;
+    stats.coarser = views.iter().flatten().flatten().map(|view| view.coarser as u32).max().unwrap_or(0);
     stats.mark_ms = ms(start);
     let start = Instant::now();
     let missing = cache.want(&wanted);
@@ -87,12 +83,15 @@ pub(super) fn light_up(
     }
     stats.kept = cache.len() as u64;
     stats.draw_ms = ms(start);
-    let start = Instant::now();
-    for ((own, marked), Frame { lights, .. }) in rastered.iter_mut().zip(&marked).zip(frames) {
-        own.shadows = marked.as_ref().map(|marked| shadow_test::run(marked, lights, cache));
+    for (own, views) in rastered.iter_mut().zip(views) {
+        let shadow = |view: LightView| {
+            let pages =
+                wanted.iter().filter_map(|key| Some((view.relative(key)?, Arc::clone(cache.page(key)?))));
+            LightShadow { pages: pages.collect(), view }
+        };
+        own.shadows = Some(views.into_iter().map(|view| view.map(shadow)).collect());
+        own.stats.shadows = Some(stats.clone());
     }
-    stats.test_ms = ms(start);
-    rastered.iter_mut().for_each(|own| own.stats.shadows = Some(stats.clone()));
     Ok(())
 }
 
@@ -100,37 +99,42 @@ fn ms(start: Instant) -> f64 {
     start.elapsed().as_secs_f64() * 1e3
 }
 
-/// What all frames look up, and the pages that are wanted for it, in their order: at most as many as there is room for.
-#[allow(clippy::type_complexity)]
+/// The pages that frames may want, in their order: at most as many as there is room for. And the views that say so, all as much
+/// coarser as that takes.
 fn mark(
     frame_contexts: &[FrameContext<'_>],
     rastered: &[Rastered],
-    frames: &[Frame],
+    views: &[Vec<Option<LightView>>],
     most: usize,
-    stats: &mut ShadowStats,
-) -> Result<(Vec<Option<Vec<Vec<Marked>>>>, Vec<PageKey>)> {
+) -> Result<(Vec<Vec<Option<LightView>>>, Vec<PageKey>)> {
     for coarser in 0..=COARSEST {
         let mut wanted: FxHashSet<PageKey> = FxHashSet::default();
-        let mut all = Vec::new();
-        for ((own, drawn), frame) in frame_contexts.iter().zip(rastered).zip(frames) {
+        let of_view = |view: &Option<LightView>| view.as_ref().map(|view| view.made_coarser(coarser));
+        let views: Vec<Vec<Option<LightView>>> =
+            views.iter().map(|views| views.iter().map(of_view).collect()).collect();
+        for ((own, drawn), views) in frame_contexts.iter().zip(rastered).zip(&views) {
             if own.options.depth_only {
-                all.push(None);
                 continue;
             }
+            let lights: Vec<LightView> = views.iter().flatten().cloned().collect();
             let words = drawn.picture.words("shadow")?;
-            let pixels = Pixels { words, visible: &drawn.visible, views: &drawn.views, screen: &own.screen };
-            let views: Vec<LightView> = frame.views.iter().map(|view| view.coarser(coarser)).collect();
-            let marked = shadow_mark::run(pixels, &own.eye, &views);
-            wanted.extend(marked.iter().flatten().flat_map(|one| &one.pages));
-            all.push(Some(marked));
+            wanted.extend(shadow_mark::run(words, &own.screen, &own.eye, error(own, drawn), &lights));
         }
         if wanted.len() <= most {
-            stats.coarser = coarser as u32;
             let mut wanted: Vec<PageKey> = wanted.into_iter().collect();
             wanted.sort_unstable_by_key(|key| (key.block(), *key));
-            return Ok((all, wanted));
+            return Ok((views, wanted));
         }
     }
     let message = format!("shadows {COARSEST} levels coarser than pixels want more than {most} pages");
     Err(Error::argument("shadow_memory", message))
+}
+
+/// By how much what a frame shows may be off its source: of streamed meshes what stands in for something finer counts.
+fn error(own: &FrameContext<'_>, drawn: &Rastered) -> ReceiverError {
+    let world = |view: &InstanceView| view.lod.scale * (view.lod.rounding + SHADOW_ROUNDING);
+    ReceiverError {
+        pixels: own.options.pixel_error.max(drawn.needs.coarsest),
+        world: drawn.views.iter().map(world).fold(0.0, f32::max),
+    }
 }

@@ -45,8 +45,6 @@ pub struct ShadowStats {
     pub mark_ms: f64,
     /// Drawing pages.
     pub draw_ms: f64,
-    /// Comparing depths.
-    pub test_ms: f64,
 }
 
 /// Everything a frame reports.

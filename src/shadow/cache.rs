@@ -12,7 +12,7 @@ use crate::scene::{Instance, Materials, Scene};
 use crate::stream::Resident;
 
 /// Texels of a page: keys of depth, larger is nearer to the light; 0 where it sees nothing.
-pub type PageTexels = Box<[u32]>;
+pub type PageTexels = Arc<[u32]>;
 
 /// Bytes of a page.
 pub const PAGE_BYTES: u64 = 4 * SHADOW_PAGE_TEXELS as u64;
@@ -157,8 +157,8 @@ impl ShadowCache {
     }
 
     /// The texels of a page.
-    pub fn page(&self, key: &PageKey) -> Option<&[u32]> {
-        self.pages.get(key).map(|page| &page.texels[..])
+    pub fn page(&self, key: &PageKey) -> Option<&PageTexels> {
+        self.pages.get(key).map(|page| &page.texels)
     }
 
     /// Pages that are kept.

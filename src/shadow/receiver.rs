@@ -46,6 +46,14 @@ pub enum Lookup {
     },
 }
 
+/// Where a point lies in a map.
+struct Place {
+    page: RelativePage,
+    texel: u32,
+    /// Along the map's axis, from the slab's top or from the light.
+    depth: f32,
+}
+
 /// A page of a light's map, relative to where the camera is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct RelativePage {
@@ -77,8 +85,8 @@ pub struct LightView {
     pub light: u32,
     kind: MapKind,
     /// The light's axes in camera space.
-    axes: [[f32; 3]; 3],
-    /// Of one with a position: the camera seen from there, along the axes.
+    pub axes: [[f32; 3]; 3],
+    /// Of one with a position: the camera seen from there, along the axes; else zero.
     eye: [f32; 3],
     /// Of a parallel one, by level from [`LightView::first`] on.
     anchors: Vec<Anchor>,
@@ -87,11 +95,14 @@ pub struct LightView {
     tangent: f32,
     near: f32,
     /// Pixels per unit of tangent or, from a parallel camera, of length.
-    focal: f32,
-    orthographic: bool,
+    pub focal: f32,
+    /// The camera is parallel.
+    pub orthographic: bool,
     tau: i16,
+    /// The light's threshold, texels.
+    pub threshold: f32,
     /// Levels by which all texels are larger than a pixel, for want of room.
-    coarser: i32,
+    pub coarser: i32,
 }
 
 /// The binary logarithm of a positive number, rounded down.
@@ -129,7 +140,7 @@ impl LightView {
             light,
             kind: map.kind,
             axes: [row(0), row(1), row(2)],
-            eye: eye.as_vec3().to_array(),
+            eye: if map.parallel() { [0.0; 3] } else { eye.as_vec3().to_array() },
             anchors,
             first,
             tangent: map.tangent as f32,
@@ -137,12 +148,13 @@ impl LightView {
             focal: view.lod_constants().0,
             orthographic: view.orthographic,
             tau: PageKey::tau_of(pixel_error),
+            threshold: PageKey::threshold(PageKey::tau_of(pixel_error)),
             coarser: 0,
         }
     }
 
     /// The same with all texels larger by so many levels.
-    pub fn coarser(&self, levels: i32) -> Self {
+    pub fn made_coarser(&self, levels: i32) -> Self {
         Self { coarser: levels, ..self.clone() }
     }
 
@@ -157,30 +169,80 @@ impl LightView {
         PageKey { light: self.light, face, level, tau: self.tau, x, y, z }
     }
 
-    /// What a receiver looks up.
-    pub fn look_up(&self, receiver: &Receiver) -> Lookup {
-        let Receiver { position: p, normal, smooth, error } = receiver;
-        let distance = dot(p, p).sqrt();
-        let pixel = if self.orthographic { 1.0 / self.focal } else { distance / self.focal };
-        let rounding = distance * SHADOW_ROUNDING;
-        let own = error + rounding + SHADOW_SNAP * pixel;
-        // From the light's place, or from the camera.
-        let from: [f32; 3] = std::array::from_fn(|k| dot(&self.axes[k], p));
+    /// The same page relative to the camera, if it is of this map and these levels.
+    pub fn relative(&self, key: &PageKey) -> Option<RelativePage> {
+        let PageKey { light, face, level, tau, x, y, z } = *key;
+        if (light, tau) != (self.light, self.tau) {
+            return None;
+        }
+        let base = match self.kind {
+            MapKind::Parallel => self.anchors.get(usize::try_from(i32::from(level) - self.first).ok()?)?.page,
+            _ => [0; 3],
+        };
+        let relative = |at: i64, base: i64| i32::try_from(at - base).ok();
+        let [x, y, z] = [relative(x, base[0])?, relative(y, base[1])?, relative(z, base[2])?];
+        Some(RelativePage { face, level, x, y, z })
+    }
+
+    /// How far a point is from the camera, and the size of a pixel there, world units.
+    #[inline(always)]
+    pub fn pixel(&self, position: &[f32; 3]) -> (f32, f32) {
+        let distance = dot(position, position).sqrt();
+        (distance, if self.orthographic { 1.0 / self.focal } else { distance / self.focal })
+    }
+
+    /// A point along the light's axes: from the light's place, or from the camera where it has none.
+    #[inline(always)]
+    pub fn along_axes(&self, position: &[f32; 3]) -> [f32; 3] {
+        std::array::from_fn(|k| dot(&self.axes[k], position) + self.eye[k])
+    }
+
+    /// The level whose texels are as large as a pixel at a point, or up to half as large; and a texel there, world units.
+    /// `None` where a pinhole sees nothing.
+    #[inline(always)]
+    fn level(&self, at: &[f32; 3], pixel: f32) -> Option<(i32, f32)> {
+        let power = |level: i32| f32::from_bits(((level + 127) as u32) << 23);
         if self.kind == MapKind::Parallel {
-            let Some((normal, facing)) = facing(normal, smooth, &self.axes[2]) else { return Lookup::Dark };
-            let level = (exponent(pixel) + self.coarser).clamp(self.first, self.first + LEVELS as i32 - 1);
+            let level = self.level_of(pixel);
+            return Some((level, power(level)));
+        }
+        let depth = -self.along(self.face(at), 2, at);
+        let finest = depth * (2.0 * self.tangent / SHADOW_SIDE as f32);
+        if !(depth > 0.0 && finest > 0.0) {
+            return None;
+        }
+        let level = (exponent(pixel / finest) + self.coarser).clamp(0, BOUNDED_LEVELS - 1);
+        Some((level, finest * power(level)))
+    }
+
+    /// Of a parallel map, where the camera is in a level: texels right, down and up from its anchor.
+    #[inline(always)]
+    pub fn anchor(&self, level: i32) -> Option<[f32; 3]> {
+        (self.kind == MapKind::Parallel).then(|| self.anchors[(level - self.first) as usize].offset)
+    }
+
+    /// Of a parallel map, the level where a pixel is so large.
+    #[inline(always)]
+    pub fn level_of(&self, pixel: f32) -> i32 {
+        self.bounded(exponent(pixel) + self.coarser)
+    }
+
+    /// The level of a parallel map that is nearest to this one.
+    #[inline(always)]
+    fn bounded(&self, level: i32) -> i32 {
+        level.clamp(self.first, self.first + LEVELS as i32 - 1)
+    }
+
+    /// Where a point lies in a level. `None` outside of a spot.
+    #[inline(always)]
+    fn place(&self, at: &[f32; 3], level: i32) -> Option<Place> {
+        let side = SHADOW_PAGE_SIDE as f32;
+        if self.kind == MapKind::Parallel {
             let texel = f32::from_bits(((level + 127) as u32) << 23);
-            let slope = if facing { slope(dot(&self.axes[2], normal)) } else { 1.0 };
-            let by = own + texel * (PageKey::threshold(self.tau) + SHADOW_TEXEL_REACH * slope);
-            let moved: [f32; 3] = std::array::from_fn(|k| from[k] + by * dot(&self.axes[k], normal));
-            let Anchor { offset, .. } = self.anchors[(level - self.first) as usize];
-            let (x, y, z) =
-                (moved[0] / texel + offset[0], offset[1] - moved[1] / texel, moved[2] / texel + offset[2]);
-            let side = SHADOW_PAGE_SIDE as f32;
+            let Anchor { offset, .. } = &self.anchors[(level - self.first) as usize];
+            let (x, y, z) = (at[0] / texel + offset[0], offset[1] - at[1] / texel, at[2] / texel + offset[2]);
             let (column, row, slab) =
                 ((x / side).floor(), (y / side).floor(), (z / SHADOW_SIDE as f32).floor());
-            let depth = ((slab + 1.0) * SHADOW_SIDE as f32 - z) * texel;
-            let depth = depth - (rounding + error_of_texel(texel));
             let page = RelativePage {
                 face: 0,
                 level: level as i16,
@@ -188,47 +250,85 @@ impl LightView {
                 y: row as i32,
                 z: slab as i32,
             };
-            let key = !depth.max(0.0).to_bits();
-            return Lookup::Texel { page, texel: texel_in(x - column * side, y - row * side), key };
+            let depth = ((slab + 1.0) * SHADOW_SIDE as f32 - z) * texel;
+            return Some(Place { page, texel: texel_in(x - column * side, y - row * side), depth });
         }
-        let from: [f32; 3] = std::array::from_fn(|k| from[k] + self.eye[k]);
-        let length = dot(&from, &from).sqrt();
-        // In camera space.
-        let towards: [f32; 3] = std::array::from_fn(|k| {
-            -(self.axes[0][k] * from[0] + self.axes[1][k] * from[1] + self.axes[2][k] * from[2]) / length
-        });
-        let Some((normal, facing)) = facing(normal, smooth, &towards) else { return Lookup::Dark };
-        let normal: [f32; 3] = std::array::from_fn(|k| dot(&self.axes[k], normal));
-        let face = self.face(&from);
-        let depth = -self.along(face, 2, &from);
-        let finest = depth * (2.0 * self.tangent / SHADOW_SIDE as f32);
-        if !(depth > 0.0 && finest > 0.0) {
-            return Lookup::Lit;
-        }
-        let level = (exponent(pixel / finest) + self.coarser).clamp(0, BOUNDED_LEVELS - 1);
-        let texel = finest * f32::from_bits(((level + 127) as u32) << 23);
-        let slope = if facing { slope(self.along(face, 2, &normal)) } else { 1.0 };
-        let by = own + texel * (PageKey::threshold(self.tau) + SHADOW_TEXEL_REACH * slope);
-        let moved: [f32; 3] = std::array::from_fn(|k| from[k] + by * normal[k]);
-        // Of a cube it may be another now.
-        let face = self.face(&moved);
-        let depth = -self.along(face, 2, &moved);
+        let face = self.face(at);
+        let depth = -self.along(face, 2, at);
         let texels = (SHADOW_SIDE >> level) as f32;
         let scale = 0.5 * texels / (self.tangent * depth);
-        let x = 0.5 * texels + self.along(face, 0, &moved) * scale;
-        let y = 0.5 * texels - self.along(face, 1, &moved) * scale;
+        let x = 0.5 * texels + self.along(face, 0, at) * scale;
+        let y = 0.5 * texels - self.along(face, 1, at) * scale;
         // The picture of a spot ends with its cone, those of a cube at each other, but for rounding.
         let cube = self.kind == MapKind::Cube;
         if !(depth > self.near && (cube || (x >= 0.0 && x < texels && y >= 0.0 && y < texels))) {
-            return Lookup::Lit;
+            return None;
         }
         let (x, y) = (x.max(0.0).min(texels.next_down()), y.max(0.0).min(texels.next_down()));
-        let side = SHADOW_PAGE_SIDE as f32;
         let (column, row) = ((x / side).floor(), (y / side).floor());
         let page = RelativePage { face, level: level as i16, x: column as i32, y: row as i32, z: 0 };
-        let depth = depth - (rounding + (length + texel) * SHADOW_ROUNDING);
-        let key = (self.near / depth).to_bits();
-        Lookup::Texel { page, texel: texel_in(x - column * side, y - row * side), key }
+        Some(Place { page, texel: texel_in(x - column * side, y - row * side), depth })
+    }
+
+    /// How far a receiver that is off the source by `own` is moved at most, in a level of such texels.
+    #[inline(always)]
+    fn reach(&self, own: f32, texel: f32) -> f32 {
+        own + texel * (self.threshold + SHADOW_TEXEL_REACH)
+    }
+
+    /// Rounding of a receiver's place at a distance, where a pixel is so large.
+    #[inline(always)]
+    fn rounding(distance: f32, pixel: f32) -> f32 {
+        distance * SHADOW_ROUNDING + SHADOW_SNAP * pixel
+    }
+
+    /// The pages that a receiver at a point may look up, if it is off the source by up to `error`: each at least once.
+    #[inline(always)]
+    pub fn mark(&self, position: &[f32; 3], error: f32, mut want: impl FnMut(RelativePage)) {
+        let (distance, pixel) = self.pixel(position);
+        let at = self.along_axes(position);
+        let Some((level, texel)) = self.level(&at, pixel) else { return };
+        // A little more, for the rounding of what follows.
+        let reach = 1.001 * self.reach(error + Self::rounding(distance, pixel), texel);
+        // A box smaller than a page meets no more pages than its corners do.
+        for corner in 0..8 {
+            let at =
+                std::array::from_fn(|k| if corner >> k & 1 == 0 { at[k] - reach } else { at[k] + reach });
+            if let Some(place) = self.place(&at, level) {
+                want(place.page);
+            }
+        }
+    }
+
+    /// What a receiver looks up.
+    #[inline(always)]
+    pub fn look_up(&self, receiver: &Receiver) -> Lookup {
+        let Receiver { position, normal, smooth, error } = receiver;
+        let (distance, pixel) = self.pixel(position);
+        let at = self.along_axes(position);
+        let parallel = self.kind == MapKind::Parallel;
+        let length = dot(&at, &at).sqrt();
+        let towards = if parallel { [0.0, 0.0, 1.0] } else { at.map(|v| -v / length) };
+        let [normal, smooth] = [normal, smooth].map(|n| std::array::from_fn(|k| dot(&self.axes[k], n)));
+        let Some((normal, facing)) = facing(&normal, &smooth, &towards) else { return Lookup::Dark };
+        let Some((level, texel)) = self.level(&at, pixel) else { return Lookup::Lit };
+        let slope = if facing { slope(self.along(self.face(&at), 2, normal)) } else { 1.0 };
+        let own = error + Self::rounding(distance, pixel);
+        let by = own + (slope * SHADOW_TEXEL_REACH + self.threshold) * texel;
+        let moved: [f32; 3] = std::array::from_fn(|k| at[k] + by * normal[k]);
+        // Of a cube it may be on another face now.
+        let Some(Place { page, texel: number, depth }) = self.place(&moved, level) else {
+            return Lookup::Lit;
+        };
+        let rounding = distance * SHADOW_ROUNDING;
+        let key = if parallel {
+            // Depths of up to so many texels were rounded in the page.
+            let depth = depth - (rounding + texel * (SHADOW_SIDE as f32 * SHADOW_ROUNDING));
+            !depth.max(0.0).to_bits()
+        } else {
+            (self.near / (depth - (rounding + (length + texel) * SHADOW_ROUNDING))).to_bits()
+        };
+        Lookup::Texel { page, texel: number, key }
     }
 
     /// The face that sees a point, which is given along the light's axes.
@@ -244,11 +344,6 @@ impl LightView {
         let (axis, sign) = CUBE_FACES[usize::from(face)][k];
         sign * v[axis]
     }
-}
-
-/// What rounding in a page may be off by: depths of up to [`SHADOW_SIDE`] texels.
-fn error_of_texel(texel: f32) -> f32 {
-    texel * (SHADOW_SIDE as f32 * SHADOW_ROUNDING)
 }
 
 /// The normal along which a receiver is moved, and whether it is the triangle's; `None` where it faces away from the light.
@@ -271,7 +366,8 @@ fn slope(cosine: f32) -> f32 {
 }
 
 /// The texel of a page at so many texels right and down.
-fn texel_in(x: f32, y: f32) -> u32 {
+#[inline(always)]
+pub fn texel_in(x: f32, y: f32) -> u32 {
     let last = SHADOW_PAGE_SIDE - 1;
     let texel = (y as u32).min(last) * SHADOW_PAGE_SIDE + (x as u32).min(last);
     debug_assert!((texel as usize) < SHADOW_PAGE_TEXELS);
