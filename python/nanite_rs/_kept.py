@@ -43,7 +43,13 @@ class KeptFrame:
     """Stands where a frame of the core stood."""
 
     def __init__(
-        self, arrays: dict[str, NDArray[Any]], size: tuple[int, int], stages: Any, stream: Any, totals: Any, shadows: Any
+        self,
+        arrays: dict[str, NDArray[Any]],
+        size: tuple[int, int],
+        stages: Any,
+        stream: Any,
+        totals: Any,
+        shadows: Any,
     ) -> None:
         self._arrays, self.size = arrays, size
         self._counts = stages, stream, totals, shadows

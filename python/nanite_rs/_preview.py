@@ -59,6 +59,7 @@ def picture(
     pixel_error: float = 1.0,
     samples: Literal[1, 4, 16] = 1,
     material: Material | None = None,
+    shadows: bool = False,
 ) -> Frame:
     """A frame of a mesh alone, or of a scene with its materials; at ``distance`` 1 it fills the picture.
 
@@ -84,7 +85,9 @@ def picture(
     for light, turned in LIGHTS:
         scene.add(light, pose=posed(axes @ turned, center))
     camera = PerspectiveCamera(yfov=fov, znear=max(away - 1.5 * radius, away * 1e-3))
-    return renderer.render(scene, camera, pose, pixel_error=pixel_error, samples=samples, shading=shading)
+    return renderer.render(
+        scene, camera, pose, pixel_error=pixel_error, samples=samples, shading=shading, shadows=shadows
+    )
 
 
 def mesh_frame(mesh: NaniteMesh, *, pixel_error: float = 1.0, flat: bool = False) -> Frame:

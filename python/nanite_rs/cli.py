@@ -17,7 +17,7 @@ import numpy as np
 
 import nanite_rs as nrs
 from nanite_rs import _core, _export, _images, _overlay, _paint, io, shapes
-from nanite_rs._preview import CLAY, UP, picture
+from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 
 if TYPE_CHECKING:
@@ -202,6 +202,7 @@ def _render(arguments: argparse.Namespace) -> int:
             distance=arguments.distance,
             pixel_error=arguments.pixel_error,
             samples=arguments.samples,
+            shadows=arguments.shadows,
         )
     frame.save(arguments.output, view=arguments.view)
     if not arguments.quiet:
@@ -214,7 +215,7 @@ def _render(arguments: argparse.Namespace) -> int:
 
 def _look(arguments: argparse.Namespace) -> int:
     shown = _shown(arguments)
-    options = {name: getattr(arguments, name) for name in ("pixel_error", "backend", "up")}
+    options = {name: getattr(arguments, name) for name in ("pixel_error", "backend", "up", "shadows")}
     options |= {name: getattr(arguments, name) for name in ("yfov", "azimuth", "elevation")}
     if isinstance(shown, nrs.NaniteMesh):
         options["material"] = replace(CLAY, smooth=not arguments.face_normals, double_sided=True)
@@ -289,6 +290,7 @@ def _demo(arguments: argparse.Namespace) -> int:
     print("\n".join(lines))
     print(
         f"pictures: {stem}_A_B.png, where A is {_listed(PICTURES)} and B is {_listed(PICTURE_VIEWS)}\n"
+        f"  and {stem}_shadows.png, on a floor under a sun\n"
         f"  clusters: a colour for each; levels: red is the source, towards blue each has half the triangles\n"
         f"what each stage received, passed on and took: {stem}_stages.txt"
     )
@@ -332,7 +334,38 @@ def _demo_pictures(mesh: nrs.NaniteMesh, arguments: argparse.Namespace, stem: Pa
                         frame.save(path, view=view)
             if label == "whole":
                 Path(f"{stem}_stages.txt").write_text(f"{stats}\n", encoding="utf-8")
+        for _ in range(2):  # the first frame draws the pages that the second looks up
+            frame = _in_the_sun(renderer, mesh, arguments)
+        frame.save(f"{stem}_shadows.png")
+        stats = frame.stats
+        drawn = stats.drawn_small + stats.drawn_large
+        numbers = (stats.source_triangles, stats.triangles, drawn, stats.covered_pixels)
+        rows.append(("on a floor, shadows", *(f"{n:,}" for n in numbers), f"{stats.total_ms:.1f} ms"))
     return rows
+
+
+def _in_the_sun(renderer: nrs.Renderer, mesh: nrs.NaniteMesh, arguments: argparse.Namespace) -> nrs.Frame:
+    """A frame of the mesh on a floor, under a sun that casts shadows."""
+    axes = UP[arguments.up]
+    low, high = mesh.bounds @ axes
+    low, high = np.minimum(low, high), np.maximum(low, high)
+    middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+    square = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], np.float64)
+    floor = square * 20.0 * radius + [middle[0], low[1], middle[2]]
+    scene = nrs.Scene(ambient_light=(0.12, 0.12, 0.14), bg_color=BACKGROUND)
+    scene.add(mesh, material=replace(CLAY, smooth=not arguments.face_normals, double_sided=True))
+    scene.add(nrs.NaniteMesh.from_arrays(floor @ axes.T, [[0, 1, 2], [0, 2, 3]]), material=CLAY)
+    turn = np.radians(arguments.azimuth)
+
+    def placed(around: float, above: float, away: float) -> NDArray[np.float64]:
+        direction = np.array([np.cos(above) * np.sin(around), np.sin(above), np.cos(above) * np.cos(around)])
+        return nrs.look_at(axes @ (middle + away * direction), axes @ middle, up=axes[:, 1])
+
+    scene.add(nrs.DirectionalLight(intensity=3.0), pose=placed(turn + 1.2, 0.7, radius))
+    away = 1.25 * radius / np.sin(0.5 * np.radians(arguments.yfov))
+    camera = nrs.PerspectiveCamera(yfov=np.radians(arguments.yfov), znear=1e-3 * away)
+    pose = placed(turn, np.radians(max(arguments.elevation, 5.0)), away)
+    return renderer.render(scene, camera, pose, pixel_error=arguments.pixel_error, shadows=True)
 
 
 def _with_legend(frame: nrs.Frame, mesh: nrs.NaniteMesh) -> NDArray[np.uint8]:
@@ -437,6 +470,7 @@ def _add_viewing(sub: Any) -> None:
     )
     # What that was called at first. shading="flat" is something else: no light.
     group.add_argument("--flat", dest="face_normals", action="store_true", help=argparse.SUPPRESS)
+    group.add_argument("--shadows", action="store_true", help="lights cast shadows")
     group.add_argument("--backend", default="auto", choices=("auto", "cpu", "gpu"), help="(auto)")
 
 

@@ -127,8 +127,9 @@ class Frame(_advice.Teaching):
     def shadow(self) -> NDArray[np.float32]:
         """How much of each light reaches each pixel past what is in its way, (H, W, L) float32, 0 to 1.
 
-        The L lights are those of ``scene.lights`` that are switched on, in the order of their numbers. 1 where nothing
-        is covered, and throughout for lights that cast no shadows. For shading of your own; `color` has it counted in.
+        The L lights are those of ``scene.lights`` that are switched on, in the order of their numbers. 1 where
+        nothing is covered, and throughout for lights that cast no shadows. For shading of your own; `color` has it
+        counted in.
 
         Raises
         ------

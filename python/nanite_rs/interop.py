@@ -50,6 +50,8 @@ class PyrenderView:
     """Its camera-to-world matrix, (4, 4)."""
     instances: dict[pyrender.Node, list[MeshNode]]
     """For each node with a mesh the instances that were made of it; their ``instance_id`` is what frames show."""
+    shadows: bool = False
+    """Whether the flags ask for shadows: ``render(*view, shadows=view.shadows)``."""
 
     def __iter__(self) -> Iterator[Any]:
         """Scene, camera and pose."""
@@ -57,7 +59,11 @@ class PyrenderView:
 
 
 def from_pyrender(
-    scene: pyrender.Scene, *, viewport: tuple[int, int] | None = None, options: BuildOptions | None = None
+    scene: pyrender.Scene,
+    *,
+    viewport: tuple[int, int] | None = None,
+    options: BuildOptions | None = None,
+    flags: int | None = None,
 ) -> PyrenderView:
     """Take over a pyrender scene: meshes, poses, materials, lights, background and its main camera.
 
@@ -80,6 +86,9 @@ def from_pyrender(
         it the camera's ``xmag`` counts.
     options : BuildOptions, optional
         How to build meshes that were not seen before.
+    flags : int, optional
+        pyrender's ``RenderFlags``, of which those for shadows count: lights of the kinds that they name cast
+        shadows, and no others. pyrender itself draws none of point lights. Without flags all lights may.
 
     Returns
     -------
@@ -123,7 +132,7 @@ def from_pyrender(
                 own.append(out.add(mesh, pose=pose @ instance, material=look))
                 own[-1].visible = bool(node.mesh.is_visible)
     for node in (node for node in scene.nodes if node.light is not None):
-        light = _light(node.light)
+        light = _light(node.light, flags)
         if light is None:
             lost.add(f"lights of type {type(node.light).__name__}")
         else:
@@ -136,18 +145,24 @@ def from_pyrender(
     if lost:
         warnings.warn(f"left out of the pyrender scene: {', '.join(sorted(lost))}", stacklevel=2)
     pose = np.array(scene.get_pose(node), np.float64)
-    return PyrenderView(out, _camera(node.camera, viewport), pose, instances)
+    shadows = flags is not None and any(node.light.casts_shadows for node in out.lights)
+    return PyrenderView(out, _camera(node.camera, viewport), pose, instances, shadows)
 
 
-def _light(light: pyrender.Light) -> DirectionalLight | PointLight | SpotLight | None:
+# pyrender's flags of what casts shadows, by the kind of light.
+_CASTING = {"DirectionalLight": 32, "PointLight": 64, "SpotLight": 128}
+
+
+def _light(light: pyrender.Light, flags: int | None) -> DirectionalLight | PointLight | SpotLight | None:
     kind = type(light).__name__
+    casts = flags is None or bool(int(flags) & _CASTING.get(kind, 0))
     if kind == "DirectionalLight":
-        return DirectionalLight(light.color, light.intensity)
+        return DirectionalLight(light.color, light.intensity, casts_shadows=casts)
     if kind == "PointLight":
-        return PointLight(light.color, light.intensity)
+        return PointLight(light.color, light.intensity, casts_shadows=casts)
     if kind == "SpotLight":
         cone = {"innerConeAngle": light.innerConeAngle, "outerConeAngle": light.outerConeAngle}
-        return SpotLight(light.color, light.intensity, **cone)
+        return SpotLight(light.color, light.intensity, **cone, casts_shadows=casts)
     return None
 
 

@@ -417,8 +417,10 @@ class Renderer(_advice.Teaching):
             What to draw.
         views : iterable of View or of pairs
             What each view has of its own, or a camera and its pose, as for `render`.
-        pixel_error, occlusion, raster, outputs, depth_only, samples, shading, transfer, wait, shadows, shadow_memory
+        pixel_error, occlusion, raster, outputs, depth_only, samples
             As for `render`, for all views that have none of their own.
+        shading, transfer, wait, shadows, shadow_memory
+            As for `render`, for all views.
 
         Returns
         -------

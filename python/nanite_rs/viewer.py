@@ -83,6 +83,8 @@ class Viewer:
         As for `Renderer.render`: by default ``"gltf"`` for a `LoadedScene`, otherwise ``"pyrender"``.
     samples : int
         Samples of each pixel in pictures that stay, 1, 4 or 16. Those of a moving camera have one.
+    shadows : bool
+        Lights cast shadows.
     backend : str
         What renders, ``"auto"``, ``"cpu"`` or ``"gpu"``, as for `Renderer`.
     pool_bytes : int
@@ -121,6 +123,7 @@ class Viewer:
         material: Material | None = None,
         shading: ShadingName | None = None,
         samples: Literal[1, 4, 16] = 4,
+        shadows: bool = False,
         backend: Literal["auto", "cpu", "gpu"] = "auto",
         pool_bytes: int = POOL_BYTES,
     ) -> None:
@@ -132,6 +135,7 @@ class Viewer:
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self._size = 0, 0
         self._samples: Literal[1, 4, 16] = samples
+        self._shadows = bool(shadows)
         self._tables = _picking.ClusterTables()
         self._frozen: Frozen | None = None
         self._last: ViewFrame | None = None
@@ -528,6 +532,7 @@ class Viewer:
             ),
             samples=samples or 1,
             shading=self._shading,
+            shadows=self._shadows,
             wait=wait,
         )
         self.stats = frame.stats

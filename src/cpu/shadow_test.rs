@@ -205,3 +205,83 @@ pub fn run(pixels: Pixels<'_>, eye: &Eye, shadows: &Shadows) -> Vec<f32> {
     });
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DMat3, DVec3};
+
+    use super::*;
+    use crate::scene::{Camera, Light, LightKind, Projection};
+    use crate::shadow::ShadowMap;
+
+    /// Pages of noise about as deep as receivers: half of what is looked up is dark, if the texel is that of the scalar form.
+    fn noise(of: &LightView, receivers: &[Receivers]) -> FxHashMap<RelativePage, Arc<[u32]>> {
+        let mut pages = FxHashMap::default();
+        let all = receivers.iter().flat_map(|eight| (0..eight.count).map(|lane| eight.one(lane)));
+        for receiver in all {
+            if let Lookup::Texel { page, texel, key } = of.look_up(&receiver) {
+                let texels = pages.entry(page).or_insert_with(|| vec![0u32; 1 << 14]);
+                // Some exactly as deep, some a bit nearer.
+                texels[texel as usize] = key.saturating_add(texel % 3).saturating_sub(1);
+            }
+        }
+        pages.into_iter().map(|(page, texels)| (page, texels.into())).collect()
+    }
+
+    #[test]
+    fn eight_receivers_look_up_what_one_does() {
+        let mut state = 1u32;
+        let mut random = move || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            2.0 * (state >> 8) as f32 / (1u32 << 24) as f32 - 1.0
+        };
+        let mut outcomes = [0; 2];
+        for case in 0..60 {
+            let orthographic = case % 3 == 2;
+            let projection = match orthographic {
+                true => Projection::Orthographic { xmag: None, ymag: 2.0 },
+                false => Projection::Perspective { yfov: 0.8, aspect: None },
+            };
+            let pose =
+                [[1.0, 0.0, 0.0, 5.0], [0.0, 1.0, 0.0, -2.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]];
+            let view = Camera { projection, znear: 0.05, zfar: None }.view(&pose, 640, 360).unwrap();
+            let axis = DVec3::new(random().into(), random().into(), random().into()).normalize();
+            let (x, y) = axis.any_orthonormal_pair();
+            let light = Light {
+                kind: LightKind::Directional,
+                color: [1.0; 3],
+                intensity: 1.0,
+                pose: DAffine3::from_mat3(DMat3::from_cols(x, y, axis)),
+                visible: true,
+                casts_shadows: true,
+            };
+            let map = ShadowMap::new(&light, 16.0).unwrap();
+            let light =
+                LightView::new(0, &map, &view, [1.0, 0.0, 0.3][case % 3], 16.0).made_coarser(case as i32 % 2);
+            let receivers: Vec<Receivers> = (0..50)
+                .map(|_| {
+                    let mut vector = || [0; 3].map(|_| Lanes([0; LANES].map(|_| random())));
+                    let (mut position, normal, mut smooth) = (vector(), vector(), vector());
+                    position[2] = position[2] * 0.2 - 3.0;
+                    smooth[0].0[3] = f32::NAN;
+                    let unit = |v: &Vec3x8| super::super::lanes::normalize(v);
+                    Receivers {
+                        count: LANES,
+                        position,
+                        normal: unit(&normal),
+                        smooth: unit(&smooth),
+                        error: Lanes::splat(1e-3),
+                        distance: dot(&position, &position).sqrt(),
+                    }
+                })
+                .collect();
+            let shadow = LightShadow { pages: noise(&light, &receivers), view: light };
+            for eight in &receivers {
+                let (together, apart) = (eight.reached_by(&shadow), eight.one_by_one(&shadow));
+                assert_eq!(together.0, apart.0);
+                together.0.iter().for_each(|lit| outcomes[usize::from(*lit > 0.0)] += 1);
+            }
+        }
+        assert!(outcomes.iter().all(|count| *count > 2000), "{outcomes:?}");
+    }
+}

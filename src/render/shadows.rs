@@ -107,6 +107,7 @@ fn mark(
     views: &[Vec<Option<LightView>>],
     most: usize,
 ) -> Result<(Vec<Vec<Option<LightView>>>, Vec<PageKey>)> {
+    let mut least = 0;
     for coarser in 0..=COARSEST {
         let mut wanted: FxHashSet<PageKey> = FxHashSet::default();
         let of_view = |view: &Option<LightView>| view.as_ref().map(|view| view.made_coarser(coarser));
@@ -120,13 +121,15 @@ fn mark(
             let words = drawn.picture.words("shadow")?;
             wanted.extend(shadow_mark::run(words, &own.screen, &own.eye, error(own, drawn), &lights));
         }
-        if wanted.len() <= most {
+        least = wanted.len();
+        if least <= most {
             let mut wanted: Vec<PageKey> = wanted.into_iter().collect();
             wanted.sort_unstable_by_key(|key| (key.block(), *key));
             return Ok((views, wanted));
         }
     }
-    let message = format!("shadows {COARSEST} levels coarser than pixels want more than {most} pages");
+    let message =
+        format!("{least} pages of 64 KiB are the least that the lights of the scene take, not {most}");
     Err(Error::argument("shadow_memory", message))
 }
 

@@ -32,9 +32,10 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("processor", &[]),
     ("scene", &["model"]),
     ("views", &["model", "scene", "stream"]),
-    ("cpu", &["model", "lod", "gpu_types", "scene", "stream", "views"]),
+    ("shadow", &["model", "scene", "stream"]),
+    ("cpu", &["model", "lod", "gpu_types", "scene", "stream", "views", "shadow"]),
     ("gpu", &["model", "gpu_types", "scene", "stream", "views"]),
-    ("render", &["model", "lod", "gpu_types", "scene", "stream", "views", "cpu", "gpu"]),
+    ("render", &["model", "lod", "gpu_types", "scene", "stream", "views", "shadow", "cpu", "gpu"]),
     (
         "python",
         &[

@@ -23,6 +23,7 @@ mod samples;
 mod seams;
 #[cfg(feature = "gpu")]
 mod shader_validation;
+mod shadows;
 mod shapes;
 #[cfg(feature = "gpu")]
 mod stage_truth;

@@ -97,6 +97,11 @@ fn open(disk: Disk) -> Arc<Dag> {
     Arc::new(open_input(Box::new(Drive(Arc::new(disk))), "disk").unwrap())
 }
 
+/// The same mesh in a file, of which nothing was read yet.
+pub fn stored(mesh: &Dag) -> Arc<Dag> {
+    open(Disk::of(mesh))
+}
+
 pub fn scene_of(mesh: &Arc<Dag>) -> Scene {
     let mut scene = lit();
     scene.add(Arc::clone(mesh), &IDENTITY, Material::default()).unwrap();

@@ -1,0 +1,360 @@
+"""Shadows against rays of Embree through the full source; what takes part in them; what they cost and keep."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
+from scipy import ndimage
+
+import nanite_rs as nrs
+from oracles import data
+
+SIZE = 320, 180
+YFOV = 0.8
+CAMERA = nrs.PerspectiveCamera(yfov=YFOV)
+FINER = 3
+"""Rays through so many points across and down a pixel: shadows have edges between its centre and the next."""
+
+
+def placed(x=0.0, y=0.0, z=0.0, scale=1.0, turn=0.0):
+    pose = np.eye(4)
+    pose[:3, :3] = scale * np.array(
+        [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+    )
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def floor(half=5.0, height=0.0):
+    corners = half * np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], float)
+    return corners + np.array([0, height, 0]), np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def box():
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (0, 2) for z in (-1, 1)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+
+
+def sun(elevation, around=0.6):
+    """A light from so many degrees above the horizon."""
+    up = np.radians(elevation)
+    way = np.array([np.cos(up) * np.sin(around), np.sin(up), np.cos(up) * np.cos(around)])
+    return nrs.DirectionalLight(intensity=3.0), nrs.look_at(way, (0, 0, 0))
+
+
+def ball():
+    bumpy = nrs.shapes.displaced_icosphere(faces=200_000)
+    meshes = [(bumpy, placed()), (floor(height=-1.1), placed()), (bumpy, placed(1.6, -0.6, 0.5, scale=0.4))]
+    lights = [
+        sun(45.0),
+        (nrs.SpotLight(intensity=20.0, outerConeAngle=0.5), nrs.look_at((-3, 3, 1), (0, -1, 0))),
+        (nrs.PointLight(intensity=8.0), placed(0.0, 1.5, 2.4)),
+    ]
+    return meshes, lights, nrs.look_at((2.5, 2, 5), (0, -0.3, 0))
+
+
+def street():
+    rng = np.random.default_rng(1)
+    house = box()
+    meshes = [(floor(200.0), placed())]
+    for k in range(600):
+        pose = placed(4.0 * (k % 30) - 58.0, 0.0, -4.0 * (k // 30), scale=1.0, turn=rng.uniform(-0.2, 0.2))
+        pose[1, 1] = rng.uniform(0.5, 4.0)
+        meshes.append((house, pose))
+    return meshes, [sun(30.0), sun(4.0, around=1.9)], nrs.look_at((3, 12, 14), (0, 0, -20))
+
+
+def terrain():
+    land = nrs.shapes.terrain(faces=150_000)
+    return [(land, placed(scale=30.0))], [sun(25.0), sun(8.0, around=2.4)], nrs.look_at((2, 9, 25), (0, 0, 0))
+
+
+def sheets():
+    u, v = np.meshgrid(np.linspace(-1, 1, 120), np.linspace(-1, 1, 120), indexing="ij")
+    i = np.arange(119 * 120).reshape(119, 120)[:, :-1].ravel()
+    faces = np.concatenate([np.stack([i, i + 120, i + 121], 1), np.stack([i, i + 121, i + 1], 1)])
+    faces = faces[(faces[:, 0] % 7) > 1]  # strips, with slits between them
+    cloth = np.stack([u, 0.15 * np.sin(5 * u) * np.cos(4 * v), v], -1).reshape(-1, 3), faces
+    meshes = [
+        (floor(6.0), placed()),
+        *((cloth, placed(0.1 * k, 0.5 + 0.3 * k, 0.0, turn=0.3 * k)) for k in range(3)),
+    ]
+    return meshes, [sun(60.0), sun(35.0, around=-2.0)], nrs.look_at((1.5, 2.5, 4), (0, 0.6, 0))
+
+
+def scan():
+    mesh = data.scan("dragon")
+    vertices, faces = mesh.vertices.astype(np.float64), mesh.faces
+    vertices = (vertices - vertices.mean(axis=0)) / np.ptp(vertices, axis=0).max() * 2.0
+    low = vertices[:, 1].min()
+    meshes = [((vertices, faces), placed()), (floor(8.0, low), placed())]
+    return meshes, [sun(40.0), sun(2.0)], nrs.look_at((1.6, 1.0, 2.6), (0, 0, 0))
+
+
+SCENES = {"ball": ball, "street": street, "terrain": terrain, "sheets": sheets, "scan": scan}
+
+
+def scene_of(meshes, lights, smooth=True):
+    scene = nrs.Scene(ambient_light=(0.1, 0.1, 0.1))
+    built: dict[int, nrs.NaniteMesh] = {}
+    for arrays, pose in meshes:
+        mesh = built.setdefault(id(arrays), nrs.NaniteMesh.from_arrays(*arrays))
+        scene.add(mesh, pose=pose, material=nrs.Material(double_sided=True, smooth=smooth))
+    for light, pose in lights:
+        scene.add(light, pose=pose)
+    return scene
+
+
+class Rays:
+    """The full source of a scene, for rays."""
+
+    def __init__(self, meshes):
+        corners = [(v @ pose[:3, :3].T + pose[:3, 3])[np.asarray(f)] for (v, f), pose in meshes]
+        self.scene = rtcore_scene.EmbreeScene(robust=True)
+        self.mesh = TriangleMesh(self.scene, np.concatenate(corners).astype(np.float32))
+
+    def reach(self, points, light, pose):
+        """Whether nothing is between points and a light."""
+        if isinstance(light, nrs.DirectionalLight):
+            way, far = np.broadcast_to(pose[:3, 2], points.shape), np.full(len(points), 1e30)
+        else:
+            way = pose[:3, 3] - points
+            far = np.ones(len(points))
+        hit = self.scene.run(
+            np.ascontiguousarray(points, np.float32),
+            np.ascontiguousarray(way, np.float32),
+            far.astype(np.float32),
+        )
+        return np.asarray(hit) == -1
+
+
+def points_of(frame, pose):
+    """World positions of pixels, and the size of a pixel there."""
+    depth = frame.depth.astype(np.float64)
+    high, wide = depth.shape
+    focal = 0.5 * high / np.tan(0.5 * YFOV)
+    y, x = np.mgrid[:high, :wide] + 0.5
+    local = np.stack([(x - wide / 2) / focal * depth, (high / 2 - y) / focal * depth, -depth], -1)
+    return local @ pose[:3, :3].T + pose[:3, 3], depth / focal
+
+
+def between(differ, depth):
+    """Pixels beside which a surface goes on otherwise: ``differ`` says of neighbours along an axis whether they do."""
+    out = np.zeros(depth.shape, bool)
+    for axis in (0, 1):
+        near, far = (np.take(depth, range(k, depth.shape[axis] - 1 + k), axis) for k in (0, 1))
+        turns = differ(axis) & (np.abs(near - far) < 0.05 * np.maximum(near, far))
+        for side in ((0, 1), (1, 0)):
+            out |= np.pad(turns, [side if k == axis else (0, 0) for k in (0, 1)])
+    return out
+
+
+def pairs(array, axis):
+    """Values of pixels, and of those behind them along an axis."""
+    count = array.shape[axis]
+    return np.take(array, range(count - 1), axis), np.take(array, range(1, count), axis)
+
+
+def edges(lit, depth):
+    """Where a surface goes from light to dark."""
+    return between(lambda axis: np.not_equal(*pairs(lit, axis)), depth)
+
+
+def creases(normal, depth):
+    """Where a surface turns by more than a few degrees."""
+    return between(lambda axis: np.multiply(*pairs(normal, axis)).sum(-1) < 0.99, depth)
+
+
+@pytest.mark.parametrize("pixel_error", [1.0, 0.25])
+@pytest.mark.parametrize("name", SCENES)
+def test_rays_and_shadows_agree_but_for_a_band_about_edges(name, pixel_error):
+    """No pixel is wrong farther from a true edge than the offset, an error and a texel reach, but in creases."""
+    meshes, lights, pose = SCENES[name]()
+    scene, rays = scene_of(meshes, lights), Rays(meshes)
+    # Of which normals are those of the triangles.
+    facets = scene_of(meshes, [], smooth=False)
+    outputs = ["depth", "normal"]
+    with nrs.Renderer(*SIZE, backend="cpu") as renderer:
+        frame = renderer.render(scene, CAMERA, pose, shadows=True, pixel_error=pixel_error, outputs=outputs)
+    with nrs.Renderer(*(FINER * side for side in SIZE), backend="cpu") as renderer:
+        fine = renderer.render(facets, CAMERA, pose, pixel_error=0.0, outputs=outputs)
+    points, pixel = points_of(fine, pose)
+    covered = fine.depth > 0
+    normal = fine.normal.astype(np.float64)
+    towards = pose[:3, 3] - points
+    normal[(normal * towards).sum(-1) < 0] *= -1
+    center = slice(FINER // 2, None, FINER)
+    both = covered[center, center] & (frame.depth > 0)
+    # What lies beyond the border is not known.
+    border = np.minimum(
+        *(np.minimum(k, n - 1 - k) for k, n in zip(np.indices(both.shape), both.shape, strict=True))
+    )
+    crease = ndimage.distance_transform_edt(~creases(normal, fine.depth)) / FINER
+    for number, (light, place) in enumerate(lights):
+        # A fiftieth of a pixel off the surface, on the side that is seen.
+        from_here = points + 0.02 * FINER * pixel[..., None] * normal
+        lit = np.ones(covered.shape, bool)
+        lit[covered] = rays.reach(from_here[covered], light, place)
+        far = ndimage.distance_transform_edt(~edges(lit, fine.depth)) / FINER
+        way = place[:3, 2] if isinstance(light, nrs.DirectionalLight) else place[:3, 3] - points
+        cosine = np.abs((normal * way).sum(-1) / np.linalg.norm(way, axis=-1).clip(1e-30))
+        # In pixels: what the receiver is moved by, the light's error and a texel, none of which is larger.
+        error = min(1.0, pixel_error)
+        offset = pixel_error + error + 0.72
+        band = 1.0 + (offset + error + 1.0) / cosine.clip(1e-3)
+        wrong = both & ((frame.shadow[..., number] > 0.5) != lit[center, center])
+        outside = wrong & (np.minimum(far[center, center], border) > band[center, center])
+        count, share = both.sum(), lit[center, center][both].mean()
+        # Where the source is a plane as far as that reaches.
+        flat = (crease > band)[center, center]
+        in_crease = outside & ~flat
+        outside &= flat
+        print(
+            f"{name}, {pixel_error} px, light {number}: {share:.0%} lit, {wrong.sum() / count:.3%} of "
+            f"{count:,} pixels wrong; outside of the band, {np.median(band[covered]):.1f} px in the median: {outside.sum()} of "
+            f"{(flat & both).sum():,} on flat ground, {in_crease.sum()} in creases"
+        )
+        assert 0.02 < share < 0.99
+        assert not outside.any()
+        assert in_crease.sum() <= 3e-4 * count
+        assert wrong.sum() < 0.1 * count
+
+
+def small_scene():
+    meshes, lights, pose = ball()
+    meshes[0] = meshes[2] = (nrs.shapes.displaced_icosphere(faces=5_000), meshes[0][1])
+    meshes[2] = (meshes[0][0], placed(1.6, -0.6, 0.5, scale=0.4))
+    return scene_of(meshes, lights), pose
+
+
+@pytest.fixture(scope="module")
+def small():
+    return small_scene()
+
+
+def test_shadows_are_off_unless_asked_for(small):
+    scene, pose = small
+    with nrs.Renderer(64, 48, backend="cpu") as renderer:
+        plain = renderer.render(scene, CAMERA, pose)
+        assert plain.stats.shadows is None
+        with pytest.raises(nrs.ArgumentError, match=r"^shadows: the frame was rendered without"):
+            plain.shadow  # noqa: B018
+        off, on, named = (
+            renderer.render(scene, CAMERA, pose, shadows=how) for how in (False, True, "virtual")
+        )
+        assert np.array_equal(off.color, plain.color)
+        assert not np.array_equal(on.color, plain.color)
+        assert np.array_equal(on.color, named.color)
+        # What is lit is as bright as without, and nothing is brighter.
+        everywhere = (on.shadow == 1.0).all(axis=-1)
+        assert np.array_equal(on.linear[everywhere], plain.linear[everywhere])
+        assert (on.linear <= plain.linear).all()
+        assert (on.linear < plain.linear).any()
+
+
+def test_arrays_are_the_same_in_every_way(small):
+    scene, pose = small
+    with nrs.Renderer(64, 48, backend="cpu") as renderer:
+        frame = renderer.render(scene, CAMERA, pose, shadows=True)
+        assert frame.shadow.shape == (48, 64, 3)
+        assert frame.shadow.dtype == np.float32
+        assert set(np.unique(frame.shadow)) == {0.0, 1.0}
+        assert (frame.shadow[frame.depth == 0] == 1.0).all()
+        (other,) = renderer.render_views(scene, [(CAMERA, pose)], shadows=True)
+        assert np.array_equal(other.shadow, frame.shadow)
+        for shading in ("gltf", "pyrender"):
+            shaded = renderer.render(scene, CAMERA, pose, shadows=True, shading=shading)
+            assert np.array_equal(shaded.shadow, frame.shadow)
+        smooth = renderer.render(scene, CAMERA, pose, shadows=True, samples=16)
+        assert np.array_equal(smooth.shadow, frame.shadow)
+        assert len(np.unique(smooth.color)) > len(np.unique(frame.color))
+        alone = renderer.render(scene, CAMERA, pose, shadows=True, depth_only=True)
+        assert np.array_equal(alone.depth, frame.depth)
+        with pytest.raises(nrs.ArgumentError, match=r"^depth_only: "):
+            alone.shadow  # noqa: B018
+        # Of a light that is off there is nothing, of one that casts none all is lit.
+        scene.lights[0].visible = False
+        assert np.array_equal(
+            renderer.render(scene, CAMERA, pose, shadows=True).shadow, frame.shadow[..., 1:]
+        )
+        scene.lights[0].visible = True
+        scene.lights[0].light = nrs.DirectionalLight(intensity=3.0, casts_shadows=False)
+        assert (renderer.render(scene, CAMERA, pose, shadows=True).shadow[..., 0] == 1.0).all()
+        scene.lights[0].light = nrs.DirectionalLight(intensity=3.0)
+
+
+def test_frames_and_scenes_keep_shadows_in_pickles():
+    scene, pose = small_scene()
+    scene.instances[0].casts_shadows = False
+    scene.instances[1].receives_shadows = False
+    scene.lights[1].light = nrs.SpotLight(intensity=20.0, outerConeAngle=0.5, casts_shadows=False)
+    for other in (pickle.loads(pickle.dumps(scene)), copy.copy(scene)):
+        flags = [(node.casts_shadows, node.receives_shadows) for node in other.instances]
+        assert flags == [(False, True), (True, False), (True, True)]
+        assert [node.light.casts_shadows for node in other.lights] == [True, False, True]
+    with nrs.Renderer(64, 48, backend="cpu") as renderer:
+        frame = renderer.render(scene, CAMERA, pose, shadows=True)
+    shadow, stats = frame.shadow, frame.stats.shadows
+    kept = pickle.loads(pickle.dumps(frame))
+    assert np.array_equal(kept.shadow, shadow)
+    assert kept.stats.shadows == stats
+
+
+def test_a_still_scene_draws_no_page_again(small):
+    scene, pose = small
+    with nrs.Renderer(*SIZE, backend="cpu") as renderer:
+        first, second = (renderer.render(scene, CAMERA, pose, shadows=True).stats.shadows for _ in range(2))
+        assert first.drawn_pages == first.wanted_pages == first.kept_pages > 0
+        assert first.clusters > 0
+        assert (second.drawn_pages, second.clusters, second.kept_pages) == (0, 0, first.kept_pages)
+        assert f"{first.wanted_pages:,} pages wanted" in str(first)
+        frame = renderer.render(scene, CAMERA, pose, shadows=True)
+        assert str(frame.stats.shadows) in str(frame.stats)
+        assert frame.stats.as_dict()["shadow_wanted_pages"] == first.wanted_pages
+        tight = renderer.render(scene, CAMERA, pose, shadows=True, shadow_memory=48 << 16)
+        assert tight.stats.shadows.coarser > 0
+        assert tight.stats.shadows.kept_pages <= 48
+        assert "times as large" in str(tight.stats.shadows)
+
+
+def test_mistakes_are_named(small):
+    scene, pose = small
+    with nrs.Renderer(32, 24, backend="cpu") as renderer:
+        with pytest.raises(nrs.ArgumentError, match=r'^shadows: .*"virtual"'):
+            renderer.render(scene, CAMERA, pose, shadows="hard")
+        with pytest.raises(nrs.DtypeError, match=r"^shadows: "):
+            renderer.render(scene, CAMERA, pose, shadows=1.5)
+        for bytes_ in (-1, 1 << 63):
+            with pytest.raises(nrs.ArgumentError, match=r"^shadow_memory: "):
+                renderer.render(scene, CAMERA, pose, shadows=True, shadow_memory=bytes_)
+        with pytest.raises(nrs.ArgumentError, match=r"^shadow_memory: "):
+            renderer.render(scene, CAMERA, pose, shadows=True, shadow_memory=0)
+        # Nothing is lost.
+        assert renderer.render(scene, CAMERA, pose, shadows=True).stats.shadows.wanted_pages > 0
+
+
+def test_flags_of_pyrender_say_which_lights_cast():
+    pyrender = pytest.importorskip("pyrender")
+    script = pyrender.Scene()
+    script.add(pyrender.PerspectiveCamera(yfov=0.8))
+    for light in (pyrender.DirectionalLight(), pyrender.SpotLight(), pyrender.PointLight()):
+        script.add(light)
+    flags = pyrender.RenderFlags
+    kinds = {"DirectionalLight", "SpotLight", "PointLight"}
+
+    def casting(**given):
+        view = nrs.from_pyrender(script, **given)
+        return view.shadows, {
+            type(node.light).__name__ for node in view.scene.lights if node.light.casts_shadows
+        }
+
+    assert casting() == (False, kinds)
+    assert casting(flags=flags.NONE) == (False, set())
+    assert casting(flags=flags.SHADOWS_DIRECTIONAL | flags.OFFSCREEN) == (True, {"DirectionalLight"})
+    assert casting(flags=flags.SHADOWS_ALL) == (True, kinds)

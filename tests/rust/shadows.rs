@@ -1,0 +1,393 @@
+//! Shadows: pages that are kept are those that would be drawn now, whatever was edited meanwhile; and shadows are where
+//! geometry says.
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+use nanite_rs::config::{RenderOptions, Samples, Shadows};
+use nanite_rs::model::{Dag, UNINTERRUPTED};
+use nanite_rs::render::{Frame, Renderer, ShadowStats, ViewDesc};
+use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
+
+use crate::render_frames::{CAMERA, IDENTITY, Pose, at, crowd, dag, shoot, turned};
+use crate::shapes::{bumpy_sphere, grid, torus};
+use crate::streaming::stored;
+
+const SIZE: (u32, u32) = (160, 120);
+
+fn options() -> RenderOptions {
+    RenderOptions { shadows: Shadows::Virtual, ..RenderOptions::default() }
+}
+
+fn light(kind: LightKind, pose: DAffine3) -> Light {
+    Light { kind, color: [1.0; 3], intensity: 3.0, pose, visible: true, casts_shadows: true }
+}
+
+/// Shines from `from` towards the middle.
+fn towards(kind: LightKind, from: DVec3) -> Light {
+    let axis = from.normalize();
+    let (x, y) = axis.any_orthonormal_pair();
+    light(kind, DAffine3 { matrix3: glam::DMat3::from_cols(x, y, axis), translation: from })
+}
+
+/// A light of each kind.
+fn lights() -> [Light; 3] {
+    let spot = LightKind::Spot { range: None, inner: 0.1, outer: 0.6 };
+    let point = LightKind::Point { range: None };
+    [
+        towards(LightKind::Directional, DVec3::new(1.0, 2.0, 1.5)),
+        towards(spot, DVec3::new(-6.0, 7.0, 5.0)),
+        light(point, DAffine3::from_translation(DVec3::new(0.3, 2.2, 2.0))),
+    ]
+}
+
+/// A flat square from −1 to 1.
+fn square(n: usize) -> Arc<Dag> {
+    let (mut positions, faces) = grid(n, |_, _| 0.0);
+    positions.iter_mut().for_each(|[x, y, _]| (*x, *y) = (2.0 * *x - 1.0, 2.0 * *y - 1.0));
+    dag(&(positions, faces))
+}
+
+/// The crowd on a floor, in three lights.
+fn lit_crowd() -> Scene {
+    let mut scene = crowd();
+    let floor = square(8);
+    // Seen from above: x across, z down.
+    let rows = [[20.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, -4.0], [0.0, -20.0, 0.0, -4.0], [0.0, 0.0, 0.0, 1.0]];
+    scene.add(floor, &rows, Material { double_sided: true, ..Material::default() }).unwrap();
+    for light in lights() {
+        scene.add_light(light).unwrap();
+    }
+    scene
+}
+
+fn shadow_stats(frame: &Frame) -> &ShadowStats {
+    frame.stats.shadows.as_ref().unwrap()
+}
+
+/// Everything that shadows decide, bit for bit.
+fn same_shadows(a: &Frame, b: &Frame) {
+    assert!(a.shadow().unwrap() == b.shadow().unwrap(), "shadows");
+    assert!(a.color().unwrap() == b.color().unwrap(), "colours");
+}
+
+/// Some light reaches some pixels, and some not.
+fn shows_both(frame: &Frame, lights: usize) {
+    let shadow = frame.shadow().unwrap();
+    for light in 0..lights {
+        let lit = shadow.iter().skip(light).step_by(lights).filter(|lit| **lit == 1.0).count();
+        let dark = shadow.len() / lights - lit;
+        assert!(lit > 100 && dark > 100, "light {light}: {lit} lit, {dark} dark");
+    }
+}
+
+#[test]
+fn kept_pages_are_those_that_would_be_drawn_now() {
+    let mut scene = lit_crowd();
+    let options = options();
+    let mut kept = Renderer::new(SIZE.0, SIZE.1, "cpu").unwrap();
+    let poses: Vec<Pose> =
+        (0..4).map(|k| turned(at(0.3 * f64::from(k), 1.0, 9.0), 0.03 * f64::from(k))).collect();
+    let handles: Vec<_> = scene.instances().handles().map(nanite_rs::scene::InstanceHandle).collect();
+    let ball = Arc::clone(&scene.instance(handles[0]).unwrap().mesh);
+    let (mut wanted, mut drawn) = (0, 0);
+    let mut check = |scene: &Scene, pose: &Pose| {
+        let frame = kept.render(scene, &CAMERA, pose, &options).unwrap();
+        let fresh = shoot(scene, &CAMERA, pose, SIZE, &options);
+        assert_eq!(shadow_stats(&frame).wanted, shadow_stats(&fresh).wanted);
+        assert_eq!(shadow_stats(&fresh).drawn, shadow_stats(&fresh).wanted);
+        (wanted, drawn) = (wanted + shadow_stats(&frame).wanted, drawn + shadow_stats(&frame).drawn);
+        same_shadows(&frame, &fresh);
+        shadow_stats(&frame).clone()
+    };
+    for pose in poses.iter().chain(&poses) {
+        check(&scene, pose);
+    }
+    // Nothing changed: nothing is drawn.
+    assert_eq!(check(&scene, &poses[3]).drawn, 0);
+    let first = scene.instance(handles[7]).unwrap().pose().translation;
+    for (step, pose) in (0..).zip(poses.iter().cycle().take(12)) {
+        match step % 6 {
+            0 => scene
+                .set_pose(handles[7], &at(first.x + 0.1 * f64::from(step), first.y + 0.3, first.z))
+                .unwrap(),
+            1 => scene.set_visible(handles[12], step > 6).unwrap(),
+            2 => drop(scene.add(Arc::clone(&ball), &at(0.5, 0.0, 4.0), Material::default()).unwrap()),
+            3 => scene.set_shadows(handles[20], step > 6, step <= 6).unwrap(),
+            4 => {
+                let newest = scene.instances().handles().max_by_key(|handle| handle.generation).unwrap();
+                drop(scene.remove(nanite_rs::scene::InstanceHandle(newest)).unwrap());
+            }
+            // A colour is no shape.
+            _ => {
+                let red = Material { base_color: [1.0, 0.0, 0.0], ..Material::default() };
+                scene.set_material(handles[3], red).unwrap();
+            }
+        }
+        let stats = check(&scene, pose);
+        assert!(stats.drawn < stats.wanted, "step {step} drew everything anew");
+    }
+    assert!(2 * drawn < wanted, "{drawn} of {wanted} pages were drawn");
+}
+
+#[test]
+fn lights_that_move_come_and_go_have_new_pages() {
+    let mut scene = lit_crowd();
+    let options = options();
+    let pose = at(0.0, 1.0, 9.0);
+    let mut kept = Renderer::new(SIZE.0, SIZE.1, "cpu").unwrap();
+    let mut check = |scene: &Scene| {
+        let frame = kept.render(scene, &CAMERA, &pose, &options).unwrap();
+        same_shadows(&frame, &shoot(scene, &CAMERA, &pose, SIZE, &options));
+        let stats = shadow_stats(&frame);
+        (stats.drawn, stats.wanted)
+    };
+    check(&scene);
+    let handles: Vec<_> = scene.lights().handles().map(nanite_rs::scene::LightHandle).collect();
+    for step in 1..4 {
+        let turn = DAffine3::from_rotation_y(0.1 * f64::from(step));
+        let light = scene.light(handles[1 + step as usize % 3]).unwrap();
+        scene.set_light(handles[1 + step as usize % 3], Light { pose: turn * light.pose, ..*light }).unwrap();
+        let (drawn, wanted) = check(&scene);
+        assert!(0 < drawn && drawn < wanted, "{drawn} of {wanted}");
+    }
+    // Brightness is no place.
+    let light = *scene.light(handles[2]).unwrap();
+    scene.set_light(handles[2], Light { intensity: 9.0, ..light }).unwrap();
+    assert_eq!(check(&scene).0, 0);
+    scene.remove_light(handles[2]).unwrap();
+    assert_eq!(check(&scene).0, 0);
+    // In the slot of the one before.
+    scene.add_light(towards(LightKind::Directional, DVec3::new(-1.0, 1.0, 0.5))).unwrap();
+    let (drawn, wanted) = check(&scene);
+    assert!(0 < drawn && drawn < wanted, "{drawn} of {wanted}");
+}
+
+#[test]
+fn every_camera_and_number_of_samples_finds_its_pages() {
+    // Whatever is looked up was marked, or a debug assertion fails; with all thresholds, and far from the origin.
+    let far = DVec3::new(3.0e6, -2.0e5, 1.0e6);
+    let parallel = Projection::Orthographic { xmag: None, ymag: 4.0 };
+    let telephoto = Projection::Perspective { yfov: 0.03, aspect: None };
+    let wide = Projection::Perspective { yfov: 2.2, aspect: None };
+    for (projection, distance) in
+        [(CAMERA.projection, 9.0), (parallel, 30.0), (telephoto, 300.0), (wide, 6.0)]
+    {
+        let camera = Camera { projection, znear: 0.05, zfar: None };
+        let mut pictures = Vec::new();
+        for origin in [DVec3::ZERO, far] {
+            let mut scene = Scene::new();
+            for (_, instance) in lit_crowd().instances().iter() {
+                let pose = DAffine3::from_translation(origin) * *instance.pose();
+                let rows = nanite_rs::scene::pose::rows(&pose);
+                scene.add(Arc::clone(&instance.mesh), &rows, instance.materials.clone()).unwrap();
+            }
+            for light in lights() {
+                let pose = DAffine3::from_translation(origin) * light.pose;
+                scene.add_light(Light { pose, ..light }).unwrap();
+            }
+            let pose = at(origin.x, origin.y + 1.0, origin.z + distance);
+            for pixel_error in [0.0, 0.3, 1.0, 5.0] {
+                let options = RenderOptions { pixel_error, ..options() };
+                let frame = shoot(&scene, &camera, &pose, (97, 61), &options);
+                shows_both(&frame, 3);
+                if pixel_error == 1.0 {
+                    pictures.push(frame.shadow().unwrap());
+                }
+            }
+            let options = RenderOptions { samples: Samples::Four, ..options() };
+            let smooth = shoot(&scene, &camera, &pose, (97, 61), &options);
+            assert!(smooth.color().is_ok());
+        }
+        let differing = pictures[0].iter().zip(&pictures[1]).filter(|(a, b)| a != b).count();
+        assert!(30 * differing < pictures[0].len(), "{differing} of {}", pictures[0].len());
+    }
+}
+
+#[test]
+fn without_room_shadows_are_coarser_and_stay_so() {
+    let scene = lit_crowd();
+    let pose = at(0.0, 1.0, 9.0);
+    let whole = shoot(&scene, &CAMERA, &pose, SIZE, &options());
+    let pages = shadow_stats(&whole).wanted;
+    let room = pages / 2;
+    let small = RenderOptions { shadow_memory: room << 16, ..options() };
+    let mut renderer = Renderer::new(SIZE.0, SIZE.1, "cpu").unwrap();
+    let frame = renderer.render(&scene, &CAMERA, &pose, &small).unwrap();
+    let stats = shadow_stats(&frame);
+    assert!(stats.coarser > 0 && stats.wanted <= room && stats.kept <= room, "{stats:?} of {pages}");
+    shows_both(&frame, 4);
+    let (fine, coarse) = (whole.shadow().unwrap(), frame.shadow().unwrap());
+    let differing = fine.iter().zip(&coarse).filter(|(a, b)| a != b).count();
+    assert!(0 < differing && 8 * differing < fine.len(), "{differing} of {}", fine.len());
+    // The next frame draws nothing, and others make room for theirs.
+    let again = renderer.render(&scene, &CAMERA, &pose, &small).unwrap();
+    assert_eq!((shadow_stats(&again).drawn, shadow_stats(&again).evicted), (0, 0));
+    same_shadows(&frame, &again);
+    let evicted: u64 = (0..6)
+        .map(|k| {
+            let pose = turned(at(2.0 * f64::from(k), 1.0, 7.0), 0.2 * f64::from(k));
+            let frame = renderer.render(&scene, &CAMERA, &pose, &small).unwrap();
+            assert!(shadow_stats(&frame).kept <= room);
+            same_shadows(&frame, &shoot(&scene, &CAMERA, &pose, SIZE, &small));
+            shadow_stats(&frame).evicted
+        })
+        .sum();
+    assert!(evicted > 0);
+}
+
+#[test]
+fn views_of_a_call_share_pages() {
+    let scene = lit_crowd();
+    let views = [at(0.0, 1.0, 9.0), at(0.03, 1.0, 9.0)];
+    let alone = views.map(|pose| shoot(&scene, &CAMERA, &pose, SIZE, &options()));
+    let descs: Vec<ViewDesc> = (0..).zip(views).map(|(id, pose)| ViewDesc::new(id, CAMERA, pose)).collect();
+    let mut renderer = Renderer::new(SIZE.0, SIZE.1, "cpu").unwrap();
+    let together = renderer.render_views(&scene, &descs, &options(), UNINTERRUPTED).unwrap();
+    for (a, b) in together.iter().zip(&alone) {
+        same_shadows(a, b);
+    }
+    let pages = |frames: &[Frame]| frames.iter().map(|frame| shadow_stats(frame).drawn).collect::<Vec<_>>();
+    let (shared, own) = (pages(&together)[0], pages(&alone));
+    assert!(5 * shared < 3 * (own[0] + own[1]), "{shared} instead of {own:?}");
+}
+
+#[test]
+fn streamed_meshes_cast_the_shadows_of_whole_ones() {
+    let meshes = [dag(&bumpy_sphere(70)), dag(&torus(90, 40))];
+    let scene_of = |meshes: &[Arc<Dag>]| {
+        let mut scene = Scene::new();
+        for (k, mesh) in meshes.iter().enumerate() {
+            scene
+                .add(Arc::clone(mesh), &at(0.4 * k as f64, 1.6 * k as f64, 0.0), Material::default())
+                .unwrap();
+        }
+        scene.add_light(towards(LightKind::Directional, DVec3::new(0.3, 2.0, 0.4))).unwrap();
+        scene
+    };
+    let whole = scene_of(&meshes);
+    let streamed = scene_of(&meshes.each_ref().map(|mesh| stored(mesh)));
+    let mut renderer = Renderer::new(SIZE.0, SIZE.1, "cpu").unwrap();
+    renderer.stream(Some(64 << 20));
+    for distance in [20.0, 5.0, 4.0] {
+        let pose = at(0.0, 0.5, distance);
+        let frame = renderer.render(&streamed, &CAMERA, &pose, &options()).unwrap();
+        same_shadows(&frame, &shoot(&whole, &CAMERA, &pose, SIZE, &options()));
+    }
+}
+
+/// A square of side 2 above a floor, in light at a slope: where its shadow lies is known.
+#[test]
+fn a_square_shades_what_is_behind_it_and_nothing_else() {
+    let flat = square(4);
+    let lying = |half: f64, height: f64| -> Pose {
+        [[half, 0.0, 0.0, 0.0], [0.0, 0.0, half, height], [0.0, -half, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    };
+    let mut scene = Scene::new();
+    let floor = scene.add(Arc::clone(&flat), &lying(40.0, 0.0), Material::default()).unwrap();
+    let square = scene.add(Arc::clone(&flat), &lying(1.0, 3.0), Material::default()).unwrap();
+    // From the floor's middle the light is at (1, 1, 0): the shadow moves by −3 along x.
+    let sun = scene.add_light(towards(LightKind::Directional, DVec3::new(1.0, 1.0, 0.0))).unwrap();
+    // Straight down, two hundred pixels a unit.
+    let down = [[1.0, 0.0, 0.0, -3.0], [0.0, 0.0, 1.0, 2.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    let camera = Camera {
+        projection: Projection::Orthographic { xmag: Some(1.5), ymag: 1.5 },
+        znear: 0.01,
+        zfar: None,
+    };
+    let side = 600;
+    let mut renderer = Renderer::new(side, side, "cpu").unwrap();
+    let mut dark = |scene: &Scene| {
+        let shadow = renderer.render(scene, &camera, &down, &options()).unwrap().shadow().unwrap();
+        let pixel = 3.0 / f64::from(side);
+        let mut wrong = Vec::new();
+        for (at, lit) in shadow.iter().enumerate() {
+            let place = |k: usize| (k as f64 + 0.5) * pixel - 1.5;
+            let farthest = place(at % side as usize).abs().max(place(at / side as usize).abs());
+            // A texel along the slope, and what a receiver is moved by.
+            if (farthest < 1.0) == (*lit == 1.0) && (farthest - 1.0).abs() > 4.0 * pixel {
+                wrong.push(at);
+            }
+        }
+        (shadow.iter().filter(|lit| **lit == 0.0).count(), wrong.len())
+    };
+    let (count, wrong) = dark(&scene);
+    let expected = (f64::from(side) * 2.0 / 3.0).powi(2);
+    assert_eq!(wrong, 0);
+    assert!((count as f64 / expected - 1.0).abs() < 0.02, "{count} pixels of {expected}");
+    // Seen from the light it shows its back now, and is as dark.
+    let mut back = lying(1.0, 3.0);
+    (back[0][0], back[2][1]) = (-1.0, -1.0);
+    scene.set_pose(square, &back).unwrap();
+    assert_eq!(dark(&scene).1, 0);
+    let mut none = |scene: &Scene| assert_eq!(dark(scene).0, 0);
+    scene.set_shadows(square, false, true).unwrap();
+    none(&scene);
+    scene.set_shadows(square, true, true).unwrap();
+    scene.set_shadows(floor, true, false).unwrap();
+    none(&scene);
+    scene.set_shadows(floor, true, true).unwrap();
+    let light = *scene.light(sun).unwrap();
+    scene.set_light(sun, Light { casts_shadows: false, ..light }).unwrap();
+    none(&scene);
+}
+
+#[test]
+fn a_floor_in_grazing_light_does_not_shade_itself() {
+    let mut scene = Scene::new();
+    let flat = square(40);
+    let lying = [[50.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -50.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    scene.add(flat, &lying, Material::default()).unwrap();
+    let sun = scene.add_light(towards(LightKind::Directional, DVec3::Y)).unwrap();
+    for degrees in [0.5f64, 2.0, 10.0, 45.0, 80.0, 90.0] {
+        for turn in 0..3 {
+            let (up, across) = (degrees * PI / 180.0).sin_cos();
+            let (sin, cos) = (0.9 * f64::from(turn)).sin_cos();
+            let light = towards(LightKind::Directional, DVec3::new(across * cos, up, across * sin));
+            scene.set_light(sun, light).unwrap();
+            for height in [0.02, 1.7, 400.0] {
+                let mut pose = at(0.3, height, 20.0);
+                // Down a little.
+                let (sin, cos) = (-0.3f64).sin_cos();
+                (pose[1][1], pose[1][2], pose[2][1], pose[2][2]) = (cos, -sin, sin, cos);
+                let camera = Camera { znear: 1e-3, ..CAMERA };
+                let frame = shoot(&scene, &camera, &pose, SIZE, &options());
+                let shadow = frame.shadow().unwrap();
+                let dark = shadow.iter().filter(|lit| **lit == 0.0).count();
+                assert_eq!(dark, 0, "at {degrees}° turned {turn} from {height}");
+            }
+        }
+    }
+    // And from below it is dark.
+    scene.set_light(sun, towards(LightKind::Directional, DVec3::new(0.1, -1.0, 0.2))).unwrap();
+    let frame = shoot(&scene, &CAMERA, &at(0.0, 2.0, 20.0), SIZE, &options());
+    let (shadow, depth) = (frame.shadow().unwrap(), frame.depth().unwrap());
+    assert!(shadow.iter().zip(&depth).all(|(lit, depth)| (*lit == 0.0) == (*depth > 0.0)));
+}
+
+#[test]
+fn frames_without_shadows_say_so() {
+    let frame = shoot(&lit_crowd(), &CAMERA, &at(0.0, 1.0, 9.0), SIZE, &RenderOptions::default());
+    let error = frame.shadow().unwrap_err().to_string();
+    assert!(error.starts_with("shadows: "), "{error}");
+    assert!(frame.stats.shadows.is_none());
+    // Where there is no light and nothing to see there is nothing to do.
+    let empty = shoot(&Scene::new(), &CAMERA, &IDENTITY, SIZE, &options());
+    assert_eq!(empty.shadow().unwrap().len(), 0);
+    assert_eq!(shadow_stats(&empty).wanted, 0);
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+fn frames_of_a_device_have_the_same_shadows() {
+    use crate::gpu_parity::{device, on_device};
+
+    if device("frames_of_a_device_have_the_same_shadows").is_none() {
+        return;
+    }
+    let scene = lit_crowd();
+    let pose = at(0.0, 1.0, 9.0);
+    let gpu = on_device(&scene, &CAMERA, &pose, SIZE, &options());
+    same_shadows(&gpu, &shoot(&scene, &CAMERA, &pose, SIZE, &options()));
+}
