@@ -35,6 +35,28 @@ impl Lanes {
         lanes!(i => self.0[i].sqrt())
     }
 
+    /// Whether all are in one octave: [2ⁿ, 2ⁿ⁺¹) for some n.
+    #[inline(always)]
+    pub fn in_one_octave(self) -> bool {
+        let first = self.0[0].to_bits() >> 23;
+        let mut other = 0;
+        for lane in 1..LANES {
+            other |= (self.0[lane].to_bits() >> 23) ^ first;
+        }
+        other == 0
+    }
+
+    /// The least and the largest; any where they do not compare.
+    #[inline(always)]
+    pub fn range(self) -> (f32, f32) {
+        let (mut low, mut high) = (self.0[0], self.0[0]);
+        for lane in 1..LANES {
+            low = if self.0[lane] < low { self.0[lane] } else { low };
+            high = if self.0[lane] > high { self.0[lane] } else { high };
+        }
+        (low, high)
+    }
+
     /// The next whole numbers below.
     #[inline(always)]
     pub fn floor(self) -> Self {

@@ -12,8 +12,8 @@ use super::environment;
 use super::lanes::{LANES, Lanes, Vec3x8, cross, dot, minus, normalize, splat3};
 use super::material::Bsdf;
 use super::output::ROWS;
-use super::shadow_test::{Receivers, Shadows};
-use super::surface::{Detail, Extra, Pixels, Surfels, Walk};
+use super::shadow_test::{LastPage, Receivers, Shadows};
+use super::surface::{Detail, Extra, Pixels, Surfels, Walk, position};
 use crate::config::{Output, Shading, Transfer};
 use crate::limits::{DIELECTRIC_F0, LEAST_COSINE};
 use crate::scene::placement::Eye;
@@ -264,6 +264,7 @@ impl Shader<'_> {
             self.surround(range.clone(), &written, out);
         }
         let Some(mut walk) = Walk::new(self.pixels, range) else { return };
+        let last = LastPage::of(self.light.shadows);
         // Known when this is compiled, so that what other ways of shading need is left out.
         let shading = if D::DETAIL { self.light.lighting.shading } else { Shading::Pyrender };
         while let Some(surfels) = walk.step::<D>() {
@@ -290,7 +291,7 @@ impl Shader<'_> {
                     };
                     let reaches = |number: usize| {
                         let (receivers, shadows) = receivers.as_ref()?;
-                        Some(receivers.reached_by(shadows[number].as_ref()?))
+                        Some(receivers.reached_by(shadows[number].as_ref()?, &last[number]))
                     };
                     shade(seen, self.eye, self.light.lighting, shading, reaches)
                 }
@@ -391,15 +392,6 @@ fn run<T: Copy + Default + PartialEq + Send + Sync>(
         // Detail tells back faces from front faces.
         _ => shader.rows::<T, Detail, false>(background, written),
     }
-}
-
-/// From pixels and distances to camera space.
-#[inline(always)]
-pub(super) fn position(eye: &Eye, orthographic: bool, point: &[Lanes; 2], distance: Lanes) -> Vec3x8 {
-    let scale = if orthographic { Lanes::splat(1.0) } else { distance };
-    let up = -(point[1] - eye.center[1]) * eye.inverse_focal[1];
-    let right = (point[0] - eye.center[0] - up * eye.skew) * eye.inverse_focal[0];
-    [right * scale, up * scale, -distance]
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use rustc_hash::FxHashSet;
 
 use super::lanes::{LANES, Lanes, Vec3x8, dot};
 use super::output::ROWS;
-use super::shade::position;
+use super::surface::position;
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH};
 use crate::scene::placement::Eye;
 use crate::shadow::receiver::RelativePage;
@@ -83,18 +83,26 @@ impl Marker<'_> {
             let mut point =
                 [Lanes::splat((first - row) as f32 + 0.5), Lanes::splat((row / width) as f32 + 0.5)];
             let mut distance = Lanes::splat(1.0);
-            let mut count = 0;
-            // What is covered, close together.
-            for (lane, word) in words.iter().enumerate().filter(|(_, word)| **word != 0) {
-                point[0].0[count] = (first - row + lane) as f32 + 0.5;
-                distance.0[count] = self.screen.distance((*word >> 32) as u32);
-                count += 1;
-            }
-            if count == 0 {
-                continue;
-            }
-            for lane in count..LANES {
-                (point[0].0[lane], distance.0[lane]) = (point[0].0[0], distance.0[0]);
+            let mut count = LANES;
+            if words.len() == LANES && words.iter().all(|word| *word != 0) {
+                for lane in 0..LANES {
+                    point[0].0[lane] += lane as f32;
+                    distance.0[lane] = self.screen.distance((words[lane] >> 32) as u32);
+                }
+            } else {
+                // What is covered, close together; the first again behind the last.
+                count = 0;
+                for (lane, word) in words.iter().enumerate().filter(|(_, word)| **word != 0) {
+                    point[0].0[count] = (first - row + lane) as f32 + 0.5;
+                    distance.0[count] = self.screen.distance((*word >> 32) as u32);
+                    count += 1;
+                }
+                if count == 0 {
+                    continue;
+                }
+                for lane in count..LANES {
+                    (point[0].0[lane], distance.0[lane]) = (point[0].0[0], distance.0[0]);
+                }
             }
             let at = position(self.eye, self.screen.orthographic, &point, distance);
             for ((light, found), last) in self.lights.iter().zip(&mut found).zip(&mut last) {
@@ -127,14 +135,7 @@ impl Marker<'_> {
             false => distance / light.focal,
         };
         let level = light.level_of(pixel.0[0]);
-        let Some(anchor) = light.anchor(level) else { return false };
-        let mut same = true;
-        for lane in 1..LANES {
-            same &= light.level_of(pixel.0[lane]) == level;
-        }
-        if !same {
-            return false;
-        }
+        let Some(anchor) = light.anchor(level).filter(|_| pixel.in_one_octave()) else { return false };
         let inverse = f32::from_bits(((127 - level) as u32) << 23);
         let own = distance * SHADOW_ROUNDING + pixel * (self.error.pixels + SHADOW_SNAP) + self.error.world;
         // A little more, for the rounding of what follows.
@@ -144,11 +145,7 @@ impl Marker<'_> {
             (at[0] * axis[0] + at[1] * axis[1] + at[2] * axis[2]) * inverse
         };
         let range = |along: Lanes, side: f32| {
-            let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-            for lane in 0..LANES {
-                low = low.min(along.0[lane] - reach.0[lane]);
-                high = high.max(along.0[lane] + reach.0[lane]);
-            }
+            let ((low, _), (_, high)) = ((along - reach).range(), (along + reach).range());
             ((low / side).floor() as i32, (high / side).floor() as i32)
         };
         let side = SHADOW_PAGE_SIDE as f32;

@@ -1,5 +1,6 @@
 //! Surface points and pages of shadow maps → how much of each light reaches them.
 
+use std::cell::Cell;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -7,8 +8,7 @@ use rustc_hash::FxHashMap;
 
 use super::lanes::{LANES, Lanes, Vec3x8, dot};
 use super::output::ROWS;
-use super::shade::position;
-use super::surface::{Detail, Pixels, Surfels, Walk};
+use super::surface::{Detail, Pixels, Surfels, Walk, position};
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH};
 use crate::scene::placement::Eye;
 use crate::shadow::receiver::{RelativePage, texel_in};
@@ -78,33 +78,28 @@ impl Receivers {
         Receiver { position, normal, smooth, error: self.error.0[lane] }
     }
 
-    /// How much of a light reaches each: 1, or 0 in its shadow.
+    /// How much of a light reaches each: 1, or 0 in its shadow. `last` is of this light.
     #[inline(always)]
-    pub fn reached_by(&self, light: &LightShadow) -> Lanes {
+    pub fn reached_by<'a>(&self, light: &'a LightShadow, last: &LastPage<'a>) -> Lanes {
         let view = &light.view;
         let pixel = match view.orthographic {
             true => Lanes::splat(1.0 / view.focal),
             false => self.distance / view.focal,
         };
         let level = view.level_of(pixel.0[0]);
-        let mut same = true;
-        for lane in 0..LANES {
-            same &= (view.level_of(pixel.0[lane]) == level) | (lane >= self.count);
-        }
         match view.anchor(level) {
-            Some(anchor) if same => self.in_level(light, level, &anchor, pixel),
-            _ => self.one_by_one(light),
+            Some(anchor) if pixel.in_one_octave() => self.in_level(light, level, &anchor, pixel, last),
+            _ => self.one_by_one(light, last),
         }
     }
 
-    fn one_by_one(&self, light: &LightShadow) -> Lanes {
+    fn one_by_one<'a>(&self, light: &'a LightShadow, last: &LastPage<'a>) -> Lanes {
         let mut out = Lanes::splat(1.0);
-        let mut pages = Pages { light, last: None };
         for lane in 0..self.count {
             out.0[lane] = match light.view.look_up(&self.one(lane)) {
                 Lookup::Lit => 1.0,
                 Lookup::Dark => 0.0,
-                Lookup::Texel { page, texel, key } => pages.compare(page, texel, key),
+                Lookup::Texel { page, texel, key } => lit(last.page(light, page), texel, key),
             };
         }
         out
@@ -112,7 +107,14 @@ impl Receivers {
 
     /// [`LightView::look_up`] of receivers that look up one level of a parallel map, operation by operation.
     #[inline(always)]
-    fn in_level(&self, light: &LightShadow, level: i32, anchor: &[f32; 3], pixel: Lanes) -> Lanes {
+    fn in_level<'a>(
+        &self,
+        light: &'a LightShadow,
+        level: i32,
+        anchor: &[f32; 3],
+        pixel: Lanes,
+        last: &LastPage<'a>,
+    ) -> Lanes {
         let LightView { axes, threshold, .. } = &light.view;
         let along = |k: usize, v: &Vec3x8| v[0] * axes[k][0] + v[1] * axes[k][1] + v[2] * axes[k][2];
         let (normal, smooth) = (along(2, &self.normal), along(2, &self.smooth));
@@ -140,44 +142,63 @@ impl Receivers {
             depth - (self.distance * SHADOW_ROUNDING + texel * (SHADOW_SIDE as f32 * SHADOW_ROUNDING));
         let depth = depth.max(0.0);
         let (x, y) = (x - column * side, y - row * side);
-        let mut pages = Pages { light, last: None };
         let mut out = Lanes::splat(1.0);
+        let page = |lane: usize| RelativePage {
+            face: 0,
+            level: level as i16,
+            x: column.0[lane] as i32,
+            y: row.0[lane] as i32,
+            z: slab.0[lane] as i32,
+        };
+        let mut same = true;
+        for lane in 1..LANES {
+            same &= (column.0[lane] == column.0[0]) & (row.0[lane] == row.0[0]) & (slab.0[lane] == slab.0[0]);
+        }
+        // Of eight neighbours all mostly fall into one page.
+        let of_all = same.then(|| last.page(light, page(0)));
         for lane in 0..self.count {
-            if !(pick(lane) || smooth.0[lane] > 0.0) {
-                out.0[lane] = 0.0;
-                continue;
-            }
-            let page = RelativePage {
-                face: 0,
-                level: level as i16,
-                x: column.0[lane] as i32,
-                y: row.0[lane] as i32,
-                z: slab.0[lane] as i32,
+            out.0[lane] = if pick(lane) || smooth.0[lane] > 0.0 {
+                let texels = of_all.unwrap_or_else(|| last.page(light, page(lane)));
+                lit(texels, texel_in(x.0[lane], y.0[lane]), !depth.0[lane].to_bits())
+            } else {
+                0.0
             };
-            out.0[lane] = pages.compare(page, texel_in(x.0[lane], y.0[lane]), !depth.0[lane].to_bits());
         }
         out
     }
 }
 
-/// A light's pages, of which the next lookup mostly wants the one before.
-struct Pages<'a> {
-    light: &'a LightShadow,
-    last: Option<(RelativePage, Option<&'a [u32]>)>,
+/// The page of a light that was looked up last: the next lookup mostly wants the same.
+#[derive(Default)]
+pub struct LastPage<'a>(Cell<Option<(RelativePage, Texels<'a>)>>);
+
+/// Texels of a page that is there.
+type Texels<'a> = Option<&'a [u32]>;
+
+impl<'a> LastPage<'a> {
+    /// One for each of a frame's lights.
+    pub fn of(shadows: Option<&'a Shadows>) -> Vec<Self> {
+        shadows.map_or(&[][..], |shadows| shadows).iter().map(|_| Self::default()).collect()
+    }
+
+    #[inline(always)]
+    fn page(&self, light: &'a LightShadow, page: RelativePage) -> Texels<'a> {
+        if let Some((known, texels)) = self.0.get()
+            && known == page
+        {
+            return texels;
+        }
+        let texels = light.pages.get(&page).map(|texels| &texels[..]);
+        self.0.set(Some((page, texels)));
+        texels
+    }
 }
 
-impl Pages<'_> {
-    /// 1 where nothing in a page is nearer to the light.
-    #[inline(always)]
-    fn compare(&mut self, page: RelativePage, texel: u32, key: u32) -> f32 {
-        let texels = match self.last {
-            Some((known, texels)) if known == page => texels,
-            _ => self.light.pages.get(&page).map(|texels| &texels[..]),
-        };
-        debug_assert!(texels.is_some(), "{page:?} was not marked");
-        self.last = Some((page, texels));
-        if texels.is_none_or(|texels| texels[texel as usize] <= key) { 1.0 } else { 0.0 }
-    }
+/// 1 where nothing in a page is nearer to the light.
+#[inline(always)]
+fn lit(texels: Texels<'_>, texel: u32, key: u32) -> f32 {
+    debug_assert!(texels.is_some(), "a page that is looked up was not marked");
+    if texels.is_none_or(|texels| texels[texel as usize] <= key) { 1.0 } else { 0.0 }
 }
 
 /// How much of each light reaches each pixel, row by row: all lights of the first pixel first. 1 where nothing is covered.
@@ -188,6 +209,7 @@ pub fn run(pixels: Pixels<'_>, eye: &Eye, shadows: &Shadows) -> Vec<f32> {
     out.par_chunks_mut((lights * stretch).max(1)).enumerate().for_each(|(chunk, out)| {
         let start = chunk * stretch;
         let Some(mut walk) = Walk::new(pixels, start..start + out.len() / lights) else { return };
+        let last = LastPage::of(Some(shadows));
         while let Some(surfels) = walk.step::<Detail>() {
             let orthographic = pixels.screen.orthographic;
             let at = position(eye, orthographic, &surfels.point, surfels.distance);
@@ -196,7 +218,7 @@ pub fn run(pixels: Pixels<'_>, eye: &Eye, shadows: &Shadows) -> Vec<f32> {
             };
             for (number, light) in shadows.iter().enumerate() {
                 let Some(light) = light else { continue };
-                let reached = receivers.reached_by(light);
+                let reached = receivers.reached_by(light, &last[number]);
                 for lane in 0..surfels.count {
                     out[lights * (surfels.pixels[lane] as usize - start) + number] = reached.0[lane];
                 }
@@ -277,7 +299,8 @@ mod tests {
                 .collect();
             let shadow = LightShadow { pages: noise(&light, &receivers), view: light };
             for eight in &receivers {
-                let (together, apart) = (eight.reached_by(&shadow), eight.one_by_one(&shadow));
+                let last = LastPage::default();
+                let (together, apart) = (eight.reached_by(&shadow, &last), eight.one_by_one(&shadow, &last));
                 assert_eq!(together.0, apart.0);
                 together.0.iter().for_each(|lit| outcomes[usize::from(*lit > 0.0)] += 1);
             }

@@ -4,6 +4,7 @@
 use super::lanes::{LANES, Lanes, Vec3x8, apply, blend, cross, minus, normalize};
 use crate::math::octahedral::OCTAHEDRAL_STEPS;
 use crate::model::{ClusterAddress, ClusterGeometry, ColorFormat};
+use crate::scene::placement::Eye;
 use crate::views::{Hit, InstanceView, Screen, Visible, decode};
 
 /// A finished visibility buffer with all that is needed to read it.
@@ -272,6 +273,15 @@ impl<'a> Gathered<'a> {
             detail,
         }
     }
+}
+
+/// From pixels and distances to camera space.
+#[inline(always)]
+pub fn position(eye: &Eye, orthographic: bool, point: &[Lanes; 2], distance: Lanes) -> Vec3x8 {
+    let scale = if orthographic { Lanes::splat(1.0) } else { distance };
+    let up = -(point[1] - eye.center[1]) * eye.inverse_focal[1];
+    let right = (point[0] - eye.center[0] - up * eye.skew) * eye.inverse_focal[0];
+    [right * scale, up * scale, -distance]
 }
 
 /// Rows of a map to homogeneous screen space.

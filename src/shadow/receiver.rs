@@ -12,6 +12,8 @@ use crate::scene::View;
 
 /// Levels of a parallel map that a frame may use.
 const LEVELS: usize = 64;
+/// For so many levels that texels are coarser, levels that are used lie one more apart.
+const LEVELS_APART: i32 = 3;
 /// By how many halvings a texel may be smaller than the scene.
 const FINEST: i32 = 48;
 
@@ -211,7 +213,7 @@ impl LightView {
         if !(depth > 0.0 && finest > 0.0) {
             return None;
         }
-        let level = (exponent(pixel / finest) + self.coarser).clamp(0, BOUNDED_LEVELS - 1);
+        let level = self.coarse(exponent(pixel / finest)).clamp(0, BOUNDED_LEVELS - 1);
         Some((level, finest * power(level)))
     }
 
@@ -224,7 +226,18 @@ impl LightView {
     /// Of a parallel map, the level where a pixel is so large.
     #[inline(always)]
     pub fn level_of(&self, pixel: f32) -> i32 {
-        self.bounded(exponent(pixel) + self.coarser)
+        self.bounded(self.coarse(exponent(pixel)))
+    }
+
+    /// The level that stands for one. For want of room not only larger texels are taken, but fewer levels too: each takes a
+    /// page at least.
+    #[inline(always)]
+    fn coarse(&self, level: i32) -> i32 {
+        if self.coarser == 0 {
+            return level;
+        }
+        let apart = 1 + self.coarser / LEVELS_APART;
+        -(-(level + self.coarser)).div_euclid(apart) * apart
     }
 
     /// The level of a parallel map that is nearest to this one.

@@ -145,7 +145,7 @@ def points_of(frame, pose):
 
 
 def between(differ, depth):
-    """Pixels beside which a surface goes on otherwise: ``differ`` says of neighbours along an axis whether they do."""
+    """Pixels beside which a surface goes on otherwise: ``differ`` says of neighbours along an axis if they do."""
     out = np.zeros(depth.shape, bool)
     for axis in (0, 1):
         near, far = (np.take(depth, range(k, depth.shape[axis] - 1 + k), axis) for k in (0, 1))
@@ -217,8 +217,8 @@ def test_rays_and_shadows_agree_but_for_a_band_about_edges(name, pixel_error):
         outside &= flat
         print(
             f"{name}, {pixel_error} px, light {number}: {share:.0%} lit, {wrong.sum() / count:.3%} of "
-            f"{count:,} pixels wrong; outside of the band, {np.median(band[covered]):.1f} px in the median: {outside.sum()} of "
-            f"{(flat & both).sum():,} on flat ground, {in_crease.sum()} in creases"
+            f"{count:,} pixels wrong; outside of the band, {np.median(band[covered]):.1f} px in the median: "
+            f"{outside.sum()} of {(flat & both).sum():,} on flat ground, {in_crease.sum()} in creases"
         )
         assert 0.02 < share < 0.99
         assert not outside.any()
