@@ -48,7 +48,18 @@ SHAPE_PREFIX: Final = "shape:"
 DEMO_SHAPE: Final = "shape:displaced_icosphere:2000000"
 PICTURES: Final = ("whole", "near", "far")
 PICTURE_VIEWS: Final = ("shaded", "clusters", "levels")
-VIEWS: Final = ("shaded", "triangles", "clusters", "groups", "levels", "rasterizers", "overdraw")
+VIEWS: Final = (
+    "shaded",
+    "triangles",
+    "clusters",
+    "groups",
+    "levels",
+    "rasterizers",
+    "overdraw",
+    "shadow_pages",
+    "shadow_levels",
+    "shadow_kept",
+)
 
 
 # ---------------------------------------------------------------------------------------------------- input
@@ -334,8 +345,9 @@ def _demo_pictures(mesh: nrs.NaniteMesh, arguments: argparse.Namespace, stem: Pa
                         frame.save(path, view=view)
             if label == "whole":
                 Path(f"{stem}_stages.txt").write_text(f"{stats}\n", encoding="utf-8")
+        in_the_sun = _in_the_sun(mesh, arguments)
         for _ in range(2):  # the first frame draws the pages that the second looks up
-            frame = _in_the_sun(renderer, mesh, arguments)
+            frame = renderer.render(*in_the_sun, pixel_error=arguments.pixel_error, shadows=True)
         frame.save(f"{stem}_shadows.png")
         stats = frame.stats
         drawn = stats.drawn_small + stats.drawn_large
@@ -344,8 +356,10 @@ def _demo_pictures(mesh: nrs.NaniteMesh, arguments: argparse.Namespace, stem: Pa
     return rows
 
 
-def _in_the_sun(renderer: nrs.Renderer, mesh: nrs.NaniteMesh, arguments: argparse.Namespace) -> nrs.Frame:
-    """A frame of the mesh on a floor, under a sun that casts shadows."""
+def _in_the_sun(
+    mesh: nrs.NaniteMesh, arguments: argparse.Namespace
+) -> tuple[nrs.Scene, nrs.Camera, NDArray[np.float64]]:
+    """The mesh on a floor, under a sun: scene, camera and pose."""
     axes = UP[arguments.up]
     low, high = mesh.bounds @ axes
     low, high = np.minimum(low, high), np.maximum(low, high)
@@ -364,8 +378,7 @@ def _in_the_sun(renderer: nrs.Renderer, mesh: nrs.NaniteMesh, arguments: argpars
     scene.add(nrs.DirectionalLight(intensity=3.0), pose=placed(turn + 1.2, 0.7, radius))
     away = 1.25 * radius / np.sin(0.5 * np.radians(arguments.yfov))
     camera = nrs.PerspectiveCamera(yfov=np.radians(arguments.yfov), znear=1e-3 * away)
-    pose = placed(turn, np.radians(max(arguments.elevation, 5.0)), away)
-    return renderer.render(scene, camera, pose, pixel_error=arguments.pixel_error, shadows=True)
+    return scene, camera, placed(turn, np.radians(max(arguments.elevation, 5.0)), away)
 
 
 def _with_legend(frame: nrs.Frame, mesh: nrs.NaniteMesh) -> NDArray[np.uint8]:

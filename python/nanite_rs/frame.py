@@ -21,7 +21,16 @@ if TYPE_CHECKING:
 __all__ = ["Frame"]
 
 ViewName: TypeAlias = Literal[
-    "shaded", "triangles", "clusters", "groups", "levels", "rasterizers", "overdraw"
+    "shaded",
+    "triangles",
+    "clusters",
+    "groups",
+    "levels",
+    "rasterizers",
+    "overdraw",
+    "shadow_pages",
+    "shadow_levels",
+    "shadow_kept",
 ]
 OutputName: TypeAlias = Literal[
     "color",
@@ -308,12 +317,15 @@ class Frame(_advice.Teaching):
             ``"shaded"`` (a copy of `color`), ``"triangles"``, ``"clusters"`` or ``"groups"`` (a colour for each),
             ``"levels"`` (red is the finest level of detail, then towards blue), ``"rasterizers"`` (blue where the
             rasterizer of small triangles drew what is seen, orange where that of large ones did), or ``"overdraw"``
-            (blue once, red eight times or more).
+            (blue once, red eight times or more). Of a frame with shadows, what pixels look up in the maps of the
+            first light that casts any: ``"shadow_pages"`` (a colour for each), ``"shadow_levels"`` (red has the
+            smallest texels) and ``"shadow_kept"`` (green from a frame before, red drawn for this one); grey where
+            they look nothing up.
 
         Raises
         ------
         ArgumentError
-            For another name, or a frame of depth alone.
+            For another name, a frame of depth alone, or one without the shadows that are to be shown.
         """
         if name == "shaded":
             return self.color.copy()

@@ -122,6 +122,12 @@ impl Neg for Lanes {
 /// Eight vectors.
 pub type Vec3x8 = [Lanes; 3];
 
+/// How far vectors reach along one and the same.
+#[inline(always)]
+pub fn along(axis: &[f32; 3], v: &Vec3x8) -> Lanes {
+    v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2]
+}
+
 /// Dot products.
 #[inline(always)]
 pub fn dot(a: &Vec3x8, b: &Vec3x8) -> Lanes {

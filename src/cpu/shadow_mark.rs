@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 use rustc_hash::FxHashSet;
 
-use super::lanes::{LANES, Lanes, Vec3x8, dot};
+use super::lanes::{LANES, Lanes, Vec3x8, along, dot};
 use super::output::ROWS;
 use super::surface::position;
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH};
@@ -140,18 +140,13 @@ impl Marker<'_> {
         let own = distance * SHADOW_ROUNDING + pixel * (self.error.pixels + SHADOW_SNAP) + self.error.world;
         // A little more, for the rounding of what follows.
         let reach = (own * inverse + (light.threshold + SHADOW_TEXEL_REACH)) * 1.001;
-        let texels = |k: usize| {
-            let axis = &light.axes[k];
-            (at[0] * axis[0] + at[1] * axis[1] + at[2] * axis[2]) * inverse
-        };
-        let range = |along: Lanes, side: f32| {
-            let ((low, _), (_, high)) = ((along - reach).range(), (along + reach).range());
-            ((low / side).floor() as i32, (high / side).floor() as i32)
-        };
         let side = SHADOW_PAGE_SIDE as f32;
-        let (left, right) = range(texels(0) + anchor[0], side);
-        let (top, bottom) = range(-(texels(1) - anchor[1]), side);
-        let (below, above) = range(texels(2) + anchor[2], SHADOW_SIDE as f32);
+        let right = along(&light.axes[0], at) * inverse + anchor[0];
+        let down = -(along(&light.axes[1], at) * inverse - anchor[1]);
+        let nearer = along(&light.axes[2], at) * inverse + anchor[2];
+        let (left, right) = range(right, reach, side);
+        let (top, bottom) = range(down, reach, side);
+        let (below, above) = range(nearer, reach, SHADOW_SIDE as f32);
         if right.wrapping_sub(left) > 1 || bottom.wrapping_sub(top) > 1 || above.wrapping_sub(below) > 1 {
             return false;
         }
@@ -164,4 +159,11 @@ impl Marker<'_> {
         }
         true
     }
+}
+
+/// The first and the last of sides of so many texels that places reach.
+#[inline(always)]
+fn range(at: Lanes, reach: Lanes, side: f32) -> (i32, i32) {
+    let ((low, _), (_, high)) = ((at - reach).range(), (at + reach).range());
+    ((low / side).floor() as i32, (high / side).floor() as i32)
 }

@@ -4,15 +4,25 @@ use std::cell::Cell;
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
-use super::lanes::{LANES, Lanes, Vec3x8, dot};
+use super::lanes::{LANES, Lanes, Vec3x8, along, dot};
 use super::output::ROWS;
 use super::surface::{Detail, Pixels, Surfels, Walk, position};
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH};
+use crate::scene::palette::{FACING, hash, hue, ramp};
 use crate::scene::placement::Eye;
-use crate::shadow::receiver::{RelativePage, texel_in};
+use crate::shadow::receiver::RelativePage;
 use crate::shadow::{LightView, Lookup, Receiver};
+
+/// Levels over which the colours of a debug view go.
+const SHOWN_LEVELS: f32 = 8.0;
+/// Pages from a frame before.
+const KEPT_COLOR: [f32; 3] = [0.3, 0.8, 0.4];
+/// Pages that were drawn.
+const DRAWN_COLOR: [f32; 3] = [0.95, 0.35, 0.25];
+/// Where no page is looked up.
+const NO_LOOKUP_COLOR: [f32; 3] = [0.45; 3];
 
 /// The shadow maps of a light, as far as a frame looks them up.
 #[derive(Clone, Debug)]
@@ -21,6 +31,19 @@ pub struct LightShadow {
     pub view: LightView,
     /// The pages that it may want.
     pub pages: FxHashMap<RelativePage, Arc<[u32]>>,
+    /// Those of them that were drawn for this frame.
+    pub drawn: FxHashSet<RelativePage>,
+}
+
+/// A debug view of the shadow maps of a light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ShadowView {
+    /// A colour for each page.
+    Pages,
+    /// By level: red is the finest of those that are seen, then towards blue.
+    Levels,
+    /// Green from a frame before, red drawn for this one.
+    Kept,
 }
 
 /// The shadows of a frame: one for each of its lights, or none where a light throws no shadow.
@@ -50,7 +73,6 @@ impl Receivers {
             return None;
         }
         let away = if orthographic { -detail.face[2] } else { dot(&detail.face, at) };
-        let turned = |v: &Vec3x8| v.map(|c| (-away).where_negative(-c, c));
         // Lanes without a pixel have clusters of anything.
         let mut own = Lanes::splat(0.0);
         let mut last = None;
@@ -65,8 +87,8 @@ impl Receivers {
         Some(Self {
             count: surfels.count,
             position: *at,
-            normal: turned(&detail.face),
-            smooth: turned(&surfels.normal),
+            normal: turned(&detail.face, -away),
+            smooth: turned(&surfels.normal, -away),
             error: (own + view.lod.rounding + SHADOW_ROUNDING) * view.lod.scale,
             distance: dot(at, at).sqrt(),
         })
@@ -116,8 +138,7 @@ impl Receivers {
         last: &LastPage<'a>,
     ) -> Lanes {
         let LightView { axes, threshold, .. } = &light.view;
-        let along = |k: usize, v: &Vec3x8| v[0] * axes[k][0] + v[1] * axes[k][1] + v[2] * axes[k][2];
-        let (normal, smooth) = (along(2, &self.normal), along(2, &self.smooth));
+        let (normal, smooth) = (along(&axes[2], &self.normal), along(&axes[2], &self.smooth));
         let texel = f32::from_bits(((level + 127) as u32) << 23);
         // Not above 0, or not a number: the smooth one.
         let pick = |lane: usize| normal.0[lane] > 0.0;
@@ -131,17 +152,23 @@ impl Receivers {
         }
         let own = self.error + (self.distance * SHADOW_ROUNDING + pixel * SHADOW_SNAP);
         let by = own + (slope * SHADOW_TEXEL_REACH + *threshold) * texel;
-        let moved = |k: usize| along(k, &self.position) + by * along(k, &chosen);
+        // Powers of two: products are what quotients are.
+        let inverse = 1.0 / texel;
+        let right = along(&axes[0], &self.position) + by * along(&axes[0], &chosen);
+        let up = along(&axes[1], &self.position) + by * along(&axes[1], &chosen);
+        let nearer = along(&axes[2], &self.position) + by * along(&axes[2], &chosen);
         let (x, y, z) =
-            (moved(0) / texel + anchor[0], -(moved(1) / texel - anchor[1]), moved(2) / texel + anchor[2]);
+            (right * inverse + anchor[0], -(up * inverse - anchor[1]), nearer * inverse + anchor[2]);
         let side = SHADOW_PAGE_SIDE as f32;
-        let (column, row) = ((x / side).floor(), (y / side).floor());
-        let slab = (z / SHADOW_SIDE as f32).floor();
+        let (column, row) = ((x * (1.0 / side)).floor(), (y * (1.0 / side)).floor());
+        let slab = (z * (1.0 / SHADOW_SIDE as f32)).floor();
         let depth = ((slab + 1.0) * SHADOW_SIDE as f32 - z) * texel;
         let depth =
             depth - (self.distance * SHADOW_ROUNDING + texel * (SHADOW_SIDE as f32 * SHADOW_ROUNDING));
         let depth = depth.max(0.0);
-        let (x, y) = (x - column * side, y - row * side);
+        // [`texel_in`], as whole numbers.
+        let (x, y) = ((x - column * side).floor(), (y - row * side).floor());
+        let number = y.max(0.0).min(side - 1.0) * side + x.max(0.0).min(side - 1.0);
         let mut out = Lanes::splat(1.0);
         let page = |lane: usize| RelativePage {
             face: 0,
@@ -159,13 +186,23 @@ impl Receivers {
         for lane in 0..self.count {
             out.0[lane] = if pick(lane) || smooth.0[lane] > 0.0 {
                 let texels = of_all.unwrap_or_else(|| last.page(light, page(lane)));
-                lit(texels, texel_in(x.0[lane], y.0[lane]), !depth.0[lane].to_bits())
+                lit(texels, number.0[lane] as u32, !depth.0[lane].to_bits())
             } else {
                 0.0
             };
         }
         out
     }
+}
+
+/// Vectors, turned where something is negative.
+#[inline(always)]
+fn turned(v: &Vec3x8, sign: Lanes) -> Vec3x8 {
+    let mut out = *v;
+    for k in 0..3 {
+        out[k] = sign.where_negative(-v[k], v[k]);
+    }
+    out
 }
 
 /// The page of a light that was looked up last: the next lookup mostly wants the same.
@@ -199,6 +236,47 @@ impl<'a> LastPage<'a> {
 fn lit(texels: Texels<'_>, texel: u32, key: u32) -> f32 {
     debug_assert!(texels.is_some(), "a page that is looked up was not marked");
     if texels.is_none_or(|texels| texels[texel as usize] <= key) { 1.0 } else { 0.0 }
+}
+
+/// A debug view of the first light that throws shadows, in RGB; grey where a pixel looks nothing up, black where nothing is
+/// covered.
+pub fn view(pixels: Pixels<'_>, eye: &Eye, shadows: &Shadows, what: ShadowView) -> Vec<[u8; 3]> {
+    let light = shadows.iter().flatten().next();
+    let finest = light.and_then(|light| light.pages.keys().map(|page| page.level).min()).unwrap_or(0);
+    let color = |light: &LightShadow, page: RelativePage| match what {
+        ShadowView::Pages => {
+            let RelativePage { face, level, x, y, z } = page;
+            hue(hash([x as u32, y as u32, (z as u32) << 16 ^ (level as u32) << 4 ^ u32::from(face)]))
+        }
+        ShadowView::Levels => ramp(f32::from(page.level - finest) / SHOWN_LEVELS),
+        ShadowView::Kept if light.drawn.contains(&page) => DRAWN_COLOR,
+        ShadowView::Kept => KEPT_COLOR,
+    };
+    let of_lanes = |receivers: &Receivers, lane: usize| match light.map(|light| (light, receivers.one(lane)))
+    {
+        Some((light, receiver)) => match light.view.look_up(&receiver) {
+            Lookup::Texel { page, .. } => color(light, page),
+            _ => NO_LOOKUP_COLOR,
+        },
+        None => NO_LOOKUP_COLOR,
+    };
+    let mut out = vec![[0; 3]; pixels.words.len()];
+    let stretch = (ROWS * pixels.screen.width as usize).max(1);
+    out.par_chunks_mut(stretch).enumerate().for_each(|(chunk, out)| {
+        let start = chunk * stretch;
+        let Some(mut walk) = Walk::new(pixels, start..start + out.len()) else { return };
+        while let Some(surfels) = walk.step::<Detail>() {
+            let orthographic = pixels.screen.orthographic;
+            let at = position(eye, orthographic, &surfels.point, surfels.distance);
+            let receivers = Receivers::new(&surfels, &surfels.detail, &at, orthographic);
+            for lane in 0..surfels.count {
+                let color = receivers.as_ref().map_or(NO_LOOKUP_COLOR, |all| of_lanes(all, lane));
+                let facing = FACING[0] + FACING[1] * surfels.normal[2].0[lane].abs();
+                out[surfels.pixels[lane] as usize - start] = color.map(|c| (c * facing * 255.0 + 0.5) as u8);
+            }
+        }
+    });
+    out
 }
 
 /// How much of each light reaches each pixel, row by row: all lights of the first pixel first. 1 where nothing is covered.
@@ -297,7 +375,8 @@ mod tests {
                     }
                 })
                 .collect();
-            let shadow = LightShadow { pages: noise(&light, &receivers), view: light };
+            let pages = noise(&light, &receivers);
+            let shadow = LightShadow { pages, drawn: FxHashSet::default(), view: light };
             for eight in &receivers {
                 let last = LastPage::default();
                 let (together, apart) = (eight.reached_by(&shadow, &last), eight.one_by_one(&shadow, &last));

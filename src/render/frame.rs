@@ -8,7 +8,7 @@ use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs};
 use crate::cpu::output::{self, DebugView};
 use crate::cpu::shade::{self, Light};
-use crate::cpu::shadow_test::{self, Shadows};
+use crate::cpu::shadow_test::{self, ShadowView, Shadows};
 use crate::cpu::surface::Pixels;
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
@@ -27,10 +27,12 @@ pub enum ImageView {
     Overdraw,
     /// What the rasterizers of small and of large triangles drew.
     Rasterizers,
+    /// What pixels look up in the shadow maps of the first light that has any.
+    Shadow(ShadowView),
 }
 
 impl ImageView {
-    /// By name: shaded, triangles, clusters, groups, levels, rasterizers or overdraw.
+    /// By name.
     pub fn parse(name: &str) -> Result<Self> {
         Ok(match name {
             "shaded" => Self::Rgb(Output::Color),
@@ -40,11 +42,15 @@ impl ImageView {
             "levels" => Self::Rgb(Output::Levels),
             "overdraw" => Self::Overdraw,
             "rasterizers" => Self::Rasterizers,
+            "shadow_pages" => Self::Shadow(ShadowView::Pages),
+            "shadow_levels" => Self::Shadow(ShadowView::Levels),
+            "shadow_kept" => Self::Shadow(ShadowView::Kept),
             _ => {
                 return Err(Error::argument(
                     "view",
                     format!(
-                        "must be shaded, triangles, clusters, groups, levels, rasterizers or overdraw, not {name:?}"
+                        "must be shaded, triangles, clusters, groups, levels, rasterizers, overdraw, shadow_pages, \
+                         shadow_levels or shadow_kept, not {name:?}"
                     ),
                 ));
             }
@@ -133,10 +139,11 @@ impl Frame {
     /// How much of each light, switched on, reaches each pixel, row by row: all of the first pixel first. 1 where nothing is
     /// covered.
     pub fn shadow(&self) -> Result<Vec<f32>> {
-        match &self.shadows {
-            Some(shadows) => Ok(shadow_test::run(self.pixels("shadow")?, &self.eye, shadows)),
-            None => Err(Error::argument("shadows", "the frame was rendered without")),
-        }
+        Ok(shadow_test::run(self.pixels("shadow")?, &self.eye, self.shadows()?))
+    }
+
+    fn shadows(&self) -> Result<&Shadows> {
+        self.shadows.as_ref().ok_or_else(|| Error::argument("shadows", "the frame was rendered without"))
     }
 
     /// Makes what of `outputs` is not there.
@@ -291,6 +298,10 @@ impl Frame {
         Ok(match what {
             ImageView::Rgb(output) => self.array(output)?.into(),
             ImageView::Overdraw => output::overdraw_colors(&self.overdraw()?).into_flattened(),
+            ImageView::Shadow(what) => {
+                shadow_test::view(self.pixels("shadow view")?, &self.eye, self.shadows()?, what)
+                    .into_flattened()
+            }
             ImageView::Rasterizers => {
                 output::rasterizers(self.pixels("rasterizers")?, &self.large).into_flattened()
             }

@@ -23,6 +23,9 @@ use crate::views::InstanceView;
 /// Levels by which shadows are made coarser at most.
 const COARSEST: i32 = 16;
 
+/// The maps of a frame's lights as it looks them up; none where a light throws no shadow.
+type LightViews = Vec<Option<LightView>>;
+
 /// The size of a scene across: a power of two above the diameter of what is visible, so that it seldom changes.
 fn scene_size(scene: &Scene) -> f64 {
     let spheres = || {
@@ -54,7 +57,7 @@ pub(super) fn light_up(
         visible().filter_map(|(slot, light)| Some((slot, ShadowMap::new(light, size)?))).collect();
     stats.invalidated = cache.update(scene, &maps, resident);
     let of_slot: FxHashMap<u32, ShadowMap> = maps.iter().copied().collect();
-    let views: Vec<Vec<Option<LightView>>> = frame_contexts
+    let views: Vec<LightViews> = frame_contexts
         .iter()
         .map(|own| {
             let view = |(slot, _)| {
@@ -87,7 +90,8 @@ pub(super) fn light_up(
         let shadow = |view: LightView| {
             let pages =
                 wanted.iter().filter_map(|key| Some((view.relative(key)?, Arc::clone(cache.page(key)?))));
-            LightShadow { pages: pages.collect(), view }
+            let drawn = missing.iter().filter_map(|key| view.relative(key));
+            LightShadow { pages: pages.collect(), drawn: drawn.collect(), view }
         };
         own.shadows = Some(views.into_iter().map(|view| view.map(shadow)).collect());
         own.stats.shadows = Some(stats.clone());
@@ -104,15 +108,14 @@ fn ms(start: Instant) -> f64 {
 fn mark(
     frame_contexts: &[FrameContext<'_>],
     rastered: &[Rastered],
-    views: &[Vec<Option<LightView>>],
+    views: &[LightViews],
     most: usize,
-) -> Result<(Vec<Vec<Option<LightView>>>, Vec<PageKey>)> {
+) -> Result<(Vec<LightViews>, Vec<PageKey>)> {
     let mut least = 0;
     for coarser in 0..=COARSEST {
         let mut wanted: FxHashSet<PageKey> = FxHashSet::default();
         let of_view = |view: &Option<LightView>| view.as_ref().map(|view| view.made_coarser(coarser));
-        let views: Vec<Vec<Option<LightView>>> =
-            views.iter().map(|views| views.iter().map(of_view).collect()).collect();
+        let views: Vec<LightViews> = views.iter().map(|views| views.iter().map(of_view).collect()).collect();
         for ((own, drawn), views) in frame_contexts.iter().zip(rastered).zip(&views) {
             if own.options.depth_only {
                 continue;

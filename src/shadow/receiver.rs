@@ -380,7 +380,7 @@ fn slope(cosine: f32) -> f32 {
 
 /// The texel of a page at so many texels right and down.
 #[inline(always)]
-pub fn texel_in(x: f32, y: f32) -> u32 {
+fn texel_in(x: f32, y: f32) -> u32 {
     let last = SHADOW_PAGE_SIDE - 1;
     let texel = (y as u32).min(last) * SHADOW_PAGE_SIDE + (x as u32).min(last);
     debug_assert!((texel as usize) < SHADOW_PAGE_TEXELS);

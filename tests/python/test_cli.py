@@ -153,11 +153,14 @@ def test_demo_on_a_small_mesh(tmp_path, capsys):
     assert "levels: red is the source" in text
     assert "replaced" not in text
     pictures = {p.name for p in folder.glob("*.png")}
-    assert pictures == {
+    assert pictures == {"gyroid_shell_shadows.png"} | {
         f"gyroid_shell_{a}_{b}.png"
         for a in ("near", "whole", "far")
         for b in ("shaded", "clusters", "levels")
     }
+    # The floor is brighter than the mesh's shadow on it.
+    shaded = np.asarray(Image.open(folder / "gyroid_shell_shadows.png").convert("L"), float)
+    assert np.ptp(shaded[200:]) > 60
     assert (folder / "gyroid_shell.nanite").exists()
     assert (folder / "gyroid_shell_report.txt").read_text(encoding="utf-8").strip() in text
 

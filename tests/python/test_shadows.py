@@ -323,6 +323,28 @@ def test_a_still_scene_draws_no_page_again(small):
         assert "times as large" in str(tight.stats.shadows)
 
 
+def test_views_show_pages(small):
+    scene, pose = small
+    with nrs.Renderer(*SIZE, backend="cpu") as renderer:
+        first, second = (renderer.render(scene, CAMERA, pose, shadows=True) for _ in range(2))
+        plain = renderer.render(scene, CAMERA, pose)
+    covered = first.depth > 0
+    # Of one brightness: the floor.
+    floor = first.instance_id == 1
+    pages = first.view("shadow_pages")
+    assert not pages[~covered].any()
+    colors = len(np.unique(pages[floor], axis=0))
+    assert 5 < colors < first.stats.shadows.wanted_pages
+    levels = len(np.unique(first.view("shadow_levels")[floor], axis=0))
+    assert 2 <= levels < colors
+    drawn, kept = first.view("shadow_kept")[floor].astype(int), second.view("shadow_kept")[floor].astype(int)
+    assert (drawn[:, 0] > drawn[:, 1]).all()
+    assert (kept[:, 0] < kept[:, 1]).all()
+    for view in ("shadow_pages", "shadow_levels", "shadow_kept"):
+        with pytest.raises(nrs.ArgumentError, match=r"^shadows: the frame was rendered without"):
+            plain.view(view)
+
+
 def test_mistakes_are_named(small):
     scene, pose = small
     with nrs.Renderer(32, 24, backend="cpu") as renderer:

@@ -1,0 +1,199 @@
+"""Shadows: frames with a sun that stands or moves beside frames without, pyrender's, and Embree's rays.
+
+``python -m benchmarks.python.shadows``. The camera moves in every frame: pages that it does not leave are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+from pathlib import Path
+
+import numpy as np
+
+import nanite_rs as nrs
+
+from . import machine, tables
+from .frames import vertex_normals
+from .measure import interleaved
+from .peer import SIZE, YFOV, Pyrender
+
+RESULTS = Path(__file__).resolve().parents[1] / "results"
+CAMERA = nrs.PerspectiveCamera(yfov=YFOV, znear=0.05)
+
+
+def floor(half: float, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """A square."""
+    corners = half * np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], np.float64)
+    return corners + np.array([0.0, height, 0.0]), np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def sun(step: int) -> np.ndarray:
+    """A degree a step."""
+    around = np.radians(40.0 + step)
+    return nrs.look_at((np.sin(around), 0.9, np.cos(around)), (0, 0, 0))
+
+
+def eye(step: int, distance: float, height: float) -> np.ndarray:
+    """A little to the side in every step."""
+    return nrs.look_at((0.02 * step, height, distance), (0.02 * step, 0, 0))
+
+
+def grid(count: int) -> list[np.ndarray]:
+    """Tens of five columns and two rows, one behind the other."""
+    poses = []
+    for k in range(count):
+        ten, row, column = k // 10, k % 10 // 5, k % 5
+        pose = np.eye(4)
+        if count > 1:
+            pose[:3, 3] = 2.2 * (column - 2.0), 2.2 * (0.5 - row), -2.2 * ten
+        poses.append(pose)
+    return poses
+
+
+class Ours:
+    """A scene of instances on a floor, drawn with a sun that stands, moves, or casts no shadow."""
+
+    def __init__(self, mesh: nrs.NaniteMesh, count: int, distance: float) -> None:
+        self.scene = nrs.Scene(ambient_light=(0.1, 0.1, 0.1))
+        for pose in grid(count):
+            self.scene.add(mesh, pose=pose)
+        self.scene.add(nrs.NaniteMesh.from_arrays(*floor(60.0, -2.3)))
+        self.sun = self.scene.add(nrs.DirectionalLight(intensity=3.0), pose=sun(0))
+        self.distance = distance
+        self.renderers = {
+            name: nrs.Renderer(*SIZE, backend="cpu") for name in ("without", "standing", "moving")
+        }
+
+    def frame(self, name: str, step: int) -> nrs.Frame:
+        """A frame of one of the three."""
+        pose = sun(step if name == "moving" else 0)
+        if name == "moving" or not np.array_equal(self.sun.pose, pose):
+            self.sun.pose = pose
+        view = eye(step, self.distance, 1.5)
+        return self.renderers[name].render(
+            self.scene, CAMERA, view, shadows=name != "without", outputs=["color"]
+        )
+
+    def row(self, what: str, runs: int) -> dict[str, object]:
+        """Medians of all three in turn, and what the last frames say."""
+        names = list(self.renderers)
+        calls = {name: (lambda step, name=name: self.frame(name, step).color) for name in names}
+        times = interleaved(calls, runs=runs, warm_up=2, budget=60)
+        ms = {name: times[name]["median"] * 1e3 for name in names}
+        kept, drawn = (self.frame(name, runs).stats.shadows for name in names[1:])
+        return {
+            "scene": what,
+            "without ms": ms["without"],
+            "standing sun ms": ms["standing"],
+            "× without": ms["standing"] / ms["without"],
+            "moving sun ms": ms["moving"],
+            "moving × without": ms["moving"] / ms["without"],
+            "pages wanted": drawn.wanted_pages,
+            "of them kept": f"{1 - kept.drawn_pages / kept.wanted_pages:.0%}",
+            "triangles into pages": drawn.triangles,
+        }
+
+
+class Embree:
+    """A ray from each pixel, and one from what it hits to the sun."""
+
+    def __init__(self, parts: list[tuple[np.ndarray, np.ndarray]]) -> None:
+        from embreex import rtcore_scene
+        from embreex.mesh_construction import TriangleMesh
+
+        self.scene = rtcore_scene.EmbreeScene()
+        self.mesh = TriangleMesh(self.scene, np.concatenate([v[f] for v, f in parts]).astype(np.float32))
+
+    def render(self, pose: np.ndarray, towards: np.ndarray) -> np.ndarray:
+        """Which pixels the sun reaches."""
+        high, wide = SIZE[1], SIZE[0]
+        focal = 0.5 * high / np.tan(0.5 * YFOV)
+        y, x = np.mgrid[:high, :wide] + 0.5
+        local = np.stack([(x - wide / 2) / focal, (high / 2 - y) / focal, -np.ones_like(x)], -1).reshape(
+            -1, 3
+        )
+        ways = np.ascontiguousarray(local @ pose[:3, :3].T, np.float32)
+        origins = np.ascontiguousarray(np.broadcast_to(pose[:3, 3], ways.shape), np.float32)
+        hit = self.scene.run(origins, ways, output=True)
+        rows = np.flatnonzero(np.asarray(hit["primID"]) >= 0)
+        points = origins[rows] + ways[rows] * np.asarray(hit["tfar"])[rows, None] * np.float32(0.9999)
+        suns = np.ascontiguousarray(np.broadcast_to(towards, points.shape), np.float32)
+        return np.asarray(self.scene.run(np.ascontiguousarray(points, np.float32), suns)) == -1
+
+
+def against_peers(faces: int, runs: int) -> list[dict[str, object]]:
+    """One mesh on a floor, by all."""
+    import pyrender
+
+    mesh = nrs.shapes.displaced_icosphere(faces=faces)
+    ground = floor(60.0, -2.3)
+    ours = Ours(nrs.NaniteMesh.from_arrays(*mesh, progress=False), 1, 4.0)
+    peer = Pyrender(*mesh, vertex_normals(*mesh))
+    square = pyrender.Primitive(
+        positions=ground[0].astype(np.float32),
+        normals=np.tile(np.float32([0, 1, 0]), (4, 1)),
+        indices=ground[1],
+    )
+    peer.scene.add(pyrender.Mesh([square]))
+    rays = Embree([mesh, ground])
+
+    def theirs(step: int, flags: int) -> object:
+        peer.scene.set_pose(peer.camera, eye(step, 4.0, 1.5))
+        peer.scene.set_pose(peer.light, sun(0))
+        return peer.renderer.render(peer.scene, flags=flags)
+
+    calls = {
+        "nanite_rs, no shadows": lambda step: ours.frame("without", step).color,
+        "nanite_rs, a standing sun": lambda step: ours.frame("standing", step).color,
+        "nanite_rs, a moving sun": lambda step: ours.frame("moving", step).color,
+        "pyrender, no shadows": lambda step: theirs(step, 0),
+        "pyrender, shadows": lambda step: theirs(step, pyrender.RenderFlags.SHADOWS_DIRECTIONAL),
+        "Embree, a ray to see and one to the sun": lambda step: rays.render(
+            eye(step, 4.0, 1.5), sun(0)[:3, 2]
+        ),
+    }
+    times = interleaved(calls, runs=runs, warm_up=2, budget=90)
+    peer.close()
+    still = times["nanite_rs, a standing sun"]["median"]
+    return [
+        {"what": name, "ms": time["median"] * 1e3, "× a standing sun": time["median"] / still}
+        for name, time in times.items()
+    ]
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.python.shadows", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="smaller meshes: to try it, not to quote")
+    parser.add_argument("--output", type=Path, default=RESULTS, help="folder for the results (%(default)s)")
+    options = parser.parse_args()
+    faces, runs = (50_000, 3) if options.quick else (1_000_000, 15)
+    mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.displaced_icosphere(faces=faces), progress=False)
+    rows = [
+        Ours(mesh, count, distance).row(f"{count:,} instances, {count * faces / 1e6:,.4g} M triangles", runs)
+        for count, distance in ((1, 4.0), (10, 9.0), (10_000, 9.0))
+    ]
+    peers = against_peers(faces // 4, runs)
+    here = machine.describe()
+    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    lines = [
+        f"# Shadows, {date}" + (" (quick: not to quote)" if options.quick else ""),
+        "",
+        f"`python -m benchmarks.python.shadows`. {here['processor']}, {here['cores']} cores,",
+        f"{here['memory_gib']} GiB. {SIZE[0]}×{SIZE[1]}, one pixel of error, sharp shadows of one sun, on the CPU",
+        "backend. The camera moves in every frame. Medians of runs in turn.",
+        "",
+        tables.table(rows),
+        f"## One mesh of {faces // 4:,} triangles on a floor, against peers",
+        "",
+        tables.table(peers),
+    ]
+    text = "\n".join(lines)
+    options.output.mkdir(parents=True, exist_ok=True)
+    (options.output / f"{date}-shadows{'-quick' if options.quick else ''}.md").write_text(text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
