@@ -22,8 +22,8 @@ const INSTANCES_PER_TASK: usize = 64;
 /// What was drawn of a block.
 #[derive(Debug, Default)]
 pub struct DrawnBlock {
-    /// Its pages.
-    pub pages: Vec<(PageKey, PageTexels)>,
+    /// Its pages, and whether nothing stands in them for what is not there.
+    pub pages: Vec<(PageKey, PageTexels, bool)>,
     /// Instances as seen by it.
     pub views: Vec<InstanceView>,
     /// Groups that were to be drawn and whose pages are not there.
@@ -130,10 +130,16 @@ fn draw_block(
     let walk = node_cull::run(&numbers, &views, &screen, tau, Some(&wanted));
     let clusters = cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&wanted)).candidates;
     let of_pages = of_pages(&block, pages, &clusters);
-    let drawn: Vec<(PageKey, PageTexels)> = pages
+    let lacking = lacking(&walk.absent, &views, &screen);
+    let drawn: Vec<(PageKey, PageTexels, bool)> = pages
         .par_iter()
         .zip(&of_pages)
-        .map(|(key, numbers)| (*key, draw_page(map, key, numbers, &clusters, &views, &instances)))
+        .map(|(key, numbers)| {
+            let [x, y] = block.place(key);
+            let whole =
+                !lacking.iter().any(|[x0, y0, x1, y1]| (x0..=x1).contains(&&x) && (y0..=y1).contains(&&y));
+            (*key, draw_page(map, key, numbers, &clusters, &views, &instances), whole)
+        })
         .collect();
     let each = |numbers: &Vec<u32>| -> u64 {
         numbers.iter().map(|number| u64::from(clusters[*number as usize].triangles)).sum()
@@ -146,6 +152,16 @@ fn draw_block(
         views,
         tau,
     }
+}
+
+/// Columns and rows of the pages that groups would touch whose pages are not there.
+fn lacking(absent: &[CandidateGroup], views: &[InstanceView], screen: &Screen) -> Vec<[usize; 4]> {
+    let rect = |at: &CandidateGroup| {
+        let view = &views[at.instance as usize];
+        let group = &view.mesh.groups[at.group as usize];
+        Some(Wanted::rect(&view.footprint(screen, group.center, group.extent)?))
+    };
+    absent.iter().filter_map(rect).collect()
 }
 
 /// The clusters that may touch each page.

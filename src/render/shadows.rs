@@ -1,5 +1,5 @@
-//! Shadows of a call's frames: what their pixels look up, the pages that this wants and that are not there, and the
-//! comparison. All views of a call share the pages of a light.
+//! Shadows of a call's frames: the pages that their pixels may look up, of which those that are not there are drawn. All views
+//! of a call share the pages of a light.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -82,7 +82,7 @@ pub(super) fn light_up(
         if let Some(first) = rastered.first_mut() {
             first.needs.merge(streaming::missed(&block.absent, &block.views));
         }
-        block.pages.into_iter().for_each(|(key, texels)| cache.insert(key, texels));
+        block.pages.into_iter().for_each(|(key, texels, whole)| cache.insert(key, texels, whole));
     }
     stats.kept = cache.len() as u64;
     stats.draw_ms = ms(start);

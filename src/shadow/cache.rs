@@ -42,6 +42,8 @@ impl Caster {
 #[derive(Debug)]
 struct Page {
     texels: PageTexels,
+    /// Nothing in it stands in for pages of streamed meshes that were not there: it stays right while those come and go.
+    whole: bool,
     /// Number of the last frame that wanted it.
     wanted: u64,
 }
@@ -92,17 +94,19 @@ impl ShadowCache {
             }
         }
         self.known = Some((scene.identity(), slots.clock()));
-        self.note_residents(scene, resident, &mut stale);
+        let streamed = self.note_residents(scene, resident);
         let maps = &self.maps;
-        self.pages.retain(|key, _| {
-            let map = &maps[&key.light];
-            !stale.iter().any(|(center, radius)| map.touches(key, *center, *radius))
+        self.pages.retain(|key, page| {
+            let touched = |spheres: &[(DVec3, f64)]| {
+                spheres.iter().any(|(center, radius)| maps[&key.light].touches(key, *center, *radius))
+            };
+            !(touched(&stale) || (!page.whole && touched(&streamed)))
         });
         (before - self.pages.len()) as u64
     }
 
-    /// Instances of meshes of which other pages are there than before.
-    fn note_residents(&mut self, scene: &Scene, resident: &Resident, stale: &mut Vec<(DVec3, f64)>) {
+    /// Where instances are of meshes of which other pages are there than before.
+    fn note_residents(&mut self, scene: &Scene, resident: &Resident) -> Vec<(DVec3, f64)> {
         let mut changed = FxHashSet::default();
         let mut now = FxHashMap::default();
         for (_, instance) in scene.instances().iter().filter(|(_, instance)| resident.streams(&instance.mesh))
@@ -114,10 +118,8 @@ impl ShadowCache {
             now.entry(id).or_insert_with(|| Arc::clone(pages));
         }
         self.resident = now;
-        if !changed.is_empty() {
-            let casters = self.casters.iter().flatten().filter(|caster| changed.contains(&caster.mesh));
-            stale.extend(casters.map(|caster| caster.sphere));
-        }
+        let casters = self.casters.iter().flatten().filter(|caster| changed.contains(&caster.mesh));
+        casters.map(|caster| caster.sphere).collect()
     }
 
     /// Takes note that pages are wanted; returns those that are not there, in their order.
@@ -151,9 +153,9 @@ impl ShadowCache {
         old.len() as u64
     }
 
-    /// Keeps a page that was drawn.
-    pub fn insert(&mut self, key: PageKey, texels: PageTexels) {
-        self.pages.insert(key, Page { texels, wanted: self.frame });
+    /// Keeps a page that was drawn; `whole` where nothing stands in it for what is not there.
+    pub fn insert(&mut self, key: PageKey, texels: PageTexels, whole: bool) {
+        self.pages.insert(key, Page { texels, whole, wanted: self.frame });
     }
 
     /// The texels of a page.

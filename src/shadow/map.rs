@@ -49,6 +49,8 @@ pub struct ShadowMap {
     pub tangent: f64,
     /// Near distance of a pinhole, world units.
     pub near: f64,
+    /// Distance from its place at which the light ends; infinite where it does not.
+    pub range: f64,
 }
 
 /// A page of a map. It holds what a light sees through its texels, which depends on nothing but the scene and this key.
@@ -121,17 +123,19 @@ impl ShadowMap {
             DMat3::from_cols(x, y, if axis == DVec3::ZERO { DVec3::Z } else { axis })
         };
         let near = scene_size * NEAR;
-        let cube = |origin| Self { kind: MapKind::Cube, axes: DMat3::IDENTITY, origin, tangent: 1.0, near };
-        let origin = light.pose.translation;
-        Some(match light.kind {
-            LightKind::Directional => {
-                Self { kind: MapKind::Parallel, axes: along(), origin: DVec3::ZERO, tangent: 1.0, near }
+        let range = match light.kind {
+            LightKind::Spot { range: Some(range), .. } | LightKind::Point { range: Some(range) } => {
+                range.into()
             }
-            LightKind::Spot { outer, .. } if outer <= WIDEST_SPOT => {
-                Self { kind: MapKind::Spot, axes: along(), origin, tangent: outer.tan(), near }
-            }
-            LightKind::Spot { .. } | LightKind::Point { .. } => cube(origin),
-        })
+            _ => f64::INFINITY,
+        };
+        let (kind, axes, tangent) = match light.kind {
+            LightKind::Directional => (MapKind::Parallel, along(), 1.0),
+            LightKind::Spot { outer, .. } if outer <= WIDEST_SPOT => (MapKind::Spot, along(), outer.tan()),
+            LightKind::Spot { .. } | LightKind::Point { .. } => (MapKind::Cube, DMat3::IDENTITY, 1.0),
+        };
+        let origin = if kind == MapKind::Parallel { DVec3::ZERO } else { light.pose.translation };
+        Some(Self { kind, axes, origin, tangent, near, range })
     }
 
     /// Whether it has no end.
@@ -243,6 +247,7 @@ mod tests {
             origin: DVec3::ZERO,
             tangent: 1.0,
             near: 1e-3,
+            range: f64::INFINITY,
         };
         let mut seen = DVec3::ZERO;
         for face in 0..6 {

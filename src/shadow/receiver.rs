@@ -96,6 +96,8 @@ pub struct LightView {
     /// Tangent of half the angle of a pinhole.
     tangent: f32,
     near: f32,
+    /// The square of the distance at which a light ends, rounded up.
+    reach_squared: f32,
     /// Pixels per unit of tangent or, from a parallel camera, of length.
     pub focal: f32,
     /// The camera is parallel.
@@ -147,6 +149,7 @@ impl LightView {
             first,
             tangent: map.tangent as f32,
             near: map.near as f32,
+            reach_squared: (map.range * map.range * (1.0 + 1e-3)) as f32,
             focal: view.lod_constants().0,
             orthographic: view.orthographic,
             tau: PageKey::tau_of(pixel_error),
@@ -200,7 +203,7 @@ impl LightView {
     }
 
     /// The level whose texels are as large as a pixel at a point, or up to half as large; and a texel there, world units.
-    /// `None` where a pinhole sees nothing.
+    /// `None` where a pinhole sees nothing, and where its light does not reach.
     #[inline(always)]
     fn level(&self, at: &[f32; 3], pixel: f32) -> Option<(i32, f32)> {
         let power = |level: i32| f32::from_bits(((level + 127) as u32) << 23);
@@ -210,7 +213,7 @@ impl LightView {
         }
         let depth = -self.along(self.face(at), 2, at);
         let finest = depth * (2.0 * self.tangent / SHADOW_SIDE as f32);
-        if !(depth > 0.0 && finest > 0.0) {
+        if !(depth > 0.0 && finest > 0.0 && dot(at, at) <= self.reach_squared) {
             return None;
         }
         let level = self.coarse(exponent(pixel / finest)).clamp(0, BOUNDED_LEVELS - 1);

@@ -89,6 +89,9 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
         streamed = scene_of(opened)
         viewer = nrs.Viewer(mesh, width=160, height=120, backend="cpu")
         frame = old.render(scene, camera, pose)
+        sunny, shady = scene_of(mesh), nrs.Renderer(160, 120, backend="cpu")
+        sunny.add(nrs.DirectionalLight(), pose=nrs.look_at((3, 1, 1), (0, 0, 0)))
+        lit = shady.render(sunny, camera, pose, shadows=True)
         calls = {
             "build": lambda: digest(nrs.NaniteMesh.from_arrays(vertices, faces).cut(error=0).vertices),
             "fast": lambda: len(nrs.NaniteMesh.from_arrays(vertices, faces, options=nrs.BuildOptions(threads=3))),
@@ -111,6 +114,11 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
                 scene_of(nrs.NaniteMesh.open(file)),
             ),
             "old viewer": lambda: digest(viewer.image()),
+            "kept shadows": lambda: digest(shady.render(sunny, camera, pose, shadows=True).shadow),
+            "new shadows": lambda: digest(
+                nrs.Renderer(160, 120, backend="cpu").render(sunny, camera, pose, shadows=True).color
+            ),
+            "old shadows": lambda: digest(lit.shadow, lit.linear),
             "old frame": lambda: digest(frame.normal, frame.linear),
             "image": lambda: digest(nrs.Image(np.zeros((8, 8, 3), np.uint8)).pixels),
             "environment": lambda: repr(nrs.Environment(np.ones((4, 8, 3)))),
@@ -224,8 +232,9 @@ def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> Non
             def __getitem__(self, i):
                 if self.scene is None:
                     self.scene = scene_of(self.mesh)
-                frame = self.renderer.render(self.scene, camera, self.poses[i % 50])
-                return digest(frame.color, frame.depth)
+                    self.scene.add(nrs.DirectionalLight(), pose=self.poses[3])
+                frame = self.renderer.render(self.scene, camera, self.poses[i % 50], shadows=True)
+                return digest(frame.color, frame.depth, frame.shadow)
             def __getstate__(self):
                 return {**vars(self), "scene": None}
 

@@ -275,6 +275,48 @@ fn streamed_meshes_cast_the_shadows_of_whole_ones() {
         let frame = renderer.render(&streamed, &CAMERA, &pose, &options()).unwrap();
         same_shadows(&frame, &shoot(&whole, &CAMERA, &pose, SIZE, &options()));
     }
+    // The same with what is there, until all is: what was drawn coarser is drawn again, and nothing else.
+    let mut renderer = Renderer::new(SIZE.0, SIZE.1, "cpu").unwrap();
+    renderer.stream(Some(64 << 20));
+    let at_once = RenderOptions { wait: false, ..options() };
+    let pose = at(0.0, 0.5, 4.0);
+    let mut again = 0;
+    for _ in 0..2_000 {
+        let frame = renderer.render(&streamed, &CAMERA, &pose, &at_once).unwrap();
+        let settled = frame.stats.stream.as_ref().unwrap().missing_pages == 0;
+        again += shadow_stats(&frame).drawn;
+        if settled && shadow_stats(&frame).drawn == 0 {
+            same_shadows(&frame, &shoot(&whole, &CAMERA, &pose, SIZE, &options()));
+            assert!(again > shadow_stats(&frame).wanted, "{again}");
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    panic!("what is streamed does not settle");
+}
+
+/// A light with a range: beyond it nothing is looked up.
+#[test]
+fn lights_that_end_want_pages_as_far_as_they_reach() {
+    let mut scene = lit_crowd();
+    let handles: Vec<_> = scene.lights().handles().map(nanite_rs::scene::LightHandle).collect();
+    for handle in &handles[..3] {
+        scene.remove_light(*handle).unwrap();
+    }
+    let pose = at(0.0, 1.0, 9.0);
+    let all = shoot(&scene, &CAMERA, &pose, SIZE, &options());
+    let light = *scene.light(handles[3]).unwrap();
+    scene.set_light(handles[3], Light { kind: LightKind::Point { range: Some(2.5) }, ..light }).unwrap();
+    let near = shoot(&scene, &CAMERA, &pose, SIZE, &options());
+    assert!(shadow_stats(&near).wanted < shadow_stats(&all).wanted);
+    // Where its light reaches, its shadows are those of before.
+    let plain = shoot(&scene, &CAMERA, &pose, SIZE, &RenderOptions::default()).linear().unwrap();
+    let lit = near.linear().unwrap();
+    let (a, b) = (near.shadow().unwrap(), all.shadow().unwrap());
+    for (pixel, (a, b)) in a.iter().zip(&b).enumerate() {
+        let color = 3 * pixel..3 * pixel + 3;
+        assert!(a == b || plain[color.clone()] == lit[color], "pixel {pixel}");
+    }
 }
 
 /// A square of side 2 above a floor, in light at a slope: where its shadow lies is known.
