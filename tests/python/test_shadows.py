@@ -226,6 +226,59 @@ def test_rays_and_shadows_agree_but_for_a_band_about_edges(name, pixel_error):
         assert wrong.sum() < 0.1 * count
 
 
+def test_a_flight_keeps_its_pages_and_shows_what_new_ones_would(soak):
+    """`make soak` flies 300 frames."""
+    meshes, lights, _ = street()
+    scene = scene_of(meshes, lights)
+    wanted = drawn = 0
+    with nrs.Renderer(*SIZE, backend="cpu") as kept:
+        for step in range(300 if soak else 20):
+            pose = nrs.look_at((3 + 0.05 * step, 6, 14 - 0.1 * step), (0.3 * np.sin(0.1 * step), 0, -20))
+            frame = kept.render(scene, CAMERA, pose, shadows=True)
+            with nrs.Renderer(*SIZE, backend="cpu") as fresh:
+                new = fresh.render(scene, CAMERA, pose, shadows=True)
+            assert np.array_equal(frame.color, new.color), step
+            assert np.array_equal(frame.shadow, new.shadow), step
+            assert frame.stats.shadows.wanted_pages == new.stats.shadows.drawn_pages
+            if step:
+                wanted += frame.stats.shadows.wanted_pages
+                drawn += frame.stats.shadows.drawn_pages
+    print(f"{drawn} of {wanted} pages drawn anew")
+    assert drawn <= 0.05 * wanted
+
+
+def test_nothing_flickers_as_the_camera_turns():
+    """A point of a surface, away from edges, is lit or dark whichever way the camera looks."""
+    meshes, lights, pose = ball()
+    scene = scene_of(meshes, lights)
+    with nrs.Renderer(*SIZE, backend="cpu") as renderer:
+        first = renderer.render(scene, CAMERA, pose, shadows=True)
+        points, _ = points_of(first, pose)
+        points[first.depth == 0] += 1.0  # not at the eye
+        for turn in (0.003, 0.02, 0.1):
+            turned = pose @ placed(turn=turn)
+            frame = renderer.render(scene, CAMERA, turned, shadows=True)
+            local = (points - turned[:3, 3]) @ turned[:3, :3]
+            focal = 0.5 * SIZE[1] / np.tan(0.5 * YFOV)
+            x, y = (
+                SIZE[0] / 2 - focal * local[..., 0] / local[..., 2],
+                SIZE[1] / 2 + focal * local[..., 1] / local[..., 2],
+            )
+            inside = (first.depth > 0) & (x >= 0) & (x < SIZE[0]) & (y >= 0) & (y < SIZE[1])
+            column, row = x[inside].astype(int), y[inside].astype(int)
+            same = np.abs(frame.depth[row, column] + local[inside][:, 2]) < 0.01 * frame.depth[row, column]
+            assert same.mean() > 0.9
+            for light in range(len(lights)):
+                a, b = (f.shadow[..., light] > 0.5 for f in (first, frame))
+                near = [
+                    ndimage.binary_dilation(edges(lit, f.depth), iterations=3)
+                    for lit, f in ((a, first), (b, frame))
+                ]
+                away = same & ~near[0][inside] & ~near[1][row, column]
+                assert away.sum() > 10_000
+                assert (a[inside] == b[row, column])[away].all(), (turn, light)
+
+
 def small_scene():
     meshes, lights, pose = ball()
     meshes[0] = meshes[2] = (nrs.shapes.displaced_icosphere(faces=5_000), meshes[0][1])
