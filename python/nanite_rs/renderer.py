@@ -324,7 +324,8 @@ class Renderer(_advice.Teaching):
             sharp. Environment and ambient light cast none. See the guide on shadows for how exact they are.
         shadow_memory : int
             Bytes of pages of shadow maps at most, 64 KiB each. Where a picture wants more, texels become twice as
-            large until there is room, and ``Frame.stats.shadows.coarser`` says how often.
+            large until there is room, and ``Frame.stats.shadows.coarser`` says how often. Frames that are kept hold
+            the pages that they show, beyond this.
 
         Warns
         -----
