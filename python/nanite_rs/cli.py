@@ -11,7 +11,7 @@ import time
 import warnings
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
 
 import numpy as np
 
@@ -19,6 +19,7 @@ import nanite_rs as nrs
 from nanite_rs import _core, _export, _images, _overlay, _paint, io, shapes
 from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
+from nanite_rs.frame import ViewName
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -48,18 +49,7 @@ SHAPE_PREFIX: Final = "shape:"
 DEMO_SHAPE: Final = "shape:displaced_icosphere:2000000"
 PICTURES: Final = ("whole", "near", "far")
 PICTURE_VIEWS: Final = ("shaded", "clusters", "levels")
-VIEWS: Final = (
-    "shaded",
-    "triangles",
-    "clusters",
-    "groups",
-    "levels",
-    "rasterizers",
-    "overdraw",
-    "shadow_pages",
-    "shadow_levels",
-    "shadow_kept",
-)
+VIEWS: Final = get_args(ViewName)
 
 
 # ---------------------------------------------------------------------------------------------------- input
@@ -332,10 +322,7 @@ def _demo_pictures(mesh: nrs.NaniteMesh, arguments: argparse.Namespace, stem: Pa
                 frame = picture(
                     renderer, mesh, **_view(arguments), distance=distance, pixel_error=pixel_error
                 )
-            stats = frame.stats
-            drawn = stats.drawn_small + stats.drawn_large
-            numbers = (stats.source_triangles, stats.triangles, drawn, stats.covered_pixels)
-            rows.append((label, *(f"{n:,}" for n in numbers), f"{stats.total_ms:.1f} ms"))
+            rows.append(_numbers(label, frame.stats))
             if label in PICTURES:
                 for view in PICTURE_VIEWS:
                     path = f"{stem}_{label}_{view}.png"
@@ -344,16 +331,20 @@ def _demo_pictures(mesh: nrs.NaniteMesh, arguments: argparse.Namespace, stem: Pa
                     else:
                         frame.save(path, view=view)
             if label == "whole":
-                Path(f"{stem}_stages.txt").write_text(f"{stats}\n", encoding="utf-8")
+                Path(f"{stem}_stages.txt").write_text(f"{frame.stats}\n", encoding="utf-8")
         in_the_sun = _in_the_sun(mesh, arguments)
         for _ in range(2):  # the first frame draws the pages that the second looks up
             frame = renderer.render(*in_the_sun, pixel_error=arguments.pixel_error, shadows=True)
         frame.save(f"{stem}_shadows.png")
-        stats = frame.stats
-        drawn = stats.drawn_small + stats.drawn_large
-        numbers = (stats.source_triangles, stats.triangles, drawn, stats.covered_pixels)
-        rows.append(("on a floor, shadows", *(f"{n:,}" for n in numbers), f"{stats.total_ms:.1f} ms"))
+        rows.append(_numbers("on a floor, shadows", frame.stats))
     return rows
+
+
+def _numbers(label: str, stats: nrs.FrameStats) -> tuple[str, ...]:
+    """What a picture shows and skipped, as a row of the demo's table."""
+    drawn = stats.drawn_small + stats.drawn_large
+    numbers = (stats.source_triangles, stats.triangles, drawn, stats.covered_pixels)
+    return (label, *(f"{n:,}" for n in numbers), f"{stats.total_ms:.1f} ms")
 
 
 def _in_the_sun(

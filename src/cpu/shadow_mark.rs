@@ -9,7 +9,7 @@ use super::output::ROWS;
 use super::surface::position;
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH};
 use crate::scene::placement::Eye;
-use crate::shadow::receiver::RelativePage;
+use crate::shadow::receiver::{RelativePage, texel_of};
 use crate::shadow::{LightView, PageKey};
 use crate::views::Screen;
 
@@ -130,13 +130,10 @@ impl Marker<'_> {
     #[inline(always)]
     fn mark_together(&self, light: &LightView, at: &Vec3x8, want: &mut impl FnMut(RelativePage)) -> bool {
         let distance = dot(at, at).sqrt();
-        let pixel = match light.orthographic {
-            true => Lanes::splat(1.0 / light.focal),
-            false => distance / light.focal,
-        };
+        let pixel = pixels(light, distance);
         let level = light.level_of(pixel.0[0]);
         let Some(anchor) = light.anchor(level).filter(|_| pixel.in_one_octave()) else { return false };
-        let inverse = f32::from_bits(((127 - level) as u32) << 23);
+        let inverse = texel_of(-level);
         let own = distance * SHADOW_ROUNDING + pixel * (self.error.pixels + SHADOW_SNAP) + self.error.world;
         // A little more, for the rounding of what follows.
         let reach = (own * inverse + (light.threshold + SHADOW_TEXEL_REACH)) * 1.001;
@@ -159,6 +156,12 @@ impl Marker<'_> {
         }
         true
     }
+}
+
+/// [`LightView::pixel`], of places at distances.
+#[inline(always)]
+pub(super) fn pixels(light: &LightView, distance: Lanes) -> Lanes {
+    if light.orthographic { Lanes::splat(1.0 / light.focal) } else { distance / light.focal }
 }
 
 /// The first and the last of sides of so many texels that places reach.

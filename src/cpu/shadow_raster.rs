@@ -7,7 +7,7 @@ use rustc_hash::FxHashMap;
 use super::cluster_cull::{self, CandidateCluster};
 use super::node_cull::{self, CandidateGroup};
 use super::visibility::{Nearest, Pixel};
-use super::{raster_large, raster_small};
+use super::{instance_cull, raster_large, raster_small};
 use crate::limits::{SHADOW_BLOCK_PAGES, SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Scene};
@@ -15,9 +15,6 @@ use crate::shadow::cache::PageTexels;
 use crate::shadow::{Block, PageKey, ShadowMap};
 use crate::stream::Resident;
 use crate::views::{Footprint, InstanceView, Occluder, Screen, Visible};
-
-/// Instances per task.
-const INSTANCES_PER_TASK: usize = 64;
 
 /// What was drawn of a block.
 #[derive(Debug, Default)]
@@ -32,8 +29,6 @@ pub struct DrawnBlock {
     pub clusters: u64,
     /// Their triangles.
     pub triangles: u64,
-    /// Threshold of the cut, texels.
-    pub tau: f32,
 }
 
 /// The pages of a block that are wanted: everything else is culled.
@@ -90,42 +85,26 @@ pub fn run(
         scene.instances().iter().filter(|(_, instance)| instance.visible && instance.casts_shadows).collect();
     pages
         .chunk_by(|a, b| a.block() == b.block())
-        .map(|pages| draw_block(pages, &maps[&pages[0].light], &casters, resident))
+        .map(|pages| draw_block(pages, &maps[&pages[0].light], scene, &casters, resident))
         .collect()
 }
 
 fn draw_block(
     pages: &[PageKey],
     map: &ShadowMap,
+    scene: &Scene,
     casters: &[(u32, &Instance)],
     resident: &Resident,
 ) -> DrawnBlock {
     let block = pages[0].block();
     let wanted = Wanted::new(&block, pages);
     let view = map.block_view(&block);
-    let (eye, screen, planes, place) = (Eye::new(&view), Screen::new(&view), view.planes(), view.eye());
+    let (eye, screen) = (Eye::new(&view), Screen::new(&view));
     let tau = PageKey::threshold(block.0.tau);
-    let seen = |slot: u32, instance: &Instance| {
-        let (center, radius) = instance.sphere();
-        let to = center - place;
-        let radius = radius + 1.0e-12 * (center.length() + place.length());
-        if planes.iter().any(|(n, d)| n.dot(to) + d < -radius) {
-            return None;
-        }
-        let mut seen = InstanceView::new(&eye, &screen, slot, instance, resident);
-        let (center, extent) = seen.bounds();
-        seen.footprint = seen.footprint(&screen, center, extent).filter(|f| !wanted.hides(f))?;
-        // What faces away from a light stops it as well.
-        seen.two_sided = true;
-        Some(seen)
-    };
-    let seen: Vec<Vec<_>> = casters
-        .par_chunks(INSTANCES_PER_TASK)
-        .map(|chunk| {
-            chunk.iter().filter_map(|&(slot, instance)| Some((seen(slot, instance)?, instance))).collect()
-        })
-        .collect();
-    let (views, instances): (Vec<InstanceView>, Vec<&Instance>) = seen.into_iter().flatten().unzip();
+    let mut views = instance_cull::run(casters, &view, &eye, &screen, resident);
+    views.retain(|view| !wanted.hides(&view.footprint));
+    // What faces away from a light stops it as well.
+    views.iter_mut().for_each(|view| view.two_sided = true);
     let numbers: Vec<u32> = (0..views.len() as u32).collect();
     let walk = node_cull::run(&numbers, &views, &screen, tau, Some(&wanted));
     let clusters = cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&wanted)).candidates;
@@ -138,7 +117,7 @@ fn draw_block(
             let [x, y] = block.place(key);
             let whole =
                 !lacking.iter().any(|[x0, y0, x1, y1]| (x0..=x1).contains(&&x) && (y0..=y1).contains(&&y));
-            (*key, draw_page(map, key, numbers, &clusters, &views, &instances), whole)
+            (*key, draw_page(map, key, numbers, &clusters, &views, scene), whole)
         })
         .collect();
     let each = |numbers: &Vec<u32>| -> u64 {
@@ -150,7 +129,6 @@ fn draw_block(
         clusters: of_pages.iter().map(|numbers| numbers.len() as u64).sum(),
         triangles: of_pages.iter().map(each).sum(),
         views,
-        tau,
     }
 }
 
@@ -193,7 +171,7 @@ fn draw_page(
     numbers: &[u32],
     clusters: &[CandidateCluster],
     views: &[InstanceView],
-    instances: &[&Instance],
+    scene: &Scene,
 ) -> PageTexels {
     let mut texels = vec![0u32; SHADOW_PAGE_TEXELS];
     let view = map.page_view(key);
@@ -205,8 +183,10 @@ fn draw_page(
         let Visible { instance, cluster: address } = cluster.visible;
         if instance != last {
             last = instance;
-            let (view, placement) = (&views[instance as usize], instances[instance as usize].placement());
-            own.push(view.moved_to(&eye, screen.orthographic, placement));
+            let view = &views[instance as usize];
+            // The scene does not change while it is drawn.
+            let placed = scene.instances().at(view.slot as usize).map(Instance::placement);
+            own.extend(placed.map(|placement| view.moved_to(&eye, screen.orthographic, placement)));
         }
         visible.push(Visible { instance: own.len() as u32 - 1, cluster: address });
         if cluster.large { large.push(number) } else { small.push(number) }

@@ -8,11 +8,12 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::lanes::{LANES, Lanes, Vec3x8, along, dot};
 use super::output::ROWS;
+use super::shadow_mark::pixels;
 use super::surface::{Detail, Pixels, Surfels, Walk, position};
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH};
 use crate::scene::palette::{FACING, hash, hue, ramp};
 use crate::scene::placement::Eye;
-use crate::shadow::receiver::RelativePage;
+use crate::shadow::receiver::{RelativePage, texel_of};
 use crate::shadow::{LightView, Lookup, Receiver};
 
 /// Levels over which the colours of a debug view go.
@@ -104,10 +105,7 @@ impl Receivers {
     #[inline(always)]
     pub fn reached_by<'a>(&self, light: &'a LightShadow, last: &LastPage<'a>) -> Lanes {
         let view = &light.view;
-        let pixel = match view.orthographic {
-            true => Lanes::splat(1.0 / view.focal),
-            false => self.distance / view.focal,
-        };
+        let pixel = pixels(view, self.distance);
         let level = view.level_of(pixel.0[0]);
         match view.anchor(level) {
             Some(anchor) if pixel.in_one_octave() => self.in_level(light, level, &anchor, pixel, last),
@@ -139,7 +137,7 @@ impl Receivers {
     ) -> Lanes {
         let LightView { axes, threshold, .. } = &light.view;
         let (normal, smooth) = (along(&axes[2], &self.normal), along(&axes[2], &self.smooth));
-        let texel = f32::from_bits(((level + 127) as u32) << 23);
+        let texel = texel_of(level);
         // Not above 0, or not a number: the smooth one.
         let pick = |lane: usize| normal.0[lane] > 0.0;
         let mut slope = (-(normal * normal - 1.0)).max(0.0).sqrt();
@@ -153,7 +151,7 @@ impl Receivers {
         let own = self.error + (self.distance * SHADOW_ROUNDING + pixel * SHADOW_SNAP);
         let by = own + (slope * SHADOW_TEXEL_REACH + *threshold) * texel;
         // Powers of two: products are what quotients are.
-        let inverse = 1.0 / texel;
+        let inverse = texel_of(-level);
         let right = along(&axes[0], &self.position) + by * along(&axes[0], &chosen);
         let up = along(&axes[1], &self.position) + by * along(&axes[1], &chosen);
         let nearer = along(&axes[2], &self.position) + by * along(&axes[2], &chosen);

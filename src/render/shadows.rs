@@ -53,15 +53,14 @@ pub(super) fn light_up(
     let mut stats = ShadowStats::default();
     let size = scene_size(scene);
     let visible = || scene.lights().iter().filter(|(_, light)| light.visible);
-    let maps: Vec<(u32, ShadowMap)> =
+    let maps: FxHashMap<u32, ShadowMap> =
         visible().filter_map(|(slot, light)| Some((slot, ShadowMap::new(light, size)?))).collect();
     stats.invalidated = cache.update(scene, &maps, resident);
-    let of_slot: FxHashMap<u32, ShadowMap> = maps.iter().copied().collect();
     let views: Vec<LightViews> = frame_contexts
         .iter()
         .map(|own| {
             let view = |(slot, _)| {
-                let map = of_slot.get(&slot)?;
+                let map = maps.get(&slot)?;
                 Some(LightView::new(slot, map, &own.view, own.options.pixel_error, size))
             };
             visible().map(view).collect()
@@ -76,7 +75,7 @@ pub(super) fn light_up(
     let missing = cache.want(&wanted);
     stats.evicted = cache.make_room(missing.len(), most);
     (stats.wanted, stats.drawn) = (wanted.len() as u64, missing.len() as u64);
-    for block in shadow_raster::run(&missing, &of_slot, scene, resident) {
+    for block in shadow_raster::run(&missing, &maps, scene, resident) {
         stats.clusters += block.clusters;
         stats.triangles += block.triangles;
         if let Some(first) = rastered.first_mut() {

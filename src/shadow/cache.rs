@@ -23,7 +23,8 @@ struct Caster {
     mesh: u64,
     pose: DAffine3,
     sphere: (DVec3, f64),
-    materials: Materials,
+    /// What says where it has holes, if it has any.
+    holes: Option<Materials>,
 }
 
 impl Caster {
@@ -34,7 +35,7 @@ impl Caster {
             mesh: instance.mesh.id.number(),
             pose: *instance.pose(),
             sphere: instance.sphere(),
-            materials: instance.materials.clone(),
+            holes: (instance.materials.alpha_tested_bits() != 0).then(|| instance.materials.clone()),
         })
     }
 }
@@ -65,12 +66,12 @@ pub struct ShadowCache {
 
 impl ShadowCache {
     /// Forgets everything.
-    pub fn clear(&mut self) {
+    fn clear(&mut self) {
         *self = Self { frame: self.frame, ..Self::default() };
     }
 
     /// Begins a frame of a scene: drops pages that are wrong by now, and no others. Returns how many.
-    pub fn update(&mut self, scene: &Scene, maps: &[(u32, ShadowMap)], resident: &Resident) -> u64 {
+    pub fn update(&mut self, scene: &Scene, maps: &FxHashMap<u32, ShadowMap>, resident: &Resident) -> u64 {
         self.frame += 1;
         let before = self.pages.len();
         let clock = match self.known {
@@ -80,9 +81,8 @@ impl ShadowCache {
                 0
             }
         };
-        let current: FxHashMap<u32, ShadowMap> = maps.iter().copied().collect();
-        self.pages.retain(|key, _| current.get(&key.light) == self.maps.get(&key.light));
-        self.maps = current;
+        self.pages.retain(|key, _| maps.get(&key.light) == self.maps.get(&key.light));
+        self.maps.clone_from(maps);
         let mut stale: Vec<(DVec3, f64)> = Vec::new();
         let slots = scene.instances();
         self.casters.resize(slots.capacity(), None);

@@ -109,6 +109,12 @@ pub struct LightView {
     pub coarser: i32,
 }
 
+/// Two to a level: a texel of a parallel map there.
+#[inline(always)]
+pub fn texel_of(level: i32) -> f32 {
+    f32::from_bits(((level + 127) as u32) << 23)
+}
+
 /// The binary logarithm of a positive number, rounded down.
 fn exponent(v: f32) -> i32 {
     (v.to_bits() >> 23) as i32 - 127
@@ -206,10 +212,9 @@ impl LightView {
     /// `None` where a pinhole sees nothing, and where its light does not reach.
     #[inline(always)]
     fn level(&self, at: &[f32; 3], pixel: f32) -> Option<(i32, f32)> {
-        let power = |level: i32| f32::from_bits(((level + 127) as u32) << 23);
         if self.kind == MapKind::Parallel {
             let level = self.level_of(pixel);
-            return Some((level, power(level)));
+            return Some((level, texel_of(level)));
         }
         let depth = -self.along(self.face(at), 2, at);
         let finest = depth * (2.0 * self.tangent / SHADOW_SIDE as f32);
@@ -217,7 +222,7 @@ impl LightView {
             return None;
         }
         let level = self.coarse(exponent(pixel / finest)).clamp(0, BOUNDED_LEVELS - 1);
-        Some((level, finest * power(level)))
+        Some((level, finest * texel_of(level)))
     }
 
     /// Of a parallel map, where the camera is in a level: texels right, down and up from its anchor.
@@ -254,7 +259,7 @@ impl LightView {
     fn place(&self, at: &[f32; 3], level: i32) -> Option<Place> {
         let side = SHADOW_PAGE_SIDE as f32;
         if self.kind == MapKind::Parallel {
-            let texel = f32::from_bits(((level + 127) as u32) << 23);
+            let texel = texel_of(level);
             let Anchor { offset, .. } = &self.anchors[(level - self.first) as usize];
             let (x, y, z) = (at[0] / texel + offset[0], offset[1] - at[1] / texel, at[2] / texel + offset[2]);
             let (column, row, slab) =
