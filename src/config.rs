@@ -1,7 +1,7 @@
 //! Options with their units and defaults.
 
 use crate::error::{Error, Result};
-use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS};
+use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, SHADOW_SAMPLES_MAX};
 use crate::stages::Stage;
 
 /// The choice of that name; the error names all.
@@ -513,6 +513,8 @@ pub struct RenderOptions {
     pub shadows: Shadows,
     /// Bytes of pages of shadow maps at most: where a frame wants more, its shadows are coarser.
     pub shadow_memory: u64,
+    /// Rays from each receiver to a light with a size, at most [`SHADOW_SAMPLES_MAX`].
+    pub shadow_samples: u32,
     /// To find a fault of a device: it runs the stages before this one, and their CPU twins the others, which makes the same
     /// image. In one pass, and slowly. Counts of stages are those of the device.
     pub cpu_from: Option<Stage>,
@@ -536,6 +538,7 @@ impl Default for RenderOptions {
             transfer: Transfer::default(),
             shadows: Shadows::default(),
             shadow_memory: 256 << 20,
+            shadow_samples: 16,
             cpu_from: None,
             wait: true,
         }
@@ -554,6 +557,12 @@ impl RenderOptions {
             return Err(Error::argument(
                 "pixel_error",
                 format!("must be finite and not negative, not {}", self.pixel_error),
+            ));
+        }
+        if !(1..=SHADOW_SAMPLES_MAX).contains(&self.shadow_samples) {
+            return Err(Error::argument(
+                "shadow_samples",
+                format!("must be from 1 to {SHADOW_SAMPLES_MAX}, not {}", self.shadow_samples),
             ));
         }
         if self.depth_only && self.samples != Samples::One {

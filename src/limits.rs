@@ -98,3 +98,13 @@ pub const SHADOW_SNAP: f32 = 1.0 / 128.0;
 /// Rounding of a receiver's place, of a caster's, and of what is subtracted: a part of the lengths they are sums of.
 pub const SHADOW_ROUNDING: f32 = 1.0 / (1 << 20) as f32;
 const _: () = assert!((SHADOW_BLOCK_PAGES * SHADOW_PAGE_SIDE) as f32 <= GUARD_BAND);
+/// Texels of a side of a tile of a page, of which the nearest and the farthest depth are known.
+pub const SHADOW_TILE_SIDE: u32 = 8;
+/// Texels that the outermost rays to a light with a size go to the side in a level before they go on in the next one.
+pub const SHADOW_SOFT_TEXELS: u32 = 8;
+/// Bands that a ray climbs at most, in each of which the outermost goes as far to the side as before.
+pub const SHADOW_SOFT_BANDS: u32 = 30;
+/// Texels by which what a ray passes under may fall from one texel to the next, and still be one surface.
+pub const SHADOW_SOFT_STEP: f32 = 4.0;
+/// Rays to a light at most.
+pub const SHADOW_SAMPLES_MAX: u32 = 256;

@@ -10,7 +10,7 @@ use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
 use nanite_rs::render::Renderer;
 use nanite_rs::scene::image::Pixels;
-use nanite_rs::scene::{Camera, Image, Light, LightKind, Material, Projection, Scene, Slot, Texture};
+use nanite_rs::scene::{Camera, Image, Light, Material, Projection, Scene, Slot, Texture};
 
 #[path = "materials/ways.rs"]
 mod ways;
@@ -134,14 +134,7 @@ fn scene(layout: Layout, kind: Kind, count: usize) -> Scene {
     let mut scene = Scene::new();
     scene.set_ambient_light([0.2; 3]).expect("a colour");
     let pose = glam::DAffine3::from_rotation_x(-0.4);
-    let light = Light {
-        kind: LightKind::Directional,
-        color: [1.0; 3],
-        intensity: 2.0,
-        pose,
-        visible: true,
-        casts_shadows: true,
-    };
+    let light = Light { intensity: 2.0, pose, ..Light::default() };
     scene.add_light(light).expect("a light");
     let materials: Vec<Material> = (0..count).map(|number| material(kind, number)).collect();
     // Turned, so that no line runs along those of pixels and tiles.

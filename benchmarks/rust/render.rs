@@ -10,7 +10,7 @@ use nanite_rs::config::{BuildOptions, Outputs, RenderOptions};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::Dag;
 use nanite_rs::render::Renderer;
-use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
+use nanite_rs::scene::{Camera, Light, Material, Projection, Scene};
 
 #[path = "../../tests/rust/shapes.rs"]
 #[allow(dead_code)]
@@ -34,14 +34,7 @@ fn scene(mesh: &Arc<Dag>, side: u32) -> Scene {
     let mut scene = Scene::new();
     scene.set_ambient_light([0.1; 3]).expect("a colour");
     let pose = DAffine3::from_rotation_y(0.5) * DAffine3::from_rotation_x(-0.6);
-    let light = Light {
-        kind: LightKind::Directional,
-        color: [1.0; 3],
-        intensity: 3.0,
-        pose,
-        visible: true,
-        casts_shadows: true,
-    };
+    let light = Light { intensity: 3.0, pose, ..Light::default() };
     scene.add_light(light).expect("a light");
     let scale = 1.0 / f64::from(side);
     for i in 0..side {

@@ -28,6 +28,7 @@ _COARSE = {
     "wait": False,
     "shadows": "off",
     "shadow_memory": 0,
+    "shadow_samples": 1,
 }
 
 

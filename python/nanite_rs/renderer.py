@@ -32,6 +32,7 @@ ShadingName: TypeAlias = Literal["gltf", "pyrender", "flat", "normals"]
 ShadowsName: TypeAlias = Literal["virtual"]
 
 SHADOW_BYTES = 256 << 20
+SHADOW_SAMPLES = 16
 """Bytes of pages of shadow maps at most, unless asked for otherwise."""
 
 
@@ -111,6 +112,7 @@ class _Options:
     wait: bool
     shadows: bool | ShadowsName
     shadow_memory: int
+    shadow_samples: int
 
     def raw(self) -> dict[str, Any]:
         """What the core takes."""
@@ -128,6 +130,7 @@ class _Options:
             "wait": bool(self.wait),
             "shadows": _shadows(self.shadows),
             "shadow_memory": _whole(self.shadow_memory, "shadow_memory", 1 << 63, "0 and 2^63"),
+            "shadow_samples": _whole(self.shadow_samples, "shadow_samples", 1 << 32, "1 and 256"),
         }
 
 
@@ -263,6 +266,7 @@ class Renderer(_advice.Teaching):
         wait: bool = True,
         shadows: bool | ShadowsName = False,
         shadow_memory: int = SHADOW_BYTES,
+        shadow_samples: int = SHADOW_SAMPLES,
     ) -> Frame:
         """Render a frame.
 
@@ -321,11 +325,15 @@ class Renderer(_advice.Teaching):
             Whether what is in the way of lights casts shadows: True or ``"virtual"``, by virtual shadow maps, in
             which a texel is about a pixel and whose pages are kept while nothing in them changes. Lights, meshes
             and materials say whether they take part: ``casts_shadows``, `MeshNode.receives_shadows`. Edges are
-            sharp. Environment and ambient light cast none. See the guide on shadows for how exact they are.
+            sharp but for lights with a size: `DirectionalLight.angle`, ``radius``. Environment and ambient light
+            cast none. See the guide on shadows for how exact they are.
         shadow_memory : int
             Bytes of pages of shadow maps at most, 64 KiB each. Where a picture wants more, texels become twice as
             large until there is room, and ``Frame.stats.shadows.coarser`` says how often. Frames that are kept hold
             the pages that they show, beyond this.
+        shadow_samples : int
+            Rays from each pixel to a light with a size, 1 to 256: more are smoother. The same pixel has the same rays
+            in every frame.
 
         Warns
         -----
@@ -386,6 +394,7 @@ class Renderer(_advice.Teaching):
                 wait,
                 shadows,
                 shadow_memory,
+                shadow_samples,
             ),
         )
         return frame
@@ -406,6 +415,7 @@ class Renderer(_advice.Teaching):
         wait: bool = True,
         shadows: bool | ShadowsName = False,
         shadow_memory: int = SHADOW_BYTES,
+        shadow_samples: int = SHADOW_SAMPLES,
     ) -> list[Frame]:
         """Render what several cameras see of a scene: on a GPU in one submission, on the CPU one after the other.
 
@@ -420,7 +430,7 @@ class Renderer(_advice.Teaching):
             What each view has of its own, or a camera and its pose, as for `render`.
         pixel_error, occlusion, raster, outputs, depth_only, samples
             As for `render`, for all views that have none of their own.
-        shading, transfer, wait, shadows, shadow_memory
+        shading, transfer, wait, shadows, shadow_memory, shadow_samples
             As for `render`, for all views.
 
         Returns
@@ -460,6 +470,7 @@ class Renderer(_advice.Teaching):
                 wait,
                 shadows,
                 shadow_memory,
+                shadow_samples,
             ),
         )
 

@@ -18,6 +18,7 @@ pub mod raster_small;
 pub mod shade;
 pub mod shadow_mark;
 pub mod shadow_raster;
+pub mod shadow_soft;
 pub mod shadow_test;
 pub mod surface;
 pub mod texture;

@@ -2,14 +2,14 @@
 //! than a margin before it looks one up.
 
 use rayon::prelude::*;
-use rustc_hash::FxHashSet;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::lanes::{LANES, Lanes, Vec3x8, along, dot};
 use super::output::ROWS;
 use super::surface::position;
-use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH};
+use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SNAP, SHADOW_TEXEL_REACH};
 use crate::scene::placement::Eye;
-use crate::shadow::receiver::{RelativePage, texel_of};
+use crate::shadow::receiver::{RelativePage, SHADOW_MARGIN, texel_of};
 use crate::shadow::{LightView, PageKey};
 use crate::views::Screen;
 
@@ -33,15 +33,52 @@ pub fn run(
     let stretch = (ROWS * screen.width as usize).max(1);
     let marker = Marker { words, screen, eye, error, lights };
     let starts: Vec<usize> = (0..words.len()).step_by(stretch).collect();
-    let parts: Vec<Vec<FxHashSet<RelativePage>>> =
+    let parts: Vec<Vec<Columns>> =
         starts.par_iter().map(|&start| marker.mark(start, words.len().min(start + stretch))).collect();
-    let mut pages = FxHashSet::default();
+    let mut all: Vec<FxHashMap<RelativePage, [f32; 2]>> = vec![FxHashMap::default(); lights.len()];
     for part in parts {
-        for (light, found) in lights.iter().zip(part) {
-            pages.extend(found.iter().map(|page| light.key(page)));
+        for (all, found) in all.iter_mut().zip(part) {
+            found.pages.into_iter().for_each(|(page, heights)| join(all, page, heights));
         }
     }
-    pages
+    lights.iter().zip(all).flat_map(|(light, columns)| light.pages(columns)).collect()
+}
+
+/// Columns of pages of a light that receivers are in, whatever their heights, and between which heights these are.
+#[derive(Default)]
+struct Columns {
+    pages: FxHashMap<RelativePage, [f32; 2]>,
+    /// The one that was found last, not in the table yet.
+    last: Option<(RelativePage, [f32; 2])>,
+}
+
+impl Columns {
+    #[inline(always)]
+    fn note(&mut self, page: RelativePage, heights: [f32; 2]) {
+        match &mut self.last {
+            Some((known, [low, high])) if *known == page => {
+                (*low, *high) = (low.min(heights[0]), high.max(heights[1]));
+            }
+            last => {
+                if let Some((page, heights)) = last.replace((page, heights)) {
+                    join(&mut self.pages, page, heights);
+                }
+            }
+        }
+    }
+
+    fn closed(mut self) -> Self {
+        if let Some((page, heights)) = self.last.take() {
+            join(&mut self.pages, page, heights);
+        }
+        self
+    }
+}
+
+/// Widens what is known of a column.
+fn join(pages: &mut FxHashMap<RelativePage, [f32; 2]>, page: RelativePage, [low, high]: [f32; 2]) {
+    let known = pages.entry(page).or_insert([low, high]);
+    *known = [known[0].min(low), known[1].max(high)];
 }
 
 struct Marker<'a> {
@@ -53,7 +90,7 @@ struct Marker<'a> {
 }
 
 impl Marker<'_> {
-    fn mark(&self, start: usize, end: usize) -> Vec<FxHashSet<RelativePage>> {
+    fn mark(&self, start: usize, end: usize) -> Vec<Columns> {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
             // SAFETY: the processor has AVX2 and BMI2.
@@ -65,15 +102,13 @@ impl Marker<'_> {
     /// The same with 256-bit vectors. No operation fuses, so the result is the same.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,bmi2")]
-    fn mark_avx2(&self, start: usize, end: usize) -> Vec<FxHashSet<RelativePage>> {
+    fn mark_avx2(&self, start: usize, end: usize) -> Vec<Columns> {
         self.mark_anywhere(start, end)
     }
 
     #[inline(always)]
-    fn mark_anywhere(&self, start: usize, end: usize) -> Vec<FxHashSet<RelativePage>> {
-        let mut found: Vec<FxHashSet<RelativePage>> =
-            self.lights.iter().map(|_| FxHashSet::default()).collect();
-        let mut last: Vec<Option<RelativePage>> = vec![None; self.lights.len()];
+    fn mark_anywhere(&self, start: usize, end: usize) -> Vec<Columns> {
+        let mut found: Vec<Columns> = self.lights.iter().map(|_| Columns::default()).collect();
         let width = self.screen.width as usize;
         let places = (start..end)
             .step_by(width)
@@ -105,53 +140,46 @@ impl Marker<'_> {
                 }
             }
             let at = position(self.eye, self.screen.orthographic, &point, distance);
-            for ((light, found), last) in self.lights.iter().zip(&mut found).zip(&mut last) {
-                let mut note = |page| {
-                    if *last != Some(page) {
-                        found.insert(page);
-                        *last = Some(page);
-                    }
-                };
-                if self.mark_together(light, &at, &mut note) {
+            for (light, found) in self.lights.iter().zip(&mut found) {
+                if self.mark_together(light, &at, found) {
                     continue;
                 }
                 for lane in 0..count {
                     let position = at.map(|c| c.0[lane]);
                     let error = self.error.world + self.error.pixels * light.pixel(&position).1;
-                    light.mark(&position, error, &mut note);
+                    light.mark(&position, error, |page, heights| found.note(page, heights));
                 }
             }
         }
-        found
+        found.into_iter().map(Columns::closed).collect()
     }
 
-    /// The pages of eight receivers that lie close together in one level of a map without an end, each at least once. False
+    /// The columns of eight receivers that lie close together in one level of a map without an end, each at least once. False
     /// where they do not.
     #[inline(always)]
-    fn mark_together(&self, light: &LightView, at: &Vec3x8, want: &mut impl FnMut(RelativePage)) -> bool {
+    fn mark_together(&self, light: &LightView, at: &Vec3x8, found: &mut Columns) -> bool {
         let distance = dot(at, at).sqrt();
         let pixel = pixels(light, distance);
         let level = light.level_of(pixel.0[0]);
         let Some(anchor) = light.anchor(level).filter(|_| pixel.in_one_octave()) else { return false };
-        let inverse = texel_of(-level);
+        let (texel, inverse) = (texel_of(level), texel_of(-level));
         let own = distance * SHADOW_ROUNDING + pixel * (self.error.pixels + SHADOW_SNAP) + self.error.world;
-        // A little more, for the rounding of what follows.
-        let reach = (own * inverse + (light.threshold + SHADOW_TEXEL_REACH)) * 1.001;
+        let reach = (own * inverse + (light.threshold + SHADOW_TEXEL_REACH)) * SHADOW_MARGIN;
+        let wide = reach + light.beside();
         let side = SHADOW_PAGE_SIDE as f32;
         let right = along(&light.axes[0], at) * inverse + anchor[0];
         let down = -(along(&light.axes[1], at) * inverse - anchor[1]);
-        let nearer = along(&light.axes[2], at) * inverse + anchor[2];
-        let (left, right) = range(right, reach, side);
-        let (top, bottom) = range(down, reach, side);
-        let (below, above) = range(nearer, reach, SHADOW_SIDE as f32);
-        if right.wrapping_sub(left) > 1 || bottom.wrapping_sub(top) > 1 || above.wrapping_sub(below) > 1 {
+        let nearer = along(&light.axes[2], at);
+        let (left, right) = range(right, wide, side);
+        let (top, bottom) = range(down, wide, side);
+        if right.wrapping_sub(left) > 1 || bottom.wrapping_sub(top) > 1 {
             return false;
         }
-        for z in below..=above {
-            for y in top..=bottom {
-                for x in left..=right {
-                    want(RelativePage { face: 0, level: level as i16, x, y, z });
-                }
+        let reach = reach * texel;
+        let heights = [(nearer - reach).range().0, (nearer + reach).range().1];
+        for y in top..=bottom {
+            for x in left..=right {
+                found.note(RelativePage { face: 0, level: level as i16, x, y, z: 0 }, heights);
             }
         }
         true

@@ -1,6 +1,8 @@
 //! Pages of shadow maps that are wanted → their depths: instances, nodes and clusters are culled for all pages of a block
 //! together, then each page is drawn by one task.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
@@ -11,8 +13,7 @@ use super::{instance_cull, raster_large, raster_small};
 use crate::limits::{SHADOW_BLOCK_PAGES, SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Scene};
-use crate::shadow::cache::PageTexels;
-use crate::shadow::{Block, PageKey, ShadowMap};
+use crate::shadow::{Block, PageKey, ShadowMap, ShadowPage};
 use crate::stream::Resident;
 use crate::views::{Footprint, InstanceView, Occluder, Screen, Visible};
 
@@ -20,7 +21,7 @@ use crate::views::{Footprint, InstanceView, Occluder, Screen, Visible};
 #[derive(Debug, Default)]
 pub struct DrawnBlock {
     /// Its pages, and whether nothing stands in them for what is not there.
-    pub pages: Vec<(PageKey, PageTexels, bool)>,
+    pub pages: Vec<(PageKey, Arc<ShadowPage>, bool)>,
     /// Instances as seen by it.
     pub views: Vec<InstanceView>,
     /// Groups that were to be drawn and whose pages are not there.
@@ -110,7 +111,7 @@ fn draw_block(
     let clusters = cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&wanted)).candidates;
     let of_pages = of_pages(&block, pages, &clusters);
     let lacking = lacking(&walk.absent, &views, &screen);
-    let drawn: Vec<(PageKey, PageTexels, bool)> = pages
+    let drawn: Vec<(PageKey, Arc<ShadowPage>, bool)> = pages
         .par_iter()
         .zip(&of_pages)
         .map(|(key, numbers)| {
@@ -172,7 +173,7 @@ fn draw_page(
     clusters: &[CandidateCluster],
     views: &[InstanceView],
     scene: &Scene,
-) -> PageTexels {
+) -> Arc<ShadowPage> {
     let mut texels = vec![0u32; SHADOW_PAGE_TEXELS];
     let view = map.page_view(key);
     let (eye, screen) = (Eye::new(&view), Screen::new(&view));
@@ -194,5 +195,5 @@ fn draw_page(
     let sink = Nearest(u32::cells(&mut texels));
     raster_small::run(&small, &visible, &own, &screen, &sink);
     raster_large::run(&large, &visible, &own, &screen, &sink);
-    texels.into()
+    Arc::new(ShadowPage::new(texels))
 }

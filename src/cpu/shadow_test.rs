@@ -9,12 +9,13 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use super::lanes::{LANES, Lanes, Vec3x8, along, dot};
 use super::output::ROWS;
 use super::shadow_mark::pixels;
+use super::shadow_soft::March;
 use super::surface::{Detail, Pixels, Surfels, Walk, position};
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH};
 use crate::scene::palette::{FACING, hash, hue, ramp};
 use crate::scene::placement::Eye;
 use crate::shadow::receiver::{RelativePage, texel_of};
-use crate::shadow::{LightView, Lookup, Receiver};
+use crate::shadow::{LightView, Lookup, Receiver, ShadowPage};
 
 /// Levels over which the colours of a debug view go.
 const SHOWN_LEVELS: f32 = 8.0;
@@ -31,7 +32,7 @@ pub struct LightShadow {
     /// How it looks them up.
     pub view: LightView,
     /// The pages that it may want.
-    pub pages: FxHashMap<RelativePage, Arc<[u32]>>,
+    pub pages: FxHashMap<RelativePage, Arc<ShadowPage>>,
     /// Those of them that were drawn for this frame.
     pub drawn: FxHashSet<RelativePage>,
 }
@@ -53,6 +54,8 @@ pub type Shadows = Vec<Option<LightShadow>>;
 /// Receivers of up to eight pixels, see [`Receiver`].
 pub struct Receivers {
     count: usize,
+    /// On the picture.
+    point: [Lanes; 2],
     position: Vec3x8,
     normal: Vec3x8,
     smooth: Vec3x8,
@@ -87,6 +90,7 @@ impl Receivers {
         }
         Some(Self {
             count: surfels.count,
+            point: surfels.point,
             position: *at,
             normal: turned(&detail.face, -away),
             smooth: turned(&surfels.normal, -away),
@@ -101,16 +105,32 @@ impl Receivers {
         Receiver { position, normal, smooth, error: self.error.0[lane] }
     }
 
-    /// How much of a light reaches each: 1, or 0 in its shadow. `last` is of this light.
+    /// How much of a light reaches each: 1, or 0 in its shadow, or, of a light with a size, a part. `last` is of this light.
     #[inline(always)]
     pub fn reached_by<'a>(&self, light: &'a LightShadow, last: &LastPage<'a>) -> Lanes {
         let view = &light.view;
+        if view.soft() {
+            return self.reached_by_rays(light, last);
+        }
         let pixel = pixels(view, self.distance);
         let level = view.level_of(pixel.0[0]);
         match view.anchor(level) {
             Some(anchor) if pixel.in_one_octave() => self.in_level(light, level, &anchor, pixel, last),
             _ => self.one_by_one(light, last),
         }
+    }
+
+    #[inline(never)]
+    fn reached_by_rays<'a>(&self, light: &'a LightShadow, last: &LastPage<'a>) -> Lanes {
+        let (mut starts, mut lit) = ([None; LANES], Lanes::splat(1.0));
+        for lane in 0..self.count {
+            match light.view.start(&self.one(lane)) {
+                Ok(start) => starts[lane] = Some(start),
+                Err(there) => lit.0[lane] = f32::from(u8::from(there)),
+            }
+        }
+        March { light, last }.run(&starts[..self.count], &mut lit, &self.point);
+        lit
     }
 
     fn one_by_one<'a>(&self, light: &'a LightShadow, last: &LastPage<'a>) -> Lanes {
@@ -203,12 +223,12 @@ fn turned(v: &Vec3x8, sign: Lanes) -> Vec3x8 {
     out
 }
 
-/// The page of a light that was looked up last: the next lookup mostly wants the same.
+/// Pages of a light that were looked up last: the next lookup mostly wants one of them.
 #[derive(Default)]
-pub struct LastPage<'a>(Cell<Option<(RelativePage, Texels<'a>)>>);
+pub struct LastPage<'a>([Cell<Option<(RelativePage, Option<&'a ShadowPage>)>>; KNOWN_PAGES]);
 
-/// Texels of a page that is there.
-type Texels<'a> = Option<&'a [u32]>;
+/// Pages that are kept at hand.
+const KNOWN_PAGES: usize = 16;
 
 impl<'a> LastPage<'a> {
     /// One for each of a frame's lights.
@@ -216,24 +236,28 @@ impl<'a> LastPage<'a> {
         shadows.map_or(&[][..], |shadows| shadows).iter().map(|_| Self::default()).collect()
     }
 
+    /// A page of a light; `None` if it was not marked.
     #[inline(always)]
-    fn page(&self, light: &'a LightShadow, page: RelativePage) -> Texels<'a> {
-        if let Some((known, texels)) = self.0.get()
+    pub fn page(&self, light: &'a LightShadow, page: RelativePage) -> Option<&'a ShadowPage> {
+        // Levels that a ray climbs, and pages side by side, have places of their own.
+        let place = (page.level as usize).wrapping_mul(5) ^ (page.x as usize) ^ (page.y as usize) << 1;
+        let known = &self.0[place % KNOWN_PAGES];
+        if let Some((known, texels)) = known.get()
             && known == page
         {
             return texels;
         }
-        let texels = light.pages.get(&page).map(|texels| &texels[..]);
-        self.0.set(Some((page, texels)));
+        let texels = light.pages.get(&page).map(|texels| &**texels);
+        known.set(Some((page, texels)));
         texels
     }
 }
 
 /// 1 where nothing in a page is nearer to the light.
 #[inline(always)]
-fn lit(texels: Texels<'_>, texel: u32, key: u32) -> f32 {
-    debug_assert!(texels.is_some(), "a page that is looked up was not marked");
-    if texels.is_none_or(|texels| texels[texel as usize] <= key) { 1.0 } else { 0.0 }
+fn lit(page: Option<&ShadowPage>, texel: u32, key: u32) -> f32 {
+    debug_assert!(page.is_some(), "a page that is looked up was not marked");
+    if page.is_none_or(|page| page.keys()[texel as usize] <= key) { 1.0 } else { 0.0 }
 }
 
 /// A debug view of the first light that throws shadows, in RGB; grey where a pixel looks nothing up, black where nothing is
@@ -309,11 +333,11 @@ mod tests {
     use glam::{DAffine3, DMat3, DVec3};
 
     use super::*;
-    use crate::scene::{Camera, Light, LightKind, Projection};
-    use crate::shadow::ShadowMap;
+    use crate::scene::{Camera, Light, Projection};
+    use crate::shadow::{Lamp, ShadowMap};
 
     /// Pages of noise about as deep as receivers: half of what is looked up is dark, if the texel is that of the scalar form.
-    fn noise(of: &LightView, receivers: &[Receivers]) -> FxHashMap<RelativePage, Arc<[u32]>> {
+    fn noise(of: &LightView, receivers: &[Receivers]) -> FxHashMap<RelativePage, Arc<ShadowPage>> {
         let mut pages = FxHashMap::default();
         let all = receivers.iter().flat_map(|eight| (0..eight.count).map(|lane| eight.one(lane)));
         for receiver in all {
@@ -323,7 +347,8 @@ mod tests {
                 texels[texel as usize] = key.saturating_add(texel % 3).saturating_sub(1);
             }
         }
-        pages.into_iter().map(|(page, texels)| (page, texels.into())).collect()
+        let page = |texels| Arc::new(ShadowPage::new(texels));
+        pages.into_iter().map(|(at, texels)| (at, page(texels))).collect()
     }
 
     #[test]
@@ -345,17 +370,10 @@ mod tests {
             let view = Camera { projection, znear: 0.05, zfar: None }.view(&pose, 640, 360).unwrap();
             let axis = DVec3::new(random().into(), random().into(), random().into()).normalize();
             let (x, y) = axis.any_orthonormal_pair();
-            let light = Light {
-                kind: LightKind::Directional,
-                color: [1.0; 3],
-                intensity: 1.0,
-                pose: DAffine3::from_mat3(DMat3::from_cols(x, y, axis)),
-                visible: true,
-                casts_shadows: true,
-            };
+            let light = Light { pose: DAffine3::from_mat3(DMat3::from_cols(x, y, axis)), ..Light::default() };
             let map = ShadowMap::new(&light, 16.0).unwrap();
-            let light =
-                LightView::new(0, &map, &view, [1.0, 0.0, 0.3][case % 3], 16.0).made_coarser(case as i32 % 2);
+            let light = LightView::new(0, &map, &view, [1.0, 0.0, 0.3][case % 3], 16.0, Lamp::default())
+                .made_coarser(case as i32 % 2);
             let receivers: Vec<Receivers> = (0..50)
                 .map(|_| {
                     let mut vector = || [0; 3].map(|_| Lanes([0; LANES].map(|_| random())));
@@ -365,6 +383,7 @@ mod tests {
                     let unit = |v: &Vec3x8| super::super::lanes::normalize(v);
                     Receivers {
                         count: LANES,
+                        point: [Lanes::splat(0.0); 2],
                         position,
                         normal: unit(&normal),
                         smooth: unit(&smooth),

@@ -71,6 +71,7 @@ struct RawOptions {
     wait: bool,
     shadows: String,
     shadow_memory: u64,
+    shadow_samples: u32,
 }
 
 impl RawOptions {
@@ -89,6 +90,7 @@ impl RawOptions {
             wait: self.wait,
             shadows: self.shadows.parse()?,
             shadow_memory: self.shadow_memory,
+            shadow_samples: self.shadow_samples,
             ..defaults
         })
     }

@@ -52,7 +52,7 @@ struct RawTexture {
 }
 
 /// Kind, colour, intensity, range, inner and outer angle of the cone, whether it casts shadows.
-type RawLight = (String, [f32; 3], f32, Option<f32>, Option<(f64, f64)>, bool);
+type RawLight = (String, [f32; 3], f32, Option<f32>, Option<(f64, f64)>, (bool, f64));
 
 /// Map, intensity, rotation, and whether it is seen behind all.
 type RawEnvironment = (Py<EnvironmentMap>, f32, f64, bool);
@@ -138,7 +138,7 @@ fn texture(raw: RawTexture) -> Texture {
 }
 
 fn light(
-    (kind, color, intensity, range, cone, casts_shadows): RawLight,
+    (kind, color, intensity, range, cone, (casts_shadows, radius)): RawLight,
     rows: &[[f64; 4]; 4],
 ) -> Result<Light> {
     let kind = match (&kind[..], cone) {
@@ -147,7 +147,8 @@ fn light(
         ("spot", Some((inner, outer))) => LightKind::Spot { range, inner, outer },
         _ => return Err(Error::argument("kind", format!("no light is {kind:?} with this cone"))),
     };
-    Ok(Light { kind, color, intensity, pose: pose::affine("pose", rows)?, visible: true, casts_shadows })
+    let pose = pose::affine("pose", rows)?;
+    Ok(Light { kind, color, intensity, pose, visible: true, casts_shadows, radius })
 }
 
 /// Checks the parameters of a light; the error names the first that is wrong.

@@ -4,6 +4,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use glam::DVec3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::renderer::{FrameContext, Rastered};
@@ -15,9 +16,9 @@ use crate::cpu::shadow_raster;
 use crate::cpu::shadow_test::LightShadow;
 use crate::error::{Error, Result};
 use crate::limits::SHADOW_ROUNDING;
-use crate::scene::Scene;
+use crate::scene::{Light, Scene};
 use crate::shadow::cache::PAGE_BYTES;
-use crate::shadow::{LightView, PageKey, ShadowCache, ShadowMap};
+use crate::shadow::{Lamp, LightView, PageKey, ShadowCache, ShadowMap};
 use crate::views::InstanceView;
 
 /// Levels by which shadows are made coarser at most.
@@ -26,18 +27,36 @@ const COARSEST: i32 = 16;
 /// The maps of a frame's lights as it looks them up; none where a light throws no shadow.
 type LightViews = Vec<Option<LightView>>;
 
-/// The size of a scene across: a power of two above the diameter of what is visible, so that it seldom changes.
-fn scene_size(scene: &Scene) -> f64 {
-    let spheres = || {
-        let instances = scene.instances().iter().filter(|(_, instance)| instance.visible);
-        instances.map(|(_, instance)| instance.sphere())
-    };
-    let bound = |sign: f64| {
-        let corners = spheres().map(|(center, radius)| sign * center + glam::DVec3::splat(radius));
-        corners.reduce(glam::DVec3::max).unwrap_or(glam::DVec3::ZERO)
-    };
-    let across = (bound(1.0) + bound(-1.0)).length();
-    if across > 0.0 && across.is_finite() { 2f64.powi(across.log2().ceil() as i32) } else { 1.0 }
+/// Where everything is that is visible.
+struct Extent {
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Extent {
+    fn new(scene: &Scene) -> Self {
+        let spheres = || {
+            let instances = scene.instances().iter().filter(|(_, instance)| instance.visible);
+            instances.map(|(_, instance)| instance.sphere())
+        };
+        let bound = |sign: f64| {
+            let corners = spheres().map(|(center, radius)| sign * center + DVec3::splat(radius));
+            corners.reduce(DVec3::max).unwrap_or(DVec3::ZERO)
+        };
+        Self { low: -bound(-1.0), high: bound(1.0) }
+    }
+
+    /// A power of two above its diameter, so that it seldom changes.
+    fn size(&self) -> f64 {
+        let across = (self.high - self.low).length();
+        if across > 0.0 && across.is_finite() { 2f64.powi(across.log2().ceil() as i32) } else { 1.0 }
+    }
+
+    /// How far it reaches along an axis, from a place.
+    fn above(&self, from: DVec3, axis: DVec3) -> f64 {
+        let most = (axis * (self.low - from)).max(axis * (self.high - from));
+        most.element_sum()
+    }
 }
 
 /// Lights up the frames of a call.
@@ -51,7 +70,8 @@ pub(super) fn light_up(
         return Ok(());
     }
     let mut stats = ShadowStats::default();
-    let size = scene_size(scene);
+    let extent = Extent::new(scene);
+    let size = extent.size();
     let visible = || scene.lights().iter().filter(|(_, light)| light.visible);
     let maps: FxHashMap<u32, ShadowMap> =
         visible().filter_map(|(slot, light)| Some((slot, ShadowMap::new(light, size)?))).collect();
@@ -59,9 +79,11 @@ pub(super) fn light_up(
     let views: Vec<LightViews> = frame_contexts
         .iter()
         .map(|own| {
-            let view = |(slot, _)| {
+            let view = |(slot, light): (u32, &Light)| {
                 let map = maps.get(&slot)?;
-                Some(LightView::new(slot, map, &own.view, own.options.pixel_error, size))
+                let top = extent.above(own.view.eye(), map.axes.z_axis);
+                let lamp = Lamp::new(light.radius, top, options.shadow_samples);
+                Some(LightView::new(slot, map, &own.view, own.options.pixel_error, size, lamp))
             };
             visible().map(view).collect()
         })

@@ -44,6 +44,24 @@ pub struct Light {
     pub visible: bool,
     /// What is in its way throws shadows, where frames have such.
     pub casts_shadows: bool,
+    /// How large it is, which makes its shadows soft: the radius in world units or, of a directional light, the tangent of
+    /// half the angle that it is seen at, which is its radius at distance 1. 0 throws sharp shadows.
+    pub radius: f64,
+}
+
+/// A white directional light of one lux along the −Z of the world, which throws sharp shadows.
+impl Default for Light {
+    fn default() -> Self {
+        Self {
+            kind: LightKind::Directional,
+            color: [1.0; 3],
+            intensity: 1.0,
+            pose: DAffine3::IDENTITY,
+            visible: true,
+            casts_shadows: true,
+            radius: 0.0,
+        }
+    }
 }
 
 impl Light {
@@ -56,6 +74,12 @@ impl Light {
             return Err(Error::argument(
                 "intensity",
                 format!("must be finite and not negative, not {}", self.intensity),
+            ));
+        }
+        if !(self.radius.is_finite() && self.radius >= 0.0) {
+            return Err(Error::argument(
+                "radius",
+                format!("must be finite and not negative, not {}", self.radius),
             ));
         }
         if let LightKind::Point { range: Some(range) } | LightKind::Spot { range: Some(range), .. } =

@@ -6,13 +6,11 @@ use glam::{DAffine3, DVec3};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::map::{PageKey, ShadowMap};
+use super::page::ShadowPage;
 use crate::limits::SHADOW_PAGE_TEXELS;
 use crate::model::Pages;
 use crate::scene::{Instance, Materials, Scene};
 use crate::stream::Resident;
-
-/// Texels of a page: keys of depth, larger is nearer to the light; 0 where it sees nothing.
-pub type PageTexels = Arc<[u32]>;
 
 /// Bytes of a page.
 pub const PAGE_BYTES: u64 = 4 * SHADOW_PAGE_TEXELS as u64;
@@ -42,7 +40,7 @@ impl Caster {
 
 #[derive(Debug)]
 struct Page {
-    texels: PageTexels,
+    texels: Arc<ShadowPage>,
     /// Nothing in it stands in for pages of streamed meshes that were not there: it stays right while those come and go.
     whole: bool,
     /// Number of the last frame that wanted it.
@@ -154,12 +152,12 @@ impl ShadowCache {
     }
 
     /// Keeps a page that was drawn; `whole` where nothing stands in it for what is not there.
-    pub fn insert(&mut self, key: PageKey, texels: PageTexels, whole: bool) {
+    pub fn insert(&mut self, key: PageKey, texels: Arc<ShadowPage>, whole: bool) {
         self.pages.insert(key, Page { texels, whole, wanted: self.frame });
     }
 
     /// The texels of a page.
-    pub fn page(&self, key: &PageKey) -> Option<&PageTexels> {
+    pub fn page(&self, key: &PageKey) -> Option<&Arc<ShadowPage>> {
         self.pages.get(key).map(|page| &page.texels)
     }
 

@@ -7,8 +7,12 @@
 
 pub mod cache;
 pub mod map;
+pub mod page;
 pub mod receiver;
+pub mod soft;
 
 pub use cache::ShadowCache;
 pub use map::{Block, PageKey, ShadowMap};
+pub use page::ShadowPage;
 pub use receiver::{LightView, Lookup, Receiver};
+pub use soft::Lamp;

@@ -5,8 +5,10 @@
 //! is taken off the depth.
 
 use super::map::{BOUNDED_LEVELS, CUBE_FACES, MapKind, PageKey, ShadowMap};
+use super::soft::{LEAST_SLOPE_COSINE, Lamp};
 use crate::limits::{
-    SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH,
+    SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_SOFT_TEXELS,
+    SHADOW_TEXEL_REACH,
 };
 use crate::scene::View;
 
@@ -16,6 +18,8 @@ const LEVELS: usize = 64;
 const LEVELS_APART: i32 = 3;
 /// By how many halvings a texel may be smaller than the scene.
 const FINEST: i32 = 48;
+/// How far receivers may be moved is taken times this where pages are marked, for the rounding of what is done with it.
+pub const SHADOW_MARGIN: f32 = 1.02;
 
 /// A point that a camera sees: camera space, world units.
 #[derive(Clone, Copy, Debug)]
@@ -49,11 +53,34 @@ pub enum Lookup {
 }
 
 /// Where a point lies in a map.
-struct Place {
-    page: RelativePage,
-    texel: u32,
+pub struct Place {
+    /// The page.
+    pub page: RelativePage,
+    /// The texel in it.
+    pub texel: u32,
     /// Along the map's axis, from the slab's top or from the light.
-    depth: f32,
+    pub depth: f32,
+}
+
+/// A receiver that was moved, along the light's axes.
+#[derive(Clone, Copy, Debug)]
+pub struct Moved {
+    /// Where it is now, from the light's place, or from the camera where it has none.
+    pub at: [f32; 3],
+    /// The normals of its triangle, and the interpolated one.
+    pub normals: [[f32; 3]; 2],
+    /// Of the angle between the way to the light and the normal along which it was moved; 0 where the triangle faces away.
+    pub cosine: f32,
+    /// The face that sees it.
+    pub face: u8,
+    /// The level that it is looked up in.
+    pub level: i32,
+    /// A texel there, world units.
+    pub texel: f32,
+    /// From the camera.
+    pub distance: f32,
+    /// From the light's place.
+    pub length: f32,
 }
 
 /// A page of a light's map, relative to where the camera is.
@@ -85,7 +112,7 @@ struct Anchor {
 pub struct LightView {
     /// Slot of the light.
     pub light: u32,
-    kind: MapKind,
+    pub(super) kind: MapKind,
     /// The light's axes in camera space.
     pub axes: [[f32; 3]; 3],
     /// Of one with a position: the camera seen from there, along the axes; else zero.
@@ -94,8 +121,9 @@ pub struct LightView {
     anchors: Vec<Anchor>,
     first: i32,
     /// Tangent of half the angle of a pinhole.
-    tangent: f32,
-    near: f32,
+    pub(super) tangent: f32,
+    /// Near distance of a pinhole.
+    pub near: f32,
     /// The square of the distance at which a light ends, rounded up.
     reach_squared: f32,
     /// Pixels per unit of tangent or, from a parallel camera, of length.
@@ -107,6 +135,8 @@ pub struct LightView {
     pub threshold: f32,
     /// Levels by which all texels are larger than a pixel, for want of room.
     pub coarser: i32,
+    /// How large the light is.
+    pub lamp: Lamp,
 }
 
 /// Two to a level: a texel of a parallel map there.
@@ -116,7 +146,7 @@ pub fn texel_of(level: i32) -> f32 {
 }
 
 /// The binary logarithm of a positive number, rounded down.
-fn exponent(v: f32) -> i32 {
+pub(super) fn exponent(v: f32) -> i32 {
     (v.to_bits() >> 23) as i32 - 127
 }
 
@@ -126,7 +156,14 @@ fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
 
 impl LightView {
     /// Of a light's map and a view whose cut has errors of up to `pixel_error`, in a scene of some size across.
-    pub fn new(light: u32, map: &ShadowMap, view: &View, pixel_error: f32, scene_size: f64) -> Self {
+    pub fn new(
+        light: u32,
+        map: &ShadowMap,
+        view: &View,
+        pixel_error: f32,
+        scene_size: f64,
+        lamp: Lamp,
+    ) -> Self {
         let turn = map.axes.transpose() * view.pose.matrix3;
         let row = |k: usize| turn.row(k).as_vec3().to_array();
         let eye = map.axes.transpose() * (view.eye() - map.origin);
@@ -161,7 +198,14 @@ impl LightView {
             tau: PageKey::tau_of(pixel_error),
             threshold: PageKey::threshold(PageKey::tau_of(pixel_error)),
             coarser: 0,
+            lamp,
         }
+    }
+
+    /// Whether it has no end.
+    #[inline(always)]
+    pub fn parallel(&self) -> bool {
+        self.kind == MapKind::Parallel
     }
 
     /// The same with all texels larger by so many levels.
@@ -212,7 +256,7 @@ impl LightView {
     /// `None` where a pinhole sees nothing, and where its light does not reach.
     #[inline(always)]
     fn level(&self, at: &[f32; 3], pixel: f32) -> Option<(i32, f32)> {
-        if self.kind == MapKind::Parallel {
+        if self.parallel() {
             let level = self.level_of(pixel);
             return Some((level, texel_of(level)));
         }
@@ -228,7 +272,7 @@ impl LightView {
     /// Of a parallel map, where the camera is in a level: texels right, down and up from its anchor.
     #[inline(always)]
     pub fn anchor(&self, level: i32) -> Option<[f32; 3]> {
-        (self.kind == MapKind::Parallel).then(|| self.anchors[(level - self.first) as usize].offset)
+        (self.parallel()).then(|| self.anchors[(level - self.first) as usize].offset)
     }
 
     /// Of a parallel map, the level where a pixel is so large.
@@ -250,15 +294,15 @@ impl LightView {
 
     /// The level of a parallel map that is nearest to this one.
     #[inline(always)]
-    fn bounded(&self, level: i32) -> i32 {
+    pub(super) fn bounded(&self, level: i32) -> i32 {
         level.clamp(self.first, self.first + LEVELS as i32 - 1)
     }
 
     /// Where a point lies in a level. `None` outside of a spot.
     #[inline(always)]
-    fn place(&self, at: &[f32; 3], level: i32) -> Option<Place> {
+    pub fn place(&self, at: &[f32; 3], level: i32) -> Option<Place> {
         let side = SHADOW_PAGE_SIDE as f32;
-        if self.kind == MapKind::Parallel {
+        if self.parallel() {
             let texel = texel_of(level);
             let Anchor { offset, .. } = &self.anchors[(level - self.first) as usize];
             let (x, y, z) = (at[0] / texel + offset[0], offset[1] - at[1] / texel, at[2] / texel + offset[2]);
@@ -294,7 +338,8 @@ impl LightView {
     /// How far a receiver that is off the source by `own` is moved at most, in a level of such texels.
     #[inline(always)]
     fn reach(&self, own: f32, texel: f32) -> f32 {
-        own + texel * (self.threshold + SHADOW_TEXEL_REACH)
+        // A little more, for the rounding of what is done with it.
+        SHADOW_MARGIN * (own + texel * (self.threshold + SHADOW_TEXEL_REACH))
     }
 
     /// Rounding of a receiver's place at a distance, where a pixel is so large.
@@ -303,46 +348,70 @@ impl LightView {
         distance * SHADOW_ROUNDING + SHADOW_SNAP * pixel
     }
 
-    /// The pages that a receiver at a point may look up, if it is off the source by up to `error`: each at least once.
+    /// The columns of pages that a receiver at a point may look up, if it is off the source by up to `error`, each at least
+    /// once, and between which heights it may be along the light's axis.
     #[inline(always)]
-    pub fn mark(&self, position: &[f32; 3], error: f32, mut want: impl FnMut(RelativePage)) {
+    pub fn mark(&self, position: &[f32; 3], error: f32, mut want: impl FnMut(RelativePage, [f32; 2])) {
         let (distance, pixel) = self.pixel(position);
         let at = self.along_axes(position);
         let Some((level, texel)) = self.level(&at, pixel) else { return };
-        // A little more, for the rounding of what follows.
-        let reach = 1.001 * self.reach(error + Self::rounding(distance, pixel), texel);
+        let reach = self.reach(error + Self::rounding(distance, pixel), texel);
+        let (wide, heights) = (reach + self.beside() * texel, [at[2] - reach, at[2] + reach]);
         // A box smaller than a page meets no more pages than its corners do.
         for corner in 0..8 {
-            let at =
-                std::array::from_fn(|k| if corner >> k & 1 == 0 { at[k] - reach } else { at[k] + reach });
+            let at = std::array::from_fn(|k| if corner >> k & 1 == 0 { at[k] - wide } else { at[k] + wide });
             if let Some(place) = self.place(&at, level) {
-                want(place.page);
+                want(RelativePage { z: 0, ..place.page }, heights);
             }
         }
+    }
+
+    /// Texels to the side that rays to the light go in the level of their receiver.
+    #[inline(always)]
+    pub fn beside(&self) -> f32 {
+        if self.soft() { SHADOW_SOFT_TEXELS as f32 } else { 0.0 }
+    }
+
+    /// Moves a receiver along its normal, so that the surface that it is on does not shade it. Else whether it is lit: where
+    /// there is no map it is, where it faces away it is not.
+    #[inline(always)]
+    pub fn moved(&self, receiver: &Receiver) -> Result<Moved, bool> {
+        let Receiver { position, normal, smooth, error } = receiver;
+        let (distance, pixel) = self.pixel(position);
+        let at = self.along_axes(position);
+        let length = dot(&at, &at).sqrt();
+        let parallel = self.parallel();
+        let towards = if parallel { [0.0, 0.0, 1.0] } else { at.map(|v| -v / length) };
+        // Of a light with a size the least part is enough.
+        let size = if parallel { self.lamp.radius } else { self.lamp.radius / length };
+        let normals = [normal, smooth].map(|n| std::array::from_fn(|k| dot(&self.axes[k], n)));
+        let (normal, facing) = facing(&normals, &towards, size).ok_or(false)?;
+        let (level, texel) = self.level(&at, pixel).ok_or(true)?;
+        let face = self.face(&at);
+        let slope = if facing { slope(self.along(face, 2, &normal)) } else { 1.0 };
+        let own = error + Self::rounding(distance, pixel);
+        let by = own + (slope * SHADOW_TEXEL_REACH + self.threshold) * texel;
+        let cosine = if facing { dot(&normal, &towards) } else { 0.0 };
+        // To the middle of a light with a size, so that its shadows stay where they are: as far as along the normal.
+        let (by, normal) =
+            if self.soft() && cosine >= LEAST_SLOPE_COSINE { (by / cosine, towards) } else { (by, normal) };
+        let at = std::array::from_fn(|k| at[k] + by * normal[k]);
+        Ok(Moved { at, normals, cosine, face, level, texel, distance, length })
     }
 
     /// What a receiver looks up.
     #[inline(always)]
     pub fn look_up(&self, receiver: &Receiver) -> Lookup {
-        let Receiver { position, normal, smooth, error } = receiver;
-        let (distance, pixel) = self.pixel(position);
-        let at = self.along_axes(position);
-        let parallel = self.kind == MapKind::Parallel;
-        let length = dot(&at, &at).sqrt();
-        let towards = if parallel { [0.0, 0.0, 1.0] } else { at.map(|v| -v / length) };
-        let [normal, smooth] = [normal, smooth].map(|n| std::array::from_fn(|k| dot(&self.axes[k], n)));
-        let Some((normal, facing)) = facing(&normal, &smooth, &towards) else { return Lookup::Dark };
-        let Some((level, texel)) = self.level(&at, pixel) else { return Lookup::Lit };
-        let slope = if facing { slope(self.along(self.face(&at), 2, normal)) } else { 1.0 };
-        let own = error + Self::rounding(distance, pixel);
-        let by = own + (slope * SHADOW_TEXEL_REACH + self.threshold) * texel;
-        let moved: [f32; 3] = std::array::from_fn(|k| at[k] + by * normal[k]);
+        let Moved { at, level, texel, distance, length, .. } = match self.moved(receiver) {
+            Ok(moved) => moved,
+            Err(lit) => return if lit { Lookup::Lit } else { Lookup::Dark },
+        };
         // Of a cube it may be on another face now.
-        let Some(Place { page, texel: number, depth }) = self.place(&moved, level) else {
+        let Some(Place { page, texel: number, depth }) = self.place(&at, level) else {
             return Lookup::Lit;
         };
         let rounding = distance * SHADOW_ROUNDING;
-        let key = if parallel {
+        let key = if self.parallel() {
             // Depths of up to so many texels were rounded in the page.
             let depth = depth - (rounding + texel * (SHADOW_SIDE as f32 * SHADOW_ROUNDING));
             !depth.max(0.0).to_bits()
@@ -352,13 +421,26 @@ impl LightView {
         Lookup::Texel { page, texel: number, key }
     }
 
+    /// The page of a level in which something lies that is right and up of the middle of a face by tangents, of those of its
+    /// edge; on another face of a cube, too.
+    pub(super) fn page_towards(&self, face: u8, [right, up]: [f32; 2], level: i32) -> Option<RelativePage> {
+        if self.kind != MapKind::Cube {
+            return None;
+        }
+        let mut at = [0.0; 3];
+        for ((axis, sign), along) in CUBE_FACES[usize::from(face)].into_iter().zip([right, up, -1.0]) {
+            at[axis] = sign * along * 2.0 * self.near;
+        }
+        self.place(&at, level).map(|place| place.page)
+    }
+
     /// The face that sees a point, which is given along the light's axes.
-    fn face(&self, at: &[f32; 3]) -> u8 {
+    pub fn face(&self, at: &[f32; 3]) -> u8 {
         if self.kind == MapKind::Cube { face_of(at) } else { 0 }
     }
 
     /// How far something, along the light's axes, lies to the right, up, or against the sight of a face.
-    fn along(&self, face: u8, k: usize, v: &[f32; 3]) -> f32 {
+    pub fn along(&self, face: u8, k: usize, v: &[f32; 3]) -> f32 {
         if self.kind != MapKind::Cube {
             return v[k];
         }
@@ -367,18 +449,16 @@ impl LightView {
     }
 }
 
-/// The normal along which a receiver is moved, and whether it is the triangle's; `None` where it faces away from the light.
+/// The normal along which a receiver is moved, of that of its triangle and the interpolated one, and whether it is the
+/// triangle's; `None` where it faces away from all of a light of a size, the tangent that it is seen at.
 ///
 /// A cut's triangle may be turned where the source is not: where the two normals disagree, the map decides.
-fn facing<'a>(
-    normal: &'a [f32; 3],
-    smooth: &'a [f32; 3],
-    towards: &[f32; 3],
-) -> Option<(&'a [f32; 3], bool)> {
+#[inline(always)]
+fn facing([normal, smooth]: &[[f32; 3]; 2], towards: &[f32; 3], size: f32) -> Option<([f32; 3], bool)> {
     if dot(normal, towards) > 0.0 {
-        return Some((normal, true));
+        return Some((*normal, true));
     }
-    (dot(smooth, towards) > 0.0).then_some((smooth, false))
+    (dot(smooth, towards) > -size || dot(normal, towards) > -size).then_some((*smooth, false))
 }
 
 /// How fast a surface falls off along a map: the sine of the angle between its normal and the map's axis, of the cosine.

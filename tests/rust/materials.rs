@@ -115,14 +115,7 @@ pub fn gallery() -> Scene {
     let pose = glam::DAffine3::from_translation(glam::DVec3::new(0.5, 2.0, 2.0));
     let point = LightKind::Point { range: Some(9.0) };
     scene
-        .add_light(Light {
-            kind: point,
-            color: [1.0, 0.8, 0.6],
-            intensity: 9.0,
-            pose,
-            visible: true,
-            casts_shadows: true,
-        })
+        .add_light(Light { kind: point, color: [1.0, 0.8, 0.6], intensity: 9.0, pose, ..Light::default() })
         .unwrap();
     scene
 }

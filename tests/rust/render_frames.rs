@@ -8,7 +8,7 @@ use nanite_rs::config::{BuildOptions, RenderOptions};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::{Dag, UNINTERRUPTED};
 use nanite_rs::render::{Frame, Renderer, ViewDesc};
-use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
+use nanite_rs::scene::{Camera, Light, Material, Projection, Scene};
 
 use crate::shapes::{Mesh, bumpy_sphere, cube, grid, torus};
 
@@ -35,16 +35,7 @@ pub fn lit() -> Scene {
     let mut scene = Scene::new();
     scene.set_ambient_light([0.1; 3]).unwrap();
     let pose = glam::DAffine3::from_rotation_x(-0.5) * glam::DAffine3::from_rotation_y(0.4);
-    scene
-        .add_light(Light {
-            kind: LightKind::Directional,
-            color: [1.0; 3],
-            intensity: 3.0,
-            pose,
-            visible: true,
-            casts_shadows: true,
-        })
-        .unwrap();
+    scene.add_light(Light { intensity: 3.0, pose, ..Light::default() }).unwrap();
     scene
 }
 
@@ -334,16 +325,7 @@ fn a_mirrored_instance_is_a_mirrored_picture() {
         let mut scene = Scene::new();
         scene.set_ambient_light([0.2; 3]).unwrap();
         let pose = glam::DAffine3::from_rotation_y(0.5 * sign);
-        scene
-            .add_light(Light {
-                kind: LightKind::Directional,
-                color: [1.0; 3],
-                intensity: 2.0,
-                pose,
-                visible: true,
-                casts_shadows: true,
-            })
-            .unwrap();
+        scene.add_light(Light { intensity: 2.0, pose, ..Light::default() }).unwrap();
         let mut pose = IDENTITY;
         pose[0][0] = sign;
         scene.add(Arc::clone(&ball), &pose, Material::default()).unwrap();

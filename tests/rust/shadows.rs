@@ -21,7 +21,7 @@ fn options() -> RenderOptions {
 }
 
 fn light(kind: LightKind, pose: DAffine3) -> Light {
-    Light { kind, color: [1.0; 3], intensity: 3.0, pose, visible: true, casts_shadows: true }
+    Light { kind, intensity: 3.0, pose, ..Light::default() }
 }
 
 /// Shines from `from` towards the middle.
