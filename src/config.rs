@@ -538,7 +538,7 @@ impl Default for RenderOptions {
             transfer: Transfer::default(),
             shadows: Shadows::default(),
             shadow_memory: 256 << 20,
-            shadow_samples: 16,
+            shadow_samples: 32,
             cpu_from: None,
             wait: true,
         }

@@ -32,7 +32,7 @@ ShadingName: TypeAlias = Literal["gltf", "pyrender", "flat", "normals"]
 ShadowsName: TypeAlias = Literal["virtual"]
 
 SHADOW_BYTES = 256 << 20
-SHADOW_SAMPLES = 16
+SHADOW_SAMPLES = 32
 """Bytes of pages of shadow maps at most, unless asked for otherwise."""
 
 

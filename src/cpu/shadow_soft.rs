@@ -204,6 +204,11 @@ impl<'a> March<'a, '_> {
                 let (found, faces) = self.sample(page(band), &middle);
                 let from = match entry {
                     Some(from) if faces.is_none() => from,
+                    // As high as the band before left off, so that nothing is between the two.
+                    _ if entry.is_none() => {
+                        let raised = view.raised(start, band.saturating_sub(1));
+                        ray_height(view, &point(view, start, rays, step.from), &faces) + raised
+                    }
                     _ => ray_height(view, &point(view, start, rays, step.from), &faces) + raised,
                 };
                 let mut to = ray_height(view, &point(view, start, rays, step.to), &faces) + raised;
@@ -213,11 +218,15 @@ impl<'a> March<'a, '_> {
                 entry = Some(to);
                 let left = if view.parallel() { 1.0 } else { 1.0 - view.risen(start, step.to) };
                 let fall = texel * left.max(0.0);
+                let ground = view.ground(start, step.to);
                 let mut open = false;
                 for lane in 0..LANES {
                     let (c, a) = (found.0[lane], before.0[lane]);
                     let crossed = (c > from.0[lane]) & (c <= to.0[lane]);
-                    let passed = (a > from.0[lane]) & (c <= from.0[lane]) & (a - c <= fall);
+                    // It was below, and is above. If that is one surface, it is hit. If the ray comes out from under an edge,
+                    // something else begins there: if that is above the receiver, the ray came through it, below the edge,
+                    // where the light does not see it.
+                    let passed = (a > from.0[lane]) & (c <= from.0[lane]) & ((a - c <= fall) | (c > ground));
                     blocked[lane] |= crossed | passed;
                     open |= !blocked[lane];
                 }

@@ -21,6 +21,8 @@ const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 pub(super) const LEAST_SLOPE_COSINE: f32 = 0.125;
 /// Rays end so near to a light with a position: its radius times this is what is left of the way, in parts of it.
 const NEAREST: f32 = 1.0 / 64.0;
+/// A receiver's surface may rise so many times as fast to the side as where it is.
+const LEAN: f32 = 2.0;
 /// Steps of a ray in a band, where it is as many texels wide: half of those that it goes to the side.
 const BAND_STEPS: u32 = SHADOW_SOFT_TEXELS / 2;
 /// Receivers that are told together lie so many texels apart at most.
@@ -64,6 +66,8 @@ pub struct Start {
     raise: f32,
     /// Bands that its rays climb.
     pub bands: u32,
+    /// How fast its surface may rise to the side, towards the light: more than its slope.
+    lean: f32,
 }
 
 /// Receivers that are told together.
@@ -150,7 +154,8 @@ impl LightView {
         let slope = (1.0 - cosine * cosine).max(0.0).sqrt();
         let raise = (slope * SHADOW_TEXEL_REACH + self.threshold) / cosine;
         let bands = self.bands(&moved);
-        Ok(Start { moved, raise, bands })
+        let lean = LEAN * (slope / cosine).max(1.0);
+        Ok(Start { moved, raise, bands, lean })
     }
 
     /// How many bands rays climb, until they are above everything, or at the light.
@@ -184,6 +189,12 @@ impl LightView {
         if self.parallel() { side } else { side / (1.0 + side) }
     }
 
+    /// How high a receiver's own surface may be so many texels to the side.
+    pub fn ground(&self, start: &Start, side: f32) -> f32 {
+        let Start { moved, lean, .. } = start;
+        self.along(moved.face, 2, &moved.at) + lean * side * moved.texel
+    }
+
     /// By how much rays are raised in a band, for its coarser texels and for rounding.
     pub fn raised(&self, start: &Start, band: u32) -> f32 {
         let Start { moved, raise, .. } = start;
@@ -215,7 +226,7 @@ impl LightView {
 
     /// One receiver.
     pub fn single(&self, start: &Start) -> Bundle {
-        let Start { moved, raise, bands } = start;
+        let Start { moved, raise, bands, .. } = start;
         let own = moved.texel * raise.max(0.0);
         let (x, y, height, unit) = if self.parallel() {
             (moved.at[0], moved.at[1], moved.at[2], moved.texel)
