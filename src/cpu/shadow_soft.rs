@@ -363,39 +363,37 @@ fn point(view: &LightView, start: &Start, rays: &Rays, side: f32) -> Vec3x8 {
     out
 }
 
-/// Which rays leave a surface backwards, by its triangle and by its interpolated normal.
+/// Which rays leave a triangle backwards.
 #[inline(always)]
 fn below_horizon(view: &LightView, start: &Start, rays: &Rays) -> [bool; LANES] {
-    let mut below = [true; LANES];
-    for normal in &start.moved.normals {
-        for lane in 0..LANES {
-            let mut cosine = 0.0;
-            for k in 0..3 {
-                let way = if view.parallel() {
-                    rays.aside[k].0[lane] + f32::from(u8::from(k == 2))
-                } else {
-                    rays.aside[k].0[lane] - rays.at[k]
-                };
-                cosine += normal[k] * way;
-            }
-            below[lane] &= !(cosine > 0.0);
+    let mut below = [false; LANES];
+    for (lane, below) in below.iter_mut().enumerate() {
+        let mut cosine = 0.0;
+        for k in 0..3 {
+            let aside = rays.aside[k].0[lane];
+            let way = if !view.parallel() {
+                aside - rays.at[k]
+            } else if k == 2 {
+                1.0
+            } else {
+                aside
+            };
+            cosine += start.moved.normal[k] * way;
         }
+        *below = !(cosine > 0.0);
     }
     below
 }
 
-/// Whether all of a light is above a receiver's horizon.
+/// Whether all of a light is above the horizon of a receiver's triangle.
 fn above_horizon(view: &LightView, start: &Start) -> bool {
-    let (at, radius) = (&start.moved.at, view.lamp.radius);
-    let directional = view.parallel();
-    start.moved.normals.iter().any(|normal| {
-        let along = if directional {
-            normal[2]
-        } else {
-            -(normal[0] * at[0] + normal[1] * at[1] + normal[2] * at[2])
-        };
-        along > radius
-    })
+    let (at, normal) = (&start.moved.at, &start.moved.normal);
+    let along = if view.parallel() {
+        normal[2]
+    } else {
+        -(normal[0] * at[0] + normal[1] * at[1] + normal[2] * at[2])
+    };
+    along > view.lamp.radius
 }
 
 /// Between 0 and 1, evenly over any few neighbouring pixels, and always the same for a place on the picture.

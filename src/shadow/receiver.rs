@@ -67,8 +67,8 @@ pub struct Place {
 pub struct Moved {
     /// Where it is now, from the light's place, or from the camera where it has none.
     pub at: [f32; 3],
-    /// The normals of its triangle, and the interpolated one.
-    pub normals: [[f32; 3]; 2],
+    /// Unit normal of its triangle.
+    pub normal: [f32; 3],
     /// Of the angle between the way to the light and the normal along which it was moved; 0 where the triangle faces away.
     pub cosine: f32,
     /// The face that sees it.
@@ -396,7 +396,7 @@ impl LightView {
         let (by, normal) =
             if self.soft() && cosine >= LEAST_SLOPE_COSINE { (by / cosine, towards) } else { (by, normal) };
         let at = std::array::from_fn(|k| at[k] + by * normal[k]);
-        Ok(Moved { at, normals, cosine, face, level, texel, distance, length })
+        Ok(Moved { at, normal: normals[0], cosine, face, level, texel, distance, length })
     }
 
     /// What a receiver looks up.
