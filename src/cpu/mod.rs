@@ -17,6 +17,7 @@ pub mod raster_large;
 pub mod raster_small;
 pub mod shade;
 pub mod shadow_mark;
+pub mod shadow_pages;
 pub mod shadow_raster;
 pub mod shadow_soft;
 pub mod shadow_test;

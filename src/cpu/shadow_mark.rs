@@ -6,32 +6,20 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::lanes::{LANES, Lanes, Vec3x8, along, dot};
 use super::output::ROWS;
-use super::surface::position;
+use super::surface::{Pixels, position, receiver_error};
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SNAP, SHADOW_TEXEL_REACH};
 use crate::scene::placement::Eye;
 use crate::shadow::receiver::{RelativePage, SHADOW_MARGIN, texel_of};
 use crate::shadow::{LightView, PageKey};
-use crate::views::Screen;
+use crate::views::{Screen, Visible, decode};
 
-/// By how much what is drawn may be off the source.
-#[derive(Clone, Copy, Debug)]
-pub struct ReceiverError {
-    /// Pixels.
-    pub pixels: f32,
-    /// World units, besides.
-    pub world: f32,
-}
-
-/// The pages that pixels of a frame may want, each once, in any order.
-pub fn run(
-    words: &[u64],
-    screen: &Screen,
-    eye: &Eye,
-    error: ReceiverError,
-    lights: &[LightView],
-) -> FxHashSet<PageKey> {
+/// The pages that pixels of a frame may want, each at least once, in any order.
+pub fn run(pixels: Pixels<'_>, eye: &Eye, lights: &[LightView]) -> FxHashSet<PageKey> {
+    let Pixels { words, visible, views, screen } = pixels;
     let stretch = (ROWS * screen.width as usize).max(1);
-    let marker = Marker { words, screen, eye, error, lights };
+    let of = |v: &Visible| receiver_error(&views[v.instance as usize], v.cluster);
+    let errors: Vec<f32> = visible.par_iter().map(of).collect();
+    let marker = Marker { words, screen, eye, errors: &errors, lights };
     let starts: Vec<usize> = (0..words.len()).step_by(stretch).collect();
     let parts: Vec<Vec<Columns>> =
         starts.par_iter().map(|&start| marker.mark(start, words.len().min(start + stretch))).collect();
@@ -81,11 +69,15 @@ fn join(pages: &mut FxHashMap<RelativePage, [f32; 2]>, page: RelativePage, [low,
     *known = [known[0].min(low), known[1].max(high)];
 }
 
+/// Pages side by side that are marked for eight receivers together.
+const FEW_PAGES: i32 = 3;
+
 struct Marker<'a> {
     words: &'a [u64],
     screen: &'a Screen,
     eye: &'a Eye,
-    error: ReceiverError,
+    /// By how much what is drawn may be off the source, by visible cluster, world units.
+    errors: &'a [f32],
     lights: &'a [LightView],
 }
 
@@ -117,19 +109,19 @@ impl Marker<'_> {
             let words = &self.words[first..(row + width).min(first + LANES)];
             let mut point =
                 [Lanes::splat((first - row) as f32 + 0.5), Lanes::splat((row / width) as f32 + 0.5)];
-            let mut distance = Lanes::splat(1.0);
+            let (mut distance, mut error) = (Lanes::splat(1.0), Lanes::splat(0.0));
             let mut count = LANES;
             if words.len() == LANES && words.iter().all(|word| *word != 0) {
                 for lane in 0..LANES {
                     point[0].0[lane] += lane as f32;
-                    distance.0[lane] = self.screen.distance((words[lane] >> 32) as u32);
+                    (distance.0[lane], error.0[lane]) = self.receiver(words[lane]);
                 }
             } else {
                 // What is covered, close together; the first again behind the last.
                 count = 0;
                 for (lane, word) in words.iter().enumerate().filter(|(_, word)| **word != 0) {
                     point[0].0[count] = (first - row + lane) as f32 + 0.5;
-                    distance.0[count] = self.screen.distance((*word >> 32) as u32);
+                    (distance.0[count], error.0[count]) = self.receiver(*word);
                     count += 1;
                 }
                 if count == 0 {
@@ -137,33 +129,40 @@ impl Marker<'_> {
                 }
                 for lane in count..LANES {
                     (point[0].0[lane], distance.0[lane]) = (point[0].0[0], distance.0[0]);
+                    error.0[lane] = error.0[0];
                 }
             }
             let at = position(self.eye, self.screen.orthographic, &point, distance);
             for (light, found) in self.lights.iter().zip(&mut found) {
-                if self.mark_together(light, &at, found) {
+                if self.mark_together(light, &at, error, found) {
                     continue;
                 }
                 for lane in 0..count {
                     let position = at.map(|c| c.0[lane]);
-                    let error = self.error.world + self.error.pixels * light.pixel(&position).1;
-                    light.mark(&position, error, |page, heights| found.note(page, heights));
+                    light.mark(&position, error.0[lane], |page, heights| found.note(page, heights));
                 }
             }
         }
         found.into_iter().map(Columns::closed).collect()
     }
 
+    /// How far away what a word shows is, and by how much it may be off.
+    #[inline(always)]
+    fn receiver(&self, word: u64) -> (f32, f32) {
+        let visible = decode(word).map_or(0, |hit| hit.visible as usize);
+        (self.screen.distance((word >> 32) as u32), self.errors[visible])
+    }
+
     /// The columns of eight receivers that lie close together in one level of a map without an end, each at least once. False
     /// where they do not.
     #[inline(always)]
-    fn mark_together(&self, light: &LightView, at: &Vec3x8, found: &mut Columns) -> bool {
+    fn mark_together(&self, light: &LightView, at: &Vec3x8, error: Lanes, found: &mut Columns) -> bool {
         let distance = dot(at, at).sqrt();
         let pixel = pixels(light, distance);
         let level = light.level_of(pixel.0[0]);
         let Some(anchor) = light.anchor(level).filter(|_| pixel.in_one_octave()) else { return false };
         let (texel, inverse) = (texel_of(level), texel_of(-level));
-        let own = distance * SHADOW_ROUNDING + pixel * (self.error.pixels + SHADOW_SNAP) + self.error.world;
+        let own = error + (distance * SHADOW_ROUNDING + pixel * SHADOW_SNAP);
         let reach = (own * inverse + (light.threshold + SHADOW_TEXEL_REACH)) * SHADOW_MARGIN;
         let wide = reach + light.beside();
         let side = SHADOW_PAGE_SIDE as f32;
@@ -172,11 +171,11 @@ impl Marker<'_> {
         let nearer = along(&light.axes[2], at);
         let (left, right) = range(right, wide, side);
         let (top, bottom) = range(down, wide, side);
-        if right.wrapping_sub(left) > 1 || bottom.wrapping_sub(top) > 1 {
+        if right.wrapping_sub(left) > FEW_PAGES || bottom.wrapping_sub(top) > FEW_PAGES {
             return false;
         }
         let reach = reach * texel;
-        let heights = [(nearer - reach).range().0, (nearer + reach).range().1];
+        let heights = [(nearer - reach).range().0, (nearer + reach * light.above(1.0)).range().1];
         for y in top..=bottom {
             for x in left..=right {
                 found.note(RelativePage { face: 0, level: level as i16, x, y, z: 0 }, heights);

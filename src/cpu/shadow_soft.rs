@@ -2,7 +2,7 @@
 //! map. What needs no ray is told first, for eight receivers at once: levels in which everything is below all rays, or above.
 
 use super::lanes::{LANES, Lanes, Vec3x8};
-use super::shadow_test::{LastPage, LightShadow};
+use super::shadow_pages::{LastPage, LightShadow};
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_SIDE, SHADOW_SOFT_STEP};
 use crate::shadow::map::BOUNDED_LEVELS;
 use crate::shadow::receiver::{Place, RelativePage, texel_of};

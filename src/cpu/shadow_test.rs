@@ -1,16 +1,13 @@
 //! Surface points and pages of shadow maps → how much of each light reaches them.
 
-use std::cell::Cell;
-use std::sync::Arc;
-
 use rayon::prelude::*;
-use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::lanes::{LANES, Lanes, Vec3x8, along, dot};
 use super::output::ROWS;
 use super::shadow_mark::pixels;
+use super::shadow_pages::{LastPage, LightShadow, Shadows};
 use super::shadow_soft::March;
-use super::surface::{Detail, Pixels, Surfels, Walk, position};
+use super::surface::{Detail, Pixels, Surfels, Walk, position, receiver_error};
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_TEXEL_REACH};
 use crate::scene::palette::{FACING, hash, hue, ramp};
 use crate::scene::placement::Eye;
@@ -26,17 +23,6 @@ const DRAWN_COLOR: [f32; 3] = [0.95, 0.35, 0.25];
 /// Where no page is looked up.
 const NO_LOOKUP_COLOR: [f32; 3] = [0.45; 3];
 
-/// The shadow maps of a light, as far as a frame looks them up.
-#[derive(Clone, Debug)]
-pub struct LightShadow {
-    /// How it looks them up.
-    pub view: LightView,
-    /// The pages that it may want.
-    pub pages: FxHashMap<RelativePage, Arc<ShadowPage>>,
-    /// Those of them that were drawn for this frame.
-    pub drawn: FxHashSet<RelativePage>,
-}
-
 /// A debug view of the shadow maps of a light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ShadowView {
@@ -47,9 +33,6 @@ pub enum ShadowView {
     /// Green from a frame before, red drawn for this one.
     Kept,
 }
-
-/// The shadows of a frame: one for each of its lights, or none where a light throws no shadow.
-pub type Shadows = Vec<Option<LightShadow>>;
 
 /// Receivers of up to eight pixels, see [`Receiver`].
 pub struct Receivers {
@@ -84,7 +67,7 @@ impl Receivers {
             let cluster = surfels.clusters[lane];
             own.0[lane] = match last {
                 Some((known, error)) if known == cluster => error,
-                _ => view.pages.record(cluster).error.max(0.0),
+                _ => receiver_error(view, cluster),
             };
             last = Some((cluster, own.0[lane]));
         }
@@ -94,7 +77,7 @@ impl Receivers {
             position: *at,
             normal: turned(&detail.face, -away),
             smooth: turned(&surfels.normal, -away),
-            error: (own + view.lod.rounding + SHADOW_ROUNDING) * view.lod.scale,
+            error: own,
             distance: dot(at, at).sqrt(),
         })
     }
@@ -223,36 +206,6 @@ fn turned(v: &Vec3x8, sign: Lanes) -> Vec3x8 {
     out
 }
 
-/// Pages of a light that were looked up last: the next lookup mostly wants one of them.
-#[derive(Default)]
-pub struct LastPage<'a>([Cell<Option<(RelativePage, Option<&'a ShadowPage>)>>; KNOWN_PAGES]);
-
-/// Pages that are kept at hand.
-const KNOWN_PAGES: usize = 16;
-
-impl<'a> LastPage<'a> {
-    /// One for each of a frame's lights.
-    pub fn of(shadows: Option<&'a Shadows>) -> Vec<Self> {
-        shadows.map_or(&[][..], |shadows| shadows).iter().map(|_| Self::default()).collect()
-    }
-
-    /// A page of a light; `None` if it was not marked.
-    #[inline(always)]
-    pub fn page(&self, light: &'a LightShadow, page: RelativePage) -> Option<&'a ShadowPage> {
-        // Levels that a ray climbs, and pages side by side, have places of their own.
-        let place = (page.level as usize).wrapping_mul(5) ^ (page.x as usize) ^ (page.y as usize) << 1;
-        let known = &self.0[place % KNOWN_PAGES];
-        if let Some((known, texels)) = known.get()
-            && known == page
-        {
-            return texels;
-        }
-        let texels = light.pages.get(&page).map(|texels| &**texels);
-        known.set(Some((page, texels)));
-        texels
-    }
-}
-
 /// 1 where nothing in a page is nearer to the light.
 #[inline(always)]
 fn lit(page: Option<&ShadowPage>, texel: u32, key: u32) -> f32 {
@@ -330,10 +283,15 @@ pub fn run(pixels: Pixels<'_>, eye: &Eye, shadows: &Shadows) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use glam::{DAffine3, DMat3, DVec3};
+
+    use rustc_hash::{FxHashMap, FxHashSet};
 
     use super::*;
     use crate::scene::{Camera, Light, Projection};
+
     use crate::shadow::{Lamp, ShadowMap};
 
     /// Pages of noise about as deep as receivers: half of what is looked up is dark, if the texel is that of the scalar form.

@@ -2,6 +2,7 @@
 //! interpolated normals and vertex colours, eight pixels of one instance at a time.
 
 use super::lanes::{LANES, Lanes, Vec3x8, apply, blend, cross, minus, normalize};
+use crate::limits::SHADOW_ROUNDING;
 use crate::math::octahedral::OCTAHEDRAL_STEPS;
 use crate::model::{ClusterAddress, ClusterGeometry, ColorFormat};
 use crate::scene::placement::Eye;
@@ -409,6 +410,7 @@ fn components(format: ColorFormat, colors: &[u32], vertex: usize) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::limits::SHADOW_ROUNDING;
     use crate::math::octahedral;
 
     #[test]
@@ -484,4 +486,9 @@ mod tests {
             }
         }
     }
+}
+
+/// By how much what is drawn of a cluster may be off its source, world units: its own error, and rounding.
+pub fn receiver_error(view: &InstanceView, cluster: ClusterAddress) -> f32 {
+    (view.pages.record(cluster).error.max(0.0) + view.lod.rounding + SHADOW_ROUNDING) * view.lod.scale
 }

@@ -19,7 +19,7 @@ use crate::cpu::cluster_cull::CandidateCluster;
 use crate::cpu::hzb::Hzb;
 use crate::cpu::instance_cull;
 use crate::cpu::node_cull::CandidateGroup;
-use crate::cpu::shadow_test::Shadows as FrameShadows;
+use crate::cpu::shadow_pages::Shadows as FrameShadows;
 use crate::cpu::visibility::Pixel;
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;

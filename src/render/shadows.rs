@@ -11,15 +11,13 @@ use super::renderer::{FrameContext, Rastered};
 use super::stats::ShadowStats;
 use super::streaming;
 use crate::config::Shadows;
-use crate::cpu::shadow_mark::{self, ReceiverError};
-use crate::cpu::shadow_raster;
-use crate::cpu::shadow_test::LightShadow;
+use crate::cpu::shadow_pages::LightShadow;
+use crate::cpu::surface::Pixels;
+use crate::cpu::{shadow_mark, shadow_raster};
 use crate::error::{Error, Result};
-use crate::limits::SHADOW_ROUNDING;
 use crate::scene::{Light, Scene};
 use crate::shadow::cache::PAGE_BYTES;
 use crate::shadow::{Lamp, LightView, PageKey, ShadowCache, ShadowMap};
-use crate::views::InstanceView;
 
 /// Levels by which shadows are made coarser at most.
 const COARSEST: i32 = 16;
@@ -142,8 +140,10 @@ fn mark(
                 continue;
             }
             let lights: Vec<LightView> = views.iter().flatten().cloned().collect();
-            let words = drawn.picture.words("shadow")?;
-            wanted.extend(shadow_mark::run(words, &own.screen, &own.eye, error(own, drawn), &lights));
+            let Rastered { visible, views, .. } = drawn;
+            let pixels =
+                Pixels { words: drawn.picture.words("shadow")?, visible, views, screen: &own.screen };
+            wanted.extend(shadow_mark::run(pixels, &own.eye, &lights));
         }
         least = wanted.len();
         if least <= most {
@@ -155,13 +155,4 @@ fn mark(
     let message =
         format!("{least} pages of 64 KiB are the least that the lights of the scene take, not {most}");
     Err(Error::argument("shadow_memory", message))
-}
-
-/// By how much what a frame shows may be off its source: of streamed meshes what stands in for something finer counts.
-fn error(own: &FrameContext<'_>, drawn: &Rastered) -> ReceiverError {
-    let world = |view: &InstanceView| view.lod.scale * (view.lod.rounding + SHADOW_ROUNDING);
-    ReceiverError {
-        pixels: own.options.pixel_error.max(drawn.needs.coarsest),
-        world: drawn.views.iter().map(world).fold(0.0, f32::max),
-    }
 }

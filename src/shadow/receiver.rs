@@ -18,6 +18,9 @@ const LEVELS: usize = 64;
 const LEVELS_APART: i32 = 3;
 /// By how many halvings a texel may be smaller than the scene.
 const FINEST: i32 = 48;
+/// Pages across which a receiver may be, where its cut is that much coarser than a pixel: more are more than there is room for,
+/// and all levels become coarser.
+const MOST_PAGES: f32 = 64.0;
 /// How far receivers may be moved is taken times this where pages are marked, for the rounding of what is done with it.
 pub const SHADOW_MARGIN: f32 = 1.02;
 
@@ -356,14 +359,27 @@ impl LightView {
         let at = self.along_axes(position);
         let Some((level, texel)) = self.level(&at, pixel) else { return };
         let reach = self.reach(error + Self::rounding(distance, pixel), texel);
-        let (wide, heights) = (reach + self.beside() * texel, [at[2] - reach, at[2] + reach]);
-        // A box smaller than a page meets no more pages than its corners do.
-        for corner in 0..8 {
-            let at = std::array::from_fn(|k| if corner >> k & 1 == 0 { at[k] - wide } else { at[k] + wide });
-            if let Some(place) = self.place(&at, level) {
-                want(RelativePage { z: 0, ..place.page }, heights);
+        let (wide, heights) = (reach + self.beside() * texel, [at[2] - reach, at[2] + self.above(reach)]);
+        // No page lies between two points of a grid that are less than a page apart.
+        let side = SHADOW_PAGE_SIDE as f32 * texel;
+        let count = (2.0 * wide / side).min(MOST_PAGES).ceil() as i32 + 1;
+        let along = |k: i32| wide * (2.0 * k as f32 / count as f32 - 1.0);
+        let depths = if self.parallel() { 0..=0 } else { 0..=count };
+        for (x, y) in (0..=count).flat_map(|y| (0..=count).map(move |x| (x, y))) {
+            for z in depths.clone() {
+                if let Some(place) =
+                    self.place(&[at[0] + along(x), at[1] + along(y), at[2] + along(z)], level)
+                {
+                    want(RelativePage { z: 0, ..place.page }, heights);
+                }
             }
         }
+    }
+
+    /// How far up a receiver is moved at most, if it is moved no farther than this along its normal.
+    #[inline(always)]
+    pub fn above(&self, reach: f32) -> f32 {
+        if self.soft() { reach / LEAST_SLOPE_COSINE } else { reach }
     }
 
     /// Texels to the side that rays to the light go in the level of their receiver.

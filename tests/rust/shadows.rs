@@ -31,8 +31,11 @@ fn towards(kind: LightKind, from: DVec3) -> Light {
     light(kind, DAffine3 { matrix3: glam::DMat3::from_cols(x, y, axis), translation: from })
 }
 
-/// A light of each kind.
-fn lights() -> [Light; 3] {
+/// Radii of lights: sharp ones, and some as large as lamps and suns are.
+const RADII: [f64; 2] = [0.0, 0.03];
+
+/// A light of each kind, of a radius.
+fn lights(radius: f64) -> [Light; 3] {
     let spot = LightKind::Spot { range: None, inner: 0.1, outer: 0.6 };
     let point = LightKind::Point { range: None };
     [
@@ -40,6 +43,7 @@ fn lights() -> [Light; 3] {
         towards(spot, DVec3::new(-6.0, 7.0, 5.0)),
         light(point, DAffine3::from_translation(DVec3::new(0.3, 2.2, 2.0))),
     ]
+    .map(|light| Light { radius, ..light })
 }
 
 /// A flat square from −1 to 1.
@@ -49,14 +53,14 @@ fn square(n: usize) -> Arc<Dag> {
     dag(&(positions, faces))
 }
 
-/// The crowd on a floor, in three lights.
-fn lit_crowd() -> Scene {
+/// The crowd on a floor, in its own sharp light and three of a radius.
+fn lit_crowd(radius: f64) -> Scene {
     let mut scene = crowd();
     let floor = square(8);
     // Seen from above: x across, z down.
     let rows = [[20.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, -4.0], [0.0, -20.0, 0.0, -4.0], [0.0, 0.0, 0.0, 1.0]];
     scene.add(floor, &rows, Material { double_sided: true, ..Material::default() }).unwrap();
-    for light in lights() {
+    for light in lights(radius) {
         scene.add_light(light).unwrap();
     }
     scene
@@ -84,7 +88,11 @@ fn shows_both(frame: &Frame, lights: usize) {
 
 #[test]
 fn kept_pages_are_those_that_would_be_drawn_now() {
-    let mut scene = lit_crowd();
+    RADII.iter().for_each(|radius| keeps_what_would_be_drawn_now(*radius));
+}
+
+fn keeps_what_would_be_drawn_now(radius: f64) {
+    let mut scene = lit_crowd(radius);
     let options = options();
     let mut kept = Renderer::new(SIZE.0, SIZE.1, "cpu").unwrap();
     let poses: Vec<Pose> =
@@ -133,7 +141,11 @@ fn kept_pages_are_those_that_would_be_drawn_now() {
 
 #[test]
 fn lights_that_move_come_and_go_have_new_pages() {
-    let mut scene = lit_crowd();
+    RADII.iter().for_each(|radius| light_moves_comes_and_goes(*radius));
+}
+
+fn light_moves_comes_and_goes(radius: f64) {
+    let mut scene = lit_crowd(radius);
     let options = options();
     let pose = at(0.0, 1.0, 9.0);
     let mut kept = Renderer::new(SIZE.0, SIZE.1, "cpu").unwrap();
@@ -166,6 +178,10 @@ fn lights_that_move_come_and_go_have_new_pages() {
 
 #[test]
 fn every_camera_and_number_of_samples_finds_its_pages() {
+    RADII.iter().for_each(|radius| finds_its_pages(*radius));
+}
+
+fn finds_its_pages(radius: f64) {
     // Whatever is looked up was marked, or a debug assertion fails; with all thresholds, and far from the origin.
     let far = DVec3::new(3.0e6, -2.0e5, 1.0e6);
     let parallel = Projection::Orthographic { xmag: None, ymag: 4.0 };
@@ -178,12 +194,12 @@ fn every_camera_and_number_of_samples_finds_its_pages() {
         let mut pictures = Vec::new();
         for origin in [DVec3::ZERO, far] {
             let mut scene = Scene::new();
-            for (_, instance) in lit_crowd().instances().iter() {
+            for (_, instance) in lit_crowd(radius).instances().iter() {
                 let pose = DAffine3::from_translation(origin) * *instance.pose();
                 let rows = nanite_rs::scene::pose::rows(&pose);
                 scene.add(Arc::clone(&instance.mesh), &rows, instance.materials.clone()).unwrap();
             }
-            for light in lights() {
+            for light in lights(radius) {
                 let pose = DAffine3::from_translation(origin) * light.pose;
                 scene.add_light(Light { pose, ..light }).unwrap();
             }
@@ -200,14 +216,18 @@ fn every_camera_and_number_of_samples_finds_its_pages() {
             let smooth = shoot(&scene, &camera, &pose, (97, 61), &options);
             assert!(smooth.color().is_ok());
         }
-        let differing = pictures[0].iter().zip(&pictures[1]).filter(|(a, b)| a != b).count();
+        let differing = pictures[0].iter().zip(&pictures[1]).filter(|(a, b)| (**a - **b).abs() > 0.2).count();
         assert!(30 * differing < pictures[0].len(), "{differing} of {}", pictures[0].len());
     }
 }
 
 #[test]
 fn without_room_shadows_are_coarser_and_stay_so() {
-    let scene = lit_crowd();
+    RADII.iter().for_each(|radius| coarser_without_room(*radius));
+}
+
+fn coarser_without_room(radius: f64) {
+    let scene = lit_crowd(radius);
     let pose = at(0.0, 1.0, 9.0);
     let whole = shoot(&scene, &CAMERA, &pose, SIZE, &options());
     let pages = shadow_stats(&whole).wanted;
@@ -219,7 +239,7 @@ fn without_room_shadows_are_coarser_and_stay_so() {
     assert!(stats.coarser > 0 && stats.wanted <= room && stats.kept <= room, "{stats:?} of {pages}");
     shows_both(&frame, 4);
     let (fine, coarse) = (whole.shadow().unwrap(), frame.shadow().unwrap());
-    let differing = fine.iter().zip(&coarse).filter(|(a, b)| a != b).count();
+    let differing = fine.iter().zip(&coarse).filter(|(a, b)| (**a - **b).abs() > 0.2).count();
     assert!(0 < differing && 8 * differing < fine.len(), "{differing} of {}", fine.len());
     // The next frame draws nothing, and others make room for theirs.
     let again = renderer.render(&scene, &CAMERA, &pose, &small).unwrap();
@@ -239,7 +259,7 @@ fn without_room_shadows_are_coarser_and_stay_so() {
 
 #[test]
 fn views_of_a_call_share_pages() {
-    let scene = lit_crowd();
+    let scene = lit_crowd(RADII[1]);
     let views = [at(0.0, 1.0, 9.0), at(0.03, 1.0, 9.0)];
     let alone = views.map(|pose| shoot(&scene, &CAMERA, &pose, SIZE, &options()));
     let descs: Vec<ViewDesc> = (0..).zip(views).map(|(id, pose)| ViewDesc::new(id, CAMERA, pose)).collect();
@@ -298,7 +318,7 @@ fn streamed_meshes_cast_the_shadows_of_whole_ones() {
 /// A light with a range: beyond it nothing is looked up.
 #[test]
 fn lights_that_end_want_pages_as_far_as_they_reach() {
-    let mut scene = lit_crowd();
+    let mut scene = lit_crowd(0.0);
     let handles: Vec<_> = scene.lights().handles().map(nanite_rs::scene::LightHandle).collect();
     for handle in &handles[..3] {
         scene.remove_light(*handle).unwrap();
@@ -410,7 +430,7 @@ fn a_floor_in_grazing_light_does_not_shade_itself() {
 
 #[test]
 fn frames_without_shadows_say_so() {
-    let frame = shoot(&lit_crowd(), &CAMERA, &at(0.0, 1.0, 9.0), SIZE, &RenderOptions::default());
+    let frame = shoot(&lit_crowd(0.0), &CAMERA, &at(0.0, 1.0, 9.0), SIZE, &RenderOptions::default());
     let error = frame.shadow().unwrap_err().to_string();
     assert!(error.starts_with("shadows: "), "{error}");
     assert!(frame.stats.shadows.is_none());
@@ -428,7 +448,7 @@ fn frames_of_a_device_have_the_same_shadows() {
     if device("frames_of_a_device_have_the_same_shadows").is_none() {
         return;
     }
-    let scene = lit_crowd();
+    let scene = lit_crowd(RADII[1]);
     let pose = at(0.0, 1.0, 9.0);
     let gpu = on_device(&scene, &CAMERA, &pose, SIZE, &options());
     same_shadows(&gpu, &shoot(&scene, &CAMERA, &pose, SIZE, &options()));
