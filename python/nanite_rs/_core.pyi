@@ -181,7 +181,7 @@ class ChannelRows:
 _Handle: TypeAlias = tuple[int, int]
 _Rgb: TypeAlias = tuple[float, float, float]
 _Materials: TypeAlias = list[dict[str, Any]]
-_Light: TypeAlias = tuple[str, _Rgb, float, float | None, tuple[float, float] | None, bool]
+_Light: TypeAlias = tuple[str, _Rgb, float, float | None, tuple[float, float] | None, tuple[bool, float]]
 _Camera: TypeAlias = tuple[str, list[float], float, float | None]
 _View: TypeAlias = tuple[
     _Camera, ArrayLike, int, tuple[int, int] | None, float | None, list[str] | None, bool | None

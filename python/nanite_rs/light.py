@@ -29,7 +29,8 @@ class _Shining(ABC):
         except ArgumentError as error:
             name = str(error).partition(":")[0]
             angle = vars(self)[name] if name.lower().endswith("angle") else 0.0
-            more = f"give degrees as np.radians({angle:g})" if angle > np.pi else ""
+            degrees = not isinstance(error, DtypeError) and angle > np.pi
+            more = f"give degrees as np.radians({angle:g})" if degrees else ""
             raise _advice.advised(error, more) from None
 
     @abstractmethod

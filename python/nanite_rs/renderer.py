@@ -332,8 +332,8 @@ class Renderer(_advice.Teaching):
             large until there is room, and ``Frame.stats.shadows.coarser`` says how often. Frames that are kept hold
             the pages that they show, beyond this.
         shadow_samples : int
-            Rays from each pixel to a light with a size, 1 to 256: more are smoother. The same pixel has the same rays
-            in every frame.
+            Rays from each pixel to a light with a size, 1 to 256: more are smoother. A pixel has the same in every
+            frame.
 
         Warns
         -----

@@ -410,7 +410,6 @@ fn components(format: ColorFormat, colors: &[u32], vertex: usize) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::limits::SHADOW_ROUNDING;
     use crate::math::octahedral;
 
     #[test]

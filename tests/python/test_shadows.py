@@ -28,21 +28,33 @@ FINER = 3
 """Rays through so many points across and down a pixel: shadows have edges between its centre and the next."""
 
 
+def apart(depth, axis):
+    """Whether a pixel and the one behind it along an axis show surfaces that are apart."""
+    near, far = pairs(depth, axis)
+    return np.abs(near - far) >= 0.05 * np.maximum(near, far)
+
+
+def beside(pairs_, axis):
+    """Both pixels of pairs along an axis."""
+    sides = [[side if k == axis else (0, 0) for k in (0, 1)] for side in ((0, 1), (1, 0))]
+    return np.pad(pairs_, sides[0]) | np.pad(pairs_, sides[1])
+
+
 def between(differ, depth):
     """Pixels beside which a surface goes on otherwise: ``differ`` says of neighbours along an axis if they do."""
-    out = np.zeros(depth.shape, bool)
-    for axis in (0, 1):
-        near, far = (np.take(depth, range(k, depth.shape[axis] - 1 + k), axis) for k in (0, 1))
-        turns = differ(axis) & (np.abs(near - far) < 0.05 * np.maximum(near, far))
-        for side in ((0, 1), (1, 0)):
-            out |= np.pad(turns, [side if k == axis else (0, 0) for k in (0, 1)])
-    return out
+    first, second = (beside(differ(axis) & ~apart(depth, axis), axis) for axis in (0, 1))
+    return first | second
 
 
 def pairs(array, axis):
     """Values of pixels, and of those behind them along an axis."""
     count = array.shape[axis]
     return np.take(array, range(count - 1), axis), np.take(array, range(1, count), axis)
+
+
+def outlines(depth):
+    """Where a surface ends before another."""
+    return beside(apart(depth, 0), 0) | beside(apart(depth, 1), 1)
 
 
 def edges(lit, depth):
@@ -89,6 +101,9 @@ def check_against_rays(name, make, pixel_error, in_creases=3e-4):
     border = np.minimum(
         *(np.minimum(k, n - 1 - k) for k, n in zip(np.indices(both.shape), both.shape, strict=True))
     )
+    # Nor what lies behind an outline.
+    outline = ndimage.distance_transform_edt(~outlines(fine.depth)) / FINER
+    border = np.minimum(border, outline[center, center])
     crease = ndimage.distance_transform_edt(~creases(normal, fine.depth)) / FINER
     for number, (light, place) in enumerate(lights):
         # A fiftieth of a pixel off the surface, on the side that is seen.

@@ -212,6 +212,9 @@ fn finds_its_pages(radius: f64) {
                     pictures.push(frame.shadow().unwrap());
                 }
             }
+            // Receivers that may be pages away from where they are seen.
+            let coarse = RenderOptions { pixel_error: 300.0, ..options() };
+            assert!(shoot(&scene, &camera, &pose, (97, 61), &coarse).shadow().is_ok());
             let options = RenderOptions { samples: Samples::Four, ..options() };
             let smooth = shoot(&scene, &camera, &pose, (97, 61), &options);
             assert!(smooth.color().is_ok());
@@ -426,6 +429,34 @@ fn a_floor_in_grazing_light_does_not_shade_itself() {
     let frame = shoot(&scene, &CAMERA, &at(0.0, 2.0, 20.0), SIZE, &options());
     let (shadow, depth) = (frame.shadow().unwrap(), frame.depth().unwrap());
     assert!(shadow.iter().zip(&depth).all(|(lit, depth)| (*lit == 0.0) == (*depth > 0.0)));
+}
+
+#[test]
+fn a_pebble_has_its_shadow_beside_a_mountain() {
+    // A triangle of kilometres is rounded by more than the pebble is large, which is no matter of the square before it.
+    let mut scene = Scene::new();
+    let far =
+        [[3.0e4, 0.0, 0.0, 0.0], [0.0, 0.0, 3.0e4, -0.5], [0.0, -3.0e4, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    let near = [[0.5, 0.0, 0.0, 0.0], [0.0, 0.0, 0.5, 0.0], [0.0, -0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    let double_sided = || Material { double_sided: true, ..Material::default() };
+    scene.add(square(8), &far, double_sided()).unwrap();
+    scene.add(square(8), &near, double_sided()).unwrap();
+    let pebble = dag(&bumpy_sphere(40));
+    let radius = 0.003;
+    let place =
+        [[radius, 0.0, 0.0, 0.0], [0.0, radius, 0.0, 0.01], [0.0, 0.0, radius, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    scene.add(pebble, &place, Material::default()).unwrap();
+    scene.add_light(towards(LightKind::Directional, DVec3::new(0.1, 2.0, 0.2))).unwrap();
+    let camera = Camera { znear: 0.001, ..CAMERA };
+    let (sin, cos) = (0.5f64.sin(), 0.5f64.cos());
+    let pose = [[1.0, 0.0, 0.0, 0.0], [0.0, cos, sin, 0.05], [0.0, -sin, cos, 0.08], [0.0, 0.0, 0.0, 1.0]];
+    let frame = shoot(&scene, &camera, &pose, SIZE, &options());
+    let dark = frame.shadow().unwrap().iter().filter(|lit| **lit == 0.0).count();
+    // The pebble's own dark side is less.
+    let ids = frame.instance_ids().unwrap();
+    let on_square =
+        frame.shadow().unwrap().iter().zip(ids.iter()).filter(|(lit, id)| **lit == 0.0 && **id == 1).count();
+    assert!(on_square > 30, "{on_square} of {dark}");
 }
 
 #[test]

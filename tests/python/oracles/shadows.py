@@ -13,6 +13,8 @@ from . import data
 SIZE = 320, 180
 YFOV = 0.8
 CAMERA = nrs.PerspectiveCamera(yfov=YFOV, znear=0.001)
+
+
 def placed(x=0.0, y=0.0, z=0.0, scale=1.0, turn=0.0):
     pose = np.eye(4)
     pose[:3, :3] = scale * np.array(
@@ -150,7 +152,11 @@ def city():
 def horizon():
     """Land to the horizon, the sun 2° above it."""
     land = nrs.shapes.terrain(faces=400_000)
-    return [(land, placed(scale=2000.0))], [sun(20.0), sun(2.0, around=2.4)], nrs.look_at((2, 500, 1800), (0, 300, 0))
+    return (
+        [(land, placed(scale=2000.0))],
+        [sun(20.0), sun(2.0, around=2.4)],
+        nrs.look_at((2, 500, 1800), (0, 300, 0)),
+    )
 
 
 def sizes():
@@ -159,7 +165,10 @@ def sizes():
     # Rings about each other: a triangle of kilometres is rounded by millimetres, here and for rays.
     corners = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], float)
     sides = [(k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4)]
-    ring = np.concatenate([corners, 0.25 * corners]), np.array([t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))])
+    ring = (
+        np.concatenate([corners, 0.25 * corners]),
+        np.array([t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))]),
+    )
     meshes = [
         (floor(0.5), placed()),
         *((ring, placed(scale=0.5 * 4.0**k)) for k in range(1, 9)),
@@ -168,7 +177,11 @@ def sizes():
         (box(), placed(4.0, 0.0, -20.0, scale=2.0)),
         (stone, placed(3000.0, 0.0, -12_000.0, scale=5000.0)),
     ]
-    return meshes, [sun(30.0, around=2.0), sun(15.0, around=0.8)], nrs.look_at((0.0, 0.02, 0.03), (0, 0.004, -0.04))
+    return (
+        meshes,
+        [sun(30.0, around=2.0), sun(15.0, around=0.8)],
+        nrs.look_at((0.0, 0.02, 0.03), (0, 0.004, -0.04)),
+    )
 
 
 SCENES = {"ball": ball, "street": street, "terrain": terrain, "sheets": sheets, "scan": scan}
@@ -180,12 +193,14 @@ MORE_SCENES = {
     "horizon": horizon,
     "sizes": sizes,
     **{name: on_floor(name) for name in ("bunny", "armadillo", "lucy", "horse", "turbine", "mountain")},
-    **{name: on_floor(f"cad/{name}") for name in ("ADIS16480", "counter_unitsmm", "voron_a_drive_frame_lower")},
+    **{
+        name: on_floor(f"cad/{name}")
+        for name in ("ADIS16480", "counter_unitsmm", "voron_a_drive_frame_lower")
+    },
     "nave": on_floor("cad/zdm2_level"),
     "gear": on_floor("cad/voron_hubbed_gear"),
 }
 """Scenes of long runs besides."""
-
 
 
 def scene_of(meshes, lights, smooth=True):
@@ -221,7 +236,9 @@ class Rays:
         rng = np.random.default_rng(seed)
         sun = isinstance(light, nrs.DirectionalLight)
         center = np.broadcast_to(pose[:3, 2], points.shape) if sun else pose[:3, 3] - points
-        across = np.cross(center, np.where(np.abs(center[:, :1]) > np.abs(center[:, 1:2]), [[0.0, 1, 0]], [[1.0, 0, 0]]))
+        across = np.cross(
+            center, np.where(np.abs(center[:, :1]) > np.abs(center[:, 1:2]), [[0.0, 1, 0]], [[1.0, 0, 0]])
+        )
         across /= np.linalg.norm(across, axis=1, keepdims=True)
         up = np.cross(center, across)
         up /= np.linalg.norm(up, axis=1, keepdims=True)
