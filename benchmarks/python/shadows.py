@@ -95,6 +95,46 @@ class Ours:
         }
 
 
+def soft(mesh: nrs.NaniteMesh, count: int, runs: int) -> list[dict[str, object]]:
+    """The same scene under suns of several sizes and numbers of rays, standing."""
+    ours = Ours(mesh, count, 9.0 if count > 1 else 4.0)
+    suns = {(angle, samples): None for angle in (0.53, 2.0) for samples in (8, 32)}
+    renderers = {key: nrs.Renderer(*SIZE, backend="cpu") for key in [(0.0, 1), *suns]}
+    shares: dict[tuple[float, int], float] = {}
+
+    def frame(step: int, angle: float, samples: int) -> object:
+        ours.sun.light = nrs.DirectionalLight(intensity=3.0, angle=np.radians(angle))
+        out = renderers[angle, samples].render(
+            ours.scene,
+            CAMERA,
+            eye(step, ours.distance, 1.5),
+            shadows=True,
+            shadow_samples=samples,
+            outputs=["color"],
+        )
+        return out if step < 0 else out.color
+
+    calls = {str(key): (lambda step, key=key: frame(step, *key)) for key in renderers}
+    times = interleaved(calls, runs=runs, warm_up=2, budget=90)
+    for key in renderers:
+        shadow = frame(-1, *key).shadow  # type: ignore[attr-defined]
+        shares[key] = float(((shadow > 0) & (shadow < 1)).mean())
+    sharp = times[str((0.0, 1))]["median"] * 1e3
+    rows = []
+    for angle, samples in renderers:
+        ms = times[str((angle, samples))]["median"] * 1e3
+        rows.append(
+            {
+                "sun": f"{angle}°" if angle else "sharp",
+                "rays": samples,
+                "ms": ms,
+                "more than sharp, ms": ms - sharp,
+                "of pixels in penumbra": f"{shares[angle, samples]:.1%}",
+            }
+        )
+    return rows
+
+
 class Embree:
     """A ray from each pixel, and one from what it hits to the sun."""
 
@@ -174,6 +214,7 @@ def main() -> None:
         Ours(mesh, count, distance).row(f"{count:,} instances, {count * faces / 1e6:,.4g} M triangles", runs)
         for count, distance in ((1, 4.0), (10, 9.0), (10_000, 9.0))
     ]
+    sizes = soft(mesh, 10, runs)
     peers = against_peers(faces // 4, runs)
     here = machine.describe()
     date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
@@ -185,6 +226,9 @@ def main() -> None:
         "backend. The camera moves in every frame. Medians of runs in turn.",
         "",
         tables.table(rows),
+        "## Soft shadows: 10 instances, a sun that stands",
+        "",
+        tables.table(sizes),
         f"## One mesh of {faces // 4:,} triangles on a floor, against peers",
         "",
         tables.table(peers),

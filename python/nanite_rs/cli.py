@@ -45,6 +45,8 @@ generated mesh written as shape:NAME, shape:NAME:FACES or shape:NAME:FACES:SEED,
 {shapes}.
 """
 
+SUN_DEGREES: Final = 0.53
+"""The angle at which the sun is seen."""
 SHAPE_PREFIX: Final = "shape:"
 DEMO_SHAPE: Final = "shape:displaced_icosphere:2000000"
 PICTURES: Final = ("whole", "near", "far")
@@ -366,7 +368,8 @@ def _in_the_sun(
         direction = np.array([np.cos(above) * np.sin(around), np.sin(above), np.cos(above) * np.cos(around)])
         return nrs.look_at(axes @ (middle + away * direction), axes @ middle, up=axes[:, 1])
 
-    scene.add(nrs.DirectionalLight(intensity=3.0), pose=placed(turn + 1.2, 0.7, radius))
+    sun = nrs.DirectionalLight(intensity=3.0, angle=np.radians(SUN_DEGREES))
+    scene.add(sun, pose=placed(turn + 1.2, 0.7, radius))
     away = 1.25 * radius / np.sin(0.5 * np.radians(arguments.yfov))
     camera = nrs.PerspectiveCamera(yfov=np.radians(arguments.yfov), znear=1e-3 * away)
     return scene, camera, placed(turn, np.radians(max(arguments.elevation, 5.0)), away)

@@ -27,7 +27,10 @@ pub type Shadows = Vec<Option<LightShadow>>;
 
 /// Pages of a light that were looked up last: the next lookup mostly wants one of them.
 #[derive(Default)]
-pub struct LastPage<'a>([Cell<Option<(RelativePage, Option<&'a ShadowPage>)>>; KNOWN_PAGES]);
+pub struct LastPage<'a>([Cell<Option<Found<'a>>>; KNOWN_PAGES]);
+
+/// A page, if it was marked.
+type Found<'a> = (RelativePage, Option<&'a ShadowPage>);
 
 impl<'a> LastPage<'a> {
     /// One for each of a frame's lights.

@@ -380,7 +380,7 @@ fn below_horizon(view: &LightView, start: &Start, rays: &Rays) -> [bool; LANES] 
             };
             cosine += start.moved.normal[k] * way;
         }
-        *below = !(cosine > 0.0);
+        *below = cosine <= 0.0 || cosine.is_nan();
     }
     below
 }
