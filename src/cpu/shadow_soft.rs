@@ -79,7 +79,7 @@ impl<'a> March<'a, '_> {
             let z = if view.parallel() { view.slab(level, bundle.heights[1]) } else { 0 };
             let page = RelativePage { face: bundle.face, level: level as i16, x: 0, y: 0, z };
             let rect = view.beneath(bundle, band, level);
-            let (mut low, mut range) = (low, self.range(page, rect));
+            let (mut low, mut range) = (low, self.range(page, rect, [low, high]));
             if view.faces() > 1 && beyond(&page, rect) {
                 (low, range) = (view.lowest(bundle, band), self.farther());
             }
@@ -93,8 +93,9 @@ impl<'a> March<'a, '_> {
         undecided
     }
 
-    /// Between which heights everything is in a rectangle of texels of a level; `None` where that is not known.
-    fn range(&self, page: RelativePage, rect: [f32; 4]) -> Option<[f32; 2]> {
+    /// Between which heights everything is in a rectangle of texels of a level, or more than that, where it is all below what
+    /// rays there are between, or above; `None` where that is not known.
+    fn range(&self, page: RelativePage, rect: [f32; 4], rays: [f32; 2]) -> Option<[f32; 2]> {
         let view = &self.light.view;
         let side = SHADOW_PAGE_SIDE as f32;
         let (mut low, mut high) = (f32::INFINITY, NOTHING);
@@ -116,7 +117,12 @@ impl<'a> March<'a, '_> {
                 let texels = self.last.page(self.light, page)?;
                 let within = |v: f32, page: i32| (v - page as f32 * side).max(0.0).min(side - 1.0) as u32;
                 let rect = [within(rect[0], x), within(rect[1], y), within(rect[2], x), within(rect[3], y)];
-                let [least, most] = texels.range(rect).map(|key| height(view, &page, key));
+                // Mostly all of a page is below rays, or above.
+                let mut range = texels.whole().map(|key| height(view, &page, key));
+                if range[1] > rays[0] && range[0] <= rays[1] {
+                    range = texels.range(rect).map(|key| height(view, &page, key));
+                }
+                let [least, most] = range;
                 (low, high) = (low.min(least), high.max(most));
             }
         }
@@ -126,11 +132,11 @@ impl<'a> March<'a, '_> {
     /// Between which heights everything is that any face of a cube sees: no higher, in a face, than by its depth there.
     fn farther(&self) -> Option<[f32; 2]> {
         let view = &self.light.view;
-        let (level, last) = (BOUNDED_LEVELS as i16 - 1, SHADOW_PAGE_SIDE - 1);
+        let level = BOUNDED_LEVELS as i16 - 1;
         let mut high = NOTHING;
         for face in 0..view.faces() {
             let page = RelativePage { face, level, x: 0, y: 0, z: 0 };
-            let [_, most] = self.last.page(self.light, page)?.range([0, 0, last, last]);
+            let [_, most] = self.last.page(self.light, page)?.whole();
             let most = height(view, &page, most);
             high = if most > high { most } else { high };
         }

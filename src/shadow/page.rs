@@ -32,12 +32,14 @@ impl ShadowPage {
     /// included.
     pub fn range(&self, [x0, y0, x1, y1]: [u32; 4]) -> [u32; 2] {
         let tiles = self.tiles.get_or_init(|| self.tiles());
-        if [x0, y0, x1, y1] == [0, 0, SHADOW_PAGE_SIDE - 1, SHADOW_PAGE_SIDE - 1] {
-            return tiles[TILES * TILES];
-        }
         let [x0, y0, x1, y1] = [x0, y0, x1, y1].map(|v| (v / SHADOW_TILE_SIDE) as usize);
         let rows = (y0..=y1).flat_map(|y| &tiles[y * TILES + x0..=y * TILES + x1]);
         rows.fold([u32::MAX, 0], |[low, high], tile| [low.min(tile[0]), high.max(tile[1])])
+    }
+
+    /// The least and the largest key.
+    pub fn whole(&self) -> [u32; 2] {
+        self.tiles.get_or_init(|| self.tiles())[TILES * TILES]
     }
 
     fn tiles(&self) -> Box<[[u32; 2]]> {
