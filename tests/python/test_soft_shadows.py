@@ -77,8 +77,8 @@ def test_one_layer_is_as_rays_have_it(soak):
     for degrees, number in ONE_LAYER if soak else ONE_LAYER[:2]:
         inside, wrong = differences(plates, degrees, number)
         print(
-            f"{degrees}°, light {number}: rms {rms(inside):.4f}, mean {inside.mean():+.4f} of {len(inside):,} pixels, {wrong.mean():.3%} "
-            f"of {len(wrong):,} wrong elsewhere"
+            f"{degrees}°, light {number}: rms {rms(inside):.4f}, mean {inside.mean():+.4f} of {len(inside):,} "
+            f"pixels, {wrong.mean():.3%} of {len(wrong):,} wrong elsewhere"
         )
         assert len(inside) > 100
         assert rms(inside) <= 0.05
