@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 import numpy as np
 
 from nanite_rs import _advice, _overlay, _widgets
-from nanite_rs._views import VIEWS
 from nanite_rs.exceptions import ArgumentError, BackendError, NaniteError, StaleHandleError
 
 if TYPE_CHECKING:
@@ -373,7 +372,8 @@ class Binding:
             viewer.selected = None
         elif key in ("v", "V"):
             back = key == "V" or "Shift" in event.get("modifiers", ())
-            viewer.view = VIEWS[(VIEWS.index(viewer.view) + (-1 if back else 1)) % len(VIEWS)]
+            views = viewer.views
+            viewer.view = views[(views.index(viewer.view) + (-1 if back else 1)) % len(views)]
         elif key in ("[", "]"):
             viewer.pixel_error = stepped(viewer.pixel_error, 1 if key == "]" else -1)
         elif key == "0":

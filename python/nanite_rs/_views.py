@@ -29,15 +29,26 @@ LiveViewName: TypeAlias = Literal[
     "sizes",
     "rasterizers",
     "overdraw",
+    "shadow_pages",
+    "shadow_levels",
+    "shadow_kept",
 ]
 
-VIEWS: Final[tuple[LiveViewName, ...]] = get_args(LiveViewName)
+_SHADOWS: Final = ("shadow_pages", "shadow_levels", "shadow_kept")
+SHADOW_VIEWS: Final[tuple[LiveViewName, ...]] = _SHADOWS
+"""What a `Viewer` that draws shadows can show besides `VIEWS`."""
+VIEWS: Final[tuple[LiveViewName, ...]] = tuple(
+    name for name in get_args(LiveViewName) if name not in SHADOW_VIEWS
+)
 """What a `Viewer` can show."""
 
-_OF_FRAMES: Final = ("triangles", "clusters", "groups", "levels", "rasterizers", "overdraw")
+_OF_FRAMES: Final = ("triangles", "clusters", "groups", "levels", "rasterizers", "overdraw", *_SHADOWS)
 """Views that frames have themselves."""
 
-_OF_DRAWING: Final = ("rasterizers", "overdraw")
+_OUTPUTS: Final = ("triangles", "clusters", "groups", "levels", "overdraw")
+"""Those that a device makes with the frame."""
+
+_OF_DRAWING: Final = ("rasterizers", "overdraw", *_SHADOWS)
 """Those of how the frame itself was drawn: they show nothing of a frozen cut."""
 
 _UNSEEN: Final = np.array((28.0, 40.0, 64.0), np.float32)
@@ -51,11 +62,10 @@ _DARK: Final = (25, 25, 30)
 def outputs_of(name: LiveViewName, *, frozen: bool, selected: bool) -> list[OutputName]:
     """What the picture of a view is made of, which a GPU makes with the frame."""
     made: list[OutputName] = ["color", "depth"] if name == "shaded" else ["depth"]
-    if name == "rasterizers":
-        # Made from what comes with any frame.
-        return made
-    if name in _OF_FRAMES and (not frozen or name in _OF_DRAWING):
+    if name in _OUTPUTS and (not frozen or name in _OF_DRAWING):
         made.append(name)
+    elif name in _OF_DRAWING:
+        pass  # made from what comes with any frame
     elif name != "shaded" or frozen or selected:
         made += IDS
     return made

@@ -6,7 +6,6 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from nanite_rs import _overlay
-from nanite_rs._views import VIEWS
 
 if TYPE_CHECKING:
     from nanite_rs._canvas import Binding
@@ -19,7 +18,7 @@ def around(viewer: Viewer, binding: Binding) -> Any:
     """The canvas of a viewer with its widgets, which follow the viewer and steer it."""
     import ipywidgets as w
 
-    menu = w.Dropdown(options=VIEWS, value=viewer.view, layout=w.Layout(width="130px"))
+    menu = w.Dropdown(options=viewer.views, value=viewer.view, layout=w.Layout(width="130px"))
     slider = w.FloatLogSlider(
         value=_on_slider(viewer.pixel_error),
         base=2.0,

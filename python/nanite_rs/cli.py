@@ -551,7 +551,11 @@ def _add_view(commands: Any) -> None:
     )
     sub = _command(commands, "view", _look, text, "nanite-rs view dragon.nanite --view clusters")
     sub.add_argument("input", metavar="INPUT", help=INPUT_HELP)
-    sub.add_argument("--view", choices=nrs.viewer.VIEWS, help="what is shown at first (shaded)")
+    sub.add_argument(
+        "--view",
+        choices=(*nrs.viewer.VIEWS, *nrs.viewer.SHADOW_VIEWS),
+        help="what is shown at first (shaded)",
+    )
     sub.add_argument("--canvas", choices=("glfw", "qt", "wx"), default="glfw", help="what opens it (glfw)")
     _add_materials(sub)
     _add_viewing(sub)

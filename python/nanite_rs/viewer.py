@@ -49,10 +49,12 @@ if TYPE_CHECKING:
     from nanite_rs.material import Material
     from nanite_rs.stats import FrameStats
 
-__all__ = ["VIEWS", "Orbit", "Pick", "Viewer", "view"]
+__all__ = ["SHADOW_VIEWS", "VIEWS", "Orbit", "Pick", "Viewer", "view"]
 
 Shown: TypeAlias = "NaniteMesh | Scene | LoadedScene"
 
+SHADOW_VIEWS: Final[tuple[LiveViewName, ...]] = _views.SHADOW_VIEWS
+"""What a `Viewer` that draws shadows can show besides."""
 VIEWS: Final[tuple[LiveViewName, ...]] = _views.VIEWS
 """What a `Viewer` can show."""
 
@@ -68,7 +70,7 @@ class Viewer:
     width, height : int
         Size of the pictures, pixels; `resize` changes it.
     view : str
-        One of `VIEWS`, see there.
+        One of `VIEWS` or, with `shadows`, of `SHADOW_VIEWS`.
     pixel_error : float
         Threshold of the cut in pixels; 0 is full detail.
     yfov : float
@@ -193,19 +195,27 @@ class Viewer:
         return self._renderer(self._size).backend
 
     @property
+    def views(self) -> tuple[LiveViewName, ...]:
+        """What can be shown: `VIEWS` and, with ``shadows=True``, `SHADOW_VIEWS`."""
+        return (*VIEWS, *SHADOW_VIEWS) if self._shadows else VIEWS
+
+    @property
     def view(self) -> LiveViewName:
-        """What is shown; assign one of `VIEWS`.
+        """What is shown; assign one of `views`.
 
         ``"shaded"``, ``"triangles"``, ``"clusters"``, ``"groups"``, ``"levels"``, ``"rasterizers"`` and
         ``"overdraw"`` as for `Frame.view`; ``"normals"``; ``"pages"`` and ``"instances"``, a colour for each; and
-        ``"sizes"``, pixels of the picture that show the same triangle: red for one, blue for 1,024 or more.
+        ``"sizes"``, pixels of the picture that show the same triangle: red for one, blue for 1,024 or more. With
+        ``shadows=True`` also ``"shadow_pages"``, ``"shadow_levels"`` and ``"shadow_kept"``, as for `Frame.view`.
         """
         return self._view
 
     @view.setter
     def view(self, name: LiveViewName) -> None:
-        if name not in VIEWS:
-            raise ArgumentError(f"view: must be one of {', '.join(VIEWS)}, not {name!r}")
+        if name in SHADOW_VIEWS and not self._shadows:
+            raise ArgumentError(f"view: {name!r} needs Viewer(shadows=True)")
+        if name not in self.views:
+            raise ArgumentError(f"view: must be one of {', '.join(self.views)}, not {name!r}")
         self._view = name
         self._notify()
 
