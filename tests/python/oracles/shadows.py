@@ -8,7 +8,7 @@ from embreex.mesh_construction import TriangleMesh
 
 import nanite_rs as nrs
 
-from . import data
+from . import data, picture
 
 SIZE = 320, 180
 YFOV = 0.8
@@ -257,6 +257,30 @@ class Rays:
             far.astype(np.float32),
         )
         return np.asarray(hit) == -1
+
+
+def lit_by_pyrender(meshes, place, pose):
+    """Which pixels a directional light of pyrender reaches, past the shadows that it draws."""
+    pyrender = picture.import_pyrender()
+    scene = pyrender.Scene(ambient_light=(0.0, 0.0, 0.0), bg_color=(0.0, 0.0, 0.0, 0.0))
+    for (vertices, faces), placing in meshes:
+        corners = np.asarray(vertices, np.float32)[np.asarray(faces)]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True).clip(1e-30)
+        primitive = pyrender.Primitive(
+            positions=corners.reshape(-1, 3),
+            normals=np.repeat(normal, 3, axis=0),
+            material=pyrender.MetallicRoughnessMaterial(doubleSided=True, metallicFactor=0.0),
+        )
+        scene.add(pyrender.Mesh([primitive]), pose=placing)
+    scene.add(pyrender.DirectionalLight(color=np.ones(3), intensity=50.0), pose=place)
+    scene.add(pyrender.PerspectiveCamera(yfov=YFOV, znear=0.05), pose=pose)
+    renderer = pyrender.OffscreenRenderer(*SIZE)
+    try:
+        color, _ = renderer.render(scene, flags=pyrender.RenderFlags.SHADOWS_DIRECTIONAL)
+    finally:
+        renderer.delete()
+    return color.max(axis=-1) > 8
 
 
 def points_of(frame, pose):
