@@ -32,8 +32,9 @@ ShadingName: TypeAlias = Literal["gltf", "pyrender", "flat", "normals"]
 ShadowsName: TypeAlias = Literal["virtual"]
 
 SHADOW_BYTES = 256 << 20
-SHADOW_SAMPLES = 32
 """Bytes of pages of shadow maps at most, unless asked for otherwise."""
+SHADOW_SAMPLES = 32
+"""Rays to a light with a size, unless asked for otherwise."""
 
 
 class TextureWarning(UserWarning):

@@ -1,5 +1,5 @@
-//! Visibility buffer → the pages of shadow maps that its pixels may look up. Depth is enough: a receiver is moved by less
-//! than a margin before it looks one up.
+//! Visibility buffer → the pages of shadow maps that its pixels may look up. Normals are not needed: a receiver is moved by no
+//! more than a margin before it looks one up.
 
 use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -10,6 +10,7 @@ use super::surface::{Pixels, position, receiver_error};
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SNAP, SHADOW_TEXEL_REACH};
 use crate::scene::placement::Eye;
 use crate::shadow::receiver::{RelativePage, SHADOW_MARGIN, texel_of};
+use crate::shadow::soft::join;
 use crate::shadow::{LightView, PageKey};
 use crate::views::{Screen, Visible, decode};
 
@@ -61,12 +62,6 @@ impl Columns {
         }
         self
     }
-}
-
-/// Widens what is known of a column.
-fn join(pages: &mut FxHashMap<RelativePage, [f32; 2]>, page: RelativePage, [low, high]: [f32; 2]) {
-    let known = pages.entry(page).or_insert([low, high]);
-    *known = [known[0].min(low), known[1].max(high)];
 }
 
 /// Pages side by side that are marked for eight receivers together.

@@ -60,10 +60,7 @@ impl<'a> March<'a, '_> {
     fn own(&self, start: &Start) -> f32 {
         let view = &self.light.view;
         let Some(place) = view.place(&start.moved.at, start.moved.level) else { return NOTHING };
-        let mut page = place.page;
-        if view.parallel() {
-            page.z = view.slab(start.moved.level, start.moved.at[2]);
-        }
+        let page = RelativePage { z: view.slab(start.moved.level, start.moved.at[2]), ..place.page };
         read(view, self.last.page(self.light, page), &page, place.texel)
     }
 
@@ -76,7 +73,7 @@ impl<'a> March<'a, '_> {
         for band in 0..bundle.bands[1] {
             let [low, high] = view.heights(bundle, band);
             let level = view.climbed(bundle.level, band);
-            let z = if view.parallel() { view.slab(level, bundle.heights[1]) } else { 0 };
+            let z = view.slab(level, bundle.heights[1]);
             let page = RelativePage { face: bundle.face, level: level as i16, x: 0, y: 0, z };
             let rect = view.beneath(bundle, band, level);
             let (mut low, mut range) = (low, self.range(page, rect, [low, high]));
@@ -189,7 +186,7 @@ impl<'a> March<'a, '_> {
         let mut before = Lanes::splat(own);
         let page = |band: u32| {
             let level = view.climbed(start.moved.level, band);
-            let z = if view.parallel() { view.slab(level, start.moved.at[2]) } else { 0 };
+            let z = view.slab(level, start.moved.at[2]);
             RelativePage { face: start.moved.face, level: level as i16, x: 0, y: 0, z }
         };
         for band in 0..start.bands {
@@ -201,6 +198,8 @@ impl<'a> March<'a, '_> {
                 before = self.sample(page(band - 1), &point(view, start, rays, last)).0;
             }
             let raised = view.raised(start, band);
+            // As high as the band before left off, so that nothing is between the two.
+            let mut raised_before = view.raised(start, band.saturating_sub(1));
             let level = view.climbed(start.moved.level, band);
             let texel = start.moved.texel * texel_of(level - start.moved.level) * SHADOW_SOFT_STEP;
             let mut entry = None;
@@ -210,18 +209,13 @@ impl<'a> March<'a, '_> {
                 let (found, faces) = self.sample(page(band), &middle);
                 let from = match entry {
                     Some(from) if faces.is_none() => from,
-                    // As high as the band before left off, so that nothing is between the two.
-                    _ if entry.is_none() => {
-                        let raised = view.raised(start, band.saturating_sub(1));
-                        ray_height(view, &point(view, start, rays, step.from), &faces) + raised
-                    }
-                    _ => ray_height(view, &point(view, start, rays, step.from), &faces) + raised,
+                    _ => ray_height(view, &point(view, start, rays, step.from), &faces) + raised_before,
                 };
                 let mut to = ray_height(view, &point(view, start, rays, step.to), &faces) + raised;
                 if last {
                     to = Lanes::splat(f32::INFINITY);
                 }
-                entry = Some(to);
+                (entry, raised_before) = (Some(to), raised);
                 let left = if view.parallel() { 1.0 } else { 1.0 - view.risen(start, step.to) };
                 let fall = texel * left.max(0.0);
                 let ground = view.ground(start, step.to);
@@ -329,24 +323,12 @@ fn rays(view: &LightView, start: &Start, disk: &[Lanes; 2]) -> Rays {
     let [x, y] = [disk[0] * radius, disk[1] * radius];
     let mut aside = [x, y, Lanes::splat(0.0)];
     if !view.parallel() {
-        let [right, up] = across(&at);
+        let (right, up) = glam::Vec3::from_array(at).normalize_or(glam::Vec3::Z).any_orthonormal_pair();
         for k in 0..3 {
             aside[k] = x * right[k] + y * up[k];
         }
     }
     Rays { at, aside }
-}
-
-/// Two unit vectors at right angles to another, and to each other.
-///
-/// Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.
-fn across(v: &[f32; 3]) -> [[f32; 3]; 2] {
-    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt().max(f32::MIN_POSITIVE);
-    let [x, y, z] = v.map(|c| c / length);
-    let sign = 1.0f32.copysign(z);
-    let a = -1.0 / (sign + z);
-    let b = x * y * a;
-    [[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]]
 }
 
 /// Where rays are that have gone so far to the side, the outermost ones, in texels of the receiver's level.

@@ -5,6 +5,8 @@
 //! at most, then it goes on in the next one, of which texels are twice as large: as the cone of all rays widens, so do the
 //! texels that it is compared with. What is wanted of each level are the pages about a receiver.
 
+use std::hash::Hash;
+
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::map::{BOUNDED_LEVELS, MapKind, PageKey};
@@ -185,7 +187,12 @@ impl LightView {
     /// Where rays are that have gone to the side by so many texels: the part of the way to a light with a position, or how
     /// high they are above their start.
     pub fn risen(&self, start: &Start, side: f32) -> f32 {
-        let side = side * start.moved.texel / self.lamp.radius;
+        self.way(side * start.moved.texel)
+    }
+
+    /// [`Self::risen`], of world units to the side.
+    fn way(&self, side: f32) -> f32 {
+        let side = side / self.lamp.radius;
         if self.parallel() { side } else { side / (1.0 + side) }
     }
 
@@ -254,25 +261,22 @@ impl LightView {
     pub fn heights(&self, bundle: &Bundle, band: u32) -> [f32; 2] {
         let [first, last] = span(band);
         let Bundle { heights: [low, high], texels: [least, most], raise, distance, length, .. } = *bundle;
-        let radius = self.lamp.radius;
-        let (first, last) = (first * least / radius, last * most / radius);
+        let (first, last) = (self.way(first * least), self.way(last * most));
         let texel = texel_of(coarser(band) as i32);
         let raised = raise * texel;
         if self.parallel() {
             let stored = most * texel * SHADOW_SIDE as f32 + last;
             return [low + first, high + last + raised + (distance + stored) * SHADOW_ROUNDING];
         }
-        let part = |side: f32| side / (1.0 + side);
-        let (first, last) = (part(first), part(last));
+        let radius = self.lamp.radius;
         let rounding = (distance + length + most) * SHADOW_ROUNDING;
         [low * (1.0 - first) - first * radius, high * (1.0 - last) + last * radius + raised + rounding]
     }
 
     /// How high rays of receivers to a light with a position are at least in a band, in whichever face.
     pub fn lowest(&self, bundle: &Bundle, band: u32) -> f32 {
-        let side = span(band)[0] * bundle.texels[0] / self.lamp.radius;
-        let part = side / (1.0 + side);
-        (part - 1.0) * bundle.length - part * self.lamp.radius
+        let way = self.way(span(band)[0] * bundle.texels[0]);
+        (way - 1.0) * bundle.length - way * self.lamp.radius
     }
 
     /// The faces of the map.
@@ -301,10 +305,11 @@ impl LightView {
     }
 
     /// The slab whose pages rays from a height are compared with in a level of a parallel map: the one that they leave it in.
+    /// 0 of other maps, which have none.
     pub fn slab(&self, level: i32, height: f32) -> i32 {
+        let Some([_, _, offset]) = self.anchor(level) else { return 0 };
         let texel = texel_of(level);
         let risen = height + SHADOW_SOFT_TEXELS as f32 * texel / self.lamp.radius;
-        let offset = self.anchor(level).map_or(0.0, |anchor| anchor[2]);
         let at = risen.min(self.lamp.top.max(height)) / texel + offset;
         (at / SHADOW_SIDE as f32).floor() as i32
     }
@@ -430,8 +435,8 @@ fn about(key: &PageKey) -> impl Iterator<Item = [i64; 2]> {
     rows.flat_map(move |y| columns.clone().map(move |x| [x, y]))
 }
 
-/// Widens what is known of a page.
-fn join(pages: &mut FxHashMap<PageKey, [f32; 2]>, key: PageKey, [low, high]: [f32; 2]) {
-    let known = pages.entry(key).or_insert([low, high]);
-    *known = [known[0].min(low), known[1].max(high)];
+/// Widens what is known of the heights in a page or a column of them.
+pub fn join<K: Eq + Hash>(known: &mut FxHashMap<K, [f32; 2]>, key: K, [low, high]: [f32; 2]) {
+    let heights = known.entry(key).or_insert([low, high]);
+    *heights = [heights[0].min(low), heights[1].max(high)];
 }

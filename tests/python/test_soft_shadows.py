@@ -54,7 +54,12 @@ def differences(make, degrees, number, **options):
     theirs[asked] = Rays(meshes).share(from_here, light, place, radius, RAYS)
     partly = (theirs > 0) & (theirs < 1)
     inside = ndimage.binary_erosion(partly, iterations=2)
-    return (ours - theirs)[inside], np.abs((ours - theirs)[asked & ~partly & ~near]) > 0.1
+    there, wrong = (ours - theirs)[inside], np.abs((ours - theirs)[asked & ~partly & ~near]) > 0.1
+    print(
+        f"{make.__name__}, {degrees}°, light {number}: rms {rms(there):.4f}, mean {there.mean():+.4f} of "
+        f"{len(there):,} pixels, {wrong.mean():.3%} of {len(wrong):,} wrong elsewhere"
+    )
+    return there, wrong
 
 
 def rms(values):
@@ -76,10 +81,6 @@ MANY_LAYERS = [
 def test_one_layer_is_as_rays_have_it(soak):
     for degrees, number in ONE_LAYER if soak else ONE_LAYER[:2]:
         inside, wrong = differences(plates, degrees, number)
-        print(
-            f"{degrees}°, light {number}: rms {rms(inside):.4f}, mean {inside.mean():+.4f} of {len(inside):,} "
-            f"pixels, {wrong.mean():.3%} of {len(wrong):,} wrong elsewhere"
-        )
         assert len(inside) > 100
         assert rms(inside) <= 0.05
         assert abs(inside.mean()) < 0.025
@@ -89,10 +90,6 @@ def test_one_layer_is_as_rays_have_it(soak):
 def test_many_layers_and_large_lights_are_near_it(soak):
     for make, degrees, number in MANY_LAYERS if soak else MANY_LAYERS[:2]:
         inside, wrong = differences(make, degrees, number)
-        print(
-            f"{make.__name__}, {degrees}°, light {number}: rms {rms(inside):.4f} of {len(inside):,} pixels, "
-            f"{wrong.mean():.3%} of {len(wrong):,} wrong elsewhere"
-        )
         assert len(inside) > 100
         assert rms(inside) <= 0.12
         assert wrong.mean() < 1e-2

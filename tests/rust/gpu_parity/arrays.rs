@@ -51,7 +51,6 @@ fn every_array_is_made_on_the_device() {
         color: [1.0, 0.7, 0.4],
         intensity: 20.0,
         pose: glam::DAffine3::from_translation(glam::DVec3::new(place[0][3], place[1][3], place[2][3])),
-        visible: true,
         ..Light::default()
     };
     many.add_light(point(None, at(0.0, 3.0, 4.0))).unwrap();
