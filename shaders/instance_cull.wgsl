@@ -24,7 +24,8 @@ fn main(
     if instance >= view.instances {
         return;
     }
-    if transforms[instance].visible == 0u {
+    let pages = view.history == HISTORY_PAGES;
+    if (transforms[instance].visible & select(SEEN_BY_VIEWS, SEEN_BY_LIGHTS, pages)) == 0u {
         // Words of bits tell instances apart, those too that are not seen.
         instances[instance].group_words = transforms[instance].group_words;
         // It may be on the list of the frame before: this tells that nothing of it is to be seen.
@@ -33,6 +34,8 @@ fn main(
     }
     var seen = derive(transforms[instance], instances[instance].screen);
     let place = footprint(seen.screen, seen.center, seen.extent);
+    // What faces away from a light stops it as well.
+    seen.double_sided |= select(0u, NONE, pages);
     // For the second pass, which looks at the box again.
     seen.rect = place.rect;
     seen.near_key = place.near_key;

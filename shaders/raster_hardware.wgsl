@@ -2,7 +2,7 @@
 // The device only finds which pixels a triangle covers. Vertices are snapped before, on a viewport whose side is a power of
 // two, so that nothing is rounded on the way; fragments compute depth as the software rasterizers do.
 // Reads a list of clusters and their pages. Writes the visibility buffer by atomic maxima.
-// Needs: triangle.wgsl, int64.wgsl.
+// Needs: triangle.wgsl, int64.wgsl, listed, screen_of, mirrors, shows_backs.
 
 struct Corner {
     @builtin(position) position: vec4<f32>,
@@ -44,7 +44,7 @@ fn corner(@builtin(vertex_index) vertex: u32, @builtin(instance_index) index: u3
     }
     let streams = streams_of(page, record);
     let corners = triangle_corners(streams, triangle);
-    let rows = instances[instance].screen;
+    let rows = screen_of(instance);
     var p: array<vec3<f32>, 3>;
     var snapped: array<vec2<i32>, 3>;
     for (var k = 0u; k < 3u; k++) {
@@ -56,7 +56,7 @@ fn corner(@builtin(vertex_index) vertex: u32, @builtin(instance_index) index: u3
     // Clockwise on the screen is the back, unless the instance is mirrored.
     let clockwise = area.high >= 0;
     if area.high == 0 && area.low == 0u
-        || clockwise != (instances[instance].mirrored != 0u) && !two_sided(instance, record)
+        || clockwise != mirrors(instance) && !shows_backs(instance, record)
         || !has_pixels(a.x, snapped[1].x, snapped[2].x, view.width)
         || !has_pixels(a.y, snapped[1].y, snapped[2].y, view.height) {
         return NOWHERE;

@@ -2,7 +2,7 @@
 // and for alpha-tested clusters of any size: src/cpu/raster_large.rs, operation for operation.
 // One workgroup handles one cluster; each invocation clips one triangle, then all rows are shared out.
 // Reads the lists of large, clipped or alpha-tested clusters and their pages. Writes the visibility buffer by atomic maxima.
-// Needs: triangle.wgsl, double_single.wgsl, int64.wgsl, workgroup_scan.wgsl, offer.
+// Needs: triangle.wgsl, double_single.wgsl, int64.wgsl, workgroup_scan.wgsl, offer, listed, look_at, screen_of, mirrors, shows_backs.
 
 // A triangle cut by five planes has eight corners at most.
 const MOST_CORNERS: u32 = 8u;
@@ -222,17 +222,18 @@ fn main(
     if number == NONE {
         return;
     }
+    look_at(number);
     let instance = visible[number].instance;
     let cluster = visible[number].cluster;
     let page = page_start(instance, cluster);
     let record = record_start(page, cluster);
     let streams = streams_of(page, record);
-    let double_sided = two_sided(instance, record);
-    let rows = instances[instance].screen;
+    let double_sided = shows_backs(instance, record);
+    let rows = screen_of(instance);
     var height = 0u;
     if lane < triangle_count(record) {
         var corners = triangle_corners(streams, lane);
-        if instances[instance].mirrored == 0u {
+        if !mirrors(instance) {
             corners = corners.xzy;
         }
         let a = homogeneous(rows, vertex_position(instance, streams, corners.x));

@@ -1,7 +1,7 @@
 // Stage 4, software rasterizer for small triangles: src/cpu/raster_small.rs, operation for operation (Karis 2021).
 // One workgroup handles one cluster; its invocations share out the vertices, then the triangles.
 // Reads the list of small clusters and their pages. Writes the visibility buffer by atomic maxima.
-// Needs: triangle.wgsl.
+// Needs: triangle.wgsl, listed, look_at, screen_of, mirrors, shows_backs.
 
 // Triangles that face the eye and have a box with pixels.
 var<workgroup> drawn: atomic<u32>;
@@ -82,6 +82,7 @@ fn main(
     // Where there is no entry, the cluster has no vertices and no triangles: no lane leaves before the others.
     let entry = listed(LIST_SMALL, workgroup_number(workgroup));
     let number = select(entry, 0u, entry == NONE);
+    look_at(number);
     let instance = visible[number].instance;
     let cluster = visible[number].cluster;
     let page = page_start(instance, cluster);
@@ -90,9 +91,9 @@ fn main(
     let streams = streams_for(page, record, counts);
     let vertices = select(counts.x, 0u, entry == NONE);
     let triangles = select(counts.y, 0u, entry == NONE);
-    let screen = instances[instance].screen;
-    let mirrored = instances[instance].mirrored != 0u;
-    let double_sided = two_sided(instance, record);
+    let screen = screen_of(instance);
+    let mirrored = mirrors(instance);
+    let double_sided = shows_backs(instance, record);
     if lane == 0u {
         atomicStore(&drawn, 0u);
     }

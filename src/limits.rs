@@ -90,6 +90,12 @@ pub const SHADOW_PAGE_TEXELS: usize = (SHADOW_PAGE_SIDE * SHADOW_PAGE_SIDE) as u
 pub const SHADOW_SIDE: u32 = 1 << 14;
 /// Pages of a side of a block, for which casters are culled together: its texels are inside the guard band.
 pub const SHADOW_BLOCK_PAGES: u32 = 64;
+/// Corners of a block's grid of pages on a side.
+pub const SHADOW_CORNERS: u32 = SHADOW_BLOCK_PAGES + 1;
+/// Where the pages begin in a block's grid, behind the sums of its corners.
+pub const SHADOW_GRID_PAGES: usize = (SHADOW_CORNERS * SHADOW_CORNERS).next_multiple_of(4) as usize;
+/// Words of a block's grid.
+pub const SHADOW_GRID_WORDS: usize = SHADOW_GRID_PAGES + (SHADOW_BLOCK_PAGES * SHADOW_BLOCK_PAGES) as usize;
 /// Texels between a point and the middle of the texel that it falls into, half a diagonal at most, and what snapping
 /// moves a caster by.
 pub const SHADOW_TEXEL_REACH: f32 = 0.712;
@@ -106,5 +112,10 @@ pub const SHADOW_SOFT_TEXELS: u32 = 8;
 pub const SHADOW_SOFT_BANDS: u32 = 30;
 /// Texels by which what a ray passes under may fall from one texel to the next, and still be one surface.
 pub const SHADOW_SOFT_STEP: f32 = 4.0;
+/// Tiles of a page.
+pub const SHADOW_TILES: usize = SHADOW_PAGE_TEXELS / (SHADOW_TILE_SIDE * SHADOW_TILE_SIDE) as usize;
+/// Words of a page in the pool of a device: its texels' keys row by row, the least and the largest key of each tile, and of
+/// all. Slots are as far apart as parts of a buffer have to be that are bound by themselves.
+pub const SHADOW_SLOT_WORDS: usize = (SHADOW_PAGE_TEXELS + 2 * (SHADOW_TILES + 1)).next_multiple_of(64);
 /// Rays to a light at most.
 pub const SHADOW_SAMPLES_MAX: u32 = 256;

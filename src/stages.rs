@@ -15,6 +15,10 @@ pub enum Stage {
     RasterLarge,
     /// Visibility buffer → depth pyramid for the second pass of the stages before.
     Hzb,
+    /// Visibility buffer → pages of shadow maps that its pixels may look up.
+    ShadowMark,
+    /// Those that are not there → their depths.
+    ShadowRaster,
     /// Visibility buffer → colour.
     Shade,
     /// Visibility buffer → depth and the other arrays.
@@ -23,13 +27,15 @@ pub enum Stage {
 
 /// All stages in the order in which they run. When a depth pyramid is built, the stages before it run again over
 /// what was deferred, on the CPU in batches.
-pub const STAGES: [Stage; 8] = [
+pub const STAGES: [Stage; 10] = [
     Stage::InstanceCull,
     Stage::NodeCull,
     Stage::ClusterCull,
     Stage::RasterSmall,
     Stage::RasterLarge,
     Stage::Hzb,
+    Stage::ShadowMark,
+    Stage::ShadowRaster,
     Stage::Shade,
     Stage::Output,
 ];
@@ -44,6 +50,8 @@ impl Stage {
             Self::RasterSmall => "raster_small",
             Self::RasterLarge => "raster_large",
             Self::Hzb => "hzb",
+            Self::ShadowMark => "shadow_mark",
+            Self::ShadowRaster => "shadow_raster",
             Self::Shade => "shade",
             Self::Output => "output",
         }
@@ -62,6 +70,8 @@ impl Stage {
             Self::ClusterCull => ("clusters", "clusters"),
             Self::RasterSmall | Self::RasterLarge => ("triangles", "triangles"),
             Self::Hzb => ("pixels", "texels"),
+            Self::ShadowMark => ("pixels", "pages"),
+            Self::ShadowRaster => ("pages", "triangles"),
             Self::Shade | Self::Output => ("pixels", "pixels"),
         }
     }

@@ -18,8 +18,11 @@ const UNSEEN: Footprint = Footprint(false, false, 0u, vec4<u32>(), NO_KEY);
 
 // The key of a depth value: it grows towards the eye.
 fn depth_key(value: f32) -> u32 {
-    let bits = bitcast<u32>(value);
-    return select(bits, ~bits, view.orthographic != 0u);
+    if view.orthographic != 0u {
+        // What is behind the eye of a parallel view, which has no near plane then, is at it.
+        return ~bitcast<u32>(select(0.0, value, value > 0.0));
+    }
+    return bitcast<u32>(value);
 }
 
 // Sums are written out, so that their order is known.
@@ -57,7 +60,8 @@ fn footprint(rows: array<vec4<f32>, 3>, center: vec3<f32>, extent: vec3<f32>) ->
         return UNSEEN;
     }
     let size = vec2<f32>(f32(view.width), f32(view.height));
-    if !(nearest > view.near && slack2 < FOOTPRINT_SLACK * nearest) {
+    let endless = view.near < -LARGEST;
+    if !(nearest > view.near && (endless || slack2 < FOOTPRINT_SLACK * nearest)) {
         // It reaches the near plane: test the half spaces.
         for (var k = 0u; k < 2u; k++) {
             let error = select(slack0, slack1, k == 1u) + times(slack2, size[k] + 1.0);

@@ -1,8 +1,11 @@
 // Defers a node to the second pass: appends it to the occluded queue.
-// Needs: occluded_queue, occluded_dispatch.
+// Needs: view, occluded_queue, occluded_dispatch.
 
-// The second pass looks at this node again.
+// The second pass looks at this node again. Pages of shadow maps have none.
 fn defer(item: TraversalItem) {
+    if view.history == HISTORY_PAGES {
+        return;
+    }
     let at = atomicAdd(&occluded_dispatch.count, 1u);
     // The first entry of a workgroup makes it.
     if at % WIDTH == 0u {

@@ -9,27 +9,43 @@ fn screen_row(k: u32, row: vec4<f32>, skewed: vec4<f32>, distance: vec4<f32>) ->
     return scaled(row, view.focal[k]) + skewed + scaled(distance, view.center[k]);
 }
 
-// `before` are the rows of the frame before. Where its box lies is not known yet.
-fn derive(p: InstanceTransform, before: array<vec4<f32>, 3>) -> Instance {
-    var to_eye: array<vec4<f32>, 3>;
-    // The origin of internal space as seen from the eye.
+// The origin of internal space as seen from the eye, world axes.
+fn way_to(p: InstanceTransform) -> vec3<f32> {
     var way: vec3<f32>;
     for (var k = 0u; k < 3u; k++) {
         way[k] = (p.linear[k].w - view.rotate[k].w) + (p.inverse[k].w - view.low[k]);
     }
+    return way;
+}
+
+// Rows of the map from internal to camera space.
+fn eye_rows(p: InstanceTransform) -> array<vec4<f32>, 3> {
+    var rows: array<vec4<f32>, 3>;
+    let way = way_to(p);
     let x = vec3<f32>(p.linear[0].x, p.linear[1].x, p.linear[2].x);
     let y = vec3<f32>(p.linear[0].y, p.linear[1].y, p.linear[2].y);
     let z = vec3<f32>(p.linear[0].z, p.linear[1].z, p.linear[2].z);
     for (var k = 0u; k < 3u; k++) {
         let r = view.rotate[k].xyz;
-        to_eye[k] = vec4<f32>(inner(r, x), inner(r, y), inner(r, z), inner(r, way));
+        rows[k] = vec4<f32>(inner(r, x), inner(r, y), inner(r, z), inner(r, way));
     }
-    let distance = -to_eye[2];
-    let screen = array<vec4<f32>, 3>(
-        screen_row(0u, to_eye[0], scaled(to_eye[1], view.skew), distance),
-        screen_row(1u, to_eye[1], vec4<f32>(), distance),
+    return rows;
+}
+
+// Rows of the map from internal to homogeneous screen space, of that to camera space.
+fn screen_rows(rows: array<vec4<f32>, 3>) -> array<vec4<f32>, 3> {
+    let distance = -rows[2];
+    return array<vec4<f32>, 3>(
+        screen_row(0u, rows[0], scaled(rows[1], view.skew), distance),
+        screen_row(1u, rows[1], vec4<f32>(), distance),
         distance,
     );
+}
+
+// `before` are the rows of the frame before. Where its box lies is not known yet.
+fn derive(p: InstanceTransform, before: array<vec4<f32>, 3>) -> Instance {
+    let rows = eye_rows(p);
+    let way = way_to(p);
     let parallel = view.orthographic != 0u;
     let to = select(-way, view.forward, parallel);
     var eye = vec3<f32>(inner(p.inverse[0].xyz, to), inner(p.inverse[1].xyz, to), inner(p.inverse[2].xyz, to));
@@ -39,9 +55,9 @@ fn derive(p: InstanceTransform, before: array<vec4<f32>, 3>) -> Instance {
         eye = select(vec3<f32>(0.0), unit, length > 0.0);
     }
     return Instance(
-        screen,
+        screen_rows(rows),
         before,
-        to_eye,
+        rows,
         p.center,
         p.lod_scale,
         p.extent,

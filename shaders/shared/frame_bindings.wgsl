@@ -1,4 +1,5 @@
 // Bindings of all kernels that read a finished visibility buffer and write an array of it.
+// Needs: seen.wgsl.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;

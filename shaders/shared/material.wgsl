@@ -1,5 +1,5 @@
 // Materials with textures: src/cpu/material.rs, operation for operation.
-// Needs: surface.wgsl, texture.wgsl, materials, as_in_pyrender.
+// Needs: surface.wgsl, texture.wgsl, materials, as_in_pyrender, to_eye_of.
 
 fn uv_at(surfel: Surfel, uv_set: u32, corner: u32) -> vec2<f32> {
     let vertices = surfel.streams.colors - surfel.streams.normals;
@@ -48,7 +48,7 @@ fn mapped_normal(surfel: Surfel, number: u32, map: vec3<f32>) -> vec3<f32> {
     let e1 = surfel.b - surfel.a;
     let e2 = surfel.c - surfel.a;
     let turn = select(1.0, -1.0, st1.x * st2.y - st2.x * st1.y < 0.0);
-    let eye = instances[surfel.instance].object_to_eye;
+    let eye = to_eye_of(surfel.instance);
     let along = to_eye(eye, (e1 * st2.y - e2 * st1.y) * turn);
     let up = to_eye(eye, (e1 * st2.x - e2 * st1.x) * turn);
     let flat = along - own * dot3(own, along);

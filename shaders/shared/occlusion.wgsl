@@ -56,10 +56,26 @@ fn hides(place: Footprint) -> bool {
     return hides_at(level, place) || (level > least && hides_at(finer, place));
 }
 
+// Whether a box touches a page of a shadow map that is to be drawn: `pyramid` has for each corner of their grid how many of
+// them lie above it and to its left.
+fn touches_page(place: Footprint) -> bool {
+    let rect = place.rect / vec4<u32>(SHADOW_PAGE_SIDE);
+    let above = rect.y * SHADOW_CORNERS;
+    let below = (rect.w + 1u) * SHADOW_CORNERS;
+    return pages_to(below + rect.z + 1u) + pages_to(above + rect.x) > pages_to(below + rect.x) + pages_to(above + rect.z + 1u);
+}
+
+fn pages_to(corner: u32) -> u32 {
+    return pyramid[corner / 4u][corner % 4u];
+}
+
 // Whether a box, which now lies at `place`, is hidden as far as this pass knows.
 fn hidden(place: Footprint, instance: u32, center: vec3<f32>, extent: vec3<f32>) -> bool {
     if SECOND {
         return hides(place);
+    }
+    if view.history == HISTORY_PAGES {
+        return !touches_page(place);
     }
     if view.history != 0u {
         let before = footprint(instances[instance].before, center, extent);

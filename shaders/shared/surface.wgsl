@@ -1,5 +1,5 @@
 // Surface points of pixels, from the visibility buffer: src/cpu/surface.rs, operation for operation.
-// Needs: exact.wgsl, vertex.wgsl, target.wgsl, view, instances, visible, instance_materials.
+// Needs: exact.wgsl, vertex.wgsl, target.wgsl, view, screen_of, visible, instance_materials.
 
 // What a pixel shows.
 struct Hit {
@@ -100,7 +100,7 @@ fn barycentric(screen: array<vec4<f32>, 3>, a: vec3<f32>, b: vec3<f32>, c: vec3<
 // What barycentric coordinates change by from a pixel to the next on the right, and to the one below: derivatives of a
 // quotient of sums that are linear in the point.
 fn change_of(surfel: Surfel) -> array<vec3<f32>, 2> {
-    let screen = instances[surfel.instance].screen;
+    let screen = screen_of(surfel.instance);
     let p = surfel.point;
     let x = vec3<f32>(
         along(screen, 0u, surfel.a, p.x),
@@ -183,7 +183,7 @@ fn surfel_of(pixel: u32, hit: Hit) -> Surfel {
     let b = vertex_position(instance, streams, corners.y);
     let c = vertex_position(instance, streams, corners.z);
     let point = vec2<f32>(pixel_of(pixel)) + 0.5;
-    let weights = barycentric(instances[instance].screen, a, b, c, point);
+    let weights = barycentric(screen_of(instance), a, b, c, point);
     let to_eye = normal_map(instance_materials[instance].normal);
     let flags = instance_materials[instance].flags;
     let face = apply(to_eye, unit(cross3(b - a, c - a)));

@@ -1,28 +1,18 @@
 // Triangle set-up and bindings of all rasterizers: src/cpu/triangle.rs and src/cpu/visibility.rs.
-// Needs: exact.wgsl, cull.wgsl, vertex.wgsl, target.wgsl, put.
+// Needs: exact.wgsl, cull.wgsl, vertex.wgsl, target.wgsl, view, instances, put.
 
-@group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> instances: array<Instance>;
-@group(0) @binding(2) var<storage, read> page_offsets: array<u32>;
-@group(0) @binding(3) var<storage, read> pages: array<u32>;
-@group(0) @binding(4) var<storage, read> visible: array<VisibleCluster>;
-@group(0) @binding(5) var<storage, read> numbers: array<u32>;
-@group(0) @binding(6) var<storage, read> draws: array<Dispatch, LISTS>;
-// Binding 7 is the visibility buffer: words_64.wgsl, words_32.wgsl, words_depth.wgsl.
-@group(0) @binding(8) var<storage, read_write> counters: Counters;
-@group(0) @binding(9) var<storage, read> pages_1: array<u32>;
-@group(0) @binding(10) var<storage, read> pages_2: array<u32>;
-@group(0) @binding(11) var<storage, read> pages_3: array<u32>;
+// Binding 0 are the instances, and 10 and 11 what is drawn: one_view.wgsl, page_views.wgsl.
+@group(0) @binding(1) var<storage, read> page_offsets: array<u32>;
+@group(0) @binding(2) var<storage, read> pages: array<u32>;
+@group(0) @binding(3) var<storage, read> visible: array<VisibleCluster>;
+@group(0) @binding(4) var<storage, read> draws: array<Dispatch, LISTS>;
+// Binding 5 is the visibility buffer: words_64.wgsl, words_32.wgsl, words_depth.wgsl.
+@group(0) @binding(6) var<storage, read_write> counters: Counters;
+@group(0) @binding(7) var<storage, read> pages_1: array<u32>;
+@group(0) @binding(8) var<storage, read> pages_2: array<u32>;
+@group(0) @binding(9) var<storage, read> pages_3: array<u32>;
 
 const UNIT: i32 = 1 << SUBPIXEL_BITS;
-
-// The number in the visible list of entry `index` of a list; NONE behind its end.
-fn listed(list: u32, index: u32) -> u32 {
-    let room = arrayLength(&numbers) / 2u;
-    let there = index < min(draws[list].count, room);
-    let number = numbers[number_slot(list, select(0u, index, there), room)];
-    return select(NONE, number, there && number < arrayLength(&visible));
-}
 
 // Snaps a screen coordinate to 1/256 pixel: adding this leaves the nearest integer in the low bits.
 fn snap(v: f32) -> i32 {

@@ -42,7 +42,8 @@ struct View {
     two_passes: u32,
     // Pixels to the right per unit of tangent up the picture.
     skew: f32,
-    unused_a: u32,
+    // The word of its target that its pixels begin at.
+    first_word: u32,
     unused_b: u32,
     unused_c: u32,
 }
@@ -62,7 +63,7 @@ struct InstanceTransform {
     group_words: u32,
     double_sided: u32,
     mirrored: u32,
-    // 0 where nothing is, or nothing to be seen.
+    // SEEN_BY_VIEWS and SEEN_BY_LIGHTS; 0 where nothing is.
     visible: u32,
     // Alpha-tested clusters, by material as for double_sided.
     alpha_tested: u32,
@@ -236,7 +237,17 @@ struct Marks {
 struct VisibleCluster {
     instance: u32,
     cluster: u32,
+    // 1 when the large rasterizer draws it; where shadow maps are drawn, the page.
     large: u32,
+}
+
+// Lists of clusters and pages of shadow maps that they may touch.
+struct PairLists {
+    // Entries that there is room for in each.
+    room: u32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
 }
 
 // Workgroups of a dispatch that one shader decides for the next, and how many entries they share.
@@ -286,6 +297,11 @@ fn number_slot(list: u32, at: u32, room: u32) -> u32 {
         case LIST_CLIPPED: { return room + at; }
         default: { return 2u * room - 1u - at; }
     }
+}
+
+// Where entry `at` of a list of pairs lies; there is none of clipped ones.
+fn pair_slot(list: u32, at: u32, room: u32) -> u32 {
+    return min(list, LIST_CLIPPED) * room + at;
 }
 
 fn workgroups(entries: u32, per_workgroup: u32, count: u32) -> Dispatch {

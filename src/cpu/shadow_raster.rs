@@ -10,10 +10,10 @@ use super::cluster_cull::{self, CandidateCluster};
 use super::node_cull::{self, CandidateGroup};
 use super::visibility::{Nearest, Pixel};
 use super::{instance_cull, raster_large, raster_small};
-use crate::limits::{SHADOW_BLOCK_PAGES, SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS};
+use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Scene};
-use crate::shadow::{Block, PageKey, ShadowMap, ShadowPage};
+use crate::shadow::{Grid, PageKey, ShadowMap, ShadowPage};
 use crate::stream::Resident;
 use crate::views::{Footprint, InstanceView, Occluder, Screen, Visible};
 
@@ -32,46 +32,19 @@ pub struct DrawnBlock {
     pub triangles: u64,
 }
 
-/// The pages of a block that are wanted: everything else is culled.
-struct Wanted {
-    /// How many are above and to the left of each corner of the grid of pages.
-    sums: Vec<u32>,
-}
-
-/// Corners of a block's grid on a side.
-const CORNERS: usize = SHADOW_BLOCK_PAGES as usize + 1;
+/// The pages of a block that are drawn: everything else is culled.
+struct Wanted(Grid);
 
 impl Wanted {
-    fn new(block: &Block, pages: &[PageKey]) -> Self {
-        let mut sums = vec![0u32; CORNERS * CORNERS];
-        for page in pages {
-            let [x, y] = block.place(page);
-            sums[(y + 1) * CORNERS + x + 1] = 1;
-        }
-        for y in 1..CORNERS {
-            let mut row = 0;
-            for x in 1..CORNERS {
-                row += sums[y * CORNERS + x];
-                sums[y * CORNERS + x] = row + sums[(y - 1) * CORNERS + x];
-            }
-        }
-        Self { sums }
-    }
-
     /// Columns and rows of pages that a footprint touches, the last ones included.
     fn rect(footprint: &Footprint) -> [usize; 4] {
         footprint.rect.map(|v| usize::from(v) / SHADOW_PAGE_SIDE as usize)
-    }
-
-    fn any(&self, [x0, y0, x1, y1]: [usize; 4]) -> bool {
-        let at = |x: usize, y: usize| self.sums[y * CORNERS + x];
-        at(x1 + 1, y1 + 1) + at(x0, y0) > at(x0, y1 + 1) + at(x1 + 1, y0)
     }
 }
 
 impl Occluder for Wanted {
     fn hides(&self, footprint: &Footprint) -> bool {
-        !self.any(Self::rect(footprint))
+        !self.0.any(Self::rect(footprint))
     }
 }
 
@@ -98,7 +71,7 @@ fn draw_block(
     resident: &Resident,
 ) -> DrawnBlock {
     let block = pages[0].block();
-    let wanted = Wanted::new(&block, pages);
+    let wanted = Wanted(Grid::new(&block, pages, 0));
     let view = map.block_view(&block);
     let (eye, screen) = (Eye::new(&view), Screen::new(&view));
     let tau = PageKey::threshold(block.0.tau);
@@ -109,7 +82,7 @@ fn draw_block(
     let numbers: Vec<u32> = (0..views.len() as u32).collect();
     let walk = node_cull::run(&numbers, &views, &screen, tau, Some(&wanted));
     let clusters = cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&wanted)).candidates;
-    let of_pages = of_pages(&block, pages, &clusters);
+    let of_pages = of_pages(&wanted.0, pages.len(), &clusters);
     let lacking = lacking(&walk.absent, &views, &screen);
     let drawn: Vec<(PageKey, Arc<ShadowPage>, bool)> = pages
         .par_iter()
@@ -144,22 +117,11 @@ fn lacking(absent: &[CandidateGroup], views: &[InstanceView], screen: &Screen) -
 }
 
 /// The clusters that may touch each page.
-fn of_pages(block: &Block, pages: &[PageKey], clusters: &[CandidateCluster]) -> Vec<Vec<u32>> {
-    let side = SHADOW_BLOCK_PAGES as usize;
-    let mut places = vec![u32::MAX; side * side];
-    for (number, page) in (0..).zip(pages) {
-        let [x, y] = block.place(page);
-        places[y * side + x] = number;
-    }
-    let mut lists = vec![Vec::new(); pages.len()];
+fn of_pages(grid: &Grid, pages: usize, clusters: &[CandidateCluster]) -> Vec<Vec<u32>> {
+    let mut lists = vec![Vec::new(); pages];
     for (number, cluster) in (0..).zip(clusters) {
-        let [x0, y0, x1, y1] = Wanted::rect(&cluster.footprint);
-        for y in y0..=y1 {
-            for page in &places[y * side + x0..=y * side + x1] {
-                if *page != u32::MAX {
-                    lists[*page as usize].push(number);
-                }
-            }
+        for page in grid.numbers(Wanted::rect(&cluster.footprint)) {
+            lists[page as usize].push(number);
         }
     }
     lists

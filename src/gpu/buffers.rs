@@ -432,6 +432,47 @@ impl Buffers {
         counted.iter().for_each(|(_, counts)| encoder.clear_buffer(counts, 0, None));
     }
 
+    /// Lists of the first pass start empty.
+    pub(super) fn clear_lists(&self, encoder: &mut CommandEncoder) {
+        self.cull_passes.iter().take(1).for_each(|cull_pass| cull_pass.clear(encoder, false));
+    }
+
+    /// What tells the lengths of the lists of the first pass.
+    fn length_parts(&self) -> Vec<Part<'_>> {
+        self.cull_passes.iter().take(1).flat_map(|cull_pass| cull_pass.parts(0, self.shape)).collect()
+    }
+
+    /// Bytes of that.
+    pub(super) fn length_bytes(&self) -> u64 {
+        self.length_parts().iter().map(|part| part.bytes).sum()
+    }
+
+    /// Copies it.
+    pub(super) fn copy_lengths(&self, encoder: &mut CommandEncoder, staging: &Buffer, mut at: u64) {
+        for part in self.length_parts() {
+            encoder.copy_buffer_to_buffer(part.buffer, 0, staging, at, part.bytes);
+            at += part.bytes;
+        }
+    }
+
+    /// Reads it.
+    pub(super) fn lengths(&self, mut staged: &[u8]) -> Room {
+        let mut take = |part: &Part<'_>| {
+            let (head, tail) = staged.split_at(part.bytes as usize);
+            staged = tail;
+            head
+        };
+        let parts: Vec<&[u8]> = self.length_parts().iter().map(&mut take).collect();
+        let [_, counters, groups, _, _, even, odd] = &parts[..] else { return Room::default() };
+        // The first list is that of the instances, which has room for all.
+        let levels = Levels::read(even, odd, self.shape.depth);
+        Room {
+            items: levels.iter().skip(1).map(|level| level.count).max().unwrap_or(0),
+            candidate_groups: bytemuck::pod_read_unaligned::<Dispatch>(groups).count,
+            visible: bytemuck::pod_read_unaligned::<Counters>(counters).visible,
+        }
+    }
+
     /// What `group_blocks` holds.
     pub(super) fn group_dispatch(&self) -> Dispatch {
         Bits::Groups.dispatch(self.shape.group_words)

@@ -13,7 +13,7 @@ use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePassDescriptor, ErrorFil
 use super::context::{Context, unavailable};
 use super::kernel::{Bindings, BoundBuffer, bind};
 use super::lists::List;
-use super::raster::{RasterBindings, Words};
+use super::raster::{OneView, Onto, RasterBindings, Words};
 use super::raster_hardware::{Draw, Target, raster_hardware, viewport};
 use super::raster_large::raster_large;
 use super::raster_small::raster_small;
@@ -181,12 +181,10 @@ impl<'a> Stand<'a> {
 
     fn bindings(&self, hardware: bool) -> Vec<BoundBuffer<'_>> {
         let bindings = bind!(RasterBindings {
-            view: &self.views[usize::from(hardware)],
             instances: &self.instances,
             page_offsets: &self.page_offsets,
             pages: &self.page,
             visible: &self.visible,
-            numbers: &self.numbers,
             draws: &self.draws,
             words: &self.pixels,
             counters: &self.counters,
@@ -194,7 +192,8 @@ impl<'a> Stand<'a> {
             pages_2: &self.page,
             pages_3: &self.page,
         });
-        bindings.buffers()
+        let view = bind!(OneView { view: &self.views[usize::from(hardware)], numbers: &self.numbers });
+        [bindings.buffers(), view.buffers()].concat()
     }
 
     /// Draws so many clusters of a batch in compute and by the device's rasterizer, in alternation: milliseconds of the fastest
@@ -239,8 +238,8 @@ impl<'a> Stand<'a> {
 
     fn record_compute(&self, encoder: &mut CommandEncoder, list: List) {
         let kernel = match list {
-            List::Small => raster_small(self.words),
-            _ => raster_large(self.words),
+            List::Small => raster_small(Onto::Picture, self.words),
+            _ => raster_large(Onto::Picture, self.words),
         };
         let timestamp_writes = self.times.of_pass(0);
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor { label: None, timestamp_writes });

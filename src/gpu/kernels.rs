@@ -1,6 +1,8 @@
 //! All kernels, each of which its stage declares.
 
-use super::{cluster_cull, hzb, node_cull, occlusion, output, raster_large, raster_small, shade};
+use super::{
+    cluster_cull, hzb, node_cull, occlusion, output, raster_large, raster_small, shade, shadow_raster,
+};
 
 pub use super::cluster_cull::{cluster_cull, list_clusters};
 pub use super::context::LOOP_PROBE;
@@ -13,11 +15,12 @@ pub use super::lists::{
 pub use super::node_cull::{CLEAR_GROUPS, list_groups, node_cull};
 pub use super::occlusion::{RENUMBER, prepare_indirect};
 pub use super::output::{COUNT_COVERED, output};
-pub use super::raster::Words;
+pub use super::raster::{Onto, Words};
 pub use super::raster_hardware::raster_hardware;
 pub use super::raster_large::{raster_alpha_tested, raster_large};
 pub use super::raster_small::raster_small;
 pub use super::shade::{Ibl, MaterialKind, shade};
+pub use super::shadow_raster::{SHADOW_TILES, shadow_raster};
 
 /// Every kernel.
 pub fn kernels() -> Vec<Kernel> {
@@ -31,6 +34,7 @@ pub fn kernels() -> Vec<Kernel> {
         super::raster_hardware::kernels(),
         occlusion::kernels(),
         hzb::kernels(),
+        shadow_raster::kernels(),
         shade::kernels(),
         output::kernels(),
     ]

@@ -42,6 +42,8 @@ pub mod renderer;
 mod request;
 mod shade;
 pub mod shaders;
+mod shadow_pool;
+mod shadow_raster;
 mod surface;
 mod times;
 mod view_history;
@@ -52,6 +54,8 @@ pub use instances::SceneInstance;
 pub use kernel::CullPass;
 pub use renderer::DeviceRenderer;
 pub use request::{Counted, Drawn, ViewRequest, Ways};
+pub use shadow_pool::DevicePage;
+pub use shadow_raster::{ShadowBlock, ShadowsDrawn};
 // For benchmarks, which run kernels of their own on the same device.
 #[cfg(feature = "internals")]
 pub use wgpu;

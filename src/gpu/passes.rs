@@ -93,7 +93,7 @@ impl<'a> Passes<'a> {
         let (submitted, number) = (self.submitted(stage, cull_pass), self.passes.len() as u32);
         for (place, SubmittedView { buffers, seen, history, .. }) in submitted.iter().enumerate() {
             let (Some(target), Some(words)) = (&history.target, form(buffers)) else { continue };
-            let bound = raster(buffers, meshes, seen, cull_pass, &buffers.words).buffers();
+            let bound = raster(buffers, meshes, seen, cull_pass, &buffers.words);
             let draw = Draw {
                 list,
                 words,

@@ -5,7 +5,7 @@ use wgpu::{Buffer, BufferUsages};
 use super::context::Context;
 use crate::error::Result;
 use crate::gpu_types::{QUAD, View};
-use crate::limits::{CLUSTER_MAX_TRIANGLES, PYRAMID_LEVELS};
+use crate::limits::{CLUSTER_MAX_TRIANGLES, PYRAMID_LEVELS, SHADOW_GRID_WORDS};
 
 /// What two frames must have in common, so that keys mean the same.
 type Constants = [u32; 3];
@@ -114,6 +114,16 @@ impl Pyramids {
             pause: 0,
             next_pause: 1,
         })
+    }
+
+    /// In place of an earlier one, room for the grid of a block of shadow pages.
+    pub(super) fn of_pages(context: &Context) -> Result<Self> {
+        let none = Self::new(context, (0, 0))?;
+        let bytes = (size_of::<u32>() * SHADOW_GRID_WORDS) as u64;
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+        let [own, _] = none.buffers;
+        let grid = context.buffer("grids of shadow pages", bytes, usage)?;
+        Ok(Self { buffers: [own, grid], ..none })
     }
 
     /// Pixels across and down.

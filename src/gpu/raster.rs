@@ -1,12 +1,49 @@
 //! What the rasterizers of both sizes and the device's own share: how they write, and what they bind.
 
-use super::kernel::{Constant, bindings};
+use super::kernel::{BindingLists, Bindings, Constant, bindings};
 
 bindings! {
     /// What all rasterizers bind.
     RasterBindings {
-        view: Uniform, instances: Read, page_offsets: Read, pages: Read, visible: Read, numbers: Read, draws: Read,
-        words: Write, counters: Write, pages_1: Read, pages_2: Read, pages_3: Read,
+        instances: Read, page_offsets: Read, pages: Read, visible: Read, draws: Read, words: Write, counters: Write,
+        pages_1: Read, pages_2: Read, pages_3: Read,
+    }
+}
+
+bindings! {
+    /// What they bind besides to draw a view.
+    OneView { view: Uniform, numbers: Read }
+}
+
+bindings! {
+    /// What they bind besides to draw pages of shadow maps, each a view.
+    PageViews { page_views: Read, pairs: Uniform }
+}
+
+/// Where rasterizers draw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Onto {
+    /// The picture of a view.
+    Picture,
+    /// Pages of shadow maps.
+    Pages,
+}
+
+impl Onto {
+    /// The shared file that says what is drawn there.
+    pub(super) const fn file(self) -> &'static str {
+        match self {
+            Self::Picture => "shared/one_view",
+            Self::Pages => "shared/page_views",
+        }
+    }
+
+    /// What is bound.
+    pub(super) const fn bindings(self) -> BindingLists {
+        match self {
+            Self::Picture => &[RasterBindings::BINDINGS, OneView::BINDINGS],
+            Self::Pages => &[RasterBindings::BINDINGS, PageViews::BINDINGS],
+        }
     }
 }
 
@@ -43,4 +80,9 @@ impl Words {
             Self::Depth => "shared/words_depth",
         }
     }
+}
+
+/// All forms of the rasterizers in compute.
+pub(super) fn forms() -> impl Iterator<Item = (Onto, Words)> {
+    Words::ALL.into_iter().map(|words| (Onto::Picture, words)).chain([(Onto::Pages, Words::Depth)])
 }

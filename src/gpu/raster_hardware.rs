@@ -9,9 +9,9 @@ use wgpu::{
 };
 
 use super::context::{Context, NO_COLOR};
-use super::kernel::{Bindings, BoundBuffer, Constant, Kernel};
+use super::kernel::{BoundBuffer, Constant, Kernel};
 use super::lists::List;
-use super::raster::{RasterBindings, Words};
+use super::raster::{Onto, Words};
 use crate::error::Result;
 use crate::gpu_types::DrawArgs;
 use crate::limits::{GUARD_BAND, MAX_SPAN};
@@ -69,9 +69,11 @@ impl Target {
 
 /// Clusters of a list → visibility buffer, by the rasterizer of the device.
 pub const fn raster_hardware(list: List, words: Words) -> Kernel {
-    let kernel = Kernel::new("raster_hardware", &[RasterBindings::BINDINGS]);
+    let kernel = Kernel::new("raster_hardware", Onto::Picture.bindings());
     let list = Constant::Number("LIST", list as u32);
-    Kernel { draws: true, ..kernel }.with([words.file()]).constants([words.constant(), list])
+    Kernel { draws: true, ..kernel }
+        .with([words.file(), Onto::Picture.file()])
+        .constants([words.constant(), list])
 }
 
 pub(super) fn kernels() -> Vec<Kernel> {

@@ -3,10 +3,10 @@
 
 use wgpu::Buffer;
 
-use super::kernel::{Bindings, Constant, Kernel, bind, bindings};
+use super::kernel::{BindingLists, Bindings, BoundBuffer, Constant, Kernel, bind, bindings};
 use super::lists::List;
 use super::materials::Buffers;
-use super::raster::{RasterBindings, Words};
+use super::raster::{OneView, Onto, PageViews, RasterBindings, Words, forms};
 use super::recorder::Recorder;
 
 bindings! {
@@ -15,15 +15,21 @@ bindings! {
 }
 
 /// Large clusters → visibility buffer.
-pub const fn raster_large(words: Words) -> Kernel {
-    let kernel = Kernel::new("raster_large", &[RasterBindings::BINDINGS]);
-    kernel.with([words.file(), "shared/opaque"]).constants([words.constant(), alpha_tested(false)])
+pub const fn raster_large(onto: Onto, words: Words) -> Kernel {
+    let kernel = Kernel::new("raster_large", onto.bindings());
+    let variants = [words.file(), onto.file(), "shared/opaque"];
+    kernel.with(variants).constants([words.constant(), alpha_tested(false)])
 }
 
 /// Alpha-tested clusters → visibility buffer.
-pub const fn raster_alpha_tested(words: Words) -> Kernel {
-    let kernel = Kernel::new("raster_large", &[RasterBindings::BINDINGS, AlphaTest::BINDINGS]);
-    kernel.with([words.file(), "shared/alpha_test"]).constants([words.constant(), alpha_tested(true)])
+pub const fn raster_alpha_tested(onto: Onto, words: Words) -> Kernel {
+    let bindings: BindingLists = match onto {
+        Onto::Picture => &[RasterBindings::BINDINGS, OneView::BINDINGS, AlphaTest::BINDINGS],
+        Onto::Pages => &[RasterBindings::BINDINGS, PageViews::BINDINGS, AlphaTest::BINDINGS],
+    };
+    let kernel = Kernel::new("raster_large", bindings);
+    let variants = [words.file(), onto.file(), "shared/alpha_test"];
+    kernel.with(variants).constants([words.constant(), alpha_tested(true)])
 }
 
 const fn alpha_tested(tests: bool) -> Constant {
@@ -31,20 +37,33 @@ const fn alpha_tested(tests: bool) -> Constant {
 }
 
 pub(super) fn kernels() -> Vec<Kernel> {
-    Words::ALL.into_iter().flat_map(|words| [raster_large(words), raster_alpha_tested(words)]).collect()
+    forms().flat_map(|(onto, words)| [raster_large(onto, words), raster_alpha_tested(onto, words)]).collect()
 }
 
 pub(super) fn record<'a>(r: &mut Recorder<'a>, list: List, words: Words, to: &'a Buffer) {
     let bindings = r.raster(to);
-    r.run_indirect(raster_large(words), &bindings.buffers(), r.own().draws(), list as u32);
+    r.run_indirect(raster_large(Onto::Picture, words), &bindings, r.own().draws(), list as u32);
+}
+
+/// What alpha tests bind, where any material is tested.
+pub(super) fn alpha_test<'a>(
+    buffers: Option<&'a Buffers>,
+    instance_materials: &'a Buffer,
+) -> Option<Vec<BoundBuffer<'a>>> {
+    let Some(Buffers { materials, texels, alpha_tested: true }) = buffers else { return None };
+    let test =
+        bind!(AlphaTest { instance_materials: instance_materials, materials: materials, texels: texels });
+    Some(test.buffers())
 }
 
 /// Alpha-tested clusters, where any material is.
 pub(super) fn record_alpha_tested<'a>(r: &mut Recorder<'a>, words: Words, to: &'a Buffer) {
-    let Some(Buffers { materials, texels, alpha_tested: true }) = r.materials else { return };
-    let instance_materials = &r.instances.instance_materials;
-    let test =
-        bind!(AlphaTest { instance_materials: instance_materials, materials: materials, texels: texels });
-    let bindings = [r.raster(to).buffers(), test.buffers()].concat();
-    r.run_indirect(raster_alpha_tested(words), &bindings, r.own().draws(), List::AlphaTested as u32);
+    let Some(test) = alpha_test(r.materials, &r.instances.instance_materials) else { return };
+    let bindings = [r.raster(to), test].concat();
+    r.run_indirect(
+        raster_alpha_tested(Onto::Picture, words),
+        &bindings,
+        r.own().draws(),
+        List::AlphaTested as u32,
+    );
 }

@@ -5,12 +5,12 @@ use wgpu::{Buffer, ComputePass};
 use super::buffers::{Buffers, PassBuffers, bytes};
 use super::context::Context;
 use super::instances::Slots;
-use super::kernel::{BoundBuffer, CullPass, Kernel, MAX_WORKGROUPS, WIDTH, bind};
+use super::kernel::{Bindings, BoundBuffer, CullPass, Kernel, MAX_WORKGROUPS, WIDTH, bind};
 use super::lights::Lights;
 use super::materials;
 use super::meshes::Meshes;
 use super::pyramids::Pyramids;
-use super::raster::RasterBindings;
+use super::raster::{OneView, RasterBindings};
 use super::surface::SurfaceBindings;
 use crate::gpu_types::Dispatch;
 
@@ -21,23 +21,23 @@ pub(super) fn raster<'a>(
     seen: &'a Buffer,
     cull_pass: CullPass,
     words: &'a Buffer,
-) -> RasterBindings<'a> {
+) -> Vec<BoundBuffer<'a>> {
     let own = &buffers.cull_passes[cull_pass as usize];
     let [pages, pages_1, pages_2, pages_3] = meshes.pages();
-    bind!(RasterBindings {
-        view: &buffers.view,
+    let all = bind!(RasterBindings {
         instances: seen,
         page_offsets: meshes.page_offsets(),
         pages: pages,
         visible: &buffers.visible,
-        numbers: &own.numbers,
         draws: own.draws(),
         words: words,
         counters: &own.counters,
         pages_1: pages_1,
         pages_2: pages_2,
         pages_3: pages_3,
-    })
+    });
+    let view = bind!(OneView { view: &buffers.view, numbers: &own.numbers });
+    [all.buffers(), view.buffers()].concat()
 }
 
 /// What shading and all other arrays bind, one of which goes to `out`.
@@ -122,7 +122,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// What the rasterizers bind, which write into `words`.
-    pub(super) fn raster(&self, words: &'a Buffer) -> RasterBindings<'a> {
+    pub(super) fn raster(&self, words: &'a Buffer) -> Vec<BoundBuffer<'a>> {
         raster(self.buffers, self.meshes, self.seen, self.cull_pass, words)
     }
 

@@ -14,6 +14,8 @@ use super::passes::Passes;
 use super::raster::Words;
 use super::recorder::surface;
 use super::request::{Counted, Drawn, ViewRequest, Ways};
+use super::shadow_pool::DevicePage;
+use super::shadow_raster::{ShadowBlock, ShadowDrawing, ShadowsDrawn, Sources};
 use super::view_history::{Prepared, SubmittedView, ViewHistory};
 use super::{
     calibrate, cluster_cull, hzb, instance_cull, node_cull, occlusion, output, raster_large, raster_small,
@@ -46,6 +48,8 @@ pub struct DeviceRenderer {
     room: Room,
     /// By the ids of their views.
     histories: Histories<ViewHistory>,
+    /// Once there were shadows.
+    shadows: Option<ShadowDrawing>,
 }
 
 impl DeviceRenderer {
@@ -53,7 +57,14 @@ impl DeviceRenderer {
     pub fn new() -> Result<Self> {
         let context = Context::shared()?;
         let (meshes, instances) = (Meshes::default(), Instances::default());
-        Ok(Self { context, meshes, instances, room: FIRST_ROOM, histories: Histories::default() })
+        Ok(Self {
+            context,
+            meshes,
+            instances,
+            room: FIRST_ROOM,
+            histories: Histories::default(),
+            shadows: None,
+        })
     }
 
     /// The device.
@@ -216,6 +227,31 @@ impl DeviceRenderer {
                 return Ok(drawn);
             }
             self.room = room;
+        }
+    }
+
+    /// Pages of shadow maps that there is room for.
+    pub fn most_shadow_pages(&self) -> usize {
+        ShadowDrawing::most(&self.context)
+    }
+
+    /// Draws pages of shadow maps of the scene in the slots, sorted by block. `kept` ones stay where they are; there may be
+    /// `most`.
+    pub fn draw_shadows(
+        &mut self,
+        blocks: &mut [ShadowBlock],
+        most: usize,
+        kept: &[Arc<DevicePage>],
+        resident: &Resident,
+    ) -> Result<ShadowsDrawn> {
+        self.context.check()?;
+        if self.shadows.is_none() {
+            self.shadows = Some(ShadowDrawing::new(&self.context)?);
+        }
+        let sources = Sources { meshes: &self.meshes, instances: &self.instances, resident };
+        match &mut self.shadows {
+            Some(shadows) => shadows.draw(&self.context, &sources, blocks, most, kept),
+            None => Ok(ShadowsDrawn::default()),
         }
     }
 

@@ -7,14 +7,16 @@ use super::lists::{Bits, GROUPS_PER_WORKGROUP, IndirectEntry, LEVELS_PER_DISPATC
 
 use crate::config::{OUTPUTS, Shading};
 use crate::gpu_types::{
-    ABSENT, HISTORY_LIST, MATERIAL_COLOR_WORDS, MATERIAL_CONFORMAL, MATERIAL_SMOOTH, MATERIAL_UNLIT, QUAD,
-    TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS, TEXTURE_WRAP, TILES,
+    ABSENT, HISTORY_LIST, HISTORY_PAGES, MATERIAL_COLOR_WORDS, MATERIAL_CONFORMAL, MATERIAL_SMOOTH,
+    MATERIAL_UNLIT, QUAD, SEEN_BY_LIGHTS, SEEN_BY_VIEWS, TEXTURE_FORMAT, TEXTURE_LINEAR, TEXTURE_MIPMAPS,
+    TEXTURE_WRAP, TILES,
 };
 use crate::limits::{
     CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, DIELECTRIC_F0, FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING,
     FOOTPRINT_SLACK, GUARD_BAND, LEAST_COSINE, LEAST_ROUGHNESS, LOG2_BEND, LONGEST_FOOTPRINT, MAX_SPAN,
-    PAGE_SLOT_BITS, PYRAMID_ABOVE, PYRAMID_FINER, PYRAMID_LEVELS, PYRAMID_REACH, SMALL_EDGE, SNAP_ROUNDER,
-    SUBPIXEL_BITS, TRIANGLE_BITS,
+    PAGE_SLOT_BITS, PYRAMID_ABOVE, PYRAMID_FINER, PYRAMID_LEVELS, PYRAMID_REACH, SHADOW_BLOCK_PAGES,
+    SHADOW_CORNERS, SHADOW_GRID_PAGES, SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_TILE_SIDE, SHADOW_TILES,
+    SMALL_EDGE, SNAP_ROUNDER, SUBPIXEL_BITS, TRIANGLE_BITS,
 };
 use crate::math::bounds::CONE_STEPS;
 use crate::math::double_single::SPLITTER;
@@ -89,6 +91,8 @@ const SOURCES: &[(&str, &str)] = sources![
     "renumber",
     "scan_blocks",
     "shade",
+    "shadow_raster",
+    "shadow_tiles",
     "shared/alpha_test",
     "shared/append",
     "shared/bsdf",
@@ -107,12 +111,15 @@ const SOURCES: &[(&str, &str)] = sources![
     "shared/material",
     "shared/no_environment",
     "shared/occlusion",
+    "shared/one_view",
     "shared/opaque",
+    "shared/page_views",
     "shared/pages",
     "shared/frame_bindings",
     "shared/places",
     "shared/plain",
     "shared/records",
+    "shared/seen",
     "shared/surface",
     "shared/texture",
     "shared/target",
@@ -253,6 +260,16 @@ pub fn constants() -> String {
         ("LIST_CLIPPED", List::Clipped as u32),
         ("LIST_ALPHA_TESTED", List::AlphaTested as u32),
         ("HISTORY_LIST", HISTORY_LIST),
+        ("HISTORY_PAGES", HISTORY_PAGES),
+        ("SEEN_BY_VIEWS", SEEN_BY_VIEWS),
+        ("SEEN_BY_LIGHTS", SEEN_BY_LIGHTS),
+        ("SHADOW_PAGE_SIDE", SHADOW_PAGE_SIDE),
+        ("SHADOW_CORNERS", SHADOW_CORNERS),
+        ("SHADOW_BLOCK_PAGES", SHADOW_BLOCK_PAGES),
+        ("SHADOW_GRID_PAGES", SHADOW_GRID_PAGES as u32),
+        ("SHADOW_PAGE_TEXELS", SHADOW_PAGE_TEXELS as u32),
+        ("SHADOW_TILE_SIDE", SHADOW_TILE_SIDE),
+        ("SHADOW_TILES", SHADOW_TILES as u32),
         ("INDIRECT_ENTRIES", IndirectEntry::COUNT),
         ("INDIRECT_GROUPS", IndirectEntry::Groups.number()),
         ("INDIRECT_PIXELS", IndirectEntry::Pixels.number()),

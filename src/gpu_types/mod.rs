@@ -13,6 +13,14 @@ use crate::math::Sphere;
 /// What [`View::history`] is where there is a list.
 pub const HISTORY_LIST: u32 = 2;
 
+/// What [`View::history`] is where pages of a shadow map are drawn: in place of a pyramid there is a table of them.
+pub const HISTORY_PAGES: u32 = 3;
+
+/// Bits of [`InstanceTransform::visible`]: views see it, lights do.
+pub const SEEN_BY_VIEWS: u32 = 1;
+/// See [`SEEN_BY_VIEWS`].
+pub const SEEN_BY_LIGHTS: u32 = 2;
+
 /// What the table has for a page that is not there.
 pub const ABSENT: u32 = u32::MAX;
 
@@ -47,7 +55,7 @@ pub struct View {
     /// Levels of the depth pyramid; level 0 has the pixels, or no keys where those would be too many.
     pub levels: u32,
     /// What there is of an earlier frame: 0 nothing, 1 its pyramid, [`HISTORY_LIST`] also the list of what it drew, from
-    /// which the first pass starts.
+    /// which the first pass starts. Of shadow maps [`HISTORY_PAGES`].
     pub history: u32,
     /// Words of the bits of all groups.
     pub group_words: u32,
@@ -84,8 +92,8 @@ pub struct View {
     pub two_passes: u32,
     /// Pixels to the right per unit of tangent up the picture.
     pub skew: f32,
-    /// Zero.
-    pub unused_a: u32,
+    /// The word of its target that its pixels begin at.
+    pub first_word: u32,
     /// Zero.
     pub unused_b: u32,
     /// Zero.
@@ -118,7 +126,7 @@ pub struct InstanceTransform {
     pub double_sided: u32,
     /// 1 where the map reverses orientation.
     pub mirrored: u32,
-    /// 0 where nothing is, or nothing to be seen.
+    /// [`SEEN_BY_VIEWS`] and [`SEEN_BY_LIGHTS`]; 0 where nothing is.
     pub visible: u32,
     /// Which clusters are alpha-tested, by material in the same way.
     pub alpha_tested: u32,
@@ -436,8 +444,22 @@ pub struct VisibleCluster {
     pub instance: u32,
     /// Address of the cluster.
     pub cluster: u32,
-    /// 1 when the large rasterizer draws it.
+    /// 1 when the large rasterizer draws it; where shadow maps are drawn, the page.
     pub large: u32,
+}
+
+/// Lists of clusters and pages of shadow maps that they may touch.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct PairLists {
+    /// Entries that there is room for in each.
+    pub room: u32,
+    /// Zero.
+    pub unused_a: u32,
+    /// Zero.
+    pub unused_b: u32,
+    /// Zero.
+    pub unused_c: u32,
 }
 
 /// What stages count besides their lists.

@@ -6,23 +6,29 @@ use std::sync::{Arc, OnceLock};
 use rayon::prelude::*;
 
 use super::bisect;
+use super::device_shadows::{DeviceShadows, OnDevice};
+use super::frame_shadows::FrameShadows;
 use super::pass::INSTANCES;
 use super::queue::Queue;
 use super::renderer::{FrameContext, Rastered};
+use super::shadows;
 use super::stats::{FrameStats, StageStats};
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs, RenderOptions, Samples};
 use crate::cpu::instance_cull;
 use crate::error::Result;
-use crate::gpu::{Context, Counted, CullPass, DeviceRenderer, Drawn, SceneInstance, ViewRequest, Ways};
+use crate::gpu::{
+    Context, Counted, CullPass, DevicePage, DeviceRenderer, Drawn, SceneInstance, ViewRequest, Ways,
+};
 use crate::gpu_types::{
     self, InstanceMaterial, InstanceTransform, MATERIAL_COLOR_WORDS, MATERIAL_CONFORMAL, MATERIAL_SMOOTH,
-    MATERIAL_UNLIT, VisibleCluster,
+    MATERIAL_UNLIT, SEEN_BY_LIGHTS, SEEN_BY_VIEWS, VisibleCluster,
 };
 use crate::model::ClusterAddress;
 use crate::scene::environment::{GRIDS, Grid};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Lighting, Scene, ShadeLight};
+use crate::shadow::ShadowCache;
 use crate::stages::Stage;
 use crate::views::{InstanceView, Screen, Visible, mesh_bounds};
 
@@ -32,12 +38,14 @@ pub(super) struct Device {
     renderer: DeviceRenderer,
     /// The scene, and its clock then.
     known: Option<(u64, u64)>,
+    /// Pages of shadow maps.
+    shadows: ShadowCache<Arc<DevicePage>>,
 }
 
 impl Device {
     /// On the best device there is.
     pub(super) fn new() -> Result<Self> {
-        Ok(Self { renderer: DeviceRenderer::new()?, known: None })
+        Ok(Self { renderer: DeviceRenderer::new()?, known: None, shadows: ShadowCache::default() })
     }
 
     #[cfg(feature = "internals")]
@@ -145,6 +153,22 @@ impl Device {
                 }
             })
             .collect())
+    }
+}
+
+impl Device {
+    /// Gives frames the shadows that they look up.
+    pub(super) fn light_up(
+        &mut self,
+        frame_contexts: &[FrameContext<'_>],
+        rastered: &mut [Rastered],
+    ) -> Result<()> {
+        let mut painter = OnDevice(&mut self.renderer);
+        let lights = shadows::light_up(&mut painter, &mut self.shadows, frame_contexts, rastered)?;
+        for (own, lights) in rastered.iter_mut().zip(lights) {
+            own.shadows = Some(FrameShadows::Device(DeviceShadows::new(lights)));
+        }
+        Ok(())
     }
 }
 
@@ -258,6 +282,8 @@ fn stages(drawn: &Drawn, instances: u64, covered: u64, screen: &Screen) -> Vec<S
             Stage::ClusterCull => (counters.visited_clusters.into(), *clusters),
             Stage::RasterSmall => (counters.triangles_small.into(), counters.drawn_small.into()),
             Stage::RasterLarge => (counters.triangles_large.into(), counters.drawn_large.into()),
+            // They have no pass of their own.
+            Stage::ShadowMark | Stage::ShadowRaster => continue,
             Stage::Hzb => (pixels * u64::from(counters.pyramid), texels * u64::from(counters.pyramid)),
             Stage::Shade => (pixels, covered),
             Stage::Output => (pixels, pixels),
@@ -311,8 +337,17 @@ pub fn instance_transform(instance: &Instance) -> InstanceTransform {
         alpha_tested: instance.materials.alpha_tested_bits(),
         rounding: placement.rounding,
         mirrored: u32::from(placement.mirrored),
-        visible: u32::from(instance.visible),
+        visible: seen_by(instance),
         ..bytemuck::Zeroable::zeroed()
+    }
+}
+
+/// Who sees an instance, see [`SEEN_BY_VIEWS`].
+fn seen_by(instance: &Instance) -> u32 {
+    match (instance.visible, instance.casts_shadows) {
+        (false, _) => 0,
+        (true, false) => SEEN_BY_VIEWS,
+        (true, true) => SEEN_BY_VIEWS | SEEN_BY_LIGHTS,
     }
 }
 

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::frame_shadows::FrameShadows;
 use super::layers;
 use super::stats::FrameStats;
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
@@ -77,7 +78,7 @@ pub struct Frame {
     /// The same of meshes alone, see [`layers`].
     pub(super) layer: Option<Vec<[f32; 4]>>,
     /// What is in the way of each light, where lights throw shadows.
-    pub(super) shadows: Option<Shadows>,
+    pub(super) shadows: Option<FrameShadows>,
     /// Arrays made so far.
     pub(super) made: Vec<(Output, Array)>,
     pub(super) scratch: ScratchPool,
@@ -133,8 +134,9 @@ impl Frame {
     }
 
     /// Its light, and where that reaches.
-    fn light(&self) -> Light<'_> {
-        Light { lighting: &self.lighting, shadows: self.shadows.as_ref() }
+    fn light(&self) -> Result<Light<'_>> {
+        let shadows = self.shadows.as_ref().map(FrameShadows::host).transpose()?;
+        Ok(Light { lighting: &self.lighting, shadows })
     }
 
     /// How much of each light, switched on, reaches each pixel, row by row: all of the first pixel first. 1 where nothing is
@@ -144,7 +146,8 @@ impl Frame {
     }
 
     fn shadows(&self) -> Result<&Shadows> {
-        self.shadows.as_ref().ok_or_else(|| Error::argument("shadows", "the frame was rendered without"))
+        let none = || Error::argument("shadows", "the frame was rendered without");
+        self.shadows.as_ref().ok_or_else(none)?.host()
     }
 
     /// Makes what of `outputs` is not there.
@@ -184,10 +187,10 @@ impl Frame {
         let pixels = self.pixels(output.name())?;
         let debug = |view| Array::from(output::debug(pixels, view).into_flattened());
         Ok(match output {
-            Output::Color => shade::color(pixels, &self.eye, &self.light()).into(),
-            Output::Linear => shade::linear(pixels, &self.eye, &self.light()).into(),
+            Output::Color => shade::color(pixels, &self.eye, &self.light()?).into(),
+            Output::Linear => shade::linear(pixels, &self.eye, &self.light()?).into(),
             Output::BaseColor | Output::ShadingNormal | Output::Orm | Output::Emissive => {
-                shade::surface(pixels, &self.eye, &self.light(), output).into()
+                shade::surface(pixels, &self.eye, &self.light()?, output).into()
             }
             Output::Depth => {
                 let mut out = vec![0.0; pixels.words.len()];

@@ -4,7 +4,10 @@
 mod bisect;
 #[cfg(feature = "gpu")]
 mod device;
+#[cfg(feature = "gpu")]
+mod device_shadows;
 pub mod frame;
+mod frame_shadows;
 mod history;
 mod layers;
 mod pass;

@@ -1,5 +1,6 @@
 //! The facade: checks what it is given, runs the stages in order, hands out the frame.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -7,10 +8,11 @@ use rayon::prelude::*;
 #[cfg(feature = "gpu")]
 use super::device;
 use super::frame::Frame;
+use super::frame_shadows::FrameShadows;
 use super::history::VisibilityHistory;
 use super::layers;
 use super::pass::FramePasses;
-use super::shadows;
+use super::shadows::{self, Host};
 use super::stats::FrameStats;
 use super::streaming;
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
@@ -19,14 +21,13 @@ use crate::cpu::cluster_cull::CandidateCluster;
 use crate::cpu::hzb::Hzb;
 use crate::cpu::instance_cull;
 use crate::cpu::node_cull::CandidateGroup;
-use crate::cpu::shadow_pages::Shadows as FrameShadows;
 use crate::cpu::visibility::Pixel;
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
 use crate::model::{InterruptCheck, UNINTERRUPTED};
 use crate::scene::placement::Eye;
 use crate::scene::{Camera, Instance, Lighting, Scene, View};
-use crate::shadow::ShadowCache;
+use crate::shadow::{ShadowCache, ShadowPage};
 use crate::stages::{STAGES, Stage};
 use crate::stream::{Needs, Resident, StreamOptions, Streamer};
 use crate::views::desc::{check_ids, check_size};
@@ -211,7 +212,7 @@ pub struct Renderer {
     histories: Histories<VisibilityHistory>,
     scratch: ScratchPool,
     /// Pages of shadow maps.
-    shadows: ShadowCache,
+    shadows: ShadowCache<Arc<ShadowPage>>,
     /// A scene and its clock when all pages of its meshes were in memory.
     loaded: Option<(u64, u64)>,
     /// There when meshes in files are streamed.
@@ -342,7 +343,7 @@ impl Renderer {
                 let resident = Resident::default();
                 let frame_contexts = frame_contexts(scene, &views, &resident);
                 let mut rastered = self.draw(&frame_contexts)?;
-                shadows::light_up(&mut self.shadows, &frame_contexts, &mut rastered)?;
+                self.light_up(&frame_contexts, &mut rastered)?;
                 self.sample(&frame_contexts, &mut rastered)?;
                 self.finish(frame_contexts, rastered)?
             }
@@ -385,7 +386,7 @@ impl Renderer {
             let resident = streamer.resident(meshes, options.wait, proceed)?;
             let frame_contexts = frame_contexts(scene, views, &resident);
             let mut rastered = self.draw(&frame_contexts)?;
-            shadows::light_up(&mut self.shadows, &frame_contexts, &mut rastered)?;
+            self.light_up(&frame_contexts, &mut rastered)?;
             if sampled {
                 self.sample(&frame_contexts, &mut rastered)?;
             }
@@ -430,7 +431,7 @@ impl Renderer {
             });
             let moved: Vec<FrameContext<'_>> = moved.collect();
             let mut drawn = self.draw(&moved)?;
-            shadows::light_up(&mut self.shadows, &moved, &mut drawn)?;
+            self.light_up(&moved, &mut drawn)?;
             for ((frame_context, mut drawn), whole) in moved.into_iter().zip(drawn).zip(&mut *rastered) {
                 whole.needs.merge(std::mem::take(&mut drawn.needs));
                 let mut frame = finished(frame_context, drawn, self.scratch.clone())?;
@@ -444,6 +445,25 @@ impl Renderer {
                     Some(mean) => blend(mean, &new, 1.0 / (number + 1) as f32),
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// Gives frames the shadows that they look up.
+    fn light_up(&mut self, frame_contexts: &[FrameContext<'_>], rastered: &mut [Rastered]) -> Result<()> {
+        let Some(FrameContext { options, .. }) = frame_contexts.first() else { return Ok(()) };
+        if options.shadows == Shadows::Off {
+            return Ok(());
+        }
+        #[cfg(feature = "gpu")]
+        if let Device::Gpu { device, .. } = &mut self.device
+            && options.cpu_from.is_none_or(|from| from > Stage::ShadowRaster)
+        {
+            return device.light_up(frame_contexts, rastered);
+        }
+        let lights = shadows::light_up(&mut Host, &mut self.shadows, frame_contexts, rastered)?;
+        for (own, lights) in rastered.iter_mut().zip(lights) {
+            own.shadows = Some(FrameShadows::Host(shadows::on_host(lights)));
         }
         Ok(())
     }

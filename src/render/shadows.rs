@@ -1,5 +1,5 @@
 //! Shadows of a call's frames: the pages that their pixels may look up, of which those that are not there are drawn. All views
-//! of a call share the pages of a light.
+//! of a call share the pages of a light. Who finds and draws pages is a [`Painter`]: the CPU here, a device in `device_shadows`.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -10,14 +10,15 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use super::renderer::{FrameContext, Rastered};
 use super::stats::ShadowStats;
 use super::streaming;
-use crate::config::Shadows;
-use crate::cpu::shadow_pages::LightShadow;
+use crate::cpu::shadow_pages::{LightShadow, Shadows};
 use crate::cpu::surface::Pixels;
 use crate::cpu::{shadow_mark, shadow_raster};
 use crate::error::{Error, Result};
 use crate::scene::{Light, Scene};
 use crate::shadow::cache::PAGE_BYTES;
-use crate::shadow::{Lamp, LightView, PageKey, ShadowCache, ShadowMap};
+use crate::shadow::receiver::RelativePage;
+use crate::shadow::{Lamp, LightView, PageKey, ShadowCache, ShadowMap, ShadowPage};
+use crate::stream::{Needs, Resident};
 
 /// Levels by which shadows are made coarser at most.
 const COARSEST: i32 = 16;
@@ -57,16 +58,122 @@ impl Extent {
     }
 }
 
-/// Lights up the frames of a call.
-pub(super) fn light_up(
-    cache: &mut ShadowCache,
+/// What was painted.
+#[derive(Debug)]
+pub(super) struct Painted<P> {
+    /// Pages, and whether nothing stands in them for what is not there.
+    pub(super) pages: Vec<(PageKey, P, bool)>,
+    /// Clusters, each once for every page that it may touch.
+    pub(super) clusters: u64,
+    /// Their triangles.
+    pub(super) triangles: u64,
+    /// Pages of meshes that were not there.
+    pub(super) needs: Needs,
+}
+
+/// What pages are drawn from.
+pub(super) struct Casters<'a> {
+    pub(super) maps: &'a FxHashMap<u32, ShadowMap>,
+    pub(super) scene: &'a Scene,
+    pub(super) resident: &'a Resident,
+}
+
+/// Finds which pages are wanted, and draws them.
+pub(super) trait Painter {
+    /// What a page is held by.
+    type Page: Clone;
+
+    /// The pages that pixels of a frame may look up, as its lights' views say; each at least once.
+    fn mark(
+        &mut self,
+        frame_context: &FrameContext<'_>,
+        rastered: &Rastered,
+        lights: &[LightView],
+    ) -> Result<FxHashSet<PageKey>>;
+
+    /// Pages that it has room for, however much memory there may be.
+    fn most(&self) -> usize;
+
+    /// Draws pages, which are sorted by block, beside those that are held. There is room for `most`.
+    fn paint(
+        &mut self,
+        pages: &[PageKey],
+        casters: &Casters<'_>,
+        held: &ShadowCache<Self::Page>,
+        most: usize,
+    ) -> Result<Painted<Self::Page>>;
+}
+
+/// The maps of a frame's lights, and what its pixels look up in them.
+#[derive(Debug)]
+pub(super) struct FrameLight<P> {
+    pub(super) view: LightView,
+    pub(super) pages: Vec<(RelativePage, P)>,
+    /// Those of them that were drawn for this frame.
+    pub(super) drawn: FxHashSet<RelativePage>,
+}
+
+/// One for each light of a frame, or none where a light throws no shadow.
+pub(super) type FrameLights<P> = Vec<Option<FrameLight<P>>>;
+
+/// The CPU.
+pub(super) struct Host;
+
+impl Painter for Host {
+    type Page = Arc<ShadowPage>;
+
+    fn mark(
+        &mut self,
+        frame_context: &FrameContext<'_>,
+        rastered: &Rastered,
+        lights: &[LightView],
+    ) -> Result<FxHashSet<PageKey>> {
+        let Rastered { picture, visible, views, .. } = rastered;
+        let words = picture.words("shadow")?;
+        let pixels = Pixels { words, visible, views, screen: &frame_context.screen };
+        Ok(shadow_mark::run(pixels, &frame_context.eye, lights))
+    }
+
+    fn most(&self) -> usize {
+        usize::MAX
+    }
+
+    fn paint(
+        &mut self,
+        pages: &[PageKey],
+        casters: &Casters<'_>,
+        _: &ShadowCache<Self::Page>,
+        _: usize,
+    ) -> Result<Painted<Self::Page>> {
+        let Casters { maps, scene, resident } = casters;
+        let mut out = Painted { pages: Vec::new(), clusters: 0, triangles: 0, needs: Needs::default() };
+        for block in shadow_raster::run(pages, maps, scene, resident) {
+            out.clusters += block.clusters;
+            out.triangles += block.triangles;
+            out.needs.merge(streaming::missed(&block.absent, &block.views));
+            out.pages.extend(block.pages);
+        }
+        Ok(out)
+    }
+}
+
+/// What frames of the CPU look up.
+pub(super) fn on_host(lights: FrameLights<Arc<ShadowPage>>) -> Shadows {
+    let light =
+        |FrameLight { view, pages, drawn }| LightShadow { view, pages: pages.into_iter().collect(), drawn };
+    lights.into_iter().map(|own| own.map(light)).collect()
+}
+
+/// Sees to it that the pages are there which the frames of a call look up, and says which.
+pub(super) fn light_up<B: Painter>(
+    painter: &mut B,
+    cache: &mut ShadowCache<B::Page>,
     frame_contexts: &[FrameContext<'_>],
     rastered: &mut [Rastered],
-) -> Result<()> {
-    let Some(FrameContext { scene, resident, options, .. }) = frame_contexts.first() else { return Ok(()) };
-    if options.shadows == Shadows::Off {
-        return Ok(());
-    }
+) -> Result<Vec<FrameLights<B::Page>>> {
+    let Some(FrameContext { scene, resident, options, .. }) = frame_contexts.first() else {
+        return Ok(Vec::new());
+    };
     let mut stats = ShadowStats::default();
     let extent = Extent::new(scene);
     let size = extent.size();
@@ -86,36 +193,30 @@ pub(super) fn light_up(
             visible().map(view).collect()
         })
         .collect();
-    let most = (options.shadow_memory / PAGE_BYTES).max(1) as usize;
+    let most = ((options.shadow_memory / PAGE_BYTES).max(1) as usize).min(painter.most());
     let start = Instant::now();
-    let (views, wanted) = mark(frame_contexts, rastered, &views, most)?;
+    let (views, wanted) = mark(painter, frame_contexts, rastered, &views, most)?;
     stats.coarser = views.iter().flatten().flatten().map(|view| view.coarser as u32).max().unwrap_or(0);
     stats.mark_ms = ms(start);
     let start = Instant::now();
     let missing = cache.want(&wanted);
     stats.evicted = cache.make_room(missing.len(), most);
     (stats.wanted, stats.drawn) = (wanted.len() as u64, missing.len() as u64);
-    for block in shadow_raster::run(&missing, &maps, scene, resident) {
-        stats.clusters += block.clusters;
-        stats.triangles += block.triangles;
-        if let Some(first) = rastered.first_mut() {
-            first.needs.merge(streaming::missed(&block.absent, &block.views));
-        }
-        block.pages.into_iter().for_each(|(key, texels, whole)| cache.insert(key, texels, whole));
+    let painted = painter.paint(&missing, &Casters { maps: &maps, scene, resident }, cache, most)?;
+    (stats.clusters, stats.triangles) = (painted.clusters, painted.triangles);
+    if let Some(first) = rastered.first_mut() {
+        first.needs.merge(painted.needs);
     }
+    painted.pages.into_iter().for_each(|(key, page, whole)| cache.insert(key, page, whole));
     stats.kept = cache.len() as u64;
     stats.draw_ms = ms(start);
-    for (own, views) in rastered.iter_mut().zip(views) {
-        let shadow = |view: LightView| {
-            let pages =
-                wanted.iter().filter_map(|key| Some((view.relative(key)?, Arc::clone(cache.page(key)?))));
-            let drawn = missing.iter().filter_map(|key| view.relative(key));
-            LightShadow { pages: pages.collect(), drawn: drawn.collect(), view }
-        };
-        own.shadows = Some(views.into_iter().map(|view| view.map(shadow)).collect());
-        own.stats.shadows = Some(stats.clone());
-    }
-    Ok(())
+    rastered.iter_mut().for_each(|own| own.stats.shadows = Some(stats.clone()));
+    let light = |view: LightView| {
+        let pages = wanted.iter().filter_map(|key| Some((view.relative(key)?, cache.page(key)?.clone())));
+        let drawn = missing.iter().filter_map(|key| view.relative(key));
+        FrameLight { pages: pages.collect(), drawn: drawn.collect(), view }
+    };
+    Ok(views.into_iter().map(|views| views.into_iter().map(|view| view.map(light)).collect()).collect())
 }
 
 fn ms(start: Instant) -> f64 {
@@ -124,7 +225,8 @@ fn ms(start: Instant) -> f64 {
 
 /// The pages that frames may want, in their order: at most as many as there is room for. And the views that say so, all as much
 /// coarser as that takes.
-fn mark(
+fn mark<B: Painter>(
+    painter: &mut B,
     frame_contexts: &[FrameContext<'_>],
     rastered: &[Rastered],
     views: &[LightViews],
@@ -140,10 +242,7 @@ fn mark(
                 continue;
             }
             let lights: Vec<LightView> = views.iter().flatten().cloned().collect();
-            let Rastered { visible, views, .. } = drawn;
-            let pixels =
-                Pixels { words: drawn.picture.words("shadow")?, visible, views, screen: &own.screen };
-            wanted.extend(shadow_mark::run(pixels, &own.eye, &lights));
+            wanted.extend(painter.mark(own, drawn, &lights)?);
         }
         least = wanted.len();
         if least <= most {

@@ -6,7 +6,6 @@ use glam::{DAffine3, DVec3};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::map::{PageKey, ShadowMap};
-use super::page::ShadowPage;
 use crate::limits::SHADOW_PAGE_TEXELS;
 use crate::model::Pages;
 use crate::scene::{Instance, Materials, Scene};
@@ -39,18 +38,18 @@ impl Caster {
 }
 
 #[derive(Debug)]
-struct Page {
-    texels: Arc<ShadowPage>,
+struct Page<P> {
+    texels: P,
     /// Nothing in it stands in for pages of streamed meshes that were not there: it stays right while those come and go.
     whole: bool,
     /// Number of the last frame that wanted it.
     wanted: u64,
 }
 
-/// Pages of shadow maps, kept from frame to frame.
-#[derive(Debug, Default)]
-pub struct ShadowCache {
-    pages: FxHashMap<PageKey, Page>,
+/// Pages of shadow maps, kept from frame to frame, whatever they are held by.
+#[derive(Debug)]
+pub struct ShadowCache<P> {
+    pages: FxHashMap<PageKey, Page<P>>,
     /// The scene and its clock when pages were right.
     known: Option<(u64, u64)>,
     /// By slot.
@@ -62,7 +61,20 @@ pub struct ShadowCache {
     frame: u64,
 }
 
-impl ShadowCache {
+impl<P> Default for ShadowCache<P> {
+    fn default() -> Self {
+        Self {
+            pages: FxHashMap::default(),
+            known: None,
+            casters: Vec::new(),
+            maps: FxHashMap::default(),
+            resident: FxHashMap::default(),
+            frame: 0,
+        }
+    }
+}
+
+impl<P: Clone> ShadowCache<P> {
     /// Forgets everything.
     fn clear(&mut self) {
         *self = Self { frame: self.frame, ..Self::default() };
@@ -152,13 +164,18 @@ impl ShadowCache {
     }
 
     /// Keeps a page that was drawn; `whole` where nothing stands in it for what is not there.
-    pub fn insert(&mut self, key: PageKey, texels: Arc<ShadowPage>, whole: bool) {
+    pub fn insert(&mut self, key: PageKey, texels: P, whole: bool) {
         self.pages.insert(key, Page { texels, whole, wanted: self.frame });
     }
 
     /// The texels of a page.
-    pub fn page(&self, key: &PageKey) -> Option<&Arc<ShadowPage>> {
+    pub fn page(&self, key: &PageKey) -> Option<&P> {
         self.pages.get(key).map(|page| &page.texels)
+    }
+
+    /// What all pages are held by, in any order.
+    pub fn held(&self) -> Vec<P> {
+        self.pages.values().map(|page| page.texels.clone()).collect()
     }
 
     /// Pages that are kept.

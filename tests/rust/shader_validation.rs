@@ -8,7 +8,7 @@ use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
 use nanite_rs::gpu::kernels::{Access, CullPass, Kernel, cluster_cull, kernels};
 use nanite_rs::gpu_types::{
     CandidateGroup, Counters, Dispatch, DrawArgs, Group, Instance, InstanceMaterial, InstanceTransform,
-    Light, Lighting, Marks, Material, Node, Texture, TraversalItem, View, VisibleCluster,
+    Light, Lighting, Marks, Material, Node, PairLists, Texture, TraversalItem, View, VisibleCluster,
 };
 
 fn parse(kernel: Kernel) -> Module {
@@ -127,7 +127,7 @@ fn structs_lie_in_wgsl_as_in_rust() {
     let mut structs = vec![
         fields!(View: width, height, orthographic, near, far, far_key, tau, instances, zero, levels, history,
             group_words, pyramid, rotate, forward, lod_focal, low, lod_near, focal, center, inverse_focal, mirrored,
-            viewport, occluders, depth_only, lod_widest, two_passes, skew, unused_a, unused_b, unused_c),
+            viewport, occluders, depth_only, lod_widest, two_passes, skew, first_word, unused_b, unused_c),
         fields!(Instance: screen, before, object_to_eye, center, lod_scale, extent, lod_focal, eye, near_key, first_node,
             first_group, first_page, group_words, double_sided, mirrored, alpha_tested, rounding, rect),
         fields!(Node: center, first, extent, count, lod_sphere, max_parent_error, min_own_error, unused),
@@ -135,6 +135,7 @@ fn structs_lie_in_wgsl_as_in_rust() {
         fields!(TraversalItem: instance, node),
         fields!(CandidateGroup: instance, first, count, before, group),
         fields!(VisibleCluster: instance, cluster, large),
+        fields!(PairLists: room, unused_a, unused_b, unused_c),
         fields!(Dispatch: x, y, z, count, visited, unhidden, unused),
         fields!(Counters: visited_clusters, drawn_small, drawn_large, visible, occluded, pyramid, triangles_small,
             triangles_large, drawn_hardware, covered, tiles),

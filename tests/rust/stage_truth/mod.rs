@@ -11,9 +11,9 @@ mod raster;
 use bytemuck::{Pod, Zeroable, cast_slice};
 use nanite_rs::gpu::Context;
 use nanite_rs::gpu::kernels::{
-    Bits, COUNT_COVERED, CullPass, INSTANCE_CULL, IndirectEntry, Kernel, LOOP_PROBE, List, RENUMBER, Words,
-    cluster_cull, count_bits, hzb, list_clusters, list_groups, node_cull, prepare_indirect, raster_large,
-    raster_small, scan_blocks,
+    Bits, COUNT_COVERED, CullPass, INSTANCE_CULL, IndirectEntry, Kernel, LOOP_PROBE, List, Onto, RENUMBER,
+    Words, cluster_cull, count_bits, hzb, list_clusters, list_groups, node_cull, prepare_indirect,
+    raster_large, raster_small, scan_blocks,
 };
 use nanite_rs::gpu_types::{
     CandidateGroup, Counters, Dispatch, DrawArgs, Group, HISTORY_LIST, Instance, InstanceTransform, Marks,

@@ -68,23 +68,24 @@ fn drawn(
         let pixels = if alone { SIDE * SIDE } else { 2 * SIDE * SIDE };
         let (mut picture, mut counters) = (vec![0; pixels], vec![0; size_of::<Counters>() / 4]);
         for pass in form {
-            let kernel = if large { raster_large(pass) } else { raster_small(pass) };
+            let kernel =
+                if large { raster_large(Onto::Picture, pass) } else { raster_small(Onto::Picture, pass) };
             let bindings: [&[u32]; 12] = [
-                view,
                 words(&instance),
                 &offsets,
                 &pages,
                 words(&visible),
-                &numbers,
                 words(&draws),
                 &picture,
                 &counters,
                 &pages,
                 &pages,
                 &pages,
+                view,
+                &numbers,
             ];
             let mut out = device.run(kernel, &bindings, count).unwrap();
-            (counters, picture) = (out.swap_remove(8), out.swap_remove(7));
+            (counters, picture) = (out.swap_remove(6), out.swap_remove(5));
         }
         let counters: Counters = entry(&counters);
         let triangles = if large { counters.drawn_large } else { counters.drawn_small };

@@ -1,0 +1,1 @@
+//! Visibility buffer → the columns of pages of shadow maps that its pixels may look up.

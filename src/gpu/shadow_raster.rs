@@ -1,0 +1,413 @@
+//! Pages of shadow maps: the stages that cull for a view find what each block of pages shows, a kernel lists which clusters
+//! are drawn into which pages, and the rasterizers draw these, each page as a view of its own.
+
+use std::sync::Arc;
+
+use wgpu::{Buffer, BufferUsages, ComputePassDescriptor};
+
+use super::buffers::{Buffers, Levels, Room, Shape, bytes};
+use super::context::Context;
+use super::kernel::{Bindings, Constant, CullPass, Kernel, bind, bindings};
+use super::lists::List;
+use super::meshes::Meshes;
+use super::pyramids::Pyramids;
+use super::raster::{Onto, PageViews, RasterBindings, Words};
+use super::raster_large::{alpha_test, raster_alpha_tested, raster_large};
+use super::raster_small::raster_small;
+use super::recorder::Recorder;
+use super::shadow_pool::{DevicePage, ShadowPool};
+use super::view_history::ViewHistory;
+use super::{cluster_cull, instance_cull, instances, node_cull};
+use crate::config::Outputs;
+use crate::error::{Error, Result};
+use crate::gpu_types::{Counters, Dispatch, HISTORY_PAGES, Instance, PairLists, View, VisibleCluster};
+use crate::limits::{MAX_VISIBLE, SHADOW_SLOT_WORDS};
+use crate::stream::{Needs, Resident};
+
+/// Lists of a first frame; each grows to what frames need.
+const FIRST_ROOM: Room = Room { items: 1 << 12, candidate_groups: 1 << 12, visible: 1 << 14 };
+/// Clusters in pages, of each list.
+const FIRST_PAIRS: u32 = 1 << 15;
+/// Lists of them: small, large and alpha-tested.
+const PAIR_LISTS: u32 = 3;
+
+bindings! {
+    /// What `shadow_raster` binds.
+    ShadowRaster {
+        view: Uniform, instances: Read, page_offsets: Read, pages: Read, visible: Read, numbers: Read, draws: Read,
+        grid: Read, pair_lists: Uniform, pairs: Write, pair_draws: Write, counters: Write, pages_1: Read,
+        pages_2: Read, pages_3: Read,
+    }
+}
+
+bindings! {
+    /// What `shadow_tiles` binds.
+    ShadowTiles { page_views: Read, words: Write }
+}
+
+/// Clusters of a list → the pages of a block that they are drawn into.
+pub const fn shadow_raster(list: List) -> Kernel {
+    let list = Constant::Number("LIST", list as u32);
+    Kernel::new("shadow_raster", &[ShadowRaster::BINDINGS]).constants([list])
+}
+
+/// Keys of pages → the least and the largest of tiles.
+pub const SHADOW_TILES: Kernel = Kernel::new("shadow_tiles", &[ShadowTiles::BINDINGS]);
+
+/// The lists whose clusters are drawn into pages: nothing is left to the device's own rasterizer.
+const LISTS: [List; 3] = [List::Small, List::Large, List::AlphaTested];
+
+pub(super) fn kernels() -> Vec<Kernel> {
+    LISTS.map(shadow_raster).into_iter().chain([SHADOW_TILES]).collect()
+}
+
+/// Pages that are culled for together.
+#[derive(Clone, Debug)]
+pub struct ShadowBlock {
+    /// What culls for them: a view of the whole block.
+    pub view: View,
+    /// Their grid, see `shaders/shadow_raster.wgsl`. Pages are numbered from 1 on over all blocks.
+    pub grid: Vec<u32>,
+    /// The views that draw them.
+    pub pages: Vec<View>,
+}
+
+/// What was drawn.
+#[derive(Debug, Default)]
+pub struct ShadowsDrawn {
+    /// The pages of all blocks.
+    pub pages: Vec<Arc<DevicePage>>,
+    /// Clusters, each once for every page that it may touch.
+    pub clusters: u64,
+    /// Their triangles.
+    pub triangles: u64,
+    /// Something coarser stood for pages of meshes that were not there.
+    pub lacks: bool,
+    /// Those pages.
+    pub needs: Needs,
+}
+
+/// What is drawn from.
+pub(super) struct Sources<'a> {
+    pub(super) meshes: &'a Meshes,
+    pub(super) instances: &'a instances::Instances,
+    pub(super) resident: &'a Resident,
+}
+
+/// What stays on a device between frames.
+#[derive(Debug)]
+pub(super) struct ShadowDrawing {
+    pool: ShadowPool,
+    history: ViewHistory,
+    room: Room,
+    pair_room: u32,
+    /// With room for so many.
+    pairs: Option<(u32, Buffer)>,
+    pair_draws: Buffer,
+    pair_lists: Buffer,
+    counters: Buffer,
+}
+
+impl ShadowDrawing {
+    pub(super) fn new(context: &Arc<Context>) -> Result<Self> {
+        let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
+        let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
+        let mut history = ViewHistory::new(context)?;
+        history.pyramids = Pyramids::of_pages(context)?;
+        Ok(Self {
+            pool: ShadowPool::new(context)?,
+            history,
+            room: FIRST_ROOM,
+            pair_room: FIRST_PAIRS,
+            pairs: None,
+            pair_draws: context.buffer(
+                "draws",
+                bytes::<Dispatch>(List::COUNT),
+                storage | BufferUsages::INDIRECT,
+            )?,
+            pair_lists: context.buffer("draws", bytes::<PairLists>(1), uniform)?,
+            counters: context.buffer("counters", bytes::<Counters>(1), storage)?,
+        })
+    }
+
+    /// Pages that a device has room for.
+    pub(super) fn most(context: &Context) -> usize {
+        ShadowPool::most(context)
+    }
+
+    /// The buffer that pages lie in.
+    pub(super) fn pool(&self) -> Buffer {
+        self.pool.buffer()
+    }
+
+    /// Draws the pages of blocks, into slots of which there are `most` and which `kept` pages stay in.
+    pub(super) fn draw(
+        &mut self,
+        context: &Arc<Context>,
+        sources: &Sources<'_>,
+        blocks: &mut [ShadowBlock],
+        most: usize,
+        kept: &[Arc<DevicePage>],
+    ) -> Result<ShadowsDrawn> {
+        let count = blocks.iter().map(|block| block.pages.len()).sum();
+        let pages = self.pool.take(count, most, kept)?;
+        if pages.len() < count {
+            return Err(Error::Invariant("there were fewer slots of shadow pages than wanted".to_owned()));
+        }
+        let views = blocks.iter_mut().flat_map(|block| &mut block.pages);
+        for (view, page) in views.zip(&pages) {
+            view.first_word = page.slot().map_or(0, |slot| slot * SHADOW_SLOT_WORDS as u32);
+        }
+        for block in &mut *blocks {
+            block.view.instances = sources.instances.len();
+            block.view.group_words = sources.instances.group_words();
+            (block.view.history, block.view.depth_only) = (HISTORY_PAGES, 1);
+        }
+        if blocks.is_empty() || !sources.instances.any() {
+            self.clear(context, &pages)?;
+            return Ok(ShadowsDrawn { pages, ..ShadowsDrawn::default() });
+        }
+        let uploaded = Uploaded::new(context, blocks)?;
+        loop {
+            self.make_room(context, sources)?;
+            let (drawn, room, pair_room) = self.submit(context, sources, &uploaded, &pages)?;
+            if room.visible as usize > MAX_VISIBLE || pair_room as usize > MAX_VISIBLE {
+                let count = room.visible.max(pair_room);
+                let message = format!("lights see {count} clusters at once, the most is {MAX_VISIBLE}");
+                return Err(Error::TooLarge(message));
+            }
+            let room = self.room.grown(room);
+            if room == self.room && pair_room <= self.pair_room {
+                self.history.buffers.iter_mut().for_each(|buffers| buffers.bind_groups.next_frame());
+                return Ok(ShadowsDrawn { pages, ..drawn });
+            }
+            self.room = room;
+            self.pair_room = self.pair_room.max(pair_room.next_power_of_two());
+        }
+    }
+
+    /// Leaves nothing in pages, where there is nothing to be drawn.
+    fn clear(&self, context: &Context, pages: &[Arc<DevicePage>]) -> Result<()> {
+        let mut encoder = context.encoder("pages of shadow maps");
+        let pool = self.pool.buffer();
+        for slot in pages.iter().filter_map(|page| page.slot()) {
+            let bytes = 4 * SHADOW_SLOT_WORDS as u64;
+            encoder.clear_buffer(&pool, u64::from(slot) * bytes, Some(bytes));
+        }
+        context.start(encoder).map(|_| ())
+    }
+
+    /// Sees to it that all lists are as long as they are to be.
+    fn make_room(&mut self, context: &Context, sources: &Sources<'_>) -> Result<()> {
+        let Sources { meshes, instances, resident } = sources;
+        let shape = Shape {
+            instances: instances.room(),
+            group_words: instances.group_words(),
+            depth: instances.depth(),
+            pages: if resident.is_empty() { 0 } else { meshes.page_count() },
+            pixels: 0,
+            room: self.room,
+            occlusion: false,
+            depth_only: true,
+            outputs: Outputs::default(),
+            stays_on_device: false,
+            groups_come_back: false,
+        };
+        let history = &mut self.history;
+        if history.seen.as_ref().is_none_or(|(room, _)| *room != shape.instances) {
+            history.seen = None;
+            let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+            let seen = context.buffer(instances::WHAT, bytes::<Instance>(shape.instances), storage)?;
+            history.seen = Some((shape.instances, seen));
+            history.buffers.iter_mut().for_each(|own| own.bind_groups.clear());
+        }
+        if history.buffers.as_ref().is_none_or(|own| own.shape != shape) {
+            let before = history.buffers.take();
+            history.buffers = Some(Buffers::new(context, shape, before)?);
+        }
+        if self.pairs.as_ref().is_none_or(|(room, _)| *room != self.pair_room) {
+            self.pairs = None;
+            let size = bytes::<VisibleCluster>(PAIR_LISTS * self.pair_room);
+            let pairs = context.buffer("clusters in pages of shadow maps", size, BufferUsages::STORAGE)?;
+            self.pairs = Some((self.pair_room, pairs));
+            let lists = PairLists { room: self.pair_room, unused_a: 0, unused_b: 0, unused_c: 0 };
+            context.write("draws", &self.pair_lists, 0, bytemuck::bytes_of(&lists))?;
+            history.buffers.iter_mut().for_each(|own| own.bind_groups.clear());
+        }
+        Ok(())
+    }
+
+    /// Draws once; also the lengths that lists wanted.
+    fn submit(
+        &self,
+        context: &Arc<Context>,
+        sources: &Sources<'_>,
+        uploaded: &Uploaded,
+        pages: &[Arc<DevicePage>],
+    ) -> Result<(ShadowsDrawn, Room, u32)> {
+        let Self { history, .. } = self;
+        let (Some((_, seen)), Some(buffers), Some((_, pairs)), Some(slots)) =
+            (&history.seen, &history.buffers, &self.pairs, sources.instances.slots())
+        else {
+            return Err(Error::Invariant("shadow maps are drawn without buffers".to_owned()));
+        };
+        let pool = self.pool.buffer();
+        let materials = sources.instances.table().buffers();
+        let recorder = |pass| Recorder {
+            context,
+            meshes: sources.meshes,
+            instances: slots,
+            slots: sources.instances.len(),
+            seen,
+            buffers,
+            pyramids: &history.pyramids,
+            lights: &history.lights,
+            materials,
+            culling: false,
+            listed: false,
+            cull_pass: CullPass::First,
+            pass,
+        };
+        context.queue().write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&buffers.group_dispatch()));
+        let staged = buffers.length_bytes();
+        let wanted = bytes::<u32>(buffers.shape.pages);
+        let tail = [bytes::<Dispatch>(List::COUNT), bytes::<Counters>(1), wanted];
+        let size = uploaded.blocks as u64 * staged + tail.iter().sum::<u64>();
+        let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
+        let staging = context.buffer("what is read back", size, usage)?;
+        let mut encoder = context.encoder("pages of shadow maps");
+        for slot in pages.iter().filter_map(|page| page.slot()) {
+            let bytes = 4 * SHADOW_SLOT_WORDS as u64;
+            encoder.clear_buffer(&pool, u64::from(slot) * bytes, Some(bytes));
+        }
+        for buffer in [&self.pair_draws, &self.counters, &buffers.wanted] {
+            encoder.clear_buffer(buffer, 0, None);
+        }
+        let grid = history.pyramids.earlier();
+        for block in 0..uploaded.blocks as u64 {
+            let (view, grid_bytes) = (size_of::<View>() as u64, grid.size());
+            encoder.copy_buffer_to_buffer(&uploaded.views, block * view, &buffers.view, 0, view);
+            encoder.copy_buffer_to_buffer(&uploaded.grids, block * grid_bytes, grid, 0, grid_bytes);
+            buffers.clear_lists(&mut encoder);
+            let descriptor =
+                ComputePassDescriptor { label: Some("a block of shadow pages"), timestamp_writes: None };
+            let mut r = recorder(encoder.begin_compute_pass(&descriptor).forget_lifetime());
+            instance_cull::record(&mut r);
+            node_cull::record(&mut r);
+            cluster_cull::record(&mut r);
+            self.list_pairs(&mut r, pairs);
+            drop(r);
+            buffers.copy_lengths(&mut encoder, &staging, block * staged);
+        }
+        let descriptor =
+            ComputePassDescriptor { label: Some("pages of shadow maps"), timestamp_writes: None };
+        let mut r = recorder(encoder.begin_compute_pass(&descriptor).forget_lifetime());
+        self.draw_pairs(&mut r, pairs, &uploaded.pages, &pool);
+        let tiles = bind!(ShadowTiles { page_views: &uploaded.pages, words: &pool });
+        r.run(SHADOW_TILES, &tiles.buffers(), pages.len() as u32);
+        drop(r);
+        let mut at = uploaded.blocks as u64 * staged;
+        for (buffer, bytes) in [&self.pair_draws, &self.counters, &buffers.wanted].into_iter().zip(tail) {
+            encoder.copy_buffer_to_buffer(buffer, 0, &staging, at, bytes);
+            at += bytes;
+        }
+        let (mut room, mut drawn, mut pair_room) = (Room::default(), ShadowsDrawn::default(), 0);
+        context.submit(encoder, &staging, size, |read| {
+            let (lengths, read) = read.split_at((uploaded.blocks as u64 * staged) as usize);
+            for lengths in lengths.chunks_exact(staged as usize) {
+                room = room.grown(buffers.lengths(lengths));
+            }
+            let (draws, read) = read.split_at(tail[0] as usize);
+            let (counters, wanted) = read.split_at(tail[1] as usize);
+            let draws: Vec<Dispatch> = bytemuck::pod_collect_to_vec(draws);
+            pair_room = draws.iter().map(|draw| draw.count).max().unwrap_or(0);
+            drawn.clusters = draws.iter().map(|draw| u64::from(draw.count)).sum();
+            drawn.triangles = u64::from(bytemuck::pod_read_unaligned::<Counters>(counters).triangles_small);
+            let wanted: Vec<u32> = bytemuck::pod_collect_to_vec(wanted);
+            drawn.lacks = wanted.iter().any(|bits| *bits != 0);
+            drawn.needs = sources.meshes.needs(&wanted);
+        })?;
+        Ok((drawn, room, pair_room))
+    }
+
+    /// Which clusters of a block are drawn into which of its pages.
+    fn list_pairs(&self, r: &mut Recorder<'_>, pairs: &Buffer) {
+        let (b, m, own) = (r.buffers, r.meshes, r.own());
+        let [pages, pages_1, pages_2, pages_3] = m.pages();
+        let bound = bind!(ShadowRaster {
+            view: &b.view,
+            instances: r.seen,
+            page_offsets: m.page_offsets(),
+            pages: pages,
+            visible: &b.visible,
+            numbers: &own.numbers,
+            draws: own.draws(),
+            grid: r.pyramid(),
+            pair_lists: &self.pair_lists,
+            pairs: pairs,
+            pair_draws: &self.pair_draws,
+            counters: &self.counters,
+            pages_1: pages_1,
+            pages_2: pages_2,
+            pages_3: pages_3,
+        });
+        for list in LISTS {
+            r.run_indirect(shadow_raster(list), &bound.buffers(), own.draws(), list as u32);
+        }
+    }
+
+    /// Draws the clusters of all blocks into their pages.
+    fn draw_pairs(&self, r: &mut Recorder<'_>, pairs: &Buffer, page_views: &Buffer, pool: &Buffer) {
+        let m = r.meshes;
+        let [pages, pages_1, pages_2, pages_3] = m.pages();
+        let all = bind!(RasterBindings {
+            instances: &r.instances.transforms,
+            page_offsets: m.page_offsets(),
+            pages: pages,
+            visible: pairs,
+            draws: &self.pair_draws,
+            words: pool,
+            counters: &r.own().counters,
+            pages_1: pages_1,
+            pages_2: pages_2,
+            pages_3: pages_3,
+        });
+        let views = bind!(PageViews { page_views: page_views, pairs: &self.pair_lists });
+        let bound = [all.buffers(), views.buffers()].concat();
+        let (small, large) =
+            (raster_small(Onto::Pages, Words::Depth), raster_large(Onto::Pages, Words::Depth));
+        r.run_indirect(small, &bound, &self.pair_draws, List::Small as u32);
+        r.run_indirect(large, &bound, &self.pair_draws, List::Large as u32);
+        if let Some(test) = alpha_test(r.materials, &r.instances.instance_materials) {
+            let kernel = raster_alpha_tested(Onto::Pages, Words::Depth);
+            r.run_indirect(kernel, &[bound, test].concat(), &self.pair_draws, List::AlphaTested as u32);
+        }
+    }
+}
+
+/// What the host writes for a frame's blocks.
+struct Uploaded {
+    blocks: usize,
+    views: Buffer,
+    grids: Buffer,
+    /// Of all their pages.
+    pages: Buffer,
+}
+
+impl Uploaded {
+    fn new(context: &Context, blocks: &[ShadowBlock]) -> Result<Self> {
+        let write = |what: &str, bytes: &[u8], usage| {
+            let buffer = context.buffer(what, bytes.len() as u64, usage | BufferUsages::COPY_DST)?;
+            context.write(what, &buffer, 0, bytes).map(|()| buffer)
+        };
+        let views: Vec<View> = blocks.iter().map(|block| block.view).collect();
+        let grids: Vec<u32> = blocks.iter().flat_map(|block| &block.grid).copied().collect();
+        let pages: Vec<View> = blocks.iter().flat_map(|block| &block.pages).copied().collect();
+        Ok(Self {
+            blocks: blocks.len(),
+            views: write("views", bytemuck::cast_slice(&views), BufferUsages::COPY_SRC)?,
+            grids: write("grids of shadow pages", bytemuck::cast_slice(&grids), BufferUsages::COPY_SRC)?,
+            pages: write("views", bytemuck::cast_slice(&pages), BufferUsages::STORAGE)?,
+        })
+    }
+}

@@ -1,0 +1,104 @@
+//! Shadows of frames on a device: it draws pages, which stay there; what the CPU makes of a frame later reads them.
+
+use std::sync::{Arc, OnceLock};
+
+use rustc_hash::FxHashSet;
+
+use super::device::view_record;
+use super::renderer::{FrameContext, Rastered};
+use super::shadows::{Casters, FrameLight, FrameLights, Host, Painted, Painter, on_host};
+use crate::cpu::shadow_pages::Shadows;
+use crate::error::Result;
+use crate::gpu::{DevicePage, DeviceRenderer, ShadowBlock};
+use crate::gpu_types;
+use crate::scene::View;
+use crate::scene::placement::Eye;
+use crate::shadow::{Grid, LightView, PageKey, ShadowCache, ShadowPage};
+use crate::views::Screen;
+
+/// A device.
+pub(super) struct OnDevice<'a>(pub(super) &'a mut DeviceRenderer);
+
+impl Painter for OnDevice<'_> {
+    type Page = Arc<DevicePage>;
+
+    fn mark(
+        &mut self,
+        frame_context: &FrameContext<'_>,
+        rastered: &Rastered,
+        lights: &[LightView],
+    ) -> Result<FxHashSet<PageKey>> {
+        Host.mark(frame_context, rastered, lights)
+    }
+
+    fn most(&self) -> usize {
+        self.0.most_shadow_pages()
+    }
+
+    fn paint(
+        &mut self,
+        pages: &[PageKey],
+        casters: &Casters<'_>,
+        held: &ShadowCache<Self::Page>,
+        most: usize,
+    ) -> Result<Painted<Self::Page>> {
+        let Casters { maps, resident, .. } = casters;
+        let mut first = 0;
+        let block = |pages: &[PageKey]| {
+            let (block, map) = (pages[0].block(), &maps[&pages[0].light]);
+            let grid = Grid::new(&block, pages, first);
+            first += pages.len() as u32;
+            let record = |view: &View| view_of(view, PageKey::threshold(block.0.tau));
+            ShadowBlock {
+                view: record(&map.block_view(&block)),
+                grid: grid.words().to_vec(),
+                pages: pages.iter().map(|page| record(&map.page_view(page))).collect(),
+            }
+        };
+        let mut blocks: Vec<ShadowBlock> = pages.chunk_by(|a, b| a.block() == b.block()).map(block).collect();
+        let drawn = self.0.draw_shadows(&mut blocks, most, &held.held(), resident)?;
+        // Which pages what is missing touches is not told.
+        let whole = !drawn.lacks;
+        Ok(Painted {
+            pages: pages.iter().zip(drawn.pages).map(|(key, page)| (*key, page, whole)).collect(),
+            clusters: drawn.clusters,
+            triangles: drawn.triangles,
+            needs: drawn.needs,
+        })
+    }
+}
+
+fn view_of(view: &View, tau: f32) -> gpu_types::View {
+    view_record(&Screen::new(view), &Eye::new(view), tau)
+}
+
+/// What pixels of a frame look up, in pages on a device.
+#[derive(Debug)]
+pub(super) struct DeviceShadows {
+    lights: FrameLights<Arc<DevicePage>>,
+    /// The same in this memory, once somebody asked for it.
+    host: OnceLock<Shadows>,
+}
+
+impl DeviceShadows {
+    pub(super) fn new(lights: FrameLights<Arc<DevicePage>>) -> Self {
+        Self { lights, host: OnceLock::new() }
+    }
+
+    /// All pages, read from the device.
+    pub(super) fn host(&self) -> Result<&Shadows> {
+        if let Some(host) = self.host.get() {
+            return Ok(host);
+        }
+        let light = |own: &FrameLight<Arc<DevicePage>>| -> Result<FrameLight<Arc<ShadowPage>>> {
+            let pages: Vec<Arc<DevicePage>> = own.pages.iter().map(|(_, page)| Arc::clone(page)).collect();
+            let read =
+                DevicePage::read(&pages)?.into_iter().map(|keys| Arc::new(ShadowPage::new(keys.to_vec())));
+            let pages = own.pages.iter().map(|(at, _)| *at).zip(read).collect();
+            Ok(FrameLight { view: own.view.clone(), pages, drawn: own.drawn.clone() })
+        };
+        let lights = self.lights.iter().map(|own| own.as_ref().map(light).transpose());
+        let lights = lights.collect::<Result<FrameLights<Arc<ShadowPage>>>>()?;
+        Ok(self.host.get_or_init(|| on_host(lights)))
+    }
+}
