@@ -42,6 +42,8 @@ pub mod renderer;
 mod request;
 mod shade;
 pub mod shaders;
+pub mod shadow_table;
+mod shadow_test;
 mod surface;
 mod times;
 mod view_history;
