@@ -1,6 +1,5 @@
-// Surface points as receivers of shadows: `Receivers::new` of src/cpu/shadow_test.rs and `receiver_error` of
-// src/cpu/surface.rs.
-// Needs: surface.wgsl, shadow_soft.wgsl.
+// Surface points as receivers of shadows: `Receivers::new` of src/cpu/shadow_test.rs.
+// Needs: surface.wgsl, receiver_error.wgsl, shadow_march.wgsl.
 
 // A surface point on which shadows may fall.
 struct Receiver {
@@ -9,12 +8,6 @@ struct Receiver {
     // On the picture.
     point: vec2<f32>,
     seen: ShadowReceiver,
-}
-
-// By how much what is drawn of a cluster may be off its source, world units: its own error, and rounding.
-fn receiver_error(instance: u32, record: u32) -> f32 {
-    let own = max(real(record + RECORD_ERROR), 0.0);
-    return times(own + instances[instance].rounding + SHADOW_ROUNDING, instances[instance].lod_scale);
 }
 
 // Of a surface point in camera space.

@@ -1,22 +1,12 @@
 // Pages of shadow maps on the device: a table from what a page is called to where it lies, and what it holds:
 // src/gpu/shadow_table.rs and src/shadow/page.rs.
-// Needs: hash.wgsl, SHADOW_BINDING.
+// Needs: hash.wgsl, shadow_view.wgsl, SHADOW_BINDING.
 
-// How many lights there are; the record of each; then anchors, points of lights, and tables of pages.
-@group(0) @binding(SHADOW_BINDING) var<storage, read> shadow_table: array<vec4<u32>>;
 // Pages, one in each slot: see SHADOW_SLOT_WORDS.
 @group(0) @binding(SHADOW_BINDING + 1u) var<storage, read> shadow_pages: array<u32>;
 
 // No slot.
 const SHADOW_ABSENT: u32 = 0xffffffffu;
-
-// A page of a light's map, counted from the anchor of its level: src/shadow/receiver.rs.
-struct ShadowPage {
-    face: u32,
-    level: i32,
-    // Pages right and down, slabs up.
-    at: vec3<i32>,
-}
 
 // The page that was found last: its table, its name, and its slot. The next one is mostly the same.
 var<private> shadow_last: vec4<u32> = vec4<u32>(0xffffffffu);

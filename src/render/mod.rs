@@ -23,6 +23,6 @@ pub use crate::views::{ViewDesc, ViewKind};
 pub use device::{instance_transform, view_record};
 pub use frame::{Frame, ImageView};
 pub use renderer::{Backend, Renderer};
-#[cfg(all(feature = "gpu", feature = "internals"))]
+#[cfg(feature = "gpu")]
 pub use shadow_records::shadow_map_entries;
 pub use stats::{FrameStats, ShadowStats, StageStats};

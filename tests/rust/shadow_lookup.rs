@@ -1,5 +1,4 @@
-//! What shaders look up in shadow maps is what the CPU does, on pages made by hand: `shaders/shared/shadow_pages.wgsl`,
-//! `shadow_light.wgsl` and `shadow_soft.wgsl`.
+//! What shaders look up in shadow maps is what the CPU does, on pages made by hand: `shaders/shared/shadow_*.wgsl`.
 
 use std::sync::Arc;
 
@@ -38,13 +37,16 @@ struct Item {
 }
 
 /// What they share with the product, in its order.
-const SOURCES: [&str; 6] = [
+const SOURCES: [&str; 9] = [
     shared!("types"),
     shared!("exact"),
     shared!("hash"),
+    shared!("shadow_view"),
     shared!("shadow_pages"),
-    shared!("shadow_light"),
+    shared!("shadow_receiver"),
     shared!("shadow_soft"),
+    shared!("shadow_range"),
+    shared!("shadow_march"),
 ];
 
 const BINDINGS: &str = "
