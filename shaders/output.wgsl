@@ -1,18 +1,7 @@
 // Stage 8, outputs: makes one of the arrays that a caller asks for: src/cpu/output.rs, operation for operation.
 // One invocation handles four pixels.
 // Reads the visibility buffer and pages. Writes depth, normals, ids or a debug view.
-// Needs: frame_bindings.wgsl, surface.wgsl, key.wgsl.
-
-fn mixed(bits: u32, word: u32) -> u32 {
-    var x = (bits ^ word) * HASH_FACTOR_0;
-    x ^= x >> 15u;
-    x = x * HASH_FACTOR_1;
-    return x ^ (x >> 13u);
-}
-
-fn hash(a: u32, b: u32, c: u32) -> u32 {
-    return mixed(mixed(mixed(HASH_SEED, a), b), c);
-}
+// Needs: frame_bindings.wgsl, surface.wgsl, key.wgsl, hash.wgsl.
 
 // A bright colour from random bits.
 fn hue(bits: u32) -> vec3<f32> {

@@ -1,7 +1,7 @@
 // Stage 7, shading: evaluates glTF's metallic-roughness BRDF, or pyrender's: src/cpu/shade.rs, operation for operation.
 // One invocation handles four pixels.
 // Reads the visibility buffer, pages, materials, lights. Writes colour, encoded or linear.
-// Needs: frame_bindings.wgsl, surface.wgsl, bsdf_of, image_based_light.
+// Needs: frame_bindings.wgsl, surface.wgsl, unproject.wgsl, bsdf_of, image_based_light, receiver_of, lit_part.
 
 @group(0) @binding(11) var<uniform> lighting: Lighting;
 @group(0) @binding(12) var<storage, read> lights: array<Light>;
@@ -53,15 +53,6 @@ struct Seen {
     view: vec3<f32>,
 }
 
-// From pixels and distances to camera space.
-fn unprojected(point: vec2<f32>, distance: f32) -> vec3<f32> {
-    let scale = select(distance, 1.0, view.orthographic != 0u);
-    let at = point - view.center;
-    let up = -at.y * view.inverse_focal.y;
-    let right = (at.x - up * view.skew) * view.inverse_focal.x;
-    return vec3<f32>(right * scale, up * scale, -distance);
-}
-
 fn seen_of(surfel: Surfel) -> Seen {
     var bsdf = bsdf_of(surfel);
     let position = unprojected(surfel.point, surfel.distance);
@@ -91,12 +82,12 @@ fn value_of(surfel: Surfel) -> vec3<f32> {
         case OUTPUT_SHADING_NORMAL: { return to_world(seen.bsdf.normal); }
         case OUTPUT_ORM: { return vec3<f32>(seen.bsdf.occlusion, seen.bsdf.roughness, seen.bsdf.metallic); }
         case OUTPUT_EMISSIVE: { return seen.bsdf.emissive; }
-        default: { return color_of(seen, surfel.tint); }
+        default: { return color_of(seen, surfel.tint, receiver_of(surfel, seen.position)); }
     }
 }
 
 // The light that it sends to the eye.
-fn color_of(seen: Seen, tint: vec3<f32>) -> vec3<f32> {
+fn color_of(seen: Seen, tint: vec3<f32>, receiver: Receiver) -> vec3<f32> {
     let bsdf = seen.bsdf;
     if lighting.shading == SHADING_NORMALS {
         return to_world(bsdf.normal) * 0.5 + 0.5;
@@ -128,6 +119,7 @@ fn color_of(seen: Seen, tint: vec3<f32>) -> vec3<f32> {
             let cone = between(along * light.cone_scale + light.cone_offset, 0.0, 1.0);
             falloff = select(0.0, window, window > 0.0) / square * (cone * cone);
         }
+        falloff = lit_part(falloff, i, receiver);
         color = color + reflect_light(bsdf, diffuse, f0, seen.view, l) * falloff * light.radiance;
     }
     if !gltf {

@@ -112,10 +112,28 @@ pub const SHADOW_SOFT_TEXELS: u32 = 8;
 pub const SHADOW_SOFT_BANDS: u32 = 30;
 /// Texels by which what a ray passes under may fall from one texel to the next, and still be one surface.
 pub const SHADOW_SOFT_STEP: f32 = 4.0;
+/// Steps of a ray in a band, where it is as many texels wide: half of those that it goes to the side.
+pub const SHADOW_BAND_STEPS: u32 = SHADOW_SOFT_TEXELS / 2;
+/// Rays to a light at most.
+pub const SHADOW_SAMPLES_MAX: u32 = 256;
+/// The cosine below which what texels do to a slope is no longer made up for along the way to a light with a size.
+pub const SHADOW_LEAST_COSINE: f32 = 0.125;
+/// Rays end so near to a light with a position: its radius times this is what is left of the way, in parts of it.
+pub const SHADOW_NEAREST: f32 = 1.0 / 64.0;
+/// A receiver's surface may rise so many times as fast to the side as where it is.
+pub const SHADOW_LEAN: f32 = 2.0;
+/// Levels of a shadow map that has an end: the coarsest is one page.
+pub const SHADOW_BOUNDED_LEVELS: u32 = (SHADOW_SIDE / SHADOW_PAGE_SIDE).ilog2() + 1;
+/// Levels of a shadow map without an end that a frame may use.
+pub const SHADOW_LEVELS: u32 = 64;
+/// For so many levels that shadow texels are coarser, levels that are used lie one more apart.
+pub const SHADOW_LEVELS_APART: u32 = 3;
 /// Tiles of a page.
 pub const SHADOW_TILES: usize = SHADOW_PAGE_TEXELS / (SHADOW_TILE_SIDE * SHADOW_TILE_SIDE) as usize;
 /// Words of a page in the pool of a device: its texels' keys row by row, the least and the largest key of each tile, and of
 /// all. Slots are as far apart as parts of a buffer have to be that are bound by themselves.
 pub const SHADOW_SLOT_WORDS: usize = (SHADOW_PAGE_TEXELS + 2 * (SHADOW_TILES + 1)).next_multiple_of(64);
-/// Rays to a light at most.
-pub const SHADOW_SAMPLES_MAX: u32 = 256;
+/// Low bits of a level, and of a cube's face, in an entry of a page table of a device.
+pub const SHADOW_FACE_BITS: u32 = 3;
+/// Bits of the level above them; levels are counted from -2 to the power of one bit less.
+pub const SHADOW_LEVEL_BITS: u32 = 8;

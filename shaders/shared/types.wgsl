@@ -78,7 +78,7 @@ struct InstanceMaterial {
     emissive: vec3<f32>,
     metallic: f32,
     roughness: f32,
-    // LOOK_SMOOTH, LOOK_CONFORMAL, LOOK_UNLIT; from bit LOOK_COLOR_WORDS on, words of a vertex's colour.
+    // MATERIAL_SMOOTH, MATERIAL_CONFORMAL, MATERIAL_UNLIT, MATERIAL_SHADOWED; from bit MATERIAL_COLOR_WORDS on, words of a vertex's colour.
     flags: u32,
     // Of an instance with textures or several materials: its first one, and how many follow. Otherwise NONE.
     first_material: u32,
@@ -151,6 +151,44 @@ struct Lighting {
     to_map: array<vec4<f32>, 3>,
     // Of its grids: nodes along a side, and where it starts.
     grids: array<vec4<u32>, GRIDS>,
+}
+
+// How a view looks up the shadow map of a light: LightView of src/shadow/receiver.rs.
+struct ShadowLight {
+    // Rows of the light's axes in camera space, and of the camera's place as seen from the light.
+    axes: array<vec4<f32>, 3>,
+    // SHADOW_NONE and so on.
+    kind: u32,
+    // The finest level of a parallel map.
+    first: i32,
+    // Levels by which all texels are larger than a pixel.
+    coarser: i32,
+    // 1 for a parallel camera.
+    orthographic: u32,
+    // Tangent of half the angle, and the near distance, of a pinhole.
+    tangent: f32,
+    near: f32,
+    // The square of the distance at which the light ends.
+    reach_squared: f32,
+    // Pixels per unit of tangent or of length.
+    focal: f32,
+    // Of the light's cut, texels.
+    threshold: f32,
+    // How large the light is, 0 for a sharp one, and one over that.
+    radius: f32,
+    inverse_radius: f32,
+    // Of a directional light, how high anything reaches along its axis, from the camera.
+    top: f32,
+    // Rays to it, and where their points on a disk begin, two in an entry.
+    samples: u32,
+    points: u32,
+    // Where the anchors of its levels begin, and its page table, which has so many entries less one.
+    anchors: u32,
+    table: u32,
+    mask: u32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
 }
 
 struct Instance {

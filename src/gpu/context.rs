@@ -24,7 +24,7 @@ use crate::error::{Error, Result};
 use crate::threads::PerProcess;
 
 /// Storage buffers that a stage binds at most.
-pub const STORAGE_BUFFERS: u32 = 14;
+pub const STORAGE_BUFFERS: u32 = 16;
 /// Bytes of workgroup memory that a stage uses at most.
 pub const WORKGROUP_BYTES: u32 = 16 << 10;
 /// A frame that takes longer is given up.

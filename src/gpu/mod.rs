@@ -8,7 +8,7 @@
 //! [`context`] finds a device. [`meshes`] holds what is uploaded once, with its pages in `page_arrays`. `kernel` says what a
 //! kernel is, each stage declares its own, [`kernels`] lists them, and [`shaders`] puts sources together. `request` is what a caller asks and gets, `view_history` what a view keeps between frames, `passes` and
 //! `recorder` record the stages. `raster_hardware` is another form of the two raster stages; `calibrate` measures whether it
-//! is faster. Files import each other in one direction, which a test holds.
+//! is faster. `shadow_table` has where pages of shadow maps lie. Files import each other in one direction, which a test holds.
 
 // What only tests and benchmarks reach is unused, and private, without them.
 #![cfg_attr(not(feature = "internals"), allow(dead_code, unused_imports))]
@@ -44,6 +44,8 @@ mod shade;
 pub mod shaders;
 mod shadow_pool;
 mod shadow_raster;
+pub mod shadow_table;
+mod shadow_test;
 mod surface;
 mod times;
 mod view_history;

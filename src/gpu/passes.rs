@@ -5,7 +5,7 @@ use wgpu::{CommandEncoder, ComputePassDescriptor};
 use super::buffers::Buffers;
 use super::context::Context;
 use super::instances::Slots;
-use super::kernel::{Bindings, CullPass};
+use super::kernel::CullPass;
 use super::lists::List;
 use super::materials;
 use super::meshes::Meshes;

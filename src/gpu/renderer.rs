@@ -98,7 +98,8 @@ impl DeviceRenderer {
         };
         let (_, out) = buffers.outputs.iter().find(|(made, _)| *made == output && made.shaded())?;
         let surface = &surface(buffers, &self.meshes, seen, self.instances.slots()?, out);
-        let (kernel, bindings) = shade::kernel(output, surface, lights, self.instances.table().buffers());
+        let (kernel, bindings) =
+            shade::kernel(output, surface, lights, self.instances.table().buffers(), None);
         Some((kernel, bindings, self.meshes.split()))
     }
 

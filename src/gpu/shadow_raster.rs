@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use wgpu::{Buffer, BufferUsages, ComputePassDescriptor};
 
-use super::buffers::{Buffers, Levels, Room, Shape, bytes};
+use super::buffers::{Buffers, Room, Shape, bytes};
 use super::context::Context;
 use super::kernel::{Bindings, Constant, CullPass, Kernel, bind, bindings};
 use super::lists::List;

@@ -146,7 +146,7 @@ pub struct InstanceMaterial {
     pub metallic: f32,
     /// Perceptual roughness, as it is shaded.
     pub roughness: f32,
-    /// [`MATERIAL_SMOOTH`], [`MATERIAL_CONFORMAL`], [`MATERIAL_UNLIT`], [`MATERIAL_COLOR_WORDS`].
+    /// [`MATERIAL_SMOOTH`], [`MATERIAL_CONFORMAL`], [`MATERIAL_UNLIT`], [`MATERIAL_SHADOWED`], [`MATERIAL_COLOR_WORDS`].
     pub flags: u32,
     /// Of an instance with textures or several materials, the first of these; otherwise `u32::MAX`.
     pub first_material: u32,
@@ -220,8 +220,10 @@ pub const MATERIAL_SMOOTH: u32 = 1;
 pub const MATERIAL_CONFORMAL: u32 = 2;
 /// Of [`InstanceMaterial::flags`] and [`Material::flags`]: light does not count.
 pub const MATERIAL_UNLIT: u32 = 4;
+/// Of [`InstanceMaterial::flags`]: shadows fall on it.
+pub const MATERIAL_SHADOWED: u32 = 8;
 /// The bit of [`InstanceMaterial::flags`] from which on the words of each vertex's colour are stated, 0 without colours.
-pub const MATERIAL_COLOR_WORDS: u32 = 3;
+pub const MATERIAL_COLOR_WORDS: u32 = 4;
 
 /// A light in camera space.
 #[repr(C)]
@@ -244,6 +246,63 @@ pub struct Light {
     /// Zero.
     pub unused: [f32; 3],
 }
+
+/// How a view looks up the shadow map of a light: `shadow::LightView`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct ShadowLight {
+    /// Rows of the light's axes in camera space, and of the camera's place as seen from the light.
+    pub axes: [[f32; 4]; 3],
+    /// [`SHADOW_NONE`], [`SHADOW_PARALLEL`], [`SHADOW_SPOT`], [`SHADOW_CUBE`].
+    pub kind: u32,
+    /// The finest level of a parallel map.
+    pub first: i32,
+    /// Levels by which all texels are larger than a pixel.
+    pub coarser: i32,
+    /// 1 for a parallel camera.
+    pub orthographic: u32,
+    /// Tangent of half the angle of a pinhole.
+    pub tangent: f32,
+    /// Near distance of a pinhole.
+    pub near: f32,
+    /// The square of the distance at which the light ends; at most [`f32::MAX`].
+    pub reach_squared: f32,
+    /// Pixels per unit of tangent or, from a parallel camera, of length.
+    pub focal: f32,
+    /// Of the light's cut, texels.
+    pub threshold: f32,
+    /// How large the light is; 0 for a sharp one.
+    pub radius: f32,
+    /// One over that; 0 for a sharp one.
+    pub inverse_radius: f32,
+    /// Of a directional light, how high anything reaches along its axis, from the camera, world units.
+    pub top: f32,
+    /// Rays to it.
+    pub samples: u32,
+    /// Entry of the table of shadows where their points on a disk begin, two in each.
+    pub points: u32,
+    /// Where the anchors of its levels begin, one in each.
+    pub anchors: u32,
+    /// Where its page table begins.
+    pub table: u32,
+    /// Entries of its page table, a power of two, less one.
+    pub mask: u32,
+    /// Zero.
+    pub unused_a: u32,
+    /// Zero.
+    pub unused_b: u32,
+    /// Zero.
+    pub unused_c: u32,
+}
+
+/// [`ShadowLight::kind`] of a light that throws no shadow.
+pub const SHADOW_NONE: u32 = 0;
+/// Of a map without an end.
+pub const SHADOW_PARALLEL: u32 = 1;
+/// Of one pinhole.
+pub const SHADOW_SPOT: u32 = 2;
+/// Of six pinholes.
+pub const SHADOW_CUBE: u32 = 3;
 
 /// Grids of an environment.
 pub const ENVIRONMENT_GRIDS: usize = 10;

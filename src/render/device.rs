@@ -21,8 +21,8 @@ use crate::gpu::{
     Context, Counted, CullPass, DevicePage, DeviceRenderer, Drawn, SceneInstance, ViewRequest, Ways,
 };
 use crate::gpu_types::{
-    self, InstanceMaterial, InstanceTransform, MATERIAL_COLOR_WORDS, MATERIAL_CONFORMAL, MATERIAL_SMOOTH,
-    MATERIAL_UNLIT, SEEN_BY_LIGHTS, SEEN_BY_VIEWS, VisibleCluster,
+    self, InstanceMaterial, InstanceTransform, MATERIAL_COLOR_WORDS, MATERIAL_CONFORMAL, MATERIAL_SHADOWED,
+    MATERIAL_SMOOTH, MATERIAL_UNLIT, SEEN_BY_LIGHTS, SEEN_BY_VIEWS, VisibleCluster,
 };
 use crate::model::ClusterAddress;
 use crate::scene::environment::{GRIDS, Grid};
@@ -374,7 +374,8 @@ fn instance_material(instance: &Instance) -> InstanceMaterial {
         flags: flag(instance.materials.smooth(), MATERIAL_SMOOTH)
             | flag(placement.conformal, MATERIAL_CONFORMAL)
             | (instance.mesh.layout().colors.words() as u32) << MATERIAL_COLOR_WORDS
-            | flag(material.unlit, MATERIAL_UNLIT),
+            | flag(material.unlit, MATERIAL_UNLIT)
+            | flag(instance.receives_shadows, MATERIAL_SHADOWED),
         last_material: 0,
     }
 }

@@ -13,6 +13,8 @@ mod layers;
 mod pass;
 mod queue;
 pub mod renderer;
+#[cfg(feature = "gpu")]
+mod shadow_records;
 mod shadows;
 pub mod stats;
 mod streaming;
@@ -24,4 +26,6 @@ pub use crate::views::{ViewDesc, ViewKind};
 pub use device::{instance_transform, view_record};
 pub use frame::{Frame, ImageView};
 pub use renderer::{Backend, Renderer};
+#[cfg(feature = "gpu")]
+pub use shadow_records::shadow_map_entries;
 pub use stats::{FrameStats, ShadowStats, StageStats};

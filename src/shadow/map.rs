@@ -2,14 +2,14 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use crate::limits::{SHADOW_BLOCK_PAGES, SHADOW_PAGE_SIDE, SHADOW_SIDE};
+use crate::limits::{SHADOW_BLOCK_PAGES, SHADOW_BOUNDED_LEVELS, SHADOW_PAGE_SIDE, SHADOW_SIDE};
 use crate::scene::{Light, LightKind, View};
 
 /// A spot whose cone is wider than this, radians from its axis, is drawn on the faces of a cube.
 const WIDEST_SPOT: f64 = std::f64::consts::FRAC_PI_4;
 
-/// Levels of a map that has an end: the coarsest is one page.
-pub const BOUNDED_LEVELS: i32 = (SHADOW_SIDE / SHADOW_PAGE_SIDE).ilog2() as i32 + 1;
+/// Levels of a map that has an end.
+pub const BOUNDED_LEVELS: i32 = SHADOW_BOUNDED_LEVELS as i32;
 
 /// The near plane of maps of lights with a position, as a part of the size of the scene. Depth is reversed, so that little
 /// is lost by its being near.

@@ -2,7 +2,9 @@
 
 use std::sync::OnceLock;
 
-use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_TILE_SIDE};
+use crate::limits::{
+    SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_SLOT_WORDS, SHADOW_TILE_SIDE, SHADOW_TILES,
+};
 
 /// Tiles of a page on a side.
 const TILES: usize = (SHADOW_PAGE_SIDE / SHADOW_TILE_SIDE) as usize;
@@ -39,11 +41,19 @@ impl ShadowPage {
 
     /// The least and the largest key.
     pub fn whole(&self) -> [u32; 2] {
-        self.tiles.get_or_init(|| self.tiles())[TILES * TILES]
+        self.tiles.get_or_init(|| self.tiles())[SHADOW_TILES]
+    }
+
+    /// As it lies in the pool of a device: [`SHADOW_SLOT_WORDS`].
+    pub fn words(&self) -> Vec<u32> {
+        let mut words = self.keys.to_vec();
+        words.extend(self.tiles.get_or_init(|| self.tiles()).as_flattened());
+        words.resize(SHADOW_SLOT_WORDS, 0);
+        words
     }
 
     fn tiles(&self) -> Box<[[u32; 2]]> {
-        let mut tiles = vec![[u32::MAX, 0]; TILES * TILES];
+        let mut tiles = vec![[u32::MAX, 0]; SHADOW_TILES];
         let side = SHADOW_TILE_SIDE as usize;
         for (y, row) in self.keys.chunks_exact(SHADOW_PAGE_SIDE as usize).enumerate() {
             for (tile, part) in tiles[y / side * TILES..].iter_mut().zip(row.chunks_exact(side)) {

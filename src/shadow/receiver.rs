@@ -5,17 +5,13 @@
 //! is taken off the depth.
 
 use super::map::{BOUNDED_LEVELS, CUBE_FACES, MapKind, PageKey, ShadowMap};
-use super::soft::{LEAST_SLOPE_COSINE, Lamp};
+use super::soft::Lamp;
 use crate::limits::{
-    SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_SOFT_TEXELS,
-    SHADOW_TEXEL_REACH,
+    SHADOW_LEAST_COSINE, SHADOW_LEVELS, SHADOW_LEVELS_APART, SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS,
+    SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_SOFT_TEXELS, SHADOW_TEXEL_REACH,
 };
 use crate::scene::View;
 
-/// Levels of a parallel map that a frame may use.
-const LEVELS: usize = 64;
-/// For so many levels that texels are coarser, levels that are used lie one more apart.
-const LEVELS_APART: i32 = 3;
 /// By how many halvings a texel may be smaller than the scene.
 const FINEST: i32 = 48;
 /// Pages across which a receiver may be, where its cut is that much coarser than a pixel: more are more than there is room for,
@@ -115,20 +111,22 @@ struct Anchor {
 pub struct LightView {
     /// Slot of the light.
     pub light: u32,
-    pub(super) kind: MapKind,
+    /// How it is projected.
+    pub kind: MapKind,
     /// The light's axes in camera space.
     pub axes: [[f32; 3]; 3],
     /// Of one with a position: the camera seen from there, along the axes; else zero.
-    eye: [f32; 3],
+    pub eye: [f32; 3],
     /// Of a parallel one, by level from [`LightView::first`] on.
     anchors: Vec<Anchor>,
-    first: i32,
+    /// The finest level of a parallel one.
+    pub first: i32,
     /// Tangent of half the angle of a pinhole.
-    pub(super) tangent: f32,
+    pub tangent: f32,
     /// Near distance of a pinhole.
     pub near: f32,
     /// The square of the distance at which a light ends, rounded up.
-    reach_squared: f32,
+    pub reach_squared: f32,
     /// Pixels per unit of tangent or, from a parallel camera, of length.
     pub focal: f32,
     /// The camera is parallel.
@@ -184,8 +182,11 @@ impl LightView {
                 offset: std::array::from_fn(|k| (at[k] - index[k] * sides[k]) as f32),
             }
         };
-        let anchors =
-            if map.parallel() { (first..first + LEVELS as i32).map(anchor).collect() } else { Vec::new() };
+        let anchors = if map.parallel() {
+            (first..first + SHADOW_LEVELS as i32).map(anchor).collect()
+        } else {
+            Vec::new()
+        };
         Self {
             light,
             kind: map.kind,
@@ -278,6 +279,11 @@ impl LightView {
         (self.parallel()).then(|| self.anchors[(level - self.first) as usize].offset)
     }
 
+    /// Of a parallel map, [`Self::anchor`] of each level from [`Self::first`] on.
+    pub fn offsets(&self) -> impl Iterator<Item = [f32; 3]> {
+        self.anchors.iter().map(|anchor| anchor.offset)
+    }
+
     /// Of a parallel map, the level where a pixel is so large.
     #[inline(always)]
     pub fn level_of(&self, pixel: f32) -> i32 {
@@ -291,14 +297,14 @@ impl LightView {
         if self.coarser == 0 {
             return level;
         }
-        let apart = 1 + self.coarser / LEVELS_APART;
+        let apart = 1 + self.coarser / SHADOW_LEVELS_APART as i32;
         -(-(level + self.coarser)).div_euclid(apart) * apart
     }
 
     /// The level of a parallel map that is nearest to this one.
     #[inline(always)]
     pub(super) fn bounded(&self, level: i32) -> i32 {
-        level.clamp(self.first, self.first + LEVELS as i32 - 1)
+        level.clamp(self.first, self.first + SHADOW_LEVELS as i32 - 1)
     }
 
     /// Where a point lies in a level. `None` outside of a spot.
@@ -379,7 +385,7 @@ impl LightView {
     /// How far up a receiver is moved at most, if it is moved no farther than this along its normal.
     #[inline(always)]
     pub fn above(&self, reach: f32) -> f32 {
-        if self.soft() { reach / LEAST_SLOPE_COSINE } else { reach }
+        if self.soft() { reach / SHADOW_LEAST_COSINE } else { reach }
     }
 
     /// Texels to the side that rays to the light go in the level of their receiver.
@@ -410,7 +416,7 @@ impl LightView {
         let cosine = if facing { dot(&normal, &towards) } else { 0.0 };
         // To the middle of a light with a size, so that its shadows stay where they are: as far as along the normal.
         let (by, normal) =
-            if self.soft() && cosine >= LEAST_SLOPE_COSINE { (by / cosine, towards) } else { (by, normal) };
+            if self.soft() && cosine >= SHADOW_LEAST_COSINE { (by / cosine, towards) } else { (by, normal) };
         let at = std::array::from_fn(|k| at[k] + by * normal[k]);
         Ok(Moved { at, normal: normals[0], cosine, face, level, texel, distance, length })
     }

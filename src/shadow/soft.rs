@@ -12,21 +12,13 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use super::map::{BOUNDED_LEVELS, MapKind, PageKey};
 use super::receiver::{LightView, Moved, Receiver, RelativePage, exponent, texel_of};
 use crate::limits::{
-    SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SAMPLES_MAX, SHADOW_SIDE, SHADOW_SOFT_BANDS,
-    SHADOW_SOFT_TEXELS, SHADOW_TEXEL_REACH,
+    SHADOW_BAND_STEPS, SHADOW_LEAN, SHADOW_LEAST_COSINE, SHADOW_NEAREST, SHADOW_PAGE_SIDE, SHADOW_ROUNDING,
+    SHADOW_SAMPLES_MAX, SHADOW_SIDE, SHADOW_SOFT_BANDS, SHADOW_SOFT_TEXELS, SHADOW_TEXEL_REACH,
 };
 
 /// The angle from one ray to the next about the middle of a light, radians: the golden one, by which no two come to lie side
 /// by side (Vogel, "A better way to construct the sunflower head", Mathematical Biosciences 44, 1979).
 const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
-/// The cosine below which what texels do to a slope is no longer made up for along the way to the light.
-pub(super) const LEAST_SLOPE_COSINE: f32 = 0.125;
-/// Rays end so near to a light with a position: its radius times this is what is left of the way, in parts of it.
-const NEAREST: f32 = 1.0 / 64.0;
-/// A receiver's surface may rise so many times as fast to the side as where it is.
-const LEAN: f32 = 2.0;
-/// Steps of a ray in a band, where it is as many texels wide: half of those that it goes to the side.
-const BAND_STEPS: u32 = SHADOW_SOFT_TEXELS / 2;
 /// Receivers that are told together lie so many texels apart at most.
 const TOGETHER: f32 = 64.0;
 /// Texels about a receiver that are wanted of coarser levels, besides those that rays go to the side.
@@ -126,7 +118,7 @@ pub struct Step {
 
 /// The steps of a ray in a band.
 pub fn steps(band: u32) -> impl Iterator<Item = Step> {
-    let count = (1 << band).min(BAND_STEPS);
+    let count = (1 << band).min(SHADOW_BAND_STEPS);
     let [first, last] = span(band);
     let side = (last - first) / count as f32;
     (0..count).map(move |k| Step { from: first + k as f32 * side, to: first + (k + 1) as f32 * side })
@@ -139,7 +131,7 @@ pub fn span(band: u32) -> [f32; 2] {
 
 /// By how many levels texels are coarser in a band than those of receivers.
 fn coarser(band: u32) -> u32 {
-    band.saturating_sub(BAND_STEPS.ilog2())
+    band.saturating_sub(SHADOW_BAND_STEPS.ilog2())
 }
 
 impl LightView {
@@ -152,11 +144,11 @@ impl LightView {
     #[inline(always)]
     pub fn start(&self, receiver: &Receiver) -> Result<Start, bool> {
         let moved = self.moved(receiver)?;
-        let cosine = moved.cosine.max(LEAST_SLOPE_COSINE);
+        let cosine = moved.cosine.max(SHADOW_LEAST_COSINE);
         let slope = (1.0 - cosine * cosine).max(0.0).sqrt();
         let raise = (slope * SHADOW_TEXEL_REACH + self.threshold) / cosine;
         let bands = self.bands(&moved);
-        let lean = LEAN * (slope / cosine).max(1.0);
+        let lean = SHADOW_LEAN * (slope / cosine).max(1.0);
         Ok(Start { moved, raise, bands, lean })
     }
 
@@ -165,9 +157,9 @@ impl LightView {
         let radius = self.lamp.radius;
         let (side, most) = if self.parallel() {
             let levels = self.bounded(i32::MAX) - moved.level;
-            ((self.lamp.top - moved.at[2]) * radius, levels as u32 + 1 + BAND_STEPS.ilog2())
+            ((self.lamp.top - moved.at[2]) * radius, levels as u32 + 1 + SHADOW_BAND_STEPS.ilog2())
         } else {
-            (radius / NEAREST, SHADOW_SOFT_BANDS)
+            (radius / SHADOW_NEAREST, SHADOW_SOFT_BANDS)
         };
         // The first band at whose end rays have gone so far to the side.
         let least = 0.5 * side / moved.texel;

@@ -1,13 +1,10 @@
 //! `shaders/shared/exact.wgsl` on the device: products, quotients and roots are the CPU's, bit for bit.
 
 use nanite_rs::gpu::Context;
-use nanite_rs::gpu::wgpu::{
-    self, BindGroupDescriptor, BindGroupEntry, BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor,
-    ComputePipelineDescriptor, ShaderModuleDescriptor, ShaderSource,
-};
 use nanite_rs::math::double_single::SPLITTER;
 
 use crate::gpu_parity::device;
+use crate::own_kernel::{self, shared};
 
 /// What is made of a pair of numbers: a b + c with c the rounded product turned round, a ÷ b, √|a|.
 const MADE: usize = 3;
@@ -18,7 +15,7 @@ const SOURCE: &str = concat!(
     @group(0) @binding(1) var<storage, read> pairs: array<vec2<f32>>;
     @group(0) @binding(2) var<storage, read_write> made: array<f32>;
     ",
-    include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/shared/exact.wgsl")),
+    shared!("exact"),
     "
     @compute @workgroup_size(64)
     fn main(@builtin(global_invocation_id) at: vec3<u32>, @builtin(num_workgroups) all: vec3<u32>) {
@@ -35,46 +32,9 @@ const SOURCE: &str = concat!(
 
 /// What the device makes of pairs.
 fn run(context: &Context, pairs: &[[f32; 2]], constants: &[(&str, f64)]) -> Vec<[f32; MADE]> {
-    let device = context.device();
-    let source = ShaderSource::Wgsl(format!("const SPLITTER: f32 = {SPLITTER:?}f;\n{SOURCE}").into());
-    let module = device.create_shader_module(ShaderModuleDescriptor { label: None, source });
-    let pipeline = device.create_compute_pipeline(&ComputePipelineDescriptor {
-        label: None,
-        layout: None,
-        module: &module,
-        entry_point: Some("main"),
-        compilation_options: wgpu::PipelineCompilationOptions {
-            constants,
-            ..wgpu::PipelineCompilationOptions::default()
-        },
-        cache: None,
-    });
-    let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-    let made = (size_of::<[f32; MADE]>() * pairs.len()) as u64;
-    let sizes = [4, size_of_val(pairs) as u64, made];
-    let buffers = sizes.map(|bytes| context.buffer("numbers", bytes, storage).unwrap());
-    let read = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
-    let staging = context.buffer("numbers", made, read).unwrap();
-    context.queue().write_buffer(&buffers[1], 0, bytemuck::cast_slice(pairs));
-    let layout = pipeline.get_bind_group_layout(0);
-    let entries: Vec<_> = (0..)
-        .zip(&buffers)
-        .map(|(binding, buffer)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-        .collect();
-    let bound =
-        device.create_bind_group(&BindGroupDescriptor { label: None, layout: &layout, entries: &entries });
-    let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
-    {
-        let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-        pass.set_pipeline(&pipeline);
-        pass.set_bind_group(0, &bound, &[]);
-        let workgroups = pairs.len().div_ceil(64) as u32;
-        pass.dispatch_workgroups(workgroups.min(1024), workgroups.div_ceil(1024), 1);
-    }
-    encoder.copy_buffer_to_buffer(&buffers[2], 0, &staging, 0, made);
-    let mut found = Vec::new();
-    context.submit(encoder, &staging, made, |bytes| found = bytemuck::pod_collect_to_vec(bytes)).unwrap();
-    found
+    let source = format!("const SPLITTER: f32 = {SPLITTER:?}f;\n{SOURCE}");
+    let inputs = [&[0; 4][..], bytemuck::cast_slice(pairs)];
+    own_kernel::run(context, source, constants, &inputs, pairs.len(), pairs.len())
 }
 
 fn expected([a, b]: [f32; 2]) -> [f32; MADE] {

@@ -18,11 +18,15 @@ mod layering;
 mod many_materials;
 mod materials;
 mod measure;
+#[cfg(feature = "gpu")]
+mod own_kernel;
 mod render_frames;
 mod samples;
 mod seams;
 #[cfg(feature = "gpu")]
 mod shader_validation;
+#[cfg(feature = "gpu")]
+mod shadow_lookup;
 mod shadows;
 mod shapes;
 #[cfg(feature = "gpu")]

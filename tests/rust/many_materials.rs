@@ -2,7 +2,7 @@
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use nanite_rs::config::{Output, RenderOptions, Shading};
-use nanite_rs::gpu::kernels::{Ibl, MaterialKind, shade};
+use nanite_rs::gpu::kernels::{Ibl, MaterialKind, Shadowing, shade};
 use nanite_rs::render::Renderer;
 use nanite_rs::scene::{Camera, Projection};
 
@@ -21,8 +21,12 @@ use ways::{OWN, Picture, Shaders, TILE, WAYS, Way, source};
 fn own_modules_are_valid() {
     for (name, own) in OWN {
         for array_bits in [None, Some(25)] {
-            let source =
-                source(shade(Output::Color, MaterialKind::Textured, Ibl::Off), array_bits, own).unwrap();
+            let source = source(
+                shade(Output::Color, MaterialKind::Textured, Ibl::Off, Shadowing::Off),
+                array_bits,
+                own,
+            )
+            .unwrap();
             let module = naga::front::wgsl::parse_str(&source)
                 .unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(&source)));
             let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
@@ -32,7 +36,9 @@ fn own_modules_are_valid() {
         }
     }
     // Without materials there are none to sort by.
-    assert!(source(shade(Output::Color, MaterialKind::Plain, Ibl::Off), None, OWN[0].1).is_err());
+    assert!(
+        source(shade(Output::Color, MaterialKind::Plain, Ibl::Off, Shadowing::Off), None, OWN[0].1).is_err()
+    );
 }
 
 /// Several instances with materials, one without, and the background; tiles that the picture cuts.

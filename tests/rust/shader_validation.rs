@@ -8,7 +8,8 @@ use nanite_rs::gpu::context::{STORAGE_BUFFERS, WORKGROUP_BYTES};
 use nanite_rs::gpu::kernels::{Access, CullPass, Kernel, cluster_cull, kernels};
 use nanite_rs::gpu_types::{
     CandidateGroup, Counters, Dispatch, DrawArgs, Group, Instance, InstanceMaterial, InstanceTransform,
-    Light, Lighting, Marks, Material, Node, PairLists, Texture, TraversalItem, View, VisibleCluster,
+    Light, Lighting, Marks, Material, Node, PairLists, ShadowLight, Texture, TraversalItem, View,
+    VisibleCluster,
 };
 
 fn parse(kernel: Kernel) -> Module {
@@ -148,6 +149,8 @@ fn structs_lie_in_wgsl_as_in_rust() {
         fields!(Material: base, alpha, emissive, metallic, roughness, normal_scale, occlusion_strength, alpha_cutoff,
             flags, unused_a, unused_b, unused_c, textures),
         fields!(Light: vector, point, radiance, inverse_range, direction, cone_scale, cone_offset, unused),
+        fields!(ShadowLight: axes, kind, first, coarser, orthographic, tangent, near, reach_squared, focal, threshold,
+            radius, inverse_radius, top, samples, points, anchors, table, mask, unused_a, unused_b, unused_c),
         fields!(Lighting: ambient, lights, behind, background, power, shading, environment_visible, intensity,
             to_map, grids),
     ];
