@@ -39,7 +39,7 @@ fn column_bits(light: ShadowLight, page: ShadowPage) -> u32 {
         }
         return (u32(page.level - light.first) << SHADOW_COLUMN_BITS | u32(at.y)) << SHADOW_COLUMN_BITS | u32(at.x);
     }
-    let level = page.face << SHADOW_FACE_BITS | u32(page.level);
+    let level = page.face * SHADOW_BOUNDED_LEVELS + u32(page.level);
     return (level << SHADOW_COLUMN_BITS | u32(page.at.y)) << SHADOW_COLUMN_BITS | u32(page.at.x);
 }
 

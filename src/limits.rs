@@ -137,3 +137,14 @@ pub const SHADOW_SLOT_WORDS: usize = (SHADOW_PAGE_TEXELS + 2 * (SHADOW_TILES + 1
 pub const SHADOW_FACE_BITS: u32 = 3;
 /// Bits of the level above them; levels are counted from -2 to the power of one bit less.
 pub const SHADOW_LEVEL_BITS: u32 = 8;
+/// How far receivers may be moved is taken times this where pages are marked, for the rounding of what is done with it.
+pub const SHADOW_MARGIN: f32 = 1.02;
+/// Pages across which a receiver may be, where its cut is that much coarser than a pixel: more are more than there is room for,
+/// and all levels become coarser.
+pub const SHADOW_MOST_ACROSS: f32 = 64.0;
+/// Bits of the row and of the column of a page as a device marks them.
+pub const SHADOW_COLUMN_BITS: u32 = 13;
+const _: () = assert!(SHADOW_LEVELS.ilog2() + 2 * SHADOW_COLUMN_BITS == u32::BITS);
+const _: () = assert!(
+    6 * SHADOW_BOUNDED_LEVELS <= SHADOW_LEVELS && SHADOW_SIDE / SHADOW_PAGE_SIDE <= 1 << SHADOW_COLUMN_BITS
+);

@@ -1,5 +1,5 @@
 // Surface points of pixels, from the visibility buffer: src/cpu/surface.rs, operation for operation.
-// Needs: exact.wgsl, vertex.wgsl, target.wgsl, view, screen_of, visible, instance_materials.
+// Needs: exact.wgsl, vertex.wgsl, target.wgsl, unproject.wgsl, view, screen_of, visible, instance_materials.
 
 // What a pixel shows.
 struct Hit {
@@ -33,13 +33,6 @@ struct Surfel {
     b: vec3<f32>,
     c: vec3<f32>,
     streams: Streams,
-}
-
-fn distance_of(key: u32) -> f32 {
-    if view.orthographic != 0u {
-        return bitcast<f32>(~key);
-    }
-    return quotient(view.near, bitcast<f32>(key));
 }
 
 fn dot3(a: vec3<f32>, b: vec3<f32>) -> f32 {

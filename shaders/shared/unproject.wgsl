@@ -1,6 +1,14 @@
 // From the picture to camera space: `position` of src/cpu/surface.rs.
 // Needs: exact.wgsl, view.
 
+// Distance along the axis of sight of what has a key.
+fn distance_of(key: u32) -> f32 {
+    if view.orthographic != 0u {
+        return bitcast<f32>(~key);
+    }
+    return quotient(view.near, bitcast<f32>(key));
+}
+
 // Of a point of the picture, pixels, and a distance along the axis of sight. The same bits in every kernel: what marks a page
 // of a shadow map, and what looks it up, are two.
 fn unprojected(point: vec2<f32>, distance: f32) -> vec3<f32> {

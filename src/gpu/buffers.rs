@@ -110,12 +110,20 @@ pub struct Shape {
     pub stays_on_device: bool,
     /// Candidate groups are.
     pub groups_come_back: bool,
+    /// Arrays come back by themselves.
+    pub waits: bool,
 }
 
 impl Shape {
     /// The same of what does not come back.
     pub(super) fn inner(self) -> Self {
-        Self { outputs: Outputs::default(), stays_on_device: false, groups_come_back: false, ..self }
+        Self {
+            outputs: Outputs::default(),
+            stays_on_device: false,
+            groups_come_back: false,
+            waits: false,
+            ..self
+        }
     }
 
     /// What the lists of the passes depend on.
@@ -270,6 +278,8 @@ pub(super) struct Buffers {
     /// What comes back, and the bytes of it.
     pub(super) staging: Buffer,
     pub(super) staged: u64,
+    /// Where arrays come back that wait.
+    pub(super) array_staging: Option<Buffer>,
 }
 
 /// What comes back of a buffer: its bytes in `staging`.
@@ -281,6 +291,11 @@ struct Part<'a> {
 /// Bytes of `count` entries.
 pub(super) fn bytes<T>(count: u32) -> u64 {
     u64::from(count) * size_of::<T>() as u64
+}
+
+/// An array, as it comes back.
+fn array((output, buffer): &(Output, Buffer), pixels: u64) -> Part<'_> {
+    Part { buffer, bytes: array_bytes(*output, pixels) }
 }
 
 /// Bytes of an array of so many pixels, in whole words.
@@ -339,6 +354,7 @@ impl Buffers {
             times: Times::new(context)?,
             staging: context.buffer("counters", 0, BufferUsages::MAP_READ)?,
             staged: 0,
+            array_staging: None,
         };
         out.making(context, shape)
     }
@@ -361,6 +377,14 @@ impl Buffers {
         self.staged = self.parts().iter().flatten().map(|part| part.bytes).sum();
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         self.staging = context.buffer("what is read back", self.staged, usage)?;
+        self.array_staging = match shape.waits {
+            true => Some(context.buffer(
+                "what is read back",
+                self.array_parts().map(|part| part.bytes).sum(),
+                usage,
+            )?),
+            false => None,
+        };
         Ok(self)
     }
 
@@ -388,9 +412,9 @@ impl Buffers {
         let Shape { instances, pixels, room, depth_only, .. } = self.shape;
         let ticks = Part { buffer: self.times.ticks(), bytes: Times::BYTES };
         let visible = Part { buffer: &self.visible, bytes: bytes::<VisibleCluster>(room.visible) };
-        let array =
-            |(output, buffer): &'a (Output, Buffer)| Part { buffer, bytes: array_bytes(*output, pixels) };
-        let mut arrays = self.outputs.iter().map(array);
+        let waits = |output: &Output| self.shape.waits && *output != Output::Overdraw;
+        let mut arrays =
+            self.outputs.iter().filter(|(output, _)| !waits(output)).map(|own| array(own, pixels));
         // Depth that is made here comes in place of the keys it is made of.
         let made_depth = if depth_only { arrays.next() } else { None };
         let word_bytes = if self.shape.stays_on_device { 0 } else { self.shape.word_bytes() };
@@ -407,6 +431,28 @@ impl Buffers {
                 .map(|(cull_pass, starts)| cull_pass.parts(starts, self.shape)),
         );
         parts
+    }
+
+    /// What comes back later: ticks, and arrays that wait.
+    fn array_parts(&self) -> impl Iterator<Item = Part<'_>> {
+        let ticks = Part { buffer: self.times.ticks(), bytes: Times::BYTES };
+        let made = self.outputs.iter().filter(|(output, _)| *output != Output::Overdraw);
+        [ticks].into_iter().chain(made.map(|own| array(own, self.shape.pixels)))
+    }
+
+    /// Copies it.
+    pub(super) fn copy_arrays(&self, encoder: &mut CommandEncoder) {
+        let Some(staging) = &self.array_staging else { return };
+        let mut at = 0;
+        for part in self.array_parts() {
+            encoder.copy_buffer_to_buffer(part.buffer, 0, staging, at, part.bytes);
+            at += part.bytes;
+        }
+    }
+
+    /// Bytes of it, and of each part.
+    pub(super) fn array_bytes(&self) -> Vec<u64> {
+        self.array_parts().map(|part| part.bytes).collect()
     }
 
     /// Takes in that a frame was drawn: the next can start from its groups, where the second pass listed them.

@@ -20,13 +20,14 @@ pub use super::raster_hardware::raster_hardware;
 pub use super::raster_large::{raster_alpha_tested, raster_large};
 pub use super::raster_small::raster_small;
 pub use super::shade::{Ibl, MaterialKind, Shadowing, shade};
+pub use super::shadow_mark::SHADOW_MARK;
 pub use super::shadow_raster::{SHADOW_TILES, shadow_raster};
 pub use super::shadow_test::SHADOW_TEST;
 
 /// Every kernel.
 pub fn kernels() -> Vec<Kernel> {
     [
-        vec![LOOP_PROBE, INSTANCE_CULL, SHADOW_TEST],
+        vec![LOOP_PROBE, INSTANCE_CULL, SHADOW_MARK, SHADOW_TEST],
         super::lists::kernels(),
         node_cull::kernels(),
         cluster_cull::kernels(),

@@ -42,6 +42,7 @@ pub mod renderer;
 mod request;
 mod shade;
 pub mod shaders;
+mod shadow_mark;
 mod shadow_pool;
 mod shadow_raster;
 pub mod shadow_table;
@@ -54,8 +55,9 @@ pub use buffers::DeviceVisibility;
 pub use context::Context;
 pub use instances::SceneInstance;
 pub use kernel::CullPass;
-pub use renderer::DeviceRenderer;
+pub use renderer::{DeviceRenderer, Made};
 pub use request::{Counted, Drawn, ViewRequest, Ways};
+pub use shadow_mark::Column;
 pub use shadow_pool::DevicePage;
 pub use shadow_raster::{ShadowBlock, ShadowsDrawn};
 // For benchmarks, which run kernels of their own on the same device.

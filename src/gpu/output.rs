@@ -32,9 +32,8 @@ pub(super) fn kernels() -> Vec<Kernel> {
     [COUNT_COVERED].into_iter().chain(outputs).collect()
 }
 
-/// Arrays of the finished picture: all but colour, which is the stage before, and overdraw. Of a picture that stays on the
-/// device, also how much of it is covered.
-pub(super) fn record(r: &mut Recorder<'_>) {
+/// Of a picture that stays on the device, how much of it is covered.
+pub(super) fn record_covered(r: &mut Recorder<'_>) {
     let b = r.buffers;
     if b.shape.stays_on_device {
         let bindings =
@@ -43,6 +42,10 @@ pub(super) fn record(r: &mut Recorder<'_>) {
         let workgroups = b.shape.pixels.div_ceil(u64::from(WIDTH * PIXELS_PER_LANE)) as u32;
         r.run(COUNT_COVERED, &bindings.buffers(), workgroups);
     }
+}
+
+/// Arrays of the finished picture: all but colour, which is the stage before, and overdraw.
+pub(super) fn record(r: &mut Recorder<'_>) {
     for (made, out) in r.buffers.outputs.iter().filter(|(made, _)| makes(*made)) {
         let bindings = r.surface(out).buffers();
         r.run(output(*made), &bindings, r.picture_workgroups());

@@ -1,19 +1,22 @@
 //! The passes of a submission: a stage in each, for all views.
 
-use wgpu::{CommandEncoder, ComputePassDescriptor};
+use wgpu::{Buffer, CommandEncoder, ComputePassDescriptor};
 
 use super::buffers::Buffers;
 use super::context::Context;
 use super::instances::Slots;
-use super::kernel::CullPass;
+use super::kernel::{CullPass, bind};
 use super::lists::List;
 use super::materials;
 use super::meshes::Meshes;
 use super::raster::Words;
 use super::raster_hardware::{Draw, raster_hardware};
 use super::recorder::{Recorder, raster};
+use super::shadow_table::ShadowBindings;
 use super::times::Times;
 use super::view_history::SubmittedView;
+use super::{output, shade};
+use crate::config::Output;
 use crate::gpu_types::HISTORY_LIST;
 use crate::stages::Stage;
 
@@ -27,6 +30,8 @@ pub(super) struct Passes<'a> {
     pub(super) slots: u32,
     pub(super) materials: Option<&'a materials::Buffers>,
     pub(super) times: &'a Times,
+    /// The pages of shadow maps, where they are looked up.
+    pub(super) shadow_pages: Option<&'a Buffer>,
     /// See [`super::Ways::until`].
     pub(super) until: Option<Stage>,
     pub(super) encoder: &'a mut CommandEncoder,
@@ -42,6 +47,21 @@ impl<'a> Passes<'a> {
         self.submitted.iter().filter(has).collect()
     }
 
+    /// Whether an array is made of any view.
+    pub(super) fn make(&self, which: fn(Output) -> bool) -> bool {
+        self.submitted.iter().any(|submitted_view| submitted_view.buffers.shape.outputs.iter().any(which))
+    }
+
+    /// Makes all arrays of finished pictures.
+    pub(super) fn make_arrays(&mut self) {
+        if self.make(Output::shaded) {
+            self.run(Stage::Shade, CullPass::First, shade::record);
+        }
+        if self.make(|output| !(output.shaded() || output == Output::Overdraw)) {
+            self.run(Stage::Output, CullPass::First, output::record);
+        }
+    }
+
     pub(super) fn run(&mut self, stage: Stage, cull_pass: CullPass, record: impl Fn(&mut Recorder<'a>)) {
         let submitted = self.submitted(stage, cull_pass);
         if submitted.is_empty() {
@@ -52,12 +72,16 @@ impl<'a> Passes<'a> {
         let descriptor = ComputePassDescriptor { label: Some(&label), timestamp_writes };
         // It ends below, where the last recorder does.
         let mut pass = self.encoder.begin_compute_pass(&descriptor).forget_lifetime();
-        let Self { context, meshes, instances, slots, materials, .. } = *self;
+        let Self { context, meshes, instances, slots, materials, shadow_pages, .. } = *self;
         for (place, SubmittedView { view, seen, buffers, culling, history }) in
             submitted.into_iter().enumerate()
         {
             let (pyramids, lights, culling) = (&history.pyramids, &history.lights, *culling);
             let listed = view.history == HISTORY_LIST;
+            let tables = history.shadow_table.as_ref().zip(shadow_pages);
+            let shadows = tables.map(|(table, pages)| {
+                bind!(ShadowBindings { shadow_table: table.buffer(), shadow_pages: pages })
+            });
             let mut recorder = Recorder {
                 context,
                 meshes,
@@ -68,6 +92,7 @@ impl<'a> Passes<'a> {
                 pyramids,
                 lights,
                 materials,
+                shadows,
                 culling,
                 listed,
                 cull_pass,

@@ -11,6 +11,7 @@ use super::materials;
 use super::meshes::Meshes;
 use super::pyramids::Pyramids;
 use super::raster::{OneView, RasterBindings};
+use super::shadow_table::ShadowBindings;
 use super::surface::SurfaceBindings;
 use crate::gpu_types::Dispatch;
 
@@ -78,6 +79,8 @@ pub(super) struct Recorder<'a> {
     pub(super) lights: &'a Lights,
     /// Materials, where an instance has others than a plain one.
     pub(super) materials: Option<&'a materials::Buffers>,
+    /// The shadow maps of the lights, where these throw shadows.
+    pub(super) shadows: Option<ShadowBindings<'a>>,
     /// What is hidden is left out, in two passes.
     pub(super) culling: bool,
     /// The first pass starts from what the frame before drew.

@@ -14,8 +14,10 @@ use super::passes::Passes;
 use super::raster::Words;
 use super::recorder::surface;
 use super::request::{Counted, Drawn, ViewRequest, Ways};
+use super::shadow_mark::{Column, ShadowMarking};
 use super::shadow_pool::DevicePage;
 use super::shadow_raster::{ShadowBlock, ShadowDrawing, ShadowsDrawn, Sources};
+use super::shadow_table::ShadowTable;
 use super::view_history::{Prepared, SubmittedView, ViewHistory};
 use super::{
     calibrate, cluster_cull, hzb, instance_cull, node_cull, occlusion, output, raster_large, raster_small,
@@ -50,7 +52,14 @@ pub struct DeviceRenderer {
     histories: Histories<ViewHistory>,
     /// Once there were shadows.
     shadows: Option<ShadowDrawing>,
+    marking: Option<ShadowMarking>,
 }
+
+/// The arrays made of a view's picture.
+pub type Made = Vec<(Output, Array)>;
+
+/// Stage, pass and milliseconds of each pass on the device; NaN where it takes no time.
+pub type StageTimes = Vec<(Stage, CullPass, f64)>;
 
 impl DeviceRenderer {
     /// A renderer on the best device there is.
@@ -64,6 +73,7 @@ impl DeviceRenderer {
             room: FIRST_ROOM,
             histories: Histories::default(),
             shadows: None,
+            marking: None,
         })
     }
 
@@ -181,6 +191,7 @@ impl DeviceRenderer {
                     },
                     stays_on_device: false,
                     groups_come_back: ways.until == Some(Stage::ClusterCull),
+                    waits: ways.waits,
                 };
                 let context = &self.context;
                 // Others go before new ones are made.
@@ -229,6 +240,106 @@ impl DeviceRenderer {
             }
             self.room = room;
         }
+    }
+
+    /// The columns of each light that the pixels of a view's last picture may look up, see `shadow_mark`; none where they are
+    /// more, or farther away, than tables have room for. `table` says how the view sees so many lights.
+    pub fn mark_shadows(
+        &mut self,
+        id: u64,
+        table: &[[u32; 4]],
+        lights: usize,
+    ) -> Result<Option<Vec<Vec<Column>>>> {
+        self.context.check()?;
+        let Self { context, meshes, histories, marking, instances, .. } = self;
+        let history = histories.get(id).filter(|_| instances.any());
+        let Some(ViewHistory { seen: Some((_, seen)), buffers: Some(buffers), .. }) = history else {
+            // Nothing was drawn.
+            return Ok(Some(vec![Vec::new(); lights]));
+        };
+        let marking = match marking {
+            Some(marking) => marking,
+            None => marking.insert(ShadowMarking::new(context)?),
+        };
+        marking.run(context, meshes, (seen, buffers), table, lights)
+    }
+
+    /// Makes the arrays that waited of views' last pictures, each with the table of its shadow maps: the arrays of each, and
+    /// what stages took.
+    pub fn shade(&mut self, views: &[(u64, Vec<[u32; 4]>)]) -> Result<(Vec<Made>, StageTimes)> {
+        self.context.check()?;
+        let context = &*self.context;
+        for (id, table) in views {
+            let history = self.histories.get_or_make(*id, || ViewHistory::new(context))?;
+            let own = match &mut history.shadow_table {
+                Some(own) => own,
+                none => none.insert(ShadowTable::new(context)?),
+            };
+            own.write(context, table)?;
+        }
+        let pool = self.shadows.as_ref().map(ShadowDrawing::pool);
+        let instances = self.instances.slots().filter(|_| self.instances.any());
+        let (Some(pool), Some(instances)) = (pool, instances) else {
+            return Ok((vec![Vec::new(); views.len()], Vec::new()));
+        };
+        let none: View = bytemuck::Zeroable::zeroed();
+        let submitted: Vec<SubmittedView<'_>> = views
+            .iter()
+            .filter_map(|(id, _)| {
+                let history = self.histories.get(*id)?;
+                let (seen, buffers) = (&history.seen.as_ref()?.1, history.buffers.as_ref()?);
+                Some(SubmittedView { view: &none, culling: false, seen, buffers, history })
+            })
+            .collect();
+        let Some(first) = submitted.first().filter(|_| submitted.len() == views.len()) else {
+            return Ok((vec![Vec::new(); views.len()], Vec::new()));
+        };
+        let times = &first.buffers.times;
+        let mut encoder = context.encoder("arrays of a frame");
+        let mut passes = Passes {
+            context,
+            meshes: &self.meshes,
+            submitted: &submitted,
+            instances,
+            slots: self.instances.len(),
+            materials: self.instances.table().buffers(),
+            shadow_pages: Some(&pool),
+            times,
+            until: None,
+            encoder: &mut encoder,
+            passes: Vec::new(),
+        };
+        passes.make_arrays();
+        let passes = passes.passes;
+        times.resolve(&mut encoder, passes.len() as u32);
+        submitted.iter().for_each(|view| view.buffers.copy_arrays(&mut encoder));
+        let submission = context.start(encoder)?;
+        let (mut made, mut taken): (Vec<Made>, StageTimes) = Default::default();
+        for (number, SubmittedView { buffers, .. }) in submitted.iter().enumerate() {
+            let Some(staging) = &buffers.array_staging else { continue };
+            let bytes = buffers.array_bytes();
+            let mut arrays = Vec::new();
+            context.read(submission.clone(), staging, bytes.iter().sum(), |mut staged| {
+                let mut parts = bytes.iter().map(|bytes| {
+                    let (head, tail) = staged.split_at(*bytes as usize);
+                    staged = tail;
+                    head
+                });
+                let ticks = parts.next().unwrap_or_default();
+                if number == 0 {
+                    let times = passes.iter().zip(times::milliseconds(ticks, context.tick()));
+                    taken = times.map(|((stage, cull_pass), ms)| (*stage, *cull_pass, ms)).collect();
+                }
+                let pixels = buffers.shape.pixels as usize;
+                let outputs = buffers.shape.outputs.iter().filter(|output| *output != Output::Overdraw);
+                arrays = outputs
+                    .zip(parts)
+                    .map(|(output, bytes)| (output, Array::read(output, pixels, bytes)))
+                    .collect();
+            })?;
+            made.push(arrays);
+        }
+        Ok((made, taken))
     }
 
     /// Pages of shadow maps that there is room for.
@@ -287,9 +398,6 @@ impl DeviceRenderer {
             return Ok(Default::default());
         };
         let times = &first.buffers.times;
-        let made = |which: fn(Output) -> bool| {
-            submitted.iter().any(|submitted_view| submitted_view.buffers.shape.outputs.iter().any(which))
-        };
         let mut passes = Passes {
             context,
             meshes: &self.meshes,
@@ -297,6 +405,7 @@ impl DeviceRenderer {
             instances,
             slots: self.instances.len(),
             materials: self.instances.table().buffers(),
+            shadow_pages: None,
             times,
             until: ways.until,
             encoder: &mut encoder,
@@ -335,7 +444,7 @@ impl DeviceRenderer {
                 });
             }
             // The visible list is that of this pass now, and not later.
-            if made(|output| output == Output::Overdraw) {
+            if passes.make(|output| output == Output::Overdraw) {
                 passes.run(Stage::Output, cull_pass, output::count);
             }
             if submitted.iter().any(|submitted_view| submitted_view.culling) {
@@ -346,13 +455,11 @@ impl DeviceRenderer {
                 });
             }
         }
-        if made(Output::shaded) {
-            passes.run(Stage::Shade, CullPass::First, shade::record);
+        if submitted.iter().any(|submitted_view| submitted_view.buffers.shape.stays_on_device) {
+            passes.run(Stage::Output, CullPass::First, output::record_covered);
         }
-        let stays_on_device =
-            submitted.iter().any(|submitted_view| submitted_view.buffers.shape.stays_on_device);
-        if stays_on_device || made(|output| !(output.shaded() || output == Output::Overdraw)) {
-            passes.run(Stage::Output, CullPass::First, output::record);
+        if !ways.waits {
+            passes.make_arrays();
         }
         let passes = passes.passes;
         times.resolve(&mut encoder, passes.len() as u32);
@@ -415,7 +522,8 @@ fn report(
                 parts.for_each(|(words, pixels)| words.copy_from_slice(pixels));
             }
             visible = list;
-            let arrays = shape.outputs.iter().zip(arrays);
+            let here = |output: &Output| !shape.waits || *output == Output::Overdraw;
+            let arrays = shape.outputs.iter().filter(here).zip(arrays);
             let pixels = shape.pixels as usize;
             drawn.made = arrays.map(|(output, bytes)| (output, Array::read(output, pixels, bytes))).collect();
             let times = passes.iter().zip(times::milliseconds(ticks, tick));

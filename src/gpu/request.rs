@@ -23,6 +23,8 @@ pub struct Ways {
     pub shading: Shading,
     /// This stage and those behind it do not run; what the one before passed on comes back.
     pub until: Option<Stage>,
+    /// Arrays wait for [`super::DeviceRenderer::shade`], since shadows are to be found before.
+    pub waits: bool,
 }
 
 /// A view to draw, and the arrays to make of its picture.

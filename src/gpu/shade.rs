@@ -126,7 +126,7 @@ pub(super) fn kernel<'a>(
 
 pub(super) fn record(r: &mut Recorder<'_>) {
     for (output, out) in r.buffers.outputs.iter().filter(|(output, _)| output.shaded()) {
-        let (kernel, bindings) = kernel(*output, &r.surface(out), r.lights, r.materials, None);
+        let (kernel, bindings) = kernel(*output, &r.surface(out), r.lights, r.materials, r.shadows.as_ref());
         r.run(kernel, &bindings, r.picture_workgroups());
     }
 }

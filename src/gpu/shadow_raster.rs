@@ -212,6 +212,7 @@ impl ShadowDrawing {
             outputs: Outputs::default(),
             stays_on_device: false,
             groups_come_back: false,
+            waits: false,
         };
         let history = &mut self.history;
         if history.seen.as_ref().is_none_or(|(room, _)| *room != shape.instances) {
@@ -263,6 +264,7 @@ impl ShadowDrawing {
             pyramids: &history.pyramids,
             lights: &history.lights,
             materials,
+            shadows: None,
             culling: false,
             listed: false,
             cull_pass: CullPass::First,

@@ -9,6 +9,7 @@ use super::lights::Lights;
 use super::pyramids::Pyramids;
 use super::raster_hardware::Target;
 use super::request::{Counted, Drawn, ViewRequest};
+use super::shadow_table::ShadowTable;
 use crate::error::Result;
 use crate::gpu_types::{HISTORY_LIST, Instance, View};
 
@@ -20,6 +21,8 @@ pub(super) struct ViewHistory {
     pub(super) buffers: Option<Buffers>,
     pub(super) pyramids: Pyramids,
     pub(super) lights: Lights,
+    /// There once lights threw shadows.
+    pub(super) shadow_table: Option<ShadowTable>,
     /// There once the hardware rasterizer has drawn it.
     pub(super) target: Option<Target>,
     /// How instances were arranged when it was last drawn.
@@ -29,7 +32,15 @@ pub(super) struct ViewHistory {
 impl ViewHistory {
     pub(super) fn new(context: &Context) -> Result<Self> {
         let (pyramids, lights) = (Pyramids::new(context, (0, 0))?, Lights::new(context)?);
-        Ok(Self { seen: None, buffers: None, pyramids, lights, target: None, arrangement: 0 })
+        Ok(Self {
+            seen: None,
+            buffers: None,
+            pyramids,
+            lights,
+            shadow_table: None,
+            target: None,
+            arrangement: 0,
+        })
     }
 
     /// The side of the viewport of the hardware rasterizer for images of a size; 0 where it draws nothing.

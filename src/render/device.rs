@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use rayon::prelude::*;
 
 use super::bisect;
-use super::device_shadows::{DeviceShadows, OnDevice};
+use super::device_shadows::{DeviceShadows, MarkedOnDevice, OnDevice, table};
 use super::frame_shadows::FrameShadows;
 use super::pass::INSTANCES;
 use super::queue::Queue;
@@ -14,7 +14,7 @@ use super::renderer::{FrameContext, Rastered};
 use super::shadows;
 use super::stats::{FrameStats, StageStats};
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
-use crate::config::{Output, Outputs, RenderOptions, Samples};
+use crate::config::{Output, Outputs, RenderOptions, Samples, Shadows};
 use crate::cpu::instance_cull;
 use crate::error::Result;
 use crate::gpu::{
@@ -86,7 +86,8 @@ impl Device {
         let RenderOptions { int64_atomics, raster, shading, cpu_from, .. } = *options;
         // What the CPU goes on with is of one pass.
         let occlusion = options.occlusion && bisect::on_device(options, Stage::Hzb);
-        let ways = Ways { int64_atomics, occlusion, raster, shading, until: cpu_from };
+        let waits = options.shadows != Shadows::Off && bisect::on_device(options, Stage::Shade);
+        let ways = Ways { int64_atomics, occlusion, raster, shading, until: cpu_from, waits };
         let on_device = options.device_outputs.unwrap_or(!self.context().software());
         // Colour of several samples is their mean.
         let shaded = match options.samples {
@@ -157,7 +158,12 @@ impl Device {
 }
 
 impl Device {
-    /// Gives frames the shadows that they look up.
+    /// What marks pages of shadow maps there, and has the CPU draw them.
+    pub(super) fn marks(&mut self) -> MarkedOnDevice<'_> {
+        MarkedOnDevice(OnDevice(&mut self.renderer))
+    }
+
+    /// Gives frames the shadows that they look up, and makes the arrays that waited for them.
     pub(super) fn light_up(
         &mut self,
         frame_contexts: &[FrameContext<'_>],
@@ -165,6 +171,23 @@ impl Device {
     ) -> Result<()> {
         let mut painter = OnDevice(&mut self.renderer);
         let lights = shadows::light_up(&mut painter, &mut self.shadows, frame_contexts, rastered)?;
+        let shaded = frame_contexts.iter().all(|own| bisect::on_device(&own.options, Stage::Shade));
+        if shaded {
+            let tables: Vec<(u64, Vec<[u32; 4]>)> =
+                frame_contexts.iter().zip(&lights).map(|(own, lights)| (own.id, table(lights))).collect();
+            let (made, times) = self.renderer.shade(&tables)?;
+            for ((own, made), frame_context) in rastered.iter_mut().zip(made).zip(frame_contexts) {
+                own.made.extend(made);
+                let Screen { width, height, .. } = frame_context.screen;
+                let pixels = u64::from(width) * u64::from(height);
+                let covered = own.stats.covered_pixels;
+                let stats = times.iter().map(|(stage, _, ms)| {
+                    let passed = if *stage == Stage::Shade { covered } else { pixels };
+                    StageStats { stage: *stage, pass: 1, received: pixels, passed, ms: *ms }
+                });
+                own.stats.add(&stats.collect::<Vec<_>>());
+            }
+        }
         for (own, lights) in rastered.iter_mut().zip(lights) {
             own.shadows = Some(FrameShadows::Device(DeviceShadows::new(lights)));
         }

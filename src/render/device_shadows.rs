@@ -6,9 +6,11 @@ use rustc_hash::FxHashSet;
 
 use super::device::view_record;
 use super::renderer::{FrameContext, Rastered};
+use super::shadow_records::shadow_map_entries;
 use super::shadows::{Casters, FrameLight, FrameLights, Host, Painted, Painter, on_host};
 use crate::cpu::shadow_pages::Shadows;
 use crate::error::Result;
+use crate::gpu::shadow_table::shadow_table;
 use crate::gpu::{DevicePage, DeviceRenderer, ShadowBlock};
 use crate::gpu_types;
 use crate::scene::View;
@@ -28,7 +30,15 @@ impl Painter for OnDevice<'_> {
         rastered: &Rastered,
         lights: &[LightView],
     ) -> Result<FxHashSet<PageKey>> {
-        Host.mark(frame_context, rastered, lights)
+        let entries: Vec<_> =
+            lights.iter().map(|light| Some(shadow_map_entries(light, std::iter::empty()))).collect();
+        let found = self.0.mark_shadows(frame_context.id, &shadow_table(&entries), lights.len())?;
+        let Some(found) = found else { return Host.mark(frame_context, rastered, lights) };
+        let pages = lights.iter().zip(found).flat_map(|(light, columns)| {
+            let columns = columns.iter().map(|column| (light.column(column.bits), column.heights));
+            light.pages(columns.collect())
+        });
+        Ok(pages.collect())
     }
 
     fn most(&self) -> usize {
@@ -66,6 +76,45 @@ impl Painter for OnDevice<'_> {
             needs: drawn.needs,
         })
     }
+}
+
+/// A device that marks pages, and the CPU that draws them: to find out which of them goes wrong.
+pub(super) struct MarkedOnDevice<'a>(pub(super) OnDevice<'a>);
+
+impl Painter for MarkedOnDevice<'_> {
+    type Page = Arc<ShadowPage>;
+
+    fn mark(
+        &mut self,
+        frame_context: &FrameContext<'_>,
+        rastered: &Rastered,
+        lights: &[LightView],
+    ) -> Result<FxHashSet<PageKey>> {
+        self.0.mark(frame_context, rastered, lights)
+    }
+
+    fn most(&self) -> usize {
+        Host.most()
+    }
+
+    fn paint(
+        &mut self,
+        pages: &[PageKey],
+        casters: &Casters<'_>,
+        held: &ShadowCache<Self::Page>,
+        most: usize,
+    ) -> Result<Painted<Self::Page>> {
+        Host.paint(pages, casters, held, most)
+    }
+}
+
+/// How shaders look up the maps of a frame's lights.
+pub(super) fn table(lights: &FrameLights<Arc<DevicePage>>) -> Vec<[u32; 4]> {
+    let entries = |own: &FrameLight<Arc<DevicePage>>| {
+        let slots = own.pages.iter().filter_map(|(at, page)| Some((*at, page.slot()?)));
+        shadow_map_entries(&own.view, slots)
+    };
+    shadow_table(&lights.iter().map(|own| own.as_ref().map(entries)).collect::<Vec<_>>())
 }
 
 fn view_of(view: &View, tau: f32) -> gpu_types::View {

@@ -324,8 +324,10 @@ impl Renderer {
         options: &RenderOptions,
         proceed: InterruptCheck<'_>,
     ) -> Result<Vec<Frame>> {
-        // A device leaves what has shadows to the CPU.
-        let shaded = (options.shadows != Shadows::Off).then_some(Stage::Shade);
+        // A device makes depth with what it draws, and all that is shaded later: where both are asked for, the CPU shades.
+        let depth = |desc: &ViewDesc| desc.options(options).depth_only;
+        let mixed = options.shadows != Shadows::Off && views.iter().any(depth);
+        let shaded = mixed.then_some(Stage::Shade);
         let cpu_from = [options.cpu_from.or(self.cpu_from), shaded].into_iter().flatten().min();
         let options = &RenderOptions { cpu_from, ..options.clone() };
         options.validate()?;
@@ -455,13 +457,19 @@ impl Renderer {
         if options.shadows == Shadows::Off {
             return Ok(());
         }
-        #[cfg(feature = "gpu")]
-        if let Device::Gpu { device, .. } = &mut self.device
-            && options.cpu_from.is_none_or(|from| from > Stage::ShadowRaster)
-        {
-            return device.light_up(frame_contexts, rastered);
-        }
-        let lights = shadows::light_up(&mut Host, &mut self.shadows, frame_contexts, rastered)?;
+        let from = options.cpu_from.unwrap_or(Stage::Output);
+        let lights = match &mut self.device {
+            #[cfg(feature = "gpu")]
+            Device::Gpu { device, .. } if from > Stage::ShadowRaster => {
+                return device.light_up(frame_contexts, rastered);
+            }
+            #[cfg(feature = "gpu")]
+            Device::Gpu { device, .. } if from == Stage::ShadowRaster => {
+                let mut painter = device.marks();
+                shadows::light_up(&mut painter, &mut self.shadows, frame_contexts, rastered)?
+            }
+            _ => shadows::light_up(&mut Host, &mut self.shadows, frame_contexts, rastered)?,
+        };
         for (own, lights) in rastered.iter_mut().zip(lights) {
             own.shadows = Some(FrameShadows::Host(shadows::on_host(lights)));
         }

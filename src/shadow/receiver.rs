@@ -7,18 +7,14 @@
 use super::map::{BOUNDED_LEVELS, CUBE_FACES, MapKind, PageKey, ShadowMap};
 use super::soft::Lamp;
 use crate::limits::{
-    SHADOW_LEAST_COSINE, SHADOW_LEVELS, SHADOW_LEVELS_APART, SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS,
-    SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_SNAP, SHADOW_SOFT_TEXELS, SHADOW_TEXEL_REACH,
+    SHADOW_BOUNDED_LEVELS, SHADOW_COLUMN_BITS, SHADOW_LEAST_COSINE, SHADOW_LEVELS, SHADOW_LEVELS_APART,
+    SHADOW_MARGIN, SHADOW_MOST_ACROSS, SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_ROUNDING, SHADOW_SIDE,
+    SHADOW_SNAP, SHADOW_SOFT_TEXELS, SHADOW_TEXEL_REACH,
 };
 use crate::scene::View;
 
 /// By how many halvings a texel may be smaller than the scene.
 const FINEST: i32 = 48;
-/// Pages across which a receiver may be, where its cut is that much coarser than a pixel: more are more than there is room for,
-/// and all levels become coarser.
-const MOST_PAGES: f32 = 64.0;
-/// How far receivers may be moved is taken times this where pages are marked, for the rounding of what is done with it.
-pub const SHADOW_MARGIN: f32 = 1.02;
 
 /// A point that a camera sees: camera space, world units.
 #[derive(Clone, Copy, Debug)]
@@ -228,6 +224,19 @@ impl LightView {
         PageKey { light: self.light, face, level, tau: self.tau, x, y, z }
     }
 
+    /// The column of pages that a device wrote as one number: `column_bits` of `shaders/shadow_mark.wgsl`.
+    pub fn column(&self, bits: u32) -> RelativePage {
+        let mask = (1 << SHADOW_COLUMN_BITS) - 1;
+        let (level, y, x) =
+            (bits >> (2 * SHADOW_COLUMN_BITS), bits >> SHADOW_COLUMN_BITS & mask, bits & mask);
+        if self.parallel() {
+            let [x, y] = [x, y].map(|at| at as i32 - (1 << (SHADOW_COLUMN_BITS - 1)));
+            return RelativePage { face: 0, level: (self.first + level as i32) as i16, x, y, z: 0 };
+        }
+        let (face, level) = (level / SHADOW_BOUNDED_LEVELS, level % SHADOW_BOUNDED_LEVELS);
+        RelativePage { face: face as u8, level: level as i16, x: x as i32, y: y as i32, z: 0 }
+    }
+
     /// The same page relative to the camera, if it is of this map and these levels.
     pub fn relative(&self, key: &PageKey) -> Option<RelativePage> {
         let PageKey { light, face, level, tau, x, y, z } = *key;
@@ -368,7 +377,7 @@ impl LightView {
         let (wide, heights) = (reach + self.beside() * texel, [at[2] - reach, at[2] + self.above(reach)]);
         // No page lies between two points of a grid that are less than a page apart.
         let side = SHADOW_PAGE_SIDE as f32 * texel;
-        let count = (2.0 * wide / side).min(MOST_PAGES).ceil() as i32 + 1;
+        let count = (2.0 * wide / side).min(SHADOW_MOST_ACROSS).ceil() as i32 + 1;
         let along = |k: i32| wide * (2.0 * k as f32 / count as f32 - 1.0);
         let depths = if self.parallel() { 0..=0 } else { 0..=count };
         for (x, y) in (0..=count).flat_map(|y| (0..=count).map(move |x| (x, y))) {
