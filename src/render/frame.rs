@@ -145,6 +145,11 @@ impl Frame {
         Ok(shadow_test::run(self.pixels("shadow")?, &self.eye, self.shadows()?))
     }
 
+    /// What is in the way of each light, where lights throw shadows.
+    pub fn shadow_maps(&self) -> Option<&Shadows> {
+        self.shadows.as_ref()
+    }
+
     fn shadows(&self) -> Result<&Shadows> {
         let none = || Error::argument("shadows", "the frame was rendered without");
         self.shadows.as_ref().ok_or_else(none)?.host()

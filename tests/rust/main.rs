@@ -27,6 +27,8 @@ mod seams;
 mod shader_validation;
 #[cfg(feature = "gpu")]
 mod shadow_lookup;
+#[cfg(feature = "gpu")]
+mod shadow_pictures;
 mod shadows;
 mod shapes;
 #[cfg(feature = "gpu")]

@@ -32,7 +32,7 @@ fn towards(kind: LightKind, from: DVec3) -> Light {
 }
 
 /// Radii of lights: sharp ones, and some as large as lamps and suns are.
-const RADII: [f64; 2] = [0.0, 0.03];
+pub const RADII: [f64; 2] = [0.0, 0.03];
 
 /// A light of each kind, of a radius.
 fn lights(radius: f64) -> [Light; 3] {
@@ -54,7 +54,7 @@ fn square(n: usize) -> Arc<Dag> {
 }
 
 /// The crowd on a floor, in its own sharp light and three of a radius.
-fn lit_crowd(radius: f64) -> Scene {
+pub fn lit_crowd(radius: f64) -> Scene {
     let mut scene = crowd();
     let floor = square(8);
     // Seen from above: x across, z down.
