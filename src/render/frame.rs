@@ -147,7 +147,7 @@ impl Frame {
 
     /// What is in the way of each light, where lights throw shadows.
     pub fn shadow_maps(&self) -> Option<&Shadows> {
-        self.shadows.as_ref()
+        self.shadows().ok()
     }
 
     fn shadows(&self) -> Result<&Shadows> {

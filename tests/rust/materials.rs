@@ -446,7 +446,7 @@ fn holes_show_what_is_behind() {
 
 /// The gallery, and balls with holes.
 #[cfg(feature = "gpu")]
-fn lattices() -> Scene {
+pub fn lattices() -> Scene {
     let mut scene = gallery();
     let ball = mesh(&bumpy_sphere(24), false, 4);
     // Of four materials two have holes; near enough to be clipped, and far.
