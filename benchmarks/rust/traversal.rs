@@ -112,6 +112,7 @@ fn measure(forms: &mut Forms, renderer: &mut DeviceRenderer, distance: f64) -> M
                 raster: Raster::Compute,
                 shading: Shading::default(),
                 until: None,
+                waits: false,
             };
             let drawn = renderer
                 .draw(&mut [ViewRequest::new(view, &mut words)], ways, &Resident::default())

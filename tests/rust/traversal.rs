@@ -47,6 +47,7 @@ fn agree(forms: &mut Forms, renderer: &mut DeviceRenderer, view: &View) -> [Foun
         raster: Raster::Compute,
         shading: Shading::default(),
         until: None,
+        waits: false,
     };
     let mut words = vec![0; (view.width * view.height) as usize];
     assert!(
