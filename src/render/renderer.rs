@@ -344,8 +344,7 @@ impl Renderer {
                 self.load(scene, proceed)?;
                 let resident = Resident::default();
                 let frame_contexts = frame_contexts(scene, &views, &resident);
-                let mut rastered = self.draw(&frame_contexts)?;
-                self.light_up(&frame_contexts, &mut rastered)?;
+                let mut rastered = self.draw_lit(&frame_contexts)?;
                 self.sample(&frame_contexts, &mut rastered)?;
                 self.finish(frame_contexts, rastered)?
             }
@@ -387,8 +386,7 @@ impl Renderer {
             let meshes = scene.instances().iter().map(|(_, instance)| &instance.mesh);
             let resident = streamer.resident(meshes, options.wait, proceed)?;
             let frame_contexts = frame_contexts(scene, views, &resident);
-            let mut rastered = self.draw(&frame_contexts)?;
-            self.light_up(&frame_contexts, &mut rastered)?;
+            let mut rastered = self.draw_lit(&frame_contexts)?;
             if sampled {
                 self.sample(&frame_contexts, &mut rastered)?;
             }
@@ -432,8 +430,7 @@ impl Renderer {
                 frame_context.moved(by, RenderOptions { outputs, samples: Samples::One, ..options })
             });
             let moved: Vec<FrameContext<'_>> = moved.collect();
-            let mut drawn = self.draw(&moved)?;
-            self.light_up(&moved, &mut drawn)?;
+            let drawn = self.draw_lit(&moved)?;
             for ((frame_context, mut drawn), whole) in moved.into_iter().zip(drawn).zip(&mut *rastered) {
                 whole.needs.merge(std::mem::take(&mut drawn.needs));
                 let mut frame = finished(frame_context, drawn, self.scratch.clone())?;
@@ -449,6 +446,31 @@ impl Renderer {
             }
         }
         Ok(())
+    }
+
+    /// Draws frames, with the shadows that they look up.
+    fn draw_lit(&mut self, frame_contexts: &[FrameContext<'_>]) -> Result<Vec<Rastered>> {
+        let mut rastered = self.draw(frame_contexts)?;
+        match self.light_up(frame_contexts, &mut rastered) {
+            Err(error) if self.replace(&error) => {
+                rastered = self.draw(frame_contexts)?;
+                self.light_up(frame_contexts, &mut rastered)?;
+            }
+            lit => lit?,
+        }
+        Ok(rastered)
+    }
+
+    /// Has the CPU draw from now on, if the caller did not ask for the device that an error is of.
+    fn replace(&mut self, error: &Error) -> bool {
+        match &self.device {
+            #[cfg(feature = "gpu")]
+            Device::Gpu { replaceable: true, .. } if matches!(error, Error::Backend { .. }) => {
+                (self.device, self.reason) = (Device::Cpu, error.to_string());
+                true
+            }
+            _ => false,
+        }
     }
 
     /// Gives frames the shadows that they look up.
@@ -491,13 +513,11 @@ impl Renderer {
     /// The same where there is a device, or else on the CPU.
     fn draw_on_device(&mut self, frame_contexts: &[FrameContext<'_>]) -> Result<Vec<Rastered>> {
         #[cfg(feature = "gpu")]
-        if let Device::Gpu { device, replaceable } = &mut self.device
+        if let Device::Gpu { device, .. } = &mut self.device
             && frame_contexts.iter().all(|own| own.options.cpu_from != Some(Stage::InstanceCull))
         {
             match device.draw(frame_contexts, &self.scratch) {
-                Err(error @ Error::Backend { .. }) if *replaceable => {
-                    (self.device, self.reason) = (Device::Cpu, error.to_string());
-                }
+                Err(error) if self.replace(&error) => {}
                 drawn => return drawn,
             }
         }
