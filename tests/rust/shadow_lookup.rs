@@ -168,7 +168,7 @@ fn light_view(case: usize, soft: bool, random: &mut Random) -> LightView {
     let axis = DVec3::from_array(random.unit().map(f64::from));
     let (x, y) = axis.any_orthonormal_pair();
     let from = middle + axis * f64::from(1.5 + 3.0 * random.share());
-    let range = (case % 2 == 0).then_some(5.0);
+    let range = case.is_multiple_of(2).then_some(5.0);
     let (kind, radius) = match case % 3 {
         0 => (LightKind::Directional, 0.003 + 0.1 * random.share()),
         1 => (LightKind::Spot { range, inner: 0.1, outer: 0.6 }, 0.01 + 0.2 * random.share()),
