@@ -106,5 +106,11 @@ pub const SHADOW_SOFT_TEXELS: u32 = 8;
 pub const SHADOW_SOFT_BANDS: u32 = 30;
 /// Texels by which what a ray passes under may fall from one texel to the next, and still be one surface.
 pub const SHADOW_SOFT_STEP: f32 = 4.0;
+/// Cascades of a view.
+pub const SHADOW_CASCADES: usize = 4;
+/// Pages of a side of a cascade at most.
+pub const SHADOW_CASCADE_PAGES: u32 = 16;
+/// Side, pixels, of the tiles of a picture that are told together where they lie as seen from a light.
+pub const SHADOW_PRISM_SIDE: usize = 16;
 /// Rays to a light at most.
 pub const SHADOW_SAMPLES_MAX: u32 = 256;

@@ -8,12 +8,13 @@ use rustc_hash::FxHashMap;
 
 use super::cluster_cull::{self, CandidateCluster};
 use super::node_cull::{self, CandidateGroup};
+use super::shadow_mask::{Mask, Walls};
 use super::visibility::{Nearest, Pixel};
 use super::{instance_cull, raster_large, raster_small};
 use crate::limits::{SHADOW_BLOCK_PAGES, SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Scene};
-use crate::shadow::{Block, PageKey, ShadowMap, ShadowPage};
+use crate::shadow::{Block, PageKey, ShadowCache, ShadowMap, ShadowPage};
 use crate::stream::Resident;
 use crate::views::{Footprint, InstanceView, Occluder, Screen, Visible};
 
@@ -30,19 +31,41 @@ pub struct DrawnBlock {
     pub clusters: u64,
     /// Their triangles.
     pub triangles: u64,
+    /// Instances that cast nothing that is looked up, or that others hide from the light.
+    pub useless_instances: u64,
+    /// Clusters of others of which the same is true.
+    pub useless_clusters: u64,
+}
+
+/// What is drawn for one frame alone.
+#[derive(Clone, Copy)]
+pub struct Cascaded<'a> {
+    /// How deep what is looked up lies, by which casters are left out; `None` to draw all.
+    pub walls: Option<&'a Walls>,
+    /// What lights were seen to see, and still do.
+    pub seen: Option<&'a ShadowCache>,
+}
+
+impl Cascaded<'_> {
+    fn mask(&self, block: &Block, pages: &[PageKey]) -> Option<Mask> {
+        let seen = |page: &PageKey| Some(&**self.seen?.page(page)?);
+        Some(Mask::new(block, pages, self.walls?, seen))
+    }
 }
 
 /// The pages of a block that are wanted: everything else is culled.
 struct Wanted {
     /// How many are above and to the left of each corner of the grid of pages.
     sums: Vec<u32>,
+    /// What of them is of no use.
+    mask: Option<Mask>,
 }
 
 /// Corners of a block's grid on a side.
 const CORNERS: usize = SHADOW_BLOCK_PAGES as usize + 1;
 
 impl Wanted {
-    fn new(block: &Block, pages: &[PageKey]) -> Self {
+    fn new(block: &Block, pages: &[PageKey], mask: Option<Mask>) -> Self {
         let mut sums = vec![0u32; CORNERS * CORNERS];
         for page in pages {
             let [x, y] = block.place(page);
@@ -55,7 +78,7 @@ impl Wanted {
                 sums[y * CORNERS + x] = row + sums[(y - 1) * CORNERS + x];
             }
         }
-        Self { sums }
+        Self { sums, mask }
     }
 
     /// Columns and rows of pages that a footprint touches, the last ones included.
@@ -63,30 +86,45 @@ impl Wanted {
         footprint.rect.map(|v| usize::from(v) / SHADOW_PAGE_SIDE as usize)
     }
 
-    fn any(&self, [x0, y0, x1, y1]: [usize; 4]) -> bool {
+    /// Whether a footprint touches none.
+    fn misses(&self, footprint: &Footprint) -> bool {
+        let [x0, y0, x1, y1] = Self::rect(footprint);
         let at = |x: usize, y: usize| self.sums[y * CORNERS + x];
-        at(x1 + 1, y1 + 1) + at(x0, y0) > at(x0, y1 + 1) + at(x1 + 1, y0)
+        at(x1 + 1, y1 + 1) + at(x0, y0) == at(x0, y1 + 1) + at(x1 + 1, y0)
     }
 }
 
 impl Occluder for Wanted {
     fn hides(&self, footprint: &Footprint) -> bool {
-        !self.any(Self::rect(footprint))
+        self.misses(footprint) || self.mask.as_ref().is_some_and(|mask| mask.hides(footprint))
     }
 }
 
-/// Draws pages, sorted by block.
+/// Those that touch a page of the block, whatever the mask says of them.
+struct Touching<'a>(&'a Wanted);
+
+impl Occluder for Touching<'_> {
+    fn hides(&self, footprint: &Footprint) -> bool {
+        self.0.misses(footprint)
+    }
+}
+
+/// Draws pages, sorted by block; those of directional lights for one frame alone, if it is said what for.
 pub fn run(
     pages: &[PageKey],
     maps: &FxHashMap<u32, ShadowMap>,
     scene: &Scene,
     resident: &Resident,
+    cascaded: Option<Cascaded<'_>>,
 ) -> Vec<DrawnBlock> {
     let casters: Vec<(u32, &Instance)> =
         scene.instances().iter().filter(|(_, instance)| instance.visible && instance.casts_shadows).collect();
     pages
         .chunk_by(|a, b| a.block() == b.block())
-        .map(|pages| draw_block(pages, &maps[&pages[0].light], scene, &casters, resident))
+        .map(|pages| {
+            let map = &maps[&pages[0].light];
+            draw_block(pages, map, scene, &casters, resident, cascaded.filter(|_| map.parallel()))
+        })
         .collect()
 }
 
@@ -96,19 +134,27 @@ fn draw_block(
     scene: &Scene,
     casters: &[(u32, &Instance)],
     resident: &Resident,
+    cascaded: Option<Cascaded<'_>>,
 ) -> DrawnBlock {
     let block = pages[0].block();
-    let wanted = Wanted::new(&block, pages);
+    let mask = cascaded.and_then(|cascaded| cascaded.mask(&block, pages));
+    let wanted = Wanted::new(&block, pages, mask);
     let view = map.block_view(&block);
     let (eye, screen) = (Eye::new(&view), Screen::new(&view));
     let tau = PageKey::threshold(block.0.tau);
     let mut views = instance_cull::run(casters, &view, &eye, &screen, resident);
+    views.retain(|view| !wanted.misses(&view.footprint));
+    let touching = views.len();
     views.retain(|view| !wanted.hides(&view.footprint));
     // What faces away from a light stops it as well.
     views.iter_mut().for_each(|view| view.two_sided = true);
     let numbers: Vec<u32> = (0..views.len() as u32).collect();
     let walk = node_cull::run(&numbers, &views, &screen, tau, Some(&wanted));
-    let clusters = cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&wanted)).candidates;
+    let touching = (
+        touching - views.len(),
+        cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&Touching(&wanted))).candidates,
+    );
+    let clusters = cluster_cull::unhidden(&touching.1, &wanted);
     let of_pages = of_pages(&block, pages, &clusters);
     let lacking = lacking(&walk.absent, &views, &screen);
     let drawn: Vec<(PageKey, Arc<ShadowPage>, bool)> = pages
@@ -118,7 +164,8 @@ fn draw_block(
             let [x, y] = block.place(key);
             let whole =
                 !lacking.iter().any(|[x0, y0, x1, y1]| (x0..=x1).contains(&&x) && (y0..=y1).contains(&&y));
-            (*key, draw_page(map, key, numbers, &clusters, &views, scene), whole)
+            let drawn = draw_page(map, key, numbers, &clusters, &views, scene, cascaded.is_some());
+            (*key, drawn, whole)
         })
         .collect();
     let each = |numbers: &Vec<u32>| -> u64 {
@@ -129,6 +176,8 @@ fn draw_block(
         absent: walk.absent,
         clusters: of_pages.iter().map(|numbers| numbers.len() as u64).sum(),
         triangles: of_pages.iter().map(each).sum(),
+        useless_instances: touching.0 as u64,
+        useless_clusters: (touching.1.len() - clusters.len()) as u64,
         views,
     }
 }
@@ -165,7 +214,8 @@ fn of_pages(block: &Block, pages: &[PageKey], clusters: &[CandidateCluster]) -> 
     lists
 }
 
-/// The depths of a page: bits that depend on its key and on what there is, and not on what else is drawn.
+/// The depths of a page: bits that depend on its key and on what there is, and not on what else is drawn. `as_culled` has the
+/// vertices where culling took them to be, but for less than 1/1000 texel: what it leaves out then has no texel in front.
 fn draw_page(
     map: &ShadowMap,
     key: &PageKey,
@@ -173,6 +223,7 @@ fn draw_page(
     clusters: &[CandidateCluster],
     views: &[InstanceView],
     scene: &Scene,
+    as_culled: bool,
 ) -> Arc<ShadowPage> {
     let mut texels = vec![0u32; SHADOW_PAGE_TEXELS];
     let view = map.page_view(key);
@@ -187,7 +238,10 @@ fn draw_page(
             let view = &views[instance as usize];
             // The scene does not change while it is drawn.
             let placed = scene.instances().at(view.slot as usize).map(Instance::placement);
-            own.extend(placed.map(|placement| view.moved_to(&eye, screen.orthographic, placement)));
+            own.extend(placed.map(|placement| match as_culled {
+                true => view.shifted(key.block().place(key).map(|at| at as f32 * SHADOW_PAGE_SIDE as f32)),
+                false => view.moved_to(&eye, screen.orthographic, placement),
+            }));
         }
         visible.push(Visible { instance: own.len() as u32 - 1, cluster: address });
         if cluster.large { large.push(number) } else { small.push(number) }

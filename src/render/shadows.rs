@@ -8,15 +8,20 @@ use glam::DVec3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::renderer::{FrameContext, Rastered};
-use super::stats::ShadowStats;
+use super::stats::{Cascade, ShadowStats};
 use super::streaming;
 use crate::config::Shadows;
+use crate::cpu::shadow_cascades;
+use crate::cpu::shadow_mark::{self, Marker};
+use crate::cpu::shadow_mask::Walls;
 use crate::cpu::shadow_pages::LightShadow;
+use crate::cpu::shadow_raster::{self, Cascaded};
 use crate::cpu::surface::Pixels;
-use crate::cpu::{shadow_mark, shadow_raster};
 use crate::error::{Error, Result};
+use crate::limits::SHADOW_CASCADES;
 use crate::scene::{Light, Scene};
 use crate::shadow::cache::PAGE_BYTES;
+use crate::shadow::receiver::texel_of;
 use crate::shadow::{Lamp, LightView, PageKey, ShadowCache, ShadowMap};
 
 /// Levels by which shadows are made coarser at most.
@@ -74,7 +79,7 @@ pub(super) fn light_up(
     let maps: FxHashMap<u32, ShadowMap> =
         visible().filter_map(|(slot, light)| Some((slot, ShadowMap::new(light, size)?))).collect();
     stats.invalidated = cache.update(scene, &maps, resident);
-    let views: Vec<LightViews> = frame_contexts
+    let mut views: Vec<LightViews> = frame_contexts
         .iter()
         .map(|own| {
             let view = |(slot, light): (u32, &Light)| {
@@ -88,20 +93,49 @@ pub(super) fn light_up(
         .collect();
     let most = (options.shadow_memory / PAGE_BYTES).max(1) as usize;
     let start = Instant::now();
-    let (views, wanted) = mark(frame_contexts, rastered, &views, most)?;
+    let markers = markers(frame_contexts, rastered)?;
+    let cascaded = options.shadows == Shadows::Cascaded;
+    let mut prisms = Vec::new();
+    if cascaded {
+        let fit = |(marker, views): (&Option<Marker<'_>>, &mut LightViews)| {
+            let mut lights: Vec<&mut LightView> =
+                views.iter_mut().flatten().filter(|view| view.parallel()).collect();
+            marker.as_ref().map(|marker| shadow_cascades::run(marker, &mut lights))
+        };
+        prisms = markers.iter().zip(&mut views).map(fit).collect();
+    }
+    let (views, wanted) = mark(&markers, &views, most)?;
+    let mut walls = Walls::default();
+    for (prisms, views) in prisms.iter().zip(&views) {
+        let lights = views.iter().flatten().filter(|view| view.parallel()).enumerate();
+        // Rays to lights with a size come by elsewhere, too.
+        for (number, light) in lights.filter(|(_, light)| !light.soft()) {
+            prisms.iter().for_each(|prisms| prisms.walls(number, light, &mut walls));
+        }
+    }
     stats.coarser = views.iter().flatten().flatten().map(|view| view.coarser as u32).max().unwrap_or(0);
     stats.mark_ms = ms(start);
     let start = Instant::now();
     let missing = cache.want(&wanted);
-    stats.evicted = cache.make_room(missing.len(), most);
+    stats.evicted = cache.make_room(&missing, most);
     (stats.wanted, stats.drawn) = (wanted.len() as u64, missing.len() as u64);
-    for block in shadow_raster::run(&missing, &maps, scene, resident) {
+    let streams = || scene.instances().iter().any(|(_, instance)| resident.streams(&instance.mesh));
+    let for_frame = cascaded.then(|| Cascaded {
+        walls: options.occlusion.then_some(&walls),
+        // What a page of a streamed mesh hid may show where that is not there any more.
+        seen: (!streams()).then_some(&*cache),
+    });
+    for block in shadow_raster::run(&missing, &maps, scene, resident, for_frame) {
+        stats.useless_instances += block.useless_instances;
+        stats.useless_clusters += block.useless_clusters;
         stats.clusters += block.clusters;
         stats.triangles += block.triangles;
         if let Some(first) = rastered.first_mut() {
             first.needs.merge(streaming::missed(&block.absent, &block.views));
         }
-        block.pages.into_iter().for_each(|(key, texels, whole)| cache.insert(key, texels, whole));
+        for (key, texels, whole) in block.pages {
+            cache.insert(key, texels, whole, cascaded && maps[&key.light].parallel());
+        }
     }
     stats.kept = cache.len() as u64;
     stats.draw_ms = ms(start);
@@ -112,8 +146,9 @@ pub(super) fn light_up(
             let drawn = missing.iter().filter_map(|key| view.relative(key));
             LightShadow { pages: pages.collect(), drawn: drawn.collect(), view }
         };
+        let cascades = cascades(&views);
         own.shadows = Some(views.into_iter().map(|view| view.map(shadow)).collect());
-        own.stats.shadows = Some(stats.clone());
+        own.stats.shadows = Some(ShadowStats { cascades, ..stats.clone() });
     }
     Ok(())
 }
@@ -122,11 +157,41 @@ fn ms(start: Instant) -> f64 {
     start.elapsed().as_secs_f64() * 1e3
 }
 
+/// The receivers of frames; none of one of depth alone.
+fn markers<'a>(
+    frame_contexts: &'a [FrameContext<'_>],
+    rastered: &'a [Rastered],
+) -> Result<Vec<Option<Marker<'a>>>> {
+    let marker = |(own, drawn): (&'a FrameContext<'_>, &'a Rastered)| {
+        if own.options.depth_only {
+            return Ok(None);
+        }
+        let Rastered { visible, views, .. } = drawn;
+        let pixels = Pixels { words: drawn.picture.words("shadow")?, visible, views, screen: &own.screen };
+        Ok(Some(Marker::new(pixels, &own.eye)))
+    };
+    frame_contexts.iter().zip(rastered).map(marker).collect()
+}
+
+/// The cascades of a view that show something.
+fn cascades(views: &LightViews) -> Vec<Cascade> {
+    let of_light = |(light, view): (usize, &Option<LightView>)| {
+        let view = view.as_ref()?;
+        let cascades = view.cascades?;
+        let cascade = |number: usize| {
+            let texel = texel_of(view.cascade_level(&cascades, number));
+            Cascade { light, range: cascades.splits.range(number), texel }
+        };
+        let shown = (0..SHADOW_CASCADES).map(cascade).filter(|cascade| cascade.range[0] < cascade.range[1]);
+        Some(shown.collect::<Vec<_>>())
+    };
+    views.iter().enumerate().filter_map(of_light).flatten().collect()
+}
+
 /// The pages that frames may want, in their order: at most as many as there is room for. And the views that say so, all as much
 /// coarser as that takes.
 fn mark(
-    frame_contexts: &[FrameContext<'_>],
-    rastered: &[Rastered],
+    markers: &[Option<Marker<'_>>],
     views: &[LightViews],
     most: usize,
 ) -> Result<(Vec<LightViews>, Vec<PageKey>)> {
@@ -135,15 +200,10 @@ fn mark(
         let mut wanted: FxHashSet<PageKey> = FxHashSet::default();
         let of_view = |view: &Option<LightView>| view.as_ref().map(|view| view.made_coarser(coarser));
         let views: Vec<LightViews> = views.iter().map(|views| views.iter().map(of_view).collect()).collect();
-        for ((own, drawn), views) in frame_contexts.iter().zip(rastered).zip(&views) {
-            if own.options.depth_only {
-                continue;
-            }
+        for (marker, views) in markers.iter().zip(&views) {
+            let Some(marker) = marker else { continue };
             let lights: Vec<LightView> = views.iter().flatten().cloned().collect();
-            let Rastered { visible, views, .. } = drawn;
-            let pixels =
-                Pixels { words: drawn.picture.words("shadow")?, visible, views, screen: &own.screen };
-            wanted.extend(shadow_mark::run(pixels, &own.eye, &lights));
+            wanted.extend(shadow_mark::run(marker, &lights));
         }
         least = wanted.len();
         if least <= most {

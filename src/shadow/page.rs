@@ -5,7 +5,9 @@ use std::sync::OnceLock;
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_TILE_SIDE};
 
 /// Tiles of a page on a side.
-const TILES: usize = (SHADOW_PAGE_SIDE / SHADOW_TILE_SIDE) as usize;
+pub const TILES: usize = (SHADOW_PAGE_SIDE / SHADOW_TILE_SIDE) as usize;
+/// Tiles of a page.
+pub const PAGE_TILES: usize = TILES * TILES;
 
 /// The depths of a page.
 #[derive(Debug)]
@@ -39,11 +41,16 @@ impl ShadowPage {
 
     /// The least and the largest key.
     pub fn whole(&self) -> [u32; 2] {
-        self.tiles.get_or_init(|| self.tiles())[TILES * TILES]
+        self.tiles.get_or_init(|| self.tiles())[PAGE_TILES]
+    }
+
+    /// The farthest key of each tile.
+    pub fn farthest(&self) -> impl Iterator<Item = u32> {
+        self.tiles.get_or_init(|| self.tiles())[..PAGE_TILES].iter().map(|tile| tile[0])
     }
 
     fn tiles(&self) -> Box<[[u32; 2]]> {
-        let mut tiles = vec![[u32::MAX, 0]; TILES * TILES];
+        let mut tiles = vec![[u32::MAX, 0]; PAGE_TILES];
         let side = SHADOW_TILE_SIDE as usize;
         for (y, row) in self.keys.chunks_exact(SHADOW_PAGE_SIDE as usize).enumerate() {
             for (tile, part) in tiles[y / side * TILES..].iter_mut().zip(row.chunks_exact(side)) {
