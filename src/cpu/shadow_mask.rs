@@ -47,7 +47,9 @@ impl Mask {
             let from = (y - top) * TILES * columns + (x - left) * TILES;
             let mut cells = walls.get(page).map_or([0; PAGE_TILES], |wall| **wall);
             if let Some(seen) = seen(page) {
-                cells.iter_mut().zip(seen.farthest()).for_each(|(cell, key)| *cell = key.max(*cell));
+                // All that is before the light's eye has one key, and hides itself no more than others.
+                let keys = seen.farthest().map(|key| key.min(UNUSED - 1));
+                cells.iter_mut().zip(keys).for_each(|(cell, key)| *cell = key.max(*cell));
             }
             for (row, cells) in cells.chunks_exact(TILES).enumerate() {
                 keys[from + row * columns..][..TILES].copy_from_slice(cells);

@@ -32,9 +32,9 @@ pub struct DrawnBlock {
     /// Their triangles.
     pub triangles: u64,
     /// Instances that cast nothing that is looked up, or that others hide from the light.
-    pub useless_instances: u64,
+    pub culled_instances: u64,
     /// Clusters of others of which the same is true.
-    pub useless_clusters: u64,
+    pub culled_clusters: u64,
 }
 
 /// What is drawn for one frame alone.
@@ -176,8 +176,8 @@ fn draw_block(
         absent: walk.absent,
         clusters: of_pages.iter().map(|numbers| numbers.len() as u64).sum(),
         triangles: of_pages.iter().map(each).sum(),
-        useless_instances: touching.0 as u64,
-        useless_clusters: (touching.1.len() - clusters.len()) as u64,
+        culled_instances: touching.0 as u64,
+        culled_clusters: (touching.1.len() - clusters.len()) as u64,
         views,
     }
 }

@@ -126,8 +126,8 @@ pub(super) fn light_up(
         seen: (!streams()).then_some(&*cache),
     });
     for block in shadow_raster::run(&missing, &maps, scene, resident, for_frame) {
-        stats.useless_instances += block.useless_instances;
-        stats.useless_clusters += block.useless_clusters;
+        stats.culled_instances += block.culled_instances;
+        stats.culled_clusters += block.culled_clusters;
         stats.clusters += block.clusters;
         stats.triangles += block.triangles;
         if let Some(first) = rastered.first_mut() {

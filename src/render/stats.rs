@@ -51,9 +51,9 @@ pub struct ShadowStats {
     /// Their triangles.
     pub triangles: u64,
     /// Instances that cast nothing that is looked up in cascades, or that others hide from the light; once for each cascade.
-    pub useless_instances: u64,
+    pub culled_instances: u64,
     /// Clusters of others of which the same is true.
-    pub useless_clusters: u64,
+    pub culled_clusters: u64,
     /// The cascades of each light that has any: of this view alone.
     pub cascades: Vec<Cascade>,
     /// Levels by which texels are larger than pixels, since the pages had no room.
