@@ -107,8 +107,8 @@ class ShadowStats:
     triangles: int
     """Triangles of those clusters."""
     culled_instances: int
-    """Of cascades: instances that were left out since they cast nothing on what is seen, or since others hide them from
-    the light. One that touches several cascades counts for each."""
+    """Of cascades: instances that were left out since they cast nothing on what is seen, or since others hide them
+    from the light. One that touches several cascades counts for each."""
     culled_clusters: int
     """Of cascades: clusters of other instances that were left out for the same reasons."""
     coarser: int
