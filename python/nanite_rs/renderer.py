@@ -327,8 +327,9 @@ class Renderer(_advice.Teaching):
             which a texel is about a pixel and whose pages are kept while nothing in them changes. With
             ``"cascaded"`` those of directional lights are drawn anew for each frame instead, in four cascades that
             are fitted to the depths that it shows: to compare with. Lights, meshes and materials say whether they
-            take part: ``casts_shadows``, `MeshNode.receives_shadows`. Edges are sharp but for lights with a size: `DirectionalLight.angle`, ``radius``. Environment and ambient light
-            cast none. See the guide on shadows for how exact they are.
+            take part: ``casts_shadows``, `MeshNode.receives_shadows`. Edges are sharp but for lights with a size:
+            `DirectionalLight.angle`, ``radius``. Environment and ambient light cast none. See the guide on shadows
+            for how exact they are.
         shadow_memory : int
             Bytes of pages of shadow maps at most, 64 KiB each. Where a picture wants more, texels become twice as
             large until there is room, and ``Frame.stats.shadows.coarser`` says how often. Frames that are kept hold

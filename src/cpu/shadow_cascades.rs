@@ -35,32 +35,35 @@ pub struct Prisms {
     bounds: Vec<Vec<Bounds>>,
 }
 
-/// What is known of a tile while its pixels are walked, of one cascade.
+/// The least and the largest of each lane of some values.
 #[derive(Clone, Copy)]
-struct Sum {
-    low: [Lanes; 3],
-    high: [Lanes; 3],
+struct Span {
+    low: Lanes,
+    high: Lanes,
 }
 
-const NOTHING: Sum =
-    Sum { low: [Lanes([f32::INFINITY; LANES]); 3], high: [Lanes([f32::NEG_INFINITY; LANES]); 3] };
+const NOTHING: Span = Span { low: Lanes([f32::INFINITY; LANES]), high: Lanes([f32::NEG_INFINITY; LANES]) };
 
-impl Sum {
-    /// Takes lanes of points along axes.
+impl Span {
+    /// Takes values, in some lanes.
     #[inline(always)]
-    fn take(&mut self, at: &[Lanes; 3], of: &[bool; LANES]) {
-        for k in 0..3 {
+    fn take(&mut self, v: Lanes, of: &Option<[bool; LANES]>) {
+        let (mut low, mut high) = (v, v);
+        if let Some(of) = of {
             for lane in 0..LANES {
-                let v = at[k].0[lane];
-                let (low, high) = (&mut self.low[k].0[lane], &mut self.high[k].0[lane]);
-                *low = if of[lane] & (v < *low) { v } else { *low };
-                *high = if of[lane] & (v > *high) { v } else { *high };
+                low.0[lane] = if of[lane] { v.0[lane] } else { f32::INFINITY };
+                high.0[lane] = if of[lane] { v.0[lane] } else { f32::NEG_INFINITY };
             }
+        }
+        for lane in 0..LANES {
+            self.low.0[lane] = if low.0[lane] < self.low.0[lane] { low.0[lane] } else { self.low.0[lane] };
+            self.high.0[lane] =
+                if high.0[lane] > self.high.0[lane] { high.0[lane] } else { self.high.0[lane] };
         }
     }
 
-    fn bounds(&self) -> Bounds {
-        [self.low.map(|low| low.range().0), self.high.map(|high| high.range().1)]
+    fn range(&self) -> [f32; 2] {
+        [self.low.range().0, self.high.range().1]
     }
 }
 
@@ -103,64 +106,109 @@ pub fn run(marker: &Marker<'_>, lights: &mut [&mut LightView]) -> Prisms {
 
 /// The bins of distances that pixels show something in, ascending.
 fn occupied(marker: &Marker<'_>) -> Vec<usize> {
-    let rows = marker.rows();
-    let found: Vec<Vec<u64>> = (0..rows.div_ceil(SHADOW_PRISM_SIDE))
-        .into_par_iter()
-        .map(|chunk| {
-            let mut bins = vec![0u64; DISTANCE_BINS / 64];
-            for row in chunk * SHADOW_PRISM_SIDE..rows.min((chunk + 1) * SHADOW_PRISM_SIDE) {
-                for column in (0..marker.columns()).step_by(LANES) {
-                    let Some(eight) = marker.eight(row, column) else { continue };
-                    let distance = dot(&eight.at, &eight.at).sqrt();
-                    for lane in (0..LANES).filter(|lane| eight.covered[*lane]) {
-                        let bin = bin_of(distance.0[lane]);
-                        bins[bin / 64] |= 1 << (bin % 64);
-                    }
+    let tiles = marker.rows().div_ceil(SHADOW_PRISM_SIDE);
+    let found: Vec<Vec<u64>> = (0..tiles).into_par_iter().map(|row| bins(marker, row)).collect();
+    (0..DISTANCE_BINS).filter(|bin| found.iter().any(|bins| bins[bin / 64] >> (bin % 64) & 1 != 0)).collect()
+}
+
+/// The same of a row of tiles, as bits.
+fn bins(marker: &Marker<'_>, row: usize) -> Vec<u64> {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
+        // SAFETY: the processor has AVX2 and BMI2.
+        return unsafe { bins_avx2(marker, row) };
+    }
+    bins_anywhere(marker, row)
+}
+
+/// The same with 256-bit vectors. No operation fuses, so the result is the same.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi2")]
+fn bins_avx2(marker: &Marker<'_>, row: usize) -> Vec<u64> {
+    bins_anywhere(marker, row)
+}
+
+#[inline(always)]
+fn bins_anywhere(marker: &Marker<'_>, row: usize) -> Vec<u64> {
+    let mut bins = vec![0u64; DISTANCE_BINS / 64];
+    for row in row * SHADOW_PRISM_SIDE..marker.rows().min((row + 1) * SHADOW_PRISM_SIDE) {
+        let mut last = usize::MAX;
+        for column in (0..marker.columns()).step_by(LANES) {
+            let Some(eight) = marker.eight(row, column) else { continue };
+            let distance = dot(&eight.at, &eight.at).sqrt();
+            for lane in 0..LANES {
+                let bin = bin_of(distance.0[lane]);
+                if eight.covered[lane] & (bin != last) {
+                    bins[bin / 64] |= 1 << (bin % 64);
+                    last = bin;
                 }
             }
-            bins
-        })
-        .collect();
-    (0..DISTANCE_BINS).filter(|bin| found.iter().any(|bins| bins[bin / 64] >> (bin % 64) & 1 != 0)).collect()
+        }
+    }
+    bins
 }
 
 /// The prisms of a row of tiles.
 fn prisms(marker: &Marker<'_>, row: usize, splits: &Splits, lights: &[&LightView]) -> Prisms {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
+        // SAFETY: the processor has AVX2 and BMI2.
+        return unsafe { prisms_avx2(marker, row, splits, lights) };
+    }
+    prisms_anywhere(marker, row, splits, lights)
+}
+
+/// The same with 256-bit vectors. No operation fuses, so the result is the same.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi2")]
+fn prisms_avx2(marker: &Marker<'_>, row: usize, splits: &Splits, lights: &[&LightView]) -> Prisms {
+    prisms_anywhere(marker, row, splits, lights)
+}
+
+#[inline(always)]
+fn prisms_anywhere(marker: &Marker<'_>, row: usize, splits: &Splits, lights: &[&LightView]) -> Prisms {
     let mut out = Prisms { prisms: Vec::new(), bounds: vec![Vec::new(); lights.len()] };
     let rows = row * SHADOW_PRISM_SIDE..marker.rows().min((row + 1) * SHADOW_PRISM_SIDE);
-    let mut sums = vec![[NOTHING; SHADOW_CASCADES]; lights.len()];
+    let mut places = vec![[[NOTHING; 3]; SHADOW_CASCADES]; lights.len()];
     for left in (0..marker.columns()).step_by(SHADOW_PRISM_SIDE) {
-        sums.fill([NOTHING; SHADOW_CASCADES]);
-        let mut known: [Option<Prism>; SHADOW_CASCADES] = [None; SHADOW_CASCADES];
+        places.fill([[NOTHING; 3]; SHADOW_CASCADES]);
+        let mut distances = [NOTHING; SHADOW_CASCADES];
+        let mut errors = [NOTHING; SHADOW_CASCADES];
         let columns = (left..marker.columns().min(left + SHADOW_PRISM_SIDE)).step_by(LANES);
         for (row, column) in rows.clone().flat_map(|row| columns.clone().map(move |column| (row, column))) {
             let Some(eight) = marker.eight(row, column) else { continue };
             let distance = dot(&eight.at, &eight.at).sqrt();
-            let numbers = distance.0.map(|distance| splits.number(distance));
-            for cascade in 0..SHADOW_CASCADES {
-                let of: [bool; LANES] =
-                    std::array::from_fn(|lane| eight.covered[lane] & (numbers[lane] == cascade));
-                if !of.contains(&true) {
+            let mut numbers = [0; LANES];
+            for lane in 0..LANES {
+                numbers[lane] = splits.number(distance.0[lane]);
+            }
+            let whole = !eight.covered.contains(&false) && numbers.iter().all(|number| *number == numbers[0]);
+            let of_all = numbers[0]..numbers[0] + 1;
+            for cascade in if whole { of_all } else { 0..SHADOW_CASCADES } {
+                let of = (!whole)
+                    .then(|| std::array::from_fn(|lane| eight.covered[lane] & (numbers[lane] == cascade)));
+                if of.is_some_and(|of: [bool; LANES]| !of.contains(&true)) {
                     continue;
                 }
-                let prism = known[cascade].get_or_insert(Prism {
-                    cascade,
-                    error: 0.0,
-                    distances: [f32::INFINITY, 0.0],
-                });
-                for lane in (0..LANES).filter(|lane| of[*lane]) {
-                    let distance = distance.0[lane];
-                    prism.error = prism.error.max(eight.error.0[lane]);
-                    prism.distances = [prism.distances[0].min(distance), prism.distances[1].max(distance)];
-                }
-                for (light, sums) in lights.iter().zip(&mut sums) {
-                    sums[cascade].take(&std::array::from_fn(|k| along(&light.axes[k], &eight.at)), &of);
+                distances[cascade].take(distance, &of);
+                errors[cascade].take(eight.error, &of);
+                for (light, places) in lights.iter().zip(&mut places) {
+                    for (axis, place) in light.axes.iter().zip(&mut places[cascade]) {
+                        place.take(along(axis, &eight.at), &of);
+                    }
                 }
             }
         }
-        for prism in known.into_iter().flatten() {
-            out.prisms.push(prism);
-            out.bounds.iter_mut().zip(&sums).for_each(|(out, sums)| out.push(sums[prism.cascade].bounds()));
+        for cascade in 0..SHADOW_CASCADES {
+            let (distances, [_, error]) = (distances[cascade].range(), errors[cascade].range());
+            if distances[0] > distances[1] {
+                continue;
+            }
+            out.prisms.push(Prism { cascade, error, distances });
+            for (out, places) in out.bounds.iter_mut().zip(&places) {
+                let [x, y, z] = places[cascade].map(|place| place.range());
+                out.push([[x[0], y[0], z[0]], [x[1], y[1], z[1]]]);
+            }
         }
     }
     out

@@ -337,7 +337,7 @@ def test_cascades_are_drawn_for_each_frame(small):
         assert 2 <= len(np.unique(levels, axis=0)) <= 5
         for other in renderer.render_views(scene, [(CAMERA, pose)] * 2, shadows="cascaded"):
             assert np.array_equal(other.shadow, first.shadow)
-        camera = nrs.OrthographicCamera(ymag=1.6)
+        camera = nrs.OrthographicCamera(2.8, 1.6)
         parallel = renderer.render(scene, camera, pose, shadows="cascaded", samples=4)
         assert 0.02 < (parallel.shadow == 0).mean() < 0.9
 
