@@ -85,7 +85,7 @@ class Ours:
         self.cascades = {
             "scene": what,
             "pages": cascades.drawn_pages,
-            "texels, of a unit": ", ".join(f"{1 / cascade.texel:g}⁻¹" for cascade in cascades.cascades),
+            "texels, of a unit": ", ".join(f"1/{1 / cascade.texel:g}" for cascade in cascades.cascades),
             "instances left out": cascades.culled_instances,
             "clusters left out": cascades.culled_clusters,
             "clusters drawn": cascades.clusters,

@@ -1,8 +1,8 @@
 //! Visibility buffer → cascades: how far away what is seen is, and where it lies as seen from each light. The tiles of the
 //! picture with the depths in them are prisms of visible space; a caster is of no use where none lies behind it.
 //!
-//! Lauritzen, Salvi and Lefohn, "Sample Distribution Shadow Maps", I3D 2011; Mittring, Haar and Aaltonen, "GPU-Driven
-//! Rendering Pipelines", SIGGRAPH 2015, for casters that are left out.
+//! Lauritzen, Salvi and Lefohn, "Sample Distribution Shadow Maps", I3D 2011. Haar and Aaltonen, "GPU-Driven Rendering
+//! Pipelines", SIGGRAPH 2015, leave out casters whose shadows meet no prism.
 
 use rayon::prelude::*;
 

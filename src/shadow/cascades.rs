@@ -65,7 +65,7 @@ pub struct Cascades {
 
 impl LightView {
     /// The finest level of a parallel map in which a box takes no more pages across and down than a cascade has, but none
-    /// whose texels are smaller than a pixel of a size. Corners along the light's axes, from the camera.
+    /// that is finer than where a pixel of a size looks it up without cascades. Corners along the light's axes, from the camera.
     pub fn fitting(&self, low: &[f32; 3], high: &[f32; 3], pixel: f32) -> i32 {
         let most = SHADOW_CASCADE_PAGES as f32;
         let fits = |level: &i32| {
