@@ -462,13 +462,16 @@ pub enum Shadows {
     Off,
     /// Of all lights that may, by virtual shadow maps.
     Virtual,
+    /// The same, but those of directional lights by cascades that are fitted to what a frame sees.
+    Cascaded,
 }
 
 impl std::str::FromStr for Shadows {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        choose("shadows", name, &[("off", Self::Off), ("virtual", Self::Virtual)])
+        let all = [("off", Self::Off), ("virtual", Self::Virtual), ("cascaded", Self::Cascaded)];
+        choose("shadows", name, &all)
     }
 }
 

@@ -114,6 +114,12 @@ pub const SHADOW_SOFT_BANDS: u32 = 30;
 pub const SHADOW_SOFT_STEP: f32 = 4.0;
 /// Steps of a ray in a band, where it is as many texels wide: half of those that it goes to the side.
 pub const SHADOW_BAND_STEPS: u32 = SHADOW_SOFT_TEXELS / 2;
+/// Cascades of a view.
+pub const SHADOW_CASCADES: usize = 4;
+/// Pages of a side of a cascade at most.
+pub const SHADOW_CASCADE_PAGES: u32 = 16;
+/// Side, pixels, of the tiles of a picture that are told together where they lie as seen from a light.
+pub const SHADOW_PRISM_SIDE: usize = 16;
 /// Rays to a light at most.
 pub const SHADOW_SAMPLES_MAX: u32 = 256;
 /// The cosine below which what texels do to a slope is no longer made up for along the way to a light with a size.

@@ -20,6 +20,8 @@ from .peer import SIZE, YFOV, Pyrender
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 CAMERA = nrs.PerspectiveCamera(yfov=YFOV, znear=0.05)
+SHADOWS = {"without": False, "standing": True, "moving": True, "cascades": "cascaded"}
+"""Frames: without shadows, with a sun that stands or moves, and with one that stands and has cascades."""
 
 
 def floor(half: float, height: float) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +54,7 @@ def grid(count: int) -> list[np.ndarray]:
 
 
 class Ours:
-    """A scene of instances on a floor, drawn with a sun that stands, moves, or casts no shadow."""
+    """A scene of instances on a floor, drawn in each of the ways."""
 
     def __init__(self, mesh: nrs.NaniteMesh, count: int, distance: float) -> None:
         self.scene = nrs.Scene(ambient_light=(0.1, 0.1, 0.1))
@@ -61,27 +63,41 @@ class Ours:
         self.scene.add(nrs.NaniteMesh.from_arrays(*floor(60.0, -2.3)))
         self.sun = self.scene.add(nrs.DirectionalLight(intensity=3.0), pose=sun(0))
         self.distance = distance
-        self.renderers = {
-            name: nrs.Renderer(*SIZE, backend="cpu") for name in ("without", "standing", "moving")
-        }
+        self.renderers = {name: nrs.Renderer(*SIZE, backend="cpu") for name in SHADOWS}
 
-    def frame(self, name: str, step: int) -> nrs.Frame:
-        """A frame of one of the three."""
+    def frame(self, name: str, step: int, *, occlusion: bool = True) -> nrs.Frame:
+        """A frame in one of the ways."""
         pose = sun(step if name == "moving" else 0)
         if name == "moving" or not np.array_equal(self.sun.pose, pose):
             self.sun.pose = pose
         view = eye(step, self.distance, 1.5)
         return self.renderers[name].render(
-            self.scene, CAMERA, view, shadows=name != "without", outputs=["color"]
+            self.scene, CAMERA, view, shadows=SHADOWS[name], occlusion=occlusion, outputs=["color"]
         )
 
     def row(self, what: str, runs: int) -> dict[str, object]:
-        """Medians of all three in turn, and what the last frames say."""
+        """Medians of all in turn, and what the last frames say."""
         names = list(self.renderers)
         calls = {name: (lambda step, name=name: self.frame(name, step).color) for name in names}
         times = interleaved(calls, runs=runs, warm_up=2, budget=60)
         ms = {name: times[name]["median"] * 1e3 for name in names}
-        kept, drawn = (self.frame(name, runs).stats.shadows for name in names[1:])
+        kept, drawn, cascades = (self.frame(name, runs).stats.shadows for name in names[1:])
+        self.cascades = {
+            "scene": what,
+            "pages": cascades.drawn_pages,
+            "texels, of a unit": ", ".join(f"1/{1 / cascade.texel:g}" for cascade in cascades.cascades),
+            "instances left out": cascades.culled_instances,
+            "clusters left out": cascades.culled_clusters,
+            "clusters drawn": cascades.clusters,
+            "triangles drawn": cascades.triangles,
+            "drawing ms": cascades.draw_ms,
+        }
+        # Without what is known of the frame before, then without any of it.
+        self.renderers["cascades"].close()
+        self.renderers["cascades"] = nrs.Renderer(*SIZE, backend="cpu")
+        for name, occlusion in (("first frame", True), ("all", False)):
+            stats = self.frame("cascades", runs, occlusion=occlusion).stats.shadows
+            self.cascades |= {f"{name}: clusters": stats.clusters, f"{name}: ms": stats.draw_ms}
         return {
             "scene": what,
             "without ms": ms["without"],
@@ -89,6 +105,8 @@ class Ours:
             "× without": ms["standing"] / ms["without"],
             "moving sun ms": ms["moving"],
             "moving × without": ms["moving"] / ms["without"],
+            "cascades ms": ms["cascades"],
+            "cascades × without": ms["cascades"] / ms["without"],
             "pages wanted": drawn.wanted_pages,
             "of them kept": f"{1 - kept.drawn_pages / kept.wanted_pages:.0%}",
             "triangles into pages": drawn.triangles,
@@ -183,6 +201,7 @@ def against_peers(faces: int, runs: int) -> list[dict[str, object]]:
         "nanite_rs, no shadows": lambda step: ours.frame("without", step).color,
         "nanite_rs, a standing sun": lambda step: ours.frame("standing", step).color,
         "nanite_rs, a moving sun": lambda step: ours.frame("moving", step).color,
+        "nanite_rs, cascades": lambda step: ours.frame("cascades", step).color,
         "pyrender, no shadows": lambda step: theirs(step, 0),
         "pyrender, shadows": lambda step: theirs(step, pyrender.RenderFlags.SHADOWS_DIRECTIONAL),
         "Embree, a ray to see and one to the sun": lambda step: rays.render(
@@ -206,10 +225,11 @@ def main() -> None:
     options = parser.parse_args()
     faces, runs = (50_000, 3) if options.quick else (1_000_000, 15)
     mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.displaced_icosphere(faces=faces), progress=False)
-    rows = [
-        Ours(mesh, count, distance).row(f"{count:,} instances, {count * faces / 1e6:,.4g} M triangles", runs)
-        for count, distance in ((1, 4.0), (10, 9.0), (10_000, 9.0))
-    ]
+    rows, cascades = [], []
+    for count, distance in ((1, 4.0), (10, 9.0), (10_000, 9.0)):
+        ours = Ours(mesh, count, distance)
+        rows.append(ours.row(f"{count:,} instances, {count * faces / 1e6:,.4g} M triangles", runs))
+        cascades.append(ours.cascades)
     sizes = soft(mesh, 10, runs)
     peers = against_peers(faces // 4, runs)
     here = machine.describe()
@@ -222,6 +242,9 @@ def main() -> None:
         "backend. The camera moves in every frame. Medians of runs in turn.",
         "",
         tables.table(rows),
+        "## Cascades, and what they leave out",
+        "",
+        tables.table(cascades),
         "## Soft shadows: 10 instances, a sun that stands",
         "",
         tables.table(sizes),

@@ -45,7 +45,7 @@ from nanite_rs.options import BuildOptions
 from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarning, View
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import LightNode, MeshNode, Scene
-from nanite_rs.stats import FrameStats, ShadowStats, StageStats, StreamStats
+from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats
 from nanite_rs.texture import Image, Texture
 from nanite_rs.threads import get_num_threads, set_num_threads
 from nanite_rs.viewer import Orbit, Pick, Viewer, view
@@ -90,6 +90,7 @@ __all__ = [
     "PyrenderView",
     "Renderer",
     "Scene",
+    "ShadowCascade",
     "ShadowStats",
     "SilhouetteDistance",
     "SpotLight",

@@ -17,7 +17,7 @@ from nanite_rs.light import DirectionalLight
 from nanite_rs.material import Material
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions
-from nanite_rs.renderer import Renderer, StreamWarning
+from nanite_rs.renderer import Renderer, ShadowsName, StreamWarning
 from nanite_rs.scene import Scene
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def picture(
     pixel_error: float = 1.0,
     samples: Literal[1, 4, 16] = 1,
     material: Material | None = None,
-    shadows: bool = False,
+    shadows: bool | ShadowsName = False,
 ) -> Frame:
     """A frame of a mesh alone, or of a scene with its materials; at ``distance`` 1 it fills the picture.
 

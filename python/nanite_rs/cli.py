@@ -20,6 +20,7 @@ from nanite_rs import _core, _export, _images, _overlay, _paint, io, shapes
 from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 from nanite_rs.frame import ViewName
+from nanite_rs.renderer import ShadowsName
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -47,6 +48,7 @@ generated mesh written as shape:NAME, shape:NAME:FACES or shape:NAME:FACES:SEED,
 
 SUN_DEGREES: Final = 0.53
 """The angle at which the sun is seen."""
+_SHADOWS: Final = "--shadows"
 SHAPE_PREFIX: Final = "shape:"
 DEMO_SHAPE: Final = "shape:displaced_icosphere:2000000"
 PICTURES: Final = ("whole", "near", "far")
@@ -477,7 +479,9 @@ def _add_viewing(sub: Any) -> None:
     )
     # What that was called at first. shading="flat" is something else: no light.
     group.add_argument("--flat", dest="face_normals", action="store_true", help=argparse.SUPPRESS)
-    group.add_argument("--shadows", action="store_true", help="lights cast shadows")
+    names = get_args(ShadowsName)
+    how = f"lights cast shadows, {' or '.join(names)} (virtual)"
+    group.add_argument(_SHADOWS, nargs="?", default=False, const=True, choices=names, help=how)
     group.add_argument("--backend", default="auto", choices=("auto", "cpu", "gpu"), help="(auto)")
 
 
@@ -598,6 +602,15 @@ def _say(message: Warning | str, *_: object, **__: object) -> None:
     print(f"nanite-rs: warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
+def _given(argv: Sequence[str]) -> list[str]:
+    """Arguments, where a file that follows ``--shadows`` is not taken for a name of them."""
+    out = list(argv)
+    for place, (name, following) in enumerate(zip(argv, [*argv[1:], ""], strict=True)):
+        if name == _SHADOWS and following not in get_args(ShadowsName):
+            out[place] = f"{_SHADOWS}=virtual"
+    return out
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line.
 
@@ -612,7 +625,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         0; 1 when something failed, in one line on stderr; 2 for wrong usage; 130 after Ctrl-C.
     """
     try:
-        arguments = _parser().parse_args(argv)
+        arguments = _parser().parse_args(_given(sys.argv[1:] if argv is None else argv))
     except SystemExit as stop:  # argparse has printed usage, help or version
         return int(stop.code or 0)
     try:

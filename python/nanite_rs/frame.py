@@ -10,7 +10,7 @@ import numpy as np
 
 from nanite_rs import _advice, _checks, _core, _images, _kept
 from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError, UsageWarning
-from nanite_rs.stats import FrameStats, ShadowStats, StageStats, StreamStats
+from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats
 
 if TYPE_CHECKING:
     import os
@@ -260,8 +260,9 @@ class Frame(_advice.Teaching):
         found = self._frame.shadows()
         shadows = None
         if found is not None:
-            counts, (mark, draw) = found
-            shadows = ShadowStats(**dict(counts), mark_ms=mark, draw_ms=draw)
+            counts, (mark, draw), cascades = found
+            fitted = tuple(ShadowCascade(*cascade) for cascade in cascades)
+            shadows = ShadowStats(**dict(counts), mark_ms=mark, draw_ms=draw, cascades=fitted)
         return FrameStats(
             stages=stages,
             total_ms=total_ms,

@@ -29,7 +29,7 @@ POOL_BYTES = 512 << 20
 RasterName: TypeAlias = Literal["auto", "compute", "hybrid", "hardware", "measured"]
 TransferName: TypeAlias = Literal["gamma22", "srgb", "linear"]
 ShadingName: TypeAlias = Literal["gltf", "pyrender", "flat", "normals"]
-ShadowsName: TypeAlias = Literal["virtual"]
+ShadowsName: TypeAlias = Literal["virtual", "cascaded"]
 
 SHADOW_BYTES = 256 << 20
 """Bytes of pages of shadow maps at most, unless asked for otherwise."""
@@ -324,10 +324,12 @@ class Renderer(_advice.Teaching):
             stand in for what is on its way, and `FrameStats.stream` says how much they are off.
         shadows : bool or str
             Whether what is in the way of lights casts shadows: True or ``"virtual"``, by virtual shadow maps, in
-            which a texel is about a pixel and whose pages are kept while nothing in them changes. Lights, meshes
-            and materials say whether they take part: ``casts_shadows``, `MeshNode.receives_shadows`. Edges are
-            sharp but for lights with a size: `DirectionalLight.angle`, ``radius``. Environment and ambient light
-            cast none. See the guide on shadows for how exact they are.
+            which a texel is about a pixel and whose pages are kept while nothing in them changes. With
+            ``"cascaded"`` those of directional lights are drawn anew for each frame instead, in four cascades that
+            are fitted to the depths that it shows: to compare with. Lights, meshes and materials say whether they
+            take part: ``casts_shadows``, `MeshNode.receives_shadows`. Edges are sharp but for lights with a size:
+            `DirectionalLight.angle`, ``radius``. Environment and ambient light cast none. See the guide on shadows
+            for how exact they are.
         shadow_memory : int
             Bytes of pages of shadow maps at most, 64 KiB each. Where a picture wants more, texels become twice as
             large until there is room, and ``Frame.stats.shadows.coarser`` says how often. Frames that are kept hold
@@ -607,7 +609,7 @@ def _shadows(shadows: bool | str) -> str:
     if isinstance(shadows, bool | np.bool_):
         return "virtual" if shadows else "off"
     if not isinstance(shadows, str):
-        raise DtypeError(f'shadows: expected a bool or "virtual", not {type(shadows).__name__}')
+        raise DtypeError(f'shadows: expected a bool, "virtual" or "cascaded", not {type(shadows).__name__}')
     return shadows
 
 

@@ -72,6 +72,20 @@ class StreamStats:
 
 
 @dataclass(frozen=True)
+class ShadowCascade:
+    """A cascade of a directional light, see ``render(shadows="cascaded")``."""
+
+    light: int
+    """Which of the lights that are switched on."""
+    begin: float
+    """Distance from the camera at which it begins."""
+    end: float
+    """Distance at which it ends; infinite of the last."""
+    texel: float
+    """Side of a texel, world units: a power of two."""
+
+
+@dataclass(frozen=True)
 class ShadowStats:
     """What shadows cost, see ``render(shadows=True)``: of all views of a call together.
 
@@ -92,15 +106,25 @@ class ShadowStats:
     """Clusters that were drawn; one that touches several pages counts for each."""
     triangles: int
     """Triangles of those clusters."""
+    culled_instances: int
+    """Of cascades: instances that were left out since they cast nothing on what is seen, or since others hide them
+    from the light. One that touches several cascades counts for each."""
+    culled_clusters: int
+    """Of cascades: clusters of other instances that were left out for the same reasons."""
     coarser: int
     """How often texels were made twice as large, for lack of room."""
     mark_ms: float
     """Finding what pixels look up, milliseconds."""
     draw_ms: float
     """Drawing pages, milliseconds."""
+    cascades: tuple[ShadowCascade, ...] = ()
+    """Those of this frame that show something, light by light, from near to far."""
 
     def __str__(self) -> str:
         coarser = f", texels {2**self.coarser} times as large" if self.coarser else ""
+        if self.cascades:
+            culled = f"{self.culled_instances:,} instances and {self.culled_clusters:,} clusters"
+            coarser += f"; {len(self.cascades)} cascades, {culled} left out"
         return (
             f"{self.wanted_pages:,} pages wanted, {self.drawn_pages:,} of them drawn ({self.triangles:,} triangles "
             f"in {self.clusters:,} clusters), {self.kept_pages:,} kept{coarser}; {self.mark_ms:.2f} ms to mark "
@@ -169,8 +193,8 @@ class FrameStats:
         for s in self.stages:
             times[f"{s.stage}_ms"] = times.get(f"{s.stage}_ms", 0.0) + s.ms
         stream = {f"stream_{k}": v for k, v in vars(self.stream).items()} if self.stream else {}
-        shadows = {f"shadow_{k}": v for k, v in vars(self.shadows).items()} if self.shadows else {}
-        return totals | times | stream | shadows
+        numbers = {k: v for k, v in vars(self.shadows).items() if k != "cascades"} if self.shadows else {}
+        return totals | times | stream | {f"shadow_{k}": v for k, v in numbers.items()}
 
     def __str__(self) -> str:
         lines = [f"{'stage':<14}{'received':>16}{'passed on':>16}   {'of':<28}{'ms':>9}"]

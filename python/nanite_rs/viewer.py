@@ -34,7 +34,7 @@ from nanite_rs._preview import BACKGROUND, CLAY, LIGHTS, UP, framing, outline, p
 from nanite_rs.assets import LoadedScene
 from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.mesh import NaniteMesh
-from nanite_rs.renderer import POOL_BYTES, Renderer, ShadingName
+from nanite_rs.renderer import POOL_BYTES, Renderer, ShadingName, ShadowsName
 from nanite_rs.scene import LightNode, Scene
 
 if TYPE_CHECKING:
@@ -85,8 +85,8 @@ class Viewer:
         As for `Renderer.render`: by default ``"gltf"`` for a `LoadedScene`, otherwise ``"pyrender"``.
     samples : int
         Samples of each pixel in pictures that stay, 1, 4 or 16. Those of a moving camera have one.
-    shadows : bool
-        Lights cast shadows.
+    shadows : bool or str
+        Lights cast shadows, as for `Renderer.render`: True, ``"virtual"`` or ``"cascaded"``.
     backend : str
         What renders, ``"auto"``, ``"cpu"`` or ``"gpu"``, as for `Renderer`.
     pool_bytes : int
@@ -125,7 +125,7 @@ class Viewer:
         material: Material | None = None,
         shading: ShadingName | None = None,
         samples: Literal[1, 4, 16] = 4,
-        shadows: bool = False,
+        shadows: bool | ShadowsName = False,
         backend: Literal["auto", "cpu", "gpu"] = "auto",
         pool_bytes: int = POOL_BYTES,
     ) -> None:
@@ -137,7 +137,7 @@ class Viewer:
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self._size = 0, 0
         self._samples: Literal[1, 4, 16] = samples
-        self._shadows = bool(shadows)
+        self._shadows = shadows
         self._tables = _picking.ClusterTables()
         self._frozen: Frozen | None = None
         self._last: ViewFrame | None = None

@@ -11,19 +11,18 @@ use crate::limits::{SHADOW_MARGIN, SHADOW_PAGE_SIDE, SHADOW_ROUNDING, SHADOW_SNA
 use crate::scene::placement::Eye;
 use crate::shadow::receiver::{RelativePage, texel_of};
 use crate::shadow::soft::join;
-use crate::shadow::{LightView, PageKey};
+use crate::shadow::{Cascades, LightView, PageKey};
 use crate::views::{Screen, Visible, decode};
 
 /// The pages that pixels of a frame may want, each at least once, in any order.
-pub fn run(pixels: Pixels<'_>, eye: &Eye, lights: &[LightView]) -> FxHashSet<PageKey> {
-    let Pixels { words, visible, views, screen } = pixels;
-    let stretch = (ROWS * screen.width as usize).max(1);
-    let of = |v: &Visible| receiver_error(&views[v.instance as usize], v.cluster);
-    let errors: Vec<f32> = visible.par_iter().map(of).collect();
-    let marker = Marker { words, screen, eye, errors: &errors, lights };
+pub fn run(marker: &Marker<'_>, lights: &[LightView]) -> FxHashSet<PageKey> {
+    let words = marker.words;
+    let stretch = (ROWS * marker.columns()).max(1);
     let starts: Vec<usize> = (0..words.len()).step_by(stretch).collect();
-    let parts: Vec<Vec<Columns>> =
-        starts.par_iter().map(|&start| marker.mark(start, words.len().min(start + stretch))).collect();
+    let parts: Vec<Vec<Columns>> = starts
+        .par_iter()
+        .map(|&start| marker.mark(lights, start, words.len().min(start + stretch)))
+        .collect();
     let mut all: Vec<FxHashMap<RelativePage, [f32; 2]>> = vec![FxHashMap::default(); lights.len()];
     for part in parts {
         for (all, found) in all.iter_mut().zip(part) {
@@ -67,35 +66,79 @@ impl Columns {
 /// Pages side by side that are marked for eight receivers together.
 const FEW_PAGES: i32 = 3;
 
-struct Marker<'a> {
+/// A frame's pixels as receivers of light.
+pub struct Marker<'a> {
     words: &'a [u64],
     screen: &'a Screen,
     eye: &'a Eye,
     /// By how much what is drawn may be off the source, by visible cluster, world units.
-    errors: &'a [f32],
-    lights: &'a [LightView],
+    errors: Vec<f32>,
 }
 
-impl Marker<'_> {
-    fn mark(&self, start: usize, end: usize) -> Vec<Columns> {
+/// Receivers side by side.
+pub(super) struct Eight {
+    /// Which of them there are.
+    pub(super) covered: [bool; LANES],
+    /// Where, in camera space.
+    pub(super) at: Vec3x8,
+    /// By how much they may be off the source, world units.
+    pub(super) error: Lanes,
+}
+
+impl<'a> Marker<'a> {
+    /// Of a frame.
+    pub fn new(pixels: Pixels<'a>, eye: &'a Eye) -> Self {
+        let Pixels { words, visible, views, screen } = pixels;
+        let of = |v: &Visible| receiver_error(&views[v.instance as usize], v.cluster);
+        Self { words, screen, eye, errors: visible.par_iter().map(of).collect() }
+    }
+
+    /// Pixels of a row.
+    pub(super) fn columns(&self) -> usize {
+        self.screen.width as usize
+    }
+
+    /// Rows of pixels.
+    pub(super) fn rows(&self) -> usize {
+        self.screen.height as usize
+    }
+
+    /// Eight pixels of a row from a column on; `None` where they show nothing.
+    #[inline(always)]
+    pub(super) fn eight(&self, row: usize, column: usize) -> Option<Eight> {
+        let columns = self.columns();
+        let words = &self.words[row * columns..][column..columns.min(column + LANES)];
+        let (mut covered, mut error) = ([false; LANES], Lanes::splat(0.0));
+        let (mut distance, mut point) = (Lanes::splat(1.0), Lanes::splat(column as f32 + 0.5));
+        for (lane, word) in words.iter().enumerate().filter(|(_, word)| **word != 0) {
+            covered[lane] = true;
+            point.0[lane] += lane as f32;
+            (distance.0[lane], error.0[lane]) = self.receiver(*word);
+        }
+        let point = [point, Lanes::splat(row as f32 + 0.5)];
+        let at = || position(self.eye, self.screen.orthographic, &point, distance);
+        covered.contains(&true).then(|| Eight { covered, at: at(), error })
+    }
+
+    fn mark(&self, lights: &[LightView], start: usize, end: usize) -> Vec<Columns> {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
             // SAFETY: the processor has AVX2 and BMI2.
-            return unsafe { self.mark_avx2(start, end) };
+            return unsafe { self.mark_avx2(lights, start, end) };
         }
-        self.mark_anywhere(start, end)
+        self.mark_anywhere(lights, start, end)
     }
 
     /// The same with 256-bit vectors. No operation fuses, so the result is the same.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,bmi2")]
-    fn mark_avx2(&self, start: usize, end: usize) -> Vec<Columns> {
-        self.mark_anywhere(start, end)
+    fn mark_avx2(&self, lights: &[LightView], start: usize, end: usize) -> Vec<Columns> {
+        self.mark_anywhere(lights, start, end)
     }
 
     #[inline(always)]
-    fn mark_anywhere(&self, start: usize, end: usize) -> Vec<Columns> {
-        let mut found: Vec<Columns> = self.lights.iter().map(|_| Columns::default()).collect();
+    fn mark_anywhere(&self, lights: &[LightView], start: usize, end: usize) -> Vec<Columns> {
+        let mut found: Vec<Columns> = lights.iter().map(|_| Columns::default()).collect();
         let width = self.screen.width as usize;
         let places = (start..end)
             .step_by(width)
@@ -128,7 +171,7 @@ impl Marker<'_> {
                 }
             }
             let at = position(self.eye, self.screen.orthographic, &point, distance);
-            for (light, found) in self.lights.iter().zip(&mut found) {
+            for (light, found) in lights.iter().zip(&mut found) {
                 if self.mark_together(light, &at, error, found) {
                     continue;
                 }
@@ -154,8 +197,8 @@ impl Marker<'_> {
     fn mark_together(&self, light: &LightView, at: &Vec3x8, error: Lanes, found: &mut Columns) -> bool {
         let distance = dot(at, at).sqrt();
         let pixel = pixels(light, distance);
-        let level = light.level_of(pixel.0[0]);
-        let Some(anchor) = light.anchor(level).filter(|_| pixel.in_one_octave()) else { return false };
+        let Some(level) = one_level(light, distance, pixel) else { return false };
+        let Some(anchor) = light.anchor(level) else { return false };
         let (texel, inverse) = (texel_of(level), texel_of(-level));
         let own = error + (distance * SHADOW_ROUNDING + pixel * SHADOW_SNAP);
         let reach = (own * inverse + (light.threshold + SHADOW_TEXEL_REACH)) * SHADOW_MARGIN;
@@ -184,6 +227,19 @@ impl Marker<'_> {
 #[inline(always)]
 pub(super) fn pixels(light: &LightView, distance: Lanes) -> Lanes {
     if light.orthographic { Lanes::splat(1.0 / light.focal) } else { distance / light.focal }
+}
+
+/// [`LightView::level_of`], if it is one for all.
+#[inline(always)]
+pub(super) fn one_level(light: &LightView, distance: Lanes, pixel: Lanes) -> Option<i32> {
+    let one = match &light.cascades {
+        None => pixel.in_one_octave(),
+        Some(Cascades { splits, .. }) => {
+            let (nearest, farthest) = distance.range();
+            splits.number(nearest) == splits.number(farthest)
+        }
+    };
+    one.then(|| light.level_of(distance.0[0], pixel.0[0]))
 }
 
 /// The first and the last of sides of so many texels that places reach.

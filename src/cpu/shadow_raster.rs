@@ -8,12 +8,13 @@ use rustc_hash::FxHashMap;
 
 use super::cluster_cull::{self, CandidateCluster};
 use super::node_cull::{self, CandidateGroup};
+use super::shadow_mask::{Mask, Walls};
 use super::visibility::{Nearest, Pixel};
 use super::{instance_cull, raster_large, raster_small};
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Scene};
-use crate::shadow::{Grid, PageKey, ShadowMap, ShadowPage};
+use crate::shadow::{Block, Grid, PageKey, ShadowCache, ShadowMap, ShadowPage};
 use crate::stream::Resident;
 use crate::views::{Footprint, InstanceView, Occluder, Screen, Visible};
 
@@ -30,36 +31,78 @@ pub struct DrawnBlock {
     pub clusters: u64,
     /// Their triangles.
     pub triangles: u64,
+    /// Instances that cast nothing that is looked up, or that others hide from the light.
+    pub culled_instances: u64,
+    /// Clusters of others of which the same is true.
+    pub culled_clusters: u64,
+}
+
+/// What is drawn for one frame alone.
+#[derive(Clone, Copy)]
+pub struct Cascaded<'a> {
+    /// How deep what is looked up lies, by which casters are left out; `None` to draw all.
+    pub walls: Option<&'a Walls>,
+    /// What lights were seen to see, and still do.
+    pub seen: Option<&'a ShadowCache<Arc<ShadowPage>>>,
+}
+
+impl Cascaded<'_> {
+    fn mask(&self, block: &Block, pages: &[PageKey]) -> Option<Mask> {
+        let seen = |page: &PageKey| Some(&**self.seen?.page(page)?);
+        Some(Mask::new(block, pages, self.walls?, seen))
+    }
 }
 
 /// The pages of a block that are drawn: everything else is culled.
-struct Wanted(Grid);
+struct Wanted {
+    grid: Grid,
+    /// What of them is of no use.
+    mask: Option<Mask>,
+}
 
 impl Wanted {
     /// Columns and rows of pages that a footprint touches, the last ones included.
     fn rect(footprint: &Footprint) -> [usize; 4] {
         footprint.rect.map(|v| usize::from(v) / SHADOW_PAGE_SIDE as usize)
     }
+
+    /// Whether a footprint touches none.
+    fn misses(&self, footprint: &Footprint) -> bool {
+        !self.grid.any(Self::rect(footprint))
+    }
 }
 
 impl Occluder for Wanted {
     fn hides(&self, footprint: &Footprint) -> bool {
-        !self.0.any(Self::rect(footprint))
+        self.misses(footprint) || self.mask.as_ref().is_some_and(|mask| mask.hides(footprint))
     }
 }
 
-/// Draws pages, sorted by block.
+/// Those that touch a page of the block, whatever the mask says of them.
+struct Touching<'a>(&'a Wanted);
+
+impl Occluder for Touching<'_> {
+    fn hides(&self, footprint: &Footprint) -> bool {
+        self.0.misses(footprint)
+    }
+}
+
+/// Draws pages, sorted by block; those of directional lights for one frame alone, if it is said what for.
 pub fn run(
     pages: &[PageKey],
     maps: &FxHashMap<u32, ShadowMap>,
     scene: &Scene,
     resident: &Resident,
+    cascaded: Option<Cascaded<'_>>,
 ) -> Vec<DrawnBlock> {
     let casters: Vec<(u32, &Instance)> =
         scene.instances().iter().filter(|(_, instance)| instance.visible && instance.casts_shadows).collect();
     pages
         .chunk_by(|a, b| a.block() == b.block())
-        .map(|pages| draw_block(pages, &maps[&pages[0].light], scene, &casters, resident))
+        .map(|pages| {
+            let map = &maps[&pages[0].light];
+            draw_block(pages, map, scene, &casters, resident, cascaded.filter(|_| map.parallel()))
+        })
         .collect()
 }
 
@@ -69,20 +112,28 @@ fn draw_block(
     scene: &Scene,
     casters: &[(u32, &Instance)],
     resident: &Resident,
+    cascaded: Option<Cascaded<'_>>,
 ) -> DrawnBlock {
     let block = pages[0].block();
-    let wanted = Wanted(Grid::new(&block, pages, 0));
+    let mask = cascaded.and_then(|cascaded| cascaded.mask(&block, pages));
+    let wanted = Wanted { grid: Grid::new(&block, pages, 0), mask };
     let view = map.block_view(&block);
     let (eye, screen) = (Eye::new(&view), Screen::new(&view));
     let tau = PageKey::threshold(block.0.tau);
     let mut views = instance_cull::run(casters, &view, &eye, &screen, resident);
+    views.retain(|view| !wanted.misses(&view.footprint));
+    let touching = views.len();
     views.retain(|view| !wanted.hides(&view.footprint));
     // What faces away from a light stops it as well.
     views.iter_mut().for_each(|view| view.two_sided = true);
     let numbers: Vec<u32> = (0..views.len() as u32).collect();
     let walk = node_cull::run(&numbers, &views, &screen, tau, Some(&wanted));
-    let clusters = cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&wanted)).candidates;
-    let of_pages = of_pages(&wanted.0, pages.len(), &clusters);
+    let touching = (
+        touching - views.len(),
+        cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&Touching(&wanted))).candidates,
+    );
+    let clusters = cluster_cull::unhidden(&touching.1, &wanted);
+    let of_pages = of_pages(&wanted.grid, pages.len(), &clusters);
     let lacking = lacking(&walk.absent, &views, &screen);
     let drawn: Vec<(PageKey, Arc<ShadowPage>, bool)> = pages
         .par_iter()
@@ -91,7 +142,8 @@ fn draw_block(
             let [x, y] = block.place(key);
             let whole =
                 !lacking.iter().any(|[x0, y0, x1, y1]| (x0..=x1).contains(&&x) && (y0..=y1).contains(&&y));
-            (*key, draw_page(map, key, numbers, &clusters, &views, scene), whole)
+            let drawn = draw_page(map, key, numbers, &clusters, &views, scene, cascaded.is_some());
+            (*key, drawn, whole)
         })
         .collect();
     let each = |numbers: &Vec<u32>| -> u64 {
@@ -102,6 +154,8 @@ fn draw_block(
         absent: walk.absent,
         clusters: of_pages.iter().map(|numbers| numbers.len() as u64).sum(),
         triangles: of_pages.iter().map(each).sum(),
+        culled_instances: touching.0 as u64,
+        culled_clusters: (touching.1.len() - clusters.len()) as u64,
         views,
     }
 }
@@ -127,7 +181,8 @@ fn of_pages(grid: &Grid, pages: usize, clusters: &[CandidateCluster]) -> Vec<Vec
     lists
 }
 
-/// The depths of a page: bits that depend on its key and on what there is, and not on what else is drawn.
+/// The depths of a page: bits that depend on its key and on what there is, and not on what else is drawn. `as_culled` has the
+/// vertices where culling took them to be, but for less than 1/1000 texel: what it leaves out then has no texel in front.
 fn draw_page(
     map: &ShadowMap,
     key: &PageKey,
@@ -135,6 +190,7 @@ fn draw_page(
     clusters: &[CandidateCluster],
     views: &[InstanceView],
     scene: &Scene,
+    as_culled: bool,
 ) -> Arc<ShadowPage> {
     let mut texels = vec![0u32; SHADOW_PAGE_TEXELS];
     let view = map.page_view(key);
@@ -149,7 +205,10 @@ fn draw_page(
             let view = &views[instance as usize];
             // The scene does not change while it is drawn.
             let placed = scene.instances().at(view.slot as usize).map(Instance::placement);
-            own.extend(placed.map(|placement| view.moved_to(&eye, screen.orthographic, placement)));
+            own.extend(placed.map(|placement| match as_culled {
+                true => view.shifted(key.block().place(key).map(|at| at as f32 * SHADOW_PAGE_SIDE as f32)),
+                false => view.moved_to(&eye, screen.orthographic, placement),
+            }));
         }
         visible.push(Visible { instance: own.len() as u32 - 1, cluster: address });
         if cluster.large { large.push(number) } else { small.push(number) }

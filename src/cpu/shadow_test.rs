@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::lanes::{LANES, Lanes, Vec3x8, along, dot};
 use super::output::ROWS;
-use super::shadow_mark::pixels;
+use super::shadow_mark::{one_level, pixels};
 use super::shadow_pages::{LastPage, LightShadow, Shadows};
 use super::shadow_soft::March;
 use super::surface::{Detail, Pixels, Surfels, Walk, position, receiver_error};
@@ -96,10 +96,10 @@ impl Receivers {
             return self.reached_by_rays(light, last);
         }
         let pixel = pixels(view, self.distance);
-        let level = view.level_of(pixel.0[0]);
-        match view.anchor(level) {
-            Some(anchor) if pixel.in_one_octave() => self.in_level(light, level, &anchor, pixel, last),
-            _ => self.one_by_one(light, last),
+        let level = one_level(view, self.distance, pixel);
+        match level.and_then(|level| Some((level, view.anchor(level)?))) {
+            Some((level, anchor)) => self.in_level(light, level, &anchor, pixel, last),
+            None => self.one_by_one(light, last),
         }
     }
 

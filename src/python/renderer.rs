@@ -205,6 +205,12 @@ pub struct Frame {
 /// Counts by name.
 type RawCounts = Vec<(&'static str, u64)>;
 
+/// A cascade: its light, where it begins and ends, and its texel.
+type RawCascade = (usize, f32, f32, f32);
+
+/// What shadows cost, by name, the milliseconds of marking and drawing, and the cascades.
+type RawShadows = (RawCounts, [f64; 2], Vec<RawCascade>);
+
 /// One stage: name, pass, received, what of, passed, what of, milliseconds.
 type RawStage = (&'static str, u8, u64, &'static str, u64, &'static str, f64);
 
@@ -375,8 +381,8 @@ impl Frame {
         })
     }
 
-    /// What shadows cost, by name, and the milliseconds of marking and drawing.
-    fn shadows(&self, py: Python<'_>) -> PyResult<Option<(RawCounts, [f64; 2])>> {
+    /// What shadows cost.
+    fn shadows(&self, py: Python<'_>) -> PyResult<Option<RawShadows>> {
         self.look(py, |frame| {
             let shadows = frame.stats.shadows.as_ref()?;
             let counts = vec![
@@ -387,9 +393,15 @@ impl Frame {
                 ("kept_pages", shadows.kept),
                 ("clusters", shadows.clusters),
                 ("triangles", shadows.triangles),
+                ("culled_instances", shadows.culled_instances),
+                ("culled_clusters", shadows.culled_clusters),
                 ("coarser", shadows.coarser.into()),
             ];
-            Some((counts, [shadows.mark_ms, shadows.draw_ms]))
+            let cascades = shadows.cascades.iter().map(|cascade| {
+                let [begin, end] = cascade.range;
+                (cascade.light, begin, end, cascade.texel)
+            });
+            Some((counts, [shadows.mark_ms, shadows.draw_ms], cascades.collect()))
         })
     }
 

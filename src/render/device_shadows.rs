@@ -33,7 +33,7 @@ impl Painter for OnDevice<'_> {
         let entries: Vec<_> =
             lights.iter().map(|light| Some(shadow_map_entries(light, std::iter::empty()))).collect();
         let found = self.0.mark_shadows(frame_context.id, &shadow_table(&entries), lights.len())?;
-        let Some(found) = found else { return Host.mark(frame_context, rastered, lights) };
+        let Some(found) = found else { return Host::default().mark(frame_context, rastered, lights) };
         let pages = lights.iter().zip(found).flat_map(|(light, columns)| {
             let columns = columns.iter().map(|column| (light.column(column.bits), column.heights));
             light.pages(columns.collect())
@@ -73,6 +73,8 @@ impl Painter for OnDevice<'_> {
             pages: pages.iter().zip(drawn.pages).map(|(key, page)| (*key, page, whole)).collect(),
             clusters: drawn.clusters,
             triangles: drawn.triangles,
+            culled_instances: 0,
+            culled_clusters: 0,
             needs: drawn.needs,
         })
     }
@@ -94,7 +96,7 @@ impl Painter for MarkedOnDevice<'_> {
     }
 
     fn most(&self) -> usize {
-        Host.most()
+        Host::default().most()
     }
 
     fn paint(
@@ -104,7 +106,7 @@ impl Painter for MarkedOnDevice<'_> {
         held: &ShadowCache<Self::Page>,
         most: usize,
     ) -> Result<Painted<Self::Page>> {
-        Host.paint(pages, casters, held, most)
+        Host::default().paint(pages, casters, held, most)
     }
 }
 

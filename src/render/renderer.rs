@@ -326,8 +326,12 @@ impl Renderer {
     ) -> Result<Vec<Frame>> {
         // A device makes depth with what it draws, and all that is shaded later: where both are asked for, the CPU shades.
         let depth = |desc: &ViewDesc| desc.options(options).depth_only;
-        let mixed = options.shadows != Shadows::Off && views.iter().any(depth);
-        let shaded = mixed.then_some(Stage::Shade);
+        let shaded = match options.shadows {
+            Shadows::Off => None,
+            Shadows::Virtual => views.iter().any(depth).then_some(Stage::Shade),
+            // Cascades are the CPU's.
+            Shadows::Cascaded => Some(Stage::ShadowMark),
+        };
         let cpu_from = [options.cpu_from.or(self.cpu_from), shaded].into_iter().flatten().min();
         let options = &RenderOptions { cpu_from, ..options.clone() };
         options.validate()?;
@@ -490,7 +494,7 @@ impl Renderer {
                 let mut painter = device.marks();
                 shadows::light_up(&mut painter, &mut self.shadows, frame_contexts, rastered)?
             }
-            _ => shadows::light_up(&mut Host, &mut self.shadows, frame_contexts, rastered)?,
+            _ => shadows::light_up(&mut Host::new(options), &mut self.shadows, frame_contexts, rastered)?,
         };
         for (own, lights) in rastered.iter_mut().zip(lights) {
             own.shadows = Some(FrameShadows::Host(shadows::on_host(lights)));

@@ -8,15 +8,20 @@ use glam::DVec3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::renderer::{FrameContext, Rastered};
-use super::stats::ShadowStats;
+use super::stats::{Cascade, ShadowStats};
 use super::streaming;
+use crate::config::{RenderOptions, Shadows as Kind};
+use crate::cpu::shadow_cascades::{self, Prisms};
+use crate::cpu::shadow_mark::{self, Marker};
+use crate::cpu::shadow_mask::Walls;
 use crate::cpu::shadow_pages::{LightShadow, Shadows};
+use crate::cpu::shadow_raster::{self, Cascaded};
 use crate::cpu::surface::Pixels;
-use crate::cpu::{shadow_mark, shadow_raster};
 use crate::error::{Error, Result};
+use crate::limits::SHADOW_CASCADES;
 use crate::scene::{Light, Scene};
 use crate::shadow::cache::PAGE_BYTES;
-use crate::shadow::receiver::RelativePage;
+use crate::shadow::receiver::{RelativePage, texel_of};
 use crate::shadow::{Lamp, LightView, PageKey, ShadowCache, ShadowMap, ShadowPage};
 use crate::stream::{Needs, Resident};
 
@@ -24,7 +29,7 @@ use crate::stream::{Needs, Resident};
 const COARSEST: i32 = 16;
 
 /// The maps of a frame's lights as it looks them up; none where a light throws no shadow.
-type LightViews = Vec<Option<LightView>>;
+pub(super) type LightViews = Vec<Option<LightView>>;
 
 /// Where everything is that is visible.
 struct Extent {
@@ -67,6 +72,10 @@ pub(super) struct Painted<P> {
     pub(super) clusters: u64,
     /// Their triangles.
     pub(super) triangles: u64,
+    /// Instances that cast nothing that is looked up, or that others hide from the light.
+    pub(super) culled_instances: u64,
+    /// Clusters of others of which the same is true.
+    pub(super) culled_clusters: u64,
     /// Pages of meshes that were not there.
     pub(super) needs: Needs,
 }
@@ -83,6 +92,11 @@ pub(super) trait Painter {
     /// What a page is held by.
     type Page: Clone;
 
+    /// Fits cascades to what a frame shows, where lights have such.
+    fn fit(&mut self, _: &FrameContext<'_>, _: &Rastered, _: &mut LightViews) -> Result<()> {
+        Ok(())
+    }
+
     /// The pages that pixels of a frame may look up, as its lights' views say; each at least once.
     fn mark(
         &mut self,
@@ -90,6 +104,9 @@ pub(super) trait Painter {
         rastered: &Rastered,
         lights: &[LightView],
     ) -> Result<FxHashSet<PageKey>>;
+
+    /// Takes in how frames look maps up, once that is known.
+    fn see(&mut self, _: &[LightViews]) {}
 
     /// Pages that it has room for, however much memory there may be.
     fn most(&self) -> usize;
@@ -117,10 +134,59 @@ pub(super) struct FrameLight<P> {
 pub(super) type FrameLights<P> = Vec<Option<FrameLight<P>>>;
 
 /// The CPU.
-pub(super) struct Host;
+#[derive(Default)]
+pub(super) struct Host {
+    /// Of cascades: they are drawn for this frame alone.
+    cascaded: Option<ForFrame>,
+}
+
+/// What is known of what a frame looks up in cascades.
+#[derive(Default)]
+struct ForFrame {
+    /// Whether casters are left out that do not matter.
+    culls: bool,
+    /// By frames; none of depth alone.
+    prisms: Vec<Option<Prisms>>,
+    walls: Walls,
+}
+
+impl Host {
+    /// For frames of these options.
+    pub(super) fn new(options: &RenderOptions) -> Self {
+        let cascaded = options.shadows == Kind::Cascaded;
+        let for_frame = || ForFrame { culls: options.occlusion, ..ForFrame::default() };
+        Self { cascaded: cascaded.then(for_frame) }
+    }
+}
+
+/// The receivers of a frame.
+fn marker<'a>(frame_context: &'a FrameContext<'_>, rastered: &'a Rastered) -> Result<Marker<'a>> {
+    let Rastered { picture, visible, views, .. } = rastered;
+    let pixels = Pixels { words: picture.words("shadow")?, visible, views, screen: &frame_context.screen };
+    Ok(Marker::new(pixels, &frame_context.eye))
+}
 
 impl Painter for Host {
     type Page = Arc<ShadowPage>;
+
+    fn fit(
+        &mut self,
+        frame_context: &FrameContext<'_>,
+        rastered: &Rastered,
+        views: &mut LightViews,
+    ) -> Result<()> {
+        if let Some(for_frame) = &mut self.cascaded {
+            let mut lights: Vec<&mut LightView> =
+                views.iter_mut().flatten().filter(|view| view.parallel()).collect();
+            // One of depth alone looks nothing up.
+            let prisms = match frame_context.options.depth_only {
+                true => None,
+                false => Some(shadow_cascades::run(&marker(frame_context, rastered)?, &mut lights)),
+            };
+            for_frame.prisms.push(prisms);
+        }
+        Ok(())
+    }
 
     fn mark(
         &mut self,
@@ -128,10 +194,18 @@ impl Painter for Host {
         rastered: &Rastered,
         lights: &[LightView],
     ) -> Result<FxHashSet<PageKey>> {
-        let Rastered { picture, visible, views, .. } = rastered;
-        let words = picture.words("shadow")?;
-        let pixels = Pixels { words, visible, views, screen: &frame_context.screen };
-        Ok(shadow_mark::run(pixels, &frame_context.eye, lights))
+        Ok(shadow_mark::run(&marker(frame_context, rastered)?, lights))
+    }
+
+    fn see(&mut self, views: &[LightViews]) {
+        let Some(ForFrame { prisms, walls, .. }) = &mut self.cascaded else { return };
+        for (prisms, views) in prisms.iter().zip(views) {
+            let lights = views.iter().flatten().filter(|view| view.parallel()).enumerate();
+            // Rays to lights with a size come by elsewhere, too.
+            for (number, light) in lights.filter(|(_, light)| !light.soft()) {
+                prisms.iter().for_each(|prisms| prisms.walls(number, light, walls));
+            }
+        }
     }
 
     fn most(&self) -> usize {
@@ -142,12 +216,27 @@ impl Painter for Host {
         &mut self,
         pages: &[PageKey],
         casters: &Casters<'_>,
-        _: &ShadowCache<Self::Page>,
+        held: &ShadowCache<Self::Page>,
         _: usize,
     ) -> Result<Painted<Self::Page>> {
         let Casters { maps, scene, resident } = casters;
-        let mut out = Painted { pages: Vec::new(), clusters: 0, triangles: 0, needs: Needs::default() };
-        for block in shadow_raster::run(pages, maps, scene, resident) {
+        let streams = || scene.instances().iter().any(|(_, instance)| resident.streams(&instance.mesh));
+        let cascaded = self.cascaded.as_ref().map(|for_frame| Cascaded {
+            walls: for_frame.culls.then_some(&for_frame.walls),
+            // What a page of a streamed mesh hid may show where that is not there any more.
+            seen: (!streams()).then_some(held),
+        });
+        let mut out = Painted {
+            pages: Vec::new(),
+            clusters: 0,
+            triangles: 0,
+            culled_instances: 0,
+            culled_clusters: 0,
+            needs: Needs::default(),
+        };
+        for block in shadow_raster::run(pages, maps, scene, resident, cascaded) {
+            out.culled_instances += block.culled_instances;
+            out.culled_clusters += block.culled_clusters;
             out.clusters += block.clusters;
             out.triangles += block.triangles;
             out.needs.merge(streaming::missed(&block.absent, &block.views));
@@ -181,7 +270,7 @@ pub(super) fn light_up<B: Painter>(
     let maps: FxHashMap<u32, ShadowMap> =
         visible().filter_map(|(slot, light)| Some((slot, ShadowMap::new(light, size)?))).collect();
     stats.invalidated = cache.update(scene, &maps, resident);
-    let views: Vec<LightViews> = frame_contexts
+    let mut views: Vec<LightViews> = frame_contexts
         .iter()
         .map(|own| {
             let view = |(slot, light): (u32, &Light)| {
@@ -195,28 +284,53 @@ pub(super) fn light_up<B: Painter>(
         .collect();
     let most = ((options.shadow_memory / PAGE_BYTES).max(1) as usize).min(painter.most());
     let start = Instant::now();
+    for ((own, drawn), views) in frame_contexts.iter().zip(&*rastered).zip(&mut views) {
+        painter.fit(own, drawn, views)?;
+    }
     let (views, wanted) = mark(painter, frame_contexts, rastered, &views, most)?;
+    painter.see(&views);
     stats.coarser = views.iter().flatten().flatten().map(|view| view.coarser as u32).max().unwrap_or(0);
     stats.mark_ms = ms(start);
     let start = Instant::now();
     let missing = cache.want(&wanted);
-    stats.evicted = cache.make_room(missing.len(), most);
+    stats.evicted = cache.make_room(&missing, most);
     (stats.wanted, stats.drawn) = (wanted.len() as u64, missing.len() as u64);
     let painted = painter.paint(&missing, &Casters { maps: &maps, scene, resident }, cache, most)?;
     (stats.clusters, stats.triangles) = (painted.clusters, painted.triangles);
+    (stats.culled_instances, stats.culled_clusters) = (painted.culled_instances, painted.culled_clusters);
     if let Some(first) = rastered.first_mut() {
         first.needs.merge(painted.needs);
     }
-    painted.pages.into_iter().for_each(|(key, page, whole)| cache.insert(key, page, whole));
+    for (key, page, whole) in painted.pages {
+        let partial = options.shadows == Kind::Cascaded && maps[&key.light].parallel();
+        cache.insert(key, page, whole, partial);
+    }
     stats.kept = cache.len() as u64;
     stats.draw_ms = ms(start);
-    rastered.iter_mut().for_each(|own| own.stats.shadows = Some(stats.clone()));
+    for (own, views) in rastered.iter_mut().zip(&views) {
+        own.stats.shadows = Some(ShadowStats { cascades: cascades(views), ..stats.clone() });
+    }
     let light = |view: LightView| {
         let pages = wanted.iter().filter_map(|key| Some((view.relative(key)?, cache.page(key)?.clone())));
         let drawn = missing.iter().filter_map(|key| view.relative(key));
         FrameLight { pages: pages.collect(), drawn: drawn.collect(), view }
     };
     Ok(views.into_iter().map(|views| views.into_iter().map(|view| view.map(light)).collect()).collect())
+}
+
+/// The cascades of a view that show something.
+fn cascades(views: &LightViews) -> Vec<Cascade> {
+    let of_light = |(light, view): (usize, &Option<LightView>)| {
+        let view = view.as_ref()?;
+        let cascades = view.cascades?;
+        let cascade = |number: usize| {
+            let texel = texel_of(view.cascade_level(&cascades, number));
+            Cascade { light, range: cascades.splits.range(number), texel }
+        };
+        let shown = (0..SHADOW_CASCADES).map(cascade).filter(|cascade| cascade.range[0] < cascade.range[1]);
+        Some(shown.collect::<Vec<_>>())
+    };
+    views.iter().enumerate().filter_map(of_light).flatten().collect()
 }
 
 fn ms(start: Instant) -> f64 {

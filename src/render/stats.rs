@@ -22,6 +22,17 @@ pub struct StageStats {
     pub ms: f64,
 }
 
+/// A cascade of a view that shows something.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cascade {
+    /// Which of the view's lights.
+    pub light: usize,
+    /// Where it begins and ends: distances from the camera.
+    pub range: [f32; 2],
+    /// A texel, world units.
+    pub texel: f32,
+}
+
 /// What shadows cost: of all views of a call together.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ShadowStats {
@@ -39,6 +50,12 @@ pub struct ShadowStats {
     pub clusters: u64,
     /// Their triangles.
     pub triangles: u64,
+    /// Instances that cast nothing that is looked up in cascades, or that others hide from the light; once for each cascade.
+    pub culled_instances: u64,
+    /// Clusters of others of which the same is true.
+    pub culled_clusters: u64,
+    /// The cascades of each light that has any: of this view alone.
+    pub cascades: Vec<Cascade>,
     /// Levels by which texels are larger than pixels, since the pages had no room.
     pub coarser: u32,
     /// Finding what pixels look up, milliseconds.

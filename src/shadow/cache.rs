@@ -42,6 +42,9 @@ struct Page<P> {
     texels: P,
     /// Nothing in it stands in for pages of streamed meshes that were not there: it stays right while those come and go.
     whole: bool,
+    /// What mattered to none of the receivers that it was drawn for may be missing: no later frame looks it up. What it hides
+    /// from the light stays hidden.
+    partial: bool,
     /// Number of the last frame that wanted it.
     wanted: u64,
 }
@@ -132,21 +135,23 @@ impl<P: Clone> ShadowCache<P> {
         casters.map(|caster| caster.sphere).collect()
     }
 
-    /// Takes note that pages are wanted; returns those that are not there, in their order.
+    /// Takes note that pages are wanted; returns those that are to be drawn, in their order.
     pub fn want(&mut self, keys: &[PageKey]) -> Vec<PageKey> {
         let frame = self.frame;
         let missing = keys.iter().filter(|key| match self.pages.get_mut(*key) {
             Some(page) => {
                 page.wanted = frame;
-                false
+                page.partial
             }
             None => true,
         });
         missing.copied().collect()
     }
 
-    /// Makes room for so many more pages where there may be `most`: those go that nobody wanted for longest. Returns how many.
-    pub fn make_room(&mut self, more: usize, most: usize) -> u64 {
+    /// Makes room for pages that are to be drawn where there may be `most`: those go that nobody wanted for longest. Returns how
+    /// many.
+    pub fn make_room(&mut self, missing: &[PageKey], most: usize) -> u64 {
+        let more = missing.iter().filter(|key| !self.pages.contains_key(key)).count();
         let over = (self.pages.len() + more).saturating_sub(most);
         if over == 0 {
             return 0;
@@ -163,9 +168,10 @@ impl<P: Clone> ShadowCache<P> {
         old.len() as u64
     }
 
-    /// Keeps a page that was drawn; `whole` where nothing stands in it for what is not there.
-    pub fn insert(&mut self, key: PageKey, texels: P, whole: bool) {
-        self.pages.insert(key, Page { texels, whole, wanted: self.frame });
+    /// Keeps a page that was drawn; `whole` where nothing stands in it for what is not there, and `partial` where nothing was
+    /// drawn but what matters to this frame.
+    pub fn insert(&mut self, key: PageKey, texels: P, whole: bool, partial: bool) {
+        self.pages.insert(key, Page { texels, whole, partial, wanted: self.frame });
     }
 
     /// The texels of a page.

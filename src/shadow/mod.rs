@@ -6,6 +6,7 @@
 //! ACM TOG 26(4), 2007. Pages of 128 × 128 texels, cached, as Unreal 5 has them.
 
 pub mod cache;
+pub mod cascades;
 pub mod grid;
 pub mod map;
 pub mod page;
@@ -13,6 +14,7 @@ pub mod receiver;
 pub mod soft;
 
 pub use cache::ShadowCache;
+pub use cascades::{Cascades, Splits};
 pub use grid::Grid;
 pub use map::{Block, PageKey, ShadowMap};
 pub use page::ShadowPage;

@@ -7,7 +7,7 @@ use crate::limits::{
 };
 
 /// Tiles of a page on a side.
-const TILES: usize = (SHADOW_PAGE_SIDE / SHADOW_TILE_SIDE) as usize;
+pub const TILES: usize = (SHADOW_PAGE_SIDE / SHADOW_TILE_SIDE) as usize;
 
 /// The depths of a page.
 #[derive(Debug)]
@@ -42,6 +42,11 @@ impl ShadowPage {
     /// The least and the largest key.
     pub fn whole(&self) -> [u32; 2] {
         self.tiles.get_or_init(|| self.tiles())[SHADOW_TILES]
+    }
+
+    /// The farthest key of each tile.
+    pub fn farthest(&self) -> impl Iterator<Item = u32> {
+        self.tiles.get_or_init(|| self.tiles())[..SHADOW_TILES].iter().map(|tile| tile[0])
     }
 
     /// As it lies in the pool of a device: [`SHADOW_SLOT_WORDS`].

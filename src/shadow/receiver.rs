@@ -4,6 +4,7 @@
 //! what the slope makes of a texel, so that a surface does not shade itself: docs/shadows.md. What is left is rounding, which
 //! is taken off the depth.
 
+use super::cascades::Cascades;
 use super::map::{BOUNDED_LEVELS, CUBE_FACES, MapKind, PageKey, ShadowMap};
 use super::soft::Lamp;
 use crate::limits::{
@@ -134,6 +135,8 @@ pub struct LightView {
     pub coarser: i32,
     /// How large the light is.
     pub lamp: Lamp,
+    /// Of a parallel map, the levels that are looked up, by distance; else they are chosen by the size of a pixel.
+    pub cascades: Option<Cascades>,
 }
 
 /// Two to a level: a texel of a parallel map there.
@@ -199,6 +202,7 @@ impl LightView {
             threshold: PageKey::threshold(PageKey::tau_of(pixel_error)),
             coarser: 0,
             lamp,
+            cascades: None,
         }
     }
 
@@ -256,7 +260,13 @@ impl LightView {
     #[inline(always)]
     pub fn pixel(&self, position: &[f32; 3]) -> (f32, f32) {
         let distance = dot(position, position).sqrt();
-        (distance, if self.orthographic { 1.0 / self.focal } else { distance / self.focal })
+        (distance, self.pixel_at(distance))
+    }
+
+    /// The size of a pixel at a distance from the camera, world units.
+    #[inline(always)]
+    pub fn pixel_at(&self, distance: f32) -> f32 {
+        if self.orthographic { 1.0 / self.focal } else { distance / self.focal }
     }
 
     /// A point along the light's axes: from the light's place, or from the camera where it has none.
@@ -265,12 +275,12 @@ impl LightView {
         std::array::from_fn(|k| dot(&self.axes[k], position) + self.eye[k])
     }
 
-    /// The level whose texels are as large as a pixel at a point, or up to half as large; and a texel there, world units.
-    /// `None` where a pinhole sees nothing, and where its light does not reach.
+    /// The level whose texels are as large as a pixel at a point, or up to half as large, or that of its cascade; and a texel
+    /// there, world units. `None` where a pinhole sees nothing, and where its light does not reach.
     #[inline(always)]
-    fn level(&self, at: &[f32; 3], pixel: f32) -> Option<(i32, f32)> {
+    fn level(&self, at: &[f32; 3], distance: f32, pixel: f32) -> Option<(i32, f32)> {
         if self.parallel() {
-            let level = self.level_of(pixel);
+            let level = self.level_of(distance, pixel);
             return Some((level, texel_of(level)));
         }
         let depth = -self.along(self.face(at), 2, at);
@@ -293,10 +303,24 @@ impl LightView {
         self.anchors.iter().map(|anchor| anchor.offset)
     }
 
-    /// Of a parallel map, the level where a pixel is so large.
+    /// Of a parallel map, the level in which a point at a distance from the camera is looked up, where a pixel is so large.
     #[inline(always)]
-    pub fn level_of(&self, pixel: f32) -> i32 {
-        self.bounded(self.coarse(exponent(pixel)))
+    pub fn level_of(&self, distance: f32, pixel: f32) -> i32 {
+        match &self.cascades {
+            None => self.bounded(self.coarse(exponent(pixel))),
+            Some(cascades) => self.cascade_level(cascades, cascades.splits.number(distance)),
+        }
+    }
+
+    /// The level of a cascade.
+    #[inline(always)]
+    pub fn cascade_level(&self, cascades: &Cascades, number: usize) -> i32 {
+        self.bounded(self.coarse(cascades.levels[number]))
+    }
+
+    /// The level of a parallel map whose texels are as large as a pixel, or up to half as large.
+    pub(super) fn own_level(&self, pixel: f32) -> i32 {
+        self.bounded(exponent(pixel))
     }
 
     /// The level that stands for one. For want of room not only larger texels are taken, but fewer levels too: each takes a
@@ -355,14 +379,14 @@ impl LightView {
 
     /// How far a receiver that is off the source by `own` is moved at most, in a level of such texels.
     #[inline(always)]
-    fn reach(&self, own: f32, texel: f32) -> f32 {
+    pub fn reach(&self, own: f32, texel: f32) -> f32 {
         // A little more, for the rounding of what is done with it.
         SHADOW_MARGIN * (own + texel * (self.threshold + SHADOW_TEXEL_REACH))
     }
 
     /// Rounding of a receiver's place at a distance, where a pixel is so large.
     #[inline(always)]
-    fn rounding(distance: f32, pixel: f32) -> f32 {
+    pub fn rounding(distance: f32, pixel: f32) -> f32 {
         distance * SHADOW_ROUNDING + SHADOW_SNAP * pixel
     }
 
@@ -372,7 +396,7 @@ impl LightView {
     pub fn mark(&self, position: &[f32; 3], error: f32, mut want: impl FnMut(RelativePage, [f32; 2])) {
         let (distance, pixel) = self.pixel(position);
         let at = self.along_axes(position);
-        let Some((level, texel)) = self.level(&at, pixel) else { return };
+        let Some((level, texel)) = self.level(&at, distance, pixel) else { return };
         let reach = self.reach(error + Self::rounding(distance, pixel), texel);
         let (wide, heights) = (reach + self.beside() * texel, [at[2] - reach, at[2] + self.above(reach)]);
         // No page lies between two points of a grid that are less than a page apart.
@@ -417,7 +441,7 @@ impl LightView {
         let size = if parallel { self.lamp.radius } else { self.lamp.radius / length };
         let normals = [normal, smooth].map(|n| std::array::from_fn(|k| dot(&self.axes[k], n)));
         let (normal, facing) = facing(&normals, &towards, size).ok_or(false)?;
-        let (level, texel) = self.level(&at, pixel).ok_or(true)?;
+        let (level, texel) = self.level(&at, distance, pixel).ok_or(true)?;
         let face = self.face(&at);
         let slope = if facing { slope(self.along(face, 2, &normal)) } else { 1.0 };
         let own = error + Self::rounding(distance, pixel);

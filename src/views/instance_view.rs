@@ -88,6 +88,13 @@ impl InstanceView {
         Self { screen, ..self.clone() }
     }
 
+    /// The same instance on a part of the picture of a parallel eye, from so many pixels right and down on.
+    pub fn shifted(&self, by: [f32; 2]) -> Self {
+        let mut out = self.clone();
+        (0..2).for_each(|k| out.screen[k][3] -= by[k]);
+        out
+    }
+
     /// Whether back faces of clusters with a number are seen.
     #[inline]
     pub fn double_sided(&self, material: i32) -> bool {

@@ -125,6 +125,22 @@ def test_render_writes_the_picture_and_the_stages(built, tmp_path, capsys):
     assert "raster_small" in text
 
 
+def test_render_takes_kinds_of_shadows(built, tmp_path, capsys):
+    view = ["--size", "160x90", "--backend", "cpu", "--stats"]
+    shown = {}
+    for shadows in ([], ["--shadows"], ["--shadows", "virtual"], ["--shadows", "cascaded"]):
+        output = tmp_path / "picture.png"
+        # A file may follow the bare option.
+        assert cli.main(["render", *shadows, str(built), "-o", str(output), *view]) == 0
+        shown["=".join(shadows)] = np.asarray(Image.open(output)), capsys.readouterr().out
+    plain, bare, virtual, cascaded = shown.values()
+    assert np.array_equal(bare[0], virtual[0])
+    assert not np.array_equal(plain[0], virtual[0])
+    assert "pages wanted" in bare[1]
+    assert "cascades" not in bare[1]
+    assert "cascades" in cascaded[1]
+
+
 def test_render_writes_arrays(built, tmp_path, capsys):
     import OpenImageIO as oiio
 

@@ -476,12 +476,13 @@ def test_a_gpu_shows_the_same(mesh) -> None:
 
 
 def test_pages_of_shadows_are_shown(mesh) -> None:
-    with nrs.Viewer(mesh, **SIZE, backend="cpu", shadows=True) as viewer:
-        assert viewer.views == (*nrs.viewer.VIEWS, *nrs.viewer.SHADOW_VIEWS)
-        for name in nrs.viewer.SHADOW_VIEWS:
-            viewer.view = name
-            image, shown = viewer.image(), covered(viewer)
-            assert np.array_equal(image[shown], viewer.frame().view(name)[shown]), name
+    for shadows in (True, "cascaded"):
+        with nrs.Viewer(mesh, **SIZE, backend="cpu", shadows=shadows) as viewer:
+            assert viewer.views == (*nrs.viewer.VIEWS, *nrs.viewer.SHADOW_VIEWS)
+            for name in nrs.viewer.SHADOW_VIEWS:
+                viewer.view = name
+                image, shown = viewer.image(), covered(viewer)
+                assert np.array_equal(image[shown], viewer.frame().view(name)[shown]), name
     with nrs.Viewer(mesh, **SIZE, backend="cpu") as viewer:
         assert viewer.views == nrs.viewer.VIEWS
         with pytest.raises(nrs.ArgumentError, match=r"^view: 'shadow_pages' needs Viewer\(shadows=True\)"):

@@ -20,6 +20,11 @@ fn options() -> RenderOptions {
     RenderOptions { shadows: Shadows::Virtual, ..RenderOptions::default() }
 }
 
+/// The same by cascades.
+fn cascaded() -> RenderOptions {
+    RenderOptions { shadows: Shadows::Cascaded, ..options() }
+}
+
 fn light(kind: LightKind, pose: DAffine3) -> Light {
     Light { kind, intensity: 3.0, pose, ..Light::default() }
 }
@@ -191,10 +196,13 @@ fn light_moves_comes_and_goes(backend: &str, radius: f64) {
 
 #[test]
 fn every_camera_and_number_of_samples_finds_its_pages() {
-    RADII.iter().for_each(|radius| finds_its_pages(*radius));
+    for radius in RADII {
+        finds_its_pages(radius, &options());
+        finds_its_pages(radius, &cascaded());
+    }
 }
 
-fn finds_its_pages(radius: f64) {
+fn finds_its_pages(radius: f64, options: &RenderOptions) {
     // Whatever is looked up was marked, or a debug assertion fails; with all thresholds, and far from the origin.
     let far = DVec3::new(3.0e6, -2.0e5, 1.0e6);
     let parallel = Projection::Orthographic { xmag: None, ymag: 4.0 };
@@ -218,7 +226,7 @@ fn finds_its_pages(radius: f64) {
             }
             let pose = at(origin.x, origin.y + 1.0, origin.z + distance);
             for pixel_error in [0.0, 0.3, 1.0, 5.0] {
-                let options = RenderOptions { pixel_error, ..options() };
+                let options = RenderOptions { pixel_error, ..options.clone() };
                 let frame = shoot(&scene, &camera, &pose, (97, 61), &options);
                 shows_both(&frame, 3);
                 if pixel_error == 1.0 {
@@ -226,9 +234,9 @@ fn finds_its_pages(radius: f64) {
                 }
             }
             // Receivers that may be pages away from where they are seen.
-            let coarse = RenderOptions { pixel_error: 300.0, ..options() };
+            let coarse = RenderOptions { pixel_error: 300.0, ..options.clone() };
             assert!(shoot(&scene, &camera, &pose, (97, 61), &coarse).shadow().is_ok());
-            let options = RenderOptions { samples: Samples::Four, ..options() };
+            let options = RenderOptions { samples: Samples::Four, ..options.clone() };
             let smooth = shoot(&scene, &camera, &pose, (97, 61), &options);
             assert!(smooth.color().is_ok());
         }
@@ -476,6 +484,106 @@ fn a_pebble_has_its_shadow_beside_a_mountain() {
     let (shadow, ids) = (frame.shadow().unwrap(), frame.instance_ids().unwrap());
     let dark = shadow.iter().zip(&ids).filter(|(lit, id)| **lit == 0.0 && **id == 1).count();
     assert!(dark > 30, "{dark}");
+}
+
+/// What casts no shadow on what is seen, and what others hide from the light, is left out; the picture is that of all.
+#[test]
+fn what_cascades_leave_out_changes_no_pixel() {
+    let meshes = [dag(&bumpy_sphere(40)), dag(&torus(60, 24)), square(8)];
+    let (mut culled, mut drawn, mut all) = ([0, 0], 0, 0);
+    for case in 1..=10u32 {
+        let mut state = case;
+        let mut random = move || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            2.0 * f64::from(state >> 8) / f64::from(1u32 << 24) - 1.0
+        };
+        let mut scene = Scene::new();
+        let mut handles = Vec::new();
+        for k in 0..20 + 20 * case {
+            let turn = DAffine3::from_rotation_y(3.0 * random());
+            let size = DAffine3::from_scale(DVec3::splat(2f64.powf(2.0 * random() - 1.0)));
+            let place = DVec3::new(9.0 * random(), 2.0 + 3.0 * random(), 12.0 * random() - 6.0);
+            let pose = nanite_rs::scene::pose::rows(&(DAffine3::from_translation(place) * turn * size));
+            let mesh = Arc::clone(&meshes[k as usize % 3]);
+            handles.push(scene.add(mesh, &pose, Material::default()).unwrap());
+        }
+        let floor =
+            [[40.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, -2.0], [0.0, -40.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+        scene.add(Arc::clone(&meshes[2]), &floor, Material::default()).unwrap();
+        let mut sun = |height: f64| towards(LightKind::Directional, DVec3::new(random(), height, random()));
+        let lights = [sun(0.3), sun(2.0)].map(|light| scene.add_light(light).unwrap());
+        let soft = Light { radius: 0.02, ..sun(1.0) };
+        scene.add_light(soft).unwrap();
+        let projection = match case % 3 {
+            0 => Projection::Orthographic { xmag: None, ymag: 6.0 },
+            _ => CAMERA.projection,
+        };
+        let camera = Camera { projection, ..CAMERA };
+        let mut kept = Renderer::new(SIZE.0, SIZE.1, "cpu").unwrap();
+        for step in 0..6 {
+            let pose = turned(at(0.3 * f64::from(step), 1.5, 12.0), 0.05 * f64::from(step));
+            match step {
+                3 => scene.set_pose(handles[5], &at(random(), 3.0, random())).unwrap(),
+                4 => scene
+                    .set_light(lights[0], towards(LightKind::Directional, DVec3::new(1.0, 0.4, random())))
+                    .unwrap(),
+                5 => drop(scene.remove(handles[7]).unwrap()),
+                _ => {}
+            }
+            let frame = kept.render(&scene, &camera, &pose, &cascaded()).unwrap();
+            let options = RenderOptions { occlusion: false, ..cascaded() };
+            let whole = shoot(&scene, &camera, &pose, SIZE, &options);
+            same_shadows(&frame, &whole);
+            let (some, every) = (shadow_stats(&frame), shadow_stats(&whole));
+            assert_eq!((every.culled_instances, every.culled_clusters), (0, 0));
+            assert!(some.clusters <= every.clusters && some.wanted == every.wanted);
+            culled = [culled[0] + some.culled_instances, culled[1] + some.culled_clusters];
+            (drawn, all) = (drawn + some.clusters, all + every.clusters);
+        }
+    }
+    println!("{culled:?} instances and clusters left out, {drawn} of {all} clusters drawn");
+    assert!(culled[0] > 1000 && culled[1] > 100 && 4 * drawn < 3 * all, "{culled:?}, {drawn} of {all}");
+}
+
+#[test]
+fn cascades_are_few_and_share_what_is_seen() {
+    let scene = lit_crowd(0.0);
+    let pose = at(0.0, 1.0, 9.0);
+    for size in [(160, 120), (1, 1), (97, 61)] {
+        let frame = shoot(&scene, &CAMERA, &pose, size, &cascaded());
+        let cascades = &shadow_stats(&frame).cascades;
+        // Two of the lights are suns.
+        let of = |light: usize| cascades.iter().filter(|cascade| cascade.light == light).collect::<Vec<_>>();
+        for light in [0, 1] {
+            let own = of(light);
+            assert!((1..=4).contains(&own.len()) && (size.0 == 1 || own.len() == 4), "{own:?}");
+            assert!(own[0].range[0] == 0.0 && own.last().unwrap().range[1] == f32::INFINITY);
+            assert!(own.windows(2).all(|two| two[0].range[1] == two[1].range[0]), "{own:?}");
+        }
+        assert_eq!(cascades.len(), of(0).len() + of(1).len());
+        assert!(shadow_stats(&frame).wanted > 0);
+    }
+    // With little room they are coarser.
+    let room = shadow_stats(&shoot(&scene, &CAMERA, &pose, SIZE, &cascaded())).wanted / 2;
+    let small = RenderOptions { shadow_memory: room << 16, ..cascaded() };
+    let frame = shoot(&scene, &CAMERA, &pose, SIZE, &small);
+    assert!(shadow_stats(&frame).coarser > 0 && shadow_stats(&frame).kept <= room);
+    shows_both(&frame, 4);
+    // Of depth alone there are none, and where nothing is seen neither.
+    let depth = RenderOptions { depth_only: true, ..cascaded() };
+    assert!(shadow_stats(&shoot(&scene, &CAMERA, &pose, SIZE, &depth)).cascades.is_empty());
+    let away = shoot(&scene, &CAMERA, &at(0.0, 1.0, -900.0), SIZE, &cascaded());
+    assert!(shadow_stats(&away).cascades.is_empty() && shadow_stats(&away).wanted == 0);
+    // Views of a call are those that are drawn alone, and what was drawn for one frame is looked up by no other.
+    let views = [at(0.0, 1.0, 9.0), at(2.0, 3.0, 7.0)];
+    let descs: Vec<ViewDesc> = (0..).zip(views).map(|(id, pose)| ViewDesc::new(id, CAMERA, pose)).collect();
+    let mut renderer = Renderer::new(SIZE.0, SIZE.1, "cpu").unwrap();
+    let together = renderer.render_views(&scene, &descs, &cascaded(), UNINTERRUPTED).unwrap();
+    for (pose, frame) in views.iter().zip(&together) {
+        same_shadows(frame, &shoot(&scene, &CAMERA, pose, SIZE, &cascaded()));
+    }
+    let frame = renderer.render(&scene, &CAMERA, &pose, &options()).unwrap();
+    same_shadows(&frame, &shoot(&scene, &CAMERA, &pose, SIZE, &options()));
 }
 
 #[test]

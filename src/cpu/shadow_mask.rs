@@ -1,0 +1,81 @@
+//! What casters of a block of pages do not matter: a pyramid over tiles of texels, of the depth behind which nothing is looked
+//! up, or behind which something else stands that the light sees first.
+
+use rustc_hash::FxHashMap;
+
+use super::hzb::Hzb;
+use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_TILE_SIDE, SHADOW_TILES};
+use crate::shadow::page::TILES;
+use crate::shadow::{Block, PageKey, ShadowPage};
+use crate::views::{Footprint, Occluder};
+
+/// Above all keys of depth, but for that of what is before a light's eye.
+pub const UNUSED: u32 = u32::MAX;
+
+/// Of each tile of a page, the key of the farthest depth that is looked up there; [`UNUSED`] where none is.
+pub type Walls = FxHashMap<PageKey, Box<[u32; SHADOW_TILES]>>;
+
+/// The pyramid of a block, over the rectangle that its wanted pages are in.
+#[derive(Debug)]
+pub struct Mask {
+    /// Its first column and row of tiles.
+    first: [u16; 2],
+    /// Its columns and rows.
+    size: [u16; 2],
+    pyramid: Hzb,
+}
+
+impl Mask {
+    /// Of pages of a block, `walls` and what the light is known to see in them.
+    pub fn new<'a>(
+        block: &Block,
+        pages: &[PageKey],
+        walls: &Walls,
+        seen: impl Fn(&PageKey) -> Option<&'a ShadowPage>,
+    ) -> Self {
+        let places = || pages.iter().map(|page| block.place(page));
+        let bound = |k: usize| {
+            let (low, high) =
+                places().fold((usize::MAX, 0), |(low, high), place| (low.min(place[k]), high.max(place[k])));
+            (low, high + 1 - low)
+        };
+        let ((left, across), (top, down)) = (bound(0), bound(1));
+        let columns = across * TILES;
+        let mut keys = vec![UNUSED; columns * down * TILES];
+        for page in pages {
+            let [x, y] = block.place(page);
+            let from = (y - top) * TILES * columns + (x - left) * TILES;
+            let mut cells = walls.get(page).map_or([0; SHADOW_TILES], |wall| **wall);
+            if let Some(seen) = seen(page) {
+                // All that is before the light's eye has one key, and hides itself no more than others.
+                let keys = seen.farthest().map(|key| key.min(UNUSED - 1));
+                cells.iter_mut().zip(keys).for_each(|(cell, key)| *cell = key.max(*cell));
+            }
+            for (row, cells) in cells.chunks_exact(TILES).enumerate() {
+                keys[from + row * columns..][..TILES].copy_from_slice(cells);
+            }
+        }
+        let mut pyramid = Hzb::default();
+        pyramid.build(&keys, columns, 0..down * TILES);
+        let [first, size] =
+            [[left * TILES, top * TILES], [columns, down * TILES]].map(|v| v.map(|v| v as u16));
+        Self { first, size, pyramid }
+    }
+}
+
+const _: () = assert!(SHADOW_PAGE_SIDE as usize == TILES * SHADOW_TILE_SIDE as usize);
+
+impl Occluder for Mask {
+    fn hides(&self, footprint: &Footprint) -> bool {
+        let [x0, y0, x1, y1] = footprint.rect.map(|v| v / SHADOW_TILE_SIDE as u16);
+        let within = |low: u16, high: u16, k: usize| {
+            let last = self.first[k] + self.size[k] - 1;
+            (low <= last && high >= self.first[k])
+                .then(|| [low, high].map(|v| v.clamp(self.first[k], last) - self.first[k]))
+        };
+        let (Some([x0, x1]), Some([y0, y1])) = (within(x0, x1, 0), within(y0, y1, 1)) else { return true };
+        // What is before the light's eye is no nearer than all else.
+        let near_key = footprint.near_key.min(UNUSED - 1);
+        self.pyramid.hides(&Footprint { rect: [x0, y0, x1, y1], near_key, ..*footprint })
+    }
+}
