@@ -18,6 +18,7 @@ from oracles.shadows import (
     YFOV,
     Rays,
     ball,
+    floor,
     lit_by_pyrender,
     placed,
     points_of,
@@ -399,3 +400,69 @@ def test_flags_of_pyrender_say_which_lights_cast():
     assert casting(flags=flags.NONE) == (False, set())
     assert casting(flags=flags.SHADOWS_DIRECTIONAL | flags.OFFSCREEN) == (True, {"DirectionalLight"})
     assert casting(flags=flags.SHADOWS_ALL) == (True, kinds)
+
+
+def leaf(side=256):
+    """An image whose alpha falls evenly from its middle: a cutoff of a half leaves a disc of half its width."""
+    at = (np.arange(side) + 0.5) / side - 0.5
+    image = np.full((side, side, 4), 255, np.uint8)
+    image[..., 3] = np.round(255 * np.clip(1.0 - 2.0 * np.hypot(at, at[:, None]), 0.0, 1.0))
+    return image
+
+
+def leaves(count, size, rng):
+    """Cards of leaves above a floor: corners of each, origin and two sides."""
+    middle = rng.uniform((-2.0, 0.4, -2.0), (2.0, 2.2, 2.0), (count, 3))
+    turn = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
+    return middle - size / 2 * (turn[:, 0] + turn[:, 1]), size * turn[:, 0], size * turn[:, 1]
+
+
+def covered_by_leaves(points, towards, cards):
+    """Whether rays meet the disc that is left of any card, each by hand."""
+    covered = np.zeros(len(points), bool)
+    for origin, u, v in zip(*cards, strict=True):
+        # From a point of the floor the ray comes by no farther from the middle than the card's corners.
+        middle = origin + (u + v) / 2
+        foot = middle - towards * middle[1] / towards[1]
+        reach = np.linalg.norm(u) / towards[1]
+        near = np.flatnonzero((np.abs(points - foot) < reach).all(axis=1))
+        across = np.cross(u, v)
+        way = ((origin - points[near]) @ across) / (towards @ across)
+        hit = points[near] + way[:, None] * towards - origin
+        at = np.stack([hit @ u / (u @ u), hit @ v / (v @ v)], -1) - 0.5
+        covered[near] |= (way > 0.0) & (np.hypot(*at.T) < 0.25)
+    return covered
+
+
+@pytest.mark.parametrize(("count", "size", "most"), [(60, 0.8, 0.02), (500, 0.25, 0.05), (4000, 0.09, 0.15)])
+def test_leaves_cast_what_their_alpha_leaves(count, size, most):
+    """Shadows of cards with an alpha test against rays that are tested by hand; of leaves of a few pixels, too."""
+    cards = leaves(count, size, np.random.default_rng(4))
+    origin, u, v = cards
+    vertices = np.stack([origin, origin + u, origin + u + v, origin + v], 1).reshape(-1, 3)
+    faces = (4 * np.arange(count)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+    uvs = np.tile([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)], (count, 1))
+    texture = nrs.Texture(leaf(), wrap="clamp")
+    look = nrs.Material(base_color_texture=texture, alpha_mode="mask", double_sided=True)
+    scene = nrs.Scene()
+    scene.add(nrs.NaniteMesh.from_arrays(vertices, faces, uvs=uvs), material=look)
+    scene.add(nrs.NaniteMesh.from_arrays(*floor(9.0)))
+    place = nrs.look_at((1.0, 2.0, 0.7), (0, 0, 0))
+    scene.add(nrs.DirectionalLight(intensity=3.0), pose=place)
+    pose = nrs.look_at((2.0, 5.0, 6.0), (0, 0, 0))
+    with nrs.Renderer(*SIZE, backend="cpu") as renderer:
+        frame = renderer.render(scene, CAMERA, pose, shadows=True, pixel_error=0.25)
+    points, _ = points_of(frame, pose)
+    seen = (frame.depth > 0) & (np.abs(points) < (2.5, 1e-3, 2.5)).all(axis=-1)
+    lit = np.ones(seen.shape, bool)
+    lit[seen] = ~covered_by_leaves(points[seen], place[:3, 2], cards)
+    wrong = seen & ((frame.shadow[..., 0] > 0.5) != lit)
+    # Beside what hides the floor its edges are not known.
+    far = ndimage.distance_transform_edt(~(edges(lit, frame.depth) | outlines(frame.depth)))
+    outside = (wrong & (far > 3.0)).sum()
+    print(
+        f"{count} leaves: {lit[seen].mean():.0%} lit, {wrong.sum() / seen.sum():.2%} wrong, {outside} beyond edges"
+    )
+    assert 0.3 < lit[seen].mean() < 0.97
+    assert outside == 0
+    assert wrong.sum() < most * seen.sum()
