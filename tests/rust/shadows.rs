@@ -642,7 +642,9 @@ mod on_a_device {
             }
         }
         let mut scene = lattices();
-        lights(0.0).into_iter().for_each(|light| drop(scene.add_light(light).unwrap()));
+        for light in lights(0.0) {
+            scene.add_light(light).unwrap();
+        }
         let pose = at(0.0, 0.6, 4.5);
         let expected = shoot(&scene, &CAMERA, &pose, SIZE, &options());
         shows_both(&expected, 1);
