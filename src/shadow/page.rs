@@ -44,11 +44,6 @@ impl ShadowPage {
         self.tiles.get_or_init(|| self.tiles())[PAGE_TILES]
     }
 
-    /// The farthest key of each tile.
-    pub fn farthest(&self) -> impl Iterator<Item = u32> {
-        self.tiles.get_or_init(|| self.tiles())[..PAGE_TILES].iter().map(|tile| tile[0])
-    }
-
     fn tiles(&self) -> Box<[[u32; 2]]> {
         let mut tiles = vec![[u32::MAX, 0]; PAGE_TILES];
         let side = SHADOW_TILE_SIDE as usize;
