@@ -1,6 +1,7 @@
 //! What casters of a block of pages do not matter: a pyramid over tiles of texels, of the depth behind which nothing is looked
 //! up, or behind which something else stands that the light sees first.
 
+use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::hzb::Hzb;
@@ -31,7 +32,7 @@ impl Mask {
         block: &Block,
         pages: &[PageKey],
         walls: &Walls,
-        seen: impl Fn(&PageKey) -> Option<&'a ShadowPage>,
+        seen: impl Fn(&PageKey) -> Option<&'a ShadowPage> + Sync,
     ) -> Self {
         let places = || pages.iter().map(|page| block.place(page));
         let bound = |k: usize| {
@@ -42,15 +43,19 @@ impl Mask {
         let ((left, across), (top, down)) = (bound(0), bound(1));
         let columns = across * TILES;
         let mut keys = vec![UNUSED; columns * down * TILES];
-        for page in pages {
-            let [x, y] = block.place(page);
-            let from = (y - top) * TILES * columns + (x - left) * TILES;
+        let cells = |page: &PageKey| {
             let mut cells = walls.get(page).map_or([0; SHADOW_TILES], |wall| **wall);
             if let Some(seen) = seen(page) {
                 // All that is before the light's eye has one key, and hides itself no more than others.
-                let keys = seen.farthest().map(|key| key.min(UNUSED - 1));
+                let keys = farthest(seen.keys()).map(|key| key.min(UNUSED - 1));
                 cells.iter_mut().zip(keys).for_each(|(cell, key)| *cell = key.max(*cell));
             }
+            cells
+        };
+        let all: Vec<[u32; SHADOW_TILES]> = pages.par_iter().map(cells).collect();
+        for (page, cells) in pages.iter().zip(&all) {
+            let [x, y] = block.place(page);
+            let from = (y - top) * TILES * columns + (x - left) * TILES;
             for (row, cells) in cells.chunks_exact(TILES).enumerate() {
                 keys[from + row * columns..][..TILES].copy_from_slice(cells);
             }
@@ -63,7 +68,38 @@ impl Mask {
     }
 }
 
-const _: () = assert!(SHADOW_PAGE_SIDE as usize == TILES * SHADOW_TILE_SIDE as usize);
+/// The farthest key of each tile of a page.
+fn farthest(keys: &[u32]) -> [u32; SHADOW_TILES] {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") {
+        // SAFETY: the processor has AVX2.
+        return unsafe { farthest_avx2(keys) };
+    }
+    farthest_anywhere(keys)
+}
+
+/// The same with 256-bit vectors.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn farthest_avx2(keys: &[u32]) -> [u32; SHADOW_TILES] {
+    farthest_anywhere(keys)
+}
+
+#[inline(always)]
+fn farthest_anywhere(keys: &[u32]) -> [u32; SHADOW_TILES] {
+    let (page, tile) = (SHADOW_PAGE_SIDE as usize, SHADOW_TILE_SIDE as usize);
+    let mut out = [0; SHADOW_TILES];
+    for (rows, out) in keys.chunks_exact(tile * page).zip(out.chunks_exact_mut(TILES)) {
+        let mut least = [u32::MAX; SHADOW_PAGE_SIDE as usize];
+        for row in rows.chunks_exact(page) {
+            least.iter_mut().zip(row).for_each(|(least, key)| *least = (*least).min(*key));
+        }
+        for (out, least) in out.iter_mut().zip(least.chunks_exact(tile)) {
+            *out = least.iter().fold(u32::MAX, |least, key| least.min(*key));
+        }
+    }
+    out
+}
 
 impl Occluder for Mask {
     fn hides(&self, footprint: &Footprint) -> bool {

@@ -44,11 +44,6 @@ impl ShadowPage {
         self.tiles.get_or_init(|| self.tiles())[SHADOW_TILES]
     }
 
-    /// The farthest key of each tile.
-    pub fn farthest(&self) -> impl Iterator<Item = u32> {
-        self.tiles.get_or_init(|| self.tiles())[..SHADOW_TILES].iter().map(|tile| tile[0])
-    }
-
     /// As it lies in the pool of a device: [`SHADOW_SLOT_WORDS`].
     pub fn words(&self) -> Vec<u32> {
         let mut words = self.keys.to_vec();
