@@ -466,6 +466,7 @@ impl Renderer {
     }
 
     /// Has the CPU draw from now on, if the caller did not ask for the device that an error is of.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "there is no device to replace"))]
     fn replace(&mut self, error: &Error) -> bool {
         match &self.device {
             #[cfg(feature = "gpu")]
@@ -483,14 +484,13 @@ impl Renderer {
         if options.shadows == Shadows::Off {
             return Ok(());
         }
-        let from = options.cpu_from.unwrap_or(Stage::Output);
         let lights = match &mut self.device {
             #[cfg(feature = "gpu")]
-            Device::Gpu { device, .. } if from > Stage::ShadowRaster => {
+            Device::Gpu { device, .. } if options.cpu_from.is_none_or(|from| from > Stage::ShadowRaster) => {
                 return device.light_up(frame_contexts, rastered);
             }
             #[cfg(feature = "gpu")]
-            Device::Gpu { device, .. } if from == Stage::ShadowRaster => {
+            Device::Gpu { device, .. } if options.cpu_from == Some(Stage::ShadowRaster) => {
                 let mut painter = device.marks();
                 shadows::light_up(&mut painter, &mut self.shadows, frame_contexts, rastered)?
             }
