@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import time
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,15 @@ class Ours:
             self.scene, CAMERA, view, shadows=SHADOWS[name], occlusion=occlusion, outputs=["color"]
         )
 
+    def processor_ms(self, name: str, runs: int, *, occlusion: bool = True) -> float:
+        """What all cores together spend on a frame, whatever else runs."""
+        times = []
+        for step in range(runs + 2):
+            start = time.process_time()
+            self.frame(name, step, occlusion=occlusion).color  # noqa: B018
+            times.append(time.process_time() - start)
+        return float(np.median(times[2:])) * 1e3
+
     def row(self, what: str, runs: int) -> dict[str, object]:
         """Medians of all in turn, and what the last frames say."""
         names = list(self.renderers)
@@ -98,6 +108,9 @@ class Ours:
         for name, occlusion in (("first frame", True), ("all", False)):
             stats = self.frame("cascades", runs, occlusion=occlusion).stats.shadows
             self.cascades |= {f"{name}: clusters": stats.clusters, f"{name}: ms": stats.draw_ms}
+        for name in names:
+            self.cascades[f"{name}: processor ms"] = self.processor_ms(name, runs)
+        self.cascades["all: processor ms"] = self.processor_ms("cascades", runs, occlusion=False)
         return {
             "scene": what,
             "without ms": ms["without"],

@@ -6,7 +6,7 @@ use rustc_hash::FxHashMap;
 
 use super::hzb::Hzb;
 use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_TILE_SIDE, SHADOW_TILES};
-use crate::shadow::page::TILES;
+use crate::shadow::page::TILES_ACROSS;
 use crate::shadow::{Block, PageKey, ShadowPage};
 use crate::views::{Footprint, Occluder};
 
@@ -41,8 +41,8 @@ impl Mask {
             (low, high + 1 - low)
         };
         let ((left, across), (top, down)) = (bound(0), bound(1));
-        let columns = across * TILES;
-        let mut keys = vec![UNUSED; columns * down * TILES];
+        let columns = across * TILES_ACROSS;
+        let mut keys = vec![UNUSED; columns * down * TILES_ACROSS];
         let cells = |page: &PageKey| {
             let mut cells = walls.get(page).map_or([0; SHADOW_TILES], |wall| **wall);
             if let Some(seen) = seen(page) {
@@ -55,15 +55,15 @@ impl Mask {
         let all: Vec<[u32; SHADOW_TILES]> = pages.par_iter().map(cells).collect();
         for (page, cells) in pages.iter().zip(&all) {
             let [x, y] = block.place(page);
-            let from = (y - top) * TILES * columns + (x - left) * TILES;
-            for (row, cells) in cells.chunks_exact(TILES).enumerate() {
-                keys[from + row * columns..][..TILES].copy_from_slice(cells);
+            let from = (y - top) * TILES_ACROSS * columns + (x - left) * TILES_ACROSS;
+            for (row, cells) in cells.chunks_exact(TILES_ACROSS).enumerate() {
+                keys[from + row * columns..][..TILES_ACROSS].copy_from_slice(cells);
             }
         }
         let mut pyramid = Hzb::default();
-        pyramid.build(&keys, columns, 0..down * TILES);
-        let [first, size] =
-            [[left * TILES, top * TILES], [columns, down * TILES]].map(|v| v.map(|v| v as u16));
+        pyramid.build(&keys, columns, 0..down * TILES_ACROSS);
+        let [first, size] = [[left * TILES_ACROSS, top * TILES_ACROSS], [columns, down * TILES_ACROSS]]
+            .map(|v| v.map(|v| v as u16));
         Self { first, size, pyramid }
     }
 }
@@ -89,7 +89,7 @@ fn farthest_avx2(keys: &[u32]) -> [u32; SHADOW_TILES] {
 fn farthest_anywhere(keys: &[u32]) -> [u32; SHADOW_TILES] {
     let (page, tile) = (SHADOW_PAGE_SIDE as usize, SHADOW_TILE_SIDE as usize);
     let mut out = [0; SHADOW_TILES];
-    for (rows, out) in keys.chunks_exact(tile * page).zip(out.chunks_exact_mut(TILES)) {
+    for (rows, out) in keys.chunks_exact(tile * page).zip(out.chunks_exact_mut(TILES_ACROSS)) {
         let mut least = [u32::MAX; SHADOW_PAGE_SIDE as usize];
         for row in rows.chunks_exact(page) {
             least.iter_mut().zip(row).for_each(|(least, key)| *least = (*least).min(*key));

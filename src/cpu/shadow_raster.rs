@@ -54,36 +54,27 @@ impl Cascaded<'_> {
 }
 
 /// The pages of a block that are drawn: everything else is culled.
-struct Wanted {
-    grid: Grid,
-    /// What of them is of no use.
-    mask: Option<Mask>,
-}
+struct Wanted(Grid);
 
 impl Wanted {
     /// Columns and rows of pages that a footprint touches, the last ones included.
     fn rect(footprint: &Footprint) -> [usize; 4] {
         footprint.rect.map(|v| usize::from(v) / SHADOW_PAGE_SIDE as usize)
     }
-
-    /// Whether a footprint touches none.
-    fn misses(&self, footprint: &Footprint) -> bool {
-        !self.grid.any(Self::rect(footprint))
-    }
 }
 
 impl Occluder for Wanted {
     fn hides(&self, footprint: &Footprint) -> bool {
-        self.misses(footprint) || self.mask.as_ref().is_some_and(|mask| mask.hides(footprint))
+        !self.0.any(Self::rect(footprint))
     }
 }
 
-/// Those that touch a page of the block, whatever the mask says of them.
-struct Touching<'a>(&'a Wanted);
+/// What touches a wanted page and is of use there.
+struct Useful<'a>(&'a Wanted, Option<&'a Mask>);
 
-impl Occluder for Touching<'_> {
+impl Occluder for Useful<'_> {
     fn hides(&self, footprint: &Footprint) -> bool {
-        self.0.misses(footprint)
+        self.0.hides(footprint) || self.1.is_some_and(|mask| mask.hides(footprint))
     }
 }
 
@@ -116,24 +107,26 @@ fn draw_block(
 ) -> DrawnBlock {
     let block = pages[0].block();
     let mask = cascaded.and_then(|cascaded| cascaded.mask(&block, pages));
-    let wanted = Wanted { grid: Grid::new(&block, pages, 0), mask };
+    let wanted = Wanted(Grid::new(&block, pages, 0));
+    let useful = Useful(&wanted, mask.as_ref());
     let view = map.block_view(&block);
     let (eye, screen) = (Eye::new(&view), Screen::new(&view));
     let tau = PageKey::threshold(block.0.tau);
     let mut views = instance_cull::run(casters, &view, &eye, &screen, resident);
-    views.retain(|view| !wanted.misses(&view.footprint));
-    let touching = views.len();
     views.retain(|view| !wanted.hides(&view.footprint));
+    let touching = views.len();
+    views.retain(|view| !useful.hides(&view.footprint));
+    let culled_instances = (touching - views.len()) as u64;
     // What faces away from a light stops it as well.
     views.iter_mut().for_each(|view| view.two_sided = true);
     let numbers: Vec<u32> = (0..views.len() as u32).collect();
-    let walk = node_cull::run(&numbers, &views, &screen, tau, Some(&wanted));
-    let touching = (
-        touching - views.len(),
-        cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&Touching(&wanted))).candidates,
-    );
-    let clusters = cluster_cull::unhidden(&touching.1, &wanted);
-    let of_pages = of_pages(&wanted.grid, pages.len(), &clusters);
+    let walk = node_cull::run(&numbers, &views, &screen, tau, Some(&useful));
+    let mut clusters = cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&wanted)).candidates;
+    let touching = clusters.len();
+    if let Some(mask) = &mask {
+        clusters = cluster_cull::unhidden(&clusters, mask);
+    }
+    let of_pages = of_pages(&wanted.0, pages.len(), &clusters);
     let lacking = lacking(&walk.absent, &views, &screen);
     let drawn: Vec<(PageKey, Arc<ShadowPage>, bool)> = pages
         .par_iter()
@@ -154,8 +147,8 @@ fn draw_block(
         absent: walk.absent,
         clusters: of_pages.iter().map(|numbers| numbers.len() as u64).sum(),
         triangles: of_pages.iter().map(each).sum(),
-        culled_instances: touching.0 as u64,
-        culled_clusters: (touching.1.len() - clusters.len()) as u64,
+        culled_instances,
+        culled_clusters: (touching - clusters.len()) as u64,
         views,
     }
 }

@@ -7,7 +7,7 @@ use crate::limits::{
 };
 
 /// Tiles of a page on a side.
-pub const TILES: usize = (SHADOW_PAGE_SIDE / SHADOW_TILE_SIDE) as usize;
+pub const TILES_ACROSS: usize = (SHADOW_PAGE_SIDE / SHADOW_TILE_SIDE) as usize;
 
 /// The depths of a page.
 #[derive(Debug)]
@@ -35,7 +35,7 @@ impl ShadowPage {
     pub fn range(&self, [x0, y0, x1, y1]: [u32; 4]) -> [u32; 2] {
         let tiles = self.tiles.get_or_init(|| self.tiles());
         let [x0, y0, x1, y1] = [x0, y0, x1, y1].map(|v| (v / SHADOW_TILE_SIDE) as usize);
-        let rows = (y0..=y1).flat_map(|y| &tiles[y * TILES + x0..=y * TILES + x1]);
+        let rows = (y0..=y1).flat_map(|y| &tiles[y * TILES_ACROSS + x0..=y * TILES_ACROSS + x1]);
         rows.fold([u32::MAX, 0], |[low, high], tile| [low.min(tile[0]), high.max(tile[1])])
     }
 
@@ -56,7 +56,7 @@ impl ShadowPage {
         let mut tiles = vec![[u32::MAX, 0]; SHADOW_TILES];
         let side = SHADOW_TILE_SIDE as usize;
         for (y, row) in self.keys.chunks_exact(SHADOW_PAGE_SIDE as usize).enumerate() {
-            for (tile, part) in tiles[y / side * TILES..].iter_mut().zip(row.chunks_exact(side)) {
+            for (tile, part) in tiles[y / side * TILES_ACROSS..].iter_mut().zip(row.chunks_exact(side)) {
                 for key in part {
                     *tile = [tile[0].min(*key), tile[1].max(*key)];
                 }

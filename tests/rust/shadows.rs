@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
-use nanite_rs::config::{RenderOptions, Samples, Shadows};
+use nanite_rs::config::{Output, RenderOptions, Samples, Shadows};
 use nanite_rs::model::{Dag, UNINTERRUPTED};
 use nanite_rs::render::{Frame, Renderer, ShadowStats, ViewDesc};
 use nanite_rs::scene::{Camera, Light, LightKind, Material, Projection, Scene};
@@ -570,7 +570,8 @@ fn cascades_are_few_and_share_what_is_seen() {
     assert!(shadow_stats(&frame).coarser > 0 && shadow_stats(&frame).kept <= room);
     shows_both(&frame, 4);
     // Of depth alone there are none, and where nothing is seen neither.
-    let depth = RenderOptions { depth_only: true, ..cascaded() };
+    let outputs = [Output::Depth].into_iter().collect();
+    let depth = RenderOptions { depth_only: true, outputs, ..cascaded() };
     assert!(shadow_stats(&shoot(&scene, &CAMERA, &pose, SIZE, &depth)).cascades.is_empty());
     let away = shoot(&scene, &CAMERA, &at(0.0, 1.0, -900.0), SIZE, &cascaded());
     assert!(shadow_stats(&away).cascades.is_empty() && shadow_stats(&away).wanted == 0);
