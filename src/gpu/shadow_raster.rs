@@ -52,13 +52,13 @@ pub const fn shadow_raster(list: List) -> Kernel {
 }
 
 /// Keys of pages → the least and the largest of tiles.
-pub const SHADOW_TILES: Kernel = Kernel::new("shadow_tiles", &[ShadowTiles::BINDINGS]);
+pub const SHADOW_TILE_RANGES: Kernel = Kernel::new("shadow_tiles", &[ShadowTiles::BINDINGS]);
 
 /// The lists whose clusters are drawn into pages: nothing is left to the device's own rasterizer.
 const LISTS: [List; 3] = [List::Small, List::Large, List::AlphaTested];
 
 pub(super) fn kernels() -> Vec<Kernel> {
-    LISTS.map(shadow_raster).into_iter().chain([SHADOW_TILES]).collect()
+    LISTS.map(shadow_raster).into_iter().chain([SHADOW_TILE_RANGES]).collect()
 }
 
 /// Pages that are culled for together.
@@ -306,7 +306,7 @@ impl ShadowDrawing {
         let mut r = recorder(encoder.begin_compute_pass(&descriptor).forget_lifetime());
         self.draw_pairs(&mut r, pairs, &uploaded.pages, &pool);
         let tiles = bind!(ShadowTiles { page_views: &uploaded.pages, words: &pool });
-        r.run(SHADOW_TILES, &tiles.buffers(), pages.len() as u32);
+        r.run(SHADOW_TILE_RANGES, &tiles.buffers(), pages.len() as u32);
         drop(r);
         let mut at = uploaded.blocks as u64 * staged;
         for (buffer, bytes) in [&self.pair_draws, &self.counters, &buffers.wanted].into_iter().zip(tail) {
