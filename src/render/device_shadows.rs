@@ -136,6 +136,12 @@ impl DeviceShadows {
         Self { lights, host: OnceLock::new() }
     }
 
+    /// Whether nobody has read them yet, and there are any.
+    pub(super) fn is_on_device(&self) -> bool {
+        let any = self.lights.iter().flatten().any(|light| !light.pages.is_empty());
+        any && self.host.get().is_none()
+    }
+
     /// All pages, read from the device.
     pub(super) fn host(&self) -> Result<&Shadows> {
         if let Some(host) = self.host.get() {

@@ -109,7 +109,7 @@ impl Frame {
 
     /// Whether what arrays are made of lies on a device.
     pub fn is_on_device(&self) -> bool {
-        self.picture.is_on_device()
+        self.picture.is_on_device() || self.shadows.as_ref().is_some_and(FrameShadows::is_on_device)
     }
 
     /// The view it was rendered from.

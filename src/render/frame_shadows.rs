@@ -16,6 +16,15 @@ pub(super) enum FrameShadows {
 }
 
 impl FrameShadows {
+    /// Whether they lie on a device alone.
+    pub(super) fn is_on_device(&self) -> bool {
+        match self {
+            Self::Host(_) => false,
+            #[cfg(feature = "gpu")]
+            Self::Device(shadows) => shadows.is_on_device(),
+        }
+    }
+
     /// In this memory.
     pub(super) fn host(&self) -> Result<&Shadows> {
         match self {
