@@ -69,7 +69,7 @@ impl Mask {
 }
 
 /// The farthest key of each tile of a page.
-fn farthest(keys: &[u32]) -> [u32; SHADOW_TILES] {
+pub(super) fn farthest(keys: &[u32]) -> [u32; SHADOW_TILES] {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
         // SAFETY: the processor has AVX2.

@@ -8,12 +8,13 @@ use rustc_hash::FxHashMap;
 
 use super::cluster_cull::{self, CandidateCluster};
 use super::node_cull::{self, CandidateGroup};
-use super::shadow_mask::{Mask, Walls};
+use super::shadow_mask::{Mask, Walls, farthest};
 use super::visibility::{Nearest, Pixel};
 use super::{instance_cull, raster_large, raster_small};
-use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS};
+use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_TILE_SIDE};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Scene};
+use crate::shadow::page::TILES_ACROSS;
 use crate::shadow::{Block, Grid, PageKey, ShadowCache, ShadowMap, ShadowPage};
 use crate::stream::Resident;
 use crate::views::{Footprint, InstanceView, Occluder, Screen, Visible};
@@ -33,7 +34,7 @@ pub struct DrawnBlock {
     pub triangles: u64,
     /// Instances that cast nothing that is looked up, or that others hide from the light.
     pub culled_instances: u64,
-    /// Clusters of others of which the same is true.
+    /// Clusters of others of which the same is true; in virtual pages each once for every page.
     pub culled_clusters: u64,
 }
 
@@ -78,13 +79,15 @@ impl Occluder for Useful<'_> {
     }
 }
 
-/// Draws pages, sorted by block; those of directional lights for one frame alone, if it is said what for.
+/// Draws pages, sorted by block; those of directional lights for one frame alone, if it is said what for. With `occlusion` what
+/// other casters hide from the light is left out, which changes no page.
 pub fn run(
     pages: &[PageKey],
     maps: &FxHashMap<u32, ShadowMap>,
     scene: &Scene,
     resident: &Resident,
     cascaded: Option<Cascaded<'_>>,
+    occlusion: bool,
 ) -> Vec<DrawnBlock> {
     let casters: Vec<(u32, &Instance)> =
         scene.instances().iter().filter(|(_, instance)| instance.visible && instance.casts_shadows).collect();
@@ -92,7 +95,8 @@ pub fn run(
         .chunk_by(|a, b| a.block() == b.block())
         .map(|pages| {
             let map = &maps[&pages[0].light];
-            draw_block(pages, map, scene, &casters, resident, cascaded.filter(|_| map.parallel()))
+            let cascaded = cascaded.filter(|_| map.parallel());
+            draw_block(pages, map, scene, &casters, resident, cascaded, occlusion)
         })
         .collect()
 }
@@ -104,6 +108,7 @@ fn draw_block(
     casters: &[(u32, &Instance)],
     resident: &Resident,
     cascaded: Option<Cascaded<'_>>,
+    occlusion: bool,
 ) -> DrawnBlock {
     let block = pages[0].block();
     let mask = cascaded.and_then(|cascaded| cascaded.mask(&block, pages));
@@ -128,27 +133,26 @@ fn draw_block(
     }
     let of_pages = of_pages(&wanted.0, pages.len(), &clusters);
     let lacking = lacking(&walk.absent, &views, &screen);
-    let drawn: Vec<(PageKey, Arc<ShadowPage>, bool)> = pages
-        .par_iter()
-        .zip(&of_pages)
-        .map(|(key, numbers)| {
-            let [x, y] = block.place(key);
-            let whole =
-                !lacking.iter().any(|[x0, y0, x1, y1]| (x0..=x1).contains(&&x) && (y0..=y1).contains(&&y));
-            let drawn = draw_page(map, key, numbers, &clusters, &views, scene, cascaded.is_some());
-            (*key, drawn, whole)
-        })
-        .collect();
-    let each = |numbers: &Vec<u32>| -> u64 {
-        numbers.iter().map(|number| u64::from(clusters[*number as usize].triangles)).sum()
+    let draw = |key: PageKey, numbers: &[u32]| {
+        let as_culled = cascaded.is_some();
+        PageDrawing { map, key, clusters: &clusters, views: &views, scene, as_culled, occlusion }
+            .draw(numbers)
+    };
+    let drawn: Vec<DrawnPage> =
+        pages.par_iter().zip(&of_pages).map(|(key, numbers)| draw(*key, numbers)).collect();
+    let listed: usize = of_pages.iter().map(Vec::len).sum();
+    let drawn_clusters: u64 = drawn.iter().map(|page| page.clusters).sum();
+    let whole = |key: &PageKey| {
+        let [x, y] = block.place(key);
+        !lacking.iter().any(|[x0, y0, x1, y1]| (x0..=x1).contains(&&x) && (y0..=y1).contains(&&y))
     };
     DrawnBlock {
-        pages: drawn,
         absent: walk.absent,
-        clusters: of_pages.iter().map(|numbers| numbers.len() as u64).sum(),
-        triangles: of_pages.iter().map(each).sum(),
+        clusters: drawn_clusters,
+        triangles: drawn.iter().map(|page| page.triangles).sum(),
         culled_instances,
-        culled_clusters: (touching - clusters.len()) as u64,
+        culled_clusters: (touching - clusters.len()) as u64 + listed as u64 - drawn_clusters,
+        pages: pages.iter().zip(drawn).map(|(key, drawn)| (*key, drawn.page, whole(key))).collect(),
         views,
     }
 }
@@ -174,40 +178,118 @@ fn of_pages(grid: &Grid, pages: usize, clusters: &[CandidateCluster]) -> Vec<Vec
     lists
 }
 
-/// The depths of a page: bits that depend on its key and on what there is, and not on what else is drawn. `as_culled` has the
-/// vertices where culling took them to be, but for less than 1/1000 texel: what it leaves out then has no texel in front.
-fn draw_page(
-    map: &ShadowMap,
-    key: &PageKey,
-    numbers: &[u32],
-    clusters: &[CandidateCluster],
-    views: &[InstanceView],
-    scene: &Scene,
+/// Clusters of a page that are drawn in one pass.
+const FEW_CLUSTERS: usize = 16;
+
+/// What was drawn of a page.
+struct DrawnPage {
+    page: Arc<ShadowPage>,
+    clusters: u64,
+    triangles: u64,
+}
+
+/// A page that is drawn.
+struct PageDrawing<'a> {
+    map: &'a ShadowMap,
+    key: PageKey,
+    clusters: &'a [CandidateCluster],
+    views: &'a [InstanceView],
+    scene: &'a Scene,
+    /// Vertices lie where culling took them to be, but for less than 1/1000 texel: what is left out then has no texel in front.
     as_culled: bool,
-) -> Arc<ShadowPage> {
-    let mut texels = vec![0u32; SHADOW_PAGE_TEXELS];
-    let view = map.page_view(key);
-    let (eye, screen) = (Eye::new(&view), Screen::new(&view));
-    let mut own: Vec<InstanceView> = Vec::new();
-    let mut last = u32::MAX;
-    let (mut visible, mut small, mut large) = (Vec::with_capacity(numbers.len()), Vec::new(), Vec::new());
-    for (number, cluster) in (0..).zip(numbers.iter().map(|number| &clusters[*number as usize])) {
-        let Visible { instance, cluster: address } = cluster.visible;
-        if instance != last {
-            last = instance;
-            let view = &views[instance as usize];
-            // The scene does not change while it is drawn.
-            let placed = scene.instances().at(view.slot as usize).map(Instance::placement);
-            own.extend(placed.map(|placement| match as_culled {
-                true => view.shifted(key.block().place(key).map(|at| at as f32 * SHADOW_PAGE_SIDE as f32)),
-                false => view.moved_to(&eye, screen.orthographic, placement),
-            }));
+    /// What is hidden is left out.
+    occlusion: bool,
+}
+
+impl PageDrawing<'_> {
+    /// The depths of the page: bits that depend on its key and on what there is, and not on what else is drawn. The nearer half
+    /// of the clusters is drawn first, then what that does not hide.
+    fn draw(&self, numbers: &[u32]) -> DrawnPage {
+        let mut texels = vec![0u32; SHADOW_PAGE_TEXELS];
+        let (near, mut far) = self.halves(numbers);
+        self.pass(&near, &mut texels);
+        if !far.is_empty() {
+            self.leave_out_hidden(&mut far, &texels);
+            self.pass(&far, &mut texels);
         }
-        visible.push(Visible { instance: own.len() as u32 - 1, cluster: address });
-        if cluster.large { large.push(number) } else { small.push(number) }
+        let drawn = || near.iter().chain(&far).map(|number| &self.clusters[*number as usize]);
+        DrawnPage {
+            clusters: drawn().count() as u64,
+            triangles: drawn().map(|cluster| u64::from(cluster.triangles)).sum(),
+            page: Arc::new(ShadowPage::new(texels)),
+        }
     }
-    let sink = Nearest(u32::cells(&mut texels));
-    raster_small::run(&small, &visible, &own, &screen, &sink);
-    raster_large::run(&large, &visible, &own, &screen, &sink);
-    Arc::new(ShadowPage::new(texels))
+
+    /// The clusters that are nearer to the light than half of them, and the others, in their order.
+    fn halves(&self, numbers: &[u32]) -> (Vec<u32>, Vec<u32>) {
+        if numbers.len() <= FEW_CLUSTERS || !self.occlusion {
+            return (numbers.to_vec(), Vec::new());
+        }
+        let near_key = |number: &u32| self.clusters[*number as usize].footprint.near_key;
+        let mut keys: Vec<u32> = numbers.iter().map(near_key).collect();
+        let middle = keys.len() / 2;
+        let (_, pivot, _) = keys.select_nth_unstable(middle);
+        let pivot = *pivot;
+        numbers.iter().partition(|number| near_key(number) >= pivot)
+    }
+
+    /// Leaves out clusters that lie behind all that was drawn where they are.
+    fn leave_out_hidden(&self, numbers: &mut Vec<u32>, texels: &[u32]) {
+        let tiles = farthest(texels);
+        let side = SHADOW_PAGE_SIDE as usize;
+        let [left, top] = self.key.block().place(&self.key).map(|at| at * side);
+        numbers.retain(|number| {
+            let Footprint { rect: [x0, y0, x1, y1], near_key, .. } =
+                self.clusters[*number as usize].footprint;
+            let near_key = self.nearer(near_key);
+            let within = |low: u16, high: u16, from: usize| {
+                let [low, high] = [low, high].map(|at| usize::from(at).clamp(from, from + side - 1) - from);
+                low / SHADOW_TILE_SIDE as usize..=high / SHADOW_TILE_SIDE as usize
+            };
+            let columns = within(x0, x1, left);
+            !within(y0, y1, top)
+                .all(|y| tiles[y * TILES_ACROSS..][columns.clone()].iter().all(|key| near_key < *key))
+        });
+    }
+
+    /// A key that no vertex of something with this one exceeds in the page: a parallel map's page has an eye of its own, from
+    /// which depths are rounded otherwise than from that of its block.
+    fn nearer(&self, near_key: u32) -> u32 {
+        if !self.map.parallel() {
+            return near_key;
+        }
+        let depth = f32::from_bits(!near_key);
+        let side = SHADOW_SIDE as f32 * ShadowMap::texel(self.key.level) as f32;
+        !(depth - (depth + side) * SHADOW_ROUNDING).max(0.0).to_bits()
+    }
+
+    /// Draws clusters.
+    fn pass(&self, numbers: &[u32], texels: &mut [u32]) {
+        let Self { map, key, clusters, views, scene, as_culled, .. } = self;
+        let view = map.page_view(key);
+        let (eye, screen) = (Eye::new(&view), Screen::new(&view));
+        let mut own: Vec<InstanceView> = Vec::new();
+        let mut last = u32::MAX;
+        let (mut visible, mut small, mut large) = (Vec::with_capacity(numbers.len()), Vec::new(), Vec::new());
+        for (number, cluster) in (0..).zip(numbers.iter().map(|number| &clusters[*number as usize])) {
+            let Visible { instance, cluster: address } = cluster.visible;
+            if instance != last {
+                last = instance;
+                let view = &views[instance as usize];
+                // The scene does not change while it is drawn.
+                let placed = scene.instances().at(view.slot as usize).map(Instance::placement);
+                own.extend(placed.map(|placement| match as_culled {
+                    true => {
+                        view.shifted(key.block().place(key).map(|at| at as f32 * SHADOW_PAGE_SIDE as f32))
+                    }
+                    false => view.moved_to(&eye, screen.orthographic, placement),
+                }));
+            }
+            visible.push(Visible { instance: own.len() as u32 - 1, cluster: address });
+            if cluster.large { large.push(number) } else { small.push(number) }
+        }
+        let sink = Nearest(u32::cells(texels));
+        raster_small::run(&small, &visible, &own, &screen, &sink);
+        raster_large::run(&large, &visible, &own, &screen, &sink);
+    }
 }

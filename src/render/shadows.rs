@@ -136,6 +136,8 @@ pub(super) type FrameLights<P> = Vec<Option<FrameLight<P>>>;
 /// The CPU.
 #[derive(Default)]
 pub(super) struct Host {
+    /// Whether casters are left out that do not matter.
+    culls: bool,
     /// Of cascades: they are drawn for this frame alone.
     cascaded: Option<ForFrame>,
 }
@@ -143,8 +145,6 @@ pub(super) struct Host {
 /// What is known of what a frame looks up in cascades.
 #[derive(Default)]
 struct ForFrame {
-    /// Whether casters are left out that do not matter.
-    culls: bool,
     /// By frames; none of depth alone.
     prisms: Vec<Option<Prisms>>,
     walls: Walls,
@@ -153,9 +153,8 @@ struct ForFrame {
 impl Host {
     /// For frames of these options.
     pub(super) fn new(options: &RenderOptions) -> Self {
-        let cascaded = options.shadows == Kind::Cascaded;
-        let for_frame = || ForFrame { culls: options.occlusion, ..ForFrame::default() };
-        Self { cascaded: cascaded.then(for_frame) }
+        let cascaded = (options.shadows == Kind::Cascaded).then(ForFrame::default);
+        Self { culls: options.occlusion, cascaded }
     }
 }
 
@@ -222,7 +221,7 @@ impl Painter for Host {
         let Casters { maps, scene, resident } = casters;
         let streams = || scene.instances().iter().any(|(_, instance)| resident.streams(&instance.mesh));
         let cascaded = self.cascaded.as_ref().map(|for_frame| Cascaded {
-            walls: for_frame.culls.then_some(&for_frame.walls),
+            walls: self.culls.then_some(&for_frame.walls),
             // What a page of a streamed mesh hid may show where that is not there any more.
             seen: (!streams()).then_some(held),
         });
@@ -234,7 +233,7 @@ impl Painter for Host {
             culled_clusters: 0,
             needs: Needs::default(),
         };
-        for block in shadow_raster::run(pages, maps, scene, resident, cascaded) {
+        for block in shadow_raster::run(pages, maps, scene, resident, cascaded, self.culls) {
             out.culled_instances += block.culled_instances;
             out.culled_clusters += block.culled_clusters;
             out.clusters += block.clusters;

@@ -52,7 +52,7 @@ pub struct ShadowStats {
     pub triangles: u64,
     /// Instances that cast nothing that is looked up in cascades, or that others hide from the light; once for each cascade.
     pub culled_instances: u64,
-    /// Clusters of others of which the same is true.
+    /// Clusters of others of which the same is true, and in virtual pages those that others hide; once for each page.
     pub culled_clusters: u64,
     /// The cascades of each light that has any: of this view alone.
     pub cascades: Vec<Cascade>,

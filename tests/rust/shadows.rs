@@ -545,6 +545,40 @@ fn what_cascades_leave_out_changes_no_pixel() {
     assert!(culled[0] > 1000 && culled[1] > 100 && 4 * drawn < 3 * all, "{culled:?}, {drawn} of {all}");
 }
 
+/// Balls in a row hide each other from lights at its end.
+#[test]
+fn what_is_hidden_from_lights_changes_no_page() {
+    let ball = dag(&bumpy_sphere(70));
+    for radius in RADII {
+        let mut scene = Scene::new();
+        for k in 0..5 {
+            let turn = f64::from(k);
+            scene
+                .add(Arc::clone(&ball), &turned(at(2.2 * turn, 0.0, 0.0), turn), Material::default())
+                .unwrap();
+        }
+        let spot = LightKind::Spot { range: None, inner: 0.1, outer: 0.6 };
+        for (kind, place) in [
+            (LightKind::Directional, DVec3::new(-1.0, 0.1, 0.1)),
+            (spot, DVec3::new(-6.0, 0.4, 0.3)),
+            (LightKind::Point { range: None }, DVec3::new(-4.0, 0.0, 0.2)),
+        ] {
+            scene.add_light(Light { radius, ..towards(kind, place) }).unwrap();
+        }
+        for far in [4.0, 9.0] {
+            let pose = at(4.4, 0.5, far);
+            let frame = shoot(&scene, &CAMERA, &pose, SIZE, &options());
+            let whole = shoot(&scene, &CAMERA, &pose, SIZE, &RenderOptions { occlusion: false, ..options() });
+            same_shadows(&frame, &whole);
+            let (some, every) = (shadow_stats(&frame), shadow_stats(&whole));
+            assert_eq!(every.culled_clusters, 0);
+            assert_eq!(some.clusters + some.culled_clusters, every.clusters);
+            println!("{} of {} clusters left out", some.culled_clusters, every.clusters);
+            assert!(10 * some.culled_clusters > every.clusters, "{some:?} of {every:?}");
+        }
+    }
+}
+
 #[test]
 fn cascades_are_few_and_share_what_is_seen() {
     let scene = lit_crowd(0.0);
