@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import platform
@@ -605,7 +606,7 @@ def _say(message: Warning | str, *_: object, **__: object) -> None:
 def _given(argv: Sequence[str]) -> list[str]:
     """Arguments, where a file that follows ``--shadows`` is not taken for a name of them."""
     out = list(argv)
-    for place, (name, following) in enumerate(zip(argv, [*argv[1:], ""], strict=True)):
+    for place, (name, following) in enumerate(itertools.pairwise([*argv, ""])):
         if name == _SHADOWS and following not in get_args(ShadowsName):
             out[place] = f"{_SHADOWS}=virtual"
     return out

@@ -1,5 +1,5 @@
-// How a view looks up the maps of lights: src/shadow/receiver.rs, operation for operation. What decides on pages rounds as on
-// the CPU, so that what marks them and what looks them up agree. Powers of two are multiplied by, which rounds nothing.
+// Where a view finds points in the maps of lights: src/shadow/receiver.rs, operation for operation. What decides on pages
+// rounds as on the CPU, so that what marks them and what reads them agree. Powers of two are multiplied by, which rounds nothing.
 // Needs: exact.wgsl, SHADOW_BINDING.
 
 // How many lights there are; the record of each; then anchors, points of lights, and tables of pages.

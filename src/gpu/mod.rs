@@ -3,12 +3,15 @@
 //! Stage `x` is `src/gpu/x.rs`, which records it, and `shaders/x.wgsl`, which is the twin of `src/cpu/x.rs`. A frame is one
 //! submission: every stage decides the indirect arguments of the next on the device. The host reads back the visible cluster
 //! list and the counts of every list. Where a list was too short, it grows and the frame runs again. The visibility buffer is
-//! read with them where the CPU makes something of it now, else when it first does.
+//! read with them where the CPU makes something of it now, else when it first does. Shadows take two submissions more: the
+//! host decides in between which pages of shadow maps are kept.
 //!
 //! [`context`] finds a device. [`meshes`] holds what is uploaded once, with its pages in `page_arrays`. `kernel` says what a
-//! kernel is, each stage declares its own, [`kernels`] lists them, and [`shaders`] puts sources together. `request` is what a caller asks and gets, `view_history` what a view keeps between frames, `passes` and
-//! `recorder` record the stages. `raster_hardware` is another form of the two raster stages; `calibrate` measures whether it
-//! is faster. `shadow_table` has where pages of shadow maps lie. Files import each other in one direction, which a test holds.
+//! kernel is, each stage declares its own, [`kernels`] lists them, and [`shaders`] puts sources together. `request` is what a
+//! caller asks and gets, `view_history` what a view keeps between frames, `passes` and `recorder` record the stages.
+//! `raster_hardware` is another form of the two raster stages; `calibrate` measures whether it is faster. `shadow_pool` has
+//! the pages of shadow maps, `shadow_table` where views find them. Files import each other in one direction, which a test
+//! holds.
 
 // What only tests and benchmarks reach is unused, and private, without them.
 #![cfg_attr(not(feature = "internals"), allow(dead_code, unused_imports))]

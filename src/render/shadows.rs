@@ -8,7 +8,7 @@ use glam::DVec3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::renderer::{FrameContext, Rastered};
-use super::stats::{Cascade, ShadowStats};
+use super::stats::{Cascade, ShadowStats, StageStats};
 use super::streaming;
 use crate::config::{RenderOptions, Shadows as Kind};
 use crate::cpu::shadow_cascades::{self, Prisms};
@@ -23,7 +23,9 @@ use crate::scene::{Light, Scene};
 use crate::shadow::cache::PAGE_BYTES;
 use crate::shadow::receiver::{RelativePage, texel_of};
 use crate::shadow::{Lamp, LightView, PageKey, ShadowCache, ShadowMap, ShadowPage};
+use crate::stages::Stage;
 use crate::stream::{Needs, Resident};
+use crate::views::Screen;
 
 /// Levels by which shadows are made coarser at most.
 const COARSEST: i32 = 16;
@@ -306,7 +308,14 @@ pub(super) fn light_up<B: Painter>(
     }
     stats.kept = cache.len() as u64;
     stats.draw_ms = ms(start);
-    for (own, views) in rastered.iter_mut().zip(&views) {
+    for ((own, views), frame_context) in rastered.iter_mut().zip(&views).zip(frame_contexts) {
+        let Screen { width, height, .. } = frame_context.screen;
+        let pixels = u64::from(width) * u64::from(height);
+        let of_stage = |stage, received, passed, ms| StageStats { stage, pass: 1, received, passed, ms };
+        own.stats.add(&[
+            of_stage(Stage::ShadowMark, pixels, stats.wanted, stats.mark_ms),
+            of_stage(Stage::ShadowRaster, stats.drawn, stats.triangles, stats.draw_ms),
+        ]);
         own.stats.shadows = Some(ShadowStats { cascades: cascades(views), ..stats.clone() });
     }
     let light = |view: LightView| {
