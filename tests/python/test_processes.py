@@ -206,13 +206,13 @@ def test_a_device_is_not_used_on_both_sides_of_a_fork(tmp_path) -> None:
         # Where it is kept on the device, it belongs to the parent, too.
         normal = forked(lambda: digest(frame.normal))
         print(normal == digest(frame.normal) or normal.startswith("BackendError"))
-        # So do pages of shadow maps, until they are read.
+        # So do pages of shadow maps, until they are read, as what is shaded on the CPU has done.
         sunny = scene_of(mesh)
         sunny.add(nrs.DirectionalLight(intensity=3.0), pose=nrs.look_at((1, 2, 1), (0, 0, 0)))
         lit = old.render(sunny, camera, pose, shadows=True)
         shadow = forked(lambda: digest(lit.shadow))
         own = digest(lit.shadow)
-        print(shadow.startswith("BackendError") and forked(lambda: digest(lit.shadow)) == own)
+        print(shadow == own or shadow.startswith("BackendError"), forked(lambda: digest(lit.shadow)) == own)
         def auto():
             renderer = nrs.Renderer(160, 120)
             return renderer.backend, picture(renderer, scene) == want
@@ -223,7 +223,7 @@ def test_a_device_is_not_used_on_both_sides_of_a_fork(tmp_path) -> None:
         tmp_path,
     ).split("\n")
     assert all(line.startswith("BackendError") and '"spawn"' in line for line in out[:2]), out
-    assert out[2:6] == ["True", "True", "('cpu', True)", "parent goes on"], out
+    assert out[2:6] == ["True", "True True", "('cpu', True)", "parent goes on"], out
 
 
 def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> None:
