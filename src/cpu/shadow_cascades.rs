@@ -13,7 +13,6 @@ use crate::limits::{
     SHADOW_CASCADES, SHADOW_PAGE_SIDE, SHADOW_PRISM_SIDE, SHADOW_SIDE, SHADOW_TILE_SIDE, SHADOW_TILES,
 };
 use crate::shadow::cascades::{DISTANCE_BINS, bin_of};
-
 use crate::shadow::receiver::{RelativePage, texel_of};
 use crate::shadow::{Cascades, LightView, Splits};
 
@@ -31,7 +30,7 @@ pub struct Prism {
 pub type Bounds = [[f32; 3]; 2];
 
 /// All prisms of a frame, and by lights their bounds.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Prisms {
     prisms: Vec<Prism>,
     bounds: Vec<Vec<Bounds>>,
@@ -73,7 +72,7 @@ impl Span {
 pub fn run(marker: &Marker<'_>, lights: &mut [&mut LightView]) -> Prisms {
     let bins = occupied(marker);
     if bins.is_empty() {
-        return Prisms { prisms: Vec::new(), bounds: vec![Vec::new(); lights.len()] };
+        return Prisms::new(lights.len());
     }
     let splits = Splits::new(&bins);
     let views: Vec<&LightView> = lights.iter().map(|light| &**light).collect();
@@ -81,7 +80,7 @@ pub fn run(marker: &Marker<'_>, lights: &mut [&mut LightView]) -> Prisms {
         .into_par_iter()
         .map(|row| prisms(marker, row, &splits, &views))
         .collect();
-    let mut all = Prisms { prisms: Vec::new(), bounds: vec![Vec::new(); lights.len()] };
+    let mut all = Prisms::new(lights.len());
     for mut row in rows {
         all.prisms.append(&mut row.prisms);
         all.bounds.iter_mut().zip(&mut row.bounds).for_each(|(all, row)| all.append(row));
@@ -169,7 +168,7 @@ fn prisms_avx2(marker: &Marker<'_>, row: usize, splits: &Splits, lights: &[&Ligh
 
 #[inline(always)]
 fn prisms_anywhere(marker: &Marker<'_>, row: usize, splits: &Splits, lights: &[&LightView]) -> Prisms {
-    let mut out = Prisms { prisms: Vec::new(), bounds: vec![Vec::new(); lights.len()] };
+    let mut out = Prisms::new(lights.len());
     let rows = row * SHADOW_PRISM_SIDE..marker.rows().min((row + 1) * SHADOW_PRISM_SIDE);
     let mut places = vec![[[NOTHING; 3]; SHADOW_CASCADES]; lights.len()];
     for left in (0..marker.columns()).step_by(SHADOW_PRISM_SIDE) {
@@ -217,6 +216,11 @@ fn prisms_anywhere(marker: &Marker<'_>, row: usize, splits: &Splits, lights: &[&
 }
 
 impl Prisms {
+    /// None, for so many lights.
+    fn new(lights: usize) -> Self {
+        Self { prisms: Vec::new(), bounds: vec![Vec::new(); lights] }
+    }
+
     /// How deep what is looked up lies at most, of a light by its number among those that were given, in the levels that it has
     /// by now.
     pub fn walls(&self, number: usize, light: &LightView, walls: &mut Walls) {

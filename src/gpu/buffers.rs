@@ -293,6 +293,26 @@ pub(super) fn bytes<T>(count: u32) -> u64 {
     u64::from(count) * size_of::<T>() as u64
 }
 
+/// Copies parts one behind the other, from a place on.
+fn copy<'a>(
+    encoder: &mut CommandEncoder,
+    parts: impl Iterator<Item = Part<'a>>,
+    staging: &Buffer,
+    mut at: u64,
+) {
+    for part in parts {
+        encoder.copy_buffer_to_buffer(part.buffer, 0, staging, at, part.bytes);
+        at += part.bytes;
+    }
+}
+
+/// The bytes of the next part.
+fn take<'a>(staged: &mut &'a [u8], part: &Part<'_>) -> &'a [u8] {
+    let (head, tail) = staged.split_at(part.bytes as usize);
+    *staged = tail;
+    head
+}
+
 /// An array, as it comes back.
 fn array((output, buffer): &(Output, Buffer), pixels: u64) -> Part<'_> {
     Part { buffer, bytes: array_bytes(*output, pixels) }
@@ -378,11 +398,7 @@ impl Buffers {
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         self.staging = context.buffer("what is read back", self.staged, usage)?;
         self.array_staging = match shape.waits {
-            true => Some(context.buffer(
-                "what is read back",
-                self.array_parts().map(|part| part.bytes).sum(),
-                usage,
-            )?),
+            true => Some(context.buffer("what is read back", self.array_bytes(), usage)?),
             false => None,
         };
         Ok(self)
@@ -442,17 +458,17 @@ impl Buffers {
 
     /// Copies it.
     pub(super) fn copy_arrays(&self, encoder: &mut CommandEncoder) {
-        let Some(staging) = &self.array_staging else { return };
-        let mut at = 0;
-        for part in self.array_parts() {
-            encoder.copy_buffer_to_buffer(part.buffer, 0, staging, at, part.bytes);
-            at += part.bytes;
-        }
+        self.array_staging.iter().for_each(|staging| copy(encoder, self.array_parts(), staging, 0));
     }
 
-    /// Bytes of it, and of each part.
-    pub(super) fn array_bytes(&self) -> Vec<u64> {
-        self.array_parts().map(|part| part.bytes).collect()
+    /// Bytes of it.
+    pub(super) fn array_bytes(&self) -> u64 {
+        self.array_parts().map(|part| part.bytes).sum()
+    }
+
+    /// The parts of it: ticks, then each array.
+    pub(super) fn split_arrays<'a>(&self, mut staged: &'a [u8]) -> Vec<&'a [u8]> {
+        self.array_parts().map(|part| take(&mut staged, &part)).collect()
     }
 
     /// Takes in that a frame was drawn: the next can start from its groups, where the second pass listed them.
@@ -494,21 +510,13 @@ impl Buffers {
     }
 
     /// Copies it.
-    pub(super) fn copy_lengths(&self, encoder: &mut CommandEncoder, staging: &Buffer, mut at: u64) {
-        for part in self.length_parts() {
-            encoder.copy_buffer_to_buffer(part.buffer, 0, staging, at, part.bytes);
-            at += part.bytes;
-        }
+    pub(super) fn copy_lengths(&self, encoder: &mut CommandEncoder, staging: &Buffer, at: u64) {
+        copy(encoder, self.length_parts().into_iter(), staging, at);
     }
 
     /// Reads it.
     pub(super) fn lengths(&self, mut staged: &[u8]) -> Room {
-        let mut take = |part: &Part<'_>| {
-            let (head, tail) = staged.split_at(part.bytes as usize);
-            staged = tail;
-            head
-        };
-        let parts: Vec<&[u8]> = self.length_parts().iter().map(&mut take).collect();
+        let parts: Vec<&[u8]> = self.length_parts().iter().map(|part| take(&mut staged, part)).collect();
         let [_, counters, groups, _, _, even, odd] = &parts[..] else { return Room::default() };
         // The first list is that of the instances, which has room for all.
         let levels = Levels::read(even, odd, self.shape.depth);
@@ -525,21 +533,12 @@ impl Buffers {
     }
 
     pub(super) fn copy_back(&self, encoder: &mut CommandEncoder) {
-        let mut at = 0;
-        for part in self.parts().iter().flatten() {
-            encoder.copy_buffer_to_buffer(part.buffer, 0, &self.staging, at, part.bytes);
-            at += part.bytes;
-        }
+        copy(encoder, self.parts().into_iter().flatten(), &self.staging, 0);
     }
 
     /// The parts of what came back: of the frame, then of each pass.
     pub(super) fn split<'a>(&self, mut staged: &'a [u8]) -> Vec<Vec<&'a [u8]>> {
-        let mut take = |part: &Part<'_>| {
-            let (head, tail) = staged.split_at(part.bytes as usize);
-            staged = tail;
-            head
-        };
-        self.parts().iter().map(|parts| parts.iter().map(&mut take).collect()).collect()
+        self.parts().iter().map(|parts| parts.iter().map(|part| take(&mut staged, part)).collect()).collect()
     }
 }
 

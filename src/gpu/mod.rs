@@ -58,7 +58,7 @@ pub use buffers::DeviceVisibility;
 pub use context::Context;
 pub use instances::SceneInstance;
 pub use kernel::CullPass;
-pub use renderer::{DeviceRenderer, Made};
+pub use renderer::DeviceRenderer;
 pub use request::{Counted, Drawn, ViewRequest, Ways};
 pub use shadow_mark::Column;
 pub use shadow_pool::DevicePage;

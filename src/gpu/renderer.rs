@@ -13,7 +13,7 @@ use super::meshes::Meshes;
 use super::passes::Passes;
 use super::raster::Words;
 use super::recorder::surface;
-use super::request::{Counted, Drawn, ViewRequest, Ways};
+use super::request::{Counted, Drawn, Made, StageTimes, ViewRequest, Ways};
 use super::shadow_mark::{Column, ShadowMarking};
 use super::shadow_pool::DevicePage;
 use super::shadow_raster::{ShadowBlock, ShadowDrawing, ShadowsDrawn, Sources};
@@ -54,12 +54,6 @@ pub struct DeviceRenderer {
     shadows: Option<ShadowDrawing>,
     marking: Option<ShadowMarking>,
 }
-
-/// The arrays made of a view's picture.
-pub type Made = Vec<(Output, Array)>;
-
-/// Stage, pass and milliseconds of each pass on the device; NaN where it takes no time.
-pub type StageTimes = Vec<(Stage, CullPass, f64)>;
 
 impl DeviceRenderer {
     /// A renderer on the best device there is.
@@ -162,6 +156,8 @@ impl DeviceRenderer {
             // Views that are not drawn now would keep them alive.
             let all = self.histories.iter_mut().chain(histories.iter_mut());
             all.filter_map(|history| history.buffers.as_mut()).for_each(|own| own.bind_groups.clear());
+            self.shadows.iter_mut().for_each(ShadowDrawing::release);
+            self.marking.iter_mut().for_each(ShadowMarking::release);
         }
         let uploaded_bytes = self.instances.upload(&self.context, &mut self.meshes, resident)?;
         let mut views = Vec::with_capacity(requests.len());
@@ -268,6 +264,11 @@ impl DeviceRenderer {
     /// what stages took.
     pub fn shade(&mut self, views: &[(u64, Vec<[u32; 4]>)]) -> Result<(Vec<Made>, StageTimes)> {
         self.context.check()?;
+        let waits = |own: &Buffers| own.outputs.iter().any(|(output, _)| *output != Output::Overdraw);
+        let buffers = views.iter().filter_map(|(id, _)| self.histories.get(*id)?.buffers.as_ref());
+        if !buffers.into_iter().any(waits) {
+            return Ok((vec![Vec::new(); views.len()], Vec::new()));
+        }
         let context = &*self.context;
         for (id, table) in views {
             let history = self.histories.get_or_make(*id, || ViewHistory::new(context))?;
@@ -317,25 +318,17 @@ impl DeviceRenderer {
         let (mut made, mut taken): (Vec<Made>, StageTimes) = Default::default();
         for (number, SubmittedView { buffers, .. }) in submitted.iter().enumerate() {
             let Some(staging) = &buffers.array_staging else { continue };
-            let bytes = buffers.array_bytes();
             let mut arrays = Vec::new();
-            context.read(submission.clone(), staging, bytes.iter().sum(), |mut staged| {
-                let mut parts = bytes.iter().map(|bytes| {
-                    let (head, tail) = staged.split_at(*bytes as usize);
-                    staged = tail;
-                    head
-                });
-                let ticks = parts.next().unwrap_or_default();
+            context.read(submission.clone(), staging, buffers.array_bytes(), |staged| {
+                let parts = buffers.split_arrays(staged);
+                let [ticks, parts @ ..] = &parts[..] else { return };
                 if number == 0 {
-                    let times = passes.iter().zip(times::milliseconds(ticks, context.tick()));
-                    taken = times.map(|((stage, cull_pass), ms)| (*stage, *cull_pass, ms)).collect();
+                    taken = stage_times(&passes, ticks, context.tick());
                 }
                 let pixels = buffers.shape.pixels as usize;
                 let outputs = buffers.shape.outputs.iter().filter(|output| *output != Output::Overdraw);
-                arrays = outputs
-                    .zip(parts)
-                    .map(|(output, bytes)| (output, Array::read(output, pixels, bytes)))
-                    .collect();
+                let made = outputs.zip(parts);
+                arrays = made.map(|(output, bytes)| (output, Array::read(output, pixels, bytes))).collect();
             })?;
             made.push(arrays);
         }
@@ -499,6 +492,12 @@ fn list<T: bytemuck::Pod>(bytes: &[u8], count: u32) -> Vec<T> {
     bytes.chunks_exact(size_of::<T>()).take(count as usize).map(value).collect()
 }
 
+/// What passes took, by the ticks that came back.
+fn stage_times(passes: &[(Stage, CullPass)], ticks: &[u8], tick: Option<f64>) -> StageTimes {
+    let times = passes.iter().zip(times::milliseconds(ticks, tick));
+    times.map(|((stage, cull_pass), ms)| (*stage, *cull_pass, ms)).collect()
+}
+
 /// Reads what came back: the frame, and the lengths that its lists wanted. `faces` are those of each slot's mesh.
 fn report(
     parts: &[Vec<&[u8]>],
@@ -526,8 +525,7 @@ fn report(
             let arrays = shape.outputs.iter().filter(here).zip(arrays);
             let pixels = shape.pixels as usize;
             drawn.made = arrays.map(|(output, bytes)| (output, Array::read(output, pixels, bytes))).collect();
-            let times = passes.iter().zip(times::milliseconds(ticks, tick));
-            drawn.times = times.map(|((stage, cull_pass), ms)| (*stage, *cull_pass, ms)).collect();
+            drawn.times = stage_times(passes, ticks, tick);
             continue;
         }
         let [candidates, counters, culling, draws, starts, even, odd] = &parts[..] else { continue };

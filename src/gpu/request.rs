@@ -91,6 +91,12 @@ pub struct Counted {
     pub counters: Counters,
 }
 
+/// The arrays made of a view's picture.
+pub type Made = Vec<(Output, Array)>;
+
+/// Stage, pass and milliseconds of each pass on the device; NaN where it takes no time.
+pub type StageTimes = Vec<(Stage, CullPass, f64)>;
+
 /// What a frame leaves: its visible list and what each stage received and passed on.
 #[derive(Debug, Default)]
 pub struct Drawn {
@@ -107,7 +113,7 @@ pub struct Drawn {
     /// The same by meshes.
     pub needs: Needs,
     /// The arrays asked for.
-    pub made: Vec<(Output, Array)>,
+    pub made: Made,
     /// The visibility buffer, where it was left on the device.
     pub visibility: Option<DeviceVisibility>,
     /// Bytes of instances written to the device.
@@ -120,6 +126,6 @@ pub struct Drawn {
     pub listed: bool,
     /// One pass, or two.
     pub cull_passes: Vec<Counted>,
-    /// Stage, pass and milliseconds of each pass on the device; NaN where it takes no time.
-    pub times: Vec<(Stage, CullPass, f64)>,
+    /// What the stages took.
+    pub times: StageTimes,
 }

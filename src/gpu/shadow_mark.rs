@@ -84,6 +84,11 @@ impl ShadowMarking {
         }
     }
 
+    /// Lets go of all buffers that are bound: some are to be replaced.
+    pub(super) fn release(&mut self) {
+        self.bind_groups.clear();
+    }
+
     fn submit(
         &mut self,
         context: &Context,

@@ -1,12 +1,12 @@
 //! Pages of shadow maps on a device: slots of one buffer. A page keeps its slot for as long as anybody holds it; what frames
 //! alone hold goes to the host's memory where its slot is wanted.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, Weak};
 
 use rustc_hash::FxHashSet;
 use wgpu::{Buffer, BufferUsages};
 
-use super::context::Context;
+use super::context::{Context, lock};
 use crate::error::Result;
 use crate::limits::{SHADOW_PAGE_TEXELS, SHADOW_SLOT_WORDS};
 
@@ -49,10 +49,6 @@ enum Place {
     Slot(u32),
     /// In the host's memory: its keys.
     Host(Arc<[u32]>),
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl ShadowPool {

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use wgpu::{Buffer, BufferUsages, ComputePassDescriptor};
+use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePassDescriptor};
 
 use super::buffers::{Buffers, Room, Shape, bytes};
 use super::context::Context;
@@ -164,7 +164,9 @@ impl ShadowDrawing {
             (block.view.history, block.view.depth_only) = (HISTORY_PAGES, 1);
         }
         if blocks.is_empty() || !sources.instances.any() {
-            self.clear(context, &pages)?;
+            let mut encoder = context.encoder("pages of shadow maps");
+            self.clear(&mut encoder, &pages);
+            context.start(encoder)?;
             return Ok(ShadowsDrawn { pages, ..ShadowsDrawn::default() });
         }
         let uploaded = Uploaded::new(context, blocks)?;
@@ -186,15 +188,17 @@ impl ShadowDrawing {
         }
     }
 
-    /// Leaves nothing in pages, where there is nothing to be drawn.
-    fn clear(&self, context: &Context, pages: &[Arc<DevicePage>]) -> Result<()> {
-        let mut encoder = context.encoder("pages of shadow maps");
-        let pool = self.pool.buffer();
+    /// Leaves nothing in pages.
+    fn clear(&self, encoder: &mut CommandEncoder, pages: &[Arc<DevicePage>]) {
+        let (pool, bytes) = (self.pool.buffer(), 4 * SHADOW_SLOT_WORDS as u64);
         for slot in pages.iter().filter_map(|page| page.slot()) {
-            let bytes = 4 * SHADOW_SLOT_WORDS as u64;
             encoder.clear_buffer(&pool, u64::from(slot) * bytes, Some(bytes));
         }
-        context.start(encoder).map(|_| ())
+    }
+
+    /// Lets go of all buffers that are bound: some are to be replaced.
+    pub(super) fn release(&mut self) {
+        self.history.buffers.iter_mut().for_each(|own| own.bind_groups.clear());
     }
 
     /// Sees to it that all lists are as long as they are to be.
@@ -233,7 +237,7 @@ impl ShadowDrawing {
             self.pairs = Some((self.pair_room, pairs));
             let lists = PairLists { room: self.pair_room, unused_a: 0, unused_b: 0, unused_c: 0 };
             context.write("draws", &self.pair_lists, 0, bytemuck::bytes_of(&lists))?;
-            history.buffers.iter_mut().for_each(|own| own.bind_groups.clear());
+            self.release();
         }
         Ok(())
     }
@@ -278,10 +282,7 @@ impl ShadowDrawing {
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         let staging = context.buffer("what is read back", size, usage)?;
         let mut encoder = context.encoder("pages of shadow maps");
-        for slot in pages.iter().filter_map(|page| page.slot()) {
-            let bytes = 4 * SHADOW_SLOT_WORDS as u64;
-            encoder.clear_buffer(&pool, u64::from(slot) * bytes, Some(bytes));
-        }
+        self.clear(&mut encoder, pages);
         for buffer in [&self.pair_draws, &self.counters, &buffers.wanted] {
             encoder.clear_buffer(buffer, 0, None);
         }

@@ -364,6 +364,9 @@ fn mark<B: Painter>(
                 continue;
             }
             let lights: Vec<LightView> = views.iter().flatten().cloned().collect();
+            if lights.is_empty() {
+                continue;
+            }
             wanted.extend(painter.mark(own, drawn, &lights)?);
         }
         least = wanted.len();
