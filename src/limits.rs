@@ -143,6 +143,8 @@ pub const SHADOW_SLOT_WORDS: usize = (SHADOW_PAGE_TEXELS + 2 * (SHADOW_TILES + 1
 pub const SHADOW_FACE_BITS: u32 = 3;
 /// Bits of the level above them; levels are counted from -2 to the power of one bit less.
 pub const SHADOW_LEVEL_BITS: u32 = 8;
+/// Clusters of a page of a shadow map that are drawn in one pass: of so few none is looked at for being hidden.
+pub const SHADOW_FEW_CLUSTERS: u32 = 16;
 /// How far receivers may be moved is taken times this where pages are marked, for the rounding of what is done with it.
 pub const SHADOW_MARGIN: f32 = 1.02;
 /// Pages across which a receiver may be, where its cut is that much coarser than a pixel: more are more than there is room for,

@@ -32,9 +32,10 @@ LiveViewName: TypeAlias = Literal[
     "shadow_pages",
     "shadow_levels",
     "shadow_kept",
+    "shadow_cut",
 ]
 
-_SHADOWS: Final = ("shadow_pages", "shadow_levels", "shadow_kept")
+_SHADOWS: Final = ("shadow_pages", "shadow_levels", "shadow_kept", "shadow_cut")
 SHADOW_VIEWS: Final[tuple[LiveViewName, ...]] = _SHADOWS
 """What a `Viewer` that draws shadows can show besides `VIEWS`."""
 VIEWS: Final[tuple[LiveViewName, ...]] = tuple(

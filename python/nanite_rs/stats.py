@@ -110,8 +110,8 @@ class ShadowStats:
     """Of cascades: instances that were left out since they cast nothing on what is seen, or since others hide them
     from the light. One that touches several cascades counts for each."""
     culled_clusters: int
-    """Clusters of other instances that were left out: on the CPU those that other casters hide from the light, once
-    for each page; of cascades also those that cast nothing on what is seen."""
+    """Clusters of other instances that were left out: those that other casters hide from the light, once for each
+    page; of cascades also those that cast nothing on what is seen."""
     coarser: int
     """How often texels were made twice as large, for lack of room."""
     mark_ms: float

@@ -206,7 +206,8 @@ class Viewer:
         ``"shaded"``, ``"triangles"``, ``"clusters"``, ``"groups"``, ``"levels"``, ``"rasterizers"`` and
         ``"overdraw"`` as for `Frame.view`; ``"normals"``; ``"pages"`` and ``"instances"``, a colour for each; and
         ``"sizes"``, pixels of the picture that show the same triangle: red for one, blue for 1,024 or more. With
-        ``shadows=True`` also ``"shadow_pages"``, ``"shadow_levels"`` and ``"shadow_kept"``, as for `Frame.view`.
+        ``shadows=True`` also ``"shadow_pages"``, ``"shadow_levels"``, ``"shadow_kept"`` and ``"shadow_cut"``, as for
+        `Frame.view`.
         """
         return self._view
 

@@ -288,6 +288,15 @@ struct PairLists {
     unused_c: u32,
 }
 
+// The clusters that may touch a page of a shadow map: the largest key of a nearest point, the complement of the least, how many
+// they are, and the triangles of those that are drawn.
+struct PageClusters {
+    nearest: atomic<u32>,
+    farthest: atomic<u32>,
+    clusters: atomic<u32>,
+    triangles: atomic<u32>,
+}
+
 // Workgroups of a dispatch that one shader decides for the next, and how many entries they share.
 struct Dispatch {
     x: u32,

@@ -11,7 +11,9 @@ use super::node_cull::{self, CandidateGroup};
 use super::shadow_mask::{Mask, Walls, farthest};
 use super::visibility::{Nearest, Pixel};
 use super::{instance_cull, raster_large, raster_small};
-use crate::limits::{SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_TILE_SIDE};
+use crate::limits::{
+    SHADOW_FEW_CLUSTERS, SHADOW_PAGE_SIDE, SHADOW_PAGE_TEXELS, SHADOW_ROUNDING, SHADOW_SIDE, SHADOW_TILE_SIDE,
+};
 use crate::scene::placement::Eye;
 use crate::scene::{Instance, Scene};
 use crate::shadow::page::TILES_ACROSS;
@@ -30,8 +32,6 @@ pub struct DrawnBlock {
     pub absent: Vec<CandidateGroup>,
     /// Clusters drawn, each once for every page that it may touch.
     pub clusters: u64,
-    /// Their triangles.
-    pub triangles: u64,
     /// Instances that cast nothing that is looked up, or that others hide from the light.
     pub culled_instances: u64,
     /// Clusters of others of which the same is true; in virtual pages each once for every page.
@@ -149,7 +149,6 @@ fn draw_block(
     DrawnBlock {
         absent: walk.absent,
         clusters: drawn_clusters,
-        triangles: drawn.iter().map(|page| page.triangles).sum(),
         culled_instances,
         culled_clusters: (touching - clusters.len()) as u64 + listed as u64 - drawn_clusters,
         pages: pages.iter().zip(drawn).map(|(key, drawn)| (*key, drawn.page, whole(key))).collect(),
@@ -178,14 +177,10 @@ fn of_pages(grid: &Grid, pages: usize, clusters: &[CandidateCluster]) -> Vec<Vec
     lists
 }
 
-/// Clusters of a page that are drawn in one pass.
-const FEW_CLUSTERS: usize = 16;
-
 /// What was drawn of a page.
 struct DrawnPage {
     page: Arc<ShadowPage>,
     clusters: u64,
-    triangles: u64,
 }
 
 /// A page that is drawn.
@@ -213,16 +208,14 @@ impl PageDrawing<'_> {
             self.pass(&far, &mut texels);
         }
         let drawn = || near.iter().chain(&far).map(|number| &self.clusters[*number as usize]);
-        DrawnPage {
-            clusters: drawn().count() as u64,
-            triangles: drawn().map(|cluster| u64::from(cluster.triangles)).sum(),
-            page: Arc::new(ShadowPage::new(texels)),
-        }
+        let triangles = drawn().map(|cluster| u32::from(cluster.triangles)).sum();
+        let clusters = drawn().count() as u64;
+        DrawnPage { clusters, page: Arc::new(ShadowPage::new(texels, triangles)) }
     }
 
     /// The clusters that are nearer to the light than half of them, and the others, in their order.
     fn halves(&self, numbers: &[u32]) -> (Vec<u32>, Vec<u32>) {
-        if numbers.len() <= FEW_CLUSTERS || !self.occlusion {
+        if numbers.len() <= SHADOW_FEW_CLUSTERS as usize || !self.occlusion {
             return (numbers.to_vec(), Vec::new());
         }
         let near_key = |number: &u32| self.clusters[*number as usize].footprint.near_key;

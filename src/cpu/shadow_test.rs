@@ -16,6 +16,10 @@ use crate::shadow::{LightView, Lookup, Receiver, ShadowPage};
 
 /// Levels over which the colours of a debug view go.
 const SHOWN_LEVELS: f32 = 8.0;
+/// Triangles in a page up to which its colour is that of none.
+const FEW_TRIANGLES: f32 = 16.0;
+/// How often they double from there to the colour of most: to as many as a page has texels.
+const SHOWN_DOUBLINGS: f32 = 10.0;
 /// Pages from a frame before.
 const KEPT_COLOR: [f32; 3] = [0.3, 0.8, 0.4];
 /// Pages that were drawn.
@@ -32,6 +36,8 @@ pub enum ShadowView {
     Levels,
     /// Green from a frame before, red drawn for this one.
     Kept,
+    /// By triangles of the light's cut in the page: blue few, red many.
+    Cut,
 }
 
 /// Receivers of up to eight pixels, see [`Receiver`].
@@ -226,6 +232,10 @@ pub fn view(pixels: Pixels<'_>, eye: &Eye, shadows: &Shadows, what: ShadowView) 
         ShadowView::Levels => ramp(f32::from(page.level - finest) / SHOWN_LEVELS),
         ShadowView::Kept if light.drawn.contains(&page) => DRAWN_COLOR,
         ShadowView::Kept => KEPT_COLOR,
+        ShadowView::Cut => {
+            let triangles = light.pages.get(&page).map_or(0, |page| page.triangles());
+            ramp(1.0 - ((1.0 + triangles as f32) / FEW_TRIANGLES).log2() / SHOWN_DOUBLINGS)
+        }
     };
     let of_lanes = |receivers: &Receivers, lane: usize| match light.map(|light| (light, receivers.one(lane)))
     {
@@ -305,7 +315,7 @@ mod tests {
                 texels[texel as usize] = key.saturating_add(texel % 3).saturating_sub(1);
             }
         }
-        let page = |texels| Arc::new(ShadowPage::new(texels));
+        let page = |texels| Arc::new(ShadowPage::new(texels, 0));
         pages.into_iter().map(|(at, texels)| (at, page(texels))).collect()
     }
 

@@ -21,7 +21,7 @@ pub use super::raster_large::{raster_alpha_tested, raster_large};
 pub use super::raster_small::raster_small;
 pub use super::shade::{Ibl, MaterialKind, Shadowing, shade};
 pub use super::shadow_mark::SHADOW_MARK;
-pub use super::shadow_raster::{SHADOW_TILE_RANGES, shadow_raster};
+pub use super::shadow_raster::{SHADOW_TILE_RANGES, shadow_hidden, shadow_raster};
 pub use super::shadow_test::SHADOW_TEST;
 
 /// Every kernel.

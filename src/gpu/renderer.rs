@@ -341,12 +341,13 @@ impl DeviceRenderer {
     }
 
     /// Draws pages of shadow maps of the scene in the slots, sorted by block. `kept` ones stay where they are; there may be
-    /// `most`.
+    /// `most`. With `occlusion` what is hidden from the light is left out.
     pub fn draw_shadows(
         &mut self,
         blocks: &mut [ShadowBlock],
         most: usize,
         kept: &[Arc<DevicePage>],
+        occlusion: bool,
         resident: &Resident,
     ) -> Result<ShadowsDrawn> {
         self.context.check()?;
@@ -355,7 +356,7 @@ impl DeviceRenderer {
         }
         let sources = Sources { meshes: &self.meshes, instances: &self.instances, resident };
         match &mut self.shadows {
-            Some(shadows) => shadows.draw(&self.context, &sources, blocks, most, kept),
+            Some(shadows) => shadows.draw(&self.context, &sources, blocks, most, kept, occlusion),
             None => Ok(ShadowsDrawn::default()),
         }
     }

@@ -1,6 +1,7 @@
 //! Pages of shadow maps on a device: slots of one buffer. A page keeps its slot for as long as anybody holds it; what frames
 //! alone hold goes to the host's memory where its slot is wanted.
 
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
 use rustc_hash::FxHashSet;
@@ -40,6 +41,8 @@ struct Shared {
 pub struct DevicePage {
     shared: Arc<Shared>,
     place: Mutex<Place>,
+    /// Triangles of the light's cut that were drawn.
+    triangles: AtomicU32,
 }
 
 /// Where a page is.
@@ -90,6 +93,7 @@ impl ShadowPool {
             let page = Arc::new(DevicePage {
                 shared: Arc::clone(&self.shared),
                 place: Mutex::new(Place::Slot(slot)),
+                triangles: AtomicU32::new(0),
             });
             self.pages[slot as usize] = Arc::downgrade(&page);
             page
@@ -148,6 +152,16 @@ impl DevicePage {
             Place::Slot(slot) => Some(slot),
             Place::Host(_) => None,
         }
+    }
+
+    /// Triangles of the light's cut that were drawn.
+    pub fn triangles(&self) -> u32 {
+        self.triangles.load(Ordering::Relaxed)
+    }
+
+    /// Takes note of how many were drawn.
+    pub(super) fn note(&self, triangles: u32) {
+        self.triangles.store(triangles, Ordering::Relaxed);
     }
 
     /// The keys of pages, row by row.

@@ -1,5 +1,6 @@
 //! Pages of shadow maps: the stages that cull for a view find what each block of pages shows, a kernel lists which clusters
-//! are drawn into which pages, and the rasterizers draw these, each page as a view of its own.
+//! are drawn into which pages, and the rasterizers draw these, each page as a view of its own. First the nearer half of a
+//! page's clusters, then those of the others that these do not hide from the light.
 
 use std::sync::Arc;
 
@@ -20,7 +21,7 @@ use super::view_history::ViewHistory;
 use super::{cluster_cull, instance_cull, instances, node_cull};
 use crate::config::Outputs;
 use crate::error::{Error, Result};
-use crate::gpu_types::{Counters, Dispatch, HISTORY_PAGES, Instance, PairLists, View, VisibleCluster};
+use crate::gpu_types::{Dispatch, HISTORY_PAGES, Instance, PageClusters, PairLists, View, VisibleCluster};
 use crate::limits::{MAX_VISIBLE, SHADOW_SLOT_WORDS};
 use crate::stream::{Needs, Resident};
 
@@ -35,9 +36,22 @@ bindings! {
     /// What `shadow_raster` binds.
     ShadowRaster {
         view: Uniform, instances: Read, page_offsets: Read, pages: Read, visible: Read, numbers: Read, draws: Read,
-        grid: Read, pair_lists: Uniform, pairs: Write, pair_draws: Write, counters: Write, pages_1: Read,
-        pages_2: Read, pages_3: Read,
+        grid: Read, pair_lists: Uniform, pairs: Write, pair_draws: Write, deferred: Write, deferred_draws: Write,
+        page_clusters: Write, pages_1: Read, pages_2: Read, pages_3: Read,
     }
+}
+
+bindings! {
+    /// What `shadow_hidden` binds before [`PageViews`].
+    ShadowHidden {
+        instances: Read, page_offsets: Read, pages: Read, visible: Read, draws: Read, words: Read, page_clusters: Write,
+        pages_1: Read, pages_2: Read, pages_3: Read,
+    }
+}
+
+bindings! {
+    /// What `shadow_hidden` binds behind them.
+    Drawn { drawn: Write, drawn_draws: Write }
 }
 
 bindings! {
@@ -45,10 +59,17 @@ bindings! {
     ShadowTiles { page_views: Read, words: Write }
 }
 
-/// Clusters of a list → the pages of a block that they are drawn into.
-pub const fn shadow_raster(list: List) -> Kernel {
+/// Clusters of a list → the pages of a block that they are drawn into; or how near to the light those of each page are.
+pub const fn shadow_raster(list: List, measures: bool) -> Kernel {
+    let constants = [Constant::Number("LIST", list as u32), Constant::Flag("MEASURES", measures)];
+    Kernel::new("shadow_raster", &[ShadowRaster::BINDINGS]).constants(constants)
+}
+
+/// Deferred clusters of a list and their pages → those that are not hidden.
+pub const fn shadow_hidden(list: List) -> Kernel {
     let list = Constant::Number("LIST", list as u32);
-    Kernel::new("shadow_raster", &[ShadowRaster::BINDINGS]).constants([list])
+    Kernel::new("shadow_hidden", &[ShadowHidden::BINDINGS, PageViews::BINDINGS, Drawn::BINDINGS])
+        .constants([list])
 }
 
 /// Keys of pages → the least and the largest of tiles.
@@ -58,7 +79,8 @@ pub const SHADOW_TILE_RANGES: Kernel = Kernel::new("shadow_tiles", &[ShadowTiles
 const LISTS: [List; 3] = [List::Small, List::Large, List::AlphaTested];
 
 pub(super) fn kernels() -> Vec<Kernel> {
-    LISTS.map(shadow_raster).into_iter().chain([SHADOW_TILE_RANGES]).collect()
+    let of_list = |list| [shadow_raster(list, true), shadow_raster(list, false), shadow_hidden(list)];
+    LISTS.into_iter().flat_map(of_list).chain([SHADOW_TILE_RANGES]).collect()
 }
 
 /// Pages that are culled for together.
@@ -79,8 +101,8 @@ pub struct ShadowsDrawn {
     pub pages: Vec<Arc<DevicePage>>,
     /// Clusters, each once for every page that it may touch.
     pub clusters: u64,
-    /// Their triangles.
-    pub triangles: u64,
+    /// Clusters that others hide from the light, counted so, too.
+    pub culled_clusters: u64,
     /// Something coarser stood for pages of meshes that were not there.
     pub lacks: bool,
     /// Those pages.
@@ -101,11 +123,20 @@ pub(super) struct ShadowDrawing {
     history: ViewHistory,
     room: Room,
     pair_room: u32,
-    /// With room for so many.
-    pairs: Option<(u32, Buffer)>,
-    pair_draws: Buffer,
+    pairs: Option<Pairs>,
     pair_lists: Buffer,
-    counters: Buffer,
+    /// How many pairs there are of each list, and of the deferred.
+    draws: [Buffer; 2],
+    /// With room for so many pages.
+    page_clusters: Option<(u32, Buffer)>,
+}
+
+/// Lists of clusters and pages.
+#[derive(Debug)]
+struct Pairs {
+    room: u32,
+    drawn: Buffer,
+    deferred: Buffer,
 }
 
 impl ShadowDrawing {
@@ -114,19 +145,17 @@ impl ShadowDrawing {
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let mut history = ViewHistory::new(context)?;
         history.pyramids = Pyramids::of_pages(context)?;
+        let draws =
+            || context.buffer("draws", bytes::<Dispatch>(List::COUNT), storage | BufferUsages::INDIRECT);
         Ok(Self {
             pool: ShadowPool::new(context)?,
             history,
             room: FIRST_ROOM,
             pair_room: FIRST_PAIRS,
             pairs: None,
-            pair_draws: context.buffer(
-                "draws",
-                bytes::<Dispatch>(List::COUNT),
-                storage | BufferUsages::INDIRECT,
-            )?,
             pair_lists: context.buffer("draws", bytes::<PairLists>(1), uniform)?,
-            counters: context.buffer("counters", bytes::<Counters>(1), storage)?,
+            draws: [draws()?, draws()?],
+            page_clusters: None,
         })
     }
 
@@ -140,7 +169,8 @@ impl ShadowDrawing {
         self.pool.buffer()
     }
 
-    /// Draws the pages of blocks, into slots of which there are `most` and which `kept` pages stay in.
+    /// Draws the pages of blocks, into slots of which there are `most` and which `kept` pages stay in. With `occlusion` what is
+    /// hidden from the light is left out, which changes no page.
     pub(super) fn draw(
         &mut self,
         context: &Arc<Context>,
@@ -148,6 +178,7 @@ impl ShadowDrawing {
         blocks: &mut [ShadowBlock],
         most: usize,
         kept: &[Arc<DevicePage>],
+        occlusion: bool,
     ) -> Result<ShadowsDrawn> {
         let count = blocks.iter().map(|block| block.pages.len()).sum();
         let pages = self.pool.take(count, most, kept)?;
@@ -171,8 +202,8 @@ impl ShadowDrawing {
         }
         let uploaded = Uploaded::new(context, blocks)?;
         loop {
-            self.make_room(context, sources)?;
-            let (drawn, room, pair_room) = self.submit(context, sources, &uploaded, &pages)?;
+            self.make_room(context, sources, count as u32)?;
+            let (drawn, room, pair_room) = self.submit(context, sources, &uploaded, &pages, occlusion)?;
             if room.visible as usize > MAX_VISIBLE || pair_room as usize > MAX_VISIBLE {
                 let count = room.visible.max(pair_room);
                 let message = format!("lights see {count} clusters at once, the most is {MAX_VISIBLE}");
@@ -202,7 +233,7 @@ impl ShadowDrawing {
     }
 
     /// Sees to it that all lists are as long as they are to be.
-    fn make_room(&mut self, context: &Context, sources: &Sources<'_>) -> Result<()> {
+    fn make_room(&mut self, context: &Context, sources: &Sources<'_>, pages: u32) -> Result<()> {
         let Sources { meshes, instances, resident } = sources;
         let shape = Shape {
             instances: instances.room(),
@@ -230,13 +261,21 @@ impl ShadowDrawing {
             let before = history.buffers.take();
             history.buffers = Some(Buffers::new(context, shape, before)?);
         }
-        if self.pairs.as_ref().is_none_or(|(room, _)| *room != self.pair_room) {
+        const WHAT: &str = "clusters in pages of shadow maps";
+        if self.pairs.as_ref().is_none_or(|pairs| pairs.room != self.pair_room) {
             self.pairs = None;
-            let size = bytes::<VisibleCluster>(PAIR_LISTS * self.pair_room);
-            let pairs = context.buffer("clusters in pages of shadow maps", size, BufferUsages::STORAGE)?;
-            self.pairs = Some((self.pair_room, pairs));
-            let lists = PairLists { room: self.pair_room, unused_a: 0, unused_b: 0, unused_c: 0 };
+            let room = self.pair_room;
+            let list =
+                || context.buffer(WHAT, bytes::<VisibleCluster>(PAIR_LISTS * room), BufferUsages::STORAGE);
+            self.pairs = Some(Pairs { room, drawn: list()?, deferred: list()? });
+            let lists = PairLists { room, unused_a: 0, unused_b: 0, unused_c: 0 };
             context.write("draws", &self.pair_lists, 0, bytemuck::bytes_of(&lists))?;
+            self.release();
+        }
+        if self.page_clusters.as_ref().is_none_or(|(room, _)| *room < pages) {
+            let room = pages.next_power_of_two();
+            let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
+            self.page_clusters = Some((room, context.buffer(WHAT, bytes::<PageClusters>(room), usage)?));
             self.release();
         }
         Ok(())
@@ -249,10 +288,11 @@ impl ShadowDrawing {
         sources: &Sources<'_>,
         uploaded: &Uploaded,
         pages: &[Arc<DevicePage>],
+        occlusion: bool,
     ) -> Result<(ShadowsDrawn, Room, u32)> {
-        let Self { history, .. } = self;
-        let (Some((_, seen)), Some(buffers), Some((_, pairs)), Some(slots)) =
-            (&history.seen, &history.buffers, &self.pairs, sources.instances.slots())
+        let Self { history, draws: [draws, deferred_draws], .. } = self;
+        let (Some((_, seen)), Some(buffers), Some(pairs), Some((_, page_clusters)), Some(slots)) =
+            (&history.seen, &history.buffers, &self.pairs, &self.page_clusters, sources.instances.slots())
         else {
             return Err(Error::Invariant("shadow maps are drawn without buffers".to_owned()));
         };
@@ -276,56 +316,75 @@ impl ShadowDrawing {
         };
         context.queue().write_buffer(&buffers.group_blocks, 0, bytemuck::bytes_of(&buffers.group_dispatch()));
         let staged = buffers.length_bytes();
-        let wanted = bytes::<u32>(buffers.shape.pages);
-        let tail = [bytes::<Dispatch>(List::COUNT), bytes::<Counters>(1), wanted];
+        let lengths = bytes::<Dispatch>(List::COUNT);
+        let of_pages = bytes::<PageClusters>(pages.len() as u32);
+        // How many of the first pass, how many were deferred, and how many of these were drawn.
+        let tail = [lengths, lengths, lengths, of_pages, bytes::<u32>(buffers.shape.pages)];
         let size = uploaded.blocks as u64 * staged + tail.iter().sum::<u64>();
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         let staging = context.buffer("what is read back", size, usage)?;
         let mut encoder = context.encoder("pages of shadow maps");
         self.clear(&mut encoder, pages);
-        for buffer in [&self.pair_draws, &self.counters, &buffers.wanted] {
+        for buffer in [draws, deferred_draws, page_clusters, &buffers.wanted] {
             encoder.clear_buffer(buffer, 0, None);
         }
         let grid = history.pyramids.earlier();
+        let begin = |encoder: &mut CommandEncoder, label| {
+            let descriptor = ComputePassDescriptor { label: Some(label), timestamp_writes: None };
+            recorder(encoder.begin_compute_pass(&descriptor).forget_lifetime())
+        };
         for block in 0..uploaded.blocks as u64 {
             let (view, grid_bytes) = (size_of::<View>() as u64, grid.size());
             encoder.copy_buffer_to_buffer(&uploaded.views, block * view, &buffers.view, 0, view);
             encoder.copy_buffer_to_buffer(&uploaded.grids, block * grid_bytes, grid, 0, grid_bytes);
             buffers.clear_lists(&mut encoder);
-            let descriptor =
-                ComputePassDescriptor { label: Some("a block of shadow pages"), timestamp_writes: None };
-            let mut r = recorder(encoder.begin_compute_pass(&descriptor).forget_lifetime());
+            let mut r = begin(&mut encoder, "a block of shadow pages");
             instance_cull::record(&mut r);
             node_cull::record(&mut r);
             cluster_cull::record(&mut r);
-            self.list_pairs(&mut r, pairs);
+            self.list_pairs(&mut r, pairs, page_clusters, occlusion);
             drop(r);
             buffers.copy_lengths(&mut encoder, &staging, block * staged);
         }
-        let descriptor =
-            ComputePassDescriptor { label: Some("pages of shadow maps"), timestamp_writes: None };
-        let mut r = recorder(encoder.begin_compute_pass(&descriptor).forget_lifetime());
-        self.draw_pairs(&mut r, pairs, &uploaded.pages, &pool);
         let tiles = bind!(ShadowTiles { page_views: &uploaded.pages, words: &pool });
+        let mut r = begin(&mut encoder, "pages of shadow maps");
+        self.draw_pairs(&mut r, pairs, &uploaded.pages, &pool);
         r.run(SHADOW_TILE_RANGES, &tiles.buffers(), pages.len() as u32);
         drop(r);
         let mut at = uploaded.blocks as u64 * staged;
-        for (buffer, bytes) in [&self.pair_draws, &self.counters, &buffers.wanted].into_iter().zip(tail) {
-            encoder.copy_buffer_to_buffer(buffer, 0, &staging, at, bytes);
+        encoder.copy_buffer_to_buffer(draws, 0, &staging, at, lengths);
+        at += lengths;
+        encoder.clear_buffer(draws, 0, None);
+        if occlusion {
+            let mut r = begin(&mut encoder, "what is not hidden in pages of shadow maps");
+            self.list_unhidden(&mut r, pairs, page_clusters, &uploaded.pages, &pool);
+            self.draw_pairs(&mut r, pairs, &uploaded.pages, &pool);
+            r.run(SHADOW_TILE_RANGES, &tiles.buffers(), pages.len() as u32);
+            drop(r);
+        }
+        let last = [deferred_draws, draws, page_clusters, &buffers.wanted];
+        for (buffer, bytes) in last.into_iter().zip(&tail[1..]) {
+            encoder.copy_buffer_to_buffer(buffer, 0, &staging, at, *bytes);
             at += bytes;
         }
         let (mut room, mut drawn, mut pair_room) = (Room::default(), ShadowsDrawn::default(), 0);
         context.submit(encoder, &staging, size, |read| {
-            let (lengths, read) = read.split_at((uploaded.blocks as u64 * staged) as usize);
-            for lengths in lengths.chunks_exact(staged as usize) {
+            let (blocks, mut read) = read.split_at((uploaded.blocks as u64 * staged) as usize);
+            for lengths in blocks.chunks_exact(staged as usize) {
                 room = room.grown(buffers.lengths(lengths));
             }
-            let (draws, read) = read.split_at(tail[0] as usize);
-            let (counters, wanted) = read.split_at(tail[1] as usize);
-            let draws: Vec<Dispatch> = bytemuck::pod_collect_to_vec(draws);
-            pair_room = draws.iter().map(|draw| draw.count).max().unwrap_or(0);
-            drawn.clusters = draws.iter().map(|draw| u64::from(draw.count)).sum();
-            drawn.triangles = u64::from(bytemuck::pod_read_unaligned::<Counters>(counters).triangles_small);
+            let [first, deferred, second] = [(); 3].map(|()| {
+                let (draws, rest) = read.split_at(lengths as usize);
+                read = rest;
+                bytemuck::pod_collect_to_vec::<u8, Dispatch>(draws)
+            });
+            let count = |draws: &[Dispatch]| draws.iter().map(|draw| u64::from(draw.count)).sum::<u64>();
+            pair_room = first.iter().chain(&deferred).map(|draw| draw.count).max().unwrap_or(0);
+            drawn.clusters = count(&first) + count(&second);
+            drawn.culled_clusters = count(&deferred).saturating_sub(count(&second));
+            let (of_pages, wanted) = read.split_at(of_pages as usize);
+            let triangles = bytemuck::pod_collect_to_vec::<u8, PageClusters>(of_pages);
+            triangles.iter().zip(pages).for_each(|(clusters, page)| page.note(clusters.triangles));
             let wanted: Vec<u32> = bytemuck::pod_collect_to_vec(wanted);
             drawn.lacks = wanted.iter().any(|bits| *bits != 0);
             drawn.needs = sources.meshes.needs(&wanted);
@@ -333,10 +392,11 @@ impl ShadowDrawing {
         Ok((drawn, room, pair_room))
     }
 
-    /// Which clusters of a block are drawn into which of its pages.
-    fn list_pairs(&self, r: &mut Recorder<'_>, pairs: &Buffer) {
+    /// Which clusters of a block are drawn into which of its pages, and which are deferred.
+    fn list_pairs(&self, r: &mut Recorder<'_>, lists: &Pairs, page_clusters: &Buffer, occlusion: bool) {
         let (b, m, own) = (r.buffers, r.meshes, r.own());
         let [pages, pages_1, pages_2, pages_3] = m.pages();
+        let [pair_draws, deferred_draws] = &self.draws;
         let bound = bind!(ShadowRaster {
             view: &b.view,
             instances: r.seen,
@@ -347,28 +407,67 @@ impl ShadowDrawing {
             draws: own.draws(),
             grid: r.pyramid(),
             pair_lists: &self.pair_lists,
-            pairs: pairs,
-            pair_draws: &self.pair_draws,
-            counters: &self.counters,
+            pairs: &lists.drawn,
+            pair_draws: pair_draws,
+            deferred: &lists.deferred,
+            deferred_draws: deferred_draws,
+            page_clusters: page_clusters,
             pages_1: pages_1,
             pages_2: pages_2,
             pages_3: pages_3,
         });
-        for list in LISTS {
-            r.run_indirect(shadow_raster(list), &bound.buffers(), own.draws(), list as u32);
+        // What is not measured is not deferred.
+        for measures in [true, false].into_iter().filter(|measures| occlusion || !measures) {
+            for list in LISTS {
+                let kernel = shadow_raster(list, measures);
+                r.run_indirect(kernel, &bound.buffers(), own.draws(), list as u32);
+            }
         }
     }
 
-    /// Draws the clusters of all blocks into their pages.
-    fn draw_pairs(&self, r: &mut Recorder<'_>, pairs: &Buffer, page_views: &Buffer, pool: &Buffer) {
+    /// Which of the deferred clusters are drawn.
+    fn list_unhidden(
+        &self,
+        r: &mut Recorder<'_>,
+        lists: &Pairs,
+        page_clusters: &Buffer,
+        page_views: &Buffer,
+        pool: &Buffer,
+    ) {
         let m = r.meshes;
         let [pages, pages_1, pages_2, pages_3] = m.pages();
+        let [drawn_draws, deferred_draws] = &self.draws;
+        let deferred = bind!(ShadowHidden {
+            instances: &r.instances.transforms,
+            page_offsets: m.page_offsets(),
+            pages: pages,
+            visible: &lists.deferred,
+            draws: deferred_draws,
+            words: pool,
+            page_clusters: page_clusters,
+            pages_1: pages_1,
+            pages_2: pages_2,
+            pages_3: pages_3,
+        });
+        let views = bind!(PageViews { page_views: page_views, pairs: &self.pair_lists });
+        let drawn = bind!(Drawn { drawn: &lists.drawn, drawn_draws: drawn_draws });
+        let bound = [deferred.buffers(), views.buffers(), drawn.buffers()].concat();
+        for list in LISTS {
+            r.run_indirect(shadow_hidden(list), &bound, deferred_draws, list as u32);
+        }
+    }
+
+    /// Draws clusters into their pages.
+    fn draw_pairs(&self, r: &mut Recorder<'_>, lists: &Pairs, page_views: &Buffer, pool: &Buffer) {
+        let m = r.meshes;
+        let [pages, pages_1, pages_2, pages_3] = m.pages();
+        let [draws, _] = &self.draws;
         let all = bind!(RasterBindings {
             instances: &r.instances.transforms,
             page_offsets: m.page_offsets(),
             pages: pages,
-            visible: pairs,
-            draws: &self.pair_draws,
+            visible: &lists.drawn,
+            draws: draws,
             words: pool,
             counters: &r.own().counters,
             pages_1: pages_1,
@@ -379,11 +478,11 @@ impl ShadowDrawing {
         let bound = [all.buffers(), views.buffers()].concat();
         let (small, large) =
             (raster_small(Onto::Pages, Words::Depth), raster_large(Onto::Pages, Words::Depth));
-        r.run_indirect(small, &bound, &self.pair_draws, List::Small as u32);
-        r.run_indirect(large, &bound, &self.pair_draws, List::Large as u32);
+        r.run_indirect(small, &bound, draws, List::Small as u32);
+        r.run_indirect(large, &bound, draws, List::Large as u32);
         if let Some(test) = alpha_test(r.materials, &r.instances.instance_materials) {
             let kernel = raster_alpha_tested(Onto::Pages, Words::Depth);
-            r.run_indirect(kernel, &[bound, test].concat(), &self.pair_draws, List::AlphaTested as u32);
+            r.run_indirect(kernel, &[bound, test].concat(), draws, List::AlphaTested as u32);
         }
     }
 }

@@ -521,6 +521,20 @@ pub struct PairLists {
     pub unused_c: u32,
 }
 
+/// The clusters that may touch a page of a shadow map.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct PageClusters {
+    /// The largest key of the nearest point of one.
+    pub nearest: u32,
+    /// The complement of the least such key.
+    pub farthest: u32,
+    /// How many; 0 where that was not counted.
+    pub clusters: u32,
+    /// Triangles of those that are drawn.
+    pub triangles: u32,
+}
+
 /// What stages count besides their lists.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]

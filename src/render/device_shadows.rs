@@ -41,6 +41,10 @@ impl Painter for OnDevice<'_> {
         Ok(pages.collect())
     }
 
+    fn triangles(page: &Self::Page) -> u32 {
+        page.triangles()
+    }
+
     fn most(&self) -> usize {
         self.0.most_shadow_pages()
     }
@@ -52,7 +56,7 @@ impl Painter for OnDevice<'_> {
         held: &ShadowCache<Self::Page>,
         most: usize,
     ) -> Result<Painted<Self::Page>> {
-        let Casters { maps, resident, .. } = casters;
+        let Casters { maps, resident, occlusion, .. } = *casters;
         let mut first = 0;
         let block = |pages: &[PageKey]| {
             let (block, map) = (pages[0].block(), &maps[&pages[0].light]);
@@ -66,15 +70,14 @@ impl Painter for OnDevice<'_> {
             }
         };
         let mut blocks: Vec<ShadowBlock> = pages.chunk_by(|a, b| a.block() == b.block()).map(block).collect();
-        let drawn = self.0.draw_shadows(&mut blocks, most, &held.held(), resident)?;
+        let drawn = self.0.draw_shadows(&mut blocks, most, &held.held(), occlusion, resident)?;
         // Which pages what is missing touches is not told.
         let whole = !drawn.lacks;
         Ok(Painted {
             pages: pages.iter().zip(drawn.pages).map(|(key, page)| (*key, page, whole)).collect(),
             clusters: drawn.clusters,
-            triangles: drawn.triangles,
             culled_instances: 0,
-            culled_clusters: 0,
+            culled_clusters: drawn.culled_clusters,
             needs: drawn.needs,
         })
     }
@@ -93,6 +96,10 @@ impl Painter for MarkedOnDevice<'_> {
         lights: &[LightView],
     ) -> Result<FxHashSet<PageKey>> {
         self.0.mark(frame_context, rastered, lights)
+    }
+
+    fn triangles(page: &Self::Page) -> u32 {
+        Host::triangles(page)
     }
 
     fn most(&self) -> usize {
@@ -149,8 +156,8 @@ impl DeviceShadows {
         }
         let light = |own: &FrameLight<Arc<DevicePage>>| -> Result<FrameLight<Arc<ShadowPage>>> {
             let pages: Vec<Arc<DevicePage>> = own.pages.iter().map(|(_, page)| Arc::clone(page)).collect();
-            let read =
-                DevicePage::read(&pages)?.into_iter().map(|keys| Arc::new(ShadowPage::new(keys.to_vec())));
+            let read = DevicePage::read(&pages)?.into_iter().zip(&pages);
+            let read = read.map(|(keys, page)| Arc::new(ShadowPage::new(keys.to_vec(), page.triangles())));
             let pages = own.pages.iter().map(|(at, _)| *at).zip(read).collect();
             Ok(FrameLight { view: own.view.clone(), pages, drawn: own.drawn.clone() })
         };

@@ -47,12 +47,13 @@ impl ImageView {
             "shadow_pages" => Self::Shadow(ShadowView::Pages),
             "shadow_levels" => Self::Shadow(ShadowView::Levels),
             "shadow_kept" => Self::Shadow(ShadowView::Kept),
+            "shadow_cut" => Self::Shadow(ShadowView::Cut),
             _ => {
                 return Err(Error::argument(
                     "view",
                     format!(
                         "must be shaded, triangles, clusters, groups, levels, rasterizers, overdraw, shadow_pages, \
-                         shadow_levels or shadow_kept, not {name:?}"
+                         shadow_levels, shadow_kept or shadow_cut, not {name:?}"
                     ),
                 ));
             }

@@ -72,8 +72,6 @@ pub(super) struct Painted<P> {
     pub(super) pages: Vec<(PageKey, P, bool)>,
     /// Clusters, each once for every page that it may touch.
     pub(super) clusters: u64,
-    /// Their triangles.
-    pub(super) triangles: u64,
     /// Instances that cast nothing that is looked up, or that others hide from the light.
     pub(super) culled_instances: u64,
     /// Clusters of others of which the same is true.
@@ -87,6 +85,8 @@ pub(super) struct Casters<'a> {
     pub(super) maps: &'a FxHashMap<u32, ShadowMap>,
     pub(super) scene: &'a Scene,
     pub(super) resident: &'a Resident,
+    /// Whether those are left out that do not matter.
+    pub(super) occlusion: bool,
 }
 
 /// Finds which pages are wanted, and draws them.
@@ -109,6 +109,9 @@ pub(super) trait Painter {
 
     /// Takes in how frames look maps up, once that is known.
     fn see(&mut self, _: &[LightViews]) {}
+
+    /// Triangles of the light's cut that were drawn of a page.
+    fn triangles(page: &Self::Page) -> u32;
 
     /// Pages that it has room for, however much memory there may be.
     fn most(&self) -> usize;
@@ -138,8 +141,6 @@ pub(super) type FrameLights<P> = Vec<Option<FrameLight<P>>>;
 /// The CPU.
 #[derive(Default)]
 pub(super) struct Host {
-    /// Whether casters are left out that do not matter.
-    culls: bool,
     /// Of cascades: they are drawn for this frame alone.
     cascaded: Option<ForFrame>,
 }
@@ -156,7 +157,7 @@ impl Host {
     /// For frames of these options.
     pub(super) fn new(options: &RenderOptions) -> Self {
         let cascaded = (options.shadows == Kind::Cascaded).then(ForFrame::default);
-        Self { culls: options.occlusion, cascaded }
+        Self { cascaded }
     }
 }
 
@@ -209,6 +210,10 @@ impl Painter for Host {
         }
     }
 
+    fn triangles(page: &Self::Page) -> u32 {
+        page.triangles()
+    }
+
     fn most(&self) -> usize {
         usize::MAX
     }
@@ -220,26 +225,24 @@ impl Painter for Host {
         held: &ShadowCache<Self::Page>,
         _: usize,
     ) -> Result<Painted<Self::Page>> {
-        let Casters { maps, scene, resident } = casters;
+        let Casters { maps, scene, resident, occlusion } = *casters;
         let streams = || scene.instances().iter().any(|(_, instance)| resident.streams(&instance.mesh));
         let cascaded = self.cascaded.as_ref().map(|for_frame| Cascaded {
-            walls: self.culls.then_some(&for_frame.walls),
+            walls: occlusion.then_some(&for_frame.walls),
             // What a page of a streamed mesh hid may show where that is not there any more.
             seen: (!streams()).then_some(held),
         });
         let mut out = Painted {
             pages: Vec::new(),
             clusters: 0,
-            triangles: 0,
             culled_instances: 0,
             culled_clusters: 0,
             needs: Needs::default(),
         };
-        for block in shadow_raster::run(pages, maps, scene, resident, cascaded, self.culls) {
+        for block in shadow_raster::run(pages, maps, scene, resident, cascaded, occlusion) {
             out.culled_instances += block.culled_instances;
             out.culled_clusters += block.culled_clusters;
             out.clusters += block.clusters;
-            out.triangles += block.triangles;
             out.needs.merge(streaming::missed(&block.absent, &block.views));
             out.pages.extend(block.pages);
         }
@@ -296,8 +299,10 @@ pub(super) fn light_up<B: Painter>(
     let missing = cache.want(&wanted);
     stats.evicted = cache.make_room(&missing, most);
     (stats.wanted, stats.drawn) = (wanted.len() as u64, missing.len() as u64);
-    let painted = painter.paint(&missing, &Casters { maps: &maps, scene, resident }, cache, most)?;
-    (stats.clusters, stats.triangles) = (painted.clusters, painted.triangles);
+    let casters = Casters { maps: &maps, scene, resident, occlusion: options.occlusion };
+    let painted = painter.paint(&missing, &casters, cache, most)?;
+    stats.clusters = painted.clusters;
+    stats.triangles = painted.pages.iter().map(|(_, page, _)| u64::from(B::triangles(page))).sum();
     (stats.culled_instances, stats.culled_clusters) = (painted.culled_instances, painted.culled_clusters);
     if let Some(first) = rastered.first_mut() {
         first.needs.merge(painted.needs);

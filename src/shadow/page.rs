@@ -14,15 +14,22 @@ pub const TILES_ACROSS: usize = (SHADOW_PAGE_SIDE / SHADOW_TILE_SIDE) as usize;
 pub struct ShadowPage {
     /// Keys of depth, larger is nearer to the light; 0 where it sees nothing.
     keys: Box<[u32]>,
+    /// Triangles of the light's cut that were drawn.
+    triangles: u32,
     /// The least and the largest key of each tile, then of all, for lights that have a size.
     tiles: OnceLock<Box<[[u32; 2]]>>,
 }
 
 impl ShadowPage {
-    /// Of all its keys, row by row.
-    pub fn new(keys: Vec<u32>) -> Self {
+    /// Of all its keys, row by row, and how many triangles were drawn.
+    pub fn new(keys: Vec<u32>, triangles: u32) -> Self {
         debug_assert_eq!(keys.len(), SHADOW_PAGE_TEXELS);
-        Self { keys: keys.into(), tiles: OnceLock::new() }
+        Self { keys: keys.into(), triangles, tiles: OnceLock::new() }
+    }
+
+    /// Triangles of the light's cut that were drawn: those of clusters that may touch it and that others do not hide.
+    pub fn triangles(&self) -> u32 {
+        self.triangles
     }
 
     /// All keys, row by row.

@@ -360,7 +360,15 @@ def test_views_show_pages(small):
     drawn, kept = first.view("shadow_kept")[floor].astype(int), second.view("shadow_kept")[floor].astype(int)
     assert (drawn[:, 0] > drawn[:, 1]).all()
     assert (kept[:, 0] < kept[:, 1]).all()
-    for view in ("shadow_pages", "shadow_levels", "shadow_kept"):
+    # Warm colours where the light's cut is fine: a page of the ball's shadow against one of the floor alone.
+    cut = first.view("shadow_cut")[floor].astype(int)
+    assert 2 <= len(np.unique(cut, axis=0)) < colors
+    with nrs.Renderer(*SIZE, backend="cpu") as renderer:
+        coarse = renderer.render(scene, CAMERA, pose, shadows=True, pixel_error=4).view("shadow_cut")[floor]
+    warmth = [(picture[:, 0] - picture[:, 2]).mean() for picture in (cut, coarse.astype(int))]
+    assert first.stats.shadows.triangles > 0
+    assert warmth[0] >= warmth[1], warmth
+    for view in ("shadow_pages", "shadow_levels", "shadow_kept", "shadow_cut"):
         with pytest.raises(nrs.ArgumentError, match=r"^shadows: the frame was rendered without"):
             plain.view(view)
 

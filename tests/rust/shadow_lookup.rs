@@ -249,7 +249,7 @@ fn sharp_shadows_are_those_of_the_cpu() {
                     texels[texel as usize] = key.saturating_add(texel % 3).saturating_sub(1);
                 }
             }
-            let page = |(at, texels)| (at, Arc::new(ShadowPage::new(texels)));
+            let page = |(at, texels)| (at, Arc::new(ShadowPage::new(texels, 0)));
             let pages = pages.into_iter().map(page).collect();
             Case { shadow: LightShadow { view, pages, drawn: FxHashSet::default() }, receivers }
         })
@@ -317,7 +317,7 @@ fn rough_pages(
                 None => (view.near / (-height).max(0.01)).to_bits(),
             }
         };
-        (page, Arc::new(ShadowPage::new((0..side * side).map(key_at).collect())))
+        (page, Arc::new(ShadowPage::new((0..side * side).map(key_at).collect(), 0)))
     };
     wanted.iter().map(page).collect()
 }
