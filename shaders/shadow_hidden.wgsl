@@ -1,5 +1,5 @@
 // Pages of shadow maps: which of the deferred clusters are not hidden from the light: src/cpu/shadow_raster.rs.
-// Each invocation handles one cluster in one page.
+// One invocation handles one cluster in one page.
 // Reads the deferred list and the tiles of what was drawn. Appends to the lists of clusters and pages, which rasterizers draw.
 // Needs: page_views.wgsl, cull.wgsl, cluster_bounds.wgsl.
 

@@ -48,6 +48,7 @@ from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats
 from nanite_rs.texture import Image, Texture
 from nanite_rs.threads import get_num_threads, set_num_threads
+from nanite_rs.triangle_mesh import TriangleMesh
 from nanite_rs.viewer import Orbit, Pick, Viewer, view
 
 __all__ = [
@@ -101,6 +102,7 @@ __all__ = [
     "StuckGroup",
     "Texture",
     "TextureWarning",
+    "TriangleMesh",
     "UsageWarning",
     "View",
     "Viewer",

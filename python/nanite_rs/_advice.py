@@ -42,6 +42,18 @@ _ELSEWHERE = {
         **dict.fromkeys(("extents", "center", "centroid", "box"), "mesh.bounds has the corners of its box"),
         "levels": "mesh.report.levels says what each has",
     },
+    "TriangleMesh": {
+        **dict.fromkeys(
+            ("cut", "simplify", "decimate", "levels", "check", "report", "save"),
+            "it has no levels of detail; NaniteMesh.from_arrays(mesh.vertices, mesh.faces) builds them",
+        ),
+        **dict.fromkeys(("export", "to_trimesh"), "trimesh.Trimesh(mesh.vertices, mesh.faces) makes one"),
+        **dict.fromkeys(("points", "verts"), "these are mesh.vertices"),
+        "triangles": "these are mesh.faces",
+        **dict.fromkeys(("show", "view", "plot"), "nanite_rs.view(mesh) opens it in a window or a notebook"),
+        **dict.fromkeys(("move", "set_vertices", "deform"), "mesh.update(vertices) moves them"),
+        **dict.fromkeys(("extents", "center", "centroid", "box"), "mesh.bounds has the corners of its box"),
+    },
     "Cut": {
         "save": "cut.export(path) writes it",
         "show": "cut.to_trimesh().show() opens it",
@@ -206,7 +218,7 @@ def for_item(item: object) -> str:
     return {
         "NaniteMesh": "put it into a scene: scene.add(mesh)",
         "Cut": "add the mesh itself, a renderer cuts by itself; or NaniteMesh.from_trimesh(cut.to_trimesh())",
-        "tuple": "NaniteMesh.from_arrays(vertices, faces) builds one of arrays",
+        "tuple": "TriangleMesh(vertices, faces) makes a mesh of arrays, NaniteMesh.from_arrays builds one",
         "list": "add one after the other",
         "type": "make one of it first, with ()",
         "Environment": "assign it: scene.environment = environment",

@@ -47,7 +47,7 @@ def core_arrays(
     arrays = {
         "vertices": vertices,
         "faces": faces,
-        "normals": None if normals is None else _vertex_floats(normals, "normals"),
+        "normals": None if normals is None else vertex_floats(normals, "normals"),
         "colors": None if colors is None else _rgba(colors),
         "uvs": _uv_sets(given["uvs"]),
         "face_materials": None if face_materials is None else _materials(face_materials),
@@ -56,7 +56,7 @@ def core_arrays(
     return _apart(arrays, labels) if labels else arrays
 
 
-def _vertex_floats(value: object, name: str) -> NDArray[np.float32]:
+def vertex_floats(value: object, name: str) -> NDArray[np.float32]:
     array = as_array(value, name)
     if array.dtype.kind != "f":
         raise DtypeError(f"{name}: expected a floating-point dtype, not {array.dtype}")
@@ -93,10 +93,10 @@ def _uv_sets(value: object) -> list[NDArray[np.float32]]:
     if value is None:
         return []
     if isinstance(value, np.ndarray) and value.ndim == 2:
-        return [_vertex_floats(value, "uvs")]
+        return [vertex_floats(value, "uvs")]
     if not isinstance(value, Sequence | np.ndarray):
         raise DtypeError(f"uvs: expected an (N, 2) array or a sequence of them, not {type(value).__name__}")
-    return [_vertex_floats(item, "uvs") for item in value]
+    return [vertex_floats(item, "uvs") for item in value]
 
 
 def _materials(value: object) -> NDArray[np.int32]:

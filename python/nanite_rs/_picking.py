@@ -75,14 +75,15 @@ class ClusterTables:
     """The clusters of meshes by address: each table is made when it is first asked for."""
 
     def __init__(self) -> None:
-        self._tables: dict[int, dict[str, NDArray[Any]]] = {}
+        # With what they are of, which is the only one with its id for as long.
+        self._tables: dict[int, tuple[_core.Mesh, dict[str, NDArray[Any]]]] = {}
 
     def of(self, node: MeshNode) -> dict[str, NDArray[Any]]:
         """The table of an instance's mesh."""
-        key = id(node.mesh._core)
-        if key not in self._tables:
-            self._tables[key] = _core.cluster_table(node.mesh._core)
-        return self._tables[key]
+        core = node.mesh._core
+        if id(core) not in self._tables:
+            self._tables[id(core)] = core, _core.cluster_table(core)
+        return self._tables[id(core)][1]
 
 
 def node_of(scene: Scene, instance: int) -> MeshNode:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from nanite_rs import _images, _notebook
+from nanite_rs._geometry import Geometry
 from nanite_rs.assets import LoadedScene
 from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.cut import Cut
@@ -19,6 +20,7 @@ from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions
 from nanite_rs.renderer import Renderer, ShadowsName, StreamWarning
 from nanite_rs.scene import Scene
+from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -49,7 +51,7 @@ UP: Final = {
 
 def picture(
     renderer: Renderer,
-    shown: NaniteMesh | LoadedScene,
+    shown: NaniteMesh | TriangleMesh | LoadedScene,
     *,
     yfov: float = 45.0,
     azimuth: float = 30.0,
@@ -90,7 +92,7 @@ def picture(
     )
 
 
-def mesh_frame(mesh: NaniteMesh, *, pixel_error: float = 1.0, flat: bool = False) -> Frame:
+def mesh_frame(mesh: NaniteMesh | TriangleMesh, *, pixel_error: float = 1.0, flat: bool = False) -> Frame:
     """A small frame of a mesh, in milliseconds for any size: of a file what it shows is read and not kept."""
     with Renderer(*SIZE, backend="cpu", streaming=True, pool_bytes=1 << 40) as renderer:
         # From both sides, since open surfaces may face away.
@@ -99,7 +101,8 @@ def mesh_frame(mesh: NaniteMesh, *, pixel_error: float = 1.0, flat: bool = False
 
 
 @_notebook.png.register(NaniteMesh)
-def mesh_png(mesh: NaniteMesh) -> bytes | None:
+@_notebook.png.register(TriangleMesh)
+def mesh_png(mesh: NaniteMesh | TriangleMesh) -> bytes | None:
     """PNG of `mesh_frame`; None where the mesh cannot be read."""
     try:
         with warnings.catch_warnings():
@@ -164,16 +167,16 @@ def posed(rotation: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[
     return pose
 
 
-def outline(shown: NaniteMesh | LoadedScene) -> NDArray[np.float64]:
+def outline(shown: Geometry | LoadedScene) -> NDArray[np.float64]:
     """Points of all that is shown, (N, 3): vertices of coarse cuts.
 
     Cuts for an error, since of a mesh in a file they read few pages.
     """
-    if isinstance(shown, NaniteMesh):
+    if isinstance(shown, Geometry):
         return np.asarray(_coarse(shown), np.float64)
     nodes = [node for own in shown.instances.values() for node in own]
     return np.concatenate([_coarse(node.mesh) @ node.pose[:3, :3].T + node.pose[:3, 3] for node in nodes])
 
 
-def _coarse(mesh: NaniteMesh) -> NDArray[np.floating]:
-    return mesh.cut(error=OUTLINE * float(np.linalg.norm(mesh.bounds[1] - mesh.bounds[0]))).vertices
+def _coarse(mesh: Geometry) -> NDArray[np.floating]:
+    return mesh._cut_error(OUTLINE * float(np.linalg.norm(mesh.bounds[1] - mesh.bounds[0]))).vertices

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from nanite_rs import _colors, _trimesh, io
-from nanite_rs._asset import Asset, Part, named
+from nanite_rs._asset import Asset, Notes, Part, named
 from nanite_rs._flatten import settle
 from nanite_rs.camera import Camera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, MeshError
@@ -17,6 +18,7 @@ from nanite_rs.io import read_asset
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions, creased
 from nanite_rs.scene import LightNode, MeshNode, Scene
+from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,6 +29,12 @@ if TYPE_CHECKING:
     from nanite_rs._progress import Progress
 
 __all__ = ["LoadedScene", "load_scene"]
+
+VirtualName: TypeAlias = Literal["auto", "always", "never"]
+
+# Triangles of all instances of a mesh from which on levels of detail pay: where they are small in a picture, a small
+# part of them is drawn.
+_VIRTUAL_FROM: Final = 20_000
 
 
 @dataclass(frozen=True)
@@ -79,9 +87,10 @@ class LoadedScene:
 
     def __repr__(self) -> str:
         count = sum(len(own) for own in self.instances.values())
-        meshes = len({id(node.mesh) for own in self.instances.values() for node in own})
+        meshes = {id(node.mesh): node.mesh for own in self.instances.values() for node in own}.values()
+        virtual = sum(isinstance(mesh, NaniteMesh) for mesh in meshes)
         return (
-            f"<LoadedScene: {count:,} instances of {meshes:,} meshes,"
+            f"<LoadedScene: {count:,} instances of {len(meshes):,} meshes, {virtual:,} virtual,"
             f" {len(self.lights)} lights, {len(self.cameras)} cameras>"
         )
 
@@ -92,6 +101,7 @@ def load_scene(
     format: str | None = None,
     scene: Scene | None = None,
     options: BuildOptions | None = None,
+    virtual: VirtualName = "auto",
     bad_textures: Literal["raise", "drop"] = "raise",
     progress: Progress = None,
 ) -> LoadedScene:
@@ -126,7 +136,12 @@ def load_scene(
         The scene to add to; by default a new one. As files have no ambient light, and many no light at all, set
         its `Scene.ambient_light` or add lights to see something.
     options : BuildOptions, optional
-        How meshes are built.
+        How meshes are built: all of them, where options are given and ``virtual`` does not say otherwise.
+    virtual : {"auto", "always", "never"}
+        Which meshes are built as a `NaniteMesh`, with levels of detail; the others become a `TriangleMesh` and are
+        there at once. With ``"auto"`` those whose instances have 20,000 triangles or more together, and those that
+        carry what a `TriangleMesh` cannot: channels, face channels and creases. The representation of what is
+        returned says how many.
     bad_textures : {"raise", "drop"}
         Whether a texture that is missing, damaged or of an unknown format is an error, or left out with the
         warning.
@@ -158,7 +173,7 @@ def load_scene(
     >>> _ = ball.export("ball.glb")
     >>> loaded = nrs.load_scene("ball.glb")
     >>> loaded
-    <LoadedScene: 1 instances of 1 meshes, 0 lights, 0 cameras>
+    <LoadedScene: 1 instances of 1 meshes, 0 virtual, 0 lights, 0 cameras>
     >>> loaded.scene.ambient_light = (0.5, 0.5, 0.5)
     >>> with nrs.Renderer(64, 48) as renderer:
     ...     frame = renderer.render(*loaded)
@@ -169,6 +184,10 @@ def load_scene(
 
     if bad_textures not in ("raise", "drop"):
         raise ArgumentError(f"bad_textures: must be 'raise' or 'drop', not {bad_textures!r}")
+    if virtual not in get_args(VirtualName):
+        raise ArgumentError(f"virtual: must be 'auto', 'always' or 'never', not {virtual!r}")
+    if virtual == "auto" and options is not None:
+        virtual = "always"
     drop = bad_textures == "drop"
     if isinstance(source, trimesh.Scene | trimesh.Trimesh):
         asset = _trimesh.described(source, "trimesh scene", drop_bad_textures=drop)
@@ -180,7 +199,7 @@ def load_scene(
             return LoadedScene(target, {Path(file.name).stem: [node]}, [], [])
         asset = read_asset(file, drop_bad_textures=drop)
         options = creased(options, None, file.format)
-    loaded = _build(asset, scene, options, progress)
+    loaded = _build(asset, scene, Making(virtual, options, progress))
     asset.notes.warn(asset.name)
     return loaded
 
@@ -188,15 +207,40 @@ def load_scene(
 # ------------------------------------------------------------------------------------------------ building
 
 
-def _build(
-    asset: Asset, scene: Scene | None, options: BuildOptions | None, progress: Progress
-) -> LoadedScene:
+@dataclass(frozen=True)
+class Making:
+    """How meshes are made."""
+
+    virtual: VirtualName
+    options: BuildOptions | None
+    progress: Progress
+
+    def mesh(self, part: Part, instances: int, notes: Notes) -> NaniteMesh | TriangleMesh:
+        """The mesh of a part that so many instances show."""
+        source = part.source
+        arrays = source.arrays()
+        arrays.pop("materials")  # the instance has them
+        if arrays["colors"] is not None and _colors.is_white(arrays["colors"]):
+            arrays["colors"] = None
+        creases = (
+            source.normals is None and self.options is not None and self.options.crease_angle is not None
+        )
+        carries = bool(source.channels or source.face_channels) or creases
+        many = len(source.faces) * instances >= _VIRTUAL_FROM
+        if self.virtual == "always" or (self.virtual == "auto" and (carries or many)):
+            return NaniteMesh.from_arrays(**arrays, options=self.options, progress=self.progress)
+        if carries:
+            notes.add("channels and creases, which ordinary meshes have not", part.name)
+        return TriangleMesh(**{name: value for name, value in arrays.items() if "channels" not in name})
+
+
+def _build(asset: Asset, scene: Scene | None, making: Making) -> LoadedScene:
     """Build everything and add it; where that fails, take out again what was added."""
     loaded = LoadedScene(Scene() if scene is None else scene, {}, [], list(asset.cameras))
     # What is said of transparency has names here.
     blends, loaded.scene._blends = loaded.scene._blends, True
     try:
-        _add_meshes(asset, loaded, options, progress)
+        _add_meshes(asset, loaded, making)
         for light, pose in asset.lights:
             with named(asset.name, "light"):
                 loaded.lights.append(loaded.scene.add(light, pose=pose))
@@ -213,8 +257,9 @@ def _build(
     return loaded
 
 
-def _add_meshes(asset: Asset, loaded: LoadedScene, options: BuildOptions | None, progress: Progress) -> None:
-    built: dict[int, NaniteMesh] = {}
+def _add_meshes(asset: Asset, loaded: LoadedScene, making: Making) -> None:
+    made: dict[int, NaniteMesh | TriangleMesh] = {}
+    instances = Counter(id(part.source) for _, number, _ in asset.placed for part in asset.meshes[number])
     for name, number, pose in asset.placed:
         parts = asset.meshes[number]
         if not parts:
@@ -225,19 +270,11 @@ def _add_meshes(asset: Asset, loaded: LoadedScene, options: BuildOptions | None,
         own = loaded.instances.setdefault(name, [])
         for part in parts:
             with named(asset.name, part.name):
-                mesh = built.get(id(part.source))
+                mesh = made.get(id(part.source))
                 if mesh is None:
                     settle(part.source, asset.notes)
-                    mesh = built[id(part.source)] = _mesh(part, options, progress)
+                    mesh = made[id(part.source)] = making.mesh(part, instances[id(part.source)], asset.notes)
                 own.append(loaded.scene.add(mesh, pose=pose, material=part.material))
-
-
-def _mesh(part: Part, options: BuildOptions | None, progress: Progress) -> NaniteMesh:
-    arrays = part.source.arrays()
-    arrays.pop("materials")  # the instance has them
-    if arrays["colors"] is not None and _colors.is_white(arrays["colors"]):
-        arrays["colors"] = None
-    return NaniteMesh.from_arrays(**arrays, options=options, progress=progress)
 
 
 def _is_invertible(pose: NDArray[np.float64]) -> bool:

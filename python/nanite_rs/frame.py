@@ -322,8 +322,8 @@ class Frame(_advice.Teaching):
             (blue once, red eight times or more). Of a frame with shadows, what pixels look up in the maps of the
             first light that casts any: ``"shadow_pages"`` (a colour for each), ``"shadow_levels"`` (red has the
             smallest texels), ``"shadow_kept"`` (green from a frame before, red drawn for this one) and
-            ``"shadow_cut"`` (triangles of the light's cut that each page of 128 × 128 texels was drawn from: blue 16
-            or fewer, red 16,384 or more); grey where they look nothing up.
+            ``"shadow_cut"`` (triangles of the light's cut that each page of 128 × 128 texels was drawn from: blue
+            16 or fewer, red 16,384 or more); grey where they look nothing up.
 
         Raises
         ------

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import math
-import operator
 import os
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _exchange, _face_data, _notebook, io
+from nanite_rs import _advice, _checks, _exchange, _face_data, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._channels import Channel
-from nanite_rs._core import FINE_PART, check_pose
+from nanite_rs._core import FINE_PART
 from nanite_rs._core import Mesh as CoreMesh
+from nanite_rs._geometry import Geometry
 from nanite_rs._progress import Progress, reporter
-from nanite_rs.camera import Camera
 from nanite_rs.cut import Cut
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, UsageWarning
-from nanite_rs.material import Material, default_material, raw_materials, several
+from nanite_rs.material import Material, default_material, several
 from nanite_rs.options import BuildOptions, creased, no_options
 from nanite_rs.report import BuildReport, CheckReport
 
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
+    from nanite_rs.camera import Camera
     from nanite_rs.material import Look
 
 __all__ = ["NaniteMesh"]
@@ -37,7 +37,7 @@ __all__ = ["NaniteMesh"]
 _OTHERS = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 
 
-class NaniteMesh(_advice.Teaching):
+class NaniteMesh(Geometry):
     """A triangle mesh of any size as a cluster LOD DAG: every level of detail at once.
 
     Made by `from_arrays`, `from_trimesh`, `from_file` or `open`; immutable. ``len(mesh)`` is the number of source
@@ -57,10 +57,8 @@ class NaniteMesh(_advice.Teaching):
     50000
     """
 
-    __slots__ = ("_core", "_materials", "_report")
+    __slots__ = ("_report",)
 
-    _core: CoreMesh
-    _materials: tuple[Material, ...]
     _report: BuildReport | None
 
     def __init__(self, *_: object, **__: object) -> None:
@@ -614,7 +612,7 @@ class NaniteMesh(_advice.Teaching):
             error = _checks.number(error, "error")
             if not error >= 0.0:
                 raise ArgumentError(f"error: must be 0 or more, not {error}")
-            return Cut(self._core.cut_error(error), self._materials)
+            return self._cut_error(error)
         if target_faces is None:
             reduction = _checks.reduction(target_reduction)
             # A fraction such as 0.9 is not exact: the integer beside it is meant.
@@ -628,33 +626,6 @@ class NaniteMesh(_advice.Teaching):
             raise ArgumentError(f"target_faces: must be 1 or more, not {target_faces}")
         return Cut(self._core.cut_faces(min(int(target_faces), len(self)), exact), self._materials)
 
-    def _cut_view(
-        self, camera: Camera, pose: ArrayLike | None, viewport: tuple[int, int] | None, pixel_error: float
-    ) -> Cut:
-        if pose is None or viewport is None:
-            raise ArgumentError("camera: pose= and viewport= are needed with it")
-        try:
-            width, height = (operator.index(side) for side in viewport)
-        except (TypeError, ValueError):
-            raise ArgumentError(
-                f"viewport: expected (width, height) in whole pixels, not {viewport!r}"
-            ) from None
-        if min(width, height) < 1:
-            raise ArgumentError(f"viewport: sides must be positive, not {width} × {height}")
-        pixel_error = _checks.number(pixel_error, "pixel_error")
-        if not pixel_error >= 0.0:
-            raise ArgumentError(f"pixel_error: must be 0 or more, not {pixel_error}")
-        if not isinstance(camera, Camera):
-            raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
-        try:
-            core = self._core.cut_view(camera._spec(), pose, (width, height), pixel_error)
-        except ArgumentError as error:
-            of_pose = str(error).startswith("pose")
-            raise _advice.advised(error, _advice.for_pose(pose) if of_pose else "") from None
-        if note := _advice.of_rounded_pose(check_pose(pose)):
-            _advice.warn(note, UsageWarning)
-        return Cut(core, self._materials)
-
     # ------------------------------------------------------------------------------------------ asking
 
     @property
@@ -663,25 +634,6 @@ class NaniteMesh(_advice.Teaching):
         if self._report is None:
             self._report = BuildReport._from_json(self._core.report_json())
         return self._report
-
-    @property
-    def materials(self) -> tuple[Material, ...]:
-        """The looks that came with the mesh: that of face material n is the n-th, or the last if there are fewer.
-
-        `Scene.add` draws it with them where it is given no other, and cuts have them too. Empty where there were
-        none. Pickles keep them, ``.nanite`` files do not, of which `save` warns.
-
-        Examples
-        --------
-        >>> red, blue = nrs.Material(base_color=(1, 0, 0)), nrs.Material(base_color=(0, 0, 1))
-        >>> vertices, faces = nrs.shapes.icosphere(faces=20)
-        >>> mesh = nrs.NaniteMesh.from_arrays(
-        ...     vertices, faces, face_materials=np.arange(20) % 2, materials=[red, blue]
-        ... )
-        >>> mesh.materials == mesh.cut(error=0).materials == (red, blue)
-        True
-        """
-        return self._materials
 
     def check(self) -> CheckReport:
         """Verify every invariant of the DAG.
@@ -743,11 +695,6 @@ class NaniteMesh(_advice.Teaching):
         return self._core.min_faces()
 
     @property
-    def bounds(self) -> NDArray[np.float64]:
-        """Smallest and largest corner of the source: (2, 3) float64."""
-        return np.array(self._core.bounds)
-
-    @property
     def channels(self) -> dict[str, Channel]:
         """The dtype and width of each named channel; `Cut.channels` has the values.
 
@@ -775,12 +722,6 @@ class NaniteMesh(_advice.Teaching):
         names = _face_data.layout(name for name, _, _ in self._core.channels)[1]
         return {name: channel for name, channel in self.channels.items() if name in names}
 
-    def _looks(self, material: Look) -> list[dict[str, Any]]:
-        """Looks as the core takes them: one, or one for each of its numbers."""
-        layout, _ = _face_data.layout(name for name, _, _ in self._core.channels)
-        raw = raw_materials(material)
-        return raw if layout is None else layout.spread(raw)
-
     @property
     def source_face_ids(self) -> NDArray[np.uint32] | None:
         """For each face of the full-detail cut its row of the caller's ``faces``: (M,) uint32.
@@ -795,10 +736,6 @@ class NaniteMesh(_advice.Teaching):
         """Bytes in memory: of an opened file the pages, channels and face ids that were read so far."""
         return self._core.nbytes
 
-    def __len__(self) -> int:
-        """Return the number of source triangles, after mending."""
-        return self._core.source_faces
-
     def __repr__(self) -> str:
         """Sizes."""
         core = self._core
@@ -806,10 +743,6 @@ class NaniteMesh(_advice.Teaching):
             f"NaniteMesh({core.source_faces:,} faces, {core.source_vertices:,} vertices, "
             f"{core.level_count} levels, {core.cluster_count:,} clusters, {core.nbytes / 1e6:,.1f} MB in memory)"
         )
-
-    def _repr_png_(self) -> bytes | None:
-        """Return a picture for notebooks; None, so that they show the text, where the file is damaged."""
-        return _notebook.png(self)
 
     def __eq__(self, other: object) -> bool:
         """Compare content: all levels of detail with what they carry, but not the looks."""

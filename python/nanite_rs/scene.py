@@ -6,7 +6,10 @@ one instance costs the same in a scene of one as in a scene of a million.
 
 from __future__ import annotations
 
+import copy
+import sys
 from typing import TYPE_CHECKING, Any, TypeAlias, overload
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -15,8 +18,10 @@ from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError, Us
 from nanite_rs.light import DirectionalLight, Environment, Light, PointLight, SpotLight
 from nanite_rs.material import TRANSPARENCY, Look, Material, default_material, several
 from nanite_rs.mesh import NaniteMesh
+from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
+    import trimesh
     from numpy.typing import ArrayLike, NDArray
 
     from nanite_rs._checks import Color, Rgb
@@ -27,7 +32,7 @@ Handle: TypeAlias = tuple[int, int]
 
 
 def _no_item(item: object) -> DtypeError:
-    error = DtypeError(f"item: expected a NaniteMesh or a light, not {_advice.name_of_type(item)}")
+    error = DtypeError(f"item: expected a mesh or a light, not {_advice.name_of_type(item)}")
     return _advice.advised(error, _advice.for_item(item))
 
 
@@ -39,6 +44,16 @@ def _advised(error: ArgumentError, pose: ArrayLike | None) -> ArgumentError:
     if "wants UV set" in message:
         return _advice.advised(error, "give the mesh uvs= when it is built")
     return error
+
+
+def _mesh(item: object) -> NaniteMesh | TriangleMesh | None:
+    """A mesh as it is, or one of trimesh, which need not be there."""
+    if isinstance(item, NaniteMesh | TriangleMesh):
+        return item
+    module = sys.modules.get("trimesh")
+    if module is not None and isinstance(item, module.Trimesh):
+        return TriangleMesh.from_trimesh(item)
+    return None
 
 
 def _pose(pose: ArrayLike | None) -> ArrayLike:
@@ -92,12 +107,12 @@ class MeshNode(_Node):
 
     __slots__ = ("_mesh",)
 
-    def __init__(self, scene: Scene, handle: Handle, mesh: NaniteMesh) -> None:
+    def __init__(self, scene: Scene, handle: Handle, mesh: NaniteMesh | TriangleMesh) -> None:
         super().__init__(scene, handle)
         self._mesh = mesh
 
     @property
-    def mesh(self) -> NaniteMesh:
+    def mesh(self) -> NaniteMesh | TriangleMesh:
         """The mesh, shared by all its instances."""
         return self._mesh
 
@@ -163,7 +178,9 @@ class MeshNode(_Node):
     def remove(self) -> None:
         """Remove the instance from its scene."""
         self._scene._core.remove(self._handle)
-        del self._scene._shown[self._handle]
+        mesh, _ = self._scene._shown.pop(self._handle)
+        if isinstance(mesh, TriangleMesh):
+            self._scene._moving[mesh].discard(self._handle)
 
     def __repr__(self) -> str:
         try:
@@ -266,7 +283,7 @@ class Scene(_advice.Teaching):
     nanite_rs.exceptions.StaleHandleError: stale handle: instance 0 (generation 0) was removed from the scene
     """
 
-    __slots__ = ("__weakref__", "_blends", "_core", "_environment", "_shining", "_shown")
+    __slots__ = ("__weakref__", "_blends", "_core", "_environment", "_moving", "_shining", "_shown")
 
     def __init__(
         self,
@@ -277,7 +294,9 @@ class Scene(_advice.Teaching):
     ) -> None:
         self._core = _core.Scene()
         # Mesh and material of each instance. Not its node, which refers to the scene.
-        self._shown: dict[Handle, tuple[NaniteMesh, Look]] = {}
+        self._shown: dict[Handle, tuple[NaniteMesh | TriangleMesh, Look]] = {}
+        # The instances of each mesh that may change its shape.
+        self._moving: WeakKeyDictionary[TriangleMesh, set[Handle]] = WeakKeyDictionary()
         self._shining: dict[Handle, Light] = {}
         # Whether there was a warning of a transparent material.
         self._blends = False
@@ -286,17 +305,21 @@ class Scene(_advice.Teaching):
         self.environment = environment
 
     @overload
-    def add(
-        self, item: NaniteMesh, *, pose: ArrayLike | None = None, material: Look | None = None
-    ) -> MeshNode: ...
-    @overload
     def add(self, item: Light, *, pose: ArrayLike | None = None) -> LightNode: ...
+    @overload
+    def add(
+        self,
+        item: NaniteMesh | TriangleMesh | trimesh.Trimesh,
+        *,
+        pose: ArrayLike | None = None,
+        material: Look | None = None,
+    ) -> MeshNode: ...
     @_advice.teaches(
         **dict.fromkeys(("transform", "matrix"), "give pose="), otherwise="give scene.add(item, pose=pose)"
     )
     def add(
         self,
-        item: NaniteMesh | Light,
+        item: NaniteMesh | TriangleMesh | trimesh.Trimesh | Light,
         *,
         pose: ArrayLike | None = None,
         material: Look | None = None,
@@ -305,8 +328,8 @@ class Scene(_advice.Teaching):
 
         Parameters
         ----------
-        item : NaniteMesh, DirectionalLight, PointLight or SpotLight
-            What to add. A mesh is shared, not copied.
+        item : NaniteMesh, TriangleMesh, trimesh.Trimesh, DirectionalLight, PointLight or SpotLight
+            What to add. A mesh is shared, not copied; of a `trimesh.Trimesh` a `TriangleMesh` is made.
         pose : (4, 4) array, optional
             Object-to-world matrix; the identity when not given. For a mesh any invertible affine matrix.
         material : Material or sequence of Material, optional
@@ -333,16 +356,20 @@ class Scene(_advice.Teaching):
         UsageWarning
             The first time that a material is transparent: it is drawn opaque.
         """
-        if isinstance(item, NaniteMesh):
+        mesh = _mesh(item)
+        if mesh is not None:
             if material is None:
-                material = item.materials or default_material(colored=item._core.colors is not None)
+                material = mesh.materials or default_material(colored=mesh._core.colors is not None)
             self._look_for_transparency(material)
             try:
-                handle = self._core.add_mesh(item._core, _pose(pose), item._looks(material))
+                handle = self._core.add_mesh(mesh._core, _pose(pose), mesh._looks(material))
             except ArgumentError as error:
                 raise _advised(error, pose) from None
-            self._shown[handle] = item, material
-            return MeshNode(self, handle, item)
+            self._shown[handle] = mesh, material
+            if isinstance(mesh, TriangleMesh):
+                self._moving.setdefault(mesh, set()).add(handle)
+                mesh._scenes.add(self)
+            return MeshNode(self, handle, mesh)
         if isinstance(item, DirectionalLight | PointLight | SpotLight):
             if material is not None:
                 raise ArgumentError("material: a light has none")
@@ -430,8 +457,10 @@ class Scene(_advice.Teaching):
         return other
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
-        """Return the same: what is shared does not change."""
-        memo[id(self)] = other = self.__copy__()
+        """Return the same, with meshes of its own where their vertices may move."""
+        memo[id(self)] = other = Scene()
+        kept, shown, shining = self.__reduce__()[2]
+        other.__setstate__((kept, [(copy.deepcopy(mesh, memo), *rest) for mesh, *rest in shown], shining))
         return other
 
     def remove(self, node: MeshNode | LightNode) -> None:

@@ -36,6 +36,7 @@ from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.renderer import POOL_BYTES, Renderer, ShadingName, ShadowsName
 from nanite_rs.scene import LightNode, Scene
+from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SHADOW_VIEWS", "VIEWS", "Orbit", "Pick", "Viewer", "view"]
 
-Shown: TypeAlias = "NaniteMesh | Scene | LoadedScene"
+Shown: TypeAlias = "NaniteMesh | TriangleMesh | Scene | LoadedScene"
 
 SHADOW_VIEWS: Final[tuple[LiveViewName, ...]] = _views.SHADOW_VIEWS
 """What a `Viewer` that draws shadows can show besides."""
@@ -206,8 +207,8 @@ class Viewer:
         ``"shaded"``, ``"triangles"``, ``"clusters"``, ``"groups"``, ``"levels"``, ``"rasterizers"`` and
         ``"overdraw"`` as for `Frame.view`; ``"normals"``; ``"pages"`` and ``"instances"``, a colour for each; and
         ``"sizes"``, pixels of the picture that show the same triangle: red for one, blue for 1,024 or more. With
-        ``shadows=True`` also ``"shadow_pages"``, ``"shadow_levels"``, ``"shadow_kept"`` and ``"shadow_cut"``, as for
-        `Frame.view`.
+        ``shadows=True`` also ``"shadow_pages"``, ``"shadow_levels"``, ``"shadow_kept"`` and ``"shadow_cut"``, as
+        for `Frame.view`.
         """
         return self._view
 
@@ -555,7 +556,7 @@ class Viewer:
 
 def _scene_of(shown: Shown, material: Material | None) -> tuple[Scene, NDArray[np.float64]]:
     """A scene, and points around all of it."""
-    if isinstance(shown, NaniteMesh):
+    if isinstance(shown, NaniteMesh | TriangleMesh):
         scene = Scene(bg_color=BACKGROUND)
         scene.add(shown, material=material or shown.materials or replace(CLAY, double_sided=True))
         return scene, outline(shown)

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
+use super::clusterize::ClusterMesh;
 use super::dag::{BuildCluster, BuildGroup, Graph};
 use super::order;
 use super::store::VertexStore;
@@ -18,8 +19,8 @@ use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row, write_triangles};
 use crate::model::rule::ROOT_ERROR;
 use crate::model::{
-    BuildReport, ClusterRecord, Dag, GeometryId, Group, Outline, Packing, PageEntry, PageSink, PageWords,
-    Pages, dependencies,
+    AttributeLayout, BuildReport, ClusterRecord, Dag, GeometryId, Group, Outline, Packing, PageEntry,
+    PageSink, PageWords, Pages, dependencies,
 };
 
 /// Lays the graph out and hands its pages to a sink.
@@ -176,7 +177,8 @@ fn write_page(
         page[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
         page.resize(at + packed.streams.end, 0);
         packed.packing.write(&rows(&graph.store, cluster, names), &mut page[at..]);
-        write_streams(&graph.store, cluster, packed.streams, &mut page[at..]);
+        let row = |v| graph.store.row(v);
+        write_streams(&cluster.mesh, graph.store.layout, packed.streams, row, &mut page[at..]);
     }
     page.into()
 }
@@ -204,12 +206,18 @@ fn record(store: &VertexStore, cluster: &BuildCluster, group: u32, refined: u32,
     }
 }
 
-/// Everything but positions and identities.
-fn write_streams(store: &VertexStore, cluster: &BuildCluster, streams: Streams, out: &mut [u32]) {
-    let (count, layout) = (cluster.mesh.vertices.len(), store.layout);
-    write_triangles(&cluster.mesh.triangles, count, &mut out[streams.triangles..streams.normals]);
-    for (i, v) in cluster.mesh.vertices.iter().enumerate() {
-        let row = store.row(*v);
+/// Everything but positions and identities; `row` has the attributes of a vertex, see [`crate::mesh::attributes`].
+pub(super) fn write_streams<'a>(
+    mesh: &ClusterMesh,
+    layout: AttributeLayout,
+    streams: Streams,
+    row: impl Fn(u32) -> &'a [f32],
+    out: &mut [u32],
+) {
+    let count = mesh.vertices.len();
+    write_triangles(&mesh.triangles, count, &mut out[streams.triangles..streams.normals]);
+    for (i, v) in mesh.vertices.iter().enumerate() {
+        let row = row(*v);
         out[streams.normals + i] = octahedral::encode([row[0], row[1], row[2]]);
         let mut at = 3;
         if layout.colors.is_some() {

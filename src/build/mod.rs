@@ -18,6 +18,7 @@ pub mod lock_borders;
 pub mod memory;
 #[cfg(feature = "metis")]
 mod metis;
+pub mod one_level;
 pub mod order;
 pub mod partition;
 pub mod reference;
@@ -36,6 +37,7 @@ use crate::model::{BuildReport, Dag, MemorySink, PageSink};
 use crate::threads;
 
 pub use check::{CheckReport, check};
+pub use one_level::OneLevel;
 
 /// Told how far a build is; may stop it. Called from worker threads, a few hundred times per build.
 pub trait Progress: Sync {

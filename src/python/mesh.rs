@@ -40,7 +40,7 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    fn new(dag: Dag) -> Self {
+    pub(super) fn new(dag: Dag) -> Self {
         Self { dag: Arc::new(dag), finisher: OnceLock::new() }
     }
 }
@@ -102,7 +102,7 @@ pub(super) struct RawArrays<'py> {
 
 impl RawArrays<'_> {
     /// Checks the arrays, and does something with the mesh that they are.
-    fn with_source<T>(self, work: impl FnOnce(&SourceMesh<'_>) -> PyResult<T>) -> PyResult<T> {
+    pub(super) fn with_source<T>(self, work: impl FnOnce(&SourceMesh<'_>) -> PyResult<T>) -> PyResult<T> {
         let positions = PositionArray::new(&self.vertices, "vertices")?;
         let count = positions.get().len();
         let faces = FaceArray::new(&self.faces, "faces", count)?;

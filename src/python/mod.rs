@@ -11,6 +11,7 @@ mod read;
 mod renderer;
 mod scene;
 mod tables;
+mod triangle_mesh;
 
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
@@ -36,6 +37,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<mesh::Cut>()?;
     module.add_class::<mesh::ChannelRows>()?;
+    module.add_class::<triangle_mesh::TriangleMesh>()?;
     module.add_function(wrap_pyfunction!(mesh::decimate, module)?)?;
     module.add_function(wrap_pyfunction!(tables::cluster_table, module)?)?;
     module.add_function(wrap_pyfunction!(tables::group_table, module)?)?;

@@ -185,6 +185,14 @@ impl Scene {
         self.edit(py, |scene| scene.set_pose(InstanceHandle(handle(at)), &rows))
     }
 
+    /// Gives instances another geometry: handles of those that are there no more are stale.
+    fn set_mesh(&self, py: Python<'_>, at: Vec<RawHandle>, mesh: &Mesh) -> PyResult<()> {
+        self.edit(py, |scene| {
+            at.into_iter()
+                .try_for_each(|at| scene.set_mesh(InstanceHandle(handle(at)), Arc::clone(&mesh.dag)))
+        })
+    }
+
     /// Object to world of an instance.
     fn pose(&self, py: Python<'_>, at: RawHandle) -> PyResult<Py<PyArray2<f64>>> {
         let rows = self.look(py, |s| Ok(pose::rows(s.instance(InstanceHandle(handle(at)))?.pose())))?;

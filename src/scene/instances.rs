@@ -162,6 +162,15 @@ impl Scene {
         Ok(())
     }
 
+    /// Gives an instance another geometry, where it is.
+    pub fn set_mesh(&mut self, handle: InstanceHandle, mesh: Arc<Dag>) -> Result<()> {
+        fitting(self.instances.get(handle.0)?.materials.clone(), &mesh)?;
+        let instance = self.instances.get_mut(handle.0)?;
+        instance.mesh = mesh;
+        instance.set_pose(instance.pose);
+        Ok(())
+    }
+
     /// Shows or hides an instance.
     pub fn set_visible(&mut self, handle: InstanceHandle, visible: bool) -> Result<()> {
         self.instances.get_mut(handle.0)?.visible = visible;

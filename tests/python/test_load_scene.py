@@ -196,7 +196,7 @@ def test_several_materials_of_one_mesh() -> None:
     box.visual = trimesh.visual.TextureVisuals(
         uv=box.vertices[:, :2], material=several, face_materials=numbers
     )
-    loaded = nrs.load_scene(box)
+    loaded = nrs.load_scene(box, virtual="always")
     (node,) = loaded.instances["mesh"]
     assert sorted(node.mesh.cut(error=0.0).face_materials) == sorted(numbers)
     materials = node.material
@@ -206,7 +206,7 @@ def test_several_materials_of_one_mesh() -> None:
 def test_vertex_colors_are_on_white() -> None:
     ball = trimesh.creation.icosphere(subdivisions=2)
     ball.visual.vertex_colors = RNG.integers(0, 255, (len(ball.vertices), 4), dtype=np.uint8)
-    (node,) = nrs.load_scene(ball).instances["mesh"]
+    (node,) = nrs.load_scene(ball, virtual="always").instances["mesh"]
     assert node.material.base_color == (1.0, 1.0, 1.0)
     assert node.mesh.cut(error=0.0).colors is not None
 
@@ -219,7 +219,7 @@ def test_colors_that_are_all_white_are_dropped(tmp_path) -> None:
         colors[0, 0] = color
         primitive["attributes"]["COLOR_0"] = document.accessor(colors, normalized=True)
         document.mesh(primitive, name=str(color))
-    loaded = nrs.load_scene(document.save(tmp_path / "a.glb"))
+    loaded = nrs.load_scene(document.save(tmp_path / "a.glb"), virtual="always")
     assert loaded.instances["255"][0].mesh.cut(error=0.0).colors is None
     assert loaded.instances["254"][0].mesh.cut(error=0.0).colors is not None
 
@@ -274,7 +274,7 @@ def test_a_scene_from_a_file(street) -> None:
     assert np.array_equal(second[0].pose[:3, 3], [3, 0, 0])
     assert [light.light.intensity for light in loaded.lights] == [3.0]
     assert np.array_equal(loaded.bounds, [[0, 0, 0], [4, 1, 0]])
-    assert "4 instances of 2 meshes, 1 lights, 1 cameras" in repr(loaded)
+    assert "4 instances of 2 meshes, 0 virtual, 1 lights, 1 cameras" in repr(loaded)
     scene, camera, pose = loaded
     assert scene is loaded.scene
     assert camera.yfov == 0.9
@@ -366,7 +366,7 @@ def test_options_reach_the_build(tmp_path) -> None:
     path = tmp_path / "ball.glb"
     trimesh.creation.icosphere(subdivisions=4).export(path)
     (few,) = nrs.load_scene(path, options=nrs.BuildOptions(cluster_triangles=32)).instances.values()
-    (many,) = nrs.load_scene(path).instances.values()
+    (many,) = nrs.load_scene(path, virtual="always").instances.values()
     assert few[0].mesh.report.clusters > many[0].mesh.report.clusters
 
 

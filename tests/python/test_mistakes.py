@@ -270,10 +270,10 @@ DRAWING = {
         nrs.DtypeError,
         "renderer.render(scene, camera",
     ),
-    "a trimesh added to a scene": (
-        lambda _: nrs.Scene().add(trimesh.creation.box()),
+    "a trimesh.Scene added to a scene": (
+        lambda _: nrs.Scene().add(trimesh.Scene()),
         nrs.DtypeError,
-        "not trimesh.Trimesh; NaniteMesh.from_trimesh",
+        "not trimesh.Scene; load_scene",
     ),
     "a path added to a scene": (lambda _: nrs.Scene().add("a.ply"), nrs.DtypeError, "from_file reads files"),
     "a colour for a material": (

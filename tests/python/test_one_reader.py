@@ -31,7 +31,7 @@ def grid(document: Document, **attributes: int) -> dict:
 
 def both(path) -> list[nrs.Cut]:
     """Full detail by either way; of a scene all instances as one."""
-    loaded = nrs.load_scene(path)
+    loaded = nrs.load_scene(path, virtual="always")
     nodes = [node for own in loaded.instances.values() for node in own]
     return [nrs.NaniteMesh.from_file(path).cut(error=0), nodes[0].mesh.cut(error=0)]
 
