@@ -44,10 +44,10 @@ _ELSEWHERE = {
     },
     "TriangleMesh": {
         **dict.fromkeys(
-            ("cut", "simplify", "decimate", "levels", "check", "report", "save"),
+            ("simplify", "decimate", "levels", "check", "report", "save"),
             "it has no levels of detail; NaniteMesh.from_arrays(mesh.vertices, mesh.faces) builds them",
         ),
-        **dict.fromkeys(("export", "to_trimesh"), "trimesh.Trimesh(mesh.vertices, mesh.faces) makes one"),
+        **dict.fromkeys(("export", "to_trimesh"), "mesh.cut(error=0) has export(path) and to_trimesh()"),
         **dict.fromkeys(("points", "verts"), "these are mesh.vertices"),
         "triangles": "these are mesh.faces",
         **dict.fromkeys(("show", "view", "plot"), "nanite_rs.view(mesh) opens it in a window or a notebook"),

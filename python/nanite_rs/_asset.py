@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from nanite_rs._rig import Bend, Rig, Stance
     from nanite_rs.camera import Camera
     from nanite_rs.light import DirectionalLight, PointLight, SpotLight
     from nanite_rs.material import Material
@@ -100,6 +101,14 @@ class Part:
     source: Source
     material: Material | list[Material]
     """One, or one for each number of the source's face materials."""
+    bend: Bend | None = None
+    """What its shape follows, where that changes."""
+
+    def bend_to(self, stance: Stance) -> None:
+        """Give it the shape that it has then."""
+        if self.bend is not None:
+            vertices, self.source.normals = self.bend.at(stance)
+            self.source.vertices = vertices
 
 
 class Notes:
@@ -145,6 +154,12 @@ class Asset:
     )
     cameras: list[tuple[Camera, NDArray[np.float64]]] = field(default_factory=list)
     notes: Notes = field(default_factory=Notes)
+    rig: Rig | None = None
+    """What moves, if anything does. Then the lists below say by which nodes."""
+    nodes: list[tuple[int, NDArray[np.float64]] | None] = field(default_factory=list)
+    """For each instance its node, and its place about that; nothing for what joints alone place."""
+    light_nodes: list[int] = field(default_factory=list)
+    camera_nodes: list[int] = field(default_factory=list)
 
 
 # Names of numbers that count things, whatever their type: _BATCHID, _FEATURE_ID_0, object_id, label, segmentation.

@@ -65,6 +65,13 @@ def triangulate(
     file: str, points: NDArray[np.float64], corners: NDArray[np.uint32], counts: NDArray[np.uint32]
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32], int]: ...
 def strips(values: NDArray[np.int64], lengths: NDArray[np.uint32]) -> NDArray[np.int64]: ...
+def skinned(
+    vertices: NDArray[np.float32],
+    normals: NDArray[np.float32] | None,
+    joints: NDArray[np.uint32],
+    weights: NDArray[np.float32],
+    matrices: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float32] | None]: ...
 def decimate(
     arrays: dict[str, Any],
     *,

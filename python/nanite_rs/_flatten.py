@@ -26,6 +26,8 @@ def flattened(asset: Asset) -> Source:
     The materials of all parts are rows of one table, in the order in which parts come; where there is one for all,
     face materials keep the numbers that they have, each part's behind those of the part before.
     """
+    for animation in asset.rig.animations if asset.rig is not None else ():
+        asset.notes.add("animations, which are not played", animation.name)
     parts: list[Part] = []
     for node, number, pose in asset.placed:
         for part in asset.meshes[number]:

@@ -72,7 +72,9 @@ def cut_of(node: MeshNode, view: View, pixel_error: float) -> Cut:
     pose[:3, :3] = (left @ right).T @ view.pose[:3, :3]
     pose[:3, 3] = np.linalg.solve(linear, view.pose[:3, 3] - place)
     camera = replace(view.camera, znear=view.camera.znear / small)
-    return node.mesh._cut_view(camera, pose, view.size, pixel_error * small / large)
+    return node.mesh.cut(
+        camera=camera, pose=pose, viewport=view.size, pixel_error=pixel_error * small / large
+    )
 
 
 def _built(cut: Cut) -> NaniteMesh:

@@ -32,6 +32,7 @@ from nanite_rs._asset import (
     rigid,
     triangles,
 )
+from nanite_rs._rig import REST, Animation, Bend, Rig, Skin, Track, placed
 from nanite_rs.camera import Camera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, FileError, FormatError, NaniteError
 from nanite_rs.light import DirectionalLight, PointLight, SpotLight
@@ -98,6 +99,7 @@ class _Reader:
         self._materials: dict[int | None, Material] = {}
         self._sources: dict[str, Source | None] = {}
         self._meshes: dict[tuple[int, tuple[float, ...]], int] = {}
+        self._skins: dict[int, Skin] = {}
         self._asset = Asset(document.name, notes=self._notes)
 
     def asset(self) -> Asset:
@@ -113,22 +115,30 @@ class _Reader:
         for name in map(str, document.listed(document.json, "extensionsUsed")):
             if name not in (*_KNOWN, *_SAID_BY) and not name.startswith((_LOOKS, "KHR_xmp")):
                 self._notes.add("extensions", name)
-        moving = document.listed(document.json, "animations")
-        if moving:
-            named_so = [row.get("name") for row in moving if isinstance(row, dict)]
-            for number, label in enumerate(named_so):
-                self._notes.add("animations, which are not played", str(label or f"animations[{number}]"))
+        rows = document.listed(document.json, "animations")
+        animations = [self._animation(number) for number in range(len(rows))]
+        self._morphing = {
+            track.node for own in animations for track in own._tracks if track.path == "weights"
+        }
         names: set[str] = set()
         for index, node, pose in self._nodes():
             name = _unique(str(node.get("name") or f"node_{index}"), names)
             if "mesh" in node:
-                self._mesh(name, node, pose)
+                self._mesh(name, index, node, pose)
             if "camera" in node:
                 self._camera(document.whole(node, "camera"), pose)
+                self._asset.camera_nodes.append(index)
             light = document.extension(node, "KHR_lights_punctual")
             if light is not None:
                 with named(document.name, "light"):
                     self._asset.lights.append((self._light(light), rigid(pose)))
+                self._asset.light_nodes.append(index)
+        bent = [part for parts in self._asset.meshes for part in parts if part.bend is not None]
+        if animations or bent:
+            self._asset.rig = rig = self._rig(animations)
+            at_rest = rig.stance()
+            for part in bent:
+                part.bend_to(at_rest)
         return self._asset
 
     # ----------------------------------------------------------------------------------------- nodes
@@ -148,11 +158,7 @@ class _Reader:
             children = {child for row in rows if isinstance(row, dict) for child in row.get("children", [])}
             roots = [index for index in range(len(rows)) if index not in children]
         seen: set[int] = set()
-        first = np.eye(4)
-        centre = document.extension(document.json, "CESIUM_RTC")
-        if centre is not None:
-            # Positions are relative to it, so that float32 will do.
-            first[:3, 3] = document.numbers(centre, "center", (0.0, 0.0, 0.0))
+        first = self._first()
         waiting = [(root, first) for root in reversed(roots)]
         while waiting:
             index, above = waiting.pop()
@@ -166,6 +172,15 @@ class _Reader:
             yield index, node, pose
             waiting.extend((child, pose) for child in reversed(document.listed(node, "children")))
 
+    def _first(self) -> NDArray[np.float64]:
+        """What is above all roots."""
+        first = np.eye(4)
+        centre = self._document.extension(self._document.json, "CESIUM_RTC")
+        if centre is not None:
+            # Positions are relative to it, so that float32 will do.
+            first[:3, 3] = self._document.numbers(centre, "center", (0.0, 0.0, 0.0))
+        return first
+
     def _pose(self, node: dict[str, Any]) -> NDArray[np.float64]:
         document = self._document
         if "matrix" in node:
@@ -174,29 +189,41 @@ class _Reader:
                 document.fail(f"matrix: its last row is {matrix[3].tolist()}, expected 0 0 0 1")
             matrix[3] = 0.0, 0.0, 0.0, 1.0
             return matrix
-        return _placed(
-            document.numbers(node, "translation", (0.0, 0.0, 0.0)),
-            document.numbers(node, "rotation", (0.0, 0.0, 0.0, 1.0)),
-            document.numbers(node, "scale", (1.0, 1.0, 1.0)),
-        )
+        return placed(*(document.numbers(node, path, rest) for path, rest in REST.items()))
 
-    def _mesh(self, name: str, node: dict[str, Any], pose: NDArray[np.float64]) -> None:
+    def _mesh(self, name: str, number: int, node: dict[str, Any], pose: NDArray[np.float64]) -> None:
         document, index = self._document, self._document.whole(node, "mesh")
         row = document.entry("meshes", index)
+        label = f"meshes[{index}]" + (f" {row['name']!r:.60}" if row.get("name") else "")
+        primitives = [
+            (document.entry("primitives", k, row), f"{label}, primitive {k}")
+            for k in range(len(document.listed(row, "primitives")))
+        ]
         weights = self._weights(node if "weights" in node else row)
-        key = index, weights
-        if key not in self._meshes:
-            label = f"meshes[{index}]" + (f" {row['name']!r:.60}" if row.get("name") else "")
-            parts = [
-                self._part(document.entry("primitives", number, row), weights, f"{label}, primitive {number}")
-                for number in range(len(document.listed(row, "primitives")))
-            ]
-            self._meshes[key] = len(self._asset.meshes)
-            self._asset.meshes.append([part for part in parts if part is not None])
-        if "skin" in node:
-            self._notes.add("skins, drawn as their meshes are stored", name)
+        for own, what in primitives:
+            if len(weights) > len(document.listed(own, "targets")):
+                self._notes.add("weights of morph targets that are missing", what)
+        skinned = "skin" in node
+        if skinned or number in self._morphing:
+            skin = self._skin(document.whole(node, "skin")) if skinned else None
+            bent = [self._bent(row, number, skin, what) for row, what in primitives]
+            mesh = len(self._asset.meshes)
+            self._asset.meshes.append([part for part in bent if part is not None])
+            if skinned:
+                # Joints alone say where it is.
+                self._asset.placed.append((name, mesh, np.eye(4)))
+                self._asset.nodes.append(None)
+                return
+        else:
+            key = index, weights
+            if key not in self._meshes:
+                parts = [self._part(row, weights, what) for row, what in primitives]
+                self._meshes[key] = len(self._asset.meshes)
+                self._asset.meshes.append([part for part in parts if part is not None])
+            mesh = self._meshes[key]
         for instance in self._instances(node):
-            self._asset.placed.append((name, self._meshes[key], pose @ instance))
+            self._asset.placed.append((name, mesh, pose @ instance))
+            self._asset.nodes.append((number, instance))
 
     def _weights(self, holder: dict[str, Any]) -> tuple[float, ...]:
         """How far each morph target is applied at rest; nothing where none is."""
@@ -225,14 +252,163 @@ class _Reader:
         if len(counts) != 1 or any(a.shape[1] != len(kinds[kind]) for kind, a in arrays.items()):
             document.fail("EXT_mesh_gpu_instancing: its attributes do not fit each other")
         for row in range(counts.pop()):
-            yield _placed(
+            yield placed(
                 *(arrays[kind][row] if kind in arrays else np.array(rest) for kind, rest in kinds.items())
             )
 
+    # ---------------------------------------------------------------------------------------- motion
+
+    def _rig(self, animations: list[Animation]) -> Rig:
+        """All nodes, those outside of the scene included: joints may be there."""
+        document = self._document
+        rows = document.listed(document.json, "nodes")
+        parents = [-1] * len(rows)
+        for index in range(len(rows)):
+            for child in document.listed(document.entry("nodes", index), "children"):
+                document.entry("nodes", child)
+                parents[child] = index
+        order: list[int] = []
+        waiting = [index for index, parent in enumerate(parents) if parent < 0]
+        while waiting:
+            index = waiting.pop()
+            order.append(index)
+            if len(order) > len(rows):
+                document.fail("nodes: some are children of two others")
+            waiting.extend(document.listed(document.entry("nodes", index), "children"))
+        if len(order) < len(rows):
+            document.fail("nodes: some are below themselves")
+        local = {path: np.tile(np.array(rest), (len(rows), 1)) for path, rest in REST.items()}
+        matrices, weights = {}, {}
+        for index in range(len(rows)):
+            node = document.entry("nodes", index)
+            if "matrix" in node:
+                matrices[index] = self._pose(node)
+            for path, rest in REST.items():
+                local[path][index] = document.numbers(node, path, rest)
+            if "mesh" in node:
+                mesh = document.entry("meshes", document.whole(node, "mesh"))
+                weights[index] = np.array(self._weights(node if "weights" in node else mesh))
+        return Rig(self._first(), parents, order, local, matrices, weights, animations)
+
+    def _skin(self, index: int) -> Skin:
+        if index not in self._skins:
+            document, what = self._document, f"skins[{index}]"
+            row = document.entry("skins", index)
+            joints = document.listed(row, "joints")
+            for joint in joints:
+                document.entry("nodes", joint)
+            inverse = np.tile(np.eye(4), (len(joints), 1, 1))
+            if "inverseBindMatrices" in row:
+                stored = document.floats(document.whole(row, "inverseBindMatrices")).astype(np.float64)
+                if stored.shape[1] != 16 or len(stored) < len(joints):
+                    document.fail(f"{what}: its inverse bind matrices do not fit its {len(joints)} joints")
+                inverse = stored[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+            if not joints:
+                document.fail(f"{what}: it has no joints")
+            self._skins[index] = Skin(np.array(joints, np.int64), inverse)
+        return self._skins[index]
+
+    def _animation(self, number: int) -> Animation:
+        document, what = self._document, f"animations[{number}]"
+        row = document.entry("animations", number)
+        name = str(row.get("name") or number)
+        tracks = []
+        for channel in range(len(document.listed(row, "channels"))):
+            own = document.entry("channels", channel, row)
+            target = document.member(own, "target")
+            path = target.get("path")
+            if path not in (*REST, "weights") or "node" not in target:
+                self._notes.add("animated properties", f"{name}: {path!s:.40}")
+                continue
+            sampler = document.entry("samplers", document.whole(own, "sampler"), row)
+            node = document.whole(target, "node")
+            tracks.append(self._track(node, path, sampler, f"{what}, channel {channel}"))
+        duration = max((float(track.times[-1]) for track in tracks), default=0.0)
+        return Animation(name, duration, tuple(tracks))
+
+    def _track(self, node: int, path: Any, sampler: dict[str, Any], what: str) -> Track:
+        document = self._document
+        kind: Any = sampler.get("interpolation", "LINEAR")
+        if kind not in ("STEP", "LINEAR", "CUBICSPLINE"):
+            document.fail(f"{what}: the interpolation {kind!r:.40} is unknown")
+        times = document.floats(document.whole(sampler, "input")).astype(np.float64)[:, 0]
+        index = document.whole(sampler, "output")
+        # Integers are of a fixed point, whether or not the accessor says so: numbers here are from -1 to 1.
+        values = document.floats(index, always=path in ("rotation", "weights")).astype(np.float64)
+        each = 3 if kind == "CUBICSPLINE" else 1
+        width = len(REST[path]) if path in REST else self._targets_of(node)
+        if not len(times) or (np.diff(times) <= 0).any() or not np.isfinite(times).all():
+            document.fail(f"{what}: its times do not rise")
+        if values.size != len(times) * each * width:
+            document.fail(f"{what}: {values.size} numbers of {path} for {len(times)} keys of {width}")
+        if not np.isfinite(values).all():
+            document.fail(f"{what}: its keys are not finite")
+        values = values.reshape(len(times), 3, width) if each == 3 else values.reshape(len(times), width)
+        document.entry("nodes", node)
+        return Track(node, path, times, values, kind)
+
+    def _targets_of(self, node: int) -> int:
+        """Morph targets of the mesh of a node."""
+        document = self._document
+        mesh = document.entry("meshes", document.whole(document.entry("nodes", node), "mesh"))
+        return max(
+            (
+                len(document.listed(document.entry("primitives", k, mesh), "targets"))
+                for k in range(len(document.listed(mesh, "primitives")))
+            ),
+            default=0,
+        )
+
+    def _bent(self, row: dict[str, Any], node: int, skin: Skin | None, what: str) -> Part | None:
+        """A surface with what bends it."""
+        part = self._part(row, (), what, own=True)
+        if part is None:
+            return None
+        document, source = self._document, part.source
+        vertices = np.ascontiguousarray(source.vertices, np.float32)
+        count = len(vertices)
+        targets = []
+        for target in document.listed(row, "targets"):
+            changes = {}
+            for name in ("POSITION", "NORMAL"):
+                if name in target:
+                    changes[name] = document.floats(document.whole(target, name))
+                    if changes[name].shape != (count, 3):
+                        document.fail(
+                            f"{what}: a morph target has {name} of shape {changes[name].shape} for {(count, 3)}"
+                        )
+            targets.append(changes)
+        bend = Bend(node, vertices, source.normals, targets)
+        attributes = document.member(row, "attributes")
+        sets = [k for k in range(len(attributes)) if {f"JOINTS_{k}", f"WEIGHTS_{k}"} <= attributes.keys()]
+        if skin is not None and sets:
+            joints = [document.accessor(document.whole(attributes, f"JOINTS_{k}")) for k in sets]
+            weights = [document.floats(document.whole(attributes, f"WEIGHTS_{k}"), always=True) for k in sets]
+            if any(len(array) != count for array in (*joints, *weights)):
+                document.fail(f"{what}: its joints and weights are not as many as its {count} vertices")
+            if any(array.dtype.kind != "u" for array in joints):
+                document.fail(f"{what}: its joints are no unsigned numbers")
+            bend.skin = skin
+            bend.joints = np.ascontiguousarray(np.concatenate(joints, axis=1), np.uint32)
+            bend.weights = np.ascontiguousarray(np.concatenate(weights, axis=1), np.float32)
+            if bend.joints.shape != bend.weights.shape:
+                document.fail(f"{what}: it has other joints than weights")
+            if bend.joints.size and int(bend.joints.max()) >= len(skin.joints):
+                document.fail(
+                    f"{what}: joint {bend.joints.max()} is beyond the {len(skin.joints)} of its skin"
+                )
+        elif skin is not None:
+            self._notes.add("skins without joints and weights", what)
+        part.bend = bend
+        return part
+
     # ---------------------------------------------------------------------------------------- shapes
 
-    def _part(self, row: dict[str, Any], weights: tuple[float, ...], what: str) -> Part | None:
-        source = self._source(row, weights, what)
+    def _part(
+        self, row: dict[str, Any], weights: tuple[float, ...], what: str, *, own: bool = False
+    ) -> Part | None:
+        """A primitive; with ``own`` its arrays are shared with no other."""
+        source = self._arrays(row, weights, what) if own else self._source(row, weights, what)
         if source is None:
             return None
         index = self._document.whole(row, "material") if "material" in row else None
@@ -259,8 +435,6 @@ class _Reader:
         decoded = document.draco(packed, attributes, what) if packed is not None else None
         faces, unpacked = decoded if decoded is not None else (None, {})
         targets = document.listed(row, "targets")
-        if len(weights) > len(targets):
-            self._notes.add("weights of morph targets that are missing", what)
         moved = [(weight, target) for weight, target in zip(weights, targets, strict=False) if weight]
         rows = _Vertices(document, attributes, unpacked, moved, what)
         vertices = rows.numbers("POSITION", (3,))
@@ -580,21 +754,3 @@ def _unique(name: str, taken: set[str]) -> str:
         found, number = f"{name}_{number}", number + 1
     taken.add(found)
     return found
-
-
-def _placed(
-    translation: NDArray[np.float64], rotation: NDArray[np.float64], scale: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Matrix of a scale, then a rotation by a quaternion (x, y, z, w) of any length, then a translation."""
-    length = float(np.linalg.norm(rotation))
-    x, y, z, w = rotation / length if length > 0.0 else (0.0, 0.0, 0.0, 1.0)
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn * scale, translation
-    return pose

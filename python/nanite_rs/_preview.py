@@ -179,4 +179,4 @@ def outline(shown: Geometry | LoadedScene) -> NDArray[np.float64]:
 
 
 def _coarse(mesh: Geometry) -> NDArray[np.floating]:
-    return mesh._cut_error(OUTLINE * float(np.linalg.norm(mesh.bounds[1] - mesh.bounds[0]))).vertices
+    return mesh.cut(error=OUTLINE * float(np.linalg.norm(mesh.bounds[1] - mesh.bounds[0]))).vertices

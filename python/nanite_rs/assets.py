@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from nanite_rs import _colors, _trimesh, io
-from nanite_rs._asset import Asset, Notes, Part, named
+from nanite_rs import _checks, _colors, _trimesh, io
+from nanite_rs._asset import Asset, Notes, Part, named, rigid
 from nanite_rs._flatten import settle
 from nanite_rs.camera import Camera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, MeshError
@@ -27,13 +27,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs._progress import Progress
+    from nanite_rs._rig import Animation, Bend, Rig
 
 __all__ = ["LoadedScene", "load_scene"]
 
 VirtualName: TypeAlias = Literal["auto", "always", "never"]
 
-# Triangles of all instances of a mesh from which on levels of detail pay: where they are small in a picture, a small
-# part of them is drawn.
+# Triangles of all instances of a mesh from which on levels of detail pay: where they are small in a picture, a
+# small part of them is drawn.
 _VIRTUAL_FROM: Final = 20_000
 
 
@@ -50,6 +51,9 @@ class LoadedScene:
     """The lights that came with the file."""
     cameras: list[tuple[Camera, NDArray[np.float64]]]
     """The cameras that came with the file, each with its camera-to-world matrix."""
+    animations: tuple[Animation, ...] = ()
+    """What the file has to play; `set_time` does."""
+    _motion: Motion | None = field(default=None, repr=False, compare=False)
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -79,6 +83,47 @@ class LoadedScene:
         pose[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
         pose[:3, 3] = (low + high) / 2.0 + back * away
         return PerspectiveCamera(yfov, znear=max(away - radius, away * 0.01) * 0.5), pose
+
+    def set_time(self, time: float, animation: int | str = 0) -> None:
+        """Put instances, joints, morph targets, lights and `cameras` where an animation has them at a time.
+
+        What the animation does not move is as it was in the file. Frames that were rendered before keep what they
+        show.
+
+        Parameters
+        ----------
+        time : float
+            Seconds. Before the first and after the last key that one counts; ``t % animation.duration`` repeats.
+        animation : int or str
+            Its number in `animations`, or its name.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such animation, or the time is not finite.
+        StaleHandleError
+            If an instance or a light that moves was removed from the scene.
+
+        Examples
+        --------
+        >>> loaded = nrs.load_scene("walk.glb")  # doctest: +SKIP
+        >>> with nrs.Renderer(640, 480) as renderer:  # doctest: +SKIP
+        ...     frames = []
+        ...     for step in range(50):
+        ...         loaded.set_time(step / 25.0)
+        ...         frames.append(renderer.render(*loaded))
+        >>> nrs.save_animation("walk.gif", frames, fps=25)  # doctest: +SKIP
+        """
+        time = _checks.number(time, "time")
+        if not np.isfinite(time):
+            raise ArgumentError(f"time: must be finite, not {time}")
+        names = [own.name for own in self.animations]
+        known = names.index(animation) if animation in names else animation
+        if isinstance(known, bool) or not isinstance(known, int | np.integer):
+            raise ArgumentError(f"animation: there is no {animation!r} among {names}")
+        if self._motion is None or not 0 <= known < len(names):
+            raise ArgumentError(f"animation: there is no number {known} of {len(names)}")
+        self._motion.play(self, self.animations[known], time)
 
     def __iter__(self) -> Iterator[Any]:
         """Scene, the file's first camera or else that of `view`, and its pose."""
@@ -218,6 +263,7 @@ class Making:
     def mesh(self, part: Part, instances: int, notes: Notes) -> NaniteMesh | TriangleMesh:
         """The mesh of a part that so many instances show."""
         source = part.source
+        bends = part.bend is not None
         arrays = source.arrays()
         arrays.pop("materials")  # the instance has them
         if arrays["colors"] is not None and _colors.is_white(arrays["colors"]):
@@ -227,16 +273,81 @@ class Making:
         )
         carries = bool(source.channels or source.face_channels) or creases
         many = len(source.faces) * instances >= _VIRTUAL_FROM
-        if self.virtual == "always" or (self.virtual == "auto" and (carries or many)):
+        if not bends and (self.virtual == "always" or (self.virtual == "auto" and (carries or many))):
             return NaniteMesh.from_arrays(**arrays, options=self.options, progress=self.progress)
         if carries:
             notes.add("channels and creases, which ordinary meshes have not", part.name)
         return TriangleMesh(**{name: value for name, value in arrays.items() if "channels" not in name})
 
 
+@dataclass
+class Motion:
+    """What of a scene follows the nodes of a file."""
+
+    rig: Rig
+    light_nodes: list[int]
+    camera_nodes: list[int]
+    placed: list[tuple[MeshNode, int, NDArray[np.float64]]] = field(default_factory=list)
+    """Instances that move as a whole, their nodes, and their places about these."""
+    bent: list[tuple[TriangleMesh, Bend]] = field(default_factory=list)
+    hidden: set[MeshNode] = field(default_factory=set)
+    """Instances that are flattened to nothing now, and would be seen otherwise."""
+
+    def note(
+        self,
+        node: MeshNode,
+        mesh: NaniteMesh | TriangleMesh,
+        part: Part,
+        follow: tuple[int, NDArray[np.float64]] | None,
+        *,
+        hidden: bool,
+    ) -> None:
+        """Take note of an instance of a part, of the node that it follows, and whether that is flat."""
+        if follow is not None:
+            self.placed.append((node, *follow))
+        known = any(own is mesh for own, _ in self.bent)
+        if part.bend is not None and isinstance(mesh, TriangleMesh) and not known:
+            self.bent.append((mesh, part.bend))
+        if hidden:
+            self._hide(node)
+
+    def _hide(self, node: MeshNode) -> None:
+        if node.visible:
+            node.visible = False
+            self.hidden.add(node)
+
+    def play(self, loaded: LoadedScene, animation: Animation, time: float) -> None:
+        """Put everything where it is at a time."""
+        stance = self.rig.stance(animation, time)
+        for mesh, bend in self.bent:
+            vertices, normals = bend.at(stance)
+            mesh.update(vertices, normals="recompute" if normals is None else normals)
+        for node, number, place in self.placed:
+            pose = stance.nodes[number] @ place
+            if not _is_invertible(pose):
+                self._hide(node)
+                continue
+            node.pose = pose
+            if node in self.hidden:
+                self.hidden.discard(node)
+                node.visible = True
+        for light, number in zip(loaded.lights, self.light_nodes, strict=True):
+            light.pose = rigid(stance.nodes[number])
+        for k, number in enumerate(self.camera_nodes):
+            loaded.cameras[k] = loaded.cameras[k][0], rigid(stance.nodes[number])
+
+
 def _build(asset: Asset, scene: Scene | None, making: Making) -> LoadedScene:
     """Build everything and add it; where that fails, take out again what was added."""
-    loaded = LoadedScene(Scene() if scene is None else scene, {}, [], list(asset.cameras))
+    rig = asset.rig
+    loaded = LoadedScene(
+        Scene() if scene is None else scene,
+        {},
+        [],
+        list(asset.cameras),
+        () if rig is None else tuple(rig.animations),
+        None if rig is None else Motion(rig, asset.light_nodes, asset.camera_nodes),
+    )
     # What is said of transparency has names here.
     blends, loaded.scene._blends = loaded.scene._blends, True
     try:
@@ -260,11 +371,15 @@ def _build(asset: Asset, scene: Scene | None, making: Making) -> LoadedScene:
 def _add_meshes(asset: Asset, loaded: LoadedScene, making: Making) -> None:
     made: dict[int, NaniteMesh | TriangleMesh] = {}
     instances = Counter(id(part.source) for _, number, _ in asset.placed for part in asset.meshes[number])
-    for name, number, pose in asset.placed:
+    follows = asset.nodes or [None] * len(asset.placed)
+    motion = loaded._motion
+    moved = set() if asset.rig is None else asset.rig.moved_by(asset.rig.animations)
+    for (name, number, pose), follow in zip(asset.placed, follows, strict=True):
         parts = asset.meshes[number]
         if not parts:
             continue
-        if not _is_invertible(pose):
+        moves = follow is not None and follow[0] in moved
+        if not (moves or _is_invertible(pose)):
             asset.notes.add("nodes flattened to nothing", name)
             continue
         own = loaded.instances.setdefault(name, [])
@@ -274,7 +389,11 @@ def _add_meshes(asset: Asset, loaded: LoadedScene, making: Making) -> None:
                 if mesh is None:
                     settle(part.source, asset.notes)
                     mesh = made[id(part.source)] = making.mesh(part, instances[id(part.source)], asset.notes)
-                own.append(loaded.scene.add(mesh, pose=pose, material=part.material))
+                flat = not _is_invertible(pose)
+                node = loaded.scene.add(mesh, pose=None if flat else pose, material=part.material)
+                own.append(node)
+                if motion is not None:
+                    motion.note(node, mesh, part, follow if moves else None, hidden=flat)
 
 
 def _is_invertible(pose: NDArray[np.float64]) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Literal
@@ -11,13 +10,11 @@ import numpy as np
 
 from nanite_rs import _advice, _checks, _exchange, _face_data, io
 from nanite_rs._arrays import as_array, core_arrays
-from nanite_rs._channels import Channel
 from nanite_rs._core import FINE_PART
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._geometry import Geometry
 from nanite_rs._progress import Progress, reporter
-from nanite_rs.cut import Cut
-from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, UsageWarning
+from nanite_rs.exceptions import ArgumentError, FormatError, UsageWarning
 from nanite_rs.material import Material, default_material, several
 from nanite_rs.options import BuildOptions, creased, no_options
 from nanite_rs.report import BuildReport, CheckReport
@@ -28,7 +25,6 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
-    from nanite_rs.camera import Camera
     from nanite_rs.material import Look
 
 __all__ = ["NaniteMesh"]
@@ -529,103 +525,6 @@ class NaniteMesh(Geometry):
 
     # ----------------------------------------------------------------------------------------- cutting
 
-    @_advice.teaches(
-        **dict.fromkeys(("faces", "count", "target_count", "n_faces"), "target_faces=5000 keeps so many"),
-        **dict.fromkeys(("ratio", "reduction"), "target_reduction=0.9 removes 90 %"),
-        otherwise="say of what: cut(error=0.1), target_faces=5000, target_reduction=0.9, or camera=",
-    )
-    def cut(
-        self,
-        *,
-        error: float | None = None,
-        target_faces: int | None = None,
-        target_reduction: float | None = None,
-        camera: Camera | None = None,
-        pose: ArrayLike | None = None,
-        viewport: tuple[int, int] | None = None,
-        pixel_error: float = 1.0,
-        exact: bool | None = None,
-    ) -> Cut:
-        """Pick the clusters of one threshold. Give exactly one of the first four.
-
-        The hierarchy is walked, so the cost follows the cut and not the mesh.
-
-        Parameters
-        ----------
-        error : float
-            Largest error in the units of the mesh, of the shape (`Cut.error`) and of what it carries
-            (`Cut.attribute_error`); 0 is full detail, infinity the coarsest cut.
-        target_faces : int
-            So many triangles, or up to 0.5 % or two fewer, and never more; below `min_faces` the coarsest cut there
-            is. Groups are compared by the simplifier's estimate, which says more about the mean than a bound does;
-            what the cut states is the bound as always.
-        target_reduction : float
-            Fraction of the triangles to remove, 0 to 1, as in fast-simplification; met as ``target_faces`` is.
-        camera : PerspectiveCamera, IntrinsicsCamera or OrthographicCamera
-            With ``pose`` and ``viewport``: the cut for this view.
-        pose : (4, 4) array
-            Camera-to-mesh transform, OpenGL axes (the camera looks along −Z, Y up).
-        viewport : (int, int)
-            Width and height in pixels.
-        pixel_error : float
-            Largest error in pixels, anywhere on the screen; 0 is full detail.
-        exact : bool, optional
-            Whether to meet a budget, True where it is left out: between two cuts of whole groups a few groups are
-            simplified for it. With False the cut is the finest of whole groups with at most so many triangles,
-            which is a few milliseconds cheaper.
-
-        Returns
-        -------
-        Cut
-
-        Examples
-        --------
-        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.torus_knot(faces=30_000))
-        >>> fine, coarse = mesh.cut(error=0.01), mesh.cut(error=0.05)
-        >>> len(mesh) > len(fine) > len(coarse)
-        True
-        >>> fine.error <= 0.01
-        True
-        >>> 998 <= len(mesh.cut(target_faces=1_000)) <= 1_000
-        True
-        """
-        selectors = {
-            "error": error,
-            "target_faces": target_faces,
-            "target_reduction": target_reduction,
-            "camera": camera,
-        }
-        given = [name for name, value in selectors.items() if value is not None]
-        if len(given) != 1:
-            found = " and ".join(given) or "none"
-            raise ArgumentError(f"cut: expected exactly one of {', '.join(selectors)}, found {found}")
-        if exact is not None and (error is not None or camera is not None):
-            raise ArgumentError("exact: goes with target_faces= and target_reduction=")
-        exact = True if exact is None else _checks.truth(exact, "exact")
-        if camera is not None:
-            return self._cut_view(camera, pose, viewport, pixel_error)
-        if pose is not None or viewport is not None:
-            raise ArgumentError("pose, viewport: these go with camera=")
-        if pixel_error != 1.0:
-            raise ArgumentError("pixel_error: goes with camera=; error= is in units of the mesh")
-        if error is not None:
-            error = _checks.number(error, "error")
-            if not error >= 0.0:
-                raise ArgumentError(f"error: must be 0 or more, not {error}")
-            return self._cut_error(error)
-        if target_faces is None:
-            reduction = _checks.reduction(target_reduction)
-            # A fraction such as 0.9 is not exact: the integer beside it is meant.
-            target_faces = math.floor((1.0 - reduction) * len(self) + 1e-6)
-        elif isinstance(target_faces, bool) or not isinstance(target_faces, int | np.integer):
-            raise DtypeError(
-                f"target_faces: expected an integer, not {type(target_faces).__name__}; "
-                "target_reduction takes a fraction to remove"
-            )
-        elif target_faces < 1:
-            raise ArgumentError(f"target_faces: must be 1 or more, not {target_faces}")
-        return Cut(self._core.cut_faces(min(int(target_faces), len(self)), exact), self._materials)
-
     # ------------------------------------------------------------------------------------------ asking
 
     @property
@@ -649,78 +548,6 @@ class NaniteMesh(Geometry):
             With the first cluster, group or node at fault: a bug, or a damaged file.
         """
         return CheckReport(**self._core.check())
-
-    @property
-    def info(self) -> dict[str, Any]:
-        """Sizes and bounds as a dictionary of plain values.
-
-        Examples
-        --------
-        >>> info = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20)).info
-        >>> info["faces"], info["levels"], info["clusters"]
-        (20, 3, 3)
-        """
-        core = self._core
-        return {
-            "faces": core.source_faces,
-            "vertices": core.source_vertices,
-            "levels": core.level_count,
-            "clusters": core.cluster_count,
-            "groups": core.group_count,
-            "nodes": core.node_count,
-            "pages": core.page_count,
-            "bytes": core.nbytes,
-            "colors": core.colors,
-            "uv_sets": core.uv_sets,
-            "materials": core.has_materials,
-            "channels": [_face_data.plain(name) for name, _, _ in core.channels],
-            "bounds": [list(corner) for corner in core.bounds],
-            "origin": list(core.origin),
-            "precision": core.precision,
-            "rounding": core.rounding,
-            "normal_rounding": core.normal_rounding,
-            "uv_rounding": core.uv_rounding,
-        }
-
-    @property
-    def min_faces(self) -> int:
-        """Triangles of the coarsest cut: a smaller budget gets these.
-
-        Examples
-        --------
-        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20_000))
-        >>> len(mesh.cut(target_faces=1)) == mesh.min_faces
-        True
-        """
-        return self._core.min_faces()
-
-    @property
-    def channels(self) -> dict[str, Channel]:
-        """The dtype and width of each named channel; `Cut.channels` has the values.
-
-        Examples
-        --------
-        >>> vertices, faces = nrs.shapes.icosphere(faces=20)
-        >>> nrs.NaniteMesh.from_arrays(vertices, faces, channels={"x": vertices[:, :2]}).channels
-        {'x': Channel(dtype=dtype('float32'), width=2)}
-        """
-        return {
-            _face_data.plain(name): Channel(np.dtype(dtype), 1 if columns is None else columns)
-            for name, dtype, columns in self._core.channels
-        }
-
-    @property
-    def face_channels(self) -> dict[str, Channel]:
-        """The dtype and width of what faces carry; `Cut.face_channels` has the values.
-
-        Examples
-        --------
-        >>> vertices, faces = nrs.shapes.icosphere(faces=80)
-        >>> nrs.NaniteMesh.from_arrays(vertices, faces, face_channels={"part": np.arange(80) % 3}).face_channels
-        {'part': Channel(dtype=dtype('int64'), width=1)}
-        """
-        names = _face_data.layout(name for name, _, _ in self._core.channels)[1]
-        return {name: channel for name, channel in self.channels.items() if name in names}
 
     @property
     def source_face_ids(self) -> NDArray[np.uint32] | None:

@@ -40,7 +40,7 @@ class TriangleMesh(Geometry):
     It takes some 40 milliseconds per 100,000 triangles instead of building a DAG, and is drawn, culled, lit and
     picked as a `NaniteMesh` is. That pays for small meshes, and for meshes whose vertices are new in every frame.
     Nothing is welded or mended: ``frame.face_id`` has rows of ``faces``, and vertices are those of ``vertices``.
-    Triangles without area are not seen.
+    Triangles without area are not seen. Every cut is the whole mesh as it lies now.
 
     Parameters
     ----------

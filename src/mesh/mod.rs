@@ -8,6 +8,7 @@ pub mod frame;
 pub mod hash;
 pub mod materials;
 pub mod sides;
+pub mod skin;
 pub mod source;
 pub mod stars;
 pub mod validate;

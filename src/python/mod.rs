@@ -38,6 +38,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<mesh::Cut>()?;
     module.add_class::<mesh::ChannelRows>()?;
     module.add_class::<triangle_mesh::TriangleMesh>()?;
+    module.add_function(wrap_pyfunction!(triangle_mesh::skinned, module)?)?;
     module.add_function(wrap_pyfunction!(mesh::decimate, module)?)?;
     module.add_function(wrap_pyfunction!(tables::cluster_table, module)?)?;
     module.add_function(wrap_pyfunction!(tables::group_table, module)?)?;

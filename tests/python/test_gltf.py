@@ -817,7 +817,7 @@ BAD = [
     ("accessors.0.count", 1 << 60, "it ends at byte"),
     ("accessors.0.count", "4", "whole number"),
     ("accessors.0.componentType", 5124, "componentType 5124 is unknown"),
-    ("accessors.0.type", "MAT4", "MAT4"),
+    ("accessors.0.type", "MAT3", "MAT3"),
     ("accessors.0.bufferView", 99, r"bufferViews\[99\]: there are 4"),
     ("accessors.0.byteOffset", 4, "it ends at byte"),
     ("accessors.1.count", 3, "3 of TEXCOORD_0 for 4 vertices"),
@@ -960,7 +960,7 @@ def test_notes_say_what_was_changed(tmp_path) -> None:
     flat = document.quad()
     flat["indices"] = document.accessor(np.array([0, 1, 0], np.uint8))
     document.json["meshes"][0]["primitives"] += [points, flat]
-    document.json["nodes"][1].update(skin=0, weights=[0.5])
+    document.json["nodes"][1].update(skin=document.row("skins", joints=[0]), weights=[0.5])
     asset, (part,) = parts_of(document.save(tmp_path / "a.glb"))
     assert part.material.alpha_mode == "blend"
     for text in (
@@ -969,7 +969,7 @@ def test_notes_say_what_was_changed(tmp_path) -> None:
         "points and lines",
         "surfaces without area",
         "weights of morph targets that are missing (meshes[0], primitive 0",
-        "skins",
+        "skins without joints and weights",
     ):
         assert text in str(asset.notes)
 

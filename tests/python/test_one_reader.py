@@ -220,14 +220,20 @@ def test_what_is_not_kept_is_named(tmp_path) -> None:
     document = Document()
     primitive = document.quad()
     primitive["attributes"]["COLOR_1"] = document.accessor(np.ones((4, 4), np.float32))
-    document.mesh(primitive, document.quad(mode=1), skin=0)
+    skin = document.row("skins", joints=[0])
+    document.mesh(primitive, document.quad(mode=1))
     document.json["extensionsUsed"] = ["EXT_of_tomorrow", "EXT_mesh_features", "KHR_texture_transform"]
     nothing = {"POSITION": primitive["attributes"]["POSITION"]}
     document.row("nodes", mesh=document.row("meshes", primitives=[{"attributes": nothing}]))
     document.json["scenes"] = [{"nodes": [0]}, {"nodes": [1], "name": "night"}]
     turns = {"TRANSLATION": document.accessor(np.zeros((1, 3), np.float32)), "_TREE": 0}
     document.json["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": turns}}
-    document.row("animations", name="walk", channels=[], samplers=[])
+    document.json["nodes"][1]["skin"] = skin
+    document.json["scenes"][0]["nodes"] = [0, 1]
+    document.json["scenes"][1]["nodes"] = [0]
+    document.row(
+        "animations", name="walk", channels=[{"target": {"path": "pointer"}, "sampler": 0}], samplers=[]
+    )
     path = document.save(tmp_path / "a.glb")
     for read in (nrs.load_scene, nrs.NaniteMesh.from_file):
         with pytest.warns(UserWarning, match=r"a\.glb: not everything is kept") as caught:
@@ -238,12 +244,13 @@ def test_what_is_not_kept_is_named(tmp_path) -> None:
             "extensions (EXT_of_tomorrow)",
             "scenes besides the default one (night)",
             "attributes of instances (_TREE)",
-            "animations, which are not played (walk)",
+            "animated properties (walk: pointer)",
             "vertices (COLOR_1)",
             "points and lines",
-            "skins",
         ):
             assert text in str(warning.message)
+        played = read is nrs.load_scene
+        assert ("animations, which are not played (walk)" in str(warning.message)) != played
 
 
 # --------------------------------------------------------------------------------------------------------- COLLADA

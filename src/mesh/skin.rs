@@ -1,0 +1,127 @@
+//! Linear blend skinning: vertices under the poses of the joints that act on them.
+//!
+//! Magnenat-Thalmann, Laperrière and Thalmann, "Joint-dependent local deformations for hand animation and object grasping",
+//! Graphics Interface 1988; weights and matrices as glTF 2.0, section 3.7.3, has them.
+
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+
+/// Rows of a matrix that maps positions at rest to where a joint takes them.
+pub type JointMatrix = [[f64; 4]; 3];
+
+/// What acts on the vertices of a mesh: as many joints for each.
+#[derive(Clone, Copy, Debug)]
+pub struct Influences<'a> {
+    /// Joints of each vertex, one vertex after the other.
+    pub joints: &'a [u32],
+    /// How much each acts; those of a vertex need not add up to 1.
+    pub weights: &'a [f32],
+}
+
+/// Vertices that lie at `positions` and face `normals` at rest, where these joints take them. Normals have any length. A vertex
+/// without weights is that of the first of its joints.
+pub fn skin(
+    positions: &[[f32; 3]],
+    normals: Option<&[[f32; 3]]>,
+    influences: Influences<'_>,
+    matrices: &[JointMatrix],
+) -> Result<(Vec<[f64; 3]>, Option<Vec<[f32; 3]>>)> {
+    let Influences { joints, weights } = influences;
+    let each = joints.len().checked_div(positions.len()).unwrap_or(0);
+    if each == 0 || joints.len() != each * positions.len() || weights.len() != joints.len() {
+        let message = format!(
+            "expected as many joints and weights for each of the {} vertices, found {} and {}",
+            positions.len(),
+            joints.len(),
+            weights.len()
+        );
+        return Err(Error::argument("joints", message));
+    }
+    if let Some(at) = joints.par_iter().position_first(|joint| *joint as usize >= matrices.len()) {
+        let message = format!("vertex {}: joint {} of {}", at / each, joints[at], matrices.len());
+        return Err(Error::argument("joints", message));
+    }
+    if let Some(at) = weights.par_iter().position_first(|weight| !weight.is_finite()) {
+        return Err(Error::argument(
+            "weights",
+            format!("vertex {}: {} is not finite", at / each, weights[at]),
+        ));
+    }
+    if let Some(joint) = matrices.iter().position(|rows| !rows.as_flattened().iter().all(|x| x.is_finite())) {
+        return Err(Error::argument("matrices", format!("that of joint {joint} is not finite")));
+    }
+    let blended = |v: usize| blended(&joints[v * each..][..each], &weights[v * each..][..each], matrices);
+    let moved =
+        (0..positions.len()).into_par_iter().map(|v| transformed(&blended(v), positions[v])).collect();
+    let turned = normals.map(|normals| {
+        (0..positions.len()).into_par_iter().map(|v| turned(&blended(v), normals[v])).collect()
+    });
+    Ok((moved, turned))
+}
+
+fn blended(joints: &[u32], weights: &[f32], matrices: &[JointMatrix]) -> JointMatrix {
+    let sum: f64 = weights.iter().map(|weight| f64::from(*weight)).sum();
+    if sum <= 0.0 {
+        return matrices[joints[0] as usize];
+    }
+    let mut out = [[0.0; 4]; 3];
+    for (joint, weight) in joints.iter().zip(weights) {
+        let (matrix, part) = (&matrices[*joint as usize], f64::from(*weight) / sum);
+        for (to, from) in out.as_flattened_mut().iter_mut().zip(matrix.as_flattened()) {
+            *to += part * from;
+        }
+    }
+    out
+}
+
+fn transformed(rows: &JointMatrix, p: [f32; 3]) -> [f64; 3] {
+    let [x, y, z] = p.map(f64::from);
+    rows.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3])
+}
+
+/// A normal, by the cofactors of the linear part: they are the inverse transposed times the determinant, and there where no
+/// inverse is. A map that mirrors turns faces over, so they keep its sign.
+fn turned(rows: &JointMatrix, n: [f32; 3]) -> [f32; 3] {
+    let [a, b, c] = rows.map(|row| [row[0], row[1], row[2]]);
+    let cross = |u: [f64; 3], v: [f64; 3]| {
+        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    };
+    let n = n.map(f64::from);
+    let out =
+        [cross(b, c), cross(c, a), cross(a, b)].map(|row| row[0] * n[0] + row[1] * n[1] + row[2] * n[2]);
+    // Of unit length, so that nothing overflows; zero where there is none.
+    let length = out.iter().map(|x| x * x).sum::<f64>().sqrt();
+    out.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MOVED: JointMatrix = [[1.0, 0.0, 0.0, 5.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]];
+    const REST: JointMatrix = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+
+    #[test]
+    fn weights_blend_matrices() {
+        let positions = [[1.0f32, 1.0, 1.0]; 3];
+        let normals = [[0.0f32, 3.0, 0.0]; 3];
+        let influences = Influences { joints: &[0, 1, 0, 1, 1, 0], weights: &[1.0, 1.0, 0.0, 3.0, 0.0, 0.0] };
+        let (moved, turned) = skin(&positions, Some(&normals), influences, &[REST, MOVED]).unwrap();
+        assert_eq!(moved, [[3.5, 1.5, 0.5], [6.0, 2.0, 0.0], [6.0, 2.0, 0.0]]);
+        assert_eq!(turned.unwrap(), [[0.0, 1.0, 0.0]; 3]);
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        let positions = [[0.0f32; 3]; 2];
+        let found = |joints: &[u32], weights: &[f32], matrices: &[JointMatrix]| {
+            skin(&positions, None, Influences { joints, weights }, matrices).unwrap_err().to_string()
+        };
+        assert!(found(&[0, 2], &[1.0; 2], &[REST, MOVED]).contains("vertex 1: joint 2 of 2"));
+        assert!(found(&[0, 1, 0], &[1.0; 3], &[REST, MOVED]).starts_with("joints: expected"));
+        assert!(found(&[], &[], &[REST]).starts_with("joints: expected"));
+        assert!(found(&[0, 0], &[1.0, f32::NAN], &[REST]).contains("vertex 1"));
+        assert!(found(&[0, 0], &[1.0; 2], &[[[f64::NAN; 4]; 3]]).contains("joint 0"));
+    }
+}
