@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 from nanite_rs import _advice, measure, plot, shapes, viewer
 from nanite_rs._core import __version__
+from nanite_rs._rig import Animation
 from nanite_rs.animation import save_animation
 from nanite_rs.assets import LoadedScene, load_scene
 from nanite_rs.camera import (
@@ -52,6 +53,7 @@ from nanite_rs.triangle_mesh import TriangleMesh
 from nanite_rs.viewer import Orbit, Pick, Viewer, view
 
 __all__ = [
+    "Animation",
     "ArgumentError",
     "BackendError",
     "BuildOptions",

@@ -233,9 +233,14 @@ def _look(arguments: argparse.Namespace) -> int:
 
 def _shown(arguments: argparse.Namespace) -> nrs.NaniteMesh | nrs.LoadedScene:
     """What INPUT names, with its materials if wished."""
-    if arguments.materials:
+    time = getattr(arguments, "time", None)
+    if arguments.materials or time is not None:
         progress = False if arguments.quiet else None
-        return nrs.load_scene(arguments.input, options=_options(arguments), progress=progress)
+        loaded = nrs.load_scene(arguments.input, options=_options(arguments), progress=progress)
+        if time is not None:
+            name: str = arguments.animation
+            loaded.set_time(time, int(name) if name.isdecimal() else name)
+        return loaded
     mesh = _mesh(arguments)
     if mesh.materials and not arguments.quiet:
         print("nanite-rs: materials and textures are left out; --materials shows them", file=sys.stderr)
@@ -532,6 +537,15 @@ def _add_render(commands: Any) -> None:
         "--stats", action="store_true", help="print what each stage received, passed on and took"
     )
     _add_materials(sub)
+    sub.add_argument(
+        "--time",
+        type=float,
+        metavar="SECONDS",
+        help="show a scene (glTF) as an animation has it then, with its materials",
+    )
+    sub.add_argument(
+        "--animation", default="0", metavar="NAME", help="the name or the number of the animation (0)"
+    )
     sub.add_argument(
         "--samples", type=int, default=1, choices=(1, 4, 16), help="of each pixel, against jagged edges (1)"
     )

@@ -60,7 +60,8 @@ def test_there_are_examples_for_the_main_names():
     names = {test.name for test in examples()}
     for name in (
         "mesh.NaniteMesh",
-        "mesh.NaniteMesh.cut",
+        "_geometry.Geometry.cut",
+        "triangle_mesh.TriangleMesh",
         "decimation.decimate",
         "decimation.simplify",
         "cut.Cut",

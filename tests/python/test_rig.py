@@ -5,11 +5,13 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import PIL.Image
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 import nanite_rs as nrs
+from nanite_rs import cli
 from oracles.documents import Document
 
 RNG = np.random.default_rng(7)
@@ -344,3 +346,24 @@ def test_mistakes_are_named(tmp_path):
     loaded.instances["ball"][0].remove()
     with pytest.raises(nrs.StaleHandleError):
         loaded.set_time(0.0)
+
+
+def test_the_command_line_shows_a_time(tmp_path):
+    document = Document()
+    ball = document.mesh(surface(document), name="ball")
+    slides = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 3, 0]], np.float32)
+    animate(document, (ball, "translation", slides, "LINEAR"), name="up")
+    other = document.mesh(surface(document), translation=[2.0, 0.0, 0.0])
+    document.row("scenes", nodes=[ball, other])
+    path = document.save(tmp_path / "a.glb")
+    pictures = []
+    for options in (["--materials"], ["--time", "0"], ["--time", "2", "--animation", "up"]):
+        output = tmp_path / f"{len(pictures)}.png"
+        arguments = ["render", str(path), "-o", str(output), "--size", "96x64", "--backend", "cpu", "-q"]
+        assert cli.main([*arguments, *options]) == 0
+        pictures.append(np.asarray(PIL.Image.open(output)).astype(int))
+    np.testing.assert_array_equal(pictures[0], pictures[1])
+    assert np.abs(pictures[2] - pictures[0]).max() > 50
+    assert (
+        cli.main(["render", str(path), "-o", str(tmp_path / "b.png"), "--time", "1", "--animation", "x"]) != 0
+    )
