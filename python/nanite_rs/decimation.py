@@ -72,7 +72,7 @@ def decimate(
 
     Parameters
     ----------
-    mesh : (vertices, faces), trimesh.Trimesh, trimesh.Scene, Cut or path
+    mesh : tuple of two arrays, trimesh.Trimesh, trimesh.Scene, Cut or path
         Arrays as in `NaniteMesh.from_arrays`, or what has them: also meshes of PyVista, Open3D and meshio, and
         files that `NaniteMesh.from_file` reads. What they carry comes along.
     target_faces : int, optional

@@ -204,7 +204,7 @@ def surface_distance(
 
     Parameters
     ----------
-    a, b : (vertices, faces), trimesh.Trimesh, Cut or NaniteMesh
+    a, b : tuple of two arrays, trimesh.Trimesh, Cut or NaniteMesh
         The meshes: vertices (N, 3) float32 or float64, faces (M, 3) of any integer type. Faces may be degenerate.
     samples : int
         Points per direction.
@@ -307,7 +307,7 @@ def closest_points(points: ArrayLike, mesh: MeshLike) -> ClosestPoints:
     ----------
     points : (N, 3) float32 or float64 array
         The points.
-    mesh : (vertices, faces), trimesh.Trimesh, Cut or NaniteMesh
+    mesh : tuple of two arrays, trimesh.Trimesh, Cut or NaniteMesh
         The mesh, as in `surface_distance`.
 
     Returns
