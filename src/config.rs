@@ -1,7 +1,9 @@
 //! Options with their units and defaults.
 
 use crate::error::{Error, Result};
-use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, SHADOW_SAMPLES_MAX};
+use crate::limits::{
+    CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, MAX_LAYERS, SHADOW_SAMPLES_MAX,
+};
 use crate::stages::Stage;
 
 /// The choice of that name; the error names all.
@@ -518,6 +520,8 @@ pub struct RenderOptions {
     pub shadow_memory: u64,
     /// Rays from each receiver to a light with a size, at most [`SHADOW_SAMPLES_MAX`].
     pub shadow_samples: u32,
+    /// Layers of blended surfaces that are composited at each pixel, at most [`MAX_LAYERS`]; what lies behind them is not seen.
+    pub max_layers: u32,
     /// To find a fault of a device: it runs the stages before this one, and their CPU twins the others, which makes the same
     /// image. In one pass, and slowly. Counts of stages are those of the device.
     pub cpu_from: Option<Stage>,
@@ -542,6 +546,7 @@ impl Default for RenderOptions {
             shadows: Shadows::default(),
             shadow_memory: 256 << 20,
             shadow_samples: 32,
+            max_layers: 8,
             cpu_from: None,
             wait: true,
         }
@@ -567,6 +572,10 @@ impl RenderOptions {
                 "shadow_samples",
                 format!("must be from 1 to {SHADOW_SAMPLES_MAX}, not {}", self.shadow_samples),
             ));
+        }
+        if self.max_layers > MAX_LAYERS {
+            let message = format!("must be from 0 to {MAX_LAYERS}, not {}", self.max_layers);
+            return Err(Error::argument("max_layers", message));
         }
         if self.depth_only && self.samples != Samples::One {
             return Err(Error::argument("samples", "with depth_only there is no colour, and it must be 1"));

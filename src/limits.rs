@@ -82,6 +82,9 @@ pub const LEAST_ROUGHNESS: f32 = 0.04;
 /// The least cosine, and the least denominator, of pyrender's reflections.
 pub const LEAST_COSINE: f32 = 0.001;
 
+/// Layers of blended surfaces of a picture at most.
+pub const MAX_LAYERS: u32 = 256;
+
 /// Texels of a side of a page of a shadow map.
 pub const SHADOW_PAGE_SIDE: u32 = 128;
 /// Texels of a page.

@@ -36,7 +36,7 @@ from nanite_rs._rig import REST, Animation, Bend, Rig, Skin, Track, placed
 from nanite_rs.camera import Camera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, FileError, FormatError, NaniteError
 from nanite_rs.light import DirectionalLight, PointLight, SpotLight
-from nanite_rs.material import TRANSPARENCY, Material
+from nanite_rs.material import Material
 from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:
@@ -500,7 +500,7 @@ class _Reader:
             if extension.removeprefix(_LOOKS) not in _READ_LOOKS:
                 self._notes.add(extension, name)
         with named(document.name, f"material {name!r:.60}"):
-            material = Material(
+            return Material(
                 name=str(row.get("name") or ""),
                 base_color=color,
                 metallic=metallic,
@@ -518,9 +518,6 @@ class _Reader:
                 alpha_mode=mode.lower(),
                 alpha_cutoff=document.number(row, "alphaCutoff", 0.5) if mode == "MASK" else 0.5,
             )
-        if material._is_transparent():
-            self._notes.add(TRANSPARENCY, name)
-        return material
 
     def _from_glossy(
         self, row: dict[str, Any], textured: bool, name: str

@@ -15,7 +15,7 @@ from nanite_rs._asset import named
 from nanite_rs._beside import Pictures, find, text
 from nanite_rs._images import read_bytes
 from nanite_rs.exceptions import FormatError
-from nanite_rs.material import TRANSPARENCY, Material
+from nanite_rs.material import Material
 from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:
@@ -134,8 +134,6 @@ class _Reader:
         if rough is None:
             rough = (2.0 / (np.maximum(np.zeros(1) if shine is None else shine, 0.0) + 2.0)) ** 0.25
         opacity = 1.0 if alpha is None else float(np.clip(alpha[0], 0.0, 1.0))
-        if opacity < 1.0:
-            self._notes.add(TRANSPARENCY, self._label)
         if clear is not None:
             painted = self._with_alpha(painted, clear)
         with named(self._name, f"material {self._label!r}"):

@@ -16,7 +16,7 @@ from nanite_rs._asset import GLTF_SLOTS, Asset, Notes, Part, Source, as_labels, 
 from nanite_rs._images import from_pillow
 from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.exceptions import FileError, FormatError, MeshError, NaniteError
-from nanite_rs.material import TRANSPARENCY, Material, default_material
+from nanite_rs.material import Material, default_material
 from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:
@@ -188,8 +188,6 @@ class _Looks:
         name = str(found.name or mesh)
         with named(self._asset.name, f"material {name!r}"):
             material = self._simple(found, name) if hasattr(found, "diffuse") else self._pbr(found, name)
-        if material._is_transparent():
-            self._asset.notes.add(TRANSPARENCY, name)
         return fitted(material, name, len(source.uvs), self._asset.notes)
 
     def _simple(self, found: Any, name: str) -> Material:

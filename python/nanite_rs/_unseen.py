@@ -29,6 +29,7 @@ _COARSE = {
     "shadows": "off",
     "shadow_memory": 0,
     "shadow_samples": 1,
+    "max_layers": 0,
 }
 
 

@@ -348,8 +348,8 @@ def _build(asset: Asset, scene: Scene | None, making: Making) -> LoadedScene:
         () if rig is None else tuple(rig.animations),
         None if rig is None else Motion(rig, asset.light_nodes, asset.camera_nodes),
     )
-    # What is said of transparency has names here.
-    blends, loaded.scene._blends = loaded.scene._blends, True
+    # Files may have alpha that counts for nothing.
+    said, loaded.scene._said = loaded.scene._said, True
     try:
         _add_meshes(asset, loaded, making)
         for light, pose in asset.lights:
@@ -364,7 +364,7 @@ def _build(asset: Asset, scene: Scene | None, making: Making) -> LoadedScene:
             node.remove()
         raise
     finally:
-        loaded.scene._blends = blends
+        loaded.scene._said = said
     return loaded
 
 

@@ -118,7 +118,7 @@ def from_pyrender(
             raise DtypeError(f"scene: expected a pyrender.Scene, not {type(scene).__name__}")
     lost: set[str] = set()
     out = Scene(ambient_light=scene.ambient_light, bg_color=scene.bg_color)
-    out._blends = True  # said below
+    out._said = True  # pyrender does not either
     instances: dict[pyrender.Node, list[MeshNode]] = {}
     for node in (node for node in scene.nodes if node.mesh is not None):
         pose = scene.get_pose(node)
@@ -218,8 +218,6 @@ def _material(primitive: pyrender.Primitive, lost: set[str]) -> Material:
     mode = material.alphaMode.lower()
     if mode == "blend" and not _is_transparent(color, painted, primitive.color_0):
         mode = "opaque"  # what `pyrender.Mesh.from_trimesh` makes blends, and has nothing to blend
-    if mode == "blend":
-        lost.add("transparency (drawn opaque where alpha is not 0)")
     emissive = np.zeros(3) if material.emissiveFactor is None else material.emissiveFactor
     found = {
         "base_color_texture": painted,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -73,9 +73,10 @@ class Material:
     occlusion_strength: float = 1.0
     """0 for no occlusion to 1 for all that the texture says."""
     alpha_mode: AlphaMode = "opaque"
-    """What alpha does: nothing; surfaces have holes where it is below the cutoff; or transparency. That is not
-    blended yet: what is not all transparent, alpha of 1/255 or more, is drawn opaque, and a `UsageWarning` says so
-    when such a material comes into a scene."""
+    """What alpha does: nothing; surfaces have holes where it is below the cutoff; or what is behind them shows
+    through as far as alpha, that of the texture and that of vertex colours leave it. Blended surfaces are
+    composited in linear light, ordered by depth, up to ``max_layers`` of `Renderer.render`. They cast no shadows.
+    Where alpha is below 1/255, nothing is drawn."""
     alpha_cutoff: float = 0.5
     """With ``"mask"``: where alpha is below it, there is a hole."""
     name: str = field(default="", compare=False)
@@ -120,24 +121,20 @@ class Material:
             "normal_scale": self.normal_scale,
             "occlusion_strength": self.occlusion_strength,
             "alpha_cutoff": {"opaque": None, "mask": self.alpha_cutoff, "blend": _VISIBLE}[self.alpha_mode],
+            "blends": self.alpha_mode == "blend",
             "textures": [
                 None if texture is None else texture._raw(name in _COLORS)
                 for name, texture in zip(_SLOTS, textures, strict=True)
             ],
         }
 
-    def _is_transparent(self) -> bool:
-        """Whether it wants to be blended and anything of it would let light through."""
-        texture = self.base_color_texture
-        varies = texture is not None and texture.image._alpha_varies()
-        return self.alpha_mode == "blend" and (varies or (*self.base_color[3:], 1.0)[0] < 1.0)
+    def _ignores_alpha(self) -> bool:
+        """Whether it has alpha that says nothing."""
+        return self.alpha_mode == "opaque" and len(self.base_color) == 4
 
 
 # The least alpha of what is drawn of transparent surfaces: a step of eight bits.
 _VISIBLE = 1.0 / 255.0
-
-TRANSPARENCY: Final = "transparency, which is not blended yet: drawn opaque where alpha is not 0"
-"""What warnings say of it."""
 
 
 def default_material(*, colored: bool) -> Material:

@@ -114,6 +114,7 @@ class _Options:
     shadows: bool | ShadowsName
     shadow_memory: int
     shadow_samples: int
+    max_layers: int
 
     def raw(self) -> dict[str, Any]:
         """What the core takes."""
@@ -132,6 +133,7 @@ class _Options:
             "shadows": _shadows(self.shadows),
             "shadow_memory": _whole(self.shadow_memory, "shadow_memory", 1 << 63, "0 and 2^63"),
             "shadow_samples": _whole(self.shadow_samples, "shadow_samples", 1 << 32, "1 and 256"),
+            "max_layers": _whole(self.max_layers, "max_layers", 1 << 32, "0 and 256"),
         }
 
 
@@ -268,6 +270,7 @@ class Renderer(_advice.Teaching):
         shadows: bool | ShadowsName = False,
         shadow_memory: int = SHADOW_BYTES,
         shadow_samples: int = SHADOW_SAMPLES,
+        max_layers: int = 8,
     ) -> Frame:
         """Render a frame.
 
@@ -337,6 +340,11 @@ class Renderer(_advice.Teaching):
         shadow_samples : int
             Rays from each pixel to a light with a size, 1 to 256: more are smoother. A pixel has the same in every
             frame.
+        max_layers : int
+            Blended surfaces that are composited at each pixel, 0 to 256, from the nearest on; what lies behind more
+            is not seen, and ``Frame.stats.layers_left`` says at how many pixels. They are ordered by depth,
+            whatever the order in which meshes were added, and blended in linear light; depth, normals and ids are
+            those of what is opaque. The CPU draws such scenes, on the GPU backend too.
 
         Warns
         -----
@@ -398,6 +406,7 @@ class Renderer(_advice.Teaching):
                 shadows,
                 shadow_memory,
                 shadow_samples,
+                max_layers,
             ),
         )
         return frame
@@ -419,6 +428,7 @@ class Renderer(_advice.Teaching):
         shadows: bool | ShadowsName = False,
         shadow_memory: int = SHADOW_BYTES,
         shadow_samples: int = SHADOW_SAMPLES,
+        max_layers: int = 8,
     ) -> list[Frame]:
         """Render what several cameras see of a scene: on a GPU in one submission, on the CPU one after the other.
 
@@ -433,7 +443,7 @@ class Renderer(_advice.Teaching):
             What each view has of its own, or a camera and its pose, as for `render`.
         pixel_error, occlusion, raster, outputs, depth_only, samples
             As for `render`, for all views that have none of their own.
-        shading, transfer, wait, shadows, shadow_memory, shadow_samples
+        shading, transfer, wait, shadows, shadow_memory, shadow_samples, max_layers
             As for `render`, for all views.
 
         Returns
@@ -474,6 +484,7 @@ class Renderer(_advice.Teaching):
                 shadows,
                 shadow_memory,
                 shadow_samples,
+                max_layers,
             ),
         )
 
@@ -536,7 +547,8 @@ class Renderer(_advice.Teaching):
     def _look_at_first(self, frames: list[_core.Frame], scene: Scene, views: list[View]) -> None:
         """Warn where the first pictures show nothing; and where a mesh reaches the near distance, which cuts it."""
         camera, pose, size = views[0].camera, views[0].pose, views[0].size or self._size
-        self._blank = not any(dict(frame.totals()[0])["covered_pixels"] for frame in frames)
+        totals = [dict(frame.totals()[0]) for frame in frames]
+        self._blank = not any(own["covered_pixels"] + own["layers"] for own in totals)
         if self._blank:
             reason = _unseen.reason(scene._core, camera, pose, size)
             if scene.instances:

@@ -16,7 +16,7 @@ import numpy as np
 from nanite_rs import _advice, _checks, _core
 from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError, UsageWarning
 from nanite_rs.light import DirectionalLight, Environment, Light, PointLight, SpotLight
-from nanite_rs.material import TRANSPARENCY, Look, Material, default_material, several
+from nanite_rs.material import Look, Material, default_material, several
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.triangle_mesh import TriangleMesh
 
@@ -172,7 +172,7 @@ class MeshNode(_Node):
     @material.setter
     def material(self, material: Look) -> None:
         self._scene._core.set_material(self._handle, self._mesh._looks(material))
-        self._scene._look_for_transparency(material)
+        self._scene._look_for_alpha(material)
         self._scene._shown[self._handle] = self._mesh, material
 
     def remove(self) -> None:
@@ -283,7 +283,7 @@ class Scene(_advice.Teaching):
     nanite_rs.exceptions.StaleHandleError: stale handle: instance 0 (generation 0) was removed from the scene
     """
 
-    __slots__ = ("__weakref__", "_blends", "_core", "_environment", "_moving", "_shining", "_shown")
+    __slots__ = ("__weakref__", "_core", "_environment", "_moving", "_said", "_shining", "_shown")
 
     def __init__(
         self,
@@ -298,8 +298,8 @@ class Scene(_advice.Teaching):
         # The instances of each mesh that may change its shape.
         self._moving: WeakKeyDictionary[TriangleMesh, set[Handle]] = WeakKeyDictionary()
         self._shining: dict[Handle, Light] = {}
-        # Whether there was a warning of a transparent material.
-        self._blends = False
+        # Whether there was a warning of alpha that counts for nothing.
+        self._said = False
         self.ambient_light = ambient_light
         self.bg_color = bg_color
         self.environment = environment
@@ -354,13 +354,13 @@ class Scene(_advice.Teaching):
         Warns
         -----
         UsageWarning
-            The first time that a material is transparent: it is drawn opaque.
+            The first time that an opaque material has alpha below 1: it is drawn opaque.
         """
         mesh = _mesh(item)
         if mesh is not None:
             if material is None:
                 material = mesh.materials or default_material(colored=mesh._core.colors is not None)
-            self._look_for_transparency(material)
+            self._look_for_alpha(material)
             try:
                 handle = self._core.add_mesh(mesh._core, _pose(pose), mesh._looks(material))
             except ArgumentError as error:
@@ -378,15 +378,19 @@ class Scene(_advice.Teaching):
             return LightNode(self, handle)
         raise _no_item(item)
 
-    def _look_for_transparency(self, material: Look) -> None:
-        """Say once that it is not blended."""
-        if self._blends:
+    def _look_for_alpha(self, material: Look) -> None:
+        """Say once that an opaque material has alpha, which says nothing there."""
+        if self._said:
             return
         for number, one in enumerate(several(material, "material")):
-            if one._is_transparent():
-                self._blends = True
+            if one._ignores_alpha():
+                self._said = True
                 which = "" if isinstance(material, Material) else f"[{number}]"
-                _advice.warn(f"material{which}: {TRANSPARENCY}", UsageWarning)
+                _advice.warn(
+                    f"material{which}: alpha {one.base_color[3]:g} counts for nothing: its alpha_mode is 'opaque'; "
+                    "'blend' shows what is behind it",
+                    UsageWarning,
+                )
                 return
 
     def clear(self) -> None:
@@ -430,7 +434,7 @@ class Scene(_advice.Teaching):
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         """Add everything."""
         (self.ambient_light, self.bg_color, self.environment), shown, shining = state
-        self._blends = True  # said before
+        self._said = True  # said before
         tables: tuple[tuple[Any, dict[Handle, Any]], ...] = (
             (shown, self._shown),
             (shining, self._shining),

@@ -165,6 +165,10 @@ class FrameStats:
     """Bytes of instances that were written to a device, because they changed."""
     reduced_images: int
     """Images of textures that lack their largest levels on a GPU, which has no room for them."""
+    layers: int
+    """Layers of blended surfaces that were composited."""
+    layers_left: int
+    """Pixels where more of them lie behind the last layer, which are not seen: see ``max_layers``."""
     samples: int
     """Samples of each pixel's colour. With several, `stages` are sums over all passes: one for each sample, and the
     one through pixel centres, of which all other numbers are."""

@@ -91,6 +91,14 @@ pub fn is_hole(surfels: &Surfels<'_, Detail>) -> bool {
     point.material.alpha_cutoff.is_some_and(|cutoff| point.material.alpha * alpha < cutoff)
 }
 
+/// How much of what is behind the first point of a surface it hides, 0 to 1: alpha of its material, of its texture and of the
+/// colours of its vertices.
+pub fn alpha(surfels: &Surfels<'_, Detail>) -> f32 {
+    let point = Point::new(surfels, &surfels.detail, 0, Shading::Gltf);
+    let [.., texel] = point.sample(Slot::BaseColor);
+    (point.material.alpha * texel * point.vertex_alpha()).clamp(0.0, 1.0)
+}
+
 /// One surface point.
 struct Point<'a, D> {
     material: &'a Material,
@@ -137,6 +145,21 @@ impl<'a, D> Point<'a, D> {
         let uv = sum(lane(&self.detail.weights));
         let change = self.detail.change.each_ref().map(|change| sum(lane(change)));
         texture.sample(texture.image_for(self.shading), &Place::new(&texture.rows, uv, change))
+    }
+
+    /// What the colours of the corners have of alpha here; 1 without.
+    fn vertex_alpha(&self) -> f32 {
+        let format = self.surfels.view.mesh.layout().colors;
+        if !format.is_some() {
+            return 1.0;
+        }
+        let geometry = self.surfels.view.cluster(self.surfels.clusters[self.lane]);
+        let of = |k: usize| {
+            let [.., alpha] =
+                format.unpack(&geometry.colors[format.words() * self.corners[k]..][..format.words()]);
+            self.detail.weights[k].0[self.lane] * alpha
+        };
+        of(0) + of(1) + of(2)
     }
 
     /// The normal, with that of the texture, `texel`, in the frame that the UVs give: its first two axes lie along the rows of the

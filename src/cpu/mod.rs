@@ -4,6 +4,7 @@
 //! from a view), [`visibility`] (where rasterizers write), [`clip`] and [`triangle`]
 //! (snapping and coverage), [`surface`] (from pixels back to surface points) on [`lanes`].
 
+pub mod blend;
 pub mod clip;
 pub mod cluster_cull;
 pub mod environment;
@@ -13,6 +14,7 @@ pub mod lanes;
 pub mod material;
 pub mod node_cull;
 pub mod output;
+pub mod peel;
 pub mod raster_large;
 pub mod raster_small;
 pub mod shade;

@@ -127,6 +127,14 @@ fn draw_block(
     let numbers: Vec<u32> = (0..views.len() as u32).collect();
     let walk = node_cull::run(&numbers, &views, &screen, tau, Some(&useful));
     let mut clusters = cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&wanted)).candidates;
+    // What is seen through stops no light.
+    if views.iter().any(|view| view.materials.any_blended(true)) {
+        clusters.retain(|cluster| {
+            let Visible { instance, cluster } = cluster.visible;
+            let view = &views[instance as usize];
+            !view.blended(view.pages.record(cluster).material)
+        });
+    }
     let touching = clusters.len();
     if let Some(mask) = &mask {
         clusters = cluster_cull::unhidden(&clusters, mask);

@@ -72,6 +72,7 @@ struct RawOptions {
     shadows: String,
     shadow_memory: u64,
     shadow_samples: u32,
+    max_layers: u32,
 }
 
 impl RawOptions {
@@ -91,6 +92,7 @@ impl RawOptions {
             shadows: self.shadows.parse()?,
             shadow_memory: self.shadow_memory,
             shadow_samples: self.shadow_samples,
+            max_layers: self.max_layers,
             ..defaults
         })
     }
@@ -421,6 +423,8 @@ impl Frame {
                 ("occluded_clusters", stats.occluded_clusters),
                 ("uploaded_bytes", stats.uploaded_bytes),
                 ("reduced_images", stats.reduced_images),
+                ("layers", stats.layers),
+                ("layers_left", stats.layers_left),
                 ("samples", stats.samples.into()),
             ];
             (totals, stats.total_ms, stats.raster.name())

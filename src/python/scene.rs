@@ -35,6 +35,7 @@ pub(super) struct RawMaterial {
     normal_scale: f32,
     occlusion_strength: f32,
     alpha_cutoff: Option<f32>,
+    blends: bool,
     textures: [Option<RawTexture>; Slot::COUNT],
 }
 
@@ -112,6 +113,7 @@ fn material(raw: RawMaterial) -> Material {
         normal_scale: raw.normal_scale,
         occlusion_strength: raw.occlusion_strength,
         alpha_cutoff: raw.alpha_cutoff,
+        blends: raw.blends,
         textures: raw.textures.map(|texture| texture.map(self::texture)),
     }
 }

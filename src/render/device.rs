@@ -254,7 +254,19 @@ fn rastered(
         picture.measure(screen, &mut stats);
     }
     let made = drawn.made;
-    Rastered { picture, views, visible, large, made, light: None, layer: None, shadows: None, needs, stats }
+    Rastered {
+        picture,
+        views,
+        visible,
+        large,
+        layers: None,
+        made,
+        light: None,
+        layer: None,
+        shadows: None,
+        needs,
+        stats,
+    }
 }
 
 /// Batches of instances that the first pass of a first frame draws: in a city, one leaves more to the second pass than

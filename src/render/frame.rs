@@ -7,7 +7,9 @@ use super::layers;
 use super::stats::FrameStats;
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs};
+use crate::cpu::blend;
 use crate::cpu::output::{self, DebugView};
+use crate::cpu::peel::Layers;
 use crate::cpu::shade::{self, Light};
 use crate::cpu::shadow_pages::Shadows;
 use crate::cpu::shadow_test::{self, ShadowView};
@@ -138,6 +140,15 @@ impl Frame {
     fn light(&self) -> Result<Light<'_>> {
         let shadows = self.shadows.as_ref().map(FrameShadows::host).transpose()?;
         Ok(Light { lighting: &self.lighting, shadows })
+    }
+
+    /// Composites what is blended over the rest, from which all other arrays are made.
+    pub(super) fn blend(&mut self, layers: &Layers) -> Result<()> {
+        let (pixels, light) = (self.pixels("linear")?, self.light()?);
+        let opaque = shade::linear(pixels, &self.eye, &light);
+        let blended = blend::run(layers, &self.views, &self.screen, &self.eye, &light, &opaque, pixels.words);
+        (self.light, self.layer) = (Some(blended.light), Some(blended.layer));
+        Ok(())
     }
 
     /// How much of each light, switched on, reaches each pixel, row by row: all of the first pixel first. 1 where nothing is

@@ -19,6 +19,13 @@ pub(super) fn add(layer: &mut [[f32; 4]], light: &[f32], depth: &[f32], share: f
     });
 }
 
+/// Adds a share of such a layer.
+pub(super) fn add_layer(layer: &mut [[f32; 4]], other: &[[f32; 4]], share: f32) {
+    layer.par_iter_mut().zip(other).with_min_len(RUN).for_each(|(pixel, other)| {
+        (0..4).for_each(|k| pixel[k] += other[k] * share);
+    });
+}
+
 /// RGBA with colours as they are beside coverage, and nothing where there is none.
 pub(super) fn straight<T: Copy + Default + Send>(
     layer: &[[f32; 4]],

@@ -37,6 +37,8 @@ pub(super) struct FramePasses<'a, P> {
     pub(super) pixels: &'a mut [P],
     /// Groups that were to be drawn and whose pages are not there.
     pub(super) absent: Vec<CandidateGroup>,
+    /// Clusters that are blended with what is behind them: nothing of them is drawn here.
+    pub(super) blended: Vec<CandidateCluster>,
     /// Rows of the picture drawn to since its pyramid was built; absent before it was.
     pub(super) drawn_rows: Option<Range<usize>>,
     pub(super) stats: &'a mut FrameStats,
@@ -135,14 +137,23 @@ impl<P: Pixel> FramePasses<'_, P> {
             (walk, counts.0, counts.1)
         });
         self.absent.extend(walk.absent);
-        self.stats.time(Stage::ClusterCull, pass, || {
+        let mut candidates = self.stats.time(Stage::ClusterCull, pass, || {
             let mut culled = cluster_cull::run(&walk.groups, views, screen, tau, hzb);
             if !culled.candidates.is_sorted() {
                 culled.candidates.par_sort_unstable();
             }
             let count = culled.candidates.len() as u64;
             (culled.candidates, culled.visited, count)
-        })
+        });
+        let blended = |cluster: &mut CandidateCluster| {
+            let Visible { instance, cluster } = cluster.visible;
+            let view = &views[instance as usize];
+            view.blended(view.pages.record(cluster).material)
+        };
+        if views.iter().any(|view| view.materials.any_blended(true)) {
+            self.blended.extend(candidates.extract_if(.., blended));
+        }
+        candidates
     }
 
     /// Draws `new` into what shows `old`, both in scene order; returns both as one list, renumbered. The first

@@ -19,9 +19,10 @@ use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Calibration, Output, Outputs, Raster, RenderOptions, Samples, Shadows};
 use crate::cpu::cluster_cull::CandidateCluster;
 use crate::cpu::hzb::Hzb;
-use crate::cpu::instance_cull;
 use crate::cpu::node_cull::CandidateGroup;
+use crate::cpu::peel::Layers;
 use crate::cpu::visibility::Pixel;
+use crate::cpu::{instance_cull, peel};
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
 use crate::model::{InterruptCheck, UNINTERRUPTED};
@@ -176,6 +177,8 @@ pub(super) struct Rastered {
     pub(super) visible: Vec<Visible>,
     /// Which of it went to the large rasterizer.
     pub(super) large: Vec<bool>,
+    /// What is blended, in front of that.
+    pub(super) layers: Option<Layers>,
     /// What a device made besides.
     pub(super) made: Vec<(Output, Array)>,
     /// Colour before it is encoded, where each pixel has several samples: their mean.
@@ -332,7 +335,10 @@ impl Renderer {
             // Cascades are the CPU's.
             Shadows::Cascaded => Some(Stage::ShadowMark),
         };
-        let cpu_from = [options.cpu_from.or(self.cpu_from), shaded].into_iter().flatten().min();
+        // So are layers.
+        let blends = scene.instances().iter().any(|(_, instance)| instance.visible && instance.blends());
+        let layered = blends.then_some(Stage::InstanceCull);
+        let cpu_from = [options.cpu_from.or(self.cpu_from), shaded, layered].into_iter().flatten().min();
         let options = &RenderOptions { cpu_from, ..options.clone() };
         options.validate()?;
         let start = Instant::now();
@@ -442,7 +448,10 @@ impl Renderer {
                 let new = Vec::from(frame.take(Output::Linear)?);
                 let depth: Vec<f32> = frame.take(Output::Depth)?.into();
                 let layer = whole.layer.get_or_insert_with(|| vec![[0.0; 4]; depth.len()]);
-                layers::add(layer, &new, &depth, share);
+                match &frame.layer {
+                    Some(own) => layers::add_layer(layer, own, share),
+                    None => layers::add(layer, &new, &depth, share),
+                }
                 match &mut whole.light {
                     None => whole.light = Some(new),
                     Some(mean) => blend(mean, &new, 1.0 / (number + 1) as f32),
@@ -544,10 +553,19 @@ impl Renderer {
         stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
         let new = || Ok::<_, Error>(VisibilityHistory::default());
         let (hzb, history) = (&mut self.hzb, self.histories.get_or_make(*id, new)?);
-        let (list, absent) = match &mut picture {
+        let (list, absent, blended) = match &mut picture {
             VisibilityBuffer::Words(words) => raster(frame_context, &views, words, hzb, history, &mut stats)?,
             depth => raster(frame_context, &views, depth.bits(), hzb, history, &mut stats)?,
         };
+        let layers = match &picture {
+            VisibilityBuffer::Words(words) if !blended.is_empty() => {
+                Some(peel::run(&blended, &views, screen, words, options.max_layers as usize))
+            }
+            _ => None,
+        };
+        if let Some(layers) = &layers {
+            (stats.layers, stats.layers_left) = (layers.words.len() as u64, layers.left);
+        }
         stats.covered_pixels = picture.covered();
         picture.measure(screen, &mut stats);
         let visible: Vec<Visible> = list.iter().map(|c| c.visible).collect();
@@ -560,6 +578,7 @@ impl Renderer {
             views,
             visible,
             large,
+            layers,
             made: Vec::new(),
             light: None,
             layer: None,
@@ -589,8 +608,8 @@ fn frame_contexts<'a>(
     views.iter().map(|view| FrameContext::new(scene, view.clone(), resident)).collect()
 }
 
-/// Culls and draws into pixels of one kind or the other; returns the frame's visible list, and the groups that were to
-/// be drawn and whose pages are not there.
+/// Culls and draws into pixels of one kind or the other; returns the frame's visible list, the groups that were to be drawn and
+/// whose pages are not there, and the clusters that are blended, in scene order.
 fn raster<P: Pixel>(
     frame_context: &FrameContext<'_>,
     views: &[InstanceView],
@@ -598,12 +617,14 @@ fn raster<P: Pixel>(
     hzb: &mut Hzb,
     history: &mut VisibilityHistory,
     stats: &mut FrameStats,
-) -> Result<(Vec<CandidateCluster>, Vec<CandidateGroup>)> {
+) -> Result<(Vec<CandidateCluster>, Vec<CandidateGroup>, Vec<CandidateCluster>)> {
     let FrameContext { screen, options, .. } = frame_context;
-    let (tau, absent) = (options.pixel_error, Vec::new());
-    let mut pass = FramePasses { screen: *screen, tau, views, pixels, absent, drawn_rows: None, stats };
+    let (tau, absent, blended) = (options.pixel_error, Vec::new(), Vec::new());
+    let mut pass =
+        FramePasses { screen: *screen, tau, views, pixels, absent, blended, drawn_rows: None, stats };
     let list = pass.draw_scene(options.occlusion, hzb, history)?;
-    Ok((list, pass.absent))
+    pass.blended.sort_unstable();
+    Ok((list, pass.absent, pass.blended))
 }
 
 /// Moves numbers by a part of the way to others: nowhere, exactly, where they are equal.
@@ -614,7 +635,8 @@ fn blend(numbers: &mut [f32], others: &[f32], part: f32) {
 
 /// The frame of what was drawn, with the arrays asked for.
 fn finished(frame_context: FrameContext<'_>, rastered: Rastered, scratch: ScratchPool) -> Result<Frame> {
-    let Rastered { picture, views, visible, large, made, light, layer, shadows, mut stats, .. } = rastered;
+    let Rastered { picture, views, visible, large, layers, made, light, layer, shadows, mut stats, .. } =
+        rastered;
     let FrameContext { view, eye, screen, lighting, options, .. } = frame_context;
     stats.samples = options.samples as u32;
     let mut frame = Frame {
@@ -633,6 +655,10 @@ fn finished(frame_context: FrameContext<'_>, rastered: Rastered, scratch: Scratc
         scratch,
         stats,
     };
+    // Where there are several samples, their mean is there.
+    if let (Some(layers), None) = (layers, &frame.light) {
+        frame.blend(&layers)?;
+    }
     frame.finish(options.outputs)?;
     Ok(frame)
 }

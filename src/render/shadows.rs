@@ -11,6 +11,7 @@ use super::renderer::{FrameContext, Rastered};
 use super::stats::{Cascade, ShadowStats, StageStats};
 use super::streaming;
 use crate::config::{RenderOptions, Shadows as Kind};
+use crate::cpu::peel::Layers;
 use crate::cpu::shadow_cascades::{self, Prisms};
 use crate::cpu::shadow_mark::{self, Marker};
 use crate::cpu::shadow_mask::Walls;
@@ -151,6 +152,8 @@ struct ForFrame {
     /// By frames; none of depth alone.
     prisms: Vec<Option<Prisms>>,
     walls: Walls,
+    /// Layers look something up, too, that is not known.
+    layered: bool,
 }
 
 impl Host {
@@ -161,11 +164,26 @@ impl Host {
     }
 }
 
-/// The receivers of a frame.
+/// The receivers of a frame that are opaque.
 fn marker<'a>(frame_context: &'a FrameContext<'_>, rastered: &'a Rastered) -> Result<Marker<'a>> {
     let Rastered { picture, visible, views, .. } = rastered;
     let pixels = Pixels { words: picture.words("shadow")?, visible, views, screen: &frame_context.screen };
     Ok(Marker::new(pixels, &frame_context.eye))
+}
+
+/// Those of the layers in front of them.
+fn layers<'a>(
+    frame_context: &'a FrameContext<'_>,
+    rastered: &'a Rastered,
+) -> impl Iterator<Item = Marker<'a>> {
+    let Rastered { views, layers, .. } = rastered;
+    let of = |layers: &'a Layers| {
+        layers.words.iter().map(|words| {
+            let pixels = Pixels { words, visible: &layers.visible, views, screen: &frame_context.screen };
+            Marker::new(pixels, &frame_context.eye)
+        })
+    };
+    layers.iter().flat_map(of)
 }
 
 impl Painter for Host {
@@ -178,6 +196,7 @@ impl Painter for Host {
         views: &mut LightViews,
     ) -> Result<()> {
         if let Some(for_frame) = &mut self.cascaded {
+            for_frame.layered |= rastered.layers.is_some();
             let mut lights: Vec<&mut LightView> =
                 views.iter_mut().flatten().filter(|view| view.parallel()).collect();
             // One of depth alone looks nothing up.
@@ -196,7 +215,9 @@ impl Painter for Host {
         rastered: &Rastered,
         lights: &[LightView],
     ) -> Result<FxHashSet<PageKey>> {
-        Ok(shadow_mark::run(&marker(frame_context, rastered)?, lights))
+        let mut wanted = shadow_mark::run(&marker(frame_context, rastered)?, lights);
+        layers(frame_context, rastered).for_each(|marker| wanted.extend(shadow_mark::run(&marker, lights)));
+        Ok(wanted)
     }
 
     fn see(&mut self, views: &[LightViews]) {
@@ -228,7 +249,7 @@ impl Painter for Host {
         let Casters { maps, scene, resident, occlusion } = *casters;
         let streams = || scene.instances().iter().any(|(_, instance)| resident.streams(&instance.mesh));
         let cascaded = self.cascaded.as_ref().map(|for_frame| Cascaded {
-            walls: occlusion.then_some(&for_frame.walls),
+            walls: (occlusion && !for_frame.layered).then_some(&for_frame.walls),
             // What a page of a streamed mesh hid may show where that is not there any more.
             seen: (!streams()).then_some(held),
         });

@@ -91,6 +91,10 @@ pub struct FrameStats {
     pub uploaded_bytes: u64,
     /// Images of textures that lack their largest levels on a device, since it has no room for them.
     pub reduced_images: u64,
+    /// Layers of blended surfaces.
+    pub layers: u64,
+    /// Pixels where more of them lie behind the last layer.
+    pub layers_left: u64,
     /// Which rasterizers drew: on a GPU never `Auto`, on the CPU always `Compute`.
     pub raster: Raster,
     /// What streaming did, where meshes are streamed.

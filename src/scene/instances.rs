@@ -65,6 +65,11 @@ impl Instance {
         &self.placement
     }
 
+    /// Whether what is behind it may be seen through it.
+    pub fn blends(&self) -> bool {
+        self.materials.any_blended(self.mesh.layout().colors.is_some())
+    }
+
     fn set_pose(&mut self, pose: DAffine3) {
         self.pose = pose;
         self.scale = singular_value_bound(pose::linear_rows(&pose.matrix3));

@@ -66,6 +66,8 @@ pub struct Material {
     pub occlusion_strength: f32,
     /// The alpha cutoff: where alpha is below it, nothing is drawn. `None` of an opaque material.
     pub alpha_cutoff: Option<f32>,
+    /// What is behind it is seen as far as alpha lets it.
+    pub blends: bool,
     /// By [`Slot`].
     pub textures: [Option<Texture>; Slot::COUNT],
 }
@@ -84,6 +86,7 @@ impl Default for Material {
             normal_scale: 1.0,
             occlusion_strength: 1.0,
             alpha_cutoff: None,
+            blends: false,
             textures: Default::default(),
         }
     }
@@ -97,6 +100,9 @@ pub struct Materials {
     double_sided: u32,
     /// The same for alpha tests.
     alpha_tested: u32,
+    /// The same for what is blended; and for that whose alpha is below 1 by itself.
+    blends: u32,
+    translucent: u32,
     /// Any of them is smooth.
     smooth: bool,
     /// There is one, with neither textures nor alpha test. Asked for every few pixels.
@@ -115,8 +121,10 @@ impl From<Vec<Material>> for Materials {
         let smooth = list.iter().any(|material| material.smooth);
         let double_sided = bits(&list, |material| material.double_sided);
         let alpha_tested = bits(&list, Material::is_alpha_tested);
+        let blends = bits(&list, |material| material.blends);
+        let translucent = bits(&list, Material::is_translucent);
         let plain = list.len() == 1 && list[0].textures.iter().all(Option::is_none) && alpha_tested == 0;
-        Self { list, double_sided, alpha_tested, smooth, plain }
+        Self { list, double_sided, alpha_tested, blends, translucent, smooth, plain }
     }
 }
 
@@ -188,6 +196,17 @@ impl Materials {
         bit(self.alpha_tested, number)
     }
 
+    /// Whether clusters with this number are blended: those of a mesh with alpha in its colours, or of all.
+    #[inline]
+    pub fn blended(&self, number: i32, alpha_in_colors: bool) -> bool {
+        bit(self.blends, number) && (alpha_in_colors || bit(self.translucent, number))
+    }
+
+    /// Whether any may be.
+    pub fn any_blended(&self, alpha_in_colors: bool) -> bool {
+        self.blends & if alpha_in_colors { u32::MAX } else { self.translucent } != 0
+    }
+
     /// Checks each of them.
     pub fn validate(&self) -> Result<()> {
         self.list.iter().try_for_each(Material::validate)
@@ -218,9 +237,17 @@ impl Material {
 
     /// Whether alpha is below the cutoff anywhere, as far as one can tell without looking at each texel.
     pub fn is_alpha_tested(&self) -> bool {
+        self.alpha_cutoff.is_some_and(|cutoff| self.alpha_varies() || self.alpha < cutoff)
+    }
+
+    /// Whether alpha is below 1 anywhere, in the same way.
+    fn is_translucent(&self) -> bool {
+        self.alpha_varies() || self.alpha < 1.0
+    }
+
+    fn alpha_varies(&self) -> bool {
         let texture = self.textures[Slot::BaseColor as usize].as_ref();
-        let varies = texture.is_some_and(|texture| !texture.image.opaque());
-        self.alpha_cutoff.is_some_and(|cutoff| varies || self.alpha < cutoff)
+        texture.is_some_and(|texture| !texture.image.opaque())
     }
 
     /// Checks every range; the error names the field.

@@ -20,7 +20,7 @@ struct Caster {
     mesh: u64,
     pose: DAffine3,
     sphere: (DVec3, f64),
-    /// What says where it has holes, if it has any.
+    /// What says where it has holes, or where it is blended, if it is anywhere.
     holes: Option<Materials>,
 }
 
@@ -32,7 +32,8 @@ impl Caster {
             mesh: instance.mesh.id.number(),
             pose: *instance.pose(),
             sphere: instance.sphere(),
-            holes: (instance.materials.alpha_tested_bits() != 0).then(|| instance.materials.clone()),
+            holes: (instance.materials.alpha_tested_bits() != 0 || instance.blends())
+                .then(|| instance.materials.clone()),
         })
     }
 }

@@ -101,6 +101,12 @@ impl InstanceView {
         self.two_sided || self.materials.double_sided(material)
     }
 
+    /// Whether clusters with a number are blended with what is behind them.
+    #[inline]
+    pub fn blended(&self, material: i32) -> bool {
+        self.materials.blended(material, self.mesh.layout().colors.is_some())
+    }
+
     /// Centre and half extents of the box around the mesh, rounded up.
     pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
         mesh_bounds(&self.mesh)

@@ -504,13 +504,12 @@ def test_alpha_modes_read_right() -> None:
     for part, pose, node in placed:
         material = node.material
         texture = material.base_color_texture
-        if texture is None or texture.image.pixels.shape[2] != 4:
+        if texture is None or texture.image.pixels.shape[2] != 4 or material.alpha_mode == "blend":
             continue
         struck = Struck([(part, pose, node)], view, np.ones(frame.depth.shape, bool))
         own, corners, weights = struck.of(0)
         own, corners, weights = (a[weights.min(axis=1) > 0.01] for a in (own, corners, weights))
-        # What would be blended is drawn opaque, but for what is all transparent.
-        cutoff = 1.0 / 255.0 if material.alpha_mode == "blend" else material.alpha_cutoff
+        cutoff = material.alpha_cutoff
         # Where all of the surroundings are on one side of the cutoff.
         uv = blended(part.source.uvs[texture.uv_set], corners, weights)
         assert len(material.base_color) == 3

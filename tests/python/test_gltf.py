@@ -965,7 +965,6 @@ def test_notes_say_what_was_changed(tmp_path) -> None:
     assert part.material.alpha_mode == "blend"
     for text in (
         "KHR_materials_clearcoat (wood)",
-        "transparency, which is not blended yet: drawn opaque where alpha is not 0 (wood)",
         "points and lines",
         "surfaces without area",
         "weights of morph targets that are missing (meshes[0], primitive 0",

@@ -1,8 +1,7 @@
 """What files say of surfaces holds in every shading, on both backends: transforms of textures, UV sets, unlit
-materials, factors times colours times textures, and transparency, which is drawn and said."""
+materials, and factors times colours times textures."""
 
 import json
-import warnings
 
 import numpy as np
 import pytest
@@ -131,56 +130,6 @@ def test_unlit_files_come_back_from_exports(tmp_path, shading) -> None:
         with nrs.Renderer(8, 8, backend="cpu") as renderer:
             frame = renderer.render(nrs.load_scene(name).scene, CAMERA, POSE, shading=shading)
         assert np.allclose(frame.linear[4, 4], (0.5, 0.25, 1.0), atol=1e-3)
-
-
-# ------------------------------------------------------------------------------------------------- transparency
-
-GLASS = {"base_color": (1.0, 0.0, 0.0, 0.2), "metallic": 0.0, "alpha_mode": "blend"}
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("alpha", [1.0, 0.5, 0.2, 0.01, 0.0])
-def test_transparent_surfaces_never_vanish(alpha, backend) -> None:
-    material = nrs.Material(**GLASS | {"base_color": (1.0, 0.0, 0.0, alpha)})
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        frame = shown(material, "flat", backend)
-    assert bool((frame.depth > 0).all()) == (alpha > 0.0)
-    said = [str(one.message) for one in caught if "not blended yet" in str(one.message)]
-    assert len(said) == (alpha < 1.0)
-
-
-def test_holes_of_transparent_textures_stay_holes() -> None:
-    pixels = np.dstack([np.full((2, 2, 3), 200, np.uint8), np.array([[0, 255], [40, 90]], np.uint8)])
-    texture = nrs.Texture(pixels, filter="nearest", mipmaps=None)
-    with pytest.warns(
-        nrs.UsageWarning, match="material: transparency, which is not blended yet: drawn opaque"
-    ):
-        frame = shown(nrs.Material(base_color_texture=texture, alpha_mode="blend"), "flat", "cpu", uvs=UV)
-    assert (frame.depth[8:32:16, 8:32:16] > 0).tolist() == [[False, True], [True, True]]
-
-
-def test_it_is_said_once_by_whoever_adds_it(tmp_path) -> None:
-    mesh = nrs.NaniteMesh.from_arrays(CORNERS, FACES)
-    scene = nrs.Scene()
-    with pytest.warns(nrs.UsageWarning, match=r"material\[1\]: transparency") as caught:
-        scene.add(mesh, material=[nrs.Material(), nrs.Material(**GLASS)])
-    assert len(caught) == 1
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # once for a scene
-        scene.add(mesh, material=nrs.Material(**GLASS))
-    assert caught[0].filename == __file__
-    node = nrs.Scene().add(mesh)
-    with pytest.warns(nrs.UsageWarning, match="transparency"):
-        node.material = nrs.Material(**GLASS)
-    look = {"name": "pane", "alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.4]}}
-    with pytest.warns(UserWarning, match=r"transparency, which .* \(pane\)") as caught:
-        nrs.load_scene(gltf(tmp_path, look))
-    assert len(caught) == 1
-    look["pbrMetallicRoughness"]["baseColorFactor"][3] = 1
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # there is nothing to blend
-        nrs.load_scene(gltf(tmp_path, look))
 
 
 # ------------------------------------------------------------------------------------------------------- cameras
