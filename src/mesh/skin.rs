@@ -19,6 +19,9 @@ pub struct Influences<'a> {
     pub weights: &'a [f32],
 }
 
+/// Positions and, where there are any, unit normals.
+pub type Skinned = (Vec<[f64; 3]>, Option<Vec<[f32; 3]>>);
+
 /// Vertices that lie at `positions` and face `normals` at rest, where these joints take them. Normals have any length. A vertex
 /// without weights is that of the first of its joints.
 pub fn skin(
@@ -26,7 +29,7 @@ pub fn skin(
     normals: Option<&[[f32; 3]]>,
     influences: Influences<'_>,
     matrices: &[JointMatrix],
-) -> Result<(Vec<[f64; 3]>, Option<Vec<[f32; 3]>>)> {
+) -> Result<Skinned> {
     let Influences { joints, weights } = influences;
     let each = joints.len().checked_div(positions.len()).unwrap_or(0);
     if each == 0 || joints.len() != each * positions.len() || weights.len() != joints.len() {

@@ -37,6 +37,9 @@ impl TriangleMesh {
     }
 }
 
+/// Positions and normals.
+type SkinnedArrays = (Py<PyArray2<f64>>, Option<Py<PyArray2<f32>>>);
+
 /// Vertices where joints take them: positions (N, 3) float64, and normals. `joints` and `weights` are those of all vertices, one
 /// after the other, `matrices` three rows (3 · J, 4) for each joint.
 #[pyfunction]
@@ -48,7 +51,7 @@ pub(super) fn skinned(
     joints: PyReadonlyArray1<'_, u32>,
     weights: PyReadonlyArray1<'_, f32>,
     matrices: &Bound<'_, PyAny>,
-) -> PyResult<(Py<PyArray2<f64>>, Option<Py<PyArray2<f32>>>)> {
+) -> PyResult<SkinnedArrays> {
     let count = vertices.len()?;
     let vertices = vertex_rows::<f32, 3>(vertices, "vertices", count)?;
     let normals = normals.map(|rows| vertex_rows::<f32, 3>(rows, "normals", count)).transpose()?;
