@@ -275,6 +275,54 @@ def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> Non
     assert all(equal == "True" for _, equal in said), done.stdout
 
 
+def test_what_moves_and_what_blends_goes_to_workers(tmp_path) -> None:
+    """Ordinary meshes, updated before and after, and glass: in children that are forked, and that get a pickle."""
+    (tmp_path / "work.py").write_text(
+        textwrap.dedent("""
+        import pickle
+        import numpy as np
+        import nanite_rs as nrs
+
+        def pictures(data):
+            scene, vertices = pickle.loads(data) if isinstance(data, bytes) else data
+            mesh = next(node.mesh for node in scene.instances if isinstance(node.mesh, nrs.TriangleMesh))
+            camera, pose = nrs.PerspectiveCamera(yfov=0.8), np.eye(4)
+            pose[2, 3] = 4.0
+            found = []
+            with nrs.Renderer(64, 48, backend="cpu") as renderer:
+                for size in (None, 0.5, 0.9):
+                    if size is not None:
+                        mesh.update(np.float32(size) * vertices)
+                    found.append(renderer.render(scene, camera, pose).color.tobytes())
+            mesh.update(np.float32(0.7) * vertices)
+            return found
+        """)
+    )
+    said = run(
+        """
+        sys.path.insert(0, ".")
+        import work
+
+        moving = nrs.TriangleMesh(vertices, faces)
+        scene = scene_of(moving)
+        scene.add(mesh, material=nrs.Material(base_color=(1, 0, 0, 0.4), alpha_mode="blend"))
+        moving.update(np.float32(0.7) * vertices)
+        expected = work.pictures((scene, vertices))
+        assert len(set(expected)) == 3
+        assert forked(lambda: work.pictures((scene, vertices))) == expected
+        assert work.pictures((scene, vertices)) == expected
+        data = pickle.dumps((scene, vertices))
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            theirs = pool.apply_async(work.pictures, (data,)).get(timeout=120)
+        assert theirs == expected
+        print("the same")
+        """,
+        tmp_path,
+        PYTHONPATH=os.pathsep.join([".", os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep),
+    )
+    assert said.strip() == "the same"
+
+
 def test_the_number_of_threads_is_honoured(tmp_path) -> None:
     body = """
     def own():
