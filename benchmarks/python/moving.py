@@ -1,0 +1,179 @@
+"""Meshes that move: new vertices in every frame, beside pyrender's; one body and 100 of them; updates alone; glass.
+
+``python -m benchmarks.python.moving``. A frame is colour, depth and ids at 640 × 480.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+from pathlib import Path
+
+import numpy as np
+
+import nanite_rs as nrs
+
+from . import machine, tables
+from .measure import interleaved
+from .peer import YFOV
+
+RESULTS = Path(__file__).resolve().parents[1] / "results"
+SIZE = (640, 480)
+FACES = 13_776
+"""Triangles of a body model."""
+CAMERA = nrs.PerspectiveCamera(yfov=YFOV, znear=0.05)
+SHAPES = 16
+
+
+def shapes(faces: int) -> tuple[list[np.ndarray], np.ndarray]:
+    """Shapes of one topology, each as a body that bends."""
+    vertices, triangles = nrs.shapes.displaced_icosphere(faces=faces)
+    bent = []
+    for step in range(SHAPES):
+        turn = 0.4 * np.sin(0.4 * step) * vertices[:, 1]
+        x, z = vertices[:, 0], vertices[:, 2]
+        moved = [x * np.cos(turn) - z * np.sin(turn), vertices[:, 1], x * np.sin(turn) + z * np.cos(turn)]
+        bent.append(np.ascontiguousarray(np.stack(moved, 1), np.float32))
+    return bent, triangles
+
+
+class Ours:
+    """Bodies in rows, all of which change in every frame."""
+
+    def __init__(self, faces: int, count: int) -> None:
+        self.shapes, self.faces = shapes(faces)
+        self.bodies = [nrs.TriangleMesh(self.shapes[0], self.faces) for _ in range(count)]
+        self.scene = nrs.Scene(ambient_light=(0.2, 0.2, 0.2))
+        across = int(np.ceil(np.sqrt(count)))
+        for k, body in enumerate(self.bodies):
+            pose = np.eye(4)
+            pose[:3, 3] = 2.6 * (k % across - (across - 1) / 2), 2.6 * (k // across - (across - 1) / 2), 0
+            self.scene.add(body, pose=pose)
+        self.scene.add(nrs.DirectionalLight(intensity=3.0), pose=nrs.look_at((1, 1, 2), (0, 0, 0)))
+        self.pose = nrs.look_at((0, 0, 3.5 * across), (0, 0, 0))
+        self.renderer = nrs.Renderer(*SIZE, backend="cpu")
+
+    def update(self, step: int) -> None:
+        """New vertices for each."""
+        for k, body in enumerate(self.bodies):
+            body.update(self.shapes[(step + k) % SHAPES])
+
+    def frame(self, step: int) -> tuple[np.ndarray, ...]:
+        """New vertices, and a picture."""
+        self.update(step)
+        return self.still()
+
+    def still(self) -> tuple[np.ndarray, ...]:
+        """A picture alone."""
+        frame = self.renderer.render(self.scene, CAMERA, self.pose, outputs=["color", "depth", "instance_id"])
+        return frame.color, frame.depth, frame.instance_id
+
+
+class Pyrender:
+    """The same by pyrender: a new mesh in every frame, a picture, and one of ids."""
+
+    def __init__(self, faces: int) -> None:
+        import pyrender
+
+        self.shapes, self.faces = shapes(faces)
+        self.pyrender, self.node = pyrender, None
+        self.scene = pyrender.Scene(ambient_light=(0.2, 0.2, 0.2))
+        pose = nrs.look_at((0, 0, 3.5), (0, 0, 0))
+        self.scene.add(pyrender.PerspectiveCamera(yfov=YFOV, znear=0.05), pose=pose)
+        self.scene.add(pyrender.DirectionalLight(intensity=3.0), pose=nrs.look_at((1, 1, 2), (0, 0, 0)))
+        self.renderer = pyrender.OffscreenRenderer(*SIZE)
+
+    def frame(self, step: int) -> tuple[np.ndarray, ...]:
+        """New vertices with normals, and two pictures."""
+        import trimesh
+
+        if self.node is not None:
+            self.scene.remove_node(self.node)
+        mesh = trimesh.Trimesh(self.shapes[step % SHAPES], self.faces, process=False)
+        self.node = self.scene.add(self.pyrender.Mesh.from_trimesh(mesh))
+        color, depth = self.renderer.render(self.scene)
+        names = {self.node: (1, 0, 0)}
+        ids, _ = self.renderer.render(self.scene, self.pyrender.RenderFlags.SEG, seg_node_map=names)
+        return color, depth, ids
+
+
+def glass(runs: int) -> list[dict[str, object]]:
+    """Knots behind each other, opaque and blended."""
+    mesh = nrs.TriangleMesh(*nrs.shapes.torus_knot(faces=60_000))
+    scenes = {}
+    for mode, alpha in (("opaque", ()), ("blend", (0.4,))):
+        scene = nrs.Scene(ambient_light=(0.2, 0.2, 0.2))
+        for k in range(3):
+            pose = np.eye(4)
+            pose[:3, 3] = 0.7 * (k - 1), 0, -0.8 * k
+            look = nrs.Material(base_color=(0.8, 0.7, 0.6, *alpha), alpha_mode=mode, double_sided=True)
+            scene.add(mesh, pose=pose, material=look)
+        scene.add(nrs.DirectionalLight(intensity=3.0), pose=nrs.look_at((1, 1, 2), (0, 0, 0)))
+        scenes[mode] = scene
+    pose = nrs.look_at((0.5, 0.5, 5.0), (0, 0, 0))
+    renderers = {mode: nrs.Renderer(*SIZE, backend="cpu") for mode in scenes}
+
+    def frame(mode: str) -> nrs.Frame:
+        return renderers[mode].render(scenes[mode], CAMERA, pose, outputs=["color"])
+
+    calls = {mode: (lambda _, mode=mode: frame(mode).color) for mode in scenes}
+    times = interleaved(calls, runs=runs, warm_up=2, budget=60)
+    return [
+        {"knots": mode, "ms": times[mode]["median"] * 1e3, "layers": frame(mode).stats.layers}
+        for mode in scenes
+    ]
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.python.moving", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="fewer runs: to try it, not to quote")
+    parser.add_argument("--output", type=Path, default=RESULTS, help="folder for the results (%(default)s)")
+    options = parser.parse_args()
+    runs = 5 if options.quick else 60
+    one, peer, many = Ours(FACES, 1), Pyrender(FACES), Ours(FACES, 100)
+    times = interleaved(
+        {
+            "nanite_rs, one body": one.frame,
+            "nanite_rs, its update alone": one.update,
+            "nanite_rs, its picture alone": lambda _: one.still(),
+            "pyrender, one body": peer.frame,
+        },
+        runs=runs,
+        warm_up=3,
+        budget=120,
+    )
+    times |= interleaved(
+        {"nanite_rs, 100 bodies": many.frame, "nanite_rs, their updates alone": many.update},
+        runs=runs // 4 + 1,
+        warm_up=1,
+        budget=120,
+    )
+    base = times["nanite_rs, one body"]["median"]
+    rows = [
+        {"what": name, "ms": own["median"] * 1e3, "× one body": own["median"] / base}
+        for name, own in times.items()
+    ]
+    here = machine.describe()
+    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    lines = [
+        f"# Meshes that move, {date}" + (" (quick: not to quote)" if options.quick else ""),
+        "",
+        f"`python -m benchmarks.python.moving`. {here['processor']}, {here['cores']} cores,",
+        f"{here['memory_gib']} GiB. {FACES:,} triangles, new vertices and normals in every frame; colour,",
+        f"depth and ids at {SIZE[0]}×{SIZE[1]}, on the CPU backend. pyrender draws a second picture for the ids.",
+        "Medians of runs in turn.",
+        "",
+        tables.table(rows),
+        "## Three knots of 60,000 triangles each",
+        "",
+        tables.table(glass(runs)),
+    ]
+    text = "\n".join(lines)
+    options.output.mkdir(parents=True, exist_ok=True)
+    (options.output / f"{date}-moving{'-quick' if options.quick else ''}.md").write_text(text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
