@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from nanite_rs.camera import Camera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, MeshError
 from nanite_rs.io import read_asset
 from nanite_rs.mesh import NaniteMesh
-from nanite_rs.options import BuildOptions, creased
+from nanite_rs.options import VIRTUAL_FROM, BuildOptions, chosen, creased
 from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.triangle_mesh import TriangleMesh
 
@@ -28,14 +28,9 @@ if TYPE_CHECKING:
 
     from nanite_rs._progress import Progress
     from nanite_rs._rig import Animation, Bend, Rig
+    from nanite_rs.options import VirtualName
 
 __all__ = ["LoadedScene", "load_scene"]
-
-VirtualName: TypeAlias = Literal["auto", "always", "never"]
-
-# Triangles of all instances of a mesh from which on levels of detail pay: where they are small in a picture, a
-# small part of them is drawn.
-_VIRTUAL_FROM: Final = 20_000
 
 
 @dataclass(frozen=True)
@@ -229,10 +224,7 @@ def load_scene(
 
     if bad_textures not in ("raise", "drop"):
         raise ArgumentError(f"bad_textures: must be 'raise' or 'drop', not {bad_textures!r}")
-    if virtual not in get_args(VirtualName):
-        raise ArgumentError(f"virtual: must be 'auto', 'always' or 'never', not {virtual!r}")
-    if virtual == "auto" and options is not None:
-        virtual = "always"
+    virtual = chosen(virtual, options)
     drop = bad_textures == "drop"
     if isinstance(source, trimesh.Scene | trimesh.Trimesh):
         asset = _trimesh.described(source, "trimesh scene", drop_bad_textures=drop)
@@ -272,7 +264,7 @@ class Making:
             source.normals is None and self.options is not None and self.options.crease_angle is not None
         )
         carries = bool(source.channels or source.face_channels) or creases
-        many = len(source.faces) * instances >= _VIRTUAL_FROM
+        many = len(source.faces) * instances >= VIRTUAL_FROM
         if not bends and (self.virtual == "always" or (self.virtual == "auto" and (carries or many))):
             return NaniteMesh.from_arrays(**arrays, options=self.options, progress=self.progress)
         if carries:

@@ -16,8 +16,10 @@ from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.light import DirectionalLight, PointLight, SpotLight
 from nanite_rs.material import Material
 from nanite_rs.mesh import NaniteMesh
+from nanite_rs.options import VIRTUAL_FROM, chosen
 from nanite_rs.scene import MeshNode, Scene
 from nanite_rs.texture import Image, Texture
+from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,12 +27,13 @@ if TYPE_CHECKING:
     import pyrender
     from numpy.typing import NDArray
 
-    from nanite_rs.options import BuildOptions
+    from nanite_rs.options import BuildOptions, VirtualName
 
 __all__ = ["PyrenderView", "from_pyrender"]
 
 # The mesh that was built from a primitive, while the primitive lives, with the arrays that it was built from.
-_built: WeakKeyDictionary[pyrender.Primitive, tuple[tuple[Any, ...], NaniteMesh]] = WeakKeyDictionary()
+_built: WeakKeyDictionary[pyrender.Primitive, tuple[tuple[Any, ...], NaniteMesh | TriangleMesh]]
+_built = WeakKeyDictionary()
 
 # Likewise the images of a texture: for roughness and metalness, and for everything else.
 _images: WeakKeyDictionary[pyrender.Texture, tuple[NDArray[np.uint8], dict[bool, Image]]] = (
@@ -63,6 +66,7 @@ def from_pyrender(
     *,
     viewport: tuple[int, int] | None = None,
     options: BuildOptions | None = None,
+    virtual: VirtualName = "auto",
     flags: int | None = None,
 ) -> PyrenderView:
     """Take over a pyrender scene: meshes, poses, materials, lights, background and its main camera.
@@ -72,7 +76,7 @@ def from_pyrender(
     arrays were replaced; everything else is read anew each time, so poses may change from frame to frame.
 
     What has no counterpart here is left out, and a warning says so once for each call: wireframes, points and
-    lines, specular colours; transparency is drawn opaque where alpha is not 0. Metal-rough materials
+    lines, specular colours. Transparency is blended in linear light, by depth. Metal-rough materials
     with their textures and samplers, vertex colours and double-sidedness are kept. As in pyrender, textures lie on
     the first UV set and are filtered without anisotropy, and lights have no range. Masks have the holes that glTF
     wants and pyrender does not draw.
@@ -85,7 +89,10 @@ def from_pyrender(
         Width and height of the picture in pixels. pyrender's orthographic cameras take their width from it; without
         it the camera's ``xmag`` counts.
     options : BuildOptions, optional
-        How to build meshes that were not seen before.
+        How to build meshes that were not seen before: all of them, where options are given.
+    virtual : {"auto", "always", "never"}
+        Which meshes are built as a `NaniteMesh`, with levels of detail; the others become a `TriangleMesh`, which
+        is there at once. With ``"auto"`` those whose instances have 20,000 triangles or more together.
     flags : int, optional
         pyrender's ``RenderFlags``, of which those for shadows count: lights of the kinds that they name cast
         shadows, and no others. pyrender itself draws none of point lights. Without flags all lights may.
@@ -116,6 +123,7 @@ def from_pyrender(
     for name in ("mesh_nodes", "light_nodes", "camera_nodes", "get_pose"):
         if not hasattr(scene, name):
             raise DtypeError(f"scene: expected a pyrender.Scene, not {type(scene).__name__}")
+    virtual = chosen(virtual, options)
     lost: set[str] = set()
     out = Scene(ambient_light=scene.ambient_light, bg_color=scene.bg_color)
     out._said = True  # pyrender does not either
@@ -124,7 +132,7 @@ def from_pyrender(
         pose = scene.get_pose(node)
         own = instances[node] = []
         for primitive in node.mesh.primitives:
-            mesh = _mesh(primitive, options, lost)
+            mesh = _mesh(primitive, virtual, options, lost)
             if mesh is None:
                 continue
             look = _material(primitive, lost)
@@ -173,24 +181,28 @@ def _poses(primitive: pyrender.Primitive) -> Iterator[NDArray[np.float64]]:
         yield from np.asarray(primitive.poses, np.float64)
 
 
-def _mesh(primitive: pyrender.Primitive, options: BuildOptions | None, lost: set[str]) -> NaniteMesh | None:
+def _mesh(
+    primitive: pyrender.Primitive, virtual: VirtualName, options: BuildOptions | None, lost: set[str]
+) -> NaniteMesh | TriangleMesh | None:
     faces = _faces(primitive)
     if faces is None:
         lost.add("points and lines")
         return None
     sets = (primitive.texcoord_0, primitive.texcoord_1)
-    arrays = (primitive.positions, primitive.indices, primitive.normals, primitive.color_0, *sets, options)
+    many = len(faces) * sum(1 for _ in _poses(primitive)) >= VIRTUAL_FROM
+    builds = virtual == "always" or (virtual == "auto" and many)
+    carried = (primitive.normals, primitive.color_0, *sets)
+    arrays = (primitive.positions, primitive.indices, *carried, options, builds)
     known = _built.get(primitive)
     # The arrays are kept alive, so that no other array gets the id of one of them.
     if known is None or any(a is not b for a, b in zip(known[0], arrays, strict=True)):
         colors = None if primitive.color_0 is None else _colors.rgba(np.asarray(primitive.color_0))
-        mesh = NaniteMesh.from_arrays(
-            primitive.positions,
-            faces,
-            normals=primitive.normals,
-            colors=colors,
-            uvs=[np.asarray(uv, np.float32)[:, :2] for uv in sets if uv is not None],
-            options=options,
+        uvs = [np.asarray(uv, np.float32)[:, :2] for uv in sets if uv is not None]
+        given: dict[str, Any] = {"normals": primitive.normals, "colors": colors, "uvs": uvs}
+        mesh = (
+            NaniteMesh.from_arrays(primitive.positions, faces, options=options, **given)
+            if builds
+            else TriangleMesh(primitive.positions, faces, **given)
         )
         known = _built[primitive] = (arrays, mesh)
     return known[1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Final, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 from nanite_rs import _advice, _checks, _core
 from nanite_rs.exceptions import ArgumentError, DtypeError
@@ -108,6 +108,19 @@ def _angle(value: float) -> float:
 
 # Degrees at which parts of CAD have their edges.
 _CREASE: Final = 30.0
+
+
+VirtualName: TypeAlias = Literal["auto", "always", "never"]
+
+VIRTUAL_FROM: Final = 20_000
+"""Triangles of all instances of a mesh from which on levels of detail pay: where they are small in a picture, a
+small part of them is drawn."""
+
+
+def chosen(virtual: VirtualName, options: BuildOptions | None) -> VirtualName:
+    """Which meshes get levels of detail: options to build with say that all do."""
+    _checks.choice(virtual, "virtual", get_args(VirtualName))
+    return "always" if virtual == "auto" and options is not None else virtual
 
 
 def creased(options: BuildOptions | None, angle: float | None, format: str) -> BuildOptions | None:

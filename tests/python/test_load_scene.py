@@ -400,3 +400,33 @@ def test_what_cannot_be_loaded(tmp_path) -> None:
     document.mesh(primitive)
     with pytest.raises(nrs.MeshError, match=r"nan\.glb: meshes\[0\], primitive 0: vertices"):
         nrs.load_scene(document.save(tmp_path / "nan.glb"))
+
+
+def test_small_meshes_are_ordinary_ones() -> None:
+    parts = trimesh.Scene()
+    large, small = trimesh.creation.icosphere(subdivisions=6), trimesh.creation.icosphere(subdivisions=3)
+    parts.add_geometry(large, node_name="large")
+    parts.add_geometry(small, node_name="small", geom_name="small")
+    for k in range(20):
+        parts.graph.update(frame_to=f"small {k}", geometry="small", matrix=np.eye(4))
+    kinds = {}
+    for virtual, options in (
+        ("auto", None),
+        ("always", None),
+        ("never", None),
+        ("auto", nrs.BuildOptions(error="quadric")),
+    ):
+        loaded = nrs.load_scene(parts, virtual=virtual, options=options, progress=False)
+        of = {type(node.mesh) for name, own in loaded.instances.items() if name != "large" for node in own}
+        kinds[virtual, options is None] = {type(loaded.instances["large"][0].mesh)}, of
+    both = {nrs.NaniteMesh}, {nrs.NaniteMesh}
+    assert kinds["auto", True][0] == {nrs.NaniteMesh}
+    assert kinds["always", True] == kinds["auto", False] == both
+    assert kinds["never", True] == ({nrs.TriangleMesh}, {nrs.TriangleMesh})
+    one = nrs.load_scene(small)
+    assert "1 meshes, 0 virtual" in repr(one)
+    assert len(one.instances["mesh"][0].mesh.cut(error=0.0)) == len(small.faces)
+    # 1,280 triangles twenty times are many, once they are few.
+    assert kinds["auto", True][1] == {nrs.NaniteMesh}
+    with pytest.raises(nrs.ArgumentError, match=r'^virtual: must be "auto", "always" or "never"'):
+        nrs.load_scene(small, virtual="sometimes")
