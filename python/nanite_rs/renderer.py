@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _core, _unseen
+from nanite_rs import _advice, _batch, _checks, _core, _unseen
 from nanite_rs.camera import Camera, IntrinsicsCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError, NaniteError, UsageWarning
 from nanite_rs.frame import Frame
 from nanite_rs.scene import Scene
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from types import TracebackType
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from nanite_rs.frame import OutputName
 
@@ -487,6 +487,95 @@ class Renderer(_advice.Teaching):
                 max_layers,
             ),
         )
+
+    def render_batch(
+        self,
+        items: Iterable[tuple[Scene, Camera, ArrayLike]],
+        *,
+        outputs: Sequence[OutputName] = ("color", "depth"),
+        out: Mapping[OutputName, NDArray[Any]] | None = None,
+        pixel_error: float = 1.0,
+        occlusion: bool = True,
+        samples: Literal[1, 4, 16] = 1,
+        shading: ShadingName = "pyrender",
+        transfer: TransferName = "gamma22",
+        shadows: bool | ShadowsName = False,
+        shadow_memory: int = SHADOW_BYTES,
+        shadow_samples: int = SHADOW_SAMPLES,
+        max_layers: int = 8,
+    ) -> dict[OutputName, NDArray[Any]]:
+        """Render thousands of small pictures of many scenes into one array for each output.
+
+        Each picture is the one that `render` makes, bit for bit. On the CPU threads draw pictures by themselves,
+        which keeps all cores busy where single pictures are small; on a GPU all views of a scene that follow each
+        other, up to 64, are one submission. Nothing is warned of.
+
+        Parameters
+        ----------
+        items : iterable of (Scene, camera, pose)
+            What to draw, each as for `render`. Scenes may be shared; put items of one scene behind each other.
+        outputs : sequence of str
+            Which arrays, by the names that `render` knows.
+        out : mapping of names to arrays, optional
+            Arrays to fill, of the shape and dtype that would be returned; those of other outputs are made. NumPy's
+            arrays speak DLPack: ``torch.from_dlpack(array)`` shares their memory.
+        pixel_error, occlusion, samples, shading, transfer, shadows, shadow_memory, shadow_samples, max_layers
+            As for `render`, for all items.
+
+        Returns
+        -------
+        dict of str to array
+            For each output (N, H, W, …): N pictures of the renderer's size.
+
+        Raises
+        ------
+        ArgumentError, DtypeError, BackendError
+            As `render` does; for an item, with its place in ``items``.
+
+        Examples
+        --------
+        >>> ball = nrs.TriangleMesh(*nrs.shapes.icosphere(faces=500))
+        >>> scene = nrs.Scene(ambient_light=(1, 1, 1))
+        >>> node = scene.add(ball)
+        >>> camera = nrs.PerspectiveCamera(yfov=0.8)
+        >>> with nrs.Renderer(64, 64) as renderer:
+        ...     arrays = renderer.render_batch((scene, camera, pose) for pose in nrs.orbit(ball, 100, yfov=0.8))
+        >>> arrays["color"].shape, arrays["depth"].dtype
+        ((100, 64, 64, 3), dtype('float32'))
+        """
+        if self._core is None:
+            raise NaniteError("the renderer was closed; make another: Renderer(width, height)")
+        core, names = self._core, _names(outputs) or []
+        settings = _Options(
+            pixel_error,
+            occlusion,
+            "auto",
+            outputs,
+            False,
+            samples,
+            shading,
+            transfer,
+            True,
+            shadows,
+            shadow_memory,
+            shadow_samples,
+            max_layers,
+        ).raw()
+        found = _batch.checked(items)
+
+        def renderers() -> list[_core.Renderer]:
+            threads = int(self._settings["threads"]) or _core.num_threads()
+            if self.backend == "gpu" or self._settings["streaming"] or threads < 2 or len(found) < 3:
+                return [core]
+            return [_core.Renderer(*self._size, "cpu", None, 1) for _ in range(min(threads, len(found) - 1))]
+
+        try:
+            made = _batch.render(
+                found, _batch.Arrays(len(found), names, out), settings, self.width * self.height, renderers
+            )
+        except ArgumentError as error:
+            raise _advice.near(error) from None
+        return made  # type: ignore[return-value]
 
     def _render(
         self,
