@@ -512,8 +512,9 @@ class Renderer(_advice.Teaching):
 
         Parameters
         ----------
-        items : iterable of (Scene, camera, pose)
-            What to draw, each as for `render`. Scenes may be shared; put items of one scene behind each other.
+        items : iterable of tuples
+            Scenes, cameras and poses, each as for `render`. Scenes may be shared; put items of one scene behind each
+            other.
         outputs : sequence of str
             Which arrays, by the names that `render` knows.
         out : mapping of names to arrays, optional
