@@ -513,8 +513,8 @@ class Renderer(_advice.Teaching):
         Parameters
         ----------
         items : iterable of tuples
-            Scenes, cameras and poses, each as for `render`. Scenes may be shared; put items of one scene behind each
-            other.
+            Scenes, cameras and poses, each as for `render`. Scenes may be shared; put items of one scene behind
+            each other.
         outputs : sequence of str
             Which arrays, by the names that `render` knows.
         out : mapping of names to arrays, optional
