@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
+import pickle
 
 import numpy as np
 import PIL.Image
@@ -367,3 +369,27 @@ def test_the_command_line_shows_a_time(tmp_path):
     assert (
         cli.main(["render", str(path), "-o", str(tmp_path / "b.png"), "--time", "1", "--animation", "x"]) != 0
     )
+
+
+def test_copies_and_pickles_play_by_themselves(tmp_path):
+    document = Document()
+    joints, skin, _, _, attributes = rig(document)
+    body = document.mesh(surface(document, **attributes), skin=skin, name="body")
+    ball = document.mesh(surface(document), name="ball")
+    document.row("scenes", nodes=[joints[0], joints[3], body, ball])
+    animate(
+        document,
+        (joints[1], "rotation", keys("rotation", "LINEAR"), "LINEAR"),
+        (ball, "translation", keys("translation", "LINEAR"), "LINEAR"),
+    )
+    loaded = nrs.load_scene(document.save(tmp_path / "a.glb"))
+    loaded.set_time(1.1)
+    expected = {name: world(node) for name, (node,) in loaded.instances.items()}
+    loaded.set_time(0.0)
+    for other in (pickle.loads(pickle.dumps(loaded)), copy.deepcopy(loaded)):
+        at_rest = {name: world(node) for name, (node,) in loaded.instances.items()}
+        other.set_time(1.1)
+        for name, (node,) in other.instances.items():
+            assert node.scene is other.scene is not loaded.scene
+            np.testing.assert_array_equal(world(node), expected[name])
+            np.testing.assert_array_equal(world(loaded.instances[name][0]), at_rest[name])
