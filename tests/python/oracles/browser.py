@@ -151,6 +151,8 @@ class Browser:
         for k in range(1, 11):
             self.mouse("mouseMoved", x + dx * k / 10, y + dy * k / 10, button="left", buttons=1)
             time.sleep(0.05)
+        # A hand rests before it lets go: on a busy machine the last moves wait for the pictures of those before.
+        time.sleep(1.0)
         self.mouse("mouseReleased", x + dx, y + dy, button="left", clickCount=1)
 
     def seen(self) -> np.ndarray:
