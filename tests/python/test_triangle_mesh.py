@@ -342,13 +342,14 @@ def test_memory_is_flat_over_updates(backend, soak):
     scene, _ = lit(mesh, shadows=False)
     count = 10_000 if soak and backend == "cpu" else 300
     with nrs.Renderer(64, 48, backend=backend) as renderer:
+        held = []
         for step in range(count):
             mesh.update(vertices * np.float32(1 + 0.1 * np.sin(step)))
             renderer.render(scene, CAMERA, POSE)
-            if step == count // 3:
-                before = resident()
-        # KiB: a shape takes 1,000.
-        assert resident() - before < 30_000
+            if (step + 1) % (count // 3) == 0:
+                held.append(resident())
+    # KiB, of which a shape takes 1,000. What other tests left may go once; what is lost is so in each third.
+    assert min(np.diff(held)) < 15_000, held
 
 
 def test_real_scans_are_drawn_at_once(backend):
