@@ -44,10 +44,9 @@ def checked(items: Iterable[Any]) -> list[Item]:
     return found
 
 
-def _chunks(items: Sequence[Item], most: int) -> Iterator[slice]:
-    """Items that follow each other and show one scene."""
-    start = 0
-    for end in range(1, len(items) + 1):
+def _chunks(items: Sequence[Item], start: int, most: int) -> Iterator[slice]:
+    """Items from one on that follow each other and show one scene."""
+    for end in range(start + 1, len(items) + 1):
         if end == len(items) or end - start == most or items[end][0] is not items[start][0]:
             yield slice(start, end)
             start = end
@@ -119,7 +118,7 @@ def render(
     first = frames(crew[0], slice(0, 1))
     arrays.make(first[0])
     arrays.put(slice(0, 1), first)
-    waiting = deque(_chunks(items, max(1, min(_VIEWS, _PIXELS // pixels))))
+    waiting = deque(_chunks(items, 1, max(1, min(_VIEWS, _PIXELS // pixels))))
 
     def work(renderer: _core.Renderer) -> None:
         while True:

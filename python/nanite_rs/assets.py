@@ -16,7 +16,7 @@ from nanite_rs.camera import Camera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, MeshError
 from nanite_rs.io import read_asset
 from nanite_rs.mesh import NaniteMesh
-from nanite_rs.options import VIRTUAL_FROM, BuildOptions, chosen, creased
+from nanite_rs.options import BuildOptions, chosen, creased, pays
 from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.triangle_mesh import TriangleMesh
 
@@ -255,7 +255,6 @@ class Making:
     def mesh(self, part: Part, instances: int, notes: Notes) -> NaniteMesh | TriangleMesh:
         """The mesh of a part that so many instances show."""
         source = part.source
-        bends = part.bend is not None
         arrays = source.arrays()
         arrays.pop("materials")  # the instance has them
         if arrays["colors"] is not None and _colors.is_white(arrays["colors"]):
@@ -264,8 +263,8 @@ class Making:
             source.normals is None and self.options is not None and self.options.crease_angle is not None
         )
         carries = bool(source.channels or source.face_channels) or creases
-        many = len(source.faces) * instances >= VIRTUAL_FROM
-        if not bends and (self.virtual == "always" or (self.virtual == "auto" and (carries or many))):
+        builds = pays(self.virtual, len(source.faces) * instances) or (self.virtual == "auto" and carries)
+        if builds and part.bend is None:
             return NaniteMesh.from_arrays(**arrays, options=self.options, progress=self.progress)
         if carries:
             notes.add("channels and creases, which ordinary meshes have not", part.name)

@@ -16,7 +16,7 @@ from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.light import DirectionalLight, PointLight, SpotLight
 from nanite_rs.material import Material
 from nanite_rs.mesh import NaniteMesh
-from nanite_rs.options import VIRTUAL_FROM, chosen
+from nanite_rs.options import chosen, pays
 from nanite_rs.scene import MeshNode, Scene
 from nanite_rs.texture import Image, Texture
 from nanite_rs.triangle_mesh import TriangleMesh
@@ -189,8 +189,8 @@ def _mesh(
         lost.add("points and lines")
         return None
     sets = (primitive.texcoord_0, primitive.texcoord_1)
-    many = len(faces) * sum(1 for _ in _poses(primitive)) >= VIRTUAL_FROM
-    builds = virtual == "always" or (virtual == "auto" and many)
+    instances = 1 if primitive.poses is None else len(primitive.poses)
+    builds = pays(virtual, len(faces) * instances)
     carried = (primitive.normals, primitive.color_0, *sets)
     arrays = (primitive.positions, primitive.indices, *carried, options, builds)
     known = _built.get(primitive)

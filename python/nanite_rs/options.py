@@ -123,6 +123,11 @@ def chosen(virtual: VirtualName, options: BuildOptions | None) -> VirtualName:
     return "always" if virtual == "auto" and options is not None else virtual
 
 
+def pays(virtual: VirtualName, triangles: int) -> bool:
+    """Whether a mesh whose instances have so many triangles gets levels of detail."""
+    return virtual == "always" or (virtual == "auto" and triangles >= VIRTUAL_FROM)
+
+
 def creased(options: BuildOptions | None, angle: float | None, format: str) -> BuildOptions | None:
     """Options with a crease angle: that given, theirs, or of an STL, which lacks normals, the usual."""
     if not isinstance(options, BuildOptions | None):
