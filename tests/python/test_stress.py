@@ -81,15 +81,29 @@ def test_exact_translations_change_nothing(name: str, quality: str, error: str) 
         assert_same(base, build(moved, faces, **options), 1.0, np.array(offset))
 
 
-def turned() -> np.ndarray:
-    """A rotation about no axis in particular."""
-    w, x, y, z = np.array([0.3, -0.5, 0.7, 0.4]) / np.linalg.norm([0.3, -0.5, 0.7, 0.4])
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
+TURNS = (
+    (3, -5, 7, 4),
+    (2, 1, -3, 8),
+    (9, 2, 4, -1),
+    (1, -6, -2, 5),
+    (7, 3, -8, 2),
+    (4, 9, 1, -7),
+    (5, 2, 2, 3),
+)
+"""Rotations about no axis in particular, as quaternions of whole numbers."""
+
+
+def turned(vertices: np.ndarray, turn: tuple[int, int, int, int]) -> np.ndarray:
+    """The same bits on every machine: no BLAS, whose kernels add in orders of their own."""
+    w, x, y, z = turn
+    n = w * w + x * x + y * y + z * z
+    rows = [
+        [n - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), n - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), n - 2 * (x * x + y * y)],
+    ]
+    return np.stack(
+        [(vertices[:, 0] * a + vertices[:, 1] * b + vertices[:, 2] * c) / n for a, b, c in rows], 1
     )
 
 
@@ -104,7 +118,7 @@ def variants(vertices: np.ndarray, faces: np.ndarray) -> dict[str, tuple[np.ndar
         "translation 1e7": (vertices + np.array([1e7, -1e7, 12345.678]), faces, 1.0),
         "vertex order": (vertices[order], np.argsort(order)[faces], 1.0),
         "face order": (vertices, faces[rng.permutation(len(faces))], 1.0),
-        "rotation": (vertices @ turned().T, faces, 1.0),
+        "rotation": (turned(vertices, TURNS[0]), faces, 1.0),
     }
 
 
@@ -163,9 +177,11 @@ MOST = {
 
 One group of leaves that goes sooner or later is most of what a cut of the foliage states. So these show where the
 steps are; `MOST_BESIDE` holds how high they are."""
-MOST_TURNED = (0.22, 0.33, 1.5, 0.6)
-"""The same of the part, built fast and turned. Faces along axes are flat to the last bit: their edges cost nothing.
-Turned they cost what rounding leaves, and others go first. A quarter turn, which is exact, stays within `MOST`."""
+MOST_TURNED = (0.36, 0.58, 1.6, 0.55)
+"""The same of the part, built fast and turned, in the mean of `TURNS`. Faces along axes are flat to the last bit:
+their edges cost nothing, and go in the order of the faces. Turned they cost what rounding leaves, and others go
+first: what one turn finds is chance, 14 to 76 % in stated errors of cuts. A quarter turn, which is exact, stays
+within `MOST`."""
 MOST_BESIDE = {"sphere": (0.18, 0.035), "knot": (0.18, 0.035), "part": (0.12, 0.035), "foliage": (0.3, 0.035)}
 """How far stated errors and root mean squares may be outside of what the base has at the reductions beside."""
 
@@ -178,25 +194,36 @@ def test_units_place_direction_and_order_matter_little(name: str, quality: str, 
     base = build(vertices, faces, **options)
     base_means = means(base, 1.0)
     base_errors = errors(base, 1.0, REDUCTIONS[:, None] + BESIDE)
-    for variant, (v, f, scale) in variants(vertices, faces).items():
-        mesh = build(v, f, **options)
+    whats = ("groups", "cuts", "stated", "rms", "stated beside", "rms beside")
+
+    def differences(mesh: nrs.NaniteMesh, scale: float) -> tuple[np.ndarray, np.ndarray]:
+        """Logarithms of ratios, of means and of errors of cuts; and how far these are from the base's beside."""
         found = errors(mesh, scale, REDUCTIONS)
-        same = np.concatenate(
-            [away(means(mesh, scale)[:, None], base_means[:, None]), away(found, base_errors[..., 2])]
-        )
-        beside = away(found, np.clip(found, base_errors.min(axis=2), base_errors.max(axis=2)))
+        nearest = np.clip(found, base_errors.min(axis=2), base_errors.max(axis=2))
+        log = np.log(np.concatenate([means(mesh, scale), (found / base_errors[..., 2]).ravel()]))
+        log[:3] -= np.log(base_means)
+        return log, away(found, nearest)
+
+    def check(variant: str, log: np.ndarray, beside: np.ndarray, most: tuple[float, ...]) -> None:
+        groups = (log[:1], log[1:2], log[2:3], *log[3:].reshape(2, -1))
+        same = np.expm1([np.abs(group).max() for group in groups])
         print(
             f"{name} {quality} {error} {variant}:", *(f"{r:.2%}" for r in same), *(f"{r:.2%}" for r in beside)
         )
         # Levels follow what collapses cost, which rounding changes, and not counts.
         assert same[0] < 0.008, (variant, "triangles", same)
-        turned_part = (name, quality, variant) == ("part", "fast", "rotation")
-        most = (*(MOST_TURNED if turned_part else MOST[name, quality]), *MOST_BESIDE[name])
-        whats = ("groups", "cuts", "stated", "rms", "stated beside", "rms beside")
-        for r, limit, what in zip((*same[1:], *beside), most, whats, strict=True):
+        for r, limit, what in zip((*same[1:], *beside), (*most, *MOST_BESIDE[name]), whats, strict=True):
             assert r < limit, (variant, what, same, beside)
         if variant == "vertex order":
             assert max(same) == 0.0
+
+    for variant, (v, f, scale) in variants(vertices, faces).items():
+        if (name, quality, variant) == ("part", "fast", "rotation"):
+            turns = [differences(build(turned(vertices, turn), f, **options), scale) for turn in TURNS]
+            log, beside = (np.array(rows) for rows in zip(*turns, strict=True))
+            check(variant, log.mean(axis=0), beside.max(axis=0), MOST_TURNED)
+        else:
+            check(variant, *differences(build(v, f, **options), scale), MOST[name, quality])
 
 
 def with_copies(gap: float) -> tuple[np.ndarray, np.ndarray]:
