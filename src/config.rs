@@ -522,6 +522,10 @@ pub struct RenderOptions {
     pub shadow_samples: u32,
     /// Layers of blended surfaces that are composited at each pixel, at most [`MAX_LAYERS`]; what lies behind them is not seen.
     pub max_layers: u32,
+    /// Depth, ids and normals are those of the nearest surface, blended or not; otherwise of the nearest opaque one.
+    pub transparent_ids: bool,
+    /// Take note of where everything is, so that the next frame of the view can tell what moved, and tell it of this one.
+    pub motion: bool,
     /// To find a fault of a device: it runs the stages before this one, and their CPU twins the others, which makes the same
     /// image. In one pass, and slowly. Counts of stages are those of the device.
     pub cpu_from: Option<Stage>,
@@ -547,6 +551,8 @@ impl Default for RenderOptions {
             shadow_memory: 256 << 20,
             shadow_samples: 32,
             max_layers: 8,
+            transparent_ids: false,
+            motion: false,
             cpu_from: None,
             wait: true,
         }
@@ -572,6 +578,9 @@ impl RenderOptions {
                 "shadow_samples",
                 format!("must be from 1 to {SHADOW_SAMPLES_MAX}, not {}", self.shadow_samples),
             ));
+        }
+        if self.transparent_ids && self.depth_only {
+            return Err(Error::argument("transparent_ids", "frames of depth alone show what is opaque"));
         }
         if self.max_layers > MAX_LAYERS {
             let message = format!("must be from 0 to {MAX_LAYERS}, not {}", self.max_layers);

@@ -1,4 +1,4 @@
-"""Meshes that move: new vertices in every frame, beside pyrender's; one body and 100 of them; updates alone; glass.
+"""Meshes that move: new vertices in every frame, beside pyrender's; one body and 100; updates alone; glass; points.
 
 ``python -m benchmarks.python.moving``. A frame is colour, depth and ids at 640 × 480.
 """
@@ -19,6 +19,7 @@ from .peer import YFOV
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 SIZE = (640, 480)
+LARGE = (1280, 720)
 FACES = 13_776
 """Triangles of a body model."""
 CAMERA = nrs.PerspectiveCamera(yfov=YFOV, znear=0.05)
@@ -124,6 +125,51 @@ def glass(runs: int) -> list[dict[str, object]]:
     ]
 
 
+def points(runs: int) -> list[dict[str, object]]:
+    """A million points through a ball and on a surface, beside pyrender's."""
+    import pyrender
+
+    rng = np.random.default_rng(0)
+    inside = rng.normal(size=(1_000_000, 3))
+    inside *= rng.uniform(0.3, 1.0, (len(inside), 1)) / np.linalg.norm(inside, axis=1, keepdims=True)
+    clouds = {"ball": inside, "surface": np.asarray(nrs.shapes.displaced_icosphere(faces=2_000_000)[0])}
+    pose, rows = nrs.look_at((0, 0, 2.2), (0, 0, 0)), []
+    flat = pyrender.RenderFlags.FLAT
+    for name, cloud in clouds.items():
+        colors = np.clip(cloud * 0.5 + 0.5, 0.0, 1.0).astype(np.float32)
+        for size in (1.0, 3.0):
+            shown = nrs.Points(cloud, colors=colors, radius=size / 2.0)
+            scene = nrs.Scene()
+            scene.add(shown)
+            script = pyrender.Scene()
+            script.add(pyrender.Mesh.from_points(cloud, colors=colors))
+            script.add(pyrender.PerspectiveCamera(yfov=YFOV, znear=0.05), pose=pose)
+            ours = nrs.Renderer(*LARGE, backend="cpu")
+            theirs = pyrender.OffscreenRenderer(*LARGE, point_size=size)
+
+            def frame(_: int, ours: nrs.Renderer = ours, scene: nrs.Scene = scene) -> object:
+                picture = ours.render(scene, CAMERA, pose, outputs=["color", "depth"])
+                return picture.color, picture.depth
+
+            times = interleaved(
+                {
+                    "frame": frame,
+                    "update": lambda step, shown=shown, cloud=cloud: shown.update(
+                        cloud * (1.0 + 0.001 * step)
+                    ),
+                    "pyrender": lambda _, renderer=theirs, script=script: renderer.render(script, flags=flat),
+                },
+                runs=max(runs // 4, 3),
+                warm_up=2,
+                budget=60,
+            )
+            theirs.delete()
+            row = {"points": f"{len(cloud):,}, {name}", "pixels wide": size}
+            row |= {f"{what}, ms": own["median"] * 1e3 for what, own in times.items()}
+            rows.append(row | {"pyrender ÷ frame": times["pyrender"]["median"] / times["frame"]["median"]})
+    return rows
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.python.moving", description=__doc__)
@@ -168,6 +214,11 @@ def main() -> None:
         "## Three knots of 60,000 triangles each",
         "",
         tables.table(glass(runs)),
+        f"## Points, {LARGE[0]}×{LARGE[1]}, colour and depth",
+        "",
+        "pyrender draws squares without light, ours are discs.",
+        "",
+        tables.table(points(runs)),
     ]
     text = "\n".join(lines)
     options.output.mkdir(parents=True, exist_ok=True)

@@ -47,6 +47,7 @@ from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarn
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats
+from nanite_rs.strokes import Lines, Points
 from nanite_rs.texture import Image, Texture
 from nanite_rs.threads import get_num_threads, set_num_threads
 from nanite_rs.triangle_mesh import TriangleMesh
@@ -78,6 +79,7 @@ __all__ = [
     "InvariantError",
     "LevelReport",
     "LightNode",
+    "Lines",
     "LoadedScene",
     "Material",
     "MeshError",
@@ -90,6 +92,7 @@ __all__ = [
     "PerspectiveCamera",
     "Pick",
     "PointLight",
+    "Points",
     "PyrenderView",
     "Renderer",
     "Scene",

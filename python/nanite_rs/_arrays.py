@@ -26,6 +26,13 @@ def as_array(value: object, name: str) -> NDArray[Any]:
     return array
 
 
+def own_copy(array: NDArray[Any]) -> NDArray[Any]:
+    """A copy that nobody can change."""
+    own = array.copy()
+    own.flags.writeable = False
+    return own
+
+
 def core_arrays(
     vertices: NDArray[Any],
     faces: NDArray[Any],

@@ -23,7 +23,11 @@ if TYPE_CHECKING:
     from nanite_rs.material import Material
     from nanite_rs.texture import Filter, Wrap
 
-# glTF's modes of primitives that are surfaces; they are OpenGL's.
+# glTF's modes of primitives; they are OpenGL's.
+POINTS: Final = 0
+LINES: Final = 1
+LINE_LOOP: Final = 2
+LINE_STRIP: Final = 3
 TRIANGLES: Final = 4
 STRIP: Final = 5
 FAN: Final = 6
@@ -111,6 +115,19 @@ class Part:
             self.source.vertices = vertices
 
 
+@dataclass
+class StrokePart:
+    """Points or lines. They are part of scenes, and of no mesh."""
+
+    name: str
+    """What errors call them."""
+    positions: NDArray[np.floating]
+    segments: NDArray[np.int64] | None
+    """Ends of lines, as rows of positions; nothing for points."""
+    colors: NDArray[Any] | None
+    material: Material
+
+
 class Notes:
     """What was left out or drawn otherwise, said in one warning."""
 
@@ -149,6 +166,8 @@ class Asset:
     meshes: list[list[Part]] = field(default_factory=list)
     placed: list[tuple[str, int, NDArray[np.float64]]] = field(default_factory=list)
     """Instances: the node's name, the number of the mesh, object to world."""
+    strokes: dict[int, list[StrokePart]] = field(default_factory=dict)
+    """Points and lines of a mesh, by its number."""
     lights: list[tuple[DirectionalLight | PointLight | SpotLight, NDArray[np.float64]]] = field(
         default_factory=list
     )
@@ -205,6 +224,18 @@ def triangles(order: NDArray[np.int64], mode: int) -> NDArray[np.int64] | None:
     # Every other triangle of a strip is reversed.
     faces[1::2] = faces[1::2, [1, 0, 2]]
     return faces
+
+
+def segments(order: NDArray[np.int64], mode: int) -> NDArray[np.int64] | None:
+    """Rows of two out of the indices of a list, loop or strip of lines; nothing for others."""
+    if mode == LINES:
+        return order[: len(order) // 2 * 2].reshape(-1, 2)
+    if mode not in (LINE_LOOP, LINE_STRIP):
+        return None
+    if len(order) < 2:
+        return np.zeros((0, 2), np.int64)
+    after = np.roll(order, -1) if mode == LINE_LOOP else order[1:]
+    return np.stack([order[: len(after)], after], axis=1)
 
 
 def has_area(vertices: NDArray[np.floating], faces: NDArray[np.int64]) -> bool:

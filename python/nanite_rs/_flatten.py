@@ -36,6 +36,8 @@ def flattened(asset: Asset) -> Source:
                 parts.append(replace(part, source=source))
             else:
                 asset.notes.add("nodes flattened to nothing", node)
+        if number in asset.strokes:
+            asset.notes.add("points and lines")
     if not parts:
         lost = f" ({asset.notes})" if str(asset.notes) else ""
         raise MeshError(f"{asset.name}: there are no triangles in it{lost}")

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from nanite_rs._geometry import Geometry
 from nanite_rs.exceptions import InternalError
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions
@@ -72,9 +73,10 @@ def cut_of(node: MeshNode, view: View, pixel_error: float) -> Cut:
     pose[:3, :3] = (left @ right).T @ view.pose[:3, :3]
     pose[:3, 3] = np.linalg.solve(linear, view.pose[:3, 3] - place)
     camera = replace(view.camera, znear=view.camera.znear / small)
-    return node.mesh.cut(
+    cut: Cut = node.mesh.cut(
         camera=camera, pose=pose, viewport=view.size, pixel_error=pixel_error * small / large
     )
+    return cut
 
 
 def _built(cut: Cut) -> NaniteMesh:
@@ -101,7 +103,7 @@ def _built(cut: Cut) -> NaniteMesh:
 
 
 class Frozen:
-    """Stands in a scene for the instances that a frame shows, until `thaw`."""
+    """Stands in a scene for the instances that a frame shows, until `thaw`. Points and lines stay as they are."""
 
     def __init__(self, scene: Scene, frame: Frame, view: View, pixel_error: float) -> None:
         self.view, self.pixel_error = view, pixel_error
@@ -110,9 +112,9 @@ class Frozen:
         key = (shown.instance[covered].astype(np.int64) << 32) | shown.cluster[covered]
         seen = np.unique(key)
         instances, clusters = seen >> 32, (seen & 0xFFFFFFFF).astype(np.uint32)
-        visible = [node for node in scene.instances if node.visible]
+        visible = [node for node in scene.instances if node.visible and isinstance(node.mesh, Geometry)]
         known = {node.instance_id: node for node in visible}
-        self._nodes = [known[n] for n in np.unique(instances).tolist()]
+        self._nodes = [known[n] for n in np.unique(instances).tolist() if n in known]
         cuts = [cut_of(node, view, pixel_error) for node in self._nodes]
         built = [_built(cut) for cut in cuts]
 
@@ -149,7 +151,7 @@ class Frozen:
             scene.add(mesh, pose=node.pose, material=node.material)
             for node, mesh in zip(self._nodes, built, strict=True)
         ]
-        self._before = np.zeros(max((node.instance_id for node in self._stand_ins), default=0) + 1, np.int64)
+        self._before = np.full(max((node.instance_id for node in self._stand_ins), default=0) + 2, -1)
         for node, start in zip(self._stand_ins, before, strict=True):
             self._before[node.instance_id] = start
 
@@ -160,8 +162,10 @@ class Frozen:
 
     def ids(self, frame: Frame) -> tuple[Ids, NDArray[np.int64]]:
         """What a frame of the stand-ins shows of the frozen cut, and the row of each pixel's cluster or −1."""
-        inside = (frame.instance_id >= 0) & (frame.face_id >= 0)
-        face = frame.face_id[inside] + self._before[frame.instance_id[inside]]
+        # No stand-in has the last number.
+        start = self._before[np.minimum(frame.instance_id, len(self._before) - 1)]
+        inside = (frame.instance_id >= 0) & (frame.face_id >= 0) & (start >= 0)
+        face = (frame.face_id + start)[inside]
         row = self._row_of_face[face]
         shape = frame.instance_id.shape
         rows = np.full(shape, -1, np.int64)

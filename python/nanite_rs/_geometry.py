@@ -1,10 +1,10 @@
-"""What a scene may show: the part of it that meshes of all kinds share."""
+"""What a scene may show: what shapes of all kinds share, and what meshes do."""
 
 from __future__ import annotations
 
 import math
 import operator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 
@@ -14,24 +14,105 @@ from nanite_rs._core import check_pose
 from nanite_rs.camera import Camera
 from nanite_rs.cut import Cut
 from nanite_rs.exceptions import ArgumentError, DtypeError, UsageWarning
-from nanite_rs.material import raw_materials
+from nanite_rs.material import default_material, raw_materials
 
 if TYPE_CHECKING:
+    import weakref
+    from collections.abc import Callable
+
     from numpy.typing import ArrayLike, NDArray
+    from typing_extensions import Self
 
     from nanite_rs._core import Mesh as CoreMesh
     from nanite_rs.material import Look, Material
+    from nanite_rs.scene import Scene
 
-__all__ = ["Geometry"]
+__all__ = ["Geometry", "Moving", "Shape"]
+
+_OUTLINE: Final = 0.01
+"""Error of the cut that a picture is framed by, of the diagonal: what may stick out of it fits the margin."""
 
 
-class Geometry(_advice.Teaching):
-    """Triangles with their looks, as the core has them."""
+class Shape(_advice.Teaching):
+    """What instances show, as the core has it."""
 
     __slots__ = ("__weakref__", "_core", "_materials")
 
+    _ELEMENTS: ClassVar[str] = "triangles"
+    """What it consists of, in messages."""
     _core: CoreMesh
     _materials: tuple[Material, ...]
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Smallest and largest corner of the source: (2, 3) float64."""
+        return np.array(self._core.bounds)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes in memory."""
+        return self._core.nbytes
+
+    def __len__(self) -> int:
+        """Return how many of them there are."""
+        return self._core.source_faces
+
+    def _default_look(self) -> Look:
+        """The look of instances that are given none."""
+        return self._materials or default_material(colored=self._core.colors is not None)
+
+    def _outline(self) -> NDArray[np.floating[Any]]:
+        """Points that all of it lies about, (N, 3)."""
+        raise NotImplementedError
+
+    def _repr_png_(self) -> bytes | None:
+        """Return a picture for notebooks; None, so that they show the text, where the file is damaged."""
+        return _notebook.png(self)
+
+    def _looks(self, material: Look) -> list[dict[str, Any]]:
+        """Looks as the core takes them: one, or one for each of its numbers."""
+        layout, _ = _face_data.layout(name for name, _, _ in self._core.channels)
+        raw = raw_materials(material)
+        return raw if layout is None else layout.spread(raw)
+
+
+class Moving(Shape):
+    """A shape whose vertices move: scenes that show it follow."""
+
+    __slots__ = ("_scenes",)
+
+    _scenes: weakref.WeakSet[Scene]
+
+    def _move(self, core: CoreMesh) -> None:
+        """Show another shape in all scenes."""
+        for scene in self._scenes:
+            scene._core.set_mesh([*scene._moving[self]], core)
+        self._core = core
+
+    def __copy__(self) -> Self:
+        """Return one of its own, in the same shape."""
+        make, arguments = self._parts()
+        copied: Self = make(*arguments)
+        return copied
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Return one of its own, in the same shape."""
+        memo[id(self)] = other = self.__copy__()
+        return other
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle as arrays."""
+        return self._parts()
+
+    def _parts(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """A function, and what it makes an equal one of."""
+        raise NotImplementedError
+
+
+class Geometry(Shape):
+    """Triangles with their looks."""
+
+    __slots__ = ()
 
     @_advice.teaches(
         **dict.fromkeys(("faces", "count", "target_count", "n_faces"), "target_faces=5000 keeps so many"),
@@ -150,11 +231,6 @@ class Geometry(_advice.Teaching):
         return self._materials
 
     @property
-    def bounds(self) -> NDArray[np.float64]:
-        """Smallest and largest corner of the source: (2, 3) float64."""
-        return np.array(self._core.bounds)
-
-    @property
     def info(self) -> dict[str, Any]:
         """Sizes and bounds as a dictionary of plain values.
 
@@ -226,24 +302,14 @@ class Geometry(_advice.Teaching):
         names = _face_data.layout(name for name, _, _ in self._core.channels)[1]
         return {name: channel for name, channel in self.channels.items() if name in names}
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes in memory."""
-        return self._core.nbytes
-
     def __len__(self) -> int:
         """Return the number of source triangles, after mending."""
         return self._core.source_faces
 
-    def _repr_png_(self) -> bytes | None:
-        """Return a picture for notebooks; None, so that they show the text, where the file is damaged."""
-        return _notebook.png(self)
-
-    def _looks(self, material: Look) -> list[dict[str, Any]]:
-        """Looks as the core takes them: one, or one for each of its numbers."""
-        layout, _ = _face_data.layout(name for name, _, _ in self._core.channels)
-        raw = raw_materials(material)
-        return raw if layout is None else layout.spread(raw)
+    def _outline(self) -> NDArray[np.floating[Any]]:
+        """Vertices of a coarse cut: one for an error, since of a mesh in a file that reads few pages."""
+        low, high = self.bounds
+        return self.cut(error=_OUTLINE * float(np.linalg.norm(high - low))).vertices
 
     def _cut_view(
         self, camera: Camera, pose: ArrayLike | None, viewport: tuple[int, int] | None, pixel_error: float

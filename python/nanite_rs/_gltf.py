@@ -16,20 +16,26 @@ import numpy as np
 from nanite_rs import _advice, _colors
 from nanite_rs._accessors import Document
 from nanite_rs._asset import (
+    LINE_LOOP,
+    LINE_STRIP,
     LINEAR,
+    LINES,
     MINIFICATION,
     MIPMAPS,
     NEAREST,
+    POINTS,
     WRAPS,
     Asset,
     Notes,
     Part,
     Source,
+    StrokePart,
     as_labels,
     fitted,
     has_area,
     named,
     rigid,
+    segments,
     triangles,
 )
 from nanite_rs._rig import REST, Animation, Bend, Rig, Skin, Track, placed
@@ -207,8 +213,7 @@ class _Reader:
         if skinned or number in self._morphing:
             skin = self._skin(document.whole(node, "skin")) if skinned else None
             bent = [self._bent(row, number, skin, what) for row, what in primitives]
-            mesh = len(self._asset.meshes)
-            self._asset.meshes.append([part for part in bent if part is not None])
+            mesh = self._add_mesh(bent, primitives, weights)
             if skinned:
                 # Joints alone say where it is.
                 self._asset.placed.append((name, mesh, np.eye(4)))
@@ -218,12 +223,25 @@ class _Reader:
             key = index, weights
             if key not in self._meshes:
                 parts = [self._part(row, weights, what) for row, what in primitives]
-                self._meshes[key] = len(self._asset.meshes)
-                self._asset.meshes.append([part for part in parts if part is not None])
+                self._meshes[key] = self._add_mesh(parts, primitives, weights)
             mesh = self._meshes[key]
         for instance in self._instances(node):
             self._asset.placed.append((name, mesh, pose @ instance))
             self._asset.nodes.append((number, instance))
+
+    def _add_mesh(
+        self,
+        parts: list[Part | None],
+        primitives: list[tuple[dict[str, Any], str]],
+        weights: tuple[float, ...],
+    ) -> int:
+        """Add what there is of a mesh, and return its number."""
+        mesh = len(self._asset.meshes)
+        self._asset.meshes.append([part for part in parts if part is not None])
+        strokes = [self._stroke(row, weights, what) for row, what in primitives]
+        if any(strokes):
+            self._asset.strokes[mesh] = [stroke for stroke in strokes if stroke is not None]
+        return mesh
 
     def _weights(self, holder: dict[str, Any]) -> tuple[float, ...]:
         """How far each morph target is applied at rest; nothing where none is."""
@@ -439,8 +457,10 @@ class _Reader:
         rows = _Vertices(document, attributes, unpacked, moved, what)
         vertices = rows.numbers("POSITION", (3,))
         faces = self._faces(row, len(vertices), what) if faces is None else faces
-        if faces is None or not has_area(vertices, faces):
-            self._notes.add("points and lines" if faces is None else "surfaces without area")
+        if faces is None:
+            return None
+        if not has_area(vertices, faces):
+            self._notes.add("surfaces without area")
             return None
         source = Source(vertices, faces)  # type: ignore[arg-type]  # float32 will do
         if "NORMAL" in attributes:
@@ -454,14 +474,39 @@ class _Reader:
                 self._notes.add("attributes of vertices", name)
         return source
 
-    def _faces(self, row: dict[str, Any], count: int, what: str) -> NDArray[np.int64] | None:
-        """Rows of three indices; nothing for points and lines."""
+    def _stroke(self, row: dict[str, Any], weights: tuple[float, ...], what: str) -> StrokePart | None:
+        """A primitive of points or lines; nothing of others."""
+        document, mode = self._document, self._document.whole(row, "mode", 4)
+        attributes = document.member(row, "attributes")
+        if mode not in (POINTS, LINES, LINE_LOOP, LINE_STRIP) or "POSITION" not in attributes:
+            return None
+        targets = document.listed(row, "targets")
+        moved = [(weight, target) for weight, target in zip(weights, targets, strict=False) if weight]
+        rows = _Vertices(document, attributes, {}, moved, what)
+        positions = rows.numbers("POSITION", (3,))
+        colors = _colors.rgba(rows.numbers("COLOR_0", (3, 4))) if "COLOR_0" in attributes else None
+        order = self._order(row, len(positions), what)
+        ends = segments(order, mode)
+        if ends is None and "indices" in row:
+            positions, colors = positions[order], None if colors is None else colors[order]
+        if not len(positions if ends is None else ends):
+            self._notes.add("points and lines of nothing", what)
+            return None
+        index = document.whole(row, "material") if "material" in row else None
+        material = fitted(self._material(index), self._name_of(index), 0, self._notes)
+        return StrokePart(what, positions, ends, colors, material)
+
+    def _order(self, row: dict[str, Any], count: int, what: str) -> NDArray[np.int64]:
+        """The vertices of a primitive in their order."""
         document = self._document
         order = document.indices(document.whole(row, "indices")) if "indices" in row else np.arange(count)
-        faces = triangles(order, document.whole(row, "mode", 4))
-        if faces is not None and len(faces) and faces.max() >= count:
-            document.fail(f"{what}: index {faces.max()} is beyond the {count} vertices")
-        return faces
+        if len(order) and order.max() >= count:
+            document.fail(f"{what}: index {order.max()} is beyond the {count} vertices")
+        return order
+
+    def _faces(self, row: dict[str, Any], count: int, what: str) -> NDArray[np.int64] | None:
+        """Rows of three indices; nothing for points and lines."""
+        return triangles(self._order(row, count, what), self._document.whole(row, "mode", 4))
 
     # ----------------------------------------------------------------------------------------- looks
 

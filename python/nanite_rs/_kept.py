@@ -26,6 +26,7 @@ _ARRAYS: Final = (
     "face_id",
     "overdraw",
     "shadow",
+    "motion",
 )
 
 
@@ -74,7 +75,7 @@ class KeptFrame:
         """As the frame had it."""
         return self._counts[3]
 
-    def view(self, name: str) -> NDArray[Any]:
+    def view(self, name: str, *_: Any) -> NDArray[Any]:
         """Refuse: views are made of the renderer's memory."""
         raise _absent(f"view({name!r})")
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from nanite_rs import _images, _notebook
-from nanite_rs._geometry import Geometry
+from nanite_rs._geometry import Geometry, Shape
 from nanite_rs.assets import LoadedScene
 from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.cut import Cut
@@ -20,12 +20,12 @@ from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions
 from nanite_rs.renderer import Renderer, ShadowsName, StreamWarning
 from nanite_rs.scene import Scene
-from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs.frame import Frame
+    from nanite_rs.material import Look
 
 SIZE: Final = (480, 360)
 """Pixels of a notebook's picture."""
@@ -33,8 +33,6 @@ SIZE: Final = (480, 360)
 CUT_FACES: Final = 250_000
 """Most triangles of a cut that notebooks show: they are built to be drawn, which takes a second for a million."""
 
-OUTLINE: Final = 0.01
-"""Error of the cut that a picture is framed by, of the diagonal: what may stick out of it fits the margin."""
 
 BACKGROUND: Final = (0.92, 0.93, 0.95)
 """Colour behind what is shown."""
@@ -51,7 +49,7 @@ UP: Final = {
 
 def picture(
     renderer: Renderer,
-    shown: NaniteMesh | TriangleMesh | LoadedScene,
+    shown: Shape | LoadedScene,
     *,
     yfov: float = 45.0,
     azimuth: float = 30.0,
@@ -82,7 +80,7 @@ def picture(
     else:
         scene, ambient = Scene(), 0.06
         shading = "pyrender"
-        scene.add(shown, material=material or shown.materials or CLAY)
+        scene.add(shown, material=material or look_of(shown))
     scene.ambient_light, scene.bg_color = (ambient, ambient, ambient + 0.01), BACKGROUND
     for light, turned in LIGHTS:
         scene.add(light, pose=posed(axes @ turned, center))
@@ -92,17 +90,21 @@ def picture(
     )
 
 
-def mesh_frame(mesh: NaniteMesh | TriangleMesh, *, pixel_error: float = 1.0, flat: bool = False) -> Frame:
+def look_of(shown: Shape, clay: Material = CLAY) -> Look:
+    """What a shape is shown with: its own look, or clay."""
+    return (shown.materials or clay) if isinstance(shown, Geometry) else shown._default_look()
+
+
+def mesh_frame(mesh: Shape, *, pixel_error: float = 1.0, flat: bool = False) -> Frame:
     """A small frame of a mesh, in milliseconds for any size: of a file what it shows is read and not kept."""
     with Renderer(*SIZE, backend="cpu", streaming=True, pool_bytes=1 << 40) as renderer:
         # From both sides, since open surfaces may face away.
-        material = replace(CLAY, smooth=not flat, double_sided=True)
+        material = replace(CLAY, smooth=not flat, double_sided=True) if isinstance(mesh, Geometry) else None
         return picture(renderer, mesh, pixel_error=pixel_error, samples=4, material=material)
 
 
-@_notebook.png.register(NaniteMesh)
-@_notebook.png.register(TriangleMesh)
-def mesh_png(mesh: NaniteMesh | TriangleMesh) -> bytes | None:
+@_notebook.png.register(Shape)
+def mesh_png(mesh: Shape) -> bytes | None:
     """PNG of `mesh_frame`; None where the mesh cannot be read."""
     try:
         with warnings.catch_warnings():
@@ -167,16 +169,9 @@ def posed(rotation: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[
     return pose
 
 
-def outline(shown: Geometry | LoadedScene) -> NDArray[np.float64]:
-    """Points of all that is shown, (N, 3): vertices of coarse cuts.
-
-    Cuts for an error, since of a mesh in a file they read few pages.
-    """
-    if isinstance(shown, Geometry):
-        return np.asarray(_coarse(shown), np.float64)
+def outline(shown: Shape | LoadedScene) -> NDArray[np.float64]:
+    """Points of all that is shown, (N, 3)."""
+    if isinstance(shown, Shape):
+        return np.asarray(shown._outline(), np.float64)
     nodes = [node for own in shown.instances.values() for node in own]
-    return np.concatenate([_coarse(node.mesh) @ node.pose[:3, :3].T + node.pose[:3, 3] for node in nodes])
-
-
-def _coarse(mesh: Geometry) -> NDArray[np.floating]:
-    return mesh.cut(error=OUTLINE * float(np.linalg.norm(mesh.bounds[1] - mesh.bounds[0]))).vertices
+    return np.concatenate([node.mesh._outline() @ node.pose[:3, :3].T + node.pose[:3, 3] for node in nodes])

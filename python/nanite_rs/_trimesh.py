@@ -12,7 +12,19 @@ from zipfile import ZipFile
 import numpy as np
 
 from nanite_rs import _advice, _colors, _export
-from nanite_rs._asset import GLTF_SLOTS, Asset, Notes, Part, Source, as_labels, fitted, has_area, named, rigid
+from nanite_rs._asset import (
+    GLTF_SLOTS,
+    Asset,
+    Notes,
+    Part,
+    Source,
+    StrokePart,
+    as_labels,
+    fitted,
+    has_area,
+    named,
+    rigid,
+)
 from nanite_rs._images import from_pillow
 from nanite_rs.camera import PerspectiveCamera
 from nanite_rs.exceptions import FileError, FormatError, MeshError, NaniteError
@@ -140,12 +152,10 @@ def described(
     for node in mesh.graph.nodes_geometry:
         transform, key = mesh.graph[node]
         geometry = mesh.geometry[key]
-        if not isinstance(geometry, trimesh.Trimesh):
-            asset.notes.add("points and lines")
-            continue
         if key not in numbers:
             number = len(asset.meshes)
-            numbers[key] = number if looks.add(key, geometry) else -1
+            added = looks.add if isinstance(geometry, trimesh.Trimesh) else looks.add_strokes
+            numbers[key] = number if added(key, geometry) else -1
         if numbers[key] >= 0:
             asset.placed.append((str(node), numbers[key], np.array(transform, np.float64)))
     if mesh.has_camera:
@@ -155,12 +165,64 @@ def described(
     return asset
 
 
+def stroke_of(geometry: trimesh.PointCloud | trimesh.path.Path3D, name: str) -> StrokePart | None:
+    """Points or lines of trimesh; nothing where there are none."""
+    import trimesh
+
+    look = Material(base_color=(0.0, 0.0, 0.0), unlit=True)
+    if isinstance(geometry, trimesh.PointCloud):
+        positions, given = np.asarray(geometry.vertices), np.asarray(geometry.colors)
+        if not len(positions):
+            return None
+        return _painted(
+            StrokePart(name, positions, None, given if len(given) == len(positions) else None, look)
+        )
+    runs: list[NDArray[np.float64]] = []
+    painted: list[Any] = []
+    of_all = getattr(geometry, "colors", None)
+    for number, entity in enumerate(getattr(geometry, "entities", ())):
+        run = np.asarray(entity.discrete(geometry.vertices), np.float64)
+        if len(run) > 1 and run.shape[1] == 3:
+            runs.append(run)
+            painted.append(None if of_all is None else of_all[number])
+    if not runs:
+        return None
+    starts = np.cumsum([0, *(len(run) for run in runs)])
+    ends = [
+        np.stack([np.arange(len(run) - 1), np.arange(1, len(run))], axis=1) + start
+        for run, start in zip(runs, starts, strict=False)
+    ]
+    colors: NDArray[Any] | None = None
+    if all(color is not None for color in painted):
+        colors = np.repeat(np.asarray(painted, np.uint8), [len(run) for run in runs], axis=0)
+    return _painted(StrokePart(name, np.concatenate(runs), np.concatenate(ends), colors, look))
+
+
+def _painted(stroke: StrokePart) -> StrokePart:
+    """With white for its colours to multiply, where it has any, and these without alpha."""
+    if stroke.colors is None:
+        return stroke
+    return replace(
+        stroke, colors=stroke.colors[:, :3], material=Material(base_color=(1.0, 1.0, 1.0), unlit=True)
+    )
+
+
 class _Looks:
     """Meshes of trimesh with their materials; images that are the same object are read once."""
 
     def __init__(self, asset: Asset, drop: bool) -> None:
         self._asset, self._drop = asset, drop
         self._images: dict[int, tuple[PIL.Image.Image, Image | None]] = {}
+
+    def add_strokes(self, name: str, geometry: trimesh.PointCloud | trimesh.path.Path3D) -> bool:
+        """Add points or lines to the asset, unless there are none."""
+        stroke = stroke_of(geometry, name)
+        if stroke is None:
+            self._asset.notes.add("points and lines of nothing", name)
+            return False
+        self._asset.strokes[len(self._asset.meshes)] = [stroke]
+        self._asset.meshes.append([])
+        return True
 
     def add(self, name: str, mesh: trimesh.Trimesh) -> bool:
         """Add a mesh to the asset, unless there is nothing to see of it."""

@@ -30,6 +30,8 @@ _COARSE = {
     "shadow_memory": 0,
     "shadow_samples": 1,
     "max_layers": 0,
+    "transparent_ids": False,
+    "motion": False,
 }
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 LiveViewName: TypeAlias = Literal[
     "shaded",
+    "wireframe",
     "normals",
     "triangles",
     "clusters",
@@ -43,13 +44,22 @@ VIEWS: Final[tuple[LiveViewName, ...]] = tuple(
 )
 """What a `Viewer` can show."""
 
-_OF_FRAMES: Final = ("triangles", "clusters", "groups", "levels", "rasterizers", "overdraw", *_SHADOWS)
+_OF_FRAMES: Final = (
+    "wireframe",
+    "triangles",
+    "clusters",
+    "groups",
+    "levels",
+    "rasterizers",
+    "overdraw",
+    *_SHADOWS,
+)
 """Views that frames have themselves."""
 
 _OUTPUTS: Final = ("triangles", "clusters", "groups", "levels", "overdraw")
 """Those that a device makes with the frame."""
 
-_OF_DRAWING: Final = ("rasterizers", "overdraw", *_SHADOWS)
+_OF_DRAWING: Final = ("wireframe", "rasterizers", "overdraw", *_SHADOWS)
 """Those of how the frame itself was drawn: they show nothing of a frozen cut."""
 
 _UNSEEN: Final = np.array((28.0, 40.0, 64.0), np.float32)
@@ -107,22 +117,23 @@ def _colors(
         return _paint.hues(instance, cluster >> np.uint32(_paint.PAGE_BITS), _paint.PAGES)
     if name == "instances":
         return _paint.hues(instance, instance, _paint.INSTANCES)
-    # The remaining views are levels and groups of a frozen cut.
+    # The remaining views are levels and groups of a frozen cut. Points and lines have row −1.
     frozen, rows = shown.cut, shown.rows[covered]
     if name == "levels":
-        return _paint.levels(frozen.level)[rows]
+        return _paint.levels(np.append(frozen.level, np.uint8(0)))[rows]
     return _paint.hues(instance, _groups(frozen, scene, tables)[rows], _paint.GROUPS)
 
 
 def _groups(frozen: Frozen, scene: Scene, tables: ClusterTables) -> NDArray[np.uint32]:
     """The group of each cluster of a frozen cut; that of roots is 0xFFFFFFFF."""
-    groups = np.zeros(len(frozen.cluster), np.uint32)
+    # The last is for what is not of it: points and lines.
+    groups = np.zeros(len(frozen.cluster) + 1, np.uint32)
     for node in scene.instances:
         own = frozen.instance == node.instance_id
         if own.any():
             table = tables.of(node)
             rows = np.searchsorted(table["id"], frozen.cluster[own])
-            groups[own] = table["group"][rows].astype(np.uint32)
+            groups[:-1][own] = table["group"][rows].astype(np.uint32)
     return groups
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from nanite_rs import _checks, _colors, _trimesh, io
-from nanite_rs._asset import Asset, Notes, Part, named, rigid
+from nanite_rs._asset import Asset, Notes, Part, StrokePart, named, rigid
 from nanite_rs._flatten import settle
 from nanite_rs.camera import Camera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, MeshError
@@ -18,6 +18,7 @@ from nanite_rs.io import read_asset
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions, chosen, creased, pays
 from nanite_rs.scene import LightNode, MeshNode, Scene
+from nanite_rs.strokes import Lines, Points
 from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
@@ -157,9 +158,9 @@ def load_scene(
     whatever vertices and faces carry is kept by its name. Everything else is read by trimesh; COLLADA comes in
     metres with +Y up, whatever its unit and axis.
 
-    What has no counterpart here is left out or changed, and a single warning says so: transparency is drawn
-    opaque where alpha is not 0, textures go whose UVs the surface does not have, nodes flattened to nothing go, as
-    do points and lines, skins, animations and the finer looks (clearcoat, sheen, transmission …).
+    What has no counterpart here is left out or changed, and a single warning says so: textures go whose UVs the
+    surface does not have, nodes flattened to nothing go, as do the finer looks (clearcoat, sheen, transmission …).
+    Points are drawn a few pixels wide and lines one, in their colours.
 
     Of a glTF camera the height of the view counts, ``yfov`` or ``ymag``, and its width follows from the picture, as
     in web viewers: nothing is stretched where the picture has another aspect than the camera. STL files have
@@ -287,18 +288,18 @@ class Motion:
     def note(
         self,
         node: MeshNode,
-        mesh: NaniteMesh | TriangleMesh,
-        part: Part,
+        mesh: NaniteMesh | TriangleMesh | Points | Lines,
+        bend: Bend | None,
         follow: tuple[int, NDArray[np.float64]] | None,
         *,
         hidden: bool,
     ) -> None:
-        """Take note of an instance of a part, of the node that it follows, and whether that is flat."""
+        """Take note of an instance, of what bends it and the node that it follows, and whether that is flat."""
         if follow is not None:
             self.placed.append((node, *follow))
         known = any(own is mesh for own, _ in self.bent)
-        if part.bend is not None and isinstance(mesh, TriangleMesh) and not known:
-            self.bent.append((mesh, part.bend))
+        if bend is not None and isinstance(mesh, TriangleMesh) and not known:
+            self.bent.append((mesh, bend))
         if hidden:
             self._hide(node)
 
@@ -361,13 +362,14 @@ def _build(asset: Asset, scene: Scene | None, making: Making) -> LoadedScene:
 
 def _add_meshes(asset: Asset, loaded: LoadedScene, making: Making) -> None:
     made: dict[int, NaniteMesh | TriangleMesh] = {}
+    drawn: dict[int, Points | Lines] = {}
     instances = Counter(id(part.source) for _, number, _ in asset.placed for part in asset.meshes[number])
     follows = asset.nodes or [None] * len(asset.placed)
     motion = loaded._motion
     moved = set() if asset.rig is None else asset.rig.moved_by(asset.rig.animations)
     for (name, number, pose), follow in zip(asset.placed, follows, strict=True):
-        parts = asset.meshes[number]
-        if not parts:
+        parts, strokes = asset.meshes[number], asset.strokes.get(number, [])
+        if not (parts or strokes):
             continue
         moves = follow is not None and follow[0] in moved
         if not (moves or _is_invertible(pose)):
@@ -384,7 +386,24 @@ def _add_meshes(asset: Asset, loaded: LoadedScene, making: Making) -> None:
                 node = loaded.scene.add(mesh, pose=None if flat else pose, material=part.material)
                 own.append(node)
                 if motion is not None:
-                    motion.note(node, mesh, part, follow if moves else None, hidden=flat)
+                    motion.note(node, mesh, part.bend, follow if moves else None, hidden=flat)
+        for stroke in strokes:
+            with named(asset.name, stroke.name):
+                shape = drawn.get(id(stroke))
+                if shape is None:
+                    shape = drawn[id(stroke)] = _stroked(stroke)
+                flat = not _is_invertible(pose)
+                look = stroke.material
+                node = loaded.scene.add(shape, pose=None if flat else pose, material=look)
+                own.append(node)
+                if motion is not None:
+                    motion.note(node, shape, None, follow if moves else None, hidden=flat)
+
+
+def _stroked(part: StrokePart) -> Points | Lines:
+    if part.segments is None:
+        return Points(part.positions, colors=part.colors)
+    return Lines(part.positions, part.segments, colors=part.colors)
 
 
 def _is_invertible(pose: NDArray[np.float64]) -> bool:

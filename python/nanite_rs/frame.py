@@ -18,10 +18,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from nanite_rs._checks import Color
+
 __all__ = ["Frame"]
 
 ViewName: TypeAlias = Literal[
     "shaded",
+    "wireframe",
     "triangles",
     "clusters",
     "groups",
@@ -176,6 +179,35 @@ class Frame(_advice.Teaching):
         return self._frame.rgba()
 
     @cached_property
+    def motion(self) -> NDArray[np.float32]:
+        """How far each pixel has moved since the frame before, (H, W, 2) float32: pixels to the right and down.
+
+        What the pixel shows was there, in the last frame of this renderer (of the same `View.id`) that was rendered
+        with ``motion=True``: the camera may have moved, instances, and vertices by `TriangleMesh.update`. Points of
+        a triangle keep their place on it. Zero where nothing is covered, in a first frame and after one of another
+        scene; what was not in the scene yet counts as if it had stood still; NaN for what was at the camera or
+        behind it.
+
+        Raises
+        ------
+        ArgumentError
+            If the frame was rendered without ``motion``.
+
+        Examples
+        --------
+        >>> scene = nrs.Scene(ambient_light=(1, 1, 1))
+        >>> ball = scene.add(nrs.TriangleMesh(*nrs.shapes.icosphere(faces=500)))
+        >>> camera, pose = nrs.OrthographicCamera(2.0, 2.0), nrs.look_at((0, 0, 5), (0, 0, 0))
+        >>> with nrs.Renderer(64, 64) as renderer:
+        ...     before = renderer.render(scene, camera, pose, motion=True)
+        ...     ball.pose = [[1, 0, 0, 0.25], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        ...     frame = renderer.render(scene, camera, pose, motion=True)
+        >>> frame.motion[32, 32].tolist()
+        [4.0, 0.0]
+        """
+        return self._frame.motion()
+
+    @cached_property
     def base_color(self) -> NDArray[np.float32]:
         """Base colour of what each pixel shows, textures and, but for pyrender's shading, vertex colours included.
 
@@ -310,29 +342,43 @@ class Frame(_advice.Teaching):
     def __iter__(self) -> Iterator[Any]:
         raise TypeError("a frame is no tuple: frame.color and frame.depth are its pictures")
 
-    def view(self, name: ViewName = "shaded") -> NDArray[np.uint8]:
+    def view(self, name: ViewName = "shaded", *, edges: bool | Color = False) -> NDArray[np.uint8]:
         """Return a picture, (H, W, 3) uint8.
 
         Parameters
         ----------
         name : str
-            ``"shaded"`` (a copy of `color`), ``"triangles"``, ``"clusters"`` or ``"groups"`` (a colour for each),
-            ``"levels"`` (red is the finest level of detail, then towards blue), ``"rasterizers"`` (blue where the
-            rasterizer of small triangles drew what is seen, orange where that of large ones did), or ``"overdraw"``
-            (blue once, red eight times or more). Of a frame with shadows, what pixels look up in the maps of the
-            first light that casts any: ``"shadow_pages"`` (a colour for each), ``"shadow_levels"`` (red has the
-            smallest texels), ``"shadow_kept"`` (green from a frame before, red drawn for this one) and
-            ``"shadow_cut"`` (triangles of the light's cut that each page of 128 × 128 texels was drawn from: blue
-            16 or fewer, red 16,384 or more); grey where they look nothing up.
+            ``"shaded"`` (a copy of `color`), ``"wireframe"`` (edges of the triangles that are seen),
+            ``"triangles"``, ``"clusters"`` or ``"groups"`` (a colour for each), ``"levels"`` (red is the finest
+            level of detail, then towards blue), ``"rasterizers"`` (blue where the rasterizer of small triangles
+            drew what is seen, orange where that of large ones did), or ``"overdraw"`` (blue once, red eight times
+            or more). Of a frame with shadows, what pixels look up in the maps of the first light that casts any:
+            ``"shadow_pages"`` (a colour for each), ``"shadow_levels"`` (red has the smallest texels),
+            ``"shadow_kept"`` (green from a frame before, red drawn for this one) and ``"shadow_cut"`` (triangles
+            of the light's cut that each page of 128 × 128 texels was drawn from: blue 16 or fewer, red 16,384 or
+            more); grey where they look nothing up.
+        edges : bool or three floats
+            Draw the edges of the triangles that are seen over the picture, black or in a colour of 0 to 1, written
+            as it is.
 
         Raises
         ------
         ArgumentError
             For another name, a frame of depth alone, or one without the shadows that are to be shown.
+
+        Examples
+        --------
+        >>> picture = frame.view("levels", edges=True)
+        >>> picture.shape == frame.color.shape
+        True
         """
-        if name == "shaded":
-            return self.color.copy()
-        return self._frame.view(name)
+        if edges is False:
+            return self.color.copy() if name == "shaded" else self._frame.view(name)
+        color = (0.0, 0.0, 0.0) if edges is True else _checks.rgb(edges, "edges")
+        for one in color:
+            _checks.unit(one, "edges")
+        red, green, blue = (round(255.0 * one) for one in color)
+        return self._frame.view(name, (red, green, blue))
 
     @property
     def metadata(self) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from nanite_rs import _colors
-from nanite_rs._asset import MIPMAPS, NEAREST, WRAPS, triangles
+from nanite_rs._asset import MIPMAPS, NEAREST, WRAPS, segments, triangles
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.light import DirectionalLight, PointLight, SpotLight
@@ -18,6 +18,7 @@ from nanite_rs.material import Material
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import chosen, pays
 from nanite_rs.scene import MeshNode, Scene
+from nanite_rs.strokes import Lines, Points
 from nanite_rs.texture import Image, Texture
 from nanite_rs.triangle_mesh import TriangleMesh
 
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["PyrenderView", "from_pyrender"]
 
 # The mesh that was built from a primitive, while the primitive lives, with the arrays that it was built from.
-_built: WeakKeyDictionary[pyrender.Primitive, tuple[tuple[Any, ...], NaniteMesh | TriangleMesh]]
+_built: WeakKeyDictionary[pyrender.Primitive, tuple[tuple[Any, ...], Any]]
 _built = WeakKeyDictionary()
 
 # Likewise the images of a texture: for roughness and metalness, and for everything else.
@@ -68,6 +69,7 @@ def from_pyrender(
     options: BuildOptions | None = None,
     virtual: VirtualName = "auto",
     flags: int | None = None,
+    point_size: float = 1.0,
 ) -> PyrenderView:
     """Take over a pyrender scene: meshes, poses, materials, lights, background and its main camera.
 
@@ -75,8 +77,9 @@ def from_pyrender(
     ``render(*nrs.from_pyrender(scene))``. Meshes are built when a primitive is first seen, and again only if its
     arrays were replaced; everything else is read anew each time, so poses may change from frame to frame.
 
-    What has no counterpart here is left out, and a warning says so once for each call: wireframes, points and
-    lines, specular colours. Transparency is blended in linear light, by depth. Metal-rough materials
+    What has no counterpart here is left out, and a warning says so once for each call: wireframes and specular
+    colours. Points are discs where pyrender draws squares, and points and lines have their colours, whatever the
+    light. Transparency is blended in linear light, by depth. Metal-rough materials
     with their textures and samplers, vertex colours and double-sidedness are kept. As in pyrender, textures lie on
     the first UV set and are filtered without anisotropy, and lights have no range. Masks have the holes that glTF
     wants and pyrender does not draw.
@@ -96,6 +99,8 @@ def from_pyrender(
     flags : int, optional
         pyrender's ``RenderFlags``, of which those for shadows count: lights of the kinds that they name cast
         shadows, and no others. pyrender itself draws none of point lights. Without flags all lights may.
+    point_size : float
+        Diameter of points in pixels, as pyrender's ``OffscreenRenderer`` has it.
 
     Returns
     -------
@@ -132,9 +137,7 @@ def from_pyrender(
         pose = scene.get_pose(node)
         own = instances[node] = []
         for primitive in node.mesh.primitives:
-            mesh = _mesh(primitive, virtual, options, lost)
-            if mesh is None:
-                continue
+            mesh = _mesh(primitive, virtual, options, point_size)
             look = _material(primitive, lost)
             for instance in _poses(primitive):
                 own.append(out.add(mesh, pose=pose @ instance, material=look))
@@ -182,12 +185,11 @@ def _poses(primitive: pyrender.Primitive) -> Iterator[NDArray[np.float64]]:
 
 
 def _mesh(
-    primitive: pyrender.Primitive, virtual: VirtualName, options: BuildOptions | None, lost: set[str]
-) -> NaniteMesh | TriangleMesh | None:
+    primitive: pyrender.Primitive, virtual: VirtualName, options: BuildOptions | None, point_size: float
+) -> NaniteMesh | TriangleMesh | Points | Lines:
     faces = _faces(primitive)
     if faces is None:
-        lost.add("points and lines")
-        return None
+        return _strokes(primitive, point_size)
     sets = (primitive.texcoord_0, primitive.texcoord_1)
     instances = 1 if primitive.poses is None else len(primitive.poses)
     builds = pays(virtual, len(faces) * instances)
@@ -208,10 +210,38 @@ def _mesh(
     return known[1]
 
 
+def _strokes(primitive: pyrender.Primitive, point_size: float) -> Points | Lines:
+    """Points or lines of a primitive."""
+    arrays = (primitive.positions, primitive.indices, primitive.color_0, point_size)
+    known = _built.get(primitive)
+    if (
+        known is None
+        or any(a is not b for a, b in zip(known[0][:-1], arrays[:-1], strict=True))
+        or (known[0][-1] != point_size)
+    ):
+        colors = None if primitive.color_0 is None else _colors.rgba(np.asarray(primitive.color_0))[:, :3]
+        positions = np.asarray(primitive.positions)
+        order = _order(primitive)
+        ends = segments(order, primitive.mode)
+        made: Points | Lines
+        if ends is None:
+            own = None if colors is None else colors[order]
+            made = Points(positions[order], colors=own, radius=point_size / 2.0)
+        else:
+            made = Lines(positions, ends, colors=colors)
+        known = _built[primitive] = (arrays, made)
+    return known[1]
+
+
+def _order(primitive: pyrender.Primitive) -> NDArray[np.int64]:
+    """The vertices of a primitive in their order."""
+    indices = np.arange(len(primitive.positions)) if primitive.indices is None else primitive.indices
+    return np.asarray(indices, np.int64).reshape(-1)
+
+
 def _faces(primitive: pyrender.Primitive) -> NDArray[np.int64] | None:
     """Triangles of a primitive; nothing where it is no surface."""
-    indices = np.arange(len(primitive.positions)) if primitive.indices is None else primitive.indices
-    return triangles(np.asarray(indices, np.int64).reshape(-1), primitive.mode)
+    return triangles(_order(primitive), primitive.mode)
 
 
 def _material(primitive: pyrender.Primitive, lost: set[str]) -> Material:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
 from nanite_rs import _advice, _batch, _checks, _core, _unseen
+from nanite_rs._geometry import Geometry
 from nanite_rs.camera import Camera, IntrinsicsCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError, NaniteError, UsageWarning
 from nanite_rs.frame import Frame
+from nanite_rs.material import several
 from nanite_rs.scene import Scene
 
 if TYPE_CHECKING:
@@ -115,6 +118,8 @@ class _Options:
     shadow_memory: int
     shadow_samples: int
     max_layers: int
+    transparent_ids: bool = False
+    motion: bool = False
 
     def raw(self) -> dict[str, Any]:
         """What the core takes."""
@@ -134,6 +139,8 @@ class _Options:
             "shadow_memory": _whole(self.shadow_memory, "shadow_memory", 1 << 63, "0 and 2^63"),
             "shadow_samples": _whole(self.shadow_samples, "shadow_samples", 1 << 32, "1 and 256"),
             "max_layers": _whole(self.max_layers, "max_layers", 1 << 32, "0 and 256"),
+            "transparent_ids": bool(self.transparent_ids),
+            "motion": bool(self.motion),
         }
 
 
@@ -271,6 +278,8 @@ class Renderer(_advice.Teaching):
         shadow_memory: int = SHADOW_BYTES,
         shadow_samples: int = SHADOW_SAMPLES,
         max_layers: int = 8,
+        transparent_ids: bool = False,
+        motion: bool = False,
     ) -> Frame:
         """Render a frame.
 
@@ -343,8 +352,14 @@ class Renderer(_advice.Teaching):
         max_layers : int
             Blended surfaces that are composited at each pixel, 0 to 256, from the nearest on; what lies behind more
             is not seen, and ``Frame.stats.layers_left`` says at how many pixels. They are ordered by depth,
-            whatever the order in which meshes were added, and blended in linear light; depth, normals and ids are
-            those of what is opaque. The CPU draws such scenes, on the GPU backend too.
+            whatever the order in which meshes were added, and blended in linear light. The CPU draws such scenes,
+            on the GPU backend too.
+        transparent_ids : bool
+            Depth, normals, ids and `Frame.motion` are those of the nearest surface, blended or not. By default they
+            are those of what is opaque.
+        motion : bool
+            Take note of where everything is, and tell by `Frame.motion` how far each pixel moved since the last
+            frame for which that was done.
 
         Warns
         -----
@@ -407,6 +422,8 @@ class Renderer(_advice.Teaching):
                 shadow_memory,
                 shadow_samples,
                 max_layers,
+                transparent_ids,
+                motion,
             ),
         )
         return frame
@@ -429,6 +446,8 @@ class Renderer(_advice.Teaching):
         shadow_memory: int = SHADOW_BYTES,
         shadow_samples: int = SHADOW_SAMPLES,
         max_layers: int = 8,
+        transparent_ids: bool = False,
+        motion: bool = False,
     ) -> list[Frame]:
         """Render what several cameras see of a scene: on a GPU in one submission, on the CPU one after the other.
 
@@ -443,8 +462,8 @@ class Renderer(_advice.Teaching):
             What each view has of its own, or a camera and its pose, as for `render`.
         pixel_error, occlusion, raster, outputs, depth_only, samples
             As for `render`, for all views that have none of their own.
-        shading, transfer, wait, shadows, shadow_memory, shadow_samples, max_layers
-            As for `render`, for all views.
+        shading, transfer, wait, shadows, shadow_memory, shadow_samples, max_layers, transparent_ids, motion
+            As for `render`, for all views. What moved is told of each view by its identity.
 
         Returns
         -------
@@ -485,6 +504,8 @@ class Renderer(_advice.Teaching):
                 shadow_memory,
                 shadow_samples,
                 max_layers,
+                transparent_ids,
+                motion,
             ),
         )
 
@@ -503,6 +524,7 @@ class Renderer(_advice.Teaching):
         shadow_memory: int = SHADOW_BYTES,
         shadow_samples: int = SHADOW_SAMPLES,
         max_layers: int = 8,
+        transparent_ids: bool = False,
     ) -> dict[OutputName, NDArray[Any]]:
         """Render thousands of small pictures of many scenes into one array for each output.
 
@@ -520,7 +542,9 @@ class Renderer(_advice.Teaching):
         out : mapping of names to arrays, optional
             Arrays to fill, of the shape and dtype that would be returned; those of other outputs are made. NumPy's
             arrays speak DLPack: ``torch.from_dlpack(array)`` shares their memory.
-        pixel_error, occlusion, samples, shading, transfer, shadows, shadow_memory, shadow_samples, max_layers
+        pixel_error, occlusion, samples, shading, transfer, shadows, shadow_memory, shadow_samples
+            As for `render`, for all items.
+        max_layers, transparent_ids
             As for `render`, for all items.
 
         Returns
@@ -561,6 +585,7 @@ class Renderer(_advice.Teaching):
             shadow_memory,
             shadow_samples,
             max_layers,
+            transparent_ids,
         ).raw()
         found = _batch.checked(items)
 
@@ -749,6 +774,11 @@ def _made(size: tuple[int, int], settings: dict[str, Any]) -> Renderer:
 def _unlit(scene: Scene, shading: str) -> str:
     """Say why the meshes are unlit, and what would light them; empty where they are lit."""
     if any(node.visible for node in scene.lights) or any(scene.ambient_light):
+        return ""
+    # What wants no light. Of very many the first will do.
+    shown = islice(scene._shown.values(), 1000)
+    looks = (look for shape, look in shown if isinstance(shape, Geometry))
+    if all(one.unlit for look in looks for one in several(look, "material")):
         return ""
     if scene.environment is None:
         return (

@@ -1,4 +1,4 @@
-"""Scenes: many instances of many meshes, lights, ambient light, environment and background.
+"""Scenes: many instances of meshes, points and lines, lights, ambient light, environment and background.
 
 Poses are 4×4 object-to-world matrices (float64), rows first, right-handed. Adding, moving, hiding and removing
 one instance costs the same in a scene of one as in a scene of a million.
@@ -14,10 +14,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from nanite_rs import _advice, _checks, _core
+from nanite_rs._geometry import Moving
 from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError, UsageWarning
 from nanite_rs.light import DirectionalLight, Environment, Light, PointLight, SpotLight
-from nanite_rs.material import Look, Material, default_material, several
+from nanite_rs.material import Look, Material, several
 from nanite_rs.mesh import NaniteMesh
+from nanite_rs.strokes import Lines, Points
 from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 __all__ = ["LightNode", "MeshNode", "Scene"]
 
 Handle: TypeAlias = tuple[int, int]
+Shown: TypeAlias = NaniteMesh | TriangleMesh | Points | Lines
+"""What an instance may be of."""
 
 
 def _no_item(item: object) -> DtypeError:
@@ -46,13 +50,19 @@ def _advised(error: ArgumentError, pose: ArrayLike | None) -> ArgumentError:
     return error
 
 
-def _mesh(item: object) -> NaniteMesh | TriangleMesh | None:
-    """A mesh as it is, or one of trimesh, which need not be there."""
-    if isinstance(item, NaniteMesh | TriangleMesh):
+def _shown(item: object) -> Shown | None:
+    """A mesh, points or lines as they are, or those of trimesh, which need not be there."""
+    if isinstance(item, NaniteMesh | TriangleMesh | Points | Lines):
         return item
     module = sys.modules.get("trimesh")
-    if module is not None and isinstance(item, module.Trimesh):
+    if module is None:
+        return None
+    if isinstance(item, module.Trimesh):
         return TriangleMesh.from_trimesh(item)
+    if isinstance(item, module.PointCloud):
+        return Points.from_trimesh(item)
+    if isinstance(item, module.path.Path3D):
+        return Lines.from_trimesh(item)
     return None
 
 
@@ -107,13 +117,13 @@ class MeshNode(_Node):
 
     __slots__ = ("_mesh",)
 
-    def __init__(self, scene: Scene, handle: Handle, mesh: NaniteMesh | TriangleMesh) -> None:
+    def __init__(self, scene: Scene, handle: Handle, mesh: Shown) -> None:
         super().__init__(scene, handle)
         self._mesh = mesh
 
     @property
-    def mesh(self) -> NaniteMesh | TriangleMesh:
-        """The mesh, shared by all its instances."""
+    def mesh(self) -> Any:
+        """The mesh, points or lines, shared by all instances: what was added."""
         return self._mesh
 
     @property
@@ -179,7 +189,7 @@ class MeshNode(_Node):
         """Remove the instance from its scene."""
         self._scene._core.remove(self._handle)
         mesh, _ = self._scene._shown.pop(self._handle)
-        if isinstance(mesh, TriangleMesh):
+        if isinstance(mesh, Moving):
             self._scene._moving[mesh].discard(self._handle)
 
     def __repr__(self) -> str:
@@ -189,7 +199,8 @@ class MeshNode(_Node):
             return "<MeshNode, removed>"
         hidden = "" if self.visible else ", hidden"
         return (
-            f"<MeshNode {self.instance_id}: {len(self._mesh):,} triangles at ({x:g}, {y:g}, {z:g}){hidden}>"
+            f"<MeshNode {self.instance_id}: {len(self._mesh):,} {self._mesh._ELEMENTS} at "
+            f"({x:g}, {y:g}, {z:g}){hidden}>"
         )
 
 
@@ -294,9 +305,9 @@ class Scene(_advice.Teaching):
     ) -> None:
         self._core = _core.Scene()
         # Mesh and material of each instance. Not its node, which refers to the scene.
-        self._shown: dict[Handle, tuple[NaniteMesh | TriangleMesh, Look]] = {}
+        self._shown: dict[Handle, tuple[Shown, Look]] = {}
         # The instances of each mesh that may change its shape.
-        self._moving: WeakKeyDictionary[TriangleMesh, set[Handle]] = WeakKeyDictionary()
+        self._moving: WeakKeyDictionary[Moving, set[Handle]] = WeakKeyDictionary()
         self._shining: dict[Handle, Light] = {}
         # Whether there was a warning of alpha that counts for nothing.
         self._said = False
@@ -309,7 +320,7 @@ class Scene(_advice.Teaching):
     @overload
     def add(
         self,
-        item: NaniteMesh | TriangleMesh | trimesh.Trimesh,
+        item: Shown | trimesh.Trimesh | trimesh.PointCloud | trimesh.path.Path3D,
         *,
         pose: ArrayLike | None = None,
         material: Look | None = None,
@@ -319,19 +330,20 @@ class Scene(_advice.Teaching):
     )
     def add(
         self,
-        item: NaniteMesh | TriangleMesh | trimesh.Trimesh | Light,
+        item: Shown | trimesh.Trimesh | trimesh.PointCloud | trimesh.path.Path3D | Light,
         *,
         pose: ArrayLike | None = None,
         material: Look | None = None,
     ) -> MeshNode | LightNode:
-        """Add an instance of a mesh, or a light.
+        """Add an instance of a mesh, of points or of lines, or a light.
 
         Parameters
         ----------
-        item : NaniteMesh, TriangleMesh, trimesh.Trimesh, DirectionalLight, PointLight or SpotLight
-            What to add. A mesh is shared, not copied; of a `trimesh.Trimesh` a `TriangleMesh` is made.
+        item : NaniteMesh, TriangleMesh, Points, Lines, DirectionalLight, PointLight or SpotLight
+            What to add. It is shared, not copied. Of a `trimesh.Trimesh` a `TriangleMesh` is made, of a
+            `trimesh.PointCloud` `Points`, of a `trimesh.path.Path3D` `Lines`.
         pose : (4, 4) array, optional
-            Object-to-world matrix; the identity when not given. For a mesh any invertible affine matrix.
+            Object-to-world matrix; the identity when not given. For all but lights any invertible affine matrix.
         material : Material or sequence of Material, optional
             The look of a mesh instance: one material for all of it, or one for each number of the mesh's
             ``face_materials``, of which the last stands for all numbers from there on. Without it those that the
@@ -356,17 +368,17 @@ class Scene(_advice.Teaching):
         UsageWarning
             The first time that an opaque material has alpha below 1: it is drawn opaque.
         """
-        mesh = _mesh(item)
+        mesh = _shown(item)
         if mesh is not None:
             if material is None:
-                material = mesh.materials or default_material(colored=mesh._core.colors is not None)
+                material = mesh._default_look()
             self._look_for_alpha(material)
             try:
                 handle = self._core.add_mesh(mesh._core, _pose(pose), mesh._looks(material))
             except ArgumentError as error:
                 raise _advised(error, pose) from None
             self._shown[handle] = mesh, material
-            if isinstance(mesh, TriangleMesh):
+            if isinstance(mesh, Moving):
                 self._moving.setdefault(mesh, set()).add(handle)
                 mesh._scenes.add(self)
             return MeshNode(self, handle, mesh)

@@ -6,35 +6,27 @@ import weakref
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from nanite_rs import _advice, io
-from nanite_rs._arrays import as_array, core_arrays, vertex_floats
+from nanite_rs._arrays import as_array, core_arrays, own_copy, vertex_floats
 from nanite_rs._core import TriangleMesh as CoreTriangleMesh
-from nanite_rs._geometry import Geometry
+from nanite_rs._geometry import Geometry, Moving
 from nanite_rs.exceptions import ArgumentError
 from nanite_rs.material import several
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     import numpy as np
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
     from nanite_rs.material import Look
-    from nanite_rs.scene import Scene
 
 __all__ = ["TriangleMesh"]
 
 NewNormals: TypeAlias = "ArrayLike | Literal['recompute'] | None"
 
 
-def _own(array: NDArray[Any]) -> NDArray[Any]:
-    """A copy that nobody can change."""
-    own = array.copy()
-    own.flags.writeable = False
-    return own
-
-
-class TriangleMesh(Geometry):
+class TriangleMesh(Geometry, Moving):
     """An ordinary triangle mesh: drawn at once and as it is, with no levels of detail, and free to move.
 
     It takes some 40 milliseconds per 100,000 triangles instead of building a DAG, and is drawn, culled, lit and
@@ -82,7 +74,7 @@ class TriangleMesh(Geometry):
     True
     """
 
-    __slots__ = ("_carried", "_faces", "_normals", "_scenes", "_topology", "_vertices")
+    __slots__ = ("_carried", "_faces", "_normals", "_topology", "_vertices")
 
     _topology: CoreTriangleMesh
     # What does not change: colours, texture coordinates and face materials.
@@ -90,7 +82,6 @@ class TriangleMesh(Geometry):
     _vertices: NDArray[np.floating[Any]]
     _faces: NDArray[np.integer[Any]]
     _normals: NDArray[np.float32] | None
-    _scenes: weakref.WeakSet[Scene]
 
     @_advice.teaches(
         vertex_colors="give colors=",
@@ -118,11 +109,11 @@ class TriangleMesh(Geometry):
         except ArgumentError as error:
             more = _advice.for_arrays(str(error), vertices, faces, given)
             raise (_advice.advised(error, more) if more else _advice.near(error)) from None
-        self._vertices, self._faces, self._normals = _own(vertices), _own(faces), arrays["normals"]
+        self._vertices, self._faces, self._normals = own_copy(vertices), own_copy(faces), arrays["normals"]
         self._carried = {
-            "colors": None if arrays["colors"] is None else _own(arrays["colors"]),
-            "uvs": [_own(array) for array in arrays["uvs"]],
-            "face_materials": None if face_materials is None else _own(arrays["face_materials"]),
+            "colors": None if arrays["colors"] is None else own_copy(arrays["colors"]),
+            "uvs": [own_copy(array) for array in arrays["uvs"]],
+            "face_materials": None if face_materials is None else own_copy(arrays["face_materials"]),
         }
         self._scenes = weakref.WeakSet()
 
@@ -171,9 +162,8 @@ class TriangleMesh(Geometry):
         else:
             raise ArgumentError(f'normals: expected an array or "recompute", not {normals!r}')
         core = self._topology.shape(vertices, given)
-        for scene in self._scenes:
-            scene._core.set_mesh([*scene._moving[self]], core)
-        self._core, self._vertices, self._normals = core, _own(vertices), given
+        self._move(core)
+        self._vertices, self._normals = own_copy(vertices), given
 
     @property
     def vertices(self) -> NDArray[np.floating[Any]]:
@@ -185,19 +175,7 @@ class TriangleMesh(Geometry):
         """Triangles as they were given, (M, 3), read-only."""
         return self._faces
 
-    def __copy__(self) -> TriangleMesh:
-        """Return a mesh of its own, in the same shape."""
-        make, arguments = self.__reduce__()
-        copied: TriangleMesh = make(*arguments)
-        return copied
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> TriangleMesh:
-        """Return a mesh of its own, in the same shape."""
-        memo[id(self)] = other = self.__copy__()
-        return other
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as arrays, with the materials."""
+    def _parts(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         arrays = {**self._carried, "normals": self._normals, "materials": self._materials or None}
         return _from_arrays, (self._vertices, self._faces, arrays)
 

@@ -28,15 +28,14 @@ import numpy as np
 
 from nanite_rs import _canvas, _images, _picking, _views
 from nanite_rs._frozen import Frozen, View, ViewFrame
+from nanite_rs._geometry import Shape
 from nanite_rs._orbit import Orbit
 from nanite_rs._picking import Pick
-from nanite_rs._preview import BACKGROUND, CLAY, LIGHTS, UP, framing, outline, posed
+from nanite_rs._preview import BACKGROUND, CLAY, LIGHTS, UP, framing, look_of, outline, posed
 from nanite_rs.assets import LoadedScene
 from nanite_rs.exceptions import ArgumentError, DtypeError
-from nanite_rs.mesh import NaniteMesh
 from nanite_rs.renderer import POOL_BYTES, Renderer, ShadingName, ShadowsName
 from nanite_rs.scene import LightNode, Scene
-from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,7 +51,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SHADOW_VIEWS", "VIEWS", "Orbit", "Pick", "Viewer", "view"]
 
-Shown: TypeAlias = "NaniteMesh | TriangleMesh | Scene | LoadedScene"
+Shown: TypeAlias = "Shape | Scene | LoadedScene"
 
 SHADOW_VIEWS: Final[tuple[LiveViewName, ...]] = _views.SHADOW_VIEWS
 """What a `Viewer` that draws shadows can show besides."""
@@ -65,7 +64,7 @@ class Viewer:
 
     Parameters
     ----------
-    shown : NaniteMesh, Scene or LoadedScene
+    shown : NaniteMesh, TriangleMesh, Points, Lines, Scene or LoadedScene
         What to show. Where nothing lights it, two lights are added that follow the camera; they are taken away, and
         frozen cuts are thawed, by `close`.
     width, height : int
@@ -556,9 +555,9 @@ class Viewer:
 
 def _scene_of(shown: Shown, material: Material | None) -> tuple[Scene, NDArray[np.float64]]:
     """A scene, and points around all of it."""
-    if isinstance(shown, NaniteMesh | TriangleMesh):
+    if isinstance(shown, Shape):
         scene = Scene(bg_color=BACKGROUND)
-        scene.add(shown, material=material or shown.materials or replace(CLAY, double_sided=True))
+        scene.add(shown, material=material or look_of(shown, replace(CLAY, double_sided=True)))
         return scene, outline(shown)
     if material is not None:
         raise ArgumentError("material: goes with a mesh; instances of a scene have their own")
@@ -592,7 +591,7 @@ def view(
 
     Parameters
     ----------
-    shown : NaniteMesh, Scene, LoadedScene or Viewer
+    shown : NaniteMesh, TriangleMesh, Points, Lines, Scene, LoadedScene or Viewer
         What to show.
     canvas : str
         Where: ``"jupyter"``, ``"glfw"``, ``"qt"``, ``"wx"``, or ``"offscreen"`` for tests; ``"auto"`` takes Jupyter

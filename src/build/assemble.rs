@@ -20,7 +20,7 @@ use crate::model::packing::{VertexRow, vertex_row, write_triangles};
 use crate::model::rule::ROOT_ERROR;
 use crate::model::{
     AttributeLayout, BuildReport, ClusterRecord, Dag, GeometryId, Group, Outline, Packing, PageEntry,
-    PageSink, PageWords, Pages, dependencies,
+    PageSink, PageWords, Pages, Primitive, dependencies,
 };
 
 /// Lays the graph out and hands its pages to a sink.
@@ -113,6 +113,7 @@ pub fn assemble<S: PageSink>(mut graph: Graph, mut report: BuildReport, sink: S)
         source_faces: graph.source_faces as u64,
         source_vertices: graph.source_vertices as u64,
         face_ids,
+        primitive: Primitive::Triangles,
         grid: None,
         report,
     };

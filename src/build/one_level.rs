@@ -12,19 +12,20 @@ use super::clusterize::ClusterMesh;
 use crate::error::{Error, Result};
 use crate::layout::{GroupSize, Paging, hierarchy, paginate};
 use crate::limits::{CLUSTER_MAX_TRIANGLES, CLUSTER_MAX_VERTICES, GROUP_MAX_CLUSTERS, ROOT_PAGE_MAX_BYTES};
-use crate::math::{Aabb, Bounds, Sphere, octahedral};
+use crate::math::{Aabb, Bounds, Sphere, morton, octahedral};
 use crate::mesh::{Positions, SourceMesh, attributes, frame, hash, validate};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
 use crate::model::packing::{PACKING_WORDS, VertexRow, WIDEST, ordered};
 use crate::model::rule::{ROOT_ERROR, SOURCE_ERROR};
 use crate::model::{
     AttributeLayout, BuildReport, ClusterRecord, Dag, GeometryId, Group, Packing, PageEntry, PageWords,
-    Pages, Words,
+    Pages, Primitive, Words,
 };
 
 /// An ordinary mesh but for where its vertices are. Identities of vertices are the caller's rows.
 #[derive(Debug)]
 pub struct OneLevel {
+    primitive: Primitive,
     layout: AttributeLayout,
     vertices: usize,
     faces: Vec<[u32; 3]>,
@@ -40,11 +41,19 @@ pub struct OneLevel {
 }
 
 impl OneLevel {
-    /// The mesh in its first shape. Channels are not carried along.
-    pub fn new(source: &SourceMesh<'_>) -> Result<Self> {
+    /// The mesh in its first shape. Channels are not carried along. Clusters follow the order of the faces, those of points and
+    /// lines lie near each other in this shape.
+    pub fn new(source: &SourceMesh<'_>, primitive: Primitive) -> Result<Self> {
         validate::validate(source)?;
         let layout = attributes::layout(source);
-        let (clusters, face_rows) = clusters(source);
+        let (positions, _) = frame::to_internal(source.positions);
+        let mut rows: Vec<u32> = (0..source.faces.len() as u32).collect();
+        if primitive != Primitive::Triangles {
+            let bounds = Aabb::of_points(&positions);
+            let place = |row: &u32| morton::code(positions[source.faces[*row as usize][0] as usize], &bounds);
+            rows.par_sort_by_cached_key(place);
+        }
+        let (clusters, face_rows) = clusters(source, rows);
         let ids = clusters.iter().map(identities).collect::<Vec<_>>();
         let streams = |c: usize| {
             let ClusterMesh { vertices, triangles, .. } = &clusters[c];
@@ -81,8 +90,8 @@ impl OneLevel {
             page
         };
         let pages = paging.table.par_iter().map(page).collect();
-        let (positions, _) = frame::to_internal(source.positions);
         Ok(Self {
+            primitive,
             layout,
             vertices: source.positions.len(),
             faces: source.faces.to_vec(),
@@ -114,8 +123,11 @@ impl OneLevel {
         validate::validate(&SourceMesh { normals, ..SourceMesh::new(positions, &self.faces) })?;
         let (positions, frame) = frame::to_internal(positions);
         let mut rows = normals.map_or_else(|| vec![[0.0; 3]; self.vertices], <[_]>::to_vec);
-        let mended =
-            attributes::fill_normals(rows.as_flattened_mut(), 3, &positions, &self.position_ids, &self.faces);
+        let mended = if self.primitive == Primitive::Triangles {
+            attributes::fill_normals(rows.as_flattened_mut(), 3, &positions, &self.position_ids, &self.faces)
+        } else {
+            0
+        };
         let encoded: Vec<u32> = rows.par_iter().map(|row| octahedral::encode(*row)).collect();
         let pages: Vec<(PageWords, Vec<(Aabb, Sphere)>)> =
             (0..self.pages.len()).into_par_iter().map(|page| self.page(page, &positions, &encoded)).collect();
@@ -173,6 +185,7 @@ impl OneLevel {
             source_faces: triangles as u64,
             source_vertices: self.vertices as u64,
             face_ids: Some(self.face_ids.clone()),
+            primitive: self.primitive,
             grid: None,
             report,
         })
@@ -216,9 +229,8 @@ impl OneLevel {
     }
 }
 
-/// Clusters of the faces in their order, those of each material by themselves; and the row of each face of theirs.
-fn clusters(source: &SourceMesh<'_>) -> (Vec<ClusterMesh>, Vec<u32>) {
-    let mut rows: Vec<u32> = (0..source.faces.len() as u32).collect();
+/// Clusters of faces in an order, those of each material by themselves; and the row of each face of theirs.
+fn clusters(source: &SourceMesh<'_>, mut rows: Vec<u32>) -> (Vec<ClusterMesh>, Vec<u32>) {
     let material = |row: u32| source.materials.map_or(0, |materials| materials[row as usize]);
     if source.materials.is_some() {
         rows.sort_by_key(|row| material(*row));

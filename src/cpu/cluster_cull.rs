@@ -25,6 +25,13 @@ pub struct CandidateCluster {
     pub triangles: u8,
 }
 
+impl CandidateCluster {
+    /// Whether it is blended with what is behind it.
+    pub fn is_blended(&self, views: &[InstanceView]) -> bool {
+        views[self.visible.instance as usize].is_blended(self.visible.cluster)
+    }
+}
+
 /// What culling clusters found and cost.
 #[derive(Debug, Default)]
 pub struct Culled {
@@ -93,7 +100,9 @@ fn cull_group(
         let edge = f32::from(footprint.span) / (f32::from(record.triangle_count) * 0.5).sqrt().max(1.0);
         // Alpha-tested ones are drawn in one form.
         let alpha_tested = instance.materials.alpha_tested(record.material);
-        let large = alpha_tested || footprint.clipped || footprint.span > MAX_SPAN || edge > SMALL_EDGE;
+        let is_stroke = instance.stroke.is_some();
+        let large = !is_stroke
+            && (alpha_tested || footprint.clipped || footprint.span > MAX_SPAN || edge > SMALL_EDGE);
         let visible = Visible { instance: at.instance, cluster };
         out.candidates.push(CandidateCluster { visible, footprint, large, triangles: record.triangle_count });
     }

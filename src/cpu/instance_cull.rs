@@ -31,7 +31,9 @@ pub fn run(
                     let to = center - place;
                     // f64: this much covers the rounding of the sphere and the test.
                     let radius = radius + 1.0e-12 * (center.length() + place.length());
-                    if !instance.visible || planes.iter().any(|(n, d)| n.dot(to) + d < -radius) {
+                    // What is drawn of points and lines reaches beyond their vertices by pixels.
+                    let outside = || planes.iter().any(|(n, d)| n.dot(to) + d < -radius);
+                    if !instance.visible || instance.is_ordinary() && outside() {
                         return None;
                     }
                     let mut seen = InstanceView::new(eye, screen, slot, instance, resident);

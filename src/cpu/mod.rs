@@ -25,6 +25,7 @@ pub mod shadow_pages;
 pub mod shadow_raster;
 pub mod shadow_soft;
 pub mod shadow_test;
+pub mod stroke;
 pub mod surface;
 pub mod texture;
 pub mod triangle;

@@ -5,7 +5,9 @@ use std::sync::atomic::AtomicU32;
 
 use rayon::prelude::*;
 
-use super::surface::{Pixels, Surfels, Walk};
+use super::lanes::Lanes;
+use super::surface::{Detail, Pixels, Surfels, Walk};
+use super::triangle::project;
 use super::visibility::{Counter, Pixel};
 use super::{raster_large, raster_small};
 use crate::error::Result;
@@ -23,6 +25,9 @@ pub const NO_CLUSTER: u32 = u32::MAX;
 const SMALL_COLOR: [f32; 3] = [0.25, 0.6, 0.95];
 /// What that of large triangles drew: orange.
 const LARGE_COLOR: [f32; 3] = [0.95, 0.5, 0.15];
+
+/// Surfaces of wireframes.
+const BLANK_GREY: f32 = 0.9;
 
 /// A debug view: what pixels of equal colour have in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -176,6 +181,78 @@ pub fn rasterizers(pixels: Pixels<'_>, large: &[bool]) -> Vec<[u8; 3]> {
             if large[surfels.hits[lane].visible as usize] { LARGE_COLOR } else { SMALL_COLOR }
         },
     )
+}
+
+/// How far what each pixel shows has moved since a frame before, pixels to the right and down: zero where nothing is covered, NaN
+/// where it was at the eye or behind it. `before` are the frame's instances as they were, on that frame's screen. Points of
+/// triangles keep their barycentric coordinates.
+pub fn motion(pixels: Pixels<'_>, before: &[InstanceView], screen: &Screen) -> Vec<[f32; 2]> {
+    let mut out = vec![[0.0; 2]; pixels.words.len()];
+    let chunk = pixels.screen.width as usize * ROWS;
+    out.par_chunks_mut(chunk).enumerate().for_each(|(i, out)| {
+        let start = i * chunk;
+        let Some(mut walk) = Walk::new(pixels, start..start + out.len()) else { return };
+        while let Some(surfels) = walk.step::<Detail>() {
+            let was = &before[surfels.instance as usize];
+            for lane in 0..surfels.count {
+                let weights = surfels.detail.weights.map(|w| w.0[lane]);
+                let (triangle, cluster) = (surfels.hits[lane].triangle as usize, surfels.clusters[lane]);
+                let place = |view: &InstanceView, screen: &Screen| {
+                    let corners = view.cluster(cluster).corners(triangle);
+                    let point = std::array::from_fn(|k| (0..3).map(|i| weights[i] * corners[i][k]).sum());
+                    let h = view.homogeneous(point);
+                    let ahead = screen.orthographic || h[2] > 0.0;
+                    let [x, y, _] = project(screen, h);
+                    if ahead { [x, y] } else { [f32::NAN; 2] }
+                };
+                let (now, then) = (place(surfels.view, pixels.screen), place(was, screen));
+                out[surfels.pixels[lane] as usize - start] = [now[0] - then[0], now[1] - then[1]];
+            }
+        }
+    });
+    out
+}
+
+/// How much an edge of the triangle that it shows counts at each pixel, 0 to 1: less with the distance, up to a pixel. Points and
+/// lines have none.
+///
+/// Distances to edges are barycentric coordinates over their change (Bærentzen and others, "Single-Pass Wireframe Rendering",
+/// 2006).
+pub fn edges(pixels: Pixels<'_>) -> Vec<f32> {
+    let mut out = vec![0.0; pixels.words.len()];
+    let chunk = pixels.screen.width as usize * ROWS;
+    out.par_chunks_mut(chunk).enumerate().for_each(|(i, out)| {
+        let start = i * chunk;
+        let Some(mut walk) = Walk::new(pixels, start..start + out.len()) else { return };
+        while let Some(surfels) = walk.step::<Detail>() {
+            if surfels.view.stroke.is_some() {
+                continue;
+            }
+            let Detail { weights, change: [right, down], .. } = &surfels.detail;
+            let away: [Lanes; 3] =
+                std::array::from_fn(|k| weights[k] / (right[k] * right[k] + down[k] * down[k]).sqrt());
+            for lane in 0..surfels.count {
+                let nearest = away.iter().map(|edge| edge.0[lane]).fold(f32::INFINITY, f32::min);
+                out[surfels.pixels[lane] as usize - start] = (1.0 - nearest).clamp(0.0, 1.0);
+            }
+        }
+    });
+    out
+}
+
+/// Surfaces in light grey, darkened where they turn away; black where nothing is covered.
+pub fn blank(pixels: Pixels<'_>) -> Vec<[u8; 3]> {
+    faced(pixels, |_, _| [BLANK_GREY; 3])
+}
+
+/// Draws edges over a picture.
+pub fn draw_edges(pixels: Pixels<'_>, color: [u8; 3], image: &mut [u8]) {
+    for (pixel, share) in image.chunks_exact_mut(3).zip(edges(pixels)) {
+        for (value, line) in pixel.iter_mut().zip(color) {
+            let (from, to) = (f32::from(*value), f32::from(line));
+            *value = (from + share * (to - from) + 0.5) as u8;
+        }
+    }
 }
 
 /// Overdraw in RGB: black none, then from blue (1) to red (8 and more).

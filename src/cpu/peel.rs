@@ -7,13 +7,15 @@ use rayon::prelude::*;
 use super::cluster_cull::CandidateCluster;
 use super::visibility::{Cell, Pixel, Sink};
 use super::{raster_large, raster_small};
-use crate::views::{InstanceView, Screen, Visible};
+use crate::views::{Footprint, InstanceView, Screen, Visible};
 
 /// The layers of a picture, from near to far.
 #[derive(Debug, Default)]
 pub struct Layers {
     /// The clusters that they show. Words number them.
     pub visible: Vec<Visible>,
+    /// Which of them went to the large rasterizer.
+    pub large: Vec<bool>,
     /// Words of each, row by row.
     pub words: Vec<Vec<u64>>,
     /// Pixels where more lies behind the last.
@@ -38,6 +40,43 @@ impl<C: Cell> Sink for Behind<'_, C> {
     }
 }
 
+/// Pixels of a side of a tile.
+const TILE: usize = 16;
+
+/// Tiles in which a layer showed anything: nothing lies behind it elsewhere.
+struct Tiles {
+    across: usize,
+    shown: Vec<bool>,
+}
+
+impl Tiles {
+    /// Those of a layer, and how many pixels it shows.
+    fn of(words: &[u64], screen: &Screen) -> (Self, u64) {
+        let width = screen.width as usize;
+        let across = width.div_ceil(TILE);
+        let rows = words.par_chunks(width * TILE).map(|rows| {
+            let (mut shown, mut count) = (vec![false; across], 0);
+            for row in rows.chunks(width) {
+                for (tile, words) in shown.iter_mut().zip(row.chunks(TILE)) {
+                    let own = words.iter().filter(|word| **word != 0).count() as u64;
+                    *tile |= own > 0;
+                    count += own;
+                }
+            }
+            (shown, count)
+        });
+        let rows: Vec<(Vec<bool>, u64)> = rows.collect();
+        let count = rows.iter().map(|row| row.1).sum();
+        (Self { across, shown: rows.into_iter().flat_map(|row| row.0).collect() }, count)
+    }
+
+    /// Whether any of them holds a pixel of a footprint.
+    fn meet(&self, footprint: &Footprint) -> bool {
+        let [left, top, right, bottom] = footprint.rect.map(|v| usize::from(v) / TILE);
+        (top..=bottom).any(|row| self.shown[row * self.across..][left..=right].contains(&true))
+    }
+}
+
 /// At most so many layers of the blended clusters of a picture, in scene order.
 pub fn run(
     blended: &[CandidateCluster],
@@ -51,25 +90,26 @@ pub fn run(
     for (number, cluster) in (0..).zip(blended) {
         if cluster.large { large.push(number) } else { small.push(number) }
     }
-    let next = |before: Option<&[u64]>| {
+    let (mut layers, mut left): (Vec<Vec<u64>>, u64) = (Vec::new(), 0);
+    for number in 0..=most {
         let mut words = vec![0u64; opaque.len()];
+        let before = layers.last().map(Vec::as_slice);
         let sink = Behind { cells: u64::cells(&mut words), before, opaque };
         raster_small::run(&small, &visible, views, screen, &sink);
         raster_large::run(&large, &visible, views, screen, &sink);
-        let count = words.par_iter().filter(|word| **word != 0).count() as u64;
-        (words, count)
-    };
-    let mut layers = Layers { visible: visible.clone(), ..Layers::default() };
-    for number in 0..=most {
-        let (words, count) = next(layers.words.last().map(Vec::as_slice));
+        let (tiles, count) = Tiles::of(&words, screen);
         if count == 0 {
             break;
         }
         if number == most {
-            layers.left = count;
-        } else {
-            layers.words.push(words);
+            left = count;
+            break;
+        }
+        layers.push(words);
+        for list in [&mut small, &mut large] {
+            list.retain(|number| tiles.meet(&blended[*number as usize].footprint));
         }
     }
-    layers
+    let large = blended.iter().map(|cluster| cluster.large).collect();
+    Layers { visible, large, words: layers, left }
 }

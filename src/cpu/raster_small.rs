@@ -1,4 +1,4 @@
-//! Stage 4. Clusters of small triangles → visibility buffer. One task per handful of clusters; a cluster's
+//! Stage 4. Clusters of small triangles, of points and of lines → visibility buffer. One task per handful of clusters; a cluster's
 //! vertices are transformed once, then each triangle tests the pixels of its box in 32-bit arithmetic.
 //!
 //! Depth comes from the plane through the snapped corners, held to their range: at every covered pixel it is a
@@ -7,10 +7,10 @@
 use rayon::prelude::*;
 
 use super::lanes::{LANES, Lanes};
-use super::triangle::{UNIT, edge_bias, pixels, snap};
+use super::stroke;
+use super::triangle::{UNIT, VERTICES, edge_bias, homogeneous_rows, pixels, snap};
 use super::visibility::Sink;
-use crate::limits::CLUSTER_MAX_VERTICES;
-use crate::model::packing::{Positions, Triangles, coordinate_of};
+use crate::model::packing::{Positions, Triangles};
 use crate::views::{InstanceView, Screen, Visible, payload};
 
 /// Clusters per task.
@@ -23,9 +23,6 @@ struct Vertices {
     value: [f32; VERTICES],
     snapped: [[i32; 2]; VERTICES],
 }
-
-/// Room for the vertices of a cluster, in whole lanes.
-const VERTICES: usize = (CLUSTER_MAX_VERTICES + 1).next_multiple_of(LANES);
 
 /// What drawing a cluster needs.
 struct RasterTask<'a, S> {
@@ -78,6 +75,11 @@ impl<S: Sink> RasterTask<'_, S> {
             let at = self.visible[number as usize];
             let view = &self.views[at.instance as usize];
             let geometry = view.cluster(at.cluster);
+            if let Some(stroke) = &view.stroke {
+                let low = payload(number as usize);
+                drawn += stroke::draw(&geometry, view, stroke, self.screen, low, self.sink);
+                continue;
+            }
             transform_rows(geometry.positions, &view.screen, self.screen, &mut vertices);
             let low = payload(number as usize);
             let material = view.pages.record(at.cluster).material;
@@ -92,29 +94,15 @@ impl<S: Sink> RasterTask<'_, S> {
     }
 }
 
-/// Transforms and snaps vertices, eight at a time: the operations of [`crate::views::homogeneous`] and
-/// [`super::triangle::project`] in the same order, so that both rasterizers agree bit for bit.
+/// Transforms and snaps vertices, eight at a time: the operations of [`super::triangle::project`] in the same order, so
+/// that both rasterizers agree bit for bit.
 #[inline(always)]
 fn transform_rows(positions: Positions<'_>, rows: &[[f32; 4]; 3], screen: &Screen, out: &mut Vertices) {
-    let zero = Lanes::splat(0.0);
-    let step = positions.packing().step;
-    for first in (0..positions.len()).step_by(LANES) {
-        let mut numbers = [[0i32; LANES]; 3];
-        for (lane, vertex) in (first..positions.len()).take(LANES).enumerate() {
-            let number = positions.numbers(vertex);
-            (0..3).for_each(|k| numbers[k][lane] = number[k]);
-        }
-        let p = numbers.map(|axis| Lanes(axis.map(|number| coordinate_of(number, step))));
-        let mut h = [zero; 3];
-        for r in 0..3 {
-            let m = &rows[r];
-            h[r] = p[0] * m[0] + p[1] * m[1] + p[2] * m[2] + m[3];
-        }
+    homogeneous_rows(positions, rows, |at, mut h| {
         if !screen.orthographic {
             let r = Lanes::splat(1.0) / h[2];
             h = [h[0] * r, h[1] * r, r * screen.near];
         }
-        let at = first;
         out.value[at..at + LANES].copy_from_slice(&h[2].0);
         for lane in 0..LANES {
             let (x, y) = (snap(h[0].0[lane]), snap(h[1].0[lane]));
@@ -122,7 +110,7 @@ fn transform_rows(positions: Positions<'_>, rows: &[[f32; 4]; 3], screen: &Scree
             out.x[at + lane] = x as f32 * (1.0 / UNIT as f32);
             out.y[at + lane] = y as f32 * (1.0 / UNIT as f32);
         }
-    }
+    });
 }
 
 /// Which faces of a cluster are seen.

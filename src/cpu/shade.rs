@@ -139,6 +139,18 @@ impl Seen {
         Self { bsdf, position, view, late }
     }
 
+    /// The base colour, and that of vertices.
+    #[inline(always)]
+    fn own_color(&self) -> Vec3x8 {
+        let mut color = self.bsdf.base;
+        if let Some(tint) = &self.late {
+            for c in 0..3 {
+                color[c] = color[c] * tint[c];
+            }
+        }
+        color
+    }
+
     /// The normals in the world.
     #[inline(always)]
     fn world_normal(&self, eye: &Eye) -> Vec3x8 {
@@ -282,6 +294,8 @@ impl Shader<'_> {
                 Output::ShadingNormal => seen.world_normal(self.eye),
                 Output::Orm => [seen.bsdf.occlusion, seen.bsdf.roughness, seen.bsdf.metallic],
                 Output::Emissive => seen.bsdf.emissive,
+                // Points and lines have their colours, whatever the light.
+                _ if surfels.view.stroke.is_some() && shading != Shading::Normals => seen.own_color(),
                 _ => {
                     let receivers = match (self.light.shadows, surfels.detail.detail()) {
                         (Some(shadows), Some(detail)) => {

@@ -89,8 +89,11 @@ pub fn run(
     cascaded: Option<Cascaded<'_>>,
     occlusion: bool,
 ) -> Vec<DrawnBlock> {
-    let casters: Vec<(u32, &Instance)> =
-        scene.instances().iter().filter(|(_, instance)| instance.visible && instance.casts_shadows).collect();
+    let casters: Vec<(u32, &Instance)> = scene
+        .instances()
+        .iter()
+        .filter(|(_, instance)| instance.visible && instance.casts_shadows())
+        .collect();
     pages
         .chunk_by(|a, b| a.block() == b.block())
         .map(|pages| {
@@ -129,11 +132,7 @@ fn draw_block(
     let mut clusters = cluster_cull::run(&walk.groups, &views, &screen, tau, Some(&wanted)).candidates;
     // What is seen through stops no light.
     if views.iter().any(|view| view.materials.any_blended(true)) {
-        clusters.retain(|cluster| {
-            let Visible { instance, cluster } = cluster.visible;
-            let view = &views[instance as usize];
-            !view.blended(view.pages.record(cluster).material)
-        });
+        clusters.retain(|cluster| !cluster.is_blended(&views));
     }
     let touching = clusters.len();
     if let Some(mask) = &mask {

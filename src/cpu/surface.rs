@@ -1,12 +1,13 @@
 //! From the visibility buffer to surface points: barycentric coordinates and how they change on the screen, by analysis,
 //! interpolated normals and vertex colours, eight pixels of one instance at a time.
 
-use super::lanes::{LANES, Lanes, Vec3x8, apply, blend, cross, minus, normalize};
+use super::lanes::{LANES, Lanes, Vec3x8, apply, blend, cross, minus, normalize, splat3};
+use super::stroke::share_along;
 use crate::limits::SHADOW_ROUNDING;
 use crate::math::octahedral::OCTAHEDRAL_STEPS;
 use crate::model::{ClusterAddress, ClusterGeometry, ColorFormat};
 use crate::scene::placement::Eye;
-use crate::views::{Hit, InstanceView, Screen, Visible, decode};
+use crate::views::{Hit, InstanceView, Screen, Stroke, Visible, decode};
 
 /// A finished visibility buffer with all that is needed to read it.
 #[derive(Clone, Copy)]
@@ -205,7 +206,9 @@ impl<'a> Gathered<'a> {
         self.count += 1;
         (self.pixels[lane], self.hits[lane], self.clusters[lane]) = (pixel, hit, cluster);
         let corners = geometry.triangles.get(hit.triangle as usize);
-        for (i, corner) in corners.into_iter().enumerate() {
+        // Points are one vertex, and nobody asks where that lies.
+        let point = self.view.stroke.is_some_and(|stroke| !stroke.line);
+        for (i, corner) in corners.into_iter().enumerate().take(if point { 1 } else { 3 }) {
             let corner = usize::from(corner);
             let p = geometry.positions.get(corner);
             for k in 0..3 {
@@ -232,6 +235,9 @@ impl<'a> Gathered<'a> {
             point[1].0[lane] += row as f32;
             distance.0[lane] = screen.distance(self.hits[lane].key);
         }
+        if let Some(stroke) = &view.stroke {
+            return self.evaluate_stroke(screen, stroke, point, distance);
+        }
         let [a, b, c] = &self.positions;
         let coordinates = Barycentric::new(&view.screen, screen.orthographic, [a, b, c], &point);
         let weights = coordinates.weights();
@@ -256,10 +262,7 @@ impl<'a> Gathered<'a> {
             corners: self.positions,
             face: normalize(&face()),
         });
-        let format = view.mesh.layout().colors;
-        let step = 1.0 / format.one();
-        let color =
-            format.is_some().then(|| blend(&weights, &self.colors.map(|corner| corner.map(|x| x * step))));
+        let color = self.color(&weights);
         Surfels {
             count: self.count,
             instance: self.instance,
@@ -273,6 +276,61 @@ impl<'a> Gathered<'a> {
             color,
             detail,
         }
+    }
+
+    /// Vertex colours.
+    #[inline(always)]
+    fn color(&self, weights: &Vec3x8) -> Option<Vec3x8> {
+        let format = self.view.mesh.layout().colors;
+        let step = 1.0 / format.one();
+        format.is_some().then(|| blend(weights, &self.colors.map(|corner| corner.map(|x| x * step))))
+    }
+
+    /// Points and lines face the eye.
+    #[inline(always)]
+    fn evaluate_stroke<D: Extra>(
+        &self,
+        screen: &Screen,
+        stroke: &Stroke,
+        point: [Lanes; 2],
+        distance: Lanes,
+    ) -> Surfels<'a, D> {
+        let (view, zero) = (self.view, Lanes::splat(0.0));
+        let mut weights = [1.0, 0.0, 0.0].map(Lanes::splat);
+        if stroke.line {
+            for lane in 0..self.count {
+                let end = |i: usize| view.homogeneous(self.positions[i].map(|axis| axis.0[lane]));
+                let t = share_along([end(0), end(1)], point.map(|axis| axis.0[lane]), screen.orthographic);
+                (weights[0].0[lane], weights[1].0[lane]) = (1.0 - t, t);
+            }
+        }
+        let facing = splat3([0.0, 0.0, 1.0]);
+        Surfels {
+            count: self.count,
+            instance: self.instance,
+            view,
+            pixels: self.pixels,
+            hits: self.hits,
+            clusters: self.clusters,
+            point,
+            distance,
+            normal: facing,
+            color: if stroke.line { self.color(&weights) } else { self.first_color() },
+            detail: D::of(|| Detail {
+                weights,
+                change: [[zero; 3]; 2],
+                corners: self.positions,
+                face: facing,
+            }),
+        }
+    }
+
+    /// The colour of the first corner.
+    #[inline(always)]
+    fn first_color(&self) -> Option<Vec3x8> {
+        let format = self.view.mesh.layout().colors;
+        let step = 1.0 / format.one();
+        format.is_some().then(|| self.colors[0].map(|x| x * step))
     }
 }
 

@@ -1,7 +1,37 @@
 //! What the two rasterizers share about triangles: projection, snapping, pixel ranges and the top-left rule.
 
-use crate::limits::{SNAP_ROUNDER, SUBPIXEL_BITS};
+use super::lanes::{LANES, Lanes};
+use crate::limits::{CLUSTER_MAX_VERTICES, SNAP_ROUNDER, SUBPIXEL_BITS};
+use crate::model::packing::{Positions, coordinate_of};
 use crate::views::Screen;
+
+/// Room for the vertices of a cluster, in whole lanes.
+pub const VERTICES: usize = (CLUSTER_MAX_VERTICES + 1).next_multiple_of(LANES);
+
+/// Homogeneous screen coordinates of vertices, eight at a time, with the number of the first: the operations of
+/// [`crate::views::homogeneous`] in the same order.
+#[inline(always)]
+pub fn homogeneous_rows(
+    positions: Positions<'_>,
+    rows: &[[f32; 4]; 3],
+    mut take: impl FnMut(usize, [Lanes; 3]),
+) {
+    let step = positions.packing().step;
+    for first in (0..positions.len()).step_by(LANES) {
+        let mut numbers = [[0i32; LANES]; 3];
+        for (lane, vertex) in (first..positions.len()).take(LANES).enumerate() {
+            let number = positions.numbers(vertex);
+            (0..3).for_each(|k| numbers[k][lane] = number[k]);
+        }
+        let p = numbers.map(|axis| Lanes(axis.map(|number| coordinate_of(number, step))));
+        let mut h = [Lanes::splat(0.0); 3];
+        for r in 0..3 {
+            let m = &rows[r];
+            h[r] = p[0] * m[0] + p[1] * m[1] + p[2] * m[2] + m[3];
+        }
+        take(first, h);
+    }
+}
 
 /// Units per pixel of snapped coordinates.
 pub const UNIT: i32 = 1 << SUBPIXEL_BITS;

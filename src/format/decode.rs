@@ -20,7 +20,7 @@ use crate::math::Aabb;
 use crate::model::cluster::NO_GROUP;
 use crate::model::{
     Channel, ChannelInfo, ChannelType, ClusterRecord, Dag, GeometryId, Group, PageEntry, PageWords, Pages,
-    Words,
+    Primitive, Words,
 };
 
 /// Bytes that opening reads first: header, section table and, of most files, all that comes before pages and channels.
@@ -443,6 +443,7 @@ impl<'a> Container<'a> {
             source_faces: metadata.source_faces,
             source_vertices: metadata.source_vertices,
             face_ids: face_ids.transpose()?,
+            primitive: Primitive::Triangles,
             grid: metadata.grid,
             report: metadata.report,
         };

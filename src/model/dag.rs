@@ -10,6 +10,7 @@ use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRe
 use super::geometry::GeometryId;
 use super::hierarchy::Node;
 use super::page::Pages;
+use super::primitive::Primitive;
 use super::reading::InterruptCheck;
 use super::report::BuildReport;
 use super::rule::ROOT_ERROR;
@@ -153,6 +154,8 @@ pub struct Dag {
     /// For each level-0 triangle, in page order of the level-0 clusters, its row of the caller's `faces`;
     /// only when asked for.
     pub face_ids: Option<Words>,
+    /// What its elements are.
+    pub primitive: Primitive,
     /// What positions and normals were rounded to; nothing before a file asked for it.
     pub grid: Option<Grid>,
     /// What building did.

@@ -73,6 +73,8 @@ struct RawOptions {
     shadow_memory: u64,
     shadow_samples: u32,
     max_layers: u32,
+    transparent_ids: bool,
+    motion: bool,
 }
 
 impl RawOptions {
@@ -93,6 +95,8 @@ impl RawOptions {
             shadow_memory: self.shadow_memory,
             shadow_samples: self.shadow_samples,
             max_layers: self.max_layers,
+            transparent_ids: self.transparent_ids,
+            motion: self.motion,
             ..defaults
         })
     }
@@ -294,6 +298,11 @@ impl Frame {
         self.planes(py, |frame| frame.shadow())
     }
 
+    /// How far each pixel moved, (H, W, 2) float32.
+    fn motion(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
+        self.planes(py, |frame| frame.motion().map(Vec::into_flattened))
+    }
+
     fn deep_color(&self, py: Python<'_>) -> PyResult<Py<PyArray3<u16>>> {
         self.planes(py, |frame| frame.deep_color())
     }
@@ -347,10 +356,11 @@ impl Frame {
         self.look(py, |frame| (frame.width(), frame.height()))
     }
 
-    /// A picture by name.
-    fn view(&self, py: Python<'_>, name: &str) -> PyResult<Py<PyArray3<u8>>> {
+    /// A picture by name, with edges over it in a colour.
+    #[pyo3(signature = (name, edges=None))]
+    fn view(&self, py: Python<'_>, name: &str, edges: Option<[u8; 3]>) -> PyResult<Py<PyArray3<u8>>> {
         let what = ImageView::parse(name).map_err(|error| to_python(py, error))?;
-        self.planes(py, move |frame| frame.image(what))
+        self.planes(py, move |frame| frame.image(what, edges))
     }
 
     /// The stages with their counts and times.

@@ -218,10 +218,7 @@ impl Scene {
 
     /// Whether an instance casts shadows, and whether they fall on it.
     fn shadows(&self, py: Python<'_>, at: RawHandle) -> PyResult<(bool, bool)> {
-        self.look(py, |s| {
-            let instance = s.instance(InstanceHandle(handle(at)))?;
-            Ok((instance.casts_shadows, instance.receives_shadows))
-        })
+        self.look(py, |s| Ok(s.instance(InstanceHandle(handle(at)))?.shadows()))
     }
 
     /// Changes the look of an instance.

@@ -8,6 +8,7 @@ use super::calls::detached;
 use super::mesh::{Mesh, RawArrays};
 use crate::build::OneLevel;
 use crate::mesh::skin::{Influences, JointMatrix, skin};
+use crate::model::{Primitive, StrokeSize};
 
 /// What of an ordinary mesh does not depend on where its vertices are.
 #[pyclass(frozen, module = "nanite_rs._core")]
@@ -15,10 +16,16 @@ pub(super) struct TriangleMesh(OneLevel);
 
 #[pymethods]
 impl TriangleMesh {
-    /// From arrays. See `nanite_rs.TriangleMesh`.
+    /// From arrays. See `nanite_rs.TriangleMesh`. With `stroke` (whether of lines, radius, whether in units of the world) faces
+    /// are points, a vertex three times, or lines, the second vertex twice.
     #[new]
-    fn new(py: Python<'_>, arrays: RawArrays<'_>) -> PyResult<Self> {
-        arrays.with_source(|source| detached(py, || OneLevel::new(source)).map(Self))
+    #[pyo3(signature = (arrays, stroke=None))]
+    fn new(py: Python<'_>, arrays: RawArrays<'_>, stroke: Option<(bool, f32, bool)>) -> PyResult<Self> {
+        let primitive = stroke.map_or(Primitive::Triangles, |(line, radius, world)| {
+            let size = if world { StrokeSize::World(radius) } else { StrokeSize::Pixels(radius) };
+            if line { Primitive::Lines(size) } else { Primitive::Points(size) }
+        });
+        arrays.with_source(|source| detached(py, || OneLevel::new(source, primitive)).map(Self))
     }
 
     /// The mesh with its vertices at these positions. Without `normals` they are computed.

@@ -379,7 +379,7 @@ pub fn instance_transform(instance: &Instance) -> InstanceTransform {
 
 /// Who sees an instance, see [`SEEN_BY_VIEWS`].
 fn seen_by(instance: &Instance) -> u32 {
-    match (instance.visible, instance.casts_shadows) {
+    match (instance.visible, instance.casts_shadows()) {
         (false, _) => 0,
         (true, false) => SEEN_BY_VIEWS,
         (true, true) => SEEN_BY_VIEWS | SEEN_BY_LIGHTS,
@@ -410,7 +410,7 @@ fn instance_material(instance: &Instance) -> InstanceMaterial {
             | flag(placement.conformal, MATERIAL_CONFORMAL)
             | (instance.mesh.layout().colors.words() as u32) << MATERIAL_COLOR_WORDS
             | flag(material.unlit, MATERIAL_UNLIT)
-            | flag(instance.receives_shadows, MATERIAL_SHADOWED),
+            | flag(instance.receives_shadows(), MATERIAL_SHADOWED),
         last_material: 0,
     }
 }

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::frame_shadows::FrameShadows;
 use super::layers;
+use super::motion::Before;
 use super::stats::FrameStats;
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Output, Outputs};
@@ -20,13 +21,18 @@ use crate::model::ClusterAddress;
 use crate::scene::placement::Eye;
 use crate::scene::{Lighting, View};
 use crate::stages::Stage;
-use crate::views::{InstanceView, Screen, Visible};
+use crate::views::{InstanceView, Screen, Visible, decode, payload};
+
+/// Colour of the edges of a wireframe, RGB bytes.
+const EDGES: [u8; 3] = [20, 24, 32];
 
 /// A picture of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ImageView {
     /// An array of RGB bytes.
     Rgb(Output),
+    /// Edges of triangles, on blank surfaces.
+    Wireframe,
     /// Triangles per pixel, in colours.
     Overdraw,
     /// What the rasterizers of small and of large triangles drew.
@@ -44,6 +50,7 @@ impl ImageView {
             "clusters" => Self::Rgb(Output::Clusters),
             "groups" => Self::Rgb(Output::Groups),
             "levels" => Self::Rgb(Output::Levels),
+            "wireframe" => Self::Wireframe,
             "overdraw" => Self::Overdraw,
             "rasterizers" => Self::Rasterizers,
             "shadow_pages" => Self::Shadow(ShadowView::Pages),
@@ -54,8 +61,8 @@ impl ImageView {
                 return Err(Error::argument(
                     "view",
                     format!(
-                        "must be shaded, triangles, clusters, groups, levels, rasterizers, overdraw, shadow_pages, \
-                         shadow_levels, shadow_kept or shadow_cut, not {name:?}"
+                        "must be shaded, wireframe, triangles, clusters, groups, levels, rasterizers, overdraw, \
+                         shadow_pages, shadow_levels, shadow_kept or shadow_cut, not {name:?}"
                     ),
                 ));
             }
@@ -82,6 +89,10 @@ pub struct Frame {
     pub(super) layer: Option<Vec<[f32; 4]>>,
     /// What is in the way of each light, where lights throw shadows.
     pub(super) shadows: Option<FrameShadows>,
+    /// What it shows as it was in the frame before, if that was noted.
+    pub(super) before: Option<Before>,
+    /// Whether it was to tell what moved.
+    pub(super) tells_motion: bool,
     /// Arrays made so far.
     pub(super) made: Vec<(Output, Array)>,
     pub(super) scratch: ScratchPool,
@@ -149,6 +160,36 @@ impl Frame {
         let blended = blend::run(layers, &self.views, &self.screen, &self.eye, &light, &opaque, pixels.words);
         (self.light, self.layer) = (Some(blended.light), Some(blended.layer));
         Ok(())
+    }
+
+    /// Has depth, ids and normals show the nearest of what is blended, where anything is.
+    pub(super) fn show_layers(&mut self, layers: Layers) {
+        let (Some(nearest), VisibilityBuffer::Words(words)) = (layers.words.first(), &mut self.picture)
+        else {
+            return;
+        };
+        let first = self.visible.len() as u32;
+        words.par_iter_mut().zip(nearest).with_min_len(1 << 14).for_each(|(word, layer)| {
+            if let Some(hit) = decode(*layer) {
+                let low = payload((first + hit.visible) as usize) - hit.triangle;
+                *word = u64::from(hit.key) << 32 | u64::from(low);
+            }
+        });
+        self.visible.extend(layers.visible);
+        self.large.extend(layers.large);
+    }
+
+    /// How far what each pixel shows has moved since the frame before: pixels to the right and down. Zero where nothing is
+    /// covered and in a first frame, NaN where it was at the eye or behind it.
+    pub fn motion(&self) -> Result<Vec<[f32; 2]>> {
+        if !self.tells_motion {
+            return Err(Error::argument("motion", "the frame was rendered without"));
+        }
+        let pixels = self.pixels("motion")?;
+        Ok(match &self.before {
+            Some(before) => output::motion(pixels, &before.views, &before.screen),
+            None => vec![[0.0; 2]; pixels.words.len()],
+        })
     }
 
     /// How much of each light, switched on, reaches each pixel, row by row: all of the first pixel first. 1 where nothing is
@@ -314,9 +355,19 @@ impl Frame {
         self.array(Output::Overdraw).map(Vec::from)
     }
 
-    /// A picture, RGB bytes.
-    pub fn image(&self, what: ImageView) -> Result<Vec<u8>> {
+    /// A picture, RGB bytes; with `edges` those of triangles are drawn over it in this colour.
+    pub fn image(&self, what: ImageView, edges: Option<[u8; 3]>) -> Result<Vec<u8>> {
+        let edges = edges.or((what == ImageView::Wireframe).then_some(EDGES));
+        let mut image = self.plain_image(what)?;
+        if let Some(color) = edges {
+            output::draw_edges(self.pixels("edges")?, color, &mut image);
+        }
+        Ok(image)
+    }
+
+    fn plain_image(&self, what: ImageView) -> Result<Vec<u8>> {
         Ok(match what {
+            ImageView::Wireframe => output::blank(self.pixels("wireframe")?).into_flattened(),
             ImageView::Rgb(output) => self.array(output)?.into(),
             ImageView::Overdraw => output::overdraw_colors(&self.overdraw()?).into_flattened(),
             ImageView::Shadow(what) => {

@@ -10,6 +10,7 @@ pub mod frame;
 mod frame_shadows;
 mod history;
 mod layers;
+mod motion;
 mod pass;
 mod queue;
 pub mod renderer;

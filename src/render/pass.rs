@@ -145,13 +145,8 @@ impl<P: Pixel> FramePasses<'_, P> {
             let count = culled.candidates.len() as u64;
             (culled.candidates, culled.visited, count)
         });
-        let blended = |cluster: &mut CandidateCluster| {
-            let Visible { instance, cluster } = cluster.visible;
-            let view = &views[instance as usize];
-            view.blended(view.pages.record(cluster).material)
-        };
         if views.iter().any(|view| view.materials.any_blended(true)) {
-            self.blended.extend(candidates.extract_if(.., blended));
+            self.blended.extend(candidates.extract_if(.., |cluster| cluster.is_blended(views)));
         }
         candidates
     }

@@ -11,6 +11,7 @@ use super::frame::Frame;
 use super::frame_shadows::FrameShadows;
 use super::history::VisibilityHistory;
 use super::layers;
+use super::motion::Stance;
 use super::pass::FramePasses;
 use super::shadows::{self, Host};
 use super::stats::FrameStats;
@@ -218,6 +219,8 @@ pub struct Renderer {
     shadows: ShadowCache<Arc<ShadowPage>>,
     /// A scene and its clock when all pages of its meshes were in memory.
     loaded: Option<(u64, u64)>,
+    /// Where everything was in the last frame of each view that took note.
+    stances: Histories<Stance>,
     /// There when meshes in files are streamed.
     streamer: Option<Streamer>,
     /// See [`RenderOptions::cpu_from`], where a frame says nothing.
@@ -244,6 +247,7 @@ impl Renderer {
             scratch,
             shadows: ShadowCache::default(),
             loaded,
+            stances: Histories::default(),
             streamer,
             cpu_from,
             before,
@@ -336,8 +340,7 @@ impl Renderer {
             Shadows::Cascaded => Some(Stage::ShadowMark),
         };
         // So are layers.
-        let blends = scene.instances().iter().any(|(_, instance)| instance.visible && instance.blends());
-        let layered = blends.then_some(Stage::InstanceCull);
+        let layered = scene.needs_cpu().then_some(Stage::InstanceCull);
         let cpu_from = [options.cpu_from.or(self.cpu_from), shaded, layered].into_iter().flatten().min();
         let options = &RenderOptions { cpu_from, ..options.clone() };
         options.validate()?;
@@ -365,9 +368,22 @@ impl Renderer {
                 frames?
             }
         };
+        if options.motion {
+            self.note_motion(scene, &views, &mut frames);
+        }
         let total_ms = start.elapsed().as_secs_f64() * 1e3;
         frames.iter_mut().for_each(|frame| frame.stats.total_ms = total_ms);
         Ok(frames)
+    }
+
+    /// Tells frames what they show as it was in the frames before, and takes note of it as it is.
+    fn note_motion(&mut self, scene: &Scene, views: &[DrawnView], frames: &mut [Frame]) {
+        for (view, frame) in views.iter().zip(frames) {
+            let before = self.stances.take([view.id]).pop();
+            frame.before = before.and_then(|stance| stance.of(scene, frame));
+            self.stances.give([(view.id, Stance::new(scene, frame))]);
+        }
+        self.stances.trim(views.iter().map(|view| view.id));
     }
 
     /// Sees to it that all pages of the meshes of a scene are in memory.
@@ -651,13 +667,19 @@ fn finished(frame_context: FrameContext<'_>, rastered: Rastered, scratch: Scratc
         light,
         layer,
         shadows,
+        before: None,
+        tells_motion: options.motion,
         made,
         scratch,
         stats,
     };
     // Where there are several samples, their mean is there.
-    if let (Some(layers), None) = (layers, &frame.light) {
-        frame.blend(&layers)?;
+    if let (Some(layers), None) = (&layers, &frame.light) {
+        frame.blend(layers)?;
+    }
+    if let Some(layers) = layers.filter(|_| options.transparent_ids) {
+        frame.show_layers(layers);
+        frame.stats.covered_pixels = frame.picture.covered();
     }
     frame.finish(options.outputs)?;
     Ok(frame)

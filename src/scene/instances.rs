@@ -13,7 +13,7 @@ use super::pose;
 use super::slots::{Handle, Slots};
 use crate::error::{Error, Result};
 use crate::math::singular_value_bound;
-use crate::model::Dag;
+use crate::model::{Dag, Primitive};
 
 /// Names an instance of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -32,10 +32,8 @@ pub struct Instance {
     pub materials: Materials,
     /// False hides it.
     pub visible: bool,
-    /// It throws shadows, where frames have such.
-    pub casts_shadows: bool,
-    /// Shadows fall on it.
-    pub receives_shadows: bool,
+    casts_shadows: bool,
+    receives_shadows: bool,
     pose: DAffine3,
     /// Bound of the largest singular value of the pose's linear part.
     scale: f64,
@@ -70,6 +68,31 @@ impl Instance {
         self.materials.any_blended(self.mesh.layout().colors.is_some())
     }
 
+    /// Whether it consists of triangles, and not of points or lines.
+    pub fn is_ordinary(&self) -> bool {
+        self.mesh.primitive == Primitive::Triangles
+    }
+
+    /// Whether it throws shadows, where frames have such. Points and lines throw none.
+    pub fn casts_shadows(&self) -> bool {
+        self.casts_shadows && self.is_ordinary()
+    }
+
+    /// Whether shadows fall on it.
+    pub fn receives_shadows(&self) -> bool {
+        self.receives_shadows && self.is_ordinary()
+    }
+
+    /// What it was told of both.
+    pub fn shadows(&self) -> (bool, bool) {
+        (self.casts_shadows, self.receives_shadows)
+    }
+
+    /// Whether it shows what the CPU alone draws: what is blended, points and lines.
+    fn needs_cpu(&self) -> bool {
+        self.visible && (self.blends() || !self.is_ordinary())
+    }
+
     fn set_pose(&mut self, pose: DAffine3) {
         self.pose = pose;
         self.scale = singular_value_bound(pose::linear_rows(&pose.matrix3));
@@ -90,6 +113,8 @@ pub struct Scene {
     /// No two scenes have the same.
     identity: u64,
     instances: Slots<Instance>,
+    /// Instances that the CPU alone draws.
+    need_cpu: usize,
     lights: Slots<Light>,
     ambient_light: [f32; 3],
     bg_color: [f32; 3],
@@ -113,6 +138,7 @@ impl Default for Scene {
         Self {
             identity: NEXT.fetch_add(1, Ordering::Relaxed),
             instances: Slots::new("instance"),
+            need_cpu: 0,
             lights: Slots::new("light"),
             ambient_light: [0.0; 3],
             bg_color: [1.0; 3],
@@ -152,7 +178,24 @@ impl Scene {
             placement: Placement::default(),
         };
         instance.set_pose(pose::affine("pose", pose)?);
-        Ok(InstanceHandle(self.instances.insert(instance)?))
+        let needs_cpu = instance.needs_cpu();
+        let handle = self.instances.insert(instance)?;
+        self.need_cpu += usize::from(needs_cpu);
+        Ok(InstanceHandle(handle))
+    }
+
+    /// Whether there is anything that the CPU alone draws.
+    pub fn needs_cpu(&self) -> bool {
+        self.need_cpu > 0
+    }
+
+    /// Changes what an instance shows.
+    fn change_look(&mut self, handle: InstanceHandle, change: impl FnOnce(&mut Instance)) -> Result<()> {
+        let instance = self.instances.get_mut(handle.0)?;
+        let before = instance.needs_cpu();
+        change(instance);
+        self.need_cpu = self.need_cpu + usize::from(instance.needs_cpu()) - usize::from(before);
+        Ok(())
     }
 
     /// An instance.
@@ -170,16 +213,15 @@ impl Scene {
     /// Gives an instance another geometry, where it is.
     pub fn set_mesh(&mut self, handle: InstanceHandle, mesh: Arc<Dag>) -> Result<()> {
         fitting(self.instances.get(handle.0)?.materials.clone(), &mesh)?;
-        let instance = self.instances.get_mut(handle.0)?;
-        instance.mesh = mesh;
-        instance.set_pose(instance.pose);
-        Ok(())
+        self.change_look(handle, |instance| {
+            instance.mesh = mesh;
+            instance.set_pose(instance.pose);
+        })
     }
 
     /// Shows or hides an instance.
     pub fn set_visible(&mut self, handle: InstanceHandle, visible: bool) -> Result<()> {
-        self.instances.get_mut(handle.0)?.visible = visible;
-        Ok(())
+        self.change_look(handle, |instance| instance.visible = visible)
     }
 
     /// Whether an instance throws shadows, and whether they fall on it.
@@ -192,13 +234,14 @@ impl Scene {
     /// Changes the look of an instance.
     pub fn set_material(&mut self, handle: InstanceHandle, materials: impl Into<Materials>) -> Result<()> {
         let materials = fitting(materials.into(), &self.instances.get(handle.0)?.mesh)?;
-        self.instances.get_mut(handle.0)?.materials = materials;
-        Ok(())
+        self.change_look(handle, |instance| instance.materials = materials)
     }
 
     /// Removes an instance; its handle is stale from now on.
     pub fn remove(&mut self, handle: InstanceHandle) -> Result<Instance> {
-        self.instances.remove(handle.0)
+        let instance = self.instances.remove(handle.0)?;
+        self.need_cpu -= usize::from(instance.needs_cpu());
+        Ok(instance)
     }
 
     /// All instances with their slot numbers, in slot order: the scene order.

@@ -27,7 +27,7 @@ struct Caster {
 impl Caster {
     /// Of an instance that throws a shadow.
     fn new(instance: &Instance) -> Option<Self> {
-        let casts = instance.visible && instance.casts_shadows;
+        let casts = instance.visible && instance.casts_shadows();
         casts.then(|| Self {
             mesh: instance.mesh.id.number(),
             pose: *instance.pose(),

@@ -1,6 +1,7 @@
 //! Where a box lies on the screen: the pixels that it may cover, and how near it comes.
 
 use super::screen::{Screen, homogeneous};
+use super::stroke::Stroke;
 use crate::limits::{FOOTPRINT_MARGIN, FOOTPRINT_ROUNDING, FOOTPRINT_SLACK, GUARD_BAND};
 
 /// Where a box lies on the screen.
@@ -34,12 +35,13 @@ impl Footprint {
 }
 
 /// Where a box about `center` with half extents `extent` lies, under rows of a map to homogeneous screen space; `None` off
-/// the screen.
+/// the screen. Of points and lines the box holds the vertices, and their pixels are those of what is drawn.
 pub fn footprint(
     rows: &[[f32; 4]; 3],
     constants: &Screen,
     center: [f32; 3],
     extent: [f32; 3],
+    stroke: Option<&Stroke>,
 ) -> Option<Footprint> {
     let c = homogeneous(rows, center);
     let half = |r: usize| rows[r].map(f32::abs);
@@ -82,9 +84,17 @@ pub fn footprint(
             low[k] -= error;
             high[k] += error;
         }
+        if let Some(stroke) = stroke {
+            let reach = stroke.reach(constants, nearest);
+            for k in 0..2 {
+                low[k] -= reach[k];
+                high[k] += reach[k];
+            }
+        }
     } else {
         // It reaches the near plane: test the half spaces, and cover the whole picture.
-        for k in 0..2 {
+        // What is drawn of points and lines may reach anywhere from there.
+        for k in (0..2).filter(|_| stroke.is_none()) {
             let plane = |sign: f32, offset: f32| -> [f32; 4] {
                 std::array::from_fn(|j| {
                     let rest = if constants.orthographic {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::footprint::{Footprint, footprint};
 use super::screen::{Screen, homogeneous};
+use super::stroke::Stroke;
 use crate::math::{LodView, Sphere};
 use crate::model::{ClusterAddress, ClusterGeometry, Dag, Pages};
 use crate::scene::placement::{Eye, Placement};
@@ -33,6 +34,8 @@ pub struct InstanceView {
     pub conformal: bool,
     /// The map from internal to camera space reverses orientation.
     pub mirrored: bool,
+    /// Of points and lines, how large they are drawn.
+    pub stroke: Option<Stroke>,
     /// Shadows fall on it.
     pub receives_shadows: bool,
     /// Back faces are drawn, whatever its materials say: from a light.
@@ -76,7 +79,8 @@ impl InstanceView {
             normal,
             conformal: placement.conformal,
             mirrored: placement.mirrored != eye.mirrored,
-            receives_shadows: instance.receives_shadows,
+            stroke: Stroke::new(instance.mesh.primitive, eye),
+            receives_shadows: instance.receives_shadows(),
             two_sided: false,
             footprint: Footprint::default(),
         }
@@ -101,10 +105,10 @@ impl InstanceView {
         self.two_sided || self.materials.double_sided(material)
     }
 
-    /// Whether clusters with a number are blended with what is behind them.
+    /// Whether a cluster is blended with what is behind it.
     #[inline]
-    pub fn blended(&self, material: i32) -> bool {
-        self.materials.blended(material, self.mesh.layout().colors.is_some())
+    pub fn is_blended(&self, cluster: ClusterAddress) -> bool {
+        self.materials.blended(self.pages.record(cluster).material, self.mesh.layout().colors.is_some())
     }
 
     /// Centre and half extents of the box around the mesh, rounded up.
@@ -121,7 +125,7 @@ impl InstanceView {
     /// Where a box about `center` with half extents `extent` lies; `None` off the screen.
     #[inline]
     pub fn footprint(&self, constants: &Screen, center: [f32; 3], extent: [f32; 3]) -> Option<Footprint> {
-        footprint(&self.screen, constants, center, extent)
+        footprint(&self.screen, constants, center, extent, self.stroke.as_ref())
     }
 
     /// Where a cluster lies, and which way it faces. Culling asks here alone, so that a geometry whose shape changes can

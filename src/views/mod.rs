@@ -6,6 +6,7 @@ pub mod footprint;
 pub mod histories;
 pub mod instance_view;
 pub mod screen;
+pub mod stroke;
 pub mod visibility;
 
 pub use desc::{ViewDesc, ViewKind};
@@ -13,4 +14,5 @@ pub use footprint::{Footprint, Occluder};
 pub use histories::Histories;
 pub use instance_view::{ClusterBounds, InstanceView, mesh_bounds};
 pub use screen::{Screen, homogeneous};
+pub use stroke::Stroke;
 pub use visibility::{Hit, Visible, decode, payload};

@@ -963,9 +963,10 @@ def test_notes_say_what_was_changed(tmp_path) -> None:
     document.json["nodes"][1].update(skin=document.row("skins", joints=[0]), weights=[0.5])
     asset, (part,) = parts_of(document.save(tmp_path / "a.glb"))
     assert part.material.alpha_mode == "blend"
+    ((drawn,),) = asset.strokes.values()
+    assert drawn.segments is None
     for text in (
         "KHR_materials_clearcoat (wood)",
-        "points and lines",
         "surfaces without area",
         "weights of morph targets that are missing (meshes[0], primitive 0",
         "skins without joints and weights",

@@ -237,9 +237,9 @@ def test_what_is_left_out_is_said(pyrender) -> None:
     scene.add(pyrender.PerspectiveCamera(yfov=0.9))
     with pytest.warns(UserWarning, match="left out") as caught:
         view = nrs.from_pyrender(scene)
-    for what in ("points and lines", "textures of primitives without UVs", "wireframes"):
+    for what in ("textures of primitives without UVs", "wireframes"):
         assert what in str(caught[0].message)
-    assert len(view.scene) == 3
+    assert len(view.scene) == 4
     node = next(node for node, own in view.instances.items() if own)
     assert view.instances[node][0].visible
     node.mesh.is_visible = False

@@ -137,6 +137,19 @@ def test_alpha_of_textures_and_vertices_counts():
         )
 
 
+def surfaces(vertices, faces, origins, directions):
+    """How many surfaces each ray meets."""
+    oracle = rays.Rays(vertices, faces)
+    hits, start = np.zeros(len(origins), int), np.zeros(len(origins))
+    for _ in range(100):
+        face, distance = oracle.first(origins + start[:, None] * directions, directions)
+        hits += face >= 0
+        start += np.where(face >= 0, distance + 1e-4, 0.0)
+        if not (face >= 0).any():
+            break
+    return hits
+
+
 @pytest.mark.parametrize("samples", [1, 4])
 def test_real_shapes_are_as_rays_find_them(samples):
     """A knot of glass before another: alpha to the number of surfaces that a ray meets."""
@@ -153,15 +166,7 @@ def test_real_shapes_are_as_rays_find_them(samples):
     focal = 0.5 * high / np.tan(0.35)
     to = np.stack([(x - wide / 2) / focal, (high / 2 - y) / focal, -np.ones_like(x)], -1) @ pose[:3, :3].T
     to = to.reshape(-1, 3)
-    oracle = rays.Rays(vertices, faces)
-    hits, start = np.zeros(len(to), int), np.zeros(len(to))
-    for _ in range(40):
-        face, distance = oracle.first(pose[:3, 3] + start[:, None] * to, to)
-        hits += face >= 0
-        start += np.where(face >= 0, distance + 1e-4, 0.0)
-        if not (face >= 0).any():
-            break
-    hits = hits.reshape(high, wide)
+    hits = surfaces(vertices, faces, np.broadcast_to(pose[:3, 3], to.shape), to).reshape(high, wide)
     wanted = 1.0 - (1.0 - alpha) ** hits
     # Away from outlines, where a ray beside finds another number.
     steady = np.ones_like(hits, bool)
@@ -222,3 +227,105 @@ def test_opaque_alpha_is_warned_of_once():
         warnings.simplefilter("error")
         scene.add(mesh, material=look)
         nrs.Scene().add(mesh, material=pane((1, 1, 1), 0.5))
+
+
+def test_scenes_know_what_is_seen_through(backend):
+    """Whatever was shown, hidden, painted, moved or removed meanwhile, a picture is that of a scene made so."""
+    mesh = nrs.TriangleMesh(2 * QUAD, FACES)
+    tinted = nrs.TriangleMesh(2 * QUAD, FACES, colors=np.full((4, 4), 128, np.uint8))
+    glass = pane((1, 0, 0), 0.5)
+    scene = nrs.Scene(bg_color=(0, 0, 1))
+    nodes = [scene.add(mesh, material=glass), scene.add(tinted, material=pane((0, 1, 0), 1.0))]
+    opaque = nrs.Material(base_color=(1, 1, 0), unlit=True, double_sided=True)
+
+    def shown():
+        with nrs.Renderer(16, 16, backend=backend) as renderer, warnings.catch_warnings():
+            warnings.simplefilter("ignore", nrs.UsageWarning)
+            color = renderer.render(scene, CAMERA, POSE, transfer="linear").linear[8, 8]
+        return pytest.approx(color.tolist(), abs=1e-3)
+
+    both = over((0, 0, 1), [((0, 128 / 255, 0), 128 / 255), ((1, 0, 0), 0.5)]).tolist()
+    assert shown() == both
+    nodes[0].visible = False
+    mesh.update(2 * QUAD)
+    assert shown() == over((0, 0, 1), [((0, 128 / 255, 0), 128 / 255)]).tolist()
+    nodes[1].material = opaque
+    assert shown() == [128 / 255, 128 / 255, 0.0]
+    nodes[1].remove()
+    assert shown() == [0.0, 0.0, 1.0]
+    nodes[0].visible = True
+    nodes[0].material = opaque
+    nodes[0].material = glass
+    assert shown() == [0.5, 0.0, 0.5]
+    nodes[0].remove()
+    assert shown() == [0.0, 0.0, 1.0]
+
+
+def test_ids_of_what_is_blended(backend):
+    """As if the nearest surface were opaque."""
+    rng = np.random.default_rng(3)
+    scenes = [nrs.Scene(ambient_light=(1, 1, 1)) for _ in range(2)]
+    vertices, faces = nrs.shapes.torus_knot(faces=3_000)
+    knot = nrs.NaniteMesh.from_arrays(vertices, faces, progress=False)
+    for k in range(6):
+        pose = nrs.look_at(rng.uniform(-1, 1, 3), rng.uniform(2, 3, 3))
+        for solid, scene in enumerate(scenes):
+            look = nrs.Material(
+                base_color=(0.3, 0.6, 0.2, 0.4), alpha_mode="opaque" if solid or k < 2 else "blend"
+            )
+            scene.add(knot, pose=pose, material=look)
+    camera, pose = nrs.PerspectiveCamera(yfov=0.9), nrs.look_at((0, 0, 5), (0, 0, 0))
+    with nrs.Renderer(*SIZE, backend=backend) as renderer, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        plain = renderer.render(scenes[0], camera, pose)
+        frame = renderer.render(scenes[0], camera, pose, transparent_ids=True, samples=1)
+        solid = renderer.render(scenes[1], camera, pose)
+        many = renderer.render(scenes[0], camera, pose, transparent_ids=True, samples=4)
+        with pytest.raises(nrs.ArgumentError, match="transparent_ids"):
+            renderer.render(scenes[0], camera, pose, transparent_ids=True, depth_only=True)
+    np.testing.assert_array_equal(frame.color, plain.color)
+    np.testing.assert_array_equal(frame.rgba, plain.rgba)
+    for name in ("depth", "instance_id", "cluster_id", "triangle_id", "normal"):
+        np.testing.assert_array_equal(getattr(frame, name), getattr(solid, name), name)
+        np.testing.assert_array_equal(getattr(many, name), getattr(solid, name), name)
+    assert (plain.instance_id != frame.instance_id).mean() > 0.05
+    assert frame.stats.covered_pixels == (frame.depth > 0).sum()
+    np.testing.assert_array_equal(frame.overdraw, solid.overdraw)
+
+
+def test_layers_end_where_nothing_lies_behind():
+    """Small glass in a large picture: all of its layers are found, in whatever tiles they lie."""
+    rng = np.random.default_rng(5)
+    scene = nrs.Scene(ambient_light=(1, 1, 1))
+    vertices, faces = nrs.shapes.icosphere(faces=80)
+    balls = []
+    for _ in range(40):
+        center, radius = rng.uniform(-1.5, 1.5, 3), rng.uniform(0.1, 0.6)
+        balls.append((center, radius))
+        scene.add(
+            nrs.TriangleMesh(vertices * radius + center, faces),
+            material=nrs.Material(
+                base_color=(1.0, 1.0, 1.0, 0.25), alpha_mode="blend", unlit=True, double_sided=True
+            ),
+        )
+    size = 320, 240
+    camera, pose = nrs.OrthographicCamera(2.4, 1.8, znear=0.1, zfar=20.0), nrs.look_at((0, 0, 9), (0, 0, 0))
+    scene.bg_color = (0.0, 0.0, 0.0)
+    with nrs.Renderer(*size, backend="cpu") as renderer:
+        frame = renderer.render(scene, camera, pose, max_layers=64)
+        counts = [renderer.render(scene, camera, pose, max_layers=n).stats for n in (3, 64)]
+    light = frame.linear[..., 0]
+    # Each layer lets three quarters through: so many there are.
+    layers = np.log(1.0 - light) / np.log(0.75)
+    x, y = np.meshgrid(
+        (np.arange(size[0]) + 0.5) / size[0] * 4.8 - 2.4, 1.8 - (np.arange(size[1]) + 0.5) / size[1] * 3.6
+    )
+    points = np.stack([x, y, np.full(x.shape, 9.0)], axis=-1).reshape(-1, 3)
+    everything = np.concatenate([vertices * radius + center for center, radius in balls])
+    every_face = np.concatenate([faces + np.uint32(len(vertices) * k) for k in range(len(balls))])
+    hits = surfaces(everything, every_face, points, np.broadcast_to([0.0, 0.0, -1.0], points.shape))
+    wrong = np.abs(layers.reshape(-1) - hits) > 0.05
+    assert wrong.mean() < 0.004  # on outlines
+    assert counts[0].layers_left > 0
+    assert counts[1].layers_left == 0
+    assert counts[1].layers >= hits.max() - 2

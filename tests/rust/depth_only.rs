@@ -49,8 +49,8 @@ fn has_depth_alone(frame: &Frame) {
     }
     lacks(frame.words().err(), "visibility buffer");
     lacks(frame.face_ids().err(), "face_id");
-    lacks(frame.image(ImageView::parse("shaded").unwrap()).err(), "color");
-    lacks(frame.image(ImageView::Overdraw).err(), "overdraw");
+    lacks(frame.image(ImageView::parse("shaded").unwrap(), None).err(), "color");
+    lacks(frame.image(ImageView::Overdraw, None).err(), "overdraw");
 }
 
 #[test]
