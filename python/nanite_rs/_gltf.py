@@ -70,7 +70,15 @@ _KNOWN: Final = (
 _LOOKS: Final = "KHR_materials_"
 # These extensions only add attributes, which are read, and metadata.
 _SAID_BY: Final = ("EXT_mesh_features",)
-_READ_LOOKS: Final = ("unlit", "emissive_strength", "pbrSpecularGlossiness", "variants")
+_READ_LOOKS: Final = (
+    "unlit",
+    "emissive_strength",
+    "pbrSpecularGlossiness",
+    "variants",
+    "transmission",
+    "ior",
+    "volume",
+)
 
 _NEAREST: Final = [number for (own, _), number in MINIFICATION.items() if own == "nearest"]
 
@@ -544,6 +552,10 @@ class _Reader:
         for extension in document.member(row, "extensions"):
             if extension.removeprefix(_LOOKS) not in _READ_LOOKS:
                 self._notes.add(extension, name)
+        if mode != "MASK":
+            through = self._transmitted(row, color, name)
+            if through is not None:
+                color, mode = through, "BLEND"
         with named(document.name, f"material {name!r:.60}"):
             return Material(
                 name=str(row.get("name") or ""),
@@ -563,6 +575,38 @@ class _Reader:
                 alpha_mode=mode.lower(),
                 alpha_cutoff=document.number(row, "alphaCutoff", 0.5) if mode == "MASK" else 0.5,
             )
+
+    def _transmitted(
+        self, row: dict[str, Any], color: NDArray[np.float64], name: str
+    ) -> NDArray[np.float64] | None:
+        """Base colour and alpha of what lets light through, as far as blending can show it; nothing of others.
+
+        KHR_materials_transmission, _ior and _volume, as if the surface were thin: nothing is bent or blurred. What
+        is not reflected at right angles, not absorbed and not scattered shows what is behind.
+        """
+        document = self._document
+        transmission = document.extension(row, "KHR_materials_transmission")
+        ior = document.extension(row, "KHR_materials_ior")
+        if transmission is None:
+            if ior is not None and document.number(ior, "ior", 1.5) != 1.5:
+                self._notes.add("KHR_materials_ior", name)
+            return None
+        part = float(_unit(document.number(transmission, "transmissionFactor", 0.0)))
+        if part == 0.0:
+            return None
+        index = max(document.number(ior or {}, "ior", 1.5), 1.0)
+        color = color.copy()
+        volume = document.extension(row, "KHR_materials_volume")
+        if volume is not None:
+            thickness = max(document.number(volume, "thicknessFactor", 0.0), 0.0)
+            # Without a distance nothing is absorbed.
+            distance = document.number(volume, "attenuationDistance", 0.0)
+            tint = _unit(document.numbers(volume, "attenuationColor", (1.0, 1.0, 1.0)))
+            color[:3] *= tint ** (thickness / distance if distance > 0.0 else 0.0)
+        through = part * (1.0 - ((index - 1.0) / (index + 1.0)) ** 2) * float(color[:3].mean())
+        color[3] *= 1.0 - through
+        self._notes.add("transmission, drawn as thin blended surfaces", name)
+        return color
 
     def _from_glossy(
         self, row: dict[str, Any], textured: bool, name: str

@@ -159,8 +159,8 @@ def load_scene(
     metres with +Y up, whatever its unit and axis.
 
     What has no counterpart here is left out or changed, and a single warning says so: textures go whose UVs the
-    surface does not have, nodes flattened to nothing go, as do the finer looks (clearcoat, sheen, transmission …).
-    Points are drawn a few pixels wide and lines one, in their colours.
+    surface does not have, nodes flattened to nothing go, as do the finer looks (clearcoat, sheen …), and
+    transmission is blended. Points are drawn a few pixels wide and lines one, in their colours.
 
     Of a glTF camera the height of the view counts, ``yfov`` or ``ymag``, and its width follows from the picture, as
     in web viewers: nothing is stretched where the picture has another aspect than the camera. STL files have

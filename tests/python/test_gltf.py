@@ -593,6 +593,33 @@ def test_specular_glossiness_becomes_metal_and_roughness(tmp_path) -> None:
     assert gold.material.base_color == pytest.approx((0.9, 0.6, 0.2), abs=0.05)
 
 
+def test_transmission_is_blended(tmp_path) -> None:
+    document = Document()
+    volume = {"thicknessFactor": 2.0, "attenuationDistance": 1.0, "attenuationColor": [1.0, 0.5, 0.5]}
+    looks = [
+        {"KHR_materials_transmission": {"transmissionFactor": 1.0}},
+        {"KHR_materials_transmission": {"transmissionFactor": 0.5}, "KHR_materials_ior": {"ior": 2.0}},
+        {"KHR_materials_transmission": {"transmissionFactor": 1.0}, "KHR_materials_volume": volume},
+        {"KHR_materials_transmission": {}},
+        {"KHR_materials_ior": {"ior": 1.33}},
+    ]
+    for number, look in enumerate(looks):
+        rough = {"baseColorFactor": [1.0, 1.0, 1.0, 0.5 if number == 1 else 1.0]}
+        document.row("materials", name=f"m{number}", pbrMetallicRoughness=rough, extensions=look)
+    document.mesh(*(document.quad(material=number) for number in range(len(looks))))
+    asset, parts = parts_of(document.save(tmp_path / "a.glb"))
+    clear, dense, tinted, none, plain = (part.material for part in parts)
+    assert [one.alpha_mode for one in (clear, dense, tinted, none, plain)] == ["blend"] * 3 + ["opaque"] * 2
+    # What is reflected at right angles, 4 % and 1/9, is not let through.
+    assert clear.base_color[3] == pytest.approx(0.04)
+    assert dense.base_color[3] == pytest.approx(0.5 * (1.0 - 0.5 * 8.0 / 9.0))
+    # Two units of what lets a half through at one.
+    assert tinted.base_color[:3] == pytest.approx((1.0, 0.25, 0.25))
+    assert tinted.base_color[3] == pytest.approx(1.0 - 0.96 * 0.5)
+    assert "transmission, drawn as thin blended surfaces (m0, m1, m2)" in str(asset.notes)
+    assert "KHR_materials_ior (m4)" in str(asset.notes)
+
+
 # --------------------------------------------------------------------------------------------- lights and cameras
 
 
