@@ -86,6 +86,69 @@ def test_pictures_are_pyrenders(pyrender, scene, kind, tmp_path) -> None:
         assert compare.psnr(frame.color, color[..., :3], inside) >= 40
 
 
+def test_points_and_lines_among_meshes_are_pyrenders(pyrender, scene, tmp_path) -> None:
+    """Without light, which pyrender casts on points and lines as if they were surfaces."""
+    rng = np.random.default_rng(2)
+    places = rng.uniform(-1.8, 1.8, (400, 3)).astype(np.float32)
+    colors = rng.random((400, 3)).astype(np.float32)
+    scene.add(pyrender.Mesh.from_points(places, colors=colors))
+    for mode in (1, 2, 3):
+        own = slice(30 * mode, 30 * mode + 24)
+        scene.add(pyrender.Mesh([pyrender.Primitive(places[own], color_0=colors[own], mode=mode)]))
+    scene.add(pyrender.PerspectiveCamera(yfov=0.9), pose=moved(0.1, 0.1, 5.0))
+    color, depth = picture._offscreen(WIDTH, HEIGHT).render(scene, flags=pyrender.RenderFlags.FLAT)
+    view = nrs.from_pyrender(scene, viewport=(WIDTH, HEIGHT))
+    with nrs.Renderer(WIDTH, HEIGHT, backend="cpu") as renderer:
+        # pyrender writes base colours as they are.
+        frame = renderer.render(*view, pixel_error=0.0, shading="flat", transfer="linear")
+    with compare.evidence(tmp_path / "pair.png", frame.color, color[..., :3]):
+        # A line may go through the pixel beside.
+        same = np.abs(frame.depth - depth) < 0.01 * np.maximum(depth, 1e-9)
+        nodes = [node for own in view.instances.values() for node in own]
+        drawn = [node.instance_id for node in nodes if isinstance(node.mesh, nrs.Points | nrs.Lines)]
+        strokes = np.isin(frame.instance_id, drawn)
+        assert (strokes & same).sum() > 1200
+        assert (strokes & same).sum() > 0.75 * strokes.sum()
+        assert (~same).mean() < 0.02
+        assert compare.psnr(frame.color, color[..., :3], same) >= 38
+
+
+def test_glass_is_pyrenders_but_for_linear_light(pyrender, tmp_path) -> None:
+    """Glass before a ball: pyrender's pictures of either alone, laid over each other in linear light."""
+    alpha = 0.4
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    pane = trimesh.creation.box((1.6, 1.6, 0.02))
+    clay = {"baseColorFactor": (0.8, 0.4, 0.2, 1.0), "roughnessFactor": 0.6}
+    sheet = {"baseColorFactor": (0.2, 0.6, 0.9, 1.0), "roughnessFactor": 0.9, "metallicFactor": 0.0}
+
+    def script(shown):
+        out = pyrender.Scene(ambient_light=(0.2, 0.2, 0.2), bg_color=(0.0, 0.0, 0.0, 0.0))
+        for mesh, look, pose in shown:
+            material = pyrender.MetallicRoughnessMaterial(**look)
+            out.add(pyrender.Mesh.from_trimesh(mesh, material=material, smooth=mesh is ball), pose=pose)
+        out.add(pyrender.DirectionalLight(intensity=2.0), pose=moved(0.0, 0.0, 0.0, -0.5))
+        out.add(pyrender.PerspectiveCamera(yfov=0.9), pose=moved(0.0, 0.0, 4.0))
+        return out
+
+    behind, front = (ball, clay, np.eye(4)), (pane, sheet, moved(0.4, 0.2, 1.5, 0.2))
+    alone = [picture._offscreen(WIDTH, HEIGHT).render(script([one])) for one in (behind, front)]
+    glass = {**sheet, "baseColorFactor": (0.2, 0.6, 0.9, alpha), "alphaMode": "BLEND"}
+    view = nrs.from_pyrender(script([(pane, glass, front[2]), behind]), viewport=(WIDTH, HEIGHT))
+    with nrs.Renderer(WIDTH, HEIGHT, backend="cpu") as renderer:
+        frame = renderer.render(*view, pixel_error=0.0)
+    (under, near), (over, far) = [(color[..., :3] / 255.0, depth) for color, depth in alone]
+    covered = far > 0
+    # A pane has a front and no back: its sides are seen from outside alone.
+    wanted = np.where(covered[..., None], alpha * over**2.2 + (1.0 - alpha) * under**2.2, under**2.2)
+    wanted = np.rint(255.0 * wanted ** (1.0 / 2.2)).astype(np.uint8)
+    inside = compare.away_from_silhouettes(near, 0.01) & compare.away_from_silhouettes(far, 0.01)
+    with compare.evidence(tmp_path / "pair.png", frame.color, wanted):
+        assert (covered & (near > 0)).sum() > 3000
+        assert inside.sum() > 5000
+        assert compare.psnr(frame.color, wanted, inside & covered) >= 38
+        assert compare.psnr(frame.color, wanted, inside & (near > 0)) >= 38
+
+
 @pytest.mark.parametrize("backend", ["cpu", "gpu"])
 @pytest.mark.parametrize("textured", [False, True])
 def test_emission_counts_twice_in_pyrender(pyrender, backend, textured) -> None:

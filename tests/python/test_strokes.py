@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import nanite_rs as nrs
+from oracles import picture
 from oracles.documents import Document
 
 SIZE = 96, 64
@@ -417,7 +418,7 @@ def test_gltf_has_points_and_lines(tmp_path):
 
 @pytest.mark.parametrize("kind", ["points", "large points", "lines", "loop", "strip"])
 def test_pyrenders_points_and_lines(kind):
-    pyrender = pytest.importorskip("pyrender")
+    pyrender = picture.import_pyrender()
     size = 320, 240
     rng = np.random.default_rng(12)
     count = 40 if "points" in kind else 12
@@ -428,11 +429,12 @@ def test_pyrenders_points_and_lines(kind):
     script = pyrender.Scene(bg_color=(1.0, 1.0, 1.0))
     script.add(pyrender.Mesh([pyrender.Primitive(positions, color_0=colors, mode=mode)]))
     script.add(pyrender.PerspectiveCamera(yfov=0.9, znear=0.5), pose=POSE)
-    theirs = pyrender.OffscreenRenderer(*size, point_size=point_size)
+    theirs = picture._offscreen(*size)
+    theirs.point_size = point_size
     try:
         color, depth = theirs.render(script, flags=pyrender.RenderFlags.FLAT)
     finally:
-        theirs.delete()
+        theirs.point_size = 1.0
     with nrs.Renderer(*size, backend="cpu") as renderer:
         # Flat colours are written as they are there.
         view = nrs.from_pyrender(script, viewport=size, point_size=point_size)
