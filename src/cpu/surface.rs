@@ -22,6 +22,63 @@ pub struct Pixels<'a> {
     pub screen: &'a Screen,
 }
 
+/// What a triangle has at its corners.
+#[derive(Clone, Copy)]
+struct Corners {
+    /// Internal space.
+    positions: [[f32; 3]; 3],
+    /// As they are packed.
+    normals: [u32; 3],
+    /// Components of colours, unscaled.
+    colors: [[f32; 3]; 3],
+}
+
+impl Corners {
+    const NONE: Self = Self { positions: [[0.0; 3]; 3], normals: [0; 3], colors: [[0.0; 3]; 3] };
+
+    #[inline(always)]
+    fn of(view: &InstanceView, geometry: &ClusterGeometry<'_>, triangle: usize) -> Self {
+        let mut out = Self::NONE;
+        // Points are one vertex, and nobody asks where that lies.
+        let point = view.stroke.is_some_and(|stroke| !stroke.line);
+        let corners = geometry.triangles.get(triangle);
+        for (i, corner) in corners.into_iter().enumerate().take(if point { 1 } else { 3 }) {
+            let corner = usize::from(corner);
+            out.positions[i] = geometry.positions.get(corner);
+            out.normals[i] = geometry.normals[corner];
+            if !geometry.colors.is_empty() {
+                out.colors[i] = components(view.mesh.layout().colors, geometry.colors, corner);
+            }
+        }
+        out
+    }
+}
+
+/// Triangles that were unpacked last: pixels beside and below mostly show the same.
+struct Unpacked {
+    /// Which triangle is in each place: its visible cluster and its number, plus one.
+    keys: [u64; Self::PLACES],
+    corners: [Corners; Self::PLACES],
+}
+
+impl Unpacked {
+    const PLACES: usize = 128;
+
+    const NONE: Self = Self { keys: [0; Self::PLACES], corners: [Corners::NONE; Self::PLACES] };
+
+    /// A triangle, unpacked by `make` where it is not there.
+    #[inline(always)]
+    fn get(&mut self, hit: Hit, make: impl FnOnce() -> Corners) -> &Corners {
+        let key = (u64::from(hit.visible) << 32 | u64::from(hit.triangle)) + 1;
+        // Triangles of a cluster lie in places of their own; clusters beside each other have other numbers.
+        let place = (hit.triangle ^ hit.visible.wrapping_mul(0x9e37_79b1) >> 25) as usize % Self::PLACES;
+        if self.keys[place] != key {
+            (self.keys[place], self.corners[place]) = (key, make());
+        }
+        &self.corners[place]
+    }
+}
+
 /// What eight covered pixels need from memory.
 struct Gathered<'a> {
     count: usize,
@@ -30,6 +87,8 @@ struct Gathered<'a> {
     view: &'a InstanceView,
     /// Numbers of the pixels.
     pixels: [u32; LANES],
+    /// Their centres.
+    point: [Lanes; 2],
     hits: [Hit; LANES],
     clusters: [ClusterAddress; LANES],
     positions: [[Lanes; 3]; 3],
@@ -117,10 +176,16 @@ pub struct Walk<'a> {
     pixels: Pixels<'a>,
     next: usize,
     end: usize,
-    /// The cluster of the pixel before: its neighbours mostly show the same.
+    /// Row of the next pixel, and where that begins.
+    row: usize,
+    row_start: usize,
+    /// The visible cluster of the pixel before: its neighbours mostly show the same.
     last: u32,
     at: Visible,
+    /// The visible cluster that was unpacked from last.
+    opened: u32,
     geometry: ClusterGeometry<'a>,
+    unpacked: Unpacked,
     gathered: Gathered<'a>,
 }
 
@@ -131,12 +196,17 @@ impl<'a> Walk<'a> {
         let at = *pixels.visible.first()?;
         let geometry = pixels.views[at.instance as usize].cluster(at.cluster);
         let gathered = Gathered::none(pixels, at);
-        Some(Self { pixels, next: range.start, end: range.end, last: 0, at, geometry, gathered })
+        let [_, row] = pixels.screen.pixel_of(range.start as u32).map(|v| v as usize);
+        let row_start = pixels.screen.pixel_address(0, row);
+        let (next, end) = (range.start, range.end);
+        let unpacked = Unpacked::NONE;
+        Some(Self { pixels, next, end, row, row_start, last: 0, at, opened: 0, geometry, unpacked, gathered })
     }
 
     /// The next surface points.
     #[inline(always)]
     pub fn step<D: Extra>(&mut self) -> Option<Surfels<'a, D>> {
+        let width = self.pixels.screen.width as usize;
         self.gathered.count = 0;
         while self.next < self.end {
             let words = self.pixels.words;
@@ -151,7 +221,6 @@ impl<'a> Walk<'a> {
             if hit.visible != self.last {
                 self.last = hit.visible;
                 self.at = self.pixels.visible[hit.visible as usize];
-                self.geometry = self.pixels.views[self.at.instance as usize].cluster(self.at.cluster);
             }
             if self.gathered.instance != self.at.instance {
                 if self.gathered.count > 0 {
@@ -160,7 +229,20 @@ impl<'a> Walk<'a> {
                 self.gathered.instance = self.at.instance;
                 self.gathered.view = &self.pixels.views[self.at.instance as usize];
             }
-            self.gathered.push(self.next as u32, hit, self.at.cluster, &self.geometry);
+            while self.next >= self.row_start + width {
+                self.row += 1;
+                self.row_start += width;
+            }
+            let (view, geometry, opened, at) =
+                (self.gathered.view, &mut self.geometry, &mut self.opened, self.at);
+            let corners = self.unpacked.get(hit, || {
+                if *opened != hit.visible {
+                    (*opened, *geometry) = (hit.visible, view.cluster(at.cluster));
+                }
+                Corners::of(view, geometry, hit.triangle as usize)
+            });
+            let place = [self.next - self.row_start, self.row].map(|v| v as u32);
+            self.gathered.push(self.next as u32, place, hit, at.cluster, corners);
             self.next += 1;
             if self.gathered.count == LANES {
                 break;
@@ -176,9 +258,11 @@ impl<'a> Walk<'a> {
 /// The surface point of one pixel, where it shows what `hit` says.
 pub fn one<'a>(pixels: Pixels<'a>, pixel: usize, hit: Hit) -> Surfels<'a, Detail> {
     let at = pixels.visible[hit.visible as usize];
-    let geometry = pixels.views[at.instance as usize].cluster(at.cluster);
+    let view = &pixels.views[at.instance as usize];
+    let corners = Corners::of(view, &view.cluster(at.cluster), hit.triangle as usize);
     let mut gathered = Gathered::none(pixels, at);
-    gathered.push(pixel as u32, hit, at.cluster, &geometry);
+    let place = pixels.screen.pixel_of(pixel as u32);
+    gathered.push(pixel as u32, place, hit, at.cluster, &corners);
     gathered.evaluate(pixels.screen)
 }
 
@@ -192,6 +276,7 @@ impl<'a> Gathered<'a> {
             instance: at.instance,
             view: &pixels.views[at.instance as usize],
             pixels: [0; LANES],
+            point: [Lanes::splat(0.5); 2],
             hits: [nothing; LANES],
             clusters: [at.cluster; LANES],
             positions: [[zero; 3]; 3],
@@ -201,24 +286,23 @@ impl<'a> Gathered<'a> {
     }
 
     #[inline(always)]
-    fn push(&mut self, pixel: u32, hit: Hit, cluster: ClusterAddress, geometry: &ClusterGeometry<'_>) {
+    fn push(&mut self, pixel: u32, place: [u32; 2], hit: Hit, cluster: ClusterAddress, corners: &Corners) {
         let lane = self.count;
         self.count += 1;
         (self.pixels[lane], self.hits[lane], self.clusters[lane]) = (pixel, hit, cluster);
-        let corners = geometry.triangles.get(hit.triangle as usize);
-        // Points are one vertex, and nobody asks where that lies.
-        let point = self.view.stroke.is_some_and(|stroke| !stroke.line);
-        for (i, corner) in corners.into_iter().enumerate().take(if point { 1 } else { 3 }) {
-            let corner = usize::from(corner);
-            let p = geometry.positions.get(corner);
+        for k in 0..2 {
+            self.point[k].0[lane] = place[k] as f32 + 0.5;
+        }
+        for i in 0..3 {
             for k in 0..3 {
-                self.positions[i][k].0[lane] = p[k];
+                self.positions[i][k].0[lane] = corners.positions[i][k];
             }
-            self.normals[i][lane] = geometry.normals[corner];
-            if !geometry.colors.is_empty() {
-                let color = components(self.view.mesh.layout().colors, geometry.colors, corner);
+            self.normals[i][lane] = corners.normals[i];
+        }
+        if self.view.mesh.layout().colors.is_some() {
+            for i in 0..3 {
                 for k in 0..3 {
-                    self.colors[i][k].0[lane] = color[k];
+                    self.colors[i][k].0[lane] = corners.colors[i][k];
                 }
             }
         }
@@ -227,12 +311,9 @@ impl<'a> Gathered<'a> {
     #[inline(always)]
     fn evaluate<D: Extra>(&self, screen: &Screen) -> Surfels<'a, D> {
         let view = self.view;
-        let mut point = [Lanes::splat(0.5); 2];
+        let point = self.point;
         let mut distance = Lanes::splat(1.0);
         for lane in 0..LANES {
-            let [column, row] = screen.pixel_of(self.pixels[lane]);
-            point[0].0[lane] += column as f32;
-            point[1].0[lane] += row as f32;
             distance.0[lane] = screen.distance(self.hits[lane].key);
         }
         if let Some(stroke) = &view.stroke {
