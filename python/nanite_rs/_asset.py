@@ -125,7 +125,8 @@ class StrokePart:
     segments: NDArray[np.int64] | None
     """Ends of lines, as rows of positions; nothing for points."""
     colors: NDArray[Any] | None
-    material: Material
+    material: Material | None = None
+    """None for that of points and lines that are given none."""
 
 
 class Notes:

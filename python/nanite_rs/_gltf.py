@@ -492,7 +492,12 @@ class _Reader:
         moved = [(weight, target) for weight, target in zip(weights, targets, strict=False) if weight]
         rows = _Vertices(document, attributes, {}, moved, what)
         positions = rows.numbers("POSITION", (3,))
-        colors = _colors.rgba(rows.numbers("COLOR_0", (3, 4))) if "COLOR_0" in attributes else None
+        colors = None
+        if "COLOR_0" in attributes:
+            painted = _colors.rgba(rows.numbers("COLOR_0", (3, 4)))
+            colors = painted[:, :3]
+            if not _colors.is_white(painted[:, 3]):
+                self._notes.add("alpha of points and lines", what)
         order = self._order(row, len(positions), what)
         ends = segments(order, mode)
         if ends is None and "indices" in row:

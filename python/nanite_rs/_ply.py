@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from nanite_rs import _core
-from nanite_rs._asset import Asset, Source, fitted
+from nanite_rs._asset import Asset, Source, StrokePart, fitted
 from nanite_rs._beside import Pictures, text
 from nanite_rs._faces import add, add_channels, colors_of, corner_numbers, exploded, plain, triangulated
-from nanite_rs.exceptions import FormatError
+from nanite_rs.exceptions import FormatError, MeshError
 from nanite_rs.material import Material
 from nanite_rs.texture import Texture
 
@@ -62,16 +63,45 @@ class _Reader:
 
     def asset(self) -> Asset:
         for label, (rows, _) in self._elements.items():
-            if rows and label not in ("vertex", "face", "tristrips"):
+            if rows and label not in ("vertex", "face", "tristrips", "edge"):
                 self._notes.add("elements of PLY that are no part of a mesh", label)
         source = self._vertices()
         polygons = self._polygons(source)
         if polygons is None:
-            self._notes.add("points that no face uses")
+            self._cloud(source)
             return self._asset
+        if self._elements.get("edge", (0, {}))[0]:
+            self._notes.add("edges besides faces")
         self._faces(source, *polygons)
         add(self._asset, "mesh", [("mesh", source, self._material(source))])
         return self._asset
+
+    def _cloud(self, source: Source) -> None:
+        """Add what has no faces as points, and its edges as lines."""
+        finite = np.asarray(np.isfinite(source.vertices).all(axis=1))
+        if not finite.any():
+            return
+        if not finite.all():
+            self._notes.add(f"{len(finite) - finite.sum()} points that are not finite")
+        if source.channels:
+            self._notes.add("properties of points", ", ".join(source.channels))
+        colors = None if source.colors is None else source.colors[:, :3]
+        parts = [
+            StrokePart("points", source.vertices[finite], None, None if colors is None else colors[finite])
+        ]
+        rows, columns = self._elements.get("edge", (0, {}))
+        if rows and {"vertex1", "vertex2"} <= columns.keys():
+            ends = np.stack([columns[name][0] for name in ("vertex1", "vertex2")], axis=1)
+            if ends.min() < 0 or ends.max() >= len(finite):
+                row = int(np.argmax(((ends < 0) | (ends >= len(finite))).any(axis=1)))
+                raise MeshError(f"{self._name}: edge[{row}] refers to none of the {len(finite)} vertices")
+            ends = ends[finite[ends.astype(np.int64)].all(axis=1)].astype(np.int64)
+            if len(ends):
+                number = np.cumsum(finite) - 1
+                parts.append(replace(parts[0], name="edges", segments=number[ends]))
+        self._asset.placed.append(("points", 0, np.eye(4)))
+        self._asset.meshes.append([])
+        self._asset.strokes[0] = parts
 
     # -------------------------------------------------------------------------------------- vertices
 

@@ -169,14 +169,11 @@ def stroke_of(geometry: trimesh.PointCloud | trimesh.path.Path3D, name: str) -> 
     """Points or lines of trimesh; nothing where there are none."""
     import trimesh
 
-    look = Material(base_color=(0.0, 0.0, 0.0), unlit=True)
     if isinstance(geometry, trimesh.PointCloud):
         positions, given = np.asarray(geometry.vertices), np.asarray(geometry.colors)
         if not len(positions):
             return None
-        return _painted(
-            StrokePart(name, positions, None, given if len(given) == len(positions) else None, look)
-        )
+        return StrokePart(name, positions, None, given[:, :3] if len(given) == len(positions) else None)
     runs: list[NDArray[np.float64]] = []
     painted: list[Any] = []
     of_all = getattr(geometry, "colors", None)
@@ -194,17 +191,8 @@ def stroke_of(geometry: trimesh.PointCloud | trimesh.path.Path3D, name: str) -> 
     ]
     colors: NDArray[Any] | None = None
     if all(color is not None for color in painted):
-        colors = np.repeat(np.asarray(painted, np.uint8), [len(run) for run in runs], axis=0)
-    return _painted(StrokePart(name, np.concatenate(runs), np.concatenate(ends), colors, look))
-
-
-def _painted(stroke: StrokePart) -> StrokePart:
-    """With white for its colours to multiply, where it has any, and these without alpha."""
-    if stroke.colors is None:
-        return stroke
-    return replace(
-        stroke, colors=stroke.colors[:, :3], material=Material(base_color=(1.0, 1.0, 1.0), unlit=True)
-    )
+        colors = np.repeat(np.asarray(painted, np.uint8)[:, :3], [len(run) for run in runs], axis=0)
+    return StrokePart(name, np.concatenate(runs), np.concatenate(ends), colors)
 
 
 class _Looks:

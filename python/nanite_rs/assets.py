@@ -160,7 +160,8 @@ def load_scene(
 
     What has no counterpart here is left out or changed, and a single warning says so: textures go whose UVs the
     surface does not have, nodes flattened to nothing go, as do the finer looks (clearcoat, sheen …), and
-    transmission is blended. Points are drawn a few pixels wide and lines one, in their colours.
+    transmission is blended. Points are drawn a few pixels wide and lines one, in their colours: those of glTF, and
+    of PLY files without faces.
 
     Of a glTF camera the height of the view counts, ``yfov`` or ``ymag``, and its width follows from the picture, as
     in web viewers: nothing is stretched where the picture has another aspect than the camera. STL files have

@@ -306,7 +306,13 @@ def test_ply_names_what_it_leaves_out(tmp_path) -> None:
         ("edge", [("vertex1", "int")], [(0,)]),
     ]
     asset = read_asset(put(tmp_path, "a.ply", ply("binary_little_endian", elements) + b"more"))
-    for what in ("not finite (q)", "lists of vertices (tags)", "(edge)", "4 bytes", "1 faces of fewer"):
+    for what in (
+        "not finite (q)",
+        "lists of vertices (tags)",
+        "edges besides faces",
+        "4 bytes",
+        "1 faces of fewer",
+    ):
         assert what in str(asset.notes)
     with pytest.warns(UserWarning, match=r"a\.ply: not everything is kept: .*edge"):
         nrs.NaniteMesh.from_file(tmp_path / "a.ply")

@@ -452,3 +452,60 @@ def test_pyrenders_points_and_lines(kind):
     near = np.abs(frame.depth[both] / depth[both] - 1.0) < 2e-3
     assert near.mean() > 0.95
     assert (np.abs(frame.color[both][near].astype(int) - color[both][near]).max(axis=-1) <= 3).mean() > 0.9
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 5
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+property float intensity
+element edge 2
+property int vertex1
+property int vertex2
+end_header
+0 0 0 255 0 0 0.5
+1 0 0 0 255 0 0.5
+nan 0 0 9 9 9 0.5
+0 1 0 0 0 255 0.5
+0 0 1 255 255 255 0.5
+0 1
+3 {last}
+"""
+
+
+def test_ply_without_faces_is_points(tmp_path):
+    path = tmp_path / "cloud.ply"
+    path.write_text(PLY.format(last=4))
+    with pytest.warns(UserWarning, match="1 points that are not finite.*intensity"):
+        loaded = nrs.load_scene(path)
+    points, edges = (node.mesh for node in loaded.instances["points"])
+    np.testing.assert_array_equal(points.positions, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    np.testing.assert_array_equal(points.colors[2], [0, 0, 255])
+    np.testing.assert_array_equal(edges.segments, [[0, 1], [2, 3]])
+    with nrs.Renderer(64, 64, backend="cpu") as renderer:
+        frame = renderer.render(*loaded)
+    assert set(np.unique(frame.instance_id)) == {-1, 0, 1}
+    with pytest.raises(nrs.MeshError, match="no triangles in it"):
+        nrs.NaniteMesh.from_file(path)
+    path.write_text(PLY.format(last=5))
+    with pytest.raises(nrs.MeshError, match=r"edge\[1\] refers to none of the 5 vertices"):
+        nrs.load_scene(path)
+
+
+def test_trimeshs_own_clouds_come_through_files(tmp_path):
+    import trimesh
+
+    rng = np.random.default_rng(3)
+    cloud = trimesh.PointCloud(rng.random((50, 3)), colors=rng.integers(0, 255, (50, 4)).astype(np.uint8))
+    cloud.export(tmp_path / "a.ply")
+    (node,) = nrs.load_scene(tmp_path / "a.ply").instances["points"]
+    np.testing.assert_allclose(node.mesh.positions, cloud.vertices, atol=1e-6)
+    np.testing.assert_array_equal(node.mesh.colors, cloud.colors[:, :3])
+    trimesh.Scene([cloud]).export(tmp_path / "a.glb")
+    ((node,),) = nrs.load_scene(tmp_path / "a.glb").instances.values()
+    np.testing.assert_allclose(node.mesh.positions, cloud.vertices, atol=1e-6)
