@@ -1,7 +1,8 @@
 //! The internal space: object = origin + 2^k · internal, with every internal coordinate within ±1.
 //!
 //! Dividing by a power of two changes no mantissa, so an f32 source stays exact and a build does not depend on
-//! the caller's units. A source that needs f64 is stored as f32 about the centre of its box.
+//! the caller's units. A source that needs f64 is stored as f32 about the centre of its box, and so is, exactly, an f32
+//! source that lies so far from its origin that what is computed in f32 would have too few digits.
 
 use rayon::prelude::*;
 
@@ -11,6 +12,10 @@ use crate::model::CoordinateFrame;
 
 /// Coordinates are at most 2 to this power, which is also the largest scale, and the inverse of the smallest.
 pub const LARGEST_EXPONENT: i32 = 1000;
+
+/// An axis along which a source lies farther from its origin than so many times its size is stored about its centre. Up to
+/// there f32 has 14 bits or more for the size, which is a sixteenth of a pixel of a picture of a thousand.
+const FAR: f64 = 512.0;
 
 /// Internal positions and their frame.
 pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, CoordinateFrame) {
@@ -26,8 +31,12 @@ pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, CoordinateFrame)
             (std::array::from_fn(|k| a.0[k].min(b.0[k])), std::array::from_fn(|k| a.1[k].max(b.1[k])))
         })
         .unwrap_or_default();
-    let origin: [f64; 3] =
-        if exact { [0.0; 3] } else { std::array::from_fn(|k| low[k] * 0.5 + high[k] * 0.5) };
+    let extent = (0..3).map(|k| high[k] * 0.5 - low[k] * 0.5).fold(0.0, f64::max);
+    // Differences of f32 numbers of one sign that are near each other are f32 numbers.
+    let far = |k: usize| low[k].abs().min(high[k].abs()) > FAR * extent && low[k] * high[k] > 0.0;
+    let origin: [f64; 3] = std::array::from_fn(|k| {
+        if exact && (extent == 0.0 || !far(k)) { 0.0 } else { low[k] * 0.5 + high[k] * 0.5 }
+    });
     let largest =
         (0..3).map(|k| (low[k] - origin[k]).abs().max((high[k] - origin[k]).abs())).fold(0.0, f64::max);
     let scale = power_of_two_above(largest);
@@ -82,6 +91,25 @@ mod tests {
             }
             assert_eq!((frame.origin, frame.rounding), ([0.0; 3], 0.0));
         }
+    }
+
+    #[test]
+    fn far_f32_sources_are_exact_about_their_centre() {
+        for far in [4_200_000.0f32, -7.0e5, 3.0e37] {
+            let step = far.abs() * f32::EPSILON;
+            let p: Vec<[f32; 3]> = (0..64)
+                .map(|i| [far + step * (i % 7) as f32, 0.3 * step * i as f32, -far + step * (i % 5) as f32])
+                .collect();
+            let (internal, frame) = to_internal(Positions::F32(&p));
+            for (a, b) in p.iter().zip(&internal) {
+                assert_eq!(a.map(f64::from), frame.to_object(*b));
+            }
+            assert!(frame.origin[0] != 0.0 && frame.origin[1] == 0.0 && frame.origin[2] != 0.0);
+            assert_eq!(frame.rounding, 0.0);
+            assert!(frame.scale <= f64::from(step) * 64.0, "{far}: {}", frame.scale);
+        }
+        let near = [[100.0f32, 0.0, 0.0], [101.0, 1.0, 0.0], [100.0, 1.0, 1.0]];
+        assert_eq!(to_internal(Positions::F32(&near)).1.origin, [0.0; 3]);
     }
 
     #[test]
