@@ -65,11 +65,11 @@ fn across([x, y]: [f64; 2], [rx, ry]: [f64; 2], row: f64) -> (f64, f64) {
 
 #[inline(always)]
 fn point<S: Sink>(h: [f32; 3], stroke: &Stroke, screen: &Screen, low: u64, sink: &S) -> bool {
-    // NaN is nowhere.
-    if !(h[2] >= screen.near && h[2] <= screen.far) {
+    let [x, y, value] = project(screen, h);
+    // What overflows is nowhere.
+    if !(h[2] >= screen.near && h[2] <= screen.far && x.is_finite() && y.is_finite()) {
         return false;
     }
-    let [x, y, value] = project(screen, h);
     let [rx, ry] = stroke.radii(screen, h[2]);
     let word = u64::from(screen.key(value)) << 32 | low;
     // Conversions of floats saturate. The pixel that it lies in is covered, however small it is.
@@ -358,7 +358,10 @@ mod tests {
             ([f32::INFINITY, 0.0, 1.0], [9.0, 9.0, 2.0]),
         ] {
             assert_eq!(drawn(a, b).iter().sum::<u32>(), 0, "{a:?} {b:?}");
-            assert!(!point(a, &stroke, &screen, 1, &Counter(&[])) || a[2] == 1.0);
+            let shown = counted(|sink| {
+                point(a, &stroke, &screen, 1, sink);
+            });
+            assert_eq!(shown.iter().sum::<u32>(), 0, "{a:?}");
         }
         // A very long one ends, and is drawn right.
         let long = drawn([-1.0e30, 32.2, 1.0], [1.0e30, 32.2, 1.0]);
