@@ -54,6 +54,22 @@ _ELSEWHERE = {
         **dict.fromkeys(("move", "set_vertices", "deform"), "mesh.update(vertices) moves them"),
         **dict.fromkeys(("extents", "center", "centroid", "box"), "mesh.bounds has the corners of its box"),
     },
+    "Points": {
+        **dict.fromkeys(("points", "vertices", "verts"), "these are points.positions"),
+        **dict.fromkeys(("size", "point_size"), "points.radius is half of it"),
+        **dict.fromkeys(("color", "vertex_colors"), "these are points.colors"),
+        **dict.fromkeys(("move", "set_positions"), "points.update(positions) moves them"),
+        **dict.fromkeys(
+            ("show", "view", "plot"), "nanite_rs.view(points) opens it in a window or a notebook"
+        ),
+    },
+    "Lines": {
+        **dict.fromkeys(("points", "vertices", "verts"), "these are lines.positions"),
+        **dict.fromkeys(("edges", "indices", "lines"), "these are lines.segments"),
+        **dict.fromkeys(("color", "vertex_colors"), "these are lines.colors"),
+        **dict.fromkeys(("move", "set_positions"), "lines.update(positions) moves them"),
+        **dict.fromkeys(("show", "view", "plot"), "nanite_rs.view(lines) opens it in a window or a notebook"),
+    },
     "Cut": {
         "save": "cut.export(path) writes it",
         "show": "cut.to_trimesh().show() opens it",

@@ -40,6 +40,7 @@ def flattened(asset: Asset) -> Source:
             asset.notes.add("points and lines")
     if not parts:
         lost = f" ({asset.notes})" if str(asset.notes) else ""
+        lost += "; load_scene has its points and lines" * bool(asset.strokes)
         raise MeshError(f"{asset.name}: there are no triangles in it{lost}")
     table: dict[tuple[Any, ...], int] = {}
     rows = []

@@ -173,6 +173,14 @@ class Frozen:
         triangle = np.full(shape, -1, np.int32)
         rows[inside], instance[inside], cluster[inside] = row, self.instance[row], self.cluster[row]
         triangle[inside] = face - self._first_face[row]
+        # Points and lines are themselves.
+        live = (frame.instance_id >= 0) & (start < 0)
+        for out, own in (
+            (instance, frame.instance_id),
+            (cluster, frame.cluster_id),
+            (triangle, frame.triangle_id),
+        ):
+            out[live] = own[live]
         return Ids(instance, cluster, triangle), rows
 
     def thaw(self) -> None:

@@ -137,7 +137,7 @@ class LoadedScene:
 
 
 def load_scene(
-    source: io.Readable | trimesh.Scene | trimesh.Trimesh,
+    source: io.Readable | trimesh.Scene | trimesh.Trimesh | trimesh.PointCloud | trimesh.path.Path3D,
     *,
     format: str | None = None,
     scene: Scene | None = None,
@@ -169,7 +169,7 @@ def load_scene(
 
     Parameters
     ----------
-    source : path, binary file, bytes, trimesh.Scene or trimesh.Trimesh
+    source : path, binary file, bytes, trimesh.Scene, Trimesh, PointCloud or Path3D
         A file, gzipped or not, an open one or the content of one, as in `NaniteMesh.from_file`; or what trimesh
         made of one.
     format : str, optional
@@ -204,7 +204,7 @@ def load_scene(
     DependencyError
         The file needs an optional package, such as DracoPy; the message names it.
     MeshError
-        There are no triangles, or a mesh cannot be built.
+        There is nothing to draw, or a mesh cannot be built.
 
     Examples
     --------
@@ -228,6 +228,8 @@ def load_scene(
         raise ArgumentError(f"bad_textures: must be 'raise' or 'drop', not {bad_textures!r}")
     virtual = chosen(virtual, options)
     drop = bad_textures == "drop"
+    if isinstance(source, trimesh.PointCloud | trimesh.path.Path3D):
+        source = trimesh.Scene([source])
     if isinstance(source, trimesh.Scene | trimesh.Trimesh):
         asset = _trimesh.described(source, "trimesh scene", drop_bad_textures=drop)
     else:

@@ -183,10 +183,10 @@ class Frame(_advice.Teaching):
         """How far each pixel has moved since the frame before, (H, W, 2) float32: pixels to the right and down.
 
         What the pixel shows was there, in the last frame of this renderer (of the same `View.id`) that was rendered
-        with ``motion=True``: the camera may have moved, instances, and vertices by `TriangleMesh.update`. Points of
-        a triangle keep their place on it. Zero where nothing is covered, in a first frame and after one of another
-        scene; what was not in the scene yet counts as if it had stood still; NaN for what was at the camera or
-        behind it.
+        with ``motion=True``: the camera may have moved, instances, and vertices by `TriangleMesh.update` or
+        `Points.update`. Points of a triangle keep their place on it. Zero where nothing is covered, in a first
+        frame and after one of another scene; what was not in the scene yet counts as if it had stood still; NaN for
+        what was at the camera or behind it.
 
         Raises
         ------
@@ -268,7 +268,7 @@ class Frame(_advice.Teaching):
 
     @cached_property
     def face_id(self) -> NDArray[np.int64]:
-        """Row of the source ``faces``, (H, W) int64.
+        """Row of the source ``faces``, of ``positions`` of `Points` or of ``segments`` of `Lines`, (H, W) int64.
 
         −1 where nothing is covered, where a level other than the source is shown (render with ``pixel_error=0``),
         and for meshes built without ``BuildOptions(face_ids=True)``.

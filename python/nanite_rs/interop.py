@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from nanite_rs import _colors
+from nanite_rs import _checks, _colors
 from nanite_rs._asset import MIPMAPS, NEAREST, WRAPS, segments, triangles
 from nanite_rs.camera import Camera, IntrinsicsCamera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError
@@ -129,6 +129,9 @@ def from_pyrender(
         if not hasattr(scene, name):
             raise DtypeError(f"scene: expected a pyrender.Scene, not {type(scene).__name__}")
     virtual = chosen(virtual, options)
+    point_size = _checks.number(point_size, "point_size")
+    if not 0.0 < point_size <= 1e6:
+        raise ArgumentError(f"point_size: must be positive, not {point_size:g}")
     lost: set[str] = set()
     out = Scene(ambient_light=scene.ambient_light, bg_color=scene.bg_color)
     out._said = True  # pyrender does not either

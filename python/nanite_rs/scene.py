@@ -36,7 +36,7 @@ Shown: TypeAlias = NaniteMesh | TriangleMesh | Points | Lines
 
 
 def _no_item(item: object) -> DtypeError:
-    error = DtypeError(f"item: expected a mesh or a light, not {_advice.name_of_type(item)}")
+    error = DtypeError(f"item: expected a mesh, points, lines or a light, not {_advice.name_of_type(item)}")
     return _advice.advised(error, _advice.for_item(item))
 
 

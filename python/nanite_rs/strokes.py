@@ -29,16 +29,16 @@ StrokeUnit: TypeAlias = Literal["pixels", "world"]
 
 _WIDEST = 1e6
 """Nobody wants more pixels, and arithmetic has digits for it."""
+_LARGEST = 1e30
+"""In units of the world: what float32 can multiply."""
 
 
 def _size(value: object, name: str, unit: object) -> float:
     """A radius or a width."""
     _checks.choice(unit, "unit", ("pixels", "world"))
-    size = _checks.number(value, name)
-    if not 0.0 < size < (_WIDEST if unit == "pixels" else np.inf):
-        raise ArgumentError(
-            f"{name}: must be positive{' and finite' if unit == 'world' else ''}, not {size:g}"
-        )
+    size, most = _checks.number(value, name), _WIDEST if unit == "pixels" else _LARGEST
+    if not 0.0 < size <= most:
+        raise ArgumentError(f"{name}: must be positive and at most {most:g}, not {size:g}")
     return size
 
 
@@ -47,6 +47,13 @@ def _rows(colors: ArrayLike | None, count: int) -> NDArray[Any] | None:
     if colors is None:
         return None
     rows = np.asarray(colors)
+    if rows.dtype.kind not in "fiu":
+        raise DtypeError(f"colors: expected numbers, not {rows.dtype}")
+    if rows.ndim == 1 and rows.dtype == np.int64 and isinstance(colors, tuple | list):
+        # Whole numbers of Python: bytes, as uint8 has them.
+        if rows.min(initial=0) < 0 or rows.max(initial=0) > 255:
+            raise ArgumentError("colors: whole numbers must lie between 0 and 255")
+        rows = rows.astype(np.uint8)
     if rows.ndim == 1 and rows.shape[0] in (3, 4):
         rows = np.broadcast_to(rows, (count, len(rows)))
     alpha = rows[:, 3] if rows.ndim == 2 and rows.shape[1] == 4 else rows[:0]
@@ -96,6 +103,8 @@ class _Strokes(Moving):
             The array has the wrong shape or dtype.
         """
         rows = _positions(positions)
+        if len(rows) != len(self._positions):
+            raise ArgumentError(f"positions: expected {len(self._positions)} rows, found {len(rows)}")
         self._move(self._topology.shape(rows))
         self._positions = own_copy(rows)
 
@@ -114,8 +123,27 @@ class _Strokes(Moving):
         """What their size is counted in."""
         return self._unit
 
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Smallest and largest corner of the positions, and of what a size in the world adds: (2, 3) float64."""
+        around = np.array([[-self._reach()], [self._reach()]])
+        padded: NDArray[np.float64] = np.array(self._core.bounds) + around
+        return padded
+
     def _outline(self) -> NDArray[np.floating[Any]]:
-        return self._positions
+        around, place = self._reach(), self._positions[0]
+        if not around and (self._positions == place).all():
+            # One place has no size: something to be framed by.
+            around = max(0.01 * float(np.abs(place).max()), 0.5)
+        shifts = np.concatenate([np.eye(3), -np.eye(3)]) * around
+        if not around:
+            return self._positions
+        found: NDArray[np.float64] = (self._positions + shifts[:, None]).reshape(-1, 3)
+        return found
+
+    def _reach(self) -> float:
+        """How far anything reaches beyond its position, where that is in units of the world."""
+        return 0.0
 
     def _default_look(self) -> Look:
         """White for colours to multiply, or black."""
@@ -158,8 +186,8 @@ class Points(_Strokes):
     positions : (N, 3) float32 or float64 array
         Places, in the units of the mesh that an instance's pose maps to the world.
     colors : (N, 3) or (N, 4) array, or one colour, optional
-        Linear colours: uint8, uint16, or floating-point from 0 to 1. Without, they have the base colour of the
-        material, or are black. Alpha counts for nothing.
+        Linear colours: uint8, uint16, or floating-point from 0 to 1. The base colour of an instance's material
+        multiplies them; without either they are black. Alpha counts for nothing.
     radius : float
         Of a disc.
     unit : {"pixels", "world"}
@@ -226,6 +254,8 @@ class Points(_Strokes):
         >>> len(nrs.Points.from_trimesh(trimesh.PointCloud(np.eye(3))))
         3
         """
+        if not hasattr(cloud, "vertices") or hasattr(cloud, "faces") or hasattr(cloud, "entities"):
+            raise DtypeError(f"cloud: expected a trimesh.PointCloud, not {_advice.name_of_type(cloud)}")
         part = _trimesh.stroke_of(cloud, "cloud")
         if part is None:
             raise MeshError("cloud: there are no points in it")
@@ -235,6 +265,9 @@ class Points(_Strokes):
     def radius(self) -> float:
         """That of the discs."""
         return self._size
+
+    def _reach(self) -> float:
+        return self._size if self._unit == "world" else 0.0
 
     def _parts(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         return _points, (self._positions, self._colors, self._size, self._unit)
@@ -248,8 +281,9 @@ class Lines(_Strokes):
     """Lines between positions: bands with round ends, in the depth of the segments, hidden by what is nearer.
 
     They are drawn in their colours, whatever the light, cast no shadows, and are opaque. A band covers the pixels
-    whose centres lie within half its width of the segment, on the picture, and is a pixel wide at least.
-    ``frame.face_id`` has the row of ``segments``. On both backends the CPU draws a scene with lines.
+    whose centres lie within half its width of the segment, on the picture, and is a pixel wide at least. It is as
+    if a disc lay at each point of the segment, of which the nearest is seen. ``frame.face_id`` has the row of
+    ``segments``. On both backends the CPU draws a scene with lines.
 
     Parameters
     ----------
@@ -258,8 +292,9 @@ class Lines(_Strokes):
     segments : (M, 2) array of any integer type, optional
         The two ends of each line, as rows of ``positions``; by default one line through all of them in their order.
     colors : (N, 3) or (N, 4) array, or one colour, optional
-        Linear colours of the vertices, blended along the lines: uint8, uint16, or floating-point from 0 to 1.
-        Without, they have the base colour of the material, or are black. Alpha counts for nothing.
+        Linear colours of the vertices, blended along the lines: uint8, uint16, or floating-point from 0 to 1. The
+        base colour of an instance's material multiplies them; without either they are black. Alpha counts for
+        nothing.
     width : float
         Of a band.
     unit : {"pixels", "world"}
@@ -329,6 +364,8 @@ class Lines(_Strokes):
         >>> len(nrs.Lines.from_trimesh(trimesh.load_path([[[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 1, 0]]])))
         2
         """
+        if not hasattr(path, "entities"):
+            raise DtypeError(f"path: expected a trimesh.path.Path3D, not {_advice.name_of_type(path)}")
         part = _trimesh.stroke_of(path, "path")
         if part is None or part.segments is None:
             raise MeshError("path: there are no lines in space in it")
@@ -343,6 +380,9 @@ class Lines(_Strokes):
     def width(self) -> float:
         """That of the bands."""
         return self._size
+
+    def _reach(self) -> float:
+        return self._size / 2.0 if self._unit == "world" else 0.0
 
     def _parts(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         return _lines, (self._positions, self._segments, self._colors, self._size, self._unit)

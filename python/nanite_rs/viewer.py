@@ -564,8 +564,8 @@ def _scene_of(shown: Shown, material: Material | None) -> tuple[Scene, NDArray[n
     scene = shown.scene if isinstance(shown, LoadedScene) else shown
     if not isinstance(scene, Scene):
         raise DtypeError(
-            f"shown: expected a NaniteMesh, a Scene or a LoadedScene, not {type(shown).__name__}; "
-            "NaniteMesh.from_trimesh, from_file and load_scene make one"
+            f"shown: expected a mesh, points, lines or a scene of nanite_rs, not {type(shown).__name__}; "
+            "NaniteMesh.from_trimesh, from_file, Points.from_trimesh and load_scene make one"
         )
     if not len(scene):
         raise ArgumentError("shown: the scene has no instance of a mesh")

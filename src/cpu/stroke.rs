@@ -1,6 +1,6 @@
 //! Points and lines of stage 4, as discs and capsules on the picture: a pixel is covered where its centre is. A disc lies in
-//! the depth of its point; along a line the depth value is linear on the screen, as the segment's own is, and its round ends
-//! have that of the vertex.
+//! the depth of its point. A line is a disc for each of its points: of those that cover a pixel the nearest counts, also where
+//! a line is seen end on.
 
 use super::lanes::LANES;
 use super::triangle::{VERTICES, homogeneous_rows, project};
@@ -18,30 +18,41 @@ pub(super) fn draw<S: Sink>(
     payload: u32,
     sink: &S,
 ) -> u64 {
+    let mut drawn = 0;
+    if stroke.line {
+        for (t, [a, b, _]) in geometry.triangles.iter().enumerate() {
+            let ends = [a, b].map(|v| homogeneous(&view.screen, geometry.positions.get(usize::from(v))));
+            drawn += u64::from(line(ends, stroke, screen, u64::from(payload - t as u32), sink));
+        }
+        return drawn;
+    }
     let mut vertices = [[0f32; VERTICES]; 3];
     homogeneous_rows(geometry.positions, &view.screen, |first, h| {
         (0..3).for_each(|k| vertices[k][first..first + LANES].copy_from_slice(&h[k].0));
     });
-    let vertex = |v: u8| [0, 1, 2].map(|k| vertices[k][usize::from(v)]);
-    let mut drawn = 0;
-    for (t, [a, b, _]) in geometry.triangles.iter().enumerate() {
-        let low = u64::from(payload - t as u32);
-        let reached = if stroke.line {
-            line(vertex(a), vertex(b), stroke, screen, low, sink)
-        } else {
-            point(vertex(a), stroke, screen, low, sink)
-        };
-        drawn += u64::from(reached);
+    for (t, [a, ..]) in geometry.triangles.iter().enumerate() {
+        let vertex = [0, 1, 2].map(|k| vertices[k][usize::from(a)]);
+        drawn += u64::from(point(vertex, stroke, screen, u64::from(payload - t as u32), sink));
     }
     drawn
 }
 
-/// First and last pixel of a row or column whose centre lies between two coordinates, on the picture; empty when first > last.
+/// Homogeneous screen coordinates of an internal position: in f64, so that what is near the eye of a line between ends that
+/// are very far off is where it is.
+fn homogeneous(rows: &[[f32; 4]; 3], p: [f32; 3]) -> [f64; 3] {
+    rows.map(|row| {
+        let [x, y, z, w] = row.map(f64::from);
+        x * f64::from(p[0]) + y * f64::from(p[1]) + z * f64::from(p[2]) + w
+    })
+}
+
+/// First and last pixel of a row or column whose centre lies between two coordinates, or on the first, on the picture; empty
+/// when first > last.
 #[inline(always)]
 fn between(low: f64, high: f64, size: u32) -> (i32, i32) {
     // Conversions of floats saturate, and NaN is 0.
     let first = (low - 0.5).ceil().max(0.0) as i32;
-    (first, (high - 0.5).floor().min(f64::from(size) - 1.0) as i32)
+    (first, ((high - 0.5).ceil() - 1.0).min(f64::from(size) - 1.0) as i32)
 }
 
 /// What a row of the picture shows of a disc; empty where first > last.
@@ -54,11 +65,11 @@ fn across([x, y]: [f64; 2], [rx, ry]: [f64; 2], row: f64) -> (f64, f64) {
 
 #[inline(always)]
 fn point<S: Sink>(h: [f32; 3], stroke: &Stroke, screen: &Screen, low: u64, sink: &S) -> bool {
-    // NaN is nowhere.
-    if !(h[2] >= screen.near && h[2] <= screen.far) {
+    let [x, y, value] = project(screen, h);
+    // What overflows is nowhere.
+    if !(h[2] >= screen.near && h[2] <= screen.far && x.is_finite() && y.is_finite()) {
         return false;
     }
-    let [x, y, value] = project(screen, h);
     let [rx, ry] = stroke.radii(screen, h[2]);
     let word = u64::from(screen.key(value)) << 32 | low;
     // Conversions of floats saturate. The pixel that it lies in is covered, however small it is.
@@ -111,8 +122,7 @@ impl End {
 }
 
 /// The part of a segment between the near and the far distance.
-fn clipped(a: [f32; 3], b: [f32; 3], screen: &Screen) -> Option<[[f64; 3]; 2]> {
-    let (a, b) = (a.map(f64::from), b.map(f64::from));
+fn clipped([a, b]: [[f64; 3]; 2], screen: &Screen) -> Option<[[f64; 3]; 2]> {
     let (near, far) = (f64::from(screen.near), f64::from(screen.far));
     let (mut from, mut to) = (0.0f64, 1.0f64);
     let change = b[2] - a[2];
@@ -139,17 +149,21 @@ fn clipped(a: [f32; 3], b: [f32; 3], screen: &Screen) -> Option<[[f64; 3]; 2]> {
     (from <= to && ends.as_flattened().iter().all(|v| v.is_finite())).then_some(ends)
 }
 
-fn line<S: Sink>(a: [f32; 3], b: [f32; 3], stroke: &Stroke, screen: &Screen, low: u64, sink: &S) -> bool {
-    let Some(ends) = clipped(a, b, screen) else { return false };
-    let [a, b] = ends.map(|h| End::new(h, stroke, screen));
+fn line<S: Sink>(ends: [[f64; 3]; 2], stroke: &Stroke, screen: &Screen, low: u64, sink: &S) -> bool {
+    let Some(ends) = clipped(ends, screen) else { return false };
+    let [mut a, mut b] = ends.map(|h| End::new(h, stroke, screen));
+    // From the nearer end on.
+    if screen.key(a.value as f32) < screen.key(b.value as f32) {
+        (a, b) = (b, a);
+    }
     // On a picture so squeezed that discs are round.
     let squeeze = a.radii[0] / a.radii[1];
     let flat = |end: &End| [end.at[0] / squeeze, end.at[1]];
     let (p, q) = (flat(&a), flat(&b));
     let d = [q[0] - p[0], q[1] - p[1]];
-    let square = d[0] * d[0] + d[1] * d[1];
-    let length = square.sqrt();
-    let sides = sides([p, q], [a.radii[1], b.radii[1]], d, length);
+    let length = d[0].hypot(d[1]);
+    let radii = [a.radii[1], b.radii[1]];
+    let sides = sides([p, q], radii, d, length);
     let (low_y, high_y) = [&a, &b].iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), end| {
         (low.min(end.at[1] - end.radii[1]), high.max(end.at[1] + end.radii[1]))
     });
@@ -172,33 +186,75 @@ fn line<S: Sink>(a: [f32; 3], b: [f32; 3], stroke: &Stroke, screen: &Screen, low
         }
         let (first, last) = between(range.0, range.1, screen.width);
         for x in first..=last {
-            let along = [(f64::from(x) + 0.5) / squeeze - p[0], row - p[1]];
-            let t = if square > 0.0 { (along[0] * d[0] + along[1] * d[1]) / square } else { 0.0 };
-            let value = (a.value + t.clamp(0.0, 1.0) * (b.value - a.value)) as f32;
+            let way = [(f64::from(x) + 0.5) / squeeze - p[0], row - p[1]];
+            let t = nearest_disc(way, d, length, radii);
+            let value = (a.value + t * (b.value - a.value)) as f32;
             let word = u64::from(screen.key(value)) << 32 | low;
             sink.put(screen.pixel_address(x as usize, y as usize), word);
             reached = true;
         }
     }
+    // One seen end on may lie between the centres: like a point, it shows in its pixel.
+    let [column, row] = a.at.map(|v| v.floor());
+    let inside =
+        column >= 0.0 && column < f64::from(screen.width) && row >= 0.0 && row < f64::from(screen.height);
+    if !reached && inside {
+        let word = u64::from(screen.key(a.value as f32)) << 32 | low;
+        sink.put(screen.pixel_address(column as usize, row as usize), word);
+        reached = true;
+    }
     reached
 }
 
-/// How far along a segment lies what a point of the picture shows of it: from 0 at its first end to 1 at its second.
-pub(super) fn share_along([a, b]: [[f32; 3]; 2], point: [f32; 2], orthographic: bool) -> f32 {
-    let (a, b, p) = (a.map(f64::from), b.map(f64::from), point.map(f64::from));
-    // Relative to the point, and the direction of the segment on the picture: also where an end lies behind the eye.
-    let from = |h: [f64; 3]| [0, 1].map(|k| h[k] - p[k] * if orthographic { 1.0 } else { h[2] });
-    let way = if orthographic {
-        [b[0] - a[0], b[1] - a[1]]
+/// Where along a segment the first disc lies that covers a point: from 0 at its first end to 1 at its second. Radii shrink
+/// linearly, since the first end is the nearer one; the point is given from there.
+fn nearest_disc(way: [f64; 2], d: [f64; 2], length: f64, radii: [f64; 2]) -> f64 {
+    let widening = (radii[1] - radii[0]) / length;
+    let slope = 1.0 - widening * widening;
+    // The first disc holds the other, or both are one.
+    if slope.is_nan() || slope <= 0.0 {
+        return 0.0;
+    }
+    // The distance from the point of the axis at s is the radius there.
+    let along = (way[0] * d[0] + way[1] * d[1]) / length;
+    let half = along + radii[0] * widening;
+    let rest = way[0] * way[0] + way[1] * way[1] - radii[0] * radii[0];
+    let s = (half - (half * half - slope * rest).max(0.0).sqrt()) / slope;
+    (s / length).clamp(0.0, 1.0)
+}
+
+/// How far along a segment lies what a pixel shows of it: from 0 at its first end to 1 at its second. Where its depth says
+/// little, since the ends are as far off, the point of the picture does.
+pub(super) fn share_along(
+    rows: &[[f32; 4]; 3],
+    ends: [[f32; 3]; 2],
+    point: [f32; 2],
+    distance: f32,
+    orthographic: bool,
+) -> f32 {
+    let ([a, b], distance) = (ends.map(|end| homogeneous(rows, end)), f64::from(distance));
+    let change = b[2] - a[2];
+    let t = if change.abs() > TELLING * distance.abs() {
+        (distance - a[2]) / change
     } else {
-        [a[2] * b[0] - a[0] * b[2], a[2] * b[1] - a[1] * b[2]]
+        let p = point.map(f64::from);
+        // Relative to the point, and the direction of the segment on the picture.
+        let from = |h: [f64; 3]| [0, 1].map(|k| h[k] - p[k] * if orthographic { 1.0 } else { h[2] });
+        let way = if orthographic {
+            [b[0] - a[0], b[1] - a[1]]
+        } else {
+            [a[2] * b[0] - a[0] * b[2], a[2] * b[1] - a[1] * b[2]]
+        };
+        let dot = |v: [f64; 2]| v[0] * way[0] + v[1] * way[1];
+        let (of_a, of_b) = (dot(from(a)), dot(from(b)));
+        of_a / (of_a - of_b)
     };
-    let dot = |v: [f64; 2]| v[0] * way[0] + v[1] * way[1];
-    let (of_a, of_b) = (dot(from(a)), dot(from(b)));
-    let t = of_a / (of_a - of_b);
-    // One without length on the picture shows its first end.
+    // One without length shows its first end.
     if t.is_finite() { t.clamp(0.0, 1.0) as f32 } else { 0.0 }
 }
+
+/// Ends that differ more in their distance, relative to it, are told apart by it.
+const TELLING: f64 = 1.0e-2;
 
 /// The lines that touch two discs on both sides; none where one holds the other.
 fn sides([p, q]: [[f64; 2]; 2], radii: [f64; 2], d: [f64; 2], length: f64) -> Option<[[[f64; 2]; 2]; 2]> {
@@ -257,7 +313,7 @@ mod tests {
             });
             let counts = counted(|sink| {
                 if line {
-                    super::line(ends[0], ends[1], &stroke, &screen, 1, sink);
+                    super::line(ends.map(|h| h.map(f64::from)), &stroke, &screen, 1, sink);
                 } else {
                     point(ends[0], &stroke, &screen, 1, sink);
                 }
@@ -289,7 +345,7 @@ mod tests {
         let stroke = Stroke { line: true, pixels: 2.0, spread: [0.0; 2] };
         let drawn = |a: [f32; 3], b: [f32; 3]| {
             counted(|sink| {
-                line(a, b, &stroke, &screen, 1, sink);
+                line([a, b].map(|h| h.map(f64::from)), &stroke, &screen, 1, sink);
             })
         };
         // From the middle of the picture towards the eye and past it, to the right.
@@ -302,10 +358,49 @@ mod tests {
             ([f32::INFINITY, 0.0, 1.0], [9.0, 9.0, 2.0]),
         ] {
             assert_eq!(drawn(a, b).iter().sum::<u32>(), 0, "{a:?} {b:?}");
-            assert!(!point(a, &stroke, &screen, 1, &Counter(&[])) || a[2] == 1.0);
+            let shown = counted(|sink| {
+                point(a, &stroke, &screen, 1, sink);
+            });
+            assert_eq!(shown.iter().sum::<u32>(), 0, "{a:?}");
         }
         // A very long one ends, and is drawn right.
         let long = drawn([-1.0e30, 32.2, 1.0], [1.0e30, 32.2, 1.0]);
         assert_eq!(long.iter().sum::<u32>(), 4 * SIZE);
+    }
+
+    /// Of the discs along a segment that cover a point the first is found: against many of them.
+    #[test]
+    fn the_first_disc_that_covers_a_point_counts() {
+        let mut seed = 3;
+        for _ in 0..3000 {
+            let mut random = |low: f64, high: f64| low + (high - low) * numbers(&mut seed);
+            let d = [random(-9.0, 9.0), random(-9.0, 9.0)];
+            let first = random(0.5, 6.0);
+            let radii = [first, random(0.5, first + 1.0e-9)];
+            let way = [random(-12.0, 20.0), random(-12.0, 12.0)];
+            let covers = |t: f64| {
+                let radius = radii[0] + t * (radii[1] - radii[0]);
+                (way[0] - t * d[0]).hypot(way[1] - t * d[1]) <= radius
+            };
+            let steps = 2000;
+            let first = (0..=steps).map(|i| f64::from(i) / f64::from(steps)).find(|t| covers(*t));
+            let Some(first) = first else { continue };
+            let found = nearest_disc(way, d, d[0].hypot(d[1]), radii);
+            assert!((found - first).abs() <= 1.5 / f64::from(steps), "{found} for {first}");
+        }
+        assert_eq!(nearest_disc([0.3, 0.1], [0.0, 0.0], 0.0, [2.0, 2.0]), 0.0);
+        assert_eq!(nearest_disc([0.3, 0.1], [0.0, 0.0], 0.0, [3.0, 2.0]), 0.0);
+    }
+
+    #[test]
+    fn lines_that_end_very_far_off_are_where_they_are() {
+        let rows = [[100.0, 0.0, 32.0, 64.0], [0.0, -100.0, 32.0, 64.0], [0.0, 0.0, 1.0, 2.0]];
+        for far in [1.0f32, 1.0e7, 1.0e12] {
+            let [a, b] = [[-far, 0.0, 0.0], [far, 0.0, 0.0]].map(|p| homogeneous(&rows, p));
+            let middle: [f64; 3] = std::array::from_fn(|k| (a[k] + b[k]) / 2.0);
+            assert_eq!(middle, [64.0, 64.0, 2.0]);
+            let at = share_along(&rows, [[-far, 0.0, 0.0], [far, 0.0, 0.0]], [32.0, 32.0], 2.0, false);
+            assert!((at - 0.5).abs() < 1e-6);
+        }
     }
 }

@@ -380,8 +380,9 @@ impl<'a> Gathered<'a> {
         let mut weights = [1.0, 0.0, 0.0].map(Lanes::splat);
         if stroke.line {
             for lane in 0..self.count {
-                let end = |i: usize| view.homogeneous(self.positions[i].map(|axis| axis.0[lane]));
-                let t = share_along([end(0), end(1)], point.map(|axis| axis.0[lane]), screen.orthographic);
+                let ends = [0, 1].map(|i: usize| self.positions[i].map(|axis| axis.0[lane]));
+                let at = point.map(|axis| axis.0[lane]);
+                let t = share_along(&view.screen, ends, at, distance.0[lane], screen.orthographic);
                 (weights[0].0[lane], weights[1].0[lane]) = (1.0 - t, t);
             }
         }

@@ -373,7 +373,7 @@ def test_built_meshes_are_scenes_too(tmp_path) -> None:
 
 
 def test_what_cannot_be_loaded(tmp_path) -> None:
-    for source in (None, 3, trimesh.PointCloud(QUAD)):
+    for source in (None, 3, trimesh.path.Path2D()):
         with pytest.raises(nrs.DtypeError, match="source: expected a path, an open binary file or bytes"):
             nrs.load_scene(source)
     with pytest.raises(nrs.ArgumentError, match="bad_textures"):

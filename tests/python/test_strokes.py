@@ -121,13 +121,20 @@ def test_bands_are_where_they_are_drawn_by_hand(camera, width, unit, backend):
         p, q = a + ends[:, None] * (b - a)
         at, depth, per_unit = on_screen(camera, [p, q])
         sizes = np.maximum(width / 2.0 if unit == "pixels" else width / 2.0 * per_unit, 0.5) * np.ones(2)
-        t, beyond = _beyond_hull(centers(), at, sizes)
+        foot, beyond, best = _beyond_hull(centers(), at, sizes)
+        covered = beyond <= 0.0
+        t = np.where(covered, _nearest_disc(centers(), at, sizes, depth, covered, best), foot)
         value = (1.0 / depth if camera == "pinhole" else depth) @ np.array([1.0 - t, t]).reshape(2, -1)
         value = value.reshape(t.shape)
         depths = 1.0 / value if camera == "pinhole" else value
         drawn.put(row, beyond, depths)
-        share = (depths - depth[0]) / (depth[1] - depth[0]) if camera == "pinhole" else t
-        shares[row] = np.where((t > 0.0) & (t < 1.0), ends[0] + share * (ends[1] - ends[0]), np.nan)
+        # What differs little in depth is told apart by the picture.
+        _, both, _ = on_screen(camera, [a, b])
+        tells = np.abs(both[1] - both[0]) > 0.01 * depths
+        turned = foot if camera == "parallel" else _at_depth(foot, depth)
+        share = np.where(tells, (depths - depth[0]) / (depth[1] - depth[0]), turned)
+        steady = (foot > 0.0) & (foot < 1.0)
+        shares[row] = np.where(steady, ends[0] + share * (ends[1] - ends[0]), np.nan)
     colors = rng.random((60, 3))
     scene = nrs.Scene()
     scene.add(nrs.Lines(positions, segments, colors=colors, width=width, unit=unit))
@@ -147,8 +154,35 @@ def test_bands_are_where_they_are_drawn_by_hand(camera, width, unit, backend):
     assert np.abs(frame.linear[covered] - wanted)[inside].max() < 0.01
 
 
+def _at_depth(t, depth):
+    """From shares of a segment on the picture to shares of it in space."""
+    seen = 1.0 / ((1.0 - t) / depth[0] + t / depth[1])
+    return (seen - depth[0]) / (depth[1] - depth[0]) if depth[0] != depth[1] else t
+
+
+def _nearest_disc(pixels, ends, sizes, depth, covered, best):
+    """Where the nearest disc lies that covers a pixel: by halves between the near end and the best disc."""
+    out = np.zeros(covered.shape)
+    order = [0, 1] if depth[0] <= depth[1] else [1, 0]
+    (p, q), (first, last) = ends[order], sizes[order]
+
+    def covers(t):
+        away = pixels[covered] - (p + t[:, None] * (q - p))
+        return np.hypot(*away.T) <= first + t * (last - first)
+
+    high = best[covered] if order == [0, 1] else 1.0 - best[covered]
+    low = np.zeros(len(high))
+    at_end = covers(low)
+    for _ in range(60):
+        middle = (low + high) / 2.0
+        inside = covers(middle)
+        low, high = np.where(inside, low, middle), np.where(inside, middle, high)
+    out[covered] = np.where(at_end, 0.0, high)
+    return out if order == [0, 1] else 1.0 - out
+
+
 def _beyond_hull(pixels, ends, sizes):
-    """How far along a segment pixels are, 0 to 1, and how far outside of the hull of its two discs."""
+    """How far along a segment pixels are, how far outside of the hull of its discs, and the best of these."""
     (p, q), (big, small) = ends, sizes
     way = q - p
     length = np.hypot(*way)
@@ -165,7 +199,8 @@ def _beyond_hull(pixels, ends, sizes):
         left, right = high - ratio * (high - low), low + ratio * (high - low)
         first = beyond(left) < beyond(right)
         low, high = np.where(first, low, left), np.where(first, right, high)
-    return t, beyond((low + high) / 2.0)
+    best = (low + high) / 2.0
+    return t, beyond(best), best
 
 
 @pytest.mark.parametrize("virtual", [False, True])
@@ -359,6 +394,17 @@ BAD = {
     "whole": (lambda: nrs.Lines(np.eye(3), [[0.0, 1.0]]), nrs.DtypeError, "segments: expected an integer"),
     "one": (lambda: nrs.Lines(np.zeros((1, 3))), nrs.MeshError, "two ends"),
     "width": (lambda: nrs.Lines(np.eye(3), width=-1.0), nrs.ArgumentError, "width: must be positive"),
+    "word": (lambda: nrs.Points(np.eye(3), colors="red"), nrs.DtypeError, "colors: expected numbers"),
+    "bytes": (lambda: nrs.Points(np.eye(3), colors=(300, 0, 0)), nrs.ArgumentError, "colors: whole numbers"),
+    "wide": (lambda: nrs.Points(np.eye(3), radius=1e30), nrs.ArgumentError, "at most 1e\\+06"),
+    "cloud": (lambda: nrs.Points.from_trimesh(1), nrs.DtypeError, "cloud: expected a trimesh.PointCloud"),
+    "path": (lambda: nrs.Lines.from_trimesh(1), nrs.DtypeError, "path: expected a trimesh.path.Path3D"),
+    "fewer": (
+        lambda: nrs.Points(np.eye(3)).update(np.zeros((4, 3))),
+        nrs.ArgumentError,
+        "positions: expected 3",
+    ),
+    "item": (lambda: nrs.Scene().add(3), nrs.DtypeError, "expected a mesh, points, lines or a light"),
     "name": (lambda: nrs.Points(np.eye(3), point_size=3), TypeError, "radius="),
     "edges": (lambda: nrs.Lines(np.eye(3), edges=[[0, 1]]), TypeError, "segments="),
 }
@@ -449,7 +495,8 @@ def test_pyrenders_points_and_lines(kind):
         shared = (ours & other).sum() / (ours | other).sum()
         assert shared > (0.9 if kind == "points" else 0.55), shared
     both = ours & other
-    near = np.abs(frame.depth[both] / depth[both] - 1.0) < 2e-3
+    # A line is as near as what of it lies within half its width.
+    near = np.abs(frame.depth[both] / depth[both] - 1.0) < (2e-3 if mode == 0 else 2e-2)
     assert near.mean() > 0.95
     assert (np.abs(frame.color[both][near].astype(int) - color[both][near]).max(axis=-1) <= 3).mean() > 0.9
 
@@ -509,3 +556,76 @@ def test_trimeshs_own_clouds_come_through_files(tmp_path):
     trimesh.Scene([cloud]).export(tmp_path / "a.glb")
     ((node,),) = nrs.load_scene(tmp_path / "a.glb").instances.values()
     np.testing.assert_allclose(node.mesh.positions, cloud.vertices, atol=1e-6)
+
+
+@every_camera
+def test_lines_that_point_at_the_camera_show_their_near_end(camera, backend):
+    """A post seen from above, through a plate: its top is in front."""
+    pose = nrs.look_at((0, 0, 6), (0, 0, 0))
+    for ends in ([[0, 0, 0], [0, 0, 1.0]], [[0, 0, 1.0], [0, 0, 0]]):
+        scene = nrs.Scene(ambient_light=(1, 1, 1))
+        colors = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])[:: 1 if ends[0][2] == 0 else -1]
+        post = scene.add(nrs.Lines(ends, colors=colors, width=12.0))
+        plate = [[-1, -1, 0.5], [1, -1, 0.5], [1, 1, 0.5], [-1, 1, 0.5]]
+        scene.add(nrs.TriangleMesh(plate, [[0, 1, 2], [0, 2, 3]]))
+        with nrs.Renderer(*SIZE, backend=backend) as renderer:
+            frame = renderer.render(scene, CAMERAS[camera], pose, shading="gltf")
+        shown = frame.instance_id == post.instance_id
+        assert shown.sum() > 100
+        np.testing.assert_allclose(frame.depth[shown], 5.0, rtol=1e-6)
+        np.testing.assert_allclose(frame.linear[shown], [[0.0, 0.0, 1.0]] * shown.sum(), atol=1e-6)
+
+
+@pytest.mark.parametrize("far", [1e3, 1e6, 1e9, 1e12])
+def test_endless_axes_go_where_near_ones_do(far, backend):
+    axes = np.concatenate([np.eye(3) * -1.0, np.eye(3)])
+    pairs = [[0, 3], [1, 4], [2, 5]]
+    camera, pose = nrs.PerspectiveCamera(yfov=0.8, znear=0.05), nrs.look_at((3, 2, 4), (0.3, 0.2, 0.1))
+    frames = []
+    for reach in (100.0, far):
+        scene = nrs.Scene()
+        scene.add(nrs.Lines(axes * reach, pairs, width=3.0))
+        with nrs.Renderer(*SIZE, backend=backend) as renderer:
+            frames.append(renderer.render(scene, camera, pose))
+    near, endless = frames
+    same = near.face_id == endless.face_id
+    assert (near.face_id >= 0).sum() > 400
+    assert same.mean() > 0.99
+    shown = same & (near.depth > 0)
+    np.testing.assert_allclose(endless.depth[shown], near.depth[shown], rtol=1e-3)
+
+
+def test_frozen_views_pick_points():
+    cloud = nrs.Points(np.random.default_rng(1).uniform(-1, 1, (50, 3)), radius=5.0)
+    scene = nrs.Scene(ambient_light=(1, 1, 1))
+    scene.add(cloud)
+    scene.add(nrs.TriangleMesh(*nrs.shapes.icosphere(faces=80)))
+    for shown in (cloud, scene):
+        with nrs.Viewer(shown, width=80, height=60) as viewer:
+            y, x = np.argwhere(viewer.frame().instance_id == 0)[20].tolist()
+            before = viewer.pick(x, y)
+            viewer.freeze()
+            after = viewer.pick(x, y)
+            assert after is not None
+            assert (after.instance_id, after.triangle_id) == (before.instance_id, before.triangle_id)
+            assert viewer.image().any()
+
+
+@pytest.mark.parametrize(
+    "shown",
+    [
+        nrs.Points([[0.0, 0, 0]]),
+        nrs.Points([[1.0, 1, 1]] * 5, radius=0.2, unit="world"),
+        nrs.Points([[0.0, 0, 0], [1, 0, 0]], radius=2.0, unit="world"),
+        nrs.Lines([[7.0, 1, 1], [7.0, 1, 1]]),
+    ],
+    ids=["one", "equal", "large", "no length"],
+)
+def test_small_and_large_ones_are_framed(shown):
+    with nrs.Viewer(shown, width=80, height=60) as viewer:
+        covered = (viewer.frame().depth > 0).mean()
+    assert 0.0 < covered < 0.8
+    assert shown._repr_png_()
+    low, high = shown.bounds
+    reach = getattr(shown, "radius", 0.0) if shown.unit == "world" else 0.0
+    np.testing.assert_allclose([low, high], [shown.positions.min(0) - reach, shown.positions.max(0) + reach])

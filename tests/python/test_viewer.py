@@ -494,7 +494,7 @@ def test_pages_of_shadows_are_shown(mesh) -> None:
 
 def test_arguments_that_cannot_be_are_refused(mesh, viewer) -> None:
     for options, message in (
-        ({"view": "wireframe"}, r"^view: must be one of shaded, .*, not 'wireframe'"),
+        ({"view": "wire"}, r"^view: must be one of shaded, .*, not 'wire'"),
         ({"pixel_error": -1.0}, r"^pixel_error: must be 0 or more, not -1"),
         ({"pixel_error": "1"}, r"^pixel_error: expected a number, not str"),
         ({"width": 0}, r"^width, height: must be between 1 and 8192"),
@@ -503,7 +503,7 @@ def test_arguments_that_cannot_be_are_refused(mesh, viewer) -> None:
     ):
         with pytest.raises(nrs.ArgumentError, match=message):
             nrs.Viewer(mesh, **options)
-    with pytest.raises(nrs.DtypeError, match=r"^shown: expected a NaniteMesh, .*, not ndarray"):
+    with pytest.raises(nrs.DtypeError, match=r"^shown: expected a mesh, .*, not ndarray"):
         nrs.Viewer(np.zeros((3, 3)))
     with pytest.raises(nrs.ArgumentError, match=r"^shown: the scene has no instance"):
         nrs.Viewer(nrs.Scene())
