@@ -437,11 +437,15 @@ class _Reader:
         source = self._arrays(row, weights, what) if own else self._source(row, weights, what)
         if source is None:
             return None
-        index = self._document.whole(row, "material") if "material" in row else None
-        material = fitted(self._material(index), self._name_of(index), len(source.uvs), self._notes)
+        material = self._look(row, len(source.uvs))
         if source.normals is None:
             material = replace(material, smooth=False)  # as glTF wants it
         return Part(what, source, material)
+
+    def _look(self, row: dict[str, Any], uv_sets: int) -> Material:
+        """The material of a primitive with so many UV sets."""
+        index = self._document.whole(row, "material") if "material" in row else None
+        return fitted(self._material(index), self._name_of(index), uv_sets, self._notes)
 
     def _source(self, row: dict[str, Any], weights: tuple[float, ...], what: str) -> Source | None:
         """Arrays of a primitive; primitives that differ only in their material share them."""
@@ -460,9 +464,7 @@ class _Reader:
         packed = document.extension(row, "KHR_draco_mesh_compression")
         decoded = document.draco(packed, attributes, what) if packed is not None else None
         faces, unpacked = decoded if decoded is not None else (None, {})
-        targets = document.listed(row, "targets")
-        moved = [(weight, target) for weight, target in zip(weights, targets, strict=False) if weight]
-        rows = _Vertices(document, attributes, unpacked, moved, what)
+        rows = self._vertices(row, weights, unpacked, what)
         vertices = rows.numbers("POSITION", (3,))
         faces = self._faces(row, len(vertices), what) if faces is None else faces
         if faces is None:
@@ -488,9 +490,7 @@ class _Reader:
         attributes = document.member(row, "attributes")
         if mode not in (POINTS, LINES, LINE_LOOP, LINE_STRIP) or "POSITION" not in attributes:
             return None
-        targets = document.listed(row, "targets")
-        moved = [(weight, target) for weight, target in zip(weights, targets, strict=False) if weight]
-        rows = _Vertices(document, attributes, {}, moved, what)
+        rows = self._vertices(row, weights, {}, what)
         positions = rows.numbers("POSITION", (3,))
         colors = None
         if "COLOR_0" in attributes:
@@ -505,9 +505,20 @@ class _Reader:
         if not len(positions if ends is None else ends):
             self._notes.add("points and lines of nothing", what)
             return None
-        index = document.whole(row, "material") if "material" in row else None
-        material = fitted(self._material(index), self._name_of(index), 0, self._notes)
-        return StrokePart(what, positions, ends, colors, material)
+        return StrokePart(what, positions, ends, colors, self._look(row, 0))
+
+    def _vertices(
+        self,
+        row: dict[str, Any],
+        weights: tuple[float, ...],
+        unpacked: dict[str, NDArray[Any]],
+        what: str,
+    ) -> _Vertices:
+        """The vertices of a primitive, moved by its targets as far as these count."""
+        document = self._document
+        targets = document.listed(row, "targets")
+        moved = [(weight, target) for weight, target in zip(weights, targets, strict=False) if weight]
+        return _Vertices(document, document.member(row, "attributes"), unpacked, moved, what)
 
     def _order(self, row: dict[str, Any], count: int, what: str) -> NDArray[np.int64]:
         """The vertices of a primitive in their order."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -23,7 +23,7 @@ from nanite_rs.texture import Image, Texture
 from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     import pyrender
     from numpy.typing import NDArray
@@ -32,8 +32,10 @@ if TYPE_CHECKING:
 
 __all__ = ["PyrenderView", "from_pyrender"]
 
-# The mesh that was built from a primitive, while the primitive lives, with the arrays that it was built from.
-_built: WeakKeyDictionary[pyrender.Primitive, tuple[tuple[Any, ...], Any]]
+_Made = TypeVar("_Made")
+
+# What was made of a primitive, while the primitive lives, behind the arrays and the setting that it was made from.
+_built: WeakKeyDictionary[pyrender.Primitive, tuple[tuple[Any, ...], float, Any]]
 _built = WeakKeyDictionary()
 
 # Likewise the images of a texture: for roughness and metalness, and for everything else.
@@ -197,43 +199,46 @@ def _mesh(
     instances = 1 if primitive.poses is None else len(primitive.poses)
     builds = pays(virtual, len(faces) * instances)
     carried = (primitive.normals, primitive.color_0, *sets)
-    arrays = (primitive.positions, primitive.indices, *carried, options, builds)
-    known = _built.get(primitive)
-    # The arrays are kept alive, so that no other array gets the id of one of them.
-    if known is None or any(a is not b for a, b in zip(known[0], arrays, strict=True)):
+    arrays = (primitive.positions, primitive.indices, *carried, options)
+
+    def make() -> NaniteMesh | TriangleMesh:
         colors = None if primitive.color_0 is None else _colors.rgba(np.asarray(primitive.color_0))
         uvs = [np.asarray(uv, np.float32)[:, :2] for uv in sets if uv is not None]
         given: dict[str, Any] = {"normals": primitive.normals, "colors": colors, "uvs": uvs}
-        mesh = (
-            NaniteMesh.from_arrays(primitive.positions, faces, options=options, **given)
-            if builds
-            else TriangleMesh(primitive.positions, faces, **given)
-        )
-        known = _built[primitive] = (arrays, mesh)
-    return known[1]
+        if builds:
+            return NaniteMesh.from_arrays(primitive.positions, faces, options=options, **given)
+        return TriangleMesh(primitive.positions, faces, **given)
+
+    return _made_once(primitive, arrays, builds, make)
+
+
+def _made_once(
+    primitive: pyrender.Primitive, arrays: tuple[Any, ...], setting: float, make: Callable[[], _Made]
+) -> _Made:
+    """What was made of a primitive, made anew where one of its arrays is another or a setting changed."""
+    known = _built.get(primitive)
+    # The arrays are kept alive, so that no other array gets the id of one of them.
+    if known is None or known[1] != setting or [*map(id, known[0])] != [*map(id, arrays)]:
+        known = _built[primitive] = (arrays, setting, make())
+    made: _Made = known[2]
+    return made
 
 
 def _strokes(primitive: pyrender.Primitive, point_size: float) -> Points | Lines:
     """Points or lines of a primitive."""
-    arrays = (primitive.positions, primitive.indices, primitive.color_0, point_size)
-    known = _built.get(primitive)
-    if (
-        known is None
-        or any(a is not b for a, b in zip(known[0][:-1], arrays[:-1], strict=True))
-        or (known[0][-1] != point_size)
-    ):
+
+    def make() -> Points | Lines:
         colors = None if primitive.color_0 is None else _colors.rgba(np.asarray(primitive.color_0))[:, :3]
         positions = np.asarray(primitive.positions)
         order = _order(primitive)
         ends = segments(order, primitive.mode)
-        made: Points | Lines
-        if ends is None:
-            own = None if colors is None else colors[order]
-            made = Points(positions[order], colors=own, radius=point_size / 2.0)
-        else:
-            made = Lines(positions, ends, colors=colors)
-        known = _built[primitive] = (arrays, made)
-    return known[1]
+        if ends is not None:
+            return Lines(positions, ends, colors=colors)
+        own = None if colors is None else colors[order]
+        return Points(positions[order], colors=own, radius=point_size / 2.0)
+
+    arrays = (primitive.positions, primitive.indices, primitive.color_0)
+    return _made_once(primitive, arrays, point_size, make)
 
 
 def _order(primitive: pyrender.Primitive) -> NDArray[np.int64]:

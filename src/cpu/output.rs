@@ -5,8 +5,7 @@ use std::sync::atomic::AtomicU32;
 
 use rayon::prelude::*;
 
-use super::lanes::Lanes;
-use super::surface::{Detail, Pixels, Surfels, Walk};
+use super::surface::{Detail, Extra, Pixels, Surfels, Walk};
 use super::triangle::project;
 use super::visibility::{Counter, Pixel};
 use super::{raster_large, raster_small};
@@ -55,11 +54,11 @@ fn map<T: Send + Copy>(pixels: Pixels<'_>, background: T, value: impl Fn(Hit) ->
     out
 }
 
-/// One value per pixel from its surface point: `value` gets the points and a lane.
-fn map_surface<T: Send + Copy>(
+/// One value per pixel from its surface point, with detail or without: `value` gets the points and a lane.
+fn map_surface<T: Send + Copy, D: Extra>(
     pixels: Pixels<'_>,
     background: T,
-    value: impl Fn(&Surfels<'_>, usize) -> T + Sync,
+    value: impl Fn(&Surfels<'_, D>, usize) -> T + Sync,
 ) -> Vec<T> {
     let chunk = pixels.screen.width as usize * ROWS;
     let mut out = vec![background; pixels.words.len()];
@@ -97,7 +96,7 @@ pub fn depth_of_keys(keys: &mut [u32], screen: &Screen) {
 pub fn normals(pixels: Pixels<'_>, eye: &Eye) -> Vec<[f32; 3]> {
     let r = &eye.rotate;
     let to_world: [[f32; 3]; 3] = std::array::from_fn(|k| [r[0][k], r[1][k], r[2][k]]);
-    map_surface(pixels, [0.0; 3], |surfels, lane| {
+    map_surface(pixels, [0.0; 3], |surfels: &Surfels<'_>, lane| {
         let n = surfels.normal.map(|c| c.0[lane]);
         to_world.map(|row| n[0] * row[0] + n[1] * row[1] + n[2] * row[2])
     })
@@ -153,7 +152,7 @@ pub fn overdraw(pixels: Pixels<'_>, large: &[bool]) -> Vec<u32> {
 
 /// Colours in RGB bytes, darkened where the surface turns away; black where nothing is covered.
 fn faced(pixels: Pixels<'_>, color: impl Fn(&Surfels<'_>, usize) -> [f32; 3] + Sync) -> Vec<[u8; 3]> {
-    map_surface(pixels, [0; 3], |surfels, lane| {
+    map_surface(pixels, [0; 3], |surfels: &Surfels<'_>, lane| {
         let facing = FACING[0] + FACING[1] * surfels.normal[2].0[lane].abs();
         color(surfels, lane).map(|c| (c * facing * 255.0 + 0.5) as u8)
     })
@@ -187,30 +186,21 @@ pub fn rasterizers(pixels: Pixels<'_>, large: &[bool]) -> Vec<[u8; 3]> {
 /// where it was at the eye or behind it. `before` are the frame's instances as they were, on that frame's screen. Points of
 /// triangles keep their barycentric coordinates.
 pub fn motion(pixels: Pixels<'_>, before: &[InstanceView], screen: &Screen) -> Vec<[f32; 2]> {
-    let mut out = vec![[0.0; 2]; pixels.words.len()];
-    let chunk = pixels.screen.width as usize * ROWS;
-    out.par_chunks_mut(chunk).enumerate().for_each(|(i, out)| {
-        let start = i * chunk;
-        let Some(mut walk) = Walk::new(pixels, start..start + out.len()) else { return };
-        while let Some(surfels) = walk.step::<Detail>() {
-            let was = &before[surfels.instance as usize];
-            for lane in 0..surfels.count {
-                let weights = surfels.detail.weights.map(|w| w.0[lane]);
-                let (triangle, cluster) = (surfels.hits[lane].triangle as usize, surfels.clusters[lane]);
-                let place = |view: &InstanceView, screen: &Screen| {
-                    let corners = view.cluster(cluster).corners(triangle);
-                    let point = std::array::from_fn(|k| (0..3).map(|i| weights[i] * corners[i][k]).sum());
-                    let h = view.homogeneous(point);
-                    let ahead = screen.orthographic || h[2] > 0.0;
-                    let [x, y, _] = project(screen, h);
-                    if ahead { [x, y] } else { [f32::NAN; 2] }
-                };
-                let (now, then) = (place(surfels.view, pixels.screen), place(was, screen));
-                out[surfels.pixels[lane] as usize - start] = [now[0] - then[0], now[1] - then[1]];
-            }
-        }
-    });
-    out
+    map_surface(pixels, [0.0; 2], |surfels: &Surfels<'_, Detail>, lane| {
+        let weights = surfels.detail.weights.map(|w| w.0[lane]);
+        let (triangle, cluster) = (surfels.hits[lane].triangle as usize, surfels.clusters[lane]);
+        let place = |view: &InstanceView, screen: &Screen| {
+            let corners = view.cluster(cluster).corners(triangle);
+            let point = std::array::from_fn(|k| (0..3).map(|i| weights[i] * corners[i][k]).sum());
+            let h = view.homogeneous(point);
+            let ahead = screen.orthographic || h[2] > 0.0;
+            let [x, y, _] = project(screen, h);
+            if ahead { [x, y] } else { [f32::NAN; 2] }
+        };
+        let now = place(surfels.view, pixels.screen);
+        let then = place(&before[surfels.instance as usize], screen);
+        [now[0] - then[0], now[1] - then[1]]
+    })
 }
 
 /// How much an edge of the triangle that it shows counts at each pixel, 0 to 1: less with the distance, up to a pixel. Points and
@@ -219,25 +209,18 @@ pub fn motion(pixels: Pixels<'_>, before: &[InstanceView], screen: &Screen) -> V
 /// Distances to edges are barycentric coordinates over their change (Bærentzen and others, "Single-Pass Wireframe Rendering",
 /// 2006).
 pub fn edges(pixels: Pixels<'_>) -> Vec<f32> {
-    let mut out = vec![0.0; pixels.words.len()];
-    let chunk = pixels.screen.width as usize * ROWS;
-    out.par_chunks_mut(chunk).enumerate().for_each(|(i, out)| {
-        let start = i * chunk;
-        let Some(mut walk) = Walk::new(pixels, start..start + out.len()) else { return };
-        while let Some(surfels) = walk.step::<Detail>() {
-            if surfels.view.stroke.is_some() {
-                continue;
-            }
-            let Detail { weights, change: [right, down], .. } = &surfels.detail;
-            let away: [Lanes; 3] =
-                std::array::from_fn(|k| weights[k] / (right[k] * right[k] + down[k] * down[k]).sqrt());
-            for lane in 0..surfels.count {
-                let nearest = away.iter().map(|edge| edge.0[lane]).fold(f32::INFINITY, f32::min);
-                out[surfels.pixels[lane] as usize - start] = (1.0 - nearest).clamp(0.0, 1.0);
-            }
+    map_surface(pixels, 0.0, |surfels: &Surfels<'_, Detail>, lane| {
+        if surfels.view.stroke.is_some() {
+            return 0.0;
         }
-    });
-    out
+        let Detail { weights, change: [right, down], .. } = &surfels.detail;
+        let away = |k: usize| {
+            let (right, down) = (right[k].0[lane], down[k].0[lane]);
+            weights[k].0[lane] / (right * right + down * down).sqrt()
+        };
+        let nearest = (0..3).map(away).fold(f32::INFINITY, f32::min);
+        (1.0 - nearest).clamp(0.0, 1.0)
+    })
 }
 
 /// Surfaces in light grey, darkened where they turn away; black where nothing is covered.

@@ -343,17 +343,28 @@ impl<'a> Gathered<'a> {
             corners: self.positions,
             face: normalize(&face()),
         });
-        let color = self.color(&weights);
+        self.surfels(point, distance, normalize(&normal), self.color(&weights), detail)
+    }
+
+    #[inline(always)]
+    fn surfels<D>(
+        &self,
+        point: [Lanes; 2],
+        distance: Lanes,
+        normal: Vec3x8,
+        color: Option<Vec3x8>,
+        detail: D,
+    ) -> Surfels<'a, D> {
         Surfels {
             count: self.count,
             instance: self.instance,
-            view,
+            view: self.view,
             pixels: self.pixels,
             hits: self.hits,
             clusters: self.clusters,
             point,
             distance,
-            normal: normalize(&normal),
+            normal,
             color,
             detail,
         }
@@ -387,24 +398,10 @@ impl<'a> Gathered<'a> {
             }
         }
         let facing = splat3([0.0, 0.0, 1.0]);
-        Surfels {
-            count: self.count,
-            instance: self.instance,
-            view,
-            pixels: self.pixels,
-            hits: self.hits,
-            clusters: self.clusters,
-            point,
-            distance,
-            normal: facing,
-            color: if stroke.line { self.color(&weights) } else { self.first_color() },
-            detail: D::of(|| Detail {
-                weights,
-                change: [[zero; 3]; 2],
-                corners: self.positions,
-                face: facing,
-            }),
-        }
+        let color = if stroke.line { self.color(&weights) } else { self.first_color() };
+        let change = [[zero; 3]; 2];
+        let detail = D::of(|| Detail { weights, change, corners: self.positions, face: facing });
+        self.surfels(point, distance, facing, color, detail)
     }
 
     /// The colour of the first corner.

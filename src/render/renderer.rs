@@ -339,9 +339,9 @@ impl Renderer {
             // Cascades are the CPU's.
             Shadows::Cascaded => Some(Stage::ShadowMark),
         };
-        // So are layers.
-        let layered = scene.needs_cpu().then_some(Stage::InstanceCull);
-        let cpu_from = [options.cpu_from.or(self.cpu_from), shaded, layered].into_iter().flatten().min();
+        // So is what a scene has that no device draws.
+        let undrawn = scene.needs_cpu().then_some(Stage::InstanceCull);
+        let cpu_from = [options.cpu_from.or(self.cpu_from), shaded, undrawn].into_iter().flatten().min();
         let options = &RenderOptions { cpu_from, ..options.clone() };
         options.validate()?;
         let start = Instant::now();
