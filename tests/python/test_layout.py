@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import nanite_rs as nrs
+from conftest import SOAKED
 from nanite_rs import exceptions
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,6 +47,13 @@ def test_every_make_target_is_documented():
         assert f"make {target}" in makefile.split("SHELL :=")[0]
     for target in ("demo", "test"):
         assert f"make {target}" in read("README.md")
+
+
+def test_what_is_left_to_soak_is_there():
+    for file, tests in SOAKED.items():
+        text = read(f"tests/python/test_{file}.py")
+        for test in set(tests) - {"*"}:
+            assert f"\ndef {test}(" in text, f"{file}: {test}"
 
 
 def test_requirements_are_pinned():
