@@ -47,8 +47,8 @@ SLOW = (
 )
 
 #: Cases that take long and rarely find what others of their test do not: `make soak` alone runs them, elsewhere
-#: pytest counts them as deselected. By file and test, words in the ids of the cases: no word stands for all cases, a
-#: star for all tests of a file, which share what takes long.
+#: pytest counts them as deselected. By file and test, words in the ids of the cases: no word stands for all cases,
+#: a star for all tests of a file, which share what takes long.
 SOAKED = {
     "assets": {
         "*": ("lamborghini", "zdm2_level", "ToyCar", "dutch_ship"),
