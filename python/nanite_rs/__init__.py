@@ -50,6 +50,7 @@ from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, 
 from nanite_rs.strokes import Lines, Points
 from nanite_rs.texture import Image, Texture
 from nanite_rs.threads import get_num_threads, set_num_threads
+from nanite_rs.skinned_mesh import SkinnedMesh
 from nanite_rs.triangle_mesh import TriangleMesh
 from nanite_rs.viewer import Orbit, Pick, Viewer, view
 
@@ -99,6 +100,7 @@ __all__ = [
     "ShadowCascade",
     "ShadowStats",
     "SilhouetteDistance",
+    "SkinnedMesh",
     "SpotLight",
     "StageStats",
     "StaleHandleError",

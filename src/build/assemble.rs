@@ -115,6 +115,7 @@ pub fn assemble<S: PageSink>(mut graph: Graph, mut report: BuildReport, sink: S)
         face_ids,
         primitive: Primitive::Triangles,
         grid: None,
+        pose: None,
         report,
     };
     let table = Arc::clone(&mesh.pages.table);

@@ -87,6 +87,17 @@ impl Content {
         }
     }
 
+    /// Rows of weights of joints and nothing else, of which a unit counts an edge.
+    pub fn of_weights(joints: usize) -> Self {
+        Self {
+            blocks: vec![Block { columns: 0..joints, weight: 1.0, unit: false, measured: true }],
+            label_weight: 0.0,
+            materials: false,
+            up: None,
+            source_labels: None,
+        }
+    }
+
     /// Floats per row.
     pub fn stride(&self) -> usize {
         self.blocks.last().map_or(0, |block| block.columns.end)

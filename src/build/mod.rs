@@ -21,10 +21,12 @@ mod metis;
 pub mod one_level;
 pub mod order;
 pub mod partition;
+pub mod pose;
 pub mod reference;
 pub mod relax;
 pub mod silhouette;
 pub mod simplify;
+pub mod skin;
 pub mod source_labels;
 pub mod store;
 

@@ -187,6 +187,7 @@ impl OneLevel {
             face_ids: Some(self.face_ids.clone()),
             primitive: self.primitive,
             grid: None,
+            pose: None,
             report,
         })
     }

@@ -80,10 +80,9 @@ fn cull_group(
     for cluster in instance.mesh.groups[at.group as usize].members() {
         out.visited += 1;
         let record = instance.pages.record(cluster);
+        let (sphere, error) = instance.mesh.own_error(record);
         // What it was made from is drawn instead, where that is there.
-        if threshold.exceeded_by(&record.lod_sphere, record.error)
-            && instance.pages.holds(record.refined_page as usize)
-        {
+        if threshold.exceeded_by(&sphere, error) && instance.pages.holds(record.refined_page as usize) {
             continue;
         }
         let bounds = instance.cluster_bounds(cluster);

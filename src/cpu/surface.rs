@@ -546,7 +546,8 @@ fn components(format: ColorFormat, colors: &[u32], vertex: usize) -> [f32; 3] {
 
 /// By how much what is drawn of a cluster may be off its source, world units: its own error, and rounding.
 pub fn receiver_error(view: &InstanceView, cluster: ClusterAddress) -> f32 {
-    (view.pages.record(cluster).error.max(0.0) + view.lod.rounding + SHADOW_ROUNDING) * view.lod.scale
+    let (_, error) = view.mesh.own_error(view.pages.record(cluster));
+    (error.max(0.0) + view.lod.rounding + SHADOW_ROUNDING) * view.lod.scale
 }
 
 #[cfg(test)]

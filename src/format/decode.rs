@@ -445,6 +445,7 @@ impl<'a> Container<'a> {
             face_ids: face_ids.transpose()?,
             primitive: Primitive::Triangles,
             grid: metadata.grid,
+            pose: None,
             report: metadata.report,
         };
         validate::head(&dag).map_err(|(kind, message)| {

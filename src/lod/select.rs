@@ -41,8 +41,8 @@ pub fn load(dag: &Dag, threshold: &Threshold, proceed: InterruptCheck<'_>) -> Re
 /// are in memory: see [`load`].
 pub fn select(dag: &Dag, threshold: &Threshold) -> Vec<ClusterAddress> {
     let own = |at: &ClusterAddress| {
-        let record = dag.record(*at);
-        !threshold.exceeded_by(&record.lod_sphere, record.error)
+        let (sphere, error) = dag.own_error(dag.record(*at));
+        !threshold.exceeded_by(&sphere, error)
     };
     let members = candidates(dag, threshold).into_iter().flat_map(Group::members);
     let mut clusters: Vec<ClusterAddress> = members.filter(own).collect();

@@ -1,6 +1,7 @@
 //! Geometry without meshes: spheres, boxes, halving, packing of directions, projection of errors.
 
 pub mod aabb;
+pub mod affine;
 pub mod bounds;
 pub mod double_single;
 pub mod median;

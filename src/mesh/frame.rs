@@ -60,7 +60,7 @@ pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, CoordinateFrame)
 }
 
 /// The smallest power of two not below a positive number; 1 for zero. Stays within the normal range of f64.
-fn power_of_two_above(x: f64) -> f64 {
+pub fn power_of_two_above(x: f64) -> f64 {
     if x == 0.0 {
         return 1.0;
     }

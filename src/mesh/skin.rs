@@ -6,9 +6,10 @@
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::math::affine::{self, Affine};
 
 /// Rows of a matrix that maps positions at rest to where a joint takes them.
-pub type JointMatrix = [[f64; 4]; 3];
+pub type JointMatrix = Affine;
 
 /// What acts on the vertices of a mesh: as many joints for each.
 #[derive(Clone, Copy, Debug)]
@@ -55,10 +56,15 @@ pub fn skin(
         return Err(Error::argument("matrices", format!("that of joint {joint} is not finite")));
     }
     let blended = |v: usize| blended(&joints[v * each..][..each], &weights[v * each..][..each], matrices);
-    let moved =
-        (0..positions.len()).into_par_iter().map(|v| transformed(&blended(v), positions[v])).collect();
+    let moved = (0..positions.len())
+        .into_par_iter()
+        .map(|v| affine::apply(&blended(v), positions[v].map(f64::from)))
+        .collect();
     let turned = normals.map(|normals| {
-        (0..positions.len()).into_par_iter().map(|v| turned(&blended(v), normals[v])).collect()
+        (0..positions.len())
+            .into_par_iter()
+            .map(|v| affine::turn(&blended(v), normals[v].map(f64::from)))
+            .collect()
     });
     Ok((moved, turned))
 }
@@ -68,34 +74,11 @@ fn blended(joints: &[u32], weights: &[f32], matrices: &[JointMatrix]) -> JointMa
     if sum <= 0.0 {
         return matrices[joints[0] as usize];
     }
-    let mut out = [[0.0; 4]; 3];
+    let mut out = affine::ZERO;
     for (joint, weight) in joints.iter().zip(weights) {
-        let (matrix, part) = (&matrices[*joint as usize], f64::from(*weight) / sum);
-        for (to, from) in out.as_flattened_mut().iter_mut().zip(matrix.as_flattened()) {
-            *to += part * from;
-        }
+        affine::add(&mut out, f64::from(*weight) / sum, &matrices[*joint as usize]);
     }
     out
-}
-
-fn transformed(rows: &JointMatrix, p: [f32; 3]) -> [f64; 3] {
-    let [x, y, z] = p.map(f64::from);
-    rows.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3])
-}
-
-/// A normal, by the cofactors of the linear part: they are the inverse transposed times the determinant, and there where no
-/// inverse is. A map that mirrors turns faces over, so they keep its sign.
-fn turned(rows: &JointMatrix, n: [f32; 3]) -> [f32; 3] {
-    let [a, b, c] = rows.map(|row| [row[0], row[1], row[2]]);
-    let cross = |u: [f64; 3], v: [f64; 3]| {
-        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
-    };
-    let n = n.map(f64::from);
-    let out =
-        [cross(b, c), cross(c, a), cross(a, b)].map(|row| row[0] * n[0] + row[1] * n[1] + row[2] * n[2]);
-    // Of unit length, so that nothing overflows; zero where there is none.
-    let length = out.iter().map(|x| x * x).sum::<f64>().sqrt();
-    out.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 })
 }
 
 #[cfg(test)]

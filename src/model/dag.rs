@@ -14,6 +14,7 @@ use super::primitive::Primitive;
 use super::reading::InterruptCheck;
 use super::report::BuildReport;
 use super::rule::ROOT_ERROR;
+use super::skin::Pose;
 use super::words::Words;
 use crate::error::Result;
 use crate::math::{Aabb, Sphere};
@@ -158,6 +159,8 @@ pub struct Dag {
     pub primitive: Primitive,
     /// What positions and normals were rounded to; nothing before a file asked for it.
     pub grid: Option<Grid>,
+    /// Where joints take its vertices; nothing at rest. Everything but the pages is that of the pose.
+    pub pose: Option<Arc<Pose>>,
     /// What building did.
     pub report: BuildReport,
 }
@@ -198,7 +201,25 @@ impl Dag {
 
     /// One cluster's streams.
     pub fn geometry(&self, at: ClusterAddress) -> ClusterGeometry<'_> {
-        self.pages.geometry(at)
+        self.geometry_of(&self.pages, at)
+    }
+
+    /// The same where these are the pages that are in memory.
+    #[inline]
+    pub fn geometry_of<'a>(&'a self, pages: &'a Pages, at: ClusterAddress) -> ClusterGeometry<'a> {
+        match &self.pose {
+            Some(pose) => pose.cluster(pages, at),
+            None => pages.geometry(at),
+        }
+    }
+
+    /// The error of a cluster and the sphere where it is projected, from its record.
+    #[inline]
+    pub fn own_error(&self, record: &ClusterRecord) -> (Sphere, f32) {
+        match self.groups.get(record.refined as usize) {
+            Some(group) if self.pose.is_some() => (group.lod_sphere, group.error),
+            _ => (record.lod_sphere, record.error),
+        }
     }
 
     /// Numbers of the groups of a page, which follow each other as their members do.

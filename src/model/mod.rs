@@ -17,6 +17,7 @@ pub mod report;
 pub mod retry;
 pub mod rule;
 pub mod sink;
+pub mod skin;
 pub mod source;
 pub mod words;
 pub mod workers;
@@ -35,6 +36,7 @@ pub use reading::{INTERRUPT_INTERVAL, InterruptCheck, UNINTERRUPTED, read_pages}
 pub use report::{BuildReport, LevelReport, StuckGroup, StuckReason, Weights};
 pub use retry::{Clock, Retry};
 pub use sink::{MemorySink, Outline, PageSink, dependencies};
+pub use skin::{Pose, Skin};
 pub use source::{Answer, PageRequest, PageSource};
 pub use words::Words;
 pub use workers::Workers;

@@ -105,6 +105,15 @@ impl Pages {
         Ok(())
     }
 
+    /// The same pages, all of them in memory and without a source.
+    pub fn in_memory(self: &Arc<Self>) -> Arc<Self> {
+        if self.source.is_none() {
+            Arc::clone(self)
+        } else {
+            Arc::new(Self { source: None, ..(**self).clone() })
+        }
+    }
+
     /// Where pages come from, if not all were in memory from the start.
     pub fn source(&self) -> Option<&Arc<dyn PageSource>> {
         self.source.as_ref()

@@ -25,10 +25,11 @@ use crate::error::{Error, Result};
 use crate::finish::{FinishedCut, Finisher};
 use crate::format::{self, Precision};
 use crate::lod::{CutArrays, channel_rows, load, select};
+use crate::math::affine::Affine;
 use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
 use crate::model::rule::{ROOT_ERROR, Threshold};
-use crate::model::{AttributeLayout, Channel, CoordinateFrame, Dag, Grid, Group, InterruptCheck};
+use crate::model::{self, AttributeLayout, Channel, CoordinateFrame, Dag, Grid, Group, InterruptCheck};
 use crate::threads::once;
 
 /// A built mesh.
@@ -42,6 +43,29 @@ pub struct Mesh {
 impl Mesh {
     pub(super) fn new(dag: Dag) -> Self {
         Self { dag: Arc::new(dag), finisher: OnceLock::new() }
+    }
+}
+
+/// A mesh whose vertices follow joints.
+#[pyclass(frozen, module = "nanite_rs._core")]
+pub struct Skin {
+    rest: Arc<Dag>,
+    skin: Arc<model::Skin>,
+}
+
+#[pymethods]
+impl Skin {
+    /// Number of joints.
+    #[getter]
+    fn joints(&self) -> usize {
+        self.skin.joints
+    }
+
+    /// The mesh where joints take it: `matrices` are three rows (3 · J, 4) for each joint, from object space at rest.
+    fn posed(&self, py: Python<'_>, matrices: &Bound<'_, PyAny>) -> PyResult<Mesh> {
+        let rows = vertex_rows::<f64, 4>(matrices, "matrices", matrices.len()?)?;
+        let matrices: &[Affine] = rows.get().as_chunks().0;
+        detached(py, || build::pose::posed(&self.rest, &self.skin, matrices)).map(Mesh::new)
     }
 }
 
@@ -273,8 +297,18 @@ impl Mesh {
             Ok(once(&self.finisher, || Finisher::new(&self.dag)))
         })?;
         let cut =
-            |dag: &Dag| if exact { finisher.exact(dag, target) } else { Ok(finisher.whole(dag, target)) };
+            // What is simplified beyond whole groups is measured at rest.
+            |dag: &Dag| match exact && dag.pose.is_none() {
+                true => finisher.exact(dag, target),
+                false => Ok(finisher.whole(dag, target)),
+            };
         self.cut(py, |dag, _| cut(dag))
+    }
+
+    /// What acts on its vertices, from a channel with a column of weights for each joint.
+    fn skin(&self, py: Python<'_>, channel: &str) -> PyResult<Skin> {
+        let skin = interruptible(py, |proceed| build::skin::skin(&self.dag, channel, proceed))?;
+        Ok(Skin { rest: Arc::clone(&self.dag), skin: Arc::new(skin) })
     }
 
     /// Triangles of the coarsest cut.

@@ -35,6 +35,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(calls::set_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(calls::num_threads, module)?)?;
     module.add_class::<mesh::Mesh>()?;
+    module.add_class::<mesh::Skin>()?;
     module.add_class::<mesh::Cut>()?;
     module.add_class::<mesh::ChannelRows>()?;
     module.add_class::<triangle_mesh::TriangleMesh>()?;

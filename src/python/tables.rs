@@ -35,11 +35,12 @@ pub(super) fn cluster_table(py: Python<'_>, mesh: &Mesh) -> PyResult<Py<PyDict>>
     out.set_item("level", into_array(py, records.iter().map(|r| r.level).collect()))?;
     out.set_item("group", into_array(py, records.iter().map(|r| signed(r.group)).collect()))?;
     out.set_item("origin", into_array(py, records.iter().map(|r| signed(r.refined)).collect()))?;
-    let errors = records.iter().map(|r| f64::from(r.error) * dag.frame.scale);
+    let own = |record: &&ClusterRecord| dag.own_error(record);
+    let errors = records.iter().map(|record| f64::from(own(record).1) * dag.frame.scale);
     out.set_item("error", into_array(py, errors.collect()))?;
     out.set_item("triangles", into_array(py, records.iter().map(|r| u32::from(r.triangle_count)).collect()))?;
     out.set_item("vertices", into_array(py, records.iter().map(|r| u32::from(r.vertex_count)).collect()))?;
-    out.set_item("sphere", spheres(py, dag, records.iter().map(|r| r.lod_sphere))?)?;
+    out.set_item("sphere", spheres(py, dag, records.iter().map(|record| own(record).0))?)?;
     Ok(out.unbind())
 }
 

@@ -49,8 +49,9 @@ pub(super) fn drawn(frame: &Rastered, tau: f32, resident: &Resident, needs: &mut
             let pixels = view.lod.pixels(&group.lod_sphere, group.error);
             needs.add(&view.mesh, Request { page: visible.cluster.page() as u32, pixels });
         }
-        if Threshold::View(view.lod, tau).exceeded_by(&record.lod_sphere, record.error) {
-            let pixels = view.lod.pixels(&record.lod_sphere, record.error);
+        let (sphere, error) = view.mesh.own_error(record);
+        if Threshold::View(view.lod, tau).exceeded_by(&sphere, error) {
+            let pixels = view.lod.pixels(&sphere, error);
             needs.add(&view.mesh, Request { page: record.refined_page, pixels });
             needs.coarsest = needs.coarsest.max(pixels);
         }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::footprint::{Footprint, footprint};
 use super::screen::{Screen, homogeneous};
 use super::stroke::Stroke;
+use crate::math::sphere::round_up;
 use crate::math::{LodView, Sphere};
 use crate::model::{ClusterAddress, ClusterGeometry, Dag, Pages};
 use crate::scene::placement::{Eye, Placement};
@@ -132,6 +133,12 @@ impl InstanceView {
     /// answer otherwise than by its pages.
     #[inline]
     pub fn cluster_bounds(&self, cluster: ClusterAddress) -> ClusterBounds {
+        if let Some(pose) = &self.mesh.pose {
+            let (center, extent) = pose.cluster_box(&self.pages, cluster);
+            let radius = extent.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
+            let sphere = Sphere { center, radius: round_up(radius) };
+            return ClusterBounds { sphere, extent, cone: ([0.0; 3], 1.0) };
+        }
         let record = self.pages.record(cluster);
         let sphere = Sphere { center: record.center, radius: record.radius };
         ClusterBounds { sphere, extent: record.extent, cone: record.cone() }
@@ -140,7 +147,7 @@ impl InstanceView {
     /// The vertices and triangles of a cluster. Rasterizers and shading fetch them here alone, for the same reason.
     #[inline]
     pub fn cluster(&self, cluster: ClusterAddress) -> ClusterGeometry<'_> {
-        self.pages.geometry(cluster)
+        self.mesh.geometry_of(&self.pages, cluster)
     }
 
     /// True when every triangle of a cluster with these bounds faces away.

@@ -1,0 +1,202 @@
+//! Meshes whose vertices follow joints: what acts on which part of a DAG, and the clusters under a pose.
+//!
+//! Linear blend skinning (Magnenat-Thalmann, Laperrière and Thalmann, Graphics Interface 1988): a vertex at x goes to
+//! Σ wᵢ Mᵢ x, where wᵢ are its weights, which add up to 1, and Mᵢ what the joints do to space.
+
+use std::sync::{Arc, OnceLock};
+
+use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry};
+use super::packing::{PACKING_WORDS, Packing, WIDEST, ordered};
+use super::page::Pages;
+use crate::math::affine::{self, Affine};
+use crate::math::{Aabb, octahedral};
+
+/// Lists one after the other.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lists<T> {
+    /// Where each begins; one more entry than lists.
+    first: Vec<u32>,
+    items: Vec<T>,
+}
+
+impl<T> Lists<T> {
+    /// The list of a number.
+    #[inline]
+    pub fn of(&self, number: usize) -> &[T] {
+        &self.items[self.first[number] as usize..self.first[number + 1] as usize]
+    }
+
+    /// How many lists there are.
+    pub fn len(&self) -> usize {
+        self.first.len() - 1
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+impl<T, L: IntoIterator<Item = T>> FromIterator<L> for Lists<T> {
+    fn from_iter<I: IntoIterator<Item = L>>(lists: I) -> Self {
+        let mut out = Self { first: vec![0], items: Vec::new() };
+        for list in lists {
+            out.items.extend(list);
+            out.first.push(out.items.len() as u32);
+        }
+        out
+    }
+}
+
+/// How much a joint acts on a vertex.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Influence {
+    /// Number of the joint.
+    pub joint: u32,
+    /// Above 0. Those of a vertex count relative to their sum.
+    pub weight: f32,
+}
+
+/// A joint and the box of what it acts on, internal space at rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointBox {
+    /// Number of the joint.
+    pub joint: u32,
+    /// Around all vertices that it acts on.
+    pub bounds: Aabb,
+}
+
+/// What bounds of the error of a group under a pose are made of: docs/numerics.md. All lengths in internal units, rounded up.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GroupSkin {
+    /// Each point of the source has one of what was made from the group no farther off than this, whose weights deviate no more
+    /// than by `deviation`; and the other way round.
+    pub reach: f32,
+    /// Half the sum of the differences of weights.
+    pub deviation: f32,
+    /// The largest, over edges of triangles, of half the sum of the differences of weights times the length: of what was made,
+    /// and of the source.
+    pub bend: f32,
+}
+
+/// What acts on which part of a DAG.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Skin {
+    /// Number of joints.
+    pub joints: usize,
+    /// By vertex identity.
+    pub influences: Lists<Influence>,
+    /// Joints that act on each cluster, in page order.
+    pub clusters: Lists<u32>,
+    /// For each group the joints that act on its members, on what was made from it, or on anything below.
+    pub groups: Lists<JointBox>,
+    /// For each group those that its members were made from.
+    pub below: Lists<u32>,
+    /// What errors are made of, by group.
+    pub errors: Vec<GroupSkin>,
+    /// The joints that act on the source.
+    pub source: Vec<JointBox>,
+}
+
+/// A DAG under a pose: its clusters are those at rest, moved when somebody asks for them.
+#[derive(Debug)]
+pub struct Pose {
+    /// What acts on what.
+    pub skin: Arc<Skin>,
+    /// For each joint, from internal space at rest to that under the pose.
+    pub maps: Vec<Affine>,
+    /// The streams of clusters that were asked for, in page order.
+    clusters: Vec<OnceLock<Box<[u32]>>>,
+}
+
+impl Pose {
+    /// Of so many clusters.
+    pub fn new(skin: Arc<Skin>, maps: Vec<Affine>) -> Self {
+        let clusters = skin.clusters.len();
+        Self { skin, maps, clusters: std::iter::repeat_with(OnceLock::new).take(clusters).collect() }
+    }
+
+    /// The streams of a cluster, from its page at rest. Every identity has one place, whatever cluster asks.
+    pub fn cluster<'a>(&'a self, pages: &Pages, at: ClusterAddress) -> ClusterGeometry<'a> {
+        let record = pages.record(at);
+        let (vertices, triangles) = (usize::from(record.vertex_count), usize::from(record.triangle_count));
+        let words = self.clusters[pages.dense_index(at)].get_or_init(|| {
+            let rest = &pages.page(at.page())[record.data as usize..];
+            self.moved(rest, pages.layout, pages.geometry(at))
+        });
+        ClusterGeometry::new(words, pages.layout, vertices, triangles)
+    }
+
+    /// Centre and half extents of a box around a cluster, from that at rest: each vertex is a mean of where its joints take it.
+    pub fn cluster_box(&self, pages: &Pages, at: ClusterAddress) -> ([f32; 3], [f32; 3]) {
+        let record = pages.record(at);
+        let joints = self.skin.clusters.of(pages.dense_index(at));
+        let (center, extent) = (record.center.map(f64::from), record.extent.map(f64::from));
+        moved_box(joints.iter().map(|joint| (&self.maps[*joint as usize], center, extent))).center_extent()
+    }
+
+    /// What the joints of an identity do to space together.
+    #[inline]
+    fn blended(&self, id: u32) -> Affine {
+        let influences = self.skin.influences.of(id as usize);
+        if let [only] = influences {
+            return self.maps[only.joint as usize];
+        }
+        let sum: f64 = influences.iter().map(|influence| f64::from(influence.weight)).sum();
+        let mut out = affine::ZERO;
+        for influence in influences {
+            affine::add(&mut out, f64::from(influence.weight) / sum, &self.maps[influence.joint as usize]);
+        }
+        out
+    }
+
+    /// The streams of a cluster with other positions and normals. Positions take whole words, so that any shape fits.
+    fn moved(&self, rest: &[u32], layout: AttributeLayout, geometry: ClusterGeometry<'_>) -> Box<[u32]> {
+        let (vertices, triangles) = (geometry.positions.len(), geometry.triangles.len());
+        let packing = geometry.positions.packing();
+        let [x, y, z, _] = WIDEST;
+        let widths = [x, y, z, packing.widths[3]];
+        let (from, to) = (
+            layout.streams(vertices, triangles, packing.widths),
+            layout.streams(vertices, triangles, widths),
+        );
+        let mut words = vec![0; to.end];
+        let head = Packing { anchor: [0, 0, 0, packing.anchor[3]], widths, step: 0.0 };
+        words[..PACKING_WORDS].copy_from_slice(bytemuck::cast_slice(&[head]));
+        words[to.ids..to.normals].copy_from_slice(&rest[from.ids..from.normals]);
+        words[to.colors..].copy_from_slice(&rest[from.colors..from.end]);
+        for (v, id) in geometry.ids.iter().enumerate() {
+            let map = self.blended(id);
+            let position = affine::apply(&map, geometry.positions.get(v).map(f64::from));
+            let out = &mut words[PACKING_WORDS + 3 * v..][..3];
+            out.copy_from_slice(&position.map(|x| ordered((x as f32 + 0.0).to_bits())));
+            let normal = octahedral::decode(geometry.normals[v]).map(f64::from);
+            words[to.normals + v] = octahedral::encode(affine::turn(&map, normal));
+        }
+        words.into()
+    }
+}
+
+/// A pose is itself: two are equal if nothing tells them apart.
+impl PartialEq for Pose {
+    fn eq(&self, other: &Self) -> bool {
+        self.maps == other.maps && self.skin == other.skin
+    }
+}
+
+/// The box around boxes, each under a map: centre and half extents of each. Rounded outwards.
+pub fn moved_box<'a>(boxes: impl Iterator<Item = (&'a Affine, [f64; 3], [f64; 3])>) -> Aabb {
+    // Of sums of four products, many times over.
+    const ROUNDING: f64 = 1.0e-14;
+    let mut out = Aabb::EMPTY;
+    for (map, center, extent) in boxes {
+        let (at, reach) = affine::apply_to_box(map, center, extent);
+        for k in 0..3 {
+            let size: f64 = (0..3).map(|j| (map[k][j] * center[j]).abs()).sum::<f64>() + map[k][3].abs();
+            let reach = reach[k] + ROUNDING * (size + reach[k]);
+            out.min[k] = out.min[k].min(((at[k] - reach) as f32).next_down());
+            out.max[k] = out.max[k].max(((at[k] + reach) as f32).next_up());
+        }
+    }
+    out
+}
