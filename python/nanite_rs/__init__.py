@@ -46,11 +46,11 @@ from nanite_rs.options import BuildOptions
 from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarning, View
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import LightNode, MeshNode, Scene
+from nanite_rs.skinned_mesh import SkinnedMesh
 from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats
 from nanite_rs.strokes import Lines, Points
 from nanite_rs.texture import Image, Texture
 from nanite_rs.threads import get_num_threads, set_num_threads
-from nanite_rs.skinned_mesh import SkinnedMesh
 from nanite_rs.triangle_mesh import TriangleMesh
 from nanite_rs.viewer import Orbit, Pick, Viewer, view
 

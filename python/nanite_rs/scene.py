@@ -19,8 +19,8 @@ from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError, Us
 from nanite_rs.light import DirectionalLight, Environment, Light, PointLight, SpotLight
 from nanite_rs.material import Look, Material, several
 from nanite_rs.mesh import NaniteMesh
-from nanite_rs.strokes import Lines, Points
 from nanite_rs.skinned_mesh import SkinnedMesh
+from nanite_rs.strokes import Lines, Points
 from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:

@@ -117,7 +117,11 @@ class SkinnedMesh(Geometry, Moving):
         if wrong.any():
             row, column = np.argwhere(wrong)[0]
             raise ArgumentError(f"weights: row {row} has {parts[row, column]}, which no joint can have")
-        count = int(numbers.max(initial=-1)) + 1 if joint_count is None else _checks.whole(joint_count, "joint_count", 1)
+        count = (
+            int(numbers.max(initial=-1)) + 1
+            if joint_count is None
+            else _checks.whole(joint_count, "joint_count", 1)
+        )
         outside = (numbers < 0) | (numbers >= count)
         if outside.any():
             row, column = np.argwhere(outside)[0]
