@@ -160,14 +160,25 @@ class Bend:
                     normals = normals + part * target["NORMAL"]
         if self.skin is None or self.joints is None or self.weights is None:
             return vertices, normals
-        matrices = stance.nodes[self.skin.joints] @ self.skin.inverse
         return _core.skinned(
             vertices,
             normals,
             self.joints.reshape(-1),
             self.weights.reshape(-1),
-            np.ascontiguousarray(matrices[:, :3]).reshape(-1, 4),
+            np.ascontiguousarray(self.matrices(stance)[:, :3]).reshape(-1, 4),
         )
+
+    @property
+    def follows_joints(self) -> bool:
+        """Whether joints alone bend it, as they may a `SkinnedMesh`."""
+        return self.joints is not None and self.joints.size > 0 and not self.targets
+
+    def matrices(self, stance: Stance) -> NDArray[np.float64]:
+        """Where the joints take space: (J, 4, 4); none without a skin."""
+        if self.skin is None:
+            return np.empty((0, 4, 4))
+        matrices: NDArray[np.float64] = stance.nodes[self.skin.joints] @ self.skin.inverse
+        return matrices
 
 
 @dataclass

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -13,11 +13,12 @@ from nanite_rs import _checks, _colors, _trimesh, io
 from nanite_rs._asset import Asset, Notes, Part, StrokePart, named, rigid
 from nanite_rs._flatten import settle
 from nanite_rs.camera import Camera, PerspectiveCamera
-from nanite_rs.exceptions import ArgumentError, MeshError
+from nanite_rs.exceptions import ArgumentError, InternalError, MeshError
 from nanite_rs.io import read_asset
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions, chosen, creased, pays
 from nanite_rs.scene import LightNode, MeshNode, Scene
+from nanite_rs.skinned_mesh import SkinnedMesh
 from nanite_rs.strokes import Lines, Points
 from nanite_rs.triangle_mesh import TriangleMesh
 
@@ -129,7 +130,7 @@ class LoadedScene:
     def __repr__(self) -> str:
         count = sum(len(own) for own in self.instances.values())
         meshes = {id(node.mesh): node.mesh for own in self.instances.values() for node in own}.values()
-        virtual = sum(isinstance(mesh, NaniteMesh) for mesh in meshes)
+        virtual = sum(isinstance(mesh, NaniteMesh | SkinnedMesh) for mesh in meshes)
         return (
             f"<LoadedScene: {count:,} instances of {len(meshes):,} meshes, {virtual:,} virtual,"
             f" {len(self.lights)} lights, {len(self.cameras)} cameras>"
@@ -182,7 +183,8 @@ def load_scene(
     virtual : {"auto", "always", "never"}
         Which meshes are built as a `NaniteMesh`, with levels of detail; the others become a `TriangleMesh` and are
         there at once. With ``"auto"`` those whose instances have 20,000 triangles or more together, and those that
-        carry what a `TriangleMesh` cannot: channels, face channels and creases. The representation of what is
+        carry what a `TriangleMesh` cannot: channels, face channels and creases. What joints bend is a `SkinnedMesh`
+        then; what morph targets bend is never built. The representation of what is
         returned says how many.
     bad_textures : {"raise", "drop"}
         Whether a texture that is missing, damaged or of an unknown format is an error, or left out with the
@@ -248,6 +250,12 @@ def load_scene(
 # ------------------------------------------------------------------------------------------------ building
 
 
+Built: TypeAlias = NaniteMesh | SkinnedMesh | TriangleMesh
+
+WEIGHTS: Final = "weights of joints"
+"""The channel of what follows joints."""
+
+
 @dataclass(frozen=True)
 class Making:
     """How meshes are made."""
@@ -256,7 +264,7 @@ class Making:
     options: BuildOptions | None
     progress: Progress
 
-    def mesh(self, part: Part, instances: int, notes: Notes) -> NaniteMesh | TriangleMesh:
+    def mesh(self, part: Part, instances: int, notes: Notes) -> Built:
         """The mesh of a part that so many instances show."""
         source = part.source
         arrays = source.arrays()
@@ -270,9 +278,22 @@ class Making:
         builds = pays(self.virtual, len(source.faces) * instances) or (self.virtual == "auto" and carries)
         if builds and part.bend is None:
             return NaniteMesh.from_arrays(**arrays, options=self.options, progress=self.progress)
+        if builds and part.bend is not None and part.bend.follows_joints:
+            return self._skinned(arrays, part.bend)
         if carries:
             notes.add("channels and creases, which ordinary meshes have not", part.name)
         return TriangleMesh(**{name: value for name, value in arrays.items() if "channels" not in name})
+
+    def _skinned(self, arrays: dict[str, Any], bend: Bend) -> SkinnedMesh:
+        """A mesh with levels of detail that follows joints, as it is bound to them."""
+        skin, joints, weights = bend.skin, bend.joints, bend.weights
+        if skin is None or joints is None or weights is None:
+            raise InternalError("nothing to follow")
+        rows = SkinnedMesh.joint_weights(joints, weights, joint_count=len(skin.joints))
+        arrays = {**arrays, "vertices": bend.vertices, "normals": bend.normals}
+        arrays["channels"] = {**(arrays["channels"] or {}), WEIGHTS: rows}
+        mesh = NaniteMesh.from_arrays(**arrays, options=self.options, progress=self.progress)
+        return SkinnedMesh(mesh, channel=WEIGHTS)
 
 
 @dataclass
@@ -284,14 +305,14 @@ class Motion:
     camera_nodes: list[int]
     placed: list[tuple[MeshNode, int, NDArray[np.float64]]] = field(default_factory=list)
     """Instances that move as a whole, their nodes, and their places about these."""
-    bent: list[tuple[TriangleMesh, Bend]] = field(default_factory=list)
+    bent: list[tuple[SkinnedMesh | TriangleMesh, Bend]] = field(default_factory=list)
     hidden: set[MeshNode] = field(default_factory=set)
     """Instances that are flattened to nothing now, and would be seen otherwise."""
 
     def note(
         self,
         node: MeshNode,
-        mesh: NaniteMesh | TriangleMesh | Points | Lines,
+        mesh: Built | Points | Lines,
         bend: Bend | None,
         follow: tuple[int, NDArray[np.float64]] | None,
         *,
@@ -301,8 +322,10 @@ class Motion:
         if follow is not None:
             self.placed.append((node, *follow))
         known = any(own is mesh for own, _ in self.bent)
-        if bend is not None and isinstance(mesh, TriangleMesh) and not known:
+        if bend is not None and isinstance(mesh, SkinnedMesh | TriangleMesh) and not known:
             self.bent.append((mesh, bend))
+            if isinstance(mesh, SkinnedMesh):
+                mesh.pose(bend.matrices(self.rig.stance()))
         if hidden:
             self._hide(node)
 
@@ -315,6 +338,9 @@ class Motion:
         """Put everything where it is at a time."""
         stance = self.rig.stance(animation, time)
         for mesh, bend in self.bent:
+            if isinstance(mesh, SkinnedMesh):
+                mesh.pose(bend.matrices(stance))
+                continue
             vertices, normals = bend.at(stance)
             mesh.update(vertices, normals="recompute" if normals is None else normals)
         for node, number, place in self.placed:
@@ -364,7 +390,7 @@ def _build(asset: Asset, scene: Scene | None, making: Making) -> LoadedScene:
 
 
 def _add_meshes(asset: Asset, loaded: LoadedScene, making: Making) -> None:
-    made: dict[int, NaniteMesh | TriangleMesh] = {}
+    made: dict[int, Built] = {}
     drawn: dict[int, Points | Lines] = {}
     instances = Counter(id(part.source) for _, number, _ in asset.placed for part in asset.meshes[number])
     follows = asset.nodes or [None] * len(asset.placed)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import nanite_rs as nrs
 from nanite_rs import cli
+from oracles.distance import Surface
 from oracles.documents import Document
 
 RNG = np.random.default_rng(7)
@@ -179,6 +180,29 @@ def test_skins_follow_their_joints_alone(sets, tmp_path):
     # As one mesh, too.
     flat = nrs.NaniteMesh.from_file(tmp_path / "a.glb").cut(error=0).vertices
     np.testing.assert_allclose([flat.min(0), flat.max(0)], [TUBE.min(0), TUBE.max(0)], atol=1e-5)
+
+
+def test_virtual_meshes_follow_joints(tmp_path):
+    document = Document()
+    joints, skin, _, _, attributes = rig(document)
+    body = document.mesh(
+        surface(document, NORMAL=unit(TUBE).astype(np.float32), **attributes), skin=skin, name="body"
+    )
+    document.row("scenes", nodes=[joints[0], body])
+    animate(document, (joints[1], "rotation", keys("rotation", "LINEAR"), "LINEAR"))
+    path = document.save(tmp_path / "a.glb")
+    loaded, whole = nrs.load_scene(path, virtual="always"), nrs.load_scene(path, virtual="never")
+    assert "1 virtual" in repr(loaded)
+    (node,), (other,) = loaded.instances["body"], whole.instances["body"]
+    assert isinstance(node.mesh, nrs.SkinnedMesh)
+    assert isinstance(other.mesh, nrs.TriangleMesh)
+    for time in (None, *INSTANTS):
+        if time is not None:
+            loaded.set_time(time)
+            whole.set_time(time)
+        cut, wanted = node.mesh.cut(error=0.0), other.mesh.vertices
+        assert Surface(wanted, TUBE_FACES).nearest(cut.vertices)[0].max() < 2e-6
+        assert Surface(cut.vertices, cut.faces).nearest(np.asarray(wanted, float))[0].max() < 2e-6
 
 
 @pytest.mark.parametrize("kind", ["STEP", "LINEAR", "CUBICSPLINE"])
