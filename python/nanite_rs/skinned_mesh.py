@@ -107,7 +107,7 @@ class SkinnedMesh(Geometry, Moving):
         array([[0.25, 0.  , 0.75],
                [0.  , 1.  , 0.  ]], dtype=float32)
         """
-        numbers, parts = as_array(joints, "joints"), as_array(weights, "weights")
+        numbers, parts = np.asarray(joints), as_array(weights, "weights")
         if numbers.ndim != 2 or not np.issubdtype(numbers.dtype, np.integer):
             raise DtypeError(f"joints: expected (N, K) integers, not {numbers.shape} of {numbers.dtype}")
         if parts.shape != numbers.shape:

@@ -48,15 +48,30 @@ pub fn deviation_above(
     free: f32,
     enough: f32,
 ) -> f32 {
+    let edge = f64::from(mean_edge(before));
+    let sides = [before, after].map(|mesh| Side::new(mesh, content, |area| edge.max(edge_of_area(area))));
+    deviation_between(before, sides, content, free, (FLOOR * edge).max(enough.into()))
+}
+
+/// The same where a deviation of one unit counts `unit` everywhere, whatever the size of triangles.
+pub fn deviation_in(before: &LocalMesh, after: &LocalMesh, content: &Content, free: f32, unit: f64) -> f32 {
+    let sides = [before, after].map(|mesh| Side::new(mesh, content, |_| unit));
+    deviation_between(before, sides, content, free, FLOOR * unit)
+}
+
+fn deviation_between(
+    before: &LocalMesh,
+    sides: [Side<'_>; 2],
+    content: &Content,
+    free: f32,
+    floor: f64,
+) -> f32 {
     let differ = |values: &[u32]| values.windows(2).any(|pair| pair[0] != pair[1]);
     let labels = differ(&before.labels) && content.label_weight > 0.0;
     let materials = differ(&before.materials);
     if !(content.is_measured() || labels || materials) {
         return 0.0;
     }
-    let edge = f64::from(mean_edge(before));
-    let sides = [before, after].map(|mesh| Side::new(mesh, content, edge));
-    let floor = (FLOOR * edge).max(enough.into());
     let goal = BoundOptions { floor, slack: SLACK, ..BoundOptions::default() };
     let mut found = Bounds::new(goal);
     let mut starts = vec![NO_TRIANGLE; sides[1].corners.len()];
@@ -177,7 +192,8 @@ struct Side<'a> {
 }
 
 impl<'a> Side<'a> {
-    fn new(mesh: &'a LocalMesh, content: &Content, edge: f64) -> Self {
+    /// `unit` says what a deviation of one unit from a triangle of an area counts.
+    fn new(mesh: &'a LocalMesh, content: &Content, unit: impl Fn(f64) -> f64) -> Self {
         let corners: Vec<[u32; 3]> = mesh.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
         // By where vertices are now: a simplifier may have brought together what lay apart.
         let positions = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
@@ -188,7 +204,7 @@ impl<'a> Side<'a> {
             mesh,
             stride: content.stride(),
             sheet: Sheet::new(triangles, &points, vec![0.0; corners.len()]),
-            edges: corners.iter().map(|t| edge.max(edge_of_area(area(places(t))))).collect(),
+            edges: corners.iter().map(|t| unit(area(places(t)))).collect(),
             stars: Stars::new(mesh.positions.len(), points.as_flattened()),
             positions,
             corners,

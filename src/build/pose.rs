@@ -176,21 +176,25 @@ impl GroupParts {
             })
             .collect();
         let stretch = joints.iter().map(|entry| pairs.stretch(entry.joint)).fold(0.0, f64::max);
-        let region = joints.iter().fold(Aabb::EMPTY, |all, entry| all.union(&entry.bounds));
-        let (center, extent) = region.center_extent();
-        let (center, extent) = (center.map(f64::from), extent.map(f64::from));
-        // How far two joints take a point apart, and by how much they stretch differently.
+        let [reach, deviation, edges, edge] =
+            [errors.reach, errors.deviation, errors.bend, errors.edge].map(f64::from);
+        // How far two joints take a point apart that both of them may act on, and by how much they stretch differently what is
+        // in one triangle.
         let (mut apart, mut bend) = (0f64, 0f64);
         for (i, first) in joints.iter().enumerate() {
             for second in &joints[i + 1..] {
+                let Some((center, extent)) = meeting(&first.bounds, &second.bounds, edge + reach) else {
+                    continue;
+                };
                 let by = affine::difference(&maps[first.joint as usize], &maps[second.joint as usize]);
                 let (center, extent) = affine::apply_to_box(&by, center, extent);
                 let farthest = (0..3).map(|k| (center[k].abs() + extent[k]).powi(2)).sum::<f64>();
                 apart = apart.max(farthest.sqrt());
-                bend = bend.max(pairs.difference(first.joint, second.joint));
+                if meeting(&first.bounds, &second.bounds, edge).is_some() {
+                    bend = bend.max(pairs.difference(first.joint, second.joint));
+                }
             }
         }
-        let [reach, deviation, edges] = [errors.reach, errors.deviation, errors.bend].map(f64::from);
         // Either what corresponds for the weights counts, or what is nearest, whatever its weights.
         let moved = |distance: f64| {
             let known = reach.max(distance) * stretch + deviation * apart;
@@ -208,4 +212,16 @@ impl GroupParts {
             attribute_error,
         }
     }
+}
+
+/// Where two boxes meet, each grown by a length: centre and half extents.
+fn meeting(a: &Aabb, b: &Aabb, grown: f64) -> Option<([f64; 3], [f64; 3])> {
+    let grown = grown * (1.0 + ROUNDING) + f64::EPSILON;
+    let low: [f64; 3] = std::array::from_fn(|k| f64::from(a.min[k].max(b.min[k])) - grown);
+    let high: [f64; 3] = std::array::from_fn(|k| f64::from(a.max[k].min(b.max[k])) + grown);
+    let meet = (0..3).all(|k| low[k] <= high[k]);
+    meet.then(|| {
+        let center = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
+        (center, std::array::from_fn(|k| 0.5 * (high[k] - low[k])))
+    })
 }

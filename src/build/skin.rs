@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
-use super::attribute_error::step_deviation;
+use super::attribute_error::deviation_in;
 use super::content::Content;
 use super::simplify::mean_edge;
 use super::store::{LocalMesh, Numbering};
@@ -71,19 +71,23 @@ pub fn skin(dag: &Dag, channel: &str, proceed: InterruptCheck<'_>) -> Result<Ski
         let (group, step) = (&dag.groups[g], &steps[g]);
         let mut joints = Vec::new();
         group.members().chain(made[g].iter().copied()).for_each(|at| join_boxes(&mut joints, part(at)));
-        let (mut reach, mut deviation, [mut source, mut made]) = (0f32, 0f32, step.bends);
+        let (mut reach, mut deviation, [mut source, mut made_bend]) = (0f32, 0f32, step.bends);
+        let edges = group.members().chain(made[g].iter().copied()).map(|at| dag.record(at).max_edge);
+        let mut edge = edges.fold(0.0, f32::max);
         for below in below.of(g).iter().map(|below| *below as usize) {
             debug_assert!(below > g, "finer groups come later");
             join_boxes(&mut joints, &groups[below]);
             (reach, deviation) = (reach.max(errors[below].reach), deviation.max(errors[below].deviation));
-            (source, made) = (source.max(bends[below][0]), made.max(bends[below][1]));
+            (source, made_bend) = (source.max(bends[below][0]), made_bend.max(bends[below][1]));
+            edge = edge.max(errors[below].edge);
         }
         groups[g] = joints;
-        bends[g] = [source, made];
+        bends[g] = [source, made_bend];
         errors[g] = GroupSkin {
             reach: round_up(f64::from(reach) + f64::from(step.reach)),
             deviation: round_up(f64::from(deviation) + f64::from(step.deviation)).min(1.0),
-            bend: round_up(f64::from(source) + f64::from(made)),
+            bend: round_up(f64::from(source) + f64::from(made_bend)),
+            edge,
         };
     }
     let mut source = Vec::new();
@@ -261,20 +265,24 @@ impl Skinned<'_> {
             joints.dedup();
         }
         let [before, after] = [&members[..], made].map(|clusters| self.local(clusters, &joints));
-        let (content, free) = (Content::of_weights(joints.len()), group.distance());
-        let apart = f64::from(step_deviation(&before, &after, &content, free));
-        let reach = round_up(f64::from(free) + apart);
-        // A deviation of weights counts as an edge at least. Half of a sum is at most half the root of the number of terms
-        // times the root of the sum of their squares.
-        let edge = f64::from(mean_edge(&before));
+        // Both of the steps' surfaces are so near to the source, so that no more is left than what weights deviate.
+        let below =
+            members.iter().filter_map(|at| self.dag.groups.get(self.dag.record(*at).refined as usize));
+        let near = below.map(Group::distance).fold(0.0, f32::max);
+        let free = round_up(f64::from(group.distance()) + f64::from(near));
+        let unit = f64::from(mean_edge(&before));
+        let content = Content::of_weights(joints.len());
+        let apart = f64::from(deviation_in(&before, &after, &content, free, unit));
+        // Half of a sum is at most half the root of the number of terms times the root of the sum of their squares.
         let count = joints.len() as f64;
         let deviation = if joints.len() < 2 {
             0.0
-        } else if apart < edge {
-            0.5 * count.sqrt() * apart / edge * (1.0 + WEIGHT_ROUNDING) + count * WEIGHT_ROUNDING
+        } else if apart < unit {
+            0.5 * count.sqrt() * apart / unit * (1.0 + WEIGHT_ROUNDING) + count * WEIGHT_ROUNDING
         } else {
             1.0
         };
+        let reach = round_up(f64::from(free) + apart);
         Step { reach, deviation: round_up(deviation.min(1.0)), bends }
     }
 

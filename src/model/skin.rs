@@ -77,6 +77,8 @@ pub struct GroupSkin {
     /// The largest, over edges of triangles, of half the sum of the differences of weights times the length: of what was made,
     /// and of the source.
     pub bend: f32,
+    /// The longest edge of any triangle of those: a joint acts no farther beyond the vertices that it acts on.
+    pub edge: f32,
 }
 
 /// What acts on which part of a DAG.

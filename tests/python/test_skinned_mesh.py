@@ -208,7 +208,7 @@ def test_pictures_are_those_of_every_vertex_where_it_goes(skin: str) -> None:
     assert np.percentile(np.abs(ours.depth - theirs.depth)[both], 99) < 1e-4
     assert compare.psnr(ours.color, theirs.color) > 30
     coarse = picture(posed)
-    assert coarse.stats.triangles < ours.stats.triangles
+    assert coarse.stats.triangles <= ours.stats.triangles
     assert compare.psnr(coarse.color, ours.color) > 30
 
 
