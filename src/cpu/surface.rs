@@ -3,7 +3,7 @@
 
 use super::lanes::{LANES, Lanes, Vec3x8, apply, blend, cross, minus, normalize, splat3};
 use super::stroke::share_along;
-use crate::limits::SHADOW_ROUNDING;
+use crate::limits::{CLUSTER_MAX_TRIANGLES, SHADOW_ROUNDING};
 use crate::math::octahedral::OCTAHEDRAL_STEPS;
 use crate::model::{ClusterAddress, ClusterGeometry, ColorFormat};
 use crate::scene::placement::Eye;
@@ -62,7 +62,7 @@ struct Unpacked {
 }
 
 impl Unpacked {
-    const PLACES: usize = 128;
+    const PLACES: usize = CLUSTER_MAX_TRIANGLES;
 
     const NONE: Self = Self { keys: [0; Self::PLACES], corners: [Corners::NONE; Self::PLACES] };
 
@@ -70,7 +70,7 @@ impl Unpacked {
     #[inline(always)]
     fn get(&mut self, hit: Hit, make: impl FnOnce() -> Corners) -> &Corners {
         let key = (u64::from(hit.visible) << 32 | u64::from(hit.triangle)) + 1;
-        // Triangles of a cluster lie in places of their own; clusters beside each other have other numbers.
+        // Each triangle of a cluster has a place of its own; clusters beside each other have other numbers.
         let place = (hit.triangle ^ hit.visible.wrapping_mul(0x9e37_79b1) >> 25) as usize % Self::PLACES;
         if self.keys[place] != key {
             (self.keys[place], self.corners[place]) = (key, make());
