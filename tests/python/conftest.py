@@ -144,7 +144,9 @@ _skips: dict[str, str] = {}
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--all-cases", action="store_true", help="run the cases, too, that are left to make soak")
+    parser.addoption(
+        "--all-cases", action="store_true", help="run the cases, too, that are left to make soak"
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
