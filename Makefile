@@ -17,7 +17,7 @@
 #   make bench-error       run time against error, beside the simplifiers that Python has
 #   make bench-zoo         quality of cuts on meshes of many kinds, beside VTK and others
 #   make screenshots       the viewer in a window and in JupyterLab, into target/screenshots
-#   make soak              the long property tests
+#   make soak              the long property tests, and the cases that CI leaves out
 #   make clean             removes target/, .venv and what the targets wrote
 
 SHELL := bash

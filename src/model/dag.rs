@@ -73,7 +73,7 @@ impl Group {
 /// How the mesh's internal space sits in the caller's: object = `origin` + `scale` · internal.
 ///
 /// `scale` is a power of two, so that it changes no mantissa; `origin` is zero unless the source positions
-/// need more than f32.
+/// need more than f32, or lie far from theirs.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CoordinateFrame {
     /// Position of the internal origin, object units.

@@ -427,7 +427,7 @@ impl Mesh {
         [frame.to_object(bounds.min), frame.to_object(bounds.max)]
     }
 
-    /// Object-space origin of the stored positions; zero unless the source needed float64.
+    /// Object-space origin of the stored positions; zero unless the source needed float64 or lay far away.
     #[getter]
     fn origin(&self) -> [f64; 3] {
         self.dag.frame.origin

@@ -46,35 +46,33 @@ SLOW = (
     *("stuck", "viewer", "visibility", "zoo"),
 )
 
-#: Cases that take long and rarely find what others of their test do not: `make soak` alone runs them, elsewhere
-#: pytest counts them as deselected. By file and test, words in the ids of the cases: no word stands for all cases,
-#: a star for all tests of a file, which share what takes long.
+#: Cases that take long and rarely find what others of their test do not: `make soak` and `pytest --all-cases` run
+#: them, elsewhere pytest counts them as deselected. By file and test, words in the ids of the cases: the empty one
+#: is in all of them. A star stands for all tests of a file, which share what takes long.
 SOAKED = {
     "assets": {
         "*": ("lamborghini", "zdm2_level", "ToyCar", "dutch_ship"),
     },
     "bounds": {
         "test_bounds_of_cuts_are_never_exceeded": (
-            *(
-                "zdm2_level",
-                "stanford_dragon",
-                "turbine",
-                "counter_unitsmm",
-                "voron_hubbed_gear",
-                "voron_thread",
-            ),
-            *("smithsonian_fossil", "lucy"),
+            "zdm2_level",
+            "stanford_dragon",
+            "turbine",
+            "counter_unitsmm",
+            "voron_hubbed_gear",
+            "voron_thread",
+            "smithsonian_fossil",
+            "lucy",
         ),
         "test_bounds_of_groups_are_never_exceeded": (
-            *(
-                "zdm2_level",
-                "occlusion_room",
-                "counter_unitsmm",
-                "voron_hubbed_gear",
-                "voron_a_drive",
-                "turbine",
-            ),
-            *("voron_thread", "japanese_bridge"),
+            "zdm2_level",
+            "occlusion_room",
+            "counter_unitsmm",
+            "voron_hubbed_gear",
+            "voron_a_drive",
+            "turbine",
+            "voron_thread",
+            "japanese_bridge",
         ),
     },
     "budgets": {
@@ -87,8 +85,12 @@ SOAKED = {
         ),
         "test_the_mean_error_lies_between_those_beside": ("best-quadric", "fast-bound"),
     },
-    "content": {"test_textures_stay_in_place": ("chess", "ToyCar")},
-    "decimate": {"test_is_nearer_than_fast_simplification": ("turbine", "armadillo")},
+    "content": {
+        "test_textures_stay_in_place": ("chess", "ToyCar"),
+    },
+    "decimate": {
+        "test_is_nearer_than_fast_simplification": ("turbine", "armadillo"),
+    },
     "foliage": {
         "test_a_generated_tree_covers_what_it_did": ("fast",),
         "test_real_foliage_covers_what_it_did": (
@@ -97,14 +99,22 @@ SOAKED = {
             "pine_tree-best",
         ),
     },
-    "full_detail": {"test_error_zero_is_the_source": ("dragon", "turbine")},
-    "images": {"*": ("gpu-fine knot", "gpu-dragon", "gpu-bunny")},
+    "full_detail": {
+        "test_error_zero_is_the_source": ("dragon", "turbine"),
+    },
+    "images": {
+        "*": ("gpu-fine knot", "gpu-dragon", "gpu-bunny"),
+    },
     "nasty": {
         "test_nasty_and_cad_arrays_keep_their_surface": ("generic_twin", "zdm2_level"),
         "test_nasty_and_cad_files": ("zdm2_level", "generic_twin"),
     },
-    "shadows": {"test_rays_and_shadows_agree_but_for_a_band_about_edges": ("scan-0.25", "ball-1.0")},
-    "soft_shadows": {"test_many_layers_and_large_lights_are_near_it": ()},
+    "shadows": {
+        "test_rays_and_shadows_agree_but_for_a_band_about_edges": ("scan-0.25", "ball-1.0"),
+    },
+    "soft_shadows": {
+        "test_many_layers_and_large_lights_are_near_it": ("",),
+    },
     "stress": {
         "test_extremes_are_built_with_errors_that_hold": ("1e4-best-bound",),
         "test_units_place_direction_and_order_matter_little": (
@@ -115,36 +125,44 @@ SOAKED = {
     },
     "stuck": {
         "test_real_meshes_have_a_root_and_stay_closed": (
-            *(
-                "smithsonian_fossil",
-                "zdm2_level-best",
-                "lamborghini_gt3-best",
-                "chess_board-best",
-                "ToyCar-best",
-            ),
-            *("dutch_ship_medium_1k-best", "stanford_dragon_res2-best", "cycloidal-best"),
+            "smithsonian_fossil",
+            "zdm2_level-best",
+            "lamborghini_gt3-best",
+            "chess_board-best",
+            "ToyCar-best",
+            "dutch_ship_medium_1k-best",
+            "stanford_dragon_res2-best",
+            "cycloidal-best",
         ),
     },
-    "visibility": {"test_pixels_show_the_face_the_ray_hits": ("dragon", "turbine")},
+    "visibility": {
+        "test_pixels_show_the_face_the_ray_hits": ("dragon", "turbine"),
+    },
 }
 
 _skips: dict[str, str] = {}
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--all-cases", action="store_true", help="run the cases, too, that are left to make soak"
+    )
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    soaked = []
+    all_cases = SOAK or config.getoption("--all-cases")
+    kept, soaked = [], []
     for item in items:
         file = item.path.stem.removeprefix("test_")
         if file in SLOW:
             item.add_marker(pytest.mark.slow)
         name, _, case = item.name.partition("[")
         of_file = SOAKED.get(file, {})
-        words = of_file.get(name, of_file.get("*"))
-        if not SOAK and words is not None and (not words or any(word in case for word in words)):
-            soaked.append(item)
+        words = of_file.get(name, of_file.get("*", ()))
+        is_soaked = not all_cases and any(word in case for word in words)
+        (soaked if is_soaked else kept).append(item)
     config.hook.pytest_deselected(items=soaked)
-    left_out = set(soaked)
-    items[:] = [item for item in items if item not in left_out]
+    items[:] = kept
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
