@@ -16,6 +16,7 @@ __all__ = [
     "Mesh",
     "Renderer",
     "Scene",
+    "Skin",
     "TriangleMesh",
     "__version__",
     "check_camera",
@@ -85,11 +86,6 @@ def decimate(
 ) -> Cut: ...
 
 @final
-class Skin:
-    @property
-    def joints(self) -> int: ...
-    def posed(self, matrices: NDArray[np.float64]) -> Mesh: ...
-
 class Mesh:
     @staticmethod
     def build(
@@ -182,6 +178,12 @@ class Cut:
     def error(self) -> float: ...
     @property
     def attribute_error(self) -> float: ...
+
+@final
+class Skin:
+    @property
+    def joints(self) -> int: ...
+    def posed(self, matrices: NDArray[np.float64]) -> Mesh: ...
 
 @final
 class TriangleMesh:
