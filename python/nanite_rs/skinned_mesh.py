@@ -31,7 +31,8 @@ class SkinnedMesh(Geometry, Moving):
     mesh there, and what they state of their error holds for that pose: it is the error at rest, stretched by the
     joints, and what the weights of the level deviate, times how far the joints move a point apart
     (docs/numerics.md). Frames move those clusters alone that are seen. Making one measures by how much weights
-    deviate, which takes about as long as a tenth of the build. Drawn by the CPU on both backends.
+    deviate, which takes about as long as a tenth of the build. The CPU moves them on both backends; to a device go
+    the positions and normals of all clusters with each pose.
 
     Parameters
     ----------

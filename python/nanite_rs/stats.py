@@ -163,6 +163,9 @@ class FrameStats:
     """Clusters that passed every other test, and that the depth pyramid hid."""
     uploaded_bytes: int
     """Bytes of instances that were written to a device, because they changed."""
+    uploaded_mesh_bytes: int
+    """Bytes of meshes that were written to a device: all of those that are new, and of those that moved where their
+    vertices are now."""
     reduced_images: int
     """Images of textures that lack their largest levels on a GPU, which has no room for them."""
     layers: int

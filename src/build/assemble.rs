@@ -103,6 +103,7 @@ pub fn assemble<S: PageSink>(mut graph: Graph, mut report: BuildReport, sink: S)
     report.fill = report.triangles as f64 / (report.clusters as usize * CLUSTER_MAX_TRIANGLES) as f64;
     let mesh = Dag {
         id: GeometryId::default(),
+        topology: None,
         frame: graph.frame,
         bounds: graph.bounds,
         pages: Arc::new(Pages::absent(table.into(), store.layout)),

@@ -25,6 +25,8 @@ use crate::model::{
 /// An ordinary mesh but for where its vertices are. Identities of vertices are the caller's rows.
 #[derive(Debug)]
 pub struct OneLevel {
+    /// One for all its shapes.
+    topology: Arc<GeometryId>,
     primitive: Primitive,
     layout: AttributeLayout,
     vertices: usize,
@@ -91,6 +93,7 @@ impl OneLevel {
         };
         let pages = paging.table.par_iter().map(page).collect();
         Ok(Self {
+            topology: Arc::default(),
             primitive,
             layout,
             vertices: source.positions.len(),
@@ -175,6 +178,7 @@ impl OneLevel {
         let words = pages.into_iter().map(|(words, _)| words).collect();
         Ok(Dag {
             id: GeometryId::default(),
+            topology: Some(Arc::clone(&self.topology)),
             frame,
             bounds: boxes.iter().fold(Aabb::EMPTY, |all, own| all.union(own)),
             pages: Arc::new(Pages::new(self.paging.table.clone(), self.layout, words)),

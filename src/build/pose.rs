@@ -67,6 +67,7 @@ pub fn posed(rest: &Dag, skin: &Arc<Skin>, matrices: &[Affine]) -> Result<Dag> {
     let boxes: Vec<Aabb> = parts.iter().map(|part| part.bounds).collect();
     Ok(Dag {
         id: GeometryId::default(),
+        topology: Some(Arc::clone(&skin.topology)),
         frame,
         bounds,
         nodes: hierarchy(&groups, &boxes),

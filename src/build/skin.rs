@@ -3,6 +3,8 @@
 //!
 //! Weights are a floating-point channel with a column for each joint, so that building carries them along.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
@@ -14,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::math::Aabb;
 use crate::math::sphere::round_up;
 use crate::mesh::hash;
-use crate::model::skin::{GroupSkin, Influence, JointBox, Lists, Skin};
+use crate::model::skin::{GroupSkin, Influence, JointBox, Lists, Skin, moved_table};
 use crate::model::{ChannelType, ClusterAddress, Dag, Group, InterruptCheck};
 
 /// Rounding of weights to f32, and of the sums of a row: for each joint of a group.
@@ -95,7 +97,17 @@ pub fn skin(dag: &Dag, channel: &str, proceed: InterruptCheck<'_>) -> Result<Ski
         join_boxes(&mut source, part(*at));
     }
     let clusters = parts.iter().map(|boxes| boxes.iter().map(|entry| entry.joint)).collect();
-    Ok(Skin { joints, influences, clusters, groups: groups.into_iter().collect(), below, errors, source })
+    Ok(Skin {
+        joints,
+        influences,
+        clusters,
+        groups: groups.into_iter().collect(),
+        below,
+        errors,
+        source,
+        topology: Arc::default(),
+        table: moved_table(&dag.pages),
+    })
 }
 
 /// The influences of a row of weights, which add up to 1. A row without any is that of the first joint.

@@ -433,6 +433,7 @@ impl<'a> Container<'a> {
         });
         let dag = Dag {
             id: GeometryId::default(),
+            topology: None,
             frame: metadata.frame,
             bounds: Aabb { min: metadata.bounds[0], max: metadata.bounds[1] },
             pages: Arc::new(Pages::absent(head.entries().into(), metadata.layout)),

@@ -81,7 +81,7 @@ impl<'a> Rounded<'a> {
             let pages = Arc::new(Pages::absent(Arc::clone(&dag.pages.table), dag.layout()));
             let refined = |page| dag.pages.records(page).iter().map(|record| record.refined_page);
             let dependencies = dependencies(dag.pages.table.len(), refined);
-            let outline = Outline { mesh: Dag { pages, ..dag.clone() }, dependencies };
+            let outline = Outline { mesh: Dag { pages, topology: None, ..dag.clone() }, dependencies };
             return Ok(Self { dag, outline, rounding: None, flattened: 0 });
         };
         let uv_exponent = (dag.layout().uv_sets > 0 && uvs_fit(dag)).then_some(STORED_UV_EXPONENT);
@@ -137,6 +137,7 @@ impl<'a> Rounded<'a> {
         // Rounding keeps the order of numbers: the box of what was rounded is the rounded box.
         let bounds = Aabb { min: snap(dag.bounds.min, grid.step()), max: snap(dag.bounds.max, grid.step()) };
         let mesh = Dag {
+            topology: None,
             pages: Arc::new(Pages::absent(table.into(), dag.layout())),
             grid: Some(grid),
             bounds,

@@ -48,6 +48,8 @@ pub(super) struct Instances {
     changed: Vec<u32>,
     /// Some slot has another mesh than before, so that what lies behind it may lie elsewhere.
     rearranged: bool,
+    /// Some slot has another shape of its mesh than before.
+    reshaped: bool,
     /// Some slot has other materials than before.
     repainted: bool,
     /// What frames materials are on the device for.
@@ -104,7 +106,9 @@ impl Instances {
         };
         let known = self.meshes[index].as_ref();
         if known.map(|mesh| mesh.id.number()) != mesh.map(|mesh| mesh.id.number()) {
-            self.rearranged = true;
+            let topology = |mesh: &Arc<Dag>| mesh.topology.as_ref().map(|own| own.number());
+            let same = known.and_then(topology).is_some_and(|own| mesh.and_then(topology) == Some(own));
+            *(if same { &mut self.reshaped } else { &mut self.rearranged }) = true;
             self.meshes[index] = mesh.cloned();
             self.faces[index] = mesh.map_or(0, |mesh| mesh.source_faces);
         }
@@ -160,7 +164,8 @@ impl Instances {
         let encoded = |shading| shading == Shading::Pyrender;
         self.repainted |= encoded(shading) != encoded(self.shading) && self.table.buffers().is_some();
         self.shading = shading;
-        let meshes_come = self.rearranged || meshes.lacks_places(resident);
+        let reshaped = self.reshaped && !meshes.have_places(self.meshes.iter().flatten());
+        let meshes_come = self.rearranged || reshaped || meshes.lacks_places(resident);
         meshes_come || self.repainted || self.room() < self.len()
     }
 
@@ -203,10 +208,11 @@ impl Instances {
 
     /// Brings the meshes up to date.
     fn bring(&mut self, context: &Context, meshes: &mut Meshes, resident: &Resident) -> Result<()> {
-        if self.rearranged || meshes.lacks_places(resident) {
+        let anew = self.rearranged || meshes.lacks_places(resident);
+        if anew || self.reshaped {
             meshes.upload(context, self.meshes.iter().flatten(), resident)?;
-            self.arrange(meshes)?;
-            self.rearranged = false;
+            self.arrange(meshes, anew)?;
+            (self.rearranged, self.reshaped) = (false, false);
         }
         if self.repainted {
             self.paint(context)?;
@@ -241,9 +247,10 @@ impl Instances {
         &self.table
     }
 
-    /// Tells each instance where its mesh is and gives it bits for its groups.
-    fn arrange(&mut self, meshes: &Meshes) -> Result<()> {
-        let (mut words, mut depth) = (0u32, 0);
+    /// Tells each instance where its mesh is and gives it bits for its groups. Unless all is `anew`, meshes are what they were
+    /// but for their shapes.
+    fn arrange(&mut self, meshes: &Meshes, anew: bool) -> Result<()> {
+        let (mut words, mut depth, mut moved) = (0u32, 0, anew);
         for ((record, mesh), slot) in self.records.iter_mut().zip(&self.meshes).zip(0..) {
             let mut arranged = InstanceTransform { group_words: words, ..*record };
             if let Some(mesh) = mesh {
@@ -263,10 +270,11 @@ impl Instances {
             if *record != arranged {
                 *record = arranged;
                 self.changed.push(slot);
+                moved = true;
             }
         }
         (self.group_words, self.depth) = (words, depth);
-        self.arrangements += 1;
+        self.arrangements += u64::from(moved);
         Ok(())
     }
 

@@ -23,11 +23,12 @@ pub use super::shade::{Ibl, MaterialKind, Shadowing, shade};
 pub use super::shadow_mark::SHADOW_MARK;
 pub use super::shadow_raster::{SHADOW_TILE_RANGES, shadow_hidden, shadow_raster};
 pub use super::shadow_test::SHADOW_TEST;
+pub use super::write_runs::WRITE_RUNS;
 
 /// Every kernel.
 pub fn kernels() -> Vec<Kernel> {
     [
-        vec![LOOP_PROBE, INSTANCE_CULL, SHADOW_MARK, SHADOW_TEST],
+        vec![LOOP_PROBE, INSTANCE_CULL, SHADOW_MARK, SHADOW_TEST, WRITE_RUNS],
         super::lists::kernels(),
         node_cull::kernels(),
         cluster_cull::kernels(),

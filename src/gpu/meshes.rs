@@ -1,8 +1,10 @@
 //! Meshes on the device: uploaded once, one after the other in arrays of nodes, groups, pages and a table of pages. Of
-//! streamed meshes root pages stay, others come and go.
+//! streamed meshes root pages stay, others come and go. A new shape of a mesh takes the place of one that is not drawn any
+//! more, and no more is written than where its vertices are.
 
 use std::sync::Arc;
 
+use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 use wgpu::{Buffer, BufferUsages};
 
@@ -12,6 +14,7 @@ use super::page_arrays::PageArrays;
 use super::shaders::PAGE_ARRAYS;
 use crate::error::Result;
 use crate::gpu_types::{ABSENT, Group, Node};
+use crate::model::page::shape_ranges;
 use crate::model::rule::SOURCE_ERROR;
 use crate::model::{self, Dag, PageEntry, Pages};
 use crate::stream::{Needs, Request, Resident};
@@ -28,6 +31,9 @@ pub struct Placement {
     /// Levels of its hierarchy.
     pub depth: u32,
 }
+
+/// Pages of a shape that are written at a time.
+const PAGES_AT_ONCE: usize = 256;
 
 /// Elements of arrays: nodes, groups, entries of the table of pages.
 type Sizes = [u64; 3];
@@ -61,11 +67,13 @@ pub struct Meshes {
     used: Sizes,
     room: Sizes,
     pages: PageArrays,
+    /// Bytes that were written to all arrays but those of pages, ever.
+    bytes: u64,
 }
 
 /// The pages that stay on the device as long as the mesh does.
 fn staying<'a>(mesh: &'a Arc<Dag>, resident: &Resident) -> &'a [PageEntry] {
-    let table = &mesh.pages.table;
+    let table = mesh.table();
     if resident.streams(mesh) { &table[..mesh.root_pages()] } else { table }
 }
 
@@ -105,6 +113,17 @@ fn group(of: &model::Group) -> Group {
     Group { lod_sphere, center, error, extent, min_own_error, first: first.0, count, unused: [0; 2] }
 }
 
+/// Each once.
+fn distinct<'a>(meshes: impl Iterator<Item = &'a Arc<Dag>>) -> Vec<&'a Arc<Dag>> {
+    let mut seen = FxHashSet::default();
+    meshes.filter(|mesh| seen.insert(mesh.id.number())).collect()
+}
+
+/// What all shapes of a mesh have in common, by number.
+fn topology(mesh: &Dag) -> Option<u64> {
+    mesh.topology.as_ref().map(|topology| topology.number())
+}
+
 fn sum(a: Sizes, b: Sizes) -> Sizes {
     std::array::from_fn(|k| a[k] + b[k])
 }
@@ -129,8 +148,10 @@ impl Meshes {
         meshes: impl Iterator<Item = &'a Arc<Dag>>,
         resident: &Resident,
     ) -> Result<()> {
-        let mut seen = FxHashSet::default();
-        let meshes: Vec<&Arc<Dag>> = meshes.filter(|mesh| seen.insert(mesh.id.number())).collect();
+        let meshes = distinct(meshes);
+        for (before, mesh) in self.successors(&meshes) {
+            self.reshape(context, before, mesh)?;
+        }
         self.make_room(context, &meshes, resident)?;
         let is_new = |mesh: &&&Arc<Dag>| !self.resident.contains_key(&mesh.id.number());
         let new: Vec<&Arc<Dag>> = meshes.iter().filter(is_new).copied().collect();
@@ -140,7 +161,11 @@ impl Meshes {
         }
         for mesh in new {
             let (staying, pages) = (staying(mesh, resident), resident.pages(mesh));
-            let mut starts = self.pages.append(context, staying, |page| pages.page(page))?;
+            let mut starts = if mesh.pose.is_some() {
+                self.pages.append(context, staying, |page| mesh.page(page))?
+            } else {
+                self.pages.append(context, staying, |page| pages.page(page))?
+            };
             starts.resize(mesh.pages.table.len(), ABSENT);
             // None of its other pages is there yet.
             let none = || Arc::new(Pages::absent(Arc::clone(&mesh.pages.table), mesh.layout()));
@@ -148,6 +173,70 @@ impl Meshes {
             self.append(context, Arc::clone(mesh), starts, staying.len(), streamed)?;
         }
         Ok(())
+    }
+
+    /// Of the meshes that are not there those whose place another shape leaves to them, which none of `meshes` has; each with
+    /// the number of that shape.
+    fn successors<'a>(&self, meshes: &[&'a Arc<Dag>]) -> Vec<(u64, &'a Arc<Dag>)> {
+        let is_new = |mesh: &&&Arc<Dag>| !self.resident.contains_key(&mesh.id.number());
+        let new: Vec<(u64, &Arc<Dag>)> =
+            meshes.iter().filter(is_new).filter_map(|mesh| Some((topology(mesh)?, *mesh))).collect();
+        if new.is_empty() {
+            return Vec::new();
+        }
+        let stay: FxHashSet<u64> = meshes.iter().map(|mesh| mesh.id.number()).collect();
+        let mut left: FxHashMap<u64, Vec<u64>> = FxHashMap::default();
+        for (number, mesh) in self.resident.iter().filter(|(number, _)| !stay.contains(number)) {
+            if let Some(topology) = topology(&mesh.dag) {
+                left.entry(topology).or_default().push(*number);
+            }
+        }
+        new.into_iter().filter_map(|(topology, mesh)| Some((left.get_mut(&topology)?.pop()?, mesh))).collect()
+    }
+
+    /// Whether each mesh is there, or finds a place that another shape leaves to it: then no buffer is replaced.
+    pub fn have_places<'a>(&self, meshes: impl Iterator<Item = &'a Arc<Dag>>) -> bool {
+        let meshes = distinct(meshes);
+        let new = meshes.iter().filter(|mesh| !self.resident.contains_key(&mesh.id.number()));
+        self.successors(&meshes).len() == new.count()
+    }
+
+    /// Puts a mesh in the place of another of its shapes.
+    fn reshape(&mut self, context: &Context, before: u64, dag: &Arc<Dag>) -> Result<()> {
+        let Some(mesh) = self.resident.remove(&before) else { return Ok(()) };
+        let Placement { first_node, first_group, .. } = mesh.placement;
+        let nodes: Vec<Node> = dag.nodes.iter().map(node).collect();
+        let groups: Vec<Group> = dag.groups.iter().map(group).collect();
+        let data: [(u32, &[u8]); 2] =
+            [(first_node, bytemuck::cast_slice(&nodes)), (first_group, bytemuck::cast_slice(&groups))];
+        for (k, (first, data)) in data.into_iter().enumerate() {
+            let (what, bytes) = ARRAYS[k];
+            self.write(context, what, k, u64::from(first) * bytes, data)?;
+        }
+        for first in (0..mesh.starts.len()).step_by(PAGES_AT_ONCE) {
+            let numbers = first..(first + PAGES_AT_ONCE).min(mesh.starts.len());
+            let pages: Vec<_> = numbers.clone().into_par_iter().map(|page| dag.page(page)).collect();
+            let parts = numbers.zip(&pages).flat_map(|(page, words)| {
+                let start = u64::from(mesh.starts[page]);
+                let clusters = dag.table()[page].clusters as usize;
+                let ranges = shape_ranges(words, dag.layout(), clusters);
+                ranges.map(move |range| (start + range.start as u64, &words[range]))
+            });
+            self.pages.rewrite(context, parts)?;
+        }
+        self.resident.insert(dag.id.number(), Mesh { dag: Arc::clone(dag), ..mesh });
+        Ok(())
+    }
+
+    /// Writes to an array that is none of pages.
+    fn write(&mut self, context: &Context, what: &str, array: usize, at: u64, data: &[u8]) -> Result<()> {
+        self.bytes += data.len() as u64;
+        context.write(what, &self.buffers[array], at, data)
+    }
+
+    /// Bytes that were written, ever.
+    pub fn bytes(&self) -> u64 {
+        self.bytes + self.pages.bytes
     }
 
     /// Makes sure that there is room for the pages of these meshes, of streamed ones for as many as the pool has at most, so
@@ -162,7 +251,7 @@ impl Meshes {
             |times: usize| (times * resident.total()).min(resident.most()).min(fit).max(resident.held());
         if !self.pages.has_room(self.pages.words_with(context, new), places(1)) {
             // The old ones go first.
-            *self = Self::default();
+            *self = Self { bytes: self.bytes(), ..Self::default() };
             let mut places = places(2);
             self.pages = loop {
                 match PageArrays::new(context, alone, places) {
@@ -222,7 +311,7 @@ impl Meshes {
             [bytemuck::cast_slice(&nodes), bytemuck::cast_slice(&groups), bytemuck::cast_slice(&starts)];
         for k in 0..ARRAYS.len() {
             let (what, bytes) = ARRAYS[k];
-            context.write(what, &self.buffers[k], self.used[k] * bytes, data[k])?;
+            self.write(context, what, k, self.used[k] * bytes, data[k])?;
         }
         drop((nodes, groups));
         self.used = sum(self.used, sizes(&dag));
@@ -270,6 +359,7 @@ impl Meshes {
             }
             let (what, bytes) = ARRAYS[2];
             let at = u64::from(placement.first_page) * bytes;
+            self.bytes += size_of_val(&**starts) as u64;
             context.write(what, &self.buffers[2], at, bytemuck::cast_slice(starts))?;
         }
         Ok(())

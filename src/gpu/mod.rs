@@ -53,6 +53,7 @@ mod shadow_test;
 mod surface;
 mod times;
 mod view_history;
+mod write_runs;
 
 pub use buffers::DeviceVisibility;
 pub use context::Context;

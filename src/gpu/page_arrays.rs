@@ -11,6 +11,7 @@ use wgpu::{Buffer, BufferSize, BufferUsages};
 use super::context::{Context, mib, unavailable};
 use super::kernel::BoundBuffer;
 use super::shaders::PAGE_ARRAYS;
+use super::write_runs::{RunWriter, Runs};
 use crate::error::{Error, Result};
 use crate::gpu_types::QUAD;
 use crate::limits::PAGE_MAX_BYTES;
@@ -37,6 +38,9 @@ pub(super) struct PageArrays {
     free: Vec<u64>,
     /// Words in front that have been written to.
     written: u64,
+    /// Bytes that were written, ever.
+    pub(super) bytes: u64,
+    writer: RunWriter,
 }
 
 /// Where each page goes from word `at` on, so that none lies in two arrays of 2^`bits` words; and the first word behind
@@ -94,7 +98,8 @@ impl PageArrays {
         let part = |first| context.buffer(WHAT, array.min(all - first) * WORD, usage);
         let arrays = (0..all.max(1)).step_by(array as usize).map(part).collect::<Result<_>>()?;
         let free = (0..places as u64).rev().collect();
-        Ok(Self { arrays, bits, used: 0, room: all - place_words, places: places as u64, free, written: 0 })
+        let (room, places) = (all - place_words, places as u64);
+        Ok(Self { arrays, bits, room, places, free, ..Self::default() })
     }
 
     /// Whether there is room for so many words of pages that stay and for so many places.
@@ -103,15 +108,15 @@ impl PageArrays {
     }
 
     /// Appends pages that stay, of which `words` has the words. Returns where each starts.
-    pub(super) fn append<'a>(
+    pub(super) fn append<W: AsRef<[u32]>>(
         &mut self,
         context: &Context,
         pages: &[PageEntry],
-        words: impl Fn(usize) -> &'a [u32],
+        words: impl Fn(usize) -> W,
     ) -> Result<Vec<u32>> {
         let (starts, end) = layout(pages, self.used, self.bits);
         for (page, at) in starts.iter().enumerate() {
-            self.write(context, *at, words(page))?;
+            self.write(context, *at, words(page).as_ref())?;
         }
         (self.used, self.written) = (end, self.written.max(end));
         // What all arrays hold bounds them.
@@ -133,7 +138,27 @@ impl PageArrays {
         self.free.push((u64::from(start) - self.room) / PLACE_WORDS);
     }
 
-    fn write(&self, context: &Context, at: u64, words: &[u32]) -> Result<()> {
+    /// Writes runs of words, each of which belongs to a page that is there, from a word on.
+    pub(super) fn rewrite<'a>(
+        &mut self,
+        context: &Context,
+        parts: impl Iterator<Item = (u64, &'a [u32])>,
+    ) -> Result<()> {
+        let mut runs: [Runs; PAGE_ARRAYS] = Default::default();
+        for (at, words) in parts {
+            runs[(at >> self.bits) as usize].push(at & ((1 << self.bits) - 1), words);
+        }
+        let mut writer = std::mem::take(&mut self.writer);
+        for (runs, array) in runs.iter().zip(self.arrays()).filter(|(runs, _)| !runs.is_empty()) {
+            writer.write(context, array, runs)?;
+        }
+        self.writer = writer;
+        self.bytes += runs.iter().map(Runs::bytes).sum::<u64>();
+        Ok(())
+    }
+
+    fn write(&mut self, context: &Context, at: u64, words: &[u32]) -> Result<()> {
+        self.bytes += size_of_val(words) as u64;
         let (array, word) = (at >> self.bits, at & ((1 << self.bits) - 1));
         context.write(WHAT, &self.arrays[array as usize], word * WORD, bytemuck::cast_slice(words))
     }

@@ -159,7 +159,9 @@ impl DeviceRenderer {
             self.shadows.iter_mut().for_each(ShadowDrawing::release);
             self.marking.iter_mut().for_each(ShadowMarking::release);
         }
+        let before = self.meshes.bytes();
         let uploaded_bytes = self.instances.upload(&self.context, &mut self.meshes, resident)?;
+        let uploaded_mesh_bytes = self.meshes.bytes() - before;
         let mut views = Vec::with_capacity(requests.len());
         for (history, request) in histories.iter_mut().zip(&*requests) {
             let size = (request.view.width, request.view.height);
@@ -225,6 +227,7 @@ impl DeviceRenderer {
                 for ((drawn, history), prepared) in drawn.iter_mut().zip(&mut *histories).zip(&views) {
                     let Prepared { view, culling, .. } = prepared;
                     (drawn.uploaded_bytes, drawn.raster) = (uploaded_bytes, raster);
+                    drawn.uploaded_mesh_bytes = uploaded_mesh_bytes;
                     drawn.listed = view.history == HISTORY_LIST;
                     drawn.reduced_images = self.instances.table().reduced_images();
                     drawn.needs = self.meshes.needs(&drawn.wanted);

@@ -118,6 +118,8 @@ pub struct Drawn {
     pub visibility: Option<DeviceVisibility>,
     /// Bytes of instances written to the device.
     pub uploaded_bytes: u64,
+    /// Bytes of meshes written to the device.
+    pub uploaded_mesh_bytes: u64,
     /// Images that lack their largest levels there.
     pub reduced_images: u64,
     /// Which rasterizers drew it.

@@ -101,6 +101,7 @@ const SOURCES: &[(&str, &str)] = sources![
     "shadow_raster",
     "shadow_tiles",
     "shadow_test",
+    "write_runs",
     "shared/alpha_test",
     "shared/append",
     "shared/bsdf",

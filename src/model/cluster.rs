@@ -82,6 +82,9 @@ pub const RECORD_WORDS: usize = size_of::<ClusterRecord>() / 4;
 const _: () = assert!(RECORD_WORDS == 20);
 
 impl ClusterRecord {
+    /// A cone that never culls.
+    pub const NO_CONE: [i8; 4] = [0, 0, 0, 127];
+
     /// Cone axis (not exactly unit) and cutoff.
     pub fn cone(&self) -> ([f32; 3], f32) {
         let [x, y, z, cutoff] = self.cone.map(|c| f32::from(c) / 127.0);

@@ -1,5 +1,6 @@
 //! The whole of a built mesh.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -9,7 +10,7 @@ use super::channel::Channel;
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
 use super::geometry::GeometryId;
 use super::hierarchy::Node;
-use super::page::Pages;
+use super::page::{PageEntry, Pages};
 use super::primitive::Primitive;
 use super::reading::InterruptCheck;
 use super::report::BuildReport;
@@ -134,6 +135,8 @@ impl Grid {
 pub struct Dag {
     /// By which devices and pools know it.
     pub id: GeometryId,
+    /// One for all shapes of a geometry, which differ in where their vertices are alone; nothing where there is one shape.
+    pub topology: Option<Arc<GeometryId>>,
     /// Internal to object space.
     pub frame: CoordinateFrame,
     /// Internal box of the source surface.
@@ -192,6 +195,19 @@ impl Dag {
     /// Largest distance, object units, by which positions were moved where they were stored; rounded up.
     pub fn rounding(&self) -> f64 {
         self.frame.rounding_on(self.grid)
+    }
+
+    /// The pages as a device holds them: what moves takes others than those at rest.
+    pub fn table(&self) -> &[PageEntry] {
+        self.pose.as_ref().map_or(&self.pages.table, |pose| &pose.skin.table)
+    }
+
+    /// The words of a page as a device holds it. All pages are in memory.
+    pub fn page(&self, number: usize) -> Cow<'_, [u32]> {
+        match &self.pose {
+            Some(pose) => Cow::Owned(pose.page(self, number)),
+            None => Cow::Borrowed(self.pages.page(number)),
+        }
     }
 
     /// One cluster's record.

@@ -2,11 +2,13 @@
 //! hold whole groups, coarsest level first: a small root page the coarsest of all levels, each other page those of one.
 
 use std::fmt;
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, RECORD_WORDS};
+use super::packing::{PACKING_WORDS, Packing};
 use super::reading::{InterruptCheck, read_pages};
 use super::source::PageSource;
 use crate::error::Result;
@@ -193,6 +195,24 @@ impl Pages {
             .enumerate()
             .flat_map(|(p, e)| (0..e.clusters as usize).map(move |s| ClusterAddress::new(p, s)))
     }
+}
+
+/// Where in the words of a page lies what depends on where vertices are: records, and of each cluster positions and normals.
+pub fn shape_ranges(
+    words: &[u32],
+    layout: AttributeLayout,
+    clusters: usize,
+) -> impl Iterator<Item = Range<usize>> {
+    let records: &[ClusterRecord] = bytemuck::cast_slice(&words[..clusters * RECORD_WORDS]);
+    let of_cluster = move |record: &ClusterRecord| {
+        let (vertices, triangles) = (usize::from(record.vertex_count), usize::from(record.triangle_count));
+        let data = record.data as usize;
+        let head = bytemuck::cast_slice(&words[data..][..PACKING_WORDS]);
+        let packing: Packing = bytemuck::pod_read_unaligned(head);
+        let streams = layout.streams(vertices, triangles, packing.widths);
+        [data + PACKING_WORDS..data + streams.ids, data + streams.normals..data + streams.colors]
+    };
+    std::iter::once(0..clusters * RECORD_WORDS).chain(records.iter().flat_map(of_cluster))
 }
 
 impl fmt::Debug for Pages {

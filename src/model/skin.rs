@@ -5,11 +5,14 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry};
-use super::packing::{PACKING_WORDS, Packing, WIDEST, ordered};
-use super::page::Pages;
+use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, RECORD_WORDS, Streams};
+use super::dag::Dag;
+use super::geometry::GeometryId;
+use super::packing::{PACKING_WORDS, Packing, WIDEST, Widths, ordered};
+use super::page::{PageEntry, Pages};
 use crate::math::affine::{self, Affine};
-use crate::math::{Aabb, octahedral};
+use crate::math::sphere::round_up;
+use crate::math::{Aabb, Sphere, octahedral};
 
 /// Lists one after the other.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,6 +101,33 @@ pub struct Skin {
     pub errors: Vec<GroupSkin>,
     /// The joints that act on the source.
     pub source: Vec<JointBox>,
+    /// One for all poses.
+    pub topology: Arc<GeometryId>,
+    /// The pages with clusters that may lie anywhere.
+    pub table: Vec<PageEntry>,
+}
+
+/// Bits of the packed numbers of a cluster that may lie anywhere: positions take whole words.
+fn moved_widths(rest: Widths) -> Widths {
+    let [x, y, z, _] = WIDEST;
+    [x, y, z, rest[3]]
+}
+
+/// The streams of such a cluster.
+fn moved_streams(layout: AttributeLayout, geometry: &ClusterGeometry<'_>) -> Streams {
+    let (vertices, triangles) = (geometry.positions.len(), geometry.triangles.len());
+    layout.streams(vertices, triangles, moved_widths(geometry.widths()))
+}
+
+/// Pages with such clusters, all of which are in memory.
+pub fn moved_table(pages: &Pages) -> Vec<PageEntry> {
+    let entry = |(page, entry): (usize, &PageEntry)| {
+        let words = |slot: usize| {
+            RECORD_WORDS + moved_streams(pages.layout, &pages.geometry(ClusterAddress::new(page, slot))).end
+        };
+        PageEntry { words: (0..entry.clusters as usize).map(words).sum::<usize>() as u32, ..*entry }
+    };
+    pages.table.iter().enumerate().map(entry).collect()
 }
 
 /// A DAG under a pose: its clusters are those at rest, moved when somebody asks for them.
@@ -122,19 +152,52 @@ impl Pose {
     pub fn cluster<'a>(&'a self, pages: &Pages, at: ClusterAddress) -> ClusterGeometry<'a> {
         let record = pages.record(at);
         let (vertices, triangles) = (usize::from(record.vertex_count), usize::from(record.triangle_count));
-        let words = self.clusters[pages.dense_index(at)].get_or_init(|| {
-            let rest = &pages.page(at.page())[record.data as usize..];
-            self.moved(rest, pages.layout, pages.geometry(at))
-        });
-        ClusterGeometry::new(words, pages.layout, vertices, triangles)
+        ClusterGeometry::new(self.words(pages, at), pages.layout, vertices, triangles)
     }
 
-    /// Centre and half extents of a box around a cluster, from that at rest: each vertex is a mean of where its joints take it.
-    pub fn cluster_box(&self, pages: &Pages, at: ClusterAddress) -> ([f32; 3], [f32; 3]) {
+    fn words(&self, pages: &Pages, at: ClusterAddress) -> &[u32] {
+        self.clusters[pages.dense_index(at)].get_or_init(|| {
+            let rest = &pages.page(at.page())[pages.record(at).data as usize..];
+            self.moved(rest, pages.layout, &pages.geometry(at))
+        })
+    }
+
+    /// The words of a page, in as many words as [`Skin::table`] says, of the DAG that has this pose.
+    pub fn page(&self, dag: &Dag, number: usize) -> Vec<u32> {
+        let records = dag.pages.records(number);
+        let mut out = Vec::with_capacity(self.skin.table[number].words as usize);
+        out.resize(records.len() * RECORD_WORDS, 0);
+        for (slot, record) in records.iter().enumerate() {
+            let at = ClusterAddress::new(number, slot);
+            let (sphere, extent) = self.cluster_bounds(&dag.pages, at);
+            let (lod_sphere, error) = dag.own_error(record);
+            let moved = ClusterRecord {
+                center: sphere.center,
+                radius: sphere.radius,
+                extent,
+                cone: ClusterRecord::NO_CONE,
+                lod_sphere,
+                error,
+                max_edge: 2.0 * sphere.radius,
+                data: out.len() as u32,
+                ..*record
+            };
+            out[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[moved]));
+            out.extend_from_slice(self.words(&dag.pages, at));
+        }
+        out
+    }
+
+    /// A sphere around a cluster, and half extents of a box about its centre, from the box at rest: each vertex is a mean of
+    /// where its joints take it.
+    pub fn cluster_bounds(&self, pages: &Pages, at: ClusterAddress) -> (Sphere, [f32; 3]) {
         let record = pages.record(at);
         let joints = self.skin.clusters.of(pages.dense_index(at));
         let (center, extent) = (record.center.map(f64::from), record.extent.map(f64::from));
-        moved_box(joints.iter().map(|joint| (&self.maps[*joint as usize], center, extent))).center_extent()
+        let bounds = moved_box(joints.iter().map(|joint| (&self.maps[*joint as usize], center, extent)));
+        let (center, extent) = bounds.center_extent();
+        let radius = extent.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
+        (Sphere { center, radius: round_up(radius) }, extent)
     }
 
     /// What the joints of an identity do to space together.
@@ -153,15 +216,11 @@ impl Pose {
     }
 
     /// The streams of a cluster with other positions and normals. Positions take whole words, so that any shape fits.
-    fn moved(&self, rest: &[u32], layout: AttributeLayout, geometry: ClusterGeometry<'_>) -> Box<[u32]> {
-        let (vertices, triangles) = (geometry.positions.len(), geometry.triangles.len());
+    fn moved(&self, rest: &[u32], layout: AttributeLayout, geometry: &ClusterGeometry<'_>) -> Box<[u32]> {
         let packing = geometry.positions.packing();
-        let [x, y, z, _] = WIDEST;
-        let widths = [x, y, z, packing.widths[3]];
-        let (from, to) = (
-            layout.streams(vertices, triangles, packing.widths),
-            layout.streams(vertices, triangles, widths),
-        );
+        let (vertices, triangles) = (geometry.positions.len(), geometry.triangles.len());
+        let from = layout.streams(vertices, triangles, packing.widths);
+        let (to, widths) = (moved_streams(layout, geometry), moved_widths(packing.widths));
         let mut words = vec![0; to.end];
         let head = Packing { anchor: [0, 0, 0, packing.anchor[3]], widths, step: 0.0 };
         words[..PACKING_WORDS].copy_from_slice(bytemuck::cast_slice(&[head]));

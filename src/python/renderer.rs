@@ -432,6 +432,7 @@ impl Frame {
                 ("occluded_instances", stats.occluded_instances),
                 ("occluded_clusters", stats.occluded_clusters),
                 ("uploaded_bytes", stats.uploaded_bytes),
+                ("uploaded_mesh_bytes", stats.uploaded_mesh_bytes),
                 ("reduced_images", stats.reduced_images),
                 ("layers", stats.layers),
                 ("layers_left", stats.layers_left),

@@ -242,6 +242,7 @@ fn rastered(
     };
     stats.stages = stages(&drawn, instances.len() as u64, stats.covered_pixels, screen);
     stats.uploaded_bytes = drawn.uploaded_bytes;
+    stats.uploaded_mesh_bytes = drawn.uploaded_mesh_bytes;
     stats.reduced_images = drawn.reduced_images;
     stats.raster = drawn.raster;
     stats.occluded_instances = drawn.cull_passes.iter().map(|cull_pass| cull_pass.hidden_instances).sum();

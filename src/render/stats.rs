@@ -89,6 +89,9 @@ pub struct FrameStats {
     pub occluded_clusters: u64,
     /// Bytes of instances that were written to a device, because they changed.
     pub uploaded_bytes: u64,
+    /// Bytes of meshes that were written to a device: of new ones and pages that came all, of those that moved where their
+    /// vertices are.
+    pub uploaded_mesh_bytes: u64,
     /// Images of textures that lack their largest levels on a device, since it has no room for them.
     pub reduced_images: u64,
     /// Layers of blended surfaces.

@@ -88,9 +88,9 @@ impl Instance {
         (self.casts_shadows, self.receives_shadows)
     }
 
-    /// Whether it shows what the CPU alone draws: what is blended, points, lines, and what joints move.
+    /// Whether it shows what the CPU alone draws: what is blended, points and lines.
     fn needs_cpu(&self) -> bool {
-        self.visible && (self.blends() || !self.is_ordinary() || self.mesh.pose.is_some())
+        self.visible && (self.blends() || !self.is_ordinary())
     }
 
     fn set_pose(&mut self, pose: DAffine3) {

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use super::footprint::{Footprint, footprint};
 use super::screen::{Screen, homogeneous};
 use super::stroke::Stroke;
-use crate::math::sphere::round_up;
 use crate::math::{LodView, Sphere};
 use crate::model::{ClusterAddress, ClusterGeometry, Dag, Pages};
 use crate::scene::placement::{Eye, Placement};
@@ -134,9 +133,7 @@ impl InstanceView {
     #[inline]
     pub fn cluster_bounds(&self, cluster: ClusterAddress) -> ClusterBounds {
         if let Some(pose) = &self.mesh.pose {
-            let (center, extent) = pose.cluster_box(&self.pages, cluster);
-            let radius = extent.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
-            let sphere = Sphere { center, radius: round_up(radius) };
+            let (sphere, extent) = pose.cluster_bounds(&self.pages, cluster);
             return ClusterBounds { sphere, extent, cone: ([0.0; 3], 1.0) };
         }
         let record = self.pages.record(cluster);
