@@ -1,4 +1,4 @@
-"""Meshes that move: new vertices in every frame, beside pyrender's; one body and 100; updates alone; glass; points.
+"""Meshes that move: new vertices in every frame, beside pyrender's; 100 bodies; updates; joints; glass; points.
 
 ``python -m benchmarks.python.moving``. A frame is colour, depth and ids at 640 × 480.
 """
@@ -125,6 +125,82 @@ def glass(runs: int) -> list[dict[str, object]]:
     ]
 
 
+class Walker:
+    """A mesh with levels of detail that follows joints along its height, a pose in every frame."""
+
+    JOINTS = 16
+
+    def __init__(self, faces: int) -> None:
+        self.vertices, self.faces = nrs.shapes.displaced_icosphere(faces=faces)
+        height = (self.vertices[:, 1] - self.vertices[:, 1].min()) / np.ptp(self.vertices[:, 1])
+        hats = 1.0 - np.abs(height[:, None] * (self.JOINTS - 1) - np.arange(self.JOINTS))
+        self.weights = np.clip(hats, 0.0, 1.0).astype(np.float32)
+        self.mesh = nrs.NaniteMesh.from_arrays(self.vertices, self.faces, channels={"weights": self.weights})
+        self.virtual = nrs.SkinnedMesh(self.mesh)
+        self.whole = nrs.TriangleMesh(self.vertices, self.faces)
+        self.renderer = nrs.Renderer(*SIZE, backend="cpu")
+        self.scenes = {}
+        for name, shape in (("virtual", self.virtual), ("whole", self.whole)):
+            scene = self.scenes[name] = nrs.Scene(ambient_light=(0.2, 0.2, 0.2))
+            scene.add(shape)
+            scene.add(nrs.DirectionalLight(intensity=3.0), pose=nrs.look_at((1, 1, 2), (0, 0, 0)))
+
+    def matrices(self, step: int) -> np.ndarray:
+        """Joints that turn about the height, each by another angle."""
+        turn = 0.3 * np.sin(0.4 * step + 0.2 * np.arange(self.JOINTS))
+        out = np.tile(np.eye(4), (self.JOINTS, 1, 1))
+        out[:, 0, 0], out[:, 0, 2] = np.cos(turn), np.sin(turn)
+        out[:, 2, 0], out[:, 2, 2] = -np.sin(turn), np.cos(turn)
+        return out
+
+    def picture(self, name: str) -> nrs.Frame:
+        """Of what was moved last."""
+        pose = nrs.look_at((0, 0, 3.5), (0, 0, 0))
+        return self.renderer.render(
+            self.scenes[name], CAMERA, pose, outputs=["color", "depth", "instance_id"]
+        )
+
+    def frame(self, step: int) -> np.ndarray:
+        """A pose, and a picture."""
+        self.virtual.pose(self.matrices(step))
+        return self.picture("virtual").color
+
+    def every_vertex(self, step: int) -> np.ndarray:
+        """All vertices moved by NumPy, and a picture of all triangles."""
+        rows = np.einsum("vj,jab->vab", self.weights, self.matrices(step)[:, :3].astype(np.float32))
+        moved = np.einsum("vab,vb->va", rows[:, :, :3], self.vertices) + rows[:, :, 3]
+        self.whole.update(moved)
+        return self.picture("whole").color
+
+
+def joints(runs: int) -> list[dict[str, object]]:
+    """Meshes that follow joints, with levels of detail and without."""
+    rows = []
+    for faces in (100_000, 1_000_000):
+        walker = Walker(faces)
+        times = interleaved(
+            {
+                "pose + frame": walker.frame,
+                "pose": lambda step, walker=walker: walker.virtual.pose(walker.matrices(step)),
+                "all vertices + frame": walker.every_vertex,
+            },
+            runs=max(runs // 4, 3),
+            warm_up=2,
+            budget=60,
+        )
+        row = {"triangles": f"{faces:,}", "drawn": walker.picture("virtual").stats.triangles}
+        row |= {"drawn at rest": drawn_at_rest(walker)}
+        row |= {f"{what}, ms": own["median"] * 1e3 for what, own in times.items()}
+        rows.append(row)
+    return rows
+
+
+def drawn_at_rest(walker: Walker) -> int:
+    """Triangles of the same picture where no joint moves."""
+    walker.virtual.pose(np.tile(np.eye(4), (Walker.JOINTS, 1, 1)))
+    return walker.picture("virtual").stats.triangles
+
+
 def points(runs: int) -> list[dict[str, object]]:
     """A million points through a ball and on a surface, beside pyrender's."""
     import pyrender
@@ -211,6 +287,9 @@ def main() -> None:
         "Medians of runs in turn.",
         "",
         tables.table(rows),
+        f"## Joints, {Walker.JOINTS} of them, a pose in every frame",
+        "",
+        tables.table(joints(runs)),
         "## Three knots of 60,000 triangles each",
         "",
         tables.table(glass(runs)),
