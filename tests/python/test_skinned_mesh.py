@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import nanite_rs as nrs
 from conftest import SOAK
-from oracles import camera, compare, subjects, topology
+from oracles import camera, compare, memory, subjects, topology
 from oracles.distance import Surface
 
 NAMES = ("sphere", "knot", "part", *(("gyroid", "terrain", "sheets", "armadillo") if SOAK else ()))
@@ -227,6 +227,23 @@ def test_both_backends_draw_them(backend: str) -> None:
     scene.add(posed)
     with nrs.Renderer(96, 64, backend=backend) as renderer:
         assert (renderer.render(scene, nrs.PerspectiveCamera(yfov=0.9), camera.at(0, 0, 5)).depth > 0).any()
+
+
+def test_memory_is_flat_over_poses(backend: str) -> None:
+    posed = nrs.SkinnedMesh(body("sphere", "chain")[0].rest)
+    scene = nrs.Scene(ambient_light=(1, 1, 1))
+    scene.add(posed)
+    count = 10_000 if SOAK and backend == "cpu" else 150
+    poses = [pose_of("bent", posed.joints, 2.0, seed) for seed in range(16)]
+    held = []
+    with nrs.Renderer(64, 48, backend=backend) as renderer:
+        for step in range(count):
+            posed.pose(poses[step % len(poses)])
+            renderer.render(scene, nrs.PerspectiveCamera(yfov=0.9), camera.at(0, 0, 5))
+            if (step + 1) % (count // 3) == 0:
+                held.append(memory.resident())
+    # What other tests left may go once; what is lost is so in each third.
+    assert min(np.diff(held)) < 15_000_000, held
 
 
 def test_motion_is_where_vertices_went() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import nanite_rs as nrs
 from conftest import SOAK
-from oracles import data
+from oracles import data, memory
 from oracles.camera import at, look_at
 
 SIZE = 320, 240
@@ -114,11 +114,6 @@ def test_scans_settle(backend, tmp_path) -> None:
             same(frame, plain.render(scene_of(mesh), LENS, pose))
 
 
-def resident_memory() -> int:
-    """Bytes of this process."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
 def test_a_long_flight_with_little_room(backend, path) -> None:
     """With a seventh of what the path wants: frames come at once, say what they lack, and memory stays flat."""
     with nrs.Renderer(*SIZE, backend=backend, streaming=True) as large:
@@ -128,7 +123,7 @@ def test_a_long_flight_with_little_room(backend, path) -> None:
     pool = max(wanted // 7, 4 * 128 * 1024)
     stored = scene_of(nrs.NaniteMesh.open(path))
     missing = arrived = evicted = refused = 0
-    memory = 0
+    held = 0
     with nrs.Renderer(*SIZE, backend=backend, streaming=True, pool_bytes=pool) as renderer:
         for i, pose in enumerate(flight(FRAMES)):
             frame = renderer.render(stored, LENS, pose, pixel_error=0.2, wait=False)
@@ -144,9 +139,9 @@ def test_a_long_flight_with_little_room(backend, path) -> None:
             evicted += stream.evicted_pages
             refused += stream.refused_pages
             if i == FRAMES // 5 and Path("/proc/self/statm").exists():
-                memory = resident_memory()
-        if memory:
-            assert resident_memory() < memory + (32 << 20)
+                held = memory.resident()
+        if held:
+            assert memory.resident() < held + (32 << 20)
         assert min(missing, arrived, evicted, refused) > 0
         assert stream.read_errors == 0
         # At rest, what has room is there soon, and then nothing comes or goes.

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nanite_rs as nrs
-from oracles import camera, data, rays, subjects
+from oracles import camera, data, memory, rays, subjects
 
 CAMERA = nrs.PerspectiveCamera(yfov=0.8, znear=0.05)
 POSE = nrs.look_at((0.5, 0.8, 3.2), (0, 0, 0))
@@ -331,11 +331,6 @@ def test_viewers_show_and_pick_it():
     assert repr(mesh) == f"TriangleMesh({len(faces):,} faces, {len(vertices):,} vertices)"
 
 
-def resident():
-    with open("/proc/self/status") as status:
-        return next(int(line.split()[1]) for line in status if line.startswith("VmRSS"))
-
-
 def test_memory_is_flat_over_updates(backend, soak):
     vertices, faces = nrs.shapes.icosphere(faces=14_000)
     mesh = nrs.TriangleMesh(vertices, faces)
@@ -347,9 +342,9 @@ def test_memory_is_flat_over_updates(backend, soak):
             mesh.update(vertices * np.float32(1 + 0.1 * np.sin(step)))
             renderer.render(scene, CAMERA, POSE)
             if (step + 1) % (count // 3) == 0:
-                held.append(resident())
-    # KiB, of which a shape takes 1,000. What other tests left may go once; what is lost is so in each third.
-    assert min(np.diff(held)) < 15_000, held
+                held.append(memory.resident())
+    # A shape takes a million bytes. What other tests left may go once; what is lost is so in each third.
+    assert min(np.diff(held)) < 15_000_000, held
 
 
 def test_real_scans_are_drawn_at_once(backend):
