@@ -38,15 +38,20 @@ pub fn norm(map: &Affine) -> f64 {
     singular_value_bound(map.map(|row| [row[0], row[1], row[2]]))
 }
 
-/// A normal under a map, of unit length, zero where there is none. By the cofactors of the linear part: they are the inverse
-/// transposed times the determinant, and there where no inverse is. A map that mirrors turns faces over, so they keep its sign.
+/// A normal under a map, of unit length, zero where there is none.
 pub fn turn(map: &Affine, n: [f64; 3]) -> [f32; 3] {
+    let out = turned(map, n);
+    let length = out.iter().map(|x| x * x).sum::<f64>().sqrt();
+    out.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 })
+}
+
+/// The direction of a normal under a map, of any length. By the cofactors of the linear part: they are the inverse transposed
+/// times the determinant, and there where no inverse is. A map that mirrors turns faces over, so they keep its sign.
+#[inline(always)]
+pub fn turned(map: &Affine, n: [f64; 3]) -> [f64; 3] {
     let [a, b, c] = map.map(|row| [row[0], row[1], row[2]]);
     let cross = |u: [f64; 3], v: [f64; 3]| {
         [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
     };
-    let out =
-        [cross(b, c), cross(c, a), cross(a, b)].map(|row| row[0] * n[0] + row[1] * n[1] + row[2] * n[2]);
-    let length = out.iter().map(|x| x * x).sum::<f64>().sqrt();
-    out.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 })
+    [cross(b, c), cross(c, a), cross(a, b)].map(|row| row[0] * n[0] + row[1] * n[1] + row[2] * n[2])
 }

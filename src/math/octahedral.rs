@@ -24,13 +24,19 @@ pub fn encode(v: [f32; 3]) -> u32 {
 
 /// Unpacks to a unit vector.
 pub fn decode(packed: u32) -> [f32; 3] {
+    let v = direction(packed);
+    let inv = 1.0 / (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    v.map(|c| c * inv)
+}
+
+/// Unpacks to a vector of some length between a half and one.
+#[inline(always)]
+pub fn direction(packed: u32) -> [f32; 3] {
     let x = f32::from(packed as u16 as i16) / OCTAHEDRAL_STEPS;
     let y = f32::from((packed >> 16) as u16 as i16) / OCTAHEDRAL_STEPS;
     let z = 1.0 - x.abs() - y.abs();
     let t = (-z).max(0.0);
-    let v = [x - sign(x) * t, y - sign(y) * t, z];
-    let inv = 1.0 / (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-    v.map(|c| c * inv)
+    [x - sign(x) * t, y - sign(y) * t, z]
 }
 
 /// Bits of a coordinate in a packed direction.

@@ -5,7 +5,9 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, RECORD_WORDS, Streams};
+use super::cluster::{
+    AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord, RECORD_WORDS, Streams,
+};
 use super::dag::Dag;
 use super::geometry::GeometryId;
 use super::packing::{PACKING_WORDS, Packing, WIDEST, Widths, ordered};
@@ -56,7 +58,7 @@ impl<T, L: IntoIterator<Item = T>> FromIterator<L> for Lists<T> {
 pub struct Influence {
     /// Number of the joint.
     pub joint: u32,
-    /// Above 0. Those of a vertex count relative to their sum.
+    /// Above 0. Those of a vertex add up to 1.
     pub weight: f32,
 }
 
@@ -200,18 +202,23 @@ impl Pose {
         (Sphere { center, radius: round_up(radius) }, extent)
     }
 
-    /// What the joints of an identity do to space together.
+    /// What the joints of an identity do to space together. Their weights add up to 1: the first has what the others leave.
     #[inline]
     fn blended(&self, id: u32) -> Affine {
-        let influences = self.skin.influences.of(id as usize);
-        if let [only] = influences {
-            return self.maps[only.joint as usize];
+        let Some((first, others)) = self.skin.influences.of(id as usize).split_first() else {
+            return affine::ZERO;
+        };
+        let first = &self.maps[first.joint as usize];
+        if others.is_empty() {
+            return *first;
         }
-        let sum: f64 = influences.iter().map(|influence| f64::from(influence.weight)).sum();
-        let mut out = affine::ZERO;
-        for influence in influences {
-            affine::add(&mut out, f64::from(influence.weight) / sum, &self.maps[influence.joint as usize]);
+        let (mut out, mut rest) = (affine::ZERO, 1.0);
+        for influence in others {
+            let weight = f64::from(influence.weight);
+            rest -= weight;
+            affine::add(&mut out, weight, &self.maps[influence.joint as usize]);
         }
+        affine::add(&mut out, rest, first);
         out
     }
 
@@ -231,8 +238,10 @@ impl Pose {
             let position = affine::apply(&map, geometry.positions.get(v).map(f64::from));
             let out = &mut words[PACKING_WORDS + 3 * v..][..3];
             out.copy_from_slice(&position.map(|x| ordered((x as f32 + 0.0).to_bits())));
-            let normal = octahedral::decode(geometry.normals[v]).map(f64::from);
-            words[to.normals + v] = octahedral::encode(affine::turn(&map, normal));
+            let normal = affine::turned(&map, octahedral::direction(geometry.normals[v]).map(f64::from));
+            // What f32 holds the largest of, it holds all of.
+            let largest = normal.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+            words[to.normals + v] = octahedral::encode(normal.map(|x| (x / largest) as f32));
         }
         words.into()
     }
