@@ -352,8 +352,8 @@ class Renderer(_advice.Teaching):
         max_layers : int
             Blended surfaces that are composited at each pixel, 0 to 256, from the nearest on; what lies behind more
             is not seen, and ``Frame.stats.layers_left`` says at how many pixels. They are ordered by depth,
-            whatever the order in which meshes were added, and blended in linear light. The CPU draws such scenes,
-            on the GPU backend too.
+            whatever the order in which meshes were added, and blended in linear light. On the GPU backend the CPU
+            draws such meshes over the device's picture, and shades it.
         transparent_ids : bool
             Depth, normals, ids and `Frame.motion` are those of the nearest surface, blended or not. By default they
             are those of what is opaque.

@@ -179,7 +179,7 @@ class Points(_Strokes):
     They are drawn in their colours, whatever the light, cast no shadows, and are opaque. A disc covers the pixels
     whose centres lie within its radius, and always the one that its point lies in. ``frame.instance_id`` has their
     instance, ``frame.face_id`` the row of ``positions``, ``frame.depth`` that of the point, and ``frame.normal``
-    points to the camera. On both backends the CPU draws a scene with points.
+    points to the camera. On the GPU backend the CPU draws them over the device's picture, and shades it.
 
     Parameters
     ----------
@@ -283,7 +283,7 @@ class Lines(_Strokes):
     They are drawn in their colours, whatever the light, cast no shadows, and are opaque. A band covers the pixels
     whose centres lie within half its width of the segment, on the picture, and is a pixel wide at least. It is as
     if a disc lay at each point of the segment, of which the nearest is seen. ``frame.face_id`` has the row of
-    ``segments``. On both backends the CPU draws a scene with lines.
+    ``segments``. On the GPU backend the CPU draws them over the device's picture, and shades it.
 
     Parameters
     ----------

@@ -68,7 +68,9 @@ impl Device {
         };
         let slots = scene.instances();
         for (slot, instance) in slots.changed_since(since) {
-            self.renderer.set(slot, instance.map(scene_instance));
+            // The CPU draws the others.
+            let drawn = instance.filter(|instance| !instance.needs_cpu());
+            self.renderer.set(slot, drawn.map(scene_instance));
         }
         self.known = Some((scene.identity(), slots.clock()));
     }
@@ -251,7 +253,8 @@ fn rastered(
         drawn.cull_passes.iter().map(|cull_pass| u64::from(cull_pass.counters.drawn_hardware)).sum();
     // A device has made depth of the keys that it was to make it of.
     let made_here = !bisect::on_device(&frame_context.options, Stage::Output);
-    if !on_device || made_here || frame_context.options.outputs.is_empty() {
+    // Where the CPU draws more, it does so behind that.
+    if !scene.needs_cpu() && (!on_device || made_here || frame_context.options.outputs.is_empty()) {
         picture.measure(screen, &mut stats);
     }
     let made = drawn.made;

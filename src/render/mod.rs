@@ -19,6 +19,8 @@ mod shadow_records;
 mod shadows;
 pub mod stats;
 mod streaming;
+#[cfg(feature = "gpu")]
+mod undrawn;
 mod visibility_buffer;
 
 pub use crate::stages::Stage;

@@ -11,10 +11,13 @@ use rayon::prelude::*;
 
 use super::history::VisibilityHistory;
 use super::queue::{Queue, Terms};
+use super::renderer::FrameContext;
 use super::stats::FrameStats;
+use super::visibility_buffer::VisibilityBuffer;
 use crate::cpu::cluster_cull::{self, CandidateCluster};
 use crate::cpu::hzb::Hzb;
 use crate::cpu::node_cull::CandidateGroup;
+use crate::cpu::peel::{self, Layers};
 use crate::cpu::visibility::{Nearest, Pixel};
 use crate::cpu::{instance_cull, node_cull, raster_large, raster_small};
 use crate::error::{Error, Result};
@@ -31,20 +34,85 @@ const AT_ONCE: Terms = Terms { overlap: f64::INFINITY, each: 0 };
 
 /// The state of a frame on its way through the culling and raster stages.
 pub(super) struct FramePasses<'a, P> {
-    pub(super) screen: Screen,
-    pub(super) tau: f32,
-    pub(super) views: &'a [InstanceView],
-    pub(super) pixels: &'a mut [P],
+    screen: Screen,
+    tau: f32,
+    views: &'a [InstanceView],
+    pixels: &'a mut [P],
     /// Groups that were to be drawn and whose pages are not there.
-    pub(super) absent: Vec<CandidateGroup>,
+    absent: Vec<CandidateGroup>,
     /// Clusters that are blended with what is behind them: nothing of them is drawn here.
-    pub(super) blended: Vec<CandidateCluster>,
+    blended: Vec<CandidateCluster>,
     /// Rows of the picture drawn to since its pyramid was built; absent before it was.
-    pub(super) drawn_rows: Option<Range<usize>>,
-    pub(super) stats: &'a mut FrameStats,
+    drawn_rows: Option<Range<usize>>,
+    stats: &'a mut FrameStats,
 }
 
-impl<P: Pixel> FramePasses<'_, P> {
+/// What passes leave, in scene order.
+pub(super) struct Listed {
+    /// The frame's visible list.
+    pub(super) list: Vec<CandidateCluster>,
+    /// See [`FramePasses::absent`].
+    pub(super) absent: Vec<CandidateGroup>,
+    /// See [`FramePasses::blended`].
+    pub(super) blended: Vec<CandidateCluster>,
+}
+
+/// The layers of the clusters of a picture that are blended.
+pub(super) fn peel(
+    frame_context: &FrameContext<'_>,
+    picture: &VisibilityBuffer,
+    views: &[InstanceView],
+    blended: &[CandidateCluster],
+    stats: &mut FrameStats,
+) -> Option<Layers> {
+    let VisibilityBuffer::Words(words) = picture else { return None };
+    if blended.is_empty() {
+        return None;
+    }
+    let FrameContext { screen, options, .. } = frame_context;
+    let layers = peel::run(blended, views, screen, words, options.max_layers as usize);
+    (stats.layers, stats.layers_left) = (layers.words.len() as u64, layers.left);
+    Some(layers)
+}
+
+impl<'a, P: Pixel> FramePasses<'a, P> {
+    /// Before anything is drawn.
+    pub(super) fn new(
+        frame_context: &FrameContext<'_>,
+        views: &'a [InstanceView],
+        pixels: &'a mut [P],
+        stats: &'a mut FrameStats,
+    ) -> Self {
+        let FrameContext { screen, options, .. } = frame_context;
+        let (tau, absent, blended) = (options.pixel_error, Vec::new(), Vec::new());
+        Self { screen: *screen, tau, views, pixels, absent, blended, drawn_rows: None, stats }
+    }
+
+    /// What was found, beside the visible list.
+    pub(super) fn listed(mut self, list: Vec<CandidateCluster>) -> Listed {
+        self.blended.sort_unstable();
+        Listed { list, absent: self.absent, blended: self.blended }
+    }
+
+    /// Culls and draws instances over what pixels show, which is `old`, in scene order; returns the list of both. With `hzb`
+    /// what is hidden is left out.
+    pub(super) fn draw_over(
+        &mut self,
+        old: Vec<CandidateCluster>,
+        instances: &[u32],
+        hzb: Option<&mut Hzb>,
+    ) -> Result<Vec<CandidateCluster>> {
+        let new = match hzb {
+            Some(hzb) => {
+                self.build_pyramid(hzb);
+                let unhidden = self.unhidden_instances(instances, hzb);
+                self.cull(2, &unhidden, Some(hzb))
+            }
+            None => self.cull(2, instances, None),
+        };
+        self.draw(2, old, new)
+    }
+
     /// Culls and draws everything; returns the frame's visible list, in scene order.
     pub(super) fn draw_scene(
         &mut self,

@@ -12,18 +12,18 @@ use super::frame_shadows::FrameShadows;
 use super::history::VisibilityHistory;
 use super::layers;
 use super::motion::Stance;
-use super::pass::FramePasses;
+use super::pass::{self, FramePasses, Listed};
 use super::shadows::{self, Host};
 use super::stats::FrameStats;
 use super::streaming;
+#[cfg(feature = "gpu")]
+use super::undrawn;
 use super::visibility_buffer::{ScratchPool, VisibilityBuffer};
 use crate::config::{Calibration, Output, Outputs, Raster, RenderOptions, Samples, Shadows};
-use crate::cpu::cluster_cull::CandidateCluster;
 use crate::cpu::hzb::Hzb;
-use crate::cpu::node_cull::CandidateGroup;
 use crate::cpu::peel::Layers;
 use crate::cpu::visibility::Pixel;
-use crate::cpu::{instance_cull, peel};
+use crate::cpu::instance_cull;
 use crate::error::{Error, Result};
 use crate::gpu_types::Array;
 use crate::model::{InterruptCheck, UNINTERRUPTED};
@@ -339,8 +339,8 @@ impl Renderer {
             // Cascades are the CPU's.
             Shadows::Cascaded => Some(Stage::ShadowMark),
         };
-        // So is what a scene has that no device draws.
-        let undrawn = scene.needs_cpu().then_some(Stage::InstanceCull);
+        // What a scene has that no device draws, the CPU draws over the device's picture, and goes on from there.
+        let undrawn = scene.needs_cpu().then_some(Stage::ShadowMark);
         let cpu_from = [options.cpu_from.or(self.cpu_from), shaded, undrawn].into_iter().flatten().min();
         let options = &RenderOptions { cpu_from, ..options.clone() };
         options.validate()?;
@@ -547,7 +547,14 @@ impl Renderer {
         {
             match device.draw(frame_contexts, &self.scratch) {
                 Err(error) if self.replace(&error) => {}
-                drawn => return drawn,
+                Err(error) => return Err(error),
+                Ok(mut drawn) => {
+                    let left = frame_contexts.iter().zip(&mut drawn).filter(|(own, _)| own.scene.needs_cpu());
+                    for (frame_context, drawn) in left {
+                        undrawn::draw(frame_context, drawn, &mut self.hzb)?;
+                    }
+                    return Ok(drawn);
+                }
             }
         }
         let drawn = frame_contexts.iter().map(|frame_context| self.draw_on_cpu(frame_context)).collect();
@@ -569,19 +576,11 @@ impl Renderer {
         stats.source_triangles = views.iter().map(|v| v.mesh.source_faces).sum();
         let new = || Ok::<_, Error>(VisibilityHistory::default());
         let (hzb, history) = (&mut self.hzb, self.histories.get_or_make(*id, new)?);
-        let (list, absent, blended) = match &mut picture {
+        let Listed { list, absent, blended } = match &mut picture {
             VisibilityBuffer::Words(words) => raster(frame_context, &views, words, hzb, history, &mut stats)?,
             depth => raster(frame_context, &views, depth.bits(), hzb, history, &mut stats)?,
         };
-        let layers = match &picture {
-            VisibilityBuffer::Words(words) if !blended.is_empty() => {
-                Some(peel::run(&blended, &views, screen, words, options.max_layers as usize))
-            }
-            _ => None,
-        };
-        if let Some(layers) = &layers {
-            (stats.layers, stats.layers_left) = (layers.words.len() as u64, layers.left);
-        }
+        let layers = pass::peel(frame_context, &picture, &views, &blended, &mut stats);
         stats.covered_pixels = picture.covered();
         picture.measure(screen, &mut stats);
         let visible: Vec<Visible> = list.iter().map(|c| c.visible).collect();
@@ -624,8 +623,7 @@ fn frame_contexts<'a>(
     views.iter().map(|view| FrameContext::new(scene, view.clone(), resident)).collect()
 }
 
-/// Culls and draws into pixels of one kind or the other; returns the frame's visible list, the groups that were to be drawn and
-/// whose pages are not there, and the clusters that are blended, in scene order.
+/// Culls and draws into pixels of one kind or the other.
 fn raster<P: Pixel>(
     frame_context: &FrameContext<'_>,
     views: &[InstanceView],
@@ -633,14 +631,10 @@ fn raster<P: Pixel>(
     hzb: &mut Hzb,
     history: &mut VisibilityHistory,
     stats: &mut FrameStats,
-) -> Result<(Vec<CandidateCluster>, Vec<CandidateGroup>, Vec<CandidateCluster>)> {
-    let FrameContext { screen, options, .. } = frame_context;
-    let (tau, absent, blended) = (options.pixel_error, Vec::new(), Vec::new());
-    let mut pass =
-        FramePasses { screen: *screen, tau, views, pixels, absent, blended, drawn_rows: None, stats };
-    let list = pass.draw_scene(options.occlusion, hzb, history)?;
-    pass.blended.sort_unstable();
-    Ok((list, pass.absent, pass.blended))
+) -> Result<Listed> {
+    let mut pass = FramePasses::new(frame_context, views, pixels, stats);
+    let list = pass.draw_scene(frame_context.options.occlusion, hzb, history)?;
+    Ok(pass.listed(list))
 }
 
 /// Moves numbers by a part of the way to others: nowhere, exactly, where they are equal.

@@ -88,8 +88,8 @@ impl Instance {
         (self.casts_shadows, self.receives_shadows)
     }
 
-    /// Whether it shows what the CPU alone draws: what is blended, points and lines.
-    fn needs_cpu(&self) -> bool {
+    /// Whether it shows what no device draws: what is blended, points and lines.
+    pub fn needs_cpu(&self) -> bool {
         self.visible && (self.blends() || !self.is_ordinary())
     }
 

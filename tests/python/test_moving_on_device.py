@@ -140,3 +140,75 @@ def test_many_meshes_that_move_upload_what_moved_alone(renderers) -> None:
         moved = device.render(scene, LENS, camera.at(0, 0, 9)).stats.uploaded_mesh_bytes
         assert moved < 8 * 40 * 500
     alike(renderers, scene)
+
+
+def mixed() -> nrs.Scene:
+    """Levels of detail, glass before and behind, points, lines, and two bodies that meet."""
+    rng = np.random.default_rng(3)
+    scene = stage(
+        nrs.TriangleMesh(*sphere(0.0)), nrs.NaniteMesh.from_arrays(*nrs.shapes.torus_knot(faces=20_000))
+    )
+    glass = nrs.Material(base_color=(0.3, 0.6, 0.9, 0.4), alpha_mode="blend", double_sided=True)
+    ball = nrs.TriangleMesh(*sphere(1.0))
+    for k in range(3):
+        scene.add(ball, pose=camera.at(0.5 * k - 0.5, 0.1, 1.0 - 0.9 * k), material=glass)
+    cloud = rng.normal(size=(2_000, 3)) * 0.8
+    scene.add(nrs.Points(cloud, colors=rng.random((2_000, 3)).astype(np.float32), radius=1.5))
+    scene.add(nrs.Lines(cloud[:200], np.arange(200).reshape(-1, 2), width=2.0))
+    # On the same place as another one: what comes first in the scene wins.
+    scene.add(nrs.TriangleMesh(*sphere(0.0)), pose=camera.at(-1.0, 0.0, 0.0))
+    scene.add(nrs.Points(sphere(0.0)[0], radius=0.05, unit="world"), pose=camera.at(1.5, -0.8, 0.0))
+    return scene
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"shadows": True},
+        {"occlusion": False},
+        {"transparent_ids": True},
+        {"samples": 4},
+        {"max_layers": 1},
+    ],
+    ids=lambda options: "-".join(options) or "plain",
+)
+def test_what_the_host_adds(renderers, options: dict) -> None:
+    """Points, lines and glass are drawn over what the device drew, as if one of both had drawn all."""
+    scene = mixed()
+    frame = alike(renderers, scene, **options)
+    assert 0 < frame.stats.layers <= options.get("max_layers", 8)
+    assert frame.stats.uploaded_mesh_bytes > 0
+    host = renderers[1].render(scene, LENS, camera.at(0, 0.3, 5), **options)
+    for name in ("covered_pixels", "layers", "layers_left"):
+        assert getattr(frame.stats, name) == getattr(host.stats, name), name
+    again = alike(renderers, scene, **options)
+    assert again.stats.uploaded_mesh_bytes == 0
+    assert (again.color == frame.color).all()
+
+
+def test_what_the_host_adds_to_depth_alone(renderers) -> None:
+    scene = mixed()
+    views = [
+        nrs.View(LENS, camera.at(0, 0.3, 5), id=k, depth_only=True, outputs=outputs)
+        for k, outputs in enumerate(([], ["depth"]))
+    ]
+    frames = [renderer.render_views(scene, views) for renderer in renderers]
+    for device, host in zip(*frames, strict=True):
+        assert (device.depth == host.depth).all()
+        assert (device.depth > 0).sum() > 1_000
+
+
+def test_what_is_hidden_from_the_device_comes_back(renderers) -> None:
+    scene = mixed()
+    nodes = list(scene.instances)
+    alike(renderers, scene)
+    for node in nodes:
+        node.visible = False
+        frames = [r.render(scene, LENS, camera.at(0, 0.3, 5)) for r in renderers]
+        assert (frames[0].depth == frames[1].depth).all()
+    for node in reversed(nodes):
+        node.visible = True
+        frames = [r.render(scene, LENS, camera.at(0, 0.3, 5)) for r in renderers]
+        assert (frames[0].depth == frames[1].depth).all()
+        assert (frames[0].instance_id == frames[1].instance_id).all()
