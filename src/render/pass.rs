@@ -96,6 +96,7 @@ impl<'a, P: Pixel> FramePasses<'a, P> {
 
     /// Culls and draws instances over what pixels show, which is `old`, in scene order; returns the list of both. With `hzb`
     /// what is hidden is left out.
+    #[cfg(feature = "gpu")]
     pub(super) fn draw_over(
         &mut self,
         old: Vec<CandidateCluster>,
