@@ -38,7 +38,7 @@ from nanite_rs._asset import (
     segments,
     triangles,
 )
-from nanite_rs._rig import REST, Animation, Bend, Rig, Skin, Track, placed
+from nanite_rs._rig import MIRROR, REST, Animation, Bend, Rig, Skin, Track, placed
 from nanite_rs.camera import Camera, OrthographicCamera, PerspectiveCamera
 from nanite_rs.exceptions import ArgumentError, FileError, FormatError, NaniteError
 from nanite_rs.light import DirectionalLight, PointLight, SpotLight
@@ -223,8 +223,13 @@ class _Reader:
             bent = [self._bent(row, number, skin, what) for row, what in primitives]
             mesh = self._add_mesh(bent, primitives, weights)
             if skinned:
-                # Joints alone say where it is.
-                self._asset.placed.append((name, mesh, np.eye(4)))
+                # Joints alone say where it is, but the node which way its faces wind.
+                bends = [part.bend for part in bent if part is not None and part.bend is not None]
+                mirrors = bool(np.linalg.det(pose[:3, :3]) < 0)
+                mirrored = mirrors and all(bend.joints is not None for bend in bends)
+                for bend in bends:
+                    bend.mirrored = mirrored
+                self._asset.placed.append((name, mesh, MIRROR if mirrored else np.eye(4)))
                 self._asset.nodes.append(None)
                 return
         else:

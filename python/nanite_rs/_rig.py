@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["REST", "Animation", "Bend", "Rig", "Skin", "Stance", "Track", "placed"]
+__all__ = ["MIRROR", "REST", "Animation", "Bend", "Rig", "Skin", "Stance", "Track", "placed"]
 
 Interpolation: TypeAlias = Literal["STEP", "LINEAR", "CUBICSPLINE"]
 Path: TypeAlias = Literal["translation", "rotation", "scale", "weights"]
@@ -29,6 +29,9 @@ REST: Final = {
     "scale": (1.0, 1.0, 1.0),
 }
 """What places a node, and the values of one that says nothing."""
+
+MIRROR: Final = np.diag((-1.0, 1.0, 1.0, 1.0))
+"""Where a skin lies whose node mirrors, about the world."""
 
 # Quaternions whose arc is shorter are blended along the chord: the sine of the angle would have no digits left.
 _SHORT_ARC: Final = 1.0 - 1e-6
@@ -147,9 +150,11 @@ class Bend:
     joints: NDArray[np.uint32] | None = None
     """Rows of the skin's joints that act on each vertex, (N, K)."""
     weights: NDArray[np.float32] | None = None
+    mirrored: bool = False
+    """With a skin: it lies in a mirrored world (`MIRROR`), so that mirrored joints do not turn its faces over."""
 
     def at(self, stance: Stance) -> tuple[NDArray[Any], NDArray[np.float32] | None]:
-        """Vertices and normals: with a skin in the world, without one about the node."""
+        """Vertices and normals: with a skin in the world or the mirrored one, without one about the node."""
         vertices, normals = self.vertices, self.normals
         for weight, target in zip(stance.weights.get(self.node, ()), self.targets, strict=False):
             if weight:
@@ -178,7 +183,7 @@ class Bend:
         if self.skin is None:
             return np.empty((0, 4, 4))
         matrices: NDArray[np.float64] = stance.nodes[self.skin.joints] @ self.skin.inverse
-        return matrices
+        return MIRROR @ matrices if self.mirrored else matrices
 
 
 @dataclass

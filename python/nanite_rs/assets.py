@@ -263,6 +263,8 @@ class Making:
     virtual: VirtualName
     options: BuildOptions | None
     progress: Progress
+    rests: dict[tuple[str, int], NaniteMesh] = field(default_factory=dict)
+    """Meshes at rest, by the names of their parts and how many joints they have: nodes share them."""
 
     def mesh(self, part: Part, instances: int, notes: Notes) -> Built:
         """The mesh of a part that so many instances show."""
@@ -279,21 +281,23 @@ class Making:
         if builds and part.bend is None:
             return NaniteMesh.from_arrays(**arrays, options=self.options, progress=self.progress)
         if builds and part.bend is not None and part.bend.follows_joints:
-            return self._skinned(arrays, part.bend)
+            return self._skinned(part.name, arrays, part.bend)
         if carries:
             notes.add("channels and creases, which ordinary meshes have not", part.name)
         return TriangleMesh(**{name: value for name, value in arrays.items() if "channels" not in name})
 
-    def _skinned(self, arrays: dict[str, Any], bend: Bend) -> SkinnedMesh:
+    def _skinned(self, name: str, arrays: dict[str, Any], bend: Bend) -> SkinnedMesh:
         """A mesh with levels of detail that follows joints, as it is bound to them."""
         skin, joints, weights = bend.skin, bend.joints, bend.weights
         if skin is None or joints is None or weights is None:
             raise InternalError("nothing to follow")
-        rows = SkinnedMesh.joint_weights(joints, weights, joint_count=len(skin.joints))
-        arrays = {**arrays, "vertices": bend.vertices, "normals": bend.normals}
-        arrays["channels"] = {**(arrays["channels"] or {}), WEIGHTS: rows}
-        mesh = NaniteMesh.from_arrays(**arrays, options=self.options, progress=self.progress)
-        return SkinnedMesh(mesh, channel=WEIGHTS)
+        key = name, len(skin.joints)
+        if key not in self.rests:
+            rows = SkinnedMesh.joint_weights(joints, weights, joint_count=len(skin.joints))
+            arrays = {**arrays, "vertices": bend.vertices, "normals": bend.normals}
+            arrays["channels"] = {**(arrays["channels"] or {}), WEIGHTS: rows}
+            self.rests[key] = NaniteMesh.from_arrays(**arrays, options=self.options, progress=self.progress)
+        return SkinnedMesh(self.rests[key], channel=WEIGHTS)
 
 
 @dataclass

@@ -205,6 +205,44 @@ def test_virtual_meshes_follow_joints(tmp_path):
         assert Surface(cut.vertices, cut.faces).nearest(np.asarray(wanted, float))[0].max() < 2e-6
 
 
+@pytest.mark.parametrize("virtual", ["always", "never"])
+def test_a_mirrored_skin_shows_its_outside(virtual, tmp_path):
+    pictures = []
+    for own in ({}, {"skin": None}):
+        document = Document()
+        joints, skin, _, _, attributes = rig(document)
+        row = surface(document, NORMAL=unit(TUBE).astype(np.float32), **attributes)
+        body = document.mesh(row, name="body", **dict.fromkeys(own, skin))
+        root = document.row("nodes", children=[joints[0], joints[3], body], scale=[-1.0, 1.0, 1.0])
+        document.row("scenes", nodes=[root])
+        loaded = nrs.load_scene(document.save(tmp_path / "a.glb"), virtual=virtual)
+        assert isinstance(loaded.instances["body"][0].mesh, nrs.SkinnedMesh) == bool(
+            own and virtual == "always"
+        )
+        with nrs.Renderer(96, 96, backend="cpu") as renderer:
+            pictures.append(renderer.render(loaded.scene, CAMERA, POSE, pixel_error=0.0).depth)
+    plain, skinned = pictures
+    assert (plain > 0).sum() > 500
+    assert ((plain > 0) != (skinned > 0)).sum() < 5
+    assert np.abs(plain - skinned)[(plain > 0) & (skinned > 0)].max() < 0.001
+
+
+def test_nodes_share_what_joints_bend(tmp_path):
+    document = Document()
+    joints, skin, _, _, attributes = rig(document)
+    body = document.mesh(surface(document, **attributes), skin=skin, name="body")
+    mesh = document.json["nodes"][body]["mesh"]
+    more = [document.row("nodes", mesh=mesh, skin=skin, name=f"more {k}") for k in range(2)]
+    document.row("scenes", nodes=[joints[0], body, *more])
+    steps = []
+    loaded = nrs.load_scene(
+        document.save(tmp_path / "a.glb"), virtual="always", progress=lambda *own: steps.append(own)
+    )
+    meshes = [own[0].mesh for own in loaded.instances.values()]
+    assert len(meshes) == 3
+    assert all(own.rest is meshes[0].rest for own in meshes)
+
+
 @pytest.mark.parametrize("kind", ["STEP", "LINEAR", "CUBICSPLINE"])
 def test_morph_targets_follow_their_weights(kind, tmp_path):
     document = Document()

@@ -313,9 +313,21 @@ def test_mistakes_are_named() -> None:
         nrs.SkinnedMesh.joint_weights([[0], [5]], [[1.0], [1.0]], joint_count=3)
     with pytest.raises(nrs.ArgumentError, match=r"weights: row 0 has -1\.0"):
         nrs.SkinnedMesh.joint_weights([[0], [1]], [[-1.0], [1.0]])
+    for wrong, message in (("abc", "expected real numbers"), (np.eye(4)[None] * 1j, "expected real numbers")):
+        with pytest.raises(nrs.DtypeError, match=f"matrices: {message}"):
+            posed.pose(wrong)
     labels = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20), channels={"weights": np.arange(12)})
     with pytest.raises(nrs.ArgumentError, match="expected weights as float32"):
         nrs.SkinnedMesh(labels)
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "uint32", "uint64", "int8", "int64"])
+def test_joint_weights_of_any_integers(dtype: str) -> None:
+    rows = nrs.SkinnedMesh.joint_weights(
+        np.array([[0, 3], [2, 2]], dtype), np.array([[1, 3], [1, 1]], np.uint8)
+    )
+    assert (rows == [[0.25, 0, 0, 0.75], [0, 0, 1, 0]]).all()
+    assert nrs.SkinnedMesh.joint_weights(np.empty((0, 4), dtype), np.empty((0, 4))).shape == (0, 0)
 
 
 @pytest.mark.parametrize("scale", [0.0, 1e-20, 1e20])
