@@ -36,7 +36,7 @@ class SkinnedMesh(Geometry, Moving):
     with each pose.
 
     Stated errors are bounds, and the more joints act on a part, the farther they lie above what is measured: 3 to
-    50 times, where joints bend much. So more triangles are drawn and cut than of the mesh at rest. Cuts of a number
+    90 times, where many joints bend. So more triangles are drawn and cut than of the mesh at rest. Cuts of a number
     of faces take whole groups, with ``exact=True``, too: up to a quarter fewer. `rest` is what files and exports
     hold.
 
