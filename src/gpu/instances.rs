@@ -7,7 +7,7 @@ use wgpu::{Buffer, BufferUsages};
 
 use super::context::Context;
 use super::materials::MaterialTable;
-use super::meshes::Meshes;
+use super::meshes::{Meshes, topology};
 use crate::config::Shading;
 use crate::error::{Error, Result};
 use crate::gpu_types::{InstanceMaterial, InstanceTransform};
@@ -106,8 +106,8 @@ impl Instances {
         };
         let known = self.meshes[index].as_ref();
         if known.map(|mesh| mesh.id.number()) != mesh.map(|mesh| mesh.id.number()) {
-            let topology = |mesh: &Arc<Dag>| mesh.topology.as_ref().map(|own| own.number());
-            let same = known.and_then(topology).is_some_and(|own| mesh.and_then(topology) == Some(own));
+            let before = known.and_then(|mesh| topology(mesh));
+            let same = before.is_some() && before == mesh.and_then(|mesh| topology(mesh));
             *(if same { &mut self.reshaped } else { &mut self.rearranged }) = true;
             self.meshes[index] = mesh.cloned();
             self.faces[index] = mesh.map_or(0, |mesh| mesh.source_faces);

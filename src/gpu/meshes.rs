@@ -120,7 +120,7 @@ fn distinct<'a>(meshes: impl Iterator<Item = &'a Arc<Dag>>) -> Vec<&'a Arc<Dag>>
 }
 
 /// What all shapes of a mesh have in common, by number.
-fn topology(mesh: &Dag) -> Option<u64> {
+pub(super) fn topology(mesh: &Dag) -> Option<u64> {
     mesh.topology.as_ref().map(|topology| topology.number())
 }
 
@@ -161,11 +161,7 @@ impl Meshes {
         }
         for mesh in new {
             let (staying, pages) = (staying(mesh, resident), resident.pages(mesh));
-            let mut starts = if mesh.pose.is_some() {
-                self.pages.append(context, staying, |page| mesh.page(page))?
-            } else {
-                self.pages.append(context, staying, |page| pages.page(page))?
-            };
+            let mut starts = self.pages.append(context, staying, |page| mesh.page_of(pages, page))?;
             starts.resize(mesh.pages.table.len(), ABSENT);
             // None of its other pages is there yet.
             let none = || Arc::new(Pages::absent(Arc::clone(&mesh.pages.table), mesh.layout()));
@@ -210,12 +206,12 @@ impl Meshes {
         let data: [(u32, &[u8]); 2] =
             [(first_node, bytemuck::cast_slice(&nodes)), (first_group, bytemuck::cast_slice(&groups))];
         for (k, (first, data)) in data.into_iter().enumerate() {
-            let (what, bytes) = ARRAYS[k];
-            self.write(context, what, k, u64::from(first) * bytes, data)?;
+            self.write(context, k, first.into(), data)?;
         }
         for first in (0..mesh.starts.len()).step_by(PAGES_AT_ONCE) {
             let numbers = first..(first + PAGES_AT_ONCE).min(mesh.starts.len());
-            let pages: Vec<_> = numbers.clone().into_par_iter().map(|page| dag.page(page)).collect();
+            let pages: Vec<_> =
+                numbers.clone().into_par_iter().map(|page| dag.page_of(&dag.pages, page)).collect();
             let parts = numbers.zip(&pages).flat_map(|(page, words)| {
                 let start = u64::from(mesh.starts[page]);
                 let clusters = dag.table()[page].clusters as usize;
@@ -228,10 +224,11 @@ impl Meshes {
         Ok(())
     }
 
-    /// Writes to an array that is none of pages.
-    fn write(&mut self, context: &Context, what: &str, array: usize, at: u64, data: &[u8]) -> Result<()> {
+    /// Writes elements from `first` on to an array that is none of pages.
+    fn write(&mut self, context: &Context, array: usize, first: u64, data: &[u8]) -> Result<()> {
+        let (what, bytes) = ARRAYS[array];
         self.bytes += data.len() as u64;
-        context.write(what, &self.buffers[array], at, data)
+        context.write(what, &self.buffers[array], first * bytes, data)
     }
 
     /// Bytes that were written, ever.
@@ -310,8 +307,7 @@ impl Meshes {
         let data: [&[u8]; 3] =
             [bytemuck::cast_slice(&nodes), bytemuck::cast_slice(&groups), bytemuck::cast_slice(&starts)];
         for k in 0..ARRAYS.len() {
-            let (what, bytes) = ARRAYS[k];
-            self.write(context, what, k, self.used[k] * bytes, data[k])?;
+            self.write(context, k, self.used[k], data[k])?;
         }
         drop((nodes, groups));
         self.used = sum(self.used, sizes(&dag));

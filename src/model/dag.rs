@@ -202,11 +202,11 @@ impl Dag {
         self.pose.as_ref().map_or(&self.pages.table, |pose| &pose.skin.table)
     }
 
-    /// The words of a page as a device holds it. All pages are in memory.
-    pub fn page(&self, number: usize) -> Cow<'_, [u32]> {
+    /// The words of a page as a device holds it, where these are the pages that are in memory.
+    pub fn page_of<'a>(&'a self, pages: &'a Pages, number: usize) -> Cow<'a, [u32]> {
         match &self.pose {
-            Some(pose) => Cow::Owned(pose.page(self, number)),
-            None => Cow::Borrowed(self.pages.page(number)),
+            Some(pose) => Cow::Owned(pose.page(self, pages, number)),
+            None => Cow::Borrowed(pages.page(number)),
         }
     }
 

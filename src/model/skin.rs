@@ -165,13 +165,13 @@ impl Pose {
     }
 
     /// The words of a page, in as many words as [`Skin::table`] says, of the DAG that has this pose.
-    pub fn page(&self, dag: &Dag, number: usize) -> Vec<u32> {
-        let records = dag.pages.records(number);
+    pub fn page(&self, dag: &Dag, pages: &Pages, number: usize) -> Vec<u32> {
+        let records = pages.records(number);
         let mut out = Vec::with_capacity(self.skin.table[number].words as usize);
         out.resize(records.len() * RECORD_WORDS, 0);
         for (slot, record) in records.iter().enumerate() {
             let at = ClusterAddress::new(number, slot);
-            let (sphere, extent) = self.cluster_bounds(&dag.pages, at);
+            let (sphere, extent) = self.cluster_bounds(pages, at);
             let (lod_sphere, error) = dag.own_error(record);
             let moved = ClusterRecord {
                 center: sphere.center,
@@ -185,7 +185,7 @@ impl Pose {
                 ..*record
             };
             out[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[moved]));
-            out.extend_from_slice(self.words(&dag.pages, at));
+            out.extend_from_slice(self.words(pages, at));
         }
         out
     }

@@ -275,7 +275,7 @@ impl<'a, P: Pixel> FramePasses<'a, P> {
 }
 
 /// Triangles of the clusters of a list.
-fn triangles(list: &[CandidateCluster]) -> u64 {
+pub(super) fn triangles(list: &[CandidateCluster]) -> u64 {
     list.iter().map(|c| u64::from(c.triangles)).sum()
 }
 

@@ -584,8 +584,7 @@ impl Renderer {
         stats.covered_pixels = picture.covered();
         picture.measure(screen, &mut stats);
         let visible: Vec<Visible> = list.iter().map(|c| c.visible).collect();
-        let record = |v: &Visible| views[v.instance as usize].pages.record(v.cluster);
-        stats.triangles = visible.iter().map(|v| u64::from(record(v).triangle_count)).sum();
+        stats.triangles = pass::triangles(&list);
         let large = list.iter().map(|c| c.large).collect();
         let needs = streaming::missed(&absent, &views);
         Ok(Rastered {

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use super::pass::{FramePasses, Listed, peel};
+use super::pass::{FramePasses, Listed, peel, triangles};
 use super::renderer::{FrameContext, Rastered};
 use super::stats::FrameStats;
 use super::streaming;
@@ -58,8 +58,7 @@ fn add(
     *layers = peel(frame_context, picture, views, &blended, stats);
     *visible = list.iter().map(|cluster| cluster.visible).collect();
     *large = list.iter().map(|cluster| cluster.large).collect();
-    let record = |at: &Visible| views[at.instance as usize].pages.record(at.cluster);
-    stats.triangles = visible.iter().map(|at| u64::from(record(at).triangle_count)).sum();
+    stats.triangles = triangles(&list);
     stats.covered_pixels = picture.covered();
     Ok(())
 }
