@@ -12,7 +12,7 @@ use super::dag::{BuildCluster, BuildGroup, Graph};
 use super::order;
 use super::store::VertexStore;
 use crate::error::Result;
-use crate::layout::{GroupSize, Paging, by_first_use, hierarchy, paginate, renamed_rows, spatial_order};
+use crate::layout::{GroupSize, Paging, FirstUse, hierarchy, paginate, renamed_rows, spatial_order};
 use crate::limits::CLUSTER_MAX_TRIANGLES;
 use crate::math::{Aabb, Bounds, octahedral};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
@@ -40,8 +40,9 @@ pub fn assemble<S: PageSink>(mut graph: Graph, mut report: BuildReport, sink: S)
     let spatial = spatial_order(graph.groups.iter().map(|g| g.level).zip(boxes.iter().copied()));
     let names_in = |order: &[u32]| {
         let members = order.iter().flat_map(|g| &graph.groups[*g as usize].members);
-        let uses = members.flat_map(|c| &graph.clusters[*c as usize].mesh.vertices);
-        by_first_use(uses.copied(), store.count())
+        let mut names = FirstUse::new(store.count());
+        members.flat_map(|c| &graph.clusters[*c as usize].mesh.vertices).for_each(|v| names.add(*v));
+        names.finish()
     };
     let pack = |names: &[u32]| -> (Vec<Packed>, Paging) {
         let packed: Vec<Packed> = graph.clusters.par_iter().map(|c| Packed::of(store, c, names)).collect();
@@ -125,8 +126,8 @@ pub fn assemble<S: PageSink>(mut graph: Graph, mut report: BuildReport, sink: S)
         own.map(|(cluster, _)| made_from(graph.clusters[*cluster as usize].refined).1)
     };
     let dependencies = dependencies(table.len(), refined);
-    Outline { mesh, dependencies }
-        .fill(sink, |_, page| write_page(&graph, of_page(&table[page]), &packed, &names, made_from))
+    let page = |page: usize| write_page(&graph, of_page(&table[page]), &packed, &names, made_from);
+    Outline { mesh, dependencies }.fill(sink, |_, pages| Ok(pages.into_par_iter().map(page).collect()))
 }
 
 /// How pages hold a cluster.

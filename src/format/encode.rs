@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::model::cluster::RECORD_WORDS;
 use crate::model::{
     AttributeLayout, BuildReport, ChannelInfo, ClusterGeometry, ClusterRecord, CoordinateFrame, Dag, Grid,
-    Outline, PageEntry, PageSink, PageWords,
+    Outline, PageEntry, PageSink, PageWords, UNINTERRUPTED,
 };
 
 /// The metadata section.
@@ -48,7 +48,7 @@ pub struct Metadata {
 /// Serializes a mesh as it is. The same mesh gives the same bytes.
 pub fn to_bytes(dag: &Dag) -> Result<Vec<u8>> {
     let sink = FileSink::new(Cursor::new(Vec::new()), Path::new("<bytes>"));
-    Ok(Rounded::new(dag, Precision::Exact)?.store(sink)?.into_inner())
+    Ok(Rounded::new(dag, Precision::Exact, UNINTERRUPTED)?.store(sink)?.into_inner())
 }
 
 /// Writes a file: pages as they come, coded in parallel, then what comes before them.

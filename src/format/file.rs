@@ -9,7 +9,7 @@ use super::encode::FileSink;
 use super::page::PartBytes;
 use super::quantize::{Precision, Rounded};
 use crate::error::{Error, Result};
-use crate::model::Dag;
+use crate::model::{Dag, InterruptCheck};
 
 /// First bytes of a file. The high bit and the line ends catch transfers that are not binary-safe.
 pub const MAGIC: [u8; 8] = *b"\x89NANITE\n";
@@ -117,8 +117,8 @@ fn target(path: &Path) -> std::io::Result<PathBuf> {
 /// Writes a mesh: to a temporary file beside the target, synced, then renamed over it. Whatever happens, the
 /// target is the old file or the new one, whole. It keeps the mode of the old one; a symbolic link goes on being one,
 /// and what it leads to is replaced. Returns how many triangles of the source have no area on the grid.
-pub fn save(dag: &Dag, path: &Path, precision: Precision) -> Result<u64> {
-    let rounded = Rounded::new(dag, precision)?;
+pub fn save(dag: &Dag, path: &Path, precision: Precision, proceed: InterruptCheck<'_>) -> Result<u64> {
+    let rounded = Rounded::new(dag, precision, proceed)?;
     let target = target(path).map_err(io(path))?;
     let old = match std::fs::metadata(&target) {
         Ok(old) if old.is_file() || old.is_dir() => Some(old.permissions()),

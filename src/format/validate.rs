@@ -28,22 +28,30 @@ fn ensure(holds: bool, section: Kind, message: impl FnOnce() -> String) -> Resul
 
 /// Checks everything, of a mesh that is all in memory; the fault names its section.
 pub fn structure(dag: &Dag) -> Result<(), Fault> {
+    all_but_pages(dag)?;
+    (0..dag.pages.table.len()).into_par_iter().try_for_each(|p| page(dag, p, dag.pages.page(p)))
+}
+
+/// Checks all but the words of pages; those of channels are in memory.
+pub fn all_but_pages(dag: &Dag) -> Result<(), Fault> {
     head(dag)?;
     dag.channels.iter().try_for_each(|Channel { info, words }| {
         let fault = |what| (Kind::Channels, format!("channel {:?}: {what}", info.name));
         values(info.dtype, words.held()).map_err(fault)
+    })
+}
+
+/// Checks the words of a page.
+pub fn page(dag: &Dag, page: usize, words: &[u32]) -> Result<(), Fault> {
+    let entry = &dag.pages.table[page];
+    ensure(words.len() == entry.words as usize, Kind::PageTable, || {
+        format!("page {page} has {} words", words.len())
     })?;
     let step = dag.grid.map_or(0.0, Grid::step);
     let limits =
         PageLimits { layout: dag.layout(), groups: &dag.groups, vertex_count: dag.vertex_count, step };
-    dag.pages.table.par_iter().enumerate().try_for_each(|(p, entry)| {
-        let words = dag.pages.page(p);
-        ensure(words.len() == entry.words as usize, Kind::PageTable, || {
-            format!("page {p} has {} words", words.len())
-        })?;
-        let checked = limits.check(entry.clusters, entry.faces, words);
-        checked.map(drop).map_err(|what| (Kind::Pages, format!("page {p}: {what}")))
-    })
+    let checked = limits.check(entry.clusters, entry.faces, words);
+    checked.map(drop).map_err(|what| (Kind::Pages, format!("page {page}: {what}")))
 }
 
 /// Checks the words of a channel.

@@ -7,6 +7,6 @@ mod order;
 mod pages;
 
 pub use hierarchy::hierarchy;
-pub use names::{by_first_use, renamed_rows};
+pub use names::{FirstUse, renamed_rows};
 pub use order::spatial_order;
 pub use pages::{GroupSize, Paging, paginate};

@@ -3,18 +3,33 @@
 /// Not seen yet.
 const UNSEEN: u32 = u32::MAX;
 
-/// New numbers for vertices, in the order of their first use, and how many are in use.
-pub fn by_first_use(uses: impl Iterator<Item = u32>, vertices: usize) -> (Vec<u32>, u32) {
-    let mut names = vec![UNSEEN; vertices];
-    let mut count = 0;
-    for v in uses {
-        let name = &mut names[v as usize];
+/// New numbers for vertices, in the order of their first use.
+#[derive(Debug)]
+pub struct FirstUse {
+    names: Vec<u32>,
+    count: u32,
+}
+
+impl FirstUse {
+    /// Of so many vertices, none of which is used yet.
+    pub fn new(vertices: usize) -> Self {
+        Self { names: vec![UNSEEN; vertices], count: 0 }
+    }
+
+    /// Uses a vertex.
+    #[inline]
+    pub fn add(&mut self, v: u32) {
+        let name = &mut self.names[v as usize];
         if *name == UNSEEN {
-            *name = count;
-            count += 1;
+            *name = self.count;
+            self.count += 1;
         }
     }
-    (names, count)
+
+    /// The numbers, and how many vertices are in use.
+    pub fn finish(self) -> (Vec<u32>, u32) {
+        (self.names, self.count)
+    }
 }
 
 /// Rows of `width` words of those vertices that are in use, by their new numbers.

@@ -19,6 +19,7 @@ pub mod rule;
 pub mod sink;
 pub mod skin;
 pub mod source;
+pub mod window;
 pub mod words;
 pub mod workers;
 
@@ -38,5 +39,6 @@ pub use retry::{Clock, Retry};
 pub use sink::{MemorySink, Outline, PageSink, dependencies};
 pub use skin::{Pose, Skin};
 pub use source::{Answer, PageRequest, PageSource};
+pub use window::{WINDOW_PAGES, Window};
 pub use words::Words;
 pub use workers::Workers;

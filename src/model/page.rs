@@ -157,7 +157,12 @@ impl Pages {
     /// The records of a page, by slot.
     #[inline]
     pub fn records(&self, page: usize) -> &[ClusterRecord] {
-        let words = self.page(page);
+        self.records_of(page, self.page(page))
+    }
+
+    /// The records among the words of a page.
+    #[inline]
+    pub fn records_of<'w>(&self, page: usize, words: &'w [u32]) -> &'w [ClusterRecord] {
         bytemuck::cast_slice(&words[..self.table[page].clusters as usize * RECORD_WORDS])
     }
 
@@ -169,10 +174,14 @@ impl Pages {
 
     /// The streams of one cluster.
     pub fn geometry(&self, at: ClusterAddress) -> ClusterGeometry<'_> {
-        let record = self.record(at);
+        self.geometry_of(at, self.page(at.page()))
+    }
+
+    /// The same from the words of its page.
+    pub fn geometry_of<'w>(&self, at: ClusterAddress, words: &'w [u32]) -> ClusterGeometry<'w> {
+        let record = &self.records_of(at.page(), words)[at.slot()];
         let (vertices, triangles) = (usize::from(record.vertex_count), usize::from(record.triangle_count));
-        let words = &self.page(at.page())[record.data as usize..];
-        ClusterGeometry::new(words, self.layout, vertices, triangles)
+        ClusterGeometry::new(&words[record.data as usize..], self.layout, vertices, triangles)
     }
 
     /// A dense number for a cluster, `0..cluster_count()`, in page order.

@@ -1,15 +1,12 @@
 //! Page sinks: where the pages of a mesh go that is built or rounded. Memory is one, a file another.
 
+use std::ops::Range;
 use std::sync::Arc;
-
-use rayon::prelude::*;
 
 use super::dag::Dag;
 use super::page::{PageWords, Pages};
+use super::window::WINDOW_PAGES;
 use crate::error::Result;
-
-/// Pages that are made before a sink takes them: work for many threads, of 32 MiB at most.
-const BATCH: usize = 256;
 
 /// A mesh but for the words of its pages.
 #[derive(Clone, Debug)]
@@ -21,17 +18,16 @@ pub struct Outline {
 }
 
 impl Outline {
-    /// Makes the pages and hands them to a sink, batch by batch: whoever makes them holds no more than that.
+    /// Has pages made and hands them to a sink, batch by batch: whoever makes them holds no more than that.
     pub fn fill<S: PageSink>(
         self,
         mut sink: S,
-        page: impl Fn(&Dag, usize) -> PageWords + Sync,
+        pages: impl Fn(&Dag, Range<usize>) -> Result<Vec<PageWords>>,
     ) -> Result<S::Output> {
         let count = self.mesh.pages.table.len();
         sink.begin(&self)?;
-        for start in (0..count).step_by(BATCH) {
-            let batch = (start..count.min(start + BATCH)).into_par_iter();
-            let words = batch.map(|p| page(&self.mesh, p)).collect();
+        for start in (0..count).step_by(WINDOW_PAGES) {
+            let words = pages(&self.mesh, start..count.min(start + WINDOW_PAGES))?;
             sink.pages(&self, words)?;
         }
         sink.finish(self)

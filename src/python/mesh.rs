@@ -231,10 +231,7 @@ impl Mesh {
                 return Err(argument_error(py, "precision", message));
             }
         };
-        interruptible(py, |proceed| {
-            self.dag.load_all(proceed)?;
-            format::save(&self.dag, &path, precision)
-        })
+        interruptible(py, |proceed| format::save(&self.dag, &path, precision, proceed))
     }
 
     /// The bytes of a `.nanite` file.

@@ -346,7 +346,24 @@ fn a_sink_sees_what_the_mesh_has() {
     let built = build_into(&source, &options, &Silent, file).unwrap().into_inner();
     assert!(built == to_bytes(&mesh).unwrap() && from_bytes(&built, "built").unwrap() == mesh);
     for precision in [Precision::Auto, Precision::Exact] {
-        let seen = Rounded::new(&mesh, precision).unwrap().store(Count::default()).unwrap();
+        let seen = Rounded::new(&mesh, precision, UNINTERRUPTED).unwrap().store(Count::default()).unwrap();
         assert!(seen.census == census(&quantize(&mesh, precision).unwrap()));
+    }
+}
+
+#[test]
+fn a_stored_mesh_is_rounded_without_keeping_its_pages() {
+    for mesh in [dag(&bumpy_sphere(90)), Arc::new(rich_mesh(30))] {
+        let (opened, _) = stored(&mesh, Weather::default());
+        for precision in [Precision::Auto, Precision::Exact, Precision::Step(1.0e-3)] {
+            let stored = |mesh: &Dag| {
+                let file = FileSink::new(Cursor::new(Vec::new()), Path::new("stored"));
+                Rounded::new(mesh, precision, UNINTERRUPTED).unwrap().store(file).unwrap().into_inner()
+            };
+            assert!(stored(&opened) == stored(&mesh), "{precision:?}");
+            assert_eq!(opened.pages.words_held(), 0);
+        }
+        let stopped = Rounded::new(&opened, Precision::Auto, &|| false);
+        assert!(matches!(stopped.map(|_| ()), Err(Error::Cancelled)));
     }
 }
