@@ -8,6 +8,7 @@ pub mod config;
 pub mod cpu;
 pub mod decimate;
 pub mod error;
+pub mod external;
 pub mod finish;
 pub mod format;
 #[cfg(all(feature = "gpu", not(feature = "internals")))]

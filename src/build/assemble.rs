@@ -126,21 +126,34 @@ pub fn assemble<S: PageSink>(mut graph: Graph, mut report: BuildReport, sink: S)
         own.map(|(cluster, _)| made_from(graph.clusters[*cluster as usize].refined).1)
     };
     let dependencies = dependencies(table.len(), refined);
-    let page = |page: usize| write_page(&graph, of_page(&table[page]), &packed, &names, made_from);
+    let page = |page: usize| {
+        write_page(of_page(&table[page]).iter().map(|(number, group)| {
+            let (cluster, packed) = (&graph.clusters[*number as usize], &packed[*number as usize]);
+            let made_from = made_from(cluster.refined);
+            Member { cluster, store: &graph.store, names: &names, packed, group: *group, made_from }
+        }))
+    };
     Outline { mesh, dependencies }.fill(sink, |_, pages| Ok(pages.into_par_iter().map(page).collect()))
 }
 
 /// How pages hold a cluster.
-struct Packed {
+#[derive(Clone, Copy, Debug)]
+pub struct Packed {
     packing: Packing,
     streams: Streams,
 }
 
 impl Packed {
-    fn of(store: &VertexStore, cluster: &BuildCluster, names: &[u32]) -> Self {
+    /// The cluster of a store; `names` maps its vertices to identities.
+    pub fn of(store: &VertexStore, cluster: &BuildCluster, names: &[u32]) -> Self {
         let packing = Packing::of(&rows(store, cluster, names), 0.0);
         let (vertices, triangles) = (cluster.mesh.vertices.len(), cluster.mesh.triangles.len());
         Self { packing, streams: store.layout.streams(vertices, triangles, packing.widths) }
+    }
+
+    /// Words of its record and its streams.
+    pub fn words(&self) -> usize {
+        RECORD_WORDS + self.streams.end
     }
 }
 
@@ -151,7 +164,7 @@ fn rows(store: &VertexStore, cluster: &BuildCluster, names: &[u32]) -> Vec<Verte
 }
 
 fn size(group: &BuildGroup, graph: &Graph, packed: &[Packed]) -> GroupSize {
-    let words = group.members.iter().map(|c| RECORD_WORDS + packed[*c as usize].streams.end);
+    let words = group.members.iter().map(|c| packed[*c as usize].words());
     let source = group.members.iter().map(|c| &graph.clusters[*c as usize]).filter(|c| c.level == 0);
     GroupSize {
         level: group.level,
@@ -162,27 +175,34 @@ fn size(group: &BuildGroup, graph: &Graph, packed: &[Packed]) -> GroupSize {
     }
 }
 
-/// The words of a page of these clusters, each with its group. `names` maps vertices to identities, `made_from` groups of
-/// the graph to their final numbers and pages.
-fn write_page(
-    graph: &Graph,
-    members: &[(u32, u32)],
-    packed: &[Packed],
-    names: &[u32],
-    made_from: impl Fn(u32) -> (u32, u32),
-) -> PageWords {
+/// A cluster that a page is to hold.
+#[derive(Clone, Copy, Debug)]
+pub struct Member<'a> {
+    /// It.
+    pub cluster: &'a BuildCluster,
+    /// Its vertices.
+    pub store: &'a VertexStore,
+    /// The identity of each of those.
+    pub names: &'a [u32],
+    /// How the page holds it.
+    pub packed: &'a Packed,
+    /// Final number of its group.
+    pub group: u32,
+    /// Final number, and page, of the group that it was made from.
+    pub made_from: (u32, u32),
+}
+
+/// The words of a page of these clusters.
+pub fn write_page<'a>(members: impl ExactSizeIterator<Item = Member<'a>>) -> PageWords {
     let mut page = vec![0u32; members.len() * RECORD_WORDS];
-    for (slot, (number, group)) in members.iter().enumerate() {
-        let (cluster, packed) = (&graph.clusters[*number as usize], &packed[*number as usize]);
+    for (slot, member) in members.enumerate() {
+        let Member { cluster, store, names, packed, group, made_from: (refined, refined_page) } = member;
         let at = page.len();
-        let (refined, refined_page) = made_from(cluster.refined);
-        let record =
-            ClusterRecord { refined_page, ..record(&graph.store, cluster, *group, refined, at as u32) };
+        let record = ClusterRecord { refined_page, ..record(store, cluster, group, refined, at as u32) };
         page[slot * RECORD_WORDS..][..RECORD_WORDS].copy_from_slice(bytemuck::cast_slice(&[record]));
         page.resize(at + packed.streams.end, 0);
-        packed.packing.write(&rows(&graph.store, cluster, names), &mut page[at..]);
-        let row = |v| graph.store.row(v);
-        write_streams(&cluster.mesh, graph.store.layout, packed.streams, row, &mut page[at..]);
+        packed.packing.write(&rows(store, cluster, names), &mut page[at..]);
+        write_streams(&cluster.mesh, store.layout, packed.streams, |v| store.row(v), &mut page[at..]);
     }
     page.into()
 }
@@ -239,7 +259,7 @@ pub(super) fn write_streams<'a>(
 
 /// The caller's face row of every level-0 triangle, in page order. A clusterizer may turn a triangle's corners,
 /// never its orientation; and no two faces have the same corners in the same order.
-fn face_ids<'a>(
+pub fn face_ids<'a>(
     clusters: impl Iterator<Item = &'a BuildCluster>,
     faces: &[[u32; 3]],
     rows: &[u32],

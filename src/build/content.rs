@@ -53,7 +53,13 @@ impl Content {
     pub fn new(mesh: &WeldedMesh, computed_normals: bool, options: &BuildOptions) -> Self {
         let content = Self::of(mesh.layout, &mesh.channels.infos, computed_normals, &weights(options));
         debug_assert_eq!(content.stride(), mesh.stride);
-        Self { up: up(&mesh.positions, &mesh.faces), ..content }
+        content.over(&mesh.positions, &mesh.faces)
+    }
+
+    /// The same over other faces.
+    #[must_use]
+    pub fn over(self, positions: &[[f32; 3]], faces: &[[u32; 3]]) -> Self {
+        Self { up: up(positions, faces), ..self }
     }
 
     /// The same from what a finished mesh says of itself.

@@ -8,6 +8,7 @@
 use std::sync::Arc;
 
 use rayon::prelude::*;
+use rustc_hash::FxHashSet;
 
 use super::attribute_error::step_deviation;
 use super::clusterize::{self, ClusterMesh};
@@ -121,6 +122,84 @@ pub struct Graph {
     pub source_vertices: usize,
 }
 
+/// What levels grow from: a mesh, or a part of one.
+#[derive(Debug)]
+pub struct Start {
+    /// What it carries.
+    pub content: Content,
+    /// Its vertices.
+    pub store: VertexStore,
+    /// Its clusters.
+    pub clusters: Vec<BuildCluster>,
+    /// All of them are of the source.
+    pub is_source: bool,
+    /// The first level that is made.
+    pub level: u32,
+    /// Where it is a part: what is asked of it.
+    pub part: Option<Part>,
+    /// The silhouette of the source, where area is preserved.
+    pub silhouette: Option<Silhouette>,
+    /// Faces of the whole source after mending.
+    pub source_faces: usize,
+}
+
+/// What is asked of a part of a mesh: others have what is beyond its border, and go on with what is left of it.
+#[derive(Clone, Debug, Default)]
+pub struct Part {
+    /// Positions, as bits, that others share: they stay.
+    pub fixed: FxHashSet<[u32; 3]>,
+    /// Levels grow while there are more triangles.
+    pub enough: u64,
+    /// Triangles of the whole mesh for each of its own.
+    pub share: f64,
+    /// A level made next to nothing of the one before.
+    pub stalled: bool,
+}
+
+/// What has grown.
+#[derive(Debug)]
+pub struct Grown {
+    /// All vertices.
+    pub store: VertexStore,
+    /// All clusters: those of the start, and those that were made.
+    pub clusters: Vec<BuildCluster>,
+    /// All groups. A group of the start's clusters has [`LOCAL_GROUP`] in its number where clusters name it.
+    pub groups: Vec<BuildGroup>,
+    /// Clusters of a part that are in no group: others go on with them.
+    pub pending: Vec<u32>,
+}
+
+/// Grows the levels over a start.
+pub fn grow_from(
+    start: Start,
+    options: &BuildOptions,
+    meter: &Meter<'_>,
+    report: &mut BuildReport,
+) -> Result<Grown> {
+    let Start { content, mut store, clusters, is_source, level, part, silhouette, source_faces } = start;
+    let enough = (source_faces as u64 / ROOT_PART).clamp(FEWEST_TRIANGLES, ROOT_TRIANGLES);
+    let mut growth = Growth {
+        content,
+        clusters,
+        groups: Vec::new(),
+        reference: None,
+        is_source,
+        silhouette,
+        source_faces,
+        enough,
+        part,
+        tries: Tries::Cost,
+    };
+    let mut pending: Vec<u32> = (0..growth.clusters.len() as u32).collect();
+    for level in level.. {
+        if pending.is_empty() || growth.has_ended(&pending) {
+            break;
+        }
+        pending = growth.simplify_level(&mut store, pending, level, options, meter, report)?;
+    }
+    Ok(Grown { store, clusters: growth.clusters, groups: growth.groups, pending })
+}
+
 /// Grows the whole DAG of a welded mesh.
 pub fn grow(
     mut mesh: WeldedMesh,
@@ -136,7 +215,7 @@ pub fn grow(
     }
     // Before the store takes the positions.
     let mut content = Content::new(&mesh, report.computed_normals, options);
-    let mut store = VertexStore::new(&mut mesh);
+    let store = VertexStore::new(&mut mesh);
     let source_vertices = store.count();
     let clusters = source_clusters(&store, &mesh, options);
     if content.label_weight > 0.0 {
@@ -148,43 +227,18 @@ pub fn grow(
     if !meter.advance(source_faces) {
         return Err(Error::Cancelled);
     }
-    let enough = (source_faces as u64 / ROOT_PART).clamp(FEWEST_TRIANGLES, ROOT_TRIANGLES);
     let seen = || Silhouette::of(bounds, &store.positions, faces.as_flattened());
     let silhouette = options.preserve_area.then(seen);
     // Memory that no option asks for is freed before the levels grow.
     let face_rows = options.face_ids.then_some((faces, face_rows));
-    let mut graph = Growth {
-        content,
-        clusters,
-        groups: Vec::new(),
-        reference: None,
-        silhouette,
-        source_faces,
-        enough,
-        tries: Tries::Cost,
-    };
-    let mut pending: Vec<u32> = (0..graph.clusters.len() as u32).collect();
-    for level in 0.. {
-        pending = graph.simplify_level(&mut store, pending, level, options, &meter, report)?;
-        if pending.is_empty() {
-            break;
-        }
-    }
+    let start =
+        Start { content, store, clusters, is_source: true, level: 0, part: None, silhouette, source_faces };
+    let Grown { store, clusters, groups, .. } = grow_from(start, options, &meter, report)?;
     for level in &mut report.levels {
         level.max_error *= frame.scale;
         level.max_attribute_error *= frame.scale;
     }
-    Ok(Graph {
-        frame,
-        bounds,
-        store,
-        channels,
-        clusters: graph.clusters,
-        groups: graph.groups,
-        source_faces,
-        source_vertices,
-        face_rows,
-    })
+    Ok(Graph { frame, bounds, store, channels, clusters, groups, source_faces, source_vertices, face_rows })
 }
 
 fn source_clusters(store: &VertexStore, mesh: &WeldedMesh, options: &BuildOptions) -> Vec<BuildCluster> {
@@ -214,12 +268,13 @@ struct Growth {
     clusters: Vec<BuildCluster>,
     groups: Vec<BuildGroup>,
     reference: Option<Reference>,
-    /// The silhouette of the source, where area is preserved.
+    /// What it starts from is the source.
+    is_source: bool,
     silhouette: Option<Silhouette>,
-    /// Faces of the source after mending.
     source_faces: usize,
     /// A root of at most so many triangles is not simplified further.
     enough: u64,
+    part: Option<Part>,
     /// What the next level tries.
     tries: Tries,
 }
@@ -255,7 +310,19 @@ pub const RELAX_REACH: f64 = 4.0;
 /// Levels of less than this part of the source need no more memory than those before.
 const SMALL_LEVEL_PART: u64 = 40;
 
+/// A part has ended where a level leaves more than this part of its triangles: borders are what is left.
+const STALLED: f64 = 0.85;
+
 impl Growth {
+    fn triangles(&self, clusters: &[u32]) -> u64 {
+        clusters.iter().map(|c| self.clusters[*c as usize].mesh.triangles.len() as u64).sum()
+    }
+
+    /// Whether others go on with these clusters of a part.
+    fn has_ended(&self, pending: &[u32]) -> bool {
+        self.part.as_ref().is_some_and(|part| part.stalled || self.triangles(pending) <= part.enough)
+    }
+
     /// Groups and simplifies the clusters of a level; returns those of the next level.
     fn simplify_level(
         &mut self,
@@ -274,9 +341,9 @@ impl Growth {
         };
         let positions = Arc::new(LevelPositions::new(store, &meshes));
         let groups = partition(store.layout, &meshes, &positions, options);
-        let single = pending.len() == 1;
+        let single = pending.len() == 1 && self.part.is_none();
         let last = options.levels == Levels::One || level + 1 == MAX_LEVELS;
-        if single && counts.triangles <= self.enough || last {
+        if self.part.is_none() && (single && counts.triangles <= self.enough || last) {
             counts.groups = groups.len() as u32;
             for group in &groups {
                 let members: Vec<u32> = group.iter().map(|c| pending[*c as usize]).collect();
@@ -285,8 +352,14 @@ impl Growth {
             report.levels.push(counts);
             return Ok(Vec::new());
         }
-        let shared = shared_positions(&positions, &groups);
-        let ratio = ratio(counts.triangles, options);
+        let mut shared = shared_positions(&positions, &groups);
+        if let Some(part) = &self.part {
+            let is_fixed = |p: &[f32; 3]| part.fixed.contains(&p.map(f32::to_bits));
+            let places = shared.par_iter_mut().zip(&positions.positions);
+            places.for_each(|(shared, p)| *shared |= is_fixed(p));
+        }
+        let share = self.part.as_ref().map_or(1.0, |part| part.share);
+        let ratio = ratio((counts.triangles as f64 * share) as u64, options);
         let cost = self.cost(store, &meshes, &positions, &groups, &shared, ratio, options);
         let effort = Effort { cost, fallbacks: self.tries == Tries::Everything || single };
         let part = if cost.is_finite() { LEAST_PART } else { ratio };
@@ -299,14 +372,16 @@ impl Growth {
                 self.start_reference(&positions, &pending);
             }
             let pieces = pending.iter().map(|c| &self.clusters[*c as usize].pieces);
-            self.reference.iter_mut().for_each(|r| r.begin(counts.triangles as f32 * ratio, pieces.clone()));
+            let target = counts.triangles as f32 * ratio;
+            let ends = self.part.as_ref().is_some_and(|part| target <= part.enough as f32);
+            self.reference.iter_mut().for_each(|r| r.begin(target, ends, pieces.clone()));
         }
         // A group frees the pieces of its members, and returns them where it is stuck.
         let mut take = |c: &u32| std::mem::take(&mut self.clusters[pending[*c as usize] as usize].pieces);
         let pieces: Vec<Vec<Pieces>> = groups.iter().map(|g| g.iter().map(&mut take).collect()).collect();
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
         // A single group is the whole mesh. It is compared with the source, so that no differences add up.
-        let silhouette = self.silhouette.filter(|_| groups.len() == 1);
+        let silhouette = self.silhouette.filter(|_| groups.len() == 1 && self.part.is_none());
         let outcomes: Vec<_> = groups
             .par_iter()
             .zip(pieces)
@@ -356,7 +431,7 @@ impl Growth {
             _ => Tries::Everything,
         };
         for (members, reason) in stuck {
-            if progress_made || !last {
+            if progress_made || !last || self.part.is_some() {
                 // The next level has other groups: the locked border that was in the way may lie elsewhere.
                 next.extend(members);
             } else {
@@ -365,6 +440,10 @@ impl Growth {
                 }
                 self.terminal(store.layout, &members, level);
             }
+        }
+        let (left, before) = (self.triangles(&next) as f64, counts.triangles as f64);
+        if let Some(part) = &mut self.part {
+            part.stalled = left > STALLED * before && self.tries != Tries::Collapses;
         }
         report.levels.push(counts);
         Ok(next)
@@ -412,8 +491,8 @@ impl Growth {
 
     /// Makes the surface of the pending clusters the reference.
     fn start_reference(&mut self, positions: &Arc<LevelPositions>, pending: &[u32]) {
-        let reference =
-            Reference::new(self.reference.as_ref(), Arc::clone(positions), pending, &self.clusters);
+        let is_source = self.is_source && self.reference.is_none();
+        let reference = Reference::new(is_source, Arc::clone(positions), pending, &self.clusters);
         let pieces: Vec<Pieces> = reference.pieces(&self.clusters).collect();
         pending.iter().zip(pieces).for_each(|(c, pieces)| self.clusters[*c as usize].pieces = pieces);
         self.reference = Some(reference);
@@ -477,7 +556,7 @@ impl Growth {
                 }
             }
             next.push(self.clusters.len() as u32);
-            let refined = self.groups.len() as u32;
+            let refined = LOCAL_GROUP * u32::from(self.part.is_some() || !self.is_source) + self.groups.len() as u32;
             let pieces = pieces.next().unwrap_or_default();
             self.clusters.push(BuildCluster {
                 mesh,
@@ -510,6 +589,9 @@ impl Growth {
 fn parent_error(below: f32, measured: f32) -> f32 {
     measured.max((below * ERROR_STEP).next_up()).max(ERROR_FLOOR)
 }
+
+/// In the names that clusters of a part have for the groups that made them: a group of that part.
+pub const LOCAL_GROUP: u32 = 1 << 31;
 
 /// Vertices of a split at and above this are new: their number is the rest.
 const NEW_VERTEX: u32 = 1 << 31;

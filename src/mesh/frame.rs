@@ -17,8 +17,8 @@ pub const LARGEST_EXPONENT: i32 = 1000;
 /// there f32 has 14 bits or more for the size, which is a sixteenth of a pixel of a picture of a thousand.
 const FAR: f64 = 512.0;
 
-/// Internal positions and their frame.
-pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, CoordinateFrame) {
+/// The frame of positions, all of them finite; but for its rounding.
+pub fn of(positions: Positions<'_>) -> CoordinateFrame {
     let count = positions.len();
     let exact = match positions {
         Positions::F32(_) => true,
@@ -39,24 +39,33 @@ pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, CoordinateFrame)
     });
     let largest =
         (0..3).map(|k| (low[k] - origin[k]).abs().max((high[k] - origin[k]).abs())).fold(0.0, f64::max);
-    let scale = power_of_two_above(largest);
-    let internal: Vec<[f32; 3]> = (0..count)
+    CoordinateFrame { origin, scale: power_of_two_above(largest), rounding: 0.0 }
+}
+
+/// A position in a frame.
+pub fn internal(frame: &CoordinateFrame, p: [f64; 3]) -> [f32; 3] {
+    // Adding zero turns −0 into +0, so that equal positions have equal bits.
+    std::array::from_fn(|k| ((p[k] - frame.origin[k]) / frame.scale) as f32 + 0.0)
+}
+
+/// The frame with the largest distance by which it moves a position.
+pub fn with_rounding(frame: CoordinateFrame, positions: Positions<'_>) -> CoordinateFrame {
+    let rounding = (0..positions.len())
         .into_par_iter()
         .map(|i| {
             let p = positions.get(i);
-            // Adding zero turns −0 into +0, so that equal positions have equal bits.
-            std::array::from_fn(|k| ((p[k] - origin[k]) / scale) as f32 + 0.0)
-        })
-        .collect();
-    let frame = CoordinateFrame { origin, scale, rounding: 0.0 };
-    let rounding = (0..count)
-        .into_par_iter()
-        .map(|i| {
-            let (p, q) = (positions.get(i), frame.to_object(internal[i]));
-            (0..3).map(|k| ((p[k] - q[k]) / scale).powi(2)).sum::<f64>().sqrt() * scale
+            let q = frame.to_object(internal(&frame, p));
+            (0..3).map(|k| ((p[k] - q[k]) / frame.scale).powi(2)).sum::<f64>().sqrt() * frame.scale
         })
         .reduce(|| 0.0, f64::max);
-    (internal, CoordinateFrame { rounding: rounding * (1.0 + 1.0e-15), ..frame })
+    CoordinateFrame { rounding: rounding * (1.0 + 1.0e-15), ..frame }
+}
+
+/// Internal positions and their frame.
+pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, CoordinateFrame) {
+    let frame = with_rounding(of(positions), positions);
+    let inside = (0..positions.len()).into_par_iter().map(|i| internal(&frame, positions.get(i))).collect();
+    (inside, frame)
 }
 
 /// The smallest power of two not below a positive number; 1 for zero. Stays within the normal range of f64.

@@ -17,4 +17,4 @@ pub mod weld;
 pub use channels::Channels;
 pub use source::{Colors, Positions, SourceChannel, SourceMesh};
 pub use stars::Stars;
-pub use weld::{WeldedMesh, weld};
+pub use weld::{WeldedMesh, weld, weld_in};

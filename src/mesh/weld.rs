@@ -46,7 +46,18 @@ pub fn weld(source: &SourceMesh<'_>, crease: Option<f32>, report: &mut BuildRepo
     validate::validate(source)?;
     report.input_faces = source.faces.len() as u64;
     report.input_vertices = source.positions.len() as u64;
-    let (mut positions, frame) = frame::to_internal(source.positions);
+    let (positions, frame) = frame::to_internal(source.positions);
+    weld_in(source, positions, frame, crease, report)
+}
+
+/// The same of a valid source, or a part of one, whose positions are in a frame.
+pub fn weld_in(
+    source: &SourceMesh<'_>,
+    mut positions: Vec<[f32; 3]>,
+    frame: CoordinateFrame,
+    crease: Option<f32>,
+    report: &mut BuildReport,
+) -> Result<WeldedMesh> {
     let layout = attributes::layout(source);
     let stride = attributes::stride(layout);
     let mut rows = attributes::gather(source);

@@ -218,7 +218,7 @@ fn files_cut_short_after_opening() {
     let dag = rich_mesh(8);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.nanite");
-    save(&dag, &path, Precision::Exact).unwrap();
+    save(&dag, &path, Precision::Exact, UNINTERRUPTED).unwrap();
     let bytes = std::fs::read(&path).unwrap();
     let stored = open(&path).unwrap();
     let end = places(&bytes)[2].start as u64 + 8;
@@ -229,6 +229,6 @@ fn files_cut_short_after_opening() {
     assert_eq!(stored.channels[1].words.load().unwrap(), dag.channels[1].words.held());
     // Saving over itself: the open file is the one that was opened.
     let stored = open(&path).unwrap();
-    save(&stored, &path, Precision::Exact).unwrap();
+    save(&stored, &path, Precision::Exact, UNINTERRUPTED).unwrap();
     assert_eq!(std::fs::read(&path).unwrap(), bytes);
 }

@@ -93,12 +93,12 @@ fn bytes_and_files_come_back_equal() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.nanite");
         std::fs::write(&path, b"an older file").unwrap();
-        save(&dag, &path, Precision::Exact).unwrap();
+        save(&dag, &path, Precision::Exact, UNINTERRUPTED).unwrap();
         assert!(opened(&path) == dag);
         assert_eq!(std::fs::read(&path).unwrap(), bytes);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a temporary file was left behind");
         let none = folder.path().join("none/a.nanite");
-        assert!(matches!(save(&dag, &none, Precision::Exact), Err(Error::Io { .. })));
+        assert!(matches!(save(&dag, &none, Precision::Exact, UNINTERRUPTED), Err(Error::Io { .. })));
         assert!(matches!(open(&folder.path().join("b.nanite")), Err(Error::Io { .. })));
     }
 }
@@ -114,7 +114,7 @@ fn files_hold_the_quantized_mesh() {
             [0.1, 0.001, 1.0e-6, 1.0e-12].map(Precision::Step).into_iter().chain([Precision::Auto])
         {
             let expected = rounded(&dag, precision);
-            save(&dag, &path, precision).unwrap();
+            save(&dag, &path, precision, UNINTERRUPTED).unwrap();
             let read = opened(&path);
             assert!(read == expected, "{precision:?}");
             let info = file_info(&path).unwrap();

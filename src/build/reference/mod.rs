@@ -62,9 +62,9 @@ struct Local {
 }
 
 impl Reference {
-    /// The surface of a level's clusters, with the reference before.
+    /// The surface of a level's clusters, which is that of the source or not.
     pub fn new(
-        before: Option<&Self>,
+        is_source: bool,
         positions: Arc<LevelPositions>,
         pending: &[u32],
         all: &[BuildCluster],
@@ -75,9 +75,9 @@ impl Reference {
             starts.push(count);
             count += all[*c as usize].mesh.triangles.len() as u32;
         }
-        let (part, radii) = match before {
-            None => (FIRST_PART, Vec::new()),
-            Some(_) => (PART, pending.iter().flat_map(|c| radii(&all[*c as usize])).collect()),
+        let (part, radii) = match is_source {
+            true => (FIRST_PART, Vec::new()),
+            false => (PART, pending.iter().flat_map(|c| radii(&all[*c as usize])).collect()),
         };
         let least = count as f32 * part;
         let clusters = pending.to_vec();
@@ -100,10 +100,10 @@ impl Reference {
         self.is_last
     }
 
-    /// Begins a level with `target` triangles, with the pieces of its clusters.
-    pub fn begin<'a>(&mut self, target: f32, pieces: impl Iterator<Item = &'a Pieces>) {
+    /// Begins a level with `target` triangles, with the pieces of its clusters; no other follows that `ends` the growth.
+    pub fn begin<'a>(&mut self, target: f32, ends: bool, pieces: impl Iterator<Item = &'a Pieces>) {
         self.levels += 1;
-        self.is_last = target < self.least || self.levels == MOST_LEVELS;
+        self.is_last = ends || target < self.least || self.levels == MOST_LEVELS;
         self.shares.clear();
         for (t, ..) in pieces.flat_map(|pieces| &pieces.parts) {
             if self.shares.is_empty() {

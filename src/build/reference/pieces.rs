@@ -19,6 +19,16 @@ pub struct Pieces {
 }
 
 impl Pieces {
+    /// Those of a cluster that the next reference has, whose triangles have these radii.
+    pub fn of_radii(radii: Vec<f32>) -> Self {
+        Self { radii, ..Self::default() }
+    }
+
+    /// See [`Pieces::of_radii`].
+    pub fn radii(&self) -> &[f32] {
+        &self.radii
+    }
+
     /// No pieces, with room for about so many.
     pub(super) fn with_room(count: usize) -> Self {
         Self {

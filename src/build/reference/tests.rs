@@ -27,7 +27,7 @@ fn reference(count: u32, pieces: &[Pieces]) -> Reference {
         levels: 0,
         is_last: false,
     };
-    reference.begin(1.0, pieces.iter());
+    reference.begin(1.0, false, pieces.iter());
     reference
 }
 

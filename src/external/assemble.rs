@@ -1,0 +1,259 @@
+//! From groups on disk to pages: what [`crate::build::assemble`] does, with tables of groups in memory and one window of their
+//! clusters.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::block::{Common, GroupEntry, Made};
+use super::page_file::PageFileSink;
+use super::spool::{Record, SpoolReader};
+use crate::build::assemble::{Member, Packed, write_page};
+use crate::build::dag::LOCAL_GROUP;
+use crate::error::{Error, Result};
+use crate::layout::{GroupSize, Paging, hierarchy, paginate, spatial_order};
+use crate::limits::CLUSTER_MAX_TRIANGLES;
+use crate::math::Aabb;
+use crate::model::cluster::{NO_GROUP, NO_PAGE};
+use crate::model::rule::ROOT_ERROR;
+use crate::model::{BuildReport, Dag, GeometryId, Group, Outline, PageWords, Pages, Primitive, dependencies};
+
+/// Groups that are looked at at a time.
+const WINDOW: usize = 1 << 12;
+/// An identity without a name.
+const UNNAMED: u32 = u32::MAX;
+
+/// All that the blocks of all stages made.
+pub struct Stages<'a> {
+    /// The blocks, stage by stage.
+    pub made: &'a [Made],
+    /// The number of the first block of each stage.
+    pub starts: &'a [usize],
+    /// The number of the first group of each block.
+    pub first_group: &'a [u32],
+    /// What all have in common.
+    pub common: &'a Common<'a>,
+}
+
+/// A group by its block and its number there.
+#[derive(Clone, Copy)]
+struct At {
+    block: u32,
+    group: u32,
+}
+
+impl Stages<'_> {
+    fn entry(&self, at: At) -> &GroupEntry {
+        &self.made[at.block as usize].groups[at.group as usize]
+    }
+
+    /// Final-independent number of the group that a cluster of a block names; [`NO_GROUP`] where it names none.
+    fn refined(&self, block: u32, refined: u32) -> u32 {
+        match refined {
+            NO_GROUP => NO_GROUP,
+            local if local & LOCAL_GROUP != 0 => self.first_group[block as usize] + (local ^ LOCAL_GROUP),
+            global => global,
+        }
+    }
+
+    /// Reads groups and makes something of each, in parallel and in order.
+    fn each<T: Send>(
+        &self,
+        groups: &[At],
+        of: impl Fn(At, Record) -> Result<T> + Sync,
+    ) -> Result<Vec<T>> {
+        groups
+            .par_iter()
+            .map(|at| {
+                let made = &self.made[at.block as usize];
+                let reader = SpoolReader::new(&made.path, self.common.layout, self.common.stride);
+                of(*at, reader.read(made.groups[at.group as usize].place)?)
+            })
+            .collect()
+    }
+
+    /// Identities of all blocks by name, in the order of their first use; and how many there are.
+    fn names(&self, order: &[At]) -> Result<(Vec<Vec<u32>>, u32)> {
+        let mut names: Vec<Vec<u32>> =
+            self.made.iter().map(|made| vec![UNNAMED; made.identities as usize]).collect();
+        let mut count = 0;
+        // The last stage comes first: it says what the one before calls what both have.
+        let mut stage = self.starts.len();
+        for groups in order.chunks(WINDOW) {
+            let used = self.each(groups, |_, record| Ok(record.ids))?;
+            for (at, ids) in groups.iter().zip(used) {
+                while stage > 0 && (at.block as usize) < self.starts[stage - 1] {
+                    stage -= 1;
+                    self.hand_down(stage, &mut names);
+                }
+                for id in ids {
+                    let name = &mut names[at.block as usize][id as usize];
+                    if *name == UNNAMED {
+                        *name = count;
+                        count += 1;
+                    }
+                }
+            }
+        }
+        Ok((names, count))
+    }
+
+    fn hand_down(&self, stage: usize, names: &mut [Vec<u32>]) {
+        let end = self.starts.get(stage + 1).copied().unwrap_or(self.made.len());
+        for block in self.starts[stage]..end {
+            for (own, origin, id) in &self.made[block].origins {
+                names[*origin as usize][*id as usize] = names[block][*own as usize];
+            }
+        }
+    }
+}
+
+/// Lays all groups out; pages go to a file in `folder`.
+pub fn assemble(
+    stages: &Stages<'_>,
+    bounds: Aabb,
+    source_faces: u64,
+    mut report: BuildReport,
+    folder: &Path,
+) -> Result<Dag> {
+    let common = stages.common;
+    let blocks = (0..).zip(stages.made);
+    let all: Vec<At> = blocks
+        .flat_map(|(block, made)| (0..made.groups.len() as u32).map(move |group| At { block, group }))
+        .collect();
+    let keys = all.iter().map(|at| (stages.entry(*at).group.level, stages.entry(*at).bounds));
+    let spatial = spatial_order(keys);
+    let in_order: Vec<At> = spatial.iter().map(|g| all[*g as usize]).collect();
+    let (names, vertex_count) = stages.names(&in_order)?;
+    let names_of = |at: At, record: &Record| -> Vec<u32> {
+        record.ids.iter().map(|id| names[at.block as usize][*id as usize]).collect()
+    };
+    // What each cluster was made from, its words and its triangles; by group.
+    let mut seen: Vec<(u32, Vec<u32>, u64)> = Vec::with_capacity(all.len());
+    let mut source_used = vec![false; vertex_count as usize];
+    for groups in all.chunks(WINDOW) {
+        let found = stages.each(groups, |at, record| {
+            let names = names_of(at, &record);
+            let words = record.clusters.iter().map(|c| Packed::of(&record.store, c, &names).words());
+            let words = words.sum::<usize>() as u32;
+            let refined = record.clusters.iter().map(|c| stages.refined(at.block, c.refined)).collect();
+            let triangles = record.clusters.iter().map(|c| c.mesh.triangles.len() as u64).sum();
+            let of_source = record.clusters.iter().filter(|c| c.level == 0);
+            let used: Vec<u32> =
+                of_source.flat_map(|c| &c.mesh.vertices).map(|v| names[*v as usize]).collect();
+            Ok(((words, refined, triangles), used))
+        })?;
+        for (group, used) in found {
+            seen.push(group);
+            used.iter().for_each(|name| source_used[*name as usize] = true);
+        }
+    }
+    let source_vertices = source_used.iter().filter(|used| **used).count() as u64;
+    drop(source_used);
+    let Paging { table, order, first } = paginate(&spatial, |g| {
+        let entry = stages.entry(all[g as usize]);
+        GroupSize {
+            level: entry.group.level,
+            root: entry.group.error == ROOT_ERROR,
+            clusters: entry.clusters,
+            words: seen[g as usize].0,
+            faces: entry.faces,
+        }
+    });
+    let boxes: Vec<Aabb> = order.iter().map(|g| stages.entry(all[*g as usize]).bounds).collect();
+    let groups: Vec<Group> = order
+        .iter()
+        .zip(&first)
+        .zip(&boxes)
+        .map(|((g, first), bounds)| {
+            let GroupEntry { group, clusters, min_own_error, .. } = stages.entry(all[*g as usize]);
+            let (center, extent) = bounds.center_extent();
+            Group {
+                lod_sphere: group.lod_sphere,
+                error: group.error,
+                first: *first,
+                count: *clusters,
+                level: group.level,
+                center,
+                extent,
+                bound: group.bound,
+                quadric: group.quadric,
+                attribute_error: group.attribute_error,
+                min_own_error: *min_own_error,
+                rank: group.rank,
+                reserved: 0,
+            }
+        })
+        .collect();
+    let mut renamed = vec![0; order.len()];
+    order.iter().zip(0..).for_each(|(old, new)| renamed[*old as usize] = new);
+    let made_from = |refined: u32| match renamed.get(refined as usize) {
+        Some(group) => (*group, groups[*group as usize].first.page() as u32),
+        None => (NO_GROUP, NO_PAGE),
+    };
+    report.clusters = table.iter().map(|entry| u64::from(entry.clusters)).sum();
+    report.triangles = seen.iter().map(|group| group.2).sum();
+    report.fill = report.triangles as f64 / (report.clusters as usize * CLUSTER_MAX_TRIANGLES) as f64;
+    report.welded_vertices = report.input_vertices - report.unreferenced_vertices - source_vertices;
+    let mut face_ids = Vec::new();
+    if common.options.face_ids {
+        for window in order.chunks(WINDOW) {
+            let places: Vec<At> = window.iter().map(|g| all[*g as usize]).collect();
+            let rows = stages.each(&places, |_, record| Ok(record.face_rows.concat()))?;
+            face_ids.extend(rows.into_iter().flatten());
+        }
+    }
+    let mesh = Dag {
+        id: GeometryId::default(),
+        topology: None,
+        frame: common.frame,
+        bounds,
+        pages: Arc::new(Pages::absent(table.into(), common.layout)),
+        nodes: hierarchy(&groups, &boxes),
+        groups: groups.as_slice().into(),
+        vertex_count,
+        channels: Vec::new(),
+        source_faces,
+        source_vertices,
+        face_ids: common.options.face_ids.then(|| face_ids.into()),
+        primitive: Primitive::Triangles,
+        grid: None,
+        pose: None,
+        report,
+    };
+    let refined = |page: usize| {
+        let own = order[mesh.groups_of(page)].iter().flat_map(|g| &seen[*g as usize].1);
+        own.map(|refined| made_from(*refined).1)
+    };
+    let dependencies = dependencies(mesh.pages.table.len(), refined);
+    let sink = PageFileSink::create(&folder.join("pages"))?;
+    Outline { mesh, dependencies }.fill(sink, |mesh, pages| {
+        let page = |page: usize| -> Result<PageWords> {
+            let own = mesh.groups_of(page);
+            let places: Vec<At> = order[own.clone()].iter().map(|g| all[*g as usize]).collect();
+            let records = stages.each(&places, |at, record| {
+                let names = names_of(at, &record);
+                let packed: Vec<Packed> =
+                    record.clusters.iter().map(|c| Packed::of(&record.store, c, &names)).collect();
+                Ok((record, names, packed))
+            })?;
+            let numbered = own.zip(&places).zip(&records);
+            let members: Vec<Member<'_>> = numbered
+                .flat_map(|((group, at), (record, names, packed))| {
+                    record.clusters.iter().zip(packed).map(move |(cluster, packed)| {
+                        let made_from = made_from(stages.refined(at.block, cluster.refined));
+                        Member { cluster, store: &record.store, names, packed, group: group as u32, made_from }
+                    })
+                })
+                .collect();
+            Ok(write_page(members.into_iter()))
+        };
+        pages.into_par_iter().map(page).collect::<Result<Vec<_>>>()
+    })
+}
+
+/// More groups, or identities, than 32 bits count.
+pub fn too_many(what: &str) -> Error {
+    Error::TooLarge(format!("more than 2^31 {what} over all levels"))
+}
