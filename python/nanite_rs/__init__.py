@@ -9,6 +9,7 @@ from nanite_rs._core import __version__
 from nanite_rs._rig import Animation
 from nanite_rs.animation import save_animation
 from nanite_rs.assets import LoadedScene, load_scene
+from nanite_rs.building import build_file
 from nanite_rs.camera import (
     Camera,
     IntrinsicsCamera,
@@ -114,6 +115,7 @@ __all__ = [
     "View",
     "Viewer",
     "__version__",
+    "build_file",
     "compare",
     "decimate",
     "from_pyrender",

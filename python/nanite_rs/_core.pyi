@@ -40,6 +40,7 @@ __all__ = [
     "triangulate",
 ]
 __version__: str
+BYTES_PER_TRIANGLE: int
 FINE_PART: int
 MOST_THREADS: int
 
@@ -94,6 +95,16 @@ class Mesh:
         options: dict[str, Any],
         progress: Callable[[int, int], object] | None = None,
     ) -> Mesh: ...
+    @staticmethod
+    def build_file(
+        arrays: dict[str, Any],
+        path: str | PathLike[str],
+        *,
+        options: dict[str, Any],
+        memory: int,
+        folder: str | PathLike[str],
+        progress: Callable[[int, int], object] | None = None,
+    ) -> int: ...
     @staticmethod
     def open(path: str | PathLike[str]) -> Mesh: ...
     @staticmethod

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _core
-from nanite_rs._asset import Asset, Source, StrokePart, fitted
+from nanite_rs._asset import Asset, Notes, Source, StrokePart, fitted
 from nanite_rs._beside import Pictures, text
 from nanite_rs._faces import add, add_channels, colors_of, corner_numbers, exploded, plain, triangulated
 from nanite_rs.exceptions import FormatError, MeshError
@@ -29,7 +29,8 @@ _COLORS: Final = [
     for prefix in ("", "diffuse_", "vertex_")
     for names in (("red", "green", "blue", "alpha"), ("r", "g", "b", "a"))
 ]
-_INDICES: Final = ("vertex_indices", "vertex_index", "vertex_indexes", "indices")
+#: Names of the list of a face's vertices.
+INDICES: Final = ("vertex_indices", "vertex_index", "vertex_indexes", "indices")
 _UV_SETS: Final = 4
 _TEXTURE: Final = re.compile(rb"comment\s+TextureFile\s+(.+)", re.IGNORECASE)
 
@@ -45,6 +46,36 @@ def read(name: str, data: bytes, folder: Path | None, *, drop_bad_textures: bool
     coordinates of corners. What is left out is noted.
     """
     return _Reader(name, data, folder, drop_bad_textures).asset()
+
+
+def vertices(name: str, rows: int, columns: _Columns, notes: Notes) -> Source:
+    """Return the vertices of a mesh without faces, from the properties of so many rows."""
+    names = _scalars(columns, "vertices", notes)
+    missing = [axis for axis in "xyz" if axis not in names]
+    if missing:
+        raise FormatError(f"{name}: element vertex has no property {missing[0]}")
+    points = np.empty((rows, 3))
+    for axis, letter in enumerate("xyz"):
+        points[:, axis] = names.pop(letter)
+    source = Source(points, np.zeros((0, 3), np.int64))
+    normal = {match[1]: name for name in names if (match := _NORMAL.fullmatch(name.lower()))}
+    if len(normal) == 3:
+        source.normals = np.stack([names.pop(normal[axis]) for axis in "xyz"], axis=1).astype(np.float32)
+    source.colors = _take_colors(names)
+    source.uvs = _take_uvs(names)
+    add_channels(source.channels, names, notes, "vertices")
+    return source
+
+
+def _scalars(columns: _Columns, of: str, notes: Notes, but: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]:
+    """Scalar properties by name, coordinates in lower case; lists are noted."""
+    out = {}
+    for name, (values, lengths) in columns.items():
+        if lengths is None:
+            out[name.lower() if name in ("X", "Y", "Z") else name] = values
+        elif name not in but:
+            notes.add(f"lists of {of}", name)
+    return out
 
 
 class _Reader:
@@ -107,31 +138,7 @@ class _Reader:
 
     def _vertices(self) -> Source:
         rows, columns = self._elements.get("vertex", (0, {}))
-        names = self._scalars(columns, "vertices")
-        missing = [axis for axis in "xyz" if axis not in names]
-        if missing:
-            raise FormatError(f"{self._name}: element vertex has no property {missing[0]}")
-        points = np.empty((rows, 3))
-        for axis, letter in enumerate("xyz"):
-            points[:, axis] = names.pop(letter)
-        source = Source(points, np.zeros((0, 3), np.int64))
-        normal = {match[1]: name for name in names if (match := _NORMAL.fullmatch(name.lower()))}
-        if len(normal) == 3:
-            source.normals = np.stack([names.pop(normal[axis]) for axis in "xyz"], axis=1).astype(np.float32)
-        source.colors = _take_colors(names)
-        source.uvs = _take_uvs(names)
-        add_channels(source.channels, names, self._notes, "vertices")
-        return source
-
-    def _scalars(self, columns: _Columns, of: str, but: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]:
-        """Scalar properties by name, coordinates in lower case; lists are noted."""
-        out = {}
-        for name, (values, lengths) in columns.items():
-            if lengths is None:
-                out[name.lower() if name in ("X", "Y", "Z") else name] = values
-            elif name not in but:
-                self._notes.add(f"lists of {of}", name)
-        return out
+        return vertices(self._name, rows, columns, self._notes)
 
     # ----------------------------------------------------------------------------------------- faces
 
@@ -141,7 +148,7 @@ class _Reader:
         corners, counts = [], []
         for label in ("face", "tristrips"):
             _, columns = self._elements.get(label, (0, {}))
-            key = next((key for key in _INDICES if key in columns), None)
+            key = next((key for key in INDICES if key in columns), None)
             if key is None:
                 continue
             values, lengths = columns[key]
@@ -165,7 +172,7 @@ class _Reader:
             self._notes.add(f"{without} faces of fewer than three corners")
         rows, columns = self._elements.get("face", (0, {}))
         wedges = columns.get("texcoord")
-        names = self._scalars(columns, "faces", (*_INDICES, "texcoord"))
+        names = _scalars(columns, "faces", self._notes, (*INDICES, "texcoord"))
         if rows and rows != len(counts):
             # Strips have no properties.
             for name in names:

@@ -143,10 +143,23 @@ def _build(arguments: argparse.Namespace) -> int:
     output = Path(arguments.output or f"{_stem(arguments.input)}{io.NANITE_SUFFIX}")
     if not _is_built(str(output)):
         raise ArgumentError(f"{output}: the output must end in {io.NANITE_SUFFIX}")
-    mesh, seconds = _timed(lambda: _mesh(arguments))
+    if arguments.memory is None:
+        mesh, seconds = _timed(lambda: _mesh(arguments))
+    else:
+        name = arguments.input
+        mesh, seconds = _timed(
+            lambda: nrs.build_file(
+                _generated(name) if name.startswith(SHAPE_PREFIX) else name,
+                output,
+                memory=arguments.memory,
+                options=_options(arguments),
+                progress=False if arguments.quiet else None,
+            )
+        )
     if arguments.check:
         mesh.check()
-    mesh.save(output)
+    if arguments.memory is None:
+        mesh.save(output)
     if not arguments.quiet:
         checked = ", every invariant holds" if arguments.check else ""
         print(f"{output}: {mesh}, {_megabytes(output.stat().st_size)} on disk, {_seconds(seconds)}{checked}")
@@ -497,6 +510,11 @@ def _add_build(commands: Any) -> None:
     sub.add_argument("input", metavar="INPUT", help="mesh file, or shape:NAME:FACES")
     sub.add_argument("--output", "-o", metavar="FILE", help="the .nanite file (INPUT's name, in this folder)")
     sub.add_argument("--check", action="store_true", help="verify every invariant")
+    sub.add_argument(
+        "--memory",
+        metavar="SIZE",
+        help="bytes that building may take, such as 4GiB: larger binary PLY and STL are built on disk",
+    )
     _add_building(sub)
 
 

@@ -48,7 +48,7 @@ impl Stages<'_> {
         &self.made[at.block as usize].groups[at.group as usize]
     }
 
-    /// Final-independent number of the group that a cluster of a block names; [`NO_GROUP`] where it names none.
+    /// The number over all blocks of the group that a cluster of one names; [`NO_GROUP`] where it names none.
     fn refined(&self, block: u32, refined: u32) -> u32 {
         match refined {
             NO_GROUP => NO_GROUP,

@@ -25,7 +25,10 @@ use crate::mesh::{Colors, Positions, SourceMesh, WeldedMesh, frame, hash, weld_i
 use crate::model::cluster::NO_GROUP;
 use crate::model::{AttributeLayout, BuildReport, CoordinateFrame};
 
-/// A part of a block's triangles is left to the next stage; one in so many.
+/// Of a block of the source one in so many triangles is left to the next stage: about where its reference has served
+/// ([`crate::build::reference`]), so that no further distance adds up.
+pub const LEFT_OF_SOURCE: u64 = 64;
+/// The same of further stages.
 pub const LEFT: u64 = 16;
 
 /// A group on disk.
@@ -157,7 +160,7 @@ pub fn of_source(
     let faces = mesh.faces.len() as u64;
     let fixed = blocks.shared.read(block)?.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
     let share = common.source_faces as f64 / faces.max(1) as f64;
-    let part = (blocks.count > 1).then(|| Part { fixed, enough: faces / LEFT, share, stalled: false });
+    let part = (blocks.count > 1).then(|| Part { fixed, enough: faces / LEFT_OF_SOURCE, share, stalled: false });
     let start = Start {
         content,
         store,

@@ -10,6 +10,8 @@ pub mod page_file;
 pub mod source;
 pub mod spool;
 
+use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -31,7 +33,7 @@ use self::cells::{Blocks, Cells};
 use self::source::distribute;
 use self::spool::SpoolReader;
 
-/// Bytes that growing takes for each triangle of a block, about.
+/// Bytes that building in memory takes for each triangle, about.
 pub const BYTES_PER_TRIANGLE: u64 = 700;
 /// Fewer triangles are no block.
 const LEAST_TRIANGLES: u64 = 4096;
@@ -123,7 +125,7 @@ fn run(
         }
         first_group = first_groups(&made)?;
     }
-    let report = report(source, &made, &frame.scale, &common);
+    let report = report(source, &made, &common);
     let faces = made.iter().map(|made| made.mended.faces).sum();
     let stages = Stages { made: &made, starts: &starts, first_group: &first_group, common: &common };
     assemble(&stages, bounds, faces, report, folder)
@@ -144,7 +146,7 @@ fn first_groups(made: &[Made]) -> Result<Vec<u32>> {
 /// Puts what the blocks of a stage left into those of the next, by the centres of clusters.
 fn share_out(
     made: &[Made],
-    stage: std::ops::Range<usize>,
+    stage: Range<usize>,
     bounds: &Aabb,
     next: usize,
     most: u64,
@@ -183,7 +185,8 @@ fn shared(taken: &[Vec<Taken>], readers: &[SpoolReader]) -> Result<Vec<FxHashSet
 }
 
 /// What all blocks did.
-fn report(source: &SourceMesh<'_>, made: &[Made], scale: &f64, common: &Common<'_>) -> BuildReport {
+fn report(source: &SourceMesh<'_>, made: &[Made], common: &Common<'_>) -> BuildReport {
+    let scale = common.frame.scale;
     let mut report = BuildReport {
         input_faces: source.faces.len() as u64,
         input_vertices: source.positions.len() as u64,
@@ -194,7 +197,7 @@ fn report(source: &SourceMesh<'_>, made: &[Made], scale: &f64, common: &Common<'
     let mut used = vec![false; source.positions.len()];
     source.faces.iter().flatten().for_each(|v| used[*v as usize] = true);
     report.unreferenced_vertices = used.iter().filter(|used| !**used).count() as u64;
-    let mut crowded: std::collections::BTreeMap<u32, u64> = std::collections::BTreeMap::new();
+    let mut crowded: BTreeMap<u32, u64> = BTreeMap::new();
     for made in made {
         report.degenerate_faces += made.mended.degenerate_faces;
         report.duplicate_faces += made.mended.duplicate_faces;

@@ -16,7 +16,7 @@ mod triangle_mesh;
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 
-use crate::{format, processor, threads};
+use crate::{external, format, processor, threads};
 
 /// The compiled part of nanite_rs. Use the package `nanite_rs`, not this module.
 #[pymodule]
@@ -32,6 +32,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("MOST_THREADS", threads::MOST_THREADS)?;
     module.add("FINE_PART", format::FINE_PART)?;
+    module.add("BYTES_PER_TRIANGLE", external::BYTES_PER_TRIANGLE)?;
     module.add_function(wrap_pyfunction!(calls::set_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(calls::num_threads, module)?)?;
     module.add_class::<mesh::Mesh>()?;

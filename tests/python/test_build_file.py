@@ -1,0 +1,274 @@
+"""Builds of sources that do not fit: against the same source built in memory, and against the source itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+
+import nanite_rs as nrs
+from conftest import SOAK
+from oracles import subjects
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+#: Too little for any source here: blocks have about as many faces as are allowed at least.
+LITTLE = 1 << 20
+
+
+def arrays(name: str) -> tuple[np.ndarray, np.ndarray]:
+    mesh = subjects.subject(name)
+    return mesh.vertices, mesh.faces
+
+
+def is_closed(cut: nrs.Cut) -> bool:
+    return trimesh.Trimesh(cut.vertices, cut.faces, process=False).is_watertight
+
+
+def built(source, folder, **kwargs) -> nrs.NaniteMesh:
+    return nrs.build_file(source, folder / "built.nanite", memory=kwargs.pop("memory", LITTLE), **kwargs)
+
+
+def in_memory(arrays, folder, **kwargs) -> nrs.NaniteMesh:
+    nrs.NaniteMesh.from_arrays(*arrays, **kwargs).save(folder / "memory.nanite")
+    return nrs.NaniteMesh.open(folder / "memory.nanite")
+
+
+def write_ply(path: Path, vertices, faces, order: str = "<", **columns) -> None:
+    """Binary PLY, of float32 or float64 positions, with further properties of vertices."""
+    kind = {"f4": "float", "f8": "double", "u1": "uchar"}
+    fields = [(axis, order + vertices.dtype.str[1:]) for axis in "xyz"]
+    fields += [
+        (name, order + rows.dtype.str[1:] if rows.dtype.itemsize > 1 else "u1")
+        for name, rows in columns.items()
+    ]
+    rows = np.zeros(len(vertices), fields)
+    for k, axis in enumerate("xyz"):
+        rows[axis] = vertices[:, k]
+    for name, values in columns.items():
+        rows[name] = values
+    triangles = np.zeros(len(faces), [("count", "u1"), ("corners", order + "i4", 3)])
+    triangles["count"], triangles["corners"] = 3, faces
+    end = "little" if order == "<" else "big"
+    lines = ["ply", f"format binary_{end}_endian 1.0", f"element vertex {len(vertices)}"]
+    lines += [f"property {kind[dtype[-2:]]} {name}" for name, dtype in fields]
+    lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
+    path.write_bytes("\n".join(lines).encode() + rows.tobytes() + triangles.tobytes())
+
+
+def key(vertices, faces) -> set[bytes]:
+    """Triangles by the bits of their corners, whichever comes first."""
+    corners = np.asarray(vertices, np.float64)[faces]
+    first = np.lexsort(corners.transpose(2, 0, 1)[::-1], axis=1)[:, 0]
+    turned = np.stack([corners[np.arange(len(faces)), (first + k) % 3] for k in range(3)], axis=1)
+    return {row.tobytes() for row in turned}
+
+
+NAMES = ("sphere", "knot", "part", "gyroid", "terrain", *(("sheets", "soup", "bunny") if SOAK else ()))
+
+
+@pytest.mark.parametrize("quality", ["fast", "best"])
+@pytest.mark.parametrize("name", NAMES)
+def test_blocks_make_the_same_mesh(name, quality, tmp_path) -> None:
+    vertices, faces = arrays(name)
+    options = nrs.BuildOptions(quality=quality)
+    mesh = built((vertices, faces), tmp_path, options=options)
+    whole = in_memory((vertices, faces), tmp_path, options=options)
+    assert mesh.check().borders > 0
+    full, expected = mesh.cut(error=0.0), whole.cut(error=0.0)
+    assert mesh.report.input_faces == len(faces) == whole.report.input_faces
+    counted = ("degenerate_faces", "duplicate_faces", "border_edges", "non_manifold_edges")
+    assert [getattr(mesh.report, k) for k in counted] == [getattr(whole.report, k) for k in counted]
+    assert key(full.vertices, full.faces) == key(expected.vertices, expected.faces)
+    assert len(full.vertices) == len(expected.vertices)
+    # Normals are computed over the borders of blocks.
+    order = [np.lexsort(np.column_stack([c.vertices, c.normals]).T) for c in (full, expected)]
+    of_full, of_expected = full.normals[order[0]], expected.normals[order[1]]
+    assert np.abs(of_full - of_expected).max() < 1e-2
+
+
+@pytest.mark.parametrize("name", ["sphere", "knot", "gyroid"])
+def test_closed_sources_stay_closed(name, tmp_path) -> None:
+    mesh = built(arrays(name), tmp_path)
+    largest = mesh.cut(target_faces=1).error
+    for error in np.geomspace(1e-4, 1.0, 12) * largest:
+        assert is_closed(mesh.cut(error=float(error))), error
+
+
+@pytest.mark.parametrize("name", ["knot", "terrain"])
+def test_bounds_hold_over_the_borders_of_blocks(name, tmp_path) -> None:
+    vertices, faces = arrays(name)
+    mesh = built((vertices, faces), tmp_path)
+    largest = mesh.cut(target_faces=1).error
+    rng = np.random.default_rng(7)
+    for error in np.exp(rng.uniform(np.log(1e-4), 0.0, 200 if SOAK else 4)) * largest:
+        cut = mesh.cut(error=float(error))
+        for a, b in (
+            ((vertices, faces), (cut.vertices, cut.faces)),
+            ((cut.vertices, cut.faces), (vertices, faces)),
+        ):
+            surface = trimesh.Trimesh(*a, process=False)
+            points, _ = trimesh.sample.sample_surface(surface, 5_000, seed=1)
+            points = np.concatenate([points, np.asarray(a[0], np.float64)[np.unique(a[1])]])
+            squared, _, _ = igl.point_mesh_squared_distance(
+                points, np.asarray(b[0], np.float64), np.asarray(b[1], np.int64)
+            )
+            assert np.sqrt(squared.max()) <= cut.error * (1 + 1e-9) + 1e-12
+
+
+def test_attributes_and_face_ids_come_along(tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    rng = np.random.default_rng(3)
+    colors = rng.integers(0, 255, (len(vertices), 4)).astype(np.uint8)
+    uvs = rng.uniform(0, 1, (len(vertices), 2)).astype(np.float32)
+    numbers = (vertices[faces].mean(axis=1)[:, 0] > 0).astype(np.int32)
+    given = {"colors": colors, "uvs": uvs, "face_materials": numbers}
+    options = nrs.BuildOptions(face_ids=True)
+    mesh = built([(vertices, faces, given)], tmp_path, options=options)
+    mesh.check()
+    whole = in_memory((vertices, faces), tmp_path, options=options, **given)
+    a, b = mesh.cut(error=0.0), whole.cut(error=0.0)
+    ids = mesh.source_face_ids, whole.source_face_ids
+    assert sorted(ids[0]) == list(range(len(faces)))
+    by_a, by_b = (np.argsort(of) for of in ids)
+    assert np.array_equal(a.face_materials[by_a], b.face_materials[by_b])
+    assert np.array_equal(a.face_materials[by_a], numbers)
+    for rows in ("colors", "uvs"):
+        of_corners = [
+            np.sort(getattr(cut, rows)[cut.faces[order]].reshape(len(faces), -1))
+            for cut, order in ((a, by_a), (b, by_b))
+        ]
+        assert np.array_equal(*of_corners)
+
+
+def test_the_same_bytes_on_any_number_of_threads(tmp_path) -> None:
+    source = arrays("knot")
+    found = []
+    for threads in (1, 2):
+        nrs.build_file(
+            source, tmp_path / "x.nanite", memory=LITTLE, options=nrs.BuildOptions(threads=threads)
+        )
+        found.append((tmp_path / "x.nanite").read_bytes())
+    assert found[0] == found[1]
+
+
+def test_what_fits_is_what_memory_makes(tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    write_ply(tmp_path / "x.ply", vertices.astype(np.float32), faces)
+    nrs.NaniteMesh.from_file(tmp_path / "x.ply").save(tmp_path / "memory.nanite")
+    nrs.build_file(tmp_path / "x.ply", tmp_path / "x.nanite")
+    assert (tmp_path / "x.nanite").read_bytes() == (tmp_path / "memory.nanite").read_bytes()
+    assert {p.name for p in tmp_path.iterdir()} == {"x.ply", "x.nanite", "memory.nanite"}
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_ply_is_read_in_pieces(order, dtype, tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    vertices = vertices.astype(dtype) + dtype(0.1 if dtype == np.float64 else 0.0)
+    red = np.linspace(0, 255, len(vertices)).astype(np.uint8)
+    extra = {"red": red, "green": red, "blue": red, "quality": vertices[:, 0].astype(np.float32)}
+    write_ply(tmp_path / "x.ply", vertices, faces, order, **extra)
+    with pytest.warns(UserWarning, match=r"channels of vertices \(quality\)"):
+        mesh = built(tmp_path / "x.ply", tmp_path)
+    cut = mesh.cut(error=0.0)
+    whole = in_memory((vertices, faces), tmp_path).cut(error=0.0)
+    assert key(cut.vertices, cut.faces) == key(whole.vertices, whole.faces)
+    assert cut.colors is not None
+    assert len(cut) == len(faces)
+
+
+def test_stl_is_read_in_pieces(tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "x.stl")
+    mesh = built(tmp_path / "x.stl", tmp_path)
+    assert mesh.report.border_edges == 0
+    assert len(mesh) == len(faces)
+    assert is_closed(mesh.cut(target_faces=500))
+
+
+def test_memory_maps_are_read_where_they_lie(tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    np.save(tmp_path / "v.npy", vertices.astype(np.float32))
+    np.save(tmp_path / "f.npy", faces.astype(np.uint32))
+    maps = [np.load(tmp_path / name, mmap_mode="r") for name in ("v.npy", "f.npy")]
+    assert len(built(tuple(maps), tmp_path)) == len(faces)
+
+
+def test_pieces_that_touch_are_one_surface(tmp_path) -> None:
+    x, y = np.meshgrid(np.arange(65), np.arange(65), indexing="ij")
+    corner = np.arange(64)[:, None] * 65 + np.arange(64)
+    faces = np.stack([corner, corner + 65, corner + 1, corner + 1, corner + 65, corner + 66], -1).reshape(
+        -1, 3
+    )
+
+    def pieces():
+        for i in range(2):
+            for j in range(2):
+                a, b = x + 64 * i, y + 64 * j
+                yield np.stack([a, b, 3 * np.sin(a / 9) * np.cos(b / 7)], -1).reshape(-1, 3), faces
+
+    mesh = built(pieces(), tmp_path)
+    assert mesh.report.border_edges == 4 * 128
+    assert mesh.report.welded_vertices == 4 * 65**2 - 129**2
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "match"),
+    [
+        (lambda b: b[:-7], nrs.FormatError, "where element face ends"),
+        (lambda b: b.replace(b"binary_little_endian", b"ascii"), nrs.FormatError, "only binary PLY"),
+        (lambda b: b.replace(b"float x", b"floaf x"), nrs.FormatError, "unknown type"),
+        (lambda b: b.replace(b"end_header", b"end_heager"), nrs.FormatError, "no end|header"),
+    ],
+)
+def test_bad_files_say_what_is_wrong(change, error, match, tmp_path) -> None:
+    write_ply(
+        tmp_path / "x.ply", *[a.astype(t) for a, t in zip(arrays("knot"), (np.float32, int), strict=True)]
+    )
+    (tmp_path / "x.ply").write_bytes(change((tmp_path / "x.ply").read_bytes()))
+    with pytest.raises(error, match=match):
+        built(tmp_path / "x.ply", tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {"x.ply"}
+
+
+def test_bad_arguments_say_what_is_wrong(tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    for source, error, match in (
+        ((vertices, faces + len(vertices)), nrs.MeshError, "refers to vertex"),
+        ((vertices * np.nan, faces), nrs.MeshError, "not finite"),
+        ([(vertices, faces), (vertices,)], nrs.DtypeError, "piece 1"),
+        ([(vertices, faces), (vertices, faces + 1)], nrs.MeshError, "piece 1: faces"),
+        ([(vertices, faces, {"color": vertices})], nrs.ArgumentError, "'color' is none of"),
+        ([], nrs.MeshError, "no pieces"),
+        (7, nrs.DtypeError, "source: expected"),
+    ):
+        with pytest.raises(error, match=match):
+            built(source, tmp_path)
+    for memory in ("much", "4 XB", -1, 0):
+        with pytest.raises(nrs.ArgumentError, match="memory"):
+            built((vertices, faces), tmp_path, memory=memory)
+    with pytest.raises(nrs.ArgumentError, match="memory: areas"):
+        built((vertices, faces), tmp_path, options=nrs.BuildOptions(preserve_area=True))
+    with pytest.raises(nrs.FormatError, match=r"must end in \.nanite"):
+        nrs.build_file((vertices, faces), tmp_path / "x.ply")
+    with pytest.raises(nrs.FileError):
+        nrs.build_file((vertices, faces), tmp_path / "none" / "x.nanite")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_build_can_be_stopped(tmp_path) -> None:
+    class Stop(Exception):
+        pass
+
+    def stop(done, total):
+        if done > 0.3 * total:
+            raise Stop
+
+    with pytest.raises(Stop):
+        built(arrays("gyroid"), tmp_path, progress=stop)
+    assert not list(tmp_path.iterdir())
