@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "BYTES_PER_TRIANGLE",
     "FINE_PART",
     "MOST_THREADS",
     "ChannelRows",

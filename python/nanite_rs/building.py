@@ -100,7 +100,7 @@ def build_file(
     >>> with TemporaryDirectory() as folder:
     ...     mesh = nrs.build_file(pieces(), f"{folder}/balls.nanite", memory="8 MB")
     ...     mesh.check().clusters == mesh.report.clusters, mesh.report.input_faces
-    (True, 60000)
+    (True, 61440)
     """
     path = _checks.path_of(path)
     if os.path.splitext(path)[1].lower() != io.NANITE_SUFFIX:

@@ -137,9 +137,9 @@ def test_attributes_and_face_ids_come_along(tmp_path) -> None:
     by_a, by_b = (np.argsort(of) for of in ids)
     assert np.array_equal(a.face_materials[by_a], b.face_materials[by_b])
     assert np.array_equal(a.face_materials[by_a], numbers)
-    for rows in ("colors", "uvs"):
+    for rows_of in (lambda cut: cut.colors, lambda cut: cut.uvs[0]):
         of_corners = [
-            np.sort(getattr(cut, rows)[cut.faces[order]].reshape(len(faces), -1))
+            np.sort(rows_of(cut)[cut.faces[order]].reshape(len(faces), -1))
             for cut, order in ((a, by_a), (b, by_b))
         ]
         assert np.array_equal(*of_corners)
