@@ -12,7 +12,7 @@ use super::dag::{BuildCluster, BuildGroup, Graph};
 use super::order;
 use super::store::VertexStore;
 use crate::error::Result;
-use crate::layout::{GroupSize, Paging, FirstUse, hierarchy, paginate, renamed_rows, spatial_order};
+use crate::layout::{FirstUse, GroupSize, Paging, hierarchy, paginate, renamed_rows, spatial_order};
 use crate::limits::CLUSTER_MAX_TRIANGLES;
 use crate::math::{Aabb, Bounds, octahedral};
 use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};

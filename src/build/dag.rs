@@ -556,7 +556,8 @@ impl Growth {
                 }
             }
             next.push(self.clusters.len() as u32);
-            let refined = LOCAL_GROUP * u32::from(self.part.is_some() || !self.is_source) + self.groups.len() as u32;
+            let refined =
+                LOCAL_GROUP * u32::from(self.part.is_some() || !self.is_source) + self.groups.len() as u32;
             let pieces = pieces.next().unwrap_or_default();
             self.clusters.push(BuildCluster {
                 mesh,

@@ -58,11 +58,7 @@ impl Stages<'_> {
     }
 
     /// Reads groups and makes something of each, in parallel and in order.
-    fn each<T: Send>(
-        &self,
-        groups: &[At],
-        of: impl Fn(At, Record) -> Result<T> + Sync,
-    ) -> Result<Vec<T>> {
+    fn each<T: Send>(&self, groups: &[At], of: impl Fn(At, Record) -> Result<T> + Sync) -> Result<Vec<T>> {
         groups
             .par_iter()
             .map(|at| {
@@ -243,7 +239,14 @@ pub fn assemble(
                 .flat_map(|((group, at), (record, names, packed))| {
                     record.clusters.iter().zip(packed).map(move |(cluster, packed)| {
                         let made_from = made_from(stages.refined(at.block, cluster.refined));
-                        Member { cluster, store: &record.store, names, packed, group: group as u32, made_from }
+                        Member {
+                            cluster,
+                            store: &record.store,
+                            names,
+                            packed,
+                            group: group as u32,
+                            made_from,
+                        }
                     })
                 })
                 .collect();

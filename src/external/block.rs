@@ -160,7 +160,8 @@ pub fn of_source(
     let faces = mesh.faces.len() as u64;
     let fixed = blocks.shared.read(block)?.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
     let share = common.source_faces as f64 / faces.max(1) as f64;
-    let part = (blocks.count > 1).then(|| Part { fixed, enough: faces / LEFT_OF_SOURCE, share, stalled: false });
+    let part =
+        (blocks.count > 1).then(|| Part { fixed, enough: faces / LEFT_OF_SOURCE, share, stalled: false });
     let start = Start {
         content,
         store,
@@ -355,7 +356,8 @@ impl Mended {
             let [a, b, c] = face.map(|v| gathered.positions[v as usize]);
             a == b || b == c || c == a
         };
-        let dropped = gathered.faces.iter().enumerate().filter(|(row, face)| is_own(*row) && degenerate(face));
+        let dropped =
+            gathered.faces.iter().enumerate().filter(|(row, face)| is_own(*row) && degenerate(face));
         let degenerate_faces = dropped.count() as u64;
         let ids = hash::first_equal(bytemuck::cast_slice(&mesh.positions), 3);
         let edges = Edges::named(&mesh.faces, |v| ids[v as usize]);
@@ -406,7 +408,10 @@ impl Gathered {
             rows.iter().map(|v| all[*v as usize]).collect()
         }
         Self {
-            positions: vertices.iter().map(|v| frame::internal(frame, source.positions.get(*v as usize))).collect(),
+            positions: vertices
+                .iter()
+                .map(|v| frame::internal(frame, source.positions.get(*v as usize)))
+                .collect(),
             faces: rows.iter().map(|row| corners(row).map(local)).collect(),
             normals: source.normals.map(|all| of(all, &vertices)),
             colors: source.colors.map(|colors| match colors {

@@ -144,13 +144,7 @@ fn first_groups(made: &[Made]) -> Result<Vec<u32>> {
 }
 
 /// Puts what the blocks of a stage left into those of the next, by the centres of clusters.
-fn share_out(
-    made: &[Made],
-    stage: Range<usize>,
-    bounds: &Aabb,
-    next: usize,
-    most: u64,
-) -> Vec<Vec<Taken>> {
+fn share_out(made: &[Made], stage: Range<usize>, bounds: &Aabb, next: usize, most: u64) -> Vec<Vec<Taken>> {
     let cells = Cells::new(bounds, (next as f64 * SHIFT).fract());
     let all = stage.flat_map(|block| made[block].left.iter().map(move |left| (block as u32, left)));
     let placed: Vec<(u32, u32, &block::LeftEntry)> =

@@ -78,7 +78,8 @@ impl SpoolWriter {
                 u32::from(cluster.level),
                 cluster.refined,
             ]);
-            let numbers = [cluster.error, cluster.bound, cluster.quadric, cluster.attribute_error, cluster.rank];
+            let numbers =
+                [cluster.error, cluster.bound, cluster.quadric, cluster.attribute_error, cluster.rank];
             words.extend(numbers.iter().chain(&[x, y, z, sphere.radius]).map(|x| x.to_bits()));
             words.extend(&mesh.vertices);
             for v in &mesh.vertices {

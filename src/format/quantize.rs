@@ -87,7 +87,8 @@ impl<'a> Rounded<'a> {
         })?;
         let measures = Measures::of(&seen);
         let clusters: Vec<Clustered> = seen.into_iter().flat_map(|page| page.clusters).collect();
-        let of_page = |entry: &PageEntry| &clusters[entry.first_cluster as usize..][..entry.clusters as usize];
+        let of_page =
+            |entry: &PageEntry| &clusters[entry.first_cluster as usize..][..entry.clusters as usize];
         let Some(exponent) = exponent(dag, precision, &measures)? else {
             let pages = Arc::new(Pages::absent(Arc::clone(&dag.pages.table), dag.layout()));
             let page_of = |refined: u32| dag.groups.get(refined as usize).map(|g| g.first.page() as u32);
@@ -383,8 +384,9 @@ impl Seen {
         let mut sides: Vec<([u8; 2], u8, f64)> = Vec::new();
         for (slot, record) in window.records(page).iter().enumerate() {
             let geometry = window.geometry(ClusterAddress::new(page, slot));
-            let largest =
-                |most: f32, values: &mut dyn Iterator<Item = f32>| values.fold(most, |most, x| most.max(x.abs()));
+            let largest = |most: f32, values: &mut dyn Iterator<Item = f32>| {
+                values.fold(most, |most, x| most.max(x.abs()))
+            };
             out.largest = largest(out.largest, &mut geometry.positions.iter().flatten());
             out.largest_uv = largest(out.largest_uv, &mut geometry.uvs.as_flattened().iter().copied());
             let faces = if record.level == 0 { record.triangle_count } else { 0 };
