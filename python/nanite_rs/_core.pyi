@@ -9,6 +9,7 @@ __all__ = [
     "BYTES_PER_TRIANGLE",
     "FINE_PART",
     "MOST_THREADS",
+    "BlockBuild",
     "ChannelRows",
     "Cut",
     "EnvironmentMap",
@@ -88,6 +89,27 @@ def decimate(
 ) -> Cut: ...
 
 @final
+class BlockBuild:
+    @staticmethod
+    def begin(
+        arrays: dict[str, Any],
+        *,
+        options: dict[str, Any],
+        memory: int,
+        folder: str | PathLike[str],
+        key: str,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> BlockBuild: ...
+    @staticmethod
+    def open(folder: str | PathLike[str], options: dict[str, Any]) -> BlockBuild: ...
+    def missing(self) -> list[int]: ...
+    def make(
+        self, arrays: dict[str, Any], block: int, progress: Callable[[int, int], object] | None = None
+    ) -> None: ...
+    def advance(self) -> bool: ...
+    def save(self, path: str | PathLike[str]) -> int: ...
+
+@final
 class Mesh:
     @staticmethod
     def build(
@@ -96,16 +118,6 @@ class Mesh:
         options: dict[str, Any],
         progress: Callable[[int, int], object] | None = None,
     ) -> Mesh: ...
-    @staticmethod
-    def build_file(
-        arrays: dict[str, Any],
-        path: str | PathLike[str],
-        *,
-        options: dict[str, Any],
-        memory: int,
-        folder: str | PathLike[str],
-        progress: Callable[[int, int], object] | None = None,
-    ) -> int: ...
     @staticmethod
     def open(path: str | PathLike[str]) -> Mesh: ...
     @staticmethod

@@ -5,6 +5,7 @@ Whatever comes in pieces is written to plain files, an array each, and mapped: t
 
 from __future__ import annotations
 
+import json
 import os
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from nanite_rs import _ply
 from nanite_rs._asset import Notes
-from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, MeshError
+from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, FormatError, MeshError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -33,7 +34,7 @@ _STL_ROW: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("
 
 
 class Spool:
-    """Arrays that grow in files of a folder."""
+    """Arrays that grow in files of a folder, and what they are of."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -44,36 +45,87 @@ class Spool:
         """Return how many rows an array has so far."""
         return self._rows.get(name, 0)
 
+    def dtype(self, name: str) -> np.dtype[Any]:
+        """Return the type of an array."""
+        return self._forms[name][0]
+
     def append(self, name: str, rows: NDArray[Any]) -> None:
         """Append rows to an array; all have the form of the first."""
         form = self._forms.setdefault(name, (rows.dtype, rows.shape[1:]))
         if form[1] != rows.shape[1:]:
             raise ArgumentError(f"{name}: rows of shape {rows.shape[1:]}, before of {form[1]}")
-        with open(self._folder / name, "ab") as file:
+        with open(self._folder / name, "ab" if self.rows(name) else "wb") as file:
             np.ascontiguousarray(rows, form[0]).tofile(file)
         self._rows[name] = self.rows(name) + len(rows)
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return all arrays, mapped."""
-        out: dict[str, NDArray[Any]] = {}
-        for name, (dtype, shape) in self._forms.items():
-            whole = (self._rows[name], *shape)
-            path = self._folder / name
-            out[name] = (
-                np.memmap(path, dtype, "r", shape=whole) if self._rows[name] else np.zeros(whole, dtype)
-            )
-        return out
+    def finish(self, of: list[Any] | None) -> dict[str, NDArray[Any]]:
+        """Return all arrays, mapped; ``of`` tells what they were made from."""
+        forms = {
+            name: [dtype.str, [self._rows[name], *shape]] for name, (dtype, shape) in self._forms.items()
+        }
+        aside = self._folder / f"{_LIST}.part"
+        aside.write_text(json.dumps({"of": of, "arrays": forms}), encoding="utf-8")
+        aside.replace(self._folder / _LIST)
+        return opened(self._folder)
+
+
+#: What arrays a folder has.
+_LIST: Final = "arrays.json"
+
+
+def opened(folder: Path, of: list[Any] | None = None) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a folder, mapped; none where they are not there, or were made from something else."""
+    try:
+        found = json.loads((folder / _LIST).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    if of is not None and found["of"] != of:
+        return {}
+    out: dict[str, NDArray[Any]] = {}
+    for name, (dtype, rows) in found["arrays"].items():
+        shape = tuple(rows)
+        out[name] = np.memmap(folder / name, dtype, "r", shape=shape) if shape[0] else np.zeros(shape, dtype)
+    return out
+
+
+def spooled(arrays: Mapping[str, NDArray[Any]], folder: Path) -> dict[str, NDArray[Any]]:
+    """Write arrays to a folder, where other processes see them."""
+    spool = Spool(folder)
+    for name, whole in arrays.items():
+        for start in range(0, max(len(whole), 1), ROWS):
+            rows = whole[start : start + ROWS]
+            if name == "faces":
+                if len(rows) and rows.min() < 0:
+                    row = start + int(np.argmax((rows < 0).any(axis=1)))
+                    raise MeshError(f"faces[{row}] refers to vertex {rows[row - start].min()}")
+                rows = rows.astype(np.uint32)
+            spool.append(name, rows)
+    return spool.finish(None)
+
+
+def identity(path: str) -> list[Any]:
+    """Return what tells a file from what it was before."""
+    status = os.stat(path)
+    return [os.path.abspath(path), status.st_size, status.st_mtime_ns]
 
 
 def of_file(path: str, ending: str, folder: Path, notes: Notes) -> dict[str, NDArray[Any]]:
-    """Read a file piece by piece.
+    """Read a file piece by piece, unless it was before.
 
     Raises
     ------
     FormatError
         It is none that can be read so.
     """
-    return (_of_ply if ending == "ply" else _of_stl)(path, folder, notes)
+    of = identity(path)
+    known = opened(folder, of)
+    if known:
+        return known
+    spool = Spool(folder)
+    (_of_ply if ending == "ply" else _of_stl)(path, spool, notes)
+    if identity(path) != of:
+        raise FileError(f"{path}: the file changed while it was read")
+    return spool.finish(of)
 
 
 def of_pieces(pieces: Iterable[Any], folder: Path) -> dict[str, NDArray[Any]]:
@@ -98,7 +150,7 @@ def of_pieces(pieces: Iterable[Any], folder: Path) -> dict[str, NDArray[Any]]:
             raise MeshError(f"{where}: more than 2^32 vertices")
         if number == 0 and vertices.dtype != np.float32:
             vertices = vertices.astype(np.float64)
-        if number and spool.arrays()["vertices"].dtype == np.float32 != vertices.dtype:
+        if number and spool.dtype("vertices") == np.float32 != vertices.dtype:
             raise DtypeError(f"{where}: vertices are {vertices.dtype}, those of pieces before float32")
         spool.append("vertices", vertices)
         spool.append("faces", (faces.astype(np.int64) + first).astype(np.uint32))
@@ -107,7 +159,7 @@ def of_pieces(pieces: Iterable[Any], folder: Path) -> dict[str, NDArray[Any]]:
             spool.append(name, rows.astype(np.int32 if name == "face_materials" else rows.dtype))
     if known is None:
         raise MeshError("source: there are no pieces")
-    return spool.arrays()
+    return spool.finish(None)
 
 
 def _check(where: str, vertices: NDArray[Any], faces: NDArray[Any], attributes: Mapping[str, Any]) -> None:
@@ -124,7 +176,7 @@ def _check(where: str, vertices: NDArray[Any], faces: NDArray[Any], attributes: 
             raise ArgumentError(f"{where}: {name} has {len(rows)} rows, not {count}")
 
 
-def _of_stl(path: str, folder: Path, notes: Notes) -> dict[str, NDArray[Any]]:
+def _of_stl(path: str, spool: Spool, notes: Notes) -> None:
     """Read binary STL: a soup of triangles."""
     size = os.path.getsize(path)
     with open(path, "rb") as file:
@@ -135,14 +187,12 @@ def _of_stl(path: str, folder: Path, notes: Notes) -> dict[str, NDArray[Any]]:
     rows = (
         np.memmap(path, _STL_ROW, "r", offset=_STL_HEAD, shape=(count,)) if count else np.zeros(0, _STL_ROW)
     )
-    spool = Spool(folder)
     for start in range(0, max(count, 1), ROWS):
         piece = rows[start : start + ROWS]
         spool.append("vertices", piece["corners"].reshape(-1, 3))
         spool.append("faces", np.arange(3 * start, 3 * (start + len(piece)), dtype=np.uint32).reshape(-1, 3))
         if piece["more"].any():
             notes.add("colours of faces")
-    return spool.arrays()
 
 
 _TYPES: Final = {
@@ -199,13 +249,12 @@ def _row(path: str, order: str, element: str, properties: list[tuple[str, ...]])
         raise FormatError(f"{path}: element {element}: {error}") from None
 
 
-def _of_ply(path: str, folder: Path, notes: Notes) -> dict[str, NDArray[Any]]:
+def _of_ply(path: str, spool: Spool, notes: Notes) -> None:
     """Read binary PLY of triangles."""
     order, elements, offset = _ply_head(path)
     size = os.path.getsize(path)
-    spool = Spool(folder)
     for element, count, properties in elements:
-        if {"vertices", "faces"} <= spool.arrays().keys():
+        if spool.rows("vertices") and spool.rows("faces"):
             break
         dtype = _row(path, order, element, properties)
         end = offset + count * dtype.itemsize
@@ -233,10 +282,8 @@ def _of_ply(path: str, folder: Path, notes: Notes) -> dict[str, NDArray[Any]]:
                     notes.add("properties of faces", ", ".join(others))
                 spool.append("faces", piece[key].astype(np.uint32))
         offset = end
-    arrays = spool.arrays()
-    if "vertices" not in arrays or not len(arrays.get("faces", ())):
+    if not spool.rows("vertices") or not spool.rows("faces"):
         raise MeshError(f"{path}: there are no faces")
-    return arrays
 
 
 def _vertices(path: str, piece: NDArray[Any], spool: Spool, notes: Notes) -> None:

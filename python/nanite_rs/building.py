@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import tempfile
-from collections.abc import Iterable
+import zlib
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,8 +16,7 @@ import numpy as np
 from nanite_rs import _checks, _pieces, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._asset import Notes
-from nanite_rs._core import BYTES_PER_TRIANGLE
-from nanite_rs._core import Mesh as CoreMesh
+from nanite_rs._core import BYTES_PER_TRIANGLE, BlockBuild
 from nanite_rs._progress import reporter
 from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, FormatError
 from nanite_rs.mesh import NaniteMesh
@@ -36,6 +35,8 @@ def build_file(
     memory: int | str = "4 GiB",
     options: BuildOptions | None = None,
     folder: io.PathLike | None = None,
+    resume: bool = False,
+    executor: Any = None,
     progress: Progress = None,
 ) -> NaniteMesh:
     """Build a ``.nanite`` file from a source that may be larger than memory, and open it.
@@ -66,8 +67,15 @@ def build_file(
     options : BuildOptions, optional
         How to build. ``preserve_area`` is for sources that fit.
     folder : path, optional
-        Where a folder is made for what does not fit, some 150 bytes for each face, and removed in the end; by
-        default beside the file.
+        Where the work folder is made, named after the file with ``.work`` behind it, for what does not fit: some
+        150 bytes for each face. It is removed in the end. By default it is beside the file.
+    resume : bool, default False
+        Go on from the last finished block where a build of the same source with the same options and memory was
+        stopped or killed, and keep the work folder where this one fails. Without it the work folder of another
+        build is removed.
+    executor : concurrent.futures.Executor or dask.distributed.Client, optional
+        What makes the blocks of a stage at once, each in ``memory``: processes, or machines that share the work
+        folder. The file has the same bytes.
     progress : bool or callable, optional
         As for `NaniteMesh.from_arrays`.
 
@@ -108,44 +116,127 @@ def build_file(
     if not isinstance(options, BuildOptions | None):
         raise no_options(options)
     limit = _bytes(memory)
+    resume = _checks.truth(resume, "resume")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise DtypeError(f"executor: expected one with submit, not {type(executor).__name__}")
     target = Path(path)
     place = target.parent if folder is None else Path(_checks.path_of(folder, "folder"))
+    work = place / f"{target.name}.work"
+    done, ours = False, not work.exists() or (work / "about.txt").exists()
     try:
-        work = Path(tempfile.mkdtemp(prefix=".nanite-", dir=place))
-    except OSError as error:
-        raise FileError(f"{place}: {error.strerror or error}") from error
-    try:
+        _make_folder(work, resume=resume)
         given = _given(source, limit, work)
         if isinstance(given, str):
             NaniteMesh.from_file(given, options=options, progress=progress).save(target)
         else:
-            _build(given, target, limit, options or BuildOptions(), work, progress)
+            _build(given, target, limit, options or BuildOptions(), work, executor, progress)
+        done = True
     except OSError as error:
         raise FileError(f"{error.filename or work}: {error.strerror or error}") from error
     finally:
-        shutil.rmtree(work, ignore_errors=True)
+        if ours and (done or not resume):
+            shutil.rmtree(work, ignore_errors=True)
     return NaniteMesh.open(target)
 
 
+def _make_folder(work: Path, *, resume: bool) -> None:
+    """Make the work folder, or empty the one of another build."""
+    marker = work / "about.txt"
+    if work.exists() and not marker.exists():
+        raise FileError(f"{work}: in the way, and no work folder of a build; give another folder")
+    if not resume:
+        shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(exist_ok=True)
+    marker.write_text(
+        "What nanite_rs.build_file works with. Without a build that goes on, it may be deleted.\n"
+    )
+
+
 def _build(
-    arrays: dict[str, Any], target: Path, limit: int, options: BuildOptions, work: Path, progress: Progress
+    arrays: dict[str, Any],
+    target: Path,
+    limit: int,
+    options: BuildOptions,
+    work: Path,
+    executor: Any,
+    progress: Progress,
 ) -> None:
     """Build from arrays, in memory where they fit."""
     vertices, faces = as_array(arrays["vertices"], "vertices"), as_array(arrays["faces"], "faces")
-    uvs = [arrays[name] for name in sorted(arrays) if name.startswith("uvs")]
-    given = {name: arrays.get(name) for name in ("normals", "colors", "face_materials")} | {"uvs": uvs}
     if faces.ndim and len(faces) * BYTES_PER_TRIANGLE <= limit:
+        given = _attributes(arrays)
         NaniteMesh.from_arrays(vertices, faces, **given, options=options, progress=progress).save(target)
         return
+    if executor is not None and not _pieces.opened(work):
+        arrays = _pieces.spooled(arrays, work)
+    how, own = asdict(options), core(arrays)
     with reporter(progress, "building") as report:
-        CoreMesh.build_file(
-            core_arrays(vertices, faces, given, None),
-            target,
-            options=asdict(options),
-            memory=limit,
-            folder=work,
-            progress=report,
+        build = BlockBuild.begin(
+            own, options=how, memory=limit, folder=work, key=_key(arrays), progress=report
         )
+        total = Total(report, 2 * len(faces))
+        while True:
+            blocks = build.missing()
+            if executor is None:
+                for block in blocks:
+                    build.make(own, block, total.part())
+            else:
+                for future in [executor.submit(make_block, str(work), how, block) for block in blocks]:
+                    future.result()
+            if not build.advance():
+                break
+        build.save(target)
+
+
+def make_block(work: str, options: dict[str, Any], block: int) -> None:
+    """Make a block, in any process that sees the work folder."""
+    arrays = core(_pieces.opened(Path(work)))
+    BlockBuild.open(work, options).make(arrays, block)
+
+
+def _attributes(arrays: dict[str, Any]) -> dict[str, Any]:
+    uvs = [arrays[name] for name in sorted(arrays) if name.startswith("uvs")]
+    return {name: arrays.get(name) for name in ("normals", "colors", "face_materials")} | {"uvs": uvs}
+
+
+def core(arrays: dict[str, Any]) -> dict[str, Any]:
+    """Return arrays as the core takes them."""
+    return core_arrays(
+        as_array(arrays["vertices"], "vertices"),
+        as_array(arrays["faces"], "faces"),
+        _attributes(arrays),
+        None,
+    )
+
+
+def _key(arrays: dict[str, Any]) -> str:
+    """Return what tells sources apart: a checksum of all arrays."""
+    sums = []
+    for name, rows in sorted(arrays.items()):
+        crc = 0
+        for start in range(0, len(rows), _pieces.ROWS):
+            crc = zlib.crc32(rows[start : start + _pieces.ROWS].tobytes(), crc)
+        sums.append(f"{name} {rows.dtype.str} {rows.shape} {crc:08x}")
+    return "; ".join(sums)
+
+
+class Total:
+    """What calls with the progress of all parts together."""
+
+    def __init__(self, report: Callable[[int, int], object] | None, total: int) -> None:
+        self._report, self._total, self._done = report, total, 0
+
+    def part(self) -> Callable[[int, int], object] | None:
+        """Return what one part calls with its own."""
+        if self._report is None:
+            return None
+        report, before = self._report, self._done
+
+        def update(done: int, _: int) -> None:
+            self._done = max(self._done, before + done)
+            report(min(self._done, self._total), self._total)
+
+        return update
 
 
 def _given(source: object, limit: int, work: Path) -> str | dict[str, NDArray[Any]]:

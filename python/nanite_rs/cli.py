@@ -152,6 +152,7 @@ def _build(arguments: argparse.Namespace) -> int:
                 _generated(name) if name.startswith(SHAPE_PREFIX) else name,
                 output,
                 memory=arguments.memory,
+                resume=arguments.resume,
                 options=_options(arguments),
                 progress=False if arguments.quiet else None,
             )
@@ -515,6 +516,7 @@ def _add_build(commands: Any) -> None:
         metavar="SIZE",
         help="bytes that building may take, such as 4GiB: larger binary PLY and STL are built on disk",
     )
+    sub.add_argument("--resume", action="store_true", help="with --memory: go on where a build was stopped")
     _add_building(sub)
 
 

@@ -28,6 +28,8 @@ const UNNAMED: u32 = u32::MAX;
 pub struct Stages<'a> {
     /// The blocks, stage by stage.
     pub made: &'a [Made],
+    /// What reads the records of each block.
+    pub readers: &'a [SpoolReader],
     /// The number of the first block of each stage.
     pub starts: &'a [usize],
     /// The number of the first group of each block.
@@ -62,9 +64,7 @@ impl Stages<'_> {
         groups
             .par_iter()
             .map(|at| {
-                let made = &self.made[at.block as usize];
-                let reader = SpoolReader::new(&made.path, self.common.layout, self.common.stride);
-                of(*at, reader.read(made.groups[at.group as usize].place)?)
+                of(*at, self.readers[at.block as usize].read(self.entry(*at).place)?)
             })
             .collect()
     }
@@ -72,7 +72,7 @@ impl Stages<'_> {
     /// Identities of all blocks by name, in the order of their first use; and how many there are.
     fn names(&self, order: &[At]) -> Result<(Vec<Vec<u32>>, u32)> {
         let mut names: Vec<Vec<u32>> =
-            self.made.iter().map(|made| vec![UNNAMED; made.identities as usize]).collect();
+            self.made.iter().map(|made| vec![UNNAMED; made.summary.identities as usize]).collect();
         let mut count = 0;
         // The last stage comes first: it says what the one before calls what both have.
         let mut stage = self.starts.len();
@@ -98,7 +98,7 @@ impl Stages<'_> {
     fn hand_down(&self, stage: usize, names: &mut [Vec<u32>]) {
         let end = self.starts.get(stage + 1).copied().unwrap_or(self.made.len());
         for block in self.starts[stage]..end {
-            for (own, origin, id) in &self.made[block].origins {
+            for [own, origin, id] in &self.made[block].origins {
                 names[*origin as usize][*id as usize] = names[block][*own as usize];
             }
         }
@@ -118,7 +118,7 @@ pub fn assemble(
     let all: Vec<At> = blocks
         .flat_map(|(block, made)| (0..made.groups.len() as u32).map(move |group| At { block, group }))
         .collect();
-    let keys = all.iter().map(|at| (stages.entry(*at).group.level, stages.entry(*at).bounds));
+    let keys = all.iter().map(|at| (stages.entry(*at).level, stages.entry(*at).bounds));
     let spatial = spatial_order(keys);
     let in_order: Vec<At> = spatial.iter().map(|g| all[*g as usize]).collect();
     let (names, vertex_count) = stages.names(&in_order)?;
@@ -150,8 +150,8 @@ pub fn assemble(
     let Paging { table, order, first } = paginate(&spatial, |g| {
         let entry = stages.entry(all[g as usize]);
         GroupSize {
-            level: entry.group.level,
-            root: entry.group.error == ROOT_ERROR,
+            level: entry.level,
+            root: entry.error == ROOT_ERROR,
             clusters: entry.clusters,
             words: seen[g as usize].0,
             faces: entry.faces,
@@ -163,20 +163,20 @@ pub fn assemble(
         .zip(&first)
         .zip(&boxes)
         .map(|((g, first), bounds)| {
-            let GroupEntry { group, clusters, min_own_error, .. } = stages.entry(all[*g as usize]);
+            let group = stages.entry(all[*g as usize]);
             let (center, extent) = bounds.center_extent();
             Group {
                 lod_sphere: group.lod_sphere,
                 error: group.error,
                 first: *first,
-                count: *clusters,
+                count: group.clusters,
                 level: group.level,
                 center,
                 extent,
                 bound: group.bound,
                 quadric: group.quadric,
                 attribute_error: group.attribute_error,
-                min_own_error: *min_own_error,
+                min_own_error: group.min_own_error,
                 rank: group.rank,
                 reserved: 0,
             }

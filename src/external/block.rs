@@ -3,23 +3,26 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
+use serde::{Deserialize, Serialize};
 
-use super::source::SourceBlocks;
+use super::lists;
+use super::source::{AROUND, OWN, SHARED};
 use super::spool::{Place, SpoolReader, SpoolWriter};
 use crate::build::Meter;
 use crate::build::assemble::face_ids;
 use crate::build::clusterize::{ClusterMesh, clusterize};
 use crate::build::content::{Content, weights};
-use crate::build::dag::{BuildCluster, BuildGroup, Grown, LOCAL_GROUP, Part, Start, grow_from};
+use crate::build::dag::{BuildCluster, Grown, LOCAL_GROUP, Part, Start, grow_from};
 use crate::build::order;
 use crate::build::store::VertexStore;
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
-use crate::math::Aabb;
+use crate::math::{Aabb, Sphere};
 use crate::mesh::edges::Edges;
 use crate::mesh::{Colors, Positions, SourceMesh, WeldedMesh, frame, hash, weld_in};
 use crate::model::cluster::NO_GROUP;
@@ -31,25 +34,39 @@ pub const LEFT_OF_SOURCE: u64 = 64;
 /// The same of further stages.
 pub const LEFT: u64 = 16;
 
-/// A group on disk.
-#[derive(Clone, Debug)]
+/// A group on disk; see [`crate::model::Group`].
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct GroupEntry {
-    /// The group, whose members are not numbered.
-    pub group: BuildGroup,
+    /// Encloses the LOD spheres of its clusters.
+    pub lod_sphere: Sphere,
+    /// The box around its clusters.
+    pub bounds: Aabb,
+    /// Their parent error.
+    pub error: f32,
+    /// Proven distance of what was made of them.
+    pub bound: f32,
+    /// The simplifiers' estimate of it.
+    pub quadric: f32,
+    /// Deviation of attributes in what was made of them.
+    pub attribute_error: f32,
+    /// What the group costs.
+    pub rank: f32,
+    /// The least own error of a cluster.
+    pub min_own_error: f32,
+    /// Level in which it was formed.
+    pub level: u32,
     /// Number of its clusters.
     pub clusters: u32,
     /// Triangles of the source among theirs.
     pub faces: u32,
-    /// The box around them.
-    pub bounds: Aabb,
-    /// The least own error among them.
-    pub min_own_error: f32,
     /// Where its clusters lie.
     pub place: Place,
 }
 
 /// A cluster that is left to the next stage.
-#[derive(Clone, Debug)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct LeftEntry {
     /// Number of its triangles.
     pub triangles: u32,
@@ -59,24 +76,29 @@ pub struct LeftEntry {
     pub place: Place,
 }
 
-/// What a block made.
-#[derive(Debug)]
+/// What a block made, but for the records of its groups and of what it leaves.
+#[derive(Debug, Default)]
 pub struct Made {
-    /// Its records.
-    pub path: PathBuf,
     /// Its groups.
     pub groups: Vec<GroupEntry>,
     /// What it leaves to the next stage.
     pub left: Vec<LeftEntry>,
+    /// Identities that were another block's of the stage before: its own number, the block, and the number there; one has
+    /// several origins where blocks shared it.
+    pub origins: Vec<[u32; 3]>,
+    /// All else.
+    pub summary: Summary,
+}
+
+/// What a block made, in numbers.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Summary {
     /// Number of its identities.
     pub identities: u32,
-    /// The first identities were another block's of the stage before: which block, and which of its identities; one has
-    /// several origins where blocks shared it.
-    pub origins: Vec<(u32, u32, u32)>,
     /// What the build did.
     pub report: BuildReport,
-    /// The box of its clusters.
-    pub bounds: Aabb,
+    /// The box of its clusters: the smallest and the largest corner; nothing where there are none.
+    pub bounds: Option<[[f32; 3]; 2]>,
     /// What was mended in the source.
     pub mended: Mended,
     /// The first level that it made, and the one after the last.
@@ -103,16 +125,16 @@ pub struct Common<'a> {
 /// Grows the levels of a block of the source.
 pub fn of_source(
     source: &SourceMesh<'_>,
-    blocks: &SourceBlocks,
-    block: usize,
+    (block, blocks): (usize, usize),
     common: &Common<'_>,
+    folder: &Path,
     path: PathBuf,
     meter: &Meter<'_>,
 ) -> Result<Made> {
     let mut report = BuildReport::default();
-    let mut own = blocks.own.read(block)?;
+    let mut own = lists::read(folder, OWN, block)?;
     own.sort_unstable();
-    let mut all = blocks.around.read(block)?;
+    let mut all = lists::read(folder, AROUND, block)?;
     all.extend_from_slice(&own);
     all.sort_unstable();
     all.dedup();
@@ -121,7 +143,7 @@ pub fn of_source(
     let mut mesh =
         match weld_in(&gathered.mesh(), positions, common.frame, common.options.crease_angle, &mut report) {
             // Others have more.
-            Err(Error::EmptyMesh(_)) if blocks.count > 1 => return Made::empty(path, own.len()),
+            Err(Error::EmptyMesh(_)) if blocks > 1 => return Ok(Made::empty(own.len())),
             welded => welded?,
         };
     let mended = Mended::new(&gathered, &mesh, &own, &all);
@@ -158,10 +180,10 @@ pub fn of_source(
         clusters.iter().map(of).collect()
     });
     let faces = mesh.faces.len() as u64;
-    let fixed = blocks.shared.read(block)?.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
+    let fixed = bits_of(&lists::read(folder, SHARED, block)?);
     let share = common.source_faces as f64 / faces.max(1) as f64;
     let part =
-        (blocks.count > 1).then(|| Part { fixed, enough: faces / LEFT_OF_SOURCE, share, stalled: false });
+        (blocks > 1).then(|| Part { fixed, enough: faces / LEFT_OF_SOURCE, share, stalled: false });
     let start = Start {
         content,
         store,
@@ -173,12 +195,19 @@ pub fn of_source(
         source_faces: common.source_faces,
     };
     let grown = grow_from(start, common.options, meter, &mut report)?;
-    let made = write(grown, face_rows.unwrap_or_default(), path, report, Vec::new(), 0)?;
-    Ok(Made { mended, ..made })
+    let mut made = write(grown, face_rows.unwrap_or_default(), path, report, Vec::new(), 0)?;
+    made.summary.mended = mended;
+    Ok(made)
+}
+
+/// Positions by their bits, which follow each other.
+pub fn bits_of(words: &[u32]) -> FxHashSet<[u32; 3]> {
+    words.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect()
 }
 
 /// A cluster that a block of the stage before left.
-#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Taken {
     /// The block.
     pub block: u32,
@@ -220,7 +249,7 @@ pub fn of_left(
                     store.attributes.extend_from_slice(row);
                 }
                 same.push((name, *block));
-                origins.push((name, *block, *id));
+                origins.push([name, *block, *id]);
                 name
             });
             names.push(name);
@@ -268,7 +297,7 @@ fn write(
     face_rows: Vec<Vec<u32>>,
     path: PathBuf,
     report: BuildReport,
-    origins: Vec<(u32, u32, u32)>,
+    origins: Vec<[u32; 3]>,
     level: u32,
 ) -> Result<Made> {
     let Grown { store, mut clusters, groups, pending } = grown;
@@ -300,41 +329,85 @@ fn write(
         let own = members.iter().map(|c| &clusters[*c as usize]);
         let of_source = own.clone().filter(|cluster| cluster.level == 0);
         entries.push(GroupEntry {
+            lod_sphere: group.lod_sphere,
+            error: group.error,
+            bound: group.bound,
+            quadric: group.quadric,
+            attribute_error: group.attribute_error,
+            rank: group.rank,
+            level: group.level,
             clusters: members.len() as u32,
             faces: of_source.map(|cluster| cluster.mesh.triangles.len() as u32).sum(),
             bounds: members.iter().fold(Aabb::EMPTY, |b, c| b.union(&boxes[*c as usize])),
             min_own_error: own.clone().map(|cluster| cluster.error).fold(f32::INFINITY, f32::min),
             place: out.write(&store, own.zip(members.iter().map(|c| rows(*c))))?,
-            group,
         });
     }
-    let path = out.finish()?;
-    let identities = store.count() as u32;
+    out.finish()?;
     let bounds = boxes.iter().fold(Aabb::EMPTY, |all, of| all.union(of));
-    let mended = Mended::default();
-    Ok(Made { path, groups: entries, left, identities, origins, report, bounds, mended, levels: level..next })
+    let summary = Summary {
+        identities: store.count() as u32,
+        report,
+        bounds: (!boxes.is_empty()).then_some([bounds.min, bounds.max]),
+        mended: Mended::default(),
+        levels: level..next,
+    };
+    Ok(Made { groups: entries, left, origins, summary })
 }
 
 impl Made {
     /// Of a block none of whose faces stays.
-    fn empty(path: PathBuf, faces: usize) -> Result<Self> {
-        let path = SpoolWriter::create(path)?.finish()?;
-        Ok(Self {
-            path,
-            groups: Vec::new(),
-            left: Vec::new(),
-            identities: 0,
-            origins: Vec::new(),
-            report: BuildReport::default(),
-            bounds: Aabb::EMPTY,
-            mended: Mended { degenerate_faces: faces as u64, ..Mended::default() },
-            levels: 0..0,
-        })
+    fn empty(faces: usize) -> Self {
+        let mut made = Self::default();
+        made.summary.mended.degenerate_faces = faces as u64;
+        made
+    }
+
+    /// Writes it, in one step: a block is made where its file is there.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        // A struct of numbers always has a JSON form.
+        let mut summary = serde_json::to_vec(&self.summary).unwrap_or_default();
+        summary.resize(summary.len().next_multiple_of(size_of::<u32>()), b' ');
+        let lengths = [summary.len() / 4, self.groups.len(), self.left.len(), self.origins.len()];
+        let head = lengths.map(|length| length as u32);
+        let parts: [&[u8]; 5] = [
+            bytemuck::cast_slice(&head),
+            &summary,
+            bytemuck::cast_slice(&self.groups),
+            bytemuck::cast_slice(&self.left),
+            bytemuck::cast_slice(&self.origins),
+        ];
+        lists::write_whole(path, &parts)
+    }
+
+    /// Reads what was written; nothing where it was not.
+    pub fn read(path: &Path) -> Result<Option<Self>> {
+        let words = match lists::words_of(path) {
+            Ok(words) => words,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(source) => return Err(Error::Io { path: path.to_path_buf(), source }),
+        };
+        let broken = || Error::Invariant(format!("{}: what a block made is cut short", path.display()));
+        let mut rest = words.as_slice();
+        let mut take = |count: usize| -> Result<&[u32]> {
+            let (first, behind) = rest.split_at_checked(count).ok_or_else(broken)?;
+            rest = behind;
+            Ok(first)
+        };
+        let head = take(4)?;
+        let [summary, groups, left, origins] = [0, 1, 2, 3].map(|k| head[k] as usize);
+        let summary: &[u8] = bytemuck::cast_slice(take(summary)?);
+        Ok(Some(Self {
+            summary: serde_json::from_slice(summary).map_err(|_| broken())?,
+            groups: bytemuck::cast_slice(take(groups * size_of::<GroupEntry>() / 4)?).to_vec(),
+            left: bytemuck::cast_slice(take(left * size_of::<LeftEntry>() / 4)?).to_vec(),
+            origins: bytemuck::cast_slice(take(origins * 3)?).to_vec(),
+        }))
     }
 }
 
 /// What was mended in a block of the source, and what edges are like: each counted in one block alone.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Mended {
     /// Faces that stay.
     pub faces: u64,

@@ -25,10 +25,6 @@ impl Lists {
         Self { folder: folder.to_path_buf(), name, gathered }
     }
 
-    fn path(&self, block: usize) -> PathBuf {
-        self.folder.join(format!("{}-{block:06}", self.name))
-    }
-
     /// Appends words to the list of a block.
     pub fn append(&self, block: usize, words: &[u32]) -> Result<()> {
         let mut gathered = self.gathered[block].lock().unwrap_or_else(PoisonError::into_inner);
@@ -40,29 +36,55 @@ impl Lists {
     }
 
     fn write(&self, block: usize, words: &mut Vec<u32>) -> Result<()> {
-        let path = self.path(block);
+        let path = path(&self.folder, self.name, block);
         let file = OpenOptions::new().create(true).append(true).open(&path);
         let written = file.and_then(|mut file| file.write_all(bytemuck::cast_slice(words)));
         words.clear();
         written.map_err(|source| Error::Io { path, source })
     }
 
-    /// All words of a block.
-    pub fn read(&self, block: usize) -> Result<Vec<u32>> {
-        let mut gathered = self.gathered[block].lock().unwrap_or_else(PoisonError::into_inner);
-        let path = self.path(block);
-        if !path.exists() {
-            return Ok(gathered.clone());
+    /// Writes what was gathered: from here on files hold all.
+    pub fn finish(&self) -> Result<()> {
+        for (block, gathered) in self.gathered.iter().enumerate() {
+            let mut gathered = gathered.lock().unwrap_or_else(PoisonError::into_inner);
+            if !gathered.is_empty() {
+                self.write(block, &mut gathered)?;
+            }
         }
-        if !gathered.is_empty() {
-            self.write(block, &mut gathered)?;
-        }
-        let read = |path: &Path| {
-            let mut file = File::open(path)?;
-            let mut words = vec![0u32; file.metadata()?.len() as usize / size_of::<u32>()];
-            file.read_exact(bytemuck::cast_slice_mut(&mut words))?;
-            Ok(words)
-        };
-        read(&path).map_err(|source| Error::Io { path, source })
+        Ok(())
     }
+}
+
+fn path(folder: &Path, name: &str, block: usize) -> PathBuf {
+    folder.join(format!("{name}-{block:06}"))
+}
+
+/// The finished list of a block: all words; none where there is no file.
+pub fn read(folder: &Path, name: &str, block: usize) -> Result<Vec<u32>> {
+    let path = path(folder, name, block);
+    match words_of(&path) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
+        read => read.map_err(|source| Error::Io { path, source }),
+    }
+}
+
+/// The words of a file.
+pub fn words_of(path: &Path) -> std::io::Result<Vec<u32>> {
+    let mut file = File::open(path)?;
+    let mut words = vec![0u32; file.metadata()?.len() as usize / size_of::<u32>()];
+    file.read_exact(bytemuck::cast_slice_mut(&mut words))?;
+    Ok(words)
+}
+
+/// Writes a file in one step or not at all.
+pub fn write_whole(path: &Path, parts: &[&[u8]]) -> Result<()> {
+    let io = |source| Error::Io { path: path.to_path_buf(), source };
+    let aside = path.with_extension("part");
+    let write = || {
+        let mut file = File::create(&aside)?;
+        parts.iter().try_for_each(|part| file.write_all(part))?;
+        file.sync_all()?;
+        std::fs::rename(&aside, path)
+    };
+    write().map_err(io)
 }

@@ -9,26 +9,22 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::cells::{Blocks, Cells};
-use super::lists::Lists;
+use super::lists::{self, Lists};
 use crate::error::Result;
 use crate::mesh::{SourceMesh, frame};
 use crate::model::CoordinateFrame;
 
+/// Lists of faces of others that are at home in a block.
+const VISITORS: &str = "visitors";
 /// Faces that are looked at at a time.
 const CHUNK: usize = 1 << 20;
 
-/// A source in blocks.
-#[derive(Debug)]
-pub struct SourceBlocks {
-    /// Number of blocks.
-    pub count: usize,
-    /// Faces of each block.
-    pub own: Lists,
-    /// Faces of others that touch a position that they share with a block.
-    pub around: Lists,
-    /// The bits of positions that blocks share with others.
-    pub shared: Lists,
-}
+/// Lists of the faces of each block,
+pub const OWN: &str = "own";
+/// of faces of others that touch a position that they share with a block,
+pub const AROUND: &str = "around";
+/// and of the bits of positions that blocks share with others.
+pub const SHARED: &str = "shared";
 
 struct Places<'a> {
     source: &'a SourceMesh<'a>,
@@ -52,14 +48,14 @@ impl Places<'_> {
     }
 }
 
-/// Puts the faces of a valid source into blocks of at most `most`.
+/// Puts the faces of a valid source into blocks of at most `most`; returns how many there are.
 pub fn distribute(
     source: &SourceMesh<'_>,
     frame: &CoordinateFrame,
     cells: &Cells,
     most: u64,
     folder: &Path,
-) -> Result<SourceBlocks> {
+) -> Result<usize> {
     let places = Places { source, frame, cells };
     let chunks = |count: usize| (0..count).step_by(CHUNK).map(move |start| start..count.min(start + CHUNK));
     let mut counts = vec![0; Cells::COUNT];
@@ -70,8 +66,8 @@ pub fn distribute(
     let blocks = Blocks::new(&counts, most);
     drop(counts);
     let list = |name| Lists::new(folder, name, blocks.count);
-    let (own, around, shared) = (list("own"), list("around"), list("shared"));
-    let visitors = list("visitors");
+    let [own, around, shared] = [OWN, AROUND, SHARED].map(list);
+    let visitors = list(VISITORS);
     for chunk in chunks(source.faces.len()) {
         let mut found: Vec<(u32, u32, bool)> = chunk
             .into_par_iter()
@@ -91,8 +87,10 @@ pub fn distribute(
             list.append(block, &faces)?;
         }
     }
+    own.finish()?;
+    visitors.finish()?;
     (0..blocks.count).into_par_iter().try_for_each(|block| -> Result<()> {
-        let visitors = visitors.read(block)?;
+        let visitors = lists::read(folder, VISITORS, block)?;
         // The faces around each position that is at home here and has visitors, with their owners.
         let mut at: FxHashMap<[u32; 3], Vec<(u32, u32)>> = FxHashMap::default();
         for face in &visitors {
@@ -105,7 +103,7 @@ pub fn distribute(
         if at.is_empty() {
             return Ok(());
         }
-        for face in own.read(block)? {
+        for face in lists::read(folder, OWN, block)? {
             for p in places.corners(face) {
                 if let Some(faces) = at.get_mut(&p.map(f32::to_bits)) {
                     faces.push((block as u32, face));
@@ -127,5 +125,7 @@ pub fn distribute(
         }
         Ok(())
     })?;
-    Ok(SourceBlocks { count: blocks.count, own, around, shared })
+    around.finish()?;
+    shared.finish()?;
+    Ok(blocks.count)
 }

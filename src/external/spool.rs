@@ -5,6 +5,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use bytemuck::{Pod, Zeroable};
 use rustc_hash::FxHashMap;
 
 use crate::build::clusterize::ClusterMesh;
@@ -19,11 +20,23 @@ use crate::model::AttributeLayout;
 const HEAD: usize = 16;
 
 /// Where a record lies in the file of its block.
-#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 pub struct Place {
-    /// In words.
-    offset: u64,
+    /// In words: the lower half of the number, and the upper one.
+    offset: [u32; 2],
     words: u32,
+}
+
+impl Place {
+    fn new(offset: u64, words: u32) -> Self {
+        Self { offset: [offset as u32, (offset >> 32) as u32], words }
+    }
+
+    /// In words.
+    fn offset(self) -> u64 {
+        u64::from(self.offset[0]) | u64::from(self.offset[1]) << 32
+    }
 }
 
 /// Clusters with vertices of their own.
@@ -90,7 +103,7 @@ impl SpoolWriter {
             words.extend(radii.iter().map(|x| x.to_bits()));
             words.extend(rows);
         }
-        let place = Place { offset: self.end, words: words.len() as u32 };
+        let place = Place::new(self.end, words.len() as u32);
         self.end += words.len() as u64;
         let written = self.out.write_all(bytemuck::cast_slice(words));
         written.map_err(|source| Error::Io { path: self.path.clone(), source })?;
@@ -98,9 +111,8 @@ impl SpoolWriter {
     }
 
     /// After the last record.
-    pub fn finish(mut self) -> Result<PathBuf> {
-        self.out.flush().map_err(|source| Error::Io { path: self.path.clone(), source })?;
-        Ok(self.path)
+    pub fn finish(mut self) -> Result<()> {
+        self.out.flush().map_err(|source| Error::Io { path: self.path, source })
     }
 }
 
@@ -121,7 +133,7 @@ impl SpoolReader {
     /// Reads a record. Vertices come in the order of their first use.
     pub fn read(&self, place: Place) -> Result<Record> {
         let mut words = vec![0u32; place.words as usize];
-        let offset = place.offset * size_of::<u32>() as u64;
+        let offset = place.offset() * size_of::<u32>() as u64;
         let file = File::open(&self.path);
         file.and_then(|file| read_at(&file, bytemuck::cast_slice_mut(&mut words), offset))
             .map_err(|source| Error::Io { path: self.path.clone(), source })?;

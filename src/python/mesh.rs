@@ -22,7 +22,6 @@ use crate::build;
 use crate::config::BuildOptions;
 use crate::decimate::{Decimated, Goal};
 use crate::error::{Error, Result};
-use crate::external;
 use crate::finish::{FinishedCut, Finisher};
 use crate::format::{self, Precision};
 use crate::lod::{CutArrays, channel_rows, load, select};
@@ -75,7 +74,7 @@ fn to_raise(error: Error) -> PyErr {
 }
 
 /// Options from keyword arguments; unknown names are refused.
-fn build_options(options: &Bound<'_, PyDict>) -> PyResult<BuildOptions> {
+pub(super) fn build_options(options: &Bound<'_, PyDict>) -> PyResult<BuildOptions> {
     let mut out = BuildOptions::default();
     for (name, value) in options {
         let name = name.extract::<String>()?;
@@ -170,28 +169,6 @@ impl Mesh {
                 build::build(source, &options, progress)
             })
             .map(Self::new)
-        })
-    }
-
-    /// Builds a file from arrays, with about so many bytes of memory; what does not fit lies in `folder` for as long as it
-    /// takes. Returns how many triangles of the source have no area on the grid. See `nanite_rs.build_file`.
-    #[staticmethod]
-    #[pyo3(signature = (arrays, path, *, options, memory, folder, progress=None))]
-    fn build_file<'py>(
-        py: Python<'py>,
-        arrays: RawArrays<'py>,
-        path: PathBuf,
-        options: &Bound<'py, PyDict>,
-        memory: u64,
-        folder: PathBuf,
-        progress: Option<Py<PyAny>>,
-    ) -> PyResult<u64> {
-        let options = build_options(options)?;
-        arrays.with_source(|source| {
-            let dag = watched(py, options.threads, progress.as_ref(), |progress| {
-                external::build(source, &options, memory, &folder, progress)
-            })?;
-            interruptible(py, |proceed| format::save(&dag, &path, Precision::Auto, proceed))
         })
     }
 

@@ -2,6 +2,7 @@
 //! defaults, is Python over it (`python/nanite_rs/`).
 
 mod arrays;
+mod blocks;
 mod calls;
 mod errors;
 mod image;
@@ -35,6 +36,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("BYTES_PER_TRIANGLE", external::BYTES_PER_TRIANGLE)?;
     module.add_function(wrap_pyfunction!(calls::set_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(calls::num_threads, module)?)?;
+    module.add_class::<blocks::BlockBuild>()?;
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<mesh::Skin>()?;
     module.add_class::<mesh::Cut>()?;

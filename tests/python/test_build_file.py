@@ -261,6 +261,102 @@ def test_bad_arguments_say_what_is_wrong(tmp_path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+CHILD = """
+import sys
+import numpy as np
+import nanite_rs as nrs
+folder = sys.argv[1]
+source = np.load(f"{folder}/v.npy", mmap_mode="r"), np.load(f"{folder}/f.npy", mmap_mode="r")
+nrs.build_file(source, f"{folder}/x.nanite", memory=1 << 20, resume=True)
+"""
+
+
+def saved_arrays(name: str, folder: Path) -> None:
+    vertices, faces = arrays(name)
+    np.save(folder / "v.npy", vertices.astype(np.float32))
+    np.save(folder / "f.npy", faces.astype(np.uint32))
+
+
+def test_a_killed_build_goes_on(tmp_path) -> None:
+    saved_arrays("knot", tmp_path)
+    command = [sys.executable, "-c", CHILD, str(tmp_path)]
+    start = time.perf_counter()
+    subprocess.run(command, check=True)
+    whole = time.perf_counter() - start
+    expected = (tmp_path / "x.nanite").read_bytes()
+    rng = np.random.default_rng(5)
+    for _ in range(50 if SOAK else 3):
+        (tmp_path / "x.nanite").unlink()
+        made = 0
+        for _ in range(3):
+            child = subprocess.Popen(command)
+            time.sleep(rng.uniform(0.0, whole))
+            child.kill()
+            child.wait()
+            found = len(list((tmp_path / "x.nanite.work").glob("*.made")))
+            # What is finished stays finished.
+            assert found >= made or (tmp_path / "x.nanite").exists()
+            made = found
+        subprocess.run(command, check=True)
+        assert (tmp_path / "x.nanite").read_bytes() == expected
+        assert {path.name for path in tmp_path.iterdir()} == {"v.npy", "f.npy", "x.nanite"}
+
+
+def test_another_build_is_not_gone_on_with(tmp_path) -> None:
+    class Stop(Exception):
+        pass
+
+    def stop(done, total):
+        if done > 0.7 * total:
+            raise Stop
+
+    vertices, faces = arrays("knot")
+    with pytest.raises(Stop):
+        built((vertices, faces), tmp_path, resume=True, progress=stop)
+    assert list((tmp_path / "built.nanite.work").glob("*.made"))
+    other = built((vertices * 2.0, faces), tmp_path, resume=True)
+    assert np.allclose(np.asarray(other.bounds), 2.0 * np.array([vertices.min(0), vertices.max(0)]))
+    assert not (tmp_path / "built.nanite.work").exists()
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_processes_make_the_same_bytes(workers, tmp_path) -> None:
+    source = arrays("knot")
+    built(source, tmp_path)
+    expected = (tmp_path / "built.nanite").read_bytes()
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context) as executor:
+        built(source, tmp_path, executor=executor)
+    assert (tmp_path / "built.nanite").read_bytes() == expected
+    with ThreadPoolExecutor(workers) as executor:
+        built(source, tmp_path, executor=executor)
+    assert (tmp_path / "built.nanite").read_bytes() == expected
+
+
+def test_a_full_disk_loses_nothing(tmp_path) -> None:
+    saved_arrays("knot", tmp_path)
+    # No file may be larger: what a full disk does, for one file.
+    limit = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
+    limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, resource.RLIM_INFINITY))"
+    command = [sys.executable, "-c", limit + CHILD, str(tmp_path)]
+    failed = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert failed.returncode != 0
+    assert "FileError" in failed.stderr
+    assert "x.nanite" in failed.stderr.splitlines()[-1]
+    made = len(list((tmp_path / "x.nanite.work").glob("*.made")))
+    assert made > 0
+    subprocess.run([sys.executable, "-c", CHILD, str(tmp_path)], check=True)
+    assert nrs.NaniteMesh.open(tmp_path / "x.nanite").check().borders > 0
+
+
+def test_a_folder_in_the_way_stays(tmp_path) -> None:
+    (tmp_path / "built.nanite.work").mkdir()
+    (tmp_path / "built.nanite.work" / "mine").write_text("mine")
+    with pytest.raises(nrs.FileError, match="in the way"):
+        built(arrays("knot"), tmp_path)
+    assert (tmp_path / "built.nanite.work" / "mine").read_text() == "mine"
+
+
 def test_a_build_can_be_stopped(tmp_path) -> None:
     class Stop(Exception):
         pass

@@ -1,0 +1,331 @@
+//! The folder of a build: a manifest, and for each block what it is given and what it made. Whatever is there is whole, so a
+//! build that was stopped goes on from its last finished block, and any process that sees the folder may make a block.
+
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use rustc_hash::{FxHashMap, FxHashSet};
+use serde::{Deserialize, Serialize};
+
+use super::assemble::{Stages, assemble, too_many};
+use super::block::{Common, LeftEntry, Made, Taken, bits_of, of_left, of_source};
+use super::cells::{Blocks, Cells};
+use super::lists::{self, write_whole};
+use super::report::{Input, report};
+use super::source::distribute;
+use super::spool::SpoolReader;
+use crate::build::Meter;
+use crate::build::memory::trim_heap;
+use crate::config::{BuildOptions, Levels};
+use crate::error::{Error, Result};
+use crate::math::Aabb;
+use crate::mesh::{SourceMesh, attributes, frame, validate};
+use crate::model::{AttributeLayout, CoordinateFrame, Dag};
+
+/// Bytes that building in memory takes for each triangle, about.
+pub const BYTES_PER_TRIANGLE: u64 = 700;
+/// Fewer triangles are no block.
+const LEAST_TRIANGLES: u64 = 4096;
+/// By how much of its side the grid of each stage is shifted against the one before: the golden ratio repeats nothing soon.
+const SHIFT: f64 = 0.618_033_988_749_895;
+/// Where a stage leaves more than this part of what it was given, the next takes larger blocks.
+const STALLED: f64 = 0.7;
+/// The name of the manifest.
+const MANIFEST: &str = "manifest.json";
+/// Grows whenever folders of before cannot be gone on with.
+const VERSION: u32 = 1;
+
+/// What is known of a build once its source is in blocks.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Manifest {
+    version: u32,
+    /// What is built, and how: a folder of something else is not gone on with.
+    key: String,
+    frame: CoordinateFrame,
+    layout: AttributeLayout,
+    computed_normals: bool,
+    input: Input,
+    /// Triangles of a block at most.
+    most: u64,
+    stages: Vec<Stage>,
+}
+
+/// A stage of blocks.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Stage {
+    blocks: usize,
+    /// The first level that it makes.
+    level: u32,
+    /// Triangles that it is given.
+    triangles: u64,
+}
+
+/// A build in blocks.
+#[derive(Debug)]
+pub struct Work {
+    folder: PathBuf,
+    options: BuildOptions,
+    manifest: Manifest,
+}
+
+impl Work {
+    /// Goes on with what is in a folder, where that is this build, or else puts the source into blocks. `key` tells sources
+    /// apart.
+    pub fn begin(
+        source: &SourceMesh<'_>,
+        options: &BuildOptions,
+        memory: u64,
+        folder: &Path,
+        key: &str,
+    ) -> Result<Self> {
+        options.validate()?;
+        if !source.channels.is_empty() {
+            return Err(Error::argument("channels", "not supported in builds with a memory limit"));
+        }
+        if options.preserve_area || options.levels == Levels::One {
+            let message = "areas are preserved, and one level is built, in memory alone";
+            return Err(Error::argument("memory", message));
+        }
+        let key = format!("{key} {memory} {:?}", BuildOptions { threads: 0, ..options.clone() });
+        if let Some(manifest) = read_manifest(folder)?
+            && manifest.key == key
+            && manifest.version == VERSION
+        {
+            return Ok(Self { folder: folder.to_path_buf(), options: options.clone(), manifest });
+        }
+        validate::validate(source)?;
+        let frame = frame::with_rounding(frame::of(source.positions), source.positions);
+        let place = |v: usize| frame::internal(&frame, source.positions.get(v));
+        let around = (0..source.positions.len()).into_par_iter().map(|v| Aabb::of_points([&place(v)]));
+        let around = around.reduce(|| Aabb::EMPTY, |a, b| a.union(&b));
+        let most = (memory / BYTES_PER_TRIANGLE).max(LEAST_TRIANGLES);
+        let blocks = distribute(source, &frame, &Cells::new(&around, 0.0), most, folder)?;
+        let work = Self {
+            folder: folder.to_path_buf(),
+            options: options.clone(),
+            manifest: Manifest {
+                version: VERSION,
+                key,
+                frame,
+                layout: attributes::layout(source),
+                computed_normals: source.normals.is_none(),
+                input: Input::of(source),
+                most,
+                stages: vec![Stage { blocks, level: 0, triangles: source.faces.len() as u64 }],
+            },
+        };
+        work.write_manifest()?;
+        Ok(work)
+    }
+
+    /// What another process began.
+    pub fn open(folder: &Path, options: &BuildOptions) -> Result<Self> {
+        let manifest = read_manifest(folder)?;
+        let missing = || Error::argument("folder", format!("{}: nothing was begun here", folder.display()));
+        let manifest = manifest.ok_or_else(missing)?;
+        Ok(Self { folder: folder.to_path_buf(), options: options.clone(), manifest })
+    }
+
+    fn write_manifest(&self) -> Result<()> {
+        // A struct of numbers and strings always has a JSON form.
+        let bytes = serde_json::to_vec_pretty(&self.manifest).unwrap_or_default();
+        write_whole(&self.folder.join(MANIFEST), &[&bytes])
+    }
+
+    /// The number of the current stage.
+    pub fn stage(&self) -> usize {
+        self.manifest.stages.len() - 1
+    }
+
+    /// Triangles that all blocks of the current stage together are given.
+    pub fn triangles(&self) -> u64 {
+        self.manifest.stages[self.stage()].triangles
+    }
+
+    /// Blocks of the current stage that are to be made.
+    pub fn missing(&self) -> Vec<usize> {
+        let blocks = self.manifest.stages[self.stage()].blocks;
+        (0..blocks).filter(|block| !self.path(self.stage(), *block, "made").exists()).collect()
+    }
+
+    fn path(&self, stage: usize, block: usize, what: &str) -> PathBuf {
+        self.folder.join(format!("stage{stage}-{block:06}.{what}"))
+    }
+
+    fn common(&self) -> Common<'_> {
+        let Manifest { frame, layout, computed_normals, input, .. } = &self.manifest;
+        Common {
+            frame: *frame,
+            layout: *layout,
+            stride: attributes::stride(*layout),
+            source_faces: input.faces as usize,
+            computed_normals: *computed_normals,
+            options: &self.options,
+        }
+    }
+
+    /// Makes a block of the current stage.
+    pub fn make(&self, source: &SourceMesh<'_>, block: usize, meter: &Meter<'_>) -> Result<()> {
+        let stage = self.stage();
+        let Stage { blocks, level, triangles } = self.manifest.stages[stage];
+        let records = self.path(stage, block, "records");
+        let common = self.common();
+        let made = if stage == 0 {
+            of_source(source, (block, blocks), &common, &self.folder, records, meter)?
+        } else {
+            let given = |what: &str| {
+                let path = self.path(stage, block, what);
+                lists::words_of(&path).map_err(|source| Error::Io { path, source })
+            };
+            let taken: Vec<Taken> = bytemuck::cast_slice(&given("taken")?).to_vec();
+            let part = match blocks {
+                1 => None,
+                _ => Some((bits_of(&given("fixed")?), triangles)),
+            };
+            let first_group = lists::words_of(&self.path(stage, 0, "groups"));
+            let first_group =
+                first_group.map_err(|source| Error::Io { path: self.path(stage, 0, "groups"), source })?;
+            of_left(&taken, &self.readers(), &first_group, part, level, &common, records, meter)?
+        };
+        made.write(&self.path(stage, block, "made"))?;
+        trim_heap(self.manifest.input.faces as usize);
+        Ok(())
+    }
+
+    /// For each block of all stages what reads its records.
+    fn readers(&self) -> Vec<SpoolReader> {
+        let Common { layout, stride, .. } = self.common();
+        let blocks = self.manifest.stages.iter().enumerate();
+        let all = blocks.flat_map(|(stage, of)| (0..of.blocks).map(move |block| (stage, block)));
+        all.map(|(stage, block)| SpoolReader::new(&self.path(stage, block, "records"), layout, stride)).collect()
+    }
+
+    fn made(&self, stage: usize) -> Result<Vec<Made>> {
+        let read = |block| {
+            let path = self.path(stage, block, "made");
+            let missing = || Error::Invariant(format!("{}: the block is not made", path.display()));
+            Made::read(&path)?.ok_or_else(missing)
+        };
+        (0..self.manifest.stages[stage].blocks).map(read).collect()
+    }
+
+    /// Puts what the blocks of the current stage left into those of the next, which is the current one then; false where they
+    /// left nothing.
+    pub fn advance(&mut self) -> Result<bool> {
+        let made = self.made(self.stage())?;
+        if self.stage() == 0 && made.iter().all(|made| made.summary.mended.faces == 0) {
+            return Err(Error::EmptyMesh("no face is left once faces without area are dropped".into()));
+        }
+        let left = made.iter().flat_map(|made| &made.left).map(|left| u64::from(left.triangles));
+        let triangles: u64 = left.sum();
+        if triangles == 0 {
+            return Ok(false);
+        }
+        if triangles as f64 > STALLED * self.triangles() as f64 {
+            self.manifest.most *= 2;
+        }
+        let before: usize = self.manifest.stages[..self.stage()].iter().map(|stage| stage.blocks).sum();
+        let stage = self.stage() + 1;
+        let taken = share_out(&made, before as u32, stage, self.manifest.most);
+        let fixed = shared(&taken, &self.readers())?;
+        let mut first_group = Vec::new();
+        let mut next = 0u32;
+        for of in 0..stage {
+            let earlier = if of + 1 == stage { None } else { Some(self.made(of)?) };
+            for made in earlier.as_deref().unwrap_or(&made) {
+                first_group.push(next);
+                let end = next.checked_add(made.groups.len() as u32).filter(|end| *end < 1 << 31);
+                next = end.ok_or_else(|| too_many("groups"))?;
+            }
+        }
+        write_whole(&self.path(stage, 0, "groups"), &[bytemuck::cast_slice(&first_group)])?;
+        for (block, (taken, fixed)) in taken.iter().zip(fixed).enumerate() {
+            write_whole(&self.path(stage, block, "taken"), &[bytemuck::cast_slice(taken)])?;
+            let mut fixed: Vec<[u32; 3]> = fixed.into_iter().collect();
+            fixed.sort_unstable();
+            write_whole(&self.path(stage, block, "fixed"), &[bytemuck::cast_slice(&fixed)])?;
+        }
+        let level = made.iter().map(|made| made.summary.levels.end).max().unwrap_or(0);
+        self.manifest.stages.push(Stage { blocks: taken.len(), level, triangles });
+        self.write_manifest()?;
+        Ok(true)
+    }
+
+    /// Lays out what all blocks made. The pages stay in the folder.
+    pub fn finish(&self) -> Result<Dag> {
+        let mut made = Vec::new();
+        let mut starts = Vec::new();
+        for stage in 0..self.manifest.stages.len() {
+            starts.push(made.len());
+            made.extend(self.made(stage)?);
+        }
+        let mut first_group = Vec::with_capacity(made.len());
+        let mut next = 0;
+        for made in &made {
+            first_group.push(next);
+            next += made.groups.len() as u32;
+        }
+        let summaries: Vec<_> = made.iter().map(|made| &made.summary).collect();
+        let common = self.common();
+        let report = report(&self.manifest.input, &summaries, &common);
+        let faces = summaries.iter().map(|of| of.mended.faces).sum();
+        let corners = summaries.iter().filter_map(|of| of.bounds).map(|[min, max]| Aabb { min, max });
+        let bounds = corners.fold(Aabb::EMPTY, |all, of| all.union(&of));
+        let readers = self.readers();
+        let stages = Stages {
+            made: &made,
+            readers: &readers,
+            starts: &starts,
+            first_group: &first_group,
+            common: &common,
+        };
+        assemble(&stages, bounds, faces, report, &self.folder)
+    }
+}
+
+fn read_manifest(folder: &Path) -> Result<Option<Manifest>> {
+    let path = folder.join(MANIFEST);
+    match std::fs::read(&path) {
+        // What cannot be read is not gone on with.
+        Ok(bytes) => Ok(serde_json::from_slice(&bytes).ok()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(source) => Err(Error::Io { path, source }),
+    }
+}
+
+/// Puts what the blocks of a stage left into those of the next, by the centres of clusters; `first` is the number of the first
+/// block of the stage.
+fn share_out(made: &[Made], first: u32, next: usize, most: u64) -> Vec<Vec<Taken>> {
+    let all = || (first..).zip(made).flat_map(|(block, made)| made.left.iter().map(move |left| (block, left)));
+    let bounds = all().fold(Aabb::EMPTY, |bounds, (_, left)| bounds.union(&left.bounds));
+    let cells = Cells::new(&bounds, (next as f64 * SHIFT).fract());
+    let placed: Vec<(u32, u32, &LeftEntry)> =
+        all().map(|(block, left)| (cells.of(left.bounds.center().map(f64::from)), block, left)).collect();
+    let mut counts = vec![0; Cells::COUNT];
+    placed.iter().for_each(|(cell, _, left)| counts[*cell as usize] += u64::from(left.triangles));
+    let blocks = Blocks::new(&counts, most);
+    let mut out = vec![Vec::new(); blocks.count];
+    for (cell, block, left) in placed {
+        out[blocks.of(cell) as usize].push(Taken { block, place: left.place });
+    }
+    out
+}
+
+/// For each block the positions that others have, too.
+fn shared(taken: &[Vec<Taken>], readers: &[SpoolReader]) -> Result<Vec<FxHashSet<[u32; 3]>>> {
+    let mut owners: FxHashMap<[u32; 3], u32> = FxHashMap::default();
+    let mut out = vec![FxHashSet::default(); taken.len()];
+    for (block, taken) in (0..).zip(taken) {
+        for Taken { block: from, place } in taken {
+            for p in readers[*from as usize].read(*place)?.store.positions {
+                let bits = p.map(f32::to_bits);
+                let owner = *owners.entry(bits).or_insert(block);
+                if owner != block {
+                    out[owner as usize].insert(bits);
+                    out[block as usize].insert(bits);
+                }
+            }
+        }
+    }
+    Ok(out)
+}

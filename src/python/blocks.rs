@@ -1,0 +1,88 @@
+//! `_core.BlockBuild`: builds larger than memory, block by block.
+
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use super::calls::{interruptible, watched};
+use super::mesh::{RawArrays, build_options};
+use crate::build::Meter;
+use crate::config::BuildOptions;
+use crate::external::Work;
+use crate::format::{self, Precision};
+
+/// A build in the files of a folder. The arrays of the source are those that it was begun with.
+#[pyclass(module = "nanite_rs._core")]
+pub(super) struct BlockBuild {
+    work: Work,
+    options: BuildOptions,
+}
+
+#[pymethods]
+impl BlockBuild {
+    /// Goes on with the build of this `key` in a folder, or begins it. See `nanite_rs.build_file`.
+    #[staticmethod]
+    #[pyo3(signature = (arrays, *, options, memory, folder, key, progress=None))]
+    fn begin<'py>(
+        py: Python<'py>,
+        arrays: RawArrays<'py>,
+        options: &Bound<'py, PyDict>,
+        memory: u64,
+        folder: PathBuf,
+        key: &str,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Self> {
+        let options = build_options(options)?;
+        arrays.with_source(|source| {
+            let work = watched(py, options.threads, progress.as_ref(), |_| {
+                Work::begin(source, &options, memory, &folder, key)
+            })?;
+            Ok(Self { work, options: options.clone() })
+        })
+    }
+
+    /// Opens what another process began.
+    #[staticmethod]
+    fn open(py: Python<'_>, folder: PathBuf, options: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let options = build_options(options)?;
+        let work = interruptible(py, |_| Work::open(&folder, &options))?;
+        Ok(Self { work, options })
+    }
+
+    /// Blocks of the current stage that are to be made.
+    fn missing(&self) -> Vec<usize> {
+        self.work.missing()
+    }
+
+    /// Makes a block of the current stage.
+    #[pyo3(signature = (arrays, block, progress=None))]
+    fn make(
+        &self,
+        py: Python<'_>,
+        arrays: RawArrays<'_>,
+        block: usize,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<()> {
+        arrays.with_source(|source| {
+            watched(py, self.options.threads, progress.as_ref(), |progress| {
+                let meter = Meter::new(progress, 2 * source.faces.len() as u64);
+                self.work.make(source, block, &meter)
+            })
+        })
+    }
+
+    /// Goes on to the next stage; false where there is none.
+    fn advance(&mut self, py: Python<'_>) -> PyResult<bool> {
+        let work = &mut self.work;
+        interruptible(py, |_| work.advance())
+    }
+
+    /// Writes the file; returns how many triangles of the source have no area on the grid.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<u64> {
+        interruptible(py, |proceed| {
+            let mesh = self.work.finish()?;
+            format::save(&mesh, &path, Precision::Auto, proceed)
+        })
+    }
+}
