@@ -22,8 +22,10 @@ from nanite_rs.comparison import Comparison, SilhouetteDistance, compare
 from nanite_rs.cut import Cut
 from nanite_rs.decimation import decimate, simplify
 from nanite_rs.exceptions import (
+    AccessError,
     ArgumentError,
     BackendError,
+    ChangedFileError,
     DependencyError,
     DtypeError,
     FileError,
@@ -34,6 +36,7 @@ from nanite_rs.exceptions import (
     MeshError,
     MissingFileError,
     NaniteError,
+    ServerError,
     StaleHandleError,
     UsageWarning,
 )
@@ -47,7 +50,7 @@ from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarn
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.skinned_mesh import SkinnedMesh
-from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats
+from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats, TrafficStats
 from nanite_rs.strokes import Lines, Points
 from nanite_rs.texture import Image, Texture
 from nanite_rs.threads import get_num_threads, set_num_threads
@@ -55,6 +58,7 @@ from nanite_rs.triangle_mesh import TriangleMesh
 from nanite_rs.viewer import Orbit, Pick, Viewer, view
 
 __all__ = [
+    "AccessError",
     "Animation",
     "ArgumentError",
     "BackendError",
@@ -62,6 +66,7 @@ __all__ = [
     "BuildReport",
     "Calibration",
     "Camera",
+    "ChangedFileError",
     "CheckReport",
     "Comparison",
     "Cut",
@@ -97,6 +102,7 @@ __all__ = [
     "PyrenderView",
     "Renderer",
     "Scene",
+    "ServerError",
     "ShadowCascade",
     "ShadowStats",
     "SilhouetteDistance",
@@ -109,6 +115,7 @@ __all__ = [
     "StuckGroup",
     "Texture",
     "TextureWarning",
+    "TrafficStats",
     "TriangleMesh",
     "UsageWarning",
     "View",
