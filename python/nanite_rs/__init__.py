@@ -23,8 +23,10 @@ from nanite_rs.comparison import Comparison, SilhouetteDistance, compare
 from nanite_rs.cut import Cut
 from nanite_rs.decimation import decimate, simplify
 from nanite_rs.exceptions import (
+    AccessError,
     ArgumentError,
     BackendError,
+    ChangedFileError,
     DependencyError,
     DtypeError,
     FileError,
@@ -35,6 +37,7 @@ from nanite_rs.exceptions import (
     MeshError,
     MissingFileError,
     NaniteError,
+    ServerError,
     StaleHandleError,
     UsageWarning,
 )
@@ -48,7 +51,7 @@ from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarn
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
 from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.skinned_mesh import SkinnedMesh
-from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats
+from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats, TrafficStats
 from nanite_rs.strokes import Lines, Points
 from nanite_rs.texture import Image, Texture
 from nanite_rs.threads import get_num_threads, set_num_threads
@@ -56,6 +59,7 @@ from nanite_rs.triangle_mesh import TriangleMesh
 from nanite_rs.viewer import Orbit, Pick, Viewer, view
 
 __all__ = [
+    "AccessError",
     "Animation",
     "ArgumentError",
     "BackendError",
@@ -63,6 +67,7 @@ __all__ = [
     "BuildReport",
     "Calibration",
     "Camera",
+    "ChangedFileError",
     "CheckReport",
     "Comparison",
     "Cut",
@@ -98,6 +103,7 @@ __all__ = [
     "PyrenderView",
     "Renderer",
     "Scene",
+    "ServerError",
     "ShadowCascade",
     "ShadowStats",
     "SilhouetteDistance",
@@ -110,6 +116,7 @@ __all__ = [
     "StuckGroup",
     "Texture",
     "TextureWarning",
+    "TrafficStats",
     "TriangleMesh",
     "UsageWarning",
     "View",

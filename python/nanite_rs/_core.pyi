@@ -8,17 +8,22 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = [
     "BYTES_PER_TRIANGLE",
     "FINE_PART",
+    "FIRST_READ",
     "MOST_THREADS",
+    "RETRY_PAUSES",
+    "Answers",
     "BlockBuild",
     "ChannelRows",
     "Cut",
     "EnvironmentMap",
     "Frame",
     "Image",
+    "Input",
     "Mesh",
     "Renderer",
     "Scene",
     "Skin",
+    "Traffic",
     "TriangleMesh",
     "__version__",
     "check_camera",
@@ -44,7 +49,9 @@ __all__ = [
 __version__: str
 BYTES_PER_TRIANGLE: int
 FINE_PART: int
+FIRST_READ: int
 MOST_THREADS: int
+RETRY_PAUSES: list[float]
 
 def cluster_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
 def group_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
@@ -110,6 +117,32 @@ class BlockBuild:
     def save(self, path: str | PathLike[str]) -> int: ...
 
 @final
+class Traffic:
+    def __new__(cls) -> Traffic: ...
+    def request(
+        self, *, seconds: float, read_bytes: int = 0, joined_bytes: int = 0, failed: bool = False
+    ) -> None: ...
+    def cached(self, read_bytes: int) -> None: ...
+    def counts(self) -> tuple[list[tuple[str, int]], float]: ...
+
+@final
+class Input:
+    def __new__(
+        cls,
+        name: str,
+        length: int,
+        batch: int,
+        read: Callable[[list[tuple[int, int]], Answers], object],
+        traffic: Traffic,
+    ) -> Input: ...
+
+@final
+class Answers:
+    def give(self, index: int, data: bytes) -> None: ...
+    def fail(self, index: int, class_: str, message: str, passing: bool) -> None: ...
+    def is_wanted(self, index: int) -> bool: ...
+
+@final
 class Mesh:
     @staticmethod
     def build(
@@ -121,9 +154,13 @@ class Mesh:
     @staticmethod
     def open(path: str | PathLike[str]) -> Mesh: ...
     @staticmethod
+    def open_input(remote: Input) -> Mesh: ...
+    @staticmethod
     def from_bytes(data: bytes) -> Mesh: ...
     @staticmethod
     def file_info(path: str | PathLike[str]) -> dict[str, Any]: ...
+    @staticmethod
+    def input_info(remote: Input) -> dict[str, Any]: ...
     def save(self, path: str | PathLike[str], precision: str = "auto", step: float | None = None) -> int: ...
     def to_bytes(self) -> bytes: ...
     def check(self) -> dict[str, int]: ...
@@ -325,7 +362,7 @@ class Frame:
     def size(self) -> tuple[int, int]: ...
     def view(self, name: str, edges: tuple[int, int, int] | None = None) -> NDArray[np.uint8]: ...
     def stages(self) -> list[tuple[str, int, int, str, int, str, float]]: ...
-    def stream(self) -> tuple[list[tuple[str, int]], float] | None: ...
+    def stream(self) -> tuple[list[tuple[str, int]], float, float] | None: ...
     def shadows(
         self,
     ) -> tuple[list[tuple[str, int]], tuple[float, float], list[tuple[int, float, float, float]]] | None: ...

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
 import numpy as np
 
 import nanite_rs as nrs
-from nanite_rs import _core, _export, _images, _overlay, _paint, io, shapes
+from nanite_rs import _core, _export, _images, _overlay, _paint, _remote, io, shapes
 from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 from nanite_rs.frame import ViewName
@@ -34,6 +34,7 @@ EPILOG: Final = """\
 examples:
   nanite-rs build dragon.ply                        write dragon.nanite
   nanite-rs info dragon.nanite                      what is in it, and what building did
+  nanite-rs info https://example.org/dragon.nanite  the same, without loading the file
   nanite-rs cut dragon.nanite -o small.ply --target-faces 10000
   nanite-rs cut dragon.nanite -o close.obj --error 0.001
   nanite-rs render dragon.nanite -o dragon.png --size 1920x1080
@@ -42,7 +43,7 @@ examples:
   nanite-rs demo                                    all of it, on a generated mesh
   nanite-rs demo dragon.ply                         all of it, on yours
 
-INPUT is a .nanite file, any mesh file (PLY, OBJ, STL, GLB, glTF, OFF, …, also .gz), or a
+INPUT is a .nanite file or its URL, any mesh file (PLY, OBJ, STL, GLB, glTF, OFF, …, also .gz), or a
 generated mesh written as shape:NAME, shape:NAME:FACES or shape:NAME:FACES:SEED, where NAME is one of
 {shapes}.
 """
@@ -73,7 +74,7 @@ def _generated(name: str) -> shapes.Mesh:
 
 
 def _is_built(name: str) -> bool:
-    return name.lower().endswith(io.NANITE_SUFFIX)
+    return (name.partition("?")[0] if _remote.is_url(name) else name).lower().endswith(io.NANITE_SUFFIX)
 
 
 def _stem(name: str) -> str:
@@ -183,6 +184,8 @@ def _info(arguments: argparse.Namespace) -> int:
     print(mesh.report)
     if arguments.check:
         print(mesh.check())
+    if mesh.traffic is not None:
+        print(f"{'read':>13}  {mesh.traffic}")
     return 0
 
 

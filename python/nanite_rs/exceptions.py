@@ -12,8 +12,10 @@ True
 from __future__ import annotations
 
 __all__ = [
+    "AccessError",
     "ArgumentError",
     "BackendError",
+    "ChangedFileError",
     "DependencyError",
     "DtypeError",
     "FileError",
@@ -24,6 +26,7 @@ __all__ = [
     "MeshError",
     "MissingFileError",
     "NaniteError",
+    "ServerError",
     "StaleHandleError",
     "UsageWarning",
 ]
@@ -51,6 +54,18 @@ class FileError(NaniteError, OSError):
 
 class MissingFileError(FileError, FileNotFoundError):
     """A file or its folder does not exist."""
+
+
+class AccessError(FileError, PermissionError):
+    """Reading is not allowed: a server asks for credentials, or does not take those that it got."""
+
+
+class ChangedFileError(FileError):
+    """A file is not the one that was opened any more; nothing of the new one is used. Open it again."""
+
+
+class ServerError(FileError):
+    """A server is not there, or does not answer as it must: without ranges, or with other lengths."""
 
 
 class FormatError(NaniteError, ValueError):

@@ -289,7 +289,10 @@ class Frame(_advice.Teaching):
         totals, total_ms, raster = self._frame.totals()
         stages = tuple(StageStats(*stage) for stage in self._frame.stages())
         stream = self._frame.stream()
-        streamed = None if stream is None else StreamStats(**dict(stream[0]), coarsest_pixels=stream[1])
+        streamed = None
+        if stream is not None:
+            counts, coarsest, latency = stream
+            streamed = StreamStats(**dict(counts), coarsest_pixels=coarsest, latency_ms=latency)
         found = self._frame.shadows()
         shadows = None
         if found is not None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _exchange, _face_data, io
+from nanite_rs import _advice, _checks, _exchange, _face_data, _remote, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._core import FINE_PART
 from nanite_rs._core import Mesh as CoreMesh
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from nanite_rs.material import Look
+    from nanite_rs.stats import TrafficStats
 
 __all__ = ["NaniteMesh"]
 
@@ -53,9 +54,11 @@ class NaniteMesh(Geometry):
     50000
     """
 
-    __slots__ = ("_report",)
+    __slots__ = ("_reader", "_report")
 
     _report: BuildReport | None
+    _reader: _remote.Reader | None
+    """What reads its file, unless that is a path."""
 
     def __init__(self, *_: object, **__: object) -> None:
         raise TypeError("use NaniteMesh.from_arrays, from_trimesh, from_file or open")
@@ -66,6 +69,7 @@ class NaniteMesh(Geometry):
         mesh._core = core
         mesh._materials = materials
         mesh._report = None
+        mesh._reader = None
         return mesh
 
     # ------------------------------------------------------------------------------------------ making
@@ -385,8 +389,15 @@ class NaniteMesh(Geometry):
         return cls.from_arrays(**source.arrays(), options=options, progress=progress)
 
     @classmethod
-    def open(cls, path: io.PathLike) -> NaniteMesh:
-        """Open a ``.nanite`` file that `save` wrote, whatever its size, in milliseconds.
+    def open(
+        cls,
+        path: io.PathLike | BinaryIO,
+        *,
+        cache_dir: io.PathLike | None = None,
+        cache_bytes: int = 4 << 30,
+        storage_options: Mapping[str, Any] | None = None,
+    ) -> NaniteMesh:
+        """Open a ``.nanite`` file that `save` wrote, whatever its size, in milliseconds or two requests.
 
         What describes the mesh is read. Pages are read when they are needed: by a cut for an error those that
         it is made of, by a `Renderer` with ``streaming=True`` those that its pictures need, by everything else all;
@@ -395,26 +406,71 @@ class NaniteMesh(Geometry):
         `save` reads a few pages at a time, which do not stay.
         The file stays open as long as the mesh and its cuts live; writing another one over it with `save` is safe.
 
+        A mesh may lie anywhere: ``https://``, ``http://``, ``s3://``, ``gs://`` and ``az://`` are read by obstore,
+        which ``pip install "nanite_rs[cloud]"`` brings, other URLs by fsspec, if it is installed, and binary files
+        of Python by their ``seek`` and ``read``. Pages come many at once, those that lie near each other by one
+        request. What fails for a passing reason is tried again. The guide, docs/cloud.md, has more.
+
+        Meshes of URLs are pickled as their URLs. All others are as bytes.
+
         Parameters
         ----------
-        path : path
-            The file.
+        path : path, URL or binary file
+            The file. Of an open file the position is changed; nobody else may use it while the mesh lives.
+        cache_dir : path, optional
+            Of a URL: a folder where pages are kept, made if need be. Several processes may share it.
+        cache_bytes : int
+            Bytes that all files in ``cache_dir`` take at most; what was used least recently goes.
+        storage_options : mapping, optional
+            Of a URL: what obstore's ``from_url`` or the file system of fsspec takes, such as credentials. Without
+            it they find them where they always do.
 
         Raises
         ------
         MissingFileError, FileError
             The file cannot be read.
+        AccessError
+            The server asks for credentials, or does not take these: 401 or 403.
+        ServerError
+            The server cannot be reached, or answers with an error, without ranges, or with wrong lengths.
+        ChangedFileError
+            When pages are read: another file has taken the place of the one that was opened.
+        DependencyError
+            An optional package is missing.
         FormatError
             The file is damaged, of another version, or something else. A page or channel that is damaged raises
             this when it is needed; a renderer that streams draws coarser clusters instead.
+
+        Examples
+        --------
+        >>> import io, tempfile, pathlib
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder) / "sphere.nanite"
+        ...     mesh.save(path)
+        ...     opened = nrs.NaniteMesh.open(io.BytesIO(path.read_bytes()))
+        >>> len(opened.cut(error=0.0)) == len(mesh)
+        True
+        >>> nrs.NaniteMesh.open("https://example.org/city.nanite", cache_dir="pages")  # doctest: +SKIP
         """
-        path = _checks.path_of(path)
-        try:
-            return cls._wrap(CoreMesh.open(path))
-        except FormatError as error:
-            if "at byte 0" not in str(error):
-                raise
-            raise _advice.advised(error, _advice.for_file(path)) from None
+        if not _remote.is_url(path) and not _remote.is_file(path):
+            if cache_dir is not None or storage_options is not None:
+                name = "cache_dir" if cache_dir is not None else "storage_options"
+                raise ArgumentError(f"{name}: goes with a URL")
+            path = _checks.path_of(path)
+            try:
+                return cls._wrap(CoreMesh.open(path))
+            except FormatError as error:
+                if "at byte 0" not in str(error):
+                    raise
+                raise _advice.advised(error, _advice.for_file(path)) from None
+        return cls._opened(_remote.opened(path, cache_dir, cache_bytes, storage_options))
+
+    @classmethod
+    def _opened(cls, reader: _remote.Reader, materials: tuple[Material, ...] = ()) -> NaniteMesh:
+        mesh = cls._wrap(CoreMesh.open_input(reader.input()), materials)
+        mesh._reader = reader
+        return mesh
 
     def save(self, path: io.PathLike, *, precision: Literal["auto", "exact"] | float = "auto") -> None:
         """Write a ``.nanite`` file; an existing one is replaced in one step or not at all.
@@ -496,19 +552,23 @@ class NaniteMesh(Geometry):
             )
 
     @staticmethod
-    def file_info(path: io.PathLike) -> dict[str, Any]:
+    def file_info(
+        path: io.PathLike | BinaryIO, *, storage_options: Mapping[str, Any] | None = None
+    ) -> dict[str, Any]:
         """Sizes and bounds of a ``.nanite`` file as in `info`, of which only the beginning is read.
 
         Here ``bytes`` are those of the file, and ``parts`` says what they are about.
 
         Parameters
         ----------
-        path : path
-            The file.
+        path : path, URL or binary file
+            The file, as for `open`.
+        storage_options : mapping, optional
+            As for `open`.
 
         Raises
         ------
-        MissingFileError, FileError, FormatError
+        MissingFileError, FileError, AccessError, ServerError, DependencyError, FormatError
             As for `open`.
 
         Examples
@@ -521,7 +581,10 @@ class NaniteMesh(Geometry):
         >>> info["faces"] == len(mesh), info["bytes"] == sum(info["parts"].values())
         (True, True)
         """
-        info = CoreMesh.file_info(_checks.path_of(path))
+        if _remote.is_url(path) or _remote.is_file(path):
+            info = CoreMesh.input_info(_remote.opened(path, None, 0, storage_options).input())
+        else:
+            info = CoreMesh.file_info(_checks.path_of(path))
         return info | {"channels": [_face_data.plain(name) for name in info["channels"]]}
 
     # ----------------------------------------------------------------------------------------- cutting
@@ -560,6 +623,24 @@ class NaniteMesh(Geometry):
         return self._core.source_face_ids()
 
     @property
+    def traffic(self) -> TrafficStats | None:
+        """What reading the file has cost so far; None unless it was opened by a URL or of a file object.
+
+        `StreamStats` has the same for single frames.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     mesh.save(pathlib.Path(folder) / "sphere.nanite")
+        ...     with open(pathlib.Path(folder) / "sphere.nanite", "rb") as file:
+        ...         print(nrs.NaniteMesh.open(file).traffic.requests)
+        1
+        """
+        return None if self._reader is None else self._reader.stats()
+
+    @property
     def nbytes(self) -> int:
         """Bytes in memory: of an opened file the pages, channels and face ids that were read so far."""
         return self._core.nbytes
@@ -589,8 +670,17 @@ class NaniteMesh(Geometry):
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as the bytes of a ``.nanite`` file, with the materials."""
+        """Pickle as the URL that it was opened by, or as the bytes of a ``.nanite`` file, with the materials."""
+        if self._reader is not None and self._reader.recipe is not None:
+            return _from_url, (self._reader.recipe, self._reader.identity, self._materials)
         return _from_bytes, (self._core.to_bytes(), self._materials)
+
+
+def _from_url(recipe: tuple[Any, ...], identity: Any, materials: tuple[Material, ...]) -> NaniteMesh:
+    """Open it again, if it is the same file."""
+    reader = _remote.opened(*recipe)
+    reader.expect(identity)
+    return NaniteMesh._opened(reader, materials)
 
 
 def _from_bytes(data: bytes, materials: tuple[Material, ...] = ()) -> NaniteMesh:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 from nanite_rs._notebook import pairs, table
@@ -11,7 +11,7 @@ from nanite_rs._notebook import pairs, table
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["FrameStats", "ShadowStats", "StageStats", "StreamStats"]
+__all__ = ["FrameStats", "ShadowStats", "StageStats", "StreamStats", "TrafficStats"]
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,32 @@ class StageStats:
     passed_unit: str
     ms: float
     """Milliseconds: wall time, or what a GPU's own clock says; NaN where it has none."""
+
+
+@dataclass(frozen=True)
+class TrafficStats:
+    """What reading a file that is not on a local disk has cost, see `NaniteMesh.traffic`."""
+
+    requests: int
+    """Requests so far."""
+    failed_requests: int
+    """Of these, requests that failed. What may pass is asked for again."""
+    read_bytes: int
+    """Bytes that the others brought."""
+    joined_bytes: int
+    """Of these, bytes between pages that were read by one request."""
+    cached_bytes: int
+    """Bytes that the cache on disk had."""
+    latency_ms: float
+    """Mean time from a request to its last byte, milliseconds."""
+
+    def __str__(self) -> str:
+        failed = f" ({self.failed_requests:,} failed)" if self.failed_requests else ""
+        return (
+            f"{self.requests:,} requests{failed} of {self.latency_ms:.0f} ms brought "
+            f"{self.read_bytes / 1e6:,.1f} MB, {self.joined_bytes / 1e6:,.1f} MB of them between pages; "
+            f"{self.cached_bytes / 1e6:,.1f} MB were cached"
+        )
 
 
 @dataclass(frozen=True)
@@ -57,6 +83,19 @@ class StreamStats:
     coarsest_pixels: float
     """Largest error, pixels, of what stands in for something finer; 0 where nothing does. The picture keeps to
     this, or to its ``pixel_error``, whichever is larger."""
+    requests: int = 0
+    """Requests since the frame before, of meshes that were opened by a URL or of a file object, whoever read them.
+    The numbers below are of the same."""
+    failed_requests: int = 0
+    """Of these, requests that failed. What may pass is asked for again."""
+    read_bytes: int = 0
+    """Bytes that the others brought."""
+    joined_bytes: int = 0
+    """Of these, bytes between pages that were read by one request."""
+    cached_bytes: int = 0
+    """Bytes that the cache on disk had."""
+    latency_ms: float = 0.0
+    """Mean time from a request to its last byte, milliseconds; 0 without requests."""
 
     @property
     def settled(self) -> bool:
@@ -64,10 +103,13 @@ class StreamStats:
         return self.missing_pages == 0 and self.coarsest_pixels == 0.0
 
     def __str__(self) -> str:
+        counts = {f.name: getattr(self, f.name) for f in fields(TrafficStats)}
+        traffic = str(TrafficStats(**counts)) if self.requests or self.cached_bytes else ""
         return (
             f"{self.resident_pages:,} pages in {self.pool_bytes / 2**20:.1f} MiB; {self.missing_pages:,} of "
             f"{self.needed_pages:,} needed are missing ({self.refused_pages:,} for lack of room), off by up to "
             f"{self.coarsest_pixels:.2f} pixels; {self.arrived_pages:,} arrived, {self.evicted_pages:,} left"
+            + (f"; {traffic}" if traffic else "")
         )
 
 

@@ -24,7 +24,7 @@ use crate::model::{
 };
 
 /// Bytes that opening reads first: header, section table and, of most files, all that comes before pages and channels.
-const FIRST_READ: u64 = 1 << 18;
+pub const FIRST_READ: u64 = 1 << 18;
 /// What opening needs.
 const FRONT: [Kind; 5] = [Kind::Metadata, Kind::PageTable, Kind::Dependencies, Kind::Groups, Kind::Nodes];
 /// Bytes of words that are read as one range.

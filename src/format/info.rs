@@ -29,10 +29,13 @@ pub struct FileInfo {
 
 /// Reads the header, the metadata and the page table of a file, whatever its size.
 pub fn file_info(path: &Path) -> Result<FileInfo> {
-    let name = path.display().to_string();
-    let input = OnDisk::open(path)?;
+    input_info(&OnDisk::open(path)?, &path.display().to_string())
+}
+
+/// The same of an input; `name` appears in error messages.
+pub fn input_info(input: &dyn Input, name: &str) -> Result<FileInfo> {
     let length = input.length();
-    let container = Container::new(Source::of_input(&input, &name), &[Kind::Metadata, Kind::PageTable])?;
+    let container = Container::new(Source::of_input(input, name), &[Kind::Metadata, Kind::PageTable])?;
     let (metadata, pages) = (container.metadata()?, container.page_table()?);
     let of = |kind| container.bytes_of(kind);
     let mut parts: Vec<(&'static str, u64)> = Part::ALL

@@ -13,7 +13,7 @@ use std::time::Instant;
 
 use crate::error::{Error, Result, is_passing};
 use crate::model::retry::{Retry, TRIES};
-use crate::model::{Answer, Workers};
+use crate::model::{Answer, Traffic, Workers};
 
 /// Bytes that somebody wants.
 pub struct RangeRequest {
@@ -35,6 +35,11 @@ pub trait Input: Send + Sync {
     /// See [`crate::model::PageSource::batch_size`].
     fn batch_size(&self) -> usize {
         1
+    }
+
+    /// What reading has cost so far, where that is counted.
+    fn traffic(&self) -> Traffic {
+        Traffic::default()
     }
 }
 

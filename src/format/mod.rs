@@ -28,9 +28,9 @@ pub mod stored;
 pub mod topology;
 pub mod validate;
 
-pub use decode::from_bytes;
+pub use decode::{FIRST_READ, from_bytes};
 pub use encode::to_bytes;
 pub use file::save;
-pub use info::{FileInfo, file_info};
+pub use info::{FileInfo, file_info, input_info};
 pub use quantize::{FINE_PART, Precision, quantize};
 pub use stored::{Stored, open, open_input};

@@ -8,7 +8,7 @@ use super::decode::{Head, WordSection, front, io};
 use super::input::{Input, OnDisk, RangeRequest, read_now};
 use super::page_decode::Decoder;
 use crate::error::Result;
-use crate::model::{Answer, Dag, PageRequest, PageSource, PageWords, Pages, Words, Workers};
+use crate::model::{Answer, Dag, PageRequest, PageSource, PageWords, Pages, Traffic, Words, Workers};
 use crate::threads::Lock;
 
 /// Ranges of a channel or of the face ids that are read as a batch.
@@ -49,6 +49,7 @@ impl PageSource for Stored {
     fn read(&self, batch: Vec<PageRequest>, workers: &Workers) {
         let range = |PageRequest { page, answer }: PageRequest| {
             let (coded, workers) = (Arc::clone(&self.coded), workers.clone());
+            let cancelled = answer.cancelled().clone();
             let take = move |bytes: Option<std::io::Result<Vec<u8>>>| {
                 // Who answers may be the one thread of a network.
                 let Some(bytes) = bytes else { return };
@@ -57,13 +58,20 @@ impl PageSource for Stored {
                     answer.send(bytes.and_then(|bytes| coded.decode(page, &bytes)));
                 });
             };
-            RangeRequest { range: self.coded.head.place(page), answer: Answer::new(take) }
+            RangeRequest {
+                range: self.coded.head.place(page),
+                answer: Answer::new(take).cancelled_by(&cancelled),
+            }
         };
         self.input.read(batch.into_iter().map(range).collect(), workers);
     }
 
     fn batch_size(&self) -> usize {
         self.input.batch_size()
+    }
+
+    fn traffic(&self) -> Traffic {
+        self.input.traffic()
     }
 
     fn dependencies(&self, page: usize) -> &[u32] {

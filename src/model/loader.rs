@@ -12,7 +12,7 @@ use rustc_hash::FxHashMap;
 use super::page::PageWords;
 use super::reading::{INTERRUPT_INTERVAL, InterruptCheck};
 use super::retry::{Clock, Retry, TRIES};
-use super::source::{Answer, PageRequest, PageSource};
+use super::source::{Answer, Cancelled, PageRequest, PageSource};
 use super::workers::Workers;
 use crate::error::{Error, Result};
 
@@ -96,6 +96,8 @@ struct Shared<T> {
     workers: Workers,
     threads: usize,
     clock: Clock,
+    /// Nobody waits for pages any more.
+    cancelled: Cancelled,
 }
 
 impl<T: Send + 'static> Shared<T> {
@@ -116,7 +118,8 @@ impl<T: Send + 'static> Shared<T> {
             let source = Arc::clone(&first.source);
             let wanted = |request: LoadRequest<T>| {
                 let (page, shared) = (request.page, Arc::clone(self));
-                PageRequest { page, answer: Answer::new(move |words| shared.answered(request, words)) }
+                let answer = Answer::new(move |words| shared.answered(request, words));
+                PageRequest { page, answer: answer.cancelled_by(&self.cancelled) }
             };
             let batch = batch.into_iter().map(wanted).collect();
             // A panic drops what is not answered, and that is an answer.
@@ -181,7 +184,8 @@ impl<T: Send + 'static> Loader<T> {
             closed: false,
         };
         let workers = Workers::new();
-        let shared = Shared { queue: Mutex::new(queue), sender, workers, threads, clock };
+        let (queue, cancelled) = (Mutex::new(queue), Cancelled::default());
+        let shared = Shared { queue, sender, workers, threads, clock, cancelled };
         Self { shared: Arc::new(shared), arrivals: Mutex::new(arrivals) }
     }
 
@@ -234,6 +238,7 @@ impl<T: Send + 'static> Loader<T> {
 
 impl<T: Send + 'static> Drop for Loader<T> {
     fn drop(&mut self) {
+        self.shared.cancelled.set();
         let mut queue = self.shared.lock();
         queue.closed = true;
         drop(queue);

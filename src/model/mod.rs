@@ -38,7 +38,7 @@ pub use report::{BuildReport, LevelReport, StuckGroup, StuckReason, Weights};
 pub use retry::{Clock, Retry};
 pub use sink::{MemorySink, Outline, PageSink, dependencies};
 pub use skin::{Pose, Skin};
-pub use source::{Answer, PageRequest, PageSource};
+pub use source::{Answer, Cancelled, PageRequest, PageSource, Traffic, TrafficCounter};
 pub use window::{WINDOW_PAGES, Window};
 pub use words::Words;
 pub use workers::Workers;

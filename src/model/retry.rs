@@ -37,6 +37,15 @@ impl Retry {
     }
 }
 
+/// The pauses before each try but the first, of what is tried [`TRIES`] times.
+pub fn pauses() -> impl Iterator<Item = Duration> {
+    let (now, mut retry) = (Instant::now(), Retry::default());
+    (1..TRIES).map(move |_| {
+        retry.failed(now);
+        retry.pause(now)
+    })
+}
+
 /// A monotonic clock, which tests set.
 #[derive(Clone)]
 pub struct Clock(Arc<dyn Fn() -> Instant + Send + Sync>);
@@ -82,5 +91,6 @@ mod tests {
         assert!(pauses.iter().zip(&pauses[1..]).all(|(a, b)| *b == (2 * *a).min(LONGEST_PAUSE)));
         assert_eq!((pauses[0], pauses[79], retry.failures()), (FIRST_PAUSE, LONGEST_PAUSE, 80));
         assert_eq!(retry.pause(now + LONGEST_PAUSE), Duration::ZERO);
+        assert!(super::pauses().eq(pauses[..TRIES as usize - 1].iter().copied()));
     }
 }

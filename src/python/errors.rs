@@ -29,6 +29,16 @@ fn class_name(error: &Error) -> Option<&'static str> {
     })
 }
 
+/// Why Python could not read what it was asked for.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+pub(super) struct Refused {
+    /// The class in `nanite_rs.exceptions` that stands for it.
+    pub class: String,
+    /// What happened.
+    pub message: String,
+}
+
 /// An exception of `nanite_rs.exceptions`.
 pub(super) fn exception(py: Python<'_>, class: &str, arguments: Bound<'_, PyTuple>) -> PyErr {
     let made = py
@@ -65,6 +75,9 @@ pub(super) fn to_python(py: Python<'_>, error: Error) -> PyErr {
         return PyKeyboardInterrupt::new_err(());
     };
     if let Error::Io { path, source } = &error {
+        if let Some(refused) = source.get_ref().and_then(|inner| inner.downcast_ref::<Refused>()) {
+            return exception_with_message(py, &refused.class, &error.to_string());
+        }
         // OSError's own arguments, so that errno, strerror and filename are set.
         let reason = source.to_string();
         let reason = reason.split(" (os error").next().unwrap_or(&reason).to_owned();

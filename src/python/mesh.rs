@@ -17,6 +17,7 @@ use super::arrays::{
 };
 use super::calls::{detached, interruptible, watched};
 use super::errors::{argument_error, to_python};
+use super::remote::Input;
 use super::renderer::{self, RawCamera};
 use crate::build;
 use crate::config::BuildOptions;
@@ -178,6 +179,13 @@ impl Mesh {
         detached(py, || format::open(&path)).map(Self::new)
     }
 
+    /// The same of an input that Python reads.
+    #[staticmethod]
+    fn open_input(py: Python<'_>, remote: &Input) -> PyResult<Self> {
+        let (remote, name) = (remote.remote(py), remote.name());
+        detached(py, || format::open_input(Box::new(remote), name)).map(Self::new)
+    }
+
     /// Reads what `to_bytes` wrote.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, data: &[u8]) -> PyResult<Self> {
@@ -187,35 +195,14 @@ impl Mesh {
     /// What a `.nanite` file says of itself, without its pages, and what it holds in bytes by part.
     #[staticmethod]
     fn file_info(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
-        let info = detached(py, || format::file_info(&path))?;
-        let (metadata, pages) = (&info.metadata, &info.pages);
-        let out = PyDict::new(py);
-        out.set_item("faces", metadata.source_faces)?;
-        out.set_item("vertices", metadata.source_vertices)?;
-        out.set_item("levels", 1 + pages.iter().map(|page| page.level).max().unwrap_or(0))?;
-        out.set_item("clusters", pages.iter().map(|page| u64::from(page.clusters)).sum::<u64>())?;
-        out.set_item("groups", info.groups)?;
-        out.set_item("nodes", info.nodes)?;
-        out.set_item("pages", pages.len())?;
-        out.set_item("bytes", info.bytes)?;
-        out.set_item("page_bytes", 4 * pages.iter().map(|page| u64::from(page.words)).sum::<u64>())?;
-        out.set_item("colors", metadata.layout.colors.dtype())?;
-        out.set_item("uv_sets", metadata.layout.uv_sets)?;
-        out.set_item("materials", metadata.layout.materials)?;
-        out.set_item("channels", metadata.channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>())?;
-        out.set_item(
-            "bounds",
-            metadata.bounds.map(|corner| metadata.frame.to_object(corner).to_vec()).to_vec(),
-        )?;
-        out.set_item("origin", metadata.frame.origin.to_vec())?;
-        out.set_item("precision", metadata.grid.map(|grid| precision(&metadata.frame, grid)))?;
-        out.set_item("rounding", metadata.frame.rounding_on(metadata.grid))?;
-        out.set_item("normal_rounding", normal_rounding(metadata.grid))?;
-        out.set_item("uv_rounding", uv_rounding(metadata.grid))?;
-        let parts = PyDict::new(py);
-        info.parts.iter().try_for_each(|(name, bytes)| parts.set_item(name, bytes))?;
-        out.set_item("parts", parts)?;
-        Ok(out)
+        info_dict(py, &detached(py, || format::file_info(&path))?)
+    }
+
+    /// The same of an input that Python reads.
+    #[staticmethod]
+    fn input_info<'py>(py: Python<'py>, remote: &Input) -> PyResult<Bound<'py, PyDict>> {
+        let (remote, name) = (remote.remote(py), remote.name());
+        info_dict(py, &detached(py, || format::input_info(&remote, name))?)
     }
 
     /// Writes a `.nanite` file: to a temporary file beside it, which then takes its name. `step` is the largest step
@@ -453,6 +440,35 @@ impl Mesh {
     fn uv_rounding(&self) -> f32 {
         uv_rounding(self.dag.grid)
     }
+}
+
+/// What a file says of itself, for Python.
+fn info_dict<'py>(py: Python<'py>, info: &format::FileInfo) -> PyResult<Bound<'py, PyDict>> {
+    let (metadata, pages) = (&info.metadata, &info.pages);
+    let out = PyDict::new(py);
+    out.set_item("faces", metadata.source_faces)?;
+    out.set_item("vertices", metadata.source_vertices)?;
+    out.set_item("levels", 1 + pages.iter().map(|page| page.level).max().unwrap_or(0))?;
+    out.set_item("clusters", pages.iter().map(|page| u64::from(page.clusters)).sum::<u64>())?;
+    out.set_item("groups", info.groups)?;
+    out.set_item("nodes", info.nodes)?;
+    out.set_item("pages", pages.len())?;
+    out.set_item("bytes", info.bytes)?;
+    out.set_item("page_bytes", 4 * pages.iter().map(|page| u64::from(page.words)).sum::<u64>())?;
+    out.set_item("colors", metadata.layout.colors.dtype())?;
+    out.set_item("uv_sets", metadata.layout.uv_sets)?;
+    out.set_item("materials", metadata.layout.materials)?;
+    out.set_item("channels", metadata.channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>())?;
+    out.set_item("bounds", metadata.bounds.map(|corner| metadata.frame.to_object(corner).to_vec()).to_vec())?;
+    out.set_item("origin", metadata.frame.origin.to_vec())?;
+    out.set_item("precision", metadata.grid.map(|grid| precision(&metadata.frame, grid)))?;
+    out.set_item("rounding", metadata.frame.rounding_on(metadata.grid))?;
+    out.set_item("normal_rounding", normal_rounding(metadata.grid))?;
+    out.set_item("uv_rounding", uv_rounding(metadata.grid))?;
+    let parts = PyDict::new(py);
+    info.parts.iter().try_for_each(|(name, bytes)| parts.set_item(name, bytes))?;
+    out.set_item("parts", parts)?;
+    Ok(out)
 }
 
 fn precision(frame: &CoordinateFrame, grid: Grid) -> f64 {

@@ -9,6 +9,7 @@ mod image;
 mod measure;
 mod mesh;
 mod read;
+mod remote;
 mod renderer;
 mod scene;
 mod tables;
@@ -17,6 +18,7 @@ mod triangle_mesh;
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 
+use crate::model::retry;
 use crate::{external, format, processor, threads};
 
 /// The compiled part of nanite_rs. Use the package `nanite_rs`, not this module.
@@ -34,6 +36,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("MOST_THREADS", threads::MOST_THREADS)?;
     module.add("FINE_PART", format::FINE_PART)?;
     module.add("BYTES_PER_TRIANGLE", external::BYTES_PER_TRIANGLE)?;
+    module.add("FIRST_READ", format::FIRST_READ)?;
+    module.add("RETRY_PAUSES", retry::pauses().map(|pause| pause.as_secs_f64()).collect::<Vec<_>>())?;
     module.add_function(wrap_pyfunction!(calls::set_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(calls::num_threads, module)?)?;
     module.add_class::<blocks::BlockBuild>()?;
@@ -56,6 +60,9 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(read::read_off, module)?)?;
     module.add_function(wrap_pyfunction!(read::triangulate, module)?)?;
     module.add_function(wrap_pyfunction!(read::strips, module)?)?;
+    module.add_class::<remote::Traffic>()?;
+    module.add_class::<remote::Input>()?;
+    module.add_class::<remote::Answers>()?;
     module.add_class::<image::Image>()?;
     module.add_class::<image::EnvironmentMap>()?;
     module.add_class::<scene::Scene>()?;

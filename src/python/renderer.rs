@@ -374,10 +374,12 @@ impl Frame {
         })
     }
 
-    /// What streaming did for the frame, by name, and the largest error, pixels, of what stood in for something finer.
-    fn stream(&self, py: Python<'_>) -> PyResult<Option<(RawCounts, f32)>> {
+    /// What streaming did for the frame, by name; the largest error, pixels, of what stood in for something finer; and the
+    /// mean time, milliseconds, from a request to its answer.
+    fn stream(&self, py: Python<'_>) -> PyResult<Option<(RawCounts, f32, f64)>> {
         self.look(py, |frame| {
             let stream = frame.stats.stream.as_ref()?;
+            let traffic = &stream.traffic;
             let counts = vec![
                 ("resident_pages", stream.resident_pages),
                 ("pool_bytes", stream.pool_bytes),
@@ -388,8 +390,13 @@ impl Frame {
                 ("evicted_pages", stream.evicted_pages),
                 ("read_errors", stream.read_errors),
                 ("draws", stream.draws),
+                ("requests", traffic.requests),
+                ("failed_requests", traffic.failed_requests),
+                ("read_bytes", traffic.bytes),
+                ("joined_bytes", traffic.joined_bytes),
+                ("cached_bytes", traffic.cached_bytes),
             ];
-            Some((counts, stream.coarsest_pixels))
+            Some((counts, stream.coarsest_pixels, traffic.latency_ms()))
         })
     }
 

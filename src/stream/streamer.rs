@@ -9,7 +9,8 @@ use super::resident::Resident;
 use crate::error::{Error, Result};
 use crate::limits::PAGE_MAX_BYTES;
 use crate::model::{
-    Arrival, Clock, Dag, InterruptCheck, LoadRequest, Loader, PageSource, PageWords, Pages, Retry, read_pages,
+    Arrival, Clock, Dag, InterruptCheck, LoadRequest, Loader, PageSource, PageWords, Pages, Retry, Traffic,
+    read_pages,
 };
 use crate::threads::Own;
 
@@ -58,6 +59,8 @@ pub struct StreamStats {
     pub coarsest_pixels: f32,
     /// Frames that were drawn until all was there; 1 without waiting.
     pub draws: u64,
+    /// What reading from far away has cost since the frame before, whoever read.
+    pub traffic: Traffic,
 }
 
 /// A mesh that is streamed.
@@ -74,6 +77,8 @@ struct Mesh {
     roots: usize,
     /// Pages that could not be read the last time.
     failing: BTreeMap<u32, Failing>,
+    /// What reading had cost before the frame.
+    traffic_before: Traffic,
 }
 
 /// A page that could not be read the last time.
@@ -198,6 +203,7 @@ impl Streamer {
         source: Arc<dyn PageSource>,
         proceed: InterruptCheck<'_>,
     ) -> Result<()> {
+        let traffic_before = source.traffic();
         let count = dag.root_pages();
         let bytes = |page: usize| match self.equal_pages && page >= count {
             true => PAGE_MAX_BYTES as u64,
@@ -227,7 +233,16 @@ impl Streamer {
         let pages = Arc::new(Pages::absent(Arc::clone(&dag.pages.table), dag.layout()));
         let generation = self.generations;
         let failing = BTreeMap::new();
-        self.meshes.push(Mesh { dag, source, number, generation, pages, roots: count, failing });
+        self.meshes.push(Mesh {
+            dag,
+            source,
+            number,
+            generation,
+            pages,
+            roots: count,
+            failing,
+            traffic_before,
+        });
         Ok(())
     }
 
@@ -316,7 +331,14 @@ impl Streamer {
             read_errors: self.fault_count,
             coarsest_pixels: needs.coarsest,
             draws: self.draws,
+            traffic: self.traffic(),
         })
+    }
+
+    /// What reading has cost since the frame before.
+    fn traffic(&self) -> Traffic {
+        let of = |mesh: &Mesh| mesh.source.traffic().since(mesh.traffic_before);
+        self.meshes.iter().map(of).fold(Traffic::default(), Traffic::plus)
     }
 
     /// What no source was asked for yet is not asked for any more.
@@ -335,6 +357,7 @@ impl Streamer {
     /// A frame is done: what is counted from frame to frame starts again.
     pub fn finish(&mut self) {
         (self.arrived, self.draws, self.evicted_before) = (0, 0, self.pool.evicted());
+        self.meshes.iter_mut().for_each(|mesh| mesh.traffic_before = mesh.source.traffic());
     }
 
     /// Waits until all that was asked for has arrived, or cannot be read. Where it does not go on, what has not yet comes

@@ -76,6 +76,7 @@ def test_architecture_names_every_module():
 def test_import_is_quick_and_quiet():
     """What costs time is imported when it is needed."""
     late = ("trimesh", "PIL", "scipy", "OpenImageIO", "matplotlib", "rendercanvas", "IPython", "tqdm")
+    late += ("obstore", "fsspec")
     code = f"import sys, nanite_rs; print([m for m in {late} if m in sys.modules])"
     result = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True

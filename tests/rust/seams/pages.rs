@@ -17,8 +17,8 @@ use nanite_rs::format::{Precision, from_bytes, open_input, quantize, to_bytes};
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::cluster::RECORD_WORDS;
 use nanite_rs::model::{
-    Clock, ClusterRecord, Dag, Outline, PageRequest, PageSink, PageSource, PageWords, UNINTERRUPTED, Workers,
-    read_pages,
+    Clock, ClusterRecord, Dag, LoadRequest, Loader, Outline, PageRequest, PageSink, PageSource, PageWords,
+    Retry, Traffic, TrafficCounter, UNINTERRUPTED, Workers, read_pages,
 };
 use nanite_rs::stream::{Needs, Request, StreamOptions, Streamer};
 use nanite_rs::{Error, Result};
@@ -233,6 +233,73 @@ fn every_request_has_an_answer() {
         let outcome = read_pages(&source, (0..50).collect(), UNINTERRUPTED, |_, _| {});
         assert!(matches!(outcome, Err(Error::Invariant(_))), "{source:?}: {outcome:?}");
     }
+}
+
+/// Keeps what it is asked for, and answers nothing.
+#[derive(Default)]
+struct Mute(Mutex<Vec<PageRequest>>);
+
+impl std::fmt::Debug for Mute {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Mute")
+    }
+}
+
+impl PageSource for Mute {
+    fn read(&self, mut batch: Vec<PageRequest>, _: &Workers) {
+        self.0.lock().unwrap().append(&mut batch);
+    }
+
+    fn dependencies(&self, _: usize) -> &[u32] {
+        &[]
+    }
+}
+
+#[test]
+fn answers_say_when_nobody_waits_any_more() {
+    let mute = Arc::new(Mute::default());
+    let mut loader = Loader::new(1, Clock::default());
+    let source: Arc<dyn PageSource> = mute.clone();
+    loader.submit(vec![LoadRequest { source, page: 7, tag: (), retry: Retry::default() }]).unwrap();
+    let asked = std::mem::take(&mut *mute.0.lock().unwrap());
+    assert!(asked.len() == 1 && !asked[0].answer.cancelled().is_set());
+    drop(loader);
+    assert!(asked[0].answer.cancelled().is_set());
+    drop(asked);
+}
+
+/// What reading costs reaches frames, each what came since the one before.
+#[test]
+fn frames_say_what_reading_cost() {
+    struct Counts(Store, TrafficCounter);
+    impl Input for Counts {
+        fn length(&self) -> u64 {
+            self.0.length()
+        }
+
+        fn read(&self, batch: Vec<RangeRequest>, workers: &Workers) {
+            let bytes = batch.iter().map(|request| request.range.end - request.range.start).sum();
+            self.1.add(Traffic { requests: 1, bytes, nanoseconds: 3_000_000, ..Traffic::default() });
+            self.0.read(batch, workers);
+        }
+
+        fn traffic(&self) -> Traffic {
+            self.1.get()
+        }
+    }
+    let mesh = dag(&bumpy_sphere(120));
+    let store = Store { bytes: Arc::new(to_bytes(&mesh).unwrap()), weather: Arc::default() };
+    let opened = Arc::new(open_input(Box::new(Counts(store, TrafficCounter::default())), "store").unwrap());
+    let opening = opened.pages.source().unwrap().traffic();
+    assert!(opening.requests >= 1 && opening.latency_ms() == 3.0);
+    let (scene, options) = (scene_of(&opened), RenderOptions::default());
+    let mut renderer = renderer("cpu", page_bytes(&mesh));
+    let mut frame =
+        || stream(&renderer.render(&scene, &CAMERA, &at(0.0, 0.0, 1.8), &options).unwrap()).traffic;
+    let (first, second) = (frame(), frame());
+    let all = opened.pages.source().unwrap().traffic();
+    assert!(first.requests > 0 && opening.plus(first) == all, "{opening:?} {first:?} {all:?}");
+    assert_eq!(second, Traffic::default());
 }
 
 /// One batch opens a file, two where what comes before pages and channels is large; neither reads these.

@@ -1,0 +1,619 @@
+"""Files that are not on a local disk: what is asked of stores and file objects, joined, and checked.
+
+A `Source` says how one range is read and when what it reads from has become something else. `Reader` is between it
+and the core: it looks into the cache on disk, joins ranges that lie near each other, and asks for many at once on
+threads of its own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import itertools
+import os
+import re
+import threading
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Protocol
+from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
+
+from nanite_rs import _advice, _checks, _core
+from nanite_rs._page_cache import PageCache
+from nanite_rs.exceptions import (
+    AccessError,
+    ArgumentError,
+    ChangedFileError,
+    DependencyError,
+    DtypeError,
+    FileError,
+    ForkError,
+    MissingFileError,
+    NaniteError,
+    ServerError,
+)
+from nanite_rs.stats import TrafficStats
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from concurrent.futures import Future, ThreadPoolExecutor
+
+Range = tuple[int, int]
+
+# A coded page has 25 to 65 KiB, and pages follow each other. So a gap of 128 KiB is two to four pages that nobody
+# wants: they cost 10 ms at 100 Mbit/s, less than the way to a store and back.
+GAP: Final = 128 << 10
+# Of what a batch wants a quarter more is read at most: the smallest gaps are closed first.
+WASTE: Final = 4
+# Some 20 pages. What is longer comes as several requests at once: one connection is seldom as fast as the line.
+MOST_REQUEST: Final = 1 << 20
+# Requests that are on their way at once, of all meshes of a process.
+AT_ONCE: Final = 32
+# Pages that the core asks for as a batch: enough to join some, and to keep connections busy until the next batch.
+BATCH: Final = 64
+# Seconds until a server that says nothing counts as a passing error.
+_TIMEOUTS: Final = {"timeout": "30s", "connect_timeout": "5s"}
+
+# Parts of a URL that allow reading it for a while, and say nothing of what is there.
+_SIGNATURE: Final = re.compile(
+    r"(?i)^(x-(amz|goog)-.*|sig|signature|expires|policy|key-pair-id|awsaccesskeyid|googleaccessid|s[eprtv]|sk.+|spr|token)$"
+)
+_OBSTORE: Final = frozenset({"http", "https", "s3", "s3a", "gs", "az", "abfs", "abfss", "adl", "azure"})
+
+
+class Refusal(Exception):  # noqa: N818
+    """Why a range could not be read."""
+
+    def __init__(self, kind: type[NaniteError], message: str, *, passing: bool = False) -> None:
+        super().__init__(message)
+        self.kind, self.passing = kind, passing
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What tells a file from another one that has taken its place."""
+
+    size: int
+    tag: str | None
+    """An ETag, or what else there is, such as the time of the last change."""
+
+    def differs(self, other: Identity) -> str | None:
+        """Say how another one differs."""
+        if self.size != other.size:
+            return f"it had {self.size} bytes and has {other.size}"
+        if self.tag is not None and self.tag != other.tag:
+            return f"its ETag or time of change was {self.tag} and is {other.tag}"
+        return None
+
+
+class Source(Protocol):
+    """What ranges are read from, by several threads."""
+
+    name: str
+    """What errors call it."""
+    at_once: int
+    """Ranges that it reads at the same time."""
+
+    def first(self, end: int) -> tuple[Identity, bytes]:
+        """Read the first bytes, as many as there are up to ``end``."""
+
+    def read(self, start: int, end: int, expected: Identity) -> bytes:
+        """Read a range of the file that was opened; raise `Refusal`."""
+
+
+# ---------------------------------------------------------------------------------------------------- URLs
+
+
+def is_url(value: object) -> bool:
+    """Whether it is a string with a scheme."""
+    return (
+        isinstance(value, str) and re.match(r"[A-Za-z][A-Za-z0-9+.-]*(::[a-z0-9+.-]+)*://", value) is not None
+    )
+
+
+def shown(url: str) -> str:
+    """Return a URL without user, password and signature: for messages and as a name."""
+    parts = urlsplit(url)
+    place = parts.netloc.rpartition("@")[2]
+    query = [pair for pair in parse_qsl(parts.query, keep_blank_values=True) if not _SIGNATURE.match(pair[0])]
+    return urlunsplit((parts.scheme, place, parts.path, urlencode(query), ""))
+
+
+def _missing(name: str, package: str, install: str) -> DependencyError:
+    return DependencyError(f"{name}: reading it needs {package}: pip install {install}")
+
+
+_owner: int | None = None
+"""The process that used obstore first: its threads are not in processes that are forked from it."""
+
+
+class _ObjectStore:
+    """An object of a store that obstore knows."""
+
+    at_once = AT_ONCE
+
+    def __init__(self, url: str, options: Mapping[str, Any]) -> None:
+        self.name = shown(url)
+        try:
+            import obstore
+        except ImportError:
+            raise _missing(self.name, "obstore", '"nanite_rs[cloud]"') from None
+        self._obstore = obstore
+        parts = urlsplit(url)
+        client = {**_TIMEOUTS, **options.get("client_options", {})}
+        if parts.scheme == "http":
+            client.setdefault("allow_http", True)
+        # Trying again is the core's business.
+        known = {"retry_config": {"max_retries": 0}, **options, "client_options": client}
+        # Of HTTP the whole URL is the store, with its query; of the others the bucket.
+        if parts.scheme in {"http", "https"}:
+            base, self._path = url, ""
+            # By itself obstore takes the hosts of Amazon and others for their stores, which ask for credentials.
+            make = obstore.store.HTTPStore.from_url
+        else:
+            base, _, self._path = url.partition("://" + parts.netloc + "/")
+            base += f"://{parts.netloc}"
+            make = obstore.store.from_url
+        self._claim()
+        try:
+            self._store = make(base, **known)
+        except Exception as error:  # whatever options it does not take
+            raise FileError(f"{self.name}: {_first_line(error, url)}") from None
+
+    def _claim(self) -> None:
+        global _owner  # noqa: PLW0603
+        if _owner is None:
+            _owner = os.getpid()
+        if _owner != os.getpid():
+            raise ForkError(
+                f"{self.name}: obstore was used before this process was forked, and does not work here: start "
+                'workers with "spawn" or "forkserver"'
+            )
+
+    def _get(self, start: int, end: int, match: str | None) -> tuple[Any, bytes]:
+        try:
+            self._claim()
+        except ForkError as error:
+            raise Refusal(ForkError, str(error).partition(": ")[2]) from None
+        options: dict[str, Any] = {"range": (start, end)}
+        if match is not None:
+            options["if_match"] = match
+        try:
+            result = self._obstore.get(self._store, self._path, options=options)
+            return result, bytes(result.bytes())
+        except Exception as error:  # obstore's own and Python's
+            raise self._refusal(error) from None
+
+    def first(self, end: int) -> tuple[Identity, bytes]:
+        result, data = self._get(0, end, None)
+        identity = _identity(result.meta)
+        if len(data) != min(end, identity.size):
+            raise Refusal(ServerError, f"the server sent {len(data)} bytes of {min(end, identity.size)}")
+        return identity, data
+
+    def read(self, start: int, end: int, expected: Identity) -> bytes:
+        # Weak ETags match nothing; what comes back is compared anyway.
+        tag = expected.tag
+        strong = tag if tag is not None and tag.startswith('"') else None
+        try:
+            result, data = self._get(start, end, strong)
+        except Refusal as refusal:
+            if refusal.kind is ServerError and not refusal.passing:
+                self._look(expected)
+            raise
+        if (how := expected.differs(_identity(result.meta))) is not None:
+            raise Refusal(ChangedFileError, f"the file changed after it was opened: {how}")
+        if tuple(result.range) != (start, end) or len(data) != end - start:
+            raise Refusal(ServerError, f"the server sent {len(data)} bytes of bytes {start} to {end}")
+        return data
+
+    def _look(self, expected: Identity) -> None:
+        """Find out whether what is wrong is another file."""
+        try:
+            found = _identity(self._obstore.head(self._store, self._path))
+        except Exception:  # what was wrong before is
+            return
+        if (how := expected.differs(found)) is not None:
+            raise Refusal(ChangedFileError, f"the file changed after it was opened: {how}")
+
+    def _refusal(self, error: Exception) -> Refusal:
+        kinds = self._obstore.exceptions
+        text = _first_line(error, self.name)
+        found = re.search(r"status code: (\d{3}[^:\n]*)", str(error))
+        status = found[1].strip() if found else ""
+        if isinstance(error, FileNotFoundError | kinds.NotFoundError):
+            return Refusal(MissingFileError, f"there is no such file ({status or '404 Not Found'})")
+        if isinstance(error, kinds.PermissionDeniedError | kinds.UnauthenticatedError):
+            what = "credentials are missing, wrong or expired, or do not allow reading it"
+            return Refusal(AccessError, f"{what} ({status})")
+        if isinstance(error, kinds.PreconditionError):
+            return Refusal(ChangedFileError, "the file changed after it was opened: its ETag is another one")
+        if isinstance(error, kinds.NotSupportedError):
+            return Refusal(
+                ServerError, f"the server does not send ranges of bytes, which reading needs ({text})"
+            )
+        if "UnexpectedRange" in str(error) or "object was only" in str(error):
+            return Refusal(ServerError, f"the server sent another range than was asked for ({text})")
+        if status:
+            number = int(status[:3])
+            passing = number in {408, 425, 429} or (number >= 500 and number not in {501, 505})
+            return Refusal(ServerError, f"the server answered {status}", passing=passing)
+        return Refusal(ServerError, text, passing=True)
+
+
+def _identity(meta: Mapping[str, Any]) -> Identity:
+    changed = meta.get("last_modified")
+    return Identity(int(meta["size"]), meta.get("e_tag") or (None if changed is None else str(changed)))
+
+
+def _first_line(error: Exception, url: str) -> str:
+    """What an error says, without the URL and what debuggers want."""
+    text = str(error).partition("\n")[0].strip() or type(error).__name__
+    text = re.sub(r"Error performing \w+ \S+ in \S+ - ", "", text)
+    return (
+        text.replace(url, shown(url)).removeprefix("Generic HTTP error: ").removeprefix("Generic S3 error: ")
+    )
+
+
+class _FileSystem:
+    """A file of a file system that fsspec knows."""
+
+    at_once = AT_ONCE
+
+    def __init__(self, url: str, options: Mapping[str, Any]) -> None:
+        self.name = shown(url)
+        try:
+            import fsspec
+        except ImportError:
+            raise _missing(self.name, "fsspec", "fsspec") from None
+        try:
+            self._files, self._path = fsspec.core.url_to_fs(url, **options)
+        except ImportError as error:
+            raise DependencyError(f"{self.name}: {error}") from None
+        except Exception as error:
+            raise FileError(f"{self.name}: {type(error).__name__}: {error}") from None
+
+    def _identity(self) -> Identity:
+        self._files.invalidate_cache()
+        info = self._files.info(self._path)
+        size = info.get("size")
+        if size is None:
+            raise Refusal(ServerError, "the file system does not say how large the file is")
+        names = (
+            "ETag",
+            "etag",
+            "e_tag",
+            "mtime",
+            "LastModified",
+            "last_modified",
+            "modified",
+            "created",
+            "md5Hash",
+        )
+        tags = [f"{name}={info[name]}" for name in names if info.get(name) is not None]
+        return Identity(int(size), " ".join(tags) or None)
+
+    def first(self, end: int) -> tuple[Identity, bytes]:
+        with _plain_errors():
+            identity = self._identity()
+            data = bytes(self._files.cat_file(self._path, start=0, end=min(end, identity.size)))
+            return identity, data
+
+    def read(self, start: int, end: int, expected: Identity) -> bytes:
+        with _plain_errors():
+            data = bytes(self._files.cat_file(self._path, start=start, end=end))
+            # Afterwards: what was read before it changed is of the file that was opened.
+            found = self._identity()
+        if (how := expected.differs(found)) is not None:
+            raise Refusal(ChangedFileError, f"the file changed after it was opened: {how}")
+        if len(data) != end - start:
+            raise Refusal(ServerError, f"{len(data)} bytes came of bytes {start} to {end}")
+        return data
+
+
+@contextlib.contextmanager
+def _plain_errors() -> Any:
+    """What file systems raise, as refusals."""
+    try:
+        yield
+    except (Refusal, NaniteError):
+        raise
+    except FileNotFoundError:
+        raise Refusal(MissingFileError, "there is no such file") from None
+    except PermissionError as error:
+        raise Refusal(AccessError, f"reading is not allowed: {error}") from None
+    except (OSError, TimeoutError) as error:
+        raise Refusal(ServerError, f"{type(error).__name__}: {error}", passing=True) from None
+    except Exception as error:
+        raise Refusal(ServerError, f"{type(error).__name__}: {error}") from None
+
+
+# -------------------------------------------------------------------------------------------- file objects
+
+
+class _FileObject:
+    """A file of Python, of which the position is changed and not relied upon."""
+
+    at_once = 1
+
+    def __init__(self, file: Any) -> None:
+        name = getattr(file, "name", None)
+        self.name = (
+            os.fsdecode(name) if isinstance(name, str | bytes) and name else f"<{type(file).__name__}>"
+        )
+        self._file = file
+        self._lock = threading.Lock()
+        self._process = os.getpid()
+        # Of plain files the system reads ranges, whatever others do with the position, forked processes too.
+        raw = file.raw if type(file) is io.BufferedReader else file
+        self._at: int | None = file.fileno() if type(raw) is io.FileIO and hasattr(os, "pread") else None
+
+    def _guarded(self) -> Any:
+        if self._process == os.getpid():
+            return self._lock
+        if self._at is None and not isinstance(self._file, io.BytesIO):
+            raise Refusal(
+                ForkError,
+                "its position is shared with the process that this one was forked from: open it here",
+            )
+        # The lock may be held by a thread that is not here.
+        self._lock, self._process = threading.Lock(), os.getpid()
+        return self._lock
+
+    def _identity(self) -> Identity:
+        if self._at is not None:
+            status = os.fstat(self._at)
+            return Identity(status.st_size, str(status.st_mtime_ns))
+        size = self._file.seek(0, io.SEEK_END)
+        return Identity(self._file.tell() if size is None else size, None)
+
+    def _bytes(self, start: int, end: int) -> bytes:
+        parts, at = [], start
+        if self._at is None:
+            self._file.seek(start)
+        else:
+            self._file.fileno()  # of a closed file an error
+        while at < end:
+            part = self._file.read(end - at) if self._at is None else os.pread(self._at, end - at, at)
+            if isinstance(part, str):
+                raise Refusal(DtypeError, 'it is opened as text: open it with "rb"')
+            if not part:
+                break
+            parts.append(bytes(part))
+            at += len(part)
+        return b"".join(parts)
+
+    def first(self, end: int) -> tuple[Identity, bytes]:
+        with _plain_errors(), self._guarded():
+            identity = self._identity()
+            return identity, self._bytes(0, min(end, identity.size))
+
+    def read(self, start: int, end: int, expected: Identity) -> bytes:
+        with _plain_errors(), self._guarded():
+            data = self._bytes(start, end)
+            found = self._identity()
+        if (how := expected.differs(found)) is not None:
+            raise Refusal(ChangedFileError, f"the file changed after it was opened: {how}")
+        if len(data) != end - start:
+            raise Refusal(ServerError, f"it ended at byte {start + len(data)}, before byte {end}")
+        return data
+
+
+def is_file(value: object) -> bool:
+    """Whether it is a file object."""
+    return hasattr(value, "read") and hasattr(value, "seek")
+
+
+# ------------------------------------------------------------------------------------------------- joining
+
+
+@dataclass
+class Joined:
+    """Ranges that are read as one."""
+
+    start: int
+    end: int
+    members: list[int] = field(default_factory=list)
+    """Which of the ranges, in the order of the file."""
+    wasted: int = 0
+    """Bytes that nobody wants."""
+
+
+def joined(ranges: Sequence[Range]) -> list[Joined]:
+    """Join ranges that lie near each other; what has the most wanted range comes first.
+
+    Ranges do not overlap. Those that touch are joined, and across gaps up to `GAP`, smallest first, until a quarter
+    more would be read than is wanted. No joined range is longer than `MOST_REQUEST`.
+    """
+    order = sorted(range(len(ranges)), key=lambda i: ranges[i])
+    room = sum(end - start for start, end in ranges) // WASTE
+    gaps = sorted((ranges[b][0] - ranges[a][1], k) for k, (a, b) in enumerate(itertools.pairwise(order)))
+    closed = set()
+    for gap, k in gaps:
+        if 0 <= gap <= min(GAP, room):
+            closed.add(k)
+            room -= gap
+    out: list[Joined] = []
+    for k, i in enumerate(order):
+        start, end = ranges[i]
+        if k - 1 in closed and end - out[-1].start <= MOST_REQUEST:
+            out[-1].wasted += start - out[-1].end
+            out[-1].end = end
+            out[-1].members.append(i)
+        else:
+            out.append(Joined(start, end, [i]))
+    return sorted(out, key=lambda one: min(one.members))
+
+
+# ------------------------------------------------------------------------------------------------- threads
+
+_threads: tuple[int, ThreadPoolExecutor] | None = None
+
+
+def _pool() -> ThreadPoolExecutor:
+    """The threads of this process: none is there in one that was forked."""
+    global _threads  # noqa: PLW0603
+    known = _threads
+    if known is None or known[0] != os.getpid():
+        from concurrent.futures import ThreadPoolExecutor
+
+        known = (os.getpid(), ThreadPoolExecutor(AT_ONCE, thread_name_prefix="nanite-remote"))
+        _threads = known
+    return known[1]
+
+
+class Reader:
+    """Reads batches of ranges for the core."""
+
+    def __init__(self, source: Source, recipe: tuple[Any, ...] | None = None) -> None:
+        self.source, self.traffic, self.recipe = source, _core.Traffic(), recipe
+        self.identity, self._head = self._waited(self._first)
+        self._cache: PageCache | None = None
+
+    def keep(self, folder: str, budget: int) -> None:
+        """Keep what is read in a folder."""
+        names = (self.source.name, str(self.identity.size), str(self.identity.tag))
+        try:
+            self._cache = PageCache(folder, budget, names)
+        except OSError as error:
+            raise FileError(error.errno, f"cache_dir: {error.strerror}", folder) from None
+
+    def expect(self, identity: Identity) -> None:
+        """Raise an error where it is another file."""
+        if (how := identity.differs(self.identity)) is not None:
+            raise ChangedFileError(f"{self.source.name}: the file changed after it was opened: {how}")
+
+    def stats(self) -> TrafficStats:
+        """Return what reading has cost so far."""
+        counts, latency_ms = self.traffic.counts()
+        return TrafficStats(**dict(counts), latency_ms=latency_ms)
+
+    def input(self) -> _core.Input:
+        """Return what the core reads."""
+        return _core.Input(self.source.name, self.identity.size, BATCH, self.read, self.traffic)
+
+    def _first(self) -> tuple[Identity, bytes]:
+        found: tuple[Identity, bytes] = self._counted(
+            lambda: self.source.first(_core.FIRST_READ), lambda found: len(found[1])
+        )
+        return found
+
+    def _waited(self, work: Callable[[], Any]) -> Any:
+        """Do it on a thread while this one looks at signals; passing errors are tried again."""
+        from concurrent import futures
+
+        for pause in [*_core.RETRY_PAUSES, None]:
+            future: Future[Any] = _pool().submit(work)
+            try:
+                while not future.done():
+                    futures.wait([future], timeout=0.05)
+                return future.result()
+            except Refusal as refusal:
+                if not refusal.passing or pause is None:
+                    raise _raised(refusal, self.source.name) from None
+                time.sleep(pause)
+            finally:
+                future.cancel()
+        raise AssertionError  # the last pause is None
+
+    def _counted(self, work: Callable[[], Any], size: Callable[[Any], int], wasted: int = 0) -> Any:
+        start = time.perf_counter()
+        try:
+            found = work()
+        except Refusal:
+            self.traffic.request(seconds=time.perf_counter() - start, failed=True)
+            raise
+        took = time.perf_counter() - start
+        self.traffic.request(seconds=took, read_bytes=size(found), joined_bytes=wasted)
+        return found
+
+    def read(self, ranges: list[Range], answers: _core.Answers) -> None:
+        """Answer each range, later, from other threads."""
+        rest = []
+        for i, (start, end) in enumerate(ranges):
+            if end <= len(self._head):
+                answers.give(i, self._head[start:end])
+            else:
+                rest.append(i)
+        if not rest:
+            return
+        if self._cache is not None:
+            _pool().submit(self._look_up, ranges, rest, answers)
+        else:
+            self._ask(ranges, rest, answers)
+
+    def _look_up(self, ranges: list[Range], wanted: list[int], answers: _core.Answers) -> None:
+        """Answer what the cache has, and ask for the rest."""
+        rest = []
+        for i in wanted:
+            data = None if self._cache is None else self._cache.get(*ranges[i])
+            if data is None:
+                rest.append(i)
+            else:
+                self.traffic.cached(len(data))
+                answers.give(i, data)
+        self._ask(ranges, rest, answers)
+
+    def _ask(self, ranges: list[Range], wanted: list[int], answers: _core.Answers) -> None:
+        for one in joined([ranges[i] for i in wanted]):
+            one.members = [wanted[k] for k in one.members]
+            _pool().submit(self._request, one, ranges, answers)
+
+    def _request(self, one: Joined, ranges: list[Range], answers: _core.Answers) -> None:
+        wanted = [i for i in one.members if answers.is_wanted(i)]
+        if not wanted:
+            return
+        try:
+            data: bytes = self._counted(
+                lambda: self.source.read(one.start, one.end, self.identity), len, one.wasted
+            )
+        except Refusal as refusal:
+            for i in one.members:
+                answers.fail(i, refusal.kind.__name__, str(refusal), refusal.passing)
+            return
+        except BaseException as error:  # every range has an answer
+            for i in one.members:
+                answers.fail(i, "InternalError", f"{type(error).__name__}: {error}", passing=False)
+            raise
+        for i in one.members:
+            start, end = ranges[i]
+            part = data[start - one.start : end - one.start]
+            answers.give(i, part)
+            if self._cache is not None:
+                self._cache.put(start, end, part)
+
+
+def _raised(refusal: Refusal, name: str) -> NaniteError:
+    return refusal.kind(f"{name}: {refusal}")
+
+
+# ------------------------------------------------------------------------------------------------- opening
+
+
+def opened(where: Any, cache_dir: Any, cache_bytes: int, storage_options: Mapping[str, Any] | None) -> Reader:
+    """Return what reads a URL or a file object."""
+    url = is_url(where)
+    if not url and (cache_dir is not None or storage_options is not None):
+        raise ArgumentError(f"{'cache_dir' if cache_dir is not None else 'storage_options'}: goes with a URL")
+    folder = None if cache_dir is None else os.path.abspath(_checks.path_of(cache_dir, "cache_dir"))
+    budget = _checks.whole(cache_bytes, "cache_bytes", 0)
+    if storage_options is not None and not hasattr(storage_options, "items"):
+        raise DtypeError(f"storage_options: expected a mapping, not {_advice.name_of_type(storage_options)}")
+    options = None if storage_options is None else dict(storage_options)
+    recipe = (where, folder, budget, options) if url else None
+    reader = Reader(source_of(where, options or {}), recipe)
+    if folder is not None:
+        reader.keep(folder, budget)
+    return reader
+
+
+def source_of(where: object, options: Mapping[str, Any]) -> Source:
+    """Return what reads a URL or a file object."""
+    if isinstance(where, str):
+        scheme = where.partition("://")[0].lower()
+        return _ObjectStore(where, options) if scheme in _OBSTORE else _FileSystem(where, options)
+    if is_file(where):
+        return _FileObject(where)
+    raise DtypeError(
+        f"path: expected a path, a URL or a binary file with seek and read, not {_advice.name_of_type(where)}"
+    )
