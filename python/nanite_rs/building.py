@@ -50,7 +50,7 @@ def build_file(
 
     Parameters
     ----------
-    source : path, (vertices, faces), or iterable of pieces
+    source : path, pair of arrays, or iterable of pieces
         A file: binary PLY of triangles and binary STL are read piece by piece, everything that
         `NaniteMesh.from_file` reads where it fits in memory. Two arrays, which may be memory maps, as
         `NaniteMesh.from_arrays` takes them. Or pieces, each ``(vertices, faces)`` or
