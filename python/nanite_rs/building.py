@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
     from nanite_rs._progress import Progress
 
+__all__ = ["build_file"]
+
 
 def build_file(
     source: object,
