@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
     from nanite_rs._progress import Progress
 
+__all__ = ["build_file"]
+
 
 def build_file(
     source: object,
@@ -51,7 +53,7 @@ def build_file(
 
     Parameters
     ----------
-    source : path, (vertices, faces), or iterable of pieces
+    source : path, pair of arrays, or iterable of pieces
         A file: binary PLY of triangles and binary STL are read piece by piece, everything that
         `NaniteMesh.from_file` reads where it fits in memory. Two arrays, which may be memory maps, as
         `NaniteMesh.from_arrays` takes them. Or pieces, each ``(vertices, faces)`` or

@@ -372,9 +372,9 @@ struct Seen {
 }
 
 impl Seen {
-    /// Exponents of f64, halved.
-    const LEAST: i32 = f64::MIN_EXP / 2 - 1;
-    const BINS: usize = 2 * -Self::LEAST as usize;
+    /// Exponents of f64, halved: zero has the least.
+    const LEAST: i32 = -(f64::MAX_EXP / 2);
+    const BINS: usize = f64::MAX_EXP as usize;
 
     fn of(window: &Window<'_>, page: usize) -> Self {
         let mut out = Self { clusters: Vec::new(), bins: Default::default(), largest: 0.0, largest_uv: 0.0 };
