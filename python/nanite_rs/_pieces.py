@@ -44,6 +44,10 @@ class Spool:
         """Return how many rows an array has so far."""
         return self._rows.get(name, 0)
 
+    def dtype(self, name: str) -> np.dtype[Any]:
+        """Return the type of an array."""
+        return self._forms[name][0]
+
     def append(self, name: str, rows: NDArray[Any]) -> None:
         """Append rows to an array; all have the form of the first."""
         form = self._forms.setdefault(name, (rows.dtype, rows.shape[1:]))
@@ -98,7 +102,7 @@ def of_pieces(pieces: Iterable[Any], folder: Path) -> dict[str, NDArray[Any]]:
             raise MeshError(f"{where}: more than 2^32 vertices")
         if number == 0 and vertices.dtype != np.float32:
             vertices = vertices.astype(np.float64)
-        if number and spool.arrays()["vertices"].dtype == np.float32 != vertices.dtype:
+        if number and spool.dtype("vertices") == np.float32 != vertices.dtype:
             raise DtypeError(f"{where}: vertices are {vertices.dtype}, those of pieces before float32")
         spool.append("vertices", vertices)
         spool.append("faces", (faces.astype(np.int64) + first).astype(np.uint32))
@@ -205,7 +209,7 @@ def _of_ply(path: str, folder: Path, notes: Notes) -> dict[str, NDArray[Any]]:
     size = os.path.getsize(path)
     spool = Spool(folder)
     for element, count, properties in elements:
-        if {"vertices", "faces"} <= spool.arrays().keys():
+        if spool.rows("vertices") and spool.rows("faces"):
             break
         dtype = _row(path, order, element, properties)
         end = offset + count * dtype.itemsize
