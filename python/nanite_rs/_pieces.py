@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -17,7 +18,6 @@ from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, FormatErr
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -88,8 +88,13 @@ def opened(folder: Path, of: list[Any] | None = None) -> dict[str, NDArray[Any]]
     return out
 
 
-def spooled(arrays: Mapping[str, NDArray[Any]], folder: Path) -> dict[str, NDArray[Any]]:
-    """Write arrays to a folder, where other processes see them."""
+def in_folder(arrays: Mapping[str, NDArray[Any]], folder: Path, of: list[Any]) -> Mapping[str, NDArray[Any]]:
+    """Return arrays that lie in a folder, where other processes see them; write them unless they were before."""
+    if all(Path(getattr(rows, "filename", None) or "").parent == folder for rows in arrays.values()):
+        return arrays
+    known = opened(folder, of)
+    if known:
+        return known
     spool = Spool(folder)
     for name, whole in arrays.items():
         for start in range(0, max(len(whole), 1), ROWS):
@@ -100,7 +105,7 @@ def spooled(arrays: Mapping[str, NDArray[Any]], folder: Path) -> dict[str, NDArr
                     raise MeshError(f"faces[{row}] refers to vertex {rows[row - start].min()}")
                 rows = rows.astype(np.uint32)
             spool.append(name, rows)
-    return spool.finish(None)
+    return spool.finish(of)
 
 
 def identity(path: str) -> list[Any]:

@@ -6,7 +6,7 @@ import os
 import re
 import shutil
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,9 +75,9 @@ def build_file(
         Go on from the last finished block where a build of the same source with the same options and memory was
         stopped or killed, and keep the work folder where this one fails. Without it the work folder of another
         build is removed.
-    executor : concurrent.futures.Executor or dask.distributed.Client, optional
-        What makes the blocks of a stage at once, each in ``memory``: processes, or machines that share the work
-        folder. The file has the same bytes.
+    executor : an executor, optional
+        A `concurrent.futures.Executor` or a ``dask.distributed.Client``: it makes the blocks of a stage at once,
+        each in ``memory``, in processes, or on machines that share the work folder. The file has the same bytes.
     progress : bool or callable, optional
         As for `NaniteMesh.from_arrays`.
 
@@ -155,7 +155,7 @@ def _make_folder(work: Path, *, resume: bool) -> None:
 
 
 def _build(
-    arrays: dict[str, Any],
+    arrays: Mapping[str, Any],
     target: Path,
     limit: int,
     options: BuildOptions,
@@ -169,13 +169,12 @@ def _build(
         given = _attributes(arrays)
         NaniteMesh.from_arrays(vertices, faces, **given, options=options, progress=progress).save(target)
         return
-    if executor is not None and not _pieces.opened(work):
-        arrays = _pieces.spooled(arrays, work)
+    key = _key(arrays)
+    if executor is not None:
+        arrays = _pieces.in_folder(arrays, work, [key])
     how, own = asdict(options), core(arrays)
     with reporter(progress, "building") as report:
-        build = BlockBuild.begin(
-            own, options=how, memory=limit, folder=work, key=_key(arrays), progress=report
-        )
+        build = BlockBuild.begin(own, options=how, memory=limit, folder=work, key=key, progress=report)
         total = Total(report, 2 * len(faces))
         while True:
             blocks = build.missing()
@@ -196,12 +195,12 @@ def make_block(work: str, options: dict[str, Any], block: int) -> None:
     BlockBuild.open(work, options).make(arrays, block)
 
 
-def _attributes(arrays: dict[str, Any]) -> dict[str, Any]:
+def _attributes(arrays: Mapping[str, Any]) -> dict[str, Any]:
     uvs = [arrays[name] for name in sorted(arrays) if name.startswith("uvs")]
     return {name: arrays.get(name) for name in ("normals", "colors", "face_materials")} | {"uvs": uvs}
 
 
-def core(arrays: dict[str, Any]) -> dict[str, Any]:
+def core(arrays: Mapping[str, Any]) -> dict[str, Any]:
     """Return arrays as the core takes them."""
     return core_arrays(
         as_array(arrays["vertices"], "vertices"),
@@ -211,7 +210,7 @@ def core(arrays: dict[str, Any]) -> dict[str, Any]:
     )
 
 
-def _key(arrays: dict[str, Any]) -> str:
+def _key(arrays: Mapping[str, Any]) -> str:
     """Return what tells sources apart: a checksum of all arrays."""
     sums = []
     for name, rows in sorted(arrays.items()):

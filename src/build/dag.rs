@@ -163,7 +163,7 @@ pub struct Grown {
     pub store: VertexStore,
     /// All clusters: those of the start, and those that were made.
     pub clusters: Vec<BuildCluster>,
-    /// All groups. A group of the start's clusters has [`LOCAL_GROUP`] in its number where clusters name it.
+    /// All groups. Where a part, or what is left of parts, has grown, clusters name them with [`LOCAL_GROUP`] in the number.
     pub groups: Vec<BuildGroup>,
     /// Clusters of a part that are in no group: others go on with them.
     pub pending: Vec<u32>,
@@ -336,7 +336,7 @@ impl Growth {
         let meshes: Vec<&ClusterMesh> = pending.iter().map(|c| &self.clusters[*c as usize].mesh).collect();
         let mut counts = LevelReport {
             clusters: pending.len() as u32,
-            triangles: meshes.iter().map(|m| m.triangles.len() as u64).sum(),
+            triangles: self.triangles(&pending),
             ..LevelReport::default()
         };
         let positions = Arc::new(LevelPositions::new(store, &meshes));
@@ -441,9 +441,10 @@ impl Growth {
                 self.terminal(store.layout, &members, level);
             }
         }
-        let (left, before) = (self.triangles(&next) as f64, counts.triangles as f64);
-        if let Some(part) = &mut self.part {
-            part.stalled = left > STALLED * before && self.tries != Tries::Collapses;
+        if self.part.is_some() {
+            let few = self.triangles(&next) as f64 > STALLED * counts.triangles as f64;
+            let stalled = few && self.tries != Tries::Collapses;
+            self.part.iter_mut().for_each(|part| part.stalled = stalled);
         }
         report.levels.push(counts);
         Ok(next)
@@ -499,7 +500,7 @@ impl Growth {
     }
 
     fn stuck_report(&self, members: &[u32], level: u32, reason: StuckReason) -> StuckGroup {
-        let triangles = members.iter().map(|c| self.clusters[*c as usize].mesh.triangles.len() as u32).sum();
+        let triangles = self.triangles(members) as u32;
         StuckGroup { level, clusters: members.len() as u32, triangles, reason }
     }
 
@@ -593,6 +594,16 @@ fn parent_error(below: f32, measured: f32) -> f32 {
 
 /// In the names that clusters of a part have for the groups that made them: a group of that part.
 pub const LOCAL_GROUP: u32 = 1 << 31;
+
+/// The number over all parts of the group that a cluster of one names, whose own groups begin at `first`; [`NO_GROUP`] where it
+/// names none.
+pub fn group_number(named: u32, first: u32) -> u32 {
+    match named {
+        NO_GROUP => NO_GROUP,
+        local if local & LOCAL_GROUP != 0 => first + (local ^ LOCAL_GROUP),
+        global => global,
+    }
+}
 
 /// Vertices of a split at and above this are new: their number is the rest.
 const NEW_VERTEX: u32 = 1 << 31;

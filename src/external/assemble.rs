@@ -10,7 +10,7 @@ use super::block::{Common, GroupEntry, Made};
 use super::page_file::PageFileSink;
 use super::spool::{Record, SpoolReader};
 use crate::build::assemble::{Member, Packed, write_page};
-use crate::build::dag::LOCAL_GROUP;
+use crate::build::dag::group_number;
 use crate::error::{Error, Result};
 use crate::layout::{GroupSize, Paging, hierarchy, paginate, spatial_order};
 use crate::limits::CLUSTER_MAX_TRIANGLES;
@@ -52,11 +52,7 @@ impl Stages<'_> {
 
     /// The number over all blocks of the group that a cluster of one names; [`NO_GROUP`] where it names none.
     fn refined(&self, block: u32, refined: u32) -> u32 {
-        match refined {
-            NO_GROUP => NO_GROUP,
-            local if local & LOCAL_GROUP != 0 => self.first_group[block as usize] + (local ^ LOCAL_GROUP),
-            global => global,
-        }
+        group_number(refined, self.first_group[block as usize])
     }
 
     /// Reads groups and makes something of each, in parallel and in order.

@@ -17,7 +17,7 @@ use crate::build::Meter;
 use crate::build::assemble::face_ids;
 use crate::build::clusterize::{ClusterMesh, clusterize};
 use crate::build::content::{Content, weights};
-use crate::build::dag::{BuildCluster, Grown, LOCAL_GROUP, Part, Start, grow_from};
+use crate::build::dag::{BuildCluster, Grown, Part, Start, group_number, grow_from};
 use crate::build::order;
 use crate::build::store::VertexStore;
 use crate::config::BuildOptions;
@@ -25,7 +25,6 @@ use crate::error::{Error, Result};
 use crate::math::{Aabb, Sphere};
 use crate::mesh::edges::Edges;
 use crate::mesh::{Colors, Positions, SourceMesh, WeldedMesh, frame, hash, weld_in};
-use crate::model::cluster::NO_GROUP;
 use crate::model::{AttributeLayout, BuildReport, CoordinateFrame};
 
 /// Of a block of the source one in so many triangles is left to the next stage: about where its reference has served
@@ -256,9 +255,7 @@ pub fn of_left(
         }
         for (mut cluster, rows) in record.clusters.into_iter().zip(record.face_rows) {
             cluster.mesh.vertices.iter_mut().for_each(|v| *v = names[*v as usize]);
-            if cluster.refined != NO_GROUP && cluster.refined & LOCAL_GROUP != 0 {
-                cluster.refined = first_group[*block as usize] + (cluster.refined ^ LOCAL_GROUP);
-            }
+            cluster.refined = group_number(cluster.refined, first_group[*block as usize]);
             clusters.push(cluster);
             face_rows.push(rows);
         }
