@@ -59,9 +59,7 @@ impl Stages<'_> {
     fn each<T: Send>(&self, groups: &[At], of: impl Fn(At, Record) -> Result<T> + Sync) -> Result<Vec<T>> {
         groups
             .par_iter()
-            .map(|at| {
-                of(*at, self.readers[at.block as usize].read(self.entry(*at).place)?)
-            })
+            .map(|at| of(*at, self.readers[at.block as usize].read(self.entry(*at).place)?))
             .collect()
     }
 

@@ -96,7 +96,7 @@ pub struct Summary {
     pub identities: u32,
     /// What the build did.
     pub report: BuildReport,
-    /// The box of its clusters: the smallest and the largest corner; nothing where there are none.
+    /// The box of its triangles of the source: the smallest and the largest corner; nothing where there are none.
     pub bounds: Option<[[f32; 3]; 2]>,
     /// What was mended in the source.
     pub mended: Mended,
@@ -181,8 +181,7 @@ pub fn of_source(
     let faces = mesh.faces.len() as u64;
     let fixed = bits_of(&lists::read(folder, SHARED, block)?);
     let share = common.source_faces as f64 / faces.max(1) as f64;
-    let part =
-        (blocks > 1).then(|| Part { fixed, enough: faces / LEFT_OF_SOURCE, share, stalled: false });
+    let part = (blocks > 1).then(|| Part { fixed, enough: faces / LEFT_OF_SOURCE, share, stalled: false });
     let start = Start {
         content,
         store,
@@ -341,11 +340,12 @@ fn write(
         });
     }
     out.finish()?;
-    let bounds = boxes.iter().fold(Aabb::EMPTY, |all, of| all.union(of));
+    let of_source = boxes.iter().zip(&clusters).filter(|(_, cluster)| cluster.level == 0);
+    let bounds = of_source.fold(Aabb::EMPTY, |all, (of, _)| all.union(of));
     let summary = Summary {
         identities: store.count() as u32,
         report,
-        bounds: (!boxes.is_empty()).then_some([bounds.min, bounds.max]),
+        bounds: (bounds.min[0] <= bounds.max[0]).then_some([bounds.min, bounds.max]),
         mended: Mended::default(),
         levels: level..next,
     };

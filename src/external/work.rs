@@ -30,6 +30,8 @@ const LEAST_TRIANGLES: u64 = 4096;
 const SHIFT: f64 = 0.618_033_988_749_895;
 /// Where a stage leaves more than this part of what it was given, the next takes larger blocks.
 const STALLED: f64 = 0.7;
+/// The folder in that of the build which has all files that are named here.
+const BLOCKS: &str = "blocks";
 /// The name of the manifest.
 const MANIFEST: &str = "manifest.json";
 /// Grows whenever folders of before cannot be gone on with.
@@ -87,21 +89,24 @@ impl Work {
             return Err(Error::argument("memory", message));
         }
         let key = format!("{key} {memory} {:?}", BuildOptions { threads: 0, ..options.clone() });
-        if let Some(manifest) = read_manifest(folder)?
+        let folder = folder.join(BLOCKS);
+        if let Some(manifest) = read_manifest(&folder)?
             && manifest.key == key
             && manifest.version == VERSION
         {
-            return Ok(Self { folder: folder.to_path_buf(), options: options.clone(), manifest });
+            return Ok(Self { folder, options: options.clone(), manifest });
         }
         validate::validate(source)?;
+        // Nothing of another build stays, nor of one that was stopped before it had a manifest.
+        emptied(&folder).map_err(|source| Error::Io { path: folder.clone(), source })?;
         let frame = frame::with_rounding(frame::of(source.positions), source.positions);
         let place = |v: usize| frame::internal(&frame, source.positions.get(v));
         let around = (0..source.positions.len()).into_par_iter().map(|v| Aabb::of_points([&place(v)]));
         let around = around.reduce(|| Aabb::EMPTY, |a, b| a.union(&b));
         let most = (memory / BYTES_PER_TRIANGLE).max(LEAST_TRIANGLES);
-        let blocks = distribute(source, &frame, &Cells::new(&around, 0.0), most, folder)?;
+        let blocks = distribute(source, &frame, &Cells::new(&around, 0.0), most, &folder)?;
         let work = Self {
-            folder: folder.to_path_buf(),
+            folder,
             options: options.clone(),
             manifest: Manifest {
                 version: VERSION,
@@ -120,10 +125,11 @@ impl Work {
 
     /// What another process began.
     pub fn open(folder: &Path, options: &BuildOptions) -> Result<Self> {
-        let manifest = read_manifest(folder)?;
+        let folder = folder.join(BLOCKS);
+        let manifest = read_manifest(&folder)?;
         let missing = || Error::argument("folder", format!("{}: nothing was begun here", folder.display()));
         let manifest = manifest.ok_or_else(missing)?;
-        Ok(Self { folder: folder.to_path_buf(), options: options.clone(), manifest })
+        Ok(Self { folder, options: options.clone(), manifest })
     }
 
     fn write_manifest(&self) -> Result<()> {
@@ -197,7 +203,8 @@ impl Work {
         let Common { layout, stride, .. } = self.common();
         let blocks = self.manifest.stages.iter().enumerate();
         let all = blocks.flat_map(|(stage, of)| (0..of.blocks).map(move |block| (stage, block)));
-        all.map(|(stage, block)| SpoolReader::new(&self.path(stage, block, "records"), layout, stride)).collect()
+        all.map(|(stage, block)| SpoolReader::new(&self.path(stage, block, "records"), layout, stride))
+            .collect()
     }
 
     fn made(&self, stage: usize) -> Result<Vec<Made>> {
@@ -283,6 +290,17 @@ impl Work {
     }
 }
 
+/// Makes a folder, or empties it: first of the manifest, so that nobody takes the rest for whole.
+fn emptied(folder: &Path) -> std::io::Result<()> {
+    let unless_missing = |removed: std::io::Result<()>| match removed {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    };
+    unless_missing(std::fs::remove_file(folder.join(MANIFEST)))?;
+    unless_missing(std::fs::remove_dir_all(folder))?;
+    std::fs::create_dir(folder)
+}
+
 fn read_manifest(folder: &Path) -> Result<Option<Manifest>> {
     let path = folder.join(MANIFEST);
     match std::fs::read(&path) {
@@ -296,7 +314,8 @@ fn read_manifest(folder: &Path) -> Result<Option<Manifest>> {
 /// Puts what the blocks of a stage left into those of the next, by the centres of clusters; `first` is the number of the first
 /// block of the stage.
 fn share_out(made: &[Made], first: u32, next: usize, most: u64) -> Vec<Vec<Taken>> {
-    let all = || (first..).zip(made).flat_map(|(block, made)| made.left.iter().map(move |left| (block, left)));
+    let all =
+        || (first..).zip(made).flat_map(|(block, made)| made.left.iter().map(move |left| (block, left)));
     let bounds = all().fold(Aabb::EMPTY, |bounds, (_, left)| bounds.union(&left.bounds));
     let cells = Cells::new(&bounds, (next as f64 * SHIFT).fract());
     let placed: Vec<(u32, u32, &LeftEntry)> =

@@ -298,7 +298,7 @@ def test_a_killed_build_goes_on(tmp_path) -> None:
             time.sleep(rng.uniform(0.0, whole))
             child.kill()
             child.wait()
-            found = len(list((tmp_path / "x.nanite.work").glob("*.made")))
+            found = len(list((tmp_path / "x.nanite.work").rglob("*.made")))
             # What is finished stays finished.
             assert found >= made or (tmp_path / "x.nanite").exists()
             made = found
@@ -307,7 +307,8 @@ def test_a_killed_build_goes_on(tmp_path) -> None:
         assert {path.name for path in tmp_path.iterdir()} == {"v.npy", "f.npy", "x.nanite"}
 
 
-def test_another_build_is_not_gone_on_with(tmp_path) -> None:
+@pytest.mark.parametrize("processes", [False, True])
+def test_another_build_is_not_gone_on_with(processes, tmp_path) -> None:
     class Stop(Exception):
         pass
 
@@ -315,13 +316,33 @@ def test_another_build_is_not_gone_on_with(tmp_path) -> None:
         if done > 0.7 * total:
             raise Stop
 
+    class Stopping(ThreadPoolExecutor):
+        def submit(self, *task):
+            if len(list((tmp_path / "built.nanite.work").rglob("*.made"))) > 2:
+                raise Stop
+            super().submit(*task).result()
+            return super().submit(int)
+
     vertices, faces = arrays("knot")
+    how = {"executor": Stopping()} if processes else {"progress": stop}
     with pytest.raises(Stop):
-        built((vertices, faces), tmp_path, resume=True, progress=stop)
-    assert list((tmp_path / "built.nanite.work").glob("*.made"))
-    other = built((vertices * 2.0, faces), tmp_path, resume=True)
-    assert np.allclose(np.asarray(other.bounds), 2.0 * np.array([vertices.min(0), vertices.max(0)]))
+        built((vertices, faces), tmp_path, resume=True, **how)
+    assert list((tmp_path / "built.nanite.work").rglob("*.made"))
+    how = {"executor": ThreadPoolExecutor(2)} if processes else {}
+    bent = vertices + np.float32([0.2, 0.0, 0.0]) * np.sin(vertices[:, 1:2] * 9.0)
+    built((bent, faces), tmp_path, resume=True, **how)
     assert not (tmp_path / "built.nanite.work").exists()
+    found = (tmp_path / "built.nanite").read_bytes()
+    built((bent, faces), tmp_path)
+    assert found == (tmp_path / "built.nanite").read_bytes()
+
+
+def test_bounds_are_those_of_the_source(tmp_path) -> None:
+    """What is coarse may stray from it."""
+    vertices, faces = arrays("knot")
+    found = built((vertices, faces), tmp_path).bounds
+    # The file rounds positions to its grid.
+    assert np.allclose(np.asarray(found), np.array([vertices.min(0), vertices.max(0)]), atol=1e-3)
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -348,7 +369,7 @@ def test_a_full_disk_loses_nothing(tmp_path) -> None:
     assert failed.returncode != 0
     assert "FileError" in failed.stderr
     assert "x.nanite" in failed.stderr.splitlines()[-1]
-    made = len(list((tmp_path / "x.nanite.work").glob("*.made")))
+    made = len(list((tmp_path / "x.nanite.work").rglob("*.made")))
     assert made > 0
     subprocess.run([sys.executable, "-c", CHILD, str(tmp_path)], check=True)
     assert nrs.NaniteMesh.open(tmp_path / "x.nanite").check().borders > 0
