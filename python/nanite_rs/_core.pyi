@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
-    "BYTES_PER_TRIANGLE",
     "FINE_PART",
     "FIRST_READ",
     "MOST_THREADS",
@@ -26,6 +25,7 @@ __all__ = [
     "Traffic",
     "TriangleMesh",
     "__version__",
+    "build_memory",
     "check_camera",
     "check_light",
     "check_pose",
@@ -47,12 +47,12 @@ __all__ = [
     "triangulate",
 ]
 __version__: str
-BYTES_PER_TRIANGLE: int
 FINE_PART: int
 FIRST_READ: int
 MOST_THREADS: int
 RETRY_PAUSES: list[float]
 
+def build_memory(arrays: dict[str, Any]) -> int: ...
 def cluster_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
 def group_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
 def page_table(mesh: Mesh) -> dict[str, NDArray[np.uint32]]: ...

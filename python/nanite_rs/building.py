@@ -9,14 +9,14 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from nanite_rs import _checks, _pieces, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._asset import Notes
-from nanite_rs._core import BYTES_PER_TRIANGLE, BlockBuild
+from nanite_rs._core import BlockBuild, build_memory
 from nanite_rs._progress import reporter
 from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, FormatError
 from nanite_rs.mesh import NaniteMesh
@@ -127,11 +127,14 @@ def build_file(
     done, ours = False, not work.exists() or (work / "about.txt").exists()
     try:
         _make_folder(work, resume=resume)
-        given = _given(source, limit, work)
-        if isinstance(given, str):
-            NaniteMesh.from_file(given, options=options, progress=progress).save(target)
+        file, arrays = _given(source, limit, work)
+        if arrays and build_memory(core(arrays)) > limit:
+            _build(arrays, target, limit, options or BuildOptions(), work, executor, progress)
+        elif file is not None:
+            NaniteMesh.from_file(file, options=options, progress=progress).save(target)
         else:
-            _build(given, target, limit, options or BuildOptions(), work, executor, progress)
+            vertices, faces, given = arrays["vertices"], arrays["faces"], _attributes(arrays)
+            NaniteMesh.from_arrays(vertices, faces, **given, options=options, progress=progress).save(target)
         done = True
     except OSError as error:
         raise FileError(f"{error.filename or work}: {error.strerror or error}") from error
@@ -163,19 +166,14 @@ def _build(
     executor: Any,
     progress: Progress,
 ) -> None:
-    """Build from arrays, in memory where they fit."""
-    vertices, faces = as_array(arrays["vertices"], "vertices"), as_array(arrays["faces"], "faces")
-    if faces.ndim and len(faces) * BYTES_PER_TRIANGLE <= limit:
-        given = _attributes(arrays)
-        NaniteMesh.from_arrays(vertices, faces, **given, options=options, progress=progress).save(target)
-        return
+    """Build from arrays that do not fit."""
     key = _key(arrays)
     if executor is not None:
         arrays = _pieces.in_folder(arrays, work, [key])
     how, own = asdict(options), core(arrays)
     with reporter(progress, "building") as report:
         build = BlockBuild.begin(own, options=how, memory=limit, folder=work, key=key, progress=report)
-        total = Total(report, 2 * len(faces))
+        total = Total(report, 2 * len(own["faces"]))
         while True:
             blocks = build.missing()
             if executor is None:
@@ -240,26 +238,30 @@ class Total:
         return update
 
 
-def _given(source: object, limit: int, work: Path) -> str | dict[str, NDArray[Any]]:
-    """Return a path to read in memory, or arrays."""
+#: A file takes less memory to build than so many times its size, but where it is compressed.
+_OF_SIZE: Final = 16
+
+
+def _given(source: object, limit: int, work: Path) -> tuple[str | None, dict[str, NDArray[Any]]]:
+    """Return the path of a file, and what may not fit as arrays."""
     if isinstance(source, str | bytes | os.PathLike):
-        return _file(_checks.path_of(source, "source"), limit, work)
+        path = _checks.path_of(source, "source")
+        return path, _of_file(path, limit, work)
     if isinstance(source, tuple | list) and len(source) == 2 and not isinstance(source[0], tuple | list):
-        return {"vertices": np.asanyarray(source[0]), "faces": np.asanyarray(source[1])}
+        return None, {"vertices": np.asanyarray(source[0]), "faces": np.asanyarray(source[1])}
     if isinstance(source, Iterable) and not isinstance(source, np.ndarray):
-        return _pieces.of_pieces(source, work)
+        return None, _pieces.of_pieces(source, work)
     raise DtypeError(f"source: expected a path, (vertices, faces) or pieces, not {type(source).__name__}")
 
 
-def _file(path: str, limit: int, work: Path) -> str | dict[str, NDArray[Any]]:
-    """Return the path where a file fits, else what is in it."""
+def _of_file(path: str, limit: int, work: Path) -> dict[str, NDArray[Any]]:
+    """Return what is in a file, nothing where it fits."""
     try:
         size = os.path.getsize(path)
     except OSError:
-        return path  # whoever reads it says why not
-    # No format has less than 12 bytes for a face.
-    if size // 12 * BYTES_PER_TRIANGLE <= limit:
-        return path
+        return {}  # whoever reads it says why not
+    if size * _OF_SIZE <= limit:
+        return {}
     ending, packed = io.ending(Path(path))
     if ending not in _pieces.ENDINGS or packed:
         some = ", ".join(f".{name}" for name in _pieces.ENDINGS)

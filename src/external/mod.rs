@@ -12,4 +12,4 @@ pub mod source;
 pub mod spool;
 pub mod work;
 
-pub use self::work::{BYTES_PER_TRIANGLE, Work};
+pub use self::work::{Work, memory_of};

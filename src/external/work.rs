@@ -22,8 +22,12 @@ use crate::math::Aabb;
 use crate::mesh::{SourceMesh, attributes, frame, validate};
 use crate::model::{AttributeLayout, CoordinateFrame, Dag};
 
-/// Bytes that building in memory takes for each triangle, about.
-pub const BYTES_PER_TRIANGLE: u64 = 700;
+/// Bytes that building in memory takes for each triangle of the source, without its arrays,
+const BYTES_PER_TRIANGLE: u64 = 120;
+/// for each vertex,
+const BYTES_PER_VERTEX: u64 = 60;
+/// and for each float of its attributes; all a tenth to a third above what was measured.
+const BYTES_PER_FLOAT: u64 = 9;
 /// Fewer triangles are no block.
 const LEAST_TRIANGLES: u64 = 4096;
 /// By how much of its side the grid of each stage is shifted against the one before: the golden ratio repeats nothing soon.
@@ -60,6 +64,12 @@ struct Stage {
     level: u32,
     /// Triangles that it is given.
     triangles: u64,
+}
+
+/// Bytes that building a source in memory takes beyond its arrays, about.
+pub fn memory_of(source: &SourceMesh<'_>) -> u64 {
+    let per_vertex = BYTES_PER_VERTEX + BYTES_PER_FLOAT * attributes::stride(attributes::layout(source)) as u64;
+    source.faces.len() as u64 * BYTES_PER_TRIANGLE + source.positions.len() as u64 * per_vertex
 }
 
 /// A build in blocks.
@@ -103,7 +113,8 @@ impl Work {
         let place = |v: usize| frame::internal(&frame, source.positions.get(v));
         let around = (0..source.positions.len()).into_par_iter().map(|v| Aabb::of_points([&place(v)]));
         let around = around.reduce(|| Aabb::EMPTY, |a, b| a.union(&b));
-        let most = (memory / BYTES_PER_TRIANGLE).max(LEAST_TRIANGLES);
+        let part = memory as f64 / memory_of(source).max(1) as f64;
+        let most = ((part * source.faces.len() as f64) as u64).max(LEAST_TRIANGLES);
         let blocks = distribute(source, &frame, &Cells::new(&around, 0.0), most, &folder)?;
         let work = Self {
             folder,

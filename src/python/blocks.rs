@@ -9,7 +9,7 @@ use super::calls::{interruptible, watched};
 use super::mesh::{RawArrays, build_options};
 use crate::build::Meter;
 use crate::config::BuildOptions;
-use crate::external::Work;
+use crate::external::{Work, memory_of};
 use crate::format::{self, Precision};
 
 /// A build in the files of a folder. The arrays of the source are those that it was begun with.
@@ -85,4 +85,10 @@ impl BlockBuild {
             format::save(&mesh, &path, Precision::Auto, proceed)
         })
     }
+}
+
+/// Bytes that building these arrays in memory takes, about.
+#[pyfunction]
+pub(super) fn build_memory(arrays: RawArrays<'_>) -> PyResult<u64> {
+    arrays.with_source(|source| Ok(memory_of(source)))
 }

@@ -19,7 +19,7 @@ use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 
 use crate::model::retry;
-use crate::{external, format, processor, threads};
+use crate::{format, processor, threads};
 
 /// The compiled part of nanite_rs. Use the package `nanite_rs`, not this module.
 #[pymodule]
@@ -35,12 +35,12 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("MOST_THREADS", threads::MOST_THREADS)?;
     module.add("FINE_PART", format::FINE_PART)?;
-    module.add("BYTES_PER_TRIANGLE", external::BYTES_PER_TRIANGLE)?;
     module.add("FIRST_READ", format::FIRST_READ)?;
     module.add("RETRY_PAUSES", retry::pauses().map(|pause| pause.as_secs_f64()).collect::<Vec<_>>())?;
     module.add_function(wrap_pyfunction!(calls::set_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(calls::num_threads, module)?)?;
     module.add_class::<blocks::BlockBuild>()?;
+    module.add_function(wrap_pyfunction!(blocks::build_memory, module)?)?;
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<mesh::Skin>()?;
     module.add_class::<mesh::Cut>()?;

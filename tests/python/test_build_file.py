@@ -363,7 +363,7 @@ def test_a_full_disk_loses_nothing(tmp_path) -> None:
     saved_arrays("knot", tmp_path)
     # No file may be larger: what a full disk does, for one file.
     limit = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
-    limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, resource.RLIM_INFINITY))"
+    limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (1_500_000, resource.RLIM_INFINITY))"
     command = [sys.executable, "-c", limit + CHILD, str(tmp_path)]
     failed = subprocess.run(command, check=False, capture_output=True, text=True)
     assert failed.returncode != 0
