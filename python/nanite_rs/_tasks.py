@@ -23,7 +23,7 @@ def executor_of(given: Any) -> Executor | None:
     if callable(getattr(given, "get_executor", None)):
         if given.asynchronous:
             raise ArgumentError("executor: the client is asynchronous; give one with asynchronous=False")
-        # Dask takes pure tasks with the same arguments for one, and block 0 of two stages has the same.
+        # Tasks write files: what dask knows of those with the same arguments is none of theirs.
         wrapped: Executor = given.get_executor(pure=False)
         return wrapped
     if given is not None and not callable(getattr(given, "submit", None)):
