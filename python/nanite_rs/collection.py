@@ -168,6 +168,9 @@ def build_many(
     pairs = _paths(sources, folder)
     if not pairs:
         return BuildResults()
+    # Where no folder can be written to, all fail here as they would elsewhere.
+    folders = (Path(path).absolute().parent for _, path in pairs)
+    place = next((found for found in folders if os.access(found, os.W_OK)), None)
     results: dict[int, BuildResult] = {}
     with reporter(progress, "building") as report:
 
@@ -177,7 +180,7 @@ def build_many(
             if report is not None:
                 report(len(results), len(pairs))
 
-        if run is None:
+        if run is None or place is None:
             for index, (source, path) in enumerate(pairs):
                 finish(index, _build_one(source, path, existing, how))
         else:
@@ -185,7 +188,7 @@ def build_many(
             tasks = [
                 (os.path.abspath(source), os.path.abspath(path), existing, how) for source, path in pairs
             ]
-            with _tasks.submitted(run, _build_one, tasks, Path(tasks[0][1]).parent) as futures:
+            with _tasks.submitted(run, _build_one, tasks, place) as futures:
                 indices = {future: index for index, future in enumerate(futures)}
                 for future in as_completed(indices):
                     finish(indices[future], _outcome(future))

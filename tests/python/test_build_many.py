@@ -16,19 +16,17 @@ import trimesh
 
 import nanite_rs as nrs
 from nanite_rs import cli
-from oracles import subjects
 
 if TYPE_CHECKING:
     import numpy as np
 
-#: Too little for the knot: it is built in blocks.
+#: Too little for the knot: it is built in blocks, as few as show something.
 LITTLE = 1 << 20
 SPAWN = multiprocessing.get_context("spawn")
 
 
 def arrays() -> tuple[np.ndarray, np.ndarray]:
-    mesh = subjects.subject("knot")
-    return mesh.vertices, mesh.faces
+    return nrs.shapes.torus_knot(faces=25_000)
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +106,15 @@ def test_threads_and_processes_build_the_same(folder, monkeypatch) -> None:
             check(nrs.build_many(NAMES, "built/deep", executor=executor), folder)
         assert left(folder) == {"built"}
         assert not left(folder / "built" / "deep")
+
+
+def test_folders_that_are_not_there_are_failures_too(folder) -> None:
+    nowhere = folder / "none" / "x.ply"
+    with ThreadPoolExecutor(1) as executor:
+        results = nrs.build_many([nowhere, folder / "ball0.ply"], executor=executor)
+        assert [result.error is None for result in results] == [False, True]
+        assert nrs.build_many([nowhere], executor=executor)[0].error.startswith("FileError: ")
+    assert not left(folder)
 
 
 def test_files_that_are_there_are_left(folder) -> None:
@@ -290,7 +297,13 @@ def test_a_cluster_builds_the_same(client, folder, monkeypatch) -> None:
     assert not left(folder)
 
 
-def test_a_cluster_repeats_the_blocks_of_a_killed_worker(client, tmp_path, expected) -> None:
+@pytest.mark.parametrize("repeated", [True, False])
+def test_a_cluster_repeats_the_blocks_of_a_killed_worker(repeated, client, tmp_path, expected) -> None:
+    def allow(failures, dask_scheduler):
+        dask_scheduler.allowed_failures = failures
+
+    client.wait_for_workers(2)
+    client.run_on_scheduler(allow, 3 if repeated else 0)
     pids = client.run(os.getpid)
     killed: list[str] = []
 
@@ -305,7 +318,15 @@ def test_a_cluster_repeats_the_blocks_of_a_killed_worker(client, tmp_path, expec
                     killed.append(address)
                 os.kill(pid, signal.SIGKILL if tasks else signal.SIGCONT)
 
-    mesh = nrs.build_file(arrays(), tmp_path / "x.nanite", memory=LITTLE, executor=client, progress=kill)
+    build = {"source": arrays(), "path": tmp_path / "x.nanite", "memory": LITTLE, "executor": client}
+    if not repeated:
+        with pytest.raises(nrs.WorkerError, match="a worker was lost: Attempted to run.*with resume=True"):
+            nrs.build_file(**build, progress=kill)
+        client.run_on_scheduler(allow, 3)
+        assert killed
+        assert not list(tmp_path.iterdir())
+        return
+    mesh = nrs.build_file(**build, progress=kill)
     assert killed
     assert mesh.check().borders > 0
     assert (tmp_path / "x.nanite").read_bytes() == expected
