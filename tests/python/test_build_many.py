@@ -51,7 +51,7 @@ def client():
 def folder(tmp_path) -> Path:
     """Three balls, a file of which nothing can be made, and the name of one that is not there."""
     for k in range(3):
-        trimesh.creation.icosphere(subdivisions=4, radius=k + 1.0).export(tmp_path / f"ball{k}.ply")
+        trimesh.creation.icosphere(subdivisions=3, radius=k + 1.0).export(tmp_path / f"ball{k}.ply")
     (tmp_path / "bad.obj").write_text("v 0 0 0\nf 1 2 3\n")
     return tmp_path
 
@@ -70,7 +70,7 @@ def check(results: nrs.BuildResults, folder: Path) -> None:
         if result.error is None:
             nrs.build_file(folder / result.source, folder / "alone.nanite")
             assert Path(result.path).read_bytes() == (folder / "alone.nanite").read_bytes()
-            assert (result.faces, result.file_bytes) == (5120, os.path.getsize(result.path))
+            assert (result.faces, result.file_bytes) == (1280, os.path.getsize(result.path))
     assert results[1].error.startswith("FormatError: ")
     assert results[3].error.startswith("FileError: ")
     assert "none.ply" in results[3].error
@@ -94,7 +94,7 @@ def test_one_failure_stops_no_other(folder) -> None:
     assert len(lines) == 8
     assert lines[0].split() == ["source", "faces", "size", "time", "result"]
     assert f"failed: {results[1].error}" in lines[3]
-    assert "5,120" in lines[2]
+    assert "1,280" in lines[2]
     assert results._repr_html_().count("<tr>") == 6
 
 
@@ -124,7 +124,7 @@ def test_files_that_are_there_are_left(folder) -> None:
     results = nrs.build_many(sources, existing="skip")
     assert (folder / "ball0.nanite").stat().st_ino == before.st_ino
     assert [result.skipped for result in results] == [True, False]
-    assert [result.faces for result in results] == [5120, 5120]
+    assert [result.faces for result in results] == [1280, 1280]
     assert "was there" in str(results)
     nrs.build_many(sources)
     assert (folder / "ball0.nanite").stat().st_ino != before.st_ino
@@ -320,7 +320,7 @@ def test_a_cluster_repeats_the_blocks_of_a_killed_worker(repeated, client, tmp_p
 
     build = {"source": arrays(), "path": tmp_path / "x.nanite", "memory": LITTLE, "executor": client}
     if not repeated:
-        with pytest.raises(nrs.WorkerError, match="a worker was lost: Attempted to run.*with resume=True"):
+        with pytest.raises(nrs.WorkerError, match=r"a worker was lost: Attempted to run.*with resume=True"):
             nrs.build_file(**build, progress=kill)
         client.run_on_scheduler(allow, 3)
         assert killed
