@@ -549,7 +549,7 @@ def _add_build(commands: Any) -> None:
         "inputs",
         metavar="INPUT",
         nargs="+",
-        help="mesh file, or shape:NAME:FACES; several files are tried all",
+        help="mesh file, or shape:NAME:FACES; of several files each is built by itself",
     )
     sub.add_argument(
         "--output",

@@ -201,6 +201,20 @@ def test_progress_of_blocks_on_executors(tmp_path, expected) -> None:
     assert max(steps[True]) == max(steps[False])
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="links need rights there")
+def test_workers_find_folders_by_any_name(tmp_path, monkeypatch, expected) -> None:
+    """What was read in pieces lies in the work folder, and is not written again while it is mapped."""
+    vertices, faces = arrays()
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to("real")
+    monkeypatch.chdir(tmp_path / "real")
+    for path in ("x.nanite", "../real/x.nanite", tmp_path / "link" / "x.nanite"):
+        with ThreadPoolExecutor(1) as executor:
+            nrs.build_file([(vertices, faces)], path, memory=LITTLE, executor=executor)
+        assert Path("x.nanite").read_bytes() == expected
+        Path("x.nanite").unlink()
+
+
 def test_blocks_that_run_are_cancelled(tmp_path) -> None:
     def stop(done, total):
         raise Stop
