@@ -11,7 +11,7 @@ from concurrent.futures import as_completed
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 from uuid import uuid4
 
 import numpy as np
@@ -132,7 +132,7 @@ def build_file(
     target = Path(path)
     place = target.parent if folder is None else Path(_checks.path_of(folder, "folder"))
     work = place / f"{target.name}.work"
-    done, ours = False, not work.exists() or (work / "about.txt").exists()
+    done, ours = False, _is_ours(work)
     try:
         _make_folder(work, resume=resume)
         given = _given(source, limit, work)
@@ -152,16 +152,24 @@ def build_file(
     return NaniteMesh.open(target)
 
 
+#: What every work folder has from the beginning.
+_MARKER: Final = "about.txt"
+
+
+def _is_ours(work: Path) -> bool:
+    """Whether a folder is free, or the work folder of a build; one that was killed at once left an empty folder."""
+    return not work.exists() or (work / _MARKER).exists() or (work.is_dir() and not any(work.iterdir()))
+
+
 def _make_folder(work: Path, *, resume: bool) -> None:
     """Make the work folder, or empty the one of another build."""
-    marker = work / "about.txt"
-    if work.exists() and not marker.exists():
+    if not _is_ours(work):
         raise FileError(f"{work}: in the way, and no work folder of a build; give another folder")
     if not resume:
         _remove(work)
     work.mkdir(exist_ok=True)
     _tasks.cancel_all(work)
-    marker.write_text(
+    (work / _MARKER).write_text(
         "What nanite_rs.build_file works with. Without a build that goes on, it may be deleted.\n"
     )
 

@@ -208,7 +208,7 @@ def test_workers_find_folders_by_any_name(tmp_path, monkeypatch, expected) -> No
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to("real")
     monkeypatch.chdir(tmp_path / "real")
-    for path in ("x.nanite", "../real/x.nanite", tmp_path / "link" / "x.nanite"):
+    for path in ("../real/x.nanite", tmp_path / "link" / "x.nanite"):
         with ThreadPoolExecutor(1) as executor:
             nrs.build_file([(vertices, faces)], path, memory=LITTLE, executor=executor)
         assert Path("x.nanite").read_bytes() == expected
