@@ -19,6 +19,7 @@ from nanite_rs.camera import (
     orbit,
     pose_from_opencv,
 )
+from nanite_rs.collection import BuildResult, BuildResults, build_many
 from nanite_rs.comparison import Comparison, SilhouetteDistance, compare
 from nanite_rs.cut import Cut
 from nanite_rs.decimation import decimate, simplify
@@ -40,6 +41,7 @@ from nanite_rs.exceptions import (
     ServerError,
     StaleHandleError,
     UsageWarning,
+    WorkerError,
 )
 from nanite_rs.frame import Frame
 from nanite_rs.interop import PyrenderView, from_pyrender
@@ -65,6 +67,8 @@ __all__ = [
     "BackendError",
     "BuildOptions",
     "BuildReport",
+    "BuildResult",
+    "BuildResults",
     "Calibration",
     "Camera",
     "ChangedFileError",
@@ -121,8 +125,10 @@ __all__ = [
     "UsageWarning",
     "View",
     "Viewer",
+    "WorkerError",
     "__version__",
     "build_file",
+    "build_many",
     "compare",
     "decimate",
     "from_pyrender",

@@ -90,7 +90,10 @@ def opened(folder: Path, of: list[Any] | None = None) -> dict[str, NDArray[Any]]
 
 def in_folder(arrays: Mapping[str, NDArray[Any]], folder: Path, of: list[Any]) -> Mapping[str, NDArray[Any]]:
     """Return arrays that lie in a folder, where other processes see them; write them unless they were before."""
-    if all(Path(getattr(rows, "filename", None) or "").parent == folder for rows in arrays.values()):
+    # Maps have resolved names.
+    if all(
+        Path(getattr(rows, "filename", None) or "").parent == folder.resolve() for rows in arrays.values()
+    ):
         return arrays
     known = opened(folder, of)
     if known:

@@ -7,22 +7,27 @@ import re
 import shutil
 import zlib
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import as_completed
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+from uuid import uuid4
 
 import numpy as np
 
-from nanite_rs import _checks, _pieces, io
+from nanite_rs import _advice, _checks, _pieces, _tasks, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._asset import Notes
 from nanite_rs._core import BlockBuild, build_memory
 from nanite_rs._progress import reporter
-from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, FormatError
+from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, FormatError, WorkerError
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions, no_options
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from numpy.typing import NDArray
 
     from nanite_rs._progress import Progress
@@ -76,8 +81,9 @@ def build_file(
         stopped or killed, and keep the work folder where this one fails. Without it the work folder of another
         build is removed.
     executor : an executor, optional
-        A `concurrent.futures.Executor` or a ``dask.distributed.Client``: it makes the blocks of a stage at once,
-        each in ``memory``, in processes, or on machines that share the work folder. The file has the same bytes.
+        A `concurrent.futures.Executor` or a ``dask.distributed.Client``: each block is a task, which takes
+        ``memory`` where it runs, in a process or on a machine that shares the work folder. The file has the same
+        bytes. Dask repeats the blocks of a lost worker.
     progress : bool or callable, optional
         As for `NaniteMesh.from_arrays`.
 
@@ -94,6 +100,9 @@ def build_file(
         As `NaniteMesh.from_arrays`.
     FileError
         A file cannot be read or written, as where the disk is full.
+    WorkerError
+        A worker was lost: always of a `concurrent.futures.ProcessPoolExecutor`, which ends with it; of a cluster
+        where the same block lost several.
 
     Warns
     -----
@@ -117,14 +126,13 @@ def build_file(
         raise FormatError(f"{path}: the file must end in {io.NANITE_SUFFIX}")
     if not isinstance(options, BuildOptions | None):
         raise no_options(options)
-    limit = _bytes(memory)
+    limit = bytes_of(memory)
     resume = _checks.truth(resume, "resume")
-    if executor is not None and not callable(getattr(executor, "submit", None)):
-        raise DtypeError(f"executor: expected one with submit, not {type(executor).__name__}")
+    executor = _tasks.executor_of(executor)
     target = Path(path)
     place = target.parent if folder is None else Path(_checks.path_of(folder, "folder"))
     work = place / f"{target.name}.work"
-    done, ours = False, not work.exists() or (work / "about.txt").exists()
+    done, ours = False, _is_ours(work)
     try:
         _make_folder(work, resume=resume)
         file, arrays = _given(source, limit, work)
@@ -138,23 +146,43 @@ def build_file(
         done = True
     except OSError as error:
         raise FileError(f"{error.filename or work}: {error.strerror or error}") from error
+    except WorkerError as error:
+        kept = "finished blocks are kept, and the same call goes on from there"
+        raise _advice.advised(error, kept if resume else f"with resume=True {kept}") from error
     finally:
         if ours and (done or not resume):
-            shutil.rmtree(work, ignore_errors=True)
+            _remove(work)
     return NaniteMesh.open(target)
+
+
+#: What every work folder has from the beginning.
+_MARKER: Final = "about.txt"
+
+
+def _is_ours(work: Path) -> bool:
+    """Whether a folder is free, or the work folder of a build; one that was killed at once left an empty folder."""
+    return not work.exists() or (work / _MARKER).exists() or (work.is_dir() and not any(work.iterdir()))
 
 
 def _make_folder(work: Path, *, resume: bool) -> None:
     """Make the work folder, or empty the one of another build."""
-    marker = work / "about.txt"
-    if work.exists() and not marker.exists():
+    if not _is_ours(work):
         raise FileError(f"{work}: in the way, and no work folder of a build; give another folder")
     if not resume:
-        shutil.rmtree(work, ignore_errors=True)
+        _remove(work)
     work.mkdir(exist_ok=True)
-    marker.write_text(
+    _tasks.cancel_all(work)
+    (work / _MARKER).write_text(
         "What nanite_rs.build_file works with. Without a build that goes on, it may be deleted.\n"
     )
+
+
+def _remove(work: Path) -> None:
+    """Remove the work folder."""
+    # Under another name first: a task that is about to stop on another machine writes nothing into it any more.
+    with suppress(OSError):
+        work = work.rename(work.with_name(f"{work.name}-{uuid4().hex}"))
+    shutil.rmtree(work, ignore_errors=True)
 
 
 def _build(
@@ -163,12 +191,13 @@ def _build(
     limit: int,
     options: BuildOptions,
     work: Path,
-    executor: Any,
+    executor: Executor | None,
     progress: Progress,
 ) -> None:
     """Build from arrays that do not fit."""
     key = _key(arrays)
     if executor is not None:
+        work = work.absolute()  # workers have working directories of their own
         arrays = _pieces.in_folder(arrays, work, [key])
     how, own = asdict(options), core(arrays)
     with reporter(progress, "building") as report:
@@ -180,17 +209,31 @@ def _build(
                 for block in blocks:
                     build.make(own, block, total.part())
             else:
-                for future in [executor.submit(make_block, str(work), how, block) for block in blocks]:
-                    future.result()
+                tasks = [(str(work), how, block) for block in blocks]
+                with _tasks.submitted(executor, make_block, tasks, work) as futures:
+                    for future in as_completed(futures):
+                        total.add(_tasks.outcome(future))
             if not build.advance():
                 break
         build.save(target)
 
 
-def make_block(work: str, options: dict[str, Any], block: int) -> None:
-    """Make a block, in any process that sees the work folder."""
-    arrays = core(_pieces.opened(Path(work)))
-    BlockBuild.open(work, options).make(arrays, block)
+def make_block(work: str, options: dict[str, Any], block: int, token: str) -> int:
+    """Make a block, in any process that sees the work folder; return its progress, counted as that of the build."""
+    check, counted = _tasks.interrupt_check(token), 0
+
+    def update(done: int, _: int) -> None:
+        nonlocal counted
+        check()
+        counted = done
+
+    check()
+    build = BlockBuild.open(work, options)
+    # A stage has a token of its own, so the stage that was opened is that of the task.
+    check()
+    if block in build.missing():
+        build.make(core(_pieces.opened(Path(work))), block, update)
+    return counted
 
 
 def _attributes(arrays: Mapping[str, Any]) -> dict[str, Any]:
@@ -237,6 +280,11 @@ class Total:
 
         return update
 
+    def add(self, done: int) -> None:
+        """Report a part that has ended."""
+        if (update := self.part()) is not None:
+            update(done, done)
+
 
 #: A file takes less memory to build than so many times its size, but where it is compressed.
 _OF_SIZE: Final = 16
@@ -274,7 +322,7 @@ def _of_file(path: str, limit: int, work: Path) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _bytes(memory: int | str) -> int:
+def bytes_of(memory: int | str) -> int:
     """Return a number of bytes."""
     if isinstance(memory, str):
         match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([kmgt]?)(i?)b?\s*", memory.lower())

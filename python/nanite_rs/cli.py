@@ -10,6 +10,7 @@ import platform
 import sys
 import time
 import warnings
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
@@ -17,14 +18,14 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
 import numpy as np
 
 import nanite_rs as nrs
-from nanite_rs import _core, _export, _images, _overlay, _paint, _remote, io, shapes
+from nanite_rs import _advice, _core, _export, _images, _overlay, _paint, _remote, _text, io, shapes
 from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 from nanite_rs.frame import ViewName
 from nanite_rs.renderer import ShadowsName
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -33,6 +34,7 @@ T = TypeVar("T")
 EPILOG: Final = """\
 examples:
   nanite-rs build dragon.ply                        write dragon.nanite
+  nanite-rs build *.ply -o built/                   write a file for each, and say which failed
   nanite-rs info dragon.nanite                      what is in it, and what building did
   nanite-rs info https://example.org/dragon.nanite  the same, without loading the file
   nanite-rs cut dragon.nanite -o small.ply --target-faces 10000
@@ -81,8 +83,7 @@ def _stem(name: str) -> str:
     """A file name without folder and extension, for outputs."""
     if name.startswith(SHAPE_PREFIX):
         return name.split(":")[1]
-    stem = Path(name).name
-    return (stem[:-3] if stem.lower().endswith(".gz") else stem).rsplit(".", 1)[0]
+    return io.stem(name)
 
 
 def _mesh(arguments: argparse.Namespace) -> nrs.NaniteMesh:
@@ -107,30 +108,6 @@ def _options(arguments: argparse.Namespace) -> nrs.BuildOptions:
 # --------------------------------------------------------------------------------------------------- output
 
 
-def _megabytes(size: float) -> str:
-    return f"{size / 1e6:,.1f} MB"
-
-
-def _seconds(value: float) -> str:
-    if value < 0.1:
-        return f"{value * 1e3:.2f} ms"
-    return f"{value:.2f} s"
-
-
-def _table(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> str:
-    """Columns as wide as they need, the numbers of ``right`` flush right."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = [
-        "  ".join(
-            cell.rjust(width) if k in right else cell.ljust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
-    lines.insert(1, "  ".join("─" * width for width in widths))
-    return "\n".join(lines)
-
-
 def _timed(work: Callable[[], T]) -> tuple[T, float]:
     start = time.perf_counter()
     result = work()
@@ -141,31 +118,88 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
 
 
 def _build(arguments: argparse.Namespace) -> int:
+    folder = arguments.output is not None and (
+        arguments.output.endswith(("/", os.sep)) or os.path.isdir(arguments.output)
+    )
+    if len(arguments.inputs) > 1 or folder:
+        return _build_many(arguments)
+    (arguments.input,) = arguments.inputs
     output = Path(arguments.output or f"{_stem(arguments.input)}{io.NANITE_SUFFIX}")
     if not _is_built(str(output)):
         raise ArgumentError(f"{output}: the output must end in {io.NANITE_SUFFIX}")
-    if arguments.memory is None:
-        mesh, seconds = _timed(lambda: _mesh(arguments))
-    else:
+    in_blocks = arguments.memory is not None or arguments.scheduler is not None
+    if in_blocks:
         name = arguments.input
-        mesh, seconds = _timed(
-            lambda: nrs.build_file(
-                _generated(name) if name.startswith(SHAPE_PREFIX) else name,
-                output,
-                memory=arguments.memory,
-                resume=arguments.resume,
-                options=_options(arguments),
-                progress=False if arguments.quiet else None,
-            )
-        )
+        source = _generated(name) if name.startswith(SHAPE_PREFIX) else name
+        with _cluster(arguments.scheduler) as client:
+            mesh, seconds = _timed(lambda: nrs.build_file(source, output, executor=client, **_how(arguments)))
+    else:
+        mesh, seconds = _timed(lambda: _mesh(arguments))
     if arguments.check:
         mesh.check()
-    if arguments.memory is None:
+    if not in_blocks:
         mesh.save(output)
     if not arguments.quiet:
         checked = ", every invariant holds" if arguments.check else ""
-        print(f"{output}: {mesh}, {_megabytes(output.stat().st_size)} on disk, {_seconds(seconds)}{checked}")
+        size = _text.megabytes(output.stat().st_size)
+        print(f"{output}: {mesh}, {size} on disk, {_text.seconds(seconds)}{checked}")
     return 0
+
+
+def _how(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What `build_file` and `build_many` take alike."""
+    given = {} if arguments.memory is None else {"memory": arguments.memory}
+    progress = False if arguments.quiet else None
+    return {"options": _options(arguments), "resume": arguments.resume, "progress": progress, **given}
+
+
+def _build_many(arguments: argparse.Namespace) -> int:
+    output = arguments.output or "."
+    if _is_built(output):
+        raise ArgumentError(f"{output}: several inputs are built into a folder")
+    for name in arguments.inputs:
+        if name.startswith(SHAPE_PREFIX):
+            raise ArgumentError(f"{name}: is built alone, into a file")
+    existing: Any = "skip" if arguments.skip_existing else "replace"
+    with _cluster(arguments.scheduler) as client:
+        results = nrs.build_many(
+            arguments.inputs, output, client=client, existing=existing, **_how(arguments)
+        )
+    if arguments.check:
+        results = nrs.BuildResults(map(_checked, results))
+    if not arguments.quiet:
+        print(results)
+    elif results.failed:
+        print(nrs.BuildResults(results.failed), file=sys.stderr)
+    return 1 if results.failed else 0
+
+
+def _checked(result: nrs.BuildResult) -> nrs.BuildResult:
+    """Check what was built."""
+    if result.error is None:
+        try:
+            nrs.NaniteMesh.open(result.path).check()
+        except NaniteError as error:
+            return replace(result, error=f"{type(error).__name__}: {_one_line(error)}")
+    return result
+
+
+@contextmanager
+def _cluster(address: str | None) -> Iterator[Any]:
+    """Yield a client of a scheduler; None where there is none."""
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise _advice.missing("--scheduler", "distributed") from None
+    try:
+        client = Client(address, set_as_default=False)
+    except ValueError as error:
+        raise ArgumentError(f"--scheduler {address}: {error}") from None
+    with client:
+        yield client
 
 
 def _info(arguments: argparse.Namespace) -> int:
@@ -207,7 +241,7 @@ def _cut(arguments: argparse.Namespace) -> int:
     )
     cut.export(output)
     if not arguments.quiet:
-        print(f"{output}: {cut} of {len(mesh):,} faces, in {_seconds(seconds)}")
+        print(f"{output}: {cut} of {len(mesh):,} faces, in {_text.seconds(seconds)}")
     return 0
 
 
@@ -285,7 +319,7 @@ def _demo(arguments: argparse.Namespace) -> int:
         if sys.stderr.isatty() and not arguments.quiet:
             print(f"{what} …", file=sys.stderr)
         value, seconds = _timed(work)
-        steps.append((what, result(value), _seconds(seconds)))
+        steps.append((what, result(value), _text.seconds(seconds)))
         return value
 
     mesh = _demo_mesh(name, arguments, step)
@@ -293,7 +327,7 @@ def _demo(arguments: argparse.Namespace) -> int:
         "check", mesh.check, lambda r: f"{r.clusters:,} clusters, {r.groups:,} groups: every invariant holds"
     )
     path = Path(f"{stem}{io.NANITE_SUFFIX}")
-    step("save", lambda: mesh.save(path), lambda _: f"{path}, {_megabytes(path.stat().st_size)}")
+    step("save", lambda: mesh.save(path), lambda _: f"{path}, {_text.megabytes(path.stat().st_size)}")
     mesh = step("open", lambda: nrs.NaniteMesh.open(path), lambda _: "the same mesh again")
     for reduction in (0.9, 0.99, 0.999):
         step(
@@ -306,10 +340,10 @@ def _demo(arguments: argparse.Namespace) -> int:
         f"nanite_rs {nrs.__version__}, {platform.machine()}, {os.cpu_count()} cores, "
         f"{arguments.size[0]} × {arguments.size[1]}, pixel error {arguments.pixel_error:g}",
         "",
-        _table(steps, right=(2,)),
+        _text.table(steps, right=(2,)),
         "",
         "triangles",
-        _table(pictures, right=(1, 2, 3, 4, 5)),
+        _text.table(pictures, right=(1, 2, 3, 4, 5)),
         "in the cut: of the clusters that show what is in sight within the pixel error",
         "drawn: of these, what faces the camera and may reach the centre of a pixel",
         "",
@@ -509,10 +543,20 @@ def _add_viewing(sub: Any) -> None:
 
 
 def _add_build(commands: Any) -> None:
-    text = "Build a mesh and write it as a .nanite file."
+    text = "Build meshes and write them as .nanite files."
     sub = _command(commands, "build", _build, text, "nanite-rs build dragon.ply -o dragon.nanite")
-    sub.add_argument("input", metavar="INPUT", help="mesh file, or shape:NAME:FACES")
-    sub.add_argument("--output", "-o", metavar="FILE", help="the .nanite file (INPUT's name, in this folder)")
+    sub.add_argument(
+        "inputs",
+        metavar="INPUT",
+        nargs="+",
+        help="mesh file, or shape:NAME:FACES; of several files each is built by itself",
+    )
+    sub.add_argument(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help="the .nanite file, or a folder (INPUT's name, in this folder)",
+    )
     sub.add_argument("--check", action="store_true", help="verify every invariant")
     sub.add_argument(
         "--memory",
@@ -520,6 +564,16 @@ def _add_build(commands: Any) -> None:
         help="bytes that building may take, such as 4GiB: larger binary PLY and STL are built on disk",
     )
     sub.add_argument("--resume", action="store_true", help="with --memory: go on where a build was stopped")
+    sub.add_argument(
+        "--skip-existing",
+        action="store_true",
+        help="of several inputs: leave files that are there as they are",
+    )
+    sub.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="build on the workers of a Dask cluster, which share the folders, such as tcp://host:8786",
+    )
     _add_building(sub)
 
 

@@ -29,6 +29,7 @@ __all__ = [
     "ServerError",
     "StaleHandleError",
     "UsageWarning",
+    "WorkerError",
 ]
 
 
@@ -82,6 +83,10 @@ class StaleHandleError(NaniteError, RuntimeError):
 
 class BackendError(NaniteError, RuntimeError):
     """The requested rendering backend is not available here; the message says what is missing."""
+
+
+class WorkerError(NaniteError, RuntimeError):
+    """A worker of an executor or a cluster was lost, and what it did with it."""
 
 
 class ForkError(NaniteError, RuntimeError):

@@ -68,6 +68,12 @@ def ending(path: Path) -> tuple[str, bool]:
     return (Path(path.stem) if packed else path).suffix.lower().removeprefix("."), packed
 
 
+def stem(path: str) -> str:
+    """The name of a file without folder and endings, for what is made of it."""
+    name = Path(path).name
+    return (name[:-3] if name.lower().endswith(".gz") else name).rsplit(".", 1)[0]
+
+
 @dataclass(frozen=True)
 class File:
     """What a user gave to read: its name in errors, and its content, which is read when it is asked for."""

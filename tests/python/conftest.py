@@ -24,6 +24,7 @@ SLOW = (
         "bounds",
         "browser",
         "budgets",
+        "build_many",
         "cli",
         "content",
         "depth_only",

@@ -381,6 +381,10 @@ def test_a_folder_in_the_way_stays(tmp_path) -> None:
     with pytest.raises(nrs.FileError, match="in the way"):
         built(arrays("knot"), tmp_path)
     assert (tmp_path / "built.nanite.work" / "mine").read_text() == "mine"
+    # That of a build that was killed at once is none.
+    (tmp_path / "built.nanite.work" / "mine").unlink()
+    built(arrays("knot"), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["built.nanite"]
 
 
 def test_a_build_can_be_stopped(tmp_path) -> None:
