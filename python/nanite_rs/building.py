@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nanite_rs import _checks, _pieces, io
+from nanite_rs import _checks, _pieces, _remote, _upload, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._asset import Notes
 from nanite_rs._core import BYTES_PER_TRIANGLE, BlockBuild
@@ -39,6 +39,7 @@ def build_file(
     folder: io.PathLike | None = None,
     resume: bool = False,
     executor: Any = None,
+    storage_options: Mapping[str, Any] | None = None,
     progress: Progress = None,
 ) -> NaniteMesh:
     """Build a ``.nanite`` file from a source that may be larger than memory, and open it.
@@ -60,8 +61,10 @@ def build_file(
         ``(vertices, faces, attributes)``, where faces count the vertices of their piece from 0, and a dict has what
         it has of ``normals``, ``colors``, ``uvs`` and ``face_materials``: all pieces have the same. Pieces may
         touch: vertices that are equal are one.
-    path : path
-        The file, ending in ``.nanite``; an existing one is replaced in one step or not at all.
+    path : path or URL
+        The file, ending in ``.nanite``; an existing one is replaced in one step or not at all. One of a URL, such
+        as ``s3://``, is made on disk and then sent, as by `NaniteMesh.save`: whether it can be written is tried out
+        before anything is built, and what could not be sent is kept.
     memory : int or str, default "4 GiB"
         Bytes that the build may take, about, beyond what it started with; a number, or one with a unit such as
         ``"2G"``, ``"500 MB"`` or ``"4 GiB"``. Tables of all vertices come on top: some 4 bytes for each vertex of
@@ -70,21 +73,24 @@ def build_file(
         How to build. ``preserve_area`` is for sources that fit.
     folder : path, optional
         Where the work folder is made, named after the file with ``.work`` behind it, for what does not fit: some
-        150 bytes for each face. It is removed in the end. By default it is beside the file.
+        150 bytes for each face. It is removed in the end. By default it is beside the file, and of a URL among
+        temporary files. The file of a URL is made there, too.
     resume : bool, default False
         Go on from the last finished block where a build of the same source with the same options and memory was
         stopped or killed, and keep the work folder where this one fails. Without it the work folder of another
-        build is removed.
+        build is removed. With a URL it needs ``folder``.
     executor : an executor, optional
         A `concurrent.futures.Executor` or a ``dask.distributed.Client``: it makes the blocks of a stage at once,
         each in ``memory``, in processes, or on machines that share the work folder. The file has the same bytes.
+    storage_options : mapping, optional
+        Of a URL: as for `NaniteMesh.open`.
     progress : bool or callable, optional
-        As for `NaniteMesh.from_arrays`.
+        As for `NaniteMesh.from_arrays`; of a URL it is told of sending afterwards.
 
     Returns
     -------
     NaniteMesh
-        The file, opened.
+        The file, opened: that of a URL by it.
 
     Raises
     ------
@@ -94,6 +100,8 @@ def build_file(
         As `NaniteMesh.from_arrays`.
     FileError
         A file cannot be read or written, as where the disk is full.
+    MissingFileError, AccessError, ServerError, DependencyError
+        Of a URL: as for `NaniteMesh.save`.
 
     Warns
     -----
@@ -113,16 +121,33 @@ def build_file(
     (True, 61440)
     """
     path = _checks.path_of(path)
-    if os.path.splitext(path)[1].lower() != io.NANITE_SUFFIX:
-        raise FormatError(f"{path}: the file must end in {io.NANITE_SUFFIX}")
+    if _remote.ending(path) != io.NANITE_SUFFIX:
+        raise FormatError(f"{_remote.shown(path)}: the file must end in {io.NANITE_SUFFIX}")
     if not isinstance(options, BuildOptions | None):
         raise no_options(options)
     limit = _bytes(memory)
     resume = _checks.truth(resume, "resume")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise DtypeError(f"executor: expected one with submit, not {type(executor).__name__}")
+    within = None if folder is None else _checks.path_of(folder, "folder")
+    if _remote.is_url(path):
+        if resume and within is None:
+            raise ArgumentError("resume: with a URL, give folder=, where the work folder stays")
+        with _upload.written(path, storage_options, folder=within, progress=progress) as file:
+            build_file(
+                source,
+                file,
+                memory=limit,
+                options=options,
+                folder=within,
+                resume=resume,
+                executor=executor,
+                progress=progress,
+            )
+        return NaniteMesh.open(path, storage_options=storage_options)
+    _remote.checked_options(path, storage_options)
     target = Path(path)
-    place = target.parent if folder is None else Path(_checks.path_of(folder, "folder"))
+    place = target.parent if within is None else Path(within)
     work = place / f"{target.name}.work"
     done, ours = False, not work.exists() or (work / "about.txt").exists()
     try:

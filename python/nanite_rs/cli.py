@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
 import numpy as np
 
 import nanite_rs as nrs
-from nanite_rs import _core, _export, _images, _overlay, _paint, _remote, io, shapes
+from nanite_rs import _core, _export, _images, _overlay, _paint, _remote, _upload, io, shapes
 from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 from nanite_rs.frame import ViewName
@@ -33,6 +33,7 @@ T = TypeVar("T")
 EPILOG: Final = """\
 examples:
   nanite-rs build dragon.ply                        write dragon.nanite
+  nanite-rs build dragon.ply -o s3://bucket/dragon.nanite
   nanite-rs info dragon.nanite                      what is in it, and what building did
   nanite-rs info https://example.org/dragon.nanite  the same, without loading the file
   nanite-rs cut dragon.nanite -o small.ply --target-faces 10000
@@ -74,7 +75,7 @@ def _generated(name: str) -> shapes.Mesh:
 
 
 def _is_built(name: str) -> bool:
-    return (name.partition("?")[0] if _remote.is_url(name) else name).lower().endswith(io.NANITE_SUFFIX)
+    return _remote.ending(name) == io.NANITE_SUFFIX
 
 
 def _stem(name: str) -> str:
@@ -141,30 +142,36 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
 
 
 def _build(arguments: argparse.Namespace) -> int:
-    output = Path(arguments.output or f"{_stem(arguments.input)}{io.NANITE_SUFFIX}")
-    if not _is_built(str(output)):
-        raise ArgumentError(f"{output}: the output must end in {io.NANITE_SUFFIX}")
-    if arguments.memory is None:
-        mesh, seconds = _timed(lambda: _mesh(arguments))
-    else:
-        name = arguments.input
-        mesh, seconds = _timed(
-            lambda: nrs.build_file(
-                _generated(name) if name.startswith(SHAPE_PREFIX) else name,
-                output,
-                memory=arguments.memory,
-                resume=arguments.resume,
-                options=_options(arguments),
-                progress=False if arguments.quiet else None,
+    output = arguments.output or f"{_stem(arguments.input)}{io.NANITE_SUFFIX}"
+    if not _is_built(output):
+        raise ArgumentError(f"{_remote.shown(output)}: the output must end in {io.NANITE_SUFFIX}")
+    progress = False if arguments.quiet else None
+    # What goes to a URL is built on disk: in this folder, where a build that is resumed finds its work folder.
+    folder = os.curdir if arguments.memory is not None and _remote.is_url(output) else None
+    with _upload.written(output, folder=folder, progress=progress) as path:
+        if arguments.memory is None:
+            mesh, seconds = _timed(lambda: _mesh(arguments))
+        else:
+            name = arguments.input
+            mesh, seconds = _timed(
+                lambda: nrs.build_file(
+                    _generated(name) if name.startswith(SHAPE_PREFIX) else name,
+                    path,
+                    memory=arguments.memory,
+                    resume=arguments.resume,
+                    folder=folder,
+                    options=_options(arguments),
+                    progress=progress,
+                )
             )
-        )
-    if arguments.check:
-        mesh.check()
-    if arguments.memory is None:
-        mesh.save(output)
+        if arguments.check:
+            mesh.check()
+        if arguments.memory is None:
+            mesh.save(path)
+        size = path.stat().st_size
     if not arguments.quiet:
         checked = ", every invariant holds" if arguments.check else ""
-        print(f"{output}: {mesh}, {_megabytes(output.stat().st_size)} on disk, {_seconds(seconds)}{checked}")
+        print(f"{_remote.shown(output)}: {mesh}, {_megabytes(size)} on disk, {_seconds(seconds)}{checked}")
     return 0
 
 
@@ -512,7 +519,9 @@ def _add_build(commands: Any) -> None:
     text = "Build a mesh and write it as a .nanite file."
     sub = _command(commands, "build", _build, text, "nanite-rs build dragon.ply -o dragon.nanite")
     sub.add_argument("input", metavar="INPUT", help="mesh file, or shape:NAME:FACES")
-    sub.add_argument("--output", "-o", metavar="FILE", help="the .nanite file (INPUT's name, in this folder)")
+    sub.add_argument(
+        "--output", "-o", metavar="FILE", help="the .nanite file, or its URL (INPUT's name, in this folder)"
+    )
     sub.add_argument("--check", action="store_true", help="verify every invariant")
     sub.add_argument(
         "--memory",
