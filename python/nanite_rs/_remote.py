@@ -55,6 +55,17 @@ AT_ONCE: Final = 32
 BATCH: Final = 64
 # Seconds until a server that says nothing counts as a passing error.
 _TIMEOUTS: Final = {"timeout": "30s", "connect_timeout": "5s"}
+# What obstore itself takes of the environment, such as AWS_ALLOW_HTTP, unless it is given any options of its client.
+_CLIENT: Final = (
+    "allow_http",
+    "allow_invalid_certificates",
+    "connect_timeout",
+    "proxy_ca_certificate",
+    "proxy_excludes",
+    "proxy_url",
+    "timeout",
+    "user_agent",
+)
 
 # Parts of a URL that allow reading it for a while, and say nothing of what is there.
 _SIGNATURE: Final = re.compile(
@@ -63,7 +74,8 @@ _SIGNATURE: Final = re.compile(
 STORES: Final = frozenset({"http", "https", "s3", "s3a", "gs", "az", "abfs", "abfss", "adl", "azure"})
 
 
-_METADATA_SERVICE: Final = "169.254.169.254"
+# Whoever lends a machine says there on whose behalf it runs: where nothing else has credentials, obstore asks it.
+_LENDER: Final = re.compile(r"169\.254\.169\.254|metadata\.google\.internal|://[^/\s]+/latest/api/token")
 
 
 class Refusal(Exception):  # noqa: N818
@@ -118,7 +130,7 @@ def is_url(value: object) -> bool:
 
 def ending(where: str) -> str:
     """Return how the name of the file ends that a path or a URL says, with the dot, in small letters."""
-    return os.path.splitext(urlsplit(where).path if is_url(where) else where)[1].lower()
+    return os.path.splitext(where.partition("?")[0] if is_url(where) else where)[1].lower()
 
 
 def shown(where: str) -> str:
@@ -146,7 +158,9 @@ class ObjectStore:
     use, absent = "reading", "there is no such file"
     """What errors say."""
 
-    def __init__(self, url: str, options: Mapping[str, Any]) -> None:
+    def __init__(
+        self, url: str, options: Mapping[str, Any], timeouts: Mapping[str, str] | None = None
+    ) -> None:
         self.name = shown(url)
         try:
             import obstore
@@ -154,7 +168,12 @@ class ObjectStore:
             raise _missing(self.name, "obstore", '"nanite_rs[cloud]"') from None
         self._obstore = obstore
         parts = urlsplit(url)
-        client = {**_TIMEOUTS, **options.get("client_options", {})}
+        client = {
+            **_TIMEOUTS,
+            **(timeouts or {}),
+            **_environment(parts.scheme),
+            **options.get("client_options", {}),
+        }
         if parts.scheme == "http":
             client.setdefault("allow_http", True)
         # Trying again is the core's business.
@@ -235,8 +254,7 @@ class ObjectStore:
         text = _first_line(error, self.name)
         found = re.search(r"status code: (\d{3}[^:\n]*)", str(error))
         status = found[1].strip() if found else ""
-        if _METADATA_SERVICE in str(error):
-            # Where nothing else has any, obstore asks whoever lends this machine.
+        if _LENDER.search(str(error)):
             return Refusal(AccessError, "no credentials were found, in storage_options or elsewhere")
         if isinstance(error, FileNotFoundError | kinds.NotFoundError):
             return Refusal(MissingFileError, f"{self.absent} ({status or '404 Not Found'})")
@@ -256,6 +274,13 @@ class ObjectStore:
             passing = number in {408, 425, 429} or (number >= 500 and number not in {501, 505})
             return Refusal(ServerError, f"the server answered {status}", passing=passing)
         return Refusal(ServerError, text, passing=True)
+
+
+def _environment(scheme: str) -> dict[str, str]:
+    """What the environment says of the client of a store."""
+    prefix = {"s3": "AWS_", "s3a": "AWS_", "gs": "GOOGLE_"}.get(scheme, "AZURE_")
+    known = {name: os.environ.get(f"{prefix}{name.upper()}") for name in _CLIENT}
+    return {name: value for name, value in known.items() if value is not None}
 
 
 def _identity(meta: Mapping[str, Any]) -> Identity:
@@ -483,7 +508,7 @@ def _pool() -> ThreadPoolExecutor:
     return known[1]
 
 
-def watched(future: Future[T], meanwhile: Callable[[], object] | None = None) -> T:
+def _awaited(future: Future[T], meanwhile: Callable[[], object] | None = None) -> T:
     """Wait for what another thread does while this one looks at signals."""
     from concurrent import futures
 
@@ -494,6 +519,24 @@ def watched(future: Future[T], meanwhile: Callable[[], object] | None = None) ->
     return future.result()
 
 
+def watched(
+    work: Callable[[], T],
+    stop: Callable[[], object] | None = None,
+    meanwhile: Callable[[], object] | None = None,
+) -> T:
+    """Do it on a thread of its own while this one looks at signals; after ``stop()`` its end is waited for."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(1, thread_name_prefix="nanite-watched") as thread:
+        future = thread.submit(work)
+        try:
+            return _awaited(future, meanwhile)
+        except BaseException:
+            if stop is not None:
+                stop()
+            raise
+
+
 class Reader:
     """Reads batches of ranges for the core."""
 
@@ -501,8 +544,7 @@ class Reader:
         self.source, self.traffic, self.recipe = source, _core.Traffic(), recipe
         self.identity, self._head = self._waited(self._first)
         self._cache: PageCache | None = None
-        self._opening = False
-        self._stopped: BaseException | None = None
+        self._opening, self._stopped = False, False
 
     def keep(self, folder: str, budget: int) -> None:
         """Keep what is read in a folder."""
@@ -523,16 +565,17 @@ class Reader:
         return TrafficStats(**dict(counts), latency_ms=latency_ms)
 
     def open(self, how: Callable[[_core.Input], T]) -> T:
-        """Return what the core makes of what it reads, while this thread looks at signals."""
+        """Return what the core makes of the beginning, while this thread looks at signals."""
+        given = _core.Input(self.source.name, self.identity.size, BATCH, self.read, self.traffic)
+
+        def stop() -> None:
+            self._stopped = True
+
         self._opening = True
         try:
-            return how(_core.Input(self.source.name, self.identity.size, BATCH, self.read, self.traffic))
-        except NaniteError:
-            if self._stopped is not None:
-                raise self._stopped from None
-            raise
+            return watched(lambda: how(given), stop)
         finally:
-            self._opening, self._stopped = False, None
+            self._opening = False
 
     def _first(self) -> tuple[Identity, bytes]:
         found: tuple[Identity, bytes] = self._counted(
@@ -545,7 +588,7 @@ class Reader:
         for pause in [*_core.RETRY_PAUSES, None]:
             future: Future[Any] = _pool().submit(work)
             try:
-                return watched(future)
+                return _awaited(future)
             except Refusal as refusal:
                 if not refusal.passing or pause is None:
                     raise _raised(refusal, self.source.name) from None
@@ -579,13 +622,12 @@ class Reader:
             _pool().submit(self._look_up, ranges, rest, answers)
         else:
             self._ask(ranges, rest, answers)
-        # Who opens waits for all of it, and not for signals: the core's thread is this one then.
-        try:
-            while self._opening and any(answers.is_wanted(i) for i in rest):
-                time.sleep(0.002)
-        except BaseException as error:  # the core takes no other
-            self._stopped = error
-            raise
+        # While it opens, the core waits for these and for nothing else: here it can be told to stop.
+        while self._opening and any(answers.is_wanted(i) for i in rest):
+            if self._stopped:
+                for i in rest:
+                    answers.fail(i, "ServerError", "opening was stopped", passing=False)
+            time.sleep(0.002)
 
     def _look_up(self, ranges: list[Range], wanted: list[int], answers: _core.Answers) -> None:
         """Answer what the cache has, and ask for the rest."""

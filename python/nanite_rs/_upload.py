@@ -11,7 +11,6 @@ import io
 import os
 import shutil
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
@@ -78,8 +77,7 @@ class _Bucket(_remote.ObjectStore):
         pauses = {"max_retries": retries, "retry_timeout": timedelta(minutes=10)}
         # The time of a request is that of a part on its way, beside the others.
         seconds = 30 + PARTS_AT_ONCE * part // _SLOWEST
-        client = {"timeout": f"{seconds}s", **options.get("client_options", {})}
-        super().__init__(url, {"retry_config": pauses, **options, "client_options": client})
+        super().__init__(url, {"retry_config": pauses, **options}, {"timeout": f"{seconds}s"})
 
     def put(self, data: Any, part: int = PART) -> None:
         try:
@@ -106,7 +104,7 @@ class _ToStore:
         nothing = _Parts(io.BytesIO(), PART)
         nothing.stopped = True
         with contextlib.suppress(_Stopped):
-            _watched(lambda: self._before.put(nothing))
+            _remote.watched(lambda: self._before.put(nothing))
 
     def send(self, path: Path, report: Report) -> None:
         size = path.stat().st_size
@@ -124,25 +122,9 @@ class _ToStore:
             def stop() -> None:
                 parts.stopped = True
 
-            _watched(lambda: bucket.put(data, part), meanwhile, stop)
+            _remote.watched(lambda: bucket.put(data, part), stop, meanwhile)
         if report is not None:
             report(size, size)
-
-
-def _watched(
-    work: Callable[[], None],
-    meanwhile: Callable[[], None] | None = None,
-    stop: Callable[[], None] | None = None,
-) -> None:
-    """Do it on a thread while this one looks at signals; one that is stopped is waited for."""
-    with ThreadPoolExecutor(1, thread_name_prefix="nanite-upload") as thread:
-        future = thread.submit(work)
-        try:
-            _remote.watched(future, meanwhile)
-        except BaseException:
-            if stop is not None:
-                stop()
-            raise
 
 
 class _ToFileSystem(_remote.FileSystem):
@@ -229,7 +211,7 @@ def written(
         place = Path(tempfile.mkdtemp(prefix="nanite-", dir=folder))
     except OSError as error:
         raise FileError(f"{error.filename or folder}: {error.strerror or error}") from error
-    path = place / os.path.basename(urlsplit(where).path)
+    path = place / os.path.basename(target.name.partition("?")[0])
     try:
         yield path
     except BaseException:
