@@ -74,7 +74,7 @@ _SIGNATURE: Final = re.compile(
 STORES: Final = frozenset({"http", "https", "s3", "s3a", "gs", "az", "abfs", "abfss", "adl", "azure"})
 
 
-# Whoever lends a machine says there on whose behalf it runs: where nothing else has credentials, obstore asks it.
+# Whoever lends a machine says there for whom it runs. obstore asks where nothing else has credentials.
 _LENDER: Final = re.compile(r"169\.254\.169\.254|metadata\.google\.internal|://[^/\s]+/latest/api/token")
 
 

@@ -119,6 +119,7 @@ def build_file(
     ...     mesh = nrs.build_file(pieces(), f"{folder}/balls.nanite", memory="8 MB")
     ...     mesh.check().clusters == mesh.report.clusters, mesh.report.input_faces
     (True, 61440)
+    >>> nrs.build_file("city.ply", "s3://bucket/city.nanite", memory="8 GiB")  # doctest: +SKIP
     """
     path = _checks.path_of(path)
     if _remote.ending(path) != io.NANITE_SUFFIX:

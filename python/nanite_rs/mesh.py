@@ -539,6 +539,9 @@ class NaniteMesh(Geometry):
         (True, False)
         >>> 0.0 < small.cut(error=0.0).error == small.info["rounding"] < small.info["precision"]
         True
+        >>> mesh.save("memory://meshes/sphere.nanite", precision="exact")
+        >>> nrs.NaniteMesh.open("memory://meshes/sphere.nanite") == mesh
+        True
         """
         path = _checks.path_of(path)
         name, ending = _remote.shown(path), _remote.ending(path)

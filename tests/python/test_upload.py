@@ -19,7 +19,7 @@ fsspec = pytest.importorskip("fsspec")
 pytest.importorskip("obstore")
 pytest.importorskip("moto.server")
 
-from oracles.store import Store, calm
+from oracles.store import Store, calm  # noqa: E402
 
 URL = "s3://meshes/a/ball.nanite"
 KEY = "a/ball.nanite"
@@ -95,11 +95,11 @@ def test_save(store, mesh, clean, tmp_path) -> None:
 
 
 def test_build_file(store, clean, tmp_path) -> None:
-    source = nrs.shapes.icosphere(faces=60_000)
-    nrs.build_file(source, tmp_path / "x.nanite", memory="8 MB", progress=False)
+    source = nrs.shapes.icosphere(faces=20_000)
+    nrs.build_file(source, tmp_path / "x.nanite", memory="2 MB", progress=False)
     told: list[tuple[int, int]] = []
     built = nrs.build_file(
-        source, URL, memory="8 MB", storage_options=store.options, progress=lambda *at: told.append(at)
+        source, URL, memory="2 MB", storage_options=store.options, progress=lambda *at: told.append(at)
     )
     assert built.traffic is not None
     assert built == nrs.NaniteMesh.open(tmp_path / "x.nanite")
@@ -109,7 +109,7 @@ def test_build_file(store, clean, tmp_path) -> None:
     work = tmp_path / "work"
     work.mkdir()
     options = {"storage_options": store.options, "progress": False}
-    nrs.build_file(source, URL, memory="8 MB", folder=work, resume=True, **options)
+    nrs.build_file(source, URL, memory="2 MB", folder=work, resume=True, **options)
     assert not list(work.iterdir())
     with pytest.raises(nrs.ArgumentError, match="resume: with a URL, give folder="):
         nrs.build_file(source, URL, resume=True, **options)
@@ -371,7 +371,7 @@ def surroundings(store, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("memory", [[], ["--memory", "4MB", "--resume"]])
 def test_command_line(store, surroundings, clean, capsys, memory) -> None:
-    shape = "shape:icosphere:40000"
+    shape = "shape:displaced_icosphere:40000"
     assert cli.main(["build", shape, "-o", URL, "--check", "--quiet", *memory]) == 0
     assert cli.main(["build", shape, "-o", URL, *memory]) == 0
     assert f"{URL}: NaniteMesh(" in capsys.readouterr().out
@@ -396,7 +396,7 @@ def test_command_line_says_what_went_wrong(store, surroundings, clean, capsys) -
     assert cli.main(["build", "none.ply", "-o", URL]) == 1
     assert "none.ply" in capsys.readouterr().err
     store.weather = lambda request: 403 * (request.method == "PUT")
-    assert cli.main(["build", "shape:icosphere:2000", "-o", URL]) == 1
+    assert cli.main(["build", "shape:displaced_icosphere:2000", "-o", URL]) == 1
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert len(nrs.NaniteMesh.open(kept(said.strip()))) > 1_000
