@@ -55,7 +55,7 @@ AT_ONCE: Final = 32
 BATCH: Final = 64
 # Seconds until a server that says nothing counts as a passing error.
 _TIMEOUTS: Final = {"timeout": "30s", "connect_timeout": "5s"}
-# What obstore itself takes of the environment, such as AWS_ALLOW_HTTP, unless it is given any options of its client.
+# What obstore takes of the environment, such as AWS_ALLOW_HTTP, where it is given no options of its client.
 _CLIENT: Final = (
     "allow_http",
     "allow_invalid_certificates",

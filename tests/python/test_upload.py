@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _thread
 import random
+import re
 import sys
 import threading
 import time
@@ -16,7 +17,7 @@ from nanite_rs import _remote, _upload, cli
 from oracles.weather import Server, Weather
 
 fsspec = pytest.importorskip("fsspec")
-pytest.importorskip("obstore")
+obstore = pytest.importorskip("obstore")
 pytest.importorskip("moto.server")
 
 from oracles.store import Store, calm  # noqa: E402
@@ -24,6 +25,8 @@ from oracles.store import Store, calm  # noqa: E402
 URL = "s3://meshes/a/ball.nanite"
 KEY = "a/ball.nanite"
 S3_LEAST_PART = 5 << 20
+# Before, obstore did not drop an upload of which one of the last parts had failed.
+DROPS_ALL = tuple(map(int, re.findall(r"\d+", obstore.__version__)[:3])) >= (0, 12, 1)
 OLD = b"what was there before"
 
 
@@ -187,7 +190,8 @@ def test_failures_leave_what_was_there(store, big, monkeypatch, case, at_once) -
     store.weather = calm
     assert store.get(KEY) == OLD
     assert store.names() == [KEY]
-    assert store.open_uploads() == []
+    if DROPS_ALL:
+        assert store.open_uploads() == []
 
 
 def test_what_is_kept_is_a_mesh(store, mesh) -> None:
