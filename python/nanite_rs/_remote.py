@@ -524,17 +524,21 @@ def watched(
     stop: Callable[[], object] | None = None,
     meanwhile: Callable[[], object] | None = None,
 ) -> T:
-    """Do it on a thread of its own while this one looks at signals; after ``stop()`` its end is waited for."""
+    """Do it on a thread of its own while this one looks at signals.
+
+    Where this one is interrupted, the other is left alone, or is told to stop and waited for.
+    """
     from concurrent.futures import ThreadPoolExecutor
 
-    with ThreadPoolExecutor(1, thread_name_prefix="nanite-watched") as thread:
-        future = thread.submit(work)
-        try:
-            return _awaited(future, meanwhile)
-        except BaseException:
-            if stop is not None:
-                stop()
-            raise
+    thread = ThreadPoolExecutor(1, thread_name_prefix="nanite-watched")
+    try:
+        return _awaited(thread.submit(work), meanwhile)
+    except BaseException:
+        if stop is not None:
+            stop()
+        raise
+    finally:
+        thread.shutdown(wait=stop is not None)
 
 
 class Reader:

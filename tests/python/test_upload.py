@@ -261,6 +261,26 @@ def test_trying_out_leaves_nothing(store) -> None:
     assert store.open_uploads() == []
 
 
+def test_an_interrupt_while_trying_out(store, clean) -> None:
+    """It does not wait for a server that says nothing; what was begun is dropped all the same."""
+
+    def slow(request) -> int:
+        if request.method == "POST":
+            _thread.interrupt_main()
+            time.sleep(1.0)
+        return 0
+
+    store.weather = slow
+    start = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        nrs.build_file(never(), URL, storage_options=store.options)
+    assert time.perf_counter() - start < 0.8
+    while [request.method for request in store.requests] != ["POST", "DELETE"]:
+        time.sleep(0.02)
+        assert time.perf_counter() - start < 20
+    assert store.open_uploads() == list(clean.iterdir()) == []
+
+
 def test_refusals_come_before_building(store, clean, monkeypatch) -> None:
     absent = "there is no such bucket or container"
     refused("s3://nowhere/x.nanite", store.options, nrs.MissingFileError, absent)
