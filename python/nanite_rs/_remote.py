@@ -15,7 +15,7 @@ import re
 import threading
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
 from nanite_rs import _advice, _checks, _core
@@ -35,9 +35,11 @@ from nanite_rs.exceptions import (
 from nanite_rs.stats import TrafficStats
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from concurrent.futures import Future, ThreadPoolExecutor
+    from contextlib import AbstractContextManager
 
+T = TypeVar("T")
 Range = tuple[int, int]
 
 # A coded page has 25 to 65 KiB, and pages follow each other. So a gap of 128 KiB is two to four pages that nobody
@@ -53,12 +55,27 @@ AT_ONCE: Final = 32
 BATCH: Final = 64
 # Seconds until a server that says nothing counts as a passing error.
 _TIMEOUTS: Final = {"timeout": "30s", "connect_timeout": "5s"}
+# What obstore takes of the environment, such as AWS_ALLOW_HTTP, where it is given no options of its client.
+_CLIENT: Final = (
+    "allow_http",
+    "allow_invalid_certificates",
+    "connect_timeout",
+    "proxy_ca_certificate",
+    "proxy_excludes",
+    "proxy_url",
+    "timeout",
+    "user_agent",
+)
 
 # Parts of a URL that allow reading it for a while, and say nothing of what is there.
 _SIGNATURE: Final = re.compile(
     r"(?i)^(x-(amz|goog)-.*|sig|signature|expires|policy|key-pair-id|awsaccesskeyid|googleaccessid|s[eprtv]|sk.+|spr|token)$"
 )
-_OBSTORE: Final = frozenset({"http", "https", "s3", "s3a", "gs", "az", "abfs", "abfss", "adl", "azure"})
+STORES: Final = frozenset({"http", "https", "s3", "s3a", "gs", "az", "abfs", "abfss", "adl", "azure"})
+
+
+# Whoever lends a machine says there for whom it runs. obstore asks where nothing else has credentials.
+_LENDER: Final = re.compile(r"169\.254\.169\.254|metadata\.google\.internal|://[^/\s]+/latest/api/token")
 
 
 class Refusal(Exception):  # noqa: N818
@@ -111,28 +128,39 @@ def is_url(value: object) -> bool:
     )
 
 
-def shown(url: str) -> str:
-    """Return a URL without user, password and signature: for messages and as a name."""
-    parts = urlsplit(url)
+def ending(where: str) -> str:
+    """Return how the name of the file ends that a path or a URL says, with the dot, in small letters."""
+    return os.path.splitext(where.partition("?")[0] if is_url(where) else where)[1].lower()
+
+
+def shown(where: str) -> str:
+    """Return a URL without user, password and signature: for messages and as a name. A path stays as it is."""
+    if not is_url(where):
+        return where
+    parts = urlsplit(where)
     place = parts.netloc.rpartition("@")[2]
     query = [pair for pair in parse_qsl(parts.query, keep_blank_values=True) if not _SIGNATURE.match(pair[0])]
     return urlunsplit((parts.scheme, place, parts.path, urlencode(query), ""))
 
 
 def _missing(name: str, package: str, install: str) -> DependencyError:
-    return DependencyError(f"{name}: reading it needs {package}: pip install {install}")
+    return DependencyError(f"{name}: it needs {package}: pip install {install}")
 
 
 _owner: int | None = None
 """The process that used obstore first: its threads are not in processes that are forked from it."""
 
 
-class _ObjectStore:
+class ObjectStore:
     """An object of a store that obstore knows."""
 
     at_once = AT_ONCE
+    use, absent = "reading", "there is no such file"
+    """What errors say."""
 
-    def __init__(self, url: str, options: Mapping[str, Any]) -> None:
+    def __init__(
+        self, url: str, options: Mapping[str, Any], timeouts: Mapping[str, str] | None = None
+    ) -> None:
         self.name = shown(url)
         try:
             import obstore
@@ -140,7 +168,12 @@ class _ObjectStore:
             raise _missing(self.name, "obstore", '"nanite_rs[cloud]"') from None
         self._obstore = obstore
         parts = urlsplit(url)
-        client = {**_TIMEOUTS, **options.get("client_options", {})}
+        client = {
+            **_TIMEOUTS,
+            **(timeouts or {}),
+            **_environment(parts.scheme),
+            **options.get("client_options", {}),
+        }
         if parts.scheme == "http":
             client.setdefault("allow_http", True)
         # Trying again is the core's business.
@@ -221,10 +254,12 @@ class _ObjectStore:
         text = _first_line(error, self.name)
         found = re.search(r"status code: (\d{3}[^:\n]*)", str(error))
         status = found[1].strip() if found else ""
+        if _LENDER.search(str(error)):
+            return Refusal(AccessError, "no credentials were found, in storage_options or elsewhere")
         if isinstance(error, FileNotFoundError | kinds.NotFoundError):
-            return Refusal(MissingFileError, f"there is no such file ({status or '404 Not Found'})")
+            return Refusal(MissingFileError, f"{self.absent} ({status or '404 Not Found'})")
         if isinstance(error, kinds.PermissionDeniedError | kinds.UnauthenticatedError):
-            what = "credentials are missing, wrong or expired, or do not allow reading it"
+            what = f"credentials are missing, wrong or expired, or do not allow {self.use} it"
             return Refusal(AccessError, f"{what} ({status})")
         if isinstance(error, kinds.PreconditionError):
             return Refusal(ChangedFileError, "the file changed after it was opened: its ETag is another one")
@@ -241,6 +276,13 @@ class _ObjectStore:
         return Refusal(ServerError, text, passing=True)
 
 
+def _environment(scheme: str) -> dict[str, str]:
+    """What the environment says of the client of a store."""
+    prefix = {"s3": "AWS_", "s3a": "AWS_", "gs": "GOOGLE_"}.get(scheme, "AZURE_")
+    known = {name: os.environ.get(f"{prefix}{name.upper()}") for name in _CLIENT}
+    return {name: value for name, value in known.items() if value is not None}
+
+
 def _identity(meta: Mapping[str, Any]) -> Identity:
     changed = meta.get("last_modified")
     return Identity(int(meta["size"]), meta.get("e_tag") or (None if changed is None else str(changed)))
@@ -255,10 +297,11 @@ def _first_line(error: Exception, url: str) -> str:
     )
 
 
-class _FileSystem:
+class FileSystem:
     """A file of a file system that fsspec knows."""
 
     at_once = AT_ONCE
+    use, absent = ObjectStore.use, ObjectStore.absent
 
     def __init__(self, url: str, options: Mapping[str, Any]) -> None:
         self.name = shown(url)
@@ -272,6 +315,9 @@ class _FileSystem:
             raise DependencyError(f"{self.name}: {error}") from None
         except Exception as error:
             raise FileError(f"{self.name}: {type(error).__name__}: {error}") from None
+
+    def _plain_errors(self) -> AbstractContextManager[None]:
+        return _plain_errors(self.use, self.absent)
 
     def _identity(self) -> Identity:
         self._files.invalidate_cache()
@@ -294,13 +340,13 @@ class _FileSystem:
         return Identity(int(size), " ".join(tags) or None)
 
     def first(self, end: int) -> tuple[Identity, bytes]:
-        with _plain_errors():
+        with self._plain_errors():
             identity = self._identity()
             data = bytes(self._files.cat_file(self._path, start=0, end=min(end, identity.size)))
             return identity, data
 
     def read(self, start: int, end: int, expected: Identity) -> bytes:
-        with _plain_errors():
+        with self._plain_errors():
             data = bytes(self._files.cat_file(self._path, start=start, end=end))
             # Afterwards: what was read before it changed is of the file that was opened.
             found = self._identity()
@@ -312,16 +358,16 @@ class _FileSystem:
 
 
 @contextlib.contextmanager
-def _plain_errors() -> Any:
+def _plain_errors(use: str = "reading", absent: str = "there is no such file") -> Iterator[None]:
     """What file systems raise, as refusals."""
     try:
         yield
     except (Refusal, NaniteError):
         raise
     except FileNotFoundError:
-        raise Refusal(MissingFileError, "there is no such file") from None
+        raise Refusal(MissingFileError, absent) from None
     except PermissionError as error:
-        raise Refusal(AccessError, f"reading is not allowed: {error}") from None
+        raise Refusal(AccessError, f"{use} is not allowed: {error}") from None
     except (OSError, TimeoutError) as error:
         raise Refusal(ServerError, f"{type(error).__name__}: {error}", passing=True) from None
     except Exception as error:
@@ -462,6 +508,39 @@ def _pool() -> ThreadPoolExecutor:
     return known[1]
 
 
+def _awaited(future: Future[T], meanwhile: Callable[[], object] | None = None) -> T:
+    """Wait for what another thread does while this one looks at signals."""
+    from concurrent import futures
+
+    while not future.done():
+        futures.wait([future], timeout=0.05)
+        if meanwhile is not None:
+            meanwhile()
+    return future.result()
+
+
+def watched(
+    work: Callable[[], T],
+    stop: Callable[[], object] | None = None,
+    meanwhile: Callable[[], object] | None = None,
+) -> T:
+    """Do it on a thread of its own while this one looks at signals.
+
+    Where this one is interrupted, the other is left alone, or is told to stop and waited for.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    thread = ThreadPoolExecutor(1, thread_name_prefix="nanite-watched")
+    try:
+        return _awaited(thread.submit(work), meanwhile)
+    except BaseException:
+        if stop is not None:
+            stop()
+        raise
+    finally:
+        thread.shutdown(wait=stop is not None)
+
+
 class Reader:
     """Reads batches of ranges for the core."""
 
@@ -469,6 +548,7 @@ class Reader:
         self.source, self.traffic, self.recipe = source, _core.Traffic(), recipe
         self.identity, self._head = self._waited(self._first)
         self._cache: PageCache | None = None
+        self._opening, self._stopped = False, False
 
     def keep(self, folder: str, budget: int) -> None:
         """Keep what is read in a folder."""
@@ -488,9 +568,18 @@ class Reader:
         counts, latency_ms = self.traffic.counts()
         return TrafficStats(**dict(counts), latency_ms=latency_ms)
 
-    def input(self) -> _core.Input:
-        """Return what the core reads."""
-        return _core.Input(self.source.name, self.identity.size, BATCH, self.read, self.traffic)
+    def open(self, how: Callable[[_core.Input], T]) -> T:
+        """Return what the core makes of the beginning, while this thread looks at signals."""
+        given = _core.Input(self.source.name, self.identity.size, BATCH, self.read, self.traffic)
+
+        def stop() -> None:
+            self._stopped = True
+
+        self._opening = True
+        try:
+            return watched(lambda: how(given), stop)
+        finally:
+            self._opening = False
 
     def _first(self) -> tuple[Identity, bytes]:
         found: tuple[Identity, bytes] = self._counted(
@@ -500,14 +589,10 @@ class Reader:
 
     def _waited(self, work: Callable[[], Any]) -> Any:
         """Do it on a thread while this one looks at signals; passing errors are tried again."""
-        from concurrent import futures
-
         for pause in [*_core.RETRY_PAUSES, None]:
             future: Future[Any] = _pool().submit(work)
             try:
-                while not future.done():
-                    futures.wait([future], timeout=0.05)
-                return future.result()
+                return _awaited(future)
             except Refusal as refusal:
                 if not refusal.passing or pause is None:
                     raise _raised(refusal, self.source.name) from None
@@ -541,6 +626,12 @@ class Reader:
             _pool().submit(self._look_up, ranges, rest, answers)
         else:
             self._ask(ranges, rest, answers)
+        # While it opens, the core waits for these and for nothing else: here it can be told to stop.
+        while self._opening and any(answers.is_wanted(i) for i in rest):
+            if self._stopped:
+                for i in rest:
+                    answers.fail(i, "ServerError", "opening was stopped", passing=False)
+            time.sleep(0.002)
 
     def _look_up(self, ranges: list[Range], wanted: list[int], answers: _core.Answers) -> None:
         """Answer what the cache has, and ask for the rest."""
@@ -590,18 +681,28 @@ def _raised(refusal: Refusal, name: str) -> NaniteError:
 # ------------------------------------------------------------------------------------------------- opening
 
 
+def checked_options(
+    where: Any, storage_options: Mapping[str, Any] | None, cache_dir: Any = None
+) -> dict[str, Any]:
+    """Return the options of a URL; nothing else has any, or a cache."""
+    if not is_url(where):
+        for name, value in (("cache_dir", cache_dir), ("storage_options", storage_options)):
+            if value is not None:
+                raise ArgumentError(f"{name}: goes with a URL")
+    if storage_options is None:
+        return {}
+    if not hasattr(storage_options, "items"):
+        raise DtypeError(f"storage_options: expected a mapping, not {_advice.name_of_type(storage_options)}")
+    return dict(storage_options)
+
+
 def opened(where: Any, cache_dir: Any, cache_bytes: int, storage_options: Mapping[str, Any] | None) -> Reader:
     """Return what reads a URL or a file object."""
-    url = is_url(where)
-    if not url and (cache_dir is not None or storage_options is not None):
-        raise ArgumentError(f"{'cache_dir' if cache_dir is not None else 'storage_options'}: goes with a URL")
+    options = checked_options(where, storage_options, cache_dir)
     folder = None if cache_dir is None else os.path.abspath(_checks.path_of(cache_dir, "cache_dir"))
     budget = _checks.whole(cache_bytes, "cache_bytes", 0)
-    if storage_options is not None and not hasattr(storage_options, "items"):
-        raise DtypeError(f"storage_options: expected a mapping, not {_advice.name_of_type(storage_options)}")
-    options = None if storage_options is None else dict(storage_options)
-    recipe = (where, folder, budget, options) if url else None
-    reader = Reader(source_of(where, options or {}), recipe)
+    recipe = (where, folder, budget, options) if is_url(where) else None
+    reader = Reader(source_of(where, options), recipe)
     if folder is not None:
         reader.keep(folder, budget)
     return reader
@@ -611,7 +712,7 @@ def source_of(where: object, options: Mapping[str, Any]) -> Source:
     """Return what reads a URL or a file object."""
     if isinstance(where, str):
         scheme = where.partition("://")[0].lower()
-        return _ObjectStore(where, options) if scheme in _OBSTORE else _FileSystem(where, options)
+        return ObjectStore(where, options) if scheme in STORES else FileSystem(where, options)
     if is_file(where):
         return _FileObject(where)
     raise DtypeError(

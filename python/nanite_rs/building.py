@@ -16,7 +16,7 @@ from uuid import uuid4
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _pieces, _tasks, io
+from nanite_rs import _advice, _checks, _pieces, _remote, _tasks, _upload, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._asset import Notes
 from nanite_rs._core import BlockBuild, build_memory
@@ -44,6 +44,7 @@ def build_file(
     folder: io.PathLike | None = None,
     resume: bool = False,
     executor: Any = None,
+    storage_options: Mapping[str, Any] | None = None,
     progress: Progress = None,
 ) -> NaniteMesh:
     """Build a ``.nanite`` file from a source that may be larger than memory, and open it.
@@ -65,8 +66,10 @@ def build_file(
         ``(vertices, faces, attributes)``, where faces count the vertices of their piece from 0, and a dict has what
         it has of ``normals``, ``colors``, ``uvs`` and ``face_materials``: all pieces have the same. Pieces may
         touch: vertices that are equal are one.
-    path : path
-        The file, ending in ``.nanite``; an existing one is replaced in one step or not at all.
+    path : path or URL
+        The file, ending in ``.nanite``; an existing one is replaced in one step or not at all. One of a URL, such
+        as ``s3://``, is made on disk and then sent, as by `NaniteMesh.save`: whether it can be written is tried out
+        before anything is built, and what could not be sent is kept.
     memory : int or str, default "4 GiB"
         Bytes that the build may take, about, beyond what it started with; a number, or one with a unit such as
         ``"2G"``, ``"500 MB"`` or ``"4 GiB"``. Tables of all vertices come on top: some 4 bytes for each vertex of
@@ -75,22 +78,25 @@ def build_file(
         How to build. ``preserve_area`` is for sources that fit.
     folder : path, optional
         Where the work folder is made, named after the file with ``.work`` behind it, for what does not fit: some
-        150 bytes for each face. It is removed in the end. By default it is beside the file.
+        150 bytes for each face. It is removed in the end. By default it is beside the file, and of a URL among
+        temporary files. The file of a URL is made there, too.
     resume : bool, default False
         Go on from the last finished block where a build of the same source with the same options and memory was
         stopped or killed, and keep the work folder where this one fails. Without it the work folder of another
-        build is removed.
+        build is removed. With a URL it needs ``folder``.
     executor : an executor, optional
         A `concurrent.futures.Executor` or a ``dask.distributed.Client``: each block is a task, which takes
         ``memory`` where it runs, in a process or on a machine that shares the work folder. The file has the same
         bytes. Dask repeats the blocks of a lost worker.
+    storage_options : mapping, optional
+        Of a URL: as for `NaniteMesh.open`.
     progress : bool or callable, optional
-        As for `NaniteMesh.from_arrays`.
+        As for `NaniteMesh.from_arrays`; of a URL it is told of sending afterwards.
 
     Returns
     -------
     NaniteMesh
-        The file, opened.
+        The file, opened: that of a URL by it.
 
     Raises
     ------
@@ -103,6 +109,8 @@ def build_file(
     WorkerError
         A worker was lost: always of a `concurrent.futures.ProcessPoolExecutor`, which ends with it; of a cluster
         where the same block lost several.
+    MissingFileError, AccessError, ServerError, DependencyError
+        Of a URL: as for `NaniteMesh.save`.
 
     Warns
     -----
@@ -120,17 +128,35 @@ def build_file(
     ...     mesh = nrs.build_file(pieces(), f"{folder}/balls.nanite", memory="8 MB")
     ...     mesh.check().clusters == mesh.report.clusters, mesh.report.input_faces
     (True, 61440)
+    >>> nrs.build_file("city.ply", "s3://bucket/city.nanite", memory="8 GiB")  # doctest: +SKIP
     """
     path = _checks.path_of(path)
-    if os.path.splitext(path)[1].lower() != io.NANITE_SUFFIX:
-        raise FormatError(f"{path}: the file must end in {io.NANITE_SUFFIX}")
+    if _remote.ending(path) != io.NANITE_SUFFIX:
+        raise FormatError(f"{_remote.shown(path)}: the file must end in {io.NANITE_SUFFIX}")
     if not isinstance(options, BuildOptions | None):
         raise no_options(options)
     limit = bytes_of(memory)
     resume = _checks.truth(resume, "resume")
     executor = _tasks.executor_of(executor)
+    within = None if folder is None else _checks.path_of(folder, "folder")
+    if _remote.is_url(path):
+        if resume and within is None:
+            raise ArgumentError("resume: with a URL, give folder=, where the work folder stays")
+        with _upload.written(path, storage_options, folder=within, progress=progress) as made:
+            build_file(
+                source,
+                made,
+                memory=limit,
+                options=options,
+                folder=within,
+                resume=resume,
+                executor=executor,
+                progress=progress,
+            )
+        return NaniteMesh.open(path, storage_options=storage_options)
+    _remote.checked_options(path, storage_options)
     target = Path(path)
-    place = target.parent if folder is None else Path(_checks.path_of(folder, "folder"))
+    place = target.parent if within is None else Path(within)
     work = place / f"{target.name}.work"
     done, ours = False, _is_ours(work)
     try:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
 import numpy as np
 
 import nanite_rs as nrs
-from nanite_rs import _advice, _core, _export, _images, _overlay, _paint, _remote, _text, io, shapes
+from nanite_rs import _advice, _core, _export, _images, _overlay, _paint, _remote, _text, _upload, io, shapes
 from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 from nanite_rs.frame import ViewName
@@ -35,6 +35,7 @@ EPILOG: Final = """\
 examples:
   nanite-rs build dragon.ply                        write dragon.nanite
   nanite-rs build *.ply -o built/                   write a file for each, and say which failed
+  nanite-rs build dragon.ply -o s3://bucket/dragon.nanite
   nanite-rs info dragon.nanite                      what is in it, and what building did
   nanite-rs info https://example.org/dragon.nanite  the same, without loading the file
   nanite-rs cut dragon.nanite -o small.ply --target-faces 10000
@@ -76,7 +77,7 @@ def _generated(name: str) -> shapes.Mesh:
 
 
 def _is_built(name: str) -> bool:
-    return (name.partition("?")[0] if _remote.is_url(name) else name).lower().endswith(io.NANITE_SUFFIX)
+    return _remote.ending(name) == io.NANITE_SUFFIX
 
 
 def _stem(name: str) -> str:
@@ -124,25 +125,30 @@ def _build(arguments: argparse.Namespace) -> int:
     if len(arguments.inputs) > 1 or folder:
         return _build_many(arguments)
     (arguments.input,) = arguments.inputs
-    output = Path(arguments.output or f"{_stem(arguments.input)}{io.NANITE_SUFFIX}")
-    if not _is_built(str(output)):
-        raise ArgumentError(f"{output}: the output must end in {io.NANITE_SUFFIX}")
+    output = arguments.output or f"{_stem(arguments.input)}{io.NANITE_SUFFIX}"
+    if not _is_built(output):
+        raise ArgumentError(f"{_remote.shown(output)}: the output must end in {io.NANITE_SUFFIX}")
     in_blocks = arguments.memory is not None or arguments.scheduler is not None
-    if in_blocks:
-        name = arguments.input
-        source = _generated(name) if name.startswith(SHAPE_PREFIX) else name
-        with _cluster(arguments.scheduler) as client:
-            mesh, seconds = _timed(lambda: nrs.build_file(source, output, executor=client, **_how(arguments)))
-    else:
-        mesh, seconds = _timed(lambda: _mesh(arguments))
-    if arguments.check:
-        mesh.check()
-    if not in_blocks:
-        mesh.save(output)
+    # What goes to a URL is built on disk: in this folder, where a build that is resumed finds its work folder.
+    place = os.curdir if in_blocks and _remote.is_url(output) else None
+    progress = False if arguments.quiet else None
+    with _upload.written(output, folder=place, progress=progress) as path:
+        if in_blocks:
+            name = arguments.input
+            source = _generated(name) if name.startswith(SHAPE_PREFIX) else name
+            with _cluster(arguments.scheduler) as client:
+                how = {"executor": client, "folder": place, **_how(arguments)}
+                mesh, seconds = _timed(lambda: nrs.build_file(source, path, **how))
+        else:
+            mesh, seconds = _timed(lambda: _mesh(arguments))
+        if arguments.check:
+            mesh.check()
+        if not in_blocks:
+            mesh.save(path)
+        size = _text.megabytes(path.stat().st_size)
     if not arguments.quiet:
         checked = ", every invariant holds" if arguments.check else ""
-        size = _text.megabytes(output.stat().st_size)
-        print(f"{output}: {mesh}, {size} on disk, {_text.seconds(seconds)}{checked}")
+        print(f"{_remote.shown(output)}: {mesh}, {size} on disk, {_text.seconds(seconds)}{checked}")
     return 0
 
 
@@ -155,8 +161,8 @@ def _how(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _build_many(arguments: argparse.Namespace) -> int:
     output = arguments.output or "."
-    if _is_built(output):
-        raise ArgumentError(f"{output}: several inputs are built into a folder")
+    if _is_built(output) or _remote.is_url(output):
+        raise ArgumentError(f"{_remote.shown(output)}: several inputs are built into a folder")
     for name in arguments.inputs:
         if name.startswith(SHAPE_PREFIX):
             raise ArgumentError(f"{name}: is built alone, into a file")
@@ -555,7 +561,7 @@ def _add_build(commands: Any) -> None:
         "--output",
         "-o",
         metavar="FILE",
-        help="the .nanite file, or a folder (INPUT's name, in this folder)",
+        help="the .nanite file, its URL, or a folder (INPUT's name, in this folder)",
     )
     sub.add_argument("--check", action="store_true", help="verify every invariant")
     sub.add_argument(

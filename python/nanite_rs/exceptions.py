@@ -58,7 +58,7 @@ class MissingFileError(FileError, FileNotFoundError):
 
 
 class AccessError(FileError, PermissionError):
-    """Reading is not allowed: a server asks for credentials, or does not take those that it got."""
+    """Reading or writing is not allowed: credentials are missing, or a server does not take them."""
 
 
 class ChangedFileError(FileError):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _exchange, _face_data, _remote, io
+from nanite_rs import _advice, _checks, _exchange, _face_data, _remote, _upload, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._core import FINE_PART
 from nanite_rs._core import Mesh as CoreMesh
@@ -454,9 +453,7 @@ class NaniteMesh(Geometry):
         >>> nrs.NaniteMesh.open("https://example.org/city.nanite", cache_dir="pages")  # doctest: +SKIP
         """
         if not _remote.is_url(path) and not _remote.is_file(path):
-            if cache_dir is not None or storage_options is not None:
-                name = "cache_dir" if cache_dir is not None else "storage_options"
-                raise ArgumentError(f"{name}: goes with a URL")
+            _remote.checked_options(path, storage_options, cache_dir)
             path = _checks.path_of(path)
             try:
                 return cls._wrap(CoreMesh.open(path))
@@ -468,11 +465,17 @@ class NaniteMesh(Geometry):
 
     @classmethod
     def _opened(cls, reader: _remote.Reader, materials: tuple[Material, ...] = ()) -> NaniteMesh:
-        mesh = cls._wrap(CoreMesh.open_input(reader.input()), materials)
+        mesh = cls._wrap(reader.open(CoreMesh.open_input), materials)
         mesh._reader = reader
         return mesh
 
-    def save(self, path: io.PathLike, *, precision: Literal["auto", "exact"] | float = "auto") -> None:
+    def save(
+        self,
+        path: io.PathLike,
+        *,
+        precision: Literal["auto", "exact"] | float = "auto",
+        storage_options: Mapping[str, Any] | None = None,
+    ) -> None:
         """Write a ``.nanite`` file; an existing one is replaced in one step or not at all.
 
         Positions of all levels are rounded to one grid, of which the step is a power of two, normals to 10 bits per
@@ -485,11 +488,16 @@ class NaniteMesh(Geometry):
         process ends, the target is the old file or the new one, whole. A process that is killed leaves its
         temporary file, ``.nanite-*.tmp``, which nothing reads and anyone may delete.
 
+        A URL of a store, such as ``s3://``, is written in parts by obstore, others by fsspec. Whether a store can
+        be written is tried out first. The file is made among temporary files and then sent. It is seen when it is
+        whole; until then, and where sending fails or is stopped, the store has what it had. What could not be sent
+        is kept, and the error says where. The guide, docs/cloud.md, has more.
+
         Files hold no materials: where the mesh has some, a `UsageWarning` says so.
 
         Parameters
         ----------
-        path : path
+        path : path or URL
             The file.
         precision : "auto", "exact" or float
             "auto": steps of a sixteenth of the median edge of the source or less, and of an eighth of the height
@@ -497,6 +505,8 @@ class NaniteMesh(Geometry):
             of CAD meshes keep their shape and area, slivers between larger triangles may lose theirs. "exact":
             everything as it is, in files some twice as large. A number: steps of so many units of the mesh or less.
             Where f32 is as coarse as the grid would be, the file is exact.
+        storage_options : mapping, optional
+            Of a URL: as for `open`.
 
         Raises
         ------
@@ -506,6 +516,9 @@ class NaniteMesh(Geometry):
             The name ends as that of a mesh in another format, such as ``.ply``.
         FileError
             The file cannot be written.
+        MissingFileError, AccessError, ServerError, DependencyError
+            Of a URL: there is no such bucket, credentials are missing or do not allow writing, the server cannot
+            be reached or answers with an error, or an optional package is missing.
 
         Warns
         -----
@@ -526,27 +539,33 @@ class NaniteMesh(Geometry):
         (True, False)
         >>> 0.0 < small.cut(error=0.0).error == small.info["rounding"] < small.info["precision"]
         True
+        >>> mesh.save("memory://meshes/sphere.nanite", precision="exact")
+        >>> nrs.NaniteMesh.open("memory://meshes/sphere.nanite") == mesh
+        True
         """
         path = _checks.path_of(path)
-        ending = os.path.splitext(path)[1].lower()
+        name, ending = _remote.shown(path), _remote.ending(path)
         if ending in _OTHERS:
             raise FormatError(
-                f"{path}: save writes .nanite files; mesh.cut(error=0).export(path) writes {ending}"
+                f"{name}: save writes .nanite files; mesh.cut(error=0).export(path) writes {ending}"
             )
-        if isinstance(precision, str):
-            flattened = self._core.save(path, precision)
-        else:
-            flattened = self._core.save(path, "auto", _checks.number(precision, "precision"))
+        given = (
+            ("auto", _checks.number(precision, "precision"))
+            if not isinstance(precision, str)
+            else (precision,)
+        )
+        with _upload.written(path, storage_options) as file:
+            flattened = self._core.save(file, *given)
         if flattened > len(self) / FINE_PART:
             _advice.warn(
-                f"precision: {flattened:,} of {len(self):,} faces have no area in {path}, whose grid is too coarse "
+                f"precision: {flattened:,} of {len(self):,} faces have no area in {name}, whose grid is too coarse "
                 'for them; give precision="exact", or a smaller number',
                 UsageWarning,
             )
         if any(look not in (Material(), default_material(colored=True)) for look in self._materials):
             looks = "its look is" if len(self._materials) == 1 else f"its {len(self._materials)} looks are"
             _advice.warn(
-                f"{path}: .nanite files hold no materials: {looks} not in it; keep mesh.materials, for "
+                f"{name}: .nanite files hold no materials: {looks} not in it; keep mesh.materials, for "
                 "scene.add(opened, material=materials)",
                 UsageWarning,
             )
@@ -582,7 +601,7 @@ class NaniteMesh(Geometry):
         (True, True)
         """
         if _remote.is_url(path) or _remote.is_file(path):
-            info = CoreMesh.input_info(_remote.opened(path, None, 0, storage_options).input())
+            info = _remote.opened(path, None, 0, storage_options).open(CoreMesh.input_info)
         else:
             info = CoreMesh.file_info(_checks.path_of(path))
         return info | {"channels": [_face_data.plain(name) for name in info["channels"]]}

@@ -520,42 +520,37 @@ def test_missing_libraries(monkeypatch, module, url, install) -> None:
 # ------------------------------------------------------------------------------------------------------ S3
 
 
-@pytest.fixture(scope="module")
-def bucket(data):
-    server_of = pytest.importorskip("moto.server")
-    boto3 = pytest.importorskip("boto3")
-    server = server_of.ThreadedMotoServer("127.0.0.1", port=0, verbose=False)
-    server.start()
-    _, port = server.get_host_and_port()
-    endpoint = f"http://127.0.0.1:{port}"
-    keys = {"aws_access_key_id": "key", "aws_secret_access_key": "secret", "region_name": "us-east-1"}
-    client = boto3.client("s3", endpoint_url=endpoint, **keys)
-    client.create_bucket(Bucket="meshes")
-    client.put_object(Bucket="meshes", Key="a/ball.nanite", Body=data)
-    options = {
-        "access_key_id": "key",
-        "secret_access_key": "secret",
-        "region": "us-east-1",
-        "endpoint": endpoint,
-    }
-    yield client, options | {"client_options": {"allow_http": True}}
-    server.stop()
+@pytest.fixture
+def store(data):
+    pytest.importorskip("moto.server")
+    from oracles.store import Store
+
+    with Store() as store:
+        store.put("a/ball.nanite", data)
+        yield store
 
 
-def test_s3(bucket, path, data, tmp_path) -> None:
-    client, options = bucket
-    url = "s3://meshes/a/ball.nanite"
+def test_s3(store, path, data, tmp_path) -> None:
+    url, options = "s3://meshes/a/ball.nanite", store.options
     mesh = nrs.NaniteMesh.open(url, storage_options=options, cache_dir=tmp_path)
     assert mesh.traffic.requests == 1
     same_mesh(mesh, path)
     with pytest.raises(nrs.MissingFileError, match=r"s3://meshes/none.nanite: there is no such file"):
         nrs.NaniteMesh.open("s3://meshes/none.nanite", storage_options=options)
     mesh = nrs.NaniteMesh.open(url, storage_options=options)
-    client.put_object(Bucket="meshes", Key="a/ball.nanite", Body=data[:-1] + b"x")
+    store.put("a/ball.nanite", data[:-1] + b"x")
     with pytest.raises(nrs.ChangedFileError, match=r"s3://meshes/a/ball.nanite: the file changed"):
         mesh.cut(error=0.0)
-    client.put_object(Bucket="meshes", Key="a/ball.nanite", Body=data)
     assert "secret" not in repr(mesh)
+
+
+def test_without_credentials(store, monkeypatch) -> None:
+    """What obstore asks where nothing else has any is not there."""
+    for name in store.environment:
+        monkeypatch.delenv(name, raising=False)
+    nobody = {"region": "us-east-1", "metadata_endpoint": "http://127.0.0.1:9"}
+    with pytest.raises(nrs.AccessError, match=r"s3://meshes/a/ball.nanite: no credentials were found"):
+        nrs.NaniteMesh.open("s3://meshes/a/ball.nanite", storage_options=nobody)
 
 
 def test_options_that_obstore_does_not_know() -> None:
