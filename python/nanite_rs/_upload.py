@@ -39,9 +39,9 @@ _RETRIES_BEFORE: Final = 3
 _SLOWEST: Final = 125_000
 
 
-def part_size(size: int) -> int:
-    """Bytes of each part but the last."""
-    return max(PART, -(-size // MOST_PARTS))
+def part_size(total: int) -> int:
+    """Bytes of each part but the last, of a file of so many bytes."""
+    return max(PART, -(-total // MOST_PARTS))
 
 
 class _Stopped(Exception):  # noqa: N818
@@ -51,8 +51,10 @@ class _Stopped(Exception):  # noqa: N818
 class _Parts:
     """The parts of a file, until somebody stops them."""
 
-    def __init__(self, file: BinaryIO, part: int) -> None:
-        self._file, self._part = file, part
+    def __init__(self, file: BinaryIO, total: int) -> None:
+        self._file, self.total = file, total
+        self.size = part_size(total)
+        """Bytes of each but the last."""
         self.given = 0
         """Bytes that were taken to be sent."""
         self.stopped = False
@@ -62,7 +64,7 @@ class _Parts:
             if self.stopped:
                 # obstore drops what has arrived, and raises this.
                 raise _Stopped
-            if not (data := self._file.read(self._part)):
+            if not (data := self._file.read(self.size)):
                 return
             self.given += len(data)
             yield data
@@ -89,46 +91,68 @@ class _Bucket(_remote.ObjectStore):
             raise self._refusal(error) from None
 
 
-class _ToStore:
-    """An object of a store that obstore knows."""
+class _Target:
+    """Where a file is sent to."""
 
-    local = None
-
-    def __init__(self, url: str, options: Mapping[str, Any]) -> None:
-        self._url, self._options = url, options
-        self._before = _Bucket(url, options, _RETRIES_BEFORE)
-        self.name = self._before.name
+    name: str
+    """What errors call it."""
+    local: Path | None = None
+    """Where it is on this machine."""
+    ahead = 0
+    """Bytes that are taken before the first of them have arrived."""
+    sent = False
 
     def try_out(self) -> None:
-        """Begin an upload in parts and drop it: it needs the bucket and the right to write, and leaves nothing."""
-        nothing = _Parts(io.BytesIO(), PART)
-        nothing.stopped = True
-        with contextlib.suppress(_Stopped):
-            _remote.watched(lambda: self._before.put(nothing))
+        """Raise `Refusal` where it cannot be written, if that can be found out without a trace."""
+
+    def put(self, parts: _Parts) -> None:
+        """Write it, whole or not at all; raise `Refusal`."""
+        raise NotImplementedError
 
     def send(self, path: Path, report: Report) -> None:
-        size = path.stat().st_size
-        part = part_size(size)
-        bucket = _Bucket(self._url, self._options, RETRIES, part)
+        """Write a file while this thread looks at signals and says how far it is."""
         with path.open("rb") as file:
-            parts = _Parts(file, part)
-            # What has one part needs one request.
-            data = file.read() if size <= part else parts
+            parts = _Parts(file, path.stat().st_size)
 
-            def meanwhile() -> None:
-                if report is not None:
-                    report(max(parts.given - PARTS_AT_ONCE * part, 0), size)
+            def work() -> None:
+                self.put(parts)
+                self.sent = True
 
             def stop() -> None:
                 parts.stopped = True
 
-            _remote.watched(lambda: bucket.put(data, part), stop, meanwhile)
+            def meanwhile() -> None:
+                if report is not None:
+                    report(max(parts.given - self.ahead * parts.size, 0), parts.total)
+
+            _remote.watched(work, stop, meanwhile)
         if report is not None:
-            report(size, size)
+            report(parts.total, parts.total)
 
 
-class _ToFileSystem(_remote.FileSystem):
-    """A file of a file system that fsspec knows."""
+class _ToStore(_Target):
+    """An object of a store that obstore knows."""
+
+    def __init__(self, url: str, options: Mapping[str, Any]) -> None:
+        self._url, self._options = url, options
+        self._before = _Bucket(url, options, _RETRIES_BEFORE)
+        self.name, self.ahead = self._before.name, PARTS_AT_ONCE
+
+    def try_out(self) -> None:
+        """Begin an upload in parts and drop it: it needs the bucket and the right to write, and leaves nothing."""
+        nothing = _Parts(io.BytesIO(), 0)
+        nothing.stopped = True
+        with contextlib.suppress(_Stopped):
+            _remote.watched(lambda: self._before.put(nothing))
+
+    def put(self, parts: _Parts) -> None:
+        bucket = _Bucket(self._url, self._options, RETRIES, parts.size)
+        # One part needs one request.
+        bucket.put(b"".join(parts) if parts.total <= parts.size else parts, parts.size)
+
+
+class _ToFileSystem(_remote.FileSystem, _Target):
+    """A file of a file system that fsspec knows. What could be tried out without a trace depends on it."""
 
     use, absent = "writing", "there is no such folder"
 
@@ -136,29 +160,17 @@ class _ToFileSystem(_remote.FileSystem):
         # Of its own: what others write by the same file system is not part of the transaction.
         super().__init__(url, {"skip_instance_cache": True, **options})
         protocols = self._files.protocol
-        local = "file" in ((protocols,) if isinstance(protocols, str) else protocols)
-        # A file of this machine is written as those of paths are: beside the target, and renamed.
-        self.local = Path(self._path) if local else None
+        if "file" in ((protocols,) if isinstance(protocols, str) else protocols):
+            # It is written as those of paths are: beside the target, and renamed.
+            self.local = Path(self._path)
 
-    def try_out(self) -> None:
-        """Do nothing: what leaves no trace depends on the file system."""
-
-    def send(self, path: Path, report: Report) -> None:
-        size = path.stat().st_size
-        with (
-            self._plain_errors(),
-            path.open("rb") as file,
-            self._files.transaction,
-            self._files.open(self._path, "wb") as target,
-        ):
-            parts = _Parts(file, PART)
+    def put(self, parts: _Parts) -> None:
+        with self._plain_errors(), self._files.transaction, self._files.open(self._path, "wb") as target:
             for data in parts:
                 target.write(data)
-                if report is not None:
-                    report(parts.given, size)
 
 
-def _target(url: str, options: Mapping[str, Any]) -> _ToStore | _ToFileSystem:
+def _target(url: str, options: Mapping[str, Any]) -> _Target:
     scheme = urlsplit(url).scheme.lower()
     if scheme in {"http", "https"}:
         raise FileError(
@@ -223,6 +235,9 @@ def written(
     except _remote.Refusal as refusal:
         raise refusal.kind(f"{target.name}: {refusal}; the file that was made is kept: {path}") from None
     except BaseException:
+        if target.sent:  # before whatever this is
+            shutil.rmtree(place, ignore_errors=True)
+            raise
         message = f"{target.name}: not written; the file that was made is kept: {path}"
         _advice.warn(message, UsageWarning)
         raise

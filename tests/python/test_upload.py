@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import _thread
+import io
 import random
 import re
 import sys
 import threading
 import time
+import warnings
 from pathlib import Path
 
 import pytest
@@ -227,6 +229,24 @@ def test_an_interrupt_leaves_what_was_there(store, big, monkeypatch) -> None:
     assert store.open_uploads() == []
 
 
+def test_an_interrupt_that_is_too_late(store, big, clean) -> None:
+    """Of what is complete nothing is kept, and nothing said."""
+    store.put(KEY, OLD)
+
+    def interrupt(request) -> int:
+        if request.method == "POST" and "uploadId" in request.query:
+            _thread.interrupt_main()
+            time.sleep(0.3)
+        return 0
+
+    store.weather = interrupt
+    with warnings.catch_warnings(record=True) as warned, pytest.raises(KeyboardInterrupt):
+        send(big, URL, store.options)
+    assert not warned
+    assert store.get(KEY) == big
+    assert store.open_uploads() == list(clean.iterdir()) == []
+
+
 def test_what_stops_a_build_leaves_nothing(store, clean) -> None:
     def stop(done: int, total: int) -> None:
         raise KeyboardInterrupt
@@ -351,25 +371,44 @@ def test_fsspec(memory, mesh, tmp_path) -> None:
 
 def test_fsspec_leaves_what_was_there(memory, big, monkeypatch) -> None:
     memory.pipe("/ball.nanite", OLD)
-    seen: list[bytes] = []
+    kind, seen = fsspec.implementations.memory.MemoryFile, []
 
-    def stop(done: int, total: int) -> None:
+    def write(self, data: bytes) -> int:
         seen.append(memory.cat("/ball.nanite"))
-        if done > S3_LEAST_PART:
-            raise KeyboardInterrupt
+        if len(seen) == 2:
+            _thread.interrupt_main()
+            time.sleep(0.3)
+        return io.BytesIO.write(self, data)
 
+    monkeypatch.setattr(kind, "write", write, raising=False)
     with pytest.warns(nrs.UsageWarning, match="is kept: "), pytest.raises(KeyboardInterrupt):
-        send(big, "memory://ball.nanite", None, progress=stop)
+        send(big, "memory://ball.nanite", None)
     assert seen == [OLD, OLD]
     assert memory.cat("/ball.nanite") == OLD
-    kind = type(memory)
 
-    def full(self, path, mode, **_):
+    def refuse(self, data: bytes) -> int:
         raise PermissionError("only to look at")
 
-    monkeypatch.setattr(kind, "_open", full)
+    monkeypatch.setattr(kind, "write", refuse)
     with pytest.raises(nrs.AccessError, match=r"memory://ball.nanite: writing is not allowed: .*kept: "):
         send(big, "memory://ball.nanite", None)
+    assert memory.cat("/ball.nanite") == OLD
+
+
+@pytest.mark.parametrize("url", [URL, "memory://ball.nanite"])
+def test_progress_may_stop_it(store, memory, big, url) -> None:
+    def stop(done: int, total: int) -> None:
+        raise LookupError("enough")
+
+    def slow(_) -> int:
+        time.sleep(0.2)
+        return 0
+
+    options = store.options if url == URL else None
+    store.weather = slow
+    with pytest.warns(nrs.UsageWarning, match="is kept: "), pytest.raises(LookupError, match="enough"):
+        send(big * (1 if url == URL else 20), url, options, progress=stop)
+    assert store.names() == store.open_uploads() == list(memory.store) == []
 
 
 def test_files_of_this_machine_are_written_as_those_of_paths(mesh, clean, tmp_path) -> None:
