@@ -190,7 +190,10 @@ class ObjectStore:
         self._claim()
         try:
             self._store = make(base, **known)
-        except Exception as error:  # whatever options it does not take
+        except BaseException as error:
+            # Whatever options it does not take; of some it panics, which is no Exception.
+            if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+                raise
             raise FileError(f"{self.name}: {_first_line(error, url)}") from None
 
     def _claim(self) -> None:
@@ -288,7 +291,7 @@ def _identity(meta: Mapping[str, Any]) -> Identity:
     return Identity(int(meta["size"]), meta.get("e_tag") or (None if changed is None else str(changed)))
 
 
-def _first_line(error: Exception, url: str) -> str:
+def _first_line(error: BaseException, url: str) -> str:
     """What an error says, without the URL and what debuggers want."""
     text = str(error).partition("\n")[0].strip() or type(error).__name__
     text = re.sub(r"Error performing \w+ \S+ in \S+ - ", "", text)

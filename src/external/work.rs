@@ -68,7 +68,8 @@ struct Stage {
 
 /// Bytes that building a source in memory takes beyond its arrays, about.
 pub fn memory_of(source: &SourceMesh<'_>) -> u64 {
-    let per_vertex = BYTES_PER_VERTEX + BYTES_PER_FLOAT * attributes::stride(attributes::layout(source)) as u64;
+    let per_vertex =
+        BYTES_PER_VERTEX + BYTES_PER_FLOAT * attributes::stride(attributes::layout(source)) as u64;
     source.faces.len() as u64 * BYTES_PER_TRIANGLE + source.positions.len() as u64 * per_vertex
 }
 

@@ -556,6 +556,9 @@ def test_without_credentials(store, monkeypatch) -> None:
 def test_options_that_obstore_does_not_know() -> None:
     with pytest.raises(nrs.FileError, match=r"s3://a/b.nanite: "):
         nrs.NaniteMesh.open("s3://a/b.nanite", storage_options={"no_such_option": "1"})
+    # obstore panics.
+    with pytest.raises(nrs.FileError, match=r"s3://a/b\.nanite: "):
+        nrs.NaniteMesh.open("s3://a/b.nanite", storage_options={"timeout": "5s"})
 
 
 # ------------------------------------------------------------------------------------------------- processes
