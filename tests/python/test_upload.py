@@ -6,6 +6,7 @@ import _thread
 import io
 import random
 import re
+import signal
 import sys
 import threading
 import time
@@ -47,6 +48,14 @@ def clean(store, tmp_path, monkeypatch):
     folder.mkdir()
     monkeypatch.setattr(_upload.tempfile, "tempdir", str(folder))
     return folder
+
+
+@pytest.fixture(autouse=True)
+def heed():
+    """In the background of a shell SIGINT is ignored, and children inherit that."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="module")
