@@ -22,7 +22,7 @@ from oracles.distance import Surface
 NAMES = ("sphere", "knot", "part", *(("gyroid", "terrain", "sheets", "armadillo") if SOAK else ()))
 SKINS = ("arm", "sharp", "chain", "patches")
 SAMPLES = 20_000 if SOAK else 4_000
-POSES = 20 if SOAK else 1
+POSES = 5 if SOAK else 1
 
 
 def weights_of(skin: str, vertices: np.ndarray) -> np.ndarray:
