@@ -94,13 +94,15 @@ class Identity:
     tag: str | None
     """An ETag, or what else there is, such as the time of the last change."""
 
-    def differs(self, other: Identity) -> str | None:
-        """Say how another one differs."""
+    def require(self, other: Identity) -> None:
+        """Raise a refusal where another one differs, which says how."""
         if self.size != other.size:
-            return f"it had {self.size} bytes and has {other.size}"
-        if self.tag is not None and self.tag != other.tag:
-            return f"its ETag or time of change was {self.tag} and is {other.tag}"
-        return None
+            how = f"it had {self.size} bytes and has {other.size}"
+        elif self.tag is not None and self.tag != other.tag:
+            how = f"its ETag or time of change was {self.tag} and is {other.tag}"
+        else:
+            return
+        raise Refusal(ChangedFileError, f"the file changed after it was opened: {how}")
 
 
 class Source(Protocol):
@@ -108,8 +110,6 @@ class Source(Protocol):
 
     name: str
     """What errors call it."""
-    at_once: int
-    """Ranges that it reads at the same time."""
 
     def first(self, end: int) -> tuple[Identity, bytes]:
         """Read the first bytes, as many as there are up to ``end``."""
@@ -154,7 +154,6 @@ _owner: int | None = None
 class ObjectStore:
     """An object of a store that obstore knows."""
 
-    at_once = AT_ONCE
     use, absent = "reading", "there is no such file"
     """What errors say."""
 
@@ -237,8 +236,7 @@ class ObjectStore:
             if refusal.kind is ServerError and not refusal.passing:
                 self._look(expected)
             raise
-        if (how := expected.differs(_identity(result.meta))) is not None:
-            raise Refusal(ChangedFileError, f"the file changed after it was opened: {how}")
+        expected.require(_identity(result.meta))
         if tuple(result.range) != (start, end) or len(data) != end - start:
             raise Refusal(ServerError, f"the server sent {len(data)} bytes of bytes {start} to {end}")
         return data
@@ -249,8 +247,7 @@ class ObjectStore:
             found = _identity(self._obstore.head(self._store, self._path))
         except Exception:  # what was wrong before is
             return
-        if (how := expected.differs(found)) is not None:
-            raise Refusal(ChangedFileError, f"the file changed after it was opened: {how}")
+        expected.require(found)
 
     def _refusal(self, error: Exception) -> Refusal:
         kinds = self._obstore.exceptions
@@ -303,7 +300,6 @@ def _first_line(error: BaseException, url: str) -> str:
 class FileSystem:
     """A file of a file system that fsspec knows."""
 
-    at_once = AT_ONCE
     use, absent = ObjectStore.use, ObjectStore.absent
 
     def __init__(self, url: str, options: Mapping[str, Any]) -> None:
@@ -353,8 +349,7 @@ class FileSystem:
             data = bytes(self._files.cat_file(self._path, start=start, end=end))
             # Afterwards: what was read before it changed is of the file that was opened.
             found = self._identity()
-        if (how := expected.differs(found)) is not None:
-            raise Refusal(ChangedFileError, f"the file changed after it was opened: {how}")
+        expected.require(found)
         if len(data) != end - start:
             raise Refusal(ServerError, f"{len(data)} bytes came of bytes {start} to {end}")
         return data
@@ -382,8 +377,6 @@ def _plain_errors(use: str = "reading", absent: str = "there is no such file") -
 
 class _FileObject:
     """A file of Python, of which the position is changed and not relied upon."""
-
-    at_once = 1
 
     def __init__(self, file: Any) -> None:
         name = getattr(file, "name", None)
@@ -441,8 +434,7 @@ class _FileObject:
         with _plain_errors(), self._guarded():
             data = self._bytes(start, end)
             found = self._identity()
-        if (how := expected.differs(found)) is not None:
-            raise Refusal(ChangedFileError, f"the file changed after it was opened: {how}")
+        expected.require(found)
         if len(data) != end - start:
             raise Refusal(ServerError, f"it ended at byte {start + len(data)}, before byte {end}")
         return data
@@ -563,8 +555,10 @@ class Reader:
 
     def expect(self, identity: Identity) -> None:
         """Raise an error where it is another file."""
-        if (how := identity.differs(self.identity)) is not None:
-            raise ChangedFileError(f"{self.source.name}: the file changed after it was opened: {how}")
+        try:
+            identity.require(self.identity)
+        except Refusal as refusal:
+            raise raised(refusal, self.source.name) from None
 
     def stats(self) -> TrafficStats:
         """Return what reading has cost so far."""
@@ -598,7 +592,7 @@ class Reader:
                 return _awaited(future)
             except Refusal as refusal:
                 if not refusal.passing or pause is None:
-                    raise _raised(refusal, self.source.name) from None
+                    raise raised(refusal, self.source.name) from None
                 time.sleep(pause)
             finally:
                 future.cancel()
@@ -677,7 +671,8 @@ class Reader:
                 self._cache.put(start, end, part)
 
 
-def _raised(refusal: Refusal, name: str) -> NaniteError:
+def raised(refusal: Refusal, name: str) -> NaniteError:
+    """Return the error that a refusal is, with the name of what it is about."""
     return refusal.kind(f"{name}: {refusal}")
 
 

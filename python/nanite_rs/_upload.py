@@ -218,7 +218,7 @@ def written(
     try:
         target.try_out()
     except _remote.Refusal as refusal:
-        raise refusal.kind(f"{target.name}: {refusal}") from None
+        raise _remote.raised(refusal, target.name) from None
     try:
         place = Path(tempfile.mkdtemp(prefix="nanite-", dir=folder))
     except OSError as error:

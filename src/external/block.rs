@@ -379,11 +379,7 @@ impl Made {
 
     /// Reads what was written; nothing where it was not.
     pub fn read(path: &Path) -> Result<Option<Self>> {
-        let words = match lists::words_of(path) {
-            Ok(words) => words,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(source) => return Err(Error::Io { path: path.to_path_buf(), source }),
-        };
+        let Some(words) = lists::words_of(path)? else { return Ok(None) };
         let broken = || Error::Invariant(format!("{}: what a block made is cut short", path.display()));
         let mut rest = words.as_slice();
         let mut take = |count: usize| -> Result<&[u32]> {

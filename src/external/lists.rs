@@ -61,19 +61,22 @@ fn path(folder: &Path, name: &str, block: usize) -> PathBuf {
 
 /// The finished list of a block: all words; none where there is no file.
 pub fn read(folder: &Path, name: &str, block: usize) -> Result<Vec<u32>> {
-    let path = path(folder, name, block);
-    match words_of(&path) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
-        read => read.map_err(|source| Error::Io { path, source }),
-    }
+    Ok(words_of(&path(folder, name, block))?.unwrap_or_default())
 }
 
-/// The words of a file.
-pub fn words_of(path: &Path) -> std::io::Result<Vec<u32>> {
-    let mut file = File::open(path)?;
-    let mut words = vec![0u32; file.metadata()?.len() as usize / size_of::<u32>()];
-    file.read_exact(bytemuck::cast_slice_mut(&mut words))?;
-    Ok(words)
+/// The words of a file; nothing where there is none.
+pub fn words_of(path: &Path) -> Result<Option<Vec<u32>>> {
+    let read = || -> std::io::Result<_> {
+        let mut file = File::open(path)?;
+        let mut words = vec![0u32; file.metadata()?.len() as usize / size_of::<u32>()];
+        file.read_exact(bytemuck::cast_slice_mut(&mut words))?;
+        Ok(words)
+    };
+    match read() {
+        Ok(words) => Ok(Some(words)),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(source) => Err(Error::Io { path: path.to_path_buf(), source }),
+    }
 }
 
 /// Writes a file in one step or not at all.

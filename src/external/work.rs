@@ -191,18 +191,12 @@ impl Work {
         let made = if stage == 0 {
             of_source(source, (block, blocks), &common, &self.folder, records, meter)?
         } else {
-            let given = |what: &str| {
-                let path = self.path(stage, block, what);
-                lists::words_of(&path).map_err(|source| Error::Io { path, source })
-            };
-            let taken: Vec<Taken> = bytemuck::cast_slice(&given("taken")?).to_vec();
+            let taken: Vec<Taken> = bytemuck::cast_slice(&given(&self.path(stage, block, "taken"))?).to_vec();
             let part = match blocks {
                 1 => None,
-                _ => Some((bits_of(&given("fixed")?), triangles)),
+                _ => Some((bits_of(&given(&self.path(stage, block, "fixed"))?), triangles)),
             };
-            let first_group = lists::words_of(&self.path(stage, 0, "groups"));
-            let first_group =
-                first_group.map_err(|source| Error::Io { path: self.path(stage, 0, "groups"), source })?;
+            let first_group = given(&self.path(stage, 0, "groups"))?;
             of_left(&taken, &self.readers(), &first_group, part, level, &common, records, meter)?
         };
         made.write(&self.path(stage, block, "made"))?;
@@ -219,19 +213,26 @@ impl Work {
             .collect()
     }
 
-    fn made(&self, stage: usize) -> Result<Vec<Made>> {
-        let read = |block| {
-            let path = self.path(stage, block, "made");
-            let missing = || Error::Invariant(format!("{}: the block is not made", path.display()));
-            Made::read(&path)?.ok_or_else(missing)
-        };
-        (0..self.manifest.stages[stage].blocks).map(read).collect()
+    /// What the blocks of all stages made, and the number of the first of each stage.
+    fn all_made(&self) -> Result<(Vec<Made>, Vec<usize>)> {
+        let (mut made, mut starts) = (Vec::new(), Vec::new());
+        for (stage, Stage { blocks, .. }) in self.manifest.stages.iter().enumerate() {
+            starts.push(made.len());
+            for block in 0..*blocks {
+                let path = self.path(stage, block, "made");
+                let missing = || Error::Invariant(format!("{}: the block is not made", path.display()));
+                made.push(Made::read(&path)?.ok_or_else(missing)?);
+            }
+        }
+        Ok((made, starts))
     }
 
     /// Puts what the blocks of the current stage left into those of the next, which is the current one then; false where they
     /// left nothing.
     pub fn advance(&mut self) -> Result<bool> {
-        let made = self.made(self.stage())?;
+        let (all, starts) = self.all_made()?;
+        let before = starts[self.stage()];
+        let made = &all[before..];
         if self.stage() == 0 && made.iter().all(|made| made.summary.mended.faces == 0) {
             return Err(Error::EmptyMesh("no face is left once faces without area are dropped".into()));
         }
@@ -243,20 +244,10 @@ impl Work {
         if triangles as f64 > STALLED * self.triangles() as f64 {
             self.manifest.most *= 2;
         }
-        let before: usize = self.manifest.stages[..self.stage()].iter().map(|stage| stage.blocks).sum();
         let stage = self.stage() + 1;
-        let taken = share_out(&made, before as u32, stage, self.manifest.most);
+        let taken = share_out(made, before as u32, stage, self.manifest.most);
         let fixed = shared(&taken, &self.readers())?;
-        let mut first_group = Vec::new();
-        let mut next = 0u32;
-        for of in 0..stage {
-            let earlier = if of + 1 == stage { None } else { Some(self.made(of)?) };
-            for made in earlier.as_deref().unwrap_or(&made) {
-                first_group.push(next);
-                let end = next.checked_add(made.groups.len() as u32).filter(|end| *end < 1 << 31);
-                next = end.ok_or_else(|| too_many("groups"))?;
-            }
-        }
+        let first_group = first_groups(&all)?;
         write_whole(&self.path(stage, 0, "groups"), &[bytemuck::cast_slice(&first_group)])?;
         for (block, (taken, fixed)) in taken.iter().zip(fixed).enumerate() {
             write_whole(&self.path(stage, block, "taken"), &[bytemuck::cast_slice(taken)])?;
@@ -272,18 +263,8 @@ impl Work {
 
     /// Lays out what all blocks made. The pages stay in the folder.
     pub fn finish(&self) -> Result<Dag> {
-        let mut made = Vec::new();
-        let mut starts = Vec::new();
-        for stage in 0..self.manifest.stages.len() {
-            starts.push(made.len());
-            made.extend(self.made(stage)?);
-        }
-        let mut first_group = Vec::with_capacity(made.len());
-        let mut next = 0;
-        for made in &made {
-            first_group.push(next);
-            next += made.groups.len() as u32;
-        }
+        let (made, starts) = self.all_made()?;
+        let first_group = first_groups(&made)?;
         let summaries: Vec<_> = made.iter().map(|made| &made.summary).collect();
         let common = self.common();
         let report = report(&self.manifest.input, &summaries, &common);
@@ -300,6 +281,24 @@ impl Work {
         };
         assemble(&stages, bounds, faces, report, &self.folder)
     }
+}
+
+/// The words of a file that is there.
+fn given(path: &Path) -> Result<Vec<u32>> {
+    let missing = || Error::Io { path: path.to_path_buf(), source: std::io::ErrorKind::NotFound.into() };
+    lists::words_of(path)?.ok_or_else(missing)
+}
+
+/// The number of the first group of each block.
+fn first_groups(made: &[Made]) -> Result<Vec<u32>> {
+    let mut next = 0u32;
+    let first = |made: &Made| {
+        let first = next;
+        let end = next.checked_add(made.groups.len() as u32).filter(|end| *end < 1 << 31);
+        next = end.ok_or_else(|| too_many("groups"))?;
+        Ok(first)
+    };
+    made.iter().map(first).collect()
 }
 
 /// Makes a folder, or empties it: first of the manifest, so that nobody takes the rest for whole.

@@ -293,7 +293,7 @@ def test_what_nobody_waits_for_is_not_asked_for(server) -> None:
     answers = []
 
     class Slow:
-        name, at_once = "slow", 1
+        name = "slow"
 
         def first(self, end):
             return mesh._reader.source.first(end)
@@ -348,7 +348,7 @@ def test_answers_arrive_in_any_order(path, data, seed) -> None:
     order = random.Random(seed)
 
     class Shuffled:
-        name, at_once = "shuffled", _remote.AT_ONCE
+        name = "shuffled"
 
         def first(self, end):
             return _remote.Identity(len(data), None), data[:end]
