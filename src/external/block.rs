@@ -11,7 +11,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use serde::{Deserialize, Serialize};
 
 use super::lists;
-use super::source::{AROUND, OWN, SHARED};
+use super::source::{AROUND, BORDER, OWN};
 use super::spool::{Place, SpoolReader, SpoolWriter};
 use crate::build::Meter;
 use crate::build::assemble::face_ids;
@@ -179,7 +179,7 @@ pub fn of_source(
         clusters.iter().map(of).collect()
     });
     let faces = mesh.faces.len() as u64;
-    let fixed = bits_of(&lists::read(folder, SHARED, block)?);
+    let fixed = bits_of(&lists::read(folder, BORDER, block)?);
     let share = common.source_faces as f64 / faces.max(1) as f64;
     let part = (blocks > 1).then(|| Part { fixed, enough: faces / LEFT_OF_SOURCE, share, stalled: false });
     let start = Start {

@@ -24,7 +24,7 @@ pub const OWN: &str = "own";
 /// of faces of others that touch a position that they share with a block,
 pub const AROUND: &str = "around";
 /// and of the bits of positions that blocks share with others.
-pub const SHARED: &str = "shared";
+pub const BORDER: &str = "border";
 
 struct Places<'a> {
     source: &'a SourceMesh<'a>,
@@ -66,7 +66,7 @@ pub fn distribute(
     let blocks = Blocks::new(&counts, most);
     drop(counts);
     let list = |name| Lists::new(folder, name, blocks.count);
-    let [own, around, shared] = [OWN, AROUND, SHARED].map(list);
+    let [own, around, shared] = [OWN, AROUND, BORDER].map(list);
     let visitors = list(VISITORS);
     for chunk in chunks(source.faces.len()) {
         let mut found: Vec<(u32, u32, bool)> = chunk
