@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::dag::BuildCluster;
 use super::source_labels::SourceLabels;
+use super::store::VertexStore;
 use crate::config::BuildOptions;
 use crate::mesh::WeldedMesh;
 use crate::model::{AttributeLayout, ChannelInfo, Weights};
@@ -90,6 +92,13 @@ impl Content {
             materials: layout.materials,
             up: None,
             source_labels: None,
+        }
+    }
+
+    /// Keeps the labels of the surface that levels grow over, where there are any.
+    pub fn set_source(&mut self, store: &VertexStore, clusters: &[BuildCluster]) {
+        if self.label_weight > 0.0 {
+            self.source_labels = Some(Arc::new(SourceLabels::new(store, clusters)));
         }
     }
 

@@ -21,7 +21,6 @@ use super::reference::{Patch, Pieces, Reference};
 use super::relax::relax;
 use super::silhouette::Silhouette;
 use super::simplify::{Effort, Simplified, Step, ratio, simplify, trace};
-use super::source_labels::SourceLabels;
 use super::store::{LevelPositions, LocalMesh, VertexStore};
 use super::{Meter, Progress};
 use crate::config::{BuildOptions, ErrorMeasure, Levels, Quality};
@@ -218,9 +217,7 @@ pub fn grow(
     let store = VertexStore::new(&mut mesh);
     let source_vertices = store.count();
     let clusters = source_clusters(&store, &mesh, options);
-    if content.label_weight > 0.0 {
-        content.source_labels = Some(Arc::new(SourceLabels::new(&store, &clusters)));
-    }
+    content.set_source(&store, &clusters);
     (report.weights, report.preserve_area) = (weights(options), options.preserve_area);
     let WeldedMesh { frame, bounds, faces, face_rows, channels, .. } = mesh;
     let source_faces = faces.len();

@@ -17,7 +17,10 @@ use crate::limits::CLUSTER_MAX_TRIANGLES;
 use crate::math::Aabb;
 use crate::model::cluster::{NO_GROUP, NO_PAGE};
 use crate::model::rule::ROOT_ERROR;
-use crate::model::{BuildReport, Dag, GeometryId, Group, Outline, PageWords, Pages, Primitive, dependencies};
+use crate::model::{
+    BuildReport, Channel, ChannelInfo, Dag, GeometryId, Group, Outline, PageWords, Pages, Primitive,
+    dependencies,
+};
 
 /// Groups that are looked at at a time.
 const WINDOW: usize = 1 << 12;
@@ -122,6 +125,9 @@ pub fn assemble(
     // What each cluster was made from, its words and its triangles; by group.
     let mut seen: Vec<(u32, Vec<u32>, u64)> = Vec::with_capacity(all.len());
     let mut source_used = vec![false; vertex_count as usize];
+    let widths: Vec<usize> = common.channels.iter().map(ChannelInfo::width).collect();
+    let width = widths.iter().sum::<usize>();
+    let mut columns: Vec<Vec<u32>> = widths.iter().map(|of| vec![0; vertex_count as usize * of]).collect();
     for groups in all.chunks(WINDOW) {
         let found = stages.each(groups, |at, record| {
             let names = names_of(at, &record);
@@ -132,9 +138,17 @@ pub fn assemble(
             let of_source = record.clusters.iter().filter(|c| c.level == 0);
             let used: Vec<u32> =
                 of_source.flat_map(|c| &c.mesh.vertices).map(|v| names[*v as usize]).collect();
-            Ok(((words, refined, triangles), used))
+            Ok(((words, refined, triangles), used, names, record.words))
         })?;
-        for (group, used) in found {
+        for (group, used, names, words) in found {
+            for (name, row) in names.iter().zip(words.chunks_exact(width.max(1))) {
+                let mut rest = row;
+                for (column, width) in columns.iter_mut().zip(&widths) {
+                    let (own, behind) = rest.split_at(*width);
+                    column[*name as usize * width..][..*width].copy_from_slice(own);
+                    rest = behind;
+                }
+            }
             seen.push(group);
             used.iter().for_each(|name| source_used[*name as usize] = true);
         }
@@ -194,6 +208,8 @@ pub fn assemble(
             face_ids.extend(rows.into_iter().flatten());
         }
     }
+    let infos = common.channels.iter().cloned().zip(columns);
+    let channels = infos.map(|(info, words)| Channel { info, words: words.into() }).collect();
     let mesh = Dag {
         id: GeometryId::default(),
         topology: None,
@@ -203,7 +219,7 @@ pub fn assemble(
         nodes: hierarchy(&groups, &boxes),
         groups: groups.as_slice().into(),
         vertex_count,
-        channels: Vec::new(),
+        channels,
         source_faces,
         source_vertices,
         face_ids: common.options.face_ids.then(|| face_ids.into()),

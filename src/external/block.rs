@@ -23,15 +23,26 @@ use crate::build::store::VertexStore;
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Sphere};
+use crate::mesh::channels::Scale;
 use crate::mesh::edges::Edges;
-use crate::mesh::{Colors, Positions, SourceMesh, WeldedMesh, frame, hash, weld_in};
-use crate::model::{AttributeLayout, BuildReport, CoordinateFrame};
+use crate::mesh::{Channels, Colors, Positions, SourceChannel, SourceMesh, WeldedMesh, frame, hash, weld_in};
+use crate::model::{AttributeLayout, BuildReport, ChannelInfo, CoordinateFrame};
 
 /// Of a block of the source one in so many triangles is left to the next stage: about where its reference has served
 /// ([`crate::build::reference`]), so that no further distance adds up.
 pub const LEFT_OF_SOURCE: u64 = 64;
 /// The same of further stages.
 pub const LEFT: u64 = 16;
+/// A block leaves so many triangles for each position on its border: what is left is coarse, and the border is not, so that
+/// triangles along it would be long and thin.
+const LEFT_PER_FIXED: u64 = 8;
+/// But no more than one in so many.
+const MOST_LEFT: u64 = 4;
+
+/// Of so many triangles of a block, how many are left to the next stage: one in `part`, or what its border asks for.
+fn enough(triangles: u64, part: u64, fixed: &FxHashSet<[u32; 3]>) -> u64 {
+    (triangles / part).max((LEFT_PER_FIXED * fixed.len() as u64).min(triangles / MOST_LEFT))
+}
 
 /// A group on disk; see [`crate::model::Group`].
 #[repr(C)]
@@ -113,6 +124,10 @@ pub struct Common<'a> {
     pub layout: AttributeLayout,
     /// Floats of a row of attributes.
     pub stride: usize,
+    /// Named channels,
+    pub channels: &'a [ChannelInfo],
+    /// and how those that are floats are scaled.
+    pub scales: &'a [Scale],
     /// Triangles of the source, before mending.
     pub source_faces: usize,
     /// Normals are computed.
@@ -139,12 +154,12 @@ pub fn of_source(
     all.dedup();
     let gathered = Gathered::new(source, &all, &common.frame);
     let positions = gathered.positions.clone();
-    let mut mesh =
-        match weld_in(&gathered.mesh(), positions, common.frame, common.options.crease_angle, &mut report) {
-            // Others have more.
-            Err(Error::EmptyMesh(_)) if blocks > 1 => return Ok(Made::empty(own.len())),
-            welded => welded?,
-        };
+    let (frame, scales, crease) = (common.frame, Some(common.scales), common.options.crease_angle);
+    let mut mesh = match weld_in(&gathered.mesh(), positions, frame, scales, crease, &mut report) {
+        // Others have more.
+        Err(Error::EmptyMesh(_)) if blocks > 1 => return Ok(Made::empty(own.len())),
+        welded => welded?,
+    };
     let mended = Mended::new(&gathered, &mesh, &own, &all);
     drop(gathered);
     // Faces of others have made their parts of normals.
@@ -153,7 +168,7 @@ pub fn of_source(
     let rows: Vec<u32> = kept.iter().map(|f| all[mesh.face_rows[*f] as usize]).collect();
     mesh.faces = kept.iter().map(|f| mesh.faces[*f]).collect();
     drop(kept);
-    let content = Content::new(&mesh, common.computed_normals, common.options);
+    let mut content = Content::new(&mesh, common.computed_normals, common.options);
     let store = VertexStore::new(&mut mesh);
     let source_cluster = |mut mesh: ClusterMesh| {
         // Rows of faces follow its triangles.
@@ -164,6 +179,7 @@ pub fn of_source(
         .into_par_iter()
         .map(source_cluster)
         .collect();
+    content.set_source(&store, &clusters);
     if !meter.advance(mesh.faces.len()) {
         return Err(Error::Cancelled);
     }
@@ -181,7 +197,8 @@ pub fn of_source(
     let faces = mesh.faces.len() as u64;
     let fixed = bits_of(&lists::read(folder, BORDER, block)?);
     let share = common.source_faces as f64 / faces.max(1) as f64;
-    let part = (blocks > 1).then(|| Part { fixed, enough: faces / LEFT_OF_SOURCE, share, stalled: false });
+    let enough = enough(faces, LEFT_OF_SOURCE, &fixed);
+    let part = (blocks > 1).then_some(Part { fixed, enough, share, stalled: false });
     let start = Start {
         content,
         store,
@@ -193,7 +210,7 @@ pub fn of_source(
         source_faces: common.source_faces,
     };
     let grown = grow_from(start, common.options, meter, &mut report)?;
-    let mut made = write(grown, face_rows.unwrap_or_default(), path, report, Vec::new(), 0)?;
+    let mut made = write(grown, &mesh.channels, face_rows.unwrap_or_default(), path, report, Vec::new(), 0)?;
     made.summary.mended = mended;
     Ok(made)
 }
@@ -226,9 +243,12 @@ pub fn of_left(
     meter: &Meter<'_>,
 ) -> Result<Made> {
     let mut store = VertexStore { stride: common.stride, layout: common.layout, ..VertexStore::default() };
+    let (infos, scales) = (common.channels.to_vec(), common.scales.to_vec());
+    let mut channels = Channels { infos, scales, words: Vec::new() };
+    let width = channels.width();
     let (mut clusters, mut face_rows) = (Vec::new(), Vec::new());
     let mut of_identity: FxHashMap<(u32, u32), u32> = FxHashMap::default();
-    // Blocks that share a vertex have it each: positions and attributes are the same.
+    // Blocks that share a vertex have it each: positions, attributes and channels are the same.
     let mut of_bits: FxHashMap<Vec<u32>, Vec<(u32, u32)>> = FxHashMap::default();
     let mut origins = Vec::new();
     for Taken { block, place } in taken {
@@ -237,7 +257,9 @@ pub fn of_left(
         for (v, id) in record.ids.iter().enumerate() {
             let name = *of_identity.entry((*block, *id)).or_insert_with(|| {
                 let (position, row) = (record.store.positions[v], record.store.row(v as u32));
-                let bits = position.iter().chain(row).map(|x| x.to_bits()).collect();
+                let words = &record.words[v * width..][..width];
+                let floats = position.iter().chain(row).map(|x| x.to_bits());
+                let bits = floats.chain(words.iter().copied()).collect();
                 let same = of_bits.entry(bits).or_default();
                 // Two of one block are two.
                 let known = same.iter().map(|(name, _)| *name).find(|name| !same.contains(&(*name, *block)));
@@ -245,6 +267,7 @@ pub fn of_left(
                 if known.is_none() {
                     store.positions.push(position);
                     store.attributes.extend_from_slice(row);
+                    channels.words.extend_from_slice(words);
                 }
                 same.push((name, *block));
                 origins.push([name, *block, *id]);
@@ -265,8 +288,11 @@ pub fn of_left(
         .iter()
         .flat_map(|c| c.mesh.triangles.iter().map(|t| t.map(|v| c.mesh.vertices[usize::from(v)])))
         .collect();
-    let content = Content::of(common.layout, &[], common.computed_normals, &weights(common.options))
-        .over(&store.positions, &faces);
+    store.labels = channels.label_numbers();
+    let mut content =
+        Content::of(common.layout, common.channels, common.computed_normals, &weights(common.options))
+            .over(&store.positions, &faces);
+    content.set_source(&store, &clusters);
     drop(faces);
     let start = Start {
         content,
@@ -275,8 +301,8 @@ pub fn of_left(
         is_source: false,
         level,
         part: part.map(|(fixed, whole)| Part {
+            enough: enough(triangles, LEFT, &fixed),
             fixed,
-            enough: triangles / LEFT,
             share: whole as f64 / triangles.max(1) as f64,
             stalled: false,
         }),
@@ -284,12 +310,13 @@ pub fn of_left(
         source_faces: common.source_faces,
     };
     let grown = grow_from(start, common.options, meter, &mut report)?;
-    write(grown, face_rows, path, report, origins, level)
+    write(grown, &channels, face_rows, path, report, origins, level)
 }
 
 /// Writes what has grown.
 fn write(
     grown: Grown,
+    channels: &Channels,
     face_rows: Vec<Vec<u32>>,
     path: PathBuf,
     report: BuildReport,
@@ -303,11 +330,12 @@ fn write(
     };
     let boxes: Vec<Aabb> = (0..clusters.len() as u32).map(bounds).collect();
     let rows = |c: u32| face_rows.get(c as usize).map_or(&[][..], Vec::as_slice);
+    let words = channels.finish_rows(&store.attributes, store.stride, &store.labels);
     let mut out = SpoolWriter::create(path)?;
     let mut left = Vec::with_capacity(pending.len());
     for c in pending {
         let cluster = &clusters[c as usize];
-        let place = out.write(&store, std::iter::once((cluster, rows(c))))?;
+        let place = out.write(&store, &words, std::iter::once((cluster, rows(c))))?;
         let triangles = cluster.mesh.triangles.len() as u32;
         left.push(LeftEntry { triangles, bounds: boxes[c as usize], place });
     }
@@ -336,7 +364,7 @@ fn write(
             faces: of_source.map(|cluster| cluster.mesh.triangles.len() as u32).sum(),
             bounds: members.iter().fold(Aabb::EMPTY, |b, c| b.union(&boxes[*c as usize])),
             min_own_error: own.clone().map(|cluster| cluster.error).fold(f32::INFINITY, f32::min),
-            place: out.write(&store, own.zip(members.iter().map(|c| rows(*c))))?,
+            place: out.write(&store, &words, own.zip(members.iter().map(|c| rows(*c))))?,
         });
     }
     out.finish()?;
@@ -454,6 +482,7 @@ struct Gathered {
     normals: Option<Vec<[f32; 3]>>,
     colors: Option<OwnColors>,
     uvs: Vec<Vec<[f32; 2]>>,
+    channels: Vec<(ChannelInfo, Vec<u32>)>,
     materials: Option<Vec<i32>>,
 }
 
@@ -473,6 +502,10 @@ impl Gathered {
         fn of<T: Copy>(all: &[T], rows: &[u32]) -> Vec<T> {
             rows.iter().map(|v| all[*v as usize]).collect()
         }
+        let words = |channel: &SourceChannel<'_>| {
+            let width = channel.info.width();
+            vertices.iter().flat_map(|v| &channel.words[*v as usize * width..][..width]).copied().collect()
+        };
         Self {
             positions: vertices
                 .iter()
@@ -486,6 +519,7 @@ impl Gathered {
                 Colors::F32(all) => OwnColors::F32(of(all, &vertices)),
             }),
             uvs: source.uvs.iter().map(|all| of(all, &vertices)).collect(),
+            channels: source.channels.iter().map(|of| (of.info.clone(), words(of))).collect(),
             materials: source.materials.map(|all| of(all, rows)),
         }
     }
@@ -501,7 +535,11 @@ impl Gathered {
                 OwnColors::F32(rows) => Colors::F32(rows),
             }),
             uvs: self.uvs.iter().map(Vec::as_slice).collect(),
-            channels: Vec::new(),
+            channels: self
+                .channels
+                .iter()
+                .map(|(info, words)| SourceChannel { info: info.clone(), words })
+                .collect(),
             materials: self.materials.as_deref(),
         }
     }

@@ -16,15 +16,13 @@ pub struct Input {
     pub faces: u64,
     /// Its vertices.
     pub vertices: u64,
-    /// Vertices that no face uses.
+    /// Vertices that no face with an area uses.
     pub unreferenced: u64,
 }
 
 impl Input {
-    /// Counts a source.
-    pub fn of(source: &SourceMesh<'_>) -> Self {
-        let mut used = vec![false; source.positions.len()];
-        source.faces.iter().flatten().for_each(|v| used[*v as usize] = true);
+    /// Counts a source, of which faces use some vertices.
+    pub fn of(source: &SourceMesh<'_>, used: &[bool]) -> Self {
         Self {
             faces: source.faces.len() as u64,
             vertices: source.positions.len() as u64,

@@ -48,6 +48,18 @@ impl Places<'_> {
     }
 }
 
+/// Which vertices faces use that have three corners apart.
+pub fn used(source: &SourceMesh<'_>, frame: &CoordinateFrame) -> Vec<bool> {
+    let mut used = vec![false; source.positions.len()];
+    for face in source.faces {
+        let [a, b, c] = face.map(|v| frame::internal(frame, source.positions.get(v as usize)));
+        if a != b && b != c && c != a {
+            face.iter().for_each(|v| used[*v as usize] = true);
+        }
+    }
+    used
+}
+
 /// Puts the faces of a valid source into blocks of at most `most`; returns how many there are.
 pub fn distribute(
     source: &SourceMesh<'_>,

@@ -46,6 +46,8 @@ pub struct Record {
     pub store: VertexStore,
     /// The identity of each in its block.
     pub ids: Vec<u32>,
+    /// The words of channels of each, one vertex after the other.
+    pub words: Vec<u32>,
     /// The clusters.
     pub clusters: Vec<BuildCluster>,
     /// Of each cluster the rows of its triangles in the caller's faces; empty where nobody asked for them, or it is not of the
@@ -68,12 +70,14 @@ impl SpoolWriter {
         Ok(Self { path, out: BufWriter::new(file), end: 0, words: Vec::new() })
     }
 
-    /// Writes some clusters of a store as a record.
+    /// Writes some clusters of a store as a record; `channels` has the words of channels of all its vertices.
     pub fn write<'a>(
         &mut self,
         store: &VertexStore,
+        channels: &[u32],
         clusters: impl ExactSizeIterator<Item = (&'a BuildCluster, &'a [u32])>,
     ) -> Result<Place> {
+        let width = channels.len() / store.count().max(1);
         let words = &mut self.words;
         words.clear();
         words.push(clusters.len() as u32);
@@ -98,6 +102,7 @@ impl SpoolWriter {
             for v in &mesh.vertices {
                 words.extend(store.positions[*v as usize].map(f32::to_bits));
                 words.extend(store.row(*v).iter().map(|x| x.to_bits()));
+                words.extend(&channels[*v as usize * width..][..width]);
             }
             words.extend(mesh.triangles.iter().map(|[a, b, c]| u32::from_le_bytes([*a, *b, *c, 0])));
             words.extend(radii.iter().map(|x| x.to_bits()));
@@ -122,12 +127,13 @@ pub struct SpoolReader {
     path: PathBuf,
     layout: AttributeLayout,
     stride: usize,
+    width: usize,
 }
 
 impl SpoolReader {
-    /// Of vertices with such rows.
-    pub fn new(path: &Path, layout: AttributeLayout, stride: usize) -> Self {
-        Self { path: path.to_path_buf(), layout, stride }
+    /// Of vertices with rows of `stride` floats, and `width` words of channels.
+    pub fn new(path: &Path, layout: AttributeLayout, stride: usize, width: usize) -> Self {
+        Self { path: path.to_path_buf(), layout, stride, width }
     }
 
     /// Reads a record. Vertices come in the order of their first use.
@@ -143,6 +149,7 @@ impl SpoolReader {
             ..Record::default()
         };
         let mut known: FxHashMap<u32, u32> = FxHashMap::default();
+        let (floats, row) = (3 + self.stride, 3 + self.stride + self.width);
         let mut rest = words.as_slice();
         let count = take(&mut rest, 1).ok_or_else(broken)?[0];
         for _ in 0..count {
@@ -150,17 +157,19 @@ impl SpoolReader {
             let [vertices, triangles, radii, rows] = [0, 1, 2, 3].map(|k| head[k] as usize);
             let float = |k: usize| f32::from_bits(head[k]);
             let ids = take(&mut rest, vertices).ok_or_else(broken)?;
-            let values = take(&mut rest, vertices * (3 + self.stride)).ok_or_else(broken)?;
+            let values = take(&mut rest, vertices * row).ok_or_else(broken)?;
             let corners = take(&mut rest, triangles).ok_or_else(broken)?;
             let radii = take(&mut rest, radii).ok_or_else(broken)?;
             let rows = take(&mut rest, rows).ok_or_else(broken)?;
             let mut own = Vec::with_capacity(vertices);
-            for (id, values) in ids.iter().zip(values.chunks_exact(3 + self.stride)) {
+            for (id, values) in ids.iter().zip(values.chunks_exact(row)) {
                 own.push(*known.entry(*id).or_insert_with(|| {
                     let store = &mut record.store;
+                    let (values, channels) = values.split_at(floats);
                     let values: &[f32] = bytemuck::cast_slice(values);
                     store.positions.push([values[0], values[1], values[2]]);
                     store.attributes.extend_from_slice(&values[3..]);
+                    record.words.extend_from_slice(channels);
                     record.ids.push(*id);
                     record.ids.len() as u32 - 1
                 }));

@@ -12,15 +12,16 @@ use super::block::{Common, LeftEntry, Made, Taken, bits_of, of_left, of_source};
 use super::cells::{Blocks, Cells};
 use super::lists::{self, write_whole};
 use super::report::{Input, report};
-use super::source::distribute;
+use super::source::{distribute, used};
 use super::spool::SpoolReader;
 use crate::build::Meter;
 use crate::build::memory::trim_heap;
 use crate::config::{BuildOptions, Levels};
 use crate::error::{Error, Result};
 use crate::math::Aabb;
+use crate::mesh::channels::{Scale, scales_of};
 use crate::mesh::{SourceMesh, attributes, frame, validate};
-use crate::model::{AttributeLayout, CoordinateFrame, Dag};
+use crate::model::{AttributeLayout, ChannelInfo, CoordinateFrame, Dag};
 
 /// Bytes that building in memory takes for each triangle of the source, without its arrays,
 const BYTES_PER_TRIANGLE: u64 = 120;
@@ -39,7 +40,7 @@ const BLOCKS: &str = "blocks";
 /// The name of the manifest.
 const MANIFEST: &str = "manifest.json";
 /// Grows whenever folders of before cannot be gone on with.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// What is known of a build once its source is in blocks.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -49,6 +50,8 @@ struct Manifest {
     key: String,
     frame: CoordinateFrame,
     layout: AttributeLayout,
+    channels: Vec<ChannelInfo>,
+    scales: Vec<Scale>,
     computed_normals: bool,
     input: Input,
     /// Triangles of a block at most.
@@ -68,8 +71,10 @@ struct Stage {
 
 /// Bytes that building a source in memory takes beyond its arrays, about.
 pub fn memory_of(source: &SourceMesh<'_>) -> u64 {
-    let per_vertex =
-        BYTES_PER_VERTEX + BYTES_PER_FLOAT * attributes::stride(attributes::layout(source)) as u64;
+    // Channels are words of the source, and floats of which rows have more.
+    let channels: usize = source.channels.iter().map(|channel| channel.info.width()).sum();
+    let floats = attributes::stride(attributes::layout(source)) + channels;
+    let per_vertex = BYTES_PER_VERTEX + BYTES_PER_FLOAT * floats as u64;
     source.faces.len() as u64 * BYTES_PER_TRIANGLE + source.positions.len() as u64 * per_vertex
 }
 
@@ -92,9 +97,6 @@ impl Work {
         key: &str,
     ) -> Result<Self> {
         options.validate()?;
-        if !source.channels.is_empty() {
-            return Err(Error::argument("channels", "not supported in builds with a memory limit"));
-        }
         if options.preserve_area || options.levels == Levels::One {
             let message = "areas are preserved, and one level is built, in memory alone";
             return Err(Error::argument("memory", message));
@@ -116,6 +118,7 @@ impl Work {
         let around = around.reduce(|| Aabb::EMPTY, |a, b| a.union(&b));
         let part = memory as f64 / memory_of(source).max(1) as f64;
         let most = ((part * source.faces.len() as f64) as u64).max(LEAST_TRIANGLES);
+        let used = used(source, &frame);
         let blocks = distribute(source, &frame, &Cells::new(&around, 0.0), most, &folder)?;
         let work = Self {
             folder,
@@ -125,8 +128,10 @@ impl Work {
                 key,
                 frame,
                 layout: attributes::layout(source),
+                channels: source.channels.iter().map(|channel| channel.info.clone()).collect(),
+                scales: scales_of(source, &used),
                 computed_normals: source.normals.is_none(),
-                input: Input::of(source),
+                input: Input::of(source, &used),
                 most,
                 stages: vec![Stage { blocks, level: 0, triangles: source.faces.len() as u64 }],
             },
@@ -171,11 +176,13 @@ impl Work {
     }
 
     fn common(&self) -> Common<'_> {
-        let Manifest { frame, layout, computed_normals, input, .. } = &self.manifest;
+        let Manifest { frame, layout, channels, scales, computed_normals, input, .. } = &self.manifest;
         Common {
             frame: *frame,
             layout: *layout,
-            stride: attributes::stride(*layout),
+            stride: attributes::stride(*layout) + scales.len(),
+            channels,
+            scales,
             source_faces: input.faces as usize,
             computed_normals: *computed_normals,
             options: &self.options,
@@ -206,10 +213,11 @@ impl Work {
 
     /// For each block of all stages what reads its records.
     fn readers(&self) -> Vec<SpoolReader> {
-        let Common { layout, stride, .. } = self.common();
+        let Common { layout, stride, channels, .. } = self.common();
+        let width = channels.iter().map(ChannelInfo::width).sum();
         let blocks = self.manifest.stages.iter().enumerate();
         let all = blocks.flat_map(|(stage, of)| (0..of.blocks).map(move |block| (stage, block)));
-        all.map(|(stage, block)| SpoolReader::new(&self.path(stage, block, "records"), layout, stride))
+        all.map(|(stage, block)| SpoolReader::new(&self.path(stage, block, "records"), layout, stride, width))
             .collect()
     }
 

@@ -3,10 +3,13 @@
 //! is the number of the first source vertex with the same labels, so that a simplified vertex always has the labels
 //! of one source vertex.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::hash;
-use super::source::SourceMesh;
+use super::source::{SourceChannel, SourceMesh};
 use crate::error::Result;
 use crate::model::{Channel, ChannelInfo};
 
@@ -18,11 +21,11 @@ pub struct Channels {
     /// For each source vertex the words of all channels, one after the other.
     pub words: Vec<u32>,
     /// Of each floating-point column.
-    scales: Vec<Scale>,
+    pub scales: Vec<Scale>,
 }
 
 /// How a column is scaled.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Scale {
     low: f64,
     high: f64,
@@ -60,19 +63,32 @@ pub fn scales(channels: &[Channel]) -> Result<Vec<Scale>> {
     Ok(scales)
 }
 
+/// The same of a source, from those of its vertices that `used` has.
+pub fn scales_of(source: &SourceMesh<'_>, used: &[bool]) -> Vec<Scale> {
+    let floats = source.channels.iter().filter(|channel| !channel.info.dtype.is_label());
+    let of = |channel: &SourceChannel<'_>| {
+        let width = channel.info.width();
+        let rows = channel.words.par_chunks(width).zip(used).filter(|(_, used)| **used);
+        Scale::of_channel(&ranges_of(rows.map(|(row, _)| row), width)).collect::<Vec<_>>()
+    };
+    floats.flat_map(of).collect()
+}
+
 /// The least and the largest of each column as floats.
 fn ranges(words: &[u32], width: usize) -> Vec<(f64, f64)> {
+    ranges_of(words.par_chunks(width), width)
+}
+
+fn ranges_of<'a>(rows: impl ParallelIterator<Item = &'a [u32]>, width: usize) -> Vec<(f64, f64)> {
     let none = || vec![(f64::INFINITY, f64::NEG_INFINITY); width];
-    words
-        .par_chunks(width)
-        .fold(none, |mut ranges, row| {
-            for (range, word) in ranges.iter_mut().zip(row) {
-                let x = f64::from(f32::from_bits(*word));
-                *range = (range.0.min(x), range.1.max(x));
-            }
-            ranges
-        })
-        .reduce(none, |a, b| a.iter().zip(b).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).collect())
+    rows.fold(none, |mut ranges, row| {
+        for (range, word) in ranges.iter_mut().zip(row) {
+            let x = f64::from(f32::from_bits(*word));
+            *range = (range.0.min(x), range.1.max(x));
+        }
+        ranges
+    })
+    .reduce(none, |a, b| a.iter().zip(b).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).collect())
 }
 
 fn width(infos: &[ChannelInfo]) -> usize {
@@ -124,7 +140,7 @@ impl Channels {
         self.infos.iter().filter(|info| !info.dtype.is_label()).map(ChannelInfo::width)
     }
 
-    /// Keeps the rows of some vertices, in the order given, and finds the range of the floats among them.
+    /// Keeps the rows of some vertices, in the order given.
     pub fn keep(&mut self, vertices: &[u32]) {
         let width = self.width();
         if width == 0 {
@@ -136,16 +152,13 @@ impl Channels {
             .zip(vertices)
             .for_each(|(row, v)| row.copy_from_slice(&self.words[*v as usize * width..][..width]));
         self.words = words;
-        let ranges = ranges(&self.words, width);
-        self.scales.clear();
-        let mut at = 0;
-        for info in &self.infos {
-            let columns = &ranges[at..at + info.width()];
-            at += info.width();
-            if !info.dtype.is_label() {
-                self.scales.extend(Scale::of_channel(columns));
-            }
-        }
+    }
+
+    /// How the floats of these vertices are scaled where they are all.
+    pub fn own_scales(&self) -> Vec<Scale> {
+        let ranges = if self.infos.is_empty() { Vec::new() } else { ranges(&self.words, self.width()) };
+        let floats = self.columns().filter(|columns| columns.float.is_some());
+        floats.flat_map(|columns| Scale::of_channel(&ranges[columns.words]).collect::<Vec<_>>()).collect()
     }
 
     /// Writes the scaled floats of every vertex to the end of its row of `stride` floats.
@@ -180,8 +193,7 @@ impl Channels {
     /// The channels over all identities: source vertices come first, with the words they came with. `rows` are the
     /// attribute rows of all, of `stride` floats; `labels` the source vertex whose labels each has.
     pub fn finish(&self, rows: &[f32], stride: usize, labels: &[u32]) -> Vec<Channel> {
-        let sources = self.words.len().checked_div(self.width()).unwrap_or(0);
-        self.finish_of(rows, stride, labels, |v| (v < sources).then_some(v))
+        self.finish_of(rows, stride, labels, self.first())
     }
 
     /// The same over any vertices; `source` tells which source vertex one is.
@@ -192,29 +204,79 @@ impl Channels {
         labels: &[u32],
         source: impl Fn(usize) -> Option<usize> + Sync,
     ) -> Vec<Channel> {
-        let (width, count) = (self.width(), rows.len() / stride);
-        let first = stride - self.scales.len();
-        let (mut word_at, mut float_at) = (0, 0);
-        let finish = |info: &ChannelInfo| {
-            let columns = info.width();
-            let (word, float) = (word_at, float_at);
-            word_at += columns;
-            let is_label = info.dtype.is_label();
-            float_at += if is_label { 0 } else { columns };
-            let mut words = vec![0; count * columns];
-            words.par_chunks_mut(columns).enumerate().for_each(|(v, out)| {
-                let known = source(v).or_else(|| is_label.then(|| labels[v] as usize));
-                if let Some(of) = known {
-                    out.copy_from_slice(&self.words[of * width + word..][..columns]);
-                    return;
-                }
-                let scaled = &rows[v * stride + first + float..][..columns];
-                for ((out, x), scale) in out.iter_mut().zip(scaled).zip(&self.scales[float..]) {
-                    *out = scale.word(*x);
+        let finish = |columns: Columns<'_>| {
+            let width = columns.words.len();
+            let mut words = vec![0; rows.len() / stride * width];
+            words.par_chunks_mut(width).enumerate().for_each(|(v, out)| {
+                let row = &rows[v * stride..][..stride];
+                self.words_of(&columns, source(v), row, labels.get(v), out);
+            });
+            Channel { info: columns.info.clone(), words: words.into() }
+        };
+        self.columns().map(finish).collect()
+    }
+
+    /// The same as one table: a row for each identity, with the words of all channels.
+    pub fn finish_rows(&self, rows: &[f32], stride: usize, labels: &[u32]) -> Vec<u32> {
+        let (width, source) = (self.width(), self.first());
+        let mut words = vec![0; rows.len() / stride * width];
+        if width > 0 {
+            words.par_chunks_mut(width).enumerate().for_each(|(v, out)| {
+                let row = &rows[v * stride..][..stride];
+                for columns in self.columns() {
+                    let own = &mut out[columns.words.clone()];
+                    self.words_of(&columns, source(v), row, labels.get(v), own);
                 }
             });
-            Channel { info: info.clone(), words: words.into() }
-        };
-        self.infos.iter().map(finish).collect()
+        }
+        words
     }
+
+    /// The source vertex that an identity is: they come first.
+    fn first(&self) -> impl Fn(usize) -> Option<usize> + Sync {
+        let sources = self.words.len().checked_div(self.width()).unwrap_or(0);
+        move |v| (v < sources).then_some(v)
+    }
+
+    /// The words that a vertex has of a channel: those of a source vertex, or of the one whose label it has, or else what its
+    /// row says.
+    fn words_of(
+        &self,
+        columns: &Columns<'_>,
+        source: Option<usize>,
+        row: &[f32],
+        label: Option<&u32>,
+        out: &mut [u32],
+    ) {
+        let known = source.or_else(|| columns.float.is_none().then(|| label.map(|v| *v as usize)).flatten());
+        if let Some(of) = known {
+            out.copy_from_slice(&self.words[of * self.width()..][columns.words.clone()]);
+        } else if let Some(first) = columns.float {
+            let scaled = &row[row.len() - self.scales.len() + first..];
+            for ((out, x), scale) in out.iter_mut().zip(scaled).zip(&self.scales[first..]) {
+                *out = scale.word(*x);
+            }
+        }
+    }
+
+    /// Where each channel lies in a row.
+    fn columns(&self) -> impl Iterator<Item = Columns<'_>> {
+        let (mut word, mut float) = (0, 0);
+        self.infos.iter().map(move |info| {
+            let (words, is_label) = (word..word + info.width(), info.dtype.is_label());
+            word = words.end;
+            let first = (!is_label).then_some(float);
+            float += if is_label { 0 } else { info.width() };
+            Columns { info, words, float: first }
+        })
+    }
+}
+
+/// Where a channel lies in a row.
+struct Columns<'a> {
+    info: &'a ChannelInfo,
+    /// Its words.
+    words: Range<usize>,
+    /// The first of its scales, unless it is a label.
+    float: Option<usize>,
 }

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use bytemuck::cast_slice;
 use rayon::prelude::*;
 
+use super::channels::Scale;
 use super::creases::{self, Creased};
 use super::edges::Edges;
 use super::materials::ByMaterial;
@@ -47,14 +48,16 @@ pub fn weld(source: &SourceMesh<'_>, crease: Option<f32>, report: &mut BuildRepo
     report.input_faces = source.faces.len() as u64;
     report.input_vertices = source.positions.len() as u64;
     let (positions, frame) = frame::to_internal(source.positions);
-    weld_in(source, positions, frame, crease, report)
+    weld_in(source, positions, frame, None, crease, report)
 }
 
-/// The same of a valid source, or a part of one, whose positions are in a frame.
+/// The same of a valid source, or a part of one, whose positions are in a frame; of a part, how the floats of channels are
+/// scaled in the whole.
 pub fn weld_in(
     source: &SourceMesh<'_>,
     mut positions: Vec<[f32; 3]>,
     frame: CoordinateFrame,
+    scales: Option<&[Scale]>,
     crease: Option<f32>,
     report: &mut BuildReport,
 ) -> Result<WeldedMesh> {
@@ -110,7 +113,7 @@ pub fn weld_in(
     if faces.is_empty() {
         return Err(Error::EmptyMesh("no face is left once faces without area are dropped".into()));
     }
-    let (mut mesh, position_ids) = compact(vertices, faces, report);
+    let (mut mesh, position_ids) = compact(vertices, faces, scales, report);
     let mended = attributes::fill_normals(
         &mut mesh.attributes,
         mesh.stride,
@@ -203,7 +206,12 @@ fn drop_repeats(faces: Vec<[u32; 3]>, rows: Vec<u32>) -> (Vec<[u32; 3]>, Vec<u32
 }
 
 /// Keeps only vertices that faces use, in their order; also tells the first of them at each one's position.
-fn compact(vertices: Vertices, mut faces: Vec<[u32; 3]>, report: &mut BuildReport) -> (WeldedMesh, Vec<u32>) {
+fn compact(
+    vertices: Vertices,
+    mut faces: Vec<[u32; 3]>,
+    scales: Option<&[Scale]>,
+    report: &mut BuildReport,
+) -> (WeldedMesh, Vec<u32>) {
     let Vertices { positions, rows, stride: base, mut channels, materials, vertex_ids, position_ids } =
         vertices;
     let used: Vec<AtomicBool> = positions.par_iter().map(|_| AtomicBool::new(false)).collect();
@@ -242,6 +250,7 @@ fn compact(vertices: Vertices, mut faces: Vec<[u32; 3]>, report: &mut BuildRepor
         .zip(&order)
         .for_each(|(out, old)| out[..base].copy_from_slice(&rows[*old as usize * base..][..base]));
     channels.keep(&order);
+    channels.scales = scales.map_or_else(|| channels.own_scales(), <[Scale]>::to_vec);
     channels.scale(&mut attributes, stride);
     let mesh = WeldedMesh {
         frame: CoordinateFrame { origin: [0.0; 3], scale: 1.0, rounding: 0.0 },

@@ -232,10 +232,7 @@ impl Mesh {
 
     /// Verifies every invariant; returns what was counted.
     fn check<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let report = interruptible(py, |proceed| {
-            self.dag.load_all(proceed)?;
-            build::check(&self.dag)
-        })?;
+        let report = interruptible(py, |proceed| build::check(&self.dag, proceed))?;
         let out = PyDict::new(py);
         out.set_item("clusters", report.clusters)?;
         out.set_item("groups", report.groups)?;

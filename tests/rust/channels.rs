@@ -129,7 +129,7 @@ fn damage_is_found_when_it_is_asked_for() {
         load(&stored, &threshold, UNINTERRUPTED).unwrap();
         assert_eq!(extract(&stored, &select(&stored, &threshold)).faces.len() as u64, dag.source_faces);
         format_fault(to_bytes(&stored), place.start, &[name]);
-        format_fault(check(&stored), place.start, &[name]);
+        format_fault(check(&stored, UNINTERRUPTED), place.start, &[name]);
     }
 }
 

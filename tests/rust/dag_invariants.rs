@@ -11,7 +11,7 @@ use nanite_rs::lod::{FaceBudget, cut_error, extract, select};
 use nanite_rs::math::LodView;
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{ClusterAddress, Dag};
+use nanite_rs::model::{ClusterAddress, Dag, UNINTERRUPTED};
 
 use crate::shapes::{self, Mesh};
 
@@ -21,7 +21,7 @@ pub fn build_mesh(mesh: &Mesh) -> Dag {
 
 fn build_with(mesh: &Mesh, options: &BuildOptions) -> Dag {
     let dag = build(&SourceMesh::new(Positions::F32(&mesh.0), &mesh.1), options, &Silent).unwrap();
-    check(&dag).unwrap();
+    check(&dag, UNINTERRUPTED).unwrap();
     dag
 }
 
@@ -244,7 +244,7 @@ fn soups_islands_and_flat_shading_reach_a_small_root() {
     let normals = shapes::flat_normals(&soup);
     let flat = SourceMesh { normals: Some(&normals), ..SourceMesh::new(Positions::F32(&soup.0), &soup.1) };
     let dag = build(&flat, &BuildOptions::default(), &Silent).unwrap();
-    check(&dag).unwrap();
+    check(&dag, UNINTERRUPTED).unwrap();
     let root: u32 = dag.groups.iter().filter(|g| g.error.is_infinite()).map(|g| g.count).sum();
     assert!(root <= 4, "{root} clusters stay roots: {:?}", dag.report);
 }

@@ -39,7 +39,7 @@ fn cases(short: usize, long: usize) -> usize {
 
 fn rich_mesh(n: usize) -> Dag {
     let dag = damage::rich_mesh(n);
-    check(&dag).unwrap();
+    check(&dag, UNINTERRUPTED).unwrap();
     dag
 }
 
@@ -75,13 +75,13 @@ fn section(bytes: &[u8], kind: Kind) -> std::ops::Range<usize> {
 /// What an accepted file has to stand: use, and checks, of which the outcome is open.
 fn exercise(dag: Dag) {
     damage::exercise(&dag);
-    let _ = check(&dag);
+    let _ = check(&dag, UNINTERRUPTED);
     damage::draw(dag);
 }
 
 fn rounded(dag: &Dag, precision: Precision) -> Dag {
     let out = quantize(dag, precision).unwrap();
-    check(&out).unwrap();
+    check(&out, UNINTERRUPTED).unwrap();
     out
 }
 
@@ -161,7 +161,7 @@ fn clusters_of_the_most_vertices_come_back() {
     let most = dag.pages.addresses().map(|at| dag.record(at).vertex_count).max();
     assert_eq!(most, Some(CLUSTER_MAX_VERTICES as u8));
     for precision in [Precision::Auto, Precision::Exact] {
-        check(&rounded(&dag, precision)).unwrap();
+        check(&rounded(&dag, precision), UNINTERRUPTED).unwrap();
     }
 }
 
@@ -178,7 +178,7 @@ fn bytes_of(mesh: &Dag, group: &Group) -> usize {
 /// Root pages come first and are small, the last of them filled up with what is coarsest; others are of one level, and
 /// end where the next group has no room.
 fn pages_are_as_they_should_be(mesh: &Dag) {
-    check(mesh).unwrap();
+    check(mesh, UNINTERRUPTED).unwrap();
     let roots = mesh.root_pages();
     let table = &mesh.pages.table;
     let most = |page: usize| if page < roots { ROOT_PAGE_MAX_BYTES } else { PAGE_MAX_BYTES };
@@ -523,7 +523,7 @@ fn hierarchies_are_not_deeper_than_stated() {
     };
     let deep = below(100);
     assert!(from_bytes(&to_bytes(&deep).unwrap(), "x").unwrap() == deep);
-    check(&deep).unwrap();
+    check(&deep, UNINTERRUPTED).unwrap();
     for links in [127, 128, 5000] {
         let deeper = below(links);
         assert!(validate::structure(&deeper).is_err_and(|fault| fault.0 == Kind::Nodes));
@@ -694,7 +694,7 @@ proptest! {
         };
         // Nothing may be left of such faces.
         if let Ok(dag) = build(&source, &options, &Silent) {
-            check(&dag).unwrap();
+            check(&dag, UNINTERRUPTED).unwrap();
             prop_assert!(from_bytes(&to_bytes(&dag).unwrap(), "x").unwrap() == dag);
             for precision in [Precision::Auto, Precision::Step(any.step)] {
                 let expected = quantize(&dag, precision).unwrap();
