@@ -1,5 +1,7 @@
 //! The area of a surface's silhouette, over many directions: foliage keeps it as its leaves become fewer.
 
+use serde::{Deserialize, Serialize};
+
 use crate::math::Aabb;
 
 /// View directions: the axes, and the diagonals of a cube and of its faces.
@@ -36,7 +38,7 @@ pub struct Silhouettes {
 }
 
 /// The area that is covered inside a box.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Silhouette {
     /// The box.
     pub bounds: Aabb,
@@ -104,6 +106,13 @@ impl Silhouettes {
             let at = |p: [f64; 3]| axes.map(|a| a[0] * p[0] + a[1] * p[1] + a[2] * p[2] + 0.5 * SIZE as f64);
             fill(p.map(at), rows);
         }
+    }
+
+    /// Adds what others of the same box show.
+    #[must_use]
+    pub fn union(mut self, other: &Self) -> Self {
+        self.rows.iter_mut().zip(&other.rows).for_each(|(row, other)| *row |= other);
+        self
     }
 
     /// Pixels covered, over all views.

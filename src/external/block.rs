@@ -19,6 +19,7 @@ use crate::build::clusterize::{ClusterMesh, clusterize};
 use crate::build::content::{Content, weights};
 use crate::build::dag::{BuildCluster, Grown, Part, Start, group_number, grow_from};
 use crate::build::order;
+use crate::build::silhouette::Silhouette;
 use crate::build::store::VertexStore;
 use crate::config::BuildOptions;
 use crate::error::{Error, Result};
@@ -132,6 +133,8 @@ pub struct Common<'a> {
     pub source_faces: usize,
     /// Normals are computed.
     pub computed_normals: bool,
+    /// The silhouette of the source, where area is preserved.
+    pub silhouette: Option<Silhouette>,
     /// How to build.
     pub options: &'a BuildOptions,
 }
@@ -206,7 +209,7 @@ pub fn of_source(
         is_source: true,
         level: 0,
         part,
-        silhouette: None,
+        silhouette: common.silhouette,
         source_faces: common.source_faces,
     };
     let grown = grow_from(start, common.options, meter, &mut report)?;
@@ -306,7 +309,7 @@ pub fn of_left(
             share: whole as f64 / triangles.max(1) as f64,
             stalled: false,
         }),
-        silhouette: None,
+        silhouette: common.silhouette,
         source_faces: common.source_faces,
     };
     let grown = grow_from(start, common.options, meter, &mut report)?;

@@ -5,6 +5,8 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use tempfile::NamedTempFile;
+
 use crate::error::{Error, Result};
 
 /// Words that a list gathers before they are written.
@@ -79,15 +81,47 @@ pub fn words_of(path: &Path) -> Result<Option<Vec<u32>>> {
     }
 }
 
+/// A file that takes its name when it is whole, or is gone: of several that write the same at once, as where a worker that was
+/// given up lives on, each has its own until then.
+#[derive(Debug)]
+pub struct Aside {
+    path: PathBuf,
+    file: NamedTempFile,
+}
+
+impl Aside {
+    /// A file that becomes the one of this path.
+    pub fn create(path: &Path) -> Result<Self> {
+        let mut builder = tempfile::Builder::new();
+        builder.suffix(".part");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // What the umask leaves of it, as for any new file: others may go on with what is here.
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let file = builder.tempfile_in(folder).map_err(|source| Error::Io { path: path.into(), source })?;
+        Ok(Self { path: path.into(), file })
+    }
+
+    /// The file.
+    pub fn file(&self) -> &File {
+        self.file.as_file()
+    }
+
+    /// Gives it its name.
+    pub fn finish(self) -> Result<()> {
+        let Self { path, file } = self;
+        let named = file.as_file().sync_all().and_then(|()| Ok(file.persist(&path)?));
+        named.map(drop).map_err(|source| Error::Io { path, source })
+    }
+}
+
 /// Writes a file in one step or not at all.
 pub fn write_whole(path: &Path, parts: &[&[u8]]) -> Result<()> {
-    let io = |source| Error::Io { path: path.to_path_buf(), source };
-    let aside = path.with_extension("part");
-    let write = || {
-        let mut file = File::create(&aside)?;
-        parts.iter().try_for_each(|part| file.write_all(part))?;
-        file.sync_all()?;
-        std::fs::rename(&aside, path)
-    };
-    write().map_err(io)
+    let aside = Aside::create(path)?;
+    let written = parts.iter().try_for_each(|part| aside.file().write_all(part));
+    written.map_err(|source| Error::Io { path: path.into(), source })?;
+    aside.finish()
 }

@@ -40,6 +40,7 @@ pub fn report(input: &Input, made: &[&Summary], common: &Common<'_>) -> BuildRep
         unreferenced_vertices: input.unreferenced,
         computed_normals: common.computed_normals,
         weights: weights(common.options),
+        preserve_area: common.options.preserve_area,
         ..BuildReport::default()
     };
     let mut crowded: BTreeMap<u32, u64> = BTreeMap::new();

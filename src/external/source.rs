@@ -10,7 +10,9 @@ use rustc_hash::FxHashMap;
 
 use super::cells::{Blocks, Cells};
 use super::lists::{self, Lists};
+use crate::build::silhouette::{Silhouette, Silhouettes};
 use crate::error::Result;
+use crate::math::Aabb;
 use crate::mesh::{SourceMesh, frame};
 use crate::model::CoordinateFrame;
 
@@ -58,6 +60,20 @@ pub fn used(source: &SourceMesh<'_>, frame: &CoordinateFrame) -> Vec<bool> {
         }
     }
     used
+}
+
+/// The area that a source covers.
+pub fn silhouette(source: &SourceMesh<'_>, frame: &CoordinateFrame, used: &[bool]) -> Silhouette {
+    let place = |v: usize| frame::internal(frame, source.positions.get(v));
+    let around = (0..used.len()).into_par_iter().filter(|v| used[*v]).map(|v| Aabb::of_points([&place(v)]));
+    let bounds = around.reduce(|| Aabb::EMPTY, |a, b| a.union(&b));
+    let none = || Silhouettes::new(&bounds);
+    let drawn = source.faces.par_chunks(CHUNK).map(|faces| {
+        let mut own = none();
+        faces.iter().for_each(|face| own.draw(face.map(|v| place(v as usize))));
+        own
+    });
+    Silhouette { bounds, covered: drawn.reduce(none, |a, b| a.union(&b)).covered() }
 }
 
 /// Puts the faces of a valid source into blocks of at most `most`; returns how many there are.

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use bytemuck::{Pod, Zeroable};
 use rustc_hash::FxHashMap;
 
+use super::lists::Aside;
 use crate::build::clusterize::ClusterMesh;
 use crate::build::dag::BuildCluster;
 use crate::build::reference::Pieces;
@@ -58,6 +59,7 @@ pub struct Record {
 /// Writes the records of a block.
 pub struct SpoolWriter {
     path: PathBuf,
+    aside: Aside,
     out: BufWriter<File>,
     end: u64,
     words: Vec<u32>,
@@ -66,8 +68,9 @@ pub struct SpoolWriter {
 impl SpoolWriter {
     /// Into a new file.
     pub fn create(path: PathBuf) -> Result<Self> {
-        let file = File::create(&path).map_err(|source| Error::Io { path: path.clone(), source })?;
-        Ok(Self { path, out: BufWriter::new(file), end: 0, words: Vec::new() })
+        let aside = Aside::create(&path)?;
+        let file = aside.file().try_clone().map_err(|source| Error::Io { path: path.clone(), source })?;
+        Ok(Self { path, aside, out: BufWriter::new(file), end: 0, words: Vec::new() })
     }
 
     /// Writes some clusters of a store as a record; `channels` has the words of channels of all its vertices.
@@ -117,7 +120,8 @@ impl SpoolWriter {
 
     /// After the last record.
     pub fn finish(mut self) -> Result<()> {
-        self.out.flush().map_err(|source| Error::Io { path: self.path, source })
+        self.out.flush().map_err(|source| Error::Io { path: self.path, source })?;
+        self.aside.finish()
     }
 }
 

@@ -12,10 +12,11 @@ use super::block::{Common, LeftEntry, Made, Taken, bits_of, of_left, of_source};
 use super::cells::{Blocks, Cells};
 use super::lists::{self, write_whole};
 use super::report::{Input, report};
-use super::source::{distribute, used};
+use super::source::{distribute, silhouette, used};
 use super::spool::SpoolReader;
 use crate::build::Meter;
 use crate::build::memory::trim_heap;
+use crate::build::silhouette::Silhouette;
 use crate::config::{BuildOptions, Levels};
 use crate::error::{Error, Result};
 use crate::math::Aabb;
@@ -53,6 +54,8 @@ struct Manifest {
     channels: Vec<ChannelInfo>,
     scales: Vec<Scale>,
     computed_normals: bool,
+    /// Where area is preserved.
+    silhouette: Option<Silhouette>,
     input: Input,
     /// Triangles of a block at most.
     most: u64,
@@ -97,9 +100,8 @@ impl Work {
         key: &str,
     ) -> Result<Self> {
         options.validate()?;
-        if options.preserve_area || options.levels == Levels::One {
-            let message = "areas are preserved, and one level is built, in memory alone";
-            return Err(Error::argument("memory", message));
+        if options.levels == Levels::One {
+            return Err(Error::argument("memory", "one level is built in memory alone"));
         }
         let key = format!("{key} {memory} {:?}", BuildOptions { threads: 0, ..options.clone() });
         let folder = folder.join(BLOCKS);
@@ -131,6 +133,7 @@ impl Work {
                 channels: source.channels.iter().map(|channel| channel.info.clone()).collect(),
                 scales: scales_of(source, &used),
                 computed_normals: source.normals.is_none(),
+                silhouette: options.preserve_area.then(|| silhouette(source, &frame, &used)),
                 input: Input::of(source, &used),
                 most,
                 stages: vec![Stage { blocks, level: 0, triangles: source.faces.len() as u64 }],
@@ -185,6 +188,7 @@ impl Work {
             scales,
             source_faces: input.faces as usize,
             computed_normals: *computed_normals,
+            silhouette: self.manifest.silhouette,
             options: &self.options,
         }
     }

@@ -1,12 +1,13 @@
 //! Axis-aligned boxes.
 
 use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
 
 use super::sphere::round_up;
 
 /// An axis-aligned box by its corners. Empty when `min > max`.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct Aabb {
     /// Smallest corner.
     pub min: [f32; 3],

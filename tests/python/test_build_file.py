@@ -257,8 +257,6 @@ def test_bad_arguments_say_what_is_wrong(tmp_path) -> None:
     for memory in ("much", "4 XB", -1, 0):
         with pytest.raises(nrs.ArgumentError, match="memory"):
             built((vertices, faces), tmp_path, memory=memory)
-    with pytest.raises(nrs.ArgumentError, match="memory: areas"):
-        built((vertices, faces), tmp_path, options=nrs.BuildOptions(preserve_area=True))
     with pytest.raises(nrs.FormatError, match=r"must end in \.nanite"):
         nrs.build_file((vertices, faces), tmp_path / "x.ply")
     with pytest.raises(nrs.FileError):

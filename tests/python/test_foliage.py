@@ -38,6 +38,12 @@ def coverage(vertices: np.ndarray, faces: np.ndarray, center: np.ndarray, diagon
 def ratios(arrays: dict, reductions: tuple[float, ...], **options) -> list[tuple[int, float, float]]:
     """For each part of the triangles: their number, and how much is covered against the source (mean, spread)."""
     mesh = nrs.NaniteMesh.from_arrays(**arrays, options=nrs.BuildOptions(**options), progress=False)
+    return ratios_of(mesh, arrays, reductions)
+
+
+def ratios_of(
+    mesh: nrs.NaniteMesh, arrays: dict, reductions: tuple[float, ...]
+) -> list[tuple[int, float, float]]:
     mesh.check()
     used = np.asarray(arrays["vertices"], float)[np.unique(arrays["faces"])]
     center, diagonal = (used.min(0) + used.max(0)) / 2, float(np.linalg.norm(np.ptp(used, axis=0)))
@@ -66,6 +72,16 @@ def test_a_generated_tree_covers_what_it_did(quality: str) -> None:
     for faces, mean, spread in kept:
         assert abs(mean - 1) < 0.05, (faces, mean)
         assert spread < 0.15, (faces, spread)
+
+
+def test_blocks_cover_what_they_did(tmp_path) -> None:
+    """Leaves at the borders of blocks stay until later stages."""
+    options = nrs.BuildOptions(error="quadric", preserve_area=True)
+    source = tree()["vertices"], tree()["faces"]
+    mesh = nrs.build_file(source, tmp_path / "tree.nanite", memory="1 MiB", options=options)
+    kept = ratios_of(mesh, tree(), (0.5, 0.1, 0.03, 0.01))
+    for faces, mean, _ in kept:
+        assert abs(mean - 1) < 0.05, (faces, mean)
 
 
 MODELS = [p for p in data.folder_models("foliage") if p.suffix != ".gz"]

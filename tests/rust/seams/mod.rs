@@ -100,7 +100,7 @@ fn one_level((vertices, faces): &Mesh) -> Arc<Dag> {
 fn a_geometry_of_one_level_is_drawn_like_any_other() {
     let mesh = bumpy_sphere(60);
     let (flat, levels) = (one_level(&mesh), dag(&mesh));
-    assert!(check(&flat).is_ok());
+    assert!(check(&flat, UNINTERRUPTED).is_ok());
     assert!(flat.id.number() != levels.id.number() && flat.clone().id.number() == flat.id.number());
     assert_eq!(flat.report.levels.len(), 1);
     assert_eq!(flat.report.triangles, flat.source_faces);
