@@ -161,7 +161,7 @@ def _how(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _build_many(arguments: argparse.Namespace) -> int:
     output = arguments.output or "."
-    if _is_built(output) or _remote.is_url(output):
+    if _is_built(output):
         raise ArgumentError(f"{_remote.shown(output)}: several inputs are built into a folder")
     for name in arguments.inputs:
         if name.startswith(SHAPE_PREFIX):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import time
 from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
@@ -15,12 +16,12 @@ from nanite_rs._progress import reporter
 from nanite_rs._text import megabytes, seconds
 from nanite_rs._text import table as text_table
 from nanite_rs.building import build_file, bytes_of
-from nanite_rs.exceptions import ArgumentError, DtypeError, FileError
+from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, MissingFileError
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions, no_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from concurrent.futures import Future
 
     from nanite_rs._progress import Progress
@@ -54,7 +55,13 @@ class BuildResult:
             return self.source, "", "", seconds(self.seconds), f"failed: {self.error}"
         what = "was there" if self.skipped else "built"
         size = megabytes(self.file_bytes)
-        return self.source, f"{self.faces:,}", size, seconds(self.seconds), f"{what}: {self.path}"
+        return (
+            self.source,
+            f"{self.faces:,}",
+            size,
+            seconds(self.seconds),
+            f"{what}: {_remote.shown(self.path)}",
+        )
 
 
 class BuildResults(tuple[BuildResult, ...]):
@@ -102,6 +109,7 @@ def build_many(
     resume: bool = False,
     executor: Any = None,
     client: Any = None,
+    storage_options: Mapping[str, Any] | None = None,
     progress: Progress = None,
 ) -> BuildResults:
     """Build a ``.nanite`` file from each of many files, whatever becomes of the others.
@@ -113,9 +121,10 @@ def build_many(
     ----------
     sources : iterable of paths
         The files: of any format that `NaniteMesh.from_file` reads.
-    folder : path, optional
+    folder : path or URL, optional
         Where the files are written, named after their sources. It is made where it is not there. By default each is
-        beside its source.
+        beside its source. Files of a URL, such as ``s3://bucket/built``, are made among temporary files where they
+        are built, and then sent, as by `build_file`.
     memory : int or str, default "4 GiB"
         Bytes that each build may take, as for `build_file`.
     options : BuildOptions, optional
@@ -125,12 +134,15 @@ def build_many(
         same call with it builds what failed before.
     resume : bool, default False
         As for `build_file`: go on where builds in blocks were stopped, and keep their work folders where they fail.
+        Not with a URL.
     executor : an executor, optional
         A `concurrent.futures.Executor` or a ``dask.distributed.Client``: each source is a task, in a process or
         on a machine that sees the same folders. Dask repeats the sources of a lost worker. Without it sources are
         built one after another. For one source that is huge give the executor to `build_file`.
     client : dask.distributed.Client, optional
         Another name for ``executor``.
+    storage_options : mapping, optional
+        Of a URL: as for `NaniteMesh.open`.
     progress : bool or callable, optional
         As for `NaniteMesh.from_arrays`, counting sources.
 
@@ -168,9 +180,14 @@ def build_many(
     pairs = _paths(sources, folder)
     if not pairs:
         return BuildResults()
+    if storage_options is not None or _remote.is_url(pairs[0][1]):
+        if how["resume"]:
+            raise ArgumentError(
+                "resume: with a URL nothing stays to go on from; build those that failed again"
+            )
+        how["storage_options"] = _remote.checked_options(pairs[0][1], storage_options)
     # Where no folder can be written to, all fail here as they would elsewhere.
-    folders = (Path(path).absolute().parent for _, path in pairs)
-    place = next((found for found in folders if os.access(found, os.W_OK)), None)
+    place = next((found for found in _folders(pairs) if os.access(found, os.W_OK)), None)
     results: dict[int, BuildResult] = {}
     with reporter(progress, "building") as report:
 
@@ -185,9 +202,7 @@ def build_many(
                 finish(index, _build_one(source, path, existing, how))
         else:
             # Workers have working directories of their own.
-            tasks = [
-                (os.path.abspath(source), os.path.abspath(path), existing, how) for source, path in pairs
-            ]
+            tasks = [(os.path.abspath(source), _absolute(path), existing, how) for source, path in pairs]
             with _tasks.submitted(run, _build_one, tasks, place) as futures:
                 indices = {future: index for index, future in enumerate(futures)}
                 for future in as_completed(indices):
@@ -195,24 +210,41 @@ def build_many(
     return BuildResults(results[index] for index in range(len(pairs)))
 
 
+def _folders(pairs: list[tuple[str, str]]) -> Iterator[Path]:
+    """Folders that all workers see: those of files, or else of sources; temporary files come last."""
+    for source, path in pairs:
+        yield Path(source if _remote.is_url(path) else path).absolute().parent
+    if _remote.is_url(pairs[0][1]):
+        yield Path(tempfile.gettempdir())
+
+
+def _absolute(path: str) -> str:
+    return path if _remote.is_url(path) else os.path.abspath(path)
+
+
 def _paths(sources: Iterable[io.PathLike], folder: io.PathLike | None) -> list[tuple[str, str]]:
     """Return each source with its file; make the folder of these."""
     if isinstance(sources, str | bytes | os.PathLike):
         raise DtypeError("sources: expected several paths; build_file builds one")
     place = None if folder is None else _checks.path_of(folder, "folder")
-    if place is not None and _remote.is_url(place):
-        raise ArgumentError(f"folder: {_remote.shown(place)}: many files are built on disk")
     known: dict[str, str] = {}
     pairs: list[tuple[str, str]] = []
     for given in sources:
         source = _checks.path_of(given, "sources")
         name = f"{io.stem(source)}{io.NANITE_SUFFIX}"
-        path = os.path.join(os.path.dirname(source) if place is None else place, name)
-        before = known.setdefault(os.path.normcase(os.path.abspath(path)), source)
+        if place is not None and _remote.is_url(place):
+            path = f"{place.rstrip('/')}/{name}"
+            key = path
+        else:
+            path = os.path.join(os.path.dirname(source) if place is None else place, name)
+            key = os.path.normcase(os.path.abspath(path))
+        before = known.setdefault(key, source)
         if len(known) == len(pairs):
-            raise ArgumentError(f"sources: {before} and {source} would both be {path}; build them apart")
+            raise ArgumentError(
+                f"sources: {before} and {source} would both be {_remote.shown(path)}; build them apart"
+            )
         pairs.append((source, path))
-    if place is not None:
+    if place is not None and not _remote.is_url(place):
         try:
             os.makedirs(place, exist_ok=True)
         except OSError as error:
@@ -231,16 +263,26 @@ def _build_one(
         if token is not None:
             progress = _tasks.interrupt_check(token)
             progress(0, 0)
-        if os.path.abspath(source) == os.path.abspath(path):
+        if os.path.abspath(source) == _absolute(path):
             raise ArgumentError(f"{source}: is built already")
-        if existing == "skip" and os.path.exists(path):
-            skipped, faces = True, NaniteMesh.file_info(path)["faces"]
-        else:
-            faces = len(build_file(source, path, progress=progress, **how))
-        size = os.path.getsize(path)
+        options = how.get("storage_options")
+        there = _info(path, options) if existing == "skip" else None
+        skipped = there is not None
+        if there is None:
+            build_file(source, path, progress=progress, **how)
+            there = NaniteMesh.file_info(path, storage_options=options)
+        faces, size = there["faces"], there["bytes"]
     except Exception as error:
         return _failed(error, source, path, time.perf_counter() - start)
     return BuildResult(source, path, faces, size, time.perf_counter() - start, skipped)
+
+
+def _info(path: str, options: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """What is said of a file that is there."""
+    try:
+        return NaniteMesh.file_info(path, storage_options=options)
+    except MissingFileError:
+        return None
 
 
 def _failed(error: Exception, source: str = "", path: str = "", seconds: float = 0.0) -> BuildResult:

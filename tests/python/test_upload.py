@@ -11,9 +11,11 @@ import sys
 import threading
 import time
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+import trimesh
 
 import nanite_rs as nrs
 from nanite_rs import _remote, _upload, cli
@@ -357,6 +359,31 @@ def test_missing_libraries(monkeypatch, mesh, module, url, install) -> None:
         mesh.save(url)
     assert install in str(caught.value)
     assert url in str(caught.value)
+
+
+@pytest.mark.parametrize("threads", [0, 2])
+def test_many_files_into_a_bucket(store, threads, tmp_path) -> None:
+    for k in range(2):
+        trimesh.creation.icosphere(subdivisions=3, radius=k + 1.0).export(tmp_path / f"ball{k}.ply")
+    sources = [tmp_path / name for name in ("ball0.ply", "none.ply", "ball1.ply")]
+    executor = ThreadPoolExecutor(threads) if threads else None
+    how = {"storage_options": store.options, "executor": executor, "existing": "skip"}
+    results = nrs.build_many(sources, "s3://meshes/built", **how)
+    assert [result.source for result in results.failed] == [str(sources[1])]
+    assert [result.path for result in results] == [
+        f"s3://meshes/built/{name}.nanite" for name in ("ball0", "none", "ball1")
+    ]
+    for result in (results[0], results[2]):
+        nrs.build_file(result.source, tmp_path / "alone.nanite")
+        expected = (tmp_path / "alone.nanite").read_bytes()
+        assert store.get(result.path.partition("meshes/")[2]) == expected
+        assert (result.faces, result.file_bytes, result.skipped) == (1280, len(expected), False)
+    again = nrs.build_many(sources, "s3://meshes/built/", **how)
+    assert [result.skipped for result in again] == [True, False, True]
+    with pytest.raises(nrs.ArgumentError, match="resume: with a URL"):
+        nrs.build_many(sources, "s3://meshes/built", resume=True)
+    with pytest.raises(nrs.ArgumentError, match="would both be s3://meshes/built/ball0"):
+        nrs.build_many([sources[0]] * 2, "s3://meshes/built", **how)
 
 
 # -------------------------------------------------------------------------------------------- file systems
