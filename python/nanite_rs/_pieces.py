@@ -63,20 +63,20 @@ class Spool:
         forms = {
             name: [dtype.str, [self._rows[name], *shape]] for name, (dtype, shape) in self._forms.items()
         }
-        aside = self._folder / f"{_LIST}.part"
+        aside = self._folder / f"{LIST}.part"
         aside.write_text(json.dumps({"of": of, "arrays": forms}), encoding="utf-8")
-        aside.replace(self._folder / _LIST)
+        aside.replace(self._folder / LIST)
         return opened(self._folder)
 
 
 #: What arrays a folder has.
-_LIST: Final = "arrays.json"
+LIST: Final = "arrays.json"
 
 
 def opened(folder: Path, of: list[Any] | None = None) -> dict[str, NDArray[Any]]:
     """Return the arrays of a folder, mapped; none where they are not there, or were made from something else."""
     try:
-        found = json.loads((folder / _LIST).read_text(encoding="utf-8"))
+        found = json.loads((folder / LIST).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
     if of is not None and found["of"] != of:
@@ -86,6 +86,14 @@ def opened(folder: Path, of: list[Any] | None = None) -> dict[str, NDArray[Any]]
         shape = tuple(rows)
         out[name] = np.memmap(folder / name, dtype, "r", shape=shape) if shape[0] else np.zeros(shape, dtype)
     return out
+
+
+def files(folder: Path) -> set[str]:
+    """Return the names of the files of the arrays of a folder."""
+    if not (folder / LIST).exists():
+        return set()
+    found = json.loads((folder / LIST).read_text(encoding="utf-8"))
+    return {LIST, *(name for name, (_, rows) in found["arrays"].items() if rows[0])}
 
 
 def in_folder(arrays: Mapping[str, NDArray[Any]], folder: Path, of: list[Any]) -> Mapping[str, NDArray[Any]]:

@@ -256,7 +256,7 @@ class ObjectStore:
         status = found[1].strip() if found else ""
         if _LENDER.search(str(error)):
             return Refusal(AccessError, "no credentials were found, in storage_options or elsewhere")
-        if isinstance(error, FileNotFoundError | kinds.NotFoundError):
+        if isinstance(error, FileNotFoundError | kinds.NotFoundError) or status.startswith("404"):
             return Refusal(MissingFileError, f"{self.absent} ({status or '404 Not Found'})")
         if isinstance(error, kinds.PermissionDeniedError | kinds.UnauthenticatedError):
             what = f"credentials are missing, wrong or expired, or do not allow {self.use} it"

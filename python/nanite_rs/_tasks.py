@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 from uuid import uuid4
 
 from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, WorkerError
@@ -15,7 +15,34 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 #: What names of tokens begin with.
-_WANTED: Final = ".nanite-wanted-"
+WANTED: Final = ".nanite-wanted-"
+
+
+class Tokens(Protocol):
+    """Where tokens are, which all workers see."""
+
+    def set(self, token: str) -> str:
+        """Say that tasks are wanted; return what they are given to look at."""
+
+    def clear(self, token: str) -> None:
+        """Say that they are not."""
+
+
+class FolderTokens:
+    """Files of a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def set(self, token: str) -> str:
+        """Make the file; return its path."""
+        path = self._folder / token
+        path.touch()
+        return str(path)
+
+    def clear(self, token: str) -> None:
+        """Remove the file."""
+        (self._folder / token).unlink(missing_ok=True)
 
 
 def executor_of(given: Any) -> Executor | None:
@@ -34,23 +61,23 @@ def executor_of(given: Any) -> Executor | None:
 
 @contextmanager
 def submitted(
-    executor: Executor, function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]], folder: Path
+    executor: Executor, function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]], tokens: Tokens
 ) -> Iterator[list[Future[Any]]]:
     """Submit ``function(*task, token)`` for all tasks and yield their futures; cancel what is left in the end.
 
-    The token is a file of ``folder``, which all workers see, and is there as long as the tasks are wanted. No
-    executor stops a task that runs: tasks have an `interrupt_check` for that. Dask also repeats finished tasks,
+    The token is there as long as the tasks are wanted. No executor stops a task that runs: tasks have an
+    `interrupt_check` for that. Dask also repeats finished tasks,
     where it loses the worker that has the result: without a token they end before they begin.
     """
-    token = folder / f"{_WANTED}{uuid4().hex}"
-    token.touch()
+    token = f"{WANTED}{uuid4().hex}"
+    given = tokens.set(token)
     futures: list[Future[Any]] = []
     try:
         for task in tasks:
-            futures.append(_submit(executor, function, *task, str(token)))  # noqa: PERF401
+            futures.append(_submit(executor, function, *task, given))  # noqa: PERF401
         yield futures
     finally:
-        token.unlink(missing_ok=True)
+        tokens.clear(token)
         wait([future for future in futures if not future.cancel()])
 
 
@@ -84,7 +111,7 @@ def outcome(future: Future[Any]) -> Any:
 
 
 def interrupt_check(token: str) -> Callable[..., None]:
-    """Return what raises once a task is not wanted any more; it takes what calls of progress give."""
+    """Return what raises once the file of a token is gone; it takes what calls of progress give."""
 
     def check(*_: int) -> None:
         if not os.path.exists(token):
@@ -98,5 +125,5 @@ def interrupt_check(token: str) -> Callable[..., None]:
 
 def cancel_all(folder: Path) -> None:
     """Cancel the tasks of a folder whose process was killed: workers may still run them."""
-    for token in folder.glob(f"{_WANTED}*"):
+    for token in folder.glob(f"{WANTED}*"):
         token.unlink(missing_ok=True)

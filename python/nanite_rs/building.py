@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import tempfile
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import as_completed
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -16,12 +17,19 @@ from uuid import uuid4
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _pieces, _remote, _tasks, _upload, io
+from nanite_rs import _advice, _checks, _pieces, _remote, _tasks, _upload, _work_store, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._asset import Notes
 from nanite_rs._core import BlockBuild, build_memory
 from nanite_rs._progress import reporter
-from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, FormatError, WorkerError
+from nanite_rs.exceptions import (
+    ArgumentError,
+    DtypeError,
+    FileError,
+    FormatError,
+    NaniteError,
+    WorkerError,
+)
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions, no_options
 
@@ -76,20 +84,22 @@ def build_file(
         all levels.
     options : BuildOptions, optional
         How to build. ``preserve_area`` is for sources that fit.
-    folder : path, optional
+    folder : path or URL, optional
         Where the work folder is made, named after the file with ``.work`` behind it, for what does not fit: some
         150 bytes for each face. It is removed in the end. By default it is beside the file, and of a URL among
-        temporary files. The file of a URL is made there, too.
+        temporary files. The file of a URL is made there, too. A URL, such as ``s3://bucket/work``, is for workers
+        that share no disk, and for builds that go on elsewhere: all files are in the store, and each process has
+        those that it needs among temporary files.
     resume : bool, default False
         Go on from the last finished block where a build of the same source with the same options and memory was
         stopped or killed, and keep the work folder where this one fails. Without it the work folder of another
         build is removed. With a URL it needs ``folder``.
     executor : an executor, optional
         A `concurrent.futures.Executor` or a ``dask.distributed.Client``: each block is a task, which takes
-        ``memory`` where it runs, in a process or on a machine that shares the work folder. The file has the same
-        bytes. Dask repeats the blocks of a lost worker.
+        ``memory`` where it runs, in a process or on a machine that shares the work folder, or reaches its URL. The
+        file has the same bytes. Dask repeats the blocks of a lost worker.
     storage_options : mapping, optional
-        Of a URL: as for `NaniteMesh.open`.
+        Of URLs: as for `NaniteMesh.open`.
     progress : bool or callable, optional
         As for `NaniteMesh.from_arrays`; of a URL it is told of sending afterwards.
 
@@ -142,7 +152,11 @@ def build_file(
     if _remote.is_url(path):
         if resume and within is None:
             raise ArgumentError("resume: with a URL, give folder=, where the work folder stays")
-        with _upload.written(path, storage_options, folder=within, progress=progress) as made:
+        stored = within is not None and _remote.is_url(within)
+        of_folder = storage_options if stored else None
+        with _upload.written(
+            path, storage_options, folder=None if stored else within, progress=progress
+        ) as made:
             build_file(
                 source,
                 made,
@@ -151,19 +165,53 @@ def build_file(
                 folder=within,
                 resume=resume,
                 executor=executor,
+                storage_options=of_folder,
                 progress=progress,
             )
         return NaniteMesh.open(path, storage_options=storage_options)
-    _remote.checked_options(path, storage_options)
     target = Path(path)
-    place = target.parent if within is None else Path(within)
-    work = place / f"{target.name}.work"
-    done, ours = False, _is_ours(work)
+    with _work_folder(target, within, storage_options) as (work, store):
+        _build_in(source, target, limit, options, work, store, resume, executor, progress)
+    return NaniteMesh.open(target)
+
+
+@contextmanager
+def _work_folder(
+    target: Path, within: str | None, storage_options: Mapping[str, Any] | None
+) -> Iterator[tuple[Path, _work_store.WorkStore | None]]:
+    """Yield the work folder, and where its files are, too, if that is a URL."""
+    known = _remote.checked_options(target if within is None else within, storage_options)
+    if within is None or not _remote.is_url(within):
+        yield (target.parent if within is None else Path(within)) / f"{target.name}.work", None
+        return
+    url = f"{within.rstrip('/')}/{target.name}.work"
+    place = Path(tempfile.mkdtemp(prefix="nanite-"))
     try:
-        _make_folder(work, resume=resume)
+        work = place / f"{target.name}.work"
+        yield work, _work_store.WorkStore(url, known, work)
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+        _work_store.forget()
+
+
+def _build_in(
+    source: object,
+    target: Path,
+    limit: int,
+    options: BuildOptions | None,
+    work: Path,
+    store: _work_store.WorkStore | None,
+    resume: bool,
+    executor: Executor | None,
+    progress: Progress,
+) -> None:
+    """Build with a work folder."""
+    done, ours = False, _is_ours(work, store)
+    try:
+        _make_folder(work, store, resume=resume)
         file, arrays = _given(source, limit, work)
         if arrays and build_memory(core(arrays)) > limit:
-            _build(arrays, target, limit, options or BuildOptions(), work, executor, progress)
+            _build(arrays, target, limit, options or BuildOptions(), work, store, executor, progress)
         elif file is not None:
             NaniteMesh.from_file(file, options=options, progress=progress).save(target)
         else:
@@ -177,34 +225,46 @@ def build_file(
         raise _advice.advised(error, kept if resume else f"with resume=True {kept}") from error
     finally:
         if ours and (done or not resume):
-            _remove(work)
-    return NaniteMesh.open(target)
+            _remove(work, store)
 
 
 #: What every work folder has from the beginning.
 _MARKER: Final = "about.txt"
 
 
-def _is_ours(work: Path) -> bool:
+def _is_ours(work: Path, store: _work_store.WorkStore | None) -> bool:
     """Whether a folder is free, or the work folder of a build; one that was killed at once left an empty folder."""
+    if store is not None:
+        names = store.names()
+        return not names or _MARKER in names
     return not work.exists() or (work / _MARKER).exists() or (work.is_dir() and not any(work.iterdir()))
 
 
-def _make_folder(work: Path, *, resume: bool) -> None:
+def _make_folder(work: Path, store: _work_store.WorkStore | None, *, resume: bool) -> None:
     """Make the work folder, or empty the one of another build."""
-    if not _is_ours(work):
-        raise FileError(f"{work}: in the way, and no work folder of a build; give another folder")
+    if not _is_ours(work, store):
+        name = work if store is None else _remote.shown(store.url)
+        raise FileError(f"{name}: in the way, and no work folder of a build; give another folder")
     if not resume:
-        _remove(work)
+        _remove(work, store)
     work.mkdir(exist_ok=True)
     _tasks.cancel_all(work)
     (work / _MARKER).write_text(
         "What nanite_rs.build_file works with. Without a build that goes on, it may be deleted.\n"
     )
+    if store is not None:
+        names = store.names()
+        store.drop(name for name in names if name.startswith(_tasks.WANTED))
+        store.send([_MARKER])
+        store.fetch(name for name in names if not name.startswith(_tasks.WANTED))
 
 
-def _remove(work: Path) -> None:
+def _remove(work: Path, store: _work_store.WorkStore | None) -> None:
     """Remove the work folder."""
+    if store is not None:
+        # Where that fails, the build is none the worse.
+        with suppress(NaniteError):
+            store.drop(store.names())
     # Under another name first: a task that is about to stop on another machine writes nothing into it any more.
     with suppress(OSError):
         work = work.rename(work.with_name(f"{work.name}-{uuid4().hex}"))
@@ -217,36 +277,91 @@ def _build(
     limit: int,
     options: BuildOptions,
     work: Path,
+    store: _work_store.WorkStore | None,
     executor: Executor | None,
     progress: Progress,
 ) -> None:
     """Build from arrays that do not fit."""
     key = _key(arrays)
-    if executor is not None:
+    if executor is not None or store is not None:
         work = work.absolute()  # workers have working directories of their own
         arrays = _pieces.in_folder(arrays, work, [key])
     how, own = asdict(options), core(arrays)
     with reporter(progress, "building") as report:
         build = BlockBuild.begin(own, options=how, memory=limit, folder=work, key=key, progress=report)
         total = Total(report, 2 * len(own["faces"]))
+        sent: set[str] = set() if store is None else store.names()
         while True:
+            if store is not None:
+                # What says which build this is comes last.
+                new = _files(work) - sent - {_MANIFEST}
+                if executor is None:  # whoever goes on has the source
+                    new -= _pieces.files(work)
+                store.send([*sorted(new), _MANIFEST])
+                sent.update(new)
             blocks = build.missing()
             if executor is None:
                 for block in blocks:
                     build.make(own, block, total.part())
+                    if store is not None:
+                        store.send(build.outputs(block))
             else:
-                tasks = [(str(work), how, block) for block in blocks]
-                with _tasks.submitted(executor, make_block, tasks, work) as futures:
+                folder = str(work) if store is None else store.url
+                tasks = [(folder, {} if store is None else store.options, how, block) for block in blocks]
+                tokens = _tasks.FolderTokens(work) if store is None else store
+                with _tasks.submitted(executor, make_block, tasks, tokens) as futures:
+                    of_future = dict(zip(futures, blocks, strict=True))
                     for future in as_completed(futures):
                         total.add(_tasks.outcome(future))
+                        if store is not None:
+                            store.fetch(build.outputs(of_future[future]))
+            if store is not None:
+                sent.update(name for block in blocks for name in build.outputs(block))
             if not build.advance():
                 break
         build.save(target)
 
 
-def make_block(work: str, options: dict[str, Any], block: int, token: str) -> int:
+#: What says which build is in a folder.
+_MANIFEST: Final = "blocks/manifest.json"
+
+
+def _files(work: Path) -> set[str]:
+    """Return the names of what others need of a work folder."""
+    files = (path for path in work.rglob("*") if path.is_file() and path.suffix != ".part")
+    names = {path.relative_to(work).as_posix() for path in files}
+    return {name for name in names if not name.startswith(_tasks.WANTED)}
+
+
+def make_block(
+    folder: str, storage_options: dict[str, Any], options: dict[str, Any], block: int, token: str
+) -> int:
     """Make a block, in any process that sees the work folder; return its progress, counted as that of the build."""
-    check, counted = _tasks.interrupt_check(token), 0
+    if not _remote.is_url(folder):
+        return _make_block(Path(folder), options, block, _tasks.interrupt_check(token))
+    with _work_store.mirrored(folder, storage_options) as store:
+        check = store.interrupt_check(token)
+        check()
+        store.fetch([_MANIFEST], again=True)
+        build = BlockBuild.open(store.here, options)
+        made = build.outputs(block)
+        if store.holds(made[-1]):
+            return 0
+        of_stage, _ = build.inputs(block)
+        store.fetch(of_stage)
+        _, others = build.inputs(block)
+        # Lists without entries have no file.
+        store.fetch(others, optional=True)
+        if not of_stage:
+            store.fetch([_pieces.LIST])
+            store.fetch(_pieces.files(store.here))
+        counted = _make_block(store.here, options, block, check)
+        store.send(made)
+    return counted
+
+
+def _make_block(work: Path, options: dict[str, Any], block: int, check: Callable[..., None]) -> int:
+    counted = 0
 
     def update(done: int, _: int) -> None:
         nonlocal counted
@@ -258,7 +373,9 @@ def make_block(work: str, options: dict[str, Any], block: int, token: str) -> in
     # A stage has a token of its own, so the stage that was opened is that of the task.
     check()
     if block in build.missing():
-        build.make(core(_pieces.opened(Path(work))), block, update)
+        # Later stages look at what was left alone.
+        arrays = _pieces.opened(work) or {"vertices": np.zeros((0, 3), "f4"), "faces": np.zeros((0, 3), "u4")}
+        build.make(core(arrays), block, update)
     return counted
 
 

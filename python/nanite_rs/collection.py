@@ -176,7 +176,11 @@ def build_many(
         raise ArgumentError("client: is another name for executor; give one")
     run = _tasks.executor_of(executor if client is None else client)
     _checks.choice(existing, "existing", get_args(ExistingName))
-    how = {"memory": bytes_of(memory), "options": options, "resume": _checks.truth(resume, "resume")}
+    how: dict[str, Any] = {
+        "memory": bytes_of(memory),
+        "options": options,
+        "resume": _checks.truth(resume, "resume"),
+    }
     pairs = _paths(sources, folder)
     if not pairs:
         return BuildResults()
@@ -203,7 +207,7 @@ def build_many(
         else:
             # Workers have working directories of their own.
             tasks = [(os.path.abspath(source), _absolute(path), existing, how) for source, path in pairs]
-            with _tasks.submitted(run, _build_one, tasks, place) as futures:
+            with _tasks.submitted(run, _build_one, tasks, _tasks.FolderTokens(place)) as futures:
                 indices = {future: index for index, future in enumerate(futures)}
                 for future in as_completed(indices):
                     finish(indices[future], _outcome(future))

@@ -57,7 +57,8 @@ impl Lists {
     }
 }
 
-fn path(folder: &Path, name: &str, block: usize) -> PathBuf {
+/// Where the finished list of a block lies; nowhere where it is empty.
+pub fn path(folder: &Path, name: &str, block: usize) -> PathBuf {
     folder.join(format!("{name}-{block:06}"))
 }
 

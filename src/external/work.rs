@@ -12,7 +12,7 @@ use super::block::{Common, LeftEntry, Made, Taken, bits_of, of_left, of_source};
 use super::cells::{Blocks, Cells};
 use super::lists::{self, write_whole};
 use super::report::{Input, report};
-use super::source::{distribute, silhouette, used};
+use super::source::{AROUND, BORDER, OWN, distribute, silhouette, used};
 use super::spool::SpoolReader;
 use crate::build::Meter;
 use crate::build::memory::trim_heap;
@@ -178,6 +178,37 @@ impl Work {
         self.folder.join(format!("stage{stage}-{block:06}.{what}"))
     }
 
+    /// Files that making a block of the current stage reads, by their names in the folder of the build: first what says which
+    /// others, then those that it says.
+    pub fn inputs(&self, block: usize) -> Result<[Vec<String>; 2]> {
+        let stage = self.stage();
+        if stage == 0 {
+            let lists = [OWN, AROUND, BORDER].map(|name| lists::path(Path::new(BLOCKS), name, block));
+            return Ok([Vec::new(), lists.iter().map(|path| path.display().to_string()).collect()]);
+        }
+        let taken = self.path(stage, block, "taken");
+        let given = [taken.clone(), self.path(stage, block, "fixed"), self.path(stage, 0, "groups")];
+        let taken: Vec<Taken> = bytemuck::cast_slice(&lists::words_of(&taken)?.unwrap_or_default()).to_vec();
+        let mut blocks: Vec<u32> = taken.iter().map(|taken| taken.block).collect();
+        blocks.sort_unstable();
+        blocks.dedup();
+        let all: Vec<(usize, usize)> = self.blocks().collect();
+        let records = blocks.iter().filter_map(|of| all.get(*of as usize));
+        let records = records.map(|(stage, block)| self.path(*stage, *block, "records"));
+        Ok([given.map(|path| name(&path)).to_vec(), records.map(|path| name(&path)).collect()])
+    }
+
+    /// Files that making a block of the current stage writes; the last one says that it is made.
+    pub fn outputs(&self, block: usize) -> [String; 2] {
+        ["records", "made"].map(|what| name(&self.path(self.stage(), block, what)))
+    }
+
+    /// The blocks of all stages: each by its stage and its number there.
+    fn blocks(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let stages = self.manifest.stages.iter().enumerate();
+        stages.flat_map(|(stage, of)| (0..of.blocks).map(move |block| (stage, block)))
+    }
+
     fn common(&self) -> Common<'_> {
         let Manifest { frame, layout, channels, scales, computed_normals, input, .. } = &self.manifest;
         Common {
@@ -219,9 +250,10 @@ impl Work {
     fn readers(&self) -> Vec<SpoolReader> {
         let Common { layout, stride, channels, .. } = self.common();
         let width = channels.iter().map(ChannelInfo::width).sum();
-        let blocks = self.manifest.stages.iter().enumerate();
-        let all = blocks.flat_map(|(stage, of)| (0..of.blocks).map(move |block| (stage, block)));
-        all.map(|(stage, block)| SpoolReader::new(&self.path(stage, block, "records"), layout, stride, width))
+        self.blocks()
+            .map(|(stage, block)| {
+                SpoolReader::new(&self.path(stage, block, "records"), layout, stride, width)
+            })
             .collect()
     }
 
@@ -293,6 +325,12 @@ impl Work {
         };
         assemble(&stages, bounds, faces, report, &self.folder)
     }
+}
+
+/// The name of a file of the blocks in the folder of the build.
+fn name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    Path::new(BLOCKS).join(name).display().to_string()
 }
 
 /// The words of a file that is there.

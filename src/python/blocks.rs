@@ -55,6 +55,16 @@ impl BlockBuild {
         self.work.missing()
     }
 
+    /// Names of the files that making a block reads, in the folder: first what says which others, then those that it says.
+    fn inputs(&self, py: Python<'_>, block: usize) -> PyResult<[Vec<String>; 2]> {
+        interruptible(py, |_| self.work.inputs(block))
+    }
+
+    /// Names of the files that making a block writes; the last one says that it is made.
+    fn outputs(&self, block: usize) -> [String; 2] {
+        self.work.outputs(block)
+    }
+
     /// Makes a block of the current stage.
     #[pyo3(signature = (arrays, block, progress=None))]
     fn make(
