@@ -83,7 +83,7 @@ def build_file(
         ``"2G"``, ``"500 MB"`` or ``"4 GiB"``. Tables of all vertices come on top: some 4 bytes for each vertex of
         all levels.
     options : BuildOptions, optional
-        How to build. ``preserve_area`` is for sources that fit.
+        How to build.
     folder : path or URL, optional
         Where the work folder is made, named after the file with ``.work`` behind it, for what does not fit: some
         150 bytes for each face. It is removed in the end. By default it is beside the file, and of a URL among
