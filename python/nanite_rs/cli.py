@@ -131,13 +131,14 @@ def _build(arguments: argparse.Namespace) -> int:
     in_blocks = arguments.memory is not None or arguments.scheduler is not None
     # What goes to a URL is built on disk: in this folder, where a build that is resumed finds its work folder.
     place = os.curdir if in_blocks and _remote.is_url(output) else None
+    work = arguments.work or place
     progress = False if arguments.quiet else None
     with _upload.written(output, folder=place, progress=progress) as path:
         if in_blocks:
             name = arguments.input
             source = _generated(name) if name.startswith(SHAPE_PREFIX) else name
             with _cluster(arguments.scheduler) as client:
-                how = {"executor": client, "folder": place, **_how(arguments)}
+                how = {"executor": client, "folder": work, **_how(arguments)}
                 mesh, seconds = _timed(lambda: nrs.build_file(source, path, **how))
         else:
             mesh, seconds = _timed(lambda: _mesh(arguments))
@@ -571,6 +572,11 @@ def _add_build(commands: Any) -> None:
     )
     sub.add_argument("--resume", action="store_true", help="with --memory: go on where a build was stopped")
     sub.add_argument(
+        "--work",
+        metavar="FOLDER",
+        help="with --memory: where the work folder is made, a folder or a URL such as s3://bucket/work",
+    )
+    sub.add_argument(
         "--skip-existing",
         action="store_true",
         help="of several inputs: leave files that are there as they are",
@@ -578,7 +584,7 @@ def _add_build(commands: Any) -> None:
     sub.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="build on the workers of a Dask cluster, which share the folders, such as tcp://host:8786",
+        help="build on the workers of a Dask cluster, which share the folders or --work, such as tcp://host:8786",
     )
     _add_building(sub)
 

@@ -6,9 +6,10 @@ import multiprocessing
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import pytest
+import trimesh
 
 import nanite_rs as nrs
-from nanite_rs import _work_store
+from nanite_rs import _work_store, cli
 
 fsspec = pytest.importorskip("fsspec")
 pytest.importorskip("obstore")
@@ -122,6 +123,18 @@ def test_another_machine_goes_on(store, executor, knot, expected, tmp_path) -> N
         nrs.build_file(knot, tmp_path / "knot.nanite", **how)
     assert made
     assert not set(made) & {name.partition(".work/")[2] for name in kept}
+    assert (tmp_path / "knot.nanite").read_bytes() == expected
+    assert store.names() == []
+
+
+def test_the_command(store, knot, expected, tmp_path, monkeypatch, capsys) -> None:
+    for name, value in store.environment.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.chdir(tmp_path)
+    trimesh.Trimesh(*knot, process=False).export("knot.ply")
+    arguments = ["build", "knot.ply", "-o", "knot.nanite", "--memory", str(LITTLE), "--work", FOLDER]
+    assert cli.main([*arguments, "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
     assert (tmp_path / "knot.nanite").read_bytes() == expected
     assert store.names() == []
 
