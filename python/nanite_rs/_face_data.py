@@ -136,43 +136,109 @@ def warn_of_floats(names: Iterable[str]) -> None:
 
 def taken_apart(
     faces: NDArray[Any], materials: NDArray[np.int32] | None, labels: dict[str, NDArray[Any]]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32], dict[str, NDArray[Any]]]:
-    """Return the vertex that each new one is a copy of, new faces, numbers of faces, and channels of new vertices.
+) -> Taken:
+    """Take the faces of a mesh apart.
 
     Raises
     ------
     ArgumentError
-        There are too many combinations, or face materials are no small numbers.
+        As of `Apart.look`.
     """
-    own = np.zeros(len(faces), np.int64) if materials is None else materials.astype(np.int64)
-    if own.min(initial=0) < 0:
-        raise ArgumentError(
-            f"face_materials[{int(own.argmin())}]: {own.min()} is below 0, which face_channels do not go with"
+    apart = Apart()
+    apart.look(materials, labels)
+    return apart.taken(faces, materials, labels)
+
+
+class Taken(NamedTuple):
+    """Faces that were taken apart."""
+
+    vertices: NDArray[np.int64]
+    """The vertex that each new one is a copy of."""
+    faces: NDArray[np.int64]
+    """Faces of new vertices."""
+    numbers: NDArray[np.int32]
+    """Numbers of faces."""
+    channels: dict[str, NDArray[Any]]
+    """Channels of new vertices."""
+
+
+class Apart:
+    """Takes faces apart that may come in parts: all are looked at once before.
+
+    Vertices come again in each part that uses them. Whoever welds them finds that they are equal.
+    """
+
+    def __init__(self) -> None:
+        self._rows: NDArray[np.int64] = np.zeros((0, 0), np.int64)
+        """All combinations in their order: materials, and what labels there are."""
+        self._seen = 0
+
+    def look(self, materials: NDArray[np.int32] | None, labels: Mapping[str, NDArray[Any]]) -> None:
+        """Look at what some faces carry.
+
+        Raises
+        ------
+        ArgumentError
+            There are too many combinations, or face materials are no small numbers.
+        """
+        if materials is not None and materials.min(initial=0) < 0:
+            row = int(materials.argmin())
+            raise ArgumentError(
+                f"face_materials[{self._seen + row}]: {materials[row]} is below 0, which face_channels do not go "
+                "with"
+            )
+        _, rows = _rows_of(materials, labels)
+        self._seen += len(next(iter(labels.values())))
+        self._rows = np.unique(np.concatenate([self._rows.reshape(-1, rows.shape[1]), rows]), axis=0)
+        if len(self._rows) > MOST:
+            raise ArgumentError(
+                f"face_channels: {len(self._rows):,} different rows of {', '.join(labels)}, at most {MOST:,} are "
+                "kept apart"
+            )
+
+    def taken(
+        self, faces: NDArray[Any], materials: NDArray[np.int32] | None, labels: Mapping[str, NDArray[Any]]
+    ) -> Taken:
+        """Take faces apart that were looked at.
+
+        Raises
+        ------
+        ArgumentError
+            Numbers of materials are too large for so many combinations.
+        """
+        own, count = self._rows[:, 0], len(self._rows)
+        # Combinations of a material follow each other: it is the first column.
+        rank = np.arange(count) - np.searchsorted(own, own)
+        width, height = int(own.max(initial=0)) + 1, int(rank.max(initial=0)) + 1
+        if width * height > _MOST_NUMBERS:
+            raise ArgumentError(
+                f"face_materials: numbers up to {width - 1:,} with {height:,} combinations of face_channels are "
+                "too many; number the materials from 0"
+            )
+        number, rows = _rows_of(materials, labels)
+        _, known = np.unique(np.concatenate([self._rows, rows]), axis=0, return_inverse=True)
+        number = known.reshape(-1)[count:][number]
+        corners = np.asarray(faces, np.int64).reshape(-1)
+        pairs, at, back = np.unique(
+            corners * count + np.repeat(number, 3), return_index=True, return_inverse=True
         )
-    number, count = combinations([own, *labels.values()])
-    if count > MOST:
-        raise ArgumentError(
-            f"face_channels: {count:,} different rows of {', '.join(labels)}, at most {MOST:,} are kept apart"
-        )
-    # Combinations of a material follow each other: it is the first column.
-    of_number = np.zeros(count, np.int64)
-    of_number[number] = own
-    first = np.searchsorted(of_number, of_number)
-    rank = np.arange(count) - first
-    width, height = int(own.max(initial=0)) + 1, int(rank.max(initial=0)) + 1
-    if width * height > _MOST_NUMBERS:
-        raise ArgumentError(
-            f"face_materials: numbers up to {width - 1:,} with {height:,} combinations of face_channels are too "
-            "many; number the materials from 0"
-        )
-    core = (of_number + width * rank)[number].astype(np.int32)
-    corners = np.asarray(faces, np.int64).reshape(-1)
-    pairs, at, back = np.unique(
-        corners * count + np.repeat(number, 3), return_index=True, return_inverse=True
-    )
-    prefix = f"face/{0 if materials is None else width}x{height}:"
-    channels = {prefix + name: values[at // 3] for name, values in labels.items()}
-    return pairs // count, back.reshape(-1, 3), core, channels
+        prefix = f"face/{0 if materials is None else width}x{height}:"
+        channels = {prefix + name: values[at // 3] for name, values in labels.items()}
+        core = (own + width * rank)[number].astype(np.int32)
+        return Taken(pairs // count, back.reshape(-1, 3), core, channels)
+
+
+def _rows_of(
+    materials: NDArray[np.int32] | None, labels: Mapping[str, NDArray[Any]]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the number of each face's combination among those of these faces, and their rows."""
+    columns = list(labels.values())
+    own = np.zeros(len(columns[0]), np.int64) if materials is None else materials.astype(np.int64)
+    number, count = combinations([own, *columns])
+    first = np.zeros(count, np.int64)
+    first[number[::-1]] = np.arange(len(number))[::-1]
+    parts = [column[first].reshape(count, -1).astype(np.int64) for column in (own, *columns)]
+    return number, np.concatenate(parts, axis=1)
 
 
 class FaceChannels(Mapping[str, "NDArray[Any]"]):
