@@ -16,7 +16,7 @@ from uuid import uuid4
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _pieces, _remote, _tasks, _upload, io
+from nanite_rs import _advice, _checks, _pieces, _sources, _tasks, _upload, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._asset import Notes
 from nanite_rs._core import BlockBuild, build_memory
@@ -131,15 +131,15 @@ def build_file(
     >>> nrs.build_file("city.ply", "s3://bucket/city.nanite", memory="8 GiB")  # doctest: +SKIP
     """
     path = _checks.path_of(path)
-    if _remote.ending(path) != io.NANITE_SUFFIX:
-        raise FormatError(f"{_remote.shown(path)}: the file must end in {io.NANITE_SUFFIX}")
+    if _sources.ending(path) != io.NANITE_SUFFIX:
+        raise FormatError(f"{_sources.shown(path)}: the file must end in {io.NANITE_SUFFIX}")
     if not isinstance(options, BuildOptions | None):
         raise no_options(options)
     limit = bytes_of(memory)
     resume = _checks.truth(resume, "resume")
     executor = _tasks.executor_of(executor)
     within = None if folder is None else _checks.path_of(folder, "folder")
-    if _remote.is_url(path):
+    if _sources.is_url(path):
         if resume and within is None:
             raise ArgumentError("resume: with a URL, give folder=, where the work folder stays")
         with _upload.written(path, storage_options, folder=within, progress=progress) as made:
@@ -154,7 +154,7 @@ def build_file(
                 progress=progress,
             )
         return NaniteMesh.open(path, storage_options=storage_options)
-    _remote.checked_options(path, storage_options)
+    _sources.checked_options(path, storage_options)
     target = Path(path)
     place = target.parent if within is None else Path(within)
     work = place / f"{target.name}.work"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
-from nanite_rs import _checks, _remote, _tasks, io
+from nanite_rs import _checks, _sources, _tasks, io
 from nanite_rs._notebook import table
 from nanite_rs._progress import reporter
 from nanite_rs._text import megabytes, seconds
@@ -200,8 +200,8 @@ def _paths(sources: Iterable[io.PathLike], folder: io.PathLike | None) -> list[t
     if isinstance(sources, str | bytes | os.PathLike):
         raise DtypeError("sources: expected several paths; build_file builds one")
     place = None if folder is None else _checks.path_of(folder, "folder")
-    if place is not None and _remote.is_url(place):
-        raise ArgumentError(f"folder: {_remote.shown(place)}: many files are built on disk")
+    if place is not None and _sources.is_url(place):
+        raise ArgumentError(f"folder: {_sources.shown(place)}: many files are built on disk")
     known: dict[str, str] = {}
     pairs: list[tuple[str, str]] = []
     for given in sources:

@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import nanite_rs as nrs
-from nanite_rs import _core, _page_cache, _remote, cli
+from nanite_rs import _core, _page_cache, _remote, _sources, cli
 from oracles.camera import look_at
 from oracles.weather import Server, Weather
 
@@ -114,7 +114,7 @@ def test_names_of_files(server) -> None:
         nrs.NaniteMesh.open(server.url("none.nanite?version=2&X-Amz-Signature=secret"))
     assert "none.nanite?version=2:" in str(caught.value)
     assert "secret" not in str(caught.value)
-    assert "secret" not in _remote.shown("https://me:secret@host/x?Signature=secret&sig=secret")
+    assert "secret" not in _sources.shown("https://me:secret@host/x?Signature=secret&sig=secret")
 
 
 def test_a_large_head_takes_a_second_request(server, tmp_path) -> None:
@@ -351,7 +351,7 @@ def test_answers_arrive_in_any_order(path, data, seed) -> None:
         name = "shuffled"
 
         def first(self, end):
-            return _remote.Identity(len(data), None), data[:end]
+            return _sources.Identity(len(data), None), data[:end]
 
         def read(self, start, end, _):
             time.sleep(order.random() * 0.01)
