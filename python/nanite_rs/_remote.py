@@ -36,6 +36,11 @@ MOST_REQUEST: Final = 1 << 20
 AT_ONCE: Final = 32
 # Pages that the core asks for as a batch: enough to join some, and to keep connections busy until the next batch.
 BATCH: Final = 64
+# How often a range is asked for that fails for a passing reason. Pauses begin at 10 ms, about double, and are 5 to
+# 10 seconds in all: servers that restart, and lines that are switched, are back by then.
+TRIES: Final = 11
+# The same of the first request, when somebody waits who may have mistyped the name of a server: 1.3 to 2.6 seconds.
+OPENING_TRIES: Final = 9
 
 
 # ------------------------------------------------------------------------------------------------- joining
@@ -160,10 +165,12 @@ class Reader:
 
     def open(self, how: Callable[[_core.Input], T]) -> T:
         """Return what the core makes of the beginning, while this thread looks at signals."""
-        given = _core.Input(self.source.name, self.identity.size, BATCH, self.read, self.traffic)
+        size = self.identity.size
+        given = _core.Input(self.source.name, size, BATCH, TRIES, self.read, self.traffic)
 
         def stop() -> None:
             self._stopped = True
+            given.stop()
 
         self._opening = True
         try:
@@ -179,7 +186,7 @@ class Reader:
 
     def _waited(self, work: Callable[[], Any]) -> Any:
         """Do it on a thread while this one looks at signals; passing errors are tried again."""
-        for pause in [*_core.RETRY_PAUSES, None]:
+        for pause in [*_core.retry_pauses(OPENING_TRIES), None]:
             future: Future[Any] = _pool().submit(work)
             try:
                 return _awaited(future)
