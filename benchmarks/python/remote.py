@@ -166,7 +166,7 @@ def first_images(where: str, path: Path, asked: argparse.Namespace, near: bool) 
     equal = all(
         np.array_equal(getattr(frame, n), getattr(same, n)) for n in ("color", "depth", "triangle_id")
     )
-    out: dict[str, object] = {"camera": "near" if near else "at a distance"}
+    out: dict[str, object] = {"triangles": len(mesh), "camera": "near" if near else "at a distance"}
     for key in rows[0]:
         value = float(np.median([row[key] for row in rows]))
         out[key] = round(value) if "requests" in key or key == "draws" else value
@@ -196,6 +196,7 @@ def fly(where: str, name: str, folder: Path, asked: argparse.Namespace) -> dict[
         traffic = mesh.traffic
     data = np.array(rows)
     return {
+        "triangles": len(mesh),
         "flight": name,
         "open to image ms": first * 1e3,
         "frames": len(rows),
@@ -214,13 +215,22 @@ def fly(where: str, name: str, folder: Path, asked: argparse.Namespace) -> dict[
     }
 
 
+def command(arguments: list[str]) -> str:
+    """What was called, without where files lay."""
+    out = ["python", "-m", "benchmarks.python.remote"]
+    for before, argument in zip(["", *arguments], arguments, strict=False):
+        if not {before, argument} & {"--files", "--output"}:
+            out.append(argument)
+    return " ".join(out)
+
+
 def main() -> None:
     """Command line."""
     if len(sys.argv) == 6 and sys.argv[1] == "serve":
         serve(Path(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4]), int(sys.argv[5]))
         return
     parser = argparse.ArgumentParser(prog="python -m benchmarks.python.remote", description=__doc__)
-    parser.add_argument("--faces", type=float, default=2e6, help="triangles of the mesh (%(default)s)")
+    parser.add_argument("--faces", type=float, nargs="+", default=[2e6], help="triangles of meshes")
     parser.add_argument("--latency", type=float, default=50, help="ms before each answer (%(default)s)")
     parser.add_argument("--bandwidth", type=float, default=100, help="Mbit/s of the line (%(default)s)")
     parser.add_argument(
@@ -230,31 +240,32 @@ def main() -> None:
     parser.add_argument("--pool", type=float, default=64, help="MiB of pages in a flight (%(default)s)")
     parser.add_argument("--runs", type=int, default=5, help="of the first image (%(default)s)")
     parser.add_argument("--backend", default="cpu", help="(%(default)s)")
-    parser.add_argument("--files", type=Path, help="folder that keeps the file from run to run")
+    parser.add_argument("--files", type=Path, help="folder that keeps files from run to run")
     parser.add_argument("--output", type=Path, default=RESULTS, help="folder for the results (%(default)s)")
     asked = parser.parse_args()
+    images, flights, files = [], [], []
     with tempfile.TemporaryDirectory() as temporary:
-        path = (asked.files or Path(temporary)) / f"{int(asked.faces)}.nanite"
-        if not path.exists():
-            path = saved(path.parent, int(asked.faces))
-        with served(path, asked) as where:
-            images = [first_images(where, path, asked, near) for near in (False, True)]
-            print(tables.table(images), flush=True)
-            cache = Path(temporary) / "pages"
-            flights = [fly(where, name, cache, asked) for name in ("from the server", "from the cache")]
-        info = nrs.NaniteMesh.file_info(path)
+        for faces in map(int, asked.faces):
+            path = (asked.files or Path(temporary)) / f"{faces}.nanite"
+            if not path.exists():
+                path = saved(path.parent, faces)
+            with served(path, asked) as where:
+                images += [first_images(where, path, asked, near) for near in (False, True)]
+                cache = Path(temporary) / f"pages of {faces}"
+                flights += [fly(where, name, cache, asked) for name in ("from the server", "from the cache")]
+            info = nrs.NaniteMesh.file_info(path)
+            files.append(f"{info['faces']:,} in {info['bytes'] / 1e6:.1f} MB and {info['pages']:,} pages")
     here = machine.describe()
     told = f"one of {asked.fail_every} requests is" if asked.fail_every else "no request is"
     date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
     lines = [
         f"# Meshes from a URL, {date}",
         "",
-        f"`python -m benchmarks.python.remote {' '.join(sys.argv[1:])}`.".replace(" `.", "`."),
-        f"{here['processor']}, {here['cores']} cores, {here['memory_gib']} GiB, load {here['load']}. A mesh of",
-        f"{info['faces']:,} triangles in {info['bytes'] / 1e6:.1f} MB and {info['pages']:,} pages; a server on the",
-        f"same machine, {asked.latency:.0f} ms before each answer, {asked.bandwidth:.0f} Mbit/s for all of them",
-        f"together; {told} answered by 503.",
-        f"{SIZE[0]}×{SIZE[1]}, backend {asked.backend}.",
+        f"`{command(sys.argv[1:])}`.",
+        f"{here['processor']}, {here['cores']} cores, {here['memory_gib']} GiB, load {here['load']}. Triangles:",
+        f"{'; '.join(files)}. A server on the same machine,",
+        f"{asked.latency:.0f} ms before each answer, {asked.bandwidth:.0f} Mbit/s for all of them together; {told}",
+        f"answered by 503. {SIZE[0]}×{SIZE[1]}, backend {asked.backend}.",
         "",
         "## First image, with an empty pool and no cache",
         "",
