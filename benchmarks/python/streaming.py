@@ -37,18 +37,15 @@ def look_at(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
     return pose
 
 
-def flight(frames: int) -> list[np.ndarray]:
-    """From a distance down to the surface, along it, and away again."""
-    poses = []
-    for t in np.linspace(0.0, 1.0, frames):
-        height = 0.06 + 2.5 * (0.5 + 0.5 * np.cos(2 * np.pi * t)) ** 3
-        angle = 5.0 * t
-        out = np.array([np.cos(angle), 0.25 * np.sin(3 * angle), np.sin(angle)])
-        out /= np.linalg.norm(out)
-        along = np.array([-np.sin(angle), 0.0, np.cos(angle)])
-        eye = (1.0 + height) * out
-        poses.append(look_at(eye, (1.0 - 0.2 * height) * out + 0.5 * along / (1.0 + height)))
-    return poses
+def pose_at(t: float) -> np.ndarray:
+    """Where a flight is after such a part of it: from a distance down to the surface, along it, and away again."""
+    height = 0.06 + 2.5 * (0.5 + 0.5 * np.cos(2 * np.pi * t)) ** 3
+    angle = 5.0 * t
+    out = np.array([np.cos(angle), 0.25 * np.sin(3 * angle), np.sin(angle)])
+    out /= np.linalg.norm(out)
+    along = np.array([-np.sin(angle), 0.0, np.cos(angle)])
+    eye = (1.0 + height) * out
+    return look_at(eye, (1.0 - 0.2 * height) * out + 0.5 * along / (1.0 + height))
 
 
 def scene_of(mesh: nrs.NaniteMesh) -> nrs.Scene:
@@ -124,7 +121,8 @@ def fly(path: Path, backend: str, frames: int) -> tuple[dict[str, object], np.nd
     scene = scene_of(mesh)
     rows = []
     with nrs.Renderer(*SIZE, backend=backend, streaming=True, pool_bytes=POOL) as renderer:
-        for pose in flight(frames):
+        for t in np.linspace(0.0, 1.0, frames):
+            pose = pose_at(t)
             start = time.perf_counter()
             frame = renderer.render(scene, CAMERA, pose, wait=False)
             took = time.perf_counter() - start

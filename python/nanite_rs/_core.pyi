@@ -9,7 +9,6 @@ __all__ = [
     "FINE_PART",
     "FIRST_READ",
     "MOST_THREADS",
-    "RETRY_PAUSES",
     "Answers",
     "BlockBuild",
     "ChannelRows",
@@ -40,6 +39,7 @@ __all__ = [
     "read_off",
     "read_ply",
     "read_stl",
+    "retry_pauses",
     "set_num_threads",
     "skinned",
     "strips",
@@ -50,8 +50,8 @@ __version__: str
 FINE_PART: int
 FIRST_READ: int
 MOST_THREADS: int
-RETRY_PAUSES: list[float]
 
+def retry_pauses(tries: int) -> list[float]: ...
 def build_memory(arrays: dict[str, Any]) -> int: ...
 def cluster_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
 def group_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
@@ -134,9 +134,11 @@ class Input:
         name: str,
         length: int,
         batch: int,
+        tries: int,
         read: Callable[[list[tuple[int, int]], Answers], object],
         traffic: Traffic,
     ) -> Input: ...
+    def stop(self) -> None: ...
 
 @final
 class Answers:

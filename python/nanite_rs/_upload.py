@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 from urllib.parse import urlsplit
 
-from nanite_rs import _advice, _remote
+from nanite_rs import _advice, _remote, _sources
 from nanite_rs._progress import Progress, reporter
 from nanite_rs.exceptions import ArgumentError, FileError, ForkError, UsageWarning
 
@@ -70,7 +70,7 @@ class _Parts:
             yield data
 
 
-class _Bucket(_remote.ObjectStore):
+class _Bucket(_sources.ObjectStore):
     """An object that obstore writes."""
 
     use, absent = "writing", "there is no such bucket or container"
@@ -151,7 +151,7 @@ class _ToStore(_Target):
         bucket.put(b"".join(parts) if parts.total <= parts.size else parts, parts.size)
 
 
-class _ToFileSystem(_remote.FileSystem, _Target):
+class _ToFileSystem(_sources.FileSystem, _Target):
     """A file of a file system that fsspec knows. What could be tried out without a trace depends on it."""
 
     use, absent = "writing", "there is no such folder"
@@ -174,13 +174,13 @@ def _target(url: str, options: Mapping[str, Any]) -> _Target:
     scheme = urlsplit(url).scheme.lower()
     if scheme in {"http", "https"}:
         raise FileError(
-            f"{_remote.shown(url)}: what has a URL of {scheme} is read and not written; "
+            f"{_sources.shown(url)}: what has a URL of {scheme} is read and not written; "
             "give that of a store, such as s3://, or a path"
         )
-    if scheme not in _remote.STORES:
+    if scheme not in _sources.STORES:
         return _ToFileSystem(url, options)
     if not urlsplit(url).path.strip("/"):
-        raise ArgumentError(f"path: {_remote.shown(url)} names a bucket and no file in it")
+        raise ArgumentError(f"path: {_sources.shown(url)} names a bucket and no file in it")
     return _ToStore(url, options)
 
 
@@ -207,8 +207,8 @@ def written(
     progress : bool or callable, optional
         Who is told how much has been sent.
     """
-    known = _remote.checked_options(where, options)
-    if not _remote.is_url(where):
+    known = _sources.checked_options(where, options)
+    if not _sources.is_url(where):
         yield Path(where)
         return
     target = _target(where, known)
@@ -217,8 +217,8 @@ def written(
         return
     try:
         target.try_out()
-    except _remote.Refusal as refusal:
-        raise _remote.raised(refusal, target.name) from None
+    except _sources.Refusal as refusal:
+        raise _sources.raised(refusal, target.name) from None
     try:
         place = Path(tempfile.mkdtemp(prefix="nanite-", dir=folder))
     except OSError as error:
@@ -232,7 +232,7 @@ def written(
     try:
         with reporter(progress, "uploading") as report:
             target.send(path, report)
-    except _remote.Refusal as refusal:
+    except _sources.Refusal as refusal:
         raise refusal.kind(f"{target.name}: {refusal}; the file that was made is kept: {path}") from None
     except BaseException:
         if target.sent:  # before whatever this is

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol
 from uuid import uuid4
 
-from nanite_rs import _remote
+from nanite_rs import _sources
 from nanite_rs.exceptions import FileError, MissingFileError
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class _Place(Protocol):
     def drop(self, names: list[str]) -> None: ...
 
 
-class _Bucket(_remote.ObjectStore):
+class _Bucket(_sources.ObjectStore):
     """A folder of a store that obstore knows."""
 
     use, absent = "writing", "there is no such bucket or container"
@@ -99,7 +99,7 @@ class _Bucket(_remote.ObjectStore):
             self._obstore.delete(self._store, [self._key(name) for name in names])
 
 
-class _Folder(_remote.FileSystem):
+class _Folder(_sources.FileSystem):
     """A folder of a file system that fsspec knows."""
 
     use, absent = "writing", "there is no such folder"
@@ -138,9 +138,9 @@ class WorkStore:
     def __init__(self, url: str, options: Mapping[str, Any], here: Path) -> None:
         scheme = url.partition("://")[0].lower()
         if scheme in {"http", "https"}:
-            raise FileError(f"{_remote.shown(url)}: what has a URL of {scheme} is read and not written")
+            raise FileError(f"{_sources.shown(url)}: what has a URL of {scheme} is read and not written")
         self.url, self.options, self.here = url, dict(options), here
-        kind = _Bucket if scheme in _remote.STORES else _Folder
+        kind = _Bucket if scheme in _sources.STORES else _Folder
         self._place: _Place = kind(url.rstrip("/"), options)
 
     @contextmanager
@@ -148,8 +148,8 @@ class WorkStore:
         """Raise what refusals are, with the name of the folder."""
         try:
             yield
-        except _remote.Refusal as refusal:
-            raise _remote.raised(refusal, self._place.name) from None
+        except _sources.Refusal as refusal:
+            raise _sources.raised(refusal, self._place.name) from None
 
     def _each(self, work: Callable[[str], object], names: Iterable[str]) -> None:
         with self._named(), ThreadPoolExecutor(AT_ONCE) as threads:
@@ -169,7 +169,7 @@ class WorkStore:
             try:
                 self._place.get(name, aside)
                 aside.replace(path)
-            except _remote.Refusal as refusal:
+            except _sources.Refusal as refusal:
                 if not (optional and refusal.kind is MissingFileError):
                     raise
             finally:

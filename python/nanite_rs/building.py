@@ -17,7 +17,7 @@ from uuid import uuid4
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _pieces, _remote, _tasks, _upload, _work_store, io
+from nanite_rs import _advice, _checks, _pieces, _sources, _tasks, _upload, _work_store, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._asset import Notes
 from nanite_rs._core import BlockBuild, build_memory
@@ -141,18 +141,18 @@ def build_file(
     >>> nrs.build_file("city.ply", "s3://bucket/city.nanite", memory="8 GiB")  # doctest: +SKIP
     """
     path = _checks.path_of(path)
-    if _remote.ending(path) != io.NANITE_SUFFIX:
-        raise FormatError(f"{_remote.shown(path)}: the file must end in {io.NANITE_SUFFIX}")
+    if _sources.ending(path) != io.NANITE_SUFFIX:
+        raise FormatError(f"{_sources.shown(path)}: the file must end in {io.NANITE_SUFFIX}")
     if not isinstance(options, BuildOptions | None):
         raise no_options(options)
     limit = bytes_of(memory)
     resume = _checks.truth(resume, "resume")
     executor = _tasks.executor_of(executor)
     within = None if folder is None else _checks.path_of(folder, "folder")
-    if _remote.is_url(path):
+    if _sources.is_url(path):
         if resume and within is None:
             raise ArgumentError("resume: with a URL, give folder=, where the work folder stays")
-        stored = within is not None and _remote.is_url(within)
+        stored = within is not None and _sources.is_url(within)
         of_folder = storage_options if stored else None
         with _upload.written(
             path, storage_options, folder=None if stored else within, progress=progress
@@ -180,8 +180,8 @@ def _work_folder(
     target: Path, within: str | None, storage_options: Mapping[str, Any] | None
 ) -> Iterator[tuple[Path, _work_store.WorkStore | None]]:
     """Yield the work folder, and where its files are, too, if that is a URL."""
-    known = _remote.checked_options(target if within is None else within, storage_options)
-    if within is None or not _remote.is_url(within):
+    known = _sources.checked_options(target if within is None else within, storage_options)
+    if within is None or not _sources.is_url(within):
         yield (target.parent if within is None else Path(within)) / f"{target.name}.work", None
         return
     url = f"{within.rstrip('/')}/{target.name}.work"
@@ -243,7 +243,7 @@ def _is_ours(work: Path, store: _work_store.WorkStore | None) -> bool:
 def _make_folder(work: Path, store: _work_store.WorkStore | None, *, resume: bool) -> None:
     """Make the work folder, or empty the one of another build."""
     if not _is_ours(work, store):
-        name = work if store is None else _remote.shown(store.url)
+        name = work if store is None else _sources.shown(store.url)
         raise FileError(f"{name}: in the way, and no work folder of a build; give another folder")
     if not resume:
         _remove(work, store)
@@ -337,7 +337,7 @@ def make_block(
     folder: str, storage_options: dict[str, Any], options: dict[str, Any], block: int, token: str
 ) -> int:
     """Make a block, in any process that sees the work folder; return its progress, counted as that of the build."""
-    if not _remote.is_url(folder):
+    if not _sources.is_url(folder):
         return _make_block(Path(folder), options, block, _tasks.interrupt_check(token))
     with _work_store.mirrored(folder, storage_options) as store:
         check = store.interrupt_check(token)

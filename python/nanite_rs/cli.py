@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
 import numpy as np
 
 import nanite_rs as nrs
-from nanite_rs import _advice, _core, _export, _images, _overlay, _paint, _remote, _text, _upload, io, shapes
+from nanite_rs import _advice, _core, _export, _images, _overlay, _paint, _sources, _text, _upload, io, shapes
 from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 from nanite_rs.frame import ViewName
@@ -77,7 +77,7 @@ def _generated(name: str) -> shapes.Mesh:
 
 
 def _is_built(name: str) -> bool:
-    return _remote.ending(name) == io.NANITE_SUFFIX
+    return _sources.ending(name) == io.NANITE_SUFFIX
 
 
 def _stem(name: str) -> str:
@@ -127,10 +127,10 @@ def _build(arguments: argparse.Namespace) -> int:
     (arguments.input,) = arguments.inputs
     output = arguments.output or f"{_stem(arguments.input)}{io.NANITE_SUFFIX}"
     if not _is_built(output):
-        raise ArgumentError(f"{_remote.shown(output)}: the output must end in {io.NANITE_SUFFIX}")
+        raise ArgumentError(f"{_sources.shown(output)}: the output must end in {io.NANITE_SUFFIX}")
     in_blocks = arguments.memory is not None or arguments.scheduler is not None
     # What goes to a URL is built on disk: in this folder, where a build that is resumed finds its work folder.
-    place = os.curdir if in_blocks and _remote.is_url(output) else None
+    place = os.curdir if in_blocks and _sources.is_url(output) else None
     work = arguments.work or place
     progress = False if arguments.quiet else None
     with _upload.written(output, folder=place, progress=progress) as path:
@@ -149,7 +149,7 @@ def _build(arguments: argparse.Namespace) -> int:
         size = _text.megabytes(path.stat().st_size)
     if not arguments.quiet:
         checked = ", every invariant holds" if arguments.check else ""
-        print(f"{_remote.shown(output)}: {mesh}, {size} on disk, {_text.seconds(seconds)}{checked}")
+        print(f"{_sources.shown(output)}: {mesh}, {size} on disk, {_text.seconds(seconds)}{checked}")
     return 0
 
 
@@ -163,7 +163,7 @@ def _how(arguments: argparse.Namespace) -> dict[str, Any]:
 def _build_many(arguments: argparse.Namespace) -> int:
     output = arguments.output or "."
     if _is_built(output):
-        raise ArgumentError(f"{_remote.shown(output)}: several inputs are built into a folder")
+        raise ArgumentError(f"{_sources.shown(output)}: several inputs are built into a folder")
     for name in arguments.inputs:
         if name.startswith(SHAPE_PREFIX):
             raise ArgumentError(f"{name}: is built alone, into a file")

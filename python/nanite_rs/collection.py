@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
-from nanite_rs import _checks, _remote, _tasks, io
+from nanite_rs import _checks, _sources, _tasks, io
 from nanite_rs._notebook import table
 from nanite_rs._progress import reporter
 from nanite_rs._text import megabytes, seconds
@@ -60,7 +60,7 @@ class BuildResult:
             f"{self.faces:,}",
             size,
             seconds(self.seconds),
-            f"{what}: {_remote.shown(self.path)}",
+            f"{what}: {_sources.shown(self.path)}",
         )
 
 
@@ -184,12 +184,12 @@ def build_many(
     pairs = _paths(sources, folder)
     if not pairs:
         return BuildResults()
-    if storage_options is not None or _remote.is_url(pairs[0][1]):
+    if storage_options is not None or _sources.is_url(pairs[0][1]):
         if how["resume"]:
             raise ArgumentError(
                 "resume: with a URL nothing stays to go on from; build those that failed again"
             )
-        how["storage_options"] = _remote.checked_options(pairs[0][1], storage_options)
+        how["storage_options"] = _sources.checked_options(pairs[0][1], storage_options)
     # Where no folder can be written to, all fail here as they would elsewhere.
     place = next((found for found in _folders(pairs) if os.access(found, os.W_OK)), None)
     results: dict[int, BuildResult] = {}
@@ -217,13 +217,13 @@ def build_many(
 def _folders(pairs: list[tuple[str, str]]) -> Iterator[Path]:
     """Folders that all workers see: those of files, or else of sources; temporary files come last."""
     for source, path in pairs:
-        yield Path(source if _remote.is_url(path) else path).absolute().parent
-    if _remote.is_url(pairs[0][1]):
+        yield Path(source if _sources.is_url(path) else path).absolute().parent
+    if _sources.is_url(pairs[0][1]):
         yield Path(tempfile.gettempdir())
 
 
 def _absolute(path: str) -> str:
-    return path if _remote.is_url(path) else os.path.abspath(path)
+    return path if _sources.is_url(path) else os.path.abspath(path)
 
 
 def _paths(sources: Iterable[io.PathLike], folder: io.PathLike | None) -> list[tuple[str, str]]:
@@ -236,7 +236,7 @@ def _paths(sources: Iterable[io.PathLike], folder: io.PathLike | None) -> list[t
     for given in sources:
         source = _checks.path_of(given, "sources")
         name = f"{io.stem(source)}{io.NANITE_SUFFIX}"
-        if place is not None and _remote.is_url(place):
+        if place is not None and _sources.is_url(place):
             path = f"{place.rstrip('/')}/{name}"
             key = path
         else:
@@ -245,10 +245,10 @@ def _paths(sources: Iterable[io.PathLike], folder: io.PathLike | None) -> list[t
         before = known.setdefault(key, source)
         if len(known) == len(pairs):
             raise ArgumentError(
-                f"sources: {before} and {source} would both be {_remote.shown(path)}; build them apart"
+                f"sources: {before} and {source} would both be {_sources.shown(path)}; build them apart"
             )
         pairs.append((source, path))
-    if place is not None and not _remote.is_url(place):
+    if place is not None and not _sources.is_url(place):
         try:
             os.makedirs(place, exist_ok=True)
         except OSError as error:

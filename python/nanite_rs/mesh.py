@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _exchange, _face_data, _remote, _upload, io
+from nanite_rs import _advice, _checks, _exchange, _face_data, _remote, _sources, _upload, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._core import FINE_PART
 from nanite_rs._core import Mesh as CoreMesh
@@ -452,8 +452,8 @@ class NaniteMesh(Geometry):
         True
         >>> nrs.NaniteMesh.open("https://example.org/city.nanite", cache_dir="pages")  # doctest: +SKIP
         """
-        if not _remote.is_url(path) and not _remote.is_file(path):
-            _remote.checked_options(path, storage_options, cache_dir)
+        if not _sources.is_url(path) and not _sources.is_file(path):
+            _sources.checked_options(path, storage_options, cache_dir)
             path = _checks.path_of(path)
             try:
                 return cls._wrap(CoreMesh.open(path))
@@ -544,7 +544,7 @@ class NaniteMesh(Geometry):
         True
         """
         path = _checks.path_of(path)
-        name, ending = _remote.shown(path), _remote.ending(path)
+        name, ending = _sources.shown(path), _sources.ending(path)
         if ending in _OTHERS:
             raise FormatError(
                 f"{name}: save writes .nanite files; mesh.cut(error=0).export(path) writes {ending}"
@@ -600,7 +600,7 @@ class NaniteMesh(Geometry):
         >>> info["faces"] == len(mesh), info["bytes"] == sum(info["parts"].values())
         (True, True)
         """
-        if _remote.is_url(path) or _remote.is_file(path):
+        if _sources.is_url(path) or _sources.is_file(path):
             info = _remote.opened(path, None, 0, storage_options).open(CoreMesh.input_info)
         else:
             info = CoreMesh.file_info(_checks.path_of(path))

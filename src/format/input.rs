@@ -13,7 +13,7 @@ use std::time::Instant;
 
 use crate::error::{Error, Result, is_passing};
 use crate::model::retry::{Retry, TRIES};
-use crate::model::{Answer, Traffic, Workers};
+use crate::model::{Answer, INTERRUPT_INTERVAL, Traffic, Workers};
 
 /// Bytes that somebody wants.
 pub struct RangeRequest {
@@ -35,6 +35,16 @@ pub trait Input: Send + Sync {
     /// See [`crate::model::PageSource::batch_size`].
     fn batch_size(&self) -> usize {
         1
+    }
+
+    /// See [`crate::model::PageSource::tries`].
+    fn tries(&self) -> u32 {
+        TRIES
+    }
+
+    /// Whether nobody waits for what is opened or read now: then no pause is waited out.
+    fn is_stopped(&self) -> bool {
+        false
     }
 
     /// What reading has cost so far, where that is counted.
@@ -83,10 +93,19 @@ pub fn read_now(input: &dyn Input, ranges: &[Range<u64>]) -> io::Result<Vec<Vec<
         let Some(error) = failed else { return Ok(found.into_iter().flatten().collect()) };
         let now = Instant::now();
         retry.failed(now);
-        if retry.failures() == TRIES {
+        if retry.failures() >= input.tries() {
             return Err(error);
         }
-        std::thread::sleep(retry.pause(now));
+        loop {
+            if input.is_stopped() {
+                return Err(error);
+            }
+            let pause = retry.pause(Instant::now());
+            if pause.is_zero() {
+                break;
+            }
+            std::thread::sleep(pause.min(INTERRUPT_INTERVAL));
+        }
     }
 }
 

@@ -70,6 +70,10 @@ impl PageSource for Stored {
         self.input.batch_size()
     }
 
+    fn tries(&self) -> u32 {
+        self.input.tries()
+    }
+
     fn traffic(&self) -> Traffic {
         self.input.traffic()
     }

@@ -11,13 +11,16 @@ use rustc_hash::FxHashMap;
 
 use super::page::PageWords;
 use super::reading::{INTERRUPT_INTERVAL, InterruptCheck};
-use super::retry::{Clock, Retry, TRIES};
+use super::retry::{Clock, Retry};
 use super::source::{Answer, Cancelled, PageRequest, PageSource};
 use super::workers::Workers;
 use crate::error::{Error, Result};
 
 /// Batches of a source that are asked for and not answered: one that is being read, and the next.
 const BATCHES: usize = 2;
+
+/// Pages whose pauses are over within such a time are asked for together: what failed as one request is one again.
+const TOGETHER: Duration = Duration::from_millis(5);
 
 /// A page to be read, with what whoever asks wants to know of it when it arrives.
 #[derive(Clone, Debug)]
@@ -62,7 +65,9 @@ impl<T> Queue<T> {
     /// The next batch: pages of one source, as soon as it has half of what it may have at once.
     fn next(&mut self, now: Instant, threads: usize) -> Vec<LoadRequest<T>> {
         let Self { requests, paused, unanswered, .. } = self;
-        requests.extend(paused.extract_if(.., |request| request.retry.pause(now).is_zero()));
+        if paused.iter().any(|request| request.retry.pause(now).is_zero()) {
+            requests.extend(paused.extract_if(.., |request| request.retry.pause(now) <= TOGETHER));
+        }
         let mut batch: Vec<LoadRequest<T>> = Vec::new();
         let mut room = 0;
         let mut at = requests.len();
@@ -146,7 +151,7 @@ impl<T: Send + 'static> Shared<T> {
             request.retry.failed(self.clock.now());
         }
         match words {
-            Err(error) if error.is_passing() && request.retry.failures() < TRIES => {
+            Err(error) if error.is_passing() && request.retry.failures() < request.source.tries() => {
                 queue.paused.push(request);
             }
             // Nobody listens any more once the loader goes.

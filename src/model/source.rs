@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::page::PageWords;
+use super::retry::TRIES;
 use super::workers::Workers;
 use crate::error::Result;
 
@@ -151,6 +152,11 @@ pub trait PageSource: fmt::Debug + Send + Sync {
     /// many as fast as one.
     fn batch_size(&self) -> usize {
         1
+    }
+
+    /// How often a page is tried that fails for a passing reason. Pauses about double: eleven times take up to ten seconds.
+    fn tries(&self) -> u32 {
+        TRIES
     }
 
     /// What reading has cost so far, where that is counted.

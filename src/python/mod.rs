@@ -18,7 +18,6 @@ mod triangle_mesh;
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 
-use crate::model::retry;
 use crate::{format, processor, threads};
 
 /// The compiled part of nanite_rs. Use the package `nanite_rs`, not this module.
@@ -36,11 +35,11 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("MOST_THREADS", threads::MOST_THREADS)?;
     module.add("FINE_PART", format::FINE_PART)?;
     module.add("FIRST_READ", format::FIRST_READ)?;
-    module.add("RETRY_PAUSES", retry::pauses().map(|pause| pause.as_secs_f64()).collect::<Vec<_>>())?;
     module.add_function(wrap_pyfunction!(calls::set_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(calls::num_threads, module)?)?;
     module.add_class::<blocks::BlockBuild>()?;
     module.add_function(wrap_pyfunction!(blocks::build_memory, module)?)?;
+    module.add_function(wrap_pyfunction!(remote::retry_pauses, module)?)?;
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<mesh::Skin>()?;
     module.add_class::<mesh::Cut>()?;

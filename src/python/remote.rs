@@ -3,13 +3,14 @@
 
 use std::io;
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
 
 use super::errors::Refused;
 use crate::format::input::{Input as ByteInput, RangeRequest};
-use crate::model::{self, Answer, TrafficCounter, Workers};
+use crate::model::{self, Answer, TrafficCounter, Workers, retry};
 
 /// Counts what reading costs.
 #[pyclass(frozen, module = "nanite_rs._core")]
@@ -55,23 +56,37 @@ impl Traffic {
     }
 }
 
+/// Seconds of the pauses before each try but the first, of what is tried so many times.
+#[pyfunction]
+pub fn retry_pauses(tries: u32) -> Vec<f64> {
+    retry::pauses(tries).map(|pause| pause.as_secs_f64()).collect()
+}
+
 /// Bytes that Python reads.
 #[pyclass(frozen, module = "nanite_rs._core")]
 pub struct Input {
     name: String,
     length: u64,
     batch: usize,
+    tries: u32,
     read: Py<PyAny>,
     traffic: Arc<TrafficCounter>,
+    stopped: Arc<AtomicBool>,
 }
 
 #[pymethods]
 impl Input {
     /// So many bytes, which `read(ranges, answers)` reads: it gets up to some `batch` ranges as a list of pairs (start, end),
-    /// the most wanted first, and returns at once.
+    /// the most wanted first, and returns at once. What fails for a passing reason is tried so many times.
     #[new]
-    fn new(name: String, length: u64, batch: usize, read: Py<PyAny>, traffic: &Traffic) -> Self {
-        Self { name, length, batch, read, traffic: Arc::clone(&traffic.0) }
+    fn new(name: String, length: u64, batch: usize, tries: u32, read: Py<PyAny>, traffic: &Traffic) -> Self {
+        let (traffic, stopped) = (Arc::clone(&traffic.0), Arc::default());
+        Self { name, length, batch, tries, read, traffic, stopped }
+    }
+
+    /// Nobody waits for it to be opened any more: pauses end.
+    fn stop(&self) {
+        self.stopped.store(true, Ordering::Relaxed);
     }
 }
 
@@ -83,8 +98,9 @@ impl Input {
 
     /// What reads it.
     pub(super) fn remote(&self, py: Python<'_>) -> Remote {
-        let Self { length, batch, .. } = *self;
-        Remote { length, batch, read: self.read.clone_ref(py), traffic: Arc::clone(&self.traffic) }
+        let Self { length, batch, tries, .. } = *self;
+        let (traffic, stopped) = (Arc::clone(&self.traffic), Arc::clone(&self.stopped));
+        Remote { length, batch, tries, read: self.read.clone_ref(py), traffic, stopped }
     }
 }
 
@@ -92,8 +108,10 @@ impl Input {
 pub(super) struct Remote {
     length: u64,
     batch: usize,
+    tries: u32,
     read: Py<PyAny>,
     traffic: Arc<TrafficCounter>,
+    stopped: Arc<AtomicBool>,
 }
 
 impl ByteInput for Remote {
@@ -119,6 +137,14 @@ impl ByteInput for Remote {
 
     fn batch_size(&self) -> usize {
         self.batch
+    }
+
+    fn tries(&self) -> u32 {
+        self.tries
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stopped.load(Ordering::Relaxed)
     }
 
     fn traffic(&self) -> model::Traffic {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import concurrent.futures
 import io
 import itertools
@@ -20,7 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import nanite_rs as nrs
-from nanite_rs import _core, _page_cache, _remote, cli
+from nanite_rs import _core, _page_cache, _remote, _sources, cli
 from oracles.camera import look_at
 from oracles.weather import Server, Weather
 
@@ -52,6 +53,13 @@ def data(path) -> bytes:
 def server(data):
     with Server({"ball.nanite": data, "a/b c.nanite": data}) as server:
         yield server
+
+
+@pytest.fixture
+def impatient(monkeypatch) -> None:
+    """What goes on failing is an error after less than a tenth of a second."""
+    monkeypatch.setattr(_remote, "TRIES", 4)
+    monkeypatch.setattr(_remote, "OPENING_TRIES", 4)
 
 
 def same_cut(a: nrs.Cut, b: nrs.Cut) -> None:
@@ -114,7 +122,7 @@ def test_names_of_files(server) -> None:
         nrs.NaniteMesh.open(server.url("none.nanite?version=2&X-Amz-Signature=secret"))
     assert "none.nanite?version=2:" in str(caught.value)
     assert "secret" not in str(caught.value)
-    assert "secret" not in _remote.shown("https://me:secret@host/x?Signature=secret&sig=secret")
+    assert "secret" not in _sources.shown("https://me:secret@host/x?Signature=secret&sig=secret")
 
 
 def test_a_large_head_takes_a_second_request(server, tmp_path) -> None:
@@ -209,6 +217,62 @@ def test_passing_errors_pass(server, path) -> None:
     assert opened.traffic.failed_requests > 0
 
 
+@pytest.mark.slow
+def test_an_outage_of_seconds_loses_nothing(server, path) -> None:
+    """Opening waits a second for a server that restarts, cuts and frames three."""
+    url = server.url("ball.nanite")
+    server.weather = Weather(status=503, until=time.monotonic() + 1.0)
+    opened = nrs.NaniteMesh.open(url)
+    server.weather = Weather(status=503, until=time.monotonic() + 3.0)
+    cut = opened.cut(error=0.0)
+    assert time.monotonic() > server.weather.until
+    same_cut(cut, nrs.NaniteMesh.open(path).cut(error=0.0))
+    opened = nrs.NaniteMesh.open(url)
+    server.weather = Weather(status=503, until=time.monotonic() + 3.0)
+    before = len(server.requests)
+    frame = picture(opened)
+    stream = frame.stats.stream
+    assert stream.settled
+    assert stream.read_errors == 0
+    same_frame(frame, picture(nrs.NaniteMesh.open(path)))
+    # What failed together is asked for together: a server in trouble does not get a request for each page.
+    assert stream.failed_requests < 60
+    assert len(server.requests) - before < 80
+
+
+def test_pauses(monkeypatch) -> None:
+    pauses = _core.retry_pauses(_remote.TRIES)
+    assert len(pauses) == _remote.TRIES - 1
+    assert all(0.005 * 2**k <= pause <= 0.01 * 2**k for k, pause in enumerate(pauses))
+    assert 5 < sum(pauses) < 10.3
+    assert pauses == _core.retry_pauses(_remote.TRIES)
+    assert sum(_core.retry_pauses(_remote.OPENING_TRIES)) < 3
+
+
+@pytest.mark.slow
+def test_opening_is_given_up_during_a_pause(server, data) -> None:
+    """Ctrl-C does not wait for a pause."""
+    from nanite_rs.mesh import CoreMesh
+
+    class Down:
+        name = "down"
+
+        def first(self, _):
+            # The rest of the head takes another request.
+            return _sources.Identity(len(data), None), data[:1000]
+
+        def read(self, *_):
+            raise _sources.Refusal(nrs.ServerError, "down", passing=True)
+
+    reader = _remote.Reader(Down())
+    timer = threading.Timer(1.5, _thread.interrupt_main)
+    timer.start()
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        reader.open(CoreMesh.open_input)
+    assert time.monotonic() - start < 2.5
+
+
 def test_opening_is_tried_again(server) -> None:
     server.weather = Weather(status=503, times=3)
     assert nrs.NaniteMesh.open(server.url("ball.nanite")).traffic.failed_requests == 3
@@ -229,6 +293,7 @@ BAD = {
 
 @pytest.mark.parametrize("case", BAD)
 @pytest.mark.parametrize("when", ["opening", "reading"])
+@pytest.mark.usefixtures("impatient")
 def test_lasting_errors_are_typed(server, case, when) -> None:
     weather, kind, message = BAD[case]
     url = server.url("ball.nanite")
@@ -248,6 +313,7 @@ def test_lasting_errors_are_typed(server, case, when) -> None:
     assert isinstance(caught.value, nrs.FileError)
 
 
+@pytest.mark.usefixtures("impatient")
 def test_nobody_answers() -> None:
     with Server({}) as server:
         url = server.url("ball.nanite")
@@ -255,6 +321,7 @@ def test_nobody_answers() -> None:
         nrs.NaniteMesh.open(url)
 
 
+@pytest.mark.usefixtures("impatient")
 def test_other_things_than_meshes(server) -> None:
     server.files["page.html"] = b"<html></html>" * 100
     server.files["empty"] = b""
@@ -351,7 +418,7 @@ def test_answers_arrive_in_any_order(path, data, seed) -> None:
         name = "shuffled"
 
         def first(self, end):
-            return _remote.Identity(len(data), None), data[:end]
+            return _sources.Identity(len(data), None), data[:end]
 
         def read(self, start, end, _):
             time.sleep(order.random() * 0.01)

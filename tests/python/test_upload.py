@@ -18,7 +18,7 @@ import pytest
 import trimesh
 
 import nanite_rs as nrs
-from nanite_rs import _remote, _upload, cli
+from nanite_rs import _sources, _upload, cli
 from oracles.weather import Server, Weather
 
 fsspec = pytest.importorskip("fsspec")
@@ -279,7 +279,7 @@ def refused(url: str, options: dict | None, kind: type[Exception], message: str)
     with pytest.raises(kind, match=message) as caught:
         nrs.build_file(never(), url, storage_options=options)
     assert type(caught.value) is kind
-    assert _remote.shown(url) in str(caught.value)
+    assert _sources.shown(url) in str(caught.value)
 
 
 def test_trying_out_leaves_nothing(store) -> None:

@@ -31,6 +31,8 @@ class Weather:
     """The length of the file that answers state."""
     times: int = -1
     """So many requests are treated like this, and the others well; -1 for all."""
+    until: float = float("inf")
+    """All requests are treated well from this time on, of `time.monotonic`."""
 
 
 @dataclass
@@ -102,7 +104,7 @@ class Server:
             self.requests.append((request.command, start, min(end, len(data or b""))))
             self.paths.append(request.path)
             number = len(self.requests)
-            bad = weather.times != 0
+            bad = weather.times != 0 and time.monotonic() < weather.until
             weather.times -= weather.times > 0
         if not bad:
             weather = Weather(latency=weather.latency)
