@@ -45,13 +45,22 @@ def narrowed(colors: NDArray[Any], digits: float = _ALL_DIGITS[np.uint8]) -> NDA
 
     ``digits`` is how far from a byte they may lie, in bytes. What is not black stays so.
     """
-    for dtype, allowed in ((np.uint8, digits), (np.uint16, _ALL_DIGITS[np.uint16])):
-        scaled = colors * white(dtype)
-        rounded = np.rint(scaled)
-        lost = (rounded == 0) & (scaled > _ALL_DIGITS[dtype])
-        if not lost.any() and np.abs(scaled - rounded).max(initial=0.0) <= allowed:
-            return rounded.astype(dtype)
+    for dtype in (np.uint8, np.uint16):
+        whole = stepped(colors, dtype, digits)
+        if whole is not None:
+            return whole
     return np.asarray(colors, np.float32)
+
+
+def stepped(colors: NDArray[Any], dtype: type[Any], digits: float) -> NDArray[Any] | None:
+    """Return floats from 0 to 1 as uint8 or uint16; nothing where they are not what such numbers were."""
+    allowed = digits if dtype is np.uint8 else _ALL_DIGITS[dtype]
+    scaled = colors * white(dtype)
+    rounded = np.rint(scaled)
+    lost = (rounded == 0) & (scaled > _ALL_DIGITS[dtype])
+    if lost.any() or np.abs(scaled - rounded).max(initial=0.0) > allowed:
+        return None
+    return np.asarray(rounded.astype(dtype))
 
 
 def opaque(colors: NDArray[Any]) -> NDArray[Any]:

@@ -19,15 +19,20 @@ if TYPE_CHECKING:
     from nanite_rs._asset import Asset, Notes, Source
 
 
-def corner_numbers(name: str, values: NDArray[Any], lengths: NDArray[Any], points: int) -> NDArray[np.uint32]:
-    """Return vertices of polygons as they are numbered here, or say in which polygon there is no such vertex."""
+def corner_numbers(
+    name: str, values: NDArray[Any], lengths: NDArray[Any], points: int, first: int = 0
+) -> NDArray[np.uint32]:
+    """Return vertices of polygons as they are numbered here, or say in which polygon there is no such vertex.
+
+    ``first`` is the number of the first polygon.
+    """
     whole = values.dtype.kind in "iu" or bool((values == np.rint(values)).all())
     if len(values) and not (whole and values.min() >= 0 and values.max() < points):
         bad = ~((values >= 0) & (values < points) & (values == np.rint(values)))
         place = int(np.argmax(bad))
         face = int(np.searchsorted(np.cumsum(lengths), place, side="right"))
         raise MeshError(
-            f"{name}: faces[{face}] refers to vertex {values[place]}, but there are {points} vertices"
+            f"{name}: faces[{first + face}] refers to vertex {values[place]}, but there are {points} vertices"
         )
     return values.view(np.uint32) if values.dtype == np.int32 else np.ascontiguousarray(values, np.uint32)
 
@@ -43,24 +48,35 @@ def triangulated(
 
 def colors_of(columns: list[NDArray[Any]]) -> NDArray[Any]:
     """Three or four columns of any type as (N, 4), in the narrowest dtype that holds them."""
-    parts = [_unit(column) for column in columns]
+    colors = wide_colors(columns, [largest(column) for column in columns])
+    return _colors.narrowed(colors, _colors.ANY_DIGITS) if colors.dtype == np.float32 else colors
+
+
+def wide_colors(columns: list[NDArray[Any]], most: list[float]) -> NDArray[Any]:
+    """Three or four columns of any type as (N, 4) bytes or float32, of which the whole has such largest values."""
+    parts = [_unit(column, value) for column, value in zip(columns, most, strict=True)]
     if len(parts) == 3:
         parts.append(np.full(len(parts[0]), 255, np.uint8))
     if all(part.dtype == np.uint8 for part in parts):
         return np.stack(parts, axis=1)
     parts = [part / np.float32(255) if part.dtype == np.uint8 else part for part in parts]
-    return _colors.narrowed(np.stack(parts, axis=1).astype(np.float32), _colors.ANY_DIGITS)
+    return np.stack(parts, axis=1).astype(np.float32)
 
 
-def _unit(values: NDArray[Any]) -> NDArray[Any]:
+def largest(values: NDArray[Any]) -> float:
+    """Return the largest value of a column of colours, 0 at least."""
+    return float((np.nan_to_num(values, nan=1.0) if values.dtype.kind == "f" else values).max(initial=0))
+
+
+def _unit(values: NDArray[Any], most: float) -> NDArray[Any]:
     """Return bytes unchanged, and other colours from 0 to 1, scaled by the range in use."""
     if values.dtype.kind == "f":
         values = np.nan_to_num(values, nan=1.0)
-        most = 255.0 if values.max(initial=0.0) > 1.0 else 1.0
+        most = 255.0 if most > 1.0 else 1.0
         return np.asarray(np.clip(values / most, 0.0, 1.0), np.float32)
     if values.dtype.itemsize == 1:
         return values.view(np.uint8)  # some write char and mean bytes
-    if values.dtype.itemsize > 2 and values.max(initial=0) <= 255:
+    if values.dtype.itemsize > 2 and most <= 255:
         return np.asarray(np.clip(values, 0, 255), np.uint8)
     return np.asarray(np.clip(values / 65535.0, 0.0, 1.0), np.float32)
 
@@ -72,13 +88,16 @@ def add_channels(
     for name, values in found.items():
         if values.dtype.kind == "f" and not np.isfinite(values).all():
             notes.add(f"properties of {of} that are not finite", name)
-        elif values.dtype.itemsize == 8 and values.dtype.kind in "iu" and not _fits(values):
+        elif not fits_word(values):
             notes.add(f"properties of {of} that need 64 bits", name)
         else:
             into[name] = as_labels(name, values)
 
 
-def _fits(values: NDArray[Any]) -> bool:
+def fits_word(values: NDArray[Any]) -> bool:
+    """Whether numbers are floats, or have room in 32 bits."""
+    if values.dtype.kind not in "iu" or values.dtype.itemsize < 8:
+        return True
     limits = np.iinfo(np.int32 if values.dtype.kind == "i" else np.uint32)
     return bool(values.min(initial=0) >= limits.min and values.max(initial=0) <= limits.max)
 
@@ -116,14 +135,15 @@ def _mend(source: Source, notes: Notes, name: str) -> None:
         exploded(source, used, faces.reshape(-1, 3))
     if source.normals is not None and not np.isfinite(source.normals).all():
         notes.add("normals that are not finite, computed instead", name)
-        source.normals = _zero_where_not_finite(source.normals)
+        source.normals = zero_where_not_finite(source.normals)
     for number, uv in enumerate(source.uvs):
         if not np.isfinite(uv).all():
             notes.add("texture coordinates that are not finite, zero instead", name)
-            source.uvs[number] = _zero_where_not_finite(uv)
+            source.uvs[number] = zero_where_not_finite(uv)
 
 
-def _zero_where_not_finite(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+def zero_where_not_finite(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return rows with zeros where one of the numbers is not finite."""
     fine = np.isfinite(rows).all(axis=1, keepdims=True)
     return np.where(fine, rows, np.float32(0))
 

@@ -1,36 +1,37 @@
 """Sources in pieces: what does not fit in memory, as arrays that lie on disk.
 
 Whatever comes in pieces is written to plain files, an array each, and mapped: the core reads what it needs of them.
+They have the form that the core takes, so that nothing is converted in memory: faces are uint32, normals and UVs
+float32, colours have four columns, and channels are words of 32 bits under ``channel DTYPE NAME``.
 """
 
 from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _ply
-from nanite_rs._asset import Notes
-from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, FormatError, MeshError
+from nanite_rs import _arrays, _channels, _colors
+from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, MeshError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator
 
     from numpy.typing import NDArray
 
 #: Rows that are read at a time.
 ROWS: Final = 1 << 18
-#: Endings of files that are read in pieces.
-ENDINGS: Final = ("ply", "stl")
 
-#: What pieces may have besides vertices and faces, a row for each vertex; and the last one for each face.
-ATTRIBUTES: Final = ("normals", "colors", "uvs", "face_materials")
-
-_STL_HEAD: Final = 84
-_STL_ROW: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+#: What pieces may have besides vertices and faces.
+ATTRIBUTES: Final = ("normals", "colors", "uvs", "face_materials", "channels")
+#: How the names of arrays of channels begin.
+CHANNEL: Final = "channel "
+#: How the names of arrays begin that are for sources that fit.
+FACE_CHANNEL: Final = "face channel "
 
 
 class Spool:
@@ -40,33 +41,204 @@ class Spool:
         self._folder = folder
         self._rows: dict[str, int] = {}
         self._forms: dict[str, tuple[np.dtype[Any], tuple[int, ...]]] = {}
+        # Channels may have names that files cannot have.
+        self._files: dict[str, str] = {}
+        self._numbered = 0
 
     def rows(self, name: str) -> int:
         """Return how many rows an array has so far."""
         return self._rows.get(name, 0)
 
+    def names(self, start: str = "") -> list[str]:
+        """Return the names of arrays that begin so."""
+        return [name for name in self._forms if name.startswith(start)]
+
     def dtype(self, name: str) -> np.dtype[Any]:
         """Return the type of an array."""
         return self._forms[name][0]
 
+    def file(self, name: str) -> Path:
+        """Return where an array lies."""
+        return self._folder / self._files[name]
+
     def append(self, name: str, rows: NDArray[Any]) -> None:
         """Append rows to an array; all have the form of the first."""
-        form = self._forms.setdefault(name, (rows.dtype, rows.shape[1:]))
+        form = self._forms.setdefault(name, (rows.dtype.newbyteorder("="), rows.shape[1:]))
         if form[1] != rows.shape[1:]:
             raise ArgumentError(f"{name}: rows of shape {rows.shape[1:]}, before of {form[1]}")
-        with open(self._folder / name, "ab" if self.rows(name) else "wb") as file:
+        if name not in self._files:
+            self._files[name] = self._free(name)
+        with open(self.file(name), "ab" if self.rows(name) else "wb") as file:
             np.ascontiguousarray(rows, form[0]).tofile(file)
         self._rows[name] = self.rows(name) + len(rows)
+
+    def _free(self, name: str) -> str:
+        """Return the name of a file for an array."""
+        if name.replace("_", "").replace(" ", "").isalnum() and name.isascii() and len(name) < 40:
+            return name
+        self._numbered += 1
+        file = f"array {self._numbered}"
+        # Arrays that were there before may be adopted, or are of another build.
+        return self._free(name) if (self._folder / file).exists() else file
+
+    def adopt(self, name: str, rows: NDArray[Any]) -> None:
+        """Take over an array that lies in the folder."""
+        self._rows[name], self._forms[name] = len(rows), (rows.dtype, rows.shape[1:])
+        self._files[name] = Path(rows.filename).name  # type: ignore[attr-defined]
+
+    def pad(self, name: str, rows: int, fill: Any) -> None:
+        """Append a constant until an array has so many rows."""
+        dtype, shape = self._forms[name]
+        while (missing := rows - self.rows(name)) > 0:
+            self.append(name, np.full((min(missing, ROWS), *shape), fill, dtype))
+
+    def mapped(self, name: str) -> NDArray[Any]:
+        """Return what an array has so far."""
+        dtype, shape = self._forms[name]
+        if not self.rows(name):
+            return np.zeros((0, *shape), dtype)
+        return np.memmap(self.file(name), dtype, "r", shape=(self.rows(name), *shape))
+
+    def blocks(self, name: str) -> Iterator[NDArray[Any]]:
+        """Yield the rows of an array, some at a time; one block where there are none."""
+        whole = self.mapped(name)
+        for start in range(0, max(len(whole), 1), ROWS):
+            yield whole[start : start + ROWS]
+
+    def convert(
+        self, name: str, function: Callable[[NDArray[Any]], NDArray[Any]], to: str | None = None
+    ) -> None:
+        """Put in the place of an array what a function makes of its rows, under another name if one is given."""
+        made = "converted" if to is None else to
+        for rows in self.blocks(name):
+            self.append(made, function(rows))
+        self.drop(name)
+        if to is None:
+            self.rename(made, name)
+
+    def rename(self, name: str, to: str) -> None:
+        """Give an array another name."""
+        self._rows[to], self._forms[to] = self._rows.pop(name), self._forms.pop(name)
+        self._files[to] = self._files.pop(name)
+
+    def drop(self, name: str) -> None:
+        """Remove an array."""
+        self.file(name).unlink(missing_ok=True)
+        self._rows.pop(name, None)
+        del self._forms[name], self._files[name]
+
+    # ------------------------------------------------------------------------------------ rows of meshes
+
+    def add_vertices(self, rows: NDArray[Any]) -> None:
+        """Append positions; all are float64 from where some are."""
+        if self.rows("vertices") and self.dtype("vertices") != rows.dtype:
+            if self.dtype("vertices") == np.float32:
+                self.convert("vertices", lambda known: known.astype(np.float64))
+            rows = rows.astype(np.float64)
+        if self.rows("vertices") + len(rows) > 1 << 32:
+            raise MeshError("source: more than 2^32 vertices")
+        self.append("vertices", rows)
+
+    def add_narrowed(self, rows: NDArray[Any]) -> None:
+        """Append positions as float32 where these hold them."""
+        single = rows.astype(np.float32)
+        self.add_vertices(single if np.array_equal(single, rows, equal_nan=True) else rows)
+
+    def add_colors(self, rows: NDArray[Any], first: int) -> None:
+        """Append (N, 4) colours from a vertex on, in the narrowest type that holds all; those before are white."""
+        if "colors" in self._forms:
+            known = np.zeros((0, 4), self.dtype("colors"))
+            dtype = _widest(known.dtype, rows.dtype)
+            if dtype != known.dtype:
+                self.convert("colors", lambda known: _widened(known, dtype))
+            rows = _widened(rows, dtype)
+        else:
+            self.append("colors", rows[:0])
+        self.pad("colors", first, _colors.white(rows.dtype))
+        self.append("colors", rows)
+
+    def add_filled(self, name: str, rows: NDArray[Any], first: int) -> None:
+        """Append rows of vertices or faces from one on; those before are zero."""
+        if name not in self._forms:
+            self.append(name, rows[:0])
+        self.pad(name, first, 0)
+        self.append(name, rows)
+
+    def add_channel(self, name: str, kind: str, words: NDArray[np.uint32], first: int) -> None:
+        """Append words of a channel from a vertex on."""
+        known = self._channel(name)
+        if known is not None and known != kind:
+            both = np.result_type(known, kind)
+            if both.kind == "f":
+                both = np.dtype(np.float32)
+            if both.itemsize > 4:
+                raise DtypeError(f"channels[{name!r}]: {kind}, before {known}: no labels hold both")
+            if both.name != known:
+                of_known: str = known
+                self.convert(
+                    f"{CHANNEL}{known} {name}",
+                    lambda rows: _words(values_of(rows, of_known), both),
+                    f"{CHANNEL}{both.name} {name}",
+                )
+            words, kind = _words(values_of(words, kind), both), both.name
+        self.add_filled(f"{CHANNEL}{kind} {name}", words, first)
+
+    def _channel(self, name: str) -> str | None:
+        for known in self.names(CHANNEL):
+            _, dtype, label = known.split(" ", 2)
+            if label == name:
+                return dtype
+        return None
+
+    def complete(self) -> None:
+        """Fill in at the end what the last pieces did not have."""
+        vertices, faces = self.rows("vertices"), self.rows("faces")
+        for name in self.names():
+            if name == "face_materials":
+                self.pad(name, faces, 0)
+            elif name == "colors":
+                self.pad(name, vertices, _colors.white(self.dtype(name)))
+            elif name not in ("vertices", "faces"):
+                self.pad(name, vertices, 0)
 
     def finish(self, of: list[Any] | None) -> dict[str, NDArray[Any]]:
         """Return all arrays, mapped; ``of`` tells what they were made from."""
         forms = {
-            name: [dtype.str, [self._rows[name], *shape]] for name, (dtype, shape) in self._forms.items()
+            self._files[name]: [dtype.str, [self._rows[name], *shape]]
+            for name, (dtype, shape) in self._forms.items()
         }
+        names = {file: name for name, file in self._files.items() if file != name}
         aside = self._folder / f"{LIST}.part"
-        aside.write_text(json.dumps({"of": of, "arrays": forms}), encoding="utf-8")
+        content = {"of": of, "arrays": forms, "names": names}
+        aside.write_text(json.dumps(content), encoding="utf-8")
         aside.replace(self._folder / LIST)
         return opened(self._folder)
+
+
+def _widest(*dtypes: np.dtype[Any]) -> np.dtype[Any]:
+    """Return the type of colours that holds all."""
+    return max(dtypes, key=lambda dtype: (dtype.kind == "f", dtype.itemsize))
+
+
+def _widened(colors: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    like = _colors.alike([colors, np.zeros((0, 4), dtype)])[0]
+    return colors if like is None else like
+
+
+def values_of(words: NDArray[np.uint32], dtype: str) -> NDArray[Any]:
+    """Return the values of a channel, of its words."""
+    target = np.dtype(dtype)
+    stored: type[Any] = {"f": np.float32, "i": np.int32}.get(target.kind, np.uint32)
+    return np.asarray(words.view(stored).astype(target, copy=False))
+
+
+def core_words(name: str, values: Any) -> tuple[str, str, NDArray[np.uint32]]:
+    """Return a channel as the core takes it: its name, its type, and its words."""
+    return _channels.pack({name: values}, len(values))[0]
+
+
+def _words(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[np.uint32]:
+    return core_words("", values.astype(dtype))[2]
 
 
 #: What arrays a folder has.
@@ -82,9 +254,10 @@ def opened(folder: Path, of: list[Any] | None = None) -> dict[str, NDArray[Any]]
     if of is not None and found["of"] != of:
         return {}
     out: dict[str, NDArray[Any]] = {}
-    for name, (dtype, rows) in found["arrays"].items():
+    for file, (dtype, rows) in found["arrays"].items():
         shape = tuple(rows)
-        out[name] = np.memmap(folder / name, dtype, "r", shape=shape) if shape[0] else np.zeros(shape, dtype)
+        mapped = np.memmap(folder / file, dtype, "r", shape=shape) if shape[0] else np.zeros(shape, dtype)
+        out[found["names"].get(file, file)] = mapped
     return out
 
 
@@ -99,24 +272,37 @@ def files(folder: Path) -> set[str]:
 def in_folder(arrays: Mapping[str, NDArray[Any]], folder: Path, of: list[Any]) -> Mapping[str, NDArray[Any]]:
     """Return arrays that lie in a folder, where other processes see them; write them unless they were before."""
     # Maps have resolved names.
-    if all(
-        Path(getattr(rows, "filename", None) or "").parent == folder.resolve() for rows in arrays.values()
-    ):
+    there = {
+        name: rows
+        for name, rows in arrays.items()
+        if Path(getattr(rows, "filename", None) or "").parent == folder.resolve()
+    }
+    if len(there) == len(arrays):
         return arrays
     known = opened(folder, of)
     if known:
         return known
     spool = Spool(folder)
     for name, whole in arrays.items():
+        if name in there:
+            spool.adopt(name, whole)
+            continue
         for start in range(0, max(len(whole), 1), ROWS):
             rows = whole[start : start + ROWS]
             if name == "faces":
-                if len(rows) and rows.min() < 0:
-                    row = start + int(np.argmax((rows < 0).any(axis=1)))
-                    raise MeshError(f"faces[{row}] refers to vertex {rows[row - start].min()}")
-                rows = rows.astype(np.uint32)
+                rows = _face_rows(rows, start, len(arrays["vertices"]))
             spool.append(name, rows)
     return spool.finish(of)
+
+
+def _face_rows(rows: NDArray[Any], first: int, vertices: int) -> NDArray[np.uint32]:
+    """Return faces as the core takes them, or say which refers to no vertex."""
+    if len(rows) and (rows.min() < 0 or rows.max() >= vertices):
+        bad = (rows < 0) | (rows >= vertices)
+        row = int(np.argmax(bad.any(axis=1)))
+        number = rows[row][bad[row]][0]
+        raise MeshError(f"faces[{first + row}] refers to vertex {number}, but there are {vertices} vertices")
+    return rows.astype(np.uint32, copy=False)
 
 
 def identity(path: str) -> list[Any]:
@@ -125,194 +311,262 @@ def identity(path: str) -> list[Any]:
     return [os.path.abspath(path), status.st_size, status.st_mtime_ns]
 
 
-def of_file(path: str, ending: str, folder: Path, notes: Notes) -> dict[str, NDArray[Any]]:
-    """Read a file piece by piece, unless it was before.
-
-    Raises
-    ------
-    FormatError
-        It is none that can be read so.
-    """
-    of = identity(path)
-    known = opened(folder, of)
+def spooled(
+    paths: list[str], folder: Path, read: Callable[[Spool], None], *, of: list[Any] | None = None
+) -> dict[str, NDArray[Any]]:
+    """Return what reading files writes, unless it was written before from the same files."""
+    before = [identity(path) for path in paths]
+    whole = [*before, *(of or [])]
+    known = opened(folder, whole)
     if known:
         return known
+    # Without it what is half written is not taken for whole.
+    (folder / LIST).unlink(missing_ok=True)
     spool = Spool(folder)
-    (_of_ply if ending == "ply" else _of_stl)(path, spool, notes)
-    if identity(path) != of:
-        raise FileError(f"{path}: the file changed while it was read")
-    return spool.finish(of)
+    read(spool)
+    for path, then in zip(paths, before, strict=True):
+        if identity(path) != then:
+            raise FileError(f"{path}: the file changed while it was read")
+    return spool.finish(whole)
+
+
+# ------------------------------------------------------------------------------------------- what a core takes
+
+
+def core(arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arrays as the core takes them. They have its form but for vertices and faces."""
+    channels = []
+    for name in arrays:
+        if name.startswith(CHANNEL):
+            _, dtype, label = name.split(" ", 2)
+            channels.append((label, dtype, np.asarray(arrays[name])))
+    out: dict[str, Any] = {
+        name: None if arrays.get(name) is None else np.asarray(arrays[name])
+        for name in ("vertices", "faces", "normals", "colors", "face_materials")
+    }
+    return {**out, "uvs": uvs_of(arrays), "channels": channels}
+
+
+def arguments(arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arrays as `NaniteMesh.from_arrays` takes them."""
+    out = core(arrays)
+    out["channels"] = {name: values_of(words, dtype) for name, dtype, words in out["channels"]}
+    start = len(FACE_CHANNEL)
+    of_faces = {name[start:]: rows for name, rows in arrays.items() if name.startswith(FACE_CHANNEL)}
+    return {**out, "face_channels": of_faces or None}
+
+
+def uvs_of(arrays: Mapping[str, Any]) -> list[NDArray[np.float32]]:
+    """Return UV sets in their order."""
+    return [np.asarray(arrays[name]) for name in sorted(arrays) if name.startswith("uvs ")]
+
+
+# --------------------------------------------------------------------------------------------------- pieces
 
 
 def of_pieces(pieces: Iterable[Any], folder: Path) -> dict[str, NDArray[Any]]:
     """Gather pieces: each ``(vertices, faces)`` or ``(vertices, faces, attributes)``, which counts from 0."""
+    (folder / LIST).unlink(missing_ok=True)
     spool = Spool(folder)
     known: set[str] | None = None
     for number, piece in enumerate(pieces):
         where = f"source: piece {number}"
         if not isinstance(piece, tuple | list) or not 2 <= len(piece) <= 3:
             raise DtypeError(f"{where}: expected (vertices, faces) or (vertices, faces, attributes)")
-        vertices, faces = np.asarray(piece[0]), np.asarray(piece[1])
-        attributes: Mapping[str, Any] = piece[2] if len(piece) == 3 else {}
-        _check(where, vertices, faces, attributes)
-        if known is not None and known != set(attributes):
-            raise ArgumentError(f"{where}: has {sorted(attributes)}, pieces before {sorted(known)}")
-        known = set(attributes)
-        first = spool.rows("vertices")
-        if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
-            row = int(np.argmax(((faces < 0) | (faces >= len(vertices))).any(axis=1)))
-            raise MeshError(f"{where}: faces[{row}] refers to none of its {len(vertices)} vertices")
-        if first + len(vertices) > 1 << 32:
-            raise MeshError(f"{where}: more than 2^32 vertices")
-        if number == 0 and vertices.dtype != np.float32:
-            vertices = vertices.astype(np.float64)
-        if number and spool.dtype("vertices") == np.float32 != vertices.dtype:
-            raise DtypeError(f"{where}: vertices are {vertices.dtype}, those of pieces before float32")
-        spool.append("vertices", vertices)
-        spool.append("faces", (faces.astype(np.int64) + first).astype(np.uint32))
-        for name, given in attributes.items():
-            rows = np.asarray(given)
-            spool.append(name, rows.astype(np.int32 if name == "face_materials" else rows.dtype))
+        attributes = piece[2] if len(piece) == 3 else {}
+        if not isinstance(attributes, Mapping):
+            raise DtypeError(f"{where}: expected a mapping of attributes, not {type(attributes).__name__}")
+        # What is None is not there, as in `NaniteMesh.from_arrays`.
+        attributes = {name: rows for name, rows in attributes.items() if rows is not None}
+        try:
+            found = add_piece(spool, np.asarray(piece[0]), np.asarray(piece[1]), attributes)
+        except (ArgumentError, DtypeError, MeshError) as error:
+            raise type(error)(f"{where}: {error}") from None
+        if known is not None and known != found:
+            raise ArgumentError(f"{where}: has {sorted(found)}, pieces before {sorted(known)}")
+        known = found
     if known is None:
         raise MeshError("source: there are no pieces")
     return spool.finish(None)
 
 
-def _check(where: str, vertices: NDArray[Any], faces: NDArray[Any], attributes: Mapping[str, Any]) -> None:
-    """Check shapes of a piece."""
+def add_piece(
+    spool: Spool,
+    vertices: NDArray[Any],
+    faces: NDArray[Any],
+    attributes: Mapping[str, Any],
+    *,
+    narrow: bool = False,
+) -> set[str]:
+    """Append a piece, which counts its vertices from 0; return the names of what it has."""
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind != "f":
-        raise ArgumentError(f"{where}: vertices must be (N, 3) floats, not {vertices.dtype}{vertices.shape}")
+        raise ArgumentError(f"vertices must be (N, 3) floats, not {vertices.dtype}{vertices.shape}")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-        raise ArgumentError(f"{where}: faces must be (M, 3) integers, not {faces.dtype}{faces.shape}")
+        raise ArgumentError(f"faces must be (M, 3) integers, not {faces.dtype}{faces.shape}")
+    first, first_face = spool.rows("vertices"), spool.rows("faces")
+    for start in range(0, max(len(faces), 1), ROWS):
+        rows = _face_rows(faces[start : start + ROWS], start, len(vertices))
+        spool.append("faces", (rows.astype(np.int64) + first).astype(np.uint32))
+    if narrow:
+        spool.add_narrowed(vertices)
+    else:
+        spool.add_vertices(vertices if vertices.dtype == np.float32 else vertices.astype(np.float64))
+    return _add_attributes(spool, attributes, first, len(vertices), first_face, len(faces))
+
+
+def _add_attributes(
+    spool: Spool, attributes: Mapping[str, Any], first: int, vertices: int, first_face: int, faces: int
+) -> set[str]:
+    """Append attributes of so many vertices and faces; return the names of what there is."""
+    found = set()
+    for name, given in attributes.items():
+        if name == "face_channels":
+            raise ArgumentError(
+                "face_channels: are built in memory alone; give channels of vertices or face_materials"
+            )
+        if name not in ATTRIBUTES:
+            raise ArgumentError(f"{name!r} is none of {', '.join(ATTRIBUTES)}")
+        if name == "channels":
+            for label, kind, words in _channels.pack(given, vertices):
+                spool.add_channel(label, kind, words, first)
+                found.add(f"channels[{label!r}]")
+            continue
+        for label, rows in formed(name, given).items():
+            count = faces if name == "face_materials" else vertices
+            if len(rows) != count:
+                raise ArgumentError(f"{name} has {len(rows)} rows, not {count}")
+            if name == "colors":
+                spool.add_colors(rows, first)
+            else:
+                spool.add_filled(label, rows, first_face if name == "face_materials" else first)
+            found.add(label)
+    return found
+
+
+def formed(name: str, given: Any) -> dict[str, NDArray[Any]]:
+    """Return an attribute in the form of the core, by the names of its arrays."""
+    if name == "colors":
+        rows = np.asarray(given)
+        # A part of them may be dark, which says nothing about the whole.
+        if rows.dtype in (np.uint8, np.uint16) and rows.ndim == 2 and rows.shape[1] in (3, 4):
+            return {name: _colors.opaque(rows)}
+    none = dict.fromkeys(("normals", "colors", "uvs", "face_materials"))
+    # Vertices and faces are no part of what is looked at.
+    made = _arrays.core_arrays(np.zeros((0, 3)), np.zeros((0, 3), int), {**none, name: given}, None)
+    if name == "uvs":
+        return {f"uvs {number}": rows for number, rows in enumerate(made["uvs"])}
+    if name == "normals" and (made[name].ndim != 2 or made[name].shape[1] != 3):
+        raise ArgumentError(f"normals: expected shape (N, 3), found {made[name].shape}")
+    return {name: made[name]}
+
+
+# --------------------------------------------------------------------------------------------------- arrays
+
+
+def is_lazy(value: object) -> bool:
+    """Whether it is an array that is read by slices, such as one of zarr, h5py or Dask."""
+    return not isinstance(value, np.ndarray) and all(
+        hasattr(value, name) for name in ("shape", "dtype", "__getitem__")
+    )
+
+
+def _rows_of(value: Any, start: int, stop: int) -> NDArray[Any]:
+    return np.asarray(value[start:stop])
+
+
+def _taken(value: Any, name: str) -> Any:
+    if is_lazy(value):
+        return value
+    # Lists of whole numbers are labels.
+    return np.asarray(value) if name in ("channels", "face_materials") else _arrays.as_array(value, name)
+
+
+def of_arrays(
+    vertices: Any, faces: Any, attributes: Mapping[str, Any], folder: Path, limit: int
+) -> dict[str, Any]:
+    """Return arrays in the form of the core: as they are where they have it or are small, or else on disk.
+
+    What is no NumPy array is read slice by slice.
+    """
+    given: dict[str, Any] = {"vertices": _taken(vertices, "vertices"), "faces": _taken(faces, "faces")}
+    of_faces = attributes.get("face_channels") or {}
+    attributes = {
+        name: rows for name, rows in attributes.items() if rows is not None and name != "face_channels"
+    }
+    sets = attributes.get("uvs")
+    if sets is not None and (isinstance(sets, np.ndarray) or is_lazy(sets)) and sets.ndim == 2:
+        attributes["uvs"] = [sets]
     for name, rows in attributes.items():
         if name not in ATTRIBUTES:
-            raise ArgumentError(f"{where}: {name!r} is none of {', '.join(ATTRIBUTES)}")
-        count = len(faces) if name == "face_materials" else len(vertices)
-        if len(rows) != count:
-            raise ArgumentError(f"{where}: {name} has {len(rows)} rows, not {count}")
-
-
-def _of_stl(path: str, spool: Spool, notes: Notes) -> None:
-    """Read binary STL: a soup of triangles."""
-    size = os.path.getsize(path)
-    with open(path, "rb") as file:
-        head = file.read(_STL_HEAD)
-    count = int.from_bytes(head[80:], "little")
-    if len(head) < _STL_HEAD or _STL_HEAD + count * _STL_ROW.itemsize > size:
-        raise FormatError(f"{path}: only binary STL is read in pieces")
-    rows = (
-        np.memmap(path, _STL_ROW, "r", offset=_STL_HEAD, shape=(count,)) if count else np.zeros(0, _STL_ROW)
-    )
-    for start in range(0, max(count, 1), ROWS):
-        piece = rows[start : start + ROWS]
-        spool.append("vertices", piece["corners"].reshape(-1, 3))
-        spool.append("faces", np.arange(3 * start, 3 * (start + len(piece)), dtype=np.uint32).reshape(-1, 3))
-        if piece["more"].any():
-            notes.add("colours of faces")
-
-
-_TYPES: Final = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
-}
-
-
-def _ply_head(path: str) -> tuple[str, list[tuple[str, int, list[tuple[str, ...]]]], int]:
-    """Return the byte order, the elements with their properties, and where rows begin."""
-    with open(path, "rb") as file:
-        lines = iter(file.readline, b"")
-        if next(lines, b"").strip() != b"ply":
-            raise FormatError(f"{path}: no PLY file")
-        order, elements = "", []
-        for line in lines:
-            words = tuple(line.decode("latin-1").split())
-            match words:
-                case ("format", kind, *_):
-                    order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(kind, "")
-                case ("element", name, count):
-                    elements.append((name.lower(), int(count), list[tuple[str, ...]]()))
-                case ("property", *rest) if elements:
-                    elements[-1][2].append(tuple(rest))
-                case ("end_header",):
-                    break
+            raise ArgumentError(f"source: {name!r} is none of {', '.join(ATTRIBUTES)}")
+        if name == "uvs":
+            given |= {f"uvs {number}": _taken(uv, "uvs") for number, uv in enumerate(rows)}
+        elif name == "channels":
+            if not isinstance(rows, Mapping):
+                raise DtypeError(
+                    f"channels: expected a mapping of names to arrays, not {type(rows).__name__}"
+                )
+            given |= {f"{CHANNEL}{label}": _taken(values, "channels") for label, values in rows.items()}
         else:
-            raise FormatError(f"{path}: the header has no end")
-        if not order:
-            raise FormatError(f"{path}: only binary PLY is read in pieces")
-        return order, elements, file.tell()
-
-
-def _row(path: str, order: str, element: str, properties: list[tuple[str, ...]]) -> np.dtype[Any]:
-    """Return the dtype of a row; lists have three members."""
-    fields: list[Any] = []
-    for at, words in enumerate(properties):
-        known = [_TYPES.get(word) for word in words[:-1] if word != "list"]
-        if None in known:
-            raise FormatError(f"{path}: property {' '.join(words)} has an unknown type")
-        if words[0] == "list":
-            fields += [(f"count {at}", f"{order}{known[0]}"), (words[-1], f"{order}{known[1]}", 3)]
+            given[name] = _taken(rows, name)
+    vertex_count, face_count = len(given["vertices"]), len(given["faces"])
+    out: dict[str, Any] = {}
+    size = sum(rows.nbytes for rows in given.values() if isinstance(rows, np.ndarray))
+    in_memory = size * 4 <= limit
+    spool = Spool(folder)
+    (folder / LIST).unlink(missing_ok=True)
+    for name, rows in given.items():
+        count = face_count if name in ("faces", "face_materials") else vertex_count
+        if name not in ("vertices", "faces") and (not rows.shape or rows.shape[0] != count):
+            raise ArgumentError(f"source: {name} has shape {tuple(rows.shape)}; expected {count} rows")
+        if is_lazy(rows) or not (in_memory or _has_form(name, rows)):
+            for start in range(0, max(len(rows), 1), ROWS):
+                _append(spool, name, _rows_of(rows, start, start + ROWS), start, vertex_count)
+        elif name in ("vertices", "faces"):
+            out[name] = rows  # the core checks them
+        elif name.startswith(CHANNEL):
+            label, kind, words = core_words(name[len(CHANNEL) :], rows)
+            out[f"{CHANNEL}{kind} {label}"] = words
         else:
-            fields.append((words[-1], f"{order}{known[0]}"))
-    try:
-        return np.dtype(fields)
-    except ValueError as error:
-        raise FormatError(f"{path}: element {element}: {error}") from None
+            out[name] = next(iter(formed(name.partition(" ")[0], rows).values()))
+    if spool.names():
+        out |= spool.finish(None)
+    for name, rows in of_faces.items():
+        out[f"{FACE_CHANNEL}{name}"] = rows
+    return out
 
 
-def _of_ply(path: str, spool: Spool, notes: Notes) -> None:
-    """Read binary PLY of triangles."""
-    order, elements, offset = _ply_head(path)
-    size = os.path.getsize(path)
-    for element, count, properties in elements:
-        if spool.rows("vertices") and spool.rows("faces"):
-            break
-        dtype = _row(path, order, element, properties)
-        end = offset + count * dtype.itemsize
-        if end > size:
-            raise FormatError(f"{path}: {size} bytes, where element {element} ends at {end}")
-        rows = np.memmap(path, dtype, "r", offset=offset, shape=(count,)) if count else np.zeros(0, dtype)
-        for start in range(0, max(count, 1), ROWS):
-            piece = rows[start : start + ROWS]
-            lists = [words[-1] for words in properties if words[0] == "list"]
-            for at, words in enumerate(properties):
-                if words[0] == "list" and (wrong := piece[f"count {at}"] != 3).any():
-                    row = start + int(np.argmax(wrong))
-                    raise FormatError(
-                        f"{path}: {element}[{row}] has {piece[f'count {at}'][row - start]} corners; "
-                        "only files of triangles are read in pieces"
-                    )
-            if element == "vertex":
-                _vertices(path, piece, spool, notes)
-            elif element == "face":
-                key = next((name for name in lists if name.lower() in _ply.INDICES), None)
-                if key is None:
-                    raise FormatError(f"{path}: element face has no list of vertices")
-                others = [words[-1] for words in properties if words[-1] != key]
-                if others and start == 0:
-                    notes.add("properties of faces", ", ".join(others))
-                spool.append("faces", piece[key].astype(np.uint32))
-        offset = end
-    if not spool.rows("vertices") or not spool.rows("faces"):
-        raise MeshError(f"{path}: there are no faces")
+def _append(spool: Spool, name: str, rows: NDArray[Any], first: int, vertices: int) -> None:
+    """Append a slice of an array that a caller gave."""
+    if name == "vertices":
+        if rows.ndim != 2 or rows.shape[1] != 3 or rows.dtype.kind != "f":
+            raise ArgumentError(f"vertices must be (N, 3) floats, not {rows.dtype}{rows.shape}")
+        spool.add_vertices(rows if rows.dtype == np.float32 else rows.astype(np.float64))
+    elif name == "faces":
+        if rows.ndim != 2 or rows.shape[1] != 3 or rows.dtype.kind not in "iu":
+            raise ArgumentError(f"faces must be (M, 3) integers, not {rows.dtype}{rows.shape}")
+        spool.append(name, _face_rows(rows, first, vertices))
+    elif name.startswith(CHANNEL):
+        spool.add_channel(*core_words(name[len(CHANNEL) :], rows), first)
+    elif name == "colors":
+        spool.add_colors(formed(name, rows)[name], first)
+    else:
+        plain = name.partition(" ")[0]
+        spool.append(name, formed(plain, [rows] if plain == "uvs" else rows).popitem()[1])
 
 
-def _vertices(path: str, piece: NDArray[Any], spool: Spool, notes: Notes) -> None:
-    """Append rows of vertices with what they carry."""
-    names = list(piece.dtype.names or ())
-    single = all(piece.dtype[name].itemsize <= 4 for name in names if name.lower() in ("x", "y", "z"))
-    columns: Any = {name: (piece[name], None) for name in names}
-    source = _ply.vertices(path, len(piece), columns, Notes())
-    spool.append("vertices", source.vertices.astype(np.float32 if single else np.float64))
-    for name, rows in (("normals", source.normals), ("colors", source.colors)):
-        if rows is not None:
-            spool.append(name, rows)
-    for number, rows in enumerate(source.uvs):
-        spool.append(f"uvs {number}", rows)
-    if source.channels:
-        notes.add("channels of vertices", ", ".join(source.channels))
+def _has_form(name: str, rows: NDArray[Any]) -> bool:
+    """Whether an array is taken as it lies there."""
+    dtypes: tuple[type[Any], ...] = (np.float32,)
+    if name == "vertices":
+        dtypes = np.float32, np.float64
+    elif name == "faces":
+        dtypes = (np.uint32,)
+    elif name == "face_materials":
+        dtypes = (np.int32,)
+    elif name == "colors":
+        dtypes = np.uint8, np.uint16
+    elif name.startswith(CHANNEL):
+        dtypes = np.float32, np.int32, np.uint32
+    wide = name != "colors" or (rows.ndim == 2 and rows.shape[1] == 4)
+    return wide and any(rows.dtype == dtype for dtype in dtypes) and rows.flags.c_contiguous

@@ -50,6 +50,16 @@ def read(name: str, data: bytes, folder: Path | None, *, drop_bad_textures: bool
 
 def vertices(name: str, rows: int, columns: _Columns, notes: Notes) -> Source:
     """Return the vertices of a mesh without faces, from the properties of so many rows."""
+    source, colors, names = split_vertices(name, rows, columns, notes)
+    source.colors = None if colors is None else colors_of(colors)
+    add_channels(source.channels, names, notes, "vertices")
+    return source
+
+
+def split_vertices(
+    name: str, rows: int, columns: _Columns, notes: Notes
+) -> tuple[Source, list[NDArray[Any]] | None, dict[str, NDArray[Any]]]:
+    """Return vertices without colours and channels, the columns of colours, and the properties that are left."""
     names = _scalars(columns, "vertices", notes)
     missing = [axis for axis in "xyz" if axis not in names]
     if missing:
@@ -61,10 +71,9 @@ def vertices(name: str, rows: int, columns: _Columns, notes: Notes) -> Source:
     normal = {match[1]: name for name in names if (match := _NORMAL.fullmatch(name.lower()))}
     if len(normal) == 3:
         source.normals = np.stack([names.pop(normal[axis]) for axis in "xyz"], axis=1).astype(np.float32)
-    source.colors = _take_colors(names)
+    colors = _take_colors(names)
     source.uvs = _take_uvs(names)
-    add_channels(source.channels, names, notes, "vertices")
-    return source
+    return source, colors, names
 
 
 def _scalars(columns: _Columns, of: str, notes: Notes, but: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]:
@@ -180,7 +189,8 @@ class _Reader:
             names, wedges = {}, None
         elif rows == 0:
             names, wedges = {}, None
-        colors = _take_colors(names) if source.colors is None else None
+        columns_of_colors = _take_colors(names) if source.colors is None else None
+        colors = None if columns_of_colors is None else colors_of(columns_of_colors)
         numbers = names.pop("texnumber", None) if wedges is not None else None
         own = None if wedges is None or wedges[1] is None else self._wedges(wedges[0], wedges[1], counts)
         if own is None and colors is None:
@@ -249,12 +259,12 @@ class _Reader:
         return looks
 
 
-def _take_colors(names: dict[str, NDArray[Any]]) -> NDArray[Any] | None:
-    """Take the colour out of properties."""
+def _take_colors(names: dict[str, NDArray[Any]]) -> list[NDArray[Any]] | None:
+    """Take the columns of colours out of properties."""
     lower = {name.lower(): name for name in names}
     for wanted in _COLORS:
         if all(name in lower for name in wanted[:3]):
-            return colors_of([names.pop(lower[name]) for name in wanted if name in lower])
+            return [names.pop(lower[name]) for name in wanted if name in lower]
     return None
 
 

@@ -11,14 +11,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import as_completed
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from uuid import uuid4
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _pieces, _sources, _tasks, _upload, _work_store, io
-from nanite_rs._arrays import as_array, core_arrays
+from nanite_rs import _advice, _checks, _piece_files, _pieces, _sources, _tasks, _upload, _work_store, io
 from nanite_rs._asset import Notes
 from nanite_rs._core import BlockBuild, build_memory
 from nanite_rs._progress import reporter
@@ -35,8 +35,6 @@ from nanite_rs.options import BuildOptions, no_options
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
-
-    from numpy.typing import NDArray
 
     from nanite_rs._progress import Progress
 
@@ -210,13 +208,13 @@ def _build_in(
     try:
         _make_folder(work, store, resume=resume)
         file, arrays = _given(source, limit, work)
-        if arrays and build_memory(core(arrays)) > limit:
+        if arrays and build_memory(_pieces.core(arrays)) > limit:
             _build(arrays, target, limit, options or BuildOptions(), work, store, executor, progress)
         elif file is not None:
             NaniteMesh.from_file(file, options=options, progress=progress).save(target)
         else:
-            vertices, faces, given = arrays["vertices"], arrays["faces"], _attributes(arrays)
-            NaniteMesh.from_arrays(vertices, faces, **given, options=options, progress=progress).save(target)
+            given = _pieces.arguments(arrays)
+            NaniteMesh.from_arrays(**given, options=options, progress=progress).save(target)
         done = True
     except OSError as error:
         raise FileError(f"{error.filename or work}: {error.strerror or error}") from error
@@ -286,7 +284,7 @@ def _build(
     if executor is not None or store is not None:
         work = work.absolute()  # workers have working directories of their own
         arrays = _pieces.in_folder(arrays, work, [key])
-    how, own = asdict(options), core(arrays)
+    how, own = asdict(options), _pieces.core(arrays)
     with reporter(progress, "building") as report:
         build = BlockBuild.begin(own, options=how, memory=limit, folder=work, key=key, progress=report)
         total = Total(report, 2 * len(own["faces"]))
@@ -375,23 +373,8 @@ def _make_block(work: Path, options: dict[str, Any], block: int, check: Callable
     if block in build.missing():
         # Later stages look at what was left alone.
         arrays = _pieces.opened(work) or {"vertices": np.zeros((0, 3), "f4"), "faces": np.zeros((0, 3), "u4")}
-        build.make(core(arrays), block, update)
+        build.make(_pieces.core(arrays), block, update)
     return counted
-
-
-def _attributes(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    uvs = [arrays[name] for name in sorted(arrays) if name.startswith("uvs")]
-    return {name: arrays.get(name) for name in ("normals", "colors", "face_materials")} | {"uvs": uvs}
-
-
-def core(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arrays as the core takes them."""
-    return core_arrays(
-        as_array(arrays["vertices"], "vertices"),
-        as_array(arrays["faces"], "faces"),
-        _attributes(arrays),
-        None,
-    )
 
 
 def _key(arrays: Mapping[str, Any]) -> str:
@@ -429,39 +412,44 @@ class Total:
             update(done, done)
 
 
-#: A file takes less memory to build than so many times its size, but where it is compressed.
-_OF_SIZE: Final = 16
-
-
-def _given(source: object, limit: int, work: Path) -> tuple[str | None, dict[str, NDArray[Any]]]:
-    """Return the path of a file, and what may not fit as arrays."""
+def _given(source: object, limit: int, work: Path) -> tuple[str | None, dict[str, Any]]:
+    """Return the path of a file that fits, or arrays, which may fit or not."""
     if isinstance(source, str | bytes | os.PathLike):
         path = _checks.path_of(source, "source")
-        return path, _of_file(path, limit, work)
-    if isinstance(source, tuple | list) and len(source) == 2 and not isinstance(source[0], tuple | list):
-        return None, {"vertices": np.asanyarray(source[0]), "faces": np.asanyarray(source[1])}
+        if os.path.isdir(path):
+            return None, _of_paths(_piece_files.files_of(path), limit, work)
+        arrays: dict[str, Any] = {}
+        if not _piece_files.fits(path, limit):
+            notes = Notes()
+            arrays = _piece_files.of_file(path, work, notes)
+            notes.warn(path)
+        return path, arrays
+    if isinstance(source, tuple | list):
+        if source and isinstance(source[0], str | bytes | os.PathLike):
+            return None, _of_paths(source, limit, work)
+        if len(source) == 3 and isinstance(source[2], Mapping):
+            return None, _pieces.of_arrays(source[0], source[1], source[2], work, limit)
+        if len(source) == 2 and not isinstance(source[0], tuple | list):
+            return None, _pieces.of_arrays(source[0], source[1], {}, work, limit)
     if isinstance(source, Iterable) and not isinstance(source, np.ndarray):
-        return None, _pieces.of_pieces(source, work)
-    raise DtypeError(f"source: expected a path, (vertices, faces) or pieces, not {type(source).__name__}")
+        pieces = iter(source)
+        first = next(pieces, None)
+        given = pieces if first is None else chain([first], pieces)
+        if isinstance(first, str | bytes | os.PathLike):
+            return None, _of_paths(given, limit, work)
+        return None, _pieces.of_pieces(given, work)
+    raise DtypeError(
+        "source: expected a path, paths, (vertices, faces), (vertices, faces, attributes) or pieces, "
+        f"not {type(source).__name__}"
+    )
 
 
-def _of_file(path: str, limit: int, work: Path) -> dict[str, NDArray[Any]]:
-    """Return what is in a file, nothing where it fits."""
-    try:
-        size = os.path.getsize(path)
-    except OSError:
-        return {}  # whoever reads it says why not
-    if size * _OF_SIZE <= limit:
-        return {}
-    ending, packed = io.ending(Path(path))
-    if ending not in _pieces.ENDINGS or packed:
-        some = ", ".join(f".{name}" for name in _pieces.ENDINGS)
-        raise FormatError(
-            f"{path}: {size:,} bytes; of files that may not fit in memory, only {some} are read"
-        )
+def _of_paths(paths: Iterable[Any], limit: int, work: Path) -> dict[str, Any]:
+    """Return what is in several files."""
+    names = [_checks.path_of(path, "source") for path in paths]
     notes = Notes()
-    arrays = _pieces.of_file(path, ending, work, notes)
-    notes.warn(path)
+    arrays = _piece_files.of_files(names, work, limit, notes)
+    notes.warn(f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else names[0])
     return arrays
 
 

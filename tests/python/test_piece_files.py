@@ -1,0 +1,239 @@
+"""Files that do not fit, read in pieces: against the same files read as a whole."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import nanite_rs as nrs
+from nanite_rs import _piece_text
+from oracles import subjects
+from test_build_file import LITTLE, is_closed, key, write_ply
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture(autouse=True)
+def small_blocks(monkeypatch) -> None:
+    """Texts are read in many blocks."""
+    monkeypatch.setattr(_piece_text, "BLOCK", 1 << 15)
+
+
+def arrays(name: str = "knot") -> tuple[np.ndarray, np.ndarray]:
+    mesh = subjects.subject(name)
+    return mesh.vertices, mesh.faces
+
+
+def both(path: Path, folder: Path, **options) -> tuple[nrs.Cut, nrs.Cut]:
+    """Cuts of all detail of a file in blocks, and of the same file in memory."""
+    mesh = nrs.build_file(path, folder / "blocks.nanite", memory=LITTLE, **options)
+    mesh.check()
+    nrs.NaniteMesh.from_file(path).save(folder / "memory.nanite")
+    whole = nrs.NaniteMesh.open(folder / "memory.nanite")
+    return mesh.cut(error=0.0), whole.cut(error=0.0)
+
+
+def rows_of(cut: nrs.Cut, values: np.ndarray) -> np.ndarray:
+    """Values of all corners in an order that is that of the triangles."""
+    corners = np.asarray(cut.vertices, np.float64)[cut.faces].reshape(len(cut.faces) * 3, 3)
+    rows = np.asarray(values, np.float64)[cut.faces].reshape(len(cut.faces) * 3, -1)
+    rows = np.concatenate([corners, rows], axis=1)
+    return rows[np.lexsort(rows.T[::-1])]
+
+
+def assert_same(a: nrs.Cut, b: nrs.Cut) -> None:
+    assert key(a.vertices, a.faces) == key(b.vertices, b.faces)
+    assert (a.colors is None) == (b.colors is None)
+    if a.colors is not None and b.colors is not None:
+        assert a.colors.dtype == b.colors.dtype
+        assert np.array_equal(rows_of(a, a.colors), rows_of(b, b.colors))
+    assert len(a.uvs) == len(b.uvs)
+    for own, other in zip(a.uvs, b.uvs, strict=True):
+        assert np.array_equal(rows_of(a, own), rows_of(b, other))
+    assert list(a.channels) == list(b.channels)
+    for name in a.channels:
+        assert a.channels[name].dtype == b.channels[name].dtype
+        assert np.array_equal(rows_of(a, a.channels[name]), rows_of(b, b.channels[name]))
+
+
+def write_text_ply(path: Path, vertices, faces, end: str = "\n", **columns) -> None:
+    lines = ["ply", "format ascii 1.0", "comment a text", f"element vertex {len(vertices)}"]
+    lines += [f"property double {axis}" for axis in "xyz"]
+    kinds = {"u1": "uchar", "f4": "float", "i4": "int"}
+    lines += [f"property {kinds[rows.dtype.str[1:]]} {name}" for name, rows in columns.items()]
+    lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    for row, point in enumerate(vertices.tolist()):
+        extra = [f"{rows[row]}" for rows in columns.values()]
+        lines.append(" ".join([*map(repr, point), *extra]))
+    lines += [" ".join(map(str, [len(face), *face])) for face in np.asarray(faces).tolist()]
+    path.write_bytes(end.join([*lines, ""]).encode())
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_text_ply(end, tmp_path) -> None:
+    vertices, faces = arrays()
+    red = np.linspace(0, 255, len(vertices)).astype(np.uint8)
+    heat = vertices[:, 0].astype(np.float32)
+    label = (vertices[:, 1] > 0).astype(np.int32)
+    colors = {"red": red, "green": red[::-1], "blue": red}
+    write_text_ply(tmp_path / "x.ply", vertices + 0.1, faces, end, **colors, heat=heat, part=label)
+    assert_same(*both(tmp_path / "x.ply", tmp_path))
+
+
+def test_text_ply_of_polygons(tmp_path) -> None:
+    x, y = np.meshgrid(np.arange(80), np.arange(80), indexing="ij")
+    points = np.stack([x, y, 2 * np.sin(x / 5) * np.cos(y / 9)], -1).reshape(-1, 3)
+    corner = np.arange(79)[:, None] * 80 + np.arange(79)
+    quads = np.stack([corner, corner + 80, corner + 81, corner + 1], -1).reshape(-1, 4)
+    write_text_ply(tmp_path / "x.ply", points, quads)
+    assert_same(*both(tmp_path / "x.ply", tmp_path))
+
+
+@pytest.mark.parametrize("scale", [1.0, 255.0, 0.1])
+def test_colors_are_scaled_by_the_range_of_the_whole(scale, tmp_path) -> None:
+    """A block by itself may be dark."""
+    vertices, faces = arrays()
+    shade = (np.linspace(0, 255, len(vertices)).astype(int) / 255 * scale).astype(np.float32)
+    write_text_ply(tmp_path / "x.ply", vertices, faces, red=shade, green=shade, blue=shade)
+    assert_same(*both(tmp_path / "x.ply", tmp_path))
+
+
+def test_channels_of_binary_ply(tmp_path) -> None:
+    vertices, faces = arrays()
+    vertices = vertices.astype(np.float32)
+    part = (vertices[:, 1] > 0).astype(np.uint8)
+    columns = {"heat": vertices[:, 0], "part": part, "label": part.astype(np.float32)}
+    write_ply(tmp_path / "x.ply", vertices, faces, **columns)
+    a, b = both(tmp_path / "x.ply", tmp_path)
+    assert a.channels["part"].dtype == np.uint8
+    assert a.channels["label"].dtype.kind == "i"
+    assert_same(a, b)
+
+
+def write_text_stl(path: Path, vertices, faces) -> None:
+    lines = ["solid a thing"]
+    for number, face in enumerate(np.asarray(vertices)[faces].tolist()):
+        if number == len(faces) // 2:
+            lines += ["endsolid a thing", "solid another"]
+        lines += ["facet normal 0 0 0", " outer loop"]
+        lines += ["  vertex " + " ".join(map(repr, point)) for point in face]
+        lines += [" endloop", "endfacet"]
+    path.write_text("\n".join([*lines, "endsolid another", ""]))
+
+
+def test_text_stl(tmp_path) -> None:
+    vertices, faces = arrays()
+    write_text_stl(tmp_path / "x.stl", vertices, faces)
+    a, b = both(tmp_path / "x.stl", tmp_path)
+    assert_same(a, b)
+    assert is_closed(nrs.NaniteMesh.open(tmp_path / "blocks.nanite").cut(target_faces=500))
+
+
+def write_obj(path: Path, vertices, faces, kind: str) -> None:
+    """OBJ whose corners have the form that ``kind`` says, such as v/t/n."""
+    lines = ["# a knot", "o knot"]
+    rows = [" ".join(map(repr, point)) for point in vertices.tolist()]
+    if "c" in kind:
+        rows = [f"{row} {k % 7 / 8} 0.5 1" for k, row in enumerate(rows)]
+    uvs = [f"vt {k % 64 / 64} {k // 64 / 64}" for k in range(len(vertices))] if "t" in kind else []
+    normals = [f"vn 0 {k % 5} 1" for k in range(len(vertices))] if "n" in kind else []
+
+    def corner(k: int, back: int) -> str:
+        at = k - back if back else k + 1
+        return kind.partition(" ")[0].replace("v", str(at)).replace("t", str(at)).replace("n", str(at))
+
+    if "ahead" in kind:
+        lines += ["f " + " ".join(corner(k, 0) for k in face) for face in faces.tolist()]
+    lines += [f"v {row}" for row in rows] + uvs + normals
+    if "ahead" not in kind:
+        back = len(vertices) if "back" in kind else 0
+        lines += ["f " + " ".join(corner(k, back) for k in face) for face in faces.tolist()]
+    path.write_text("\n".join(lines))
+
+
+@pytest.mark.parametrize(
+    "kind", ["v", "v/t", "v//n", "v/t/n", "v c", "v/t c", "v back", "v/t/n back", "v ahead"]
+)
+def test_obj(kind, tmp_path) -> None:
+    vertices, faces = arrays()
+    write_obj(tmp_path / "x.obj", vertices, faces, kind)
+    assert_same(*both(tmp_path / "x.obj", tmp_path))
+
+
+def test_obj_of_all_that_may_be(tmp_path) -> None:
+    """Polygons, negative numbers amid vertices, lines that go on, comments, statements that are left, materials."""
+    x, y = np.meshgrid(np.arange(60), np.arange(60), indexing="ij")
+    lines = ["mtllib x.mtl", "V 0 0 -9 # unused", "s off"]
+    for i in range(60):
+        lines += [f"  v {i} {j} \\\n {np.sin(i / 5) * np.cos(j / 9):.6f}" for j in range(60)]
+        lines.append("usemtl red" if i % 2 else "usemtl a#blue")
+        lines += [f"f {-120 + j} {-60 + j} {-59 + j} {-119 + j}" for j in range(59) if i] + ["p 1", "g a"]
+    (tmp_path / "x.obj").write_text("\n".join(lines))
+    (tmp_path / "x.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl a#blue\nKd 0 0 1\n")
+    with pytest.warns(UserWarning, match="points and lines"):
+        a, b = both(tmp_path / "x.obj", tmp_path)
+    assert_same(a, b)
+    assert sorted(np.bincount(a.face_materials)) == sorted(np.bincount(b.face_materials))
+
+
+V = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+PLY = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+PLY += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+STL = (
+    "solid\n"
+    + 3 * "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [
+        (
+            "x.ply",
+            PLY + "0 0 0\n1 0 0\n1 x 0\n0 1 0\n3 0 1 2\n3 0 2 3\n",
+            'line 12: .*"x".*row 2 of 4|row 2 of 4',
+        ),
+        ("x.ply", PLY + "0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 7\n", r"faces\[1\] refers to vertex 7"),
+        ("x.ply", PLY + "0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n", "row 1 of 2.*end of the file"),
+        ("x.ply", PLY + "0 0 0\n1 0 0\n1 1 0 5\n0 1 0\n3 0 1 2\n", "row 2.*too many"),
+        ("x.ply", PLY.replace("float x", "floaf x"), "is no type of PLY"),
+        (
+            "x.ply",
+            PLY.replace("property float x\n", "") + "0 0\n0 1\n1 1\n0 0\n3 0 1 2\n3 0 1 2\n",
+            "no property x",
+        ),
+        ("x.stl", STL + "facet normal 0 0 1\nouter loop\nvertex 0 0,5 0\n", 'line 25: facet 3.*found "0,5"'),
+        ("x.stl", STL, "without endsolid"),
+        ("x.stl", "solid\nendsolid\n", "no triangles"),
+        ("x.obj", V + "f 0 1 2\n", 'line 5: expected the number of a vertex of 4, found "0"'),
+        ("x.obj", V + "f 1 2 9\n", r"faces\[0\]: there is no vertex 9, only 4"),
+        ("x.obj", V + "f 1 2 3\nf -5 1 2\n", 'line 6: expected the number of a vertex of 4, found "-5"'),
+        ("x.obj", V + "f 1/1 2 3\n", "there is no texture vertex 1, only 0"),
+        ("x.obj", V + "f 1/1/1/1 2 3\n", "line 5: expected a corner"),
+        ("x.obj", V + "f 1 2 three\n", 'line 5: expected the number of a vertex of 4, found "three"'),
+        ("x.obj", V + "v 0,5 1 2\n", 'line 5: expected a number, found "0,5"'),
+        ("x.obj", V + "v 1 2\n", "line 5: expected 3 numbers, found the end of the line"),
+        ("x.obj", V, "no triangles"),
+    ],
+)
+def test_bad_texts_say_what_is_wrong(name, text, match, tmp_path) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises((nrs.FormatError, nrs.MeshError), match=match) as error:
+        nrs.build_file(tmp_path / name, tmp_path / "x.nanite", memory=64)
+    assert str(tmp_path / name) in str(error.value)
+    with pytest.raises(type(error.value)):
+        nrs.NaniteMesh.from_file(tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_vertices_that_are_not_finite(tmp_path) -> None:
+    vertices, faces = arrays()
+    unused = np.concatenate([vertices[:10], np.full((1, 3), np.nan), vertices[10:]]).astype(np.float32)
+    write_ply(tmp_path / "x.ply", unused, np.where(faces >= 10, faces + 1, faces))
+    assert_same(*both(tmp_path / "x.ply", tmp_path))
+    write_ply(tmp_path / "x.ply", unused, faces)
+    with pytest.raises(nrs.MeshError, match=r"vertices\[10\] is not finite, and faces\[\d+\] refers to it"):
+        nrs.build_file(tmp_path / "x.ply", tmp_path / "x.nanite", memory=LITTLE)
