@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _arrays, _channels, _colors
+from nanite_rs import _arrays, _channels, _colors, _face_data
 from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, MeshError
 
 if TYPE_CHECKING:
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 ROWS: Final = 1 << 18
 
 #: What pieces may have besides vertices and faces.
-ATTRIBUTES: Final = ("normals", "colors", "uvs", "face_materials", "channels")
+ATTRIBUTES: Final = ("normals", "colors", "uvs", "face_materials", "channels", "face_channels")
 #: How the names of arrays of channels begin.
 CHANNEL: Final = "channel "
-#: How the names of arrays begin that are for sources that fit.
+#: How the names of arrays of face channels begin, as callers give them.
 FACE_CHANNEL: Final = "face channel "
 
 
@@ -183,6 +183,13 @@ class Spool:
             words, kind = _words(values_of(words, kind), both), both.name
         self.add_filled(f"{CHANNEL}{kind} {name}", words, first)
 
+    def add_face_channel(self, name: str, rows: NDArray[Any]) -> None:
+        """Append a channel of faces, of the type of the first."""
+        label = f"{FACE_CHANNEL}{name}"
+        if label in self._forms and not np.can_cast(rows.dtype, self.dtype(label)):
+            raise DtypeError(f"face_channels[{name!r}]: {rows.dtype}, before {self.dtype(label)}")
+        self.append(label, rows)
+
     def _channel(self, name: str) -> str | None:
         for known in self.names(CHANNEL):
             _, dtype, label = known.split(" ", 2)
@@ -194,7 +201,7 @@ class Spool:
         """Fill in at the end what the last pieces did not have."""
         vertices, faces = self.rows("vertices"), self.rows("faces")
         for name in self.names():
-            if name == "face_materials":
+            if name == "face_materials" or name.startswith(FACE_CHANNEL):
                 self.pad(name, faces, 0)
             elif name == "colors":
                 self.pad(name, vertices, _colors.white(self.dtype(name)))
@@ -421,9 +428,10 @@ def _add_attributes(
     found = set()
     for name, given in attributes.items():
         if name == "face_channels":
-            raise ArgumentError(
-                "face_channels: are built in memory alone; give channels of vertices or face_materials"
-            )
+            for label, rows in _face_data.checked(given, faces).items():
+                spool.add_face_channel(label, rows)
+                found.add(f"face_channels[{label!r}]")
+            continue
         if name not in ATTRIBUTES:
             raise ArgumentError(f"{name!r} is none of {', '.join(ATTRIBUTES)}")
         if name == "channels":
@@ -570,3 +578,58 @@ def _has_form(name: str, rows: NDArray[Any]) -> bool:
         dtypes = np.float32, np.int32, np.uint32
     wide = name != "colors" or (rows.ndim == 2 and rows.shape[1] == 4)
     return wide and any(rows.dtype == dtype for dtype in dtypes) and rows.flags.c_contiguous
+
+
+# ------------------------------------------------------------------------------------------------ face channels
+
+
+def has_face_channels(arrays: Mapping[str, Any]) -> bool:
+    """Whether faces carry more than materials."""
+    return any(name.startswith(FACE_CHANNEL) for name in arrays)
+
+
+def apart(arrays: Mapping[str, Any], folder: Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a mesh whose faces are taken apart by their channels: see `_face_data`.
+
+    Parts of the faces follow each other, with the vertices that they use. The core welds those that are equal.
+    """
+    start = len(FACE_CHANNEL)
+    given = {name[start:]: rows for name, rows in arrays.items() if name.startswith(FACE_CHANNEL)}
+    labels = _face_data.checked(given, len(arrays["faces"]))
+    for name, rows in labels.items():
+        if rows.dtype.kind == "f":
+            raise ArgumentError(
+                f"face_channels[{name!r}]: floating-point data of faces are averaged to vertices in memory alone, "
+                "and the source does not fit; give channels of vertices"
+            )
+        if any(known.split(" ", 2)[-1] == name for known in arrays if known.startswith(CHANNEL)):
+            raise ArgumentError(f"face_channels[{name!r}]: channels has one of that name")
+    faces, materials = arrays["faces"], arrays.get("face_materials")
+    of_vertices = [
+        name for name in arrays if name.startswith(("vertices", "normals", "colors", "uvs ", CHANNEL))
+    ]
+
+    def parts() -> Iterator[tuple[slice, NDArray[np.int32] | None, dict[str, NDArray[Any]]]]:
+        for first in range(0, max(len(faces), 1), ROWS):
+            rows = slice(first, first + ROWS)
+            own = {name: np.asarray(of[rows]) for name, of in labels.items()}
+            yield rows, None if materials is None else np.asarray(materials[rows]), own
+
+    taken = _face_data.Apart()
+    for _, of_part, own in parts():
+        taken.look(of_part, own)
+    folder.mkdir(exist_ok=True)
+    spool = Spool(folder)
+    for part, of_part, own in parts():
+        corners = _face_rows(np.asarray(faces[part]), part.start, len(arrays["vertices"]))
+        made = taken.taken(corners, of_part, own)
+        before = spool.rows("vertices")
+        for name in of_vertices:
+            spool.append(name, np.asarray(arrays[name][made.vertices]))
+        for name, values in made.channels.items():
+            spool.add_channel(*core_words(name, values), before)
+        spool.append("faces", (made.faces + before).astype(np.uint32))
+        spool.append("face_materials", made.numbers)
+    if spool.rows("vertices") > 1 << 32:
+        raise MeshError("source: more than 2^32 vertices, once faces of different channels are apart")
+    return spool.finish(None)

@@ -209,6 +209,8 @@ def _build_in(
         _make_folder(work, store, resume=resume)
         file, arrays = _given(source, limit, work)
         if arrays and build_memory(_pieces.core(arrays)) > limit:
+            if _pieces.has_face_channels(arrays):
+                arrays = _pieces.apart(arrays, work / "apart")
             _build(arrays, target, limit, options or BuildOptions(), work, store, executor, progress)
         elif file is not None:
             NaniteMesh.from_file(file, options=options, progress=progress).save(target)

@@ -178,9 +178,9 @@ def test_ply_is_read_in_pieces(order, dtype, tmp_path) -> None:
     red = np.linspace(0, 255, len(vertices)).astype(np.uint8)
     extra = {"red": red, "green": red, "blue": red, "quality": vertices[:, 0].astype(np.float32)}
     write_ply(tmp_path / "x.ply", vertices, faces, order, **extra)
-    with pytest.warns(UserWarning, match=r"channels of vertices \(quality\)"):
-        mesh = built(tmp_path / "x.ply", tmp_path)
+    mesh = built(tmp_path / "x.ply", tmp_path)
     cut = mesh.cut(error=0.0)
+    assert np.allclose(cut.channels["quality"], cut.vertices[:, 0], atol=1e-3)
     whole = in_memory((vertices, faces), tmp_path).cut(error=0.0)
     assert key(cut.vertices, cut.faces) == key(whole.vertices, whole.faces)
     assert cut.colors is not None
@@ -396,3 +396,81 @@ def test_a_build_can_be_stopped(tmp_path) -> None:
     with pytest.raises(Stop):
         built(arrays("gyroid"), tmp_path, progress=stop)
     assert not list(tmp_path.iterdir())
+
+
+def test_channels_come_along(tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    vertices = vertices.astype(np.float32)
+    rng = np.random.default_rng(4)
+    channels = {
+        "heat": (3 * vertices[:, 0] + np.sin(9 * vertices[:, 1])).astype(np.float32),
+        "flow": rng.normal(size=(len(vertices), 3)).astype(np.float32),
+        "part": np.where(vertices[:, 2] > 0, 4, -3).astype(np.int16),
+    }
+    mesh = built([(vertices, faces, {"channels": channels})], tmp_path)
+    again = built((vertices, faces, {"channels": channels}), tmp_path)
+    assert mesh == again
+    mesh.check()
+    whole = in_memory((vertices, faces), tmp_path, channels=channels)
+    full, expected = mesh.cut(error=0.0), whole.cut(error=0.0)
+    for name, given in channels.items():
+        assert full.channels[name].dtype == given.dtype
+        of_corners = [
+            np.sort(np.asarray(cut.channels[name], float)[cut.faces].reshape(-1)) for cut in (full, expected)
+        ]
+        assert np.array_equal(*of_corners), name
+    for reduction in (0.5, 0.9, 0.97):
+        cut = mesh.cut(target_reduction=reduction)
+        other = whole.cut(target_reduction=reduction)
+        assert set(cut.channels["part"]) <= {-3, 4}
+        wrong = [np.mean((of.channels["part"] == 4) != (of.vertices[:, 2] > 0)) for of in (cut, other)]
+        # Labels are those of what the stage before left.
+        assert wrong[0] < wrong[1] + 0.02
+        off = [
+            np.abs(of.channels["heat"] - (3 * of.vertices[:, 0] + np.sin(9 * of.vertices[:, 1]))).mean()
+            for of in (cut, other)
+        ]
+        assert off[0] < 1.3 * off[1]
+
+
+@pytest.mark.parametrize("materials", [False, True])
+def test_face_channels_come_along(materials, tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    centers = vertices[faces].mean(axis=1)
+    given = {"face_channels": {"segment": (centers[:, 0] > 0).astype(np.int8) + 2 * (centers[:, 1] > 0)}}
+    if materials:
+        given["face_materials"] = (centers[:, 2] > 0).astype(np.int32)
+    options = nrs.BuildOptions(face_ids=True)
+    half = len(faces) // 2
+    parts = [
+        (
+            vertices,
+            faces[rows],
+            {
+                name: {k: v[rows] for k, v in of.items()} if name == "face_channels" else of[rows]
+                for name, of in given.items()
+            },
+        )
+        for rows in (slice(0, half), slice(half, None))
+    ]
+    whole = in_memory((vertices, faces), tmp_path, options=options, **given)
+    for source in ((vertices, faces, given), parts):
+        mesh = built(source, tmp_path, options=options)
+        mesh.check()
+        full = mesh.cut(error=0.0)
+        order = np.argsort(mesh.source_face_ids)
+        assert np.array_equal(full.face_channels["segment"][order], given["face_channels"]["segment"])
+        if materials:
+            assert np.array_equal(full.face_materials[order], given["face_materials"])
+        assert full.face_channels["segment"].dtype == given["face_channels"]["segment"].dtype
+        assert mesh.report.border_edges == whole.report.border_edges == 0
+        # Lines between segments stay in place: each keeps its area.
+        cut = mesh.cut(target_reduction=0.9)
+        segments = (full.face_channels["segment"], cut.face_channels["segment"])
+        areas = [
+            np.bincount(of, trimesh.Trimesh(c.vertices, c.faces, process=False).area_faces, 4)
+            for of, c in zip(segments, (full, cut), strict=True)
+        ]
+        assert np.allclose(areas[1], areas[0], rtol=0.03)
+    with pytest.raises(nrs.ArgumentError, match=r"face_channels\['heat'\]: floating-point"):
+        built((vertices, faces, {"face_channels": {"heat": centers[:, 0]}}), tmp_path)
