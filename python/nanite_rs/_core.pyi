@@ -135,7 +135,7 @@ class Input:
         length: int,
         batch: int,
         tries: int,
-        read: Callable[[list[tuple[int, int]], Answers], object],
+        read: Callable[[list[tuple[int, int]], Answers], int],
         traffic: Traffic,
     ) -> Input: ...
     def stop(self) -> None: ...

@@ -34,8 +34,12 @@ WASTE: Final = 4
 MOST_REQUEST: Final = 1 << 20
 # Requests that are on their way at once, of all meshes of a process.
 AT_ONCE: Final = 32
-# Pages that the core asks for as a batch: enough to join some, and to keep connections busy until the next batch.
+# Pages that the core asks for as a batch, two batches at once: enough to join some, and to keep connections busy
+# until the next batch. On a slow line fewer: what was asked for comes before what the next frame wants more.
 BATCH: Final = 64
+LEAST_BATCH: Final = 8
+# Seconds that answers may take beyond the fastest one until the line counts as full.
+QUEUED: Final = 0.2
 # How often a range is asked for that fails for a passing reason. Pauses begin at 10 ms, about double, and are 5 to
 # 10 seconds in all: servers that restart, and lines that are switched, are back by then.
 TRIES: Final = 11
@@ -134,11 +138,31 @@ def watched(
         thread.shutdown(wait=stop is not None)
 
 
+class Pace:
+    """How many pages may be asked for as a batch: half as many when a line is full, slowly more when it is not."""
+
+    def __init__(self) -> None:
+        self.batch = BATCH
+        self._fastest, self._changed = float("inf"), 0.0
+
+    def answered(self, begun: float, ended: float) -> None:
+        """Take into account when a request began and ended, seconds."""
+        took = ended - begun
+        self._fastest = min(self._fastest, took)
+        if took <= self._fastest + QUEUED:
+            self.batch = min(self.batch + 2, BATCH)
+        # Requests that were on their way when the batch became smaller say nothing of that.
+        elif begun >= self._changed:
+            self.batch = max(self.batch // 2, LEAST_BATCH)
+            self._changed = ended
+
+
 class Reader:
     """Reads batches of ranges for the core."""
 
     def __init__(self, source: Source, recipe: tuple[Any, ...] | None = None) -> None:
         self.source, self.traffic, self.recipe = source, _core.Traffic(), recipe
+        self._pace = Pace()
         self.identity, self._head = self._waited(self._first)
         self._cache: PageCache | None = None
         self._opening, self._stopped = False, False
@@ -166,7 +190,7 @@ class Reader:
     def open(self, how: Callable[[_core.Input], T]) -> T:
         """Return what the core makes of the beginning, while this thread looks at signals."""
         size = self.identity.size
-        given = _core.Input(self.source.name, size, BATCH, TRIES, self.read, self.traffic)
+        given = _core.Input(self.source.name, size, self._pace.batch, TRIES, self.read, self.traffic)
 
         def stop() -> None:
             self._stopped = True
@@ -205,23 +229,22 @@ class Reader:
         except Refusal:
             self.traffic.request(seconds=time.perf_counter() - start, failed=True)
             raise
-        took = time.perf_counter() - start
-        self.traffic.request(seconds=took, read_bytes=size(found), joined_bytes=wasted)
+        end = time.perf_counter()
+        self.traffic.request(seconds=end - start, read_bytes=size(found), joined_bytes=wasted)
+        self._pace.answered(start, end)
         return found
 
-    def read(self, ranges: list[Range], answers: _core.Answers) -> None:
-        """Answer each range, later, from other threads."""
+    def read(self, ranges: list[Range], answers: _core.Answers) -> int:
+        """Answer each range, later, from other threads. Return how many the next batch may have."""
         rest = []
         for i, (start, end) in enumerate(ranges):
             if end <= len(self._head):
                 answers.give(i, self._head[start:end])
             else:
                 rest.append(i)
-        if not rest:
-            return
-        if self._cache is not None:
+        if rest and self._cache is not None:
             _pool().submit(self._look_up, ranges, rest, answers)
-        else:
+        elif rest:
             self._ask(ranges, rest, answers)
         # While it opens, the core waits for these and for nothing else: here it can be told to stop.
         while self._opening and any(answers.is_wanted(i) for i in rest):
@@ -229,6 +252,7 @@ class Reader:
                 for i in rest:
                     answers.fail(i, "ServerError", "opening was stopped", passing=False)
             time.sleep(0.002)
+        return self._pace.batch
 
     def _look_up(self, ranges: list[Range], wanted: list[int], answers: _core.Answers) -> None:
         """Answer what the cache has, and ask for the rest."""

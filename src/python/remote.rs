@@ -3,7 +3,7 @@
 
 use std::io;
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
@@ -77,7 +77,8 @@ pub struct Input {
 #[pymethods]
 impl Input {
     /// So many bytes, which `read(ranges, answers)` reads: it gets up to some `batch` ranges as a list of pairs (start, end),
-    /// the most wanted first, and returns at once. What fails for a passing reason is tried so many times.
+    /// the most wanted first, and returns at once how many the next batch may have. What fails for a passing reason is tried so
+    /// many times.
     #[new]
     fn new(name: String, length: u64, batch: usize, tries: u32, read: Py<PyAny>, traffic: &Traffic) -> Self {
         let (traffic, stopped) = (Arc::clone(&traffic.0), Arc::default());
@@ -100,6 +101,7 @@ impl Input {
     pub(super) fn remote(&self, py: Python<'_>) -> Remote {
         let Self { length, batch, tries, .. } = *self;
         let (traffic, stopped) = (Arc::clone(&self.traffic), Arc::clone(&self.stopped));
+        let batch = batch.into();
         Remote { length, batch, tries, read: self.read.clone_ref(py), traffic, stopped }
     }
 }
@@ -107,7 +109,7 @@ impl Input {
 /// What asks Python for bytes.
 pub(super) struct Remote {
     length: u64,
-    batch: usize,
+    batch: AtomicUsize,
     tries: u32,
     read: Py<PyAny>,
     traffic: Arc<TrafficCounter>,
@@ -127,8 +129,9 @@ impl ByteInput for Remote {
         // While the interpreter ends there are no answers.
         let asked = Python::try_attach(|py| -> PyResult<()> {
             let answers = Bound::new(py, answers)?;
-            if let Err(error) = self.read.call1(py, (pairs, &answers)) {
-                answers.get().refuse_all(&error.to_string());
+            match self.read.call1(py, (pairs, &answers)).and_then(|batch| batch.extract(py)) {
+                Ok(batch) => self.batch.store(batch, Ordering::Relaxed),
+                Err(error) => answers.get().refuse_all(&error.to_string()),
             }
             Ok(())
         });
@@ -136,7 +139,7 @@ impl ByteInput for Remote {
     }
 
     fn batch_size(&self) -> usize {
-        self.batch
+        self.batch.load(Ordering::Relaxed)
     }
 
     fn tries(&self) -> u32 {

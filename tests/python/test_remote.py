@@ -381,6 +381,25 @@ def test_what_nobody_waits_for_is_not_asked_for(server) -> None:
     assert len(answers) <= at_close + _remote.AT_ONCE
 
 
+def test_batches_fit_the_line() -> None:
+    """They shrink while answers wait for each other, whatever the way there takes, and grow again."""
+    for latency in (0.01, 0.5):
+        pace = _remote.Pace()
+
+        def after(*begun: float, took: float, pace: _remote.Pace = pace) -> int:
+            for at in begun:
+                pace.answered(at, at + took)
+            return pace.batch
+
+        full = latency + 1.1 * _remote.QUEUED
+        assert after(0, 1, 2, took=latency) == 64
+        # What was on its way meanwhile counts once.
+        assert after(10, 10, 10.1, took=full) == 32
+        assert after(20, took=full) == 16
+        assert after(30, 40, 50, took=full) == 8
+        assert after(*range(60, 100), took=latency) == 64
+
+
 # --------------------------------------------------------------------------------------------- joining
 
 
