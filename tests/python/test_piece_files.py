@@ -165,8 +165,7 @@ def test_obj(kind, tmp_path) -> None:
 
 def test_obj_of_all_that_may_be(tmp_path) -> None:
     """Polygons, negative numbers amid vertices, lines that go on, comments, statements that are left, materials."""
-    x, y = np.meshgrid(np.arange(60), np.arange(60), indexing="ij")
-    lines = ["mtllib x.mtl", "V 0 0 -9 # unused", "s off"]
+    lines = ["mtllib x.mtl", "V 0 0 -0.25 # unused", "s off"]
     for i in range(60):
         lines += [f"  v {i} {j} \\\n {np.sin(i / 5) * np.cos(j / 9):.6f}" for j in range(60)]
         lines.append("usemtl red" if i % 2 else "usemtl a#blue")
