@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _piece_obj, _piece_ply, _piece_stl, io
-from nanite_rs._asset import Notes
 from nanite_rs._flatten import flattened
 from nanite_rs._pieces import ROWS, Spool, add_piece, spooled
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from nanite_rs._asset import Source
+    from nanite_rs._asset import Notes, Source
 
 
 #: Endings of files that are read in pieces.
