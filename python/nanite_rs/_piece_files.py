@@ -7,24 +7,24 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from nanite_rs import _piece_obj, _piece_ply, _piece_stl, io
-from nanite_rs._asset import Notes
 from nanite_rs._flatten import flattened
 from nanite_rs._pieces import ROWS, Spool, add_piece, spooled
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError
 from nanite_rs.material import Material
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
-    from nanite_rs._asset import Source
+    from nanite_rs._asset import Notes, Source
 
 
 #: Endings of files that are read in pieces.
@@ -87,23 +87,29 @@ def of_files(paths: list[str], folder: Path, limit: int, notes: Notes) -> dict[s
     def read(spool: Spool) -> None:
         looks = _Looks()
         for path, small in zip(paths, whole, strict=True):
-            try:
+            with _named(path):
                 if small:
                     _add_file(path, spool, notes, looks)
                 else:
-                    own, first = Notes(), spool.rows("faces")
-                    _reader(path)(path, spool, own)
-                    notes.merge(own)
+                    first = spool.rows("faces")
+                    _reader(path)(path, spool, notes)
                     looks.follow(spool, first)
-            except (ArgumentError, DtypeError) as error:
-                # Errors of files have their names already.
-                if path in str(error):
-                    raise
-                raise type(error)(f"{path}: {error}") from error
         looks.finish(spool)
         spool.complete()
 
     return spooled(paths, folder, read, of=[whole])
+
+
+@contextmanager
+def _named(path: str) -> Iterator[None]:
+    """Say in errors in which file the fault is."""
+    try:
+        yield
+    except (ArgumentError, DtypeError) as error:
+        # Those of readers say it already.
+        if path in str(error):
+            raise
+        raise type(error)(f"{path}: {error}") from error
 
 
 def _add_file(path: str, spool: Spool, notes: Notes, looks: _Looks) -> None:

@@ -32,7 +32,7 @@ _SLASHES: Final = re.compile(rb"/(?=[\s/])")
 
 
 class _Obj:
-    """One pass over the statements of an OBJ file: positions, UVs, normals and corners go to the spool as they come.
+    """One pass over the statements of an OBJ file: positions, UVs, normals and corners go to the spool.
 
     Faces may be before their vertices, so meshes are made of that in a second pass.
     """
@@ -50,6 +50,8 @@ class _Obj:
         self.materials: dict[bytes, int] = {}
         self._material = -1
         self._left: dict[str, int] = {}
+        # Names of objects, groups and smoothing groups.
+        self._said: dict[bytes, set[bytes]] = {b"o": set(), b"g": set(), b"s": set()}
         lines = Lines(path)
         while data := lines.block():
             # A statement goes on in the next line after a backslash.
@@ -60,6 +62,10 @@ class _Obj:
         for k, what in enumerate(("vertex", "texture vertex", "normal")):
             if self._highest[k] >= self.counts[k]:
                 self._beyond(k, what)
+        if self._said[b"o"] and len(self._said[b"g"]) > 1:
+            notes.add("groups within objects")
+        if len(self._said[b"s"]) > 1:
+            notes.add("smoothing groups")
         for left, count in self._left.items():
             notes.add(f"{count} {left}")
 
@@ -152,8 +158,10 @@ class _Obj:
                 numbers.append(self._material)
             elif word == b"mtllib":
                 self.libraries.append(rest)
-            elif word in (b"o", b"g", b"s"):
-                self._notes.add("objects, groups and smoothing groups", self._path)
+            elif word in self._said:
+                # Two are enough to tell that faces differ.
+                if len(self._said[word]) < 2:
+                    self._said[word].add(rest)
             elif word in (b"p", b"l"):
                 self._leave("points and lines")
             else:
@@ -262,8 +270,7 @@ class _Obj:
         counts = np.bincount(of_line, minlength=len(lines))
         values = _whole_numbers(text.replace(b"/", b" "))
         if values is None or len(values) != parts.sum() or (parts > 3).any():
-            self._bad_corner(rows.tobytes(), begins, ends, of_line, before, lines)
-        assert values is not None
+            raise self._bad_corner(rows.tobytes(), begins, ends, of_line, before, lines)
         at = np.cumsum(parts) - parts
         bad = np.zeros(len(begins), bool)
         for k in range(3):
@@ -277,7 +284,7 @@ class _Obj:
             if k == 0:
                 bad |= ~known
             if bad.any():
-                self._bad_corner(rows.tobytes(), begins, ends, of_line, before, lines)
+                raise self._bad_corner(rows.tobytes(), begins, ends, of_line, before, lines)
             if k and not known.any() and not self.has[k]:
                 continue
             if not self.has[k]:
@@ -298,8 +305,8 @@ class _Obj:
         of_line: NDArray[np.int64],
         before: list[NDArray[np.int64]],
         lines: NDArray[np.int64],
-    ) -> None:
-        """Say which corner is wrong."""
+    ) -> FormatError:
+        """Return an error that says which corner is wrong."""
         nothing = str(_NOTHING).encode()
         for begin, end, row in zip(begins.tolist(), ends.tolist(), of_line.tolist(), strict=True):
             word = text[begin:end]
@@ -313,10 +320,10 @@ class _Obj:
                 count = int(before[k][row])
                 if number == 0 or number < -count or number > int(_NONE):
                     what = ("a vertex", "a texture vertex", "a normal")[k]
-                    raise FormatError(f"{where}: expected the number of {what} of {count}, found {shown}")
+                    return FormatError(f"{where}: expected the number of {what} of {count}, found {shown}")
             if len(parts) > 3:
-                raise FormatError(f"{where}: expected a corner such as 1/2/3, found {shown}")
-        raise FormatError(f"{self._path}: line {lines[0]}: a face behind it has corners that are no numbers")
+                return FormatError(f"{where}: expected a corner such as 1/2/3, found {shown}")
+        return FormatError(f"{self._path}: line {lines[0]}: a face behind it has corners that are no numbers")
 
 
 def _whole_numbers(text: bytes) -> NDArray[np.int64] | None:
@@ -337,44 +344,29 @@ def read(path: str, spool: Spool, notes: Notes) -> None:
     if not found.faces:
         raise MeshError(f"{path}: there are no triangles in it")
     vertices = FileVertices(path, spool, notes)
-    positions = spool.mapped("raw position") if found.counts[0] else np.zeros((0, 3))
+    if found.colored:
+        spool.pad("raw rgba", found.counts[0], np.nan)
     soup = found.has[1] or found.has[2]
-    numbers = _obj_materials(path, found, notes)
     if not soup:
         for rows in spool.blocks("raw position"):
             vertices.add(rows)
-        if found.colored:
-            spool.pad("raw rgba", found.counts[0], np.nan)
-            for rows in spool.blocks("raw rgba"):
-                spool.append("wide colors", _obj_colors(rows, found.bytes))
-    corner, first_face = 0, 0
+        for rows in spool.blocks("raw rgba") if found.colored else ():
+            spool.append("wide colors", _obj_colors(rows, found.bytes))
+    numbers = _obj_materials(path, found, notes)
+    corner, face = 0, 0
     for counts in spool.blocks("raw counts"):
         end = corner + int(counts.sum())
-        materials = spool.mapped("raw material")[first_face : first_face + len(counts)]
-        # Faces of a part of these, so that large polygons are no matter.
-        at = np.asarray(spool.mapped("raw corner 0")[corner:end], np.int64)
-        corners = at
+        corners = np.asarray(spool.mapped("raw corner 0")[corner:end], np.int64)
         if soup:
-            corners = np.arange(vertices.count(), vertices.count() + len(at))
-            first = vertices.first + vertices.count()
-            vertices.add(positions[at])
-            for k, raw, name in ((1, "raw uv", "uvs 0"), (2, "raw normal", "normals")):
-                if found.has[k]:
-                    spool.pad(f"raw corner {k}", end, _NONE)
-                    own = np.asarray(spool.mapped(f"raw corner {k}")[corner:end])
-                    rows = np.zeros((len(own), 2 if k == 1 else 3), np.float32)
-                    known = own != _NONE
-                    if known.any():
-                        rows[known] = spool.mapped(raw)[own[known]]
-                    vertices.add_attribute(name, rows, first)
-            if found.colored:
-                spool.pad("raw rgba", found.counts[0], np.nan)
-                spool.append("wide colors", _obj_colors(spool.mapped("raw rgba")[at], found.bytes))
+            first = vertices.count()
+            _add_corners(found, vertices, spool, corner, corners)
+            corners = np.arange(first, first + len(corners))
         before = spool.rows("faces")
         polygons = vertices.add_faces(corners, counts)
         if numbers is not None:
+            materials = spool.mapped("raw material")[face : face + len(counts)]
             spool.add_filled("face_materials", numbers[materials[polygons] + 1], before)
-        corner, first_face = end, first_face + len(counts)
+        corner, face = end, face + len(counts)
     for name in spool.names("raw "):
         spool.drop(name)
     if found.colored:
@@ -382,6 +374,26 @@ def read(path: str, spool: Spool, notes: Notes) -> None:
     vertices.finish()
     if spool.rows("faces") == vertices.first_face:
         raise MeshError(f"{path}: there are no triangles in it")
+
+
+def _add_corners(
+    found: _Obj, vertices: FileVertices, spool: Spool, corner: int, positions: NDArray[np.int64]
+) -> None:
+    """Append a vertex for each of some corners, from one on, with what it has."""
+    first, end = vertices.first + vertices.count(), corner + len(positions)
+    vertices.add(spool.mapped("raw position")[positions])
+    for k, raw, name in ((1, "raw uv", "uvs 0"), (2, "raw normal", "normals")):
+        if not found.has[k]:
+            continue
+        spool.pad(f"raw corner {k}", end, _NONE)
+        own = np.asarray(spool.mapped(f"raw corner {k}")[corner:end])
+        rows = np.zeros((len(own), 2 if k == 1 else 3), np.float32)
+        known = own != _NONE
+        if known.any():
+            rows[known] = spool.mapped(raw)[own[known]]
+        vertices.add_attribute(name, rows, first)
+    if found.colored:
+        spool.append("wide colors", _obj_colors(spool.mapped("raw rgba")[positions], found.bytes))
 
 
 def _obj_colors(rows: NDArray[np.float32], in_bytes: bool) -> NDArray[np.float32]:

@@ -94,7 +94,7 @@ def read(path: str, spool: Spool, notes: Notes) -> None:
             blocks = _ply_text(path, element, lines)
         else:
             order = ">" if kind == "binary_big_endian" else "<"
-            dtype = _ply_row(path, order, element)
+            dtype = _ply_row(order, element)
             blocks = _ply_bytes(path, element, dtype, offset)
             offset += count * dtype.itemsize
         for first, columns in blocks:
@@ -128,7 +128,7 @@ def _ply_text(
         done += rows
 
 
-def _ply_row(path: str, order: str, element: tuple[str, int, _Properties]) -> np.dtype[Any]:
+def _ply_row(order: str, element: tuple[str, int, _Properties]) -> np.dtype[Any]:
     """Return the dtype of a row; lists have three members."""
     fields: list[Any] = []
     for at, words in enumerate(element[2]):

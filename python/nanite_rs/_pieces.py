@@ -496,27 +496,7 @@ def of_arrays(
 
     What is no NumPy array is read slice by slice.
     """
-    given: dict[str, Any] = {"vertices": _taken(vertices, "vertices"), "faces": _taken(faces, "faces")}
-    of_faces = attributes.get("face_channels") or {}
-    attributes = {
-        name: rows for name, rows in attributes.items() if rows is not None and name != "face_channels"
-    }
-    sets = attributes.get("uvs")
-    if sets is not None and (isinstance(sets, np.ndarray) or is_lazy(sets)) and sets.ndim == 2:
-        attributes["uvs"] = [sets]
-    for name, rows in attributes.items():
-        if name not in ATTRIBUTES:
-            raise ArgumentError(f"source: {name!r} is none of {', '.join(ATTRIBUTES)}")
-        if name == "uvs":
-            given |= {f"uvs {number}": _taken(uv, "uvs") for number, uv in enumerate(rows)}
-        elif name == "channels":
-            if not isinstance(rows, Mapping):
-                raise DtypeError(
-                    f"channels: expected a mapping of names to arrays, not {type(rows).__name__}"
-                )
-            given |= {f"{CHANNEL}{label}": _taken(values, "channels") for label, values in rows.items()}
-        else:
-            given[name] = _taken(rows, name)
+    given = _listed(vertices, faces, attributes)
     vertex_count, face_count = len(given["vertices"]), len(given["faces"])
     out: dict[str, Any] = {}
     size = sum(rows.nbytes for rows in given.values() if isinstance(rows, np.ndarray))
@@ -539,9 +519,33 @@ def of_arrays(
             out[name] = next(iter(formed(name.partition(" ")[0], rows).values()))
     if spool.names():
         out |= spool.finish(None)
-    for name, rows in of_faces.items():
+    for name, rows in (attributes.get("face_channels") or {}).items():
         out[f"{FACE_CHANNEL}{name}"] = rows
     return out
+
+
+def _listed(vertices: Any, faces: Any, attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arrays that a caller gave by the names that they have here, but for channels of faces."""
+    given: dict[str, Any] = {"vertices": _taken(vertices, "vertices"), "faces": _taken(faces, "faces")}
+    for name, rows in attributes.items():
+        if rows is None or name == "face_channels":
+            continue
+        if name not in ATTRIBUTES:
+            raise ArgumentError(f"source: {name!r} is none of {', '.join(ATTRIBUTES)}")
+        if name == "uvs":
+            one = (isinstance(rows, np.ndarray) or is_lazy(rows)) and rows.ndim == 2
+            for number, uv in enumerate([rows] if one else rows):
+                given[f"uvs {number}"] = _taken(uv, name)
+        elif name == "channels":
+            if not isinstance(rows, Mapping):
+                raise DtypeError(
+                    f"channels: expected a mapping of names to arrays, not {type(rows).__name__}"
+                )
+            for label, values in rows.items():
+                given[f"{CHANNEL}{label}"] = _taken(values, name)
+        else:
+            given[name] = _taken(rows, name)
+    return given
 
 
 def _append(spool: Spool, name: str, rows: NDArray[Any], first: int, vertices: int) -> None:

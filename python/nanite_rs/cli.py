@@ -35,6 +35,7 @@ EPILOG: Final = """\
 examples:
   nanite-rs build dragon.ply                        write dragon.nanite
   nanite-rs build *.ply -o built/                   write a file for each, and say which failed
+  nanite-rs build tiles/ -o terrain.nanite          write one file of all meshes in a folder
   nanite-rs build dragon.ply -o s3://bucket/dragon.nanite
   nanite-rs info dragon.nanite                      what is in it, and what building did
   nanite-rs info https://example.org/dragon.nanite  the same, without loading the file
@@ -128,7 +129,10 @@ def _build(arguments: argparse.Namespace) -> int:
     output = arguments.output or f"{_stem(arguments.input)}{io.NANITE_SUFFIX}"
     if not _is_built(output):
         raise ArgumentError(f"{_sources.shown(output)}: the output must end in {io.NANITE_SUFFIX}")
-    in_blocks = arguments.memory is not None or arguments.scheduler is not None
+    # A folder is a source in pieces, whatever its size.
+    in_blocks = (
+        arguments.memory is not None or arguments.scheduler is not None or os.path.isdir(arguments.input)
+    )
     # What goes to a URL is built on disk: in this folder, where a build that is resumed finds its work folder.
     place = os.curdir if in_blocks and _sources.is_url(output) else None
     work = arguments.work or place
@@ -556,7 +560,8 @@ def _add_build(commands: Any) -> None:
         "inputs",
         metavar="INPUT",
         nargs="+",
-        help="mesh file, or shape:NAME:FACES; of several files each is built by itself",
+        help="mesh file, folder of tiles that are one mesh, or shape:NAME:FACES; of several files each is built "
+        "by itself",
     )
     sub.add_argument(
         "--output",
@@ -568,7 +573,7 @@ def _add_build(commands: Any) -> None:
     sub.add_argument(
         "--memory",
         metavar="SIZE",
-        help="bytes that building may take, such as 4GiB: larger binary PLY and STL are built on disk",
+        help="bytes that building may take, such as 4GiB: what is larger is built on disk",
     )
     sub.add_argument("--resume", action="store_true", help="with --memory: go on where a build was stopped")
     sub.add_argument(

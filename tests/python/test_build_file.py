@@ -16,6 +16,7 @@ import trimesh
 
 import nanite_rs as nrs
 from conftest import SOAK
+from nanite_rs import _pieces
 from oracles import subjects
 
 if TYPE_CHECKING:
@@ -150,6 +151,119 @@ def test_attributes_and_face_ids_come_along(tmp_path) -> None:
         assert np.array_equal(*of_corners)
 
 
+class Lazy:
+    """An array that is read by slices of rows alone, as those of zarr and h5py."""
+
+    def __init__(self, rows: np.ndarray) -> None:
+        self._rows = rows
+        self.shape, self.dtype, self.ndim = rows.shape, rows.dtype, rows.ndim
+        self.most = 0
+
+    def __getitem__(self, where: slice) -> np.ndarray:
+        assert isinstance(where, slice)
+        rows = self._rows[where]
+        self.most = max(self.most, len(rows))
+        return rows
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        raise AssertionError("read as a whole")
+
+
+def all_attributes(vertices, faces) -> dict:
+    rng = np.random.default_rng(3)
+    return {
+        "normals": vertices / np.linalg.norm(vertices, axis=1, keepdims=True).astype(np.float32),
+        "colors": rng.integers(0, 255, (len(vertices), 3)).astype(np.uint8),
+        "uvs": rng.uniform(0, 1, (len(vertices), 2)),
+        "face_materials": (vertices[faces].mean(axis=1)[:, 0] > 0).astype(np.int64),
+        "channels": {
+            "a/b heat": vertices[:, 0].astype(np.float64),
+            "part": (vertices[:, 1] > 0).astype(np.uint8),
+            "two": np.stack([vertices[:, 2], vertices[:, 0]], axis=1).astype(np.float32),
+        },
+    }
+
+
+def mapped(given: dict, wrap) -> dict:
+    return {
+        name: mapped(rows, wrap) if isinstance(rows, dict) else wrap(rows) for name, rows in given.items()
+    }
+
+
+def assert_same_rows(a: nrs.Cut, b: nrs.Cut) -> None:
+    assert key(a.vertices, a.faces) == key(b.vertices, b.faces)
+    assert a.colors.dtype == b.colors.dtype
+    assert {n: c.dtype for n, c in a.channels.items()} == {n: c.dtype for n, c in b.channels.items()}
+    for rows in (
+        lambda cut: cut.colors,
+        lambda cut: cut.uvs[0],
+        lambda cut: cut.channels["a/b heat"],
+        lambda cut: cut.channels["part"],
+        lambda cut: cut.channels["two"],
+    ):
+        values = [np.sort(rows(cut)[cut.faces].reshape(3 * len(cut.faces), -1), axis=0) for cut in (a, b)]
+        assert np.array_equal(*values)
+    assert np.array_equal(np.bincount(a.face_materials), np.bincount(b.face_materials))
+
+
+def dask_array(rows: np.ndarray):
+    return pytest.importorskip("dask.array").from_array(rows, chunks=5_000)
+
+
+@pytest.mark.parametrize("wrap", [lambda rows: rows, Lazy, dask_array], ids=["numpy", "lazy", "dask"])
+@pytest.mark.parametrize("memory", [LITTLE, "4 GiB"])
+def test_arrays_with_attributes_are_one_source(wrap, memory, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(_pieces, "ROWS", 1 << 12)
+    vertices, faces = arrays("knot")
+    given = all_attributes(vertices, faces)
+    source = wrap(vertices), wrap(faces.astype(np.int64)), mapped(given, wrap)
+    mesh = built(source, tmp_path, memory=memory)
+    if isinstance(source[0], Lazy):
+        assert source[0].most <= 1 << 12
+    whole = in_memory((vertices, faces), tmp_path, **given)
+    if memory == "4 GiB":
+        assert (tmp_path / "built.nanite").read_bytes() == (tmp_path / "memory.nanite").read_bytes()
+    else:
+        assert mesh.check().borders > 0
+        assert_same_rows(mesh.cut(error=0.0), whole.cut(error=0.0))
+
+
+def test_channels_of_pieces(tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    given = all_attributes(vertices, faces)
+
+    def pieces():
+        for part in np.array_split(np.arange(len(faces)), 5):
+            used, corners = np.unique(faces[part], return_inverse=True)
+            own = {n: r[part if n == "face_materials" else used] for n, r in given.items() if n != "channels"}
+            channels = {name: rows[used] for name, rows in given["channels"].items()}
+            yield vertices[used], corners.reshape(-1, 3), {**own, "channels": channels}
+
+    mesh = built(pieces(), tmp_path)
+    whole = in_memory((vertices, faces), tmp_path, **given)
+    assert_same_rows(mesh.cut(error=0.0), whole.cut(error=0.0))
+
+
+def test_face_channels_of_what_fits(tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    part = (vertices[faces].mean(axis=1)[:, 0] > 0).astype(np.int32)
+    mesh = built((vertices, faces, {"face_channels": {"part": part}}), tmp_path, memory="4 GiB")
+    assert np.array_equal(np.bincount(mesh.cut(error=0.0).face_channels["part"]), np.bincount(part))
+
+
+def test_channels_on_executors(tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    source = vertices, Lazy(faces), {"channels": {"part": (vertices[:, 1] > 0).astype(np.uint8)}}
+    built(source, tmp_path)
+    expected = (tmp_path / "built.nanite").read_bytes()
+    with ThreadPoolExecutor(2) as executor:
+        built(source, tmp_path, executor=executor)
+    assert (tmp_path / "built.nanite").read_bytes() == expected
+
+
 def test_the_same_bytes_on_any_number_of_threads(tmp_path) -> None:
     source = arrays("knot")
     found = []
@@ -184,6 +298,7 @@ def test_ply_is_read_in_pieces(order, dtype, tmp_path) -> None:
     whole = in_memory((vertices, faces), tmp_path).cut(error=0.0)
     assert key(cut.vertices, cut.faces) == key(whole.vertices, whole.faces)
     assert cut.colors is not None
+    assert list(cut.channels) == ["quality"]
     assert len(cut) == len(faces)
 
 
@@ -225,10 +340,10 @@ def test_pieces_that_touch_are_one_surface(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("change", "error", "match"),
     [
-        (lambda b: b[:-7], nrs.FormatError, "where element face ends"),
-        (lambda b: b.replace(b"binary_little_endian", b"ascii"), nrs.FormatError, "only binary PLY"),
-        (lambda b: b.replace(b"float x", b"floaf x"), nrs.FormatError, "unknown type"),
-        (lambda b: b.replace(b"end_header", b"end_heager"), nrs.FormatError, "no end|header"),
+        (lambda b: b[:-7], nrs.FormatError, "element face, row .* file ends at byte"),
+        (lambda b: b.replace(b"binary_little_endian", b"ascii"), nrs.FormatError, "element vertex, row 0 of"),
+        (lambda b: b.replace(b"float x", b"floaf x"), nrs.FormatError, "is no type of PLY"),
+        (lambda b: b.replace(b"end_header", b"end_heager"), nrs.FormatError, "header"),
     ],
 )
 def test_bad_files_say_what_is_wrong(change, error, match, tmp_path) -> None:
@@ -248,7 +363,14 @@ def test_bad_arguments_say_what_is_wrong(tmp_path) -> None:
         ((vertices * np.nan, faces), nrs.MeshError, "not finite"),
         ([(vertices, faces), (vertices,)], nrs.DtypeError, "piece 1"),
         ([(vertices, faces), (vertices, faces + 1)], nrs.MeshError, "piece 1: faces"),
-        ([(vertices, faces, {"color": vertices})], nrs.ArgumentError, "'color' is none of"),
+        ([(vertices, faces, {"color": vertices})], nrs.ArgumentError, "piece 0: 'color' is none of"),
+        ((vertices, faces, {"color": vertices}), nrs.ArgumentError, "'color' is none of"),
+        ((vertices, faces, {"normals": vertices[1:]}), nrs.ArgumentError, "normals has shape"),
+        ((vertices, faces, {"channels": {"a": faces}}), nrs.ArgumentError, "channel a has shape"),
+        ((vertices, faces, {"face_channels": {"a": faces[:, 0]}}), nrs.ArgumentError, "in memory alone"),
+        ([(vertices, faces, {"face_channels": {"a": faces[:, 0]}})], nrs.ArgumentError, "in memory alone"),
+        ([(vertices, faces), (vertices, faces, {"normals": vertices})], nrs.ArgumentError, "piece 1: has"),
+        ([tmp_path / "none.ply"], nrs.FileError, "none.ply"),
         ([], nrs.MeshError, "no pieces"),
         (7, nrs.DtypeError, "source: expected"),
     ):

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+import trimesh
 
 import nanite_rs as nrs
 from nanite_rs import _piece_text
+from nanite_rs.cli import main
 from oracles import subjects
 from test_build_file import LITTLE, is_closed, key, write_ply
 
@@ -165,8 +167,7 @@ def test_obj(kind, tmp_path) -> None:
 
 def test_obj_of_all_that_may_be(tmp_path) -> None:
     """Polygons, negative numbers amid vertices, lines that go on, comments, statements that are left, materials."""
-    x, y = np.meshgrid(np.arange(60), np.arange(60), indexing="ij")
-    lines = ["mtllib x.mtl", "V 0 0 -9 # unused", "s off"]
+    lines = ["mtllib x.mtl", "V 0 0 -0.25 # unused", "s off"]
     for i in range(60):
         lines += [f"  v {i} {j} \\\n {np.sin(i / 5) * np.cos(j / 9):.6f}" for j in range(60)]
         lines.append("usemtl red" if i % 2 else "usemtl a#blue")
@@ -237,3 +238,96 @@ def test_vertices_that_are_not_finite(tmp_path) -> None:
     write_ply(tmp_path / "x.ply", unused, faces)
     with pytest.raises(nrs.MeshError, match=r"vertices\[10\] is not finite, and faces\[\d+\] refers to it"):
         nrs.build_file(tmp_path / "x.ply", tmp_path / "x.nanite", memory=LITTLE)
+
+
+def quarters() -> list[tuple[np.ndarray, np.ndarray]]:
+    """A closed mesh in four parts."""
+    vertices, faces = arrays()
+    middle = vertices[faces].mean(axis=1)
+    number = 2 * (middle[:, 0] > 0) + (middle[:, 1] > 0)
+    parts = []
+    for k in range(4):
+        used, corners = np.unique(faces[number == k], return_inverse=True)
+        parts.append((vertices[used].astype(np.float32).astype(np.float64), corners.reshape(-1, 3)))
+    return parts
+
+
+def write_tiles(folder: Path) -> list[Path]:
+    folder.mkdir()
+    a, b, c, d = quarters()
+    paths = [folder / name for name in ("tile_1.ply", "tile_2.stl", "tile_9.obj", "tile_10.glb")]
+    write_text_ply(paths[0], *a)
+    write_text_stl(paths[1], *b)
+    write_obj(paths[2], *c, "v")
+    trimesh.Trimesh(*d, process=False).export(paths[3])
+    return paths
+
+
+@pytest.mark.parametrize("memory", [LITTLE, 1 << 24])
+@pytest.mark.parametrize("kind", ["folder", "list", "glob"])
+def test_tiles_of_many_formats_are_one_surface(kind, memory, tmp_path) -> None:
+    paths = write_tiles(tmp_path / "tiles")
+    (tmp_path / "tiles" / "read.me").write_text("no mesh")
+    sources = {"folder": tmp_path / "tiles", "list": paths, "glob": (path for path in paths)}
+    mesh = nrs.build_file(sources[kind], tmp_path / "x.nanite", memory=memory)
+    assert mesh.report.border_edges == 0
+    assert len(mesh) == len(arrays()[1])
+    assert is_closed(mesh.cut(target_faces=800))
+
+
+def test_tiles_that_have_other_attributes(tmp_path) -> None:
+    """What a tile has not is filled in, as for the parts of one file."""
+    (tmp_path / "tiles").mkdir()
+    parts = quarters()
+    red = np.full(len(parts[1][0]), 51, np.uint8)
+    part = np.full(len(parts[1][0]), 7, np.uint8)
+    write_text_ply(tmp_path / "tiles" / "0.ply", *parts[0])
+    write_text_ply(tmp_path / "tiles" / "1.ply", *parts[1], red=red, green=red, blue=red, part=part)
+    write_text_ply(tmp_path / "tiles" / "2.ply", *parts[2], part=np.full(len(parts[2][0]), 9, np.int32))
+    write_obj(tmp_path / "tiles" / "3.obj", *parts[3], "v/t c")
+    cut = nrs.build_file(tmp_path / "tiles", tmp_path / "x.nanite", memory=LITTLE).cut(error=0.0)
+    assert len(cut) == len(arrays()[1])
+    assert set(cut.channels["part"].tolist()) == {0, 7, 9}
+    assert cut.channels["part"].dtype == np.int32
+    white = np.iinfo(cut.colors.dtype).max if cut.colors.dtype.kind == "u" else 1.0
+    shades = {tuple(row) for row in np.rint(cut.colors / white * 255).astype(int).tolist()}
+    assert {(51, 51, 51, 255), (255, 255, 255, 255)} <= shades
+    assert len(cut.uvs) == 1
+
+
+def test_folders_without_meshes(tmp_path) -> None:
+    (tmp_path / "none").mkdir()
+    with pytest.raises(nrs.ArgumentError, match="no files in it that end in"):
+        nrs.build_file(tmp_path / "none", tmp_path / "x.nanite")
+    write_tiles(tmp_path / "tiles")
+    (tmp_path / "tiles" / "tile_3.ply").write_text(PLY)
+    with pytest.raises(nrs.FormatError, match=r"tile_3\.ply"):
+        nrs.build_file(tmp_path / "tiles", tmp_path / "x.nanite")
+
+
+def test_tiles_are_read_once(tmp_path, monkeypatch) -> None:
+    class Stop(Exception):
+        pass
+
+    def stop(done, total):
+        if done > 0.5 * total:
+            raise Stop
+
+    paths = write_tiles(tmp_path / "tiles")
+    how = {"memory": LITTLE, "resume": True}
+    with pytest.raises(Stop):
+        nrs.build_file(tmp_path / "tiles", tmp_path / "x.nanite", progress=stop, **how)
+    with monkeypatch.context() as patch:
+        patch.setattr("nanite_rs._piece_files._add_file", None)
+        patch.setattr("nanite_rs._piece_files._reader", None)
+        nrs.build_file(tmp_path / "tiles", tmp_path / "x.nanite", **how)
+    expected = (tmp_path / "x.nanite").read_bytes()
+    nrs.build_file(paths, tmp_path / "x.nanite", memory=LITTLE)
+    assert (tmp_path / "x.nanite").read_bytes() == expected
+
+
+def test_the_command_line_takes_folders(tmp_path) -> None:
+    write_tiles(tmp_path / "tiles")
+    command = ["build", str(tmp_path / "tiles"), "-o", str(tmp_path / "x.nanite"), "--quiet"]
+    assert main(command) == 0
+    assert nrs.NaniteMesh.open(tmp_path / "x.nanite").report.border_edges == 0
