@@ -65,13 +65,14 @@ def build_file(
 
     Parameters
     ----------
-    source : path, pair of arrays, or iterable of pieces
-        A file: binary PLY of triangles and binary STL are read piece by piece, everything that
-        `NaniteMesh.from_file` reads where it fits in memory. Two arrays, which may be memory maps, as
-        `NaniteMesh.from_arrays` takes them. Or pieces, each ``(vertices, faces)`` or
-        ``(vertices, faces, attributes)``, where faces count the vertices of their piece from 0, and a dict has what
-        it has of ``normals``, ``colors``, ``uvs`` and ``face_materials``: all pieces have the same. Pieces may
-        touch: vertices that are equal are one.
+    source : path, paths, arrays, or iterable of pieces
+        A file: PLY, STL and OBJ, binary or text, are read piece by piece, everything that `NaniteMesh.from_file`
+        reads where it fits in memory. A folder, or several paths: files of any of these kinds, such as tiles, one
+        after the other, a folder's in the order of the numbers in their names. ``(vertices, faces)`` or
+        ``(vertices, faces, attributes)``: arrays as `NaniteMesh.from_arrays` takes them, attributes in a dict. They
+        may be memory maps. Those of zarr, h5py and Dask, and what else is no NumPy array and has slices, are read
+        slice by slice. Or pieces, each like such arrays, whose faces count the vertices of their piece from 0: all
+        have the same attributes. Files and pieces may touch: vertices that are equal are one.
     path : path or URL
         The file, ending in ``.nanite``; an existing one is replaced in one step or not at all. One of a URL, such
         as ``s3://``, is made on disk and then sent, as by `NaniteMesh.save`: whether it can be written is tried out
@@ -123,7 +124,7 @@ def build_file(
     Warns
     -----
     UserWarning
-        What of a file read in pieces is not kept, such as channels.
+        What of a file read in pieces is not kept, such as properties of its faces.
 
     Examples
     --------
