@@ -57,13 +57,22 @@ def build_file(
 
     Parameters
     ----------
-    source : path, pair of arrays, or iterable of pieces
-        A file: binary PLY of triangles and binary STL are read piece by piece, everything that
-        `NaniteMesh.from_file` reads where it fits in memory. Two arrays, which may be memory maps, as
-        `NaniteMesh.from_arrays` takes them. Or pieces, each ``(vertices, faces)`` or
-        ``(vertices, faces, attributes)``, where faces count the vertices of their piece from 0, and a dict has what
-        it has of ``normals``, ``colors``, ``uvs`` and ``face_materials``: all pieces have the same. Pieces may
-        touch: vertices that are equal are one.
+    source : path, paths, arrays, or iterable of pieces
+        A file: PLY, STL, OBJ and glTF are read piece by piece where they do not fit, and everything that
+        `NaniteMesh.from_file` reads where it does. Of binary PLY those of triangles, of glTF what has no compression,
+        skins and morph targets. Several files, or a folder of files, are tiles of one mesh: those of a folder come in
+        the order of the numbers in their names, and files of all formats may be among them. What a tile does not
+        have is filled in, as for the parts of one file: normals are computed, colours white, UVs and channels zero.
+
+        Arrays: ``(vertices, faces)`` or ``(vertices, faces, attributes)``, where a dict has some of ``normals``,
+        ``colors``, ``uvs``, ``face_materials`` and ``channels``, as `NaniteMesh.from_arrays` takes them, and
+        ``face_channels`` where all fits. They may be memory maps, and arrays of zarr, h5py or Dask, which are read
+        slice by slice.
+
+        Or pieces, each such a pair or triple, whose faces count the vertices of their piece from 0: all pieces have
+        the same attributes.
+
+        Tiles and pieces may touch: vertices that are equal are one.
     path : path or URL
         The file, ending in ``.nanite``; an existing one is replaced in one step or not at all. One of a URL, such
         as ``s3://``, is made on disk and then sent, as by `NaniteMesh.save`: whether it can be written is tried out
@@ -113,7 +122,7 @@ def build_file(
     Warns
     -----
     UserWarning
-        What of a file read in pieces is not kept, such as channels.
+        What of a file read in pieces is not kept, such as data of faces.
 
     Examples
     --------
@@ -126,6 +135,7 @@ def build_file(
     ...     mesh = nrs.build_file(pieces(), f"{folder}/balls.nanite", memory="8 MB")
     ...     mesh.check().clusters == mesh.report.clusters, mesh.report.input_faces
     (True, 61440)
+    >>> nrs.build_file("tiles/", "terrain.nanite", memory="8 GiB")  # doctest: +SKIP
     >>> nrs.build_file("city.ply", "s3://bucket/city.nanite", memory="8 GiB")  # doctest: +SKIP
     """
     path = _checks.path_of(path)
