@@ -59,10 +59,10 @@ def build_file(
     ----------
     source : path, paths, arrays, or iterable of pieces
         A file: PLY, STL, OBJ and glTF are read piece by piece where they do not fit, and everything that
-        `NaniteMesh.from_file` reads where it does. Of binary PLY those of triangles, of glTF what has no compression,
-        skins and morph targets. Several files, or a folder of files, are tiles of one mesh: those of a folder come in
-        the order of the numbers in their names, and files of all formats may be among them. What a tile does not
-        have is filled in, as for the parts of one file: normals are computed, colours white, UVs and channels zero.
+        `NaniteMesh.from_file` reads where it does. Binary PLY must be of triangles then, and glTF without
+        compression, skins and morph targets. Several files, or a folder of files, are tiles of one mesh: those of a
+        folder come in the order of the numbers in their names, and may be of all formats. What a tile does not have
+        is filled in, as for the parts of one file: normals are computed, colours white, UVs and channels zero.
 
         Arrays: ``(vertices, faces)`` or ``(vertices, faces, attributes)``, where a dict has some of ``normals``,
         ``colors``, ``uvs``, ``face_materials`` and ``channels``, as `NaniteMesh.from_arrays` takes them, and
