@@ -40,11 +40,10 @@ _MOST_ZEROS: Final = 1 << 27
 class Document:
     """A glTF file: its JSON, and the bytes that it refers to, read when they are first asked for."""
 
-    def __init__(self, name: str, data: bytes, folder: Path | None) -> None:
+    def __init__(self, name: str, content_of_file: bytes | memoryview, folder: Path | None) -> None:
         self.name, self.folder = name, folder
-        self._body: bytes | None = None
-        if data[:4] == b"glTF":
-            data = self._unpack(data)
+        self._body: bytes | memoryview | None = None
+        data = bytes(self._unpack(content_of_file) if content_of_file[:4] == b"glTF" else content_of_file)
         try:
             content = json.loads(data)
         except (ValueError, RecursionError) as error:
@@ -58,10 +57,10 @@ class Document:
         if not version.startswith("2."):
             self.fail(f"asset.version: expected 2.0, found {version!r}")
         self.required = {str(name) for name in self.listed(content, "extensionsRequired")}
-        self._buffers: dict[int, bytes] = {}
+        self._buffers: dict[int, bytes | memoryview] = {}
         self._views: dict[int, memoryview] = {}
 
-    def _unpack(self, data: bytes) -> bytes:
+    def _unpack(self, data: bytes | memoryview) -> bytes | memoryview:
         """Split a GLB into its chunks; return its JSON."""
         version, length = int.from_bytes(data[4:8], "little"), int.from_bytes(data[8:12], "little")
         if version != 2:
@@ -149,8 +148,8 @@ class Document:
 
     # ----------------------------------------------------------------------------------------- bytes
 
-    def uri(self, uri: object, what: str) -> bytes:
-        """Return what a URI has in it, or the content of the file beside this one that it names."""
+    def uri(self, uri: object, what: str) -> Any:
+        """Return what a URI has in it, or the content of the file beside this one that it names, as bytes."""
         if not isinstance(uri, str):
             self.fail(f"{what}: expected a URI, found {uri!r:.40}")
         if uri[:5].lower() == "data:":
@@ -171,14 +170,19 @@ class Document:
                 f"{what} lies in a file of its own, and nothing says in which folder; give the path",
                 f"{self.name}: {uri:.80}",
             )
-        return read_bytes(beside(self.folder, unquote(uri), uri), f"{self.name}: {what}")
+        return self.content(beside(self.folder, unquote(uri), uri), f"{self.name}: {what}")
 
-    def buffer(self, index: int) -> bytes:
+    def content(self, path: Path, what: str) -> Any:
+        """Return the content of a file beside this one, as bytes."""
+        return read_bytes(path, what)
+
+    def buffer(self, index: int) -> bytes | memoryview:
         """Return the content of a buffer."""
         known = self._buffers.get(index)
         if known is not None:
             return known
         row, what = self.entry("buffers", index), f"buffers[{index}]"
+        data: bytes | memoryview
         if "uri" in row:
             data = self.uri(row["uri"], what)
         elif index == 0 and self._body is not None:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 ANY_DIGITS: Final = 0.1
 """How far a number of a text may lie from a byte that was written with three digits, in bytes."""
 _ALL_DIGITS: Final = {np.uint8: 1e-4, np.uint16: 1e-2}
+ALL_DIGITS: Final = _ALL_DIGITS[np.uint8]
+"""How far a number that was stored as float32 may lie from a byte, in bytes."""
 # Largest rounding of a byte or 16-bit number that was stored as float32, in its steps.
 
 

@@ -103,6 +103,13 @@ def read(name: str, data: bytes, folder: Path | None, *, drop_bad_textures: bool
         raise FormatError(f"{name}: damaged glTF: {type(error).__name__}: {error}") from error
 
 
+def primitives(document: Document, notes: Notes) -> Iterator[tuple[str, dict[str, Any], NDArray[np.float64]]]:
+    """Yield all primitives of the default scene where they stand, with what errors call them."""
+    reader = _Reader(document, True)
+    yield from reader.placed()
+    notes.merge(reader._notes)
+
+
 class _Reader:
     """One pass over a document. Images, textures, materials and sources that are referred to again are shared."""
 
@@ -119,16 +126,7 @@ class _Reader:
     def asset(self) -> Asset:
         """Read the default scene."""
         document = self._document
-        strange = sorted(
-            name
-            for name in document.required
-            if name not in _KNOWN and not name.startswith((_LOOKS, "KHR_xmp"))
-        )
-        if strange:
-            document.fail(f"it requires {', '.join(strange)}, which cannot be read")
-        for name in map(str, document.listed(document.json, "extensionsUsed")):
-            if name not in (*_KNOWN, *_SAID_BY) and not name.startswith((_LOOKS, "KHR_xmp")):
-                self._notes.add("extensions", name)
+        self.check_extensions()
         rows = document.listed(document.json, "animations")
         animations = [self._animation(number) for number in range(len(rows))]
         self._morphing = {
@@ -154,6 +152,36 @@ class _Reader:
             for part in bent:
                 part.bend_to(at_rest)
         return self._asset
+
+    def placed(self) -> Iterator[tuple[str, dict[str, Any], NDArray[np.float64]]]:
+        """Yield all primitives where they stand, with what errors call them; what bends them is refused."""
+        document = self._document
+        self.check_extensions()
+        for index, node, pose in self._nodes():
+            if "mesh" not in node:
+                continue
+            number = document.whole(node, "mesh")
+            mesh = document.entry("meshes", number)
+            if "skin" in node or self._weights(node if "weights" in node else mesh):
+                document.fail(f"nodes[{index}]: skins and morph targets are read in memory alone")
+            for instance in self._instances(node):
+                for k in range(len(document.listed(mesh, "primitives"))):
+                    row = document.entry("primitives", k, mesh)
+                    yield f"meshes[{number}], primitive {k}", row, pose @ instance
+
+    def check_extensions(self) -> None:
+        """Refuse what cannot be read without its extensions, and note the others."""
+        document = self._document
+        strange = sorted(
+            name
+            for name in document.required
+            if name not in _KNOWN and not name.startswith((_LOOKS, "KHR_xmp"))
+        )
+        if strange:
+            document.fail(f"it requires {', '.join(strange)}, which cannot be read")
+        for name in map(str, document.listed(document.json, "extensionsUsed")):
+            if name not in (*_KNOWN, *_SAID_BY) and not name.startswith((_LOOKS, "KHR_xmp")):
+                self._notes.add("extensions", name)
 
     # ----------------------------------------------------------------------------------------- nodes
 

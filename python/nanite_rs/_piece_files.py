@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _piece_obj, _piece_ply, _piece_stl, io
+from nanite_rs import _piece_gltf, _piece_obj, _piece_ply, _piece_stl, io
 from nanite_rs._flatten import flattened
 from nanite_rs._pieces import ROWS, Spool, add_piece, spooled
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 #: Endings of files that are read in pieces.
-ENDINGS: Final = ("ply", "stl", "obj")
+ENDINGS: Final = ("ply", "stl", "obj", "glb", "gltf")
 #: A file takes less memory to build than so many times its size, but where it is compressed.
 _OF_SIZE: Final = 16
 
@@ -60,7 +60,9 @@ def _reader(path: str) -> Callable[[str, Spool, Notes], None]:
         raise FormatError(
             f"{path}: {os.path.getsize(path):,} bytes; of files that may not fit in memory, only {some} are read"
         )
-    return {"ply": _piece_ply.read, "stl": _piece_stl.read, "obj": _piece_obj.read}[ending]
+    return {"ply": _piece_ply.read, "stl": _piece_stl.read, "obj": _piece_obj.read}.get(
+        ending, _piece_gltf.read
+    )
 
 
 def files_of(folder: str) -> list[str]:

@@ -108,7 +108,7 @@ class _Obj:
                 lambda m: re.sub(rb"\\[ \t]*\n", b" ", m[0]) + b"\n" * m[0][:-1].count(b"\n"),
                 data,
             )
-        if re.search(rb"^[ \t]", data, flags=re.MULTILINE):
+        if data[:1] in b" \t" or b"\n " in data or b"\n\t" in data:
             data = re.sub(rb"^[ \t]+", b"", data, flags=re.MULTILINE)
         text = np.frombuffer(data, np.uint8)
         ends = np.flatnonzero(text == 10) + 1
@@ -183,7 +183,7 @@ class _Obj:
             rows[starts + 1] = 32
         blank = _BLANK[rows]
         begins = ~blank[1:] & blank[:-1]
-        total = np.concatenate([[0, 0], np.cumsum(begins)])
+        total = np.concatenate([[0, 0], np.cumsum(begins, dtype=np.int32)])
         widths = total[ends] - total[starts]
         needed = (3, 1, 3)[kind - 1]
         if (widths < needed).any():
@@ -254,21 +254,22 @@ class _Obj:
     ) -> None:
         """Append corners, by numbers from 0 of positions, UVs and normals."""
         self.faces += len(lines)
-        nothing = str(_NOTHING).encode()
         # The words of statements, of one letter or two, are none of the corners.
-        text = re.sub(rb"^[fF][oO]?", b"", text, flags=re.MULTILINE)
-        if b"/" in text:
-            text = _SLASHES.sub(b"/" + nothing, text)
-        rows = np.frombuffer(b"\n" + text, np.uint8)
+        rows = np.frombuffer(b"\n" + text, np.uint8).copy()
+        starts = np.flatnonzero(rows[:-1] == 10) + 1
+        rows[starts] = 32
+        rows[starts[(rows[starts + 1] | 32) == 111] + 1] = 32
+        if any(slash in text for slash in (b"//", b"/ ", b"/\t", b"/\n")):
+            rows = np.frombuffer(_SLASHES.sub(b"/%d" % _NOTHING, rows.tobytes()), np.uint8)
         blank = _BLANK[rows]
         begins = np.flatnonzero(~blank[1:] & blank[:-1]) + 1
         ends = np.flatnonzero(blank[1:] & ~blank[:-1]) + 1
         feeds = np.flatnonzero(rows == 10)
-        slashes = np.concatenate([[0], np.cumsum(rows == 47)])
+        slashes = np.concatenate([[0], np.cumsum(rows == 47, dtype=np.int32)])
         parts = 1 + slashes[ends] - slashes[begins]
         of_line = np.searchsorted(feeds, begins) - 1
         counts = np.bincount(of_line, minlength=len(lines))
-        values = _whole_numbers(text.replace(b"/", b" "))
+        values = _whole_numbers(np.where(rows == 47, np.uint8(32), rows).tobytes(), int(parts.sum()))
         if values is None or len(values) != parts.sum() or (parts > 3).any():
             raise self._bad_corner(rows.tobytes(), begins, ends, of_line, before, lines)
         at = np.cumsum(parts) - parts
@@ -326,10 +327,9 @@ class _Obj:
         return FormatError(f"{self._path}: line {lines[0]}: a face behind it has corners that are no numbers")
 
 
-def _whole_numbers(text: bytes) -> NDArray[np.int64] | None:
-    """Return the numbers of a text; nothing where some are none."""
+def _whole_numbers(text: bytes, words: int) -> NDArray[np.int64] | None:
+    """Return the numbers of a text; nothing where there are not so many, or some are none."""
     head = b"ply\nformat ascii 1.0\nelement f 1\nproperty list uint int64 i\nend_header\n"
-    words = len(text.split())
     try:
         ((_, _, columns),) = _core.read_ply("", head + b"%d " % words + text.replace(b"\n", b" "))["elements"]
     except FormatError:

@@ -66,13 +66,21 @@ def build_file(
     Parameters
     ----------
     source : path, paths, arrays, or iterable of pieces
-        A file: PLY, STL and OBJ, binary or text, are read piece by piece, everything that `NaniteMesh.from_file`
-        reads where it fits in memory. A folder, or several paths: files of any of these kinds, such as tiles, one
-        after the other, a folder's in the order of the numbers in their names. ``(vertices, faces)`` or
-        ``(vertices, faces, attributes)``: arrays as `NaniteMesh.from_arrays` takes them, attributes in a dict. They
-        may be memory maps. Those of zarr, h5py and Dask, and what else is no NumPy array and has slices, are read
-        slice by slice. Or pieces, each like such arrays, whose faces count the vertices of their piece from 0: all
-        have the same attributes. Files and pieces may touch: vertices that are equal are one.
+        A file: PLY, STL, OBJ and glTF are read piece by piece where they do not fit, and everything that
+        `NaniteMesh.from_file` reads where it does. Binary PLY must be of triangles then, and glTF without
+        compression, skins and morph targets. Several files, or a folder of files, are tiles of one mesh: those of a
+        folder come in the order of the numbers in their names, and may be of all formats. What a tile does not have
+        is filled in, as for the parts of one file: normals are computed, colours white, UVs and channels zero.
+
+        Arrays: ``(vertices, faces)`` or ``(vertices, faces, attributes)``, where a dict has some of ``normals``,
+        ``colors``, ``uvs``, ``channels``, ``face_materials`` and ``face_channels``, as `NaniteMesh.from_arrays`
+        takes them; floating-point ``face_channels`` where all fits. They may be memory maps, and arrays of zarr,
+        h5py or Dask, which are read slice by slice.
+
+        Or pieces, each such a pair or triple, whose faces count the vertices of their piece from 0: all pieces have
+        the same attributes.
+
+        Tiles and pieces may touch: vertices that are equal are one.
     path : path or URL
         The file, ending in ``.nanite``; an existing one is replaced in one step or not at all. One of a URL, such
         as ``s3://``, is made on disk and then sent, as by `NaniteMesh.save`: whether it can be written is tried out
@@ -124,7 +132,7 @@ def build_file(
     Warns
     -----
     UserWarning
-        What of a file read in pieces is not kept, such as properties of its faces.
+        What of a file read in pieces is not kept, such as data of faces.
 
     Examples
     --------
@@ -137,6 +145,7 @@ def build_file(
     ...     mesh = nrs.build_file(pieces(), f"{folder}/balls.nanite", memory="8 MB")
     ...     mesh.check().clusters == mesh.report.clusters, mesh.report.input_faces
     (True, 61440)
+    >>> nrs.build_file("tiles/", "terrain.nanite", memory="8 GiB")  # doctest: +SKIP
     >>> nrs.build_file("city.ply", "s3://bucket/city.nanite", memory="8 GiB")  # doctest: +SKIP
     """
     path = _checks.path_of(path)

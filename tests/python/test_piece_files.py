@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -240,6 +241,12 @@ def test_vertices_that_are_not_finite(tmp_path) -> None:
         nrs.build_file(tmp_path / "x.ply", tmp_path / "x.nanite", memory=LITTLE)
 
 
+def is_joined(cut: nrs.Cut) -> bool:
+    """Whether a cut is closed, where vertices of one place may differ in their normals."""
+    points, place = np.unique(cut.vertices, axis=0, return_inverse=True)
+    return trimesh.Trimesh(points, place.reshape(-1)[cut.faces], process=False).is_watertight
+
+
 def quarters() -> list[tuple[np.ndarray, np.ndarray]]:
     """A closed mesh in four parts."""
     vertices, faces = arrays()
@@ -272,7 +279,7 @@ def test_tiles_of_many_formats_are_one_surface(kind, memory, tmp_path) -> None:
     mesh = nrs.build_file(sources[kind], tmp_path / "x.nanite", memory=memory)
     assert mesh.report.border_edges == 0
     assert len(mesh) == len(arrays()[1])
-    assert is_closed(mesh.cut(target_faces=800))
+    assert is_joined(mesh.cut(target_faces=800))
 
 
 def test_tiles_that_have_other_attributes(tmp_path) -> None:
@@ -331,3 +338,49 @@ def test_the_command_line_takes_folders(tmp_path) -> None:
     command = ["build", str(tmp_path / "tiles"), "-o", str(tmp_path / "x.nanite"), "--quiet"]
     assert main(command) == 0
     assert nrs.NaniteMesh.open(tmp_path / "x.nanite").report.border_edges == 0
+
+
+def write_gltf(path: Path, colors: bool) -> None:
+    """Three instances of two meshes, one of which is mirrored."""
+    scene = trimesh.Scene()
+    for number, (vertices, faces) in enumerate(quarters()[:2]):
+        ball = trimesh.Trimesh(vertices, faces, process=False)
+        if colors:
+            shade = np.linspace(0, 255, len(vertices)).astype(np.uint8)
+            ball.visual.vertex_colors = np.stack([shade, shade[::-1], shade, shade], axis=1)
+        ball.vertex_attributes["_heat"] = vertices[:, 0].astype(np.float32)
+        scene.add_geometry(ball, geom_name=f"part {number}", node_name=f"node {number}")
+    pose = np.diag([-2.0, 2.0, 2.0, 1.0])
+    pose[:3, 3] = 4.0, 0.0, 0.5
+    scene.graph.update("mirrored", geometry="part 0", matrix=pose)
+    scene.export(path)
+
+
+@pytest.mark.parametrize("colors", [False, True])
+@pytest.mark.parametrize("ending", ["glb", "gltf"])
+def test_gltf(colors, ending, tmp_path) -> None:
+    write_gltf(tmp_path / f"x.{ending}", colors)
+    if ending == "gltf":
+        # JSON alone has little size.
+        with (tmp_path / "x.gltf").open("a") as file:
+            file.write(" " * LITTLE)
+    assert_same(*both(tmp_path / f"x.{ending}", tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda d: d["meshes"][0]["primitives"][0]["attributes"].update(POSITION=99), r"accessors\[99\]"),
+        (lambda d: d["accessors"][0].update(sparse={}), "sparse accessors"),
+        (lambda d: d["accessors"][0].update(count=10**7), "ends at byte"),
+        (lambda d: d["nodes"][0].update(skin=0), "skins and morph targets"),
+        (lambda d: d.update(extensionsRequired=["EXT_strange"]), "EXT_strange"),
+    ],
+)
+def test_bad_gltf_says_what_is_wrong(change, match, tmp_path) -> None:
+    trimesh.Scene(trimesh.Trimesh(*quarters()[0], process=False)).export(tmp_path / "x.gltf")
+    content = json.loads((tmp_path / "x.gltf").read_text())
+    change(content)
+    (tmp_path / "x.gltf").write_text(json.dumps(content))
+    with pytest.raises(nrs.FormatError, match=match):
+        nrs.build_file(tmp_path / "x.gltf", tmp_path / "x.nanite", memory=64)
