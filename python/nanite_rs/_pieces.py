@@ -28,6 +28,8 @@ ROWS: Final = 1 << 18
 
 #: What pieces may have besides vertices and faces.
 ATTRIBUTES: Final = ("normals", "colors", "uvs", "face_materials", "channels", "face_channels")
+#: Arrays whose files have their names. Channels may have names that differ in case alone.
+_PLAIN: Final = ("vertices", "faces", "normals", "colors", "face_materials", *(f"uvs {k}" for k in range(4)))
 #: How the names of arrays of channels begin.
 CHANNEL: Final = "channel "
 #: How the names of arrays of face channels begin, as callers give them.
@@ -41,7 +43,7 @@ class Spool:
         self._folder = folder
         self._rows: dict[str, int] = {}
         self._forms: dict[str, tuple[np.dtype[Any], tuple[int, ...]]] = {}
-        # Channels may have names that files cannot have.
+        # Names of channels may be none of files.
         self._files: dict[str, str] = {}
         self._numbered = 0
 
@@ -74,7 +76,7 @@ class Spool:
 
     def _free(self, name: str) -> str:
         """Return the name of a file for an array."""
-        if name.replace("_", "").replace(" ", "").isalnum() and name.isascii() and len(name) < 40:
+        if name in _PLAIN:
             return name
         self._numbered += 1
         file = f"array {self._numbered}"
@@ -497,18 +499,20 @@ def of_arrays(
     What is no NumPy array is read slice by slice.
     """
     given = _listed(vertices, faces, attributes)
-    vertex_count, face_count = len(given["vertices"]), len(given["faces"])
+    vertex_count, face_count = (
+        given[name].shape[0] if given[name].ndim else 0 for name in ("vertices", "faces")
+    )
     out: dict[str, Any] = {}
     size = sum(rows.nbytes for rows in given.values() if isinstance(rows, np.ndarray))
     in_memory = size * 4 <= limit
     spool = Spool(folder)
-    (folder / LIST).unlink(missing_ok=True)
     for name, rows in given.items():
         count = face_count if name in ("faces", "face_materials") else vertex_count
         if name not in ("vertices", "faces") and (not rows.shape or rows.shape[0] != count):
             raise ArgumentError(f"source: {name} has shape {tuple(rows.shape)}; expected {count} rows")
         if is_lazy(rows) or not (in_memory or _has_form(name, rows)):
-            for start in range(0, max(len(rows), 1), ROWS):
+            (folder / _LIST).unlink(missing_ok=True)
+            for start in range(0, max(rows.shape[0], 1), ROWS):
                 _append(spool, name, _rows_of(rows, start, start + ROWS), start, vertex_count)
         elif name in ("vertices", "faces"):
             out[name] = rows  # the core checks them

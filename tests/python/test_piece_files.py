@@ -10,9 +10,9 @@ import pytest
 import trimesh
 
 import nanite_rs as nrs
+from conftest import SOAK
 from nanite_rs import _piece_text
 from nanite_rs.cli import main
-from oracles import subjects
 from test_build_file import LITTLE, is_closed, key, write_ply
 
 if TYPE_CHECKING:
@@ -25,9 +25,10 @@ def small_blocks(monkeypatch) -> None:
     monkeypatch.setattr(_piece_text, "BLOCK", 1 << 15)
 
 
-def arrays(name: str = "knot") -> tuple[np.ndarray, np.ndarray]:
-    mesh = subjects.subject(name)
-    return mesh.vertices, mesh.faces
+def arrays() -> tuple[np.ndarray, np.ndarray]:
+    """A closed mesh that is no graph over a plane, of several blocks."""
+    vertices, faces = nrs.shapes.displaced_icosphere(faces=60_000 if SOAK else 16_000)
+    return vertices.astype(np.float64), faces
 
 
 def both(path: Path, folder: Path, **options) -> tuple[nrs.Cut, nrs.Cut]:
