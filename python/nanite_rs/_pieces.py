@@ -511,7 +511,7 @@ def of_arrays(
         if name not in ("vertices", "faces") and (not rows.shape or rows.shape[0] != count):
             raise ArgumentError(f"source: {name} has shape {tuple(rows.shape)}; expected {count} rows")
         if is_lazy(rows) or not (in_memory or _has_form(name, rows)):
-            (folder / _LIST).unlink(missing_ok=True)
+            (folder / LIST).unlink(missing_ok=True)
             for start in range(0, max(rows.shape[0], 1), ROWS):
                 _append(spool, name, _rows_of(rows, start, start + ROWS), start, vertex_count)
         elif name in ("vertices", "faces"):
