@@ -44,6 +44,8 @@ class _Place(Protocol):
 
     def drop(self, names: list[str]) -> None: ...
 
+    def clear(self) -> None: ...
+
 
 class _Bucket(_sources.ObjectStore):
     """A folder of a store that obstore knows."""
@@ -98,6 +100,10 @@ class _Bucket(_sources.ObjectStore):
         with self._plain(), suppress(FileNotFoundError):
             self._obstore.delete(self._store, [self._key(name) for name in names])
 
+    def clear(self) -> None:
+        if names := list(self.names()):
+            self.drop(names)
+
 
 class _Folder(_sources.FileSystem):
     """A folder of a file system that fsspec knows."""
@@ -130,6 +136,12 @@ class _Folder(_sources.FileSystem):
     def drop(self, names: list[str]) -> None:
         with self._plain_errors(), suppress(FileNotFoundError):
             self._files.rm([self._key(name) for name in names])
+
+    def clear(self) -> None:
+        with self._plain_errors():
+            self._files.invalidate_cache()
+            if self._files.exists(self._path):
+                self._files.rm(self._path, recursive=True)
 
 
 class WorkStore:
@@ -199,6 +211,11 @@ class WorkStore:
         if some:
             with self._named():
                 self._place.drop(some)
+
+    def remove(self) -> None:
+        """Remove all there."""
+        with self._named():
+            self._place.clear()
 
     # --------------------------------------------------------------------------------------------- tokens
 

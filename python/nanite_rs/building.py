@@ -274,7 +274,7 @@ def _remove(work: Path, store: _work_store.WorkStore | None) -> None:
     if store is not None:
         # Where that fails, the build is none the worse.
         with suppress(NaniteError):
-            store.drop(store.names())
+            store.remove()
     # Under another name first: a task that is about to stop on another machine writes nothing into it any more.
     with suppress(OSError):
         work = work.rename(work.with_name(f"{work.name}-{uuid4().hex}"))

@@ -367,8 +367,16 @@ def test_bad_arguments_say_what_is_wrong(tmp_path) -> None:
         ((vertices, faces, {"color": vertices}), nrs.ArgumentError, "'color' is none of"),
         ((vertices, faces, {"normals": vertices[1:]}), nrs.ArgumentError, "normals has shape"),
         ((vertices, faces, {"channels": {"a": faces}}), nrs.ArgumentError, "channel a has shape"),
-        ((vertices, faces, {"face_channels": {"a": faces[:, 0]}}), nrs.ArgumentError, "at most 4,096 are kept apart"),
-        ([(vertices, faces, {"face_channels": {"a": faces[:, 0]}})], nrs.ArgumentError, "at most 4,096 are kept apart"),
+        (
+            (vertices, faces, {"face_channels": {"a": faces[:, 0]}}),
+            nrs.ArgumentError,
+            "at most 4,096 are kept apart",
+        ),
+        (
+            [(vertices, faces, {"face_channels": {"a": faces[:, 0]}})],
+            nrs.ArgumentError,
+            "at most 4,096 are kept apart",
+        ),
         ([(vertices, faces), (vertices, faces, {"normals": vertices})], nrs.ArgumentError, "piece 1: has"),
         ([tmp_path / "none.ply"], nrs.FileError, "none.ply"),
         ([], nrs.MeshError, "no pieces"),

@@ -11,11 +11,11 @@ import trimesh
 import nanite_rs as nrs
 from nanite_rs import _work_store, cli
 
-fsspec = pytest.importorskip("fsspec")
+pytest.importorskip("fsspec")
 pytest.importorskip("obstore")
 pytest.importorskip("moto.server")
 
-from oracles.store import Store  # noqa: E402
+from oracles.store import Store
 
 #: Too little for the knot: it is built in blocks, as few as show something.
 LITTLE = 1 << 20
@@ -83,14 +83,12 @@ def test_both_in_a_bucket(store, knot, expected) -> None:
 
 
 def test_a_file_system_of_fsspec(knot, expected, tmp_path) -> None:
-    files = fsspec.filesystem("memory")
-    files.store.clear()
+    """That of the disk: what fsspec has in memory is not for several threads."""
     with threads() as workers:
-        nrs.build_file(
-            knot, tmp_path / "knot.nanite", memory=LITTLE, folder="memory://work", executor=workers
-        )
+        folder = f"file://{tmp_path}/work"
+        nrs.build_file(knot, tmp_path / "knot.nanite", memory=LITTLE, folder=folder, executor=workers)
     assert (tmp_path / "knot.nanite").read_bytes() == expected
-    assert not files.find("/")
+    assert not list((tmp_path / "work").iterdir())
 
 
 @pytest.mark.parametrize("executor", [None, threads])
