@@ -4,12 +4,14 @@
 a torus with waves of all lengths and noise, closed, written strip by strip. Every build runs in a process of its
 own, under a limit of its data of 1.25 times ``--memory``. The largest ``RssAnon`` is sampled, beyond what a process
 has with the modules loaded. ``--in-memory`` builds so many triangles in memory, to compare with; 0 leaves it out.
-Files are opened, checked and cut in another process.
+Files are opened, checked and cut in another process. ``--workers 2`` builds in one process of one thread, too, and
+on so many workers of a Dask cluster, of a thread each.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import datetime
 import json
 import os
@@ -19,13 +21,16 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import nanite_rs as nrs
 
 from . import machine, tables
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 ROOT = Path(__file__).resolve().parents[2]
@@ -116,19 +121,32 @@ def child(task: str, given: dict[str, Any]) -> dict[str, Any]:
 def build(given: dict[str, Any]) -> dict[str, Any]:
     """Build a file, with a limit of memory or without."""
     _ready()
-    options = nrs.BuildOptions(quality=given["quality"])
-    start = time.perf_counter()
-    if given["memory"]:
-        allowed = int(LIMIT * given["memory"]) + _status_of_self("VmData")
-        resource.setrlimit(resource.RLIMIT_DATA, (allowed, allowed))
-        mesh = nrs.build_file(
-            given["source"], given["target"], memory=given["memory"], options=options, progress=False
-        )
-    else:
-        mesh = nrs.NaniteMesh.from_file(given["source"], options=options, progress=False)
-        mesh.save(given["target"])
-    seconds = time.perf_counter() - start
+    options = nrs.BuildOptions(quality=given["quality"], threads=given["threads"])
+    with contextlib.ExitStack() as stack:
+        if given["memory"]:
+            # Workers inherit it.
+            allowed = int(LIMIT * given["memory"]) + _status_of_self("VmData")
+            resource.setrlimit(resource.RLIMIT_DATA, (allowed, allowed))
+        client = stack.enter_context(_cluster(given["workers"])) if given["workers"] else None
+        start = time.perf_counter()
+        if given["memory"]:
+            how = {"memory": given["memory"], "options": options, "executor": client, "progress": False}
+            mesh = nrs.build_file(given["source"], given["target"], **how)
+        else:
+            mesh = nrs.NaniteMesh.from_file(given["source"], options=options, progress=False)
+            mesh.save(given["target"])
+        seconds = time.perf_counter() - start
     return {"triangles": mesh.report.input_faces, "s": seconds}
+
+
+@contextlib.contextmanager
+def _cluster(workers: int) -> Iterator[Any]:
+    """Yield a client of a cluster of processes of one thread each."""
+    from distributed import Client, LocalCluster
+
+    how = {"n_workers": workers, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with LocalCluster(**how) as cluster, Client(cluster, set_as_default=False) as client:
+        yield client
 
 
 def _status_of_self(key: str) -> int:
@@ -171,22 +189,31 @@ def main() -> None:
     parser.add_argument("--faces", type=float, nargs="+", default=[5e6, 20e6, 50e6, 200e6])
     parser.add_argument("--memory", type=float, default=2e9, help="bytes of a build in blocks (%(default)s)")
     parser.add_argument("--in-memory", type=float, default=10e6, help="triangles of the build beside them")
+    parser.add_argument("--workers", type=int, default=0, help="also on so many workers of a cluster")
     parser.add_argument("--quality", nargs="+", default=["best", "fast"])
     parser.add_argument("--folder", type=Path, help="where files are made; some 150 bytes per triangle")
     parser.add_argument("--output", type=Path, default=RESULTS, help="folder for the results (%(default)s)")
     asked = parser.parse_args()
     rows = []
-    runs = [(int(asked.in_memory), 0)] if asked.in_memory else []
-    runs += [(int(faces), int(asked.memory)) for faces in asked.faces]
+    runs = [(int(asked.in_memory), 0, 0, 0)] if asked.in_memory else []
+    for faces in asked.faces:
+        runs.append((int(faces), int(asked.memory), 0, 0))
+        if asked.workers:
+            runs += [(int(faces), int(asked.memory), 1, workers) for workers in (0, asked.workers)]
+    written = 0
     with tempfile.TemporaryDirectory(dir=asked.folder) as folder:
         source, target = Path(folder) / "scan.ply", Path(folder) / "scan.nanite"
-        for faces, memory in runs:
-            write_scan(source, faces)
+        for faces, memory, threads, workers in runs:
+            if faces != written:
+                write_scan(source, faces)
+                written = faces
             for quality in asked.quality:
                 given = {"source": str(source), "target": str(target), "memory": memory, "quality": quality}
+                given |= {"threads": threads, "workers": workers}
                 built = child("build", given)
                 seen = child("look", given)
                 row = {"quality": quality, "memory": f"{memory / 1e6:,.0f} MB" if memory else "as it takes"}
+                row |= {"threads": threads or "all", "workers": workers or ""}
                 row |= {"triangles": built["triangles"], "s": built["s"]}
                 row |= {"k tri/s": built["triangles"] / built["s"] / 1e3, "peak MB": built["peak MB"]}
                 row |= {key: value for key, value in seen.items() if key != "peak MB"}

@@ -86,6 +86,10 @@ SOAKED = {
         ),
         "test_the_mean_error_lies_between_those_beside": ("best-quadric", "fast-bound"),
     },
+    "build_file": {
+        "test_arrays_with_attributes_are_one_source": ("1048576-lazy", "4 GiB-dask", "4 GiB-numpy"),
+        "test_ply_is_read_in_pieces": ("float32-<", "float64->"),
+    },
     "content": {
         "test_textures_stay_in_place": ("chess", "ToyCar"),
     },
