@@ -373,11 +373,15 @@ def uvs_of(arrays: Mapping[str, Any]) -> list[NDArray[np.float32]]:
 # --------------------------------------------------------------------------------------------------- pieces
 
 
-def of_pieces(pieces: Iterable[Any], folder: Path) -> dict[str, NDArray[Any]]:
-    """Gather pieces: each ``(vertices, faces)`` or ``(vertices, faces, attributes)``, which counts from 0."""
+def of_pieces(pieces: Iterable[Any], folder: Path, *, shared: bool = False) -> dict[str, NDArray[Any]]:
+    """Gather pieces: each ``(vertices, faces)`` or ``(vertices, faces, attributes)``.
+
+    Faces count the vertices of their piece from 0, or ``shared``, those of all pieces.
+    """
     (folder / LIST).unlink(missing_ok=True)
     spool = Spool(folder)
     known: set[str] | None = None
+    ends = []
     for number, piece in enumerate(pieces):
         where = f"source: piece {number}"
         if not isinstance(piece, tuple | list) or not 2 <= len(piece) <= 3:
@@ -388,15 +392,34 @@ def of_pieces(pieces: Iterable[Any], folder: Path) -> dict[str, NDArray[Any]]:
         # What is None is not there, as in `NaniteMesh.from_arrays`.
         attributes = {name: rows for name, rows in attributes.items() if rows is not None}
         try:
-            found = add_piece(spool, np.asarray(piece[0]), np.asarray(piece[1]), attributes)
+            found = add_piece(spool, np.asarray(piece[0]), np.asarray(piece[1]), attributes, shared=shared)
         except (ArgumentError, DtypeError, MeshError) as error:
             raise type(error)(f"{where}: {error}") from None
         if known is not None and known != found:
             raise ArgumentError(f"{where}: has {sorted(found)}, pieces before {sorted(known)}")
         known = found
+        ends.append(spool.rows("faces"))
     if known is None:
         raise MeshError("source: there are no pieces")
+    if shared:
+        _check_shared(spool, ends)
     return spool.finish(None)
+
+
+def _check_shared(spool: Spool, ends: list[int]) -> None:
+    """Raise where a face refers to a vertex that no piece has; ``ends`` has the end of each piece's faces."""
+    count, at = spool.rows("vertices"), 0
+    for rows in spool.blocks("faces"):
+        bad = (rows >= count).any(axis=1)
+        if bad.any():
+            row = at + int(np.argmax(bad))
+            piece = int(np.searchsorted(ends, row, side="right"))
+            first = ends[piece - 1] if piece else 0
+            raise MeshError(
+                f"source: piece {piece}: faces[{row - first}] refers to vertex {rows[row - at].max()}, but all "
+                f"pieces together have {count} vertices"
+            )
+        at += len(rows)
 
 
 def add_piece(
@@ -406,16 +429,17 @@ def add_piece(
     attributes: Mapping[str, Any],
     *,
     narrow: bool = False,
+    shared: bool = False,
 ) -> set[str]:
-    """Append a piece, which counts its vertices from 0; return the names of what it has."""
+    """Append a piece, which counts its vertices from 0, or those of all; return the names of what it has."""
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind != "f":
         raise ArgumentError(f"vertices must be (N, 3) floats, not {vertices.dtype}{vertices.shape}")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
         raise ArgumentError(f"faces must be (M, 3) integers, not {faces.dtype}{faces.shape}")
     first, first_face = spool.rows("vertices"), spool.rows("faces")
     for start in range(0, max(len(faces), 1), ROWS):
-        rows = _face_rows(faces[start : start + ROWS], start, len(vertices))
-        spool.append("faces", (rows.astype(np.int64) + first).astype(np.uint32))
+        rows = _face_rows(faces[start : start + ROWS], start, 1 << 32 if shared else len(vertices))
+        spool.append("faces", (rows.astype(np.int64) + (0 if shared else first)).astype(np.uint32))
     if narrow:
         spool.add_narrowed(vertices)
     else:

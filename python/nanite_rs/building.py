@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
@@ -13,7 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 from uuid import uuid4
 
 import numpy as np
@@ -22,6 +23,7 @@ from nanite_rs import _advice, _checks, _piece_files, _pieces, _sources, _tasks,
 from nanite_rs._asset import Notes
 from nanite_rs._core import BlockBuild, build_memory
 from nanite_rs._progress import reporter
+from nanite_rs._text import megabytes
 from nanite_rs.exceptions import (
     ArgumentError,
     DtypeError,
@@ -40,6 +42,8 @@ if TYPE_CHECKING:
 
 __all__ = ["build_file"]
 
+NumberingName: TypeAlias = Literal["piece", "all"]
+
 
 def build_file(
     source: object,
@@ -50,6 +54,7 @@ def build_file(
     folder: io.PathLike | None = None,
     resume: bool = False,
     executor: Any = None,
+    numbering: NumberingName = "piece",
     storage_options: Mapping[str, Any] | None = None,
     progress: Progress = None,
 ) -> NaniteMesh:
@@ -77,8 +82,8 @@ def build_file(
         takes them; floating-point ``face_channels`` where all fits. They may be memory maps, and arrays of zarr,
         h5py or Dask, which are read slice by slice.
 
-        Or pieces, each such a pair or triple, whose faces count the vertices of their piece from 0: all pieces have
-        the same attributes.
+        Or pieces, each such a pair or triple, whose faces count vertices as ``numbering`` says: all pieces have the
+        same attributes.
 
         Tiles and pieces may touch: vertices that are equal are one.
     path : path or URL
@@ -105,6 +110,9 @@ def build_file(
         A `concurrent.futures.Executor` or a ``dask.distributed.Client``: each block is a task, which takes
         ``memory`` where it runs, in a process or on a machine that shares the work folder, or reaches its URL. The
         file has the same bytes. Dask repeats the blocks of a lost worker.
+    numbering : {"piece", "all"}, default "piece"
+        Which vertices faces of pieces count from 0: those of their piece, or those of all pieces, of which later
+        ones may come later. Each is then given once, so that pieces share vertices.
     storage_options : mapping, optional
         Of URLs: as for `NaniteMesh.open`.
     progress : bool or callable, optional
@@ -156,6 +164,7 @@ def build_file(
     limit = bytes_of(memory)
     resume = _checks.truth(resume, "resume")
     executor = _tasks.executor_of(executor)
+    _checks.choice(numbering, "numbering", get_args(NumberingName))
     within = None if folder is None else _checks.path_of(folder, "folder")
     if _sources.is_url(path):
         if resume and within is None:
@@ -173,13 +182,15 @@ def build_file(
                 folder=within,
                 resume=resume,
                 executor=executor,
+                numbering=numbering,
                 storage_options=of_folder,
                 progress=progress,
             )
         return NaniteMesh.open(path, storage_options=storage_options)
     target = Path(path)
+    shared = numbering == "all"
     with _work_folder(target, within, storage_options) as (work, store):
-        _build_in(source, target, limit, options, work, store, resume, executor, progress)
+        _build_in(source, shared, target, limit, options, work, store, resume, executor, progress)
     return NaniteMesh.open(target)
 
 
@@ -204,6 +215,7 @@ def _work_folder(
 
 def _build_in(
     source: object,
+    shared: bool,
     target: Path,
     limit: int,
     options: BuildOptions | None,
@@ -215,9 +227,10 @@ def _build_in(
 ) -> None:
     """Build with a work folder."""
     done, ours = False, _is_ours(work, store)
+    arrays: Mapping[str, Any] = {}
     try:
         _make_folder(work, store, resume=resume)
-        file, arrays = _given(source, limit, work)
+        file, arrays = _given(source, shared, limit, work)
         if arrays and build_memory(_pieces.core(arrays)) > limit:
             if _pieces.has_face_channels(arrays):
                 arrays = _pieces.apart(arrays, work / "apart")
@@ -229,13 +242,34 @@ def _build_in(
             NaniteMesh.from_arrays(**given, options=options, progress=progress).save(target)
         done = True
     except OSError as error:
-        raise FileError(f"{error.filename or work}: {error.strerror or error}") from error
+        said = str(error)
+        if error.errno is not None or not isinstance(error, FileError):
+            said = f"{error.filename or work}: {error.strerror or error}"
+        if error.errno == errno.ENOSPC:
+            said += _of_full(work, arrays)
+        raise (type(error) if isinstance(error, FileError) else FileError)(said) from error
     except WorkerError as error:
         kept = "finished blocks are kept, and the same call goes on from there"
         raise _advice.advised(error, kept if resume else f"with resume=True {kept}") from error
     finally:
         if ours and (done or not resume):
             _remove(work, store)
+
+
+#: Bytes that a work folder takes for each face, about, once all is in it.
+_PER_FACE: Final = 150
+
+
+def _of_full(work: Path, arrays: Mapping[str, Any]) -> str:
+    """Say how much space is missing."""
+    if not arrays:
+        return "; the source does not fit on the disk as arrays"
+    files = (path for path in work.rglob("*") if path.is_file())
+    used, free = sum(path.stat().st_size for path in files), shutil.disk_usage(work.parent).free
+    whole = _PER_FACE * len(arrays["faces"])
+    said = f"; the work folder takes some {megabytes(whole)}, and has {megabytes(used)}"
+    missing = whole - used - free
+    return f"{said}: some {megabytes(missing)} are missing" if missing > 0 else said
 
 
 #: What every work folder has from the beginning.
@@ -424,7 +458,7 @@ class Total:
             update(done, done)
 
 
-def _given(source: object, limit: int, work: Path) -> tuple[str | None, dict[str, Any]]:
+def _given(source: object, shared: bool, limit: int, work: Path) -> tuple[str | None, dict[str, Any]]:
     """Return the path of a file that fits, or arrays, which may fit or not."""
     if isinstance(source, str | bytes | os.PathLike):
         path = _checks.path_of(source, "source")
@@ -449,7 +483,7 @@ def _given(source: object, limit: int, work: Path) -> tuple[str | None, dict[str
         given = pieces if first is None else chain([first], pieces)
         if isinstance(first, str | bytes | os.PathLike):
             return None, _of_paths(given, limit, work)
-        return None, _pieces.of_pieces(given, work)
+        return None, _pieces.of_pieces(given, work, shared=shared)
     raise DtypeError(
         "source: expected a path, paths, (vertices, faces), (vertices, faces, attributes) or pieces, "
         f"not {type(source).__name__}"

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import multiprocessing
+import re
 import subprocess
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import igl
@@ -16,7 +19,7 @@ import trimesh
 
 import nanite_rs as nrs
 from conftest import SOAK
-from nanite_rs import _pieces
+from nanite_rs import _pieces, building
 from oracles import subjects
 
 if TYPE_CHECKING:
@@ -604,3 +607,48 @@ def test_face_channels_come_along(materials, tmp_path) -> None:
         assert np.allclose(areas[1], areas[0], rtol=0.03)
     with pytest.raises(nrs.ArgumentError, match=r"face_channels\['heat'\]: floating-point"):
         built((vertices, faces, {"face_channels": {"heat": centers[:, 0]}}), tmp_path)
+
+
+def test_pieces_may_share_vertices(tmp_path) -> None:
+    vertices, faces = arrays("knot")
+    half, third = len(vertices) // 2, len(faces) // 3
+    pieces = [
+        (vertices[:half], faces[:third]),
+        (vertices[half:], faces[third : 2 * third]),
+        (vertices[:0], faces[2 * third :]),
+    ]
+    mesh = built(iter(pieces), tmp_path, numbering="all")
+    assert mesh == built((vertices, faces), tmp_path)
+    assert mesh.report.welded_vertices == 0
+    faces = faces.copy()
+    faces[third + 5, 1] = len(vertices)
+    pieces[1] = vertices[half:], faces[third : 2 * third]
+    match = rf"piece 1: faces\[5\] refers to vertex {len(vertices)}, but all"
+    with pytest.raises(nrs.MeshError, match=match):
+        built(iter(pieces), tmp_path, numbering="all")
+    with pytest.raises(nrs.MeshError, match="piece 0: faces"):
+        built([(vertices, faces - 1)], tmp_path, numbering="all")
+    with pytest.raises(nrs.ArgumentError, match="numbering"):
+        built(iter(pieces), tmp_path, numbering="global")
+
+
+def test_a_full_disk_says_how_much_is_missing(tmp_path, monkeypatch) -> None:
+    class Full:
+        """What begins a build where there is no room for it."""
+
+        @staticmethod
+        def begin(*_, folder: Path, **__) -> None:
+            raise nrs.FileError(errno.ENOSPC, "No space left on device", str(folder / "own-000000"))
+
+    vertices, faces = arrays("knot")
+    monkeypatch.setattr(building, "BlockBuild", Full)
+    assert len(faces) * 150 == 9_000_000
+    for free, missing in ((1_000_000, True), (1 << 40, False)):
+        monkeypatch.setattr(building.shutil, "disk_usage", lambda _, free=free: SimpleNamespace(free=free))
+        with pytest.raises(nrs.FileError) as caught:
+            built((vertices, faces), tmp_path)
+        text = str(caught.value)
+        said = r"own-000000: No space left on device; the work folder takes some 9\.0 MB, and has (.*) MB"
+        found = re.search(said + (r": some (.*) MB are missing$" if missing else "$"), text)
+        assert found is not None, text
+        assert not missing or abs(9.0 - float(found[1]) - 1.0 - float(found[2])) < 0.11
