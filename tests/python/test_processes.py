@@ -139,6 +139,51 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
     assert set(out.split("\n")) == {"ok", ""}, out
 
 
+def test_builds_in_blocks_and_files_of_any_kind_work_in_a_forked_child(tmp_path) -> None:
+    pytest.importorskip("fsspec")
+    out = run(
+        """
+        import concurrent.futures, io
+        url = f"file://{file.absolute()}"
+        opened, data = nrs.NaniteMesh.open(url, cache_dir="cache"), file.read_bytes()
+        mesh.cut(target_faces=5_000).export("a.ply")
+
+        def built(**how):
+            path = pathlib.Path(f"{os.getpid()}-{threading.get_ident()}.nanite")
+            nrs.build_file((vertices, faces), path, memory=1 << 20, **how)
+            assert not path.with_name(f"{path.name}.work").exists()
+            return digest(np.frombuffer(path.read_bytes(), np.uint8))
+
+        def on_threads():
+            with concurrent.futures.ThreadPoolExecutor(2) as executor:
+                return built(executor=executor)
+
+        def many():
+            with concurrent.futures.ThreadPoolExecutor(2) as executor:
+                results = nrs.build_many(["a.ply", "none.ply"], f"built{os.getpid()}", executor=executor)
+            return [(result.faces, result.error) for result in results]
+
+        calls = {
+            "blocks": built,
+            "blocks on threads": on_threads,
+            "work folder of a URL": lambda: built(folder=f"file://{os.getcwd()}/work"),
+            "many": many,
+            "url": lambda: digest(nrs.NaniteMesh.open(url).cut(target_faces=2_000).vertices),
+            "url opened before": lambda: digest(opened.cut(target_faces=2_000).vertices),
+            "file": lambda: digest(nrs.NaniteMesh.open(io.BytesIO(data)).cut(target_faces=2_000).vertices),
+            "check": lambda: nrs.NaniteMesh.open(url).check().clusters,
+        }
+        for name, call in calls.items():
+            before = forked(call)
+            want = call()
+            after = forked(call)
+            print("ok" if before == want == after else f"{name}: {want!r}, before {before!r}, after {after!r}")
+        """,
+        tmp_path,
+    )
+    assert set(out.split("\n")) == {"ok", ""}, out
+
+
 def test_threads_of_openimageio_that_are_the_parents_are_an_error(tmp_path) -> None:
     """Whoever imports it first may have made them; one who has none goes on."""
     out = run(
