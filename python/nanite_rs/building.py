@@ -62,11 +62,11 @@ def build_file(
 
     A source that fits is built in memory, and the file is the same as by `NaniteMesh.from_file` and
     `NaniteMesh.save`. One that does not is put into blocks on disk, by where its faces lie. The levels of each
-    block grow in memory, while what blocks share stays as it is. What is left of them, a sixteenth or less, is put
-    into other blocks with other borders, until one is left. Errors are proven as in memory, cuts have no cracks,
-    and the same source, options and memory give the same bytes on any number of threads. The scheme is that of
-    Cignoni et al., "External Memory Management and Simplification of Huge Meshes", IEEE TVCG 9(4), 2003, with the
-    groups of a cluster DAG.
+    block grow in memory, while what blocks share stays as it is. What is left of them, mostly a sixteenth or less,
+    is put into other blocks with other borders, until one is left. Errors are proven as in memory, cuts have no
+    cracks, and the same source, options and memory give the same bytes on any number of threads. The scheme is that
+    of Cignoni et al., "External Memory Management and Simplification of Huge Meshes", IEEE TVCG 9(4), 2003, with
+    the groups of a cluster DAG.
 
     Parameters
     ----------

@@ -28,8 +28,11 @@ use crate::model::{AttributeLayout, ChannelInfo, CoordinateFrame, Dag};
 const BYTES_PER_TRIANGLE: u64 = 120;
 /// for each vertex,
 const BYTES_PER_VERTEX: u64 = 60;
-/// and for each float of its attributes; all a tenth to a third above what was measured.
+/// for each float of its attributes,
 const BYTES_PER_FLOAT: u64 = 9;
+/// and for each triangle where vertices have labels, which are looked up on the source; all a tenth to a third above what was
+/// measured.
+const BYTES_PER_LABELLED: u64 = 28;
 /// Fewer triangles are no block.
 const LEAST_TRIANGLES: u64 = 4096;
 /// By how much of its side the grid of each stage is shifted against the one before: the golden ratio repeats nothing soon.
@@ -78,7 +81,9 @@ pub fn memory_of(source: &SourceMesh<'_>) -> u64 {
     let channels: usize = source.channels.iter().map(|channel| channel.info.width()).sum();
     let floats = attributes::stride(attributes::layout(source)) + channels;
     let per_vertex = BYTES_PER_VERTEX + BYTES_PER_FLOAT * floats as u64;
-    source.faces.len() as u64 * BYTES_PER_TRIANGLE + source.positions.len() as u64 * per_vertex
+    let labelled = source.channels.iter().any(|channel| channel.info.dtype.is_label());
+    let per_triangle = BYTES_PER_TRIANGLE + if labelled { BYTES_PER_LABELLED } else { 0 };
+    source.faces.len() as u64 * per_triangle + source.positions.len() as u64 * per_vertex
 }
 
 /// A build in blocks.
