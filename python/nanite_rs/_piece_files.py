@@ -15,7 +15,7 @@ import numpy as np
 
 from nanite_rs import _piece_gltf, _piece_obj, _piece_ply, _piece_stl, io
 from nanite_rs._flatten import flattened
-from nanite_rs._pieces import ROWS, Spool, add_piece, spooled
+from nanite_rs._pieces import ROWS, Spool, add_piece, settle_face_channels, spooled
 from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError
 from nanite_rs.material import Material
 
@@ -49,8 +49,13 @@ def of_file(path: str, folder: Path, notes: Notes) -> dict[str, NDArray[Any]]:
     FormatError
         It is none that can be read so.
     """
-    read = _reader(path)
-    return spooled([path], folder, lambda spool: read(path, spool, notes))
+    one = _reader(path)
+
+    def read(spool: Spool) -> None:
+        one(path, spool, notes)
+        settle_face_channels(spool, notes)
+
+    return spooled([path], folder, read)
 
 
 def _reader(path: str) -> Callable[[str, Spool, Notes], None]:
@@ -98,6 +103,7 @@ def of_files(paths: list[str], folder: Path, limit: int, notes: Notes) -> dict[s
                     looks.follow(spool, first)
         looks.finish(spool)
         spool.complete()
+        settle_face_channels(spool, notes)
 
     return spooled(paths, folder, read, of=[whole])
 
@@ -119,8 +125,6 @@ def _add_file(path: str, spool: Spool, notes: Notes, looks: _Looks) -> None:
     asset = io.read_asset(path)
     source = flattened(asset)
     notes.merge(asset.notes)
-    for name in source.face_channels:
-        notes.add("data of faces", name)
     first = spool.rows("faces")
     attributes = {
         "normals": source.normals,
@@ -129,6 +133,8 @@ def _add_file(path: str, spool: Spool, notes: Notes, looks: _Looks) -> None:
         "channels": source.channels,
     }
     given = {name: rows for name, rows in attributes.items() if rows is not None}
+    if source.face_channels:
+        given["face_channels"] = source.face_channels
     add_piece(spool, source.vertices, source.faces, given, narrow=True)
     looks.add(spool, source, first)
 

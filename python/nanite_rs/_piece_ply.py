@@ -195,10 +195,19 @@ def _add_faces(
     values, counts = columns[key] if key is not None else (None, None)
     if values is None or counts is None:
         raise FormatError(f"{path}: element face has no list of vertices")
-    others = [name for name in columns if name != key]
-    if others:
-        notes.add("properties of faces", ", ".join(others))
     corners = corner_numbers(path, values, counts, total, first)
     if vertices.count() < total and (counts != 3).any():
         raise FormatError(f"{path}: polygons before their vertices are read in memory alone")
-    vertices.add_faces(corners, counts)
+    begin = vertices.faces()
+    polygons = vertices.add_faces(corners, counts)
+    of_faces = {name: rows for name, (rows, lengths) in columns.items() if lengths is None}
+    for name, (_, lengths) in columns.items():
+        if lengths is not None and name != key:
+            notes.add("lists of faces", name)
+    if _ply.take_colors(of_faces) is not None:
+        notes.add("colours of faces", path)
+    for name, rows in of_faces.items():
+        if rows.dtype.kind == "f" or rows.dtype.itemsize > 4:
+            notes.add("properties of faces that are no integers of 32 bits", name)
+        else:
+            vertices.add_labels(name, rows[polygons], begin)

@@ -35,6 +35,14 @@ class FileVertices:
         """Return how many vertices of the file there are so far."""
         return self._spool.rows("vertices") - self.first
 
+    def faces(self) -> int:
+        """Return how many faces of all files there are so far."""
+        return self._spool.rows("faces")
+
+    def add_labels(self, name: str, rows: NDArray[Any], first: int) -> None:
+        """Append labels of faces from one on."""
+        self._spool.add_face_channel(name, rows, first)
+
     def add(self, rows: NDArray[Any]) -> None:
         """Append positions."""
         bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))

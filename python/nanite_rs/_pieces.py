@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from nanite_rs._asset import Notes
+
 #: Rows that are read at a time.
 ROWS: Final = 1 << 18
 
@@ -185,12 +187,19 @@ class Spool:
             words, kind = _words(values_of(words, kind), both), both.name
         self.add_filled(f"{CHANNEL}{kind} {name}", words, first)
 
-    def add_face_channel(self, name: str, rows: NDArray[Any]) -> None:
-        """Append a channel of faces, of the type of the first."""
+    def add_face_channel(self, name: str, rows: NDArray[Any], first: int) -> None:
+        """Append labels of faces from one on; those before are zero."""
         label = f"{FACE_CHANNEL}{name}"
         if label in self._forms and not np.can_cast(rows.dtype, self.dtype(label)):
-            raise DtypeError(f"face_channels[{name!r}]: {rows.dtype}, before {self.dtype(label)}")
-        self.append(label, rows)
+            both = np.result_type(rows.dtype, self.dtype(label))
+            if both.kind not in "iub":
+                raise DtypeError(f"face_channels[{name!r}]: {rows.dtype}, before {self.dtype(label)}")
+            self.convert(label, lambda known: known.astype(both))
+        self.add_filled(label, rows, first)
+
+    def has_channel(self, name: str) -> bool:
+        """Whether vertices have a channel of that name."""
+        return self._channel(name) is not None
 
     def _channel(self, name: str) -> str | None:
         for known in self.names(CHANNEL):
@@ -455,7 +464,7 @@ def _add_attributes(
     for name, given in attributes.items():
         if name == "face_channels":
             for label, rows in _face_data.checked(given, faces).items():
-                spool.add_face_channel(label, rows)
+                spool.add_face_channel(label, rows, first_face)
                 found.add(f"face_channels[{label!r}]")
             continue
         if name not in ATTRIBUTES:
@@ -618,6 +627,38 @@ def _has_form(name: str, rows: NDArray[Any]) -> bool:
 def has_face_channels(arrays: Mapping[str, Any]) -> bool:
     """Whether faces carry more than materials."""
     return any(name.startswith(FACE_CHANNEL) for name in arrays)
+
+
+def settle_face_channels(spool: Spool, notes: Notes) -> None:
+    """Drop channels of faces that differ too much to be kept apart: those that differ least stay.
+
+    What vertices have a channel of the name of is called otherwise, as in files that fit.
+    """
+    start = len(FACE_CHANNEL)
+    for name in spool.names(FACE_CHANNEL):
+        if spool.has_channel(name[start:]):
+            spool.rename(name, f"{FACE_CHANNEL}face_{name[start:]}")
+
+    def different(name: str) -> int:
+        known: NDArray[Any] | None = None
+        for rows in spool.blocks(name):
+            known = np.unique(rows if known is None else np.concatenate([known, rows]), axis=0)
+            if len(known) > _face_data.MOST:
+                break
+        return 0 if known is None else len(known)
+
+    kept: list[str] = []
+    materials = [name for name in ("face_materials",) if name in spool.names()]
+    for name in sorted(spool.names(FACE_CHANNEL), key=different):
+        looked = _face_data.Apart()
+        try:
+            for columns in zip(*(spool.blocks(of) for of in [*materials, *kept, name]), strict=True):
+                labels = dict(zip([*kept, name], columns[len(materials) :], strict=True))
+                looked.look(columns[0] if materials else None, labels)
+            kept.append(name)
+        except ArgumentError:
+            notes.add("data of faces that differ too much to be kept apart", name[start:])
+            spool.drop(name)
 
 
 def apart(arrays: Mapping[str, Any], folder: Path) -> dict[str, NDArray[Any]]:

@@ -71,7 +71,7 @@ def split_vertices(
     normal = {match[1]: name for name in names if (match := _NORMAL.fullmatch(name.lower()))}
     if len(normal) == 3:
         source.normals = np.stack([names.pop(normal[axis]) for axis in "xyz"], axis=1).astype(np.float32)
-    colors = _take_colors(names)
+    colors = take_colors(names)
     source.uvs = _take_uvs(names)
     return source, colors, names
 
@@ -189,7 +189,7 @@ class _Reader:
             names, wedges = {}, None
         elif rows == 0:
             names, wedges = {}, None
-        columns_of_colors = _take_colors(names) if source.colors is None else None
+        columns_of_colors = take_colors(names) if source.colors is None else None
         colors = None if columns_of_colors is None else colors_of(columns_of_colors)
         numbers = names.pop("texnumber", None) if wedges is not None else None
         own = None if wedges is None or wedges[1] is None else self._wedges(wedges[0], wedges[1], counts)
@@ -259,7 +259,7 @@ class _Reader:
         return looks
 
 
-def _take_colors(names: dict[str, NDArray[Any]]) -> list[NDArray[Any]] | None:
+def take_colors(names: dict[str, NDArray[Any]]) -> list[NDArray[Any]] | None:
     """Take the columns of colours out of properties."""
     lower = {name.lower(): name for name in names}
     for wanted in _COLORS:

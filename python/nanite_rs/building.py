@@ -140,7 +140,7 @@ def build_file(
     Warns
     -----
     UserWarning
-        What of a file read in pieces is not kept, such as data of faces.
+        What of a file read in pieces is not kept, such as floating-point data of faces.
 
     Examples
     --------

@@ -385,3 +385,47 @@ def test_bad_gltf_says_what_is_wrong(change, match, tmp_path) -> None:
     (tmp_path / "x.gltf").write_text(json.dumps(content))
     with pytest.raises(nrs.FormatError, match=match):
         nrs.build_file(tmp_path / "x.gltf", tmp_path / "x.nanite", memory=64)
+
+
+@pytest.mark.parametrize("text", [False, True])
+def test_labels_of_faces_are_kept(text, tmp_path) -> None:
+    """But for those that differ too much, and what is no integer."""
+    vertices, faces = arrays()
+    vertices = vertices.astype(np.float32)
+    centers = vertices[faces].mean(axis=1)
+    segment = (centers[:, 0] > 0).astype(np.uint8) + 2 * (centers[:, 1] > 0).astype(np.uint8)
+    row = np.zeros(
+        len(faces),
+        [("n", "u1"), ("f", "<i4", 3), ("segment", "u1"), ("row", "<i4"), ("heat", "<f4"), ("part", "<i2")],
+    )
+    row["n"], row["f"], row["segment"], row["row"] = 3, faces, segment, np.arange(len(faces))
+    row["part"] = -7 * (centers[:, 2] > 0)
+    points = np.zeros(len(vertices), [("p", "<f4", 3), ("part", "u1")])
+    points["p"], points["part"] = vertices, 1
+    kind = "ascii" if text else "binary_little_endian"
+    head = (
+        f"ply\nformat {kind} 1.0\nelement vertex {len(vertices)}\nproperty float x\nproperty float y\n"
+        f"property float z\nproperty uchar part\nelement face {len(faces)}\nproperty list uchar int vertex_index\n"
+        "property uchar segment\nproperty int row\nproperty float heat\nproperty short part\nend_header\n"
+    )
+    if text:
+        lines = [" ".join([*(str(x) for x in p), str(k)]) for p, k in points.tolist()]
+        lines += [f"3 {' '.join(map(str, f))} {' '.join(map(str, rest))}" for _, f, *rest in row.tolist()]
+        data = "\n".join([*lines, ""]).encode()
+    else:
+        data = points.tobytes() + row.tobytes()
+    path = tmp_path / "labels.ply"
+    path.write_bytes(head.encode() + data)
+    options = nrs.BuildOptions(face_ids=True)
+    match = r"data of faces that differ too much to be kept apart \(row\)"
+    with pytest.warns(UserWarning, match=match):
+        built = nrs.build_file(path, tmp_path / "a.nanite", memory=1 << 20, options=options)
+    with pytest.warns(UserWarning, match=match):
+        whole = nrs.NaniteMesh.from_file(path, options=options)
+    for made in (built, whole):
+        made.check()
+        full, order = made.cut(error=0.0), np.argsort(made.source_face_ids)
+        assert np.array_equal(full.face_channels["segment"][order], segment)
+        assert np.array_equal(full.face_channels["face_part"][order], row["part"])
+        assert set(full.face_channels) == {"segment", "face_part"}
+        assert set(np.unique(full.channels["part"])) == {1}
