@@ -7,9 +7,14 @@ is skipped, and `make test` counts it. Skips are also written to `$NANITE_SKIPS`
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
 os.environ.setdefault("MPLBACKEND", "agg")
@@ -209,3 +214,11 @@ def backend(request: pytest.FixtureRequest) -> str:
     except nrs.BackendError as error:
         pytest.skip(str(error))
     return request.param
+
+
+@pytest.fixture
+def heed() -> Iterator[None]:
+    """In the background of a shell SIGINT is ignored, and children inherit that."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

@@ -250,6 +250,7 @@ def test_pauses(monkeypatch) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("heed")
 def test_opening_is_given_up_during_a_pause(server, data) -> None:
     """Ctrl-C does not wait for a pause."""
     from nanite_rs.mesh import CoreMesh

@@ -6,7 +6,6 @@ import _thread
 import io
 import random
 import re
-import signal
 import sys
 import threading
 import time
@@ -24,6 +23,7 @@ from oracles.weather import Server, Weather
 fsspec = pytest.importorskip("fsspec")
 obstore = pytest.importorskip("obstore")
 pytest.importorskip("moto.server")
+pytestmark = pytest.mark.usefixtures("heed")
 
 from oracles.store import Store, calm  # noqa: E402
 
@@ -50,14 +50,6 @@ def clean(store, tmp_path, monkeypatch):
     folder.mkdir()
     monkeypatch.setattr(_upload.tempfile, "tempdir", str(folder))
     return folder
-
-
-@pytest.fixture(autouse=True)
-def heed():
-    """In the background of a shell SIGINT is ignored, and children inherit that."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="module")
