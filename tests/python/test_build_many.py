@@ -72,7 +72,7 @@ def check(results: nrs.BuildResults, folder: Path) -> None:
             assert Path(result.path).read_bytes() == (folder / "alone.nanite").read_bytes()
             assert (result.faces, result.file_bytes) == (1280, os.path.getsize(result.path))
     assert results[1].error.startswith("FormatError: ")
-    assert results[3].error.startswith("FileError: ")
+    assert results[3].error.startswith("MissingFileError: ")
     assert "none.ply" in results[3].error
 
 
