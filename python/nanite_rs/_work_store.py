@@ -264,7 +264,9 @@ def mirrored(url: str, options: Mapping[str, Any]) -> Iterator[WorkStore]:
     with _lock:
         for other in [other for other, mirror in _mirrors.items() if other != url and not mirror.users]:
             shutil.rmtree(_mirrors.pop(other).folder, ignore_errors=True)
-        mirror = _mirrors.setdefault(url, _Mirror()) if url not in _mirrors else _mirrors[url]
+        if url not in _mirrors:
+            _mirrors[url] = _Mirror()
+        mirror = _mirrors[url]
         mirror.users += 1
     try:
         yield WorkStore(url, options, Path(mirror.folder))

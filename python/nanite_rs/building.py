@@ -229,6 +229,9 @@ def _build_in(
     done, ours = False, _is_ours(work, store)
     arrays: Mapping[str, Any] = {}
     try:
+        if not ours:
+            name = work if store is None else _sources.shown(store.url)
+            raise FileError(f"{name}: in the way, and no work folder of a build; give another folder")
         _make_folder(work, store, resume=resume)
         file, arrays = _given(source, shared, limit, work)
         if arrays and build_memory(_pieces.core(arrays)) > limit:
@@ -286,9 +289,6 @@ def _is_ours(work: Path, store: _work_store.WorkStore | None) -> bool:
 
 def _make_folder(work: Path, store: _work_store.WorkStore | None, *, resume: bool) -> None:
     """Make the work folder, or empty the one of another build."""
-    if not _is_ours(work, store):
-        name = work if store is None else _sources.shown(store.url)
-        raise FileError(f"{name}: in the way, and no work folder of a build; give another folder")
     if not resume:
         _remove(work, store)
     work.mkdir(exist_ok=True)

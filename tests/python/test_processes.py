@@ -44,6 +44,14 @@ def forked(work):
     late.cancel()
     return pickle.loads(said) if said else "hangs"
 
+def same_on_both_sides(calls):
+    # Says what differs between this process and children that are forked before and after each call.
+    for name, call in calls.items():
+        before = forked(call)
+        want = call()
+        after = forked(call)
+        print("ok" if before == want == after else f"{name}: {want!r}, before {before!r}, after {after!r}")
+
 def digest(*arrays):
     return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
 
@@ -126,11 +134,7 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
             "image of a file": lambda: digest(nrs.Image.open("f.exr").pixels),
             "compare": lambda: nrs.compare(np.zeros((64, 64, 3), np.uint8), np.full((64, 64, 3), 5, np.uint8)).psnr,
         }
-        for name, call in calls.items():
-            before = forked(call)
-            want = call()
-            after = forked(call)
-            print("ok" if before == want == after else f"{name}: {want!r}, before {before!r}, after {after!r}")
+        same_on_both_sides(calls)
         """,
         tmp_path,
         # As many as a larger machine has.
@@ -173,11 +177,7 @@ def test_builds_in_blocks_and_files_of_any_kind_work_in_a_forked_child(tmp_path)
             "file": lambda: digest(nrs.NaniteMesh.open(io.BytesIO(data)).cut(target_faces=2_000).vertices),
             "check": lambda: nrs.NaniteMesh.open(url).check().clusters,
         }
-        for name, call in calls.items():
-            before = forked(call)
-            want = call()
-            after = forked(call)
-            print("ok" if before == want == after else f"{name}: {want!r}, before {before!r}, after {after!r}")
+        same_on_both_sides(calls)
         """,
         tmp_path,
     )

@@ -19,7 +19,7 @@ from oracles.store import Store
 
 #: Too little for the knot: it is built in blocks, as few as show something.
 LITTLE = 1 << 20
-FOLDER = "s3://meshes/work"
+FOLDER = "s3://meshes/blocks"
 
 
 @pytest.fixture(scope="module")
@@ -138,11 +138,11 @@ def test_the_command(store, knot, expected, tmp_path, monkeypatch, capsys) -> No
 
 
 def test_what_is_in_the_way_stays(store, knot, tmp_path) -> None:
-    store.put("work/knot.nanite.work/mine", b"mine")
+    store.put("blocks/knot.nanite.work/mine", b"mine")
     how = {"memory": LITTLE, "folder": FOLDER, "storage_options": store.options}
-    with pytest.raises(nrs.FileError, match=r"s3://meshes/work/knot.nanite.work: in the way"):
+    with pytest.raises(nrs.FileError, match=r"s3://meshes/blocks/knot.nanite.work: in the way"):
         nrs.build_file(knot, tmp_path / "knot.nanite", **how)
-    assert store.get("work/knot.nanite.work/mine") == b"mine"
+    assert store.get("blocks/knot.nanite.work/mine") == b"mine"
 
 
 def test_folders_that_are_none(store, knot, tmp_path) -> None:
