@@ -271,7 +271,6 @@ fn borders(dag: &Dag, seen: &Seen, proceed: InterruptCheck<'_>) -> Result<usize>
     positions.iter().for_each(|p| identities[*p as usize] += 1);
     let is_certain = |p: u32| dag.grid.is_none() || identities[p as usize] == 1;
     let outputs = Outputs::of(dag, seen);
-    let pages: Vec<usize> = (0..dag.pages.table.len()).collect();
     let top = dag.groups.iter().map(|g| g.level).max().unwrap_or(0);
     let mut compared = 0;
     for level in 0..=top {
@@ -288,7 +287,7 @@ fn borders(dag: &Dag, seen: &Seen, proceed: InterruptCheck<'_>) -> Result<usize>
         let mut owner = vec![u32::MAX; positions.len()];
         let mut shared = vec![false; positions.len()];
         let of_level: Vec<usize> =
-            pages.iter().copied().filter(|page| clusters(*page).next().is_some()).collect();
+            (0..dag.pages.table.len()).filter(|page| clusters(*page).next().is_some()).collect();
         for pages in of_level.chunks(WINDOW_PAGES) {
             let window = dag.pages.window(pages.iter().copied(), proceed)?;
             for at in pages.iter().flat_map(|page| clusters(*page)) {

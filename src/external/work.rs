@@ -20,7 +20,7 @@ use crate::build::silhouette::Silhouette;
 use crate::config::{BuildOptions, Levels};
 use crate::error::{Error, Result};
 use crate::math::Aabb;
-use crate::mesh::channels::{Scale, scales_of};
+use crate::mesh::channels::{self, Scale, scales_of};
 use crate::mesh::{SourceMesh, attributes, frame, validate};
 use crate::model::{AttributeLayout, ChannelInfo, CoordinateFrame, Dag};
 
@@ -254,7 +254,7 @@ impl Work {
     /// For each block of all stages what reads its records.
     fn readers(&self) -> Vec<SpoolReader> {
         let Common { layout, stride, channels, .. } = self.common();
-        let width = channels.iter().map(ChannelInfo::width).sum();
+        let width = channels::width(channels);
         self.blocks()
             .map(|(stage, block)| {
                 SpoolReader::new(&self.path(stage, block, "records"), layout, stride, width)

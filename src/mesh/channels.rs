@@ -91,7 +91,8 @@ fn ranges_of<'a>(rows: impl ParallelIterator<Item = &'a [u32]>, width: usize) ->
     .reduce(none, |a, b| a.iter().zip(b).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).collect())
 }
 
-fn width(infos: &[ChannelInfo]) -> usize {
+/// Words of a row of channels.
+pub fn width(infos: &[ChannelInfo]) -> usize {
     infos.iter().map(ChannelInfo::width).sum()
 }
 
