@@ -26,8 +26,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-_TYPES: Final = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+#: What numbers of accessors are stored as.
+TYPES: Final = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+#: Numbers of an element.
+WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _MESHOPT: Final = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _FILTERS: Final = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
 _STRIDES: Final = {"OCTAHEDRAL": (4, 8), "QUATERNION": (8,)}
@@ -270,7 +272,7 @@ class Document:
         """Return (count, width) numbers as they are stored, sparse ones filled in."""
         row, what = self.entry("accessors", index), f"accessors[{index}]"
         count = self.whole(row, "count")
-        kind, width = self._kind(row, what), _WIDTHS.get(str(row.get("type")))
+        kind, width = self._kind(row, what), WIDTHS.get(str(row.get("type")))
         if width is None:
             self.fail(f"{what}: its type {row.get('type')!r:.40} has no use here")
         if "bufferView" in row:
@@ -295,7 +297,7 @@ class Document:
         return array
 
     def _kind(self, row: dict[str, Any], what: str) -> np.dtype[Any]:
-        kind = _TYPES.get(self.whole(row, "componentType"))
+        kind = TYPES.get(self.whole(row, "componentType"))
         if kind is None:
             self.fail(f"{what}: componentType {row.get('componentType')!r:.40} is unknown")
         return np.dtype(kind)
@@ -367,7 +369,7 @@ class Document:
     def _of_accessor(self, array: NDArray[Any], index: object, what: str) -> NDArray[Any]:
         """Give what Draco decoded the type of its accessor: the decoder's integers may be wider."""
         row = self.entry("accessors", index)
-        kind, width = self._kind(row, what), _WIDTHS.get(str(row.get("type")))
+        kind, width = self._kind(row, what), WIDTHS.get(str(row.get("type")))
         if array.shape[1] != width:
             self.fail(f"{what}: Draco has {array.shape[1]} numbers a vertex, the accessor {width}")
         if kind.kind in "iu":

@@ -20,7 +20,7 @@ from nanite_rs import _advice
 from nanite_rs.exceptions import ArgumentError, DtypeError, UsageWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
@@ -64,17 +64,44 @@ def layout(names: Iterable[str]) -> tuple[Layout | None, tuple[str, ...]]:
     return Layout(int(found[0][1]), int(found[0][2])), tuple(match[3] for match in found)
 
 
+class Means:
+    """Means at vertices of what the faces around them carry, weighted by their areas. Faces may come in parts."""
+
+    def __init__(
+        self, vertices: int, columns: int, zeros: Callable[[int], NDArray[np.float64]] = np.zeros
+    ) -> None:
+        self._total = zeros(vertices)
+        self._sums = [zeros(vertices) for _ in range(columns)]
+
+    def add(self, corners: NDArray[Any], faces: NDArray[Any], values: NDArray[Any]) -> None:
+        """Add faces, by the positions of their (M, 3) corners."""
+        corners = np.asarray(corners, np.float64)
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        weights = np.repeat(np.linalg.norm(across, axis=1), 3)
+        at = np.asarray(faces).reshape(-1)
+        np.add.at(self._total, at, weights)
+        rows = np.repeat(np.asarray(values, np.float64).reshape(len(faces), -1), 3, axis=0)
+        for sums, row in zip(self._sums, rows.T, strict=True):
+            np.add.at(sums, at, weights * row)
+
+    def rows(self, part: slice) -> NDArray[np.float32]:
+        """Return the means at some vertices, zero where there are no faces."""
+        total = self._total[part]
+        sums = np.stack([own[part] for own in self._sums], axis=1)
+        return (sums / np.where(total > 0.0, total, 1.0)[:, None]).astype(np.float32)
+
+
+def columns_of(values: NDArray[Any]) -> int:
+    """Return how many numbers a face has."""
+    return 1 if values.ndim == 1 else int(values.shape[1])
+
+
 def averaged(vertices: NDArray[Any], faces: NDArray[Any], values: NDArray[Any]) -> NDArray[np.float32]:
     """Return the mean at each vertex of what the faces around it carry, weighted by their areas."""
-    corners = np.asarray(vertices, np.float64)[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    weights = np.repeat(np.linalg.norm(across, axis=1), 3)
-    at = faces.reshape(-1)
-    total = np.bincount(at, weights, len(vertices))
-    rows = np.repeat(np.asarray(values, np.float64).reshape(len(faces), -1), 3, axis=0)
-    sums = np.stack([np.bincount(at, weights * row, len(vertices)) for row in rows.T], axis=1)
-    means = (sums / np.where(total > 0.0, total, 1.0)[:, None]).astype(np.float32)
-    return means[:, 0] if np.ndim(values) == 1 else means
+    means = Means(len(vertices), columns_of(values))
+    means.add(np.asarray(vertices)[faces], faces, values)
+    rows = means.rows(slice(None))
+    return rows[:, 0] if values.ndim == 1 else rows
 
 
 def checked(given: object, faces: int) -> dict[str, NDArray[Any]]:

@@ -16,7 +16,7 @@ import numpy as np
 from nanite_rs import _piece_gltf, _piece_obj, _piece_ply, _piece_stl, io
 from nanite_rs._flatten import flattened
 from nanite_rs._pieces import ROWS, Spool, add_piece, settle_face_channels, spooled
-from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError
+from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, NaniteError
 from nanite_rs.material import Material
 
 if TYPE_CHECKING:
@@ -29,16 +29,18 @@ if TYPE_CHECKING:
 
 #: Endings of files that are read in pieces.
 ENDINGS: Final = ("ply", "stl", "obj", "glb", "gltf")
-#: A file takes less memory to build than so many times its size, but where it is compressed.
+#: A file takes less memory to build than so many times its size, once it is not compressed.
 _OF_SIZE: Final = 16
 
 
 def fits(path: str, limit: int) -> bool:
     """Whether a file is read as a whole; one that cannot be looked at is, and whoever reads it says why not."""
     try:
-        return os.path.getsize(path) * _OF_SIZE <= limit
-    except OSError:
+        gltf = io.ending(Path(path)) in (("glb", False), ("gltf", False))
+        size = _piece_gltf.size_of(path) if gltf else os.path.getsize(path)
+    except (NaniteError, OSError):
         return True
+    return size * _OF_SIZE <= limit
 
 
 def of_file(path: str, folder: Path, notes: Notes) -> dict[str, NDArray[Any]]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from nanite_rs import _colors, _gltf
-from nanite_rs._accessors import Document
+from nanite_rs._accessors import TYPES, WIDTHS, Document
 from nanite_rs._asset import TRIANGLES, triangles
 from nanite_rs._piece_vertices import FileVertices
 from nanite_rs._pieces import ROWS
@@ -26,7 +28,14 @@ _UV_SETS: Final = 4
 
 
 class _Mapped(Document):
-    """A document whose buffers are mapped, and read where they are looked at."""
+    """A document whose buffers are mapped, and read where they are looked at; what was compressed lies aside."""
+
+    def __init__(self, path: str, folder: Path) -> None:
+        super().__init__(path, _mapped(path), Path(path).parent)
+        self._aside, self._written = folder, 0
+        # Instances have them in common.
+        self._sparse: dict[int, NDArray[Any]] = {}
+        self._draco: dict[str, tuple[NDArray[np.int64], dict[str, NDArray[Any]]] | None] = {}
 
     def content(self, path: Path, what: str) -> Any:
         """Return the content of a file."""
@@ -35,18 +44,40 @@ class _Mapped(Document):
         except OSError as error:
             raise FileError(f"{what}: {path}: {error.strerror or error}") from None
 
-    def view(self, index: int) -> memoryview:
-        """Return the bytes of a buffer view, which is not compressed."""
-        row = self.entry("bufferViews", index)
-        if any("meshopt" in name for name in self.member(row, "extensions")):
-            self.fail(f"bufferViews[{index}]: what meshoptimizer compressed is read in memory alone")
-        return super().view(index)
+    def aside(self, array: NDArray[Any]) -> NDArray[Any]:
+        """Write an array to disk and map it."""
+        if not array.size:
+            return array
+        self._aside.mkdir(exist_ok=True)
+        self._written += 1
+        file = self._aside / f"array {self._written}"
+        np.ascontiguousarray(array).tofile(file)
+        return np.memmap(file, array.dtype, "r", shape=array.shape)
+
+    def _decompressed(self, row: dict[str, Any], what: str) -> memoryview | None:
+        found = super()._decompressed(row, what)
+        return None if found is None else self.aside(np.frombuffer(found, np.uint8)).data
 
     def accessor(self, index: int) -> NDArray[Any]:
         """Return (count, width) numbers where they lie."""
-        if "sparse" in self.entry("accessors", index):
-            self.fail(f"accessors[{index}]: sparse accessors are read in memory alone")
-        return super().accessor(index)
+        if "sparse" not in self.entry("accessors", index):
+            return super().accessor(index)
+        if index not in self._sparse:
+            self._sparse[index] = self.aside(super().accessor(index))
+        return self._sparse[index]
+
+    def draco(
+        self, packed: dict[str, Any], attributes: dict[str, Any], what: str
+    ) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]] | None:
+        """Return faces and attributes out of KHR_draco_mesh_compression; nothing where it need not be used."""
+        key = json.dumps([packed, attributes], sort_keys=True)
+        if key not in self._draco:
+            found = super().draco(packed, attributes, what)
+            if found is not None:
+                faces, rows = found
+                found = self.aside(faces), {name: self.aside(array) for name, array in rows.items()}
+            self._draco[key] = found
+        return self._draco[key]
 
 
 def _mapped(path: str | Path) -> memoryview:
@@ -54,9 +85,41 @@ def _mapped(path: str | Path) -> memoryview:
     return np.memmap(path, np.uint8, "r").data if Path(path).stat().st_size else memoryview(b"")
 
 
+def size_of(path: str) -> int:
+    """Return how many bytes a file has with all that it refers to, once that is not compressed.
+
+    Raises
+    ------
+    FormatError
+        It is no glTF.
+    """
+    document = _Mapped(path, Path())
+    size = Path(path).stat().st_size
+    for row in document.listed(document.json, "buffers"):
+        if isinstance(row, dict) and "uri" in row:
+            size += document.whole(row, "byteLength", 0)
+    stored = 0
+    for row in document.listed(document.json, "accessors"):
+        if isinstance(row, dict):
+            width = WIDTHS.get(str(row.get("type")), 1)
+            kind = np.dtype(TYPES.get(row.get("componentType", 0), "<f4"))
+            stored += document.whole(row, "count", 0) * width * kind.itemsize
+    return max(size, stored)
+
+
 def read(path: str, spool: Spool, notes: Notes) -> None:
-    """Read GLB or glTF without compression, skins and morph targets; each instance has vertices of its own."""
-    document = _Mapped(path, _mapped(path), Path(path).parent)
+    """Read GLB or glTF without skins and morph targets; each instance has vertices of its own.
+
+    What is compressed is decompressed as a whole: a primitive of Draco, a buffer view of meshoptimizer.
+    """
+    aside = spool.folder / "decompressed"
+    try:
+        _read(path, _Mapped(path, aside), spool, notes)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _read(path: str, document: _Mapped, spool: Spool, notes: Notes) -> None:
     before = spool.rows("faces")
     # The numbers of looks: a material, and whether faces are flat.
     looks: dict[tuple[Any, bool], int] = {}
@@ -86,12 +149,15 @@ def read(path: str, spool: Spool, notes: Notes) -> None:
 class _Primitive:
     """A primitive in its place."""
 
-    def __init__(self, document: Document, row: dict[str, Any], pose: NDArray[np.float64], what: str) -> None:
+    def __init__(self, document: _Mapped, row: dict[str, Any], pose: NDArray[np.float64], what: str) -> None:
         self._document, self._row, self._what = document, row, what
         self._linear, self._shift = pose[:3, :3], pose[:3, 3]
         self._identity = bool(np.array_equal(pose, np.eye(4)))
         self._mirrored = bool(np.linalg.det(self._linear) < 0.0)
         self.attributes = document.member(row, "attributes")
+        # Faces and attributes that were compressed with each other.
+        self._decoded: NDArray[np.int64] | None = None
+        self._unpacked: dict[str, NDArray[Any]] = {}
         self.first_face = 0
         self._count = 0
 
@@ -99,12 +165,14 @@ class _Primitive:
         """Append what it is; false where it is no triangles."""
         document = self._document
         self.first_face = spool.rows("faces")
-        if document.extension(self._row, "KHR_draco_mesh_compression") is not None:
-            document.fail(f"{self._what}: what Draco compressed is read in memory alone")
         if "POSITION" not in self.attributes:
             notes.add("primitives without positions")
             return False
-        self._count = len(document.accessor(document.whole(self.attributes, "POSITION")))
+        packed = document.extension(self._row, "KHR_draco_mesh_compression")
+        found = None if packed is None else document.draco(packed, self.attributes, self._what)
+        if found is not None:
+            self._decoded, self._unpacked = found
+        self._count = len(self._stored("POSITION"))
         mode = document.whole(self._row, "mode", TRIANGLES)
         if triangles(np.zeros(0, np.int64), mode) is None:
             notes.add("points and lines")
@@ -160,17 +228,24 @@ class _Primitive:
             notes.add("attributes of vertices", name)
             return
         normalized = row.get("normalized") is True
-        stored = self._fitting(name, document.accessor(index), (1, 2, 3, 4))
+        stored = self._fitting(name, self._stored(name), (1, 2, 3, 4))
         for start in range(0, len(stored), ROWS):
             rows = stored[start : start + ROWS]
             rows = document.floats(index, rows) if normalized else rows
             vertices.add_property(name, rows[:, 0] if rows.shape[1] == 1 else rows)
 
+    def _stored(self, name: str) -> NDArray[Any]:
+        """Return an attribute as it is stored."""
+        found = self._unpacked.get(name)
+        if found is None:
+            found = self._document.accessor(self._document.whole(self.attributes, name))
+        return found
+
     def _numbers(self, name: str, widths: tuple[int, ...]) -> Iterator[NDArray[np.float32]]:
         """Yield an attribute as float32, some rows at a time."""
         document = self._document
         index = document.whole(self.attributes, name)
-        stored = self._fitting(name, document.accessor(index), widths)
+        stored = self._fitting(name, self._stored(name), widths)
         for start in range(0, len(stored), ROWS):
             yield document.floats(index, stored[start : start + ROWS], always=name.startswith("COLOR_"))
 
@@ -186,6 +261,10 @@ class _Primitive:
 
     def _faces(self, mode: int) -> Iterator[NDArray[np.int64]]:
         document = self._document
+        if self._decoded is not None:
+            for start in range(0, len(self._decoded), ROWS):
+                yield np.asarray(self._decoded[start : start + ROWS])
+            return
         if "indices" not in self._row:
             step = 3 * ROWS if mode == TRIANGLES else max(self._count, 1)
             for start in range(0, self._count, step):

@@ -1,22 +1,20 @@
-"""PLY in pieces: of bytes where all faces are triangles, of text with polygons."""
+"""PLY in pieces: text and bytes, polygons and strips, and what faces say of their corners."""
 
 from __future__ import annotations
 
-import os
 import re
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from nanite_rs import _core, _ply
+from nanite_rs import _core, _piece_text, _ply
 from nanite_rs._faces import corner_numbers
 from nanite_rs._piece_text import Lines, shifted
-from nanite_rs._piece_vertices import FileVertices
-from nanite_rs._pieces import ROWS
+from nanite_rs._piece_vertices import Corners, FileVertices
 from nanite_rs.exceptions import FormatError, MeshError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -27,25 +25,44 @@ if TYPE_CHECKING:
 #: Most bytes of a header, which has a line for each property.
 _HEAD: Final = 1 << 20
 
-_TYPES: Final = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("long", "int64"), "i8"),
-    **dict.fromkeys(("ulong", "uint64"), "u8"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
-}
-
 _Columns = dict[str, "tuple[NDArray[Any], NDArray[np.uint32] | None]"]
-_Properties = list[tuple[str, ...]]
 
 
-def _ply_head(path: str) -> tuple[str, list[tuple[str, int, _Properties]], int, int]:
-    """Return the format, the elements with their properties, and the byte and the line where rows begin."""
+class _Element(NamedTuple):
+    """Rows of one kind."""
+
+    name: str
+    rows: int
+    properties: list[tuple[str, ...]]
+    """Words of the header: types, and the name."""
+
+    def header(self, kind: str, rows: int) -> bytes:
+        """Return a header of this element alone, with so many rows."""
+        listed = "".join(f"property {' '.join(words)}\n" for words in self.properties)
+        return f"ply\nformat {kind} 1.0\nelement {self.name} {rows}\n{listed}end_header\n".encode()
+
+    def lists(self) -> list[str]:
+        """Return the names of lists."""
+        return [words[-1] for words in self.properties if words[0] == "list"]
+
+    def scalars(self) -> list[str]:
+        """Return the names of all else."""
+        return [words[-1] for words in self.properties if words[0] != "list"]
+
+
+class _Head(NamedTuple):
+    """What a header says."""
+
+    kind: str
+    elements: list[_Element]
+    textures: int
+    offset: int
+    """The byte where rows begin."""
+    line: int
+    """The line where rows begin."""
+
+
+def _head(path: str) -> _Head:
     with open(path, "rb") as file:
         data = file.read(_HEAD)
     first = re.match(rb"[^\r\n]*(\r(?!\n))?", data)
@@ -62,113 +79,114 @@ def _ply_head(path: str) -> tuple[str, list[tuple[str, int, _Properties]], int, 
     # The core says what is wrong with it.
     empty = [re.sub(rb"^(element\s+\S+\s+)\d+", rb"\g<1>0", line) for line in lines]
     kind = _core.read_ply(path, b"\n".join([*empty, b""]))["format"]
-    elements: list[tuple[str, int, _Properties]] = []
+    elements: list[_Element] = []
     for line in lines:
         match tuple(line.decode("utf-8", "replace").split()):
             case ("element", name, count, *_):
-                elements.append((name, int(count), []))
+                elements.append(_Element(name, int(count), []))
             case ("property", *rest):
-                elements[-1][2].append(tuple(rest[:4] if rest[0] == "list" else rest[:2]))
-    return kind, elements, at, len(lines) + 1
+                elements[-1].properties.append(tuple(rest[:4] if rest[0] == "list" else rest[:2]))
+    textures = sum(_ply.TEXTURE.fullmatch(line) is not None for line in lines)
+    return _Head(kind, elements, textures, at, len(lines) + 1)
 
 
 def read(path: str, spool: Spool, notes: Notes) -> None:
-    """Read PLY: of bytes where all faces are triangles, of text with polygons."""
-    kind, elements, offset, line = _ply_head(path)
-    lines = Lines(path, offset, line)
+    """Read PLY. A row, such as a strip, is read as a whole."""
+    head = _head(path)
+    there = {element.name.lower(): element for element in head.elements if element.rows}
+    wanted = there.keys() & {"vertex", "face", "tristrips"}
+    rows: _Text | _Bytes
+    rows = _Text(path, head) if head.kind == "ascii" else _Bytes(path, head)
     vertices = FileVertices(path, spool, notes)
-    total = next((count for name, count, _ in elements if name.lower() == "vertex"), 0)
-    seen: set[str] = set()
-    for element in elements:
-        name, count, properties = element[0].lower(), element[1], element[2]
-        if name == "tristrips" and count:
-            raise FormatError(f"{path}: strips of triangles are read in memory alone")
-        if count and name not in ("vertex", "face"):
-            notes.add("elements of PLY that are no part of a mesh", element[0])
-        if not properties:
+    painted = _paints_faces(there)
+    wedges = "face" in there and "texcoord" in there["face"].lists() and "tristrips" not in there
+    corners = Corners(path, spool, notes, vertices) if painted or wedges else None
+    faces = _Faces(path, there, head.textures, vertices, corners, notes, painted=painted)
+    for element in head.elements:
+        name = element.name.lower()
+        if element.rows and name not in ("vertex", "face", "tristrips"):
+            notes.add("elements of PLY that are no part of a mesh", element.name)
+        if not element.properties:
             continue
-        if {"vertex", "face"} <= seen:
+        if not wanted:
             break
-        seen.add(name)
-        if kind == "ascii":
-            blocks = _ply_text(path, element, lines)
-        else:
-            order = ">" if kind == "binary_big_endian" else "<"
-            dtype = _ply_row(order, element)
-            blocks = _ply_bytes(path, element, dtype, offset)
-            offset += count * dtype.itemsize
-        for first, columns in blocks:
+        wanted.discard(name)
+        for columns in rows.of(element):
             if name == "vertex":
-                _add_vertices(path, columns, vertices, notes)
+                _add_vertices(path, columns, vertices if corners is None else corners.source, notes)
             elif name == "face":
-                _add_faces(path, first, total, columns, vertices, notes)
+                faces.add(columns)
+            elif name == "tristrips":
+                faces.add_strips(columns)
     if spool.rows("faces") == vertices.first_face:
         raise MeshError(f"{path}: there are no triangles in it")
+    if corners is not None:
+        corners.finish()
     vertices.finish()
+    spool.complete()
 
 
-def _ply_text(
-    path: str, element: tuple[str, int, _Properties], lines: Lines
-) -> Iterator[tuple[int, _Columns]]:
-    """Yield the number of a row, and columns from there on: a row is a line."""
-    name, count, properties = element
-    head = "".join(f"property {' '.join(words)}\n" for words in properties)
-    done = 0
-    while done < count:
-        data, rows = lines.rows(count - done)
-        # At the end of the file the core says what is missing.
-        asked = rows if data else count - done
-        text = f"ply\nformat ascii 1.0\nelement {name} {asked}\n{head}end_header\n".encode()
-        try:
-            (_, _, columns), *_ = _core.read_ply(path, text + data)["elements"]
-        except FormatError as error:
-            raise shifted(error, lines.line - 1 - text.count(b"\n"), done, count) from None
-        lines.passed(data)
-        yield done, columns
-        done += rows
+class _Text:
+    """Rows of text: lines."""
+
+    def __init__(self, path: str, head: _Head) -> None:
+        self._path, self._lines = path, Lines(path, head.offset, head.line)
+
+    def of(self, element: _Element) -> Iterator[_Columns]:
+        """Yield columns of the rows that come next."""
+        lines, count, done = self._lines, element.rows, 0
+        while done < count:
+            data, rows = lines.rows(count - done)
+            # At the end of the file the core says what is missing.
+            head = element.header("ascii", rows if data else count - done)
+            try:
+                (_, _, columns), *_ = _core.read_ply(self._path, head + data)["elements"]
+            except FormatError as error:
+                raise shifted(error, lines.line - 1 - head.count(b"\n"), done, count) from None
+            lines.passed(data)
+            yield columns
+            done += rows
 
 
-def _ply_row(order: str, element: tuple[str, int, _Properties]) -> np.dtype[Any]:
-    """Return the dtype of a row; lists have three members."""
-    fields: list[Any] = []
-    for at, words in enumerate(element[2]):
-        known = [_TYPES[word.lower()] for word in words[:-1] if word != "list"]
-        if words[0] == "list":
-            fields += [(f"count {at}", f"{order}{known[0]}"), (words[-1], f"{order}{known[1]}", 3)]
-        else:
-            fields.append((words[-1], f"{order}{known[0]}"))
-    return np.dtype(fields)
+class _Bytes:
+    """Rows of bytes."""
+
+    def __init__(self, path: str, head: _Head) -> None:
+        self._path, self._kind, self._at = path, head.kind, head.offset
+
+    def of(self, element: _Element) -> Iterator[_Columns]:
+        """Yield columns of the rows that come next."""
+        count, done, size = element.rows, 0, _piece_text.BLOCK
+        while done < count:
+            with open(self._path, "rb") as file:
+                file.seek(self._at)
+                data = file.read(size)
+            head = element.header(self._kind, count - done)
+            rows, end, cut_off = _core.whole_ply_rows(self._path, head + data)
+            if not rows and cut_off and len(data) == size:
+                size *= 2
+                continue
+            if rows:
+                head, data = element.header(self._kind, rows), data[:end]
+            # Without a row the core says what is wrong.
+            try:
+                (_, _, columns), *_ = _core.read_ply(self._path, head + data)["elements"]
+            except FormatError as error:
+                raise shifted(error, 0, done, count, self._at - len(head)) from None
+            yield columns
+            self._at, done = self._at + end, done + rows
 
 
-def _ply_bytes(
-    path: str, element: tuple[str, int, _Properties], dtype: np.dtype[Any], offset: int
-) -> Iterator[tuple[int, _Columns]]:
-    """Yield the number of a row, and columns from there on."""
-    name, count, properties = element
-    size = os.path.getsize(path)
-    there = min(max(size - offset, 0) // dtype.itemsize, count)
-    rows = np.memmap(path, dtype, "r", offset=offset, shape=(there,)) if there else np.zeros(0, dtype)
-    for start in range(0, there, ROWS):
-        piece = rows[start : start + ROWS]
-        columns: _Columns = {}
-        for at, words in enumerate(properties):
-            values, lengths = piece[words[-1]].astype(dtype[words[-1]].base.newbyteorder("=")), None
-            if words[0] == "list":
-                lengths = piece[f"count {at}"].astype(np.uint32)
-                if (lengths != 3).any():
-                    row = int(np.argmax(lengths != 3))
-                    raise FormatError(
-                        f"{path}: {name}[{start + row}] has {lengths[row]} corners; "
-                        "of binary files only those of triangles are read in pieces"
-                    )
-                values = values.reshape(-1)
-            columns[words[-1]] = values, lengths
-        yield start, columns
-    if there < count:
-        raise FormatError(
-            f"{path}: byte {offset + there * dtype.itemsize}: element {name}, row {there} of {count}: "
-            f"expected {dtype.itemsize} more bytes, but the file ends at byte {size}"
-        )
+def _paints_faces(there: Mapping[str, _Element]) -> bool:
+    """Whether faces have colours that vertices have not."""
+    if "face" not in there or "tristrips" in there:
+        return False
+    nothing = np.zeros(0)
+    of_faces, of_vertices = (
+        name in there and _ply.take_colors(dict.fromkeys(there[name].scalars(), nothing)) is not None
+        for name in ("face", "vertex")
+    )
+    return of_faces and not of_vertices
 
 
 def _add_vertices(path: str, columns: _Columns, vertices: FileVertices, notes: Notes) -> None:
@@ -187,27 +205,79 @@ def _add_vertices(path: str, columns: _Columns, vertices: FileVertices, notes: N
         vertices.add_property(name, values)
 
 
-def _add_faces(
-    path: str, first: int, total: int, columns: _Columns, vertices: FileVertices, notes: Notes
-) -> None:
-    """Append rows of faces, of which the file has so many vertices."""
-    key = next((key for key in _ply.INDICES if key in columns), None)
-    values, counts = columns[key] if key is not None else (None, None)
-    if values is None or counts is None:
-        raise FormatError(f"{path}: element face has no list of vertices")
-    corners = corner_numbers(path, values, counts, total, first)
-    if vertices.count() < total and (counts != 3).any():
-        raise FormatError(f"{path}: polygons before their vertices are read in memory alone")
-    begin = vertices.faces()
-    polygons = vertices.add_faces(corners, counts)
-    of_faces = {name: rows for name, (rows, lengths) in columns.items() if lengths is None}
-    for name, (_, lengths) in columns.items():
-        if lengths is not None and name != key:
-            notes.add("lists of faces", name)
-    if _ply.take_colors(of_faces) is not None:
-        notes.add("colours of faces", path)
-    for name, rows in of_faces.items():
-        if rows.dtype.kind == "f" or rows.dtype.itemsize > 4:
-            notes.add("properties of faces that are no integers of 32 bits", name)
-        else:
-            vertices.add_labels(name, rows[polygons], begin)
+class _Faces:
+    """Faces of a file, with what they carry."""
+
+    def __init__(
+        self,
+        path: str,
+        there: Mapping[str, _Element],
+        textures: int,
+        vertices: FileVertices,
+        corners: Corners | None,
+        notes: Notes,
+        *,
+        painted: bool,
+    ) -> None:
+        self._path, self._textures, self._notes, self._painted = path, textures, notes, painted
+        self._vertices, self._corners = vertices, corners
+        # Strips have no properties.
+        self._strips = "tristrips" in there
+        self._total = there["vertex"].rows if "vertex" in there else 0
+        self._polygons = 0
+
+    def add_strips(self, columns: _Columns) -> None:
+        """Append strips of triangles."""
+        _, values, lengths = self._listed(columns, "tristrips")
+        triangles = _core.strips(np.ascontiguousarray(values, np.int64), lengths).reshape(-1)
+        self._append(triangles, np.full(len(triangles) // 3, 3, np.uint32))
+
+    def add(self, columns: _Columns) -> None:
+        """Append rows of faces."""
+        key, values, counts = self._listed(columns, "face")
+        vertices, notes, corners = self._vertices, self._notes, self._corners
+        begin, first = vertices.faces(), self._polygons
+        polygons = self._append(values, counts)
+        of_faces = {name: rows for name, (rows, lengths) in columns.items() if lengths is None}
+        wedges = columns.get("texcoord")
+        for name, (_, lengths) in columns.items():
+            if lengths is not None and name != key and (corners is None or name != "texcoord"):
+                notes.add("lists of faces", name)
+        if self._strips:
+            for name in of_faces:
+                notes.add("properties of faces in files with strips", name)
+            return
+        if self._painted:
+            columns_of_colors = _ply.take_colors(of_faces) or []
+            vertices.add_colors([np.repeat(column, counts) for column in columns_of_colors])
+        if corners is not None and wedges is not None and wedges[1] is not None:
+            uvs = _ply.wedges_of(self._path, wedges[0], wedges[1], counts, first)
+            if uvs is not None:
+                corners.add_uvs(uvs)
+            if self._textures and "texnumber" in of_faces:
+                self._add_textures(of_faces.pop("texnumber")[polygons], begin)
+        for name, rows in of_faces.items():
+            vertices.add_face_property(name, rows[polygons], begin)
+
+    def _listed(self, columns: _Columns, element: str) -> tuple[str, NDArray[Any], NDArray[np.uint32]]:
+        key = next((key for key in _ply.INDICES if key in columns), None)
+        values, counts = columns[key] if key is not None else (None, None)
+        if key is None or values is None or counts is None:
+            raise FormatError(f"{self._path}: element {element} has no list of vertices")
+        return key, values, counts
+
+    def _append(self, values: NDArray[Any], counts: NDArray[np.uint32]) -> NDArray[np.uint32] | slice:
+        numbers = corner_numbers(self._path, values, counts, self._total, self._polygons)
+        source = self._vertices if self._corners is None else self._corners.source
+        if source.count() < self._total and (self._corners is not None or (counts != 3).any()):
+            raise FormatError(f"{self._path}: polygons before their vertices are read in memory alone")
+        begin = self._polygons
+        self._polygons += len(counts)
+        if self._corners is None:
+            return self._vertices.add_faces(numbers, counts)
+        return self._corners.add_faces(numbers, counts, begin)
+
+    def _add_textures(self, numbers: NDArray[Any], first: int) -> None:
+        """Append numbers of textures; faces without one, such as -1, come last."""
+        outside = (numbers < 0) | (numbers >= self._textures)
+        self._vertices.add_materials(np.where(outside, self._textures, numbers).astype(np.int32), first)

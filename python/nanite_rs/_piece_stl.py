@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _core, _piece_text
+from nanite_rs import _core, _piece_text, _stl
 from nanite_rs._piece_text import Lines, shifted
 from nanite_rs._piece_vertices import FileVertices
 from nanite_rs._pieces import ROWS
@@ -35,13 +35,13 @@ def read(path: str, spool: Spool, notes: Notes) -> None:
     if not exact and b"\0" not in head and head.lstrip()[:5].lower() == b"solid":
         _stl_text(path, vertices)
     else:
-        _stl_bytes(path, size, count, vertices, notes)
+        _stl_bytes(path, size, count, vertices)
     vertices.finish()
     if spool.rows("faces") == vertices.first_face:
         raise MeshError(f"{path}: there are no triangles in it")
 
 
-def _stl_bytes(path: str, size: int, count: int, vertices: FileVertices, notes: Notes) -> None:
+def _stl_bytes(path: str, size: int, count: int, vertices: FileVertices) -> None:
     there = max(size - _STL_HEAD, 0) // _STL_ROW.itemsize
     if there < count or size < _STL_HEAD:
         raise FormatError(
@@ -50,11 +50,21 @@ def _stl_bytes(path: str, size: int, count: int, vertices: FileVertices, notes: 
     if not count:
         return
     rows = np.memmap(path, _STL_ROW, "r", offset=_STL_HEAD, shape=(count,))
-    for start in range(0, count, ROWS):
-        piece = rows[start : start + ROWS]
-        _add_soup(piece["corners"].reshape(-1, 3), vertices)
-        if piece["more"].any():
-            notes.add("colours of faces", path)
+    pieces = [slice(start, start + ROWS) for start in range(0, count, ROWS)]
+    given = any(rows["more"][piece].any() for piece in pieces)
+    marked = given and all(_stl.is_marked(rows["more"][piece]) for piece in pieces)
+    with open(path, "rb") as file:
+        header = file.read(_STL_HEAD)[:-4]
+    for piece in pieces:
+        first = vertices.faces()
+        _add_soup(rows["corners"][piece].reshape(-1, 3), vertices)
+        if given:
+            attributes = np.asarray(rows["more"][piece])
+            colors = _stl.face_colors(attributes, header, marked=marked)
+            if colors is None:
+                vertices.add_face_property("attributes", attributes, first)
+            else:
+                vertices.add_colors(list(np.repeat(colors, 3, axis=0).T))
 
 
 def _add_soup(corners: NDArray[Any], vertices: FileVertices) -> None:

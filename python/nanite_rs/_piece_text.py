@@ -68,10 +68,11 @@ class Lines:
         return data, len(full)
 
 
-def shifted(error: FormatError, lines: int, rows: int = 0, of: int = 0) -> FormatError:
-    """Return an error of a part of a text with the numbers that lines and rows have in the whole."""
+def shifted(error: FormatError, lines: int, rows: int = 0, of: int = 0, at: int = 0) -> FormatError:
+    """Return an error of a part of a file with the numbers that lines, rows and bytes have in the whole."""
     text = re.sub(r"\bline (\d+)", lambda m: f"line {int(m[1]) + lines}", str(error), count=1)
     text = re.sub(r"\b(row|facet) (\d+)", lambda m: f"{m[1]} {int(m[2]) + rows}", text, count=1)
+    text = re.sub(r"\bbyte (\d+)", lambda m: f"byte {int(m[1]) + at}", text)
     if of:
         text = re.sub(r"(row \d+) of \d+", rf"\1 of {of}", text, count=1)
     return type(error)(text)

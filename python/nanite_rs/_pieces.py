@@ -42,7 +42,7 @@ class Spool:
     """Arrays that grow in files of a folder, and what they are of."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
+        self.folder = folder
         self._rows: dict[str, int] = {}
         self._forms: dict[str, tuple[np.dtype[Any], tuple[int, ...]]] = {}
         # Names of channels may be none of files.
@@ -63,7 +63,7 @@ class Spool:
 
     def file(self, name: str) -> Path:
         """Return where an array lies."""
-        return self._folder / self._files[name]
+        return self.folder / self._files[name]
 
     def append(self, name: str, rows: NDArray[Any]) -> None:
         """Append rows to an array; all have the form of the first."""
@@ -83,7 +83,7 @@ class Spool:
         self._numbered += 1
         file = f"array {self._numbered}"
         # Arrays that were there before may be adopted, or are of another build.
-        return self._free(name) if (self._folder / file).exists() else file
+        return self._free(name) if (self.folder / file).exists() else file
 
     def adopt(self, name: str, rows: NDArray[Any]) -> None:
         """Take over an array that lies in the folder."""
@@ -188,12 +188,10 @@ class Spool:
         self.add_filled(f"{CHANNEL}{kind} {name}", words, first)
 
     def add_face_channel(self, name: str, rows: NDArray[Any], first: int) -> None:
-        """Append labels of faces from one on; those before are zero."""
+        """Append labels or numbers of faces from one on; those before are zero."""
         label = f"{FACE_CHANNEL}{name}"
         if label in self._forms and not np.can_cast(rows.dtype, self.dtype(label)):
             both = np.result_type(rows.dtype, self.dtype(label))
-            if both.kind not in "iub":
-                raise DtypeError(f"face_channels[{name!r}]: {rows.dtype}, before {self.dtype(label)}")
             self.convert(label, lambda known: known.astype(both))
         self.add_filled(label, rows, first)
 
@@ -226,11 +224,11 @@ class Spool:
             for name, (dtype, shape) in self._forms.items()
         }
         names = {file: name for name, file in self._files.items() if file != name}
-        aside = self._folder / f"{LIST}.part"
+        aside = self.folder / f"{LIST}.part"
         content = {"of": of, "arrays": forms, "names": names}
         aside.write_text(json.dumps(content), encoding="utf-8")
-        aside.replace(self._folder / LIST)
-        return opened(self._folder)
+        aside.replace(self.folder / LIST)
+        return opened(self.folder)
 
 
 def _widest(*dtypes: np.dtype[Any]) -> np.dtype[Any]:
@@ -630,7 +628,7 @@ def has_face_channels(arrays: Mapping[str, Any]) -> bool:
 
 
 def settle_face_channels(spool: Spool, notes: Notes) -> None:
-    """Drop channels of faces that differ too much to be kept apart: those that differ least stay.
+    """Average numbers to vertices; keep labels that can be told apart: those that differ least stay.
 
     What vertices have a channel of the name of is called otherwise, as in files that fit.
     """
@@ -638,6 +636,12 @@ def settle_face_channels(spool: Spool, notes: Notes) -> None:
     for name in spool.names(FACE_CHANNEL):
         if spool.has_channel(name[start:]):
             spool.rename(name, f"{FACE_CHANNEL}face_{name[start:]}")
+    for name in spool.names(FACE_CHANNEL):
+        if spool.dtype(name).kind == "f":
+            notes.add("floating-point data of faces, averaged to vertices", name[start:])
+            vertices, faces = spool.mapped("vertices"), spool.mapped("faces")
+            _add_means(spool, name[start:], vertices, faces, spool.mapped(name))
+            spool.drop(name)
 
     def different(name: str) -> int:
         known: NDArray[Any] | None = None
@@ -661,22 +665,49 @@ def settle_face_channels(spool: Spool, notes: Notes) -> None:
             spool.drop(name)
 
 
-def apart(arrays: Mapping[str, Any], folder: Path) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a mesh whose faces are taken apart by their channels: see `_face_data`.
+def _add_means(spool: Spool, name: str, vertices: Any, faces: Any, values: Any) -> None:
+    """Append a channel of vertices: the means of what the faces around them carry. Sums lie on disk."""
+    sums: list[Path] = []
 
-    Parts of the faces follow each other, with the vertices that they use. The core welds those that are equal.
+    def zeros(count: int) -> NDArray[np.float64]:
+        sums.append(spool.folder / f"sums {len(sums)}")
+        return np.asarray(np.memmap(sums[-1], np.float64, "w+", shape=(count,)))
+
+    means = _face_data.Means(len(vertices), _face_data.columns_of(values), zeros)
+    for first in range(0, len(faces), ROWS):
+        part = slice(first, first + ROWS)
+        corners = _face_rows(np.asarray(faces[part]), first, len(vertices))
+        means.add(vertices[corners], corners, np.asarray(values[part]))
+    for first in range(0, len(vertices), ROWS):
+        rows = means.rows(slice(first, first + ROWS))
+        spool.add_channel(*core_words(name, rows[:, 0] if values.ndim == 1 else rows), first)
+    del means
+    for path in sums:
+        path.unlink()
+
+
+def apart(arrays: Mapping[str, Any], folder: Path) -> Mapping[str, NDArray[Any]]:
+    """Return the arrays of a mesh whose faces carry materials alone: see `_face_data`.
+
+    Numbers are averaged to vertices. By their labels faces are taken apart: parts of them follow each other, with
+    the vertices that they use. The core welds those that are equal.
     """
     start = len(FACE_CHANNEL)
     given = {name[start:]: rows for name, rows in arrays.items() if name.startswith(FACE_CHANNEL)}
     labels = _face_data.checked(given, len(arrays["faces"]))
-    for name, rows in labels.items():
-        if rows.dtype.kind == "f":
-            raise ArgumentError(
-                f"face_channels[{name!r}]: floating-point data of faces are averaged to vertices in memory alone, "
-                "and the source does not fit; give channels of vertices"
-            )
+    for name in labels:
         if any(known.split(" ", 2)[-1] == name for known in arrays if known.startswith(CHANNEL)):
             raise ArgumentError(f"face_channels[{name!r}]: channels has one of that name")
+    numbers = {name: labels.pop(name) for name in list(labels) if labels[name].dtype.kind == "f"}
+    _face_data.warn_of_floats(numbers)
+    if numbers:
+        (folder / "means").mkdir(parents=True, exist_ok=True)
+        averaged = Spool(folder / "means")
+        for name, rows in numbers.items():
+            _add_means(averaged, name, arrays["vertices"], arrays["faces"], rows)
+        arrays = {**arrays, **averaged.finish(None)}
+    if not labels:
+        return {name: rows for name, rows in arrays.items() if not name.startswith(FACE_CHANNEL)}
     faces, materials = arrays["faces"], arrays.get("face_materials")
     of_vertices = [
         name for name in arrays if name.startswith(("vertices", "normals", "colors", "uvs ", CHANNEL))
@@ -691,7 +722,7 @@ def apart(arrays: Mapping[str, Any], folder: Path) -> dict[str, NDArray[Any]]:
     taken = _face_data.Apart()
     for _, of_part, own in parts():
         taken.look(of_part, own)
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     spool = Spool(folder)
     for part, of_part, own in parts():
         corners = _face_rows(np.asarray(faces[part]), part.start, len(arrays["vertices"]))

@@ -32,7 +32,8 @@ _COLORS: Final = [
 #: Names of the list of a face's vertices.
 INDICES: Final = ("vertex_indices", "vertex_index", "vertex_indexes", "indices")
 _UV_SETS: Final = 4
-_TEXTURE: Final = re.compile(rb"comment\s+TextureFile\s+(.+)", re.IGNORECASE)
+#: Comments that name a texture.
+TEXTURE: Final = re.compile(rb"comment\s+TextureFile\s+(.+)", re.IGNORECASE)
 
 #: Properties of an element: values, and lengths where they are lists.
 _Columns = dict[str, "tuple[NDArray[Any], NDArray[np.uint32] | None]"]
@@ -192,7 +193,11 @@ class _Reader:
         columns_of_colors = take_colors(names) if source.colors is None else None
         colors = None if columns_of_colors is None else colors_of(columns_of_colors)
         numbers = names.pop("texnumber", None) if wedges is not None else None
-        own = None if wedges is None or wedges[1] is None else self._wedges(wedges[0], wedges[1], counts)
+        own = (
+            None
+            if wedges is None or wedges[1] is None
+            else wedges_of(self._name, wedges[0], wedges[1], counts)
+        )
         if own is None and colors is None:
             # With triangles only, the corners are the list itself.
             whole = isinstance(polygons, slice)
@@ -212,27 +217,10 @@ class _Reader:
             "faces",
         )
 
-    def _wedges(
-        self, values: NDArray[Any], lengths: NDArray[np.uint32], counts: NDArray[np.uint32]
-    ) -> NDArray[np.float32] | None:
-        """Texture coordinates of corners. A face may have none, which is zero."""
-        bad = (lengths != 0) & (lengths != 2 * counts)
-        if bad.any():
-            row = int(np.argmax(bad))
-            found = f"{lengths[row]} texture coordinates for {counts[row]} corners"
-            raise FormatError(f"{self._name}: element face, row {row}: {found}")
-        if not lengths.any():
-            return None
-        if (lengths != 0).all():
-            return values.reshape(-1, 2).astype(np.float32)
-        out = np.zeros((int(counts.sum()), 2), np.float32)
-        out[np.repeat(lengths != 0, counts)] = values.reshape(-1, 2)
-        return out
-
     # -------------------------------------------------------------------------------------- materials
 
     def _material(self, source: Source) -> Material | list[Material]:
-        names = [text(match[1].strip()) for line in self._comments if (match := _TEXTURE.fullmatch(line))]
+        names = [text(match[1].strip()) for line in self._comments if (match := TEXTURE.fullmatch(line))]
         looks = []
         for name in names:
             image = self._pictures.get(f"{self._name}: TextureFile", name)
@@ -257,6 +245,24 @@ class _Reader:
             return looks[0]
         source.face_materials = numbers
         return looks
+
+
+def wedges_of(
+    name: str, values: NDArray[Any], lengths: NDArray[np.uint32], counts: NDArray[np.uint32], first: int = 0
+) -> NDArray[np.float32] | None:
+    """Return texture coordinates of corners, zero where a face has none, and None where none has any."""
+    bad = (lengths != 0) & (lengths != 2 * counts)
+    if bad.any():
+        row = int(np.argmax(bad))
+        found = f"{lengths[row]} texture coordinates for {counts[row]} corners"
+        raise FormatError(f"{name}: element face, row {first + row}: {found}")
+    if not lengths.any():
+        return None
+    if (lengths != 0).all():
+        return values.reshape(-1, 2).astype(np.float32)
+    out = np.zeros((int(counts.sum()), 2), np.float32)
+    out[np.repeat(lengths != 0, counts)] = values.reshape(-1, 2)
+    return out
 
 
 def take_colors(names: dict[str, NDArray[Any]]) -> list[NDArray[Any]] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,13 +35,26 @@ def read(name: str, data: bytes, folder: Path | None, *, drop_bad_textures: bool
         source = Source(corners[3 * first : 3 * end], np.arange(3 * (end - first)).reshape(-1, 3))
         attributes = found["attributes"]
         if attributes is not None and attributes.any():
-            _attributes(source, attributes, found["header"])
+            colors = face_colors(attributes, found["header"], marked=is_marked(attributes))
+            if colors is None:
+                source.face_channels["attributes"] = attributes
+            else:
+                source.colors = np.repeat(colors, 3, axis=0)
         solid = unique(label.strip() or "mesh", names)
         add(asset, solid, [(solid, source, plain(source))])
     return asset
 
 
-def _attributes(source: Source, attributes: NDArray[np.uint16], header: bytes) -> None:
+def is_marked(attributes: NDArray[np.uint16]) -> bool:
+    """Whether all attributes but zeros have the highest bit, as colours of VisCAM have."""
+    return bool((attributes[attributes != 0] & 0x8000).all())
+
+
+def face_colors(attributes: NDArray[np.uint16], header: bytes, *, marked: bool) -> NDArray[np.uint8] | None:
+    """Return (M, 4) colours of faces; nothing where attributes are something else.
+
+    ``marked`` tells of those of the whole file what `is_marked` does.
+    """
     place = header.find(b"COLOR=")
     whole = header[place + 6 : place + 10] if place >= 0 else b""
     own = (attributes & 0x8000) != 0
@@ -49,15 +62,14 @@ def _attributes(source: Source, attributes: NDArray[np.uint16], header: bytes) -
     if len(whole) == 4:
         # Materialise: red in the lowest bits, and the highest bit asks for the colour of the whole.
         own, rgb, rest = ~own, channels, np.frombuffer(whole, np.uint8)
-    elif own[attributes != 0].all():
+    elif marked:
         rgb, rest = channels[::-1], np.full(4, 255, np.uint8)
     else:
-        source.face_channels["attributes"] = attributes
-        return
-    colors: NDArray[Any] = np.full((len(attributes), 4), 255, np.uint8)
+        return None
+    colors: NDArray[np.uint8] = np.full((len(attributes), 4), 255, np.uint8)
     colors[:, :3] = np.rint(np.stack(rgb, axis=1))
     colors[~own] = rest
-    source.colors = np.repeat(colors, 3, axis=0)
+    return colors
 
 
 def unique(name: str, used: set[str]) -> str:

@@ -72,15 +72,15 @@ def build_file(
     ----------
     source : path, paths, arrays, or iterable of pieces
         A file: PLY, STL, OBJ and glTF are read piece by piece where they do not fit, and everything that
-        `NaniteMesh.from_file` reads where it does. Binary PLY must be of triangles then, and glTF without
-        compression, skins and morph targets. Several files, or a folder of files, are tiles of one mesh: those of a
-        folder come in the order of the numbers in their names, and may be of all formats. What a tile does not have
-        is filled in, as for the parts of one file: normals are computed, colours white, UVs and channels zero.
+        `NaniteMesh.from_file` reads where it does. Of glTF there are no skins and morph targets then, and what is
+        compressed, such as a primitive of Draco, is in memory as a whole. Several files, or a folder of files, are
+        tiles of one mesh: those of a folder come in the order of the numbers in their names, and may be of all
+        formats. What a tile does not have is filled in, as for the parts of one file: normals are computed, colours
+        white, UVs and channels zero.
 
         Arrays: ``(vertices, faces)`` or ``(vertices, faces, attributes)``, where a dict has some of ``normals``,
         ``colors``, ``uvs``, ``channels``, ``face_materials`` and ``face_channels``, as `NaniteMesh.from_arrays`
-        takes them; floating-point ``face_channels`` where all fits. They may be memory maps, and arrays of zarr,
-        h5py or Dask, which are read slice by slice.
+        takes them. They may be memory maps, and arrays of zarr, h5py or Dask, which are read slice by slice.
 
         Or pieces, each such a pair or triple, whose faces count vertices as ``numbering`` says: all pieces have the
         same attributes.
@@ -140,7 +140,7 @@ def build_file(
     Warns
     -----
     UserWarning
-        What of a file read in pieces is not kept, such as floating-point data of faces.
+        What of a file read in pieces is not kept, or not as it was, such as floating-point data of faces.
 
     Examples
     --------

@@ -4,10 +4,10 @@ use rayon::prelude::*;
 use rustc_hash::FxHashSet;
 
 use super::lock_borders::{border_kept, locked_kept};
+use super::slabs::Slabs;
 use crate::error::{Error, Result};
 use crate::math::Bounds;
 use crate::mesh::edges::Edges;
-use crate::mesh::hash;
 use crate::model::cluster::NO_GROUP;
 use crate::model::rule::{ERROR_STEP, ROOT_ERROR, SOURCE_ERROR};
 use crate::model::{ClusterAddress, ClusterRecord, Dag, InterruptCheck, WINDOW_PAGES, Window};
@@ -35,8 +35,8 @@ fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<()> {
     if holds { Ok(()) } else { Err(broken(what())) }
 }
 
-/// Verifies a mesh; the error names the first cluster, group or node at fault. Pages that are not in memory are read a window
-/// after the other, and do not stay.
+/// Verifies a mesh; the error names a cluster, group or node at fault. Pages that are not in memory are read a window after the
+/// other, and do not stay. Of all vertices some bits are kept.
 pub fn check(dag: &Dag, proceed: InterruptCheck<'_>) -> Result<CheckReport> {
     dag.words().try_for_each(|words| words.load().map(drop))?;
     let seen = Seen::of(dag, proceed)?;
@@ -58,67 +58,115 @@ struct Seen {
     groups: Vec<u32>,
     /// and the one that it was made from.
     refined: Vec<u32>,
-    /// For each identity its position as a number, equal for equal positions.
-    positions: Vec<u32>,
+    /// Identities at whose position there are others.
+    doubtful: Bits,
     /// Identities in use.
     vertices: usize,
+}
+
+/// A vertex of a cluster.
+#[derive(Clone, Copy, Debug)]
+struct Corner {
+    /// The bits of its position.
+    bits: [u32; 3],
+    id: u32,
 }
 
 impl Seen {
     /// Verifies the clusters and groups of each page.
     fn of(dag: &Dag, proceed: InterruptCheck<'_>) -> Result<Self> {
-        let (mut groups, mut refined) = (Vec::new(), Vec::new());
-        let mut positions = Positions { bits: vec![UNSET; dag.vertex_count as usize], used: 0 };
-        let count = dag.pages.table.len();
-        for start in (0..count).step_by(WINDOW_PAGES) {
-            let pages = start..count.min(start + WINDOW_PAGES);
-            let window = dag.pages.window(pages.clone(), proceed)?;
-            pages.clone().into_par_iter().try_for_each(|page| {
-                (0..window.records(page).len())
-                    .try_for_each(|slot| cluster(dag, &window, ClusterAddress::new(page, slot)))?;
-                dag.groups_of(page).try_for_each(|g| group(dag, &window, g))
-            })?;
-            for page in pages {
-                groups.extend(window.records(page).iter().map(|record| record.group));
-                refined.extend(window.records(page).iter().map(|record| record.refined));
-                positions.add(&window, page)?;
-            }
-        }
-        let Positions { bits, used } = positions;
-        let positions = hash::first_equal(bytemuck::cast_slice(&bits), 3);
-        Ok(Self { groups, refined, positions, vertices: used })
-    }
-}
-
-/// The bits of no position.
-const UNSET: [u32; 3] = [u32::MAX; 3];
-
-/// Each identity's position.
-struct Positions {
-    bits: Vec<[u32; 3]>,
-    used: usize,
-}
-
-impl Positions {
-    /// An identity has one position everywhere.
-    fn add(&mut self, window: &Window<'_>, page: usize) -> Result<()> {
-        for slot in 0..window.records(page).len() {
-            let at = ClusterAddress::new(page, slot);
-            let geometry = window.geometry(at);
-            for (id, p) in geometry.ids.iter().zip(geometry.positions.iter()) {
-                let bits = p.map(f32::to_bits);
-                let Some(known) = self.bits.get_mut(id as usize) else {
-                    return Err(broken(format!("cluster {at:?}: identity {id} is out of range")));
-                };
-                if *known == UNSET {
-                    *known = bits;
-                    self.used += 1;
+        let clusters = dag.cluster_count();
+        let mut seen = Self {
+            groups: vec![0; clusters],
+            refined: vec![0; clusters],
+            doubtful: Bits::new(dag.vertex_count as usize),
+            vertices: 0,
+        };
+        let counts = |page: usize| (page, dag.pages.table[page].clusters as usize);
+        let pages: Vec<(usize, usize)> = (0..dag.pages.table.len()).map(counts).collect();
+        let slabs = Slabs::new(dag, &pages);
+        let mut known = Bits::new(dag.vertex_count as usize);
+        let mut verified = vec![false; pages.len()];
+        for slab in 0..slabs.count() {
+            let mut corners = Vec::new();
+            for pages in slabs.pages(slab).chunks(WINDOW_PAGES) {
+                let window = dag.pages.window(pages.iter().copied(), proceed)?;
+                let new: Vec<usize> = pages
+                    .iter()
+                    .copied()
+                    .filter(|page| !std::mem::replace(&mut verified[*page], true))
+                    .collect();
+                new.par_iter().try_for_each(|page| {
+                    (0..window.records(*page).len())
+                        .try_for_each(|slot| cluster(dag, &window, ClusterAddress::new(*page, slot)))?;
+                    dag.groups_of(*page).try_for_each(|g| group(dag, &window, g))
+                })?;
+                for page in new {
+                    for (slot, record) in window.records(page).iter().enumerate() {
+                        let index = dag.pages.dense_index(ClusterAddress::new(page, slot));
+                        (seen.groups[index], seen.refined[index]) = (record.group, record.refined);
+                    }
                 }
-                ensure(*known == bits, || format!("cluster {at:?}: identity {id} has two positions"))?;
+                for at in pages.iter().flat_map(|page| addresses(dag, *page)) {
+                    let geometry = window.geometry(at);
+                    for (id, p) in geometry.ids.iter().zip(geometry.positions.iter()) {
+                        ensure(id < dag.vertex_count, || {
+                            format!("cluster {at:?}: identity {id} is out of range")
+                        })?;
+                        if slabs.of(p) == slab {
+                            corners.push(Corner { bits: p.map(f32::to_bits), id });
+                        }
+                    }
+                }
+            }
+            seen.add(corners, &mut known, dag.grid.is_some())?;
+        }
+        Ok(seen)
+    }
+
+    /// An identity has one position everywhere.
+    fn add(&mut self, mut corners: Vec<Corner>, known: &mut Bits, on_grid: bool) -> Result<()> {
+        corners.par_sort_unstable_by_key(|corner| (corner.id, corner.bits));
+        corners.dedup_by_key(|corner| (corner.id, corner.bits));
+        for corner in &corners {
+            ensure(known.set(corner.id), || format!("identity {} has two positions", corner.id))?;
+        }
+        self.vertices += corners.len();
+        if on_grid {
+            corners.par_sort_unstable_by_key(|corner| corner.bits);
+            let several = corners.chunk_by(|a, b| a.bits == b.bits).filter(|same| same.len() > 1);
+            for corner in several.flatten() {
+                self.doubtful.set(corner.id);
             }
         }
         Ok(())
     }
+}
+
+/// A bit for each identity.
+struct Bits(Vec<u64>);
+
+impl Bits {
+    fn new(count: usize) -> Self {
+        Self(vec![0; count.div_ceil(64)])
+    }
+
+    /// Whether it was not set before.
+    fn set(&mut self, id: u32) -> bool {
+        let (word, bit) = (&mut self.0[id as usize / 64], 1 << (id % 64));
+        let new = *word & bit == 0;
+        *word |= bit;
+        new
+    }
+
+    fn has(&self, id: u32) -> bool {
+        self.0.get(id as usize / 64).is_some_and(|word| word >> (id % 64) & 1 == 1)
+    }
+}
+
+/// The clusters of a page.
+fn addresses(dag: &Dag, page: usize) -> impl Iterator<Item = ClusterAddress> {
+    (0..dag.pages.table[page].clusters as usize).map(move |slot| ClusterAddress::new(page, slot))
 }
 
 /// Every cluster is a member of exactly the group it names.
@@ -266,42 +314,11 @@ fn nodes(dag: &Dag) -> Result<()> {
 /// need not hold of both as one. There, boundaries are compared between points of one identity, which are what they
 /// were.
 fn borders(dag: &Dag, seen: &Seen, proceed: InterruptCheck<'_>) -> Result<usize> {
-    let positions = &seen.positions[..];
-    let mut identities = vec![0u32; positions.len()];
-    positions.iter().for_each(|p| identities[*p as usize] += 1);
-    let is_certain = |p: u32| dag.grid.is_none() || identities[p as usize] == 1;
     let outputs = Outputs::of(dag, seen);
     let top = dag.groups.iter().map(|g| g.level).max().unwrap_or(0);
     let mut compared = 0;
     for level in 0..=top {
-        // All clusters of this level: those of its groups, and those that were stuck in it.
-        let is_of = |at: &ClusterAddress| {
-            let index = dag.pages.dense_index(*at);
-            let made = dag.groups.get(seen.refined[index] as usize).is_some_and(|g| g.level >= level);
-            !made && dag.groups[seen.groups[index] as usize].level >= level
-        };
-        let clusters = |page: usize| {
-            let slots = 0..dag.pages.table[page].clusters as usize;
-            slots.map(move |slot| ClusterAddress::new(page, slot)).filter(is_of)
-        };
-        let mut owner = vec![u32::MAX; positions.len()];
-        let mut shared = vec![false; positions.len()];
-        let of_level: Vec<usize> =
-            (0..dag.pages.table.len()).filter(|page| clusters(*page).next().is_some()).collect();
-        for pages in of_level.chunks(WINDOW_PAGES) {
-            let window = dag.pages.window(pages.iter().copied(), proceed)?;
-            for at in pages.iter().flat_map(|page| clusters(*page)) {
-                let group = window.record(at).group;
-                for id in window.geometry(at).ids.iter() {
-                    let p = positions[id as usize] as usize;
-                    if owner[p] != u32::MAX && owner[p] != group {
-                        shared[p] = true;
-                    }
-                    owner[p] = group;
-                }
-            }
-        }
-        drop(owner);
+        let shared = shared(dag, seen, level, proceed)?;
         let groups: Vec<usize> = (0..dag.groups.len())
             .filter(|g| dag.groups[*g].level == level && dag.groups[*g].error != ROOT_ERROR)
             .collect();
@@ -314,21 +331,26 @@ fn borders(dag: &Dag, seen: &Seen, proceed: InterruptCheck<'_>) -> Result<usize>
             let after = own.iter().flat_map(|g| outputs.of_group(*g)).map(|at| at.page());
             let window = dag.pages.window(before.chain(after), proceed)?;
             own.par_iter().try_for_each(|g| {
-                let before = corners(&window, dag.groups[*g].members(), positions);
-                let after = corners(&window, outputs.of_group(*g).iter().copied(), positions);
+                let before = corners(&window, dag.groups[*g].members());
+                let after = corners(&window, outputs.of_group(*g).iter().copied());
                 ensure(!after.is_empty(), || {
                     format!("group {g}: has an error, but nothing was made from it")
                 })?;
-                let mut points: Vec<u32> = before.iter().chain(&after).flatten().copied().collect();
-                points.sort_unstable();
-                points.dedup();
-                let local = |p: u32| points.partition_point(|q| *q < p) as u32;
-                let edges =
-                    |faces: &[[u32; 3]]| Edges::of(&faces.iter().map(|f| f.map(local)).collect::<Vec<_>>());
-                let is_shared =
-                    |p: u32| shared[points[p as usize] as usize] && is_certain(points[p as usize]);
+                let mut all: Vec<Corner> = before.iter().chain(&after).flatten().copied().collect();
+                all.sort_unstable_by_key(|corner| corner.bits);
+                let (mut points, mut is_shared) = (Vec::new(), Vec::new());
+                for same in all.chunk_by(|a, b| a.bits == b.bits) {
+                    points.push(same[0].bits);
+                    let certain = same.iter().all(|corner| !seen.doubtful.has(corner.id));
+                    is_shared.push(certain && same.iter().any(|corner| shared.has(corner.id)));
+                }
+                let local = |corner: Corner| points.partition_point(|p| *p < corner.bits) as u32;
+                let edges = |faces: &[[Corner; 3]]| {
+                    Edges::of(&faces.iter().map(|f| f.map(local)).collect::<Vec<_>>())
+                };
                 // Nor is it known there what of the boundary was the mesh's own.
                 let (before, after) = (edges(&before), edges(&after));
+                let is_shared = |p: u32| is_shared[p as usize];
                 let kept = match dag.grid {
                     None => border_kept(&before, &after, is_shared),
                     Some(_) => locked_kept(&before, &after, is_shared).is_some(),
@@ -338,6 +360,50 @@ fn borders(dag: &Dag, seen: &Seen, proceed: InterruptCheck<'_>) -> Result<usize>
         }
     }
     Ok(compared)
+}
+
+/// What was made of a group has its positions, but is no group beside others.
+const NO_OWNER: u32 = u32::MAX;
+
+/// Identities at positions that several groups of a level have, of the clusters of the level and those that were made of them.
+fn shared(dag: &Dag, seen: &Seen, level: u32, proceed: InterruptCheck<'_>) -> Result<Bits> {
+    // The clusters of a level are those of its groups, and those that were stuck in it.
+    let owner = |at: ClusterAddress| {
+        let index = dag.pages.dense_index(at);
+        match dag.groups.get(seen.refined[index] as usize).map(|made| made.level) {
+            Some(made) if made > level => None,
+            Some(made) if made == level => Some(NO_OWNER),
+            _ => Some(seen.groups[index]).filter(|g| dag.groups[*g as usize].level >= level),
+        }
+    };
+    let counts = |page: usize| (page, addresses(dag, page).filter(|at| owner(*at).is_some()).count());
+    let pages: Vec<_> =
+        (0..dag.pages.table.len()).map(counts).filter(|(_, clusters)| *clusters > 0).collect();
+    let slabs = Slabs::new(dag, &pages);
+    let mut out = Bits::new(dag.vertex_count as usize);
+    for slab in 0..slabs.count() {
+        let mut corners: Vec<(Corner, u32)> = Vec::new();
+        for pages in slabs.pages(slab).chunks(WINDOW_PAGES) {
+            let window = dag.pages.window(pages.iter().copied(), proceed)?;
+            for at in pages.iter().flat_map(|page| addresses(dag, *page)) {
+                let Some(owner) = owner(at) else { continue };
+                let geometry = window.geometry(at);
+                let own = geometry.ids.iter().zip(geometry.positions.iter());
+                let own = own.filter(|(_, p)| slabs.of(*p) == slab);
+                corners.extend(own.map(|(id, p)| (Corner { bits: p.map(f32::to_bits), id }, owner)));
+            }
+        }
+        corners.par_sort_unstable_by_key(|(corner, owner)| (corner.bits, *owner));
+        for same in corners.chunk_by(|(a, _), (b, _)| a.bits == b.bits) {
+            let first = same[0].1;
+            if same.iter().any(|(_, owner)| *owner != first && *owner != NO_OWNER) {
+                for (corner, _) in same {
+                    out.set(corner.id);
+                }
+            }
+        }
+    }
+    Ok(out)
 }
 
 /// The clusters that were made from each group.
@@ -377,18 +443,15 @@ impl Outputs {
     }
 }
 
-/// The triangles of clusters by position.
-fn corners(
-    window: &Window<'_>,
-    clusters: impl Iterator<Item = ClusterAddress>,
-    positions: &[u32],
-) -> Vec<[u32; 3]> {
+/// The triangles of clusters.
+fn corners(window: &Window<'_>, clusters: impl Iterator<Item = ClusterAddress>) -> Vec<[Corner; 3]> {
     let of_cluster = |at| {
         let geometry = window.geometry(at);
-        geometry
-            .triangles
-            .iter()
-            .map(move |t| t.map(|v| positions[geometry.ids.get(usize::from(v)) as usize]))
+        let corner = move |v: u8| Corner {
+            bits: geometry.positions.get(usize::from(v)).map(f32::to_bits),
+            id: geometry.ids.get(usize::from(v)),
+        };
+        geometry.triangles.iter().map(move |t| t.map(corner))
     };
     clusters.flat_map(of_cluster).collect()
 }

@@ -27,6 +27,7 @@ pub mod relax;
 pub mod silhouette;
 pub mod simplify;
 pub mod skin;
+mod slabs;
 pub mod source_labels;
 pub mod store;
 

@@ -33,6 +33,8 @@ pub struct OneLevel {
     faces: Vec<[u32; 3]>,
     /// For each vertex the first one that lies where it lay at first: computed normals are one across seams.
     position_ids: Vec<u32>,
+    /// Which vertices faces refer to.
+    referenced: Vec<bool>,
     clusters: Vec<ClusterMesh>,
     /// Members of each group: numbers of clusters follow each other.
     groups: Vec<Range<usize>>,
@@ -48,7 +50,8 @@ impl OneLevel {
     pub fn new(source: &SourceMesh<'_>, primitive: Primitive) -> Result<Self> {
         validate::validate(source)?;
         let layout = attributes::layout(source);
-        let (positions, _) = frame::to_internal(source.positions);
+        let referenced = frame::referenced(source.faces, source.positions.len());
+        let (positions, _) = frame::to_internal(source.positions, &referenced);
         let mut rows: Vec<u32> = (0..source.faces.len() as u32).collect();
         if primitive != Primitive::Triangles {
             let bounds = Aabb::of_points(&positions);
@@ -99,6 +102,7 @@ impl OneLevel {
             vertices: source.positions.len(),
             faces: source.faces.to_vec(),
             position_ids: hash::first_equal(bytemuck::cast_slice(&positions), 3),
+            referenced,
             clusters,
             groups,
             paging,
@@ -124,7 +128,7 @@ impl OneLevel {
             return Err(Error::argument("vertices", message));
         }
         validate::validate(&SourceMesh { normals, ..SourceMesh::new(positions, &self.faces) })?;
-        let (positions, frame) = frame::to_internal(positions);
+        let (positions, frame) = frame::to_internal(positions, &self.referenced);
         let mut rows = normals.map_or_else(|| vec![[0.0; 3]; self.vertices], <[_]>::to_vec);
         let mended = if self.primitive == Primitive::Triangles {
             attributes::fill_normals(rows.as_flattened_mut(), 3, &positions, &self.position_ids, &self.faces)

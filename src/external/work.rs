@@ -17,7 +17,7 @@ use super::spool::SpoolReader;
 use crate::build::Meter;
 use crate::build::memory::trim_heap;
 use crate::build::silhouette::Silhouette;
-use crate::config::{BuildOptions, Levels};
+use crate::config::BuildOptions;
 use crate::error::{Error, Result};
 use crate::math::Aabb;
 use crate::mesh::channels::{self, Scale, scales_of};
@@ -105,9 +105,6 @@ impl Work {
         key: &str,
     ) -> Result<Self> {
         options.validate()?;
-        if options.levels == Levels::One {
-            return Err(Error::argument("memory", "one level is built in memory alone"));
-        }
         let key = format!("{key} {memory} {:?}", BuildOptions { threads: 0, ..options.clone() });
         let folder = folder.join(BLOCKS);
         if let Some(manifest) = read_manifest(&folder)?
@@ -119,10 +116,12 @@ impl Work {
         validate::validate(source)?;
         // Nothing of another build stays, nor of one that was stopped before it had a manifest.
         emptied(&folder).map_err(|source| Error::Io { path: folder.clone(), source })?;
-        let frame = frame::with_rounding(frame::of(source.positions), source.positions);
-        let place = |v: usize| frame::internal(&frame, source.positions.get(v));
-        let around = (0..source.positions.len()).into_par_iter().map(|v| Aabb::of_points([&place(v)]));
+        let referenced = frame::referenced(source.faces, source.positions.len());
+        let frame = frame::of(source.positions, &referenced);
+        let place = |v: usize| Aabb::of_points([&frame::internal(&frame, source.positions.get(v))]);
+        let around = (0..referenced.len()).into_par_iter().filter(|v| referenced[*v]).map(place);
         let around = around.reduce(|| Aabb::EMPTY, |a, b| a.union(&b));
+        drop(referenced);
         let part = memory as f64 / memory_of(source).max(1) as f64;
         let most = ((part * source.faces.len() as f64) as u64).max(LEAST_TRIANGLES);
         let used = used(source, &frame);

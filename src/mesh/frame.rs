@@ -17,15 +17,22 @@ pub const LARGEST_EXPONENT: i32 = 1000;
 /// there f32 has 14 bits or more for the size, which is a sixteenth of a pixel of a picture of a thousand.
 const FAR: f64 = 512.0;
 
-/// The frame of positions, all of them finite; but for its rounding.
-pub fn of(positions: Positions<'_>) -> CoordinateFrame {
-    let count = positions.len();
+/// Which of so many vertices faces refer to. Others have no place in a frame: nothing is seen of them, and one far away would
+/// take digits from all.
+pub fn referenced(faces: &[[u32; 3]], vertices: usize) -> Vec<bool> {
+    let mut out = vec![false; vertices];
+    faces.as_flattened().iter().for_each(|v| out[*v as usize] = true);
+    out
+}
+
+/// The frame of the positions that are referred to, all of them finite, with the largest distance by which it moves one.
+pub fn of(positions: Positions<'_>, referenced: &[bool]) -> CoordinateFrame {
+    let counted = || (0..positions.len()).into_par_iter().filter(|i| referenced[*i]);
     let exact = match positions {
         Positions::F32(_) => true,
-        Positions::F64(p) => p.par_iter().all(|p| p.iter().all(|x| f64::from(*x as f32) == *x)),
+        Positions::F64(p) => counted().all(|i| p[i].iter().all(|x| f64::from(*x as f32) == *x)),
     };
-    let (low, high) = (0..count)
-        .into_par_iter()
+    let (low, high) = counted()
         .map(|i| (positions.get(i), positions.get(i)))
         .reduce_with(|a, b| {
             (std::array::from_fn(|k| a.0[k].min(b.0[k])), std::array::from_fn(|k| a.1[k].max(b.1[k])))
@@ -39,7 +46,14 @@ pub fn of(positions: Positions<'_>) -> CoordinateFrame {
     });
     let largest =
         (0..3).map(|k| (low[k] - origin[k]).abs().max((high[k] - origin[k]).abs())).fold(0.0, f64::max);
-    CoordinateFrame { origin, scale: power_of_two_above(largest), rounding: 0.0 }
+    let frame = CoordinateFrame { origin, scale: power_of_two_above(largest), rounding: 0.0 };
+    let moved = |i: usize| {
+        let p = positions.get(i);
+        let q = frame.to_object(internal(&frame, p));
+        (0..3).map(|k| ((p[k] - q[k]) / frame.scale).powi(2)).sum::<f64>().sqrt() * frame.scale
+    };
+    let rounding = counted().map(moved).reduce(|| 0.0, f64::max);
+    CoordinateFrame { rounding: rounding * (1.0 + 1.0e-15), ..frame }
 }
 
 /// A position in a frame.
@@ -48,24 +62,11 @@ pub fn internal(frame: &CoordinateFrame, p: [f64; 3]) -> [f32; 3] {
     std::array::from_fn(|k| ((p[k] - frame.origin[k]) / frame.scale) as f32 + 0.0)
 }
 
-/// The frame with the largest distance by which it moves a position.
-pub fn with_rounding(frame: CoordinateFrame, positions: Positions<'_>) -> CoordinateFrame {
-    let rounding = (0..positions.len())
-        .into_par_iter()
-        .map(|i| {
-            let p = positions.get(i);
-            let q = frame.to_object(internal(&frame, p));
-            (0..3).map(|k| ((p[k] - q[k]) / frame.scale).powi(2)).sum::<f64>().sqrt() * frame.scale
-        })
-        .reduce(|| 0.0, f64::max);
-    CoordinateFrame { rounding: rounding * (1.0 + 1.0e-15), ..frame }
-}
-
-/// Internal positions and their frame.
-pub fn to_internal(positions: Positions<'_>) -> (Vec<[f32; 3]>, CoordinateFrame) {
-    let frame = with_rounding(of(positions), positions);
-    let inside = (0..positions.len()).into_par_iter().map(|i| internal(&frame, positions.get(i))).collect();
-    (inside, frame)
+/// Internal positions and their frame. Those that are not referred to are zero.
+pub fn to_internal(positions: Positions<'_>, referenced: &[bool]) -> (Vec<[f32; 3]>, CoordinateFrame) {
+    let frame = of(positions, referenced);
+    let place = |i: usize| if referenced[i] { internal(&frame, positions.get(i)) } else { [0.0; 3] };
+    ((0..positions.len()).into_par_iter().map(place).collect(), frame)
 }
 
 /// The smallest power of two not below a positive number; 1 for zero. Stays within the normal range of f64.
@@ -93,7 +94,7 @@ mod tests {
     fn f32_sources_are_exact_at_any_scale() {
         for scale in [1.0e-38f32, 1.0e-30, 1.0, 7.0, 1.0e30, 3.0e38] {
             let p = [[0.1 * scale, -0.7 * scale, scale], [0.3 * scale, 0.0, -0.9 * scale]];
-            let (internal, frame) = to_internal(Positions::F32(&p));
+            let (internal, frame) = to_internal(Positions::F32(&p), &[true; 64][..p.len()]);
             assert!(internal.iter().flatten().all(|x| x.abs() <= 1.0));
             for (a, b) in p.iter().zip(&internal) {
                 assert_eq!(a.map(f64::from), frame.to_object(*b));
@@ -109,7 +110,7 @@ mod tests {
             let p: Vec<[f32; 3]> = (0..64)
                 .map(|i| [far + step * (i % 7) as f32, 0.3 * step * i as f32, -far + step * (i % 5) as f32])
                 .collect();
-            let (internal, frame) = to_internal(Positions::F32(&p));
+            let (internal, frame) = to_internal(Positions::F32(&p), &[true; 64][..p.len()]);
             for (a, b) in p.iter().zip(&internal) {
                 assert_eq!(a.map(f64::from), frame.to_object(*b));
             }
@@ -118,18 +119,29 @@ mod tests {
             assert!(frame.scale <= f64::from(step) * 64.0, "{far}: {}", frame.scale);
         }
         let near = [[100.0f32, 0.0, 0.0], [101.0, 1.0, 0.0], [100.0, 1.0, 1.0]];
-        assert_eq!(to_internal(Positions::F32(&near)).1.origin, [0.0; 3]);
+        assert_eq!(to_internal(Positions::F32(&near), &[true; 64][..near.len()]).1.origin, [0.0; 3]);
     }
 
     #[test]
     fn georeferenced_f64_keeps_its_precision() {
         let p = [[500_000.001, 4_200_000.002, 12.0], [500_003.004, 4_200_001.0, 15.5]];
-        let (internal, frame) = to_internal(Positions::F64(&p));
+        let (internal, frame) = to_internal(Positions::F64(&p), &[true; 64][..p.len()]);
         for (a, b) in p.iter().zip(&internal) {
             let back = frame.to_object(*b);
             assert!((0..3).all(|k| (a[k] - back[k]).abs() < 1e-6));
         }
         assert!(frame.rounding < 1e-6 && frame.scale == 2.0);
-        assert_eq!(to_internal(Positions::F64(&[[0.5, 0.25, 1.0]])).1.origin, [0.0; 3]);
+        assert_eq!(to_internal(Positions::F64(&[[0.5, 0.25, 1.0]]), &[true]).1.origin, [0.0; 3]);
+    }
+
+    #[test]
+    fn vertices_that_no_face_has_take_no_digits() {
+        let p = [[0.1, 0.2, 0.3], [0.7, 0.2, -0.4], [1.0e300, 0.0, 0.0], [0.4, 0.9, 0.0]];
+        let referenced = referenced(&[[0, 1, 3]], 4);
+        let (internal, frame) = to_internal(Positions::F64(&p), &referenced);
+        assert!(frame.scale == 0.5 && frame.rounding < 1e-7, "{frame:?}");
+        assert_eq!(internal[2], [0.0; 3]);
+        let without = to_internal(Positions::F64(&[p[0], p[1], p[3]]), &[true; 3]);
+        assert_eq!((without.1, &without.0[2]), (frame, &internal[3]));
     }
 }

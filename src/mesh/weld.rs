@@ -47,7 +47,8 @@ pub fn weld(source: &SourceMesh<'_>, crease: Option<f32>, report: &mut BuildRepo
     validate::validate(source)?;
     report.input_faces = source.faces.len() as u64;
     report.input_vertices = source.positions.len() as u64;
-    let (positions, frame) = frame::to_internal(source.positions);
+    let referenced = frame::referenced(source.faces, source.positions.len());
+    let (positions, frame) = frame::to_internal(source.positions, &referenced);
     weld_in(source, positions, frame, None, crease, report)
 }
 

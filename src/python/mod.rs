@@ -54,6 +54,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(measure::surface_distance, module)?)?;
     module.add_function(wrap_pyfunction!(measure::closest_points, module)?)?;
     module.add_function(wrap_pyfunction!(read::read_ply, module)?)?;
+    module.add_function(wrap_pyfunction!(read::whole_ply_rows, module)?)?;
     module.add_function(wrap_pyfunction!(read::read_stl, module)?)?;
     module.add_function(wrap_pyfunction!(read::read_obj, module)?)?;
     module.add_function(wrap_pyfunction!(read::read_off, module)?)?;

@@ -69,6 +69,13 @@ pub(super) fn read_ply<'py>(py: Python<'py>, file: &str, data: &[u8]) -> PyResul
     Ok(out)
 }
 
+/// How many rows of the only element are whole, the bytes that they take, and whether one is cut off behind them.
+#[pyfunction]
+pub(super) fn whole_ply_rows(py: Python<'_>, file: &str, data: &[u8]) -> PyResult<(usize, usize, bool)> {
+    let found = reading(py, file, || ply::whole_rows(data))?;
+    Ok((found.rows, found.bytes, found.cut_off))
+}
+
 /// Corners of triangles, and what is said about them.
 #[pyfunction]
 pub(super) fn read_stl<'py>(py: Python<'py>, file: &str, data: &[u8]) -> PyResult<Bound<'py, PyDict>> {

@@ -71,6 +71,13 @@ macro_rules! types {
                     (if big { <$rust>::from_be_bytes(bytes) } else { <$rust>::from_le_bytes(bytes) }) as f64
                 })* }
             }
+
+            /// The length of a list, or what cannot be one.
+            fn length(self, bytes: &[u8], big: bool) -> std::result::Result<usize, f64> {
+                let count = self.read(bytes, big);
+                let fits = count.fract() == 0.0 && (0.0..4e9).contains(&count);
+                if fits { Ok(count as usize) } else { Err(count) }
+            }
         }
 
         impl Values {
@@ -352,11 +359,7 @@ fn equal_rows(element: &mut Element, data: &[u8], at: usize, big: bool) -> Optio
         let mut count = 1;
         if property.lengths.is_some() {
             let size = property.count_type.size();
-            let found = property.count_type.read(data.get(at + stride..at + stride + size)?, big);
-            if found.fract() != 0.0 || !(0.0..4e9).contains(&found) {
-                return None;
-            }
-            count = found as usize;
+            count = property.count_type.length(data.get(at + stride..at + stride + size)?, big).ok()?;
             stride += size;
         }
         places.push((stride, count));
@@ -417,15 +420,17 @@ fn rows_with_lists(
                     let Some(bytes) = data.get(at..at + size) else {
                         return Err(cut_off(element, row, at, size, data));
                     };
-                    let count = property.count_type.read(bytes, big);
-                    if count.fract() != 0.0 || !(0.0..4e9).contains(&count) {
-                        let place = format!("byte {at}: {}", in_row(element, row));
-                        let name = &element.properties[k].name;
-                        return Err(fault(place, format!("the list {name} cannot have {count} values")));
-                    }
+                    let count = match property.count_type.length(bytes, big) {
+                        Ok(count) => count,
+                        Err(count) => {
+                            let place = format!("byte {at}: {}", in_row(element, row));
+                            let name = &element.properties[k].name;
+                            return Err(fault(place, format!("the list {name} cannot have {count} values")));
+                        }
+                    };
                     lengths.push(count as u32);
                     at += size;
-                    count as usize * own
+                    count * own
                 }
             };
             let Some(values) = data.get(at..at.saturating_add(bytes)) else {
@@ -436,6 +441,51 @@ fn rows_with_lists(
         }
     }
     Ok(at)
+}
+
+/// Rows that are whole in a part of a file.
+#[derive(Debug, PartialEq)]
+pub struct WholeRows {
+    /// How many.
+    pub rows: usize,
+    /// The bytes that they take behind the header.
+    pub bytes: usize,
+    /// Whether a row is cut off behind them. What cannot be a row is left to [`read`], which says why.
+    pub cut_off: bool,
+}
+
+/// Looks for whole rows of the only element that the header declares, of bytes.
+pub fn whole_rows(data: &[u8]) -> Result<WholeRows> {
+    let (ply, body) = header(data)?;
+    let big = ply.format == "binary_big_endian";
+    let mut end = body;
+    let whole = |rows, end: usize, cut_off| Ok(WholeRows { rows, bytes: end - body, cut_off });
+    let Some(element) = ply.elements.first() else {
+        return whole(0, end, false);
+    };
+    for row in 0..element.rows {
+        let mut at = end;
+        for property in &element.properties {
+            let mut count = 1;
+            if property.lengths.is_some() {
+                let begin = at;
+                at = at.saturating_add(property.count_type.size());
+                let Some(bytes) = data.get(begin..at) else {
+                    return whole(row, end, true);
+                };
+                match property.count_type.length(bytes, big) {
+                    Ok(found) => count = found,
+                    Err(_) => return whole(row, end, false),
+                }
+            }
+            at = at.saturating_add(count.saturating_mul(property.value_type().size()));
+        }
+        if at > data.len() {
+            return whole(row, end, true);
+        }
+        end = at;
+    }
+    whole(element.rows, end, false)
 }
 
 #[cfg(test)]
@@ -497,6 +547,24 @@ mod tests {
             assert!(length < body || error.contains(&format!("ends at byte {length}")), "{length}: {error}");
             assert!(length < body || error.contains("of 2: "), "{error}");
         }
+    }
+
+    #[test]
+    fn whole_rows_end_at_every_cut() {
+        let head = "ply\nformat binary_big_endian 1.0\nelement face 9\nproperty list uchar short i\n\
+            property uchar flag\nend_header\n";
+        let ends = [0, 8, 10, 20];
+        let body = b"\x03\0\0\0\x01\0\x02\x07\0\x08\x04\0\0\0\x01\0\x02\0\x03\x09";
+        for length in 0..=body.len() {
+            let found = whole_rows(&[head.as_bytes(), &body[..length]].concat()).unwrap();
+            let rows = ends.iter().rposition(|end| *end <= length).unwrap();
+            assert_eq!(found, WholeRows { rows, bytes: ends[rows], cut_off: true });
+        }
+        let all = whole_rows(&[head.replace('9', "3").as_bytes(), &body[..], b"more"].concat()).unwrap();
+        assert_eq!(all, WholeRows { rows: 3, bytes: 20, cut_off: false });
+        // What is no length is left to the reader.
+        let signed = [head.replace("list uchar", "list char").as_bytes(), b"\0\x01\xff\0\0"].concat();
+        assert_eq!(whole_rows(&signed).unwrap(), WholeRows { rows: 1, bytes: 2, cut_off: false });
     }
 
     #[test]

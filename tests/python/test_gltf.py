@@ -699,9 +699,9 @@ def packed(
     return view
 
 
-def meshopt_document(extension: str, index: str) -> tuple[Document, trimesh.Trimesh]:
+def meshopt_document(extension: str, index: str, subdivisions: int = 2) -> tuple[Document, trimesh.Trimesh]:
     meshoptimizer = pytest.importorskip("meshoptimizer")
-    ball = trimesh.creation.icosphere(subdivisions=2)
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
     document = Document()
     document.json["extensionsRequired"] = [extension, "KHR_mesh_quantization"]
     vertices = np.ascontiguousarray(ball.vertices, np.float32)
@@ -759,9 +759,10 @@ def test_damaged_meshopt_is_refused(tmp_path) -> None:
             inner.update(before)
 
 
-def test_draco(tmp_path, monkeypatch) -> None:
+def draco_document(subdivisions: int) -> tuple[Document, dict, trimesh.Trimesh, np.ndarray]:
+    """A ball that Draco compressed, with the extension that says so, and its UVs."""
     draco = pytest.importorskip("DracoPy")
-    ball = trimesh.creation.icosphere(subdivisions=3)
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
     uv = ball.vertices[:, :2].astype(np.float32) * 0.5 + 0.5
     coded = draco.encode(
         ball.vertices.astype(np.float32),
@@ -789,6 +790,11 @@ def test_draco(tmp_path, monkeypatch) -> None:
             "extensions": {"KHR_draco_mesh_compression": extension},
         }
     )
+    return document, extension, ball, uv
+
+
+def test_draco(tmp_path, monkeypatch) -> None:
+    document, extension, ball, uv = draco_document(3)
     source = only(document, tmp_path).source
     assert len(source.faces) == 1280
     assert np.abs(source.vertices - ball.vertices).max() < 1e-3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,9 +12,11 @@ import trimesh
 
 import nanite_rs as nrs
 from conftest import SOAK
-from nanite_rs import _piece_text
+from nanite_rs import _piece_gltf, _piece_text
 from nanite_rs.cli import main
+from oracles.documents import Document, png
 from test_build_file import LITTLE, is_closed, key, write_ply
+from test_gltf import draco_document, meshopt_document
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,9 +34,9 @@ def arrays() -> tuple[np.ndarray, np.ndarray]:
     return vertices.astype(np.float64), faces
 
 
-def both(path: Path, folder: Path, **options) -> tuple[nrs.Cut, nrs.Cut]:
+def both(path: Path, folder: Path, memory: int = LITTLE) -> tuple[nrs.Cut, nrs.Cut]:
     """Cuts of all detail of a file in blocks, and of the same file in memory."""
-    mesh = nrs.build_file(path, folder / "blocks.nanite", memory=LITTLE, **options)
+    mesh = nrs.build_file(path, folder / "blocks.nanite", memory=memory)
     mesh.check()
     nrs.NaniteMesh.from_file(path).save(folder / "memory.nanite")
     whole = nrs.NaniteMesh.open(folder / "memory.nanite")
@@ -134,6 +137,25 @@ def test_text_stl(tmp_path) -> None:
     a, b = both(tmp_path / "x.stl", tmp_path)
     assert_same(a, b)
     assert is_closed(nrs.NaniteMesh.open(tmp_path / "blocks.nanite").cut(target_faces=500))
+
+
+@pytest.mark.parametrize("kind", ["VisCAM", "Magics", "something else"])
+def test_attributes_of_stl(kind, tmp_path) -> None:
+    """Colours, as two programs write them; else labels of faces."""
+    vertices, faces = arrays()
+    row = np.zeros(len(faces), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+    row["corners"] = vertices[faces]
+    number = np.arange(len(faces)) * 40 // len(faces)
+    row["more"] = {"VisCAM": np.where(number > 3, 0x8000 | 700 * number, 0), "Magics": 700 * number}.get(
+        kind, number
+    )
+    head = (b"COLOR=\x10\x20\x30\xff" if kind == "Magics" else b"").ljust(80)
+    (tmp_path / "x.stl").write_bytes(head + np.uint32(len(faces)).tobytes() + row.tobytes())
+    a, b = both(tmp_path / "x.stl", tmp_path)
+    assert_same(a, b)
+    assert (a.colors is None) == (kind == "something else")
+    if a.colors is None:
+        assert np.array_equal(np.bincount(a.face_channels["attributes"]), np.bincount(number))
 
 
 def write_obj(path: Path, vertices, faces, kind: str) -> None:
@@ -372,7 +394,7 @@ def test_gltf(colors, ending, tmp_path) -> None:
     ("change", "match"),
     [
         (lambda d: d["meshes"][0]["primitives"][0]["attributes"].update(POSITION=99), r"accessors\[99\]"),
-        (lambda d: d["accessors"][0].update(sparse={}), "sparse accessors"),
+        (lambda d: d["accessors"][0].update(sparse={}), r"count: expected a whole number"),
         (lambda d: d["accessors"][0].update(count=10**7), "ends at byte"),
         (lambda d: d["nodes"][0].update(skin=0), "skins and morph targets"),
         (lambda d: d.update(extensionsRequired=["EXT_strange"]), "EXT_strange"),
@@ -385,6 +407,188 @@ def test_bad_gltf_says_what_is_wrong(change, match, tmp_path) -> None:
     (tmp_path / "x.gltf").write_text(json.dumps(content))
     with pytest.raises(nrs.FormatError, match=match):
         nrs.build_file(tmp_path / "x.gltf", tmp_path / "x.nanite", memory=64)
+
+
+def compressed(kind: str, path: Path) -> None:
+    """GLB of some thousand triangles: of Draco, of meshoptimizer, or with a sparse accessor."""
+    if kind == "draco":
+        document, *_ = draco_document(4)
+    elif kind == "meshopt":
+        document, _ = meshopt_document("EXT_meshopt_compression", "TRIANGLES", 4)
+    else:
+        ball = trimesh.creation.icosphere(subdivisions=4)
+        document = Document()
+        points = np.float32(ball.vertices)
+        some = np.array([5, 70, 900], np.uint16), points[[5, 70, 900]] * 1.5
+        places = document.accessor(points, sparse=some)
+        order = document.accessor(np.ascontiguousarray(ball.faces.reshape(-1, 1), np.uint32))
+        document.mesh({"attributes": {"POSITION": places}, "indices": order})
+    document.save(path)
+
+
+@pytest.mark.parametrize("kind", ["draco", "meshopt", "sparse"])
+def test_compressed_gltf(kind, tmp_path) -> None:
+    compressed(kind, tmp_path / "x.glb")
+    a, b = both(tmp_path / "x.glb", tmp_path, memory=1 << 17)
+    assert len(a.faces) == 5120
+    assert_same(a, b)
+
+
+def test_sizes_of_gltf_are_those_of_all_its_buffers(tmp_path) -> None:
+    write_gltf(tmp_path / "x.gltf", True)
+    size = sum(path.stat().st_size for path in tmp_path.iterdir())
+    assert _piece_gltf.size_of(str(tmp_path / "x.gltf")) == pytest.approx(size, rel=0.01)
+    compressed("draco", tmp_path / "x.glb")
+    stored = 2562 * 12 + 2562 * 8 + 5120 * 12
+    assert _piece_gltf.size_of(str(tmp_path / "x.glb")) == stored > 1.5 * (tmp_path / "x.glb").stat().st_size
+
+
+def write_faces(path: Path, kind: str, vertices, rows, *, of_faces="", of_vertices="", comment="") -> None:
+    """PLY with rows of faces or strips: each the values of its properties, where lists are lists."""
+    name = "tristrips" if "strips" in path.stem else "face"
+    head = (
+        f"ply\nformat {kind} 1.0\n{comment}element vertex {len(vertices)}\n"
+        f"property float x\nproperty float y\nproperty float z\n{of_vertices}"
+        f"element {name} {len(rows)}\nproperty list uchar int vertex_indices\n{of_faces}end_header\n"
+    )
+    if "strips" in path.stem:
+        head = head.replace("list uchar", "list int")
+    if kind == "ascii":
+        lines = [" ".join(map(repr, row)) for row in np.asarray(vertices).tolist()]
+        for row in rows:
+            words = [
+                f"{len(part)} {' '.join(map(str, part))}" if isinstance(part, list) else f"{part}"
+                for part in row
+            ]
+            lines.append(" ".join(words))
+        path.write_text(head + "\n".join([*lines, ""]))
+        return
+    order = ">" if "big" in kind else "<"
+    types = [
+        line.split()[1:-1] for line in head.partition("element vertex")[2].splitlines() if "property" in line
+    ]
+    letters = {"float": "f", "int": "i", "uchar": "B", "short": "h"}
+    data = [np.asarray(vertices, f"{order}f4").tobytes()]
+    for row in rows:
+        for words, part in zip(types[-len(row) :], row, strict=True):
+            if words[0] == "list":
+                data.append(struct.pack(order + letters[words[1]], len(part)))
+            values = part if isinstance(part, list) else [part]
+            data.append(struct.pack(f"{order}{len(values)}{letters[words[-1]]}", *values))
+    path.write_bytes(head.encode() + b"".join(data))
+
+
+KINDS = ("ascii", "binary_little_endian", "binary_big_endian")
+
+
+def grid(size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a wavy square, and its quads."""
+    x, y = np.meshgrid(np.arange(size), np.arange(size))
+    points = np.stack([x, y, np.sin(x / 3) * np.cos(y / 5)], axis=-1).reshape(-1, 3).astype(np.float32)
+    at = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).reshape(-1)
+    return points, np.stack([at, at + 1, at + size + 1, at + size], axis=1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_ply_of_polygons(kind, tmp_path) -> None:
+    points, quads = grid(60)
+    # Triangles first, so that later blocks differ from the first.
+    rows = [[face] for face in quads[:1000, :3].tolist()] + [[face] for face in quads[1000:].tolist()]
+    write_faces(tmp_path / "x.ply", kind, points, [*rows, [[1, 2]]])
+    with pytest.warns(UserWarning, match="fewer than three"):
+        assert_same(*both(tmp_path / "x.ply", tmp_path))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("long", [False, True])
+def test_ply_of_strips(kind, long, tmp_path) -> None:
+    """One strip of many rows, which is longer than a block, or one for each row."""
+    points, _ = grid(60)
+    strips = [[at for x in range(60) for at in (y * 60 + x, y * 60 + 60 + x)] for y in range(59)]
+    joined = [at for strip in strips for at in (*strip, -1)]
+    write_faces(tmp_path / "strips.ply", kind, points, [[joined]] if long else [[strip] for strip in strips])
+    a, b = both(tmp_path / "strips.ply", tmp_path)
+    assert len(a.faces) == 2 * 59 * 59
+    assert_same(a, b)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("own", ["", "property float s\nproperty float t\n"])
+def test_ply_with_uvs_of_corners(kind, own, tmp_path) -> None:
+    """Charts: a column of the surface has each its own; one has none."""
+    points, quads = grid(60)
+    charts = (quads % 60 // 7)[:, 0]
+    places = points[quads][..., :2] / 60 + charts[:, None, None]
+    rows = []
+    for quad, uv, chart in zip(quads.tolist(), places.tolist(), charts.tolist(), strict=True):
+        rows.append([quad, [] if chart == 3 else np.float32(uv).reshape(-1).tolist(), chart % 3 - 1, chart])
+    of_faces = "property list uchar float texcoord\nproperty int texnumber\nproperty short chart\n"
+    textures = "comment TextureFile a.png\ncomment TextureFile b.png\n"
+    if own:
+        points = np.concatenate([points, points[:, :2]], axis=1)
+    path = tmp_path / "x.ply"
+    write_faces(path, kind, points, rows, of_faces=of_faces, of_vertices=own, comment=textures)
+    for name, shade in (("a.png", 10), ("b.png", 200)):
+        (tmp_path / name).write_bytes(png(np.full((2, 2, 3), shade, np.uint8)))
+    a, b = both(path, tmp_path)
+    assert_same(a, b)
+    assert len(a.uvs) == 1 + bool(own)
+    assert sorted(np.bincount(a.face_materials)) == sorted(np.bincount(b.face_materials))
+    assert np.array_equal(np.sort(a.face_channels["chart"]), np.sort(b.face_channels["chart"]))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("own", [False, True])
+def test_ply_with_colors_of_faces(kind, own, tmp_path) -> None:
+    """They are taken where vertices have none."""
+    points, quads = grid(60)
+    rows = [[quad, k % 3 * 100, 7, 200] for k, quad in enumerate(quads.tolist())]
+    of_faces = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    of_vertices = of_faces.replace("uchar", "float") if own else ""
+    points = np.concatenate([points, np.abs(points) / 60], axis=1) if own else points
+    write_faces(tmp_path / "x.ply", kind, points, rows, of_faces=of_faces, of_vertices=of_vertices)
+    a, b = both(tmp_path / "x.ply", tmp_path)
+    assert a.colors is not None
+    assert_same(a, b)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_numbers_of_faces_are_averaged(kind, tmp_path) -> None:
+    points, quads = grid(60)
+    heat = np.float32(np.sin(np.arange(len(quads)) / 100))
+    broken = np.where(np.arange(len(quads)) == 3000, np.nan, heat)
+    rows = [[quad, *more] for quad, *more in zip(quads.tolist(), heat.tolist(), broken.tolist(), strict=True)]
+    of_faces = "property float heat\nproperty float broken\n"
+    write_faces(tmp_path / "x.ply", kind, points, rows, of_faces=of_faces)
+    with pytest.warns(UserWarning, match=r"averaged to vertices \(heat\)") as seen:
+        a, b = both(tmp_path / "x.ply", tmp_path)
+    assert sum("not finite (broken)" in str(warning.message) for warning in seen) == 2
+    assert list(a.channels) == ["heat"]
+    assert_same(a, b)
+
+
+@pytest.mark.parametrize("kind", KINDS[1:])
+def test_cut_off_rows_say_where(kind, tmp_path) -> None:
+    """As in memory, wherever a file is cut off."""
+    points, quads = grid(40)
+    write_faces(tmp_path / "x.ply", kind, points, [[quad] for quad in quads.tolist()])
+    data = (tmp_path / "x.ply").read_bytes()
+    head = data.index(b"end_header\n") + 11
+    for length in (
+        head,
+        head + 5,
+        head + 12 * 100,
+        head + 12 * 1600 + 3,
+        head + 12 * 1600 + 17 * 900 + 2,
+        len(data) - 1,
+    ):
+        (tmp_path / "x.ply").write_bytes(data[:length])
+        said = []
+        for memory in (1 << 15, 1 << 30):
+            with pytest.raises(nrs.FormatError) as caught:
+                nrs.build_file(tmp_path / "x.ply", tmp_path / "x.nanite", memory=memory)
+            said.append(str(caught.value))
+        assert said[0] == said[1]
 
 
 @pytest.mark.parametrize("text", [False, True])
