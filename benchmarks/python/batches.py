@@ -7,7 +7,6 @@ MuJoCo takes part where it is installed (``pip install mujoco``).
 from __future__ import annotations
 
 import argparse
-import datetime
 import importlib.util
 import os
 import time
@@ -151,7 +150,7 @@ def main() -> None:
             row |= {"nanite_rs, 1/s": rate} | {f"{name}, 1/s": own for name, own in rates.items()}
             rows.append(row | {"÷ the better": rate / max(rates.values())})
     here = machine.describe()
-    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    date = tables.today()
     lines = [
         f"# Batches of small pictures, {date}" + (" (quick: not to quote)" if options.quick else ""),
         "",
@@ -163,10 +162,7 @@ def main() -> None:
         "",
         tables.table(rows),
     ]
-    text = "\n".join(lines)
-    options.output.mkdir(parents=True, exist_ok=True)
-    (options.output / f"{date}-batches{'-quick' if options.quick else ''}.md").write_text(text)
-    print(text)
+    tables.publish(lines, options.output, "batches", quick=options.quick)
 
 
 if __name__ == "__main__":

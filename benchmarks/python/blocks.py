@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import datetime
 import json
 import os
 import resource
@@ -221,7 +220,7 @@ def main() -> None:
                 rows.append(row)
                 print(row, flush=True)
     here = machine.describe()
-    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    date = tables.today()
     lines = [
         f"# Builds in blocks, {date}",
         "",
@@ -232,10 +231,7 @@ def main() -> None:
         "",
         tables.table(rows),
     ]
-    text = "\n".join(lines)
-    asked.output.mkdir(parents=True, exist_ok=True)
-    (asked.output / f"{date}-blocks.md").write_text(text)
-    print(text)
+    tables.publish(lines, asked.output, "blocks")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ box. fast-simplification, whose thresholds are absolute, gets the mesh as it is 
 from __future__ import annotations
 
 import argparse
-import datetime
 import json
 import time
 from pathlib import Path
@@ -26,7 +25,7 @@ import pymeshlab
 
 import nanite_rs as nrs
 
-from . import machine
+from . import machine, tables
 from .cut import Source
 from .meshes import MESHES
 from .quality import decimate
@@ -72,7 +71,7 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=RESULTS, help="folder for the results (%(default)s)")
     options = parser.parse_args()
     methods = [m for m in options.methods if m != "Open3D" or open3d]
-    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    date = tables.today()
     stem = options.output / f"{date}-error"
     before = json.loads(stem.with_suffix(".json").read_text()) if options.merge else {"meshes": {}}
     meshes = before["meshes"]

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import datetime
 from pathlib import Path
 
 import numpy as np
@@ -277,7 +276,7 @@ def main() -> None:
         for name, own in times.items()
     ]
     here = machine.describe()
-    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    date = tables.today()
     lines = [
         f"# Meshes that move, {date}" + (" (quick: not to quote)" if options.quick else ""),
         "",
@@ -299,10 +298,7 @@ def main() -> None:
         "",
         tables.table(points(runs)),
     ]
-    text = "\n".join(lines)
-    options.output.mkdir(parents=True, exist_ok=True)
-    (options.output / f"{date}-moving{'-quick' if options.quick else ''}.md").write_text(text)
-    print(text)
+    tables.publish(lines, options.output, "moving", quick=options.quick)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ one over its triangles, it is stated for exactly the size asked for.
 from __future__ import annotations
 
 import argparse
-import datetime
 import itertools
 import time
 from pathlib import Path
@@ -21,7 +20,7 @@ import numpy as np
 import nanite_rs as nrs
 from nanite_rs import _core
 
-from . import machine, meshes
+from . import machine, meshes, tables
 from .cut import Source
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=3, help="builds of each kind, in turn (%(default)s)")
     parser.add_argument("--output", type=Path, default=RESULTS, help="folder for the results (%(default)s)")
     options = parser.parse_args()
-    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    date = tables.today()
     described = machine.describe()
     lines = [
         f"# Clusters and groups, {date}",
@@ -66,9 +65,7 @@ def main() -> None:
             print(f"{name}: left out, {missing.filename} is absent")
             continue
         lines += ["", f"## {name}, {len(faces):,} triangles", "", *table(vertices, faces, options.runs)]
-        print("\n".join(lines[-len(CHOICES) - 4 :]), flush=True)
-    options.output.mkdir(parents=True, exist_ok=True)
-    (options.output / f"{date}-partition.md").write_text("\n".join(lines) + "\n")
+    tables.publish([*lines, ""], options.output, "partition")
 
 
 def table(vertices: np.ndarray, faces: np.ndarray, runs: int) -> list[str]:

@@ -10,7 +10,6 @@ flight holds to the clock: a frame that takes long shows a later moment. It is f
 from __future__ import annotations
 
 import argparse
-import datetime
 import re
 import subprocess
 import sys
@@ -257,7 +256,7 @@ def main() -> None:
             files.append(f"{info['faces']:,} in {info['bytes'] / 1e6:.1f} MB and {info['pages']:,} pages")
     here = machine.describe()
     told = f"one of {asked.fail_every} requests is" if asked.fail_every else "no request is"
-    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    date = tables.today()
     lines = [
         f"# Meshes from a URL, {date}",
         "",
@@ -281,10 +280,7 @@ def main() -> None:
         "",
         tables.table(flights),
     ]
-    text = "\n".join(lines)
-    asked.output.mkdir(parents=True, exist_ok=True)
-    (asked.output / f"{date}-remote.md").write_text(text)
-    print(text)
+    tables.publish(lines, asked.output, "remote")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import datetime
 import time
 from pathlib import Path
 
@@ -246,7 +245,7 @@ def main() -> None:
     sizes = soft(mesh, 10, runs)
     peers = against_peers(faces // 4, runs)
     here = machine.describe()
-    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    date = tables.today()
     lines = [
         f"# Shadows, {date}" + (" (quick: not to quote)" if options.quick else ""),
         "",
@@ -265,10 +264,7 @@ def main() -> None:
         "",
         tables.table(peers),
     ]
-    text = "\n".join(lines)
-    options.output.mkdir(parents=True, exist_ok=True)
-    (options.output / f"{date}-shadows{'-quick' if options.quick else ''}.md").write_text(text)
-    print(text)
+    tables.publish(lines, options.output, "shadows", quick=options.quick)
 
 
 if __name__ == "__main__":

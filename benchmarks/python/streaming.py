@@ -7,7 +7,6 @@ just written: reading costs decoding and not a disk. ``make bench-streaming`` al
 from __future__ import annotations
 
 import argparse
-import datetime
 import tempfile
 import time
 from pathlib import Path
@@ -197,7 +196,7 @@ def main() -> None:
         info = nrs.NaniteMesh.file_info(paths[twenty])
     here = machine.describe()
     flights = [figures for figures, _ in flown.values()]
-    date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    date = tables.today()
     fill = 100 * info["page_bytes"] / (info["pages"] * PAGE_BYTES)
     lines = [
         f"# Streaming, {date}" + (" (quick: not to quote)" if options.quick else ""),

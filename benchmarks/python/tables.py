@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import datetime
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
 TITLES = {
     "build": "Building a displaced icosphere, against fast-simplification",
     "cut": "A cut against fast-simplification (deviation in 1e-4 of the diagonal)",
@@ -13,6 +19,19 @@ TITLES = {
     "memory": "Memory of a build beyond the arrays given, and its time, against fast-simplification",
     "instances": "Instances of one mesh at equal coverage, 1280×720, against pyrender on OSMesa",
 }
+
+
+def today() -> str:
+    """The day, as results are named after it."""
+    return datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+
+
+def publish(lines: list[str], folder: Path, name: str, *, quick: bool = False) -> None:
+    """Write a page of results, named after the day and what was measured, and print it."""
+    text = "\n".join(lines)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{today()}-{name}{'-quick' if quick else ''}.md").write_text(text)
+    print(text)
 
 
 def document(results: dict) -> str:
