@@ -117,6 +117,17 @@ def ending(where: str) -> str:
     return os.path.splitext(where.partition("?")[0] if is_url(where) else where)[1].lower()
 
 
+def written_scheme(url: str) -> str:
+    """Return the scheme of a URL that something can be written to, or raise."""
+    scheme = url.partition("://")[0].lower()
+    if scheme in {"http", "https"}:
+        raise FileError(
+            f"{shown(url)}: what has a URL of {scheme} is read and not written; "
+            "give that of a store, such as s3://, or a path"
+        )
+    return scheme
+
+
 def shown(where: str) -> str:
     """Return a URL without user, password and signature: for messages and as a name. A path stays as it is."""
     if not is_url(where):

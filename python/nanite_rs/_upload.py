@@ -171,12 +171,7 @@ class _ToFileSystem(_sources.FileSystem, _Target):
 
 
 def _target(url: str, options: Mapping[str, Any]) -> _Target:
-    scheme = urlsplit(url).scheme.lower()
-    if scheme in {"http", "https"}:
-        raise FileError(
-            f"{_sources.shown(url)}: what has a URL of {scheme} is read and not written; "
-            "give that of a store, such as s3://, or a path"
-        )
+    scheme = _sources.written_scheme(url)
     if scheme not in _sources.STORES:
         return _ToFileSystem(url, options)
     if not urlsplit(url).path.strip("/"):

@@ -148,9 +148,7 @@ class WorkStore:
     """The files of a work folder: some here, all in a store."""
 
     def __init__(self, url: str, options: Mapping[str, Any], here: Path) -> None:
-        scheme = url.partition("://")[0].lower()
-        if scheme in {"http", "https"}:
-            raise FileError(f"{_sources.shown(url)}: what has a URL of {scheme} is read and not written")
+        scheme = _sources.written_scheme(url)
         self.url, self.options, self.here = url, dict(options), here
         kind = _Bucket if scheme in _sources.STORES else _Folder
         self._place: _Place = kind(url.rstrip("/"), options)
