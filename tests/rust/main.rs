@@ -8,6 +8,7 @@ mod depth_only;
 mod environment;
 #[cfg(feature = "gpu")]
 mod exact;
+mod external;
 mod format_robust;
 #[cfg(feature = "gpu")]
 mod gpu_parity;
