@@ -55,6 +55,7 @@ def of_file(path: str, folder: Path, notes: Notes) -> dict[str, NDArray[Any]]:
 
     def read(spool: Spool) -> None:
         one(path, spool, notes)
+        spool.complete()
         settle_face_channels(spool, notes)
 
     return spooled([path], folder, read)

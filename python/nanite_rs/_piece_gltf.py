@@ -143,7 +143,6 @@ def _read(path: str, document: _Mapped, spool: Spool, notes: Notes) -> None:
         raise FormatError(f"{path}: damaged glTF: {type(error).__name__}: {error}") from error
     if spool.rows("faces") == before:
         raise MeshError(f"{path}: there are no triangles in it")
-    spool.complete()
 
 
 class _Primitive:

@@ -123,7 +123,6 @@ def read(path: str, spool: Spool, notes: Notes) -> None:
     if corners is not None:
         corners.finish()
     vertices.finish()
-    spool.complete()
 
 
 class _Text:
@@ -270,7 +269,9 @@ class _Faces:
         numbers = corner_numbers(self._path, values, counts, self._total, self._polygons)
         source = self._vertices if self._corners is None else self._corners.source
         if source.count() < self._total and (self._corners is not None or (counts != 3).any()):
-            raise FormatError(f"{self._path}: polygons, and what faces say of corners, are read in memory alone where vertices come later")
+            raise FormatError(
+                f"{self._path}: polygons, and colours of faces, before their vertices are read in memory alone"
+            )
         begin = self._polygons
         self._polygons += len(counts)
         if self._corners is None:

@@ -68,6 +68,7 @@ def test_terrain_in_tiles_that_touch(tmp_path) -> None:
     assert mesh.check().clusters == mesh.report.clusters
     assert mesh.report.input_faces == len(faces)
     assert mesh.report.border_edges == used_once(faces)
+    assert mesh.cut(error=0.0).face_materials is None
     assert mesh.report.levels[-1].triangles < 500
     for error in errors(mesh):
         assert_bounds_hold(mesh.cut(error=error), vertices, faces)

@@ -303,6 +303,8 @@ def test_tiles_of_many_formats_are_one_surface(kind, memory, tmp_path) -> None:
     assert mesh.report.border_edges == 0
     assert len(mesh) == len(arrays()[1])
     assert is_joined(mesh.cut(target_faces=800))
+    # That of the GLB, and none.
+    assert np.unique(mesh.cut(error=0.0).face_materials).tolist() == [0, 1]
 
 
 def test_tiles_that_have_other_attributes(tmp_path) -> None:
